@@ -1,0 +1,87 @@
+//! The `slipsense` command, as a library so that tests and other tools can drive its parts.
+//!
+//! An episode goes through [`simulate`], which runs the firmware's own pipeline and sends its CAN
+//! frames; [`summary`] scores the result, [`picture`] and [`report`] show it, and [`output_dir`] makes
+//! sure that a folder is written whole or not at all. [`commands`] puts these together.
+
+pub mod simulate;
+pub mod summary;
+pub mod picture;
+pub mod report;
+pub mod output_dir;
+pub mod bundled;
+pub mod commands;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Exit code of every error, the command line's own included.
+const EXIT_ERROR: u8 = 2;
+
+const ABOUT: &str = "Slip sensing for robot fingertips: run the firmware's signal path on a computer";
+
+const LONG_ABOUT: &str = "\
+Slip sensing for robot fingertips: run the firmware's signal path on a computer.
+
+An episode is a stretch of sensor data in one .npz file: frames of a 32×32 pressure array at 240 Hz and \
+accelerometer samples at 8 kHz, for one to three fingertips. Every command that reads one runs the same \
+code as the microcontroller, bit for bit, and gets the same slip flags and the same CAN frames.";
+
+const EXAMPLES: &str = "\
+Examples:
+  slipsense demo                                  a slip detected in a bundled synthetic episode
+  slipsense run grasp.npz --out out/grasp         the same for a file of your own
+  slipsense run grasp.npz --out out/grasp --json | jq .events
+  slipsense synth --episodes 20 --objects held-out --seed 7 --out out/episodes
+
+Errors are one line on standard error and exit code 2; a command that fails leaves no output behind.";
+
+#[derive(Parser)]
+#[command(name = "slipsense", version, about = ABOUT, long_about = LONG_ABOUT, after_help = EXAMPLES)]
+#[command(max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(commands::demo::Args),
+    Run(commands::run::Args),
+    Features(commands::features::Args),
+    Synth(commands::synth::Args),
+    Train(commands::train::TrainArgs),
+    Quantize(commands::train::QuantizeArgs),
+}
+
+/// Parse the command line, do what it says, and report an error in one line.
+pub fn main() -> ExitCode {
+    let done = match Cli::parse().command {
+        Command::Demo(args) => args.run(),
+        Command::Run(args) => args.run(),
+        Command::Features(args) => args.run(),
+        Command::Synth(args) => args.run(),
+        Command::Train(args) => commands::train::train(args),
+        Command::Quantize(args) => commands::train::quantize(args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        // A reader that closed the pipe early, such as `head`, has what it wanted.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {}", one_line(&error));
+            ExitCode::from(EXIT_ERROR)
+        }
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let io = error.downcast_ref::<std::io::Error>();
+    io.is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// The error and its causes on one line, whatever they are made of.
+fn one_line(error: &anyhow::Error) -> String {
+    format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,155 @@
+//! An episode through the pipeline, frame by frame, as a module on a gripper would see it.
+
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS};
+use slipsense::net::Model;
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS};
+use slipsense::pipeline::{FrameStamp, Output, Pipeline};
+use slipsense::sensor::SensorInput;
+use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense_episode::{Episode, Predictions};
+
+/// What the pipeline made of an episode.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    /// Classes, logits, flags and features.
+    pub predictions: Predictions,
+    /// Sum of each pad, counts, `[frame * sensors + sensor]`.
+    pub pressure: Vec<u32>,
+    /// Health bits (`slipsense::wire::health`) of each sensor, `[frame * sensors + sensor]`.
+    pub health: Vec<u8>,
+    /// CAN frames sent.
+    pub can_frames: u64,
+    /// Time spent in the pipeline alone, on one core.
+    pub step_time: Duration,
+}
+
+/// Number and time of a frame's tick. A replayed episode starts at time 0, with frame 0.
+///
+/// # Panics
+/// Beyond frame 2^32, after 207 days.
+pub fn stamp(frame: usize) -> FrameStamp {
+    let sequence = u32::try_from(frame).expect("an episode is shorter than 207 days");
+    FrameStamp { sequence, timestamp_us: u64::from(sequence) * 1_000_000 / u64::from(FRAME_RATE_HZ) }
+}
+
+/// Run an episode. `send` gets every CAN frame in the order of the bus with the time of its tick in
+/// microseconds, the slip message first in each period; `progress` is called once per frame.
+pub fn simulate(
+    episode: &Episode,
+    model: Model<'_>,
+    mut send: impl FnMut(u64, &CanFrame) -> Result<()>,
+    mut progress: impl FnMut(),
+) -> Result<Simulation> {
+    let (frames, sensors) = (episode.frames(), episode.sensors);
+    let mut pipeline = Pipeline::new(model, sensors)?;
+    let mut bus = Bus { transmitter: Transmitter::new(NodeId::DEFAULT), buffer: RawBuffer::new(), sent: 0 };
+    let mut simulation = Simulation {
+        predictions: Predictions {
+            sensors,
+            class: Vec::with_capacity(frames),
+            logits: Vec::with_capacity(frames),
+            slip: Vec::with_capacity(frames),
+            logmel: Vec::with_capacity(frames * sensors),
+            logmel_std: Vec::with_capacity(frames * sensors),
+        },
+        pressure: Vec::with_capacity(frames * sensors),
+        health: Vec::with_capacity(frames * sensors),
+        can_frames: 0,
+        step_time: Duration::ZERO,
+    };
+    for frame in 0..frames {
+        let inputs = inputs(episode, frame);
+        let inputs = &inputs[..sensors];
+        let start = Instant::now();
+        let output = pipeline.step(inputs);
+        simulation.step_time += start.elapsed();
+        simulation.keep(&output, episode.meta.xl_lsb_g);
+        bus.send(episode, frame, inputs, &output, &mut send)?;
+        progress();
+    }
+    simulation.can_frames = bus.sent;
+    Ok(simulation)
+}
+
+/// What each sensor delivered for one frame; entries beyond the episode's sensors are empty.
+pub fn inputs(episode: &Episode, frame: usize) -> [SensorInput<'_>; MAX_SENSORS] {
+    std::array::from_fn(|sensor| match sensor < episode.sensors {
+        true => SensorInput {
+            piezo: Some(episode.piezo(frame, sensor)),
+            xl: Some(episode.xl_batch(frame, sensor)),
+        },
+        false => SensorInput::default(),
+    })
+}
+
+/// Log-mel power in physical units: natural log of g², from the Q16 logarithm of LSB².
+pub fn logmel_g2(log_mel: &LogMel, xl_lsb_g: f64) -> [f32; MEL_BINS] {
+    let unit = 2.0 * xl_lsb_g.ln();
+    log_mel.ln_power.map(|q| (f64::from(q) / f64::from(1 << LN_FRAC_BITS) + unit) as f32)
+}
+
+/// Standardised log-mel as a number: exact, the fixed-point value has 16 bits.
+pub fn logmel_std(log_mel: &LogMel) -> [f32; MEL_BINS] {
+    log_mel.standardised.map(|q| f32::from(q) / f32::from(1i16 << STANDARDISED_FRAC_BITS))
+}
+
+impl Simulation {
+    fn keep(&mut self, output: &Output, xl_lsb_g: f64) {
+        let predictions = &mut self.predictions;
+        predictions.class.push(output.class as u8);
+        predictions.logits.push(output.logits_q10);
+        predictions.slip.push(output.slip.into());
+        for sensor in 0..output.sensors {
+            predictions.logmel.push(logmel_g2(&output.log_mel[sensor], xl_lsb_g));
+            predictions.logmel_std.push(logmel_std(&output.log_mel[sensor]));
+            self.pressure.push(output.contact[sensor].sum);
+            self.health.push(output.health[sensor].0);
+        }
+    }
+
+    /// Frames through the pipeline per second of its own time.
+    pub fn frames_per_s(&self) -> f64 {
+        self.predictions.frames() as f64 / self.step_time.as_secs_f64().max(1e-9)
+    }
+}
+
+struct Bus {
+    transmitter: Transmitter,
+    buffer: RawBuffer,
+    sent: u64,
+}
+
+impl Bus {
+    fn send(
+        &mut self,
+        episode: &Episode,
+        frame: usize,
+        inputs: &[SensorInput<'_>],
+        output: &Output,
+        send: &mut impl FnMut(u64, &CanFrame) -> Result<()>,
+    ) -> Result<()> {
+        let stamp = stamp(frame);
+        // A replay waits for every decision, so none is late.
+        let message = output.slip_message(stamp, 0);
+        send(stamp.timestamp_us, &self.transmitter.slip(&message))?;
+        self.sent += 1;
+        for (sensor, (&input, health)) in inputs.iter().zip(&output.health).enumerate() {
+            let raw = RawFrame {
+                timestamp_us: stamp.timestamp_us,
+                sequence: stamp.sequence,
+                sensor: sensor as u8,
+                health: health.0,
+                input,
+                xl_end: episode.xl_end(frame, sensor),
+            };
+            for can_frame in self.transmitter.raw(&raw, &mut self.buffer) {
+                send(stamp.timestamp_us, &can_frame)?;
+                self.sent += 1;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,103 @@
+//! The writing half of [`slipsense::net::format`], for the exporter and for tests.
+
+use sha2::{Digest, Sha256};
+use slipsense::net::format::{Dims, FORMAT_VERSION, HEADER_BYTES, Kind, MAGIC, TENSORS, TensorSpec, layout};
+
+mod random;
+
+pub use random::random_model;
+
+/// A model file in the making: dimensions, provenance and every tensor as plain integers.
+#[derive(Clone, Debug)]
+pub struct ModelFile {
+    dims: Dims,
+    provenance: String,
+    tensors: Vec<Vec<i32>>,
+}
+
+impl ModelFile {
+    /// All tensors zero; `provenance` is JSON text.
+    pub fn new(dims: Dims, provenance: impl Into<String>) -> Self {
+        let tensors = layout(&dims).iter().map(|spec| vec![0; spec.len()]).collect();
+        Self { dims, provenance: provenance.into(), tensors }
+    }
+
+    /// Sizes of the network.
+    pub fn dims(&self) -> &Dims {
+        &self.dims
+    }
+
+    /// What tensors there are, in file order.
+    pub fn specs(&self) -> [TensorSpec; TENSORS] {
+        layout(&self.dims)
+    }
+
+    /// The numbers of a tensor, such as `("piezo.conv1", "weight")`, row by row.
+    ///
+    /// # Panics
+    /// If there is no tensor of that name: names come from the layout, not from users.
+    pub fn tensor(&self, layer: &str, part: &str) -> &[i32] {
+        &self.tensors[self.index(layer, part)]
+    }
+
+    /// The same, to be written.
+    ///
+    /// # Panics
+    /// As [`tensor`](Self::tensor).
+    pub fn tensor_mut(&mut self, layer: &str, part: &str) -> &mut Vec<i32> {
+        let index = self.index(layer, part);
+        &mut self.tensors[index]
+    }
+
+    fn index(&self, layer: &str, part: &str) -> usize {
+        let index = self.specs().iter().position(|spec| spec.layer == layer && spec.part == part);
+        index.unwrap_or_else(|| panic!("the model file has no tensor {layer} {part}"))
+    }
+
+    /// The file's bytes. Fails, naming the tensor, where a number does not fit its storage or a tensor
+    /// has the wrong length; bounds are for [`slipsense::net::Model::parse`] to prove.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, String> {
+        let mut out = Vec::new();
+        out.extend(MAGIC);
+        out.extend(FORMAT_VERSION.to_le_bytes());
+        out.extend((HEADER_BYTES as u16).to_le_bytes());
+        for field in self.dims.to_fields() {
+            out.extend((field as u16).to_le_bytes());
+        }
+        for (spec, tensor) in self.specs().iter().zip(&self.tensors) {
+            write_tensor(spec, tensor, &mut out)?;
+        }
+        let length = u32::try_from(self.provenance.len()).map_err(|_| "provenance too long")?;
+        out.extend(length.to_le_bytes());
+        out.extend(self.provenance.bytes());
+        pad(&mut out);
+        let hash = Sha256::digest(&out);
+        out.extend(hash);
+        Ok(out)
+    }
+}
+
+fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<(), String> {
+    let name = || format!("{} {}", spec.layer, spec.part);
+    if tensor.len() != spec.len() {
+        return Err(format!("{} has {} numbers, the layout has {}", name(), tensor.len(), spec.len()));
+    }
+    for (index, &value) in tensor.iter().enumerate() {
+        let bytes = value.to_le_bytes();
+        let fits = match spec.kind {
+            Kind::I8 => i8::try_from(value).is_ok(),
+            Kind::I16 => i16::try_from(value).is_ok(),
+            Kind::I32 => true,
+        };
+        if !fits {
+            return Err(format!("{} {index} is {value}, does not fit {:?}", name(), spec.kind));
+        }
+        out.extend(&bytes[..spec.kind.bytes()]);
+    }
+    pad(out);
+    Ok(())
+}
+
+fn pad(out: &mut Vec<u8>) {
+    out.resize(out.len().next_multiple_of(4), 0);
+}

@@ -1,0 +1,42 @@
+//! Models without training, for tests of the kernels: they decide nothing, but every layer carries
+//! signal at the full width of its activations.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::net::format::Dims;
+use slipsense::params::COUNT_MAX;
+
+use crate::ModelFile;
+
+/// A model with random tensors that [`slipsense::net::Model::parse`] accepts.
+pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut file = ModelFile::new(dims, "{\"random\":true}");
+    for spec in file.specs() {
+        let inputs =
+            file.specs().iter().find(|s| s.layer == spec.layer && s.part == "weight").map(|s| s.cols);
+        let tensor = file.tensor_mut(spec.layer, spec.part);
+        for value in tensor.iter_mut() {
+            *value = match (spec.part, inputs) {
+                ("weight", _) => rng.random_range(-127..=127),
+                ("bias", Some(_)) => rng.random_range(-1_000_000..=1_000_000),
+                // A typical sum of n products is √n · 127/√3 · x: scale it to the size of x again.
+                ("multiplier", Some(inputs)) => {
+                    let x_ratio =
+                        if spec.layer == "piezo.conv1" { 32768.0 / f64::from(COUNT_MAX) } else { 1.0 };
+                    let ratio = x_ratio / ((inputs as f64).sqrt() * 127.0 / 3f64.sqrt());
+                    (ratio * 4_294_967_296.0 * rng.random_range(0.5..1.5)) as i32
+                }
+                ("multiplier", None) if spec.layer.ends_with("score") => {
+                    rng.random_range(100_000..=2_000_000)
+                }
+                ("multiplier", None) => rng.random_range(100_000..=500_000),
+                ("bias", None) => rng.random_range(-4096..=4096),
+                ("gamma", _) => rng.random_range(8_000..=32_767),
+                ("beta", _) => rng.random_range(-10_000_000..=10_000_000),
+                _ => rng.random_range(1..=1_000),
+            };
+        }
+    }
+    file
+}

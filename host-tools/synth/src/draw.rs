@@ -1,0 +1,72 @@
+//! Random draws. Every part of an episode draws from its own stream of one seed, so that a change in
+//! one part leaves the draws of the others alone.
+
+use libm::{exp, log};
+use rand::{Rng as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// The generator: ChaCha, because its output is specified and the same on every machine.
+pub(crate) type Rng = ChaCha8Rng;
+
+/// What a stream of draws is for.
+#[derive(Clone, Copy)]
+pub(crate) enum Stream {
+    Recipe = 1,
+    Scenario = 2,
+    Grasp = 3,
+    Unit = 16,
+    Contact = 32,
+    Friction = 48,
+    Film = 64,
+    Vibration = 80,
+    Accelerometer = 96,
+    Encoder = 112,
+}
+
+/// The draws of one part; `sensor` keeps the sensors apart and is 0 for what they share.
+pub(crate) fn stream(seed: u64, part: Stream, sensor: usize) -> Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(part as u64 + sensor as u64);
+    rng
+}
+
+/// The distributions the physics asks for.
+pub(crate) trait Draw {
+    /// Uniform in `lo..hi`.
+    fn between(&mut self, lo: f64, hi: f64) -> f64;
+    /// Uniform in the logarithm.
+    fn log_between(&mut self, lo: f64, hi: f64) -> f64 {
+        exp(self.between(log(lo), log(hi)))
+    }
+    /// Gaussian of zero mean and unit variance.
+    fn normal(&mut self) -> f64;
+    /// True with probability `p`.
+    fn chance(&mut self, p: f64) -> bool {
+        self.between(0.0, 1.0) < p
+    }
+    /// Integer in `lo..=hi`.
+    fn count(&mut self, lo: usize, hi: usize) -> usize;
+    /// Direction, uniform on the sphere.
+    fn direction(&mut self) -> [f64; 3] {
+        let v = [self.normal(), self.normal(), self.normal()];
+        let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+        v.map(|x| x / norm)
+    }
+    /// Phase of an oscillation, radians.
+    fn phase(&mut self) -> f64 {
+        self.between(0.0, std::f64::consts::TAU)
+    }
+}
+
+impl Draw for Rng {
+    fn between(&mut self, lo: f64, hi: f64) -> f64 {
+        lo + (hi - lo) * self.random::<f64>()
+    }
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(self)
+    }
+    fn count(&mut self, lo: usize, hi: usize) -> usize {
+        self.random_range(lo..=hi)
+    }
+}

@@ -1,0 +1,166 @@
+//! Levels, spectra and class mix of generated episodes against the ranges the physics asks for.
+//! Vibration is measured without the parts' electrical noise, above 10 Hz, as the rms of the vector.
+
+use slipsense_episode::Episode;
+use slipsense_synth::labels::{NO_CONTACT, NO_SLIP, SLIP};
+use slipsense_synth::{ObjectChoice, Recipe, ScenarioChoice, generate, generate_set};
+
+/// Vector rms in mg over the 128 samples before each frame tick, above 10 Hz (first-order, float).
+fn rms_mg(e: &Episode, sensor: usize) -> Vec<f64> {
+    let pole = 1.0 - std::f64::consts::TAU * 10.0 / 8000.0;
+    let (mut last, mut y) = (e.xl[sensor][0].map(f64::from), [0.0; 3]);
+    let mut running = vec![0.0];
+    for sample in &e.xl[sensor] {
+        let x = sample.map(f64::from);
+        let mut power = 0.0;
+        for axis in 0..3 {
+            y[axis] = pole * (y[axis] + x[axis] - last[axis]);
+            power += y[axis] * y[axis];
+        }
+        last = x;
+        running.push(running[running.len() - 1] + power);
+    }
+    (0..e.frames())
+        .map(|f| {
+            let end = e.xl_end(f, sensor) as usize;
+            let start = end.saturating_sub(128);
+            ((running[end] - running[start]) / (end - start).max(1) as f64).sqrt() * e.meta.xl_lsb_g * 1e3
+        })
+        .collect()
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn of_label(e: &Episode, values: &[f64], label: u8) -> Vec<f64> {
+    let labels = e.label.as_deref().unwrap_or(&[]);
+    values.iter().zip(labels).filter(|(_, l)| **l == label).map(|(v, _)| *v).collect()
+}
+
+fn slips(speed_mm_s: f64, count: usize) -> Vec<Recipe> {
+    let base = Recipe {
+        scenario: ScenarioChoice::SixStep,
+        speed_mm_s: Some(speed_mm_s),
+        seconds: Some(4.0),
+        sensors: 1,
+        noise: 0.0,
+        ..Recipe::new(4711)
+    };
+    base.series(count)
+}
+
+/// Median over episodes of the median slip level of each, mg.
+fn slip_level(speed_mm_s: f64) -> f64 {
+    let mut levels = generate_set(&slips(speed_mm_s, 24), |_, e| median(&mut of_label(&e, &rms_mg(&e, 0), SLIP)))
+        .unwrap();
+    median(&mut levels)
+}
+
+#[test]
+fn slip_levels_rise_with_speed_around_the_anchor() {
+    let levels = [2.0, 5.0, 10.0, 18.0].map(slip_level);
+    println!("slip rms at 2, 5, 10, 18 mm/s: {levels:.1?} mg (synthetic)");
+    assert!(levels.is_sorted());
+    assert!((2.0..12.0).contains(&levels[0]), "2 mm/s: {} mg", levels[0]);
+    assert!((15.0..90.0).contains(&levels[2]), "10 mm/s: {} mg", levels[2]);
+}
+
+#[test]
+fn spectral_centroid_rises_with_speed() {
+    // Mean squared difference over mean square grows with frequency: 2 − 2 cos ω for a tone.
+    let centre = |speed| {
+        let mut centres = generate_set(&slips(speed, 16), |_, e| {
+            let labels = e.label.as_deref().unwrap_or(&[]);
+            let (mut differences, mut power) = (0.0, 0.0);
+            for f in (0..e.frames()).filter(|&f| labels[f] == SLIP) {
+                let batch = e.xl_batch(f, 0);
+                let mean: [f64; 3] = std::array::from_fn(|a| {
+                    batch.iter().map(|s| f64::from(s[a])).sum::<f64>() / batch.len() as f64
+                });
+                for pair in batch.windows(2) {
+                    for axis in 0..3 {
+                        differences += f64::from(pair[1][axis] - pair[0][axis]).powi(2);
+                        power += (f64::from(pair[1][axis]) - mean[axis]).powi(2);
+                    }
+                }
+            }
+            (1.0 - differences / power / 2.0).clamp(-1.0, 1.0).acos() / std::f64::consts::TAU * 8000.0
+        })
+        .unwrap();
+        median(&mut centres)
+    };
+    let (slow, fast) = (centre(2.0), centre(18.0));
+    println!("centroid at 2 mm/s {slow:.0} Hz, at 18 mm/s {fast:.0} Hz (synthetic)");
+    assert!(fast > 1.1 * slow);
+}
+
+#[test]
+fn disturbances_are_as_loud_as_slip() {
+    let loud = |mut v: Vec<f64>| {
+        v.sort_by(f64::total_cmp);
+        v[v.len() * 95 / 100]
+    };
+    let recipes = Recipe { sensors: 1, noise: 0.0, ..Recipe::new(99) }.series(40);
+    let (mut idle, mut held, mut slip) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, h, s) in generate_set(&recipes, |_, e| {
+        let rms = rms_mg(&e, 0);
+        [NO_CONTACT, NO_SLIP, SLIP].map(|label| of_label(&e, &rms, label)).into()
+    })
+    .unwrap()
+    .into_iter()
+    .map(|[i, h, s]: [Vec<f64>; 3]| (i, h, s))
+    {
+        idle.extend(i);
+        held.extend(h);
+        slip.extend(s);
+    }
+    let typical = median(&mut slip);
+    let (idle, held) = (loud(idle), loud(held));
+    println!("95th percentile: no contact {idle:.0} mg, no slip {held:.0} mg; median slip {typical:.0} mg");
+    assert!(idle > typical && held > typical);
+}
+
+#[test]
+fn scenarios_without_slip_have_no_slip_label() {
+    use ScenarioChoice::{Empty, FirmGrip, FreeGrasp, Unlinked};
+    for scenario in [Empty, FirmGrip, FreeGrasp, Unlinked] {
+        let recipes = Recipe { scenario, seconds: Some(4.0), ..Recipe::new(7) }.series(8);
+        let gross = generate_set(&recipes, |_, e| {
+            let labels = e.label.as_deref().unwrap_or(&[]);
+            assert!(!labels.contains(&SLIP), "{scenario:?}");
+            assert_eq!(labels.contains(&NO_SLIP), scenario != Empty, "{scenario:?}");
+            let speed = e.slip_true_mm_s.as_deref().unwrap_or(&[]);
+            labels.iter().zip(speed).filter(|(l, v)| **l == NO_SLIP && **v > 1.0).count()
+        })
+        .unwrap();
+        assert_eq!(gross.iter().sum::<usize>(), 0, "{scenario:?}: frames of gross slip");
+    }
+}
+
+#[test]
+fn class_mix_is_near_the_papers() {
+    let recipes = Recipe::new(2024).series(60);
+    let mut counts = [0usize; 3];
+    let mut seconds = 0.0;
+    for (labels, length) in generate_set(&recipes, |_, e| (e.label.unwrap_or_default(), e.piezo.len())).unwrap() {
+        labels.iter().for_each(|&l| counts[l as usize] += 1);
+        seconds += length as f64 / 480.0;
+    }
+    let total = counts.iter().sum::<usize>() as f64;
+    let share = counts.map(|c| c as f64 / total);
+    println!("no contact, no slip, slip: {share:.3?} of {seconds:.0} s (synthetic)");
+    assert!((0.4..0.62).contains(&share[0]) && share[1] > 0.15 && (0.15..0.32).contains(&share[2]), "{share:?}");
+}
+
+#[test]
+fn held_out_objects_never_appear_in_training() {
+    for (choice, expected) in [(ObjectChoice::Train, false), (ObjectChoice::HeldOut, true)] {
+        let recipes =
+            Recipe { object: choice, seconds: Some(2.5), sensors: 1, ..Recipe::new(1) }.series(30);
+        let held_out = generate_set(&recipes, |_, e| e.meta.other["held_out"] == true).unwrap();
+        assert!(held_out.iter().all(|&h| h == expected));
+    }
+    assert!(generate(&Recipe { object: ObjectChoice::Named("spoon".into()), ..Recipe::new(1) }).is_err());
+}

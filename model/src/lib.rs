@@ -1,0 +1,1 @@
+//! Definition, trainer and quantizer of the network.

@@ -1,0 +1,65 @@
+//! The clock tree: 8 MHz from the ST-LINK → PLLs → 480 MHz core, 240 MHz buses, 80 MHz FDCAN kernel.
+//!
+//! ```text
+//! HSE 8 MHz ─/2─ 4 MHz ─┬─ PLL1 ×240 = 960 MHz ── P/2  480 MHz  core; /2 = 240 MHz AHB; /2 = 120 MHz APB
+//!                       │                      └─ Q/12  80 MHz  FDCAN
+//!                       ├─ PLL2 ×160 = 640 MHz ── P/8   80 MHz  SPI and ADC kernels, for the drivers to come
+//!                       └─ PLL3 ×120 = 480 MHz    no output
+//! ```
+//!
+//! Three choices that look arbitrary and are not:
+//! - The reference is 4 MHz. The wide-range VCO takes more than 2 and up to 16 MHz (DS12110, PLL
+//!   characteristics); a reference of exactly 2 MHz is the medium VCO's.
+//! - No VCO runs between 150 and 420 MHz. There embassy-stm32 0.6 selects the medium VCO whatever the
+//!   reference, and that one takes 1 to 2 MHz only.
+//! - PLL3 runs although nothing uses it. For a PLL that is left out, embassy-stm32 0.6 overwrites all of
+//!   PLLCKSELR, the dividers and source of the PLLs already running included; the silicon is documented
+//!   to ignore that, and this tree does not lean on it.
+//!
+//! 480 MHz needs silicon revision V or X and voltage scale 0, which embassy reaches through scale 1 and
+//! the overdrive bit.
+
+use embassy_stm32::Config;
+use embassy_stm32::rcc::mux::{Adcsel, Fdcansel, Saisel};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
+};
+use embassy_stm32::time::Hertz;
+
+/// What the NUCLEO's ST-LINK puts on the HSE pin. A board with a crystal changes this and the mode.
+const HSE_HZ: u32 = 8_000_000;
+/// Clock of the FDCAN bit time quanta.
+pub const FDCAN_KERNEL_HZ: u32 = HSE_HZ / 2 * 240 / 12;
+
+/// The tree above, as embassy wants it.
+pub fn config() -> Config {
+    let pll = |mul, divp, divq| Pll {
+        source: PllSource::HSE,
+        prediv: PllPreDiv::DIV2,
+        mul,
+        fracn: None,
+        divp,
+        divq,
+        divr: None,
+    };
+    let mut config = Config::default();
+    let rcc = &mut config.rcc;
+    rcc.hsi = None;
+    rcc.hse = Some(Hse { freq: Hertz(HSE_HZ), mode: HseMode::Bypass });
+    // The I/O compensation cell runs from it; edges of fast pins are out of specification without.
+    rcc.csi = true;
+    rcc.pll1 = Some(pll(PllMul::MUL240, Some(PllDiv::DIV2), Some(PllDiv::DIV12)));
+    rcc.pll2 = Some(pll(PllMul::MUL160, Some(PllDiv::DIV8), None));
+    rcc.pll3 = Some(pll(PllMul::MUL120, None, None));
+    rcc.sys = Sysclk::PLL1_P;
+    rcc.voltage_scale = VoltageScale::Scale0;
+    rcc.ahb_pre = AHBPrescaler::DIV2;
+    rcc.apb1_pre = APBPrescaler::DIV2;
+    rcc.apb2_pre = APBPrescaler::DIV2;
+    rcc.apb3_pre = APBPrescaler::DIV2;
+    rcc.apb4_pre = APBPrescaler::DIV2;
+    rcc.mux.fdcansel = Fdcansel::PLL1_Q;
+    rcc.mux.adcsel = Adcsel::PLL2_P;
+    rcc.mux.spi123sel = Saisel::PLL2_P;
+    config
+}

@@ -1,0 +1,66 @@
+//! Memory attributes, caches, and the one large object: what `memory.x` promises is made true here.
+
+use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use embassy_stm32::pac;
+use slipsense::pipeline::Pipeline;
+
+/// Attributes of an MPU region, ARMv7-M RASR: never executed, full access.
+const EXECUTE_NEVER: u32 = 1 << 28;
+const FULL_ACCESS: u32 = 0b011 << 24;
+/// Normal memory, not cached, shared with other bus masters (TEX 001, C 0, B 0, S 1).
+const NORMAL_UNCACHED: u32 = 0b001 << 19 | 1 << 18;
+const ENABLE: u32 = 1;
+/// Exponent field of a region of 2^`bits` bytes.
+const fn size(bits: u32) -> u32 {
+    (bits - 1) << 1
+}
+
+/// Region number, base address, RASR. A higher number wins where regions overlap.
+const REGIONS: [(u32, u32, u32); 2] = [
+    // Subregions 3 to 6 of the whole 4 GB, 0x6000_0000 to 0xDFFF_FFFF: external memories that this board
+    // does not have. No access, so that the core's speculative reads do not go there (AN4838).
+    (0, 0x0000_0000, EXECUTE_NEVER | 0b1000_0111 << 8 | size(32) | ENABLE),
+    // D2 SRAM: what DMA writes there, the CPU sees, and the other way round.
+    (1, 0x3000_0000, EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(18) | ENABLE),
+];
+
+/// Switch on the D2 SRAM clocks, the MPU and both caches. First thing after reset, before any DMA.
+pub fn init(core: &mut cortex_m::Peripherals) {
+    // Gated at reset, and embassy-stm32 0.6 leaves them so.
+    pac::RCC.ahb2enr().modify(|w| {
+        w.set_sram1en(true);
+        w.set_sram2en(true);
+    });
+    cortex_m::asm::dsb();
+    // SAFETY: the regions deny only addresses without memory and take the cache from D2 SRAM, which
+    // holds nothing yet; everything else keeps the default map (PRIVDEFENA). The MPU is off meanwhile.
+    unsafe {
+        core.MPU.ctrl.write(0);
+        for (number, base, attributes) in REGIONS {
+            core.MPU.rnr.write(number);
+            core.MPU.rbar.write(base);
+            core.MPU.rasr.write(attributes);
+        }
+        core.MPU.ctrl.write(1 << 2 | 1);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+    core.SCB.enable_icache();
+    core.SCB.enable_dcache(&mut core.CPUID);
+}
+
+/// Not a `StaticCell`: its flag would lie in the same memory, which nothing zeroes at boot.
+#[unsafe(link_section = ".axisram")]
+static mut PIPELINE: MaybeUninit<Pipeline<'static>> = MaybeUninit::uninit();
+static PIPELINE_TAKEN: AtomicBool = AtomicBool::new(false);
+
+/// The place of the pipeline in AXI SRAM; `None` the second time.
+pub fn pipeline_slot() -> Option<&'static mut MaybeUninit<Pipeline<'static>>> {
+    if PIPELINE_TAKEN.swap(true, Ordering::AcqRel) {
+        return None;
+    }
+    // SAFETY: the flag lets exactly one caller here, and nothing else names this static.
+    Some(unsafe { &mut *(&raw mut PIPELINE) })
+}

@@ -1,0 +1,45 @@
+//! Step 5: 16 triangles on the HTK mel scale, 20 to 4000 Hz, height 1 (librosa's `htk=True, norm=None`).
+//!
+//! Between two neighbouring edges of the grid one triangle rises and the one below falls, and their
+//! weights add to 1. So each bin is multiplied once: what does not go into the rising triangle is the
+//! part of the falling one.
+
+use super::tables::{MEL_RISING_Q24, MEL_SEGMENT_BINS};
+use crate::params::{FFT_BINS, MEL_BINS};
+
+const WEIGHT_FRAC_BITS: u32 = 24;
+
+/// Power under each triangle, on the scale of the input, each half of a triangle rounded once.
+///
+/// Input: bins that sum to below 2^62. Then the low halves times weights sum to below
+/// 63 · 2^32 · 2^24 < 2^62, the high ones to below 2^62 · 2^-32 · 2^24 = 2^54.
+pub fn mel_power(power: &[u64; FFT_BINS]) -> [u64; MEL_BINS] {
+    let mut mel = [0; MEL_BINS];
+    // Bin 0 lies below the first edge, bin 64 on the last, where the weight is 0.
+    let mut bins = power.iter().skip(1).zip(&MEL_RISING_Q24);
+    let mut segments = MEL_SEGMENT_BINS.iter().map(|&count| {
+        let (mut all, mut high, mut low) = (0u64, 0u64, 0u64);
+        for (&power, &weight) in bins.by_ref().take(count as usize) {
+            all += power;
+            high += (power >> 32) * weight as u64;
+            low += (power & 0xffff_ffff) * weight as u64;
+        }
+        // The remainder of the high half is none: 2^32 · high / 2^24 is a whole number.
+        let rising =
+            (high << (32 - WEIGHT_FRAC_BITS)) + ((low + (1 << (WEIGHT_FRAC_BITS - 1))) >> WEIGHT_FRAC_BITS);
+        // Every weight is at most 1, so rising ≤ all, rounded or not.
+        Segment { rising, falling: all - rising }
+    });
+    let mut below = segments.next().unwrap_or_default();
+    for (mel, segment) in mel.iter_mut().zip(segments) {
+        *mel = below.rising + segment.falling;
+        below = segment;
+    }
+    mel
+}
+
+#[derive(Default)]
+struct Segment {
+    rising: u64,
+    falling: u64,
+}

@@ -1,0 +1,87 @@
+//! The one rounding rule of the project, and the few integer helpers every kernel shares.
+//!
+//! **Rounding**: wherever bits are dropped, the result is `floor(x + 1/2)`: to nearest, ties towards
+//! plus infinity. On the MCU this is an add and an arithmetic shift (`smmulr` for a shift of 32).
+//! There is no second rule anywhere between host and MCU.
+
+/// `round(x / 2^shift)`, ties towards plus infinity. `shift` is 1 to 62 and `|x|` below 2^62.
+#[inline]
+pub const fn round_shift(x: i64, shift: u32) -> i64 {
+    (x + (1 << (shift - 1))) >> shift
+}
+
+/// `round(acc · multiplier / 2^32)`: the requantization of an accumulator, one `smmulr` on the MCU.
+#[inline]
+pub const fn scale_q32(acc: i32, multiplier: i32) -> i32 {
+    // |acc · multiplier| ≤ 2^62, so the sum stays in i64 and the result in i32.
+    ((acc as i64 * multiplier as i64 + (1 << 31)) >> 32) as i32
+}
+
+/// Clamp to the range of `i16`.
+#[inline]
+pub const fn saturate_i16(x: i32) -> i16 {
+    if x > i16::MAX as i32 {
+        i16::MAX
+    } else if x < i16::MIN as i32 {
+        i16::MIN
+    } else {
+        x as i16
+    }
+}
+
+/// Clamp to the range of `i32`.
+#[inline]
+pub const fn saturate_i32(x: i64) -> i32 {
+    if x > i32::MAX as i64 {
+        i32::MAX
+    } else if x < i32::MIN as i64 {
+        i32::MIN
+    } else {
+        x as i32
+    }
+}
+
+/// Fraction bits of [`standardise`]'s output: Q4.11 covers ±16, and n values with mean 0 and
+/// variance 1 never exceed √(n−1), so up to 256 values never clip.
+pub const STANDARD_FRAC_BITS: u32 = 11;
+
+/// `(x − mean) / sqrt(variance + epsilon)` of a vector, with `FRAC` fraction bits, in place of the
+/// textbook float: the per-frame standardisation of the log-mel bins and the core of LayerNorm.
+///
+/// `x`: 1 to 256 values of magnitude below 2^22, any scale; overwritten with their deviations.
+/// `epsilon`: in squared units of `x`, at least 1. Mean and result follow the rule of this module.
+/// In between, variance, root and reciprocal are floors, as integer division and square root give
+/// them: the root has 8 fraction bits (relative error below 2^-8 / sigma), the reciprocal 39 (relative
+/// error below sigma / 2^39). The result saturates to `i16`.
+pub fn standardise<const FRAC: u32>(x: &mut [i32], epsilon: u64, out: &mut [i16]) {
+    let n = x.len() as i32;
+    if n == 0 {
+        return;
+    }
+    // 256 · 2^22 = 2^30 at most: fits.
+    let mean = round_div(x.iter().fold(0i32, |a, &v| a.wrapping_add(v)), n);
+    let mut squares = 0u64;
+    for v in x.iter_mut() {
+        *v -= mean;
+        // |deviation| < 2^23, 256 squares < 2^54.
+        squares += (*v as i64 * *v as i64) as u64;
+    }
+    let variance = squares / n as u64 + epsilon;
+    // variance < 2^47: 16 more bits give the root 8 fraction bits and keep it below 2^32.
+    let sigma_q8 = isqrt(variance << 16);
+    let reciprocal = ((1u64 << 47) / sigma_q8 as u64) as i64; // 2^39 / sigma ≤ 2^39
+    for (v, o) in x.iter().zip(out.iter_mut()) {
+        // |deviation| < 2^23, reciprocal ≤ 2^39: below 2^62.
+        *o = saturate_i16(saturate_i32(round_shift(*v as i64 * reciprocal, 39 - FRAC)));
+    }
+}
+
+/// `round(x / d)` for positive `d`, ties towards plus infinity.
+pub const fn round_div(x: i32, d: i32) -> i32 {
+    ((2 * x as i64 + d as i64).div_euclid(2 * d as i64)) as i32
+}
+
+/// Floor of the square root; the result is below 2^32.
+pub const fn isqrt(x: u64) -> u32 {
+    x.isqrt() as u32
+}

@@ -1,0 +1,20 @@
+//! Slip sensing for robot fingertips.
+//!
+//! One library for both worlds: the microcontroller and the host run this code and get the same bits.
+//! The modules below, read downwards, are the way of a pressure reading from the pin to the bus; each
+//! uses only those above it.
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(clippy::float_arithmetic)]
+
+pub mod params;
+pub mod fixed;
+pub mod sensor;
+pub mod features;
+pub mod net;
+#[expect(clippy::float_arithmetic, reason = "see the module: single precision, the same bits everywhere")]
+pub mod contact;
+pub mod wire;
+pub mod pipeline;
+pub mod board;
+pub mod tasks;

@@ -1,0 +1,277 @@
+//! Layout of the model file: the one definition that the reader here and the exporter on the host
+//! share.
+//!
+//! Little endian throughout:
+//!
+//! | bytes | content |
+//! |---|---|
+//! | 8 | [`MAGIC`] |
+//! | 2, 2 | format version, header length ([`HEADER_BYTES`]) |
+//! | 2 × 8 | dimensions, in the order of [`Dims::FIELDS`] |
+//! | … | the tensors of [`layout`], each padded with zeros to 4 bytes |
+//! | 4, n | length and text of the provenance, UTF-8 JSON, padded with zeros to 4 bytes |
+//! | 32 | SHA-256 of everything before |
+
+use crate::params::{CLASSES, MEL_BINS, TAXEL_ROWS, limits};
+
+/// First bytes of every model file.
+pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
+/// The version this code reads and writes.
+pub const FORMAT_VERSION: u16 = 1;
+/// Bytes before the first tensor.
+pub const HEADER_BYTES: usize = 28;
+/// Bytes of the hash that ends the file.
+pub const HASH_BYTES: usize = 32;
+
+/// Sizes of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dims {
+    /// Channels after each convolution block.
+    pub conv_channels: [usize; 3],
+    /// Width of a modality's embedding.
+    pub embed: usize,
+    /// Frames the first accelerometer layer sees.
+    pub xl_kernel: usize,
+    /// Hidden channels of the accelerometer encoder.
+    pub xl_channels: usize,
+    /// Heads of every attention block.
+    pub heads: usize,
+    /// Frames an attention block looks back over, the current one included.
+    pub window: usize,
+}
+
+/// A dimension outside what this build has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DimError {
+    /// Name of the dimension.
+    pub field: &'static str,
+    /// What the file says.
+    pub value: usize,
+    /// The smallest and largest value allowed.
+    pub range: (usize, usize),
+}
+
+impl Dims {
+    /// Names of the header's fields, in their order.
+    pub const FIELDS: [&'static str; 8] = [
+        "conv1 channels",
+        "conv2 channels",
+        "conv3 channels",
+        "embedding width",
+        "accelerometer kernel",
+        "accelerometer channels",
+        "heads",
+        "window",
+    ];
+
+    /// The fields in header order.
+    pub const fn to_fields(&self) -> [usize; 8] {
+        let [c1, c2, c3] = self.conv_channels;
+        [c1, c2, c3, self.embed, self.xl_kernel, self.xl_channels, self.heads, self.window]
+    }
+
+    /// From the fields in header order; refuses what does not fit [`limits`].
+    pub fn from_fields(fields: [usize; 8]) -> Result<Self, DimError> {
+        const MAX: [usize; 8] = [
+            limits::CONV_CHANNELS[0],
+            limits::CONV_CHANNELS[1],
+            limits::CONV_CHANNELS[2],
+            limits::EMBED,
+            limits::XL_KERNEL,
+            limits::XL_CHANNELS,
+            limits::HEADS,
+            limits::WINDOW,
+        ];
+        for ((field, value), max) in Self::FIELDS.into_iter().zip(fields).zip(MAX) {
+            if value == 0 || value > max {
+                return Err(DimError { field, value, range: (1, max) });
+            }
+        }
+        let [c1, c2, c3, embed, xl_kernel, xl_channels, heads, window] = fields;
+        let dims = Self { conv_channels: [c1, c2, c3], embed, xl_kernel, xl_channels, heads, window };
+        if embed % heads != 0 {
+            return Err(DimError {
+                field: "heads (must divide the embedding width)",
+                value: heads,
+                range: (1, embed),
+            });
+        }
+        // 32 products of two 14-bit values are the most that an i32 holds.
+        if dims.fused() / heads > HEAD_WIDTH_MAX {
+            let least = dims.fused().div_ceil(HEAD_WIDTH_MAX);
+            return Err(DimError {
+                field: "heads (a head of the temporal block wider than 32 could overflow)",
+                value: heads,
+                range: (least, limits::HEADS),
+            });
+        }
+        Ok(dims)
+    }
+
+    /// Width of the fused vector: both embeddings.
+    pub const fn fused(&self) -> usize {
+        2 * self.embed
+    }
+
+    /// Activations that leave the last convolution block.
+    pub const fn piezo_features(&self) -> usize {
+        let side = TAXEL_ROWS / 8;
+        side * side * self.conv_channels[2]
+    }
+}
+
+/// Widest attention head whose scores provably fit an `i32`.
+pub const HEAD_WIDTH_MAX: usize = 32;
+
+/// Number of tensors in a file.
+pub const TENSORS: usize = 3 * 7 + 3 * (3 * 4 + 6) + 3;
+
+/// How a tensor's numbers are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Signed byte.
+    I8,
+    /// Two bytes.
+    I16,
+    /// Four bytes.
+    I32,
+}
+
+impl Kind {
+    /// Bytes of one number.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::I8 => 1,
+            Self::I16 => 2,
+            Self::I32 => 4,
+        }
+    }
+}
+
+/// One tensor of the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TensorSpec {
+    /// The layer it belongs to, such as `piezo.conv1` or `temporal.query`.
+    pub layer: &'static str,
+    /// What it is there, such as `weight` or `multiplier`.
+    pub part: &'static str,
+    /// Storage of one number.
+    pub kind: Kind,
+    /// Rows (output channels or heads; 1 for a plain vector).
+    pub rows: usize,
+    /// Numbers per row.
+    pub cols: usize,
+}
+
+impl TensorSpec {
+    const NONE: Self = Self { layer: "", part: "", kind: Kind::I8, rows: 0, cols: 0 };
+
+    /// Numbers in the tensor.
+    pub const fn len(&self) -> usize {
+        self.rows * self.cols
+    }
+
+    /// Does it hold no numbers?
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes in the file, padding left out.
+    pub const fn bytes(&self) -> usize {
+        self.len() * self.kind.bytes()
+    }
+
+    /// Bytes in the file, padding included.
+    pub const fn padded_bytes(&self) -> usize {
+        self.bytes().next_multiple_of(4)
+    }
+}
+
+/// Names of an attention block's four projections and of its own tensors.
+struct BlockNames {
+    query: &'static str,
+    key: &'static str,
+    value: &'static str,
+    out: &'static str,
+    score: &'static str,
+    norm: &'static str,
+}
+
+const CROSS_PIEZO: BlockNames = BlockNames {
+    query: "cross_piezo.query",
+    key: "cross_piezo.key",
+    value: "cross_piezo.value",
+    out: "cross_piezo.out",
+    score: "cross_piezo.score",
+    norm: "cross_piezo.norm",
+};
+const CROSS_XL: BlockNames = BlockNames {
+    query: "cross_xl.query",
+    key: "cross_xl.key",
+    value: "cross_xl.value",
+    out: "cross_xl.out",
+    score: "cross_xl.score",
+    norm: "cross_xl.norm",
+};
+const TEMPORAL: BlockNames = BlockNames {
+    query: "temporal.query",
+    key: "temporal.key",
+    value: "temporal.value",
+    out: "temporal.out",
+    score: "temporal.score",
+    norm: "temporal.norm",
+};
+
+/// Collects the specs in file order.
+struct Layout {
+    specs: [TensorSpec; TENSORS],
+    used: usize,
+}
+
+impl Layout {
+    const fn push(&mut self, layer: &'static str, part: &'static str, kind: Kind, rows: usize, cols: usize) {
+        self.specs[self.used] = TensorSpec { layer, part, kind, rows, cols };
+        self.used += 1;
+    }
+
+    const fn layer(&mut self, name: &'static str, outputs: usize, inputs: usize) {
+        self.push(name, "weight", Kind::I8, outputs, inputs);
+        self.push(name, "bias", Kind::I32, 1, outputs);
+        self.push(name, "multiplier", Kind::I32, 1, outputs);
+    }
+
+    const fn attention(&mut self, names: &BlockNames, width: usize, dims: &Dims) {
+        self.layer(names.query, width, width);
+        self.layer(names.key, width, width);
+        self.layer(names.value, width, width);
+        self.layer(names.out, width, width);
+        self.push(names.score, "multiplier", Kind::I32, 1, 1);
+        self.push(names.score, "bias", Kind::I16, dims.heads, dims.window);
+        self.push(names.norm, "gamma", Kind::I16, 1, width);
+        self.push(names.norm, "beta", Kind::I32, 1, width);
+        self.push(names.norm, "multiplier", Kind::I32, 1, 1);
+        self.push(names.norm, "epsilon", Kind::I32, 1, 1);
+    }
+}
+
+/// The tensors of a file with these dimensions, in file order.
+///
+/// Convolution weights are in output, kernel row, kernel column, input order; the dense layer behind
+/// them takes its inputs in row, column, channel order; the first accelerometer layer takes frames
+/// oldest first, bins within a frame. Row 0 of a score bias is head 0, column 0 is lag 0.
+pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
+    let [c1, c2, c3] = dims.conv_channels;
+    let mut all = Layout { specs: [TensorSpec::NONE; TENSORS], used: 0 };
+    all.layer("piezo.conv1", c1, 9);
+    all.layer("piezo.conv2", c2, 9 * c1);
+    all.layer("piezo.conv3", c3, 9 * c2);
+    all.layer("piezo.dense", dims.embed, dims.piezo_features());
+    all.layer("xl.conv", dims.xl_channels, dims.xl_kernel * MEL_BINS);
+    all.layer("xl.mix1", dims.xl_channels, dims.xl_channels);
+    all.layer("xl.mix2", dims.embed, dims.xl_channels);
+    all.attention(&CROSS_PIEZO, dims.embed, dims);
+    all.attention(&CROSS_XL, dims.embed, dims);
+    all.attention(&TEMPORAL, dims.fused(), dims);
+    all.layer("head", CLASSES, dims.fused());
+    all.specs
+}

@@ -1,0 +1,404 @@
+//! A trained network as it lies in a model file: read in place, checked once, trusted afterwards.
+//!
+//! [`Model::parse`] proves what the kernels rely on: every size fits [`limits`](crate::params::limits),
+//! and no accumulator can leave `i32` for any input. It copies nothing and allocates nothing.
+
+use core::fmt;
+
+use sha2::{Digest, Sha256};
+
+use super::format::{
+    DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, MAGIC, TENSORS, TensorSpec, layout,
+};
+use crate::params::COUNT_MAX;
+
+/// 32-bit numbers as they lie in the file.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct I32s<'a>(&'a [[u8; 4]]);
+
+impl<'a> I32s<'a> {
+    /// The numbers in order.
+    #[inline]
+    pub fn iter(self) -> impl Iterator<Item = i32> + 'a {
+        self.0.iter().map(|&bytes| i32::from_le_bytes(bytes))
+    }
+
+    fn first(self) -> i32 {
+        self.iter().next().unwrap_or_default()
+    }
+}
+
+/// 16-bit numbers as they lie in the file.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct I16s<'a>(&'a [[u8; 2]]);
+
+impl<'a> I16s<'a> {
+    /// The numbers in order.
+    #[inline]
+    pub fn iter(self) -> impl Iterator<Item = i16> + 'a {
+        self.0.iter().map(|&bytes| i16::from_le_bytes(bytes))
+    }
+}
+
+/// A dense layer or a convolution.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Layer<'a> {
+    /// `outputs × inputs` signed bytes, one row per output channel.
+    pub weights: &'a [u8],
+    /// One per output channel, at the accumulator's scale.
+    pub bias: I32s<'a>,
+    /// One per output channel, see [`super::requantize`].
+    pub multiplier: I32s<'a>,
+    /// Inputs of one output channel.
+    pub inputs: usize,
+    /// Output channels.
+    pub outputs: usize,
+}
+
+/// LayerNorm with its affine part.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Norm<'a> {
+    /// Gain of each channel.
+    pub gamma: I16s<'a>,
+    /// Offset of each channel, at the scale of `gamma · 2^-11`.
+    pub beta: I32s<'a>,
+    /// To the output's scale.
+    pub multiplier: i32,
+    /// Added to the variance, in squared units of the residual sum.
+    pub epsilon: u64,
+}
+
+/// Learned score offset per head and lag, log2 units with 10 fraction bits.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LagBias<'a> {
+    values: I16s<'a>,
+    window: usize,
+}
+
+impl<'a> LagBias<'a> {
+    /// Offsets of one head, lag 0 first.
+    pub fn head(self, head: usize) -> impl Iterator<Item = i16> + 'a {
+        let row = self.values.0.chunks_exact(self.window.max(1)).nth(head).unwrap_or_default();
+        I16s(row).iter()
+    }
+}
+
+/// One attention block.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Attention<'a> {
+    /// Projection of the asking frame.
+    pub query: Layer<'a>,
+    /// Projection of the frames attended to.
+    pub key: Layer<'a>,
+    /// What is taken from them.
+    pub value: Layer<'a>,
+    /// Projection of the context; its multiplier leads to the residual sum's scale.
+    pub out: Layer<'a>,
+    /// Heads of equal width.
+    pub heads: usize,
+    /// From a product of query and key to log2 units with 10 fraction bits.
+    pub score_multiplier: i32,
+    /// Offset by lag.
+    pub bias: LagBias<'a>,
+    /// After the residual.
+    pub norm: Norm<'a>,
+}
+
+/// A checked model file.
+#[derive(Clone, Copy, Debug)]
+pub struct Model<'a> {
+    /// Sizes.
+    pub dims: Dims,
+    /// The three convolution blocks.
+    pub conv: [Layer<'a>; 3],
+    /// Taxel features to the embedding.
+    pub piezo_dense: Layer<'a>,
+    /// Causal convolution over time, then two layers within the frame.
+    pub xl: [Layer<'a>; 3],
+    /// Piezo asks, accelerometer answers.
+    pub cross_piezo: Attention<'a>,
+    /// Accelerometer asks, piezo answers.
+    pub cross_xl: Attention<'a>,
+    /// The fused vector over its own past.
+    pub temporal: Attention<'a>,
+    /// To the three logits.
+    pub head: Layer<'a>,
+    /// How the model was made: UTF-8 JSON.
+    pub provenance: &'a str,
+    /// SHA-256 of the file: the model's identity.
+    pub hash: [u8; HASH_BYTES],
+}
+
+/// Why a model file is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelError {
+    /// Not a model file.
+    BadMagic,
+    /// Made for other code.
+    UnknownVersion {
+        /// What the file says.
+        found: u16,
+    },
+    /// The header's length is not the one of this version.
+    BadHeader {
+        /// What the file says.
+        bytes: u16,
+    },
+    /// A size that this build has no room for.
+    BadDimension(DimError),
+    /// The file ends inside this tensor or section.
+    Truncated {
+        /// Layer or section.
+        layer: &'static str,
+        /// Tensor of the layer.
+        part: &'static str,
+    },
+    /// Bytes after the end.
+    TrailingBytes {
+        /// How many.
+        count: usize,
+    },
+    /// The content is not what was written.
+    HashMismatch,
+    /// The provenance is not UTF-8.
+    BadProvenance,
+    /// Some input could overflow the 32-bit accumulator of this channel.
+    AccumulatorOverflow {
+        /// Layer.
+        layer: &'static str,
+        /// Output channel.
+        channel: usize,
+        /// Largest magnitude reachable.
+        bound: i64,
+    },
+    /// A multiplier below 0, or an epsilon below 1.
+    BadScale {
+        /// Layer.
+        layer: &'static str,
+        /// Tensor of the layer.
+        part: &'static str,
+        /// Position in the tensor.
+        channel: usize,
+        /// What the file says.
+        value: i32,
+    },
+}
+
+impl fmt::Display for ModelError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::BadMagic => f.write_str("not a SlipSense model file (wrong first bytes)"),
+            Self::UnknownVersion { found } => {
+                write!(
+                    f,
+                    "model format version {found} is unknown; this build reads version {FORMAT_VERSION}"
+                )
+            }
+            Self::BadHeader { bytes } => {
+                write!(f, "header of {bytes} bytes, version {FORMAT_VERSION} has {HEADER_BYTES}")
+            }
+            Self::BadDimension(DimError { field, value, range: (least, most) }) => {
+                write!(f, "{field} is {value}, allowed are {least} to {most}")
+            }
+            Self::Truncated { layer, part } => write!(f, "file ends inside {layer} {part}"),
+            Self::TrailingBytes { count } => write!(f, "{count} bytes after the end"),
+            Self::HashMismatch => f.write_str("SHA-256 does not match: the file is damaged"),
+            Self::BadProvenance => f.write_str("provenance is not UTF-8"),
+            Self::AccumulatorOverflow { layer, channel, bound } => {
+                write!(f, "{layer} channel {channel}: accumulator can reach {bound}, more than 2147483647")
+            }
+            Self::BadScale { layer, part, channel, value } => {
+                write!(f, "{layer} {part} {channel} is {value}, out of range")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ModelError {}
+
+impl<'a> Model<'a> {
+    /// Read a model file and prove its bounds.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
+        let mut rest = Bytes(bytes);
+        if rest.take(MAGIC.len(), "header", "magic").map_err(|_| ModelError::BadMagic)? != MAGIC {
+            return Err(ModelError::BadMagic);
+        }
+        let found = rest.u16("version")?;
+        if found != FORMAT_VERSION {
+            return Err(ModelError::UnknownVersion { found });
+        }
+        let header = rest.u16("length")?;
+        if header as usize != HEADER_BYTES {
+            return Err(ModelError::BadHeader { bytes: header });
+        }
+        let mut fields = [0; Dims::FIELDS.len()];
+        for (field, name) in fields.iter_mut().zip(Dims::FIELDS) {
+            *field = rest.u16(name)? as usize;
+        }
+        let dims = Dims::from_fields(fields).map_err(ModelError::BadDimension)?;
+
+        let specs = layout(&dims);
+        let mut data: [&[u8]; TENSORS] = [&[]; TENSORS];
+        for (data, spec) in data.iter_mut().zip(&specs) {
+            let padded = rest.take(spec.padded_bytes(), spec.layer, spec.part)?;
+            *data = padded.get(..spec.bytes()).unwrap_or_default();
+        }
+        let length = rest.take(4, "provenance", "length")?;
+        let length = length.iter().rev().fold(0usize, |n, &byte| n << 8 | byte as usize);
+        let text = rest.take(length.next_multiple_of(4), "provenance", "text")?;
+        let provenance = core::str::from_utf8(text.get(..length).unwrap_or_default())
+            .map_err(|_| ModelError::BadProvenance)?;
+        let hashed = bytes.get(..bytes.len() - rest.0.len()).unwrap_or_default();
+        let stored = rest.take(HASH_BYTES, "hash", "sha-256")?;
+        if !rest.0.is_empty() {
+            return Err(ModelError::TrailingBytes { count: rest.0.len() });
+        }
+        let hash: [u8; HASH_BYTES] = Sha256::digest(hashed).into();
+        if hash != stored {
+            return Err(ModelError::HashMismatch);
+        }
+
+        let mut tensors = Tensors { entries: specs.iter().zip(data) };
+        Ok(Self {
+            dims,
+            conv: [
+                tensors.layer(COUNT_MAX as i64)?,
+                tensors.layer(ACTIVATION_MAX)?,
+                tensors.layer(ACTIVATION_MAX)?,
+            ],
+            piezo_dense: tensors.layer(ACTIVATION_MAX)?,
+            xl: [
+                tensors.layer(ACTIVATION_MAX)?,
+                tensors.layer(ACTIVATION_MAX)?,
+                tensors.layer(ACTIVATION_MAX)?,
+            ],
+            cross_piezo: tensors.attention(&dims)?,
+            cross_xl: tensors.attention(&dims)?,
+            temporal: tensors.attention(&dims)?,
+            head: tensors.layer(ACTIVATION_MAX)?,
+            provenance,
+            hash,
+        })
+    }
+}
+
+/// Largest magnitude of an `i16` activation.
+pub const ACTIVATION_MAX: i64 = 1 << 15;
+
+/// What is left of the file.
+struct Bytes<'a>(&'a [u8]);
+
+impl<'a> Bytes<'a> {
+    fn take(
+        &mut self,
+        count: usize,
+        layer: &'static str,
+        part: &'static str,
+    ) -> Result<&'a [u8], ModelError> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(ModelError::Truncated { layer, part })?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn u16(&mut self, part: &'static str) -> Result<u16, ModelError> {
+        let bytes = self.take(2, "header", part)?;
+        Ok(bytes.iter().rev().fold(0, |n, &byte| n << 8 | byte as u16))
+    }
+}
+
+/// The tensors in file order, handed to the layers they belong to.
+struct Tensors<'s, 'a> {
+    entries: core::iter::Zip<core::slice::Iter<'s, TensorSpec>, core::array::IntoIter<&'a [u8], TENSORS>>,
+}
+
+impl<'a> Tensors<'_, 'a> {
+    /// The next tensor; `layout` has as many as are asked for.
+    fn next(&mut self) -> (TensorSpec, &'a [u8]) {
+        self.entries.next().map_or((layout_end(), &[][..]), |(&spec, data)| (spec, data))
+    }
+
+    fn i32s(&mut self) -> (TensorSpec, I32s<'a>) {
+        let (spec, data) = self.next();
+        (spec, I32s(data.as_chunks().0))
+    }
+
+    fn i16s(&mut self) -> I16s<'a> {
+        I16s(self.next().1.as_chunks().0)
+    }
+
+    /// `input_max`: largest magnitude of an input.
+    fn layer(&mut self, input_max: i64) -> Result<Layer<'a>, ModelError> {
+        let (spec, weights) = self.next();
+        let (_, bias) = self.i32s();
+        let (scale, multiplier) = self.i32s();
+        check_bounds(&spec, weights, bias, input_max)?;
+        check_least(&scale, multiplier, 0)?;
+        Ok(Layer { weights, bias, multiplier, inputs: spec.cols, outputs: spec.rows })
+    }
+
+    fn attention(&mut self, dims: &Dims) -> Result<Attention<'a>, ModelError> {
+        let query = self.layer(ACTIVATION_MAX)?;
+        let key = self.layer(ACTIVATION_MAX)?;
+        let value = self.layer(ACTIVATION_MAX)?;
+        let out = self.layer(ACTIVATION_MAX)?;
+        let (spec, score_multiplier) = self.i32s();
+        check_least(&spec, score_multiplier, 0)?;
+        let values = self.i16s();
+        let gamma = self.i16s();
+        let (beta_spec, beta) = self.i32s();
+        for (channel, (gamma, beta)) in gamma.iter().zip(beta.iter()).enumerate() {
+            let bound = (gamma as i64).abs() * ACTIVATION_MAX + (beta as i64).abs();
+            fits(beta_spec.layer, channel, bound)?;
+        }
+        let (spec, multiplier) = self.i32s();
+        check_least(&spec, multiplier, 0)?;
+        let (spec, epsilon) = self.i32s();
+        check_least(&spec, epsilon, 1)?;
+        let norm = Norm {
+            gamma,
+            beta,
+            multiplier: multiplier.first(),
+            epsilon: epsilon.first().max(1).unsigned_abs() as u64,
+        };
+        Ok(Attention {
+            query,
+            key,
+            value,
+            out,
+            heads: dims.heads,
+            score_multiplier: score_multiplier.first(),
+            bias: LagBias { values, window: dims.window },
+            norm,
+        })
+    }
+}
+
+const fn layout_end() -> TensorSpec {
+    TensorSpec { layer: "", part: "", kind: super::format::Kind::I8, rows: 0, cols: 0 }
+}
+
+/// `Σ|w| · input_max + |bias|` of every output channel must fit an `i32`: then so does every partial
+/// sum, for any input.
+fn check_bounds(spec: &TensorSpec, weights: &[u8], bias: I32s<'_>, input_max: i64) -> Result<(), ModelError> {
+    for (channel, (row, bias)) in weights.chunks_exact(spec.cols.max(1)).zip(bias.iter()).enumerate() {
+        let sum: i64 = row.iter().map(|&w| (w as i8 as i64).abs()).sum();
+        fits(spec.layer, channel, sum * input_max + (bias as i64).abs())?;
+    }
+    Ok(())
+}
+
+fn fits(layer: &'static str, channel: usize, bound: i64) -> Result<(), ModelError> {
+    if bound > i32::MAX as i64 {
+        return Err(ModelError::AccumulatorOverflow { layer, channel, bound });
+    }
+    Ok(())
+}
+
+fn check_least(spec: &TensorSpec, values: I32s<'_>, least: i32) -> Result<(), ModelError> {
+    for (channel, value) in values.iter().enumerate() {
+        if value < least {
+            return Err(ModelError::BadScale { layer: spec.layer, part: spec.part, channel, value });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,114 @@
+//! The streaming graph: embeddings, maximum over sensors, two cross-attentions, one over time, head.
+
+use super::attention::{KeyValue, KeyValueCache, attend};
+use super::dense::dense;
+use super::encoder::{Embedding, PiezoEncoder, XlHistory};
+use super::model::Model;
+use super::requantize;
+use crate::params::limits::EMBED;
+use crate::params::{CLASSES, MAX_SENSORS, MEL_BINS};
+use crate::sensor::PiezoFrame;
+
+/// Fraction bits of a logit.
+pub const LOGIT_FRAC_BITS: u32 = 10;
+
+/// Width of the fused vector, at most.
+const FUSED: usize = 2 * EMBED;
+
+/// What the network sees of one sensor at one frame. `None` leaves the part out of the maximum.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SensorFeatures<'a> {
+    /// The array scan.
+    pub piezo: Option<&'a PiezoFrame>,
+    /// Standardised log-mel, Q2.13.
+    pub log_mel: Option<&'a [i16; MEL_BINS]>,
+}
+
+/// A model and everything it remembers of the frames before.
+#[derive(Clone, Debug)]
+pub struct Network<'m> {
+    model: Model<'m>,
+    piezo: PiezoEncoder,
+    xl: [XlHistory; MAX_SENSORS],
+    piezo_seen: KeyValueCache<EMBED>,
+    xl_seen: KeyValueCache<EMBED>,
+    fused_seen: KeyValueCache<FUSED>,
+}
+
+impl<'m> Network<'m> {
+    /// Before the first frame.
+    pub const fn new(model: Model<'m>) -> Self {
+        let window = model.dims.window;
+        Self {
+            model,
+            piezo: PiezoEncoder::new(),
+            xl: [const { XlHistory::new() }; MAX_SENSORS],
+            piezo_seen: KeyValueCache::new(window),
+            xl_seen: KeyValueCache::new(window),
+            fused_seen: KeyValueCache::new(window),
+        }
+    }
+
+    /// The model it runs.
+    pub const fn model(&self) -> &Model<'m> {
+        &self.model
+    }
+
+    /// One frame of up to [`MAX_SENSORS`] sensors to three logits, Q10 (1/1024 nat), −32768 to 32767.
+    pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> [i32; CLASSES] {
+        let (piezo, xl) = self.embed(sensors);
+        let fused = self.fuse(&piezo, &xl);
+        let model = &self.model;
+        let fused = fused.get(..model.dims.fused()).unwrap_or_default();
+        self.fused_seen.push(KeyValue::project(&model.temporal, fused));
+        let mut hidden = [0; FUSED];
+        attend(&model.temporal, fused, self.fused_seen.newest_first(), &mut hidden);
+        let mut logits = [0; CLASSES];
+        dense(&model.head, &hidden, &mut logits, requantize::signed);
+        logits.map(i32::from)
+    }
+
+    /// The two embeddings of a frame: per modality the element-wise maximum over the sensors that
+    /// delivered, zeros if none did.
+    fn embed(&mut self, sensors: &[SensorFeatures<'_>]) -> (Embedding, Embedding) {
+        let mut piezo = None;
+        let mut xl = None;
+        for (sensor, history) in sensors.iter().zip(&mut self.xl) {
+            if let Some(frame) = sensor.piezo {
+                keep_max(&mut piezo, self.piezo.embed(&self.model, frame));
+            }
+            // A missed frame enters the history as zeros, the mean of a standardised frame, so that
+            // the taps keep their distance in time.
+            history.push(sensor.log_mel.unwrap_or(&[0; MEL_BINS]));
+            if sensor.log_mel.is_some() {
+                keep_max(&mut xl, history.embed(&self.model));
+            }
+        }
+        (piezo.unwrap_or([0; EMBED]), xl.unwrap_or([0; EMBED]))
+    }
+
+    /// Both cross-attentions, side by side: piezo first.
+    fn fuse(&mut self, piezo: &Embedding, xl: &Embedding) -> [i16; FUSED] {
+        let model = &self.model;
+        let embed = model.dims.embed.min(EMBED);
+        let (piezo, xl) = (&piezo[..embed], &xl[..embed]);
+        self.xl_seen.push(KeyValue::project(&model.cross_piezo, xl));
+        self.piezo_seen.push(KeyValue::project(&model.cross_xl, piezo));
+        let mut fused = [0; FUSED];
+        let (first, second) = fused.split_at_mut(embed);
+        attend(&model.cross_piezo, piezo, self.xl_seen.newest_first(), first);
+        attend(&model.cross_xl, xl, self.piezo_seen.newest_first(), second);
+        fused
+    }
+}
+
+fn keep_max(best: &mut Option<Embedding>, new: Embedding) {
+    match best {
+        None => *best = Some(new),
+        Some(best) => {
+            for (best, new) in best.iter_mut().zip(new) {
+                *best = (*best).max(new);
+            }
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Sensor data of one frame in, one decision out: what firmware, simulator, replay and tests all call.
+//!
+//! A pure function of its inputs and its state: no clock, no I/O, no logging. It never fails; what is
+//! missing or doubtful is flagged and left out, the rest goes on.
+
+use crate::contact::ContactSummary;
+use crate::features::{LogMel, XlFrontEnd};
+use crate::net::{Model, Network, SensorFeatures};
+use crate::params::{CLASSES, CONTACT_SUM_MIN, COUNT_MAX, MAX_SENSORS, XL_WINDOW};
+use crate::sensor::{SensorInput, XlSample};
+use crate::wire::{RAW_XL_MAX, SensorContact, SlipMessage, health};
+
+/// The state of the grasp at one frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Class {
+    /// No pad is touched.
+    NoContact = 0,
+    /// Held.
+    NoSlip = 1,
+    /// Slipping.
+    Slip = 2,
+}
+
+/// What is wrong with one sensor at one frame: bits of [`health`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SensorHealth(pub u8);
+
+/// Number and time of the tick that closed a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameStamp {
+    /// Counts frames, wraps.
+    pub sequence: u32,
+    /// Microseconds of the board's clock, below 2^56.
+    pub timestamp_us: u64,
+}
+
+/// The result of one frame. Entries of sensors beyond `sensors` are zero.
+#[derive(Clone, Copy, Debug)]
+pub struct Output {
+    /// The decision.
+    pub class: Class,
+    /// The network's outputs for the three classes, 1/1024 nat.
+    pub logits_q10: [i32; CLASSES],
+    /// The flag: `class` is [`Class::Slip`].
+    pub slip: bool,
+    /// Sensors in use.
+    pub sensors: usize,
+    /// The contact on each pad; zero for a missing one.
+    pub contact: [ContactSummary; MAX_SENSORS],
+    /// Features of each accelerometer; zero for a missing one.
+    pub log_mel: [LogMel; MAX_SENSORS],
+    /// What was wrong with each sensor.
+    pub health: [SensorHealth; MAX_SENSORS],
+}
+
+impl Output {
+    /// The message that carries this result. `late_frames` is counted by who calls [`Pipeline::step`].
+    pub fn slip_message(&self, stamp: FrameStamp, late_frames: u16) -> SlipMessage {
+        let mut contact = [SensorContact::default(); MAX_SENSORS];
+        for ((to, from), health) in contact.iter_mut().zip(&self.contact).zip(&self.health) {
+            *to = SensorContact {
+                health: health.0,
+                sum: from.sum,
+                area: from.area,
+                centroid_row_q8: from.centroid_row_q8,
+                centroid_col_q8: from.centroid_col_q8,
+                axis_deg: from.axis_deg,
+                elongation_q8: from.elongation_q8,
+            };
+        }
+        SlipMessage {
+            timestamp_us: stamp.timestamp_us,
+            sequence: stamp.sequence,
+            class: self.class as u8,
+            slip: self.slip,
+            logits_q10: self.logits_q10,
+            late_frames,
+            sensors: self.sensors as u8,
+            contact,
+        }
+    }
+}
+
+/// A number of sensors that a board cannot have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorCountError {
+    /// What was asked for; 1 to [`MAX_SENSORS`] are possible.
+    pub sensors: usize,
+}
+
+impl core::fmt::Display for SensorCountError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{} sensors, 1 to {MAX_SENSORS} are possible", self.sensors)
+    }
+}
+
+impl core::error::Error for SensorCountError {}
+
+/// One accelerometer's front end and how much it has heard.
+#[derive(Clone, Debug)]
+struct Ear {
+    front_end: XlFrontEnd,
+    /// Samples since the start or the last gap, up to a full window.
+    heard: usize,
+}
+
+impl Ear {
+    const fn new() -> Self {
+        Self { front_end: XlFrontEnd::new(), heard: 0 }
+    }
+
+    fn listen(&mut self, samples: &[XlSample]) -> LogMel {
+        self.front_end.push(samples);
+        self.heard = self.heard.saturating_add(samples.len()).min(XL_WINDOW);
+        self.front_end.log_mel()
+    }
+}
+
+/// All state between raw samples and decision.
+#[derive(Clone, Debug)]
+pub struct Pipeline<'m> {
+    sensors: usize,
+    ears: [Ear; MAX_SENSORS],
+    network: Network<'m>,
+}
+
+/// The RAM that a pipeline takes, whatever the model: about 90 KB of key and value caches, feature
+/// maps and filter state.
+pub const PIPELINE_BYTES_MAX: usize = 112 * 1024;
+const _: () = assert!(size_of::<Pipeline<'static>>() <= PIPELINE_BYTES_MAX);
+
+impl<'m> Pipeline<'m> {
+    /// Before the first frame, for 1 to [`MAX_SENSORS`] sensors.
+    pub const fn new(model: Model<'m>, sensors: usize) -> Result<Self, SensorCountError> {
+        if sensors == 0 || sensors > MAX_SENSORS {
+            return Err(SensorCountError { sensors });
+        }
+        Ok(Self { sensors, ears: [const { Ear::new() }; MAX_SENSORS], network: Network::new(model) })
+    }
+
+    /// Sensors in use.
+    pub const fn sensors(&self) -> usize {
+        self.sensors
+    }
+
+    /// The model in use.
+    pub const fn model(&self) -> &Model<'m> {
+        self.network.model()
+    }
+
+    /// Take one frame in. `inputs` in sensor order; one that is not there counts as missing, one too
+    /// many is ignored.
+    pub fn step(&mut self, inputs: &[SensorInput<'_>]) -> Output {
+        let mut output = Output {
+            class: Class::NoContact,
+            logits_q10: [0; CLASSES],
+            slip: false,
+            sensors: self.sensors,
+            contact: [ContactSummary::default(); MAX_SENSORS],
+            log_mel: [LogMel::default(); MAX_SENSORS],
+            health: [SensorHealth::default(); MAX_SENSORS],
+        };
+        let Output { contact, log_mel, health, .. } = &mut output;
+        let given = inputs.iter().copied().chain(core::iter::repeat(SensorInput::default()));
+        let results = contact.iter_mut().zip(log_mel).zip(health).take(self.sensors);
+        for (((input, ear), ((contact, log_mel), health)), _) in
+            given.zip(&mut self.ears).zip(results).zip(0..MAX_SENSORS)
+        {
+            if let Some(frame) = input.piezo {
+                *contact = ContactSummary::of(frame);
+            }
+            match input.xl {
+                Some(samples) => *log_mel = ear.listen(samples),
+                // A gap: what is heard after it must not be joined to what was heard before.
+                None => *ear = Ear::new(),
+            }
+            *health = SensorHealth::of(&input, ear);
+        }
+
+        let mut seen = [SensorFeatures::default(); MAX_SENSORS];
+        for ((seen, input), log_mel) in seen.iter_mut().zip(inputs).zip(&output.log_mel) {
+            *seen = SensorFeatures { piezo: input.piezo, log_mel: input.xl.map(|_| &log_mel.standardised) };
+        }
+        output.logits_q10 = self.network.step(seen.get(..self.sensors).unwrap_or_default());
+        output.class = decide(touched(inputs, &output.contact, self.sensors), output.logits_q10);
+        output.slip = output.class == Class::Slip;
+        output
+    }
+}
+
+impl SensorHealth {
+    /// Are all of these bits set?
+    pub const fn contains(self, bits: u8) -> bool {
+        self.0 & bits == bits
+    }
+
+    fn of(input: &SensorInput<'_>, ear: &Ear) -> Self {
+        let mut bits = 0;
+        match input.piezo {
+            None => bits |= health::PIEZO_MISSING,
+            Some(frame) if frame.counts().contains(&COUNT_MAX) => bits |= health::TAXELS_SATURATED,
+            Some(_) => {}
+        }
+        match input.xl {
+            None => bits |= health::XL_MISSING,
+            Some(samples) => {
+                if ear.heard < XL_WINDOW {
+                    bits |= health::XL_WARMING_UP;
+                }
+                if samples.as_flattened().iter().any(|&x| x == i16::MAX || x == i16::MIN) {
+                    bits |= health::XL_CLIPPED;
+                }
+                if samples.len() > RAW_XL_MAX {
+                    bits |= health::XL_SAMPLES_DROPPED;
+                }
+            }
+        }
+        Self(bits)
+    }
+}
+
+/// Is anything held? `None` if a missing array leaves it open. Field decision D-8: no contact only if
+/// every pad is below the threshold.
+fn touched(inputs: &[SensorInput<'_>], contact: &[ContactSummary], sensors: usize) -> Option<bool> {
+    if contact.iter().any(|pad| pad.sum >= CONTACT_SUM_MIN) {
+        return Some(true);
+    }
+    let delivered = inputs.iter().take(sensors).filter(|input| input.piezo.is_some()).count();
+    (delivered == sensors).then_some(false)
+}
+
+/// The class: contact is what the pads say; between the rest the larger logit wins, a tie goes to the
+/// class without slip. Where the pads leave contact open, all three logits compete.
+fn decide(touched: Option<bool>, [no_contact, no_slip, slip]: [i32; CLASSES]) -> Class {
+    let held = if slip > no_slip { Class::Slip } else { Class::NoSlip };
+    match touched {
+        Some(false) => Class::NoContact,
+        Some(true) => held,
+        None if no_contact >= no_slip.max(slip) => Class::NoContact,
+        None => held,
+    }
+}

@@ -1,0 +1,123 @@
+//! Reading and writing fields in the order of a message's DSDL definition: whole bytes, low byte
+//! first, no gaps.
+
+use core::fmt;
+
+/// Why bytes are not the message they should be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecodeError {
+    /// The message ends too early. DSDL would read the missing bytes as zeros, and zeros in these
+    /// messages mean "no slip", so that is refused.
+    Truncated {
+        /// Name of the message.
+        message: &'static str,
+        /// Bytes needed.
+        expected: usize,
+        /// Bytes there.
+        found: usize,
+    },
+    /// A field holds a value that has no meaning.
+    OutOfRange {
+        /// Name of the message.
+        message: &'static str,
+        /// Name of the field, as in the DSDL definition.
+        field: &'static str,
+        /// The value found.
+        value: u32,
+        /// The largest value allowed.
+        max: u32,
+    },
+}
+
+impl fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Truncated { message, expected, found } => {
+                write!(f, "{message}: {found} bytes, need {expected}")
+            }
+            Self::OutOfRange { message, field, value, max } => {
+                write!(f, "{message}: {field} is {value}, at most {max} allowed")
+            }
+        }
+    }
+}
+
+impl core::error::Error for DecodeError {}
+
+/// Fills a buffer from its start. What does not fit is not written: the layouts are sized by
+/// constants and a test asserts that they are filled exactly.
+pub(super) struct Writer<'a> {
+    out: &'a mut [u8],
+    at: usize,
+}
+
+impl<'a> Writer<'a> {
+    pub(super) fn new(out: &'a mut [u8]) -> Self {
+        Self { out, at: 0 }
+    }
+
+    #[inline]
+    pub(super) fn put(&mut self, bytes: &[u8]) {
+        let end = self.at + bytes.len();
+        if let Some(out) = self.out.get_mut(self.at..end) {
+            out.copy_from_slice(bytes);
+            self.at = end;
+        }
+    }
+
+    /// The low `N` bytes of a value; a value that needs more is sent as the largest that fits.
+    #[inline]
+    pub(super) fn put_saturated<const N: usize>(&mut self, value: u64) {
+        let max = u64::MAX >> (64 - 8 * N as u32);
+        for byte in value.min(max).to_le_bytes().iter().take(N) {
+            self.put(&[*byte]);
+        }
+    }
+
+    /// Bytes written.
+    pub(super) fn len(&self) -> usize {
+        self.at
+    }
+}
+
+/// Takes a message apart from its start.
+pub(super) struct Reader<'a> {
+    message: &'static str,
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(message: &'static str, bytes: &'a [u8]) -> Self {
+        Self { message, bytes, at: 0 }
+    }
+
+    pub(super) fn slice(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
+        let expected = self.at + length;
+        let found = self.bytes.len();
+        let slice = self.bytes.get(self.at..expected);
+        self.at = expected;
+        slice.ok_or(DecodeError::Truncated { message: self.message, expected, found })
+    }
+
+    pub(super) fn take<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
+        let mut out = [0; N];
+        out.copy_from_slice(self.slice(N)?);
+        Ok(out)
+    }
+
+    /// An unsigned value of `N` bytes, at most 8.
+    pub(super) fn unsigned<const N: usize>(&mut self) -> Result<u64, DecodeError> {
+        let bytes = self.take::<N>()?;
+        Ok(bytes.iter().rev().fold(0, |value, &byte| value << 8 | u64::from(byte)))
+    }
+
+    /// The value, if it has a meaning.
+    pub(super) fn at_most(&self, field: &'static str, value: u8, max: usize) -> Result<u8, DecodeError> {
+        if usize::from(value) <= max {
+            return Ok(value);
+        }
+        let message = self.message;
+        Err(DecodeError::OutOfRange { message, field, value: value.into(), max: max as u32 })
+    }
+}

@@ -1,0 +1,353 @@
+//! The transport: Cyphal/CAN version 1.0 (OpenCyphal specification, section 4.2) on CAN FD with
+//! extended identifiers. A message is one transfer; a transfer is one frame, or several closed by a
+//! CRC. The last byte of each frame, the tail byte, says where in which transfer the frame stands.
+
+use core::fmt;
+
+/// Largest CAN identifier, 29 bits.
+pub const CAN_ID_MAX: u32 = (1 << 29) - 1;
+/// Data lengths that a CAN FD frame can have, bytes, by data length code.
+pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
+/// Bytes of a full frame.
+pub(super) const MTU: usize = 64;
+/// Bytes of transfer that a full frame carries: all but the tail byte.
+pub(super) const FRAME_PAYLOAD: usize = MTU - 1;
+/// Largest transfer identifier, 5 bits; also its mask.
+pub(super) const TRANSFER_ID_MAX: u8 = 31;
+/// Bytes of the CRC that closes a transfer of several frames.
+pub(super) const CRC_BYTES: usize = 2;
+
+/// Tail byte: this frame is the first of its transfer.
+pub(super) const TAIL_START: u8 = 0x80;
+/// Tail byte: this frame is the last of its transfer.
+pub(super) const TAIL_END: u8 = 0x40;
+/// Tail byte: 1 in the first frame, then alternating.
+pub(super) const TAIL_TOGGLE: u8 = 0x20;
+
+/// The shortest CAN FD data length that holds `bytes`, or `None` above 64.
+pub fn fd_length(bytes: usize) -> Option<usize> {
+    FD_LENGTHS.iter().map(|&length| length as usize).find(|&length| length >= bytes)
+}
+
+/// Start value of [`crc16`].
+pub(super) const CRC_START: u16 = 0xFFFF;
+
+/// CRC-16/CCITT-FALSE: polynomial 0x1021, start value 0xFFFF, no reflection, no final XOR. A transfer
+/// followed by its CRC, high byte first, gives 0.
+pub fn crc16(bytes: &[u8]) -> u16 {
+    crc16_update(CRC_START, bytes)
+}
+
+/// [`crc16`] continued from `crc`.
+pub(super) fn crc16_update(crc: u16, bytes: &[u8]) -> u16 {
+    bytes.iter().fold(crc, |crc, &byte| (crc << 8) ^ CRC_TABLE[((crc >> 8) as u8 ^ byte) as usize])
+}
+
+// 512 bytes of table: bit by bit, the CRC of one raw frame costs 150,000 instructions.
+static CRC_TABLE: [u16; 256] = {
+    let mut table = [0u16; 256];
+    let mut index = 0;
+    while index < 256 {
+        let mut crc = (index as u16) << 8;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = if crc & 0x8000 != 0 { (crc << 1) ^ 0x1021 } else { crc << 1 };
+            bit += 1;
+        }
+        table[index] = crc;
+        index += 1;
+    }
+    table
+};
+
+/// Priority of a transfer, the three leading bits of its identifier: the smaller number wins the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Priority {
+    /// Above all else.
+    Exceptional = 0,
+    /// Sub-millisecond reactions.
+    Immediate = 1,
+    /// Fast control loops.
+    Fast = 2,
+    /// Control loops.
+    High = 3,
+    /// The default.
+    Nominal = 4,
+    /// Less urgent than the default.
+    Low = 5,
+    /// Bulk data.
+    Slow = 6,
+    /// May be starved.
+    Optional = 7,
+}
+
+/// Address of a node on the bus, 0 to 127.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// Where the module sits until it is told otherwise.
+    pub const DEFAULT: Self = Self(42);
+
+    /// `None` above 127.
+    pub const fn new(id: u8) -> Option<Self> {
+        if id <= 127 { Some(Self(id)) } else { None }
+    }
+
+    /// The number.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+/// What the 29-bit identifier of a message says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageId {
+    /// Priority of the transfer.
+    pub priority: Priority,
+    /// Subject identifier, 0 to 8191; higher bits are dropped.
+    pub port: u16,
+    /// The node that sends.
+    pub node: NodeId,
+}
+
+/// Why an identifier is not that of a message with a sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IdError {
+    /// More than 29 bits.
+    TooLarge {
+        /// The identifier found.
+        id: u32,
+    },
+    /// A service call, not a message.
+    Service,
+    /// A message of a node without an address.
+    Anonymous,
+    /// A reserved bit that must be 0 is set.
+    Reserved,
+}
+
+const PORT_MAX: u16 = 8191;
+const ID_SERVICE: u32 = 1 << 25;
+const ID_ANONYMOUS: u32 = 1 << 24;
+// Sent as ones, ignored on reception.
+const ID_ONES: u32 = 3 << 21;
+const ID_ZEROS: u32 = 1 << 23 | 1 << 7;
+
+impl MessageId {
+    /// The identifier on the bus.
+    pub const fn to_can(self) -> u32 {
+        (self.priority as u32) << 26 | ID_ONES | ((self.port & PORT_MAX) as u32) << 8 | self.node.0 as u32
+    }
+
+    /// Read an identifier.
+    pub const fn from_can(id: u32) -> Result<Self, IdError> {
+        if id > CAN_ID_MAX {
+            return Err(IdError::TooLarge { id });
+        }
+        if id & ID_SERVICE != 0 {
+            return Err(IdError::Service);
+        }
+        if id & ID_ZEROS != 0 {
+            return Err(IdError::Reserved);
+        }
+        if id & ID_ANONYMOUS != 0 {
+            return Err(IdError::Anonymous);
+        }
+        let priority = match id >> 26 {
+            0 => Priority::Exceptional,
+            1 => Priority::Immediate,
+            2 => Priority::Fast,
+            3 => Priority::High,
+            4 => Priority::Nominal,
+            5 => Priority::Low,
+            6 => Priority::Slow,
+            _ => Priority::Optional,
+        };
+        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId(id as u8 & 127) })
+    }
+}
+
+/// One CAN FD frame with extended identifier and bit rate switching. Its data length is always one
+/// that CAN FD can send.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct CanFrame {
+    id: u32,
+    length: u8,
+    // Zero beyond `length`, so that equal frames compare equal.
+    data: [u8; MTU],
+}
+
+/// Why a [`CanFrame`] cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LengthError {
+    /// More than 29 bits of identifier.
+    Id {
+        /// The identifier found.
+        id: u32,
+    },
+    /// A data length that CAN FD does not have.
+    Length {
+        /// The length found, bytes.
+        length: usize,
+    },
+}
+
+impl CanFrame {
+    /// A frame as received. The length must be one of [`FD_LENGTHS`].
+    pub fn new(id: u32, bytes: &[u8]) -> Result<Self, LengthError> {
+        if id > CAN_ID_MAX {
+            return Err(LengthError::Id { id });
+        }
+        let length = bytes.len();
+        let mut data = [0; MTU];
+        match (fd_length(length), data.get_mut(..length)) {
+            (Some(valid), Some(out)) if valid == length => out.copy_from_slice(bytes),
+            _ => return Err(LengthError::Length { length }),
+        }
+        Ok(Self { id, length: length as u8, data })
+    }
+
+    /// A whole transfer in one frame, padded with zeros. It carries no CRC: CAN's own covers it.
+    pub(super) fn single<const N: usize>(id: MessageId, transfer: u8, payload: &[u8; N]) -> Self {
+        let length = const {
+            assert!(N <= FRAME_PAYLOAD, "the message must fit one frame");
+            let mut dlc = 0;
+            while (FD_LENGTHS[dlc] as usize) < N + 1 {
+                dlc += 1;
+            }
+            FD_LENGTHS[dlc]
+        };
+        let mut data = [0; MTU];
+        data[..N].copy_from_slice(payload);
+        data[length as usize - 1] = TAIL_START | TAIL_END | TAIL_TOGGLE | (transfer & TRANSFER_ID_MAX);
+        Self { id: id.to_can(), length, data }
+    }
+
+    /// The 29-bit identifier.
+    pub const fn id(&self) -> u32 {
+        self.id
+    }
+
+    /// The data, tail byte included; 0 to 64 bytes.
+    pub fn data(&self) -> &[u8] {
+        self.data.get(..self.length as usize).unwrap_or(&self.data)
+    }
+}
+
+impl fmt::Debug for CanFrame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:08X}##1", self.id)?;
+        self.data().iter().try_for_each(|byte| write!(f, "{byte:02X}"))
+    }
+}
+
+/// The frames of one transfer, in the order they must be sent.
+#[derive(Clone, Debug)]
+pub struct Frames<'a> {
+    id: u32,
+    transfer: u8,
+    payload: &'a [u8],
+    crc: [u8; CRC_BYTES],
+    /// Bytes of the transfer without tail bytes: payload, padding and, in several frames, the CRC.
+    total: usize,
+    /// Bytes sent so far.
+    at: usize,
+    left: usize,
+    toggle: bool,
+}
+
+impl<'a> Frames<'a> {
+    /// Cut `payload` into frames. `transfer` is the transfer identifier, of which 5 bits are used.
+    pub fn new(id: MessageId, transfer: u8, payload: &'a [u8]) -> Self {
+        let single = payload.len() <= FRAME_PAYLOAD;
+        let bytes = payload.len() + if single { 0 } else { CRC_BYTES };
+        let full = bytes.saturating_sub(1) / FRAME_PAYLOAD * FRAME_PAYLOAD;
+        // The last frame is padded to a length that CAN FD has. The padding stands before the CRC,
+        // which covers it, so that the CRC is always what the transfer ends with.
+        let total = full + fd_length(bytes - full + 1).unwrap_or(MTU) - 1;
+        let mut crc = 0;
+        if !single {
+            crc = (bytes..total).fold(crc16(payload), |crc, _| crc16_update(crc, &[0]));
+        }
+        Self {
+            id: id.to_can(),
+            transfer: transfer & TRANSFER_ID_MAX,
+            payload,
+            crc: crc.to_be_bytes(),
+            total,
+            at: 0,
+            left: full / FRAME_PAYLOAD + 1,
+            toggle: true,
+        }
+    }
+}
+
+impl Iterator for Frames<'_> {
+    type Item = CanFrame;
+
+    fn next(&mut self) -> Option<CanFrame> {
+        self.left = self.left.checked_sub(1)?;
+        let bytes = FRAME_PAYLOAD.min(self.total - self.at);
+        let mut data = [0; MTU];
+        let rest = self.payload.get(self.at..).unwrap_or(&[]);
+        for (out, &byte) in data.iter_mut().take(bytes).zip(rest) {
+            *out = byte;
+        }
+        if self.total > FRAME_PAYLOAD {
+            for (index, &byte) in (self.total - CRC_BYTES..).zip(&self.crc) {
+                let slot = index.checked_sub(self.at).filter(|&slot| slot < bytes);
+                if let Some(out) = slot.and_then(|slot| data.get_mut(slot)) {
+                    *out = byte;
+                }
+            }
+        }
+        let mut tail = self.transfer;
+        if self.at == 0 {
+            tail |= TAIL_START;
+        }
+        if self.left == 0 {
+            tail |= TAIL_END;
+        }
+        if self.toggle {
+            tail |= TAIL_TOGGLE;
+        }
+        if let Some(last) = data.get_mut(bytes) {
+            *last = tail;
+        }
+        self.toggle = !self.toggle;
+        self.at += bytes;
+        Some(CanFrame { id: self.id, length: bytes as u8 + 1, data })
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        (self.left, Some(self.left))
+    }
+}
+
+impl ExactSizeIterator for Frames<'_> {}
+
+impl fmt::Display for IdError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLarge { id } => write!(f, "identifier {id:X} has more than 29 bits"),
+            Self::Service => f.write_str("identifier of a service call, not of a message"),
+            Self::Anonymous => f.write_str("message of a node without an address"),
+            Self::Reserved => f.write_str("a reserved bit of the identifier is set"),
+        }
+    }
+}
+
+impl core::error::Error for IdError {}
+
+impl fmt::Display for LengthError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Id { id } => write!(f, "identifier {id:X} has more than 29 bits"),
+            Self::Length { length } => write!(f, "CAN FD has no data length of {length} bytes"),
+        }
+    }
+}
+
+impl core::error::Error for LengthError {}

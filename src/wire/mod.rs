@@ -1,0 +1,93 @@
+//! What goes on the bus: OpenCyphal messages over CAN FD, encode and decode side by side.
+//!
+//! Once per frame the pipeline's decision becomes one [`SlipMessage`], and every sensor's readings one
+//! [`RawFrame`]. The [`Transmitter`] numbers the transfers and cuts them into [`CanFrame`]s: the slip
+//! message is exactly one frame and is queued first, then 23 to 29 frames per sensor follow, 26 at the nominal 33 samples. A
+//! [`Receiver`] puts frames together again. The same code runs on the microcontroller and on the host;
+//! nothing here allocates. The layouts are also written as DSDL in `src/wire/dsdl`, from which any
+//! Cyphal client decodes them.
+//!
+//! Order in the queue alone does not put the slip message first on the bus: a transfer of another
+//! node, or raw frames left over from the period before, may be ahead of it. Its priority does,
+//! because the priority leads the identifier that CAN arbitrates on. See [`SLIP_PRIORITY`].
+
+mod bytes;
+mod cyphal;
+mod raw;
+mod receive;
+mod slip;
+
+pub use bytes::DecodeError;
+pub use cyphal::{
+    CAN_ID_MAX, CanFrame, FD_LENGTHS, Frames, IdError, LengthError, MessageId, NodeId, Priority, crc16,
+    fd_length,
+};
+pub use raw::{RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
+pub use receive::{Reassembler, ReceiveError, Received, Receiver, Transfer, TransferError};
+pub use slip::{SLIP_BYTES, SensorContact, SlipMessage};
+
+/// Subject identifier of [`SlipMessage`]: `slipsense.Slip.1.0`. 6144 to 7167 is the range that Cyphal
+/// reserves for fixed identifiers of vendors.
+pub const SLIP_PORT: u16 = 6200;
+/// Subject identifier of [`RawFrame`]: `slipsense.Raw.1.0`, all sensors.
+pub const RAW_PORT: u16 = 6201;
+
+/// Ahead of all control traffic of a robot (Fast and below), so that the slip message waits for at
+/// most the one frame already on the wire. Exceptional stays free for the emergency stop of whoever
+/// builds the robot.
+pub const SLIP_PRIORITY: Priority = Priority::Immediate;
+/// Raw frames fill most of the bus, so they give way to everything but optional traffic.
+pub const RAW_PRIORITY: Priority = Priority::Slow;
+
+/// Bits of the health byte of a sensor; more than one may be set, 0 is a healthy sensor.
+pub mod health {
+    /// No array scan for this frame; its taxels are sent as zeros.
+    pub const PIEZO_MISSING: u8 = 1;
+    /// The accelerometer delivered nothing for this frame.
+    pub const XL_MISSING: u8 = 2;
+    /// Fewer samples than one analysis window so far.
+    pub const XL_WARMING_UP: u8 = 4;
+    /// An accelerometer sample at full scale.
+    pub const XL_CLIPPED: u8 = 8;
+    /// A taxel at full scale.
+    pub const TAXELS_SATURATED: u8 = 16;
+    /// Accelerometer samples were lost before the front end.
+    pub const XL_SAMPLES_DROPPED: u8 = 32;
+    /// The node has no readable model: class, flag and logits of the message mean nothing.
+    pub const NO_MODEL: u8 = 64;
+}
+
+/// Turns messages into CAN frames and keeps the transfer identifier of each port.
+#[derive(Clone, Debug)]
+pub struct Transmitter {
+    node: NodeId,
+    slip_transfer: u8,
+    raw_transfer: u8,
+}
+
+impl Transmitter {
+    /// A transmitter that speaks as `node`. Transfer identifiers start at 0.
+    pub const fn new(node: NodeId) -> Self {
+        Self { node, slip_transfer: 0, raw_transfer: 0 }
+    }
+
+    /// The one frame of a slip message.
+    pub fn slip(&mut self, message: &SlipMessage) -> CanFrame {
+        let id = MessageId { priority: SLIP_PRIORITY, port: SLIP_PORT, node: self.node };
+        CanFrame::single(id, next_transfer(&mut self.slip_transfer), &message.encode())
+    }
+
+    /// The 23 to 29 frames of one sensor's readings, in the order they must be sent. `buffer` holds
+    /// the encoded message while the frames are taken from it.
+    pub fn raw<'b>(&mut self, frame: &RawFrame<'_>, buffer: &'b mut RawBuffer) -> Frames<'b> {
+        let id = MessageId { priority: RAW_PRIORITY, port: RAW_PORT, node: self.node };
+        Frames::new(id, next_transfer(&mut self.raw_transfer), frame.encode(buffer))
+    }
+}
+
+/// The 5-bit transfer identifier to use now; the counter moves on.
+fn next_transfer(counter: &mut u8) -> u8 {
+    let now = *counter;
+    *counter = now.wrapping_add(1) & cyphal::TRANSFER_ID_MAX;
+    now
+}

@@ -1,0 +1,161 @@
+//! The raw frame: everything one sensor delivered for one frame, lossless, so that an episode can be
+//! rebuilt from the bus. Layout: `dsdl/slipsense/6201.Raw.1.0.dsdl`.
+
+use heapless::Vec;
+
+use super::bytes::{DecodeError, Reader, Writer};
+use super::health;
+use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES};
+use crate::sensor::{PiezoFrame, SensorInput, XlSample, active_cols};
+
+/// Accelerometer samples that one raw frame carries, at most: nearly two nominal frames of 33.3.
+pub const RAW_XL_MAX: usize = 64;
+/// Bytes of the longest encoded raw frame.
+pub const RAW_BYTES_MAX: usize = HEADER_BYTES + TAXEL_BYTES + XL_HEADER_BYTES + RAW_XL_MAX * XL_BYTES;
+const HEADER_BYTES: usize = 7 + 4 + 1 + 1;
+// Two 12-bit counts in three bytes.
+const TAXEL_BYTES: usize = ACTIVE_TAXELS / 2 * 3;
+const XL_HEADER_BYTES: usize = 4 + 1 + 1;
+const XL_BYTES: usize = XL_AXES * 2;
+
+const NAME: &str = "slipsense.Raw";
+
+const _: () = assert!(ACTIVE_TAXELS.is_multiple_of(2), "the taxels end on a byte");
+const _: () = assert!(COUNT_MAX == (1 << 12) - 1, "12 bits a count");
+
+/// What one sensor delivered for one frame.
+#[derive(Clone, Copy, Debug)]
+pub struct RawFrame<'a> {
+    /// Time of the tick that closed the frame, microseconds of the sender's clock, below 2^56.
+    pub timestamp_us: u64,
+    /// Number of the frame, wraps; the same as in the slip message.
+    pub sequence: u32,
+    /// Which sensor, from 0.
+    pub sensor: u8,
+    /// Bits of [`health`]; [`health::PIEZO_MISSING`] and [`health::XL_MISSING`] are set by `encode`
+    /// where `input` lacks that part.
+    pub health: u8,
+    /// The readings. Of more than [`RAW_XL_MAX`] samples the newest are sent.
+    pub input: SensorInput<'a>,
+    /// Index of the sample after the last of `input.xl`, counted since start, wraps.
+    pub xl_end: u32,
+}
+
+/// A [`RawFrame`] as received.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RawMessage {
+    /// Time of the tick that closed the frame, microseconds of the sender's clock.
+    pub timestamp_us: u64,
+    /// Number of the frame.
+    pub sequence: u32,
+    /// Which sensor, from 0.
+    pub sensor: u8,
+    /// Bits of [`health`].
+    pub health: u8,
+    /// The array scan; all zero if [`health::PIEZO_MISSING`] is set.
+    pub piezo: PiezoFrame,
+    /// The samples before `xl_end`, oldest first.
+    pub xl: Vec<XlSample, RAW_XL_MAX>,
+    /// Index of the sample after the last of `xl`, counted since start.
+    pub xl_end: u32,
+    /// Samples of this frame, older than `xl`, that did not fit; stays at 255.
+    pub xl_dropped: u8,
+}
+
+/// Room for one encoded raw frame while its CAN frames are taken from it.
+#[derive(Clone, Debug)]
+pub struct RawBuffer([u8; RAW_BYTES_MAX]);
+
+impl RawBuffer {
+    /// An empty buffer.
+    pub const fn new() -> Self {
+        Self([0; RAW_BYTES_MAX])
+    }
+}
+
+impl Default for RawBuffer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl RawFrame<'_> {
+    /// Write the message into `buffer` and return its bytes.
+    pub fn encode<'b>(&self, buffer: &'b mut RawBuffer) -> &'b [u8] {
+        let mut health = self.health;
+        if self.input.piezo.is_none() {
+            health |= health::PIEZO_MISSING;
+        }
+        if self.input.xl.is_none() {
+            health |= health::XL_MISSING;
+        }
+        let samples = self.input.xl.unwrap_or(&[]);
+        let dropped = samples.len().saturating_sub(RAW_XL_MAX);
+        let newest = samples.get(dropped..).unwrap_or(&[]);
+
+        let mut writer = Writer::new(&mut buffer.0);
+        writer.put_saturated::<7>(self.timestamp_us);
+        writer.put(&self.sequence.to_le_bytes());
+        writer.put(&[self.sensor, health]);
+        match self.input.piezo {
+            Some(piezo) => {
+                let mut counts = piezo.active();
+                while let (Some(a), Some(b)) = (counts.next(), counts.next()) {
+                    let pair = u32::from(a) | u32::from(b) << 12;
+                    let [low, middle, high, _] = pair.to_le_bytes();
+                    writer.put(&[low, middle, high]);
+                }
+            }
+            None => writer.put(&[0; TAXEL_BYTES]),
+        }
+        writer.put(&self.xl_end.to_le_bytes());
+        writer.put(&[dropped.min(255) as u8, newest.len() as u8]);
+        for sample in newest {
+            for axis in sample {
+                writer.put(&axis.to_le_bytes());
+            }
+        }
+        let length = writer.len();
+        buffer.0.get(..length).unwrap_or(&[])
+    }
+}
+
+impl RawMessage {
+    /// Read a message; bytes after it are padding and ignored.
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let mut reader = Reader::new(NAME, bytes);
+        let timestamp_us = reader.unsigned::<7>()?;
+        let sequence = u32::from_le_bytes(reader.take()?);
+        let [sensor, health] = reader.take()?;
+        reader.at_most("sensor", sensor, MAX_SENSORS - 1)?;
+        let piezo = unpack(reader.slice(TAXEL_BYTES)?);
+        let xl_end = u32::from_le_bytes(reader.take()?);
+        let [xl_dropped, samples] = reader.take()?;
+        reader.at_most("xl", samples, RAW_XL_MAX)?;
+        let mut xl = Vec::new();
+        for sample in reader.slice(samples as usize * XL_BYTES)?.chunks_exact(XL_BYTES) {
+            let mut axes = [0; XL_AXES];
+            for (axis, bytes) in axes.iter_mut().zip(sample.chunks_exact(2)) {
+                *axis = bytes.iter().rev().fold(0, |value, &byte| value << 8 | i16::from(byte));
+            }
+            // There is room: `samples` is at most the capacity.
+            let _ = xl.push(axes);
+        }
+        Ok(Self { timestamp_us, sequence, sensor, health, piezo, xl, xl_end, xl_dropped })
+    }
+}
+
+/// 12-bit counts of the active taxels to a scan.
+fn unpack(bytes: &[u8]) -> PiezoFrame {
+    let mut counts = bytes.chunks_exact(3).flat_map(|triple| {
+        let pair = triple.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte));
+        [pair as u16 & COUNT_MAX, (pair >> 12) as u16]
+    });
+    let mut scan = [0; TAXELS];
+    for (row, cells) in (0..TAXEL_ROWS).zip(scan.chunks_exact_mut(TAXEL_COLS)) {
+        for (cell, count) in cells[active_cols(row)].iter_mut().zip(&mut counts) {
+            *cell = count;
+        }
+    }
+    PiezoFrame::from_scan(scan)
+}

@@ -1,0 +1,273 @@
+//! The way back: frames to transfers to messages. It expects what a bus does: frames lost, repeated,
+//! out of order or damaged. A frame that does not fit gives one named error, and the next transfer
+//! that arrives whole is received whatever came before it.
+//!
+//! There is no clock in here, so a rule of Cyphal that needs one is absent: a transfer whose identifier
+//! is that of the last one is refused as a repetition even if it comes much later. A node that
+//! restarts can so lose its first transfer.
+
+use core::fmt;
+
+use heapless::Vec;
+
+use super::bytes::DecodeError;
+use super::cyphal::{
+    CRC_BYTES, CanFrame, FRAME_PAYLOAD, IdError, MTU, MessageId, NodeId, TAIL_END, TAIL_START, TAIL_TOGGLE,
+    TRANSFER_ID_MAX, crc16,
+};
+use super::raw::{RAW_BYTES_MAX, RawMessage};
+use super::slip::SlipMessage;
+use super::{RAW_PORT, SLIP_PORT};
+
+/// Bytes of the longest raw transfer as its frames carry it: with padding and CRC.
+const RAW_TRANSFER_MAX: usize = (RAW_BYTES_MAX + CRC_BYTES).div_ceil(FRAME_PAYLOAD) * FRAME_PAYLOAD;
+
+/// Why a frame did not continue or complete a transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransferError {
+    /// No data, so no tail byte.
+    NoTail,
+    /// The first frame of a transfer has toggle 0: another version of the protocol.
+    Version,
+    /// The transfer that was received last, once more.
+    Repeated {
+        /// Its transfer identifier.
+        transfer: u8,
+    },
+    /// The middle or end of a transfer whose start was not received.
+    NotStarted {
+        /// Its transfer identifier.
+        transfer: u8,
+    },
+    /// A frame that is not the next one: repeated, or an odd number before it is missing. It is
+    /// skipped; whether one is missing shows in the CRC at the end.
+    Toggle {
+        /// Transfer identifier.
+        transfer: u8,
+    },
+    /// A frame before the last that is not full.
+    ShortFrame {
+        /// Transfer identifier.
+        transfer: u8,
+        /// Its data, bytes.
+        length: usize,
+    },
+    /// More bytes than any message of this port has.
+    TooLong {
+        /// Transfer identifier.
+        transfer: u8,
+        /// Bytes that there is room for.
+        capacity: usize,
+    },
+    /// Frames are missing, out of order or damaged.
+    Crc {
+        /// Transfer identifier.
+        transfer: u8,
+    },
+}
+
+/// A transfer that arrived whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transfer<'a> {
+    /// Transfer identifier, 0 to 31.
+    pub transfer: u8,
+    /// Transfers lost since the previous one that arrived whole, modulo 32.
+    pub missed: u8,
+    /// The message and the zeros it was padded with.
+    pub payload: &'a [u8],
+}
+
+/// Reassembles the transfers of one node and one port. `CAPACITY` bounds a transfer, with padding and
+/// CRC, bytes.
+#[derive(Clone, Debug)]
+pub struct Reassembler<const CAPACITY: usize> {
+    bytes: Vec<u8, CAPACITY>,
+    /// The transfer under way and the toggle bit of its next frame.
+    open: Option<(u8, bool)>,
+    /// The transfer that arrived whole last.
+    last: Option<u8>,
+}
+
+impl<const CAPACITY: usize> Default for Reassembler<CAPACITY> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const CAPACITY: usize> Reassembler<CAPACITY> {
+    /// Nothing received yet.
+    pub const fn new() -> Self {
+        Self { bytes: Vec::new(), open: None, last: None }
+    }
+
+    /// Take the data of the next frame; `Some` when it completes a transfer.
+    pub fn accept(&mut self, data: &[u8]) -> Result<Option<Transfer<'_>>, TransferError> {
+        let (&tail, payload) = data.split_last().ok_or(TransferError::NoTail)?;
+        let transfer = tail & TRANSFER_ID_MAX;
+        let toggle = tail & TAIL_TOGGLE != 0;
+        let end = tail & TAIL_END != 0;
+        if tail & TAIL_START != 0 {
+            self.start(transfer, toggle)?;
+        } else {
+            match self.open {
+                Some((open, expected)) if open == transfer => {
+                    if toggle != expected {
+                        return Err(TransferError::Toggle { transfer });
+                    }
+                }
+                _ => return Err(TransferError::NotStarted { transfer }),
+            }
+        }
+        if !end && data.len() != MTU {
+            self.open = None;
+            return Err(TransferError::ShortFrame { transfer, length: data.len() });
+        }
+        if self.bytes.extend_from_slice(payload).is_err() {
+            self.open = None;
+            return Err(TransferError::TooLong { transfer, capacity: CAPACITY });
+        }
+        self.open = Some((transfer, !toggle));
+        if end { self.finish(transfer, tail & TAIL_START == 0).map(Some) } else { Ok(None) }
+    }
+
+    /// A first frame. It ends a transfer under way, which counts as missed.
+    fn start(&mut self, transfer: u8, toggle: bool) -> Result<(), TransferError> {
+        if !toggle {
+            return Err(TransferError::Version);
+        }
+        if self.open == Some((transfer, false)) && self.bytes.len() == FRAME_PAYLOAD {
+            // The same first frame again: begin anew, nothing is lost.
+            self.bytes.clear();
+            return Ok(());
+        }
+        if self.last == Some(transfer) {
+            return Err(TransferError::Repeated { transfer });
+        }
+        self.bytes.clear();
+        Ok(())
+    }
+
+    fn finish(&mut self, transfer: u8, several: bool) -> Result<Transfer<'_>, TransferError> {
+        self.open = None;
+        let mut payload = self.bytes.as_slice();
+        if several {
+            // A transfer with its CRC behind it leaves 0.
+            if crc16(payload) != 0 {
+                return Err(TransferError::Crc { transfer });
+            }
+            payload = payload.get(..payload.len().saturating_sub(CRC_BYTES)).unwrap_or(&[]);
+        }
+        let missed = match self.last {
+            Some(last) => transfer.wrapping_sub(last).wrapping_sub(1) & TRANSFER_ID_MAX,
+            None => 0,
+        };
+        self.last = Some(transfer);
+        Ok(Transfer { transfer, missed, payload })
+    }
+}
+
+/// A message that arrived.
+// The raw message dwarfs the slip message; boxing it would need an allocator.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Received {
+    /// A slip message.
+    Slip(SlipMessage),
+    /// One sensor's raw frame.
+    Raw(RawMessage),
+}
+
+/// Why a frame did not lead to a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReceiveError {
+    /// Not the identifier of a message.
+    Id(IdError),
+    /// The transfer is damaged.
+    Transfer {
+        /// Subject identifier.
+        port: u16,
+        /// What is wrong.
+        error: TransferError,
+    },
+    /// The transfer is whole, the message makes no sense.
+    Message(DecodeError),
+}
+
+/// Receives both messages of one module.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    node: NodeId,
+    slip: Reassembler<FRAME_PAYLOAD>,
+    raw: Reassembler<RAW_TRANSFER_MAX>,
+    missed: u32,
+}
+
+impl Receiver {
+    /// Listen to `node`.
+    pub const fn new(node: NodeId) -> Self {
+        Self { node, slip: Reassembler::new(), raw: Reassembler::new(), missed: 0 }
+    }
+
+    /// Take the next frame of the bus; `Some` when it completes a message. Messages of other nodes
+    /// and ports are passed over.
+    pub fn accept(&mut self, frame: &CanFrame) -> Result<Option<Received>, ReceiveError> {
+        let id = MessageId::from_can(frame.id()).map_err(ReceiveError::Id)?;
+        if id.node != self.node {
+            return Ok(None);
+        }
+        let transfer = match id.port {
+            SLIP_PORT => self.slip.accept(frame.data()),
+            RAW_PORT => self.raw.accept(frame.data()),
+            _ => return Ok(None),
+        };
+        let transfer = transfer.map_err(|error| ReceiveError::Transfer { port: id.port, error })?;
+        let Some(Transfer { missed, payload, .. }) = transfer else { return Ok(None) };
+        self.missed = self.missed.saturating_add(missed.into());
+        let message = match id.port {
+            SLIP_PORT => SlipMessage::decode(payload).map(Received::Slip),
+            _ => RawMessage::decode(payload).map(Received::Raw),
+        };
+        message.map(Some).map_err(ReceiveError::Message)
+    }
+
+    /// Transfers lost so far, as far as their 5-bit identifiers tell: a gap of 32 is not seen here,
+    /// but in the sequence numbers of the messages.
+    pub const fn missed(&self) -> u32 {
+        self.missed
+    }
+}
+
+impl fmt::Display for TransferError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoTail => f.write_str("empty frame, no tail byte"),
+            Self::Version => f.write_str("first frame with toggle 0: not Cyphal 1.0"),
+            Self::Repeated { transfer } => write!(f, "transfer {transfer} repeated"),
+            Self::NotStarted { transfer } => write!(f, "transfer {transfer} has no first frame"),
+            Self::Toggle { transfer } => {
+                write!(f, "transfer {transfer}: frame repeated or one missing before it")
+            }
+            Self::ShortFrame { transfer, length } => {
+                write!(f, "transfer {transfer}: frame of {length} bytes before the last")
+            }
+            Self::TooLong { transfer, capacity } => {
+                write!(f, "transfer {transfer}: more than {capacity} bytes")
+            }
+            Self::Crc { transfer } => write!(f, "transfer {transfer}: CRC wrong"),
+        }
+    }
+}
+
+impl core::error::Error for TransferError {}
+
+impl fmt::Display for ReceiveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Id(error) => error.fmt(f),
+            Self::Transfer { port, error } => write!(f, "port {port}, {error}"),
+            Self::Message(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for ReceiveError {}

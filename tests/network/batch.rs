@@ -1,0 +1,204 @@
+//! The network over a whole sequence at once, under a banded causal mask: no cache, no ring, 64-bit
+//! sums, indices written out. Every sum asserts that it would have fitted 32 bits.
+
+use crate::inputs::Sensor;
+use slipsense::net::format::Dims;
+use slipsense::params::MEL_BINS;
+use slipsense_model_file::ModelFile;
+
+fn scale(acc: i64, multiplier: i32) -> i64 {
+    assert!(i32::try_from(acc).is_ok(), "accumulator {acc} leaves 32 bits");
+    // floor(x / 2^32 + 1/2), the rounding rule, in 128 bits.
+    ((i128::from(acc) * i128::from(multiplier) + (1 << 31)).div_euclid(1 << 32)) as i64
+}
+
+struct Oracle<'m> {
+    file: &'m ModelFile,
+}
+
+impl Oracle<'_> {
+    fn accumulators(&self, layer: &str, x: &[i64]) -> Vec<i64> {
+        let bias = self.file.tensor(layer, "bias");
+        let weight = self.file.tensor(layer, "weight");
+        bias.iter()
+            .enumerate()
+            .map(|(out, &bias)| {
+                i64::from(bias)
+                    + (0..x.len()).map(|i| i64::from(weight[out * x.len() + i]) * x[i]).sum::<i64>()
+            })
+            .collect()
+    }
+
+    fn dense(&self, layer: &str, x: &[i64], low: i64, high: i64) -> Vec<i64> {
+        let multiplier = self.file.tensor(layer, "multiplier");
+        let acc = self.accumulators(layer, x);
+        acc.iter().zip(multiplier).map(|(&acc, &m)| scale(acc, m).clamp(low, high)).collect()
+    }
+
+    /// `x[row][col][channel]`, pooled after requantization, as the textbook has it.
+    fn conv_block(&self, layer: &str, x: &[Vec<Vec<i64>>]) -> Vec<Vec<Vec<i64>>> {
+        let side = x.len();
+        let channels = x[0][0].len();
+        let at = |row: isize, col: isize, channel: usize| {
+            let inside = row >= 0 && col >= 0 && row < side as isize && col < side as isize;
+            if inside { x[row as usize][col as usize][channel] } else { 0 }
+        };
+        let full: Vec<Vec<Vec<i64>>> = (0..side as isize)
+            .map(|row| {
+                (0..side as isize)
+                    .map(|col| {
+                        let mut patch = Vec::new();
+                        for (ky, kx) in (-1..=1).flat_map(|ky| (-1..=1).map(move |kx| (ky, kx))) {
+                            patch.extend((0..channels).map(|channel| at(row + ky, col + kx, channel)));
+                        }
+                        self.dense(layer, &patch, 0, 32767)
+                    })
+                    .collect()
+            })
+            .collect();
+        (0..side / 2)
+            .map(|row| {
+                (0..side / 2)
+                    .map(|col| {
+                        (0..full[0][0].len())
+                            .map(|c| {
+                                let cells = [(0, 0), (0, 1), (1, 0), (1, 1)];
+                                cells.map(|(dy, dx)| full[2 * row + dy][2 * col + dx][c]).into_iter().max()
+                            })
+                            .map(Option::unwrap)
+                            .collect()
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+
+    fn piezo(&self, sensor: &Sensor) -> Option<Vec<i64>> {
+        let frame = sensor.piezo.as_ref()?;
+        let mut map: Vec<Vec<Vec<i64>>> =
+            frame.counts().chunks(32).map(|row| row.iter().map(|&c| vec![i64::from(c)]).collect()).collect();
+        for layer in ["piezo.conv1", "piezo.conv2", "piezo.conv3"] {
+            map = self.conv_block(layer, &map);
+        }
+        let flat: Vec<i64> = map.into_iter().flatten().flatten().collect();
+        Some(self.dense("piezo.dense", &flat, -32768, 32767))
+    }
+
+    /// `frames`: the sequence of one sensor, `t` the frame asked for.
+    fn xl(&self, frames: &[&Sensor], t: usize) -> Option<Vec<i64>> {
+        frames[t].log_mel?;
+        let mut x = Vec::new();
+        for back in (0..self.file.dims().xl_kernel).rev() {
+            let seen = t.checked_sub(back).and_then(|u| frames[u].log_mel).unwrap_or([0; MEL_BINS]);
+            x.extend(seen.map(i64::from));
+        }
+        let hidden = self.dense("xl.conv", &x, 0, 32767);
+        let hidden = self.dense("xl.mix1", &hidden, 0, 32767);
+        Some(self.dense("xl.mix2", &hidden, -32768, 32767))
+    }
+
+    fn attention(&self, block: &str, queries: &[Vec<i64>], others: &[Vec<i64>]) -> Vec<Vec<i64>> {
+        let Dims { heads, window, .. } = *self.file.dims();
+        let part = |name: &str| format!("{block}.{name}");
+        let width = queries[0].len();
+        let head = width / heads;
+        let keys: Vec<_> = others.iter().map(|x| self.dense(&part("key"), x, -8191, 8191)).collect();
+        let values: Vec<_> = others.iter().map(|x| self.dense(&part("value"), x, -32768, 32767)).collect();
+        let bias = self.file.tensor(&part("score"), "bias");
+        let score = self.file.tensor(&part("score"), "multiplier")[0];
+        let mut out = Vec::new();
+        for (t, x) in queries.iter().enumerate() {
+            let query = self.dense(&part("query"), x, -8191, 8191);
+            let seen = (t + 1).saturating_sub(window)..t + 1;
+            let mut context = vec![0i64; width];
+            for h in 0..heads {
+                let columns = h * head..(h + 1) * head;
+                let scores: Vec<i64> = seen
+                    .clone()
+                    .map(|u| {
+                        let acc = columns.clone().map(|i| query[i] * keys[u][i]).sum();
+                        scale(acc, score) + i64::from(bias[h * window + t - u])
+                    })
+                    .collect();
+                for (weight, u) in softmax(&scores).into_iter().zip(seen.clone()) {
+                    for i in columns.clone() {
+                        context[i] += weight * values[u][i];
+                    }
+                }
+            }
+            for context in &mut context {
+                assert!(i32::try_from(*context).is_ok(), "context {context} leaves 32 bits");
+                *context = (*context + (1 << 14)).div_euclid(1 << 15).clamp(-32768, 32767);
+            }
+            out.push(self.add_and_norm(&part("out"), &part("norm"), &context, x));
+        }
+        out
+    }
+
+    fn add_and_norm(&self, layer: &str, norm: &str, context: &[i64], x: &[i64]) -> Vec<i64> {
+        let multiplier = self.file.tensor(layer, "multiplier");
+        let acc = self.accumulators(layer, context);
+        let limit = (1 << 21) - 1;
+        let sum: Vec<i64> =
+            (0..x.len()).map(|i| (16 * x[i] + scale(acc[i], multiplier[i])).clamp(-limit, limit)).collect();
+        let n = x.len() as i64;
+        let mean = (2 * sum.iter().sum::<i64>() + n).div_euclid(2 * n);
+        let variance = sum.iter().map(|v| ((v - mean) * (v - mean)) as u64).sum::<u64>() / n as u64
+            + self.file.tensor(norm, "epsilon")[0] as u64;
+        let reciprocal = i128::from((1u64 << 47) / (variance << 16).isqrt());
+        let scale_out = self.file.tensor(norm, "multiplier")[0];
+        (0..x.len())
+            .map(|i| {
+                let standard = (i128::from(sum[i] - mean) * reciprocal + (1 << 27)).div_euclid(1 << 28);
+                let standard = standard.clamp(-32768, 32767) as i64;
+                let acc = standard * i64::from(self.file.tensor(norm, "gamma")[i])
+                    + i64::from(self.file.tensor(norm, "beta")[i]);
+                scale(acc, scale_out).clamp(-32768, 32767)
+            })
+            .collect()
+    }
+}
+
+/// 2^(s − max) from the definition of the table, not from the table.
+fn softmax(scores: &[i64]) -> Vec<i64> {
+    let max = *scores.iter().max().unwrap();
+    let powers: Vec<i64> = scores
+        .iter()
+        .map(|s| {
+            let below = max - s;
+            let fraction = (2f64.powf(15.0 - (below & 1023) as f64 / 1024.0) + 0.5).floor() as i64;
+            fraction >> (below >> 10).min(31)
+        })
+        .collect();
+    let reciprocal = (1i64 << 31) / powers.iter().sum::<i64>();
+    powers.iter().map(|p| ((p * reciprocal + (1 << 15)) >> 16).min(32767)).collect()
+}
+
+fn maximum(embeddings: impl Iterator<Item = Option<Vec<i64>>>, width: usize) -> Vec<i64> {
+    let max = |a: Vec<i64>, b: Vec<i64>| a.into_iter().zip(b).map(|(a, b)| a.max(b)).collect();
+    embeddings.flatten().reduce(max).unwrap_or(vec![0; width])
+}
+
+/// Logits of every frame of a sequence.
+pub fn logits(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; 3]> {
+    let oracle = Oracle { file };
+    let width = file.dims().embed;
+    let by_sensor: Vec<Vec<&Sensor>> =
+        (0..frames[0].len()).map(|s| frames.iter().map(|frame| &frame[s]).collect()).collect();
+    let piezo: Vec<Vec<i64>> =
+        frames.iter().map(|frame| maximum(frame.iter().map(|s| oracle.piezo(s)), width)).collect();
+    let xl: Vec<Vec<i64>> = (0..frames.len())
+        .map(|t| maximum(by_sensor.iter().map(|sequence| oracle.xl(sequence, t)), width))
+        .collect();
+    let first = oracle.attention("cross_piezo", &piezo, &xl);
+    let second = oracle.attention("cross_xl", &xl, &piezo);
+    let fused: Vec<Vec<i64>> = first.into_iter().zip(second).map(|(a, b)| [a, b].concat()).collect();
+    let hidden = oracle.attention("temporal", &fused, &fused);
+    hidden
+        .iter()
+        .map(|x| {
+            let logits = oracle.dense("head", x, -32768, 32767);
+            [logits[0] as i32, logits[1] as i32, logits[2] as i32]
+        })
+        .collect()
+}

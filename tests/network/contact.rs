@@ -1,0 +1,100 @@
+//! The contact summary against double precision.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::contact::ContactSummary;
+use slipsense::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_TOUCH_MIN, TAXELS};
+use slipsense::sensor::{PiezoFrame, is_active};
+
+/// An elliptical contact, centre and half axes in millimetres, on idle noise.
+fn ellipse(rng: &mut ChaCha8Rng, centre: (f64, f64), half: (f64, f64), degrees: f64) -> PiezoFrame {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let mut counts = [0; TAXELS];
+    for (index, count) in counts.iter_mut().enumerate() {
+        let (row, col) = (index / 32, index % 32);
+        let x = col as f64 * f64::from(COL_PITCH_MM) - centre.0;
+        let y = row as f64 * f64::from(ROW_PITCH_MM) - centre.1;
+        let (along, across) = (x * cos + y * sin, y * cos - x * sin);
+        let inside = 1.0 - (along / half.0).powi(2) - (across / half.1).powi(2);
+        *count = if inside > 0.0 { (inside * 3000.0) as u16 } else { rng.random_range(0..3) };
+    }
+    PiezoFrame::from_scan(counts)
+}
+
+struct Exact {
+    row: f64,
+    col: f64,
+    degrees: f64,
+    elongation: f64,
+    area: u16,
+}
+
+fn exact(frame: &PiezoFrame) -> Exact {
+    let touched: Vec<(f64, f64, f64)> = frame
+        .counts()
+        .iter()
+        .enumerate()
+        .filter(|&(_, &count)| count >= TAXEL_TOUCH_MIN)
+        .map(|(index, &count)| (f64::from(count), (index / 32) as f64, (index % 32) as f64))
+        .collect();
+    let weight: f64 = touched.iter().map(|t| t.0).sum();
+    let mean = |f: &dyn Fn(&(f64, f64, f64)) -> f64| touched.iter().map(|t| t.0 * f(t)).sum::<f64>() / weight;
+    let (row, col) = (mean(&|t| t.1), mean(&|t| t.2));
+    let (pitch_y, pitch_x) = (f64::from(ROW_PITCH_MM), f64::from(COL_PITCH_MM));
+    let yy = mean(&|t| ((t.1 - row) * pitch_y).powi(2));
+    let xx = mean(&|t| ((t.2 - col) * pitch_x).powi(2));
+    let xy = mean(&|t| (t.1 - row) * (t.2 - col) * pitch_x * pitch_y);
+    let spread = ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt();
+    let elongation = 1.0 - ((xx + yy - spread).max(0.0) / (xx + yy + spread)).sqrt();
+    let degrees = 0.5 * (2.0 * xy).atan2(xx - yy).to_degrees();
+    Exact { row, col, degrees, elongation, area: touched.len() as u16 }
+}
+
+#[test]
+fn an_idle_pad_has_a_sum_and_no_contact() {
+    let mut counts = [1; TAXELS];
+    counts[500] = TAXEL_TOUCH_MIN - 1;
+    let summary = ContactSummary::of(&PiezoFrame::from_scan(counts));
+    assert_eq!(summary, ContactSummary { sum: 941 + u32::from(TAXEL_TOUCH_MIN) - 1, ..Default::default() });
+}
+
+#[test]
+fn ellipses_in_all_directions() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let (mut worst_degrees, mut worst_elongation) = (0f64, 0f64);
+    for _ in 0..500 {
+        let centre = (rng.random_range(8.0..14.0), rng.random_range(11.0..18.0));
+        let long = rng.random_range(4.0..7.0);
+        let half = (long, long * rng.random_range(0.2..0.7));
+        let degrees = rng.random_range(-89.0..89.0);
+        let frame = ellipse(&mut rng, centre, half, degrees);
+        let (summary, exact) = (ContactSummary::of(&frame), exact(&frame));
+        assert_eq!(summary.area, exact.area);
+        assert!((f64::from(summary.centroid_row_q8) / 256.0 - exact.row).abs() <= 0.5 / 256.0);
+        assert!((f64::from(summary.centroid_col_q8) / 256.0 - exact.col).abs() <= 0.5 / 256.0);
+        let turn = (f64::from(summary.axis_deg) - exact.degrees).rem_euclid(180.0);
+        worst_degrees = worst_degrees.max(turn.min(180.0 - turn));
+        let elongation = (f64::from(summary.elongation_q8) - 256.0 * exact.elongation).abs();
+        worst_elongation = worst_elongation.max(elongation);
+    }
+    println!("axis off by at most {worst_degrees:.3} degrees, elongation by {worst_elongation:.3} / 256");
+    assert!(worst_degrees < 1.0 && worst_elongation < 2.0);
+}
+
+#[test]
+fn extremes_stay_in_range() {
+    let full = ContactSummary::of(&PiezoFrame::from_scan([4095; TAXELS]));
+    assert_eq!((full.sum, full.area), (942 * 4095, 942));
+    for index in (0..TAXELS).filter(|i| is_active(i / 32, i % 32)) {
+        let mut counts = [0; TAXELS];
+        counts[index] = 4095;
+        let one = ContactSummary::of(&PiezoFrame::from_scan(counts));
+        let centre = (one.centroid_row_q8 as usize, one.centroid_col_q8 as usize);
+        assert_eq!((one.area, centre), (1, (index / 32 * 256, index % 32 * 256)));
+        assert_eq!((one.axis_deg, one.elongation_q8), (0, 0));
+    }
+    let mut column = [0; TAXELS];
+    (0..32).for_each(|row| column[row * 32 + 16] = 100);
+    let column = ContactSummary::of(&PiezoFrame::from_scan(column));
+    assert_eq!((column.axis_deg, column.elongation_q8), (-90, 255));
+}

@@ -1,0 +1,9 @@
+//! The network: kernels, model file, streaming graph. `batch` is the oracle, `inputs` what it is fed.
+
+mod batch;
+mod contact;
+mod inputs;
+mod kernels;
+mod model_file;
+mod pipeline;
+mod streaming;

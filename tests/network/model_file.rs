@@ -1,0 +1,130 @@
+//! What a model file must be: each rule broken once.
+
+use crate::inputs::SHAPES;
+use slipsense::net::format::Dims;
+use slipsense::net::{Model, ModelError};
+use slipsense_model_file::{ModelFile, random_model};
+
+fn good() -> ModelFile {
+    random_model(SHAPES[0], 1)
+}
+
+fn refusal(bytes: &[u8]) -> ModelError {
+    Model::parse(bytes).err().expect("must be refused")
+}
+
+#[test]
+fn a_written_file_is_read_back() {
+    let file = good();
+    let bytes = file.to_bytes().unwrap();
+    let model = Model::parse(&bytes).unwrap();
+    assert_eq!(model.dims, SHAPES[0]);
+    assert_eq!(model.provenance, "{\"random\":true}");
+    let bias: Vec<i32> = model.conv[1].bias.iter().collect();
+    assert_eq!(bias, file.tensor("piezo.conv2", "bias"));
+    let weights: Vec<i32> = model.temporal.out.weights.iter().map(|&w| i32::from(w as i8)).collect();
+    assert_eq!(weights, file.tensor("temporal.out", "weight"));
+    let lag_bias: Vec<i32> = model.cross_xl.bias.head(2).map(i32::from).collect();
+    assert_eq!(lag_bias, &file.tensor("cross_xl.score", "bias")[120..180]);
+}
+
+#[test]
+fn every_truncation_is_refused() {
+    let bytes = good().to_bytes().unwrap();
+    for length in (0..bytes.len()).step_by(97).chain([bytes.len() - 1]) {
+        let error = refusal(&bytes[..length]);
+        let expected = matches!(error, ModelError::Truncated { .. }) || length < 8;
+        assert!(expected, "{length} bytes: {error}");
+    }
+    assert_eq!(refusal(&bytes[..50]).to_string(), "file ends inside piezo.conv1 weight");
+}
+
+#[test]
+fn unknown_version() {
+    let mut bytes = good().to_bytes().unwrap();
+    bytes[8] = 9;
+    assert_eq!(refusal(&bytes).to_string(), "model format version 9 is unknown; this build reads version 1");
+}
+
+#[test]
+fn other_files_and_damage() {
+    assert_eq!(refusal(b"PK\x03\x04 not a model at all"), ModelError::BadMagic);
+    let mut bytes = good().to_bytes().unwrap();
+    bytes[200] ^= 1;
+    assert_eq!(refusal(&bytes), ModelError::HashMismatch);
+    let mut bytes = good().to_bytes().unwrap();
+    bytes.push(0);
+    assert_eq!(refusal(&bytes), ModelError::TrailingBytes { count: 1 });
+}
+
+#[test]
+fn sizes_beyond_the_limits() {
+    let refused = |change: fn(&mut Dims)| {
+        let mut dims = SHAPES[0];
+        change(&mut dims);
+        let bytes = ModelFile::new(dims, "{}").to_bytes().unwrap();
+        refusal(&bytes).to_string()
+    };
+    assert_eq!(refused(|d| d.conv_channels[1] = 33), "conv2 channels is 33, allowed are 1 to 32");
+    assert_eq!(refused(|d| d.window = 65), "window is 65, allowed are 1 to 64");
+    assert_eq!(refused(|d| d.xl_kernel = 0), "accelerometer kernel is 0, allowed are 1 to 8");
+    assert!(refused(|d| d.heads = 5).starts_with("heads (must divide"));
+    assert!(refused(|d| d.heads = 1).contains("could overflow"));
+}
+
+#[test]
+fn accumulators_that_could_overflow() {
+    let mut file = good();
+    // 127 · 256 · 32768 is half of what fits; a bias takes the rest.
+    file.tensor_mut("piezo.dense", "weight")[256..512].fill(-127);
+    file.tensor_mut("piezo.dense", "bias")[1] = i32::MIN + 1;
+    let bytes = file.to_bytes().unwrap();
+    let error = refusal(&bytes);
+    assert_eq!(
+        error.to_string(),
+        "piezo.dense channel 1: accumulator can reach 3212836863, more than 2147483647"
+    );
+
+    let mut file = good();
+    file.tensor_mut("temporal.norm", "gamma")[3] = 32767;
+    file.tensor_mut("temporal.norm", "beta")[3] = 1 << 30 | 1 << 20;
+    let bytes = file.to_bytes().unwrap();
+    assert!(matches!(
+        refusal(&bytes),
+        ModelError::AccumulatorOverflow { layer: "temporal.norm", channel: 3, .. }
+    ));
+}
+
+#[test]
+fn scales_out_of_range() {
+    let mut file = good();
+    file.tensor_mut("xl.mix1", "multiplier")[7] = -1;
+    let bytes = file.to_bytes().unwrap();
+    assert_eq!(refusal(&bytes).to_string(), "xl.mix1 multiplier 7 is -1, out of range");
+    let mut file = good();
+    file.tensor_mut("cross_xl.norm", "epsilon")[0] = 0;
+    let bytes = file.to_bytes().unwrap();
+    assert_eq!(refusal(&bytes).to_string(), "cross_xl.norm epsilon 0 is 0, out of range");
+}
+
+#[test]
+fn the_writer_names_what_does_not_fit() {
+    let mut file = good();
+    file.tensor_mut("head", "weight")[4] = 128;
+    assert_eq!(file.to_bytes().unwrap_err(), "head weight 4 is 128, does not fit I8");
+}
+
+#[test]
+fn random_bytes_never_panic() {
+    use rand::{Rng, SeedableRng};
+    let good = good().to_bytes().unwrap();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    for _ in 0..2000 {
+        let mut bytes = good.clone();
+        for _ in 0..rng.random_range(1..20) {
+            let at = rng.random_range(0..64);
+            bytes[at] = rng.random();
+        }
+        let _ = Model::parse(&bytes);
+    }
+}

@@ -1,0 +1,107 @@
+//! The pipeline: what is decided by whom, and what happens when parts are missing.
+
+use crate::inputs::SHAPES;
+use slipsense::net::Model;
+use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};
+use slipsense::pipeline::{Class, FrameStamp, Pipeline};
+use slipsense::sensor::{PiezoFrame, SensorInput};
+use slipsense::wire::health;
+use slipsense_model_file::random_model;
+
+/// A model whose head ignores the network: its logits are these.
+fn constant_model(logits: [i32; 3]) -> Vec<u8> {
+    let mut file = random_model(SHAPES[0], 2);
+    file.tensor_mut("head", "weight").fill(0);
+    file.tensor_mut("head", "multiplier").fill(1 << 30);
+    for (bias, logit) in file.tensor_mut("head", "bias").iter_mut().zip(logits) {
+        *bias = logit * 4;
+    }
+    file.to_bytes().unwrap()
+}
+
+fn pad_with_sum(sum: u32) -> PiezoFrame {
+    let mut counts = [0; TAXELS];
+    counts[16 * 32 + 16] = sum as u16;
+    PiezoFrame::from_counts(counts).unwrap()
+}
+
+fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
+    let bytes = constant_model(logits);
+    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), pads.len()).unwrap();
+    let inputs: Vec<_> = pads.iter().map(|&piezo| SensorInput { piezo, xl: Some(&[]) }).collect();
+    let output = pipeline.step(&inputs);
+    assert_eq!(output.logits_q10, logits);
+    assert_eq!(output.slip, output.class == Class::Slip);
+    output.class
+}
+
+/// Field decision D-8: no contact only if every pad is below one count on average.
+#[test]
+fn the_pads_decide_contact() {
+    let (idle, touched) = (pad_with_sum(CONTACT_SUM_MIN - 1), pad_with_sum(CONTACT_SUM_MIN));
+    for logits in [[900, 0, 500], [0, 0, 500], [-5, 700, 0]] {
+        assert_eq!(one_frame(logits, &[Some(&idle), Some(&idle)]), Class::NoContact);
+        let held = if logits[2] > logits[1] { Class::Slip } else { Class::NoSlip };
+        assert_eq!(one_frame(logits, &[Some(&touched), Some(&idle)]), held);
+        assert_eq!(one_frame(logits, &[Some(&idle), Some(&touched)]), held);
+    }
+    assert_eq!(one_frame([0, 500, 500], &[Some(&touched)]), Class::NoSlip, "a tie is no slip");
+}
+
+#[test]
+fn without_a_pad_the_network_decides_contact() {
+    let (idle, touched) = (pad_with_sum(0), pad_with_sum(2000));
+    assert_eq!(one_frame([900, 0, 500], &[None, Some(&idle)]), Class::NoContact);
+    assert_eq!(one_frame([400, 0, 500], &[None, Some(&idle)]), Class::Slip);
+    assert_eq!(one_frame([900, 0, 500], &[None, Some(&touched)]), Class::Slip);
+}
+
+#[test]
+fn health_tells_what_is_missing_and_the_rest_goes_on() {
+    let bytes = constant_model([0, 1, 2]);
+    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 3).unwrap();
+    let pad = pad_with_sum(4095);
+    let samples = [[0i16, 5, -3]; 64];
+    let mut clipped = samples;
+    clipped[7][1] = i16::MAX;
+    let good = SensorInput { piezo: Some(&pad), xl: Some(&samples) };
+    let dead = SensorInput::default();
+
+    let first = pipeline.step(&[good, dead]);
+    let warming = health::XL_WARMING_UP | health::TAXELS_SATURATED;
+    let gone = health::PIEZO_MISSING | health::XL_MISSING;
+    assert_eq!(first.health.map(|h| h.0), [warming, gone, gone], "a sensor not given is missing");
+    let second = pipeline.step(&[good, good, SensorInput { piezo: None, xl: Some(&clipped) }]);
+    let third = health::PIEZO_MISSING | health::XL_WARMING_UP | health::XL_CLIPPED;
+    assert_eq!(second.health.map(|h| h.0), [health::TAXELS_SATURATED, warming, third]);
+    // A gap starts the front end anew.
+    pipeline.step(&[SensorInput { xl: None, ..good }, good, dead]);
+    assert!(pipeline.step(&[good, good, dead]).health[0].contains(health::XL_WARMING_UP));
+    let long = [[1i16; 3]; 65];
+    let output = pipeline.step(&[SensorInput { xl: Some(&long), ..good }, good, dead]);
+    assert!(output.health[0].contains(health::XL_SAMPLES_DROPPED));
+}
+
+#[test]
+fn sensor_count_is_checked() {
+    let bytes = constant_model([0; 3]);
+    let model = Model::parse(&bytes).unwrap();
+    for sensors in [0, MAX_SENSORS + 1] {
+        let error = Pipeline::new(model, sensors).err().unwrap();
+        assert_eq!(error.to_string(), format!("{sensors} sensors, 1 to 3 are possible"));
+    }
+}
+
+#[test]
+fn the_slip_message_carries_the_output() {
+    let bytes = constant_model([-700, 20, 3000]);
+    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 2).unwrap();
+    let pad = pad_with_sum(3000);
+    let output = pipeline.step(&[SensorInput { piezo: Some(&pad), xl: None }; 2]);
+    let message = output.slip_message(FrameStamp { sequence: 7, timestamp_us: 29_167 }, 4);
+    assert_eq!((message.sequence, message.timestamp_us, message.late_frames), (7, 29_167, 4));
+    assert_eq!((message.class, message.slip, message.sensors), (2, true, 2));
+    assert_eq!(message.logits_q10, [-700, 20, 3000]);
+    assert_eq!((message.contact[1].sum, message.contact[1].health), (3000, health::XL_MISSING));
+    assert_eq!(message.contact[2], Default::default());
+}

@@ -1,0 +1,55 @@
+//! The streaming network against a batch oracle, bit for bit, and against what a file may contain.
+
+use crate::batch;
+use crate::inputs::{SHAPES, Sensor, random_frames};
+use slipsense::net::{Model, Network, SensorFeatures};
+use slipsense_model_file::random_model;
+
+fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; 3] {
+    let seen: Vec<SensorFeatures> = frame
+        .iter()
+        .map(|s| SensorFeatures { piezo: s.piezo.as_ref(), log_mel: s.log_mel.as_ref() })
+        .collect();
+    network.step(&seen)
+}
+
+fn compare(shape: usize, frames: usize, sensors: usize) {
+    let file = random_model(SHAPES[shape], shape as u64);
+    let bytes = file.to_bytes().unwrap();
+    let mut network = Network::new(Model::parse(&bytes).unwrap());
+    let frames = random_frames(frames, sensors, 100 + shape as u64);
+    let batch = batch::logits(&file, &frames);
+    let mut distinct = std::collections::HashSet::new();
+    for (t, frame) in frames.iter().enumerate() {
+        let streamed = stream(&mut network, frame);
+        assert_eq!(streamed, batch[t], "shape {shape}, frame {t}");
+        distinct.insert(streamed);
+    }
+    println!(
+        "shape {shape}, {sensors} sensors: {} frames equal, {} distinct outputs",
+        frames.len(),
+        distinct.len()
+    );
+    assert!(distinct.len() > frames.len() / 2 || SHAPES[shape].embed == 1, "the oracle saw no signal");
+}
+
+/// Issue "the whole path", shows 4: 1,000 frames of the shipped shape.
+#[test]
+fn streaming_equals_batch_over_1000_frames() {
+    compare(0, 1000, 2);
+}
+
+#[test]
+fn smallest_shape() {
+    compare(1, 50, 1);
+}
+
+#[test]
+fn odd_shape() {
+    compare(2, 150, 3);
+}
+
+#[test]
+fn largest_shape() {
+    compare(3, 100, 3);
+}

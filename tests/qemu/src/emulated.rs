@@ -1,0 +1,126 @@
+//! Start-up, tasks and interrupts.
+
+use core::cell::RefCell;
+
+use cortex_m_rt::{entry, exception};
+use cortex_m_semihosting::debug;
+use embassy_executor::{Executor, InterruptExecutor};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_time::Instant;
+use heapless::Vec;
+use panic_semihosting as _;
+use slipsense::board::{SensedFrame, StoppedClock};
+use slipsense::net::Model;
+use slipsense::pipeline::Pipeline;
+use slipsense::tasks::{Inference, QUEUED_FRAMES, acquire};
+use slipsense::wire::Transmitter;
+use slipsense_qemu::input::{FRAME_BYTES_MAX, HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use slipsense_qemu::record::Record;
+use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
+use static_cell::{ConstStaticCell, StaticCell};
+
+use crate::board::{Recorder, Recording, Shared};
+use crate::semihosting::File;
+use crate::time_driver::{ALARM_IRQ, COUNTER_IRQ, Irq, TIME};
+
+/// A line that no device of the board drives: acquisition runs in its handler.
+const ACQUISITION_IRQ: Irq = Irq(31);
+const TIME_PRIORITY: u8 = 0x20;
+const ACQUISITION_PRIORITY: u8 = 0x60;
+
+type FrameQueue = Channel<'static, CriticalSectionRawMutex, SensedFrame>;
+type EmulatedInference = Inference<'static, Shared, StoppedClock, Shared>;
+
+static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
+static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+static BUFFERS: ConstStaticCell<[SensedFrame; QUEUED_FRAMES]> =
+    ConstStaticCell::new([const { SensedFrame::new() }; QUEUED_FRAMES]);
+static QUEUE: StaticCell<FrameQueue> = StaticCell::new();
+static MODEL: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
+static RECORDING: StaticCell<Recording> = StaticCell::new();
+static RECORDER: StaticCell<RefCell<Recorder>> = StaticCell::new();
+static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
+
+#[exception]
+unsafe fn DefaultHandler(irq: i16) {
+    match irq as u16 {
+        n if n == COUNTER_IRQ.0 => TIME.on_counter(),
+        n if n == ALARM_IRQ.0 => TIME.on_alarm(),
+        // SAFETY: this is the handler of the line that the executor was started with.
+        n if n == ACQUISITION_IRQ.0 => unsafe { ACQUISITION.on_interrupt() },
+        _ => panic!("interrupt {irq} was never enabled"),
+    }
+}
+
+#[embassy_executor::task]
+async fn acquisition(
+    recording: &'static mut Recording,
+    queue: Sender<'static, CriticalSectionRawMutex, SensedFrame>,
+) {
+    acquire(recording, queue).await;
+}
+
+#[embassy_executor::task]
+async fn inference(
+    inference: &'static mut EmulatedInference,
+    mut queue: Receiver<'static, CriticalSectionRawMutex, SensedFrame>,
+    frames: u32,
+) {
+    for _ in 0..frames {
+        inference.serve(&mut queue).await;
+    }
+    // The host closes the files when the emulator ends.
+    debug::exit(debug::EXIT_SUCCESS);
+}
+
+#[entry]
+fn main() -> ! {
+    let mut file = open(INPUT_FILE, File::open);
+    let mut header = [0; HEADER_BYTES];
+    file.read_exact(&mut header).expect("the input file has a header");
+    let header = Header::decode(&header).expect("the input file is one for this program");
+    let (model, _) = MODEL.take().split_at_mut(header.model_bytes as usize);
+    file.read_exact(model).expect("the input file holds a model");
+    let model = Model::parse(model).expect("the model is valid");
+    let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
+
+    let recorder = Shared(RECORDER.init(RefCell::new(Recorder {
+        file: open(OUTPUT_FILE, File::create),
+        began: Instant::MIN,
+        record: Record::default(),
+        encoded: Vec::new(),
+    })));
+    let infer = INFERENCE.init(Inference::new(
+        pipeline,
+        Transmitter::new(header.node),
+        recorder,
+        StoppedClock,
+        recorder,
+    ));
+    let recording = Recording { file, header, read: 0, record: [0; FRAME_BYTES_MAX] };
+    let recording = RECORDING.init(recording);
+    let (sender, receiver) = QUEUE.init(Channel::new(BUFFERS.take())).split();
+
+    TIME.init();
+    let mut core = cortex_m::Peripherals::take().expect("taken once");
+    // SAFETY: all critical sections of this program mask every priority.
+    unsafe {
+        core.NVIC.set_priority(COUNTER_IRQ, TIME_PRIORITY);
+        core.NVIC.set_priority(ALARM_IRQ, TIME_PRIORITY);
+        core.NVIC.set_priority(ACQUISITION_IRQ, ACQUISITION_PRIORITY);
+    }
+    let frames = header.frames;
+    ACQUISITION.start(ACQUISITION_IRQ).spawn(acquisition(recording, sender).expect("spawned once"));
+    EXECUTOR
+        .init(Executor::new())
+        .run(|spawner| spawner.spawn(inference(infer, receiver, frames).expect("spawned once")))
+}
+
+fn open(name: &str, how: fn(&core::ffi::CStr) -> Option<File>) -> File {
+    let mut with_end = Vec::<u8, 32>::new();
+    with_end.extend_from_slice(name.as_bytes()).expect("a short name");
+    with_end.push(0).expect("a short name");
+    let name = core::ffi::CStr::from_bytes_with_nul(&with_end).expect("no zero byte inside");
+    how(name).unwrap_or_else(|| panic!("cannot open {name:?} in the emulator's working directory"))
+}

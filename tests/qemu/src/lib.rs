@@ -1,0 +1,15 @@
+//! What goes into the emulated microcontroller and what comes out, as bytes of two files.
+//!
+//! Encode and decode stand side by side; the program on the emulated board and `cargo xtask qemu` use
+//! the same. All numbers are little-endian.
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod bytes;
+pub mod input;
+pub mod record;
+
+/// Name of the file that the emulated board reads, in the emulator's working directory.
+pub const INPUT_FILE: &str = "frames.in";
+/// Name of the file that it writes.
+pub const OUTPUT_FILE: &str = "frames.out";

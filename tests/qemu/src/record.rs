@@ -1,0 +1,96 @@
+//! The output file: one record per frame, with every result of the signal path.
+
+use heapless::Vec;
+use slipsense::features::LogMel;
+use slipsense::params::{CLASSES, MAX_SENSORS};
+use slipsense::pipeline::Output;
+use slipsense::wire::{CanFrame, RAW_BYTES_MAX};
+
+use crate::bytes::Reader;
+
+/// CAN frames of one frame period, at most: the slip message and the raw frame of every sensor, each of
+/// 63 bytes a CAN frame with two bytes of CRC at the end.
+pub const CAN_FRAMES_MAX: usize = 1 + MAX_SENSORS * (RAW_BYTES_MAX + 2).div_ceil(63);
+
+/// Everything that one frame led to. Entries of sensors that are not in use are zero.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    /// Number of the frame.
+    pub sequence: u32,
+    /// How long the pipeline took, microseconds of the emulated clock; differs from run to run unless
+    /// the emulator counts instructions.
+    pub step_us: u32,
+    /// Features per sensor.
+    pub log_mel: [LogMel; MAX_SENSORS],
+    /// The network's outputs.
+    pub logits_q10: [i32; CLASSES],
+    /// The decision.
+    pub class: u8,
+    /// The flag.
+    pub slip: bool,
+    /// Health bits per sensor.
+    pub health: [u8; MAX_SENSORS],
+    /// What went onto the bus, in order.
+    pub can: Vec<CanFrame, CAN_FRAMES_MAX>,
+}
+
+impl Record {
+    /// A record without CAN frames yet.
+    pub fn of(sequence: u32, output: &Output) -> Self {
+        Self {
+            sequence,
+            step_us: 0,
+            log_mel: output.log_mel,
+            logits_q10: output.logits_q10,
+            class: output.class as u8,
+            slip: output.slip,
+            health: output.health.map(|health| health.0),
+            can: Vec::new(),
+        }
+    }
+
+    /// Write the record through `put`.
+    pub fn encode(&self, mut put: impl FnMut(&[u8])) {
+        put(&self.sequence.to_le_bytes());
+        put(&self.step_us.to_le_bytes());
+        for log_mel in &self.log_mel {
+            log_mel.ln_power.iter().for_each(|x| put(&x.to_le_bytes()));
+            log_mel.standardised.iter().for_each(|x| put(&x.to_le_bytes()));
+        }
+        self.logits_q10.iter().for_each(|x| put(&x.to_le_bytes()));
+        put(&[self.class, u8::from(self.slip)]);
+        put(&self.health);
+        put(&(self.can.len() as u16).to_le_bytes());
+        for frame in &self.can {
+            put(&frame.id().to_le_bytes());
+            put(&[frame.data().len() as u8]);
+            put(frame.data());
+        }
+    }
+
+    /// Take one record off the front of `bytes`; `None` if they end inside it or are no record.
+    pub fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        let mut reader = Reader(bytes);
+        let mut record = Self { sequence: reader.u32()?, step_us: reader.u32()?, ..Self::default() };
+        for log_mel in &mut record.log_mel {
+            for x in &mut log_mel.ln_power {
+                *x = reader.i32()?;
+            }
+            for x in &mut log_mel.standardised {
+                *x = reader.i16()?;
+            }
+        }
+        for x in &mut record.logits_q10 {
+            *x = reader.i32()?;
+        }
+        record.class = reader.u8()?;
+        record.slip = reader.u8()? != 0;
+        record.health = reader.array()?;
+        for _ in 0..reader.u16()? {
+            let (id, length) = (reader.u32()?, reader.u8()?);
+            record.can.push(CanFrame::new(id, reader.take(usize::from(length))?).ok()?).ok()?;
+        }
+        *bytes = reader.0;
+        Some(record)
+    }
+}

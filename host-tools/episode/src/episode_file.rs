@@ -1,0 +1,121 @@
+//! Episodes as files: which array holds which field, and the rules that show only there.
+
+use crate::npz::{Reader, Scalar, write_file};
+use crate::{Episode, EpisodeError, Meta, Problem};
+use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES};
+use slipsense::sensor::{PiezoFrame, TaxelError};
+use std::io::{Cursor, Read, Seek};
+use std::path::Path;
+
+impl Episode {
+    /// Read an `.npz` file, stored or deflated, and check every rule of the format.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, EpisodeError> {
+        let path = path.as_ref();
+        Reader::open(path).and_then(from_archive).map_err(|problem| problem.at(path))
+    }
+
+    /// Read an `.npz` file held in memory; `name` stands for the file in error messages.
+    pub fn from_bytes(bytes: &[u8], name: impl AsRef<Path>) -> Result<Self, EpisodeError> {
+        Reader::new(Cursor::new(bytes)).and_then(from_archive).map_err(|problem| problem.at(name.as_ref()))
+    }
+
+    /// Check the rules, then write a deflated `.npz` file. The same episode gives the same bytes; an
+    /// error leaves the file as it was.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<(), EpisodeError> {
+        let (frames, sensors) = (self.frames(), self.sensors);
+        write_file(path, |npz| {
+            self.validate()?;
+            let counts = self.piezo.iter().flat_map(|scan| scan.counts().iter().copied());
+            npz.array("piezo", &[frames, sensors, TAXEL_ROWS, TAXEL_COLS], counts)?;
+            let samples = self.xl.iter().flatten().flatten().copied();
+            npz.array("xl", &[sensors, self.xl[0].len(), XL_AXES], samples)?;
+            npz.array("xl_end", &[frames, sensors], self.xl_end.iter().copied())?;
+            if let Some(label) = &self.label {
+                npz.array("label", &[frames], label.iter().copied())?;
+            }
+            for (array, values) in self.float_arrays() {
+                if let Some(values) = values {
+                    npz.array(array, &[frames], values.iter().copied())?;
+                }
+            }
+            let json = self.meta.to_json();
+            npz.array("meta", &[json.len()], json.bytes())
+        })
+    }
+}
+
+fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Episode, Problem> {
+    if let Some(array) = ["piezo", "xl", "xl_end", "meta"].into_iter().find(|array| !npz.has(array)) {
+        return Err(Problem::Missing { array });
+    }
+    // First what is small: a file with a wrong unit is refused before its frames are unpacked.
+    let meta = npz.array::<u8>("meta")?;
+    meta.require_shape(&[None], "[L], the bytes of a JSON text")?;
+    let meta = Meta::from_json(&meta.read()?)?;
+
+    let piezo = npz.array::<u16>("piezo")?;
+    let words = format!("[F, S, {TAXEL_ROWS}, {TAXEL_COLS}] with S from 1 to {MAX_SENSORS}");
+    piezo.require_shape(&[None, None, Some(TAXEL_ROWS), Some(TAXEL_COLS)], &words)?;
+    let (frames, sensors) = (piezo.shape()[0], piezo.shape()[1]);
+    if !(1..=MAX_SENSORS).contains(&sensors) {
+        piezo.require_shape(&[], &words)?;
+    }
+    let piezo = scans(&piezo.read()?, sensors)?;
+
+    let xl = npz.array::<i16>("xl")?;
+    xl.require_shape(
+        &[Some(sensors), None, Some(XL_AXES)],
+        &format!("[S, N, {XL_AXES}] with S = {sensors} as in `piezo`"),
+    )?;
+    let samples = xl.shape()[1];
+    let values = xl.read()?;
+    let (values, _) = values.as_chunks::<XL_AXES>();
+    let xl = (0..sensors).map(|s| values[s * samples..][..samples].to_vec()).collect();
+
+    let xl_end = npz.array::<u32>("xl_end")?;
+    let words = format!("[F, S] = [{frames}, {sensors}] as in `piezo`");
+    xl_end.require_shape(&[Some(frames), Some(sensors)], &words)?;
+    let xl_end = xl_end.read()?;
+
+    let episode = Episode {
+        sensors,
+        piezo,
+        xl,
+        xl_end,
+        label: per_frame(&mut npz, "label", frames)?,
+        slip_true_mm_s: per_frame(&mut npz, "slip_true", frames)?,
+        slip_fraction: per_frame(&mut npz, "slip_fraction", frames)?,
+        displacement_mm: per_frame(&mut npz, "displacement_mm", frames)?,
+        meta,
+    };
+    episode.validate()?;
+    Ok(episode)
+}
+
+fn per_frame<T: Scalar, R: Read + Seek>(
+    npz: &mut Reader<R>,
+    name: &'static str,
+    frames: usize,
+) -> Result<Option<Vec<T>>, Problem> {
+    if !npz.has(name) {
+        return Ok(None);
+    }
+    let array = npz.array(name)?;
+    array.require_shape(&[Some(frames)], &format!("[F] = [{frames}] as in `piezo`"))?;
+    array.read().map(Some)
+}
+
+fn scans(counts: &[u16], sensors: usize) -> Result<Vec<PiezoFrame>, Problem> {
+    let (scans, _) = counts.as_chunks::<TAXELS>();
+    let scan = |(i, counts): (usize, &[u16; TAXELS])| {
+        PiezoFrame::from_counts(*counts).map_err(|error| {
+            let (index, count, rule) = match error {
+                TaxelError::OutOfRange { index, count } => (index, count, "must be at most 4095"),
+                TaxelError::Inactive { index, count } => (index, count, "must be 0, there is no taxel"),
+            };
+            let position = [i / sensors, i % sensors, index / TAXEL_COLS, index % TAXEL_COLS];
+            Problem::element("piezo", &position, count, rule)
+        })
+    };
+    scans.iter().enumerate().map(scan).collect()
+}

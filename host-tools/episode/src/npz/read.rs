@@ -1,0 +1,150 @@
+//! Reading arrays out of an archive, with nothing taken on trust.
+
+use super::{CHUNK_BYTES, Scalar, header};
+use crate::Problem;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::marker::PhantomData;
+use std::path::Path;
+use zip::read::ZipFile;
+use zip::result::ZipError;
+use zip::{CompressionMethod, ZipArchive};
+
+/// Most bytes that one deflated byte can stand for: 258 bytes per two bits.
+const DEFLATE_RATIO_MAX: u64 = 1032;
+
+/// An open archive.
+pub struct Reader<R> {
+    zip: ZipArchive<R>,
+    source_bytes: u64,
+}
+
+impl Reader<BufReader<File>> {
+    /// Open a file.
+    pub fn open(path: &Path) -> Result<Self, Problem> {
+        let file = File::open(path).map_err(Problem::Read)?;
+        if file.metadata().map_err(Problem::Read)?.is_dir() {
+            return Err(Problem::Folder);
+        }
+        Self::new(BufReader::with_capacity(CHUNK_BYTES, file))
+    }
+}
+
+impl<R: Read + Seek> Reader<R> {
+    /// Read the archive's directory.
+    pub fn new(mut source: R) -> Result<Self, Problem> {
+        let mut start = Vec::new();
+        source.by_ref().take(2).read_to_end(&mut start).map_err(Problem::Read)?;
+        let source_bytes = source.seek(SeekFrom::End(0)).map_err(Problem::Read)?;
+        match &start[..] {
+            [] => Err(Problem::Archive("is empty, must be an .npz archive".into())),
+            b"PK" => {
+                let zip = ZipArchive::new(source)
+                    .map_err(|e| Problem::Archive(format!("is a zip archive cut short or damaged: {e}")))?;
+                Ok(Self { zip, source_bytes })
+            }
+            _ => Err(Problem::Archive("is not an .npz (zip) archive".into())),
+        }
+    }
+
+    /// Is there an array of this name?
+    pub fn has(&self, name: &str) -> bool {
+        self.zip.index_for_name(&entry_name(name)).is_some()
+    }
+
+    /// Open an array that must be there.
+    pub fn array<T: Scalar>(&mut self, name: &'static str) -> Result<Array<'_, T, R>, Problem> {
+        let fail = |rule: String| Problem::array(name, rule);
+        let mut entry = match self.zip.by_name(&entry_name(name)) {
+            Ok(entry) => entry,
+            Err(ZipError::FileNotFound) => return Err(Problem::Missing { array: name }),
+            Err(e) => return Err(fail(format!("cannot be unpacked, must be stored or deflated: {e}"))),
+        };
+        let header = header::read(&mut entry).map_err(fail)?;
+        if header.descr != T::DESCR {
+            let found: String = header.descr.escape_default().take(40).collect();
+            return Err(fail(format!("dtype is '{found}', must be {} ('{}')", T::NAME, T::DESCR)));
+        }
+        if header.fortran_order {
+            return Err(fail("is in Fortran order, must be in C order (numpy.ascontiguousarray)".into()));
+        }
+        let bytes_held = entry.size().saturating_sub(header.bytes);
+        let elements = elements_if_held::<T>(&header.shape, bytes_held).ok_or_else(|| {
+            fail(format!("shape is {:?}, but the data is {bytes_held} bytes", header.shape))
+        })?;
+        let packed = entry.compressed_size().min(self.source_bytes);
+        let bytes_max = match entry.compression() {
+            CompressionMethod::Stored => packed,
+            _ => packed.saturating_add(1).saturating_mul(DEFLATE_RATIO_MAX),
+        };
+        if entry.size() > bytes_max {
+            let rule =
+                format!("shape is {:?}, more than the file can hold; cut short or damaged", header.shape);
+            return Err(fail(rule));
+        }
+        let shape = header.shape.iter().map(|&n| n as usize).collect();
+        Ok(Array { name, shape, elements, entry, scalar: PhantomData })
+    }
+}
+
+fn entry_name(array: &str) -> String {
+    format!("{array}.npy")
+}
+
+/// The number of elements of a shape, if it is exactly what `bytes` hold.
+fn elements_if_held<T: Scalar>(shape: &[u64], bytes: u64) -> Option<usize> {
+    let elements = shape.iter().try_fold(1u64, |product, &n| product.checked_mul(n))?;
+    let held = elements.checked_mul(T::BYTES as u64)? == bytes;
+    // An axis may be huge only where another is 0; both must fit the machine.
+    let fits = shape.iter().all(|&n| usize::try_from(n).is_ok());
+    if held && fits { usize::try_from(elements).ok() } else { None }
+}
+
+/// One array whose dtype has been checked and whose data has not been read yet.
+pub struct Array<'a, T, R: Read + Seek> {
+    name: &'static str,
+    shape: Vec<usize>,
+    elements: usize,
+    entry: ZipFile<'a, R>,
+    scalar: PhantomData<T>,
+}
+
+impl<T: Scalar, R: Read + Seek> Array<'_, T, R> {
+    /// The shape, slowest axis first.
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    /// Check the shape: `None` in `must` is any length. `words` says it for the message.
+    pub fn require_shape(&self, must: &[Option<usize>], words: &str) -> Result<(), Problem> {
+        let same = self.shape.len() == must.len()
+            && self.shape.iter().zip(must).all(|(&n, must)| must.is_none_or(|must| n == must));
+        if same {
+            return Ok(());
+        }
+        Err(Problem::array(self.name, format!("shape is {:?}, must be {words}", self.shape)))
+    }
+
+    /// Read all elements, C order. The archive's checksum is verified.
+    pub fn read(mut self) -> Result<Vec<T>, Problem> {
+        let name = self.name;
+        let damaged = |e: std::io::Error| Problem::array(name, format!("data is cut short or damaged: {e}"));
+        let mut values = Vec::new();
+        values.try_reserve_exact(self.elements).map_err(|_| {
+            Problem::array(name, format!("shape is {:?}, more than memory holds", self.shape))
+        })?;
+        let mut chunk = vec![0; CHUNK_BYTES];
+        let mut bytes_left = self.elements * T::BYTES;
+        while bytes_left > 0 {
+            let part = &mut chunk[..bytes_left.min(CHUNK_BYTES)];
+            self.entry.read_exact(part).map_err(damaged)?;
+            values.extend(part.chunks_exact(T::BYTES).map(T::from_le));
+            bytes_left -= part.len();
+        }
+        // Reading past the end is what makes the zip reader compare the checksum.
+        if self.entry.read(&mut chunk[..1]).map_err(damaged)? != 0 {
+            return Err(Problem::array(name, format!("shape is {:?}, but more data follows", self.shape)));
+        }
+        Ok(values)
+    }
+}

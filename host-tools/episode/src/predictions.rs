@@ -1,0 +1,133 @@
+//! What the pipeline said about an episode, as a file.
+
+use crate::npz::{Reader, Scalar, write_file};
+use crate::{EpisodeError, Problem};
+use slipsense::params::{CLASSES, MAX_SENSORS, MEL_BINS};
+use std::io::{Read, Seek};
+use std::path::Path;
+
+/// The pipeline's output for every frame of an episode.
+///
+/// | array | dtype, shape |
+/// |---|---|
+/// | `class` | uint8 \[F\] |
+/// | `logits` | int32 \[F, 3\] |
+/// | `slip` | uint8 \[F\] |
+/// | `logmel` | float32 \[F, S, 16\] |
+/// | `logmel_std` | float32 \[F, S, 16\] |
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predictions {
+    /// Sensors, 1 to 3.
+    pub sensors: usize,
+    /// Class per frame: 0 no contact, 1 no slip, 2 slip.
+    pub class: Vec<u8>,
+    /// Logits per frame, Q10.
+    pub logits: Vec<[i32; CLASSES]>,
+    /// The slip flag as sent, 0 or 1, per frame.
+    pub slip: Vec<u8>,
+    /// Natural log of the axis-summed mel power in g², `[frame * sensors + sensor]`, before
+    /// standardisation.
+    pub logmel: Vec<[f32; MEL_BINS]>,
+    /// What the network sees: `logmel` standardised over its bins, `[frame * sensors + sensor]`.
+    pub logmel_std: Vec<[f32; MEL_BINS]>,
+}
+
+impl Predictions {
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.class.len()
+    }
+
+    /// Read a `predictions.npz` and check lengths and ranges.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, EpisodeError> {
+        let path = path.as_ref();
+        Reader::open(path).and_then(from_archive).map_err(|problem| problem.at(path))
+    }
+
+    /// Check lengths and ranges, then write a deflated `.npz` file. The same predictions give the same
+    /// bytes; an error leaves the file as it was.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<(), EpisodeError> {
+        let frames = self.frames();
+        let mel = [frames, self.sensors, MEL_BINS];
+        write_file(path, |npz| {
+            self.validate()?;
+            npz.array("class", &[frames], self.class.iter().copied())?;
+            npz.array("logits", &[frames, CLASSES], self.logits.iter().flatten().copied())?;
+            npz.array("slip", &[frames], self.slip.iter().copied())?;
+            npz.array("logmel", &mel, self.logmel.iter().flatten().copied())?;
+            npz.array("logmel_std", &mel, self.logmel_std.iter().flatten().copied())
+        })
+    }
+
+    /// Check lengths and ranges.
+    pub fn validate(&self) -> Result<(), Problem> {
+        let (frames, sensors) = (self.frames(), self.sensors);
+        if !(1..=MAX_SENSORS).contains(&sensors) {
+            return Err(Problem::array(
+                "logmel",
+                format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}"),
+            ));
+        }
+        for (array, len, must) in [
+            ("logits", self.logits.len(), frames),
+            ("slip", self.slip.len(), frames),
+            ("logmel", self.logmel.len(), frames * sensors),
+            ("logmel_std", self.logmel_std.len(), frames * sensors),
+        ] {
+            if len != must {
+                let rule = format!("holds {len} rows, must be {must} for {frames} frames");
+                return Err(Problem::array(array, rule));
+            }
+        }
+        for (array, values, max) in [("class", &self.class, CLASSES as u8 - 1), ("slip", &self.slip, 1)] {
+            if let Some(f) = values.iter().position(|&v| v > max) {
+                return Err(Problem::element(array, &[f], values[f], format!("must be at most {max}")));
+            }
+        }
+        for (array, rows) in [("logmel", &self.logmel), ("logmel_std", &self.logmel_std)] {
+            let values = rows.iter().flatten();
+            if let Some((i, value)) = values.enumerate().find(|(_, value)| !value.is_finite()) {
+                let position = [i / MEL_BINS / sensors, i / MEL_BINS % sensors, i % MEL_BINS];
+                return Err(Problem::element(array, &position, value, "must be finite"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Predictions, Problem> {
+    let class = npz.array::<u8>("class")?;
+    class.require_shape(&[None], "[F]")?;
+    let frames = class.shape()[0];
+    let class = class.read()?;
+    let mel = npz.array::<f32>("logmel")?;
+    let words = format!("[F, S, {MEL_BINS}] with F = {frames} as in `class`");
+    mel.require_shape(&[Some(frames), None, Some(MEL_BINS)], &words)?;
+    let sensors = mel.shape()[1];
+    let logmel = rows(mel.read()?);
+    let predictions = Predictions {
+        sensors,
+        class,
+        logits: rows(read(&mut npz, "logits", &[frames, CLASSES])?),
+        slip: read(&mut npz, "slip", &[frames])?,
+        logmel,
+        logmel_std: rows(read(&mut npz, "logmel_std", &[frames, sensors, MEL_BINS])?),
+    };
+    predictions.validate()?;
+    Ok(predictions)
+}
+
+fn read<T: Scalar, R: Read + Seek>(
+    npz: &mut Reader<R>,
+    name: &'static str,
+    shape: &[usize],
+) -> Result<Vec<T>, Problem> {
+    let array = npz.array(name)?;
+    let must: Vec<_> = shape.iter().copied().map(Some).collect();
+    array.require_shape(&must, &format!("{shape:?}"))?;
+    array.read()
+}
+
+fn rows<T: Copy, const N: usize>(values: Vec<T>) -> Vec<[T; N]> {
+    values.as_chunks().0.to_vec()
+}

@@ -1,0 +1,324 @@
+//! How detections and classes are scored against the truth. One definition for the command line, the
+//! trainer and the benchmark.
+//!
+//! An event is a maximal run of label 2. The first flag in `[onset − 50 ms, end]` belongs to it: at or
+//! after the onset it is a hit, before the onset it is early, which is reported apart and is neither a
+//! hit of latency 0 nor a false alarm. A flag after the end does not save the event. A false alarm is a
+//! maximal run of flags outside all slip intervals widened by 50 ms on both sides; runs less than 200 ms
+//! apart are one alarm. No score here is point-adjusted.
+
+use slipsense::params::FRAME_RATE_HZ;
+
+/// Frames by which a slip interval is widened on both sides: 50 ms.
+pub const MARGIN_FRAMES: usize = (FRAME_RATE_HZ as usize * 50) / 1000;
+/// False-alarm runs closer than this many frames are one alarm: 200 ms.
+pub const MERGE_FRAMES: usize = (FRAME_RATE_HZ as usize * 200) / 1000;
+/// Classes: 0 no contact, 1 contact without slip, 2 slip.
+pub const CLASSES: usize = slipsense::params::CLASSES;
+/// The label of slip.
+pub const SLIP: u8 = 2;
+
+/// What became of one slip event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detection {
+    /// Flagged at or after the onset.
+    Hit {
+        /// Frames from the onset to the first flag; 0 is the onset frame itself.
+        delay: usize,
+    },
+    /// Flagged up to 50 ms before the onset.
+    Early {
+        /// Frames from the first flag to the onset, 1 to [`MARGIN_FRAMES`].
+        lead: usize,
+    },
+    /// Not flagged between 50 ms before the onset and the end.
+    Missed,
+}
+
+/// One slip event and its detection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EventScore {
+    /// First frame labelled slip.
+    pub onset: usize,
+    /// First frame after the event.
+    pub end: usize,
+    /// What became of it.
+    pub detection: Detection,
+}
+
+/// Flags raised where nothing slipped: frames `start..end`, gaps shorter than 200 ms included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FalseAlarm {
+    /// First flagged frame.
+    pub start: usize,
+    /// Frame after the last flagged one.
+    pub end: usize,
+}
+
+/// The events of one episode and the alarms that belong to none.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EventScores {
+    /// In order of time.
+    pub events: Vec<EventScore>,
+    /// In order of time.
+    pub false_alarms: Vec<FalseAlarm>,
+}
+
+impl EventScores {
+    /// Delays of the hits, frames, in order of time.
+    pub fn delays(&self) -> Vec<usize> {
+        let delay = |e: &EventScore| match e.detection {
+            Detection::Hit { delay } => Some(delay),
+            _ => None,
+        };
+        self.events.iter().filter_map(delay).collect()
+    }
+
+    /// Events flagged at or after their onset.
+    pub fn hits(&self) -> usize {
+        self.delays().len()
+    }
+
+    /// Events flagged before their onset.
+    pub fn early(&self) -> usize {
+        self.events.iter().filter(|e| matches!(e.detection, Detection::Early { .. })).count()
+    }
+
+    /// Events not flagged in time.
+    pub fn missed(&self) -> usize {
+        self.events.iter().filter(|e| e.detection == Detection::Missed).count()
+    }
+}
+
+/// Score one episode's flags. `label` holds classes 0 to 2, `slip` is non-zero where the flag is up.
+///
+/// # Panics
+/// If the two differ in length.
+pub fn score_events(label: &[u8], slip: &[u8]) -> EventScores {
+    assert_eq!(label.len(), slip.len(), "one flag per label");
+    let intervals = runs(label.len(), |f| label[f] == SLIP);
+    let mut previous_end = 0;
+    let mut events = Vec::with_capacity(intervals.len());
+    for &(onset, end) in &intervals {
+        // Frames of the event before are not early frames of this one.
+        let from = onset.saturating_sub(MARGIN_FRAMES).max(previous_end);
+        let detection = match (from..end).find(|&f| slip[f] != 0) {
+            Some(first) if first >= onset => Detection::Hit { delay: first - onset },
+            Some(first) => Detection::Early { lead: onset - first },
+            None => Detection::Missed,
+        };
+        events.push(EventScore { onset, end, detection });
+        previous_end = end;
+    }
+
+    let mut near_slip = vec![false; label.len()];
+    for &(onset, end) in &intervals {
+        let to = (end + MARGIN_FRAMES).min(label.len());
+        near_slip[onset.saturating_sub(MARGIN_FRAMES)..to].fill(true);
+    }
+    let mut false_alarms: Vec<FalseAlarm> = Vec::new();
+    for (start, end) in runs(label.len(), |f| slip[f] != 0 && !near_slip[f]) {
+        match false_alarms.last_mut() {
+            Some(last) if start - last.end < MERGE_FRAMES => last.end = end,
+            _ => false_alarms.push(FalseAlarm { start, end }),
+        }
+    }
+    EventScores { events, false_alarms }
+}
+
+/// Frame counts of truth against prediction; adds up over episodes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClassScores {
+    /// `confusion[truth][predicted]`, frames.
+    pub confusion: [[u64; CLASSES]; CLASSES],
+}
+
+impl ClassScores {
+    /// Count one episode's frames.
+    ///
+    /// # Panics
+    /// If the two differ in length or hold a class above 2.
+    pub fn new(label: &[u8], class: &[u8]) -> Self {
+        assert_eq!(label.len(), class.len(), "one prediction per label");
+        let mut confusion = [[0; CLASSES]; CLASSES];
+        for (&truth, &predicted) in label.iter().zip(class) {
+            confusion[truth as usize][predicted as usize] += 1;
+        }
+        Self { confusion }
+    }
+
+    /// Add another episode's counts.
+    pub fn add(&mut self, other: &Self) {
+        for (row, other) in self.confusion.iter_mut().zip(&other.confusion) {
+            for (count, other) in row.iter_mut().zip(other) {
+                *count += other;
+            }
+        }
+    }
+
+    /// Frames counted.
+    pub fn frames(&self) -> u64 {
+        self.confusion.iter().flatten().sum()
+    }
+
+    /// Share of frames whose class is right, 0 to 1. `None` without frames.
+    pub fn accuracy(&self) -> Option<f64> {
+        ratio((0..CLASSES).map(|c| self.confusion[c][c]).sum(), self.frames())
+    }
+
+    /// F1 of one class, 0 to 1. `None` where the class is neither true nor predicted anywhere.
+    pub fn f1(&self, class: usize) -> Option<f64> {
+        let hit = self.confusion[class][class];
+        let truth: u64 = self.confusion[class].iter().sum();
+        let predicted: u64 = self.confusion.iter().map(|row| row[class]).sum();
+        ratio(2 * hit, truth + predicted)
+    }
+
+    /// Unweighted mean of the classes' F1, over the classes that have one.
+    pub fn macro_f1(&self) -> Option<f64> {
+        let scores: Vec<f64> = (0..CLASSES).filter_map(|c| self.f1(c)).collect();
+        (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / scores.len() as f64)
+    }
+
+    /// Frames predicted slip that are not.
+    pub fn false_positives(&self) -> u64 {
+        let slip = SLIP as usize;
+        (0..CLASSES).filter(|&c| c != slip).map(|c| self.confusion[c][slip]).sum()
+    }
+
+    /// False positives as a share of the frames that do not slip. `None` without such frames.
+    pub fn fpr_of_non_slip(&self) -> Option<f64> {
+        let slip: u64 = self.confusion[SLIP as usize].iter().sum();
+        ratio(self.false_positives(), self.frames() - slip)
+    }
+
+    /// False positives as a share of all frames. `None` without frames.
+    pub fn fpr_of_all(&self) -> Option<f64> {
+        ratio(self.false_positives(), self.frames())
+    }
+}
+
+fn ratio(part: u64, whole: u64) -> Option<f64> {
+    (whole > 0).then(|| part as f64 / whole as f64)
+}
+
+/// Maximal runs `start..end` of frames for which `is` holds.
+fn runs(frames: usize, is: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
+    let mut runs = Vec::new();
+    let mut start = None;
+    for f in 0..=frames {
+        match (start, f < frames && is(f)) {
+            (None, true) => start = Some(f),
+            (Some(s), false) => {
+                runs.push((s, f));
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    runs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A label or flag track of `frames` frames, `value` in the given ranges.
+    fn track(frames: usize, value: u8, ranges: &[std::ops::Range<usize>]) -> Vec<u8> {
+        let mut track = vec![0; frames];
+        for range in ranges {
+            track[range.clone()].fill(value);
+        }
+        track
+    }
+
+    fn score(slip: &[std::ops::Range<usize>], flags: &[std::ops::Range<usize>]) -> EventScores {
+        score_events(&track(1000, SLIP, slip), &track(1000, 1, flags))
+    }
+
+    #[test]
+    fn the_margins_are_12_and_48_frames() {
+        assert_eq!((MARGIN_FRAMES, MERGE_FRAMES), (12, 48));
+    }
+
+    #[test]
+    fn a_flag_in_the_event_is_a_hit_with_its_delay() {
+        let at = |first: usize| score(&[100..200], &[first..210]);
+        assert_eq!(at(100).events[0].detection, Detection::Hit { delay: 0 });
+        assert_eq!(
+            at(103).events,
+            [EventScore { onset: 100, end: 200, detection: Detection::Hit { delay: 3 } }]
+        );
+        assert_eq!(at(199).events[0].detection, Detection::Hit { delay: 99 });
+        assert!(at(103).false_alarms.is_empty());
+    }
+
+    #[test]
+    fn an_early_flag_is_neither_hit_nor_alarm() {
+        for lead in [1, 12] {
+            let s = score(&[100..200], &[100 - lead..150]);
+            assert_eq!(s.events[0].detection, Detection::Early { lead });
+            assert_eq!((s.hits(), s.early(), s.missed(), s.false_alarms.len()), (0, 1, 0, 0));
+        }
+    }
+
+    #[test]
+    fn a_flag_too_early_or_too_late_misses() {
+        let s = score(&[100..200], &[80..88, 200..205]);
+        assert_eq!(s.events[0].detection, Detection::Missed);
+        assert_eq!(s.false_alarms, [FalseAlarm { start: 80, end: 88 }]);
+    }
+
+    #[test]
+    fn a_flag_that_stays_up_past_the_margin_is_an_alarm_there() {
+        assert!(score(&[100..200], &[110..212]).false_alarms.is_empty());
+        let s = score(&[100..200], &[110..213]);
+        assert_eq!(s.false_alarms, [FalseAlarm { start: 212, end: 213 }]);
+        assert_eq!(s.hits(), 1);
+    }
+
+    #[test]
+    fn alarms_less_than_200_ms_apart_are_one() {
+        let merged = score(&[], &[300..310, 357..360]);
+        assert_eq!(merged.false_alarms, [FalseAlarm { start: 300, end: 360 }]);
+        let apart = score(&[], &[300..310, 358..360]);
+        assert_eq!(apart.false_alarms.len(), 2);
+    }
+
+    #[test]
+    fn the_tail_of_one_event_is_not_the_early_flag_of_the_next() {
+        let s = score(&[100..200, 206..300], &[150..200, 230..240]);
+        assert_eq!(s.delays(), [50, 24]);
+    }
+
+    #[test]
+    fn events_touch_both_ends_of_an_episode() {
+        let s = score(&[0..50, 950..1000], &[0..5]);
+        assert_eq!(s.events[0].detection, Detection::Hit { delay: 0 });
+        assert_eq!((s.events[1].end, s.events[1].detection), (1000, Detection::Missed));
+    }
+
+    #[test]
+    fn class_scores_by_hand() {
+        // Truth 0 0 0 0 1 1 2 2, predicted 0 0 0 2 1 2 2 1.
+        let s = ClassScores::new(&[0, 0, 0, 0, 1, 1, 2, 2], &[0, 0, 0, 2, 1, 2, 2, 1]);
+        assert_eq!(s.confusion, [[3, 0, 1], [0, 1, 1], [0, 1, 1]]);
+        assert_eq!(s.accuracy(), Some(5.0 / 8.0));
+        assert_eq!(s.f1(0), Some(6.0 / 7.0));
+        assert_eq!(s.f1(1), Some(0.5));
+        assert_eq!(s.f1(2), Some(2.0 / 5.0));
+        assert_eq!(s.macro_f1(), Some((6.0 / 7.0 + 0.5 + 0.4) / 3.0));
+        assert_eq!(s.fpr_of_non_slip(), Some(2.0 / 6.0));
+        assert_eq!(s.fpr_of_all(), Some(2.0 / 8.0));
+        let mut twice = s;
+        twice.add(&s);
+        assert_eq!((twice.frames(), twice.accuracy()), (16, s.accuracy()));
+    }
+
+    #[test]
+    fn a_class_that_never_occurs_has_no_f1() {
+        let s = ClassScores::new(&[0, 1], &[0, 1]);
+        assert_eq!((s.f1(2), s.macro_f1()), (None, Some(1.0)));
+        assert_eq!(ClassScores::default().accuracy(), None);
+    }
+}

@@ -69,9 +69,7 @@ impl<'a> Writer<'a> {
     #[inline]
     pub(super) fn put_saturated<const N: usize>(&mut self, value: u64) {
         let max = u64::MAX >> (64 - 8 * N as u32);
-        for byte in value.min(max).to_le_bytes().iter().take(N) {
-            self.put(&[*byte]);
-        }
+        self.put(value.min(max).to_le_bytes().get(..N).unwrap_or(&[]));
     }
 
     /// Bytes written.

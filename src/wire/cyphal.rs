@@ -292,8 +292,9 @@ impl Iterator for Frames<'_> {
         let bytes = FRAME_PAYLOAD.min(self.total - self.at);
         let mut data = [0; MTU];
         let rest = self.payload.get(self.at..).unwrap_or(&[]);
-        for (out, &byte) in data.iter_mut().take(bytes).zip(rest) {
-            *out = byte;
+        let copied = bytes.min(rest.len());
+        if let (Some(out), Some(from)) = (data.get_mut(..copied), rest.get(..copied)) {
+            out.copy_from_slice(from);
         }
         if self.total > FRAME_PAYLOAD {
             for (index, &byte) in (self.total - CRC_BYTES..).zip(&self.crc) {

@@ -80,7 +80,6 @@ impl SlipMessage {
             writer.put(&contact.axis_deg.to_le_bytes());
             writer.put(&[contact.elongation_q8]);
         }
-        debug_assert_eq!(writer.len(), SLIP_BYTES);
         out
     }
 

@@ -40,8 +40,7 @@ fn written_logs_read_back() {
     }
 }
 
-/// The line is the one in the documentation of pycyphal's `CandumpMedia` and of can-utils' `log2asc`,
-/// with the flag of bit rate switching.
+/// Time and data of a line in the documentation of pycyphal's `CandumpMedia`, as CAN FD.
 #[test]
 fn the_line_is_candumps() {
     let mut writer = CandumpWriter::new(Vec::new(), "vcan-1_a").unwrap();

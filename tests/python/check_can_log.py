@@ -1,0 +1,212 @@
+#!/usr/bin/env python3
+"""Check a CAN log against the predictions and the episode it was made from, with pycyphal.
+
+  check_can_log.py CAN_LOG PREDICTIONS.npz EPISODE.npz
+
+Nothing here comes from this project but the DSDL definitions: pycyphal compiles them, replays the log
+in real time through its CAN transport and decodes every transfer. Each slip message must equal its row
+of the predictions; from the raw frames, counts, accelerometer samples and xl_end of the episode must
+come out again. Any mismatch, lost transfer or transport error is printed; the exit status is then 1.
+"""
+
+import argparse
+import asyncio
+import collections
+import logging
+import pathlib
+import re
+import sys
+import tempfile
+import warnings
+
+import numpy as np
+
+# One of pycyphal's dependencies warns about another on Python 3.11.
+warnings.filterwarnings("ignore", category=DeprecationWarning)
+
+import pycyphal.dsdl
+from pycyphal.presentation import Presentation
+from pycyphal.transport.can import CANTransport
+from pycyphal.transport.can.media.candump import CandumpMedia
+
+DSDL = pathlib.Path(__file__).resolve().parents[2] / "src" / "wire" / "dsdl" / "slipsense"
+LINE = re.compile(r"\(\d+\.\d{6}\) \w+ ([0-9A-F]{8})##1(?:[0-9A-F]{2})*([0-9A-F]{2})\n")
+SLIP_PORT, RAW_PORT = 6200, 6201
+RAW_XL_MAX = 64
+SILENCE_S = 10.0
+SHOWN = 20
+# Cells cut from either end of each row, as the comment of Raw.1.0.dsdl gives them.
+ROW_CUT = [5, 5, 4, 4, 2] + [0] * 22 + [2, 4, 5, 5, 5]
+ACTIVE = np.array([[cut <= col < 32 - cut for col in range(32)] for cut in ROW_CUT])
+
+
+class Mismatches:
+    """Every mismatch is counted, the first ones are printed."""
+
+    def __init__(self):
+        self.count = 0
+
+    def check(self, right, text):
+        if not right:
+            self.count += 1
+            if self.count <= SHOWN:
+                print(f"mismatch: {text}")
+
+    def equal(self, what, got, want):
+        """Compares values or arrays of equal shape."""
+        got, want = np.asarray(got), np.asarray(want)
+        same = got.shape == want.shape and bool((got == want).all())
+        self.check(same, f"{what}: on the bus {got!r}, in the file {want!r}")
+
+
+def scan_log(path, sensors, bad):
+    """Order and number of transfers as the lines show them: each period opens with one slip message,
+    the raw transfers of all sensors follow. Returns frames, slip messages and raw transfers."""
+    frames = 0
+    started = collections.Counter()
+    open_raw = None
+    with open(path, encoding="ascii") as log:
+        for number, line in enumerate(log, 1):
+            match = LINE.fullmatch(line)
+            bad.check(match, f"{path}: line {number} is not a CAN FD frame: {line!r}")
+            if not match:
+                continue
+            frames += 1
+            port, tail = int(match[1], 16) >> 8 & 0x1FFF, int(match[2], 16)
+            started[port] += tail >> 7
+            if port == SLIP_PORT:
+                bad.check(open_raw in (None, sensors), f"line {number}: {open_raw} raw transfers, need {sensors}")
+                open_raw = 0
+            else:
+                bad.check(open_raw is not None, f"line {number}: a raw frame before the first slip message")
+                open_raw = (open_raw or 0) + (tail >> 7)
+    return frames, started[SLIP_PORT], started[RAW_PORT]
+
+
+async def receive(path, types, count):
+    """Replay the log; returns the transfers of each type with their messages, and pycyphal's counters."""
+    transport = CANTransport(CandumpMedia(path), local_node_id=None)
+    presentation = Presentation(transport)
+    # Both before the first await: the replay starts with the first of them.
+    subscribers = [presentation.make_subscriber_with_fixed_subject_id(dtype) for dtype in types]
+    received = []
+    for subscriber, want in zip(subscribers, count):
+        messages = []
+        while len(messages) < want:
+            item = await subscriber.receive_for(SILENCE_S)
+            if item is None:
+                break
+            messages.append(item)
+        received.append(messages)
+    sessions = [subscriber.sample_statistics() for subscriber in subscribers]
+    counters = transport.sample_statistics()
+    presentation.close()
+    return received, sessions, counters
+
+
+def check_slip(messages, predictions, episode, bad):
+    """The slip messages against `predictions.npz`, and the sums against the scans."""
+    sensors = episode["piezo"].shape[1]
+    for index, (message, transfer) in enumerate(messages):
+        at = f"slip message {index}"
+        bad.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
+        bad.equal(f"{at}, sequence", message.sequence, index)
+        bad.equal(f"{at}, sensors", message.sensors, sensors)
+        bad.equal(f"{at}, class", message.class_index, predictions["class"][index])
+        bad.equal(f"{at}, logits", message.logits_q10, predictions["logits"][index])
+        bad.equal(f"{at}, slip", int(message.slip), predictions["slip"][index])
+        for sensor in range(sensors):
+            want = episode["piezo"][index, sensor].sum(dtype=np.uint32)
+            bad.equal(f"{at}, sum of sensor {sensor}", message.contact[sensor].count_sum, want)
+
+
+def check_raw(messages, slip_messages, episode, bad):
+    """Rebuild the episode's arrays from the raw frames. Returns samples compared and left out."""
+    piezo, xl, xl_end = episode["piezo"], episode["xl"], episode["xl_end"].astype(np.int64)
+    sensors = piezo.shape[1]
+    seen = np.zeros(xl_end.shape, np.int64)
+    compared = left_out = 0
+    for index, (message, transfer) in enumerate(messages):
+        at = f"raw frame {index}"
+        bad.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
+        frame, sensor = int(message.sequence), int(message.sensor)
+        if frame >= piezo.shape[0] or sensor >= sensors:
+            bad.check(False, f"{at}: frame {frame} of sensor {sensor} is not in the episode")
+            continue
+        at += f" (frame {frame}, sensor {sensor})"
+        seen[frame, sensor] += 1
+        if frame < len(slip_messages):
+            slip_message = slip_messages[frame][0]
+            bad.equal(f"{at}, timestamp", message.timestamp_us, slip_message.timestamp_us)
+            bad.equal(f"{at}, health", message.health, slip_message.contact[sensor].health)
+        counts = np.zeros((32, 32), np.uint16)
+        counts[ACTIVE] = message.taxels
+        bad.equal(f"{at}, taxels", counts, piezo[frame, sensor])
+        end = int(message.xl_end)
+        bad.equal(f"{at}, xl_end", end, xl_end[frame, sensor])
+        before = xl_end[frame - 1, sensor] if frame else 0
+        arrived = int(xl_end[frame, sensor] - before)
+        sent = min(arrived, RAW_XL_MAX)
+        bad.equal(f"{at}, xl_dropped", message.xl_dropped, min(arrived - sent, 255))
+        samples = np.array([[s.x, s.y, s.z] for s in message.xl], np.int16).reshape(-1, 3)
+        bad.equal(f"{at}, xl", samples, xl[sensor, xl_end[frame, sensor] - sent : xl_end[frame, sensor]])
+        compared += len(samples)
+        left_out += int(message.xl_dropped)
+    bad.check((seen == 1).all(), f"raw frames: {np.count_nonzero(seen != 1)} of {seen.size} not seen exactly once")
+    return compared, left_out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("log", type=pathlib.Path)
+    parser.add_argument("predictions", type=pathlib.Path)
+    parser.add_argument("episode", type=pathlib.Path)
+    args = parser.parse_args()
+    # pycyphal names lost frames, bad checksums and unreadable lines in its log.
+    logging.basicConfig(level=logging.WARNING, format="pycyphal: %(message)s")
+    with np.load(args.predictions) as file:
+        predictions = {name: file[name] for name in ("class", "logits", "slip")}
+    with np.load(args.episode) as file:
+        episode = {name: file[name] for name in ("piezo", "xl", "xl_end")}
+    frames, sensors = episode["piezo"].shape[:2]
+
+    bad = Mismatches()
+    lines, slips, raws = scan_log(args.log, sensors, bad)
+    bad.check(frames > 0, f"{args.episode}: no frames")
+    bad.equal("rows of the predictions", len(predictions["class"]), frames)
+    bad.equal("slip messages", slips, frames)
+    bad.equal("raw transfers", raws, frames * sensors)
+    if bad.count:
+        return 1
+
+    with tempfile.TemporaryDirectory() as folder:
+        pycyphal.dsdl.compile(DSDL, [], folder)
+        sys.path.insert(0, folder)
+        import slipsense
+
+        types = (slipsense.Slip_1_0, slipsense.Raw_1_0)
+        bad.equal("subject of Slip", pycyphal.dsdl.get_fixed_port_id(types[0]), SLIP_PORT)
+        bad.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), RAW_PORT)
+        (slip, raw), sessions, counters = asyncio.run(receive(args.log, types, (slips, raws)))
+
+    bad.equal("slip messages decoded", len(slip), slips)
+    bad.equal("raw frames decoded", len(raw), raws)
+    bad.equal("frames that pycyphal took", counters.in_frames_cyphal_accepted, lines)
+    bad.equal("frames in error", counters.in_frames_errored, 0)
+    for name, session in zip(("slip", "raw"), sessions):
+        bad.equal(f"{name}: transport errors", session.transport_session.errors, 0)
+        bad.equal(f"{name}: transport drops", session.transport_session.drops, 0)
+        bad.equal(f"{name}: messages that do not decode", session.deserialization_failures, 0)
+    check_slip(slip, predictions, episode, bad)
+    compared, left_out = check_raw(raw, slip, episode, bad)
+
+    print(
+        f"{args.log}: {lines} CAN frames, {len(slip)} slip messages, {len(raw)} raw frames, "
+        f"{len(raw) * int(ACTIVE.sum())} taxel counts and {compared} accelerometer samples compared "
+        f"({left_out} reported as left out): {bad.count} mismatches"
+    )
+    return 1 if bad.count else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

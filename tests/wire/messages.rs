@@ -1,0 +1,187 @@
+//! Messages to bytes and back.
+
+use proptest::prelude::*;
+use slipsense::params::{ACTIVE_TAXELS, TAXELS};
+use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense::wire::{
+    DecodeError, FD_LENGTHS, RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawMessage, Received, Receiver,
+    SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
+};
+
+use crate::{NODE, expected, frame, raw};
+
+fn contact() -> impl Strategy<Value = SensorContact> {
+    let fields = (any::<u8>(), 0u32..1 << 24, any::<[u16; 3]>(), any::<i8>(), any::<u8>());
+    fields.prop_map(|(health, sum, [area, row, col], axis_deg, elongation_q8)| SensorContact {
+        health,
+        sum,
+        area,
+        centroid_row_q8: row,
+        centroid_col_q8: col,
+        axis_deg,
+        elongation_q8,
+    })
+}
+
+fn slip() -> impl Strategy<Value = SlipMessage> {
+    let decision = (0u8..3, any::<bool>(), any::<[i32; 3]>(), any::<u16>(), 0u8..4);
+    let contacts = proptest::array::uniform3(contact());
+    (0u64..1 << 56, any::<u32>(), decision, contacts).prop_map(
+        |(timestamp_us, sequence, (class, slip, logits_q10, late_frames, sensors), contact)| SlipMessage {
+            timestamp_us,
+            sequence,
+            class,
+            slip,
+            logits_q10,
+            late_frames,
+            sensors,
+            contact,
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn slip_messages_round_trip(message in slip()) {
+        prop_assert_eq!(SlipMessage::decode(&message.encode()), Ok(message));
+        let frame = Transmitter::new(NODE).slip(&message);
+        prop_assert_eq!(frame.data().len(), 64);
+        prop_assert_eq!(Receiver::new(NODE).accept(&frame), Ok(Some(Received::Slip(message))));
+    }
+
+    #[test]
+    fn raw_frames_round_trip(parts in raw()) {
+        let mut buffer = RawBuffer::new();
+        let frames: Vec<_> = Transmitter::new(NODE).raw(&frame(&parts), &mut buffer).collect();
+        prop_assert!((23..=29).contains(&frames.len()));
+        prop_assert!(frames.iter().all(|frame| FD_LENGTHS.contains(&(frame.data().len() as u8))));
+        let mut receiver = Receiver::new(NODE);
+        let (last, before) = frames.split_last().unwrap();
+        for frame in before {
+            prop_assert_eq!(receiver.accept(frame), Ok(None));
+        }
+        prop_assert_eq!(receiver.accept(last), Ok(Some(Received::Raw(expected(&parts)))));
+    }
+}
+
+/// Every field at its largest and smallest, beyond its range where the type allows it.
+#[test]
+fn fields_saturate() {
+    let contact = SensorContact {
+        health: 255,
+        sum: u32::MAX,
+        area: u16::MAX,
+        centroid_row_q8: u16::MAX,
+        centroid_col_q8: 0,
+        axis_deg: i8::MIN,
+        elongation_q8: 255,
+    };
+    let message = SlipMessage {
+        timestamp_us: u64::MAX,
+        sequence: u32::MAX,
+        class: 2,
+        slip: true,
+        logits_q10: [i32::MIN, i32::MAX, -1],
+        late_frames: u16::MAX,
+        sensors: 255,
+        contact: [contact; 3],
+    };
+    let contact = SensorContact { sum: (1 << 24) - 1, ..contact };
+    let sent = SlipMessage { timestamp_us: (1 << 56) - 1, sensors: 3, contact: [contact; 3], ..message };
+    assert_eq!(SlipMessage::decode(&message.encode()), Ok(sent));
+
+    let name = "slipsense.Slip";
+    let refused = DecodeError::OutOfRange { message: name, field: "class_index", value: 3, max: 2 };
+    for class in 3..=255 {
+        assert_eq!(SlipMessage::decode(&SlipMessage { class, ..message }.encode()), Err(refused));
+    }
+
+    let full = PiezoFrame::from_scan([u16::MAX; TAXELS]);
+    assert_eq!(full.sum() as usize, ACTIVE_TAXELS * 4_095);
+    let samples: Vec<XlSample> = (0..400).map(|i| [i, i16::MIN, i16::MAX]).collect();
+    let parts = (u64::MAX, u32::MAX, 2, 255, Some(full), Some(samples), u32::MAX);
+    let mut buffer = RawBuffer::new();
+    let bytes = frame(&parts).encode(&mut buffer);
+    assert_eq!(bytes.len(), RAW_BYTES_MAX);
+    let decoded = RawMessage::decode(bytes).unwrap();
+    assert_eq!(decoded, RawMessage { timestamp_us: (1 << 56) - 1, ..expected(&parts) });
+    assert_eq!((decoded.xl_dropped, decoded.xl.len()), (255, RAW_XL_MAX));
+}
+
+/// Bytes written by hand from the DSDL definitions, not by this code.
+#[test]
+fn layouts_are_those_of_the_definitions() {
+    let contact = |n: u8| SensorContact {
+        health: n,
+        sum: 0x03_0201 + u32::from(n),
+        area: 0x0504,
+        centroid_row_q8: 0x0706,
+        centroid_col_q8: 0x0908,
+        axis_deg: -2,
+        elongation_q8: 0x0A,
+    };
+    let message = SlipMessage {
+        timestamp_us: 0x07_0605_0403_0201,
+        sequence: 0x0B0A_0908,
+        class: 2,
+        slip: true,
+        logits_q10: [1, -1, 0x0403_0201],
+        late_frames: 0x0D0C,
+        sensors: 3,
+        contact: [contact(0), contact(16), contact(32)],
+    };
+    #[rustfmt::skip]
+    let bytes = [
+        1, 2, 3, 4, 5, 6, 7,  8, 9, 10, 11,  0b0001_1110,  12, 13,
+        1, 0, 0, 0,  255, 255, 255, 255,  1, 2, 3, 4,
+        0,  0x01, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
+        16, 0x11, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
+        32, 0x21, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
+    ];
+    assert_eq!(message.encode(), bytes);
+
+    let mut scan = [0; TAXELS];
+    // Row 0 begins at column 5, the last row ends at column 26.
+    (scan[5], scan[6], scan[31 * 32 + 26]) = (0xABC, 0x123, 0xFED);
+    let piezo = PiezoFrame::from_counts(scan).unwrap();
+    let parts = (1, 2, 1, 0, Some(piezo), Some(vec![[1, -2, 0x0403]]), 0x0807_0605);
+    let mut buffer = RawBuffer::new();
+    let bytes = frame(&parts).encode(&mut buffer);
+    assert_eq!(bytes[..13], [1, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 1, 0]);
+    assert_eq!(bytes[13..16], [0xBC, 0x3A, 0x12]);
+    assert!(bytes[16..1_424].iter().all(|&byte| byte == 0));
+    assert_eq!(bytes[1_424..], [0xD0, 0xFE, 5, 6, 7, 8, 0, 1, 1, 0, 0xFE, 0xFF, 3, 4]);
+}
+
+#[test]
+fn short_messages_are_refused() {
+    let bytes = SlipMessage::default().encode();
+    assert_eq!(SLIP_BYTES, 62);
+    for length in 0..SLIP_BYTES {
+        match SlipMessage::decode(&bytes[..length]) {
+            Err(DecodeError::Truncated { message: "slipsense.Slip", found, .. }) => assert_eq!(found, length),
+            other => panic!("{length} bytes: {other:?}"),
+        }
+    }
+    let parts = (0, 0, 0, 0, None, Some(vec![[1; 3]; 5]), 5);
+    let mut buffer = RawBuffer::new();
+    let bytes = frame(&parts).encode(&mut buffer);
+    for length in 0..bytes.len() {
+        match RawMessage::decode(&bytes[..length]) {
+            Err(DecodeError::Truncated { message: "slipsense.Raw", expected, .. }) => {
+                assert!(expected > length)
+            }
+            other => panic!("{length} bytes: {other:?}"),
+        }
+    }
+    let mut changed = bytes.to_vec();
+    changed[11] = 3;
+    let error = RawMessage::decode(&changed).unwrap_err();
+    assert_eq!(error.to_string(), "slipsense.Raw: sensor is 3, at most 2 allowed");
+    changed[11] = 0;
+    changed[1_431] = 65;
+    let error = RawMessage::decode(&changed).unwrap_err();
+    assert_eq!(error.to_string(), "slipsense.Raw: xl is 65, at most 64 allowed");
+}

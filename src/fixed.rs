@@ -69,7 +69,8 @@ pub fn standardise<const FRAC: u32>(x: &mut [i32], epsilon: u64, out: &mut [i16]
     let variance = squares / n as u64 + epsilon;
     // variance < 2^47: 16 more bits give the root 8 fraction bits and keep it below 2^32.
     let sigma_q8 = isqrt(variance << 16);
-    let reciprocal = ((1u64 << 47) / sigma_q8 as u64) as i64; // 2^39 / sigma ≤ 2^39
+    // A variance of at least 1 makes the root at least 256; max() lets the compiler see it is not 0.
+    let reciprocal = ((1u64 << 47) / sigma_q8.max(1) as u64) as i64; // 2^39 / sigma ≤ 2^39
     for (v, o) in x.iter().zip(out.iter_mut()) {
         // |deviation| < 2^23, reciprocal ≤ 2^39: below 2^62.
         *o = saturate_i16(saturate_i32(round_shift(*v as i64 * reciprocal, 39 - FRAC)));

@@ -1,17 +1,16 @@
 //! Step 4: power, summed over the axes. The sum does not change when the accelerometer is rotated, and
 //! it makes one mel bank and one logarithm do for three axes (field decision D-4).
 
-use super::fft::Complex;
-use super::ring::WINDOWED_FRAC_BITS;
+use super::fft::{Complex, SPECTRUM_FRAC_BITS};
 use crate::params::FFT_BINS;
 
 /// Fraction bits of the power, in LSB².
-pub const POWER_FRAC_BITS: u32 = 2 * WINDOWED_FRAC_BITS;
+pub const POWER_FRAC_BITS: u32 = 2 * SPECTRUM_FRAC_BITS;
 
-/// Add `|X|²` of one axis, in LSB², Q14, to each bin.
+/// Add `|X|²` of one axis, in LSB², Q16, to each bin.
 ///
-/// A bin of magnitude 2^30 has a power of 2^60; three axes stay below 2^62. By Parseval all of bins 1 to
-/// 63 together stay below 64 · Σ(x·w)² ≤ 64 · 2^48 · 48 per axis, 2^61.2 over three.
+/// A bin is at most 64 · 79,500 LSB, so three axes stay below 2^62.2. By Parseval all of bins 1 to 63
+/// together stay below 64 · Σ(x·w)² ≤ 64 · 48 · 79,500² LSB² per axis: 2^61.8 over three, Q16.
 #[inline]
 pub fn add_power(power: &mut [u64; FFT_BINS], spectrum: &[Complex; FFT_BINS]) {
     for (power, bin) in power.iter_mut().zip(spectrum) {

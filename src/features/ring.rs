@@ -5,8 +5,8 @@ use super::tables::HANN_Q30;
 use crate::fixed::round_shift;
 use crate::params::XL_WINDOW;
 
-/// Fraction bits of the windowed signal, in LSB: what fits in `i32` through the whole FFT.
-pub const WINDOWED_FRAC_BITS: u32 = 7;
+/// Fraction bits of the windowed signal, in LSB: what the first stage of the FFT has room for.
+pub const WINDOWED_FRAC_BITS: u32 = 13;
 const WINDOW_SHIFT: u32 = FILTERED_FRAC_BITS + 30 - WINDOWED_FRAC_BITS;
 
 /// Ring of the latest samples of one axis, LSB in Q14; zeros before the first.
@@ -23,17 +23,15 @@ impl Ring {
         Self { samples: [0; XL_WINDOW], next: 0 }
     }
 
-    /// Put a sample in the place of the oldest.
+    /// Put a sample, at most [`super::highpass::FILTERED_MAX`] in magnitude, in the place of the oldest.
     #[inline]
     pub fn push(&mut self, sample: i32) {
         self.samples[self.next % XL_WINDOW] = sample;
         self.next = (self.next + 1) % XL_WINDOW;
     }
 
-    /// The samples under a periodic Hann window, oldest first, in LSB, Q7.
-    ///
-    /// The weights sum to 64 and a sample is at most 2^31, so the magnitudes of the result sum to at
-    /// most 64 · 2^31 · 2^-7 = 2^30, and to 64 more by rounding. That is what the FFT asks for.
+    /// The samples under a periodic Hann window, oldest first, in LSB, Q13: at most 79,500 times the
+    /// weight, which is what the FFT asks for.
     pub fn windowed(&self) -> [i32; XL_WINDOW] {
         let mut out = [0; XL_WINDOW];
         for (i, (out, &weight)) in out.iter_mut().zip(&HANN_Q30).enumerate() {

@@ -1,0 +1,174 @@
+#!/usr/bin/env python3
+"""Make the committed integer tables of the kernels: src/features/tables.rs and src/net/tables.rs.
+
+Every entry is floor(x * 2^q + 1/2) of a value taken with 60 decimal digits, so no machine's floating
+point has a say in it. Needs mpmath (tests/python/requirements.txt) and rustfmt.
+
+  make_tables.py           write the files
+  make_tables.py --check   compare with the committed files; exit 1 and name each that differs
+"""
+
+import argparse
+import pathlib
+import subprocess
+import sys
+
+from mpmath import mp, mpf
+
+mp.dps = 60
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+XL_RATE_HZ = 8000
+HIGHPASS_HZ = 10
+WINDOW = 128
+MEL_BINS = 16
+MEL_LOW_HZ, MEL_HIGH_HZ = 20, 4000
+
+HIGHPASS_BITS = 30
+HANN_BITS = 30
+TWIDDLE_BITS = 30
+MEL_BITS = 24
+LN_BITS = 24
+LN_SEGMENTS = 128
+EXP2_BITS = 15
+EXP2_STEPS = 1024
+
+
+def fixed(x, bits):
+    """The project's rounding rule, ties towards plus infinity."""
+    return int(mp.floor(mpf(x) * 2**bits + mpf(1) / 2))
+
+
+def grouped(n):
+    """A Rust integer literal with its digits in threes."""
+    return f"{n:,}".replace(",", "_")
+
+
+def literal(value):
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(literal(v) for v in value) + "]"
+    return str(value)  # without separators, so that rustfmt packs rows
+
+
+def highpass():
+    """b0, a1, a2 of the bilinear second-order Butterworth high-pass with a prewarped corner."""
+    k = mp.tan(mp.pi * HIGHPASS_HZ / XL_RATE_HZ)
+    norm = 1 + mp.sqrt(2) * k + k * k
+    b0, a1, a2 = 1 / norm, 2 * (k * k - 1) / norm, (1 - mp.sqrt(2) * k + k * k) / norm
+    return b0, a1, a2
+
+
+def highpass_gain():
+    """Sum of |h[n]|: the largest output per unit of input. The tail is below 1e-30 after 2 s."""
+    b0, a1, a2 = highpass()
+    total, y1, y2 = mpf(0), mpf(0), mpf(0)
+    for n in range(2 * XL_RATE_HZ):
+        x = {0: b0, 1: -2 * b0, 2: b0}.get(n, mpf(0))
+        y1, y2 = x - a1 * y1 - a2 * y2, y1
+        total += abs(y1)
+    return total
+
+
+def twiddle(k, n):
+    """exp(-2 pi i k / n)"""
+    angle = 2 * mp.pi * k / n
+    return [fixed(mp.cos(angle), TWIDDLE_BITS), fixed(-mp.sin(angle), TWIDDLE_BITS)]
+
+
+def mel_segments():
+    """Bins between neighbouring edges of the HTK-mel grid and their weight in the rising triangle."""
+
+    def mel(hz):
+        return 2595 * mp.log10(1 + mpf(hz) / 700)
+
+    low, high = mel(MEL_LOW_HZ), mel(MEL_HIGH_HZ)
+    edges = [700 * (mp.power(10, (low + (high - low) * i / (MEL_BINS + 1)) / 2595) - 1) for i in range(MEL_BINS + 2)]
+    lengths, rising = [], []
+    for left, right in zip(edges, edges[1:]):
+        bins = [mpf(k) * XL_RATE_HZ / WINDOW for k in range(1, WINDOW // 2)]
+        inside = [hz for hz in bins if left <= hz < right]
+        lengths.append(len(inside))
+        rising += [fixed((hz - left) / (right - left), MEL_BITS) for hz in inside]
+    # Bin 0 (0 Hz) lies below the first edge, the last bin (4 kHz) on the last edge, where the weight is 0.
+    assert len(rising) == WINDOW // 2 - 1 and min(lengths) >= 1
+    return lengths, rising
+
+
+HEADER = """//! {about}
+//!
+//! Written by `tests/python/make_tables.py` with 60 decimal digits, every entry rounded as
+//! `floor(x + 1/2)`; `make_tables.py --check` compares. Not to be edited by hand.
+
+"""
+
+
+def features_tables():
+    b0, a1, a2 = (fixed(c, HIGHPASS_BITS) for c in highpass())
+    hann = [fixed((1 - mp.cos(2 * mp.pi * n / WINDOW)) / 2, HANN_BITS) for n in range(WINDOW)]
+    radix4 = [[twiddle(i * j, WINDOW // 2) for i in (1, 2, 3)] for j in range(WINDOW // 8)]
+    split = [twiddle(k, WINDOW) for k in range(1, WINDOW // 4)]
+    lengths, rising = mel_segments()
+    ln = [fixed(mp.log(1 + mpf(i) / LN_SEGMENTS), LN_BITS) for i in range(LN_SEGMENTS + 1)]
+    parts = [
+        HEADER.format(about="Constants of the front end."),
+        "use super::highpass::HighPass;\n\n",
+        f"/// Butterworth, second order, {HIGHPASS_HZ} Hz at {XL_RATE_HZ} Hz; Q{HIGHPASS_BITS}. "
+        f"The sum of its absolute impulse response is {mp.nstr(highpass_gain(), 6)}.\n",
+        f"pub const HIGHPASS: HighPass = HighPass {{ b0_q30: {grouped(b0)}, a1_q30: {grouped(a1)}, a2_q30: {grouped(a2)} }};\n\n",
+        f"/// Periodic Hann window, `(1 - cos(2 pi n / {WINDOW})) / 2`, Q{HANN_BITS}.\n",
+        f"pub static HANN_Q30: [i32; {WINDOW}] = {literal(hann)};\n\n",
+        f"/// `exp(-2 pi i j m / {WINDOW // 2})` as `[re, im]`, Q{TWIDDLE_BITS}: one row per j, m = 1, 2, 3.\n",
+        f"pub static TWIDDLE_64_Q30: [[[i32; 2]; 3]; {len(radix4)}] = {literal(radix4)};\n\n",
+        f"/// `exp(-2 pi i k / {WINDOW})` as `[re, im]`, Q{TWIDDLE_BITS}, for k = 1 to {len(split)}.\n",
+        f"pub static TWIDDLE_128_Q30: [[i32; 2]; {len(split)}] = {literal(split)};\n\n",
+        f"/// FFT bins between neighbouring edges of the mel grid, from bin 1 on "
+        f"({MEL_BINS + 2} edges, {MEL_LOW_HZ} to {MEL_HIGH_HZ} Hz).\n",
+        f"pub static MEL_SEGMENT_BINS: [u8; {len(lengths)}] = {literal(lengths)};\n\n",
+        f"/// Weight of each bin, from bin 1 on, in the triangle that rises over its segment; Q{MEL_BITS}. "
+        f"The triangle that\n/// falls over it has the rest of 1.\n",
+        f"pub static MEL_RISING_Q24: [u32; {len(rising)}] = {literal(rising)};\n\n",
+        f"/// `ln(1 + i / {LN_SEGMENTS})`, Q{LN_BITS}.\n",
+        f"pub static LN_Q24: [u32; {len(ln)}] = {literal(ln)};\n\n",
+        f"/// `ln 2`, Q{LN_BITS}.\n",
+        f"pub const LN_2_Q24: u32 = {grouped(fixed(mp.log(2), LN_BITS))};\n",
+    ]
+    return "".join(parts)
+
+
+def net_tables():
+    exp2 = [fixed(mp.power(2, -mpf(f) / EXP2_STEPS), EXP2_BITS) for f in range(EXP2_STEPS)]
+    return "".join([
+        HEADER.format(about="The exponential of the softmax."),
+        f"/// `2^(-f / {EXP2_STEPS})`, Q{EXP2_BITS}.\n",
+        f"pub static EXP2_Q15: [u16; {EXP2_STEPS}] = {literal(exp2)};\n",
+    ])
+
+
+def rustfmt(source):
+    done = subprocess.run(["rustfmt", "--edition", "2024", "--emit", "stdout"], input=source, text=True,
+                          cwd=ROOT, capture_output=True)
+    if done.returncode != 0:
+        sys.exit(f"rustfmt refused a table: {done.stderr.strip()}")
+    return done.stdout
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="compare instead of writing")
+    check = parser.parse_args().check
+    failed = False
+    for name, make in (("src/features/tables.rs", features_tables), ("src/net/tables.rs", net_tables)):
+        path, text = ROOT / name, rustfmt(make())
+        if not check:
+            path.write_text(text)
+            print(f"{name}: written")
+        elif not path.exists() or path.read_text() != text:
+            print(f"{name}: differs from what make_tables.py makes", file=sys.stderr)
+            failed = True
+        else:
+            print(f"{name}: as made")
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,2 +1,49 @@
-//! Developer commands.
-fn main() {}
+//! Developer commands, started as `cargo xtask`.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+mod process;
+mod python;
+mod qemu;
+mod test;
+mod toolchain;
+
+/// Developer commands of SlipSense.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run everything that must pass: formatting, lints, host tests, ARM builds, emulator, Python checks
+    Test(test::Options),
+    /// Run frames on an emulated Cortex-M7 and compare every result with this computer's, bit for bit
+    Qemu(qemu::Options),
+}
+
+/// The repository.
+fn root() -> &'static Path {
+    // This package lies two folders below it.
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Test(options) => test::run(&options),
+        Command::Qemu(options) => qemu::run(&options),
+    };
+    match result {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}

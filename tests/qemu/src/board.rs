@@ -65,7 +65,7 @@ impl CanTransmit for Shared {
     type Error = Infallible;
 
     async fn transmit(&mut self, frame: &CanFrame) -> Result<(), Infallible> {
-        self.0.borrow_mut().record.can.push(frame.clone()).expect("room for all CAN frames of a frame");
+        self.0.borrow_mut().record.can.push(*frame).expect("room for all CAN frames of a frame");
         Ok(())
     }
 }

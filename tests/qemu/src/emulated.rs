@@ -22,7 +22,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::{Recorder, Recording, Shared};
 use crate::semihosting::File;
-use crate::time_driver::{ALARM_IRQ, COUNTER_IRQ, Irq, TIME};
+use crate::time_driver::{ALARM_IRQ, COUNTER_IRQ, Irq, time};
 
 /// A line that no device of the board drives: acquisition runs in its handler.
 const ACQUISITION_IRQ: Irq = Irq(31);
@@ -45,8 +45,8 @@ static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
 #[exception]
 unsafe fn DefaultHandler(irq: i16) {
     match irq as u16 {
-        n if n == COUNTER_IRQ.0 => TIME.on_counter(),
-        n if n == ALARM_IRQ.0 => TIME.on_alarm(),
+        n if n == COUNTER_IRQ.0 => time().on_counter(),
+        n if n == ALARM_IRQ.0 => time().on_alarm(),
         // SAFETY: this is the handler of the line that the executor was started with.
         n if n == ACQUISITION_IRQ.0 => unsafe { ACQUISITION.on_interrupt() },
         _ => panic!("interrupt {irq} was never enabled"),
@@ -102,7 +102,7 @@ fn main() -> ! {
     let recording = RECORDING.init(recording);
     let (sender, receiver) = QUEUE.init(Channel::new(BUFFERS.take())).split();
 
-    TIME.init();
+    time().init();
     let mut core = cortex_m::Peripherals::take().expect("taken once");
     // SAFETY: all critical sections of this program mask every priority.
     unsafe {

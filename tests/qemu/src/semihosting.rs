@@ -41,12 +41,4 @@ impl File {
         let missing = unsafe { syscall!(WRITE, self.0, bytes.as_ptr(), bytes.len()) };
         (missing == 0).then_some(())
     }
-
-    /// Close; `None` if the host could not keep what was written.
-    #[must_use]
-    pub fn close(self) -> Option<()> {
-        // SAFETY: the handle is this file's own and is given up here.
-        let result = unsafe { syscall!(CLOSE, self.0) };
-        (result == 0).then_some(())
-    }
 }

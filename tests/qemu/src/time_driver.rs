@@ -81,10 +81,15 @@ pub struct Mps2Time {
     queue: Mutex<RefCell<Queue>>,
 }
 
-embassy_time_driver::time_driver_impl!(pub static TIME: Mps2Time = Mps2Time {
+embassy_time_driver::time_driver_impl!(static TIME: Mps2Time = Mps2Time {
     wraps: AtomicU32::new(0),
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
+
+/// The one driver.
+pub fn time() -> &'static Mps2Time {
+    &TIME
+}
 
 impl Mps2Time {
     /// Start counting. Call once, before any executor runs.

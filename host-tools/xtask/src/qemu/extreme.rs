@@ -1,0 +1,227 @@
+//! Input that no sensor delivers for long: full scale, zeros, single taxels, alternating extremes, random
+//! bits, batches of any size, parts that are missing, counters that wrap. The same seed gives the same
+//! input everywhere: only integers are drawn.
+
+use anyhow::{Result, anyhow};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::board::SensedPart;
+use slipsense::net::format::{Dims, HEAD_WIDTH_MAX};
+use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXELS, XL_BATCH_MAX, limits};
+use slipsense::pipeline::FrameStamp;
+use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense_model_file::random_model;
+
+use super::frames::Frames;
+
+/// Frames before the sequence number wraps.
+const BEFORE_WRAP: u32 = 100;
+/// A stretch of one kind of input lasts up to this many frames.
+const STRETCH_MAX: u32 = 40;
+
+/// Extreme frames.
+pub fn frames(count: u32, sensors: usize, seed: u64) -> Frames {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (sensors as u64) << 32);
+    let mut generators: Vec<Sensor> = (0..sensors).map(|_| Sensor::new(&mut rng)).collect();
+    let mut frames = Frames::new(sensors);
+    let mut stamp =
+        FrameStamp { sequence: 0u32.wrapping_sub(BEFORE_WRAP), timestamp_us: rng.random_range(0..1 << 55) };
+    for _ in 0..count {
+        let parts = generators.iter_mut().map(|sensor| sensor.part(&mut rng)).collect();
+        frames.push(stamp, parts);
+        stamp.sequence = stamp.sequence.wrapping_add(1);
+        stamp.timestamp_us += rng.random_range(1..10_000);
+    }
+    frames
+}
+
+/// A network of random shape and weights.
+pub fn model(seed: u64) -> Result<Vec<u8>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let heads = [1, 2, 4, limits::HEADS][rng.random_range(0..4)];
+    let dims = Dims {
+        conv_channels: limits::CONV_CHANNELS.map(|most| rng.random_range(1..=most)),
+        embed: heads * rng.random_range(1..=(limits::EMBED / heads).min(HEAD_WIDTH_MAX / 2)),
+        xl_kernel: rng.random_range(1..=limits::XL_KERNEL),
+        xl_channels: rng.random_range(1..=limits::XL_CHANNELS),
+        heads,
+        window: rng.random_range(1..=limits::WINDOW),
+    };
+    random_model(dims, seed).to_bytes().map_err(|error| anyhow!("random model {seed}: {error}"))
+}
+
+#[derive(Clone, Copy)]
+enum Piezo {
+    Zeros,
+    FullScale,
+    OneTaxel { index: usize, count: u16 },
+    Checkerboard { phase: usize },
+    Noise { most: u16 },
+    Missing,
+}
+
+#[derive(Clone, Copy)]
+enum Xl {
+    Zeros,
+    Constant(XlSample),
+    Alternating { period: u32 },
+    RandomBits { axes: usize },
+    Impulse,
+    Missing,
+}
+
+/// One sensor's generator: the kinds of input now, and for how long.
+struct Sensor {
+    piezo: (Piezo, u32),
+    xl: (Xl, u32),
+    sample: u32,
+}
+
+impl Sensor {
+    fn new(rng: &mut ChaCha8Rng) -> Self {
+        // Just before the sample counter wraps.
+        Self {
+            piezo: (Piezo::Zeros, 0),
+            xl: (Xl::Zeros, 0),
+            sample: 0u32.wrapping_sub(rng.random_range(0..20_000)),
+        }
+    }
+
+    fn part(&mut self, rng: &mut ChaCha8Rng) -> SensedPart {
+        if self.piezo.1 == 0 {
+            self.piezo = (draw_piezo(rng), rng.random_range(1..=STRETCH_MAX));
+        }
+        if self.xl.1 == 0 {
+            self.xl = (draw_xl(rng), rng.random_range(1..=STRETCH_MAX));
+        }
+        self.piezo.1 -= 1;
+        self.xl.1 -= 1;
+        let piezo = self.piezo.0.scan(rng);
+        if let Piezo::Checkerboard { phase } = &mut self.piezo.0 {
+            *phase ^= 1;
+        }
+        let xl = match self.xl.0 {
+            Xl::Missing => None,
+            kind => Some((0..batch_size(rng)).map(|_| self.next_sample(kind, rng)).collect()),
+        };
+        SensedPart {
+            piezo_arrived: piezo.is_some(),
+            piezo: piezo.unwrap_or(PiezoFrame::zeroed()),
+            xl_arrived: xl.is_some(),
+            xl: xl.unwrap_or_default(),
+            xl_end: self.sample,
+        }
+    }
+
+    fn next_sample(&mut self, kind: Xl, rng: &mut ChaCha8Rng) -> XlSample {
+        self.sample = self.sample.wrapping_add(1);
+        match kind {
+            Xl::Zeros | Xl::Missing => [0; 3],
+            Xl::Constant(sample) => sample,
+            Xl::Alternating { period } => {
+                [if (self.sample / period).is_multiple_of(2) { i16::MAX } else { i16::MIN }; 3]
+            }
+            Xl::RandomBits { axes } => {
+                core::array::from_fn(|axis| if axis < axes { rng.random() } else { 0 })
+            }
+            Xl::Impulse => [if self.sample.is_multiple_of(100) { i16::MIN } else { 0 }; 3],
+        }
+    }
+}
+
+fn batch_size(rng: &mut ChaCha8Rng) -> usize {
+    match rng.random_range(0..8) {
+        0 => 0,
+        1 => 1,
+        2 => XL_BATCH_MAX,
+        3 => rng.random_range(0..=XL_BATCH_MAX),
+        _ => rng.random_range(32..=35),
+    }
+}
+
+fn draw_piezo(rng: &mut ChaCha8Rng) -> Piezo {
+    match rng.random_range(0..8) {
+        0 => Piezo::Zeros,
+        1 => Piezo::FullScale,
+        2 | 3 => Piezo::OneTaxel {
+            index: rng.random_range(0..TAXELS),
+            count: [1, 941, 942, COUNT_MAX][rng.random_range(0..4)],
+        },
+        4 => Piezo::Checkerboard { phase: 0 },
+        5 => Piezo::Noise { most: [1, 2, 16][rng.random_range(0..3)] },
+        6 => Piezo::Noise { most: COUNT_MAX },
+        _ => Piezo::Missing,
+    }
+}
+
+fn draw_xl(rng: &mut ChaCha8Rng) -> Xl {
+    match rng.random_range(0..8) {
+        0 => Xl::Zeros,
+        1 => Xl::Constant([i16::MAX, i16::MIN, i16::MAX]),
+        2 => Xl::Constant([rng.random(), rng.random(), rng.random()]),
+        3 => Xl::Alternating { period: 1 },
+        4 => Xl::Alternating { period: rng.random_range(2..=400) },
+        5 => Xl::RandomBits { axes: rng.random_range(1..=3) },
+        6 => Xl::Impulse,
+        _ => Xl::Missing,
+    }
+}
+
+impl Piezo {
+    fn scan(self, rng: &mut ChaCha8Rng) -> Option<PiezoFrame> {
+        let mut counts = [0; TAXELS];
+        match self {
+            Self::Missing => return None,
+            Self::Zeros => {}
+            Self::FullScale => counts = [COUNT_MAX; TAXELS],
+            Self::OneTaxel { index, count } => counts[index] = count,
+            Self::Checkerboard { phase } => {
+                for (index, count) in counts.iter_mut().enumerate() {
+                    let odd = (index / TAXEL_COLS + index % TAXEL_COLS + phase) % 2 == 1;
+                    *count = if odd { COUNT_MAX } else { 0 };
+                }
+            }
+            Self::Noise { most } => counts.fill_with(|| rng.random_range(0..=most)),
+        }
+        // Cells off the pad are cut here, as on a board.
+        Some(PiezoFrame::from_scan(counts))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slipsense::net::Model;
+
+    #[test]
+    fn the_same_seed_gives_the_same_input() {
+        let parts = |seed| {
+            let frames = frames(50, 2, seed);
+            frames.iter().map(|(stamp, parts)| format!("{stamp:?} {parts:?}")).collect::<Vec<_>>()
+        };
+        assert_eq!(parts(3), parts(3));
+        assert_ne!(parts(3), parts(4));
+    }
+
+    #[test]
+    fn the_input_holds_every_extreme() {
+        let frames = frames(2000, 1, 1);
+        let parts: Vec<_> = frames.iter().map(|(_, parts)| &parts[0]).collect();
+        let any = |test: &dyn Fn(&SensedPart) -> bool| parts.iter().any(|part| test(part));
+        assert!(any(&|p| p.piezo.sum() == 942 * u32::from(COUNT_MAX)), "full scale");
+        assert!(any(&|p| p.piezo_arrived && p.piezo.sum() == 0), "zeros");
+        assert!(any(&|p| p.piezo.active().filter(|&c| c > 0).count() == 1), "single taxel");
+        assert!(any(&|p| !p.piezo_arrived) && any(&|p| !p.xl_arrived), "parts missing");
+        assert!(any(&|p| p.xl_arrived && p.xl.is_empty()), "an empty batch");
+        assert!(any(&|p| p.xl.is_full()), "a full batch");
+        assert!(any(&|p| p.xl.windows(2).any(|w| w[0] == [i16::MAX; 3] && w[1] == [i16::MIN; 3])), "swings");
+        assert!(frames.iter().any(|(stamp, _)| stamp.sequence == 0), "the sequence wraps");
+    }
+
+    #[test]
+    fn random_models_are_accepted() {
+        for seed in 0..20 {
+            Model::parse(&model(seed).unwrap()).unwrap();
+        }
+    }
+}

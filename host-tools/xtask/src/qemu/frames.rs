@@ -1,0 +1,73 @@
+//! Frames to be run, wherever they come from, in the form in which the tasks pass them on.
+
+use anyhow::{Result, anyhow};
+use slipsense::board::SensedPart;
+use slipsense::params::{FRAME_RATE_HZ, XL_BATCH_MAX};
+use slipsense::pipeline::FrameStamp;
+use slipsense_episode::Episode;
+
+/// One stretch of input.
+pub struct Frames {
+    sensors: usize,
+    stamps: Vec<FrameStamp>,
+    parts: Vec<SensedPart>,
+}
+
+impl Frames {
+    /// None yet.
+    pub fn new(sensors: usize) -> Self {
+        Self { sensors, stamps: Vec::new(), parts: Vec::new() }
+    }
+
+    /// The first `limit` frames of an episode.
+    pub fn of_episode(episode: &Episode, limit: Option<u32>) -> Result<Self> {
+        let mut frames = Self::new(episode.sensors);
+        let limit = limit.map_or(usize::MAX, |limit| limit as usize);
+        for frame in 0..episode.frames().min(limit) {
+            let sequence = u32::try_from(frame)?;
+            let timestamp_us = u64::from(sequence) * 1_000_000 / u64::from(FRAME_RATE_HZ);
+            let parts = (0..episode.sensors).map(|sensor| part(episode, frame, sensor));
+            frames.push(FrameStamp { sequence, timestamp_us }, parts.collect::<Result<Vec<_>>>()?);
+        }
+        Ok(frames)
+    }
+
+    /// Append a frame with one part per sensor.
+    pub fn push(&mut self, stamp: FrameStamp, parts: Vec<SensedPart>) {
+        assert_eq!(parts.len(), self.sensors, "one part per sensor");
+        self.stamps.push(stamp);
+        self.parts.extend(parts);
+    }
+
+    pub fn sensors(&self) -> usize {
+        self.sensors
+    }
+
+    pub fn len(&self) -> usize {
+        self.stamps.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.stamps.is_empty()
+    }
+
+    /// Stamps and parts in order.
+    pub fn iter(&self) -> impl Iterator<Item = (FrameStamp, &[SensedPart])> {
+        self.stamps.iter().copied().zip(self.parts.chunks_exact(self.sensors))
+    }
+}
+
+fn part(episode: &Episode, frame: usize, sensor: usize) -> Result<SensedPart> {
+    let batch = episode.xl_batch(frame, sensor);
+    let xl = heapless::Vec::from_slice(batch).map_err(|_| {
+        let samples = batch.len();
+        anyhow!("`xl_end`[{frame}][{sensor}]: {samples} samples in one frame, a board takes {XL_BATCH_MAX}")
+    })?;
+    Ok(SensedPart {
+        piezo: episode.piezo(frame, sensor).clone(),
+        piezo_arrived: true,
+        xl,
+        xl_arrived: true,
+        xl_end: episode.xl_end(frame, sensor),
+    })
+}

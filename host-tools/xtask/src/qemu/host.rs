@@ -1,0 +1,44 @@
+//! What this computer makes of the frames: pipeline and wire called directly, without tasks or queue.
+
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use slipsense::net::Model;
+use slipsense::pipeline::Pipeline;
+use slipsense::sensor::SensorInput;
+use slipsense::wire::{NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense_qemu::record::Record;
+
+use super::frames::Frames;
+
+/// Who speaks on the bus.
+pub const NODE: NodeId = NodeId::DEFAULT;
+
+/// One record per frame, and the time that it took.
+pub fn records(frames: &Frames, model: &[u8]) -> Result<(Vec<Record>, Duration)> {
+    let start = Instant::now();
+    let mut pipeline = Pipeline::new(Model::parse(model)?, frames.sensors())?;
+    let mut transmitter = Transmitter::new(NODE);
+    let mut buffer = RawBuffer::new();
+    let mut records = Vec::with_capacity(frames.len());
+    for (stamp, parts) in frames.iter() {
+        let inputs: Vec<SensorInput<'_>> = parts.iter().map(|part| part.input()).collect();
+        let output = pipeline.step(&inputs);
+        let mut record = Record::of(stamp.sequence, &output);
+        let mut send = |frame| record.can.push(frame).expect("the record has room for every CAN frame");
+        send(transmitter.slip(&output.slip_message(stamp, 0)));
+        for (sensor, (part, health)) in parts.iter().zip(output.health).enumerate() {
+            let raw = RawFrame {
+                timestamp_us: stamp.timestamp_us,
+                sequence: stamp.sequence,
+                sensor: sensor as u8,
+                health: health.0,
+                input: part.input(),
+                xl_end: part.xl_end,
+            };
+            transmitter.raw(&raw, &mut buffer).for_each(&mut send);
+        }
+        records.push(record);
+    }
+    Ok((records, start.elapsed()))
+}

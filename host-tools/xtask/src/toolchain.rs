@@ -1,0 +1,134 @@
+//! Which compiler builds for the Cortex-M7.
+//!
+//! 1. The target of the compiler in use, if it is installed.
+//! 2. Else rustup installs it.
+//! 3. Else, or where the environment variable `SLIPSENSE_TOOLCHAIN` is `debian`: Debian's compiler, which
+//!    builds the `core` library from Debian's sources. It has a target directory of its own, because its
+//!    version differs.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+use anyhow::{Result, bail};
+
+use crate::process::{answer, apt_install, cargo, command, find, run, target_dir};
+
+/// The Cortex-M7 with double-precision FPU.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+const VARIABLE: &str = "SLIPSENSE_TOOLCHAIN";
+const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld"];
+
+/// A compiler for [`TARGET`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Toolchain {
+    /// The one that built this program.
+    Host,
+    /// Debian's packages.
+    Debian,
+}
+
+impl Toolchain {
+    /// Find or install one; says which. Decided once per run.
+    pub fn get() -> Result<Self> {
+        static DECIDED: OnceLock<Toolchain> = OnceLock::new();
+        match DECIDED.get() {
+            Some(&toolchain) => Ok(toolchain),
+            None => decide().map(|toolchain| *DECIDED.get_or_init(|| toolchain)),
+        }
+    }
+
+    /// `cargo build` for the target, warnings denied, with the profile for the board.
+    pub fn build(self) -> Command {
+        let mut build = match self {
+            Self::Host => cargo(),
+            Self::Debian => {
+                let mut debian = command("/usr/bin/cargo");
+                debian
+                    .env("RUSTC", "/usr/bin/rustc")
+                    .env("RUSTC_BOOTSTRAP", "1")
+                    .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
+                debian
+            }
+        };
+        build.args(["build", "--profile", "firmware", "--target", TARGET, "--target-dir"]);
+        build.arg(self.target_dir());
+        // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them.
+        build.args(["--config", &format!("target.{TARGET}.rustflags=['-Dwarnings']")]);
+        if self == Self::Debian {
+            build.arg("-Zbuild-std=core");
+        }
+        build
+    }
+
+    /// The program of this name that [`build`](Self::build) made.
+    pub fn program(self, name: &str) -> PathBuf {
+        self.target_dir().join(TARGET).join("firmware").join(name)
+    }
+
+    fn target_dir(self) -> PathBuf {
+        match self {
+            Self::Host => target_dir(),
+            Self::Debian => target_dir().join("debian-thumb"),
+        }
+    }
+}
+
+fn decide() -> Result<Toolchain> {
+    match std::env::var(VARIABLE).as_deref() {
+        Err(_) | Ok("") => {}
+        Ok("debian") => return debian(&format!("{VARIABLE} asks for it")),
+        Ok(other) => bail!("{VARIABLE} is `{other}`; it may be `debian` or unset"),
+    }
+    if is_installed() {
+        eprintln!("ARM compiler: the installed target {TARGET}");
+        return Ok(Toolchain::Host);
+    }
+    if find("rustup").is_some() {
+        eprintln!("ARM compiler: rustup adds the target {TARGET}");
+        let mut rustup = command("rustup");
+        rustup.args(["target", "add", TARGET]);
+        if let Some(toolchain) = std::env::var_os("RUSTUP_TOOLCHAIN") {
+            rustup.env("RUSTUP_TOOLCHAIN", toolchain);
+        }
+        match run(&mut rustup) {
+            Ok(()) => return Ok(Toolchain::Host),
+            Err(error) => eprintln!("rustup cannot: {error}"),
+        }
+    }
+    debian("the target is not installed and rustup cannot add it")
+}
+
+fn is_installed() -> bool {
+    let mut rustc = command("rustc");
+    if let Some(toolchain) = std::env::var_os("RUSTUP_TOOLCHAIN") {
+        rustc.env("RUSTUP_TOOLCHAIN", toolchain);
+    }
+    let libdir = answer(rustc.args(["--print", "target-libdir", "--target", TARGET]));
+    let holds_core = |dir: &Path| {
+        let names = dir.read_dir().into_iter().flatten().flatten();
+        names.map(|entry| entry.file_name()).any(|name| name.to_string_lossy().starts_with("libcore-"))
+    };
+    libdir.is_some_and(|dir| holds_core(Path::new(&dir)))
+}
+
+fn debian(why: &str) -> Result<Toolchain> {
+    if !debian_is_complete() {
+        apt_install(&DEBIAN_PACKAGES, "building for the Cortex-M7 with Debian's compiler")?;
+    }
+    if !debian_is_complete() {
+        bail!(
+            "Debian's compiler is incomplete: {} are installed, yet core is missing",
+            DEBIAN_PACKAGES.join(" ")
+        );
+    }
+    let version = answer(command("/usr/bin/rustc").arg("--version")).unwrap_or_default();
+    eprintln!("ARM compiler: Debian's {version}, {why}");
+    Ok(Toolchain::Debian)
+}
+
+fn debian_is_complete() -> bool {
+    let sources = Path::new("/usr/lib/rustlib/src/rust/library/core/src/lib.rs");
+    let programs = ["/usr/bin/rustc", "/usr/bin/cargo"].map(Path::new);
+    programs.iter().all(|program| program.exists()) && sources.exists() && find("ld.lld").is_some()
+}

@@ -4,7 +4,8 @@
 use std::env::var;
 
 fn main() {
-    println!("cargo:rerun-if-changed=src/board/h743/memory.x");
+    println!("cargo:rerun-if-changed=src/board/h743/board.x");
+    println!("cargo:rerun-if-changed=memory.x");
     if var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") || var("CARGO_FEATURE_H743").is_err() {
         return;
     }

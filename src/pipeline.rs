@@ -6,7 +6,7 @@
 use crate::contact::ContactSummary;
 use crate::features::{LogMel, XlFrontEnd};
 use crate::net::{Model, Network, SensorFeatures};
-use crate::params::{CLASSES, CONTACT_SUM_MIN, COUNT_MAX, MAX_SENSORS, XL_WINDOW};
+use crate::params::{CLASSES, CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
 use crate::wire::{RAW_XL_MAX, SensorContact, SlipMessage, health};
 
@@ -33,6 +33,14 @@ pub struct FrameStamp {
     pub sequence: u32,
     /// Microseconds of the board's clock, below 2^56.
     pub timestamp_us: u64,
+}
+
+impl FrameStamp {
+    /// The stamp of a frame of a recording, whose ticks are exactly 240 Hz from time 0 on; microseconds
+    /// are rounded down.
+    pub const fn of_recording(sequence: u32) -> Self {
+        Self { sequence, timestamp_us: sequence as u64 * 1_000_000 / FRAME_RATE_HZ as u64 }
+    }
 }
 
 /// The result of one frame. Entries of sensors beyond `sensors` are zero.

@@ -78,10 +78,18 @@ impl Transmitter {
     }
 
     /// The 23 to 29 frames of one sensor's readings, in the order they must be sent. `buffer` holds
-    /// the encoded message while the frames are taken from it.
-    pub fn raw<'b>(&mut self, frame: &RawFrame<'_>, buffer: &'b mut RawBuffer) -> Frames<'b> {
+    /// the encoded message while the frames are taken from it. None where neither part delivered: the
+    /// slip message says so already, and zeros would only load the bus.
+    pub fn raw<'b>(
+        &mut self,
+        frame: &RawFrame<'_>,
+        buffer: &'b mut RawBuffer,
+    ) -> impl Iterator<Item = CanFrame> + use<'b> {
+        let delivered = frame.input.piezo.is_some() || frame.input.xl.is_some();
         let id = MessageId { priority: RAW_PRIORITY, port: RAW_PORT, node: self.node };
-        Frames::new(id, next_transfer(&mut self.raw_transfer), frame.encode(buffer))
+        let frames =
+            delivered.then(|| Frames::new(id, next_transfer(&mut self.raw_transfer), frame.encode(buffer)));
+        frames.into_iter().flatten()
     }
 }
 

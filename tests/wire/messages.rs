@@ -2,10 +2,10 @@
 
 use proptest::prelude::*;
 use slipsense::params::{ACTIVE_TAXELS, TAXELS};
-use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
-    DecodeError, FD_LENGTHS, RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawMessage, Received, Receiver,
-    SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
+    DecodeError, FD_LENGTHS, NodeId, RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage, Received,
+    Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
 };
 
 use crate::{NODE, expected, frame, raw};
@@ -184,4 +184,22 @@ fn short_messages_are_refused() {
     changed[1_431] = 65;
     let error = RawMessage::decode(&changed).unwrap_err();
     assert_eq!(error.to_string(), "slipsense.Raw: xl is 65, at most 64 allowed");
+}
+
+#[test]
+fn a_dead_sensor_sends_no_raw_frames() {
+    let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+    let mut buffer = RawBuffer::new();
+    let dead = RawFrame {
+        timestamp_us: 1,
+        sequence: 2,
+        sensor: 0,
+        health: 3,
+        input: SensorInput::default(),
+        xl_end: 0,
+    };
+    assert_eq!(transmitter.raw(&dead, &mut buffer).count(), 0);
+    let half = RawFrame { input: SensorInput { xl: Some(&[]), ..dead.input }, ..dead };
+    let first = transmitter.raw(&half, &mut buffer).next().expect("a part that delivered is sent");
+    assert_eq!(first.data().last().map(|tail| tail & 31), Some(0), "no transfer identifier was skipped");
 }

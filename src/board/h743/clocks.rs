@@ -22,7 +22,8 @@
 use embassy_stm32::Config;
 use embassy_stm32::rcc::mux::{Adcsel, Fdcansel, Saisel};
 use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
+    AHBPrescaler, APBPrescaler, Hse, HseMode, LsConfig, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
+    VoltageScale,
 };
 use embassy_stm32::time::Hertz;
 
@@ -48,6 +49,8 @@ pub fn config() -> Config {
     rcc.hse = Some(Hse { freq: Hertz(HSE_HZ), mode: HseMode::Bypass });
     // The I/O compensation cell runs from it; edges of fast pins are out of specification without.
     rcc.csi = true;
+    // No real-time clock. The watchdog switches the LSI on by itself.
+    rcc.ls = LsConfig::off();
     rcc.pll1 = Some(pll(PllMul::MUL240, Some(PllDiv::DIV2), Some(PllDiv::DIV12)));
     rcc.pll2 = Some(pll(PllMul::MUL160, Some(PllDiv::DIV8), None));
     rcc.pll3 = Some(pll(PllMul::MUL120, None, None));

@@ -1,10 +1,12 @@
-//! Memory attributes, caches, and the one large object: what `memory.x` promises is made true here.
+//! Memory attributes, caches, and where large objects live: what `board.x` promises is made true here.
 
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_stm32::pac;
-use slipsense::pipeline::Pipeline;
+
+/// Length of STACK in `board.x`.
+pub const STACK_BYTES: usize = 112 * 1024;
 
 /// Attributes of an MPU region, ARMv7-M RASR: never executed, full access.
 const EXECUTE_NEVER: u32 = 1 << 28;
@@ -51,16 +53,43 @@ pub fn init(core: &mut cortex_m::Peripherals) {
     core.SCB.enable_dcache(&mut core.CPUID);
 }
 
-/// Not a `StaticCell`: its flag would lie in the same memory, which nothing zeroes at boot.
-#[unsafe(link_section = ".axisram")]
-static mut PIPELINE: MaybeUninit<Pipeline<'static>> = MaybeUninit::uninit();
-static PIPELINE_TAKEN: AtomicBool = AtomicBool::new(false);
-
-/// The place of the pipeline in AXI SRAM; `None` the second time.
-pub fn pipeline_slot() -> Option<&'static mut MaybeUninit<Pipeline<'static>>> {
-    if PIPELINE_TAKEN.swap(true, Ordering::AcqRel) {
-        return None;
-    }
-    // SAFETY: the flag lets exactly one caller here, and nothing else names this static.
-    Some(unsafe { &mut *(&raw mut PIPELINE) })
+/// A static in a RAM that nothing zeroes at boot: taken once, then written. A `StaticCell` would keep
+/// its own flag in that memory.
+pub struct Slot<T> {
+    taken: AtomicBool,
+    place: *mut MaybeUninit<T>,
 }
+
+// SAFETY: `place` is handed out once, whoever asks; `T` goes where it is `Send`.
+unsafe impl<T: Send> Sync for Slot<T> {}
+
+impl<T> Slot<T> {
+    /// # Safety
+    /// `place` is a static that nothing else names.
+    pub const unsafe fn new(place: *mut MaybeUninit<T>) -> Self {
+        Self { taken: AtomicBool::new(false), place }
+    }
+
+    /// The place; `None` the second time.
+    pub fn take(&self) -> Option<&'static mut MaybeUninit<T>> {
+        if self.taken.swap(true, Ordering::AcqRel) {
+            return None;
+        }
+        // SAFETY: `new` promises a static of its own, and the flag lets one caller here.
+        Some(unsafe { &mut *self.place })
+    }
+}
+
+/// A [`Slot`] of this name and type in AXI SRAM.
+macro_rules! axi_sram_slot {
+    ($(#[$doc:meta])* $name:ident: $type:ty) => {
+        $(#[$doc])*
+        static $name: $crate::h743::memory::Slot<$type> = {
+            #[unsafe(link_section = ".axisram")]
+            static mut PLACE: ::core::mem::MaybeUninit<$type> = ::core::mem::MaybeUninit::uninit();
+            // SAFETY: `PLACE` is visible in this block only.
+            unsafe { $crate::h743::memory::Slot::new(&raw mut PLACE) }
+        };
+    };
+}
+pub(crate) use axi_sram_slot;

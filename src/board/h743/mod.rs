@@ -2,13 +2,13 @@
 //!
 //! **A skeleton.** The drivers of the taxel array and of the accelerometer are not written yet. The frame
 //! source ticks at 240 Hz and delivers frames in which every part of every sensor is missing, so the bus
-//! carries slip messages at 240 Hz whose health bytes say PIEZO_MISSING and XL_MISSING. Everything behind
-//! the source (pipeline, messages, FDCAN, watchdog, both executors) is what the product runs. Nothing here
-//! ran on a board so far.
+//! carries slip messages (and raw messages of zeros) at 240 Hz whose health bytes say PIEZO_MISSING and
+//! XL_MISSING. Everything behind the source (tasks, pipeline, messages, FDCAN, watchdog, both executors)
+//! is what the product runs. It ran on an emulated STM32H743, which has no FDCAN; on a board, not yet.
 //!
 //! ```text
-//! TIM2 ─> acquire (interrupt executor, CEC) ─> FRAMES ─> infer (thread executor) ─> pipeline ─> FDCAN1
-//!                                                         └─> watchdog, fed if both moved on
+//! TIM2 ─> acquire (interrupt executor, CEC) ─> frame queue ─> infer (thread executor) ─> pipeline ─> FDCAN1
+//!                                                             └─> watchdog, fed if both moved on
 //! ```
 //!
 //! Without a readable model the node does not stop: it reports the reason over defmt, lights the red LED
@@ -26,19 +26,23 @@ use cortex_m_rt::entry;
 use defmt::{Display2Format, error, info, unwrap, warn};
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor};
-use embassy_stm32::gpio::{Level, Output, Speed};
+use embassy_stm32::gpio::{Output, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
+use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_time::Instant;
 use panic_probe as _;
+use slipsense::board::{CanTransmit, Clock, SensedFrame};
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense::tasks::{self, Inference, QUEUED_FRAMES};
 use slipsense::wire::{NodeId, SensorContact, SlipMessage, Transmitter, health};
 use static_cell::StaticCell;
 
 use can::CanBus;
+use memory::axi_sram_slot;
 use sensors::AbsentSensors;
 use watchdog::Watchdog;
 
@@ -49,20 +53,41 @@ const _: () = assert!(SENSORS >= 1 && SENSORS <= MAX_SENSORS);
 /// The network, as trained and quantized.
 static MODEL: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
 
-/// Above it, acquisition: a tick preempts inference. The CEC interrupt is free, HDMI-CEC being unused.
+/// The higher executor: a tick preempts inference. HDMI-CEC is unused, so its interrupt is free.
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
 static INFERENCE: StaticCell<Executor> = StaticCell::new();
 
-/// Frames that wait for inference. A full queue drops the newest; its sequence number is then missing.
-static FRAMES: Channel<CriticalSectionRawMutex, FrameStamp, 4> = Channel::new();
-/// Frames closed so far, wraps.
-static FRAMES_ACQUIRED: AtomicU32 = AtomicU32::new(0);
+type Mutex = CriticalSectionRawMutex;
+type BoardInference = Inference<'static, CanBus, Uptime, ()>;
+
+static FRAME_QUEUE: StaticCell<Channel<'static, Mutex, SensedFrame>> = StaticCell::new();
+/// Ticks so far, wraps.
+static TICKS: AtomicU32 = AtomicU32::new(0);
+axi_sram_slot! {
+    /// What the frame queue lends out.
+    FRAME_BUFFERS: [SensedFrame; QUEUED_FRAMES]
+}
+axi_sram_slot! {
+    /// The pipeline with all its state.
+    PIPELINE: BoardInference
+}
+// `build` holds it once on the stack (seen in the disassembly), beside what parsing a model takes.
+const _: () = assert!(size_of::<BoardInference>() + 12 * 1024 <= memory::STACK_BYTES);
+
+/// The clock that stamps the ticks.
+struct Uptime;
+
+impl Clock for Uptime {
+    fn now_us(&self) -> u64 {
+        Instant::now().as_micros()
+    }
+}
 
 /// # Safety
-/// Called by the hardware only, which `main` starts after the executor is ready.
+/// Called by the hardware only, and not before `main` has started the executor.
 #[interrupt]
 unsafe fn CEC() {
-    // SAFETY: this is the interrupt that the executor was started with, at one priority.
+    // SAFETY: this is the interrupt that the executor was started with.
     unsafe { ACQUISITION.on_interrupt() }
 }
 
@@ -71,98 +96,107 @@ fn main() -> ! {
     let mut core = unwrap!(cortex_m::Peripherals::take());
     memory::init(&mut core);
     let chip = embassy_stm32::init(clocks::config());
-    info!("slipsense {=str} on STM32H743, {=u32} Hz frames", env!("CARGO_PKG_VERSION"), FRAME_RATE_HZ);
-
-    let pipeline = build_pipeline();
-    let fault_level = if pipeline.is_none() { Level::High } else { Level::Low };
-    // LD3, red. Leaked on purpose: dropping it would release the pin.
-    core::mem::forget(Output::new(chip.PB14, fault_level, Speed::Low));
+    info!("slipsense {=str}, NUCLEO-H743ZI2, {=u32} Hz", env!("CARGO_PKG_VERSION"), FRAME_RATE_HZ);
 
     let can = unwrap!(CanBus::start(chip.FDCAN1, chip.PD0, chip.PD1));
+    let node = build(can);
+    let fault = matches!(node, Node::WithoutModel(_));
+    // LD3, red. Never dropped: that would release the pin.
+    core::mem::forget(Output::new(chip.PB14, fault.into(), Speed::Low));
+
+    let buffers = unwrap!(FRAME_BUFFERS.take()).write([const { SensedFrame::new() }; QUEUED_FRAMES]);
+    let (sender, receiver) = FRAME_QUEUE.init(Channel::new(buffers)).split();
     let watchdog = Watchdog::start(chip.IWDG1);
 
     // Below the drivers' interrupts, which default to the highest priority.
     interrupt::CEC.set_priority(Priority::P6);
-    ACQUISITION.start(interrupt::CEC).spawn(unwrap!(acquire(AbsentSensors::start())));
-    INFERENCE.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(infer(pipeline, can, watchdog))))
+    ACQUISITION.start(interrupt::CEC).spawn(unwrap!(acquire(AbsentSensors::start(&TICKS), sender)));
+    INFERENCE.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(infer(node, receiver, watchdog))))
 }
 
-/// The pipeline in its place, or `None` after the reason was reported.
+/// What answers to a frame.
+enum Node {
+    Whole(&'static mut BoardInference),
+    WithoutModel(CanBus),
+}
+
+/// Put the pipeline in its place, or report why there is none.
 ///
 /// Not inlined: the pipeline passes through this function's stack frame, which must not stay.
 #[inline(never)]
-fn build_pipeline() -> Option<&'static mut Pipeline<'static>> {
-    let model = match Model::parse(MODEL) {
-        Ok(model) => model,
+fn build(can: CanBus) -> Node {
+    // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
+    let model = core::hint::black_box(MODEL);
+    let pipeline = match Model::parse(model).map(|model| Pipeline::new(model, SENSORS)) {
+        Ok(Ok(pipeline)) => pipeline,
+        Ok(Err(error)) => {
+            error!("pipeline: {}", Display2Format(&error));
+            return Node::WithoutModel(can);
+        }
         Err(error) => {
-            error!("model of {=usize} bytes: {}", MODEL.len(), Display2Format(&error));
-            return None;
+            error!("model of {=usize} bytes: {}", model.len(), Display2Format(&error));
+            return Node::WithoutModel(can);
         }
     };
-    match Pipeline::new(model, SENSORS) {
-        Ok(pipeline) => Some(memory::pipeline_slot()?.write(pipeline)),
-        Err(error) => {
-            error!("{}", Display2Format(&error));
-            None
-        }
-    }
+    let transmitter = Transmitter::new(NodeId::DEFAULT);
+    let place = unwrap!(PIPELINE.take());
+    Node::Whole(place.write(Inference::new(pipeline, transmitter, can, Uptime, ())))
 }
 
 #[embassy_executor::task]
-async fn acquire(mut source: AbsentSensors) {
-    loop {
-        let stamp = source.next_frame().await;
-        FRAMES_ACQUIRED.fetch_add(1, Ordering::Relaxed);
-        // A refused frame shows as a gap in the sequence numbers on the bus.
-        let _ = FRAMES.try_send(stamp);
-    }
+async fn acquire(mut source: AbsentSensors, queue: Sender<'static, Mutex, SensedFrame>) {
+    tasks::acquire(&mut source, queue).await;
 }
 
 #[embassy_executor::task]
-async fn infer(
-    mut pipeline: Option<&'static mut Pipeline<'static>>,
-    mut can: CanBus,
-    mut watchdog: Watchdog,
-) {
-    let mut transmitter = Transmitter::new(NodeId::DEFAULT);
-    let mut late_frames = 0u16;
-    let mut unsent_frames = 0u32;
+async fn infer(mut node: Node, mut queue: Receiver<'static, Mutex, SensedFrame>, mut watchdog: Watchdog) {
+    let mut degraded = Transmitter::new(NodeId::DEFAULT);
+    let mut frames_until_report = FRAME_RATE_HZ;
     loop {
-        let stamp = FRAMES.receive().await;
-        let message = match &mut pipeline {
-            Some(pipeline) => pipeline.step(&AbsentSensors::INPUTS).slip_message(stamp, late_frames),
-            None => without_model(stamp, late_frames),
-        };
-        if can.send(&transmitter.slip(&message)).is_err() {
-            unsent_frames = unsent_frames.saturating_add(1);
-        }
-        if !FRAMES.is_empty() {
-            late_frames = late_frames.saturating_add(1);
-        }
-        watchdog.feed(FRAMES_ACQUIRED.load(Ordering::Relaxed));
-        if stamp.sequence.is_multiple_of(FRAME_RATE_HZ) {
-            info!("frame {=u32}, late {=u16}, unsent {=u32}", stamp.sequence, late_frames, unsent_frames);
-            if can.is_off() {
-                warn!("the node is off the bus");
+        match &mut node {
+            Node::Whole(inference) => inference.serve(&mut queue).await,
+            Node::WithoutModel(can) => {
+                let stamp = queue.receive().await.stamp;
+                queue.receive_done();
+                // A refused frame shows at the receiver as a gap in the sequence numbers.
+                let _ = can.transmit(&degraded.slip(&without_model(stamp))).await;
             }
         }
+        watchdog.feed(TICKS.load(Ordering::Relaxed));
+        frames_until_report -= 1;
+        if frames_until_report == 0 {
+            frames_until_report = FRAME_RATE_HZ;
+            report(&node);
+        }
+    }
+}
+
+/// Once a second.
+fn report(node: &Node) {
+    let can = match node {
+        Node::Whole(inference) => {
+            let losses = inference.losses;
+            info!("late {=u32}, refused by the bus {=u32}", losses.late_frames, losses.refused_can_frames);
+            &inference.bus
+        }
+        Node::WithoutModel(can) => {
+            error!("no readable model: slip messages carry NO_MODEL");
+            can
+        }
+    };
+    if can.is_off() {
+        warn!("the node is off the bus");
     }
 }
 
 /// What the node can say without a network: the time, and that nothing in it is a decision.
-fn without_model(stamp: FrameStamp, late_frames: u16) -> SlipMessage {
+fn without_model(stamp: FrameStamp) -> SlipMessage {
     let flagged = SensorContact {
         health: health::NO_MODEL | health::PIEZO_MISSING | health::XL_MISSING,
         ..SensorContact::default()
     };
     let mut contact = [SensorContact::default(); MAX_SENSORS];
     contact[..SENSORS].fill(flagged);
-    SlipMessage {
-        timestamp_us: stamp.timestamp_us,
-        sequence: stamp.sequence,
-        late_frames,
-        sensors: SENSORS as u8,
-        contact,
-        ..SlipMessage::default()
-    }
+    let FrameStamp { sequence, timestamp_us } = stamp;
+    SlipMessage { timestamp_us, sequence, sensors: SENSORS as u8, contact, ..SlipMessage::default() }
 }

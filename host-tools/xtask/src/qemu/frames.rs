@@ -2,7 +2,7 @@
 
 use anyhow::{Result, anyhow};
 use slipsense::board::SensedPart;
-use slipsense::params::{FRAME_RATE_HZ, XL_BATCH_MAX};
+use slipsense::params::XL_BATCH_MAX;
 use slipsense::pipeline::FrameStamp;
 use slipsense_episode::Episode;
 
@@ -24,10 +24,9 @@ impl Frames {
         let mut frames = Self::new(episode.sensors);
         let limit = limit.map_or(usize::MAX, |limit| limit as usize);
         for frame in 0..episode.frames().min(limit) {
-            let sequence = u32::try_from(frame)?;
-            let timestamp_us = u64::from(sequence) * 1_000_000 / u64::from(FRAME_RATE_HZ);
+            let stamp = FrameStamp::of_recording(u32::try_from(frame)?);
             let parts = (0..episode.sensors).map(|sensor| part(episode, frame, sensor));
-            frames.push(FrameStamp { sequence, timestamp_us }, parts.collect::<Result<Vec<_>>>()?);
+            frames.push(stamp, parts.collect::<Result<Vec<_>>>()?);
         }
         Ok(frames)
     }

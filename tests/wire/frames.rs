@@ -66,6 +66,6 @@ fn the_slip_message_wins_the_bus() {
     let slip = Transmitter::new(NodeId::new(127).unwrap()).slip(&SlipMessage::default());
     let mut buffer = RawBuffer::new();
     let mut transmitter = Transmitter::new(NodeId::new(0).unwrap());
-    let raw = transmitter.raw(&frame(&(0, 0, 0, 0, None, None, 0)), &mut buffer).next().unwrap();
+    let raw = transmitter.raw(&frame(&(0, 0, 0, 0, None, Some(vec![]), 0)), &mut buffer).next().unwrap();
     assert!(slip.id() < raw.id());
 }

@@ -13,7 +13,7 @@ use slipsense::wire::{NodeId, RAW_XL_MAX, RawFrame, RawMessage, health};
 
 const NODE: NodeId = NodeId::DEFAULT;
 
-/// Everything a raw frame is made of, owned: time, sequence, sensor, health, scan, samples, `xl_end`.
+/// Everything a raw frame is made of, owned; at least one part delivered: time, sequence, sensor, health, scan, samples, `xl_end`.
 type RawParts = (u64, u32, u8, u8, Option<PiezoFrame>, Option<Vec<XlSample>>, u32);
 
 fn raw() -> impl Strategy<Value = RawParts> {
@@ -28,6 +28,9 @@ fn raw() -> impl Strategy<Value = RawParts> {
         proptest::option::of(proptest::collection::vec(any::<XlSample>(), 0..400)),
         any::<u32>(),
     )
+        .prop_filter("a sensor that delivered nothing sends nothing", |parts: &RawParts| {
+            parts.4.is_some() || parts.5.is_some()
+        })
 }
 
 fn frame(parts: &RawParts) -> RawFrame<'_> {

@@ -14,8 +14,7 @@ pub(crate) fn sample(unit: &XlUnit, lsb_g: f64, motion_g: &[[f64; 3]], rng: &mut
     motion_g
         .iter()
         .map(|g| {
-            let seen: [f64; 3] =
-                unit.matrix.map(|row| row[0] * g[0] + row[1] * g[1] + row[2] * g[2]);
+            let seen: [f64; 3] = unit.matrix.map(|row| row[0] * g[0] + row[1] * g[1] + row[2] * g[2]);
             let state = state.get_or_insert(seen);
             std::array::from_fn(|axis| {
                 state[axis] += blend * (seen[axis] - state[axis]);

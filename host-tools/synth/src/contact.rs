@@ -41,7 +41,11 @@ pub struct Pose {
 pub fn gap_mm(object: &Object, u: f64, v: f64) -> f64 {
     let bare = match object.shape {
         Shape::Cylinder { radius_mm: r, length_mm } => {
-            if u.abs() < r && v.abs() < length_mm / 2.0 { r - (r * r - u * u).sqrt() } else { f64::INFINITY }
+            if u.abs() < r && v.abs() < length_mm / 2.0 {
+                r - (r * r - u * u).sqrt()
+            } else {
+                f64::INFINITY
+            }
         }
         Shape::Sphere { radius_mm: r } => {
             let d2 = u * u + v * v;
@@ -68,9 +72,36 @@ pub struct Contact {
     stiffness_kpa_per_mm: f64,
     kernel: [[f64; 5]; 2],
     waves: [Wave; 6],
-    /// Gaps in rising order, with the cell they belong to, and their running sum.
-    gaps: Vec<(f64, usize, f64)>,
+    /// Gap of each cell under the object, with the cell.
+    gaps: Vec<(f64, usize)>,
     shift_mm: f64,
+}
+
+/// How an object rocks in the grip without slipping: slowly by itself, and with the grip force.
+pub(crate) struct Rocking {
+    wander: [(f64, f64, f64); 4],
+    with_force: [f64; 2],
+}
+
+impl Rocking {
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        Self {
+            wander: std::array::from_fn(|_| {
+                (rng.log_between(0.2, 3.0), rng.log_between(0.2e-3, 2e-3), rng.phase())
+            }),
+            with_force: [0.002 * rng.normal(), 0.002 * rng.normal()],
+        }
+    }
+
+    /// Slopes at time `t` under `excess` = F / F at the start of the grip − 1.
+    pub(crate) fn at(&self, t: f64, excess: f64) -> [f64; 2] {
+        std::array::from_fn(|axis| {
+            let wander = self.wander[2 * axis..2 * axis + 2]
+                .iter()
+                .map(|(hz, slope, phase)| slope * sin(std::f64::consts::TAU * hz * t + phase));
+            wander.sum::<f64>() + self.with_force[axis] * excess
+        })
+    }
 }
 
 /// One component of the uneven surface: it travels with the object.
@@ -111,7 +142,7 @@ impl Contact {
             Wave {
                 k_per_mm: [k * cos(angle), k * sin(angle)],
                 phase: rng.phase(),
-                depth: rng.between(0.005, 0.03),
+                depth: rng.between(0.004, 0.02),
             }
         });
         let mut contact = Self::new(object, pose, layer, spread);
@@ -140,21 +171,16 @@ impl Contact {
             gaps: Vec::new(),
             shift_mm: 0.0,
         };
-        contact.place(0.0);
+        contact.place(0.0, [0.0; 2]);
         contact
     }
 
-    /// Move the object by `shift_mm` along the slip direction from where it was gripped.
-    pub fn shift_to(&mut self, shift_mm: f64) {
-        // A thousandth of a cell changes no count.
-        if (shift_mm - self.shift_mm).abs() > 0.005 {
-            self.place(shift_mm);
-        }
-    }
-
-    fn place(&mut self, shift_mm: f64) {
+    /// Move the object by `shift_mm` along the slip direction from where it was gripped, and let it rock
+    /// by `rock` (slopes across and along its axis).
+    pub fn place(&mut self, shift_mm: f64, rock: [f64; 2]) {
         self.shift_mm = shift_mm;
         let (sin, cos) = sincos(self.pose.yaw_rad);
+        let tilt = [self.pose.tilt[0] + rock[0], self.pose.tilt[1] + rock[1]];
         self.gaps.clear();
         for row in 0..TAXEL_ROWS {
             for col in active_cols(row) {
@@ -162,34 +188,36 @@ impl Contact {
                 let (x, y) = cell_mm(cell);
                 let (dx, dy) = (x - self.pose.x_mm, y - self.pose.y_mm - shift_mm);
                 let (u, v) = (dx * cos + dy * sin, dy * cos - dx * sin);
-                let gap = gap_mm(self.object, u, v) + self.pose.tilt[0] * u + self.pose.tilt[1] * v;
+                let gap = gap_mm(self.object, u, v) + tilt[0] * u + tilt[1] * v;
                 if gap.is_finite() {
-                    self.gaps.push((gap, cell, 0.0));
+                    self.gaps.push((gap, cell));
                 }
             }
         }
-        self.gaps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut sum = 0.0;
-        for entry in &mut self.gaps {
-            sum += entry.0;
-            entry.2 = sum;
-        }
     }
 
-    /// Indentation that carries `force_n`: with `n` cells touching, the force is
-    /// `K · A · (n · depth − sum of their gaps)`; bisection over the sorted gaps finds `n`.
-    fn depth_mm(&self, force_n: f64) -> (f64, usize) {
+    /// Indentation at which the layer carries `force_n`. The force rises with depth in straight pieces
+    /// that only get steeper, so Newton steps settle within a few, from above after the first.
+    fn depth_mm(&self, force_n: f64) -> f64 {
         let load_mm = force_n * 1e3 / (self.stiffness_kpa_per_mm * CELL_MM2);
-        let carried = |n: usize| {
-            let (gap, _, sum) = self.gaps[n - 1];
-            n as f64 * gap - sum
-        };
-        let (mut lo, mut hi) = (1, self.gaps.len() + 1);
-        while hi - lo > 1 {
-            let mid = (lo + hi) / 2;
-            if carried(mid) <= load_mm { lo = mid } else { hi = mid }
+        let highest = self.gaps.iter().fold(f64::INFINITY, |a, g| a.min(g.0));
+        // One cell alone would carry it here: never too shallow.
+        let mut depth = highest + load_mm;
+        for _ in 0..60 {
+            let (mut sum, mut touching) = (0.0, 0.0);
+            for &(gap, _) in &self.gaps {
+                if gap < depth {
+                    sum += depth - gap;
+                    touching += 1.0;
+                }
+            }
+            let step = (sum - load_mm) / f64::max(touching, 1.0);
+            depth -= step;
+            if step.abs() < 1e-9 {
+                break;
+            }
         }
-        ((load_mm + self.gaps[lo - 1].2) / lo as f64, lo)
+        depth
     }
 
     /// Pressures under a grip of `force_n` newtons sheared by `shear` = lean · Q / F: the shear tilts the
@@ -202,11 +230,11 @@ impl Contact {
         if force_n <= 0.0 || self.gaps.is_empty() {
             return;
         }
-        let (depth, touching) = self.depth_mm(force_n);
+        let depth = self.depth_mm(force_n);
         let mut sharp = [0.0; TAXELS];
         let (mut rows, mut cols) = ((TAXEL_ROWS, 0), (TAXEL_COLS, 0));
         let (mut centre, mut extent, mut total) = (0.0, 0.0f64, 0.0);
-        for &(gap, cell, _) in &self.gaps[..touching] {
+        for &(gap, cell) in self.gaps.iter().filter(|g| g.0 < depth) {
             let (x, y) = cell_mm(cell);
             let (dx, dy) = (x - self.pose.x_mm, y - self.pose.y_mm - self.shift_mm);
             let uneven: f64 = self
@@ -222,7 +250,7 @@ impl Contact {
             cols = (cols.0.min(cell % TAXEL_COLS), cols.1.max(cell % TAXEL_COLS));
         }
         centre /= total.max(1e-12);
-        for &(_, cell, _) in &self.gaps[..touching] {
+        for &(_, cell) in self.gaps.iter().filter(|g| g.0 < depth) {
             extent = extent.max((cell_mm(cell).1 - centre).abs());
         }
         self.spread(&sharp, (rows, cols), out);

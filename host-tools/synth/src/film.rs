@@ -46,7 +46,13 @@ impl<'a> Film<'a> {
 
     /// Scan number `frame` of the pressures in `map`. `force_back(s)` is the grip force that long before
     /// the tick relative to the force of `map`: the rows are read one after another, the last at the tick.
-    pub(crate) fn scan(&mut self, frame: usize, map: &PressureMap, force_back: impl Fn(f64) -> f64) -> PiezoFrame {
+    #[expect(clippy::needless_range_loop, reason = "row and column are coordinates of several maps")]
+    pub(crate) fn scan(
+        &mut self,
+        frame: usize,
+        map: &PressureMap,
+        force_back: impl Fn(f64) -> f64,
+    ) -> PiezoFrame {
         let unit = self.unit;
         let dt = 1.0 / FRAME_RATE_HZ as f64;
         let blend = 1.0 - exp(-dt / unit.lag_s);

@@ -135,7 +135,11 @@ impl Interface {
                 slope += if trial.abs() < cap { self.brush_kpa_per_mm } else { 0.0 };
             }
             let residual = k * (pull.position_mm - position) - shear * unit;
-            if residual > 0.0 { lo = position } else { hi = position }
+            if residual > 0.0 {
+                lo = position
+            } else {
+                hi = position
+            }
             let newton = position + residual / (k + slope * unit);
             let next = if newton > lo && newton < hi { newton } else { (lo + hi) / 2.0 };
             if (next - position).abs() < 1e-9 {

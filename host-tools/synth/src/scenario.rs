@@ -1,11 +1,11 @@
 //! What happens in an episode: when the jaws close, how hard they grip, what pulls, what knocks.
 //! All scenarios share one skeleton with durations of their own draw, so that no clock predicts slip.
 
-use libm::exp;
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::recipe::{Resolved, ScenarioChoice};
 use crate::timeline::Timeline;
+use libm::exp;
 
 /// The course of an episode. Series have [`STEP_HZ`] values per second.
 pub(crate) struct Plan {
@@ -14,6 +14,8 @@ pub(crate) struct Plan {
     /// Far end of the spring that pulls the object, and its stiffness (0: nothing pulls).
     pub pull_mm: Vec<f64>,
     pub pull_n_per_mm: f64,
+    /// Grip force before the operator changes it, newtons.
+    pub base_n: f64,
     /// The gripper stands still and the object is linked to the crosshead: the encoder tells slip.
     pub encoder_rule: bool,
     /// The crosshead's vibration comes through the object.
@@ -42,7 +44,7 @@ struct Phases {
 impl Phases {
     fn draw(rng: &mut Rng, seconds: Option<f64>, longest_move: f64) -> Self {
         let mut p = Self {
-            idle: rng.between(0.5, 1.9),
+            idle: rng.between(0.4, 1.6),
             closing: rng.between(0.2, 0.5),
             rise: rng.between(0.08, 0.3),
             vary: rng.between(0.25, 1.4),
@@ -50,7 +52,7 @@ impl Phases {
             after: rng.between(0.15, 0.7),
             fall: rng.between(0.05, 0.15),
             opening: rng.between(0.2, 0.45),
-            rest: rng.between(0.6, 1.9),
+            rest: rng.between(0.5, 1.6),
         };
         if let Some(seconds) = seconds {
             let fixed = p.closing + p.rise + p.fall + p.opening;
@@ -118,9 +120,9 @@ fn on_the_rig(rng: &mut Rng, what: &Resolved, seconds: Option<f64>) -> Plan {
     } else {
         line.crosshead(moves, stops, speed, accel)
     };
-    if rng.chance(0.5) {
+    if rng.chance(0.65) {
         for (from, to) in [(0.0, p.idle), (held, moves), (stops, release), (p.total() - p.rest, p.total())] {
-            line.taps(rng, from, to, 0.3);
+            line.taps(rng, from, to, 0.35);
         }
     }
     if what.scenario == ScenarioChoice::Unlinked && rng.chance(0.5) {
@@ -139,6 +141,7 @@ fn on_the_rig(rng: &mut Rng, what: &Resolved, seconds: Option<f64>) -> Plan {
     Plan {
         seconds: p.total(),
         timeline: line,
+        base_n: base,
         pull_mm,
         pull_n_per_mm,
         encoder_rule: what.scenario == ScenarioChoice::SixStep,
@@ -195,6 +198,7 @@ fn free_grasp(rng: &mut Rng, what: &Resolved, seconds: Option<f64>) -> Plan {
     let soft = 0.05;
     Plan {
         seconds: total,
+        base_n: GRIP_N.0,
         pull_mm: pull_n.iter().map(|n| n / soft).collect(),
         pull_n_per_mm: soft,
         timeline: line,

@@ -71,6 +71,8 @@ impl Timeline {
     }
 
     pub(crate) fn event(&mut self, name: &'static str, start_s: f64, end_s: f64) {
+        // Milliseconds are enough to find it, and short decimals survive JSON to the bit.
+        let [start_s, end_s] = [start_s, end_s].map(|t| (t * 1e3).round() / 1e3);
         self.events.push(Event { name, start_s, end_s });
     }
 

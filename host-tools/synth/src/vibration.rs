@@ -3,13 +3,13 @@
 //! Excitations are accelerations of the finger's root in its own axes: x across the slip, y along it,
 //! z normal to the pad. All sources write into one buffer at the accelerometer's own sample times.
 
-use libm::{cos, exp, log, pow, sin, tan};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
 use crate::scenario::Plan;
 use crate::timeline::Pulse;
 use crate::unit::Mode;
+use libm::{cos, exp, log, pow, sin, tan};
 
 /// What the interface of one finger does, [`STEP_HZ`] values per second.
 #[derive(Default)]
@@ -51,26 +51,26 @@ pub(crate) struct Sound {
 
 impl Sound {
     pub(crate) fn draw(rng: &mut Rng, object: &'static Object) -> Self {
-        let ambient = if rng.chance(0.6) { rng.count(1, 3) } else { 0 };
+        let ambient = if rng.chance(0.5) { rng.count(1, 3) } else { 0 };
         Self {
             object,
             level_g: SLIP_G * pow(object.roughness_um, rng.between(0.4, 0.6)) * exp(0.2 * rng.normal()),
-            speed_exponent: rng.between(0.6, 1.0),
+            speed_exponent: rng.between(0.7, 1.0),
             force_exponent: rng.between(0.2, 0.5),
-            asperity_mm: rng.log_between(0.005, 0.05),
+            asperity_mm: rng.log_between(0.004, 0.025),
             stick_spacing_mm: rng.log_between(0.005, 0.08),
             creak_g: rng.log_between(0.003, 0.03),
-            creak_hz: rng.log_between(200.0, 2000.0),
+            creak_hz: rng.log_between(150.0, 800.0),
             rail_g: rng.log_between(0.01, 0.05),
-            rail_hz: rng.log_between(150.0, 2000.0),
+            rail_hz: rng.log_between(100.0, 600.0),
             drag_g: rng.log_between(0.015, 0.06),
-            drag_hz: rng.log_between(200.0, 1500.0),
+            drag_hz: rng.log_between(100.0, 800.0),
             comb_per_mm: rng.log_between(2.0, 40.0),
-            comb_object_g: rng.log_between(0.2e-3, 4e-3),
+            comb_object_g: rng.log_between(0.2e-3, 3e-3),
             comb_table_g: rng.log_between(0.05e-3, 0.5e-3),
             comb_phases: std::array::from_fn(|_| rng.phase()),
             ambient: (0..ambient)
-                .map(|_| (rng.log_between(25.0, 1500.0), rng.log_between(0.3e-3, 4e-3), rng.phase()))
+                .map(|_| (rng.log_between(25.0, 1500.0), rng.log_between(0.2e-3, 2e-3), rng.phase()))
                 .collect(),
         }
     }
@@ -163,7 +163,11 @@ impl<'a> Excitation<'a> {
                 * pow((at(&self.slide.grip_n, t) / 2.0).max(0.0), s.force_exponent);
             let corner = speed / s.asperity_mm;
             let white = noise.next(rng, blend(corner, self.clock.rate_hz));
-            self.add(n, 1.8 * level * (1.0 - object.texture_share), [0.5 * white[0], white[1], 0.6 * white[2]]);
+            self.add(
+                n,
+                1.8 * level * (1.0 - object.texture_share),
+                [0.5 * white[0], white[1], 0.6 * white[2]],
+            );
             let travel = at(&self.slide.travel_mm, t);
             let mut tone = 0.0;
             for &(mm, weight, phase) in &lines {
@@ -192,9 +196,9 @@ impl<'a> Excitation<'a> {
             }
             let incipient = rng.chance((12.0 * growth).min(1.0));
             let peak = if gross {
-                0.04 * s.object.stick_slip * pow(speed / 10.0, 0.3)
+                0.03 * s.object.stick_slip * pow(speed / 10.0, 0.6)
             } else if incipient {
-                0.04 * rng.between(0.05, 0.3)
+                0.03 * rng.between(0.05, 0.3)
             } else {
                 continue;
             };
@@ -217,7 +221,8 @@ impl<'a> Excitation<'a> {
         let line = &self.plan.timeline;
         for n in 0..self.clock.samples {
             let t = self.clock.time(n);
-            let force_rate = (at(&line.grip_n, t) - at(&line.grip_n, t - 2.0 / STEP_HZ)).abs() * STEP_HZ / 2.0;
+            let force_rate =
+                (at(&line.grip_n, t) - at(&line.grip_n, t - 2.0 / STEP_HZ)).abs() * STEP_HZ / 2.0;
             let levels = [
                 // The 2 N/s of tremor and slow variation are silent.
                 s.creak_g * ((force_rate - 2.0).max(0.0) / 8.0).sqrt(),
@@ -263,10 +268,13 @@ impl<'a> Excitation<'a> {
 
     /// Through the finger's modes, and the object's own where it is held: acceleration, g.
     pub(crate) fn respond(mut self, modes: &[Mode], coupling: f64) -> Vec<[f64; 3]> {
-        let mut filters: Vec<_> =
-            modes.iter().map(|m| (m, Biquad::resonant_highpass(m.hz, m.damping, self.clock.rate_hz))).collect();
+        let mut filters: Vec<_> = modes
+            .iter()
+            .map(|m| (m, Biquad::resonant_highpass(m.hz, m.damping, self.clock.rate_hz)))
+            .collect();
         let object = self.sound.object;
-        let mut ring = (object.ring_hz > 0.0).then(|| Biquad::bandpass(object.ring_hz, 0.01, self.clock.rate_hz));
+        let mut ring =
+            (object.ring_hz > 0.0).then(|| Biquad::bandpass(object.ring_hz, 0.01, self.clock.rate_hz));
         let grip = &self.plan.timeline.grip_n;
         for n in 0..self.clock.samples {
             let mut input = self.buffer[n];
@@ -279,7 +287,8 @@ impl<'a> Excitation<'a> {
             let mut out = [0.0; 3];
             for (mode, filter) in &mut filters {
                 let d = mode.direction;
-                let y = mode.weight * coupling * filter.next(d[0] * input[0] + d[1] * input[1] + d[2] * input[2]);
+                let y =
+                    mode.weight * coupling * filter.next(d[0] * input[0] + d[1] * input[1] + d[2] * input[2]);
                 for (o, d) in out.iter_mut().zip(d) {
                     *o += d * y;
                 }
@@ -338,9 +347,19 @@ impl Carriage {
         let mut motions = Vec::new();
         if hand_held {
             for _ in 0..3 {
-                motions.push((rng.log_between(0.3, 3.0), rng.log_between(0.02, 0.2), rng.phase(), rng.direction()));
+                motions.push((
+                    rng.log_between(0.3, 3.0),
+                    rng.log_between(0.02, 0.2),
+                    rng.phase(),
+                    rng.direction(),
+                ));
             }
-            motions.push((rng.between(8.0, 12.0), rng.log_between(0.005, 0.03), rng.phase(), rng.direction()));
+            motions.push((
+                rng.between(8.0, 12.0),
+                rng.log_between(0.005, 0.03),
+                rng.phase(),
+                rng.direction(),
+            ));
         }
         Self { gravity: rng.direction(), motions }
     }

@@ -6,6 +6,7 @@
 
 pub mod simulate;
 pub mod summary;
+mod table;
 pub mod picture;
 pub mod report;
 pub mod output_dir;
@@ -32,7 +33,7 @@ const EXAMPLES: &str = "\
 Examples:
   slipsense demo                                  a slip detected in a bundled synthetic episode
   slipsense run grasp.npz --out out/grasp         the same for a file of your own
-  slipsense run grasp.npz --out out/grasp --json | jq .events
+  slipsense run grasp.npz --out out/grasp --json | jq .truth.events
   slipsense synth --episodes 20 --objects held-out --seed 7 --out out/episodes
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind.";

@@ -32,7 +32,8 @@ impl OutputDir {
         let home = if existed { target } else { parent(target) };
         let mut made = Vec::new();
         let staging = make_folders(home, &mut made).and_then(|()| {
-            let staging = tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(home)?;
+            let staging =
+                tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(home)?;
             // Made by the umask's rules, unlike the private temporary folder around it.
             fs::create_dir(staging.path().join(FILES))?;
             Ok(staging)

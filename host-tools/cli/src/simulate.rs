@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS};
 use slipsense::net::Model;
-use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS};
+use slipsense::params::{MAX_SENSORS, MEL_BINS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawFrame, Transmitter};
@@ -32,7 +32,7 @@ pub struct Simulation {
 /// Beyond frame 2^32, after 207 days.
 pub fn stamp(frame: usize) -> FrameStamp {
     let sequence = u32::try_from(frame).expect("an episode is shorter than 207 days");
-    FrameStamp { sequence, timestamp_us: u64::from(sequence) * 1_000_000 / u64::from(FRAME_RATE_HZ) }
+    FrameStamp::of_recording(sequence)
 }
 
 /// Run an episode. `send` gets every CAN frame in the order of the bus with the time of its tick in

@@ -1,0 +1,70 @@
+//! `slipsense features`: the front end alone.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args as ClapArgs;
+use slipsense::features::XlFrontEnd;
+use slipsense::params::MEL_BINS;
+use slipsense_episode::Episode;
+use slipsense_episode::npz::write_file;
+
+use crate::output_dir::check_file;
+use crate::simulate::{logmel_g2, logmel_std};
+
+/// Write the log-mel features of an episode's accelerometers
+///
+/// High-pass, 128-sample window, FFT, power summed over the axes, 16 mel bins, logarithm,
+/// standardisation: integers, as the microcontroller computes them.
+#[derive(ClapArgs)]
+#[command(after_help = "\
+Arrays written, float32 [frames, sensors, 16]:
+  logmel      natural log of the axis-summed mel power, in g²
+  logmel_std  the same standardised over its 16 bins, what the network sees
+
+Example:
+  slipsense features grasp.npz --out features.npz
+  python3 -c \"import numpy; print(numpy.load('features.npz')['logmel'].shape)\"")]
+pub struct Args {
+    /// Episode to read, an .npz file
+    #[arg(value_name = "EPISODE.npz")]
+    episode: PathBuf,
+    /// File to write
+    #[arg(long, value_name = "F.npz")]
+    out: PathBuf,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<()> {
+        check_file(&self.out)?;
+        let episode = Episode::read(&self.episode)?;
+        let (frames, sensors) = (episode.frames(), episode.sensors);
+        let mut front_ends = vec![XlFrontEnd::new(); sensors];
+        let progress = super::progress(frames, "frames", self.json);
+        let (mut logmel, mut standardised) = (Vec::new(), Vec::new());
+        for frame in 0..frames {
+            for (sensor, front_end) in front_ends.iter_mut().enumerate() {
+                front_end.push(episode.xl_batch(frame, sensor));
+                let features = front_end.log_mel();
+                logmel.extend(logmel_g2(&features, episode.meta.xl_lsb_g));
+                standardised.extend(logmel_std(&features));
+            }
+            progress.inc(1);
+        }
+        let shape = [frames, sensors, MEL_BINS];
+        write_file(&self.out, |npz| {
+            npz.array("logmel", &shape, logmel)?;
+            npz.array("logmel_std", &shape, standardised)
+        })?;
+        progress.finish_and_clear();
+        if self.json {
+            let file = self.out.display().to_string();
+            return super::print_json(&serde_json::json!({"file": file, "shape": shape}));
+        }
+        let out = self.out.display();
+        super::print(&format!("{frames} frames of {sensors} sensors, {MEL_BINS} bins each: {out}\n"))
+    }
+}

@@ -1,0 +1,234 @@
+//! What the commands write, and that it all tells the same story.
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use slipsense::net::Model;
+use slipsense::params::CONTACT_SUM_MIN;
+use slipsense::wire::{NodeId, Received, Receiver};
+use slipsense_bus::CandumpReader;
+use slipsense_cli::simulate::{simulate, stamp};
+use slipsense_episode::npz::Reader;
+use slipsense_episode::{Episode, Predictions};
+use support::{Arrays, Place, model, names, succeeds};
+
+const FILES: [&str; 5] = ["can.log", "predictions.npz", "report.html", "summary.json", "timeline.svg"];
+
+/// Check one output folder against the episode it was made from.
+fn check(folder: &Path, episode: &Episode) -> (Predictions, Value) {
+    assert_eq!(names(folder), FILES);
+    let predictions = Predictions::read(folder.join("predictions.npz")).unwrap();
+    let summary: Value = serde_json::from_slice(&fs::read(folder.join("summary.json")).unwrap()).unwrap();
+    assert_eq!(predictions.frames(), episode.frames());
+    check_summary(&summary, &predictions, episode);
+    check_empty_pads(&predictions, episode);
+    check_log(&folder.join("can.log"), &predictions, episode, &summary);
+    let svg = fs::read_to_string(folder.join("timeline.svg")).unwrap();
+    let report = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
+    assert!(svg.len() < 1_500_000, "{} bytes", svg.len());
+    assert!(report.contains(svg.trim_end()) && !report.contains("{{"));
+    for outside in ["src=\"http", "href=\"http", "url(", "@import"] {
+        assert!(!report.contains(outside), "loads nothing: {outside}");
+    }
+    (predictions, summary)
+}
+
+fn check_summary(summary: &Value, predictions: &Predictions, episode: &Episode) {
+    let count =
+        |classes: &[u8]| (0..3).map(|c| classes.iter().filter(|&&x| x == c).count()).collect::<Vec<_>>();
+    assert_eq!(summary["episode"]["frames"], episode.frames());
+    assert_eq!(summary["episode"]["sensors"], episode.sensors);
+    assert_eq!(summary["output"]["class_frames"], Value::from(count(&predictions.class)));
+    let flagged: u64 = summary["output"]["flag_runs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|run| run["end_frame"].as_u64().unwrap() - run["start_frame"].as_u64().unwrap())
+        .sum();
+    assert_eq!(flagged, predictions.slip.iter().map(|&s| u64::from(s)).sum::<u64>());
+    let Some(label) = &episode.label else {
+        assert!(summary["truth"].is_null());
+        return;
+    };
+    assert_eq!(summary["truth"]["class_frames"], Value::from(count(label)));
+    for event in summary["truth"]["events"].as_array().unwrap() {
+        let onset = event["onset_frame"].as_u64().unwrap() as usize;
+        assert_eq!((label[onset], label[onset - 1] != 2), (2, true));
+        if let Some(delay) = event["delay_frames"].as_i64() {
+            assert_eq!(predictions.slip[(onset as i64 + delay) as usize], 1);
+            assert!((event["delay_ms"].as_f64().unwrap() - delay as f64 / 0.24).abs() < 1e-9);
+        }
+    }
+}
+
+/// Field decision D-8: no contact exactly where every pad's sum is below the threshold.
+fn check_empty_pads(predictions: &Predictions, episode: &Episode) {
+    for frame in 0..episode.frames() {
+        let empty = (0..episode.sensors).all(|s| episode.piezo(frame, s).sum() < CONTACT_SUM_MIN);
+        assert_eq!(predictions.class[frame] == 0, empty, "frame {frame}");
+    }
+}
+
+/// In each period first the slip message, then one raw frame per sensor, and all say what was seen.
+fn check_log(path: &Path, predictions: &Predictions, episode: &Episode, summary: &Value) {
+    let mut receiver = Receiver::new(NodeId::DEFAULT);
+    let mut periods: BTreeMap<u64, Vec<Received>> = BTreeMap::new();
+    let mut frames = 0;
+    for entry in CandumpReader::new(BufReader::new(File::open(path).unwrap())) {
+        let entry = entry.unwrap();
+        frames += 1;
+        if let Some(message) = receiver.accept(&entry.frame).unwrap() {
+            periods.entry(entry.timestamp_us).or_default().push(message);
+        }
+    }
+    assert_eq!(summary["output"]["can_frames"], frames);
+    assert_eq!(periods.len(), episode.frames());
+    for (frame, (time, messages)) in periods.into_iter().enumerate() {
+        assert_eq!(time, stamp(frame).timestamp_us);
+        assert_eq!(messages.len(), 1 + episode.sensors);
+        let Received::Slip(slip) = &messages[0] else { panic!("frame {frame}: slip message first") };
+        assert_eq!((slip.class, slip.slip), (predictions.class[frame], predictions.slip[frame] != 0));
+        assert_eq!(slip.logits_q10, predictions.logits[frame]);
+        for (sensor, message) in messages[1..].iter().enumerate() {
+            let Received::Raw(raw) = message else { panic!("frame {frame}: raw frame") };
+            assert_eq!(usize::from(raw.sensor), sensor);
+            assert_eq!(&raw.piezo, episode.piezo(frame, sensor));
+            assert_eq!(&raw.xl[..], episode.xl_batch(frame, sensor));
+            assert_eq!(raw.xl_end, episode.xl_end(frame, sensor));
+        }
+    }
+}
+
+fn run(place: &Place, episode: &Path, json: bool) -> (PathBuf, String) {
+    let (out, model_file) = (place.path("deep/out"), place.file("m.slipnet", model().to_bytes().unwrap()));
+    let mut args = vec!["run".into(), episode.into(), "--model".into(), model_file];
+    args.extend(["--out".into(), out.clone()]);
+    args.extend(json.then(|| "--json".into()));
+    (out, succeeds(args))
+}
+
+#[test]
+fn run_with_labels_writes_everything() {
+    let place = Place::new();
+    let path = place.path("e.npz");
+    Arrays::valid().write(&path);
+    let episode = Episode::read(&path).unwrap();
+    let (out, table) = run(&place, &path, false);
+    let (predictions, summary) = check(&out, &episode);
+    assert_eq!(summary["truth"]["events"].as_array().unwrap().len(), 1);
+    assert_eq!(summary["episode"]["synthetic"], false);
+    for words in ["event", "false alarms", "frames/s on one core", "report.html", "can.log"] {
+        assert!(table.contains(words), "{words}: {table}");
+    }
+
+    let bytes = model().to_bytes().unwrap();
+    let again = simulate(&episode, Model::parse(&bytes).unwrap(), |_, _| Ok(()), || {}).unwrap();
+    assert_eq!(again.predictions, predictions);
+}
+
+#[test]
+fn run_without_labels_has_no_delays() {
+    let place = Place::new();
+    let path = place.path("e.npz");
+    let mut arrays = Arrays::valid();
+    arrays.label.clear();
+    arrays.write(&path);
+    let (out, json) = run(&place, &path, true);
+    let (_, summary) = check(&out, &Episode::read(&path).unwrap());
+    assert_eq!(serde_json::from_str::<Value>(&json).unwrap(), summary, "--json prints summary.json");
+}
+
+#[test]
+fn a_second_run_replaces_the_first() {
+    let place = Place::new();
+    let path = place.path("e.npz");
+    Arrays::valid().write(&path);
+    let (out, _) = run(&place, &path, false);
+    let first = fs::read(out.join("can.log")).unwrap();
+    fs::write(out.join("timeline.svg"), "old").unwrap();
+    fs::write(out.join("notes.txt"), "mine").unwrap();
+    run(&place, &path, false);
+    assert_eq!(fs::read(out.join("can.log")).unwrap(), first, "the same bytes");
+    assert_ne!(fs::read(out.join("timeline.svg")).unwrap(), b"old");
+    assert_eq!(names(&out).len(), FILES.len() + 1);
+}
+
+#[test]
+fn features_are_those_of_the_pipeline() {
+    let place = Place::new();
+    let path = place.path("e.npz");
+    Arrays::valid().write(&path);
+    let (out, _) = run(&place, &path, false);
+    let predictions = Predictions::read(out.join("predictions.npz")).unwrap();
+    let features = place.path("f.npz");
+    succeeds(["features".into(), path, "--out".into(), features.clone()]);
+    let mut npz = Reader::open(&features).unwrap();
+    for (name, expected) in [("logmel", &predictions.logmel), ("logmel_std", &predictions.logmel_std)] {
+        let array = npz.array::<f32>(name).unwrap();
+        assert_eq!(array.shape(), [predictions.frames(), predictions.sensors, 16]);
+        assert_eq!(array.read().unwrap(), expected.concat());
+    }
+}
+
+/// The demo as a user starts it. The unoptimised pipeline takes some seconds for it.
+#[test]
+fn demo_writes_everything() {
+    let place = Place::new();
+    let out = place.path("demo");
+    let json = succeeds(["demo".into(), "--json".into(), "--out".into(), out.clone()]);
+    let episode = Episode::from_bytes(slipsense_cli::bundled::EPISODE, "bundled").unwrap();
+    let (_, summary) = check(&out, &episode);
+    assert_eq!(serde_json::from_str::<Value>(&json).unwrap(), summary);
+    assert_eq!(summary["episode"]["synthetic"], true);
+    assert!(summary["truth"]["events"].as_array().is_some_and(|events| !events.is_empty()));
+    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("<strong>synthetic</strong>"));
+}
+
+#[test]
+fn the_bundled_model_is_a_trained_one() {
+    let model = Model::parse(slipsense_cli::bundled::MODEL).unwrap();
+    let provenance: Value = serde_json::from_str(model.provenance).expect("provenance is JSON");
+    assert!(provenance.get("random").is_none(), "{provenance}");
+}
+
+#[test]
+fn synth_is_repeatable_and_respects_its_options() {
+    let place = Place::new();
+    let set = |name: &str, count: &str| {
+        let out = place.path(name);
+        let args = ["synth", "--episodes", count, "--objects", "held-out", "--sensors", "1", "--seed", "3"];
+        succeeds(args.map(Into::into).into_iter().chain(["--out".into(), out.clone()]));
+        out
+    };
+    let (a, b) = (set("a", "2"), set("b", "1"));
+    assert_eq!(names(&a), ["episode-00000.npz", "episode-00001.npz"]);
+    let bytes = |folder: &Path, name: &str| fs::read(folder.join(name)).unwrap();
+    let first = bytes(&a, "episode-00000.npz");
+    assert_eq!(first, bytes(&b, "episode-00000.npz"), "the seed decides");
+    assert_ne!(first, bytes(&a, "episode-00001.npz"));
+    let episode = Episode::read(a.join("episode-00001.npz")).unwrap();
+    assert_eq!((episode.sensors, &episode.meta.other["held_out"]), (1, &Value::Bool(true)));
+
+    // The recipe that an episode carries makes it again.
+    let recipe = place.file("r.json", episode.meta.other["recipe"].to_string());
+    let again = place.path("again.npz");
+    succeeds(["synth".into(), "--recipe".into(), recipe, "--out".into(), again.clone()]);
+    assert_eq!(fs::read(again).unwrap(), fs::read(a.join("episode-00001.npz")).unwrap());
+}
+
+#[test]
+fn help_teaches() {
+    let help = succeeds(["--help"]);
+    for command in ["demo", "run", "features", "synth", "train", "quantize", "Examples:"] {
+        assert!(help.contains(command), "{command}");
+    }
+    for command in ["demo", "run", "features", "synth"] {
+        assert!(succeeds([command, "--help"]).contains("Example"), "{command}");
+    }
+}

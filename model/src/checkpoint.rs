@@ -1,0 +1,127 @@
+//! A training run on disk: everything needed to go on after the last whole epoch.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, ensure};
+use burn::optim::ModuleOptimizer;
+use serde::{Deserialize, Serialize};
+
+use crate::weights::Weights;
+
+const FOLDER: &str = "checkpoint";
+const WEIGHTS: &str = "weights.safetensors";
+const AVERAGE: &str = "average.safetensors";
+const OPTIMIZER: &str = "optimizer.bpk";
+const STATE: &str = "state.json";
+
+/// One line of the curves.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// Epochs done.
+    pub epoch: usize,
+    /// Optimizer steps done.
+    pub step: usize,
+    /// Learning rate of the last step.
+    pub learning_rate: f64,
+    /// Mean over the epoch's batches (augmented, balanced), nat.
+    pub train_loss: f64,
+    /// Validation objects, whole episodes, averaged weights, nat.
+    pub validation_loss: f64,
+    /// Share of frames.
+    pub validation_accuracy: f64,
+    /// Unweighted mean of the classes' F1.
+    pub validation_macro_f1: f64,
+    /// False slip frames as a share of non-slip frames.
+    pub validation_fpr: f64,
+    /// Wall time since the start, all sessions together, seconds.
+    pub seconds: f64,
+}
+
+/// Curves as CSV.
+pub fn csv(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "epoch,step,learning_rate,train_loss,validation_loss,validation_accuracy,\
+         validation_macro_f1,validation_fpr,seconds\n",
+    );
+    for r in rows {
+        text += &format!(
+            "{},{},{:.3e},{:.4},{:.4},{:.4},{:.4},{:.4},{:.1}\n",
+            r.epoch,
+            r.step,
+            r.learning_rate,
+            r.train_loss,
+            r.validation_loss,
+            r.validation_accuracy,
+            r.validation_macro_f1,
+            r.validation_fpr,
+            r.seconds
+        );
+    }
+    text
+}
+
+/// Where a run stands.
+#[derive(Debug)]
+pub struct Checkpoint {
+    /// Weights of the optimizer.
+    pub weights: Weights,
+    /// Their running average: the result.
+    pub average: Weights,
+    /// One row per epoch done.
+    pub rows: Vec<Row>,
+    /// What the run was started with; a resumed run must be the same.
+    pub recipe: serde_json::Value,
+}
+
+#[derive(Serialize, Deserialize)]
+struct State {
+    rows: Vec<Row>,
+    recipe: serde_json::Value,
+}
+
+impl Checkpoint {
+    /// Replace the folder's checkpoint by this one: written beside it, then swapped.
+    pub fn write(&self, out: &Path, optimizer: &ModuleOptimizer) -> Result<()> {
+        let (new, place) = (out.join("checkpoint.new"), out.join(FOLDER));
+        let failed = || format!("cannot write {}", place.display());
+        let remove = |path: &Path| if path.exists() { fs::remove_dir_all(path) } else { Ok(()) };
+        remove(&new).with_context(failed)?;
+        fs::create_dir_all(&new).with_context(failed)?;
+        self.weights.write(&new.join(WEIGHTS))?;
+        self.average.write(&new.join(AVERAGE))?;
+        optimizer.save(new.join(OPTIMIZER)).map_err(|e| anyhow!("{e}")).with_context(failed)?;
+        let state = State { rows: self.rows.clone(), recipe: self.recipe.clone() };
+        crate::output::write(&new.join(STATE), serde_json::to_string_pretty(&state)?.as_bytes())?;
+        remove(&place).with_context(failed)?;
+        fs::rename(&new, &place).with_context(failed)
+    }
+
+    /// Read the folder's checkpoint back; refuses one of a run with another recipe.
+    pub fn read(
+        out: &Path,
+        recipe: &serde_json::Value,
+        optimizer: ModuleOptimizer,
+    ) -> Result<(Self, ModuleOptimizer)> {
+        let place = out.join(FOLDER);
+        let path = place.join(STATE);
+        let text =
+            fs::read(&path).with_context(|| format!("no run to resume: cannot read {}", path.display()))?;
+        let state: State =
+            serde_json::from_slice(&text).with_context(|| format!("cannot use {}", path.display()))?;
+        ensure!(
+            state.recipe == *recipe,
+            "{}: the run was started with {}, now asked for {recipe}",
+            path.display(),
+            state.recipe
+        );
+        let weights = Weights::read(&place.join(WEIGHTS))?;
+        let average = Weights::read(&place.join(AVERAGE))?;
+        let path = place.join(OPTIMIZER);
+        let optimizer = optimizer
+            .load(&path)
+            .map_err(|e| anyhow!("{e}"))
+            .with_context(|| format!("cannot use {}", path.display()))?;
+        Ok((Self { weights, average, rows: state.rows, recipe: state.recipe }, optimizer))
+    }
+}

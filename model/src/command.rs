@@ -1,0 +1,185 @@
+//! `slipsense quantize`: calibrate, quantize, write, and say what both networks reach.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, anyhow, ensure};
+use clap::Args;
+use serde_json::json;
+use slipsense::net::Model;
+
+use crate::data::{Features, Source, Split, TEST_SEED};
+use crate::evaluate::{Comparison, Figures, compare};
+use crate::reference::{Ranges, Reference, SensorFrame};
+use crate::train::{manifest_beside, progress};
+use crate::weights::Weights;
+use crate::{export, output, quantize::quantize};
+
+/// Turn trained weights into the model file that host and microcontroller run.
+///
+/// Ranges are measured on training episodes; the model is refused if any accumulator could overflow.
+/// Then the integer pipeline and the float network run over episodes of objects that training never saw,
+/// and a table says what they reach.
+#[derive(Args, Clone, Debug)]
+pub struct QuantizeArgs {
+    /// Weights from `slipsense train`.
+    #[arg(long, value_name = "FILE")]
+    pub weights: PathBuf,
+    /// Model file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Calibrate and test on the labelled .npz episodes of this folder instead of generated ones.
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Seed of the calibration episodes. The test episodes are always the same.
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    pub seed: u64,
+    /// Training episodes on which ranges are measured.
+    #[arg(long, value_name = "N", default_value_t = 24)]
+    pub calibration_episodes: usize,
+    /// Episodes of held-out objects for the table.
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    pub test_episodes: usize,
+    /// Also write all figures, and what the model was made from, to this file.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+}
+
+/// Do what `args` say.
+pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
+    ensure!(args.calibration_episodes > 0, "--calibration-episodes must be at least 1");
+    ensure!(args.test_episodes > 0, "--test-episodes must be at least 1");
+    let weights = Weights::read(&args.weights)?;
+    let training = manifest_beside(&args.weights)?;
+    let source = Source::new(args.data.as_deref(), args.seed);
+
+    let bar = progress("calibrate", args.calibration_episodes as u64);
+    let seen = source.map(Split::Train, args.calibration_episodes, &bar, |episode| {
+        Ok(measure(&weights, &Features::from_episode(&episode)?))
+    })?;
+    bar.finish_and_clear();
+    let mut ranges = Ranges::default();
+    seen.iter().for_each(|one| ranges.merge(one));
+
+    let provenance = json!({
+        "data": source.describe(),
+        "synthetic": args.data.is_none(),
+        "weights_sha256": output::sha256_hex(&weights.to_bytes()?),
+        "calibration_episodes": seen.len(),
+        "training": training.as_ref().map(|t| &t["recipe"]),
+    });
+    let file = quantize(&weights, &ranges, &provenance.to_string())?;
+    let bytes = export::to_bytes(&file)?;
+    let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
+
+    let bar = progress("test", args.test_episodes as u64);
+    let results =
+        source.map(Split::Test, args.test_episodes, &bar, |episode| compare(model, &weights, &episode))?;
+    bar.finish_and_clear();
+    let episodes = results.len();
+    let mut total = Comparison::default();
+    results.into_iter().for_each(|one| total.add(one));
+
+    export::write(&args.out, &bytes)?;
+    if let Some(path) = &args.report {
+        let test = match args.data {
+            None => format!("synthetic, slipsense-synth, seed {TEST_SEED}"),
+            Some(_) => source.describe(),
+        };
+        let report = json!({
+            "command": command_line(args),
+            "model_bytes": bytes.len(),
+            "model_sha256": output::sha256_hex(&bytes),
+            "weights_sha256": provenance["weights_sha256"],
+            "calibration_episodes": seen.len(),
+            "training": training,
+            "test": {
+                "data": test,
+                "objects": "held out: never used for training, validation or calibration",
+                "episodes": episodes,
+                "integer": total.integer.figures(),
+                "float": total.float.figures(),
+                "always_slip_when_touched": total.always_slip.figures(),
+                "integer_confusion_truth_by_prediction": total.integer.classes.confusion,
+                "same_class_share": total.agreement(),
+                "logit_snr_db": total.logit_snr_db(),
+            },
+        });
+        output::write(path, (serde_json::to_string_pretty(&report)? + "\n").as_bytes())?;
+    }
+    let kind = if args.data.is_none() { "synthetic" } else { "the folder's" };
+    println!("{} episodes ({kind}) of objects never trained on:\n", episodes);
+    print!("{}", table(&total));
+    println!("\n{}: {} bytes", args.out.display(), bytes.len());
+    Ok(())
+}
+
+/// Largest magnitudes of all activations over one episode: with all sensors, and with each alone.
+fn measure(weights: &Weights, features: &Features) -> Ranges {
+    let mut ranges = Ranges::default();
+    let alone = (0..features.sensors).filter(|_| features.sensors > 1).map(Some);
+    for only in std::iter::once(None).chain(alone) {
+        let mut reference = Reference::new(weights, features.sensors);
+        for frame in 0..features.frames() {
+            let seen: Vec<SensorFrame<'_>> = (0..features.sensors)
+                .map(|sensor| {
+                    let there = only.is_none_or(|only| only == sensor);
+                    SensorFrame {
+                        piezo: there.then(|| features.scan(frame, sensor)),
+                        log_mel: there.then(|| features.log_mel(frame, sensor)),
+                    }
+                })
+                .collect();
+            reference.step(&seen);
+        }
+        ranges.merge(&reference.ranges);
+    }
+    ranges
+}
+
+/// The command that makes this report again.
+fn command_line(args: &QuantizeArgs) -> String {
+    let mut text =
+        format!("slipsense quantize --weights {} --out {}", args.weights.display(), args.out.display());
+    if let Some(data) = &args.data {
+        text += &format!(" --data {}", data.display());
+    }
+    text + &format!(
+        " --seed {} --calibration-episodes {} --test-episodes {}",
+        args.seed, args.calibration_episodes, args.test_episodes
+    )
+}
+
+/// The figures side by side.
+fn table(total: &Comparison) -> String {
+    let columns = [total.integer.figures(), total.float.figures(), total.always_slip.figures()];
+    let percent = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{:.2} %", 100.0 * x));
+    type Show<'a> = Box<dyn Fn(&Figures) -> String + 'a>;
+    let rows: [(&str, Show<'_>); 9] = [
+        ("accuracy, 3 classes", Box::new(|f| percent(f.accuracy))),
+        ("macro F1", Box::new(|f| percent(f.macro_f1))),
+        ("slip F1", Box::new(|f| percent(f.slip_f1))),
+        ("false slip frames / non-slip", Box::new(|f| percent(f.fpr_of_non_slip))),
+        ("events flagged / all", Box::new(|f| format!("{} / {}", f.hits, f.events))),
+        ("flagged up to 50 ms early", Box::new(|f| f.early.to_string())),
+        ("missed", Box::new(|f| f.missed.to_string())),
+        (
+            "median delay, misses infinite",
+            Box::new(|f| f.median_latency_frames.map_or("infinite".into(), |m| format!("{m} frames"))),
+        ),
+        (
+            "false alarms (per hour)",
+            Box::new(|f| format!("{} ({:.0})", f.false_alarms, f.false_alarms_per_hour.unwrap_or(f64::NAN))),
+        ),
+    ];
+    let mut text = format!("{:30} {:>14} {:>14} {:>14}\n", "", "integer", "float", "always slip");
+    for (name, show) in &rows {
+        let [integer, float, always] = columns.each_ref().map(show);
+        text += &format!("{name:30} {integer:>14} {float:>14} {always:>14}\n");
+    }
+    let agreement = percent(total.agreement());
+    text + &format!(
+        "\ninteger and float give the same class in {agreement} of {} frames; logits {:.1} dB apart\n",
+        columns[0].frames,
+        total.logit_snr_db()
+    )
+}

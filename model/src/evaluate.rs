@@ -1,0 +1,264 @@
+//! What the integer pipeline and the float network reach on labelled episodes, and how often they agree.
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use slipsense::net::Model;
+use slipsense::params::{CLASSES, FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::pipeline::{Class, Pipeline};
+use slipsense::sensor::SensorInput;
+use slipsense_episode::Episode;
+use slipsense_episode::score::{ClassScores, Detection, SLIP, score_events};
+
+use crate::data::Features;
+use crate::reference::{Reference, SensorFrame};
+use crate::weights::Weights;
+
+/// Scores over any number of episodes.
+#[derive(Clone, Debug, Default)]
+pub struct Scores {
+    /// Frames by truth and prediction.
+    pub classes: ClassScores,
+    /// What became of each slip event, in order.
+    pub detections: Vec<Detection>,
+    /// False alarms, events.
+    pub false_alarms: usize,
+}
+
+impl Scores {
+    /// Score one episode's classes.
+    pub fn new(label: &[u8], class: &[u8]) -> Self {
+        let flag: Vec<u8> = class.iter().map(|&class| u8::from(class == SLIP)).collect();
+        let events = score_events(label, &flag);
+        Self {
+            classes: ClassScores::new(label, class),
+            detections: events.events.iter().map(|event| event.detection).collect(),
+            false_alarms: events.false_alarms.len(),
+        }
+    }
+
+    /// Take in another episode's.
+    pub fn add(&mut self, other: Self) {
+        self.classes.add(&other.classes);
+        self.detections.extend(other.detections);
+        self.false_alarms += other.false_alarms;
+    }
+
+    /// The figures of a table row.
+    pub fn figures(&self) -> Figures {
+        let count = |is: fn(&Detection) -> bool| self.detections.iter().filter(|d| is(d)).count();
+        let slip_truth: u64 = self.classes.confusion[SLIP as usize].iter().sum();
+        let frames = self.classes.frames();
+        Figures {
+            frames,
+            accuracy: self.classes.accuracy(),
+            macro_f1: self.classes.macro_f1(),
+            slip_f1: self.classes.f1(SLIP as usize),
+            fpr_of_non_slip: self.classes.fpr_of_non_slip(),
+            slip_frame_share: (frames > 0).then(|| slip_truth as f64 / frames as f64),
+            events: self.detections.len(),
+            hits: count(|d| matches!(d, Detection::Hit { .. })),
+            early: count(|d| matches!(d, Detection::Early { .. })),
+            missed: count(|d| *d == Detection::Missed),
+            median_latency_frames: median_latency(&self.detections),
+            false_alarms: self.false_alarms,
+            false_alarms_per_hour: (frames > 0)
+                .then(|| self.false_alarms as f64 * 3600.0 * f64::from(FRAME_RATE_HZ) / frames as f64),
+        }
+    }
+}
+
+/// Median delay from onset to flag over the events flagged at or after their onset and the missed ones,
+/// which count as infinite; early ones are left out. `None` where there is no such event or the median
+/// is infinite.
+pub fn median_latency(detections: &[Detection]) -> Option<f64> {
+    let delay = |d: &Detection| match *d {
+        Detection::Hit { delay } => Some(delay as f64),
+        Detection::Missed => Some(f64::INFINITY),
+        Detection::Early { .. } => None,
+    };
+    let mut delays: Vec<f64> = detections.iter().filter_map(delay).collect();
+    delays.sort_by(f64::total_cmp);
+    let upper = *delays.get(delays.len() / 2)?;
+    let lower = *delays.get((delays.len() - 1) / 2)?;
+    Some((lower + upper) / 2.0).filter(|m| m.is_finite())
+}
+
+/// One row of the table. Shares are 0 to 1; `None` where nothing can be counted.
+#[derive(Clone, Debug, Serialize)]
+pub struct Figures {
+    /// Frames scored.
+    pub frames: u64,
+    /// Share of frames whose class is right.
+    pub accuracy: Option<f64>,
+    /// Unweighted mean of the classes' F1.
+    pub macro_f1: Option<f64>,
+    /// F1 of slip.
+    pub slip_f1: Option<f64>,
+    /// False slip frames as a share of the frames that do not slip.
+    pub fpr_of_non_slip: Option<f64>,
+    /// Share of frames labelled slip.
+    pub slip_frame_share: Option<f64>,
+    /// Slip events.
+    pub events: usize,
+    /// Flagged from the onset on.
+    pub hits: usize,
+    /// Flagged in the 50 ms before.
+    pub early: usize,
+    /// Not flagged.
+    pub missed: usize,
+    /// See [`median_latency`], frames of 1/240 s.
+    pub median_latency_frames: Option<f64>,
+    /// Alarms outside slip ± 50 ms, merged below 200 ms.
+    pub false_alarms: usize,
+    /// The same per hour of data.
+    pub false_alarms_per_hour: Option<f64>,
+}
+
+/// Integer pipeline and float network side by side.
+#[derive(Clone, Debug, Default)]
+pub struct Comparison {
+    /// The integer pipeline: what the microcontroller does.
+    pub integer: Scores,
+    /// The float network on the same features, under the same no-contact rule.
+    pub float: Scores,
+    /// A rule to beat: slip wherever a pad is touched.
+    pub always_slip: Scores,
+    /// Frames with the same class from both networks.
+    pub agreed: u64,
+    /// Sum of squares of the float logits, and of the integer ones' differences from them.
+    pub logit_power: [f64; 2],
+}
+
+impl Comparison {
+    /// Take in another episode's.
+    pub fn add(&mut self, other: Self) {
+        self.integer.add(other.integer);
+        self.float.add(other.float);
+        self.always_slip.add(other.always_slip);
+        self.agreed += other.agreed;
+        self.logit_power[0] += other.logit_power[0];
+        self.logit_power[1] += other.logit_power[1];
+    }
+
+    /// Share of frames with the same class, 0 to 1. `None` without frames.
+    pub fn agreement(&self) -> Option<f64> {
+        let frames = self.integer.classes.frames();
+        (frames > 0).then(|| self.agreed as f64 / frames as f64)
+    }
+
+    /// Power of the float logits over that of the quantization error, dB.
+    pub fn logit_snr_db(&self) -> f64 {
+        10.0 * (self.logit_power[0] / self.logit_power[1]).log10()
+    }
+}
+
+/// Run both networks over one labelled episode.
+pub fn compare(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result<Comparison> {
+    let label = episode.label.as_deref().context("array label is missing, needed for evaluation")?;
+    let mut pipeline = Pipeline::new(model, episode.sensors).map_err(|e| anyhow::anyhow!("{e}"))?;
+    let mut reference = Reference::new(weights, episode.sensors);
+    let (mut integer, mut float, mut touched) = (Vec::new(), Vec::new(), Vec::new());
+    let mut result = Comparison::default();
+    for frame in 0..episode.frames() {
+        let mut inputs = [SensorInput::default(); MAX_SENSORS];
+        for (sensor, input) in inputs.iter_mut().take(episode.sensors).enumerate() {
+            let (piezo, xl) = (episode.piezo(frame, sensor), episode.xl_batch(frame, sensor));
+            *input = SensorInput { piezo: Some(piezo), xl: Some(xl) };
+        }
+        let output = pipeline.step(&inputs[..episode.sensors]);
+        let mut seen = [SensorFrame::default(); MAX_SENSORS];
+        for ((seen, input), log_mel) in seen.iter_mut().zip(&inputs).zip(&output.log_mel) {
+            *seen = SensorFrame {
+                piezo: input.piezo.map(|piezo| &piezo.counts()[..]),
+                log_mel: Some(&log_mel.standardised),
+            };
+        }
+        let logits = reference.step(&seen[..episode.sensors]);
+        for (float, integer) in logits.into_iter().zip(output.logits_q10) {
+            let error = f64::from(float) - f64::from(integer) / 1024.0;
+            result.logit_power[0] += f64::from(float).powi(2);
+            result.logit_power[1] += error * error;
+        }
+        // All pads are there, so the integer pipeline's no-contact is the pads' and not the network's.
+        let is_touched = output.class != Class::NoContact;
+        integer.push(output.class as u8);
+        float.push(decide(is_touched, logits));
+        touched.push(if is_touched { SLIP } else { 0 });
+    }
+    result.agreed = integer.iter().zip(&float).filter(|(a, b)| a == b).count() as u64;
+    result.integer = Scores::new(label, &integer);
+    result.float = Scores::new(label, &float);
+    result.always_slip = Scores::new(label, &touched);
+    Ok(result)
+}
+
+/// The float network alone over one episode's features.
+pub fn score_float(weights: &Weights, features: &Features) -> (Scores, Vec<[f32; CLASSES]>) {
+    let mut reference = Reference::new(weights, features.sensors);
+    let all = vec![true; features.sensors];
+    let mut classes = Vec::with_capacity(features.frames());
+    let mut all_logits = Vec::with_capacity(features.frames());
+    for frame in 0..features.frames() {
+        let seen: Vec<SensorFrame<'_>> = (0..features.sensors)
+            .map(|sensor| SensorFrame {
+                piezo: Some(features.scan(frame, sensor)),
+                log_mel: Some(features.log_mel(frame, sensor)),
+            })
+            .collect();
+        let logits = reference.step(&seen);
+        let touched = features.touched[frame * features.sensors..][..all.len()].contains(&true);
+        classes.push(decide(touched, logits));
+        all_logits.push(logits);
+    }
+    (Scores::new(&features.label, &classes), all_logits)
+}
+
+/// The pipeline's decision on float logits, all pads being there.
+fn decide(touched: bool, [_, no_slip, slip]: [f32; CLASSES]) -> u8 {
+    match (touched, slip > no_slip) {
+        (false, _) => 0,
+        (true, false) => 1,
+        (true, true) => SLIP,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_miss_counts_as_infinite_and_an_early_flag_not_at_all() {
+        let hit = |delay| Detection::Hit { delay };
+        assert_eq!(median_latency(&[hit(4), hit(1), hit(9)]), Some(4.0));
+        assert_eq!(median_latency(&[hit(4), hit(1)]), Some(2.5));
+        assert_eq!(median_latency(&[hit(4), Detection::Missed, hit(1)]), Some(4.0));
+        assert_eq!(median_latency(&[hit(4), Detection::Missed]), None);
+        assert_eq!(median_latency(&[hit(4), Detection::Early { lead: 3 }]), Some(4.0));
+        assert_eq!(median_latency(&[Detection::Early { lead: 3 }]), None);
+    }
+
+    #[test]
+    fn figures_by_hand() {
+        // 400 frames: slip at 100..200, flagged at 105..200 and at 300..310.
+        let mut label = vec![1u8; 400];
+        label[100..200].fill(SLIP);
+        let mut class = vec![1u8; 400];
+        class[105..200].fill(SLIP);
+        class[300..310].fill(SLIP);
+        let mut scores = Scores::new(&label, &class);
+        scores.add(Scores::new(&label, &vec![1u8; 400]));
+        let figures = scores.figures();
+        assert_eq!((figures.frames, figures.events, figures.hits, figures.missed), (800, 2, 1, 1));
+        assert_eq!(figures.accuracy, Some(685.0 / 800.0));
+        assert_eq!(figures.fpr_of_non_slip, Some(10.0 / 600.0));
+        assert_eq!((figures.false_alarms, figures.median_latency_frames), (1, None));
+        assert_eq!(figures.false_alarms_per_hour, Some(1080.0));
+    }
+
+    #[test]
+    fn the_pads_decide_contact_and_a_tie_does_not_slip() {
+        assert_eq!(decide(false, [-9.0, 0.0, 9.0]), 0);
+        assert_eq!(decide(true, [9.0, 0.0, 1.0]), 2);
+        assert_eq!(decide(true, [9.0, 0.5, 0.5]), 1);
+    }
+}

@@ -1,0 +1,218 @@
+//! Float weights and measured ranges to the integers of the model file.
+//!
+//! Activations are 16 bits with one real scale per tensor, weights 8 bits with one scale per output
+//! channel, biases 32 bits at the accumulator's scale. What cannot be represented is refused by name;
+//! nothing is clipped in silence.
+
+use anyhow::{Result, bail, ensure};
+use slipsense::fixed::STANDARD_FRAC_BITS;
+use slipsense::net::format::Dims;
+use slipsense::net::layer_norm::RESIDUAL_EXTRA_BITS;
+use slipsense::net::model::ACTIVATION_MAX;
+use slipsense::net::network::LOGIT_FRAC_BITS;
+use slipsense::net::requantize::QUERY_KEY_MAX;
+use slipsense::net::softmax::SCORE_FRAC_BITS;
+use slipsense::params::COUNT_MAX;
+use slipsense_model_file::ModelFile;
+
+use crate::float::{NORM_EPSILON, PIEZO_INPUT_SCALE};
+use crate::reference::{Ranges, log_mel_real};
+use crate::weights::Weights;
+
+/// Room above the largest magnitude seen in calibration. A 16-bit activation can spare one bit of 15.
+const MARGIN: f64 = 2.0;
+/// Largest magnitude of an activation after requantization.
+const I16_MAX: f64 = i16::MAX as f64;
+/// Largest 8-bit weight; −128 is left unused so that a sign never changes the magnitude.
+const WEIGHT_MAX: f64 = 127.0;
+/// Largest residual sum that LayerNorm takes, at its 4 bits more.
+const RESIDUAL_MAX: f64 = ((1 << 21) - 1) as f64;
+/// Largest bias: half of the accumulator, the rest is for the products.
+const BIAS_MAX: f64 = (1u32 << 30) as f64;
+const TWO_32: f64 = 4_294_967_296.0;
+
+/// Real value of one unit of every activation.
+#[derive(Clone, Debug)]
+struct Scales<'a> {
+    ranges: &'a Ranges,
+}
+
+impl Scales<'_> {
+    fn of(&self, activation: &str, largest_int: f64) -> Result<f64> {
+        let largest = f64::from(self.ranges.largest(activation)) * MARGIN;
+        ensure!(
+            largest.is_finite() && largest > 0.0,
+            "activation {activation}: largest magnitude in calibration is {largest}, must be positive"
+        );
+        Ok(largest / largest_int)
+    }
+
+    fn signed(&self, activation: &str) -> Result<f64> {
+        self.of(activation, I16_MAX)
+    }
+
+    fn query_key(&self, activation: &str) -> Result<f64> {
+        self.of(activation, f64::from(QUERY_KEY_MAX))
+    }
+
+    /// Of an activation that a residual adds to: the sum has 21 bits at a 16th of this scale.
+    fn with_residual(&self, activation: &str, residual: &str) -> Result<f64> {
+        let extra = f64::from(1 << RESIDUAL_EXTRA_BITS);
+        Ok(self.signed(activation)?.max(self.of(residual, RESIDUAL_MAX)? * extra))
+    }
+}
+
+/// `floor(x + 1/2)`, the project's rounding rule.
+fn round(x: f64) -> f64 {
+    (x + 0.5).floor()
+}
+
+/// A real ratio as a multiplier; refuses one of a half or more.
+fn multiplier(ratio: f64, tensor: &str, channel: usize) -> Result<i32> {
+    let value = round(ratio * TWO_32);
+    ensure!(
+        (0.0..=f64::from(i32::MAX)).contains(&value),
+        "{tensor} channel {channel}: ratio {ratio:.4} is outside 0 to 0.5; the output's range is too small \
+         for its weights"
+    );
+    Ok(value as i32)
+}
+
+/// Integers for one network. `provenance`: JSON text about how it was made.
+pub fn quantize(weights: &Weights, ranges: &Ranges, provenance: &str) -> Result<ModelFile> {
+    let scales = Scales { ranges };
+    let file = ModelFile::new(weights.dims, provenance);
+    let mut quantizer = Quantizer { weights, file };
+    let counts = f64::from(PIEZO_INPUT_SCALE);
+    let log_mel = f64::from(log_mel_real(1));
+    let conv = ["piezo.conv1", "piezo.conv2", "piezo.conv3"];
+    let [conv1, conv2, conv3] = [scales.signed(conv[0])?, scales.signed(conv[1])?, scales.signed(conv[2])?];
+    let piezo = scales.with_residual("piezo", "cross_piezo.residual")?;
+    quantizer.layer(conv[0], counts, conv1, i64::from(COUNT_MAX))?;
+    quantizer.layer(conv[1], conv1, conv2, ACTIVATION_MAX)?;
+    quantizer.layer(conv[2], conv2, conv3, ACTIVATION_MAX)?;
+    quantizer.layer("piezo.dense", conv3, piezo, ACTIVATION_MAX)?;
+
+    let (hidden1, hidden2) = (scales.signed("xl.conv")?, scales.signed("xl.mix1")?);
+    let xl = scales.with_residual("xl", "cross_xl.residual")?;
+    quantizer.layer("xl.conv", log_mel, hidden1, ACTIVATION_MAX)?;
+    quantizer.layer("xl.mix1", hidden1, hidden2, ACTIVATION_MAX)?;
+    quantizer.layer("xl.mix2", hidden2, xl, ACTIVATION_MAX)?;
+
+    let fused = scales.with_residual("fused", "temporal.residual")?;
+    let hidden = scales.signed("hidden")?;
+    quantizer.attention("cross_piezo", &scales, [piezo, xl], fused)?;
+    quantizer.attention("cross_xl", &scales, [xl, piezo], fused)?;
+    quantizer.attention("temporal", &scales, [fused, fused], hidden)?;
+    quantizer.layer("head", hidden, 1.0 / f64::from(1 << LOGIT_FRAC_BITS), ACTIVATION_MAX)?;
+    Ok(quantizer.file)
+}
+
+struct Quantizer<'w> {
+    weights: &'w Weights,
+    file: ModelFile,
+}
+
+impl Quantizer<'_> {
+    fn dims(&self) -> &Dims {
+        &self.weights.dims
+    }
+
+    /// A dense layer or a convolution. `from`, `to`: scales of input and output. `input_max`: largest
+    /// magnitude of an input.
+    fn layer(&mut self, name: &str, from: f64, to: f64, input_max: i64) -> Result<()> {
+        let bias = self.weights.get(name, "bias");
+        let weight = self.weights.get(name, "weight");
+        let inputs = weight.len() / bias.len();
+        let (mut weights, mut biases, mut multipliers) = (Vec::new(), Vec::new(), Vec::new());
+        for (channel, (row, &bias)) in weight.chunks_exact(inputs).zip(bias).enumerate() {
+            let (row, bias): (Vec<f64>, f64) = (row.iter().map(|&w| f64::from(w)).collect(), f64::from(bias));
+            let largest = row.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
+            // A channel whose bias dwarfs its weights gets the coarser steps that its bias needs.
+            let step = (largest / WEIGHT_MAX).max(bias.abs() / (from * BIAS_MAX));
+            // A channel of zeros: any step will do.
+            let step = if step > 0.0 { step } else { to / from / 256.0 };
+            let ints: Vec<i32> = row.iter().map(|w| round(w / step) as i32).collect();
+            let bias = round(bias / (from * step)) as i64;
+            let products: i64 = ints.iter().map(|&w| i64::from(w).abs()).sum::<i64>() * input_max;
+            let bound = products + bias.abs();
+            if bound > i64::from(i32::MAX) {
+                bail!(
+                    "{name} weight channel {channel}: accumulator can reach {bound}, more than {}",
+                    i32::MAX
+                );
+            }
+            weights.extend(ints);
+            biases.push(bias as i32);
+            multipliers.push(multiplier(from * step / to, &format!("{name} multiplier"), channel)?);
+        }
+        *self.file.tensor_mut(name, "weight") = weights;
+        *self.file.tensor_mut(name, "bias") = biases;
+        *self.file.tensor_mut(name, "multiplier") = multipliers;
+        Ok(())
+    }
+
+    /// One attention block. `from`: scales of what asks and of what answers.
+    fn attention(&mut self, block: &str, scales: &Scales<'_>, from: [f64; 2], to: f64) -> Result<()> {
+        let name = |part: &str| format!("{block}.{part}");
+        let [asks, answers] = from;
+        let query = scales.query_key(&name("query"))?;
+        let key = scales.query_key(&name("key"))?;
+        let value = scales.signed(&name("value"))?;
+        let residual = asks / f64::from(1 << RESIDUAL_EXTRA_BITS);
+        self.layer(&name("query"), asks, query, ACTIVATION_MAX)?;
+        self.layer(&name("key"), answers, key, ACTIVATION_MAX)?;
+        self.layer(&name("value"), answers, value, ACTIVATION_MAX)?;
+        // The context is a weighted mean of values: their scale, their range.
+        self.layer(&name("out"), value, residual, ACTIVATION_MAX)?;
+
+        let score = name("score");
+        let width = self.weights.get(&name("query"), "bias").len();
+        let head_width = (width / self.dims().heads) as f64;
+        // Scores are to the base 2.
+        let unit = std::f64::consts::LOG2_E * f64::from(1 << SCORE_FRAC_BITS);
+        let ratio = query * key / head_width.sqrt() * unit;
+        *self.file.tensor_mut(&score, "multiplier") =
+            vec![multiplier(ratio, &format!("{score} multiplier"), 0)?];
+        let bias = self.weights.get(&score, "bias").iter().map(|&b| round(f64::from(b) * unit));
+        *self.file.tensor_mut(&score, "bias") = integers(bias, I16_MAX, &format!("{score} bias"))?;
+        self.norm(&name("norm"), residual, to)
+    }
+
+    fn norm(&mut self, name: &str, residual: f64, to: f64) -> Result<()> {
+        let gamma = self.weights.get(name, "gamma");
+        let largest = gamma.iter().fold(0.0f64, |m, &g| m.max(f64::from(g).abs()));
+        ensure!(largest > 0.0, "{name} gamma is all zero");
+        let step = largest / I16_MAX;
+        let unit = step / f64::from(1 << STANDARD_FRAC_BITS);
+        let gamma = gamma.iter().map(|&g| round(f64::from(g) / step));
+        let gamma = integers(gamma, I16_MAX, &format!("{name} gamma"))?;
+        let beta = self.weights.get(name, "beta").iter().map(|&b| round(f64::from(b) / unit));
+        let beta = integers(beta, f64::from(i32::MAX), &format!("{name} beta"))?;
+        for (channel, (&gamma, &beta)) in gamma.iter().zip(&beta).enumerate() {
+            let bound = i64::from(gamma).abs() * ACTIVATION_MAX + i64::from(beta).abs();
+            ensure!(
+                bound <= i64::from(i32::MAX),
+                "{name} beta channel {channel}: accumulator can reach {bound}, more than {}",
+                i32::MAX
+            );
+        }
+        let epsilon = round(NORM_EPSILON / (residual * residual)).max(1.0);
+        *self.file.tensor_mut(name, "gamma") = gamma;
+        *self.file.tensor_mut(name, "beta") = beta;
+        *self.file.tensor_mut(name, "multiplier") =
+            vec![multiplier(unit / to, &format!("{name} multiplier"), 0)?];
+        *self.file.tensor_mut(name, "epsilon") =
+            integers(std::iter::once(epsilon), f64::from(i32::MAX), &format!("{name} epsilon"))?;
+        Ok(())
+    }
+}
+
+/// Whole numbers of magnitude up to `most`; refuses others by tensor and position.
+fn integers(values: impl Iterator<Item = f64>, most: f64, tensor: &str) -> Result<Vec<i32>> {
+    let one = |(index, value): (usize, f64)| {
+        ensure!(value.abs() <= most, "{tensor} {index} is {value}, must be within ±{most}");
+        Ok(value as i32)
+    };
+    values.enumerate().map(one).collect()
+}

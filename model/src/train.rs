@@ -1,0 +1,275 @@
+//! The trainer.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use burn::grad_clipping::GradientClippingConfig;
+use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::Device;
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use rayon::prelude::*;
+use serde_json::json;
+use slipsense::params::CLASSES;
+
+use crate::batch::Sampler;
+use crate::checkpoint::{Checkpoint, Row, csv};
+use crate::data::{Features, Source, Split};
+use crate::evaluate::{Scores, score_float};
+use crate::float::FloatNetwork;
+use crate::output;
+use crate::weights::{FIRST_DIMS, Weights};
+
+/// Share of all steps over which the learning rate rises.
+const WARM_UP: f64 = 0.05;
+/// Decay of the weights' running average. The paper names none and 0.999 is customary; a run of some
+/// thousand steps would then still carry its first weights at the end.
+const AVERAGE_DECAY: f64 = 0.995;
+/// Largest norm of one tensor's gradient.
+const GRADIENT_NORM: f32 = 1.0;
+const WEIGHT_DECAY: f32 = 1e-3;
+
+/// Train the float network on generated or recorded episodes.
+///
+/// Writes DIR/weights.safetensors (the running average of the weights), curves.csv (one line per epoch)
+/// and train.json (what it was trained on, and how). After every epoch DIR/checkpoint holds what
+/// --resume needs. Quantize the result with `slipsense quantize`.
+#[derive(Args, Clone, Debug)]
+pub struct TrainArgs {
+    /// Folder for the results; made if it is not there.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Train on the labelled .npz episodes of this folder instead of generated ones. They are split into
+    /// train, validation and test by the "object" in their metadata.
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Training episodes: so many are generated, or at most so many read.
+    #[arg(long, value_name = "N", default_value_t = 240)]
+    pub episodes: usize,
+    /// Passes over as many frames as the training episodes have.
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    pub epochs: usize,
+    /// Seed of the episodes, the first weights and all draws.
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    pub seed: u64,
+    /// Sequences per step.
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    pub batch: usize,
+    /// Frames per sequence. The network looks back 60 frames.
+    #[arg(long, value_name = "N", default_value_t = 160)]
+    pub frames: usize,
+    /// Highest learning rate; it rises over the first steps and falls along a half cosine.
+    #[arg(long, value_name = "LR", default_value_t = 2e-3)]
+    pub learning_rate: f64,
+    /// Go on after the last finished epoch of the same run in DIR.
+    #[arg(long)]
+    pub resume: bool,
+}
+
+/// A progress bar in the house's style.
+pub(crate) fn progress(what: &'static str, length: u64) -> ProgressBar {
+    let style = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len} {elapsed}<{eta} {msg}");
+    let bar = ProgressBar::new(length).with_prefix(what);
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+/// Run the training that `args` describe.
+pub fn run_train(args: &TrainArgs) -> Result<()> {
+    ensure!(args.episodes > 0, "--episodes must be at least 1");
+    ensure!(args.epochs > 0, "--epochs must be at least 1");
+    ensure!(args.batch > 0, "--batch must be at least 1");
+    ensure!(args.frames > 0, "--frames must be at least 1");
+    ensure!(
+        args.learning_rate > 0.0 && args.learning_rate <= 1.0,
+        "--learning-rate must be above 0 and at most 1"
+    );
+    output::folder(&args.out)?;
+
+    let source = Source::new(args.data.as_deref(), args.seed);
+    let load = |what, split, count| {
+        let bar = progress(what, count as u64);
+        let loaded = source.map(split, count, &bar, |episode| Features::from_episode(&episode));
+        bar.finish();
+        loaded
+    };
+    let train = load("train", Split::Train, args.episodes)?;
+    let validation = load("validation", Split::Validation, args.episodes.div_ceil(12).max(2))?;
+    let sampler = Sampler::new(&train, args.frames)?;
+    let total: usize = train.iter().map(Features::frames).sum();
+    let steps = total.div_ceil(args.batch * args.frames);
+    let run = Run { args, steps };
+    let recipe = run.recipe(&source);
+
+    let device = Device::flex().autodiff();
+    let mut optimizer = AdamWConfig::new()
+        .with_weight_decay(WEIGHT_DECAY)
+        .with_epsilon(1e-8)
+        .with_grad_clipping(Some(GradientClippingConfig::Norm(GRADIENT_NORM)))
+        .init();
+    let mut state = if args.resume {
+        let (state, restored) = Checkpoint::read(&args.out, &recipe, optimizer)?;
+        optimizer = restored;
+        state
+    } else {
+        let weights = Weights::init(FIRST_DIMS, args.seed);
+        Checkpoint { average: weights.clone(), weights, rows: Vec::new(), recipe }
+    };
+
+    let mut network = FloatNetwork::new(&state.weights, &device);
+    for epoch in state.rows.len()..args.epochs {
+        let started = Instant::now();
+        let train_loss = run.epoch(epoch, &sampler, &mut network, &mut optimizer, &mut state, &device)?;
+        let (scores, validation_loss) = validate(&state.average, &validation);
+        let figure = |x: Option<f64>| x.unwrap_or(f64::NAN);
+        state.rows.push(Row {
+            epoch: epoch + 1,
+            step: (epoch + 1) * steps,
+            learning_rate: run.learning_rate((epoch + 1) * steps - 1),
+            train_loss,
+            validation_loss,
+            validation_accuracy: figure(scores.classes.accuracy()),
+            validation_macro_f1: figure(scores.classes.macro_f1()),
+            validation_fpr: figure(scores.classes.fpr_of_non_slip()),
+            seconds: state.rows.last().map_or(0.0, |r| r.seconds) + started.elapsed().as_secs_f64(),
+        });
+        state.write(&args.out, &optimizer)?;
+        output::write(&args.out.join("curves.csv"), csv(&state.rows).as_bytes())?;
+        print!("{}", if epoch == 0 { csv(&state.rows) } else { last_line(&csv(&state.rows)) });
+    }
+    finish(args, &state, &sampler, train.len(), validation.len())
+}
+
+fn last_line(text: &str) -> String {
+    text.lines().last().map(|line| format!("{line}\n")).unwrap_or_default()
+}
+
+/// Write the result and what it was made from.
+fn finish(
+    args: &TrainArgs,
+    state: &Checkpoint,
+    sampler: &Sampler<'_>,
+    train: usize,
+    validation: usize,
+) -> Result<()> {
+    let path = args.out.join("weights.safetensors");
+    state.average.write(&path)?;
+    let manifest = json!({
+        "recipe": state.recipe,
+        "train_episodes": train,
+        "train_frames_by_class": sampler.class_frames(),
+        "validation_episodes": validation,
+        "validation_objects": crate::data::VALIDATION_OBJECTS,
+        "parameters": state.average.count(),
+        "last_epoch": state.rows.last(),
+        "weights_sha256": output::sha256_hex(&state.average.to_bytes()?),
+    });
+    let text = serde_json::to_string_pretty(&manifest)? + "\n";
+    output::write(&args.out.join("train.json"), text.as_bytes())?;
+    println!("{}", path.display());
+    Ok(())
+}
+
+/// What does not change in a run.
+struct Run<'a> {
+    args: &'a TrainArgs,
+    /// Per epoch.
+    steps: usize,
+}
+
+impl Run<'_> {
+    /// What makes two runs the same, for the manifest and for --resume.
+    fn recipe(&self, source: &Source) -> serde_json::Value {
+        let args = self.args;
+        json!({
+            "data": source.describe(),
+            "episodes": args.episodes,
+            "epochs": args.epochs,
+            "steps_per_epoch": self.steps,
+            "seed": args.seed,
+            "batch": args.batch,
+            "frames": args.frames,
+            "learning_rate": args.learning_rate,
+            "warm_up": WARM_UP,
+            "weight_decay": WEIGHT_DECAY,
+            "average_decay": AVERAGE_DECAY,
+            "dims": FIRST_DIMS.to_fields(),
+        })
+    }
+
+    /// Linear rise, then half a cosine to 0.
+    fn learning_rate(&self, step: usize) -> f64 {
+        let total = (self.args.epochs * self.steps) as f64;
+        let warm = (total * WARM_UP).max(1.0);
+        let done = step as f64 + 1.0;
+        let share = ((done - warm) / (total - warm).max(1.0)).clamp(0.0, 1.0);
+        let fall = 0.5 * (1.0 + (std::f64::consts::PI * share).cos());
+        self.args.learning_rate * (done / warm).min(1.0) * fall
+    }
+
+    /// One epoch; the mean loss.
+    fn epoch(
+        &self,
+        epoch: usize,
+        sampler: &Sampler<'_>,
+        network: &mut FloatNetwork,
+        optimizer: &mut ModuleOptimizer,
+        state: &mut Checkpoint,
+        device: &Device,
+    ) -> Result<f64> {
+        let bar = progress("epoch", self.steps as u64);
+        bar.set_prefix(format!("epoch {}/{}", epoch + 1, self.args.epochs));
+        let (mut sum, mut recent) = (0.0, None);
+        for step in epoch * self.steps..(epoch + 1) * self.steps {
+            let batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
+            let logits = network.forward(&state.weights.dims, &batch, device);
+            let loss = FloatNetwork::loss(logits, &batch.label, device);
+            let value = f64::from(loss.clone().into_scalar::<f32>());
+            ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");
+            let gradients = GradientsParams::from_grads(loss.backward(), network);
+            *network = optimizer.step(self.learning_rate(step), network.clone(), gradients);
+            state.weights = network.weights(state.weights.dims);
+            let decay = AVERAGE_DECAY.min((1.0 + step as f64) / (10.0 + step as f64));
+            state.average.average(&state.weights, decay as f32);
+            sum += value;
+            recent = Some(recent.map_or(value, |r: f64| 0.95 * r + 0.05 * value));
+            bar.set_message(format!("loss {:.3}", recent.unwrap_or(value)));
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(sum / self.steps as f64)
+    }
+}
+
+/// Scores and mean cross entropy (nat) over whole episodes.
+fn validate(weights: &Weights, episodes: &[Features]) -> (Scores, f64) {
+    let results: Vec<_> = episodes.par_iter().map(|features| score_float(weights, features)).collect();
+    let mut scores = Scores::default();
+    let (mut loss, mut frames) = (0.0, 0.0);
+    for ((score, logits), features) in results.into_iter().zip(episodes) {
+        scores.add(score);
+        for (logits, &class) in logits.iter().zip(&features.label) {
+            loss += cross_entropy(logits, class);
+            frames += 1.0;
+        }
+    }
+    (scores, loss / frames)
+}
+
+fn cross_entropy(logits: &[f32; CLASSES], class: u8) -> f64 {
+    let max = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let sum: f32 = logits.iter().map(|x| (x - max).exp()).sum();
+    f64::from(max + sum.ln() - logits[class as usize])
+}
+
+/// Read what a training run says about itself, if it lies beside its weights.
+pub(crate) fn manifest_beside(weights: &Path) -> Result<Option<serde_json::Value>> {
+    let path = weights.with_file_name("train.json");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    serde_json::from_slice(&text).map(Some).with_context(|| format!("cannot use {}", path.display()))
+}

@@ -1,0 +1,151 @@
+//! The trained parameters as plain numbers, named like the tensors of the model file.
+//!
+//! One list serves the tensor library, the step-by-step reference, the checkpoint and the quantizer:
+//! [`slipsense::net::format::layout`] without its integer-only parts (multipliers and epsilon).
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use slipsense::net::format::{Dims, TensorSpec, layout};
+
+/// Sizes of the first model: three convolution blocks of 4, 8 and 16 channels, embeddings of 32, a
+/// memory of 60 frames (250 ms) in every attention.
+pub const FIRST_DIMS: Dims =
+    Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 32, heads: 4, window: 60 };
+
+/// Key of the dimensions in the metadata of a weights file.
+const DIMS_KEY: &str = "slipsense.dims";
+
+/// Names and shapes of the trained parameters, in the order of the model file.
+pub fn specs(dims: &Dims) -> Vec<TensorSpec> {
+    layout(dims).into_iter().filter(|spec| !matches!(spec.part, "multiplier" | "epsilon")).collect()
+}
+
+/// `layer.part`, the name in a weights file.
+pub fn name(spec: &TensorSpec) -> String {
+    format!("{}.{}", spec.layer, spec.part)
+}
+
+/// Lowest first value of a score's bias, nat: e^-16 is nothing, and the model file holds down to -22.
+const LAG_BIAS_MIN: f32 = -16.0;
+
+/// First value of a score's bias: every head but the last prefers recent frames, each four times less
+/// than the one before (half-lives of 1.4, 5.5, 22 frames). From an even start the network averages its
+/// whole window and notices a slip only when all of it slips, 60 frames late.
+fn lag_bias(head: usize, lag: usize) -> f32 {
+    let slope = if head < 3 { 0.5 / 4f32.powi(head as i32) } else { 0.0 };
+    (-slope * lag as f32).max(LAG_BIAS_MIN)
+}
+
+/// All parameters of one network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weights {
+    /// Sizes.
+    pub dims: Dims,
+    /// One run of numbers per entry of [`specs`], row by row.
+    pub tensors: Vec<Vec<f32>>,
+}
+
+impl Weights {
+    /// Before training: weights uniform with variance 2 / inputs ahead of a ReLU and 1 / inputs
+    /// elsewhere, norms neutral, biases zero but for the lags ([`lag_bias`]).
+    pub fn init(dims: Dims, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let tensor = |spec: &TensorSpec| match spec.part {
+            "weight" => {
+                let before_relu =
+                    spec.layer.starts_with("piezo.conv") || matches!(spec.layer, "xl.conv" | "xl.mix1");
+                let limit = ((if before_relu { 6.0 } else { 3.0 }) / spec.cols as f32).sqrt();
+                (0..spec.len()).map(|_| rng.random_range(-limit..limit)).collect()
+            }
+            "gamma" => vec![1.0; spec.len()],
+            "bias" if spec.layer.ends_with(".score") => {
+                (0..spec.rows).flat_map(|head| (0..spec.cols).map(move |lag| lag_bias(head, lag))).collect()
+            }
+            _ => vec![0.0; spec.len()],
+        };
+        Self { dims, tensors: specs(&dims).iter().map(tensor).collect() }
+    }
+
+    /// Numbers in all tensors.
+    pub fn count(&self) -> usize {
+        self.tensors.iter().map(Vec::len).sum()
+    }
+
+    /// The numbers of a tensor, such as `("piezo.conv1", "weight")`.
+    ///
+    /// # Panics
+    /// If there is no tensor of that name: names come from the layout, not from users.
+    pub fn get(&self, layer: &str, part: &str) -> &[f32] {
+        let index = specs(&self.dims).iter().position(|spec| spec.layer == layer && spec.part == part);
+        &self.tensors[index.unwrap_or_else(|| panic!("there is no tensor {layer}.{part}"))]
+    }
+
+    /// Move towards `newer`: `self = decay · self + (1 − decay) · newer`.
+    pub fn average(&mut self, newer: &Self, decay: f32) {
+        for (mine, newer) in self.tensors.iter_mut().zip(&newer.tensors) {
+            for (mine, newer) in mine.iter_mut().zip(newer) {
+                *mine += (1.0 - decay) * (newer - *mine);
+            }
+        }
+    }
+
+    /// The bytes of a safetensors file: f32, shape `[rows, cols]`, sizes in the metadata.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        let specs = specs(&self.dims);
+        let bytes: Vec<Vec<u8>> =
+            self.tensors.iter().map(|tensor| tensor.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
+        let mut views = Vec::with_capacity(specs.len());
+        for (spec, bytes) in specs.iter().zip(&bytes) {
+            views.push((name(spec), TensorView::new(Dtype::F32, vec![spec.rows, spec.cols], bytes)?));
+        }
+        let fields = serde_json::to_string(&self.dims.to_fields())?;
+        let metadata = HashMap::from([(DIMS_KEY.to_owned(), fields)]);
+        Ok(safetensors::serialize(views, Some(metadata))?)
+    }
+
+    /// Read a weights file's bytes; refuses a missing, misshapen or non-finite tensor by name.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let (_, header) = SafeTensors::read_metadata(bytes).context("not a safetensors file")?;
+        let fields = header.metadata().as_ref().and_then(|m| m.get(DIMS_KEY));
+        let fields = fields.with_context(|| format!("metadata has no {DIMS_KEY}: not SlipSense weights"))?;
+        let fields: [usize; 8] = serde_json::from_str(fields)
+            .with_context(|| format!("metadata {DIMS_KEY} must be 8 integers"))?;
+        let dims = match Dims::from_fields(fields) {
+            Ok(dims) => dims,
+            Err(e) => bail!("{} is {}, allowed are {} to {}", e.field, e.value, e.range.0, e.range.1),
+        };
+        let file = SafeTensors::deserialize(bytes)?;
+        let mut tensors = Vec::new();
+        for spec in specs(&dims) {
+            let name = name(&spec);
+            let view = file.tensor(&name).with_context(|| format!("tensor {name} is missing"))?;
+            ensure!(view.dtype() == Dtype::F32, "tensor {name} is {:?}, must be F32", view.dtype());
+            let shape = [spec.rows, spec.cols];
+            ensure!(view.shape() == shape, "tensor {name} has shape {:?}, must be {shape:?}", view.shape());
+            let (values, _) = view.data().as_chunks::<4>();
+            let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
+            if let Some(index) = values.iter().position(|x| !x.is_finite()) {
+                bail!("tensor {name} index {index} is {}: must be finite", values[index]);
+            }
+            tensors.push(values);
+        }
+        Ok(Self { dims, tensors })
+    }
+
+    /// Read a weights file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::from_bytes(&bytes).with_context(|| format!("cannot use {}", path.display()))
+    }
+
+    /// Write a weights file.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        crate::output::write(path, &self.to_bytes()?)
+    }
+}

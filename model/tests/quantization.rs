@@ -1,0 +1,146 @@
+//! Integers against float, refusals, and files read back.
+
+mod common;
+
+use slipsense::net::format::Dims;
+use slipsense::net::{Model, Network, SensorFeatures};
+use slipsense_model::quantize::quantize;
+use slipsense_model::reference::{Ranges, Reference, SensorFrame};
+use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
+use slipsense_model::{export, weights};
+
+const FRAMES: usize = 100;
+const SENSORS: usize = 2;
+
+/// Float logits of random input, and the ranges seen on the way.
+fn run_float(weights: &Weights) -> (Vec<[f32; 3]>, Ranges) {
+    let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
+    let mut reference = Reference::new(weights, SENSORS);
+    let frames = scans.chunks_exact(SENSORS).zip(log_mels.chunks_exact(SENSORS));
+    let logits = frames.map(|(scans, log_mels)| {
+        let seen: Vec<SensorFrame<'_>> = scans
+            .iter()
+            .zip(log_mels)
+            .map(|(scan, bins)| SensorFrame { piezo: Some(scan.counts()), log_mel: Some(bins) })
+            .collect();
+        reference.step(&seen)
+    });
+    let logits = logits.collect();
+    (logits, reference.ranges)
+}
+
+fn run_integer(bytes: &[u8]) -> Vec<[i32; 3]> {
+    let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
+    let mut network = Network::new(Model::parse(bytes).unwrap());
+    let frames = scans.chunks_exact(SENSORS).zip(log_mels.chunks_exact(SENSORS));
+    let step = |(scans, log_mels): (&[_], &[_])| {
+        let sensor = |s: usize| SensorFeatures { piezo: Some(&scans[s]), log_mel: Some(&log_mels[s]) };
+        network.step(&[sensor(0), sensor(1)])
+    };
+    frames.map(step).collect()
+}
+
+#[test]
+fn the_integer_network_follows_the_float_one() {
+    for seed in [1, 2, 3] {
+        let weights = common::random_weights(seed);
+        let (float, ranges) = run_float(&weights);
+        let file = quantize(&weights, &ranges, "{}").unwrap();
+        let integer = run_integer(&export::to_bytes(&file).unwrap());
+        let (mut power, mut error) = (0.0, 0.0);
+        for (float, integer) in float.iter().flatten().zip(integer.iter().flatten()) {
+            power += f64::from(*float).powi(2);
+            error += (f64::from(*float) - f64::from(*integer) / 1024.0).powi(2);
+        }
+        let snr_db = 10.0 * (power / error).log10();
+        println!("seed {seed}: logits {snr_db:.1} dB over the quantization error");
+        // 8-bit weights of random networks: about 35 to 45 dB. Far better would mean that float was
+        // compared with itself.
+        assert!((28.0..70.0).contains(&snr_db), "seed {seed}: {snr_db} dB");
+    }
+}
+
+#[test]
+fn a_file_says_what_the_quantizer_meant() {
+    let weights = common::random_weights(5);
+    let (_, ranges) = run_float(&weights);
+    let file = quantize(&weights, &ranges, "{\"who\":\"test\"}").unwrap();
+    let bytes = export::to_bytes(&file).unwrap();
+    let model = Model::parse(&bytes).unwrap();
+    assert_eq!((model.dims, model.provenance), (FIRST_DIMS, "{\"who\":\"test\"}"));
+    let weight: Vec<i32> = model.conv[2].weights.iter().map(|&w| i32::from(w as i8)).collect();
+    assert_eq!(weight, file.tensor("piezo.conv3", "weight"));
+    assert_eq!(
+        model.piezo_dense.multiplier.iter().collect::<Vec<_>>(),
+        file.tensor("piezo.dense", "multiplier")
+    );
+    assert!(bytes.len() < 200_000, "{} bytes", bytes.len());
+
+    // Every channel uses its eight bits, and an integer times its step is the weight again.
+    let real = weights.get("temporal.query", "weight").chunks_exact(64);
+    for (row, real) in file.tensor("temporal.query", "weight").chunks_exact(64).zip(real) {
+        assert_eq!(row.iter().map(|w| w.abs()).max(), Some(127));
+        let largest = real.iter().fold(0f32, |m, w| m.max(w.abs()));
+        for (int, real) in row.iter().zip(real) {
+            assert!((*int as f32 * largest / 127.0 - real).abs() <= largest / 254.0 * 1.001);
+        }
+    }
+}
+
+#[test]
+fn an_accumulator_that_could_overflow_is_refused_by_name() {
+    let dims = Dims { conv_channels: [4, 8, 32], ..FIRST_DIMS };
+    let mut weights = Weights::init(dims, 1);
+    let (_, ranges) = run_float(&weights);
+    assert!(quantize(&weights, &ranges, "{}").is_ok());
+    // 512 weights of full size and a bias: 512 · 127 · 32768 is within 0.8 % of 2^31.
+    let at = specs(&dims).iter().position(|s| s.layer == "piezo.dense" && s.part == "weight").unwrap();
+    weights.tensors[at][3 * 512..4 * 512].fill(1.0);
+    weights.tensors[at + 1][3] = 1e4;
+    let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();
+    assert!(error.starts_with("piezo.dense weight channel 3: accumulator can reach"), "{error}");
+}
+
+#[test]
+fn a_ratio_of_a_half_or_more_is_refused_by_name() {
+    let mut weights = common::random_weights(6);
+    let (_, ranges) = run_float(&weights);
+    let at = specs(&FIRST_DIMS).iter().position(|s| s.layer == "xl.mix1" && s.part == "weight").unwrap();
+    // Much larger than when the ranges were measured.
+    weights.tensors[at][2 * 32..3 * 32].fill(1e4);
+    let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();
+    assert!(error.starts_with("xl.mix1 multiplier channel 2: ratio"), "{error}");
+}
+
+#[test]
+fn a_score_bias_beyond_16_bits_is_refused_by_name() {
+    let mut weights = common::random_weights(6);
+    let (_, ranges) = run_float(&weights);
+    let at = specs(&FIRST_DIMS).iter().position(|s| s.layer == "cross_xl.score").unwrap();
+    weights.tensors[at][61] = -40.0;
+    let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();
+    assert!(error.starts_with("cross_xl.score bias 61 is -"), "{error}");
+}
+
+#[test]
+fn weights_files_are_read_back_or_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("w.safetensors");
+    let weights = common::random_weights(9);
+    weights.write(&path).unwrap();
+    assert_eq!(Weights::read(&path).unwrap(), weights);
+    assert_eq!(weights.to_bytes().unwrap(), weights.to_bytes().unwrap());
+
+    let mut broken = weights.clone();
+    broken.tensors[2][1] = f32::NAN;
+    let name = weights::name(&specs(&FIRST_DIMS)[2]);
+    let error = Weights::from_bytes(&broken.to_bytes().unwrap()).unwrap_err().to_string();
+    assert_eq!(error, format!("tensor {name} index 1 is NaN: must be finite"));
+
+    let bytes = weights.to_bytes().unwrap();
+    assert!(Weights::from_bytes(&bytes[..bytes.len() / 2]).is_err());
+    let missing = Weights::read(&folder.path().join("none")).unwrap_err().to_string();
+    assert!(missing.starts_with("cannot read") && missing.ends_with("none"), "{missing}");
+    let unwritable = weights.write(&folder.path().join("no/such/w")).unwrap_err().to_string();
+    assert!(unwritable.starts_with("cannot write"), "{unwritable}");
+}

@@ -1,0 +1,101 @@
+//! The two commands from end to end, on a handful of episodes: they make what they say, and a run that
+//! is resumed is the run that was begun.
+
+use std::fs;
+use std::path::Path;
+
+use slipsense::net::Model;
+use slipsense_model::data::{Split, TEST_SEED, VALIDATION_OBJECTS, recipes, split_of};
+use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
+use slipsense_synth::ObjectChoice;
+
+fn train_args(out: &Path) -> TrainArgs {
+    TrainArgs {
+        out: out.to_owned(),
+        data: None,
+        episodes: 4,
+        epochs: 1,
+        seed: 1,
+        batch: 30,
+        frames: 48,
+        learning_rate: 1e-3,
+        resume: false,
+    }
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
+fn train_resume_and_quantize() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let args = train_args(&out);
+    run_train(&args).unwrap();
+    let weights = out.join("weights.safetensors");
+    let first = fs::read(&weights).unwrap();
+    assert_eq!(fs::read_to_string(out.join("curves.csv")).unwrap().lines().count(), 2);
+
+    // All epochs are done: resuming writes the same result again.
+    fs::remove_file(&weights).unwrap();
+    run_train(&TrainArgs { resume: true, ..args.clone() }).unwrap();
+    assert_eq!(fs::read(&weights).unwrap(), first);
+    let other = run_train(&TrainArgs { resume: true, batch: 29, ..args }).unwrap_err();
+    assert!(format!("{other:#}").contains("the run was started with"), "{other:#}");
+
+    let quantize = QuantizeArgs {
+        weights,
+        out: folder.path().join("m.slipnet"),
+        data: None,
+        seed: 1,
+        calibration_episodes: 1,
+        test_episodes: 1,
+        report: Some(folder.path().join("r.json")),
+    };
+    run_quantize(&quantize).unwrap();
+    let bytes = fs::read(&quantize.out).unwrap();
+    assert!(Model::parse(&bytes).unwrap().provenance.contains("\"synthetic\":true"));
+    let report = fs::read_to_string(folder.path().join("r.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert!(report["test"]["same_class_share"].as_f64().unwrap() > 0.9);
+
+    let missing = QuantizeArgs { weights: folder.path().join("none"), ..quantize };
+    let error = format!("{:#}", run_quantize(&missing).unwrap_err());
+    assert!(error.starts_with("cannot read ") && !error.contains('\n'), "{error}");
+}
+
+#[test]
+fn the_splits_share_no_object_and_no_seed() {
+    let all = [Split::Train, Split::Validation, Split::Test].map(|split| recipes(split, 1, 60));
+    for (split, recipes) in [Split::Train, Split::Validation, Split::Test].into_iter().zip(&all) {
+        for recipe in recipes {
+            let ObjectChoice::Named(name) = &recipe.object else { panic!("an object is always named") };
+            assert_eq!(split_of(name), split);
+        }
+    }
+    let mut seeds: Vec<u64> = all.iter().flatten().map(|recipe| recipe.seed).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    assert_eq!(seeds.len(), 180);
+    assert!(VALIDATION_OBJECTS.iter().all(|name| split_of(name) == Split::Validation));
+    // The test episodes do not depend on the training seed.
+    assert_eq!(recipes(Split::Test, 1, 5), recipes(Split::Test, 2, 5));
+    assert_ne!(TEST_SEED, 1);
+}
+
+#[test]
+fn a_folder_without_episodes_or_a_command_without_sense_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let empty = folder.path().join("empty");
+    fs::create_dir(&empty).unwrap();
+    let out = folder.path().join("out");
+    let error = |args: TrainArgs| format!("{:#}", run_train(&args).unwrap_err());
+    let args = train_args(&out);
+    let message = error(TrainArgs { data: Some(empty.clone()), ..args.clone() });
+    assert_eq!(message, format!("{}: no .npz file", empty.display()));
+    let message = error(TrainArgs { data: Some(folder.path().join("none")), ..args.clone() });
+    assert!(message.starts_with("cannot read ") && message.contains("none"), "{message}");
+    assert_eq!(error(TrainArgs { epochs: 0, ..args.clone() }), "--epochs must be at least 1");
+    let blocked = folder.path().join("file");
+    fs::write(&blocked, "").unwrap();
+    let message = error(TrainArgs { out: blocked.join("x"), ..args });
+    assert!(message.starts_with("cannot make the folder"), "{message}");
+}

@@ -8,7 +8,7 @@ use crate::features::{LogMel, XlFrontEnd};
 use crate::net::{Model, Network, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
-use crate::wire::{RAW_XL_MAX, SensorContact, SlipMessage, health};
+use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, health};
 
 /// The state of the grasp at one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +86,24 @@ impl Output {
             late_frames,
             sensors: self.sensors as u8,
             contact,
+        }
+    }
+
+    /// The raw frame of one sensor: what the pipeline was given, and what it thought of it.
+    pub fn raw_frame<'a>(
+        &self,
+        stamp: FrameStamp,
+        sensor: usize,
+        input: SensorInput<'a>,
+        xl_end: u32,
+    ) -> RawFrame<'a> {
+        RawFrame {
+            timestamp_us: stamp.timestamp_us,
+            sequence: stamp.sequence,
+            sensor: sensor as u8,
+            health: self.health.get(sensor).copied().unwrap_or_default().0,
+            input,
+            xl_end,
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::board::{CanTransmit, Clock, FrameSource, Observe, SensedFrame};
 use crate::params::FRAME_RATE_HZ;
 use crate::pipeline::{Output, Pipeline};
 use crate::sensor::SensorInput;
-use crate::wire::{RawBuffer, RawFrame, Transmitter};
+use crate::wire::{RawBuffer, Transmitter};
 
 /// Frame buffers of the queue: one being written, one being read, two that absorb a slow frame.
 pub const QUEUED_FRAMES: usize = 4;
@@ -122,16 +122,9 @@ impl<'m, T: CanTransmit, C: Clock, O: Observe> Inference<'m, T, C, O> {
         let slip = self.transmitter.slip(&output.slip_message(stamp, late_frames));
         let mut refused = self.bus.transmit(&slip).await.is_err() as u32;
 
-        let parts = inputs.iter().zip(&frame.parts).zip(&output.health).take(output.sensors);
-        for (sensor, ((&input, part), health)) in parts.enumerate() {
-            let raw = RawFrame {
-                timestamp_us: stamp.timestamp_us,
-                sequence: stamp.sequence,
-                sensor: sensor as u8,
-                health: health.0,
-                input,
-                xl_end: part.xl_end,
-            };
+        let parts = inputs.iter().zip(&frame.parts).take(output.sensors);
+        for (sensor, (&input, part)) in parts.enumerate() {
+            let raw = output.raw_frame(stamp, sensor, input, part.xl_end);
             for can_frame in self.transmitter.raw(&raw, &mut self.raw) {
                 refused += self.bus.transmit(&can_frame).await.is_err() as u32;
             }

@@ -14,7 +14,7 @@ use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::tasks::{Acquired, FRAME_PERIOD_US, Inference, Losses, QUEUED_FRAMES, acquire};
-use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawFrame, SLIP_PORT, SlipMessage, Transmitter};
+use slipsense::wire::{CanFrame, NodeId, RawBuffer, SLIP_PORT, SlipMessage, Transmitter};
 use slipsense_model_file::random_model;
 
 const SENSORS: usize = 2;
@@ -186,14 +186,7 @@ fn a_recording_waits_and_loses_nothing() {
         let output = pipeline.step(&[input; SENSORS]);
         expected.push(transmitter.slip(&output.slip_message(stamp, 0)));
         for sensor in 0..SENSORS {
-            let raw = RawFrame {
-                timestamp_us: stamp.timestamp_us,
-                sequence,
-                sensor: sensor as u8,
-                health: output.health[sensor].0,
-                input,
-                xl_end: (sequence + 1) * 33,
-            };
+            let raw = output.raw_frame(stamp, sensor, input, (sequence + 1) * 33);
             expected.extend(transmitter.raw(&raw, &mut buffer));
         }
     }

@@ -73,7 +73,7 @@ impl<const D: usize> KeyValueCache<D> {
 /// `LayerNorm(x + Wo · context)`, where the context is the softmax-weighted sum of the values of
 /// `frames`, newest first, at most [`WINDOW`] of them.
 ///
-/// `x`, `out`: the block's width, at most [`WIDTH_MAX`] activations.
+/// `x`, `out`: the block's width, at most 128 activations.
 pub fn attend<'a, const D: usize>(
     block: &Attention<'_>,
     x: &[i16],

@@ -15,7 +15,7 @@ const WIDTH_MAX: usize = 2 * EMBED;
 
 /// `LayerNorm(x + layer(context))`, to the scale of `norm`.
 ///
-/// `x`, `out`: `layer.outputs` activations, at most [`WIDTH_MAX`]. The sum keeps 4 bits more than `x`
+/// `x`, `out`: `layer.outputs` activations, at most 128. The sum keeps 4 bits more than `x`
 /// and is not cut to 16 bits before it is normalised.
 pub fn add_and_norm(layer: &Layer<'_>, context: &[i16], x: &[i16], norm: &Norm<'_>, out: &mut [i16]) {
     let mut sum = [0i32; WIDTH_MAX];

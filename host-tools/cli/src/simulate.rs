@@ -8,7 +8,7 @@ use slipsense::net::Model;
 use slipsense::params::{MAX_SENSORS, MEL_BINS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense::wire::{CanFrame, NodeId, RawBuffer, Transmitter};
 use slipsense_episode::{Episode, Predictions};
 
 /// What the pipeline made of an episode.
@@ -136,15 +136,8 @@ impl Bus {
         let message = output.slip_message(stamp, 0);
         send(stamp.timestamp_us, &self.transmitter.slip(&message))?;
         self.sent += 1;
-        for (sensor, (&input, health)) in inputs.iter().zip(&output.health).enumerate() {
-            let raw = RawFrame {
-                timestamp_us: stamp.timestamp_us,
-                sequence: stamp.sequence,
-                sensor: sensor as u8,
-                health: health.0,
-                input,
-                xl_end: episode.xl_end(frame, sensor),
-            };
+        for (sensor, &input) in inputs.iter().enumerate() {
+            let raw = output.raw_frame(stamp, sensor, input, episode.xl_end(frame, sensor));
             for can_frame in self.transmitter.raw(&raw, &mut self.buffer) {
                 send(stamp.timestamp_us, &can_frame)?;
                 self.sent += 1;

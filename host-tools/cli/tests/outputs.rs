@@ -188,6 +188,9 @@ fn demo_writes_everything() {
     assert_eq!(summary["episode"]["synthetic"], true);
     assert!(summary["truth"]["events"].as_array().is_some_and(|events| !events.is_empty()));
     assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("<strong>synthetic</strong>"));
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo/timeline.svg");
+    let same = fs::read(&committed).unwrap() == fs::read(out.join("timeline.svg")).unwrap();
+    assert!(same, "{}, the README's picture, is not what the demo draws: copy it anew", committed.display());
 }
 
 #[test]

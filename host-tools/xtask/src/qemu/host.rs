@@ -6,7 +6,7 @@ use anyhow::Result;
 use slipsense::net::Model;
 use slipsense::pipeline::Pipeline;
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense::wire::{NodeId, RawBuffer, Transmitter};
 use slipsense_qemu::record::Record;
 
 use super::frames::Frames;
@@ -27,15 +27,8 @@ pub fn records(frames: &Frames, model: &[u8]) -> Result<(Vec<Record>, Duration)>
         let mut record = Record::of(stamp.sequence, &output);
         let mut send = |frame| record.can.push(frame).expect("the record has room for every CAN frame");
         send(transmitter.slip(&output.slip_message(stamp, 0)));
-        for (sensor, (part, health)) in parts.iter().zip(output.health).enumerate() {
-            let raw = RawFrame {
-                timestamp_us: stamp.timestamp_us,
-                sequence: stamp.sequence,
-                sensor: sensor as u8,
-                health: health.0,
-                input: part.input(),
-                xl_end: part.xl_end,
-            };
+        for (sensor, part) in parts.iter().enumerate() {
+            let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
             transmitter.raw(&raw, &mut buffer).for_each(&mut send);
         }
         records.push(record);

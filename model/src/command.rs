@@ -89,6 +89,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
             "command": command_line(args),
             "model_bytes": bytes.len(),
             "model_sha256": output::sha256_hex(&bytes),
+            "model_hash": model.hash.iter().map(|byte| format!("{byte:02x}")).collect::<String>(),
             "weights_sha256": provenance["weights_sha256"],
             "calibration_episodes": seen.len(),
             "training": training,

@@ -10,7 +10,7 @@ fn good() -> ModelFile {
 }
 
 fn refusal(bytes: &[u8]) -> ModelError {
-    Model::parse(bytes).err().expect("must be refused")
+    Model::parse(bytes).expect_err("must be refused")
 }
 
 #[test]

@@ -102,7 +102,7 @@ fn facts(summary: &Summary) -> String {
     let mut rows = vec![
         ("Episode", summary.episode.name.clone()),
         ("Frames", format!("{} at 240 Hz, {} sensors", summary.episode.frames, summary.episode.sensors)),
-        ("Model", format!("{}, SHA-256 {}", summary.model.name, summary.model.sha256)),
+        ("Model", format!("{}, hash {}", summary.model.name, summary.model.hash)),
         (
             "Speed",
             format!(

@@ -58,8 +58,8 @@ pub struct EpisodeFacts {
 pub struct ModelFacts {
     /// Name of the file, or `bundled`.
     pub name: String,
-    /// SHA-256 of the file's content, the model's identity on the bus.
-    pub sha256: String,
+    /// The hash that ends the model file (SHA-256 of what stands before it): the model's identity.
+    pub hash: String,
     /// How it was made, as the file says.
     pub provenance: serde_json::Value,
 }
@@ -216,14 +216,14 @@ impl EpisodeFacts {
 
 impl ModelFacts {
     fn new(model: &Model<'_>, name: &str) -> Self {
-        let mut sha256 = String::new();
+        let mut hash = String::new();
         for byte in model.hash {
-            let _ = write!(sha256, "{byte:02x}");
+            let _ = write!(hash, "{byte:02x}");
         }
         // The format does not demand JSON, so other text is passed on as text.
         let provenance =
             serde_json::from_str(model.provenance).unwrap_or_else(|_| model.provenance.to_owned().into());
-        Self { name: name.to_owned(), sha256, provenance }
+        Self { name: name.to_owned(), hash, provenance }
     }
 }
 

@@ -8,7 +8,7 @@ impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.episode.words())?;
         writeln!(f, "source: {}", self.episode.source.as_deref().unwrap_or("not stated"))?;
-        writeln!(f, "model:  {}, SHA-256 {}…\n", self.model.name, &self.model.sha256[..12])?;
+        writeln!(f, "model:  {}, hash {}…\n", self.model.name, &self.model.hash[..12])?;
         match &self.truth {
             Some(truth) => {
                 writeln!(f, "  event     onset       end   slip flag")?;

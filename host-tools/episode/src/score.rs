@@ -220,6 +220,7 @@ fn runs(frames: usize, is: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
 }
 
 #[cfg(test)]
+#[expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
 mod tests {
     use super::*;
 

@@ -95,7 +95,7 @@ impl Panels<'_> {
             "{}  ·  model {} {}…",
             self.summary.episode.words(),
             file_name(&model.name),
-            &model.sha256[..8]
+            &model.hash[..8]
         );
         self.add(text(20.0, 54.0, Anchor::Start, 13.0, GREY, &line));
     }

@@ -33,8 +33,8 @@ pub const STEPS: &[Step] = &[
     Step { name: "docs", what: "documentation of the library builds without a warning", run: docs },
     Step {
         name: "host",
-        what: "host tests of the whole workspace",
-        run: || run(cargo().args(["test", "--workspace", "--release", "--quiet"])),
+        what: "host tests of the whole workspace; front end and network print their figures",
+        run: host,
     },
     Step {
         name: "arm-library",
@@ -84,6 +84,13 @@ fn clippy() -> Result<()> {
     let clippy = |packages: &[&str]| run(cargo().arg("clippy").args(packages).args(["--", "-D", "warnings"]));
     clippy(&["--workspace", "--all-targets"])?;
     clippy(&["--package", "slipsense-cli", "--features", "train"])
+}
+
+fn host() -> Result<()> {
+    run(cargo().args(["test", "--workspace", "--release", "--quiet"]))?;
+    let mut figures = cargo();
+    figures.args(["test", "--release", "--quiet", "--package", "slipsense"]);
+    run(figures.args(["--test", "features", "--test", "network", "--", "--nocapture"]))
 }
 
 fn docs() -> Result<()> {

@@ -170,18 +170,11 @@ fn a_write_that_fails_leaves_nothing_behind() {
     assert_eq!(left, ["file", "old.npz", "taken"]);
 }
 
-#[cfg(unix)]
+/// Nobody can make a file in `/proc`, root neither, so the test never has to be left out.
+#[cfg(target_os = "linux")]
 #[test]
 fn an_unwritable_folder() {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = tempfile::tempdir().unwrap();
-    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o555)).unwrap();
-    if fs::write(folder.path().join("probe"), b"").is_ok() {
-        println!("skipped: this user may write to read-only folders");
-        return;
-    }
     let episode = Episode::from_bytes(&right().npz(), "x").unwrap();
-    let error = episode.write(folder.path().join("out.npz")).unwrap_err().to_string();
-    assert!(error.contains("out.npz: cannot write: Permission denied"), "{error}");
-    assert!(names(folder.path()).is_empty());
+    let error = episode.write("/proc/out.npz").unwrap_err().to_string();
+    assert!(error.starts_with("/proc/out.npz: cannot write: "), "{error}");
 }

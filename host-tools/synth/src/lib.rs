@@ -22,7 +22,9 @@ pub mod film;
 pub mod labels;
 pub mod objects;
 
-pub use recipe::{ObjectChoice, Recipe, SECONDS, SPEEDS_MM_S, ScenarioChoice};
+pub use recipe::{
+    Heard, ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationModel,
+};
 pub use timeline::Event;
 
 use rayon::prelude::*;

@@ -26,6 +26,12 @@ pub struct Recipe {
     /// What happens.
     #[serde(default)]
     pub scenario: ScenarioChoice,
+    /// Which hand holds it.
+    #[serde(default)]
+    pub platform: Platform,
+    /// Where on the finger the object lies.
+    #[serde(default)]
+    pub region: Region,
     /// Sensors of the gripper, 1 to 3.
     #[serde(default = "two")]
     pub sensors: usize,
@@ -38,6 +44,61 @@ pub struct Recipe {
     /// Factor on the electrical noise of arrays and accelerometers, 0 to 4.
     #[serde(default = "one")]
     pub noise: f64,
+    /// The crosshead's drive is heard by the accelerometers, as on a real rig.
+    #[serde(default = "yes")]
+    pub rig_leak: bool,
+    /// What reaches the accelerometers.
+    #[serde(default)]
+    pub heard: Heard,
+    /// Which model makes the slip vibration.
+    #[serde(default)]
+    pub vibration: VibrationModel,
+}
+
+/// The hand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Platform {
+    /// Hand-held parallel jaw, one or two instrumented fingers.
+    #[default]
+    Umi,
+    /// Motorised hand, two or three instrumented fingers.
+    Tesollo,
+}
+
+/// Where on the finger the object lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Region {
+    /// The middle of the pad.
+    #[default]
+    Centre,
+    /// 8–12 mm towards the palm, where the pad is stiffer and the finger rings otherwise.
+    Palm,
+}
+
+/// What reaches the accelerometers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Heard {
+    /// Everything.
+    #[default]
+    All,
+    /// The crosshead's drive and the parts' own noise, nothing else: for the detector that shows
+    /// whether the rig gives slip away.
+    RigOnly,
+}
+
+/// Which model makes the slip vibration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VibrationModel {
+    /// Asperities, texture lines and stick-slip pulses through the finger's modes.
+    #[default]
+    Modal,
+    /// Autoregressive noise whose coefficients depend on speed and force; coded independently, for
+    /// tests only.
+    Autoregressive,
 }
 
 const fn two() -> usize {
@@ -46,6 +107,10 @@ const fn two() -> usize {
 
 const fn one() -> f64 {
     1.0
+}
+
+const fn yes() -> bool {
+    true
 }
 
 /// Which object of the catalogue.
@@ -87,10 +152,15 @@ impl Recipe {
             seed,
             object: ObjectChoice::Train,
             scenario: ScenarioChoice::Random,
+            platform: Platform::Umi,
+            region: Region::Centre,
             sensors: 2,
             seconds: None,
             speed_mm_s: None,
             noise: 1.0,
+            rig_leak: true,
+            heard: Heard::All,
+            vibration: VibrationModel::Modal,
         }
     }
 

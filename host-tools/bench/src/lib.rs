@@ -1,0 +1,6 @@
+//! Benchmark of slip detectors on labelled episodes.
+//!
+//! A [`detectors::Detector`] turns one episode after another into a class, a score and a flag per frame;
+//! the metrics compare them with both truths, and the report shows what a reviewer would ask for.
+
+pub mod detectors;

@@ -62,11 +62,11 @@ pub const MEL_HIGH_HZ: u32 = 4_000;
 pub const HIGHPASS_HZ: u32 = 10;
 
 /// A pad is touched when the sum of its active taxels reaches this many counts: the paper's universal
-/// threshold, a mean of one ADC count, over the active taxels of one sensor (field decision D-8).
+/// threshold, a mean of one ADC count, over the active taxels of one sensor.
 pub const CONTACT_SUM_MIN: u32 = ACTIVE_TAXELS as u32;
 
 /// A taxel counts towards the area and the centre of a contact from this many counts on: above the
-/// noise of an idle taxel (0.5 to 1.5 LSB rms, field notes 4.7), so that 900 idle taxels do not pull the
+/// noise of an idle taxel (0.5 to 1.5 LSB rms), so that 900 idle taxels do not pull the
 /// centre of a light contact to the middle of the pad.
 pub const TAXEL_TOUCH_MIN: u16 = 8;
 

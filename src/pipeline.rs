@@ -246,7 +246,7 @@ impl SensorHealth {
     }
 }
 
-/// Is anything held? `None` if a missing array leaves it open. Field decision D-8: no contact only if
+/// Is anything held? `None` if a missing array leaves it open. Per-unit rule: no contact only if
 /// every pad is below the threshold.
 fn touched(inputs: &[SensorInput<'_>], contact: &[ContactSummary], sensors: usize) -> Option<bool> {
     if contact.iter().any(|pad| pad.sum >= CONTACT_SUM_MIN) {

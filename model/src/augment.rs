@@ -1,5 +1,5 @@
 //! Changes that leave the truth as it is. One of each per sequence and sensor, the same for all its
-//! frames: a change from frame to frame would invent motion (D-30).
+//! frames: a change from frame to frame would invent motion.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -56,7 +56,7 @@ impl PadChange {
     }
 
     /// One scan to the input of the network. Noise reaches loaded taxels only: on an empty pad, clipped
-    /// at 0, it would look like contact (D-11).
+    /// at 0, it would look like contact.
     pub fn apply(&self, counts: &[u16], out: &mut [f32], rng: &mut ChaCha8Rng) {
         for (out, source) in out.iter_mut().zip(&self.source) {
             let count = source.map_or(0, |source| counts[source]);

@@ -208,7 +208,7 @@ impl Features {
         &self.log_mel[(frame * self.sensors + sensor) * MEL_BINS..][..MEL_BINS]
     }
 
-    /// The class when only these sensors are there: no contact if none of them is touched (D-8).
+    /// The class when only these sensors are there: no contact if none of them is touched.
     pub fn label_for(&self, frame: usize, present: &[bool]) -> u8 {
         let touched = &self.touched[frame * self.sensors..][..self.sensors];
         let held = touched.iter().zip(present).any(|(&touched, &present)| touched && present);

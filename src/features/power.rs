@@ -1,5 +1,5 @@
 //! Step 4: power, summed over the axes. The sum does not change when the accelerometer is rotated, and
-//! it makes one mel bank and one logarithm do for three axes (field decision D-4).
+//! it makes one mel bank and one logarithm do for three axes.
 
 use super::fft::{Complex, SPECTRUM_FRAC_BITS};
 use crate::params::FFT_BINS;

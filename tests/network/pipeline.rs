@@ -35,7 +35,7 @@ fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
     output.class
 }
 
-/// Field decision D-8: no contact only if every pad is below one count on average.
+/// Per-unit rule: no contact only if every pad is below one count on average.
 #[test]
 fn the_pads_decide_contact() {
     let (idle, touched) = (pad_with_sum(CONTACT_SUM_MIN - 1), pad_with_sum(CONTACT_SUM_MIN));

@@ -67,7 +67,7 @@ fn check_summary(summary: &Value, predictions: &Predictions, episode: &Episode) 
     }
 }
 
-/// Field decision D-8: no contact exactly where every pad's sum is below the threshold.
+/// Per-unit rule: no contact exactly where every pad's sum is below the threshold.
 fn check_empty_pads(predictions: &Predictions, episode: &Episode) {
     for frame in 0..episode.frames() {
         let empty = (0..episode.sensors).all(|s| episode.piezo(frame, s).sum() < CONTACT_SUM_MIN);

@@ -208,8 +208,8 @@ impl<'a> Shared<'a> {
         let mut slide = Slide::default();
         let mut gripped_at_mm = 0.0;
         for frame in 0..self.frames {
-            for step in frame * STEPS..(frame + 1) * STEPS {
-                let force = grip[step];
+            let steps = frame * STEPS..(frame + 1) * STEPS;
+            for (step, &force) in steps.clone().zip(&grip[steps]) {
                 if map_n <= 0.0 && force > 0.0 {
                     gripped_at_mm = interface.position_mm();
                     contact.place(0.0, [0.0; 2]);

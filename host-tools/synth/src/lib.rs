@@ -151,19 +151,22 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
 fn slips(plan: &Plan, displacement_mm: &[f32], speed_mm_s: &[f32], fraction: &[f32]) -> Vec<Range<usize>> {
     let last = displacement_mm.len();
     let frame = |t: f64| ((t * FRAME_HZ).max(0.0) as usize).min(last);
-    plan.slips
-        .iter()
-        .flat_map(|&(from, to)| match plan.rule {
+    let mut found = Vec::new();
+    for &(from, to) in &plan.slips {
+        match plan.rule {
             Rule::Encoder => {
                 // The encoder's clock may be a frame early, and its stream late.
                 let start = frame(from).saturating_sub(2);
-                let found = labels::slip_interval(&displacement_mm[start..frame(to)]);
-                vec![found.start + start..found.end + start]
+                let slip = labels::slip_interval(&displacement_mm[start..frame(to)]);
+                found.push(slip.start + start..slip.end + start);
             }
-            Rule::Interface => labels::interface_intervals(speed_mm_s, fraction, frame(from)..frame(to)),
-        })
-        .filter(|slip| !slip.is_empty())
-        .collect()
+            Rule::Interface => {
+                found.extend(labels::interface_intervals(speed_mm_s, fraction, frame(from)..frame(to)));
+            }
+        }
+    }
+    found.retain(|slip| !slip.is_empty());
+    found
 }
 
 /// Generate many episodes on all cores and hand each to `each`, with its position in `recipes`. The

@@ -122,64 +122,41 @@ impl Timeline {
             direction: rng.direction(),
             share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
         };
-        self.push(pulse);
-    }
-
-    fn push(&mut self, pulse: Pulse) {
         if pulse.at_s >= 0.0 && pulse.at_s < self.seconds {
             self.pulses.push(pulse);
         }
     }
 
-    /// Jaws in motion: rail friction with a click or two, and motors where there are any.
+    /// Jaws in motion between two times, and the motors that move them where there are any. Rail friction,
+    /// clicks and motor noise are the vibration's matter.
     pub(crate) fn travel(&mut self, rng: &mut Rng, (from, to): (f64, f64), vigour: f64, motors: bool) {
         let (rise, fall) = (from + 0.3 * (to - from), to - 0.1 * (to - from));
         let wobble = (rng.between(3.0, 12.0), rng.phase());
         for (i, t) in self.times(from, to) {
             let shape = vigour * ramp(t, from, rise) * (1.0 - ramp(t, fall, to));
-            self.jaw[i] += shape * (0.75 + 0.25 * sin(std::f64::consts::TAU * wobble.0 * t + wobble.1));
+            let pace = 0.75 + 0.25 * sin(std::f64::consts::TAU * wobble.0 * t + wobble.1);
+            self.jaw[i] = (self.jaw[i] + shape * pace).min(1.0);
             if motors {
                 self.motor[i] = (self.motor[i] + shape).min(1.0);
             }
         }
-        for _ in 0..rng.count(0, 2) {
-            let at = rng.between(from, to);
-            self.pulse(rng, at, CLICK_S, (CLICK_G.0 * vigour, CLICK_G.1 * vigour));
-        }
     }
 
-    /// Jaws travel between two times; if there is an object they hit it then, each in its moment.
+    /// Jaws travel between two times. What they hit then is the vibration's matter; without an object it
+    /// is each other.
     pub(crate) fn close(&mut self, rng: &mut Rng, (from, to): (f64, f64), object: bool, motors: bool) {
         self.event("close", from, to);
         self.travel(rng, (from, to), 1.0, motors);
-        if object {
-            for sensor in 0..MAX_SENSORS {
-                let mut share = [0.15; MAX_SENSORS];
-                share[sensor] = 1.0;
-                let pulse = Pulse {
-                    at_s: to + rng.between(-0.01, 0.02),
-                    width_s: rng.log_between(CLOSING_S.0, CLOSING_S.1),
-                    peak_g: rng.log_between(CLOSING_G.0, CLOSING_G.1),
-                    direction: rng.direction(),
-                    share,
-                };
-                self.push(pulse);
-            }
-        } else {
-            self.pulse(rng, to, CLICK_S, CLOSING_G);
+        if !object {
+            self.pulse(rng, to, END_STOP_S, END_STOP_G);
         }
     }
 
-    /// Jaws let go and travel between two times: release knocks, end stop, and an aftershock.
-    pub(crate) fn open(&mut self, rng: &mut Rng, (from, to): (f64, f64), object: bool, motors: bool) {
-        let lasts = rng.between(AFTERSHOCK_LASTS_S.0, AFTERSHOCK_LASTS_S.1);
-        self.event("open", from, to + lasts);
+    /// Jaws let go and travel between two times to their end stop, and ring on.
+    pub(crate) fn open(&mut self, rng: &mut Rng, (from, to): (f64, f64), motors: bool) {
+        self.event("open", from, to + AFTERSHOCK_LASTS_S);
         self.travel(rng, (from, to), 1.0, motors);
-        self.pulse(rng, to, AFTERSHOCK_S, AFTERSHOCK_G);
-        for _ in 0..if object { rng.count(2, 6) } else { rng.count(0, 3) } {
-            let at = from + rng.between(0.0, to - from + lasts);
-            self.pulse(rng, at, AFTERSHOCK_S, AFTERSHOCK_G);
-        }
+        self.pulse(rng, to, END_STOP_S, END_STOP_G);
     }
 
     /// Grip of `base` newtons, rising and falling between two times each, with slow variation by the

@@ -92,17 +92,12 @@ pub(crate) const RESTLESS: f64 = 2.0;
 /// Taps: peak, g, and width, seconds. A third of them come as trains.
 pub(crate) const TAP_G: Span = (0.05, 5.0);
 pub(crate) const TAP_S: Span = (0.2e-3, 8e-3);
-/// Jaws meeting the object, and a soft pad's contact time, seconds.
-pub(crate) const CLOSING_G: Span = (0.1, 3.0);
-pub(crate) const CLOSING_S: Span = (1e-3, 18e-3);
-/// Clicks of rail and trigger backlash.
-pub(crate) const CLICK_G: Span = (0.05, 0.5);
-pub(crate) const CLICK_S: Span = (1e-3, 5e-3);
-/// Release step and the knocks of its aftershock, and when they come after it, seconds.
-pub(crate) const AFTERSHOCK_G: Span = (0.05, 0.8);
-pub(crate) const AFTERSHOCK_S: Span = (0.5e-3, 4e-3);
-pub(crate) const AFTERSHOCK_LASTS_S: Span = (0.05, 0.3);
-/// Footfalls at the gripper.
+/// Jaws against their end stop or each other: peak, g, and width, seconds.
+pub(crate) const END_STOP_G: Span = (0.05, 0.8);
+pub(crate) const END_STOP_S: Span = (0.5e-3, 4e-3);
+/// How long the aftershock of an opening counts as part of it, seconds.
+pub(crate) const AFTERSHOCK_LASTS_S: f64 = 0.3;
+/// Footfalls near the rig's table: peak, g, and width, seconds.
 pub(crate) const FOOTFALL_G: Span = (0.01, 0.3);
 pub(crate) const FOOTFALL_S: Span = (5e-3, 40e-3);
 /// Slope by which an object rolls in the grip, rad.

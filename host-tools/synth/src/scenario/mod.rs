@@ -165,7 +165,7 @@ impl Plan {
                     }
                 }
             }
-            line.open(rng, (g.let_go, g.open), object, unrest.motors);
+            line.open(rng, (g.let_go, g.open), unrest.motors);
         }
     }
 

@@ -23,13 +23,13 @@ pub(crate) struct Unrest {
 /// Times of a Poisson process between two times.
 fn moments(rng: &mut Rng, (from, to): (f64, f64), per_s: f64) -> Vec<f64> {
     let mut times = Vec::new();
-    let mut t = from;
-    while per_s > 0.0 {
-        t -= log(rng.between(1e-12, 1.0)) / per_s;
-        if t >= to {
-            break;
+    if per_s > 0.0 {
+        let mut next = |t: f64| t - log(rng.between(1e-12, 1.0)) / per_s;
+        let mut t = next(from);
+        while t < to {
+            times.push(t);
+            t = next(t);
         }
-        times.push(t);
     }
     times
 }
@@ -41,7 +41,9 @@ impl Unrest {
         for at in moments(rng, whole, self.factor * TAPS_PER_S) {
             taps(rng, line, at);
         }
-        for at in moments(rng, whole, self.factor * FOOTFALLS_PER_S) {
+        // Who carries the gripper has steps of their own.
+        let passers = if self.carried { 0.0 } else { FOOTFALLS_PER_S };
+        for at in moments(rng, whole, self.factor * passers) {
             // A person walks by: a few steps.
             let (steps, every) = (rng.count(2, 6), rng.between(0.45, 0.7));
             for step in 0..steps {

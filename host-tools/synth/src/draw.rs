@@ -15,6 +15,8 @@ pub(crate) enum Stream {
     Recipe = 1,
     Scenario = 2,
     Grasp = 3,
+    Script = 4,
+    Mount = 5,
     Unit = 16,
     Contact = 32,
     Friction = 48,

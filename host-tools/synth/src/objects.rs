@@ -2,7 +2,8 @@
 //! measurements of particular specimens.
 
 /// What sort of thing it is; the held-out group has one of each at least.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// Long, round, flexible.
     Cable,

@@ -5,14 +5,16 @@ use slipsense::params::MAX_SENSORS;
 
 use crate::SynthError;
 use crate::draw::{Draw, Stream, stream};
+use crate::mix;
 use crate::objects::{self, Object};
+use crate::scenario::levels::HAND_HELD_SLIPS;
 
 /// The five crosshead speeds of the paper's protocol, mm/s.
 pub const SPEEDS_MM_S: [f64; 5] = [2.0, 5.0, 10.0, 15.0, 18.0];
 
 /// Shortest and longest episode, seconds: shorter ones cannot hold the six steps, longer ones are
-/// several episodes.
-pub const SECONDS: std::ops::RangeInclusive<f64> = 2.5..=120.0;
+/// several episodes. Ten minutes of two sensors take about 1 GiB while they are made.
+pub const SECONDS: std::ops::RangeInclusive<f64> = 2.5..=600.0;
 
 /// One episode to generate. What is left open is drawn from the seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,10 +34,11 @@ pub struct Recipe {
     /// Where on the finger the object lies.
     #[serde(default)]
     pub region: Region,
-    /// Sensors of the gripper, 1 to 3.
+    /// Instrumented fingers: 1 or 2 of a UMI, 1 to 3 of a Tesollo.
     #[serde(default = "two")]
     pub sensors: usize,
-    /// Length of the episode; drawn (about 5 to 9 s) when absent.
+    /// Length of the episode; drawn when absent (4 to 40 s, most about 12 s; disturbances 20 to 60 s). A
+    /// length holds as many passes of the scenario as it has room for, and shortens a single one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
     /// Crosshead speed, above 0 to 50 mm/s; one of [`SPEEDS_MM_S`] when absent.
@@ -130,19 +133,37 @@ pub enum ObjectChoice {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ScenarioChoice {
-    /// One of the others, seven in ten of them [`ScenarioChoice::SixStep`].
+    /// One of the scenarios on the rig and its controls, by the shares of [`mix::PROTOCOL`].
     #[default]
     Random,
-    /// Hold, close, vary the grip, crosshead moves and the object slips, stop, open.
+    /// The crosshead comes down and holds, the gripper closes, the operator varies the grip, the crosshead
+    /// goes up and the object slips, stops, the gripper opens.
     SixStep,
-    /// The crosshead moves and the gripper opens and closes on nothing.
+    /// The same with nothing in the gripper.
     Empty,
-    /// The gripper holds an object that is not linked to the moving crosshead.
+    /// The same with an object that is not linked to the crosshead.
     Unlinked,
+    /// Hand-held grasps without slip: lift, carry, knocks, drag over a table, set down, release.
+    FreeGrasp,
     /// The crosshead pulls a firmly gripped object and the gripper's mount gives way: no slip.
     FirmGrip,
-    /// Hand-held grasps: lift, carry, knocks, drag over a table, set down, release.
-    FreeGrasp,
+    /// The crosshead moves in any phase and pulls nothing: the cable is slack. No slip.
+    RigMotion,
+    /// A hand pulls the object in any direction of the pad's plane at a wavering speed until it slips.
+    FreePull,
+    /// A hand twists the object until it turns in the grip.
+    Rotation,
+    /// The gripper is carried about with the object: motion, steps, knocks; two in five end in slip.
+    HandHeld,
+    /// Nothing but disturbances, with grasps held and released. No slip.
+    Disturbances,
+}
+
+impl ScenarioChoice {
+    /// The gripper stands in its fixture at the rig; a hand or an arm carries it in the others.
+    pub(crate) fn on_rig(self) -> bool {
+        matches!(self, Self::SixStep | Self::Empty | Self::Unlinked | Self::FirmGrip | Self::RigMotion)
+    }
 }
 
 impl Recipe {
@@ -171,10 +192,17 @@ impl Recipe {
         (0..count).map(|_| Self { seed: seed(&mut rng), ..self.clone() }).collect()
     }
 
-    /// Refuse what cannot be generated, and draw what was left open.
-    pub(crate) fn resolve(&self) -> Result<Resolved, SynthError> {
+    /// Refuse what cannot be generated.
+    pub fn check(&self) -> Result<(), SynthError> {
         if self.sensors == 0 || self.sensors > MAX_SENSORS {
             return Err(SynthError::Sensors(self.sensors));
+        }
+        if self.sensors > self.platform.most_sensors() {
+            return Err(SynthError::PlatformSensors {
+                platform: self.platform.name(),
+                sensors: self.sensors,
+                most: self.platform.most_sensors(),
+            });
         }
         if let Some(seconds) = self.seconds.filter(|s| !SECONDS.contains(s)) {
             return Err(SynthError::Seconds(seconds));
@@ -185,36 +213,84 @@ impl Recipe {
         if !(0.0..=4.0).contains(&self.noise) {
             return Err(SynthError::Noise(self.noise));
         }
+        if let ObjectChoice::Named(name) = &self.object {
+            object_named(name)?;
+        }
+        Ok(())
+    }
+
+    /// Refuse what cannot be generated, and draw what was left open.
+    pub(crate) fn resolve(&self) -> Result<Resolved, SynthError> {
+        self.check()?;
         // Fixed number of draws in fixed order: naming one thing does not change the others.
         let mut rng = stream(self.seed, Stream::Grasp, 0);
         let (pick, dice, speed) = (rng.between(0.0, 1.0), rng.between(0.0, 1.0), rng.count(0, 4));
+        let slips_at_end = rng.chance(HAND_HELD_SLIPS);
         let object = match &self.object {
-            ObjectChoice::Named(name) => objects::named(name).ok_or_else(|| {
-                SynthError::Object(name.clone(), objects::CATALOGUE.each_ref().map(|o| o.name).join(", "))
-            })?,
+            ObjectChoice::Named(name) => object_named(name)?,
             group => {
                 let group: Vec<_> = objects::group(*group == ObjectChoice::HeldOut).collect();
                 group[(pick * group.len() as f64) as usize % group.len()]
             }
         };
         let scenario = match self.scenario {
-            ScenarioChoice::Random => match dice {
-                d if d < 0.72 => ScenarioChoice::SixStep,
-                d if d < 0.77 => ScenarioChoice::Empty,
-                d if d < 0.83 => ScenarioChoice::Unlinked,
-                d if d < 0.90 => ScenarioChoice::FirmGrip,
-                _ => ScenarioChoice::FreeGrasp,
-            },
+            ScenarioChoice::Random => mix::PROTOCOL.at(dice),
             named => named,
         };
         let speed_mm_s = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[speed]);
-        Ok(Resolved { object, scenario, speed_mm_s })
+        let (platform, region, seconds) = (self.platform, self.region, self.seconds);
+        Ok(Resolved { object, scenario, speed_mm_s, platform, region, seconds, slips_at_end })
     }
 }
 
-/// A recipe with nothing left open but the noise.
+impl Platform {
+    /// Name, as in recipes and in the metadata of episodes.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Umi => "umi",
+            Self::Tesollo => "tesollo",
+        }
+    }
+
+    /// Fingers that may be instrumented.
+    pub const fn most_sensors(self) -> usize {
+        match self {
+            Self::Umi => 2,
+            Self::Tesollo => 3,
+        }
+    }
+}
+
+fn object_named(name: &str) -> Result<&'static Object, SynthError> {
+    objects::named(name).ok_or_else(|| {
+        SynthError::Object(name.to_owned(), objects::CATALOGUE.each_ref().map(|o| o.name).join(", "))
+    })
+}
+
+/// A recipe with nothing left open but the noise and the length.
 pub(crate) struct Resolved {
     pub object: &'static Object,
     pub scenario: ScenarioChoice,
     pub speed_mm_s: f64,
+    pub platform: Platform,
+    pub region: Region,
+    pub seconds: Option<f64>,
+    /// Only hand-held recordings ask.
+    pub slips_at_end: bool,
+}
+
+impl Resolved {
+    /// The object slips in this scenario.
+    pub(crate) fn slips(&self) -> bool {
+        match self.scenario {
+            ScenarioChoice::SixStep | ScenarioChoice::FreePull | ScenarioChoice::Rotation => true,
+            ScenarioChoice::HandHeld => self.slips_at_end,
+            _ => false,
+        }
+    }
+
+    /// Crosshead or hand moves at the recipe's speed while the jaws are closed.
+    pub(crate) fn pulls(&self) -> bool {
+        self.slips() || self.scenario.on_rig()
+    }
 }

@@ -1,4 +1,8 @@
 //! The series and impacts a scenario is written into: grip force, crosshead, jaws, knocks.
+//!
+//! Times may lie before the start or after the end of the recording: what lies outside is left out.
+
+use std::ops::Range;
 
 use libm::sin;
 use serde::Serialize;
@@ -6,11 +10,14 @@ use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
+use crate::scenario::levels::*;
+use crate::scenario::script::Trapezoid;
 
 /// Something that happens, for the manifest in the episode's metadata.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
-    /// `close`, `grip_change`, `move`, `tap`, `drag`, `lift`, `set_down` or `open`.
+    /// `close`, `open`, `grip_change`, `move` (crosshead), `pull` (by hand), `tap`, `drag`, `lift`,
+    /// `set_down`, `jaw` (trigger or actuation), `motion` (of the hand), `rolling` or `ambient`.
     pub name: &'static str,
     /// Start, seconds from the start of the episode.
     pub start_s: f64,
@@ -31,25 +38,37 @@ pub(crate) struct Pulse {
 
 /// Series at [`STEP_HZ`] and a list of impacts.
 pub(crate) struct Timeline {
+    seconds: f64,
     /// Grip force of one finger, newtons.
     pub grip_n: Vec<f64>,
     /// Crosshead position, mm.
     pub crosshead_mm: Vec<f64>,
-    /// Jaw motion, 0 at rest to 1.
+    /// Rail friction of the jaws in motion, 0 at rest to 1.
     pub jaw: Vec<f64>,
+    /// Motors of the hand, 0 at rest to 1 at full speed. Always 0 for a hand-driven jaw.
+    pub motor: Vec<f64>,
     /// Dragging of the object over something else, 0–1.
     pub drag: Vec<f64>,
+    /// How vigorously the hand or arm that carries the gripper swings, 0–1.
+    pub motion: Vec<f64>,
+    /// Tools running nearby, 0–1.
+    pub ambient: Vec<f64>,
+    /// Slopes by which the object has rolled in the grip, across and along its axis, rad.
+    pub roll_rad: Vec<[f64; 2]>,
     pub pulses: Vec<Pulse>,
     pub events: Vec<Event>,
 }
 
-/// Weakest and firmest grip after changes, newtons.
-const GRIP_N: (f64, f64) = (0.4, 12.0);
-
 /// 0 before `from`, 1 after `to`, smooth between.
-fn ramp(t: f64, from: f64, to: f64) -> f64 {
+pub(crate) fn ramp(t: f64, from: f64, to: f64) -> f64 {
     let x = ((t - from) / (to - from).max(1e-6)).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
+}
+
+/// 1 between two times with smooth edges inside, 0 outside.
+pub(crate) fn plateau(t: f64, (from, to): (f64, f64), edge: f64) -> f64 {
+    let edge = edge.min((to - from) / 2.0);
+    ramp(t, from, from + edge) * (1.0 - ramp(t, to - edge, to))
 }
 
 impl Timeline {
@@ -57,10 +76,15 @@ impl Timeline {
         // One step more than the last tick needs.
         let steps = (seconds * STEP_HZ).ceil() as usize + 1;
         Self {
+            seconds,
             grip_n: vec![0.0; steps],
             crosshead_mm: vec![0.0; steps],
             jaw: vec![0.0; steps],
+            motor: vec![0.0; steps],
             drag: vec![0.0; steps],
+            motion: vec![0.0; steps],
+            ambient: vec![0.0; steps],
+            roll_rad: vec![[0.0; 2]; steps],
             pulses: Vec::new(),
             events: Vec::new(),
         }
@@ -70,162 +94,130 @@ impl Timeline {
         self.grip_n.len()
     }
 
+    /// Steps between two times.
+    pub(crate) fn span(&self, from: f64, to: f64) -> Range<usize> {
+        let step = |t: f64| ((t * STEP_HZ).max(0.0).ceil() as usize).min(self.steps());
+        step(from)..step(to).max(step(from))
+    }
+
+    /// Steps between two times, with their times.
+    pub(crate) fn times(&self, from: f64, to: f64) -> impl Iterator<Item = (usize, f64)> + use<> {
+        self.span(from, to).map(|i| (i, i as f64 / STEP_HZ))
+    }
+
     pub(crate) fn event(&mut self, name: &'static str, start_s: f64, end_s: f64) {
+        if end_s <= 0.0 || start_s >= self.seconds {
+            return;
+        }
         // Milliseconds are enough to find it, and short decimals survive JSON to the bit.
-        let [start_s, end_s] = [start_s, end_s].map(|t| (t * 1e3).round() / 1e3);
+        let [start_s, end_s] = [start_s, end_s].map(|t| (t.clamp(0.0, self.seconds) * 1e3).round() / 1e3);
         self.events.push(Event { name, start_s, end_s });
     }
 
-    fn times(&self) -> impl Iterator<Item = f64> + use<> {
-        (0..self.steps()).map(|i| i as f64 / STEP_HZ)
-    }
-
-    fn pulse(&mut self, rng: &mut Rng, at_s: f64, width_s: f64, peak_g: f64) {
-        self.pulses.push(Pulse {
+    pub(crate) fn pulse(&mut self, rng: &mut Rng, at_s: f64, width: Span, peak: Span) {
+        let pulse = Pulse {
             at_s,
-            width_s,
-            peak_g,
+            width_s: rng.log_between(width.0, width.1),
+            peak_g: rng.log_between(peak.0, peak.1),
             direction: rng.direction(),
             share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
-        });
+        };
+        if pulse.at_s >= 0.0 && pulse.at_s < self.seconds {
+            self.pulses.push(pulse);
+        }
     }
 
-    /// Rail friction of the moving jaws, with a click or two.
-    fn travel(&mut self, rng: &mut Rng, from: f64, to: f64) {
-        let steps = self.steps();
+    /// Jaws in motion between two times, and the motors that move them where there are any. Rail friction,
+    /// clicks and motor noise are the vibration's matter.
+    pub(crate) fn travel(&mut self, rng: &mut Rng, (from, to): (f64, f64), vigour: f64, motors: bool) {
         let (rise, fall) = (from + 0.3 * (to - from), to - 0.1 * (to - from));
         let wobble = (rng.between(3.0, 12.0), rng.phase());
-        for (i, t) in self.times().enumerate().take(steps) {
-            let shape = ramp(t, from, rise) * (1.0 - ramp(t, fall, to));
-            self.jaw[i] += shape * (0.75 + 0.25 * sin(std::f64::consts::TAU * wobble.0 * t + wobble.1));
-        }
-        for _ in 0..rng.count(0, 2) {
-            let (at, width, peak) =
-                (rng.between(from, to), rng.log_between(1e-3, 5e-3), rng.log_between(0.03, 0.3));
-            self.pulse(rng, at, width, peak);
+        for (i, t) in self.times(from, to) {
+            let shape = vigour * ramp(t, from, rise) * (1.0 - ramp(t, fall, to));
+            let pace = 0.75 + 0.25 * sin(std::f64::consts::TAU * wobble.0 * t + wobble.1);
+            self.jaw[i] = (self.jaw[i] + shape * pace).min(1.0);
+            if motors {
+                self.motor[i] = (self.motor[i] + shape).min(1.0);
+            }
         }
     }
 
-    /// Jaws travel from `from` to `to`; if there is an object they hit it then, each in its moment.
-    pub(crate) fn close(&mut self, rng: &mut Rng, from: f64, to: f64, object: bool) {
+    /// Jaws travel between two times. What they hit then is the vibration's matter; without an object it
+    /// is each other.
+    pub(crate) fn close(&mut self, rng: &mut Rng, (from, to): (f64, f64), object: bool, motors: bool) {
         self.event("close", from, to);
-        self.travel(rng, from, to);
-        if object {
-            for sensor in 0..MAX_SENSORS {
-                let mut share = [0.15; MAX_SENSORS];
-                share[sensor] = 1.0;
-                let at_s = to + rng.between(-0.01, 0.02);
-                let width_s = rng.log_between(1e-3, 12e-3);
-                let peak_g = rng.log_between(0.1, 2.0);
-                self.pulses.push(Pulse { at_s, width_s, peak_g, direction: rng.direction(), share });
-            }
+        self.travel(rng, (from, to), 1.0, motors);
+        if !object {
+            self.pulse(rng, to, END_STOP_S, END_STOP_G);
         }
     }
 
-    /// Jaws let go at `from` and travel until `to`: release knocks, ring-down, end stop.
-    pub(crate) fn open(&mut self, rng: &mut Rng, from: f64, to: f64, object: bool) {
-        self.event("open", from, to);
-        self.travel(rng, from, to);
-        if object {
-            for _ in 0..rng.count(2, 5) {
-                let (at, width, peak) = (
-                    from + rng.between(0.0, 0.12),
-                    rng.log_between(0.5e-3, 4e-3),
-                    rng.log_between(0.05, 0.6),
-                );
-                self.pulse(rng, at, width, peak);
-            }
-        }
-        let (width, peak) = (rng.log_between(0.5e-3, 3e-3), rng.log_between(0.05, 0.8));
-        self.pulse(rng, to, width, peak);
+    /// Jaws let go and travel between two times to their end stop, and ring on.
+    pub(crate) fn open(&mut self, rng: &mut Rng, (from, to): (f64, f64), motors: bool) {
+        self.event("open", from, to + AFTERSHOCK_LASTS_S);
+        self.travel(rng, (from, to), 1.0, motors);
+        self.pulse(rng, to, END_STOP_S, END_STOP_G);
     }
 
-    /// Grip of `base` newtons, rising during `rise` and falling during `fall`, with slow variation by
-    /// the operator (0.1–4 Hz) and tremor (8–12 Hz, 1–3 %).
+    /// Grip of `base` newtons, rising and falling between two times each, with slow variation by the
+    /// operator and tremor.
     pub(crate) fn grip(&mut self, rng: &mut Rng, base: f64, rise: (f64, f64), fall: (f64, f64)) {
-        let slow: [_; 3] =
-            std::array::from_fn(|_| (rng.log_between(0.1, 4.0), rng.phase(), rng.between(0.0, 0.06)));
-        let tremor = (rng.between(8.0, 12.0), rng.phase(), rng.between(0.01, 0.03));
-        for (i, t) in self.times().enumerate() {
+        let depth = rng.log_between(VARIATION_DEPTH.0, VARIATION_DEPTH.1);
+        let parts: [f64; 3] = std::array::from_fn(|_| rng.between(0.2, 1.0));
+        let sum: f64 = parts.iter().sum();
+        let mut swings: Vec<_> = parts
+            .map(|part| (rng.log_between(VARIATION_HZ.0, VARIATION_HZ.1), rng.phase(), depth * part / sum))
+            .to_vec();
+        swings.push((
+            rng.between(TREMOR_HZ.0, TREMOR_HZ.1),
+            rng.phase(),
+            rng.between(TREMOR_DEPTH.0, TREMOR_DEPTH.1),
+        ));
+        for (i, t) in self.times(rise.0, fall.1) {
             let envelope = ramp(t, rise.0, rise.1) * (1.0 - ramp(t, fall.0, fall.1));
-            let vary: f64 = slow
+            let vary: f64 = swings
                 .iter()
-                .chain([&tremor])
                 .map(|(hz, phase, depth)| depth * sin(std::f64::consts::TAU * hz * t + phase))
                 .sum();
-            self.grip_n[i] += base * envelope * (1.0 + vary);
+            self.grip_n[i] = envelope * (base * (1.0 + vary)).clamp(GRIP_N.0, GRIP_N.1);
         }
     }
 
-    /// With probability `p`, one to three deliberate changes of the grip: squeezes that pass within
-    /// 100–500 ms, and changes that stay.
-    pub(crate) fn grip_changes(&mut self, rng: &mut Rng, (from, to): (f64, f64), p: f64) {
-        if !rng.chance(p) || to - from < 0.12 {
+    /// A deliberate change of the grip at `start`: a squeeze that passes, a let-up, or a ramp that stays
+    /// until the end of the grasp.
+    pub(crate) fn grip_change(&mut self, rng: &mut Rng, start: f64, (from, to): (f64, f64), end: f64) {
+        let (squeeze_s, stays) = (rng.log_between(SQUEEZE_S.0, SQUEEZE_S.1), rng.chance(0.4));
+        let (rate, weaker) = (rng.log_between(RAMP_PER_S.0, RAMP_PER_S.1), rng.chance(0.35));
+        let depth = if weaker { rng.between(-0.5, -0.2) } else { rng.between(0.2, 1.0) };
+        let width = if stays { depth.abs() / rate } else { squeeze_s };
+        if start < from || start + width > to {
             return;
         }
-        for _ in 0..rng.count(1, 3) {
-            let width = rng.log_between(0.1, 0.5).min(to - from);
-            let start = rng.between(from, to - width);
-            let depth: f64 = if rng.chance(0.35) { rng.between(-0.5, -0.2) } else { rng.between(0.2, 1.0) };
-            // A change on top of others stays within what a hand does.
-            let before = self.grip_n[((start + width) * STEP_HZ) as usize];
-            let depth = (before * (1.0 + depth)).clamp(GRIP_N.0, GRIP_N.1) / before.max(1e-3) - 1.0;
-            let stays = rng.chance(0.4);
-            self.event("grip_change", start, start + width);
-            for (i, t) in self.times().enumerate() {
-                let bump = if stays {
-                    ramp(t, start, start + width)
-                } else {
-                    ramp(t, start, start + 0.4 * width) * (1.0 - ramp(t, start + 0.6 * width, start + width))
-                };
-                self.grip_n[i] *= 1.0 + depth * bump;
-            }
+        // A change on top of others stays within what a hand does.
+        let Some(&before) = self.grip_n.get(((start + width) * STEP_HZ).max(0.0) as usize) else { return };
+        let depth = (before * (1.0 + depth)).clamp(GRIP_N.0, GRIP_N.1) / before.max(1e-3) - 1.0;
+        self.event("grip_change", start, start + width);
+        for (i, t) in self.times(start, if stays { end } else { start + width }) {
+            let share = if stays {
+                ramp(t, start, start + width)
+            } else {
+                plateau(t, (start, start + width), 0.4 * width)
+            };
+            self.grip_n[i] *= 1.0 + depth * share;
         }
     }
 
-    /// Trapezoid move at `speed` between two times, on top of earlier moves; returns its length, mm.
-    pub(crate) fn crosshead(&mut self, from: f64, to: f64, speed: f64, accel: f64) -> f64 {
-        let ramp_s = (speed.abs() / accel).min((to - from) / 2.0);
-        let mut position = 0.0;
-        for (i, t) in self.times().enumerate() {
-            let v = ((t - from) / ramp_s).min((to - t) / ramp_s).clamp(0.0, 1.0) * speed;
-            position += v / STEP_HZ;
-            self.crosshead_mm[i] += position;
-        }
-        position
-    }
-
-    /// One impact with a name.
-    pub(crate) fn knock(&mut self, rng: &mut Rng, name: &'static str, at_s: f64, lo_g: f64, hi_g: f64) {
-        let (width, peak) = (rng.log_between(0.3e-3, 6e-3), rng.log_between(lo_g, hi_g));
-        self.event(name, at_s, at_s + width);
-        self.pulse(rng, at_s, width, peak);
-    }
-
-    /// With probability `p`, a tap or a train of up to four between two times.
-    pub(crate) fn taps(&mut self, rng: &mut Rng, from: f64, to: f64, p: f64) {
-        if !rng.chance(p) || to - from < 0.1 {
-            return;
-        }
-        let mut at = rng.between(from, to - 0.05);
-        for _ in 0..rng.count(1, 4) {
-            if at < to {
-                self.knock(rng, "tap", at, 0.05, 2.0);
-            }
-            at += rng.between(0.06, 0.3);
+    /// The crosshead moves between two times, and stays where it got.
+    pub(crate) fn crosshead(&mut self, motion: &Trapezoid, towards: f64, (from, to): (f64, f64)) {
+        self.event("move", from, to);
+        for (i, t) in self.times(from, f64::INFINITY) {
+            self.crosshead_mm[i] += towards * motion.at(t - from, to - from);
         }
     }
 
-    /// The object is dragged over something between two times: vibration like slip, but not at the finger.
-    pub(crate) fn drag(&mut self, rng: &mut Rng, from: f64, to: f64) {
-        let width = rng.between(0.2, 0.7).min(to - from);
-        let start = rng.between(from, to - width);
-        self.event("drag", start, start + width);
-        let level = rng.between(0.3, 1.0);
-        for (i, t) in self.times().enumerate() {
-            let edge = 0.03;
-            let shape = ramp(t, start, start + edge) * (1.0 - ramp(t, start + width - edge, start + width));
-            self.drag[i] += level * shape;
-        }
+    /// Interference that running motors leave in the arrays at a step, counts rms.
+    #[expect(dead_code, reason = "the film's scan asks for it")]
+    pub(crate) fn pickup_counts(&self, step: usize, motor_counts: f64) -> f64 {
+        motor_counts * self.motor[step] + JAW_PICKUP_COUNTS * self.jaw[step].min(1.0)
     }
 }

@@ -1,18 +1,67 @@
-//! One sensor as built: what differs from unit to unit, drawn once per episode and sensor.
+//! The sensors as built. There are five, drawn once from constant seeds, as a laboratory has them: two on
+//! the jaws of the UMI, for all its recordings, and three others on the fingers of the Tesollo.
 
 use libm::{cos, exp, sin};
-use slipsense::params::TAXELS;
+use serde::Serialize;
+use slipsense::params::{TAXELS, XL_RATE_HZ};
 
 use crate::contact::cell_mm;
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, Stream, stream};
+use crate::recipe::Platform;
 
-/// A unit's draws.
+/// Seed of the units, different from any recipe's by being no part of one.
+const UNITS_SEED: u64 = 0x51f5_0001;
+
+/// One of the sensors there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) enum UnitId {
+    #[serde(rename = "umi-a")]
+    UmiA,
+    #[serde(rename = "umi-b")]
+    UmiB,
+    #[serde(rename = "tesollo-a")]
+    TesolloA,
+    #[serde(rename = "tesollo-b")]
+    TesolloB,
+    #[serde(rename = "tesollo-c")]
+    TesolloC,
+}
+
+impl UnitId {
+    /// The units of a recording, in the order of its sensors: those of the platform in any order.
+    pub(crate) fn mounted(rng: &mut Rng, platform: Platform, sensors: usize) -> Vec<Self> {
+        let mut units = match platform {
+            Platform::Umi => vec![Self::UmiA, Self::UmiB],
+            Platform::Tesollo => vec![Self::TesolloA, Self::TesolloB, Self::TesolloC],
+        };
+        for last in (1..units.len()).rev() {
+            units.swap(last, rng.count(0, last));
+        }
+        units.truncate(sensors);
+        units
+    }
+}
+
+/// What a unit is by its making.
 pub(crate) struct Unit {
     pub film: FilmUnit,
     pub modes: [Mode; 4],
     pub xl: XlUnit,
     /// Factor on the vibration that reaches this accelerometer.
     pub coupling: f64,
+}
+
+impl Unit {
+    /// The unit with this name; `noise` scales its electrical noise, `range_g` is how it is set.
+    pub(crate) fn new(id: UnitId, noise: f64, range_g: f64) -> Self {
+        let mut rng = stream(UNITS_SEED, Stream::Unit, id as usize);
+        Self {
+            film: FilmUnit::draw(&mut rng, noise),
+            modes: modes(&mut rng),
+            xl: XlUnit::draw(&mut rng, noise, XL_RATE_HZ as f64, range_g),
+            coupling: exp(0.2 * rng.normal()),
+        }
+    }
 }
 
 /// Array and readout.
@@ -58,18 +107,6 @@ pub(crate) struct XlUnit {
     pub rate_hz: f64,
     /// Full scale, g.
     pub range_g: f64,
-}
-
-impl Unit {
-    /// `noise` scales the electrical noise; `nominal_rate_hz` and `range_g` are the accelerometer's.
-    pub(crate) fn draw(rng: &mut Rng, noise: f64, nominal_rate_hz: f64, range_g: f64) -> Self {
-        Self {
-            film: FilmUnit::draw(rng, noise),
-            modes: modes(rng),
-            xl: XlUnit::draw(rng, noise, nominal_rate_hz, range_g),
-            coupling: exp(0.2 * rng.normal()),
-        }
-    }
 }
 
 impl FilmUnit {

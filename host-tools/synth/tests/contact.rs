@@ -78,7 +78,12 @@ fn an_untouched_pad_reads_below_one_count() {
 
 #[test]
 fn the_same_recipe_gives_the_same_episode_and_another_seed_another() {
-    let recipe = Recipe { seconds: Some(2.5), sensors: 3, ..Recipe::new(5) };
+    let recipe = Recipe {
+        seconds: Some(2.5),
+        sensors: 3,
+        platform: slipsense_synth::Platform::Tesollo,
+        ..Recipe::new(5)
+    };
     let (a, b) = (generate(&recipe).unwrap(), generate(&recipe).unwrap());
     assert_eq!(a, b);
     a.validate().unwrap();

@@ -1,9 +1,9 @@
-//! Levels, spectra and class mix of generated episodes against the ranges the physics asks for.
+//! Levels and spectra of generated episodes against the ranges the physics asks for.
 //! Vibration is measured without the parts' electrical noise, above 10 Hz, as the rms of the vector.
 
 use slipsense_episode::Episode;
 use slipsense_synth::labels::{NO_CONTACT, NO_SLIP, SLIP};
-use slipsense_synth::{ObjectChoice, Recipe, ScenarioChoice, generate, generate_set};
+use slipsense_synth::{Recipe, ScenarioChoice, generate_set};
 
 /// Vector rms in mg over the 128 samples before each frame tick, above 10 Hz (first-order, float).
 fn rms_mg(e: &Episode, sensor: usize) -> Vec<f64> {
@@ -119,51 +119,4 @@ fn disturbances_are_as_loud_as_slip() {
     let (idle, held) = (loud(idle), loud(held));
     println!("95th percentile: no contact {idle:.0} mg, no slip {held:.0} mg; median slip {typical:.0} mg");
     assert!(idle > typical && held > typical);
-}
-
-#[test]
-fn scenarios_without_slip_have_no_slip_label() {
-    use ScenarioChoice::{Empty, FirmGrip, FreeGrasp, Unlinked};
-    for scenario in [Empty, FirmGrip, FreeGrasp, Unlinked] {
-        let recipes = Recipe { scenario, seconds: Some(3.0), ..Recipe::new(7) }.series(4);
-        let gross = generate_set(&recipes, |_, e| {
-            let labels = e.label.as_deref().unwrap_or(&[]);
-            assert!(!labels.contains(&SLIP), "{scenario:?}");
-            assert_eq!(labels.contains(&NO_SLIP), scenario != Empty, "{scenario:?}");
-            let speed = e.slip_true_mm_s.as_deref().unwrap_or(&[]);
-            labels.iter().zip(speed).filter(|(l, v)| **l == NO_SLIP && **v > 1.0).count()
-        })
-        .unwrap();
-        assert_eq!(gross.iter().sum::<usize>(), 0, "{scenario:?}: frames of gross slip");
-    }
-}
-
-#[test]
-fn class_mix_is_near_the_papers() {
-    let recipes = Recipe { sensors: 1, ..Recipe::new(2024) }.series(30);
-    let mut counts = [0usize; 3];
-    let mut seconds = 0.0;
-    for (labels, length) in
-        generate_set(&recipes, |_, e| (e.label.unwrap_or_default(), e.piezo.len())).unwrap()
-    {
-        labels.iter().for_each(|&l| counts[l as usize] += 1);
-        seconds += length as f64 / 240.0;
-    }
-    let total = counts.iter().sum::<usize>() as f64;
-    let share = counts.map(|c| c as f64 / total);
-    println!("no contact, no slip, slip: {share:.3?} of {seconds:.0} s (synthetic)");
-    assert!(
-        (0.4..0.62).contains(&share[0]) && share[1] > 0.15 && (0.15..0.32).contains(&share[2]),
-        "{share:?}"
-    );
-}
-
-#[test]
-fn held_out_objects_never_appear_in_training() {
-    for (choice, expected) in [(ObjectChoice::Train, false), (ObjectChoice::HeldOut, true)] {
-        let recipes = Recipe { object: choice, seconds: Some(2.5), sensors: 1, ..Recipe::new(1) }.series(30);
-        let held_out = generate_set(&recipes, |_, e| e.meta.other["held_out"] == true).unwrap();
-        assert!(held_out.iter().all(|&h| h == expected));
-    }
-    assert!(generate(&Recipe { object: ObjectChoice::Named("spoon".into()), ..Recipe::new(1) }).is_err());
 }

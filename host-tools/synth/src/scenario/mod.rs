@@ -1,0 +1,296 @@
+//! What happens in an episode: when the jaws close, how hard they grip, what pulls, what knocks.
+//!
+//! A [`Script`] says what follows what; [`plan`] writes it into series. Recordings are cut out of a longer
+//! course, with durations of their own, so that no clock predicts slip.
+
+pub(crate) mod levels;
+pub(crate) mod script;
+#[cfg(test)]
+mod shortcuts;
+mod unrest;
+
+use libm::{cos, exp, sin};
+use serde::Serialize;
+
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+use crate::labels::Rule;
+use crate::recipe::{Platform, Resolved, ScenarioChoice};
+use crate::timeline::{Timeline, ramp};
+use levels::*;
+use script::{Kind, Script, Stretch};
+use unrest::Unrest;
+
+/// The course of an episode. Series have [`STEP_HZ`] values per second.
+#[derive(Serialize)]
+pub(crate) struct Plan {
+    pub script: Script,
+    #[serde(skip)]
+    pub timeline: Timeline,
+    /// Far end of the spring that pulls the object, in pad x and y of the first finger, mm.
+    #[serde(skip)]
+    pub pull_mm: Vec<[f64; 2]>,
+    /// Far end of the spring that twists it, rad; empty where nothing does.
+    #[serde(skip)]
+    pub turn_rad: Vec<f64>,
+    /// Stiffness of the pulling spring of one finger (0: nothing pulls).
+    pub pull_n_per_mm: f64,
+    /// The same of the twisting spring.
+    pub twist_n_mm_per_rad: f64,
+    /// Grip force of the first grasp before the operator changes it, newtons.
+    pub base_n: f64,
+    /// What tells slip.
+    pub rule: Rule,
+    /// When something pulls so that the object slips, with the standstill after it, seconds.
+    pub slips: Vec<(f64, f64)>,
+    /// The crosshead's vibration comes through the object while that is held.
+    pub linked: bool,
+    /// The gripper stands on the rig's table: the crosshead's vibration is as loud without the object.
+    pub shared_table: bool,
+    pub hand_held: bool,
+    /// Way of the object over the pad in a slip, mm.
+    pub stroke_mm: [f64; 2],
+    /// Interference of running motors in the arrays, counts rms.
+    pub motor_pickup_counts: f64,
+}
+
+/// One grasp: times at which its stretches begin, and where it ends.
+struct Grasp {
+    close: f64,
+    touch: f64,
+    held: f64,
+    release: f64,
+    let_go: f64,
+    open: f64,
+}
+
+/// Grasps of a script. A script never cuts through one.
+fn grasps(script: &Script) -> Vec<Grasp> {
+    let ends = script.of(Kind::Fall).zip(script.of(Kind::Open));
+    let starts = script.of(Kind::Close).zip(script.of(Kind::Rise));
+    starts
+        .zip(ends)
+        .map(|((close, rise), (fall, open))| Grasp {
+            close: close.start_s,
+            touch: rise.start_s,
+            held: rise.end_s(),
+            release: fall.start_s,
+            let_go: open.start_s,
+            open: open.end_s(),
+        })
+        .collect()
+}
+
+/// Write a script into series.
+pub(crate) fn plan(rng: &mut Rng, what: &Resolved, script: Script) -> Plan {
+    use ScenarioChoice as S;
+    let on_rig = what.scenario.on_rig();
+    let object = what.scenario != S::Empty;
+    let motors = what.platform == Platform::Tesollo;
+    let linked = matches!(what.scenario, S::SixStep | S::FirmGrip)
+        || (what.scenario == S::RigMotion && rng.chance(0.7));
+    let unrest = Unrest {
+        motors,
+        carried: !on_rig,
+        loose: matches!(what.scenario, S::Unlinked | S::FreeGrasp | S::HandHeld | S::Disturbances),
+        factor: if what.scenario == S::Disturbances { RESTLESS } else { 1.0 },
+    };
+    let mut line = Timeline::new(script.seconds);
+    for s in &script.stretches {
+        if s.kind == Kind::Jog || (s.kind == Kind::Pull && on_rig) {
+            line.crosshead(&script.motion, s.towards, (s.start_s, s.end_s()));
+        } else if s.kind == Kind::Pull {
+            line.event("pull", s.start_s, s.end_s());
+        }
+    }
+
+    let stiffness = if on_rig { RIG_N_PER_MM } else { HAND_N_PER_MM };
+    let mut plan = Plan {
+        pull_n_per_mm: rng.log_between(stiffness.0, stiffness.1),
+        twist_n_mm_per_rad: rng.log_between(TWIST_N_MM_PER_RAD.0, TWIST_N_MM_PER_RAD.1),
+        base_n: GRIP_MEDIAN_N,
+        rule: if on_rig { Rule::Encoder } else { Rule::Interface },
+        slips: Vec::new(),
+        linked,
+        shared_table: on_rig && rng.chance(SHARED_TABLE),
+        hand_held: !on_rig,
+        stroke_mm: [0.0; 2],
+        motor_pickup_counts: if motors {
+            rng.log_between(MOTOR_PICKUP_COUNTS.0, MOTOR_PICKUP_COUNTS.1)
+        } else {
+            0.0
+        },
+        pull_mm: Vec::new(),
+        turn_rad: Vec::new(),
+        timeline: line,
+        script,
+    };
+    let held = grasps(&plan.script);
+    plan.grip(rng, what, &held, &unrest, object);
+    unrest.anywhere(rng, &mut plan.timeline, plan.script.seconds);
+    if plan.script.of(Kind::Pull).next().is_some() && what.slips() {
+        let settles: Vec<_> = plan.script.of(Kind::Settle).map(Stretch::end_s).collect();
+        let until = |t: f64| settles.iter().copied().find(|&s| s > t).unwrap_or(t);
+        plan.slips = plan.script.of(Kind::Pull).map(|s| (s.start_s, until(s.end_s()))).collect();
+    }
+    plan.pull(rng, what, &held);
+    plan
+}
+
+impl Plan {
+    /// Jaws, grip force and its changes, and what else disturbs a held object.
+    fn grip(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp], unrest: &Unrest, object: bool) {
+        let most_n = self.gives_way_n(what);
+        let line = &mut self.timeline;
+        for (n, g) in grasps.iter().enumerate() {
+            let drawn = (GRIP_MEDIAN_N * exp(GRIP_SPREAD * rng.normal())).clamp(GRIP_N.0, GRIP_N.1);
+            let base = drawn.min(most_n);
+            if n == 0 {
+                self.base_n = base;
+            }
+            line.close(rng, (g.close, g.touch), object, unrest.motors);
+            if object {
+                line.grip(rng, base, (g.touch, g.held), (g.release, g.let_go));
+                for s in &self.script.stretches {
+                    let inside = (s.start_s, s.end_s());
+                    if s.start_s < g.held || s.start_s >= g.release {
+                        continue;
+                    }
+                    let pulled = s.kind == Kind::Pull;
+                    let per_s =
+                        if s.kind == Kind::Hold { GRIP_CHANGES_PER_S.0 } else { GRIP_CHANGES_PER_S.1 };
+                    unrest.of_grip(rng, line, inside, per_s, g.let_go);
+                    if !(pulled && what.slips()) {
+                        unrest.while_held(rng, line, inside, g.open);
+                    }
+                }
+            }
+            line.open(rng, (g.let_go, g.open), unrest.motors);
+        }
+    }
+
+    /// Base grip that surely lets the object slip before half the pull is over, newtons.
+    fn gives_way_n(&self, what: &Resolved) -> f64 {
+        if !what.slips() {
+            return GRIP_N.1;
+        }
+        let way = self.script.of(Kind::Pull).map(|s| self.script.way_mm(s).abs());
+        let shortest = way.fold(f64::INFINITY, f64::min);
+        let force = if what.scenario == ScenarioChoice::Rotation {
+            // A patch a few millimetres wide has a lever of half of that.
+            self.twist_n_mm_per_rad * shortest / TWIST_RADIUS_MM / 5.0
+        } else {
+            self.pull_n_per_mm * shortest
+        };
+        // Static friction may be a quarter above the object's, and a squeeze doubles the force.
+        (0.5 * force / (1.25 * what.object.mu_static * 2.0)).clamp(GRIP_N.0, GRIP_N.1)
+    }
+
+    /// Tangential force that the weakest grip between two times holds for sure, newtons.
+    fn sure_hold_n(&self, what: &Resolved, from: f64, to: f64) -> f64 {
+        let weakest =
+            self.timeline.grip_n[self.timeline.span(from, to)].iter().fold(f64::INFINITY, |a, &f| a.min(f));
+        // Cells differ in friction by 10 % and objects by 8 %; the weakest finger counts.
+        0.75 * what.object.mu_kinetic * weakest
+    }
+
+    /// What pulls and twists the object.
+    fn pull(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp]) {
+        use ScenarioChoice as S;
+        let angle = rng.phase();
+        let towards = if on_axis(what.scenario) { [0.0, 1.0] } else { [cos(angle), sin(angle)] };
+        let line = &self.timeline;
+        let mut way = vec![0.0; line.steps()];
+        match what.scenario {
+            S::SixStep => way.copy_from_slice(&line.crosshead_mm),
+            S::FirmGrip => {
+                way.copy_from_slice(&line.crosshead_mm);
+                let reach =
+                    self.script.of(Kind::Pull).map(|s| self.script.way_mm(s).abs()).fold(1e-3, f64::max);
+                let hold = grasps.iter().map(|g| self.sure_hold_n(what, g.held, g.release));
+                self.pull_n_per_mm =
+                    rng.between(FIRM_PULL.0, FIRM_PULL.1) * hold.fold(f64::INFINITY, f64::min) / reach;
+            }
+            S::FreePull => self.by_hand(rng, &mut way),
+            S::Rotation => {
+                self.by_hand(rng, &mut way);
+                self.turn_rad = way.iter().map(|mm| mm / TWIST_RADIUS_MM).collect();
+                // What twists also keeps the object where it is.
+                way.fill(0.0);
+            }
+            S::FreeGrasp | S::HandHeld | S::Disturbances => {
+                self.weights(rng, what, grasps, &mut way);
+                if what.slips() {
+                    self.by_hand(rng, &mut way);
+                }
+            }
+            S::Empty | S::Unlinked | S::RigMotion | S::Random => self.pull_n_per_mm = 0.0,
+        }
+        if what.scenario != S::Rotation {
+            self.twist_n_mm_per_rad = 0.0;
+        }
+        if what.slips() && what.scenario != S::Rotation {
+            let stroke = self.script.of(Kind::Pull).map(|s| self.script.way_mm(s)).fold(0.0, f64::max);
+            self.stroke_mm = towards.map(|t| t * stroke);
+        }
+        self.pull_mm = way.iter().map(|&mm| towards.map(|t| t * mm)).collect();
+    }
+
+    /// Pulls by hand: the way of the script at a speed that wavers by up to a half.
+    fn by_hand(&self, rng: &mut Rng, way: &mut [f64]) {
+        for s in self.script.of(Kind::Pull) {
+            let waver: [_; 2] =
+                std::array::from_fn(|_| (rng.between(0.5, 4.0), rng.phase(), rng.between(0.0, 0.3)));
+            let times: Vec<_> = self.timeline.times(s.start_s, s.end_s()).collect();
+            let mut speeds: Vec<f64> = times
+                .iter()
+                .map(|&(_, t)| {
+                    let swing: f64 = waver
+                        .iter()
+                        .map(|(hz, phase, depth)| depth * sin(std::f64::consts::TAU * hz * t + phase))
+                        .sum();
+                    let (motion, since) = (&self.script.motion, t - s.start_s);
+                    (motion.at(since + 1.0 / STEP_HZ, s.seconds) - motion.at(since, s.seconds))
+                        * (1.0 + swing)
+                })
+                .collect();
+            let scale = self.script.way_mm(s) / speeds.iter().sum::<f64>().max(1e-9);
+            speeds.iter_mut().for_each(|v| *v *= scale);
+            let mut moved = 0.0;
+            for ((i, _), step) in times.iter().zip(&speeds) {
+                moved += step;
+                way[*i] += moved;
+            }
+            if let Some(&(last, _)) = times.last() {
+                way[last + 1..].iter_mut().for_each(|w| *w += moved);
+            }
+        }
+    }
+
+    /// The object's weight hangs between lift and set-down of each grasp, by a soft spring.
+    fn weights(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp], way: &mut [f64]) {
+        for g in grasps {
+            let last = self.script.of(Kind::Hold).filter(|s| s.start_s < g.release).last();
+            let end = last.map_or(g.release, Stretch::end_s);
+            let length = end - g.held;
+            let (lift, down) =
+                (g.held + rng.between(0.1, 0.3) * length, g.held + rng.between(0.75, 0.92) * length);
+            let weight = rng.between(WEIGHT.0, WEIGHT.1) * self.sure_hold_n(what, g.held, g.release);
+            for (name, at, peak) in [("lift", lift, (0.05, 0.3)), ("set_down", down, (0.1, 1.0))] {
+                self.timeline.event(name, at, at + 0.02);
+                self.timeline.pulse(rng, at, TAP_S, peak);
+            }
+            let rise = rng.between(0.05, 0.2);
+            for (i, t) in self.timeline.times(lift, down) {
+                way[i] += weight / self.pull_n_per_mm
+                    * ramp(t, lift, lift + rise)
+                    * (1.0 - ramp(t, down - rise, down));
+            }
+        }
+    }
+}
+
+/// The rig pulls along the pad only.
+fn on_axis(scenario: ScenarioChoice) -> bool {
+    scenario.on_rig()
+}

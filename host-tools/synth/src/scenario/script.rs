@@ -1,0 +1,251 @@
+//! The course of a recording as a row of stretches: what follows what and how long it takes. Cheap to
+//! draw, and all that is needed to know how long an episode is.
+
+use libm::log;
+use serde::Serialize;
+
+use crate::draw::{Draw, Rng};
+use crate::recipe::{Resolved, ScenarioChoice};
+use crate::scenario::levels::*;
+
+/// What one stretch is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Kind {
+    /// Jaws open, nothing moves.
+    Idle,
+    /// Jaws open, the crosshead moves.
+    Jog,
+    /// Jaws close.
+    Close,
+    /// Jaws have met the object, the force builds up.
+    Rise,
+    /// The object is held and the operator varies the force.
+    Hold,
+    /// Crosshead or hand moves while the jaws are closed.
+    Pull,
+    /// The object is held after that.
+    Settle,
+    /// The force falls to nothing.
+    Fall,
+    /// Jaws open.
+    Open,
+}
+
+impl Kind {
+    /// Jaws at rest and open.
+    fn is_idle(self) -> bool {
+        matches!(self, Self::Idle | Self::Jog)
+    }
+}
+
+/// One stretch.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Stretch {
+    pub kind: Kind,
+    /// Seconds from the start of the recording; negative if it began before.
+    pub start_s: f64,
+    pub seconds: f64,
+    /// Sign of a movement, 0 for none.
+    pub towards: f64,
+}
+
+impl Stretch {
+    pub(crate) fn end_s(&self) -> f64 {
+        self.start_s + self.seconds
+    }
+}
+
+/// Movement at a speed with equal acceleration and deceleration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Trapezoid {
+    pub speed_mm_s: f64,
+    pub accel_mm_s2: f64,
+}
+
+impl Trapezoid {
+    /// Time to move `mm`; short ways never reach the speed.
+    pub(crate) fn seconds(&self, mm: f64) -> f64 {
+        let (v, a) = (self.speed_mm_s, self.accel_mm_s2);
+        if mm > v * v / a { mm / v + v / a } else { 2.0 * (mm / a).sqrt() }
+    }
+
+    /// Way moved within `seconds` from standstill to standstill.
+    pub(crate) fn mm(&self, seconds: f64) -> f64 {
+        let ramp_s = (self.speed_mm_s / self.accel_mm_s2).min(seconds / 2.0);
+        self.accel_mm_s2 * ramp_s * (seconds - ramp_s)
+    }
+
+    /// Way moved `t` seconds after the start of a movement that takes `seconds`.
+    pub(crate) fn at(&self, t: f64, seconds: f64) -> f64 {
+        let ramp_s = (self.speed_mm_s / self.accel_mm_s2).min(seconds / 2.0);
+        let (t, a) = (t.clamp(0.0, seconds), self.accel_mm_s2);
+        if t < ramp_s {
+            0.5 * a * t * t
+        } else if t < seconds - ramp_s {
+            a * ramp_s * (t - ramp_s / 2.0)
+        } else {
+            self.mm(seconds) - 0.5 * a * (seconds - t) * (seconds - t)
+        }
+    }
+}
+
+/// The course of one recording.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Script {
+    pub stretches: Vec<Stretch>,
+    pub seconds: f64,
+    pub motion: Trapezoid,
+}
+
+impl Script {
+    /// Of the length that the recipe names, or cut out of a longer course at points where nothing touches.
+    pub(crate) fn draw(rng: &mut Rng, what: &Resolved) -> Self {
+        let motion = Trapezoid {
+            speed_mm_s: what.speed_mm_s,
+            accel_mm_s2: rng.log_between(ACCEL_MM_S2.0, ACCEL_MM_S2.1),
+        };
+        let open = match what.scenario {
+            ScenarioChoice::Disturbances => Some(rng.log_between(DISTURBANCES_S.0, DISTURBANCES_S.1)),
+            _ => None,
+        };
+        let length = what.seconds.or(open);
+        let mut row = run(rng, what, &motion);
+        if let Some(seconds) = length {
+            loop {
+                let next = run(rng, what, &motion);
+                if total(&row) + total(&next) > seconds {
+                    break;
+                }
+                row.extend(next);
+            }
+            fit(&mut row, seconds);
+            return Self::laid_out(row, 0.0, seconds, motion);
+        }
+        if rng.chance(TWICE) {
+            row.extend(run(rng, what, &motion));
+        }
+        let idle = |s: &&Stretch| s.kind.is_idle();
+        let lead: f64 = row.iter().take_while(idle).map(|s| s.seconds).sum();
+        let tail: f64 = row.iter().rev().take_while(idle).map(|s| s.seconds).sum();
+        let from = rng.between(0.0, lead - IDLE_S.0);
+        let to = total(&row) - rng.between(0.0, tail - IDLE_S.0);
+        Self::laid_out(row, from, to - from, motion)
+    }
+
+    fn laid_out(mut row: Vec<Stretch>, from_s: f64, seconds: f64, motion: Trapezoid) -> Self {
+        let mut at = -from_s;
+        for stretch in &mut row {
+            stretch.start_s = at;
+            at += stretch.seconds;
+        }
+        row.retain(|s| s.end_s() > 0.0 && s.start_s < seconds);
+        Self { stretches: row, seconds, motion }
+    }
+
+    pub(crate) fn of(&self, kind: Kind) -> impl Iterator<Item = &Stretch> {
+        self.stretches.iter().filter(move |s| s.kind == kind)
+    }
+
+    /// Way of the crosshead or hand in one stretch, with its sign.
+    pub(crate) fn way_mm(&self, stretch: &Stretch) -> f64 {
+        stretch.towards * self.motion.mm(stretch.seconds)
+    }
+}
+
+fn total(row: &[Stretch]) -> f64 {
+    row.iter().map(|s| s.seconds).sum()
+}
+
+/// Make a row last `seconds`: longer by its idles and holds; shorter first by the crosshead's idle moves,
+/// then by shrinking everything that has no duration of its own.
+fn fit(row: &mut Vec<Stretch>, seconds: f64) {
+    use Kind::{Hold, Idle, Jog, Pull, Settle};
+    if total(row) > seconds {
+        row.retain(|s| s.kind != Jog);
+    }
+    let longer = total(row) < seconds;
+    let flexible = |s: &Stretch| match s.kind {
+        Idle | Hold | Settle => true,
+        Pull => !longer,
+        _ => false,
+    };
+    let bends: f64 = row.iter().filter(|s| flexible(s)).map(|s| s.seconds).sum();
+    let factor = (seconds - (total(row) - bends)) / bends;
+    row.iter_mut().filter(|s| flexible(s)).for_each(|s| s.seconds *= factor);
+}
+
+fn idle(rng: &mut Rng) -> f64 {
+    if rng.chance(0.5) {
+        rng.between(IDLE_S.0, IDLE_UNIFORM_S)
+    } else {
+        let wait = -log(rng.between(1e-9, 1.0)) * IDLE_MEAN_S;
+        (IDLE_S.0 + wait).min(IDLE_S.1)
+    }
+}
+
+/// One pass through the scenario, from open jaws to open jaws.
+fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
+    use Kind::*;
+    use ScenarioChoice as S;
+    let mut row = Vec::new();
+    let mut add = |kind, seconds, towards| row.push(Stretch { kind, start_s: 0.0, seconds, towards });
+    let on_rig = what.scenario.on_rig();
+    let stroke = rng.between(STROKE_MM.0, STROKE_MM.1).min(what.object.shape.travel_mm());
+    let jog_s = motion.seconds(stroke);
+
+    add(Idle, idle(rng), 0.0);
+    if on_rig || (what.scenario == S::Disturbances && rng.chance(0.3)) {
+        add(Jog, jog_s, -1.0);
+        add(Idle, idle(rng), 0.0);
+    }
+    add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
+    add(Rise, rng.log_between(RISE_S.0, RISE_S.1), 0.0);
+    let vary = rng.log_between(VARY_S.0, VARY_S.1);
+    match what.scenario {
+        S::FirmGrip => {
+            let pull_s = motion.seconds(rng.between(FIRM_MM.0, FIRM_MM.1));
+            add(Hold, vary, 0.0);
+            add(Pull, pull_s, 1.0);
+            add(Hold, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
+            add(Pull, pull_s, -1.0);
+        }
+        S::RigMotion => {
+            for _ in 0..rng.count(1, 3) {
+                let towards = if rng.chance(0.5) { 1.0 } else { -1.0 };
+                add(Hold, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
+                add(Pull, motion.seconds(rng.between(FIRM_MM.0, FIRM_MM.1)), towards);
+            }
+        }
+        S::FreePull => {
+            add(Hold, vary, 0.0);
+            add(Pull, motion.seconds(rng.between(FREE_MM.0, FREE_MM.1)), 1.0);
+        }
+        S::Rotation => {
+            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * TWIST_RADIUS_MM;
+            add(Hold, vary, 0.0);
+            add(Pull, motion.seconds(way), if rng.chance(0.5) { 1.0 } else { -1.0 });
+        }
+        S::FreeGrasp => add(Hold, rng.log_between(CARRY_S.0, CARRY_S.1), 0.0),
+        S::HandHeld => {
+            add(Hold, rng.log_between(CARRY_S.0, CARRY_S.1), 0.0);
+            if what.slips_at_end {
+                add(Pull, motion.seconds(rng.between(FREE_MM.0, FREE_MM.1)), 1.0);
+            }
+        }
+        S::Disturbances => add(Hold, rng.log_between(LONG_HOLD_S.0, LONG_HOLD_S.1), 0.0),
+        S::SixStep | S::Empty | S::Unlinked | S::Random => {
+            add(Hold, vary, 0.0);
+            add(Pull, jog_s, 1.0);
+        }
+    }
+    add(Settle, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
+    add(Fall, rng.log_between(FALL_S.0, FALL_S.1), 0.0);
+    add(Open, rng.log_between(OPEN_S.0, OPEN_S.1), 0.0);
+    add(Idle, idle(rng), 0.0);
+    if on_rig && rng.chance(RETURNS) {
+        add(Jog, jog_s, 1.0);
+        add(Idle, idle(rng), 0.0);
+    }
+    row
+}

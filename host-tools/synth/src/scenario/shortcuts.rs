@@ -1,0 +1,112 @@
+//! Does anything but slip itself tell slip? Class shares of the protocol, and the likeliest class given
+//! only the time since the start, or only what the rig does. From scripts alone: nothing is simulated.
+
+use crate::draw::{Stream, stream};
+use crate::recipe::{Recipe, ScenarioChoice};
+use crate::scenario::levels::{GRIP_N, SHARED_TABLE};
+use crate::scenario::script::{Kind, Script};
+
+const RECORDINGS: usize = 3000;
+const HZ: f64 = 60.0;
+
+/// What a moment of a recording is: class 0 no contact, 1 no slip, 2 slip; the crosshead moves; its drive
+/// is loud at the accelerometers.
+struct Moment {
+    t: f64,
+    class: usize,
+    moves: bool,
+    loud: bool,
+    speed_mm_s: f64,
+    recording: usize,
+}
+
+fn moments() -> Vec<Moment> {
+    let mut all = Vec::new();
+    for (recording, recipe) in Recipe::new(0x0c1a55).series(RECORDINGS).iter().enumerate() {
+        let what = recipe.resolve().unwrap();
+        let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &what);
+        // The grip passes the contact threshold when it is a tenth of the weakest.
+        assert!(GRIP_N.0 > 0.0);
+        let shared = (recording as f64 * 0.618_034).fract() < SHARED_TABLE;
+        let linked = matches!(what.scenario, ScenarioChoice::SixStep | ScenarioChoice::FirmGrip)
+            || (what.scenario == ScenarioChoice::RigMotion && recording % 10 < 7);
+        for n in 0..(script.seconds * HZ) as usize {
+            let t = n as f64 / HZ;
+            let Some(s) = script.stretches.iter().find(|s| s.start_s <= t && t < s.end_s()) else { continue };
+            let closed = matches!(s.kind, Kind::Rise | Kind::Hold | Kind::Pull | Kind::Settle | Kind::Fall);
+            let contact = closed && what.scenario != ScenarioChoice::Empty;
+            let way = script.motion.mm(s.seconds);
+            let moved = script.motion.at(t - s.start_s, s.seconds);
+            let slip = what.slips() && s.kind == Kind::Pull && moved > 0.07 && way - moved >= 0.07;
+            let moves = matches!(s.kind, Kind::Jog | Kind::Pull) && what.scenario.on_rig();
+            all.push(Moment {
+                t,
+                class: if contact { 1 + usize::from(slip) } else { 0 },
+                moves,
+                loud: moves && (shared || (linked && contact)),
+                speed_mm_s: what.speed_mm_s,
+                recording,
+            });
+        }
+    }
+    all
+}
+
+fn shares<'a>(of: impl Iterator<Item = &'a Moment>) -> ([f64; 3], usize) {
+    let mut counts = [0usize; 3];
+    of.for_each(|m| counts[m.class] += 1);
+    let total = counts.iter().sum::<usize>();
+    (counts.map(|c| c as f64 / total.max(1) as f64), total)
+}
+
+/// Macro F1 of always answering the likeliest class of the group that a moment is in.
+fn macro_f1(all: &[Moment], group: impl Fn(&Moment) -> usize) -> f64 {
+    let groups = all.iter().map(&group).max().unwrap() + 1;
+    let mut counts = vec![[0usize; 3]; groups];
+    all.iter().for_each(|m| counts[group(m)][m.class] += 1);
+    let mut confusion = [[0usize; 3]; 3];
+    for of_group in &counts {
+        let answer = (0..3).max_by_key(|&c| of_group[c]).unwrap();
+        (0..3).for_each(|truth| confusion[truth][answer] += of_group[truth]);
+    }
+    let f1 = |c: usize| {
+        let answered: usize = (0..3).map(|truth| confusion[truth][c]).sum();
+        let there: usize = confusion[c].iter().sum();
+        2.0 * confusion[c][c] as f64 / (answered + there) as f64
+    };
+    (0..3).map(f1).sum::<f64>() / 3.0
+}
+
+#[test]
+fn neither_clock_nor_rig_tells_slip() {
+    let all = moments();
+    let (mix, _) = shares(all.iter());
+    println!("no contact, no slip, slip: {mix:.4?}; the paper has 0.576, 0.188, 0.237");
+    println!("{:.1} s per recording", all.len() as f64 / HZ / RECORDINGS as f64);
+    println!("time since the start:");
+    for second in 0..40 {
+        let (share, moments) = shares(all.iter().filter(|m| m.t as usize == second));
+        println!("  {second:2} s: {share:.3?} of {:.0} s", moments as f64 / HZ);
+    }
+    for (name, wanted) in
+        [("still", [false, false]), ("moving softly", [true, false]), ("moving loud", [true, true])]
+    {
+        let (share, moments) = shares(all.iter().filter(|m| [m.moves, m.loud] == wanted));
+        println!("crosshead {name}: {share:.3?} of {:.0} s", moments as f64 / HZ);
+        for speed in crate::recipe::SPEEDS_MM_S {
+            let at_speed = all.iter().filter(|m| [m.moves, m.loud] == wanted && m.speed_mm_s == speed);
+            let (share, moments) = shares(at_speed);
+            println!("  {speed:4} mm/s: {share:.3?} of {:.0} s", moments as f64 / HZ);
+        }
+    }
+    let chance = macro_f1(&all, |_| 0);
+    let clock = macro_f1(&all, |m| (m.t * 2.0) as usize);
+    let rig = macro_f1(&all, |m| usize::from(m.moves) + usize::from(m.loud));
+    let speed = macro_f1(&all, |m| 3 * (m.speed_mm_s as usize) + usize::from(m.moves) + usize::from(m.loud));
+    println!("macro F1: majority {chance:.4}, clock {clock:.4}, rig {rig:.4}, rig with its speed {speed:.4}");
+    for (share, paper) in mix.iter().zip([0.576, 0.188, 0.237]) {
+        assert!((share - paper).abs() < 0.02, "{mix:?}");
+    }
+    assert!(clock - chance < 0.02 && rig - chance < 0.02 && speed - chance < 0.02);
+    assert!(all.iter().any(|m| m.recording == RECORDINGS - 1));
+}

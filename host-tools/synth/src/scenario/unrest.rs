@@ -1,0 +1,127 @@
+//! Disturbances that come at any time: taps, footfalls, tools nearby, trigger play, motion of the hand,
+//! and, while an object is held, grip changes, rolling and dragging.
+
+use libm::log;
+
+use crate::draw::{Draw, Rng};
+use crate::scenario::levels::*;
+use crate::timeline::{Timeline, plateau, ramp};
+
+/// What may disturb a recording.
+#[derive(Clone, Copy)]
+pub(crate) struct Unrest {
+    /// The hand has motors.
+    pub motors: bool,
+    /// A hand or an arm carries the gripper.
+    pub carried: bool,
+    /// The held object hangs on nothing and may be dragged over something.
+    pub loose: bool,
+    /// Factor on all densities.
+    pub factor: f64,
+}
+
+/// Times of a Poisson process between two times.
+fn moments(rng: &mut Rng, (from, to): (f64, f64), per_s: f64) -> Vec<f64> {
+    let mut times = Vec::new();
+    if per_s > 0.0 {
+        let mut next = |t: f64| t - log(rng.between(1e-12, 1.0)) / per_s;
+        let mut t = next(from);
+        while t < to {
+            times.push(t);
+            t = next(t);
+        }
+    }
+    times
+}
+
+impl Unrest {
+    /// What comes at any time of the recording.
+    pub(crate) fn anywhere(&self, rng: &mut Rng, line: &mut Timeline, seconds: f64) {
+        let whole = (0.0, seconds);
+        for at in moments(rng, whole, self.factor * TAPS_PER_S) {
+            taps(rng, line, at);
+        }
+        // Who carries the gripper has steps of their own.
+        let passers = if self.carried { 0.0 } else { FOOTFALLS_PER_S };
+        for at in moments(rng, whole, self.factor * passers) {
+            // A person walks by: a few steps.
+            let (steps, every) = (rng.count(2, 6), rng.between(0.45, 0.7));
+            for step in 0..steps {
+                line.pulse(rng, at + every * step as f64, FOOTFALL_S, FOOTFALL_G);
+            }
+            line.event("ambient", at, at + every * steps as f64);
+        }
+        for at in moments(rng, whole, self.factor * AMBIENT_PER_S) {
+            let (lasts, level) = (rng.log_between(0.5, 6.0), rng.between(0.2, 1.0));
+            line.event("ambient", at, at + lasts);
+            for (i, t) in line.times(at, at + lasts) {
+                line.ambient[i] = (line.ambient[i] + level * plateau(t, (at, at + lasts), 0.1)).min(1.0);
+            }
+        }
+        for at in moments(rng, whole, self.factor * JAW_PER_S) {
+            let (lasts, vigour) = (rng.log_between(0.05, 0.5), rng.between(0.2, 0.8));
+            line.event("jaw", at, at + lasts);
+            line.travel(rng, (at, at + lasts), vigour, self.motors);
+        }
+        if self.carried {
+            let calm = rng.between(0.02, 0.25);
+            line.motion.fill(calm);
+            for at in moments(rng, whole, self.factor * MOTIONS_PER_S) {
+                let (lasts, level) = (rng.log_between(0.3, 2.5), rng.between(0.2, 1.0));
+                line.event("motion", at, at + lasts);
+                for (i, t) in line.times(at, at + lasts) {
+                    line.motion[i] = (line.motion[i] + level * plateau(t, (at, at + lasts), 0.15)).min(1.0);
+                }
+            }
+        }
+    }
+
+    /// What may come while the object is held between two times and nothing pulls it; the object stays as
+    /// it has rolled until `end`.
+    pub(crate) fn while_held(&self, rng: &mut Rng, line: &mut Timeline, held: (f64, f64), end: f64) {
+        for at in moments(rng, held, self.factor * ROLLING_PER_S) {
+            let lasts = rng.log_between(0.1, 0.8);
+            let slopes: [f64; 2] = std::array::from_fn(|_| {
+                let slope = rng.log_between(ROLL_RAD.0, ROLL_RAD.1);
+                if rng.chance(0.5) { slope } else { -slope }
+            });
+            if at + lasts < held.1 {
+                line.event("rolling", at, at + lasts);
+                for (i, t) in line.times(at, end) {
+                    for (roll, slope) in line.roll_rad[i].iter_mut().zip(slopes) {
+                        *roll += slope * ramp(t, at, at + lasts);
+                    }
+                }
+            }
+        }
+        if self.loose {
+            for at in moments(rng, held, self.factor * DRAGS_PER_S) {
+                let (lasts, level) = (rng.log_between(0.2, 1.5), rng.between(0.3, 1.0));
+                if at + lasts < held.1 {
+                    line.event("drag", at, at + lasts);
+                    for (i, t) in line.times(at, at + lasts) {
+                        line.drag[i] = (line.drag[i] + level * plateau(t, (at, at + lasts), 0.03)).min(1.0);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Deliberate changes of the grip between two times of a grasp that lasts until `end`.
+    pub(crate) fn of_grip(&self, rng: &mut Rng, line: &mut Timeline, held: (f64, f64), per_s: f64, end: f64) {
+        for at in moments(rng, held, per_s) {
+            line.grip_change(rng, at, held, end);
+        }
+    }
+}
+
+/// One tap, or a train of them, on object, finger or table.
+fn taps(rng: &mut Rng, line: &mut Timeline, at: f64) {
+    let train = if rng.chance(0.35) { rng.count(2, 7) } else { 1 };
+    let mut at = at;
+    for _ in 0..train {
+        line.event("tap", at, at + TAP_S.1);
+        line.pulse(rng, at, TAP_S, TAP_G);
+        at += rng.between(0.06, 0.4);
+    }
+}

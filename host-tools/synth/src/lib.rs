@@ -35,7 +35,7 @@ use slipsense_episode::{Episode, Meta};
 
 use crate::contact::{Contact, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Stream, stream};
-use crate::film::Film;
+use crate::film::{Film, FilmSession};
 use crate::friction::{Interface, Pull, STEP_HZ};
 use crate::recipe::Resolved;
 use crate::scenario::Plan;
@@ -206,7 +206,9 @@ impl<'a> Shared<'a> {
         let mut rng = stream(seed, Stream::Friction, sensor);
         let mut contact = Contact::draw(&mut rng, object, self.pose_of(sensor));
         let mut interface = Interface::draw(&mut rng, object);
-        let mut film = Film::new(&unit.film, stream(seed, Stream::Film, sensor));
+        let mut rng = stream(seed, Stream::Film, sensor);
+        let session = FilmSession::draw(&mut rng, self.recipe.noise);
+        let mut film = Film::new(&unit.film, session, rng);
         let grip: Vec<f64> = self.plan.timeline.grip_n.iter().map(|n| n * self.shares[sensor]).collect();
         let (scans, slide) = self.touch(&grip, &mut contact, &mut interface, &mut film);
 
@@ -281,7 +283,7 @@ impl<'a> Shared<'a> {
                 contact.pressures(force, shear, &mut map);
                 map_n = force;
                 interface.release_unloaded(&map);
-                film.scan(frame, &map, |age_s| {
+                film.scan(frame, &map, 0.0, |age_s| {
                     let then = vibration::at(grip, tick as f64 / STEP_HZ - age_s);
                     if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
                 })

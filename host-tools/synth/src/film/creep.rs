@@ -43,13 +43,13 @@ impl Creep {
     /// One step of the terms under `kpa`; returns what creep adds to the pressure, kPa.
     #[inline]
     pub fn step(&self, terms: &mut [f64; TERMS], kpa: f64, blend: &Blend) -> f64 {
-        let (mut pressed, mut beyond) = (0.0, 0.0);
+        let (mut sum, mut beyond) = (0.0, 0.0);
         for ((term, rise), fall) in terms.iter_mut().zip(blend.rise).zip(blend.fall) {
             let distance = kpa - *term;
-            *term += if distance > 0.0 { rise * distance } else { fall * distance };
-            pressed += term.min(kpa);
-            beyond += (*term - kpa).max(0.0);
+            *term += if distance > 0.0 { rise } else { fall } * distance;
+            sum += *term;
+            beyond += if *term > kpa { *term - kpa } else { 0.0 };
         }
-        self.per_decade * (pressed + self.residual * beyond)
+        self.per_decade * (sum - (1.0 - self.residual) * beyond)
     }
 }

@@ -45,6 +45,10 @@ impl Crosstalk {
         let row_leak = self.row_leak / TAXEL_COLS as f64;
         let col_leak = self.col_leak / TAXEL_ROWS as f64;
         for (line, row) in own.chunks_exact_mut(TAXEL_COLS).zip(rows) {
+            if row == 0.0 {
+                line.iter_mut().zip(cols).for_each(|(value, col)| *value = col_leak * col);
+                continue;
+            }
             for (value, col) in line.iter_mut().zip(cols) {
                 let leak = row_leak * (row - *value) + col_leak * (col - *value);
                 *value = *value / (1.0 + drop * (row + col)) + leak;

@@ -5,7 +5,7 @@
 //! pressure itself would be blind below their smallest radius; on `s = log₂(1 + p/p₀)` the same eight
 //! radii serve all loads well above `p₀`, 1 kPa.
 //!
-//! Each play `y = max(s − w, min(s, y))` is the classical one of radius `w/2` shifted by that radius, so
+//! Each play `y = max(s − w, 0, min(s, y))` is the classical one of radius `w/2` shifted by that radius, so
 //! that a released film stands at zero. Its output beyond the rising branch `max(0, s − w)` is what
 //! hysteresis adds: rising load reads the pressure itself, falling load reads `p · (1 + k·Σ excess)`.
 
@@ -37,12 +37,17 @@ impl Hysteresis {
     /// One step of the plays to `kpa`; returns the pressure that the film shows, kPa.
     #[inline]
     pub fn step(&self, plays: &mut [f64; PLAYS], kpa: f64) -> f64 {
+        if kpa <= 0.0 {
+            plays.fill(0.0);
+            return 0.0;
+        }
         let s = self.octaves.at(1.0 + kpa / FLOOR_KPA);
+        let larger = |a: f64, b: f64| if a > b { a } else { b };
         let mut excess = 0.0;
         for (i, y) in plays.iter_mut().enumerate() {
-            let rising = s - (i + 1) as f64 * WIDTH_OCTAVES;
-            *y = y.min(s).max(rising);
-            excess += *y - rising.max(0.0);
+            let rising = larger(s - (i + 1) as f64 * WIDTH_OCTAVES, 0.0);
+            *y = larger(if *y < s { *y } else { s }, rising);
+            excess += *y - rising;
         }
         kpa * (1.0 + self.weight * excess)
     }

@@ -94,8 +94,7 @@ impl<'a> Film<'a> {
     ) -> PiezoFrame {
         let asymptote = transfer::asymptote_counts();
         let mut counts = [0.0; TAXELS];
-        if self.conduct(map, force_back, &mut counts) {
-            counts.iter_mut().for_each(|x| *x *= asymptote / (1.0 + *x));
+        if self.conduct(map, asymptote, force_back, &mut counts) {
             self.unit.crosstalk.apply(&mut counts, asymptote);
         }
         let mut scan = self.convert(frame, &counts, pickup_counts);
@@ -109,10 +108,11 @@ impl<'a> Film<'a> {
         PiezoFrame::from_scan(scan)
     }
 
-    /// Conductance of every taxel under `map`; false where none conducts.
+    /// Counts of every taxel under `map`, each by itself; false where none shows any.
     fn conduct(
         &mut self,
         map: &PressureMap,
+        asymptote: f64,
         force_back: impl Fn(f64) -> f64,
         out: &mut [f64; TAXELS],
     ) -> bool {
@@ -134,7 +134,8 @@ impl<'a> Film<'a> {
                 let shown = self.hysteresis.step(&mut taxel.plays, taxel.follow);
                 let shown = shown + unit.creep.step(&mut taxel.creep, shown, &self.creep_blend);
                 taxel.awake = shown > NOTHING_KPA;
-                out[cell] = unit.gain[cell] * self.conductance.at(shown);
+                let x = unit.gain[cell] * self.conductance.at(shown);
+                out[cell] = asymptote * x / (1.0 + x);
                 any |= taxel.awake;
             }
         }
@@ -145,12 +146,13 @@ impl<'a> Film<'a> {
     fn convert(&mut self, frame: usize, counts: &[f64; TAXELS], pickup_counts: f64) -> [u16; TAXELS] {
         let (unit, session) = (self.unit, &self.session);
         let own = unit.noise_counts * session.noise_factor;
-        let own = (own * own + (1.0 - ROW_SHARE) * pickup_counts * pickup_counts).sqrt();
+        let own = (own * own + (1.0 - ROW_SHARE) * pickup_counts * pickup_counts).sqrt() as f32;
         let shared = ROW_SHARE.sqrt() * pickup_counts;
         let hum = unit.mains_counts * session.mains_share * session.noise_factor;
         let t = (frame + 1) as f64 / FRAME_RATE_HZ as f64;
         let (sin, cos) = sincos(std::f64::consts::TAU * session.mains_hz * t + session.mains_phase);
-        let mut noise = [0.0; TAXEL_COLS];
+        let mut noise = [0.0; TAXELS];
+        noise::draws(&mut self.rng, &mut noise);
         let mut scan = [0; TAXELS];
         for row in 0..TAXEL_ROWS {
             let (row_cos, row_sin) = self.row_phase[row];
@@ -158,13 +160,10 @@ impl<'a> Film<'a> {
             if shared > 0.0 {
                 common += shared * self.rng.normal();
             }
-            noise::fill(&mut self.rng, &mut noise);
-            let cells = row * TAXEL_COLS..(row + 1) * TAXEL_COLS;
-            let levels = counts[cells.clone()].iter().zip(&unit.offset[cells.clone()]);
-            for ((value, (ideal, offset)), noise) in scan[cells].iter_mut().zip(levels).zip(noise) {
-                let level = ideal + offset + common + own * f64::from(noise);
-                // Rounded to the nearest count; the converter ends at 0 and at 4095.
-                *value = (level + 0.5).clamp(0.0, COUNT_MAX as f64) as i32 as u16;
+            let common = common as f32;
+            for cell in row * TAXEL_COLS..(row + 1) * TAXEL_COLS {
+                let level = counts[cell] as f32 + unit.offset[cell] + common + own * noise[cell];
+                scan[cell] = converted(level);
             }
         }
         scan
@@ -174,4 +173,13 @@ impl<'a> Film<'a> {
 /// How long before the tick a row is read.
 fn row_age_s(scan_s: f64, row: usize) -> f64 {
     scan_s * (TAXEL_ROWS - 1 - row) as f64 / TAXEL_ROWS as f64
+}
+
+/// What the converter reads: rounded to a count, ending at 0 and at 4095.
+#[inline]
+fn converted(level: f32) -> u16 {
+    // From 2^23 on a float holds integers, so the addition rounds and the mantissa is the count. Unlike a
+    // cast, it is done for several taxels at once.
+    const INTEGERS: f32 = 8_388_608.0;
+    ((level.clamp(0.0, COUNT_MAX as f32) + INTEGERS).to_bits() & 0xffff) as u16
 }

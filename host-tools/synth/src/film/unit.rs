@@ -70,7 +70,7 @@ pub(crate) struct FilmUnit {
     pub gain: Box<[f64; TAXELS]>,
     /// Idle level of each taxel, counts.
     #[serde(skip)]
-    pub offset: Box<[f64; TAXELS]>,
+    pub offset: Box<[f32; TAXELS]>,
     /// Taxels without conductance, as row and column.
     pub dead: Vec<[usize; 2]>,
     /// Taxels that read a level whatever happens: row, column, counts.
@@ -119,8 +119,8 @@ impl FilmUnit {
         let mains_counts = rng.between(MAINS_COUNTS.0, room);
         let mut offset = Box::new([0.0; TAXELS]);
         for level in offset.iter_mut() {
-            *level =
-                (offset_counts + OFFSET_SPREAD_COUNTS * rng.normal()).clamp(OFFSET_COUNTS.0, OFFSET_COUNTS.1);
+            let own = offset_counts + OFFSET_SPREAD_COUNTS * rng.normal();
+            *level = own.clamp(OFFSET_COUNTS.0, OFFSET_COUNTS.1) as f32;
         }
         Self {
             gain,

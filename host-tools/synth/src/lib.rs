@@ -11,6 +11,7 @@
 
 mod accelerometer;
 mod draw;
+mod field;
 mod friction;
 mod recipe;
 mod scenario;
@@ -36,7 +37,7 @@ use slipsense_episode::{Episode, Meta};
 use crate::contact::{Contact, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Stream, stream};
 use crate::film::Film;
-use crate::friction::{Interface, Pull, STEP_HZ};
+use crate::friction::{Interface, Pull, STEP_HZ, Sliding};
 use crate::recipe::Resolved;
 use crate::scenario::Plan;
 use crate::unit::Unit;
@@ -126,7 +127,7 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, lsb_g: f64) -> Meta {
         ("source", json!("synthetic, slipsense-synth")),
         ("licence", json!("CC0-1.0")),
         ("object", json!(what.object.name)),
-        ("held_out", json!(what.object.held_out)),
+        ("held_out", json!(what.object.held_out())),
         ("scenario", json!(what.scenario)),
         ("speed_mm_s", json!(what.speed_mm_s)),
         ("seed", json!(recipe.seed)),
@@ -204,7 +205,7 @@ impl<'a> Shared<'a> {
             32768.0 * self.lsb_g,
         );
         let mut rng = stream(seed, Stream::Friction, sensor);
-        let mut contact = Contact::draw(&mut rng, object, self.pose_of(sensor));
+        let mut contact = Contact::draw(&mut rng, object, self.pose_of(sensor), self.recipe.region);
         let mut interface = Interface::draw(&mut rng, object);
         let mut film = Film::new(&unit.film, stream(seed, Stream::Film, sensor));
         let grip: Vec<f64> = self.plan.timeline.grip_n.iter().map(|n| n * self.shares[sensor]).collect();
@@ -249,35 +250,40 @@ impl<'a> Shared<'a> {
         film: &mut Film<'_>,
     ) -> (Vec<PiezoFrame>, Slide) {
         let mut map = PressureMap::empty();
-        let (mut map_n, mut shear_n) = (0.0, 0.0);
+        let (mut map_n, mut sheared) = (0.0, Sliding::default());
         let mut slide = Slide::default();
-        let mut gripped_at_mm = 0.0;
+        let mut gripped_at_mm = [0.0; 2];
         let scans = (0..self.frames)
             .map(|frame| {
                 let steps = frame * STEPS..(frame + 1) * STEPS;
                 for (&force, &position_mm) in grip[steps.clone()].iter().zip(&self.plan.pull_mm[steps]) {
                     if map_n <= 0.0 && force > 0.0 {
                         gripped_at_mm = interface.position_mm();
-                        contact.place(0.0, [0.0; 2]);
-                        contact.pressures(force, 0.0, &mut map);
+                        contact.place([0.0; 2], 0.0, [0.0; 2]);
+                        contact.pressures(force, [0.0; 2], &mut map);
                         map_n = force;
                     }
                     let scale = if map_n > 0.0 { force / map_n } else { 0.0 };
-                    let pull = Pull { position_mm, stiffness_n_per_mm: self.plan.pull_n_per_mm };
-                    let sliding = interface.step(&map, scale, pull, 1.0 / STEP_HZ);
-                    shear_n = sliding.shear_n;
-                    slide.speed_mm_s.push(sliding.speed_mm_s);
-                    slide.fraction.push(sliding.fraction);
-                    slide.travel_mm.push(sliding.travel_mm);
+                    let pull = Pull {
+                        position_mm: [0.0, position_mm],
+                        stiffness_n_per_mm: self.plan.pull_n_per_mm,
+                        ..Pull::default()
+                    };
+                    sheared = interface.step(&map, scale, pull, 1.0 / STEP_HZ);
+                    slide.speed_mm_s.push(sheared.speed_mm_s);
+                    slide.fraction.push(sheared.fraction);
+                    slide.travel_mm.push(sheared.path_mm);
                     slide.grip_n.push(force);
                 }
                 let tick = (frame + 1) * STEPS;
                 let force = grip[tick];
                 if force > 0.0 {
                     let rock = self.rocking.at(tick as f64 / STEP_HZ, force / self.plan.base_n - 1.0);
-                    contact.place(slide.travel_mm[tick - 1] - gripped_at_mm, rock);
+                    let [x, y] = sheared.travel_mm;
+                    contact.place([x - gripped_at_mm[0], y - gripped_at_mm[1]], 0.0, rock);
                 }
-                let shear = if force > 0.05 { self.lean * shear_n / force } else { 0.0 };
+                let lean = if force > 0.05 { self.lean / force } else { 0.0 };
+                let shear = sheared.shear_n.map(|n| lean * n);
                 contact.pressures(force, shear, &mut map);
                 map_n = force;
                 interface.release_unloaded(&map);

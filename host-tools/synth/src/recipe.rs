@@ -190,7 +190,10 @@ impl Recipe {
         let (pick, dice, speed) = (rng.between(0.0, 1.0), rng.between(0.0, 1.0), rng.count(0, 4));
         let object = match &self.object {
             ObjectChoice::Named(name) => objects::named(name).ok_or_else(|| {
-                SynthError::Object(name.clone(), objects::CATALOGUE.each_ref().map(|o| o.name).join(", "))
+                SynthError::Object(
+                    name.clone(),
+                    objects::CATALOGUE.iter().map(|o| o.name).collect::<Vec<_>>().join(", "),
+                )
             })?,
             group => {
                 let group: Vec<_> = objects::group(*group == ObjectChoice::HeldOut).collect();

@@ -252,13 +252,13 @@ impl<'a> Shared<'a> {
         let mut map = PressureMap::empty();
         let (mut map_n, mut sheared) = (0.0, Sliding::default());
         let mut slide = Slide::default();
-        let mut gripped_at_mm = [0.0; 2];
+        let mut gripped_at = ([0.0; 2], 0.0);
         let scans = (0..self.frames)
             .map(|frame| {
                 let steps = frame * STEPS..(frame + 1) * STEPS;
                 for (&force, &position_mm) in grip[steps.clone()].iter().zip(&self.plan.pull_mm[steps]) {
                     if map_n <= 0.0 && force > 0.0 {
-                        gripped_at_mm = interface.position_mm();
+                        gripped_at = (interface.position_mm(), interface.turn_rad());
                         contact.place([0.0; 2], 0.0, [0.0; 2]);
                         contact.pressures(force, [0.0; 2], &mut map);
                         map_n = force;
@@ -279,8 +279,8 @@ impl<'a> Shared<'a> {
                 let force = grip[tick];
                 if force > 0.0 {
                     let rock = self.rocking.at(tick as f64 / STEP_HZ, force / self.plan.base_n - 1.0);
-                    let [x, y] = sheared.travel_mm;
-                    contact.place([x - gripped_at_mm[0], y - gripped_at_mm[1]], 0.0, rock);
+                    let shift = [0, 1].map(|axis| sheared.travel_mm[axis] - gripped_at.0[axis]);
+                    contact.place(shift, sheared.turn_rad - gripped_at.1, rock);
                 }
                 let lean = if force > 0.05 { self.lean / force } else { 0.0 };
                 let shear = sheared.shear_n.map(|n| lean * n);

@@ -29,10 +29,11 @@ pub use timeline::Event;
 
 use rayon::prelude::*;
 use serde_json::json;
-use slipsense::params::{FRAME_RATE_HZ, XL_RATE_HZ};
+use slipsense::params::FRAME_RATE_HZ;
 use slipsense::sensor::{PiezoFrame, XlSample};
 use slipsense_episode::{Episode, Meta};
 
+use crate::accelerometer::XlSession;
 use crate::contact::{Contact, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Stream, stream};
 use crate::film::Film;
@@ -40,7 +41,7 @@ use crate::friction::{Interface, Pull, STEP_HZ};
 use crate::recipe::Resolved;
 use crate::scenario::Plan;
 use crate::unit::Unit;
-use crate::vibration::{Carriage, Clock, Excitation, Slide, Sound};
+use crate::vibration::{Scene, Slide, Sound};
 
 /// Why a recipe cannot be generated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -151,17 +152,42 @@ struct Shared<'a> {
     /// Share of the grip that each sensor carries.
     shares: [f64; 3],
     sound: Sound,
-    carriage: Carriage,
+    /// Speed of dragging, [`STEP_HZ`] values per second.
+    drag_mm_s: Vec<f64>,
     lsb_g: f64,
-    /// Samples that every accelerometer delivers, enough for the fastest clock.
-    samples: usize,
+}
+
+/// Speed at which a gripped object is dragged over something at full strength, mm/s.
+const DRAG_MM_S: f64 = 40.0;
+
+/// What the vibration needs of recipe and plan.
+fn scene<'a>(recipe: &Recipe, what: &Resolved, plan: &'a Plan, drag_mm_s: &'a [f64]) -> Scene<'a> {
+    let line = &plan.timeline;
+    Scene {
+        platform: recipe.platform,
+        model: recipe.vibration,
+        heard: recipe.heard,
+        rig_leak: recipe.rig_leak,
+        hand_held: plan.hand_held,
+        linked: plan.linked,
+        object: what.object,
+        grip_n: &line.grip_n,
+        crosshead_mm: &line.crosshead_mm,
+        jaw: &line.jaw,
+        motor: &line.jaw,
+        drag: &line.drag,
+        drag_mm_s,
+        pulses: &line.pulses,
+    }
 }
 
 impl<'a> Shared<'a> {
     fn draw(recipe: &'a Recipe, what: &'a Resolved, plan: &'a Plan, frames: usize) -> Self {
         let mut rng = stream(recipe.seed, Stream::Contact, 0);
         let split = rng.between(0.35, 0.65);
-        let fastest = XL_RATE_HZ as f64 * 1.01;
+        let drag_mm_s: Vec<f64> = plan.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
+        let scene = scene(recipe, what, plan, &drag_mm_s);
+        let sound = Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
         Self {
             recipe,
             what,
@@ -176,10 +202,9 @@ impl<'a> Shared<'a> {
             lean: rng.between(0.1, 0.6),
             rocking: Rocking::draw(&mut rng),
             shares: if recipe.sensors == 3 { [1.0, split, 1.0 - split] } else { [1.0; 3] },
-            sound: Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), what.object),
-            carriage: Carriage::draw(&mut rng, plan.hand_held),
+            sound,
+            drag_mm_s,
             lsb_g: if rng.chance(0.5) { 0.488e-3 } else { 0.244e-3 },
-            samples: (frames as f64 / FRAME_RATE_HZ as f64 * fastest).ceil() as usize + 1,
         }
     }
 
@@ -197,12 +222,8 @@ impl<'a> Shared<'a> {
 
     fn sensor(&self, sensor: usize) -> Sensor {
         let (seed, object) = (self.recipe.seed, self.what.object);
-        let unit = Unit::draw(
-            &mut stream(seed, Stream::Unit, sensor),
-            self.recipe.noise,
-            XL_RATE_HZ as f64,
-            32768.0 * self.lsb_g,
-        );
+        let unit =
+            Unit::draw(&mut stream(seed, Stream::Unit, sensor), self.recipe.noise, self.recipe.platform);
         let mut rng = stream(seed, Stream::Friction, sensor);
         let mut contact = Contact::draw(&mut rng, object, self.pose_of(sensor));
         let mut interface = Interface::draw(&mut rng, object);
@@ -211,17 +232,11 @@ impl<'a> Shared<'a> {
         let (scans, slide) = self.touch(&grip, &mut contact, &mut interface, &mut film);
 
         let mut rng = stream(seed, Stream::Vibration, 1 + sensor);
-        let start = rng.between(0.0, 1.0);
-        let clock =
-            Clock { rate_hz: unit.xl.rate_hz, start_s: start / unit.xl.rate_hz, samples: self.samples };
-        let mut excitation = Excitation::new(self.plan, &self.sound, &slide, clock);
-        let mut pulses = self.plan.timeline.pulses.clone();
-        excitation.slip(&mut rng);
-        excitation.stick_slip(&mut rng, &mut pulses);
-        excitation.disturbances(&mut rng);
-        excitation.impacts(&pulses, sensor);
-        let mut motion_g = excitation.respond(&unit.modes, unit.coupling);
-        self.carriage.add(clock, &mut motion_g);
+        let modes = unit.modes.in_grasp(&mut rng, self.recipe.region);
+        let session = XlSession::draw(&mut rng, self.recipe.noise);
+        let clock = session.clock(&unit.xl, self.frames as f64 / FRAME_RATE_HZ as f64);
+        let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
+        let motion_g = self.sound.motion_g(&scene, &slide, &modes, sensor, clock, &mut rng);
 
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
@@ -230,11 +245,13 @@ impl<'a> Shared<'a> {
             scans,
             xl: accelerometer::sample(
                 &unit.xl,
+                &session,
+                clock,
                 self.lsb_g,
                 &motion_g,
                 &mut stream(seed, Stream::Accelerometer, sensor),
             ),
-            xl_end: accelerometer::ends(&unit.xl, start, self.frames, FRAME_RATE_HZ as f64),
+            xl_end: clock.ends(self.frames, FRAME_RATE_HZ as f64),
             slip_mm_s: per_frame(&slide.speed_mm_s),
             fraction: per_frame(&slide.fraction),
         }
@@ -251,7 +268,8 @@ impl<'a> Shared<'a> {
         let mut map = PressureMap::empty();
         let (mut map_n, mut shear_n) = (0.0, 0.0);
         let mut slide = Slide::default();
-        let mut gripped_at_mm = 0.0;
+        let (mut gripped_at_mm, mut travel_mm, mut path_mm) = (0.0, 0.0, 0.0);
+        let mut direction = [0.0, 1.0];
         let scans = (0..self.frames)
             .map(|frame| {
                 let steps = frame * STEPS..(frame + 1) * STEPS;
@@ -268,14 +286,20 @@ impl<'a> Shared<'a> {
                     shear_n = sliding.shear_n;
                     slide.speed_mm_s.push(sliding.speed_mm_s);
                     slide.fraction.push(sliding.fraction);
-                    slide.travel_mm.push(sliding.travel_mm);
+                    path_mm += sliding.speed_mm_s / STEP_HZ;
+                    slide.path_mm.push(path_mm);
+                    if sliding.travel_mm != travel_mm {
+                        direction = [0.0, if sliding.travel_mm > travel_mm { 1.0 } else { -1.0 }];
+                    }
+                    slide.direction.push(direction);
+                    travel_mm = sliding.travel_mm;
                     slide.grip_n.push(force);
                 }
                 let tick = (frame + 1) * STEPS;
                 let force = grip[tick];
                 if force > 0.0 {
                     let rock = self.rocking.at(tick as f64 / STEP_HZ, force / self.plan.base_n - 1.0);
-                    contact.place(slide.travel_mm[tick - 1] - gripped_at_mm, rock);
+                    contact.place(travel_mm - gripped_at_mm, rock);
                 }
                 let shear = if force > 0.05 { self.lean * shear_n / force } else { 0.0 };
                 contact.pressures(force, shear, &mut map);

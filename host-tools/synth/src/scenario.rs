@@ -103,7 +103,7 @@ fn on_the_rig(rng: &mut Rng, what: &Resolved, seconds: Option<f64>) -> Plan {
 
     let empty = what.scenario == ScenarioChoice::Empty;
     let firm = what.scenario == ScenarioChoice::FirmGrip;
-    line.close(rng, p.idle, touch, !empty);
+    line.close(rng, p.idle, touch);
     if !empty {
         line.grip(rng, if firm { 1.3 * base } else { base }, (touch, held), (release, release + p.fall));
         line.grip_changes(rng, (held, moves), 0.8);
@@ -172,7 +172,7 @@ fn free_grasp(rng: &mut Rng, what: &Resolved, seconds: Option<f64>) -> Plan {
         let held = touch + p.rise;
         let release = held + p.vary + p.moving + p.after;
         let base = grip(rng);
-        line.close(rng, start + p.idle, touch, true);
+        line.close(rng, start + p.idle, touch);
         line.grip(rng, base, (touch, held), (release, release + p.fall));
         line.grip_changes(rng, (held, release), 0.7);
         line.open(rng, release + p.fall, release + p.fall + p.opening, true);

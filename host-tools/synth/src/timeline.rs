@@ -6,6 +6,7 @@ use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
+use crate::vibration::{TAP_PEAK_G, TAP_WIDTH_S};
 
 /// Something that happens, for the manifest in the episode's metadata.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -90,7 +91,7 @@ impl Timeline {
         });
     }
 
-    /// Rail friction of the moving jaws, with a click or two.
+    /// The jaws move; the vibration makes rail friction and clicks of it.
     fn travel(&mut self, rng: &mut Rng, from: f64, to: f64) {
         let steps = self.steps();
         let (rise, fall) = (from + 0.3 * (to - from), to - 0.1 * (to - from));
@@ -99,27 +100,12 @@ impl Timeline {
             let shape = ramp(t, from, rise) * (1.0 - ramp(t, fall, to));
             self.jaw[i] += shape * (0.75 + 0.25 * sin(std::f64::consts::TAU * wobble.0 * t + wobble.1));
         }
-        for _ in 0..rng.count(0, 2) {
-            let (at, width, peak) =
-                (rng.between(from, to), rng.log_between(1e-3, 5e-3), rng.log_between(0.03, 0.3));
-            self.pulse(rng, at, width, peak);
-        }
     }
 
-    /// Jaws travel from `from` to `to`; if there is an object they hit it then, each in its moment.
-    pub(crate) fn close(&mut self, rng: &mut Rng, from: f64, to: f64, object: bool) {
+    /// Jaws travel from `from` to `to`. What they hit then is the vibration's matter.
+    pub(crate) fn close(&mut self, rng: &mut Rng, from: f64, to: f64) {
         self.event("close", from, to);
         self.travel(rng, from, to);
-        if object {
-            for sensor in 0..MAX_SENSORS {
-                let mut share = [0.15; MAX_SENSORS];
-                share[sensor] = 1.0;
-                let at_s = to + rng.between(-0.01, 0.02);
-                let width_s = rng.log_between(1e-3, 12e-3);
-                let peak_g = rng.log_between(0.1, 2.0);
-                self.pulses.push(Pulse { at_s, width_s, peak_g, direction: rng.direction(), share });
-            }
-        }
     }
 
     /// Jaws let go at `from` and travel until `to`: release knocks, ring-down, end stop.
@@ -197,7 +183,7 @@ impl Timeline {
 
     /// One impact with a name.
     pub(crate) fn knock(&mut self, rng: &mut Rng, name: &'static str, at_s: f64, lo_g: f64, hi_g: f64) {
-        let (width, peak) = (rng.log_between(0.3e-3, 6e-3), rng.log_between(lo_g, hi_g));
+        let (width, peak) = (rng.log_between(TAP_WIDTH_S.0, TAP_WIDTH_S.1), rng.log_between(lo_g, hi_g));
         self.event(name, at_s, at_s + width);
         self.pulse(rng, at_s, width, peak);
     }
@@ -210,7 +196,7 @@ impl Timeline {
         let mut at = rng.between(from, to - 0.05);
         for _ in 0..rng.count(1, 4) {
             if at < to {
-                self.knock(rng, "tap", at, 0.05, 2.0);
+                self.knock(rng, "tap", at, TAP_PEAK_G.0, TAP_PEAK_G.1);
             }
             at += rng.between(0.06, 0.3);
         }

@@ -12,6 +12,7 @@
 mod accelerometer;
 pub mod contact;
 mod draw;
+mod field;
 pub mod film;
 mod finger;
 mod friction;
@@ -128,7 +129,9 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
     };
     let slips = slips(&plan, &displacement_mm, &slip_true_mm_s, &slip_fraction);
     let label = labels::label(&piezo, sensors, &slips);
-    let mut meta = meta(recipe, &what, &plan, &shared);
+    let mut events = plan.timeline.events.clone();
+    events.extend(fingers.iter().flat_map(|finger| finger.faults.iter().cloned()));
+    let mut meta = meta(recipe, &what, &plan, &shared, &events);
     meta.other.insert(
         "slip_frames_without_contact".to_owned(),
         labels::slip_without_contact(&label, &slips).into(),
@@ -178,7 +181,7 @@ pub fn generate_set<T: Send>(
     recipes.par_iter().enumerate().map(|(i, recipe)| Ok(each(i, generate(recipe)?))).collect()
 }
 
-fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> Meta {
+fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>, events: &[Event]) -> Meta {
     let mut meta = Meta::nominal(shared.lsb_g);
     for (key, value) in [
         ("platform", json!(what.platform.name())),
@@ -187,7 +190,7 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> M
         ("licence", json!("CC0-1.0")),
         ("object", json!(what.object.name)),
         ("object_kind", json!(what.object.kind)),
-        ("held_out", json!(what.object.held_out)),
+        ("held_out", json!(what.object.held_out())),
         ("scenario", json!(what.scenario)),
         ("region", json!(what.region)),
         ("speed_mm_s", json!(what.pulls().then_some(what.speed_mm_s))),
@@ -197,7 +200,7 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> M
         ("label_rule", json!(plan.rule)),
         ("seed", json!(recipe.seed)),
         ("recipe", json!(recipe)),
-        ("events", json!(plan.timeline.events)),
+        ("events", json!(events)),
     ] {
         meta.other.insert(key.to_owned(), value);
     }

@@ -263,7 +263,7 @@ impl Platform {
 
 fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     objects::named(name).ok_or_else(|| {
-        SynthError::Object(name.to_owned(), objects::CATALOGUE.each_ref().map(|o| o.name).join(", "))
+        SynthError::Object(name.to_owned(), objects::CATALOGUE.iter().map(|o| o.name).collect::<Vec<_>>().join(", "))
     })
 }
 

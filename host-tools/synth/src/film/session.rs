@@ -108,7 +108,6 @@ impl FilmSession {
     }
 
     /// The same as events of the recording.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for the scenario's log of events"))]
     pub(crate) fn events(&self, frames: usize) -> Vec<Event> {
         let seconds = |frame: usize| frame as f64 / FRAME_RATE_HZ as f64;
         let event = |fault: &Fault| Event {

@@ -46,8 +46,8 @@ const ELEMENT_MM: f64 = 0.45;
 /// Parts of the face further than this below its top never touch: more than a layer is thick, plus what
 /// a tilt of 3° lifts over half the pad.
 const REACH_MM: f64 = 2.5;
-/// A move by less than this since the gaps were last worked out leaves them alone: it changes pressures
-/// by less than a thousandth.
+/// A move by less than this since the gaps were last worked out leaves them alone: less than a
+/// thousandth of the pitch of the cells.
 const STILL_MM: f64 = 2e-4;
 
 /// Where an object lies on a pad.

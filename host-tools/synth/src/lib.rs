@@ -21,10 +21,12 @@ pub mod contact;
 pub mod film;
 pub mod labels;
 pub mod objects;
+pub mod splits;
 
 pub use recipe::{
     Heard, ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationModel,
 };
+pub use splits::{Split, content_hash};
 pub use timeline::Event;
 
 use rayon::prelude::*;
@@ -72,6 +74,13 @@ struct Sensor {
     xl_end: Vec<u32>,
     slip_mm_s: Vec<f64>,
     fraction: Vec<f64>,
+}
+
+/// Number of frames that [`generate`] makes of a recipe, without simulating them.
+pub fn plan_frames(recipe: &Recipe) -> Result<usize, SynthError> {
+    let what = recipe.resolve()?;
+    let plan = scenario::plan(&mut stream(recipe.seed, Stream::Scenario, 0), &what, recipe.seconds);
+    Ok((plan.seconds * FRAME_RATE_HZ as f64).floor() as usize)
 }
 
 /// Generate one episode.

@@ -11,8 +11,9 @@ use zip::{CompressionMethod, DateTime, System, ZipWriter};
 /// Entries from this size on get 64-bit sizes; a deflated entry can be slightly larger than its data.
 const LARGE_BYTES: u64 = 4_000_000_000;
 
-/// Level 9 makes an episode 4 % smaller and takes ten times as long.
-const LEVEL: i64 = 6;
+/// Measured on synthetic episodes of two sensors: 8 ms per second of signal and 226 kB; level 6 takes
+/// 22 ms for 209 kB, level 1 5 ms for 381 kB.
+const LEVEL: i64 = 3;
 
 /// An archive being written.
 pub struct Writer<W: Write + Seek> {

@@ -57,8 +57,8 @@ pub fn set_hash<'a>(hashes: impl IntoIterator<Item = &'a str>) -> String {
     hex(&hash.finalize())
 }
 
-/// The recipe that an episode's metadata carries.
-pub(crate) fn recipe_of(episode: &Episode) -> Option<Recipe> {
+/// The recipe that an episode's metadata carries, if one does.
+pub fn recipe_of(episode: &Episode) -> Option<Recipe> {
     episode.meta.other.get("recipe").and_then(|recipe| serde_json::from_value(recipe.clone()).ok())
 }
 

@@ -7,11 +7,13 @@
 mod course;
 mod frozen;
 mod hash;
+mod hashes;
 mod set;
 
 pub use course::{MIX, episode_seed};
 pub use frozen::{FROZEN_SEED, FrozenEpisode, FrozenSet};
-pub use hash::{content_hash, set_hash};
+pub use hash::{content_hash, recipe_of, set_hash};
+pub use hashes::{EpisodeHash, SetHashes};
 pub use set::{EpisodeSet, FORMAT, PlannedEpisode, SetError, paper_set, recipes};
 
 use std::fmt;

@@ -307,8 +307,8 @@ fn write_whole(file: &Path, text: &str) -> io::Result<()> {
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let mut partial = builder.tempfile_in(file.parent().unwrap_or(Path::new(".")))?;
-    partial.write_all(text.as_bytes())?;
-    partial.persist(file)?;
+    partial.as_file_mut().write_all(text.as_bytes())?;
+    partial.persist(file).map_err(|error| error.error)?;
     Ok(())
 }
 

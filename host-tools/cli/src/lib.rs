@@ -10,6 +10,7 @@ mod table;
 pub mod picture;
 pub mod report;
 pub mod output_dir;
+mod set_dir;
 pub mod bundled;
 pub mod commands;
 
@@ -34,9 +35,10 @@ Examples:
   slipsense demo                                  a slip detected in a bundled synthetic episode
   slipsense run grasp.npz --out out/grasp         the same for a file of your own
   slipsense run grasp.npz --out out/grasp --json | jq .truth.events
-  slipsense synth --episodes 20 --objects held-out --seed 7 --out out/episodes
+  slipsense synth --split umi_ood --out out/umi_ood
 
-Errors are one line on standard error and exit code 2; a command that fails leaves no output behind.";
+Errors are one line on standard error and exit code 2; a command that fails leaves no output behind,
+but for the finished episodes of `synth`, which goes on from them.";
 
 #[derive(Parser)]
 #[command(name = "slipsense", version, about = ABOUT, long_about = LONG_ABOUT, after_help = EXAMPLES)]

@@ -105,7 +105,7 @@ pub fn check_file(path: &Path) -> Result<()> {
 }
 
 /// Make a folder and what is missing above it, keeping note of what was made.
-fn make_folders(folder: &Path, made: &mut Vec<PathBuf>) -> io::Result<()> {
+pub(crate) fn make_folders(folder: &Path, made: &mut Vec<PathBuf>) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
@@ -117,7 +117,7 @@ fn make_folders(folder: &Path, made: &mut Vec<PathBuf>) -> io::Result<()> {
     Ok(())
 }
 
-fn remove_folders(made: &[PathBuf]) {
+pub(crate) fn remove_folders(made: &[PathBuf]) {
     for folder in made.iter().rev() {
         // Only an empty folder goes; one that somebody else used meanwhile stays.
         let _ = fs::remove_dir(folder);

@@ -152,7 +152,8 @@ fn folders_that_cannot_be_written() {
     }
     for target in targets {
         let shown = target.display().to_string();
-        for command in [vec!["run".into(), episode.clone()], vec!["demo".into()], vec!["synth".into()]] {
+        let synth = ["synth", "--split", "val", "--frames", "1"].map(Into::into).to_vec();
+        for command in [vec!["run".into(), episode.clone()], vec!["demo".into()], synth] {
             let error = fails(command.into_iter().chain(["--out".into(), target.clone()]));
             assert!(error.starts_with(&shown), "{error} names {shown}");
         }
@@ -206,9 +207,6 @@ fn recipes_that_cannot_be_generated() {
             fails(["synth".into(), "--recipe".into(), recipe.clone(), "--out".into(), place.path("e.npz")]);
         assert!(error.contains(rule) && error.contains(&recipe.display().to_string()), "{error}");
     }
-    let error =
-        fails(["synth".into(), "--sensors".into(), "0".into(), "--out".into(), place.path("out/deep")]);
-    assert!(error.contains("sensors is 0"), "{error}");
     assert_eq!(place.names(), ["r.json"]);
 }
 

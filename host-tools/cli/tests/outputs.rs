@@ -201,31 +201,6 @@ fn the_bundled_model_is_a_trained_one() {
 }
 
 #[test]
-fn synth_is_repeatable_and_respects_its_options() {
-    let place = Place::new();
-    let set = |name: &str, count: &str| {
-        let out = place.path(name);
-        let args = ["synth", "--episodes", count, "--objects", "held-out", "--sensors", "1", "--seed", "3"];
-        succeeds(args.map(Into::into).into_iter().chain(["--out".into(), out.clone()]));
-        out
-    };
-    let (a, b) = (set("a", "2"), set("b", "1"));
-    assert_eq!(names(&a), ["episode-00000.npz", "episode-00001.npz"]);
-    let bytes = |folder: &Path, name: &str| fs::read(folder.join(name)).unwrap();
-    let first = bytes(&a, "episode-00000.npz");
-    assert_eq!(first, bytes(&b, "episode-00000.npz"), "the seed decides");
-    assert_ne!(first, bytes(&a, "episode-00001.npz"));
-    let episode = Episode::read(a.join("episode-00001.npz")).unwrap();
-    assert_eq!((episode.sensors, &episode.meta.other["held_out"]), (1, &Value::Bool(true)));
-
-    // The recipe that an episode carries makes it again.
-    let recipe = place.file("r.json", episode.meta.other["recipe"].to_string());
-    let again = place.path("again.npz");
-    succeeds(["synth".into(), "--recipe".into(), recipe, "--out".into(), again.clone()]);
-    assert_eq!(fs::read(again).unwrap(), fs::read(a.join("episode-00001.npz")).unwrap());
-}
-
-#[test]
 fn help_teaches() {
     let help = succeeds(["--help"]);
     for command in ["demo", "run", "features", "synth", "train", "quantize", "Examples:"] {

@@ -22,6 +22,7 @@ pub mod mix;
 pub mod objects;
 mod recipe;
 mod scenario;
+pub mod splits;
 mod timeline;
 mod unit;
 mod vibration;
@@ -29,6 +30,7 @@ mod vibration;
 pub use recipe::{
     Heard, ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationModel,
 };
+pub use splits::{Split, content_hash};
 pub use timeline::Event;
 
 use std::ops::Range;

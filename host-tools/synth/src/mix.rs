@@ -2,41 +2,33 @@
 
 use crate::recipe::ScenarioChoice::{self, *};
 
-/// Scenarios with their shares of the recordings (not of the time).
+/// Scenarios with their weights: how many recordings in a round are of each (not how much of the time).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mix(&'static [(ScenarioChoice, f64)]);
+pub struct Mix(&'static [(ScenarioChoice, usize)]);
 
 /// The paper's protocol on the rig: six steps, its three controls, and two more that it lacks (pulls on a
 /// firm grip and a rig that moves for nothing), without which the sound of the rig alone tells slip. The
-/// shares are set so that 57.6 % of the frames have no contact and 23.7 % slip, as in the paper, and so
+/// weights are set so that 57.6 % of the frames have no contact and 23.7 % slip, as in the paper, and so
 /// that no contact stays the likeliest class at any time of a recording and whether or not the crosshead
-/// moves. [`ScenarioChoice::Random`] draws from it.
-pub const PROTOCOL: Mix = Mix(&[
-    (SixStep, 0.80),
-    (Empty, 0.06),
-    (Unlinked, 0.04),
-    (FreeGrasp, 0.03),
-    (FirmGrip, 0.04),
-    (RigMotion, 0.03),
-]);
+/// moves. [`ScenarioChoice::Random`] draws from it, and the splits deal it in rounds.
+pub const PROTOCOL: Mix =
+    Mix(&[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)]);
 
 /// Away from the rig: pulls by hand in any direction, twists, hand-held work.
-pub const FREE: Mix = Mix(&[(FreePull, 0.4), (Rotation, 0.2), (HandHeld, 0.25), (FreeGrasp, 0.15)]);
-
-/// Nothing slips, ever: for counting false alarms.
-pub const WITHOUT_SLIP: Mix = Mix(&[(Disturbances, 1.0)]);
+pub const FREE: Mix = Mix(&[(FreePull, 8), (Rotation, 4), (HandHeld, 5), (FreeGrasp, 3)]);
 
 impl Mix {
-    /// The scenarios and their shares, which sum to 1.
-    pub const fn shares(&self) -> &'static [(ScenarioChoice, f64)] {
+    /// The scenarios and their weights.
+    pub const fn weights(&self) -> &'static [(ScenarioChoice, usize)] {
         self.0
     }
 
-    /// The scenario at position `x` of the cumulated shares, 0 to 1.
+    /// The scenario at position `x` of the cumulated weights, 0 to 1.
     pub fn at(&self, x: f64) -> ScenarioChoice {
-        let mut left = x;
-        for &(scenario, share) in self.0 {
-            left -= share;
+        let total: usize = self.0.iter().map(|s| s.1).sum();
+        let mut left = x * total as f64;
+        for &(scenario, weight) in self.0 {
+            left -= weight as f64;
             if left < 0.0 {
                 return scenario;
             }
@@ -50,13 +42,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_sum_to_one_and_every_scenario_is_drawn() {
-        for mix in [PROTOCOL, FREE, WITHOUT_SLIP] {
-            let sum: f64 = mix.shares().iter().map(|s| s.1).sum();
-            println!("sum of shares {sum}");
-            assert!((sum - 1.0).abs() < 1e-9);
-            for &(scenario, share) in mix.shares() {
+    fn every_scenario_is_drawn_as_often_as_it_weighs() {
+        for mix in [PROTOCOL, FREE] {
+            let total: usize = mix.weights().iter().map(|s| s.1).sum();
+            for &(scenario, weight) in mix.weights() {
                 let drawn = (0..10_000).filter(|&i| mix.at(i as f64 / 1e4) == scenario).count();
+                let share = weight as f64 / total as f64;
+                println!("{scenario:?}: {drawn} of 10000, weight {share:.3}");
                 assert!((drawn as f64 / 1e4 - share).abs() < 1e-3, "{scenario:?}: {drawn} of 10000");
             }
         }

@@ -1,44 +1,80 @@
 //! `slipsense synth`: labelled synthetic episodes.
 
+use std::cmp::Reverse;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::Instant;
 
-use anyhow::{Context, Result};
-use clap::{Args as ClapArgs, ValueEnum};
-use slipsense_synth::{ObjectChoice, Recipe, generate, generate_set};
+use anyhow::{Context, Result, bail};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{ArgGroup, Args as ClapArgs};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use slipsense::params::FRAME_RATE_HZ;
+use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, PAPER_FRAMES, paper_set};
+use slipsense_synth::{Recipe, Split, content_hash, generate};
 
-use crate::output_dir::{OutputDir, check_file};
+use crate::output_dir::check_file;
+use crate::set_dir::{SetDir, Shard};
 
 /// Generate labelled synthetic episodes
 ///
 /// Contact, grip changes, partial slip, finger vibration and sensor noise by a physical model. What it
 /// makes is synthetic, says so in its metadata, and carries no claim about a real gripper. The same
-/// recipe or seed makes the same episode.
+/// recipe makes the same episode; the same split, seed and frames make the same set.
 #[derive(ClapArgs)]
+#[command(group = ArgGroup::new("set").args(["split", "all"]))]
 #[command(after_help = "\
+Splits:
+  train      objects for training, hand-held gripper with two fingers
+  val        objects of its own, for choosing operating points
+  umi_id     test: objects of training, new grasps
+  umi_ood    test: objects never trained on
+  umi_quiet  the episodes of umi_id and umi_ood without the sound of the crosshead's drive
+  palm       test: objects never trained on, held towards the palm
+  tesollo2   test: another hand, two fingers
+  tesollo3   test: another hand, three fingers
+  noslip     test: long episodes without slip, for false alarms per hour
+
+Written to --out: set.json (which set, every recipe), SPLIT-00000.npz and so on, and, when all episodes
+are there, hashes.json (what they hold). The same command again goes on where a run was cut off. Parts
+made by several processes or machines (--shard) belong into one folder; the last one finishes the set.
+Test splits without --frames and --seed are the frozen test sets, and are compared with them.
+
 A recipe is JSON; only `seed` must be there:
   {\"seed\": 7, \"object\": \"held_out\", \"scenario\": \"six_step\", \"sensors\": 2, \"speed_mm_s\": 5}
 
 Examples:
-  slipsense synth --recipe recipe.json --out episode.npz
-  slipsense synth --episodes 100 --objects train --seed 1 --sensors 2 --out out/train")]
+  slipsense synth --split umi_ood --out out/umi_ood
+  slipsense synth --split train --frames 600000 --seed 1 --out out/train --shard 2/4
+  slipsense synth --all --out out/data
+  slipsense synth --verify --out out/data
+  slipsense synth --recipe recipe.json --out episode.npz")]
 pub struct Args {
-    /// Recipe of one episode; --out is then a file
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["episodes", "objects", "seed", "sensors"])]
+    /// Split to make; --out is a folder
+    #[arg(long, value_name = "NAME", value_parser = split_parser(), conflicts_with = "all")]
+    #[arg(required_unless_present_any = ["all", "recipe", "verify"])]
+    split: Option<Split>,
+    /// Make the paper-sized set: 1.4 million frames of all splits in folders inside --out
+    #[arg(long)]
+    all: bool,
+    /// Frames to make at least; the last episode is whole. Test splits: those of the frozen set
+    #[arg(long, value_name = "N", requires = "set", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    frames: Option<u64>,
+    /// Seed of the set
+    #[arg(long, value_name = "K", requires = "set")]
+    seed: Option<u64>,
+    /// Make only part I of N of the episodes
+    #[arg(long, value_name = "I/N", requires = "set", value_parser = Shard::parse, conflicts_with = "verify")]
+    shard: Option<Shard>,
+    /// Read all episodes again and compare them with hashes.json; alone, make none
+    #[arg(long)]
+    verify: bool,
+    /// Recipe of one episode; --out is a file
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["set", "verify"])]
     recipe: Option<PathBuf>,
-    /// How many episodes to draw; --out is then a folder
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    episodes: u32,
-    /// Which objects of the catalogue to draw from
-    #[arg(long, value_enum, default_value_t = Objects::Train)]
-    objects: Objects,
-    /// Seed of every draw
-    #[arg(long, value_name = "K", default_value_t = 0)]
-    seed: u64,
-    /// Sensors of the gripper, 1 to 3
-    #[arg(long, value_name = "S", default_value_t = 2)]
-    sensors: usize,
-    /// File (with --recipe) or folder (without) to write
+    /// Folder, or with --recipe file, to write
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
     /// Print what was written as JSON
@@ -46,59 +82,185 @@ pub struct Args {
     json: bool,
 }
 
-/// Groups of the object catalogue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Objects {
-    /// Objects that training may see
-    Train,
-    /// Objects that training must never see
-    HeldOut,
+fn split_parser() -> impl TypedValueParser<Value = Split> {
+    PossibleValuesParser::new(Split::ALL.map(Split::name)).try_map(|name| name.parse::<Split>())
 }
 
 impl Args {
     pub(crate) fn run(self) -> Result<()> {
-        match &self.recipe {
-            Some(recipe) => self.one(recipe),
-            None => self.many(),
+        if let Some(recipe) = &self.recipe {
+            return self.one(recipe);
         }
+        let start = Instant::now();
+        let mut dirs = self.sets()?;
+        let makes = self.split.is_some() || self.all;
+        let made = if makes { self.make(&mut dirs)? } else { Made::none(&dirs) };
+        if self.verify {
+            let frames = dirs.iter().map(|dir| dir.set.total_frames()).sum();
+            let progress = super::progress(frames, "frames checked", self.json);
+            for dir in &dirs {
+                dir.verify(|frames| progress.inc(frames as u64))?;
+            }
+            progress.finish_and_clear();
+        }
+        self.report(&dirs, &made, start)
     }
 
-    fn one(&self, path: &PathBuf) -> Result<()> {
+    fn one(&self, path: &Path) -> Result<()> {
         check_file(&self.out)?;
         let text = fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))?;
         let recipe: Recipe =
             serde_json::from_str(&text).with_context(|| format!("{}: not a recipe", path.display()))?;
         let episode = generate(&recipe).with_context(|| path.display().to_string())?;
         episode.write(&self.out)?;
-        self.done(1)
-    }
-
-    fn many(&self) -> Result<()> {
-        let object = match self.objects {
-            Objects::Train => ObjectChoice::Train,
-            Objects::HeldOut => ObjectChoice::HeldOut,
-        };
-        let recipe = Recipe { object, sensors: self.sensors, ..Recipe::new(self.seed) };
-        let recipes = recipe.series(self.episodes as usize);
-        let out = OutputDir::prepare(&self.out)?;
-        let progress = super::progress(recipes.len(), "episodes", self.json);
-        let written = generate_set(&recipes, |i, episode| {
-            let written = episode.write(out.path(&format!("episode-{i:05}.npz")));
-            progress.inc(1);
-            written
-        })?;
-        written.into_iter().collect::<Result<(), _>>()?;
-        out.commit()?;
-        progress.finish_and_clear();
-        self.done(recipes.len())
-    }
-
-    fn done(&self, episodes: usize) -> Result<()> {
         let out = self.out.display().to_string();
         if self.json {
-            return super::print_json(&serde_json::json!({"episodes": episodes, "out": out}));
+            return super::print_json(&json!({"episodes": 1, "frames": episode.frames(), "out": out}));
         }
-        let plural = if episodes == 1 { "" } else { "s" };
-        super::print(&format!("{episodes} synthetic episode{plural}: {out}\n"))
+        super::print(&format!("1 synthetic episode, {} frames: {out}\n", episode.frames()))
+    }
+
+    /// The sets to make or to check, and that their folders can hold them.
+    fn sets(&self) -> Result<Vec<SetDir>> {
+        let seed = self.seed.unwrap_or(FROZEN_SEED);
+        let frames = self.frames.map(|frames| frames as usize);
+        if self.all {
+            let sets = paper_set(seed, frames.unwrap_or(PAPER_FRAMES));
+            if self.out.exists() && !self.out.is_dir() {
+                bail!("{}: is a file, the output must be a folder", self.out.display());
+            }
+            return sets
+                .into_iter()
+                .map(|set| SetDir::check(&self.out.join(set.split.name()), set))
+                .collect();
+        }
+        if let Some(split) = self.split {
+            let frames = match frames {
+                Some(frames) => frames,
+                None if split == Split::Train => {
+                    bail!("--frames: split train has no size of its own, say one")
+                }
+                None => split.frozen()?.frames,
+            };
+            return Ok(vec![SetDir::check(&self.out, EpisodeSet::new(split, seed, frames))?]);
+        }
+        let inside = Split::ALL.map(|split| self.out.join(split.name()));
+        let found = std::iter::once(&self.out).chain(&inside).map(|path| SetDir::open(path));
+        let found: Vec<SetDir> = found.filter_map(Result::transpose).collect::<Result<_>>()?;
+        if found.is_empty() {
+            bail!("{}: holds no set (no set.json here or in a folder named as a split)", self.out.display());
+        }
+        Ok(found)
+    }
+
+    /// Make what is missing, the longest episodes first, so that all cores are busy to the end.
+    fn make(&self, dirs: &mut [SetDir]) -> Result<Made> {
+        let shard = self.shard.unwrap_or(Shard::WHOLE);
+        dirs.iter().try_for_each(SetDir::begin)?;
+        let mut jobs: Vec<(usize, usize)> = dirs
+            .iter()
+            .enumerate()
+            .flat_map(|(at, dir)| dir.missing(shard).into_iter().map(move |index| (at, index)))
+            .collect();
+        let frames = |&(at, index): &(usize, usize)| dirs[at].set.episodes[index].frames;
+        jobs.sort_by_key(|job| (Reverse(frames(job)), *job));
+        let mut made = Made::none(dirs);
+        made.frames = jobs.iter().map(frames).sum();
+        let progress = super::progress(made.frames, "frames", self.json);
+        {
+            let staging = dirs.iter().map(|dir| dir.staging(shard)).collect::<Result<Vec<_>>>()?;
+            let hashes = Mutex::new(&mut made.hashes);
+            jobs.into_iter().par_bridge().try_for_each(|(at, index)| {
+                let dir = &dirs[at];
+                let planned = &dir.set.episodes[index];
+                let episode = generate(&planned.recipe).with_context(|| planned.name.clone())?;
+                dir.write(index, &episode, &staging[at])?;
+                let hash = content_hash(&episode);
+                // A poisoned lock means that another worker panicked, which ends this run anyway.
+                hashes.lock().unwrap_or_else(|poisoned| poisoned.into_inner())[at][index] = Some(hash);
+                progress.inc(planned.frames as u64);
+                anyhow::Ok(())
+            })?;
+        }
+        progress.finish_and_clear();
+        for (dir, hashes) in dirs.iter_mut().zip(&made.hashes) {
+            let frames = dir.set.total_frames();
+            let progress = super::progress(frames, "frames of earlier runs", self.json);
+            made.complete.push(dir.finish(hashes.clone(), |frames| progress.inc(frames as u64))?);
+            progress.finish_and_clear();
+        }
+        Ok(made)
+    }
+
+    fn report(&self, dirs: &[SetDir], made: &Made, start: Instant) -> Result<()> {
+        let elapsed_s = start.elapsed().as_secs_f64();
+        let signal_s = made.frames as f64 / FRAME_RATE_HZ as f64;
+        let times = signal_s / elapsed_s;
+        let sets: Vec<Value> = dirs.iter().enumerate().map(|(at, dir)| made.json(at, dir)).collect();
+        if self.json {
+            return super::print_json(&json!({
+                "sets": sets,
+                "frames_made": made.frames,
+                "signal_s": signal_s,
+                "elapsed_s": elapsed_s,
+                "x_real_time": times,
+                "verified": self.verify,
+            }));
+        }
+        let mut text = String::new();
+        for (at, dir) in dirs.iter().enumerate() {
+            let (episodes, frames, out) =
+                (dir.set.episodes.len(), dir.set.total_frames(), dir.path.display());
+            let state = match dir.hash().filter(|_| made.is_complete(at)) {
+                Some(hash) if dir.is_frozen() => format!("the frozen test set, hash {}", &hash[..16]),
+                Some(hash) => format!("hash {}", &hash[..16]),
+                None => format!("part {} made, others missing", self.shard.unwrap_or(Shard::WHOLE)),
+            };
+            text += &format!(
+                "{:<9} {episodes} synthetic episodes, {frames} frames, {state}: {out}\n",
+                dir.set.split
+            );
+        }
+        text += &match (made.frames, self.verify) {
+            (0, true) => format!("every episode is as hashes.json says; {elapsed_s:.1} s\n"),
+            (0, false) => "nothing was missing\n".to_owned(),
+            _ => format!("{signal_s:.0} s of signal in {elapsed_s:.1} s: {times:.1} x real time\n"),
+        };
+        super::print(&text)
+    }
+}
+
+/// What a run made.
+struct Made {
+    frames: usize,
+    /// `[set][episode]`, of those that were made.
+    hashes: Vec<Vec<Option<String>>>,
+    /// `[set]`: all episodes are there; nothing where no set was to be made.
+    complete: Vec<bool>,
+}
+
+impl Made {
+    fn none(dirs: &[SetDir]) -> Self {
+        let hashes = dirs.iter().map(|dir| vec![None; dir.set.episodes.len()]).collect();
+        Self { frames: 0, hashes, complete: Vec::new() }
+    }
+
+    fn is_complete(&self, at: usize) -> bool {
+        self.complete.get(at).copied().unwrap_or(true)
+    }
+
+    fn json(&self, at: usize, dir: &SetDir) -> Value {
+        let complete = self.is_complete(at);
+        json!({
+            "split": dir.set.split,
+            "seed": dir.set.seed,
+            "out": dir.path.display().to_string(),
+            "episodes": dir.set.episodes.len(),
+            "frames": dir.set.total_frames(),
+            "episodes_made": self.hashes[at].iter().flatten().count(),
+            "complete": complete,
+            "hash": dir.hash().filter(|_| complete),
+            "frozen": complete && dir.is_frozen(),
+        })
     }
 }

@@ -1,0 +1,344 @@
+//! A folder that holds one set of episodes and fills up file by file, from any number of processes.
+//!
+//! `set.json` says which set it is and is written first. Episodes appear whole, so that a run that was
+//! cut off goes on with those that are missing. When all are there, `hashes.json` says what they hold.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
+use slipsense_episode::npz::Reader;
+use slipsense_episode::{Episode, EpisodeError};
+use slipsense_synth::content_hash;
+use slipsense_synth::splits::{EpisodeSet, FrozenSet, SetHashes, recipe_of};
+
+use crate::output_dir::{make_folders, remove_folders};
+
+const SET: &str = "set.json";
+const HASHES: &str = "hashes.json";
+/// Folders of files that are not finished begin so; each shard has its own.
+const PARTIAL: &str = ".partial-";
+
+/// Part `number` of `of`: every `of`-th episode, beginning with the `number`-th.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Shard {
+    number: usize,
+    of: usize,
+}
+
+impl Shard {
+    /// The only part.
+    pub(crate) const WHOLE: Self = Self { number: 1, of: 1 };
+
+    /// Read `I/N`.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((number, of)) if (1..=of).contains(&number) => Ok(Self { number, of }),
+            Some((_, of)) if of > 0 => Err(format!("must be from 1/{of} to {of}/{of}")),
+            _ => Err("must be I/N, part I of N, as 2/3".to_owned()),
+        }
+    }
+
+    fn has(self, index: usize) -> bool {
+        index % self.of == self.number - 1
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.number, self.of)
+    }
+}
+
+/// The folder of a set.
+#[derive(Debug)]
+pub(crate) struct SetDir {
+    pub(crate) path: PathBuf,
+    pub(crate) set: EpisodeSet,
+    hashes: Option<SetHashes>,
+    /// The split's frozen test set, where this is it.
+    frozen: Option<FrozenSet>,
+}
+
+impl SetDir {
+    /// Check, and touch nothing, that this set can be in this folder: nothing else is there, and what
+    /// describes it is not damaged.
+    pub(crate) fn check(path: &Path, set: EpisodeSet) -> Result<Self> {
+        if path.exists() && !path.is_dir() {
+            bail!("{}: is a file, the output must be a folder", path.display());
+        }
+        if let Some(there) = read_set(path)? {
+            if let Some(difference) = there.difference(&set) {
+                let file = path.join(SET);
+                bail!("{}: {difference}; another set needs another folder", file.display());
+            }
+        } else if let Some(file) = episode_files(path)?.first() {
+            bail!("{}: there are episodes but no {SET}; a set needs a folder of its own", file.display());
+        }
+        Self::with_hashes(path, set)
+    }
+
+    /// The set that is in this folder, if one is.
+    pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
+        read_set(path)?.map(|set| Self::with_hashes(path, set)).transpose()
+    }
+
+    fn with_hashes(path: &Path, set: EpisodeSet) -> Result<Self> {
+        let file = path.join(HASHES);
+        let hashes = read(&file)?
+            .map(|text| SetHashes::parse(&text, &set).with_context(|| file.display().to_string()))
+            .transpose()?;
+        let frozen = match set.split.frozen_episodes() {
+            0 => None,
+            _ => Some(set.split.frozen()?).filter(|frozen| frozen.set() == set),
+        };
+        Ok(Self { path: path.to_owned(), set, hashes, frozen })
+    }
+
+    /// Make the folder and say what it is for.
+    pub(crate) fn begin(&self) -> Result<()> {
+        let mut made = Vec::new();
+        let begun = make_folders(&self.path, &mut made).and_then(|()| {
+            let file = self.path.join(SET);
+            if file.exists() { Ok(()) } else { write_whole(&file, &self.set.to_text()) }
+        });
+        begun.with_context(|| {
+            remove_folders(&made);
+            format!("{}: cannot write this folder", self.path.display())
+        })
+    }
+
+    /// Episodes of a part that are not there, or not whole.
+    pub(crate) fn missing(&self, shard: Shard) -> Vec<usize> {
+        (0..self.set.episodes.len()).filter(|&index| shard.has(index) && !self.is_there(index)).collect()
+    }
+
+    /// A look at the archive's directory, which stands at its end, and at the first array's shape.
+    fn is_there(&self, index: usize) -> bool {
+        Reader::open(&self.file(index)).is_ok_and(|mut npz| {
+            let frames = npz
+                .array::<u16>("piezo")
+                .is_ok_and(|piezo| piezo.shape().first() == Some(&self.set.episodes[index].frames));
+            frames && npz.has("meta")
+        })
+    }
+
+    fn file(&self, index: usize) -> PathBuf {
+        self.path.join(format!("{}.npz", self.set.episodes[index].name))
+    }
+
+    /// Where a shard keeps what is not finished.
+    pub(crate) fn staging(&self, shard: Shard) -> Result<Staging> {
+        let folder = self.path.join(format!("{PARTIAL}{}-of-{}", shard.number, shard.of));
+        let fresh = if folder.exists() { fs::remove_dir_all(&folder) } else { Ok(()) };
+        fresh
+            .and_then(|()| fs::create_dir(&folder))
+            .with_context(|| format!("{}: cannot write this folder", self.path.display()))?;
+        Ok(Staging(folder))
+    }
+
+    /// Write one episode; the file appears when it is whole.
+    pub(crate) fn write(&self, index: usize, episode: &Episode, staging: &Staging) -> Result<()> {
+        let file = self.file(index);
+        let partial = staging.0.join(file.file_name().unwrap_or_default());
+        // The name that the user knows, not that of the unfinished file.
+        let error = |EpisodeError { problem, .. }| EpisodeError { path: file.clone(), problem };
+        episode.write(&partial).map_err(error)?;
+        fs::rename(&partial, &file).with_context(|| format!("{}: cannot write", file.display()))
+    }
+
+    /// If all episodes are there, write down their hashes, where that is not done, and check those that
+    /// are known. `known` holds the hash of each episode that was just made.
+    pub(crate) fn finish(
+        &mut self,
+        mut known: Vec<Option<String>>,
+        each: impl Fn(usize) + Sync,
+    ) -> Result<bool> {
+        if !self.missing(Shard::WHOLE).is_empty() {
+            return Ok(false);
+        }
+        if let Some(hashes) = &self.hashes {
+            let stored = hashes.episodes.iter().map(|episode| &episode.hash);
+            let differs = |(new, old): (&Option<String>, _)| new.as_ref().is_some_and(|new| new != old);
+            if let Some(index) = known.iter().zip(stored).position(differs) {
+                bail!("{}: differs from what {HASHES} says of it", self.file(index).display());
+            }
+        } else {
+            let unknown: Vec<usize> = (0..known.len()).filter(|&index| known[index].is_none()).collect();
+            for (index, hash) in self.read_hashes(&unknown, each)? {
+                known[index] = Some(hash);
+            }
+            let hashes = SetHashes::new(&self.set, known.into_iter().flatten().collect());
+            let file = self.path.join(HASHES);
+            write_whole(&file, &hashes.to_text())
+                .with_context(|| format!("{}: cannot write", file.display()))?;
+            self.hashes = Some(hashes);
+            // Left by runs that were cut off. No other shard is at work: everything is there.
+            for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
+                if entry.file_name().to_string_lossy().starts_with(PARTIAL) {
+                    let _ = fs::remove_dir_all(entry.path());
+                }
+            }
+        }
+        self.compare_with_frozen()?;
+        Ok(true)
+    }
+
+    /// Read every episode again and compare it with `hashes.json` and, where this is one, with the frozen
+    /// test set.
+    pub(crate) fn verify(&self, each: impl Fn(usize) + Sync) -> Result<()> {
+        if let Some(&index) = self.missing(Shard::WHOLE).first() {
+            bail!("{}: is missing or not whole", self.file(index).display());
+        }
+        let Some(hashes) = &self.hashes else {
+            bail!(
+                "{}: is missing; the command that made the set writes it",
+                self.path.join(HASHES).display()
+            );
+        };
+        for file in episode_files(&self.path)? {
+            let name = file.file_stem().unwrap_or_default();
+            ensure!(
+                self.set.episodes.iter().any(|episode| name == episode.name.as_str()),
+                "{}: is not in {SET}",
+                file.display()
+            );
+        }
+        let all: Vec<usize> = (0..self.set.episodes.len()).collect();
+        for (index, hash) in self.read_hashes(&all, each)? {
+            if hash != hashes.episodes[index].hash {
+                bail!("{}: differs from what {HASHES} says of it", self.file(index).display());
+            }
+        }
+        self.compare_with_frozen()
+    }
+
+    /// Hashes of files, in order; the first file that is not what the set says is the error.
+    fn read_hashes(&self, indices: &[usize], each: impl Fn(usize) + Sync) -> Result<Vec<(usize, String)>> {
+        let hash = |&index: &usize| -> Result<(usize, String)> {
+            let (file, planned) = (self.file(index), &self.set.episodes[index]);
+            let episode = Episode::read(&file)?;
+            if recipe_of(&episode).as_ref() != Some(&planned.recipe) {
+                bail!("{}: was not made by the recipe that {SET} has for it", file.display());
+            }
+            each(planned.frames);
+            Ok((index, content_hash(&episode)))
+        };
+        let hashes: Vec<_> = indices.par_iter().map(hash).collect();
+        hashes.into_iter().collect()
+    }
+
+    /// Is this the split's frozen test set?
+    pub(crate) fn is_frozen(&self) -> bool {
+        self.frozen.is_some()
+    }
+
+    fn compare_with_frozen(&self) -> Result<()> {
+        let frozen = self.frozen.iter().flat_map(|frozen| &frozen.episodes);
+        let made = self.hashes.iter().flat_map(|hashes| &hashes.episodes);
+        if let Some(index) = frozen.zip(made).position(|(frozen, made)| frozen.hash != made.hash) {
+            let file = self.file(index);
+            bail!("{}: differs from the frozen test set of {}", file.display(), self.set.split);
+        }
+        Ok(())
+    }
+
+    /// One number that stands for the content of a complete set.
+    pub(crate) fn hash(&self) -> Option<&str> {
+        self.hashes.as_ref().map(|hashes| hashes.set.as_str())
+    }
+}
+
+/// A folder of unfinished files, removed in the end.
+#[derive(Debug)]
+pub(crate) struct Staging(PathBuf);
+
+impl Drop for Staging {
+    fn drop(&mut self) {
+        // What cannot be removed here is removed when the set is complete.
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn read_set(folder: &Path) -> Result<Option<EpisodeSet>> {
+    let file = folder.join(SET);
+    read(&file)?.map(|text| EpisodeSet::parse(&text).with_context(|| file.display().to_string())).transpose()
+}
+
+/// The text of a file, if there is one.
+fn read(file: &Path) -> Result<Option<String>> {
+    match fs::read_to_string(file) {
+        Ok(text) => Ok(Some(text)),
+        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+            Ok(None)
+        }
+        Err(error) => Err(error).with_context(|| format!("{}: cannot read", file.display())),
+    }
+}
+
+/// The `.npz` files of a folder by name; none where there is no folder.
+fn episode_files(folder: &Path) -> Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let cannot = || format!("{}: cannot read this folder", folder.display());
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).with_context(cannot)? {
+        let file = entry.with_context(cannot)?.path();
+        if file.extension().is_some_and(|extension| extension == "npz") {
+            files.push(file);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Write a file that appears whole or not at all.
+fn write_whole(file: &Path, text: &str) -> io::Result<()> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".slipsense-").suffix(".partial");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Temporary files are private by default; a result is as readable as the umask lets it be.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut partial = builder.tempfile_in(file.parent().unwrap_or(Path::new(".")))?;
+    partial.as_file_mut().write_all(text.as_bytes())?;
+    partial.persist(file).map_err(|error| error.error)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slipsense_synth::Split;
+
+    #[test]
+    fn a_frozen_set_of_other_content_is_refused_by_file() {
+        let set = EpisodeSet::first(Split::Val, 0, 2);
+        let hashes = |digits: [&str; 2]| digits.map(|digit| digit.repeat(64)).to_vec();
+        let dir = |made: [&str; 2]| SetDir {
+            path: "out".into(),
+            hashes: Some(SetHashes::new(&set, hashes(made))),
+            frozen: Some(FrozenSet::new(set.clone(), hashes(["a", "b"]), 2)),
+            set: set.clone(),
+        };
+        dir(["a", "b"]).compare_with_frozen().unwrap();
+        let error = dir(["a", "c"]).compare_with_frozen().unwrap_err().to_string();
+        assert_eq!(error, "out/val-00001.npz: differs from the frozen test set of val");
+    }
+
+    #[test]
+    fn shards_share_out_all_episodes() {
+        for of in 1..=5 {
+            let shards: Vec<_> = (1..=of).map(|i| Shard::parse(&format!("{i}/{of}")).unwrap()).collect();
+            for index in 0..12 {
+                assert_eq!(shards.iter().filter(|shard| shard.has(index)).count(), 1, "{index} of {of}");
+            }
+        }
+    }
+}

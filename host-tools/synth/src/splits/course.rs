@@ -1,0 +1,169 @@
+//! The recipes of a split one after the other: what happens is interleaved in fixed proportions, and
+//! objects and speeds take turns like the rows and columns of a Latin square.
+
+use rand::seq::SliceRandom;
+use sha2::{Digest, Sha256};
+
+use super::Split;
+use crate::draw::{Stream, stream};
+use crate::mix::PROTOCOL;
+use crate::objects::{CATALOGUE, Group, Object};
+use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice};
+
+/// Length of an episode of `noslip`, seconds.
+const NOSLIP_SECONDS: f64 = 60.0;
+
+/// Hands and sensors of `noslip`, in turn.
+const NOSLIP_HANDS: [(Platform, usize); 4] =
+    [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
+
+/// Seed of one episode: the first 53 bits of the SHA-256 of `slipsense/SPLIT/SEED/INDEX`, all in
+/// decimal. Sets of other splits or seeds share no draws, and JSON carries 53 bits everywhere. Episodes of
+/// `umi_quiet` have the seeds of those that they repeat.
+pub fn episode_seed(split: Split, seed: u64, index: usize) -> u64 {
+    match split {
+        Split::UmiQuiet => {
+            let (pair, at) = quiet(index);
+            episode_seed(pair, seed, at)
+        }
+        _ => hashed(&format!("slipsense/{split}/{seed}/{index}")),
+    }
+}
+
+fn hashed(text: &str) -> u64 {
+    let digest = Sha256::digest(text.as_bytes());
+    digest.iter().take(8).fold(0, |seed, &byte| seed << 8 | u64::from(byte)) >> 11
+}
+
+/// Which episode this one of `umi_quiet` repeats.
+fn quiet(index: usize) -> (Split, usize) {
+    (if index.is_multiple_of(2) { Split::UmiId } else { Split::UmiOod }, index / 2)
+}
+
+/// Turn of the second of two things that take turns, so that all `n · m` pairs come before one repeats
+/// and each `m` in a row differ but for every lcm(n, m)-th: a Latin square unrolled. The first has
+/// turn `j % n`.
+fn second_turn(j: usize, n: usize, m: usize) -> usize {
+    let gcd = |mut a: usize, mut b: usize| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    (j + j / (n * m / gcd(n, m))) % m
+}
+
+/// Objects and speeds in the order of one split and seed, for one sort of event.
+struct Deck {
+    objects: Vec<&'static Object>,
+    speeds_mm_s: [f64; SPEEDS_MM_S.len()],
+}
+
+impl Deck {
+    fn shuffled(groups: &[Group], seed: u64) -> Self {
+        let mut rng = stream(seed, Stream::Recipe, 0);
+        let mut objects: Vec<_> = CATALOGUE.iter().filter(|o| groups.contains(&o.group)).collect();
+        objects.shuffle(&mut rng);
+        let mut speeds_mm_s = SPEEDS_MM_S;
+        speeds_mm_s.shuffle(&mut rng);
+        Self { objects, speeds_mm_s }
+    }
+
+    fn object(&self, j: usize) -> ObjectChoice {
+        ObjectChoice::Named(self.objects[j % self.objects.len()].name.to_owned())
+    }
+
+    fn speed_mm_s(&self, j: usize) -> f64 {
+        self.speeds_mm_s[second_turn(j, self.objects.len(), SPEEDS_MM_S.len())]
+    }
+}
+
+/// What happens, and how many times it happened before, for each place in one round of [`PROTOCOL`].
+fn round() -> Vec<(usize, usize)> {
+    let mix = PROTOCOL.weights();
+    let length: usize = mix.iter().map(|(_, weight)| weight).sum();
+    let mut dealt = vec![0; mix.len()];
+    (1..=length)
+        .map(|place| {
+            // The one that lags most behind its share; the first of equals.
+            let lag = |&kind: &usize| (mix[kind].1 * place) as i64 - (dealt[kind] * length) as i64;
+            let kind = (0..mix.len()).rev().max_by_key(lag).unwrap_or_default();
+            dealt[kind] += 1;
+            (kind, dealt[kind] - 1)
+        })
+        .collect()
+}
+
+/// All recipes of one split and seed, by index.
+pub(crate) struct Course {
+    split: Split,
+    seed: u64,
+    round: Vec<(usize, usize)>,
+    /// `[kind of event][group of objects that take turns]`; one of each for `noslip`.
+    decks: Vec<Vec<Deck>>,
+    /// The two courses that `umi_quiet` repeats.
+    pair: Vec<Self>,
+}
+
+impl Course {
+    pub(crate) fn new(split: Split, seed: u64) -> Self {
+        let groups: &[&[Group]] = match split {
+            Split::Train | Split::UmiId => &[&[Group::Train]],
+            Split::Val => &[&[Group::Val]],
+            Split::UmiOod | Split::Palm => &[&[Group::HeldOut]],
+            Split::Tesollo2 | Split::Tesollo3 => &[&[Group::HeldOut], &[Group::Train]],
+            Split::Noslip => &[&[Group::Val, Group::HeldOut]],
+            Split::UmiQuiet => &[],
+        };
+        let deck = |kind: usize, turn: usize, groups: &[Group]| {
+            Deck::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
+        };
+        let decks = |kind| groups.iter().enumerate().map(|(turn, group)| deck(kind, turn, group)).collect();
+        let pair = match split {
+            Split::UmiQuiet => vec![Self::new(Split::UmiId, seed), Self::new(Split::UmiOod, seed)],
+            _ => Vec::new(),
+        };
+        Self { split, seed, round: round(), decks: (0..PROTOCOL.weights().len()).map(decks).collect(), pair }
+    }
+
+    /// The recipe of one episode.
+    pub(crate) fn recipe(&self, index: usize) -> Recipe {
+        let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
+        match self.split {
+            Split::UmiQuiet => {
+                let course = &self.pair[index % 2];
+                return Recipe { rig_leak: false, ..course.recipe(index / 2) };
+            }
+            Split::Noslip => return self.noslip(recipe, index),
+            _ => {}
+        }
+        let (kind, before) = self.round[index % self.round.len()];
+        let (scenario, weight) = PROTOCOL.weights()[kind];
+        let j = index / self.round.len() * weight + before;
+        let decks = &self.decks[kind];
+        let (deck, j) = (&decks[j % decks.len()], j / decks.len());
+        let tesollo = matches!(self.split, Split::Tesollo2 | Split::Tesollo3);
+        Recipe {
+            object: deck.object(j),
+            scenario,
+            platform: if tesollo { Platform::Tesollo } else { Platform::Umi },
+            region: if self.split == Split::Palm { Region::Palm } else { Region::Centre },
+            sensors: if self.split == Split::Tesollo3 { 3 } else { 2 },
+            speed_mm_s: (scenario != ScenarioChoice::FreeGrasp).then(|| deck.speed_mm_s(j)),
+            ..recipe
+        }
+    }
+
+    fn noslip(&self, recipe: Recipe, index: usize) -> Recipe {
+        let deck = &self.decks[0][0];
+        let (platform, sensors) = NOSLIP_HANDS[second_turn(index, deck.objects.len(), NOSLIP_HANDS.len())];
+        Recipe {
+            object: deck.object(index),
+            scenario: ScenarioChoice::Disturbances,
+            platform,
+            sensors,
+            seconds: Some(NOSLIP_SECONDS),
+            ..recipe
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Which episodes make a set: proportions, balance, groups of objects, and that nothing but split, seed
+//! and frames decides.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use slipsense_synth::splits::{EpisodeSet, MIX, PAPER_FRAMES, content_hash, paper_set, recipes, set_hash};
+use slipsense_synth::{
+    ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, Split, generate, objects,
+    plan_frames,
+};
+
+fn object(recipe: &Recipe) -> &str {
+    match &recipe.object {
+        ObjectChoice::Named(name) => name,
+        other => panic!("{other:?} is drawn, not dealt"),
+    }
+}
+
+fn objects_of(recipes: &[Recipe]) -> BTreeSet<&str> {
+    recipes.iter().map(object).collect()
+}
+
+fn first(split: Split, seed: u64, count: usize) -> Vec<Recipe> {
+    EpisodeSet::first(split, seed, count).episodes.into_iter().map(|episode| episode.recipe).collect()
+}
+
+fn counts<K: Ord>(keys: impl Iterator<Item = K>) -> BTreeMap<K, usize> {
+    let mut counts = BTreeMap::new();
+    keys.for_each(|key| *counts.entry(key).or_default() += 1);
+    counts
+}
+
+fn slips(recipes: &[Recipe]) -> Vec<&Recipe> {
+    recipes.iter().filter(|recipe| recipe.scenario == ScenarioChoice::SixStep).collect()
+}
+
+#[test]
+fn small_sets_have_the_mix_too() {
+    let weights: usize = MIX.iter().map(|(_, weight)| weight).sum();
+    let all = first(Split::Train, 5, 60);
+    for length in [10, 20, 33, 60] {
+        for (scenario, weight) in MIX {
+            let count = all[..length].iter().filter(|recipe| recipe.scenario == scenario).count() as f64;
+            let must = (length * weight) as f64 / weights as f64;
+            println!("{length} episodes: {count} {scenario:?}, proportion asks for {must:.2}");
+            assert!((count - must).abs() < 1.0, "{scenario:?} of {length}: {count}, {must}");
+        }
+    }
+}
+
+#[test]
+fn speeds_and_objects_take_turns() {
+    for (split, count) in [(Split::Train, 120), (Split::UmiOod, 120), (Split::Val, 40), (Split::Tesollo2, 43)]
+    {
+        let recipes = first(split, 0, count);
+        let slips = slips(&recipes);
+        let speeds = counts(slips.iter().map(|recipe| recipe.speed_mm_s.unwrap() as u32));
+        let per_object = counts(slips.iter().map(|recipe| object(recipe)));
+        let (least, most) = (speeds.values().min().unwrap(), speeds.values().max().unwrap());
+        println!("{split}: {} slips; by speed {speeds:?}; by object {per_object:?}", slips.len());
+        assert_eq!(speeds.len(), SPEEDS_MM_S.len(), "{split}");
+        assert!(most - least <= 2, "{split}: {speeds:?}");
+        if split != Split::Tesollo2 {
+            let (least, most) = (per_object.values().min().unwrap(), per_object.values().max().unwrap());
+            assert!(most - least <= 1, "{split}: {per_object:?}");
+        }
+    }
+    // As soon as there can be, there is every pair of object and speed.
+    let recipes = first(Split::UmiOod, 9, 100);
+    let pairs: BTreeSet<_> = slips(&recipes)
+        .iter()
+        .map(|recipe| (object(recipe).to_owned(), recipe.speed_mm_s.unwrap() as u32))
+        .collect();
+    let must = objects::group(true).count() * SPEEDS_MM_S.len();
+    println!(
+        "umi_ood: {} of {must} pairs of object and speed in {} slips",
+        pairs.len(),
+        slips(&recipes).len()
+    );
+    assert_eq!(pairs.len(), must.min(slips(&recipes).len()));
+}
+
+#[test]
+fn groups_of_objects_do_not_mix() {
+    let of = |split| first(split, 0, 120);
+    let all = Split::ALL.map(|split| (split, of(split)));
+    let get = |split| objects_of(&all.iter().find(|(s, _)| *s == split).unwrap().1);
+    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name).collect();
+    let (train, val) = (get(Split::Train), get(Split::Val));
+    assert_eq!(train, get(Split::UmiId), "new grasps of the same objects");
+    assert!(train.is_disjoint(&val) && train.is_disjoint(&held_out) && val.is_disjoint(&held_out));
+    assert_eq!(train.len() + val.len() + held_out.len(), objects::CATALOGUE.len(), "each object has its use");
+    assert_eq!(get(Split::UmiOod), held_out);
+    assert_eq!(get(Split::Palm), held_out);
+    assert!(get(Split::Noslip).is_disjoint(&train), "no trained object among the false alarms");
+    for split in [Split::Tesollo2, Split::Tesollo3] {
+        let recipes = first(split, 0, 40);
+        let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
+        println!("{split}: {unseen} of {} episodes with objects never trained on", recipes.len());
+        assert!((18..=22).contains(&unseen), "half the time");
+        assert!(objects_of(&recipes).is_disjoint(&val));
+    }
+}
+
+#[test]
+fn hands_regions_and_sensors() {
+    for split in Split::ALL {
+        let recipes = first(split, 3, 24);
+        let tesollo = recipes.iter().filter(|recipe| recipe.platform == Platform::Tesollo).count();
+        let sensors: BTreeSet<_> = recipes.iter().map(|recipe| recipe.sensors).collect();
+        match split {
+            Split::Tesollo2 => assert_eq!((tesollo, sensors), (24, [2].into())),
+            Split::Tesollo3 => assert_eq!((tesollo, sensors), (24, [3].into())),
+            Split::Noslip => assert_eq!((tesollo, sensors), (12, [2, 3].into())),
+            _ => assert_eq!((tesollo, sensors), (0, [2].into())),
+        }
+        let palm = recipes.iter().all(|recipe| recipe.region == Region::Palm);
+        assert_eq!(palm, split == Split::Palm);
+        assert!(recipes.iter().all(|recipe| recipe.rig_leak == (split != Split::UmiQuiet)));
+        assert_eq!(split == Split::Noslip, slips(&recipes).is_empty(), "{split}");
+    }
+}
+
+#[test]
+fn the_quiet_split_repeats_the_two_it_is_compared_with() {
+    let quiet = first(Split::UmiQuiet, 7, 30);
+    let loud = |split| first(split, 7, 15).into_iter().map(|recipe| Recipe { rig_leak: false, ..recipe });
+    let pairs: Vec<_> = loud(Split::UmiId).zip(loud(Split::UmiOod)).flat_map(|(id, ood)| [id, ood]).collect();
+    assert_eq!(quiet, pairs);
+}
+
+#[test]
+fn no_two_episodes_share_a_seed() {
+    let mut seen = BTreeSet::new();
+    let mut total = 0;
+    for split in Split::PAPER {
+        for seed in [0, 1, u64::MAX] {
+            let seeds: Vec<u64> = first(split, seed, 70).into_iter().map(|recipe| recipe.seed).collect();
+            assert!(seeds.iter().all(|&seed| seed < 1 << 53), "a JSON number");
+            total += seeds.len();
+            seen.extend(seeds);
+        }
+    }
+    println!("{} seeds of {total} episodes in 24 sets", seen.len());
+    assert_eq!(seen.len(), total);
+}
+
+/// The seed's definition, worked out by `printf slipsense/umi_ood/3/41 | sha256sum`: the first 16 digits,
+/// without their last 11 bits.
+#[test]
+fn seeds_follow_the_written_rule() {
+    use slipsense_synth::splits::episode_seed;
+    assert_eq!(episode_seed(Split::UmiOod, 3, 41), 0xc366_8284_ab7d_911f >> 11);
+}
+
+#[test]
+fn frames_decide_where_a_set_ends_and_a_larger_set_begins_with_the_smaller() {
+    let set = EpisodeSet::new(Split::Train, 2, 30_000);
+    let frames: Vec<usize> = set.episodes.iter().map(|episode| episode.frames).collect();
+    let (last, before) = frames.split_last().unwrap();
+    let before: usize = before.iter().sum();
+    assert!(before < 30_000 && before + last >= 30_000);
+    let small = recipes(Split::Train, 2, 5_000);
+    assert!(
+        set.episodes.iter().map(|episode| &episode.recipe).zip(&small).all(|(large, small)| large == small)
+    );
+    assert_eq!(
+        EpisodeSet::first(Split::Train, 2, 7),
+        EpisodeSet::new(Split::Train, 2, frames[..7].iter().sum())
+    );
+    assert_ne!(recipes(Split::Train, 3, 5_000)[0], small[0]);
+    assert!(recipes(Split::Train, 0, 0).is_empty());
+}
+
+#[test]
+fn planned_frames_are_the_generated_ones() {
+    for (split, index) in [(Split::Train, 0), (Split::Palm, 2), (Split::Tesollo3, 9), (Split::UmiQuiet, 19)] {
+        let recipe = &first(split, 1, 20)[index];
+        assert_eq!(plan_frames(recipe).unwrap(), generate(recipe).unwrap().frames(), "{split} {index}");
+    }
+}
+
+#[test]
+fn the_paper_sized_set() {
+    let sets = paper_set(0, PAPER_FRAMES);
+    let total: usize = sets.iter().map(EpisodeSet::total_frames).sum();
+    let mut umi_slips = 0;
+    for set in &sets {
+        let recipes: Vec<_> = set.episodes.iter().map(|episode| episode.recipe.clone()).collect();
+        let (slips, share) = (slips(&recipes).len(), set.total_frames() as f64 / total as f64);
+        println!(
+            "{:>8}: {} episodes, {} frames ({:.1} %), {slips} slips",
+            set.split,
+            set.episodes.len(),
+            set.total_frames(),
+            100.0 * share
+        );
+        if [Split::UmiId, Split::UmiOod].contains(&set.split) {
+            umi_slips += slips;
+        }
+        if set.split == Split::Train {
+            assert!(share > 0.25, "train has {share:.2} of the frames");
+        }
+    }
+    assert_eq!(sets.iter().map(|set| set.split).collect::<BTreeSet<_>>(), Split::PAPER.into());
+    println!("{total} frames; {umi_slips} slips in umi_id and umi_ood, the paper has 167");
+    assert!((PAPER_FRAMES..PAPER_FRAMES + 5_000).contains(&total));
+    assert!(umi_slips >= 167);
+}
+
+#[test]
+fn names_of_splits() {
+    for split in Split::ALL {
+        assert_eq!(split.to_string().parse::<Split>().unwrap(), split);
+        assert_eq!(serde_json::to_string(&split).unwrap(), format!("\"{split}\""));
+    }
+    let error = "umi".parse::<Split>().unwrap_err().to_string();
+    assert!(error.contains("\"umi\" is not a split") && error.contains("umi_ood"), "{error}");
+}
+
+#[test]
+fn sets_as_text() {
+    let set = EpisodeSet::first(Split::Val, 4, 3);
+    let text = set.to_text();
+    assert_eq!(EpisodeSet::parse(&text).unwrap(), set);
+    assert_eq!(text.lines().count(), 5, "a line for each episode: {text}");
+    for (other, difference) in [
+        (EpisodeSet { seed: 5, ..set.clone() }, "`seed` is 4, not 5"),
+        (EpisodeSet { frames: 9, ..set.clone() }, "`frames` is"),
+        (EpisodeSet { generator: 99, ..set.clone() }, "`generator` is"),
+        (
+            EpisodeSet { episodes: set.episodes[..2].to_vec(), ..set.clone() },
+            "`number of episodes` is 3, not 2",
+        ),
+    ] {
+        let found = set.difference(&other).unwrap();
+        assert!(found.contains(difference), "{found}");
+    }
+    let mut other = set.clone();
+    other.episodes[1].recipe.noise = 0.5;
+    assert_eq!(set.difference(&other).unwrap(), "`recipe of val-00001` is another");
+    assert_eq!(set.difference(&set), None);
+}
+
+/// Every part of the content counts, and nothing else.
+#[test]
+fn the_content_hash_sees_every_array() {
+    let episode = generate(&Recipe { seconds: Some(2.5), sensors: 1, ..Recipe::new(8) }).unwrap();
+    let hash = content_hash(&episode);
+    assert_eq!(hash.len(), 64);
+    let mut other = episode.clone();
+    other.meta.other.insert("note".into(), "moved to another folder".into());
+    assert_eq!(content_hash(&other), hash, "notes are not content");
+    type Change = fn(&mut slipsense_episode::Episode);
+    let changes: [(&str, Change); 9] = [
+        ("piezo", |e| e.piezo.swap(0, 400)),
+        ("xl", |e| e.xl[0][77][1] ^= 1),
+        ("xl_end", |e| e.xl_end[3] += 1),
+        ("label", |e| e.label.as_mut().unwrap()[9] ^= 1),
+        ("slip_true", |e| e.slip_true_mm_s.as_mut().unwrap()[9] += 1.0),
+        ("slip_fraction", |e| e.slip_fraction = None),
+        ("displacement_mm", |e| e.displacement_mm.as_mut().unwrap()[0] += 0.02),
+        ("xl_lsb_g", |e| e.meta.xl_lsb_g *= 2.0),
+        ("recipe", |e| e.meta.other["recipe"]["seed"] = 9.into()),
+    ];
+    let mut hashes = BTreeSet::from([hash.clone()]);
+    for (what, change) in changes {
+        let mut other = episode.clone();
+        change(&mut other);
+        assert!(hashes.insert(content_hash(&other)), "{what} is content");
+    }
+    assert_ne!(set_hash(["a", "b"]), set_hash(["b", "a"]));
+}

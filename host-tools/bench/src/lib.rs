@@ -4,3 +4,4 @@
 //! the metrics compare them with both truths, and the report shows what a reviewer would ask for.
 
 pub mod detectors;
+pub mod fit;

@@ -5,3 +5,11 @@
 
 pub mod detectors;
 pub mod fit;
+pub mod source;
+pub mod truth;
+pub mod disturbance;
+pub mod run;
+pub mod metrics;
+pub mod paper;
+pub mod results;
+mod table;

@@ -176,7 +176,7 @@ impl Fitted {
 
     /// JSON, for people and machines.
     pub fn to_json(&self) -> Result<String> {
-        Ok(serde_json::to_string_pretty(self)? + "\n")
+        Ok(super::json::to_text(self)?)
     }
 
     /// Check sizes and ranges, and that every covariance is one.

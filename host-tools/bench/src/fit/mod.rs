@@ -6,6 +6,8 @@
 //! which touches the first 16 ms of each.
 
 mod fitted;
+mod irls;
+mod json;
 mod sample;
 mod youden;
 
@@ -13,9 +15,6 @@ pub use fitted::{ClassFit, Cut, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, 
 pub use youden::{Youden, youden};
 
 use anyhow::{Context, Result, ensure};
-use linfa::DatasetBase;
-use linfa::traits::Fit;
-use linfa_logistic::LogisticRegression;
 use rayon::prelude::*;
 use slipsense::params::CLASSES;
 use slipsense_episode::Episode;
@@ -130,18 +129,9 @@ fn fit_logistic(frames: &[&Frame], order: ClassOrder) -> Result<LogisticFit> {
     let scaling = Scaling::fit(&raw);
     let z: Vec<_> = raw.iter().map(|x| scaling.apply(x)).collect();
     let slip: Vec<bool> = frames.iter().map(|f| f.label == SLIP).collect();
-    let data = DatasetBase::new(ndarray::Array2::from(z), ndarray::Array1::from(slip));
-    // The penalty of 1 on the squared weights is nothing beside a quarter of a million frames.
-    let model =
-        LogisticRegression::default().max_iterations(200).fit(&data).context("logistic regression")?;
-    // The library names its positive class by order of appearance.
-    let sign = if model.labels().pos.class { 1.0 } else { -1.0 };
-    let mut fit = LogisticFit {
-        scaling,
-        weights: model.params().iter().map(|w| sign * w).collect(),
-        intercept: sign * model.intercept(),
-        cut: Cut { threshold: 0.0, std: 1.0 },
-    };
+    let (weights, intercept) = irls::logistic(&z, &slip)?;
+    let cut = Cut { threshold: 0.0, std: 1.0 };
+    let mut fit = LogisticFit { scaling, weights: weights.to_vec(), intercept, cut };
     fit.cut = Cut::fit(frames.iter().map(|f| (fit.log_odds(&f.logistic) as f32, *f)), order);
     Ok(fit)
 }

@@ -12,4 +12,5 @@ pub mod run;
 pub mod metrics;
 pub mod paper;
 pub mod results;
+pub mod report;
 mod table;

@@ -13,6 +13,7 @@ use slipsense_episode::score::SLIP;
 use crate::detectors::Verdict;
 use crate::metrics::alarms;
 use crate::metrics::bootstrap::Intervals;
+use crate::metrics::cdf::Cdf;
 use crate::metrics::groups::{Grouping, grip_bounds_n, groupings};
 use crate::metrics::operating::{CurvePoint, TARGET_FPR, curve, figures_at, non_slip_scores, threshold_for};
 use crate::metrics::pairs::Pair;
@@ -117,6 +118,12 @@ pub struct DetectorResults {
     pub inputs: Vec<InputFigures>,
     /// All inputs but validation, cut up.
     pub groupings: Vec<Grouping>,
+    /// Distribution of the latencies against the encoder truth, all inputs but validation.
+    pub encoder_cdf: Cdf,
+    /// ... against the interface truth.
+    pub interface_cdf: Cdf,
+    /// ... against the encoder truth, by speed of the pull.
+    pub speed_cdfs: Vec<SpeedCdf>,
     /// Threshold swept, over all inputs but validation.
     pub curve: Vec<CurvePoint>,
     /// The point that the validation input fixed.
@@ -128,6 +135,15 @@ pub struct DetectorResults {
     /// Its position among all episodes.
     #[serde(skip)]
     pub worst_index: Option<usize>,
+}
+
+/// Latencies at one speed.
+#[derive(Clone, Debug, Serialize)]
+pub struct SpeedCdf {
+    /// Speed of the pull.
+    pub speed_mm_s: f64,
+    /// Against the encoder truth.
+    pub encoder_cdf: Cdf,
 }
 
 /// One detector on one input.
@@ -310,6 +326,9 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
             })
             .collect(),
         groupings: groupings(&tested.iter().map(|&i| (&run.truths[i], &records[i])).collect::<Vec<_>>()),
+        encoder_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.encoder)),
+        interface_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.interface)),
+        speed_cdfs: speed_cdfs(&tested, &run.truths, &records),
         curve: curve(&judged(&mut tested.iter().copied()), own, fixed),
         operating_point: fixed.map(point),
         operating_point_missing_because: fixed
@@ -327,6 +346,19 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
         }),
         worst_index: worst,
     }
+}
+
+fn speed_cdfs(tested: &[usize], truths: &[Truth], records: &[Record]) -> Vec<SpeedCdf> {
+    let slips = |&&i: &&usize| !truths[i].slip.is_empty();
+    let speed = |&i: &usize| truths[i].facts.speed_mm_s;
+    let mut speeds: Vec<f64> = tested.iter().filter(slips).filter_map(speed).collect();
+    speeds.sort_by(f64::total_cmp);
+    speeds.dedup();
+    let cdf = |speed_mm_s: f64| {
+        let at_speed = tested.iter().filter(|&&i| truths[i].facts.speed_mm_s == Some(speed_mm_s));
+        SpeedCdf { speed_mm_s, encoder_cdf: Cdf::new(at_speed.flat_map(|&i| &records[i].events.encoder)) }
+    };
+    speeds.into_iter().map(cdf).collect()
 }
 
 fn spreads(entrants: &[Entrant<'_>], detectors: &[DetectorResults], inputs: &[InputFacts]) -> Vec<Spread> {

@@ -35,6 +35,7 @@ Examples:
   slipsense run grasp.npz --out out/grasp         the same for a file of your own
   slipsense run grasp.npz --out out/grasp --json | jq .truth.events
   slipsense synth --episodes 20 --objects held-out --seed 7 --out out/episodes
+  slipsense eval out/episodes --detector network --detector entropy --out out/eval
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind.";
 
@@ -52,6 +53,7 @@ enum Command {
     Run(commands::run::Args),
     Features(commands::features::Args),
     Synth(commands::synth::Args),
+    Eval(commands::eval::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
 }
@@ -63,6 +65,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => args.run(),
         Command::Features(args) => args.run(),
         Command::Synth(args) => args.run(),
+        Command::Eval(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
     };

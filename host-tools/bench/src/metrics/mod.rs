@@ -2,6 +2,7 @@
 
 pub mod alarms;
 pub mod bootstrap;
+pub mod cdf;
 pub mod events;
 pub mod frames;
 pub mod groups;

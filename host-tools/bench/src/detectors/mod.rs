@@ -235,3 +235,55 @@ impl<T: Clone> PerSensor<T> {
         self.0.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    /// Class shares in %: no contact, without slip, slip.
+    type Shares = [f64; 3];
+
+    /// Macro F1 (%) of a baseline with this FPR and accuracy (%), where `free` % of all frames are false
+    /// slip without contact and all missed slip is called contact without slip. `None` if that cannot be.
+    fn macro_f1([none, held, slip]: Shares, fpr: f64, accuracy: f64, free: f64) -> Option<f64> {
+        let all = none + held + slip;
+        let false_slip = fpr / 100.0 * (none + held);
+        let missed = (100.0 - accuracy) / 100.0 * all - false_slip;
+        let from_held = false_slip - free;
+        let possible = missed >= 0.0 && missed <= slip && from_held <= held && free <= none;
+        let f1 = |hit: f64, wrong: f64| 2.0 * hit / (2.0 * hit + wrong);
+        possible.then(|| {
+            let of_none = f1(none - free, free);
+            let of_held = f1(held - from_held, from_held + missed);
+            100.0 * (of_none + of_held + f1(slip - missed, missed + false_slip)) / 3.0
+        })
+    }
+
+    #[test]
+    fn the_tables_arithmetic() {
+        let (stated, exchanged): (Shares, Shares) = ([57.6, 18.8, 23.7], [18.8, 57.6, 23.7]);
+        // FPR, accuracy, F1 as reported; F1 contact first, slip first at most, contact first exchanged.
+        let rows = [
+            (21.69, 72.87, 74.51, 54.4, 70.1, 74.7),
+            (22.98, 79.41, 81.79, 59.2, 80.4, 82.1),
+            (9.28, 81.16, 79.96, 70.4, 75.2, 80.0),
+            (21.08, 73.84, 75.29, 56.0, 71.2, 75.7),
+            (19.31, 82.99, 84.55, 67.9, 83.7, 85.0),
+            (7.40, 83.33, 82.18, 73.8, 77.5, 82.1),
+        ];
+        for (fpr, accuracy, reported, contact_first, slip_first, contact_first_exchanged) in rows {
+            let false_slip = fpr / 100.0 * (stated[0] + stated[1]);
+            let of_free = |share: f64| macro_f1(stated, fpr, accuracy, share * false_slip);
+            let contact = of_free(0.0).unwrap();
+            let slip = (0..=1000).filter_map(|i| of_free(f64::from(i) / 1000.0)).fold(0.0, f64::max);
+            let exchanged = macro_f1(exchanged, fpr, accuracy, 0.0).unwrap();
+            println!("reported {reported}: {contact:.2}, {slip:.2}, {exchanged:.2}");
+            for (found, expected) in
+                [(contact, contact_first), (slip, slip_first), (exchanged, contact_first_exchanged)]
+            {
+                assert!((found - expected).abs() < 0.06, "{found} {expected}");
+            }
+            assert!(slip < reported && (exchanged - reported).abs() < 0.5);
+        }
+        // Among all frames, false slip alone would be more than all errors.
+        assert!(22.98 > 100.0 - 79.41);
+    }
+}

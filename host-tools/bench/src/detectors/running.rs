@@ -100,7 +100,9 @@ mod tests {
     #[test]
     fn a_value_does_not_judge_itself() {
         let mut running = Running::default();
-        (0..400).for_each(|_| drop(running.step(1.0)));
+        for _ in 0..400 {
+            running.step(1.0);
+        }
         let mut other = running.clone();
         assert_eq!(running.step(50.0), other.step(2.0));
     }

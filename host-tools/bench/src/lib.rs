@@ -4,3 +4,13 @@
 //! the metrics compare them with both truths, and the report shows what a reviewer would ask for.
 
 pub mod detectors;
+pub mod fit;
+pub mod source;
+pub mod truth;
+pub mod disturbance;
+pub mod run;
+pub mod metrics;
+pub mod paper;
+pub mod results;
+pub mod report;
+mod table;

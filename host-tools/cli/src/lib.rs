@@ -36,6 +36,7 @@ Examples:
   slipsense run grasp.npz --out out/grasp         the same for a file of your own
   slipsense run grasp.npz --out out/grasp --json | jq .truth.events
   slipsense synth --split umi_ood --out out/umi_ood
+  slipsense eval umi_ood --detector network --detector entropy --out out/eval
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind,
 but for the finished episodes of `synth`, which goes on from them.";
@@ -54,6 +55,7 @@ enum Command {
     Run(commands::run::Args),
     Features(commands::features::Args),
     Synth(commands::synth::Args),
+    Eval(commands::eval::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
 }
@@ -65,6 +67,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => args.run(),
         Command::Features(args) => args.run(),
         Command::Synth(args) => args.run(),
+        Command::Eval(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
     };

@@ -90,16 +90,26 @@ impl EventScores {
     }
 }
 
+/// Frames `start..end`, not empty.
+pub type Interval = (usize, usize);
+
 /// Score one episode's flags. `label` holds classes 0 to 2, `slip` is non-zero where the flag is up.
 ///
 /// # Panics
 /// If the two differ in length.
 pub fn score_events(label: &[u8], slip: &[u8]) -> EventScores {
     assert_eq!(label.len(), slip.len(), "one flag per label");
-    let intervals = runs(label.len(), |f| label[f] == SLIP);
+    score_intervals(&runs(label.len(), |f| label[f] == SLIP), slip)
+}
+
+/// Score one episode's flags against slip intervals, which are in order of time and do not overlap.
+///
+/// # Panics
+/// If an interval ends behind the flags.
+pub fn score_intervals(intervals: &[Interval], slip: &[u8]) -> EventScores {
     let mut previous_end = 0;
     let mut events = Vec::with_capacity(intervals.len());
-    for &(onset, end) in &intervals {
+    for &(onset, end) in intervals {
         // Frames of the event before are not early frames of this one.
         let from = onset.saturating_sub(MARGIN_FRAMES).max(previous_end);
         let detection = match (from..end).find(|&f| slip[f] != 0) {
@@ -111,19 +121,26 @@ pub fn score_events(label: &[u8], slip: &[u8]) -> EventScores {
         previous_end = end;
     }
 
-    let mut near_slip = vec![false; label.len()];
-    for &(onset, end) in &intervals {
-        let to = (end + MARGIN_FRAMES).min(label.len());
-        near_slip[onset.saturating_sub(MARGIN_FRAMES)..to].fill(true);
-    }
+    let near_slip = near(intervals, slip.len());
     let mut false_alarms: Vec<FalseAlarm> = Vec::new();
-    for (start, end) in runs(label.len(), |f| slip[f] != 0 && !near_slip[f]) {
+    for (start, end) in runs(slip.len(), |f| slip[f] != 0 && !near_slip[f]) {
         match false_alarms.last_mut() {
             Some(last) if start - last.end < MERGE_FRAMES => last.end = end,
             _ => false_alarms.push(FalseAlarm { start, end }),
         }
     }
     EventScores { events, false_alarms }
+}
+
+/// Frames, of `frames`, that lie in one of the intervals or at most [`MARGIN_FRAMES`] beside it: where a
+/// flag is no false alarm.
+pub fn near(intervals: &[Interval], frames: usize) -> Vec<bool> {
+    let mut near = vec![false; frames];
+    for &(onset, end) in intervals {
+        let to = (end + MARGIN_FRAMES).min(frames);
+        near[onset.saturating_sub(MARGIN_FRAMES)..to].fill(true);
+    }
+    near
 }
 
 /// Frame counts of truth against prediction; adds up over episodes.
@@ -174,6 +191,16 @@ impl ClassScores {
         ratio(2 * hit, truth + predicted)
     }
 
+    /// Share of the frames predicted as `class` that are, 0 to 1. `None` where none is predicted.
+    pub fn precision(&self, class: usize) -> Option<f64> {
+        ratio(self.confusion[class][class], self.confusion.iter().map(|row| row[class]).sum())
+    }
+
+    /// Share of the frames of `class` that are predicted so, 0 to 1. `None` where there are none.
+    pub fn recall(&self, class: usize) -> Option<f64> {
+        ratio(self.confusion[class][class], self.confusion[class].iter().sum())
+    }
+
     /// Unweighted mean of the classes' F1, over the classes that have one.
     pub fn macro_f1(&self) -> Option<f64> {
         let scores: Vec<f64> = (0..CLASSES).filter_map(|c| self.f1(c)).collect();
@@ -202,8 +229,8 @@ fn ratio(part: u64, whole: u64) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
 }
 
-/// Maximal runs `start..end` of frames for which `is` holds.
-fn runs(frames: usize, is: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
+/// Maximal runs of frames, of `frames`, for which `is` holds, in order of time.
+pub fn runs(frames: usize, is: impl Fn(usize) -> bool) -> Vec<Interval> {
     let mut runs = Vec::new();
     let mut start = None;
     for f in 0..=frames {
@@ -306,6 +333,8 @@ mod tests {
         assert_eq!(s.confusion, [[3, 0, 1], [0, 1, 1], [0, 1, 1]]);
         assert_eq!(s.accuracy(), Some(5.0 / 8.0));
         assert_eq!(s.f1(0), Some(6.0 / 7.0));
+        assert_eq!((s.precision(2), s.recall(2)), (Some(1.0 / 3.0), Some(0.5)));
+        assert_eq!((s.precision(0), s.recall(0)), (Some(1.0), Some(0.75)));
         assert_eq!(s.f1(1), Some(0.5));
         assert_eq!(s.f1(2), Some(2.0 / 5.0));
         assert_eq!(s.macro_f1(), Some((6.0 / 7.0 + 0.5 + 0.4) / 3.0));

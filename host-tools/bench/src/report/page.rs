@@ -1,0 +1,219 @@
+//! The page: headline first, then why, definitions last.
+
+use anyhow::Result;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::parts;
+use super::plots::{Axes, Line, linear, logarithmic};
+use super::timeline::timeline;
+use crate::metrics::cdf::Cdf;
+use crate::metrics::operating::CurvePoint;
+use crate::results::{DetectorResults, Results};
+use crate::run::Run;
+
+const STYLE: &str = include_str!("page.css");
+/// Longest latency on the plots' axes: 250 ms.
+const CDF_FRAMES: f64 = 60.0;
+
+/// The report of results, which came from `run`.
+pub fn html(results: &Results, run: &Run) -> Result<String> {
+    let kind = results.kind_of_data();
+    let plots = plots(results)?;
+    let mut details = Vec::new();
+    for (i, detector) in results.detectors.iter().enumerate() {
+        details.push(detail(results, run, i, detector)?);
+    }
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "SlipSense evaluation" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body { main {
+                h1 { "Slip detectors compared" }
+                p.origin { (origin(results)) }
+                (parts::headline(results))
+                p { "Latency counts from the encoder's onset; missed events are infinitely late, early ones stand apart. Numbers of one "
+                    "row belong to one threshold. " a href="#definitions" { "Definitions" } " are at the end; all numbers of this page, and "
+                    "more, are in " code { "metrics.json" } "." }
+                (parts::inputs(results))
+                @if !results.paper.is_empty() { h2 { "Beside the paper" } (parts::paper(results)) }
+                h2 { "How soon" }
+                (parts::latencies(results))
+                div.plots { (plots.encoder) (plots.interface) @for speed in &plots.speed { (speed) } }
+                h2 { "What a threshold trades" }
+                div.plots { (plots.operating) (plots.misses) }
+                @for detector in &results.detectors { (parts::operating_point(detector, kind)) }
+                (parts::pairs_and_seeds(results))
+                h2 { "Detector by detector" }
+                @for detail in &details { (detail) }
+                (definitions(results))
+            } }
+        }
+    };
+    Ok(page.into_string())
+}
+
+fn origin(results: &Results) -> Markup {
+    html! {
+        @if results.synthetic {
+            "All of this is " strong { "synthetic" } " data: a physical model made every episode. The numbers rank detectors on that model; "
+            "nothing here is a claim about a real gripper."
+        } @else if results.partly_synthetic {
+            "Part of the data is " strong { "synthetic" } ": made by a physical model, no claim about a real gripper."
+        } @else {
+            "The episodes do not say that they are synthetic."
+        }
+    }
+}
+
+struct Plots {
+    encoder: Markup,
+    interface: Markup,
+    speed: Vec<Markup>,
+    operating: Markup,
+    misses: Markup,
+}
+
+fn figure(svg: &str, caption: &str) -> Markup {
+    html! { figure { (PreEscaped(svg)) figcaption { (caption) } } }
+}
+
+fn plots(results: &Results) -> Result<Plots> {
+    let kind = results.kind_of_data();
+    let caption = |text: &str| format!("{text} ({kind})");
+    let of_all = |cdf: fn(&DetectorResults) -> &Cdf| -> Vec<Line> {
+        results.detectors.iter().map(|detector| cdf_line(&detector.name, cdf(detector))).collect()
+    };
+    let cdf = |title: &'static str, lines: &[Line]| {
+        let axes = Axes { title, x: "frames of 4.17 ms after the onset, up to", y: "% of hits and misses" };
+        linear(&axes, [0.0, CDF_FRAMES], [0.0, 100.0], lines)
+    };
+    let below = caption("What a line lacks of 100 % at the right is later than 250 ms or missed");
+    let mut speed = Vec::new();
+    if let Some(first) = results.detectors.first().filter(|first| !first.speed_cdfs.is_empty()) {
+        let name = |mm_s: f64| format!("{mm_s} mm/s");
+        let lines: Vec<Line> =
+            first.speed_cdfs.iter().map(|of| cdf_line(&name(of.speed_mm_s), &of.encoder_cdf)).collect();
+        let text = caption(&format!("{}, encoder truth, by speed of the pull", first.name));
+        speed.push(figure(&cdf("Latency by speed", &lines)?, &text));
+    }
+    let curve = |title: &'static str, y: &'static str, value: fn(&CurvePoint) -> Option<f64>| {
+        let lines: Vec<Line> = results.detectors.iter().map(|d| curve_line(d, value)).collect();
+        let points = || lines.iter().flat_map(|line| &line.points);
+        let (low, high) = points().fold((1.0_f64, 10.0_f64), |(l, h), p| (l.min(p.0), h.max(p.0)));
+        let top = points().fold(1.0_f64, |top, p| top.max(p.1));
+        let axes = Axes { title, x: "false alarms per hour", y };
+        logarithmic(
+            &axes,
+            [low, high * 1.2],
+            [0.0, (top * 1.05).min(if y.starts_with('%') { 100.0 } else { f64::MAX })],
+            &lines,
+        )
+    };
+    let marks = caption("Ring: the detector's own threshold; disc: the point fixed on the validation input");
+    Ok(Plots {
+        encoder: figure(&cdf("Latency, encoder truth", &of_all(|d| &d.encoder_cdf))?, &below),
+        interface: figure(&cdf("Latency, interface truth", &of_all(|d| &d.interface_cdf))?, &below),
+        speed,
+        operating: figure(
+            &curve("Latency against false alarms", "median latency, frames", |p| p.latency_median_frames)?,
+            &marks,
+        ),
+        misses: figure(
+            &curve("Misses against false alarms", "% of the events missed", |p| {
+                p.miss_share.map(|s| 100.0 * s)
+            })?,
+            &marks,
+        ),
+    })
+}
+
+/// A staircase: the share jumps where a latency occurs.
+fn cdf_line(name: &str, cdf: &Cdf) -> Line {
+    let mut points = Vec::new();
+    let mut level = 0.0;
+    for (&frames, &share) in cdf.latency_at_most_frames.iter().zip(&cdf.events_share) {
+        let frames = f64::from(frames);
+        if frames > CDF_FRAMES {
+            break;
+        }
+        points.extend([(frames, level), (frames, 100.0 * share)]);
+        level = 100.0 * share;
+    }
+    if cdf.events > 0 {
+        points.push((CDF_FRAMES, level));
+    }
+    Line { name: format!("{name} ({} events)", cdf.events), points, marks: Vec::new() }
+}
+
+/// Least rate on the logarithmic axis; fewer alarms are drawn there.
+const LOWEST_PER_HOUR: f64 = 0.1;
+
+fn curve_line(detector: &DetectorResults, value: fn(&CurvePoint) -> Option<f64>) -> Line {
+    let at = |point: &CurvePoint| Some((point.alarms_per_hour?.max(LOWEST_PER_HOUR), value(point)?));
+    let marked = detector.curve.iter().filter(|p| p.is_detectors_own || p.is_operating_point);
+    Line {
+        name: detector.name.clone(),
+        points: detector.curve.iter().filter_map(at).collect(),
+        marks: marked.filter_map(|point| Some((at(point)?, point.is_operating_point))).collect(),
+    }
+}
+
+fn detail(results: &Results, run: &Run, index: usize, detector: &DetectorResults) -> Result<Markup> {
+    let kind = results.kind_of_data();
+    let worst = match (&detector.worst_episode, detector.worst_index) {
+        (Some(worst), Some(episode)) => {
+            let svg = timeline(&run.truths[episode], &run.verdicts[index][episode])?;
+            let caption = format!(
+                "Worst episode: {}/{}, {} missed, {} false alarms. Flag against label (encoder) and interface (sliding); grey: other \
+                 events; the grey line under the score is the threshold ({kind})",
+                worst.input, worst.name, worst.missed_events, worst.false_alarms
+            );
+            figure(&svg, &caption)
+        }
+        _ => html! { p { "No episode has a missed event or a false alarm." } },
+    };
+    Ok(html! {
+        details open[index == 0] {
+            summary { (detector.name) }
+            (parts::confusion(detector, kind))
+            (parts::alarms(detector, kind))
+            @for grouping in &detector.groupings { (parts::grouping(grouping, kind)) }
+            (worst)
+        }
+    })
+}
+
+fn definitions(results: &Results) -> Markup {
+    html! {
+        h2 #definitions { "Definitions" }
+        dl {
+            dt { "Encoder truth" } dd { "An event is a run of frames labelled slip: the crosshead has moved by more than 0.07 mm." }
+            dt { "Interface truth" } dd { "What the generator knows: the slip speed is above 0.1 mm/s and more than 95 % of the load slips, gaps "
+                "below 50 ms closed, 50 ms at least. The sliding of a labelled event is the first that begins between 250 ms before the "
+                "label and its end." }
+            dt { "Detection" } dd { "The first flag between 50 ms before the onset and the end of the event. Before the onset it is early: neither "
+                "a latency of 0 nor a false alarm. After the end the event is missed." }
+            dt { "Latency" } dd { "Frames of 4.17 ms from the onset to the detection, 0 being the onset frame. Medians, percentiles and shares "
+                "are over hits and misses, misses being infinite (∞). Computing time is not in it." }
+            dt { "Flag up at onset" } dd { "Share of all events whose onset frame is flagged; newly: and the frame before is not." }
+            dt { "Travel" } dd { "Between onset and detection: of the crosshead (encoder truth; 0.07 mm have passed at the onset), or slid by the "
+                "interface (interface truth)." }
+            dt { "False alarm" } dd { "A run of flags more than 50 ms away from all labelled slip; runs less than 200 ms apart are one. Rates are per "
+                "hour of the time outside slip ± 50 ms. It is put down to what went on from 150 ms before its start, short impacts first. "
+                "Bounds are exact one-sided 95 % bounds of a Poisson rate." }
+            dt { "FPR" } dd { "Frames falsely called slip, of the frames that do not slip." }
+            dt { "Macro F1" } dd { "Mean of the F1 of the three classes. No contact is a rule on the pressure sum that labels and detectors may share." }
+            dt { "Operating point" } dd { "The lowest threshold whose FPR on the validation input does not exceed the target, applied unchanged." }
+            dt { "Intervals" } dd { "95 %, bootstrap over episodes, 1000 draws with a fixed seed; none below 5 episodes." }
+            dt { "Streams" } dd { "The episodes of an input, by name, are cut into " (results.streams) " contiguous streams (fewer if there are fewer "
+                "episodes). A detector keeps its state from episode to episode of a stream, as a module that is never switched off." }
+        }
+        p { small { "Evaluated in " (format!("{:.1}", results.wall_s)) " s on " (results.threads) " threads, loading or generating included. Layout "
+            (results.schema) "." } }
+    }
+}

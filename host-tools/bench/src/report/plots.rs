@@ -1,0 +1,115 @@
+//! Line plots as inline SVG, for light and dark pages alike.
+
+use anyhow::{Result, anyhow};
+use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
+use plotters::prelude::*;
+
+/// Stands for the page's text colour while plotting.
+const TEXT: RGBColor = RGBColor(1, 2, 3);
+const GRID: RGBAColor = RGBAColor(128, 128, 128, 0.25);
+/// Okabe and Ito's colours, which colour-blind readers can tell apart, without black and yellow.
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+];
+const SIZE: (u32, u32) = (640, 380);
+
+/// Colour of the n-th line.
+pub(super) fn colour(n: usize) -> RGBColor {
+    COLOURS[n % COLOURS.len()]
+}
+
+/// A line of a plot.
+pub(super) struct Line {
+    pub(super) name: String,
+    pub(super) points: Vec<(f64, f64)>,
+    /// Marked points and whether they are filled.
+    pub(super) marks: Vec<((f64, f64), bool)>,
+}
+
+/// What the axes say.
+pub(super) struct Axes {
+    pub(super) title: &'static str,
+    pub(super) x: &'static str,
+    pub(super) y: &'static str,
+}
+
+/// An error of the drawing library as ours.
+pub(super) fn failed(error: impl std::fmt::Display) -> anyhow::Error {
+    anyhow!("cannot draw: {error}")
+}
+
+/// SVG text with the page's colour for text and no fixed size.
+pub(super) fn finish(svg: &str) -> String {
+    svg.replace("#010203", "currentColor")
+}
+
+/// Text of this size in the page's colour.
+pub(super) fn text(size: u32) -> TextStyle<'static> {
+    ("sans-serif", size).into_font().color(&TEXT)
+}
+
+/// Lines over linear axes.
+pub(super) fn linear(axes: &Axes, x: [f64; 2], y: [f64; 2], lines: &[Line]) -> Result<String> {
+    plot(axes, x[0]..x[1], y[0]..y[1], lines)
+}
+
+/// Lines over a logarithmic x axis.
+pub(super) fn logarithmic(axes: &Axes, x: [f64; 2], y: [f64; 2], lines: &[Line]) -> Result<String> {
+    plot(axes, (x[0]..x[1]).log_scale(), y[0]..y[1], lines)
+}
+
+fn plot<X>(axes: &Axes, x: X, y: std::ops::Range<f64>, lines: &[Line]) -> Result<String>
+where
+    X: AsRangedCoord<Value = f64>,
+    X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+        let mut chart = ChartBuilder::on(&root)
+            .caption(axes.title, text(17))
+            .margin(10)
+            .x_label_area_size(42)
+            .y_label_area_size(56)
+            .build_cartesian_2d(x, y)
+            .map_err(failed)?;
+        chart
+            .configure_mesh()
+            .x_desc(axes.x)
+            .y_desc(axes.y)
+            .axis_style(TEXT)
+            .bold_line_style(GRID)
+            .light_line_style(TRANSPARENT)
+            .label_style(text(13))
+            .axis_desc_style(text(14))
+            .draw()
+            .map_err(failed)?;
+        for (n, line) in lines.iter().enumerate() {
+            let style = colour(n).stroke_width(2);
+            chart
+                .draw_series(LineSeries::new(line.points.iter().copied(), style))
+                .map_err(failed)?
+                .label(line.name.clone())
+                .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+            let mark = |&(at, filled): &((f64, f64), bool)| {
+                let style = if filled { colour(n).filled() } else { colour(n).stroke_width(2) };
+                Circle::new(at, 5, style)
+            };
+            chart.draw_series(line.marks.iter().map(mark)).map_err(failed)?;
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerRight)
+            .label_font(text(13))
+            .border_style(TRANSPARENT)
+            .draw()
+            .map_err(failed)?;
+        root.present().map_err(failed)?;
+    }
+    Ok(finish(&svg))
+}

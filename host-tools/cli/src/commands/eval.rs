@@ -1,0 +1,183 @@
+//! `slipsense eval`: detectors compared on labelled episodes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Args as ClapArgs;
+use slipsense_bench::detectors::{Setup, by_name};
+use slipsense_bench::fit::Fitted;
+use slipsense_bench::report;
+use slipsense_bench::results::Results;
+use slipsense_bench::run::{Entrant, run};
+use slipsense_bench::source::Input;
+
+use crate::bundled;
+use crate::output_dir::OutputDir;
+
+/// Compare slip detectors on labelled episodes
+///
+/// Runs every detector over every episode and scores it: latency per event against both truths, false
+/// alarms per hour by what caused them, frame metrics, what a threshold trades, with intervals. An input
+/// called `val` is not tested on; it fixes the operating point.
+#[derive(ClapArgs)]
+#[command(after_help = "\
+Detectors:
+  network  network-float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
+  logistic  majority  always-slip  clock  rig-only  oracle  oracle-label
+
+Files written to the output folder:
+  metrics.json  every number; units are in the keys
+  report.html   tables, plots and definitions, one file to share
+
+Where inputs and detectors have the names of the paper's tables (umi_id, umi_ood, palm, tesollo2,
+tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's.
+
+Examples:
+  slipsense eval out/episodes --out out/eval
+  slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
+      --detector entropy-and-mfcc --out out/eval
+  slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
+pub struct Args {
+    /// Folders of .npz episodes with labels, or names of splits
+    #[arg(value_name = "SPLIT_OR_DIR", required = true)]
+    inputs: Vec<String>,
+    /// Detector to run; may be given several times
+    #[arg(long, value_name = "NAME", default_value = "network")]
+    detector: Vec<String>,
+    /// Folder to write; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Folder that holds the splits, one folder each
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Model of the network, the bundled one if not given; several are seeds, whose spread is reported
+    #[arg(long, value_name = "FILE")]
+    model: Vec<PathBuf>,
+    /// Weights of the network before quantization, for network-float; as many as models
+    #[arg(long, value_name = "FILE")]
+    weights: Vec<PathBuf>,
+    /// Fit of the other detectors; the bundled one if not given
+    #[arg(long, value_name = "FILE")]
+    fit: Option<PathBuf>,
+    /// Print metrics.json to standard output, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// The detectors of which there is one per seed.
+const NETWORK: &str = "network";
+const NETWORK_FLOAT: &str = "network-float";
+
+/// A network's files.
+struct Seed {
+    /// Behind the detector's name where there are several, else empty.
+    suffix: String,
+    model: Vec<u8>,
+    weights: Option<PathBuf>,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<()> {
+        let fitted = match &self.fit {
+            Some(path) => Fitted::read(path)?,
+            None => Fitted::bundled()?,
+        };
+        let seeds = self.seeds()?;
+        let entrants = self.entrants(&fitted, &seeds)?;
+        let inputs = self.inputs.iter().map(|input| self.input(input)).collect::<Result<Vec<Input>>>()?;
+        for (i, input) in inputs.iter().enumerate() {
+            if inputs[..i].iter().any(|other| other.name == input.name) {
+                bail!("two inputs are called {}; rename one", input.name);
+            }
+        }
+        let out = OutputDir::prepare(&self.out)?;
+
+        let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
+        let progress = super::progress(episodes, "episodes", self.json);
+        let judged = run(&inputs, &entrants, &|| progress.inc(1))?;
+        progress.finish_and_clear();
+        let results = Results::new(&inputs, &entrants, &judged, &pairs(&entrants, &seeds));
+        out.write("metrics.json", serde_json::to_string_pretty(&results)? + "\n")?;
+        out.write("report.html", report::html(&results, &judged)?)?;
+        out.commit()?;
+        if self.json {
+            return super::print_json(&results);
+        }
+        let at = |name: &str| self.out.join(name).display().to_string();
+        super::print(&format!(
+            "{results}\n  report        {}\n  numbers       {}\n  evaluated in  {:.1} s on {} threads\n",
+            at("report.html"),
+            at("metrics.json"),
+            results.wall_s,
+            results.threads
+        ))
+    }
+
+    fn seeds(&self) -> Result<Vec<Seed>> {
+        if self.model.is_empty() {
+            if self.weights.len() > 1 {
+                bail!("--weights: {} files, but one model, the bundled one", self.weights.len());
+            }
+            let weights = self.weights.first().cloned();
+            return Ok(vec![Seed { suffix: String::new(), model: bundled::MODEL.to_vec(), weights }]);
+        }
+        if !self.weights.is_empty() && self.weights.len() != self.model.len() {
+            bail!("--weights: {} files, but {} models", self.weights.len(), self.model.len());
+        }
+        let seed = |(i, path): (usize, &PathBuf)| {
+            let model =
+                fs::read(path).with_context(|| format!("{}: cannot read the model", path.display()))?;
+            let suffix = if self.model.len() > 1 { format!("#{}", i + 1) } else { String::new() };
+            Ok(Seed { suffix, model, weights: self.weights.get(i).cloned() })
+        };
+        self.model.iter().enumerate().map(seed).collect()
+    }
+
+    /// All detectors asked for, each made once here so that what is wrong shows before any work is done.
+    fn entrants<'a>(&'a self, fitted: &'a Fitted, seeds: &'a [Seed]) -> Result<Vec<Entrant<'a>>> {
+        let mut entrants: Vec<Entrant<'a>> = Vec::new();
+        for (i, family) in self.detector.iter().enumerate() {
+            if self.detector[..i].contains(family) {
+                continue;
+            }
+            let seeds = if family == NETWORK || family == NETWORK_FLOAT { seeds } else { &seeds[..1] };
+            for seed in seeds {
+                let setup = Setup { fitted, model: &seed.model, float_weights: seed.weights.as_deref() };
+                let make = move || by_name(family, &setup);
+                make()?;
+                let name = format!("{family}{}", if seeds.len() > 1 { &seed.suffix } else { "" });
+                entrants.push(Entrant { name, family: family.clone(), make: Box::new(make) });
+            }
+        }
+        Ok(entrants)
+    }
+
+    fn input(&self, input: &str) -> Result<Input> {
+        if let Some(data) = &self.data
+            && data.join(input).is_dir()
+        {
+            return Input::folder(input, &data.join(input));
+        }
+        let folder = Path::new(input);
+        if !folder.exists() {
+            match &self.data {
+                Some(data) => bail!("{input}: no such folder, here or in {}", data.display()),
+                None => {
+                    bail!("{input}: no such folder; splits are looked for in the folder that --data names")
+                }
+            }
+        }
+        let name = folder.file_name().map_or_else(|| input.into(), |name| name.to_string_lossy());
+        Input::folder(&name, folder)
+    }
+}
+
+/// Positions of the integer and the float network of each seed.
+fn pairs(entrants: &[Entrant<'_>], seeds: &[Seed]) -> Vec<(usize, usize)> {
+    let position = |family: &str, seed: &Seed| {
+        entrants.iter().position(|e| e.family == family && e.name == format!("{family}{}", seed.suffix))
+    };
+    let pair = |seed: &Seed| Some((position(NETWORK, seed)?, position(NETWORK_FLOAT, seed)?));
+    seeds.iter().filter_map(pair).collect()
+}

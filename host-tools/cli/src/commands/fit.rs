@@ -1,0 +1,106 @@
+//! `slipsense fit`: thresholds and tables of the detectors that need some.
+
+use std::fs;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Args as ClapArgs, ValueEnum};
+use slipsense::params::FRAME_RATE_HZ;
+use slipsense_bench::detectors::ClassOrder;
+use slipsense_bench::fit::{Plan, fit};
+use slipsense_bench::source::Input;
+use slipsense_synth::Recipe;
+
+use crate::output_dir::check_file;
+
+/// Length that `--frames` reckons a generated episode with, seconds.
+const EPISODE_S: u64 = 7;
+/// What `--data` calls the generated training episodes.
+const TRAIN: &str = "train";
+
+/// Fit the benchmark's detectors on training episodes
+///
+/// Thresholds by the largest Youden index (hit rate less false-positive rate), class densities, logistic
+/// regression, and how often each class comes at which time. Only training episodes are taken: a file
+/// whose metadata says `split` must say `train`, one that does not must not be of a held-out object. The
+/// same episodes give the same file.
+#[derive(ClapArgs)]
+#[command(after_help = "\
+The program carries one such file; `slipsense eval --fitted FILE` takes another.
+
+Examples:
+  slipsense fit --data train --frames 200000 --out fitted.json
+  slipsense fit --data out/train --out fitted.json")]
+pub struct Args {
+    /// Folder of .npz episodes, or `train` to generate training episodes
+    #[arg(long, value_name = "DIR|train")]
+    data: PathBuf,
+    /// About how many frames to generate; of a folder all are taken
+    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    frames: u64,
+    /// Seed of the generated episodes
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    seed: u64,
+    /// Use one frame of this many; classes and clock count all
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..))]
+    stride: u16,
+    /// Which rule makes the analytic detectors' three classes first
+    #[arg(long, value_enum, default_value_t = Order::SlipFirst)]
+    order: Order,
+    /// File to write
+    #[arg(long, value_name = "F.json")]
+    out: PathBuf,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which rule is asked first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Order {
+    /// Slip where the score says so, touched or not
+    SlipFirst,
+    /// No contact where no pad is touched, whatever the score
+    ContactFirst,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<()> {
+        check_file(&self.out)?;
+        let (input, source) = self.input()?;
+        let class_order = match self.order {
+            Order::SlipFirst => ClassOrder::SlipFirst,
+            Order::ContactFirst => ClassOrder::ContactFirst,
+        };
+        let plan = Plan { stride: self.stride.into(), class_order };
+        let bar = super::progress(input.episodes.len(), "episodes", self.json);
+        let load = |i: usize| input.episodes[i].load();
+        let fitted = fit(input.episodes.len(), &source, plan, load, || bar.inc(1))?;
+        bar.finish_and_clear();
+        fs::write(&self.out, fitted.to_json()?)
+            .with_context(|| format!("{}: cannot write", self.out.display()))?;
+
+        let (data, out) = (&fitted.data, self.out.display().to_string());
+        if self.json {
+            return super::print_json(&serde_json::json!({"out": out, "data": data}));
+        }
+        let (episodes, frames, used) = (data.episodes, data.frames, data.frames_used);
+        super::print(&format!("fitted on {used} of {frames} frames, {episodes} episodes: {out}\n"))
+    }
+
+    /// The episodes and where they come from, in words.
+    fn input(&self) -> Result<(Input, String)> {
+        if self.data.as_os_str() != TRAIN || self.data.is_dir() {
+            let folder = self.data.display().to_string();
+            ensure!(self.data.is_dir(), "{folder}: no such folder; `{TRAIN}` generates training episodes");
+            let name = self.data.file_name().map(|name| name.to_string_lossy().into_owned());
+            let source = format!("episodes in {}", name.as_deref().unwrap_or("a folder"));
+            return Ok((Input::folder(TRAIN, &self.data)?, source));
+        }
+        let episodes = self.frames.div_ceil(EPISODE_S * u64::from(FRAME_RATE_HZ));
+        let recipes = Recipe::new(self.seed).series(episodes as usize);
+        let named = (0..).zip(recipes).map(|(i, recipe): (u32, _)| (format!("episode-{i:05}"), recipe));
+        let source = format!("synthetic, slipsense-synth, seed {}", self.seed);
+        Ok((Input::recipes(TRAIN, named.collect()), source))
+    }
+}

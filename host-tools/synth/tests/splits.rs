@@ -3,7 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use slipsense_synth::splits::{EpisodeSet, MIX, PAPER_FRAMES, content_hash, paper_set, recipes, set_hash};
+use slipsense_synth::mix::PROTOCOL;
+use slipsense_synth::splits::{EpisodeSet, PAPER_FRAMES, content_hash, paper_set, recipes, set_hash};
 use slipsense_synth::{
     ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, Split, generate, objects,
     plan_frames,
@@ -36,10 +37,10 @@ fn slips(recipes: &[Recipe]) -> Vec<&Recipe> {
 
 #[test]
 fn small_sets_have_the_mix_too() {
-    let weights: usize = MIX.iter().map(|(_, weight)| weight).sum();
+    let weights: usize = PROTOCOL.weights().iter().map(|(_, weight)| weight).sum();
     let all = first(Split::Train, 5, 60);
     for length in [10, 20, 33, 60] {
-        for (scenario, weight) in MIX {
+        for &(scenario, weight) in PROTOCOL.weights() {
             let count = all[..length].iter().filter(|recipe| recipe.scenario == scenario).count() as f64;
             let must = (length * weight) as f64 / weights as f64;
             println!("{length} episodes: {count} {scenario:?}, proportion asks for {must:.2}");
@@ -149,7 +150,8 @@ fn no_two_episodes_share_a_seed() {
 /// without their last 11 bits.
 #[test]
 fn seeds_follow_the_written_rule() {
-    use slipsense_synth::splits::episode_seed;
+    use slipsense_synth::mix::PROTOCOL;
+use slipsense_synth::splits::episode_seed;
     assert_eq!(episode_seed(Split::UmiOod, 3, 41), 0xc366_8284_ab7d_911f >> 11);
 }
 

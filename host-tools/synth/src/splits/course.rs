@@ -19,6 +19,9 @@ pub const MIX: [(ScenarioChoice, usize); 5] = [
     (ScenarioChoice::Empty, 1),
 ];
 
+/// What happens in `noslip`.
+const NOSLIP_SCENARIO: ScenarioChoice = ScenarioChoice::FreeGrasp;
+
 /// Length of an episode of `noslip`, seconds.
 const NOSLIP_SECONDS: f64 = 60.0;
 
@@ -167,7 +170,7 @@ impl Course {
         let (platform, sensors) = NOSLIP_HANDS[second_turn(index, deck.objects.len(), NOSLIP_HANDS.len())];
         Recipe {
             object: deck.object(index),
-            scenario: ScenarioChoice::FreeGrasp,
+            scenario: NOSLIP_SCENARIO,
             platform,
             sensors,
             seconds: Some(NOSLIP_SECONDS),

@@ -37,10 +37,11 @@ Splits:
   tesollo3   test: another hand, three fingers
   noslip     test: long episodes without slip, for false alarms per hour
 
-Written to --out: set.json (which set, every recipe), SPLIT-00000.npz and so on, and, when all episodes
-are there, hashes.json (what they hold). The same command again goes on where a run was cut off. Parts
-made by several processes or machines (--shard) belong into one folder; the last one finishes the set.
-Test splits without --frames and --seed are the frozen test sets, and are compared with them.
+Written to --out: set.json (which set, every recipe), SPLIT-00000.npz and so on, and, when all
+episodes are there, hashes.json (what they hold). The same command again goes on where a run was
+cut off. Parts made by several processes or machines (--shard) belong into one folder; the last one
+finishes the set. Test splits without --frames and --seed are the frozen test sets, and are
+compared with them.
 
 A recipe is JSON; only `seed` must be there:
   {\"seed\": 7, \"object\": \"held_out\", \"scenario\": \"six_step\", \"sensors\": 2, \"speed_mm_s\": 5}
@@ -56,7 +57,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", value_parser = split_parser(), conflicts_with = "all")]
     #[arg(required_unless_present_any = ["all", "recipe", "verify"])]
     split: Option<Split>,
-    /// Make the paper-sized set: 1.4 million frames of all splits in folders inside --out
+    /// Make the paper-sized set: 1.4 million frames of all splits, in folders inside --out
     #[arg(long)]
     all: bool,
     /// Frames to make at least; the last episode is whole. Test splits: those of the frozen set
@@ -211,13 +212,14 @@ impl Args {
         for (at, dir) in dirs.iter().enumerate() {
             let (episodes, frames, out) =
                 (dir.set.episodes.len(), dir.set.total_frames(), dir.path.display());
+            let plural = if episodes == 1 { "" } else { "s" };
             let state = match dir.hash().filter(|_| made.is_complete(at)) {
                 Some(hash) if dir.is_frozen() => format!("the frozen test set, hash {}", &hash[..16]),
                 Some(hash) => format!("hash {}", &hash[..16]),
                 None => format!("part {} made, others missing", self.shard.unwrap_or(Shard::WHOLE)),
             };
             text += &format!(
-                "{:<9} {episodes} synthetic episodes, {frames} frames, {state}: {out}\n",
+                "{:<9} {episodes} synthetic episode{plural}, {frames} frames, {state}: {out}\n",
                 dir.set.split
             );
         }

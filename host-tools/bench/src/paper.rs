@@ -14,8 +14,8 @@ pub const CLASS_PERCENT: [f64; 3] = [57.6, 18.8, 23.7];
 /// How far a figure may be from the paper's, percentage points, for the data to count as about as hard.
 pub const HARDNESS_POINTS: f64 = 6.0;
 
-/// Median and longest latency of the paper's network on its 167 UMI test events (latency by speed):
-/// speed in mm/s, events, median, mean and longest latency in frames.
+/// The paper's network by speed, 167 UMI test events: speed in mm/s, events, median, mean and longest
+/// latency in frames.
 pub const LATENCY_BY_SPEED: [(f64, u32, f64, f64, f64); 5] = [
     (2.0, 36, 3.0, 14.9, 106.0),
     (5.0, 31, 3.0, 6.8, 39.0),

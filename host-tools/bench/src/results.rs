@@ -27,7 +27,7 @@ use crate::truth::Truth;
 pub const SCHEMA: &str = "slipsense-eval/1";
 
 /// Why a key may be null: by the key's beginning, the first that fits.
-pub const NULL_REASONS: [(&str, &str); 19] = [
+pub const NULL_REASONS: [(&str, &str); 23] = [
     ("latency_", "infinite: that share of the events is missed; or no event was hit or missed"),
     ("from_onset_", "infinite: that share of the events has no flag after its onset; or there is no event"),
     ("travel_", "infinite as the latency is, or the episodes do not hold the position"),
@@ -39,6 +39,13 @@ pub const NULL_REASONS: [(&str, &str); 19] = [
     ("alarms_per_hour", "no time in which an alarm could occur, or too few episodes for an interval"),
     ("upper_bound_per_hour", "no time in which an alarm could occur"),
     ("of_these_truly_sliding", "not every episode holds the slip of the interface"),
+    ("interface_events", "not every episode holds the slip of the interface"),
+    ("grip_bounds_n", "no episode states its grip"),
+    ("worst", "a single group, or no episode with a miss or a false alarm"),
+    (
+        "operating_point",
+        "operating_point_missing_because says it; that itself is null where there is a point",
+    ),
     ("against_interface", "not every episode holds the slip of the interface"),
     ("fpr_", "no frame that does not slip, or too few episodes for an interval"),
     ("accuracy", "no frame, or too few episodes for an interval"),
@@ -108,7 +115,7 @@ pub struct DetectorResults {
     pub name: String,
     /// Threshold of its own, in the unit of its score.
     pub threshold_score: f64,
-    /// Mean computing time on one thread of this computer.
+    /// Mean processor time on one core of this computer.
     pub compute_us_per_frame: Option<f64>,
     /// All inputs but validation (where there are others).
     pub all: Figures,

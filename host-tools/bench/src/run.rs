@@ -7,6 +7,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
+use cpu_time::ThreadTime;
 use rayon::prelude::*;
 
 use crate::detectors::{Detector, Verdict};
@@ -32,14 +33,14 @@ pub struct Run {
     pub of_input: Vec<Range<usize>>,
     /// `[entrant][episode]`.
     pub verdicts: Vec<Vec<Verdict>>,
-    /// Time that each entrant took in all, on one thread.
+    /// Processor time that each entrant took in all.
     pub judging: Vec<Duration>,
     /// Time from start to end, loading or generating included.
     pub wall: Duration,
 }
 
 impl Run {
-    /// Mean time of an entrant per frame, µs.
+    /// Mean processor time of an entrant per frame, µs.
     pub fn us_per_frame(&self, entrant: usize) -> Option<f64> {
         let frames: usize = self.truths.iter().map(Truth::frames).sum();
         (frames > 0).then(|| self.judging[entrant].as_secs_f64() * 1e6 / frames as f64)
@@ -101,7 +102,8 @@ fn judge(
         let truth = Truth::new(&episode, &input.name, &name)?;
         let mut verdicts = Vec::with_capacity(entrants.len());
         for ((detector, entrant), time) in detectors.iter_mut().zip(entrants).zip(&mut judged.judging) {
-            let start = Instant::now();
+            // Time of this thread, which a busy computer does not stretch.
+            let start = ThreadTime::now();
             let verdict = detector.judge(&episode);
             *time += start.elapsed();
             let what = || format!("detector {} on {}/{name}", entrant.name, input.name);

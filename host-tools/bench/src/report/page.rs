@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use plotters::prelude::SeriesLabelPosition;
 
 use super::parts;
 use super::plots::{Axes, Line, linear, logarithmic};
@@ -40,7 +41,7 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
                     "row belong to one threshold. " a href="#definitions" { "Definitions" } " are at the end; all numbers of this page, and "
                     "more, are in " code { "metrics.json" } "." }
                 (parts::inputs(results))
-                @if !results.paper.is_empty() { h2 { "Beside the paper" } (parts::paper(results)) }
+                @if !results.paper.is_empty() { h2 { "Beside the paper" } (parts::paper(results)) (parts::paper_speeds(results)) }
                 h2 { "How soon" }
                 (parts::latencies(results))
                 div.plots { (plots.encoder) (plots.interface) @for speed in &plots.speed { (speed) } }
@@ -89,7 +90,12 @@ fn plots(results: &Results) -> Result<Plots> {
         results.detectors.iter().map(|detector| cdf_line(&detector.name, cdf(detector))).collect()
     };
     let cdf = |title: &'static str, lines: &[Line]| {
-        let axes = Axes { title, x: "frames of 4.17 ms after the onset, up to", y: "% of hits and misses" };
+        let axes = Axes {
+            title,
+            x: "frames of 4.17 ms after the onset, up to",
+            y: "% of hits and misses",
+            legend: SeriesLabelPosition::LowerRight,
+        };
         linear(&axes, [0.0, CDF_FRAMES], [0.0, 100.0], lines)
     };
     let below = caption("What a line lacks of 100 % at the right is later than 250 ms or missed");
@@ -101,30 +107,33 @@ fn plots(results: &Results) -> Result<Plots> {
         let text = caption(&format!("{}, encoder truth, by speed of the pull", first.name));
         speed.push(figure(&cdf("Latency by speed", &lines)?, &text));
     }
-    let curve = |title: &'static str, y: &'static str, value: fn(&CurvePoint) -> Option<f64>| {
-        let lines: Vec<Line> = results.detectors.iter().map(|d| curve_line(d, value)).collect();
-        let points = || lines.iter().flat_map(|line| &line.points);
-        let (low, high) = points().fold((1.0_f64, 10.0_f64), |(l, h), p| (l.min(p.0), h.max(p.0)));
-        let top = points().fold(1.0_f64, |top, p| top.max(p.1));
-        let axes = Axes { title, x: "false alarms per hour", y };
-        logarithmic(
-            &axes,
-            [low, high * 1.2],
-            [0.0, (top * 1.05).min(if y.starts_with('%') { 100.0 } else { f64::MAX })],
-            &lines,
-        )
+    let curve = |title: &'static str, y: &'static str, top: f64, value: fn(&CurvePoint) -> Option<f64>| {
+        let below_top = |line: Line| Line {
+            points: line.points.into_iter().filter(|point| point.1 <= top).collect(),
+            marks: line.marks.into_iter().filter(|(point, _)| point.1 <= top).collect(),
+            ..line
+        };
+        let lines: Vec<Line> = results.detectors.iter().map(|d| below_top(curve_line(d, value))).collect();
+        let rates = || lines.iter().flat_map(|line| &line.points).map(|point| point.0);
+        let range = [rates().fold(1.0, f64::min), 1.2 * rates().fold(10.0, f64::max)];
+        let legend = SeriesLabelPosition::UpperRight;
+        logarithmic(&Axes { title, x: "false alarms per hour", y, legend }, range, [0.0, top], &lines)
     };
-    let marks = caption("Ring: the detector's own threshold; disc: the point fixed on the validation input");
+    let marks = caption(
+        "Ring: the detector's own threshold; disc: the point fixed on the validation input; what is slower than 250 ms is not drawn",
+    );
     Ok(Plots {
         encoder: figure(&cdf("Latency, encoder truth", &of_all(|d| &d.encoder_cdf))?, &below),
         interface: figure(&cdf("Latency, interface truth", &of_all(|d| &d.interface_cdf))?, &below),
         speed,
         operating: figure(
-            &curve("Latency against false alarms", "median latency, frames", |p| p.latency_median_frames)?,
+            &curve("Latency against false alarms", "median latency, frames", CDF_FRAMES, |p| {
+                p.latency_median_frames
+            })?,
             &marks,
         ),
         misses: figure(
-            &curve("Misses against false alarms", "% of the events missed", |p| {
+            &curve("Misses against false alarms", "% of the events missed", 100.0, |p| {
                 p.miss_share.map(|s| 100.0 * s)
             })?,
             &marks,

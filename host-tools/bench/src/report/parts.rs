@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use crate::metrics::frames::CLASS_NAMES;
 use crate::metrics::groups::Grouping;
 use crate::metrics::record::Figures;
-use crate::paper::{CLASS_PERCENT, Comparison};
+use crate::paper::{CLASS_PERCENT, Comparison, LATENCY_BY_SPEED, WITHIN_PERCENT};
 use crate::results::{DetectorResults, Results};
 use crate::table::{latency, number, percent};
 
@@ -120,6 +120,41 @@ pub(super) fn paper(results: &Results) -> Markup {
     }
 }
 
+/// Latency by speed beside the paper's network.
+pub(super) fn paper_speeds(results: &Results) -> Markup {
+    let at = |detector: &DetectorResults, mm_s: f64| {
+        let speeds = detector.groupings.iter().find(|grouping| grouping.by == "speed")?;
+        let value = format!("{mm_s} mm/s");
+        speeds
+            .groups
+            .iter()
+            .find(|group| group.value == value)
+            .map(|group| group.figures.encoder_events.clone())
+    };
+    let [onset, within] = WITHIN_PERCENT;
+    html! {
+        div.wide { table {
+            caption { "Latency by speed, frames: median, mean of the hits, longest hit; ours: " (results.kind_of_data()) ", all inputs but validation" }
+            thead { tr { th { "Detector" } @for (mm_s, ..) in LATENCY_BY_SPEED { th { (mm_s) " mm/s" } } } }
+            tbody {
+                tr { td { "the paper's network, UMI" }
+                    @for (_, events, median, mean, longest) in LATENCY_BY_SPEED {
+                        td { (format!("{median:.1} / {mean:.1} / {longest:.0}")) " " small { "of " (events) } }
+                    } }
+                @for detector in &results.detectors { tr { td { (detector.name) }
+                    @for (mm_s, ..) in LATENCY_BY_SPEED {
+                        td { @if let Some(events) = at(detector, mm_s) {
+                            (latency(events.latency_median_frames, events.hits + events.missed)) " / "
+                            (number(events.latency_mean_of_hits_frames, 1)) " / " (number(events.latency_max_of_hits_frames, 0))
+                            " " small { "of " (events.events) }
+                        } @else { "–" } }
+                    } } }
+            }
+        } }
+        p { small { "Of its 167 events the paper flags " (onset) " % at the onset frame and " (within) " % within 5 frames." } }
+    }
+}
+
 /// Latencies against both truths.
 pub(super) fn latencies(results: &Results) -> Markup {
     html! {
@@ -158,7 +193,7 @@ pub(super) fn latencies(results: &Results) -> Markup {
 fn compute(results: &Results) -> Markup {
     html! {
         div.wide { table {
-            caption { "Computing time, one thread of this computer (loading not included); it is not in the latencies" }
+            caption { "Computing time of one core of this computer (loading not included); it is not in the latencies" }
             thead { tr { th { "Detector" } th { "µs per frame" } th { "median latency with it, ms" } } }
             tbody { @for detector in &results.detectors {
                 @let us = detector.compute_us_per_frame;

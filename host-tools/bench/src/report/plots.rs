@@ -36,6 +36,7 @@ pub(super) struct Axes {
     pub(super) title: &'static str,
     pub(super) x: &'static str,
     pub(super) y: &'static str,
+    pub(super) legend: SeriesLabelPosition,
 }
 
 /// An error of the drawing library as ours.
@@ -104,7 +105,7 @@ where
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::LowerRight)
+            .position(axes.legend.clone())
             .label_font(text(13))
             .border_style(TRANSPARENT)
             .draw()

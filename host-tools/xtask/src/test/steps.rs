@@ -76,6 +76,11 @@ pub const STEPS: &[Step] = &[
         what: "the committed log-mel vectors are what librosa and scipy give",
         run: || script("make_logmel_vectors.py", &["--check"]),
     },
+    Step {
+        name: "metrics",
+        what: "the benchmark's metrics are what scikit-learn and scipy give",
+        run: metrics,
+    },
     Step { name: "demo", what: "the demo runs, and pycyphal decodes its CAN log", run: demo },
     Step { name: "deny", what: "licences, sources and bans of all dependencies", run: deny },
 ];
@@ -131,6 +136,14 @@ fn random_models() -> Result<()> {
 
 fn script(name: &str, arguments: &[&str]) -> Result<()> {
     run(python()?.arg(format!("tests/python/{name}")).args(arguments))
+}
+
+fn metrics() -> Result<()> {
+    let cases = target_dir().join("metric_cases.json");
+    let mut example = cargo();
+    example.args(["run", "--release", "--quiet", "--package", "slipsense-bench"]);
+    run(example.args(["--example", "metric_cases", "--"]).arg(&cases))?;
+    run(python()?.arg("tests/python/check_metrics.py").arg(cases))
 }
 
 fn demo() -> Result<()> {

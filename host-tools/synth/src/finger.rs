@@ -6,7 +6,7 @@ use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::sensor::{PiezoFrame, XlSample};
 
 use crate::accelerometer::{self, XlSession};
-use crate::contact::{Contact, Pose, PressureMap, Rocking};
+use crate::contact::{Contact, Grain, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Rng, Stream, stream};
 use crate::film::{Film, FilmSession};
 use crate::friction::{Interface, Pull, STEP_HZ, Sliding};
@@ -184,10 +184,12 @@ impl<'a> Shared<'a> {
     pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut Log) -> Finger {
         let (seed, object) = (self.recipe.seed, self.what.object);
         let unit = Unit::new(self.units[sensor]);
-        let mut rng = stream(seed, Stream::Friction, sensor);
+        let mut friction_rng = stream(seed, Stream::Friction, sensor);
+        let rng = &mut friction_rng;
         let pose = self.pose_of(sensor);
-        let mut contact = Contact::draw(&mut rng, object, pose, self.what.region);
-        let mut interface = Interface::draw(&mut rng, object);
+        let mut contact = Contact::draw(rng, object, pose, self.what.region);
+        let mut interface = Interface::draw(rng, object);
+        let mut grain = Grain::draw(rng);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
         let faults = film_session.events(self.frames);
@@ -200,11 +202,11 @@ impl<'a> Shared<'a> {
             &json!({
                 "unit": self.units[sensor],
                 "film": unit.film, "film_session": film_session,
-                "contact": contact, "friction": interface,
+                "contact": contact, "friction": interface, "grain": grain,
                 "modes": modes, "accelerometer": unit.xl, "accelerometer_session": xl_session,
             }),
         );
-        let slide = self.touch(sensor, &mut contact, &mut interface, &mut film, piezo);
+        let slide = self.touch(sensor, &mut contact, &mut interface, (&mut grain, &mut friction_rng), &mut film, piezo);
 
         let clock = xl_session.clock(&unit.xl, self.frames as f64 / FRAME_RATE_HZ as f64);
         let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
@@ -231,6 +233,7 @@ impl<'a> Shared<'a> {
         sensor: usize,
         contact: &mut Contact,
         interface: &mut Interface,
+        (grain, rng): (&mut Grain, &mut Rng),
         film: &mut Film<'_>,
         piezo: &mut [PiezoFrame],
     ) -> Slide {
@@ -270,6 +273,7 @@ impl<'a> Shared<'a> {
             }
             let lean = if force > 0.05 { self.lean / force } else { 0.0 };
             contact.pressures(force, sheared.shear_n.map(|n| lean * n), &mut map);
+            grain.apply(sheared.path_mm, rng, &mut map);
             map_n = force;
             interface.release_unloaded(&map);
             let pickup = self.plan.motor_pickup_counts * line.motor[tick].max(line.jaw[tick]);

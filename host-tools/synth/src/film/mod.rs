@@ -157,7 +157,7 @@ impl<'a> Film<'a> {
         let mut scan = [0; TAXELS];
         for row in 0..TAXEL_ROWS {
             let (row_cos, row_sin) = self.row_phase[row];
-            let mut common = hum * (sin * row_cos + cos * row_sin);
+            let mut common = session.zero_counts + hum * (sin * row_cos + cos * row_sin);
             if shared > 0.0 {
                 common += shared * self.rng.normal();
             }

@@ -17,6 +17,8 @@ pub(crate) const FAULT_EVENT: &str = "electrical";
 const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
+/// Shift of the idle level with temperature and supply, counts.
+const ZERO_COUNTS: (f64, f64) = (-0.3, 0.15);
 /// Mains frequencies and how far a grid strays from them, Hz.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MAINS_STRAY_HZ: f64 = 0.1;
@@ -72,6 +74,8 @@ pub(crate) struct FilmSession {
     pub age_months: f64,
     /// Factor on the electrical noise.
     pub noise_factor: f64,
+    /// Shift of the idle level of all taxels, counts.
+    pub zero_counts: f64,
     /// Frequency of the mains, Hz.
     pub mains_hz: f64,
     /// Its phase at the start, radians.
@@ -90,6 +94,7 @@ impl FilmSession {
             temperature_c: rng.between(TEMPERATURE_C.0, TEMPERATURE_C.1),
             age_months: rng.between(AGE_MONTHS.0, AGE_MONTHS.1),
             noise_factor,
+            zero_counts: rng.between(ZERO_COUNTS.0, ZERO_COUNTS.1),
             mains_hz: MAINS_HZ[rng.count(0, 1)] + rng.between(-MAINS_STRAY_HZ, MAINS_STRAY_HZ),
             mains_phase: rng.phase(),
             mains_share: rng.between(0.0, 1.0),

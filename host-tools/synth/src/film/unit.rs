@@ -15,9 +15,10 @@ use crate::contact::cell_mm;
 use crate::draw::{Draw, Rng};
 
 /// Electrical noise of a taxel, counts rms (LSB of the 12-bit converter).
-const NOISE_COUNTS: (f64, f64) = (0.5, 1.5);
-/// Idle level of a taxel, counts; the noise leaves less room for it the stronger it is.
-const OFFSET_COUNTS: (f64, f64) = (0.0, 0.8);
+const NOISE_COUNTS: (f64, f64) = (0.4, 0.7);
+/// Idle level of a taxel, counts; the noise leaves less room for it the stronger it is. Below 0 the
+/// converter's range begins above the divider's idle voltage.
+const OFFSET_COUNTS: (f64, f64) = (-0.4, 0.4);
 /// Spread of the idle level over the taxels of a unit, counts.
 const OFFSET_SPREAD_COUNTS: f64 = 0.1;
 /// Mains pick-up, amplitude in counts.

@@ -1,0 +1,107 @@
+//! What sliding does to the pressure below the size of a taxel: the few hundred asperities under one
+//! element carry its share of the load unevenly, and others take over as the faces slide by their own
+//! size. A sliding contact flickers, a sticking one keeps the flicker it stopped at.
+
+use libm::{exp, sqrt};
+use serde::Serialize;
+use slipsense::params::TAXELS;
+
+use super::map::PressureMap;
+use crate::draw::{Draw, Rng};
+
+/// Relative rms of one element's pressure, lowest and highest: `1/√n` of `n` asperities, 0.45 mm / 10–40 µm
+/// each way, of which one in ten to one in a hundred touches.
+const RMS: (f64, f64) = (0.02, 0.06);
+/// Slid length after which other asperities carry the load, mm.
+const LENGTH_MM: (f64, f64) = (0.01, 0.04);
+
+/// The flicker of one pad.
+#[derive(Serialize)]
+pub(crate) struct Grain {
+    /// Relative rms of the pressure.
+    rms: f64,
+    /// Slid length over which it changes, mm.
+    length_mm: f64,
+    #[serde(skip)]
+    state: Box<[f64; TAXELS]>,
+    #[serde(skip)]
+    path_mm: f64,
+}
+
+impl Grain {
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        Self {
+            rms: rng.between(RMS.0, RMS.1),
+            length_mm: rng.log_between(LENGTH_MM.0, LENGTH_MM.1),
+            state: Box::new([0.0; TAXELS]),
+            path_mm: 0.0,
+        }
+    }
+
+    /// Change the pressures of a patch that has slid `path_mm` in all (load-weighted); their sum stays.
+    pub(crate) fn apply(&mut self, path_mm: f64, rng: &mut Rng, map: &mut PressureMap) {
+        let force_n = map.force_n();
+        if force_n <= 0.0 {
+            return;
+        }
+        let slid_mm = path_mm - self.path_mm;
+        self.path_mm = path_mm;
+        if slid_mm > 0.0 {
+            let keep = exp(-slid_mm / self.length_mm);
+            let fresh = sqrt(1.0 - keep * keep);
+            for &cell in &map.loaded {
+                self.state[cell] = keep * self.state[cell] + fresh * rng.normal();
+            }
+        }
+        for &cell in &map.loaded {
+            map.kpa[cell] *= (1.0 + self.rms * self.state[cell]).max(0.0);
+        }
+        let scale = force_n / map.force_n();
+        for &cell in &map.loaded {
+            map.kpa[cell] *= scale;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::{Stream, stream};
+
+    #[test]
+    fn it_flickers_only_while_sliding_and_keeps_the_force() {
+        let mut rng = stream(5, Stream::Contact, 0);
+        let mut grain = Grain::draw(&mut rng);
+        let even = || {
+            let mut map = PressureMap::empty();
+            for cell in 300..700 {
+                map.kpa[cell] = 40.0;
+                map.loaded.push(cell);
+            }
+            map
+        };
+        let mut step = |path_mm: f64| {
+            let mut map = even();
+            grain.apply(path_mm, &mut rng, &mut map);
+            map
+        };
+        let (rest, slid) = (step(0.0), step(1.0));
+        let held = step(1.0);
+        let moved = step(1.0 + 2.0 / 240.0);
+        let change = |a: &PressureMap, b: &PressureMap| {
+            let sum: f64 = a.loaded.iter().map(|&c| (a.kpa[c] / b.kpa[c] - 1.0).powi(2)).sum();
+            (sum / a.loaded.len() as f64).sqrt()
+        };
+        println!(
+            "relative rms change: slid 1 mm {:.4}, held {:.4}, one frame at 2 mm/s {:.4}; force {:.12} of {:.12} N",
+            change(&slid, &rest),
+            change(&held, &slid),
+            change(&moved, &held),
+            slid.force_n(),
+            even().force_n()
+        );
+        assert!((slid.force_n() / even().force_n() - 1.0).abs() < 1e-12);
+        assert_eq!(change(&held, &slid), 0.0);
+        assert!(change(&moved, &held) > 0.005 && (RMS.0 * 0.9..RMS.1 * 1.1).contains(&change(&slid, &rest)));
+    }
+}

@@ -40,7 +40,7 @@ pub struct PaperRow {
     pub input: &'static str,
     /// Median latency, frames.
     pub latency_frames: f64,
-    /// "Fraction of frames incorrectly predicted as slip", percent; of which frames is not said.
+    /// "Fraction of frames incorrectly predicted as slip", percent; of which frames is not said, see `metrics::frames`.
     pub fpr_percent: f64,
     /// Accuracy, percent.
     pub accuracy_percent: f64,

@@ -2,6 +2,7 @@
 
 use slipsense_bench::detectors::{DETECTORS, Detector, Setup, Verdict, by_name};
 use slipsense_bench::fit::{Fitted, Plan, fit};
+use slipsense_bench::source::Handle;
 use slipsense_episode::Episode;
 use slipsense_synth::{ObjectChoice, Recipe, ScenarioChoice, generate};
 
@@ -237,10 +238,11 @@ fn a_damaged_file_of_fitted_numbers_is_refused() {
 #[test]
 fn fitting_repeats_itself_and_refuses_held_out_objects() {
     let base = Recipe { seconds: Some(5.0), scenario: ScenarioChoice::SixStep, ..Recipe::new(2) };
-    let recipes = base.series(4);
-    let run = || fit(4, "test", Plan::default(), |i| Ok(generate(&recipes[i])?), || ());
-    assert_eq!(run().unwrap(), run().unwrap());
-    let held_out = Recipe { object: ObjectChoice::HeldOut, ..recipes[0].clone() };
-    let error = fit(1, "test", Plan::default(), |_| Ok(generate(&held_out)?), || ()).unwrap_err();
-    assert!(format!("{error:#}").contains("held out"), "{error:#}");
+    let handle = |recipe: Recipe| Handle::Recipe { name: "this one".into(), recipe: Box::new(recipe) };
+    let episodes: Vec<_> = base.series(4).into_iter().map(handle).collect();
+    let run = || fit(&episodes, "test", Plan::default(), || ()).unwrap();
+    assert_eq!(run(), run());
+    let held_out = [handle(Recipe { object: ObjectChoice::HeldOut, ..base })];
+    let error = format!("{:#}", fit(&held_out, "test", Plan::default(), || ()).unwrap_err());
+    assert!(error.starts_with("this one: ") && error.contains("held out"), "{error}");
 }

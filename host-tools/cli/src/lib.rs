@@ -56,6 +56,7 @@ enum Command {
     Features(commands::features::Args),
     Synth(commands::synth::Args),
     Eval(commands::eval::Args),
+    Fit(commands::fit::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
 }
@@ -68,6 +69,7 @@ pub fn main() -> ExitCode {
         Command::Features(args) => args.run(),
         Command::Synth(args) => args.run(),
         Command::Eval(args) => args.run(),
+        Command::Fit(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
     };

@@ -284,6 +284,6 @@ mod tests {
             assert!(slip < reported && (exchanged - reported).abs() < 0.5);
         }
         // Among all frames, false slip alone would be more than all errors.
-        assert!(22.98 > 100.0 - 79.41);
+        assert!(rows.iter().any(|(fpr, accuracy, ..)| *fpr > 100.0 - accuracy));
     }
 }

@@ -19,7 +19,7 @@ pub struct Gaussian {
 }
 
 impl Gaussian {
-    /// Of these samples: mean, and (1 − [`RIDGE`]) times the unbiased covariance plus [`RIDGE`] times the
+    /// Of these samples: mean, and (1 − [`RIDGE`]) times the covariance (over n) plus [`RIDGE`] times the
     /// identity. Needs at least two samples.
     pub fn fit<const N: usize>(samples: &[[f64; N]]) -> Result<Self> {
         ensure!(samples.len() >= 2, "{} samples of a class, at least 2 are needed", samples.len());
@@ -28,18 +28,18 @@ impl Gaussian {
         for sample in samples {
             mean.iter_mut().zip(sample).for_each(|(m, x)| *m += x / n);
         }
-        let mut covariance = vec![vec![0.0; N]; N];
+        let (mut sums, mut covariance) = ([[0.0; N]; N], vec![vec![0.0; N]; N]);
         for sample in samples {
             for i in 0..N {
                 for j in 0..=i {
-                    covariance[i][j] += (sample[i] - mean[i]) * (sample[j] - mean[j]);
+                    sums[i][j] += (sample[i] - mean[i]) * (sample[j] - mean[j]);
                 }
             }
         }
-        for i in 0..N {
-            for j in 0..=i {
+        for (i, row) in sums.iter().enumerate() {
+            for (j, sum) in row[..=i].iter().enumerate() {
                 let ridge = if i == j { RIDGE } else { 0.0 };
-                covariance[i][j] = (1.0 - RIDGE) * covariance[i][j] / (n - 1.0) + ridge;
+                covariance[i][j] = (1.0 - RIDGE) * sum / n + ridge;
                 covariance[j][i] = covariance[i][j];
             }
         }
@@ -156,11 +156,11 @@ mod tests {
 
     #[test]
     fn moments_by_hand() {
-        // Means 2 and 5; unbiased variances 1 and 4, covariance 2 (less the ridge's share).
+        // Means 2 and 5; variances 2/3 and 8/3, covariance 4/3, but for the ridge's share.
         let samples = [[1.0, 3.0], [2.0, 5.0], [3.0, 7.0]];
         let gaussian = Gaussian::fit(&samples).unwrap();
         assert_eq!(gaussian.mean, [2.0, 5.0]);
-        let expected = [[1.0, 2.0], [2.0, 4.0]];
+        let expected = [[2.0 / 3.0, 4.0 / 3.0], [4.0 / 3.0, 8.0 / 3.0]];
         for (row, expected) in gaussian.covariance.iter().zip(expected) {
             for (x, e) in row.iter().zip(expected) {
                 assert!((x - e).abs() < 5.0 * RIDGE, "{x} {e}");

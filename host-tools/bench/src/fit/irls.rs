@@ -12,8 +12,9 @@ const STEPS_MAX: usize = 100;
 /// Largest change of a weight at which it has arrived.
 const ARRIVED: f64 = 1e-9;
 
-/// Weights and intercept of the log-odds of `true`. Features should be standardised.
-pub(super) fn logistic<const N: usize>(features: &[[f64; N]], is: &[bool]) -> Result<([f64; N], f64)> {
+/// Weights and intercept of the log-odds of `true`, by Newton's method with a penalty of ½ Σw². Features
+/// should be standardised.
+pub fn logistic<const N: usize>(features: &[[f64; N]], is: &[bool]) -> Result<([f64; N], f64)> {
     let mut weights = DVector::zeros(N + 1);
     for _ in 0..STEPS_MAX {
         let mut gradient = DVector::zeros(N + 1);

@@ -12,16 +12,17 @@ mod sample;
 mod youden;
 
 pub use fitted::{ClassFit, Cut, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, RigFit};
+pub use irls::logistic;
 pub use youden::{Youden, youden};
 
 use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
 use slipsense::params::CLASSES;
-use slipsense_episode::Episode;
 use slipsense_episode::score::SLIP;
 
 use crate::detectors::ClassOrder;
 use crate::detectors::qda::{Gaussian, Scaling};
+use crate::source::Handle;
 use sample::{Frame, Sample};
 
 /// How to fit.
@@ -41,24 +42,17 @@ impl Default for Plan {
     }
 }
 
-/// Fit everything on `episodes` episodes, which `get` delivers by number, on all cores and in any order.
-/// `source` says where they come from; `done` is called after each.
+/// Fit everything on these episodes, loaded on all cores and in any order, few at a time. `source` says
+/// where they come from; `done` is called after each.
 ///
 /// Refuses an episode that is not of the training split: one whose meta says `split` must say `train`, one
 /// that does not must not be of a held-out object (`held_out`).
-pub fn fit(
-    episodes: usize,
-    source: &str,
-    plan: Plan,
-    get: impl Fn(usize) -> Result<Episode> + Sync,
-    done: impl Fn() + Sync,
-) -> Result<Fitted> {
+pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync) -> Result<Fitted> {
     ensure!(plan.stride > 0, "the stride must be at least 1");
-    let samples = (0..episodes).into_par_iter().map(|i| {
-        let episode = get(i)?;
-        let sample = Sample::of(&episode, plan.stride).with_context(|| format!("episode {i}"));
+    let samples = episodes.par_iter().map(|handle| {
+        let sample = Sample::of(&handle.load()?, plan.stride).with_context(|| handle.name())?;
         done();
-        sample
+        Ok(sample)
     });
     from_samples(samples.collect::<Result<Vec<_>>>()?, source, plan)
 }

@@ -3,7 +3,8 @@
 //! * *Accuracy*: share of frames whose class is right. *Macro F1*: unweighted mean of the F1 of the three
 //!   classes (of those that occur).
 //! * *FPR*: frames falsely called slip, as a share of the frames that do not slip (the headline), or of
-//!   all frames. The paper does not say which it means.
+//!   all frames. The paper does not say which it means; its Table 1 leaves only the former: an FPR of
+//!   22.98 % of all frames cannot stand beside an accuracy of 79.41 %.
 //! * *Contact only*: precision, recall and F1 of slip among the frames with contact by the label. No
 //!   contact is a rule on the pressure sum that label and detector may share, so it is won for free.
 //! * *Guard band*: the frames up to 2 beside an onset or end of slip are left out; the encoder's steps and

@@ -116,7 +116,7 @@ pub(super) fn paper(results: &Results) -> Markup {
         } }
         p { small { "Latency here is the paper's as far as it is stated: the median of the frames from the onset to the first "
             "flagged frame at or after it, whether the flag was up before or not. The paper does not say of which frames its FPR is "
-            "a share; the comparison takes those that do not slip." } }
+            "a share; an FPR of 22.98 % beside an accuracy of 79.41 % can only be of those that do not slip." } }
     }
 }
 

@@ -26,7 +26,7 @@ const TRAIN: &str = "train";
 /// same episodes give the same file.
 #[derive(ClapArgs)]
 #[command(after_help = "\
-The program carries one such file; `slipsense eval --fitted FILE` takes another.
+The program carries one such file; `slipsense eval --fit FILE` takes another.
 
 Examples:
   slipsense fit --data train --frames 200000 --out fitted.json
@@ -74,8 +74,7 @@ impl Args {
         };
         let plan = Plan { stride: self.stride.into(), class_order };
         let bar = super::progress(input.episodes.len(), "episodes", self.json);
-        let load = |i: usize| input.episodes[i].load();
-        let fitted = fit(input.episodes.len(), &source, plan, load, || bar.inc(1))?;
+        let fitted = fit(&input.episodes, &source, plan, || bar.inc(1))?;
         bar.finish_and_clear();
         fs::write(&self.out, fitted.to_json()?)
             .with_context(|| format!("{}: cannot write", self.out.display()))?;

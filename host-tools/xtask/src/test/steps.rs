@@ -77,6 +77,11 @@ pub const STEPS: &[Step] = &[
         run: || script("make_logmel_vectors.py", &["--check"]),
     },
     Step {
+        name: "baselines",
+        what: "the committed MFCC, discriminants and regression are what librosa and scikit-learn give",
+        run: || script("check_baselines.py", &[]),
+    },
+    Step {
         name: "metrics",
         what: "the benchmark's metrics are what scikit-learn and scipy give",
         run: metrics,

@@ -1,0 +1,128 @@
+#!/usr/bin/env python3
+"""Check host-tools/bench/tests/vectors/baselines.json: what librosa, scipy and scikit-learn make of a fixed
+signal and of fixed points. The Rust tests of the benchmark's detectors compare with the same file.
+
+The reference shares nothing with the Rust code: scipy.signal.butter and lfilter, numpy.fft.rfft, librosa's
+mel filters and MFCC, scikit-learn's discriminant analysis and logistic regression. All data are synthetic
+and seeded.
+
+  check_baselines.py           recompute and compare with the committed file; exit 1 if it differs
+  check_baselines.py --write   write the file
+"""
+
+import argparse
+import json
+import pathlib
+import sys
+
+import librosa
+import numpy as np
+import scipy
+import sklearn
+from scipy.signal import butter, lfilter, lfilter_zi
+from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
+from sklearn.linear_model import LogisticRegression
+
+PATH = pathlib.Path(__file__).resolve().parents[2] / "host-tools/bench/tests/vectors/baselines.json"
+SEED = 20261
+RATE_HZ = 8000
+WINDOW = 128
+FILTERS = 26
+COEFFICIENTS = 13
+LSB_G = 0.000488
+FLOOR_G2 = 1e-7
+RIDGE = 1e-6
+ENDS = [40, 128, 300, 333, 366, 400, 600]
+DECIMALS = 9
+TOLERANCE = 1e-7
+
+
+def signal(rng):
+    """Gravity, sensor noise, and from the middle on slip noise below 500 Hz along one direction; LSB."""
+    n = ENDS[-1]
+    gravity = np.array([0.3, -0.5, 0.8]) / LSB_G
+    noise = rng.normal(0, 90e-6 * np.sqrt(RATE_HZ / 2) / LSB_G, (n, 3))
+    b, a = butter(1, 500.0, fs=RATE_HZ)
+    slip = lfilter(b, a, rng.normal(size=n)) * (np.arange(n) > 320) * 0.05 / LSB_G
+    return np.round(gravity + noise + slip[:, None] * np.array([0.6, 0.0, 0.8])).astype(int)
+
+
+def mfccs(samples):
+    """13 MFCC of the last 128 samples at each of ENDS; zeros before the first sample."""
+    b, a = butter(2, 10.0, btype="highpass", fs=RATE_HZ)
+    g = samples * LSB_G
+    filtered, _ = lfilter(b, a, g, axis=0, zi=lfilter_zi(b, a)[:, None] * g[0])
+    padded = np.vstack([np.zeros((WINDOW, 3)), filtered])
+    hann = scipy.signal.get_window("hann", WINDOW, fftbins=True)[:, None]
+    mel = librosa.filters.mel(sr=RATE_HZ, n_fft=WINDOW, n_mels=FILTERS, fmin=20.0, fmax=4000.0, htk=True,
+                              norm=None, dtype=np.float64)
+    power = [(np.abs(np.fft.rfft(padded[end:end + WINDOW] * hann, axis=0)) ** 2).sum(axis=1) for end in ENDS]
+    log_mel = np.log(mel @ np.array(power).T + FLOOR_G2)
+    return librosa.feature.mfcc(S=log_mel, n_mfcc=COEFFICIENTS, dct_type=2, norm="ortho").T
+
+
+def points(rng):
+    """Two overlapping clouds of different shape in three dimensions, the first half is class 0."""
+    mix = np.eye(3) + 0.4 * rng.normal(size=(2, 3, 3))
+    clouds = [rng.normal(size=(40, 3)) @ mix[0], rng.normal(size=(40, 3)) @ mix[1] + [1.0, -0.5, 0.5]]
+    return np.round(np.vstack(clouds), 6)
+
+
+def reference():
+    rng = np.random.default_rng(SEED)
+    samples, x = signal(rng), points(rng)
+    is_second = np.arange(len(x)) >= len(x) // 2
+    qda = QuadraticDiscriminantAnalysis(priors=[0.5, 0.5], reg_param=RIDGE, solver="svd").fit(x, is_second)
+    logistic = LogisticRegression(C=1.0, solver="newton-cholesky", tol=1e-12).fit(x, is_second)
+    return {
+        "samples": samples.tolist(),
+        "ends": ENDS,
+        "mfcc": mfccs(samples).tolist(),
+        "points": x.tolist(),
+        "log_ratio": qda.decision_function(x).tolist(),
+        "weights": logistic.coef_[0].tolist(),
+        "intercept": logistic.intercept_.tolist(),
+    }
+
+
+def written(made):
+    origin = {
+        "script": "tests/python/check_baselines.py",
+        "synthetic": True,
+        "seed": SEED,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "librosa": librosa.__version__,
+        "scikit-learn": sklearn.__version__,
+        "lsb_g": LSB_G,
+    }
+
+    def text(value):
+        if isinstance(value, list):
+            return "[" + ",".join(map(text, value)) + "]"
+        return str(value) if isinstance(value, int) else f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")
+
+    lines = [f'"origin":{json.dumps(origin)}'] + [f'"{name}":{text(value)}' for name, value in made.items()]
+    return "{" + ",\n".join(lines) + "}\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="write the file instead of comparing")
+    write = parser.parse_args().write
+    made = reference()
+    if write:
+        PATH.write_text(written(made))
+        print(f"{PATH.name}: {PATH.stat().st_size / 1000:.0f} kB")
+        return
+    committed, failed = json.loads(PATH.read_text()), False
+    for name, expected in made.items():
+        expected, found = np.array(expected, float), np.array(committed[name], float)
+        off = np.abs(found - expected).max() if found.shape == expected.shape else np.inf
+        print(f"{PATH.name}: {name} {expected.shape}, off by {off:.1e} at most (allowed {TOLERANCE:.0e})")
+        failed |= not off <= TOLERANCE
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -16,7 +16,7 @@ use crate::draw::{Draw, Rng};
 use crate::vibration::{Clock, sin_turns};
 
 /// Noise density, g/√Hz.
-const NOISE_G: (f64, f64) = (30e-6, 70e-6);
+const NOISE_G: (f64, f64) = (22e-6, 45e-6);
 /// Size of an axis's gain error and of each cross-axis term.
 const GAIN_ERROR: (f64, f64) = (0.01, 0.03);
 const CROSS_AXIS: (f64, f64) = (0.01, 0.02);

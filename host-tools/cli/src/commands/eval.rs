@@ -11,6 +11,7 @@ use slipsense_bench::report;
 use slipsense_bench::results::Results;
 use slipsense_bench::run::{Entrant, run};
 use slipsense_bench::source::Input;
+use slipsense_synth::Split;
 
 use crate::bundled;
 use crate::output_dir::OutputDir;
@@ -34,12 +35,13 @@ Where inputs and detectors have the names of the paper's tables (umi_id, umi_ood
 tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's.
 
 Examples:
+  slipsense eval umi_id umi_ood --out out/eval
   slipsense eval out/episodes --out out/eval
   slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
       --detector entropy-and-mfcc --out out/eval
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
-    /// Folders of .npz episodes with labels, or names of splits
+    /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
     #[arg(value_name = "SPLIT_OR_DIR", required = true)]
     inputs: Vec<String>,
     /// Detector to run; may be given several times
@@ -48,7 +50,7 @@ pub struct Args {
     /// Folder to write; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Folder that holds the splits, one folder each
+    /// Folder in which splits are looked for first, one folder each, as `synth --all` makes them
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Model of the network, the bundled one if not given; several are seeds, whose spread is reported
@@ -161,12 +163,15 @@ impl Args {
         }
         let folder = Path::new(input);
         if !folder.exists() {
-            match &self.data {
-                Some(data) => bail!("{input}: no such folder, here or in {}", data.display()),
-                None => {
-                    bail!("{input}: no such folder; splits are looked for in the folder that --data names")
-                }
+            if let Ok(split) = input.parse::<Split>() {
+                let frozen = split.frozen()?;
+                return Ok(Input::recipes(
+                    input,
+                    frozen.episodes.into_iter().map(|e| (e.name, e.recipe)).collect(),
+                ));
             }
+            let names = Split::ALL.map(Split::name).join(", ");
+            bail!("{input}: no such folder, and no split ({names})");
         }
         let name = folder.file_name().map_or_else(|| input.into(), |name| name.to_string_lossy());
         Input::folder(&name, folder)

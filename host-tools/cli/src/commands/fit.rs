@@ -5,16 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args as ClapArgs, ValueEnum};
-use slipsense::params::FRAME_RATE_HZ;
 use slipsense_bench::detectors::ClassOrder;
 use slipsense_bench::fit::{Plan, fit};
 use slipsense_bench::source::Input;
-use slipsense_synth::Recipe;
+use slipsense_synth::Split;
+use slipsense_synth::splits::EpisodeSet;
 
 use crate::output_dir::check_file;
 
-/// Length that `--frames` reckons a generated episode with, seconds.
-const EPISODE_S: u64 = 7;
 /// What `--data` calls the generated training episodes.
 const TRAIN: &str = "train";
 
@@ -32,10 +30,10 @@ Examples:
   slipsense fit --data train --frames 200000 --out fitted.json
   slipsense fit --data out/train --out fitted.json")]
 pub struct Args {
-    /// Folder of .npz episodes, or `train` to generate training episodes
+    /// Folder of .npz episodes, or `train` to generate the split of that name
     #[arg(long, value_name = "DIR|train")]
     data: PathBuf,
-    /// About how many frames to generate; of a folder all are taken
+    /// How many frames to generate, at least; of a folder all are taken
     #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     frames: u64,
     /// Seed of the generated episodes
@@ -96,10 +94,9 @@ impl Args {
             let source = format!("episodes in {}", name.as_deref().unwrap_or("a folder"));
             return Ok((Input::folder(TRAIN, &self.data)?, source));
         }
-        let episodes = self.frames.div_ceil(EPISODE_S * u64::from(FRAME_RATE_HZ));
-        let recipes = Recipe::new(self.seed).series(episodes as usize);
-        let named = (0..).zip(recipes).map(|(i, recipe): (u32, _)| (format!("episode-{i:05}"), recipe));
-        let source = format!("synthetic, slipsense-synth, seed {}", self.seed);
+        let set = EpisodeSet::new(Split::Train, self.seed, self.frames as usize);
+        let named = set.episodes.into_iter().map(|episode| (episode.name, episode.recipe));
+        let source = format!("synthetic, split train, seed {}, {} frames", self.seed, self.frames);
         Ok((Input::recipes(TRAIN, named.collect()), source))
     }
 }

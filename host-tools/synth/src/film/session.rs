@@ -1,7 +1,7 @@
 //! What differs from recording to recording of the same array: temperature, age, mains, and the
 //! electrical faults that happen in it.
 
-use libm::log;
+use libm::{exp, log};
 use serde::Serialize;
 use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
@@ -19,6 +19,9 @@ const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
 /// Shift of the idle level with temperature and supply, counts.
 const ZERO_COUNTS: (f64, f64) = (-0.3, 0.15);
+/// Noise of a recording against the unit's own, logarithmic rms and bounds: supplies and motors nearby.
+const NOISE_SPREAD: f64 = 0.35;
+const NOISE_BOUNDS: (f64, f64) = (0.6, 2.0);
 /// Mains frequencies and how far a grid strays from them, Hz.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MAINS_STRAY_HZ: f64 = 0.1;
@@ -93,7 +96,8 @@ impl FilmSession {
         Self {
             temperature_c: rng.between(TEMPERATURE_C.0, TEMPERATURE_C.1),
             age_months: rng.between(AGE_MONTHS.0, AGE_MONTHS.1),
-            noise_factor,
+            noise_factor: noise_factor
+                * exp(NOISE_SPREAD * rng.normal()).clamp(NOISE_BOUNDS.0, NOISE_BOUNDS.1),
             zero_counts: rng.between(ZERO_COUNTS.0, ZERO_COUNTS.1),
             mains_hz: MAINS_HZ[rng.count(0, 1)] + rng.between(-MAINS_STRAY_HZ, MAINS_STRAY_HZ),
             mains_phase: rng.phase(),

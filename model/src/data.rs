@@ -41,7 +41,7 @@ const SENSORS: usize = 2;
 /// recordings, go by a hash of their name: one in four to test, one in eight to validation.
 pub fn split_of(object: &str) -> Split {
     match objects::named(object) {
-        Some(known) if known.held_out => Split::Test,
+        Some(known) if known.held_out() => Split::Test,
         Some(_) if VALIDATION_OBJECTS.contains(&object) => Split::Validation,
         Some(_) => Split::Train,
         None => match Sha256::digest(object.as_bytes())[0] {

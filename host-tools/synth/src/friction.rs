@@ -1,152 +1,262 @@
 //! Partial slip: every loaded cell is a brush with a Coulomb cap, and the finger with its fixture is a
 //! spring in series. Slip spreads from the lightly pressed rim inwards until the whole patch slides,
 //! which is why the interface slips later than the crosshead moves.
+//!
+//! What the brush shares with an elastic half-space (Cattaneo, Mindlin) and what not; the unit tests print
+//! the numbers:
+//! - exactly: full slip at Q = μP; slip starting at the rim; a stick zone that is the contact patch of the
+//!   smaller load P − Q/μ (Ciavarella, Jäger), because normal and tangential foundation have the same form;
+//! - by calibration: the displacement at full slip, for a bristle stiffness of 8 G*/(π a). Between rest
+//!   and full slip it then stays within 12 % of Mindlin's;
+//! - not: the stick radius. It falls as (1 − Q/μP)^¼ under a sphere and ^⅓ under a cylinder pressed into
+//!   the same layer, against Mindlin's ⅓ and ½. The half-space is the limit of a patch much narrower
+//!   than the layer is thick; a fingertip's skin on a stiff array is the other one.
+
+mod balance;
+#[cfg(test)]
+mod tests;
 
 use libm::exp;
+use serde::Serialize;
 use slipsense::params::TAXELS;
 
-use crate::contact::{CELL_MM2, PressureMap};
+use crate::contact::{CELL_MM2, PressureMap, cell_mm};
 use crate::draw::{Draw, Rng};
+use crate::field::Field;
 use crate::objects::Object;
+use balance::{Brush, Springs};
 
 /// Rate of the quasi-static steps, Hz: ten per frame.
 pub(crate) const STEP_HZ: f64 = 2_400.0;
 
+/// Bristle stiffness G/h, softest and stiffest, kPa/mm (0.5–3 · 10⁹ N/m³).
+const BRUSH_KPA_PER_MM: (f64, f64) = (500.0, 3000.0);
+/// Deviation of the logarithm of the friction coefficient between grasps.
+const MU_LEVEL: f64 = 0.08;
+/// The same between places on one pad, lowest and highest.
+const MU_SPREAD: (f64, f64) = (0.10, 0.15);
+/// Correlation length of friction on the pad, lowest and highest.
+const MU_CORRELATION_MM: (f64, f64) = (1.0, 3.0);
+/// Slip over which static friction falls to kinetic, lowest and highest.
+const WEAKENING_MM: (f64, f64) = (0.01, 0.04);
+/// Time constant of regaining static friction at rest, lowest and highest.
+const HEALING_S: (f64, f64) = (0.1, 1.0);
+/// A cell slides when it moves faster than this; slower is numerical creep.
+const SLIDING_MM_S: f64 = 0.05;
+/// Newtons per kPa on one cell.
+const CELL_N: f64 = CELL_MM2 * 1e-3;
+
 /// Tangential state of one finger.
+#[derive(Serialize)]
 pub(crate) struct Interface {
+    /// Bristles of the finger and the object's own surface in series.
     brush_kpa_per_mm: f64,
-    stress_kpa: Box<[f64; TAXELS]>,
-    mu_static: Box<[f64; TAXELS]>,
-    /// 1 where the cell has rested long enough to have its static friction back, 0 where it slides.
-    rested: Box<[f64; TAXELS]>,
+    /// Mean static friction of this grasp.
+    mu_static: f64,
+    /// Deviation of its logarithm over the pad.
+    mu_spread: f64,
+    mu_correlation_mm: f64,
     kinetic_share: f64,
     weakening_mm: f64,
     healing_s: f64,
-    position_mm: f64,
+    #[serde(skip)]
+    stress_kpa: Box<[[f64; 2]; TAXELS]>,
+    #[serde(skip)]
+    mu: Box<[f64; TAXELS]>,
+    /// 1 where the cell has rested long enough to have its static friction back, 0 where it slides.
+    #[serde(skip)]
+    rested: Box<[f64; TAXELS]>,
+    #[serde(skip)]
+    position_mm: [f64; 2],
+    #[serde(skip)]
+    turn_rad: f64,
+    #[serde(skip)]
+    path_mm: f64,
+    #[serde(skip)]
+    direction: [f64; 2],
+    /// Last step's move: where the next search starts.
+    #[serde(skip)]
+    moved: [f64; 3],
+    /// Loaded cells of this step.
+    #[serde(skip)]
+    brushes: Vec<Brush>,
 }
 
-/// What pulls: the far end of a spring. A soft spring far away is a force.
-#[derive(Clone, Copy)]
+/// What pulls: the far ends of springs on the object's position and turn. A soft spring far away is a
+/// force. Where a stiffness is 0 nothing pulls that way, and the object keeps its place (or turn): the
+/// clamp, the other finger or its own inertia holds it.
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Pull {
-    pub position_mm: f64,
+    pub position_mm: [f64; 2],
+    pub turn_rad: f64,
     pub stiffness_n_per_mm: f64,
+    pub twist_n_mm_per_rad: f64,
 }
 
-/// Result of one step.
-#[derive(Clone, Copy, Default)]
+/// Result of one step. Forces are those on the finger: along the pull.
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sliding {
-    /// Interface speed: mean over the load, sticking cells counted as 0.
+    /// Interface speed: mean of its size over the load, sticking cells counted as 0.
     pub speed_mm_s: f64,
     /// Share of the load carried by sliding cells.
     pub fraction: f64,
     /// Tangential force.
-    pub shear_n: f64,
+    pub shear_n: [f64; 2],
+    /// Moment of the tangential stresses about the map's pivot.
+    pub torque_n_mm: f64,
     /// Position of the object relative to the finger.
-    pub travel_mm: f64,
+    pub travel_mm: [f64; 2],
+    /// Turn of the object relative to the finger.
+    pub turn_rad: f64,
+    /// Length slid so far, mean over the load; never falls.
+    pub path_mm: f64,
+    /// Unit vector of the load's mean slip, last known while nothing slides or it only turns.
+    pub direction: [f64; 2],
 }
 
-/// A cell slides when it moves faster than this; slower is numerical creep.
-const SLIDING_MM_S: f64 = 0.05;
-
 impl Interface {
+    /// A finger's skin against this object, drawn from the ranges above.
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let level = exp(0.08 * rng.normal());
-        let mu = object.mu_static * level;
+        let level = exp(MU_LEVEL * rng.normal());
+        let skin = rng.log_between(BRUSH_KPA_PER_MM.0, BRUSH_KPA_PER_MM.1);
+        let mut interface = Self::even(
+            1.0 / (1.0 / skin + 1.0 / object.surface.tangential_kpa_per_mm()),
+            object.mu_static * level,
+            object.mu_kinetic / object.mu_static,
+        );
+        interface.mu_spread = rng.between(MU_SPREAD.0, MU_SPREAD.1);
+        interface.mu_correlation_mm = rng.log_between(MU_CORRELATION_MM.0, MU_CORRELATION_MM.1);
+        interface.weakening_mm = rng.log_between(WEAKENING_MM.0, WEAKENING_MM.1);
+        interface.healing_s = rng.log_between(HEALING_S.0, HEALING_S.1);
+        let field = Field::draw(rng, [interface.mu_correlation_mm; 2]);
+        for (cell, mu) in interface.mu.iter_mut().enumerate() {
+            let (x, y) = cell_mm(cell);
+            *mu *= exp(interface.mu_spread * field.at(x, y));
+        }
+        interface
+    }
+
+    /// The same friction everywhere, weakening over 0.02 mm and healing in 0.3 s.
+    fn even(brush_kpa_per_mm: f64, mu: f64, kinetic_share: f64) -> Self {
         Self {
-            brush_kpa_per_mm: rng.log_between(500.0, 2000.0),
-            stress_kpa: Box::new([0.0; TAXELS]),
-            mu_static: Box::new(std::array::from_fn(|_| mu * exp(0.1 * rng.normal()))),
+            brush_kpa_per_mm,
+            mu_static: mu,
+            mu_spread: 0.0,
+            mu_correlation_mm: 1.0,
+            kinetic_share,
+            weakening_mm: 0.02,
+            healing_s: 0.3,
+            stress_kpa: Box::new([[0.0; 2]; TAXELS]),
+            mu: Box::new([mu; TAXELS]),
             rested: Box::new([1.0; TAXELS]),
-            kinetic_share: object.mu_kinetic / object.mu_static,
-            weakening_mm: rng.log_between(0.01, 0.04),
-            healing_s: rng.log_between(0.1, 1.0),
-            position_mm: 0.0,
+            position_mm: [0.0; 2],
+            turn_rad: 0.0,
+            path_mm: 0.0,
+            direction: [0.0, 1.0],
+            moved: [0.0; 3],
+            brushes: Vec::new(),
         }
     }
 
     /// Advance by `dt` seconds under pressures `map` times `scale`.
     pub(crate) fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> Sliding {
-        let start = self.position_mm;
-        let cap = |s: &Self, cell: usize| {
-            let rest = s.kinetic_share + (1.0 - s.kinetic_share) * s.rested[cell];
-            s.mu_static[cell] * rest * map.kpa[cell] * scale
+        self.gather(map, scale);
+        let springs = Springs {
+            stretch: [
+                pull.position_mm[0] - self.position_mm[0],
+                pull.position_mm[1] - self.position_mm[1],
+                pull.turn_rad - self.turn_rad,
+            ],
+            position_n_per_mm: pull.stiffness_n_per_mm,
+            turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
         };
-        let caps: Vec<f64> = map.loaded.iter().map(|&cell| cap(self, cell)).collect();
-        self.position_mm = self.balance(map, &caps, pull);
-        let moved = self.position_mm - start;
-        let (mut load, mut sliding, mut flow, mut shear) = (0.0, 0.0, 0.0, 0.0);
-        for (&cell, &cap) in map.loaded.iter().zip(&caps) {
-            let trial = self.stress_kpa[cell] + self.brush_kpa_per_mm * moved;
-            let stress = trial.clamp(-cap, cap);
-            let slid_mm = (trial - stress).abs() / self.brush_kpa_per_mm;
-            self.stress_kpa[cell] = stress;
-            let rested = &mut self.rested[cell];
+        self.moved = balance::solve(&self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
+        self.position_mm[0] += self.moved[0];
+        self.position_mm[1] += self.moved[1];
+        self.turn_rad += self.moved[2];
+        self.slide(map, scale, dt)
+    }
+
+    /// The loaded cells' stresses, caps and places, in newtons and millimetres.
+    fn gather(&mut self, map: &PressureMap, scale: f64) {
+        let Self { brushes, stress_kpa, mu, rested, kinetic_share, .. } = self;
+        brushes.clear();
+        brushes.extend(map.loaded.iter().map(|&cell| {
+            let rest = *kinetic_share + (1.0 - *kinetic_share) * rested[cell];
+            let (x, y) = cell_mm(cell);
+            Brush {
+                held_n: stress_kpa[cell].map(|kpa| kpa * CELL_N),
+                cap_n: mu[cell] * rest * map.kpa[cell] * scale * CELL_N,
+                arm_mm: [x - map.pivot_mm[0], y - map.pivot_mm[1]],
+            }
+        }));
+    }
+
+    /// Carry the stresses and the friction of every cell through this step's move.
+    fn slide(&mut self, map: &PressureMap, scale: f64, dt: f64) -> Sliding {
+        let k = self.brush_kpa_per_mm * CELL_N;
+        let (creep_mm, heal) = (SLIDING_MM_S * dt, dt / self.healing_s);
+        let (mut load, mut sliding, mut path) = (0.0, 0.0, 0.0);
+        let (mut drift, mut shear, mut torque) = ([0.0; 2], [0.0; 2], 0.0);
+        for (&cell, brush) in map.loaded.iter().zip(&self.brushes) {
+            let (held, lost) = brush.carried(k, self.moved);
             let p = map.kpa[cell] * scale;
             load += p;
-            flow += p * slid_mm / dt;
-            shear += stress;
-            if slid_mm > SLIDING_MM_S * dt {
+            self.stress_kpa[cell] = held.map(|n| n / CELL_N);
+            shear[0] += held[0];
+            shear[1] += held[1];
+            torque += brush.arm_mm[0] * held[1] - brush.arm_mm[1] * held[0];
+            let rested = &mut self.rested[cell];
+            let slid = lost.map(|n| n / k);
+            let slid_mm = (slid[0] * slid[0] + slid[1] * slid[1]).sqrt();
+            if slid_mm > 0.0 {
+                path += p * slid_mm;
+                drift[0] += p * slid[0];
+                drift[1] += p * slid[1];
+            }
+            if slid_mm > creep_mm {
                 *rested *= (1.0 - slid_mm / self.weakening_mm).max(0.0);
                 sliding += p;
             } else {
-                *rested += (1.0 - *rested) * (dt / self.healing_s);
+                *rested += (1.0 - *rested) * heal;
             }
         }
-        let load_or_one = if load > 0.0 { load } else { 1.0 };
+        let load = if load > 0.0 { load } else { 1.0 };
+        let drifted = (drift[0] * drift[0] + drift[1] * drift[1]).sqrt();
+        // What only turns slides all ways at once.
+        if drifted > 0.02 * path && path > load * creep_mm * 1e-3 {
+            self.direction = drift.map(|d| d / drifted);
+        }
+        self.path_mm += path / load;
         Sliding {
-            speed_mm_s: flow / load_or_one,
-            fraction: sliding / load_or_one,
-            shear_n: shear * CELL_MM2 * 1e-3,
+            speed_mm_s: path / load / dt,
+            fraction: sliding / load,
+            shear_n: shear,
+            torque_n_mm: torque,
             travel_mm: self.position_mm,
+            turn_rad: self.turn_rad,
+            path_mm: self.path_mm,
+            direction: self.direction,
         }
     }
 
-    /// Position of the object relative to the finger at this moment, mm.
-    pub(crate) fn position_mm(&self) -> f64 {
+    /// Position of the object relative to the finger at this moment.
+    pub(crate) fn position_mm(&self) -> [f64; 2] {
         self.position_mm
+    }
+
+    /// Turn of the object relative to the finger at this moment.
+    pub(crate) fn turn_rad(&self) -> f64 {
+        self.turn_rad
     }
 
     /// Forget the stress of cells that carry no load any more.
     pub(crate) fn release_unloaded(&mut self, map: &PressureMap) {
         for cell in 0..TAXELS {
             if map.kpa[cell] == 0.0 {
-                self.stress_kpa[cell] = 0.0;
+                self.stress_kpa[cell] = [0.0; 2];
                 self.rested[cell] = 1.0;
             }
         }
-    }
-
-    /// Position at which spring and brushes balance. The residual falls strictly with position, so
-    /// Newton steps inside a shrinking bracket always arrive.
-    fn balance(&self, map: &PressureMap, caps: &[f64], pull: Pull) -> f64 {
-        let k = pull.stiffness_n_per_mm;
-        if k <= 0.0 {
-            return self.position_mm;
-        }
-        let unit = CELL_MM2 * 1e-3;
-        let reach = caps.iter().sum::<f64>() * unit / k;
-        let (mut lo, mut hi) = (pull.position_mm - reach, pull.position_mm + reach);
-        let mut position = self.position_mm.clamp(lo, hi);
-        for _ in 0..40 {
-            let (mut shear, mut slope) = (0.0, 0.0);
-            for (&cell, &cap) in map.loaded.iter().zip(caps) {
-                let trial = self.stress_kpa[cell] + self.brush_kpa_per_mm * (position - self.position_mm);
-                shear += trial.clamp(-cap, cap);
-                slope += if trial.abs() < cap { self.brush_kpa_per_mm } else { 0.0 };
-            }
-            let residual = k * (pull.position_mm - position) - shear * unit;
-            if residual > 0.0 {
-                lo = position
-            } else {
-                hi = position
-            }
-            let newton = position + residual / (k + slope * unit);
-            let next = if newton > lo && newton < hi { newton } else { (lo + hi) / 2.0 };
-            if (next - position).abs() < 1e-9 {
-                return next;
-            }
-            position = next;
-        }
-        position
     }
 }

@@ -12,6 +12,7 @@
 mod accelerometer;
 pub mod contact;
 mod draw;
+mod field;
 pub mod film;
 mod finger;
 mod friction;
@@ -187,7 +188,7 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> M
         ("licence", json!("CC0-1.0")),
         ("object", json!(what.object.name)),
         ("object_kind", json!(what.object.kind)),
-        ("held_out", json!(what.object.held_out)),
+        ("held_out", json!(what.object.held_out())),
         ("scenario", json!(what.scenario)),
         ("region", json!(what.region)),
         ("speed_mm_s", json!(what.pulls().then_some(what.speed_mm_s))),

@@ -263,7 +263,8 @@ impl Platform {
 
 fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     objects::named(name).ok_or_else(|| {
-        SynthError::Object(name.to_owned(), objects::CATALOGUE.each_ref().map(|o| o.name).join(", "))
+        let names: Vec<_> = objects::CATALOGUE.iter().map(|o| o.name).collect();
+        SynthError::Object(name.to_owned(), names.join(", "))
     })
 }
 

@@ -1,0 +1,121 @@
+//! The elastic layer of a fingertip.
+
+use serde::Serialize;
+
+use crate::draw::{Draw, Rng};
+use crate::recipe::Region;
+
+/// Softest and stiffest foundation, kPa/mm (1–10 · 10⁹ N/m³).
+const STIFFNESS: (f64, f64) = (1e3, 1e4);
+/// Young's modulus.
+const MODULUS_MPA: (f64, f64) = (1.0, 5.0);
+/// Thickness.
+const THICKNESS_MM: (f64, f64) = (0.5, 1.5);
+/// Poisson's ratio of a filled elastomer.
+const POISSON: (f64, f64) = (0.45, 0.48);
+/// How much stiffer than the middle the pad is towards the palm, where the skin runs out over the edge of
+/// the backing and is held from the side: a modelling choice, no finger has been measured.
+const PALM_STIFFENING: (f64, f64) = (1.4, 2.0);
+
+/// Half width of the patch that the correction for a finite patch is worked out for.
+const PATCH_MM: f64 = 2.0;
+
+/// Elastic layer bonded to a stiff backing.
+#[derive(Clone, Debug, Serialize)]
+pub struct Layer {
+    /// Young's modulus E, 1–5 MPa.
+    pub modulus_mpa: f64,
+    /// Thickness h, 0.5–1.5 mm.
+    pub thickness_mm: f64,
+    /// Poisson's ratio, 0.45–0.48.
+    pub poisson: f64,
+    /// Sigma of the Gaussian that spreads the pressure, over h: 0.4–0.8.
+    pub spread_over_thickness: f64,
+    /// Factor on the stiffness by the place on the finger: 1 in the middle, more towards the palm.
+    pub local_stiffening: f64,
+}
+
+impl Layer {
+    /// Draw layers until the stiffness is within 1–10 · 10⁹ N/m³ (in the middle of the pad); about two
+    /// in three are.
+    pub(crate) fn draw(rng: &mut Rng, region: Region) -> Self {
+        let mut layer = loop {
+            let layer = Self {
+                modulus_mpa: rng.log_between(MODULUS_MPA.0, MODULUS_MPA.1),
+                thickness_mm: rng.between(THICKNESS_MM.0, THICKNESS_MM.1),
+                poisson: rng.between(POISSON.0, POISSON.1),
+                spread_over_thickness: rng.between(0.4, 0.8),
+                local_stiffening: 1.0,
+            };
+            if (STIFFNESS.0..=STIFFNESS.1).contains(&layer.stiffness_kpa_per_mm()) {
+                break layer;
+            }
+        };
+        let stiffening = rng.between(PALM_STIFFENING.0, PALM_STIFFENING.1);
+        if region == Region::Palm {
+            layer.local_stiffening = stiffening;
+        }
+        layer
+    }
+
+    /// Stiffness per area K, kPa/mm (10⁶ N/m³): modulus over thickness. The modulus is the confined one,
+    /// E(1−ν)/((1+ν)(1−2ν)), for a patch much wider than the layer is thick. Under a finite patch the
+    /// nearly incompressible layer also escapes sideways, against the shear of its bond: E(1+2S²) with
+    /// the shape factor S = half width / 2h (Gent and Lindley 1959). The two give way in series, as those
+    /// authors add the bulk modulus; without this, K would run to infinity as ν nears one half.
+    pub fn stiffness_kpa_per_mm(&self) -> f64 {
+        let (e, nu) = (1e3 * self.modulus_mpa, self.poisson);
+        let confined = e * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu));
+        let shape = PATCH_MM / (2.0 * self.thickness_mm);
+        let bonded = e * (1.0 + 2.0 * shape * shape);
+        self.local_stiffening / (1.0 / confined + 1.0 / bonded) / self.thickness_mm
+    }
+
+    /// Sigma of the Gaussian that spreads the pressure.
+    pub fn spread_mm(&self) -> f64 {
+        self.spread_over_thickness * self.thickness_mm
+    }
+}
+
+/// A grip force that cannot be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("grip force is {0} N, must be a finite number, 0 or above")]
+pub struct ForceError(pub f64);
+
+/// Refuse a grip force that is negative (a finger does not stick) or not a number.
+pub fn check_force_n(force_n: f64) -> Result<f64, ForceError> {
+    if force_n >= 0.0 && force_n.is_finite() { Ok(force_n) } else { Err(ForceError(force_n)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::{Stream, stream};
+
+    #[test]
+    fn layers_stay_in_their_ranges_and_the_palm_is_stiffer() {
+        let mut rng = stream(3, Stream::Contact, 0);
+        let mut drawn = |region| -> Vec<f64> {
+            let mut all: Vec<f64> = (0..2000)
+                .map(|_| {
+                    let layer = Layer::draw(&mut rng, region);
+                    assert!((0.999..5.001).contains(&layer.modulus_mpa));
+                    assert!((0.499..1.501).contains(&layer.thickness_mm));
+                    layer.stiffness_kpa_per_mm()
+                })
+                .collect();
+            all.sort_by(f64::total_cmp);
+            all
+        };
+        let (centre, palm) = (drawn(Region::Centre), drawn(Region::Palm));
+        println!(
+            "K in 1e9 N/m³: centre {:.2}–{:.2}, median {:.2}; palm median {:.2}",
+            centre[0] / 1e3,
+            centre[1999] / 1e3,
+            centre[1000] / 1e3,
+            palm[1000] / 1e3
+        );
+        assert!(centre[0] >= 999.0 && centre[1999] <= 10_001.0);
+        assert!(palm[1000] > 1.4 * centre[1000]);
+    }
+}

@@ -1,0 +1,56 @@
+//! Pressures of one scan of the array.
+
+use slipsense::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+
+/// Area of one cell, mm²: pressure in kPa times this is force in mN.
+pub const CELL_MM2: f64 = COL_PITCH_MM as f64 * ROW_PITCH_MM as f64;
+
+static CENTRES_MM: [(f64, f64); TAXELS] = {
+    let mut centres = [(0.0, 0.0); TAXELS];
+    let mut cell = 0;
+    while cell < TAXELS {
+        let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
+        centres[cell] = (
+            (col as f64 - (TAXEL_COLS as f64 - 1.0) / 2.0) * COL_PITCH_MM as f64,
+            (row as f64 - (TAXEL_ROWS as f64 - 1.0) / 2.0) * ROW_PITCH_MM as f64,
+        );
+        cell += 1;
+    }
+    centres
+};
+
+/// Centre of a cell in the pad's frame: x along columns, y along rows, origin in the middle.
+pub(crate) fn cell_mm(cell: usize) -> (f64, f64) {
+    CENTRES_MM[cell]
+}
+
+/// Pressures of one sensor, with the cells that carry any.
+#[derive(Clone)]
+pub struct PressureMap {
+    /// Row-major, kPa.
+    pub kpa: Box<[f64; TAXELS]>,
+    /// Cells with pressure, in rising order.
+    pub loaded: Vec<usize>,
+    /// The point the object turns about: its own centre, in the pad's frame.
+    pub pivot_mm: [f64; 2],
+}
+
+impl PressureMap {
+    /// Nothing touches.
+    pub fn empty() -> Self {
+        Self { kpa: Box::new([0.0; TAXELS]), loaded: Vec::new(), pivot_mm: [0.0; 2] }
+    }
+
+    /// Force that the pressures carry, newtons.
+    pub fn force_n(&self) -> f64 {
+        self.loaded.iter().map(|&i| self.kpa[i]).sum::<f64>() * CELL_MM2 * 1e-3
+    }
+
+    /// Take all pressure away.
+    pub(crate) fn clear(&mut self) {
+        for &cell in &self.loaded {
+            self.kpa[cell] = 0.0;
+        }
+        self.loaded.clear();
+    }
+}

@@ -1,0 +1,175 @@
+//! What differs from recording to recording of the same array: temperature, age, mains, and the
+//! electrical faults that happen in it.
+
+use libm::log;
+use serde::Serialize;
+use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+
+use super::unit::FilmUnit;
+use crate::draw::{Draw, Rng};
+use crate::recipe::SECONDS;
+use crate::timeline::Event;
+
+/// Name of the event that an electrical fault is logged as.
+pub(crate) const FAULT_EVENT: &str = "electrical";
+
+/// Temperature against the unit's reference, °C.
+const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
+/// Age, months; a unit's loss of gain is given for the whole span.
+const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
+/// Mains frequencies and how far a grid strays from them, Hz.
+const MAINS_HZ: [f64; 2] = [50.0, 60.0];
+const MAINS_STRAY_HZ: f64 = 0.1;
+/// Electrical faults per second of a recording: three recordings of 8 s in four have none.
+const FAULTS_PER_S: f64 = 0.03;
+/// Frames that a flickering connection lasts, taxels of one row it takes along, and counts it adds
+/// where it does not drop to 0.
+const FLICKER_FRAMES: (usize, usize) = (2, 60);
+const FLICKER_TAXELS: (usize, usize) = (1, 4);
+const FLICKER_COUNTS: (f64, f64) = (30.0, 600.0);
+/// Frames that a row is missing for.
+const ROW_FRAMES: (usize, usize) = (1, 10);
+/// Frames in a row that do not arrive.
+const MISSING_FRAMES: (usize, usize) = (1, 2);
+
+/// One electrical fault.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Fault {
+    /// What happens.
+    pub kind: FaultKind,
+    /// First frame that it touches.
+    pub start_frame: usize,
+    /// First frame after it.
+    pub end_frame: usize,
+}
+
+/// What an electrical fault does to a scan.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum FaultKind {
+    /// A bad connection: a taxel or a few of one row drop to 0 or jump up in some of the frames.
+    Flicker {
+        row: usize,
+        col: usize,
+        taxels: usize,
+        /// Counts added; `None` for a drop to 0.
+        jump_counts: Option<u16>,
+        /// One bit per frame, round and round: set where the connection is bad.
+        pattern: u64,
+    },
+    /// A row reads 0.
+    RowDropout { row: usize },
+    /// The scan does not arrive: the one before it is delivered again.
+    MissingFrame,
+}
+
+/// One recording with one array.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct FilmSession {
+    /// Against the unit's reference, °C.
+    pub temperature_c: f64,
+    /// Months of use.
+    pub age_months: f64,
+    /// Factor on the electrical noise.
+    pub noise_factor: f64,
+    /// Frequency of the mains, Hz.
+    pub mains_hz: f64,
+    /// Its phase at the start, radians.
+    pub mains_phase: f64,
+    /// Its pick-up, share of the unit's worst.
+    pub mains_share: f64,
+    /// In order of their start, up to the longest recording there is.
+    #[serde(skip)]
+    pub faults: Vec<Fault>,
+}
+
+impl FilmSession {
+    /// A recording. `noise_factor` scales noise, mains pick-up and how often faults happen.
+    pub(crate) fn draw(rng: &mut Rng, noise_factor: f64) -> Self {
+        Self {
+            temperature_c: rng.between(TEMPERATURE_C.0, TEMPERATURE_C.1),
+            age_months: rng.between(AGE_MONTHS.0, AGE_MONTHS.1),
+            noise_factor,
+            mains_hz: MAINS_HZ[rng.count(0, 1)] + rng.between(-MAINS_STRAY_HZ, MAINS_STRAY_HZ),
+            mains_phase: rng.phase(),
+            mains_share: rng.between(0.0, 1.0),
+            faults: faults(rng, FAULTS_PER_S * noise_factor),
+        }
+    }
+
+    /// Factor on the conductance of all of `unit`'s taxels.
+    pub(crate) fn gain(&self, unit: &FilmUnit) -> f64 {
+        (1.0 + unit.per_degree * self.temperature_c) * (1.0 - unit.ageing * self.age_months / AGE_MONTHS.1)
+    }
+
+    /// Faults that a recording of `frames` frames sees.
+    pub(crate) fn faults(&self, frames: usize) -> impl Iterator<Item = &Fault> {
+        self.faults.iter().take_while(move |fault| fault.start_frame < frames)
+    }
+
+    /// The same as events of the recording.
+    #[cfg_attr(not(test), expect(dead_code, reason = "for the scenario's log of events"))]
+    pub(crate) fn events(&self, frames: usize) -> Vec<Event> {
+        let seconds = |frame: usize| frame as f64 / FRAME_RATE_HZ as f64;
+        let event = |fault: &Fault| Event {
+            name: FAULT_EVENT,
+            start_s: seconds(fault.start_frame),
+            end_s: seconds(fault.end_frame.min(frames)),
+        };
+        self.faults(frames).map(event).collect()
+    }
+}
+
+/// Faults at random times, one after the other.
+fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
+    let end = (SECONDS.end() * FRAME_RATE_HZ as f64) as usize;
+    let mut faults = Vec::new();
+    let mut frame = 0;
+    loop {
+        // No fault in the first frame: a missing frame needs one before it.
+        let gap_s = -log(rng.between(1e-12, 1.0)) / per_s;
+        let start_frame = frame + 1 + (gap_s * FRAME_RATE_HZ as f64).min(end as f64) as usize;
+        if start_frame >= end {
+            return faults;
+        }
+        let (kind, (shortest, longest)) = match rng.count(0, 2) {
+            0 => (flicker(rng), FLICKER_FRAMES),
+            1 => (FaultKind::RowDropout { row: rng.count(0, TAXEL_ROWS - 1) }, ROW_FRAMES),
+            _ => (FaultKind::MissingFrame, MISSING_FRAMES),
+        };
+        let end_frame = start_frame + rng.count(shortest, longest);
+        faults.push(Fault { kind, start_frame, end_frame });
+        frame = end_frame;
+    }
+}
+
+fn flicker(rng: &mut Rng) -> FaultKind {
+    let taxels = rng.count(FLICKER_TAXELS.0, FLICKER_TAXELS.1);
+    FaultKind::Flicker {
+        row: rng.count(0, TAXEL_ROWS - 1),
+        col: rng.count(0, TAXEL_COLS - taxels),
+        taxels,
+        jump_counts: rng
+            .chance(0.5)
+            .then(|| rng.log_between(FLICKER_COUNTS.0, FLICKER_COUNTS.1).round() as u16),
+        // The first frame is always touched.
+        pattern: rand::Rng::random::<u64>(rng) | 1,
+    }
+}
+
+impl Fault {
+    /// What becomes of the scan of frame `frame`, after the scan delivered before it.
+    pub(crate) fn apply(&self, frame: usize, scan: &mut [u16; TAXELS], before: &[u16; TAXELS]) {
+        match self.kind {
+            FaultKind::Flicker { row, col, taxels, jump_counts, pattern } => {
+                if pattern >> ((frame - self.start_frame) % 64) & 1 == 1 {
+                    for value in &mut scan[row * TAXEL_COLS + col..][..taxels] {
+                        *value = jump_counts.map_or(0, |jump| (*value + jump).min(COUNT_MAX));
+                    }
+                }
+            }
+            FaultKind::RowDropout { row } => scan[row * TAXEL_COLS..][..TAXEL_COLS].fill(0),
+            FaultKind::MissingFrame => *scan = *before,
+        }
+    }
+}

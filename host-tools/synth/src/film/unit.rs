@@ -1,0 +1,203 @@
+//! One array and its readout as built: what differs from unit to unit and stays.
+//!
+//! The ranges of everything that is drawn are here, and only here.
+
+use libm::cos;
+use serde::Serialize;
+use slipsense::params::{ACTIVE_TAXELS, TAXEL_COLS, TAXELS};
+use slipsense::sensor::is_active;
+
+use super::creep::Creep;
+use super::crosstalk::Crosstalk;
+use super::noise::clipped_mean;
+use super::transfer::EXPONENT;
+use crate::contact::cell_mm;
+use crate::draw::{Draw, Rng};
+
+/// Electrical noise of a taxel, counts rms (LSB of the 12-bit converter).
+const NOISE_COUNTS: (f64, f64) = (0.5, 1.5);
+/// Idle level of a taxel, counts; the noise leaves less room for it the stronger it is.
+const OFFSET_COUNTS: (f64, f64) = (0.0, 0.8);
+/// Spread of the idle level over the taxels of a unit, counts.
+const OFFSET_SPREAD_COUNTS: f64 = 0.1;
+/// Mains pick-up, amplitude in counts.
+const MAINS_COUNTS: (f64, f64) = (0.0, 0.5);
+/// Largest mean idle count of a unit without pick-up, and at the crest of its mains pick-up. The pad
+/// counts as touched from a mean of one count on, so a sensor that idles above could never be used.
+const IDLE_MEAN_MAX: f64 = 0.75;
+const IDLE_CREST_MAX: f64 = 0.9;
+
+/// Smooth variation of gain over the pad: standard deviation (two of them are ±15 %) and correlation
+/// length, mm.
+const GAIN_SMOOTH: f64 = 0.075;
+const GAIN_LENGTH_MM: (f64, f64) = (5.0, 10.0);
+/// Variation of each taxel by itself, standard deviation.
+const GAIN_OWN: f64 = 0.05;
+/// Share of taxels that are dead or stuck, and how many of those are stuck at a level instead of dead.
+const FAULTY: (f64, f64) = (0.0, 0.01);
+const STUCK_OF_FAULTY: f64 = 0.25;
+/// Level of a stuck taxel, counts.
+const STUCK_COUNTS: (f64, f64) = (3.0, 25.0);
+/// Deviation of the exponent from the nominal film's.
+const EXPONENT_SPREAD: f64 = 0.05;
+
+/// Time constant of a taxel, s.
+const LAG_S: (f64, f64) = (0.5e-3, 5e-3);
+/// Duration of one scan, s; a frame is 4.17 ms.
+const SCAN_S: (f64, f64) = (2e-3, 4.1e-3);
+/// Rise of a loaded film per decade of time.
+const CREEP_PER_DECADE: (f64, f64) = (0.01, 0.05);
+/// How much slower creep recovers than it builds up.
+const CREEP_SLOWDOWN: (f64, f64) = (1.5, 4.0);
+/// Share of the creep that still conducts once the load is gone.
+const CREEP_RESIDUAL: (f64, f64) = (0.03, 0.15);
+/// Loop width, share of the excursion.
+const HYSTERESIS: (f64, f64) = (0.02, 0.08);
+/// Resistance of a closed switch and its line, relative to the divider's resistor.
+const LINE: (f64, f64) = (0.001, 0.01);
+/// Leak of the means of row and column into a taxel.
+const LEAK: (f64, f64) = (0.002, 0.02);
+/// Change of gain with temperature, per °C; either sign.
+const PER_DEGREE: (f64, f64) = (0.002, 0.005);
+/// Loss of gain in four months of use.
+const AGEING: (f64, f64) = (0.0, 0.15);
+
+/// Array and readout of one unit.
+#[derive(Clone, Serialize)]
+pub(crate) struct FilmUnit {
+    /// Factor on the conductance of each taxel; 0 for dead and stuck ones.
+    #[serde(skip)]
+    pub gain: Box<[f64; TAXELS]>,
+    /// Idle level of each taxel, counts.
+    #[serde(skip)]
+    pub offset: Box<[f32; TAXELS]>,
+    /// Taxels without conductance, as row and column.
+    pub dead: Vec<[usize; 2]>,
+    /// Taxels that read a level whatever happens: row, column, counts.
+    pub stuck: Vec<[usize; 3]>,
+    /// Correlation length of the gain map, mm.
+    pub gain_length_mm: f64,
+    /// Exponent of conductance over pressure.
+    pub exponent: f64,
+    /// Mean of the idle level, counts.
+    pub offset_counts: f64,
+    /// Electrical noise, counts rms.
+    pub noise_counts: f64,
+    /// Mains pick-up at its worst, amplitude in counts.
+    pub mains_counts: f64,
+    /// Time constant of a taxel, s.
+    pub lag_s: f64,
+    /// Duration of one scan, s.
+    pub scan_s: f64,
+    /// Creep.
+    pub creep: Creep,
+    /// Loop width, share of the excursion.
+    pub hysteresis: f64,
+    /// Lines and switches.
+    pub crosstalk: Crosstalk,
+    /// Relative change of gain per °C.
+    pub per_degree: f64,
+    /// Relative loss of gain in four months.
+    pub ageing: f64,
+}
+
+impl FilmUnit {
+    /// A unit as built.
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        let gain_length_mm = range(rng, GAIN_LENGTH_MM);
+        let mut gain = gain_map(rng, gain_length_mm);
+        let noise_counts = range(rng, NOISE_COUNTS);
+        let (dead, stuck) = faulty(rng);
+        for [row, col] in dead.iter().copied().chain(stuck.iter().map(|&[row, col, _]| [row, col])) {
+            gain[row * TAXEL_COLS + col] = 0.0;
+        }
+        let stuck_mean = stuck.iter().map(|s| s[2]).sum::<usize>() as f64 / ACTIVE_TAXELS as f64;
+        let idle = |level: f64| stuck_mean + clipped_mean(level, noise_counts);
+        let room = largest(OFFSET_COUNTS.1, |level| idle(level) <= IDLE_MEAN_MAX);
+        let offset_counts = rng.between(OFFSET_COUNTS.0, room);
+        let room = largest(MAINS_COUNTS.1, |hum| idle(offset_counts + hum) <= IDLE_CREST_MAX);
+        let mains_counts = rng.between(MAINS_COUNTS.0, room);
+        let mut offset = Box::new([0.0; TAXELS]);
+        for level in offset.iter_mut() {
+            let own = offset_counts + OFFSET_SPREAD_COUNTS * rng.normal();
+            *level = own.clamp(OFFSET_COUNTS.0, OFFSET_COUNTS.1) as f32;
+        }
+        Self {
+            gain,
+            offset,
+            dead,
+            stuck,
+            gain_length_mm,
+            exponent: EXPONENT + rng.between(-EXPONENT_SPREAD, EXPONENT_SPREAD),
+            offset_counts,
+            noise_counts,
+            mains_counts,
+            lag_s: rng.log_between(LAG_S.0, LAG_S.1),
+            scan_s: range(rng, SCAN_S),
+            creep: Creep {
+                per_decade: range(rng, CREEP_PER_DECADE),
+                slowdown: range(rng, CREEP_SLOWDOWN),
+                residual: range(rng, CREEP_RESIDUAL),
+            },
+            hysteresis: range(rng, HYSTERESIS),
+            crosstalk: Crosstalk {
+                line: rng.log_between(LINE.0, LINE.1),
+                row_leak: rng.log_between(LEAK.0, LEAK.1),
+                col_leak: rng.log_between(LEAK.0, LEAK.1),
+            },
+            per_degree: if rng.chance(0.5) { 1.0 } else { -1.0 } * range(rng, PER_DEGREE),
+            ageing: range(rng, AGEING),
+        }
+    }
+}
+
+fn range(rng: &mut Rng, (lo, hi): (f64, f64)) -> f64 {
+    rng.between(lo, hi)
+}
+
+/// Largest number in 0..=`most` that still satisfies `holds`, which fails from some number on.
+fn largest(most: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    if holds(most) {
+        return most;
+    }
+    let (mut good, mut bad) = (0.0, most);
+    for _ in 0..30 {
+        let middle = (good + bad) / 2.0;
+        if holds(middle) { good = middle } else { bad = middle }
+    }
+    good
+}
+
+/// Factor of each taxel: a smooth random field with covariance `exp(−d²/2L²)`, as a sum of cosines with
+/// Gaussian wave vectors, and a part of its own.
+fn gain_map(rng: &mut Rng, length_mm: f64) -> Box<[f64; TAXELS]> {
+    const WAVES: usize = 24;
+    let waves: [_; WAVES] =
+        std::array::from_fn(|_| (rng.normal() / length_mm, rng.normal() / length_mm, rng.phase()));
+    let amplitude = GAIN_SMOOTH * (2.0 / WAVES as f64).sqrt();
+    let mut gain = Box::new([0.0; TAXELS]);
+    for (cell, gain) in gain.iter_mut().enumerate() {
+        let (x, y) = cell_mm(cell);
+        let smooth: f64 = waves.iter().map(|(kx, ky, phase)| cos(kx * x + ky * y + phase)).sum();
+        *gain = (1.0 + amplitude * smooth + GAIN_OWN * rng.normal()).max(0.2);
+    }
+    gain
+}
+
+/// Dead and stuck taxels.
+fn faulty(rng: &mut Rng) -> (Vec<[usize; 2]>, Vec<[usize; 3]>) {
+    let (mut dead, mut stuck) = (Vec::new(), Vec::new());
+    let share = range(rng, FAULTY);
+    for cell in 0..TAXELS {
+        let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
+        if !rng.chance(share) || !is_active(row, col) {
+            continue;
+        }
+        if rng.chance(STUCK_OF_FAULTY) {
+            stuck.push([row, col, rng.log_between(STUCK_COUNTS.0, STUCK_COUNTS.1).round() as usize]);
+        } else {
+            dead.push([row, col]);
+        }
+    }
+    (dead, stuck)
+}

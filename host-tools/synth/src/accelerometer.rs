@@ -1,38 +1,196 @@
 //! From acceleration to samples: mounting, gain, bandwidth, noise, clock, clipping, resolution.
+//!
+//! The generator works at the part's own rate, so what a real part has above half of it is modelled by
+//! what is left of it below: the rise towards the package resonance (5–10 kHz) by a symmetric three-tap
+//! filter with the resonance's gain at 3 kHz, and the residual that folds back from above by a small
+//! mirrored copy of the upper spectrum (each second sample's sign changed, which maps f to 4 kHz − f).
 
 use libm::exp;
+use serde::Serialize;
+use slipsense::params::XL_RATE_HZ;
 use slipsense::sensor::XlSample;
+use std::f64::consts::TAU;
 
 use crate::draw::{Draw, Rng};
-use crate::unit::XlUnit;
+use crate::vibration::{Clock, sin_turns};
 
-/// Samples of one part: `motion_g` holds the acceleration in finger axes at the part's own sample times.
-pub(crate) fn sample(unit: &XlUnit, lsb_g: f64, motion_g: &[[f64; 3]], rng: &mut Rng) -> Vec<XlSample> {
-    let blend = 1.0 - exp(-std::f64::consts::TAU * unit.bandwidth_hz / unit.rate_hz);
-    let noise = unit.noise_g * (unit.rate_hz / 2.0).sqrt();
-    let mut state: Option<[f64; 3]> = None;
-    motion_g
-        .iter()
-        .map(|g| {
-            let seen: [f64; 3] = unit.matrix.map(|row| row[0] * g[0] + row[1] * g[1] + row[2] * g[2]);
-            let state = state.get_or_insert(seen);
-            std::array::from_fn(|axis| {
-                state[axis] += blend * (seen[axis] - state[axis]);
-                let value = state[axis] + unit.bias_g[axis] + noise * rng.normal();
-                let clipped = value.clamp(-unit.range_g, unit.range_g);
-                (clipped / lsb_g).round().clamp(-32768.0, 32767.0) as i16
+/// Noise density, g/√Hz.
+const NOISE_G: (f64, f64) = (30e-6, 150e-6);
+/// Size of an axis's gain error and of each cross-axis term.
+const GAIN_ERROR: (f64, f64) = (0.01, 0.03);
+const CROSS_AXIS: (f64, f64) = (0.01, 0.02);
+/// Offset, g.
+const OFFSET_G: f64 = 0.05;
+/// Corner of the part's low-pass, Hz, and the chance that it has two poles.
+const BANDWIDTH_HZ: (f64, f64) = (2_000.0, 4_000.0);
+const TWO_POLES: f64 = 0.5;
+/// Package resonance, Hz, and the frequency at which its rise is matched.
+const RESONANCE_HZ: (f64, f64) = (5_000.0, 10_000.0);
+const RESONANCE_MATCH_HZ: f64 = 3_000.0;
+/// Share of the upper spectrum that comes back mirrored.
+const ALIAS: (f64, f64) = (0.003, 0.03);
+/// Error of the part's own rate; with the session's it stays within the 3 % of data sheets.
+const RATE_ERROR: (f64, f64) = (0.01, 0.027);
+/// Change of the rate from session to session, and its drift within one, per second.
+const SESSION_RATE: f64 = 0.002;
+const RATE_DRIFT_PER_S: f64 = 5e-6;
+/// Offset's change from session to session and its slow wander: g, and Hz.
+const SESSION_OFFSET_G: f64 = 0.005;
+const WANDER_G: (f64, f64) = (0.1e-3, 2e-3);
+const WANDER_HZ: (f64, f64) = (0.005, 0.05);
+
+/// One part as built and mounted.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct XlUnit {
+    /// From finger axes to sensor axes: mounting rotation, gain errors and cross-axis terms together.
+    pub matrix: [[f64; 3]; 3],
+    /// Offset, g.
+    pub offset_g: [f64; 3],
+    /// Noise density, g/√Hz.
+    pub noise_g: f64,
+    /// Corner of the part's own low-pass, Hz.
+    pub bandwidth_hz: f64,
+    /// Order of the low-pass, 1 or 2.
+    pub poles: usize,
+    /// Package resonance, Hz.
+    pub resonance_hz: f64,
+    /// Share of the upper spectrum that folds back.
+    pub alias: f64,
+    /// Relative error of the rate.
+    pub rate_error: f64,
+}
+
+impl XlUnit {
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        let rotation = rotation(rng);
+        // Gain errors on the diagonal, cross-axis terms beside it, after the rotation.
+        let errors: [[f64; 3]; 3] = std::array::from_fn(|axis| {
+            std::array::from_fn(|from| {
+                let range = if axis == from { GAIN_ERROR } else { CROSS_AXIS };
+                either_sign(rng, range) + if axis == from { 1.0 } else { 0.0 }
             })
+        });
+        let matrix = errors
+            .map(|row| std::array::from_fn(|from| (0..3).map(|via| row[via] * rotation[via][from]).sum()));
+        Self {
+            matrix,
+            offset_g: std::array::from_fn(|_| rng.between(-OFFSET_G, OFFSET_G)),
+            noise_g: rng.log_between(NOISE_G.0, NOISE_G.1),
+            bandwidth_hz: rng.between(BANDWIDTH_HZ.0, BANDWIDTH_HZ.1),
+            poles: if rng.chance(TWO_POLES) { 2 } else { 1 },
+            resonance_hz: rng.between(RESONANCE_HZ.0, RESONANCE_HZ.1),
+            alias: rng.log_between(ALIAS.0, ALIAS.1),
+            rate_error: either_sign(rng, RATE_ERROR),
+        }
+    }
+}
+
+/// One recording with a part: what changes with temperature and time.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct XlSession {
+    /// Factor on the part's noise.
+    pub noise: f64,
+    /// Offset besides the part's own, g.
+    pub offset_g: [f64; 3],
+    /// Relative change of the rate against the part's own, and its drift per second.
+    pub rate_change: f64,
+    pub rate_drift_per_s: f64,
+    /// Share of a sample period by which the first sample comes after the recording starts, 0–1.
+    pub start: f64,
+    /// Slow wander of the offset: g peak, Hz, turns for each axis.
+    wander: (f64, f64, [f64; 3]),
+}
+
+impl XlSession {
+    /// `noise` is the recipe's factor on electrical noise.
+    pub(crate) fn draw(rng: &mut Rng, noise: f64) -> Self {
+        Self {
+            noise,
+            offset_g: std::array::from_fn(|_| rng.between(-SESSION_OFFSET_G, SESSION_OFFSET_G)),
+            rate_change: rng.between(-SESSION_RATE, SESSION_RATE),
+            rate_drift_per_s: rng.between(-RATE_DRIFT_PER_S, RATE_DRIFT_PER_S),
+            start: rng.between(0.0, 1.0),
+            wander: (
+                rng.log_between(WANDER_G.0, WANDER_G.1),
+                rng.log_between(WANDER_HZ.0, WANDER_HZ.1),
+                std::array::from_fn(|_| rng.between(0.0, 1.0)),
+            ),
+        }
+    }
+
+    /// The part's clock in this recording, for a recording of `seconds`.
+    pub(crate) fn clock(&self, unit: &XlUnit, seconds: f64) -> Clock {
+        let rate_hz = XL_RATE_HZ as f64 * (1.0 + unit.rate_error) * (1.0 + self.rate_change);
+        // Drift adds at most 1 ms in two minutes.
+        let samples = (seconds * rate_hz * (1.0 + RATE_DRIFT_PER_S * seconds)).ceil() as usize + 2;
+        Clock { rate_hz, drift_per_s: self.rate_drift_per_s, start: self.start, samples }
+    }
+}
+
+/// Samples of one part of full scale ±32768 `lsb_g`: `motion_g` holds the acceleration in finger axes at
+/// the part's own sample times.
+pub(crate) fn sample(
+    unit: &XlUnit,
+    session: &XlSession,
+    clock: Clock,
+    lsb_g: f64,
+    motion_g: &[[f64; 3]],
+    rng: &mut Rng,
+) -> Vec<XlSample> {
+    let blend = 1.0 - exp(-TAU * unit.bandwidth_hz / clock.rate_hz);
+    let noise = unit.noise_g * session.noise * (clock.rate_hz / 2.0).sqrt();
+    // An undamped resonance at f₀ lifts f by 1/(1 − (f/f₀)²); the taps −a, 1 + 2a, −a lift it by
+    // 1 + 2a (1 − cos ωT), here with 3 kHz at 8 kHz.
+    let ratio = RESONANCE_MATCH_HZ / unit.resonance_hz;
+    let lift =
+        (1.0 / (1.0 - ratio * ratio) - 1.0) / (2.0 * (1.0 - libm::cos(TAU * RESONANCE_MATCH_HZ / 8e3)));
+    let (wander_g, wander_hz, wander_phase) = session.wander;
+    let Some(&first) = motion_g.first() else { return Vec::new() };
+    let turn = |g: &[f64; 3]| unit.matrix.map(|row| row[0] * g[0] + row[1] * g[1] + row[2] * g[2]);
+    let first = turn(&first);
+    let (mut state, mut seen, mut last) = ([first; 2], first, first);
+    let mut wander = [0.0; 3];
+    (0..motion_g.len())
+        .map(|n| {
+            let next = turn(&motion_g[(n + 1).min(motion_g.len() - 1)]);
+            if n % 256 == 0 {
+                let turns = wander_hz * clock.time(n);
+                wander = wander_phase.map(|phase| wander_g * sin_turns(turns + phase));
+            }
+            let mirror = if n % 2 == 0 { unit.alias / 2.0 } else { -unit.alias / 2.0 };
+            let sample = std::array::from_fn(|axis| {
+                let (before, now, after) = (last[axis], seen[axis], next[axis]);
+                let lifted = now + lift * (2.0 * now - before - after);
+                state[0][axis] += blend * (lifted - state[0][axis]);
+                state[1][axis] += blend * (state[0][axis] - state[1][axis]);
+                let value = state[unit.poles - 1][axis]
+                    + mirror * (now - before)
+                    + unit.offset_g[axis]
+                    + session.offset_g[axis]
+                    + wander[axis]
+                    + noise * rng.normal();
+                (value / lsb_g).round().clamp(-32768.0, 32767.0) as i16
+            });
+            (last, seen) = (seen, next);
+            sample
         })
         .collect()
 }
 
-/// Samples available at the end of each frame, by the part's own clock. `start` is the fraction of a
-/// sample period by which its first sample comes after the first tick's period begins, 0–1.
-pub(crate) fn ends(unit: &XlUnit, start: f64, frames: usize, frame_rate_hz: f64) -> Vec<u32> {
-    (1..=frames)
-        .map(|f| {
-            let periods = f as f64 / frame_rate_hz * unit.rate_hz - start;
-            (periods.floor() + 1.0).max(0.0) as u32
-        })
-        .collect()
+/// A value of this size, up or down.
+fn either_sign(rng: &mut Rng, (lo, hi): (f64, f64)) -> f64 {
+    let size = rng.between(lo, hi);
+    if rng.chance(0.5) { size } else { -size }
+}
+
+/// A rotation drawn uniformly: two random directions made orthogonal, and their cross product.
+fn rotation(rng: &mut Rng) -> [[f64; 3]; 3] {
+    let a = rng.direction();
+    let b = rng.direction();
+    let dot: f64 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
+    let mut c = [b[0] - dot * a[0], b[1] - dot * a[1], b[2] - dot * a[2]];
+    let norm = c.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+    c.iter_mut().for_each(|x| *x /= norm);
+    let d = [a[1] * c[2] - a[2] * c[1], a[2] * c[0] - a[0] * c[2], a[0] * c[1] - a[1] * c[0]];
+    [a, c, d]
 }

@@ -1,0 +1,117 @@
+//! What carries the finger: gravity in a drawn orientation, and the slow motion of a hand that holds the
+//! gripper. It moves the finger as a whole, so it does not pass the modes.
+
+use serde::Serialize;
+use slipsense::params::MAX_SENSORS;
+
+use super::signal::sin_turns;
+use super::{Clock, Scene};
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+use crate::timeline::Pulse;
+
+/// Sway of a hand: components, frequency in Hz, and the peak they share, g.
+const SWAYS: usize = 3;
+const SWAY_HZ: (f64, f64) = (0.2, 3.0);
+const SWAY_G: (f64, f64) = (0.03, 0.5);
+/// Tremor, Hz and g peak.
+const TREMOR_HZ: (f64, f64) = (8.0, 12.0);
+const TREMOR_G: (f64, f64) = (0.005, 0.03);
+/// Chance that the person walks for a part of the recording; cadence in Hz, length of a footfall in
+/// seconds and its peak, g.
+const WALKS: f64 = 0.3;
+const CADENCE_HZ: (f64, f64) = (1.5, 2.1);
+const FOOTFALL_S: (f64, f64) = (0.015, 0.04);
+const FOOTFALL_G: (f64, f64) = (0.03, 0.3);
+
+/// A sine that moves the whole finger.
+#[derive(Clone, Debug, Serialize)]
+struct Sway {
+    hz: f64,
+    peak_g: f64,
+    /// Turns.
+    phase: f64,
+    direction: [f64; 3],
+}
+
+/// Gravity and hand motion of one recording.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Carriage {
+    /// At rest the part feels this, g.
+    gravity: [f64; 3],
+    sways: Vec<Sway>,
+    /// First and last footfall in seconds, cadence in Hz.
+    walk: Option<(f64, f64, f64)>,
+    #[serde(skip)]
+    footfalls: Vec<Pulse>,
+}
+
+impl Carriage {
+    pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
+        let mut carriage =
+            Self { gravity: rng.direction(), sways: Vec::new(), walk: None, footfalls: Vec::new() };
+        if !scene.hand_held {
+            return carriage;
+        }
+        let peak = rng.log_between(SWAY_G.0, SWAY_G.1) / SWAYS as f64;
+        for _ in 0..SWAYS {
+            carriage.sway(rng, SWAY_HZ, peak);
+        }
+        let peak = rng.log_between(TREMOR_G.0, TREMOR_G.1);
+        carriage.sway(rng, TREMOR_HZ, peak);
+        if rng.chance(WALKS) {
+            let seconds = scene.grip_n.len() as f64 / STEP_HZ;
+            let from = rng.between(0.0, 0.7 * seconds);
+            let to = rng.between(from, seconds);
+            let cadence = rng.between(CADENCE_HZ.0, CADENCE_HZ.1);
+            carriage.walk = Some((from, to, cadence));
+            let peak = rng.log_between(FOOTFALL_G.0, FOOTFALL_G.1);
+            let mut at_s = from;
+            while at_s < to {
+                let off = rng.direction();
+                carriage.footfalls.push(Pulse {
+                    at_s,
+                    width_s: rng.log_between(FOOTFALL_S.0, FOOTFALL_S.1),
+                    peak_g: peak * rng.between(0.6, 1.4),
+                    direction: std::array::from_fn(|a| carriage.gravity[a] + 0.3 * off[a]),
+                    share: [1.0; MAX_SENSORS],
+                });
+                at_s += rng.between(0.93, 1.07) / cadence;
+            }
+        }
+        carriage
+    }
+
+    fn sway(&mut self, rng: &mut Rng, hz: (f64, f64), peak_g: f64) {
+        self.sways.push(Sway {
+            hz: rng.log_between(hz.0, hz.1),
+            peak_g,
+            phase: rng.between(0.0, 1.0),
+            direction: rng.direction(),
+        });
+    }
+
+    pub(crate) fn gravity(&self, motion_g: &mut [[f64; 3]]) {
+        for g in motion_g {
+            for (g, gravity) in g.iter_mut().zip(self.gravity) {
+                *g += gravity;
+            }
+        }
+    }
+
+    pub(crate) fn hand(&self, sensor: usize, clock: Clock, motion_g: &mut [[f64; 3]]) {
+        super::add_pulses(&self.footfalls, sensor, 1.0, clock, motion_g);
+        if self.sways.is_empty() {
+            return;
+        }
+        for (n, g) in motion_g.iter_mut().enumerate() {
+            let t = clock.time(n);
+            for sway in &self.sways {
+                let value = sway.peak_g * sin_turns(sway.hz * t + sway.phase);
+                for (g, d) in g.iter_mut().zip(sway.direction) {
+                    *g += d * value;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,494 @@
+//! Everything that is heard and is not slip: impacts of closing and opening, creaking grip changes, jaws,
+//! motors, machines nearby, and the object dragged over something else.
+
+use libm::{exp, log, pow};
+use serde::Serialize;
+use slipsense::params::MAX_SENSORS;
+use std::f64::consts::PI;
+
+use super::modes::Modes;
+use super::signal::{Biquad, Noise, blend, blend_rms, sin_turns};
+use super::slip::{Rub, Surface};
+use super::{Clock, Scene, TOUCHED_N, at};
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+use crate::recipe::Platform;
+use crate::timeline::Pulse;
+
+/// Duration and peak of taps on object, finger or table, seconds and g.
+pub(crate) const TAP_WIDTH_S: (f64, f64) = (0.2e-3, 8e-3);
+pub(crate) const TAP_PEAK_G: (f64, f64) = (0.05, 5.0);
+
+/// A finger that meets the object: moving mass in kg, radius of the contact in metres, reduced modulus of
+/// the soft pad in Pa and its square-root spread, approach speed in m/s, coefficient of restitution.
+const FINGER_KG: (f64, f64) = (0.03, 0.1);
+const CONTACT_RADIUS_M: (f64, f64) = (2e-3, 15e-3);
+const PAD_PA: (f64, f64) = (1e6, 4e6);
+/// Chance that hard parts meet first (a shell's edge, a fixture), and their modulus.
+const HARD_CHANCE: f64 = 0.12;
+const HARD_PA: (f64, f64) = (0.5e9, 3e9);
+const APPROACH_M_S: (f64, f64) = (0.01, 0.12);
+const RESTITUTION: (f64, f64) = (0.1, 0.6);
+/// Range of the impact's peak, g.
+const CLOSING_G: (f64, f64) = (0.1, 3.0);
+/// The fingers touch within this of each other, seconds.
+const CLOSING_SPREAD_S: (f64, f64) = (-0.01, 0.02);
+/// How much of one finger's impact the others feel.
+const CLOSING_ELSEWHERE: f64 = 0.15;
+/// Share of a closing impact that excites the modes besides moving the finger as a whole.
+const CLOSING_MODES: f64 = 0.5;
+
+/// Aftershock of a release: time until a tenth is left in seconds, peak at 2 N of grip in g.
+const AFTERSHOCK_S: (f64, f64) = (0.05, 0.3);
+const AFTERSHOCK_G: (f64, f64) = (0.03, 0.4);
+
+/// Creak while the grip changes: level in g at [`CREAK_FULL_PER_S`], corner in Hz. Relative force rates
+/// below the first are silent (tremor, slow variation).
+const CREAK_G: (f64, f64) = (0.003, 0.03);
+const CREAK_HZ: (f64, f64) = (150.0, 800.0);
+const CREAK_FROM_PER_S: f64 = 1.2;
+const CREAK_FULL_PER_S: f64 = 4.0;
+/// Micro-slip during grip changes: pulses per unit of relative change, peak and width.
+const MICRO_PULSES: f64 = 12.0;
+const MICRO_G: (f64, f64) = (0.005, 0.06);
+const MICRO_S: (f64, f64) = (0.2e-3, 1.5e-3);
+
+/// Rail friction of a hand-driven jaw: level in g, corner in Hz, pace of its bursts in Hz.
+const RAIL_G: (f64, f64) = (0.01, 0.05);
+const RAIL_HZ: (f64, f64) = (100.0, 600.0);
+const RAIL_BURST_HZ: (f64, f64) = (5.0, 40.0);
+/// Backlash clicks where a jaw starts or stops: at most this many, g and seconds.
+const CLICKS: usize = 2;
+const CLICK_G: (f64, f64) = (0.05, 0.5);
+const CLICK_S: (f64, f64) = (1e-3, 5e-3);
+
+/// Motor comb at full activity: Hz, harmonics, and the level that comb and gears share, g rms.
+const MOTOR_HZ: (f64, f64) = (15.0, 80.0);
+const MOTOR_ORDERS: usize = 4;
+const MOTOR_G: (f64, f64) = (0.002, 0.02);
+/// Gear mesh: Hz, and how far it moves with the motor's speed.
+const GEAR_HZ: (f64, f64) = (200.0, 1200.0);
+const GEAR_SHIFT: (f64, f64) = (0.05, 0.1);
+/// Servo tone at rest: Hz and g rms.
+const SERVO_HZ: (f64, f64) = (800.0, 1300.0);
+const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
+/// Steps of the joints when a motor starts or meets a load, g and seconds.
+const JOINT_G: (f64, f64) = (0.01, 0.15);
+const JOINT_S: (f64, f64) = (1e-3, 6e-3);
+
+/// Machines nearby: chance, lines in Hz, harmonics of the mains and of fans and pumps; g rms.
+const AMBIENT_CHANCE: f64 = 0.5;
+const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
+const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
+/// Narrow-band noise of a tool: chance, centre in Hz, half-width over centre, pace of its swell in Hz.
+const TOOL_CHANCE: f64 = 0.25;
+const TOOL_HZ: (f64, f64) = (200.0, 2000.0);
+const TOOL_WIDTH: (f64, f64) = (0.02, 0.15);
+const TOOL_SWELL_HZ: (f64, f64) = (0.2, 2.0);
+
+/// Share of the rubbing at the object's far side that arrives at the finger.
+const DRAG_ARRIVES: (f64, f64) = (0.1, 0.5);
+
+/// Duration of a Hertz contact of two elastic bodies, seconds: `2.87 (m² / (R E*² v))^(1/5)`.
+pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, speed_m_s: f64) -> f64 {
+    2.87 * pow(mass_kg * mass_kg / (radius_m * modulus_pa * modulus_pa * speed_m_s), 0.2)
+}
+
+/// A steady tone.
+#[derive(Clone, Debug, Serialize)]
+struct Tone {
+    hz: f64,
+    rms_g: f64,
+    /// Turns.
+    phase: f64,
+    direction: [f64; 3],
+}
+
+/// Narrow-band noise that swells.
+#[derive(Clone, Debug, Serialize)]
+struct Tool {
+    hz: f64,
+    width: f64,
+    rms_g: f64,
+    swell_hz: f64,
+    phase: f64,
+    direction: [f64; 3],
+}
+
+/// Motors of a jointed hand.
+#[derive(Clone, Debug, Serialize)]
+struct Actuation {
+    motor_hz: f64,
+    gear_hz: f64,
+    gear_shift: f64,
+    /// Share of the power that is gear mesh.
+    gear_share: f64,
+    running_g: f64,
+    servo: Tone,
+    direction: [f64; 3],
+}
+
+/// All of it for one recording.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Disturbances {
+    creak_g: f64,
+    creak_hz: f64,
+    rail_g: f64,
+    rail_hz: f64,
+    rail_burst_hz: f64,
+    aftershock_g: f64,
+    aftershock_s: f64,
+    actuation: Option<Actuation>,
+    ambient: Vec<Tone>,
+    tool: Option<Tool>,
+    dragged: Surface,
+    drag_arrives: f64,
+    /// Impacts that excite the modes.
+    #[serde(skip)]
+    knocks: Vec<Pulse>,
+    /// Impacts that stop a whole finger.
+    #[serde(skip)]
+    closings: Vec<Pulse>,
+}
+
+impl Disturbances {
+    pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
+        let ambient = if rng.chance(AMBIENT_CHANCE) { rng.count(1, 3) } else { 0 };
+        let mut drawn = Self {
+            creak_g: rng.log_between(CREAK_G.0, CREAK_G.1),
+            creak_hz: rng.log_between(CREAK_HZ.0, CREAK_HZ.1),
+            rail_g: rng.log_between(RAIL_G.0, RAIL_G.1),
+            rail_hz: rng.log_between(RAIL_HZ.0, RAIL_HZ.1),
+            rail_burst_hz: rng.log_between(RAIL_BURST_HZ.0, RAIL_BURST_HZ.1),
+            aftershock_g: rng.log_between(AFTERSHOCK_G.0, AFTERSHOCK_G.1),
+            aftershock_s: rng.log_between(AFTERSHOCK_S.0, AFTERSHOCK_S.1),
+            actuation: (scene.platform == Platform::Tesollo).then(|| Actuation::draw(rng)),
+            ambient: (0..ambient)
+                .map(|_| {
+                    let hz = AMBIENT_HZ[rng.count(0, AMBIENT_HZ.len() - 1)] * rng.between(0.995, 1.005);
+                    Tone::draw(rng, hz, AMBIENT_G)
+                })
+                .collect(),
+            tool: rng.chance(TOOL_CHANCE).then(|| Tool {
+                hz: rng.log_between(TOOL_HZ.0, TOOL_HZ.1),
+                width: rng.log_between(TOOL_WIDTH.0, TOOL_WIDTH.1),
+                rms_g: rng.log_between(AMBIENT_G.0, AMBIENT_G.1),
+                swell_hz: rng.log_between(TOOL_SWELL_HZ.0, TOOL_SWELL_HZ.1),
+                phase: rng.between(0.0, 1.0),
+                direction: rng.direction(),
+            }),
+            dragged: Surface::table(rng),
+            drag_arrives: rng.log_between(DRAG_ARRIVES.0, DRAG_ARRIVES.1),
+            knocks: scene.pulses.to_vec(),
+            closings: Vec::new(),
+        };
+        for &at_s in &crossings(scene.grip_n, TOUCHED_N).0 {
+            drawn.closings.extend(closing(rng, scene, at_s));
+        }
+        drawn.clicks(rng, scene);
+        drawn
+    }
+
+    /// No impacts and no machines nearby.
+    #[cfg(test)]
+    pub(super) fn quiet(&mut self) {
+        self.knocks.clear();
+        self.closings.clear();
+        self.ambient.clear();
+        self.tool = None;
+    }
+
+    /// Backlash of a jaw, steps of a joint: where motion starts and stops.
+    fn clicks(&mut self, rng: &mut Rng, scene: &Scene<'_>) {
+        let (series, peak, width) = match scene.platform {
+            Platform::Umi => (scene.jaw, CLICK_G, CLICK_S),
+            Platform::Tesollo => (scene.motor, JOINT_G, JOINT_S),
+        };
+        let (starts, stops) = crossings(series, 0.05);
+        for &from in starts.iter().chain(&stops) {
+            for _ in 0..rng.count(0, CLICKS) {
+                self.knocks.push(Pulse {
+                    at_s: from + rng.between(0.0, 0.05),
+                    width_s: rng.log_between(width.0, width.1),
+                    peak_g: rng.log_between(peak.0, peak.1),
+                    direction: rng.direction(),
+                    share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
+                });
+            }
+        }
+    }
+
+    /// What excites one finger through its modes.
+    pub(crate) fn excite(
+        &self,
+        scene: &Scene<'_>,
+        sensor: usize,
+        clock: Clock,
+        rng: &mut Rng,
+        force: &mut [[f64; 3]],
+    ) {
+        super::add_pulses(&self.knocks, sensor, 1.0, clock, force);
+        super::add_pulses(&self.closings, sensor, CLOSING_MODES, clock, force);
+        self.creak(scene, sensor, clock, rng, force);
+        if scene.platform == Platform::Umi {
+            self.rail(scene, clock, rng, force);
+        }
+        self.drag(scene, sensor, clock, rng, force);
+    }
+
+    /// What reaches the accelerometer as it is.
+    pub(crate) fn shake(
+        &self,
+        scene: &Scene<'_>,
+        modes: &Modes,
+        sensor: usize,
+        clock: Clock,
+        rng: &mut Rng,
+        motion_g: &mut [[f64; 3]],
+    ) {
+        super::add_pulses(&self.closings, sensor, 1.0, clock, motion_g);
+        self.aftershocks(scene, modes, clock, rng, motion_g);
+        if let Some(actuation) = &self.actuation {
+            actuation.add(scene, clock, motion_g);
+        }
+        for tone in &self.ambient {
+            tone.add(clock, |_| 1.0, motion_g);
+        }
+        if let Some(tool) = &self.tool {
+            let mut band = Biquad::bandpass(tool.hz, tool.width, clock.rate_hz);
+            // Equivalent noise bandwidth of the resonance: πζf.
+            let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
+            for (n, out) in motion_g.iter_mut().enumerate() {
+                let swell = 0.7 + 0.5 * sin_turns(tool.swell_hz * clock.time(n) + tool.phase);
+                let value = gain * swell * band.next(rng.normal());
+                for (o, d) in out.iter_mut().zip(tool.direction) {
+                    *o += d * value;
+                }
+            }
+        }
+    }
+
+    fn creak(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+        // Change over two steps: shorter ones see rounding, longer ones smear a squeeze.
+        let rate = |i: usize| {
+            let (now, before) = (scene.grip_n[i], scene.grip_n[i.saturating_sub(2)]);
+            (now - before).abs() * STEP_HZ / 2.0 / now.max(before).max(0.5)
+        };
+        let full = CREAK_FULL_PER_S - CREAK_FROM_PER_S;
+        let levels: Vec<f64> = (0..scene.grip_n.len())
+            .map(|i| self.creak_g * ((rate(i) - CREAK_FROM_PER_S).max(0.0) / full).min(4.0).sqrt())
+            .collect();
+        noise(&levels, self.creak_hz, clock, rng, force);
+        let mut micro = Vec::new();
+        for (i, level) in levels.iter().enumerate().filter(|(_, level)| **level > 0.0) {
+            if rng.chance((MICRO_PULSES * rate(i) / STEP_HZ).min(1.0)) {
+                micro.push(Pulse {
+                    at_s: i as f64 / STEP_HZ,
+                    width_s: rng.log_between(MICRO_S.0, MICRO_S.1),
+                    peak_g: (level / self.creak_g).min(1.0)
+                        * rng.log_between(MICRO_G.0, MICRO_G.1)
+                        * -log(rng.between(1e-3, 1.0)),
+                    direction: rng.direction(),
+                    share: [1.0; MAX_SENSORS],
+                });
+            }
+        }
+        super::add_pulses(&micro, sensor, 1.0, clock, force);
+    }
+
+    fn rail(&self, scene: &Scene<'_>, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+        let pace = blend(self.rail_burst_hz, STEP_HZ);
+        let rms = blend_rms(pace);
+        let mut burst = 0.0;
+        let levels: Vec<f64> = scene
+            .jaw
+            .iter()
+            .map(|&jaw| {
+                if jaw <= 0.0 {
+                    return 0.0;
+                }
+                burst += pace * (rng.normal() - burst);
+                self.rail_g * jaw * (0.4 + 0.75 * (burst / rms).abs())
+            })
+            .collect();
+        noise(&levels, self.rail_hz, clock, rng, force);
+    }
+
+    fn drag(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+        if scene.drag.iter().all(|&d| d <= 0.0) {
+            return;
+        }
+        let mut path = 0.0;
+        let held = |i: usize| if scene.grip_n[i] > TOUCHED_N { scene.drag[i] } else { 0.0 };
+        let steps = scene.drag.len();
+        let rub = Rub {
+            speed_mm_s: scene.drag_mm_s.to_vec(),
+            share: (0..steps).map(held).collect(),
+            force_n: vec![super::slip::REFERENCE_N; steps],
+            path_mm: scene
+                .drag_mm_s
+                .iter()
+                .map(|v| {
+                    path += v / STEP_HZ;
+                    path
+                })
+                .collect(),
+            direction: vec![[0.0, 1.0]; steps],
+        };
+        self.dragged.sound(&rub, self.drag_arrives, clock, rng, force);
+        let pulses = self.dragged.pulses(&rub, self.drag_arrives, rng);
+        super::add_pulses(&pulses, sensor, 1.0, clock, force);
+    }
+
+    /// The finger lets go and rings freely in its two lowest modes.
+    fn aftershocks(
+        &self,
+        scene: &Scene<'_>,
+        modes: &Modes,
+        clock: Clock,
+        rng: &mut Rng,
+        motion_g: &mut [[f64; 3]],
+    ) {
+        for at_s in crossings(scene.grip_n, TOUCHED_N).1 {
+            // The release takes up to 150 ms; the grip before it counts.
+            let strength = (at(scene.grip_n, at_s - 0.2).max(0.2) / super::slip::REFERENCE_N).sqrt();
+            for mode in &modes.modes[..2] {
+                let hz = mode.hz * modes.shift(0.0);
+                let peak = self.aftershock_g * strength * rng.between(0.3, 1.0);
+                let decay = log(10.0) / (self.aftershock_s * rng.between(0.8, 1.2));
+                let keep = exp(-decay / clock.rate_hz);
+                let start = clock.sample_at(at_s);
+                let mut envelope = peak;
+                for (n, out) in motion_g.iter_mut().enumerate().skip(start) {
+                    let value = envelope * sin_turns(hz * (clock.time(n) - at_s));
+                    for (o, d) in out.iter_mut().zip(mode.direction) {
+                        *o += d * value;
+                    }
+                    envelope *= keep;
+                    if envelope < 1e-5 {
+                        break;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Tone {
+    fn draw(rng: &mut Rng, hz: f64, rms_g: (f64, f64)) -> Self {
+        Self {
+            hz,
+            rms_g: rng.log_between(rms_g.0, rms_g.1),
+            phase: rng.between(0.0, 1.0),
+            direction: rng.direction(),
+        }
+    }
+
+    fn add(&self, clock: Clock, gain: impl Fn(usize) -> f64, motion_g: &mut [[f64; 3]]) {
+        let peak = self.rms_g * std::f64::consts::SQRT_2;
+        for (n, out) in motion_g.iter_mut().enumerate() {
+            let value = peak * gain(n) * sin_turns(self.hz * clock.time(n) + self.phase);
+            for (o, d) in out.iter_mut().zip(self.direction) {
+                *o += d * value;
+            }
+        }
+    }
+}
+
+impl Actuation {
+    fn draw(rng: &mut Rng) -> Self {
+        let servo_hz = rng.log_between(SERVO_HZ.0, SERVO_HZ.1);
+        Self {
+            motor_hz: rng.log_between(MOTOR_HZ.0, MOTOR_HZ.1),
+            gear_hz: rng.log_between(GEAR_HZ.0, GEAR_HZ.1),
+            gear_shift: rng.between(GEAR_SHIFT.0, GEAR_SHIFT.1),
+            gear_share: rng.between(0.3, 0.8),
+            running_g: rng.log_between(MOTOR_G.0, MOTOR_G.1),
+            servo: Tone::draw(rng, servo_hz, SERVO_G),
+            direction: rng.direction(),
+        }
+    }
+
+    /// Comb and gear mesh while the motors run, the servo's tone always.
+    fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
+        self.servo.add(clock, |_| 1.0, motion_g);
+        let weights: [f64; MOTOR_ORDERS] = std::array::from_fn(|k| 1.0 / (k + 1) as f64);
+        let comb_rms = (weights.iter().map(|w| w * w).sum::<f64>() / 2.0).sqrt();
+        let comb_gain = self.running_g * (1.0 - self.gear_share).sqrt() / comb_rms;
+        let gear_gain = self.running_g * (2.0 * self.gear_share).sqrt();
+        let (mut motor, mut gear) = (0.0, 0.0);
+        for (n, out) in motion_g.iter_mut().enumerate() {
+            let activity = at(scene.motor, clock.time(n));
+            if activity <= 0.0 {
+                continue;
+            }
+            motor += self.motor_hz * (0.5 + 0.5 * activity) / clock.rate_hz;
+            gear += self.gear_hz * (1.0 + self.gear_shift * (2.0 * activity - 1.0)) / clock.rate_hz;
+            let mut value = gear_gain * sin_turns(gear);
+            for (k, weight) in weights.iter().enumerate() {
+                value += comb_gain * weight * sin_turns((k + 1) as f64 * motor);
+            }
+            for (o, d) in out.iter_mut().zip(self.direction) {
+                *o += d * activity.sqrt() * value;
+            }
+        }
+    }
+}
+
+/// The impacts of the fingers that meet the object at a time: half-sines of Hertz's duration whose area
+/// is the change of speed, so that the peak is `π v (1 + e) / 2 t_c`.
+pub(super) fn closing(rng: &mut Rng, scene: &Scene<'_>, at_s: f64) -> [Pulse; MAX_SENSORS] {
+    // A surface layer of the object, about 1 mm thick, in series with the pad.
+    let object_pa = scene.object.layer_kpa_per_mm * 1e3;
+    let speed = rng.log_between(APPROACH_M_S.0, APPROACH_M_S.1);
+    std::array::from_fn(|sensor| {
+        let (pad_pa, hard_pa) = (rng.log_between(PAD_PA.0, PAD_PA.1), rng.log_between(HARD_PA.0, HARD_PA.1));
+        let modulus = if rng.chance(HARD_CHANCE) { hard_pa } else { 1.0 / (1.0 / pad_pa + 1.0 / object_pa) };
+        let width_s = hertz_contact_s(
+            rng.log_between(FINGER_KG.0, FINGER_KG.1),
+            rng.log_between(CONTACT_RADIUS_M.0, CONTACT_RADIUS_M.1),
+            modulus,
+            speed,
+        );
+        let bounce = 1.0 + rng.between(RESTITUTION.0, RESTITUTION.1);
+        let scatter = rng.direction();
+        let mut share = [CLOSING_ELSEWHERE; MAX_SENSORS];
+        share[sensor] = 1.0;
+        Pulse {
+            at_s: at_s + rng.between(CLOSING_SPREAD_S.0, CLOSING_SPREAD_S.1),
+            width_s,
+            peak_g: (PI * speed * bounce / (2.0 * width_s) / 9.81).clamp(CLOSING_G.0, CLOSING_G.1),
+            direction: [0.3 * scatter[0], 0.3 * scatter[1], 0.95],
+            share,
+        }
+    })
+}
+
+/// Times at which a series rises above a threshold and falls below it again, seconds.
+fn crossings(series: &[f64], threshold: f64) -> (Vec<f64>, Vec<f64>) {
+    let (mut up, mut down) = (Vec::new(), Vec::new());
+    for (i, pair) in series.windows(2).enumerate() {
+        match (pair[0] > threshold, pair[1] > threshold) {
+            (false, true) => up.push((i + 1) as f64 / STEP_HZ),
+            (true, false) => down.push((i + 1) as f64 / STEP_HZ),
+            _ => {}
+        }
+    }
+    (up, down)
+}
+
+/// Low-passed noise of these levels, g rms of the vector, one per step.
+fn noise(levels: &[f64], corner_hz: f64, clock: Clock, rng: &mut Rng, buffer: &mut [[f64; 3]]) {
+    let blend = blend(corner_hz, clock.rate_hz);
+    let gain = 1.0 / (blend_rms(blend) * 3f64.sqrt());
+    let mut state = Noise::default();
+    for (n, out) in buffer.iter_mut().enumerate() {
+        let level = at(levels, clock.time(n));
+        if level > 0.0 {
+            let white = state.next(rng, blend);
+            for (o, w) in out.iter_mut().zip(white) {
+                *o += gain * level * w;
+            }
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! Modes of the finger, through which the accelerometer feels every force on the pad:
+//! `a = Σ_m φ_m φ_mᵀ F(f) · (−f²) / (f_m² − f² + 2jζ_m f f_m)`, and the mode of an object that rings.
+
+use libm::{exp, pow};
+use serde::Serialize;
+
+use super::signal::Biquad;
+use super::{Clock, Scene};
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+use crate::objects::Kind;
+use crate::recipe::{Platform, Region};
+
+/// Range of each mode's frequency, Hz, of a parallel jaw's finger (modelling range).
+const UMI_HZ: [(f64, f64); 4] = [(80.0, 180.0), (250.0, 550.0), (700.0, 1500.0), (2200.0, 3500.0)];
+/// The same of a jointed finger, whose first mode is the compliance of its joints.
+const TESOLLO_HZ: [(f64, f64); 4] = [(30.0, 90.0), (120.0, 300.0), (500.0, 1200.0), (1800.0, 3500.0)];
+/// Damping ratio while holding something.
+const UMI_DAMPING: (f64, f64) = (0.03, 0.12);
+const TESOLLO_DAMPING: (f64, f64) = (0.05, 0.2);
+/// Main direction of each mode before its own scatter: x across the finger, y along it, z normal to the
+/// pad. A jaw bends towards the object first, a jointed finger flexes along its length.
+const UMI_DIRECTION: [[f64; 3]; 4] = [[0.0, 0.4, 0.9], [0.9, 0.4, 0.0], [0.0, 0.9, 0.4], [0.6, 0.6, 0.6]];
+const TESOLLO_DIRECTION: [[f64; 3]; 4] = [[0.0, 0.8, 0.6], [0.8, 0.0, 0.6], [0.3, 0.5, 0.8], [0.7, 0.7, 0.0]];
+/// Scatter of a unit's directions about the main ones, as a share of their length.
+const DIRECTION_SCATTER: f64 = 0.5;
+/// Participation of a mode (shape at the pad squared over modal mass, relative to the finger's mass).
+const WEIGHT: (f64, f64) = (0.4, 1.2);
+/// Logarithmic spread of the vibration that reaches one unit's accelerometer.
+const COUPLING_SPREAD: f64 = 0.2;
+/// Exponent of a mode's frequency over grip force: a Hertz contact stiffens with F^(1/3), so a mode that
+/// it carries alone rises with F^(1/6), and one with a stiffening pad behind it faster.
+const GRIP_EXPONENT: (f64, f64) = (1.0 / 6.0, 1.0 / 3.0);
+/// Largest shift by grip, both ways from the frequency at [`REFERENCE_N`].
+const GRIP_SHIFT: f64 = 0.1;
+const REFERENCE_N: f64 = 2.0;
+/// Change of frequency, damping and participation from grasp to grasp, logarithmic rms.
+const GRASP_SPREAD: (f64, f64, f64) = (0.015, 0.08, 0.08);
+/// Towards the palm the first mode moves the pad less and the others more, and all are a little stiffer.
+const PALM_FIRST_WEIGHT: (f64, f64) = (0.4, 0.7);
+const PALM_OTHER_WEIGHT: (f64, f64) = (1.0, 1.6);
+const PALM_STIFFER: (f64, f64) = (1.02, 1.12);
+const PALM_SCATTER: f64 = 0.3;
+/// Share of the damping that is left when nothing is held, and the grip at which all of it is there.
+const FREE_DAMPING: f64 = 0.5;
+const DAMPED_FROM_N: f64 = 1.0;
+/// Factor on damping when a cable is held.
+const CABLE_DAMPING: f64 = 1.4;
+/// Damping ratio of an object that rings, spread of its frequency, and how loud it rings: factor on the
+/// force along the slip and normal to it.
+const OBJECT_DAMPING: (f64, f64) = (0.005, 0.02);
+const OBJECT_SPREAD: f64 = 0.03;
+const OBJECT_GAIN: [f64; 2] = [1.5, 3.0];
+
+/// One mode of a finger.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Mode {
+    /// Frequency at 2 N, Hz.
+    pub hz: f64,
+    /// Damping ratio while holding something.
+    pub damping: f64,
+    /// Unit vector of the motion in finger axes.
+    pub direction: [f64; 3],
+    /// Acceleration above resonance per acceleration of the excitation.
+    pub weight: f64,
+}
+
+/// The modes of one finger, lowest first.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Modes {
+    pub modes: [Mode; 4],
+    /// Exponent of the frequencies over grip force.
+    pub grip_exponent: f64,
+}
+
+impl Modes {
+    /// A finger as built.
+    pub(crate) fn draw(rng: &mut Rng, platform: Platform) -> Self {
+        let (hz, damping, direction) = match platform {
+            Platform::Umi => (UMI_HZ, UMI_DAMPING, UMI_DIRECTION),
+            Platform::Tesollo => (TESOLLO_HZ, TESOLLO_DAMPING, TESOLLO_DIRECTION),
+        };
+        let coupling = exp(COUPLING_SPREAD * rng.normal());
+        let modes = std::array::from_fn(|m| Mode {
+            hz: rng.log_between(hz[m].0, hz[m].1),
+            damping: rng.log_between(damping.0, damping.1),
+            direction: scattered(rng, direction[m], DIRECTION_SCATTER),
+            weight: coupling * rng.log_between(WEIGHT.0, WEIGHT.1),
+        });
+        Self { modes, grip_exponent: rng.between(GRIP_EXPONENT.0, GRIP_EXPONENT.1) }
+    }
+
+    /// The same finger in one grasp: nearly as built, and otherwise excited near the palm.
+    pub(crate) fn in_grasp(&self, rng: &mut Rng, region: Region) -> Self {
+        let mut grasp = self.clone();
+        for (m, mode) in grasp.modes.iter_mut().enumerate() {
+            mode.hz *= exp(GRASP_SPREAD.0 * rng.normal());
+            mode.damping *= exp(GRASP_SPREAD.1 * rng.normal());
+            mode.weight *= exp(GRASP_SPREAD.2 * rng.normal());
+            if region == Region::Palm {
+                let weight = if m == 0 { PALM_FIRST_WEIGHT } else { PALM_OTHER_WEIGHT };
+                mode.weight *= rng.between(weight.0, weight.1);
+                mode.hz *= rng.between(PALM_STIFFER.0, PALM_STIFFER.1);
+                mode.direction = scattered(rng, mode.direction, PALM_SCATTER);
+            }
+        }
+        grasp
+    }
+
+    /// Factor on every frequency at this grip.
+    pub(crate) fn shift(&self, grip_n: f64) -> f64 {
+        pow(grip_n.max(1e-3) / REFERENCE_N, self.grip_exponent).clamp(1.0 - GRIP_SHIFT, 1.0 + GRIP_SHIFT)
+    }
+
+    /// Acceleration under the excitation `buffer`, both in finger axes and g; replaces `buffer`.
+    pub(crate) fn respond(
+        &self,
+        scene: &Scene<'_>,
+        ring: Option<&ObjectMode>,
+        clock: Clock,
+        buffer: &mut [[f64; 3]],
+    ) {
+        let held_damping = if scene.object.kind == Kind::Cable { CABLE_DAMPING } else { 1.0 };
+        let tuned = |mode: &Mode, grip_n: f64| {
+            let held = (grip_n / DAMPED_FROM_N).clamp(0.0, 1.0);
+            let damping = mode.damping * (FREE_DAMPING + (held_damping - FREE_DAMPING) * held);
+            let hz = (mode.hz * self.shift(grip_n)).min(0.48 * clock.rate_hz);
+            Biquad::resonant_highpass(hz, damping, clock.rate_hz)
+        };
+        let mut filters = self.modes.map(|m| tuned(&m, 0.0));
+        let mut ring = ring.map(|r| Biquad::bandpass(r.hz, r.damping, clock.rate_hz));
+        let (mut tuned_n, mut last_step) = (0.0f64, usize::MAX);
+        let mut grip = 0.0;
+        for (n, input) in buffer.iter_mut().enumerate() {
+            let step = (clock.time(n) * STEP_HZ) as usize;
+            if step != last_step {
+                last_step = step;
+                grip = scene.grip_n[step.min(scene.grip_n.len() - 1)];
+                if (grip - tuned_n).abs() > 0.01 * tuned_n + 0.002 {
+                    tuned_n = grip;
+                    for (filter, mode) in filters.iter_mut().zip(&self.modes) {
+                        filter.retune(tuned(mode, grip));
+                    }
+                }
+            }
+            if let Some(ring) = &mut ring {
+                let tone = ring.next(if grip > super::TOUCHED_N { input[1] + input[2] } else { 0.0 });
+                input[1] += OBJECT_GAIN[0] * tone;
+                input[2] += OBJECT_GAIN[1] * tone;
+            }
+            let mut out = [0.0; 3];
+            for (mode, filter) in self.modes.iter().zip(&mut filters) {
+                let d = mode.direction;
+                let y = mode.weight * filter.next(d[0] * input[0] + d[1] * input[1] + d[2] * input[2]);
+                for (o, d) in out.iter_mut().zip(d) {
+                    *o += d * y;
+                }
+            }
+            *input = out;
+        }
+    }
+}
+
+/// A unit vector near `main`.
+fn scattered(rng: &mut Rng, main: [f64; 3], scatter: f64) -> [f64; 3] {
+    let own = rng.direction();
+    let v: [f64; 3] = std::array::from_fn(|a| main[a] + scatter * own[a]);
+    let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+    v.map(|x| x / norm)
+}
+
+/// The mode of a gripped object that rings.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct ObjectMode {
+    pub hz: f64,
+    pub damping: f64,
+}
+
+impl ObjectMode {
+    /// `hz` is the catalogue's; 0 for an object that does not ring.
+    pub(crate) fn draw(rng: &mut Rng, hz: f64) -> Option<Self> {
+        let (spread, damping) =
+            (exp(OBJECT_SPREAD * rng.normal()), rng.log_between(OBJECT_DAMPING.0, OBJECT_DAMPING.1));
+        (hz > 0.0).then_some(Self { hz: hz * spread, damping })
+    }
+}

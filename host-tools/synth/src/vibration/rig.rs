@@ -1,0 +1,108 @@
+//! The crosshead's drive as the accelerometers hear it: a comb whose frequency follows the speed, through
+//! the clamped object or through the table, and the hum of a stepper that holds its position.
+
+use serde::Serialize;
+
+use super::signal::{cos_turns, sin_turns};
+use super::{Clock, Scene, TOUCHED_N};
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+
+/// Fundamental per mm of travel: 20–400 Hz at 10 mm/s. Screw lead and steps of the paper's rig are not
+/// published.
+const PER_MM: (f64, f64) = (2.0, 40.0);
+/// Lines of the comb; the k-th is 1/k as strong.
+const ORDERS: usize = 5;
+/// Level at the accelerometer through the clamped object, g rms of the vector.
+const THROUGH_OBJECT_G: (f64, f64) = (0.2e-3, 4e-3);
+/// Level through the table, g rms.
+const THROUGH_TABLE_G: (f64, f64) = (0.05e-3, 0.5e-3);
+/// Holding hum of the drive at standstill, through the table: chance, level in g rms, frequency in Hz.
+const HUM_CHANCE: f64 = 0.5;
+const HUM_G: (f64, f64) = (0.02e-3, 0.2e-3);
+const HUM_HZ: (f64, f64) = (400.0, 2000.0);
+/// Below this speed the comb fades, mm/s.
+const FADES_BELOW_MM_S: f64 = 0.5;
+/// Grip from which the object transmits as well as it ever does, N.
+const CLAMPED_N: f64 = 0.5;
+/// Lines above this are beyond the part's bandwidth, Hz.
+const HIGHEST_HZ: f64 = 3_600.0;
+/// Direction, unit vector: mostly along the pull.
+const DIRECTION: [f64; 3] = [0.188, 0.941, 0.282];
+
+/// One drive.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Rig {
+    /// Cycles per mm of travel.
+    pub per_mm: f64,
+    /// Level through the clamped object, g rms.
+    pub object_g: f64,
+    /// Level through the table, g rms.
+    pub table_g: f64,
+    /// Phases of the lines, turns.
+    phases: [f64; ORDERS],
+    /// Level of the holding hum, g rms, and its frequency, Hz.
+    hum: (f64, f64),
+}
+
+impl Rig {
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        Self {
+            per_mm: rng.log_between(PER_MM.0, PER_MM.1),
+            object_g: rng.log_between(THROUGH_OBJECT_G.0, THROUGH_OBJECT_G.1),
+            table_g: rng.log_between(THROUGH_TABLE_G.0, THROUGH_TABLE_G.1),
+            phases: std::array::from_fn(|_| rng.between(0.0, 1.0)),
+            hum: (
+                if rng.chance(HUM_CHANCE) { 1.0 } else { 0.0 } * rng.log_between(HUM_G.0, HUM_G.1),
+                rng.log_between(HUM_HZ.0, HUM_HZ.1),
+            ),
+        }
+    }
+
+    /// Every level 0, all else as drawn.
+    #[cfg(test)]
+    pub(super) fn silence(&mut self) {
+        (self.object_g, self.table_g, self.hum.0) = (0.0, 0.0, 0.0);
+    }
+
+    /// Add to the acceleration at the part. The levels are those at the accelerometer, so the comb does
+    /// not pass the finger's modes once more.
+    pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
+        if scene.hand_held {
+            return;
+        }
+        // Lines of 1/k each give a mean square of Σ 1/(2k²).
+        let weights: [f64; ORDERS] = std::array::from_fn(|k| 1.0 / (k + 1) as f64);
+        let rms = (weights.iter().map(|w| w * w).sum::<f64>() / 2.0).sqrt();
+        let last = scene.crosshead_mm.len() - 1;
+        for (n, out) in motion_g.iter_mut().enumerate() {
+            let t = clock.time(n);
+            let x = (t * STEP_HZ).min(last as f64);
+            let step = (x as usize).min(last.saturating_sub(1));
+            let [from, to] = [scene.crosshead_mm[step], scene.crosshead_mm[(step + 1).min(last)]];
+            let speed = (to - from).abs() * STEP_HZ;
+            let mut value = 0.0;
+            if speed > 1e-6 {
+                let travel = (from + (to - from) * (x - step as f64)) * self.per_mm;
+                let clamped = if scene.linked {
+                    ((scene.grip_n[step] - TOUCHED_N) / CLAMPED_N).clamp(0.0, 1.0)
+                } else {
+                    0.0
+                };
+                let gain = self.table_g + (self.object_g - self.table_g) * clamped;
+                for (k, (phase, weight)) in self.phases.iter().zip(weights).enumerate() {
+                    let order = (k + 1) as f64;
+                    if order * self.per_mm * speed < HIGHEST_HZ {
+                        value += weight / rms * cos_turns(order * travel + phase);
+                    }
+                }
+                value *= gain * (speed / FADES_BELOW_MM_S).min(1.0);
+            } else if self.hum.0 > 0.0 {
+                value = self.hum.0 * std::f64::consts::SQRT_2 * sin_turns(self.hum.1 * t + self.phases[0]);
+            }
+            for (o, d) in out.iter_mut().zip(DIRECTION) {
+                *o += d * value;
+            }
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! What rubbing sounds like: asperity noise, texture lines and stick-slip pulses, as acceleration at the
+//! finger's root before its modes.
+
+use libm::{exp, log, pow};
+use serde::Serialize;
+use slipsense::params::{MAX_SENSORS, XL_RATE_HZ};
+
+use super::signal::{Noise, blend, blend_rms, cos_turns};
+use super::{Clock, Slide};
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+use crate::objects::Object;
+use crate::timeline::Pulse;
+
+/// Vector rms of the excitation at 10 mm/s, 2 N and Ra 1 µm, g: through the modes of a parallel jaw's
+/// finger it gives about 30 mg, the middle of the 20–60 mg that slip of that speed shows.
+pub(super) const LEVEL_G: f64 = 0.0194;
+/// Speed, force and roughness that the level is stated at.
+pub(super) const REFERENCE_MM_S: f64 = 10.0;
+pub(super) const REFERENCE_N: f64 = 2.0;
+/// Exponent p_v of the asperity amplitude over speed. Friction-noise experiments find 0.6 to 1.0, about
+/// 3/4, for levels; this is the lower part of the range, because the rms here rises faster than the
+/// amplitude: the roll-off moves up with speed, lets more noise through and moves it towards the modes.
+const SPEED_EXPONENT: (f64, f64) = (0.6, 0.75);
+/// Exponent p_F over grip force.
+const FORCE_EXPONENT: (f64, f64) = (0.2, 0.5);
+/// Exponent over Ra.
+const ROUGHNESS_EXPONENT: (f64, f64) = (0.6, 0.8);
+/// Logarithmic spread of the level from surface to surface of the same roughness.
+const LEVEL_SPREAD: f64 = 0.2;
+/// Wavelength λ_c of the asperity roll-off `f_c = v/λ_c`, mm.
+const ASPERITY_MM: (f64, f64) = (0.005, 0.05);
+/// Exponent β of texture lines, amplitude ∝ k^−β, and lines per wavelength.
+const LINE_EXPONENT: (f64, f64) = (1.0, 2.0);
+const LINES: usize = 6;
+/// Lines fade out between these frequencies, Hz: the part's own filter stops them.
+const LINE_FADE_HZ: (f64, f64) = (3_200.0, 3_800.0);
+/// Slower than this nothing is heard; faster than the other nothing changes, mm/s.
+const SPEED_MM_S: (f64, f64) = (0.05, 60.0);
+/// Share of the load that must slide for slip to count as gross.
+const GROSS: f64 = 0.5;
+
+/// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
+const STICK_LEVEL: f64 = 0.7;
+/// Exponent of the pulses' amplitude over speed; their rate is proportional to speed besides.
+const STICK_SPEED_EXPONENT: (f64, f64) = (0.5, 0.9);
+/// Stiffness K in the period `T ≈ 2Δμ N / (K v)`, N/mm.
+const STICK_N_PER_MM: (f64, f64) = (2.0, 50.0);
+/// Highest pulse rate, Hz.
+const STICK_MAX_HZ: f64 = 2_200.0;
+/// Relative jitter of a quasi-periodic train, and the chance of a Poisson train instead.
+const STICK_JITTER: (f64, f64) = (0.2, 0.4);
+const STICK_POISSON: f64 = 0.3;
+/// Duration of a pulse, seconds.
+const STICK_WIDTH_S: (f64, f64) = (0.2e-3, 2e-3);
+/// Micro-slip while slip spreads: pulses as the whole patch lets go once, amplitude over gross, and the
+/// growth of the sliding share in one step at which that amplitude is reached.
+const INCIPIENT_PULSES: f64 = 40.0;
+const INCIPIENT_AMPLITUDE: (f64, f64) = (0.05, 0.3);
+const INCIPIENT_GROWTH: f64 = 0.02;
+
+/// How strongly noise and lines move along the slip, across it and normal to the pad; unit vectors.
+const NOISE_AXES: [f64; 3] = [0.788, 0.394, 0.473];
+const LINE_AXES: [f64; 3] = [0.693, 0.198, 0.693];
+/// Texture of tables and floors, mm, and their roughness Ra, µm.
+const TABLE_MM: (f64, f64) = (0.05, 2.0);
+const TABLE_UM: (f64, f64) = (0.5, 10.0);
+
+/// One wavelength of texture.
+#[derive(Clone, Debug, Serialize)]
+struct Line {
+    wavelength_mm: f64,
+    /// Peak, relative to the rms of all lines.
+    peak: f64,
+    /// Turns.
+    phase: f64,
+}
+
+/// Stick-slip of a surface.
+#[derive(Clone, Debug, Serialize)]
+struct Stick {
+    /// Mean peak of gross slip's pulses at the reference, g.
+    peak_g: f64,
+    speed_exponent: f64,
+    /// Slid length between two pulses per newton of grip, mm/N.
+    spacing_mm_per_n: f64,
+    /// `None`: the pulses come at random.
+    jitter: Option<f64>,
+}
+
+/// How one surface sounds when something rubs on it.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Surface {
+    /// Vector rms of the excitation at the reference, g.
+    pub level_g: f64,
+    pub speed_exponent: f64,
+    pub force_exponent: f64,
+    /// Wavelength of the roll-off, mm.
+    pub asperity_mm: f64,
+    /// Share of the power at the reference that is texture lines.
+    line_share: f64,
+    lines: Vec<Line>,
+    stick: Stick,
+}
+
+/// One patch rubbing on a surface: [`STEP_HZ`] values per second.
+pub(crate) struct Rub {
+    /// Speed of what slides.
+    pub speed_mm_s: Vec<f64>,
+    /// How much of the patch slides, 0–1.
+    pub share: Vec<f64>,
+    pub force_n: Vec<f64>,
+    pub path_mm: Vec<f64>,
+    pub direction: Vec<[f64; 2]>,
+}
+
+impl Rub {
+    /// The interface of one finger.
+    pub(crate) fn of(slide: &Slide) -> Self {
+        let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(SPEED_MM_S.1);
+        Self {
+            speed_mm_s: slide.speed_mm_s.iter().zip(&slide.fraction).map(speed).collect(),
+            share: slide.fraction.clone(),
+            force_n: slide.grip_n.clone(),
+            path_mm: slide.path_mm.clone(),
+            direction: slide.direction.clone(),
+        }
+    }
+
+    /// From finger axes "along, across, normal" to x, y, z at a step.
+    fn turned(&self, step: usize, v: [f64; 3]) -> [f64; 3] {
+        let [x, y] = self.direction[step];
+        [x * v[0] - y * v[1], y * v[0] + x * v[1], v[2]]
+    }
+}
+
+impl Surface {
+    /// The surface of an object of the catalogue against a finger.
+    pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
+        let slack = (object.mu_static - object.mu_kinetic).max(0.02);
+        Self::new(
+            rng,
+            object.roughness_um,
+            object.texture_mm,
+            object.texture_share,
+            (object.stick_slip, slack),
+        )
+    }
+
+    /// A table, a floor, a box: what a gripped object is dragged over.
+    pub(crate) fn table(rng: &mut Rng) -> Self {
+        let (ra, wavelength) =
+            (rng.log_between(TABLE_UM.0, TABLE_UM.1), rng.log_between(TABLE_MM.0, TABLE_MM.1));
+        let (share, stick) = (rng.between(0.0, 0.6), rng.between(0.0, 0.8));
+        Self::new(rng, ra, &[wavelength], share, (stick, 0.1))
+    }
+
+    fn new(
+        rng: &mut Rng,
+        roughness_um: f64,
+        texture_mm: &[f64],
+        line_share: f64,
+        (stick_slip, slack): (f64, f64),
+    ) -> Self {
+        let roughness = pow(roughness_um, rng.between(ROUGHNESS_EXPONENT.0, ROUGHNESS_EXPONENT.1));
+        let level_g = LEVEL_G * roughness * exp(LEVEL_SPREAD * rng.normal());
+        let exponent = rng.between(LINE_EXPONENT.0, LINE_EXPONENT.1);
+        let mut lines = Vec::new();
+        for &wavelength_mm in texture_mm {
+            for k in 1..=LINES {
+                lines.push(Line {
+                    wavelength_mm: wavelength_mm / k as f64,
+                    peak: pow(k as f64, -exponent),
+                    phase: rng.between(0.0, 1.0),
+                });
+            }
+        }
+        let rms = (lines.iter().map(|l| l.peak * l.peak).sum::<f64>() / 2.0).sqrt();
+        lines.iter_mut().for_each(|l| l.peak /= rms);
+        let spacing_mm_per_n = 2.0 * slack / rng.log_between(STICK_N_PER_MM.0, STICK_N_PER_MM.1);
+        // A train of half-sines of mean peak m, exponentially spread, has a mean square of
+        // rate · m² · width: that fixes m.
+        let rate = (REFERENCE_MM_S / (spacing_mm_per_n * REFERENCE_N)).min(STICK_MAX_HZ);
+        let width = (STICK_WIDTH_S.1 - STICK_WIDTH_S.0) / log(STICK_WIDTH_S.1 / STICK_WIDTH_S.0);
+        let jitter = rng.between(STICK_JITTER.0, STICK_JITTER.1);
+        Self {
+            level_g,
+            speed_exponent: rng.between(SPEED_EXPONENT.0, SPEED_EXPONENT.1),
+            force_exponent: rng.between(FORCE_EXPONENT.0, FORCE_EXPONENT.1),
+            asperity_mm: rng.log_between(ASPERITY_MM.0, ASPERITY_MM.1),
+            line_share: if lines.is_empty() { 0.0 } else { line_share },
+            lines,
+            stick: Stick {
+                peak_g: STICK_LEVEL * stick_slip * level_g / (rate * width).sqrt(),
+                speed_exponent: rng.between(STICK_SPEED_EXPONENT.0, STICK_SPEED_EXPONENT.1),
+                spacing_mm_per_n,
+                jitter: (!rng.chance(STICK_POISSON)).then_some(jitter),
+            },
+        }
+    }
+
+    /// `A = A₀ (v/10 mm/s)^p_v (F/2 N)^p_F`, g: the rms that noise and lines would have if the roll-off
+    /// stayed where it is at the reference.
+    pub(super) fn amplitude_g(&self, speed_mm_s: f64, force_n: f64) -> f64 {
+        self.level_g
+            * pow(speed_mm_s / REFERENCE_MM_S, self.speed_exponent)
+            * pow((force_n / REFERENCE_N).max(1e-6), self.force_exponent)
+    }
+
+    #[cfg(test)]
+    pub(super) fn stick_spacing_mm_per_n(&self) -> f64 {
+        self.stick.spacing_mm_per_n
+    }
+
+    /// Asperity noise and texture lines, weighted by the share of the load that slides, into `buffer`
+    /// times `gain`.
+    pub(crate) fn sound(&self, rub: &Rub, gain: f64, clock: Clock, rng: &mut Rng, buffer: &mut [[f64; 3]]) {
+        let steps = rub.speed_mm_s.len();
+        let audible = |i: usize| rub.share[i] > 1e-3 && rub.speed_mm_s[i] > SPEED_MM_S.0;
+        let level = |i: usize| {
+            if audible(i) {
+                gain * rub.share[i] * self.amplitude_g(rub.speed_mm_s[i], rub.force_n[i])
+            } else {
+                0.0
+            }
+        };
+        let reference = blend_rms(blend(REFERENCE_MM_S / self.asperity_mm, XL_RATE_HZ as f64));
+        let (noise_gain, line_gain) =
+            ((1.0 - self.line_share).max(0.0).sqrt() / reference, self.line_share.max(0.0).sqrt());
+        let mut noise = Noise::default();
+        let mut fades = vec![0.0; self.lines.len()];
+        let (mut step, mut from, mut to, mut weight) = (usize::MAX, 0.0, 0.0, 0.0);
+        for (n, out) in buffer.iter_mut().enumerate() {
+            let x = clock.time(n) * STEP_HZ;
+            let now = x as usize;
+            if now + 1 >= steps {
+                break;
+            }
+            if now != step {
+                from = if now == step.wrapping_add(1) { to } else { level(now) };
+                to = level(now + 1);
+                step = now;
+                if from > 0.0 || to > 0.0 {
+                    let speed = rub.speed_mm_s[now].max(rub.speed_mm_s[now + 1]);
+                    weight = blend(speed / self.asperity_mm, clock.rate_hz);
+                    for (fade, line) in fades.iter_mut().zip(&self.lines) {
+                        let hz = speed / line.wavelength_mm;
+                        *fade = ((LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0)).clamp(0.0, 1.0);
+                    }
+                }
+            }
+            if from <= 0.0 && to <= 0.0 {
+                continue;
+            }
+            let within = x - now as f64;
+            let level = from + (to - from) * within;
+            let white = noise.next(rng, weight);
+            let travel = rub.path_mm[now] + (rub.path_mm[now + 1] - rub.path_mm[now]) * within;
+            let mut tone = 0.0;
+            for (line, fade) in self.lines.iter().zip(&fades) {
+                tone += fade * line.peak * cos_turns(travel / line.wavelength_mm + line.phase);
+            }
+            let v: [f64; 3] = std::array::from_fn(|a| {
+                noise_gain * NOISE_AXES[a] * white[a] + line_gain * LINE_AXES[a] * tone
+            });
+            for (o, v) in out.iter_mut().zip(rub.turned(now, v)) {
+                *o += level * v;
+            }
+        }
+    }
+
+    /// Stick-slip pulses at slid distances, and weak ones where slip spreads over the patch.
+    pub(crate) fn pulses(&self, rub: &Rub, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
+        let mut pulses = Vec::new();
+        let stick = &self.stick;
+        if stick.peak_g <= 0.0 {
+            return pulses;
+        }
+        let (mut slid, mut next, mut before) = (0.0, 0.0, 0.0);
+        for (i, (&speed, &share)) in rub.speed_mm_s.iter().zip(&rub.share).enumerate() {
+            let force = rub.force_n[i];
+            let growth = (share - before).max(0.0);
+            before = share;
+            let mean_g = |share: f64| {
+                gain * share
+                    * stick.peak_g
+                    * pow(speed / REFERENCE_MM_S, stick.speed_exponent)
+                    * pow((force / REFERENCE_N).max(1e-6), self.force_exponent + 0.5)
+            };
+            let mut emit = |rng: &mut Rng, mean_g: f64, within: f64| {
+                let scatter = rng.direction();
+                pulses.push(Pulse {
+                    at_s: (i as f64 + within) / STEP_HZ,
+                    width_s: rng.log_between(STICK_WIDTH_S.0, STICK_WIDTH_S.1),
+                    peak_g: mean_g * -log(rng.between(1e-4, 1.0)),
+                    direction: rub.turned(i, unit([1.0 + 0.5 * scatter[0], 0.5 * scatter[1], scatter[2]])),
+                    share: [1.0; MAX_SENSORS],
+                });
+            };
+            if share > GROSS && speed > SPEED_MM_S.0 {
+                let moved = speed / STEP_HZ;
+                let spacing = (stick.spacing_mm_per_n * force).max(speed / STICK_MAX_HZ);
+                let gap = |rng: &mut Rng| match stick.jitter {
+                    Some(jitter) => spacing * (1.0 + jitter * rng.normal()).max(0.1),
+                    None => spacing * -log(rng.between(1e-4, 1.0)),
+                };
+                if next <= slid {
+                    next = slid + gap(rng);
+                }
+                while next <= slid + moved {
+                    emit(rng, mean_g(share), (next - slid) / moved);
+                    next += gap(rng);
+                }
+                slid += moved;
+            } else if growth > 0.0 && rng.chance((INCIPIENT_PULSES * growth).min(1.0)) {
+                let area = (growth / INCIPIENT_GROWTH).min(1.0);
+                let (weak, strong) = INCIPIENT_AMPLITUDE;
+                let within = rng.between(0.0, 1.0);
+                emit(rng, mean_g(weak + (strong - weak) * area), within);
+            }
+        }
+        pulses
+    }
+}
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+    v.map(|x| x / norm)
+}

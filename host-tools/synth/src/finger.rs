@@ -2,21 +2,22 @@
 //! pad.
 
 use serde_json::json;
-use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, XL_RATE_HZ};
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::sensor::{PiezoFrame, XlSample};
 
-use crate::accelerometer;
+use crate::accelerometer::{self, XlSession};
 use crate::contact::{Contact, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Rng, Stream, stream};
-use crate::film::Film;
-use crate::friction::{Interface, Pull, STEP_HZ};
+use crate::film::{Film, FilmSession};
+use crate::friction::{Interface, Pull, STEP_HZ, Sliding};
 use crate::log::Log;
 use crate::objects::Shape;
 use crate::recipe::{Platform, Recipe, Region, Resolved};
 use crate::scenario::Plan;
-use crate::scenario::levels::{Span, TWIST_RADIUS_MM};
+use crate::scenario::levels::{DRAG_MM_S, Span};
+use crate::timeline::Event;
 use crate::unit::{Unit, UnitId};
-use crate::vibration::{self, Carriage, Clock, Excitation, Slide, Sound};
+use crate::vibration::{self, Modes, Scene, Slide, Sound};
 
 /// Steps of the quasi-static physics per frame.
 pub(crate) const STEPS: usize = STEP_HZ as usize / FRAME_RATE_HZ as usize;
@@ -39,6 +40,8 @@ pub(crate) struct Finger {
     pub fraction: Vec<f64>,
     /// Slid length so far.
     pub path_mm: Vec<f64>,
+    /// Faults of the array.
+    pub faults: Vec<Event>,
 }
 
 /// What the sensors of one episode have in common.
@@ -55,10 +58,33 @@ pub(crate) struct Shared<'a> {
     /// Share of the grip that each sensor carries.
     shares: [f64; MAX_SENSORS],
     sound: Sound,
-    carriage: Carriage,
+    /// Speed of dragging, [`STEP_HZ`] values per second.
+    drag_mm_s: Vec<f64>,
     pub lsb_g: f64,
-    /// Samples that every accelerometer delivers, enough for the fastest clock.
-    samples: usize,
+}
+
+/// What the vibration needs of recipe and plan.
+fn scene<'a>(recipe: &Recipe, what: &Resolved, plan: &'a Plan, drag_mm_s: &'a [f64]) -> Scene<'a> {
+    let line = &plan.timeline;
+    Scene {
+        platform: what.platform,
+        model: recipe.vibration,
+        heard: recipe.heard,
+        rig_leak: recipe.rig_leak,
+        hand_held: plan.hand_held,
+        linked: plan.linked,
+        shared_table: plan.shared_table,
+        object: what.object,
+        grip_n: &line.grip_n,
+        crosshead_mm: &line.crosshead_mm,
+        jaw: &line.jaw,
+        motor: &line.motor,
+        drag: &line.drag,
+        drag_mm_s,
+        motion: &line.motion,
+        ambient: &line.ambient,
+        pulses: &line.pulses,
+    }
 }
 
 /// Loads of the fingers relative to the plan's. Two jaws carry the same but for the friction of their
@@ -87,7 +113,9 @@ fn palm_shift_mm(shape: &Shape, patch_mm: f64) -> f64 {
 impl<'a> Shared<'a> {
     pub(crate) fn draw(recipe: &'a Recipe, what: &'a Resolved, plan: &'a Plan, frames: usize) -> Self {
         let mut rng = stream(recipe.seed, Stream::Contact, 0);
-        let fastest = XL_RATE_HZ as f64 * 1.01;
+        let drag_mm_s: Vec<f64> = plan.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
+        let scene = scene(recipe, what, plan, &drag_mm_s);
+        let sound = Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
         let across = rng.normal();
         // At the palm a crooked object would reach into the middle of the pad.
         let (x_mm, yaw) = match what.region {
@@ -111,10 +139,9 @@ impl<'a> Shared<'a> {
             lean: rng.between(0.1, 0.6),
             rocking: Rocking::draw(&mut rng),
             shares: shares(&mut rng, what.platform, recipe.sensors),
-            sound: Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), what.object),
-            carriage: Carriage::draw(&mut rng, plan.hand_held),
+            sound,
+            drag_mm_s,
             lsb_g: if rng.chance(0.5) { 0.488e-3 } else { 0.244e-3 },
-            samples: (frames as f64 / FRAME_RATE_HZ as f64 * fastest).ceil() as usize + 1,
         }
     }
 
@@ -128,6 +155,7 @@ impl<'a> Shared<'a> {
                 "xl_range_g": self.range_g(),
             }),
         );
+        log.add("sound", &self.sound);
     }
 
     fn range_g(&self) -> f64 {
@@ -156,38 +184,40 @@ impl<'a> Shared<'a> {
     /// Make one finger; its scans go to every `sensors`-th place of `piezo`.
     pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut Log) -> Finger {
         let (seed, object) = (self.recipe.seed, self.what.object);
-        let unit = Unit::new(self.units[sensor], self.recipe.noise, self.range_g());
+        let unit = Unit::new(self.units[sensor]);
         let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
-        let mut contact = Contact::draw(&mut rng, object, pose);
+        let mut contact = Contact::draw(&mut rng, object, pose, self.what.region);
         let mut interface = Interface::draw(&mut rng, object);
-        let mut film = Film::new(&unit.film, stream(seed, Stream::Film, sensor));
+        let mut rng = stream(seed, Stream::Film, sensor);
+        let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
+        let faults = film_session.events(self.frames);
+        let mut rng_heard = stream(seed, Stream::Vibration, 1 + sensor);
+        let modes = unit.modes.in_grasp(&mut rng_heard, self.what.region);
+        let xl_session = XlSession::draw(&mut rng_heard, self.recipe.noise);
         log.add(
             format!("finger_{sensor}"),
             &json!({
-                "unit": self.units[sensor],
+                "unit": self.units[sensor], "film_unit": unit.film, "xl_unit": unit.xl,
                 "x_mm": pose.x_mm, "y_mm": pose.y_mm, "yaw_rad": pose.yaw_rad, "tilt": pose.tilt,
+                "contact": contact, "interface": interface,
+                "film": film_session, "modes": modes, "xl": xl_session,
             }),
         );
+        let mut film = Film::new(&unit.film, film_session, rng);
         let slide = self.touch(sensor, &mut contact, &mut interface, &mut film, piezo);
-        let (xl, xl_end) = self.hear(sensor, &unit, &slide);
+        let (xl, xl_end) = self.hear(sensor, &unit, &modes, &xl_session, &slide, &mut rng_heard);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
         };
-        let mut slid = 0.0;
-        let slip_mm_s = per_frame(&slide.speed_mm_s);
+        let at_ticks = |steps: &[f64]| steps.iter().skip(STEPS - 1).step_by(STEPS).copied().collect();
         Finger {
             xl,
             xl_end,
+            slip_mm_s: per_frame(&slide.speed_mm_s),
             fraction: per_frame(&slide.fraction),
-            path_mm: slip_mm_s
-                .iter()
-                .map(|v| {
-                    slid += v / FRAME_RATE_HZ as f64;
-                    slid
-                })
-                .collect(),
-            slip_mm_s,
+            path_mm: at_ticks(&slide.path_mm),
+            faults,
         }
     }
 
@@ -204,24 +234,24 @@ impl<'a> Shared<'a> {
         let line = &self.plan.timeline;
         let grip: Vec<f64> = line.grip_n.iter().map(|n| n * share).collect();
         let mut map = PressureMap::empty();
-        let (mut map_n, mut shear_n) = (0.0, 0.0);
+        let (mut map_n, mut sliding) = (0.0, Sliding::default());
         let mut slide = Slide::default();
-        let mut gripped_at_mm = 0.0;
+        let mut gripped_at = ([0.0; 2], 0.0);
         for frame in 0..self.frames {
             let steps = frame * STEPS..(frame + 1) * STEPS;
             for (step, &force) in steps.clone().zip(&grip[steps]) {
                 if map_n <= 0.0 && force > 0.0 {
-                    gripped_at_mm = interface.position_mm();
-                    contact.place(0.0, [0.0; 2]);
-                    contact.pressures(force, 0.0, &mut map);
+                    gripped_at = (interface.position_mm(), interface.turn_rad());
+                    contact.place([0.0; 2], 0.0, [0.0; 2]);
+                    contact.pressures(force, [0.0; 2], &mut map);
                     map_n = force;
                 }
                 let scale = if map_n > 0.0 { force / map_n } else { 0.0 };
-                let sliding = interface.step(&map, scale, self.pull(step, share), 1.0 / STEP_HZ);
-                shear_n = sliding.shear_n;
+                sliding = interface.step(&map, scale, self.pull(step, sensor), 1.0 / STEP_HZ);
                 slide.speed_mm_s.push(sliding.speed_mm_s);
                 slide.fraction.push(sliding.fraction);
-                slide.travel_mm.push(sliding.travel_mm);
+                slide.path_mm.push(sliding.path_mm);
+                slide.direction.push(sliding.direction);
                 slide.grip_n.push(force);
             }
             let tick = (frame + 1) * STEPS;
@@ -230,13 +260,15 @@ impl<'a> Shared<'a> {
                 let excess = line.grip_n[tick] / self.plan.base_n - 1.0;
                 let mut rock = self.rocking.at(tick as f64 / STEP_HZ, excess);
                 rock.iter_mut().zip(line.roll_rad[tick]).for_each(|(rock, roll)| *rock += roll);
-                contact.place(slide.travel_mm[tick - 1] - gripped_at_mm, rock);
+                let shift = [0, 1].map(|axis| sliding.travel_mm[axis] - gripped_at.0[axis]);
+                contact.place(shift, sliding.turn_rad - gripped_at.1, rock);
             }
-            let shear = if force > 0.05 { self.lean * shear_n / force } else { 0.0 };
-            contact.pressures(force, shear, &mut map);
+            let lean = if force > 0.05 { self.lean / force } else { 0.0 };
+            contact.pressures(force, sliding.shear_n.map(|n| lean * n), &mut map);
             map_n = force;
             interface.release_unloaded(&map);
-            piezo[frame * self.recipe.sensors + sensor] = film.scan(frame, &map, |age_s| {
+            let pickup = line.pickup_counts(tick, self.plan.motor_pickup_counts);
+            piezo[frame * self.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
                 let then = vibration::at(&grip, tick as f64 / STEP_HZ - age_s);
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
             });
@@ -244,33 +276,35 @@ impl<'a> Shared<'a> {
         slide
     }
 
-    /// What pulls one finger's contact in a step: every finger bears its share. The interface has one axis:
-    /// a pull in any direction is its way along that, and a twist the way at its radius.
-    fn pull(&self, step: usize, share: f64) -> Pull {
-        let plan = self.plan;
+    /// What pulls one finger's contact in a step: every finger bears its share. The second finger and the
+    /// third see the first's left as their right, and a turn the other way round.
+    fn pull(&self, step: usize, sensor: usize) -> Pull {
+        let (plan, share) = (self.plan, self.shares[sensor]);
+        let side = if sensor == 0 { 1.0 } else { -1.0 };
         let [x, y] = plan.pull_mm[step];
-        let way = (x * x + y * y).sqrt() * if y < 0.0 || (y == 0.0 && x < 0.0) { -1.0 } else { 1.0 };
-        let turned = plan.turn_rad.get(step).map_or(0.0, |rad| rad * TWIST_RADIUS_MM);
-        Pull { position_mm: way + turned, stiffness_n_per_mm: plan.pull_n_per_mm * share }
+        Pull {
+            position_mm: [side * x, y],
+            turn_rad: side * plan.turn_rad.get(step).copied().unwrap_or(0.0),
+            stiffness_n_per_mm: plan.pull_n_per_mm * share,
+            twist_n_mm_per_rad: plan.twist_n_mm_per_rad * share,
+        }
     }
 
     /// What the accelerometer delivers, and how many of its samples are there at each tick.
-    fn hear(&self, sensor: usize, unit: &Unit, slide: &Slide) -> (Vec<XlSample>, Vec<u32>) {
-        let seed = self.recipe.seed;
-        let mut rng = stream(seed, Stream::Vibration, 1 + sensor);
-        let start = rng.between(0.0, 1.0);
-        let clock =
-            Clock { rate_hz: unit.xl.rate_hz, start_s: start / unit.xl.rate_hz, samples: self.samples };
-        let mut excitation = Excitation::new(self.plan, &self.sound, slide, clock);
-        let mut pulses = self.plan.timeline.pulses.clone();
-        excitation.slip(&mut rng);
-        excitation.stick_slip(&mut rng, &mut pulses);
-        excitation.disturbances(&mut rng);
-        excitation.impacts(&pulses, sensor);
-        let mut motion_g = excitation.respond(&unit.modes, unit.coupling);
-        self.carriage.add(clock, &mut motion_g);
-        let noise = &mut stream(seed, Stream::Accelerometer, sensor);
-        let xl = accelerometer::sample(&unit.xl, self.lsb_g, &motion_g, noise);
-        (xl, accelerometer::ends(&unit.xl, start, self.frames, FRAME_RATE_HZ as f64))
+    fn hear(
+        &self,
+        sensor: usize,
+        unit: &Unit,
+        modes: &Modes,
+        session: &XlSession,
+        slide: &Slide,
+        rng: &mut Rng,
+    ) -> (Vec<XlSample>, Vec<u32>) {
+        let clock = session.clock(&unit.xl, self.frames as f64 / FRAME_RATE_HZ as f64);
+        let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
+        let motion_g = self.sound.motion_g(&scene, slide, modes, sensor, clock, rng);
+        let noise = &mut stream(self.recipe.seed, Stream::Accelerometer, sensor);
+        let xl = accelerometer::sample(&unit.xl, session, clock, self.lsb_g, &motion_g, noise);
+        (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))
     }
 }

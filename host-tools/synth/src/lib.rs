@@ -130,6 +130,9 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
     let slips = slips(&plan, &displacement_mm, &slip_true_mm_s, &slip_fraction);
     let label = labels::label(&piezo, sensors, &slips);
     let mut meta = meta(recipe, &what, &plan, &shared);
+    let faults = fingers.iter().flat_map(|finger| &finger.faults);
+    let events: Vec<_> = plan.timeline.events.iter().chain(faults).collect();
+    meta.other.insert("events".to_owned(), json!(events));
     meta.other.insert(
         "slip_frames_without_contact".to_owned(),
         labels::slip_without_contact(&label, &slips).into(),
@@ -198,7 +201,6 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> M
         ("label_rule", json!(plan.rule)),
         ("seed", json!(recipe.seed)),
         ("recipe", json!(recipe)),
-        ("events", json!(plan.timeline.events)),
     ] {
         meta.other.insert(key.to_owned(), value);
     }

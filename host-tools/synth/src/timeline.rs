@@ -17,7 +17,8 @@ use crate::scenario::script::Trapezoid;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
     /// `close`, `open`, `grip_change`, `move` (crosshead), `pull` (by hand), `tap`, `drag`, `lift`,
-    /// `set_down`, `jaw` (trigger or actuation), `motion` (of the hand), `rolling` or `ambient`.
+    /// `set_down`, `jaw` (trigger or actuation), `motion` (of the hand), `rolling`, `ambient` or
+    /// `electrical` (faults of an array).
     pub name: &'static str,
     /// Start, seconds from the start of the episode.
     pub start_s: f64,
@@ -216,7 +217,6 @@ impl Timeline {
     }
 
     /// Interference that running motors leave in the arrays at a step, counts rms.
-    #[expect(dead_code, reason = "the film's scan asks for it")]
     pub(crate) fn pickup_counts(&self, step: usize, motor_counts: f64) -> f64 {
         motor_counts * self.motor[step] + JAW_PICKUP_COUNTS * self.jaw[step].min(1.0)
     }

@@ -108,9 +108,9 @@ impl FilmSession {
     }
 
     /// The same as events of the recording.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for the scenario's log of events"))]
     pub(crate) fn events(&self, frames: usize) -> Vec<Event> {
-        let seconds = |frame: usize| frame as f64 / FRAME_RATE_HZ as f64;
+        // Milliseconds, as in the other events.
+        let seconds = |frame: usize| (frame as f64 / FRAME_RATE_HZ as f64 * 1e3).round() / 1e3;
         let event = |fault: &Fault| Event {
             name: FAULT_EVENT,
             start_s: seconds(fault.start_frame),

@@ -89,9 +89,8 @@ pub(crate) const DRAGS_PER_S: f64 = 0.15;
 pub(crate) const MOTIONS_PER_S: f64 = 0.3;
 pub(crate) const RESTLESS: f64 = 2.0;
 
-/// Taps: peak, g, and width, seconds. A third of them come as trains.
-pub(crate) const TAP_G: Span = (0.05, 5.0);
-pub(crate) const TAP_S: Span = (0.2e-3, 8e-3);
+/// Share of the taps that come as trains. How hard and how long a tap is is the vibration's matter.
+pub(crate) const TAP_TRAINS: f64 = 0.35;
 /// Jaws against their end stop or each other: peak, g, and width, seconds.
 pub(crate) const END_STOP_G: Span = (0.05, 0.8);
 pub(crate) const END_STOP_S: Span = (0.5e-3, 4e-3);
@@ -100,6 +99,8 @@ pub(crate) const AFTERSHOCK_LASTS_S: f64 = 0.3;
 /// Footfalls near the rig's table: peak, g, and width, seconds.
 pub(crate) const FOOTFALL_G: Span = (0.01, 0.3);
 pub(crate) const FOOTFALL_S: Span = (5e-3, 40e-3);
+/// Speed at which a gripped object is dragged over something at full strength, mm/s.
+pub(crate) const DRAG_MM_S: f64 = 40.0;
 /// Slope by which an object rolls in the grip, rad.
 pub(crate) const ROLL_RAD: Span = (1e-3, 10e-3);
 /// Interference of running motors in the arrays, counts rms: motorised hand, hand-driven jaw.

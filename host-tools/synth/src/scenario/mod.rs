@@ -17,6 +17,7 @@ use crate::friction::STEP_HZ;
 use crate::labels::Rule;
 use crate::recipe::{Platform, Resolved, ScenarioChoice};
 use crate::timeline::{Timeline, ramp};
+use crate::vibration::TAP_WIDTH_S;
 use levels::*;
 use script::{Kind, Script, Stretch};
 use unrest::Unrest;
@@ -278,7 +279,7 @@ impl Plan {
             let weight = rng.between(WEIGHT.0, WEIGHT.1) * self.sure_hold_n(what, g.held, g.release);
             for (name, at, peak) in [("lift", lift, (0.05, 0.3)), ("set_down", down, (0.1, 1.0))] {
                 self.timeline.event(name, at, at + 0.02);
-                self.timeline.pulse(rng, at, TAP_S, peak);
+                self.timeline.pulse(rng, at, TAP_WIDTH_S, peak);
             }
             let rise = rng.between(0.05, 0.2);
             for (i, t) in self.timeline.times(lift, down) {

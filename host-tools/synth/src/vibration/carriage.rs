@@ -5,7 +5,7 @@ use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
 use super::signal::sin_turns;
-use super::{Clock, Scene};
+use super::{Clock, Scene, at};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::timeline::Pulse;
@@ -99,15 +99,16 @@ impl Carriage {
         }
     }
 
-    pub(crate) fn hand(&self, sensor: usize, clock: Clock, motion_g: &mut [[f64; 3]]) {
+    pub(crate) fn hand(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, motion_g: &mut [[f64; 3]]) {
         super::add_pulses(&self.footfalls, sensor, 1.0, clock, motion_g);
         if self.sways.is_empty() {
             return;
         }
         for (n, g) in motion_g.iter_mut().enumerate() {
             let t = clock.time(n);
+            let vigour = at(scene.motion, t);
             for sway in &self.sways {
-                let value = sway.peak_g * sin_turns(sway.hz * t + sway.phase);
+                let value = vigour * sway.peak_g * sin_turns(sway.hz * t + sway.phase);
                 for (g, d) in g.iter_mut().zip(sway.direction) {
                     *g += d * value;
                 }

@@ -259,7 +259,8 @@ impl Disturbances {
             // Equivalent noise bandwidth of the resonance: πζf.
             let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
             for (n, out) in motion_g.iter_mut().enumerate() {
-                let swell = 0.7 + 0.5 * sin_turns(tool.swell_hz * clock.time(n) + tool.phase);
+                let works = at(scene.ambient, clock.time(n));
+                let swell = works * (0.7 + 0.5 * sin_turns(tool.swell_hz * clock.time(n) + tool.phase));
                 let value = gain * swell * band.next(rng.normal());
                 for (o, d) in out.iter_mut().zip(tool.direction) {
                     *o += d * value;
@@ -439,7 +440,7 @@ impl Actuation {
 /// is the change of speed, so that the peak is `π v (1 + e) / 2 t_c`.
 pub(super) fn closing(rng: &mut Rng, scene: &Scene<'_>, at_s: f64) -> [Pulse; MAX_SENSORS] {
     // A surface layer of the object, about 1 mm thick, in series with the pad.
-    let object_pa = scene.object.layer_kpa_per_mm * 1e3;
+    let object_pa = scene.object.surface.normal_kpa_per_mm() * 1e3;
     let speed = rng.log_between(APPROACH_M_S.0, APPROACH_M_S.1);
     std::array::from_fn(|sensor| {
         let (pad_pa, hard_pa) = (rng.log_between(PAD_PA.0, PAD_PA.1), rng.log_between(HARD_PA.0, HARD_PA.1));

@@ -63,6 +63,8 @@ pub(crate) struct Scene<'a> {
     pub hand_held: bool,
     /// The crosshead is linked to the object, so its drive comes through it while it is gripped.
     pub linked: bool,
+    /// The gripper stands on the rig's own table: the drive is as loud without the object as through it.
+    pub shared_table: bool,
     pub object: &'static Object,
     /// Grip force of one finger.
     pub grip_n: &'a [f64],
@@ -74,6 +76,10 @@ pub(crate) struct Scene<'a> {
     /// Dragging of the gripped object over something else, 0–1, and the speed of it.
     pub drag: &'a [f64],
     pub drag_mm_s: &'a [f64],
+    /// How vigorously the hand that carries the gripper swings, 0–1.
+    pub motion: &'a [f64],
+    /// How much a tool nearby works, 0–1.
+    pub ambient: &'a [f64],
     /// Impacts at the fingers' roots. Closing impacts, aftershocks of a release and clicks of the jaws are
     /// made here, from the series.
     pub pulses: &'a [Pulse],
@@ -123,7 +129,7 @@ impl Sound {
                 self.texture.add(slide, clock, rng, &mut motion);
             }
             self.disturbances.shake(scene, modes, sensor, clock, rng, &mut motion);
-            self.carriage.hand(sensor, clock, &mut motion);
+            self.carriage.hand(scene, sensor, clock, &mut motion);
         }
         if scene.rig_leak {
             self.rig.add(scene, clock, &mut motion);

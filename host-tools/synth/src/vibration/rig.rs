@@ -84,7 +84,9 @@ impl Rig {
             let mut value = 0.0;
             if speed > 1e-6 {
                 let travel = (from + (to - from) * (x - step as f64)) * self.per_mm;
-                let clamped = if scene.linked {
+                let clamped = if scene.shared_table {
+                    1.0
+                } else if scene.linked {
                     ((scene.grip_n[step] - TOUCHED_N) / CLAMPED_N).clamp(0.0, 1.0)
                 } else {
                     0.0

@@ -141,7 +141,7 @@ impl Surface {
         Self::new(
             rng,
             object.roughness_um,
-            object.texture_mm,
+            &object.texture_mm,
             object.texture_share,
             (object.stick_slip, slack),
         )

@@ -17,7 +17,7 @@ use crate::scenario::Plan;
 use crate::scenario::levels::{DRAG_MM_S, Span};
 use crate::timeline::Event;
 use crate::unit::{Unit, UnitId};
-use crate::vibration::{self, Modes, Scene, Slide, Sound};
+use crate::vibration::{self, Clock, Modes, Scene, Slide, Sound};
 
 /// Steps of the quasi-static physics per frame.
 pub(crate) const STEPS: usize = STEP_HZ as usize / FRAME_RATE_HZ as usize;
@@ -51,6 +51,7 @@ pub(crate) struct Shared<'a> {
     plan: &'a Plan,
     frames: usize,
     pub units: Vec<UnitId>,
+    builds: Vec<Build>,
     pose: Pose,
     rocking: Rocking,
     /// Share of the pressure that shear shifts to the leading edge.
@@ -61,6 +62,29 @@ pub(crate) struct Shared<'a> {
     /// Speed of dragging, [`STEP_HZ`] values per second.
     drag_mm_s: Vec<f64>,
     pub lsb_g: f64,
+    /// Samples that every accelerometer delivers, enough for the fastest clock.
+    samples: usize,
+}
+
+/// One sensor with what its accelerometer is like in this recording.
+struct Build {
+    unit: Unit,
+    modes: Modes,
+    xl: XlSession,
+    clock: Clock,
+    /// Goes on to draw the vibration.
+    rng: Rng,
+}
+
+impl Build {
+    fn draw(recipe: &Recipe, sensor: usize, id: UnitId, seconds: f64) -> Self {
+        let mut rng = stream(recipe.seed, Stream::Vibration, 1 + sensor);
+        let unit = Unit::new(id);
+        let modes = unit.modes.in_grasp(&mut rng, recipe.region);
+        let xl = XlSession::draw(&mut rng, recipe.noise);
+        let clock = xl.clock(&unit.xl, seconds);
+        Self { unit, modes, xl, clock, rng }
+    }
 }
 
 /// What the vibration needs of recipe and plan.
@@ -116,6 +140,11 @@ impl<'a> Shared<'a> {
         let drag_mm_s: Vec<f64> = plan.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
         let scene = scene(recipe, what, plan, &drag_mm_s);
         let sound = Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
+        let mut mount = stream(recipe.seed, Stream::Mount, 0);
+        let units = UnitId::mounted(&mut mount, what.platform, recipe.sensors);
+        let seconds = frames as f64 / FRAME_RATE_HZ as f64;
+        let builds: Vec<_> =
+            units.iter().enumerate().map(|(s, &id)| Build::draw(recipe, s, id, seconds)).collect();
         let across = rng.normal();
         // At the palm a crooked object would reach into the middle of the pad.
         let (x_mm, yaw) = match what.region {
@@ -129,7 +158,9 @@ impl<'a> Shared<'a> {
             what,
             plan,
             frames,
-            units: UnitId::mounted(&mut stream(recipe.seed, Stream::Mount, 0), what.platform, recipe.sensors),
+            samples: builds.iter().map(|b| b.clock.samples).max().unwrap_or(0),
+            units,
+            builds,
             pose: Pose {
                 x_mm: x_mm - plan.stroke_mm[0] / 2.0,
                 y_mm: 1.5 * rng.normal() - plan.stroke_mm[1] / 2.0,
@@ -184,7 +215,7 @@ impl<'a> Shared<'a> {
     /// Make one finger; its scans go to every `sensors`-th place of `piezo`.
     pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut Log) -> Finger {
         let (seed, object) = (self.recipe.seed, self.what.object);
-        let unit = Unit::new(self.units[sensor]);
+        let build = &self.builds[sensor];
         let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
         let mut contact = Contact::draw(&mut rng, object, pose, self.what.region);
@@ -192,21 +223,18 @@ impl<'a> Shared<'a> {
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
         let faults = film_session.events(self.frames);
-        let mut rng_heard = stream(seed, Stream::Vibration, 1 + sensor);
-        let modes = unit.modes.in_grasp(&mut rng_heard, self.what.region);
-        let xl_session = XlSession::draw(&mut rng_heard, self.recipe.noise);
         log.add(
             format!("finger_{sensor}"),
             &json!({
-                "unit": self.units[sensor], "film_unit": unit.film, "xl_unit": unit.xl,
+                "unit": self.units[sensor], "film_unit": build.unit.film, "xl_unit": build.unit.xl,
                 "x_mm": pose.x_mm, "y_mm": pose.y_mm, "yaw_rad": pose.yaw_rad, "tilt": pose.tilt,
                 "contact": contact, "interface": interface,
-                "film": film_session, "modes": modes, "xl": xl_session,
+                "film": film_session, "modes": build.modes, "xl": build.xl,
             }),
         );
-        let mut film = Film::new(&unit.film, film_session, rng);
+        let mut film = Film::new(&build.unit.film, film_session, rng);
         let slide = self.touch(sensor, &mut contact, &mut interface, &mut film, piezo);
-        let (xl, xl_end) = self.hear(sensor, &unit, &modes, &xl_session, &slide, &mut rng_heard);
+        let (xl, xl_end) = self.hear(sensor, &slide);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
         };
@@ -291,20 +319,14 @@ impl<'a> Shared<'a> {
     }
 
     /// What the accelerometer delivers, and how many of its samples are there at each tick.
-    fn hear(
-        &self,
-        sensor: usize,
-        unit: &Unit,
-        modes: &Modes,
-        session: &XlSession,
-        slide: &Slide,
-        rng: &mut Rng,
-    ) -> (Vec<XlSample>, Vec<u32>) {
-        let clock = session.clock(&unit.xl, self.frames as f64 / FRAME_RATE_HZ as f64);
+    fn hear(&self, sensor: usize, slide: &Slide) -> (Vec<XlSample>, Vec<u32>) {
+        let build = &self.builds[sensor];
+        let clock = Clock { samples: self.samples, ..build.clock };
         let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
-        let motion_g = self.sound.motion_g(&scene, slide, modes, sensor, clock, rng);
+        let motion_g =
+            self.sound.motion_g(&scene, slide, &build.modes, sensor, clock, &mut build.rng.clone());
         let noise = &mut stream(self.recipe.seed, Stream::Accelerometer, sensor);
-        let xl = accelerometer::sample(&unit.xl, session, clock, self.lsb_g, &motion_g, noise);
+        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion_g, noise);
         (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))
     }
 }

@@ -42,6 +42,9 @@ pub(crate) const CARRY_S: Span = (1.0, 6.0);
 pub(crate) const LONG_HOLD_S: Span = (1.5, 12.0);
 /// Length of a recording of disturbances when the recipe leaves it open, seconds.
 pub(crate) const DISTURBANCES_S: Span = (20.0, 60.0);
+/// Share of their length that idles and holds keep in a recording too short for them, before its pulls
+/// are cut.
+pub(crate) const SHORTEST: f64 = 0.3;
 /// Share of recordings that hold the protocol twice.
 pub(crate) const TWICE: f64 = 0.3;
 
@@ -65,8 +68,6 @@ pub(crate) const TWIST_N_MM_PER_RAD: Span = (60.0, 400.0);
 /// Travel of a pull by hand, mm, and angle of a twist, rad.
 pub(crate) const FREE_MM: Span = (4.0, 12.0);
 pub(crate) const TWIST_RAD: Span = (0.3, 1.2);
-/// Radius at which a twist has the recipe's speed, mm.
-pub(crate) const TWIST_RADIUS_MM: f64 = 3.0;
 /// Share of the hand-held recordings in which the object slips at the end.
 pub(crate) const HAND_HELD_SLIPS: f64 = 0.4;
 /// Weight of an object as a share of what the weakest grip holds for sure.

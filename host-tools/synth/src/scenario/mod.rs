@@ -178,8 +178,8 @@ impl Plan {
         let way = self.script.of(Kind::Pull).map(|s| self.script.way_mm(s).abs());
         let shortest = way.fold(f64::INFINITY, f64::min);
         let force = if what.scenario == ScenarioChoice::Rotation {
-            // A patch a few millimetres wide has a lever of half of that.
-            self.twist_n_mm_per_rad * shortest / TWIST_RADIUS_MM / 5.0
+            // The spring's torque over the patch's lever.
+            self.twist_n_mm_per_rad * shortest / what.twist_radius_mm() / what.twist_radius_mm()
         } else {
             self.pull_n_per_mm * shortest
         };
@@ -215,7 +215,7 @@ impl Plan {
             S::FreePull => self.by_hand(rng, &mut way),
             S::Rotation => {
                 self.by_hand(rng, &mut way);
-                self.turn_rad = way.iter().map(|mm| mm / TWIST_RADIUS_MM).collect();
+                self.turn_rad = way.iter().map(|mm| mm / what.twist_radius_mm()).collect();
                 // What twists also keeps the object where it is.
                 way.fill(0.0);
             }

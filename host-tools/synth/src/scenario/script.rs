@@ -157,22 +157,23 @@ fn total(row: &[Stretch]) -> f64 {
     row.iter().map(|s| s.seconds).sum()
 }
 
-/// Make a row last `seconds`: longer by its idles and holds; shorter first by the crosshead's idle moves,
-/// then by shrinking everything that has no duration of its own.
+/// Make a row last `seconds`: longer by its idles and holds; shorter by leaving out the crosshead's idle
+/// moves, then by shrinking idles and holds to [`SHORTEST`], then by shortening the pulls.
 fn fit(row: &mut Vec<Stretch>, seconds: f64) {
     use Kind::{Hold, Idle, Jog, Pull, Settle};
     if total(row) > seconds {
         row.retain(|s| s.kind != Jog);
     }
-    let longer = total(row) < seconds;
-    let flexible = |s: &Stretch| match s.kind {
-        Idle | Hold | Settle => true,
-        Pull => !longer,
-        _ => false,
+    let mut scale = |kinds: &[Kind], least: f64| {
+        let bends: f64 = row.iter().filter(|s| kinds.contains(&s.kind)).map(|s| s.seconds).sum();
+        if bends > 0.0 {
+            let factor = ((seconds - (total(row) - bends)) / bends).max(least);
+            row.iter_mut().filter(|s| kinds.contains(&s.kind)).for_each(|s| s.seconds *= factor);
+        }
     };
-    let bends: f64 = row.iter().filter(|s| flexible(s)).map(|s| s.seconds).sum();
-    let factor = (seconds - (total(row) - bends)) / bends;
-    row.iter_mut().filter(|s| flexible(s)).for_each(|s| s.seconds *= factor);
+    scale(&[Idle, Hold, Settle], SHORTEST);
+    scale(&[Pull], 0.2);
+    scale(&[Idle, Hold, Settle], 0.0);
 }
 
 fn idle(rng: &mut Rng) -> f64 {
@@ -222,7 +223,7 @@ fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
             add(Pull, motion.seconds(rng.between(FREE_MM.0, FREE_MM.1)), 1.0);
         }
         S::Rotation => {
-            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * TWIST_RADIUS_MM;
+            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * what.twist_radius_mm();
             add(Hold, vary, 0.0);
             add(Pull, motion.seconds(way), if rng.chance(0.5) { 1.0 } else { -1.0 });
         }

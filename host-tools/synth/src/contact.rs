@@ -13,6 +13,8 @@ mod layer;
 mod map;
 mod rocking;
 mod spread;
+#[cfg(test)]
+mod tests;
 
 use std::cell::Cell;
 
@@ -44,8 +46,8 @@ const ELEMENT_MM: f64 = 0.45;
 /// Parts of the face further than this below its top never touch: more than a layer is thick, plus what
 /// a tilt of 3° lifts over half the pad.
 const REACH_MM: f64 = 2.5;
-/// A move by less than this since the gaps were last worked out leaves them alone: it changes pressures
-/// by less than a thousandth.
+/// A move by less than this since the gaps were last worked out leaves them alone: less than a
+/// thousandth of the pitch of the cells.
 const STILL_MM: f64 = 2e-4;
 
 /// Where an object lies on a pad.
@@ -267,12 +269,15 @@ impl Contact {
             let gaps = self.gaps_mm[points.clone()].iter().zip(&self.points[points]);
             let dent: f64 = gaps.map(|(&gap, point)| point.share * (depth - gap).max(0.0)).sum();
             if dent > 0.0 {
-                sharp[spot.cell] = self.stiffness_kpa_per_mm * dent * (1.0 + spot.uneven).max(0.0);
+                sharp[spot.cell] = self.stiffness_kpa_per_mm * dent;
                 rows = (rows.0.min(spot.cell / TAXEL_COLS), rows.1.max(spot.cell / TAXEL_COLS));
                 cols = (cols.0.min(spot.cell % TAXEL_COLS), cols.1.max(spot.cell % TAXEL_COLS));
             }
         }
         self.spread.over(&sharp, rows, cols, out);
+        for spot in &self.spots {
+            out.kpa[spot.cell] *= (1.0 + spot.uneven).max(0.0);
+        }
         lean(shear, out);
         let scale = force_n / out.force_n();
         for &cell in &out.loaded {

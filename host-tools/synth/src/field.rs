@@ -50,10 +50,11 @@ impl Field {
     /// Value at a place, linear between the points of the table.
     pub(crate) fn at(&self, u_mm: f64, v_mm: f64) -> f64 {
         let split = |mm: f64| {
-            let steps = mm / STEP_MM;
-            let whole = steps.floor();
-            let at = (whole as i64).rem_euclid(SIDE as i64) as usize;
-            (at, (at + 1) % SIDE, steps - whole)
+            // Many periods to the positive side, where cutting off the fraction is rounding down.
+            let steps = mm / STEP_MM + (1024 * SIDE) as f64;
+            let whole = steps as u32;
+            let at = whole as usize % SIDE;
+            (at, (at + 1) % SIDE, steps - f64::from(whole))
         };
         let ((u0, u1, fu), (v0, v1, fv)) = (split(u_mm), split(v_mm));
         let row = |v: usize| {

@@ -94,7 +94,7 @@ pub(crate) struct Pull {
 }
 
 /// Result of one step. Forces are those on the finger: along the pull.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub(crate) struct Sliding {
     /// Interface speed: mean of its size over the load, sticking cells counted as 0.
     pub speed_mm_s: f64,
@@ -161,6 +161,10 @@ impl Interface {
 
     /// Advance by `dt` seconds under pressures `map` times `scale`.
     pub(crate) fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> Sliding {
+        if self.brushes.is_empty() {
+            // A free object jumped to where its springs are slack: that says nothing about this step.
+            self.moved = [0.0; 3];
+        }
         self.gather(map, scale);
         let springs = Springs {
             stretch: [
@@ -171,7 +175,7 @@ impl Interface {
             position_n_per_mm: pull.stiffness_n_per_mm,
             turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
         };
-        self.moved = balance::solve(&self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
+        self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
         self.position_mm[0] += self.moved[0];
         self.position_mm[1] += self.moved[1];
         self.turn_rad += self.moved[2];
@@ -185,36 +189,32 @@ impl Interface {
         brushes.extend(map.loaded.iter().map(|&cell| {
             let rest = *kinetic_share + (1.0 - *kinetic_share) * rested[cell];
             let (x, y) = cell_mm(cell);
-            Brush {
-                held_n: stress_kpa[cell].map(|kpa| kpa * CELL_N),
-                cap_n: mu[cell] * rest * map.kpa[cell] * scale * CELL_N,
-                arm_mm: [x - map.pivot_mm[0], y - map.pivot_mm[1]],
-            }
+            let held_n = stress_kpa[cell].map(|kpa| kpa * CELL_N);
+            let cap_n = mu[cell] * rest * map.kpa[cell] * scale * CELL_N;
+            Brush::new(held_n, cap_n, [x - map.pivot_mm[0], y - map.pivot_mm[1]])
         }));
     }
 
     /// Carry the stresses and the friction of every cell through this step's move.
     fn slide(&mut self, map: &PressureMap, scale: f64, dt: f64) -> Sliding {
-        let k = self.brush_kpa_per_mm * CELL_N;
+        let mm_per_n = 1.0 / (self.brush_kpa_per_mm * CELL_N);
         let (creep_mm, heal) = (SLIDING_MM_S * dt, dt / self.healing_s);
         let (mut load, mut sliding, mut path) = (0.0, 0.0, 0.0);
         let (mut drift, mut shear, mut torque) = ([0.0; 2], [0.0; 2], 0.0);
         for (&cell, brush) in map.loaded.iter().zip(&self.brushes) {
-            let (held, lost) = brush.carried(k, self.moved);
+            let (held, lost, lost_n) = brush.after();
             let p = map.kpa[cell] * scale;
+            let slid_mm = lost_n * mm_per_n;
             load += p;
-            self.stress_kpa[cell] = held.map(|n| n / CELL_N);
-            shear[0] += held[0];
-            shear[1] += held[1];
-            torque += brush.arm_mm[0] * held[1] - brush.arm_mm[1] * held[0];
-            let rested = &mut self.rested[cell];
-            let slid = lost.map(|n| n / k);
-            let slid_mm = (slid[0] * slid[0] + slid[1] * slid[1]).sqrt();
-            if slid_mm > 0.0 {
-                path += p * slid_mm;
-                drift[0] += p * slid[0];
-                drift[1] += p * slid[1];
+            path += p * slid_mm;
+            self.stress_kpa[cell] = held.map(|n| n * (1.0 / CELL_N));
+            let arm = brush.arm_mm();
+            torque += arm[0] * held[1] - arm[1] * held[0];
+            for axis in 0..2 {
+                shear[axis] += held[axis];
+                drift[axis] += p * lost[axis] * mm_per_n;
             }
+            let rested = &mut self.rested[cell];
             if slid_mm > creep_mm {
                 *rested *= (1.0 - slid_mm / self.weakening_mm).max(0.0);
                 sliding += p;

@@ -36,8 +36,7 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Draw layers until the stiffness is within 1–10 · 10⁹ N/m³ (in the middle of the pad); about two
-    /// in three are.
+    /// Draw layers until the stiffness in the middle of the pad is within 1–10 · 10⁹ N/m³.
     pub(crate) fn draw(rng: &mut Rng, region: Region) -> Self {
         let mut layer = loop {
             let layer = Self {

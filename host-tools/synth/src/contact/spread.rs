@@ -9,7 +9,7 @@ use super::PressureMap;
 /// Cells to each side that a spread reaches at most: 2.1 mm across.
 const REACH: usize = 3;
 /// Pressures below this share of the highest carry nothing that counts and are left out.
-const NEGLIGIBLE: f64 = 2e-4;
+const NEGLIGIBLE: f64 = 1e-3;
 
 /// Separable Gaussian.
 pub(crate) struct Spread {

@@ -9,27 +9,35 @@
 #[derive(Clone, Copy)]
 pub(super) struct Brush {
     /// Force it holds before the move.
-    pub held_n: [f64; 2],
+    held_n: [f64; 2],
     /// Force it can hold.
-    pub cap_n: f64,
+    cap_n: f64,
     /// Place, from the point the object turns about.
-    pub arm_mm: [f64; 2],
+    arm_mm: [f64; 2],
+    /// Force it would hold after the move that was looked at last, if it could hold any.
+    trial_n: [f64; 2],
+    /// Size of that force if the brush slides, else 0.
+    sliding_n: f64,
 }
 
 impl Brush {
-    /// Force held after a `moved` of `[x, y, turn]`, and the part of the trial force that slid off.
-    pub fn carried(&self, k: f64, moved: [f64; 3]) -> ([f64; 2], [f64; 2]) {
-        let t = self.trial(k, moved);
-        let size2 = t[0] * t[0] + t[1] * t[1];
-        if size2 <= self.cap_n * self.cap_n {
-            return (t, [0.0; 2]);
-        }
-        let share = self.cap_n / size2.sqrt();
-        (t.map(|n| share * n), t.map(|n| (1.0 - share) * n))
+    pub fn new(held_n: [f64; 2], cap_n: f64, arm_mm: [f64; 2]) -> Self {
+        Self { held_n, cap_n, arm_mm, trial_n: held_n, sliding_n: 0.0 }
     }
 
-    fn trial(&self, k: f64, [x, y, turn]: [f64; 3]) -> [f64; 2] {
-        [self.held_n[0] + k * (x - turn * self.arm_mm[1]), self.held_n[1] + k * (y + turn * self.arm_mm[0])]
+    pub fn arm_mm(&self) -> [f64; 2] {
+        self.arm_mm
+    }
+
+    /// After the move: the force held, the part of the trial force that slid off, and its size.
+    pub fn after(&self) -> ([f64; 2], [f64; 2], f64) {
+        let t = self.trial_n;
+        if self.sliding_n == 0.0 {
+            return (t, [0.0; 2], 0.0);
+        }
+        let share = self.cap_n / self.sliding_n;
+        let held = t.map(|n| share * n);
+        (held, [t[0] - held[0], t[1] - held[1]], self.sliding_n - self.cap_n)
     }
 }
 
@@ -55,30 +63,30 @@ struct Slope {
 /// Length over which a turn is compared with a shift, mm: about the half width of a patch.
 const ARM_MM: f64 = 3.0;
 /// Balance is reached within this share of the largest force that could act.
-const EXACT: f64 = 1e-7;
+const EXACT: f64 = 1e-5;
 
-/// Move `[x, y, turn]` at which everything balances; `guess` is where the search starts. `k` is the
-/// stiffness of one brush, N/mm.
-pub(super) fn solve(brushes: &[Brush], k: f64, springs: Springs, guess: [f64; 3]) -> [f64; 3] {
+/// Move `[x, y, turn]` at which everything balances, and leave the brushes as they are after it; `guess`
+/// is where the search starts. `k` is the stiffness of one brush, N/mm.
+pub(super) fn solve(brushes: &mut [Brush], k: f64, springs: Springs, guess: [f64; 3]) -> [f64; 3] {
     let pulls = springs.position_n_per_mm > 0.0;
     let turns = springs.turn_n_mm_per_rad > 0.0;
     let free = |v: [f64; 3]| {
         let (shift, turn) = (f64::from(u8::from(pulls)), f64::from(u8::from(turns)));
         [v[0] * shift, v[1] * shift, v[2] * turn]
     };
-    if !pulls && !turns {
-        return [0.0; 3];
-    }
     if brushes.is_empty() {
         return free(springs.stretch);
     }
     let held: f64 = brushes.iter().map(|b| b.cap_n).sum();
     let exact = EXACT * held.max(1e-6);
-    let evaluate = |at| {
+    let mut evaluate = |at| {
         if turns { slope::<true>(brushes, k, springs, at) } else { slope::<false>(brushes, k, springs, at) }
     };
     let mut at = free(guess);
     let mut here = evaluate(at);
+    if !pulls && !turns {
+        return at;
+    }
     for _ in 0..60 {
         let force = free(here.force);
         if force[0].abs() < exact && force[1].abs() < exact && force[2].abs() < exact * ARM_MM {
@@ -103,7 +111,7 @@ pub(super) fn solve(brushes: &[Brush], k: f64, springs: Springs, guess: [f64; 3]
 }
 
 /// Energy and derivatives; `TURN` is whether the object may turn.
-fn slope<const TURN: bool>(brushes: &[Brush], k: f64, springs: Springs, at: [f64; 3]) -> Slope {
+fn slope<const TURN: bool>(brushes: &mut [Brush], k: f64, springs: Springs, at: [f64; 3]) -> Slope {
     let (kp, kt) = (springs.position_n_per_mm, springs.turn_n_mm_per_rad);
     let left: [f64; 3] = std::array::from_fn(|i| at[i] - springs.stretch[i]);
     let mut energy = 0.5 * kp * (left[0] * left[0] + left[1] * left[1]) + 0.5 * kt * left[2] * left[2];
@@ -111,24 +119,26 @@ fn slope<const TURN: bool>(brushes: &[Brush], k: f64, springs: Springs, at: [f64
     let mut h = [kp, 0.0, kp, 0.0, 0.0, kt];
     let soft = 1.0 / k;
     for brush in brushes {
-        let t = if TURN {
-            brush.trial(k, at)
-        } else {
-            [brush.held_n[0] + k * at[0], brush.held_n[1] + k * at[1]]
-        };
-        let (size2, cap) = (t[0] * t[0] + t[1] * t[1], brush.cap_n);
+        let ([x, y], cap) = (brush.arm_mm, brush.cap_n);
+        let stretch = if TURN { [at[0] - at[2] * y, at[1] + at[2] * x] } else { [at[0], at[1]] };
+        let t = [brush.held_n[0] + k * stretch[0], brush.held_n[1] + k * stretch[1]];
+        brush.trial_n = t;
+        let size2 = t[0] * t[0] + t[1] * t[1];
         // Stiffness of this brush: k in full while it sticks, across its slip only while it slides.
         let (f, xx, xy, yy);
         if size2 <= cap * cap {
+            brush.sliding_n = 0.0;
             energy += 0.5 * soft * size2;
             (f, xx, xy, yy) = (t, k, 0.0, k);
         } else {
             let size = size2.sqrt();
-            let share = cap / size;
+            brush.sliding_n = size;
+            let inverse = 1.0 / size;
+            let share = cap * inverse;
             energy += soft * cap * (size - 0.5 * cap);
-            let (left, along) = (k * share, k * share / size2);
+            let (n, left) = ([t[0] * inverse, t[1] * inverse], k * share);
             f = [share * t[0], share * t[1]];
-            (xx, xy, yy) = (left - along * t[0] * t[0], -along * t[0] * t[1], left - along * t[1] * t[1]);
+            (xx, xy, yy) = (left * n[1] * n[1], -left * n[0] * n[1], left * n[0] * n[0]);
         }
         force[0] += f[0];
         force[1] += f[1];
@@ -136,7 +146,6 @@ fn slope<const TURN: bool>(brushes: &[Brush], k: f64, springs: Springs, at: [f64
         h[1] += xy;
         h[2] += yy;
         if TURN {
-            let [x, y] = brush.arm_mm;
             force[2] += x * f[1] - y * f[0];
             h[3] += x * xy - y * xx;
             h[4] += x * yy - y * xy;

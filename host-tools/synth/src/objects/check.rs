@@ -30,8 +30,8 @@ const SHARE: &str = "0 to 1";
 impl Object {
     /// Refuse what cannot be: sizes, friction, roughness and wavelengths that are negative or not numbers,
     /// kinetic friction above static, and a face wider across its axis than the pad. A face may be longer
-    /// than the pad (a cable runs over both ends), but one that overhangs on both sides hides its edges
-    /// from the array, and nothing there could be told from an endless plate.
+    /// than the pad (a cable runs over both ends, and slides along itself), but what overhangs on both
+    /// sides is borne by nothing that the model has.
     pub fn check(&self) -> Result<(), ObjectError> {
         let rule = |field: &'static str, value: f64, holds: bool, rule: &'static str| {
             let error = || ObjectError { object: self.name.to_owned(), field, value, rule };

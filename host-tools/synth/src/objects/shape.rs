@@ -127,8 +127,9 @@ impl Relief {
     fn depth_at(&self, u: f64, v: f64) -> f64 {
         // 0 on a top, 1 in a valley, straight in between.
         let valley = |mm: f64| {
-            let cycles = mm / self.pitch_mm;
-            1.0 - (2.0 * (cycles - cycles.floor()) - 1.0).abs()
+            // Far to the positive side, where cutting off the fraction is rounding down, and cheap.
+            let cycles = mm / self.pitch_mm + 4096.0;
+            1.0 - (2.0 * (cycles - f64::from(cycles as u32)) - 1.0).abs()
         };
         // Within 1 % of a raised cosine.
         let smooth = |w: f64| w * w * (3.0 - 2.0 * w);

@@ -1,7 +1,7 @@
 //! Creep: the conductance of a loaded film rises by some per cent per decade of time.
 //!
-//! Five first-order terms, one per decade of time constant, each of the same weight: their sum rises by
-//! that weight per decade between 0.01 and 100 s. A term falls more slowly than it rises. The terms are
+//! Printed force sensors are specified at 3–5 % per decade. Five first-order terms, one per decade of time
+//! constant, each of the same weight: their sum rises by that weight per decade from 0.01 to 100 s. A term falls more slowly than it rises. The terms are
 //! contacts between film and electrode that a lasting load has added: they conduct as far as the load
 //! presses them, and of those beyond the present load only the residual share still touches. A film that
 //! is let go therefore returns to almost nothing at once, and to nothing over seconds to minutes.

@@ -8,18 +8,21 @@
 //! Each play `y = max(s − w, 0, min(s, y))` is the classical one of radius `w/2` shifted by that radius, so
 //! that a released film stands at zero. Its output beyond the rising branch `max(0, s − w)` is what
 //! hysteresis adds: rising load reads the pressure itself, falling load reads `p · (1 + k·Σ excess)`.
+//! Loops nest and close, as those of any sum of plays (Prandtl–Ishlinskii).
 
 use super::curve::Curve;
 
 /// Play operators.
 pub const PLAYS: usize = 8;
-/// Widths of the plays: multiples of this many octaves of pressure. The widest, 1.6 octaves, is less
-/// than the distance from the peak of a load to the middle of its return.
+/// Widths of the plays: 1 to 8 times this many octaves of pressure. Half of the load is one octave below
+/// its peak, where the narrower half of the plays has let go; the wider ones serve full scale, where the
+/// divider flattens the loop's upper part.
 pub const WIDTH_OCTAVES: f64 = 0.28;
 /// Pressure below which the film knows no hysteresis, kPa.
 pub const FLOOR_KPA: f64 = 1.0;
 /// Weight of each play per unit of loop: makes [`Hysteresis::new`]'s argument the largest difference
-/// between falling and rising output, as share of the output's excursion.
+/// between falling and rising output as share of the output's excursion, within a seventh from 10 kPa to
+/// full scale.
 const WEIGHT_PER_LOOP: f64 = 0.35;
 
 /// Hysteresis of one film.

@@ -83,7 +83,8 @@ impl<'a> Film<'a> {
     }
 
     /// Scan number `frame` of the pressures in `map`. `pickup_counts` is the noise that motors running
-    /// now induce, counts rms. `force_back(s)` is the grip force that long before the tick relative to
+    /// now induce, counts rms: half a count leaves an idle pad idle, of two every second idle frame reads
+    /// as contact. `force_back(s)` is the grip force that long before the tick relative to
     /// the force of `map`: the rows are read one after another, the last at the tick.
     pub(crate) fn scan(
         &mut self,

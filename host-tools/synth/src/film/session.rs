@@ -23,7 +23,7 @@ const MAINS_STRAY_HZ: f64 = 0.1;
 /// Electrical faults per second of a recording: three recordings of 8 s in four have none.
 const FAULTS_PER_S: f64 = 0.03;
 /// Frames that a flickering connection lasts, taxels of one row it takes along, and counts it adds
-/// where it does not drop to 0.
+/// where it does not drop to 0. Above some 500 counts over all, an idle pad reads as touched meanwhile.
 const FLICKER_FRAMES: (usize, usize) = (2, 60);
 const FLICKER_TAXELS: (usize, usize) = (1, 4);
 const FLICKER_COUNTS: (f64, f64) = (30.0, 600.0);

@@ -105,6 +105,22 @@ fn noise_of_a_loaded_taxel_is_as_drawn() {
 }
 
 #[test]
+fn motors_may_induce_half_a_count_before_an_idle_pad_reads_as_touched() {
+    let share = |pickup_counts: f64| {
+        let touched = (0..30).map(|seed| {
+            let unit = unit(seed);
+            let mut film = film(&unit, sound(seed, 1.0), seed);
+            let sums = (0..240).map(|f| film.scan(f, &PressureMap::empty(), pickup_counts, |_| 1.0).sum());
+            sums.filter(|&sum| sum >= CONTACT_SUM_MIN).count()
+        });
+        touched.sum::<usize>() as f64 / (30.0 * 240.0)
+    };
+    let shares = [0.5, 1.0, 2.0].map(share);
+    println!("idle frames that read as contact under 0.5, 1 and 2 counts of pick-up: {shares:.4?}");
+    assert!(shares[0] < 0.002 && shares[2] > 0.1);
+}
+
+#[test]
 fn pickup_is_common_to_a_row() {
     let unit = unit(2);
     let mut film = film(&unit, sound(2, 0.0), 2);

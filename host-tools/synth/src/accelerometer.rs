@@ -9,6 +9,7 @@ use libm::exp;
 use serde::Serialize;
 use slipsense::params::XL_RATE_HZ;
 use slipsense::sensor::XlSample;
+use slipsense_episode::XL_RATE_TOLERANCE;
 use std::f64::consts::TAU;
 
 use crate::draw::{Draw, Rng};
@@ -118,12 +119,16 @@ impl XlSession {
         }
     }
 
-    /// The part's clock in this recording, for a recording of `seconds`.
+    /// The part's clock in this recording of `seconds`. Every part delivers as many samples as the fastest
+    /// one that the data sheets allow needs.
     pub(crate) fn clock(&self, unit: &XlUnit, seconds: f64) -> Clock {
-        let rate_hz = XL_RATE_HZ as f64 * (1.0 + unit.rate_error) * (1.0 + self.rate_change);
-        // Drift adds at most 1 ms in two minutes.
-        let samples = (seconds * rate_hz * (1.0 + RATE_DRIFT_PER_S * seconds)).ceil() as usize + 2;
-        Clock { rate_hz, drift_per_s: self.rate_drift_per_s, start: self.start, samples }
+        let nominal_hz = XL_RATE_HZ as f64;
+        Clock {
+            rate_hz: nominal_hz * (1.0 + unit.rate_error) * (1.0 + self.rate_change),
+            drift_per_s: self.rate_drift_per_s,
+            start: self.start,
+            samples: (seconds * nominal_hz * (1.0 + XL_RATE_TOLERANCE)).ceil() as usize + 2,
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use slipsense::params::MAX_SENSORS;
 use std::f64::consts::PI;
 
 use super::modes::Modes;
-use super::signal::{Biquad, Noise, blend, blend_rms, sin_turns};
+use super::signal::{Biquad, Harmonics, Noise, blend, blend_rms, sin_turns};
 use super::slip::{Rub, Surface};
 use super::{Clock, Scene, TOUCHED_N, at};
 use crate::draw::{Draw, Rng};
@@ -43,11 +43,11 @@ const AFTERSHOCK_S: (f64, f64) = (0.05, 0.3);
 const AFTERSHOCK_G: (f64, f64) = (0.03, 0.4);
 
 /// Creak while the grip changes: level in g at [`CREAK_FULL_PER_S`], corner in Hz. Relative force rates
-/// below the first are silent (tremor, slow variation).
+/// up to the first are silent: a tremor of 3 % at 12 Hz has 2.3 per second and moves nothing.
 const CREAK_G: (f64, f64) = (0.003, 0.03);
 const CREAK_HZ: (f64, f64) = (150.0, 800.0);
-const CREAK_FROM_PER_S: f64 = 1.2;
-const CREAK_FULL_PER_S: f64 = 4.0;
+const CREAK_FROM_PER_S: f64 = 2.4;
+const CREAK_FULL_PER_S: f64 = 6.0;
 /// Micro-slip during grip changes: pulses per unit of relative change, peak and width.
 const MICRO_PULSES: f64 = 12.0;
 const MICRO_G: (f64, f64) = (0.005, 0.06);
@@ -119,6 +119,7 @@ struct Tool {
 #[derive(Clone, Debug, Serialize)]
 struct Actuation {
     motor_hz: f64,
+    comb: Harmonics,
     gear_hz: f64,
     gear_shift: f64,
     /// Share of the power that is gear mesh.
@@ -401,6 +402,7 @@ impl Actuation {
         let servo_hz = rng.log_between(SERVO_HZ.0, SERVO_HZ.1);
         Self {
             motor_hz: rng.log_between(MOTOR_HZ.0, MOTOR_HZ.1),
+            comb: Harmonics::draw(rng, (1..=MOTOR_ORDERS).map(|k| 1.0 / k as f64)),
             gear_hz: rng.log_between(GEAR_HZ.0, GEAR_HZ.1),
             gear_shift: rng.between(GEAR_SHIFT.0, GEAR_SHIFT.1),
             gear_share: rng.between(0.3, 0.8),
@@ -413,9 +415,7 @@ impl Actuation {
     /// Comb and gear mesh while the motors run, the servo's tone always.
     fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
         self.servo.add(clock, |_| 1.0, motion_g);
-        let weights: [f64; MOTOR_ORDERS] = std::array::from_fn(|k| 1.0 / (k + 1) as f64);
-        let comb_rms = (weights.iter().map(|w| w * w).sum::<f64>() / 2.0).sqrt();
-        let comb_gain = self.running_g * (1.0 - self.gear_share).sqrt() / comb_rms;
+        let comb_gain = self.running_g * (1.0 - self.gear_share).sqrt();
         let gear_gain = self.running_g * (2.0 * self.gear_share).sqrt();
         let (mut motor, mut gear) = (0.0, 0.0);
         for (n, out) in motion_g.iter_mut().enumerate() {
@@ -425,10 +425,7 @@ impl Actuation {
             }
             motor += self.motor_hz * (0.5 + 0.5 * activity) / clock.rate_hz;
             gear += self.gear_hz * (1.0 + self.gear_shift * (2.0 * activity - 1.0)) / clock.rate_hz;
-            let mut value = gear_gain * sin_turns(gear);
-            for (k, weight) in weights.iter().enumerate() {
-                value += comb_gain * weight * sin_turns((k + 1) as f64 * motor);
-            }
+            let value = gear_gain * sin_turns(gear) + comb_gain * self.comb.at(motor, &[1.0; MOTOR_ORDERS]);
             for (o, d) in out.iter_mut().zip(self.direction) {
                 *o += d * activity.sqrt() * value;
             }

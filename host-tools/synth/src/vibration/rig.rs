@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use super::signal::{cos_turns, sin_turns};
+use super::signal::{Harmonics, sin_turns};
 use super::{Clock, Scene, TOUCHED_N};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
@@ -39,10 +39,9 @@ pub(crate) struct Rig {
     pub object_g: f64,
     /// Level through the table, g rms.
     pub table_g: f64,
-    /// Phases of the lines, turns.
-    phases: [f64; ORDERS],
-    /// Level of the holding hum, g rms, and its frequency, Hz.
-    hum: (f64, f64),
+    comb: Harmonics,
+    /// Level of the holding hum, g rms, its frequency, Hz, and phase, turns.
+    hum: (f64, f64, f64),
 }
 
 impl Rig {
@@ -51,10 +50,11 @@ impl Rig {
             per_mm: rng.log_between(PER_MM.0, PER_MM.1),
             object_g: rng.log_between(THROUGH_OBJECT_G.0, THROUGH_OBJECT_G.1),
             table_g: rng.log_between(THROUGH_TABLE_G.0, THROUGH_TABLE_G.1),
-            phases: std::array::from_fn(|_| rng.between(0.0, 1.0)),
+            comb: Harmonics::draw(rng, (1..=ORDERS).map(|k| 1.0 / k as f64)),
             hum: (
                 if rng.chance(HUM_CHANCE) { 1.0 } else { 0.0 } * rng.log_between(HUM_G.0, HUM_G.1),
                 rng.log_between(HUM_HZ.0, HUM_HZ.1),
+                rng.between(0.0, 1.0),
             ),
         }
     }
@@ -71,9 +71,6 @@ impl Rig {
         if scene.hand_held {
             return;
         }
-        // Lines of 1/k each give a mean square of Σ 1/(2k²).
-        let weights: [f64; ORDERS] = std::array::from_fn(|k| 1.0 / (k + 1) as f64);
-        let rms = (weights.iter().map(|w| w * w).sum::<f64>() / 2.0).sqrt();
         let last = scene.crosshead_mm.len() - 1;
         for (n, out) in motion_g.iter_mut().enumerate() {
             let t = clock.time(n);
@@ -92,15 +89,12 @@ impl Rig {
                     0.0
                 };
                 let gain = self.table_g + (self.object_g - self.table_g) * clamped;
-                for (k, (phase, weight)) in self.phases.iter().zip(weights).enumerate() {
-                    let order = (k + 1) as f64;
-                    if order * self.per_mm * speed < HIGHEST_HZ {
-                        value += weight / rms * cos_turns(order * travel + phase);
-                    }
-                }
+                // A slow crosshead has all lines below the limit, whatever the quotient.
+                let audible = (HIGHEST_HZ / (self.per_mm * speed)).min(ORDERS as f64) as usize;
+                value = self.comb.at(travel, &[1.0; ORDERS][..audible]);
                 value *= gain * (speed / FADES_BELOW_MM_S).min(1.0);
             } else if self.hum.0 > 0.0 {
-                value = self.hum.0 * std::f64::consts::SQRT_2 * sin_turns(self.hum.1 * t + self.phases[0]);
+                value = self.hum.0 * std::f64::consts::SQRT_2 * sin_turns(self.hum.1 * t + self.hum.2);
             }
             for (o, d) in out.iter_mut().zip(DIRECTION) {
                 *o += d * value;

@@ -1,6 +1,7 @@
 //! Building blocks: a sine by polynomial, noise through one pole, second-order sections.
 
 use libm::{cos, exp, sin};
+use serde::Serialize;
 use std::f64::consts::TAU;
 
 use crate::draw::{Draw, Rng};
@@ -21,12 +22,46 @@ pub(crate) fn sin_turns(turns: f64) -> f64 {
     }
     let x = TAU * r;
     let q = x * x;
-    x * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0))))
+    x * (1.0
+        - q * (1.0 / 6.0) * (1.0 - q * (1.0 / 20.0) * (1.0 - q * (1.0 / 42.0) * (1.0 - q * (1.0 / 72.0)))))
 }
 
 /// `cos(2π · turns)`.
 pub(crate) fn cos_turns(turns: f64) -> f64 {
     sin_turns(turns + 0.25)
+}
+
+/// A periodic tone of several harmonics. Only its fundamental is computed; the others follow by rotation.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Harmonics {
+    /// Of each harmonic: peak times cosine and times sine of its phase.
+    parts: Vec<[f64; 2]>,
+}
+
+impl Harmonics {
+    /// Harmonics of these peaks, scaled to a sum of unit rms, with phases of their own.
+    pub(crate) fn draw(rng: &mut Rng, peaks: impl Iterator<Item = f64> + Clone) -> Self {
+        let rms = (peaks.clone().map(|p| p * p).sum::<f64>() / 2.0).sqrt();
+        let parts = peaks
+            .map(|peak| {
+                let phase = rng.phase();
+                [peak / rms * cos(phase), peak / rms * sin(phase)]
+            })
+            .collect();
+        Self { parts }
+    }
+
+    /// Value where the fundamental is at `turns`; `gains` holds a factor on each harmonic, those beyond its
+    /// end are silent.
+    pub(crate) fn at(&self, turns: f64, gains: &[f64]) -> f64 {
+        let (c, s) = (cos_turns(turns), sin_turns(turns));
+        let (mut ck, mut sk, mut sum) = (c, s, 0.0);
+        for ([a, b], gain) in self.parts.iter().zip(gains) {
+            sum += gain * (a * ck - b * sk);
+            (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+        }
+        sum
+    }
 }
 
 /// Weight of the newest value in a first-order low-pass with this corner.

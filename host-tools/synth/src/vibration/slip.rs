@@ -5,7 +5,7 @@ use libm::{exp, log, pow};
 use serde::Serialize;
 use slipsense::params::{MAX_SENSORS, XL_RATE_HZ};
 
-use super::signal::{Noise, blend, blend_rms, cos_turns};
+use super::signal::{Harmonics, Noise, blend, blend_rms};
 use super::{Clock, Slide};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
@@ -14,7 +14,7 @@ use crate::timeline::Pulse;
 
 /// Vector rms of the excitation at 10 mm/s, 2 N and Ra 1 µm, g: through the modes of a parallel jaw's
 /// finger it gives about 30 mg, the middle of the 20–60 mg that slip of that speed shows.
-pub(super) const LEVEL_G: f64 = 0.0194;
+pub(super) const LEVEL_G: f64 = 0.0186;
 /// Speed, force and roughness that the level is stated at.
 pub(super) const REFERENCE_MM_S: f64 = 10.0;
 pub(super) const REFERENCE_N: f64 = 2.0;
@@ -41,7 +41,7 @@ const SPEED_MM_S: (f64, f64) = (0.05, 60.0);
 const GROSS: f64 = 0.5;
 
 /// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
-const STICK_LEVEL: f64 = 0.7;
+const STICK_LEVEL: f64 = 0.5;
 /// Exponent of the pulses' amplitude over speed; their rate is proportional to speed besides.
 const STICK_SPEED_EXPONENT: (f64, f64) = (0.5, 0.9);
 /// Stiffness K in the period `T ≈ 2Δμ N / (K v)`, N/mm.
@@ -66,14 +66,13 @@ const LINE_AXES: [f64; 3] = [0.693, 0.198, 0.693];
 const TABLE_MM: (f64, f64) = (0.05, 2.0);
 const TABLE_UM: (f64, f64) = (0.5, 10.0);
 
-/// One wavelength of texture.
+/// One wavelength of texture with its harmonics.
 #[derive(Clone, Debug, Serialize)]
 struct Line {
     wavelength_mm: f64,
-    /// Peak, relative to the rms of all lines.
-    peak: f64,
-    /// Turns.
-    phase: f64,
+    /// Rms share of the sum over all wavelengths.
+    rms: f64,
+    shape: Harmonics,
 }
 
 /// Stick-slip of a surface.
@@ -165,18 +164,12 @@ impl Surface {
         let roughness = pow(roughness_um, rng.between(ROUGHNESS_EXPONENT.0, ROUGHNESS_EXPONENT.1));
         let level_g = LEVEL_G * roughness * exp(LEVEL_SPREAD * rng.normal());
         let exponent = rng.between(LINE_EXPONENT.0, LINE_EXPONENT.1);
-        let mut lines = Vec::new();
-        for &wavelength_mm in texture_mm {
-            for k in 1..=LINES {
-                lines.push(Line {
-                    wavelength_mm: wavelength_mm / k as f64,
-                    peak: pow(k as f64, -exponent),
-                    phase: rng.between(0.0, 1.0),
-                });
-            }
-        }
-        let rms = (lines.iter().map(|l| l.peak * l.peak).sum::<f64>() / 2.0).sqrt();
-        lines.iter_mut().for_each(|l| l.peak /= rms);
+        let rms = 1.0 / (texture_mm.len() as f64).sqrt();
+        let peaks = (1..=LINES).map(|k| pow(k as f64, -exponent));
+        let lines: Vec<Line> = texture_mm
+            .iter()
+            .map(|&wavelength_mm| Line { wavelength_mm, rms, shape: Harmonics::draw(rng, peaks.clone()) })
+            .collect();
         let spacing_mm_per_n = 2.0 * slack / rng.log_between(STICK_N_PER_MM.0, STICK_N_PER_MM.1);
         // A train of half-sines of mean peak m, exponentially spread, has a mean square of
         // rate · m² · width: that fixes m.
@@ -228,7 +221,7 @@ impl Surface {
         let (noise_gain, line_gain) =
             ((1.0 - self.line_share).max(0.0).sqrt() / reference, self.line_share.max(0.0).sqrt());
         let mut noise = Noise::default();
-        let mut fades = vec![0.0; self.lines.len()];
+        let mut fades = vec![[0.0; LINES]; self.lines.len()];
         let (mut step, mut from, mut to, mut weight) = (usize::MAX, 0.0, 0.0, 0.0);
         for (n, out) in buffer.iter_mut().enumerate() {
             let x = clock.time(n) * STEP_HZ;
@@ -243,9 +236,12 @@ impl Surface {
                 if from > 0.0 || to > 0.0 {
                     let speed = rub.speed_mm_s[now].max(rub.speed_mm_s[now + 1]);
                     weight = blend(speed / self.asperity_mm, clock.rate_hz);
-                    for (fade, line) in fades.iter_mut().zip(&self.lines) {
-                        let hz = speed / line.wavelength_mm;
-                        *fade = ((LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0)).clamp(0.0, 1.0);
+                    for (fades, line) in fades.iter_mut().zip(&self.lines) {
+                        for (k, fade) in fades.iter_mut().enumerate() {
+                            let hz = (k + 1) as f64 * speed / line.wavelength_mm;
+                            let below = (LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0);
+                            *fade = below.clamp(0.0, 1.0);
+                        }
                     }
                 }
             }
@@ -258,7 +254,7 @@ impl Surface {
             let travel = rub.path_mm[now] + (rub.path_mm[now + 1] - rub.path_mm[now]) * within;
             let mut tone = 0.0;
             for (line, fade) in self.lines.iter().zip(&fades) {
-                tone += fade * line.peak * cos_turns(travel / line.wavelength_mm + line.phase);
+                tone += line.rms * line.shape.at(travel / line.wavelength_mm, fade);
             }
             let v: [f64; 3] = std::array::from_fn(|a| {
                 noise_gain * NOISE_AXES[a] * white[a] + line_gain * LINE_AXES[a] * tone

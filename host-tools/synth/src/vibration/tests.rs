@@ -4,7 +4,7 @@ use super::disturbance::{closing, hertz_contact_s};
 use super::modes::Mode;
 use super::slip::{REFERENCE_MM_S, REFERENCE_N};
 use super::*;
-use crate::draw::{Draw, Stream, stream};
+use crate::draw::{Stream, stream};
 use crate::objects::{Kind, named};
 use crate::recipe::Region;
 use libm::{cos, exp, log, sin};

@@ -222,7 +222,7 @@ impl<'a> Shared<'a> {
         let mut interface = Interface::draw(&mut rng, object);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
-        let faults = film_session.events(self.frames);
+        let faults = film_session.events(self.frames).into_iter().map(Event::rounded).collect();
         log.add(
             format!("finger_{sensor}"),
             &json!({

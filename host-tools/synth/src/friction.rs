@@ -103,7 +103,6 @@ pub(crate) struct Sliding {
     /// Tangential force.
     pub shear_n: [f64; 2],
     /// Moment of the tangential stresses about the map's pivot.
-    #[cfg_attr(not(test), expect(dead_code, reason = "what the tests of rotation check"))]
     pub torque_n_mm: f64,
     /// Position of the object relative to the finger.
     pub travel_mm: [f64; 2],

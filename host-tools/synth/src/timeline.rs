@@ -26,6 +26,14 @@ pub struct Event {
     pub end_s: f64,
 }
 
+impl Event {
+    /// Milliseconds are enough to find it, and short decimals survive JSON to the bit.
+    pub(crate) fn rounded(self) -> Self {
+        let [start_s, end_s] = [self.start_s, self.end_s].map(|t| (t * 1e3).round() / 1e3);
+        Self { start_s, end_s, ..self }
+    }
+}
+
 /// A half-sine of acceleration at the fingers' roots.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pulse {
@@ -110,9 +118,8 @@ impl Timeline {
         if end_s <= 0.0 || start_s >= self.seconds {
             return;
         }
-        // Milliseconds are enough to find it, and short decimals survive JSON to the bit.
-        let [start_s, end_s] = [start_s, end_s].map(|t| (t.clamp(0.0, self.seconds) * 1e3).round() / 1e3);
-        self.events.push(Event { name, start_s, end_s });
+        let [start_s, end_s] = [start_s, end_s].map(|t| t.clamp(0.0, self.seconds));
+        self.events.push(Event { name, start_s, end_s }.rounded());
     }
 
     pub(crate) fn pulse(&mut self, rng: &mut Rng, at_s: f64, width: Span, peak: Span) {

@@ -109,8 +109,7 @@ impl FilmSession {
 
     /// The same as events of the recording.
     pub(crate) fn events(&self, frames: usize) -> Vec<Event> {
-        // Milliseconds, as in the other events.
-        let seconds = |frame: usize| (frame as f64 / FRAME_RATE_HZ as f64 * 1e3).round() / 1e3;
+        let seconds = |frame: usize| frame as f64 / FRAME_RATE_HZ as f64;
         let event = |fault: &Fault| Event {
             name: FAULT_EVENT,
             start_s: seconds(fault.start_frame),

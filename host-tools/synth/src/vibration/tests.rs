@@ -40,8 +40,8 @@ fn plain() -> &'static Object {
         stick_slip: 0.2,
         kind: Kind::Material,
         ring_hz: 0.0,
-        texture_mm: &[],
-        ..*object
+        texture_mm: Vec::new(),
+        ..object.clone()
     }))
 }
 
@@ -70,6 +70,7 @@ impl Held {
             rig_leak: true,
             hand_held: false,
             linked: true,
+            shared_table: false,
             object: plain(),
             grip_n: &self.grip_n,
             crosshead_mm: &self.crosshead_mm,
@@ -77,6 +78,8 @@ impl Held {
             motor: &self.still,
             drag: &self.still,
             drag_mm_s: &self.still,
+            motion: &self.still,
+            ambient: &self.still,
             pulses: &[],
         }
     }
@@ -177,7 +180,7 @@ fn the_polynomial_sine_is_a_sine() {
 
 #[test]
 fn a_texture_line_moves_in_proportion_to_speed() {
-    let object = Object { texture_mm: &[0.08], texture_share: 1.0, stick_slip: 0.0, ..*plain() };
+    let object = Object { texture_mm: vec![0.08], texture_share: 1.0, stick_slip: 0.0, ..plain().clone() };
     let surface = Surface::draw(&mut rng(1), &object);
     let peak = |speed| {
         let g = sound_of(&surface, &sliding(speed, 2.0, 1.0), 1.0, 2);
@@ -318,7 +321,7 @@ fn the_autoregressive_model_is_stable_as_loud_and_otherwise_coloured() {
 
 #[test]
 fn stick_slip_comes_at_the_period_of_its_formula() {
-    let object = Object { stick_slip: 1.0, ..*plain() };
+    let object = Object { stick_slip: 1.0, ..plain().clone() };
     let slack = object.mu_static - object.mu_kinetic;
     for seed in 0..6 {
         let surface = Surface::draw(&mut rng(seed), &object);
@@ -340,7 +343,7 @@ fn spreading_slip_ticks_weakly() {
         speed_mm_s: (0..steps).map(|i| 10.0 * 0.499 * i as f64 / steps as f64).collect(),
         ..sliding(10.0, 2.0, 1.0 - 2.0 / STEP_HZ)
     };
-    let object = Object { stick_slip: 1.0, ..*plain() };
+    let object = Object { stick_slip: 1.0, ..plain().clone() };
     let mean = |p: &[Pulse]| p.iter().map(|p| p.peak_g).sum::<f64>() / p.len().max(1) as f64;
     let (mut ratios, mut counts) = (Vec::new(), Vec::new());
     for seed in 0..40 {

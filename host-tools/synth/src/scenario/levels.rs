@@ -35,8 +35,8 @@ pub(crate) const IDLE_S: Span = (0.2, 9.0);
 pub(crate) const IDLE_UNIFORM_S: f64 = 1.4;
 pub(crate) const IDLE_MEAN_S: f64 = 0.7;
 /// The operator varies the grip before the pull; the object rests after it, seconds.
-pub(crate) const VARY_S: Span = (0.25, 2.2);
-pub(crate) const SETTLE_S: Span = (0.1, 0.9);
+pub(crate) const VARY_S: Span = (0.25, 1.8);
+pub(crate) const SETTLE_S: Span = (0.1, 0.75);
 /// A grasp carried about by hand, and one of a long recording of disturbances, seconds.
 pub(crate) const CARRY_S: Span = (1.0, 6.0);
 pub(crate) const LONG_HOLD_S: Span = (1.5, 12.0);

@@ -199,7 +199,8 @@ impl Plan {
     fn pull(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp]) {
         use ScenarioChoice as S;
         let angle = rng.phase();
-        let towards = if on_axis(what.scenario) { [0.0, 1.0] } else { [cos(angle), sin(angle)] };
+        // The rig pulls along the pad only.
+        let towards = if what.scenario.on_rig() { [0.0, 1.0] } else { [cos(angle), sin(angle)] };
         let line = &self.timeline;
         let mut way = vec![0.0; line.steps()];
         match what.scenario {
@@ -289,9 +290,4 @@ impl Plan {
             }
         }
     }
-}
-
-/// The rig pulls along the pad only.
-fn on_axis(scenario: ScenarioChoice) -> bool {
-    scenario.on_rig()
 }

@@ -199,3 +199,138 @@ fn rotation(rng: &mut Rng) -> [[f64; 3]; 3] {
     let d = [a[1] * c[2] - a[2] * c[1], a[2] * c[0] - a[0] * c[2], a[0] * c[1] - a[1] * c[0]];
     [a, c, d]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::{Stream, stream};
+    use libm::{cos, sin};
+
+    const LSB_G: f64 = 0.244e-3;
+
+    fn rng(seed: u64) -> Rng {
+        stream(seed, Stream::Accelerometer, 0)
+    }
+
+    fn quiet() -> XlSession {
+        let mut session = XlSession::draw(&mut rng(0), 0.0);
+        session.offset_g = [0.0; 3];
+        session.wander.0 = 0.0;
+        session
+    }
+
+    /// Mean square about the mean, summed over the axes, g².
+    fn power(samples: &[XlSample]) -> f64 {
+        let n = samples.len() as f64;
+        (0..3)
+            .map(|a| {
+                let mean = samples.iter().map(|s| f64::from(s[a])).sum::<f64>() / n;
+                samples.iter().map(|s| (f64::from(s[a]) - mean) * (f64::from(s[a]) - mean)).sum::<f64>() / n
+            })
+            .sum::<f64>()
+            * LSB_G
+            * LSB_G
+    }
+
+    fn tone(hz: f64, peak_g: f64, clock: Clock) -> Vec<[f64; 3]> {
+        (0..clock.samples)
+            .map(|n| {
+                let phase = TAU * hz * clock.time(n);
+                [peak_g * sin(phase), 0.5 * peak_g * cos(phase), 0.3 * peak_g * sin(phase + 1.0)]
+            })
+            .collect()
+    }
+
+    fn heard(unit: &XlUnit, motion_g: &[[f64; 3]], clock: Clock) -> Vec<XlSample> {
+        sample(unit, &quiet(), clock, LSB_G, motion_g, &mut rng(1))
+    }
+
+    #[test]
+    fn summed_power_does_not_depend_on_the_mounting() {
+        let unit = XlUnit::draw(&mut rng(2));
+        let clock = quiet().clock(&unit, 1.0);
+        let motion = tone(200.0, 0.5, clock);
+        let powers: Vec<f64> = (0..20)
+            .map(|seed| {
+                let turned = XlUnit { matrix: rotation(&mut rng(seed)), ..unit.clone() };
+                power(&heard(&turned, &motion, clock))
+            })
+            .collect();
+        let (lo, hi) = powers.iter().fold((f64::MAX, 0f64), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+        println!("summed power over 20 mountings: highest over lowest {:.5}, expected 1", hi / lo);
+        assert!(hi / lo < 1.001);
+
+        let drawn: Vec<f64> = (0..200)
+            .map(|seed| {
+                let matrix = XlUnit::draw(&mut rng(seed)).matrix;
+                power(&heard(&XlUnit { matrix, ..unit.clone() }, &motion, clock)) / powers[0]
+            })
+            .collect();
+        let worst = drawn.iter().fold(0f64, |w, p| w.max((p - 1.0).abs()));
+        println!("with gain and cross-axis errors: at most {:.1} % off, expected below 10", 100.0 * worst);
+        assert!(worst > 0.01 && worst < 0.1);
+    }
+
+    #[test]
+    fn noise_has_its_density_and_the_range_clips() {
+        let unit = XlUnit { noise_g: 100e-6, ..XlUnit::draw(&mut rng(3)) };
+        let session = XlSession { noise: 1.0, ..quiet() };
+        let clock = session.clock(&unit, 5.0);
+        let still = vec![[0.0; 3]; clock.samples];
+        let noise = sample(&unit, &session, clock, LSB_G, &still, &mut rng(4));
+        let per_axis = (power(&noise) / 3.0).sqrt();
+        let expected = 100e-6 * (clock.rate_hz / 2.0).sqrt();
+        println!("noise {:.2} mg rms per axis, expected {:.2}", per_axis * 1e3, expected * 1e3);
+        assert!((per_axis / expected - 1.0).abs() < 0.02);
+
+        let loud = heard(&unit, &tone(100.0, 20.0, clock), clock);
+        let (lo, hi) = loud.iter().flatten().fold((0, 0), |(lo, hi), &s| (s.min(lo), s.max(hi)));
+        println!("20 g on a part of ±8 g: {lo} to {hi}");
+        assert_eq!((lo, hi), (i16::MIN, i16::MAX));
+    }
+
+    #[test]
+    fn the_band_rolls_off_and_a_little_comes_back_mirrored() {
+        let unit = XlUnit { bandwidth_hz: 2_500.0, poles: 2, alias: 0.03, ..XlUnit::draw(&mut rng(5)) };
+        let session = XlSession { rate_drift_per_s: 0.0, ..quiet() };
+        let clock = session.clock(&unit, 1.0);
+        let gain = |hz: f64| {
+            let motion = tone(hz, 1.0, clock);
+            let samples = heard(&unit, &motion, clock);
+            (power(&samples[100..]) / 0.67).sqrt()
+        };
+        let (low, high) = (gain(100.0), gain(3_500.0));
+        // Part of a tone at f that folds to half the rate less f, by its Fourier sum.
+        let at = |samples: &[XlSample], hz: f64| {
+            let sums = (0..3).map(|a| {
+                let (re, im) = samples.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, s)| {
+                    let phase = TAU * hz * n as f64 / clock.rate_hz;
+                    (re + f64::from(s[a]) * cos(phase), im + f64::from(s[a]) * sin(phase))
+                });
+                re * re + im * im
+            });
+            sums.sum::<f64>().sqrt()
+        };
+        let samples = heard(&unit, &tone(3_000.0, 1.0, clock), clock);
+        let mirrored = at(&samples, clock.rate_hz / 2.0 - 3_000.0) / at(&samples, 3_000.0);
+        println!("gain at 100 Hz {low:.2}, at 3.5 kHz {high:.2}; mirror image of 3 kHz {mirrored:.4}");
+        assert!((low - 1.0).abs() < 0.05 && high < 0.95 * low);
+        assert!(mirrored > 0.01 && mirrored < 0.06);
+    }
+
+    #[test]
+    fn clocks_stay_within_the_tolerance_of_the_format() {
+        let worst = (0..2000)
+            .map(|seed| {
+                let mut rng = rng(seed);
+                let unit = XlUnit::draw(&mut rng);
+                let clock = XlSession::draw(&mut rng, 1.0).clock(&unit, 120.0);
+                let ends = clock.ends(28_800, 240.0);
+                assert!(ends[28_799] as usize <= clock.samples);
+                (f64::from(ends[28_799]) / 120.0 / 8_000.0 - 1.0).abs()
+            })
+            .fold(0.0, f64::max);
+        println!("rates off by up to {:.2} %, tolerance 3 %", 100.0 * worst);
+        assert!(worst > 0.025 && worst < XL_RATE_TOLERANCE);
+    }
+}

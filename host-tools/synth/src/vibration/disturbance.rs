@@ -1,13 +1,14 @@
-//! Everything that is heard and is not slip: impacts of closing and opening, creaking grip changes, jaws,
-//! motors, machines nearby, and the object dragged over something else.
+//! What is heard of a grasp and is not slip: impacts of closing and opening, creaking grip changes, jaws,
+//! and the object dragged over something else.
 
 use libm::{exp, log, pow};
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 use std::f64::consts::PI;
 
+use super::machine::{Actuation, Nearby};
 use super::modes::Modes;
-use super::signal::{Biquad, Harmonics, Noise, blend, blend_rms, sin_turns};
+use super::signal::{Noise, blend, blend_rms, sin_turns};
 use super::slip::{Rub, Surface};
 use super::{Clock, Scene, TOUCHED_N, at};
 use crate::draw::{Draw, Rng};
@@ -62,29 +63,9 @@ const CLICKS: usize = 2;
 const CLICK_G: (f64, f64) = (0.05, 0.5);
 const CLICK_S: (f64, f64) = (1e-3, 5e-3);
 
-/// Motor comb at full activity: Hz, harmonics, and the level that comb and gears share, g rms.
-const MOTOR_HZ: (f64, f64) = (15.0, 80.0);
-const MOTOR_ORDERS: usize = 4;
-const MOTOR_G: (f64, f64) = (0.002, 0.02);
-/// Gear mesh: Hz, and how far it moves with the motor's speed.
-const GEAR_HZ: (f64, f64) = (200.0, 1200.0);
-const GEAR_SHIFT: (f64, f64) = (0.05, 0.1);
-/// Servo tone at rest: Hz and g rms.
-const SERVO_HZ: (f64, f64) = (800.0, 1300.0);
-const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
 /// Steps of the joints when a motor starts or meets a load, g and seconds.
 const JOINT_G: (f64, f64) = (0.01, 0.15);
 const JOINT_S: (f64, f64) = (1e-3, 6e-3);
-
-/// Machines nearby: chance, lines in Hz, harmonics of the mains and of fans and pumps; g rms.
-const AMBIENT_CHANCE: f64 = 0.5;
-const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
-const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
-/// Narrow-band noise of a tool: chance, centre in Hz, half-width over centre, pace of its swell in Hz.
-const TOOL_CHANCE: f64 = 0.25;
-const TOOL_HZ: (f64, f64) = (200.0, 2000.0);
-const TOOL_WIDTH: (f64, f64) = (0.02, 0.15);
-const TOOL_SWELL_HZ: (f64, f64) = (0.2, 2.0);
 
 /// Share of the rubbing at the object's far side that arrives at the finger.
 const DRAG_ARRIVES: (f64, f64) = (0.1, 0.5);
@@ -92,41 +73,6 @@ const DRAG_ARRIVES: (f64, f64) = (0.1, 0.5);
 /// Duration of a Hertz contact of two elastic bodies, seconds: `2.87 (m² / (R E*² v))^(1/5)`.
 pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, speed_m_s: f64) -> f64 {
     2.87 * pow(mass_kg * mass_kg / (radius_m * modulus_pa * modulus_pa * speed_m_s), 0.2)
-}
-
-/// A steady tone.
-#[derive(Clone, Debug, Serialize)]
-struct Tone {
-    hz: f64,
-    rms_g: f64,
-    /// Turns.
-    phase: f64,
-    direction: [f64; 3],
-}
-
-/// Narrow-band noise that swells.
-#[derive(Clone, Debug, Serialize)]
-struct Tool {
-    hz: f64,
-    width: f64,
-    rms_g: f64,
-    swell_hz: f64,
-    phase: f64,
-    direction: [f64; 3],
-}
-
-/// Motors of a jointed hand.
-#[derive(Clone, Debug, Serialize)]
-struct Actuation {
-    motor_hz: f64,
-    comb: Harmonics,
-    gear_hz: f64,
-    gear_shift: f64,
-    /// Share of the power that is gear mesh.
-    gear_share: f64,
-    running_g: f64,
-    servo: Tone,
-    direction: [f64; 3],
 }
 
 /// All of it for one recording.
@@ -140,8 +86,7 @@ pub(crate) struct Disturbances {
     aftershock_g: f64,
     aftershock_s: f64,
     actuation: Option<Actuation>,
-    ambient: Vec<Tone>,
-    tool: Option<Tool>,
+    nearby: Nearby,
     dragged: Surface,
     drag_arrives: f64,
     /// Impacts that excite the modes.
@@ -154,7 +99,6 @@ pub(crate) struct Disturbances {
 
 impl Disturbances {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
-        let ambient = if rng.chance(AMBIENT_CHANCE) { rng.count(1, 3) } else { 0 };
         let mut drawn = Self {
             creak_g: rng.log_between(CREAK_G.0, CREAK_G.1),
             creak_hz: rng.log_between(CREAK_HZ.0, CREAK_HZ.1),
@@ -164,20 +108,7 @@ impl Disturbances {
             aftershock_g: rng.log_between(AFTERSHOCK_G.0, AFTERSHOCK_G.1),
             aftershock_s: rng.log_between(AFTERSHOCK_S.0, AFTERSHOCK_S.1),
             actuation: (scene.platform == Platform::Tesollo).then(|| Actuation::draw(rng)),
-            ambient: (0..ambient)
-                .map(|_| {
-                    let hz = AMBIENT_HZ[rng.count(0, AMBIENT_HZ.len() - 1)] * rng.between(0.995, 1.005);
-                    Tone::draw(rng, hz, AMBIENT_G)
-                })
-                .collect(),
-            tool: rng.chance(TOOL_CHANCE).then(|| Tool {
-                hz: rng.log_between(TOOL_HZ.0, TOOL_HZ.1),
-                width: rng.log_between(TOOL_WIDTH.0, TOOL_WIDTH.1),
-                rms_g: rng.log_between(AMBIENT_G.0, AMBIENT_G.1),
-                swell_hz: rng.log_between(TOOL_SWELL_HZ.0, TOOL_SWELL_HZ.1),
-                phase: rng.between(0.0, 1.0),
-                direction: rng.direction(),
-            }),
+            nearby: Nearby::draw(rng),
             dragged: Surface::table(rng),
             drag_arrives: rng.log_between(DRAG_ARRIVES.0, DRAG_ARRIVES.1),
             knocks: scene.pulses.to_vec(),
@@ -195,17 +126,20 @@ impl Disturbances {
     pub(super) fn quiet(&mut self) {
         self.knocks.clear();
         self.closings.clear();
-        self.ambient.clear();
-        self.tool = None;
+        self.nearby = Nearby::default();
     }
 
-    /// Backlash of a jaw, steps of a joint: where motion starts and stops.
+    /// Backlash of a jaw, steps of a joint: where motion starts and stops or meets a load.
     fn clicks(&mut self, rng: &mut Rng, scene: &Scene<'_>) {
         let (series, peak, width) = match scene.platform {
             Platform::Umi => (scene.jaw, CLICK_G, CLICK_S),
             Platform::Tesollo => (scene.motor, JOINT_G, JOINT_S),
         };
-        let (starts, stops) = crossings(series, 0.05);
+        let (starts, mut stops) = crossings(series, 0.05);
+        if scene.platform == Platform::Tesollo {
+            // A joint gives a little as it takes up the load.
+            stops.extend(crossings(scene.grip_n, TOUCHED_N).0);
+        }
         for &from in starts.iter().chain(&stops) {
             for _ in 0..rng.count(0, CLICKS) {
                 self.knocks.push(Pulse {
@@ -252,22 +186,7 @@ impl Disturbances {
         if let Some(actuation) = &self.actuation {
             actuation.add(scene, clock, motion_g);
         }
-        for tone in &self.ambient {
-            tone.add(clock, |_| 1.0, motion_g);
-        }
-        if let Some(tool) = &self.tool {
-            let mut band = Biquad::bandpass(tool.hz, tool.width, clock.rate_hz);
-            // Equivalent noise bandwidth of the resonance: πζf.
-            let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
-            for (n, out) in motion_g.iter_mut().enumerate() {
-                let works = at(scene.ambient, clock.time(n));
-                let swell = works * (0.7 + 0.5 * sin_turns(tool.swell_hz * clock.time(n) + tool.phase));
-                let value = gain * swell * band.next(rng.normal());
-                for (o, d) in out.iter_mut().zip(tool.direction) {
-                    *o += d * value;
-                }
-            }
-        }
+        self.nearby.add(scene, clock, rng, motion_g);
     }
 
     fn creak(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
@@ -371,63 +290,6 @@ impl Disturbances {
                         break;
                     }
                 }
-            }
-        }
-    }
-}
-
-impl Tone {
-    fn draw(rng: &mut Rng, hz: f64, rms_g: (f64, f64)) -> Self {
-        Self {
-            hz,
-            rms_g: rng.log_between(rms_g.0, rms_g.1),
-            phase: rng.between(0.0, 1.0),
-            direction: rng.direction(),
-        }
-    }
-
-    fn add(&self, clock: Clock, gain: impl Fn(usize) -> f64, motion_g: &mut [[f64; 3]]) {
-        let peak = self.rms_g * std::f64::consts::SQRT_2;
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let value = peak * gain(n) * sin_turns(self.hz * clock.time(n) + self.phase);
-            for (o, d) in out.iter_mut().zip(self.direction) {
-                *o += d * value;
-            }
-        }
-    }
-}
-
-impl Actuation {
-    fn draw(rng: &mut Rng) -> Self {
-        let servo_hz = rng.log_between(SERVO_HZ.0, SERVO_HZ.1);
-        Self {
-            motor_hz: rng.log_between(MOTOR_HZ.0, MOTOR_HZ.1),
-            comb: Harmonics::draw(rng, (1..=MOTOR_ORDERS).map(|k| 1.0 / k as f64)),
-            gear_hz: rng.log_between(GEAR_HZ.0, GEAR_HZ.1),
-            gear_shift: rng.between(GEAR_SHIFT.0, GEAR_SHIFT.1),
-            gear_share: rng.between(0.3, 0.8),
-            running_g: rng.log_between(MOTOR_G.0, MOTOR_G.1),
-            servo: Tone::draw(rng, servo_hz, SERVO_G),
-            direction: rng.direction(),
-        }
-    }
-
-    /// Comb and gear mesh while the motors run, the servo's tone always.
-    fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
-        self.servo.add(clock, |_| 1.0, motion_g);
-        let comb_gain = self.running_g * (1.0 - self.gear_share).sqrt();
-        let gear_gain = self.running_g * (2.0 * self.gear_share).sqrt();
-        let (mut motor, mut gear) = (0.0, 0.0);
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let activity = at(scene.motor, clock.time(n));
-            if activity <= 0.0 {
-                continue;
-            }
-            motor += self.motor_hz * (0.5 + 0.5 * activity) / clock.rate_hz;
-            gear += self.gear_hz * (1.0 + self.gear_shift * (2.0 * activity - 1.0)) / clock.rate_hz;
-            let value = gear_gain * sin_turns(gear) + comb_gain * self.comb.at(motor, &[1.0; MOTOR_ORDERS]);
-            for (o, d) in out.iter_mut().zip(self.direction) {
-                *o += d * activity.sqrt() * value;
             }
         }
     }

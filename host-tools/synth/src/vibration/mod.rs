@@ -7,6 +7,7 @@
 mod autoregressive;
 mod carriage;
 mod disturbance;
+mod machine;
 mod modes;
 mod rig;
 mod signal;
@@ -201,10 +202,10 @@ fn add_pulses(pulses: &[Pulse], sensor: usize, gain: f64, clock: Clock, buffer: 
         // Primitive of the half-sine, over the period.
         let scale = gain * p.peak_g * p.share[sensor] * p.width_s / std::f64::consts::PI * clock.rate_hz;
         let primitive = |t: f64| -cos_turns(0.5 * ((t - p.at_s) / p.width_s).clamp(0.0, 1.0));
-        for n in from..to {
+        for (n, out) in buffer.iter_mut().enumerate().take(to).skip(from) {
             let t = clock.time(n);
             let value = scale * (primitive(t + half) - primitive(t - half));
-            for (b, d) in buffer[n].iter_mut().zip(p.direction) {
+            for (b, d) in out.iter_mut().zip(p.direction) {
                 *b += d * value;
             }
         }

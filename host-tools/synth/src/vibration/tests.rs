@@ -531,3 +531,98 @@ fn levels_are_stated_at_the_reference() {
     println!("rms at the reference {:.2} mg, stated {:.2}", rms(&g) * 1e3, surface.level_g * 1e3);
     assert!((rms(&g) / surface.level_g - 1.0).abs() < 0.03);
 }
+
+/// A scene's motion without rig, impacts, machines nearby and modes: gravity and what bypasses the modes.
+fn bare(scene: &Scene<'_>, seed: u64, seconds: f64) -> Vec<[f64; 3]> {
+    let mut sound = Sound::draw(&mut rng(seed), scene);
+    sound.disturbances.quiet();
+    let mut modes = Modes::draw(&mut rng(seed), scene.platform);
+    modes.modes.iter_mut().for_each(|m| m.weight = 0.0);
+    let slide = Slide { fraction: vec![0.0; scene.grip_n.len()], ..sliding(0.0, 0.0, seconds) };
+    let mut g = sound.motion_g(scene, &slide, &modes, 0, clock(seconds), &mut rng(seed));
+    let mut gravity = vec![[0.0; 3]];
+    sound.carriage.gravity(&mut gravity);
+    g.iter_mut().for_each(|g| (0..3).for_each(|a| g[a] -= gravity[0][a]));
+    g
+}
+
+#[test]
+fn a_release_rings_on_for_50_to_300_ms() {
+    let mut held = Held::new(2.0, 0.0, 1.2);
+    held.grip_n[1200..].fill(0.0);
+    let scene = Scene { rig_leak: false, ..held.scene(VibrationModel::Modal) };
+    let (mut tenths, mut peaks) = (Vec::new(), Vec::new());
+    for seed in 0..60 {
+        let g = bare(&scene, seed, 1.2);
+        assert!(rms(&g[..3990]) == 0.0, "silent before the release");
+        // Amplitude over time in blocks of 10 ms, while it is well above the cut-off.
+        let blocks: Vec<(f64, f64)> = g[4000..]
+            .chunks_exact(80)
+            .enumerate()
+            .map(|(i, c)| (exp(0.01 * i as f64), rms(c)))
+            .take_while(|b| b.1 > 1e-3)
+            .collect();
+        tenths.push(-log(10.0) / slope(&blocks[..blocks.len().max(2)]) * 1e3);
+        peaks.push(g.iter().flatten().fold(0f64, |m, x| m.max(x.abs())));
+    }
+    tenths.sort_by(f64::total_cmp);
+    println!(
+        "down to a tenth after {:.0} to {:.0} ms (50 to 300, scattered by 20 %), median peak {:.2} g",
+        tenths[0],
+        tenths[59],
+        median(peaks)
+    );
+    assert!(tenths[0] > 35.0 && tenths[59] < 400.0);
+}
+
+#[test]
+fn motors_are_heard_while_they_run_and_the_servo_always() {
+    let held = Held::new(2.0, 0.0, 4.0);
+    let full = vec![1.0; held.still.len()];
+    let (mut running, mut resting) = (Vec::new(), Vec::new());
+    for seed in 0..60 {
+        let scene =
+            Scene { platform: Platform::Tesollo, rig_leak: false, ..held.scene(VibrationModel::Modal) };
+        resting.push(rms(&bare(&scene, seed, 4.0)) * 1e3);
+        let scene = Scene { motor: &full, ..scene };
+        running.push(rms(&bare(&scene, seed, 4.0)) * 1e3);
+    }
+    for levels in [&mut running, &mut resting] {
+        levels.sort_by(f64::total_cmp);
+    }
+    println!(
+        "motors running {:.1} to {:.1} mg (2 to 20 and the servo), at rest {:.2} to {:.2} mg (0.5 to 3)",
+        running[0], running[59], resting[0], resting[59]
+    );
+    assert!(running[0] > 2.0 && running[59] < 20.5 && resting[0] > 0.49 && resting[59] < 3.05);
+}
+
+#[test]
+fn a_hand_sways_trembles_and_walks_and_a_rig_does_not() {
+    let held = Held::new(2.0, 0.0, 6.0);
+    let scene =
+        Scene { hand_held: true, linked: false, rig_leak: false, ..held.scene(VibrationModel::Modal) };
+    let mut peaks: Vec<f64> = (0..40)
+        .map(|seed| bare(&scene, seed, 6.0).iter().flatten().fold(0f64, |m, x| m.max(x.abs())))
+        .collect();
+    peaks.sort_by(f64::total_cmp);
+    println!(
+        "a hand moves the finger by up to {:.2} g, median {:.2} (0.5 sway, 0.03 tremor, footfalls)",
+        peaks[39], peaks[20]
+    );
+    assert!(peaks[0] > 0.01 && peaks[39] < 1.0);
+    let rig = Scene { hand_held: false, ..scene };
+    assert_eq!(rms(&bare(&rig, 1, 6.0)), 0.0);
+}
+
+#[test]
+fn with_only_the_rig_heard_slip_and_impacts_leave_no_trace() {
+    let held = Held::new(2.0, 10.0, 0.5);
+    let modes = Modes::draw(&mut rng(9), Platform::Umi);
+    let motion = |slide: &Slide| {
+        let scene = Scene { heard: Heard::RigOnly, ..held.scene(VibrationModel::Modal) };
+        Sound::draw(&mut rng(8), &scene).motion_g(&scene, slide, &modes, 0, clock(0.5), &mut rng(10))
+    };
+    let resting = Slide { fraction: vec![0.0; 1202], ..sliding(0.0, 2.0, 0.5) };
+    assert_eq!(motion(&sliding(18.0, 2.0, 0.5)), motion(&resting));
+}

@@ -1,0 +1,169 @@
+//! Machines: the motors of a jointed hand, and what runs nearby. Their levels are those at the
+//! accelerometer, so they do not pass the finger's modes.
+
+use serde::Serialize;
+use std::f64::consts::PI;
+
+use super::signal::{Biquad, Harmonics, sin_turns};
+use super::{Clock, Scene, at};
+use crate::draw::{Draw, Rng};
+
+/// Motor comb at full activity: Hz, harmonics, and the level that comb and gears share, g rms.
+const MOTOR_HZ: (f64, f64) = (15.0, 80.0);
+const MOTOR_ORDERS: usize = 4;
+const MOTOR_G: (f64, f64) = (0.002, 0.02);
+/// Gear mesh: Hz, and how far it moves with the motor's speed.
+const GEAR_HZ: (f64, f64) = (200.0, 1200.0);
+const GEAR_SHIFT: (f64, f64) = (0.05, 0.1);
+/// Servo tone at rest: Hz and g rms.
+const SERVO_HZ: (f64, f64) = (800.0, 1300.0);
+const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
+/// Machines nearby: chance, lines in Hz, harmonics of the mains and of fans and pumps; g rms.
+const AMBIENT_CHANCE: f64 = 0.5;
+const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
+const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
+/// Narrow-band noise of a tool, while the scene says that it works: centre in Hz, half-width over centre, pace of its swell in Hz.
+const TOOL_HZ: (f64, f64) = (200.0, 2000.0);
+const TOOL_WIDTH: (f64, f64) = (0.02, 0.15);
+const TOOL_SWELL_HZ: (f64, f64) = (0.2, 2.0);
+
+/// A steady tone.
+#[derive(Clone, Debug, Serialize)]
+struct Tone {
+    hz: f64,
+    rms_g: f64,
+    /// Turns.
+    phase: f64,
+    direction: [f64; 3],
+}
+
+/// Narrow-band noise that swells.
+#[derive(Clone, Debug, Serialize)]
+struct Tool {
+    hz: f64,
+    width: f64,
+    rms_g: f64,
+    swell_hz: f64,
+    phase: f64,
+    direction: [f64; 3],
+}
+
+/// Motors of a jointed hand.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Actuation {
+    motor_hz: f64,
+    comb: Harmonics,
+    gear_hz: f64,
+    gear_shift: f64,
+    /// Share of the power that is gear mesh.
+    gear_share: f64,
+    running_g: f64,
+    servo: Tone,
+    direction: [f64; 3],
+}
+
+/// What runs nearby in one recording.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(crate) struct Nearby {
+    lines: Vec<Tone>,
+    tool: Option<Tool>,
+}
+
+impl Nearby {
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        let lines = if rng.chance(AMBIENT_CHANCE) { rng.count(1, 3) } else { 0 };
+        Self {
+            lines: (0..lines)
+                .map(|_| {
+                    let hz = AMBIENT_HZ[rng.count(0, AMBIENT_HZ.len() - 1)] * rng.between(0.995, 1.005);
+                    Tone::draw(rng, hz, AMBIENT_G)
+                })
+                .collect(),
+            tool: Some(Tool {
+                hz: rng.log_between(TOOL_HZ.0, TOOL_HZ.1),
+                width: rng.log_between(TOOL_WIDTH.0, TOOL_WIDTH.1),
+                rms_g: rng.log_between(AMBIENT_G.0, AMBIENT_G.1),
+                swell_hz: rng.log_between(TOOL_SWELL_HZ.0, TOOL_SWELL_HZ.1),
+                phase: rng.between(0.0, 1.0),
+                direction: rng.direction(),
+            }),
+        }
+    }
+
+    pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, rng: &mut Rng, motion_g: &mut [[f64; 3]]) {
+        for tone in &self.lines {
+            tone.add(clock, motion_g);
+        }
+        if let Some(tool) = &self.tool {
+            let mut band = Biquad::bandpass(tool.hz, tool.width, clock.rate_hz);
+            // Equivalent noise bandwidth of the resonance: πζf. The swell has an rms of 1
+            // while the tool works.
+            let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
+            for (n, out) in motion_g.iter_mut().enumerate() {
+                let t = clock.time(n);
+                let swell = at(scene.ambient, t) * (0.9 + 0.6 * sin_turns(tool.swell_hz * t + tool.phase));
+                let value = gain * swell * band.next(rng.normal());
+                for (o, d) in out.iter_mut().zip(tool.direction) {
+                    *o += d * value;
+                }
+            }
+        }
+    }
+}
+
+impl Tone {
+    fn draw(rng: &mut Rng, hz: f64, rms_g: (f64, f64)) -> Self {
+        Self {
+            hz,
+            rms_g: rng.log_between(rms_g.0, rms_g.1),
+            phase: rng.between(0.0, 1.0),
+            direction: rng.direction(),
+        }
+    }
+
+    fn add(&self, clock: Clock, motion_g: &mut [[f64; 3]]) {
+        let peak = self.rms_g * std::f64::consts::SQRT_2;
+        for (n, out) in motion_g.iter_mut().enumerate() {
+            let value = peak * sin_turns(self.hz * clock.time(n) + self.phase);
+            for (o, d) in out.iter_mut().zip(self.direction) {
+                *o += d * value;
+            }
+        }
+    }
+}
+
+impl Actuation {
+    pub(crate) fn draw(rng: &mut Rng) -> Self {
+        let servo_hz = rng.log_between(SERVO_HZ.0, SERVO_HZ.1);
+        Self {
+            motor_hz: rng.log_between(MOTOR_HZ.0, MOTOR_HZ.1),
+            comb: Harmonics::draw(rng, (1..=MOTOR_ORDERS).map(|k| 1.0 / k as f64)),
+            gear_hz: rng.log_between(GEAR_HZ.0, GEAR_HZ.1),
+            gear_shift: rng.between(GEAR_SHIFT.0, GEAR_SHIFT.1),
+            gear_share: rng.between(0.3, 0.8),
+            running_g: rng.log_between(MOTOR_G.0, MOTOR_G.1),
+            servo: Tone::draw(rng, servo_hz, SERVO_G),
+            direction: rng.direction(),
+        }
+    }
+
+    /// Comb and gear mesh while the motors run, the servo's tone always.
+    pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
+        self.servo.add(clock, motion_g);
+        let comb_gain = self.running_g * (1.0 - self.gear_share).sqrt();
+        let gear_gain = self.running_g * (2.0 * self.gear_share).sqrt();
+        let (mut motor, mut gear) = (0.0, 0.0);
+        for (n, out) in motion_g.iter_mut().enumerate() {
+            let activity = at(scene.motor, clock.time(n));
+            if activity <= 0.0 {
+                continue;
+            }
+            motor += self.motor_hz * (0.5 + 0.5 * activity) / clock.rate_hz;
+            gear += self.gear_hz * (1.0 + self.gear_shift * (2.0 * activity - 1.0)) / clock.rate_hz;
+            let value = gear_gain * sin_turns(gear) + comb_gain * self.comb.at(motor, &[1.0; MOTOR_ORDERS]);
+            for (o, d) in out.iter_mut().zip(self.direction) {
+                *o += d * activity.sqrt() * value;
+            }
+        }
+    }
+}

@@ -42,9 +42,8 @@ pub(crate) const CARRY_S: Span = (1.0, 6.0);
 pub(crate) const LONG_HOLD_S: Span = (1.5, 12.0);
 /// Length of a recording of disturbances when the recipe leaves it open, seconds.
 pub(crate) const DISTURBANCES_S: Span = (20.0, 60.0);
-/// Share of their length that idles and holds keep in a recording too short for them, before its pulls
-/// are cut.
-pub(crate) const SHORTEST: f64 = 0.3;
+/// Share of a short recording that its pulls may take, of the time that is not jaws in motion.
+pub(crate) const PULLS_KEEP: f64 = 0.55;
 /// Share of recordings that hold the protocol twice.
 pub(crate) const TWICE: f64 = 0.3;
 

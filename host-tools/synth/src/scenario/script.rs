@@ -158,22 +158,27 @@ fn total(row: &[Stretch]) -> f64 {
 }
 
 /// Make a row last `seconds`: longer by its idles and holds; shorter by leaving out the crosshead's idle
-/// moves, then by shrinking idles and holds to [`SHORTEST`], then by shortening the pulls.
+/// moves, then by shrinking what has no duration of its own, of which pulls keep up to [`PULLS_KEEP`].
 fn fit(row: &mut Vec<Stretch>, seconds: f64) {
     use Kind::{Hold, Idle, Jog, Pull, Settle};
     if total(row) > seconds {
         row.retain(|s| s.kind != Jog);
     }
-    let mut scale = |kinds: &[Kind], least: f64| {
-        let bends: f64 = row.iter().filter(|s| kinds.contains(&s.kind)).map(|s| s.seconds).sum();
-        if bends > 0.0 {
-            let factor = ((seconds - (total(row) - bends)) / bends).max(least);
-            row.iter_mut().filter(|s| kinds.contains(&s.kind)).for_each(|s| s.seconds *= factor);
-        }
+    let rests = |s: &Stretch| matches!(s.kind, Idle | Hold | Settle);
+    let pulls = |s: &Stretch| s.kind == Pull;
+    let sum = |row: &[Stretch], of: &dyn Fn(&Stretch) -> bool| -> f64 {
+        row.iter().filter(|s| of(s)).map(|s| s.seconds).sum()
     };
-    scale(&[Idle, Hold, Settle], SHORTEST);
-    scale(&[Pull], 0.2);
-    scale(&[Idle, Hold, Settle], 0.0);
+    let (resting, pulling) = (sum(row, &rests), sum(row, &pulls));
+    let room = seconds - (total(row) - resting - pulling);
+    let pulled = pulling.min((PULLS_KEEP * room).max(room - resting));
+    for s in row {
+        if pulls(s) {
+            s.seconds *= pulled / pulling;
+        } else if rests(s) {
+            s.seconds *= (room - pulled) / resting;
+        }
+    }
 }
 
 fn idle(rng: &mut Rng) -> f64 {

@@ -14,10 +14,10 @@ use crate::log::Log;
 use crate::objects::Shape;
 use crate::recipe::{Platform, Recipe, Region, Resolved};
 use crate::scenario::Plan;
-use crate::scenario::levels::Span;
+use crate::scenario::levels::{DRAG_MM_S, Span};
 use crate::timeline::Event;
 use crate::unit::{Unit, UnitId};
-use crate::vibration::{self, Scene, Slide, Sound};
+use crate::vibration::{self, Clock, Modes, Scene, Slide, Sound};
 
 /// Steps of the quasi-static physics per frame.
 pub(crate) const STEPS: usize = STEP_HZ as usize / FRAME_RATE_HZ as usize;
@@ -29,8 +29,6 @@ const PALM_MM: Span = (8.6, 10.4);
 const ROUND_PATCH_MM: f64 = 1.0;
 /// Half the width of the pad, mm.
 const PAD_HALF_MM: f64 = 11.2;
-/// Speed at which a gripped object is dragged over something at full strength, mm/s.
-const DRAG_MM_S: f64 = 40.0;
 
 /// What one sensor delivered besides its scans, and the truth at its pad, one value per frame.
 pub(crate) struct Finger {
@@ -42,7 +40,7 @@ pub(crate) struct Finger {
     pub fraction: Vec<f64>,
     /// Slid length so far.
     pub path_mm: Vec<f64>,
-    /// Electrical faults of its array.
+    /// Faults of the array.
     pub faults: Vec<Event>,
 }
 
@@ -53,6 +51,7 @@ pub(crate) struct Shared<'a> {
     plan: &'a Plan,
     frames: usize,
     pub units: Vec<UnitId>,
+    builds: Vec<Build>,
     pose: Pose,
     rocking: Rocking,
     /// Share of the pressure that shear shifts to the leading edge.
@@ -63,6 +62,29 @@ pub(crate) struct Shared<'a> {
     /// Speed of dragging, [`STEP_HZ`] values per second.
     drag_mm_s: Vec<f64>,
     pub lsb_g: f64,
+    /// Samples that every accelerometer delivers, enough for the fastest clock.
+    samples: usize,
+}
+
+/// One sensor with what its accelerometer is like in this recording.
+struct Build {
+    unit: Unit,
+    modes: Modes,
+    xl: XlSession,
+    clock: Clock,
+    /// Goes on to draw the vibration.
+    rng: Rng,
+}
+
+impl Build {
+    fn draw(recipe: &Recipe, sensor: usize, id: UnitId, seconds: f64) -> Self {
+        let mut rng = stream(recipe.seed, Stream::Vibration, 1 + sensor);
+        let unit = Unit::new(id);
+        let modes = unit.modes.in_grasp(&mut rng, recipe.region);
+        let xl = XlSession::draw(&mut rng, recipe.noise);
+        let clock = xl.clock(&unit.xl, seconds);
+        Self { unit, modes, xl, clock, rng }
+    }
 }
 
 /// What the vibration needs of recipe and plan.
@@ -118,6 +140,11 @@ impl<'a> Shared<'a> {
         let drag_mm_s: Vec<f64> = plan.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
         let scene = scene(recipe, what, plan, &drag_mm_s);
         let sound = Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
+        let mut mount = stream(recipe.seed, Stream::Mount, 0);
+        let units = UnitId::mounted(&mut mount, what.platform, recipe.sensors);
+        let seconds = frames as f64 / FRAME_RATE_HZ as f64;
+        let builds: Vec<_> =
+            units.iter().enumerate().map(|(s, &id)| Build::draw(recipe, s, id, seconds)).collect();
         let across = rng.normal();
         // At the palm a crooked object would reach into the middle of the pad.
         let (x_mm, yaw) = match what.region {
@@ -131,7 +158,9 @@ impl<'a> Shared<'a> {
             what,
             plan,
             frames,
-            units: UnitId::mounted(&mut stream(recipe.seed, Stream::Mount, 0), what.platform, recipe.sensors),
+            samples: builds.iter().map(|b| b.clock.samples).max().unwrap_or(0),
+            units,
+            builds,
             pose: Pose {
                 x_mm: x_mm - plan.stroke_mm[0] / 2.0,
                 y_mm: 1.5 * rng.normal() - plan.stroke_mm[1] / 2.0,
@@ -154,11 +183,14 @@ impl<'a> Shared<'a> {
             &json!({
                 "lean": self.lean,
                 "shares": self.shares[..self.recipe.sensors],
-                "xl_lsb_g": self.lsb_g,
-                "rocking": self.rocking,
+                "xl_range_g": self.range_g(),
             }),
         );
         log.add("sound", &self.sound);
+    }
+
+    fn range_g(&self) -> f64 {
+        32768.0 * self.lsb_g
     }
 
     /// The fingers face each other: the second sees the first's left as its right. Jaws are parallel; the
@@ -183,46 +215,37 @@ impl<'a> Shared<'a> {
     /// Make one finger; its scans go to every `sensors`-th place of `piezo`.
     pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut Log) -> Finger {
         let (seed, object) = (self.recipe.seed, self.what.object);
-        let unit = Unit::new(self.units[sensor]);
-        let mut friction_rng = stream(seed, Stream::Friction, sensor);
-        let rng = &mut friction_rng;
+        let build = &self.builds[sensor];
+        let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
-        let mut contact = Contact::draw(rng, object, pose, self.what.region);
-        let mut interface = Interface::draw(rng, object);
-        let mut grain = Grain::draw(rng);
+        let mut contact = Contact::draw(&mut rng, object, pose, self.what.region);
+        let mut interface = Interface::draw(&mut rng, object);
+        let mut grain = (Grain::draw(&mut rng), rng);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
-        let faults = film_session.events(self.frames);
-        let mut film = Film::new(&unit.film, film_session.clone(), rng);
-        let mut rng = stream(seed, Stream::Vibration, 1 + sensor);
-        let modes = unit.modes.in_grasp(&mut rng, self.what.region);
-        let xl_session = XlSession::draw(&mut rng, self.recipe.noise);
+        let faults = film_session.events(self.frames).into_iter().map(Event::rounded).collect();
         log.add(
             format!("finger_{sensor}"),
             &json!({
-                "unit": self.units[sensor],
-                "film": unit.film, "film_session": film_session,
-                "contact": contact, "friction": interface, "grain": grain,
-                "modes": modes, "accelerometer": unit.xl, "accelerometer_session": xl_session,
+                "unit": self.units[sensor], "film_unit": build.unit.film, "xl_unit": build.unit.xl,
+                "x_mm": pose.x_mm, "y_mm": pose.y_mm, "yaw_rad": pose.yaw_rad, "tilt": pose.tilt,
+                "contact": contact, "interface": interface, "grain": grain.0,
+                "film": film_session, "modes": build.modes, "xl": build.xl,
             }),
         );
-        let slide = self.touch(sensor, &mut contact, &mut interface, (&mut grain, &mut friction_rng), &mut film, piezo);
-
-        let clock = xl_session.clock(&unit.xl, self.frames as f64 / FRAME_RATE_HZ as f64);
-        let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
-        let motion_g = self.sound.motion_g(&scene, &slide, &modes, sensor, clock, &mut rng);
-        let noise = &mut stream(seed, Stream::Accelerometer, sensor);
-        let xl = accelerometer::sample(&unit.xl, &xl_session, clock, self.lsb_g, &motion_g, noise);
-
+        let mut film = Film::new(&build.unit.film, film_session, rng);
+        let slide = self.touch(sensor, &mut contact, &mut interface, &mut grain, &mut film, piezo);
+        let (xl, xl_end) = self.hear(sensor, &slide);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
         };
+        let at_ticks = |steps: &[f64]| steps.iter().skip(STEPS - 1).step_by(STEPS).copied().collect();
         Finger {
             xl,
-            xl_end: clock.ends(self.frames, FRAME_RATE_HZ as f64),
-            fraction: per_frame(&slide.fraction),
-            path_mm: slide.path_mm.chunks_exact(STEPS).map(|s| s[STEPS - 1]).collect(),
+            xl_end,
             slip_mm_s: per_frame(&slide.speed_mm_s),
+            fraction: per_frame(&slide.fraction),
+            path_mm: at_ticks(&slide.path_mm),
             faults,
         }
     }
@@ -233,7 +256,7 @@ impl<'a> Shared<'a> {
         sensor: usize,
         contact: &mut Contact,
         interface: &mut Interface,
-        (grain, rng): (&mut Grain, &mut Rng),
+        (grain, rng): &mut (Grain, Rng),
         film: &mut Film<'_>,
         piezo: &mut [PiezoFrame],
     ) -> Slide {
@@ -241,24 +264,24 @@ impl<'a> Shared<'a> {
         let line = &self.plan.timeline;
         let grip: Vec<f64> = line.grip_n.iter().map(|n| n * share).collect();
         let mut map = PressureMap::empty();
-        let (mut map_n, mut sheared) = (0.0, Sliding::default());
+        let (mut map_n, mut sliding) = (0.0, Sliding::default());
         let mut slide = Slide::default();
-        let (mut gripped_at_mm, mut gripped_at_rad) = ([0.0; 2], 0.0);
+        let mut gripped_at = ([0.0; 2], 0.0);
         for frame in 0..self.frames {
-            for step in frame * STEPS..(frame + 1) * STEPS {
-                let force = grip[step];
+            let steps = frame * STEPS..(frame + 1) * STEPS;
+            for (step, &force) in steps.clone().zip(&grip[steps]) {
                 if map_n <= 0.0 && force > 0.0 {
-                    (gripped_at_mm, gripped_at_rad) = (interface.position_mm(), interface.turn_rad());
+                    gripped_at = (interface.position_mm(), interface.turn_rad());
                     contact.place([0.0; 2], 0.0, [0.0; 2]);
                     contact.pressures(force, [0.0; 2], &mut map);
                     map_n = force;
                 }
                 let scale = if map_n > 0.0 { force / map_n } else { 0.0 };
-                sheared = interface.step(&map, scale, self.pull(sensor, step, share), 1.0 / STEP_HZ);
-                slide.speed_mm_s.push(sheared.speed_mm_s);
-                slide.fraction.push(sheared.fraction);
-                slide.path_mm.push(sheared.path_mm);
-                slide.direction.push(sheared.direction);
+                sliding = interface.step(&map, scale, self.pull(step, sensor), 1.0 / STEP_HZ);
+                slide.speed_mm_s.push(sliding.speed_mm_s);
+                slide.fraction.push(sliding.fraction);
+                slide.path_mm.push(sliding.path_mm);
+                slide.direction.push(sliding.direction);
                 slide.grip_n.push(force);
             }
             let tick = (frame + 1) * STEPS;
@@ -267,16 +290,15 @@ impl<'a> Shared<'a> {
                 let excess = line.grip_n[tick] / self.plan.base_n - 1.0;
                 let mut rock = self.rocking.at(tick as f64 / STEP_HZ, excess);
                 rock.iter_mut().zip(line.roll_rad[tick]).for_each(|(rock, roll)| *rock += roll);
-                let [x, y] = sheared.travel_mm;
-                let shift = [x - gripped_at_mm[0], y - gripped_at_mm[1]];
-                contact.place(shift, sheared.turn_rad - gripped_at_rad, rock);
+                let shift = [0, 1].map(|axis| sliding.travel_mm[axis] - gripped_at.0[axis]);
+                contact.place(shift, sliding.turn_rad - gripped_at.1, rock);
             }
             let lean = if force > 0.05 { self.lean / force } else { 0.0 };
-            contact.pressures(force, sheared.shear_n.map(|n| lean * n), &mut map);
-            grain.apply(sheared.path_mm, rng, &mut map);
+            contact.pressures(force, sliding.shear_n.map(|n| lean * n), &mut map);
+            grain.apply(sliding.path_mm, rng, &mut map);
             map_n = force;
             interface.release_unloaded(&map);
-            let pickup = self.plan.motor_pickup_counts * line.motor[tick].max(line.jaw[tick]);
+            let pickup = line.pickup_counts(tick, self.plan.motor_pickup_counts);
             piezo[frame * self.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
                 let then = vibration::at(&grip, tick as f64 / STEP_HZ - age_s);
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
@@ -285,20 +307,29 @@ impl<'a> Shared<'a> {
         slide
     }
 
-    /// What pulls one finger's contact in a step: every finger bears its share. The fingers face each
-    /// other, so the second sees what goes to the first's left go to its right.
-    fn pull(&self, sensor: usize, step: usize, share: f64) -> Pull {
+    /// What pulls one finger's contact in a step: every finger bears its share. The second finger and the
+    /// third see the first's left as their right, and a turn the other way round.
+    fn pull(&self, step: usize, sensor: usize) -> Pull {
+        let (plan, share) = (self.plan, self.shares[sensor]);
         let side = if sensor == 0 { 1.0 } else { -1.0 };
-        let [x, y] = self.plan.pull_mm[step];
+        let [x, y] = plan.pull_mm[step];
         Pull {
             position_mm: [side * x, y],
-            turn_rad: side * self.plan.turn_rad.get(step).copied().unwrap_or(0.0),
-            stiffness_n_per_mm: self.plan.pull_n_per_mm * share,
-            twist_n_mm_per_rad: if self.plan.turn_rad.is_empty() {
-                0.0
-            } else {
-                self.plan.twist_n_mm_per_rad * share
-            },
+            turn_rad: side * plan.turn_rad.get(step).copied().unwrap_or(0.0),
+            stiffness_n_per_mm: plan.pull_n_per_mm * share,
+            twist_n_mm_per_rad: plan.twist_n_mm_per_rad * share,
         }
+    }
+
+    /// What the accelerometer delivers, and how many of its samples are there at each tick.
+    fn hear(&self, sensor: usize, slide: &Slide) -> (Vec<XlSample>, Vec<u32>) {
+        let build = &self.builds[sensor];
+        let clock = Clock { samples: self.samples, ..build.clock };
+        let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
+        let motion_g =
+            self.sound.motion_g(&scene, slide, &build.modes, sensor, clock, &mut build.rng.clone());
+        let noise = &mut stream(self.recipe.seed, Stream::Accelerometer, sensor);
+        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion_g, noise);
+        (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))
     }
 }

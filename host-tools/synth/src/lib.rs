@@ -131,9 +131,10 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
     };
     let slips = slips(&plan, &displacement_mm, &slip_true_mm_s, &slip_fraction);
     let label = labels::label(&piezo, sensors, &slips);
-    let mut events = plan.timeline.events.clone();
-    events.extend(fingers.iter().flat_map(|finger| finger.faults.iter().cloned()));
-    let mut meta = meta(recipe, &what, &plan, &shared, &events);
+    let mut meta = meta(recipe, &what, &plan, &shared);
+    let faults = fingers.iter().flat_map(|finger| &finger.faults);
+    let events: Vec<_> = plan.timeline.events.iter().chain(faults).collect();
+    meta.other.insert("events".to_owned(), json!(events));
     meta.other.insert(
         "slip_frames_without_contact".to_owned(),
         labels::slip_without_contact(&label, &slips).into(),
@@ -183,7 +184,7 @@ pub fn generate_set<T: Send>(
     recipes.par_iter().enumerate().map(|(i, recipe)| Ok(each(i, generate(recipe)?))).collect()
 }
 
-fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>, events: &[Event]) -> Meta {
+fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> Meta {
     let mut meta = Meta::nominal(shared.lsb_g);
     for (key, value) in [
         ("platform", json!(what.platform.name())),
@@ -202,7 +203,6 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>, even
         ("label_rule", json!(plan.rule)),
         ("seed", json!(recipe.seed)),
         ("recipe", json!(recipe)),
-        ("events", json!(events)),
     ] {
         meta.other.insert(key.to_owned(), value);
     }

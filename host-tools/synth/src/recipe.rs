@@ -6,7 +6,7 @@ use slipsense::params::MAX_SENSORS;
 use crate::SynthError;
 use crate::draw::{Draw, Stream, stream};
 use crate::mix;
-use crate::objects::{self, Object};
+use crate::objects::{self, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
 use crate::scenario::levels::HAND_HELD_SLIPS;
 
 /// The five crosshead speeds of the paper's protocol, mm/s.
@@ -263,7 +263,8 @@ impl Platform {
 
 fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     objects::named(name).ok_or_else(|| {
-        SynthError::Object(name.to_owned(), objects::CATALOGUE.iter().map(|o| o.name).collect::<Vec<_>>().join(", "))
+        let names: Vec<_> = objects::CATALOGUE.iter().map(|o| o.name).collect();
+        SynthError::Object(name.to_owned(), names.join(", "))
     })
 }
 
@@ -286,6 +287,19 @@ impl Resolved {
             ScenarioChoice::SixStep | ScenarioChoice::FreePull | ScenarioChoice::Rotation => true,
             ScenarioChoice::HandHeld => self.slips_at_end,
             _ => false,
+        }
+    }
+
+    /// Mean distance of the patch's points from its centre, mm: a twist has the recipe's speed there. A
+    /// line's is a quarter of its length, a rectangle's about the same share of its diagonal.
+    pub(crate) fn twist_radius_mm(&self) -> f64 {
+        match self.object.shape {
+            Shape::Sphere { .. } => 2.0,
+            Shape::Cylinder { length_mm, .. } => length_mm.min(PAD_LENGTH_MM) / 4.0,
+            Shape::Flat { width_mm, length_mm, .. } => {
+                let (w, l) = (width_mm.min(PAD_WIDTH_MM), length_mm.min(PAD_LENGTH_MM));
+                0.26 * (w * w + l * l).sqrt()
+            }
         }
     }
 

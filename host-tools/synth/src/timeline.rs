@@ -17,12 +17,21 @@ use crate::scenario::script::Trapezoid;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
     /// `close`, `open`, `grip_change`, `move` (crosshead), `pull` (by hand), `tap`, `drag`, `lift`,
-    /// `set_down`, `jaw` (trigger or actuation), `motion` (of the hand), `rolling` or `ambient`.
+    /// `set_down`, `jaw` (trigger or actuation), `motion` (of the hand), `rolling`, `ambient` or
+    /// `electrical` (faults of an array).
     pub name: &'static str,
     /// Start, seconds from the start of the episode.
     pub start_s: f64,
     /// End, seconds.
     pub end_s: f64,
+}
+
+impl Event {
+    /// Milliseconds are enough to find it, and short decimals survive JSON to the bit.
+    pub(crate) fn rounded(self) -> Self {
+        let [start_s, end_s] = [self.start_s, self.end_s].map(|t| (t * 1e3).round() / 1e3);
+        Self { start_s, end_s, ..self }
+    }
 }
 
 /// A half-sine of acceleration at the fingers' roots.
@@ -109,9 +118,8 @@ impl Timeline {
         if end_s <= 0.0 || start_s >= self.seconds {
             return;
         }
-        // Milliseconds are enough to find it, and short decimals survive JSON to the bit.
-        let [start_s, end_s] = [start_s, end_s].map(|t| (t.clamp(0.0, self.seconds) * 1e3).round() / 1e3);
-        self.events.push(Event { name, start_s, end_s });
+        let [start_s, end_s] = [start_s, end_s].map(|t| t.clamp(0.0, self.seconds));
+        self.events.push(Event { name, start_s, end_s }.rounded());
     }
 
     pub(crate) fn pulse(&mut self, rng: &mut Rng, at_s: f64, width: Span, peak: Span) {
@@ -216,7 +224,6 @@ impl Timeline {
     }
 
     /// Interference that running motors leave in the arrays at a step, counts rms.
-    #[expect(dead_code, reason = "the film's scan asks for it")]
     pub(crate) fn pickup_counts(&self, step: usize, motor_counts: f64) -> f64 {
         motor_counts * self.motor[step] + JAW_PICKUP_COUNTS * self.jaw[step].min(1.0)
     }

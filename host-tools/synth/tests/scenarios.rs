@@ -67,8 +67,10 @@ fn scenarios_with_slip_slip_at_about_the_speed_of_the_recipe() {
             .unwrap();
             println!("{scenario:?} at {speed} mm/s: median speeds of whole slip {medians:.1?}");
             for median in medians {
-                // Short recordings leave little room to get up to speed.
-                assert!((0.5 * speed..1.3 * speed).contains(&median), "{scenario:?} at {speed}: {median}");
+                // Short recordings leave little room to get up to speed, and where a twisted patch lies about
+                // its axis is left to chance.
+                let most = if scenario == Rotation { 4.0 } else { 1.3 };
+                assert!((0.5 * speed..most * speed).contains(&median), "{scenario:?} at {speed}: {median}");
             }
         }
     }
@@ -78,11 +80,15 @@ fn scenarios_with_slip_slip_at_about_the_speed_of_the_recipe() {
 fn hand_held_recordings_slip_sometimes_and_at_the_end() {
     let recipes = Recipe { scenario: HandHeld, seconds: Some(5.0), sensors: 1, ..Recipe::new(3) }.series(16);
     let slips = generate_set(&recipes, |_, e| {
-        let last_hold = labels(&e).iter().rposition(|&l| l == NO_SLIP).unwrap();
-        let first_hold = labels(&e).iter().position(|&l| l == NO_SLIP).unwrap();
+        let event = |name: &str| {
+            let events = e.meta.other["events"].as_array().unwrap();
+            let found = events.iter().rfind(|event| event["name"] == name).unwrap();
+            (found["start_s"].as_f64().unwrap() * 240.0) as usize
+        };
+        let (close, open) = (event("close"), event("open"));
         let slip = labels(&e).iter().position(|&l| l == SLIP);
         if let Some(slip) = slip {
-            assert!(slip > (first_hold + last_hold) / 3, "{first_hold} {slip} {last_hold}");
+            assert!(close + 60 < slip && slip < open, "{close} {slip} {open}");
         }
         slip.is_some()
     })
@@ -238,7 +244,7 @@ fn every_disturbance_comes_with_contact_and_without() {
 #[test]
 fn class_mix_of_generated_episodes_is_the_papers() {
     // Labels come from simulated scans here; the same shares from scripts alone are tested in the crate.
-    let recipes = Recipe { sensors: 1, ..Recipe::new(2024) }.series(48);
+    let recipes = Recipe { sensors: 1, ..Recipe::new(2024) }.series(96);
     let mut counts = [0usize; 3];
     for found in generate_set(&recipes, |_, e| [NO_CONTACT, NO_SLIP, SLIP].map(|l| count(&e, l))).unwrap() {
         counts.iter_mut().zip(found).for_each(|(c, n)| *c += n);
@@ -247,8 +253,8 @@ fn class_mix_of_generated_episodes_is_the_papers() {
     let share = counts.map(|c| c as f64 / total);
     println!("no contact, no slip, slip: {share:.3?} of {:.0} s (synthetic)", total / 240.0);
     for (share, paper) in share.iter().zip([0.576, 0.188, 0.237]) {
-        // Slow slips are few and long: 48 recordings tell the shares to a few points only.
-        assert!((share - paper).abs() < 0.08, "{share} against {paper}");
+        // Slow slips are few and long: 96 recordings tell the shares to a few points only.
+        assert!((share - paper).abs() < 0.06, "{share} against {paper}");
     }
 }
 

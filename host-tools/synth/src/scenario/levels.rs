@@ -35,13 +35,15 @@ pub(crate) const IDLE_S: Span = (0.2, 9.0);
 pub(crate) const IDLE_UNIFORM_S: f64 = 1.4;
 pub(crate) const IDLE_MEAN_S: f64 = 0.7;
 /// The operator varies the grip before the pull; the object rests after it, seconds.
-pub(crate) const VARY_S: Span = (0.25, 2.2);
-pub(crate) const SETTLE_S: Span = (0.1, 0.9);
+pub(crate) const VARY_S: Span = (0.25, 1.8);
+pub(crate) const SETTLE_S: Span = (0.1, 0.75);
 /// A grasp carried about by hand, and one of a long recording of disturbances, seconds.
 pub(crate) const CARRY_S: Span = (1.0, 6.0);
 pub(crate) const LONG_HOLD_S: Span = (1.5, 12.0);
 /// Length of a recording of disturbances when the recipe leaves it open, seconds.
 pub(crate) const DISTURBANCES_S: Span = (20.0, 60.0);
+/// Share of a short recording that its pulls may take, of the time that is not jaws in motion.
+pub(crate) const PULLS_KEEP: f64 = 0.55;
 /// Share of recordings that hold the protocol twice.
 pub(crate) const TWICE: f64 = 0.3;
 
@@ -65,8 +67,6 @@ pub(crate) const TWIST_N_MM_PER_RAD: Span = (60.0, 400.0);
 /// Travel of a pull by hand, mm, and angle of a twist, rad.
 pub(crate) const FREE_MM: Span = (4.0, 12.0);
 pub(crate) const TWIST_RAD: Span = (0.3, 1.2);
-/// Radius at which a twist has the recipe's speed, mm.
-pub(crate) const TWIST_RADIUS_MM: f64 = 3.0;
 /// Share of the hand-held recordings in which the object slips at the end.
 pub(crate) const HAND_HELD_SLIPS: f64 = 0.4;
 /// Weight of an object as a share of what the weakest grip holds for sure.
@@ -89,9 +89,8 @@ pub(crate) const DRAGS_PER_S: f64 = 0.15;
 pub(crate) const MOTIONS_PER_S: f64 = 0.3;
 pub(crate) const RESTLESS: f64 = 2.0;
 
-/// Taps: peak, g, and width, seconds. A third of them come as trains.
-pub(crate) const TAP_G: Span = (0.05, 5.0);
-pub(crate) const TAP_S: Span = (0.2e-3, 8e-3);
+/// Share of the taps that come as trains. How hard and how long a tap is is the vibration's matter.
+pub(crate) const TAP_TRAINS: f64 = 0.35;
 /// Jaws against their end stop or each other: peak, g, and width, seconds.
 pub(crate) const END_STOP_G: Span = (0.05, 0.8);
 pub(crate) const END_STOP_S: Span = (0.5e-3, 4e-3);
@@ -100,6 +99,8 @@ pub(crate) const AFTERSHOCK_LASTS_S: f64 = 0.3;
 /// Footfalls near the rig's table: peak, g, and width, seconds.
 pub(crate) const FOOTFALL_G: Span = (0.01, 0.3);
 pub(crate) const FOOTFALL_S: Span = (5e-3, 40e-3);
+/// Speed at which a gripped object is dragged over something at full strength, mm/s.
+pub(crate) const DRAG_MM_S: f64 = 40.0;
 /// Slope by which an object rolls in the grip, rad.
 pub(crate) const ROLL_RAD: Span = (1e-3, 10e-3);
 /// Interference of running motors in the arrays, counts rms: motorised hand, hand-driven jaw.

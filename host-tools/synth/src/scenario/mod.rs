@@ -17,6 +17,7 @@ use crate::friction::STEP_HZ;
 use crate::labels::Rule;
 use crate::recipe::{Platform, Resolved, ScenarioChoice};
 use crate::timeline::{Timeline, ramp};
+use crate::vibration::TAP_WIDTH_S;
 use levels::*;
 use script::{Kind, Script, Stretch};
 use unrest::Unrest;
@@ -177,8 +178,8 @@ impl Plan {
         let way = self.script.of(Kind::Pull).map(|s| self.script.way_mm(s).abs());
         let shortest = way.fold(f64::INFINITY, f64::min);
         let force = if what.scenario == ScenarioChoice::Rotation {
-            // A patch a few millimetres wide has a lever of half of that.
-            self.twist_n_mm_per_rad * shortest / TWIST_RADIUS_MM / 5.0
+            // The spring's torque over the patch's lever.
+            self.twist_n_mm_per_rad * shortest / what.twist_radius_mm() / what.twist_radius_mm()
         } else {
             self.pull_n_per_mm * shortest
         };
@@ -198,7 +199,8 @@ impl Plan {
     fn pull(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp]) {
         use ScenarioChoice as S;
         let angle = rng.phase();
-        let towards = if on_axis(what.scenario) { [0.0, 1.0] } else { [cos(angle), sin(angle)] };
+        // The rig pulls along the pad only.
+        let towards = if what.scenario.on_rig() { [0.0, 1.0] } else { [cos(angle), sin(angle)] };
         let line = &self.timeline;
         let mut way = vec![0.0; line.steps()];
         match what.scenario {
@@ -214,7 +216,7 @@ impl Plan {
             S::FreePull => self.by_hand(rng, &mut way),
             S::Rotation => {
                 self.by_hand(rng, &mut way);
-                self.turn_rad = way.iter().map(|mm| mm / TWIST_RADIUS_MM).collect();
+                self.turn_rad = way.iter().map(|mm| mm / what.twist_radius_mm()).collect();
                 // What twists also keeps the object where it is.
                 way.fill(0.0);
             }
@@ -278,7 +280,7 @@ impl Plan {
             let weight = rng.between(WEIGHT.0, WEIGHT.1) * self.sure_hold_n(what, g.held, g.release);
             for (name, at, peak) in [("lift", lift, (0.05, 0.3)), ("set_down", down, (0.1, 1.0))] {
                 self.timeline.event(name, at, at + 0.02);
-                self.timeline.pulse(rng, at, TAP_S, peak);
+                self.timeline.pulse(rng, at, TAP_WIDTH_S, peak);
             }
             let rise = rng.between(0.05, 0.2);
             for (i, t) in self.timeline.times(lift, down) {
@@ -288,9 +290,4 @@ impl Plan {
             }
         }
     }
-}
-
-/// The rig pulls along the pad only.
-fn on_axis(scenario: ScenarioChoice) -> bool {
-    scenario.on_rig()
 }

@@ -157,22 +157,28 @@ fn total(row: &[Stretch]) -> f64 {
     row.iter().map(|s| s.seconds).sum()
 }
 
-/// Make a row last `seconds`: longer by its idles and holds; shorter first by the crosshead's idle moves,
-/// then by shrinking everything that has no duration of its own.
+/// Make a row last `seconds`: longer by its idles and holds; shorter by leaving out the crosshead's idle
+/// moves, then by shrinking what has no duration of its own, of which pulls keep up to [`PULLS_KEEP`].
 fn fit(row: &mut Vec<Stretch>, seconds: f64) {
     use Kind::{Hold, Idle, Jog, Pull, Settle};
     if total(row) > seconds {
         row.retain(|s| s.kind != Jog);
     }
-    let longer = total(row) < seconds;
-    let flexible = |s: &Stretch| match s.kind {
-        Idle | Hold | Settle => true,
-        Pull => !longer,
-        _ => false,
+    let rests = |s: &Stretch| matches!(s.kind, Idle | Hold | Settle);
+    let pulls = |s: &Stretch| s.kind == Pull;
+    let sum = |row: &[Stretch], of: &dyn Fn(&Stretch) -> bool| -> f64 {
+        row.iter().filter(|s| of(s)).map(|s| s.seconds).sum()
     };
-    let bends: f64 = row.iter().filter(|s| flexible(s)).map(|s| s.seconds).sum();
-    let factor = (seconds - (total(row) - bends)) / bends;
-    row.iter_mut().filter(|s| flexible(s)).for_each(|s| s.seconds *= factor);
+    let (resting, pulling) = (sum(row, &rests), sum(row, &pulls));
+    let room = seconds - (total(row) - resting - pulling);
+    let pulled = pulling.min((PULLS_KEEP * room).max(room - resting));
+    for s in row {
+        if pulls(s) {
+            s.seconds *= pulled / pulling;
+        } else if rests(s) {
+            s.seconds *= (room - pulled) / resting;
+        }
+    }
 }
 
 fn idle(rng: &mut Rng) -> f64 {
@@ -222,7 +228,7 @@ fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
             add(Pull, motion.seconds(rng.between(FREE_MM.0, FREE_MM.1)), 1.0);
         }
         S::Rotation => {
-            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * TWIST_RADIUS_MM;
+            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * what.twist_radius_mm();
             add(Hold, vary, 0.0);
             add(Pull, motion.seconds(way), if rng.chance(0.5) { 1.0 } else { -1.0 });
         }

@@ -3,7 +3,7 @@
 
 use crate::draw::{Stream, stream};
 use crate::recipe::{Recipe, ScenarioChoice};
-use crate::scenario::levels::{GRIP_N, SHARED_TABLE};
+use crate::scenario::levels::SHARED_TABLE;
 use crate::scenario::script::{Kind, Script};
 
 const RECORDINGS: usize = 3000;
@@ -17,7 +17,6 @@ struct Moment {
     moves: bool,
     loud: bool,
     speed_mm_s: f64,
-    recording: usize,
 }
 
 fn moments() -> Vec<Moment> {
@@ -25,8 +24,6 @@ fn moments() -> Vec<Moment> {
     for (recording, recipe) in Recipe::new(0x0c1a55).series(RECORDINGS).iter().enumerate() {
         let what = recipe.resolve().unwrap();
         let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &what);
-        // The grip passes the contact threshold when it is a tenth of the weakest.
-        assert!(GRIP_N.0 > 0.0);
         let shared = (recording as f64 * 0.618_034).fract() < SHARED_TABLE;
         let linked = matches!(what.scenario, ScenarioChoice::SixStep | ScenarioChoice::FirmGrip)
             || (what.scenario == ScenarioChoice::RigMotion && recording % 10 < 7);
@@ -45,7 +42,6 @@ fn moments() -> Vec<Moment> {
                 moves,
                 loud: moves && (shared || (linked && contact)),
                 speed_mm_s: what.speed_mm_s,
-                recording,
             });
         }
     }
@@ -108,5 +104,4 @@ fn neither_clock_nor_rig_tells_slip() {
         assert!((share - paper).abs() < 0.02, "{mix:?}");
     }
     assert!(clock - chance < 0.02 && rig - chance < 0.02 && speed - chance < 0.02);
-    assert!(all.iter().any(|m| m.recording == RECORDINGS - 1));
 }

@@ -6,6 +6,7 @@ use libm::log;
 use crate::draw::{Draw, Rng};
 use crate::scenario::levels::*;
 use crate::timeline::{Timeline, plateau, ramp};
+use crate::vibration::{TAP_PEAK_G, TAP_WIDTH_S};
 
 /// What may disturb a recording.
 #[derive(Clone, Copy)]
@@ -117,11 +118,11 @@ impl Unrest {
 
 /// One tap, or a train of them, on object, finger or table.
 fn taps(rng: &mut Rng, line: &mut Timeline, at: f64) {
-    let train = if rng.chance(0.35) { rng.count(2, 7) } else { 1 };
+    let train = if rng.chance(TAP_TRAINS) { rng.count(2, 7) } else { 1 };
     let mut at = at;
     for _ in 0..train {
-        line.event("tap", at, at + TAP_S.1);
-        line.pulse(rng, at, TAP_S, TAP_G);
+        line.event("tap", at, at + TAP_WIDTH_S.1);
+        line.pulse(rng, at, TAP_WIDTH_S, TAP_PEAK_G);
         at += rng.between(0.06, 0.4);
     }
 }

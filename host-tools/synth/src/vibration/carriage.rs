@@ -14,8 +14,6 @@ use crate::timeline::Pulse;
 const SWAYS: usize = 3;
 const SWAY_HZ: (f64, f64) = (0.2, 3.0);
 const SWAY_G: (f64, f64) = (0.03, 0.5);
-/// Share of it between two swings.
-const REST_SHARE: f64 = 0.25;
 /// Tremor, Hz and g peak.
 const TREMOR_HZ: (f64, f64) = (8.0, 12.0);
 const TREMOR_G: (f64, f64) = (0.005, 0.03);
@@ -101,7 +99,6 @@ impl Carriage {
         }
     }
 
-    /// A hand is never quite at rest: a part of the sway is always there, the rest while it swings.
     pub(crate) fn hand(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, motion_g: &mut [[f64; 3]]) {
         super::add_pulses(&self.footfalls, sensor, 1.0, clock, motion_g);
         if self.sways.is_empty() {
@@ -109,7 +106,7 @@ impl Carriage {
         }
         for (n, g) in motion_g.iter_mut().enumerate() {
             let t = clock.time(n);
-            let vigour = REST_SHARE + (1.0 - REST_SHARE) * at(scene.motion, t);
+            let vigour = at(scene.motion, t);
             for sway in &self.sways {
                 let value = vigour * sway.peak_g * sin_turns(sway.hz * t + sway.phase);
                 for (g, d) in g.iter_mut().zip(sway.direction) {

@@ -16,6 +16,10 @@ use crate::friction::STEP_HZ;
 use crate::recipe::Platform;
 use crate::timeline::Pulse;
 
+/// Duration and peak of taps on object, finger or table, seconds and g.
+pub(crate) const TAP_WIDTH_S: (f64, f64) = (0.2e-3, 8e-3);
+pub(crate) const TAP_PEAK_G: (f64, f64) = (0.05, 5.0);
+
 /// A finger that meets the object: moving mass in kg, radius of the contact in metres, reduced modulus of
 /// the soft pad in Pa and its square-root spread, approach speed in m/s, coefficient of restitution.
 const FINGER_KG: (f64, f64) = (0.03, 0.1);
@@ -122,7 +126,7 @@ impl Disturbances {
     pub(super) fn quiet(&mut self) {
         self.knocks.clear();
         self.closings.clear();
-        self.nearby.silence();
+        self.nearby = Nearby::default();
     }
 
     /// Backlash of a jaw, steps of a joint: where motion starts and stops or meets a load.

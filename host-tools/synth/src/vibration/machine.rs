@@ -22,7 +22,7 @@ const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
 const AMBIENT_CHANCE: f64 = 0.5;
 const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
 const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
-/// Narrow-band noise of a tool: centre in Hz, half-width over centre, pace of its swell in Hz.
+/// Narrow-band noise of a tool, while the scene says that it works: centre in Hz, half-width over centre, pace of its swell in Hz.
 const TOOL_HZ: (f64, f64) = (200.0, 2000.0);
 const TOOL_WIDTH: (f64, f64) = (0.02, 0.15);
 const TOOL_SWELL_HZ: (f64, f64) = (0.2, 2.0);
@@ -63,10 +63,10 @@ pub(crate) struct Actuation {
 }
 
 /// What runs nearby in one recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Nearby {
     lines: Vec<Tone>,
-    tool: Tool,
+    tool: Option<Tool>,
 }
 
 impl Nearby {
@@ -79,43 +79,33 @@ impl Nearby {
                     Tone::draw(rng, hz, AMBIENT_G)
                 })
                 .collect(),
-            tool: Tool {
+            tool: Some(Tool {
                 hz: rng.log_between(TOOL_HZ.0, TOOL_HZ.1),
                 width: rng.log_between(TOOL_WIDTH.0, TOOL_WIDTH.1),
                 rms_g: rng.log_between(AMBIENT_G.0, AMBIENT_G.1),
                 swell_hz: rng.log_between(TOOL_SWELL_HZ.0, TOOL_SWELL_HZ.1),
                 phase: rng.between(0.0, 1.0),
                 direction: rng.direction(),
-            },
+            }),
         }
     }
 
-    /// Nothing runs.
-    #[cfg(test)]
-    pub(super) fn silence(&mut self) {
-        self.lines.clear();
-        self.tool.rms_g = 0.0;
-    }
-
-    /// The lines always, the tool while it runs.
     pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, rng: &mut Rng, motion_g: &mut [[f64; 3]]) {
         for tone in &self.lines {
             tone.add(clock, motion_g);
         }
-        let tool = &self.tool;
-        let mut band = Biquad::bandpass(tool.hz, tool.width, clock.rate_hz);
-        // Equivalent noise bandwidth of the resonance: πζf. The swell has an rms of 1.
-        let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let t = clock.time(n);
-            let running = at(scene.ambient, t);
-            if running <= 0.0 {
-                continue;
-            }
-            let swell = 0.9 + 0.6 * sin_turns(tool.swell_hz * t + tool.phase);
-            let value = gain * running * swell * band.next(rng.normal());
-            for (o, d) in out.iter_mut().zip(tool.direction) {
-                *o += d * value;
+        if let Some(tool) = &self.tool {
+            let mut band = Biquad::bandpass(tool.hz, tool.width, clock.rate_hz);
+            // Equivalent noise bandwidth of the resonance: πζf. The swell has an rms of 1
+            // while the tool works.
+            let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
+            for (n, out) in motion_g.iter_mut().enumerate() {
+                let t = clock.time(n);
+                let swell = at(scene.ambient, t) * (0.9 + 0.6 * sin_turns(tool.swell_hz * t + tool.phase));
+                let value = gain * swell * band.next(rng.normal());
+                for (o, d) in out.iter_mut().zip(tool.direction) {
+                    *o += d * value;
+                }
             }
         }
     }

@@ -15,6 +15,7 @@ mod slip;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use disturbance::{TAP_PEAK_G, TAP_WIDTH_S};
 pub(crate) use modes::Modes;
 pub(crate) use signal::sin_turns;
 
@@ -63,7 +64,7 @@ pub(crate) struct Scene<'a> {
     pub hand_held: bool,
     /// The crosshead is linked to the object, so its drive comes through it while it is gripped.
     pub linked: bool,
-    /// The gripper stands on the rig's table: the drive is as loud without the object as through it.
+    /// The gripper stands on the rig's own table: the drive is as loud without the object as through it.
     pub shared_table: bool,
     pub object: &'static Object,
     /// Grip force of one finger.
@@ -76,9 +77,9 @@ pub(crate) struct Scene<'a> {
     /// Dragging of the gripped object over something else, 0–1, and the speed of it.
     pub drag: &'a [f64],
     pub drag_mm_s: &'a [f64],
-    /// How vigorously the hand or arm that carries the gripper swings, 0–1.
+    /// How vigorously the hand that carries the gripper swings, 0–1.
     pub motion: &'a [f64],
-    /// Tools running nearby, 0–1.
+    /// How much a tool nearby works, 0–1.
     pub ambient: &'a [f64],
     /// Impacts at the fingers' roots. Closing impacts, aftershocks of a release and clicks of the jaws are
     /// made here, from the series.

@@ -81,13 +81,14 @@ impl Rig {
             let mut value = 0.0;
             if speed > 1e-6 {
                 let travel = (from + (to - from) * (x - step as f64)) * self.per_mm;
-                let clamped = if scene.linked {
+                let clamped = if scene.shared_table {
+                    1.0
+                } else if scene.linked {
                     ((scene.grip_n[step] - TOUCHED_N) / CLAMPED_N).clamp(0.0, 1.0)
                 } else {
                     0.0
                 };
-                let table_g = if scene.shared_table { self.object_g } else { self.table_g };
-                let gain = table_g + (self.object_g - table_g) * clamped;
+                let gain = self.table_g + (self.object_g - self.table_g) * clamped;
                 // A slow crosshead has all lines below the limit, whatever the quotient.
                 let audible = (HIGHEST_HZ / (self.per_mm * speed)).min(ORDERS as f64) as usize;
                 value = self.comb.at(travel, &[1.0; ORDERS][..audible]);

@@ -50,6 +50,7 @@ struct Held {
     grip_n: Vec<f64>,
     crosshead_mm: Vec<f64>,
     still: Vec<f64>,
+    full: Vec<f64>,
 }
 
 impl Held {
@@ -59,6 +60,7 @@ impl Held {
             grip_n: vec![grip_n; steps],
             crosshead_mm: (0..steps).map(|i| i as f64 * crosshead_mm_s / STEP_HZ).collect(),
             still: vec![0.0; steps],
+            full: vec![1.0; steps],
         }
     }
 
@@ -78,7 +80,7 @@ impl Held {
             motor: &self.still,
             drag: &self.still,
             drag_mm_s: &self.still,
-            motion: &self.still,
+            motion: &self.full,
             ambient: &self.still,
             pulses: &[],
         }

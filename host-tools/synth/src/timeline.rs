@@ -225,6 +225,8 @@ impl Timeline {
 
     /// Interference that running motors leave in the arrays at a step, counts rms.
     pub(crate) fn pickup_counts(&self, step: usize, motor_counts: f64) -> f64 {
-        motor_counts * self.motor[step] + JAW_PICKUP_COUNTS * self.jaw[step].min(1.0)
+        motor_counts * self.motor[step]
+            + JAW_PICKUP_COUNTS * self.jaw[step].min(1.0)
+            + TOOL_PICKUP_COUNTS * self.ambient[step]
     }
 }

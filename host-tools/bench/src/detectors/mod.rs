@@ -35,7 +35,9 @@ pub use entropy::entropy_nat;
 pub(crate) use flux_cusum::FluxCusumScore;
 pub(crate) use logistic::{FEATURES as LOGISTIC_FEATURES, LogisticFeatures};
 pub(crate) use mfcc_qda::{Mfccs, Ratio as MfccRatio};
-pub(crate) use rig_only::{FEATURES as RIG_FEATURES, RigFeatures, rig_only_episode};
+pub(crate) use rig_only::{
+    FEATURES as RIG_FEATURES, RigFeatures, TERMS as RIG_TERMS, rig_only_episode, terms as rig_terms,
+};
 pub(crate) use threshold::Score;
 
 use std::path::Path;

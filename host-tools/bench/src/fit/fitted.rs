@@ -10,7 +10,7 @@ use slipsense_episode::score::SLIP;
 use super::sample::Frame;
 use super::youden::youden;
 use crate::detectors::qda::{Gaussian, Scaling};
-use crate::detectors::{ClassOrder, LOGISTIC_FEATURES, MfccRatio, NEVER, RIG_FEATURES};
+use crate::detectors::{ClassOrder, LOGISTIC_FEATURES, MfccRatio, NEVER, RIG_FEATURES, RIG_TERMS};
 
 /// Version of the file's layout and of the meaning of its numbers.
 pub const FORMAT: u32 = 1;
@@ -134,24 +134,34 @@ impl LogisticFit {
     }
 }
 
-/// Quadratic discriminants on the rig's sound.
+/// Two logistic regressions on the rig's sound, on its features and their squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigFit {
     /// Of the features.
     pub scaling: Scaling,
-    /// No contact, contact without slip, slip; `None` where train has no such frame.
-    pub classes: [Option<ClassFit>; CLASSES],
+    /// Slip against not slip.
+    pub slip: Odds,
+    /// Held against untouched, of the frames that do not slip.
+    pub held: Odds,
 }
 
-/// One class of several.
+/// One logistic regression.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ClassFit {
-    /// Share of the used training frames.
-    pub share: f64,
-    /// Standardised features.
-    pub gaussian: Gaussian,
+pub struct Odds {
+    /// Log-odds per unit of each term.
+    pub weights: Vec<f64>,
+    /// Log-odds where all terms are 0.
+    pub intercept: f64,
+}
+
+impl Odds {
+    /// Probability at these terms.
+    pub(crate) fn probability(&self, terms: &[f64]) -> f64 {
+        let odds = self.intercept + self.weights.iter().zip(terms).map(|(w, x)| w * x).sum::<f64>();
+        1.0 / (1.0 + (-odds).exp())
+    }
 }
 
 impl Fitted {
@@ -205,9 +215,10 @@ impl Fitted {
         ensure!(finite, "logistic.weights and intercept must be finite");
         if let Some(rig) = &self.rig_only {
             rig.scaling.validate(RIG_FEATURES).context("rig_only.scaling")?;
-            for class in rig.classes.iter().flatten() {
-                ensure!(class.share > 0.0 && class.share <= 1.0, "rig_only.classes: share must be 0 to 1");
-                class.gaussian.density::<RIG_FEATURES>().context("rig_only.classes")?;
+            for (name, odds) in [("slip", &rig.slip), ("held", &rig.held)] {
+                ensure!(odds.weights.len() == RIG_TERMS, "rig_only.{name}.weights must hold {RIG_TERMS}");
+                let finite = odds.weights.iter().chain([&odds.intercept]).all(|w| w.is_finite());
+                ensure!(finite, "rig_only.{name}: weights and intercept must be finite");
             }
         }
         Ok(())

@@ -11,7 +11,7 @@ mod json;
 mod sample;
 mod youden;
 
-pub use fitted::{ClassFit, Cut, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, RigFit};
+pub use fitted::{Cut, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, Odds, RigFit};
 pub use irls::logistic;
 pub use youden::{Youden, youden};
 
@@ -19,8 +19,9 @@ use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
 use slipsense::params::CLASSES;
 use slipsense_episode::score::SLIP;
+use slipsense_synth::labels::NO_SLIP;
 
-use crate::detectors::ClassOrder;
+use crate::detectors::{ClassOrder, rig_terms};
 use crate::detectors::qda::{Gaussian, Scaling};
 use crate::source::Handle;
 use sample::{Frame, Sample};
@@ -136,18 +137,13 @@ fn fit_rig(frames: &[&Frame]) -> Result<Option<RigFit>> {
         return Ok(None);
     };
     let scaling = Scaling::fit(&heard);
-    let mut classes = [const { None }; CLASSES];
-    for (label, class) in (0..).zip(&mut classes) {
-        let samples: Vec<_> = frames
-            .iter()
-            .zip(&heard)
-            .filter(|(f, _)| f.label == label)
-            .map(|(_, x)| scaling.apply(x))
-            .collect();
-        if samples.len() > 1 {
-            let share = samples.len() as f64 / frames.len() as f64;
-            *class = Some(ClassFit { share, gaussian: Gaussian::fit(&samples)? });
-        }
-    }
-    Ok(Some(RigFit { scaling, classes }))
+    let terms: Vec<_> = heard.iter().map(|x| rig_terms(&scaling.apply(x))).collect();
+    let odds = |of: &dyn Fn(&Frame) -> bool, is: u8| {
+        let chosen = frames.iter().zip(&terms).filter(|(f, _)| of(f));
+        let (terms, is): (Vec<_>, Vec<_>) = chosen.map(|(f, terms)| (*terms, f.label == is)).unzip();
+        irls::logistic(&terms, &is).map(|(weights, intercept)| Odds { weights: weights.to_vec(), intercept })
+    };
+    let slip = odds(&|_| true, SLIP)?;
+    let held = odds(&|f| f.label != SLIP, NO_SLIP)?;
+    Ok(Some(RigFit { scaling, slip, held }))
 }

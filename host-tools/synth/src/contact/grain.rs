@@ -11,7 +11,7 @@ use crate::draw::{Draw, Rng};
 
 /// Relative rms of one element's pressure, lowest and highest: `1/√n` of `n` asperities, 0.45 mm / 10–40 µm
 /// each way, of which one in ten to one in a hundred touches.
-const RMS: (f64, f64) = (0.012, 0.045);
+const RMS: (f64, f64) = (0.006, 0.025);
 /// Slid length after which other asperities carry the load, mm.
 const LENGTH_MM: (f64, f64) = (0.01, 0.04);
 

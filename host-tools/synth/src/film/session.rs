@@ -18,10 +18,10 @@ const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
 /// Shift of the idle level with temperature and supply, counts.
-const ZERO_COUNTS: (f64, f64) = (-0.3, 0.15);
+const ZERO_COUNTS: (f64, f64) = (-0.2, 0.2);
 /// Noise of a recording against the unit's own, logarithmic rms and bounds: supplies and motors nearby.
-const NOISE_SPREAD: f64 = 0.35;
-const NOISE_BOUNDS: (f64, f64) = (0.6, 2.0);
+const NOISE_SPREAD: f64 = 0.15;
+const NOISE_BOUNDS: (f64, f64) = (0.7, 1.5);
 /// Mains frequencies and how far a grid strays from them, Hz.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MAINS_STRAY_HZ: f64 = 0.1;

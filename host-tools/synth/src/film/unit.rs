@@ -18,7 +18,7 @@ use crate::draw::{Draw, Rng};
 const NOISE_COUNTS: (f64, f64) = (0.4, 0.7);
 /// Idle level of a taxel, counts; the noise leaves less room for it the stronger it is. Below 0 the
 /// converter's range begins above the divider's idle voltage.
-const OFFSET_COUNTS: (f64, f64) = (-0.4, 0.4);
+const OFFSET_COUNTS: (f64, f64) = (-0.9, -0.1);
 /// Spread of the idle level over the taxels of a unit, counts.
 const OFFSET_SPREAD_COUNTS: f64 = 0.1;
 /// Mains pick-up, amplitude in counts.
@@ -36,7 +36,7 @@ const GAIN_LENGTH_MM: (f64, f64) = (5.0, 10.0);
 const GAIN_OWN: f64 = 0.05;
 /// Share of taxels that are dead or stuck, and how many of those are stuck at a level instead of dead.
 const FAULTY: (f64, f64) = (0.0, 0.01);
-const STUCK_OF_FAULTY: f64 = 0.25;
+const STUCK_OF_FAULTY: f64 = 0.1;
 /// Level of a stuck taxel, counts.
 const STUCK_COUNTS: (f64, f64) = (3.0, 25.0);
 /// Deviation of the exponent from the nominal film's.

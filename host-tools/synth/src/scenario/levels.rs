@@ -32,8 +32,8 @@ pub(crate) const OPEN_S: Span = (0.05, 0.15);
 /// Nothing touches: half of the idles are uniform up to the first bound, the others exponential with the
 /// second as their mean and [`IDLE_S`] as bounds.
 pub(crate) const IDLE_S: Span = (0.2, 9.0);
-pub(crate) const IDLE_UNIFORM_S: f64 = 1.4;
-pub(crate) const IDLE_MEAN_S: f64 = 0.7;
+pub(crate) const IDLE_UNIFORM_S: f64 = 1.2;
+pub(crate) const IDLE_MEAN_S: f64 = 0.6;
 /// The operator varies the grip before the pull; the object rests after it, seconds.
 pub(crate) const VARY_S: Span = (0.25, 1.8);
 pub(crate) const SETTLE_S: Span = (0.1, 0.75);
@@ -44,22 +44,23 @@ pub(crate) const LONG_HOLD_S: Span = (1.5, 12.0);
 pub(crate) const DISTURBANCES_S: Span = (20.0, 60.0);
 /// Share of a short recording that its pulls may take, of the time that is not jaws in motion.
 pub(crate) const PULLS_KEEP: f64 = 0.55;
-/// Share of recordings that hold the protocol twice.
-pub(crate) const TWICE: f64 = 0.3;
+/// Share of recordings that hold the protocol twice, if both fit into this many seconds: the longest
+/// recordings would else be those of the slowest slips, and their end would tell slip.
+pub(crate) const TWICE: f64 = 0.4;
+pub(crate) const LONGEST_TWICE_S: f64 = 26.0;
 
 /// Crosshead: travel of a slip, mm (less where the object is shorter), and acceleration, mm/s².
-pub(crate) const STROKE_MM: Span = (10.0, 25.0);
+pub(crate) const STROKE_MM: Span = (11.0, 25.0);
 pub(crate) const ACCEL_MM_S2: Span = (50.0, 500.0);
+/// Way between the crosshead's parking place and the object, as a multiple of that travel.
+pub(crate) const HOME: Span = (1.0, 1.4);
 /// Travel of a pull that the grip holds, mm: the gripper's mount gives way.
 pub(crate) const FIRM_MM: Span = (4.0, 20.0);
-/// Share of the runs in which the crosshead also returns after the release, over the travel of the pull
-/// and at its speed; without it a moving crosshead would mean slip.
-pub(crate) const RETURNS: f64 = 0.8;
 /// Share of the rig recordings whose gripper stands on the rig's own table, where the drive is as loud
 /// without the object as through it; otherwise the loud drive alone would mean contact.
-pub(crate) const SHARED_TABLE: f64 = 0.75;
+pub(crate) const SHARED_TABLE: f64 = 0.95;
 /// Compliance of finger, fixture and object in series on the rig, N/mm of each finger.
-pub(crate) const RIG_N_PER_MM: Span = (10.0, 100.0);
+pub(crate) const RIG_N_PER_MM: Span = (10.0, 250.0);
 /// The same for an arm or a hand that pulls or carries.
 pub(crate) const HAND_N_PER_MM: Span = (4.0, 40.0);
 /// Torsional compliance of a hand that twists, N·mm/rad.
@@ -78,7 +79,7 @@ pub(crate) const FIRM_PULL: Span = (0.2, 0.55);
 /// otherwise: none of them tells a class. Disturbance recordings have [`RESTLESS`] times as many.
 pub(crate) const TAPS_PER_S: f64 = 0.22;
 pub(crate) const FOOTFALLS_PER_S: f64 = 0.05;
-pub(crate) const AMBIENT_PER_S: f64 = 0.05;
+pub(crate) const AMBIENT_PER_S: f64 = 0.2;
 /// Trigger play or motor actuation, outside closing and opening.
 pub(crate) const JAW_PER_S: f64 = 0.12;
 /// The object re-orients in the grip; only while held, never while pulled.
@@ -106,3 +107,5 @@ pub(crate) const ROLL_RAD: Span = (1e-3, 10e-3);
 /// Interference of running motors in the arrays, counts rms: motorised hand, hand-driven jaw.
 pub(crate) const MOTOR_PICKUP_COUNTS: Span = (0.02, 0.3);
 pub(crate) const JAW_PICKUP_COUNTS: f64 = 0.02;
+/// The same of a tool that runs nearby, at its loudest.
+pub(crate) const TOOL_PICKUP_COUNTS: f64 = 1.2;

@@ -122,8 +122,9 @@ impl Script {
             fit(&mut row, seconds);
             return Self::laid_out(row, 0.0, seconds, motion);
         }
-        if rng.chance(TWICE) {
-            row.extend(run(rng, what, &motion));
+        let again = run(rng, what, &motion);
+        if rng.chance(TWICE) && total(&row) + total(&again) < LONGEST_TWICE_S {
+            row.extend(again);
         }
         let idle = |s: &&Stretch| s.kind.is_idle();
         let lead: f64 = row.iter().take_while(idle).map(|s| s.seconds).sum();
@@ -199,10 +200,11 @@ fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
     let on_rig = what.scenario.on_rig();
     let stroke = rng.between(STROKE_MM.0, STROKE_MM.1).min(what.object.shape.travel_mm());
     let jog_s = motion.seconds(stroke);
+    let home_s = motion.seconds(stroke * rng.between(HOME.0, HOME.1));
 
     add(Idle, idle(rng), 0.0);
     if on_rig || (what.scenario == S::Disturbances && rng.chance(0.3)) {
-        add(Jog, jog_s, -1.0);
+        add(Jog, home_s, -1.0);
         add(Idle, idle(rng), 0.0);
     }
     add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
@@ -249,8 +251,9 @@ fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
     add(Fall, rng.log_between(FALL_S.0, FALL_S.1), 0.0);
     add(Open, rng.log_between(OPEN_S.0, OPEN_S.1), 0.0);
     add(Idle, idle(rng), 0.0);
-    if on_rig && rng.chance(RETURNS) {
-        add(Jog, jog_s, 1.0);
+    // Without its way back a moving crosshead would mean slip.
+    if on_rig {
+        add(Jog, home_s, 1.0);
         add(Idle, idle(rng), 0.0);
     }
     row

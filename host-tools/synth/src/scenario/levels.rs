@@ -32,8 +32,8 @@ pub(crate) const OPEN_S: Span = (0.05, 0.15);
 /// Nothing touches: half of the idles are uniform up to the first bound, the others exponential with the
 /// second as their mean and [`IDLE_S`] as bounds.
 pub(crate) const IDLE_S: Span = (0.2, 9.0);
-pub(crate) const IDLE_UNIFORM_S: f64 = 1.2;
-pub(crate) const IDLE_MEAN_S: f64 = 0.6;
+pub(crate) const IDLE_UNIFORM_S: f64 = 0.9;
+pub(crate) const IDLE_MEAN_S: f64 = 0.4;
 /// The operator varies the grip before the pull; the object rests after it, seconds.
 pub(crate) const VARY_S: Span = (0.25, 1.8);
 pub(crate) const SETTLE_S: Span = (0.1, 0.75);
@@ -53,7 +53,7 @@ pub(crate) const LONGEST_TWICE_S: f64 = 26.0;
 pub(crate) const STROKE_MM: Span = (11.0, 25.0);
 pub(crate) const ACCEL_MM_S2: Span = (50.0, 500.0);
 /// Way between the crosshead's parking place and the object, as a multiple of that travel.
-pub(crate) const HOME: Span = (1.0, 1.4);
+pub(crate) const HOME: Span = (1.0, 1.25);
 /// Travel of a pull that the grip holds, mm: the gripper's mount gives way.
 pub(crate) const FIRM_MM: Span = (4.0, 20.0);
 /// Share of the rig recordings whose gripper stands on the rig's own table, where the drive is as loud

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::json;
 use slipsense::net::Model;
 
-use crate::data::{Features, Source, Split, TEST_SEED};
+use crate::data::{Features, Source, Use};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::reference::{Ranges, Reference, SensorFrame};
 use crate::train::{manifest_beside, progress};
@@ -17,8 +17,8 @@ use crate::{export, output, quantize::quantize};
 /// Turn trained weights into the model file that host and microcontroller run.
 ///
 /// Ranges are measured on training episodes; the model is refused if any accumulator could overflow.
-/// Then the integer pipeline and the float network run over episodes of objects that training never saw,
-/// and a table says what they reach.
+/// Then the integer pipeline and the float network run over validation episodes, whose objects training
+/// never saw, and a table says what they reach. Test splits are for `slipsense eval`.
 #[derive(Args, Clone, Debug)]
 pub struct QuantizeArgs {
     /// Weights from `slipsense train`.
@@ -27,18 +27,18 @@ pub struct QuantizeArgs {
     /// Model file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Calibrate and test on the labelled .npz episodes of this folder instead of generated ones.
+    /// Calibrate and validate on the labelled .npz episodes of this folder instead of generated ones.
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// Seed of the calibration episodes. The test episodes are always the same.
+    /// Seed of the calibration episodes. The validation episodes are always the same.
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub seed: u64,
     /// Training episodes on which ranges are measured.
     #[arg(long, value_name = "N", default_value_t = 24)]
     pub calibration_episodes: usize,
-    /// Episodes of held-out objects for the table.
-    #[arg(long, value_name = "N", default_value_t = 60)]
-    pub test_episodes: usize,
+    /// Validation episodes for the table.
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    pub val_episodes: usize,
     /// Also write all figures, and what the model was made from, to this file.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
@@ -47,13 +47,13 @@ pub struct QuantizeArgs {
 /// Do what `args` say.
 pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     ensure!(args.calibration_episodes > 0, "--calibration-episodes must be at least 1");
-    ensure!(args.test_episodes > 0, "--test-episodes must be at least 1");
+    ensure!(args.val_episodes > 0, "--val-episodes must be at least 1");
     let weights = Weights::read(&args.weights)?;
     let training = manifest_beside(&args.weights)?;
     let source = Source::new(args.data.as_deref(), args.seed);
 
     let bar = progress("calibrate", args.calibration_episodes as u64);
-    let seen = source.map(Split::Train, args.calibration_episodes, &bar, |episode| {
+    let seen = source.map(Use::Train, args.calibration_episodes, &bar, |episode| {
         Ok(measure(&weights, &Features::from_episode(&episode)?))
     })?;
     bar.finish_and_clear();
@@ -71,9 +71,9 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     let bytes = export::to_bytes(&file)?;
     let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
 
-    let bar = progress("test", args.test_episodes as u64);
+    let bar = progress("validate", args.val_episodes as u64);
     let results =
-        source.map(Split::Test, args.test_episodes, &bar, |episode| compare(model, &weights, &episode))?;
+        source.map(Use::Validation, args.val_episodes, &bar, |episode| compare(model, &weights, &episode))?;
     bar.finish_and_clear();
     let episodes = results.len();
     let mut total = Comparison::default();
@@ -81,8 +81,8 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
 
     export::write(&args.out, &bytes)?;
     if let Some(path) = &args.report {
-        let test = match args.data {
-            None => format!("synthetic, slipsense-synth, seed {TEST_SEED}"),
+        let validation = match args.data {
+            None => "synthetic, split val".to_owned(),
             Some(_) => source.describe(),
         };
         let report = json!({
@@ -93,9 +93,9 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
             "weights_sha256": provenance["weights_sha256"],
             "calibration_episodes": seen.len(),
             "training": training,
-            "test": {
-                "data": test,
-                "objects": "held out: never used for training, validation or calibration",
+            "validation": {
+                "data": validation,
+                "objects": "never used for training or calibration",
                 "episodes": episodes,
                 "integer": total.integer.figures(),
                 "float": total.float.figures(),
@@ -108,7 +108,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
         output::write(path, (serde_json::to_string_pretty(&report)? + "\n").as_bytes())?;
     }
     let kind = if args.data.is_none() { "synthetic" } else { "the folder's" };
-    println!("{} episodes ({kind}) of objects never trained on:\n", episodes);
+    println!("{} episodes ({kind}) for validation:\n", episodes);
     print!("{}", table(&total));
     println!("\n{}: {} bytes", args.out.display(), bytes.len());
     Ok(())
@@ -145,8 +145,8 @@ fn command_line(args: &QuantizeArgs) -> String {
         text += &format!(" --data {}", data.display());
     }
     text + &format!(
-        " --seed {} --calibration-episodes {} --test-episodes {}",
-        args.seed, args.calibration_episodes, args.test_episodes
+        " --seed {} --calibration-episodes {} --val-episodes {}",
+        args.seed, args.calibration_episodes, args.val_episodes
     )
 }
 

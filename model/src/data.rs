@@ -1,7 +1,7 @@
 //! Episodes to what the network sees, and which of them may be used for what.
 //!
-//! The split is by object as well as by episode: training never sees an object of the test group, nor
-//! one of the validation group. Nothing is chosen by looking at the test group.
+//! The split is by object as well as by episode: training never sees an object of the validation group,
+//! nor a held-out one. Test splits do not occur here: `slipsense eval` runs them.
 
 use std::path::{Path, PathBuf};
 
@@ -12,42 +12,32 @@ use sha2::{Digest, Sha256};
 use slipsense::features::XlFrontEnd;
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS};
 use slipsense_episode::Episode;
-use slipsense_synth::{ObjectChoice, Recipe, generate_set, objects};
+use slipsense_synth::objects::{self, Group};
+use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
+use slipsense_synth::{Recipe, Split, generate_set};
 
 /// What an episode may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Split {
+pub enum Use {
     /// Gradients and calibration.
     Train,
-    /// The curve that a person watches during training.
+    /// The curve that a person watches during training, the quantizer's table, operating points.
     Validation,
-    /// The figures.
+    /// Nothing here.
     Test,
 }
 
-/// Objects of the catalogue's training group that are kept for validation.
-pub const VALIDATION_OBJECTS: [&str; 2] = ["rj45-plug", "spruce-strip"];
-
-/// Seed of the generated test episodes. Fixed, so that the figures of two models compare.
-pub const TEST_SEED: u64 = 0x7e58;
-
-/// Turns the training seed into the one of the validation episodes.
-const VALIDATION_SALT: u64 = 0x0076_616c;
-
-/// Sensors of a generated episode.
-const SENSORS: usize = 2;
-
-/// The split an object belongs to. The catalogue says it for its objects; others, from someone's own
+/// What an object may be used for. The catalogue says it for its objects; others, from someone's own
 /// recordings, go by a hash of their name: one in four to test, one in eight to validation.
-pub fn split_of(object: &str) -> Split {
-    match objects::named(object) {
-        Some(known) if known.held_out() => Split::Test,
-        Some(_) if VALIDATION_OBJECTS.contains(&object) => Split::Validation,
-        Some(_) => Split::Train,
+pub fn use_of(object: &str) -> Use {
+    match objects::named(object).map(|known| known.group) {
+        Some(Group::HeldOut) => Use::Test,
+        Some(Group::Val) => Use::Validation,
+        Some(Group::Train) => Use::Train,
         None => match Sha256::digest(object.as_bytes())[0] {
-            0..64 => Split::Test,
-            64..96 => Split::Validation,
-            _ => Split::Train,
+            0..64 => Use::Test,
+            64..96 => Use::Validation,
+            _ => Use::Train,
         },
     }
 }
@@ -57,7 +47,7 @@ pub fn split_of(object: &str) -> Split {
 pub enum Source {
     /// Made on the fly by the generator.
     Generated {
-        /// Seed of training and validation episodes.
+        /// Seed of the training episodes; those of validation are always the same.
         seed: u64,
     },
     /// All `.npz` files of a folder.
@@ -70,18 +60,18 @@ impl Source {
         folder.map_or(Self::Generated { seed }, |folder| Self::Folder(folder.to_owned()))
     }
 
-    /// Hand every episode of a split to `each`, on all cores; results in a fixed order. `count` is how
+    /// Hand every episode for a use to `each`, on all cores; results in a fixed order. `count` is how
     /// many to generate, or the most to take from a folder.
     pub fn map<T: Send>(
         &self,
-        split: Split,
+        what: Use,
         count: usize,
         bar: &ProgressBar,
         each: impl Fn(Episode) -> Result<T> + Sync,
     ) -> Result<Vec<T>> {
         match self {
             Self::Generated { seed } => {
-                let recipes = recipes(split, *seed, count);
+                let recipes = recipes(what, *seed, count)?;
                 bar.set_length(recipes.len() as u64);
                 let results = generate_set(&recipes, |_, episode| {
                     let result = each(episode);
@@ -91,9 +81,9 @@ impl Source {
                 results.into_iter().collect()
             }
             Self::Folder(folder) => {
-                let mut files = episode_files(folder, split)?;
+                let mut files = episode_files(folder, what)?;
                 files.truncate(count);
-                ensure!(!files.is_empty(), "{}: no episode of the {split:?} group", folder.display());
+                ensure!(!files.is_empty(), "{}: no episode for {what:?}", folder.display());
                 bar.set_length(files.len() as u64);
                 let one = |path: &PathBuf| {
                     let result = each(Episode::read(path)?).with_context(|| path.display().to_string());
@@ -108,28 +98,24 @@ impl Source {
     /// For the manifest.
     pub fn describe(&self) -> String {
         match self {
-            Self::Generated { seed } => format!("synthetic, slipsense-synth, seed {seed}"),
+            Self::Generated { seed } => format!("synthetic, split train, seed {seed}"),
             Self::Folder(folder) => format!("episodes in {}", folder.display()),
         }
     }
 }
 
-/// Recipes of generated episodes: the split's objects in turn, everything else drawn.
-pub fn recipes(split: Split, seed: u64, count: usize) -> Vec<Recipe> {
-    let names: Vec<&str> =
-        objects::CATALOGUE.iter().map(|o| o.name).filter(|name| split_of(name) == split).collect();
-    let seed = match split {
-        Split::Train => seed,
-        Split::Validation => seed ^ VALIDATION_SALT,
-        Split::Test => TEST_SEED,
+/// Recipes of the first generated episodes of the split for this use.
+pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
+    let set = match what {
+        Use::Train => EpisodeSet::first(Split::Train, seed, count),
+        Use::Validation => EpisodeSet::first(Split::Val, FROZEN_SEED, count),
+        Use::Test => bail!("test splits are for `slipsense eval`"),
     };
-    let base = Recipe { sensors: SENSORS, ..Recipe::new(seed) };
-    let named = base.series(count).into_iter().zip(names.iter().cycle());
-    named.map(|(recipe, name)| Recipe { object: ObjectChoice::Named((*name).to_owned()), ..recipe }).collect()
+    Ok(set.episodes.into_iter().map(|episode| episode.recipe).collect())
 }
 
-/// The folder's episodes of a split, by name.
-fn episode_files(folder: &Path, split: Split) -> Result<Vec<PathBuf>> {
+/// The folder's episodes for a use, by name.
+fn episode_files(folder: &Path, what: Use) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
     let mut files = Vec::new();
     for entry in entries {
@@ -146,7 +132,7 @@ fn episode_files(folder: &Path, split: Split) -> Result<Vec<PathBuf>> {
         let Some(object) = episode.meta.other.get("object").and_then(|o| o.as_str()) else {
             bail!("{}: meta has no \"object\", needed to split by object", path.display());
         };
-        if split_of(object) == split {
+        if use_of(object) == what {
             chosen.push(path);
         }
     }

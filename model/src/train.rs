@@ -12,10 +12,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde_json::json;
 use slipsense::params::CLASSES;
+use slipsense_synth::objects::{self, Group};
 
 use crate::batch::Sampler;
 use crate::checkpoint::{Checkpoint, Row, csv};
-use crate::data::{Features, Source, Split};
+use crate::data::{Features, Source, Use};
 use crate::evaluate::{Scores, score_float};
 use crate::float::FloatNetwork;
 use crate::output;
@@ -89,14 +90,14 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     output::folder(&args.out)?;
 
     let source = Source::new(args.data.as_deref(), args.seed);
-    let load = |what, split, count| {
-        let bar = progress(what, count as u64);
-        let loaded = source.map(split, count, &bar, |episode| Features::from_episode(&episode));
+    let load = |name, what, count| {
+        let bar = progress(name, count as u64);
+        let loaded = source.map(what, count, &bar, |episode| Features::from_episode(&episode));
         bar.finish();
         loaded
     };
-    let train = load("train", Split::Train, args.episodes)?;
-    let validation = load("validation", Split::Validation, args.episodes.div_ceil(12).max(2))?;
+    let train = load("train", Use::Train, args.episodes)?;
+    let validation = load("validation", Use::Validation, args.episodes.div_ceil(12).max(2))?;
     let sampler = Sampler::new(&train, args.frames)?;
     let total: usize = train.iter().map(Features::frames).sum();
     let steps = total.div_ceil(args.batch * args.frames);
@@ -161,7 +162,7 @@ fn finish(
         "train_episodes": train,
         "train_frames_by_class": sampler.class_frames(),
         "validation_episodes": validation,
-        "validation_objects": crate::data::VALIDATION_OBJECTS,
+        "validation_objects": objects::of_group(Group::Val).map(|o| o.name).collect::<Vec<_>>(),
         "parameters": state.average.count(),
         "last_epoch": state.rows.last(),
         "weights_sha256": output::sha256_hex(&state.average.to_bytes()?),

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use slipsense::net::Model;
-use slipsense_model::data::{Split, TEST_SEED, VALIDATION_OBJECTS, recipes, split_of};
+use slipsense_model::data::{Use, recipes, use_of};
 use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
 use slipsense_synth::ObjectChoice;
 
@@ -47,7 +47,7 @@ fn train_resume_and_quantize() {
         data: None,
         seed: 1,
         calibration_episodes: 1,
-        test_episodes: 1,
+        val_episodes: 1,
         report: Some(folder.path().join("r.json")),
     };
     run_quantize(&quantize).unwrap();
@@ -55,7 +55,7 @@ fn train_resume_and_quantize() {
     assert!(Model::parse(&bytes).unwrap().provenance.contains("\"synthetic\":true"));
     let report = fs::read_to_string(folder.path().join("r.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-    assert!(report["test"]["same_class_share"].as_f64().unwrap() > 0.9);
+    assert!(report["validation"]["same_class_share"].as_f64().unwrap() > 0.9);
 
     let missing = QuantizeArgs { weights: folder.path().join("none"), ..quantize };
     let error = format!("{:#}", run_quantize(&missing).unwrap_err());
@@ -63,22 +63,22 @@ fn train_resume_and_quantize() {
 }
 
 #[test]
-fn the_splits_share_no_object_and_no_seed() {
-    let all = [Split::Train, Split::Validation, Split::Test].map(|split| recipes(split, 1, 60));
-    for (split, recipes) in [Split::Train, Split::Validation, Split::Test].into_iter().zip(&all) {
+fn training_and_validation_share_no_object_and_no_seed() {
+    let uses = [Use::Train, Use::Validation];
+    let all = uses.map(|what| recipes(what, 1, 60).unwrap());
+    for (what, recipes) in uses.into_iter().zip(&all) {
         for recipe in recipes {
             let ObjectChoice::Named(name) = &recipe.object else { panic!("an object is always named") };
-            assert_eq!(split_of(name), split);
+            assert_eq!(use_of(name), what, "{name}");
         }
     }
     let mut seeds: Vec<u64> = all.iter().flatten().map(|recipe| recipe.seed).collect();
     seeds.sort_unstable();
     seeds.dedup();
-    assert_eq!(seeds.len(), 180);
-    assert!(VALIDATION_OBJECTS.iter().all(|name| split_of(name) == Split::Validation));
-    // The test episodes do not depend on the training seed.
-    assert_eq!(recipes(Split::Test, 1, 5), recipes(Split::Test, 2, 5));
-    assert_ne!(TEST_SEED, 1);
+    assert_eq!(seeds.len(), 120);
+    // The validation episodes do not depend on the training seed, and there are no test episodes here.
+    assert_eq!(recipes(Use::Validation, 1, 5).unwrap(), recipes(Use::Validation, 2, 5).unwrap());
+    assert!(recipes(Use::Test, 1, 5).is_err());
 }
 
 #[test]

@@ -101,10 +101,10 @@ impl Split {
     pub const fn frozen_episodes(self) -> usize {
         match self {
             Self::Train => 0,
-            Self::Val => 40,
-            Self::UmiId | Self::UmiOod => 100,
-            Self::UmiQuiet => 200,
-            Self::Palm | Self::Tesollo2 | Self::Tesollo3 => 40,
+            Self::Val => 32,
+            Self::UmiId | Self::UmiOod => 88,
+            Self::UmiQuiet => 176,
+            Self::Palm | Self::Tesollo2 | Self::Tesollo3 => 32,
             Self::Noslip => 60,
         }
     }

@@ -86,7 +86,7 @@ fn groups_of_objects_do_not_mix() {
     let of = |split| first(split, 0, 120);
     let all = Split::ALL.map(|split| (split, of(split)));
     let get = |split| objects_of(&all.iter().find(|(s, _)| *s == split).unwrap().1);
-    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name).collect();
+    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name.as_str()).collect();
     let (train, val) = (get(Split::Train), get(Split::Val));
     assert_eq!(train, get(Split::UmiId), "new grasps of the same objects");
     assert!(train.is_disjoint(&val) && train.is_disjoint(&held_out) && val.is_disjoint(&held_out));

@@ -34,7 +34,7 @@ impl Object {
     /// sides is borne by nothing that the model has.
     pub fn check(&self) -> Result<(), ObjectError> {
         let rule = |field: &'static str, value: f64, holds: bool, rule: &'static str| {
-            let error = || ObjectError { object: self.name.to_owned(), field, value, rule };
+            let error = || ObjectError { object: self.name.clone(), field, value, rule };
             if holds { Ok(()) } else { Err(error()) }
         };
         let positive = |field, value: f64| rule(field, value, value > 0.0 && value.is_finite(), POSITIVE);

@@ -46,7 +46,8 @@ pub struct Recipe {
     pub speed_mm_s: Option<f64>,
     /// Grip force of one finger in every grasp, before the operator changes it, 0.3 to 12 N; drawn for each
     /// grasp when absent. Drawn grips are kept weak enough for the object to slip where it is to slip; a
-    /// named one is kept, and what pulls or twists is as stiff as the slip needs.
+    /// named one is kept, and what pulls or twists is as stiff as the slip needs (by hand, a firm and sticky
+    /// grip may still give way by jerks that are too short to be labelled slip).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub grip_n: Option<f64>,
     /// Factor on the electrical noise of arrays and accelerometers, 0 to 4.

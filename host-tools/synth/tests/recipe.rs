@@ -72,11 +72,11 @@ fn objects_slip_in_any_named_grip() {
             let (frames, moving): (Vec<_>, Vec<_>) = found.iter().map(|(slip, _)| *slip).unzip();
             println!("{scenario:?}, {mu}, {grip_n} N: frames of slip {frames:?}, moving in {moving:.2?}");
             assert!(found.iter().all(|(_, named)| *named == grip_n));
-            // Hands are soft: a firm, sticky grip may give way by jerks too short to count as slip, and then
-            // is not labelled as one. The encoder sees the pull from its start, before the interface slips.
-            let least = if scenario == SixStep { 6 } else { 5 };
-            let slipped = frames.iter().zip(&moving).filter(|&(&n, &share)| n > 5 && share > 0.5).count();
-            assert!(slipped >= least, "{slipped} of 6");
+            // The encoder sees the pull from its start, before the interface slips. Hands are soft: a firm,
+            // sticky grip may give way by jerks too short to count as slip, and then is not labelled so.
+            let by_hand = scenario != SixStep && grip_n > 2.0;
+            let honest = |(&n, &share): (&usize, &f64)| (n > 5 && share > 0.5) || (by_hand && n == 0);
+            assert!(frames.iter().zip(&moving).all(honest));
         }
     }
 }

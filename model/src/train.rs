@@ -162,7 +162,7 @@ fn finish(
         "train_episodes": train,
         "train_frames_by_class": sampler.class_frames(),
         "validation_episodes": validation,
-        "validation_objects": objects::of_group(Group::Val).map(|o| o.name).collect::<Vec<_>>(),
+        "validation_objects": objects::of_group(Group::Val).map(|o| &o.name).collect::<Vec<_>>(),
         "parameters": state.average.count(),
         "last_epoch": state.rows.last(),
         "weights_sha256": output::sha256_hex(&state.average.to_bytes()?),

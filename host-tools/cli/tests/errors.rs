@@ -6,7 +6,8 @@ use std::fs;
 use std::path::Path;
 
 use slipsense::params::TAXEL_COLS;
-use support::{Arrays, Place, fails, model, names};
+use slipsense_episode::Episode;
+use support::{Arrays, Place, fails, model, names, succeeds};
 
 /// Run an episode file that must be refused.
 fn refused(place: &Place, episode: &Path) -> String {
@@ -191,14 +192,46 @@ fn features_of_a_broken_episode() {
     assert_eq!(place.names(), ["bad.npz", "folder"]);
 }
 
+/// The recipe of the command's help that brings its own object, with one thing changed.
+fn own(from: &str, to: &str) -> String {
+    let help = succeeds(["synth", "--help"]);
+    let recipe = &help[help.find("{\"seed\": 7, \"grip_n\"").unwrap()..];
+    let recipe = &recipe[..recipe.find("}}}").unwrap() + 3];
+    assert!(recipe.contains(from), "{from} is in {recipe}");
+    recipe.replacen(from, to, 1)
+}
+
+#[test]
+fn the_recipe_of_the_help_is_generated() {
+    let place = Place::new();
+    let recipe = place.file("r.json", own("\"seed\": 7", "\"seed\": 8, \"seconds\": 2.5"));
+    let out = place.path("e.npz");
+    succeeds(["synth".into(), "--recipe".into(), recipe, "--out".into(), out.clone()]);
+    let meta = Episode::read(&out).unwrap().meta.other;
+    assert_eq!((&meta["object"], &meta["object_kind"]), (&"my-rod".into(), &"tool".into()));
+    assert_eq!((&meta["grip_n"], &meta["held_out"]), (&2.5.into(), &false.into()));
+}
+
 #[test]
 fn recipes_that_cannot_be_generated() {
     let place = Place::new();
     let recipe = place.path("r.json");
     for (text, rule) in [
         (r#"{"seed": 1, "sensors": 4}"#, "sensors is 4"),
+        (r#"{"seed": 1, "platform": "umi", "sensors": 3}"#, "sensors is 3, but platform umi has at most 2"),
+        (r#"{"seed": 1, "grip_n": -2}"#, "grip_n is -2, must be 0.3 to 12"),
+        (r#"{"seed": 1, "grip_n": 50}"#, "grip_n is 50, must be 0.3 to 12"),
+        (r#"{"seed": 1, "grip_n": NaN}"#, "not a recipe"),
         (r#"{"seed": 1, "object": {"named": "unobtainium"}}"#, "unobtainium"),
-        (r#"{"seed": 1, "colour": "red"}"#, "colour"),
+        (r#"{"seed": 1, "object": {"own": {"name": "my-rod"}}}"#, "missing field `kind`"),
+        (
+            &own("\"radius_mm\": 4", "\"radius_mm\": 14"),
+            "\"my-rod\": shape (width across its axis) is 28, must be",
+        ),
+        (&own("\"mu_kinetic\": 0.43", "\"mu_kinetic\": 0.6"), "mu_kinetic is 0.6, must be at most mu_static"),
+        (&own("\"roughness_um\": 0.8", "\"roughness_um\": -0.8"), "roughness_um is -0.8, must be"),
+        (&own("\"mass_g\"", "\"weight_g\""), "unknown field `weight_g`"),
+        (r#"{"seed": 1, "colour": "red"}"#, "unknown field `colour`"),
         (r#"{"sensors": 1}"#, "seed"),
         ("{", "not a recipe"),
     ] {

@@ -45,8 +45,10 @@ use crate::draw::{Stream, stream};
 use crate::finger::{Finger, Shared};
 use crate::labels::{Encoder, Rule};
 use crate::log::Log;
+use crate::objects::ObjectError;
 use crate::recipe::Resolved;
 use crate::scenario::Plan;
+use crate::scenario::levels::GRIP_N;
 use crate::scenario::script::Script;
 
 /// Why a recipe cannot be generated.
@@ -71,12 +73,21 @@ pub enum SynthError {
     /// Crosshead speed.
     #[error("recipe: speed_mm_s is {0}, must be above 0 and at most 50")]
     Speed(f64),
+    /// Grip force.
+    #[error("recipe: grip_n is {0}, must be {low} to {high}", low = GRIP_N.0, high = GRIP_N.1)]
+    Grip(f64),
     /// Noise factor.
     #[error("recipe: noise is {0}, must be 0 to 4")]
     Noise(f64),
     /// Name of the object, and the names there are.
     #[error("recipe: object \"{0}\" is not in the catalogue ({1})")]
     Object(String, String),
+    /// Name of an object that the recipe brings.
+    #[error("recipe: object.own.name is \"{0}\", must be a name that no other object of the catalogue has")]
+    OwnName(String),
+    /// An object that the recipe brings and that cannot be.
+    #[error("recipe: {0}")]
+    Own(#[from] ObjectError),
 }
 
 const FRAME_HZ: f64 = FRAME_RATE_HZ as f64;

@@ -4,7 +4,7 @@
 mod check;
 mod shape;
 
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
@@ -87,12 +87,12 @@ pub fn gent_mpa(shore_a: f64) -> f64 {
     0.0981 * (56.0 + 7.66 * shore_a) / (0.137505 * (254.0 - 2.54 * shore_a))
 }
 
-/// One object of the catalogue.
+/// One object, of the catalogue or of a recipe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Object {
     /// Name, as in recipes and in the metadata of episodes.
-    pub name: &'static str,
+    pub name: String,
     /// Sort of thing.
     pub kind: Kind,
     /// Who may see it.
@@ -140,6 +140,21 @@ pub static CATALOGUE: LazyLock<Vec<Object>> =
 /// The object of this name.
 pub fn named(name: &str) -> Option<&'static Object> {
     CATALOGUE.iter().find(|o| o.name == name)
+}
+
+/// This object for as long as the program runs. Objects of the catalogue live that long, and everything
+/// that grips one relies on it; one that a recipe brings is leaked to be treated alike. Equal objects are
+/// leaked once, so a set of many episodes of one object costs no more memory than one episode.
+pub(crate) fn keep(object: &Object) -> &'static Object {
+    static KEPT: Mutex<Vec<&'static Object>> = Mutex::new(Vec::new());
+    // Nothing panics between lock and push, and a list without the last one is still right.
+    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(known) = kept.iter().find(|known| **known == object) {
+        return known;
+    }
+    let object: &'static Object = Box::leak(Box::new(object.clone()));
+    kept.push(object);
+    object
 }
 
 /// The 28 objects that training may draw on, those kept for validation among them (`false`), or the 9 held

@@ -6,8 +6,8 @@ use slipsense::params::MAX_SENSORS;
 use crate::SynthError;
 use crate::draw::{Draw, Stream, stream};
 use crate::mix;
-use crate::objects::{self, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
-use crate::scenario::levels::HAND_HELD_SLIPS;
+use crate::objects::{self, Group, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
+use crate::scenario::levels::{GRIP_N, HAND_HELD_SLIPS};
 
 /// The five crosshead speeds of the paper's protocol, mm/s.
 pub const SPEEDS_MM_S: [f64; 5] = [2.0, 5.0, 10.0, 15.0, 18.0];
@@ -44,6 +44,12 @@ pub struct Recipe {
     /// Crosshead speed, above 0 to 50 mm/s; one of [`SPEEDS_MM_S`] when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_mm_s: Option<f64>,
+    /// Grip force of one finger in every grasp, before the operator changes it, 0.3 to 12 N; drawn for each
+    /// grasp when absent. Drawn grips are kept weak enough for the object to slip where it is to slip; a
+    /// named one is kept, and what pulls or twists is as stiff as the slip needs (by hand, a firm and sticky
+    /// grip may still give way by jerks that are too short to be labelled slip).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grip_n: Option<f64>,
     /// Factor on the electrical noise of arrays and accelerometers, 0 to 4.
     #[serde(default = "one")]
     pub noise: f64,
@@ -116,17 +122,24 @@ const fn yes() -> bool {
     true
 }
 
-/// Which object of the catalogue.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// Which object: one of a group of the catalogue (`"held_out"`), a certain one (`{"named": "usb-cable"}`),
+/// or one that the recipe brings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectChoice {
-    /// Any that training may see.
+    /// Any that models are trained on.
     #[default]
     Train,
+    /// Any of those kept apart for choosing among trained models.
+    Val,
     /// Any of the group that training must never see.
     HeldOut,
-    /// This one.
+    /// This one of the catalogue.
     Named(String),
+    /// This one, with all the fields of the catalogue's, checked by [`Object::check`]:
+    /// `{"own": {"name": "my-rod", "kind": "tool", "group": "train", "shape": {"cylinder": ...}, ...}}`.
+    /// Its name must not be that of another object of the catalogue.
+    Own(Box<Object>),
 }
 
 /// Which course of events to draw.
@@ -178,6 +191,7 @@ impl Recipe {
             sensors: 2,
             seconds: None,
             speed_mm_s: None,
+            grip_n: None,
             noise: 1.0,
             rig_leak: true,
             heard: Heard::All,
@@ -213,10 +227,20 @@ impl Recipe {
         if !(0.0..=4.0).contains(&self.noise) {
             return Err(SynthError::Noise(self.noise));
         }
-        if let ObjectChoice::Named(name) = &self.object {
-            object_named(name)?;
+        if let Some(grip) = self.grip_n.filter(|n| !(GRIP_N.0..=GRIP_N.1).contains(n)) {
+            return Err(SynthError::Grip(grip));
         }
-        Ok(())
+        match &self.object {
+            ObjectChoice::Named(name) => object_named(name).map(drop),
+            ObjectChoice::Own(object) => {
+                let taken = objects::named(&object.name).is_some_and(|known| *known != **object);
+                if object.name.trim().is_empty() || taken {
+                    return Err(SynthError::OwnName(object.name.clone()));
+                }
+                Ok(object.check()?)
+            }
+            ObjectChoice::Train | ObjectChoice::Val | ObjectChoice::HeldOut => Ok(()),
+        }
     }
 
     /// Refuse what cannot be generated, and draw what was left open.
@@ -226,12 +250,16 @@ impl Recipe {
         let mut rng = stream(self.seed, Stream::Grasp, 0);
         let (pick, dice, speed) = (rng.between(0.0, 1.0), rng.between(0.0, 1.0), rng.count(0, 4));
         let slips_at_end = rng.chance(HAND_HELD_SLIPS);
+        let any_of = |group| {
+            let objects: Vec<_> = objects::of_group(group).collect();
+            objects[(pick * objects.len() as f64) as usize % objects.len()]
+        };
         let object = match &self.object {
+            ObjectChoice::Train => any_of(Group::Train),
+            ObjectChoice::Val => any_of(Group::Val),
+            ObjectChoice::HeldOut => any_of(Group::HeldOut),
             ObjectChoice::Named(name) => object_named(name)?,
-            group => {
-                let group: Vec<_> = objects::group(*group == ObjectChoice::HeldOut).collect();
-                group[(pick * group.len() as f64) as usize % group.len()]
-            }
+            ObjectChoice::Own(object) => objects::keep(object),
         };
         let scenario = match self.scenario {
             ScenarioChoice::Random => mix::PROTOCOL.at(dice),
@@ -239,7 +267,8 @@ impl Recipe {
         };
         let speed_mm_s = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[speed]);
         let (platform, region, seconds) = (self.platform, self.region, self.seconds);
-        Ok(Resolved { object, scenario, speed_mm_s, platform, region, seconds, slips_at_end })
+        let grip_n = self.grip_n;
+        Ok(Resolved { object, scenario, speed_mm_s, grip_n, platform, region, seconds, slips_at_end })
     }
 }
 
@@ -263,16 +292,17 @@ impl Platform {
 
 fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     objects::named(name).ok_or_else(|| {
-        let names: Vec<_> = objects::CATALOGUE.iter().map(|o| o.name).collect();
+        let names: Vec<_> = objects::CATALOGUE.iter().map(|o| o.name.as_str()).collect();
         SynthError::Object(name.to_owned(), names.join(", "))
     })
 }
 
-/// A recipe with nothing left open but the noise and the length.
+/// A recipe with nothing left open but the noise, the length and the grip.
 pub(crate) struct Resolved {
     pub object: &'static Object,
     pub scenario: ScenarioChoice,
     pub speed_mm_s: f64,
+    pub grip_n: Option<f64>,
     pub platform: Platform,
     pub region: Region,
     pub seconds: Option<f64>,

@@ -20,9 +20,9 @@ fn thirty_seven_objects_of_four_kinds_nine_held_out() {
     {
         assert_eq!((of(kind, false), of(kind, true)), (known, held_out), "{kind:?}");
     }
-    let val: Vec<_> = of_group(Group::Val).map(|o| o.name).collect();
+    let val: Vec<_> = of_group(Group::Val).map(|o| &o.name).collect();
     assert_eq!(val, ["ethernet-cable", "rj45-plug", "spruce-strip", "hex-key"]);
-    let names: BTreeSet<_> = CATALOGUE.iter().map(|o| o.name).collect();
+    let names: BTreeSet<_> = CATALOGUE.iter().map(|o| &o.name).collect();
     assert_eq!(names.len(), CATALOGUE.len(), "names are unique");
     for name in ["braided-cable", "dsub-hood", "shore-81-block", "shore-88-block", "threaded-rod"] {
         assert!(named(name).unwrap().held_out(), "{name}");

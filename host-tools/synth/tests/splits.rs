@@ -86,7 +86,7 @@ fn groups_of_objects_do_not_mix() {
     let of = |split| first(split, 0, 120);
     let all = Split::ALL.map(|split| (split, of(split)));
     let get = |split| objects_of(&all.iter().find(|(s, _)| *s == split).unwrap().1);
-    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name).collect();
+    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name.as_str()).collect();
     let (train, val) = (get(Split::Train), get(Split::Val));
     assert_eq!(train, get(Split::UmiId), "new grasps of the same objects");
     assert!(train.is_disjoint(&val) && train.is_disjoint(&held_out) && val.is_disjoint(&held_out));
@@ -150,8 +150,7 @@ fn no_two_episodes_share_a_seed() {
 /// without their last 11 bits.
 #[test]
 fn seeds_follow_the_written_rule() {
-    use slipsense_synth::mix::PROTOCOL;
-use slipsense_synth::splits::episode_seed;
+    use slipsense_synth::splits::episode_seed;
     assert_eq!(episode_seed(Split::UmiOod, 3, 41), 0xc366_8284_ab7d_911f >> 11);
 }
 

@@ -45,6 +45,12 @@ compared with them.
 
 A recipe is JSON; only `seed` must be there:
   {\"seed\": 7, \"object\": \"held_out\", \"scenario\": \"six_step\", \"sensors\": 2, \"speed_mm_s\": 5}
+Grip force of one finger in newtons, and an object of its own:
+  {\"seed\": 7, \"grip_n\": 2.5, \"object\": {\"own\": {
+    \"name\": \"my-rod\", \"kind\": \"tool\", \"group\": \"train\",
+    \"shape\": {\"cylinder\": {\"radius_mm\": 4, \"length_mm\": 90}}, \"surface\": \"hard\",
+    \"mu_static\": 0.5, \"mu_kinetic\": 0.43, \"roughness_um\": 0.8, \"texture_mm\": [0.3],
+    \"texture_share\": 0.2, \"stick_slip\": 0.3, \"ring_hz\": 1800, \"damping\": 0.02, \"mass_g\": 60}}}
 
 Examples:
   slipsense synth --split umi_ood --out out/umi_ood

@@ -23,6 +23,9 @@ pub struct ObjectError {
     pub rule: &'static str,
 }
 
+/// Smallest face that cannot lie between two taxels (0.7 × 0.92 mm).
+const FELT_MM: f64 = 1.0;
+
 const POSITIVE: &str = "a finite number above 0";
 const NOT_NEGATIVE: &str = "a finite number, 0 or above";
 const SHARE: &str = "0 to 1";
@@ -32,9 +35,13 @@ impl Object {
     /// kinetic friction above static, and a face wider across its axis than the pad. A face may be longer
     /// than the pad (a cable runs over both ends, and slides along itself), but what overhangs on both
     /// sides is borne by nothing that the model has.
+    ///
+    /// Refuse as well what the model has no answer to: a face that fits between two taxels is not felt, and
+    /// what is too sticky or too soft follows the whole pull without slipping, though the encoder's rule
+    /// would label slip.
     pub fn check(&self) -> Result<(), ObjectError> {
         let rule = |field: &'static str, value: f64, holds: bool, rule: &'static str| {
-            let error = || ObjectError { object: self.name.to_owned(), field, value, rule };
+            let error = || ObjectError { object: self.name.clone(), field, value, rule };
             if holds { Ok(()) } else { Err(error()) }
         };
         let positive = |field, value: f64| rule(field, value, value > 0.0 && value.is_finite(), POSITIVE);
@@ -56,8 +63,10 @@ impl Object {
                 rule("shape.edge_mm", edge_mm, fits, "at most half the width and half the length")?;
             }
         }
-        let across = self.shape.extent_mm()[0];
+        let [across, along] = self.shape.extent_mm();
         rule("shape (width across its axis)", across, across <= PAD_WIDTH_MM, "at most the pad's 22.4 mm")?;
+        let smallest = across.min(along);
+        rule("shape (smallest width)", smallest, smallest >= FELT_MM, "at least 1 mm, about a taxel")?;
         match self.surface {
             Surface::Hard => {}
             Surface::Elastic { modulus_mpa, depth_mm } => {
@@ -70,15 +79,20 @@ impl Object {
                 positive("surface.depth_mm", depth_mm)?;
             }
         }
+        let stiffness = self.surface.normal_kpa_per_mm();
+        rule("surface (modulus over depth, kPa/mm)", stiffness, stiffness >= 100.0, "at least 100")?;
         if let Some(relief) = self.relief {
-            positive("relief.pitch_mm", relief.pitch_mm)?;
-            not_negative("relief.depth_mm", relief.depth_mm)?;
+            rule("relief.pitch_mm", relief.pitch_mm, relief.pitch_mm >= 0.1, "at least 0.1")?;
+            let reached = (0.0..=2.5).contains(&relief.depth_mm);
+            rule("relief.depth_mm", relief.depth_mm, reached, "0 to 2.5, as deep as a finger reaches")?;
         }
         positive("mu_static", self.mu_static)?;
+        rule("mu_static", self.mu_static, self.mu_static <= 3.0, "at most 3")?;
         positive("mu_kinetic", self.mu_kinetic)?;
         let slower = self.mu_kinetic <= self.mu_static;
         rule("mu_kinetic", self.mu_kinetic, slower, "at most mu_static")?;
         positive("roughness_um", self.roughness_um)?;
+        rule("roughness_um", self.roughness_um, self.roughness_um <= 100.0, "at most 100")?;
         for &wavelength in &self.texture_mm {
             let heard = (0.05..=2.0).contains(&wavelength);
             rule("texture_mm", wavelength, heard, "0.05 to 2")?;

@@ -142,10 +142,15 @@ impl Plan {
     /// Jaws, grip force and its changes, and what else disturbs a held object.
     fn grip(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp], unrest: &Unrest, object: bool) {
         let most_n = self.gives_way_n(what);
+        if let Some(named) = what.grip_n.filter(|&named| named > most_n) {
+            // All forces of the pull grow alike, so that it reaches the slip as surely as with a drawn grip.
+            self.pull_n_per_mm *= named / most_n;
+            self.twist_n_mm_per_rad *= named / most_n;
+        }
         let line = &mut self.timeline;
         for (n, g) in grasps.iter().enumerate() {
             let drawn = (GRIP_MEDIAN_N * exp(GRIP_SPREAD * rng.normal())).clamp(GRIP_N.0, GRIP_N.1);
-            let base = drawn.min(most_n);
+            let base = what.grip_n.unwrap_or(drawn.min(most_n).max(GRIP_N.0));
             if n == 0 {
                 self.base_n = base;
             }
@@ -184,7 +189,7 @@ impl Plan {
             self.pull_n_per_mm * shortest
         };
         // Static friction may be a quarter above the object's, and a squeeze doubles the force.
-        (0.5 * force / (1.25 * what.object.mu_static * 2.0)).clamp(GRIP_N.0, GRIP_N.1)
+        0.5 * force / (1.25 * what.object.mu_static * 2.0)
     }
 
     /// Tangential force that the weakest grip between two times holds for sure, newtons.

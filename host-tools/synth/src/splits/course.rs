@@ -70,7 +70,7 @@ impl Deck {
     }
 
     fn object(&self, j: usize) -> ObjectChoice {
-        ObjectChoice::Named(self.objects[j % self.objects.len()].name.to_owned())
+        ObjectChoice::Named(self.objects[j % self.objects.len()].name.clone())
     }
 
     fn speed_mm_s(&self, j: usize) -> f64 {

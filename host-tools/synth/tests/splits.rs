@@ -150,8 +150,7 @@ fn no_two_episodes_share_a_seed() {
 /// without their last 11 bits.
 #[test]
 fn seeds_follow_the_written_rule() {
-    use slipsense_synth::mix::PROTOCOL;
-use slipsense_synth::splits::episode_seed;
+    use slipsense_synth::splits::episode_seed;
     assert_eq!(episode_seed(Split::UmiOod, 3, 41), 0xc366_8284_ab7d_911f >> 11);
 }
 

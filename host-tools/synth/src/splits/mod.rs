@@ -21,7 +21,6 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-
 /// Version of what the generator makes: raised with every change that changes the content of an episode.
 /// Sets of different versions do not mix; the frozen test sets show a change that was not declared.
 pub const GENERATOR_VERSION: u32 = 1;

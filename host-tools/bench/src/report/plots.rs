@@ -7,14 +7,18 @@ use plotters::prelude::*;
 /// Stands for the page's text colour while plotting.
 const TEXT: RGBColor = RGBColor(1, 2, 3);
 const GRID: RGBAColor = RGBAColor(128, 128, 128, 0.25);
-/// Okabe and Ito's colours, which colour-blind readers can tell apart, without black and yellow.
-const COLOURS: [RGBColor; 6] = [
+/// Okabe and Ito's colours, which colour-blind readers can tell apart, without black and yellow,
+/// then three of Tol's.
+const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
     RGBColor(230, 159, 0),
+    RGBColor(136, 34, 85),
+    RGBColor(17, 119, 51),
+    RGBColor(153, 153, 153),
 ];
 const SIZE: (u32, u32) = (640, 380);
 

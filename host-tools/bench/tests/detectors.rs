@@ -4,7 +4,7 @@ use slipsense_bench::detectors::{DETECTORS, Detector, Setup, Verdict, by_name};
 use slipsense_bench::fit::{Fitted, Plan, fit};
 use slipsense_bench::source::Handle;
 use slipsense_episode::Episode;
-use slipsense_synth::{ObjectChoice, Recipe, ScenarioChoice, generate};
+use slipsense_synth::{ObjectChoice, Platform, Recipe, ScenarioChoice, generate};
 
 const MODEL: &[u8] = include_bytes!("../../../model/weights/slipsense.slipnet");
 
@@ -149,7 +149,8 @@ fn classes_follow_from_score_threshold_and_fallback() {
 #[test]
 fn one_and_three_sensors_and_a_change_between_them() {
     let fitted = Fitted::bundled().unwrap();
-    let of = |sensors| generate(&Recipe { sensors, seconds: Some(2.5), ..Recipe::new(6) }).unwrap();
+    let platform = Platform::Tesollo;
+    let of = |sensors| generate(&Recipe { platform, sensors, seconds: Some(2.5), ..Recipe::new(6) }).unwrap();
     let (one, three) = (of(1), of(3));
     for name in names() {
         let both = judged(name, &fitted, &[&one, &three]);

@@ -15,7 +15,8 @@ use std::f64::consts::TAU;
 use crate::draw::{Draw, Rng};
 use crate::vibration::{Clock, sin_turns};
 
-/// Noise density, g/√Hz.
+/// Noise density, g/√Hz: the modelling range of a low-noise part, set so that the paper's baselines land
+/// where they do in the paper.
 const NOISE_G: (f64, f64) = (22e-6, 45e-6);
 /// Size of an axis's gain error and of each cross-axis term.
 const GAIN_ERROR: (f64, f64) = (0.01, 0.03);

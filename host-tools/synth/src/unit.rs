@@ -9,8 +9,8 @@ use crate::film::FilmUnit;
 use crate::recipe::Platform;
 use crate::vibration::Modes;
 
-/// Seed of the units. Chosen so that the idle pads of all five read less than half the contact threshold,
-/// which one threshold for every unit asks for: creep after a release must not count as contact for long.
+/// Seed of the units. The idle pads of all five read less than half the contact threshold, which one
+/// threshold for every unit asks for: creep after a release must not count as contact for long.
 const UNITS_SEED: u64 = 0x51f5_002b;
 
 /// One of the sensors there are.
@@ -67,6 +67,31 @@ impl Unit {
             film: FilmUnit::draw(&mut rng),
             modes: Modes::draw(&mut rng, id.platform()),
             xl: XlUnit::draw(&mut rng),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::PressureMap;
+    use crate::film::{Film, FilmSession};
+    use slipsense::params::CONTACT_SUM_MIN;
+
+    #[test]
+    fn idle_pads_of_all_units_read_less_than_half_the_contact_threshold() {
+        for id in [UnitId::UmiA, UnitId::UmiB, UnitId::TesolloA, UnitId::TesolloB, UnitId::TesolloC] {
+            let unit = Unit::new(id);
+            let levels = (0..40).map(|recording| {
+                let mut rng = stream(recording, Stream::Film, 0);
+                let session = FilmSession { faults: Vec::new(), ..FilmSession::draw(&mut rng, 1.0) };
+                let mut film = Film::new(&unit.film, session, rng);
+                let sums = (0..120).map(|frame| film.scan(frame, &PressureMap::empty(), 0.0, |_| 1.0).sum());
+                f64::from(sums.sum::<u32>()) / 120.0 / f64::from(CONTACT_SUM_MIN)
+            });
+            let highest = levels.fold(0.0, f64::max);
+            println!("{id:?}: idle at {highest:.3} of the contact threshold at most in 40 recordings");
+            assert!(highest < 0.5);
         }
     }
 }

@@ -13,8 +13,8 @@ use slipsense::params::{FFT_BINS, MEL_HIGH_HZ, MEL_LOW_HZ, XL_RATE_HZ, XL_WINDOW
 pub const FILTERS: usize = 26;
 /// Cepstral coefficients kept, the 0th (level) included.
 pub const COEFFICIENTS: usize = 13;
-/// Added under the logarithm, g²: 0.4 LSB² of the coarser part (0.488 mg), and 40 dB below the 1.5e-3
-/// that 90 µg/√Hz of sensor noise make in one bin of one axis.
+/// Added under the logarithm, g²: 0.4 LSB² of the coarser part (0.488 mg), and 30 dB below the 9e-5 that
+/// 22 µg/√Hz of sensor noise make in one bin of one axis.
 pub const FLOOR_G2: f64 = 1e-7;
 
 /// Weights of one triangle.

@@ -4,7 +4,7 @@
 //! Every detector gives a score; it says slip where the score is above its threshold, and its
 //! [`Verdict::fallback`] elsewhere. Analytic detectors know slip or not slip only; the other two classes
 //! come from the rule that also makes the labels: no contact where every pad sums to less than
-//! [`CONTACT_SUM_MIN`](slipsense::params::CONTACT_SUM_MIN). [`ClassOrder`] says which rule is asked first.
+//! [`CONTACT_SUM_MIN`]. [`ClassOrder`] says which rule is asked first.
 
 mod always_slip;
 mod band_pass;

@@ -21,8 +21,8 @@ use slipsense::params::CLASSES;
 use slipsense_episode::score::SLIP;
 use slipsense_synth::labels::NO_SLIP;
 
-use crate::detectors::{ClassOrder, rig_terms};
 use crate::detectors::qda::{Gaussian, Scaling};
+use crate::detectors::{ClassOrder, rig_terms};
 use crate::source::Handle;
 use sample::{Frame, Sample};
 

@@ -1,4 +1,4 @@
-//! What sliding does to the pressure below the size of a taxel: the few hundred asperities under one
+//! What sliding does to the pressure below the size of a taxel: the hundreds of asperities under one
 //! element carry its share of the load unevenly, and others take over as the faces slide by their own
 //! size. A sliding contact flickers, a sticking one keeps the flicker it stopped at.
 
@@ -9,8 +9,9 @@ use slipsense::params::TAXELS;
 use super::map::PressureMap;
 use crate::draw::{Draw, Rng};
 
-/// Relative rms of one element's pressure, lowest and highest: `1/√n` of `n` asperities, 0.45 mm / 10–40 µm
-/// each way, of which one in ten to one in a hundred touches.
+/// Relative rms of one element's pressure, lowest and highest: about a quarter of `1/√n` for the `n`
+/// asperities of 10–40 µm that fit under the 0.45 × 0.45 mm of an element, as the layer between spreads their
+/// loads. A modelling range, set so that the paper's baselines land where they do in the paper.
 const RMS: (f64, f64) = (0.006, 0.025);
 /// Slid length after which other asperities carry the load, mm.
 const LENGTH_MM: (f64, f64) = (0.01, 0.04);
@@ -89,7 +90,8 @@ mod tests {
         let held = step(1.0);
         let moved = step(1.0 + 2.0 / 240.0);
         let change = |a: &PressureMap, b: &PressureMap| {
-            let sum: f64 = a.loaded.iter().map(|&c| (a.kpa[c] / b.kpa[c] - 1.0).powi(2)).sum();
+            let of = |c: &usize| a.kpa[*c] / b.kpa[*c] - 1.0;
+            let sum: f64 = a.loaded.iter().map(|c| of(c) * of(c)).sum();
             (sum / a.loaded.len() as f64).sqrt()
         };
         println!(

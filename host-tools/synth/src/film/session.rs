@@ -17,7 +17,8 @@ pub(crate) const FAULT_EVENT: &str = "electrical";
 const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
-/// Shift of the idle level with temperature and supply, counts.
+/// Shift of the idle level with temperature and supply, counts. Like the noise below a modelling range that
+/// was set together with the unit's own.
 const ZERO_COUNTS: (f64, f64) = (-0.2, 0.2);
 /// Noise of a recording against the unit's own, logarithmic rms and bounds: supplies and motors nearby.
 const NOISE_SPREAD: f64 = 0.15;

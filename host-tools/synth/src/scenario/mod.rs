@@ -89,7 +89,7 @@ pub(crate) fn plan(rng: &mut Rng, what: &Resolved, script: Script) -> Plan {
     let object = what.scenario != S::Empty;
     let motors = what.platform == Platform::Tesollo;
     let linked = matches!(what.scenario, S::SixStep | S::FirmGrip)
-        || (what.scenario == S::RigMotion && rng.chance(0.7));
+        || (what.scenario == S::RigMotion && rng.chance(RIG_MOTION_LINKED));
     let unrest = Unrest {
         motors,
         carried: !on_rig,

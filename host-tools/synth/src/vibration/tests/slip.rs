@@ -1,0 +1,224 @@
+//! What slip sounds like: texture, asperities, stick and slip, levels.
+
+use super::super::slip::{REFERENCE_MM_S, REFERENCE_N};
+use super::*;
+use crate::recipe::Region;
+
+/// Mean power spectrum of Hann-windowed segments of 256 samples, bins of 31.25 Hz.
+fn spectrum(g: &[[f64; 3]]) -> Vec<f64> {
+    const N: usize = 256;
+    let table: Vec<(f64, f64)> =
+        (0..N).map(|i| (cos(TAU * i as f64 / N as f64), sin(TAU * i as f64 / N as f64))).collect();
+    let mut power = vec![0.0; N / 2];
+    for segment in g.chunks_exact(N) {
+        for axis in 0..3 {
+            for (bin, power) in power.iter_mut().enumerate() {
+                let (mut re, mut im) = (0.0, 0.0);
+                for (n, x) in segment.iter().enumerate() {
+                    let window = 0.5 - 0.5 * table[n].0;
+                    let (c, s) = table[bin * n % N];
+                    re += window * x[axis] * c;
+                    im += window * x[axis] * s;
+                }
+                *power += re * re + im * im;
+            }
+        }
+    }
+    power
+}
+
+fn sound_of(surface: &Surface, slide: &Slide, seconds: f64, seed: u64) -> Vec<[f64; 3]> {
+    let clock = clock(seconds);
+    let mut buffer = vec![[0.0; 3]; clock.samples];
+    surface.sound(&Rub::of(slide), 1.0, clock, &mut rng(seed), &mut buffer);
+    buffer
+}
+
+#[test]
+fn a_texture_line_moves_in_proportion_to_speed() {
+    let object = Object { texture_mm: vec![0.08], texture_share: 1.0, stick_slip: 0.0, ..plain().clone() };
+    let surface = Surface::draw(&mut rng(1), &object);
+    let peak = |speed| {
+        let g = sound_of(&surface, &sliding(speed, 2.0, 1.0), 1.0, 2);
+        let power = |hz: &f64| power_at(&g, *hz);
+        let scan: Vec<f64> = (20..1200).map(|i| f64::from(i) * 0.5).collect();
+        scan.into_iter().max_by(|a, b| power(a).total_cmp(&power(b))).unwrap()
+    };
+    let (slow, fast) = (peak(5.0), peak(15.0));
+    println!("line at 5 mm/s {slow} Hz (v/λ 62.5), at 15 mm/s {fast} Hz (187.5), ratio {:.3}", fast / slow);
+    assert!((fast / slow / 3.0 - 1.0).abs() < 0.02 && (slow / 62.5 - 1.0).abs() < 0.02);
+}
+
+#[test]
+fn the_asperity_roll_off_moves_in_proportion_to_speed() {
+    let mut surface = Surface::draw(&mut rng(3), plain());
+    surface.asperity_mm = 0.02;
+    let corner = |speed| {
+        let power = spectrum(&sound_of(&surface, &sliding(speed, 2.0, 40.0), 40.0, 4));
+        // From the sum below a frequency: a first-order roll-off has half of its power below the corner.
+        let total: f64 = power[1..].iter().sum();
+        let mut below = 0.0;
+        for (bin, p) in power.iter().enumerate().skip(1) {
+            if below + p > total / 2.0 {
+                return (bin as f64 - 0.5 + (total / 2.0 - below) / p) * 31.25;
+            }
+            below += p;
+        }
+        f64::NAN
+    };
+    let (slow, fast) = (corner(4.0), corner(8.0));
+    println!(
+        "roll-off at 4 mm/s {slow:.0} Hz (v/λ_c 200), at 8 mm/s {fast:.0} Hz (400), ratio {:.2}",
+        fast / slow
+    );
+    assert!((fast / slow / 2.0 - 1.0).abs() < 0.1);
+}
+
+#[test]
+fn levels_follow_the_configured_exponents() {
+    for seed in 0..4 {
+        let surface = Surface::draw(&mut rng(10 + seed), plain());
+        let level = |speed: f64, force: f64| {
+            let g = sound_of(&surface, &sliding(speed, force, 40.0), 40.0, 20 + seed);
+            // The amplitude is the rms less what the roll-off lets through.
+            rms(&g) / signal::blend_rms(signal::blend(speed / surface.asperity_mm, RATE_HZ))
+        };
+        let over_speed = slope(&[2.0, 5.0, 10.0, 15.0, 18.0].map(|v| (v, level(v, 2.0))));
+        let over_force = slope(&[0.5, 1.0, 2.0, 4.0, 8.0].map(|f| (f, level(10.0, f))));
+        println!(
+            "amplitude over speed {over_speed:.3} (configured {:.3}), over force {over_force:.3} ({:.3})",
+            surface.speed_exponent, surface.force_exponent
+        );
+        assert!((over_speed / surface.speed_exponent - 1.0).abs() < 0.05);
+        assert!((over_force / surface.force_exponent - 1.0).abs() < 0.05);
+    }
+}
+
+#[test]
+fn levels_are_stated_at_the_reference() {
+    let surface = Surface::draw(&mut rng(11), plain());
+    assert_eq!(surface.amplitude_g(REFERENCE_MM_S, REFERENCE_N), surface.level_g);
+    let g = sound_of(&surface, &sliding(REFERENCE_MM_S, REFERENCE_N, 20.0), 20.0, 12);
+    println!("rms at the reference {:.2} mg, stated {:.2}", rms(&g) * 1e3, surface.level_g * 1e3);
+    assert!((rms(&g) / surface.level_g - 1.0).abs() < 0.03);
+}
+
+/// Level and spectrum of slip through the modes of units drawn anew, mg rms above 10 Hz.
+fn through_modes(platform: Platform, speed: f64, draws: u64) -> (f64, Vec<f64>) {
+    let held = Held::new(2.0, 0.0, 0.6);
+    let scene = Scene { platform, ..held.scene(VibrationModel::Modal) };
+    let slide = sliding(speed, 2.0, 0.6);
+    let mut mean = vec![0.0; 128];
+    let levels = (0..draws)
+        .map(|seed| {
+            let mut rng = rng(1000 + seed);
+            let sound = Sound::draw(&mut rng, &scene);
+            let modes = Modes::draw(&mut rng, platform).in_grasp(&mut rng, Region::Centre);
+            let mut g = vec![[0.0; 3]; clock(0.6).samples];
+            sound.slip(&slide, 0, clock(0.6), &mut rng, &mut g);
+            modes.respond(&scene, None, clock(0.6), &mut g);
+            mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
+            rms_above_10_hz(&g) * 1e3
+        })
+        .collect();
+    (median(levels), mean)
+}
+
+const SPEEDS_MM_S: [f64; 5] = [2.0, 5.0, 10.0, 15.0, 18.0];
+const ANCHOR_MG: [f64; 5] = [4.0, 13.0, 30.0, 49.0, 60.0];
+
+#[test]
+fn levels_meet_the_anchor() {
+    let umi = SPEEDS_MM_S.map(|v| through_modes(Platform::Umi, v, 120).0);
+    let tesollo = SPEEDS_MM_S.map(|v| through_modes(Platform::Tesollo, v, 120).0);
+    println!("median level at {SPEEDS_MM_S:?} mm/s, 2 N, Ra 1 µm: {umi:.1?} mg, expected {ANCHOR_MG:?}");
+    println!("on a jointed hand: {tesollo:.1?} mg (synthetic)");
+    for (level, anchor) in umi.iter().zip(ANCHOR_MG) {
+        assert!((level / anchor - 1.0).abs() < 0.25, "{level} mg against {anchor} mg");
+    }
+}
+
+#[test]
+fn the_autoregressive_model_is_stable_as_loud_and_otherwise_coloured() {
+    let mut largest: f64 = 0.0;
+    for seed in 0..50 {
+        let texture = Texture::draw(&mut rng(seed), plain());
+        for v in 1..60 {
+            for f in [0.2, 0.7, 1.3, 3.0, 6.0, 12.0] {
+                for k in texture.at(f64::from(v), f) {
+                    largest = largest.max(k.abs());
+                }
+            }
+        }
+    }
+    println!("largest reflection coefficient {largest:.4}, stable below 1");
+    assert!(largest < 1.0);
+    for (speed, anchor) in SPEEDS_MM_S.into_iter().zip(ANCHOR_MG) {
+        let mut mean = vec![0.0; 128];
+        let levels = (0..120)
+            .map(|seed| {
+                let mut rng = rng(2000 + seed);
+                let texture = Texture::draw(&mut rng, plain());
+                let mut g = vec![[0.0; 3]; clock(0.6).samples];
+                texture.add(&sliding(speed, 2.0, 0.6), clock(0.6), &mut rng, &mut g);
+                mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
+                rms_above_10_hz(&g) * 1e3
+            })
+            .collect();
+        let level = median(levels);
+        let (modal, modal_mean) = through_modes(Platform::Umi, speed, 120);
+        let centroid = |p: &[f64]| {
+            p.iter().enumerate().map(|(i, p)| i as f64 * 31.25 * p).sum::<f64>() / p.iter().sum::<f64>()
+        };
+        // Half the sum of differences between spectra of unit power: 0 the same, 1 nothing in common.
+        let (a, b) = (mean.iter().sum::<f64>(), modal_mean.iter().sum::<f64>());
+        let apart: f64 = mean.iter().zip(&modal_mean).map(|(x, y)| (x / a - y / b).abs()).sum::<f64>() / 2.0;
+        println!(
+            "{speed} mm/s: autoregressive {level:.1} mg, modal {modal:.1}, anchor {anchor}; centroids \
+             {:.0} and {:.0} Hz, spectra {apart:.2} apart (synthetic)",
+            centroid(&mean),
+            centroid(&modal_mean)
+        );
+        assert!((level / modal).max(modal / level) < 1.5);
+        assert!(apart > 0.1);
+    }
+}
+
+#[test]
+fn stick_slip_comes_at_the_period_of_its_formula() {
+    let object = Object { stick_slip: 1.0, ..plain().clone() };
+    let slack = object.mu_static - object.mu_kinetic;
+    for seed in 0..6 {
+        let surface = Surface::draw(&mut rng(seed), &object);
+        let pulses = surface.pulses(&Rub::of(&sliding(2.0, 2.0, 20.0)), 1.0, &mut rng(seed));
+        let stiffness = 2.0 * slack / surface.stick_spacing_mm_per_n();
+        let expected = (stiffness * 2.0 / (2.0 * slack * 2.0)).min(2200.0);
+        let rate = pulses.len() as f64 / 20.0;
+        println!("K {stiffness:.1} N/mm: {rate:.1} pulses per second, K v / (2 Δμ N) = {expected:.1}");
+        assert!((rate / expected - 1.0).abs() < 0.12);
+    }
+}
+
+#[test]
+fn spreading_slip_ticks_weakly() {
+    let steps = 2400;
+    let spreading = Slide {
+        // The patch lets go from 0 to half within a second, at the speed of gross slip.
+        fraction: (0..steps).map(|i| 0.499 * i as f64 / steps as f64).collect(),
+        speed_mm_s: (0..steps).map(|i| 10.0 * 0.499 * i as f64 / steps as f64).collect(),
+        ..sliding(10.0, 2.0, 1.0 - 2.0 / STEP_HZ)
+    };
+    let object = Object { stick_slip: 1.0, ..plain().clone() };
+    let mean = |p: &[Pulse]| p.iter().map(|p| p.peak_g).sum::<f64>() / p.len().max(1) as f64;
+    let (mut ratios, mut counts) = (Vec::new(), Vec::new());
+    for seed in 0..40 {
+        let surface = Surface::draw(&mut rng(seed), &object);
+        let weak = surface.pulses(&Rub::of(&spreading), 1.0, &mut rng(seed));
+        let gross = surface.pulses(&Rub::of(&sliding(10.0, 2.0, 5.0)), 1.0, &mut rng(seed));
+        counts.push(weak.len() as f64);
+        ratios.push(mean(&weak) / mean(&gross));
+    }
+    let (ratio, count) = (median(ratios), counts.iter().sum::<f64>() / counts.len() as f64);
+    println!("incipient over gross {ratio:.2} (0.05 to 0.3), {count:.1} pulses for half the patch (20)");
+    assert!((0.04..0.3).contains(&ratio) && (16.0..24.0).contains(&count));
+}

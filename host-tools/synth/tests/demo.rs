@@ -26,7 +26,7 @@ fn it_is_small_held_out_and_holds_slip_grip_change_and_tap() {
     let episode = Episode::read(demo("episode.npz")).unwrap();
     assert_eq!(episode.sensors, 2);
     assert_eq!(episode.meta.other["held_out"], true);
-    assert_eq!(episode.meta.other["platform"], "synthetic");
+    assert_eq!(episode.meta.other["synthetic"], true);
     let events = episode.meta.other["events"].as_array().unwrap();
     for name in ["grip_change", "tap", "move"] {
         assert!(events.iter().any(|e| e["name"] == name), "{name}");

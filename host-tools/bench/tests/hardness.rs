@@ -37,8 +37,7 @@ fn results(splits: &[Split], detectors: &[&str]) -> Results {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "makes half an hour of sensor data; run with --release")]
 fn the_papers_baselines_land_where_they_do_in_the_paper() {
-    let results =
-        results(&[Split::UmiId, Split::UmiOod], &["entropy", "mfcc-qda", "entropy-and-mfcc"]);
+    let results = results(&[Split::UmiId, Split::UmiOod], &["entropy", "mfcc-qda", "entropy-and-mfcc"]);
     println!("{results}");
     assert_eq!(results.paper.len(), 6);
     for row in &results.paper {

@@ -1,5 +1,7 @@
 //! Hand-made episodes with known answers.
 
+#![expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
+
 mod events;
 mod alarms;
 mod frames;
@@ -81,10 +83,6 @@ fn class(frames: usize, flags: &[Range<usize>]) -> Vec<u8> {
     class
 }
 
-#[expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
-#[expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
-#[expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
-#[expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
 #[test]
 fn pairs_by_hand() {
     let truth = truth(&episode(1000, std::slice::from_ref(&(100..200))));

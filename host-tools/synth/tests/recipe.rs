@@ -119,7 +119,8 @@ fn an_own_object_is_gripped_like_one_of_the_catalogue() {
 
 #[test]
 fn own_objects_that_cannot_be_are_refused_by_field() {
-    let cases: [(fn(&mut Object), &str); 12] = [
+    type Change = fn(&mut Object);
+    let cases: [(Change, &str); 12] = [
         (|o| o.roughness_um = -1.0, "\"my-rod\": roughness_um is -1, must be a finite number above 0"),
         (|o| o.roughness_um = 1e4, "roughness_um is 10000, must be at most 100"),
         (|o| o.mu_kinetic = 0.9, "\"my-rod\": mu_kinetic is 0.9, must be at most mu_static"),

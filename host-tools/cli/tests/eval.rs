@@ -85,6 +85,8 @@ fn what_a_user_can_get_wrong() {
     assert!(error.contains("none: no such folder"), "{error}");
     let error = fails(eval(Path::new("umi_id"), &out, &["--data", "/nowhere"]));
     assert!(error.contains("umi_id") && error.contains("/nowhere"), "{error}");
+    let error = fails(eval(Path::new("train"), &out, &[]));
+    assert!(error.contains("train: no set of this split is frozen"), "{error}");
     fs::create_dir(place.path("empty")).unwrap();
     let error = fails(eval(&place.path("empty"), &out, &[]));
     assert!(error.contains("empty: holds no .npz file"), "{error}");

@@ -156,10 +156,13 @@ impl Args {
     }
 
     fn input(&self, input: &str) -> Result<Input> {
-        if let Some(data) = &self.data
-            && data.join(input).is_dir()
-        {
-            return Input::folder(input, &data.join(input));
+        if let Some(data) = &self.data {
+            if !data.is_dir() {
+                bail!("--data {}: no such folder, looked for {input} in it", data.display());
+            }
+            if data.join(input).is_dir() {
+                return Input::folder(input, &data.join(input));
+            }
         }
         let folder = Path::new(input);
         if !folder.exists() {

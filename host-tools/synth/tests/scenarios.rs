@@ -67,9 +67,9 @@ fn scenarios_with_slip_slip_at_about_the_speed_of_the_recipe() {
             .unwrap();
             println!("{scenario:?} at {speed} mm/s: median speeds of whole slip {medians:.1?}");
             for median in medians {
-                // Short recordings leave little room to get up to speed, and where a twisted patch lies about
-                // its axis is left to chance.
-                let most = if scenario == Rotation { 4.0 } else { 1.3 };
+                // Short recordings leave little room to get up to speed. A twist has the recipe's speed 3 mm
+                // from its axis; a patch may lie anywhere within the pad's half diagonal of 18 mm from it.
+                let most = if scenario == Rotation { 6.0 } else { 1.3 };
                 assert!((0.5 * speed..most * speed).contains(&median), "{scenario:?} at {speed}: {median}");
             }
         }

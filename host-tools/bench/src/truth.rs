@@ -14,9 +14,9 @@ use slipsense_episode::{Episode, Meta};
 use crate::disturbance::disturbances;
 
 /// The contact slides where the slip speed is above this, mm/s.
-pub const SLIDING_MM_S: f32 = 0.1;
+pub const SLIDING_MM_S: f32 = slipsense_synth::labels::SLIPPING_MM_S as f32;
 /// ... and where this share of the load slips.
-pub const SLIDING_FRACTION: f32 = 0.95;
+pub const SLIDING_FRACTION: f32 = slipsense_synth::labels::SLIPPING_SHARE as f32;
 /// Stretches of sliding closer than this are one: 50 ms, as stick-slip interrupts the sliding. What is
 /// shorter than this in the end is not sustained and is no event.
 pub const SUSTAINED_FRAMES: usize = MARGIN_FRAMES;

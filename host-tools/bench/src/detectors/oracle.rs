@@ -11,9 +11,9 @@ use slipsense_episode::score::SLIP;
 use super::{Detector, NEVER, Verdict, held_or_free, touched};
 
 /// Interface speed above which it slips, mm/s.
-const SPEED_MIN_MM_S: f32 = 0.1;
+const SPEED_MIN_MM_S: f32 = crate::truth::SLIDING_MM_S;
 /// Share of the load above which all of the contact slips, not its rim alone.
-const FRACTION_MIN: f32 = 0.95;
+const FRACTION_MIN: f32 = crate::truth::SLIDING_FRACTION;
 
 pub(super) struct Oracle;
 

@@ -70,13 +70,17 @@ pub const CONTACT_SUM_MIN: u32 = ACTIVE_TAXELS as u32;
 /// centre of a light contact to the middle of the pad.
 pub const TAXEL_TOUCH_MIN: u16 = 8;
 
+/// Channels that the network sees of an array: the counts, and their change
+/// ([`TaxelChange`](crate::features::taxel_change::TaxelChange)).
+pub const PIEZO_CHANNELS: usize = 2;
+
 /// Classes of the network: no contact, contact without slip, slip (paper, section 5).
 pub const CLASSES: usize = 3;
 
 /// Upper bounds of what a model file may ask for. They fix the size of the network's state.
 pub mod limits {
     /// Channels after each of the three convolution blocks.
-    pub const CONV_CHANNELS: [usize; 3] = [16, 32, 32];
+    pub const CONV_CHANNELS: [usize; 3] = [8, 16, 32];
     /// Width of one modality's embedding.
     pub const EMBED: usize = 64;
     /// Hidden channels of the accelerometer encoder.
@@ -86,7 +90,7 @@ pub mod limits {
     /// Attention heads.
     pub const HEADS: usize = 8;
     /// Frames an attention layer looks back over, the current one included.
-    pub const WINDOW: usize = 64;
+    pub const WINDOW: usize = 60;
 }
 
 const _: () = {

@@ -5,12 +5,14 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use slipsense::params::{CLASSES, MEL_BINS, TAXELS};
+use slipsense::features::taxel_change::TaxelChange;
+use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXELS};
 use slipsense_episode::score::SLIP;
 
-use crate::augment::{MelChange, PadChange};
+use crate::augment::{MelChange, PadChange, Sound};
 use crate::data::Features;
 use crate::float::Sequences;
+use crate::piezo::IMAGE;
 
 /// What a sequence is drawn around: a frame of a class, or one of the first after the onset of a slip.
 const GROUPS: usize = CLASSES + 1;
@@ -19,6 +21,17 @@ const GROUPS: usize = CLASSES + 1;
 const SHARES: [u32; GROUPS] = [1, 2, 2, 2];
 /// Frames that count as the first of a slip: those that decide how fast it is noticed.
 const ONSET_FRAMES: usize = 30;
+
+/// What a frame without contact counts in the loss: the pads decide it by themselves.
+const NO_CONTACT_WEIGHT: f32 = 0.2;
+/// What the first frames after a change of class count, and how many: they decide latency and false alarms.
+const CHANGE_WEIGHT: f32 = 3.0;
+const CHANGE_FRAMES: usize = 12;
+/// What the last frames before a slip count, and how many: the interface gives way before the label says so.
+const BEFORE_WEIGHT: f32 = 0.3;
+const BEFORE_FRAMES: usize = 4;
+/// Frames at the start of a sequence cut out of an episode that do not count: their past is missing.
+const COLD_FRAMES: usize = 20;
 
 /// Draws batches from a set of episodes.
 #[derive(Debug)]
@@ -78,21 +91,27 @@ impl<'e> Sampler<'e> {
             batch: sequences,
             sensors,
             frames: self.frames,
-            piezo: vec![0.0; sequences * sensors * self.frames * TAXELS],
+            piezo: vec![0; sequences * sensors * self.frames * IMAGE],
             log_mel: vec![0.0; sequences * sensors * self.frames * MEL_BINS],
             label: vec![0; sequences * self.frames],
+            weight: vec![0.0; sequences * self.frames],
         };
         seeds
             .into_par_iter()
-            .zip(batch.piezo.par_chunks_exact_mut(sensors * self.frames * TAXELS))
+            .zip(batch.piezo.par_chunks_exact_mut(sensors * self.frames * IMAGE))
             .zip(batch.log_mel.par_chunks_exact_mut(sensors * self.frames * MEL_BINS))
             .zip(batch.label.par_chunks_exact_mut(self.frames))
-            .for_each(|(((seed, piezo), log_mel), label)| self.sequence(seed, piezo, log_mel, label));
+            .zip(batch.weight.par_chunks_exact_mut(self.frames))
+            .for_each(|((((seed, piezo), log_mel), label), weight)| {
+                let start = self.sequence(seed, piezo, log_mel, label);
+                weigh(label, start, weight);
+            });
         batch
     }
 
-    /// One stretch around a random frame of a random group, of some of the sensors, changed at random.
-    fn sequence(&self, seed: u64, piezo: &mut [f32], log_mel: &mut [f32], label: &mut [u8]) {
+    /// One stretch around a random frame of a random group, of some of the sensors, changed at random. Its
+    /// first frame's place in the episode.
+    fn sequence(&self, seed: u64, piezo: &mut [i16], log_mel: &mut [f32], label: &mut [u8]) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut dice = rng.random_range(0..SHARES.iter().sum());
         let group = SHARES.iter().position(|&share| match dice.checked_sub(share) {
@@ -110,21 +129,71 @@ impl<'e> Sampler<'e> {
 
         let mut order: Vec<usize> = (0..self.sensors).collect();
         order.shuffle(&mut rng);
-        let sensors = piezo.chunks_exact_mut(self.frames * TAXELS);
+        let sound = Sound::draw(self.frames, &mut rng);
+        let sensors = piezo.chunks_exact_mut(self.frames * IMAGE);
         let mut present = vec![false; self.sensors];
         for ((&sensor, piezo), log_mel) in
             order.iter().zip(sensors).zip(log_mel.chunks_exact_mut(self.frames * MEL_BINS))
         {
             present[sensor] = true;
             let (pad, mel) = (PadChange::draw(&mut rng), MelChange::draw(&mut rng));
-            let frames = piezo.chunks_exact_mut(TAXELS).zip(log_mel.chunks_exact_mut(MEL_BINS));
+            let mut change = TaxelChange::new();
+            let mut counts = [0; TAXELS];
+            let bins = (start..start + self.frames).flat_map(|t| episode.ln_power(t, sensor));
+            let mean = bins.sum::<f32>() / (self.frames * MEL_BINS) as f32;
+            let frames = piezo.chunks_exact_mut(IMAGE).zip(log_mel.chunks_exact_mut(MEL_BINS));
             for (t, (piezo, log_mel)) in frames.enumerate() {
-                pad.apply(episode.scan(start + t, sensor), piezo, &mut rng);
-                mel.apply(episode.log_mel(start + t, sensor), log_mel, &mut rng);
+                pad.apply(episode.scan(start + t, sensor), &mut counts, &mut rng);
+                let cells = piezo.as_chunks_mut::<PIEZO_CHANNELS>().0;
+                change.push(&counts, |index, change| cells[index] = [counts[index] as i16, change]);
+                let ln_power = episode.ln_power(start + t, sensor);
+                mel.apply(ln_power, (&sound, mean, t), log_mel, &mut rng);
             }
         }
         for (t, label) in label.iter_mut().enumerate() {
             *label = episode.label_for(start + t, &present);
         }
+        start
+    }
+}
+
+/// What the frames of a sequence that begins at frame `start` of its episode count in the loss.
+fn weigh(label: &[u8], start: usize, weight: &mut [f32]) {
+    for (t, weight) in weight.iter_mut().enumerate() {
+        let changed = (t.saturating_sub(CHANGE_FRAMES)..t).any(|u| label[u] != label[u + 1]);
+        let soon = label[t] != SLIP && label[t..].iter().take(BEFORE_FRAMES + 1).any(|&l| l == SLIP);
+        *weight = if start > 0 && t < COLD_FRAMES {
+            0.0
+        } else if soon {
+            BEFORE_WEIGHT
+        } else if label[t] == 0 {
+            NO_CONTACT_WEIGHT
+        } else if changed {
+            CHANGE_WEIGHT
+        } else {
+            1.0
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_by_hand() {
+        let mut label = vec![1u8; 100];
+        label[50..60].fill(SLIP);
+        label[90..].fill(0);
+        let mut weight = vec![9.0; 100];
+        weigh(&label, 5, &mut weight);
+        assert!(weight[..COLD_FRAMES].iter().all(|&w| w == 0.0));
+        assert_eq!(weight[COLD_FRAMES..45].iter().sum::<f32>(), (45 - COLD_FRAMES) as f32);
+        assert_eq!(weight[45..53], [1.0, 0.3, 0.3, 0.3, 0.3, 3.0, 3.0, 3.0]);
+        // Slip for 10 frames, then 12 after its end.
+        assert_eq!((weight[59], weight[71], weight[72]), (3.0, 3.0, 1.0));
+        assert_eq!((weight[89], weight[95]), (1.0, 0.2));
+        weigh(&label, 0, &mut weight);
+        assert_eq!(weight[0], 1.0);
     }
 }

@@ -9,12 +9,17 @@ use anyhow::{Context, Result, bail, ensure};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
-use slipsense::features::XlFrontEnd;
+use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS};
 use slipsense_episode::Episode;
 use slipsense_synth::objects::{self, Group};
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
-use slipsense_synth::{Recipe, Split, generate_set};
+use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
+
+use crate::float::Sequences;
+use crate::piezo::IMAGE;
+use crate::reference::log_mel_real;
 
 /// What an episode may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,6 +109,12 @@ impl Source {
     }
 }
 
+/// Every so many training episodes one is of disturbances only: the protocol's have few, and a network that
+/// has not heard them raises alarms.
+const DISTURBANCES_EVERY: usize = 8;
+/// Their length, as long as the others.
+const DISTURBANCES_SECONDS: f64 = 20.0;
+
 /// Recipes of the first generated episodes of the split for this use.
 pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
     let set = match what {
@@ -111,7 +122,19 @@ pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
         Use::Validation => EpisodeSet::first(Split::Val, FROZEN_SEED, count),
         Use::Test => bail!("test splits are for `slipsense eval`"),
     };
-    Ok(set.episodes.into_iter().map(|episode| episode.recipe).collect())
+    let recipes = set.episodes.into_iter().map(|episode| episode.recipe).enumerate();
+    let disturbed = |index: usize| what == Use::Train && index % DISTURBANCES_EVERY == DISTURBANCES_EVERY - 1;
+    Ok(recipes.map(|(index, recipe)| if disturbed(index) { disturbances(recipe) } else { recipe }).collect())
+}
+
+/// The same hand and object, disturbed all the time and never slipping.
+fn disturbances(recipe: Recipe) -> Recipe {
+    Recipe {
+        scenario: ScenarioChoice::Disturbances,
+        seconds: Some(DISTURBANCES_SECONDS),
+        speed_mm_s: None,
+        ..recipe
+    }
 }
 
 /// The folder's episodes for a use, by name.
@@ -144,10 +167,12 @@ fn episode_files(folder: &Path, what: Use) -> Result<Vec<PathBuf>> {
 pub struct Features {
     /// Sensors.
     pub sensors: usize,
-    /// Counts, `[frame][sensor][32 · 32]`.
-    pub piezo: Vec<u16>,
-    /// Standardised log-mel, Q2.13, `[frame][sensor][16]`.
-    pub log_mel: Vec<i16>,
+    /// Counts, `[frame][sensor]`.
+    pub piezo: Vec<[u16; TAXELS]>,
+    /// Natural log of the mel power before standardisation, LSB², `[frame][sensor]`.
+    pub ln_power: Vec<[f32; MEL_BINS]>,
+    /// Standardised log-mel, Q2.13, `[frame][sensor]`.
+    pub log_mel: Vec<[i16; MEL_BINS]>,
     /// Is the pad touched, `[frame][sensor]`.
     pub touched: Vec<bool>,
     /// Classes, `[frame]`.
@@ -161,8 +186,9 @@ impl Features {
         let (frames, sensors) = (episode.frames(), episode.sensors);
         let mut features = Self {
             sensors,
-            piezo: Vec::with_capacity(frames * sensors * TAXELS),
-            log_mel: Vec::with_capacity(frames * sensors * MEL_BINS),
+            piezo: Vec::with_capacity(frames * sensors),
+            ln_power: Vec::with_capacity(frames * sensors),
+            log_mel: Vec::with_capacity(frames * sensors),
             touched: Vec::with_capacity(frames * sensors),
             label,
         };
@@ -171,8 +197,10 @@ impl Features {
             for (sensor, front_end) in front_ends.iter_mut().enumerate() {
                 let scan = episode.piezo(frame, sensor);
                 front_end.push(episode.xl_batch(frame, sensor));
-                features.piezo.extend(scan.counts());
-                features.log_mel.extend(front_end.log_mel().standardised);
+                let log_mel = front_end.log_mel();
+                features.piezo.push(*scan.counts());
+                features.ln_power.push(log_mel.ln_power.map(|q16| q16 as f32 / (1 << LN_FRAC_BITS) as f32));
+                features.log_mel.push(log_mel.standardised);
                 features.touched.push(scan.sum() >= CONTACT_SUM_MIN);
             }
         }
@@ -185,13 +213,41 @@ impl Features {
     }
 
     /// Counts of one scan.
-    pub fn scan(&self, frame: usize, sensor: usize) -> &[u16] {
-        &self.piezo[(frame * self.sensors + sensor) * TAXELS..][..TAXELS]
+    pub fn scan(&self, frame: usize, sensor: usize) -> &[u16; TAXELS] {
+        &self.piezo[frame * self.sensors + sensor]
+    }
+
+    /// Log of the mel power of one sensor and frame.
+    pub fn ln_power(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
+        &self.ln_power[frame * self.sensors + sensor]
     }
 
     /// Standardised log-mel of one sensor and frame.
-    pub fn log_mel(&self, frame: usize, sensor: usize) -> &[i16] {
-        &self.log_mel[(frame * self.sensors + sensor) * MEL_BINS..][..MEL_BINS]
+    pub fn log_mel(&self, frame: usize, sensor: usize) -> &[i16; MEL_BINS] {
+        &self.log_mel[frame * self.sensors + sensor]
+    }
+
+    /// The whole episode as it is, for the network in float.
+    pub fn sequences(&self) -> Sequences {
+        let frames = self.frames();
+        let mut all = Sequences {
+            batch: 1,
+            sensors: self.sensors,
+            frames,
+            piezo: Vec::with_capacity(frames * self.sensors * IMAGE),
+            log_mel: Vec::with_capacity(frames * self.sensors * MEL_BINS),
+            label: self.label.clone(),
+            weight: vec![1.0; frames],
+        };
+        for sensor in 0..self.sensors {
+            let mut change = TaxelChange::new();
+            for frame in 0..frames {
+                let counts = self.scan(frame, sensor);
+                change.push(counts, |index, change| all.piezo.extend([counts[index] as i16, change]));
+                all.log_mel.extend(self.log_mel(frame, sensor).map(log_mel_real));
+            }
+        }
+        all
     }
 
     /// The class when only these sensors are there: no contact if none of them is touched.

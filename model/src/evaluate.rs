@@ -1,8 +1,10 @@
 //! What the integer pipeline and the float network reach on labelled episodes, and how often they agree.
 
 use anyhow::{Context, Result};
+use burn::tensor::Device;
 use serde::Serialize;
 use slipsense::net::Model;
+use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense::sensor::SensorInput;
@@ -10,6 +12,7 @@ use slipsense_episode::Episode;
 use slipsense_episode::score::{ClassScores, Detection, SLIP, score_events};
 
 use crate::data::Features;
+use crate::float::FloatNetwork;
 use crate::reference::{Reference, SensorFrame};
 use crate::weights::Weights;
 
@@ -169,7 +172,7 @@ pub fn compare(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result
         let mut seen = [SensorFrame::default(); MAX_SENSORS];
         for ((seen, input), log_mel) in seen.iter_mut().zip(&inputs).zip(&output.log_mel) {
             *seen = SensorFrame {
-                piezo: input.piezo.map(|piezo| &piezo.counts()[..]),
+                piezo: input.piezo.map(|piezo| piezo.counts()),
                 log_mel: Some(&log_mel.standardised),
             };
         }
@@ -192,25 +195,17 @@ pub fn compare(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result
     Ok(result)
 }
 
-/// The float network alone over one episode's features.
-pub fn score_float(weights: &Weights, features: &Features) -> (Scores, Vec<[f32; CLASSES]>) {
-    let mut reference = Reference::new(weights, features.sensors);
-    let all = vec![true; features.sensors];
-    let mut classes = Vec::with_capacity(features.frames());
-    let mut all_logits = Vec::with_capacity(features.frames());
-    for frame in 0..features.frames() {
-        let seen: Vec<SensorFrame<'_>> = (0..features.sensors)
-            .map(|sensor| SensorFrame {
-                piezo: Some(features.scan(frame, sensor)),
-                log_mel: Some(features.log_mel(frame, sensor)),
-            })
-            .collect();
-        let logits = reference.step(&seen);
-        let touched = features.touched[frame * features.sensors..][..all.len()].contains(&true);
-        classes.push(decide(touched, logits));
-        all_logits.push(logits);
-    }
-    (Scores::new(&features.label, &classes), all_logits)
+/// The float network alone over one episode's features, all frames at once. `device` is a plain one.
+pub fn score_float(
+    network: &FloatNetwork,
+    dims: &Dims,
+    features: &Features,
+    device: &Device,
+) -> (Scores, Vec<[f32; CLASSES]>) {
+    let logits = network.logits(dims, &features.sequences(), device);
+    let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
+    let classes: Vec<u8> = touched.zip(&logits).map(|(touched, &logits)| decide(touched, logits)).collect();
+    (Scores::new(&features.label, &classes), logits)
 }
 
 /// The pipeline's decision on float logits, all pads being there.

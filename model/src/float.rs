@@ -4,17 +4,16 @@
 //! frames, so this computes what the streaming network computes frame by frame (`tests/streaming.rs`).
 
 use burn::module::{Module, Param, ParamId};
+use burn::optim::GradientsParams;
 use burn::tensor::activation::{log_softmax, relu, softmax};
-use burn::tensor::module::{conv2d, layer_norm, max_pool2d};
-use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
+use burn::tensor::module::layer_norm;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use slipsense::net::format::Dims;
-use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use slipsense::params::{CLASSES, MEL_BINS};
 
+use crate::piezo::{self, Filters};
 use crate::weights::{Weights, specs};
 
-/// Real value of one count at the first convolution: a linear factor, no information lost.
-pub const PIEZO_INPUT_SCALE: f32 = 1.0 / 256.0;
 /// Added to the variance in LayerNorm.
 pub const NORM_EPSILON: f64 = 1e-5;
 
@@ -37,20 +36,31 @@ pub struct Sequences {
     pub sensors: usize,
     /// Frames of every sequence.
     pub frames: usize,
-    /// Counts times [`PIEZO_INPUT_SCALE`], `[batch, sensor, frame, 32 · 32]`.
-    pub piezo: Vec<f32>,
+    /// Counts and their change, `[batch, sensor, frame, 32 · 32, 2]`.
+    pub piezo: Vec<i16>,
     /// Standardised log-mel, `[batch, sensor, frame, 16]`.
     pub log_mel: Vec<f32>,
     /// Classes, `[batch, frame]`.
     pub label: Vec<u8>,
+    /// What each frame counts in the loss, `[batch, frame]`.
+    pub weight: Vec<f32>,
 }
 
 impl FloatNetwork {
-    /// From plain numbers.
+    /// To be trained. `device` is one with automatic gradients.
     pub fn new(weights: &Weights, device: &Device) -> Self {
+        Self::with(weights, device, Tensor::require_grad)
+    }
+
+    /// To be run. `device` is a plain one.
+    pub fn fixed(weights: &Weights, device: &Device) -> Self {
+        Self::with(weights, device, |tensor| tensor)
+    }
+
+    fn with(weights: &Weights, device: &Device, prepare: impl Fn(Tensor<1>) -> Tensor<1>) -> Self {
         let parameter = |(index, tensor): (usize, &Vec<f32>)| {
             let data = TensorData::new(tensor.clone(), [tensor.len()]);
-            let tensor = Tensor::<1>::from_data(data, device).require_grad();
+            let tensor = prepare(Tensor::<1>::from_data(data, device));
             // A fixed identity per tensor lets a resumed run find its optimizer state.
             Param::initialized(ParamId::from(index as u64 + 1), tensor)
         };
@@ -63,14 +73,65 @@ impl FloatNetwork {
         Weights { dims, tensors: tensors.collect() }
     }
 
-    /// Logits of every frame, `[batch, frame, class]`.
-    pub fn forward(&self, dims: &Dims, input: &Sequences, device: &Device) -> Tensor<3> {
+    /// The convolution blocks' parameters, which [`piezo`] runs.
+    fn filters(&self, dims: &Dims) -> Filters {
+        let specs = specs(dims);
+        let values = |layer: &str, part: &str| {
+            let index = specs.iter().position(|spec| spec.layer == layer && spec.part == part);
+            let parameter = &self.parameters[index.expect("names come from the layout")];
+            parameter.val().into_data().iter::<f32>().collect()
+        };
+        Filters {
+            weight: piezo::LAYERS.map(|layer| values(layer, "weight")),
+            bias: piezo::LAYERS.map(|layer| values(layer, "bias")),
+        }
+    }
+
+    /// Logits of every frame, `[batch, frame, class]`, without gradients. `device` is a plain one.
+    pub fn logits(&self, dims: &Dims, input: &Sequences, device: &Device) -> Vec<[f32; CLASSES]> {
+        let filters = self.filters(dims);
+        let (features, _) = piezo::forward(&filters, &input.piezo);
+        let features = tensor(features, [input.images(), filters.features()], device);
+        let logits: Vec<f32> =
+            self.forward(dims, input, features, device).into_data().iter::<f32>().collect();
+        logits.as_chunks().0.to_vec()
+    }
+
+    /// Loss of a batch and the gradients of all parameters. `device` is one with automatic gradients.
+    pub fn gradients(&self, dims: &Dims, input: &Sequences, device: &Device) -> (f64, GradientsParams) {
+        let filters = self.filters(dims);
+        let (features, tape) = piezo::forward(&filters, &input.piezo);
+        let features = tensor::<2>(features, [input.images(), filters.features()], device).require_grad();
+        let logits = self.forward(dims, input, features.clone(), device);
+        let loss = Self::loss(logits, input, device);
+        let value = f64::from(loss.clone().into_scalar::<f32>());
+        let mut gradients = loss.backward();
+        let of_features = features.grad_remove(&mut gradients).expect("the loss depends on the features");
+        let of_features: Vec<f32> = of_features.into_data().iter::<f32>().collect();
+        let of_filters = piezo::backward(&filters, &input.piezo, &tape, &of_features);
+        let mut all = GradientsParams::from_grads(gradients, self);
+        let parts = of_filters.weight.into_iter().map(|g| ("weight", g));
+        let parts = parts
+            .zip(piezo::LAYERS)
+            .chain(of_filters.bias.into_iter().map(|g| ("bias", g)).zip(piezo::LAYERS));
+        let specs = specs(dims);
+        for ((part, gradient), layer) in parts {
+            let index = specs.iter().position(|spec| spec.layer == layer && spec.part == part);
+            let id = self.parameters[index.expect("names come from the layout")].id;
+            let length = gradient.len();
+            all.register(id, tensor::<1>(gradient, [length], &device.clone().inner()));
+        }
+        (value, all)
+    }
+
+    /// Logits of every frame, `[batch, frame, class]`, from the taxel features of every image.
+    fn forward(&self, dims: &Dims, input: &Sequences, features: Tensor<2>, device: &Device) -> Tensor<3> {
         let graph = Graph { parameters: &self.parameters, dims };
         let (b, l) = (input.batch, input.frames);
         let widest = |embedding: Tensor<2>| {
             embedding.reshape([b, input.sensors, l, dims.embed]).max_dim(1).reshape([b, l, dims.embed])
         };
-        let piezo = widest(graph.piezo(input, device));
+        let piezo = widest(graph.dense("piezo.dense", features));
         let xl = widest(graph.xl(input, device));
 
         let band = Band::new(l, dims.window, device);
@@ -82,15 +143,23 @@ impl FloatNetwork {
         logits.reshape([b, l, CLASSES])
     }
 
-    /// Mean cross entropy over all frames, nat.
-    pub fn loss(logits: Tensor<3>, label: &[u8], device: &Device) -> Tensor<1> {
+    /// Cross entropy, the weighted mean over all frames, nat.
+    fn loss(logits: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
         let [b, l, classes] = logits.dims();
         let mut truth = vec![0f32; b * l * classes];
-        for (row, &class) in truth.chunks_exact_mut(classes).zip(label) {
-            row[class as usize] = 1.0;
+        let total: f32 = input.weight.iter().sum();
+        for ((row, &class), &weight) in truth.chunks_exact_mut(classes).zip(&input.label).zip(&input.weight) {
+            row[class as usize] = weight / total;
         }
         let truth = tensor::<3>(truth, [b, l, classes], device);
-        (log_softmax(logits, 2) * truth).sum().mul_scalar(-1.0 / (b * l) as f32)
+        (log_softmax(logits, 2) * truth).sum().neg()
+    }
+}
+
+impl Sequences {
+    /// Scans in all.
+    fn images(&self) -> usize {
+        self.batch * self.sensors * self.frames
     }
 }
 
@@ -98,23 +167,33 @@ fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) 
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// Which frames an attention sees, and at what lag.
+/// Which frames an attention sees, and at what lag. Sequences are cut into chunks as long as the window: a
+/// chunk's frames see it and the one before, and the work grows with the length, not with its square.
 struct Band {
-    /// Lag of every pair of frames, `[frame · frame]`; clamped where masked.
+    /// Lag of each frame of a chunk to each of its own and the one before, `[window · 2 window]`; clamped
+    /// where masked.
     lag: Tensor<1, Int>,
-    /// 0 where seen, [`UNSEEN`] elsewhere, `[1, 1, frame, frame]`.
-    mask: Tensor<4>,
-    frames: usize,
+    /// 0 where seen, [`UNSEEN`] elsewhere, `[1, 1, chunk, window, 2 window]`.
+    mask: Tensor<5>,
+    chunks: usize,
+    window: usize,
 }
 
 impl Band {
     fn new(frames: usize, window: usize, device: &Device) -> Self {
-        let pairs = (0..frames).flat_map(|t| (0..frames).map(move |j| (t, j)));
-        let lag: Vec<i32> = pairs.clone().map(|(t, j)| t.saturating_sub(j).min(window - 1) as i32).collect();
-        let seen = |(t, j): (usize, usize)| if j <= t && t - j < window { 0.0 } else { UNSEEN };
-        let mask = tensor(pairs.map(seen).collect(), [1, 1, frames, frames], device);
-        let lag = Tensor::from_data(TensorData::new(lag, [frames * frames]), device);
-        Self { lag, mask, frames }
+        let chunks = frames.div_ceil(window);
+        let pairs = || (0..window).flat_map(|t| (0..2 * window).map(move |j| (t, j)));
+        // Frame t of a chunk is number window + t of the two.
+        let lag = pairs().map(|(t, j)| (window + t).saturating_sub(j).min(window - 1) as i32);
+        let lag = Tensor::from_data(TensorData::new(lag.collect(), [2 * window * window]), device);
+        let seen = |chunk: usize, (t, j): (usize, usize)| {
+            let in_band = j <= window + t && window + t - j < window;
+            let exists = chunk > 0 || j >= window;
+            if in_band && exists { 0.0 } else { UNSEEN }
+        };
+        let mask = (0..chunks).flat_map(|chunk| pairs().map(move |pair| seen(chunk, pair)));
+        let mask = tensor(mask.collect(), [1, 1, chunks, window, 2 * window], device);
+        Self { lag, mask, chunks, window }
     }
 }
 
@@ -138,24 +217,6 @@ impl Graph<'_> {
         let outputs = spec.expect("names come from the layout").rows;
         let weight = self.get(layer, "weight", [outputs, inputs]);
         x.matmul(weight.transpose()) + self.get(layer, "bias", [1, outputs])
-    }
-
-    /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`.
-    fn piezo(&self, input: &Sequences, device: &Device) -> Tensor<2> {
-        let images = input.piezo.len() / TAXELS;
-        let mut x = tensor::<4>(input.piezo.clone(), [images, 1, TAXEL_ROWS, TAXEL_COLS], device);
-        let mut inputs = 1;
-        for (block, outputs) in self.dims.conv_channels.into_iter().enumerate() {
-            let layer = ["piezo.conv1", "piezo.conv2", "piezo.conv3"][block];
-            let weight = self.get(layer, "weight", [outputs, 3, 3, inputs]).permute([0, 3, 1, 2]);
-            let bias = self.get(layer, "bias", [outputs]);
-            x = conv2d(x, weight, Some(bias), ConvOptions::new([1, 1], [1, 1], [1, 1], 1));
-            // The pool before the ReLU: the same values with a quarter of the work.
-            x = relu(max_pool2d(x, MaxPoolOptions::new([2, 2])));
-            inputs = outputs;
-        }
-        let flat = x.permute([0, 2, 3, 1]).reshape([images, self.dims.piezo_features()]);
-        self.dense("piezo.dense", flat)
     }
 
     /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`.
@@ -184,17 +245,37 @@ impl Graph<'_> {
         let [b, l, width] = x.dims();
         let heads = self.dims.heads;
         let head_width = width / heads;
+        let (chunks, window) = (band.chunks, band.window);
+        let missing = chunks * window - l;
+        // [batch, head, chunk, frame of the chunk, column]
         let project = |part: &str, x: Tensor<3>| {
-            let y = self.dense(&format!("{block}.{part}"), x.reshape([b * l, width]));
-            y.reshape([b, l, heads, head_width]).swap_dims(1, 2)
+            let y = self.dense(&format!("{block}.{part}"), x.reshape([b * l, width])).reshape([b, l, width]);
+            let y = match missing {
+                0 => y,
+                _ => Tensor::cat(vec![y.clone(), Tensor::zeros([b, missing, width], &y.device())], 1),
+            };
+            y.reshape([b, chunks * window, heads, head_width])
+                .swap_dims(1, 2)
+                .reshape([b, heads, chunks, window, head_width])
         };
-        let (query, key) = (project("query", x.clone()), project("key", seen.clone()));
-        let value = project("value", seen);
-        let by_lag = self.get(&format!("{block}.score"), "bias", [heads, self.dims.window]);
-        let bias = by_lag.select(1, band.lag.clone()).reshape([1, heads, band.frames, band.frames]);
+        // Each chunk behind the one before it.
+        let with_before = |x: Tensor<5>| {
+            let none = Tensor::zeros([b, heads, 1, window, head_width], &x.device());
+            let before = match chunks {
+                1 => none,
+                _ => Tensor::cat(vec![none, x.clone().narrow(2, 0, chunks - 1)], 2),
+            };
+            Tensor::cat(vec![before, x], 3)
+        };
+        let query = project("query", x.clone());
+        let key = with_before(project("key", seen.clone()));
+        let value = with_before(project("value", seen));
+        let by_lag = self.get(&format!("{block}.score"), "bias", [heads, window]);
+        let bias = by_lag.select(1, band.lag.clone()).reshape([1, heads, 1, window, 2 * window]);
         let scale = 1.0 / (head_width as f32).sqrt();
-        let scores = query.matmul(key.transpose()).mul_scalar(scale) + bias + band.mask.clone();
-        let context = softmax(scores, 3).matmul(value).swap_dims(1, 2).reshape([b * l, width]);
+        let scores = query.matmul(key.swap_dims(3, 4)).mul_scalar(scale) + bias + band.mask.clone();
+        let context = softmax(scores, 4).matmul(value).reshape([b, heads, chunks * window, head_width]);
+        let context = context.narrow(2, 0, l).swap_dims(1, 2).reshape([b * l, width]);
         let sum = x.reshape([b * l, width]) + self.dense(&format!("{block}.out"), context);
         let norm = format!("{block}.norm");
         let (gamma, beta) = (self.get(&norm, "gamma", [width]), self.get(&norm, "beta", [width]));

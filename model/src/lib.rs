@@ -15,6 +15,7 @@ pub mod evaluate;
 pub mod export;
 pub mod float;
 pub mod output;
+pub mod piezo;
 pub mod quantize;
 pub mod reference;
 pub mod train;

@@ -12,10 +12,10 @@ use slipsense::net::model::ACTIVATION_MAX;
 use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::SCORE_FRAC_BITS;
-use slipsense::params::COUNT_MAX;
 use slipsense_model_file::ModelFile;
 
-use crate::float::{NORM_EPSILON, PIEZO_INPUT_SCALE};
+use crate::float::NORM_EPSILON;
+use crate::piezo::{self, PIEZO_INPUT_SCALE};
 use crate::reference::{Ranges, log_mel_real};
 use crate::weights::Weights;
 
@@ -85,10 +85,10 @@ pub fn quantize(weights: &Weights, ranges: &Ranges, provenance: &str) -> Result<
     let mut quantizer = Quantizer { weights, file };
     let counts = f64::from(PIEZO_INPUT_SCALE);
     let log_mel = f64::from(log_mel_real(1));
-    let conv = ["piezo.conv1", "piezo.conv2", "piezo.conv3"];
+    let conv = piezo::LAYERS;
     let [conv1, conv2, conv3] = [scales.signed(conv[0])?, scales.signed(conv[1])?, scales.signed(conv[2])?];
     let piezo = scales.with_residual("piezo", "cross_piezo.residual")?;
-    quantizer.layer(conv[0], counts, conv1, i64::from(COUNT_MAX))?;
+    quantizer.layer(conv[0], counts, conv1, ACTIVATION_MAX)?;
     quantizer.layer(conv[1], conv1, conv2, ACTIVATION_MAX)?;
     quantizer.layer(conv[2], conv2, conv3, ACTIVATION_MAX)?;
     quantizer.layer("piezo.dense", conv3, piezo, ACTIVATION_MAX)?;

@@ -3,10 +3,12 @@
 
 use std::collections::VecDeque;
 
+use slipsense::features::taxel_change::TaxelChange;
 use slipsense::net::format::Dims;
-use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS};
+use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, TAXELS};
 
-use crate::float::{NORM_EPSILON, PIEZO_INPUT_SCALE};
+use crate::float::NORM_EPSILON;
+use crate::piezo::{self, PIEZO_INPUT_SCALE};
 use crate::weights::Weights;
 
 /// Activations whose range the quantizer has to know, each with one real scale.
@@ -33,7 +35,7 @@ pub const ACTIVATIONS: [&str; 24] = [
     "temporal.residual",
     "hidden",
     "logits",
-    "counts",
+    "taxels",
     "log_mel",
 ];
 
@@ -71,15 +73,17 @@ impl Ranges {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SensorFrame<'a> {
     /// ADC counts, row-major.
-    pub piezo: Option<&'a [u16]>,
+    pub piezo: Option<&'a [u16; TAXELS]>,
     /// Standardised log-mel, Q2.13.
-    pub log_mel: Option<&'a [i16]>,
+    pub log_mel: Option<&'a [i16; MEL_BINS]>,
 }
 
 /// A network and what it remembers.
 #[derive(Clone, Debug)]
 pub struct Reference<'w> {
     weights: &'w Weights,
+    /// Per sensor the taxels' running averages, by the microcontroller's own kernel.
+    taxel_change: Vec<TaxelChange>,
     /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
     heard: Vec<VecDeque<[f32; MEL_BINS]>>,
     caches: [VecDeque<KeyValue>; 3],
@@ -97,7 +101,13 @@ impl<'w> Reference<'w> {
     /// Before the first frame.
     pub fn new(weights: &'w Weights, sensors: usize) -> Self {
         let silence = VecDeque::from(vec![[0.0; MEL_BINS]; weights.dims.xl_kernel]);
-        Self { weights, heard: vec![silence; sensors], caches: Default::default(), ranges: Ranges::default() }
+        Self {
+            weights,
+            taxel_change: vec![TaxelChange::new(); sensors],
+            heard: vec![silence; sensors],
+            caches: Default::default(),
+            ranges: Ranges::default(),
+        }
     }
 
     fn dims(&self) -> &'w Dims {
@@ -108,11 +118,12 @@ impl<'w> Reference<'w> {
     pub fn step(&mut self, sensors: &[SensorFrame<'_>]) -> [f32; CLASSES] {
         let (mut piezo, mut xl): (Option<Vec<f32>>, Option<Vec<f32>>) = (None, None);
         for (index, sensor) in sensors.iter().enumerate() {
-            if let Some(counts) = sensor.piezo {
-                keep_max(&mut piezo, self.embed_piezo(counts));
+            match sensor.piezo {
+                Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)),
+                None => self.taxel_change[index].forget(),
             }
             let mut frame = [0.0; MEL_BINS];
-            for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.unwrap_or_default()) {
+            for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {
                 *real = log_mel_real(q13);
             }
             self.heard[index].pop_front();
@@ -143,11 +154,14 @@ impl<'w> Reference<'w> {
         self.dense(layer, x).into_iter().map(|y| y.max(0.0)).collect()
     }
 
-    fn embed_piezo(&mut self, counts: &[u16]) -> Vec<f32> {
-        let mut map: Vec<f32> = counts.iter().map(|&c| f32::from(c) * PIEZO_INPUT_SCALE).collect();
-        self.ranges.see("counts", &map);
-        let (mut side, mut channels) = (TAXEL_ROWS.min(TAXEL_COLS), 1);
-        for layer in ["piezo.conv1", "piezo.conv2", "piezo.conv3"] {
+    fn embed_piezo(&mut self, sensor: usize, counts: &[u16; TAXELS]) -> Vec<f32> {
+        let mut map = Vec::with_capacity(piezo::IMAGE);
+        self.taxel_change[sensor].push(counts, |index, change| {
+            map.extend([f32::from(counts[index]), f32::from(change)].map(|x| x * PIEZO_INPUT_SCALE));
+        });
+        self.ranges.see("taxels", &map);
+        let (mut side, mut channels) = (TAXEL_ROWS, PIEZO_CHANNELS);
+        for layer in piezo::LAYERS {
             map = self.conv_relu_pool(layer, &map, side, channels);
             self.ranges.see(layer, &map);
             side /= 2;

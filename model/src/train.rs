@@ -5,11 +5,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use burn::grad_clipping::GradientClippingConfig;
-use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
+use burn::optim::{AdamWConfig, ModuleOptimizer};
 use burn::tensor::Device;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use rayon::prelude::*;
 use serde_json::json;
 use slipsense::params::CLASSES;
 use slipsense_synth::objects::{self, Group};
@@ -25,8 +24,8 @@ use crate::weights::{FIRST_DIMS, Weights};
 /// Share of all steps over which the learning rate rises.
 const WARM_UP: f64 = 0.05;
 /// Decay of the weights' running average. The paper names none and 0.999 is customary; a run of some
-/// thousand steps would then still carry its first weights at the end.
-const AVERAGE_DECAY: f64 = 0.995;
+/// thousand steps would then still carry its first weights at the end, and the last steps are small.
+const AVERAGE_DECAY: f64 = 0.998;
 /// Largest norm of one tensor's gradient.
 const GRADIENT_NORM: f32 = 1.0;
 const WEIGHT_DECAY: f32 = 1e-3;
@@ -46,7 +45,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
     /// Training episodes: so many are generated, or at most so many read.
-    #[arg(long, value_name = "N", default_value_t = 240)]
+    #[arg(long, value_name = "N", default_value_t = 640)]
     pub episodes: usize,
     /// Passes over as many frames as the training episodes have.
     #[arg(long, value_name = "N", default_value_t = 6)]
@@ -58,10 +57,10 @@ pub struct TrainArgs {
     #[arg(long, value_name = "N", default_value_t = 12)]
     pub batch: usize,
     /// Frames per sequence. The network looks back 60 frames.
-    #[arg(long, value_name = "N", default_value_t = 160)]
+    #[arg(long, value_name = "N", default_value_t = 240)]
     pub frames: usize,
     /// Highest learning rate; it rises over the first steps and falls along a half cosine.
-    #[arg(long, value_name = "LR", default_value_t = 2e-3)]
+    #[arg(long, value_name = "LR", default_value_t = 3e-3)]
     pub learning_rate: f64,
     /// Go on after the last finished epoch of the same run in DIR.
     #[arg(long)]
@@ -225,11 +224,8 @@ impl Run<'_> {
         let (mut sum, mut recent) = (0.0, None);
         for step in epoch * self.steps..(epoch + 1) * self.steps {
             let batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
-            let logits = network.forward(&state.weights.dims, &batch, device);
-            let loss = FloatNetwork::loss(logits, &batch.label, device);
-            let value = f64::from(loss.clone().into_scalar::<f32>());
+            let (value, gradients) = network.gradients(&state.weights.dims, &batch, device);
             ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");
-            let gradients = GradientsParams::from_grads(loss.backward(), network);
             *network = optimizer.step(self.learning_rate(step), network.clone(), gradients);
             state.weights = network.weights(state.weights.dims);
             let decay = AVERAGE_DECAY.min((1.0 + step as f64) / (10.0 + step as f64));
@@ -246,7 +242,10 @@ impl Run<'_> {
 
 /// Scores and mean cross entropy (nat) over whole episodes.
 fn validate(weights: &Weights, episodes: &[Features]) -> (Scores, f64) {
-    let results: Vec<_> = episodes.par_iter().map(|features| score_float(weights, features)).collect();
+    let device = Device::flex();
+    let network = FloatNetwork::fixed(weights, &device);
+    let score = |features: &Features| score_float(&network, &weights.dims, features, &device);
+    let results: Vec<_> = episodes.iter().map(score).collect();
     let mut scores = Scores::default();
     let (mut loss, mut frames) = (0.0, 0.0);
     for ((score, logits), features) in results.into_iter().zip(episodes) {

@@ -3,8 +3,8 @@
 mod common;
 
 use burn::tensor::Device;
-use slipsense::params::{MEL_BINS, TAXELS};
-use slipsense_model::float::{FloatNetwork, PIEZO_INPUT_SCALE, Sequences};
+use slipsense::features::taxel_change::TaxelChange;
+use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::reference::{Reference, SensorFrame, log_mel_real};
 
 /// More than two windows, so that frames leave the band.
@@ -16,21 +16,19 @@ fn worst_difference(sensors: usize) -> f32 {
     let log_mels = common::log_mels(FRAMES, sensors, 9);
     let mut input = Sequences { batch: 1, sensors, frames: FRAMES, ..Default::default() };
     for sensor in 0..sensors {
+        let mut change = TaxelChange::new();
         for frame in 0..FRAMES {
             let at = frame * sensors + sensor;
-            input.piezo.extend(scans[at].counts().iter().map(|&c| f32::from(c) * PIEZO_INPUT_SCALE));
+            let counts = scans[at].counts();
+            change.push(counts, |index, change| input.piezo.extend([counts[index] as i16, change]));
             input.log_mel.extend(log_mels[at].iter().map(|&q| log_mel_real(q)));
         }
     }
-    assert_eq!(
-        (input.piezo.len(), input.log_mel.len()),
-        (FRAMES * sensors * TAXELS, FRAMES * sensors * MEL_BINS)
-    );
 
     let device = Device::flex();
-    let network = FloatNetwork::new(&weights, &device.clone().autodiff());
-    let batched: Vec<f32> =
-        network.forward(&weights.dims, &input, &device.autodiff()).into_data().iter::<f32>().collect();
+    let network = FloatNetwork::fixed(&weights, &device);
+    let batched = network.logits(&weights.dims, &input, &device);
+    assert_eq!(batched.len(), FRAMES);
 
     let mut reference = Reference::new(&weights, sensors);
     let mut worst = 0f32;
@@ -43,7 +41,7 @@ fn worst_difference(sensors: usize) -> f32 {
             .collect();
         let logits = reference.step(&seen);
         for (class, logit) in logits.into_iter().enumerate() {
-            worst = worst.max((logit - batched[frame * 3 + class]).abs());
+            worst = worst.max((logit - batched[frame][class]).abs());
         }
     }
     worst

@@ -1,6 +1,7 @@
-//! Accelerometer samples to log-mel, integers only; one file per step, in the order of the signal:
-//! high-pass, ring and window, FFT, power over the axes, mel triangles, logarithm; then
-//! [`crate::fixed::standardise`].
+//! Accelerometer samples to log-mel, and taxel counts to their change ([`taxel_change`]), integers only.
+//!
+//! Log-mel has one file per step, in the order of the signal: high-pass, ring and window, FFT, power over the
+//! axes, mel triangles, logarithm; then [`crate::fixed::standardise`].
 
 #![deny(clippy::float_arithmetic)]
 
@@ -11,6 +12,7 @@ pub mod power;
 pub mod mel;
 pub mod log;
 pub mod tables;
+pub mod taxel_change;
 
 use crate::fixed::standardise;
 use crate::params::{FFT_BINS, MEL_BINS, XL_AXES};

@@ -6,10 +6,12 @@
 use super::dense::dot;
 use super::model::Layer;
 use super::requantize;
+use crate::params::PIEZO_CHANNELS;
 use crate::params::limits::CONV_CHANNELS;
 
 /// Most inputs of one 3×3 patch that a model may have.
 const PATCH_MAX: usize = 9 * CONV_CHANNELS[1];
+const _: () = assert!(CONV_CHANNELS[0] <= CONV_CHANNELS[1] && PIEZO_CHANNELS <= CONV_CHANNELS[1]);
 
 /// A square feature map in row, column, channel order, with a border of `border` cells of zeros on
 /// every side.
@@ -37,7 +39,7 @@ impl MapShape {
 
     /// Index of a cell's first channel; row and column count from the first cell inside the border.
     #[inline]
-    const fn at(&self, row: usize, col: usize) -> usize {
+    pub(super) const fn at(&self, row: usize, col: usize) -> usize {
         ((row + self.border) * (self.side + 2 * self.border) + col + self.border) * self.channels
     }
 }

@@ -4,8 +4,9 @@ use super::conv::{MapShape, conv3x3_relu_pool};
 use super::dense::dense;
 use super::model::Model;
 use super::requantize;
+use crate::features::taxel_change::TaxelChange;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
-use crate::params::{MEL_BINS, TAXEL_COLS, TAXEL_ROWS};
+use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
 
 /// An embedding; a model uses the first `dims.embed` values, the rest stay 0.
@@ -22,7 +23,7 @@ const fn map(block: usize, channels: usize) -> MapShape {
 /// The feature maps between the convolution blocks. Their borders are zero and stay so.
 #[derive(Clone, Debug)]
 pub struct PiezoEncoder {
-    counts: [i16; map(0, 1).len()],
+    input: [i16; map(0, PIEZO_CHANNELS).len()],
     block1: [i16; map(1, CONV_CHANNELS[0]).len()],
     block2: [i16; map(2, CONV_CHANNELS[1]).len()],
     block3: [i16; map(3, CONV_CHANNELS[2]).len()],
@@ -32,27 +33,29 @@ impl PiezoEncoder {
     /// Empty maps.
     pub const fn new() -> Self {
         Self {
-            counts: [0; map(0, 1).len()],
+            input: [0; map(0, PIEZO_CHANNELS).len()],
             block1: [0; map(1, CONV_CHANNELS[0]).len()],
             block2: [0; map(2, CONV_CHANNELS[1]).len()],
             block3: [0; map(3, CONV_CHANNELS[2]).len()],
         }
     }
 
-    /// Counts enter the first convolution as they are: the lowest of the 12 bits is not lost.
+    /// Counts enter the first convolution as they are: the lowest of the 12 bits is not lost. Beside each
+    /// lies its change since the recent past, which `change` keeps, of this sensor alone.
     ///
     /// The maps are laid out by the model's channels, so one encoder serves one model only.
-    pub fn embed(&mut self, model: &Model<'_>, frame: &PiezoFrame) -> Embedding {
+    pub fn embed(&mut self, model: &Model<'_>, frame: &PiezoFrame, change: &mut TaxelChange) -> Embedding {
         let [c1, c2, c3] = model.dims.conv_channels;
-        let padded = SIDE + 2;
-        let rows = self.counts.chunks_exact_mut(padded).skip(1);
-        for (row, counts) in rows.zip(frame.counts().chunks_exact(TAXEL_COLS)) {
-            for (cell, &count) in row.iter_mut().skip(1).zip(counts) {
-                *cell = count as i16;
+        let counts = frame.counts();
+        let input = &mut self.input;
+        change.push(counts, |index, change| {
+            let at = map(0, PIEZO_CHANNELS).at(index / TAXEL_COLS, index % TAXEL_COLS);
+            if let (Some(cell), Some(&count)) = (input.get_mut(at..at + PIEZO_CHANNELS), counts.get(index)) {
+                cell.copy_from_slice(&[count as i16, change]);
             }
-        }
+        });
         let [conv1, conv2, conv3] = &model.conv;
-        conv3x3_relu_pool(conv1, &self.counts, map(0, 1), &mut self.block1, map(1, c1));
+        conv3x3_relu_pool(conv1, &self.input, map(0, PIEZO_CHANNELS), &mut self.block1, map(1, c1));
         conv3x3_relu_pool(conv2, &self.block1, map(1, c1), &mut self.block2, map(2, c2));
         conv3x3_relu_pool(conv3, &self.block2, map(2, c2), &mut self.block3, map(3, c3));
         let mut out = [0; EMBED];

@@ -12,7 +12,7 @@
 //! | 4, n | length and text of the provenance, UTF-8 JSON, padded with zeros to 4 bytes |
 //! | 32 | SHA-256 of everything before |
 
-use crate::params::{CLASSES, MEL_BINS, TAXEL_ROWS, limits};
+use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
 
 /// First bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
@@ -256,13 +256,14 @@ impl Layout {
 
 /// The tensors of a file with these dimensions, in file order.
 ///
-/// Convolution weights are in output, kernel row, kernel column, input order; the dense layer behind
+/// Convolution weights are in output, kernel row, kernel column, input order, the inputs of the first being
+/// count and change; the dense layer behind
 /// them takes its inputs in row, column, channel order; the first accelerometer layer takes frames
 /// oldest first, bins within a frame. Row 0 of a score bias is head 0, column 0 is lag 0.
 pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
     let [c1, c2, c3] = dims.conv_channels;
     let mut all = Layout { specs: [TensorSpec::NONE; TENSORS], used: 0 };
-    all.layer("piezo.conv1", c1, 9);
+    all.layer("piezo.conv1", c1, 9 * PIEZO_CHANNELS);
     all.layer("piezo.conv2", c2, 9 * c1);
     all.layer("piezo.conv3", c3, 9 * c2);
     all.layer("piezo.dense", dims.embed, dims.piezo_features());

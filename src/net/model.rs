@@ -10,7 +10,6 @@ use sha2::{Digest, Sha256};
 use super::format::{
     DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, MAGIC, TENSORS, TensorSpec, layout,
 };
-use crate::params::COUNT_MAX;
 
 /// 32-bit numbers as they lie in the file.
 #[derive(Clone, Copy, Debug, Default)]
@@ -262,7 +261,7 @@ impl<'a> Model<'a> {
         Ok(Self {
             dims,
             conv: [
-                tensors.layer(COUNT_MAX as i64)?,
+                tensors.layer(ACTIVATION_MAX)?,
                 tensors.layer(ACTIVATION_MAX)?,
                 tensors.layer(ACTIVATION_MAX)?,
             ],

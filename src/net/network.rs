@@ -5,6 +5,7 @@ use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
 use super::requantize;
+use crate::features::taxel_change::TaxelChange;
 use crate::params::limits::EMBED;
 use crate::params::{CLASSES, MAX_SENSORS, MEL_BINS};
 use crate::sensor::PiezoFrame;
@@ -29,6 +30,7 @@ pub struct SensorFeatures<'a> {
 pub struct Network<'m> {
     model: Model<'m>,
     piezo: PiezoEncoder,
+    taxel_change: [TaxelChange; MAX_SENSORS],
     xl: [XlHistory; MAX_SENSORS],
     piezo_seen: KeyValueCache<EMBED>,
     xl_seen: KeyValueCache<EMBED>,
@@ -42,6 +44,7 @@ impl<'m> Network<'m> {
         Self {
             model,
             piezo: PiezoEncoder::new(),
+            taxel_change: [const { TaxelChange::new() }; MAX_SENSORS],
             xl: [const { XlHistory::new() }; MAX_SENSORS],
             piezo_seen: KeyValueCache::new(window),
             xl_seen: KeyValueCache::new(window),
@@ -73,9 +76,10 @@ impl<'m> Network<'m> {
     fn embed(&mut self, sensors: &[SensorFeatures<'_>]) -> (Embedding, Embedding) {
         let mut piezo = None;
         let mut xl = None;
-        for (sensor, history) in sensors.iter().zip(&mut self.xl) {
-            if let Some(frame) = sensor.piezo {
-                keep_max(&mut piezo, self.piezo.embed(&self.model, frame));
+        for ((sensor, history), change) in sensors.iter().zip(&mut self.xl).zip(&mut self.taxel_change) {
+            match sensor.piezo {
+                Some(frame) => keep_max(&mut piezo, self.piezo.embed(&self.model, frame, change)),
+                None => change.forget(),
             }
             // A missed frame enters the history as zeros, the mean of a standardised frame, so that
             // the taps keep their distance in time.

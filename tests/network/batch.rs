@@ -73,15 +73,31 @@ impl Oracle<'_> {
             .collect()
     }
 
-    fn piezo(&self, sensor: &Sensor) -> Option<Vec<i64>> {
-        let frame = sensor.piezo.as_ref()?;
-        let mut map: Vec<Vec<Vec<i64>>> =
-            frame.counts().chunks(32).map(|row| row.iter().map(|&c| vec![i64::from(c)]).collect()).collect();
-        for layer in ["piezo.conv1", "piezo.conv2", "piezo.conv3"] {
-            map = self.conv_block(layer, &map);
+    /// One sensor's embeddings over its whole sequence.
+    fn piezo(&self, frames: &[&Sensor]) -> Vec<Option<Vec<i64>>> {
+        // Per taxel, 1/16 count; none before the first scan and behind a gap.
+        let mut average: Option<Vec<i64>> = None;
+        let mut embeddings = Vec::new();
+        for sensor in frames {
+            let Some(frame) = &sensor.piezo else {
+                average = None;
+                embeddings.push(None);
+                continue;
+            };
+            let x: Vec<i64> = frame.counts().iter().map(|&c| 16 * i64::from(c)).collect();
+            let before = average.unwrap_or_else(|| x.clone());
+            let cells: Vec<Vec<i64>> =
+                x.iter().zip(&before).map(|(x, a)| vec![x / 16, (x - a).div_euclid(2)]).collect();
+            average =
+                Some(x.iter().zip(&before).map(|(x, a)| a + (2 * (x - a) + 8).div_euclid(16)).collect());
+            let mut map: Vec<Vec<Vec<i64>>> = cells.chunks(32).map(<[_]>::to_vec).collect();
+            for layer in ["piezo.conv1", "piezo.conv2", "piezo.conv3"] {
+                map = self.conv_block(layer, &map);
+            }
+            let flat: Vec<i64> = map.into_iter().flatten().flatten().collect();
+            embeddings.push(Some(self.dense("piezo.dense", &flat, -32768, 32767)));
         }
-        let flat: Vec<i64> = map.into_iter().flatten().flatten().collect();
-        Some(self.dense("piezo.dense", &flat, -32768, 32767))
+        embeddings
     }
 
     /// `frames`: the sequence of one sensor, `t` the frame asked for.
@@ -185,8 +201,10 @@ pub fn logits(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; 3]> {
     let width = file.dims().embed;
     let by_sensor: Vec<Vec<&Sensor>> =
         (0..frames[0].len()).map(|s| frames.iter().map(|frame| &frame[s]).collect()).collect();
-    let piezo: Vec<Vec<i64>> =
-        frames.iter().map(|frame| maximum(frame.iter().map(|s| oracle.piezo(s)), width)).collect();
+    let pads: Vec<Vec<Option<Vec<i64>>>> = by_sensor.iter().map(|sequence| oracle.piezo(sequence)).collect();
+    let piezo: Vec<Vec<i64>> = (0..frames.len())
+        .map(|t| maximum(pads.iter().map(|embeddings| embeddings[t].clone()), width))
+        .collect();
     let xl: Vec<Vec<i64>> = (0..frames.len())
         .map(|t| maximum(by_sensor.iter().map(|sequence| oracle.xl(sequence, t)), width))
         .collect();

@@ -4,7 +4,6 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::Dims;
-use slipsense::params::COUNT_MAX;
 
 use crate::ModelFile;
 
@@ -22,9 +21,7 @@ pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
                 ("bias", Some(_)) => rng.random_range(-1_000_000..=1_000_000),
                 // A typical sum of n products is √n · 127/√3 · x: scale it to the size of x again.
                 ("multiplier", Some(inputs)) => {
-                    let x_ratio =
-                        if spec.layer == "piezo.conv1" { 32768.0 / f64::from(COUNT_MAX) } else { 1.0 };
-                    let ratio = x_ratio / ((inputs as f64).sqrt() * 127.0 / 3f64.sqrt());
+                    let ratio = 1.0 / ((inputs as f64).sqrt() * 127.0 / 3f64.sqrt());
                     (ratio * 4_294_967_296.0 * rng.random_range(0.5..1.5)) as i32
                 }
                 ("multiplier", None) if spec.layer.ends_with("score") => {

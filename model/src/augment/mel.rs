@@ -1,0 +1,191 @@
+//! Changes of what an accelerometer hears: another sound on top, colour, masked bins, noise; and the
+//! standardisation of each frame after them.
+
+use std::ops::Range;
+
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+use slipsense::features::{STANDARDISE_EPSILON_Q32, STANDARDISED_FRAC_BITS};
+use slipsense::params::MEL_BINS;
+
+/// Share of sequences in which something else sounds.
+const WITH_SOUND: f64 = 0.4;
+/// Most bursts of it.
+const BURSTS_MAX: usize = 3;
+/// Frames of a burst.
+const BURST_FRAMES: Range<usize> = 2..120;
+/// Level of a burst over the mean of the sequence, nat of power.
+const BURST_LEVEL: Range<f32> = -1.0..4.0;
+/// Largest slow change of the response over the bins, nat: units and mounts differ.
+const COLOUR: f32 = 0.6;
+/// Most mel bins masked.
+const MASK_MAX: usize = 5;
+/// Largest amplitude of the uniform noise on standardised log-mel.
+const NOISE_LOG_MEL: f32 = 0.1;
+
+/// Three slow waves over the bins, the slowest the largest.
+fn slow_shape(amplitude: f32, rng: &mut ChaCha8Rng) -> [f32; MEL_BINS] {
+    let waves: [f32; 3] =
+        std::array::from_fn(|wave| rng.random_range(-1.0..1.0f32) * amplitude / (wave + 1) as f32);
+    std::array::from_fn(|bin| {
+        let turn = std::f32::consts::PI * (bin as f32 + 0.5) / MEL_BINS as f32;
+        waves.iter().zip(1u8..).map(|(wave, n)| wave * (turn * f32::from(n)).cos()).sum()
+    })
+}
+
+/// Bursts of sound from elsewhere, heard by all sensors: a door, a step, a machine.
+#[derive(Clone, Debug, Default)]
+pub struct Sound {
+    bursts: Vec<Burst>,
+}
+
+#[derive(Clone, Debug)]
+struct Burst {
+    frames: Range<usize>,
+    /// Nat over the mean of the sequence.
+    spectrum: [f32; MEL_BINS],
+    /// Fall per frame, nat.
+    decay: f32,
+}
+
+impl Sound {
+    /// None in most sequences, else one to three bursts within `frames` frames.
+    pub fn draw(frames: usize, rng: &mut ChaCha8Rng) -> Self {
+        if !rng.random_bool(WITH_SOUND) {
+            return Self::default();
+        }
+        let bursts = (0..rng.random_range(1..=BURSTS_MAX)).map(|_| {
+            let start = rng.random_range(0..frames);
+            let level = rng.random_range(BURST_LEVEL);
+            let spectrum = slow_shape(2.0, rng).map(|shape| level + shape);
+            let decay = if rng.random_bool(0.5) { rng.random_range(0.01..0.3) } else { 0.0 };
+            Burst { frames: start..start + rng.random_range(BURST_FRAMES), spectrum, decay }
+        });
+        Self { bursts: bursts.collect() }
+    }
+
+    /// Add it to one frame, ln of power. `mean`: of the sequence.
+    fn add(&self, frame: usize, mean: f32, ln_power: &mut [f32; MEL_BINS]) {
+        for burst in self.bursts.iter().filter(|burst| burst.frames.contains(&frame)) {
+            let fallen = burst.decay * (frame - burst.frames.start) as f32;
+            for (ln, spectrum) in ln_power.iter_mut().zip(&burst.spectrum) {
+                let sound = mean + spectrum - fallen;
+                let (louder, softer) = (ln.max(sound), ln.min(sound));
+                *ln = louder + (softer - louder).exp().ln_1p();
+            }
+        }
+    }
+}
+
+/// How one accelerometer's frames are changed.
+#[derive(Clone, Debug)]
+pub struct MelChange {
+    colour: [f32; MEL_BINS],
+    masked: Range<usize>,
+    noise: f32,
+}
+
+impl MelChange {
+    /// A colour, one to five neighbouring bins masked in half of the cases, and some noise.
+    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+        let width = if rng.random_bool(0.5) { rng.random_range(1..=MASK_MAX) } else { 0 };
+        let from = rng.random_range(0..=MEL_BINS - width);
+        Self {
+            colour: slow_shape(COLOUR, rng),
+            masked: from..from + width,
+            noise: rng.random_range(0.0..NOISE_LOG_MEL),
+        }
+    }
+
+    /// One frame's ln of power to what the network sees; a masked bin becomes 0, the mean of a standardised
+    /// frame. `mean` of the sequence's ln of power, `frame` of the sequence.
+    pub fn apply(
+        &self,
+        ln_power: &[f32; MEL_BINS],
+        (sound, mean, frame): (&Sound, f32, usize),
+        out: &mut [f32],
+        rng: &mut ChaCha8Rng,
+    ) {
+        let mut ln = *ln_power;
+        sound.add(frame, mean, &mut ln);
+        for (ln, colour) in ln.iter_mut().zip(&self.colour) {
+            *ln += colour;
+        }
+        let standardised = standardise(&ln);
+        for (bin, (out, value)) in out.iter_mut().zip(standardised).enumerate() {
+            *out = if self.masked.contains(&bin) {
+                0.0
+            } else {
+                value + self.noise * rng.random_range(-1.0..1.0f32)
+            };
+        }
+    }
+}
+
+/// As the front end's, in float: changed frames are made nowhere else.
+fn standardise(ln: &[f32; MEL_BINS]) -> [f32; MEL_BINS] {
+    let n = MEL_BINS as f32;
+    let mean = ln.iter().sum::<f32>() / n;
+    let variance = ln.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / n;
+    let epsilon = STANDARDISE_EPSILON_Q32 as f32 / 2f32.powi(32);
+    let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
+    ln.map(|x| ((x - mean) / (variance + epsilon).sqrt()).clamp(-largest, largest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
+
+    #[test]
+    fn a_mask_hides_at_most_five_bins() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut hidden = [0; MASK_MAX + 1];
+        let ln: [f32; MEL_BINS] = std::array::from_fn(|bin| bin as f32);
+        for _ in 0..200 {
+            let mut out = [0.0; MEL_BINS];
+            MelChange::draw(&mut rng).apply(&ln, (&Sound::default(), 0.0, 0), &mut out, &mut rng);
+            hidden[out.iter().filter(|&&x| x == 0.0).count()] += 1;
+        }
+        assert!(hidden.iter().all(|&n| n > 0) && hidden[0] > 60, "{hidden:?}");
+    }
+
+    #[test]
+    fn an_unchanged_frame_is_the_front_ends() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut front_end = XlFrontEnd::new();
+        let change = MelChange { colour: [0.0; MEL_BINS], masked: 0..0, noise: 0.0 };
+        for _ in 0..50 {
+            let samples: Vec<[i16; 3]> =
+                (0..33).map(|_| std::array::from_fn(|_| rng.random_range(-900..900))).collect();
+            front_end.push(&samples);
+            let log_mel = front_end.log_mel();
+            let ln = log_mel.ln_power.map(|q| q as f32 / (1 << LN_FRAC_BITS) as f32);
+            let mut out = [0.0; MEL_BINS];
+            change.apply(&ln, (&Sound::default(), 0.0, 0), &mut out, &mut rng);
+            for (ours, theirs) in out.iter().zip(log_mel.standardised) {
+                let theirs = f32::from(theirs) / (1 << STANDARDISED_FRAC_BITS) as f32;
+                assert!((ours - theirs).abs() < 2e-3, "{ours} {theirs}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_sound_only_adds_power_and_only_while_it_lasts() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut changed = 0;
+        for _ in 0..50 {
+            let sound = Sound::draw(100, &mut rng);
+            for frame in 0..100 {
+                let mut ln = [3.0; MEL_BINS];
+                sound.add(frame, 3.0, &mut ln);
+                assert!(ln.iter().all(|&x| x >= 3.0));
+                let sounds = sound.bursts.iter().any(|burst| burst.frames.contains(&frame));
+                assert_eq!(ln.iter().any(|&x| x > 3.0), sounds);
+                changed += usize::from(sounds);
+            }
+        }
+        assert!((300..3000).contains(&changed), "{changed}");
+    }
+}

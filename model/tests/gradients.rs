@@ -1,0 +1,73 @@
+//! The gradients that the optimizer gets, the hand-written ones of the convolution blocks among them, against
+//! differences of the loss.
+
+mod common;
+
+use burn::module::ParamId;
+use burn::tensor::Device;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::features::taxel_change::TaxelChange;
+use slipsense_model::float::{FloatNetwork, Sequences};
+use slipsense_model::reference::log_mel_real;
+use slipsense_model::weights::{Weights, name, specs};
+
+const FRAMES: usize = 21;
+const SENSORS: usize = 2;
+/// How far a parameter is moved to either side.
+const STEP: f32 = 4e-3;
+
+fn sequences() -> Sequences {
+    let mut input = Sequences { batch: 3, sensors: SENSORS, frames: FRAMES, ..Default::default() };
+    for sequence in 0..input.batch as u64 {
+        let scans = common::scans(FRAMES, SENSORS, 20 + sequence);
+        let log_mels = common::log_mels(FRAMES, SENSORS, 30 + sequence);
+        for sensor in 0..SENSORS {
+            let mut change = TaxelChange::new();
+            for frame in 0..FRAMES {
+                let counts = scans[frame * SENSORS + sensor].counts();
+                change.push(counts, |index, change| input.piezo.extend([counts[index] as i16, change]));
+                input.log_mel.extend(log_mels[frame * SENSORS + sensor].map(log_mel_real));
+            }
+        }
+    }
+    let frames = input.batch * FRAMES;
+    input.label = (0..frames).map(|t| (t / 7 % 3) as u8).collect();
+    input.weight = (0..frames).map(|t| [0.0, 1.0, 3.0, 0.3][t % 4]).collect();
+    input
+}
+
+fn loss(weights: &Weights, input: &Sequences) -> f64 {
+    let device = Device::flex().autodiff();
+    FloatNetwork::new(weights, &device).gradients(&weights.dims, input, &device).0
+}
+
+#[test]
+fn gradients_are_the_slopes_of_the_loss() {
+    let weights = common::random_weights(3);
+    let input = sequences();
+    let device = Device::flex().autodiff();
+    let (_, gradients) = FloatNetwork::new(&weights, &device).gradients(&weights.dims, &input, &device);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for (index, spec) in specs(&weights.dims).iter().enumerate() {
+        let gradient = gradients.get::<1>(ParamId::from(index as u64 + 1)).expect("every parameter has one");
+        let gradient: Vec<f32> = gradient.into_data().iter::<f32>().collect();
+        assert_eq!(gradient.len(), spec.len());
+        // Along a random direction: single slopes drown in the rounding of the loss.
+        let direction: Vec<f32> = (0..spec.len()).map(|_| rng.random_range(-1.0..1.0f32)).collect();
+        let norm = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let moved = |by: f32| {
+            let mut moved = weights.clone();
+            for (x, d) in moved.tensors[index].iter_mut().zip(&direction) {
+                *x += by * d / norm;
+            }
+            loss(&moved, &input)
+        };
+        let slope = (moved(STEP) - moved(-STEP)) / f64::from(2.0 * STEP);
+        let expected: f64 =
+            gradient.iter().zip(&direction).map(|(g, d)| f64::from(g * d)).sum::<f64>() / f64::from(norm);
+        let largest = gradient.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt();
+        println!("{:24} slope {slope:+.5}, gradient {expected:+.5} of {largest:.5}", name(spec));
+        assert!((slope - expected).abs() < 2e-3 + 0.03 * largest, "{}: {slope} {expected}", name(spec));
+    }
+}

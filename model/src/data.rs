@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -15,6 +15,8 @@ use slipsense_episode::Episode;
 use slipsense_synth::objects::{self, Group};
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, Split, generate_set};
+
+use crate::folder::{LabelledFolder, ObjectUses};
 
 /// What an episode may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,13 +53,22 @@ pub enum Source {
         seed: u64,
     },
     /// All `.npz` files of a folder.
-    Folder(PathBuf),
+    Folder(LabelledFolder),
 }
 
 impl Source {
     /// A folder where one is named, else the generator.
     pub fn new(folder: Option<&Path>, seed: u64) -> Self {
-        folder.map_or(Self::Generated { seed }, |folder| Self::Folder(folder.to_owned()))
+        let of = |path: &Path| LabelledFolder { path: path.to_owned(), uses: ObjectUses::default() };
+        folder.map_or(Self::Generated { seed }, |path| Self::Folder(of(path)))
+    }
+
+    /// The same with what a person says of a folder's objects; the generator's have their groups.
+    pub fn with_uses(mut self, uses: ObjectUses) -> Self {
+        if let Self::Folder(folder) = &mut self {
+            folder.uses = uses;
+        }
+        self
     }
 
     /// Hand every episode for a use to `each`, on all cores; results in a fixed order. `count` is how
@@ -81,9 +92,8 @@ impl Source {
                 results.into_iter().collect()
             }
             Self::Folder(folder) => {
-                let mut files = episode_files(folder, what)?;
+                let mut files = folder.files(what)?;
                 files.truncate(count);
-                ensure!(!files.is_empty(), "{}: no episode for {what:?}", folder.display());
                 bar.set_length(files.len() as u64);
                 let one = |path: &PathBuf| {
                     let result = each(Episode::read(path)?).with_context(|| path.display().to_string());
@@ -99,7 +109,7 @@ impl Source {
     pub fn describe(&self) -> String {
         match self {
             Self::Generated { seed } => format!("synthetic, split train, seed {seed}"),
-            Self::Folder(folder) => format!("episodes in {}", folder.display()),
+            Self::Folder(folder) => format!("episodes in {}", folder.path.display()),
         }
     }
 }
@@ -112,31 +122,6 @@ pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
         Use::Test => bail!("test splits are for `slipsense eval`"),
     };
     Ok(set.episodes.into_iter().map(|episode| episode.recipe).collect())
-}
-
-/// The folder's episodes for a use, by name.
-fn episode_files(folder: &Path, what: Use) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
-    let mut files = Vec::new();
-    for entry in entries {
-        let path = entry.with_context(|| format!("cannot read {}", folder.display()))?.path();
-        if path.extension().is_some_and(|e| e == "npz") {
-            files.push(path);
-        }
-    }
-    ensure!(!files.is_empty(), "{}: no .npz file", folder.display());
-    files.sort();
-    let mut chosen = Vec::new();
-    for path in files {
-        let episode = Episode::read(&path)?;
-        let Some(object) = episode.meta.other.get("object").and_then(|o| o.as_str()) else {
-            bail!("{}: meta has no \"object\", needed to split by object", path.display());
-        };
-        if use_of(object) == what {
-            chosen.push(path);
-        }
-    }
-    Ok(chosen)
 }
 
 /// One episode as the network sees it.

@@ -34,8 +34,8 @@ Mark-10's \"Reading,Load [N],Travel [mm],Time [sec]\". Lines before the table, s
 commas and other units are understood.
 
 Its clock is not the recording's. Say what it showed when the recording began (--offset-s), or knock
-twice on the clamp, about a second apart, before the crosshead moves, so that both accelerometer and
-load cell feel it (--knocks). An offset that is not clear is refused.
+twice on the clamp, about a second apart, in the first five seconds and before the crosshead moves, so
+that both accelerometer and load cell feel it (--knocks). An offset that is not clear is refused.
 
 Examples:
   slipsense label r01.npz --displacement r01.csv --knocks --pulls           look first, write nothing
@@ -54,9 +54,9 @@ pub struct Args {
     /// What the stand's clock showed when the recording began, seconds
     #[arg(long, value_name = "S", allow_negative_numbers = true, requires = "displacement")]
     offset_s: Option<f64>,
-    /// Find that from two knocks in the first seconds (10 if no number is given) of recording and log
+    /// Find that from two knocks in the first seconds (5 if no number is given) of recording and log
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, require_equals = true)]
-    #[arg(default_missing_value = "10", requires = "displacement")]
+    #[arg(default_missing_value = "5", requires = "displacement")]
     knocks: Option<f64>,
     /// Slip intervals by hand, seconds from the start of the recording
     #[arg(long, value_name = "START:END,…", value_parser = str::parse::<Intervals>)]

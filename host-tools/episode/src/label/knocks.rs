@@ -15,8 +15,8 @@ const APART_S: f64 = 0.1;
 const STANDS_OUT: f64 = 8.0;
 /// Only the strongest are looked at: what is left is footsteps and jaws.
 const MOST_KNOCKS: usize = 8;
-/// Two knocks fall together if they are no further apart than this, and half a reading of the log (s).
-const TOGETHER_S: f64 = 0.02;
+/// Two knocks fall together if they are about this far apart at most, and half a reading of the log (s).
+const TOGETHER_S: f64 = 0.005;
 /// Knocks that must fall together.
 const MUST_MATCH: usize = 2;
 /// The next best offset must reach less than this share of the best one's score.
@@ -95,11 +95,11 @@ pub fn logged_knocks(log: &StandLog, within_s: f64) -> Result<Vec<f64>, KnockErr
         (log.travel_mm[i] - log.travel_mm[0]).abs() <= ONSET_MM && log.time_s[i] <= log.time_s[0] + within_s
     };
     let rest = (0..load_n.len()).take_while(|&i| at_rest(i)).count();
-    // The load's slow part is not a knock: the mean around each reading is taken off.
+    // The load's slow part is not a knock. A mean around each reading would see a knock beside it too.
     let around = ((APART_S * log.rate_hz()).ceil() as usize).max(1);
     let above = |i: usize| {
         let near = &load_n[i.saturating_sub(around)..(i + around + 1).min(rest)];
-        (load_n[i] - near.iter().sum::<f64>() / near.len() as f64).abs()
+        (load_n[i] - median(near.to_vec())).abs()
     };
     Ok(peaks(&(0..rest).map(|i| (log.time_s[i], above(i))).collect::<Vec<_>>()))
 }
@@ -135,18 +135,13 @@ pub fn align(recorded: &[f64], logged: &[f64], reading_s: f64) -> Result<Alignme
 
 /// Times of the strongest points that stand out, in order of time. `signal`: time (s) and strength.
 fn peaks(signal: &[(f64, f64)]) -> Vec<f64> {
-    let middle = |mut values: Vec<f64>| {
-        let at = values.len() / 2;
-        values.select_nth_unstable_by(at, f64::total_cmp);
-        values[at]
-    };
     if signal.is_empty() {
         return Vec::new();
     }
-    let median = middle(signal.iter().map(|s| s.1).collect());
-    let deviation = middle(signal.iter().map(|s| (s.1 - median).abs()).collect());
+    let usual = median(signal.iter().map(|s| s.1).collect());
+    let deviation = median(signal.iter().map(|s| (s.1 - usual).abs()).collect());
     let mut strongest: Vec<(f64, f64)> =
-        signal.iter().copied().filter(|s| s.1 > median + STANDS_OUT * deviation && s.1 > 0.0).collect();
+        signal.iter().copied().filter(|s| s.1 > usual + STANDS_OUT * deviation && s.1 > 0.0).collect();
     strongest.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut times: Vec<f64> = Vec::new();
     for (time, _) in strongest {
@@ -156,6 +151,12 @@ fn peaks(signal: &[(f64, f64)]) -> Vec<f64> {
     }
     times.sort_by(f64::total_cmp);
     times
+}
+
+/// The middle one of some values; of an even number the upper.
+fn median(mut values: Vec<f64>) -> f64 {
+    let at = values.len() / 2;
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -263,7 +263,12 @@ impl<'t> Table<'t> {
     }
 
     fn check_width(&self, row: &StringRecord, line: u64) -> Result<(), StandLogProblem> {
-        let filled = row.iter().rposition(|cell| !cell.trim().is_empty()).map_or(0, |at| at + 1);
+        let filled = row
+            .iter()
+            .enumerate()
+            .filter(|(_, cell)| !cell.trim().is_empty())
+            .last()
+            .map_or(0, |(at, _)| at + 1);
         if filled <= self.width {
             return Ok(());
         }

@@ -50,6 +50,8 @@ fn what_is_wrong_is_named_by_line_and_column() {
         ("1,0,0,0\n2,0,0\n", "line 4, column \"Time [sec]\": is \"\", must be a number"),
         ("1,0,nan,0\n2,0,0,1\n", "line 3, column \"Travel [mm]\": is \"nan\", must be a number"),
         ("1,0,\"1,234.5\",0\n2,0,0,1\n", "line 3, column \"Travel [mm]\": is \"1,234.5\", must be a number"),
+        ("1,0,0,0\n\n\n2,0,x,0.1\n", "line 6, column \"Travel [mm]\": is \"x\", must be a number"),
+        ("1,0,0,0\r\n2,0,0,0\r\n3,0,x,0.1\r\n", "line 5, column \"Travel [mm]\": is \"x\", must be a number"),
         (
             "1,0,0,0.2\n2,0,0,0.1\n",
             "line 4, column \"Time [sec]\": is \"0.1\", must not be before the reading above",

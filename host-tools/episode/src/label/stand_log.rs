@@ -119,7 +119,7 @@ impl StandLog {
         };
         for row in rows(table.body, table.separator) {
             let row = row.map_err(|e| Problem::Line { line: table.first_line, rule: e.to_string() })?;
-            let line = table.first_line + row.position().map_or(0, |at| at.line() - 1);
+            let line = table.line(&row);
             if row.iter().all(|cell| cell.trim().is_empty()) {
                 continue;
             }
@@ -260,6 +260,15 @@ impl<'t> Table<'t> {
 
     fn columns(&self) -> impl Iterator<Item = &Column> {
         [&self.time, &self.travel].into_iter().chain(&self.load)
+    }
+
+    /// Line of a row of the body, from 1 in the file. The reader's position is before what it skips: blank
+    /// lines, and the second half of a line's end.
+    fn line(&self, row: &StringRecord) -> u64 {
+        let (byte, line) = row.position().map_or((0, 1), |at| (at.byte() as usize, at.line()));
+        let skipped =
+            self.body.bytes().skip(byte).take_while(|b| b"\r\n".contains(b)).filter(|b| *b == b'\n');
+        self.first_line + line - 1 + skipped.count() as u64
     }
 
     fn check_width(&self, row: &StringRecord, line: u64) -> Result<(), StandLogProblem> {

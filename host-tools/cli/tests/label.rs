@@ -132,10 +132,11 @@ fn knocked(at_s: &[f64]) -> Episode {
         mm[..(2.2 * FRAME_HZ) as usize].iter().all(|x| (x - mm[0]).abs() < 0.01)
     };
     let mut episode = (1..60).map(synthetic).find(rests).expect("a seed whose crosshead rests");
-    let rate_hz = episode.meta.xl_rate_hz;
-    for xl in &mut episode.xl {
-        for start in at_s.iter().map(|s| (s * rate_hz) as usize) {
-            for (i, sample) in xl[start..start + 40].iter_mut().enumerate() {
+    for sensor in 0..episode.sensors {
+        for &time_s in at_s {
+            // The accelerometer's own clock is some percent off: the frame says which sample it is.
+            let start = episode.xl_end((time_s * FRAME_HZ) as usize, sensor) as usize;
+            for (i, sample) in episode.xl[sensor][start..start + 40].iter_mut().enumerate() {
                 let ring = 20_000.0 * (-(i as f64) / 8.0).exp() * (i as f64 * 1.9).cos();
                 sample[2] = sample[2].saturating_add(ring as i16);
             }

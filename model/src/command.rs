@@ -2,13 +2,15 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
+use serde::Deserialize;
 use serde_json::json;
 use slipsense::net::Model;
 
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Comparison, Figures, compare};
+use crate::folder::ObjectUses;
 use crate::reference::{Ranges, Reference, SensorFrame};
 use crate::train::{manifest_beside, progress};
 use crate::weights::Weights;
@@ -27,7 +29,8 @@ pub struct QuantizeArgs {
     /// Model file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Calibrate and validate on the labelled .npz episodes of this folder instead of generated ones.
+    /// Calibrate and validate on the labelled .npz episodes of this folder instead of generated ones;
+    /// objects are for what they were for in training.
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
     /// Seed of the calibration episodes. The validation episodes are always the same.
@@ -50,7 +53,12 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     ensure!(args.val_episodes > 0, "--val-episodes must be at least 1");
     let weights = Weights::read(&args.weights)?;
     let training = manifest_beside(&args.weights)?;
-    let source = Source::new(args.data.as_deref(), args.seed);
+    // What training left out is left out here too.
+    let uses = match training.as_ref().and_then(|training| training["recipe"].get("objects")) {
+        Some(objects) => ObjectUses::deserialize(objects).context("train.json: recipe.objects")?,
+        None => ObjectUses::default(),
+    };
+    let source = Source::new(args.data.as_deref(), args.seed).with_uses(uses);
 
     let bar = progress("calibrate", args.calibration_episodes as u64);
     let seen = source.map(Use::Train, args.calibration_episodes, &bar, |episode| {

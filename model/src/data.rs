@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -20,6 +20,8 @@ use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
 use crate::float::Sequences;
 use crate::piezo::IMAGE;
 use crate::reference::log_mel_real;
+
+use crate::folder::{LabelledFolder, ObjectUses};
 
 /// What an episode may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,13 +58,22 @@ pub enum Source {
         seed: u64,
     },
     /// All `.npz` files of a folder.
-    Folder(PathBuf),
+    Folder(LabelledFolder),
 }
 
 impl Source {
     /// A folder where one is named, else the generator.
     pub fn new(folder: Option<&Path>, seed: u64) -> Self {
-        folder.map_or(Self::Generated { seed }, |folder| Self::Folder(folder.to_owned()))
+        let of = |path: &Path| LabelledFolder { path: path.to_owned(), uses: ObjectUses::default() };
+        folder.map_or(Self::Generated { seed }, |path| Self::Folder(of(path)))
+    }
+
+    /// The same with what a person says of a folder's objects; the generator's have their groups.
+    pub fn with_uses(mut self, uses: ObjectUses) -> Self {
+        if let Self::Folder(folder) = &mut self {
+            folder.uses = uses;
+        }
+        self
     }
 
     /// Hand every episode for a use to `each`, on all cores; results in a fixed order. `count` is how
@@ -86,9 +97,8 @@ impl Source {
                 results.into_iter().collect()
             }
             Self::Folder(folder) => {
-                let mut files = episode_files(folder, what)?;
+                let mut files = folder.files(what)?;
                 files.truncate(count);
-                ensure!(!files.is_empty(), "{}: no episode for {what:?}", folder.display());
                 bar.set_length(files.len() as u64);
                 let one = |path: &PathBuf| {
                     let result = each(Episode::read(path)?).with_context(|| path.display().to_string());
@@ -104,7 +114,7 @@ impl Source {
     pub fn describe(&self) -> String {
         match self {
             Self::Generated { seed } => format!("synthetic, split train, seed {seed}"),
-            Self::Folder(folder) => format!("episodes in {}", folder.display()),
+            Self::Folder(folder) => format!("episodes in {}", folder.path.display()),
         }
     }
 }
@@ -135,31 +145,6 @@ fn disturbances(recipe: Recipe) -> Recipe {
         speed_mm_s: None,
         ..recipe
     }
-}
-
-/// The folder's episodes for a use, by name.
-fn episode_files(folder: &Path, what: Use) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
-    let mut files = Vec::new();
-    for entry in entries {
-        let path = entry.with_context(|| format!("cannot read {}", folder.display()))?.path();
-        if path.extension().is_some_and(|e| e == "npz") {
-            files.push(path);
-        }
-    }
-    ensure!(!files.is_empty(), "{}: no .npz file", folder.display());
-    files.sort();
-    let mut chosen = Vec::new();
-    for path in files {
-        let episode = Episode::read(&path)?;
-        let Some(object) = episode.meta.other.get("object").and_then(|o| o.as_str()) else {
-            bail!("{}: meta has no \"object\", needed to split by object", path.display());
-        };
-        if use_of(object) == what {
-            chosen.push(path);
-        }
-    }
-    Ok(chosen)
 }
 
 /// One episode as the network sees it.

@@ -1,8 +1,8 @@
 //! Definition, trainer and quantizer of the network.
 //!
-//! Episodes become features by the microcontroller's own front end ([`data`]), random stretches of them
-//! become batches ([`batch`], [`augment`]), a tensor library trains the network on whole sequences
-//! ([`float`], [`train`]). The weights ([`weights`]) are run frame by frame to measure ranges
+//! Episodes, generated or from a folder ([`folder`]), become features by the microcontroller's own front end
+//! ([`data`]), random stretches of them become batches ([`batch`], [`augment`]), a tensor library trains the
+//! network on whole sequences ([`float`], [`train`]). The weights ([`weights`]) are run frame by frame to measure ranges
 //! ([`reference`]), turned into integers ([`quantize`]), and scored beside the integer pipeline
 //! ([`evaluate`]).
 
@@ -14,6 +14,7 @@ pub mod data;
 pub mod evaluate;
 pub mod export;
 pub mod float;
+pub mod folder;
 pub mod output;
 pub mod piezo;
 pub mod quantize;

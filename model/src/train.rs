@@ -18,6 +18,7 @@ use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Scores, score_float};
 use crate::float::FloatNetwork;
+use crate::folder::ObjectUses;
 use crate::output;
 use crate::weights::{FIRST_DIMS, Weights};
 
@@ -41,9 +42,17 @@ pub struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Train on the labelled .npz episodes of this folder instead of generated ones. They are split into
-    /// train, validation and test by the "object" in their metadata.
+    /// train, validation and test by the "object" in their metadata: by a hash of its name, or as
+    /// --validation and --test say. `slipsense label` makes such episodes.
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
+    /// With --data: an object to validate on; may be given several times. The objects that neither this
+    /// nor --test names are then trained on.
+    #[arg(long, value_name = "OBJECT", requires = "data")]
+    pub validation: Vec<String>,
+    /// With --data: an object to leave alone, for a later `slipsense eval`; may be given several times.
+    #[arg(long, value_name = "OBJECT", requires = "data")]
+    pub test: Vec<String>,
     /// Training episodes: so many are generated, or at most so many read.
     #[arg(long, value_name = "N", default_value_t = 640)]
     pub episodes: usize,
@@ -67,6 +76,12 @@ pub struct TrainArgs {
     pub resume: bool,
 }
 
+impl TrainArgs {
+    fn object_uses(&self) -> ObjectUses {
+        ObjectUses { validation: self.validation.clone(), test: self.test.clone() }
+    }
+}
+
 /// A progress bar in the house's style.
 pub(crate) fn progress(what: &'static str, length: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len} {elapsed}<{eta} {msg}");
@@ -86,12 +101,22 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         args.learning_rate > 0.0 && args.learning_rate <= 1.0,
         "--learning-rate must be above 0 and at most 1"
     );
+    let source = Source::new(args.data.as_deref(), args.seed).with_uses(args.object_uses());
+    if let Source::Folder(folder) = &source {
+        println!("{}", folder.describe()?);
+    }
     output::folder(&args.out)?;
-
-    let source = Source::new(args.data.as_deref(), args.seed);
     let load = |name, what, count| {
         let bar = progress(name, count as u64);
-        let loaded = source.map(what, count, &bar, |episode| Features::from_episode(&episode));
+        let loaded = source.map(what, count, &bar, |episode| {
+            let frames = episode.frames();
+            ensure!(
+                what != Use::Train || frames >= args.frames,
+                "{frames} frames are fewer than a training sequence has: --frames is {}",
+                args.frames
+            );
+            Features::from_episode(&episode)
+        });
         bar.finish();
         loaded
     };
@@ -139,7 +164,17 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         output::write(&args.out.join("curves.csv"), csv(&state.rows).as_bytes())?;
         print!("{}", if epoch == 0 { csv(&state.rows) } else { last_line(&csv(&state.rows)) });
     }
-    finish(args, &state, &sampler, train.len(), validation.len())
+    let validation_objects = match &source {
+        Source::Folder(folder) => folder.objects(Use::Validation)?,
+        Source::Generated { .. } => objects::of_group(Group::Val).map(|o| o.name.clone()).collect(),
+    };
+    let made_from = json!({
+        "train_episodes": train.len(),
+        "train_frames_by_class": sampler.class_frames(),
+        "validation_episodes": validation.len(),
+        "validation_objects": validation_objects,
+    });
+    finish(args, &state, made_from)
 }
 
 fn last_line(text: &str) -> String {
@@ -147,25 +182,14 @@ fn last_line(text: &str) -> String {
 }
 
 /// Write the result and what it was made from.
-fn finish(
-    args: &TrainArgs,
-    state: &Checkpoint,
-    sampler: &Sampler<'_>,
-    train: usize,
-    validation: usize,
-) -> Result<()> {
+fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) -> Result<()> {
     let path = args.out.join("weights.safetensors");
     state.average.write(&path)?;
-    let manifest = json!({
-        "recipe": state.recipe,
-        "train_episodes": train,
-        "train_frames_by_class": sampler.class_frames(),
-        "validation_episodes": validation,
-        "validation_objects": objects::of_group(Group::Val).map(|o| &o.name).collect::<Vec<_>>(),
-        "parameters": state.average.count(),
-        "last_epoch": state.rows.last(),
-        "weights_sha256": output::sha256_hex(&state.average.to_bytes()?),
-    });
+    let mut manifest = made_from;
+    manifest["recipe"] = json!(state.recipe);
+    manifest["parameters"] = json!(state.average.count());
+    manifest["last_epoch"] = json!(state.rows.last());
+    manifest["weights_sha256"] = json!(output::sha256_hex(&state.average.to_bytes()?));
     let text = serde_json::to_string_pretty(&manifest)? + "\n";
     output::write(&args.out.join("train.json"), text.as_bytes())?;
     println!("{}", path.display());
@@ -183,7 +207,7 @@ impl Run<'_> {
     /// What makes two runs the same, for the manifest and for --resume.
     fn recipe(&self, source: &Source) -> serde_json::Value {
         let args = self.args;
-        json!({
+        let mut recipe = json!({
             "data": source.describe(),
             "episodes": args.episodes,
             "epochs": args.epochs,
@@ -196,7 +220,11 @@ impl Run<'_> {
             "weight_decay": WEIGHT_DECAY,
             "average_decay": AVERAGE_DECAY,
             "dims": FIRST_DIMS.to_fields(),
-        })
+        });
+        if args.data.is_some() {
+            recipe["objects"] = json!(args.object_uses());
+        }
+        recipe
     }
 
     /// Linear rise, then half a cosine to 0.

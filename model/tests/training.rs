@@ -13,6 +13,8 @@ fn train_args(out: &Path) -> TrainArgs {
     TrainArgs {
         out: out.to_owned(),
         data: None,
+        validation: Vec::new(),
+        test: Vec::new(),
         episodes: 4,
         epochs: 1,
         seed: 1,

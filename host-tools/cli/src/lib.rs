@@ -36,6 +36,7 @@ Examples:
   slipsense run grasp.npz --out out/grasp         the same for a file of your own
   slipsense run grasp.npz --out out/grasp --json | jq .truth.events
   slipsense synth --split umi_ood --out out/umi_ood
+  slipsense label grasp.npz --manual 3.2:4.75 --object my-mug --out data/grasp.npz
   slipsense eval umi_ood --detector network --detector entropy --out out/eval
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind,
@@ -57,6 +58,7 @@ enum Command {
     Synth(commands::synth::Args),
     Eval(commands::eval::Args),
     Fit(commands::fit::Args),
+    Label(commands::label::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
 }
@@ -70,6 +72,7 @@ pub fn main() -> ExitCode {
         Command::Synth(args) => args.run(),
         Command::Eval(args) => args.run(),
         Command::Fit(args) => args.run(),
+        Command::Label(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
     };

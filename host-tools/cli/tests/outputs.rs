@@ -203,7 +203,7 @@ fn the_bundled_model_is_a_trained_one() {
 #[test]
 fn help_teaches() {
     let help = succeeds(["--help"]);
-    for command in ["demo", "run", "features", "synth", "train", "quantize", "Examples:"] {
+    for command in ["demo", "run", "features", "label", "synth", "train", "quantize", "Examples:"] {
         assert!(help.contains(command), "{command}");
     }
     for command in ["demo", "run", "features", "synth"] {

@@ -18,6 +18,7 @@
 mod episode;
 mod episode_file;
 mod error;
+pub mod label;
 mod meta;
 pub mod npz;
 mod predictions;

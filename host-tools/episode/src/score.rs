@@ -15,8 +15,7 @@ pub const MARGIN_FRAMES: usize = (FRAME_RATE_HZ as usize * 50) / 1000;
 pub const MERGE_FRAMES: usize = (FRAME_RATE_HZ as usize * 200) / 1000;
 /// Classes: 0 no contact, 1 contact without slip, 2 slip.
 pub const CLASSES: usize = slipsense::params::CLASSES;
-/// The label of slip.
-pub const SLIP: u8 = 2;
+pub use crate::label::SLIP;
 
 /// What became of one slip event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,6 +4,7 @@ pub mod demo;
 pub mod run;
 pub mod features;
 pub mod fit;
+pub mod label;
 pub mod eval;
 pub mod synth;
 pub mod train;

@@ -1,0 +1,170 @@
+//! A folder of labelled episodes, such as `slipsense label` writes: which object is for what.
+//!
+//! Everything is checked before anything is unpacked: an hour of recordings takes a while to read.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use slipsense_episode::Meta;
+use slipsense_episode::npz::Reader;
+
+use crate::data::{Use, use_of};
+
+/// Where a person says it: objects for validation and for test. Empty: [`use_of`] says it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct ObjectUses {
+    /// Objects for validation.
+    pub validation: Vec<String>,
+    /// Objects that are kept for test.
+    pub test: Vec<String>,
+}
+
+impl ObjectUses {
+    /// What an object is for. Where a person names any, the objects that are not named are for training;
+    /// objects of the catalogue stay what they are.
+    pub fn use_of(&self, object: &str) -> Use {
+        let named = |list: &[String]| list.iter().any(|name| name == object);
+        if named(&self.validation) {
+            Use::Validation
+        } else if named(&self.test) {
+            Use::Test
+        } else if self.is_empty() || slipsense_synth::objects::named(object).is_some() {
+            use_of(object)
+        } else {
+            Use::Train
+        }
+    }
+
+    /// Does nobody say anything?
+    pub fn is_empty(&self) -> bool {
+        self.validation.is_empty() && self.test.is_empty()
+    }
+}
+
+/// A folder of labelled episodes.
+#[derive(Clone, Debug)]
+pub struct LabelledFolder {
+    /// The folder.
+    pub path: PathBuf,
+    /// What its objects are for.
+    pub uses: ObjectUses,
+}
+
+/// What an episode's file says before its frames are unpacked.
+struct Entry {
+    path: PathBuf,
+    sensors: usize,
+    object: String,
+}
+
+impl LabelledFolder {
+    /// The folder's episodes for a use, by name; at least one.
+    pub fn files(&self, what: Use) -> Result<Vec<PathBuf>> {
+        let entries = self.entries()?;
+        let of = |entry: &&Entry| self.uses.use_of(&entry.object) == what;
+        let files: Vec<PathBuf> = entries.iter().filter(of).map(|entry| entry.path.clone()).collect();
+        if files.is_empty() {
+            let need = match what {
+                Use::Train => "training",
+                Use::Validation => "validation",
+                Use::Test => "test",
+            };
+            let fix = match what {
+                Use::Validation => "name one with --validation OBJECT, which training will then not see",
+                Use::Train => "record other objects too, or name fewer with --validation and --test",
+                Use::Test => "name one with --test OBJECT",
+            };
+            bail!("{}: no object is for {need} ({}); {fix}", self.path.display(), self.words(&entries));
+        }
+        Ok(files)
+    }
+
+    /// Objects by use, in words. An error if none is for training or none for validation.
+    pub fn describe(&self) -> Result<String> {
+        self.files(Use::Train)?;
+        self.files(Use::Validation)?;
+        Ok(self.words(&self.entries()?))
+    }
+
+    /// Names of the objects for a use.
+    pub fn objects(&self, what: Use) -> Result<Vec<String>> {
+        let entries = self.entries()?;
+        let names: BTreeSet<String> = entries
+            .into_iter()
+            .map(|entry| entry.object)
+            .filter(|name| self.uses.use_of(name) == what)
+            .collect();
+        Ok(names.into_iter().collect())
+    }
+
+    fn words(&self, entries: &[Entry]) -> String {
+        let mut episodes: BTreeMap<&str, usize> = BTreeMap::new();
+        for entry in entries {
+            *episodes.entry(&entry.object).or_default() += 1;
+        }
+        let mut text = String::new();
+        for (what, name) in [(Use::Train, "train"), (Use::Validation, "validation"), (Use::Test, "test")] {
+            let objects = episodes.iter().filter(|(object, _)| self.uses.use_of(object) == what);
+            let objects: Vec<String> = objects.map(|(object, count)| format!("{object} × {count}")).collect();
+            let separator = if text.is_empty() { "" } else { "; " };
+            let list = if objects.is_empty() { "none".to_owned() } else { objects.join(", ") };
+            let _ = write!(text, "{separator}{name}: {list}");
+        }
+        text
+    }
+
+    fn entries(&self) -> Result<Vec<Entry>> {
+        let cannot = || format!("cannot read {}", self.path.display());
+        let mut paths = Vec::new();
+        for entry in std::fs::read_dir(&self.path).with_context(cannot)? {
+            let path = entry.with_context(cannot)?.path();
+            if path.extension().is_some_and(|e| e == "npz") {
+                paths.push(path);
+            }
+        }
+        ensure!(!paths.is_empty(), "{}: no .npz file", self.path.display());
+        paths.sort();
+        let entries: Vec<Entry> = paths.into_iter().map(entry).collect::<Result<_>>()?;
+        for entry in &entries[1..] {
+            let first = &entries[0];
+            ensure!(
+                entry.sensors == first.sensors,
+                "{} has {} sensors, {} has {}: all episodes of a folder must have the same number",
+                entry.path.display(),
+                entry.sensors,
+                first.path.display(),
+                first.sensors
+            );
+        }
+        for name in self.uses.validation.iter().chain(&self.uses.test) {
+            ensure!(
+                entries.iter().any(|entry| entry.object == *name),
+                "{}: no episode of the object \"{name}\" ({})",
+                self.path.display(),
+                self.words(&entries)
+            );
+        }
+        Ok(entries)
+    }
+}
+
+fn entry(path: PathBuf) -> Result<Entry> {
+    read_entry(&path).with_context(|| path.display().to_string()).map(|(sensors, object)| Entry {
+        path,
+        sensors,
+        object,
+    })
+}
+
+fn read_entry(path: &Path) -> Result<(usize, String)> {
+    let mut npz = Reader::open(path)?;
+    let meta = Meta::from_json(&npz.array::<u8>("meta")?.read()?)?;
+    ensure!(npz.has("label"), "array `label` is missing, needed for training: see `slipsense label --help`");
+    let Some(object) = meta.other.get("object").and_then(|object| object.as_str()) else {
+        bail!("`meta` has no \"object\", needed to split by object: see `slipsense label --object`");
+    };
+    let sensors = npz.array::<u16>("piezo")?.shape().get(1).copied().unwrap_or_default();
+    Ok((sensors, object.to_owned()))
+}

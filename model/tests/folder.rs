@@ -1,0 +1,160 @@
+//! Training on a folder of labelled episodes: what is for what, and what is refused before anything is read.
+
+use std::fs;
+use std::path::Path;
+
+use clap::Parser;
+use slipsense::sensor::PiezoFrame;
+use slipsense_episode::{Episode, Meta};
+use slipsense_model::data::{Use, recipes, use_of};
+use slipsense_model::folder::ObjectUses;
+use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
+
+#[derive(Parser)]
+struct Train {
+    #[command(flatten)]
+    args: TrainArgs,
+}
+
+#[derive(Parser)]
+struct Quantize {
+    #[command(flatten)]
+    args: QuantizeArgs,
+}
+
+/// Arguments as on the command line.
+fn train_args(out: &Path, data: &Path, more: &str) -> TrainArgs {
+    let line = format!(
+        "train --out {} --data {} --epochs 1 --batch 30 --frames 48 {more}",
+        out.display(),
+        data.display()
+    );
+    Train::parse_from(line.split_whitespace()).args
+}
+
+/// A short episode of an object with these labels, one value per frame.
+fn write_episode(path: &Path, object: Option<&str>, label: Option<&[u8]>, sensors: usize, frames: usize) {
+    let mut meta = Meta::nominal(0.000_488);
+    if let Some(object) = object {
+        meta.other.insert("object".to_owned(), object.into());
+    }
+    let episode = Episode {
+        sensors,
+        piezo: vec![PiezoFrame::zeroed(); frames * sensors],
+        xl: vec![vec![[0; 3]; frames * 34]; sensors],
+        xl_end: (0..frames * sensors).map(|i| ((i / sensors + 1) * 100 / 3) as u32).collect(),
+        label: label.map(|label| (0..frames).map(|f| label[f * label.len() / frames]).collect()),
+        slip_true_mm_s: None,
+        slip_fraction: None,
+        displacement_mm: None,
+        meta,
+    };
+    episode.write(path).unwrap();
+}
+
+#[test]
+fn what_a_folder_of_recordings_lacks_is_said_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    fs::create_dir(&data).unwrap();
+    let out = folder.path().join("out");
+    let args = train_args(&out, &data, "");
+    let error = |args: &TrainArgs| format!("{:#}", run_train(args).unwrap_err());
+    let shown = data.display().to_string();
+    let (a, b) = (data.join("a.npz"), data.join("b.npz"));
+    let all = Some(&[0, 1, 2][..]);
+
+    write_episode(&a, None, all, 1, 90);
+    assert!(
+        error(&args).starts_with(&format!("{}: `meta` has no \"object\"", a.display())),
+        "{}",
+        error(&args)
+    );
+    write_episode(&a, Some("mug"), None, 1, 90);
+    assert!(
+        error(&args).starts_with(&format!("{}: array `label` is missing", a.display())),
+        "{}",
+        error(&args)
+    );
+    write_episode(&a, Some("mug"), all, 1, 90);
+    assert_eq!((use_of("mug"), use_of("rod")), (Use::Train, Use::Train), "the names of this test");
+    let message = error(&args);
+    assert!(
+        message.starts_with(&format!(
+            "{shown}: no object is for validation (train: mug × 1; validation: none; test: none)"
+        )) && message.contains("--validation OBJECT"),
+        "{message}"
+    );
+    let with = |validation: &str| TrainArgs { validation: vec![validation.to_owned()], ..args.clone() };
+    assert!(
+        error(&with("cup")).starts_with(&format!("{shown}: no episode of the object \"cup\"")),
+        "{}",
+        error(&with("cup"))
+    );
+    assert!(
+        error(&with("mug")).starts_with(&format!("{shown}: no object is for training")),
+        "{}",
+        error(&with("mug"))
+    );
+    write_episode(&b, Some("rod"), all, 2, 90);
+    let message = error(&with("rod"));
+    assert!(message.contains("has 2 sensors") && message.contains("a.npz has 1"), "{message}");
+    assert!(!out.exists(), "nothing is left of what could not begin");
+    write_episode(&b, Some("rod"), all, 1, 90);
+    let short = TrainArgs { frames: 91, ..with("rod") };
+    assert_eq!(
+        error(&short),
+        format!("{}: 90 frames are fewer than a training sequence has: --frames is 91", a.display())
+    );
+    write_episode(&a, Some("mug"), Some(&[0, 1]), 1, 90);
+    assert!(error(&with("rod")).contains("no training frame has label 2"), "{}", error(&with("rod")));
+}
+
+#[test]
+fn a_person_says_which_objects_are_for_what() {
+    let uses = ObjectUses { validation: vec!["mug".into()], test: vec!["rod".into()] };
+    for (object, what) in [("mug", Use::Validation), ("rod", Use::Test), ("tape", Use::Train)] {
+        assert_eq!(uses.use_of(object), what, "{object}");
+    }
+    // Test objects of the catalogue are never trained on, whatever else is named.
+    for object in slipsense_synth::objects::of_group(slipsense_synth::objects::Group::HeldOut) {
+        assert_eq!(uses.use_of(&object.name), Use::Test);
+    }
+    assert_eq!(ObjectUses::default().use_of("mug"), use_of("mug"));
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
+fn a_folder_of_labelled_episodes_trains_and_quantizes() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    fs::create_dir(&data).unwrap();
+    for (index, recipe) in recipes(Use::Train, 7, 3).unwrap().iter().enumerate() {
+        let mut episode = slipsense_synth::generate(recipe).unwrap();
+        episode.meta.other.insert("object".to_owned(), format!("mine-{index}").into());
+        episode.write(data.join(format!("{index}.npz"))).unwrap();
+    }
+    let out = folder.path().join("run");
+    let args = train_args(&out, &data, "--validation mine-1 --test mine-2");
+    run_train(&args).unwrap();
+    let manifest = fs::read_to_string(out.join("train.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    assert_eq!(manifest["validation_objects"], serde_json::json!(["mine-1"]));
+    assert_eq!((&manifest["train_episodes"], &manifest["validation_episodes"]), (&1.into(), &1.into()));
+
+    // The quantizer keeps to the same objects.
+    let (weights, model, report) =
+        (out.join("weights.safetensors"), folder.path().join("m.slipnet"), folder.path().join("r.json"));
+    let line = format!(
+        "quantize --weights {} --out {} --data {} --report {}",
+        weights.display(),
+        model.display(),
+        data.display(),
+        report.display()
+    );
+    let quantize = Quantize::parse_from(line.split_whitespace()).args;
+    run_quantize(&quantize).unwrap();
+    let report = fs::read_to_string(report).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["calibration_episodes"], &report["validation"]["episodes"]), (&1.into(), &1.into()));
+}

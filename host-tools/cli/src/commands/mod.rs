@@ -4,7 +4,9 @@ pub mod demo;
 pub mod run;
 pub mod features;
 pub mod fit;
+mod inputs;
 pub mod eval;
+pub mod eval_rotation;
 pub mod synth;
 pub mod train;
 

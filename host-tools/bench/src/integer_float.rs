@@ -6,6 +6,7 @@ use serde::Serialize;
 use crate::grid::Grid;
 use crate::metrics::record::Figures;
 use crate::metrics::statistics::mean;
+use crate::results::DetectorResults;
 use crate::table::{latency, number};
 
 /// Macro F1 may differ by less than this, percentage points.
@@ -73,6 +74,24 @@ impl QuantizationRow {
             && self.latency_integer_frames == self.latency_float_frames;
         Self { met, ..self }
     }
+}
+
+/// Input by input: each pair of positions of an integer and a float detector, then their mean where there are
+/// several.
+pub(crate) fn rows(detectors: &[DetectorResults], pairs: &[(usize, usize)]) -> Vec<QuantizationRow> {
+    let inputs = detectors.first().map_or(0, |detector| detector.inputs.len());
+    let mut rows = Vec::new();
+    for input in 0..inputs {
+        let row = |&(integer, float): &(usize, usize)| {
+            let (a, b) = (&detectors[integer].inputs[input], &detectors[float].inputs[input]);
+            QuantizationRow::new(&a.input, &detectors[integer].name, &a.figures, &b.figures)
+        };
+        let of_seeds: Vec<QuantizationRow> = pairs.iter().map(row).collect();
+        let mean = QuantizationRow::mean(&of_seeds).filter(|_| of_seeds.len() > 1);
+        rows.extend(of_seeds);
+        rows.extend(mean);
+    }
+    rows
 }
 
 /// The table for terminal and report; `kind` says what data it is.

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 use slipsense_episode::score::SLIP;
 
-use crate::detectors::{NETWORK, Verdict};
+use crate::detectors::Verdict;
 use crate::directions::{DirectionFigures, by_direction};
-use crate::integer_float::QuantizationRow;
+use crate::integer_float::{self, QuantizationRow};
 use crate::metrics::alarms;
 use crate::metrics::bootstrap::Intervals;
 use crate::metrics::cdf::Cdf;
@@ -260,8 +260,8 @@ impl Results {
             wall_s: run.wall.as_secs_f64(),
             threads: rayon::current_num_threads(),
             grip_bounds_n: grip_bounds_n(&run.truths),
-            targets: network_targets(entrants, &detectors),
-            integer_against_float: integer_against_float(&detectors, pairs),
+            targets: targets::rows(entrants, &detectors),
+            integer_against_float: integer_float::rows(&detectors, pairs),
             pairs: pairs.iter().map(pair).collect(),
             seeds: spreads(entrants, &detectors, &facts),
             paper: detectors.iter().zip(entrants).flat_map(|(d, e)| compare(d, e)).collect(),
@@ -372,30 +372,6 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
         }),
         worst_index: worst,
     }
-}
-
-fn network_targets(entrants: &[Entrant<'_>], detectors: &[DetectorResults]) -> Vec<TargetRow> {
-    let seeds = || entrants.iter().zip(detectors).filter(|(entrant, _)| entrant.family == NETWORK);
-    targets::rows(|input| {
-        let of_input = |of: &&InputFigures| of.input == input;
-        seeds().filter_map(|(_, seed)| Some(&seed.inputs.iter().find(of_input)?.figures)).collect()
-    })
-}
-
-fn integer_against_float(detectors: &[DetectorResults], pairs: &[(usize, usize)]) -> Vec<QuantizationRow> {
-    let inputs = detectors.first().map_or(0, |detector| detector.inputs.len());
-    let mut rows = Vec::new();
-    for input in 0..inputs {
-        let row = |&(integer, float): &(usize, usize)| {
-            let (a, b) = (&detectors[integer].inputs[input], &detectors[float].inputs[input]);
-            QuantizationRow::new(&a.input, &detectors[integer].name, &a.figures, &b.figures)
-        };
-        let of_seeds: Vec<QuantizationRow> = pairs.iter().map(row).collect();
-        let mean = QuantizationRow::mean(&of_seeds).filter(|_| of_seeds.len() > 1);
-        rows.extend(of_seeds);
-        rows.extend(mean);
-    }
-    rows
 }
 
 fn speed_cdfs(tested: &[usize], truths: &[Truth], records: &[Record]) -> Vec<SpeedCdf> {

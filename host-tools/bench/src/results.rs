@@ -11,6 +11,8 @@ use serde::Serialize;
 use slipsense_episode::score::SLIP;
 
 use crate::detectors::Verdict;
+use crate::directions::{DirectionFigures, by_direction};
+use crate::integer_float::{self, QuantizationRow};
 use crate::metrics::alarms;
 use crate::metrics::bootstrap::Intervals;
 use crate::metrics::cdf::Cdf;
@@ -21,13 +23,14 @@ use crate::metrics::record::{Figures, Record};
 use crate::paper::{Comparison, VALIDATION};
 use crate::run::{Entrant, Run};
 use crate::source::{Input, STREAMS};
+use crate::targets::{self, TargetRow};
 use crate::truth::Truth;
 
 /// Name and version of the layout of `metrics.json`; a new number where a key changes its meaning.
 pub const SCHEMA: &str = "slipsense-eval/1";
 
 /// Why a key may be null: by the key's beginning, the first that fits.
-pub const NULL_REASONS: [(&str, &str); 23] = [
+pub const NULL_REASONS: [(&str, &str); 28] = [
     ("latency_", "infinite: that share of the events is missed; or no event was hit or missed"),
     ("from_onset_", "infinite: that share of the events has no flag after its onset; or there is no event"),
     ("travel_", "infinite as the latency is, or the episodes do not hold the position"),
@@ -54,6 +57,11 @@ pub const NULL_REASONS: [(&str, &str); 23] = [
     ("recall_share", "no frame is so"),
     ("f1", "the class neither occurs nor is decided"),
     ("same_class_share", "no frame"),
+    ("detected_share", "no labelled event"),
+    ("interface_detected_share", "no event of the interface among the labelled ones"),
+    ("mean", "a seed has no such figure; of a latency: it is infinite"),
+    ("standard_deviation", "one seed, or a seed has no such figure"),
+    ("seed_values", "no such figure; of a latency: it is infinite"),
 ];
 
 /// The root of `metrics.json`.
@@ -83,6 +91,10 @@ pub struct Results {
     pub seeds: Vec<Spread>,
     /// Ours beside the paper's, where inputs and detectors have the names of its tables.
     pub paper: Vec<Comparison>,
+    /// The network beside its targets, where inputs have the names of the frozen splits.
+    pub targets: Vec<TargetRow>,
+    /// Integer against float, input by input: each pair, and their mean where there are several.
+    pub integer_against_float: Vec<QuantizationRow>,
     /// Why a key may be null, by its beginning.
     pub null_reasons: BTreeMap<&'static str, &'static str>,
 }
@@ -125,6 +137,8 @@ pub struct DetectorResults {
     pub inputs: Vec<InputFigures>,
     /// All inputs but validation, cut up.
     pub groupings: Vec<Grouping>,
+    /// All inputs but validation, by direction of the slips; empty where all are the rig's.
+    pub directions: Vec<DirectionFigures>,
     /// Distribution of the latencies against the encoder truth, all inputs but validation.
     pub encoder_cdf: Cdf,
     /// ... against the interface truth.
@@ -246,6 +260,8 @@ impl Results {
             wall_s: run.wall.as_secs_f64(),
             threads: rayon::current_num_threads(),
             grip_bounds_n: grip_bounds_n(&run.truths),
+            targets: targets::rows(entrants, &detectors),
+            integer_against_float: integer_float::rows(&detectors, pairs),
             pairs: pairs.iter().map(pair).collect(),
             seeds: spreads(entrants, &detectors, &facts),
             paper: detectors.iter().zip(entrants).flat_map(|(d, e)| compare(d, e)).collect(),
@@ -312,6 +328,8 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
             })
             .collect(),
     };
+    let judged_tested: Vec<(&Truth, &Record)> =
+        tested.iter().map(|&i| (&run.truths[i], &records[i])).collect();
     let worst = tested.iter().copied().max_by_key(|&i| (records[i].failures(), std::cmp::Reverse(i)));
     let worst = worst.filter(|&i| records[i].failures() > 0);
     DetectorResults {
@@ -332,7 +350,8 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
                 }
             })
             .collect(),
-        groupings: groupings(&tested.iter().map(|&i| (&run.truths[i], &records[i])).collect::<Vec<_>>()),
+        groupings: groupings(&judged_tested),
+        directions: by_direction(&judged_tested),
         encoder_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.encoder)),
         interface_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.interface)),
         speed_cdfs: speed_cdfs(&tested, &run.truths, &records),

@@ -4,8 +4,10 @@ use std::fmt;
 
 use comfy_table::{CellAlignment, Table, presets};
 
+use crate::grid::Grid;
 use crate::paper::{CLASS_PERCENT, Comparison};
 use crate::results::{InputFigures, Results};
+use crate::{directions, integer_float, targets};
 
 /// A share as percent.
 pub(crate) fn percent(share: Option<f64>) -> String {
@@ -34,6 +36,16 @@ impl Results {
             (false, true) => "partly synthetic data",
             (false, false) => "data",
         }
+    }
+
+    /// What terminal and report show alike: the targets, integer against float, and the directions of slip,
+    /// each where there is something to show.
+    pub(crate) fn grids(&self) -> Vec<Grid> {
+        let kind = self.kind_of_data();
+        let targets = (!self.targets.is_empty()).then(|| targets::grid(&self.targets, kind));
+        let rows = &self.integer_against_float;
+        let integers = (!rows.is_empty()).then(|| integer_float::grid(rows, kind));
+        [targets, integers, directions::grid(&self.detectors, kind)].into_iter().flatten().collect()
     }
 }
 
@@ -105,6 +117,9 @@ impl fmt::Display for Results {
         }
         if !self.paper.is_empty() {
             writeln!(f, "\nours ({kind}) beside the paper's (real grippers)\n{}", comparison(&self.paper))?;
+        }
+        for grid in self.grids() {
+            write!(f, "\n{grid}")?;
         }
         Ok(())
     }

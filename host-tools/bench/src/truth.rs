@@ -10,6 +10,7 @@ use serde_json::Value;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_episode::score::{Interval, MARGIN_FRAMES, SLIP, runs};
 use slipsense_episode::{Episode, Meta};
+use slipsense_synth::SlipDirection;
 
 use crate::disturbance::disturbances;
 
@@ -40,6 +41,8 @@ pub struct Facts {
     pub platform: Option<String>,
     /// Course of events.
     pub scenario: Option<String>,
+    /// Way of its slips over the pad; none where the metadata do not say, as on a rig, which has one.
+    pub slip_direction: Option<SlipDirection>,
     /// Where on the finger the object lies.
     pub region: Option<String>,
     /// Speed of the pull, mm/s; none where nothing pulls.
@@ -51,11 +54,15 @@ pub struct Facts {
 }
 
 impl Facts {
-    fn new(meta: &Meta, sensors: usize, input: &str, name: &str) -> Self {
+    fn new(meta: &Meta, sensors: usize, input: &str, name: &str) -> Result<Self> {
         let text = |key: &str| meta.other.get(key).and_then(Value::as_str).map(str::to_owned);
         let number = |key: &str| meta.other.get(key).and_then(Value::as_f64);
-        let source = text("source").unwrap_or_default();
-        Self {
+        let slip_direction = match meta.other.get("slip_direction") {
+            None => None,
+            Some(direction) => serde_json::from_value(direction.clone())
+                .map_err(|error| anyhow!("{input}/{name}: `meta` key `slip_direction`: {error}"))?,
+        };
+        Ok(Self {
             input: input.to_owned(),
             name: name.to_owned(),
             sensors,
@@ -63,13 +70,20 @@ impl Facts {
             object_kind: text("object_kind"),
             platform: text("platform"),
             scenario: text("scenario"),
+            slip_direction,
             region: text("region"),
             speed_mm_s: number("speed_mm_s"),
             grip_n: number("grip_n"),
-            synthetic: meta.other.get("synthetic").and_then(Value::as_bool).unwrap_or(false)
-                || source.contains("synthetic"),
-        }
+            synthetic: is_synthetic(meta),
+        })
     }
+}
+
+/// Whether an episode's metadata say that a generator made it.
+pub(crate) fn is_synthetic(meta: &Meta) -> bool {
+    let says = |value: Option<&Value>| value.and_then(Value::as_bool).unwrap_or(false);
+    let source = meta.other.get("source").and_then(Value::as_str).unwrap_or_default();
+    says(meta.other.get("synthetic")) || source.contains("synthetic")
 }
 
 /// One episode's truth: all that the metrics need of it.
@@ -132,7 +146,7 @@ impl Truth {
                 .map_err(|error| anyhow!("{input}/{name}: `meta` key `events`: {error}"))?,
         };
         Ok(Self {
-            facts: Facts::new(&episode.meta, episode.sensors, input, name),
+            facts: Facts::new(&episode.meta, episode.sensors, input, name)?,
             label: label.clone(),
             slip,
             interface,

@@ -30,6 +30,7 @@ mod vibration;
 pub use recipe::{
     Heard, ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationModel,
 };
+pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
 pub use splits::{Split, content_hash};
 pub use timeline::Event;
 
@@ -48,6 +49,7 @@ use crate::log::Log;
 use crate::objects::ObjectError;
 use crate::recipe::Resolved;
 use crate::scenario::Plan;
+use crate::scenario::direction::slip_direction;
 use crate::scenario::levels::GRIP_N;
 use crate::scenario::script::Script;
 
@@ -76,6 +78,12 @@ pub enum SynthError {
     /// Grip force.
     #[error("recipe: grip_n is {0}, must be {low} to {high}", low = GRIP_N.0, high = GRIP_N.1)]
     Grip(f64),
+    /// Direction of a pull.
+    #[error("recipe: pull_angle_deg is {0}, must be -180 to 180")]
+    PullAngle(f64),
+    /// Direction of a pull, where no hand pulls.
+    #[error("recipe: pull_angle_deg is given, but only scenario free_pull takes one")]
+    PullAngleScenario,
     /// Noise factor.
     #[error("recipe: noise is {0}, must be 0 to 4")]
     Noise(f64),
@@ -216,6 +224,10 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> M
         ("recipe", json!(recipe)),
     ] {
         meta.other.insert(key.to_owned(), value);
+    }
+    // The rig has one direction, and its recordings are older than this key.
+    if plan.hand_held {
+        meta.other.insert("slip_direction".to_owned(), json!(slip_direction(what, plan)));
     }
     meta
 }

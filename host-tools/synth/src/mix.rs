@@ -14,8 +14,9 @@ pub struct Mix(&'static [(ScenarioChoice, usize)]);
 pub const PROTOCOL: Mix =
     Mix(&[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)]);
 
-/// Away from the rig: pulls by hand in any direction, twists, hand-held work.
-pub const FREE: Mix = Mix(&[(FreePull, 8), (Rotation, 4), (HandHeld, 5), (FreeGrasp, 3)]);
+/// Away from the rig: pulls by hand in all directions, twists about the pad's normal, and grasps that do not
+/// slip. The split `free` deals it.
+pub const FREE: Mix = Mix(&[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)]);
 
 impl Mix {
     /// The scenarios and their weights.

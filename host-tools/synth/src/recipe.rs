@@ -50,6 +50,10 @@ pub struct Recipe {
     /// grip may still give way by jerks that are too short to be labelled slip).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub grip_n: Option<f64>,
+    /// Direction of a pull by hand in the pad's plane, -180 to 180 degrees from the direction in which the rig
+    /// pulls, counter-clockwise on the first finger; drawn when absent. Only `free_pull` takes one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pull_angle_deg: Option<f64>,
     /// Factor on the electrical noise of arrays and accelerometers, 0 to 4.
     #[serde(default = "one")]
     pub noise: f64,
@@ -192,6 +196,7 @@ impl Recipe {
             seconds: None,
             speed_mm_s: None,
             grip_n: None,
+            pull_angle_deg: None,
             noise: 1.0,
             rig_leak: true,
             heard: Heard::All,
@@ -230,6 +235,14 @@ impl Recipe {
         if let Some(grip) = self.grip_n.filter(|n| !(GRIP_N.0..=GRIP_N.1).contains(n)) {
             return Err(SynthError::Grip(grip));
         }
+        if let Some(angle) = self.pull_angle_deg {
+            if self.scenario != ScenarioChoice::FreePull {
+                return Err(SynthError::PullAngleScenario);
+            }
+            if !(-180.0..=180.0).contains(&angle) {
+                return Err(SynthError::PullAngle(angle));
+            }
+        }
         match &self.object {
             ObjectChoice::Named(name) => object_named(name).map(drop),
             ObjectChoice::Own(object) => {
@@ -267,8 +280,18 @@ impl Recipe {
         };
         let speed_mm_s = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[speed]);
         let (platform, region, seconds) = (self.platform, self.region, self.seconds);
-        let grip_n = self.grip_n;
-        Ok(Resolved { object, scenario, speed_mm_s, grip_n, platform, region, seconds, slips_at_end })
+        let (grip_n, pull_angle_deg) = (self.grip_n, self.pull_angle_deg);
+        Ok(Resolved {
+            object,
+            scenario,
+            speed_mm_s,
+            grip_n,
+            pull_angle_deg,
+            platform,
+            region,
+            seconds,
+            slips_at_end,
+        })
     }
 }
 
@@ -297,12 +320,14 @@ fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     })
 }
 
-/// A recipe with nothing left open but the noise, the length and the grip.
+/// A recipe with nothing left open but the noise, the length, the grip and the direction of the pull.
 pub(crate) struct Resolved {
     pub object: &'static Object,
     pub scenario: ScenarioChoice,
     pub speed_mm_s: f64,
     pub grip_n: Option<f64>,
+    /// None where it is drawn, as all draws of the scenario are.
+    pub pull_angle_deg: Option<f64>,
     pub platform: Platform,
     pub region: Region,
     pub seconds: Option<f64>,

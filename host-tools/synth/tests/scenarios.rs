@@ -132,6 +132,39 @@ fn both_units_of_a_umi_take_part_in_either_order() {
     }
 }
 
+#[test]
+fn pulls_by_hand_go_where_the_recipe_says_and_say_where_they_went() {
+    use slipsense_synth::SlipDirection::{OtherInPlane, Rotational, Vertical};
+    let base = Recipe { seconds: Some(3.0), speed_mm_s: Some(10.0), scenario: FreePull, ..Recipe::new(17) };
+    for (angle_deg, direction) in [
+        (0.0, Vertical),
+        (-15.0, Vertical),
+        (30.0, OtherInPlane),
+        (90.0, OtherInPlane),
+        (-120.0, OtherInPlane),
+        (180.0, OtherInPlane),
+    ] {
+        let e = generate(&Recipe { pull_angle_deg: Some(angle_deg), ..base.clone() }).unwrap();
+        let meta = &e.meta.other;
+        assert_eq!(meta["slip_direction"], serde_json::to_value(direction).unwrap(), "{angle_deg}");
+        let way: [f64; 2] = serde_json::from_value(meta["draws"]["plan"]["stroke_mm"].clone()).unwrap();
+        // Counter-clockwise from the pad's y.
+        let found_deg = (-way[0]).atan2(way[1]).to_degrees();
+        println!("{angle_deg}° asked for, pulled at {found_deg:.3}°: {direction:?}");
+        assert!(((found_deg - angle_deg + 540.0) % 360.0 - 180.0).abs() < 0.01, "{angle_deg}: {found_deg}");
+        assert!(count(&e, SLIP) > 10);
+    }
+    let twist = generate(&Recipe { scenario: Rotation, ..base.clone() }).unwrap();
+    assert_eq!(twist.meta.other["slip_direction"], serde_json::to_value(Rotational).unwrap());
+    let held = generate(&Recipe { scenario: FreeGrasp, ..base.clone() }).unwrap();
+    assert!(held.meta.other["slip_direction"].is_null());
+    // The drawn direction leaves all else alone: the named one does too.
+    let drawn = generate(&base).unwrap();
+    let named = generate(&Recipe { pull_angle_deg: Some(45.0), ..base }).unwrap();
+    assert_eq!(drawn.meta.other["events"], named.meta.other["events"]);
+    assert_eq!(drawn.meta.other["grip_n"], named.meta.other["grip_n"]);
+}
+
 /// Distance of the contact's centroid from the middle across the pad, mm, by counts above idle.
 fn centroid_mm(e: &Episode) -> f64 {
     let (mut sum, mut moment) = (0.0, 0.0);
@@ -197,6 +230,7 @@ fn metadata_say_what_was_made() {
         assert_eq!((&meta["platform"], &meta["synthetic"]), (&"umi".into(), &true.into()));
         let rig = [SixStep, Empty, Unlinked, FirmGrip, RigMotion].contains(&scenario);
         assert_eq!(meta["label_rule"], if rig { "encoder" } else { "interface" });
+        assert_eq!(meta.contains_key("slip_direction"), !rig, "{scenario:?}");
         let pulls = rig || [FreePull, Rotation].contains(&scenario) || count(&e, SLIP) > 0;
         assert_eq!(meta["speed_mm_s"].is_number(), pulls, "{scenario:?}");
         assert!(meta["draws"]["plan"]["script"]["stretches"].as_array().unwrap().len() > 5);
@@ -298,6 +332,15 @@ fn bad_recipes_are_refused_by_name() {
         (error(|r| r.speed_mm_s = Some(-3.0)), "speed_mm_s is -3"),
         (error(|r| r.speed_mm_s = Some(f64::INFINITY)), "speed_mm_s is inf"),
         (error(|r| r.noise = -1.0), "noise is -1, must be 0 to 4"),
+        (error(|r| r.pull_angle_deg = Some(9.0)), "pull_angle_deg is given, but only scenario free_pull"),
+        (
+            error(|r| (r.scenario, r.pull_angle_deg) = (FreePull, Some(181.0))),
+            "pull_angle_deg is 181, must be -180 to 180",
+        ),
+        (
+            error(|r| (r.scenario, r.pull_angle_deg) = (FreePull, Some(f64::NAN))),
+            "pull_angle_deg is NaN, must be -180 to 180",
+        ),
         (
             error(|r| r.object = ObjectChoice::Named("spoon".into())),
             "\"spoon\" is not in the catalogue (usb-cable",

@@ -118,8 +118,41 @@ fn hands_regions_and_sensors() {
         let palm = recipes.iter().all(|recipe| recipe.region == Region::Palm);
         assert_eq!(palm, split == Split::Palm);
         assert!(recipes.iter().all(|recipe| recipe.rig_leak == (split != Split::UmiQuiet)));
-        assert_eq!(split == Split::Noslip, slips(&recipes).is_empty(), "{split}");
+        assert_eq!(
+            matches!(split, Split::Noslip | Split::Free),
+            slips(&recipes).is_empty(),
+            "{split} is off the rig"
+        );
     }
+}
+
+#[test]
+fn the_free_split_pulls_all_ways_and_twists() {
+    let recipes = first(Split::Free, 0, Split::Free.frozen_episodes());
+    let scenarios = counts(recipes.iter().map(|recipe| format!("{:?}", recipe.scenario)));
+    println!("{scenarios:?}");
+    assert_eq!(
+        scenarios,
+        BTreeMap::from(
+            [("FreePull", 40), ("Rotation", 32), ("FreeGrasp", 8)]
+                .map(|(scenario, count)| (scenario.to_owned(), count))
+        )
+    );
+    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name.as_str()).collect();
+    let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
+    assert_eq!(unseen, 40, "half the time");
+    assert!(recipes.iter().all(|r| r.pull_angle_deg.is_some() == (r.scenario == ScenarioChoice::FreePull)));
+    for of_held_out in [true, false] {
+        let pulls = recipes.iter().filter(|r| held_out.contains(object(r)) == of_held_out);
+        let vertical = pulls.filter(|r| r.pull_angle_deg == Some(0.0)).count();
+        assert_eq!(vertical, 5, "the rig's way by hand, held out: {of_held_out}");
+    }
+    let angles = counts(recipes.iter().filter_map(|recipe| recipe.pull_angle_deg).map(|deg| deg as i32));
+    println!("pulls by angle from the rig's direction: {angles:?}");
+    let all: BTreeSet<i32> = (-5..=6).map(|step| 30 * step).collect();
+    assert_eq!(angles.keys().copied().collect::<BTreeSet<_>>(), all);
+    let others: BTreeSet<usize> = angles.iter().filter(|(deg, _)| **deg != 0).map(|(_, n)| *n).collect();
+    assert_eq!(others, [2, 3].into(), "equally often");
 }
 
 #[test]
@@ -175,7 +208,9 @@ fn frames_decide_where_a_set_ends_and_a_larger_set_begins_with_the_smaller() {
 
 #[test]
 fn planned_frames_are_the_generated_ones() {
-    for (split, index) in [(Split::Train, 0), (Split::Palm, 2), (Split::Tesollo3, 9), (Split::UmiQuiet, 19)] {
+    for (split, index) in
+        [(Split::Train, 0), (Split::Palm, 2), (Split::Tesollo3, 9), (Split::UmiQuiet, 19), (Split::Free, 4)]
+    {
         let recipe = &first(split, 1, 20)[index];
         assert_eq!(plan_frames(recipe).unwrap(), generate(recipe).unwrap().frames(), "{split} {index}");
     }

@@ -78,6 +78,11 @@ impl Verdict {
     }
 }
 
+/// Name of the integer network, the one that ships.
+pub const NETWORK: &str = "network";
+/// Name of the float network that it is made from and compared with.
+pub const NETWORK_FLOAT: &str = "network-float";
+
 /// Score of a frame that cannot be slip whatever the threshold.
 pub const NEVER: f32 = f32::MIN;
 
@@ -140,8 +145,8 @@ pub struct Setup<'a> {
 
 /// Names on the command line with what they are, in the order of the report.
 pub const DETECTORS: [(&str, &str); 15] = [
-    ("network", "the firmware's pipeline, integers"),
-    ("network-float", "the network before quantization (needs the feature `train`)"),
+    (NETWORK, "the firmware's pipeline, integers"),
+    (NETWORK_FLOAT, "the network before quantization (needs the feature `train`)"),
     ("entropy", "entropy of the pressure changes; the paper's piezo baseline"),
     ("mfcc-qda", "13 MFCC with quadratic discriminants; the paper's accelerometer baseline"),
     ("entropy-and-mfcc", "both say slip; the paper's baseline of both sensors"),
@@ -162,11 +167,11 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Box<dyn Detector + '
     let fitted = setup.fitted;
     let order = fitted.class_order;
     Ok(match name {
-        "network" => Box::new(network::Network::new(setup.model)?),
+        NETWORK => Box::new(network::Network::new(setup.model)?),
         #[cfg(feature = "float")]
-        "network-float" => Box::new(network_float::NetworkFloat::new(setup.float_weights)?),
+        NETWORK_FLOAT => Box::new(network_float::NetworkFloat::new(setup.float_weights)?),
         #[cfg(not(feature = "float"))]
-        "network-float" => bail!("network-float is not in this build; build with `--features train`"),
+        NETWORK_FLOAT => bail!("{NETWORK_FLOAT} is not in this build; build with `--features train`"),
         "entropy" => {
             Box::new(Thresholded::new("entropy", EntropyScore::new(), fitted.entropy.threshold, order))
         }

@@ -7,7 +7,7 @@ use slipsense::pipeline::Pipeline;
 use slipsense::sensor::SensorInput;
 use slipsense_episode::Episode;
 
-use super::{Detector, NEVER, Verdict, touched};
+use super::{Detector, NETWORK, NEVER, Verdict, touched};
 
 /// Units of a logit per nat.
 const LOGIT_ONE: f64 = (1u32 << slipsense::net::network::LOGIT_FRAC_BITS) as f64;
@@ -35,7 +35,7 @@ fn score(touched: bool, [_, no_slip, slip]: [i32; CLASSES]) -> f32 {
 
 impl Detector for Network<'_> {
     fn name(&self) -> &'static str {
-        "network"
+        NETWORK
     }
 
     fn judge(&mut self, episode: &Episode) -> Result<Verdict> {

@@ -9,7 +9,7 @@ use slipsense_episode::Episode;
 use slipsense_model::reference::{Reference, SensorFrame};
 use slipsense_model::weights::Weights;
 
-use super::{Detector, NEVER, Verdict, touched};
+use super::{Detector, NETWORK_FLOAT, NEVER, Verdict, touched};
 
 pub(super) struct NetworkFloat {
     /// Leaked: one per process, and what runs on it borrows it for as long as it lives.
@@ -19,14 +19,15 @@ pub(super) struct NetworkFloat {
 
 impl NetworkFloat {
     pub(super) fn new(weights: Option<&Path>) -> Result<Self> {
-        let path = weights.context("network-float needs the float weights, a .safetensors file")?;
+        let path = weights
+            .with_context(|| format!("{NETWORK_FLOAT} needs the float weights, a .safetensors file"))?;
         Ok(Self { weights: Box::leak(Box::new(Weights::read(path)?)), stream: None })
     }
 }
 
 impl Detector for NetworkFloat {
     fn name(&self) -> &'static str {
-        "network-float"
+        NETWORK_FLOAT
     }
 
     /// Slip where its logit is above the one of contact without slip, on a touched pad; nat, threshold 0.

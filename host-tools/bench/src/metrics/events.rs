@@ -127,6 +127,10 @@ pub struct EventFigures {
     pub at_onset_share: Option<f64>,
     /// ... and the frame before is not.
     pub at_onset_with_transition_share: Option<f64>,
+    /// Flagged early or up to 5 frames after the onset, of all events.
+    pub early_or_within_5_frames_share: Option<f64>,
+    /// Flagged early or in the onset frame, of all events.
+    pub early_or_at_onset_share: Option<f64>,
     /// Median travel at detection, misses at infinity.
     pub travel_median_mm: Option<f64>,
     /// 90 %.
@@ -156,6 +160,7 @@ impl EventFigures {
         let missed = latency.len() - hits;
         let early = events - latency.len();
         let within = latency.iter().filter(|&&frames| frames <= WITHIN_FRAMES as f64).count();
+        let at_once = latency.iter().filter(|&&frames| frames == 0.0).count();
         let mut from_onset: Vec<f64> =
             outcomes.iter().map(|o| o.from_onset.map_or(f64::INFINITY, |frames| frames as f64)).collect();
         from_onset.sort_by(f64::total_cmp);
@@ -188,6 +193,8 @@ impl EventFigures {
                 outcomes.iter().filter(at_onset).filter(|o| !o.was_up).count(),
                 events,
             ),
+            early_or_within_5_frames_share: share(early + within, events),
+            early_or_at_onset_share: share(early + at_once, events),
             travel_median_mm: median(&travel),
             travel_p90_mm: percentile(&travel, 0.90),
             travel_max_of_hits_mm: of_hits.checked_sub(1).map(|last| travel[last]),

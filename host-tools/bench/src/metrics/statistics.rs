@@ -44,6 +44,18 @@ pub fn median(sorted: &[f64]) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
+/// Arithmetic mean; none without values.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Standard deviation of a sample, with n − 1; none of fewer than two values.
+pub fn standard_deviation(values: &[f64]) -> Option<f64> {
+    let mean = mean(values).filter(|_| values.len() > 1)?;
+    let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
+    Some((squares / (values.len() - 1) as f64).sqrt())
+}
+
 /// A share of `whole`; none where `whole` is 0.
 pub fn share(part: usize, whole: usize) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
@@ -73,6 +85,13 @@ mod tests {
         close(rate_bound_per_hour(0, 10.0), 0.29957, 1e-4);
         close(rate_bound_per_hour(5, 1.0), 10.513, 1e-3);
         assert_eq!(rate_bound_per_hour(0, 0.0), None);
+    }
+
+    #[test]
+    fn means_and_deviations() {
+        assert_eq!((mean(&[]), standard_deviation(&[])), (None, None));
+        assert_eq!((mean(&[3.0]), standard_deviation(&[3.0])), (Some(3.0), None));
+        assert_eq!((mean(&[1.0, 2.0, 3.0]), standard_deviation(&[1.0, 2.0, 3.0])), (Some(2.0), Some(1.0)));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The report: one HTML file with tables and plots, nothing loaded from elsewhere.
 
+mod grids;
 mod page;
 mod parts;
 mod plots;

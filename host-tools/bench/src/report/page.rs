@@ -4,6 +4,7 @@ use anyhow::Result;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use plotters::prelude::SeriesLabelPosition;
 
+use super::grids::grid;
 use super::parts;
 use super::plots::{Axes, Line, linear, logarithmic};
 use super::timeline::timeline;
@@ -42,6 +43,7 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
                     "more, are in " code { "metrics.json" } "." }
                 (parts::inputs(results))
                 @if !results.paper.is_empty() { h2 { "Beside the paper" } (parts::paper(results)) (parts::paper_speeds(results)) }
+                @for (i, of) in results.grids().iter().enumerate() { @if i == 0 { h2 { "Targets, integers, directions" } } (grid(of)) }
                 h2 { "How soon" }
                 (parts::latencies(results))
                 div.plots { (plots.encoder) (plots.interface) @for speed in &plots.speed { (speed) } }
@@ -210,6 +212,8 @@ fn definitions(results: &Results) -> Markup {
             dt { "Latency" } dd { "Frames of 4.17 ms from the onset to the detection, 0 being the onset frame. Medians, percentiles and shares "
                 "are over hits and misses, misses being infinite (∞). Computing time is not in it." }
             dt { "Flag up at onset" } dd { "Share of all events whose onset frame is flagged; newly: and the frame before is not." }
+            dt { "Direction" } dd { "Vertical: as the rig pulls, along the pad. By hand the label is the interface's, which includes short jerks; "
+                "the interface truth is sustained sliding only." }
             dt { "Travel" } dd { "Between onset and detection: of the crosshead (encoder truth; 0.07 mm have passed at the onset), or slid by the "
                 "interface (interface truth)." }
             dt { "False alarm" } dd { "A run of flags more than 50 ms away from all labelled slip; runs less than 200 ms apart are one. Rates are per "

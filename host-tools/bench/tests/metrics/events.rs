@@ -35,6 +35,9 @@ fn hits_early_ones_late_ones_and_misses_by_hand() {
     // From the onset on: 0, 4, 0 (the flag stays up), infinite, infinite.
     assert_eq!(events.from_onset_median_frames, Some(4.0));
     assert_eq!(events.at_onset_share, Some(0.4));
+    // Of all five: the early one and that at 0; with that at 4.
+    assert_eq!(events.early_or_at_onset_share, Some(0.4));
+    assert_eq!(events.early_or_within_5_frames_share, Some(0.6));
     assert_eq!(events.at_onset_with_transition_share, Some(0.2));
     // The flag at 1100 is within 50 ms after the end: no hit and no alarm.
     assert_eq!(figures.alarms.all.alarms, 0);

@@ -7,6 +7,7 @@ mod alarms;
 mod frames;
 mod operating;
 mod intervals;
+mod goals;
 
 use std::ops::Range;
 

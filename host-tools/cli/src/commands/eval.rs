@@ -1,18 +1,17 @@
 //! `slipsense eval`: detectors compared on labelled episodes.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
-use slipsense_bench::detectors::{Setup, by_name};
+use slipsense_bench::detectors::{NETWORK, NETWORK_FLOAT, Setup, by_name};
 use slipsense_bench::fit::Fitted;
 use slipsense_bench::report;
 use slipsense_bench::results::Results;
 use slipsense_bench::run::{Entrant, run};
-use slipsense_bench::source::Input;
-use slipsense_synth::Split;
 
+use super::inputs::inputs;
 use crate::bundled;
 use crate::output_dir::OutputDir;
 
@@ -32,13 +31,18 @@ Files written to the output folder:
   report.html   tables, plots and definitions, one file to share
 
 Where inputs and detectors have the names of the paper's tables (umi_id, umi_ood, palm, tesollo2,
-tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's.
+tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's. Printed where
+the inputs and detectors for it are there, and in both files:
+  targets    network on those splits against what it is to reach, mean and deviation over models
+  integers   network against network-float, split by split and seed by seed
+  direction  slips by the way they go, with the split free: pulls by hand, twists, the rig's
 
 Examples:
   slipsense eval umi_id umi_ood --out out/eval
   slipsense eval out/episodes --out out/eval
   slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
       --detector entropy-and-mfcc --out out/eval
+  slipsense eval umi_id umi_ood free --detector network --detector entropy --out out/directions
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
     /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
@@ -67,10 +71,6 @@ pub struct Args {
     json: bool,
 }
 
-/// The detectors of which there is one per seed.
-const NETWORK: &str = "network";
-const NETWORK_FLOAT: &str = "network-float";
-
 /// A network's files.
 struct Seed {
     /// Behind the detector's name where there are several, else empty.
@@ -87,12 +87,7 @@ impl Args {
         };
         let seeds = self.seeds()?;
         let entrants = self.entrants(&fitted, &seeds)?;
-        let inputs = self.inputs.iter().map(|input| self.input(input)).collect::<Result<Vec<Input>>>()?;
-        for (i, input) in inputs.iter().enumerate() {
-            if inputs[..i].iter().any(|other| other.name == input.name) {
-                bail!("two inputs are called {}; rename one", input.name);
-            }
-        }
+        let inputs = inputs(&self.inputs, self.data.as_deref())?;
         let out = OutputDir::prepare(&self.out)?;
 
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
@@ -153,31 +148,6 @@ impl Args {
             }
         }
         Ok(entrants)
-    }
-
-    fn input(&self, input: &str) -> Result<Input> {
-        if let Some(data) = &self.data {
-            if !data.is_dir() {
-                bail!("--data {}: no such folder, looked for {input} in it", data.display());
-            }
-            if data.join(input).is_dir() {
-                return Input::folder(input, &data.join(input));
-            }
-        }
-        let folder = Path::new(input);
-        if !folder.exists() {
-            if let Ok(split) = input.parse::<Split>() {
-                let frozen = split.frozen()?;
-                return Ok(Input::recipes(
-                    input,
-                    frozen.episodes.into_iter().map(|e| (e.name, e.recipe)).collect(),
-                ));
-            }
-            let names = Split::ALL.map(Split::name).join(", ");
-            bail!("{input}: no such folder, and no split ({names})");
-        }
-        let name = folder.file_name().map_or_else(|| input.into(), |name| name.to_string_lossy());
-        Input::folder(&name, folder)
     }
 }
 

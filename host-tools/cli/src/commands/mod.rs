@@ -5,7 +5,9 @@ pub mod run;
 pub mod features;
 pub mod fit;
 pub mod label;
+mod inputs;
 pub mod eval;
+pub mod eval_rotation;
 pub mod synth;
 pub mod train;
 

@@ -36,6 +36,7 @@ Splits:
   tesollo2   test: another hand, two fingers
   tesollo3   test: another hand, three fingers
   noslip     test: long episodes without slip, for false alarms per hour
+  free       test: pulls by hand in all directions and twists, no rig; not part of --all
 
 Written to --out: set.json (which set, every recipe), SPLIT-00000.npz and so on, and, when all
 episodes are there, hashes.json (what they hold). The same command again goes on where a run was

@@ -3,6 +3,7 @@
 //! A [`Script`] says what follows what; [`plan`] writes it into series. Recordings are cut out of a longer
 //! course, with durations of their own, so that no clock predicts slip.
 
+pub(crate) mod direction;
 pub(crate) mod levels;
 pub(crate) mod script;
 #[cfg(test)]
@@ -18,6 +19,7 @@ use crate::labels::Rule;
 use crate::recipe::{Platform, Resolved, ScenarioChoice};
 use crate::timeline::{Timeline, ramp};
 use crate::vibration::TAP_WIDTH_S;
+use direction::unit_vector;
 use levels::*;
 use script::{Kind, Script, Stretch};
 use unrest::Unrest;
@@ -205,7 +207,11 @@ impl Plan {
         use ScenarioChoice as S;
         let angle = rng.phase();
         // The rig pulls along the pad only.
-        let towards = if what.scenario.on_rig() { [0.0, 1.0] } else { [cos(angle), sin(angle)] };
+        let towards = match what.pull_angle_deg {
+            _ if what.scenario.on_rig() => [0.0, 1.0],
+            Some(named_deg) => unit_vector(named_deg),
+            None => [cos(angle), sin(angle)],
+        };
         let line = &self.timeline;
         let mut way = vec![0.0; line.steps()];
         match what.scenario {

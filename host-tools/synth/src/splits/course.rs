@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 
 use super::Split;
 use crate::draw::{Stream, stream};
-use crate::mix::PROTOCOL;
+use crate::mix::{FREE, Mix, PROTOCOL};
 use crate::objects::{CATALOGUE, Group, Object};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice};
 
@@ -16,6 +16,14 @@ const NOSLIP_SECONDS: f64 = 60.0;
 /// Hands and sensors of `noslip`, in turn.
 const NOSLIP_HANDS: [(Platform, usize); 4] =
     [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
+
+/// Every so manieth pull of `free` goes the rig's way, by hand: what a hand alone changes stands beside what
+/// the direction changes.
+const VERTICAL_EVERY: usize = 4;
+/// Other directions of pulls in `free`, and the angle from each to the next, degrees: the full circle but
+/// the rig's direction.
+const OTHER_DIRECTIONS: usize = 11;
+const DIRECTION_STEP_DEG: f64 = 30.0;
 
 /// Seed of one episode: the first 53 bits of the SHA-256 of `slipsense/SPLIT/SEED/INDEX`, all in
 /// decimal. Sets of other splits or seeds share no draws, and JSON carries 53 bits everywhere. Episodes of
@@ -53,6 +61,19 @@ fn second_turn(j: usize, n: usize, m: usize) -> usize {
     (j + j / (n * m / gcd(n, m))) % m
 }
 
+/// Angle of the `j`-th pull of one of `decks` groups of objects from the rig's direction, degrees from -150
+/// to 180. Groups take turns, so that between them the other directions come equally often.
+fn pull_angle_deg(j: usize, deck: usize, decks: usize) -> f64 {
+    if j % VERTICAL_EVERY == VERTICAL_EVERY - 1 {
+        return 0.0;
+    }
+    let other = (j - j / VERTICAL_EVERY) * decks + deck;
+    // Four steps at a time, so that neighbours in time are not neighbours in direction.
+    let step = 1 + (4 * other) % OTHER_DIRECTIONS;
+    let angle_deg = DIRECTION_STEP_DEG * step as f64;
+    if angle_deg > 180.0 { angle_deg - 360.0 } else { angle_deg }
+}
+
 /// Objects and speeds in the order of one split and seed, for one sort of event.
 struct Deck {
     objects: Vec<&'static Object>,
@@ -78,9 +99,14 @@ impl Deck {
     }
 }
 
-/// What happens, and how many times it happened before, for each place in one round of [`PROTOCOL`].
-fn round() -> Vec<(usize, usize)> {
-    let mix = PROTOCOL.weights();
+/// What happens in the episodes of a split; `noslip` and `umi_quiet` have rules of their own.
+fn mix(split: Split) -> Mix {
+    if split == Split::Free { FREE } else { PROTOCOL }
+}
+
+/// What happens, and how many times it happened before, for each place in one round of a mix.
+fn round(mix: Mix) -> Vec<(usize, usize)> {
+    let mix = mix.weights();
     let length: usize = mix.iter().map(|(_, weight)| weight).sum();
     let mut dealt = vec![0; mix.len()];
     (1..=length)
@@ -111,7 +137,7 @@ impl Course {
             Split::Train | Split::UmiId => &[&[Group::Train]],
             Split::Val => &[&[Group::Val]],
             Split::UmiOod | Split::Palm => &[&[Group::HeldOut]],
-            Split::Tesollo2 | Split::Tesollo3 => &[&[Group::HeldOut], &[Group::Train]],
+            Split::Tesollo2 | Split::Tesollo3 | Split::Free => &[&[Group::HeldOut], &[Group::Train]],
             Split::Noslip => &[&[Group::Val, Group::HeldOut]],
             Split::UmiQuiet => &[],
         };
@@ -123,7 +149,8 @@ impl Course {
             Split::UmiQuiet => vec![Self::new(Split::UmiId, seed), Self::new(Split::UmiOod, seed)],
             _ => Vec::new(),
         };
-        Self { split, seed, round: round(), decks: (0..PROTOCOL.weights().len()).map(decks).collect(), pair }
+        let mix = mix(split);
+        Self { split, seed, round: round(mix), decks: (0..mix.weights().len()).map(decks).collect(), pair }
     }
 
     /// The recipe of one episode.
@@ -138,10 +165,11 @@ impl Course {
             _ => {}
         }
         let (kind, before) = self.round[index % self.round.len()];
-        let (scenario, weight) = PROTOCOL.weights()[kind];
+        let (scenario, weight) = mix(self.split).weights()[kind];
         let j = index / self.round.len() * weight + before;
         let decks = &self.decks[kind];
-        let (deck, j) = (&decks[j % decks.len()], j / decks.len());
+        let (turn, j) = (j % decks.len(), j / decks.len());
+        let deck = &decks[turn];
         let tesollo = matches!(self.split, Split::Tesollo2 | Split::Tesollo3);
         Recipe {
             object: deck.object(j),
@@ -150,6 +178,8 @@ impl Course {
             region: if self.split == Split::Palm { Region::Palm } else { Region::Centre },
             sensors: if self.split == Split::Tesollo3 { 3 } else { 2 },
             speed_mm_s: (scenario != ScenarioChoice::FreeGrasp).then(|| deck.speed_mm_s(j)),
+            pull_angle_deg: (scenario == ScenarioChoice::FreePull)
+                .then(|| pull_angle_deg(j, turn, decks.len())),
             ..recipe
         }
     }

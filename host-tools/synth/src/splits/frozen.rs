@@ -114,6 +114,7 @@ impl Split {
             Self::Tesollo2 => include_str!("../../frozen/tesollo2.json"),
             Self::Tesollo3 => include_str!("../../frozen/tesollo3.json"),
             Self::Noslip => include_str!("../../frozen/noslip.json"),
+            Self::Free => include_str!("../../frozen/free.json"),
         };
         let manifest = |rule: String| SetError::new(format!("host-tools/synth/frozen/{self}.json: {rule}"));
         let frozen = FrozenSet::parse(text).map_err(|error| manifest(error.to_string()))?;

@@ -50,11 +50,14 @@ pub enum Split {
     Tesollo3,
     /// Test: long episodes of everything but slip, on all hands, for false alarms per hour.
     Noslip,
+    /// Test: away from the rig. Slips pulled by hand in all directions of the pad's plane, and twists; objects as
+    /// in `tesollo2`.
+    Free,
 }
 
 impl Split {
     /// Every split.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Train,
         Self::Val,
         Self::UmiId,
@@ -64,9 +67,10 @@ impl Split {
         Self::Tesollo2,
         Self::Tesollo3,
         Self::Noslip,
+        Self::Free,
     ];
 
-    /// The splits of the paper-sized set; `umi_quiet` only repeats two of them.
+    /// The splits of the paper-sized set; `umi_quiet` only repeats two of them, and the paper has no `free`.
     pub const PAPER: [Self; 8] = [
         Self::Train,
         Self::Val,
@@ -90,12 +94,14 @@ impl Split {
             Self::Tesollo2 => "tesollo2",
             Self::Tesollo3 => "tesollo3",
             Self::Noslip => "noslip",
+            Self::Free => "free",
         }
     }
 
     /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
     /// ([`PROTOCOL`](crate::mix::PROTOCOL)): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
-    /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour.
+    /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
+    /// nine in ten of `free` slip ([`FREE`](crate::mix::FREE)).
     pub const fn frozen_episodes(self) -> usize {
         match self {
             Self::Train => 0,
@@ -104,6 +110,7 @@ impl Split {
             Self::UmiQuiet => 176,
             Self::Palm | Self::Tesollo2 | Self::Tesollo3 => 32,
             Self::Noslip => 60,
+            Self::Free => 80,
         }
     }
 
@@ -112,7 +119,7 @@ impl Split {
     pub const fn paper_episodes(self) -> usize {
         match self {
             Self::Noslip => 3,
-            Self::UmiQuiet => 0,
+            Self::UmiQuiet | Self::Free => 0,
             other => other.frozen_episodes(),
         }
     }
@@ -161,5 +168,6 @@ mod tests {
         assert!(umi.iter().all(|&slips| slips >= 84) && umi[0] + umi[1] >= 167);
         assert!(transfer.iter().all(|&slips| slips > 30));
         assert_eq!(slips(Split::Noslip), 0);
+        assert!(slips(Split::Free) >= 72);
     }
 }

@@ -1,0 +1,46 @@
+//! Which way an object slips over the pad: models are trained on the rig's way alone, so the others are
+//! what they have never seen.
+
+use libm::{atan2, cos, sin};
+use serde::{Deserialize, Serialize};
+
+use crate::recipe::{Resolved, ScenarioChoice};
+use crate::scenario::Plan;
+
+/// A pull within this of the rig's direction counts as vertical, degrees.
+pub const VERTICAL_WITHIN_DEG: f64 = 15.0;
+
+/// Way of a slip, relative to the pad; in the metadata of episodes by hand as `slip_direction`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SlipDirection {
+    /// As the rig's crosshead pulls, along the pad towards its tip, within [`VERTICAL_WITHIN_DEG`].
+    Vertical,
+    /// Any other way in the pad's plane, the rig's backwards among them.
+    OtherInPlane,
+    /// A turn about the pad's normal.
+    Rotational,
+}
+
+/// Unit vector in the first finger's pad x and y of a pull at this angle from the rig's direction,
+/// counter-clockwise, degrees.
+pub(crate) fn unit_vector(angle_deg: f64) -> [f64; 2] {
+    let angle = angle_deg.to_radians();
+    [-sin(angle), cos(angle)]
+}
+
+/// The way in which the plan lets the object slip; none where it does not.
+pub(crate) fn slip_direction(what: &Resolved, plan: &Plan) -> Option<SlipDirection> {
+    if !what.slips() {
+        return None;
+    }
+    if what.scenario == ScenarioChoice::Rotation {
+        return Some(SlipDirection::Rotational);
+    }
+    let [x, y] = plan.stroke_mm;
+    let from_vertical_deg = atan2(x, y).to_degrees().abs();
+    Some(match from_vertical_deg <= VERTICAL_WITHIN_DEG {
+        true => SlipDirection::Vertical,
+        false => SlipDirection::OtherInPlane,
+    })
+}

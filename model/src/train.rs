@@ -54,7 +54,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "OBJECT", requires = "data")]
     pub test: Vec<String>,
     /// Training episodes: so many are generated, or at most so many read.
-    #[arg(long, value_name = "N", default_value_t = 640)]
+    #[arg(long, value_name = "N", default_value_t = 512)]
     pub episodes: usize,
     /// Passes over as many frames as the training episodes have.
     #[arg(long, value_name = "N", default_value_t = 6)]

@@ -9,13 +9,18 @@ use slipsense::features::{STANDARDISE_EPSILON_Q32, STANDARDISED_FRAC_BITS};
 use slipsense::params::MEL_BINS;
 
 /// Share of sequences in which something else sounds.
-const WITH_SOUND: f64 = 0.4;
+const WITH_SOUND: f64 = 0.5;
 /// Most bursts of it.
 const BURSTS_MAX: usize = 3;
 /// Frames of a burst.
 const BURST_FRAMES: Range<usize> = 2..120;
 /// Level of a burst over the mean of the sequence, nat of power.
 const BURST_LEVEL: Range<f32> = -1.0..4.0;
+/// Level of a machine over the mean of the sequence, nat, and of its tones over that.
+const MACHINE_LEVEL: Range<f32> = -3.0..2.0;
+const TONE_LEVEL: Range<f32> = 1.0..5.0;
+/// Most tones of a machine.
+const TONES_MAX: usize = 4;
 /// Largest slow change of the response over the bins, nat: units and mounts differ.
 const COLOUR: f32 = 0.6;
 /// Most mel bins masked.
@@ -33,7 +38,8 @@ fn slow_shape(amplitude: f32, rng: &mut ChaCha8Rng) -> [f32; MEL_BINS] {
     })
 }
 
-/// Bursts of sound from elsewhere, heard by all sensors: a door, a step, a machine.
+/// Sound from elsewhere, heard by all sensors: bursts such as steps and knocks, or a machine that runs on,
+/// such as a hand's own motor.
 #[derive(Clone, Debug, Default)]
 pub struct Sound {
     bursts: Vec<Burst>,
@@ -48,11 +54,28 @@ struct Burst {
     decay: f32,
 }
 
+impl Burst {
+    /// Broad noise with a few tones, from the start or some time on.
+    fn machine(frames: usize, rng: &mut ChaCha8Rng) -> Self {
+        let level = rng.random_range(MACHINE_LEVEL);
+        let mut spectrum = slow_shape(2.0, rng).map(|shape| level + shape);
+        for _ in 0..rng.random_range(0..=TONES_MAX) {
+            spectrum[rng.random_range(0..MEL_BINS)] += rng.random_range(TONE_LEVEL);
+        }
+        let start = if rng.random_bool(0.5) { 0 } else { rng.random_range(0..frames) };
+        let end = if rng.random_bool(0.5) { frames } else { rng.random_range(start..frames) + 1 };
+        Self { frames: start..end, spectrum, decay: 0.0 }
+    }
+}
+
 impl Sound {
-    /// None in most sequences, else one to three bursts within `frames` frames.
+    /// None in half of the sequences, else a machine or one to three bursts within `frames` frames.
     pub fn draw(frames: usize, rng: &mut ChaCha8Rng) -> Self {
         if !rng.random_bool(WITH_SOUND) {
             return Self::default();
+        }
+        if rng.random_bool(0.5) {
+            return Self { bursts: vec![Burst::machine(frames, rng)] };
         }
         let bursts = (0..rng.random_range(1..=BURSTS_MAX)).map(|_| {
             let start = rng.random_range(0..frames);
@@ -186,6 +209,6 @@ mod tests {
                 changed += usize::from(sounds);
             }
         }
-        assert!((300..3000).contains(&changed), "{changed}");
+        assert!((500..4000).contains(&changed), "{changed}");
     }
 }

@@ -90,7 +90,7 @@ pub struct StandLog {
 pub struct AtFrames {
     /// Position of the crosshead at each frame's tick, mm, interpolated between readings.
     pub displacement_mm: Vec<f32>,
-    /// Frames before the first or after the last reading: the crosshead stood, its position is held.
+    /// Frames before the first or after the last reading, for which its position is held.
     pub held_frames: usize,
 }
 

@@ -110,6 +110,12 @@ fn a_log_that_does_not_cover_the_recording_is_refused() {
         let error = log.at_frames(480, offset_s).unwrap_err().to_string();
         assert!(error.starts_with("covers 0.000 s to 4.990 s, but the recording lasts from"), "{error}");
     }
+    // The log may end within a pull, but no more than a reading before the recording does.
+    let pulled = StandLog::parse("Time [s],Travel [mm]\n0,0\n0.1,1\n0.2,2\n0.3,3\n").unwrap();
+    assert_eq!(pulled.at_frames(96, -0.05).unwrap().held_frames, 11 + 12);
+    assert!(
+        pulled.at_frames(97, 0.0).unwrap_err().to_string().starts_with("the crosshead moves at the last")
+    );
     let moving = "Time [s],Travel [mm]\n0,0\n0.1,1\n0.2,2\n0.3,2\n0.6,2\n";
     let error = StandLog::parse(moving).unwrap().at_frames(100, -0.2).unwrap_err().to_string();
     assert!(

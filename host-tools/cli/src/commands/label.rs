@@ -319,7 +319,7 @@ impl Stand {
         if self.held_frames > 0 {
             let _ = write!(
                 text,
-                "\nedges:  {} frames lie outside the log, where the crosshead stood",
+                "\nedges:  {} frames lie outside the log, its nearest position is held",
                 self.held_frames
             );
         }

@@ -90,7 +90,7 @@ pub struct StandLog {
 pub struct AtFrames {
     /// Position of the crosshead at each frame's tick, mm, interpolated between readings.
     pub displacement_mm: Vec<f32>,
-    /// Frames before the first or after the last reading: the crosshead stood, its position is held.
+    /// Frames before the first or after the last reading, for which its position is held.
     pub held_frames: usize,
 }
 
@@ -170,7 +170,7 @@ impl StandLog {
 
     /// Position at the tick of each frame; frame f ends (f + 1) / 240 s after the recording began, when the
     /// stand's clock showed `offset_s`. Where there is no reading the position is held, if the crosshead
-    /// stood there.
+    /// stood there or no more than one reading is missing.
     pub fn at_frames(&self, frames: usize, offset_s: f64) -> Result<AtFrames, StandLogProblem> {
         let clock_s = |frame: usize| (frame as f64 + 1.0) / f64::from(FRAME_RATE_HZ) + offset_s;
         let (first_s, last_s) = (self.time_s[0], self.time_s[0] + self.span_s());
@@ -182,7 +182,9 @@ impl StandLog {
             return Err(Problem::Coverage(format!("covers {first_s:.3} s to {last_s:.3} s, but {on_clock}")));
         }
         for (missing, edge_s, what) in [(before, first_s, "first"), (after, last_s, "last")] {
-            if missing > 0 && self.moves_near(edge_s) {
+            // Up to one reading more would have come: that is no further than any frame from the next one.
+            let missing_s = missing as f64 / f64::from(FRAME_RATE_HZ);
+            if missing_s > 1.0 / self.rate_hz() && self.moves_near(edge_s) {
                 return Err(Problem::Coverage(format!(
                     "the crosshead moves at the {what} reading ({edge_s:.3} s), must stand there: {on_clock}"
                 )));

@@ -19,8 +19,8 @@ use crate::data::{Features, Source, Use};
 use crate::evaluate::{Scores, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::ObjectUses;
-use crate::output;
 use crate::weights::{FIRST_DIMS, Weights};
+use crate::{curves, output};
 
 /// Share of all steps over which the learning rate rises.
 const WARM_UP: f64 = 0.05;
@@ -33,8 +33,8 @@ const WEIGHT_DECAY: f32 = 1e-3;
 
 /// Train the float network on generated or recorded episodes.
 ///
-/// Writes DIR/weights.safetensors (the running average of the weights), curves.csv (one line per epoch)
-/// and train.json (what it was trained on, and how). After every epoch DIR/checkpoint holds what
+/// Writes DIR/weights.safetensors (the running average of the weights), curves.csv (one line per epoch),
+/// curves.svg (the same as a picture) and train.json (what it was trained on, and how). After every epoch DIR/checkpoint holds what
 /// --resume needs. Quantize the result with `slipsense quantize`.
 #[derive(Args, Clone, Debug)]
 pub struct TrainArgs {
@@ -162,6 +162,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         });
         state.write(&args.out, &optimizer)?;
         output::write(&args.out.join("curves.csv"), csv(&state.rows).as_bytes())?;
+        output::write(&args.out.join("curves.svg"), curves::svg(&state.rows)?.as_bytes())?;
         print!("{}", if epoch == 0 { csv(&state.rows) } else { last_line(&csv(&state.rows)) });
     }
     let validation_objects = match &source {

@@ -8,6 +8,7 @@ use clap::{Parser, Subcommand};
 mod process;
 mod python;
 mod qemu;
+mod retrain;
 mod test;
 mod toolchain;
 
@@ -25,6 +26,8 @@ enum Command {
     Test(test::Options),
     /// Run frames on an emulated Cortex-M7 and compare every result with this computer's, bit for bit
     Qemu(qemu::Options),
+    /// Make the shipped model from nothing: train, quantize, choose the operating point
+    Retrain(retrain::Options),
 }
 
 /// The repository.
@@ -37,6 +40,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Test(options) => test::run(&options),
         Command::Qemu(options) => qemu::run(&options),
+        Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

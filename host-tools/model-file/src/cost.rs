@@ -1,0 +1,205 @@
+//! What a network costs: multiplications per frame, bytes, and how much of its accumulators it can use.
+
+use slipsense::net::Model;
+use slipsense::net::format::{Dims, TensorSpec, layout};
+use slipsense::net::model::{ACTIVATION_MAX, Attention, Layer};
+use slipsense::net::requantize::QUERY_KEY_MAX;
+use slipsense::net::softmax::WEIGHTED_SUM_MAX;
+use slipsense::params::TAXEL_ROWS;
+
+/// Most multiply-accumulates per frame of the shipped network with one sensor.
+pub const MACS_MAX_ONE_SENSOR: usize = 750_000;
+/// The same with three sensors.
+pub const MACS_MAX_THREE_SENSORS: usize = 1_950_000;
+/// Most bytes of its file.
+pub const FILE_BYTES_MAX: usize = 160_000;
+
+/// One layer of the file, in file order: a dense layer or convolution, the scores of an attention block, or a
+/// norm.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LayerCost {
+    /// As in [`layout`].
+    pub name: &'static str,
+    /// Outputs and inputs of one output; heads and lags of the scores; 1 and channels of a norm.
+    pub shape: [usize; 2],
+    /// Bytes of its tensors in the file, padding included.
+    pub bytes: usize,
+    /// Multiply-accumulates of one pass.
+    pub macs: usize,
+    /// Is there a pass per sensor? Else there is one per frame.
+    pub per_sensor: bool,
+    /// Largest magnitude that any of its accumulators can reach for any input, as
+    /// [`Model::parse`] proves it; at most 2^31 − 1.
+    pub bound: i64,
+}
+
+impl LayerCost {
+    /// Multiply-accumulates per frame with this many sensors.
+    pub fn macs_per_frame(&self, sensors: usize) -> usize {
+        if self.per_sensor { sensors * self.macs } else { self.macs }
+    }
+
+    /// Bits of the accumulator that no input can reach: `31 − log2(bound)`, 0 to 31.
+    pub fn head_room_bits(&self) -> f64 {
+        31.0 - (self.bound.max(1) as f64).log2()
+    }
+}
+
+/// The layers of a model with their cost.
+///
+/// Counted are the products of activations with weights and with each other, at full contact: every taxel, and
+/// attention over the full window, where each lag takes one product per column for its score and one for its
+/// value. Not counted are norms, softmax, requantization, residual sums and the front end: a few operations
+/// per activation.
+pub fn layers(model: &Model<'_>) -> Vec<LayerCost> {
+    let specs = layout(&model.dims);
+    specs.chunk_by(|a, b| a.layer == b.layer).map(|parts| layer(model, parts)).collect()
+}
+
+/// Sum over the layers, multiply-accumulates per frame.
+pub fn macs_per_frame(layers: &[LayerCost], sensors: usize) -> usize {
+    layers.iter().map(|layer| layer.macs_per_frame(sensors)).sum()
+}
+
+/// `parts`: the tensors of one layer, the one that gives its shape first but for the scores' multiplier.
+fn layer(model: &Model<'_>, parts: &[TensorSpec]) -> LayerCost {
+    let dims = &model.dims;
+    let name = parts.first().map_or("", |part| part.layer);
+    let shape = parts.iter().max_by_key(|part| part.len()).map_or([0, 0], |part| [part.rows, part.cols]);
+    let (block, part) = name.split_once('.').unwrap_or(("", name));
+    let per_sensor = matches!(block, "piezo" | "xl");
+    let [outputs, inputs] = shape;
+    let macs = match (block, part) {
+        ("piezo", "conv1" | "conv2" | "conv3") => positions(part) * outputs * inputs,
+        (_, "score") => 2 * width(dims, block) * dims.window,
+        (_, "norm") => 0,
+        _ => outputs * inputs,
+    };
+    let bytes = parts.iter().map(TensorSpec::padded_bytes).sum();
+    LayerCost { name, shape, bytes, macs, per_sensor, bound: bound(model, block, part) }
+}
+
+/// Places of the map that a convolution is computed at, before its pool.
+fn positions(conv: &str) -> usize {
+    let side = match conv {
+        "conv1" => TAXEL_ROWS,
+        "conv2" => TAXEL_ROWS / 2,
+        _ => TAXEL_ROWS / 4,
+    };
+    side * side
+}
+
+fn width(dims: &Dims, block: &str) -> usize {
+    if block == "temporal" { dims.fused() } else { dims.embed }
+}
+
+fn bound(model: &Model<'_>, block: &str, part: &str) -> i64 {
+    let [conv1, conv2, conv3] = &model.conv;
+    let [xl_conv, mix1, mix2] = &model.xl;
+    match (block, part) {
+        ("piezo", "conv1") => of_layer(conv1),
+        ("piezo", "conv2") => of_layer(conv2),
+        ("piezo", "conv3") => of_layer(conv3),
+        ("piezo", _) => of_layer(&model.piezo_dense),
+        ("xl", "conv") => of_layer(xl_conv),
+        ("xl", "mix1") => of_layer(mix1),
+        ("xl", _) => of_layer(mix2),
+        ("cross_piezo", part) => of_attention(&model.cross_piezo, part),
+        ("cross_xl", part) => of_attention(&model.cross_xl, part),
+        ("temporal", part) => of_attention(&model.temporal, part),
+        _ => of_layer(&model.head),
+    }
+}
+
+fn of_attention(block: &Attention<'_>, part: &str) -> i64 {
+    match part {
+        "query" => of_layer(&block.query),
+        "key" => of_layer(&block.key),
+        "value" => of_layer(&block.value),
+        "out" => of_layer(&block.out),
+        "norm" => block.norm.accumulator_bounds().max().unwrap_or(0),
+        _ => {
+            let head_width = (block.query.outputs / block.heads) as i64;
+            let scores = head_width * i64::from(QUERY_KEY_MAX) * i64::from(QUERY_KEY_MAX);
+            scores.max(WEIGHTED_SUM_MAX)
+        }
+    }
+}
+
+fn of_layer(layer: &Layer<'_>) -> i64 {
+    layer.accumulator_bounds(ACTIVATION_MAX).max().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ModelFile;
+
+    /// Small enough to count by hand.
+    const SMALL: Dims =
+        Dims { conv_channels: [1, 2, 3], embed: 4, xl_kernel: 2, xl_channels: 5, heads: 2, window: 7 };
+
+    fn small() -> ModelFile {
+        let mut file = ModelFile::new(SMALL, "{}");
+        for block in ["cross_piezo", "cross_xl", "temporal"] {
+            file.tensor_mut(&format!("{block}.norm"), "epsilon")[0] = 1;
+        }
+        file
+    }
+
+    fn of<'l>(layers: &'l [LayerCost], name: &str) -> &'l LayerCost {
+        layers.iter().find(|layer| layer.name == name).unwrap()
+    }
+
+    #[test]
+    fn macs_and_bytes_by_hand() {
+        let bytes = small().to_bytes().unwrap();
+        let layers = layers(&Model::parse(&bytes).unwrap());
+        assert_eq!(layers.len(), 7 + 3 * 6 + 1);
+        let expected = [
+            ("piezo.conv1", [1, 18], 32 * 32 * 18, 20 + 4 + 4),
+            ("piezo.conv2", [2, 9], 16 * 16 * 18, 20 + 8 + 8),
+            ("piezo.conv3", [3, 18], 8 * 8 * 54, 56 + 12 + 12),
+            ("piezo.dense", [4, 48], 192, 192 + 16 + 16),
+            ("xl.conv", [5, 32], 160, 160 + 20 + 20),
+            ("xl.mix1", [5, 5], 25, 28 + 20 + 20),
+            ("xl.mix2", [4, 5], 20, 20 + 16 + 16),
+            ("cross_piezo.query", [4, 4], 16, 16 + 16 + 16),
+            // 2 heads of 2 columns, 7 lags, once for the score and once for the value.
+            ("cross_xl.score", [2, 7], 2 * 2 * 2 * 7, 4 + 28),
+            ("temporal.score", [2, 7], 2 * 2 * 4 * 7, 4 + 28),
+            ("temporal.norm", [1, 8], 0, 16 + 32 + 4 + 4),
+            ("head", [3, 8], 24, 24 + 12 + 12),
+        ];
+        for (name, shape, macs, bytes) in expected {
+            let layer = of(&layers, name);
+            assert_eq!((layer.shape, layer.macs, layer.bytes), (shape, macs, bytes), "{name}");
+        }
+        // Encoders: 18432 + 4608 + 3456 + 192 + 160 + 25 + 20. The rest, once: 2 · (64 + 56) + 256 + 112 + 24.
+        assert_eq!(macs_per_frame(&layers, 1), 26_893 + 632);
+        assert_eq!(macs_per_frame(&layers, 3), 3 * 26_893 + 632);
+        // What is not a layer: header, length and text of the provenance, hash.
+        let of_layers: usize = layers.iter().map(|layer| layer.bytes).sum();
+        assert_eq!(bytes.len() - of_layers, 28 + 4 + 4 + 32);
+    }
+
+    #[test]
+    fn head_room_by_hand() {
+        let mut file = small();
+        // 2 · 32768 · 64 + 0 = 2^22: nine bits are left.
+        file.tensor_mut("xl.mix1", "weight")[..2].copy_from_slice(&[64, -64]);
+        // Every product at most 127 · 32768, and the offset on top.
+        file.tensor_mut("head", "weight").fill(-127);
+        file.tensor_mut("head", "bias")[2] = -1_000_000_000;
+        file.tensor_mut("cross_xl.norm", "gamma")[3] = -16_384;
+        let bytes = file.to_bytes().unwrap();
+        let layers = layers(&Model::parse(&bytes).unwrap());
+        assert_eq!(of(&layers, "xl.mix1").head_room_bits(), 9.0);
+        assert_eq!(of(&layers, "head").bound, 8 * 127 * 32_768 + 1_000_000_000);
+        assert_eq!(of(&layers, "cross_xl.norm").head_room_bits(), 2.0);
+        assert_eq!(of(&layers, "xl.conv").head_room_bits(), 31.0, "all weights are zero");
+        // Weights of 2^15 in sum and values of 16 bits: just over 2^30.
+        let score = of(&layers, "temporal.score").head_room_bits();
+        assert!((0.99..1.0).contains(&score), "{score}");
+    }
+}

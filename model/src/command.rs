@@ -6,8 +6,8 @@ use anyhow::{Result, anyhow, ensure};
 use clap::Args;
 use serde_json::json;
 use slipsense::net::Model;
+use slipsense_model_file::SCALES_KEY;
 
-use crate::compare::SCALES_KEY;
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::reference::{Ranges, Reference, SensorFrame};

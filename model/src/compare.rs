@@ -11,14 +11,12 @@ use slipsense::features::XlFrontEnd;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense::params::{CLASSES, CONTACT_SUM_MIN};
 use slipsense_episode::Episode;
+use slipsense_model_file::SCALES_KEY;
 
 use crate::evaluate::decide;
 use crate::reference::{ACTIVATIONS, Reference, SensorFrame};
 use crate::trace::{IntegerTrace, Trace};
 use crate::weights::Weights;
-
-/// Key of the scales in a model file's provenance.
-pub const SCALES_KEY: &str = "scales";
 
 /// What becomes of one activation in integers.
 #[derive(Clone, Debug, Serialize)]

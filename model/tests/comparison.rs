@@ -4,11 +4,12 @@ mod common;
 
 use slipsense::net::Model;
 use slipsense_episode::Episode;
-use slipsense_model::compare::{SCALES_KEY, compare_activations, scales};
+use slipsense_model::compare::{compare_activations, scales};
 use slipsense_model::export;
 use slipsense_model::quantize::{activation_scales, quantize};
 use slipsense_model::reference::{ACTIVATIONS, Ranges, Reference, SensorFrame};
 use slipsense_model::weights::Weights;
+use slipsense_model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
 fn episode() -> Episode {

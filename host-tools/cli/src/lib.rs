@@ -37,6 +37,7 @@ Examples:
   slipsense run grasp.npz --out out/grasp --json | jq .truth.events
   slipsense synth --split umi_ood --out out/umi_ood
   slipsense eval umi_ood --detector network --detector entropy --out out/eval
+  slipsense model info                            layers, cost and head-room of the bundled model
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind,
 but for the finished episodes of `synth`, which goes on from them.";
@@ -59,6 +60,7 @@ enum Command {
     Fit(commands::fit::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
+    Model(commands::model::Args),
 }
 
 /// Parse the command line, do what it says, and report an error in one line.
@@ -72,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
+        Command::Model(args) => args.run(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -28,6 +28,8 @@ pub struct LayerCost {
     pub macs: usize,
     /// Is there a pass per sensor? Else there is one per frame.
     pub per_sensor: bool,
+    /// The activation that it gives, by the name under which the provenance holds its scale; none for scores.
+    pub gives: Option<&'static str>,
     /// Largest magnitude that any of its accumulators can reach for any input, as
     /// [`Model::parse`] proves it; at most 2^31 − 1.
     pub bound: i64,
@@ -61,11 +63,13 @@ pub fn macs_per_frame(layers: &[LayerCost], sensors: usize) -> usize {
     layers.iter().map(|layer| layer.macs_per_frame(sensors)).sum()
 }
 
-/// `parts`: the tensors of one layer, the one that gives its shape first but for the scores' multiplier.
+/// `parts`: the tensors of one layer. Its weights give its shape, the scores' bias theirs, the gain a norm's.
 fn layer(model: &Model<'_>, parts: &[TensorSpec]) -> LayerCost {
     let dims = &model.dims;
     let name = parts.first().map_or("", |part| part.layer);
-    let shape = parts.iter().max_by_key(|part| part.len()).map_or([0, 0], |part| [part.rows, part.cols]);
+    let find = |wanted: &str| parts.iter().find(|part| part.part == wanted);
+    let shape =
+        find("weight").or(find("gamma")).or(find("bias")).map_or([0, 0], |part| [part.rows, part.cols]);
     let (block, part) = name.split_once('.').unwrap_or(("", name));
     let per_sensor = matches!(block, "piezo" | "xl");
     let [outputs, inputs] = shape;
@@ -76,7 +80,7 @@ fn layer(model: &Model<'_>, parts: &[TensorSpec]) -> LayerCost {
         _ => outputs * inputs,
     };
     let bytes = parts.iter().map(TensorSpec::padded_bytes).sum();
-    LayerCost { name, shape, bytes, macs, per_sensor, bound: bound(model, block, part) }
+    LayerCost { name, shape, bytes, macs, per_sensor, gives: gives(name), bound: bound(model, block, part) }
 }
 
 /// Places of the map that a convolution is computed at, before its pool.
@@ -87,6 +91,23 @@ fn positions(conv: &str) -> usize {
         _ => TAXEL_ROWS / 4,
     };
     side * side
+}
+
+/// A residual sum is what an attention block's last projection gives; other layers give what they are called,
+/// but for those with a shorter name.
+fn gives(layer: &'static str) -> Option<&'static str> {
+    Some(match layer {
+        "piezo.dense" => "piezo",
+        "xl.mix2" => "xl",
+        "cross_piezo.out" => "cross_piezo.residual",
+        "cross_xl.out" => "cross_xl.residual",
+        "temporal.out" => "temporal.residual",
+        "cross_piezo.norm" | "cross_xl.norm" => "fused",
+        "temporal.norm" => "hidden",
+        "head" => "logits",
+        score if score.ends_with(".score") => return None,
+        other => other,
+    })
 }
 
 fn width(dims: &Dims, block: &str) -> usize {

@@ -9,6 +9,9 @@ mod random;
 
 pub use random::random_model;
 
+/// Key, in a model's provenance, of the real value of one unit of every activation.
+pub const SCALES_KEY: &str = "scales";
+
 /// A model file in the making: dimensions, provenance and every tensor as plain integers.
 #[derive(Clone, Debug)]
 pub struct ModelFile {

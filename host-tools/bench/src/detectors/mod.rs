@@ -13,14 +13,14 @@ pub mod ear;
 mod energy;
 mod entropy;
 mod entropy_and_mfcc;
+#[cfg(feature = "float")]
+mod float;
 mod flux_cusum;
 mod logistic;
 mod majority;
 pub mod mel;
 mod mfcc_qda;
 mod network;
-#[cfg(feature = "float")]
-mod network_float;
 mod oracle;
 pub mod qda;
 mod rig_only;
@@ -134,14 +134,14 @@ pub struct Setup<'a> {
     pub fitted: &'a Fitted,
     /// The model file of the integer network.
     pub model: &'a [u8],
-    /// Weights file of the float network, needed for `network-float` only.
+    /// Weights file of the float network, needed for `float` only.
     pub float_weights: Option<&'a Path>,
 }
 
 /// Names on the command line with what they are, in the order of the report.
 pub const DETECTORS: [(&str, &str); 15] = [
     ("network", "the firmware's pipeline, integers"),
-    ("network-float", "the network before quantization (needs the feature `train`)"),
+    ("float", "the network before quantization, run by tract (needs the feature `train`)"),
     ("entropy", "entropy of the pressure changes; the paper's piezo baseline"),
     ("mfcc-qda", "13 MFCC with quadratic discriminants; the paper's accelerometer baseline"),
     ("entropy-and-mfcc", "both say slip; the paper's baseline of both sensors"),
@@ -164,9 +164,9 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Box<dyn Detector + '
     Ok(match name {
         "network" => Box::new(network::Network::new(setup.model)?),
         #[cfg(feature = "float")]
-        "network-float" => Box::new(network_float::NetworkFloat::new(setup.float_weights)?),
+        "float" => Box::new(float::Float::new(setup.float_weights)?),
         #[cfg(not(feature = "float"))]
-        "network-float" => bail!("network-float is not in this build; build with `--features train`"),
+        "float" => bail!("float is not in this build; build with `--features train`"),
         "entropy" => {
             Box::new(Thresholded::new("entropy", EntropyScore::new(), fitted.entropy.threshold, order))
         }

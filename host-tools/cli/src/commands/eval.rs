@@ -24,8 +24,8 @@ use crate::output_dir::OutputDir;
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Detectors:
-  network  network-float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
-  logistic  majority  always-slip  clock  rig-only  oracle  oracle-label
+  network  float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass  logistic
+   majority  always-slip  clock  rig-only  oracle  oracle-label
 
 Files written to the output folder:
   metrics.json  every number; units are in the keys
@@ -39,6 +39,8 @@ Examples:
   slipsense eval out/episodes --out out/eval
   slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
       --detector entropy-and-mfcc --out out/eval
+  slipsense eval umi_ood --model m.slipnet --detector network --detector float \\
+      --weights weights.safetensors --out out/eval
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
     /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
@@ -56,7 +58,7 @@ pub struct Args {
     /// Model of the network, the bundled one if not given; several are seeds, whose spread is reported
     #[arg(long, value_name = "FILE")]
     model: Vec<PathBuf>,
-    /// Weights of the network before quantization, for network-float; as many as models
+    /// Weights of the network before quantization, for the detector float; as many as models
     #[arg(long, value_name = "FILE")]
     weights: Vec<PathBuf>,
     /// Fit of the other detectors; the bundled one if not given
@@ -69,7 +71,7 @@ pub struct Args {
 
 /// The detectors of which there is one per seed.
 const NETWORK: &str = "network";
-const NETWORK_FLOAT: &str = "network-float";
+const FLOAT: &str = "float";
 
 /// A network's files.
 struct Seed {
@@ -143,7 +145,7 @@ impl Args {
             if self.detector[..i].contains(family) {
                 continue;
             }
-            let seeds = if family == NETWORK || family == NETWORK_FLOAT { seeds } else { &seeds[..1] };
+            let seeds = if family == NETWORK || family == FLOAT { seeds } else { &seeds[..1] };
             for seed in seeds {
                 let setup = Setup { fitted, model: &seed.model, float_weights: seed.weights.as_deref() };
                 let make = move || by_name(family, &setup);
@@ -186,6 +188,6 @@ fn pairs(entrants: &[Entrant<'_>], seeds: &[Seed]) -> Vec<(usize, usize)> {
     let position = |family: &str, seed: &Seed| {
         entrants.iter().position(|e| e.family == family && e.name == format!("{family}{}", seed.suffix))
     };
-    let pair = |seed: &Seed| Some((position(NETWORK, seed)?, position(NETWORK_FLOAT, seed)?));
+    let pair = |seed: &Seed| Some((position(NETWORK, seed)?, position(FLOAT, seed)?));
     seeds.iter().filter_map(pair).collect()
 }

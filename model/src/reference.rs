@@ -12,12 +12,15 @@ use crate::piezo::{self, PIEZO_INPUT_SCALE};
 use crate::trace::Trace;
 use crate::weights::Weights;
 
-/// Activations whose range the quantizer has to know, each with one real scale.
+/// Activations in the order of their computation, each with one real scale, which the quantizer derives from
+/// their ranges.
 pub const ACTIVATIONS: [&str; 24] = [
+    "taxels",
     "piezo.conv1",
     "piezo.conv2",
     "piezo.conv3",
     "piezo",
+    "log_mel",
     "xl.conv",
     "xl.mix1",
     "xl",
@@ -36,8 +39,6 @@ pub const ACTIVATIONS: [&str; 24] = [
     "temporal.residual",
     "hidden",
     "logits",
-    "taxels",
-    "log_mel",
 ];
 
 /// Largest magnitude seen of every activation.

@@ -12,8 +12,14 @@ use slipsense_model::weights::Weights;
 use slipsense_model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
+/// The beginning of an episode of two sensors.
 fn episode() -> Episode {
-    generate(&Recipe { scenario: ScenarioChoice::SixStep, ..Recipe::new(5) }).unwrap()
+    const FRAMES: usize = 400;
+    let recipe = Recipe { scenario: ScenarioChoice::SixStep, ..Recipe::new(5) };
+    let mut episode = generate(&recipe).unwrap();
+    episode.piezo.truncate(FRAMES * episode.sensors);
+    episode.xl_end.truncate(FRAMES * episode.sensors);
+    episode
 }
 
 /// Ranges of the weights' activations on random input.

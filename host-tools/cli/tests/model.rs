@@ -161,7 +161,9 @@ mod with_float_network {
             text(&out),
             "--json",
         ]);
-        assert!(json.contains("\"float\"") && json.contains("\"network\""), "{json}");
+        let results: Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(results["detectors"].as_array().unwrap().len(), 2);
+        assert_eq!(results["pairs"].as_array().unwrap().len(), 1, "the two are compared");
         let error = fails(["eval", text(&episodes), "--detector", "float", "--out", text(&out)]);
         assert!(error.contains("float needs the float weights"), "{error}");
     }

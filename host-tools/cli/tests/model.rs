@@ -70,15 +70,15 @@ mod with_float_network {
     use slipsense::params::MEL_BINS;
     use slipsense_model::quantize::{activation_scales, quantize};
     use slipsense_model::reference::{Reference, SensorFrame};
-    use slipsense_model::weights::Weights;
+    use slipsense_model::weights::{FIRST_DIMS, Weights};
     use slipsense_model::{export, output};
     use slipsense_model_file::SCALES_KEY;
 
-    use super::support::{Arrays, Place, fails, model, succeeds};
+    use super::support::{Arrays, Place, fails, succeeds};
 
     /// Untrained weights, the model made from them, and an episode.
     fn files(place: &Place) -> [PathBuf; 3] {
-        let weights = Weights::init(*model().dims(), 7);
+        let weights = Weights::init(FIRST_DIMS, 7);
         let mut reference = Reference::new(&weights, 1);
         for frame in 0..40i16 {
             let scan = std::array::from_fn(|taxel| (taxel % 97 + frame as usize) as u16 * 9);

@@ -40,7 +40,7 @@ pub struct ActivationError {
 
 /// Both networks over one episode.
 #[derive(Clone, Debug, Serialize)]
-pub struct Comparison {
+pub struct LayerComparison {
     /// In the order of [`ACTIVATIONS`].
     pub activations: Vec<ActivationError>,
     /// Frames.
@@ -51,7 +51,7 @@ pub struct Comparison {
     pub differing_frames: Vec<usize>,
 }
 
-impl Comparison {
+impl LayerComparison {
     /// Share of frames with the same class, 0 to 1; `None` without frames.
     pub fn agreement(&self) -> Option<f64> {
         (self.frames > 0).then(|| self.agreed as f64 / self.frames as f64)
@@ -108,7 +108,11 @@ pub fn scales(model: &Model<'_>) -> Result<BTreeMap<String, f64>> {
 }
 
 /// Run both networks over one episode. Refuses weights of other sizes than the model's.
-pub fn compare_activations(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result<Comparison> {
+pub fn compare_activations(
+    model: Model<'_>,
+    weights: &Weights,
+    episode: &Episode,
+) -> Result<LayerComparison> {
     ensure!(
         model.dims == weights.dims,
         "the model's sizes are {:?}, the weights' {:?}: not the same network",
@@ -164,7 +168,7 @@ pub fn compare_activations(model: Model<'_>, weights: &Weights, episode: &Episod
         snr_db: (sums.power > 0.0 && sums.error > 0.0).then(|| 10.0 * (sums.power / sums.error).log10()),
         worst_error: sums.worst,
     });
-    Ok(Comparison {
+    Ok(LayerComparison {
         activations: activations.collect(),
         frames: episode.frames(),
         agreed: episode.frames() - differing_frames.len(),

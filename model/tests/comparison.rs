@@ -92,7 +92,7 @@ fn a_damaged_layer_shows_there_and_not_before() {
     let model = Model::parse(&bytes).unwrap();
     let whole = compare_activations(model, &weights, &episode()).unwrap();
     let broken = compare_activations(model, &damaged, &episode()).unwrap();
-    let snr = |of: &slipsense_model::compare::Comparison, name| of.activation(name).unwrap().snr_db;
+    let snr = |of: &slipsense_model::compare::LayerComparison, name| of.activation(name).unwrap().snr_db;
     for untouched in ["piezo.conv1", "xl", "cross_xl.query"] {
         assert_eq!(snr(&whole, untouched), snr(&broken, untouched), "{untouched}");
     }

@@ -8,7 +8,7 @@ use clap::Args as ClapArgs;
 use serde::Serialize;
 use slipsense::net::Model;
 use slipsense_episode::Episode;
-use slipsense_model::compare::{ActivationError, Comparison, compare_activations};
+use slipsense_model::compare::{ActivationError, LayerComparison, compare_activations};
 use slipsense_model::output::sha256_hex;
 use slipsense_model::weights::Weights;
 
@@ -58,7 +58,7 @@ struct Report {
     /// Share of frames with the same class, 0 to 1.
     same_class_share: Option<f64>,
     #[serde(flatten)]
-    comparison: Comparison,
+    comparison: LayerComparison,
 }
 
 impl Args {
@@ -121,7 +121,7 @@ impl Report {
 
     /// One line: do the integers decide as the floats do?
     fn verdict(&self) -> String {
-        let Comparison { frames, agreed, differing_frames, .. } = &self.comparison;
+        let LayerComparison { frames, agreed, differing_frames, .. } = &self.comparison;
         let share = self.same_class_share.map_or("–".to_owned(), |share| format!("{:.2} %", 100.0 * share));
         let mut text = format!("\nsame class in {share} of frames ({agreed} of {frames})");
         if let Some(first) = differing_frames.first() {

@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 use serde_json::json;
 use slipsense::net::Model;
+use slipsense_model_file::SCALES_KEY;
 
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Comparison, Figures, compare};
@@ -14,7 +15,10 @@ use crate::folder::ObjectUses;
 use crate::reference::{Ranges, Reference, SensorFrame};
 use crate::train::{manifest_beside, progress};
 use crate::weights::Weights;
-use crate::{export, output, quantize::quantize};
+use crate::{
+    export, output,
+    quantize::{activation_scales, quantize},
+};
 
 /// Turn trained weights into the model file that host and microcontroller run.
 ///
@@ -74,6 +78,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
         "weights_sha256": output::sha256_hex(&weights.to_bytes()?),
         "calibration_episodes": seen.len(),
         "training": training.as_ref().map(|t| &t["recipe"]),
+        SCALES_KEY: activation_scales(&ranges)?,
     });
     let file = quantize(&weights, &ranges, &provenance.to_string())?;
     let bytes = export::to_bytes(&file)?;

@@ -208,8 +208,8 @@ pub fn score_float(
     (Scores::new(&features.label, &classes), logits)
 }
 
-/// The pipeline's decision on float logits, all pads being there.
-fn decide(touched: bool, [_, no_slip, slip]: [f32; CLASSES]) -> u8 {
+/// The pipeline's decision on logits, all pads being there.
+pub(crate) fn decide<T: PartialOrd>(touched: bool, [_, no_slip, slip]: [T; CLASSES]) -> u8 {
     match (touched, slip > no_slip) {
         (false, _) => 0,
         (true, false) => 1,

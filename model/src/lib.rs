@@ -3,14 +3,16 @@
 //! Episodes, generated or from a folder ([`folder`]), become features by the microcontroller's own front end
 //! ([`data`]), random stretches of them become batches ([`batch`], [`augment`]), a tensor library trains the
 //! network on whole sequences ([`float`], [`train`], the taxel encoder's convolutions by hand in [`piezo`]). The
-//! weights ([`weights`]) are run frame by frame to measure ranges ([`reference`]), turned into integers
-//! ([`quantize`]), and scored beside the integer pipeline ([`evaluate`]).
+//! weights ([`weights`]) are run frame by frame to measure ranges ([`reference`], and by another library, [`tract`]),
+//! turned into integers ([`quantize`]), and scored beside the integer pipeline ([`evaluate`]), activation by
+//! activation if need be ([`compare`], [`trace`]).
 
 pub mod augment;
 pub mod batch;
 pub mod checkpoint;
 pub mod command;
 pub mod curves;
+pub mod compare;
 pub mod data;
 pub mod evaluate;
 pub mod export;
@@ -20,6 +22,8 @@ pub mod output;
 pub mod piezo;
 pub mod quantize;
 pub mod reference;
+pub mod trace;
+pub mod tract;
 pub mod train;
 pub mod weights;
 

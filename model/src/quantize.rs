@@ -4,6 +4,8 @@
 //! channel, biases 32 bits at the accumulator's scale. What cannot be represented is refused by name;
 //! nothing is clipped in silence.
 
+use std::collections::BTreeMap;
+
 use anyhow::{Result, bail, ensure};
 use slipsense::fixed::STANDARD_FRAC_BITS;
 use slipsense::net::format::Dims;
@@ -16,7 +18,7 @@ use slipsense_model_file::ModelFile;
 
 use crate::float::NORM_EPSILON;
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
-use crate::reference::{Ranges, log_mel_real};
+use crate::reference::{ACTIVATIONS, Ranges, log_mel_real};
 use crate::weights::Weights;
 
 /// Room above the largest magnitude seen in calibration. A 16-bit activation can spare one bit of 15.
@@ -31,7 +33,7 @@ const RESIDUAL_MAX: f64 = ((1 << 21) - 1) as f64;
 const BIAS_MAX: f64 = (1u32 << 30) as f64;
 const TWO_32: f64 = 4_294_967_296.0;
 
-/// Real value of one unit of every activation.
+/// How many real units an activation's range needs per integer.
 #[derive(Clone, Debug)]
 struct Scales<'a> {
     ranges: &'a Ranges,
@@ -62,6 +64,30 @@ impl Scales<'_> {
     }
 }
 
+/// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
+/// `ranges`. Refuses an activation that was never seen away from zero, by name.
+pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
+    let needs = Scales { ranges };
+    let piezo = needs.with_residual("piezo", "cross_piezo.residual")?;
+    let xl = needs.with_residual("xl", "cross_xl.residual")?;
+    let fused = needs.with_residual("fused", "temporal.residual")?;
+    let residual = |of: f64| of / f64::from(1 << RESIDUAL_EXTRA_BITS);
+    let scale = |activation: &str| match activation {
+        "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
+        "log_mel" => Ok(f64::from(log_mel_real(1))),
+        "piezo" => Ok(piezo),
+        "xl" => Ok(xl),
+        "fused" => Ok(fused),
+        "cross_piezo.residual" => Ok(residual(piezo)),
+        "cross_xl.residual" => Ok(residual(xl)),
+        "temporal.residual" => Ok(residual(fused)),
+        "logits" => Ok(1.0 / f64::from(1 << LOGIT_FRAC_BITS)),
+        other if other.ends_with(".query") || other.ends_with(".key") => needs.query_key(other),
+        other => needs.signed(other),
+    };
+    ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?))).collect()
+}
+
 /// `floor(x + 1/2)`, the project's rounding rule.
 fn round(x: f64) -> f64 {
     (x + 0.5).floor()
@@ -80,36 +106,28 @@ fn multiplier(ratio: f64, tensor: &str, channel: usize) -> Result<i32> {
 
 /// Integers for one network. `provenance`: JSON text about how it was made.
 pub fn quantize(weights: &Weights, ranges: &Ranges, provenance: &str) -> Result<ModelFile> {
-    let scales = Scales { ranges };
+    let scales = activation_scales(ranges)?;
     let file = ModelFile::new(weights.dims, provenance);
-    let mut quantizer = Quantizer { weights, file };
-    let counts = f64::from(PIEZO_INPUT_SCALE);
-    let log_mel = f64::from(log_mel_real(1));
-    let conv = piezo::LAYERS;
-    let [conv1, conv2, conv3] = [scales.signed(conv[0])?, scales.signed(conv[1])?, scales.signed(conv[2])?];
-    let piezo = scales.with_residual("piezo", "cross_piezo.residual")?;
-    quantizer.layer(conv[0], counts, conv1, ACTIVATION_MAX)?;
-    quantizer.layer(conv[1], conv1, conv2, ACTIVATION_MAX)?;
-    quantizer.layer(conv[2], conv2, conv3, ACTIVATION_MAX)?;
-    quantizer.layer("piezo.dense", conv3, piezo, ACTIVATION_MAX)?;
-
-    let (hidden1, hidden2) = (scales.signed("xl.conv")?, scales.signed("xl.mix1")?);
-    let xl = scales.with_residual("xl", "cross_xl.residual")?;
-    quantizer.layer("xl.conv", log_mel, hidden1, ACTIVATION_MAX)?;
-    quantizer.layer("xl.mix1", hidden1, hidden2, ACTIVATION_MAX)?;
-    quantizer.layer("xl.mix2", hidden2, xl, ACTIVATION_MAX)?;
-
-    let fused = scales.with_residual("fused", "temporal.residual")?;
-    let hidden = scales.signed("hidden")?;
-    quantizer.attention("cross_piezo", &scales, [piezo, xl], fused)?;
-    quantizer.attention("cross_xl", &scales, [xl, piezo], fused)?;
-    quantizer.attention("temporal", &scales, [fused, fused], hidden)?;
-    quantizer.layer("head", hidden, 1.0 / f64::from(1 << LOGIT_FRAC_BITS), ACTIVATION_MAX)?;
+    let mut quantizer = Quantizer { weights, scales, file };
+    let [conv1, conv2, conv3] = piezo::LAYERS;
+    quantizer.layer(conv1, "taxels", conv1)?;
+    quantizer.layer(conv2, conv1, conv2)?;
+    quantizer.layer(conv3, conv2, conv3)?;
+    quantizer.layer("piezo.dense", conv3, "piezo")?;
+    quantizer.layer("xl.conv", "log_mel", "xl.conv")?;
+    quantizer.layer("xl.mix1", "xl.conv", "xl.mix1")?;
+    quantizer.layer("xl.mix2", "xl.mix1", "xl")?;
+    quantizer.attention("cross_piezo", ["piezo", "xl"], "fused")?;
+    quantizer.attention("cross_xl", ["xl", "piezo"], "fused")?;
+    quantizer.attention("temporal", ["fused", "fused"], "hidden")?;
+    quantizer.layer("head", "hidden", "logits")?;
     Ok(quantizer.file)
 }
 
 struct Quantizer<'w> {
     weights: &'w Weights,
+    /// Real value of one unit of every activation.
+    scales: BTreeMap<String, f64>,
     file: ModelFile,
 }
 
@@ -118,9 +136,9 @@ impl Quantizer<'_> {
         &self.weights.dims
     }
 
-    /// A dense layer or a convolution. `from`, `to`: scales of input and output. `input_max`: largest
-    /// magnitude of an input.
-    fn layer(&mut self, name: &str, from: f64, to: f64, input_max: i64) -> Result<()> {
+    /// A dense layer or a convolution. `from`, `to`: the activations that it takes and gives.
+    fn layer(&mut self, name: &str, from: &str, to: &str) -> Result<()> {
+        let (from, to) = (self.scales[from], self.scales[to]);
         let bias = self.weights.get(name, "bias");
         let weight = self.weights.get(name, "weight");
         let inputs = weight.len() / bias.len();
@@ -134,7 +152,7 @@ impl Quantizer<'_> {
             let step = if step > 0.0 { step } else { to / from / 256.0 };
             let ints: Vec<i32> = row.iter().map(|w| round(w / step) as i32).collect();
             let bias = round(bias / (from * step)) as i64;
-            let products: i64 = ints.iter().map(|&w| i64::from(w).abs()).sum::<i64>() * input_max;
+            let products: i64 = ints.iter().map(|&w| i64::from(w).abs()).sum::<i64>() * ACTIVATION_MAX;
             let bound = products + bias.abs();
             if bound > i64::from(i32::MAX) {
                 bail!(
@@ -152,19 +170,17 @@ impl Quantizer<'_> {
         Ok(())
     }
 
-    /// One attention block. `from`: scales of what asks and of what answers.
-    fn attention(&mut self, block: &str, scales: &Scales<'_>, from: [f64; 2], to: f64) -> Result<()> {
+    /// One attention block. `from`: the activations that ask and that answer; `to`: what it gives.
+    fn attention(&mut self, block: &str, from: [&str; 2], to: &str) -> Result<()> {
         let name = |part: &str| format!("{block}.{part}");
         let [asks, answers] = from;
-        let query = scales.query_key(&name("query"))?;
-        let key = scales.query_key(&name("key"))?;
-        let value = scales.signed(&name("value"))?;
-        let residual = asks / f64::from(1 << RESIDUAL_EXTRA_BITS);
-        self.layer(&name("query"), asks, query, ACTIVATION_MAX)?;
-        self.layer(&name("key"), answers, key, ACTIVATION_MAX)?;
-        self.layer(&name("value"), answers, value, ACTIVATION_MAX)?;
+        self.layer(&name("query"), asks, &name("query"))?;
+        self.layer(&name("key"), answers, &name("key"))?;
+        self.layer(&name("value"), answers, &name("value"))?;
         // The context is a weighted mean of values: their scale, their range.
-        self.layer(&name("out"), value, residual, ACTIVATION_MAX)?;
+        self.layer(&name("out"), &name("value"), &name("residual"))?;
+        let [query, key, residual] = ["query", "key", "residual"].map(|part| self.scales[&name(part)]);
+        let to = self.scales[to];
 
         let score = name("score");
         let width = self.weights.get(&name("query"), "bias").len();

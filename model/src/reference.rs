@@ -9,14 +9,18 @@ use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, TAXELS};
 
 use crate::float::NORM_EPSILON;
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
+use crate::trace::Trace;
 use crate::weights::Weights;
 
-/// Activations whose range the quantizer has to know, each with one real scale.
+/// Activations in the order of their computation, each with one real scale, which the quantizer derives from
+/// their ranges.
 pub const ACTIVATIONS: [&str; 24] = [
+    "taxels",
     "piezo.conv1",
     "piezo.conv2",
     "piezo.conv3",
     "piezo",
+    "log_mel",
     "xl.conv",
     "xl.mix1",
     "xl",
@@ -35,8 +39,6 @@ pub const ACTIVATIONS: [&str; 24] = [
     "temporal.residual",
     "hidden",
     "logits",
-    "taxels",
-    "log_mel",
 ];
 
 /// Largest magnitude seen of every activation.
@@ -89,6 +91,8 @@ pub struct Reference<'w> {
     caches: [VecDeque<KeyValue>; 3],
     /// Ranges of all activations so far.
     pub ranges: Ranges,
+    /// Where to write down all activations, if anywhere. Who reads them clears them.
+    pub trace: Option<Trace>,
 }
 
 #[derive(Clone, Debug)]
@@ -107,6 +111,7 @@ impl<'w> Reference<'w> {
             heard: vec![silence; sensors],
             caches: Default::default(),
             ranges: Ranges::default(),
+            trace: None,
         }
     }
 
@@ -136,12 +141,19 @@ impl<'w> Reference<'w> {
         let (piezo, xl) = (piezo.unwrap_or_else(nothing), xl.unwrap_or_else(nothing));
         let mut fused = self.attend(0, "cross_piezo", &piezo, &xl);
         fused.extend(self.attend(1, "cross_xl", &xl, &piezo));
-        self.ranges.see("fused", &fused);
+        self.see("fused", &fused);
         let hidden = self.attend(2, "temporal", &fused, &fused);
-        self.ranges.see("hidden", &hidden);
+        self.see("hidden", &hidden);
         let logits = self.dense("head", &hidden);
-        self.ranges.see("logits", &logits);
+        self.see("logits", &logits);
         std::array::from_fn(|class| logits[class])
+    }
+
+    fn see(&mut self, activation: &str, values: &[f32]) {
+        self.ranges.see(activation, values);
+        if let Some(trace) = &mut self.trace {
+            trace.see(activation, values.iter().copied());
+        }
     }
 
     fn dense(&self, layer: &str, x: &[f32]) -> Vec<f32> {
@@ -159,16 +171,16 @@ impl<'w> Reference<'w> {
         self.taxel_change[sensor].push(counts, |index, change| {
             map.extend([f32::from(counts[index]), f32::from(change)].map(|x| x * PIEZO_INPUT_SCALE));
         });
-        self.ranges.see("taxels", &map);
+        self.see("taxels", &map);
         let (mut side, mut channels) = (TAXEL_ROWS, PIEZO_CHANNELS);
         for layer in piezo::LAYERS {
             map = self.conv_relu_pool(layer, &map, side, channels);
-            self.ranges.see(layer, &map);
+            self.see(layer, &map);
             side /= 2;
             channels = map.len() / (side * side);
         }
         let embedding = self.dense("piezo.dense", &map);
-        self.ranges.see("piezo", &embedding);
+        self.see("piezo", &embedding);
         embedding
     }
 
@@ -205,13 +217,13 @@ impl<'w> Reference<'w> {
 
     fn embed_xl(&mut self, sensor: usize) -> Vec<f32> {
         let seen: Vec<f32> = self.heard[sensor].iter().flatten().copied().collect();
-        self.ranges.see("log_mel", &seen);
+        self.see("log_mel", &seen);
         let hidden = self.dense_relu("xl.conv", &seen);
-        self.ranges.see("xl.conv", &hidden);
+        self.see("xl.conv", &hidden);
         let hidden = self.dense_relu("xl.mix1", &hidden);
-        self.ranges.see("xl.mix1", &hidden);
+        self.see("xl.mix1", &hidden);
         let embedding = self.dense("xl.mix2", &hidden);
-        self.ranges.see("xl", &embedding);
+        self.see("xl", &embedding);
         embedding
     }
 
@@ -221,7 +233,7 @@ impl<'w> Reference<'w> {
         let key = self.dense(&name("key"), seen);
         let value = self.dense(&name("value"), seen);
         for (part, values) in [("query", &query), ("key", &key), ("value", &value)] {
-            self.ranges.see(&name(part), values);
+            self.see(&name(part), values);
         }
         let frames = &mut self.caches[cache];
         frames.push_front(KeyValue { key, value });
@@ -247,7 +259,7 @@ impl<'w> Reference<'w> {
         }
         let projected = self.dense(&name("out"), &context);
         let sum: Vec<f32> = x.iter().zip(projected).map(|(x, y)| x + y).collect();
-        self.ranges.see(&name("residual"), &sum);
+        self.see(&name("residual"), &sum);
         let norm = name("norm");
         layer_norm(&sum, self.weights.get(&norm, "gamma"), self.weights.get(&norm, "beta"))
     }
@@ -262,7 +274,7 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn keep_max(best: &mut Option<Vec<f32>>, new: Vec<f32>) {
+pub(crate) fn keep_max(best: &mut Option<Vec<f32>>, new: Vec<f32>) {
     match best {
         None => *best = Some(new),
         Some(best) => best.iter_mut().zip(new).for_each(|(best, new)| *best = best.max(new)),

@@ -7,6 +7,7 @@
 use super::dense::dense;
 use super::layer_norm::add_and_norm;
 use super::model::Attention;
+use super::observer::Observer;
 use super::requantize;
 use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2};
 use crate::fixed::{round_shift, saturate_i16, scale_q32};
@@ -26,10 +27,12 @@ impl<const D: usize> KeyValue<D> {
     const ZERO: Self = Self { key: [0; D], value: [0; D] };
 
     /// Project one frame of the sequence that is attended to.
-    pub fn project(block: &Attention<'_>, x: &[i16]) -> Self {
+    pub fn project(block: &Attention<'_>, x: &[i16], observer: &mut impl Observer) -> Self {
         let mut out = Self::ZERO;
         dense(&block.key, x, &mut out.key, requantize::query_key);
         dense(&block.value, x, &mut out.value, requantize::signed);
+        observer.see_part(block.name, "key", out.key.get(..block.key.outputs).unwrap_or_default());
+        observer.see_part(block.name, "value", out.value.get(..block.value.outputs).unwrap_or_default());
         out
     }
 }
@@ -79,12 +82,14 @@ pub fn attend<'a, const D: usize>(
     x: &[i16],
     frames: impl Iterator<Item = &'a KeyValue<D>> + Clone,
     out: &mut [i16],
+    observer: &mut impl Observer,
 ) {
     let width = block.query.outputs.min(D).min(WIDTH_MAX);
     let head_width = (width / block.heads.max(1)).max(1);
     let mut query = [0i16; WIDTH_MAX];
     let mut context = [0i16; WIDTH_MAX];
     dense(&block.query, x, &mut query[..width], requantize::query_key);
+    observer.see_part(block.name, "query", &query[..width]);
 
     let heads = query[..width].chunks_exact(head_width).zip(context[..width].chunks_exact_mut(head_width));
     for (head, (query, context)) in heads.enumerate() {
@@ -108,5 +113,7 @@ pub fn attend<'a, const D: usize>(
             *context = saturate_i16(round_shift(acc as i64, WEIGHT_FRAC_BITS) as i32);
         }
     }
-    add_and_norm(&block.out, &context[..width], x, &block.norm, out);
+    add_and_norm(&block.out, &context[..width], x, &block.norm, out, |sum| {
+        observer.see_residual(block.name, sum);
+    });
 }

@@ -2,7 +2,8 @@
 
 use super::conv::{MapShape, conv3x3_relu_pool};
 use super::dense::dense;
-use super::model::Model;
+use super::model::{Layer, Model};
+use super::observer::Observer;
 use super::requantize;
 use crate::features::taxel_change::TaxelChange;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
@@ -44,7 +45,13 @@ impl PiezoEncoder {
     /// lies its change since the recent past, which `change` keeps, of this sensor alone.
     ///
     /// The maps are laid out by the model's channels, so one encoder serves one model only.
-    pub fn embed(&mut self, model: &Model<'_>, frame: &PiezoFrame, change: &mut TaxelChange) -> Embedding {
+    pub fn embed(
+        &mut self,
+        model: &Model<'_>,
+        frame: &PiezoFrame,
+        change: &mut TaxelChange,
+        observer: &mut impl Observer,
+    ) -> Embedding {
         let [c1, c2, c3] = model.dims.conv_channels;
         let counts = frame.counts();
         let input = &mut self.input;
@@ -54,14 +61,32 @@ impl PiezoEncoder {
                 cell.copy_from_slice(&[count as i16, change]);
             }
         });
+        see_map("taxels", &self.input, map(0, PIEZO_CHANNELS), observer);
         let [conv1, conv2, conv3] = &model.conv;
         conv3x3_relu_pool(conv1, &self.input, map(0, PIEZO_CHANNELS), &mut self.block1, map(1, c1));
+        see_map("piezo.conv1", &self.block1, map(1, c1), observer);
         conv3x3_relu_pool(conv2, &self.block1, map(1, c1), &mut self.block2, map(2, c2));
+        see_map("piezo.conv2", &self.block2, map(2, c2), observer);
         conv3x3_relu_pool(conv3, &self.block2, map(2, c2), &mut self.block3, map(3, c3));
         let mut out = [0; EMBED];
+        see_map("piezo.conv3", &self.block3, map(3, c3), observer);
         dense(&model.piezo_dense, &self.block3, &mut out, requantize::signed);
+        see_outputs("piezo", &model.piezo_dense, &out, observer);
         out
     }
+}
+
+/// Show the cells of a map without its border.
+fn see_map(layer: &'static str, cells: &[i16], shape: MapShape, observer: &mut impl Observer) {
+    for row in 0..shape.side {
+        let start = shape.at(row, 0);
+        observer.see(layer, cells.get(start..start + shape.side * shape.channels).unwrap_or_default());
+    }
+}
+
+/// Show as many values as the layer gives.
+fn see_outputs(name: &'static str, layer: &Layer<'_>, values: &[i16], observer: &mut impl Observer) {
+    observer.see(name, values.get(..layer.outputs).unwrap_or_default());
 }
 
 impl Default for PiezoEncoder {
@@ -92,16 +117,20 @@ impl XlHistory {
     }
 
     /// Embed the newest frame.
-    pub fn embed(&self, model: &Model<'_>) -> Embedding {
+    pub fn embed(&self, model: &Model<'_>, observer: &mut impl Observer) -> Embedding {
         let [conv, mix1, mix2] = &model.xl;
         let seen = self.frames.as_flattened();
         let seen = seen.get(seen.len().saturating_sub(conv.inputs)..).unwrap_or_default();
         let mut hidden1 = [0; XL_CHANNELS];
         let mut hidden2 = [0; XL_CHANNELS];
         let mut out = [0; EMBED];
+        observer.see("log_mel", seen);
         dense(conv, seen, &mut hidden1, requantize::relu);
+        see_outputs("xl.conv", conv, &hidden1, observer);
         dense(mix1, &hidden1, &mut hidden2, requantize::relu);
+        see_outputs("xl.mix1", mix1, &hidden2, observer);
         dense(mix2, &hidden2, &mut out, requantize::signed);
+        see_outputs("xl", mix2, &out, observer);
         out
     }
 }

@@ -16,8 +16,15 @@ const WIDTH_MAX: usize = 2 * EMBED;
 /// `LayerNorm(x + layer(context))`, to the scale of `norm`.
 ///
 /// `x`, `out`: `layer.outputs` activations, at most 128. The sum keeps 4 bits more than `x`
-/// and is not cut to 16 bits before it is normalised.
-pub fn add_and_norm(layer: &Layer<'_>, context: &[i16], x: &[i16], norm: &Norm<'_>, out: &mut [i16]) {
+/// and is not cut to 16 bits before it is normalised; `see_sum` is shown it.
+pub fn add_and_norm(
+    layer: &Layer<'_>,
+    context: &[i16],
+    x: &[i16],
+    norm: &Norm<'_>,
+    out: &mut [i16],
+    see_sum: impl FnOnce(&[i32]),
+) {
     let mut sum = [0i32; WIDTH_MAX];
     let mut standard = [0i16; WIDTH_MAX];
     let width = x.len().min(WIDTH_MAX);
@@ -26,6 +33,7 @@ pub fn add_and_norm(layer: &Layer<'_>, context: &[i16], x: &[i16], norm: &Norm<'
         let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + scale_q32(acc, multiplier);
         *sum = residual.clamp(-RESIDUAL_MAX, RESIDUAL_MAX);
     }
+    see_sum(sum);
     standardise::<STANDARD_FRAC_BITS>(sum, norm.epsilon, &mut standard[..width]);
     let affine = norm.gamma.iter().zip(norm.beta.iter());
     for ((out, &n), (gamma, beta)) in out.iter_mut().zip(&standard[..width]).zip(affine) {

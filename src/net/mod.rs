@@ -9,6 +9,7 @@
 pub mod requantize;
 pub mod dense;
 pub mod conv;
+pub mod observer;
 mod tables;
 pub mod softmax;
 pub mod layer_norm;
@@ -20,3 +21,4 @@ pub mod network;
 
 pub use model::{Model, ModelError};
 pub use network::{Network, SensorFeatures};
+pub use observer::Observer;

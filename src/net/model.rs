@@ -54,6 +54,17 @@ pub struct Layer<'a> {
     pub outputs: usize,
 }
 
+impl<'a> Layer<'a> {
+    /// Of every output channel the largest magnitude that its accumulator can reach for any input of
+    /// magnitude up to `input_max`: `Σ|w| · input_max + |bias|`.
+    pub fn accumulator_bounds(self, input_max: i64) -> impl Iterator<Item = i64> + 'a {
+        self.weights.chunks_exact(self.inputs.max(1)).zip(self.bias.iter()).map(move |(row, bias)| {
+            let sum: i64 = row.iter().map(|&w| (w as i8 as i64).abs()).sum();
+            sum * input_max + (bias as i64).abs()
+        })
+    }
+}
+
 /// LayerNorm with its affine part.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Norm<'a> {
@@ -65,6 +76,14 @@ pub struct Norm<'a> {
     pub multiplier: i32,
     /// Added to the variance, in squared units of the residual sum.
     pub epsilon: u64,
+}
+
+impl<'a> Norm<'a> {
+    /// Of every channel the largest magnitude that gain and offset together can reach.
+    pub fn accumulator_bounds(self) -> impl Iterator<Item = i64> + 'a {
+        let affine = self.gamma.iter().zip(self.beta.iter());
+        affine.map(|(gamma, beta)| (gamma as i64).abs() * ACTIVATION_MAX + (beta as i64).abs())
+    }
 }
 
 /// Learned score offset per head and lag, log2 units with 10 fraction bits.
@@ -85,6 +104,8 @@ impl<'a> LagBias<'a> {
 /// One attention block.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Attention<'a> {
+    /// The prefix of its layers' names, such as `temporal`.
+    pub name: &'static str,
     /// Projection of the asking frame.
     pub query: Layer<'a>,
     /// Projection of the frames attended to.
@@ -271,9 +292,9 @@ impl<'a> Model<'a> {
                 tensors.layer(ACTIVATION_MAX)?,
                 tensors.layer(ACTIVATION_MAX)?,
             ],
-            cross_piezo: tensors.attention(&dims)?,
-            cross_xl: tensors.attention(&dims)?,
-            temporal: tensors.attention(&dims)?,
+            cross_piezo: tensors.attention("cross_piezo", &dims)?,
+            cross_xl: tensors.attention("cross_xl", &dims)?,
+            temporal: tensors.attention("temporal", &dims)?,
             head: tensors.layer(ACTIVATION_MAX)?,
             provenance,
             hash,
@@ -330,12 +351,13 @@ impl<'a> Tensors<'_, 'a> {
         let (spec, weights) = self.next();
         let (_, bias) = self.i32s();
         let (scale, multiplier) = self.i32s();
-        check_bounds(&spec, weights, bias, input_max)?;
+        let layer = Layer { weights, bias, multiplier, inputs: spec.cols, outputs: spec.rows };
+        check_bounds(spec.layer, layer.accumulator_bounds(input_max))?;
         check_least(&scale, multiplier, 0)?;
-        Ok(Layer { weights, bias, multiplier, inputs: spec.cols, outputs: spec.rows })
+        Ok(layer)
     }
 
-    fn attention(&mut self, dims: &Dims) -> Result<Attention<'a>, ModelError> {
+    fn attention(&mut self, name: &'static str, dims: &Dims) -> Result<Attention<'a>, ModelError> {
         let query = self.layer(ACTIVATION_MAX)?;
         let key = self.layer(ACTIVATION_MAX)?;
         let value = self.layer(ACTIVATION_MAX)?;
@@ -345,10 +367,6 @@ impl<'a> Tensors<'_, 'a> {
         let values = self.i16s();
         let gamma = self.i16s();
         let (beta_spec, beta) = self.i32s();
-        for (channel, (gamma, beta)) in gamma.iter().zip(beta.iter()).enumerate() {
-            let bound = (gamma as i64).abs() * ACTIVATION_MAX + (beta as i64).abs();
-            fits(beta_spec.layer, channel, bound)?;
-        }
         let (spec, multiplier) = self.i32s();
         check_least(&spec, multiplier, 0)?;
         let (spec, epsilon) = self.i32s();
@@ -359,7 +377,9 @@ impl<'a> Tensors<'_, 'a> {
             multiplier: multiplier.first(),
             epsilon: epsilon.first().max(1).unsigned_abs() as u64,
         };
+        check_bounds(beta_spec.layer, norm.accumulator_bounds())?;
         Ok(Attention {
+            name,
             query,
             key,
             value,
@@ -376,19 +396,12 @@ const fn layout_end() -> TensorSpec {
     TensorSpec { layer: "", part: "", kind: super::format::Kind::I8, rows: 0, cols: 0 }
 }
 
-/// `Σ|w| · input_max + |bias|` of every output channel must fit an `i32`: then so does every partial
-/// sum, for any input.
-fn check_bounds(spec: &TensorSpec, weights: &[u8], bias: I32s<'_>, input_max: i64) -> Result<(), ModelError> {
-    for (channel, (row, bias)) in weights.chunks_exact(spec.cols.max(1)).zip(bias.iter()).enumerate() {
-        let sum: i64 = row.iter().map(|&w| (w as i8 as i64).abs()).sum();
-        fits(spec.layer, channel, sum * input_max + (bias as i64).abs())?;
-    }
-    Ok(())
-}
-
-fn fits(layer: &'static str, channel: usize, bound: i64) -> Result<(), ModelError> {
-    if bound > i32::MAX as i64 {
-        return Err(ModelError::AccumulatorOverflow { layer, channel, bound });
+/// The bound of every output channel must fit an `i32`: then so does every partial sum, for any input.
+fn check_bounds(layer: &'static str, bounds: impl Iterator<Item = i64>) -> Result<(), ModelError> {
+    for (channel, bound) in bounds.enumerate() {
+        if bound > i32::MAX as i64 {
+            return Err(ModelError::AccumulatorOverflow { layer, channel, bound });
+        }
     }
     Ok(())
 }

@@ -4,6 +4,7 @@ use super::attention::{KeyValue, KeyValueCache, attend};
 use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
+use super::observer::Observer;
 use super::requantize;
 use crate::features::taxel_change::TaxelChange;
 use crate::params::limits::EMBED;
@@ -59,49 +60,66 @@ impl<'m> Network<'m> {
 
     /// One frame of up to [`MAX_SENSORS`] sensors to three logits, Q10 (1/1024 nat), −32768 to 32767.
     pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> [i32; CLASSES] {
-        let (piezo, xl) = self.embed(sensors);
-        let fused = self.fuse(&piezo, &xl);
+        self.step_observed(sensors, &mut ())
+    }
+
+    /// As [`step`](Self::step), with `observer` looking at every activation on the way.
+    pub fn step_observed(
+        &mut self,
+        sensors: &[SensorFeatures<'_>],
+        observer: &mut impl Observer,
+    ) -> [i32; CLASSES] {
+        let (piezo, xl) = self.embed(sensors, observer);
+        let fused = self.fuse(&piezo, &xl, observer);
         let model = &self.model;
-        let fused = fused.get(..model.dims.fused()).unwrap_or_default();
-        self.fused_seen.push(KeyValue::project(&model.temporal, fused));
+        let width = model.dims.fused().min(FUSED);
+        let fused = &fused[..width];
+        observer.see("fused", fused);
+        self.fused_seen.push(KeyValue::project(&model.temporal, fused, observer));
         let mut hidden = [0; FUSED];
-        attend(&model.temporal, fused, self.fused_seen.newest_first(), &mut hidden);
+        attend(&model.temporal, fused, self.fused_seen.newest_first(), &mut hidden, observer);
+        observer.see("hidden", &hidden[..width]);
         let mut logits = [0; CLASSES];
         dense(&model.head, &hidden, &mut logits, requantize::signed);
+        observer.see("logits", &logits);
         logits.map(i32::from)
     }
 
     /// The two embeddings of a frame: per modality the element-wise maximum over the sensors that
     /// delivered, zeros if none did.
-    fn embed(&mut self, sensors: &[SensorFeatures<'_>]) -> (Embedding, Embedding) {
+    fn embed(
+        &mut self,
+        sensors: &[SensorFeatures<'_>],
+        observer: &mut impl Observer,
+    ) -> (Embedding, Embedding) {
         let mut piezo = None;
         let mut xl = None;
         for ((sensor, history), change) in sensors.iter().zip(&mut self.xl).zip(&mut self.taxel_change) {
             match sensor.piezo {
-                Some(frame) => keep_max(&mut piezo, self.piezo.embed(&self.model, frame, change)),
+                Some(frame) => keep_max(&mut piezo, self.piezo.embed(&self.model, frame, change, observer)),
                 None => change.forget(),
             }
             // A missed frame enters the history as zeros, the mean of a standardised frame, so that
             // the taps keep their distance in time.
             history.push(sensor.log_mel.unwrap_or(&[0; MEL_BINS]));
             if sensor.log_mel.is_some() {
-                keep_max(&mut xl, history.embed(&self.model));
+                keep_max(&mut xl, history.embed(&self.model, observer));
             }
         }
         (piezo.unwrap_or([0; EMBED]), xl.unwrap_or([0; EMBED]))
     }
 
     /// Both cross-attentions, side by side: piezo first.
-    fn fuse(&mut self, piezo: &Embedding, xl: &Embedding) -> [i16; FUSED] {
+    fn fuse(&mut self, piezo: &Embedding, xl: &Embedding, observer: &mut impl Observer) -> [i16; FUSED] {
         let model = &self.model;
         let embed = model.dims.embed.min(EMBED);
         let (piezo, xl) = (&piezo[..embed], &xl[..embed]);
-        self.xl_seen.push(KeyValue::project(&model.cross_piezo, xl));
-        self.piezo_seen.push(KeyValue::project(&model.cross_xl, piezo));
+        self.xl_seen.push(KeyValue::project(&model.cross_piezo, xl, observer));
+        self.piezo_seen.push(KeyValue::project(&model.cross_xl, piezo, observer));
         let mut fused = [0; FUSED];
         let (first, second) = fused.split_at_mut(embed);
-        attend(&model.cross_piezo, piezo, self.xl_seen.newest_first(), first);
-        attend(&model.cross_xl, xl, self.piezo_seen.newest_first(), second);
+        attend(&model.cross_piezo, piezo, self.xl_seen.newest_first(), first, observer);
+        attend(&model.cross_xl, xl, self.piezo_seen.newest_first(), second, observer);
         fused
     }
 }

@@ -10,11 +10,14 @@ pub const SCORE_FRAC_BITS: u32 = 10;
 /// Fraction bits of a weight; the weights of one softmax sum to 2^15 but for rounding.
 pub const WEIGHT_FRAC_BITS: u32 = 15;
 
+/// Largest magnitude of `Σ weight · value` of `i16` values under the weights of one softmax.
+pub const WEIGHTED_SUM_MAX: i64 = (1 << 30) + (1 << 20);
+
 /// Replace scores by their weights, each 0 to 32767.
 ///
 /// `scores`: 1 to 64 values of magnitude below 2^31 / 2. A weight is off by less than 2^-14 of the sum
 /// plus the table's 0.03 %; rounding adds at most half a unit each, so n weights sum to at most
-/// 2^15 + n/2 and `Σ weight · value` of `i16` values stays below 2^30 + 2^20.
+/// 2^15 + n/2 and `Σ weight · value` of `i16` values stays below [`WEIGHTED_SUM_MAX`].
 pub fn softmax_base2(scores: &mut [i32]) {
     let max = scores.iter().copied().fold(i32::MIN, i32::max);
     let mut sum = 0u32;

@@ -2,6 +2,7 @@
 
 mod batch;
 mod contact;
+mod cost;
 mod inputs;
 mod kernels;
 mod model_file;

@@ -10,7 +10,7 @@ const MODEL: &[u8] = include_bytes!("../../../model/weights/slipsense.slipnet");
 
 /// Detectors that every build has.
 fn names() -> impl Iterator<Item = &'static str> {
-    DETECTORS.into_iter().map(|(name, _)| name).filter(|name| *name != "network-float")
+    DETECTORS.into_iter().map(|(name, _)| name).filter(|name| *name != "float")
 }
 
 fn with(name: &str, fitted: &Fitted, act: impl FnOnce(&mut dyn Detector)) {

@@ -38,6 +38,7 @@ Examples:
   slipsense synth --split umi_ood --out out/umi_ood
   slipsense label grasp.npz --manual 3.2:4.75 --object my-mug --out data/grasp.npz
   slipsense eval umi_ood --detector network --detector entropy --out out/eval
+  slipsense model info                            layers, cost and head-room of the bundled model
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind,
 but for the finished episodes of `synth`, which goes on from them.";
@@ -62,6 +63,7 @@ enum Command {
     Label(commands::label::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
+    Model(commands::model::Args),
 }
 
 /// Parse the command line, do what it says, and report an error in one line.
@@ -77,6 +79,7 @@ pub fn main() -> ExitCode {
         Command::Label(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
+        Command::Model(args) => args.run(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -198,7 +198,7 @@ impl Summary {
 }
 
 impl EpisodeFacts {
-    fn new(episode: &Episode, name: &str) -> Self {
+    pub(crate) fn new(episode: &Episode, name: &str) -> Self {
         let text = |key: &str| episode.meta.other.get(key).and_then(|v| v.as_str()).map(str::to_owned);
         let says = |key: &str| text(key).is_some_and(|v| v.to_lowercase().contains("synthetic"));
         Self {
@@ -215,7 +215,7 @@ impl EpisodeFacts {
 }
 
 impl ModelFacts {
-    fn new(model: &Model<'_>, name: &str) -> Self {
+    pub(crate) fn new(model: &Model<'_>, name: &str) -> Self {
         let mut hash = String::new();
         for byte in model.hash {
             let _ = write!(hash, "{byte:02x}");

@@ -1,11 +1,16 @@
-//! The writing half of [`slipsense::net::format`], for the exporter and for tests.
+//! The writing half of [`slipsense::net::format`], for the exporter and for tests, and what a file costs to
+//! run ([`cost`]).
 
 use sha2::{Digest, Sha256};
 use slipsense::net::format::{Dims, FORMAT_VERSION, HEADER_BYTES, Kind, MAGIC, TENSORS, TensorSpec, layout};
 
+pub mod cost;
 mod random;
 
 pub use random::random_model;
+
+/// Key, in a model's provenance, of the real value of one unit of every activation.
+pub const SCALES_KEY: &str = "scales";
 
 /// A model file in the making: dimensions, provenance and every tensor as plain integers.
 #[derive(Clone, Debug)]

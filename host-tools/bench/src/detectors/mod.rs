@@ -13,14 +13,14 @@ pub mod ear;
 mod energy;
 mod entropy;
 mod entropy_and_mfcc;
+#[cfg(feature = "float")]
+mod float;
 mod flux_cusum;
 mod logistic;
 mod majority;
 pub mod mel;
 mod mfcc_qda;
 mod network;
-#[cfg(feature = "float")]
-mod network_float;
 mod oracle;
 pub mod qda;
 mod rig_only;
@@ -81,7 +81,7 @@ impl Verdict {
 /// Name of the integer network, the one that ships.
 pub const NETWORK: &str = "network";
 /// Name of the float network that it is made from and compared with.
-pub const NETWORK_FLOAT: &str = "network-float";
+pub const FLOAT: &str = "float";
 
 /// Score of a frame that cannot be slip whatever the threshold.
 pub const NEVER: f32 = f32::MIN;
@@ -139,14 +139,14 @@ pub struct Setup<'a> {
     pub fitted: &'a Fitted,
     /// The model file of the integer network.
     pub model: &'a [u8],
-    /// Weights file of the float network, needed for `network-float` only.
+    /// Weights file of the float network, needed for `float` only.
     pub float_weights: Option<&'a Path>,
 }
 
 /// Names on the command line with what they are, in the order of the report.
 pub const DETECTORS: [(&str, &str); 15] = [
     (NETWORK, "the firmware's pipeline, integers"),
-    (NETWORK_FLOAT, "the network before quantization (needs the feature `train`)"),
+    (FLOAT, "the network before quantization, run by tract (needs the feature `train`)"),
     ("entropy", "entropy of the pressure changes; the paper's piezo baseline"),
     ("mfcc-qda", "13 MFCC with quadratic discriminants; the paper's accelerometer baseline"),
     ("entropy-and-mfcc", "both say slip; the paper's baseline of both sensors"),
@@ -169,9 +169,9 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Box<dyn Detector + '
     Ok(match name {
         NETWORK => Box::new(network::Network::new(setup.model)?),
         #[cfg(feature = "float")]
-        NETWORK_FLOAT => Box::new(network_float::NetworkFloat::new(setup.float_weights)?),
+        FLOAT => Box::new(float::Float::new(setup.float_weights)?),
         #[cfg(not(feature = "float"))]
-        NETWORK_FLOAT => bail!("{NETWORK_FLOAT} is not in this build; build with `--features train`"),
+        FLOAT => bail!("{FLOAT} is not in this build; build with `--features train`"),
         "entropy" => {
             Box::new(Thresholded::new("entropy", EntropyScore::new(), fitted.entropy.threshold, order))
         }

@@ -98,8 +98,8 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
     let entrants = [
         entrant("network#1", "network", 101),
         entrant("network#2", "network", 104),
-        entrant("network-float#1", "network-float", 101),
-        entrant("network-float#2", "network-float", 105),
+        entrant("float#1", "float", 101),
+        entrant("float#2", "float", 105),
     ];
     let judged = run(&inputs, &entrants, &|| ()).unwrap();
     let results = Results::new(&inputs, &entrants, &judged, &[(0, 2), (1, 3)]);

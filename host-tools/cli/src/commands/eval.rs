@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
-use slipsense_bench::detectors::{NETWORK, NETWORK_FLOAT, Setup, by_name};
+use slipsense_bench::detectors::{FLOAT, NETWORK, Setup, by_name};
 use slipsense_bench::fit::Fitted;
 use slipsense_bench::report;
 use slipsense_bench::results::Results;
@@ -23,8 +23,8 @@ use crate::output_dir::OutputDir;
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Detectors:
-  network  network-float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
-  logistic  majority  always-slip  clock  rig-only  oracle  oracle-label
+  network  float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass  logistic
+   majority  always-slip  clock  rig-only  oracle  oracle-label
 
 Files written to the output folder:
   metrics.json  every number; units are in the keys
@@ -34,7 +34,7 @@ Where inputs and detectors have the names of the paper's tables (umi_id, umi_ood
 tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's. Printed where
 the inputs and detectors for it are there, and in both files:
   targets    network on those splits against what it is to reach, mean and deviation over models
-  integers   network against network-float, split by split and seed by seed
+  integers   network against float, split by split and seed by seed
   direction  slips by the way they go, with the split free: pulls by hand, twists, the rig's
 
 Examples:
@@ -43,6 +43,8 @@ Examples:
   slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
       --detector entropy-and-mfcc --out out/eval
   slipsense eval umi_id umi_ood free --detector network --detector entropy --out out/directions
+  slipsense eval umi_ood --model m.slipnet --detector network --detector float \\
+      --weights weights.safetensors --out out/eval
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
     /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
@@ -60,7 +62,7 @@ pub struct Args {
     /// Model of the network, the bundled one if not given; several are seeds, whose spread is reported
     #[arg(long, value_name = "FILE")]
     model: Vec<PathBuf>,
-    /// Weights of the network before quantization, for network-float; as many as models
+    /// Weights of the network before quantization, for the detector float; as many as models
     #[arg(long, value_name = "FILE")]
     weights: Vec<PathBuf>,
     /// Fit of the other detectors; the bundled one if not given
@@ -138,7 +140,7 @@ impl Args {
             if self.detector[..i].contains(family) {
                 continue;
             }
-            let seeds = if family == NETWORK || family == NETWORK_FLOAT { seeds } else { &seeds[..1] };
+            let seeds = if family == NETWORK || family == FLOAT { seeds } else { &seeds[..1] };
             for seed in seeds {
                 let setup = Setup { fitted, model: &seed.model, float_weights: seed.weights.as_deref() };
                 let make = move || by_name(family, &setup);
@@ -156,6 +158,6 @@ fn pairs(entrants: &[Entrant<'_>], seeds: &[Seed]) -> Vec<(usize, usize)> {
     let position = |family: &str, seed: &Seed| {
         entrants.iter().position(|e| e.family == family && e.name == format!("{family}{}", seed.suffix))
     };
-    let pair = |seed: &Seed| Some((position(NETWORK, seed)?, position(NETWORK_FLOAT, seed)?));
+    let pair = |seed: &Seed| Some((position(NETWORK, seed)?, position(FLOAT, seed)?));
     seeds.iter().filter_map(pair).collect()
 }

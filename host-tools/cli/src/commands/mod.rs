@@ -10,6 +10,7 @@ pub mod eval;
 pub mod eval_rotation;
 pub mod synth;
 pub mod train;
+pub mod model;
 
 use std::io::{IsTerminal, Write};
 

@@ -1,6 +1,6 @@
 //! `slipsense run`: any episode file through the pipeline, and what both it and the demo write.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -49,14 +49,7 @@ pub struct Args {
 
 impl Args {
     pub(crate) fn run(self) -> Result<()> {
-        let (bytes, model_name) = match &self.model {
-            Some(path) => {
-                let bytes =
-                    fs::read(path).with_context(|| format!("{}: cannot read the model", path.display()))?;
-                (bytes, path.display().to_string())
-            }
-            None => (bundled::MODEL.to_vec(), bundled::NAME.to_owned()),
-        };
+        let (bytes, model_name) = bundled::model_or(self.model.as_deref())?;
         let model = Model::parse(&bytes).with_context(|| format!("model {model_name}"))?;
         let out = OutputDir::prepare(&self.out)?;
         let episode = Episode::read(&self.episode)?;

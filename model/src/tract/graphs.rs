@@ -1,0 +1,275 @@
+//! The network as three tract graphs: one sensor's array, one sensor's accelerometer, and what follows the
+//! maximum over the sensors.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use slipsense::net::format::Dims;
+use slipsense::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
+use tract_core::ops::array::{Slice, TypedConcat};
+use tract_core::ops::change_axes::AxisOp;
+use tract_core::ops::cnn::{Conv, KernelFormat, MaxPool, PaddingSpec, PoolSpec};
+use tract_core::ops::einsum::EinSum;
+use tract_core::ops::math::{add, max, mul, rsqrt, sub};
+use tract_core::ops::nn::{DataFormat, Reduce, Reducer, Softmax, SoftmaxKind};
+use tract_core::prelude::*;
+
+use crate::float::NORM_EPSILON;
+use crate::piezo;
+use crate::weights::Weights;
+
+/// One attention block: its layers' prefix, and whether it works on the fused vector.
+pub(super) struct Block {
+    name: &'static str,
+    fused: bool,
+}
+
+impl Block {
+    /// Width of queries, keys and values.
+    pub(super) fn width(&self, dims: &Dims) -> usize {
+        if self.fused { dims.fused() } else { dims.embed }
+    }
+}
+
+/// The compiled graphs of one set of weights.
+pub struct Graphs {
+    pub(super) dims: Dims,
+    /// Count and change `[1, 2, 32, 32]` to the embedding `[1, embed]`.
+    pub(super) piezo: Arc<TypedRunnableModel>,
+    /// Log-mel frames `[1, xl_kernel · 16]`, oldest first, to the embedding `[1, embed]`.
+    pub(super) xl: Arc<TypedRunnableModel>,
+    /// Both embeddings, the mask `[1, window]` and six caches `[window, width]` to the logits `[1, 3]` and the
+    /// six caches of the next frame.
+    pub(super) fuse: Arc<TypedRunnableModel>,
+}
+
+impl Graphs {
+    /// In the order of their caches, a key and a value each.
+    pub(super) const BLOCKS: [Block; 3] = [
+        Block { name: "cross_piezo", fused: false },
+        Block { name: "cross_xl", fused: false },
+        Block { name: "temporal", fused: true },
+    ];
+
+    /// Build and compile.
+    pub fn new(weights: &Weights) -> Result<Self> {
+        let graph = || Graph { model: TypedModel::default(), weights };
+        Ok(Self {
+            dims: weights.dims,
+            piezo: graph().piezo().context("tract graph of the array")?,
+            xl: graph().xl().context("tract graph of the accelerometer")?,
+            fuse: graph().fuse().context("tract graph of the fusion")?,
+        })
+    }
+}
+
+/// A graph in the making.
+struct Graph<'w> {
+    model: TypedModel,
+    weights: &'w Weights,
+}
+
+impl Graph<'_> {
+    fn piezo(mut self) -> Result<Arc<TypedRunnableModel>> {
+        let mut map = self.input("image", &[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS])?;
+        let (mut side, mut channels) = (TAXEL_ROWS, PIEZO_CHANNELS);
+        for layer in piezo::LAYERS {
+            let outputs = self.weights.get(layer, "bias").len();
+            map = self.conv_relu_pool(layer, map, channels, outputs)?;
+            (side, channels) = (side / 2, outputs);
+        }
+        // The dense layer takes its inputs in row, column, channel order.
+        let map = self.wire("rows_first", AxisOp::Move(1, 3), &[map])?;
+        let from = [1, side, side, channels].map(TDim::from);
+        let flat = tvec![TDim::from(1), TDim::from(side * side * channels)];
+        let map = self.wire("flat", AxisOp::Reshape(0, from.into_iter().collect(), flat), &[map])?;
+        let embedding = self.dense("piezo.dense", map)?;
+        self.compile(&[embedding])
+    }
+
+    fn xl(mut self) -> Result<Arc<TypedRunnableModel>> {
+        let seen = self.input("log_mel", &[1, self.weights.dims.xl_kernel * MEL_BINS])?;
+        let hidden = self.dense("xl.conv", seen)?;
+        let hidden = self.relu("xl.conv", hidden)?;
+        let hidden = self.dense("xl.mix1", hidden)?;
+        let hidden = self.relu("xl.mix1", hidden)?;
+        let embedding = self.dense("xl.mix2", hidden)?;
+        self.compile(&[embedding])
+    }
+
+    fn fuse(mut self) -> Result<Arc<TypedRunnableModel>> {
+        let Dims { embed, window, .. } = self.weights.dims;
+        let piezo = self.input("piezo", &[1, embed])?;
+        let xl = self.input("xl", &[1, embed])?;
+        let mask = self.input("mask", &[1, window])?;
+        let mut old = Vec::new();
+        for block in &Graphs::BLOCKS {
+            let shape = [window, block.width(&self.weights.dims)];
+            let key = self.input(&format!("{}.keys", block.name), &shape)?;
+            let value = self.input(&format!("{}.values", block.name), &shape)?;
+            old.push([key, value]);
+        }
+        let [cross_piezo, cross_xl, temporal] = &Graphs::BLOCKS;
+        let (first, cache1) = self.attend(cross_piezo, piezo, xl, mask, old[0])?;
+        let (second, cache2) = self.attend(cross_xl, xl, piezo, mask, old[1])?;
+        let fused = self.wire("fused", TypedConcat { axis: 1 }, &[first, second])?;
+        let (hidden, cache3) = self.attend(temporal, fused, fused, mask, old[2])?;
+        let logits = self.dense("head", hidden)?;
+        let outputs: Vec<OutletId> =
+            std::iter::once(logits).chain([cache1, cache2, cache3].into_iter().flatten()).collect();
+        self.compile(&outputs)
+    }
+
+    fn compile(mut self, outputs: &[OutletId]) -> Result<Arc<TypedRunnableModel>> {
+        self.model.select_output_outlets(outputs)?;
+        self.model.into_optimized()?.into_runnable()
+    }
+
+    fn input(&mut self, name: &str, shape: &[usize]) -> Result<OutletId> {
+        self.model.add_source(name, f32::fact(shape))
+    }
+
+    fn constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Result<OutletId> {
+        self.model.add_const(name, Tensor::from_shape(shape, values)?)
+    }
+
+    fn wire(&mut self, name: &str, op: impl Into<Box<dyn TypedOp>>, from: &[OutletId]) -> Result<OutletId> {
+        let outlets = self.model.wire_node(name, op, from)?;
+        outlets.first().copied().context("a node without output")
+    }
+
+    /// `[1, inputs]` to `[1, outputs]`.
+    fn dense(&mut self, layer: &str, x: OutletId) -> Result<OutletId> {
+        let bias = self.weights.get(layer, "bias");
+        let weight = self.weights.get(layer, "weight");
+        let (outputs, inputs) = (bias.len(), weight.len() / bias.len());
+        let weight = self.constant(&format!("{layer}.weight"), &[outputs, inputs], weight)?;
+        let bias = self.constant(&format!("{layer}.bias"), &[1, outputs], bias)?;
+        let product = self.einsum(&format!("{layer}.product"), "bi,oi->bo", [x, weight])?;
+        self.wire(layer, add(), &[product, bias])
+    }
+
+    fn einsum(&mut self, name: &str, formula: &str, from: [OutletId; 2]) -> Result<OutletId> {
+        self.wire(name, EinSum::new(formula.parse()?, f32::datum_type()), &from)
+    }
+
+    fn relu(&mut self, layer: &str, x: OutletId) -> Result<OutletId> {
+        let rank = self.model.outlet_fact(x)?.rank();
+        let zero = self.constant(&format!("{layer}.zero"), &vec![1; rank], &[0.0])?;
+        self.wire(&format!("{layer}.relu"), max(), &[x, zero])
+    }
+
+    /// `[1, inputs, side, side]` to `[1, outputs, side / 2, side / 2]`.
+    fn conv_relu_pool(
+        &mut self,
+        layer: &str,
+        x: OutletId,
+        inputs: usize,
+        outputs: usize,
+    ) -> Result<OutletId> {
+        let weight = self.weights.get(layer, "weight");
+        let weight = self.constant(&format!("{layer}.weight"), &[outputs, 3, 3, inputs], weight)?;
+        let bias = self.constant(&format!("{layer}.bias"), &[outputs], self.weights.get(layer, "bias"))?;
+        let window = PoolSpec {
+            data_format: DataFormat::NCHW,
+            kernel_shape: tvec![3, 3],
+            padding: PaddingSpec::Explicit(tvec![1, 1], tvec![1, 1]),
+            dilations: None,
+            strides: None,
+            input_channels: inputs,
+            output_channels: outputs,
+        };
+        let conv =
+            Conv { pool_spec: window.clone(), kernel_fmt: KernelFormat::OHWI, group: 1, q_params: None };
+        let map = self.wire(layer, conv, &[x, weight, bias])?;
+        let map = self.relu(layer, map)?;
+        let window = PoolSpec {
+            kernel_shape: tvec![2, 2],
+            padding: PaddingSpec::Valid,
+            strides: Some(tvec![2, 2]),
+            input_channels: outputs,
+            ..window
+        };
+        let pool = MaxPool { pool_spec: window, with_index_outputs: None };
+        self.wire(&format!("{layer}.pool"), pool, &[map])
+    }
+
+    /// The block's output `[1, width]`, and its new caches of keys and values.
+    fn attend(
+        &mut self,
+        block: &Block,
+        x: OutletId,
+        seen: OutletId,
+        mask: OutletId,
+        [old_keys, old_values]: [OutletId; 2],
+    ) -> Result<(OutletId, [OutletId; 2])> {
+        let dims = self.weights.dims;
+        let name = |part: &str| format!("{}.{part}", block.name);
+        let head_width = block.width(&dims) / dims.heads;
+        let query = self.dense(&name("query"), x)?;
+        let keys = self.remember(&name("key"), seen, old_keys)?;
+        let values = self.remember(&name("value"), seen, old_values)?;
+
+        let by_head = |rows: usize| {
+            let width = TDim::from(dims.heads * head_width);
+            AxisOp::Reshape(
+                0,
+                tvec![rows.into(), width],
+                tvec![rows.into(), dims.heads.into(), head_width.into()],
+            )
+        };
+        let query = self.wire(&name("query_by_head"), by_head(1), &[query])?;
+        let keys_by_head = self.wire(&name("keys_by_head"), by_head(dims.window), &[keys])?;
+        let values_by_head = self.wire(&name("values_by_head"), by_head(dims.window), &[values])?;
+        let scores = self.einsum(&name("products"), "bhd,lhd->hl", [query, keys_by_head])?;
+        let scale = self.constant(&name("scale"), &[1, 1], &[1.0 / (head_width as f32).sqrt()])?;
+        let scores = self.wire(&name("scaled"), mul(), &[scores, scale])?;
+        let by_lag = self.weights.get(&name("score"), "bias");
+        let by_lag = self.constant(&name("score.bias"), &[dims.heads, dims.window], by_lag)?;
+        let scores = self.wire(&name("score"), add(), &[scores, by_lag])?;
+        let scores = self.wire(&name("masked"), add(), &[scores, mask])?;
+        let softmax = Softmax { axes: tvec![1], quant_output_dt: None, kind: SoftmaxKind::Softmax };
+        let weights = self.wire(&name("softmax"), softmax, &[scores])?;
+        let context = self.einsum(&name("context_by_head"), "hl,lhd->hd", [weights, values_by_head])?;
+        let flat = AxisOp::Reshape(
+            0,
+            tvec![dims.heads.into(), head_width.into()],
+            tvec![1.into(), (dims.heads * head_width).into()],
+        );
+        let context = self.wire(&name("context"), flat, &[context])?;
+        let projected = self.dense(&name("out"), context)?;
+        let sum = self.wire(&name("residual"), add(), &[x, projected])?;
+        Ok((self.layer_norm(&name("norm"), sum)?, [keys, values]))
+    }
+
+    /// Put the newest frame's projection in front of the cache; its oldest frame drops out.
+    fn remember(&mut self, layer: &str, seen: OutletId, old: OutletId) -> Result<OutletId> {
+        let newest = self.dense(layer, seen)?;
+        let window = self.weights.dims.window;
+        if window == 1 {
+            return Ok(newest);
+        }
+        let kept = self.wire(&format!("{layer}.kept"), Slice::new(0, 0, window - 1), &[old])?;
+        self.wire(&format!("{layer}.cache"), TypedConcat { axis: 0 }, &[newest, kept])
+    }
+
+    fn layer_norm(&mut self, norm: &str, x: OutletId) -> Result<OutletId> {
+        let name = |part: &str| format!("{norm}.{part}");
+        let gamma = self.weights.get(norm, "gamma");
+        let width = gamma.len();
+        let reduce = |reducer| Reduce { axes: tvec![1], reducer };
+        let sum = self.wire(&name("sum"), reduce(Reducer::Sum), &[x])?;
+        let share = self.constant(&name("share"), &[1, 1], &[1.0 / width as f32])?;
+        let mean = self.wire(&name("mean"), mul(), &[sum, share])?;
+        let centred = self.wire(&name("centred"), sub(), &[x, mean])?;
+        let variance = self.wire(&name("variance"), reduce(Reducer::MeanOfSquares), &[centred])?;
+        let epsilon = self.constant(&name("epsilon"), &[1, 1], &[NORM_EPSILON as f32])?;
+        let variance = self.wire(&name("variance_and_epsilon"), add(), &[variance, epsilon])?;
+        let scale = self.wire(&name("scale"), rsqrt(), &[variance])?;
+        let standard = self.wire(&name("standard"), mul(), &[centred, scale])?;
+        let gamma = self.constant(&name("gamma"), &[1, width], gamma)?;
+        let beta = self.constant(&name("beta"), &[1, width], self.weights.get(norm, "beta"))?;
+        let scaled = self.wire(&name("scaled"), mul(), &[standard, gamma])?;
+        self.wire(norm, add(), &[scaled, beta])
+    }
+}

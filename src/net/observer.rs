@@ -1,0 +1,23 @@
+//! A look at the activations inside the network, for the host's comparison with the float one.
+//!
+//! The microcontroller runs with the observer `()`, which looks at nothing and compiles to nothing.
+
+/// Is shown every activation of a frame, in the order in which it is computed, sensor after sensor.
+///
+/// A `layer` is named as in [`super::format::layout`], where the activation is what a layer gives;
+/// an embedding is called `piezo` or `xl`, the inputs `taxels` and `log_mel`, the vector that the temporal
+/// block takes `fused`, the one that the head takes `hidden`. Values of one activation may come in several
+/// parts.
+pub trait Observer {
+    /// Activations at the scale of `layer`'s output.
+    fn see(&mut self, _layer: &'static str, _values: &[i16]) {}
+
+    /// Residual sums of the attention block `block`, at a 16th of the scale of what it was added to.
+    fn see_residual(&mut self, _block: &'static str, _values: &[i32]) {}
+
+    /// Activations of one part, `query`, `key` or `value`, of the attention block `block`.
+    fn see_part(&mut self, _block: &'static str, _part: &'static str, _values: &[i16]) {}
+}
+
+/// Looks at nothing.
+impl Observer for () {}

@@ -2,6 +2,7 @@
 
 mod batch;
 mod contact;
+mod decision;
 mod inputs;
 mod kernels;
 mod model_file;

@@ -45,13 +45,15 @@ fn check_summary(summary: &Value, predictions: &Predictions, episode: &Episode) 
     assert_eq!(summary["episode"]["frames"], episode.frames());
     assert_eq!(summary["episode"]["sensors"], episode.sensors);
     assert_eq!(summary["output"]["class_frames"], Value::from(count(&predictions.class)));
-    let flagged: u64 = summary["output"]["flag_runs"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|run| run["end_frame"].as_u64().unwrap() - run["start_frame"].as_u64().unwrap())
-        .sum();
-    assert_eq!(flagged, predictions.slip.iter().map(|&s| u64::from(s)).sum::<u64>());
+    for (runs, flag) in [("flag_runs", &predictions.slip), ("alarm_runs", &predictions.alarm)] {
+        let flagged: u64 = summary["output"][runs]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|run| run["end_frame"].as_u64().unwrap() - run["start_frame"].as_u64().unwrap())
+            .sum();
+        assert_eq!(flagged, flag.iter().map(|&s| u64::from(s)).sum::<u64>(), "{runs}");
+    }
     let Some(label) = &episode.label else {
         assert!(summary["truth"].is_null());
         return;
@@ -94,6 +96,7 @@ fn check_log(path: &Path, predictions: &Predictions, episode: &Episode, summary:
         assert_eq!(messages.len(), 1 + episode.sensors);
         let Received::Slip(slip) = &messages[0] else { panic!("frame {frame}: slip message first") };
         assert_eq!((slip.class, slip.slip), (predictions.class[frame], predictions.slip[frame] != 0));
+        assert_eq!(slip.alarm, predictions.alarm[frame] != 0);
         assert_eq!(slip.logits_q10, predictions.logits[frame]);
         for (sensor, message) in messages[1..].iter().enumerate() {
             let Received::Raw(raw) = message else { panic!("frame {frame}: raw frame") };

@@ -14,3 +14,4 @@ pub mod paper;
 pub mod results;
 pub mod report;
 mod table;
+pub mod tune;

@@ -19,6 +19,7 @@ mod majority;
 pub mod mel;
 mod mfcc_qda;
 mod network;
+mod network_alarm;
 #[cfg(feature = "float")]
 mod network_float;
 mod oracle;
@@ -35,6 +36,7 @@ pub use entropy::entropy_nat;
 pub(crate) use flux_cusum::FluxCusumScore;
 pub(crate) use logistic::{FEATURES as LOGISTIC_FEATURES, LogisticFeatures};
 pub(crate) use mfcc_qda::{Mfccs, Ratio as MfccRatio};
+pub use network::PipelineStream;
 pub(crate) use rig_only::{
     FEATURES as RIG_FEATURES, RigFeatures, TERMS as RIG_TERMS, rig_only_episode, terms as rig_terms,
 };
@@ -139,8 +141,9 @@ pub struct Setup<'a> {
 }
 
 /// Names on the command line with what they are, in the order of the report.
-pub const DETECTORS: [(&str, &str); 15] = [
-    ("network", "the firmware's pipeline, integers"),
+pub const DETECTORS: [(&str, &str); 16] = [
+    ("network", "the firmware's pipeline, integers, by its classes"),
+    ("network-alarm", "the same by its alarm, at the model's operating point"),
     ("network-float", "the network before quantization (needs the feature `train`)"),
     ("entropy", "entropy of the pressure changes; the paper's piezo baseline"),
     ("mfcc-qda", "13 MFCC with quadratic discriminants; the paper's accelerometer baseline"),
@@ -163,6 +166,7 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Box<dyn Detector + '
     let order = fitted.class_order;
     Ok(match name {
         "network" => Box::new(network::Network::new(setup.model)?),
+        "network-alarm" => Box::new(network_alarm::NetworkAlarm::new(setup.model)?),
         #[cfg(feature = "float")]
         "network-float" => Box::new(network_float::NetworkFloat::new(setup.float_weights)?),
         #[cfg(not(feature = "float"))]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
+use slipsense::params::FRAME_RATE_HZ;
 use slipsense_bench::detectors::{Setup, by_name};
 use slipsense_bench::fit::Fitted;
 use slipsense_bench::report;
@@ -12,6 +13,7 @@ use slipsense_bench::results::Results;
 use slipsense_bench::run::{Entrant, run};
 use slipsense_bench::source::Input;
 use slipsense_synth::Split;
+use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 
 use crate::bundled;
 use crate::output_dir::OutputDir;
@@ -20,11 +22,12 @@ use crate::output_dir::OutputDir;
 ///
 /// Runs every detector over every episode and scores it: latency per event against both truths, false
 /// alarms per hour by what caused them, frame metrics, what a threshold trades, with intervals. An input
-/// called `val` is not tested on; it fixes the operating point.
+/// called `val` is not tested on; it fixes the operating point of the report. An input without slip, as
+/// `noslip` is, has its false alarms per hour shown by what caused them.
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Detectors:
-  network  network-float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
+  network  network-alarm  network-float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
   logistic  majority  always-slip  clock  rig-only  oracle  oracle-label
 
 Files written to the output folder:
@@ -39,6 +42,7 @@ Examples:
   slipsense eval out/episodes --out out/eval
   slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
       --detector entropy-and-mfcc --out out/eval
+  slipsense eval umi_id umi_ood noslip --frames noslip=8640000 --detector network-alarm --out out/eval
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
     /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
@@ -53,6 +57,10 @@ pub struct Args {
     /// Folder in which splits are looked for first, one folder each, as `synth --all` makes them
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// Generate at least N frames (240 a second) of the splits among the inputs, or of SPLIT, in place of
+    /// their frozen sets, which are their beginning; may be given several times
+    #[arg(long, value_name = "[SPLIT=]N", value_parser = Frames::parse)]
+    frames: Vec<Frames>,
     /// Model of the network, the bundled one if not given; several are seeds, whose spread is reported
     #[arg(long, value_name = "FILE")]
     model: Vec<PathBuf>,
@@ -67,8 +75,34 @@ pub struct Args {
     json: bool,
 }
 
+/// How much of a split to generate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Frames {
+    /// Of which split; of all that have none of their own if `None`.
+    split: Option<Split>,
+    frames: usize,
+}
+
+impl Frames {
+    /// Read `N` or `SPLIT=N`.
+    fn parse(text: &str) -> Result<Self, String> {
+        let (split, number) = match text.split_once('=') {
+            Some((split, number)) => (Some(split.parse::<Split>().map_err(|e| e.to_string())?), number),
+            None => (None, text),
+        };
+        match number.parse() {
+            Ok(frames @ 1..=FRAMES_MAX) => Ok(Self { split, frames }),
+            _ => Err(format!("N must be 1 to {FRAMES_MAX}")),
+        }
+    }
+}
+
+/// Most frames of one split: the truths and verdicts of 100 hours fill some GB of memory.
+const FRAMES_MAX: usize = 100 * 3600 * FRAME_RATE_HZ as usize;
+
 /// The detectors of which there is one per seed.
 const NETWORK: &str = "network";
+const NETWORK_ALARM: &str = "network-alarm";
 const NETWORK_FLOAT: &str = "network-float";
 
 /// A network's files.
@@ -85,6 +119,7 @@ impl Args {
             Some(path) => Fitted::read(path)?,
             None => Fitted::bundled()?,
         };
+        self.check_frames()?;
         let seeds = self.seeds()?;
         let entrants = self.entrants(&fitted, &seeds)?;
         let inputs = self.inputs.iter().map(|input| self.input(input)).collect::<Result<Vec<Input>>>()?;
@@ -143,7 +178,8 @@ impl Args {
             if self.detector[..i].contains(family) {
                 continue;
             }
-            let seeds = if family == NETWORK || family == NETWORK_FLOAT { seeds } else { &seeds[..1] };
+            let of_seed = [NETWORK, NETWORK_ALARM, NETWORK_FLOAT].contains(&family.as_str());
+            let seeds = if of_seed { seeds } else { &seeds[..1] };
             for seed in seeds {
                 let setup = Setup { fitted, model: &seed.model, float_weights: seed.weights.as_deref() };
                 let make = move || by_name(family, &setup);
@@ -155,18 +191,53 @@ impl Args {
         Ok(entrants)
     }
 
+    /// No split twice, and only of splits that are inputs.
+    fn check_frames(&self) -> Result<()> {
+        for (i, Frames { split, .. }) in self.frames.iter().enumerate() {
+            let of = split.map_or("all splits".to_owned(), |split| split.to_string());
+            if self.frames[..i].iter().any(|other| other.split == *split) {
+                bail!("--frames: given twice for {of}");
+            }
+            if split.is_some_and(|split| !self.inputs.iter().any(|input| input == split.name())) {
+                bail!("--frames: {of} is not among the inputs");
+            }
+        }
+        Ok(())
+    }
+
+    /// Frames asked for of a split; `None` for its frozen set.
+    fn frames_of(&self, split: Split) -> Option<usize> {
+        let of = |wanted: Option<Split>| self.frames.iter().find(|frames| frames.split == wanted);
+        of(Some(split)).or_else(|| of(None)).map(|frames| frames.frames)
+    }
+
+    /// A folder has the frames that it has.
+    fn refuse_frames(&self, input: &str) -> Result<()> {
+        let meant = |frames: &&Frames| frames.split.is_none_or(|split| split.name() == input);
+        if self.frames.iter().any(|frames| meant(&frames)) {
+            bail!("--frames: {input} is a folder; only splits can be generated (SPLIT=N for one of several)");
+        }
+        Ok(())
+    }
+
     fn input(&self, input: &str) -> Result<Input> {
         if let Some(data) = &self.data {
             if !data.is_dir() {
                 bail!("--data {}: no such folder, looked for {input} in it", data.display());
             }
             if data.join(input).is_dir() {
+                self.refuse_frames(input)?;
                 return Input::folder(input, &data.join(input));
             }
         }
         let folder = Path::new(input);
         if !folder.exists() {
             if let Ok(split) = input.parse::<Split>() {
+                if let Some(frames) = self.frames_of(split) {
+                    let set = EpisodeSet::new(split, FROZEN_SEED, frames);
+                    let named = set.episodes.into_iter().map(|e| (e.name, e.recipe));
+                    return Ok(Input::recipes(input, named.collect()));
+                }
                 let frozen = split.frozen()?;
                 return Ok(Input::recipes(
                     input,
@@ -176,6 +247,7 @@ impl Args {
             let names = Split::ALL.map(Split::name).join(", ");
             bail!("{input}: no such folder, and no split ({names})");
         }
+        self.refuse_frames(input)?;
         let name = folder.file_name().map_or_else(|| input.into(), |name| name.to_string_lossy());
         Input::folder(&name, folder)
     }

@@ -7,6 +7,7 @@ pub mod fit;
 pub mod eval;
 pub mod synth;
 pub mod train;
+pub mod tune;
 
 use std::io::{IsTerminal, Write};
 

@@ -14,6 +14,7 @@ pub mod features;
 pub mod net;
 #[expect(clippy::float_arithmetic, reason = "see the module: single precision, the same bits everywhere")]
 pub mod contact;
+pub mod decision;
 pub mod wire;
 pub mod pipeline;
 pub mod board;

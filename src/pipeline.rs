@@ -4,23 +4,14 @@
 //! missing or doubtful is flagged and left out, the rest goes on.
 
 use crate::contact::ContactSummary;
+use crate::decision::{Decision, margin_q10};
 use crate::features::{LogMel, XlFrontEnd};
 use crate::net::{Model, Network, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
 use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, health};
 
-/// The state of the grasp at one frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Class {
-    /// No pad is touched.
-    NoContact = 0,
-    /// Held.
-    NoSlip = 1,
-    /// Slipping.
-    Slip = 2,
-}
+pub use crate::decision::Class;
 
 /// What is wrong with one sensor at one frame: bits of [`health`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,12 +37,16 @@ impl FrameStamp {
 /// The result of one frame. Entries of sensors beyond `sensors` are zero.
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
-    /// The decision.
+    /// The decision frame by frame.
     pub class: Class,
     /// The network's outputs for the three classes, 1/1024 nat.
     pub logits_q10: [i32; CLASSES],
     /// The flag: `class` is [`Class::Slip`].
     pub slip: bool,
+    /// How far slip leads, 1/1024 nat; `None` where no pad is touched. See [`margin_q10`].
+    pub margin_q10: Option<i32>,
+    /// The flag to act on: slip by the model's operating point.
+    pub alarm: bool,
     /// Sensors in use.
     pub sensors: usize,
     /// The contact on each pad; zero for a missing one.
@@ -82,6 +77,7 @@ impl Output {
             sequence: stamp.sequence,
             class: self.class as u8,
             slip: self.slip,
+            alarm: self.alarm,
             logits_q10: self.logits_q10,
             late_frames,
             sensors: self.sensors as u8,
@@ -149,6 +145,7 @@ pub struct Pipeline<'m> {
     sensors: usize,
     ears: [Ear; MAX_SENSORS],
     network: Network<'m>,
+    decision: Decision,
 }
 
 /// The RAM that a pipeline takes, whatever the model: key and value caches, feature maps,
@@ -162,7 +159,9 @@ impl<'m> Pipeline<'m> {
         if sensors == 0 || sensors > MAX_SENSORS {
             return Err(SensorCountError { sensors });
         }
-        Ok(Self { sensors, ears: [const { Ear::new() }; MAX_SENSORS], network: Network::new(model) })
+        let decision = Decision::new(model.point);
+        let network = Network::new(model);
+        Ok(Self { sensors, ears: [const { Ear::new() }; MAX_SENSORS], network, decision })
     }
 
     /// Sensors in use.
@@ -182,6 +181,8 @@ impl<'m> Pipeline<'m> {
             class: Class::NoContact,
             logits_q10: [0; CLASSES],
             slip: false,
+            margin_q10: None,
+            alarm: false,
             sensors: self.sensors,
             contact: [ContactSummary::default(); MAX_SENSORS],
             log_mel: [LogMel::default(); MAX_SENSORS],
@@ -209,8 +210,11 @@ impl<'m> Pipeline<'m> {
             *seen = SensorFeatures { piezo: input.piezo, log_mel: input.xl.map(|_| &log_mel.standardised) };
         }
         output.logits_q10 = self.network.step(seen.get(..self.sensors).unwrap_or_default());
-        output.class = decide(touched(inputs, &output.contact, self.sensors), output.logits_q10);
+        let touched = touched(inputs, &output.contact, self.sensors);
+        output.class = Class::of(touched, output.logits_q10);
         output.slip = output.class == Class::Slip;
+        output.margin_q10 = margin_q10(touched, output.logits_q10);
+        output.alarm = self.decision.step(output.margin_q10);
         output
     }
 }
@@ -254,16 +258,4 @@ fn touched(inputs: &[SensorInput<'_>], contact: &[ContactSummary], sensors: usiz
     }
     let delivered = inputs.iter().take(sensors).filter(|input| input.piezo.is_some()).count();
     (delivered == sensors).then_some(false)
-}
-
-/// The class: contact is what the pads say; between the rest the larger logit wins, a tie goes to the
-/// class without slip. Where the pads leave contact open, all three logits compete.
-fn decide(touched: Option<bool>, [no_contact, no_slip, slip]: [i32; CLASSES]) -> Class {
-    let held = if slip > no_slip { Class::Slip } else { Class::NoSlip };
-    match touched {
-        Some(false) => Class::NoContact,
-        Some(true) => held,
-        None if no_contact >= no_slip.max(slip) => Class::NoContact,
-        None => held,
-    }
 }

@@ -8,18 +8,22 @@
 //! | 8 | [`MAGIC`] |
 //! | 2, 2 | format version, header length ([`HEADER_BYTES`]) |
 //! | 2 × 8 | dimensions, in the order of [`Dims::FIELDS`] |
+//! | 4, 1, 1 | operating point: threshold (`i32`), k, n, see [`OperatingPoint`] |
+//! | 2 | zeros, up to a multiple of 4 |
 //! | … | the tensors of [`layout`], each padded with zeros to 4 bytes |
 //! | 4, n | length and text of the provenance, UTF-8 JSON, padded with zeros to 4 bytes |
 //! | 32 | SHA-256 of everything before |
+
+use core::fmt;
 
 use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
 
 /// First bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
 /// The version this code reads and writes.
-pub const FORMAT_VERSION: u16 = 1;
+pub const FORMAT_VERSION: u16 = 2;
 /// Bytes before the first tensor.
-pub const HEADER_BYTES: usize = 28;
+pub const HEADER_BYTES: usize = 36;
 /// Bytes of the hash that ends the file.
 pub const HASH_BYTES: usize = 32;
 
@@ -117,6 +121,68 @@ impl Dims {
     pub const fn piezo_features(&self) -> usize {
         let side = TAXEL_ROWS / 8;
         side * side * self.conv_channels[2]
+    }
+}
+
+/// When the alarm sounds: fixed on validation data, stored with the network it was fixed for.
+///
+/// A frame is *over* where something may be held and slip's logit exceeds the largest of the others that
+/// compete by more than the threshold; the alarm is up while at least `k` of the last `n` frames are over
+/// ([`crate::decision`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OperatingPoint {
+    /// Lead of slip's logit that is not enough yet, 1/1024 nat, in [`THRESHOLD_RANGE_Q10`].
+    pub threshold_q10: i32,
+    /// Frames that must be over, 1 to `n`.
+    pub k: u8,
+    /// Frames looked back over, the current one included, 1 to [`ALARM_FRAMES_MAX`].
+    pub n: u8,
+}
+
+/// Every threshold that can matter: logits are 16 bits, so the difference of two is within ±65,535. At the
+/// lower end every frame that may be over is, at the upper end none.
+pub const THRESHOLD_RANGE_Q10: (i32, i32) = (-(1 << 16), (1 << 16) - 1);
+
+/// Frames that the alarm remembers, at most: the bits of its history.
+pub const ALARM_FRAMES_MAX: u8 = u32::BITS as u8;
+
+/// An operating point that the alarm cannot work at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PointError {
+    /// Name of the field.
+    pub field: &'static str,
+    /// What the file says.
+    pub value: i32,
+    /// The smallest and largest value allowed.
+    pub range: (i32, i32),
+}
+
+impl fmt::Display for PointError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, range: (least, most) } = self;
+        write!(f, "{field} is {value}, allowed are {least} to {most}")
+    }
+}
+
+impl core::error::Error for PointError {}
+
+impl OperatingPoint {
+    /// What the classes say by themselves: alarm where the class is slip.
+    pub const ARGMAX: Self = Self { threshold_q10: 0, k: 1, n: 1 };
+
+    /// Refuses what the alarm cannot work at, by field.
+    pub fn check(&self) -> Result<(), PointError> {
+        let n_max = ALARM_FRAMES_MAX as i32;
+        for (field, value, range) in [
+            ("operating point n", self.n as i32, (1, n_max)),
+            ("operating point k", self.k as i32, (1, self.n as i32)),
+            ("operating point threshold", self.threshold_q10, THRESHOLD_RANGE_Q10),
+        ] {
+            if value < range.0 || value > range.1 {
+                return Err(PointError { field, value, range });
+            }
+        }
+        Ok(())
     }
 }
 

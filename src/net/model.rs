@@ -8,7 +8,8 @@ use core::fmt;
 use sha2::{Digest, Sha256};
 
 use super::format::{
-    DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, MAGIC, TENSORS, TensorSpec, layout,
+    DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, MAGIC, OperatingPoint, PointError, TENSORS,
+    TensorSpec, layout,
 };
 
 /// 32-bit numbers as they lie in the file.
@@ -129,6 +130,8 @@ pub struct Attention<'a> {
 pub struct Model<'a> {
     /// Sizes.
     pub dims: Dims,
+    /// When the alarm sounds.
+    pub point: OperatingPoint,
     /// The three convolution blocks.
     pub conv: [Layer<'a>; 3],
     /// Taxel features to the embedding.
@@ -166,6 +169,8 @@ pub enum ModelError {
     },
     /// A size that this build has no room for.
     BadDimension(DimError),
+    /// An operating point that the alarm cannot work at.
+    BadOperatingPoint(PointError),
     /// The file ends inside this tensor or section.
     Truncated {
         /// Layer or section.
@@ -220,6 +225,7 @@ impl fmt::Display for ModelError {
             Self::BadDimension(DimError { field, value, range: (least, most) }) => {
                 write!(f, "{field} is {value}, allowed are {least} to {most}")
             }
+            Self::BadOperatingPoint(error) => error.fmt(f),
             Self::Truncated { layer, part } => write!(f, "file ends inside {layer} {part}"),
             Self::TrailingBytes { count } => write!(f, "{count} bytes after the end"),
             Self::HashMismatch => f.write_str("SHA-256 does not match: the file is damaged"),
@@ -256,6 +262,7 @@ impl<'a> Model<'a> {
             *field = rest.u16(name)? as usize;
         }
         let dims = Dims::from_fields(fields).map_err(ModelError::BadDimension)?;
+        let point = rest.operating_point()?;
 
         let specs = layout(&dims);
         let mut data: [&[u8]; TENSORS] = [&[]; TENSORS];
@@ -281,6 +288,7 @@ impl<'a> Model<'a> {
         let mut tensors = Tensors { entries: specs.iter().zip(data) };
         Ok(Self {
             dims,
+            point,
             conv: [
                 tensors.layer(ACTIVATION_MAX)?,
                 tensors.layer(ACTIVATION_MAX)?,
@@ -323,6 +331,17 @@ impl<'a> Bytes<'a> {
     fn u16(&mut self, part: &'static str) -> Result<u16, ModelError> {
         let bytes = self.take(2, "header", part)?;
         Ok(bytes.iter().rev().fold(0, |n, &byte| n << 8 | byte as u16))
+    }
+
+    /// The operating point and the zeros behind it.
+    fn operating_point(&mut self) -> Result<OperatingPoint, ModelError> {
+        let bytes = self.take(8, "header", "operating point")?;
+        let &[t0, t1, t2, t3, k, n, ..] = bytes else {
+            return Err(ModelError::Truncated { layer: "header", part: "operating point" });
+        };
+        let point = OperatingPoint { threshold_q10: i32::from_le_bytes([t0, t1, t2, t3]), k, n };
+        point.check().map_err(ModelError::BadOperatingPoint)?;
+        Ok(point)
     }
 }
 

@@ -9,11 +9,12 @@ pub const SLIP_BYTES: usize = 7 + 4 + 1 + 2 + 4 * CLASSES + MAX_SENSORS * CONTAC
 const CONTACT_BYTES: usize = 1 + 3 + 2 + 2 + 2 + 1 + 1;
 
 const NAME: &str = "slipsense.Slip";
-// The byte that holds class, slip flag and sensor count.
+// The byte that holds class, slip flag, sensor count and alarm.
 const CLASS_MASK: u8 = 3;
 const SLIP_BIT: u8 = 4;
 const SENSORS_SHIFT: u32 = 3;
 const SENSORS_MASK: u8 = 3;
+const ALARM_BIT: u8 = 32;
 
 /// The decision of one frame. A field outside its range is sent as the largest value that its bits
 /// hold; for `class` that is 3, which every receiver refuses.
@@ -25,8 +26,10 @@ pub struct SlipMessage {
     pub sequence: u32,
     /// 0 no contact, 1 contact without slip, 2 slip.
     pub class: u8,
-    /// The slip flag.
+    /// The class is slip.
     pub slip: bool,
+    /// The flag to act on: slip by the operating point of the sender's model.
+    pub alarm: bool,
     /// Outputs of the network per class, 1/1024 nat.
     pub logits_q10: [i32; CLASSES],
     /// Frames whose decision came after the next tick, since start; stays at 65,535.
@@ -66,7 +69,8 @@ impl SlipMessage {
         writer.put(&self.sequence.to_le_bytes());
         let slip = if self.slip { SLIP_BIT } else { 0 };
         let sensors = self.sensors.min(SENSORS_MASK) << SENSORS_SHIFT;
-        writer.put(&[self.class.min(CLASS_MASK) | slip | sensors]);
+        let alarm = if self.alarm { ALARM_BIT } else { 0 };
+        writer.put(&[self.class.min(CLASS_MASK) | slip | sensors | alarm]);
         writer.put(&self.late_frames.to_le_bytes());
         for logit in self.logits_q10 {
             writer.put(&logit.to_le_bytes());
@@ -108,7 +112,7 @@ impl SlipMessage {
                 elongation_q8: u8::from_le_bytes(reader.take()?),
             };
         }
-        let slip = flags & SLIP_BIT != 0;
-        Ok(Self { timestamp_us, sequence, class, slip, logits_q10, late_frames, sensors, contact })
+        let (slip, alarm) = (flags & SLIP_BIT != 0, flags & ALARM_BIT != 0);
+        Ok(Self { timestamp_us, sequence, class, slip, alarm, logits_q10, late_frames, sensors, contact })
     }
 }

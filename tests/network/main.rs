@@ -3,6 +3,7 @@
 mod batch;
 mod contact;
 mod cost;
+mod decision;
 mod inputs;
 mod kernels;
 mod model_file;

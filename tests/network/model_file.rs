@@ -1,7 +1,7 @@
 //! What a model file must be: each rule broken once.
 
 use crate::inputs::SHAPES;
-use slipsense::net::format::Dims;
+use slipsense::net::format::{Dims, OperatingPoint};
 use slipsense::net::{Model, ModelError};
 use slipsense_model_file::{ModelFile, random_model};
 
@@ -15,10 +15,11 @@ fn refusal(bytes: &[u8]) -> ModelError {
 
 #[test]
 fn a_written_file_is_read_back() {
-    let file = good();
+    let mut file = good();
+    file.point = OperatingPoint { threshold_q10: -1_234, k: 3, n: 5 };
     let bytes = file.to_bytes().unwrap();
     let model = Model::parse(&bytes).unwrap();
-    assert_eq!(model.dims, SHAPES[0]);
+    assert_eq!((model.dims, model.point), (SHAPES[0], file.point));
     assert_eq!(model.provenance, "{\"random\":true}");
     let bias: Vec<i32> = model.conv[1].bias.iter().collect();
     assert_eq!(bias, file.tensor("piezo.conv2", "bias"));
@@ -26,6 +27,21 @@ fn a_written_file_is_read_back() {
     assert_eq!(weights, file.tensor("temporal.out", "weight"));
     let lag_bias: Vec<i32> = model.cross_xl.bias.head(2).map(i32::from).collect();
     assert_eq!(lag_bias, &file.tensor("cross_xl.score", "bias")[120..180]);
+    assert_eq!(ModelFile::from_bytes(&bytes).unwrap(), file);
+    assert_eq!(Model::parse(&good().to_bytes().unwrap()).unwrap().point, OperatingPoint::ARGMAX);
+}
+
+#[test]
+fn an_operating_point_out_of_range() {
+    let refused = |threshold_q10, k, n| {
+        let mut file = good();
+        file.point = OperatingPoint { threshold_q10, k, n };
+        refusal(&file.to_bytes().unwrap()).to_string()
+    };
+    assert_eq!(refused(0, 4, 3), "operating point k is 4, allowed are 1 to 3");
+    assert_eq!(refused(0, 1, 33), "operating point n is 33, allowed are 1 to 32");
+    let threshold = "operating point threshold is 70000, allowed are -65536 to 65535";
+    assert_eq!(refused(70_000, 1, 1), threshold);
 }
 
 #[test]
@@ -43,7 +59,7 @@ fn every_truncation_is_refused() {
 fn unknown_version() {
     let mut bytes = good().to_bytes().unwrap();
     bytes[8] = 9;
-    assert_eq!(refusal(&bytes).to_string(), "model format version 9 is unknown; this build reads version 1");
+    assert_eq!(refusal(&bytes).to_string(), "model format version 9 is unknown; this build reads version 2");
 }
 
 #[test]

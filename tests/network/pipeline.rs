@@ -2,6 +2,7 @@
 
 use crate::inputs::SHAPES;
 use slipsense::net::Model;
+use slipsense::net::format::OperatingPoint;
 use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{Class, FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput};
@@ -10,12 +11,17 @@ use slipsense_model_file::random_model;
 
 /// A model whose head ignores the network: its logits are these.
 fn constant_model(logits: [i32; 3]) -> Vec<u8> {
+    model_at(logits, OperatingPoint::ARGMAX)
+}
+
+fn model_at(logits: [i32; 3], point: OperatingPoint) -> Vec<u8> {
     let mut file = random_model(SHAPES[0], 2);
     file.tensor_mut("head", "weight").fill(0);
     file.tensor_mut("head", "multiplier").fill(1 << 30);
     for (bias, logit) in file.tensor_mut("head", "bias").iter_mut().zip(logits) {
         *bias = logit * 4;
     }
+    file.point = point;
     file.to_bytes().unwrap()
 }
 
@@ -32,6 +38,7 @@ fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
     let output = pipeline.step(&inputs);
     assert_eq!(output.logits_q10, logits);
     assert_eq!(output.slip, output.class == Class::Slip);
+    assert_eq!(output.alarm, output.slip, "at the point of the classes");
     output.class
 }
 
@@ -54,6 +61,28 @@ fn without_a_pad_the_network_decides_contact() {
     assert_eq!(one_frame([900, 0, 500], &[None, Some(&idle)]), Class::NoContact);
     assert_eq!(one_frame([400, 0, 500], &[None, Some(&idle)]), Class::Slip);
     assert_eq!(one_frame([900, 0, 500], &[None, Some(&touched)]), Class::Slip);
+}
+
+/// Three frames over the threshold of the last five: later than the flag, and over sooner than it began.
+#[test]
+fn the_alarm_follows_the_files_operating_point() {
+    let alarms = |threshold_q10: i32| -> Vec<bool> {
+        let bytes = model_at([0, 100, 600], OperatingPoint { threshold_q10, k: 3, n: 5 });
+        let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
+        let (idle, held) = (pad_with_sum(0), pad_with_sum(2000));
+        let pads = [&held, &idle, &held, &held, &held, &idle, &idle, &idle, &held];
+        let step = |piezo| {
+            let output = pipeline.step(&[SensorInput { piezo: Some(piezo), xl: Some(&[]) }]);
+            let message = output.slip_message(FrameStamp::of_recording(0), 0);
+            assert_eq!((message.slip, message.alarm), (output.slip, output.alarm));
+            assert_eq!(output.margin_q10, output.slip.then_some(500));
+            output.alarm
+        };
+        pads.map(step).to_vec()
+    };
+    let (down, up) = (false, true);
+    assert_eq!(alarms(499), [down, down, down, up, up, up, up, down, down]);
+    assert_eq!(alarms(500), [down; 9], "a lead of just the threshold is not enough");
 }
 
 #[test]

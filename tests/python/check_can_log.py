@@ -114,7 +114,8 @@ def check_slip(messages, predictions, episode, bad):
         bad.equal(f"{at}, sensors", message.sensors, sensors)
         bad.equal(f"{at}, class", message.class_index, predictions["class"][index])
         bad.equal(f"{at}, logits", message.logits_q10, predictions["logits"][index])
-        bad.equal(f"{at}, slip", int(message.slip), predictions["slip"][index])
+        for flag in ("slip", "alarm"):
+            bad.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
         for sensor in range(sensors):
             want = episode["piezo"][index, sensor].sum(dtype=np.uint32)
             bad.equal(f"{at}, sum of sensor {sensor}", message.contact[sensor].count_sum, want)
@@ -165,7 +166,7 @@ def main():
     # pycyphal names lost frames, bad checksums and unreadable lines in its log.
     logging.basicConfig(level=logging.WARNING, format="pycyphal: %(message)s")
     with np.load(args.predictions) as file:
-        predictions = {name: file[name] for name in ("class", "logits", "slip")}
+        predictions = {name: file[name] for name in ("class", "logits", "slip", "alarm")}
     with np.load(args.episode) as file:
         episode = {name: file[name] for name in ("piezo", "xl", "xl_end")}
     frames, sensors = episode["piezo"].shape[:2]

@@ -24,18 +24,21 @@ fn contact() -> impl Strategy<Value = SensorContact> {
 }
 
 fn slip() -> impl Strategy<Value = SlipMessage> {
-    let decision = (0u8..3, any::<bool>(), any::<[i32; 3]>(), any::<u16>(), 0u8..4);
+    let decision = (0u8..3, any::<[bool; 2]>(), any::<[i32; 3]>(), any::<u16>(), 0u8..4);
     let contacts = proptest::array::uniform3(contact());
     (0u64..1 << 56, any::<u32>(), decision, contacts).prop_map(
-        |(timestamp_us, sequence, (class, slip, logits_q10, late_frames, sensors), contact)| SlipMessage {
-            timestamp_us,
-            sequence,
-            class,
-            slip,
-            logits_q10,
-            late_frames,
-            sensors,
-            contact,
+        |(timestamp_us, sequence, (class, [slip, alarm], logits_q10, late_frames, sensors), contact)| {
+            SlipMessage {
+                timestamp_us,
+                sequence,
+                class,
+                slip,
+                alarm,
+                logits_q10,
+                late_frames,
+                sensors,
+                contact,
+            }
         },
     )
 }
@@ -83,6 +86,7 @@ fn fields_saturate() {
         sequence: u32::MAX,
         class: 2,
         slip: true,
+        alarm: false,
         logits_q10: [i32::MIN, i32::MAX, -1],
         late_frames: u16::MAX,
         sensors: 255,
@@ -127,6 +131,7 @@ fn layouts_are_those_of_the_definitions() {
         sequence: 0x0B0A_0908,
         class: 2,
         slip: true,
+        alarm: true,
         logits_q10: [1, -1, 0x0403_0201],
         late_frames: 0x0D0C,
         sensors: 3,
@@ -134,7 +139,7 @@ fn layouts_are_those_of_the_definitions() {
     };
     #[rustfmt::skip]
     let bytes = [
-        1, 2, 3, 4, 5, 6, 7,  8, 9, 10, 11,  0b0001_1110,  12, 13,
+        1, 2, 3, 4, 5, 6, 7,  8, 9, 10, 11,  0b0011_1110,  12, 13,
         1, 0, 0, 0,  255, 255, 255, 255,  1, 2, 3, 4,
         0,  0x01, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
         16, 0x11, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,

@@ -19,3 +19,4 @@ pub mod directions;
 pub mod rotation;
 pub mod report;
 mod table;
+pub mod tune;

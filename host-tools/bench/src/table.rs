@@ -5,7 +5,11 @@ use std::fmt;
 use comfy_table::{CellAlignment, Table, presets};
 
 use crate::grid::Grid;
+use crate::metrics::alarms::Rate;
+use crate::metrics::statistics::share;
 use crate::paper::{CLASS_PERCENT, Comparison};
+use crate::paper::{CLASS_PERCENT, Comparison, VALIDATION};
+use crate::results::{InputFacts, InputFigures, Results};
 use crate::results::{InputFigures, Results};
 use crate::{directions, integer_float, targets};
 
@@ -46,6 +50,47 @@ impl Results {
         let rows = &self.integer_against_float;
         let integers = (!rows.is_empty()).then(|| integer_float::grid(rows, kind));
         [targets, integers, directions::grid(&self.detectors, kind)].into_iter().flatten().collect()
+    }
+}
+
+impl Results {
+    /// False alarms on an input without slip by what caused them, and beside them what the same detector
+    /// misses of the slips of the other inputs.
+    fn causes(&self, quiet: &InputFacts) -> String {
+        let mut shown = table(&["detector", "cause", "alarms", "hours", "/h", "< /h", "missed %"]);
+        for detector in &self.detectors {
+            let events = || {
+                let others =
+                    detector.inputs.iter().filter(|of| of.input != quiet.name && of.input != VALIDATION);
+                others.map(|of| &of.figures.encoder_events)
+            };
+            let missed: usize = events().map(|events| events.missed).sum();
+            let missed = share(missed, events().map(|events| events.events).sum());
+            let mut row = |cause: &str, rate: &Rate, missed: String| {
+                shown.add_row([
+                    detector.name.clone(),
+                    cause.to_owned(),
+                    rate.alarms.to_string(),
+                    format!("{:.2}", rate.exposure_hours),
+                    number(rate.alarms_per_hour, 2),
+                    number(rate.upper_bound_per_hour, 2),
+                    missed,
+                ]);
+            };
+            for of in detector.inputs.iter().filter(|of| of.input == quiet.name) {
+                row("all", &of.figures.alarms.all, percent(missed));
+                for class in &of.figures.alarms.by_disturbance {
+                    row(class.disturbance, &class.rate, String::new());
+                }
+            }
+        }
+        let kind = if quiet.synthetic { "synthetic data" } else { "data" };
+        format!(
+            "false alarms without slip ({}, {kind}) by what caused them\n{}\n  hours: time with that cause; \
+             < /h: 95 % bound; missed: of the slips of the other inputs",
+            quiet.name,
+            finished(shown)
+        )
     }
 }
 
@@ -115,6 +160,9 @@ impl fmt::Display for Results {
                  frames, alarms {alarms:+}"
             )?;
         }
+        for quiet in self.inputs.iter().filter(|input| input.labelled_events == 0 && input.frames > 0) {
+            writeln!(f, "\n{}", self.causes(quiet))?;
+        }
         if !self.paper.is_empty() {
             writeln!(f, "\nours ({kind}) beside the paper's (real grippers)\n{}", comparison(&self.paper))?;
         }
@@ -163,14 +211,14 @@ fn comparison(rows: &[Comparison]) -> String {
     finished(table)
 }
 
-fn table(header: &[&str]) -> Table {
+pub(crate) fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_preset(presets::NOTHING).set_header(header.iter().copied());
     table
 }
 
 /// Numbers to the right, without spaces at the ends of lines.
-fn finished(mut table: Table) -> String {
+pub(crate) fn finished(mut table: Table) -> String {
     for (i, column) in table.column_iter_mut().enumerate() {
         let text = i < 2;
         column.set_cell_alignment(if text { CellAlignment::Left } else { CellAlignment::Right });

@@ -119,6 +119,7 @@ fn state_goes_on_from_episode_to_episode_until_a_reset() {
     println!("verdict depends on the episode before: {carries:?}");
     let expected = [
         "network",
+        "network-alarm",
         "entropy",
         "mfcc-qda",
         "entropy-and-mfcc",

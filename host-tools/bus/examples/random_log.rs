@@ -38,6 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         class: (0..frames).map(|_| rng.random_range(0..3)).collect(),
         logits: (0..frames).map(|_| rng.random()).collect(),
         slip: (0..frames).map(|_| rng.random_range(0..2)).collect(),
+        alarm: (0..frames).map(|_| rng.random_range(0..2)).collect(),
         logmel: vec![[0.0; MEL_BINS]; frames * sensors],
         logmel_std: vec![[0.0; MEL_BINS]; frames * sensors],
     };
@@ -105,6 +106,7 @@ fn write_log(
             sequence,
             class: predictions.class[frame],
             slip: predictions.slip[frame] != 0,
+            alarm: predictions.alarm[frame] != 0,
             logits_q10: predictions.logits[frame],
             late_frames: rng.random(),
             sensors: episode.sensors as u8,

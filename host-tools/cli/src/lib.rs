@@ -64,6 +64,7 @@ enum Command {
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
     Model(commands::model::Args),
+    Tune(commands::tune::Args),
 }
 
 /// Parse the command line, do what it says, and report an error in one line.
@@ -80,6 +81,7 @@ pub fn main() -> ExitCode {
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
         Command::Model(args) => args.run(),
+        Command::Tune(args) => args.run(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -3,7 +3,7 @@
 //! Files are written into a temporary folder on the same file system and moved when all are there.
 
 use std::fs;
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -102,6 +102,22 @@ pub fn check_file(path: &Path) -> Result<()> {
         .tempfile_in(folder)
         .map(drop)
         .with_context(|| format!("{}: cannot write into this folder", folder.display()))
+}
+
+/// Write a file that appears whole or not at all.
+pub(crate) fn write_whole(file: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".slipsense-").suffix(".partial");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Temporary files are private by default; a result is as readable as the umask lets it be.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut partial = builder.tempfile_in(parent(file))?;
+    partial.as_file_mut().write_all(content.as_ref())?;
+    partial.persist(file).map_err(|error| error.error)?;
+    Ok(())
 }
 
 /// Make a folder and what is missing above it, keeping note of what was made.

@@ -103,6 +103,7 @@ fn facts(summary: &Summary) -> String {
         ("Episode", summary.episode.name.clone()),
         ("Frames", format!("{} at 240 Hz, {} sensors", summary.episode.frames, summary.episode.sensors)),
         ("Model", format!("{}, hash {}", summary.model.name, summary.model.hash)),
+        ("Alarm", summary.alarm_words()),
         (
             "Speed",
             format!(

@@ -4,7 +4,7 @@
 //! cut off goes on with those that are missing. When all are there, `hashes.json` says what they hold.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -14,7 +14,7 @@ use slipsense_episode::{Episode, EpisodeError};
 use slipsense_synth::content_hash;
 use slipsense_synth::splits::{EpisodeSet, FrozenSet, SetHashes, recipe_of};
 
-use crate::output_dir::{make_folders, remove_folders};
+use crate::output_dir::{make_folders, remove_folders, write_whole};
 
 const SET: &str = "set.json";
 const HASHES: &str = "hashes.json";
@@ -294,22 +294,6 @@ fn episode_files(folder: &Path) -> Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
-}
-
-/// Write a file that appears whole or not at all.
-fn write_whole(file: &Path, text: &str) -> io::Result<()> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".slipsense-").suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private by default; a result is as readable as the umask lets it be.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut partial = builder.tempfile_in(file.parent().unwrap_or(Path::new(".")))?;
-    partial.as_file_mut().write_all(text.as_bytes())?;
-    partial.persist(file).map_err(|error| error.error)?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -52,6 +52,7 @@ pub fn simulate(
             class: Vec::with_capacity(frames),
             logits: Vec::with_capacity(frames),
             slip: Vec::with_capacity(frames),
+            alarm: Vec::with_capacity(frames),
             logmel: Vec::with_capacity(frames * sensors),
             logmel_std: Vec::with_capacity(frames * sensors),
         },
@@ -102,6 +103,7 @@ impl Simulation {
         predictions.class.push(output.class as u8);
         predictions.logits.push(output.logits_q10);
         predictions.slip.push(output.slip.into());
+        predictions.alarm.push(output.alarm.into());
         for sensor in 0..output.sensors {
             predictions.logmel.push(logmel_g2(&output.log_mel[sensor], xl_lsb_g));
             predictions.logmel_std.push(logmel_std(&output.log_mel[sensor]));

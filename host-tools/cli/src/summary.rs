@@ -6,6 +6,8 @@ use std::path::Path;
 
 use serde::Serialize;
 use slipsense::net::Model;
+use slipsense::net::format::OperatingPoint;
+use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_episode::Episode;
 use slipsense_episode::score::{ClassScores, Detection, score_events};
@@ -60,8 +62,21 @@ pub struct ModelFacts {
     pub name: String,
     /// The hash that ends the model file (SHA-256 of what stands before it): the model's identity.
     pub hash: String,
+    /// When the alarm sounds.
+    pub operating_point: PointFacts,
     /// How it was made, as the file says.
     pub provenance: serde_json::Value,
+}
+
+/// The model's operating point: the alarm is up while `k` of the last `n` frames are over the threshold.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct PointFacts {
+    /// Lead of the slip logit that is not enough yet, nat.
+    pub threshold_nat: f64,
+    /// Frames that must be over.
+    pub k: u8,
+    /// Frames looked back over, the current one included.
+    pub n: u8,
 }
 
 /// What came out of the pipeline.
@@ -71,6 +86,8 @@ pub struct OutputFacts {
     pub class_frames: [u64; 3],
     /// Maximal runs of frames with the slip flag up.
     pub flag_runs: Vec<FrameRun>,
+    /// Maximal runs of frames with the alarm up.
+    pub alarm_runs: Vec<FrameRun>,
     /// Frames in which a health bit of any sensor was set, by bit.
     pub health_frames: Vec<HealthCount>,
     /// CAN frames in `can.log`.
@@ -109,6 +126,8 @@ pub struct TruthFacts {
     /// Alarms that belong to no event: runs of flags more than 50 ms away from any, merged when less
     /// than 200 ms apart.
     pub false_alarms: Vec<FrameRun>,
+    /// The same of the alarm at the model's operating point.
+    pub alarm: AlarmFacts,
     /// `confusion[truth][decided]`, frames.
     pub confusion: [[u64; 3]; 3],
     /// Share of frames decided right.
@@ -119,6 +138,15 @@ pub struct TruthFacts {
     pub fpr_of_non_slip: Option<f64>,
     /// False positives as a share of all frames.
     pub fpr_of_all: Option<f64>,
+}
+
+/// Events and false alarms by the alarm, as [`TruthFacts`] has them by the slip flag.
+#[derive(Clone, Debug, Serialize)]
+pub struct AlarmFacts {
+    /// Slip events.
+    pub events: Vec<EventFacts>,
+    /// Alarms that belong to no event.
+    pub false_alarms: Vec<FrameRun>,
 }
 
 /// One slip event and its detection.
@@ -223,7 +251,10 @@ impl ModelFacts {
         // The format does not demand JSON, so other text is passed on as text.
         let provenance =
             serde_json::from_str(model.provenance).unwrap_or_else(|_| model.provenance.to_owned().into());
-        Self { name: name.to_owned(), hash, provenance }
+        let OperatingPoint { threshold_q10, k, n } = model.point;
+        let threshold_nat = f64::from(threshold_q10) / f64::from(1 << LOGIT_FRAC_BITS);
+        let operating_point = PointFacts { threshold_nat, k, n };
+        Self { name: name.to_owned(), hash, operating_point, provenance }
     }
 }
 
@@ -247,6 +278,7 @@ impl OutputFacts {
         Self {
             class_frames: count_classes(&predictions.class),
             flag_runs: flag_runs(&predictions.slip),
+            alarm_runs: flag_runs(&predictions.alarm),
             health_frames: counts.into_iter().filter(|count| count.frames > 0).collect(),
             can_frames: simulation.can_frames,
         }
@@ -256,28 +288,14 @@ impl OutputFacts {
 impl TruthFacts {
     fn new(label: &[u8], simulation: &Simulation) -> Self {
         let predictions = &simulation.predictions;
-        let scores = score_events(label, &predictions.slip);
+        let (events, false_alarms) = scored(label, &predictions.slip);
+        let (alarm_events, alarm_false_alarms) = scored(label, &predictions.alarm);
         let classes = ClassScores::new(label, &predictions.class);
-        let events = scores.events.iter().map(|event| {
-            let (outcome, delay_frames) = match event.detection {
-                Detection::Hit { delay } => (Outcome::Hit, Some(delay as i64)),
-                Detection::Early { lead } => (Outcome::Early, Some(-(lead as i64))),
-                Detection::Missed => (Outcome::Missed, None),
-            };
-            EventFacts {
-                onset_frame: event.onset,
-                end_frame: event.end,
-                onset_s: seconds(event.onset),
-                end_s: seconds(event.end),
-                outcome,
-                delay_frames,
-                delay_ms: delay_frames.map(milliseconds),
-            }
-        });
         Self {
             class_frames: count_classes(label),
-            events: events.collect(),
-            false_alarms: scores.false_alarms.iter().map(|alarm| run(alarm.start, alarm.end)).collect(),
+            events,
+            false_alarms,
+            alarm: AlarmFacts { events: alarm_events, false_alarms: alarm_false_alarms },
             confusion: classes.confusion,
             accuracy: classes.accuracy(),
             macro_f1: classes.macro_f1(),
@@ -285,6 +303,28 @@ impl TruthFacts {
             fpr_of_all: classes.fpr_of_all(),
         }
     }
+}
+
+/// Events and false alarms of a flag.
+fn scored(label: &[u8], flag: &[u8]) -> (Vec<EventFacts>, Vec<FrameRun>) {
+    let scores = score_events(label, flag);
+    let events = scores.events.iter().map(|event| {
+        let (outcome, delay_frames) = match event.detection {
+            Detection::Hit { delay } => (Outcome::Hit, Some(delay as i64)),
+            Detection::Early { lead } => (Outcome::Early, Some(-(lead as i64))),
+            Detection::Missed => (Outcome::Missed, None),
+        };
+        EventFacts {
+            onset_frame: event.onset,
+            end_frame: event.end,
+            onset_s: seconds(event.onset),
+            end_s: seconds(event.end),
+            outcome,
+            delay_frames,
+            delay_ms: delay_frames.map(milliseconds),
+        }
+    });
+    (events.collect(), scores.false_alarms.iter().map(|alarm| run(alarm.start, alarm.end)).collect())
 }
 
 fn count_classes(classes: &[u8]) -> [u64; 3] {
@@ -301,6 +341,22 @@ fn flag_runs(slip: &[u8]) -> Vec<FrameRun> {
         start += same.len();
     }
     runs
+}
+
+impl Summary {
+    /// One line: the operating point, and what its alarm made of the episode.
+    pub fn alarm_words(&self) -> String {
+        let PointFacts { threshold_nat, k, n } = self.model.operating_point;
+        let point = format!("{k} of {n} frame{} over {threshold_nat:.3} nat", plural(n.into()));
+        let Some(TruthFacts { alarm: AlarmFacts { events, false_alarms }, .. }) = &self.truth else {
+            let raised = self.output.alarm_runs.len();
+            return format!("{point}: raised {raised} time{}", plural(raised as i64));
+        };
+        let found = events.iter().filter(|event| event.outcome != Outcome::Missed).count();
+        let (slips, alarms) = (events.len(), false_alarms.len());
+        let s = [slips, alarms].map(|count| plural(count as i64));
+        format!("{point}: {found} of {slips} slip{} found, {alarms} false alarm{}", s[0], s[1])
+    }
 }
 
 impl EventFacts {

@@ -45,6 +45,7 @@ impl fmt::Display for Summary {
                 }
             }
         }
+        writeln!(f, "  alarm         {}", self.alarm_words())?;
         for count in &self.output.health_frames {
             writeln!(f, "  health        {} in {} frames", count.what, count.frames)?;
         }

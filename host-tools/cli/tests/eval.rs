@@ -101,6 +101,58 @@ fn what_a_user_can_get_wrong() {
 }
 
 #[test]
+fn a_split_of_any_length_and_what_caused_its_alarms() {
+    let place = place();
+    let (input, out) = (place.path("episodes"), place.path("out"));
+    let more = ["noslip", "--frames", "noslip=20000", "--detector", "majority", "--detector", "always-slip"];
+    let text = succeeds(eval(&input, &out, &more));
+    for words in ["false alarms without slip (noslip, synthetic data)", "cause", "tap", "other inputs"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    let metrics: Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
+    let noslip = &metrics["inputs"][1];
+    assert_eq!((&noslip["episodes"], &noslip["frames"]), (&2.into(), &28_800.into()), "two minutes");
+    let all = |detector: usize| {
+        let alarms = &metrics["detectors"][detector]["inputs"][1]["figures"]["alarms"];
+        let sum: u64 = alarms["by_disturbance"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|class| class["alarms"].as_u64().unwrap())
+            .sum();
+        assert_eq!(alarms["all"]["alarms"], sum);
+        sum
+    };
+    assert!(all(0) == 0 && all(1) > 1);
+    // What is missed stands beside the alarms: all three slips by one, none by the other.
+    let row = |detector: &str| -> Vec<String> {
+        let of = |line: &&str| line.trim_start().starts_with(detector) && line.contains(" all ");
+        text.lines().find(of).unwrap().split_whitespace().map(str::to_owned).collect()
+    };
+    assert_eq!(row("majority").last().unwrap(), "100.00");
+    assert_eq!(row("always-slip").last().unwrap(), "0.00");
+}
+
+#[test]
+fn frames_are_for_splits() {
+    let place = place();
+    let (input, out) = (place.path("episodes"), place.path("out"));
+    let majority = ["--detector", "majority"];
+    let error = |input: &Path, more: &[&str]| fails(eval(input, &out, &[more, &majority].concat()));
+    let refused = error(&input, &["--frames", "9000"]);
+    assert!(refused.starts_with("--frames: ") && refused.contains("episodes is a folder"), "{refused}");
+    let refused = error(&input, &["--frames", "noslip=9000"]);
+    assert_eq!(refused, "--frames: noslip is not among the inputs");
+    let twice = ["noslip", "--frames", "noslip=9000", "--frames", "noslip=1"];
+    assert_eq!(error(&input, &twice), "--frames: given twice for noslip");
+    let data = place.path("").display().to_string();
+    fs::rename(&input, place.path("noslip")).unwrap();
+    let refused = error(Path::new("noslip"), &["--data", &data, "--frames", "9000"]);
+    assert!(refused.contains("noslip is a folder"), "{refused}");
+    assert_eq!(place.names(), ["noslip"]);
+}
+
+#[test]
 fn a_bad_episode_is_named_and_leaves_nothing() {
     let place = place();
     let mut arrays = Arrays::valid();

@@ -45,13 +45,15 @@ fn check_summary(summary: &Value, predictions: &Predictions, episode: &Episode) 
     assert_eq!(summary["episode"]["frames"], episode.frames());
     assert_eq!(summary["episode"]["sensors"], episode.sensors);
     assert_eq!(summary["output"]["class_frames"], Value::from(count(&predictions.class)));
-    let flagged: u64 = summary["output"]["flag_runs"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|run| run["end_frame"].as_u64().unwrap() - run["start_frame"].as_u64().unwrap())
-        .sum();
-    assert_eq!(flagged, predictions.slip.iter().map(|&s| u64::from(s)).sum::<u64>());
+    for (runs, flag) in [("flag_runs", &predictions.slip), ("alarm_runs", &predictions.alarm)] {
+        let flagged: u64 = summary["output"][runs]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|run| run["end_frame"].as_u64().unwrap() - run["start_frame"].as_u64().unwrap())
+            .sum();
+        assert_eq!(flagged, flag.iter().map(|&s| u64::from(s)).sum::<u64>(), "{runs}");
+    }
     let Some(label) = &episode.label else {
         assert!(summary["truth"].is_null());
         return;
@@ -94,6 +96,7 @@ fn check_log(path: &Path, predictions: &Predictions, episode: &Episode, summary:
         assert_eq!(messages.len(), 1 + episode.sensors);
         let Received::Slip(slip) = &messages[0] else { panic!("frame {frame}: slip message first") };
         assert_eq!((slip.class, slip.slip), (predictions.class[frame], predictions.slip[frame] != 0));
+        assert_eq!(slip.alarm, predictions.alarm[frame] != 0);
         assert_eq!(slip.logits_q10, predictions.logits[frame]);
         for (sensor, message) in messages[1..].iter().enumerate() {
             let Received::Raw(raw) = message else { panic!("frame {frame}: raw frame") };
@@ -123,7 +126,9 @@ fn run_with_labels_writes_everything() {
     let (predictions, summary) = check(&out, &episode);
     assert_eq!(summary["truth"]["events"].as_array().unwrap().len(), 1);
     assert_eq!(summary["episode"]["synthetic"], false);
-    for words in ["event", "false alarms", "frames/s on one core", "report.html", "can.log"] {
+    for words in
+        ["event", "false alarms", "1 of 1 frame over 0.000 nat", "frames/s on one core", "report.html"]
+    {
         assert!(table.contains(words), "{words}: {table}");
     }
 

@@ -13,6 +13,7 @@ use std::path::Path;
 /// | `class` | uint8 \[F\] |
 /// | `logits` | int32 \[F, 3\] |
 /// | `slip` | uint8 \[F\] |
+/// | `alarm` | uint8 \[F\] |
 /// | `logmel` | float32 \[F, S, 16\] |
 /// | `logmel_std` | float32 \[F, S, 16\] |
 #[derive(Clone, Debug, PartialEq)]
@@ -23,8 +24,10 @@ pub struct Predictions {
     pub class: Vec<u8>,
     /// Logits per frame, Q10.
     pub logits: Vec<[i32; CLASSES]>,
-    /// The slip flag as sent, 0 or 1, per frame.
+    /// Whether the class is slip, as sent, 0 or 1, per frame.
     pub slip: Vec<u8>,
+    /// The flag of the model's operating point, as sent, 0 or 1, per frame.
+    pub alarm: Vec<u8>,
     /// Natural log of the axis-summed mel power in g², `[frame * sensors + sensor]`, before
     /// standardisation.
     pub logmel: Vec<[f32; MEL_BINS]>,
@@ -54,6 +57,7 @@ impl Predictions {
             npz.array("class", &[frames], self.class.iter().copied())?;
             npz.array("logits", &[frames, CLASSES], self.logits.iter().flatten().copied())?;
             npz.array("slip", &[frames], self.slip.iter().copied())?;
+            npz.array("alarm", &[frames], self.alarm.iter().copied())?;
             npz.array("logmel", &mel, self.logmel.iter().flatten().copied())?;
             npz.array("logmel_std", &mel, self.logmel_std.iter().flatten().copied())
         })
@@ -71,6 +75,7 @@ impl Predictions {
         for (array, len, must) in [
             ("logits", self.logits.len(), frames),
             ("slip", self.slip.len(), frames),
+            ("alarm", self.alarm.len(), frames),
             ("logmel", self.logmel.len(), frames * sensors),
             ("logmel_std", self.logmel_std.len(), frames * sensors),
         ] {
@@ -79,7 +84,9 @@ impl Predictions {
                 return Err(Problem::array(array, rule));
             }
         }
-        for (array, values, max) in [("class", &self.class, CLASSES as u8 - 1), ("slip", &self.slip, 1)] {
+        for (array, values, max) in
+            [("class", &self.class, CLASSES as u8 - 1), ("slip", &self.slip, 1), ("alarm", &self.alarm, 1)]
+        {
             if let Some(f) = values.iter().position(|&v| v > max) {
                 return Err(Problem::element(array, &[f], values[f], format!("must be at most {max}")));
             }
@@ -110,6 +117,7 @@ fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Predictions, Probl
         class,
         logits: rows(read(&mut npz, "logits", &[frames, CLASSES])?),
         slip: read(&mut npz, "slip", &[frames])?,
+        alarm: read(&mut npz, "alarm", &[frames])?,
         logmel,
         logmel_std: rows(read(&mut npz, "logmel_std", &[frames, sensors, MEL_BINS])?),
     };

@@ -96,6 +96,7 @@ fn predictions() -> Predictions {
         class: vec![0, 2],
         logits: vec![[1, -2, i32::MAX], [i32::MIN, 0, 7]],
         slip: vec![0, 1],
+        alarm: vec![1, 0],
         logmel: (0..6).map(row).collect(),
         logmel_std: (6..12).map(row).collect(),
     }
@@ -109,10 +110,11 @@ fn predictions_and_their_rules() {
     assert_eq!(Predictions::read(&path).unwrap(), predictions());
 
     type Edit = fn(&mut Predictions);
-    let edits: [(Edit, &str); 8] = [
+    let edits: [(Edit, &str); 9] = [
         (|p| p.sensors = 4, "array `logmel`: holds 4 sensors, must be 1 to 3"),
         (|p| p.class[1] = 3, "`class`[1] is 3: must be at most 2"),
         (|p| p.slip[0] = 2, "`slip`[0] is 2: must be at most 1"),
+        (|p| p.alarm[1] = 3, "`alarm`[1] is 3: must be at most 1"),
         (|p| p.logmel[4][5] = f32::NAN, "`logmel`[1, 1, 5] is NaN: must be finite"),
         (|p| p.logmel_std[0][15] = f32::INFINITY, "`logmel_std`[0, 0, 15] is inf: must be finite"),
         (|p| p.logits.truncate(1), "array `logits`: holds 1 rows, must be 2 for 2 frames"),

@@ -1,8 +1,11 @@
-//! The writing half of [`slipsense::net::format`], for the exporter and for tests, and what a file costs to
-//! run ([`cost`]).
+//! The writing half of [`slipsense::net::format`], for the exporter, for what changes a file and for tests, and
+//! what a file costs to run ([`cost`]).
 
 use sha2::{Digest, Sha256};
-use slipsense::net::format::{Dims, FORMAT_VERSION, HEADER_BYTES, Kind, MAGIC, TENSORS, TensorSpec, layout};
+use slipsense::net::format::{
+    Dims, FORMAT_VERSION, HEADER_BYTES, Kind, MAGIC, OperatingPoint, TENSORS, TensorSpec, layout,
+};
+use slipsense::net::{Model, ModelError};
 
 pub mod cost;
 mod random;
@@ -12,11 +15,14 @@ pub use random::random_model;
 /// Key, in a model's provenance, of the real value of one unit of every activation.
 pub const SCALES_KEY: &str = "scales";
 
-/// A model file in the making: dimensions, provenance and every tensor as plain integers.
-#[derive(Clone, Debug)]
+/// A model file in the making: dimensions, operating point, provenance and every tensor as plain integers.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelFile {
     dims: Dims,
-    provenance: String,
+    /// When the alarm sounds; [`OperatingPoint::ARGMAX`] if not set.
+    pub point: OperatingPoint,
+    /// How the model was made: JSON text.
+    pub provenance: String,
     tensors: Vec<Vec<i32>>,
 }
 
@@ -24,7 +30,21 @@ impl ModelFile {
     /// All tensors zero; `provenance` is JSON text.
     pub fn new(dims: Dims, provenance: impl Into<String>) -> Self {
         let tensors = layout(&dims).iter().map(|spec| vec![0; spec.len()]).collect();
-        Self { dims, provenance: provenance.into(), tensors }
+        Self { dims, point: OperatingPoint::ARGMAX, provenance: provenance.into(), tensors }
+    }
+
+    /// Read a file that [`Model::parse`] accepts; [`to_bytes`](Self::to_bytes) gives the same bytes again.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, ModelError> {
+        let model = Model::parse(bytes)?;
+        let mut file = Self::new(model.dims, model.provenance);
+        file.point = model.point;
+        let mut rest = &bytes[HEADER_BYTES..];
+        for (spec, tensor) in layout(&model.dims).iter().zip(&mut file.tensors) {
+            let (padded, behind) = rest.split_at(spec.padded_bytes());
+            *tensor = read_tensor(spec, &padded[..spec.bytes()]);
+            rest = behind;
+        }
+        Ok(file)
     }
 
     /// Sizes of the network.
@@ -60,7 +80,7 @@ impl ModelFile {
     }
 
     /// The file's bytes. Fails, naming the tensor, where a number does not fit its storage or a tensor
-    /// has the wrong length; bounds are for [`slipsense::net::Model::parse`] to prove.
+    /// has the wrong length; bounds and the operating point are for [`Model::parse`] to check.
     pub fn to_bytes(&self) -> Result<Vec<u8>, String> {
         let mut out = Vec::new();
         out.extend(MAGIC);
@@ -69,6 +89,9 @@ impl ModelFile {
         for field in self.dims.to_fields() {
             out.extend((field as u16).to_le_bytes());
         }
+        out.extend(self.point.threshold_q10.to_le_bytes());
+        out.extend([self.point.k, self.point.n]);
+        pad(&mut out);
         for (spec, tensor) in self.specs().iter().zip(&self.tensors) {
             write_tensor(spec, tensor, &mut out)?;
         }
@@ -101,6 +124,16 @@ fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<
     }
     pad(out);
     Ok(())
+}
+
+fn read_tensor(spec: &TensorSpec, bytes: &[u8]) -> Vec<i32> {
+    let number = |bytes: &[u8]| match *bytes {
+        [a] => i32::from(a as i8),
+        [a, b] => i32::from(i16::from_le_bytes([a, b])),
+        [a, b, c, d] => i32::from_le_bytes([a, b, c, d]),
+        _ => unreachable!("a number has 1, 2 or 4 bytes"),
+    };
+    bytes.chunks_exact(spec.kind.bytes()).map(number).collect()
 }
 
 fn pad(out: &mut Vec<u8>) {

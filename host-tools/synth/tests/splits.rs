@@ -4,7 +4,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use slipsense_synth::mix::PROTOCOL;
-use slipsense_synth::splits::{EpisodeSet, PAPER_FRAMES, content_hash, paper_set, recipes, set_hash};
+use slipsense_synth::splits::{
+    EpisodeSet, PAPER_FRAMES, content_hash, paper_set, recipes, set_hash, tuning_disturbances,
+};
 use slipsense_synth::{
     ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, Split, generate, objects,
     plan_frames,
@@ -47,6 +49,24 @@ fn small_sets_have_the_mix_too() {
             assert!((count - must).abs() < 1.0, "{scenario:?} of {length}: {count}, {must}");
         }
     }
+}
+
+/// What operating points are chosen on shares neither objects nor seeds with what they are tested on.
+#[test]
+fn tuning_sees_nothing_of_a_test() {
+    let tuning: Vec<Recipe> = tuning_disturbances(80).into_iter().map(|(_, recipe)| recipe).collect();
+    let val: BTreeSet<&str> =
+        objects::of_group(objects::Group::Val).map(|object| object.name.as_str()).collect();
+    assert_eq!(objects_of(&tuning), val);
+    assert!(tuning.iter().all(|recipe| recipe.scenario == ScenarioChoice::Disturbances));
+    let seeds: BTreeSet<u64> = tuning.iter().map(|recipe| recipe.seed).collect();
+    assert_eq!(seeds.len(), tuning.len());
+    for split in Split::ALL {
+        let tested = first(split, 0, 80);
+        assert!(tested.iter().all(|recipe| !seeds.contains(&recipe.seed)), "{split}");
+    }
+    assert_eq!(tuning_disturbances(3), tuning_disturbances(80)[..3]);
+    assert_eq!(plan_frames(&tuning[0]).unwrap(), 60 * 240);
 }
 
 #[test]

@@ -26,8 +26,10 @@ pub struct Record {
     pub logits_q10: [i32; CLASSES],
     /// The decision.
     pub class: u8,
-    /// The flag.
+    /// The flag of the class.
     pub slip: bool,
+    /// The flag of the operating point.
+    pub alarm: bool,
     /// Health bits per sensor.
     pub health: [u8; MAX_SENSORS],
     /// What went onto the bus, in order.
@@ -44,6 +46,7 @@ impl Record {
             logits_q10: output.logits_q10,
             class: output.class as u8,
             slip: output.slip,
+            alarm: output.alarm,
             health: output.health.map(|health| health.0),
             can: Vec::new(),
         }
@@ -58,7 +61,7 @@ impl Record {
             log_mel.standardised.iter().for_each(|x| put(&x.to_le_bytes()));
         }
         self.logits_q10.iter().for_each(|x| put(&x.to_le_bytes()));
-        put(&[self.class, u8::from(self.slip)]);
+        put(&[self.class, u8::from(self.slip), u8::from(self.alarm)]);
         put(&self.health);
         put(&(self.can.len() as u16).to_le_bytes());
         for frame in &self.can {
@@ -85,6 +88,7 @@ impl Record {
         }
         record.class = reader.u8()?;
         record.slip = reader.u8()? != 0;
+        record.alarm = reader.u8()? != 0;
         record.health = reader.array()?;
         for _ in 0..reader.u16()? {
             let (id, length) = (reader.u32()?, reader.u8()?);

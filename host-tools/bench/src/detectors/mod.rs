@@ -21,6 +21,7 @@ mod majority;
 pub mod mel;
 mod mfcc_qda;
 mod network;
+mod network_alarm;
 mod oracle;
 pub mod qda;
 mod rig_only;
@@ -35,6 +36,7 @@ pub use entropy::entropy_nat;
 pub(crate) use flux_cusum::FluxCusumScore;
 pub(crate) use logistic::{FEATURES as LOGISTIC_FEATURES, LogisticFeatures};
 pub(crate) use mfcc_qda::{Mfccs, Ratio as MfccRatio};
+pub use network::PipelineStream;
 pub(crate) use rig_only::{
     FEATURES as RIG_FEATURES, RigFeatures, TERMS as RIG_TERMS, rig_only_episode, terms as rig_terms,
 };
@@ -82,6 +84,8 @@ impl Verdict {
 pub const NETWORK: &str = "network";
 /// Name of the float network that it is made from and compared with.
 pub const FLOAT: &str = "float";
+/// The detector that is the firmware's alarm.
+pub const NETWORK_ALARM: &str = "network-alarm";
 
 /// Score of a frame that cannot be slip whatever the threshold.
 pub const NEVER: f32 = f32::MIN;

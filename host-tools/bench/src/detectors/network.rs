@@ -1,51 +1,40 @@
-//! `network`: the firmware's pipeline, bit for bit.
+//! `network`: the firmware's pipeline, bit for bit, by its classes.
 
 use anyhow::{Context, Result};
 use slipsense::net::Model;
-use slipsense::params::{CLASSES, MAX_SENSORS};
-use slipsense::pipeline::Pipeline;
+use slipsense::params::MAX_SENSORS;
+use slipsense::pipeline::{Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense_episode::Episode;
 
-use super::{Detector, NETWORK, NEVER, Verdict, touched};
+use super::{Detector, NETWORK, NEVER, Verdict};
 
 /// Units of a logit per nat.
 const LOGIT_ONE: f64 = (1u32 << slipsense::net::network::LOGIT_FRAC_BITS) as f64;
 
-pub(super) struct Network<'m> {
+/// The pipeline as a module runs it that is never switched off: its state goes on from episode to episode.
+/// Another number of sensors starts anew, which a module in use cannot do.
+pub struct PipelineStream<'m> {
     model: Model<'m>,
     pipeline: Option<Box<Pipeline<'m>>>,
 }
 
-impl<'m> Network<'m> {
-    pub(super) fn new(model: &'m [u8]) -> Result<Self> {
-        Ok(Self { model: Model::parse(model).context("model")?, pipeline: None })
-    }
-}
-
-/// The pipeline's rule as a score: on a touched pad, slip is where its logit is above the other's; an
-/// untouched pad does not slip. Nat, threshold 0. A difference below 2^14 nat is exact in `f32`, and a
-/// larger one keeps its sign.
-fn score(touched: bool, [_, no_slip, slip]: [i32; CLASSES]) -> f32 {
-    match touched {
-        true => ((f64::from(slip) - f64::from(no_slip)) / LOGIT_ONE) as f32,
-        false => NEVER,
-    }
-}
-
-impl Detector for Network<'_> {
-    fn name(&self) -> &'static str {
-        NETWORK
+impl<'m> PipelineStream<'m> {
+    /// Before the first frame.
+    pub const fn new(model: Model<'m>) -> Self {
+        Self { model, pipeline: None }
     }
 
-    fn judge(&mut self, episode: &Episode) -> Result<Verdict> {
+    /// Run the frames of the next episode; `each` gets the output of every frame in order. Is the state
+    /// that of the frames before, and not a new one?
+    pub fn run(&mut self, episode: &Episode, mut each: impl FnMut(&Output)) -> Result<bool> {
         let sensors = episode.sensors;
         let kept = self.pipeline.take().filter(|pipeline| pipeline.sensors() == sensors);
+        let goes_on = kept.is_some();
         let pipeline = match kept {
             Some(pipeline) => self.pipeline.insert(pipeline),
             None => self.pipeline.insert(Box::new(Pipeline::new(self.model, sensors)?)),
         };
-        let mut verdict = Verdict::default();
         for frame in 0..episode.frames() {
             let inputs: [SensorInput<'_>; MAX_SENSORS] = std::array::from_fn(|s| match s < sensors {
                 true => {
@@ -53,17 +42,50 @@ impl Detector for Network<'_> {
                 }
                 false => SensorInput::default(),
             });
-            let output = pipeline.step(&inputs[..sensors]);
-            let touched = touched(episode, frame);
-            verdict.class.push(output.class as u8);
-            verdict.score.push(score(touched, output.logits_q10));
-            verdict.fallback.push(touched.into());
+            each(&pipeline.step(&inputs[..sensors]));
         }
+        Ok(goes_on)
+    }
+
+    /// Forget everything.
+    pub fn reset(&mut self) {
+        self.pipeline = None;
+    }
+}
+
+pub(super) struct Network<'m>(PipelineStream<'m>);
+
+impl<'m> Network<'m> {
+    pub(super) fn new(model: &'m [u8]) -> Result<Self> {
+        Ok(Self(PipelineStream::new(Model::parse(model).context("model")?)))
+    }
+}
+
+/// A margin in nat; an untouched pad does not slip. A difference below 2^14 nat is exact in `f32`, and a
+/// larger one keeps its sign.
+pub(super) fn score(margin_q10: Option<i32>) -> f32 {
+    margin_q10.map_or(NEVER, |margin| (f64::from(margin) / LOGIT_ONE) as f32)
+}
+
+impl Detector for Network<'_> {
+    fn name(&self) -> &'static str {
+        NETWORK
+    }
+
+    /// The pipeline's rule as a score: on a touched pad, slip is where its logit is above the other's.
+    /// Nat, threshold 0.
+    fn judge(&mut self, episode: &Episode) -> Result<Verdict> {
+        let mut verdict = Verdict::default();
+        self.0.run(episode, |output| {
+            verdict.class.push(output.class as u8);
+            verdict.score.push(score(output.margin_q10));
+            verdict.fallback.push(output.margin_q10.is_some().into());
+        })?;
         Ok(verdict)
     }
 
     fn reset(&mut self) {
-        self.pipeline = None;
+        self.0.reset();
     }
 }
 
@@ -72,12 +94,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_score_keeps_the_sign_of_the_smallest_and_the_largest_difference() {
-        assert_eq!(score(true, [9, 100, 101]), 1.0 / 1024.0);
-        assert_eq!(score(true, [9, 101, 101]), 0.0);
-        assert!(score(true, [0, i32::MIN, i32::MAX]).is_finite());
-        assert!(score(true, [0, i32::MIN, i32::MIN + 1]) > 0.0);
-        assert!(score(true, [0, i32::MAX, i32::MAX - 1]) < 0.0);
-        assert_eq!(score(false, [0, 0, 9999]), NEVER);
+    fn the_score_keeps_the_sign_of_the_smallest_and_the_largest_margin() {
+        assert_eq!(score(Some(1)), 1.0 / 1024.0);
+        assert_eq!(score(Some(0)), 0.0);
+        assert!(score(Some(i32::MIN)).is_finite() && score(Some(i32::MIN)) > NEVER);
+        assert!(score(Some(i32::MAX)) > 0.0);
+        assert_eq!(score(None), NEVER);
     }
 }

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
-use slipsense_bench::detectors::{FLOAT, NETWORK, Setup, by_name};
+use slipsense_bench::detectors::{FLOAT, NETWORK, NETWORK_ALARM, Setup, by_name};
 use slipsense_bench::fit::Fitted;
 use slipsense_bench::report;
 use slipsense_bench::results::Results;
 use slipsense_bench::run::{Entrant, run};
 
-use super::inputs::inputs;
+use super::inputs::{Frames, inputs};
 use crate::bundled;
 use crate::output_dir::OutputDir;
 
@@ -19,12 +19,13 @@ use crate::output_dir::OutputDir;
 ///
 /// Runs every detector over every episode and scores it: latency per event against both truths, false
 /// alarms per hour by what caused them, frame metrics, what a threshold trades, with intervals. An input
-/// called `val` is not tested on; it fixes the operating point.
+/// called `val` is not tested on; it fixes the operating point of the report. An input without slip, as
+/// `noslip` is, has its false alarms per hour shown by what caused them.
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Detectors:
-  network  float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass  logistic
-   majority  always-slip  clock  rig-only  oracle  oracle-label
+  network  network-alarm  float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
+  logistic  majority  always-slip  clock  rig-only  oracle  oracle-label
 
 Files written to the output folder:
   metrics.json  every number; units are in the keys
@@ -45,6 +46,7 @@ Examples:
   slipsense eval umi_id umi_ood free --detector network --detector entropy --out out/directions
   slipsense eval umi_ood --model m.slipnet --detector network --detector float \\
       --weights weights.safetensors --out out/eval
+  slipsense eval umi_id umi_ood noslip --frames noslip=8640000 --detector network-alarm --out out/eval
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
     /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
@@ -59,6 +61,10 @@ pub struct Args {
     /// Folder in which splits are looked for first, one folder each, as `synth --all` makes them
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// Generate at least N frames (240 a second) of the splits among the inputs, or of SPLIT, in place of
+    /// their frozen sets, which are their beginning; may be given several times
+    #[arg(long, value_name = "[SPLIT=]N", value_parser = Frames::parse)]
+    frames: Vec<Frames>,
     /// Model of the network, the bundled one if not given; several are seeds, whose spread is reported
     #[arg(long, value_name = "FILE")]
     model: Vec<PathBuf>,
@@ -89,7 +95,7 @@ impl Args {
         };
         let seeds = self.seeds()?;
         let entrants = self.entrants(&fitted, &seeds)?;
-        let inputs = inputs(&self.inputs, self.data.as_deref())?;
+        let inputs = inputs(&self.inputs, self.data.as_deref(), &self.frames)?;
         let out = OutputDir::prepare(&self.out)?;
 
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
@@ -140,7 +146,8 @@ impl Args {
             if self.detector[..i].contains(family) {
                 continue;
             }
-            let seeds = if family == NETWORK || family == FLOAT { seeds } else { &seeds[..1] };
+            let of_seed = [NETWORK, NETWORK_ALARM, FLOAT].contains(&family.as_str());
+            let seeds = if of_seed { seeds } else { &seeds[..1] };
             for seed in seeds {
                 let setup = Setup { fitted, model: &seed.model, float_weights: seed.weights.as_deref() };
                 let make = move || by_name(family, &setup);

@@ -63,7 +63,7 @@ impl Args {
         // What is wrong with the model shows before any work is done.
         let shown = self.model.as_ref().map_or("bundled model".to_owned(), |path| path.display().to_string());
         make().context(shown)?;
-        let mut inputs = inputs(&self.inputs, self.data.as_deref())?;
+        let mut inputs = inputs(&self.inputs, self.data.as_deref(), &[])?;
         for input in &mut inputs {
             input.thin_out(self.episodes as usize);
         }

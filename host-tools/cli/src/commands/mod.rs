@@ -11,6 +11,7 @@ pub mod eval_rotation;
 pub mod synth;
 pub mod train;
 pub mod model;
+pub mod tune;
 
 use std::io::{IsTerminal, Write};
 

@@ -18,15 +18,16 @@ use crate::{bundled, picture, report};
 ///
 /// Runs the firmware's signal path over every frame of an episode and writes what came out. Where the
 /// episode has labels, each slip event is matched with the first flag between 50 ms before its onset
-/// and its end; without labels there are no delays.
+/// and its end; without labels there are no delays. The alarm is the flag at the model's operating point
+/// (see `slipsense tune`), the slip flag what its classes say frame by frame.
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Files written to the output folder:
   timeline.svg     pressure, log-mel, logits, slip flag and truth over time
   report.html      the same with a table and explanations, one file to share
   can.log          the CAN FD traffic as a candump log: slip message first, then the raw frames
-  predictions.npz  class, logits, slip, logmel, logmel_std per frame, for numpy.load
-  summary.json     events, delays, false alarms, scores, speed
+  predictions.npz  class, logits, slip, alarm, logmel, logmel_std per frame, for numpy.load
+  summary.json     events, delays, false alarms, the same of the alarm, scores, speed
 
 Examples:
   slipsense run grasp.npz --out out/grasp

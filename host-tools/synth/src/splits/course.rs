@@ -11,7 +11,7 @@ use crate::objects::{CATALOGUE, Group, Object};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice};
 
 /// Length of an episode of `noslip`, seconds.
-const NOSLIP_SECONDS: f64 = 60.0;
+pub(super) const NOSLIP_SECONDS: f64 = 60.0;
 
 /// Hands and sensors of `noslip`, in turn.
 const NOSLIP_HANDS: [(Platform, usize); 4] =
@@ -38,7 +38,8 @@ pub fn episode_seed(split: Split, seed: u64, index: usize) -> u64 {
     }
 }
 
-fn hashed(text: &str) -> u64 {
+/// The first 53 bits of a text's SHA-256.
+pub(super) fn hashed(text: &str) -> u64 {
     let digest = Sha256::digest(text.as_bytes());
     digest.iter().take(8).fold(0, |seed, &byte| seed << 8 | u64::from(byte)) >> 11
 }
@@ -75,13 +76,13 @@ fn pull_angle_deg(j: usize, deck: usize, decks: usize) -> f64 {
 }
 
 /// Objects and speeds in the order of one split and seed, for one sort of event.
-struct Deck {
+pub(super) struct Deck {
     objects: Vec<&'static Object>,
     speeds_mm_s: [f64; SPEEDS_MM_S.len()],
 }
 
 impl Deck {
-    fn shuffled(groups: &[Group], seed: u64) -> Self {
+    pub(super) fn shuffled(groups: &[Group], seed: u64) -> Self {
         let mut rng = stream(seed, Stream::Recipe, 0);
         let mut objects: Vec<_> = CATALOGUE.iter().filter(|o| groups.contains(&o.group)).collect();
         objects.shuffle(&mut rng);
@@ -90,7 +91,7 @@ impl Deck {
         Self { objects, speeds_mm_s }
     }
 
-    fn object(&self, j: usize) -> ObjectChoice {
+    pub(super) fn object(&self, j: usize) -> ObjectChoice {
         ObjectChoice::Named(self.objects[j % self.objects.len()].name.clone())
     }
 

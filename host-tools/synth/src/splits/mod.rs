@@ -9,12 +9,14 @@ mod frozen;
 mod hash;
 mod hashes;
 mod set;
+mod tuning;
 
 pub use course::episode_seed;
 pub use frozen::{FROZEN_SEED, FrozenEpisode, FrozenSet};
 pub use hash::{content_hash, recipe_of, set_hash};
 pub use hashes::{EpisodeHash, SetHashes};
 pub use set::{EpisodeSet, FORMAT, PlannedEpisode, SetError, paper_set, recipes};
+pub use tuning::tuning_disturbances;
 
 use std::fmt;
 use std::str::FromStr;

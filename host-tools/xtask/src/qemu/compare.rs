@@ -15,6 +15,7 @@ pub struct Counts {
     pub logits: usize,
     pub class: usize,
     pub slip: usize,
+    pub alarm: usize,
     pub health: usize,
     pub can: usize,
     /// Any of the above, or another number of frames.
@@ -59,6 +60,7 @@ impl Comparison {
         let logits = self.values(frame, "logit", &host.logits_q10, &emulated.logits_q10);
         let class = self.values(frame, "class", &[host.class], &[emulated.class]);
         let slip = self.values(frame, "slip flag", &[host.slip], &[emulated.slip]);
+        let alarm = self.values(frame, "alarm", &[host.alarm], &[emulated.alarm]);
         let health = self.values(frame, "health", &host.health, &emulated.health);
         let can = self.values(frame, "CAN frame", &host.can, &emulated.can);
         let sequence = self.values(frame, "sequence", &[host.sequence], &[emulated.sequence]);
@@ -70,6 +72,7 @@ impl Comparison {
         counts.logits += usize::from(logits > 0);
         counts.class += usize::from(class > 0);
         counts.slip += usize::from(slip > 0);
+        counts.alarm += usize::from(alarm > 0);
         counts.health += usize::from(health > 0);
         counts.can += usize::from(can > 0);
         counts.frames += usize::from(sequence > 0 || *counts != before);
@@ -124,12 +127,13 @@ mod tests {
     fn every_part_is_compared() {
         type Change = fn(&mut Record);
         type Count = fn(&mut Counts) -> &mut usize;
-        let changes: [(Change, Count); 8] = [
+        let changes: [(Change, Count); 9] = [
             (|r| r.log_mel[2].ln_power[15] ^= 1, |c| &mut c.features),
             (|r| r.log_mel[0].standardised[0] ^= 1, |c| &mut c.features),
             (|r| r.logits_q10[2] += 1, |c| &mut c.logits),
             (|r| r.class = 2, |c| &mut c.class),
             (|r| r.slip = true, |c| &mut c.slip),
+            (|r| r.alarm = true, |c| &mut c.alarm),
             (|r| r.health[1] = 1, |c| &mut c.health),
             (|r| r.can[0] = CanFrame::new(5, &[1, 2, 4]).unwrap(), |c| &mut c.can),
             (|r| r.can.clear(), |c| &mut c.can),

@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::board::SensedPart;
-use slipsense::net::format::{Dims, HEAD_WIDTH_MAX};
+use slipsense::net::format::{ALARM_FRAMES_MAX, Dims, HEAD_WIDTH_MAX, OperatingPoint};
 use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXELS, XL_BATCH_MAX, limits};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::{PiezoFrame, XlSample};
@@ -35,7 +35,7 @@ pub fn frames(count: u32, sensors: usize, seed: u64) -> Frames {
     frames
 }
 
-/// A network of random shape and weights.
+/// A network of random shape, weights and operating point.
 pub fn model(seed: u64) -> Result<Vec<u8>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let heads = [1, 2, 4, limits::HEADS][rng.random_range(0..4)];
@@ -47,7 +47,12 @@ pub fn model(seed: u64) -> Result<Vec<u8>> {
         heads,
         window: rng.random_range(1..=limits::WINDOW),
     };
-    random_model(dims, seed).to_bytes().map_err(|error| anyhow!("random model {seed}: {error}"))
+    let mut file = random_model(dims, seed);
+    let n = rng.random_range(1..=ALARM_FRAMES_MAX);
+    // Near zero, so that the alarm changes.
+    let threshold_q10 = rng.random_range(-500..500);
+    file.point = OperatingPoint { threshold_q10, k: rng.random_range(1..=n), n };
+    file.to_bytes().map_err(|error| anyhow!("random model {seed}: {error}"))
 }
 
 #[derive(Clone, Copy)]

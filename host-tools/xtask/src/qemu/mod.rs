@@ -28,7 +28,7 @@ use report::Report;
 #[command(after_help = "\
 Builds the program of tests/qemu for the Cortex-M7, starts it in QEMU (machine mps2-an500), feeds it \
 every frame through a file and compares what comes back with what the same library computes here: \
-log-mel features, logits, class, slip flag, health and every byte of every CAN frame.
+log-mel features, logits, class, slip flag, alarm, health and every byte of every CAN frame.
 
 Exit code: 0 all equal, 1 something differs, 2 it could not be run.
 

@@ -81,13 +81,14 @@ impl fmt::Display for Report {
         )?;
         writeln!(
             f,
-            "{:>7} {:>7} {:>8} {:>7} {:>6} {:>5} {:>5} {:>6} {:>4} {:>9} {:>9}  input",
+            "{:>7} {:>7} {:>8} {:>7} {:>6} {:>5} {:>5} {:>6} {:>6} {:>4} {:>9} {:>9}  input",
             "frames",
             "sensors",
             "features",
             "logits",
             "class",
             "slip",
+            "alarm",
             "health",
             "CAN",
             "any",
@@ -98,13 +99,14 @@ impl fmt::Display for Report {
             let m = &row.mismatches;
             writeln!(
                 f,
-                "{:>7} {:>7} {:>8} {:>7} {:>6} {:>5} {:>6} {:>6} {:>4} {:>9} {:>9}  {}",
+                "{:>7} {:>7} {:>8} {:>7} {:>6} {:>5} {:>5} {:>6} {:>6} {:>4} {:>9} {:>9}  {}",
                 row.frames,
                 row.sensors,
                 m.features,
                 m.logits,
                 m.class,
                 m.slip,
+                m.alarm,
                 m.health,
                 m.can,
                 m.frames,

@@ -93,11 +93,15 @@ pub const STEPS: &[Step] = &[
 fn clippy() -> Result<()> {
     let clippy = |packages: &[&str]| run(cargo().arg("clippy").args(packages).args(["--", "-D", "warnings"]));
     clippy(&["--workspace", "--all-targets"])?;
-    clippy(&["--package", "slipsense-cli", "--features", "train"])
+    clippy(&["--package", "slipsense-cli", "--features", "train", "--all-targets"])
 }
 
 fn host() -> Result<()> {
     run(cargo().args(["test", "--workspace", "--release", "--quiet"]))?;
+    // What of the command needs a tensor library is not in the workspace's build.
+    let mut with_trainer = cargo();
+    with_trainer.args(["test", "--release", "--quiet", "--package", "slipsense-cli", "--features", "train"]);
+    run(with_trainer.args(["--test", "model"]))?;
     let mut figures = cargo();
     figures.args(["test", "--release", "--quiet", "--package", "slipsense"]);
     run(figures.args(["--test", "features", "--test", "network", "--", "--nocapture"]))

@@ -59,6 +59,7 @@ enum Command {
     Fit(commands::fit::Args),
     Train(commands::train::TrainArgs),
     Quantize(commands::train::QuantizeArgs),
+    CompareNetworks(commands::train::CompareArgs),
 }
 
 /// Parse the command line, do what it says, and report an error in one line.
@@ -72,6 +73,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => args.run(),
         Command::Train(args) => commands::train::train(args),
         Command::Quantize(args) => commands::train::quantize(args),
+        Command::CompareNetworks(args) => commands::train::compare(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

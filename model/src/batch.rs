@@ -158,7 +158,7 @@ impl<'e> Sampler<'e> {
 
         let mut order: Vec<usize> = (0..self.sensors).collect();
         order.shuffle(&mut rng);
-        // Drawn in any case: with and without them the rest of the draws is the same.
+        // Drawn in any case: with and without them the same stretches, sensors and pads are drawn.
         let (mut sound, changes_xl) = (Sound::draw(self.frames, &mut rng), self.options.xl_augmentation);
         if !changes_xl {
             sound = Sound::default();

@@ -203,7 +203,8 @@ fn the_bundled_model_is_a_trained_one() {
 #[test]
 fn help_teaches() {
     let help = succeeds(["--help"]);
-    for command in ["demo", "run", "features", "synth", "train", "quantize", "Examples:"] {
+    let commands = ["demo", "run", "features", "synth", "train", "quantize", "compare-networks", "Examples:"];
+    for command in commands {
         assert!(help.contains(command), "{command}");
     }
     for command in ["demo", "run", "features", "synth"] {

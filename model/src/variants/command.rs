@@ -75,7 +75,6 @@ fn rows_help() -> String {
 pub fn run_compare(args: &CompareArgs) -> Result<()> {
     let rows = args.chosen()?;
     let budget = args.budget()?;
-    output::folder(&args.out)?;
     let mut finished = Vec::new();
     let mut missing = Vec::new();
     for &seed in &args.seeds {
@@ -93,6 +92,7 @@ pub fn run_compare(args: &CompareArgs) -> Result<()> {
             bail!("{} is missing, which row {} runs: add {BASE_ROW} to --rows", path.display(), row.name);
         }
     }
+    output::folder(&args.out)?;
     if !missing.is_empty() {
         let sets = Sets::generate(&budget)?;
         for (number, &(row, seed)) in missing.iter().enumerate() {

@@ -43,6 +43,7 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
         let mut chart = ChartBuilder::on(&root)
             .caption("Macro F1 on frozen splits, synthetic data, float networks", ("sans-serif", 18))
             .margin(12)
+            .margin_right(30)
             .x_label_area_size(44)
             .y_label_area_size(150)
             .build_cartesian_2d(from..100.0, -0.5..count - 0.5)

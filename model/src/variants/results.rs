@@ -186,7 +186,8 @@ pub struct RowResults {
 impl RowResults {
     /// None without a finished seed.
     fn new(row: &'static Row, finished: &[Finished]) -> Option<Self> {
-        let seeds: Vec<Finished> = finished.iter().filter(|done| done.row == row.name).cloned().collect();
+        let mut seeds: Vec<Finished> = finished.iter().filter(|done| done.row == row.name).cloned().collect();
+        seeds.sort_by_key(|done| done.seed);
         let first = seeds.first()?;
         let split = |(index, figures): (usize, &SplitFigures)| {
             let of = |figure: fn(&SplitFigures) -> Option<f64>| {

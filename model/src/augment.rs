@@ -4,7 +4,7 @@
 mod mel;
 mod pad;
 
-pub use mel::{MelChange, Sound};
+pub use mel::{MelChange, Sound, level};
 pub use pad::PadChange;
 
 /// Mean 0, variance 1: the sum of four uniform bytes.

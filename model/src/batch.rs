@@ -5,13 +5,13 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use slipsense::features::taxel_change::TaxelChange;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXELS};
 use slipsense_episode::score::SLIP;
 
 use crate::augment::{MelChange, PadChange, Sound};
 use crate::data::Features;
 use crate::float::Sequences;
+use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
 
 /// What a sequence is drawn around: a frame of a class, or one of the first after the onset of a slip.
@@ -33,12 +33,28 @@ const BEFORE_FRAMES: usize = 4;
 /// Frames at the start of a sequence cut out of an episode that do not count: their past is missing.
 const COLD_FRAMES: usize = 20;
 
+/// What the sequences hold; the default is what the shipped network is trained on.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// What there is of the pads.
+    pub pads: PadView,
+    /// Whether what the accelerometers hear is changed at random.
+    pub xl_augmentation: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { pads: PadView::default(), xl_augmentation: true }
+    }
+}
+
 /// Draws batches from a set of episodes.
 #[derive(Debug)]
 pub struct Sampler<'e> {
     episodes: &'e [Features],
     sensors: usize,
     frames: usize,
+    options: Options,
     /// Episode and frame of every frame of each group.
     groups: [Vec<(u32, u32)>; GROUPS],
 }
@@ -72,7 +88,12 @@ impl<'e> Sampler<'e> {
             ensure!(!frames.is_empty(), "no training frame has label {class}");
         }
         ensure!(!groups[CLASSES].is_empty(), "no training episode holds the onset of a slip");
-        Ok(Self { episodes, sensors, frames, groups })
+        Ok(Self { episodes, sensors, frames, options: Options::default(), groups })
+    }
+
+    /// The same stretches of the same episodes with something else in them.
+    pub fn with_options(self, options: Options) -> Self {
+        Self { options, ..self }
     }
 
     /// Frames of each class.
@@ -93,6 +114,7 @@ impl<'e> Sampler<'e> {
             frames: self.frames,
             piezo: vec![0; sequences * sensors * self.frames * IMAGE],
             log_mel: vec![0.0; sequences * sensors * self.frames * MEL_BINS],
+            level: vec![0.0; sequences * sensors * self.frames],
             label: vec![0; sequences * self.frames],
             weight: vec![0.0; sequences * self.frames],
         };
@@ -100,10 +122,11 @@ impl<'e> Sampler<'e> {
             .into_par_iter()
             .zip(batch.piezo.par_chunks_exact_mut(sensors * self.frames * IMAGE))
             .zip(batch.log_mel.par_chunks_exact_mut(sensors * self.frames * MEL_BINS))
+            .zip(batch.level.par_chunks_exact_mut(sensors * self.frames))
             .zip(batch.label.par_chunks_exact_mut(self.frames))
             .zip(batch.weight.par_chunks_exact_mut(self.frames))
-            .for_each(|((((seed, piezo), log_mel), label), weight)| {
-                let start = self.sequence(seed, piezo, log_mel, label);
+            .for_each(|(((((seed, piezo), log_mel), level), label), weight)| {
+                let start = self.sequence(seed, piezo, (log_mel, level), label);
                 weigh(label, start, weight);
             });
         batch
@@ -111,7 +134,13 @@ impl<'e> Sampler<'e> {
 
     /// One stretch around a random frame of a random group, of some of the sensors, changed at random. Its
     /// first frame's place in the episode.
-    fn sequence(&self, seed: u64, piezo: &mut [i16], log_mel: &mut [f32], label: &mut [u8]) -> usize {
+    fn sequence(
+        &self,
+        seed: u64,
+        piezo: &mut [i16],
+        (log_mel, level): (&mut [f32], &mut [f32]),
+        label: &mut [u8],
+    ) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut dice = rng.random_range(0..SHARES.iter().sum());
         let group = SHARES.iter().position(|&share| match dice.checked_sub(share) {
@@ -129,15 +158,19 @@ impl<'e> Sampler<'e> {
 
         let mut order: Vec<usize> = (0..self.sensors).collect();
         order.shuffle(&mut rng);
-        let sound = Sound::draw(self.frames, &mut rng);
+        // Drawn in any case: with and without them the same stretches, sensors and pads are drawn.
+        let (mut sound, changes_xl) = (Sound::draw(self.frames, &mut rng), self.options.xl_augmentation);
+        if !changes_xl {
+            sound = Sound::default();
+        }
         let sensors = piezo.chunks_exact_mut(self.frames * IMAGE);
         let mut present = vec![false; self.sensors];
-        for ((&sensor, piezo), log_mel) in
-            order.iter().zip(sensors).zip(log_mel.chunks_exact_mut(self.frames * MEL_BINS))
-        {
+        let heard = log_mel.chunks_exact_mut(self.frames * MEL_BINS).zip(level.chunks_exact_mut(self.frames));
+        for ((&sensor, piezo), (log_mel, level)) in order.iter().zip(sensors).zip(heard) {
             present[sensor] = true;
             let (pad, mel) = (PadChange::draw(&mut rng), MelChange::draw(&mut rng));
-            let mut change = TaxelChange::new();
+            let mel = if changes_xl { mel } else { MelChange::NONE };
+            let mut view = self.options.pads.start();
             let mut counts = [0; TAXELS];
             let bins = (start..start + self.frames).flat_map(|t| episode.ln_power(t, sensor));
             let mean = bins.sum::<f32>() / (self.frames * MEL_BINS) as f32;
@@ -145,9 +178,9 @@ impl<'e> Sampler<'e> {
             for (t, (piezo, log_mel)) in frames.enumerate() {
                 pad.apply(episode.scan(start + t, sensor), &mut counts, &mut rng);
                 let cells = piezo.as_chunks_mut::<PIEZO_CHANNELS>().0;
-                change.push(&counts, |index, change| cells[index] = [counts[index] as i16, change]);
+                view.push(&counts, |index, cell| cells[index] = cell);
                 let ln_power = episode.ln_power(start + t, sensor);
-                mel.apply(ln_power, (&sound, mean, t), log_mel, &mut rng);
+                level[t] = mel.apply(ln_power, (&sound, mean, t), log_mel, &mut rng);
             }
         }
         for (t, label) in label.iter_mut().enumerate() {

@@ -9,7 +9,6 @@ use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
-use slipsense::features::taxel_change::TaxelChange;
 use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS};
 use slipsense_episode::Episode;
@@ -17,7 +16,9 @@ use slipsense_synth::objects::{self, Group};
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
 
+use crate::augment::level;
 use crate::float::Sequences;
+use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
 use crate::reference::log_mel_real;
 
@@ -214,6 +215,11 @@ impl Features {
 
     /// The whole episode as it is, for the network in float.
     pub fn sequences(&self) -> Sequences {
+        self.sequences_of(PadView::default())
+    }
+
+    /// The whole episode with so much of the pads.
+    pub fn sequences_of(&self, pads: PadView) -> Sequences {
         let frames = self.frames();
         let mut all = Sequences {
             batch: 1,
@@ -221,15 +227,16 @@ impl Features {
             frames,
             piezo: Vec::with_capacity(frames * self.sensors * IMAGE),
             log_mel: Vec::with_capacity(frames * self.sensors * MEL_BINS),
+            level: Vec::with_capacity(frames * self.sensors),
             label: self.label.clone(),
             weight: vec![1.0; frames],
         };
         for sensor in 0..self.sensors {
-            let mut change = TaxelChange::new();
+            let mut view = pads.start();
             for frame in 0..frames {
-                let counts = self.scan(frame, sensor);
-                change.push(counts, |index, change| all.piezo.extend([counts[index] as i16, change]));
+                view.push(self.scan(frame, sensor), |_, cell| all.piezo.extend(cell));
                 all.log_mel.extend(self.log_mel(frame, sensor).map(log_mel_real));
+                all.level.push(level(self.ln_power(frame, sensor)));
             }
         }
         all

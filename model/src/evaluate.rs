@@ -203,9 +203,14 @@ pub fn score_float(
     device: &Device,
 ) -> (Scores, Vec<[f32; CLASSES]>) {
     let logits = network.logits(dims, &features.sequences(), device);
+    (score_logits(features, &logits), logits)
+}
+
+/// An episode's logits under the pipeline's decision.
+pub fn score_logits(features: &Features, logits: &[[f32; CLASSES]]) -> Scores {
     let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
-    let classes: Vec<u8> = touched.zip(&logits).map(|(touched, &logits)| decide(touched, logits)).collect();
-    (Scores::new(&features.label, &classes), logits)
+    let classes: Vec<u8> = touched.zip(logits).map(|(touched, &logits)| decide(touched, logits)).collect();
+    Scores::new(&features.label, &classes)
 }
 
 /// The pipeline's decision on logits, all pads being there.

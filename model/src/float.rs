@@ -8,7 +8,7 @@ use burn::optim::GradientsParams;
 use burn::tensor::activation::{log_softmax, relu, softmax};
 use burn::tensor::module::layer_norm;
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use slipsense::net::format::Dims;
+use slipsense::net::format::{Dims, TensorSpec};
 use slipsense::params::{CLASSES, MEL_BINS};
 
 use crate::piezo::{self, Filters};
@@ -20,10 +20,30 @@ pub const NORM_EPSILON: f64 = 1e-5;
 /// Added to the score of a frame that must not be seen.
 const UNSEEN: f32 = -1e9;
 
+/// How parameters make logits: [`Dims`] is the network that is shipped, others are compared with it.
+pub trait Architecture {
+    /// Names and shapes of the parameters. Without the convolution blocks of [`piezo::LAYERS`] the network
+    /// does not see the pads.
+    fn specs(&self) -> Vec<TensorSpec>;
+
+    /// Heads of every attention block.
+    fn heads(&self) -> usize;
+
+    /// Logits of every frame, `[batch, frame, class]`. `features`: of every scan's taxels, `[image, feature]`;
+    /// none where the network does not see the pads.
+    fn forward(
+        &self,
+        graph: &Graph<'_>,
+        input: &Sequences,
+        features: Option<Tensor<2>>,
+        device: &Device,
+    ) -> Tensor<3>;
+}
+
 /// The trainable network.
 #[derive(Module, Debug)]
 pub struct FloatNetwork {
-    /// One flat run per entry of [`specs`]; shaped where it is used.
+    /// One flat run per entry of [`Architecture::specs`]; shaped where it is used.
     parameters: Vec<Param<Tensor<1>>>,
 }
 
@@ -40,6 +60,9 @@ pub struct Sequences {
     pub piezo: Vec<i16>,
     /// Standardised log-mel, `[batch, sensor, frame, 16]`.
     pub log_mel: Vec<f32>,
+    /// What the standardisation takes away, the mean over the bins of the log power, nat of LSB²,
+    /// `[batch, sensor, frame]`. The shipped network does not see it.
+    pub level: Vec<f32>,
     /// Classes, `[batch, frame]`.
     pub label: Vec<u8>,
     /// What each frame counts in the loss, `[batch, frame]`.
@@ -73,39 +96,43 @@ impl FloatNetwork {
         Weights { dims, tensors: tensors.collect() }
     }
 
-    /// The convolution blocks' parameters, which [`piezo`] runs.
-    fn filters(&self, dims: &Dims) -> Filters {
-        let specs = specs(dims);
-        let values = |layer: &str, part: &str| {
-            let index = specs.iter().position(|spec| spec.layer == layer && spec.part == part);
-            let parameter = &self.parameters[index.expect("names come from the layout")];
-            parameter.val().into_data().iter::<f32>().collect()
-        };
-        Filters {
-            weight: piezo::LAYERS.map(|layer| values(layer, "weight")),
-            bias: piezo::LAYERS.map(|layer| values(layer, "bias")),
-        }
+    /// The parameters with their names.
+    pub(crate) fn graph(&self, architecture: &impl Architecture) -> Graph<'_> {
+        Graph { parameters: &self.parameters, specs: architecture.specs(), heads: architecture.heads() }
     }
 
     /// Logits of every frame, `[batch, frame, class]`, without gradients. `device` is a plain one.
-    pub fn logits(&self, dims: &Dims, input: &Sequences, device: &Device) -> Vec<[f32; CLASSES]> {
-        let filters = self.filters(dims);
-        let (features, _) = piezo::forward(&filters, &input.piezo);
-        let features = tensor(features, [input.images(), filters.features()], device);
-        let logits: Vec<f32> =
-            self.forward(dims, input, features, device).into_data().iter::<f32>().collect();
-        logits.as_chunks().0.to_vec()
+    pub fn logits(
+        &self,
+        architecture: &impl Architecture,
+        input: &Sequences,
+        device: &Device,
+    ) -> Vec<[f32; CLASSES]> {
+        let graph = self.graph(architecture);
+        let features = graph.features(&input.piezo, device);
+        plain(architecture.forward(&graph, input, features, device))
     }
 
     /// Loss of a batch and the gradients of all parameters. `device` is one with automatic gradients.
-    pub fn gradients(&self, dims: &Dims, input: &Sequences, device: &Device) -> (f64, GradientsParams) {
-        let filters = self.filters(dims);
-        let (features, tape) = piezo::forward(&filters, &input.piezo);
-        let features = tensor::<2>(features, [input.images(), filters.features()], device).require_grad();
-        let logits = self.forward(dims, input, features.clone(), device);
-        let loss = Self::loss(logits, input, device);
+    pub fn gradients(
+        &self,
+        architecture: &impl Architecture,
+        input: &Sequences,
+        device: &Device,
+    ) -> (f64, GradientsParams) {
+        let graph = self.graph(architecture);
+        let seen = graph.filters().map(|filters| {
+            let (features, tape) = piezo::forward(&filters, &input.piezo);
+            let features = tensor::<2>(features, [input.images(), filters.features()], device);
+            (filters, tape, features.require_grad())
+        });
+        let features = seen.as_ref().map(|(_, _, features)| features.clone());
+        let loss = Self::loss(architecture.forward(&graph, input, features, device), input, device);
         let value = f64::from(loss.clone().into_scalar::<f32>());
         let mut gradients = loss.backward();
+        let Some((filters, tape, features)) = seen else {
+            return (value, GradientsParams::from_grads(gradients, self));
+        };
         let of_features = features.grad_remove(&mut gradients).expect("the loss depends on the features");
         let of_features: Vec<f32> = of_features.into_data().iter::<f32>().collect();
         let of_filters = piezo::backward(&filters, &input.piezo, &tape, &of_features);
@@ -114,33 +141,12 @@ impl FloatNetwork {
         let parts = parts
             .zip(piezo::LAYERS)
             .chain(of_filters.bias.into_iter().map(|g| ("bias", g)).zip(piezo::LAYERS));
-        let specs = specs(dims);
         for ((part, gradient), layer) in parts {
-            let index = specs.iter().position(|spec| spec.layer == layer && spec.part == part);
-            let id = self.parameters[index.expect("names come from the layout")].id;
+            let id = self.parameters[graph.index(layer, part)].id;
             let length = gradient.len();
             all.register(id, tensor::<1>(gradient, [length], &device.clone().inner()));
         }
         (value, all)
-    }
-
-    /// Logits of every frame, `[batch, frame, class]`, from the taxel features of every image.
-    fn forward(&self, dims: &Dims, input: &Sequences, features: Tensor<2>, device: &Device) -> Tensor<3> {
-        let graph = Graph { parameters: &self.parameters, dims };
-        let (b, l) = (input.batch, input.frames);
-        let widest = |embedding: Tensor<2>| {
-            embedding.reshape([b, input.sensors, l, dims.embed]).max_dim(1).reshape([b, l, dims.embed])
-        };
-        let piezo = widest(graph.dense("piezo.dense", features));
-        let xl = widest(graph.xl(input, device));
-
-        let band = Band::new(l, dims.window, device);
-        let asks_xl = graph.attention("cross_piezo", piezo.clone(), xl.clone(), &band);
-        let asks_piezo = graph.attention("cross_xl", xl, piezo, &band);
-        let fused = Tensor::cat(vec![asks_xl, asks_piezo], 2);
-        let hidden = graph.attention("temporal", fused.clone(), fused, &band);
-        let logits = graph.dense("head", hidden.reshape([b * l, dims.fused()]));
-        logits.reshape([b, l, CLASSES])
     }
 
     /// Cross entropy, the weighted mean over all frames, nat.
@@ -163,13 +169,52 @@ impl Sequences {
     }
 }
 
-fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
+impl Architecture for Dims {
+    fn specs(&self) -> Vec<TensorSpec> {
+        specs(self)
+    }
+
+    fn heads(&self) -> usize {
+        self.heads
+    }
+
+    fn forward(
+        &self,
+        graph: &Graph<'_>,
+        input: &Sequences,
+        features: Option<Tensor<2>>,
+        device: &Device,
+    ) -> Tensor<3> {
+        let (b, l) = (input.batch, input.frames);
+        let widest = |embedding: Tensor<2>| {
+            embedding.reshape([b, input.sensors, l, self.embed]).max_dim(1).reshape([b, l, self.embed])
+        };
+        let features = features.expect("the layout has the convolution blocks");
+        let piezo = widest(graph.dense("piezo.dense", features));
+        let xl = widest(graph.xl(&input.log_mel, MEL_BINS, l, device));
+
+        let band = Band::new(l, self.window, device);
+        let asks_xl = graph.attention("cross_piezo", piezo.clone(), xl.clone(), &band);
+        let asks_piezo = graph.attention("cross_xl", xl, piezo, &band);
+        let fused = Tensor::cat(vec![asks_xl, asks_piezo], 2);
+        let hidden = graph.attention("temporal", fused.clone(), fused, &band);
+        graph.head("head", hidden)
+    }
+}
+
+/// Logits as plain numbers, `[batch, frame]`.
+pub(crate) fn plain(logits: Tensor<3>) -> Vec<[f32; CLASSES]> {
+    let logits: Vec<f32> = logits.into_data().iter::<f32>().collect();
+    logits.as_chunks().0.to_vec()
+}
+
+pub(crate) fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
 /// Which frames an attention sees, and at what lag. Sequences are cut into chunks as long as the window: a
 /// chunk's frames see it and the one before, and the work grows with the length, not with its square.
-struct Band {
+pub(crate) struct Band {
     /// Lag of each frame of a chunk to each of its own and the one before, `[window · 2 window]`; clamped
     /// where masked.
     lag: Tensor<1, Int>,
@@ -180,7 +225,7 @@ struct Band {
 }
 
 impl Band {
-    fn new(frames: usize, window: usize, device: &Device) -> Self {
+    pub(crate) fn new(frames: usize, window: usize, device: &Device) -> Self {
         let chunks = frames.div_ceil(window);
         let pairs = || (0..window).flat_map(|t| (0..2 * window).map(move |j| (t, j)));
         // Frame t of a chunk is number window + t of the two.
@@ -198,52 +243,79 @@ impl Band {
 }
 
 /// The parameters with their names, and the layers made of them.
-struct Graph<'a> {
+pub struct Graph<'a> {
     parameters: &'a [Param<Tensor<1>>],
-    dims: &'a Dims,
+    specs: Vec<TensorSpec>,
+    heads: usize,
 }
 
 impl Graph<'_> {
+    fn index(&self, layer: &str, part: &str) -> usize {
+        let index = self.specs.iter().position(|spec| spec.layer == layer && spec.part == part);
+        index.expect("names come from the architecture")
+    }
+
     fn get<const D: usize>(&self, layer: &str, part: &str, shape: [usize; D]) -> Tensor<D> {
-        let specs = specs(self.dims);
-        let index = specs.iter().position(|spec| spec.layer == layer && spec.part == part);
-        self.parameters[index.expect("names come from the layout")].val().reshape(shape)
+        self.parameters[self.index(layer, part)].val().reshape(shape)
+    }
+
+    /// The convolution blocks' parameters, which [`piezo`] runs; none where the network does not see the pads.
+    fn filters(&self) -> Option<Filters> {
+        self.specs.iter().find(|spec| spec.layer == piezo::LAYERS[0])?;
+        let values = |layer: &str, part: &str| {
+            self.parameters[self.index(layer, part)].val().into_data().iter::<f32>().collect()
+        };
+        Some(Filters {
+            weight: piezo::LAYERS.map(|layer| values(layer, "weight")),
+            bias: piezo::LAYERS.map(|layer| values(layer, "bias")),
+        })
+    }
+
+    /// Taxel features `[image, feature]` of images as in [`Sequences::piezo`], without gradients; none where
+    /// the network does not see the pads.
+    pub(crate) fn features(&self, images: &[i16], device: &Device) -> Option<Tensor<2>> {
+        let filters = self.filters()?;
+        let (features, _) = piezo::forward(&filters, images);
+        Some(tensor(features, [images.len() / piezo::IMAGE, filters.features()], device))
     }
 
     /// `[n, inputs]` to `[n, outputs]`.
-    fn dense(&self, layer: &str, x: Tensor<2>) -> Tensor<2> {
+    pub(crate) fn dense(&self, layer: &str, x: Tensor<2>) -> Tensor<2> {
         let [_, inputs] = x.dims();
-        let spec = specs(self.dims).into_iter().find(|s| s.layer == layer && s.part == "weight");
-        let outputs = spec.expect("names come from the layout").rows;
+        let outputs = self.specs[self.index(layer, "weight")].rows;
         let weight = self.get(layer, "weight", [outputs, inputs]);
         x.matmul(weight.transpose()) + self.get(layer, "bias", [1, outputs])
     }
 
-    /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`.
-    fn xl(&self, input: &Sequences, device: &Device) -> Tensor<2> {
-        let taps = self.dims.xl_kernel;
-        let seen = taps * MEL_BINS;
+    /// Logits `[batch, frame, class]` of hidden vectors `[batch, frame, width]`.
+    pub(crate) fn head(&self, layer: &str, hidden: Tensor<3>) -> Tensor<3> {
+        let [b, l, width] = hidden.dims();
+        self.dense(layer, hidden.reshape([b * l, width])).reshape([b, l, CLASSES])
+    }
+
+    /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`, of `values`
+    /// `[batch, sensor, frame, inputs]`.
+    pub(crate) fn xl(&self, values: &[f32], inputs: usize, frames: usize, device: &Device) -> Tensor<2> {
+        let seen = self.specs[self.index("xl.conv", "weight")].cols;
+        let taps = seen / inputs;
         // Each row: the frames up to this one, oldest first, zeros before the start.
-        let mut x = vec![0f32; input.log_mel.len() * taps];
-        for (sequence, rows) in
-            input.log_mel.chunks_exact(input.frames * MEL_BINS).zip(x.chunks_exact_mut(input.frames * seen))
-        {
+        let mut x = vec![0f32; values.len() * taps];
+        for (sequence, rows) in values.chunks_exact(frames * inputs).zip(x.chunks_exact_mut(frames * seen)) {
             for (t, row) in rows.chunks_exact_mut(seen).enumerate() {
                 let frames = (t + 1).min(taps);
-                let from = (t + 1 - frames) * MEL_BINS;
-                row[seen - frames * MEL_BINS..].copy_from_slice(&sequence[from..(t + 1) * MEL_BINS]);
+                let from = (t + 1 - frames) * inputs;
+                row[seen - frames * inputs..].copy_from_slice(&sequence[from..(t + 1) * inputs]);
             }
         }
-        let rows = input.log_mel.len() / MEL_BINS;
-        let x = relu(self.dense("xl.conv", tensor::<2>(x, [rows, seen], device)));
+        let x = relu(self.dense("xl.conv", tensor::<2>(x, [values.len() / inputs, seen], device)));
         let x = relu(self.dense("xl.mix1", x));
         self.dense("xl.mix2", x)
     }
 
     /// `LayerNorm(x + Wo · context)`; `x` asks, `seen` answers, both `[batch, frame, width]`.
-    fn attention(&self, block: &str, x: Tensor<3>, seen: Tensor<3>, band: &Band) -> Tensor<3> {
+    pub(crate) fn attention(&self, block: &str, x: Tensor<3>, seen: Tensor<3>, band: &Band) -> Tensor<3> {
         let [b, l, width] = x.dims();
-        let heads = self.dims.heads;
+        let heads = self.heads;
         let head_width = width / heads;
         let (chunks, window) = (band.chunks, band.window);
         let missing = chunks * window - l;

@@ -5,7 +5,8 @@
 //! network on whole sequences ([`float`], [`train`], the taxel encoder's convolutions by hand in [`piezo`]). The
 //! weights ([`weights`]) are run frame by frame to measure ranges ([`reference`], and by another library, [`tract`]),
 //! turned into integers ([`quantize`]), and scored beside the integer pipeline ([`evaluate`]), activation by
-//! activation if need be ([`compare`], [`trace`]).
+//! activation if need be ([`compare`], [`trace`]). Networks that differ from it in one thing each are compared
+//! with it ([`variants`]).
 
 pub mod augment;
 pub mod batch;
@@ -19,13 +20,16 @@ pub mod export;
 pub mod float;
 pub mod folder;
 pub mod output;
+pub mod pad_view;
 pub mod piezo;
 pub mod quantize;
 pub mod reference;
 pub mod trace;
 pub mod tract;
 pub mod train;
+pub mod variants;
 pub mod weights;
 
 pub use command::{QuantizeArgs, run_quantize};
 pub use train::{TrainArgs, run_train};
+pub use variants::{CompareArgs, run_compare};

@@ -82,6 +82,29 @@ impl TrainArgs {
     }
 }
 
+/// The optimizer before its first step.
+pub(crate) fn optimizer() -> ModuleOptimizer {
+    AdamWConfig::new()
+        .with_weight_decay(WEIGHT_DECAY)
+        .with_epsilon(1e-8)
+        .with_grad_clipping(Some(GradientClippingConfig::Norm(GRADIENT_NORM)))
+        .init()
+}
+
+/// Share of the highest learning rate at a step of so many: linear rise, then half a cosine to 0.
+pub(crate) fn schedule(step: usize, steps: usize) -> f64 {
+    let total = steps as f64;
+    let warm = (total * WARM_UP).max(1.0);
+    let done = step as f64 + 1.0;
+    let share = ((done - warm) / (total - warm).max(1.0)).clamp(0.0, 1.0);
+    (done / warm).min(1.0) * 0.5 * (1.0 + (std::f64::consts::PI * share).cos())
+}
+
+/// Decay of the weights' running average at a step: less at first, so that the first weights are forgotten.
+pub(crate) fn average_decay(step: usize) -> f32 {
+    AVERAGE_DECAY.min((1.0 + step as f64) / (10.0 + step as f64)) as f32
+}
+
 /// A progress bar in the house's style.
 pub(crate) fn progress(what: &'static str, length: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len} {elapsed}<{eta} {msg}");
@@ -129,11 +152,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let recipe = run.recipe(&source);
 
     let device = Device::flex().autodiff();
-    let mut optimizer = AdamWConfig::new()
-        .with_weight_decay(WEIGHT_DECAY)
-        .with_epsilon(1e-8)
-        .with_grad_clipping(Some(GradientClippingConfig::Norm(GRADIENT_NORM)))
-        .init();
+    let mut optimizer = optimizer();
     let mut state = if args.resume {
         let (state, restored) = Checkpoint::read(&args.out, &recipe, optimizer)?;
         optimizer = restored;
@@ -228,14 +247,8 @@ impl Run<'_> {
         recipe
     }
 
-    /// Linear rise, then half a cosine to 0.
     fn learning_rate(&self, step: usize) -> f64 {
-        let total = (self.args.epochs * self.steps) as f64;
-        let warm = (total * WARM_UP).max(1.0);
-        let done = step as f64 + 1.0;
-        let share = ((done - warm) / (total - warm).max(1.0)).clamp(0.0, 1.0);
-        let fall = 0.5 * (1.0 + (std::f64::consts::PI * share).cos());
-        self.args.learning_rate * (done / warm).min(1.0) * fall
+        self.args.learning_rate * schedule(step, self.args.epochs * self.steps)
     }
 
     /// One epoch; the mean loss.
@@ -257,8 +270,7 @@ impl Run<'_> {
             ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");
             *network = optimizer.step(self.learning_rate(step), network.clone(), gradients);
             state.weights = network.weights(state.weights.dims);
-            let decay = AVERAGE_DECAY.min((1.0 + step as f64) / (10.0 + step as f64));
-            state.average.average(&state.weights, decay as f32);
+            state.average.average(&state.weights, average_decay(step));
             sum += value;
             recent = Some(recent.map_or(value, |r: f64| 0.95 * r + 0.05 * value));
             bar.set_message(format!("loss {:.3}", recent.unwrap_or(value)));

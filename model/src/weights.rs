@@ -42,6 +42,26 @@ fn lag_bias(head: usize, lag: usize) -> f32 {
     (-slope * lag as f32).max(LAG_BIAS_MIN)
 }
 
+/// Parameters before training: weights uniform with variance 2 / inputs ahead of a ReLU and 1 / inputs
+/// elsewhere, norms neutral, biases zero but for the lags ([`lag_bias`]).
+pub fn first_values(specs: &[TensorSpec], seed: u64) -> Vec<Vec<f32>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let tensor = |spec: &TensorSpec| match spec.part {
+        "weight" => {
+            let before_relu =
+                spec.layer.starts_with("piezo.conv") || matches!(spec.layer, "xl.conv" | "xl.mix1");
+            let limit = ((if before_relu { 6.0 } else { 3.0 }) / spec.cols as f32).sqrt();
+            (0..spec.len()).map(|_| rng.random_range(-limit..limit)).collect()
+        }
+        "gamma" => vec![1.0; spec.len()],
+        "bias" if spec.layer.ends_with(".score") => {
+            (0..spec.rows).flat_map(|head| (0..spec.cols).map(move |lag| lag_bias(head, lag))).collect()
+        }
+        _ => vec![0.0; spec.len()],
+    };
+    specs.iter().map(tensor).collect()
+}
+
 /// All parameters of one network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
@@ -52,24 +72,9 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Before training: weights uniform with variance 2 / inputs ahead of a ReLU and 1 / inputs
-    /// elsewhere, norms neutral, biases zero but for the lags ([`lag_bias`]).
+    /// Before training, see [`first_values`].
     pub fn init(dims: Dims, seed: u64) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let tensor = |spec: &TensorSpec| match spec.part {
-            "weight" => {
-                let before_relu =
-                    spec.layer.starts_with("piezo.conv") || matches!(spec.layer, "xl.conv" | "xl.mix1");
-                let limit = ((if before_relu { 6.0 } else { 3.0 }) / spec.cols as f32).sqrt();
-                (0..spec.len()).map(|_| rng.random_range(-limit..limit)).collect()
-            }
-            "gamma" => vec![1.0; spec.len()],
-            "bias" if spec.layer.ends_with(".score") => {
-                (0..spec.rows).flat_map(|head| (0..spec.cols).map(move |lag| lag_bias(head, lag))).collect()
-            }
-            _ => vec![0.0; spec.len()],
-        };
-        Self { dims, tensors: specs(&dims).iter().map(tensor).collect() }
+        Self { dims, tensors: first_values(&specs(&dims), seed) }
     }
 
     /// Numbers in all tensors.

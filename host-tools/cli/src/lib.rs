@@ -65,6 +65,7 @@ enum Command {
     Quantize(commands::train::QuantizeArgs),
     Model(commands::model::Args),
     Tune(commands::tune::Args),
+    CompareNetworks(commands::train::CompareArgs),
 }
 
 /// Parse the command line, do what it says, and report an error in one line.
@@ -82,6 +83,7 @@ pub fn main() -> ExitCode {
         Command::Quantize(args) => commands::train::quantize(args),
         Command::Model(args) => args.run(),
         Command::Tune(args) => args.run(),
+        Command::CompareNetworks(args) => commands::train::compare(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

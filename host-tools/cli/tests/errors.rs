@@ -246,7 +246,7 @@ fn recipes_that_cannot_be_generated() {
 #[test]
 #[cfg(not(feature = "train"))]
 fn the_trainer_is_elsewhere() {
-    for command in ["train", "quantize"] {
+    for command in ["train", "quantize", "compare-networks"] {
         let error = fails([command, "--epochs", "3"]);
         assert!(
             error.contains(&format!("cargo run --release --features train -- {command} --epochs 3")),

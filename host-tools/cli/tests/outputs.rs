@@ -208,7 +208,9 @@ fn the_bundled_model_is_a_trained_one() {
 #[test]
 fn help_teaches() {
     let help = succeeds(["--help"]);
-    for command in ["demo", "run", "features", "label", "synth", "train", "quantize", "Examples:"] {
+    let commands =
+        ["demo", "run", "features", "label", "synth", "train", "quantize", "compare-networks", "Examples:"];
+    for command in commands {
         assert!(help.contains(command), "{command}");
     }
     for command in ["demo", "run", "features", "synth"] {

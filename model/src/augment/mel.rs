@@ -109,6 +109,9 @@ pub struct MelChange {
 }
 
 impl MelChange {
+    /// None: the frames as the front end has them.
+    pub const NONE: Self = Self { colour: [0.0; MEL_BINS], masked: 0..0, noise: 0.0 };
+
     /// A colour, one to five neighbouring bins masked in half of the cases, and some noise.
     pub fn draw(rng: &mut ChaCha8Rng) -> Self {
         let width = if rng.random_bool(0.5) { rng.random_range(1..=MASK_MAX) } else { 0 };
@@ -121,14 +124,15 @@ impl MelChange {
     }
 
     /// One frame's ln of power to what the network sees; a masked bin becomes 0, the mean of a standardised
-    /// frame. `mean` of the sequence's ln of power, `frame` of the sequence.
+    /// frame. `mean` of the sequence's ln of power, `frame` of the sequence. The mean over the bins that the
+    /// standardisation takes away.
     pub fn apply(
         &self,
         ln_power: &[f32; MEL_BINS],
         (sound, mean, frame): (&Sound, f32, usize),
         out: &mut [f32],
         rng: &mut ChaCha8Rng,
-    ) {
+    ) -> f32 {
         let mut ln = *ln_power;
         sound.add(frame, mean, &mut ln);
         for (ln, colour) in ln.iter_mut().zip(&self.colour) {
@@ -142,14 +146,19 @@ impl MelChange {
                 value + self.noise * rng.random_range(-1.0..1.0f32)
             };
         }
+        level(&ln)
     }
+}
+
+/// Mean over the bins, nat.
+pub fn level(ln: &[f32; MEL_BINS]) -> f32 {
+    ln.iter().sum::<f32>() / MEL_BINS as f32
 }
 
 /// As the front end's, in float: changed frames are made nowhere else.
 fn standardise(ln: &[f32; MEL_BINS]) -> [f32; MEL_BINS] {
-    let n = MEL_BINS as f32;
-    let mean = ln.iter().sum::<f32>() / n;
-    let variance = ln.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / n;
+    let mean = level(ln);
+    let variance = ln.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / MEL_BINS as f32;
     let epsilon = STANDARDISE_EPSILON_Q32 as f32 / 2f32.powi(32);
     let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
     ln.map(|x| ((x - mean) / (variance + epsilon).sqrt()).clamp(-largest, largest))
@@ -178,7 +187,6 @@ mod tests {
     fn an_unchanged_frame_is_the_front_ends() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut front_end = XlFrontEnd::new();
-        let change = MelChange { colour: [0.0; MEL_BINS], masked: 0..0, noise: 0.0 };
         for _ in 0..50 {
             let samples: Vec<[i16; 3]> =
                 (0..33).map(|_| std::array::from_fn(|_| rng.random_range(-900..900))).collect();
@@ -186,7 +194,7 @@ mod tests {
             let log_mel = front_end.log_mel();
             let ln = log_mel.ln_power.map(|q| q as f32 / (1 << LN_FRAC_BITS) as f32);
             let mut out = [0.0; MEL_BINS];
-            change.apply(&ln, (&Sound::default(), 0.0, 0), &mut out, &mut rng);
+            MelChange::NONE.apply(&ln, (&Sound::default(), 0.0, 0), &mut out, &mut rng);
             for (ours, theirs) in out.iter().zip(log_mel.standardised) {
                 let theirs = f32::from(theirs) / (1 << STANDARDISED_FRAC_BITS) as f32;
                 assert!((ours - theirs).abs() < 2e-3, "{ours} {theirs}");

@@ -1,14 +1,14 @@
-//! `slipsense train` and `slipsense quantize`, which need a tensor library and are built on request.
+//! `slipsense train`, `quantize` and `compare-networks`, which need a tensor library and are built on request.
 
 #[cfg(feature = "train")]
-pub use with_trainer::{QuantizeArgs, TrainArgs, quantize, train};
+pub use with_trainer::{CompareArgs, QuantizeArgs, TrainArgs, compare, quantize, train};
 #[cfg(not(feature = "train"))]
-pub use without_trainer::{QuantizeArgs, TrainArgs, quantize, train};
+pub use without_trainer::{CompareArgs, QuantizeArgs, TrainArgs, compare, quantize, train};
 
 #[cfg(feature = "train")]
 mod with_trainer {
     use anyhow::Result;
-    pub use slipsense_model::{QuantizeArgs, TrainArgs};
+    pub use slipsense_model::{CompareArgs, QuantizeArgs, TrainArgs};
 
     /// Train the network.
     pub fn train(args: TrainArgs) -> Result<()> {
@@ -18,6 +18,11 @@ mod with_trainer {
     /// Turn a trained network into a model file.
     pub fn quantize(args: QuantizeArgs) -> Result<()> {
         slipsense_model::run_quantize(&args)
+    }
+
+    /// Compare networks.
+    pub fn compare(args: CompareArgs) -> Result<()> {
+        slipsense_model::run_compare(&args)
     }
 }
 
@@ -46,6 +51,16 @@ mod without_trainer {
         rest: Vec<String>,
     }
 
+    /// Compare the shipped network with others that differ in one thing each (needs the feature `train`)
+    ///
+    /// This build has no trainer, so that it compiles in a minute. The one that has it:
+    /// cargo run --release --features train -- compare-networks --help
+    #[derive(Args)]
+    pub struct CompareArgs {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+        rest: Vec<String>,
+    }
+
     /// Say how to get the trainer.
     pub fn train(args: TrainArgs) -> Result<()> {
         refuse("train", &args.rest)
@@ -54,6 +69,11 @@ mod without_trainer {
     /// Say how to get the quantizer.
     pub fn quantize(args: QuantizeArgs) -> Result<()> {
         refuse("quantize", &args.rest)
+    }
+
+    /// Say how to get the comparisons.
+    pub fn compare(args: CompareArgs) -> Result<()> {
+        refuse("compare-networks", &args.rest)
     }
 
     fn refuse(command: &str, rest: &[String]) -> Result<()> {

@@ -1,0 +1,83 @@
+//! How much of a pad a network gets to see: all taxels or averages over blocks of them, with or without the
+//! change channel. The shipped network sees everything; the comparisons take away.
+
+use slipsense::features::taxel_change::TaxelChange;
+use slipsense::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+
+/// What a network sees of every scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PadView {
+    /// Cells along a side: [`TAXEL_ROWS`], or a divisor of it, each cell then the mean of a block of taxels.
+    pub side: usize,
+    /// Is the change there; else it is 0 everywhere.
+    pub change: bool,
+}
+
+impl Default for PadView {
+    fn default() -> Self {
+        Self { side: TAXEL_ROWS, change: true }
+    }
+}
+
+impl PadView {
+    /// Before a sequence's first scan.
+    pub fn start(self) -> Viewed {
+        Viewed { view: self, change: TaxelChange::new() }
+    }
+}
+
+/// One pad in the course of a sequence.
+#[derive(Clone, Debug)]
+pub struct Viewed {
+    view: PadView,
+    change: TaxelChange,
+}
+
+impl Viewed {
+    /// Take a scan in and hand count and change of every taxel to `take`, row-major. A block's taxels all
+    /// have its mean, so any network takes any view.
+    pub fn push(&mut self, counts: &[u16; TAXELS], mut take: impl FnMut(usize, [i16; PIEZO_CHANNELS])) {
+        let PadView { side, change: has_change } = self.view;
+        let averaged = (side < TAXEL_ROWS).then(|| block_means(counts, side));
+        let counts = averaged.as_ref().unwrap_or(counts);
+        self.change.push(counts, |index, change| {
+            take(index, [counts[index] as i16, if has_change { change } else { 0 }]);
+        });
+    }
+}
+
+/// Every taxel replaced by the mean of its block, rounded; `side` blocks along a side.
+fn block_means(counts: &[u16; TAXELS], side: usize) -> [u16; TAXELS] {
+    const { assert!(TAXEL_ROWS == TAXEL_COLS, "blocks are square") };
+    let taxels = TAXEL_ROWS / side;
+    let block = |index: usize| index / TAXEL_COLS / taxels * side + index % TAXEL_COLS / taxels;
+    let mut sums = vec![0u32; side * side];
+    for (index, &count) in counts.iter().enumerate() {
+        sums[block(index)] += u32::from(count);
+    }
+    let cells = (taxels * taxels) as u32;
+    std::array::from_fn(|index| ((sums[block(index)] + cells / 2) / cells) as u16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_has_the_mean_of_its_taxels_and_changes_as_one() {
+        let mut counts = [0u16; TAXELS];
+        // Two taxels of the block of rows 4 to 7, columns 8 to 11.
+        counts[5 * TAXEL_COLS + 9] = 100;
+        counts[7 * TAXEL_COLS + 11] = 60;
+        let mut view = PadView { side: 8, change: true }.start();
+        view.push(&[0; TAXELS], |_, cell| assert_eq!(cell, [0, 0]));
+        view.push(&counts, |index, cell| {
+            let inside = (4..8).contains(&(index / TAXEL_COLS)) && (8..12).contains(&(index % TAXEL_COLS));
+            // A change of 10 counts in units of 1/8.
+            assert_eq!(cell, if inside { [10, 80] } else { [0, 0] }, "taxel {index}");
+        });
+        let mut still = PadView { side: TAXEL_ROWS, change: false }.start();
+        still.push(&[0; TAXELS], |_, _| ());
+        still.push(&counts, |index, cell| assert_eq!(cell, [counts[index] as i16, 0]));
+    }
+}

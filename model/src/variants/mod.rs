@@ -1,0 +1,172 @@
+//! The paper's comparisons: networks that differ from the shipped one in one thing each, trained on the same
+//! episodes with the same budget and scored on the same frozen splits.
+//!
+//! [`ROWS`] lists them, [`network`] says what each computes, [`train`] trains one, [`recomputed`] runs the
+//! shipped one without its memory, [`results`] collects what they reach and [`orderings`] holds it against the
+//! order that the paper found. All networks are in float: what integers cost is `slipsense eval`'s business.
+
+mod command;
+pub mod network;
+pub mod orderings;
+mod picture;
+pub mod recomputed;
+pub mod results;
+pub mod sets;
+mod table;
+pub mod train;
+
+pub use command::{CompareArgs, run_compare};
+
+use slipsense::params::TAXEL_ROWS;
+
+use crate::pad_view::PadView;
+use crate::weights::FIRST_DIMS;
+
+/// Which sensors a network has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Modality {
+    /// Pads and accelerometers.
+    Both,
+    /// Pads only.
+    Piezo,
+    /// Accelerometers only: what is no contact, too, has to be heard.
+    Xl,
+}
+
+/// How two modalities become one decision. A network of one modality attends to itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fusion {
+    /// Each modality asks the other, then both side by side ask their past.
+    CrossAttention,
+    /// Each asks itself: as many parameters, and only what the first attention looks at is another.
+    OwnAttention,
+    /// Side by side at once, without a first attention.
+    Concatenation,
+    /// Two networks of one modality each, trained together; the mean of their logits.
+    Late,
+}
+
+/// Where the maximum over the sensors is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pool {
+    /// Of each modality's embedding.
+    BeforeFusion,
+    /// Of the fused vector: each sensor's modalities ask each other only.
+    AfterFusion,
+}
+
+/// A network and what it is trained on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// Sensors.
+    pub modality: Modality,
+    /// How they become one.
+    pub fusion: Fusion,
+    /// Where the maximum over fingers is taken.
+    pub pool: Pool,
+    /// Frames an attention looks back over, the current one included.
+    pub window: usize,
+    /// Frames the first accelerometer layer sees; with 1 the encoder is an MLP of one frame.
+    pub xl_kernel: usize,
+    /// Is the level a 17th accelerometer input.
+    pub level: bool,
+    /// What there is of the pads.
+    pub pads: PadView,
+    /// Is what the accelerometers hear changed at random in training.
+    pub xl_augmentation: bool,
+}
+
+/// The network as shipped.
+pub const BASE: Variant = Variant {
+    modality: Modality::Both,
+    fusion: Fusion::CrossAttention,
+    pool: Pool::BeforeFusion,
+    window: FIRST_DIMS.window,
+    xl_kernel: FIRST_DIMS.xl_kernel,
+    level: false,
+    pads: PadView { side: TAXEL_ROWS, change: true },
+    xl_augmentation: true,
+};
+
+/// One row of the comparisons.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// As on the command line and in files.
+    pub name: &'static str,
+    /// What is compared.
+    pub group: &'static str,
+    /// What it is.
+    pub about: &'static str,
+    /// The network.
+    pub variant: Variant,
+    /// Not trained: the weights of [`BASE_ROW`], every frame from its window alone.
+    pub recomputed: bool,
+}
+
+/// Name of the row that the others differ from.
+pub const BASE_ROW: &str = "base";
+
+const fn row(name: &'static str, group: &'static str, about: &'static str, variant: Variant) -> Row {
+    Row { name, group, about, variant, recomputed: false }
+}
+
+const fn side(side: usize) -> Variant {
+    Variant { pads: PadView { side, change: true }, ..BASE }
+}
+
+const fn window(window: usize) -> Variant {
+    Variant { window, ..BASE }
+}
+
+const fn fusion(fusion: Fusion) -> Variant {
+    Variant { fusion, ..BASE }
+}
+
+const fn modality(modality: Modality) -> Variant {
+    Variant { modality, ..BASE }
+}
+
+/// All rows.
+pub const ROWS: [Row; 18] = [
+    row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
+    row("piezo", "modality", "pads only", modality(Modality::Piezo)),
+    row("xl", "modality", "accelerometers only, contact included", modality(Modality::Xl)),
+    row("late", "fusion", "mean of the logits of two networks", fusion(Fusion::Late)),
+    row("concatenation", "fusion", "no first attention", fusion(Fusion::Concatenation)),
+    row("own-attention", "fusion", "each modality attends to itself first", fusion(Fusion::OwnAttention)),
+    row("xl-mlp", "XL encoder", "MLP of one frame instead of a 1-D CNN", Variant { xl_kernel: 1, ..BASE }),
+    row("t6", "memory", "T = 6 frames", window(6)),
+    row("t15", "memory", "T = 15 frames", window(15)),
+    row("t30", "memory", "T = 30 frames", window(30)),
+    row("t120", "memory", "T = 120 frames", window(120)),
+    row("side16", "resolution", "16×16 means of 2×2 taxels", side(16)),
+    row("side8", "resolution", "8×8 means of 4×4 taxels", side(8)),
+    row(
+        "no-xl-augmentation",
+        "augmentation",
+        "no sound, colour, mask or noise on the accelerometers",
+        Variant { xl_augmentation: false, ..BASE },
+    ),
+    row("level", "XL input", "level as a 17th input", Variant { level: true, ..BASE }),
+    row(
+        "max-after-fusion",
+        "sensors",
+        "maximum over sensors after the fusion",
+        Variant { pool: Pool::AfterFusion, ..BASE },
+    ),
+    Row {
+        recomputed: true,
+        ..row("recomputed", "cache", "the base's weights, each frame from its own 60 frames alone", BASE)
+    },
+    row(
+        "no-change",
+        "pad input",
+        "counts only, no change channel",
+        Variant { pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE },
+    ),
+];
+
+/// The row of a name.
+pub fn row_named(name: &str) -> Option<&'static Row> {
+    ROWS.iter().find(|row| row.name == name)
+}

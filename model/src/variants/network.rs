@@ -1,0 +1,192 @@
+//! What each variant computes, of the shipped network's layers.
+
+use burn::tensor::{Device, Tensor};
+use slipsense::net::format::{Dims, TensorSpec};
+use slipsense::params::MEL_BINS;
+
+use super::{Fusion, Modality, Pool, Variant};
+use crate::float::{Architecture, Band, Graph, Sequences};
+use crate::weights::{FIRST_DIMS, Weights, first_values, specs};
+
+/// The level enters as `(level − LEVEL_MIDDLE_NAT) / LEVEL_SPREAD_NAT`: a quiet accelerometer's is about −11,
+/// a knock's 3 nat of LSB².
+const LEVEL_MIDDLE_NAT: f32 = -4.0;
+const LEVEL_SPREAD_NAT: f32 = 4.0;
+
+/// Layers of one modality from its first attention on.
+struct Stack {
+    first: &'static str,
+    temporal: &'static str,
+    head: &'static str,
+}
+
+const PIEZO: Stack = Stack { first: "cross_piezo", temporal: "temporal", head: "head" };
+const XL: Stack = Stack { first: "cross_xl", temporal: "temporal", head: "head" };
+/// Of late fusion, beside the pads' [`PIEZO`].
+const LATE_XL: Stack = Stack { first: "cross_xl", temporal: "temporal_xl", head: "head_xl" };
+
+/// Name in [`LATE_XL`] of a layer of [`XL`].
+fn late_name(layer: &str) -> &'static str {
+    match layer {
+        "temporal.query" => "temporal_xl.query",
+        "temporal.key" => "temporal_xl.key",
+        "temporal.value" => "temporal_xl.value",
+        "temporal.out" => "temporal_xl.out",
+        "temporal.score" => "temporal_xl.score",
+        "temporal.norm" => "temporal_xl.norm",
+        _ => LATE_XL.head,
+    }
+}
+
+/// Sequences, sensors of each, frames of each.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    pub(super) batch: usize,
+    pub(super) sensors: usize,
+    pub(super) frames: usize,
+}
+
+impl Variant {
+    /// Sizes, those of the shipped network but for the variant's own.
+    pub const fn dims(&self) -> Dims {
+        Dims { xl_kernel: self.xl_kernel, window: self.window, ..FIRST_DIMS }
+    }
+
+    /// Parameters before training.
+    pub fn first_weights(&self, seed: u64) -> Weights {
+        Weights { dims: self.dims(), tensors: first_values(&self.specs(), seed) }
+    }
+
+    /// Does the network see the pads.
+    pub fn sees_pads(&self) -> bool {
+        self.modality != Modality::Xl
+    }
+
+    const fn xl_inputs(&self) -> usize {
+        MEL_BINS + if self.level { 1 } else { 0 }
+    }
+
+    /// Do the modalities, or the one there is, reach the head in stacks of their own.
+    fn in_stacks(&self) -> bool {
+        self.modality != Modality::Both || self.fusion == Fusion::Late
+    }
+
+    /// Embeddings `[batch · sensor · frame, embed]` of what the accelerometers hear; none if there are none.
+    pub(super) fn hear(&self, graph: &Graph<'_>, input: &Sequences, device: &Device) -> Option<Tensor<2>> {
+        if self.modality == Modality::Piezo {
+            return None;
+        }
+        let embed = |values: &[f32]| graph.xl(values, self.xl_inputs(), input.frames, device);
+        if !self.level {
+            return Some(embed(&input.log_mel));
+        }
+        let frames = input.log_mel.chunks_exact(MEL_BINS).zip(&input.level);
+        let level = |level: f32| (level - LEVEL_MIDDLE_NAT) / LEVEL_SPREAD_NAT;
+        let values = frames.flat_map(|(bins, &nat)| bins.iter().copied().chain([level(nat)]));
+        Some(embed(&values.collect::<Vec<f32>>()))
+    }
+
+    /// Logits `[batch, frame, class]` of the embeddings `[batch · sensor · frame, embed]` that there are.
+    pub(super) fn decide(
+        &self,
+        graph: &Graph<'_>,
+        extent: Extent,
+        piezo: Option<Tensor<2>>,
+        xl: Option<Tensor<2>>,
+        device: &Device,
+    ) -> Tensor<3> {
+        let Extent { batch, sensors, frames } = extent;
+        let band = Band::new(frames, self.window, device);
+        let of_sensors = |x: Tensor<2>| {
+            let [_, width] = x.dims();
+            x.reshape([batch * sensors, frames, width])
+        };
+        let widest = |x: Tensor<3>| {
+            let [_, _, width] = x.dims();
+            x.reshape([batch, sensors, frames, width]).max_dim(1).reshape([batch, frames, width])
+        };
+        let alone = |stack: &Stack, x: Tensor<2>| {
+            let x = widest(of_sensors(x));
+            let x = graph.attention(stack.first, x.clone(), x, &band);
+            let x = graph.attention(stack.temporal, x.clone(), x, &band);
+            graph.head(stack.head, x)
+        };
+        let (piezo, xl) = match (piezo, xl) {
+            (Some(piezo), Some(xl)) if self.fusion == Fusion::Late => {
+                return (alone(&PIEZO, piezo) + alone(&LATE_XL, xl)).mul_scalar(0.5);
+            }
+            (Some(piezo), Some(xl)) => (of_sensors(piezo), of_sensors(xl)),
+            (Some(piezo), None) => return alone(&PIEZO, piezo),
+            (None, Some(xl)) => return alone(&XL, xl),
+            (None, None) => unreachable!("every network has a modality"),
+        };
+        let fused = match self.pool {
+            Pool::BeforeFusion => self.fuse(graph, widest(piezo), widest(xl), &band),
+            Pool::AfterFusion => widest(self.fuse(graph, piezo, xl, &band)),
+        };
+        graph.head("head", graph.attention("temporal", fused.clone(), fused, &band))
+    }
+
+    /// Both modalities side by side, `[sequence, frame, 2 · embed]`.
+    fn fuse(&self, graph: &Graph<'_>, piezo: Tensor<3>, xl: Tensor<3>, band: &Band) -> Tensor<3> {
+        let ask = |block: &str, x: &Tensor<3>, seen: &Tensor<3>| {
+            graph.attention(block, x.clone(), seen.clone(), band)
+        };
+        let parts = match self.fusion {
+            Fusion::CrossAttention => vec![ask("cross_piezo", &piezo, &xl), ask("cross_xl", &xl, &piezo)],
+            Fusion::OwnAttention => vec![ask("cross_piezo", &piezo, &piezo), ask("cross_xl", &xl, &xl)],
+            Fusion::Concatenation | Fusion::Late => vec![piezo, xl],
+        };
+        Tensor::cat(parts, 2)
+    }
+}
+
+impl Architecture for Variant {
+    fn specs(&self) -> Vec<TensorSpec> {
+        let dims = self.dims();
+        let deciding = |spec: &TensorSpec| spec.layer.starts_with("temporal.") || spec.layer == "head";
+        let has = |spec: &TensorSpec| {
+            let layer = spec.layer;
+            let missing = match self.modality {
+                Modality::Both => false,
+                Modality::Piezo => layer.starts_with("xl.") || layer.starts_with("cross_xl."),
+                Modality::Xl => layer.starts_with("piezo.") || layer.starts_with("cross_piezo."),
+            };
+            let skipped = self.modality == Modality::Both
+                && self.fusion == Fusion::Concatenation
+                && layer.starts_with("cross_");
+            !missing && !skipped
+        };
+        let mut all: Vec<TensorSpec> = specs(&dims).into_iter().filter(has).collect();
+        for spec in all.iter_mut().filter(|spec| spec.layer == "xl.conv" && spec.part == "weight") {
+            spec.cols = self.xl_kernel * self.xl_inputs();
+        }
+        if self.in_stacks() {
+            // As wide as one modality: those of a network whose two embeddings are half as wide.
+            all.retain(|spec| !deciding(spec));
+            let half = specs(&Dims { embed: dims.embed / 2, ..dims });
+            all.extend(half.iter().copied().filter(deciding));
+            if self.modality == Modality::Both {
+                let renamed = |spec: TensorSpec| TensorSpec { layer: late_name(spec.layer), ..spec };
+                all.extend(half.iter().copied().filter(deciding).map(renamed));
+            }
+        }
+        all
+    }
+
+    fn heads(&self) -> usize {
+        self.dims().heads
+    }
+
+    fn forward(
+        &self,
+        graph: &Graph<'_>,
+        input: &Sequences,
+        features: Option<Tensor<2>>,
+        device: &Device,
+    ) -> Tensor<3> {
+        let extent = Extent { batch: input.batch, sensors: input.sensors, frames: input.frames };
+        let piezo = features.map(|features| graph.dense("piezo.dense", features));
+        self.decide(graph, extent, piezo, self.hear(graph, input, device), device)
+    }
+}

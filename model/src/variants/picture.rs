@@ -1,0 +1,98 @@
+//! Macro F1 of every row on every split as one picture.
+
+use anyhow::{Result, anyhow};
+use plotters::prelude::*;
+use slipsense_synth::Split;
+
+use super::results::Comparisons;
+
+const WIDTH: u32 = 900;
+/// Height of a row, and of all that is around the rows.
+const ROW_HEIGHT: u32 = 26;
+const AROUND_HEIGHT: u32 = 150;
+/// Okabe and Ito's colours, which colour-blind readers can tell apart.
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+];
+/// Distance of two splits within a row, rows.
+const APART: f64 = 0.12;
+
+fn failed(error: impl std::fmt::Display) -> anyhow::Error {
+    anyhow!("cannot draw: {error}")
+}
+
+/// SVG: a dot per row and split at the mean of the seeds, a line from the lowest to the highest.
+pub(super) fn svg(results: &Comparisons) -> Result<String> {
+    let rows = &results.rows;
+    let splits: Vec<Split> =
+        rows.first().map_or(Vec::new(), |row| row.splits.iter().map(|s| s.split).collect());
+    let all = rows.iter().flat_map(|row| &row.splits).filter_map(|split| split.macro_f1);
+    let lowest = all.map(|spread| 100.0 * spread.lowest).fold(100.0, f64::min);
+    let from = (lowest / 10.0).floor() * 10.0;
+    let count = rows.len() as f64;
+    let mut svg = String::new();
+    {
+        let size = (WIDTH, AROUND_HEIGHT + ROW_HEIGHT * rows.len() as u32);
+        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        root.fill(&WHITE).map_err(failed)?;
+        let mut chart = ChartBuilder::on(&root)
+            .caption("Macro F1 on frozen splits, synthetic data, float networks", ("sans-serif", 18))
+            .margin(12)
+            .margin_right(30)
+            .x_label_area_size(44)
+            .y_label_area_size(150)
+            .build_cartesian_2d(from..100.0, -0.5..count - 0.5)
+            .map_err(failed)?;
+        // From the top down; the axis counts upwards.
+        let name = |at: &f64| {
+            let row = (at - at.round()).abs().lt(&1e-6).then(|| count - 1.0 - at.round());
+            let row = row.filter(|&row| row >= 0.0).and_then(|row| rows.get(row as usize));
+            row.map_or(String::new(), |row| row.row.to_owned())
+        };
+        chart
+            .configure_mesh()
+            .x_desc("macro F1, %: mean of the seeds, line from the lowest to the highest")
+            .y_labels(2 * rows.len() + 1)
+            .y_label_formatter(&name)
+            .bold_line_style(RGBAColor(128, 128, 128, 0.25))
+            .light_line_style(TRANSPARENT)
+            .label_style(("sans-serif", 13))
+            .draw()
+            .map_err(failed)?;
+        for (n, split) in splits.iter().enumerate() {
+            let colour = COLOURS[n % COLOURS.len()];
+            let below = (n as f64 - (splits.len() as f64 - 1.0) / 2.0) * APART;
+            let figures = rows.iter().enumerate().filter_map(|(index, row)| {
+                let spread = row.splits.iter().find(|s| s.split == *split)?.macro_f1?;
+                Some((count - 1.0 - index as f64 - below, spread))
+            });
+            let figures: Vec<_> = figures.collect();
+            let lines = figures.iter().map(|&(y, spread)| {
+                let points = vec![(100.0 * spread.lowest, y), (100.0 * spread.highest, y)];
+                PathElement::new(points, colour.stroke_width(2))
+            });
+            chart.draw_series(lines).map_err(failed)?;
+            let dots =
+                figures.iter().map(|&(y, spread)| Circle::new((100.0 * spread.mean, y), 4, colour.filled()));
+            chart
+                .draw_series(dots)
+                .map_err(failed)?
+                .label(split.name())
+                .legend(move |at| Circle::new(at, 4, colour.filled()));
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerLeft)
+            .background_style(WHITE.mix(0.8))
+            .label_font(("sans-serif", 13))
+            .draw()
+            .map_err(failed)?;
+        root.present().map_err(failed)?;
+    }
+    Ok(svg)
+}

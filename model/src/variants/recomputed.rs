@@ -1,0 +1,66 @@
+//! The network without its memory: every frame from its own window of frames, as the paper runs its own.
+//!
+//! The shipped network keeps keys and values of the last frames. Those were made when still older frames were
+//! in view, so through two attentions, one behind the other, a frame reaches back nearly two windows. Here the
+//! cache is built anew for every frame, and nothing from before the window is seen. The front end is not the
+//! network: log-mel and the taxels' change keep their own short past.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use slipsense::params::{CLASSES, MEL_BINS};
+
+use super::Variant;
+use super::network::Extent;
+use crate::float::{FloatNetwork, Sequences, plain};
+
+/// Windows that are run at once.
+const BATCH: usize = 64;
+
+/// Logits of every frame of one sequence, each from the frames of its window alone. `device` is a plain one.
+///
+/// # Panics
+/// If `input` is not one sequence of one frame or more.
+pub fn logits(
+    network: &FloatNetwork,
+    variant: &Variant,
+    input: &Sequences,
+    device: &Device,
+) -> Vec<[f32; CLASSES]> {
+    assert!(input.batch == 1 && input.frames > 0, "one sequence");
+    let graph = network.graph(variant);
+    let piezo = graph.features(&input.piezo, device).map(|features| graph.dense("piezo.dense", features));
+    let frames = input.frames.min(variant.window);
+    let starts: Vec<usize> = (0..=input.frames - frames).collect();
+    let mut all = Vec::with_capacity(input.frames);
+    for starts in starts.chunks(BATCH) {
+        let extent = Extent { batch: starts.len(), sensors: input.sensors, frames };
+        // Where each frame of each sensor of each window lies in the sequence.
+        let of_sensor = |sensor: usize, start: usize| sensor * input.frames + start;
+        let rows: Vec<usize> = starts
+            .iter()
+            .flat_map(|&start| (0..input.sensors).map(move |sensor| of_sensor(sensor, start)))
+            .flat_map(|from| from..from + frames)
+            .collect();
+        let heard = Sequences {
+            batch: extent.batch,
+            sensors: extent.sensors,
+            frames,
+            log_mel: rows
+                .iter()
+                .flat_map(|row| &input.log_mel[row * MEL_BINS..][..MEL_BINS])
+                .copied()
+                .collect(),
+            level: rows.iter().map(|&row| input.level[row]).collect(),
+            ..Default::default()
+        };
+        let indices: Vec<i32> = rows.iter().map(|&row| row as i32).collect();
+        let indices = TensorData::new(indices, [rows.len()]);
+        let seen = piezo.clone().map(|x| x.select(0, Tensor::from_data(indices, device)));
+        let xl = variant.hear(&graph, &heard, device);
+        let logits = plain(variant.decide(&graph, extent, seen, xl, device));
+        for (window, &start) in logits.chunks_exact(frames).zip(starts) {
+            // The first window is all there is for its frames, any other is for its last one.
+            all.extend_from_slice(if start == 0 { window } else { &window[frames - 1..] });
+        }
+    }
+    all
+}

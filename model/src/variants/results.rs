@@ -1,0 +1,247 @@
+//! What the rows reach: one file for each row and seed as it is finished, and all of them together.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
+use slipsense_synth::Split;
+use slipsense_synth::splits::GENERATOR_VERSION;
+
+use super::orderings::{Ordering, orderings};
+use super::{ROWS, Row};
+use crate::evaluate::Scores;
+use crate::output;
+
+/// What every row gets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Budget {
+    /// Training episodes.
+    pub episodes: usize,
+    /// Seed of the training episodes, the same for all rows and seeds.
+    pub data_seed: u64,
+    /// Version of what made the episodes.
+    pub generator: u32,
+    /// Optimizer steps.
+    pub steps: usize,
+    /// Sequences per step.
+    pub batch: usize,
+    /// Frames per sequence.
+    pub frames: usize,
+    /// Highest learning rate.
+    pub learning_rate: f64,
+    /// First episodes of each frozen split that are scored.
+    pub test_episodes: usize,
+}
+
+impl Budget {
+    /// Of episodes of the generator as it is, seed 1.
+    pub fn new(episodes: usize, steps: usize, learning_rate: f64, test_episodes: usize) -> Self {
+        let (batch, frames) = (12, 240);
+        let generator = GENERATOR_VERSION;
+        Self { episodes, data_seed: 1, generator, steps, batch, frames, learning_rate, test_episodes }
+    }
+}
+
+/// Figures of one row and seed on one split; null where there is nothing to divide by.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SplitFigures {
+    /// Split.
+    pub split: Split,
+    /// Episodes scored.
+    pub episodes: usize,
+    /// Frames scored.
+    pub frames: u64,
+    /// Slip events.
+    pub events: usize,
+    /// Mean F1 of the three classes.
+    pub macro_f1: Option<f64>,
+    /// False slip frames of the frames that do not slip.
+    pub fpr_of_non_slip_share: Option<f64>,
+    /// Median over hits and misses (infinite); null where infinite or without events.
+    pub latency_median_frames: Option<f64>,
+}
+
+impl SplitFigures {
+    /// Of all episodes' scores together.
+    pub fn new(split: Split, episodes: usize, scores: &Scores) -> Self {
+        let figures = scores.figures();
+        Self {
+            split,
+            episodes,
+            frames: figures.frames,
+            events: figures.events,
+            macro_f1: figures.macro_f1,
+            fpr_of_non_slip_share: figures.fpr_of_non_slip,
+            latency_median_frames: figures.median_latency_frames,
+        }
+    }
+}
+
+/// A row and seed that is done, as in `DIR/ROW-SEED.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finished {
+    /// Name of the row.
+    pub row: String,
+    /// Seed of first weights and draws.
+    pub seed: u64,
+    /// All figures are of generated episodes.
+    pub synthetic: bool,
+    /// What it was given.
+    pub budget: Budget,
+    /// Trained numbers.
+    pub parameters: usize,
+    /// Training loss at the end, nat; null for a row that is not trained.
+    pub loss: Option<f64>,
+    /// Training and scoring, seconds.
+    pub wall_s: f64,
+    /// Split by split.
+    pub splits: Vec<SplitFigures>,
+}
+
+impl Finished {
+    /// Where it is kept.
+    pub fn path(out: &Path, row: &str, seed: u64) -> PathBuf {
+        out.join(format!("{row}-{seed}.json"))
+    }
+
+    /// What an earlier run left; none if there is nothing. Refuses what had another budget.
+    pub fn read(out: &Path, row: &str, seed: u64, budget: &Budget) -> Result<Option<Self>> {
+        let path = Self::path(out, row, seed);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let done: Self =
+            serde_json::from_slice(&text).with_context(|| format!("cannot use {}", path.display()))?;
+        ensure!(
+            done.budget == *budget,
+            "{}: budget is {}, now asked for {}; rows of different budgets do not compare, use another --out",
+            path.display(),
+            serde_json::to_string(&done.budget)?,
+            serde_json::to_string(budget)?
+        );
+        Ok(Some(done))
+    }
+
+    /// Keep it.
+    pub fn write(&self, out: &Path) -> Result<()> {
+        let text = serde_json::to_string_pretty(self)? + "\n";
+        output::write(&Self::path(out, &self.row, self.seed), text.as_bytes())
+    }
+}
+
+/// A figure over the seeds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean of the seeds.
+    pub mean: f64,
+    /// Lowest.
+    pub lowest: f64,
+    /// Highest.
+    pub highest: f64,
+}
+
+impl Spread {
+    /// None where there is no seed or one of them has no figure.
+    pub fn new(seeds: impl IntoIterator<Item = Option<f64>>) -> Option<Self> {
+        let values: Vec<f64> = seeds.into_iter().collect::<Option<_>>()?;
+        let lowest = values.iter().copied().reduce(f64::min)?;
+        let highest = values.iter().copied().reduce(f64::max)?;
+        Some(Self { mean: values.iter().sum::<f64>() / values.len() as f64, lowest, highest })
+    }
+}
+
+/// One row over all its seeds, on one split.
+#[derive(Clone, Debug, Serialize)]
+pub struct RowSplit {
+    /// Split.
+    pub split: Split,
+    /// Slip events.
+    pub events: usize,
+    /// See [`SplitFigures`].
+    pub macro_f1: Option<Spread>,
+    /// See [`SplitFigures`].
+    pub fpr_of_non_slip_share: Option<Spread>,
+    /// See [`SplitFigures`]; null where a seed's is.
+    pub latency_median_frames: Option<Spread>,
+}
+
+/// One row over all its seeds.
+#[derive(Clone, Debug, Serialize)]
+pub struct RowResults {
+    /// Name.
+    pub row: &'static str,
+    /// What is compared.
+    pub group: &'static str,
+    /// What it is.
+    pub about: &'static str,
+    /// Trained numbers.
+    pub parameters: usize,
+    /// Split by split.
+    pub splits: Vec<RowSplit>,
+    /// Seed by seed.
+    pub seeds: Vec<Finished>,
+}
+
+impl RowResults {
+    /// None without a finished seed.
+    fn new(row: &'static Row, finished: &[Finished]) -> Option<Self> {
+        let mut seeds: Vec<Finished> = finished.iter().filter(|done| done.row == row.name).cloned().collect();
+        seeds.sort_by_key(|done| done.seed);
+        let first = seeds.first()?;
+        let split = |(index, figures): (usize, &SplitFigures)| {
+            let of = |figure: fn(&SplitFigures) -> Option<f64>| {
+                Spread::new(seeds.iter().map(|seed| seed.splits.get(index).and_then(figure)))
+            };
+            RowSplit {
+                split: figures.split,
+                events: figures.events,
+                macro_f1: of(|f| f.macro_f1),
+                fpr_of_non_slip_share: of(|f| f.fpr_of_non_slip_share),
+                latency_median_frames: of(|f| f.latency_median_frames),
+            }
+        };
+        Some(Self {
+            row: row.name,
+            group: row.group,
+            about: row.about,
+            parameters: first.parameters,
+            splits: first.splits.iter().enumerate().map(split).collect(),
+            seeds,
+        })
+    }
+
+    /// Macro F1, the mean over some splits, over the seeds.
+    pub fn macro_f1(&self, splits: &[Split]) -> Option<Spread> {
+        let of_seed = |seed: &Finished| {
+            let figures = splits.iter().map(|split| seed.splits.iter().find(|f| f.split == *split)?.macro_f1);
+            let figures: Vec<f64> = figures.collect::<Option<_>>()?;
+            Some(figures.iter().sum::<f64>() / figures.len() as f64)
+        };
+        Spread::new(self.seeds.iter().map(of_seed))
+    }
+}
+
+/// The root of `comparisons.json`. Keys carry their units: `_share` from 0 to 1, `_frames` of 1/240 s, `_s`,
+/// `_points` of a hundredth; F1 has none.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparisons {
+    /// All figures are of generated episodes.
+    pub synthetic: bool,
+    /// The command that makes them again.
+    pub command: String,
+    /// What every row got.
+    pub budget: Budget,
+    /// Row by row.
+    pub rows: Vec<RowResults>,
+    /// The paper's orderings.
+    pub orderings: Vec<Ordering>,
+}
+
+impl Comparisons {
+    /// Collect what is finished.
+    pub fn new(command: String, budget: Budget, finished: &[Finished]) -> Self {
+        let rows: Vec<RowResults> = ROWS.iter().filter_map(|row| RowResults::new(row, finished)).collect();
+        Self { synthetic: true, command, budget, orderings: orderings(&rows), rows }
+    }
+}

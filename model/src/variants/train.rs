@@ -1,0 +1,54 @@
+//! Training of one variant within the budget that all share.
+
+use anyhow::{Result, ensure};
+use burn::tensor::Device;
+use indicatif::ProgressBar;
+
+use super::Variant;
+use super::results::Budget;
+use crate::batch::Sampler;
+use crate::float::FloatNetwork;
+use crate::train::{average_decay, optimizer, schedule};
+use crate::weights::Weights;
+
+/// Share of the steps, the last ones, over which the loss is averaged.
+const LAST_SHARE: usize = 10;
+
+/// A trained variant.
+#[derive(Clone, Debug)]
+pub struct Trained {
+    /// Running average of the weights.
+    pub weights: Weights,
+    /// Mean over the last tenth of the steps, nat.
+    pub loss: f64,
+}
+
+/// Train from first weights and draws that follow from `seed`; `sampler` has the variant's options. `bar` moves
+/// once a step.
+pub fn train(
+    variant: &Variant,
+    sampler: &Sampler<'_>,
+    budget: &Budget,
+    seed: u64,
+    bar: &ProgressBar,
+) -> Result<Trained> {
+    let device = Device::flex().autodiff();
+    let mut optimizer = optimizer();
+    let first = variant.first_weights(seed);
+    let mut network = FloatNetwork::new(&first, &device);
+    let mut average = first;
+    let mut losses = Vec::with_capacity(budget.steps);
+    for step in 0..budget.steps {
+        let batch = sampler.batch(budget.batch, seed.wrapping_add((step as u64) << 32));
+        let (loss, gradients) = network.gradients(variant, &batch, &device);
+        ensure!(loss.is_finite(), "the loss is {loss} at step {step}: try a lower --learning-rate");
+        let rate = budget.learning_rate * schedule(step, budget.steps);
+        network = optimizer.step(rate, network, gradients);
+        average.average(&network.weights(variant.dims()), average_decay(step));
+        losses.push(loss);
+        bar.set_message(format!("loss {loss:.3}"));
+        bar.inc(1);
+    }
+    let last = &losses[budget.steps - budget.steps.div_ceil(LAST_SHARE)..];
+    Ok(Trained { weights: average, loss: last.iter().sum::<f64>() / last.len() as f64 })
+}

@@ -1,0 +1,244 @@
+//! The networks that the shipped one is compared with: the base is it, every one learns, the one without
+//! memory sees its window only, and a comparison that is begun again does only what is missing.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use burn::module::ParamId;
+use burn::optim::AdamWConfig;
+use burn::tensor::Device;
+use slipsense::features::taxel_change::TaxelChange;
+use slipsense::params::{CLASSES, MEL_BINS, TAXELS};
+use slipsense_model::augment::level;
+use slipsense_model::batch::{Options, Sampler};
+use slipsense_model::data::Features;
+use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
+use slipsense_model::pad_view::PadView;
+use slipsense_model::piezo::IMAGE;
+use slipsense_model::reference::log_mel_real;
+use slipsense_model::variants::{BASE, ROWS, Row, recomputed, row_named};
+use slipsense_model::weights::{FIRST_DIMS, specs};
+use slipsense_model::{CompareArgs, run_compare};
+
+const SENSORS: usize = 2;
+
+/// One sequence whose classes are told by pads and sound alike.
+fn sequence(frames: usize, seed: u64) -> Sequences {
+    let scans = common::scans(frames, SENSORS, seed);
+    let log_mels = common::log_mels(frames, SENSORS, seed + 1);
+    let mut input = Sequences { batch: 1, sensors: SENSORS, frames, ..Default::default() };
+    input.label = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
+    input.weight = vec![1.0; frames];
+    for sensor in 0..SENSORS {
+        let mut change = TaxelChange::new();
+        for frame in 0..frames {
+            let at = frame * SENSORS + sensor;
+            let class = input.label[frame];
+            let counts = scans[at].counts().map(|count| count * u16::from(class) / 2);
+            change.push(&counts, |index, change| input.piezo.extend([counts[index] as i16, change]));
+            let bins = log_mels[at].iter().enumerate();
+            input.log_mel.extend(bins.map(|(bin, &q)| {
+                log_mel_real(q) * 0.3 + if bin % CLASSES == class as usize { 1.0 } else { 0.0 }
+            }));
+            input.level.push(f32::from(class) - 5.0);
+        }
+    }
+    input
+}
+
+/// The frames of a sequence from `from` up to `to`, features as they are.
+fn cut(input: &Sequences, from: usize, to: usize) -> Sequences {
+    fn rows<T: Copy>(values: &[T], width: usize, input: &Sequences, (from, to): (usize, usize)) -> Vec<T> {
+        let sensors = values.chunks_exact(input.frames * width);
+        sensors.flat_map(|sensor| &sensor[from * width..to * width]).copied().collect()
+    }
+    Sequences {
+        batch: 1,
+        sensors: input.sensors,
+        frames: to - from,
+        piezo: rows(&input.piezo, IMAGE, input, (from, to)),
+        log_mel: rows(&input.log_mel, MEL_BINS, input, (from, to)),
+        level: rows(&input.level, 1, input, (from, to)),
+        label: input.label[from..to].to_vec(),
+        weight: input.weight[from..to].to_vec(),
+    }
+}
+
+fn worst(a: &[[f32; CLASSES]], b: &[[f32; CLASSES]]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn the_base_is_the_shipped_network() {
+    assert_eq!(BASE.specs(), specs(&FIRST_DIMS));
+    let weights = common::random_weights(5);
+    let device = Device::flex();
+    let network = FloatNetwork::fixed(&weights, &device);
+    let input = sequence(70, 1);
+    assert_eq!(network.logits(&BASE, &input, &device), network.logits(&FIRST_DIMS, &input, &device));
+}
+
+#[test]
+fn every_network_learns_and_all_its_parameters_do() {
+    let device = Device::flex().autodiff();
+    let input = sequence(70, 2);
+    for Row { name, variant, .. } in ROWS.iter().filter(|row| !row.recomputed) {
+        let weights = variant.first_weights(1);
+        let mut network = FloatNetwork::new(&weights, &device);
+        let mut optimizer = AdamWConfig::new().init();
+        let mut losses = Vec::new();
+        for _ in 0..12 {
+            let (loss, gradients) = network.gradients(variant, &input, &device);
+            for (index, spec) in variant.specs().iter().enumerate() {
+                let gradient = gradients.get::<1>(ParamId::from(index as u64 + 1));
+                assert!(gradient.is_some(), "{name}: {}.{}", spec.layer, spec.part);
+            }
+            losses.push(loss);
+            network = optimizer.step(1e-2, network, gradients);
+        }
+        println!("{name:20} {} parameters, loss {:.3} to {:.3}", weights.count(), losses[0], losses[11]);
+        assert!(losses[11] < 0.7 * losses[0], "{name}: {losses:?}");
+    }
+}
+
+#[test]
+fn what_is_taken_away_is_not_seen() {
+    let device = Device::flex();
+    let logits = |name: &str, input: &Sequences| {
+        let variant = row_named(name).unwrap().variant;
+        FloatNetwork::fixed(&variant.first_weights(3), &device).logits(&variant, input, &device)
+    };
+    let input = sequence(70, 3);
+    let deaf = Sequences { log_mel: vec![0.0; input.log_mel.len()], ..input.clone() };
+    let numb = Sequences { piezo: vec![0; input.piezo.len()], ..input.clone() };
+    let louder = Sequences { level: input.level.iter().map(|nat| nat + 1.0).collect(), ..input.clone() };
+    for (name, other, same) in [
+        ("piezo", &deaf, true),
+        ("piezo", &numb, false),
+        ("xl", &numb, true),
+        ("xl", &deaf, false),
+        ("late", &numb, false),
+        ("late", &deaf, false),
+        ("base", &louder, true),
+        ("level", &louder, false),
+    ] {
+        assert_eq!(worst(&logits(name, &input), &logits(name, other)) == 0.0, same, "{name}");
+    }
+    // What lies outside two windows of 6 and the kernel behind them has no effect on the last frame, one
+    // frame of it within has.
+    let short =
+        |from: usize| worst(&logits("t6", &input)[69..], &logits("t6", &cut(&input, from, 70))[69 - from..]);
+    assert!(short(50) < 1e-5 && short(66) > 1e-4, "{} {}", short(50), short(66));
+}
+
+#[test]
+fn a_recomputed_frame_sees_its_window_and_the_first_ones_are_the_streams() {
+    let weights = common::random_weights(6);
+    let device = Device::flex();
+    let network = FloatNetwork::fixed(&weights, &device);
+    let input = sequence(130, 4);
+    let stream = network.logits(&BASE, &input, &device);
+    let recomputed = recomputed::logits(&network, &BASE, &input, &device);
+    let window = BASE.window;
+    assert!(worst(&stream[..window], &recomputed[..window]) < 1e-5);
+    assert!(worst(&stream[window..], &recomputed[window..]) > 1e-3, "the stream remembers more");
+    for last in [window, 101, 129] {
+        let alone = network.logits(&BASE, &cut(&input, last + 1 - window, last + 1), &device);
+        assert!(worst(&alone[window - 1..], &recomputed[last..=last]) < 1e-5, "frame {last}");
+    }
+    let short = cut(&input, 0, 40);
+    let both = [recomputed::logits(&network, &BASE, &short, &device), network.logits(&BASE, &short, &device)];
+    assert!(worst(&both[0], &both[1]) < 1e-5);
+}
+
+/// One episode by hand, of all classes.
+fn features(frames: usize) -> Features {
+    let log_mel = common::log_mels(frames, SENSORS, 9);
+    let label: Vec<u8> = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
+    Features {
+        sensors: SENSORS,
+        piezo: common::scans(frames, SENSORS, 8).iter().map(|scan| *scan.counts()).collect(),
+        ln_power: log_mel.iter().map(|bins| bins.map(|q| f32::from(q) / 3000.0)).collect(),
+        log_mel,
+        touched: label.iter().flat_map(|&class| [class != 0; SENSORS]).collect(),
+        label,
+    }
+}
+
+#[test]
+fn a_batch_holds_what_its_options_say() {
+    let episodes = [features(200)];
+    let batch = |options: Options| Sampler::new(&episodes, 60).unwrap().with_options(options).batch(8, 5);
+    let usual = batch(Options::default());
+    let plain = batch(Options { xl_augmentation: false, ..Options::default() });
+    assert_eq!(usual.label, plain.label);
+    let known: Vec<f32> = episodes[0].ln_power.iter().map(level).collect();
+    assert!(plain.level.iter().all(|nat| known.contains(nat)));
+    assert!(!usual.level.iter().all(|nat| known.contains(nat)));
+
+    let coarse = batch(Options { pads: PadView { side: 8, change: false }, ..Options::default() });
+    for image in coarse.piezo.chunks_exact(IMAGE) {
+        assert!(image.iter().skip(1).step_by(2).all(|&change| change == 0));
+        let count = |index: usize| image[2 * index];
+        assert!((0..TAXELS).all(|at| count(at) == count(at / 128 * 128 + at % 32 / 4 * 4)));
+    }
+    assert!(coarse.piezo.iter().any(|&count| count > 0));
+}
+
+fn compare_args(out: &Path, rows: &[&str]) -> CompareArgs {
+    CompareArgs {
+        out: out.to_owned(),
+        rows: rows.iter().map(|&row| row.to_owned()).collect(),
+        seeds: vec![1],
+        episodes: 4,
+        steps: 1,
+        test_episodes: 1,
+        learning_rate: 1e-3,
+        json: false,
+    }
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
+fn a_comparison_goes_on_with_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let read = |name: &str| fs::read_to_string(out.join(name)).unwrap();
+    run_compare(&compare_args(&out, &["recomputed", "base"])).unwrap();
+    let base = read("base-1.json");
+    let results: serde_json::Value = serde_json::from_str(&read("comparisons.json")).unwrap();
+    assert_eq!(results["synthetic"], true);
+    assert_eq!(results["rows"][0]["row"], "base");
+    assert_eq!(results["rows"][1]["splits"].as_array().unwrap().len(), 6);
+    assert!(results["rows"][0]["splits"][1]["macro_f1"]["mean"].is_number());
+    assert!(read("comparisons.svg").contains("umi_ood"));
+
+    // The base is done: its file, the time it took included, stays, and its weights are run again.
+    fs::remove_file(out.join("recomputed-1.json")).unwrap();
+    run_compare(&compare_args(&out, &["base", "recomputed"])).unwrap();
+    assert_eq!(read("base-1.json"), base);
+    assert!(out.join("recomputed-1.json").exists());
+
+    let error = |args: CompareArgs| format!("{:#}", run_compare(&args).unwrap_err());
+    let message = error(CompareArgs { steps: 2, ..compare_args(&out, &["base"]) });
+    assert!(message.contains("base-1.json: budget is"), "{message}");
+    assert_eq!(read("base-1.json"), base);
+}
+
+#[test]
+fn a_comparison_without_sense_is_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let error = |args: CompareArgs| format!("{:#}", run_compare(&args).unwrap_err());
+    assert!(error(compare_args(&out, &["bass"])).starts_with("--rows: bass is not a row (base, "));
+    let alone = error(compare_args(&out, &["recomputed"]));
+    assert!(alone.ends_with("which row recomputed runs: add base to --rows"), "{alone}");
+    let twice = error(CompareArgs { seeds: vec![3, 3], ..compare_args(&out, &["base"]) });
+    assert_eq!(twice, "--seeds: 3 is there twice");
+    let none = error(CompareArgs { test_episodes: 0, ..compare_args(&out, &["base"]) });
+    assert_eq!(none, "--test-episodes must be at least 1");
+    assert!(!out.exists());
+}

@@ -71,7 +71,7 @@ impl Results {
                     detector.name.clone(),
                     cause.to_owned(),
                     rate.alarms.to_string(),
-                    format!("{:.2}", rate.exposure_hours),
+                    format!("{:.3}", rate.exposure_hours),
                     number(rate.alarms_per_hour, 2),
                     number(rate.upper_bound_per_hour, 2),
                     missed,

@@ -130,7 +130,8 @@ pub fn tune(disturbances: &[Heard], slips: &[Heard], target_alarms_per_hour: f64
     for heard in disturbances {
         exposure.add(&AlarmCounts::new(&heard.truth, &vec![0; heard.truth.frames()]));
     }
-    let allowed = (target_alarms_per_hour * exposure.hours()) as u64;
+    // A product that should be whole may fall just short of it.
+    let allowed = (target_alarms_per_hour * exposure.hours() + 1e-9) as u64;
     ensure!(exposure.hours() > 0.0, "the disturbances hold no frame in which an alarm would be false");
     ensure!(slips.iter().any(|heard| !heard.truth.slip.is_empty()), "the slip episodes hold no slip");
     let rows: Vec<Row> = RULES

@@ -7,10 +7,8 @@ use comfy_table::{CellAlignment, Table, presets};
 use crate::grid::Grid;
 use crate::metrics::alarms::Rate;
 use crate::metrics::statistics::share;
-use crate::paper::{CLASS_PERCENT, Comparison};
 use crate::paper::{CLASS_PERCENT, Comparison, VALIDATION};
 use crate::results::{InputFacts, InputFigures, Results};
-use crate::results::{InputFigures, Results};
 use crate::{directions, integer_float, targets};
 
 /// A share as percent.

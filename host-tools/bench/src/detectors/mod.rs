@@ -172,6 +172,7 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Box<dyn Detector + '
     let order = fitted.class_order;
     Ok(match name {
         NETWORK => Box::new(network::Network::new(setup.model)?),
+        NETWORK_ALARM => Box::new(network_alarm::NetworkAlarm::new(setup.model)?),
         #[cfg(feature = "float")]
         FLOAT => Box::new(float::Float::new(setup.float_weights)?),
         #[cfg(not(feature = "float"))]

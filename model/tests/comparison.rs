@@ -108,7 +108,7 @@ fn scales_that_are_not_there_are_named() {
         format!("{:#}", scales(&Model::parse(&bytes).unwrap()).unwrap_err())
     };
     assert!(refusal("{}").starts_with("provenance has no scales"));
-    assert_eq!(refusal("{\"scales\":{\"piezo\":1.0}}"), "provenance scales lacks piezo.conv1");
+    assert_eq!(refusal("{\"scales\":{\"piezo\":1.0}}"), "provenance scales lacks taxels");
     let mut all = activation_scales(&ranges).unwrap();
     all.insert("fused".into(), 0.0);
     let zero = serde_json::json!({ SCALES_KEY: all }).to_string();

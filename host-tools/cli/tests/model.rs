@@ -72,7 +72,7 @@ mod with_float_network {
     use slipsense_model::reference::{Reference, SensorFrame};
     use slipsense_model::weights::{FIRST_DIMS, Weights};
     use slipsense_model::{export, output};
-    use slipsense_model_file::SCALES_KEY;
+    use slipsense_model_file::{SCALES_KEY, random_model};
 
     use super::support::{Arrays, Place, fails, succeeds};
 
@@ -135,10 +135,13 @@ mod with_float_network {
         let error = super::support::slipsense(["model", "compare", text(&episode), "--model", text(&model)]);
         assert_eq!(error.status.code(), Some(2));
         assert!(String::from_utf8_lossy(&error.stderr).contains("--weights"));
-        let bare = place.file("bare.slipnet", super::model().to_bytes().unwrap());
+        let bare = place.file("bare.slipnet", random_model(FIRST_DIMS, 1).to_bytes().unwrap());
         let args = ["model", "compare", text(&episode), "--weights", text(&weights), "--model", text(&bare)];
         let error = fails(args);
         assert!(error.contains("bare.slipnet") && error.contains("has no scales"), "{error}");
+        let small = place.file("small.slipnet", super::model().to_bytes().unwrap());
+        let args = ["model", "compare", text(&episode), "--weights", text(&weights), "--model", text(&small)];
+        assert!(fails(args).contains("not the same network"));
     }
 
     #[test]

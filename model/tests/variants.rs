@@ -216,11 +216,13 @@ fn a_comparison_goes_on_with_what_is_missing() {
     assert!(results["rows"][0]["splits"][1]["macro_f1"]["mean"].is_number());
     assert!(read("comparisons.svg").contains("umi_ood"));
 
-    // The base is done: its file, the time it took included, stays, and its weights are run again.
-    fs::remove_file(out.join("recomputed-1.json")).unwrap();
-    run_compare(&compare_args(&out, &["base", "recomputed"])).unwrap();
-    assert_eq!(read("base-1.json"), base);
-    assert!(out.join("recomputed-1.json").exists());
+    // These are done: their files, the time it took included, stay.
+    let recomputed = read("recomputed-1.json");
+    run_compare(&compare_args(&out, &["base", "xl", "recomputed"])).unwrap();
+    assert_eq!([read("base-1.json"), read("recomputed-1.json")], [base.clone(), recomputed]);
+    let results: serde_json::Value = serde_json::from_str(&read("comparisons.json")).unwrap();
+    let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
+    assert_eq!(rows, ["base", "xl", "recomputed"]);
 
     let error = |args: CompareArgs| format!("{:#}", run_compare(&args).unwrap_err());
     let message = error(CompareArgs { steps: 2, ..compare_args(&out, &["base"]) });

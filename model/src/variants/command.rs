@@ -61,7 +61,8 @@ fn rows_help() -> String {
          base-SEED.safetensors  weights of the base, which the row `recomputed` runs again\n  \
          comparisons.json  all rows, and which of the paper's orderings hold\n  \
          comparisons.svg   macro F1 of every row and split\n\n\
-         Training takes about three minutes per row and seed on two cores, scoring about one.\n\n\
+         On two cores a row and seed is trained in about three minutes and scored in one, `recomputed` in several;\n\
+         the features of all episodes are held in memory, about 6 GB.\n\n\
          Examples:\n  \
          slipsense compare-networks --out out/compare\n  \
          slipsense compare-networks --out out/fusion --rows base,late,concatenation --seeds 1\n  \

@@ -6,6 +6,7 @@
 //! network: log-mel and the taxels' change keep their own short past.
 
 use burn::tensor::{Device, Tensor, TensorData};
+use rayon::prelude::*;
 use slipsense::params::{CLASSES, MEL_BINS};
 
 use super::Variant;
@@ -30,25 +31,15 @@ pub fn logits(
     let piezo = graph.features(&input.piezo, device).map(|features| graph.dense("piezo.dense", features));
     let frames = input.frames.min(variant.window);
     let starts: Vec<usize> = (0..=input.frames - frames).collect();
-    let mut all = Vec::with_capacity(input.frames);
-    for starts in starts.chunks(BATCH) {
+    let of_windows = |starts: &[usize]| {
         let extent = Extent { batch: starts.len(), sensors: input.sensors, frames };
-        // Where each frame of each sensor of each window lies in the sequence.
-        let of_sensor = |sensor: usize, start: usize| sensor * input.frames + start;
-        let rows: Vec<usize> = starts
-            .iter()
-            .flat_map(|&start| (0..input.sensors).map(move |sensor| of_sensor(sensor, start)))
-            .flat_map(|from| from..from + frames)
-            .collect();
+        let rows = rows(input, starts, frames);
+        let bins = rows.iter().flat_map(|row| &input.log_mel[row * MEL_BINS..][..MEL_BINS]);
         let heard = Sequences {
             batch: extent.batch,
             sensors: extent.sensors,
             frames,
-            log_mel: rows
-                .iter()
-                .flat_map(|row| &input.log_mel[row * MEL_BINS..][..MEL_BINS])
-                .copied()
-                .collect(),
+            log_mel: bins.copied().collect(),
             level: rows.iter().map(|&row| input.level[row]).collect(),
             ..Default::default()
         };
@@ -56,11 +47,17 @@ pub fn logits(
         let indices = TensorData::new(indices, [rows.len()]);
         let seen = piezo.clone().map(|x| x.select(0, Tensor::from_data(indices, device)));
         let xl = variant.hear(&graph, &heard, device);
-        let logits = plain(variant.decide(&graph, extent, seen, xl, device));
-        for (window, &start) in logits.chunks_exact(frames).zip(starts) {
-            // The first window is all there is for its frames, any other is for its last one.
-            all.extend_from_slice(if start == 0 { window } else { &window[frames - 1..] });
-        }
-    }
-    all
+        plain(variant.decide(&graph, extent, seen, xl, device))
+    };
+    let all: Vec<Vec<[f32; CLASSES]>> = starts.par_chunks(BATCH).map(of_windows).collect();
+    let mut windows = all.iter().flat_map(|logits| logits.chunks_exact(frames));
+    // The first window is all there is for its frames, any other is for its last one.
+    let first = windows.next().unwrap_or_default().iter();
+    first.chain(windows.filter_map(|window| window.last())).copied().collect()
+}
+
+/// Where each frame of each sensor of each window lies in the sequence.
+fn rows(input: &Sequences, starts: &[usize], frames: usize) -> Vec<usize> {
+    let sensors = |start: usize| (0..input.sensors).map(move |sensor| sensor * input.frames + start);
+    starts.iter().flat_map(|&start| sensors(start)).flat_map(|from| from..from + frames).collect()
 }

@@ -81,8 +81,8 @@ fn sizes_beyond_the_limits() {
         let bytes = ModelFile::new(dims, "{}").to_bytes().unwrap();
         refusal(&bytes).to_string()
     };
-    assert_eq!(refused(|d| d.conv_channels[1] = 33), "conv2 channels is 33, allowed are 1 to 32");
-    assert_eq!(refused(|d| d.window = 65), "window is 65, allowed are 1 to 64");
+    assert_eq!(refused(|d| d.conv_channels[1] = 17), "conv2 channels is 17, allowed are 1 to 16");
+    assert_eq!(refused(|d| d.window = 61), "window is 61, allowed are 1 to 60");
     assert_eq!(refused(|d| d.xl_kernel = 0), "accelerometer kernel is 0, allowed are 1 to 8");
     assert!(refused(|d| d.heads = 5).starts_with("heads (must divide"));
     assert!(refused(|d| d.heads = 1).contains("could overflow"));

@@ -29,6 +29,7 @@ fn info_counts_layers_and_totals() {
         assert!(layer["unit"].is_null(), "{layer}");
     }
     assert_eq!(info["model"]["provenance"]["random"], true);
+    assert_eq!(info["model"]["operating_point"]["k"], 1);
     let sizes: Vec<u64> =
         info["sizes"].as_array().unwrap().iter().map(|s| s["value"].as_u64().unwrap()).collect();
     assert_eq!(sizes, [2, 2, 2, 4, 2, 4, 2, 8]);

@@ -16,7 +16,7 @@ use slipsense_model_file::cost::{
 };
 
 use crate::bundled;
-use crate::summary::ModelFacts;
+use crate::summary::{ModelFacts, PointFacts};
 
 /// Say what is in a model file: layers, cost, accumulator head-room, how it was made
 ///
@@ -139,6 +139,8 @@ impl Info {
         for size in &self.sizes {
             let _ = writeln!(text, "  {:24} {:>5}", size.name, size.value);
         }
+        let PointFacts { threshold_nat, k, n } = self.model.operating_point;
+        let _ = writeln!(text, "  {:24} {k} of {n} frames over {threshold_nat:.3} nat", "alarm");
         text += &self.layer_table();
         for Total { name, value, at_most, fits, note } in &self.totals {
             let verdict = if *fits { "fits" } else { "TOO MUCH" };

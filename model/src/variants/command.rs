@@ -57,10 +57,10 @@ fn rows_help() -> String {
     format!(
         "Rows:\n{}\n\n\
          Files written to DIR:\n  \
-         ROW-SEED.json     figures of one row and seed, as soon as it is finished\n  \
+         ROW-SEED.json          figures of one row and seed, as soon as it is finished\n  \
          base-SEED.safetensors  weights of the base, which the row `recomputed` runs again\n  \
-         comparisons.json  all rows, and which of the paper's orderings hold\n  \
-         comparisons.svg   macro F1 of every row and split\n\n\
+         comparisons.json       all rows, and which of the paper's orderings hold\n  \
+         comparisons.svg        macro F1 of every row and split\n\n\
          On two cores a row and seed is trained in about three minutes and scored in one, `recomputed` in several;\n\
          the features of all episodes are held in memory, about 6 GB.\n\n\
          Examples:\n  \

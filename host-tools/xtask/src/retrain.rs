@@ -42,8 +42,8 @@ pub struct Options {
     install: bool,
 }
 
-/// Seed of the shipped model.
-const SHIPPED_SEED: u64 = 1;
+/// Seed of the shipped model: of 1 to 3 the best on validation objects.
+const SHIPPED_SEED: u64 = 2;
 
 /// Train, quantize, tune; all with the commands' own defaults.
 pub fn retrain(options: &Options) -> Result<bool> {

@@ -180,8 +180,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
             seconds: state.rows.last().map_or(0.0, |r| r.seconds) + started.elapsed().as_secs_f64(),
         });
         state.write(&args.out, &optimizer)?;
-        output::write(&args.out.join("curves.csv"), csv(&state.rows).as_bytes())?;
-        output::write(&args.out.join("curves.svg"), curves::svg(&state.rows)?.as_bytes())?;
+        write_curves(&args.out, &state.rows)?;
         print!("{}", if epoch == 0 { csv(&state.rows) } else { last_line(&csv(&state.rows)) });
     }
     let validation_objects = match &source {
@@ -197,6 +196,12 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     finish(args, &state, made_from)
 }
 
+/// The curves so far, as numbers and as a picture.
+fn write_curves(out: &Path, rows: &[Row]) -> Result<()> {
+    output::write(&out.join("curves.csv"), csv(rows).as_bytes())?;
+    output::write(&out.join("curves.svg"), curves::svg(rows)?.as_bytes())
+}
+
 fn last_line(text: &str) -> String {
     text.lines().last().map(|line| format!("{line}\n")).unwrap_or_default()
 }
@@ -205,6 +210,7 @@ fn last_line(text: &str) -> String {
 fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) -> Result<()> {
     let path = args.out.join("weights.safetensors");
     state.average.write(&path)?;
+    write_curves(&args.out, &state.rows)?;
     let mut manifest = made_from;
     manifest["recipe"] = json!(state.recipe);
     manifest["parameters"] = json!(state.average.count());

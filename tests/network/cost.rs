@@ -50,7 +50,7 @@ fn macs_and_bytes_by_hand() {
     assert_eq!(macs_per_frame(&layers, 3), 3 * 26_893 + 632);
     // What is not a layer: header, length and text of the provenance, hash.
     let of_layers: usize = layers.iter().map(|layer| layer.bytes).sum();
-    assert_eq!(bytes.len() - of_layers, 28 + 4 + 4 + 32);
+    assert_eq!(bytes.len() - of_layers, 36 + 4 + 4 + 32);
 }
 
 #[test]

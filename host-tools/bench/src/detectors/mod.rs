@@ -148,8 +148,9 @@ pub struct Setup<'a> {
 }
 
 /// Names on the command line with what they are, in the order of the report.
-pub const DETECTORS: [(&str, &str); 15] = [
-    (NETWORK, "the firmware's pipeline, integers"),
+pub const DETECTORS: [(&str, &str); 16] = [
+    (NETWORK, "the firmware's pipeline, integers, by its classes"),
+    (NETWORK_ALARM, "the same by its alarm, at the model's operating point"),
     (FLOAT, "the network before quantization, run by tract (needs the feature `train`)"),
     ("entropy", "entropy of the pressure changes; the paper's piezo baseline"),
     ("mfcc-qda", "13 MFCC with quadratic discriminants; the paper's accelerometer baseline"),

@@ -103,7 +103,7 @@ impl SetDir {
         let mut made = Vec::new();
         let begun = make_folders(&self.path, &mut made).and_then(|()| {
             let file = self.path.join(SET);
-            if file.exists() { Ok(()) } else { write_whole(&file, &self.set.to_text()) }
+            if file.exists() { Ok(()) } else { write_whole(&file, self.set.to_text()) }
         });
         begun.with_context(|| {
             remove_folders(&made);
@@ -173,7 +173,7 @@ impl SetDir {
             }
             let hashes = SetHashes::new(&self.set, known.into_iter().flatten().collect());
             let file = self.path.join(HASHES);
-            write_whole(&file, &hashes.to_text())
+            write_whole(&file, hashes.to_text())
                 .with_context(|| format!("{}: cannot write", file.display()))?;
             self.hashes = Some(hashes);
             // Left by runs that were cut off. No other shard is at work: everything is there.

@@ -149,7 +149,7 @@ fn pulls_by_hand_go_where_the_recipe_says_and_say_where_they_went() {
         assert_eq!(meta["slip_direction"], serde_json::to_value(direction).unwrap(), "{angle_deg}");
         let way: [f64; 2] = serde_json::from_value(meta["draws"]["plan"]["stroke_mm"].clone()).unwrap();
         // Counter-clockwise from the pad's y.
-        let found_deg = (-way[0]).atan2(way[1]).to_degrees();
+        let found_deg = libm::atan2(-way[0], way[1]).to_degrees();
         println!("{angle_deg}° asked for, pulled at {found_deg:.3}°: {direction:?}");
         assert!(((found_deg - angle_deg + 540.0) % 360.0 - 180.0).abs() < 0.01, "{angle_deg}: {found_deg}");
         assert!(count(&e, SLIP) > 10);

@@ -9,6 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::features::taxel_change::TaxelChange;
 use slipsense_model::float::{FloatNetwork, Sequences};
+use slipsense_model::piezo::{self, Filters};
 use slipsense_model::reference::log_mel_real;
 use slipsense_model::weights::{Weights, name, specs};
 
@@ -70,4 +71,23 @@ fn gradients_are_the_slopes_of_the_loss() {
         println!("{:24} slope {slope:+.5}, gradient {expected:+.5} of {largest:.5}", name(spec));
         assert!((slope - expected).abs() < 2e-3 + 0.03 * largest, "{}: {slope} {expected}", name(spec));
     }
+}
+
+#[test]
+fn the_convolutions_gradients_do_not_depend_on_the_number_of_threads() {
+    let weights = common::random_weights(4);
+    let of = |part: &str| piezo::LAYERS.map(|layer| weights.get(layer, part).to_vec());
+    let filters = Filters { weight: of("weight"), bias: of("bias") };
+    let images = sequences().piezo;
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let (features, tape) = piezo::forward(&filters, &images);
+            let gradients = piezo::backward(&filters, &images, &tape, &features);
+            (features, gradients.weight, gradients.bias)
+        })
+    };
+    let one = with(1);
+    assert!(one.1.iter().all(|block| block.iter().any(|&g| g != 0.0)));
+    assert!(with(2) == one && with(5) == one);
 }

@@ -123,7 +123,7 @@ impl Source {
 /// Every so many training episodes one is of disturbances only: the protocol's have few, and a network that
 /// has not heard them raises alarms.
 const DISTURBANCES_EVERY: usize = 8;
-/// Their length, as long as the others.
+/// Their length, seconds: room for a few grasps.
 const DISTURBANCES_SECONDS: f64 = 20.0;
 
 /// Recipes of the first generated episodes of the split for this use.

@@ -1,5 +1,5 @@
-//! The taxel encoder's three convolution blocks for training, by hand: the tensor library's convolution takes
-//! ten times as long on maps with so few channels, and would be nine tenths of a training run.
+//! The taxel encoder's three convolution blocks for training, by hand: the tensor library's convolution is
+//! made for maps with more channels.
 //!
 //! Images are taken in groups of eight ([`block`]), groups in a fixed number of jobs whose gradients are added
 //! in order: the same result on any number of threads.

@@ -13,7 +13,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use slipsense::net::format::{Dims, TensorSpec, layout};
 
-/// Sizes of the first model: three convolution blocks of 4, 8 and 16 channels, embeddings of 32, a
+/// Sizes of the shipped model: three convolution blocks of 4, 8 and 16 channels, embeddings of 32, a
 /// memory of 60 frames (250 ms) in every attention.
 pub const FIRST_DIMS: Dims =
     Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 32, heads: 4, window: 60 };

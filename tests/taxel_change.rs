@@ -12,7 +12,10 @@ fn scan_of(count: impl Fn(usize) -> u16) -> PiezoFrame {
 
 fn changes(change: &mut TaxelChange, scan: &PiezoFrame) -> Vec<i16> {
     let mut all = vec![i16::MIN; TAXELS];
-    change.push(scan.counts(), |index, x| all[index] = x);
+    change.push(scan.counts(), |index, count, x| {
+        assert_eq!(count, scan.counts()[index]);
+        all[index] = x;
+    });
     all
 }
 

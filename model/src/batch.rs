@@ -24,11 +24,13 @@ const ONSET_FRAMES: usize = 30;
 
 /// What a frame without contact counts in the loss: the pads decide it by themselves.
 const NO_CONTACT_WEIGHT: f32 = 0.2;
-/// What the first frames after a change of class count, and how many: they decide latency and false alarms.
+/// What the first frames after a change of class count, those of a slip and the others, and how many: they
+/// decide latency and false alarms.
+const ONSET_WEIGHT: f32 = 5.0;
 const CHANGE_WEIGHT: f32 = 3.0;
 const CHANGE_FRAMES: usize = 12;
 /// What the last frames before a slip count, and how many: the interface gives way before the label says so.
-const BEFORE_WEIGHT: f32 = 0.3;
+const BEFORE_WEIGHT: f32 = 0.2;
 const BEFORE_FRAMES: usize = 4;
 /// Frames at the start of a sequence cut out of an episode that do not count: their past is missing.
 const COLD_FRAMES: usize = 20;
@@ -201,6 +203,8 @@ fn weigh(label: &[u8], start: usize, weight: &mut [f32]) {
             BEFORE_WEIGHT
         } else if label[t] == 0 {
             NO_CONTACT_WEIGHT
+        } else if changed && label[t] == SLIP {
+            ONSET_WEIGHT
         } else if changed {
             CHANGE_WEIGHT
         } else {
@@ -222,9 +226,9 @@ mod tests {
         weigh(&label, 5, &mut weight);
         assert!(weight[..COLD_FRAMES].iter().all(|&w| w == 0.0));
         assert_eq!(weight[COLD_FRAMES..45].iter().sum::<f32>(), (45 - COLD_FRAMES) as f32);
-        assert_eq!(weight[45..53], [1.0, 0.3, 0.3, 0.3, 0.3, 3.0, 3.0, 3.0]);
+        assert_eq!(weight[45..53], [1.0, 0.2, 0.2, 0.2, 0.2, 5.0, 5.0, 5.0]);
         // Slip for 10 frames, then 12 after its end.
-        assert_eq!((weight[59], weight[71], weight[72]), (3.0, 3.0, 1.0));
+        assert_eq!((weight[59], weight[71], weight[72]), (5.0, 3.0, 1.0));
         assert_eq!((weight[89], weight[95]), (1.0, 0.2));
         weigh(&label, 0, &mut weight);
         assert_eq!(weight[0], 1.0);

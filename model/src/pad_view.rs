@@ -1,7 +1,7 @@
 //! How much of a pad a network gets to see: all taxels or averages over blocks of them, with or without the
 //! change channel. The shipped network sees everything; the comparisons take away.
 
-use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::pad_cells::PadCells;
 use slipsense::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 /// What a network sees of every scan.
@@ -22,7 +22,7 @@ impl Default for PadView {
 impl PadView {
     /// Before a sequence's first scan.
     pub fn start(self) -> Viewed {
-        Viewed { view: self, change: TaxelChange::new() }
+        Viewed { view: self, pad: PadCells::new() }
     }
 }
 
@@ -30,7 +30,7 @@ impl PadView {
 #[derive(Clone, Debug)]
 pub struct Viewed {
     view: PadView,
-    change: TaxelChange,
+    pad: PadCells,
 }
 
 impl Viewed {
@@ -40,8 +40,8 @@ impl Viewed {
         let PadView { side, change: has_change } = self.view;
         let averaged = (side < TAXEL_ROWS).then(|| block_means(counts, side));
         let counts = averaged.as_ref().unwrap_or(counts);
-        self.change.push(counts, |index, change| {
-            take(index, [counts[index] as i16, if has_change { change } else { 0 }]);
+        self.pad.push(counts, |index, [count, change]| {
+            take(index, [count, if has_change { change } else { 0 }]);
         });
     }
 }
@@ -67,14 +67,14 @@ mod tests {
     fn a_block_has_the_mean_of_its_taxels_and_changes_as_one() {
         let mut counts = [0u16; TAXELS];
         // Two taxels of the block of rows 4 to 7, columns 8 to 11.
-        counts[5 * TAXEL_COLS + 9] = 100;
-        counts[7 * TAXEL_COLS + 11] = 60;
+        counts[5 * TAXEL_COLS + 9] = 1000;
+        counts[7 * TAXEL_COLS + 11] = 600;
         let mut view = PadView { side: 8, change: true }.start();
         view.push(&[0; TAXELS], |_, cell| assert_eq!(cell, [0, 0]));
         view.push(&counts, |index, cell| {
             let inside = (4..8).contains(&(index / TAXEL_COLS)) && (8..12).contains(&(index % TAXEL_COLS));
-            // A change of 10 counts in units of 1/8.
-            assert_eq!(cell, if inside { [10, 80] } else { [0, 0] }, "taxel {index}");
+            // A change of 100 counts in units of 1/8.
+            assert_eq!(cell, if inside { [100, 800] } else { [0, 0] }, "taxel {index}");
         });
         let mut still = PadView { side: TAXEL_ROWS, change: false }.start();
         still.push(&[0; TAXELS], |_, _| ());

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::pad_cells::PadCells;
 use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, TAXELS};
 
@@ -84,8 +84,8 @@ pub struct SensorFrame<'a> {
 #[derive(Clone, Debug)]
 pub struct Reference<'w> {
     weights: &'w Weights,
-    /// Per sensor the taxels' running averages, by the microcontroller's own kernel.
-    taxel_change: Vec<TaxelChange>,
+    /// Per sensor what the network sees of the pad, by the microcontroller's own kernel.
+    pads: Vec<PadCells>,
     /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
     heard: Vec<VecDeque<[f32; MEL_BINS]>>,
     caches: [VecDeque<KeyValue>; 3],
@@ -107,7 +107,7 @@ impl<'w> Reference<'w> {
         let silence = VecDeque::from(vec![[0.0; MEL_BINS]; weights.dims.xl_kernel]);
         Self {
             weights,
-            taxel_change: vec![TaxelChange::new(); sensors],
+            pads: vec![PadCells::new(); sensors],
             heard: vec![silence; sensors],
             caches: Default::default(),
             ranges: Ranges::default(),
@@ -125,7 +125,7 @@ impl<'w> Reference<'w> {
         for (index, sensor) in sensors.iter().enumerate() {
             match sensor.piezo {
                 Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)),
-                None => self.taxel_change[index].forget(),
+                None => self.pads[index].forget(),
             }
             let mut frame = [0.0; MEL_BINS];
             for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {
@@ -168,8 +168,8 @@ impl<'w> Reference<'w> {
 
     fn embed_piezo(&mut self, sensor: usize, counts: &[u16; TAXELS]) -> Vec<f32> {
         let mut map = Vec::with_capacity(piezo::IMAGE);
-        self.taxel_change[sensor].push(counts, |index, change| {
-            map.extend([f32::from(counts[index]), f32::from(change)].map(|x| x * PIEZO_INPUT_SCALE));
+        self.pads[sensor].push(counts, |_, cell| {
+            map.extend(cell.map(|x| f32::from(x) * PIEZO_INPUT_SCALE));
         });
         self.see("taxels", &map);
         let (mut side, mut channels) = (TAXEL_ROWS, PIEZO_CHANNELS);

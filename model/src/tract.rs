@@ -9,7 +9,7 @@ mod graphs;
 use std::collections::VecDeque;
 
 use anyhow::{Context, Result, ensure};
-use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::pad_cells::PadCells;
 use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use tract_core::prelude::{IntoTValue, TValue, Tensor, TypedSimpleState, tvec};
@@ -29,8 +29,8 @@ pub struct TractNetwork {
     piezo: TypedSimpleState,
     xl: TypedSimpleState,
     fuse: TypedSimpleState,
-    /// Per sensor the taxels' running averages, by the microcontroller's own kernel.
-    taxel_change: Vec<TaxelChange>,
+    /// Per sensor what the network sees of the pad, by the microcontroller's own kernel.
+    pads: Vec<PadCells>,
     /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
     heard: Vec<VecDeque<[f32; MEL_BINS]>>,
     /// Frames seen, up to the window.
@@ -54,7 +54,7 @@ impl TractNetwork {
             piezo: graphs.piezo.spawn()?,
             xl: graphs.xl.spawn()?,
             fuse: graphs.fuse.spawn()?,
-            taxel_change: vec![TaxelChange::new(); sensors],
+            pads: vec![PadCells::new(); sensors],
             heard: vec![silence; sensors],
             filled: 0,
             mask: zeros(&[1, dims.window])?,
@@ -70,7 +70,7 @@ impl TractNetwork {
         for (index, sensor) in sensors.iter().enumerate() {
             match sensor.piezo {
                 Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)?),
-                None => self.taxel_change[index].forget(),
+                None => self.pads[index].forget(),
             }
             let mut frame = [0.0; MEL_BINS];
             for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {
@@ -88,8 +88,8 @@ impl TractNetwork {
     fn embed_piezo(&mut self, sensor: usize, counts: &[u16; TAXELS]) -> Result<Vec<f32>> {
         let mut planes = vec![0.0; piezo::IMAGE];
         let (count_plane, change_plane) = planes.split_at_mut(TAXELS);
-        self.taxel_change[sensor].push(counts, |index, change| {
-            count_plane[index] = f32::from(counts[index]) * PIEZO_INPUT_SCALE;
+        self.pads[sensor].push(counts, |index, [count, change]| {
+            count_plane[index] = f32::from(count) * PIEZO_INPUT_SCALE;
             change_plane[index] = f32::from(change) * PIEZO_INPUT_SCALE;
         });
         let image = tensor(&[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS], &planes)?;

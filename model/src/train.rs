@@ -54,10 +54,10 @@ pub struct TrainArgs {
     #[arg(long, value_name = "OBJECT", requires = "data")]
     pub test: Vec<String>,
     /// Training episodes: so many are generated, or at most so many read.
-    #[arg(long, value_name = "N", default_value_t = 512)]
+    #[arg(long, value_name = "N", default_value_t = 640)]
     pub episodes: usize,
     /// Passes over as many frames as the training episodes have.
-    #[arg(long, value_name = "N", default_value_t = 6)]
+    #[arg(long, value_name = "N", default_value_t = 10)]
     pub epochs: usize,
     /// Seed of the episodes, the first weights and all draws.
     #[arg(long, value_name = "K", default_value_t = 1)]

@@ -7,7 +7,7 @@ use burn::module::ParamId;
 use burn::tensor::Device;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::pad_cells::PadCells;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::piezo::{self, Filters};
 use slipsense_model::reference::log_mel_real;
@@ -24,10 +24,10 @@ fn sequences() -> Sequences {
         let scans = common::scans(FRAMES, SENSORS, 20 + sequence);
         let log_mels = common::log_mels(FRAMES, SENSORS, 30 + sequence);
         for sensor in 0..SENSORS {
-            let mut change = TaxelChange::new();
+            let mut pad = PadCells::new();
             for frame in 0..FRAMES {
                 let counts = scans[frame * SENSORS + sensor].counts();
-                change.push(counts, |index, change| input.piezo.extend([counts[index] as i16, change]));
+                pad.push(counts, |_, cell| input.piezo.extend(cell));
                 input.log_mel.extend(log_mels[frame * SENSORS + sensor].map(log_mel_real));
             }
         }

@@ -3,7 +3,7 @@
 mod common;
 
 use burn::tensor::Device;
-use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::pad_cells::PadCells;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::reference::{Reference, SensorFrame, log_mel_real};
 
@@ -16,11 +16,11 @@ fn worst_difference(sensors: usize) -> f32 {
     let log_mels = common::log_mels(FRAMES, sensors, 9);
     let mut input = Sequences { batch: 1, sensors, frames: FRAMES, ..Default::default() };
     for sensor in 0..sensors {
-        let mut change = TaxelChange::new();
+        let mut pad = PadCells::new();
         for frame in 0..FRAMES {
             let at = frame * sensors + sensor;
             let counts = scans[at].counts();
-            change.push(counts, |index, change| input.piezo.extend([counts[index] as i16, change]));
+            pad.push(counts, |_, cell| input.piezo.extend(cell));
             input.log_mel.extend(log_mels[at].iter().map(|&q| log_mel_real(q)));
         }
     }

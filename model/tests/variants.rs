@@ -9,7 +9,7 @@ use std::path::Path;
 use burn::module::ParamId;
 use burn::optim::AdamWConfig;
 use burn::tensor::Device;
-use slipsense::features::taxel_change::TaxelChange;
+use slipsense::features::pad_cells::PadCells;
 use slipsense::params::{CLASSES, MEL_BINS, TAXELS};
 use slipsense_model::augment::level;
 use slipsense_model::batch::{Options, Sampler};
@@ -32,12 +32,12 @@ fn sequence(frames: usize, seed: u64) -> Sequences {
     input.label = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
     input.weight = vec![1.0; frames];
     for sensor in 0..SENSORS {
-        let mut change = TaxelChange::new();
+        let mut pad = PadCells::new();
         for frame in 0..frames {
             let at = frame * SENSORS + sensor;
             let class = input.label[frame];
             let counts = scans[at].counts().map(|count| count * u16::from(class) / 2);
-            change.push(&counts, |index, change| input.piezo.extend([counts[index] as i16, change]));
+            pad.push(&counts, |_, cell| input.piezo.extend(cell));
             let bins = log_mels[at].iter().enumerate();
             input.log_mel.extend(bins.map(|(bin, &q)| {
                 log_mel_real(q) * 0.3 + if bin % CLASSES == class as usize { 1.0 } else { 0.0 }

@@ -1,4 +1,5 @@
-//! Accelerometer samples to log-mel, and taxel counts to their change ([`taxel_change`]), integers only.
+//! Accelerometer samples to log-mel, and taxel counts to what the network sees of them
+//! ([`pad_cells`]), integers only.
 //!
 //! Log-mel has one file per step, in the order of the signal: high-pass, ring and window, FFT, power over the
 //! axes, mel triangles, logarithm; then [`crate::fixed::standardise`].
@@ -13,6 +14,7 @@ pub mod mel;
 pub mod log;
 pub mod tables;
 pub mod taxel_change;
+pub mod pad_cells;
 
 use crate::fixed::standardise;
 use crate::params::{FFT_BINS, MEL_BINS, XL_AXES};

@@ -34,9 +34,10 @@ impl TaxelChange {
         Self { average: [0; TAXELS], started: false }
     }
 
-    /// Take a scan in and hand every taxel's change to `take`, row-major: in 1/8 count, −32760 to 32760.
+    /// Take a scan in and hand every taxel's index, count and change to `take`, row-major: the change in
+    /// 1/8 count, −32760 to 32760.
     #[inline]
-    pub fn push(&mut self, counts: &[u16; TAXELS], mut take: impl FnMut(usize, i16)) {
+    pub fn push(&mut self, counts: &[u16; TAXELS], mut take: impl FnMut(usize, u16, i16)) {
         let started = self.started;
         self.started = true;
         for (index, (average, &count)) in self.average.iter_mut().zip(counts).enumerate() {
@@ -47,7 +48,7 @@ impl TaxelChange {
             let difference = x - *average as i32;
             // Between the old average and x, so within u16 and, halved, within i16.
             *average = (*average as i32 + round_shift(difference as i64, AVERAGE_SHIFT) as i32) as u16;
-            take(index, (difference >> 1) as i16);
+            take(index, count, (difference >> 1) as i16);
         }
     }
 

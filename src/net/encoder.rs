@@ -5,7 +5,7 @@ use super::dense::dense;
 use super::model::{Layer, Model};
 use super::observer::Observer;
 use super::requantize;
-use crate::features::taxel_change::TaxelChange;
+use crate::features::pad_cells::PadCells;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
@@ -42,23 +42,22 @@ impl PiezoEncoder {
     }
 
     /// Counts enter the first convolution as they are: the lowest of the 12 bits is not lost. Beside each
-    /// lies its change since the recent past, which `change` keeps, of this sensor alone.
+    /// lies its change since the recent past, which `pad` keeps, of this sensor alone.
     ///
     /// The maps are laid out by the model's channels, so one encoder serves one model only.
     pub fn embed(
         &mut self,
         model: &Model<'_>,
         frame: &PiezoFrame,
-        change: &mut TaxelChange,
+        pad: &mut PadCells,
         observer: &mut impl Observer,
     ) -> Embedding {
         let [c1, c2, c3] = model.dims.conv_channels;
-        let counts = frame.counts();
         let input = &mut self.input;
-        change.push(counts, |index, change| {
+        pad.push(frame.counts(), |index, cell| {
             let at = map(0, PIEZO_CHANNELS).at(index / TAXEL_COLS, index % TAXEL_COLS);
-            if let (Some(cell), Some(&count)) = (input.get_mut(at..at + PIEZO_CHANNELS), counts.get(index)) {
-                cell.copy_from_slice(&[count as i16, change]);
+            if let Some(to) = input.get_mut(at..at + PIEZO_CHANNELS) {
+                to.copy_from_slice(&cell);
             }
         });
         see_map("taxels", &self.input, map(0, PIEZO_CHANNELS), observer);

@@ -6,7 +6,7 @@ use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
 use super::observer::Observer;
 use super::requantize;
-use crate::features::taxel_change::TaxelChange;
+use crate::features::pad_cells::PadCells;
 use crate::params::limits::EMBED;
 use crate::params::{CLASSES, MAX_SENSORS, MEL_BINS};
 use crate::sensor::PiezoFrame;
@@ -31,7 +31,7 @@ pub struct SensorFeatures<'a> {
 pub struct Network<'m> {
     model: Model<'m>,
     piezo: PiezoEncoder,
-    taxel_change: [TaxelChange; MAX_SENSORS],
+    pads: [PadCells; MAX_SENSORS],
     xl: [XlHistory; MAX_SENSORS],
     piezo_seen: KeyValueCache<EMBED>,
     xl_seen: KeyValueCache<EMBED>,
@@ -45,7 +45,7 @@ impl<'m> Network<'m> {
         Self {
             model,
             piezo: PiezoEncoder::new(),
-            taxel_change: [const { TaxelChange::new() }; MAX_SENSORS],
+            pads: [const { PadCells::new() }; MAX_SENSORS],
             xl: [const { XlHistory::new() }; MAX_SENSORS],
             piezo_seen: KeyValueCache::new(window),
             xl_seen: KeyValueCache::new(window),
@@ -94,10 +94,10 @@ impl<'m> Network<'m> {
     ) -> (Embedding, Embedding) {
         let mut piezo = None;
         let mut xl = None;
-        for ((sensor, history), change) in sensors.iter().zip(&mut self.xl).zip(&mut self.taxel_change) {
+        for ((sensor, history), pad) in sensors.iter().zip(&mut self.xl).zip(&mut self.pads) {
             match sensor.piezo {
-                Some(frame) => keep_max(&mut piezo, self.piezo.embed(&self.model, frame, change, observer)),
-                None => change.forget(),
+                Some(frame) => keep_max(&mut piezo, self.piezo.embed(&self.model, frame, pad, observer)),
+                None => pad.forget(),
             }
             // A missed frame enters the history as zeros, the mean of a standardised frame, so that
             // the taps keep their distance in time.

@@ -9,7 +9,7 @@ use slipsense::features::{STANDARDISE_EPSILON_Q32, STANDARDISED_FRAC_BITS};
 use slipsense::params::MEL_BINS;
 
 /// Share of sequences in which something else sounds.
-const WITH_SOUND: f64 = 0.5;
+const WITH_SOUND: f64 = 0.6;
 /// Most bursts of it.
 const BURSTS_MAX: usize = 3;
 /// Frames of a burst.
@@ -21,8 +21,9 @@ const MACHINE_LEVEL: Range<f32> = -3.0..2.0;
 const TONE_LEVEL: Range<f32> = 1.0..5.0;
 /// Most tones of a machine.
 const TONES_MAX: usize = 4;
-/// Largest slow change of the response over the bins, nat: units and mounts differ.
-const COLOUR: f32 = 0.6;
+/// Largest slow change of the response over the bins, nat: units and mounts differ by some tenths, the modes
+/// of another hand's fingers by more.
+const COLOUR: f32 = 1.5;
 /// Most mel bins masked.
 const MASK_MAX: usize = 5;
 /// Largest amplitude of the uniform noise on standardised log-mel.
@@ -69,7 +70,7 @@ impl Burst {
 }
 
 impl Sound {
-    /// None in half of the sequences, else a machine or one to three bursts within `frames` frames.
+    /// None in 40 % of the sequences, else a machine or one to three bursts within `frames` frames.
     pub fn draw(frames: usize, rng: &mut ChaCha8Rng) -> Self {
         if !rng.random_bool(WITH_SOUND) {
             return Self::default();
@@ -117,7 +118,7 @@ impl MelChange {
         let width = if rng.random_bool(0.5) { rng.random_range(1..=MASK_MAX) } else { 0 };
         let from = rng.random_range(0..=MEL_BINS - width);
         Self {
-            colour: slow_shape(COLOUR, rng),
+            colour: slow_shape(rng.random_range(0.0..COLOUR), rng),
             masked: from..from + width,
             noise: rng.random_range(0.0..NOISE_LOG_MEL),
         }

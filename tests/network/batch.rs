@@ -86,8 +86,13 @@ impl Oracle<'_> {
             };
             let x: Vec<i64> = frame.counts().iter().map(|&c| 16 * i64::from(c)).collect();
             let before = average.unwrap_or_else(|| x.clone());
-            let cells: Vec<Vec<i64>> =
-                x.iter().zip(&before).map(|(x, a)| vec![x / 16, (x - a).div_euclid(2)]).collect();
+            // Below 942 counts in all, a pad looks like nothing.
+            let touched = i64::from(x.iter().sum::<i64>() >= 16 * 942);
+            let cells: Vec<Vec<i64>> = x
+                .iter()
+                .zip(&before)
+                .map(|(x, a)| vec![touched * x / 16, touched * (x - a).div_euclid(2)])
+                .collect();
             average =
                 Some(x.iter().zip(&before).map(|(x, a)| a + (2 * (x - a) + 8).div_euclid(16)).collect());
             let mut map: Vec<Vec<Vec<i64>>> = cells.chunks(32).map(<[_]>::to_vec).collect();

@@ -1,35 +1,34 @@
-//! Fully connected layer, and the dot product that every kernel rests on.
+//! Fully connected layer.
 
 use super::model::Layer;
-
-/// Sum of products of activations and weights; stops at the shorter of the two.
-///
-/// The model file's bound keeps every partial sum below 2^31, so the additions cannot wrap; they are
-/// written as wrapping so that no build adds a check to them.
-#[inline]
-pub fn dot(x: &[i16], weights: &[u8]) -> i32 {
-    x.iter().zip(weights).fold(0, |acc: i32, (&x, &w)| acc.wrapping_add(x as i32 * (w as i8) as i32))
-}
+use crate::simd::{LANES, dense4};
 
 /// `out[c] = requantize(bias[c] + Σ weight[c][i] · x[i], multiplier[c])`.
 ///
-/// `x`: `layer.inputs` activations. `out`: `layer.outputs` activations. `requantize` is one of
+/// `x`: the layer's input in words, zeros behind it. `out`: `layer.outputs` activations. `requantize` is one of
 /// [`super::requantize`]'s.
 #[inline]
-pub fn dense(layer: &Layer<'_>, x: &[i16], out: &mut [i16], requantize: impl Fn(i32, i32) -> i16) {
-    for (acc, out) in accumulators(layer, x).zip(out) {
-        *out = requantize(acc.0, acc.1);
+pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], requantize: impl Fn(i32, i32) -> i16) {
+    let take = layer.outputs.min(out.len());
+    let out = out.get_mut(..take).unwrap_or_default();
+    for ((sums, multiplier), out) in accumulators(layer, x).zip(out.chunks_mut(LANES)) {
+        for ((out, sum), &multiplier) in out.iter_mut().zip(sums).zip(multiplier) {
+            *out = requantize(sum, multiplier);
+        }
     }
 }
 
-/// The accumulators of a layer, each with its multiplier: for what follows a layer without going
+/// The accumulators of a layer, four by four, with their multipliers: for what follows a layer without going
 /// through `i16` first.
 #[inline]
-pub fn accumulators<'a>(layer: &Layer<'a>, x: &'a [i16]) -> impl Iterator<Item = (i32, i32)> + 'a {
-    layer
-        .weights
-        .chunks_exact(layer.inputs.max(1))
-        .zip(layer.bias.iter())
-        .zip(layer.multiplier.iter())
-        .map(move |((weights, bias), multiplier)| (bias.wrapping_add(dot(x, weights)), multiplier))
+pub fn accumulators<'a>(
+    layer: &Layer<'a>,
+    x: &'a [u32],
+) -> impl Iterator<Item = ([i32; LANES], &'a [i32; LANES])> + 'a {
+    let words = layer.inputs.words();
+    let x = x.get(..words).unwrap_or_default();
+    let blocks = layer.weights.chunks_exact((LANES * words).max(1));
+    let scales = layer.bias.as_chunks::<LANES>().0.iter().zip(layer.multiplier.as_chunks::<LANES>().0);
+    // The model file's bound keeps every partial sum below 2^31, so the wrapping additions do not wrap.
+    blocks.zip(scales).map(move |(weights, (bias, multiplier))| (dense4(*bias, x, weights), multiplier))
 }

@@ -1,5 +1,6 @@
 //! The streaming graph: embeddings, maximum over sensors, two cross-attentions, one over time, head.
 
+use super::activations::Activations;
 use super::attention::{KeyValue, KeyValueCache, attend};
 use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
@@ -16,6 +17,9 @@ pub const LOGIT_FRAC_BITS: u32 = 10;
 
 /// Width of the fused vector, at most.
 const FUSED: usize = 2 * EMBED;
+/// An embedding in words, and both of them.
+const EMBED_WORDS: usize = EMBED / 2;
+const FUSED_WORDS: usize = FUSED / 2;
 
 /// What the network sees of one sensor at one frame. `None` leaves the part out of the maximum.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,9 +37,9 @@ pub struct Network<'m> {
     piezo: PiezoEncoder,
     pads: [PadCells; MAX_SENSORS],
     xl: [XlHistory; MAX_SENSORS],
-    piezo_seen: KeyValueCache<EMBED>,
-    xl_seen: KeyValueCache<EMBED>,
-    fused_seen: KeyValueCache<FUSED>,
+    piezo_seen: KeyValueCache<EMBED_WORDS>,
+    xl_seen: KeyValueCache<EMBED_WORDS>,
+    fused_seen: KeyValueCache<FUSED_WORDS>,
 }
 
 impl<'m> Network<'m> {
@@ -73,14 +77,13 @@ impl<'m> Network<'m> {
         let fused = self.fuse(&piezo, &xl, observer);
         let model = &self.model;
         let width = model.dims.fused().min(FUSED);
-        let fused = &fused[..width];
-        observer.see("fused", fused);
-        self.fused_seen.push(KeyValue::project(&model.temporal, fused, observer));
-        let mut hidden = [0; FUSED];
-        attend(&model.temporal, fused, self.fused_seen.newest_first(), &mut hidden, observer);
-        observer.see("hidden", &hidden[..width]);
+        observer.see("fused", fused.values().get(..width).unwrap_or_default());
+        self.fused_seen.push(KeyValue::project(&model.temporal, &fused, observer));
+        let mut hidden = Activations::<FUSED_WORDS>::new();
+        attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
+        observer.see("hidden", hidden.values().get(..width).unwrap_or_default());
         let mut logits = [0; CLASSES];
-        dense(&model.head, &hidden, &mut logits, requantize::signed);
+        dense(&model.head, hidden.words(), &mut logits, requantize::signed);
         observer.see("logits", &logits);
         logits.map(i32::from)
     }
@@ -106,20 +109,24 @@ impl<'m> Network<'m> {
                 keep_max(&mut xl, history.embed(&self.model, observer));
             }
         }
-        (piezo.unwrap_or([0; EMBED]), xl.unwrap_or([0; EMBED]))
+        (piezo.unwrap_or_default(), xl.unwrap_or_default())
     }
 
     /// Both cross-attentions, side by side: piezo first.
-    fn fuse(&mut self, piezo: &Embedding, xl: &Embedding, observer: &mut impl Observer) -> [i16; FUSED] {
+    fn fuse(
+        &mut self,
+        piezo: &Embedding,
+        xl: &Embedding,
+        observer: &mut impl Observer,
+    ) -> Activations<FUSED_WORDS> {
         let model = &self.model;
         let embed = model.dims.embed.min(EMBED);
-        let (piezo, xl) = (&piezo[..embed], &xl[..embed]);
         self.xl_seen.push(KeyValue::project(&model.cross_piezo, xl, observer));
         self.piezo_seen.push(KeyValue::project(&model.cross_xl, piezo, observer));
-        let mut fused = [0; FUSED];
-        let (first, second) = fused.split_at_mut(embed);
-        attend(&model.cross_piezo, piezo, self.xl_seen.newest_first(), first, observer);
-        attend(&model.cross_xl, xl, self.piezo_seen.newest_first(), second, observer);
+        let mut fused = Activations::new();
+        let (first, second) = fused.values_mut().split_at_mut(embed);
+        attend(&model.cross_piezo, piezo, &self.xl_seen, first, observer);
+        attend(&model.cross_xl, xl, &self.piezo_seen, second, observer);
         fused
     }
 }
@@ -128,7 +135,7 @@ fn keep_max(best: &mut Option<Embedding>, new: Embedding) {
     match best {
         None => *best = Some(new),
         Some(best) => {
-            for (best, new) in best.iter_mut().zip(new) {
+            for (best, &new) in best.values_mut().iter_mut().zip(new.values()) {
                 *best = (*best).max(new);
             }
         }

@@ -9,6 +9,9 @@
 /// block takes `fused`, the one that the head takes `hidden`. Values of one activation may come in several
 /// parts.
 pub trait Observer {
+    /// Whether it looks at anything: else the network may skip what needs no computing.
+    const LOOKS: bool = true;
+
     /// Activations at the scale of `layer`'s output.
     fn see(&mut self, _layer: &'static str, _values: &[i16]) {}
 
@@ -20,4 +23,6 @@ pub trait Observer {
 }
 
 /// Looks at nothing.
-impl Observer for () {}
+impl Observer for () {
+    const LOOKS: bool = false;
+}

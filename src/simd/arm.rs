@@ -1,0 +1,316 @@
+//! The kernels for cores with the DSP extension, such as the Cortex-M7: assembly, bit-equal to
+//! [`portable`](super::portable).
+//!
+//! Fourteen registers are all there is. A convolution tile keeps eight sums (a 2×2 window of two filters), two
+//! words of weights, two of the map and two pointers in them: eleven instructions for sixteen products. A dense
+//! block keeps four sums, four inputs, four weights and two pointers: 21 instructions for 32 products, unrolled
+//! without a counter.
+//!
+//! Every function checks the lengths that its assembly
+//! reads and writes before it calls it.
+
+use core::arch::{asm, global_asm};
+
+use super::{LANES, MapShape};
+
+/// `acc + x₀·w₀ + x₁·w₁` over the halves of two words, wrapping.
+#[inline(always)]
+pub fn mla_pair(acc: i32, x: u32, w: u32) -> i32 {
+    let sum;
+    // SAFETY: registers only; the Q flag, which an overflow sets, is not declared as preserved.
+    unsafe {
+        asm!("smlad {}, {}, {}, {}", lateout(reg) sum, in(reg) x, in(reg) w, in(reg) acc,
+            options(pure, nomem, nostack));
+    }
+    sum
+}
+
+/// `acc + x₀·w₀`: the low halves only, wrapping.
+#[inline(always)]
+pub fn mla_low(acc: i32, x: u32, w: u32) -> i32 {
+    let sum;
+    // SAFETY: as in `mla_pair`.
+    unsafe {
+        asm!("smlabb {}, {}, {}, {}", lateout(reg) sum, in(reg) x, in(reg) w, in(reg) acc,
+            options(pure, nomem, nostack));
+    }
+    sum
+}
+
+/// `acc + x₁·w₀`: the high half of `x` by the low one of `w`, wrapping.
+#[inline(always)]
+pub fn mla_high(acc: i32, x: u32, w: u32) -> i32 {
+    let sum;
+    // SAFETY: as in `mla_pair`.
+    unsafe {
+        asm!("smlatb {}, {}, {}, {}", lateout(reg) sum, in(reg) x, in(reg) w, in(reg) acc,
+            options(pure, nomem, nostack));
+    }
+    sum
+}
+
+/// Words of `x` that one round of the dense kernel takes.
+const CHUNK: usize = 4;
+/// Rounds there is code for: 512 inputs.
+const CHUNKS_MAX: usize = 64;
+
+// Code of one round: 21 instructions of four bytes, which is what makes the jump into the middle exact.
+global_asm!(
+    "
+    .section .text.hot.slipsense_dense4,\"ax\",%progbits
+    .syntax unified
+    .thumb
+    .p2align 2
+    .type slipsense_dense4, %function
+    .thumb_func
+slipsense_dense4:
+    @ r0: x, r1: weights, r2: rounds, r3: the four sums, in and out
+    push.w {{r3-r11, lr}}
+    ldr.w r12, 2f
+    movw lr, #84
+    mls r12, r2, lr, r12
+    ldm.w r3, {{r4-r7}}
+    bx r12
+    .p2align 2
+2:  .word 1f + 1
+    .rept {chunks}
+    ldm.w r0!, {{r8-r11}}
+    ldm.w r1!, {{r2, r3, r12, lr}}
+    smlad r4, r8, r2, r4
+    smlad r5, r8, r3, r5
+    smlad r6, r8, r12, r6
+    smlad r7, r8, lr, r7
+    ldm.w r1!, {{r2, r3, r12, lr}}
+    smlad r4, r9, r2, r4
+    smlad r5, r9, r3, r5
+    smlad r6, r9, r12, r6
+    smlad r7, r9, lr, r7
+    ldm.w r1!, {{r2, r3, r12, lr}}
+    smlad r4, r10, r2, r4
+    smlad r5, r10, r3, r5
+    smlad r6, r10, r12, r6
+    smlad r7, r10, lr, r7
+    ldm.w r1!, {{r2, r3, r12, lr}}
+    smlad r4, r11, r2, r4
+    smlad r5, r11, r3, r5
+    smlad r6, r11, r12, r6
+    smlad r7, r11, lr, r7
+    .endr
+1:  ldr.w r3, [sp]
+    stm.w r3, {{r4-r7}}
+    pop.w {{r3-r11, pc}}
+    .size slipsense_dense4, . - slipsense_dense4
+    .text
+    ",
+    chunks = const CHUNKS_MAX,
+);
+
+unsafe extern "C" {
+    fn slipsense_dense4(x: *const u32, w: *const u32, chunks: usize, sums: *mut i32);
+}
+
+/// `start + Σ x·w` for four outputs, see [`portable::dense4`](super::portable::dense4).
+///
+/// What is not a whole round, or longer than the longest, goes through the portable form; no layer is.
+#[inline]
+pub fn dense4(start: [i32; LANES], x: &[u32], w: &[u32]) -> [i32; LANES] {
+    let chunks = x.len() / CHUNK;
+    if x.len() % CHUNK != 0 || chunks > CHUNKS_MAX || w.len() < LANES * x.len() {
+        return super::portable::dense4(start, x, w);
+    }
+    let mut sums = start;
+    // SAFETY: reads `chunks · 4` words of x and four times as many of w, which are there, and `sums`; writes
+    // `sums`. References to `u32` are aligned for multiple loads.
+    unsafe { slipsense_dense4(x.as_ptr(), w.as_ptr(), chunks, sums.as_mut_ptr()) };
+    sums
+}
+
+/// What a convolution needs beside its maps and weights, as the assembly reads it.
+#[repr(C)]
+struct Pair {
+    /// Bias and multiplier of the one filter, then of the other.
+    scales: [i32; 4],
+    /// Bytes from the end of an output row's plane to the start of the next row's.
+    next_row: usize,
+}
+
+// One function per shape: distances are immediates. A tile is 3 rows × `pairs` planes × 3 columns of weights.
+// On the stack: [0] output, [4] its row's end, [8] rows left, [12] the `Pair`.
+global_asm!(
+    "
+    .syntax unified
+    .thumb
+    .macro slipsense_taps column, row
+    ldrd r2, r3, [r1], #16
+    ldrd r12, lr, [r0, #(4 * \\column)]
+    smlad r4, r12, r2, r4
+    smlad r5, lr, r2, r5
+    smlad r8, r12, r3, r8
+    smlad r9, lr, r3, r9
+    ldrd r12, lr, [r0, #(\\row + 4 * \\column)]
+    smlad r6, r12, r2, r6
+    smlad r7, lr, r2, r7
+    smlad r10, r12, r3, r10
+    smlad r11, lr, r3, r11
+    .endm
+    .macro slipsense_max to, other
+    cmp \\to, \\other
+    it lt
+    movlt \\to, \\other
+    .endm
+    .macro slipsense_conv side, pairs
+    .section .text.hot.slipsense_conv_\\side\\()_\\pairs,\"ax\",%progbits
+    .p2align 2
+    .global slipsense_conv_\\side\\()_\\pairs
+    .type slipsense_conv_\\side\\()_\\pairs, %function
+    .thumb_func
+slipsense_conv_\\side\\()_\\pairs:
+    @ r0: map, r1: weights, r2: output, r3: the Pair
+    push.w {{r4-r11, lr}}
+    sub sp, sp, #20
+    add r4, r2, #(2 * \\side)
+    mov r5, #(\\side / 2)
+    strd r2, r4, [sp]
+    strd r5, r3, [sp, #8]
+    sub r0, r0, #(4 * (\\side + 2))
+2:  @ a tile; its first two sums need no zero to start from
+    ldrd r2, r3, [r1], #16
+    ldrd r12, lr, [r0, #(4 * (\\side + 2))]!
+    smuad r4, r12, r2
+    smuad r5, lr, r2
+    smuad r8, r12, r3
+    smuad r9, lr, r3
+    ldrd r12, lr, [r0, #(4 * (\\side + 2) * \\pairs)]
+    smuad r6, r12, r2
+    smuad r7, lr, r2
+    smuad r10, r12, r3
+    smuad r11, lr, r3
+    slipsense_taps 1, (4 * (\\side + 2) * \\pairs)
+    slipsense_taps 2, (4 * (\\side + 2) * \\pairs)
+    .rept 3 * \\pairs - 1
+    ldrd r2, r3, [r1], #16
+    ldrd r12, lr, [r0, #(4 * (\\side + 2))]!
+    smlad r4, r12, r2, r4
+    smlad r5, lr, r2, r5
+    smlad r8, r12, r3, r8
+    smlad r9, lr, r3, r9
+    ldrd r12, lr, [r0, #(4 * (\\side + 2) * \\pairs)]
+    smlad r6, r12, r2, r6
+    smlad r7, lr, r2, r7
+    smlad r10, r12, r3, r10
+    smlad r11, lr, r3, r11
+    slipsense_taps 1, (4 * (\\side + 2) * \\pairs)
+    slipsense_taps 2, (4 * (\\side + 2) * \\pairs)
+    .endr
+    slipsense_max r4, r5
+    slipsense_max r6, r7
+    slipsense_max r4, r6
+    slipsense_max r8, r9
+    slipsense_max r10, r11
+    slipsense_max r8, r10
+    ldr r2, [sp, #12]
+    ldm.w r2, {{r5, r6, r7, r9}}
+    add r4, r4, r5
+    smmulr r4, r4, r6
+    usat r4, #15, r4
+    add r8, r8, r7
+    smmulr r8, r8, r9
+    usat r8, #15, r8
+    pkhbt r4, r4, r8, lsl #16
+    ldrd r2, r3, [sp]
+    str r4, [r2], #4
+    str r2, [sp]
+    subw r0, r0, #(3 * \\pairs * 4 * (\\side + 2) - 8)
+    subw r1, r1, #(3 * \\pairs * 48)
+    cmp r2, r3
+    bne.w 2b
+    @ the next two rows of the map, the next one of the output
+    addw r0, r0, #(8 * (\\side + 2) * \\pairs - 4 * \\side)
+    ldrd r4, r5, [sp, #8]
+    ldr r6, [r5, #16]
+    add r2, r2, r6
+    add r3, r2, #(2 * \\side)
+    strd r2, r3, [sp]
+    subs r4, r4, #1
+    str r4, [sp, #8]
+    bne.w 2b
+    add sp, sp, #20
+    pop.w {{r4-r11, pc}}
+    .size slipsense_conv_\\side\\()_\\pairs, . - slipsense_conv_\\side\\()_\\pairs
+    .endm
+    slipsense_conv 32, 1
+    slipsense_conv 16, 2
+    slipsense_conv 16, 4
+    slipsense_conv 8, 2
+    slipsense_conv 8, 4
+    slipsense_conv 8, 6
+    slipsense_conv 8, 8
+    .text
+    "
+);
+
+/// Map, weights, output, [`Pair`].
+type Conv = unsafe extern "C" fn(*const u32, *const u32, *mut u32, *const Pair);
+
+unsafe extern "C" {
+    fn slipsense_conv_32_1(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+    fn slipsense_conv_16_2(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+    fn slipsense_conv_16_4(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+    fn slipsense_conv_8_2(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+    fn slipsense_conv_8_4(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+    fn slipsense_conv_8_6(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+    fn slipsense_conv_8_8(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
+}
+
+/// The function for a map of this many cells along a side and words per cell: all that a model can ask for.
+fn conv(from: MapShape) -> Option<Conv> {
+    Some(match (from.side, from.pairs) {
+        (32, 1) => slipsense_conv_32_1,
+        (16, 2) => slipsense_conv_16_2,
+        (16, 4) => slipsense_conv_16_4,
+        (8, 2) => slipsense_conv_8_2,
+        (8, 4) => slipsense_conv_8_4,
+        (8, 6) => slipsense_conv_8_6,
+        (8, 8) => slipsense_conv_8_8,
+        _ => return None,
+    })
+}
+
+/// 3×3 convolution, ReLU and pool, see [`portable::conv_relu_pool`](super::portable::conv_relu_pool).
+///
+/// A shape that there is no assembly for, or slices too short for their shape, go through the portable form.
+pub fn conv_relu_pool(
+    (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
+    (x, from): (&[u32], MapShape),
+    (out, to): (&mut [u32], MapShape),
+) {
+    let block = 3 * from.pairs * 3 * LANES;
+    let (pairs, blocks) = (to.pairs, to.pairs / 2);
+    let fits = from.border == 1
+        && x.len() >= from.len()
+        && out.len() >= to.len()
+        && 2 * to.side == from.side
+        && to.pairs % 2 == 0
+        && weights.len() >= blocks * block
+        && bias.len() >= 2 * pairs
+        && multiplier.len() >= 2 * pairs;
+    let Some(conv) = conv(from).filter(|_| fits) else {
+        return super::portable::conv_relu_pool((weights, bias, multiplier), (x, from), (out, to));
+    };
+    let scales = bias.as_chunks::<2>().0.iter().zip(multiplier.as_chunks::<2>().0).take(pairs);
+    for (pair, (bias, multiplier)) in scales.enumerate() {
+        let parameters = Pair {
+            scales: [bias[0], multiplier[0], bias[1], multiplier[1]],
+            next_row: 4 * (to.row() - to.side),
+        };
+        let (Some(filters), Some(plane)) =
+            (weights.get(pair / 2 * block + pair % 2 * 2..), out.get_mut(to.at(0, pair, 0)..))
+        else {
+            return;
+        };
+        // SAFETY: reads the whole map, `from.len()` words; of the weights the first two of every four words from
+        // `filters` on, `block` words less the other pair's; writes `to.side` words of plane `pair` of each of
+        // `to.side` rows, which lie within `to.len()`. All checked above.
+        unsafe { conv(x.as_ptr(), filters.as_ptr(), plane.as_mut_ptr(), &parameters) };
+    }
+}

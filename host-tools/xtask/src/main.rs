@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+mod bench;
 mod process;
 mod python;
 mod qemu;
@@ -26,6 +27,8 @@ enum Command {
     Test(test::Options),
     /// Run frames on an emulated Cortex-M7 and compare every result with this computer's, bit for bit
     Qemu(qemu::Options),
+    /// Measure: instructions on an emulated Cortex-M7, bytes of flash and RAM, frames per second here
+    Bench(bench::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -40,6 +43,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Test(options) => test::run(&options),
         Command::Qemu(options) => qemu::run(&options),
+        Command::Bench(options) => bench::run(&options),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

@@ -7,6 +7,7 @@
 
 mod bytes;
 pub mod input;
+pub mod measured;
 pub mod record;
 
 /// Name of the file that the emulated board reads, in the emulator's working directory.

@@ -15,8 +15,9 @@ use crate::root;
 mod compare;
 mod emulator;
 mod extreme;
-mod frames;
+pub mod frames;
 mod host;
+pub mod machine;
 mod report;
 
 use emulator::Emulator;
@@ -65,7 +66,8 @@ pub struct Options {
 
 const EXTREME_FRAMES: u32 = 2000;
 
-fn default_model() -> PathBuf {
+/// The model of the repository.
+pub fn default_model() -> PathBuf {
     root().join("model/weights/slipsense.slipnet")
 }
 

@@ -1,0 +1,105 @@
+//! What the path is measured with: nothing on the pads, the contact of the demo episode, and all that the
+//! sensors can deliver.
+
+use anyhow::{Context, Result, bail};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::board::SensedPart;
+use slipsense::params::{CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXELS, XL_AXES, XL_RATE_HZ};
+use slipsense::pipeline::FrameStamp;
+use slipsense::sensor::PiezoFrame;
+use slipsense_episode::Episode;
+
+use crate::qemu::frames::Frames;
+use crate::root;
+
+const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
+/// LSB of an accelerometer at 1 g, about.
+const GRAVITY_LSB: i16 = 2_000;
+const SEED: u64 = 1;
+
+/// A kind of input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// Untouched pads and a quiet accelerometer.
+    Idle,
+    /// The demo episode while something is held.
+    Typical,
+    /// Every taxel large and different in each frame, the accelerometer at full swing.
+    Full,
+}
+
+impl Input {
+    pub const ALL: [Self; 3] = [Self::Idle, Self::Typical, Self::Full];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle pads",
+            Self::Typical => "typical contact",
+            Self::Full => "full contact",
+        }
+    }
+
+    /// So many frames of it.
+    pub fn frames(self, sensors: usize, count: usize) -> Result<Frames> {
+        match self {
+            Self::Idle => Ok(generate(sensors, count, 40, |rng| {
+                // One taxel in four reads one count, which stays below the threshold of a touch.
+                std::array::from_fn(|_| u16::from(rng.random_ratio(1, 4)))
+            })),
+            Self::Full => Ok(generate(sensors, count, 30_000, |rng| {
+                std::array::from_fn(|_| rng.random_range(1_000..=4_095))
+            })),
+            Self::Typical => typical(sensors, count),
+        }
+    }
+}
+
+fn generate(
+    sensors: usize,
+    count: usize,
+    xl_swing: i16,
+    mut counts: impl FnMut(&mut ChaCha8Rng) -> [u16; TAXELS],
+) -> Frames {
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let mut frames = Frames::new(sensors);
+    for frame in 0..count as u32 {
+        let xl_end = |frame: u32| frame * XL_RATE_HZ / FRAME_RATE_HZ;
+        let batch = xl_end(frame + 1) - xl_end(frame);
+        let part = |_| {
+            let mut sample =
+                || std::array::from_fn::<i16, XL_AXES, _>(|_| rng.random_range(-xl_swing..=xl_swing));
+            let xl =
+                (0..batch).map(|_| sample()).map(|[x, y, z]| [x, y, z.saturating_add(GRAVITY_LSB)]).collect();
+            SensedPart {
+                piezo: PiezoFrame::from_scan(counts(&mut rng)),
+                piezo_arrived: true,
+                xl,
+                xl_arrived: true,
+                xl_end: xl_end(frame + 1),
+            }
+        };
+        let parts = (0..sensors).map(part).collect();
+        frames.push(FrameStamp::of_recording(frame), parts);
+    }
+    frames
+}
+
+/// The demo episode from its first touched frame on; a third sensor feels what the first does.
+fn typical(sensors: usize, count: usize) -> Result<Frames> {
+    let episode = Episode::read(&root().join(DEMO_EPISODE)).context("the demo episode")?;
+    let touched = |frame: &usize| {
+        (0..episode.sensors).all(|sensor| episode.piezo(*frame, sensor).sum() >= CONTACT_SUM_MIN)
+    };
+    let first = (0..episode.frames()).find(touched).context("the demo episode holds no contact")?;
+    let held = (first..episode.frames()).take_while(touched).count();
+    if held < count {
+        bail!("the demo episode holds {held} frames of contact, {count} are asked for");
+    }
+    let all = Frames::of_episode(&episode, None)?;
+    let mut frames = Frames::new(sensors);
+    for (stamp, parts) in all.iter().skip(first).take(count) {
+        frames.push(stamp, parts.iter().cycle().take(sensors).cloned().collect());
+    }
+    Ok(frames)
+}

@@ -1,0 +1,74 @@
+//! `cargo xtask bench`: what the signal path costs, every number with what it is.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
+
+use crate::qemu::default_model;
+
+mod emulated;
+mod inputs;
+mod report;
+mod table;
+
+use report::Report;
+
+/// What to measure.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "\
+Instructions are counted in QEMU (machine mps2-an500, -icount) and exact: a loop of known length is measured \
+first, every run measures the kernels again, and a difference is an error. They are not cycles.
+
+Examples:
+  cargo xtask bench                                 everything
+  cargo xtask bench --only kernels                  seconds: the kernels alone, after a change to one
+  cargo xtask bench --only path --frames 60 --json  the whole path, for a machine
+  cargo xtask bench --out out/bench                 writes bench.json and bench.md")]
+pub struct Options {
+    /// Only these parts; may be given several times
+    #[arg(long, value_name = "PART")]
+    only: Vec<Part>,
+    /// Frames to measure of each input, after those that fill the windows
+    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// Model file
+    #[arg(long, default_value_os_t = default_model(), hide_default_value = true)]
+    model: PathBuf,
+    /// Print one JSON object on standard output instead of tables
+    #[arg(long)]
+    json: bool,
+    /// Write bench.json and bench.md into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// A part of the benchmark.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// Instructions of every kernel
+    Kernels,
+    /// Instructions of a frame, from samples to CAN frames
+    Path,
+}
+
+/// Measure and print.
+pub fn run(options: &Options) -> Result<bool> {
+    let wanted = |part| options.only.is_empty() || options.only.contains(&part);
+    let model = std::fs::read(&options.model)
+        .with_context(|| format!("{}: cannot read the model", options.model.display()))?;
+    let mut report = Report::default();
+    if wanted(Part::Kernels) || wanted(Part::Path) {
+        let frames = if wanted(Part::Path) { options.frames as usize } else { 0 };
+        report.emulated = Some(emulated::measure(&model, frames)?);
+    }
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print!("{report}");
+    }
+    if let Some(dir) = &options.out {
+        report.write(dir)?;
+    }
+    Ok(true)
+}

@@ -1,0 +1,164 @@
+//! The results: for people, for machines, and as Markdown for the README.
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+
+use super::emulated::{Emulated, PathCost};
+use super::table::{Align, Table};
+
+/// Everything that was measured.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub emulated: Option<Emulated>,
+}
+
+impl Report {
+    /// `bench.json` and `bench.md`, each written whole or not at all.
+    pub fn write(&self, dir: &Path) -> Result<()> {
+        fs::create_dir_all(dir).with_context(|| format!("cannot make {}", dir.display()))?;
+        let json = serde_json::to_string_pretty(self)? + "\n";
+        let markdown: String = self.tables().iter().map(|table| table.markdown() + "\n").collect();
+        for (name, text) in [("bench.json", json), ("bench.md", markdown)] {
+            let path = dir.join(name);
+            let unfinished = dir.join(format!(".{name}"));
+            fs::write(&unfinished, text)
+                .and_then(|()| fs::rename(&unfinished, &path))
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn tables(&self) -> Vec<Table> {
+        let mut tables = Vec::new();
+        if let Some(emulated) = &self.emulated {
+            tables.push(kernels(emulated));
+            if !emulated.paths.is_empty() {
+                tables.push(paths(emulated));
+                tables.extend(emulated.paths.chunk_by(|a, b| a.sensors == b.sensors).map(parts));
+            }
+        }
+        tables
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.tables().iter().try_for_each(|table| writeln!(f, "\n{table}"))
+    }
+}
+
+fn kernels(emulated: &Emulated) -> Table {
+    let mut table = Table::new(
+        format!(
+            "Instructions of a call, exact, emulated Cortex-M7 (check: a loop of {} was measured as {})",
+            thousands(emulated.loop_expected.into()),
+            thousands(emulated.loop_measured.into())
+        ),
+        &[
+            ("kernel", Align::Left),
+            ("instructions", Align::Right),
+            ("MACs", Align::Right),
+            ("per MAC", Align::Right),
+        ],
+    );
+    for kernel in &emulated.kernels {
+        table.row([
+            kernel.name.clone(),
+            thousands(kernel.instructions.into()),
+            macs(kernel.macs as usize),
+            per_mac(kernel.instructions, kernel.macs as usize),
+        ]);
+    }
+    table
+}
+
+fn paths(emulated: &Emulated) -> Table {
+    let mut table = Table::new(
+        "Instructions of a frame from samples to CAN frames, exact, emulated Cortex-M7".to_owned(),
+        &[
+            ("sensors", Align::Right),
+            ("input", Align::Left),
+            ("median", Align::Right),
+            ("worst", Align::Right),
+            ("MACs, full contact", Align::Right),
+            ("per MAC", Align::Right),
+            ("frames", Align::Right),
+        ],
+    );
+    for path in &emulated.paths {
+        table.row([
+            path.sensors.to_string(),
+            path.input.to_owned(),
+            thousands(path.instructions.median.into()),
+            thousands(path.instructions.worst.into()),
+            macs(path.macs),
+            per_mac(path.instructions.median, path.macs),
+            path.frames.to_string(),
+        ]);
+    }
+    table
+}
+
+/// Parts downwards, inputs across; all with the same number of sensors.
+fn parts(paths: &[PathCost]) -> Table {
+    let sensors = paths.first().map_or(0, |path| path.sensors);
+    let mut columns = vec![("part", Align::Left), ("MACs", Align::Right)];
+    for path in paths {
+        columns.push((path.input, Align::Right));
+        columns.push(("worst", Align::Right));
+    }
+    let mut table = Table::new(
+        format!("The same by part, {sensors} sensor{}: instructions, median and worst", plural(sensors)),
+        &columns,
+    );
+    let names = paths.first().map(|path| &path.parts[..]).unwrap_or_default();
+    for (index, part) in names.iter().enumerate() {
+        let mut row = vec![part.name.to_owned(), macs(part.macs)];
+        for path in paths {
+            let spread = path.parts[index].instructions;
+            row.extend([thousands(spread.median.into()), thousands(spread.worst.into())]);
+        }
+        table.row(row);
+    }
+    let mut rest = vec!["rest".to_owned(), String::new()];
+    rest.extend(paths.iter().flat_map(|path| [thousands(path.rest), String::new()]));
+    table.row(rest);
+    table
+}
+
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
+fn macs(macs: usize) -> String {
+    if macs == 0 { String::new() } else { thousands(macs as i64) }
+}
+
+fn per_mac(instructions: u32, macs: usize) -> String {
+    if macs == 0 { String::new() } else { format!("{:.2}", f64::from(instructions) / macs as f64) }
+}
+
+/// 1234567 as 1,234,567.
+pub fn thousands(number: i64) -> String {
+    let digits = number.unsigned_abs().to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap_or_default()).collect();
+    format!("{}{}", if number < 0 { "-" } else { "" }, groups.join(","))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_grouped() {
+        for (number, text) in [(0, "0"), (999, "999"), (1_000, "1,000"), (-1_234_567, "-1,234,567")] {
+            assert_eq!(thousands(number), text);
+        }
+    }
+}

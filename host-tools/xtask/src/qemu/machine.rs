@@ -1,0 +1,104 @@
+//! QEMU's Cortex-M7 board: build a program of `tests/qemu` for it, run it in a folder.
+
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use slipsense_qemu::input::{Header, encode_frame};
+
+use super::frames::Frames;
+use super::host::NODE;
+use crate::process::{apt_install, command, find, run};
+use crate::toolchain::Toolchain;
+
+const PROGRAM: &str = "qemu-system-arm";
+const PACKAGE: &str = "slipsense-qemu";
+/// One instruction takes 2^7 ns of the emulated clock: with this, runs repeat exactly and times count
+/// instructions.
+pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
+
+/// A built program and an emulator to run it.
+pub struct Machine {
+    qemu: PathBuf,
+    /// The ELF that runs.
+    pub program: PathBuf,
+}
+
+impl Machine {
+    /// Build the program; install QEMU where it is missing and may be installed.
+    pub fn build(program: &str) -> Result<Self> {
+        if find(PROGRAM).is_none() {
+            apt_install(&[PROGRAM], "emulating the microcontroller")?;
+        }
+        let qemu = find(PROGRAM).with_context(|| format!("`{PROGRAM}` is not on the PATH"))?;
+        let toolchain = Toolchain::get()?;
+        run(toolchain.build().args(["--package", PACKAGE, "--bin", program]))?;
+        Ok(Self { qemu, program: toolchain.program(program) })
+    }
+
+    /// Run to the end, with `dir` as the folder of the program's files.
+    pub fn run(&self, dir: &Path, timeout: Duration) -> Result<()> {
+        let status = self.start_and_wait(dir, timeout)?;
+        let log = fs::read_to_string(dir.join("log")).unwrap_or_default();
+        let Some(status) = status else {
+            bail!("the emulated program did not end within {} s\n{log}", timeout.as_secs());
+        };
+        if !status.success() {
+            bail!("the emulated program failed, {status}\n{log}");
+        }
+        Ok(())
+    }
+
+    /// `None`: it did not end in time, and has been stopped.
+    fn start_and_wait(&self, dir: &Path, timeout: Duration) -> Result<Option<ExitStatus>> {
+        let log = File::create(dir.join("log"))?;
+        let mut child = command(&self.qemu)
+            .current_dir(dir)
+            .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
+            .args(["-monitor", "none", "-serial", "none"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args(["-icount", &format!("shift={NS_PER_INSTRUCTION_LOG2}")])
+            .arg("-kernel")
+            .arg(&self.program)
+            .stdin(Stdio::null())
+            .stdout(log.try_clone()?)
+            .stderr(log)
+            .spawn()
+            .with_context(|| format!("cannot start {}", self.qemu.display()))?;
+        let deadline = Instant::now() + timeout;
+        loop {
+            if let Some(status) = child.try_wait()? {
+                return Ok(Some(status));
+            }
+            if Instant::now() > deadline {
+                child.kill()?;
+                child.wait()?;
+                return Ok(None);
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// Write model and frames in the form that the emulated programs read.
+pub fn write_input(path: &Path, frames: &Frames, model: &[u8]) -> Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    let header = Header {
+        model_bytes: u32::try_from(model.len())?,
+        sensors: u32::try_from(frames.sensors())?,
+        frames: u32::try_from(frames.len())?,
+        node: NODE,
+    };
+    file.write_all(&header.encode())?;
+    file.write_all(model)?;
+    let mut record = Vec::new();
+    for (stamp, parts) in frames.iter() {
+        record.clear();
+        encode_frame(stamp, parts, |bytes| record.extend_from_slice(bytes));
+        file.write_all(&record)?;
+    }
+    Ok(file.into_inner().map_err(|error| error.into_error())?.sync_data()?)
+}

@@ -1,0 +1,78 @@
+//! Start-up: read the networks, measure, end the emulator.
+
+use core::ffi::CStr;
+use core::fmt::Write;
+
+use cortex_m_rt::{entry, exception};
+use cortex_m_semihosting::debug;
+use heapless::String;
+use panic_semihosting as _;
+use slipsense::net::Model;
+use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use slipsense_qemu::measured::Line;
+use static_cell::ConstStaticCell;
+
+use crate::counter::Counter;
+use crate::kernels::Models;
+use crate::semihosting::File;
+use crate::{kernels, path};
+
+static SHIPPED: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
+static REFERENCE: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
+static ONE_CHANNEL: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
+
+/// The counter, and the file that its results go to.
+pub struct Bench {
+    pub counter: Counter,
+    file: File,
+}
+
+impl Bench {
+    /// Measure one call of a kernel.
+    pub fn kernel(&mut self, name: &str, macs: usize, work: &mut dyn FnMut()) {
+        let instructions = self.counter.of(work);
+        self.put(Line::Kernel { macs: macs as u32, instructions, name });
+    }
+
+    /// Write one line.
+    pub fn put(&mut self, line: Line<'_>) {
+        let mut text = String::<256>::new();
+        write!(text, "{line}").expect("a line is short");
+        self.file.write_all(text.as_bytes()).expect("the host takes the output");
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    // The names of INPUT_FILE, REFERENCE_FILE, ONE_CHANNEL_FILE and MEASURED_FILE.
+    let (mut frames, header, shipped) = model(c"frames.in", SHIPPED.take());
+    let (_, _, reference) = model(c"reference.in", REFERENCE.take());
+    let (_, _, one_channel) = model(c"one-channel.in", ONE_CHANNEL.take());
+    let file = File::create(c"measured.txt").expect("the emulator's working directory takes a file");
+    let mut bench = Bench { counter: Counter::start(), file };
+    let (expected, measured) = bench.counter.check();
+    bench.put(Line::Check { expected, measured });
+    kernels::measure(&mut bench, &Models { shipped, reference, one_channel });
+    path::measure(&mut bench, &mut frames, &header, shipped);
+    debug::exit(debug::EXIT_SUCCESS);
+    // The emulator has ended.
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// A file of the form of [`slipsense_qemu::input`], read up to its frames.
+fn model(name: &CStr, buffer: &'static mut [u8]) -> (File, Header, Model<'static>) {
+    let mut file = File::open(name).unwrap_or_else(|| panic!("cannot open {name:?}"));
+    let mut header = [0; HEADER_BYTES];
+    file.read_exact(&mut header).expect("the file has a header");
+    let header = Header::decode(&header).expect("the file is one for this program");
+    let (bytes, _) = buffer.split_at_mut(header.model_bytes as usize);
+    file.read_exact(bytes).expect("the file holds a model");
+    (file, header, Model::parse(bytes).expect("the model is valid"))
+}
+
+#[exception]
+unsafe fn DefaultHandler(irq: i16) {
+    panic!("interrupt {irq} was never enabled");
+}

@@ -10,7 +10,7 @@ use crate::features::pad_cells::PadCells;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
-use crate::simd::{MapShape, conv_relu_pool, halves, pair};
+use crate::simd::{MapShape, conv_relu_pool, pair};
 
 /// An embedding; a model uses the first `dims.embed` values, the rest stay 0.
 pub type Embedding = Activations<{ EMBED / 2 }>;
@@ -87,37 +87,17 @@ impl PiezoEncoder {
             conv_relu_pool((layer.weights, layer.bias, layer.multiplier), x, out);
         };
         let [conv1, conv2, conv3] = &model.conv;
-        see_map("taxels", PIEZO_CHANNELS, (input, INPUT), observer);
+        observer.see_map("taxels", PIEZO_CHANNELS, input, INPUT);
         convolve(conv1, (input, INPUT), (block1, shape1));
-        see_map("piezo.conv1", conv1.outputs, (block1, shape1), observer);
+        observer.see_map("piezo.conv1", conv1.outputs, block1, shape1);
         convolve(conv2, (block1, shape1), (block2, shape2));
-        see_map("piezo.conv2", conv2.outputs, (block2, shape2), observer);
+        observer.see_map("piezo.conv2", conv2.outputs, block2, shape2);
         convolve(conv3, (block2, shape2), (block3, shape3));
-        see_map("piezo.conv3", conv3.outputs, (block3, shape3), observer);
+        observer.see_map("piezo.conv3", conv3.outputs, block3, shape3);
         let mut out = Embedding::new();
         dense(&model.piezo_dense, block3, out.values_mut(), requantize::signed);
         see_outputs("piezo", &model.piezo_dense, out.values(), observer);
         out
-    }
-}
-
-/// Show the cells of a map without its border, channel after channel of a cell.
-fn see_map<O: Observer>(
-    layer: &'static str,
-    channels: usize,
-    (cells, shape): (&[u32], MapShape),
-    observer: &mut O,
-) {
-    if !O::LOOKS {
-        return;
-    }
-    for row in 0..shape.side {
-        for col in 0..shape.side {
-            for channel in 0..channels {
-                let word = cells.get(shape.at(row, channel / 2, col)).copied().unwrap_or_default();
-                observer.see(layer, &[halves(word)[channel % 2]]);
-            }
-        }
     }
 }
 

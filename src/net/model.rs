@@ -91,6 +91,11 @@ pub struct LagBias<'a> {
 }
 
 impl<'a> LagBias<'a> {
+    /// `values`: `window` offsets of each head, head after head.
+    pub const fn new(values: &'a [i16], window: usize) -> Self {
+        Self { values, window }
+    }
+
     /// Offsets of one head, lag 0 first.
     #[inline]
     pub fn head(self, head: usize) -> &'a [i16] {
@@ -422,7 +427,7 @@ impl<'a> Tensors<'_, 'a> {
             out,
             heads: dims.heads,
             score_multiplier: first(score_multiplier),
-            bias: LagBias { values, window: dims.window },
+            bias: LagBias::new(values, dims.window),
             norm,
         })
     }

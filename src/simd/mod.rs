@@ -8,7 +8,7 @@
 //!
 //! Numbers lie in words of two: the low half is the first. [`crate::net::packing`] says in which order.
 
-#[cfg(all(target_arch = "arm", target_feature = "dsp"))]
+#[cfg(arm_dsp)]
 #[expect(unsafe_code, reason = "assembly: see the module")]
 pub mod arm;
 pub mod portable;
@@ -16,14 +16,11 @@ pub mod portable;
 #[expect(unsafe_code, reason = "vector instructions: see the module")]
 pub mod x86;
 
-#[cfg(all(target_arch = "arm", target_feature = "dsp"))]
+#[cfg(arm_dsp)]
 pub use arm::{conv_relu_pool, dense4, mla_high, mla_low, mla_pair};
-#[cfg(not(any(
-    all(target_arch = "arm", target_feature = "dsp"),
-    all(target_arch = "x86_64", target_feature = "sse2")
-)))]
+#[cfg(not(any(arm_dsp, all(target_arch = "x86_64", target_feature = "sse2"))))]
 pub use portable::{conv_relu_pool, dense4};
-#[cfg(not(all(target_arch = "arm", target_feature = "dsp")))]
+#[cfg(not(arm_dsp))]
 pub use portable::{mla_high, mla_low, mla_pair};
 #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
 pub use x86::{conv_relu_pool, dense4};

@@ -3,10 +3,6 @@
 use core::fmt;
 use core::str::SplitAsciiWhitespace;
 
-/// Name of the file that holds the network of the reference shapes; as the input file, without frames.
-pub const REFERENCE_FILE: &str = "reference.in";
-/// The same for the network whose second convolution has one input channel.
-pub const ONE_CHANNEL_FILE: &str = "one-channel.in";
 /// Name of the file that the benchmark program writes.
 pub const MEASURED_FILE: &str = "measured.txt";
 /// Frames after which every window is full: their numbers are not measurements of a running stream.

@@ -13,9 +13,9 @@ use super::requantize;
 use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2};
 use crate::fixed::{round_shift, saturate_i16, scale_q32};
 use crate::params::limits::WINDOW;
-use crate::simd::{mla_high, mla_low, mla_pair};
+use crate::simd::{dots, weighted_sums};
 
-/// One frame's key and value, in words.
+/// One frame's key and value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KeyValue<const W: usize> {
     key: Activations<W>,
@@ -23,11 +23,9 @@ pub struct KeyValue<const W: usize> {
 }
 
 impl<const W: usize> KeyValue<W> {
-    const ZERO: Self = Self { key: Activations::new(), value: Activations::new() };
-
     /// Project one frame of the sequence that is attended to.
     pub fn project(block: &Attention<'_>, x: &Activations<W>, observer: &mut impl Observer) -> Self {
-        let mut out = Self::ZERO;
+        let mut out = Self { key: Activations::new(), value: Activations::new() };
         dense(&block.key, x.words(), out.key.values_mut(), requantize::query_key);
         dense(&block.value, x.words(), out.value.values_mut(), requantize::signed);
         observer.see_part(block.name, "key", out.key.values().get(..block.key.outputs).unwrap_or_default());
@@ -40,7 +38,8 @@ impl<const W: usize> KeyValue<W> {
 /// Keys and values of the last frames, newest overwriting oldest.
 #[derive(Clone, Debug)]
 pub struct KeyValueCache<const W: usize> {
-    slots: [KeyValue<W>; WINDOW],
+    keys: [[u32; W]; WINDOW],
+    values: [[u32; W]; WINDOW],
     /// Slots in use: the model's window.
     window: usize,
     /// Slot of the newest frame.
@@ -53,33 +52,29 @@ impl<const W: usize> KeyValueCache<W> {
     /// Empty, for a model that looks back over `window` frames, the current one included.
     pub const fn new(window: usize) -> Self {
         let window = if window == 0 || window > WINDOW { WINDOW } else { window };
-        Self { slots: [KeyValue::ZERO; WINDOW], window, newest: 0, filled: 0 }
+        // The first frame goes into slot 0.
+        Self { keys: [[0; W]; WINDOW], values: [[0; W]; WINDOW], window, newest: window - 1, filled: 0 }
     }
 
     /// Take the newest frame in; the one that leaves the window is forgotten.
-    pub fn push(&mut self, entry: KeyValue<W>) {
+    pub fn push(&mut self, entry: &KeyValue<W>) {
         self.newest = if self.newest + 1 < self.window { self.newest + 1 } else { 0 };
-        if let Some(slot) = self.slots.get_mut(self.newest) {
-            *slot = entry;
+        if let (Some(key), Some(value)) = (self.keys.get_mut(self.newest), self.values.get_mut(self.newest)) {
+            *key = *entry.key.words();
+            *value = *entry.value.words();
         }
         self.filled = (self.filled + 1).min(self.window);
     }
 
-    /// Hand the cached frames to `each`, newest (lag 0) first: two straight runs through memory.
+    /// `by_lag`, newest (lag 0) first, in the order of the slots, which are the first ones: up to the newest frame
+    /// backwards, and behind it the older ones, backwards from the oldest lag in use.
     #[inline]
-    fn newest_first(&self, mut each: impl FnMut(usize, &KeyValue<W>)) {
-        let (recent, older) = self.slots.split_at((self.newest + 1).min(WINDOW));
-        let older = older.get(..self.window.saturating_sub(self.newest + 1)).unwrap_or_default();
-        let recent = recent.get(recent.len().saturating_sub(self.filled)..).unwrap_or_default();
-        let rest = self.filled - recent.len();
-        let older = older.get(older.len().saturating_sub(rest)..).unwrap_or_default();
-        let mut lag = 0;
-        for run in [recent, older] {
-            for entry in run.iter().rev() {
-                each(lag, entry);
-                lag += 1;
-            }
-        }
+    fn by_slot<'b, T>(&self, by_lag: &'b [T]) -> impl Iterator<Item = &'b T> {
+        let (recent, older) = by_lag
+            .get(..self.filled)
+            .unwrap_or_default()
+            .split_at((self.newest + 1).min(self.filled.min(by_lag.len())));
+        recent.iter().rev().chain(older.iter().rev())
     }
 }
 
@@ -105,9 +100,9 @@ pub fn attend<const W: usize>(
         let from = (head * head_width).min(width);
         let to = (from + head_width).min(width);
         let mut scores = [0i32; WINDOW];
-        score(&query, cache, (from, to), &mut scores);
         let weights = scores.get_mut(..cache.filled).unwrap_or_default();
-        for (score, &bias) in weights.iter_mut().zip(block.bias.head(head)) {
+        score(&query, cache, (from, to), weights);
+        for (score, &bias) in weights.iter_mut().zip(cache.by_slot(block.bias.head(head))) {
             *score = scale_q32(*score, block.score_multiplier) + bias as i32;
         }
         softmax_base2(weights);
@@ -119,7 +114,7 @@ pub fn attend<const W: usize>(
     });
 }
 
-/// Products of the query with the key of every cached frame, over columns `from` to `to`.
+/// Products of the query with the key of every cached frame, slot after slot, over columns `from` to `to`.
 ///
 /// A head is at most 32 columns wide and a product below 2^26: a sum fits. The model file's dimensions are checked
 /// for it.
@@ -127,70 +122,39 @@ fn score<const W: usize>(
     query: &Activations<W>,
     cache: &KeyValueCache<W>,
     (from, to): (usize, usize),
-    scores: &mut [i32; WINDOW],
+    scores: &mut [i32],
 ) {
     if from % 2 == 0 && to % 2 == 0 {
-        let words = from / 2..to / 2;
-        let query = query.words().get(words.clone()).unwrap_or_default();
-        cache.newest_first(|lag, entry| {
-            let key = entry.key.words().get(words.clone()).unwrap_or_default();
-            if let Some(score) = scores.get_mut(lag) {
-                *score = query.iter().zip(key).fold(0, |acc, (&q, &k)| mla_pair(acc, q, k));
-            }
-        });
+        let query = query.words().get(from / 2..to / 2).unwrap_or_default();
+        dots(query, cache.keys.as_flattened().get(from / 2..).unwrap_or_default(), W, scores);
     } else {
         let query = query.values().get(from..to).unwrap_or_default();
-        cache.newest_first(|lag, entry| {
-            let key = entry.key.values().get(from..to).unwrap_or_default();
-            if let Some(score) = scores.get_mut(lag) {
-                let products = query.iter().zip(key).map(|(&q, &k)| q as i32 * k as i32);
-                *score = products.fold(0, i32::wrapping_add);
-            }
-        });
+        for (score, key) in scores.iter_mut().zip(&cache.keys) {
+            let key: &[i16] = bytemuck::must_cast_slice(key);
+            let products = query.iter().zip(key.get(from..).unwrap_or_default());
+            *score = products.fold(0, |sum, (&q, &k)| sum.wrapping_add(q as i32 * k as i32));
+        }
     }
 }
 
-/// Words of the values that are summed at once: as many as sums fit the registers.
-const GATHERED: usize = 4;
-
-/// `context = Σ weight · value` over the cached frames, columns `from` to `to`.
+/// `context = Σ weight · value` over the cached frames, slot after slot, columns `from` to `to`.
 ///
-/// Bounded by [`softmax_base2`]'s contract: below 2^31.
+/// Bounded by [`softmax_base2`]'s contract: below 2^31, and so no sum wraps; a weight fits 16 bits.
 fn gather<const W: usize>(
     cache: &KeyValueCache<W>,
     weights: &[i32],
     (from, to): (usize, usize),
     context: &mut Activations<W>,
 ) {
-    let rounded = |acc: i32| saturate_i16(round_shift(acc as i64, WEIGHT_FRAC_BITS) as i32);
-    let mut column = from;
-    while column < to {
-        let whole = column % 2 == 0 && column + 2 * GATHERED <= to;
-        if whole {
-            let mut sums = [0i32; 2 * GATHERED];
-            cache.newest_first(|lag, entry| {
-                let weight = weights.get(lag).copied().unwrap_or_default() as u32;
-                let values = entry.value.words().get(column / 2..).and_then(|v| v.first_chunk::<GATHERED>());
-                for (sums, &value) in sums.as_chunks_mut::<2>().0.iter_mut().zip(values.unwrap_or(&[0; _])) {
-                    *sums = [mla_low(sums[0], value, weight), mla_high(sums[1], value, weight)];
-                }
-            });
-            let context = context.values_mut().get_mut(column..).unwrap_or_default();
-            for (context, sum) in context.iter_mut().zip(sums) {
-                *context = rounded(sum);
+    // Eight columns at a time, from an even one on: what belongs to another head is not taken.
+    for start in (from & !1..to).step_by(8) {
+        let rows = cache.values.as_flattened().get(start / 2..).unwrap_or_default();
+        let sums = weighted_sums(weights, rows, W);
+        let columns = context.values_mut().iter_mut().enumerate().skip(start).zip(sums);
+        for ((column, context), sum) in columns {
+            if column >= from && column < to {
+                *context = saturate_i16(round_shift(sum as i64, WEIGHT_FRAC_BITS) as i32);
             }
-            column += 2 * GATHERED;
-        } else {
-            let mut sum = 0i32;
-            cache.newest_first(|lag, entry| {
-                let weight = weights.get(lag).copied().unwrap_or_default();
-                let value = entry.value.values().get(column).copied().unwrap_or_default();
-                sum = sum.wrapping_add(weight * value as i32);
-            });
-            if let Some(context) = context.values_mut().get_mut(column) {
-                *context = rounded(sum);
-            }
-            column += 1;
         }
     }
 }

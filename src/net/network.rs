@@ -78,7 +78,7 @@ impl<'m> Network<'m> {
         let model = &self.model;
         let width = model.dims.fused().min(FUSED);
         observer.see("fused", fused.values().get(..width).unwrap_or_default());
-        self.fused_seen.push(KeyValue::project(&model.temporal, &fused, observer));
+        self.fused_seen.push(&KeyValue::project(&model.temporal, &fused, observer));
         let mut hidden = Activations::<FUSED_WORDS>::new();
         attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
         observer.see("hidden", hidden.values().get(..width).unwrap_or_default());
@@ -121,8 +121,8 @@ impl<'m> Network<'m> {
     ) -> Activations<FUSED_WORDS> {
         let model = &self.model;
         let embed = model.dims.embed.min(EMBED);
-        self.xl_seen.push(KeyValue::project(&model.cross_piezo, xl, observer));
-        self.piezo_seen.push(KeyValue::project(&model.cross_xl, piezo, observer));
+        self.xl_seen.push(&KeyValue::project(&model.cross_piezo, xl, observer));
+        self.piezo_seen.push(&KeyValue::project(&model.cross_xl, piezo, observer));
         let mut fused = Activations::new();
         let (first, second) = fused.values_mut().split_at_mut(embed);
         attend(&model.cross_piezo, piezo, &self.xl_seen, first, observer);

@@ -1,7 +1,7 @@
 //! The inner loops of the network: four outputs side by side, two products per instruction.
 //!
-//! Everything that multiplies activations by weights comes down to three functions, [`dense4`],
-//! [`conv_relu_pool`] and the pair products of attention. Each has a portable form in [`portable`], which says what
+//! Everything that multiplies activations comes down to four functions, [`dense4`], [`conv_relu_pool`], and for
+//! attention [`dots`] and [`weighted_sums`]. Each has a portable form in [`portable`], which says what
 //! it computes, and on a Cortex-M7 one in assembly (`simd::arm`): `smlad` multiplies two pairs of 16-bit numbers and adds
 //! both products in one cycle, and which registers hold what decides how many loads it takes to feed it. All give
 //! the same bits for any input, wrapping included; `cargo xtask test --only qemu-kernels` compares them.
@@ -17,11 +17,11 @@ pub mod portable;
 pub mod x86;
 
 #[cfg(arm_dsp)]
-pub use arm::{conv_relu_pool, dense4, mla_high, mla_low, mla_pair};
+pub use arm::{conv_relu_pool, dense4, dots, weighted_sums};
 #[cfg(not(any(arm_dsp, all(target_arch = "x86_64", target_feature = "sse2"))))]
 pub use portable::{conv_relu_pool, dense4};
 #[cfg(not(arm_dsp))]
-pub use portable::{mla_high, mla_low, mla_pair};
+pub use portable::{dots, weighted_sums};
 #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
 pub use x86::{conv_relu_pool, dense4};
 

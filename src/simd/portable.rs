@@ -13,16 +13,28 @@ pub const fn mla_pair(acc: i32, x: u32, w: u32) -> i32 {
     acc.wrapping_add(x0 as i32 * w0 as i32).wrapping_add(x1 as i32 * w1 as i32)
 }
 
-/// `acc + x₀·w₀`: the low halves only, wrapping.
+/// Of `out.len()` rows, `stride` words apart: `out[i] = Σ query · row i`, over as many words as the query has,
+/// wrapping.
 #[inline]
-pub const fn mla_low(acc: i32, x: u32, w: u32) -> i32 {
-    acc.wrapping_add(x as i16 as i32 * w as i16 as i32)
+pub fn dots(query: &[u32], rows: &[u32], stride: usize, out: &mut [i32]) {
+    for (out, row) in out.iter_mut().zip(rows.chunks(stride.max(1))) {
+        *out = query.iter().zip(row).fold(0, |acc, (&q, &x)| mla_pair(acc, q, x));
+    }
 }
 
-/// `acc + x₁·w₀`: the high half of `x` by the low one of `w`, wrapping.
+/// Of as many rows as there are weights, `stride` words apart: `Σ weight · row` for the first eight numbers, of a
+/// weight its low 16 bits, signed; wrapping.
 #[inline]
-pub const fn mla_high(acc: i32, x: u32, w: u32) -> i32 {
-    acc.wrapping_add((x >> 16) as i16 as i32 * w as i16 as i32)
+pub fn weighted_sums(weights: &[i32], rows: &[u32], stride: usize) -> [i32; 8] {
+    let mut sums = [0i32; 8];
+    for (&weight, row) in weights.iter().zip(rows.chunks(stride.max(1))) {
+        for (sums, &word) in sums.as_chunks_mut::<2>().0.iter_mut().zip(row) {
+            for (sum, x) in sums.iter_mut().zip(halves(word)) {
+                *sum = sum.wrapping_add(x as i32 * weight as i16 as i32);
+            }
+        }
+    }
+    sums
 }
 
 /// Four sums of products, wrapping: an array, or a vector register where there is one.

@@ -155,7 +155,7 @@ fn attention<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_
     let mut cache = KeyValueCache::<W>::new(WINDOW);
     let mut source = noise();
     for _ in 0..WINDOW {
-        cache.push(KeyValue::project(block, &activations(&mut source), &mut ()));
+        cache.push(&KeyValue::project(block, &activations(&mut source), &mut ()));
     }
     let x = activations::<W>(&mut source);
     let mut out = [0; 2 * EMBED];

@@ -1,129 +1,9 @@
-//! The kernels for cores with the DSP extension, such as the Cortex-M7: assembly, bit-equal to
-//! [`portable`](super::portable).
-//!
-//! Fourteen registers are all there is. A convolution tile keeps eight sums (a 2×2 window of two filters), two
-//! words of weights, two of the map and two pointers in them: eleven instructions for sixteen products. A dense
-//! block keeps four sums, four inputs, four weights and two pointers: 21 instructions for 32 products, unrolled
-//! without a counter.
-//!
-//! Every function checks the lengths that its assembly
-//! reads and writes before it calls it.
+//! A convolution with its pool: eight sums (a 2×2 window of two filters), two words of weights, two of the map and
+//! two pointers in registers, eleven instructions for sixteen products.
 
-use core::arch::{asm, global_asm};
+use core::arch::global_asm;
 
-use super::{LANES, MapShape};
-
-/// `acc + x₀·w₀ + x₁·w₁` over the halves of two words, wrapping.
-#[inline(always)]
-pub fn mla_pair(acc: i32, x: u32, w: u32) -> i32 {
-    let sum;
-    // SAFETY: registers only; the Q flag, which an overflow sets, is not declared as preserved.
-    unsafe {
-        asm!("smlad {}, {}, {}, {}", lateout(reg) sum, in(reg) x, in(reg) w, in(reg) acc,
-            options(pure, nomem, nostack));
-    }
-    sum
-}
-
-/// `acc + x₀·w₀`: the low halves only, wrapping.
-#[inline(always)]
-pub fn mla_low(acc: i32, x: u32, w: u32) -> i32 {
-    let sum;
-    // SAFETY: as in `mla_pair`.
-    unsafe {
-        asm!("smlabb {}, {}, {}, {}", lateout(reg) sum, in(reg) x, in(reg) w, in(reg) acc,
-            options(pure, nomem, nostack));
-    }
-    sum
-}
-
-/// `acc + x₁·w₀`: the high half of `x` by the low one of `w`, wrapping.
-#[inline(always)]
-pub fn mla_high(acc: i32, x: u32, w: u32) -> i32 {
-    let sum;
-    // SAFETY: as in `mla_pair`.
-    unsafe {
-        asm!("smlatb {}, {}, {}, {}", lateout(reg) sum, in(reg) x, in(reg) w, in(reg) acc,
-            options(pure, nomem, nostack));
-    }
-    sum
-}
-
-/// Words of `x` that one round of the dense kernel takes.
-const CHUNK: usize = 4;
-/// Rounds there is code for: 512 inputs.
-const CHUNKS_MAX: usize = 64;
-
-// Code of one round: 21 instructions of four bytes, which is what makes the jump into the middle exact.
-global_asm!(
-    "
-    .section .text.hot.slipsense_dense4,\"ax\",%progbits
-    .syntax unified
-    .thumb
-    .p2align 2
-    .type slipsense_dense4, %function
-    .thumb_func
-slipsense_dense4:
-    @ r0: x, r1: weights, r2: rounds, r3: the four sums, in and out
-    push.w {{r3-r11, lr}}
-    ldr.w r12, 2f
-    movw lr, #84
-    mls r12, r2, lr, r12
-    ldm.w r3, {{r4-r7}}
-    bx r12
-    .p2align 2
-2:  .word 1f + 1
-    .rept {chunks}
-    ldm.w r0!, {{r8-r11}}
-    ldm.w r1!, {{r2, r3, r12, lr}}
-    smlad r4, r8, r2, r4
-    smlad r5, r8, r3, r5
-    smlad r6, r8, r12, r6
-    smlad r7, r8, lr, r7
-    ldm.w r1!, {{r2, r3, r12, lr}}
-    smlad r4, r9, r2, r4
-    smlad r5, r9, r3, r5
-    smlad r6, r9, r12, r6
-    smlad r7, r9, lr, r7
-    ldm.w r1!, {{r2, r3, r12, lr}}
-    smlad r4, r10, r2, r4
-    smlad r5, r10, r3, r5
-    smlad r6, r10, r12, r6
-    smlad r7, r10, lr, r7
-    ldm.w r1!, {{r2, r3, r12, lr}}
-    smlad r4, r11, r2, r4
-    smlad r5, r11, r3, r5
-    smlad r6, r11, r12, r6
-    smlad r7, r11, lr, r7
-    .endr
-1:  ldr.w r3, [sp]
-    stm.w r3, {{r4-r7}}
-    pop.w {{r3-r11, pc}}
-    .size slipsense_dense4, . - slipsense_dense4
-    .text
-    ",
-    chunks = const CHUNKS_MAX,
-);
-
-unsafe extern "C" {
-    fn slipsense_dense4(x: *const u32, w: *const u32, chunks: usize, sums: *mut i32);
-}
-
-/// `start + Σ x·w` for four outputs, see [`portable::dense4`](super::portable::dense4).
-///
-/// What is not a whole round, or longer than the longest, goes through the portable form; no layer is.
-#[inline]
-pub fn dense4(start: [i32; LANES], x: &[u32], w: &[u32]) -> [i32; LANES] {
-    let chunks = x.len() / CHUNK;
-    if x.len() % CHUNK != 0 || chunks > CHUNKS_MAX || w.len() < LANES * x.len() {
-        return super::portable::dense4(start, x, w);
-    }
-    let mut sums = start;
-    // SAFETY: reads `chunks · 4` words of x and four times as many of w, which are there, and `sums`; writes
-    // `sums`. References to `u32` are aligned for multiple loads.
-    unsafe { slipsense_dense4(x.as_ptr(), w.as_ptr(), chunks, sums.as_mut_ptr()) };
-    sums
-}
+use crate::simd::{LANES, MapShape, portable};
 
 /// What a convolution needs beside its maps and weights, as the assembly reads it.
 #[repr(C)]
@@ -140,14 +20,27 @@ global_asm!(
     "
     .syntax unified
     .thumb
-    .macro slipsense_taps column, row
-    ldrd r2, r3, [r1], #16
+    .macro slipsense_taps column, row, step=16
+    ldrd r2, r3, [r1], #\\step
     ldrd r12, lr, [r0, #(4 * \\column)]
     smlad r4, r12, r2, r4
     smlad r5, lr, r2, r5
     smlad r8, r12, r3, r8
     smlad r9, lr, r3, r9
     ldrd r12, lr, [r0, #(\\row + 4 * \\column)]
+    smlad r6, r12, r2, r6
+    smlad r7, lr, r2, r7
+    smlad r10, r12, r3, r10
+    smlad r11, lr, r3, r11
+    .endm
+    .macro slipsense_first_tap side, pairs
+    ldrd r2, r3, [r1], #16
+    ldrd r12, lr, [r0, #(4 * (\\side + 2))]!
+    smlad r4, r12, r2, r4
+    smlad r5, lr, r2, r5
+    smlad r8, r12, r3, r8
+    smlad r9, lr, r3, r9
+    ldrd r12, lr, [r0, #(4 * (\\side + 2) * \\pairs)]
     smlad r6, r12, r2, r6
     smlad r7, lr, r2, r7
     smlad r10, r12, r3, r10
@@ -187,21 +80,20 @@ slipsense_conv_\\side\\()_\\pairs:
     smuad r11, lr, r3
     slipsense_taps 1, (4 * (\\side + 2) * \\pairs)
     slipsense_taps 2, (4 * (\\side + 2) * \\pairs)
-    .rept 3 * \\pairs - 1
-    ldrd r2, r3, [r1], #16
-    ldrd r12, lr, [r0, #(4 * (\\side + 2))]!
-    smlad r4, r12, r2, r4
-    smlad r5, lr, r2, r5
-    smlad r8, r12, r3, r8
-    smlad r9, lr, r3, r9
-    ldrd r12, lr, [r0, #(4 * (\\side + 2) * \\pairs)]
-    smlad r6, r12, r2, r6
-    smlad r7, lr, r2, r7
-    smlad r10, r12, r3, r10
-    smlad r11, lr, r3, r11
+    .rept 3 * \\pairs - 2
+    slipsense_first_tap \\side, \\pairs
     slipsense_taps 1, (4 * (\\side + 2) * \\pairs)
     slipsense_taps 2, (4 * (\\side + 2) * \\pairs)
     .endr
+    @ the last load of weights leads back to the first, where the distance fits the instruction
+    slipsense_first_tap \\side, \\pairs
+    slipsense_taps 1, (4 * (\\side + 2) * \\pairs)
+    .if 9 * \\pairs * 16 - 16 <= 1020
+    slipsense_taps 2, (4 * (\\side + 2) * \\pairs), (16 - 9 * \\pairs * 16)
+    .else
+    slipsense_taps 2, (4 * (\\side + 2) * \\pairs)
+    subw r1, r1, #(9 * \\pairs * 16)
+    .endif
     slipsense_max r4, r5
     slipsense_max r6, r7
     slipsense_max r4, r6
@@ -221,7 +113,6 @@ slipsense_conv_\\side\\()_\\pairs:
     str r4, [r2], #4
     str r2, [sp]
     subw r0, r0, #(3 * \\pairs * 4 * (\\side + 2) - 8)
-    subw r1, r1, #(3 * \\pairs * 48)
     cmp r2, r3
     bne.w 2b
     @ the next two rows of the map, the next one of the output
@@ -276,7 +167,7 @@ fn conv(from: MapShape) -> Option<Conv> {
     })
 }
 
-/// 3×3 convolution, ReLU and pool, see [`portable::conv_relu_pool`](super::portable::conv_relu_pool).
+/// 3×3 convolution, ReLU and pool, see [`portable::conv_relu_pool`].
 ///
 /// A shape that there is no assembly for, or slices too short for their shape, go through the portable form.
 pub fn conv_relu_pool(
@@ -295,7 +186,7 @@ pub fn conv_relu_pool(
         && bias.len() >= 2 * pairs
         && multiplier.len() >= 2 * pairs;
     let Some(conv) = conv(from).filter(|_| fits) else {
-        return super::portable::conv_relu_pool((weights, bias, multiplier), (x, from), (out, to));
+        return portable::conv_relu_pool((weights, bias, multiplier), (x, from), (out, to));
     };
     let scales = bias.as_chunks::<2>().0.iter().zip(multiplier.as_chunks::<2>().0).take(pairs);
     for (pair, (bias, multiplier)) in scales.enumerate() {

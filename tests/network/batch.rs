@@ -166,11 +166,15 @@ impl Oracle<'_> {
         let mean = (2 * sum.iter().sum::<i64>() + n).div_euclid(2 * n);
         let variance = sum.iter().map(|v| ((v - mean) * (v - mean)) as u64).sum::<u64>() / n as u64
             + self.file.tensor(norm, "epsilon")[0] as u64;
-        let reciprocal = i128::from((1u64 << 47) / (variance << 16).isqrt());
+        // The root's 32 bits and the reciprocal's 31, then 2^54 · 2^zeros / root in units of 2^-11.
+        let root = (variance << 16).isqrt();
+        let zeros = u128::from(root).leading_zeros() - 96;
+        let reciprocal = i128::from((1u64 << 62) / (root << zeros)).min((1 << 31) - 1);
+        let (unit, half) = (1i128 << (43 - zeros), 1i128 << (42 - zeros));
         let scale_out = self.file.tensor(norm, "multiplier")[0];
         (0..x.len())
             .map(|i| {
-                let standard = (i128::from(sum[i] - mean) * reciprocal + (1 << 27)).div_euclid(1 << 28);
+                let standard = (i128::from(sum[i] - mean) * reciprocal + half).div_euclid(unit);
                 let standard = standard.clamp(-32768, 32767) as i64;
                 let acc = standard * i64::from(self.file.tensor(norm, "gamma")[i])
                     + i64::from(self.file.tensor(norm, "beta")[i]);

@@ -93,7 +93,7 @@ fn standardise_follows_the_formula() {
             let exact = (f64::from(x) - mean) / sigma;
             let error = (f64::from(y) / 2048.0 - exact).abs();
             // Half a unit of the output, the rounded mean, and the relative errors of root and reciprocal.
-            let relative = 1.0 / (256.0 * sigma) + sigma / 2f64.powi(39);
+            let relative = 1.0 / (256.0 * sigma) + 2f64.powi(-30);
             let allowed = 0.5 / 2048.0 + 0.5 / sigma + exact.abs() * relative + 1e-9;
             assert!(error <= allowed, "{error} > {allowed} for x {x}, sigma {sigma}");
             if sigma > 1000.0 {

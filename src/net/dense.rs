@@ -1,34 +1,36 @@
 //! Fully connected layer.
 
 use super::model::Layer;
-use crate::simd::{LANES, dense4};
+use crate::simd;
 
-/// `out[c] = requantize(bias[c] + Σ weight[c][i] · x[i], multiplier[c])`.
+/// Outputs that are computed before they are cut to their range.
+pub(super) const GROUP: usize = 32;
+
+/// `out[c] = cut((bias[c] + Σ weight[c][i] · x[i]) · multiplier[c])`.
 ///
-/// `x`: the layer's input in words, zeros behind it. `out`: `layer.outputs` activations. `requantize` is one of
+/// `x`: the layer's input in words, zeros behind it. `out`: `layer.outputs` activations. `cut` is one of
 /// [`super::requantize`]'s.
 #[inline]
-pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], requantize: impl Fn(i32, i32) -> i16) {
-    let take = layer.outputs.min(out.len());
-    let out = out.get_mut(..take).unwrap_or_default();
-    for ((sums, multiplier), out) in accumulators(layer, x).zip(out.chunks_mut(LANES)) {
-        for ((out, sum), &multiplier) in out.iter_mut().zip(sums).zip(multiplier) {
-            *out = requantize(sum, multiplier);
+pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], cut: impl Fn(i32) -> i16) {
+    let out = out.get_mut(..layer.outputs.min(out.len())).unwrap_or_default();
+    for (group, out) in out.chunks_mut(GROUP).enumerate() {
+        let mut values = [0; GROUP];
+        scaled(layer, x, group * GROUP, &mut values);
+        for (out, value) in out.iter_mut().zip(values) {
+            *out = cut(value);
         }
     }
 }
 
-/// The accumulators of a layer, four by four, with their multipliers: for what follows a layer without going
-/// through `i16` first.
+/// The outputs from `first` on, a multiple of four, scaled but not cut: for what follows a layer without going
+/// through `i16` first. Values behind the last output are left as they are.
 #[inline]
-pub fn accumulators<'a>(
-    layer: &Layer<'a>,
-    x: &'a [u32],
-) -> impl Iterator<Item = ([i32; LANES], &'a [i32; LANES])> + 'a {
+pub fn scaled(layer: &Layer<'_>, x: &[u32], first: usize, values: &mut [i32; GROUP]) {
     let words = layer.inputs.words();
     let x = x.get(..words).unwrap_or_default();
-    let blocks = layer.weights.chunks_exact((LANES * words).max(1));
-    let scales = layer.bias.as_chunks::<LANES>().0.iter().zip(layer.multiplier.as_chunks::<LANES>().0);
+    let weights = layer.weights.get(first * words..).unwrap_or_default();
+    let bias = layer.bias.get(first..).unwrap_or_default();
+    let multiplier = layer.multiplier.get(first..).unwrap_or_default();
     // The model file's bound keeps every partial sum below 2^31, so the wrapping additions do not wrap.
-    blocks.zip(scales).map(move |(weights, (bias, multiplier))| (dense4(*bias, x, weights), multiplier))
+    simd::dense(x, (weights, bias, multiplier), values);
 }

@@ -1,16 +1,15 @@
 //! Residual sum and LayerNorm.
 
-use super::dense::accumulators;
+use super::dense::{GROUP, scaled};
 use super::model::{Layer, Norm};
 use super::requantize;
 use crate::fixed::{STANDARD_FRAC_BITS, scale_q32, standardise};
 use crate::params::limits::EMBED;
-use crate::simd::LANES;
 
 /// Extra fraction bits of the residual sum over the activation it adds to.
 pub const RESIDUAL_EXTRA_BITS: u32 = 4;
-/// Largest magnitude of a residual sum; [`standardise`] asks for less than 2^22.
-const RESIDUAL_MAX: i32 = (1 << 21) - 1;
+/// A residual sum has 22 bits; [`standardise`] asks for a magnitude below 2^22.
+const RESIDUAL_BITS: u32 = 22;
 /// Widest vector: the fused one.
 const WIDTH_MAX: usize = 2 * EMBED;
 
@@ -30,11 +29,13 @@ pub fn add_and_norm(
     let mut standard = [0i16; WIDTH_MAX];
     let width = x.len().min(WIDTH_MAX);
     let sum = &mut sum[..width];
-    let blocks = sum.chunks_mut(LANES).zip(x.chunks(LANES)).zip(accumulators(layer, context));
-    for ((sum, x), (accs, multipliers)) in blocks {
-        for (((sum, &x), acc), &multiplier) in sum.iter_mut().zip(x).zip(accs).zip(multipliers) {
-            let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + scale_q32(acc, multiplier);
-            *sum = residual.clamp(-RESIDUAL_MAX, RESIDUAL_MAX);
+    for (group, (sum, x)) in sum.chunks_mut(GROUP).zip(x.chunks(GROUP)).enumerate() {
+        let mut values = [0; GROUP];
+        scaled(layer, context, group * GROUP, &mut values);
+        for ((sum, &x), value) in sum.iter_mut().zip(x).zip(values) {
+            // A scaled value is below 2^30.
+            let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + value;
+            *sum = residual.max(-(1 << (RESIDUAL_BITS - 1))).min((1 << (RESIDUAL_BITS - 1)) - 1);
         }
     }
     see_sum(sum);
@@ -42,6 +43,6 @@ pub fn add_and_norm(
     let affine = norm.gamma.iter().zip(norm.beta.iter());
     for ((out, &n), (&gamma, &beta)) in out.iter_mut().zip(&standard[..width]).zip(affine) {
         // The model file's bound keeps |n · gamma + beta| below 2^31.
-        *out = requantize::signed(beta.wrapping_add(n as i32 * gamma as i32), norm.multiplier);
+        *out = requantize::signed(scale_q32(beta.wrapping_add(n as i32 * gamma as i32), norm.multiplier));
     }
 }

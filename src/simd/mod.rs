@@ -1,6 +1,6 @@
 //! The inner loops of the network: four outputs side by side, two products per instruction.
 //!
-//! Everything that multiplies activations comes down to four functions, [`dense4`], [`conv_relu_pool`], and for
+//! Everything that multiplies activations comes down to four functions, [`dense`], [`conv_relu_pool`], and for
 //! attention [`dots`] and [`weighted_sums`]. Each has a portable form in [`portable`], which says what
 //! it computes, and on a Cortex-M7 one in assembly (`simd::arm`): `smlad` multiplies two pairs of 16-bit numbers and adds
 //! both products in one cycle, and which registers hold what decides how many loads it takes to feed it. All give
@@ -17,13 +17,13 @@ pub mod portable;
 pub mod x86;
 
 #[cfg(arm_dsp)]
-pub use arm::{conv_relu_pool, dense4, dots, weighted_sums};
+pub use arm::{conv_relu_pool, dense, dots, weighted_sums};
 #[cfg(not(any(arm_dsp, all(target_arch = "x86_64", target_feature = "sse2"))))]
-pub use portable::{conv_relu_pool, dense4};
+pub use portable::{conv_relu_pool, dense};
 #[cfg(not(arm_dsp))]
 pub use portable::{dots, weighted_sums};
 #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
-pub use x86::{conv_relu_pool, dense4};
+pub use x86::{conv_relu_pool, dense};
 
 /// Outputs that a kernel computes side by side.
 pub const LANES: usize = 4;

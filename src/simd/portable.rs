@@ -4,6 +4,7 @@
 //! computer (`super::x86`).
 
 use super::{LANES, MapShape, halves, pair};
+use crate::fixed::scale_q32;
 use crate::net::requantize;
 
 /// `acc + x₀·w₀ + x₁·w₁` over the halves of two words, wrapping.
@@ -66,17 +67,29 @@ impl Lanes for [i32; LANES] {
     }
 }
 
-/// `start + Σ x·w` for four outputs: `w` has for every word of `x` one word per output.
+/// `out = (bias + Σ x·w) · multiplier`, scaled by [`scale_q32`], for as many outputs as there are blocks of four of
+/// weights, biases, multipliers and `out`.
+///
+/// `weights`: per block for every word of `x` one word per output.
 #[inline]
-pub fn dense4(start: [i32; LANES], x: &[u32], w: &[u32]) -> [i32; LANES] {
-    dense4_in::<[i32; LANES]>(start, x, w)
+pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+    dense_in::<[i32; LANES]>(x, layer, out);
 }
 
-/// [`dense4`] in any lanes.
+/// [`dense`] in any lanes.
 #[inline]
-pub(super) fn dense4_in<L: Lanes>(start: [i32; LANES], x: &[u32], w: &[u32]) -> [i32; LANES] {
-    let words = x.iter().zip(w.as_chunks::<LANES>().0);
-    words.fold(L::new(start), |lanes, (&x, w)| lanes.mla(x, w)).sums()
+pub(super) fn dense_in<L: Lanes>(
+    x: &[u32],
+    (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
+    out: &mut [i32],
+) {
+    let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
+    let blocks = weights.chunks_exact((LANES * x.len()).max(1)).zip(scales);
+    for (out, (weights, (bias, multiplier))) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(blocks) {
+        let words = x.iter().zip(weights.as_chunks::<LANES>().0);
+        let sums = words.fold(L::new(*bias), |lanes, (&x, w)| lanes.mla(x, w)).sums();
+        *out = core::array::from_fn(|lane| scale_q32(sums[lane], multiplier[lane]));
+    }
 }
 
 /// 3×3 convolution, 2×2 max-pool, then bias, requantization and ReLU: the map `x` of shape `from` (border 1) to the
@@ -106,7 +119,7 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
                 let top = 2 * row * from.row() + 2 * col;
                 let best = tile::<L>(x.get(top..).unwrap_or_default(), from, filters);
                 let cell: [i16; LANES] = core::array::from_fn(|lane| {
-                    requantize::relu(bias[lane].wrapping_add(best[lane]), multiplier[lane])
+                    requantize::relu(scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]))
                 });
                 for (half, cell) in cell.as_chunks::<2>().0.iter().enumerate() {
                     if let Some(word) = out.get_mut(to.at(row, 2 * block + half, col)) {

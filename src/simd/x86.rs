@@ -7,7 +7,7 @@ use core::arch::x86_64::{
     _mm_shuffle_epi32,
 };
 
-use super::portable::{Lanes, conv_relu_pool_in, dense4_in};
+use super::portable::{Lanes, conv_relu_pool_in, dense_in};
 use super::{LANES, MapShape};
 
 #[derive(Clone, Copy)]
@@ -44,10 +44,10 @@ impl Lanes for Register {
     }
 }
 
-/// See [`portable::dense4`](super::portable::dense4).
+/// See [`portable::dense`](super::portable::dense).
 #[inline]
-pub fn dense4(start: [i32; LANES], x: &[u32], w: &[u32]) -> [i32; LANES] {
-    dense4_in::<Register>(start, x, w)
+pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+    dense_in::<Register>(x, layer, out);
 }
 
 /// See [`portable::conv_relu_pool`](super::portable::conv_relu_pool).

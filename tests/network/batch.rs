@@ -159,9 +159,9 @@ impl Oracle<'_> {
     fn add_and_norm(&self, layer: &str, norm: &str, context: &[i64], x: &[i64]) -> Vec<i64> {
         let multiplier = self.file.tensor(layer, "multiplier");
         let acc = self.accumulators(layer, context);
-        let limit = (1 << 21) - 1;
+        let (low, high) = (-(1 << 21), (1 << 21) - 1);
         let sum: Vec<i64> =
-            (0..x.len()).map(|i| (16 * x[i] + scale(acc[i], multiplier[i])).clamp(-limit, limit)).collect();
+            (0..x.len()).map(|i| (16 * x[i] + scale(acc[i], multiplier[i])).clamp(low, high)).collect();
         let n = x.len() as i64;
         let mean = (2 * sum.iter().sum::<i64>() + n).div_euclid(2 * n);
         let variance = sum.iter().map(|v| ((v - mean) * (v - mean)) as u64).sum::<u64>() / n as u64

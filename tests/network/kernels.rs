@@ -29,9 +29,9 @@ proptest! {
     #[test]
     fn requantize_saturates(acc: i32, multiplier in 0i32..) {
         let x = scale_q32(acc, multiplier);
-        prop_assert_eq!(i32::from(requantize::signed(acc, multiplier)), x.clamp(-32768, 32767));
-        prop_assert_eq!(i32::from(requantize::relu(acc, multiplier)), x.clamp(0, 32767));
-        prop_assert_eq!(i32::from(requantize::query_key(acc, multiplier)), x.clamp(-8191, 8191));
+        prop_assert_eq!(i32::from(requantize::signed(x)), x.clamp(-32768, 32767));
+        prop_assert_eq!(i32::from(requantize::relu(x)), x.clamp(0, 32767));
+        prop_assert_eq!(i32::from(requantize::query_key(x)), x.clamp(-8191, 8191));
     }
 
     /// Formula, bound of the sum and error of the softmax, over spread-out and equal scores.

@@ -12,4 +12,4 @@ mod dense;
 
 pub use attention::{dots, weighted_sums};
 pub use conv::conv_relu_pool;
-pub use dense::dense4;
+pub use dense::dense;

@@ -74,7 +74,7 @@ pub fn compare(rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compar
         let results = MAPS.map(|map| u32::from(!conv_is_equal(scratch, &mut dice, round, map)));
         (results.len() as u32, results.iter().sum())
     });
-    count("dense4", &mut |round| {
+    count("dense", &mut |round| {
         // Whole rounds of the assembly, its longest, and what it leaves to the portable form.
         let lengths = [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260];
         let results = lengths.map(|words| u32::from(!dense_is_equal(scratch, &mut dice, round, words)));
@@ -99,11 +99,7 @@ fn conv_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, (side, pair
     let Scratch { x, weights, bias, multiplier, out, expected } = scratch;
     dice.fill(round, x);
     dice.fill(round / 2, weights);
-    for (bias, multiplier) in bias.iter_mut().zip(multiplier.iter_mut()) {
-        // Small enough that results are not all cut off, and any.
-        let shift = dice.below(32);
-        (*bias, *multiplier) = (dice.next() as i32 >> dice.below(20), (dice.next() >> 1) as i32 >> shift);
-    }
+    scales(dice, bias, multiplier);
     // The border of the output must be left as it is.
     dice.fill(1, out);
     *expected = *out;
@@ -114,12 +110,25 @@ fn conv_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, (side, pair
 }
 
 fn dense_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, words: usize) -> bool {
-    let Scratch { x, weights, .. } = scratch;
+    let Scratch { x, weights, bias, multiplier, .. } = scratch;
     dice.fill(round, &mut x[..words]);
-    dice.fill(round / 2, &mut weights[..LANES * words]);
-    let start = core::array::from_fn(|_| dice.next() as i32);
-    let (x, weights) = (&x[..words], &weights[..LANES * words]);
-    simd::dense4(start, x, weights) == portable::dense4(start, x, weights)
+    let outputs = LANES * (1 + dice.below(2)) + dice.below(LANES);
+    dice.fill(round / 2, weights);
+    scales(dice, bias, multiplier);
+    let weights = &weights[..(2 * LANES * words).min(WEIGHTS)];
+    let mut found = [0; 3 * LANES];
+    let mut expected = found;
+    simd::dense(&x[..words], (weights, bias, multiplier), &mut found[..outputs]);
+    portable::dense(&x[..words], (weights, bias, multiplier), &mut expected[..outputs]);
+    found == expected
+}
+
+/// Small enough that results are not all cut off, and any.
+fn scales(dice: &mut Dice, bias: &mut [i32], multiplier: &mut [i32]) {
+    for (bias, multiplier) in bias.iter_mut().zip(multiplier) {
+        let shift = dice.below(32);
+        (*bias, *multiplier) = (dice.next() as i32 >> dice.below(20), (dice.next() >> 1) as i32 >> shift);
+    }
 }
 
 fn dots_are_equal(

@@ -11,7 +11,7 @@ use super::model::Attention;
 use super::observer::Observer;
 use super::requantize;
 use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2};
-use crate::fixed::{round_shift, saturate_i16, scale_q32};
+use crate::fixed::{saturate_i16, scale_q32};
 use crate::params::limits::WINDOW;
 use crate::simd::{dots, weighted_sums};
 
@@ -66,15 +66,12 @@ impl<const W: usize> KeyValueCache<W> {
         self.filled = (self.filled + 1).min(self.window);
     }
 
-    /// `by_lag`, newest (lag 0) first, in the order of the slots, which are the first ones: up to the newest frame
-    /// backwards, and behind it the older ones, backwards from the oldest lag in use.
+    /// Where `by_lag`, newest (lag 0) first, parts: backwards the first part belongs to the first slots, up to the
+    /// newest frame's, and backwards the second to those behind it.
     #[inline]
-    fn by_slot<'b, T>(&self, by_lag: &'b [T]) -> impl Iterator<Item = &'b T> {
-        let (recent, older) = by_lag
-            .get(..self.filled)
-            .unwrap_or_default()
-            .split_at((self.newest + 1).min(self.filled.min(by_lag.len())));
-        recent.iter().rev().chain(older.iter().rev())
+    fn part<'b, T>(&self, by_lag: &'b [T]) -> [&'b [T]; 2] {
+        let by_lag = by_lag.get(..self.filled).unwrap_or_default();
+        by_lag.split_at_checked(self.newest + 1).unwrap_or((by_lag, &[])).into()
     }
 }
 
@@ -102,8 +99,11 @@ pub fn attend<const W: usize>(
         let mut scores = [0i32; WINDOW];
         let weights = scores.get_mut(..cache.filled).unwrap_or_default();
         score(&query, cache, (from, to), weights);
-        for (score, &bias) in weights.iter_mut().zip(cache.by_slot(block.bias.head(head))) {
-            *score = scale_q32(*score, block.score_multiplier) + bias as i32;
+        let mut unbiased = weights.iter_mut();
+        for part in cache.part(block.bias.head(head)) {
+            for (&bias, score) in part.iter().rev().zip(&mut unbiased) {
+                *score = scale_q32(*score, block.score_multiplier) + bias as i32;
+            }
         }
         softmax_base2(weights);
         gather(cache, weights, (from, to), &mut context);
@@ -150,11 +150,11 @@ fn gather<const W: usize>(
     for start in (from & !1..to).step_by(8) {
         let rows = cache.values.as_flattened().get(start / 2..).unwrap_or_default();
         let sums = weighted_sums(weights, rows, W);
-        let columns = context.values_mut().iter_mut().enumerate().skip(start).zip(sums);
-        for ((column, context), sum) in columns {
-            if column >= from && column < to {
-                *context = saturate_i16(round_shift(sum as i64, WEIGHT_FRAC_BITS) as i32);
-            }
+        let (skipped, end) = (from.saturating_sub(start), to.saturating_sub(start));
+        let context = context.values_mut().get_mut(start..).unwrap_or_default().iter_mut();
+        for (context, &sum) in context.zip(&sums).take(end).skip(skipped) {
+            // 2^30 and half a unit: fits.
+            *context = saturate_i16((sum + (1 << (WEIGHT_FRAC_BITS - 1))) >> WEIGHT_FRAC_BITS);
         }
     }
 }

@@ -16,7 +16,7 @@ pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], cut: impl Fn(i32) ->
     for (group, out) in out.chunks_mut(GROUP).enumerate() {
         let mut values = [0; GROUP];
         scaled(layer, x, group * GROUP, &mut values);
-        for (out, value) in out.iter_mut().zip(values) {
+        for (out, &value) in out.iter_mut().zip(&values) {
             *out = cut(value);
         }
     }

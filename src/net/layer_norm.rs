@@ -32,7 +32,7 @@ pub fn add_and_norm(
     for (group, (sum, x)) in sum.chunks_mut(GROUP).zip(x.chunks(GROUP)).enumerate() {
         let mut values = [0; GROUP];
         scaled(layer, context, group * GROUP, &mut values);
-        for ((sum, &x), value) in sum.iter_mut().zip(x).zip(values) {
+        for ((sum, &x), &value) in sum.iter_mut().zip(x).zip(&values) {
             // A scaled value is below 2^30.
             let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + value;
             *sum = residual.max(-(1 << (RESIDUAL_BITS - 1))).min((1 << (RESIDUAL_BITS - 1)) - 1);

@@ -10,7 +10,6 @@ use crate::qemu::default_model;
 mod emulated;
 mod inputs;
 mod report;
-mod table;
 
 use report::Report;
 

@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::emulated::{Emulated, PathCost};
-use super::table::{Align, Table};
+use crate::table::{Align, Table, thousands};
 
 /// Everything that was measured.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -141,24 +141,4 @@ fn macs(macs: usize) -> String {
 
 fn per_mac(instructions: u32, macs: usize) -> String {
     if macs == 0 { String::new() } else { format!("{:.2}", f64::from(instructions) / macs as f64) }
-}
-
-/// 1234567 as 1,234,567.
-pub fn thousands(number: i64) -> String {
-    let digits = number.unsigned_abs().to_string();
-    let groups: Vec<&str> =
-        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap_or_default()).collect();
-    format!("{}{}", if number < 0 { "-" } else { "" }, groups.join(","))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_grouped() {
-        for (number, text) in [(0, "0"), (999, "999"), (1_000, "1,000"), (-1_234_567, "-1,234,567")] {
-            assert_eq!(thousands(number), text);
-        }
-    }
 }

@@ -6,10 +6,14 @@ use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 
 use crate::qemu::default_model;
+use crate::stack;
 
+mod cycles;
 mod emulated;
 mod inputs;
+mod loops;
 mod report;
+mod size;
 
 use report::Report;
 
@@ -17,11 +21,13 @@ use report::Report;
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
 Instructions are counted in QEMU (machine mps2-an500, -icount) and exact: a loop of known length is measured \
-first, every run measures the kernels again, and a difference is an error. They are not cycles.
+first, every run measures the kernels again, and a difference is an error. They are not cycles; what is \
+printed as cycles is an estimate by LLVM's model of the core, for inner loops.
 
 Examples:
   cargo xtask bench                                 everything
   cargo xtask bench --only kernels                  seconds: the kernels alone, after a change to one
+  cargo xtask bench --only cycles --only size       what the firmware's code and its loops take
   cargo xtask bench --only path --frames 60 --json  the whole path, for a machine
   cargo xtask bench --out out/bench                 writes bench.json and bench.md")]
 pub struct Options {
@@ -49,6 +55,12 @@ enum Part {
     Kernels,
     /// Instructions of a frame, from samples to CAN frames
     Path,
+    /// Estimate of the cycles of the network's inner loops
+    Cycles,
+    /// Flash and RAM of the firmware
+    Size,
+    /// Bound of the firmware's stack
+    Stack,
 }
 
 /// Measure and print.
@@ -60,6 +72,18 @@ pub fn run(options: &Options) -> Result<bool> {
     if wanted(Part::Kernels) || wanted(Part::Path) {
         let frames = if wanted(Part::Path) { options.frames as usize } else { 0 };
         report.emulated = Some(emulated::measure(&model, frames)?);
+    }
+    if wanted(Part::Cycles) || wanted(Part::Size) || wanted(Part::Stack) {
+        let firmware = stack::build()?;
+        if wanted(Part::Cycles) {
+            report.cycles = Some(cycles::estimate(&firmware)?);
+        }
+        if wanted(Part::Size) {
+            report.size = Some(size::measure(&firmware, &model)?);
+        }
+        if wanted(Part::Stack) {
+            report.stack = Some(stack::measure(Some(firmware))?);
+        }
     }
     if options.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

@@ -7,7 +7,10 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Serialize;
 
+use super::cycles::{Estimate, LoopEstimate};
 use super::emulated::{Emulated, PathCost};
+use super::size::Size;
+use crate::stack;
 use crate::table::{Align, Table, thousands};
 
 /// Everything that was measured.
@@ -15,6 +18,12 @@ use crate::table::{Align, Table, thousands};
 pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub emulated: Option<Emulated>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cycles: Option<Estimate>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<Size>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stack: Option<stack::Report>,
 }
 
 impl Report {
@@ -42,6 +51,9 @@ impl Report {
                 tables.extend(emulated.paths.chunk_by(|a, b| a.sensors == b.sensors).map(parts));
             }
         }
+        tables.extend(self.cycles.iter().map(loops));
+        tables.extend(self.size.iter().map(|size| sections(size, self.emulated.as_ref())));
+        tables.extend(self.stack.iter().map(stack::Report::table));
         tables
     }
 }
@@ -128,6 +140,74 @@ fn parts(paths: &[PathCost]) -> Table {
     let mut rest = vec!["rest".to_owned(), String::new()];
     rest.extend(paths.iter().flat_map(|path| [thousands(path.rest), String::new()]));
     table.row(rest);
+    table
+}
+
+/// A row for each function: its loops differ in how many outputs they make at once.
+fn loops(estimate: &Estimate) -> Table {
+    let mut table = Table::new(
+        format!("Inner loops, ESTIMATE of cycles by {}, memory without waits", estimate.model),
+        &[
+            ("function", Align::Left),
+            ("loops", Align::Right),
+            ("instructions per MAC", Align::Right),
+            ("cycles per MAC, est.", Align::Right),
+        ],
+    );
+    for loops in estimate.loops.chunk_by(|a, b| a.function == b.function) {
+        let range = |value: &dyn Fn(&LoopEstimate) -> f64| {
+            let values = loops.iter().map(|found| value(found) / f64::from(found.macs));
+            let (least, most) =
+                values.fold((f64::MAX, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
+            if least == most { format!("{least:.2}") } else { format!("{least:.2} to {most:.2}") }
+        };
+        table.row([
+            loops.first().map_or(String::new(), |found| short(&found.function)),
+            loops.len().to_string(),
+            range(&|found| found.instructions as f64),
+            range(&|found| found.cycles),
+        ]);
+    }
+    table
+}
+
+/// Names of generic functions fill a line.
+fn short(name: &str) -> String {
+    const LENGTH: usize = 60;
+    if name.chars().count() <= LENGTH {
+        return name.to_owned();
+    }
+    name.chars().take(LENGTH - 1).chain(['…']).collect()
+}
+
+fn sections(size: &Size, emulated: Option<&Emulated>) -> Table {
+    let mut table = Table::new(
+        "Memory of the firmware, bytes (NUCLEO-H743ZI2)".to_owned(),
+        &[
+            ("section", Align::Left),
+            ("address", Align::Right),
+            ("flash", Align::Right),
+            ("RAM", Align::Right),
+        ],
+    );
+    let bytes = |bytes: u64, counts: bool| if counts { thousands(bytes as i64) } else { String::new() };
+    for section in &size.sections {
+        table.row([
+            section.name.clone(),
+            format!("{:#010x}", section.address),
+            bytes(section.bytes, section.in_flash),
+            bytes(section.bytes, section.in_ram),
+        ]);
+    }
+    let mut total = |name: &str, flash: Option<u64>, ram: Option<u64>| {
+        let cell = |value: Option<u64>| value.map(|value| thousands(value as i64)).unwrap_or_default();
+        table.row([name.to_owned(), String::new(), cell(flash), cell(ram)]);
+    };
+    total("together, without the stack", Some(size.flash_bytes), Some(size.ram_bytes));
+    total("of that the model file", Some(size.model_bytes as u64), None);
+    for (name, &bytes) in emulated.iter().flat_map(|emulated| &emulated.sizes) {
+        total(&format!("size of a {name}"), None, Some(bytes.into()));
+    }
     table
 }
 

@@ -49,8 +49,15 @@ impl Code {
 
 impl Instruction {
     /// Mnemonic without width and condition suffixes that do not matter here: `b.w` is `b`.
-    fn plain(&self) -> &str {
+    pub fn plain(&self) -> &str {
         self.mnemonic.split('.').next().unwrap_or_default()
+    }
+
+    /// How many of the next instructions an `it`, `ite`, … makes conditional; 0 for all others.
+    pub fn governs(&self) -> usize {
+        let letters = self.mnemonic.strip_prefix('i').unwrap_or_default();
+        let is_it = letters.starts_with('t') && letters.chars().all(|letter| matches!(letter, 't' | 'e'));
+        if is_it { letters.len() } else { 0 }
     }
 
     /// The address that a direct branch or call names.

@@ -18,7 +18,8 @@ mod program;
 mod report;
 
 use program::Program;
-use report::{FramePath, Level, Report};
+pub use report::Report;
+use report::{FramePath, Level};
 
 const FIRMWARE: &str = "slipsense-firmware";
 /// What an exception puts on the stack: 26 words with the registers of the FPU, and one for the alignment.
@@ -85,7 +86,8 @@ pub fn step() -> Result<()> {
     Ok(())
 }
 
-fn measure(elf: Option<PathBuf>) -> Result<Report> {
+/// Look at a firmware; `None`: build it.
+pub fn measure(elf: Option<PathBuf>) -> Result<Report> {
     let elf = elf.map_or_else(build, Ok)?;
     let mut program = Program::of(Image::read(&elf)?)?;
     ensure!(

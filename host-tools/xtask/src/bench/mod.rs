@@ -10,6 +10,7 @@ use crate::stack;
 
 mod cycles;
 mod emulated;
+mod host;
 mod inputs;
 mod loops;
 mod report;
@@ -29,6 +30,7 @@ Examples:
   cargo xtask bench --only kernels                  seconds: the kernels alone, after a change to one
   cargo xtask bench --only cycles --only size       what the firmware's code and its loops take
   cargo xtask bench --only path --frames 60 --json  the whole path, for a machine
+  cargo xtask bench --only host --tract             frames per second here, beside the float network on tract
   cargo xtask bench --out out/bench                 writes bench.json and bench.md")]
 pub struct Options {
     /// Only these parts; may be given several times
@@ -40,6 +42,12 @@ pub struct Options {
     /// Model file
     #[arg(long, default_value_os_t = default_model(), hide_default_value = true)]
     model: PathBuf,
+    /// Frames to replay over all cores of this computer
+    #[arg(long, value_name = "FRAMES", default_value_t = 1_400_000)]
+    replay: u32,
+    /// Also the float network on tract on this computer: needs a tensor library, minutes to build
+    #[arg(long)]
+    tract: bool,
     /// Print one JSON object on standard output instead of tables
     #[arg(long)]
     json: bool,
@@ -61,6 +69,8 @@ enum Part {
     Size,
     /// Bound of the firmware's stack
     Stack,
+    /// Frames per second on this computer
+    Host,
 }
 
 /// Measure and print.
@@ -84,6 +94,9 @@ pub fn run(options: &Options) -> Result<bool> {
         if wanted(Part::Stack) {
             report.stack = Some(stack::measure(Some(firmware))?);
         }
+    }
+    if wanted(Part::Host) {
+        report.host = Some(host::measure(&model, options.replay as usize, options.tract)?);
     }
     if options.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::cycles::{Estimate, LoopEstimate};
 use super::emulated::{Emulated, PathCost};
+use super::host::Host;
 use super::size::Size;
 use crate::stack;
 use crate::table::{Align, Table, thousands};
@@ -24,6 +25,8 @@ pub struct Report {
     pub size: Option<Size>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stack: Option<stack::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub host: Option<Host>,
 }
 
 impl Report {
@@ -54,6 +57,7 @@ impl Report {
         tables.extend(self.cycles.iter().map(loops));
         tables.extend(self.size.iter().map(|size| sections(size, self.emulated.as_ref())));
         tables.extend(self.stack.iter().map(stack::Report::table));
+        tables.extend(self.host.iter().map(host));
         tables
     }
 }
@@ -208,6 +212,22 @@ fn sections(size: &Size, emulated: Option<&Emulated>) -> Table {
     for (name, &bytes) in emulated.iter().flat_map(|emulated| &emulated.sizes) {
         total(&format!("size of a {name}"), None, Some(bytes.into()));
     }
+    table
+}
+
+fn host(host: &Host) -> Table {
+    let mut table = Table::new(
+        format!("This computer, {} cores", host.cores),
+        &[("what", Align::Left), ("measured", Align::Right)],
+    );
+    let rate = |frames_per_s: f64| format!("{} frames/s", thousands(frames_per_s as i64));
+    table.row(["pipeline, one sensor, one core".to_owned(), rate(host.frames_per_s)]);
+    if let Some(float) = host.float_frames_per_s {
+        table.row(["float network on tract, one sensor, one core".to_owned(), rate(float)]);
+    }
+    let replay = &host.replay;
+    let what = format!("{} frames of {} sensors, all cores", thousands(replay.frames as i64), replay.sensors);
+    table.row([what, format!("{:.1} s", replay.wall_s)]);
     table
 }
 

@@ -13,6 +13,7 @@ mod emulated;
 mod host;
 mod inputs;
 mod loops;
+mod peers;
 mod report;
 mod size;
 
@@ -61,6 +62,8 @@ pub struct Options {
 enum Part {
     /// Instructions of every kernel
     Kernels,
+    /// Instructions of other libraries' kernels, and of ours beside them
+    Peers,
     /// Instructions of a frame, from samples to CAN frames
     Path,
     /// Estimate of the cycles of the network's inner loops
@@ -79,9 +82,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let model = std::fs::read(&options.model)
         .with_context(|| format!("{}: cannot read the model", options.model.display()))?;
     let mut report = Report::default();
-    if wanted(Part::Kernels) || wanted(Part::Path) {
+    if wanted(Part::Kernels) || wanted(Part::Peers) || wanted(Part::Path) {
         let frames = if wanted(Part::Path) { options.frames as usize } else { 0 };
-        report.emulated = Some(emulated::measure(&model, frames)?);
+        report.emulated = Some(emulated::measure(&model, frames, wanted(Part::Peers))?);
     }
     if wanted(Part::Cycles) || wanted(Part::Size) || wanted(Part::Stack) {
         let firmware = stack::build()?;

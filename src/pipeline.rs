@@ -176,6 +176,9 @@ impl<'m> Pipeline<'m> {
 
     /// Take one frame in. `inputs` in sensor order; one that is not there counts as missing, one too
     /// many is ignored.
+    ///
+    /// Never inlined, so that `cargo xtask stack` can look at all that it calls.
+    #[inline(never)]
     pub fn step(&mut self, inputs: &[SensorInput<'_>]) -> Output {
         let mut output = Output {
             class: Class::NoContact,

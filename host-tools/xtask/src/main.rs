@@ -6,10 +6,13 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod bench;
+mod elf;
 mod process;
 mod python;
 mod qemu;
 mod retrain;
+mod stack;
+mod table;
 mod test;
 mod toolchain;
 
@@ -29,6 +32,8 @@ enum Command {
     Qemu(qemu::Options),
     /// Measure: instructions on an emulated Cortex-M7, bytes of flash and RAM, frames per second here
     Bench(bench::Options),
+    /// How deep the firmware's stack can get
+    Stack(stack::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -44,6 +49,7 @@ fn main() -> ExitCode {
         Command::Test(options) => test::run(&options),
         Command::Qemu(options) => qemu::run(&options),
         Command::Bench(options) => bench::run(&options),
+        Command::Stack(options) => stack::run(&options),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

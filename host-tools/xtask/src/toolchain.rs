@@ -61,6 +61,15 @@ impl Toolchain {
         build
     }
 
+    /// As [`build`](Self::build), with a list of what each function takes of the stack beside the code, which
+    /// stays the same. The compiler calls the option unstable, hence the permission.
+    pub fn build_with_stack_sizes(self) -> Command {
+        let mut build = self.build();
+        build.env("RUSTC_BOOTSTRAP", "1");
+        build.args(["--config", &format!("target.{TARGET}.rustflags=['-Zemit-stack-sizes']")]);
+        build
+    }
+
     /// The program of this name that [`build`](Self::build) made.
     pub fn program(self, name: &str) -> PathBuf {
         self.target_dir().join(TARGET).join("firmware").join(name)

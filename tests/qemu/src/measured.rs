@@ -106,6 +106,15 @@ pub enum Line<'a> {
         /// Shape included.
         name: &'a str,
     },
+    /// One call of another library's kernel.
+    Peer {
+        /// Multiply-accumulates; 0 where there are none to speak of.
+        macs: u32,
+        /// Of the call.
+        instructions: u32,
+        /// Library and shape.
+        name: &'a str,
+    },
     /// One frame.
     Frame(FrameCost),
     /// The size of a type, bytes.
@@ -122,6 +131,7 @@ impl fmt::Display for Line<'_> {
         match *self {
             Self::Check { expected, measured } => writeln!(f, "check {expected} {measured}"),
             Self::Kernel { macs, instructions, name } => writeln!(f, "kernel {macs} {instructions} {name}"),
+            Self::Peer { macs, instructions, name } => writeln!(f, "peer {macs} {instructions} {name}"),
             Self::Frame(FrameCost { step, wire, parts }) => {
                 write!(f, "frame {step} {wire}")?;
                 parts.iter().try_for_each(|part| write!(f, " {part}"))?;
@@ -140,13 +150,12 @@ impl<'a> Line<'a> {
         match kind {
             "check" => Some(Self::Check { expected: number(&mut words)?, measured: number(&mut words)? }),
             "kernel" => {
-                let (macs, rest) = rest.split_once(' ')?;
-                let (instructions, name) = rest.split_once(' ')?;
-                Some(Self::Kernel {
-                    macs: macs.parse().ok()?,
-                    instructions: instructions.parse().ok()?,
-                    name: name.trim_end(),
-                })
+                let (macs, instructions, name) = call(rest)?;
+                Some(Self::Kernel { macs, instructions, name })
+            }
+            "peer" => {
+                let (macs, instructions, name) = call(rest)?;
+                Some(Self::Peer { macs, instructions, name })
             }
             "frame" => {
                 let mut cost =
@@ -163,6 +172,13 @@ impl<'a> Line<'a> {
             _ => None,
         }
     }
+}
+
+/// Multiply-accumulates, instructions, name.
+fn call(text: &str) -> Option<(u32, u32, &str)> {
+    let (macs, rest) = text.split_once(' ')?;
+    let (instructions, name) = rest.split_once(' ')?;
+    Some((macs.parse().ok()?, instructions.parse().ok()?, name.trim_end()))
 }
 
 fn number(words: &mut SplitAsciiWhitespace<'_>) -> Option<u32> {

@@ -12,6 +12,7 @@ use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::measured::{FrameCost, Line, MEASURED_FILE, Part, WARM_UP_FRAMES};
 
 use super::inputs::Input;
+use super::peers::{self, Peer};
 use crate::qemu::frames::Frames;
 use crate::qemu::machine::{Machine, write_input};
 
@@ -64,14 +65,18 @@ pub struct Emulated {
     pub loop_expected: u32,
     pub loop_measured: u32,
     pub kernels: Vec<Kernel>,
+    /// Of other libraries, where they are asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub peers: Vec<Peer>,
     pub paths: Vec<PathCost>,
     /// Bytes of the types on the microcontroller.
     pub sizes: BTreeMap<String, u32>,
 }
 
-/// Measure the kernels and, if `frames` is not 0, the path over so many frames.
-pub fn measure(model: &[u8], frames: usize) -> Result<Emulated> {
-    let machine = Machine::build(PROGRAM)?;
+/// Measure the kernels and, if `frames` is not 0, the path over so many frames. `peers`: other libraries' kernels
+/// as well.
+pub fn measure(model: &[u8], frames: usize, peers: bool) -> Result<Emulated> {
+    let machine = Machine::build(PROGRAM, if peers { &["peers"] } else { &[] })?;
     let parsed = Model::parse(model).context("the model to measure")?;
     let mut all = Emulated::default();
     let nothing = [(Input::Idle, 1, 0)];
@@ -108,7 +113,7 @@ fn run(machine: &Machine, frames: &Frames, model: &[u8]) -> Result<String> {
 /// All but the paths, and the cost of each frame.
 fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
     let mut all = Emulated::default();
-    let mut frames = Vec::new();
+    let (mut peers, mut frames) = (Vec::new(), Vec::new());
     for line in text.lines() {
         match Line::parse(line).with_context(|| format!("the emulated program wrote `{line}`"))? {
             Line::Check { expected, measured } => {
@@ -116,6 +121,9 @@ fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
             }
             Line::Kernel { macs, instructions, name } => {
                 all.kernels.push(Kernel { name: name.to_owned(), macs, instructions });
+            }
+            Line::Peer { macs, instructions, name } => {
+                peers.push(Kernel { name: name.to_owned(), macs, instructions });
             }
             Line::Frame(cost) => frames.push(cost),
             Line::Size { bytes, name } => _ = all.sizes.insert(name.to_owned(), bytes),
@@ -127,6 +135,9 @@ fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
             all.loop_expected,
             all.loop_measured
         );
+    }
+    if !peers.is_empty() {
+        all.peers = peers::all(peers);
     }
     Ok((all, frames))
 }

@@ -85,9 +85,14 @@ fn generate(
     frames
 }
 
+/// The demo episode.
+pub fn demo() -> Result<Episode> {
+    Episode::read(root().join(DEMO_EPISODE)).context("the demo episode")
+}
+
 /// The demo episode from its first touched frame on; a third sensor feels what the first does.
 fn typical(sensors: usize, count: usize) -> Result<Frames> {
-    let episode = Episode::read(&root().join(DEMO_EPISODE)).context("the demo episode")?;
+    let episode = demo()?;
     let touched = |frame: &usize| {
         (0..episode.sensors).all(|sensor| episode.piezo(*frame, sensor).sum() >= CONTACT_SUM_MIN)
     };

@@ -6,11 +6,16 @@ use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 
 use crate::qemu::default_model;
+use crate::stack;
 
+mod cycles;
 mod emulated;
+mod host;
 mod inputs;
+mod loops;
+mod peers;
 mod report;
-mod table;
+mod size;
 
 use report::Report;
 
@@ -18,12 +23,15 @@ use report::Report;
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
 Instructions are counted in QEMU (machine mps2-an500, -icount) and exact: a loop of known length is measured \
-first, every run measures the kernels again, and a difference is an error. They are not cycles.
+first, every run measures the kernels again, and a difference is an error. They are not cycles; what is \
+printed as cycles is an estimate by LLVM's model of the core, for inner loops.
 
 Examples:
   cargo xtask bench                                 everything
   cargo xtask bench --only kernels                  seconds: the kernels alone, after a change to one
+  cargo xtask bench --only cycles --only size       what the firmware's code and its loops take
   cargo xtask bench --only path --frames 60 --json  the whole path, for a machine
+  cargo xtask bench --only host --tract             frames per second here, beside the float network on tract
   cargo xtask bench --out out/bench                 writes bench.json and bench.md")]
 pub struct Options {
     /// Only these parts; may be given several times
@@ -35,6 +43,12 @@ pub struct Options {
     /// Model file
     #[arg(long, default_value_os_t = default_model(), hide_default_value = true)]
     model: PathBuf,
+    /// Frames to replay over all cores of this computer
+    #[arg(long, value_name = "FRAMES", default_value_t = 1_400_000)]
+    replay: u32,
+    /// Also the float network on tract on this computer: needs a tensor library, minutes to build
+    #[arg(long)]
+    tract: bool,
     /// Print one JSON object on standard output instead of tables
     #[arg(long)]
     json: bool,
@@ -48,8 +62,18 @@ pub struct Options {
 enum Part {
     /// Instructions of every kernel
     Kernels,
+    /// Instructions of other libraries' kernels, and of ours beside them
+    Peers,
     /// Instructions of a frame, from samples to CAN frames
     Path,
+    /// Estimate of the cycles of the network's inner loops
+    Cycles,
+    /// Flash and RAM of the firmware
+    Size,
+    /// Bound of the firmware's stack
+    Stack,
+    /// Frames per second on this computer
+    Host,
 }
 
 /// Measure and print.
@@ -58,9 +82,24 @@ pub fn run(options: &Options) -> Result<bool> {
     let model = std::fs::read(&options.model)
         .with_context(|| format!("{}: cannot read the model", options.model.display()))?;
     let mut report = Report::default();
-    if wanted(Part::Kernels) || wanted(Part::Path) {
+    if wanted(Part::Kernels) || wanted(Part::Peers) || wanted(Part::Path) {
         let frames = if wanted(Part::Path) { options.frames as usize } else { 0 };
-        report.emulated = Some(emulated::measure(&model, frames)?);
+        report.emulated = Some(emulated::measure(&model, frames, wanted(Part::Peers))?);
+    }
+    if wanted(Part::Cycles) || wanted(Part::Size) || wanted(Part::Stack) {
+        let firmware = stack::build()?;
+        if wanted(Part::Cycles) {
+            report.cycles = Some(cycles::estimate(&firmware)?);
+        }
+        if wanted(Part::Size) {
+            report.size = Some(size::measure(&firmware, &model)?);
+        }
+        if wanted(Part::Stack) {
+            report.stack = Some(stack::measure(Some(firmware))?);
+        }
+    }
+    if wanted(Part::Host) {
+        report.host = Some(host::measure(&model, options.replay as usize, options.tract)?);
     }
     if options.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

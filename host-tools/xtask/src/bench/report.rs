@@ -7,14 +7,27 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Serialize;
 
+use super::cycles::{Estimate, LoopEstimate};
 use super::emulated::{Emulated, PathCost};
-use super::table::{Align, Table};
+use super::host::Host;
+use super::peers::Peer;
+use super::size::Size;
+use crate::stack;
+use crate::table::{Align, Table, thousands};
 
 /// Everything that was measured.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub emulated: Option<Emulated>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cycles: Option<Estimate>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<Size>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stack: Option<stack::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub host: Option<Host>,
 }
 
 impl Report {
@@ -37,11 +50,18 @@ impl Report {
         let mut tables = Vec::new();
         if let Some(emulated) = &self.emulated {
             tables.push(kernels(emulated));
+            if !emulated.peers.is_empty() {
+                tables.push(peers(&emulated.peers));
+            }
             if !emulated.paths.is_empty() {
                 tables.push(paths(emulated));
                 tables.extend(emulated.paths.chunk_by(|a, b| a.sensors == b.sensors).map(parts));
             }
         }
+        tables.extend(self.cycles.iter().map(loops));
+        tables.extend(self.size.iter().map(|size| sections(size, self.emulated.as_ref())));
+        tables.extend(self.stack.iter().map(stack::Report::table));
+        tables.extend(self.host.iter().map(host));
         tables
     }
 }
@@ -72,6 +92,29 @@ fn kernels(emulated: &Emulated) -> Table {
             thousands(kernel.instructions.into()),
             macs(kernel.macs as usize),
             per_mac(kernel.instructions, kernel.macs as usize),
+        ]);
+    }
+    table
+}
+
+fn peers(peers: &[Peer]) -> Table {
+    let mut table = Table::new(
+        "Other libraries: instructions of a call, emulated Cortex-M7".to_owned(),
+        &[
+            ("kernel", Align::Left),
+            ("instructions", Align::Right),
+            ("MACs", Align::Right),
+            ("per MAC", Align::Right),
+            ("measured", Align::Left),
+        ],
+    );
+    for Peer { kernel, source } in peers {
+        table.row([
+            kernel.name.clone(),
+            thousands(kernel.instructions.into()),
+            macs(kernel.macs as usize),
+            per_mac(kernel.instructions, kernel.macs as usize),
+            source.name().to_owned(),
         ]);
     }
     table
@@ -131,6 +174,90 @@ fn parts(paths: &[PathCost]) -> Table {
     table
 }
 
+/// A row for each function: its loops differ in how many outputs they make at once.
+fn loops(estimate: &Estimate) -> Table {
+    let mut table = Table::new(
+        format!("Inner loops, ESTIMATE of cycles by {}, memory without waits", estimate.model),
+        &[
+            ("function", Align::Left),
+            ("loops", Align::Right),
+            ("instructions per MAC", Align::Right),
+            ("cycles per MAC, est.", Align::Right),
+        ],
+    );
+    for loops in estimate.loops.chunk_by(|a, b| a.function == b.function) {
+        let range = |value: &dyn Fn(&LoopEstimate) -> f64| {
+            let values = loops.iter().map(|found| value(found) / f64::from(found.macs));
+            let (least, most) =
+                values.fold((f64::MAX, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
+            if least == most { format!("{least:.2}") } else { format!("{least:.2} to {most:.2}") }
+        };
+        table.row([
+            loops.first().map_or(String::new(), |found| short(&found.function)),
+            loops.len().to_string(),
+            range(&|found| found.instructions as f64),
+            range(&|found| found.cycles),
+        ]);
+    }
+    table
+}
+
+/// Names of generic functions fill a line.
+fn short(name: &str) -> String {
+    const LENGTH: usize = 60;
+    if name.chars().count() <= LENGTH {
+        return name.to_owned();
+    }
+    name.chars().take(LENGTH - 1).chain(['…']).collect()
+}
+
+fn sections(size: &Size, emulated: Option<&Emulated>) -> Table {
+    let mut table = Table::new(
+        "Memory of the firmware, bytes (NUCLEO-H743ZI2)".to_owned(),
+        &[
+            ("section", Align::Left),
+            ("address", Align::Right),
+            ("flash", Align::Right),
+            ("RAM", Align::Right),
+        ],
+    );
+    let bytes = |bytes: u64, counts: bool| if counts { thousands(bytes as i64) } else { String::new() };
+    for section in &size.sections {
+        table.row([
+            section.name.clone(),
+            format!("{:#010x}", section.address),
+            bytes(section.bytes, section.in_flash),
+            bytes(section.bytes, section.in_ram),
+        ]);
+    }
+    let mut total = |name: &str, flash: Option<u64>, ram: Option<u64>| {
+        let cell = |value: Option<u64>| value.map(|value| thousands(value as i64)).unwrap_or_default();
+        table.row([name.to_owned(), String::new(), cell(flash), cell(ram)]);
+    };
+    total("together, without the stack", Some(size.flash_bytes), Some(size.ram_bytes));
+    total("of that the model file", Some(size.model_bytes as u64), None);
+    for (name, &bytes) in emulated.iter().flat_map(|emulated| &emulated.sizes) {
+        total(&format!("size of a {name}"), None, Some(bytes.into()));
+    }
+    table
+}
+
+fn host(host: &Host) -> Table {
+    let mut table = Table::new(
+        format!("This computer, {} cores", host.cores),
+        &[("what", Align::Left), ("measured", Align::Right)],
+    );
+    let rate = |frames_per_s: f64| format!("{} frames/s", thousands(frames_per_s as i64));
+    table.row(["pipeline, one sensor, one core".to_owned(), rate(host.frames_per_s)]);
+    if let Some(float) = host.float_frames_per_s {
+        table.row(["float network on tract, one sensor, one core".to_owned(), rate(float)]);
+    }
+    let replay = &host.replay;
+    let what = format!("{} frames of {} sensors, all cores", thousands(replay.frames as i64), replay.sensors);
+    table.row([what, format!("{:.1} s", replay.wall_s)]);
+    table
+}
+
 fn plural(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
 }
@@ -141,24 +268,4 @@ fn macs(macs: usize) -> String {
 
 fn per_mac(instructions: u32, macs: usize) -> String {
     if macs == 0 { String::new() } else { format!("{:.2}", f64::from(instructions) / macs as f64) }
-}
-
-/// 1234567 as 1,234,567.
-pub fn thousands(number: i64) -> String {
-    let digits = number.unsigned_abs().to_string();
-    let groups: Vec<&str> =
-        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap_or_default()).collect();
-    format!("{}{}", if number < 0 { "-" } else { "" }, groups.join(","))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_grouped() {
-        for (number, text) in [(0, "0"), (999, "999"), (1_000, "1,000"), (-1_234_567, "-1,234,567")] {
-            assert_eq!(thousands(number), text);
-        }
-    }
 }

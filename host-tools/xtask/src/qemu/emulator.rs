@@ -39,7 +39,7 @@ impl Output {
 impl Emulator {
     /// Build the program; install QEMU where it is missing and may be installed.
     pub fn build() -> Result<Self> {
-        Machine::build(PROGRAM).map(Self)
+        Machine::build(PROGRAM, &[]).map(Self)
     }
 
     /// Run all frames.

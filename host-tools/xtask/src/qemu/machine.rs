@@ -28,14 +28,17 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Build the program; install QEMU where it is missing and may be installed.
-    pub fn build(program: &str) -> Result<Self> {
+    /// Build the program with these features; install QEMU where it is missing and may be installed.
+    pub fn build(program: &str, features: &[&str]) -> Result<Self> {
         if find(PROGRAM).is_none() {
             apt_install(&[PROGRAM], "emulating the microcontroller")?;
         }
         let qemu = find(PROGRAM).with_context(|| format!("`{PROGRAM}` is not on the PATH"))?;
         let toolchain = Toolchain::get()?;
-        run(toolchain.build().args(["--package", PACKAGE, "--bin", program]))?;
+        let mut build = toolchain.build();
+        build.args(["--package", PACKAGE, "--bin", program]);
+        build.args(features.iter().flat_map(|feature| ["--features", feature]));
+        run(&mut build)?;
         Ok(Self { qemu, program: toolchain.program(program) })
     }
 

@@ -147,7 +147,7 @@ impl Run<'_> {
 
 /// Compare the kernels of the Cortex-M7 with the portable ones; fails where a call differs.
 pub fn kernels() -> Result<()> {
-    let machine = machine::Machine::build("slipsense-qemu-kernels")?;
+    let machine = machine::Machine::build("slipsense-qemu-kernels", &[])?;
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
     machine.run(dir.path(), KERNELS_TIMEOUT)?;
     let said =

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use crate::process::{answer, cargo, command, run, target_dir};
 use crate::python::python;
 use crate::toolchain::Toolchain;
-use crate::{qemu, root};
+use crate::{qemu, root, stack};
 
 /// One step of the test command.
 pub struct Step {
@@ -44,8 +44,10 @@ pub const STEPS: &[Step] = &[
     Step {
         name: "arm-firmware",
         what: "the firmware for the NUCLEO-H743ZI2, warnings denied",
-        run: || arm(&["--package", "slipsense", "--bin", "slipsense-firmware", "--features", "h743"]),
+        // As the next step needs it, so that it is built once.
+        run: || stack::build().map(|_| ()),
     },
+    Step { name: "stack", what: "the firmware's stack cannot outgrow its region", run: stack::step },
     Step {
         name: "qemu-demo",
         what: "the demo episode on the emulated Cortex-M7, bit for bit",

@@ -13,6 +13,8 @@ use slipsense_qemu::measured::Line;
 use static_cell::ConstStaticCell;
 
 use crate::counter::Counter;
+#[cfg(feature = "peers")]
+use crate::peers;
 use crate::semihosting::File;
 use crate::{kernels, path};
 
@@ -32,6 +34,13 @@ impl Bench {
         self.put(Line::Kernel { macs: macs as u32, instructions, name });
     }
 
+    /// Measure one call of another library's kernel.
+    #[cfg(feature = "peers")]
+    pub fn peer(&mut self, name: &str, macs: usize, work: &mut dyn FnMut()) {
+        let instructions = self.counter.of(work);
+        self.put(Line::Peer { macs: macs as u32, instructions, name });
+    }
+
     /// Write one line.
     pub fn put(&mut self, line: Line<'_>) {
         let mut text = String::<256>::new();
@@ -49,6 +58,8 @@ fn main() -> ! {
     let (expected, measured) = bench.counter.check();
     bench.put(Line::Check { expected, measured });
     kernels::measure(&mut bench, &shipped);
+    #[cfg(feature = "peers")]
+    peers::measure(&mut bench);
     path::measure(&mut bench, &mut frames, &header, shipped);
     debug::exit(debug::EXIT_SUCCESS);
     // The emulator has ended.

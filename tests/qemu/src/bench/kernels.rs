@@ -226,7 +226,7 @@ fn words() -> impl Iterator<Item = u32> {
 }
 
 /// Numbers of any size, the same in every run: the generator of Numerical Recipes.
-fn noise() -> impl Iterator<Item = i16> {
+pub fn noise() -> impl Iterator<Item = i16> {
     let mut state = 1u32;
     core::iter::repeat_with(move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

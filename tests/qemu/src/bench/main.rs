@@ -10,6 +10,8 @@ mod emulated;
 mod kernels;
 #[cfg(target_os = "none")]
 mod path;
+#[cfg(all(target_os = "none", feature = "peers"))]
+mod peers;
 #[cfg(target_os = "none")]
 #[path = "../semihosting.rs"]
 mod semihosting;

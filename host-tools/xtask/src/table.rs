@@ -66,6 +66,14 @@ impl fmt::Display for Table {
     }
 }
 
+/// 1234567 as 1,234,567.
+pub fn thousands(number: i64) -> String {
+    let digits = number.unsigned_abs().to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap_or_default()).collect();
+    format!("{}{}", if number < 0 { "-" } else { "" }, groups.join(","))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -74,6 +82,13 @@ mod tests {
         let mut table = Table::new("Costs".to_owned(), &[("kernel", Align::Left), ("n", Align::Right)]);
         table.row(["dense".to_owned(), "1,200".to_owned()]);
         table
+    }
+
+    #[test]
+    fn numbers_are_grouped() {
+        for (number, text) in [(0, "0"), (999, "999"), (1_000, "1,000"), (-1_234_567, "-1,234,567")] {
+            assert_eq!(thousands(number), text);
+        }
     }
 
     #[test]

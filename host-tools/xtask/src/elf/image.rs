@@ -1,0 +1,242 @@
+//! Functions, sections and stack frames of an ELF file.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use object::elf;
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
+
+/// Where LLVM lists what each function takes of the stack (`-Z emit-stack-sizes`).
+const STACK_SIZES: &str = ".stack_sizes";
+
+/// A function.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Function {
+    /// Demangled, without the hash; the first in the alphabet of those that lie here.
+    pub name: String,
+    /// The others.
+    pub aliases: Vec<String>,
+    /// Bytes, the Thumb bit not set.
+    pub address: u64,
+    pub bytes: u64,
+    /// Bytes that its frame takes, where the compiler says so.
+    pub frame: Option<u64>,
+}
+
+/// What a section is to the memory of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Runs from flash.
+    Code,
+    /// Constants in flash.
+    Constants,
+    /// In RAM, its first content in flash.
+    Data,
+    /// In RAM only.
+    Zeroed,
+}
+
+/// A section that takes memory on the board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Section {
+    pub name: String,
+    pub address: u64,
+    pub bytes: u64,
+    pub kind: Kind,
+}
+
+/// An ELF file.
+pub struct Image {
+    /// By address.
+    pub functions: Vec<Function>,
+    pub sections: Vec<Section>,
+    /// Symbols that are no functions: the linker script's among them.
+    values: BTreeMap<String, u64>,
+    /// Bytes of flash: address and content.
+    contents: Vec<(u64, Vec<u8>)>,
+    /// Stretches of `$d`: data between instructions, by their first address, and where they end.
+    data_in_code: BTreeMap<u64, u64>,
+}
+
+impl Image {
+    /// Read a file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::parse(&bytes).with_context(|| path.display().to_string())
+    }
+
+    fn parse(bytes: &[u8]) -> Result<Self> {
+        let file = object::File::parse(bytes).context("not an ELF file")?;
+        let mut image = Self {
+            functions: functions(&file),
+            sections: Vec::new(),
+            values: BTreeMap::new(),
+            contents: Vec::new(),
+            data_in_code: data_in_code(&file),
+        };
+        ensure!(!image.functions.is_empty(), "the file has no symbols of functions");
+        for symbol in file.symbols().filter(|symbol| symbol.kind() != SymbolKind::Text) {
+            image.values.insert(symbol.name()?.to_owned(), symbol.address());
+        }
+        for section in file.sections() {
+            let name = section.name()?.to_owned();
+            if name == STACK_SIZES {
+                add_frames(&mut image.functions, section.data()?)?;
+            }
+            let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
+            let is = |flag: elf::SectionFlags| sh_flags & flag == flag;
+            if !is(elf::SHF_ALLOC) || section.size() == 0 {
+                continue;
+            }
+            let content = section.data()?;
+            let kind = match () {
+                () if is(elf::SHF_EXECINSTR) => Kind::Code,
+                () if !is(elf::SHF_WRITE) => Kind::Constants,
+                () if content.is_empty() => Kind::Zeroed,
+                () => Kind::Data,
+            };
+            image.sections.push(Section { name, address: section.address(), bytes: section.size(), kind });
+            if !content.is_empty() {
+                image.contents.push((section.address(), content.to_vec()));
+            }
+        }
+        Ok(image)
+    }
+
+    /// The function that this address lies in.
+    pub fn function_at(&self, address: u64) -> Option<usize> {
+        let index = self.functions.partition_point(|function| function.address <= address).checked_sub(1)?;
+        let function = &self.functions[index];
+        (address < function.address + function.bytes.max(1)).then_some(index)
+    }
+
+    /// The function that a pointer points to: to its first instruction, with the Thumb bit.
+    pub fn function_of_pointer(&self, pointer: u32) -> Option<usize> {
+        let address = u64::from(pointer & !1);
+        let found = self.functions.binary_search_by_key(&address, |function| function.address);
+        found.ok().filter(|_| pointer & 1 == 1)
+    }
+
+    /// Address of a symbol that is no function.
+    pub fn value(&self, name: &str) -> Result<u64> {
+        self.values.get(name).copied().with_context(|| format!("the program has no symbol `{name}`"))
+    }
+
+    /// The aligned words of a section.
+    pub fn words(&self, section: &Section) -> impl Iterator<Item = u32> {
+        let content = self.contents.iter().find(|(address, _)| *address == section.address);
+        let bytes = content.map(|(_, bytes)| &bytes[..]).unwrap_or_default();
+        bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word))
+    }
+
+    /// The stretches of instructions of a function, each with its first address.
+    pub fn code(&self, function: &Function) -> Vec<(u64, &[u8])> {
+        let end = function.address + function.bytes;
+        let mut stretches = Vec::new();
+        let mut from = function.address;
+        for (&data, &data_end) in self.data_in_code.range(function.address..end) {
+            stretches.push((from, data));
+            from = data_end;
+        }
+        stretches.push((from, end));
+        stretches.retain(|(from, to)| from < to);
+        stretches.into_iter().filter_map(|(from, to)| Some((from, self.bytes(from, to)?))).collect()
+    }
+
+    fn bytes(&self, from: u64, to: u64) -> Option<&[u8]> {
+        self.contents.iter().find_map(|(address, bytes)| {
+            let from = usize::try_from(from.checked_sub(*address)?).ok()?;
+            bytes.get(from..usize::try_from(to - address).ok()?)
+        })
+    }
+}
+
+/// One per address, by address.
+fn functions(file: &object::File<'_>) -> Vec<Function> {
+    let mut at = BTreeMap::<u64, Function>::new();
+    for symbol in file.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text && !symbol.is_undefined())
+    {
+        let Ok(name) = symbol.name() else { continue };
+        if name.starts_with('$') {
+            continue;
+        }
+        let name = format!("{:#}", rustc_demangle::demangle(name));
+        let address = symbol.address() & !1;
+        let function = at.entry(address).or_insert_with(|| Function {
+            name: String::new(),
+            aliases: Vec::new(),
+            address,
+            bytes: 0,
+            frame: None,
+        });
+        function.bytes = function.bytes.max(symbol.size());
+        function.aliases.push(name);
+    }
+    for function in at.values_mut() {
+        function.aliases.sort_unstable();
+        function.name = function.aliases.remove(0);
+    }
+    // Assembly without a size reaches to the next function.
+    let starts: Vec<u64> = at.keys().copied().collect();
+    for (function, next) in at.values_mut().zip(starts.iter().skip(1)) {
+        if function.bytes == 0 {
+            function.bytes = next - function.address;
+        }
+    }
+    at.into_values().collect()
+}
+
+/// From the mapping symbols: `$d` begins data, `$t` begins instructions again.
+fn data_in_code(file: &object::File<'_>) -> BTreeMap<u64, u64> {
+    let mut marks: Vec<(u64, bool)> = file
+        .symbols()
+        .filter_map(|symbol| {
+            let name = symbol.name().ok()?;
+            let is = |kind: &str| name == kind || name.starts_with(&format!("{kind}."));
+            (is("$d") || is("$t")).then(|| (symbol.address() & !1, is("$d")))
+        })
+        .collect();
+    marks.sort_unstable();
+    let next = marks.iter().skip(1).map(|&(address, _)| address).chain([u64::MAX]);
+    marks.iter().zip(next).filter(|((_, data), _)| *data).map(|(&(from, _), to)| (from, to)).collect()
+}
+
+/// LLVM's list: address (4 bytes), then the frame's bytes as ULEB128.
+fn add_frames(functions: &mut [Function], mut list: &[u8]) -> Result<()> {
+    while let Some((address, rest)) = list.split_first_chunk() {
+        let address = u64::from(u32::from_le_bytes(*address) & !1);
+        let (frame, rest) = uleb128(rest).context("the list of stack frames ends inside an entry")?;
+        list = rest;
+        if let Ok(index) = functions.binary_search_by_key(&address, |function| function.address) {
+            functions[index].frame = Some(frame);
+        }
+    }
+    Ok(())
+}
+
+fn uleb128(bytes: &[u8]) -> Option<(u64, &[u8])> {
+    let length = 1 + bytes.iter().position(|byte| byte & 0x80 == 0)?;
+    let (number, rest) = bytes.split_at(length);
+    Some((number.iter().rev().fold(0, |value, byte| value << 7 | u64::from(byte & 0x7f)), rest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn function(address: u64) -> Function {
+        Function { name: format!("f{address:x}"), aliases: Vec::new(), address, bytes: 8, frame: None }
+    }
+
+    #[test]
+    fn frames_of_the_compiler_find_their_function() {
+        let mut functions = [function(0x100), function(0x200)];
+        // 0x101 with the Thumb bit: 624485 bytes; 0x300 is no function.
+        let list = [&[1, 1, 0, 0, 0xe5, 0x8e, 0x26][..], &[0, 3, 0, 0, 8]].concat();
+        add_frames(&mut functions, &list).unwrap();
+        assert_eq!(functions.map(|function| function.frame), [Some(624_485), None]);
+        assert!(add_frames(&mut [], &[1, 1, 0, 0, 0x80]).is_err(), "a cut entry");
+    }
+}

@@ -1,0 +1,7 @@
+//! A linked program for the Cortex-M7, looked into: functions, their instructions, their stack frames.
+
+mod code;
+mod image;
+
+pub use code::{Code, Instruction};
+pub use image::{Image, Kind};

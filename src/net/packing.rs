@@ -8,7 +8,7 @@
 use crate::simd::LANES;
 
 /// Inputs that the dense kernel takes at once.
-const DENSE_STEP: usize = 8;
+const DENSE_STEP: usize = 16;
 
 /// What the inputs of a layer are, which decides where each of them lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

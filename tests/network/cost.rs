@@ -33,15 +33,15 @@ fn macs_and_bytes_by_hand() {
         ("piezo.conv3", [3, 18], 8 * 8 * 54, 4 * 18 * 4 + 16 + 16),
         ("piezo.dense", [4, 48], 192, 4 * 32 * 4 + 16 + 16),
         ("xl.conv", [5, 32], 160, 8 * 16 * 4 + 32 + 32),
-        // Inputs come by eights.
-        ("xl.mix1", [5, 5], 25, 8 * 4 * 4 + 32 + 32),
-        ("xl.mix2", [4, 5], 20, 4 * 4 * 4 + 16 + 16),
-        ("cross_piezo.query", [4, 4], 16, 4 * 4 * 4 + 16 + 16),
+        // Inputs come by sixteens.
+        ("xl.mix1", [5, 5], 25, 8 * 8 * 4 + 32 + 32),
+        ("xl.mix2", [4, 5], 20, 4 * 8 * 4 + 16 + 16),
+        ("cross_piezo.query", [4, 4], 16, 4 * 8 * 4 + 16 + 16),
         // 2 heads of 2 columns, 7 lags, once for the score and once for the value.
         ("cross_xl.score", [2, 7], 2 * 2 * 2 * 7, 16 + 32),
         ("temporal.score", [2, 7], 2 * 2 * 4 * 7, 16 + 32),
         ("temporal.norm", [1, 8], 0, 16 + 32 + 16 + 16),
-        ("head", [3, 8], 24, 4 * 4 * 4 + 16 + 16),
+        ("head", [3, 8], 24, 4 * 8 * 4 + 16 + 16),
     ];
     for (name, shape, macs, bytes) in expected {
         let layer = of(&layers, name);

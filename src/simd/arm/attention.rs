@@ -103,27 +103,37 @@ pub fn dots(query: &[u32], rows: &[u32], stride: usize, out: &mut [i32]) {
         return portable::dots(query, rows, stride, out);
     }
     for (step, words) in query.chunks_exact(STEP).enumerate() {
-        let dots = if step == 0 { slipsense_dots_set } else { slipsense_dots_add };
         let Some(rows) = rows.get(step * STEP..) else { return };
+        let (q, rows, count, out) = (words.as_ptr(), rows.as_ptr(), out.len(), out.as_mut_ptr());
         // SAFETY: reads four words of the query and of each of `out.len()` rows, which are there, checked above;
         // reads and writes `out`.
-        unsafe { dots(words.as_ptr(), rows.as_ptr(), out.len(), out.as_mut_ptr(), 4 * stride) };
+        unsafe {
+            match step {
+                0 => slipsense_dots_set(q, rows, count, out, 4 * stride),
+                _ => slipsense_dots_add(q, rows, count, out, 4 * stride),
+            }
+        }
     }
 }
 
 /// See [`portable::weighted_sums`]. Other distances than the two that a model can have go through that.
 #[inline]
 pub fn weighted_sums(weights: &[i32], rows: &[u32], stride: usize) -> [i32; SUMS] {
-    let kernel = match stride {
-        32 => slipsense_weighted_sums_128,
-        64 => slipsense_weighted_sums_256,
-        _ => return portable::weighted_sums(weights, rows, stride),
-    };
-    if weights.is_empty() || rows.len() < span(weights.len(), SUMS / 2, stride) {
+    let short = weights.is_empty() || rows.len() < span(weights.len(), SUMS / 2, stride);
+    if short || !matches!(stride, 32 | 64) {
         return portable::weighted_sums(weights, rows, stride);
     }
     let mut sums = [0; SUMS];
     // SAFETY: reads the weights and four words of as many rows, which are there, checked above; writes `sums`.
-    unsafe { kernel(weights.as_ptr(), rows.as_ptr(), weights.len(), sums.as_mut_ptr()) };
+    unsafe {
+        match stride {
+            32 => {
+                slipsense_weighted_sums_128(weights.as_ptr(), rows.as_ptr(), weights.len(), sums.as_mut_ptr())
+            }
+            _ => {
+                slipsense_weighted_sums_256(weights.as_ptr(), rows.as_ptr(), weights.len(), sums.as_mut_ptr())
+            }
+        }
+    }
     sums
 }

@@ -140,9 +140,6 @@ slipsense_conv_\\side\\()_\\pairs:
     "
 );
 
-/// Map, weights, output, [`Pair`].
-type Conv = unsafe extern "C" fn(*const u32, *const u32, *mut u32, *const Pair);
-
 unsafe extern "C" {
     fn slipsense_conv_32_1(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
     fn slipsense_conv_16_2(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
@@ -151,20 +148,6 @@ unsafe extern "C" {
     fn slipsense_conv_8_4(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
     fn slipsense_conv_8_6(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
     fn slipsense_conv_8_8(x: *const u32, w: *const u32, out: *mut u32, pair: *const Pair);
-}
-
-/// The function for a map of this many cells along a side and words per cell: all that a model can ask for.
-fn conv(from: MapShape) -> Option<Conv> {
-    Some(match (from.side, from.pairs) {
-        (32, 1) => slipsense_conv_32_1,
-        (16, 2) => slipsense_conv_16_2,
-        (16, 4) => slipsense_conv_16_4,
-        (8, 2) => slipsense_conv_8_2,
-        (8, 4) => slipsense_conv_8_4,
-        (8, 6) => slipsense_conv_8_6,
-        (8, 8) => slipsense_conv_8_8,
-        _ => return None,
-    })
 }
 
 /// 3×3 convolution, ReLU and pool, see [`portable::conv_relu_pool`].
@@ -185,9 +168,10 @@ pub fn conv_relu_pool(
         && weights.len() >= blocks * block
         && bias.len() >= 2 * pairs
         && multiplier.len() >= 2 * pairs;
-    let Some(conv) = conv(from).filter(|_| fits) else {
+    let known = matches!((from.side, from.pairs), (32, 1) | (16, 2 | 4) | (8, 2 | 4 | 6 | 8));
+    if !fits || !known {
         return portable::conv_relu_pool((weights, bias, multiplier), (x, from), (out, to));
-    };
+    }
     let scales = bias.as_chunks::<2>().0.iter().zip(multiplier.as_chunks::<2>().0).take(pairs);
     for (pair, (bias, multiplier)) in scales.enumerate() {
         let parameters = Pair {
@@ -199,9 +183,21 @@ pub fn conv_relu_pool(
         else {
             return;
         };
+        let (x, w, out, pair) = (x.as_ptr(), filters.as_ptr(), plane.as_mut_ptr(), &raw const parameters);
         // SAFETY: reads the whole map, `from.len()` words; of the weights the first two of every four words from
         // `filters` on, `block` words less the other pair's; writes `to.side` words of plane `pair` of each of
-        // `to.side` rows, which lie within `to.len()`. All checked above.
-        unsafe { conv(x.as_ptr(), filters.as_ptr(), plane.as_mut_ptr(), &parameters) };
+        // `to.side` rows, which lie within `to.len()`. All checked above. Direct calls, so that the stack's bound
+        // can be told from the program.
+        unsafe {
+            match (from.side, from.pairs) {
+                (32, _) => slipsense_conv_32_1(x, w, out, pair),
+                (16, 2) => slipsense_conv_16_2(x, w, out, pair),
+                (16, _) => slipsense_conv_16_4(x, w, out, pair),
+                (_, 2) => slipsense_conv_8_2(x, w, out, pair),
+                (_, 4) => slipsense_conv_8_4(x, w, out, pair),
+                (_, 6) => slipsense_conv_8_6(x, w, out, pair),
+                _ => slipsense_conv_8_8(x, w, out, pair),
+            }
+        }
     }
 }

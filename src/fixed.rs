@@ -17,6 +17,13 @@ pub const fn scale_q32(acc: i32, multiplier: i32) -> i32 {
     ((acc as i64 * multiplier as i64 + (1 << 31)) >> 32) as i32
 }
 
+/// `round((a + b) / 2)`, which never overflows.
+#[inline]
+pub const fn mean(a: i32, b: i32) -> i32 {
+    // a + b is twice the common bits and once the others; (a | b) has the common and all the others.
+    (a | b) - ((a ^ b) >> 1)
+}
+
 /// Clamp to the range of `i16`.
 #[inline]
 pub fn saturate_i16(x: i32) -> i16 {

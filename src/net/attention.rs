@@ -40,30 +40,28 @@ impl<const W: usize> KeyValue<W> {
 pub struct KeyValueCache<const W: usize> {
     keys: [[u32; W]; WINDOW],
     values: [[u32; W]; WINDOW],
-    /// Slots in use: the model's window.
-    window: usize,
-    /// Slot of the newest frame.
-    newest: usize,
+    /// Slot of the next frame.
+    next: usize,
     /// Frames seen, up to the window.
     filled: usize,
 }
 
 impl<const W: usize> KeyValueCache<W> {
-    /// Empty, for a model that looks back over `window` frames, the current one included.
-    pub const fn new(window: usize) -> Self {
-        let window = if window == 0 || window > WINDOW { WINDOW } else { window };
-        // The first frame goes into slot 0.
-        Self { keys: [[0; W]; WINDOW], values: [[0; W]; WINDOW], window, newest: window - 1, filled: 0 }
+    /// Empty.
+    pub const fn new() -> Self {
+        Self { keys: [[0; W]; WINDOW], values: [[0; W]; WINDOW], next: 0, filled: 0 }
     }
 
-    /// Take the newest frame in; the one that leaves the window is forgotten.
-    pub fn push(&mut self, entry: &KeyValue<W>) {
-        self.newest = if self.newest + 1 < self.window { self.newest + 1 } else { 0 };
-        if let (Some(key), Some(value)) = (self.keys.get_mut(self.newest), self.values.get_mut(self.newest)) {
+    /// Take the newest frame in; the one that leaves the window is forgotten. `window`: so many frames the model looks
+    /// back over, the newest included, 1 to [`WINDOW`], always the same.
+    pub fn push(&mut self, entry: &KeyValue<W>, window: usize) {
+        if let (Some(key), Some(value)) = (self.keys.get_mut(self.next), self.values.get_mut(self.next)) {
             *key = *entry.key.words();
             *value = *entry.value.words();
         }
-        self.filled = (self.filled + 1).min(self.window);
+        let window = window.min(WINDOW);
+        self.next = if self.next + 1 < window { self.next + 1 } else { 0 };
+        self.filled = (self.filled + 1).min(window);
     }
 
     /// Where `by_lag`, newest (lag 0) first, parts: backwards the first part belongs to the first slots, up to the
@@ -71,7 +69,14 @@ impl<const W: usize> KeyValueCache<W> {
     #[inline]
     fn part<'b, T>(&self, by_lag: &'b [T]) -> [&'b [T]; 2] {
         let by_lag = by_lag.get(..self.filled).unwrap_or_default();
-        by_lag.split_at_checked(self.newest + 1).unwrap_or((by_lag, &[])).into()
+        let slots_up_to_newest = if self.next == 0 { self.filled } else { self.next };
+        by_lag.split_at_checked(slots_up_to_newest).unwrap_or((by_lag, &[])).into()
+    }
+}
+
+impl<const W: usize> Default for KeyValueCache<W> {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

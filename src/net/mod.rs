@@ -21,5 +21,5 @@ pub mod encoder;
 pub mod network;
 
 pub use model::{Aligned, Model, ModelError};
-pub use network::{Network, SensorFeatures};
+pub use network::{Memory, Network, SensorFeatures};
 pub use observer::Observer;

@@ -152,10 +152,10 @@ fn key_value<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_
 
 fn attention<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_>) {
     let width = block.query.outputs;
-    let mut cache = KeyValueCache::<W>::new(WINDOW);
+    let mut cache = KeyValueCache::<W>::new();
     let mut source = noise();
     for _ in 0..WINDOW {
-        cache.push(&KeyValue::project(block, &activations(&mut source), &mut ()));
+        cache.push(&KeyValue::project(block, &activations(&mut source), &mut ()), WINDOW);
     }
     let x = activations::<W>(&mut source);
     let mut out = [0; 2 * EMBED];

@@ -5,7 +5,7 @@ use core::hint::black_box;
 
 use slipsense::contact::ContactSummary;
 use slipsense::features::XlFrontEnd;
-use slipsense::features::fft::real_fft;
+use slipsense::features::fft::{Work, windowed_fft};
 use slipsense::features::pad_cells::PadCells;
 use slipsense::fixed::{STANDARD_FRAC_BITS, standardise};
 use slipsense::net::Model;
@@ -175,7 +175,10 @@ fn features(bench: &mut Bench) {
     bench.kernel("XlFrontEnd::log_mel", 0, &mut || _ = black_box(black_box(&front_end).log_mel()));
     let mut window = [0; XL_WINDOW];
     window.iter_mut().zip(noise()).for_each(|(x, noise)| *x = i32::from(noise));
-    bench.kernel("real FFT 128", 0, &mut || _ = black_box(real_fft(black_box(&window))));
+    let mut work = Work::default();
+    bench.kernel("Hann window and real FFT 128", 0, &mut || {
+        windowed_fft(black_box(&window), &mut work, |_, bin| _ = black_box(bin));
+    });
     let frame = frame();
     bench.kernel("ContactSummary::of", 0, &mut || _ = black_box(ContactSummary::of(black_box(&frame))));
     let mut pad = PadCells::new();

@@ -53,13 +53,10 @@ impl PiezoEncoder {
         observer: &mut impl Observer,
     ) -> Embedding {
         let [c1, c2, c3] = model.dims.conv_channels;
-        let input = &mut self.input;
-        pad.push(frame.counts(), |index, cell| {
-            let at = map(0, PIEZO_CHANNELS).at(index / TAXEL_COLS, index % TAXEL_COLS);
-            if let Some(to) = input.get_mut(at..at + PIEZO_CHANNELS) {
-                to.copy_from_slice(&cell);
-            }
-        });
+        let shape = map(0, PIEZO_CHANNELS);
+        let (cells, _) = self.input.as_chunks_mut::<PIEZO_CHANNELS>();
+        let rows = cells.chunks_exact_mut(shape.side + 2 * shape.border).skip(shape.border);
+        pad.push_rows(frame.counts(), rows.filter_map(|row| row.get_mut(shape.border..)?.first_chunk_mut()));
         see_map("taxels", &self.input, map(0, PIEZO_CHANNELS), observer);
         let [conv1, conv2, conv3] = &model.conv;
         conv3x3_relu_pool(conv1, &self.input, map(0, PIEZO_CHANNELS), &mut self.block1, map(1, c1));

@@ -10,7 +10,7 @@ use crate::features::pad_cells::PadCells;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
-use crate::simd::{MapShape, conv_relu_pool, pair};
+use crate::simd::{MapShape, conv_relu_pool};
 
 /// An embedding; a model uses the first `dims.embed` values, the rest stay 0.
 pub type Embedding = Activations<{ EMBED / 2 }>;
@@ -60,13 +60,9 @@ impl PiezoEncoder {
         pad: &mut PadCells,
         observer: &mut O,
     ) -> Embedding {
-        let cells = self.input.chunks_exact_mut(INPUT.row()).skip(INPUT.border);
-        let mut cells = cells.flat_map(|row| row.iter_mut().skip(INPUT.border).take(INPUT.side));
-        let touched = pad.push(frame.counts(), |_, [count, change]| {
-            if let Some(cell) = cells.next() {
-                *cell = pair(count, change);
-            }
-        });
+        let rows = self.input.chunks_exact_mut(INPUT.row()).skip(INPUT.border);
+        let cells = rows.filter_map(|row| row.get_mut(INPUT.border..)?.first_chunk_mut::<SIDE>());
+        let touched = pad.push_rows(frame.counts(), cells.map(bytemuck::must_cast_mut));
         // Who looks on sees the layers of an untouched pad too.
         if let Some(embedding) = self.untouched.filter(|_| !touched && !O::LOOKS) {
             return embedding;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -9,12 +10,15 @@ use serde::Serialize;
 use slipsense::net::Model;
 use slipsense_model_file::cost;
 use slipsense_qemu::INPUT_FILE;
-use slipsense_qemu::measured::{FrameCost, Line, MEASURED_FILE, Part, WARM_UP_FRAMES};
+use slipsense_qemu::measured::{FrameCost, Line, MEASURED_FILE, Part, TRACE_FILE, WARM_UP_FRAMES};
+use tempfile::TempDir;
 
 use super::inputs::Input;
 use super::peers::{self, Peer};
-use crate::qemu::frames::Frames;
+use super::trace::{Recorder, Trace};
+use crate::elf::Image;
 use crate::qemu::machine::{Machine, write_input};
+use crate::qemu::{self, frames::Frames};
 
 const PROGRAM: &str = "slipsense-qemu-bench";
 const TIMEOUT: Duration = Duration::from_secs(900);
@@ -103,11 +107,34 @@ pub fn measure(model: &[u8], frames: usize, peers: bool) -> Result<Emulated> {
     Ok(all)
 }
 
+/// Every instruction of the last of these frames' `Pipeline::step`, and how many it was measured to be.
+pub fn trace(model: &[u8], input: Input, sensors: usize) -> Result<(Trace, u32)> {
+    let machine = Machine::build(PROGRAM, &[])?;
+    let count = WARM_UP_FRAMES + 1;
+    let dir = folder(&input.frames(sensors, count)?, model)?;
+    fs::write(dir.path().join(TRACE_FILE), "").context(TRACE_FILE)?;
+    let mut recorder = Recorder::new(Image::read(&machine.program)?)?;
+    qemu::trace::trace(&machine, dir.path(), |pc| recorder.see(pc))?;
+    let (_, costs) = parse(&output(dir.path())?)?;
+    let step = costs.last().context("the emulated program measured no frame")?.step;
+    Ok((recorder.trace()?, step))
+}
+
 fn run(machine: &Machine, frames: &Frames, model: &[u8]) -> Result<String> {
+    let dir = folder(frames, model)?;
+    machine.run(dir.path(), TIMEOUT)?;
+    output(dir.path())
+}
+
+/// With the files that the program reads.
+fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
     write_input(&dir.path().join(INPUT_FILE), frames, model).context(INPUT_FILE)?;
-    machine.run(dir.path(), TIMEOUT)?;
-    fs::read_to_string(dir.path().join(MEASURED_FILE)).context("the emulated program wrote no output")
+    Ok(dir)
+}
+
+fn output(dir: &Path) -> Result<String> {
+    fs::read_to_string(dir.join(MEASURED_FILE)).context("the emulated program wrote no output")
 }
 
 /// All but the paths, and the cost of each frame.

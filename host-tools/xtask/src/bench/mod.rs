@@ -13,9 +13,11 @@ mod emulated;
 mod host;
 mod inputs;
 mod loops;
+mod mca;
 mod peers;
 mod report;
 mod size;
+mod trace;
 
 use report::Report;
 
@@ -24,7 +26,7 @@ use report::Report;
 #[command(after_help = "\
 Instructions are counted in QEMU (machine mps2-an500, -icount) and exact: a loop of known length is measured \
 first, every run measures the kernels again, and a difference is an error. They are not cycles; what is \
-printed as cycles is an estimate by LLVM's model of the core, for inner loops.
+printed as cycles is an estimate by LLVM's model of the core, over all instructions of one frame.
 
 Examples:
   cargo xtask bench                                 everything
@@ -66,7 +68,7 @@ enum Part {
     Peers,
     /// Instructions of a frame, from samples to CAN frames
     Path,
-    /// Estimate of the cycles of the network's inner loops
+    /// Estimate of the cycles of a frame, by function, and of the network's inner loops
     Cycles,
     /// Flash and RAM of the firmware
     Size,
@@ -89,7 +91,7 @@ pub fn run(options: &Options) -> Result<bool> {
     if wanted(Part::Cycles) || wanted(Part::Size) || wanted(Part::Stack) {
         let firmware = stack::build()?;
         if wanted(Part::Cycles) {
-            report.cycles = Some(cycles::estimate(&firmware)?);
+            report.cycles = Some(cycles::estimate(&firmware, &model)?);
         }
         if wanted(Part::Size) {
             report.size = Some(size::measure(&firmware, &model)?);

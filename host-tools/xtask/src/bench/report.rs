@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::cycles::{Estimate, LoopEstimate};
+use super::cycles::{Estimate, FunctionEstimate, LoopEstimate, StepEstimate};
 use super::emulated::{Emulated, PathCost};
 use super::host::Host;
 use super::peers::Peer;
@@ -58,7 +58,11 @@ impl Report {
                 tables.extend(emulated.paths.chunk_by(|a, b| a.sensors == b.sensors).map(parts));
             }
         }
-        tables.extend(self.cycles.iter().map(loops));
+        if let Some(estimate) = &self.cycles {
+            tables.push(steps(estimate));
+            tables.extend(estimate.steps.first().map(functions));
+            tables.push(loops(estimate));
+        }
         tables.extend(self.size.iter().map(|size| sections(size, self.emulated.as_ref())));
         tables.extend(self.stack.iter().map(stack::Report::table));
         tables.extend(self.host.iter().map(host));
@@ -174,10 +178,54 @@ fn parts(paths: &[PathCost]) -> Table {
     table
 }
 
+/// Of a frame at 240 Hz and 480 MHz, the clock of the board.
+const CYCLES_PER_FRAME: f64 = 480e6 / 240.0;
+/// Functions with less of the cycles are left to the JSON.
+const SHARE_SHOWN: f64 = 0.002;
+
+fn steps(estimate: &Estimate) -> Table {
+    let mut table = Table::new(
+        format!("Cycles of Pipeline::step, ESTIMATE by {}, memory without waits", estimate.model),
+        &[
+            ("sensors", Align::Right),
+            ("input", Align::Left),
+            ("instructions, exact", Align::Right),
+            ("cycles, est.", Align::Right),
+            ("of a frame at 480 MHz, est.", Align::Right),
+        ],
+    );
+    for step in &estimate.steps {
+        table.row([
+            step.sensors.to_string(),
+            step.input.to_owned(),
+            thousands(step.instructions.into()),
+            thousands(step.cycles as i64),
+            format!("{:.0} %", 100.0 * step.cycles as f64 / CYCLES_PER_FRAME),
+        ]);
+    }
+    table
+}
+
+fn functions(step: &StepEstimate) -> Table {
+    let mut table = Table::new(
+        format!("The same by function, {} sensor{}, calls left out", step.sensors, plural(step.sensors)),
+        &[("function", Align::Left), ("instructions", Align::Right), ("cycles, est.", Align::Right)],
+    );
+    let shown = |function: &&FunctionEstimate| function.cycles as f64 >= SHARE_SHOWN * step.cycles as f64;
+    for function in step.functions.iter().filter(shown) {
+        table.row([
+            short(&function.name),
+            thousands(function.instructions as i64),
+            thousands(function.cycles as i64),
+        ]);
+    }
+    table
+}
+
 /// A row for each function: its loops differ in how many outputs they make at once.
 fn loops(estimate: &Estimate) -> Table {
     let mut table = Table::new(
-        format!("Inner loops, ESTIMATE of cycles by {}, memory without waits", estimate.model),
+        "Inner loops of the network, the same estimate".to_owned(),
         &[
             ("function", Align::Left),
             ("loops", Align::Right),

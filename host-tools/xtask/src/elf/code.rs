@@ -66,6 +66,11 @@ impl Instruction {
         u64::from_str_radix(number.strip_prefix("0x")?, 16).ok()
     }
 
+    /// A call, wherever it leads.
+    pub fn calls(&self) -> bool {
+        matches!(self.plain(), "bl" | "blx")
+    }
+
     /// A call or branch to a fixed address, conditional ones included.
     pub fn direct_target(&self) -> Option<u64> {
         let branches = matches!(self.plain(), "bl" | "blx" | "b" | "cbz" | "cbnz")
@@ -81,6 +86,18 @@ impl Instruction {
             "bx" => self.operands != "lr",
             _ => false,
         }
+    }
+
+    /// Does anything but the next instruction follow, or may it?
+    pub fn branches(&self) -> bool {
+        let name = self.plain();
+        let into_pc = ["pop", "ldr", "ldm", "mov", "add"].iter().any(|start| name.starts_with(start))
+            && (self.operands.starts_with("pc,") || self.operands.contains("pc}"));
+        into_pc
+            || self.direct_target().is_some()
+            || name.starts_with("bx")
+            || name.starts_with("blx")
+            || name.starts_with("tb")
     }
 
     /// Bytes by which the instruction lowers the stack pointer, as prologues do.

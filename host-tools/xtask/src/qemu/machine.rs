@@ -3,7 +3,7 @@
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process::{ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -58,15 +58,8 @@ impl Machine {
     /// `None`: it did not end in time, and has been stopped.
     fn start_and_wait(&self, dir: &Path, timeout: Duration) -> Result<Option<ExitStatus>> {
         let log = File::create(dir.join("log"))?;
-        let mut child = command(&self.qemu)
-            .current_dir(dir)
-            .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
-            .args(["-monitor", "none", "-serial", "none"])
-            .args(["-semihosting-config", "enable=on,target=native"])
-            .args(["-icount", &format!("shift={NS_PER_INSTRUCTION_LOG2}")])
-            .arg("-kernel")
-            .arg(&self.program)
-            .stdin(Stdio::null())
+        let mut child = self
+            .command(dir, "none")
             .stdout(log.try_clone()?)
             .stderr(log)
             .spawn()
@@ -83,6 +76,22 @@ impl Machine {
             }
             std::thread::sleep(Duration::from_millis(20));
         }
+    }
+
+    /// The emulator, with a monitor on `monitor`.
+    pub(super) fn command(&self, dir: &Path, monitor: &str) -> Command {
+        let mut command = command(&self.qemu);
+        command
+            .current_dir(dir)
+            .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
+            .args(["-monitor", monitor, "-serial", "none"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args(["-icount", &format!("shift={NS_PER_INSTRUCTION_LOG2}")])
+            .arg("-kernel")
+            .arg(&self.program)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null());
+        command
     }
 }
 

@@ -19,6 +19,7 @@ pub mod frames;
 mod host;
 pub mod machine;
 mod report;
+pub mod trace;
 
 use emulator::Emulator;
 use frames::Frames;

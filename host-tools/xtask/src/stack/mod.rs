@@ -167,6 +167,18 @@ fn frame_path(program: &Program) -> Result<FramePath> {
         ensure!(node.indirect_calls == 0, "{} is on the frame path and calls through a register", node.name);
     }
     let bytes = program.graph.bound(root, &panics).context("on the frame path")?.bytes;
-    let can_panic = reach.iter().any(|&index| panics(&program.graph.nodes[index]));
-    Ok(FramePath { functions: reach.len(), bytes, can_panic })
+    // A function of ours that calls into core and may end there in a panic: where an index or a division is checked.
+    let leads_to_panic = |callee: usize| {
+        let of_core = program.graph.nodes[callee].name.starts_with("core::");
+        of_core
+            && program.graph.reach(callee, &panics).iter().any(|&index| panics(&program.graph.nodes[index]))
+    };
+    let nodes = reach.iter().map(|&index| &program.graph.nodes[index]);
+    let ours = nodes.filter(|node| !panics(node) && !node.name.starts_with("core::"));
+    let may_panic = ours.filter(|node| node.calls.iter().any(|&callee| leads_to_panic(callee)));
+    Ok(FramePath {
+        functions: reach.len(),
+        bytes,
+        may_panic: may_panic.map(|node| node.name.clone()).collect(),
+    })
 }

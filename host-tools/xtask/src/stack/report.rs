@@ -34,8 +34,8 @@ impl Level {
 pub struct FramePath {
     pub functions: usize,
     pub bytes: u64,
-    /// Can the code reach a panic, as far as the calls say?
-    pub can_panic: bool,
+    /// Functions with a check that may end in a panic, as far as the calls say.
+    pub may_panic: Vec<String>,
 }
 
 /// Everything about the stack.
@@ -90,8 +90,11 @@ impl Report {
 
     pub fn text(&self, ways: bool) -> String {
         let mut text = format!("\n{}", self.table());
-        let FramePath { functions, bytes, can_panic } = &self.frame_path;
-        let panics = if *can_panic { "a panic is among what it may call" } else { "none of them can panic" };
+        let FramePath { functions, bytes, may_panic } = &self.frame_path;
+        let panics = match may_panic.len() {
+            0 => "none of them can panic".to_owned(),
+            count => format!("{count} of them hold a check that may panic"),
+        };
         _ = writeln!(
             text,
             "Pipeline::step: {} bytes, {functions} functions, no recursion, no call through a register; {panics}",
@@ -112,6 +115,10 @@ impl Report {
                 for (name, bytes) in &root.way {
                     _ = writeln!(text, "  {:>7}  {name}", thousands(*bytes as i64));
                 }
+            }
+            _ = writeln!(text, "\nFunctions of the frame path with a check that may panic");
+            for name in &self.frame_path.may_panic {
+                _ = writeln!(text, "  {name}");
             }
             _ = writeln!(text, "\nFunctions that call through registers");
             for (name, places) in &self.indirect {

@@ -19,33 +19,43 @@ use crate::counter::{Counter, Mark};
 use crate::emulated::Bench;
 use crate::semihosting::File;
 
-/// Measure all frames of the file.
-pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>) {
+/// Measure all frames of the file; `by_part`: also once more through a network that is watched.
+pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>, by_part: bool) {
     let sensors = header.sensors as usize;
     let mut pipeline = Pipeline::new(model, sensors).expect("the header was checked");
     bench.put(Line::Size { bytes: size_of_val(&pipeline) as u32, name: "Pipeline" });
     bench.put(Line::Size { bytes: size_of::<Model<'_>>() as u32, name: "Model" });
-    let mut watched =
-        Watched { network: Network::new(model), ears: [const { XlFrontEnd::new() }; MAX_SENSORS] };
+    let mut watched = by_part
+        .then(|| Watched { network: Network::new(model), ears: [const { XlFrontEnd::new() }; MAX_SENSORS] });
     let mut wire = Wire { transmitter: Transmitter::new(header.node), buffer: RawBuffer::new() };
     let mut record = [0; FRAME_BYTES_MAX];
     let record = &mut record[..frame_bytes(sensors)];
     let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
     let parts = &mut parts[..sensors];
-    for _ in 0..header.frames {
+    for number in 0..header.frames {
         file.read_exact(record).expect("the file holds as many frames as it says");
         let stamp = decode_stamp(record).expect("a frame starts with its stamp");
         decode_parts(record, parts).expect("the file holds possible frames");
-        let cost = frame(&bench.counter, &mut pipeline, &mut wire, &mut watched, stamp, parts);
+        if watched.is_none() && number + 1 == header.frames {
+            wait_for_trace();
+        }
+        let cost = frame(&bench.counter, &mut pipeline, &mut wire, watched.as_mut(), stamp, parts);
         bench.put(Line::Frame(cost));
     }
+}
+
+/// Until the emulator writes down what is done.
+fn wait_for_trace() {
+    // The names of READY_FILE and GO_FILE.
+    File::create(c"ready.out").expect("the emulator's working directory takes a file");
+    while File::open(c"go.in").is_none() {}
 }
 
 fn frame(
     counter: &Counter,
     pipeline: &mut Pipeline<'_>,
     wire: &mut Wire,
-    watched: &mut Watched,
+    watched: Option<&mut Watched>,
     stamp: FrameStamp,
     parts: &[SensedPart],
 ) -> FrameCost {
@@ -58,7 +68,8 @@ fn frame(
     let step = counter.of(&mut || output = Some(pipeline.step(black_box(inputs))));
     let output = output.expect("the step was called");
     let wire = counter.of(&mut || wire.send(stamp, parts, &output));
-    let mut cost = FrameCost { step, wire, parts: watched.step(counter, inputs) };
+    let parts = watched.map_or([0; PARTS], |watched| watched.step(counter, inputs));
+    let mut cost = FrameCost { step, wire, parts };
     cost.parts[Part::Wire as usize] = wire;
     cost
 }

@@ -1,5 +1,6 @@
 //! Every instruction of one `Pipeline::step` on the emulated board, in order, by function.
 
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 
 use anyhow::{Context, Result, ensure};
@@ -64,24 +65,24 @@ impl Recorder {
         let code = Code::new()?;
         let mut known = HashMap::new();
         let mut functions = Trace::new();
-        for pc in self.stretches {
+        let next = self.stretches.iter().skip(1).map(|&next| Some(u64::from(next))).chain([None]);
+        for (&pc, next) in self.stretches.iter().zip(next) {
             let index = self.lies_in.get(&pc).copied().flatten();
             let function = &self.image.functions[index.with_context(|| format!("no function at {pc:#x}"))?];
             let instructions = match known.entry(function.address) {
-                std::collections::hash_map::Entry::Occupied(found) => found.into_mut(),
-                std::collections::hash_map::Entry::Vacant(new) => new.insert(code.of(&self.image, function)?),
+                Entry::Occupied(found) => found.into_mut(),
+                Entry::Vacant(new) => new.insert(code.of(&self.image, function)?),
             };
-            functions
-                .entry(function.name.clone())
-                .or_default()
-                .extend_from_slice(stretch(instructions, pc.into()));
+            let done = stretch(instructions, pc.into(), next);
+            functions.entry(function.name.clone()).or_default().extend_from_slice(done);
         }
         Ok(functions)
     }
 }
 
-/// From `pc` up to a branch or the end of the page; an instruction that crosses it stands alone.
-fn stretch(function: &[Instruction], pc: u64) -> &[Instruction] {
+/// From `pc` up to a branch or the end of the page; an instruction that crosses it stands alone. The emulator's
+/// clock may end a stretch early: then the `next` begins inside it, where no branch leads.
+fn stretch(function: &[Instruction], pc: u64, next: Option<u64>) -> &[Instruction] {
     let begin = function.partition_point(|instruction| instruction.address < pc);
     let rest = &function[begin..];
     let page_end = (pc / PAGE_BYTES + 1) * PAGE_BYTES;
@@ -92,7 +93,10 @@ fn stretch(function: &[Instruction], pc: u64) -> &[Instruction] {
         Some(last) if last > 0 && end(&rest[last]) > page_end => last,
         Some(last) => last + 1,
     };
-    &rest[..count]
+    let whole = &rest[..count];
+    let cut = whole.iter().skip(1).position(|instruction| Some(instruction.address) == next);
+    let leads_there = whole.last().is_some_and(|last| last.direct_target() == next);
+    cut.filter(|_| !leads_there).map_or(whole, |cut| &whole[..cut + 1])
 }
 
 #[cfg(test)]
@@ -114,17 +118,26 @@ mod tests {
     fn a_stretch_ends_with_a_branch() {
         let code =
             code(0x100, &[("nop", "", 2), ("ldr", "r0, [r1]", 2), ("bne", "#0x100", 2), ("bx", "lr", 2)]);
-        assert_eq!(stretch(&code, 0x102).len(), 2);
-        assert_eq!(stretch(&code, 0x106).len(), 1);
+        assert_eq!(stretch(&code, 0x102, Some(0x106)).len(), 2);
+        assert_eq!(stretch(&code, 0x106, None).len(), 1);
+    }
+
+    #[test]
+    fn a_stretch_ends_where_the_next_begins_unless_a_branch_leads_there() {
+        let code =
+            code(0x100, &[("nop", "", 2), ("ldr", "r0, [r1]", 2), ("nop", "", 2), ("bne", "#0x102", 2)]);
+        assert_eq!(stretch(&code, 0x100, Some(0x104)).len(), 2);
+        assert_eq!(stretch(&code, 0x100, Some(0x102)).len(), 4);
+        assert_eq!(stretch(&code, 0x100, Some(0x108)).len(), 4);
     }
 
     #[test]
     fn a_stretch_ends_with_the_page() {
         let wide = ("ldr.w", "r0, [r1]", 4);
         let aligned = code(0x3f8, &[wide, wide, wide]);
-        assert_eq!(stretch(&aligned, 0x3f8).len(), 2);
+        assert_eq!(stretch(&aligned, 0x3f8, None).len(), 2);
         let crossing = code(0x3fa, &[wide, wide, wide]);
-        assert_eq!(stretch(&crossing, 0x3fa).len(), 1);
-        assert_eq!(stretch(&crossing, 0x3fe).len(), 1);
+        assert_eq!(stretch(&crossing, 0x3fa, None).len(), 1);
+        assert_eq!(stretch(&crossing, 0x3fe, None).len(), 1);
     }
 }

@@ -32,7 +32,8 @@ impl Table {
 
     /// As a Markdown table under its title.
     pub fn markdown(&self) -> String {
-        let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
+        // Names of generic functions would be taken for HTML.
+        let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | ").replace('<', "\\<"));
         let mut text = format!("{}:\n\n", self.title);
         text += &line(self.columns.iter().map(|(name, _)| name.as_str()).collect());
         let rules = self.columns.iter().map(|&(_, align)| if align == Align::Left { "---" } else { "---:" });
@@ -98,6 +99,9 @@ mod tests {
 
     #[test]
     fn markdown_has_a_rule_under_its_names() {
+        let mut generic = Table::new("Costs".to_owned(), &[("kernel", Align::Left)]);
+        generic.row(["<Pipeline>::step".to_owned()]);
+        assert!(generic.markdown().ends_with("| \\<Pipeline>::step |\n"));
         assert_eq!(table().markdown(), "Costs:\n\n| kernel | n |\n| --- | ---: |\n| dense | 1,200 |\n");
     }
 }

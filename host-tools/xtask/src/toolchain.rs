@@ -53,8 +53,10 @@ impl Toolchain {
         };
         build.args(["build", "--profile", "firmware", "--target", TARGET, "--target-dir"]);
         build.arg(self.target_dir());
-        // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them.
-        build.args(["--config", &format!("target.{TARGET}.rustflags=['-Dwarnings']")]);
+        // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them. Names of functions
+        // are looked up in the program, so every compiler has to write them the same way.
+        let flags = "['-Dwarnings', '-Csymbol-mangling-version=v0']";
+        build.args(["--config", &format!("target.{TARGET}.rustflags={flags}")]);
         if self == Self::Debian {
             build.arg("-Zbuild-std=core");
         }

@@ -1,4 +1,4 @@
-//! Every stretch of instructions that a program does from some point on, in order.
+//! Every instruction that a program does from some point on, in order.
 //!
 //! Writing all of it down takes the emulator a hundred times as long, so the program says when it is worth it: it
 //! makes a file and waits for another. In between, the emulator's monitor switches the log on.
@@ -15,18 +15,19 @@ use slipsense_qemu::measured::{GO_FILE, READY_FILE};
 
 use super::machine::Machine;
 
-/// Without chained stretches from the start: those made before would not be written down later.
-const UNCHAINED: &str = "nochain";
+/// The emulator otherwise translates stretches of instructions, chains them, and writes down where a stretch begins;
+/// where it ends, it does not say.
+const ONE_BY_ONE: [&str; 3] = ["-singlestep", "-d", "nochain"];
 const WRITE_DOWN: &str = "log exec,nochain\ninfo status\n";
 /// What the monitor answers to the second command, when the first has been done.
 const DONE: &[u8] = b"VM status";
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// Run to the end and show `see` the address at which each stretch begins; one ends with a branch or with a page.
+/// Run to the end and show `see` the address of each instruction.
 pub fn trace(machine: &Machine, dir: &Path, mut see: impl FnMut(u32)) -> Result<()> {
     let mut child = machine
         .command(dir, "stdio")
-        .args(["-d", UNCHAINED])
+        .args(ONE_BY_ONE)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -81,7 +82,7 @@ fn switch_on(child: &mut Child, dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// `Trace 0: 0x7f01 [00000000/0000a8e8/00000110/ff000000] name` begins at 0xa8e8.
+/// `Trace 0: 0x7f01 [00000000/0000a8e8/00000110/ff000000] name` is of 0xa8e8.
 fn address(line: &str) -> Option<u32> {
     let (_, fields) = line.strip_prefix("Trace ")?.split_once('[')?;
     u32::from_str_radix(fields.split('/').nth(1)?, 16).ok()

@@ -46,11 +46,11 @@ fn conv<const SIDE: usize, const INPUTS: usize, const OUTPUTS: usize>(bench: &mu
 
 fn dense(bench: &mut Bench) {
     const INPUTS: usize = 512;
-    const OUTPUTS: usize = 64;
+    const OUTPUTS: usize = 128;
     let mut x = bytes();
     let mut input = Some(Tensor2D::new(Buffer2D::<i8, 1, INPUTS>::from_fn(|_, _| x()), [0.1], [0]));
     let weights = Tensor2D::new(Buffer2D::<i8, INPUTS, OUTPUTS>::from_fn(|_, _| x()), [0.1], [0]);
-    bench.peer("microflow 0.1.3 (s8): dense 512->64", INPUTS * OUTPUTS, &mut || {
+    bench.peer("microflow 0.1.3 (s8): dense 512->128", INPUTS * OUTPUTS, &mut || {
         let options = FullyConnectedOptions { fused_activation: FusedActivation::None };
         let constants =
             (Buffer2D::<f32, OUTPUTS, 1>::repeat(1.0), 0.001, Buffer2D::<i32, 1, OUTPUTS>::repeat(3), 5);

@@ -3,10 +3,12 @@
 //! A pure function of its inputs and its state: no clock, no I/O, no logging. It never fails; what is
 //! missing or doubtful is flagged and left out, the rest goes on.
 
+use core::borrow::BorrowMut;
+
 use crate::contact::ContactSummary;
 use crate::decision::{Decision, margin_q10};
 use crate::features::{LogMel, XlFrontEnd};
-use crate::net::{Model, Network, SensorFeatures};
+use crate::net::{Memory, Model, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
 use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, health};
@@ -139,17 +141,38 @@ impl Ear {
     }
 }
 
-/// All state between raw samples and decision.
+/// All that is remembered between raw samples and decision, whatever the model and the sensors: key and value
+/// caches, feature maps, averages of the taxels, filters. All of it starts as zeros, so that a microcontroller makes
+/// it where it is to stay.
 #[derive(Clone, Debug)]
-pub struct Pipeline<'m> {
-    sensors: usize,
+pub struct State {
     ears: [Ear; MAX_SENSORS],
-    network: Network<'m>,
+    network: Memory,
+}
+
+impl State {
+    /// Before the first frame.
+    pub const fn new() -> Self {
+        Self { ears: [const { Ear::new() }; MAX_SENSORS], network: Memory::new() }
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The signal path of one module. It owns its state, or works on one that lies elsewhere.
+#[derive(Clone, Debug)]
+pub struct Pipeline<'m, S = State> {
+    sensors: usize,
+    model: Model<'m>,
+    state: S,
     decision: Decision,
 }
 
-/// The RAM that a pipeline takes, whatever the model: key and value caches, feature maps,
-/// averages of the taxels and filter state.
+/// The RAM that a pipeline takes, whatever the model.
 pub const PIPELINE_BYTES_MAX: usize = 100_000;
 const _: () = assert!(size_of::<Pipeline<'static>>() <= PIPELINE_BYTES_MAX);
 
@@ -160,8 +183,18 @@ impl<'m> Pipeline<'m> {
             return Err(SensorCountError { sensors });
         }
         let decision = Decision::new(model.point);
-        let network = Network::new(model);
-        Ok(Self { sensors, ears: [const { Ear::new() }; MAX_SENSORS], network, decision })
+        Ok(Self { sensors, model, state: State::new(), decision })
+    }
+}
+
+impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
+    /// As [`Pipeline::new`], on a state as it is at first.
+    pub fn within(state: S, model: Model<'m>, sensors: usize) -> Result<Self, SensorCountError> {
+        if sensors == 0 || sensors > MAX_SENSORS {
+            return Err(SensorCountError { sensors });
+        }
+        let decision = Decision::new(model.point);
+        Ok(Self { sensors, model, state, decision })
     }
 
     /// Sensors in use.
@@ -171,7 +204,7 @@ impl<'m> Pipeline<'m> {
 
     /// The model in use.
     pub const fn model(&self) -> &Model<'m> {
-        self.network.model()
+        &self.model
     }
 
     /// Take one frame in. `inputs` in sensor order; one that is not there counts as missing, one too
@@ -191,11 +224,12 @@ impl<'m> Pipeline<'m> {
             log_mel: [LogMel::default(); MAX_SENSORS],
             health: [SensorHealth::default(); MAX_SENSORS],
         };
+        let state = self.state.borrow_mut();
         let Output { contact, log_mel, health, .. } = &mut output;
         let given = inputs.iter().copied().chain(core::iter::repeat(SensorInput::default()));
         let results = contact.iter_mut().zip(log_mel).zip(health).take(self.sensors);
         for (((input, ear), ((contact, log_mel), health)), _) in
-            given.zip(&mut self.ears).zip(results).zip(0..MAX_SENSORS)
+            given.zip(&mut state.ears).zip(results).zip(0..MAX_SENSORS)
         {
             if let Some(frame) = input.piezo {
                 *contact = ContactSummary::of(frame);
@@ -212,7 +246,8 @@ impl<'m> Pipeline<'m> {
         for ((seen, input), log_mel) in seen.iter_mut().zip(inputs).zip(&output.log_mel) {
             *seen = SensorFeatures { piezo: input.piezo, log_mel: input.xl.map(|_| &log_mel.standardised) };
         }
-        output.logits_q10 = self.network.step(seen.get(..self.sensors).unwrap_or_default());
+        output.logits_q10 =
+            state.network.step(&self.model, seen.get(..self.sensors).unwrap_or_default(), &mut ());
         let touched = touched(inputs, &output.contact, self.sensors);
         output.class = Class::of(touched, output.logits_q10);
         output.slip = output.class == Class::Slip;

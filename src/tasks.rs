@@ -7,12 +7,14 @@
 //!
 //! [`SlipMessage::late_frames`]: crate::wire::SlipMessage::late_frames
 
+use core::borrow::BorrowMut;
+
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 
 use crate::board::{CanTransmit, Clock, FrameSource, Observe, SensedFrame};
 use crate::params::FRAME_RATE_HZ;
-use crate::pipeline::{Output, Pipeline};
+use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorInput;
 use crate::wire::{RawBuffer, Transmitter};
 
@@ -54,9 +56,9 @@ pub struct Acquired {
 }
 
 /// Everything between the queue and the bus.
-pub struct Inference<'m, T, C, O> {
+pub struct Inference<'m, T, C, O, S = State> {
     /// The signal path.
-    pub pipeline: Pipeline<'m>,
+    pub pipeline: Pipeline<'m, S>,
     /// Makes CAN frames of messages.
     pub transmitter: Transmitter,
     /// The bus.
@@ -79,10 +81,10 @@ pub struct Losses {
     pub refused_can_frames: u32,
 }
 
-impl<'m, T: CanTransmit, C: Clock, O: Observe> Inference<'m, T, C, O> {
+impl<'m, T: CanTransmit, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, T, C, O, S> {
     /// Before the first frame.
     pub const fn new(
-        pipeline: Pipeline<'m>,
+        pipeline: Pipeline<'m, S>,
         transmitter: Transmitter,
         bus: T,
         clock: C,

@@ -16,10 +16,12 @@ pub mod tables;
 pub mod taxel_change;
 pub mod pad_cells;
 
+use core::hint::black_box;
+
 use crate::fixed::standardise;
 use crate::params::{FFT_BINS, MEL_BINS, XL_AXES};
 use crate::sensor::XlSample;
-use highpass::{HighPass, HighPassState};
+use highpass::HighPassState;
 use ring::Ring;
 
 /// Fraction bits of [`LogMel::ln_power`].
@@ -43,8 +45,6 @@ pub struct LogMel {
 /// High-pass, window ring and everything after it, for one sensor.
 #[derive(Clone, Debug)]
 pub struct XlFrontEnd {
-    /// Here and not taken from the table: with factors known to be constant, LLVM multiplies 64 by 64 bits.
-    high_pass: HighPass,
     axes: [Axis; XL_AXES],
 }
 
@@ -62,14 +62,15 @@ impl Axis {
 impl XlFrontEnd {
     /// Nothing heard yet: the window is silence, and the first sample will be taken as gravity.
     pub const fn new() -> Self {
-        Self { high_pass: tables::HIGHPASS, axes: [Axis::NEW; XL_AXES] }
+        Self { axes: [Axis::NEW; XL_AXES] }
     }
 
     /// Filter the samples, oldest first, into the ring. Any number, also none; how a signal is cut into
     /// calls does not matter.
     pub fn push(&mut self, samples: &[XlSample]) {
         let Some(&first) = samples.first() else { return };
-        let high_pass = self.high_pass;
+        // With factors known to be constant, LLVM would multiply 64 by 64 bits.
+        let high_pass = black_box(tables::HIGHPASS);
         for (index, axis) in self.axes.iter_mut().enumerate() {
             // Copied, so that it stays in registers.
             let mut filter = axis.filter.unwrap_or(HighPassState::at_rest(first[index]));

@@ -1,12 +1,10 @@
 //! Memory attributes, caches, and where large objects live: what `board.x` promises is made true here.
 
+use core::arch::asm;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_stm32::pac;
-
-/// Length of STACK in `board.x`.
-pub const STACK_BYTES: usize = 112 * 1024;
 
 /// Attributes of an MPU region, ARMv7-M RASR: never executed, full access.
 const EXECUTE_NEVER: u32 = 1 << 28;
@@ -28,8 +26,41 @@ const REGIONS: [(u32, u32, u32); 2] = [
     (1, 0x3000_0000, EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(18) | ENABLE),
 ];
 
-/// Switch on the D2 SRAM clocks, the MPU and both caches. First thing after reset, before any DMA.
+unsafe extern "C" {
+    // Of `board.x`.
+    static mut __itcm_start: u32;
+    static mut __itcm_end: u32;
+    static __itcm_image: u32;
+}
+
+/// Bring the inner loops to ITCM, whose address is where the linker put their calls.
+///
+/// The core's TCMs are on after reset (RM0433, embedded SRAM).
+fn fill_itcm() {
+    let (start, end, image) = (&raw mut __itcm_start, &raw mut __itcm_end, &raw const __itcm_image);
+    // SAFETY: the linker gives the bounds of the section and its image in flash, both aligned to words; nothing
+    // runs there yet. ITCM begins at address 0, where Rust may not write through a pointer: hence assembly.
+    unsafe {
+        asm!(
+            "b 3f",
+            "2: ldr {word}, [{from}], #4",
+            "str {word}, [{to}], #4",
+            "3: cmp {to}, {end}",
+            "bne 2b",
+            word = out(reg) _,
+            from = inout(reg) image => _,
+            to = inout(reg) start => _,
+            end = in(reg) end,
+            options(nostack),
+        );
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}
+
+/// Fill ITCM, switch on the D2 SRAM clocks, the MPU and both caches. First thing after reset, before any DMA.
 pub fn init(core: &mut cortex_m::Peripherals) {
+    fill_itcm();
     // Gated at reset, and embassy-stm32 0.6 leaves them so.
     pac::RCC.ahb2enr().modify(|w| {
         w.set_sram1en(true);

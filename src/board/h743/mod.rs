@@ -36,10 +36,10 @@ use panic_probe as _;
 use slipsense::board::{CanTransmit, Clock, SensedFrame};
 use slipsense::net::{Aligned, Model};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
-use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense::pipeline::{FrameStamp, Pipeline, State};
 use slipsense::tasks::{self, Inference, QUEUED_FRAMES};
 use slipsense::wire::{NodeId, SensorContact, SlipMessage, Transmitter, health};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use can::CanBus;
 use memory::axi_sram_slot;
@@ -51,15 +51,17 @@ const SENSORS: usize = 1;
 const _: () = assert!(SENSORS >= 1 && SENSORS <= MAX_SENSORS);
 
 /// The network, as trained and quantized.
-static MODEL: &[u8] =
-    &Aligned(*include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"))).0;
+static MODEL: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
+/// The same in DTCM, where the inner loops read it without waiting.
+static MODEL_IN_DTCM: ConstStaticCell<Aligned<[u8; MODEL.len()]>> =
+    ConstStaticCell::new(Aligned([0; MODEL.len()]));
 
 /// The higher executor: a tick preempts inference. HDMI-CEC is unused, so its interrupt is free.
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
 static INFERENCE: StaticCell<Executor> = StaticCell::new();
 
 type Mutex = CriticalSectionRawMutex;
-type BoardInference = Inference<'static, CanBus, Uptime, ()>;
+type BoardInference = Inference<'static, CanBus, Uptime, (), &'static mut State>;
 
 static FRAME_QUEUE: StaticCell<Channel<'static, Mutex, SensedFrame>> = StaticCell::new();
 /// Ticks so far, wraps.
@@ -69,11 +71,10 @@ axi_sram_slot! {
     FRAME_BUFFERS: [SensedFrame; QUEUED_FRAMES]
 }
 axi_sram_slot! {
-    /// The pipeline with all its state.
-    PIPELINE: BoardInference
+    /// All that the pipeline remembers.
+    STATE: State
 }
-// `build` holds it once on the stack (seen in the disassembly), beside what parsing a model takes.
-const _: () = assert!(size_of::<BoardInference>() + 12 * 1024 <= memory::STACK_BYTES);
+static PIPELINE: StaticCell<BoardInference> = StaticCell::new();
 
 /// The clock that stamps the ticks.
 struct Uptime;
@@ -121,14 +122,14 @@ enum Node {
     WithoutModel(CanBus),
 }
 
-/// Put the pipeline in its place, or report why there is none.
-///
-/// Not inlined: the pipeline passes through this function's stack frame, which must not stay.
-#[inline(never)]
+/// Make the pipeline, or report why there is none.
 fn build(can: CanBus) -> Node {
+    let Aligned(model) = MODEL_IN_DTCM.take();
     // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
-    let model = core::hint::black_box(MODEL);
-    let pipeline = match Model::parse(model).map(|model| Pipeline::new(model, SENSORS)) {
+    model.copy_from_slice(core::hint::black_box(MODEL));
+    let model: &'static [u8] = model;
+    let state = unwrap!(STATE.take()).write(State::new());
+    let pipeline = match Model::parse(model).map(|model| Pipeline::within(state, model, SENSORS)) {
         Ok(Ok(pipeline)) => pipeline,
         Ok(Err(error)) => {
             error!("pipeline: {}", Display2Format(&error));
@@ -140,8 +141,7 @@ fn build(can: CanBus) -> Node {
         }
     };
     let transmitter = Transmitter::new(NodeId::DEFAULT);
-    let place = unwrap!(PIPELINE.take());
-    Node::Whole(place.write(Inference::new(pipeline, transmitter, can, Uptime, ())))
+    Node::Whole(PIPELINE.init(Inference::new(pipeline, transmitter, can, Uptime, ())))
 }
 
 #[embassy_executor::task]

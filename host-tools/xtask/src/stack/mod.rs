@@ -91,7 +91,7 @@ pub fn measure(elf: Option<PathBuf>) -> Result<Report> {
     let elf = elf.map_or_else(build, Ok)?;
     let mut program = Program::of(Image::read(&elf)?)?;
     ensure!(
-        program.read_off * 4 < program.graph.nodes.len(),
+        program.read_off * 2 < program.graph.nodes.len(),
         "{}: the compiler says of few functions what their frames take: build with -Z emit-stack-sizes",
         elf.display()
     );

@@ -7,7 +7,7 @@
 use micromath::F32Ext;
 
 use crate::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_TOUCH_MIN};
-use crate::sensor::PiezoFrame;
+use crate::sensor::{PiezoFrame, both, pair};
 
 /// Contact on one pad. Taxels of fewer than [`TAXEL_TOUCH_MIN`] counts enter `sum` only. All zero
 /// without a touched taxel.
@@ -32,54 +32,111 @@ impl ContactSummary {
     /// Summarise one scan.
     pub fn of(frame: &PiezoFrame) -> Self {
         let mut moments = Moments::default();
-        for (row, counts) in frame.counts().chunks_exact(TAXEL_COLS).enumerate() {
-            for (col, &count) in counts.iter().enumerate() {
-                if count >= TAXEL_TOUCH_MIN {
-                    moments.add(row as i64, col as i64, count as i64);
-                }
-            }
+        let (mut sum, mut touched) = (0, 0);
+        for (row, pairs) in frame.rows().enumerate() {
+            let cells = Row::of(pairs);
+            sum += both(cells.all);
+            touched += cells.touched;
+            moments.add(row as u32, &cells);
         }
-        let Moments { area, weight, row, col, .. } = moments;
-        let mut summary = Self { sum: frame.sum(), area, ..Self::default() };
+        let Moments { weight, row, col, .. } = moments;
+        let mut summary = Self { sum, area: both(touched) as u16, ..Self::default() };
         if weight > 0 {
-            // Rows and columns are below 32, so the results are below 2^13.
-            summary.centroid_row_q8 = ((row * 512 + weight) / (2 * weight)) as u16;
-            summary.centroid_col_q8 = ((col * 512 + weight) / (2 * weight)) as u16;
+            summary.centroid_row_q8 = mean_q8(row, weight);
+            summary.centroid_col_q8 = mean_q8(col, weight);
             (summary.axis_deg, summary.elongation_q8) = moments.axis();
         }
         summary
     }
 }
 
-/// Sums over the touched taxels, exact: counts below 2^12, 942 taxels, squares below 2^10.
+/// `round(256 · moment / weight)` of a mean below 2^5: below 2^13.
+fn mean_q8(moment: u32, weight: u32) -> u16 {
+    // weight < 2^22, so that 512 times the remainder, and itself, fit u32.
+    let (whole, rest) = (moment / weight, moment % weight);
+    (256 * whole + (512 * rest + weight) / (2 * weight)) as u16
+}
+
+/// Sums over one row of taxels, two neighbours at a time.
+struct Row {
+    /// Counts of all taxels, as a [`pair`].
+    all: u32,
+    /// Taxels touched, as a [`pair`].
+    touched: u32,
+    /// Σ count over the touched taxels.
+    weight: u32,
+    /// Σ count · column.
+    col: u32,
+    /// Σ count · column².
+    col_col: u32,
+}
+
+impl Row {
+    #[inline]
+    fn of(pairs: &[[u16; 2]; TAXEL_COLS / 2]) -> Self {
+        // A count has 12 bits; added to this it reaches bit 15 from TAXEL_TOUCH_MIN on.
+        const REACH: u32 = pair([0x8000 - TAXEL_TOUCH_MIN; 2]);
+        const BIT_15: u32 = pair([0x8000; 2]);
+        let (mut all, mut touched) = (0, 0);
+        let kept = pairs.map(|two| {
+            let two = pair(two);
+            all += two;
+            let reached = (two + REACH) & BIT_15;
+            touched += reached >> 15;
+            // 15 ones where bit 15 is set.
+            two & (reached - (reached >> 15))
+        });
+        // From the last pair to the first, sums, sums of the sums, and sums of those weigh pair j by 1, j + 1 and
+        // (j + 1)(j + 2)/2, without a product. `right` is the same for the right taxels alone.
+        let (mut sum, mut sum2, mut sum3) = (0, 0, 0);
+        let (mut right, mut right2) = (0, 0);
+        if touched != 0 {
+            for &kept in kept.iter().rev() {
+                sum += both(kept);
+                sum2 += sum;
+                sum3 += sum2;
+                right += kept >> 16;
+                right2 += right;
+            }
+        }
+        // Σ j, Σ j² and, of the right ones, Σ j; a left taxel is in column 2j, a right one in 2j + 1.
+        let j = sum2 - sum;
+        let j_j = 2 * sum3 - 3 * j - 2 * sum;
+        let right_j = right2 - right;
+        Self { all, touched, weight: sum, col: 2 * j + right, col_col: 4 * (j_j + right_j) + right }
+    }
+}
+
+/// Sums over the touched taxels, exact: 32 rows of 32 counts below 2^12, squares that add up to 10,416 in a row or
+/// a column: all below 2^31.
 #[derive(Default)]
 struct Moments {
-    area: u16,
-    weight: i64,
-    row: i64,
-    col: i64,
-    row_row: i64,
-    col_col: i64,
-    row_col: i64,
+    weight: u32,
+    row: u32,
+    col: u32,
+    row_row: u32,
+    col_col: u32,
+    row_col: u32,
 }
 
 impl Moments {
-    fn add(&mut self, row: i64, col: i64, count: i64) {
-        self.area += 1;
-        self.weight += count;
-        self.row += count * row;
-        self.col += count * col;
-        self.row_row += count * row * row;
-        self.col_col += count * col * col;
-        self.row_col += count * row * col;
+    fn add(&mut self, row: u32, cells: &Row) {
+        self.weight += cells.weight;
+        self.row += row * cells.weight;
+        self.col += cells.col;
+        self.row_row += row * row * cells.weight;
+        self.col_col += cells.col_col;
+        self.row_col += row * cells.col;
     }
 
     /// Angle of the larger principal axis and how much longer it is.
     fn axis(&self) -> (i8, u8) {
         // weight² times the covariances, below 2^56: exact, then rounded once to single precision.
-        let rows = (self.weight * self.row_row - self.row * self.row) as f32 * (ROW_PITCH_MM * ROW_PITCH_MM);
-        let cols = (self.weight * self.col_col - self.col * self.col) as f32 * (COL_PITCH_MM * COL_PITCH_MM);
-        let both = (self.weight * self.row_col - self.row * self.col) as f32 * (ROW_PITCH_MM * COL_PITCH_MM);
+        let covariance =
+            |square: u32, [a, b]: [u32; 2]| (self.weight as i64 * square as i64 - a as i64 * b as i64) as f32;
+        let rows = covariance(self.row_row, [self.row; 2]) * (ROW_PITCH_MM * ROW_PITCH_MM);
+        let cols = covariance(self.col_col, [self.col; 2]) * (COL_PITCH_MM * COL_PITCH_MM);
+        let both = covariance(self.row_col, [self.row, self.col]) * (ROW_PITCH_MM * COL_PITCH_MM);
         let difference = cols - rows;
         let spread = root(difference * difference + 4.0 * both * both);
         let (long, short) = (rows + cols + spread, (rows + cols - spread).max(0.0));

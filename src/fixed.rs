@@ -17,28 +17,18 @@ pub const fn scale_q32(acc: i32, multiplier: i32) -> i32 {
     ((acc as i64 * multiplier as i64 + (1 << 31)) >> 32) as i32
 }
 
-/// Clamp to the range of `i16`.
+/// `round((a + b) / 2)`, which never overflows.
 #[inline]
-pub const fn saturate_i16(x: i32) -> i16 {
-    if x > i16::MAX as i32 {
-        i16::MAX
-    } else if x < i16::MIN as i32 {
-        i16::MIN
-    } else {
-        x as i16
-    }
+pub const fn mean(a: i32, b: i32) -> i32 {
+    // a + b is twice the common bits and once the others; (a | b) has the common and all the others.
+    (a | b) - ((a ^ b) >> 1)
 }
 
-/// Clamp to the range of `i32`.
+/// Clamp to the range of `i16`.
 #[inline]
-pub const fn saturate_i32(x: i64) -> i32 {
-    if x > i32::MAX as i64 {
-        i32::MAX
-    } else if x < i32::MIN as i64 {
-        i32::MIN
-    } else {
-        x as i32
-    }
+pub fn saturate_i16(x: i32) -> i16 {
+    // As minimum and maximum the compiler knows it for one instruction, `ssat`.
+    x.max(i16::MIN as i32).min(i16::MAX as i32) as i16
 }
 
 /// Fraction bits of [`standardise`]'s output: Q4.11 covers ±16, and n values with mean 0 and
@@ -51,9 +41,10 @@ pub const STANDARD_FRAC_BITS: u32 = 11;
 /// `x`: 1 to 256 values of magnitude below 2^22, any scale; overwritten with their deviations.
 /// `epsilon`: in squared units of `x`, at least 1. Mean and result follow the rule of this module.
 /// In between, variance, root and reciprocal are floors, as integer division and square root give
-/// them: the root has 8 fraction bits (relative error below 2^-8 / sigma), the reciprocal 39 (relative
-/// error below sigma / 2^39). The result saturates to `i16`.
+/// them: the root has 8 fraction bits (relative error below 2^-8 / sigma), the reciprocal 31 significant ones.
+/// The result saturates to `i16`.
 pub fn standardise<const FRAC: u32>(x: &mut [i32], epsilon: u64, out: &mut [i16]) {
+    const { assert!(FRAC <= 15, "the result has 16 bits") };
     let n = x.len() as i32;
     if n == 0 {
         return;
@@ -69,11 +60,16 @@ pub fn standardise<const FRAC: u32>(x: &mut [i32], epsilon: u64, out: &mut [i16]
     let variance = squares / n as u64 + epsilon;
     // variance < 2^47: 16 more bits give the root 8 fraction bits and keep it below 2^32.
     let sigma_q8 = isqrt(variance << 16);
-    // A variance of at least 1 makes the root at least 256; max() lets the compiler see it is not 0.
-    let reciprocal = ((1u64 << 47) / sigma_q8.max(1) as u64) as i64; // 2^39 / sigma ≤ 2^39
+    // A variance of at least 1 makes the root at least 256; max() lets the compiler see it is not 0. Shifted up to
+    // its 32 bits its reciprocal is 2^62 / root: 31 bits, but for a root of 2^31, which would give one more.
+    let zeros = sigma_q8.max(1).leading_zeros();
+    let reciprocal = ((1u64 << 62) / ((sigma_q8.max(1) as u64) << zeros)).min(i32::MAX as u64) as i64;
+    // No deviation exceeds √n · sigma ≤ 16 · sigma, which is below 2^(28 − zeros).
+    let shift = 3 + zeros;
     for (v, o) in x.iter().zip(out.iter_mut()) {
-        // |deviation| < 2^23, reciprocal ≤ 2^39: below 2^62.
-        *o = saturate_i16(saturate_i32(round_shift(*v as i64 * reciprocal, 39 - FRAC)));
+        // deviation / sigma = product · 2^(5 − 62). Dropping the low word first changes nothing of a floor.
+        let high = (((*v << shift) as i64 * reciprocal) >> 32) as i32;
+        *o = saturate_i16((high + (1 << (24 - FRAC))) >> (25 - FRAC));
     }
 }
 

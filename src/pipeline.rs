@@ -7,7 +7,7 @@ use crate::contact::ContactSummary;
 use crate::decision::{Decision, margin_q10};
 use crate::features::{LogMel, XlFrontEnd};
 use crate::net::{Model, Network, SensorFeatures};
-use crate::params::{CLASSES, CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
+use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
 use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, health};
 
@@ -232,7 +232,7 @@ impl SensorHealth {
         let mut bits = 0;
         match input.piezo {
             None => bits |= health::PIEZO_MISSING,
-            Some(frame) if frame.counts().contains(&COUNT_MAX) => bits |= health::TAXELS_SATURATED,
+            Some(frame) if frame.is_saturated() => bits |= health::TAXELS_SATURATED,
             Some(_) => {}
         }
         match input.xl {

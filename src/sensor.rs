@@ -17,6 +17,23 @@ pub const fn active_cols(row: usize) -> core::ops::Range<usize> {
     cut..TAXEL_COLS - cut
 }
 
+/// Two neighbouring counts in one word, as they lie in memory: one load where two would be.
+///
+/// A sum of 16 such words, half a row, keeps its two sums apart: 16 · 4095 has 16 bits.
+#[inline]
+pub const fn pair([left, right]: [u16; 2]) -> u32 {
+    left as u32 | (right as u32) << 16
+}
+
+/// Left and right of a [`pair`] together.
+#[inline]
+pub const fn both(pair: u32) -> u32 {
+    (pair & 0xffff) + (pair >> 16)
+}
+
+const _: () =
+    assert!(TAXEL_COLS / 2 * COUNT_MAX as usize <= u16::MAX as usize, "a row's pairs add up in a word");
+
 /// One scan of one array: ADC counts 0–4095, row-major, inactive taxels 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PiezoFrame([u16; TAXELS]);
@@ -61,9 +78,13 @@ impl PiezoFrame {
 
     /// Take a scan as the ADC wrote it: cells off the pad are zeroed, 12 bits are kept.
     pub fn from_scan(mut counts: [u16; TAXELS]) -> Self {
-        for (index, count) in counts.iter_mut().enumerate() {
-            let on_pad = is_active(index / TAXEL_COLS, index % TAXEL_COLS);
-            *count = if on_pad { *count & COUNT_MAX } else { 0 };
+        for (row, cells) in counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
+            for count in cells.iter_mut() {
+                *count &= COUNT_MAX;
+            }
+            let pad = active_cols(row);
+            cells[..pad.start].fill(0);
+            cells[pad.end..].fill(0);
         }
         Self(counts)
     }
@@ -74,17 +95,36 @@ impl PiezoFrame {
         &self.0
     }
 
-    /// Sum over the pad, counts; at most 942 · 4095.
-    pub fn sum(&self) -> u32 {
-        self.0.iter().fold(0, |sum, &count| sum + count as u32)
+    /// Row by row, the counts in words of two neighbours: see [`pair`].
+    #[inline]
+    pub fn rows(&self) -> impl Iterator<Item = &[[u16; 2]; TAXEL_COLS / 2]> {
+        self.0.as_chunks::<2>().0.as_chunks().0.iter()
     }
 
-    /// Counts of the active taxels only, row by row: the order of the raw frame on the bus.
+    /// Sum over the pad, counts; at most 942 · 4095.
+    pub fn sum(&self) -> u32 {
+        self.rows().fold(0, |sum, row| sum + both(row.iter().fold(0, |sums, &two| sums + pair(two))))
+    }
+
+    /// Is any taxel at full scale?
+    pub fn is_saturated(&self) -> bool {
+        // One more than a count has 13 bits at full scale only.
+        const ONES: u32 = pair([1; 2]);
+        let more = self.rows().flatten().fold(0, |bits, &two| bits | (pair(two) + ONES));
+        more & pair([COUNT_MAX + 1; 2]) != 0
+    }
+
+    /// Counts of the active taxels only, row by row, in neighbouring twos: the order of the raw frame on the bus.
+    #[inline]
+    pub fn active_rows(&self) -> impl Iterator<Item = &[[u16; 2]]> {
+        // The same number is cut from both sides of an even row: no two cross its end.
+        let rows = self.0.as_chunks::<TAXEL_COLS>().0.iter().enumerate();
+        rows.map(|(row, cells)| cells[active_cols(row)].as_chunks().0)
+    }
+
+    /// Counts of the active taxels only, row by row.
     pub fn active(&self) -> impl Iterator<Item = u16> + '_ {
-        self.0
-            .chunks_exact(TAXEL_COLS)
-            .enumerate()
-            .flat_map(|(row, counts)| counts[active_cols(row)].iter().copied())
+        self.active_rows().flatten().flatten().copied()
     }
 }
 

@@ -6,25 +6,22 @@
 //! that rounding drops is added to the next sum (first-order error feedback), which gives the rounding
 //! noise a zero at 0 Hz.
 
-use crate::fixed::round_shift;
-
 /// Fraction bits of the filtered signal, in LSB of the accelerometer.
 pub const FILTERED_FRAC_BITS: u32 = 14;
 /// Largest magnitude of a filtered sample, Q14: Σ|h| = 2.42346 times 2^15 LSB is 79,412 LSB, and the
 /// rounding noise is below one. The window and the FFT rest on it.
 pub const FILTERED_MAX: i32 = 79_500 << FILTERED_FRAC_BITS;
-const COEFFICIENT_FRAC_BITS: u32 = 30;
 
-/// Coefficients of `y = b0·(x − 2x₁ + x₂) − a1·y₁ − a2·y₂`, Q30. The numerator is one number, so the
-/// zero at 0 Hz is exact whatever the rounding of the coefficients.
+/// The filter `y = b0·(x − 2x₁ + x₂) − a1·y₁ − a2·y₂`. The numerator is one number, so the zero at 0 Hz is exact
+/// whatever the rounding of the coefficients. They lie near 1, −2 and 1; here is what they are more, Q32.
 #[derive(Clone, Copy, Debug)]
 pub struct HighPass {
-    /// Gain of the second difference.
-    pub b0_q30: i32,
-    /// Feedback of the previous output.
-    pub a1_q30: i32,
-    /// Feedback of the output before.
-    pub a2_q30: i32,
+    /// Of the second difference: b0 − 1.
+    pub difference_q32: i32,
+    /// Of the previous output: −a1 − 2.
+    pub y1_q32: i32,
+    /// Of the output before: 1 − a2.
+    pub y2_q32: i32,
 }
 
 /// What the filter remembers of one axis.
@@ -32,51 +29,37 @@ pub struct HighPass {
 pub struct HighPassState {
     x: [i32; 2],
     y: [i32; 2],
-    dropped: i32,
-    primed: bool,
+    /// What rounding dropped from the last output, 2^-32 of its last bit, and half a bit.
+    fraction: u32,
 }
 
 impl HighPassState {
-    /// No sample seen yet.
-    pub const fn new() -> Self {
-        Self { x: [0; 2], y: [0; 2], dropped: 0, primed: false }
-    }
-}
-
-impl Default for HighPassState {
-    fn default() -> Self {
-        Self::new()
+    /// At rest at `sample`: as if the axis had had this value forever, so that gravity makes no step.
+    #[inline]
+    pub const fn at_rest(sample: i16) -> Self {
+        Self { x: [sample as i32; 2], y: [0; 2], fraction: 1 << 31 }
     }
 }
 
 impl HighPass {
-    /// Filter one sample of one axis; the result is in LSB, Q14.
-    ///
-    /// The first sample is taken as the value the axis has had forever, so gravity makes no step.
-    ///
-    /// The result is within [`FILTERED_MAX`] by the nature of the filter; the clamp, which no signal
-    /// reaches, lets everything after it rely on that.
+    /// Filter one sample of one axis; the result is in LSB, Q14, within [`FILTERED_MAX`] by the nature of the
+    /// filter: a state comes from [`HighPassState::at_rest`] and samples alone.
     #[inline]
     pub fn step(&self, state: &mut HighPassState, sample: i16) -> i32 {
         let x = sample as i32;
-        if !state.primed {
-            state.x = [x; 2];
-            state.primed = true;
-        }
         let [x1, x2] = state.x;
         let [y1, y2] = state.y;
         // |x − 2x₁ + x₂| ≤ 131,070, so it fits in i32 with its 14 fraction bits.
         let difference = (x - 2 * x1 + x2) << FILTERED_FRAC_BITS;
-        // b0 · 2^31 + (|a1| + a2) · FILTERED_MAX, Q30, is 5.6 · 2^60, and `dropped` adds 2^29: no
-        // partial sum reaches 2^63. The whole is the next output, 1.3 · 2^60 at most.
-        let sum = self.b0_q30 as i64 * difference as i64
-            - self.a1_q30 as i64 * y1 as i64
-            - self.a2_q30 as i64 * y2 as i64
-            + state.dropped as i64;
-        let rounded = round_shift(sum, COEFFICIENT_FRAC_BITS);
-        // −2^29 ≤ dropped < 2^29 by the rounding rule.
-        state.dropped = (sum - (rounded << COEFFICIENT_FRAC_BITS)) as i32;
-        let y = rounded.clamp(-FILTERED_MAX as i64, FILTERED_MAX as i64) as i32;
+        // The coefficients' small parts, below 2^-6, times below 2^31 each. The upper half of the sum is rounded by
+        // the half in `fraction`; the lower half is the next `fraction`.
+        let sum = state.fraction as i64
+            + self.difference_q32 as i64 * difference as i64
+            + self.y1_q32 as i64 * y1 as i64
+            + self.y2_q32 as i64 * y2 as i64;
+        state.fraction = sum as u32;
+        // And their whole parts, exact. On the way the sum may leave i32 and wrap; the output does not.
+        let y = difference.wrapping_add(y1.wrapping_mul(2)).wrapping_sub(y2).wrapping_add((sum >> 32) as i32);
         state.x = [x, x1];
         state.y = [y, y1];
         y

@@ -9,17 +9,21 @@ use crate::params::{FFT_BINS, MEL_BINS};
 
 const WEIGHT_FRAC_BITS: u32 = 24;
 
-/// Power under each triangle, on the scale of the input, each half of a triangle rounded once.
+/// Power under each triangle in LSB², Q16, from bins in 3/4 LSB², Q16: each half of a triangle is rounded once, and
+/// the 3/4 of their sum once.
 ///
-/// Input: bins that sum to below 2^62. Then the low halves times weights sum to below
-/// 63 · 2^32 · 2^24 < 2^62, the high ones to below 2^62 · 2^-32 · 2^24 = 2^54.
+/// Input: bins 1 to 63 sum to below 2^62.3. Then the low halves times weights sum to below
+/// 63 · 2^32 · 2^24 < 2^62, the high ones to below 2^62.3 · 2^-32 · 2^24 < 2^55.
 pub fn mel_power(power: &[u64; FFT_BINS]) -> [u64; MEL_BINS] {
     let mut mel = [0; MEL_BINS];
     // Bin 0 lies below the first edge, bin 64 on the last, where the weight is 0.
-    let mut bins = power.iter().skip(1).zip(&MEL_RISING_Q24);
+    let (mut powers, mut weights) = (&power[1..], &MEL_RISING_Q24[..]);
     let mut segments = MEL_SEGMENT_BINS.iter().map(|&count| {
+        let (here, later) = powers.split_at(count as usize);
+        let (rising, weights_later) = weights.split_at(count as usize);
+        (powers, weights) = (later, weights_later);
         let (mut all, mut high, mut low) = (0u64, 0u64, 0u64);
-        for (&power, &weight) in bins.by_ref().take(count as usize) {
+        for (&power, &weight) in here.iter().zip(rising) {
             all += power;
             high += (power >> 32) * weight as u64;
             low += (power & 0xffff_ffff) * weight as u64;
@@ -32,7 +36,9 @@ pub fn mel_power(power: &[u64; FFT_BINS]) -> [u64; MEL_BINS] {
     });
     let mut below = segments.next().unwrap_or_default();
     for (mel, segment) in mel.iter_mut().zip(segments) {
-        *mel = below.rising + segment.falling;
+        let sum = below.rising + segment.falling;
+        // Less a quarter, whose ties round down where the rest rounds up.
+        *mel = sum - ((sum + 1) >> 2);
         below = segment;
     }
     mel

@@ -1,7 +1,7 @@
 //! Accelerometer samples to log-mel, and taxel counts to what the network sees of them
 //! ([`pad_cells`]), integers only.
 //!
-//! Log-mel has one file per step, in the order of the signal: high-pass, ring and window, FFT, power over the
+//! Log-mel has one file per step, in the order of the signal: high-pass, ring, window and FFT, power over the
 //! axes, mel triangles, logarithm; then [`crate::fixed::standardise`].
 
 #![deny(clippy::float_arithmetic)]
@@ -19,7 +19,7 @@ pub mod pad_cells;
 use crate::fixed::standardise;
 use crate::params::{FFT_BINS, MEL_BINS, XL_AXES};
 use crate::sensor::XlSample;
-use highpass::HighPassState;
+use highpass::{HighPass, HighPassState};
 use ring::Ring;
 
 /// Fraction bits of [`LogMel::ln_power`].
@@ -43,32 +43,40 @@ pub struct LogMel {
 /// High-pass, window ring and everything after it, for one sensor.
 #[derive(Clone, Debug)]
 pub struct XlFrontEnd {
+    /// Here and not taken from the table: with factors known to be constant, LLVM multiplies 64 by 64 bits.
+    high_pass: HighPass,
     axes: [Axis; XL_AXES],
 }
 
 #[derive(Clone, Debug)]
 struct Axis {
-    filter: HighPassState,
+    /// `None` before the first sample.
+    filter: Option<HighPassState>,
     ring: Ring,
 }
 
 impl Axis {
-    const NEW: Self = Self { filter: HighPassState::new(), ring: Ring::new() };
+    const NEW: Self = Self { filter: None, ring: Ring::new() };
 }
 
 impl XlFrontEnd {
     /// Nothing heard yet: the window is silence, and the first sample will be taken as gravity.
     pub const fn new() -> Self {
-        Self { axes: [Axis::NEW; XL_AXES] }
+        Self { high_pass: tables::HIGHPASS, axes: [Axis::NEW; XL_AXES] }
     }
 
     /// Filter the samples, oldest first, into the ring. Any number, also none; how a signal is cut into
     /// calls does not matter.
     pub fn push(&mut self, samples: &[XlSample]) {
-        for sample in samples {
-            for (axis, &x) in self.axes.iter_mut().zip(sample) {
-                axis.ring.push(tables::HIGHPASS.step(&mut axis.filter, x));
+        let Some(&first) = samples.first() else { return };
+        let high_pass = self.high_pass;
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            // Copied, so that it stays in registers.
+            let mut filter = axis.filter.unwrap_or(HighPassState::at_rest(first[index]));
+            for sample in samples {
+                axis.ring.push(high_pass.step(&mut filter, sample[index]));
             }
+            axis.filter = Some(filter);
         }
     }
 
@@ -77,9 +85,9 @@ impl XlFrontEnd {
     /// Within 1e-3 nat of float64 arithmetic wherever the power is 20 dB above the floor, 1e-4 nat in the
     /// mean, whatever else is in the signal (`tests/features.rs`).
     pub fn log_mel(&self) -> LogMel {
-        let mut power = [0; FFT_BINS];
+        let (mut power, mut work) = ([0; FFT_BINS], fft::Work::default());
         for axis in &self.axes {
-            power::add_power(&mut power, &fft::real_fft(&axis.ring.windowed()));
+            power::add_power(&mut power, axis.ring.latest(), &mut work);
         }
         let ln_power = mel::mel_power(&power).map(log::ln_q16);
         let (mut deviations, mut standardised) = (ln_power, [0; MEL_BINS]);

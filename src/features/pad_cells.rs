@@ -5,7 +5,7 @@
 //! go on, so that the first touched frame is compared with what lay on the pad before.
 
 use super::taxel_change::TaxelChange;
-use crate::params::{CONTACT_SUM_MIN, PIEZO_CHANNELS, TAXELS};
+use crate::params::{CONTACT_SUM_MIN, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 /// One array in the course of time.
 #[derive(Clone, Debug)]
@@ -19,18 +19,34 @@ impl PadCells {
         Self { change: TaxelChange::new() }
     }
 
-    /// Take a scan in and hand every taxel's count and change ([`TaxelChange::push`]) to `take`, row-major.
+    /// Take a scan in and write every taxel's count and change ([`TaxelChange::push_rows`]) to `rows`, from row 0 on.
     /// Both are 0 everywhere if the result is false: the counts sum to less than [`CONTACT_SUM_MIN`].
     #[inline]
+    pub fn push_rows<'r>(
+        &mut self,
+        counts: &[u16; TAXELS],
+        rows: impl Iterator<Item = &'r mut [[i16; PIEZO_CHANNELS]; TAXEL_COLS]>,
+    ) -> bool {
+        let sum = counts.iter().fold(0, |sum: u32, &count| sum + count as u32);
+        let touched = sum >= CONTACT_SUM_MIN;
+        if touched {
+            self.change.push_rows(counts, rows);
+        } else {
+            self.change.follow(counts);
+            rows.for_each(|row| *row = [[0; PIEZO_CHANNELS]; TAXEL_COLS]);
+        }
+        touched
+    }
+
+    /// As [`push_rows`](Self::push_rows), handing every taxel's index, count and change to `take`, row-major.
     pub fn push(
         &mut self,
         counts: &[u16; TAXELS],
         mut take: impl FnMut(usize, [i16; PIEZO_CHANNELS]),
     ) -> bool {
-        let touched = counts.iter().fold(0, |sum: u32, &count| sum + count as u32) >= CONTACT_SUM_MIN;
-        // All ones or all zeros: no branch per taxel.
-        let mask = -(touched as i16);
-        self.change.push(counts, |index, count, change| take(index, [count as i16 & mask, change & mask]));
+        let mut rows = [[[0; PIEZO_CHANNELS]; TAXEL_COLS]; TAXEL_ROWS];
+        let touched = self.push_rows(counts, rows.iter_mut());
+        rows.as_flattened().iter().enumerate().for_each(|(index, &cell)| take(index, cell));
         touched
     }
 

@@ -7,8 +7,7 @@
 //! Per taxel, with `x = 16 · count` and `a` the average before this frame, both in 1/16 count:
 //! `change = floor((x − a) / 2)`, then `a ← a + round((x − a) / 8)`: a time constant of 8 frames, 33 ms.
 
-use crate::fixed::round_shift;
-use crate::params::{COUNT_MAX, TAXELS};
+use crate::params::{COUNT_MAX, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 /// Fraction bits of the average.
 const AVERAGE_FRAC_BITS: u32 = 4;
@@ -16,6 +15,9 @@ const AVERAGE_FRAC_BITS: u32 = 4;
 pub const AVERAGE_SHIFT: u32 = 3;
 /// Units of the change in one count: it is as many times the count's scale.
 pub const CHANGE_GAIN: i32 = 1 << (AVERAGE_FRAC_BITS - 1);
+
+/// Half of the last bit that the average keeps.
+const ROUND: i32 = 1 << (AVERAGE_SHIFT - 1);
 
 const _: () = assert!((COUNT_MAX as u32) << AVERAGE_FRAC_BITS <= u16::MAX as u32, "the average fits");
 
@@ -34,21 +36,48 @@ impl TaxelChange {
         Self { average: [0; TAXELS], started: false }
     }
 
-    /// Take a scan in and hand every taxel's index, count and change to `take`, row-major: the change in
-    /// 1/8 count, −32760 to 32760.
+    /// Take a scan in and write every taxel's count and change to `rows`, from row 0 on: the change in 1/8 count,
+    /// −32760 to 32760.
     #[inline]
-    pub fn push(&mut self, counts: &[u16; TAXELS], mut take: impl FnMut(usize, u16, i16)) {
-        let started = self.started;
-        self.started = true;
-        for (index, (average, &count)) in self.average.iter_mut().zip(counts).enumerate() {
-            let x = (count.min(COUNT_MAX) as i32) << AVERAGE_FRAC_BITS;
-            if !started {
-                *average = x as u16;
+    pub fn push_rows<'r>(
+        &mut self,
+        counts: &[u16; TAXELS],
+        rows: impl Iterator<Item = &'r mut [[i16; 2]; TAXEL_COLS]>,
+    ) {
+        self.start(counts);
+        let averages = self.average.as_chunks_mut::<TAXEL_COLS>().0.iter_mut();
+        for ((averages, counts), row) in averages.zip(counts.as_chunks::<TAXEL_COLS>().0).zip(rows) {
+            for ((average, &count), cell) in averages.iter_mut().zip(counts).zip(row) {
+                *cell = [count as i16, update(average, count)];
             }
-            let difference = x - *average as i32;
-            // Between the old average and x, so within u16 and, halved, within i16.
-            *average = (*average as i32 + round_shift(difference as i64, AVERAGE_SHIFT) as i32) as u16;
-            take(index, count, (difference >> 1) as i16);
+        }
+    }
+
+    /// Take a scan in whose change nobody asks for.
+    #[inline]
+    pub fn follow(&mut self, counts: &[u16; TAXELS]) {
+        self.start(counts);
+        for (average, &count) in self.average.iter_mut().zip(counts) {
+            update(average, count);
+        }
+    }
+
+    /// As [`push_rows`](Self::push_rows), handing every taxel's index, count and change to `take`, row-major.
+    pub fn push(&mut self, counts: &[u16; TAXELS], mut take: impl FnMut(usize, u16, i16)) {
+        let mut rows = [[[0; 2]; TAXEL_COLS]; TAXEL_ROWS];
+        self.push_rows(counts, rows.iter_mut());
+        for (index, (&[_, change], &count)) in rows.as_flattened().iter().zip(counts).enumerate() {
+            take(index, count, change);
+        }
+    }
+
+    /// The first scan is its own past.
+    fn start(&mut self, counts: &[u16; TAXELS]) {
+        if !self.started {
+            self.started = true;
+            for (average, &count) in self.average.iter_mut().zip(counts) {
+                *average = count << AVERAGE_FRAC_BITS;
+            }
         }
     }
 
@@ -56,6 +85,15 @@ impl TaxelChange {
     pub fn forget(&mut self) {
         self.started = false;
     }
+}
+
+/// Take a count of 12 bits into its average; the change.
+#[inline]
+fn update(average: &mut u16, count: u16) -> i16 {
+    let difference = ((count as i32) << AVERAGE_FRAC_BITS) - *average as i32;
+    // Between the old average and x, so within u16 and, halved, within i16.
+    *average = (*average as i32 + ((difference + ROUND) >> AVERAGE_SHIFT)) as u16;
+    (difference >> 1) as i16
 }
 
 impl Default for TaxelChange {

@@ -4,116 +4,162 @@
 //! costs the same at any time, and a stream gives the bits of a whole sequence under a banded causal
 //! mask.
 
+use super::activations::Activations;
 use super::dense::dense;
 use super::layer_norm::add_and_norm;
 use super::model::Attention;
 use super::observer::Observer;
 use super::requantize;
 use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2};
-use crate::fixed::{round_shift, saturate_i16, scale_q32};
-use crate::params::limits::{EMBED, WINDOW};
-
-/// Widest attention: the temporal one over the fused vector.
-const WIDTH_MAX: usize = 2 * EMBED;
+use crate::fixed::{saturate_i16, scale_q32};
+use crate::params::limits::WINDOW;
+use crate::simd::{dots, weighted_sums};
 
 /// One frame's key and value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct KeyValue<const D: usize> {
-    key: [i16; D],
-    value: [i16; D],
+pub struct KeyValue<const W: usize> {
+    key: Activations<W>,
+    value: Activations<W>,
 }
 
-impl<const D: usize> KeyValue<D> {
-    const ZERO: Self = Self { key: [0; D], value: [0; D] };
-
+impl<const W: usize> KeyValue<W> {
     /// Project one frame of the sequence that is attended to.
-    pub fn project(block: &Attention<'_>, x: &[i16], observer: &mut impl Observer) -> Self {
-        let mut out = Self::ZERO;
-        dense(&block.key, x, &mut out.key, requantize::query_key);
-        dense(&block.value, x, &mut out.value, requantize::signed);
-        observer.see_part(block.name, "key", out.key.get(..block.key.outputs).unwrap_or_default());
-        observer.see_part(block.name, "value", out.value.get(..block.value.outputs).unwrap_or_default());
+    pub fn project(block: &Attention<'_>, x: &Activations<W>, observer: &mut impl Observer) -> Self {
+        let mut out = Self { key: Activations::new(), value: Activations::new() };
+        dense(&block.key, x.words(), out.key.values_mut(), requantize::query_key);
+        dense(&block.value, x.words(), out.value.values_mut(), requantize::signed);
+        observer.see_part(block.name, "key", out.key.values().get(..block.key.outputs).unwrap_or_default());
+        let value = out.value.values().get(..block.value.outputs).unwrap_or_default();
+        observer.see_part(block.name, "value", value);
         out
     }
 }
 
 /// Keys and values of the last frames, newest overwriting oldest.
 #[derive(Clone, Debug)]
-pub struct KeyValueCache<const D: usize> {
-    slots: [KeyValue<D>; WINDOW],
-    /// Slots in use: the model's window.
-    window: usize,
-    /// Slot of the newest frame.
-    newest: usize,
+pub struct KeyValueCache<const W: usize> {
+    keys: [[u32; W]; WINDOW],
+    values: [[u32; W]; WINDOW],
+    /// Slot of the next frame.
+    next: usize,
     /// Frames seen, up to the window.
     filled: usize,
 }
 
-impl<const D: usize> KeyValueCache<D> {
-    /// Empty, for a model that looks back over `window` frames, the current one included.
-    pub const fn new(window: usize) -> Self {
-        let window = if window == 0 || window > WINDOW { WINDOW } else { window };
-        Self { slots: [KeyValue::ZERO; WINDOW], window, newest: 0, filled: 0 }
+impl<const W: usize> KeyValueCache<W> {
+    /// Empty.
+    pub const fn new() -> Self {
+        Self { keys: [[0; W]; WINDOW], values: [[0; W]; WINDOW], next: 0, filled: 0 }
     }
 
-    /// Take the newest frame in; the one that leaves the window is forgotten.
-    pub fn push(&mut self, entry: KeyValue<D>) {
-        self.newest = if self.newest + 1 < self.window { self.newest + 1 } else { 0 };
-        if let Some(slot) = self.slots.get_mut(self.newest) {
-            *slot = entry;
+    /// Take the newest frame in; the one that leaves the window is forgotten. `window`: so many frames the model looks
+    /// back over, the newest included, 1 to [`WINDOW`], always the same.
+    pub fn push(&mut self, entry: &KeyValue<W>, window: usize) {
+        if let (Some(key), Some(value)) = (self.keys.get_mut(self.next), self.values.get_mut(self.next)) {
+            *key = *entry.key.words();
+            *value = *entry.value.words();
         }
-        self.filled = (self.filled + 1).min(self.window);
+        let window = window.min(WINDOW);
+        self.next = if self.next + 1 < window { self.next + 1 } else { 0 };
+        self.filled = (self.filled + 1).min(window);
     }
 
-    /// The cached frames, newest (lag 0) first.
-    pub fn newest_first(&self) -> impl Iterator<Item = &KeyValue<D>> + Clone {
-        let (recent, older) = self.slots.split_at((self.newest + 1).min(WINDOW));
-        let older = older.get(..self.window.saturating_sub(self.newest + 1)).unwrap_or_default();
-        recent.iter().rev().chain(older.iter().rev()).take(self.filled)
+    /// Where `by_lag`, newest (lag 0) first, parts: backwards the first part belongs to the first slots, up to the
+    /// newest frame's, and backwards the second to those behind it.
+    #[inline]
+    fn part<'b, T>(&self, by_lag: &'b [T]) -> [&'b [T]; 2] {
+        let by_lag = by_lag.get(..self.filled).unwrap_or_default();
+        let slots_up_to_newest = if self.next == 0 { self.filled } else { self.next };
+        by_lag.split_at_checked(slots_up_to_newest).unwrap_or((by_lag, &[])).into()
     }
 }
 
-/// `LayerNorm(x + Wo · context)`, where the context is the softmax-weighted sum of the values of
-/// `frames`, newest first, at most [`WINDOW`] of them.
+impl<const W: usize> Default for KeyValueCache<W> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// `LayerNorm(x + Wo · context)`, where the context is the softmax-weighted sum of the values of the frames in
+/// `cache`.
 ///
-/// `x`, `out`: the block's width, at most 128 activations.
-pub fn attend<'a, const D: usize>(
+/// `x`, `out`: the block's width, at most `2 · W` activations.
+pub fn attend<const W: usize>(
     block: &Attention<'_>,
-    x: &[i16],
-    frames: impl Iterator<Item = &'a KeyValue<D>> + Clone,
+    x: &Activations<W>,
+    cache: &KeyValueCache<W>,
     out: &mut [i16],
     observer: &mut impl Observer,
 ) {
-    let width = block.query.outputs.min(D).min(WIDTH_MAX);
+    let width = block.query.outputs.min(2 * W);
     let head_width = (width / block.heads.max(1)).max(1);
-    let mut query = [0i16; WIDTH_MAX];
-    let mut context = [0i16; WIDTH_MAX];
-    dense(&block.query, x, &mut query[..width], requantize::query_key);
-    observer.see_part(block.name, "query", &query[..width]);
+    let mut query = Activations::<W>::new();
+    let mut context = Activations::<W>::new();
+    dense(&block.query, x.words(), query.values_mut(), requantize::query_key);
+    observer.see_part(block.name, "query", query.values().get(..width).unwrap_or_default());
 
-    let heads = query[..width].chunks_exact(head_width).zip(context[..width].chunks_exact_mut(head_width));
-    for (head, (query, context)) in heads.enumerate() {
-        let columns = head * head_width..(head + 1) * head_width;
+    for head in 0..block.heads {
+        let from = (head * head_width).min(width);
+        let to = (from + head_width).min(width);
         let mut scores = [0i32; WINDOW];
-        let mut count = 0;
-        for ((score, entry), bias) in scores.iter_mut().zip(frames.clone()).zip(block.bias.head(head)) {
-            let key = entry.key.get(columns.clone()).unwrap_or_default();
-            // head_width ≤ 32 products below 2^26: fits; the model file's dimensions are checked for it.
-            let acc = query.iter().zip(key).fold(0i32, |acc, (&q, &k)| acc.wrapping_add(q as i32 * k as i32));
-            *score = scale_q32(acc, block.score_multiplier) + bias as i32;
-            count += 1;
+        let weights = scores.get_mut(..cache.filled).unwrap_or_default();
+        score(&query, cache, (from, to), weights);
+        let mut unbiased = weights.iter_mut();
+        for part in cache.part(block.bias.head(head)) {
+            for (&bias, score) in part.iter().rev().zip(&mut unbiased) {
+                *score = scale_q32(*score, block.score_multiplier) + bias as i32;
+            }
         }
-        let weights = &mut scores[..count];
         softmax_base2(weights);
-        for (column, context) in columns.zip(context) {
-            // Bounded by softmax_base2's contract: below 2^31.
-            let acc = frames.clone().zip(weights.iter()).fold(0i32, |acc, (entry, &weight)| {
-                acc.wrapping_add(weight * entry.value.get(column).copied().unwrap_or_default() as i32)
-            });
-            *context = saturate_i16(round_shift(acc as i64, WEIGHT_FRAC_BITS) as i32);
-        }
+        gather(cache, weights, (from, to), &mut context);
     }
-    add_and_norm(&block.out, &context[..width], x, &block.norm, out, |sum| {
+    let x = x.values().get(..width).unwrap_or_default();
+    add_and_norm(&block.out, context.words(), x, &block.norm, out, |sum| {
         observer.see_residual(block.name, sum);
     });
+}
+
+/// Products of the query with the key of every cached frame, slot after slot, over columns `from` to `to`.
+///
+/// A head is at most 32 columns wide and a product below 2^26: a sum fits. The model file's dimensions are checked
+/// for it.
+fn score<const W: usize>(
+    query: &Activations<W>,
+    cache: &KeyValueCache<W>,
+    (from, to): (usize, usize),
+    scores: &mut [i32],
+) {
+    if from % 2 == 0 && to % 2 == 0 {
+        let query = query.words().get(from / 2..to / 2).unwrap_or_default();
+        dots(query, cache.keys.as_flattened().get(from / 2..).unwrap_or_default(), W, scores);
+    } else {
+        let query = query.values().get(from..to).unwrap_or_default();
+        for (score, key) in scores.iter_mut().zip(&cache.keys) {
+            let key: &[i16] = bytemuck::must_cast_slice(key);
+            let products = query.iter().zip(key.get(from..).unwrap_or_default());
+            *score = products.fold(0, |sum, (&q, &k)| sum.wrapping_add(q as i32 * k as i32));
+        }
+    }
+}
+
+/// `context = Σ weight · value` over the cached frames, slot after slot, columns `from` to `to`.
+///
+/// Bounded by [`softmax_base2`]'s contract: below 2^31, and so no sum wraps; a weight fits 16 bits.
+fn gather<const W: usize>(
+    cache: &KeyValueCache<W>,
+    weights: &[i32],
+    (from, to): (usize, usize),
+    context: &mut Activations<W>,
+) {
+    // Eight columns at a time, from an even one on: what belongs to another head is not taken.
+    for start in (from & !1..to).step_by(8) {
+        let rows = cache.values.as_flattened().get(start / 2..).unwrap_or_default();
+        let sums = weighted_sums(weights, rows, W);
+        let (skipped, end) = (from.saturating_sub(start), to.saturating_sub(start));
+        let context = context.values_mut().get_mut(start..).unwrap_or_default().iter_mut();
+        for (context, &sum) in context.zip(&sums).take(end).skip(skipped) {
+            // 2^30 and half a unit: fits.
+            *context = saturate_i16((sum + (1 << (WEIGHT_FRAC_BITS - 1))) >> WEIGHT_FRAC_BITS);
+        }
+    }
 }

@@ -1,35 +1,36 @@
-//! Fully connected layer, and the dot product that every kernel rests on.
+//! Fully connected layer.
 
 use super::model::Layer;
+use crate::simd;
 
-/// Sum of products of activations and weights; stops at the shorter of the two.
-///
-/// The model file's bound keeps every partial sum below 2^31, so the additions cannot wrap; they are
-/// written as wrapping so that no build adds a check to them.
-#[inline]
-pub fn dot(x: &[i16], weights: &[u8]) -> i32 {
-    x.iter().zip(weights).fold(0, |acc: i32, (&x, &w)| acc.wrapping_add(x as i32 * (w as i8) as i32))
-}
+/// Outputs that are computed before they are cut to their range.
+pub(super) const GROUP: usize = 32;
 
-/// `out[c] = requantize(bias[c] + Σ weight[c][i] · x[i], multiplier[c])`.
+/// `out[c] = cut((bias[c] + Σ weight[c][i] · x[i]) · multiplier[c])`.
 ///
-/// `x`: `layer.inputs` activations. `out`: `layer.outputs` activations. `requantize` is one of
+/// `x`: the layer's input in words, zeros behind it. `out`: `layer.outputs` activations. `cut` is one of
 /// [`super::requantize`]'s.
 #[inline]
-pub fn dense(layer: &Layer<'_>, x: &[i16], out: &mut [i16], requantize: impl Fn(i32, i32) -> i16) {
-    for (acc, out) in accumulators(layer, x).zip(out) {
-        *out = requantize(acc.0, acc.1);
+pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], cut: impl Fn(i32) -> i16) {
+    let out = out.get_mut(..layer.outputs.min(out.len())).unwrap_or_default();
+    for (group, out) in out.chunks_mut(GROUP).enumerate() {
+        let mut values = [0; GROUP];
+        scaled(layer, x, group * GROUP, &mut values);
+        for (out, &value) in out.iter_mut().zip(&values) {
+            *out = cut(value);
+        }
     }
 }
 
-/// The accumulators of a layer, each with its multiplier: for what follows a layer without going
-/// through `i16` first.
+/// The outputs from `first` on, a multiple of four, scaled but not cut: for what follows a layer without going
+/// through `i16` first. Values behind the last output are left as they are.
 #[inline]
-pub fn accumulators<'a>(layer: &Layer<'a>, x: &'a [i16]) -> impl Iterator<Item = (i32, i32)> + 'a {
-    layer
-        .weights
-        .chunks_exact(layer.inputs.max(1))
-        .zip(layer.bias.iter())
-        .zip(layer.multiplier.iter())
-        .map(move |((weights, bias), multiplier)| (bias.wrapping_add(dot(x, weights)), multiplier))
+pub fn scaled(layer: &Layer<'_>, x: &[u32], first: usize, values: &mut [i32; GROUP]) {
+    let words = layer.inputs.words();
+    let x = x.get(..words).unwrap_or_default();
+    let weights = layer.weights.get(first * words..).unwrap_or_default();
+    let bias = layer.bias.get(first..).unwrap_or_default();
+    let multiplier = layer.multiplier.get(first..).unwrap_or_default();
+    // The model file's bound keeps every partial sum below 2^31, so the wrapping additions do not wrap.
+    simd::dense(x, (weights, bias, multiplier), values);
 }

@@ -1,43 +1,51 @@
 //! One sensor's frame to one embedding per modality.
 
-use super::conv::{MapShape, conv3x3_relu_pool};
+use super::activations::Activations;
 use super::dense::dense;
 use super::model::{Layer, Model};
 use super::observer::Observer;
+use super::packing::pairs;
 use super::requantize;
 use crate::features::pad_cells::PadCells;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
+use crate::simd::{MapShape, conv_relu_pool};
 
 /// An embedding; a model uses the first `dims.embed` values, the rest stay 0.
-pub type Embedding = [i16; EMBED];
+pub type Embedding = Activations<{ EMBED / 2 }>;
 
 const SIDE: usize = TAXEL_ROWS;
 const _: () = assert!(TAXEL_ROWS == TAXEL_COLS, "the maps are square");
+const _: () = assert!(PIEZO_CHANNELS == 2, "a taxel's channels are one word");
 
 /// Shape of the map that enters convolution block `block`, or leaves the last one (`block` 3).
-const fn map(block: usize, channels: usize) -> MapShape {
-    MapShape { side: SIDE >> block, channels, border: if block < 3 { 1 } else { 0 } }
+const fn map(block: usize, pairs: usize) -> MapShape {
+    MapShape { side: SIDE >> block, pairs, border: if block < 3 { 1 } else { 0 } }
 }
+
+const INPUT: MapShape = map(0, PIEZO_CHANNELS / 2);
 
 /// The feature maps between the convolution blocks. Their borders are zero and stay so.
 #[derive(Clone, Debug)]
 pub struct PiezoEncoder {
-    input: [i16; map(0, PIEZO_CHANNELS).len()],
-    block1: [i16; map(1, CONV_CHANNELS[0]).len()],
-    block2: [i16; map(2, CONV_CHANNELS[1]).len()],
-    block3: [i16; map(3, CONV_CHANNELS[2]).len()],
+    input: [u32; INPUT.len()],
+    block1: [u32; map(1, pairs(CONV_CHANNELS[0])).len()],
+    block2: [u32; map(2, pairs(CONV_CHANNELS[1])).len()],
+    block3: [u32; map(3, pairs(CONV_CHANNELS[2])).len()],
+    /// What an untouched pad gives: a constant of the model, computed when the first one is seen.
+    untouched: Option<Embedding>,
 }
 
 impl PiezoEncoder {
     /// Empty maps.
     pub const fn new() -> Self {
         Self {
-            input: [0; map(0, PIEZO_CHANNELS).len()],
-            block1: [0; map(1, CONV_CHANNELS[0]).len()],
-            block2: [0; map(2, CONV_CHANNELS[1]).len()],
-            block3: [0; map(3, CONV_CHANNELS[2]).len()],
+            input: [0; INPUT.len()],
+            block1: [0; map(1, pairs(CONV_CHANNELS[0])).len()],
+            block2: [0; map(2, pairs(CONV_CHANNELS[1])).len()],
+            block3: [0; map(3, pairs(CONV_CHANNELS[2])).len()],
+            untouched: None,
         }
     }
 
@@ -45,41 +53,47 @@ impl PiezoEncoder {
     /// lies its change since the recent past, which `pad` keeps, of this sensor alone.
     ///
     /// The maps are laid out by the model's channels, so one encoder serves one model only.
-    pub fn embed(
+    pub fn embed<O: Observer>(
         &mut self,
         model: &Model<'_>,
         frame: &PiezoFrame,
         pad: &mut PadCells,
-        observer: &mut impl Observer,
+        observer: &mut O,
     ) -> Embedding {
-        let [c1, c2, c3] = model.dims.conv_channels;
-        let input = &mut self.input;
-        pad.push(frame.counts(), |index, cell| {
-            let at = map(0, PIEZO_CHANNELS).at(index / TAXEL_COLS, index % TAXEL_COLS);
-            if let Some(to) = input.get_mut(at..at + PIEZO_CHANNELS) {
-                to.copy_from_slice(&cell);
-            }
-        });
-        see_map("taxels", &self.input, map(0, PIEZO_CHANNELS), observer);
-        let [conv1, conv2, conv3] = &model.conv;
-        conv3x3_relu_pool(conv1, &self.input, map(0, PIEZO_CHANNELS), &mut self.block1, map(1, c1));
-        see_map("piezo.conv1", &self.block1, map(1, c1), observer);
-        conv3x3_relu_pool(conv2, &self.block1, map(1, c1), &mut self.block2, map(2, c2));
-        see_map("piezo.conv2", &self.block2, map(2, c2), observer);
-        conv3x3_relu_pool(conv3, &self.block2, map(2, c2), &mut self.block3, map(3, c3));
-        let mut out = [0; EMBED];
-        see_map("piezo.conv3", &self.block3, map(3, c3), observer);
-        dense(&model.piezo_dense, &self.block3, &mut out, requantize::signed);
-        see_outputs("piezo", &model.piezo_dense, &out, observer);
-        out
+        let rows = self.input.chunks_exact_mut(INPUT.row()).skip(INPUT.border);
+        let cells = rows.filter_map(|row| row.get_mut(INPUT.border..)?.first_chunk_mut::<SIDE>());
+        let touched = pad.push_rows(frame.counts(), cells.map(bytemuck::must_cast_mut));
+        // Who looks on sees the layers of an untouched pad too.
+        if let Some(embedding) = self.untouched.filter(|_| !touched && !O::LOOKS) {
+            return embedding;
+        }
+        let embedding = self.convolve(model, observer);
+        if !touched {
+            self.untouched = Some(embedding);
+        }
+        embedding
     }
-}
 
-/// Show the cells of a map without its border.
-fn see_map(layer: &'static str, cells: &[i16], shape: MapShape, observer: &mut impl Observer) {
-    for row in 0..shape.side {
-        let start = shape.at(row, 0);
-        observer.see(layer, cells.get(start..start + shape.side * shape.channels).unwrap_or_default());
+    /// The map of the pad to its embedding.
+    fn convolve(&mut self, model: &Model<'_>, observer: &mut impl Observer) -> Embedding {
+        let shape = |block: usize| map(block, pairs(model.conv[block - 1].outputs));
+        let [shape1, shape2, shape3] = [shape(1), shape(2), shape(3)];
+        let Self { input, block1, block2, block3, .. } = self;
+        let convolve = |layer: &Layer<'_>, x: (&[u32], MapShape), out: (&mut [u32], MapShape)| {
+            conv_relu_pool((layer.weights, layer.bias, layer.multiplier), x, out);
+        };
+        let [conv1, conv2, conv3] = &model.conv;
+        observer.see_map("taxels", PIEZO_CHANNELS, input, INPUT);
+        convolve(conv1, (input, INPUT), (block1, shape1));
+        observer.see_map("piezo.conv1", conv1.outputs, block1, shape1);
+        convolve(conv2, (block1, shape1), (block2, shape2));
+        observer.see_map("piezo.conv2", conv2.outputs, block2, shape2);
+        convolve(conv3, (block2, shape2), (block3, shape3));
+        observer.see_map("piezo.conv3", conv3.outputs, block3, shape3);
+        let mut out = Embedding::new();
+        dense(&model.piezo_dense, block3, out.values_mut(), requantize::signed);
+        see_outputs("piezo", &model.piezo_dense, out.values(), observer);
+        out
     }
 }
 
@@ -94,42 +108,49 @@ impl Default for PiezoEncoder {
     }
 }
 
+/// Words of one log-mel frame.
+const HEARD: usize = MEL_BINS / 2;
+
 /// The standardised log-mel frames that the causal convolution still sees, zeros before the start.
 #[derive(Clone, Debug)]
 pub struct XlHistory {
     /// Oldest first; the newest is last.
-    frames: [[i16; MEL_BINS]; XL_KERNEL],
+    frames: [Activations<HEARD>; XL_KERNEL],
 }
 
 impl XlHistory {
     /// Silence.
     pub const fn new() -> Self {
-        Self { frames: [[0; MEL_BINS]; XL_KERNEL] }
+        Self { frames: [Activations::new(); XL_KERNEL] }
     }
 
     /// Take the newest frame in.
     pub fn push(&mut self, log_mel: &[i16; MEL_BINS]) {
         self.frames.rotate_left(1);
         if let Some(newest) = self.frames.last_mut() {
-            *newest = *log_mel;
+            newest.values_mut().copy_from_slice(log_mel);
         }
     }
 
     /// Embed the newest frame.
     pub fn embed(&self, model: &Model<'_>, observer: &mut impl Observer) -> Embedding {
         let [conv, mix1, mix2] = &model.xl;
-        let seen = self.frames.as_flattened();
-        let seen = seen.get(seen.len().saturating_sub(conv.inputs)..).unwrap_or_default();
-        let mut hidden1 = [0; XL_CHANNELS];
-        let mut hidden2 = [0; XL_CHANNELS];
-        let mut out = [0; EMBED];
-        observer.see("log_mel", seen);
-        dense(conv, seen, &mut hidden1, requantize::relu);
-        see_outputs("xl.conv", conv, &hidden1, observer);
-        dense(mix1, &hidden1, &mut hidden2, requantize::relu);
-        see_outputs("xl.mix1", mix1, &hidden2, observer);
-        dense(mix2, &hidden2, &mut out, requantize::signed);
-        see_outputs("xl", mix2, &out, observer);
+        let mut seen = [0; HEARD * XL_KERNEL];
+        let from = XL_KERNEL.saturating_sub(model.dims.xl_kernel);
+        let frames = self.frames.get(from..).unwrap_or_default();
+        for (to, frame) in seen.as_chunks_mut::<HEARD>().0.iter_mut().zip(frames) {
+            *to = *frame.words();
+            observer.see("log_mel", frame.values());
+        }
+        let mut hidden1 = Activations::<{ XL_CHANNELS / 2 }>::new();
+        let mut hidden2 = Activations::<{ XL_CHANNELS / 2 }>::new();
+        let mut out = Embedding::new();
+        dense(conv, &seen, hidden1.values_mut(), requantize::relu);
+        see_outputs("xl.conv", conv, hidden1.values(), observer);
+        dense(mix1, hidden1.words(), hidden2.values_mut(), requantize::relu);
+        see_outputs("xl.mix1", mix1, hidden2.values(), observer);
+        dense(mix2, hidden2.words(), out.values_mut(), requantize::signed);
+        see_outputs("xl", mix2, out.values(), observer);
         out
     }
 }

@@ -10,20 +10,23 @@
 //! | 2 × 8 | dimensions, in the order of [`Dims::FIELDS`] |
 //! | 4, 1, 1 | operating point: threshold (`i32`), k, n, see [`OperatingPoint`] |
 //! | 2 | zeros, up to a multiple of 4 |
-//! | … | the tensors of [`layout`], each padded with zeros to 4 bytes |
+//! | … | the tensors of [`layout`], each padded with zeros to [`TENSOR_ALIGN`] bytes |
 //! | 4, n | length and text of the provenance, UTF-8 JSON, padded with zeros to 4 bytes |
 //! | 32 | SHA-256 of everything before |
 
 use core::fmt;
 
+use super::packing::{self, Inputs};
 use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
 
 /// First bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
 /// The version this code reads and writes.
-pub const FORMAT_VERSION: u16 = 2;
+pub const FORMAT_VERSION: u16 = 3;
 /// Bytes before the first tensor.
 pub const HEADER_BYTES: usize = 36;
+/// Tensors are padded to so many bytes: four numbers of 32 bits, which kernels take at once.
+pub const TENSOR_ALIGN: usize = 16;
 /// Bytes of the hash that ends the file.
 pub const HASH_BYTES: usize = 32;
 
@@ -116,12 +119,6 @@ impl Dims {
     pub const fn fused(&self) -> usize {
         2 * self.embed
     }
-
-    /// Activations that leave the last convolution block.
-    pub const fn piezo_features(&self) -> usize {
-        let side = TAXEL_ROWS / 8;
-        side * side * self.conv_channels[2]
-    }
 }
 
 /// When the alarm sounds: fixed on validation data, stored with the network it was fixed for.
@@ -195,8 +192,8 @@ pub const TENSORS: usize = 3 * 7 + 3 * (3 * 4 + 6) + 3;
 /// How a tensor's numbers are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Signed byte.
-    I8,
+    /// Weights: numbers of 8 bits, each in two bytes, in the order of [`packing`].
+    Weights(Inputs),
     /// Two bytes.
     I16,
     /// Four bytes.
@@ -207,8 +204,7 @@ impl Kind {
     /// Bytes of one number.
     pub const fn bytes(self) -> usize {
         match self {
-            Self::I8 => 1,
-            Self::I16 => 2,
+            Self::Weights(_) | Self::I16 => 2,
             Self::I32 => 4,
         }
     }
@@ -230,7 +226,7 @@ pub struct TensorSpec {
 }
 
 impl TensorSpec {
-    const NONE: Self = Self { layer: "", part: "", kind: Kind::I8, rows: 0, cols: 0 };
+    const NONE: Self = Self { layer: "", part: "", kind: Kind::I16, rows: 0, cols: 0 };
 
     /// Numbers in the tensor.
     pub const fn len(&self) -> usize {
@@ -242,14 +238,26 @@ impl TensorSpec {
         self.len() == 0
     }
 
-    /// Bytes in the file, padding left out.
+    /// Bytes in the file, padding behind them left out.
     pub const fn bytes(&self) -> usize {
-        self.len() * self.kind.bytes()
+        let count = match self.kind {
+            Kind::Weights(inputs) => packing::len(inputs, self.rows),
+            _ => self.len(),
+        };
+        count * self.kind.bytes()
     }
 
     /// Bytes in the file, padding included.
     pub const fn padded_bytes(&self) -> usize {
-        self.bytes().next_multiple_of(4)
+        self.bytes().next_multiple_of(TENSOR_ALIGN)
+    }
+
+    /// Where number `index`, counted row by row, lies among the tensor's numbers in the file.
+    pub const fn place(&self, index: usize) -> usize {
+        match self.kind {
+            Kind::Weights(inputs) => packing::place(inputs, index / self.cols, index % self.cols),
+            _ => index,
+        }
     }
 }
 
@@ -300,17 +308,18 @@ impl Layout {
         self.used += 1;
     }
 
-    const fn layer(&mut self, name: &'static str, outputs: usize, inputs: usize) {
-        self.push(name, "weight", Kind::I8, outputs, inputs);
+    const fn layer(&mut self, name: &'static str, outputs: usize, inputs: Inputs) {
+        self.push(name, "weight", Kind::Weights(inputs), outputs, inputs.count());
         self.push(name, "bias", Kind::I32, 1, outputs);
         self.push(name, "multiplier", Kind::I32, 1, outputs);
     }
 
     const fn attention(&mut self, names: &BlockNames, width: usize, dims: &Dims) {
-        self.layer(names.query, width, width);
-        self.layer(names.key, width, width);
-        self.layer(names.value, width, width);
-        self.layer(names.out, width, width);
+        let all = Inputs::Vector { count: width };
+        self.layer(names.query, width, all);
+        self.layer(names.key, width, all);
+        self.layer(names.value, width, all);
+        self.layer(names.out, width, all);
         self.push(names.score, "multiplier", Kind::I32, 1, 1);
         self.push(names.score, "bias", Kind::I16, dims.heads, dims.window);
         self.push(names.norm, "gamma", Kind::I16, 1, width);
@@ -322,23 +331,27 @@ impl Layout {
 
 /// The tensors of a file with these dimensions, in file order.
 ///
-/// Convolution weights are in output, kernel row, kernel column, input order, the inputs of the first being
+/// In a model's terms convolution weights are in output, kernel row, kernel column, input order, the inputs of the first being
 /// count and change; the dense layer behind
 /// them takes its inputs in row, column, channel order; the first accelerometer layer takes frames
-/// oldest first, bins within a frame. Row 0 of a score bias is head 0, column 0 is lag 0.
+/// oldest first, bins within a frame; in the file all of them lie as [`packing`] says. Row 0 of a score bias is head 0, column 0 is lag 0.
 pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
     let [c1, c2, c3] = dims.conv_channels;
     let mut all = Layout { specs: [TensorSpec::NONE; TENSORS], used: 0 };
-    all.layer("piezo.conv1", c1, 9 * PIEZO_CHANNELS);
-    all.layer("piezo.conv2", c2, 9 * c1);
-    all.layer("piezo.conv3", c3, 9 * c2);
-    all.layer("piezo.dense", dims.embed, dims.piezo_features());
-    all.layer("xl.conv", dims.xl_channels, dims.xl_kernel * MEL_BINS);
-    all.layer("xl.mix1", dims.xl_channels, dims.xl_channels);
-    all.layer("xl.mix2", dims.embed, dims.xl_channels);
+    all.layer("piezo.conv1", c1, Inputs::Patch { channels: PIEZO_CHANNELS, pairs: PIEZO_CHANNELS / 2 });
+    all.layer("piezo.conv2", c2, Inputs::Patch { channels: c1, pairs: packing::pairs(c1) });
+    all.layer("piezo.conv3", c3, Inputs::Patch { channels: c2, pairs: packing::pairs(c2) });
+    all.layer(
+        "piezo.dense",
+        dims.embed,
+        Inputs::Map { side: TAXEL_ROWS / 8, channels: c3, pairs: packing::pairs(c3) },
+    );
+    all.layer("xl.conv", dims.xl_channels, Inputs::Vector { count: dims.xl_kernel * MEL_BINS });
+    all.layer("xl.mix1", dims.xl_channels, Inputs::Vector { count: dims.xl_channels });
+    all.layer("xl.mix2", dims.embed, Inputs::Vector { count: dims.xl_channels });
     all.attention(&CROSS_PIEZO, dims.embed, dims);
     all.attention(&CROSS_XL, dims.embed, dims);
     all.attention(&TEMPORAL, dims.fused(), dims);
-    all.layer("head", CLASSES, dims.fused());
+    all.layer("head", CLASSES, Inputs::Vector { count: dims.fused() });
     all.specs
 }

@@ -1,6 +1,6 @@
 //! Residual sum and LayerNorm.
 
-use super::dense::accumulators;
+use super::dense::{GROUP, scaled};
 use super::model::{Layer, Norm};
 use super::requantize;
 use crate::fixed::{STANDARD_FRAC_BITS, scale_q32, standardise};
@@ -8,8 +8,8 @@ use crate::params::limits::EMBED;
 
 /// Extra fraction bits of the residual sum over the activation it adds to.
 pub const RESIDUAL_EXTRA_BITS: u32 = 4;
-/// Largest magnitude of a residual sum; [`standardise`] asks for less than 2^22.
-const RESIDUAL_MAX: i32 = (1 << 21) - 1;
+/// A residual sum has 22 bits; [`standardise`] asks for a magnitude below 2^22.
+const RESIDUAL_BITS: u32 = 22;
 /// Widest vector: the fused one.
 const WIDTH_MAX: usize = 2 * EMBED;
 
@@ -19,7 +19,7 @@ const WIDTH_MAX: usize = 2 * EMBED;
 /// and is not cut to 16 bits before it is normalised; `see_sum` is shown it.
 pub fn add_and_norm(
     layer: &Layer<'_>,
-    context: &[i16],
+    context: &[u32],
     x: &[i16],
     norm: &Norm<'_>,
     out: &mut [i16],
@@ -29,15 +29,20 @@ pub fn add_and_norm(
     let mut standard = [0i16; WIDTH_MAX];
     let width = x.len().min(WIDTH_MAX);
     let sum = &mut sum[..width];
-    for ((sum, &x), (acc, multiplier)) in sum.iter_mut().zip(x).zip(accumulators(layer, context)) {
-        let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + scale_q32(acc, multiplier);
-        *sum = residual.clamp(-RESIDUAL_MAX, RESIDUAL_MAX);
+    for (group, (sum, x)) in sum.chunks_mut(GROUP).zip(x.chunks(GROUP)).enumerate() {
+        let mut values = [0; GROUP];
+        scaled(layer, context, group * GROUP, &mut values);
+        for ((sum, &x), &value) in sum.iter_mut().zip(x).zip(&values) {
+            // A scaled value is below 2^30.
+            let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + value;
+            *sum = residual.max(-(1 << (RESIDUAL_BITS - 1))).min((1 << (RESIDUAL_BITS - 1)) - 1);
+        }
     }
     see_sum(sum);
     standardise::<STANDARD_FRAC_BITS>(sum, norm.epsilon, &mut standard[..width]);
     let affine = norm.gamma.iter().zip(norm.beta.iter());
-    for ((out, &n), (gamma, beta)) in out.iter_mut().zip(&standard[..width]).zip(affine) {
+    for ((out, &n), (&gamma, &beta)) in out.iter_mut().zip(&standard[..width]).zip(affine) {
         // The model file's bound keeps |n · gamma + beta| below 2^31.
-        *out = requantize::signed(beta.wrapping_add(n as i32 * gamma as i32), norm.multiplier);
+        *out = requantize::signed(scale_q32(beta.wrapping_add(n as i32 * gamma as i32), norm.multiplier));
     }
 }

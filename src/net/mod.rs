@@ -1,6 +1,6 @@
 //! The quantized network, integers only.
 //!
-//! Kernels first ([`requantize`], [`dense`], [`conv`], [`softmax`], [`layer_norm`], [`attention`]), then
+//! Kernels first ([`requantize`], [`dense`], the convolution in [`crate::simd`], [`softmax`], [`layer_norm`], [`attention`]), then
 //! the file that holds a trained network ([`format`], [`model`]), then the graph that runs it frame by
 //! frame ([`encoder`], [`network`]). Activations are `i16` with one real scale per tensor, weights `i8`
 //! with one scale per output channel, accumulators `i32` that provably never overflow: [`model`] refuses
@@ -8,17 +8,18 @@
 
 pub mod requantize;
 pub mod dense;
-pub mod conv;
 pub mod observer;
 mod tables;
 pub mod softmax;
 pub mod layer_norm;
 pub mod attention;
+pub mod packing;
+pub mod activations;
 pub mod format;
 pub mod model;
 pub mod encoder;
 pub mod network;
 
-pub use model::{Model, ModelError};
-pub use network::{Network, SensorFeatures};
+pub use model::{Aligned, Model, ModelError};
+pub use network::{Memory, Network, SensorFeatures};
 pub use observer::Observer;

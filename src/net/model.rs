@@ -7,62 +7,58 @@ use core::fmt;
 
 use sha2::{Digest, Sha256};
 
+use bytemuck::AnyBitPattern;
+
 use super::format::{
-    DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, MAGIC, OperatingPoint, PointError, TENSORS,
-    TensorSpec, layout,
+    DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, Kind, MAGIC, OperatingPoint, PointError,
+    TENSORS, TensorSpec, layout,
 };
+use super::packing::{self, Inputs};
+use crate::simd::halves;
 
-/// 32-bit numbers as they lie in the file.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct I32s<'a>(&'a [[u8; 4]]);
-
-impl<'a> I32s<'a> {
-    /// The numbers in order.
-    #[inline]
-    pub fn iter(self) -> impl Iterator<Item = i32> + 'a {
-        self.0.iter().map(|&bytes| i32::from_le_bytes(bytes))
-    }
-
-    fn first(self) -> i32 {
-        self.iter().next().unwrap_or_default()
-    }
-}
-
-/// 16-bit numbers as they lie in the file.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct I16s<'a>(&'a [[u8; 2]]);
-
-impl<'a> I16s<'a> {
-    /// The numbers in order.
-    #[inline]
-    pub fn iter(self) -> impl Iterator<Item = i16> + 'a {
-        self.0.iter().map(|&bytes| i16::from_le_bytes(bytes))
-    }
-}
+#[cfg(not(target_endian = "little"))]
+compile_error!("a model file is little endian and read in place");
 
 /// A dense layer or a convolution.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
-    /// `outputs × inputs` signed bytes, one row per output channel.
-    pub weights: &'a [u8],
-    /// One per output channel, at the accumulator's scale.
-    pub bias: I32s<'a>,
-    /// One per output channel, see [`super::requantize`].
-    pub multiplier: I32s<'a>,
-    /// Inputs of one output channel.
-    pub inputs: usize,
+    /// Signed 8-bit numbers in 16 bits, two per word, in the order of [`packing`].
+    pub weights: &'a [u32],
+    /// One per output channel, at the accumulator's scale; zeros up to a multiple of four.
+    pub bias: &'a [i32],
+    /// One per output channel, see [`super::requantize`]; zeros up to a multiple of four.
+    pub multiplier: &'a [i32],
+    /// What it takes.
+    pub inputs: Inputs,
     /// Output channels.
     pub outputs: usize,
 }
 
 impl<'a> Layer<'a> {
+    /// Weight of `output` for input `index`, counted as the model counts them.
+    pub fn weight(self, output: usize, index: usize) -> i16 {
+        let place = packing::place(self.inputs, output, index);
+        self.weights.get(place / 2).map_or(0, |&word| halves(word)[place % 2])
+    }
+
     /// Of every output channel the largest magnitude that its accumulator can reach for any input of
     /// magnitude up to `input_max`: `Σ|w| · input_max + |bias|`.
     pub fn accumulator_bounds(self, input_max: i64) -> impl Iterator<Item = i64> + 'a {
-        self.weights.chunks_exact(self.inputs.max(1)).zip(self.bias.iter()).map(move |(row, bias)| {
-            let sum: i64 = row.iter().map(|&w| (w as i8 as i64).abs()).sum();
+        let inputs = self.inputs.count();
+        self.bias.iter().take(self.outputs).enumerate().map(move |(output, &bias)| {
+            let sum: i64 = (0..inputs).map(|index| (self.weight(output, index) as i64).abs()).sum();
             sum * input_max + (bias as i64).abs()
         })
+    }
+
+    /// Are all numbers zero that belong to no output and no input?
+    fn is_padded_with_zeros(self) -> bool {
+        let all: i64 = self.weights.iter().flat_map(|&word| halves(word)).map(|w| (w as i64).abs()).sum();
+        let inputs = self.inputs.count();
+        let named = (0..self.outputs).flat_map(|output| (0..inputs).map(move |index| (output, index)));
+        let named: i64 = named.map(|(output, index)| (self.weight(output, index) as i64).abs()).sum();
+        let behind = |values: &[i32]| values.iter().skip(self.outputs).all(|&value| value == 0);
+        all == named && behind(self.bias) && behind(self.multiplier)
     }
 }
 
@@ -70,9 +66,9 @@ impl<'a> Layer<'a> {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Norm<'a> {
     /// Gain of each channel.
-    pub gamma: I16s<'a>,
+    pub gamma: &'a [i16],
     /// Offset of each channel, at the scale of `gamma · 2^-11`.
-    pub beta: I32s<'a>,
+    pub beta: &'a [i32],
     /// To the output's scale.
     pub multiplier: i32,
     /// Added to the variance, in squared units of the residual sum.
@@ -83,27 +79,32 @@ impl<'a> Norm<'a> {
     /// Of every channel the largest magnitude that gain and offset together can reach.
     pub fn accumulator_bounds(self) -> impl Iterator<Item = i64> + 'a {
         let affine = self.gamma.iter().zip(self.beta.iter());
-        affine.map(|(gamma, beta)| (gamma as i64).abs() * ACTIVATION_MAX + (beta as i64).abs())
+        affine.map(|(&gamma, &beta)| (gamma as i64).abs() * ACTIVATION_MAX + (beta as i64).abs())
     }
 }
 
 /// Learned score offset per head and lag, log2 units with 10 fraction bits.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LagBias<'a> {
-    values: I16s<'a>,
+    values: &'a [i16],
     window: usize,
 }
 
 impl<'a> LagBias<'a> {
+    /// `values`: `window` offsets of each head, head after head.
+    pub const fn new(values: &'a [i16], window: usize) -> Self {
+        Self { values, window }
+    }
+
     /// Offsets of one head, lag 0 first.
-    pub fn head(self, head: usize) -> impl Iterator<Item = i16> + 'a {
-        let row = self.values.0.chunks_exact(self.window.max(1)).nth(head).unwrap_or_default();
-        I16s(row).iter()
+    #[inline]
+    pub fn head(self, head: usize) -> &'a [i16] {
+        self.values.get(head * self.window..(head + 1) * self.window).unwrap_or_default()
     }
 }
 
 /// One attention block.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Attention<'a> {
     /// The prefix of its layers' names, such as `temporal`.
     pub name: &'static str,
@@ -178,6 +179,13 @@ pub enum ModelError {
         /// Tensor of the layer.
         part: &'static str,
     },
+    /// The bytes do not start at a multiple of four, as the kernels that read them in place need it.
+    Misaligned,
+    /// Numbers that no output or input belongs to, and that are not zero.
+    BadPadding {
+        /// Layer.
+        layer: &'static str,
+    },
     /// Bytes after the end.
     TrailingBytes {
         /// How many.
@@ -227,6 +235,8 @@ impl fmt::Display for ModelError {
             }
             Self::BadOperatingPoint(error) => error.fmt(f),
             Self::Truncated { layer, part } => write!(f, "file ends inside {layer} {part}"),
+            Self::Misaligned => f.write_str("the file does not start at a multiple of four bytes in memory"),
+            Self::BadPadding { layer } => write!(f, "{layer}: the padding is not zero"),
             Self::TrailingBytes { count } => write!(f, "{count} bytes after the end"),
             Self::HashMismatch => f.write_str("SHA-256 does not match: the file is damaged"),
             Self::BadProvenance => f.write_str("provenance is not UTF-8"),
@@ -243,7 +253,7 @@ impl fmt::Display for ModelError {
 impl core::error::Error for ModelError {}
 
 impl<'a> Model<'a> {
-    /// Read a model file and prove its bounds.
+    /// Read a model file, which must start at a multiple of four bytes in memory, and prove its bounds.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
         let mut rest = Bytes(bytes);
         if rest.take(MAGIC.len(), "header", "magic").map_err(|_| ModelError::BadMagic)? != MAGIC {
@@ -267,8 +277,7 @@ impl<'a> Model<'a> {
         let specs = layout(&dims);
         let mut data: [&[u8]; TENSORS] = [&[]; TENSORS];
         for (data, spec) in data.iter_mut().zip(&specs) {
-            let padded = rest.take(spec.padded_bytes(), spec.layer, spec.part)?;
-            *data = padded.get(..spec.bytes()).unwrap_or_default();
+            *data = rest.take(spec.padded_bytes(), spec.layer, spec.part)?;
         }
         let length = rest.take(4, "provenance", "length")?;
         let length = length.iter().rev().fold(0usize, |n, &byte| n << 8 | byte as usize);
@@ -309,6 +318,11 @@ impl<'a> Model<'a> {
         })
     }
 }
+
+/// Bytes at an address that [`Model::parse`] can read them at.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(4))]
+pub struct Aligned<B: ?Sized>(pub B);
 
 /// Largest magnitude of an `i16` activation.
 pub const ACTIVATION_MAX: i64 = 1 << 15;
@@ -351,28 +365,36 @@ struct Tensors<'s, 'a> {
 }
 
 impl<'a> Tensors<'_, 'a> {
-    /// The next tensor; `layout` has as many as are asked for.
-    fn next(&mut self) -> (TensorSpec, &'a [u8]) {
-        self.entries.next().map_or((layout_end(), &[][..]), |(&spec, data)| (spec, data))
+    /// The next tensor, padding included; `layout` has as many as are asked for.
+    fn next<T: AnyBitPattern>(&mut self) -> Result<(TensorSpec, &'a [T]), ModelError> {
+        let (spec, data) = self.entries.next().map_or((layout_end(), &[][..]), |(&spec, data)| (spec, data));
+        let numbers = bytemuck::try_cast_slice(data).map_err(|_| ModelError::Misaligned)?;
+        Ok((spec, numbers))
     }
 
-    fn i32s(&mut self) -> (TensorSpec, I32s<'a>) {
-        let (spec, data) = self.next();
-        (spec, I32s(data.as_chunks().0))
-    }
-
-    fn i16s(&mut self) -> I16s<'a> {
-        I16s(self.next().1.as_chunks().0)
+    /// The next tensor without what is behind its numbers.
+    fn numbers<T: AnyBitPattern>(&mut self) -> Result<(TensorSpec, &'a [T]), ModelError> {
+        let (spec, padded) = self.next()?;
+        Ok((spec, padded.get(..spec.len()).unwrap_or_default()))
     }
 
     /// `input_max`: largest magnitude of an input.
     fn layer(&mut self, input_max: i64) -> Result<Layer<'a>, ModelError> {
-        let (spec, weights) = self.next();
-        let (_, bias) = self.i32s();
-        let (scale, multiplier) = self.i32s();
-        let layer = Layer { weights, bias, multiplier, inputs: spec.cols, outputs: spec.rows };
+        let (spec, weights) = self.next()?;
+        let (_, bias) = self.next()?;
+        let (scale, multiplier) = self.next()?;
+        let inputs = match spec.kind {
+            Kind::Weights(inputs) => inputs,
+            _ => Inputs::Vector { count: spec.cols },
+        };
+        let words = packing::len(inputs, spec.rows) / 2;
+        let weights = weights.get(..words).unwrap_or_default();
+        let layer = Layer { weights, bias, multiplier, inputs, outputs: spec.rows };
         check_bounds(spec.layer, layer.accumulator_bounds(input_max))?;
         check_least(&scale, multiplier, 0)?;
+        if !layer.is_padded_with_zeros() {
+            return Err(ModelError::BadPadding { layer: spec.layer });
+        }
         Ok(layer)
     }
 
@@ -381,20 +403,20 @@ impl<'a> Tensors<'_, 'a> {
         let key = self.layer(ACTIVATION_MAX)?;
         let value = self.layer(ACTIVATION_MAX)?;
         let out = self.layer(ACTIVATION_MAX)?;
-        let (spec, score_multiplier) = self.i32s();
+        let (spec, score_multiplier) = self.numbers()?;
         check_least(&spec, score_multiplier, 0)?;
-        let values = self.i16s();
-        let gamma = self.i16s();
-        let (beta_spec, beta) = self.i32s();
-        let (spec, multiplier) = self.i32s();
+        let (_, values) = self.numbers()?;
+        let (_, gamma) = self.numbers()?;
+        let (beta_spec, beta) = self.numbers()?;
+        let (spec, multiplier) = self.numbers()?;
         check_least(&spec, multiplier, 0)?;
-        let (spec, epsilon) = self.i32s();
+        let (spec, epsilon) = self.numbers()?;
         check_least(&spec, epsilon, 1)?;
         let norm = Norm {
             gamma,
             beta,
-            multiplier: multiplier.first(),
-            epsilon: epsilon.first().max(1).unsigned_abs() as u64,
+            multiplier: first(multiplier),
+            epsilon: first(epsilon).max(1).unsigned_abs() as u64,
         };
         check_bounds(beta_spec.layer, norm.accumulator_bounds())?;
         Ok(Attention {
@@ -404,15 +426,15 @@ impl<'a> Tensors<'_, 'a> {
             value,
             out,
             heads: dims.heads,
-            score_multiplier: score_multiplier.first(),
-            bias: LagBias { values, window: dims.window },
+            score_multiplier: first(score_multiplier),
+            bias: LagBias::new(values, dims.window),
             norm,
         })
     }
 }
 
 const fn layout_end() -> TensorSpec {
-    TensorSpec { layer: "", part: "", kind: super::format::Kind::I8, rows: 0, cols: 0 }
+    TensorSpec { layer: "", part: "", kind: Kind::I16, rows: 0, cols: 0 }
 }
 
 /// The bound of every output channel must fit an `i32`: then so does every partial sum, for any input.
@@ -425,8 +447,12 @@ fn check_bounds(layer: &'static str, bounds: impl Iterator<Item = i64>) -> Resul
     Ok(())
 }
 
-fn check_least(spec: &TensorSpec, values: I32s<'_>, least: i32) -> Result<(), ModelError> {
-    for (channel, value) in values.iter().enumerate() {
+fn first(values: &[i32]) -> i32 {
+    values.first().copied().unwrap_or_default()
+}
+
+fn check_least(spec: &TensorSpec, values: &[i32], least: i32) -> Result<(), ModelError> {
+    for (channel, &value) in values.iter().enumerate() {
         if value < least {
             return Err(ModelError::BadScale { layer: spec.layer, part: spec.part, channel, value });
         }

@@ -1,5 +1,6 @@
 //! The streaming graph: embeddings, maximum over sensors, two cross-attentions, one over time, head.
 
+use super::activations::Activations;
 use super::attention::{KeyValue, KeyValueCache, attend};
 use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
@@ -16,6 +17,9 @@ pub const LOGIT_FRAC_BITS: u32 = 10;
 
 /// Width of the fused vector, at most.
 const FUSED: usize = 2 * EMBED;
+/// An embedding in words, and both of them.
+const EMBED_WORDS: usize = EMBED / 2;
+const FUSED_WORDS: usize = FUSED / 2;
 
 /// What the network sees of one sensor at one frame. `None` leaves the part out of the maximum.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,31 +30,34 @@ pub struct SensorFeatures<'a> {
     pub log_mel: Option<&'a [i16; MEL_BINS]>,
 }
 
-/// A model and everything it remembers of the frames before.
+/// Everything that a network remembers of the frames before, whatever the model. All of it starts as zeros.
 #[derive(Clone, Debug)]
-pub struct Network<'m> {
-    model: Model<'m>,
+pub struct Memory {
     piezo: PiezoEncoder,
     pads: [PadCells; MAX_SENSORS],
     xl: [XlHistory; MAX_SENSORS],
-    piezo_seen: KeyValueCache<EMBED>,
-    xl_seen: KeyValueCache<EMBED>,
-    fused_seen: KeyValueCache<FUSED>,
+    piezo_seen: KeyValueCache<EMBED_WORDS>,
+    xl_seen: KeyValueCache<EMBED_WORDS>,
+    fused_seen: KeyValueCache<FUSED_WORDS>,
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A model with its memory.
+#[derive(Clone, Debug)]
+pub struct Network<'m> {
+    model: Model<'m>,
+    memory: Memory,
 }
 
 impl<'m> Network<'m> {
     /// Before the first frame.
     pub const fn new(model: Model<'m>) -> Self {
-        let window = model.dims.window;
-        Self {
-            model,
-            piezo: PiezoEncoder::new(),
-            pads: [const { PadCells::new() }; MAX_SENSORS],
-            xl: [const { XlHistory::new() }; MAX_SENSORS],
-            piezo_seen: KeyValueCache::new(window),
-            xl_seen: KeyValueCache::new(window),
-            fused_seen: KeyValueCache::new(window),
-        }
+        Self { model, memory: Memory::new() }
     }
 
     /// The model it runs.
@@ -69,18 +76,40 @@ impl<'m> Network<'m> {
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
     ) -> [i32; CLASSES] {
-        let (piezo, xl) = self.embed(sensors, observer);
-        let fused = self.fuse(&piezo, &xl, observer);
-        let model = &self.model;
-        let width = model.dims.fused().min(FUSED);
-        let fused = &fused[..width];
-        observer.see("fused", fused);
-        self.fused_seen.push(KeyValue::project(&model.temporal, fused, observer));
-        let mut hidden = [0; FUSED];
-        attend(&model.temporal, fused, self.fused_seen.newest_first(), &mut hidden, observer);
-        observer.see("hidden", &hidden[..width]);
+        self.memory.step(&self.model, sensors, observer)
+    }
+}
+
+impl Memory {
+    /// Before the first frame.
+    pub const fn new() -> Self {
+        Self {
+            piezo: PiezoEncoder::new(),
+            pads: [const { PadCells::new() }; MAX_SENSORS],
+            xl: [const { XlHistory::new() }; MAX_SENSORS],
+            piezo_seen: KeyValueCache::new(),
+            xl_seen: KeyValueCache::new(),
+            fused_seen: KeyValueCache::new(),
+        }
+    }
+
+    /// One frame, as [`Network::step_observed`]. All frames must be of the same model.
+    pub fn step(
+        &mut self,
+        model: &Model<'_>,
+        sensors: &[SensorFeatures<'_>],
+        observer: &mut impl Observer,
+    ) -> [i32; CLASSES] {
+        let (piezo, xl) = self.embed(model, sensors, observer);
+        let fused = self.fuse(model, &piezo, &xl, observer);
+        let (width, window) = (model.dims.fused().min(FUSED), model.dims.window);
+        observer.see("fused", fused.values().get(..width).unwrap_or_default());
+        self.fused_seen.push(&KeyValue::project(&model.temporal, &fused, observer), window);
+        let mut hidden = Activations::<FUSED_WORDS>::new();
+        attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
+        observer.see("hidden", hidden.values().get(..width).unwrap_or_default());
         let mut logits = [0; CLASSES];
-        dense(&model.head, &hidden, &mut logits, requantize::signed);
+        dense(&model.head, hidden.words(), &mut logits, requantize::signed);
         observer.see("logits", &logits);
         logits.map(i32::from)
     }
@@ -89,6 +118,7 @@ impl<'m> Network<'m> {
     /// delivered, zeros if none did.
     fn embed(
         &mut self,
+        model: &Model<'_>,
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
     ) -> (Embedding, Embedding) {
@@ -96,30 +126,34 @@ impl<'m> Network<'m> {
         let mut xl = None;
         for ((sensor, history), pad) in sensors.iter().zip(&mut self.xl).zip(&mut self.pads) {
             match sensor.piezo {
-                Some(frame) => keep_max(&mut piezo, self.piezo.embed(&self.model, frame, pad, observer)),
+                Some(frame) => keep_max(&mut piezo, self.piezo.embed(model, frame, pad, observer)),
                 None => pad.forget(),
             }
             // A missed frame enters the history as zeros, the mean of a standardised frame, so that
             // the taps keep their distance in time.
             history.push(sensor.log_mel.unwrap_or(&[0; MEL_BINS]));
             if sensor.log_mel.is_some() {
-                keep_max(&mut xl, history.embed(&self.model, observer));
+                keep_max(&mut xl, history.embed(model, observer));
             }
         }
-        (piezo.unwrap_or([0; EMBED]), xl.unwrap_or([0; EMBED]))
+        (piezo.unwrap_or_default(), xl.unwrap_or_default())
     }
 
     /// Both cross-attentions, side by side: piezo first.
-    fn fuse(&mut self, piezo: &Embedding, xl: &Embedding, observer: &mut impl Observer) -> [i16; FUSED] {
-        let model = &self.model;
-        let embed = model.dims.embed.min(EMBED);
-        let (piezo, xl) = (&piezo[..embed], &xl[..embed]);
-        self.xl_seen.push(KeyValue::project(&model.cross_piezo, xl, observer));
-        self.piezo_seen.push(KeyValue::project(&model.cross_xl, piezo, observer));
-        let mut fused = [0; FUSED];
-        let (first, second) = fused.split_at_mut(embed);
-        attend(&model.cross_piezo, piezo, self.xl_seen.newest_first(), first, observer);
-        attend(&model.cross_xl, xl, self.piezo_seen.newest_first(), second, observer);
+    fn fuse(
+        &mut self,
+        model: &Model<'_>,
+        piezo: &Embedding,
+        xl: &Embedding,
+        observer: &mut impl Observer,
+    ) -> Activations<FUSED_WORDS> {
+        let (embed, window) = (model.dims.embed.min(EMBED), model.dims.window);
+        self.xl_seen.push(&KeyValue::project(&model.cross_piezo, xl, observer), window);
+        self.piezo_seen.push(&KeyValue::project(&model.cross_xl, piezo, observer), window);
+        let mut fused = Activations::new();
+        let (first, second) = fused.values_mut().split_at_mut(embed);
+        attend(&model.cross_piezo, piezo, &self.xl_seen, first, observer);
+        attend(&model.cross_xl, xl, &self.piezo_seen, second, observer);
         fused
     }
 }
@@ -128,7 +162,7 @@ fn keep_max(best: &mut Option<Embedding>, new: Embedding) {
     match best {
         None => *best = Some(new),
         Some(best) => {
-            for (best, new) in best.iter_mut().zip(new) {
+            for (best, &new) in best.values_mut().iter_mut().zip(new.values()) {
                 *best = (*best).max(new);
             }
         }

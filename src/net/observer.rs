@@ -2,6 +2,8 @@
 //!
 //! The microcontroller runs with the observer `()`, which looks at nothing and compiles to nothing.
 
+use crate::simd::{MapShape, halves};
+
 /// Is shown every activation of a frame, in the order in which it is computed, sensor after sensor.
 ///
 /// A `layer` is named as in [`super::format::layout`], where the activation is what a layer gives;
@@ -9,8 +11,23 @@
 /// block takes `fused`, the one that the head takes `hidden`. Values of one activation may come in several
 /// parts.
 pub trait Observer {
+    /// Whether it looks at anything: else the network may skip what needs no computing.
+    const LOOKS: bool = true;
+
     /// Activations at the scale of `layer`'s output.
     fn see(&mut self, _layer: &'static str, _values: &[i16]) {}
+
+    /// A map as it lies in memory, with so many channels: shown value by value, border left out, in row, column,
+    /// channel order.
+    fn see_map(&mut self, layer: &'static str, channels: usize, cells: &[u32], shape: MapShape) {
+        let columns = (0..shape.side).flat_map(|row| (0..shape.side).map(move |col| (row, col)));
+        for (row, col) in columns.take(if Self::LOOKS { usize::MAX } else { 0 }) {
+            for channel in 0..channels {
+                let word = cells.get(shape.at(row, channel / 2, col)).copied().unwrap_or_default();
+                self.see(layer, &[halves(word)[channel % 2]]);
+            }
+        }
+    }
 
     /// Residual sums of the attention block `block`, at a 16th of the scale of what it was added to.
     fn see_residual(&mut self, _block: &'static str, _values: &[i32]) {}
@@ -20,4 +37,6 @@ pub trait Observer {
 }
 
 /// Looks at nothing.
-impl Observer for () {}
+impl Observer for () {
+    const LOOKS: bool = false;
+}

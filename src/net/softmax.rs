@@ -22,17 +22,18 @@ pub fn softmax_base2(scores: &mut [i32]) {
     let max = scores.iter().copied().fold(i32::MIN, i32::max);
     let mut sum = 0u32;
     for score in scores.iter_mut() {
-        // At most 2^31: wrapping arithmetic in u32 is exact.
-        let below_max = max.wrapping_sub(*score) as u32;
-        let shift = (below_max >> SCORE_FRAC_BITS).min(31);
-        let power = EXP2_Q15[(below_max & ((1 << SCORE_FRAC_BITS) - 1)) as usize] as u32 >> shift;
+        // Never negative, whatever the scores. Shifting and cutting to five bits are one instruction, `usat`.
+        let below_max = max.saturating_sub(*score);
+        let shift = (below_max >> SCORE_FRAC_BITS).max(0).min(31);
+        let power = EXP2_Q15[below_max as usize % (1 << SCORE_FRAC_BITS)] as u32 >> shift;
         *score = power as i32;
         sum += power;
     }
-    // The largest power is 2^15, so the sum is never 0 and the reciprocal at most 2^16 · 2^15 / 2^15.
-    let reciprocal_q31 = (1u32 << 31) / sum.max(1);
+    // The largest power is 2^15, so the sum is never 0. A power that is all of it has the reciprocal cut, and so its
+    // weight, to 15 bits.
+    let reciprocal_q31 = ((1u32 << 31) / sum.max(1)).min(2 * i16::MAX as u32);
     for score in scores.iter_mut() {
-        let weight = (*score as u64 * reciprocal_q31 as u64 + (1 << 15)) >> 16;
-        *score = weight.min(i16::MAX as u64) as i32;
+        // A power is at most 2^15, so this stays below 2^31.
+        *score = ((*score as u32).wrapping_mul(reciprocal_q31).wrapping_add(1 << 15) >> 16) as i32;
     }
 }

@@ -58,11 +58,18 @@ impl<'a> Writer<'a> {
 
     #[inline]
     pub(super) fn put(&mut self, bytes: &[u8]) {
-        let end = self.at + bytes.len();
-        if let Some(out) = self.out.get_mut(self.at..end) {
-            out.copy_from_slice(bytes);
-            self.at = end;
+        for (out, &byte) in self.slot(bytes.len()).iter_mut().zip(bytes) {
+            *out = byte;
         }
+    }
+
+    /// The next bytes, to be filled by the caller; none if they do not fit.
+    #[inline]
+    pub(super) fn slot(&mut self, bytes: usize) -> &mut [u8] {
+        let end = self.at + bytes;
+        let Some(out) = self.out.get_mut(self.at..end) else { return &mut [] };
+        self.at = end;
+        out
     }
 
     /// The low `N` bytes of a value; a value that needs more is sent as the largest that fits.

@@ -98,22 +98,14 @@ impl RawFrame<'_> {
         writer.put(&self.sequence.to_le_bytes());
         writer.put(&[self.sensor, health]);
         match self.input.piezo {
-            Some(piezo) => {
-                let mut counts = piezo.active();
-                while let (Some(a), Some(b)) = (counts.next(), counts.next()) {
-                    let pair = u32::from(a) | u32::from(b) << 12;
-                    let [low, middle, high, _] = pair.to_le_bytes();
-                    writer.put(&[low, middle, high]);
-                }
-            }
-            None => writer.put(&[0; TAXEL_BYTES]),
+            Some(piezo) => pack(piezo, writer.slot(TAXEL_BYTES)),
+            None => writer.slot(TAXEL_BYTES).fill(0),
         }
         writer.put(&self.xl_end.to_le_bytes());
         writer.put(&[dropped.min(255) as u8, newest.len() as u8]);
-        for sample in newest {
-            for axis in sample {
-                writer.put(&axis.to_le_bytes());
-            }
+        let newest = newest.as_flattened();
+        for (out, axis) in writer.slot(2 * newest.len()).as_chunks_mut().0.iter_mut().zip(newest) {
+            *out = axis.to_le_bytes();
         }
         let length = writer.len();
         buffer.0.get(..length).unwrap_or(&[])
@@ -142,6 +134,19 @@ impl RawMessage {
             let _ = xl.push(axes);
         }
         Ok(Self { timestamp_us, sequence, sensor, health, piezo, xl, xl_end, xl_dropped })
+    }
+}
+
+/// 12-bit counts of the active taxels, two in three bytes.
+fn pack(piezo: &PiezoFrame, bytes: &mut [u8]) {
+    let mut triples = bytes.as_chunks_mut::<3>().0;
+    for pairs in piezo.active_rows() {
+        let Some((row, rest)) = triples.split_at_mut_checked(pairs.len()) else { return };
+        triples = rest;
+        for (triple, &[left, right]) in row.iter_mut().zip(pairs) {
+            let [low, middle, high, _] = (u32::from(left) | u32::from(right) << 12).to_le_bytes();
+            *triple = [low, middle, high];
+        }
     }
 }
 

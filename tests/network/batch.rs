@@ -86,8 +86,13 @@ impl Oracle<'_> {
             };
             let x: Vec<i64> = frame.counts().iter().map(|&c| 16 * i64::from(c)).collect();
             let before = average.unwrap_or_else(|| x.clone());
-            let cells: Vec<Vec<i64>> =
-                x.iter().zip(&before).map(|(x, a)| vec![x / 16, (x - a).div_euclid(2)]).collect();
+            // Below 942 counts in all, a pad looks like nothing.
+            let touched = i64::from(x.iter().sum::<i64>() >= 16 * 942);
+            let cells: Vec<Vec<i64>> = x
+                .iter()
+                .zip(&before)
+                .map(|(x, a)| vec![touched * x / 16, touched * (x - a).div_euclid(2)])
+                .collect();
             average =
                 Some(x.iter().zip(&before).map(|(x, a)| a + (2 * (x - a) + 8).div_euclid(16)).collect());
             let mut map: Vec<Vec<Vec<i64>>> = cells.chunks(32).map(<[_]>::to_vec).collect();
@@ -154,18 +159,22 @@ impl Oracle<'_> {
     fn add_and_norm(&self, layer: &str, norm: &str, context: &[i64], x: &[i64]) -> Vec<i64> {
         let multiplier = self.file.tensor(layer, "multiplier");
         let acc = self.accumulators(layer, context);
-        let limit = (1 << 21) - 1;
+        let (low, high) = (-(1 << 21), (1 << 21) - 1);
         let sum: Vec<i64> =
-            (0..x.len()).map(|i| (16 * x[i] + scale(acc[i], multiplier[i])).clamp(-limit, limit)).collect();
+            (0..x.len()).map(|i| (16 * x[i] + scale(acc[i], multiplier[i])).clamp(low, high)).collect();
         let n = x.len() as i64;
         let mean = (2 * sum.iter().sum::<i64>() + n).div_euclid(2 * n);
         let variance = sum.iter().map(|v| ((v - mean) * (v - mean)) as u64).sum::<u64>() / n as u64
             + self.file.tensor(norm, "epsilon")[0] as u64;
-        let reciprocal = i128::from((1u64 << 47) / (variance << 16).isqrt());
+        // The root's 32 bits and the reciprocal's 31, then 2^54 · 2^zeros / root in units of 2^-11.
+        let root = (variance << 16).isqrt();
+        let zeros = u128::from(root).leading_zeros() - 96;
+        let reciprocal = i128::from((1u64 << 62) / (root << zeros)).min((1 << 31) - 1);
+        let (unit, half) = (1i128 << (43 - zeros), 1i128 << (42 - zeros));
         let scale_out = self.file.tensor(norm, "multiplier")[0];
         (0..x.len())
             .map(|i| {
-                let standard = (i128::from(sum[i] - mean) * reciprocal + (1 << 27)).div_euclid(1 << 28);
+                let standard = (i128::from(sum[i] - mean) * reciprocal + half).div_euclid(unit);
                 let standard = standard.clamp(-32768, 32767) as i64;
                 let acc = standard * i64::from(self.file.tensor(norm, "gamma")[i])
                     + i64::from(self.file.tensor(norm, "beta")[i]);

@@ -26,20 +26,22 @@ fn macs_and_bytes_by_hand() {
     let bytes = small().to_bytes().unwrap();
     let layers = layers(&Model::parse(&bytes).unwrap());
     assert_eq!(layers.len(), 7 + 3 * 6 + 1);
+    // Weights are four outputs side by side and two inputs per word; bias and multiplier of four outputs follow.
     let expected = [
-        ("piezo.conv1", [1, 18], 32 * 32 * 18, 20 + 4 + 4),
-        ("piezo.conv2", [2, 9], 16 * 16 * 18, 20 + 8 + 8),
-        ("piezo.conv3", [3, 18], 8 * 8 * 54, 56 + 12 + 12),
-        ("piezo.dense", [4, 48], 192, 192 + 16 + 16),
-        ("xl.conv", [5, 32], 160, 160 + 20 + 20),
-        ("xl.mix1", [5, 5], 25, 28 + 20 + 20),
-        ("xl.mix2", [4, 5], 20, 20 + 16 + 16),
-        ("cross_piezo.query", [4, 4], 16, 16 + 16 + 16),
+        ("piezo.conv1", [1, 18], 32 * 32 * 18, 4 * 9 * 4 + 16 + 16),
+        ("piezo.conv2", [2, 9], 16 * 16 * 18, 4 * 18 * 4 + 16 + 16),
+        ("piezo.conv3", [3, 18], 8 * 8 * 54, 4 * 18 * 4 + 16 + 16),
+        ("piezo.dense", [4, 48], 192, 4 * 32 * 4 + 16 + 16),
+        ("xl.conv", [5, 32], 160, 8 * 16 * 4 + 32 + 32),
+        // Inputs come by sixteens.
+        ("xl.mix1", [5, 5], 25, 8 * 8 * 4 + 32 + 32),
+        ("xl.mix2", [4, 5], 20, 4 * 8 * 4 + 16 + 16),
+        ("cross_piezo.query", [4, 4], 16, 4 * 8 * 4 + 16 + 16),
         // 2 heads of 2 columns, 7 lags, once for the score and once for the value.
-        ("cross_xl.score", [2, 7], 2 * 2 * 2 * 7, 4 + 28),
-        ("temporal.score", [2, 7], 2 * 2 * 4 * 7, 4 + 28),
-        ("temporal.norm", [1, 8], 0, 16 + 32 + 4 + 4),
-        ("head", [3, 8], 24, 24 + 12 + 12),
+        ("cross_xl.score", [2, 7], 2 * 2 * 2 * 7, 16 + 32),
+        ("temporal.score", [2, 7], 2 * 2 * 4 * 7, 16 + 32),
+        ("temporal.norm", [1, 8], 0, 16 + 32 + 16 + 16),
+        ("head", [3, 8], 24, 4 * 8 * 4 + 16 + 16),
     ];
     for (name, shape, macs, bytes) in expected {
         let layer = of(&layers, name);

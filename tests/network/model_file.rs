@@ -1,6 +1,7 @@
 //! What a model file must be: each rule broken once.
 
 use crate::inputs::SHAPES;
+use sha2::{Digest, Sha256};
 use slipsense::net::format::{Dims, OperatingPoint};
 use slipsense::net::{Model, ModelError};
 use slipsense_model_file::{ModelFile, random_model};
@@ -21,11 +22,16 @@ fn a_written_file_is_read_back() {
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.dims, model.point), (SHAPES[0], file.point));
     assert_eq!(model.provenance, "{\"random\":true}");
-    let bias: Vec<i32> = model.conv[1].bias.iter().collect();
-    assert_eq!(bias, file.tensor("piezo.conv2", "bias"));
-    let weights: Vec<i32> = model.temporal.out.weights.iter().map(|&w| i32::from(w as i8)).collect();
-    assert_eq!(weights, file.tensor("temporal.out", "weight"));
-    let lag_bias: Vec<i32> = model.cross_xl.bias.head(2).map(i32::from).collect();
+    let [_, conv2, _] = model.conv;
+    assert_eq!(&conv2.bias[..conv2.outputs], file.tensor("piezo.conv2", "bias"));
+    for (layer, name) in [(conv2, "piezo.conv2"), (model.temporal.out, "temporal.out"), (model.head, "head")]
+    {
+        let inputs = layer.inputs.count();
+        for (index, &weight) in file.tensor(name, "weight").iter().enumerate() {
+            assert_eq!(i32::from(layer.weight(index / inputs, index % inputs)), weight, "{name} {index}");
+        }
+    }
+    let lag_bias: Vec<i32> = model.cross_xl.bias.head(2).iter().map(|&x| x.into()).collect();
     assert_eq!(lag_bias, &file.tensor("cross_xl.score", "bias")[120..180]);
     assert_eq!(ModelFile::from_bytes(&bytes).unwrap(), file);
     assert_eq!(Model::parse(&good().to_bytes().unwrap()).unwrap().point, OperatingPoint::ARGMAX);
@@ -59,7 +65,7 @@ fn every_truncation_is_refused() {
 fn unknown_version() {
     let mut bytes = good().to_bytes().unwrap();
     bytes[8] = 9;
-    assert_eq!(refusal(&bytes).to_string(), "model format version 9 is unknown; this build reads version 2");
+    assert_eq!(refusal(&bytes).to_string(), "model format version 9 is unknown; this build reads version 3");
 }
 
 #[test]
@@ -71,6 +77,36 @@ fn other_files_and_damage() {
     let mut bytes = good().to_bytes().unwrap();
     bytes.push(0);
     assert_eq!(refusal(&bytes), ModelError::TrailingBytes { count: 1 });
+}
+
+#[test]
+fn an_odd_address() {
+    let bytes = good().to_bytes().unwrap();
+    let mut buffer = vec![0; bytes.len() + 4];
+    let start = if (buffer.as_ptr() as usize).is_multiple_of(2) { 1 } else { 2 };
+    buffer[start..start + bytes.len()].copy_from_slice(&bytes);
+    let refused = refusal(&buffer[start..start + bytes.len()]);
+    assert_eq!(refused.to_string(), "the file does not start at a multiple of four bytes in memory");
+}
+
+#[test]
+fn numbers_that_belong_to_nothing() {
+    // Of the head's four outputs side by side the last one does not exist.
+    let file = good();
+    let bytes = file.to_bytes().unwrap();
+    let behind: usize = file.specs().iter().rev().take(3).map(|spec| spec.padded_bytes()).sum();
+    let hashed = bytes.len() - 32;
+    let provenance = 4 + file.provenance.len().next_multiple_of(4);
+    let head = hashed - provenance - behind;
+    for (offset, what) in
+        [(12, "a weight"), (file.specs()[file.specs().len() - 3].padded_bytes() + 12, "a bias")]
+    {
+        let mut bytes = bytes.clone();
+        bytes[head + offset] = 1;
+        let hash = Sha256::digest(&bytes[..hashed]);
+        bytes[hashed..].copy_from_slice(&hash);
+        assert_eq!(refusal(&bytes).to_string(), "head: the padding is not zero", "{what}");
+    }
 }
 
 #[test]
@@ -127,7 +163,7 @@ fn scales_out_of_range() {
 fn the_writer_names_what_does_not_fit() {
     let mut file = good();
     file.tensor_mut("head", "weight")[4] = 128;
-    assert_eq!(file.to_bytes().unwrap_err(), "head weight 4 is 128, does not fit I8");
+    assert_eq!(file.to_bytes().unwrap_err(), "head weight 4 is 128, does not fit 8 bits");
 }
 
 #[test]

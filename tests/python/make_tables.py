@@ -24,9 +24,8 @@ WINDOW = 128
 MEL_BINS = 16
 MEL_LOW_HZ, MEL_HIGH_HZ = 20, 4000
 
-HIGHPASS_BITS = 30
-HANN_BITS = 30
-TWIDDLE_BITS = 30
+HIGHPASS_BITS = 32
+HANN_BITS = 31
 MEL_BITS = 24
 LN_BITS = 24
 LN_SEGMENTS = 128
@@ -46,7 +45,8 @@ def grouped(n):
 
 def literal(value):
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(literal(v) for v in value) + "]"
+        left, right = "[]" if isinstance(value, list) else "()"
+        return left + ", ".join(literal(v) for v in value) + right
     return str(value)  # without separators, so that rustfmt packs rows
 
 
@@ -69,10 +69,15 @@ def highpass_gain():
     return total
 
 
-def twiddle(k, n):
-    """exp(-2 pi i k / n)"""
+def fixed_i32(x, bits):
+    """As fixed; 1 with 31 fraction bits becomes the largest i32, 2^-31 less."""
+    return min(fixed(x, bits), 2**31 - 1)
+
+
+def twiddle(k, n, bits, gain=1):
+    """Cosine and sine of 2 pi k / n, times gain."""
     angle = 2 * mp.pi * k / n
-    return [fixed(mp.cos(angle), TWIDDLE_BITS), fixed(-mp.sin(angle), TWIDDLE_BITS)]
+    return [fixed_i32(gain * mp.cos(angle), bits), fixed_i32(gain * mp.sin(angle), bits)]
 
 
 def mel_segments():
@@ -103,24 +108,31 @@ HEADER = """//! {about}
 
 
 def features_tables():
-    b0, a1, a2 = (fixed(c, HIGHPASS_BITS) for c in highpass())
-    hann = [fixed((1 - mp.cos(2 * mp.pi * n / WINDOW)) / 2, HANN_BITS) for n in range(WINDOW)]
-    radix4 = [[twiddle(i * j, WINDOW // 2) for i in (1, 2, 3)] for j in range(WINDOW // 8)]
-    split = [twiddle(k, WINDOW) for k in range(1, WINDOW // 4)]
+    b0, a1, a2 = highpass()
+    difference, y1, y2 = (fixed(c, HIGHPASS_BITS) for c in (b0 - 1, -a1 - 2, 1 - a2))
+    hann = [fixed_i32((1 - mp.cos(2 * mp.pi * n / WINDOW)) / 2, HANN_BITS) for n in range(WINDOW)]
+    radix4 = [[twiddle(i * j, WINDOW // 2, 30) for i in (1, 2, 3)] for j in range(WINDOW // 8)]
+    gain = mp.sqrt(mpf(4) / 3)
+    with_gain = [(fixed(gain, 30), [twiddle(i * j, WINDOW // 8, 30, gain) for i in (1, 2, 3)]) for j in range(WINDOW // 32)]
+    split = [twiddle(k, WINDOW, 31) for k in range(1, WINDOW // 4)]
     lengths, rising = mel_segments()
     ln = [fixed(mp.log(1 + mpf(i) / LN_SEGMENTS), LN_BITS) for i in range(LN_SEGMENTS + 1)]
     parts = [
         HEADER.format(about="Constants of the front end."),
         "use super::highpass::HighPass;\n\n",
-        f"/// Butterworth, second order, {HIGHPASS_HZ} Hz at {XL_RATE_HZ} Hz; Q{HIGHPASS_BITS}. "
+        f"/// Butterworth, second order, {HIGHPASS_HZ} Hz at {XL_RATE_HZ} Hz. "
         f"The sum of its absolute impulse response is {mp.nstr(highpass_gain(), 6)}.\n",
-        f"pub const HIGHPASS: HighPass = HighPass {{ b0_q30: {grouped(b0)}, a1_q30: {grouped(a1)}, a2_q30: {grouped(a2)} }};\n\n",
-        f"/// Periodic Hann window, `(1 - cos(2 pi n / {WINDOW})) / 2`, Q{HANN_BITS}.\n",
-        f"pub static HANN_Q30: [i32; {WINDOW}] = {literal(hann)};\n\n",
-        f"/// `exp(-2 pi i j m / {WINDOW // 2})` as `[re, im]`, Q{TWIDDLE_BITS}: one row per j, m = 1, 2, 3.\n",
+        f"pub const HIGHPASS: HighPass = HighPass {{ difference_q{HIGHPASS_BITS}: {grouped(difference)}, "
+        f"y1_q{HIGHPASS_BITS}: {grouped(y1)}, y2_q{HIGHPASS_BITS}: {grouped(y2)} }};\n\n",
+        f"/// Periodic Hann window, `(1 - cos(2 pi n / {WINDOW})) / 2`, Q{HANN_BITS}; the peak is 2^-31 less than 1.\n",
+        f"pub static HANN_Q{HANN_BITS}: [i32; {WINDOW}] = {literal(hann)};\n\n",
+        f"/// A gain of sqrt(4/3), and `exp(-2 pi i j m / {WINDOW // 8})` times that as cosine and sine, `[re, -im]`, Q30: one row per j,\n"
+        f"/// m = 1, 2, 3.\n",
+        f"pub static GAIN_TWIDDLE_16_Q30: [(i32, [[i32; 2]; 3]); {len(with_gain)}] = {literal(with_gain)};\n\n",
+        f"/// `exp(-2 pi i j m / {WINDOW // 2})` as cosine and sine, `[re, -im]`, Q30: one row per j, m = 1, 2, 3.\n",
         f"pub static TWIDDLE_64_Q30: [[[i32; 2]; 3]; {len(radix4)}] = {literal(radix4)};\n\n",
-        f"/// `exp(-2 pi i k / {WINDOW})` as `[re, im]`, Q{TWIDDLE_BITS}, for k = 1 to {len(split)}.\n",
-        f"pub static TWIDDLE_128_Q30: [[i32; 2]; {len(split)}] = {literal(split)};\n\n",
+        f"/// `exp(-2 pi i k / {WINDOW})` as cosine and sine, `[re, -im]`, Q31, for k = 1 to {len(split)}.\n",
+        f"pub static TWIDDLE_{WINDOW}_Q31: [[i32; 2]; {len(split)}] = {literal(split)};\n\n",
         f"/// FFT bins between neighbouring edges of the mel grid, from bin 1 on "
         f"({MEL_BINS + 2} edges, {MEL_LOW_HZ} to {MEL_HIGH_HZ} Hz).\n",
         f"pub static MEL_SEGMENT_BINS: [u8; {len(lengths)}] = {literal(lengths)};\n\n",

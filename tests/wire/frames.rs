@@ -16,6 +16,23 @@ fn crc_known_answer() {
 }
 
 #[test]
+fn crc_by_table_is_the_crc_bit_by_bit() {
+    let bytes: Vec<u8> = (0..200u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    for start in 0..8 {
+        for end in start..bytes.len() {
+            let mut crc = 0xFFFFu16;
+            for bit in
+                bytes[start..end].iter().flat_map(|byte| (0..8).rev().map(move |bit| (byte >> bit) & 1))
+            {
+                let out = (crc >> 15) ^ u16::from(bit);
+                crc = (crc << 1) ^ (out * 0x1021);
+            }
+            assert_eq!(crc16(&bytes[start..end]), crc, "{start}..{end}");
+        }
+    }
+}
+
+#[test]
 fn lengths_are_those_of_can_fd() {
     let mut valid = 0;
     for length in 0..=80 {

@@ -4,13 +4,14 @@
 use std::time::Instant;
 
 use anyhow::Result;
+use slipsense::net::Aligned;
 use slipsense_bench::detectors::{DETECTORS, Setup, by_name};
 use slipsense_bench::fit::Fitted;
 use slipsense_synth::{Recipe, generate};
 
 fn main() -> Result<()> {
     let fitted = Fitted::bundled()?;
-    let model = include_bytes!("../../../model/weights/slipsense.slipnet");
+    let model = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
     let setup = Setup { fitted: &fitted, model, float_weights: None };
     let episodes: Vec<_> = Recipe::new(9).series(4).iter().map(generate).collect::<Result<_, _>>()?;
     let frames: usize = episodes.iter().map(|episode| episode.frames()).sum();

@@ -1,12 +1,13 @@
 //! What every detector owes: causality, state across episodes, classes by its own rule, clear errors.
 
+use slipsense::net::Aligned;
 use slipsense_bench::detectors::{DETECTORS, Detector, Setup, Verdict, by_name};
 use slipsense_bench::fit::{Fitted, Plan, fit};
 use slipsense_bench::source::Handle;
 use slipsense_episode::Episode;
 use slipsense_synth::{ObjectChoice, Platform, Recipe, ScenarioChoice, generate};
 
-const MODEL: &[u8] = include_bytes!("../../../model/weights/slipsense.slipnet");
+const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
 
 /// Detectors that every build has.
 fn names() -> impl Iterator<Item = &'static str> {

@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use slipsense::net::Aligned;
 
 /// The model that is used where none is named. Its card lies beside it.
-pub const MODEL: &[u8] = include_bytes!("../../../model/weights/slipsense.slipnet");
+pub const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
 
 /// The float weights that it was made from.
 #[cfg(feature = "train")]

@@ -41,7 +41,7 @@ impl ModelFile {
         let mut rest = &bytes[HEADER_BYTES..];
         for (spec, tensor) in layout(&model.dims).iter().zip(&mut file.tensors) {
             let (padded, behind) = rest.split_at(spec.padded_bytes());
-            *tensor = read_tensor(spec, &padded[..spec.bytes()]);
+            *tensor = read_tensor(spec, padded);
             rest = behind;
         }
         Ok(file)
@@ -110,30 +110,32 @@ fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<
     if tensor.len() != spec.len() {
         return Err(format!("{} has {} numbers, the layout has {}", name(), tensor.len(), spec.len()));
     }
+    let width = spec.kind.bytes();
+    let mut stored = vec![0; spec.padded_bytes()];
     for (index, &value) in tensor.iter().enumerate() {
-        let bytes = value.to_le_bytes();
-        let fits = match spec.kind {
-            Kind::I8 => i8::try_from(value).is_ok(),
-            Kind::I16 => i16::try_from(value).is_ok(),
-            Kind::I32 => true,
+        let (fits, storage) = match spec.kind {
+            Kind::Weights(_) => (i8::try_from(value).is_ok(), "8 bits"),
+            Kind::I16 => (i16::try_from(value).is_ok(), "16 bits"),
+            Kind::I32 => (true, "32 bits"),
         };
         if !fits {
-            return Err(format!("{} {index} is {value}, does not fit {:?}", name(), spec.kind));
+            return Err(format!("{} {index} is {value}, does not fit {storage}", name()));
         }
-        out.extend(&bytes[..spec.kind.bytes()]);
+        let at = spec.place(index) * width;
+        stored[at..at + width].copy_from_slice(&value.to_le_bytes()[..width]);
     }
-    pad(out);
+    out.extend(stored);
     Ok(())
 }
 
 fn read_tensor(spec: &TensorSpec, bytes: &[u8]) -> Vec<i32> {
-    let number = |bytes: &[u8]| match *bytes {
-        [a] => i32::from(a as i8),
+    let width = spec.kind.bytes();
+    let number = |index: usize| match bytes[spec.place(index) * width..][..width] {
         [a, b] => i32::from(i16::from_le_bytes([a, b])),
         [a, b, c, d] => i32::from_le_bytes([a, b, c, d]),
-        _ => unreachable!("a number has 1, 2 or 4 bytes"),
+        _ => unreachable!("a number has 2 or 4 bytes"),
     };
-    bytes.chunks_exact(spec.kind.bytes()).map(number).collect()
+    (0..spec.len()).map(number).collect()
 }
 
 fn pad(out: &mut Vec<u8>) {

@@ -34,7 +34,7 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use panic_probe as _;
 use slipsense::board::{CanTransmit, Clock, SensedFrame};
-use slipsense::net::Model;
+use slipsense::net::{Aligned, Model};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::tasks::{self, Inference, QUEUED_FRAMES};
@@ -51,7 +51,8 @@ const SENSORS: usize = 1;
 const _: () = assert!(SENSORS >= 1 && SENSORS <= MAX_SENSORS);
 
 /// The network, as trained and quantized.
-static MODEL: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
+static MODEL: &[u8] =
+    &Aligned(*include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"))).0;
 
 /// The higher executor: a tick preempts inference. HDMI-CEC is unused, so its interrupt is free.
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();

@@ -11,7 +11,7 @@ use embassy_time::Instant;
 use heapless::Vec;
 use panic_semihosting as _;
 use slipsense::board::{SensedFrame, StoppedClock};
-use slipsense::net::Model;
+use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
 use slipsense::tasks::{Inference, QUEUED_FRAMES, acquire};
 use slipsense::wire::Transmitter;
@@ -37,7 +37,8 @@ static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static BUFFERS: ConstStaticCell<[SensedFrame; QUEUED_FRAMES]> =
     ConstStaticCell::new([const { SensedFrame::new() }; QUEUED_FRAMES]);
 static QUEUE: StaticCell<FrameQueue> = StaticCell::new();
-static MODEL: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
+static MODEL: ConstStaticCell<Aligned<[u8; MODEL_BYTES_MAX]>> =
+    ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
 static RECORDING: StaticCell<Recording> = StaticCell::new();
 static RECORDER: StaticCell<RefCell<Recorder>> = StaticCell::new();
 static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
@@ -80,7 +81,7 @@ fn main() -> ! {
     let mut header = [0; HEADER_BYTES];
     file.read_exact(&mut header).expect("the input file has a header");
     let header = Header::decode(&header).expect("the input file is one for this program");
-    let (model, _) = MODEL.take().split_at_mut(header.model_bytes as usize);
+    let (model, _) = MODEL.take().0.split_at_mut(header.model_bytes as usize);
     file.read_exact(model).expect("the input file holds a model");
     let model = Model::parse(model).expect("the model is valid");
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod bytes;
+pub mod equal;
 pub mod input;
 pub mod measured;
 pub mod record;

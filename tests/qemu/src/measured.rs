@@ -3,10 +3,6 @@
 use core::fmt;
 use core::str::SplitAsciiWhitespace;
 
-/// Name of the file that holds the network of the reference shapes; as the input file, without frames.
-pub const REFERENCE_FILE: &str = "reference.in";
-/// The same for the network whose second convolution has one input channel.
-pub const ONE_CHANNEL_FILE: &str = "one-channel.in";
 /// Name of a file whose presence asks for the path alone, because the emulator writes down all that is done.
 pub const TRACE_FILE: &str = "trace.in";
 /// Name of the file that it then makes before the last frame, waiting for the next.

@@ -5,15 +5,12 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use slipsense::net::Model;
-use slipsense::net::format::Dims;
-use slipsense_model_file::{cost, random_model};
+use slipsense_model_file::cost;
 use slipsense_qemu::INPUT_FILE;
-use slipsense_qemu::measured::{
-    FrameCost, Line, MEASURED_FILE, ONE_CHANNEL_FILE, Part, REFERENCE_FILE, TRACE_FILE, WARM_UP_FRAMES,
-};
+use slipsense_qemu::measured::{FrameCost, Line, MEASURED_FILE, Part, TRACE_FILE, WARM_UP_FRAMES};
 use tempfile::TempDir;
 
 use super::inputs::Input;
@@ -25,11 +22,6 @@ use crate::qemu::{self, frames::Frames};
 
 const PROGRAM: &str = "slipsense-qemu-bench";
 const TIMEOUT: Duration = Duration::from_secs(900);
-const SEED: u64 = 1;
-/// The widths that other libraries' kernels are measured at.
-const REFERENCE: Dims =
-    Dims { conv_channels: [8, 16, 32], embed: 64, xl_kernel: 8, xl_channels: 64, heads: 4, window: 60 };
-
 /// One kernel.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Kernel {
@@ -137,12 +129,6 @@ fn run(machine: &Machine, frames: &Frames, model: &[u8]) -> Result<String> {
 /// With the files that the program reads.
 fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
-    let no_frames = Frames::new(1);
-    let one_channel = Dims { conv_channels: [1, 8, 32], ..REFERENCE };
-    for (name, dims) in [(REFERENCE_FILE, REFERENCE), (ONE_CHANNEL_FILE, one_channel)] {
-        let file = random_model(dims, SEED).to_bytes().map_err(|error| anyhow!("{name}: {error}"))?;
-        write_input(&dir.path().join(name), &no_frames, &file).with_context(|| name.to_owned())?;
-    }
     write_input(&dir.path().join(INPUT_FILE), frames, model).context(INPUT_FILE)?;
     Ok(dir)
 }
@@ -237,6 +223,8 @@ impl Spread {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use slipsense::net::format::Dims;
+    use slipsense_model_file::random_model;
     use slipsense_qemu::measured::PARTS;
 
     #[test]
@@ -267,7 +255,15 @@ mod tests {
 
     #[test]
     fn every_layer_belongs_to_a_part() {
-        let file = random_model(REFERENCE, SEED).to_bytes().unwrap();
+        let dims = Dims {
+            conv_channels: [8, 16, 32],
+            embed: 64,
+            xl_kernel: 8,
+            xl_channels: 64,
+            heads: 4,
+            window: 60,
+        };
+        let file = random_model(dims, 1).to_bytes().unwrap();
         let model = Model::parse(&file).unwrap();
         for layer in cost::layers(&model) {
             assert!(part_of(layer.name).is_some(), "{}", layer.name);

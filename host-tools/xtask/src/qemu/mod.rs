@@ -25,6 +25,9 @@ use emulator::Emulator;
 use frames::Frames;
 use report::Report;
 
+/// Comparing the kernels takes seconds.
+const KERNELS_TIMEOUT: Duration = Duration::from_secs(300);
+
 /// What to run, on which model.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
@@ -141,6 +144,20 @@ impl Run<'_> {
             }
         }
     }
+}
+
+/// Compare the kernels of the Cortex-M7 with the portable ones; fails where a call differs.
+pub fn kernels() -> Result<()> {
+    let machine = machine::Machine::build("slipsense-qemu-kernels", &[])?;
+    let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
+    machine.run(dir.path(), KERNELS_TIMEOUT)?;
+    let said =
+        std::fs::read_to_string(dir.path().join("log")).context("the emulated program said nothing")?;
+    if !said.contains("conv_relu_pool: 0 of") {
+        bail!("the emulated program did not compare the kernels:\n{said}");
+    }
+    print!("{said}");
+    Ok(())
 }
 
 /// Run and report; `false` if something differed.

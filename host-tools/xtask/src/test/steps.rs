@@ -69,6 +69,11 @@ pub const STEPS: &[Step] = &[
         run: random_models,
     },
     Step {
+        name: "qemu-kernels",
+        what: "the Cortex-M7's kernels against the portable ones, random and extreme input",
+        run: qemu::kernels,
+    },
+    Step {
         name: "tables",
         what: "the committed tables are what their script makes",
         run: || script("make_tables.py", &["--check"]),

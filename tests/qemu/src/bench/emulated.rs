@@ -7,21 +7,19 @@ use cortex_m_rt::{entry, exception};
 use cortex_m_semihosting::debug;
 use heapless::String;
 use panic_semihosting as _;
-use slipsense::net::Model;
+use slipsense::net::{Aligned, Model};
 use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use slipsense_qemu::measured::Line;
 use static_cell::ConstStaticCell;
 
 use crate::counter::Counter;
-use crate::kernels::Models;
 #[cfg(feature = "peers")]
 use crate::peers;
 use crate::semihosting::File;
 use crate::{kernels, path};
 
-static SHIPPED: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
-static REFERENCE: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
-static ONE_CHANNEL: ConstStaticCell<[u8; MODEL_BYTES_MAX]> = ConstStaticCell::new([0; MODEL_BYTES_MAX]);
+static SHIPPED: ConstStaticCell<Aligned<[u8; MODEL_BYTES_MAX]>> =
+    ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
 
 /// The counter, and the file that its results go to.
 pub struct Bench {
@@ -53,10 +51,8 @@ impl Bench {
 
 #[entry]
 fn main() -> ! {
-    // The names of INPUT_FILE, REFERENCE_FILE, ONE_CHANNEL_FILE and MEASURED_FILE.
-    let (mut frames, header, shipped) = model(c"frames.in", SHIPPED.take());
-    let (_, _, reference) = model(c"reference.in", REFERENCE.take());
-    let (_, _, one_channel) = model(c"one-channel.in", ONE_CHANNEL.take());
+    // The names of INPUT_FILE and MEASURED_FILE.
+    let (mut frames, header, shipped) = model(c"frames.in", &mut SHIPPED.take().0);
     let file = File::create(c"measured.txt").expect("the emulator's working directory takes a file");
     let mut bench = Bench { counter: Counter::start(), file };
     let (expected, measured) = bench.counter.check();
@@ -64,7 +60,7 @@ fn main() -> ! {
     // The name of TRACE_FILE.
     let traced = File::open(c"trace.in").is_some();
     if !traced {
-        kernels::measure(&mut bench, &Models { shipped, reference, one_channel });
+        kernels::measure(&mut bench, &shipped);
         #[cfg(feature = "peers")]
         peers::measure(&mut bench);
     }

@@ -5,59 +5,85 @@ use core::hint::black_box;
 
 use slipsense::contact::ContactSummary;
 use slipsense::features::XlFrontEnd;
-use slipsense::features::fft::real_fft;
+use slipsense::features::fft::{Work, windowed_fft};
 use slipsense::features::pad_cells::PadCells;
 use slipsense::fixed::{STANDARD_FRAC_BITS, standardise};
 use slipsense::net::Model;
+use slipsense::net::activations::Activations;
 use slipsense::net::attention::{KeyValue, KeyValueCache, attend};
-use slipsense::net::conv::{MapShape, conv3x3_relu_pool};
 use slipsense::net::dense::dense;
-use slipsense::net::layer_norm::add_and_norm;
-use slipsense::net::model::{Attention, Layer};
+use slipsense::net::model::{Attention, LagBias, Layer, Norm};
+use slipsense::net::packing::{self, Inputs};
 use slipsense::net::requantize;
 use slipsense::net::softmax::softmax_base2;
 use slipsense::params::limits::{EMBED, WINDOW};
 use slipsense::params::{PIEZO_CHANNELS, TAXELS, XL_WINDOW};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+use slipsense::simd::{MapShape, conv_relu_pool, pair};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
+use static_cell::ConstStaticCell;
 
 use crate::emulated::Bench;
 
-/// Networks whose layers are measured.
-pub struct Models {
-    /// The one in use.
-    pub shipped: Model<'static>,
-    /// Of the widths that peers are measured at.
-    pub reference: Model<'static>,
-    /// Its second convolution has one input channel.
-    pub one_channel: Model<'static>,
-}
-
 /// Accelerometer samples of a frame, rounded.
 const BATCH: usize = 33;
-/// Activations of the largest map, 32×32×8 with its border.
-const MAP: usize = 34 * 34 * 8;
-const FUSED: usize = 2 * EMBED;
+/// Words of the largest map, 32×32×8 with its border, and of the largest weights, 512×128.
+const MAP: usize = 34 * 34 * 4;
+const WEIGHTS: usize = 512 * 128 / 2;
+const EMBED_WORDS: usize = EMBED / 2;
+
+static X: ConstStaticCell<[u32; MAP]> = ConstStaticCell::new([0; MAP]);
+static OUT: ConstStaticCell<[u32; MAP]> = ConstStaticCell::new([0; MAP]);
+static NUMBERS: ConstStaticCell<[u32; WEIGHTS]> = ConstStaticCell::new([0; WEIGHTS]);
+
+/// What the kernels work on: any numbers do, no kernel's instructions depend on them.
+struct Memory {
+    x: &'static mut [u32; MAP],
+    out: &'static mut [u32; MAP],
+    numbers: &'static [u32; WEIGHTS],
+}
 
 /// Measure everything.
-pub fn measure(bench: &mut Bench, models: &Models) {
-    reference(bench, models);
-    shipped(bench, &models.shipped);
+pub fn measure(bench: &mut Bench, model: &Model<'static>) {
+    let (x, numbers) = (X.take(), NUMBERS.take());
+    x.iter_mut().chain(numbers.iter_mut()).zip(words()).for_each(|(to, word)| *to = word);
+    let mut memory = Memory { x, out: OUT.take(), numbers };
+    reference(bench, &mut memory);
+    shipped(bench, &mut memory, model);
     features(bench);
     wire(bench);
 }
 
 /// The shapes that the literature and the peers are measured at.
-fn reference(bench: &mut Bench, models: &Models) {
-    let Model { conv: [_, conv2, conv3], piezo_dense, cross_piezo, temporal, .. } = &models.reference;
-    let [_, one_channel, _] = &models.one_channel.conv;
-    conv(bench, "conv 3x3 32x32x1->8, ReLU, pool", one_channel, 32, 1);
-    conv(bench, "conv 3x3 16x16x8->16, ReLU, pool", conv2, 16, 8);
-    conv(bench, "conv 3x3 8x8x16->32, ReLU, pool", conv3, 8, 16);
-    // A model's embedding is no wider than 64: the outputs are made in two halves.
-    dense_halves(bench, "dense 512->128", [piezo_dense, &models.one_channel.piezo_dense]);
-    layer(bench, "dense 128->128", &temporal.query);
-    attention::<EMBED>(bench, "attention 64-d, 4 heads, 60 keys, projections and norm", cross_piezo);
+fn reference(bench: &mut Bench, memory: &mut Memory) {
+    let numbers = memory.numbers;
+    let patch = |channels: usize| Inputs::Patch { channels, pairs: channels.div_ceil(2) };
+    conv(bench, memory, "conv 3x3 32x32x1->8, ReLU, pool", &of_noise(numbers, patch(1), 8), 32);
+    conv(bench, memory, "conv 3x3 16x16x8->16, ReLU, pool", &of_noise(numbers, patch(8), 16), 16);
+    conv(bench, memory, "conv 3x3 8x8x16->32, ReLU, pool", &of_noise(numbers, patch(16), 32), 8);
+    let vector = |count| Inputs::Vector { count };
+    layer(bench, memory, "dense 512->128", &of_noise(numbers, vector(512), 128));
+    layer(bench, memory, "dense 128->128", &of_noise(numbers, vector(128), 128));
+    let square = of_noise(numbers, vector(64), 64);
+    let halves: &'static [i16] = bytemuck::must_cast_slice(numbers.as_slice());
+    let block = Attention {
+        name: "",
+        query: square,
+        key: square,
+        value: square,
+        out: square,
+        heads: 4,
+        score_multiplier: 1 << 16,
+        bias: LagBias::new(&halves[..4 * WINDOW], WINDOW),
+        norm: Norm {
+            gamma: halves,
+            beta: bytemuck::must_cast_slice(numbers),
+            multiplier: 1 << 20,
+            epsilon: 1,
+        },
+    };
+    key_value::<EMBED_WORDS>(bench, "key and value 64-d", &block);
+    attention::<EMBED_WORDS>(bench, "attention 64-d, 4 heads, 60 keys: query, output, norm", &block);
 
     let mut scores = [[0; WINDOW]; 4];
     scores.as_flattened_mut().iter_mut().zip(noise()).for_each(|(score, x)| *score = i32::from(x) >> 3);
@@ -70,84 +96,73 @@ fn reference(bench: &mut Bench, models: &Models) {
     bench.kernel("standardise 64", 0, &mut || {
         standardise::<STANDARD_FRAC_BITS>(black_box(&mut sums), 1, black_box(&mut out));
     });
-    let (x, context) = (activations::<EMBED>(), activations::<EMBED>());
-    bench.kernel("LayerNorm 64 after dense 64->64 and residual", EMBED * EMBED, &mut || {
-        let (x, context) = black_box((&x, &context));
-        add_and_norm(&cross_piezo.out, context, x, &cross_piezo.norm, black_box(&mut out), |_| {});
-    });
+}
+
+/// A layer of any numbers.
+fn of_noise(numbers: &'static [u32], inputs: Inputs, outputs: usize) -> Layer<'static> {
+    let scales: &'static [i32] = bytemuck::must_cast_slice(numbers);
+    let scales = &scales[..packing::padded_outputs(outputs)];
+    let weights = &numbers[..packing::len(inputs, outputs) / 2];
+    Layer { weights, bias: scales, multiplier: scales, inputs, outputs }
 }
 
 /// Every layer of the network in use.
-fn shipped(bench: &mut Bench, model: &Model<'static>) {
+fn shipped(bench: &mut Bench, memory: &mut Memory, model: &Model<'static>) {
     let Model { conv: [conv1, conv2, conv3], piezo_dense, xl: [xl_conv, mix1, mix2], .. } = model;
-    let [c1, c2, _] = model.dims.conv_channels;
-    conv(bench, "shipped: conv1", conv1, 32, PIEZO_CHANNELS);
-    conv(bench, "shipped: conv2", conv2, 16, c1);
-    conv(bench, "shipped: conv3", conv3, 8, c2);
-    layer(bench, "shipped: dense of the pad", piezo_dense);
-    layer(bench, "shipped: xl.conv", xl_conv);
-    layer(bench, "shipped: xl.mix1", mix1);
-    layer(bench, "shipped: xl.mix2", mix2);
-    key_value::<EMBED>(bench, "shipped: key and value of a cross-attention", &model.cross_piezo);
-    attention::<EMBED>(bench, "shipped: a cross-attention", &model.cross_piezo);
-    key_value::<FUSED>(bench, "shipped: key and value over time", &model.temporal);
-    attention::<FUSED>(bench, "shipped: attention over time", &model.temporal);
-    layer(bench, "shipped: head", &model.head);
+    conv(bench, memory, "shipped: conv1", conv1, 32);
+    conv(bench, memory, "shipped: conv2", conv2, 16);
+    conv(bench, memory, "shipped: conv3", conv3, 8);
+    layer(bench, memory, "shipped: dense of the pad", piezo_dense);
+    layer(bench, memory, "shipped: xl.conv", xl_conv);
+    layer(bench, memory, "shipped: xl.mix1", mix1);
+    layer(bench, memory, "shipped: xl.mix2", mix2);
+    key_value::<EMBED_WORDS>(bench, "shipped: key and value of a cross-attention", &model.cross_piezo);
+    attention::<EMBED_WORDS>(bench, "shipped: a cross-attention", &model.cross_piezo);
+    key_value::<EMBED>(bench, "shipped: key and value over time", &model.temporal);
+    attention::<EMBED>(bench, "shipped: attention over time", &model.temporal);
+    layer(bench, memory, "shipped: head", &model.head);
 }
 
-fn conv(bench: &mut Bench, name: &str, layer: &Layer<'_>, side: usize, channels: usize) {
-    let from = MapShape { side, channels, border: 1 };
-    let to = MapShape { side: side / 2, channels: layer.outputs, border: 1 };
-    let x = activations::<MAP>();
-    let mut out = [0; MAP];
-    bench.kernel(name, side * side * layer.inputs * layer.outputs, &mut || {
-        conv3x3_relu_pool(layer, black_box(&x[..from.len()]), from, black_box(&mut out[..to.len()]), to);
+fn conv(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>, side: usize) {
+    let Inputs::Patch { pairs, .. } = layer.inputs else { return };
+    let from = MapShape { side, pairs, border: 1 };
+    let to = MapShape { side: side / 2, pairs: packing::pairs(layer.outputs), border: 1 };
+    let parameters = (layer.weights, layer.bias, layer.multiplier);
+    let (x, out) = (&memory.x[..from.len()], &mut memory.out[..to.len()]);
+    bench.kernel(name, side * side * layer.inputs.count() * layer.outputs, &mut || {
+        conv_relu_pool(black_box(parameters), (black_box(x), from), (black_box(&mut *out), to));
     });
 }
 
-fn layer(bench: &mut Bench, name: &str, layer: &Layer<'_>) {
-    let x = activations::<MAP>();
-    let mut out = [0; MAP];
-    bench.kernel(name, layer.inputs * layer.outputs, &mut || {
-        dense(layer, black_box(&x[..layer.inputs]), black_box(&mut out[..layer.outputs]), requantize::signed);
+fn layer(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>) {
+    let x = &memory.x[..layer.inputs.words()];
+    let mut out = [0; 128];
+    bench.kernel(name, layer.inputs.count() * layer.outputs, &mut || {
+        dense(layer, black_box(x), black_box(&mut out[..layer.outputs]), requantize::signed);
     });
 }
 
-fn dense_halves(bench: &mut Bench, name: &str, halves: [&Layer<'_>; 2]) {
-    let x = activations::<MAP>();
-    let mut out = [0; MAP];
-    let macs = halves.map(|half| half.inputs * half.outputs).iter().sum();
-    bench.kernel(name, macs, &mut || {
-        let (first, second) = black_box(&mut out).split_at_mut(halves[0].outputs);
-        for (half, out) in halves.into_iter().zip([first, second]) {
-            dense(half, black_box(&x[..half.inputs]), &mut out[..half.outputs], requantize::signed);
-        }
+fn key_value<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_>) {
+    let x = activations::<W>(&mut noise());
+    let macs = [block.key, block.value].map(|layer| layer.inputs.count() * layer.outputs);
+    bench.kernel(name, macs.iter().sum(), &mut || {
+        black_box(KeyValue::<W>::project(block, black_box(&x), &mut ()));
     });
 }
 
-fn key_value<const D: usize>(bench: &mut Bench, name: &str, block: &Attention<'_>) {
-    let x = activations::<D>();
-    let macs = block.key.inputs * block.key.outputs + block.value.inputs * block.value.outputs;
-    bench.kernel(name, macs, &mut || {
-        black_box(KeyValue::<D>::project(block, black_box(&x[..block.key.inputs]), &mut ()));
-    });
-}
-
-fn attention<const D: usize>(bench: &mut Bench, name: &str, block: &Attention<'_>) {
+fn attention<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_>) {
     let width = block.query.outputs;
-    let mut cache = KeyValueCache::<D>::new(WINDOW);
+    let mut cache = KeyValueCache::<W>::new();
     let mut source = noise();
     for _ in 0..WINDOW {
-        let mut x = [0; D];
-        x.iter_mut().zip(&mut source).for_each(|(x, noise)| *x = noise);
-        cache.push(KeyValue::project(block, &x[..width], &mut ()));
+        cache.push(&KeyValue::project(block, &activations(&mut source), &mut ()), WINDOW);
     }
-    let x = activations::<D>();
-    let mut out = [0; D];
+    let x = activations::<W>(&mut source);
+    let mut out = [0; 2 * EMBED];
     let macs = 2 * width * width + 2 * width * WINDOW;
     bench.kernel(name, macs, &mut || {
-        let (x, out) = black_box((&x[..width], &mut out[..width]));
-        attend(block, x, black_box(&cache).newest_first(), out, &mut ());
+        let (x, out) = black_box((&x, &mut out[..width]));
+        attend(block, x, black_box(&cache), out, &mut ());
     });
 }
 
@@ -158,8 +173,12 @@ fn features(bench: &mut Bench) {
         black_box(&mut front_end).push(black_box(&samples))
     });
     bench.kernel("XlFrontEnd::log_mel", 0, &mut || _ = black_box(black_box(&front_end).log_mel()));
-    let window: [i32; XL_WINDOW] = activations::<XL_WINDOW>().map(i32::from);
-    bench.kernel("real FFT 128", 0, &mut || _ = black_box(real_fft(black_box(&window))));
+    let mut window = [0; XL_WINDOW];
+    window.iter_mut().zip(noise()).for_each(|(x, noise)| *x = i32::from(noise));
+    let mut work = Work::default();
+    bench.kernel("Hann window and real FFT 128", 0, &mut || {
+        windowed_fft(black_box(&window), &mut work, |_, bin| _ = black_box(bin));
+    });
     let frame = frame();
     bench.kernel("ContactSummary::of", 0, &mut || _ = black_box(ContactSummary::of(black_box(&frame))));
     let mut pad = PadCells::new();
@@ -198,10 +217,15 @@ fn samples() -> [XlSample; BATCH] {
     samples
 }
 
-fn activations<const N: usize>() -> [i16; N] {
-    let mut x = [0; N];
-    x.iter_mut().zip(noise()).for_each(|(x, noise)| *x = noise);
+fn activations<const W: usize>(source: &mut impl Iterator<Item = i16>) -> Activations<W> {
+    let mut x = Activations::new();
+    x.values_mut().iter_mut().zip(source).for_each(|(x, noise)| *x = noise);
     x
+}
+
+fn words() -> impl Iterator<Item = u32> {
+    let mut source = noise();
+    core::iter::repeat_with(move || pair(source.next().unwrap_or(0), source.next().unwrap_or(0)))
 }
 
 /// Numbers of any size, the same in every run: the generator of Numerical Recipes.

@@ -10,6 +10,7 @@ use slipsense::net::{Model, Network, Observer, SensorFeatures};
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
+use slipsense::simd::MapShape;
 use slipsense::wire::{RawBuffer, Transmitter};
 use slipsense_qemu::input::{FRAME_BYTES_MAX, Header, decode_parts, decode_stamp, frame_bytes};
 use slipsense_qemu::measured::{FrameCost, Line, PARTS, Part};
@@ -144,6 +145,9 @@ impl Watch<'_> {
 }
 
 impl Observer for Watch<'_> {
+    // An untouched pad is skipped here as it is where nobody looks.
+    const LOOKS: bool = false;
+
     fn see(&mut self, layer: &'static str, values: &[i16]) {
         black_box(values);
         self.book(match layer {
@@ -158,6 +162,11 @@ impl Observer for Watch<'_> {
             "logits" => Some(Part::Head),
             _ => None,
         });
+    }
+
+    fn see_map(&mut self, layer: &'static str, _channels: usize, cells: &[u32], _shape: MapShape) {
+        black_box(cells);
+        self.see(layer, &[]);
     }
 
     fn see_residual(&mut self, block: &'static str, values: &[i32]) {

@@ -1,0 +1,191 @@
+//! The kernels that a target has, against the portable ones that say what they compute: random and extreme input,
+//! sums that wrap included. The emulated microcontroller runs it, and so does a test on this computer.
+
+use slipsense::simd::{self, LANES, MapShape, portable};
+
+/// Words of the largest map: 8×8×32 with its border.
+const MAP: usize = 10 * 10 * 16;
+/// Words of the largest weights: 3×3×16 for 32 outputs.
+const WEIGHTS: usize = 9 * 8 * 32;
+/// Bias and multiplier of so many outputs.
+const OUTPUTS: usize = 32;
+/// Frames of the longest window.
+const ROWS: usize = 60;
+
+/// How often each kernel and shape is compared.
+pub const ROUNDS: u32 = 400;
+
+/// What a kernel was asked, and how often it answered otherwise than the portable one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Compared {
+    /// Of `simd`.
+    pub kernel: &'static str,
+    /// Calls.
+    pub calls: u32,
+    /// Calls with a result that differs in any bit.
+    pub differing: u32,
+}
+
+/// Room for the inputs and both outputs.
+#[derive(Debug)]
+pub struct Scratch {
+    x: [u32; MAP],
+    weights: [u32; WEIGHTS],
+    bias: [i32; OUTPUTS],
+    multiplier: [i32; OUTPUTS],
+    out: [u32; MAP],
+    expected: [u32; MAP],
+}
+
+impl Scratch {
+    /// Zeros.
+    pub const fn new() -> Self {
+        Self {
+            x: [0; MAP],
+            weights: [0; WEIGHTS],
+            bias: [0; OUTPUTS],
+            multiplier: [0; OUTPUTS],
+            out: [0; MAP],
+            expected: [0; MAP],
+        }
+    }
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Maps that a convolution can take, as side and words per cell. The last is one that there is no assembly for.
+const MAPS: [(usize, usize); 8] = [(32, 1), (16, 2), (16, 4), (8, 2), (8, 4), (8, 6), (8, 8), (4, 3)];
+
+/// Compare every kernel and shape so often.
+pub fn compare(rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
+    let mut dice = Dice(1);
+    let mut count = |kernel, calls: &mut dyn FnMut(u32) -> (u32, u32)| {
+        let (calls, differing) = (0..rounds).fold((0, 0), |(all, bad), round| {
+            let (more, worse) = calls(round);
+            (all + more, bad + worse)
+        });
+        report(Compared { kernel, calls, differing });
+    };
+    count("conv_relu_pool", &mut |round| {
+        let results = MAPS.map(|map| u32::from(!conv_is_equal(scratch, &mut dice, round, map)));
+        (results.len() as u32, results.iter().sum())
+    });
+    count("dense", &mut |round| {
+        // Whole rounds of the assembly, its longest, and what it leaves to the portable form.
+        let lengths = [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260];
+        let results = lengths.map(|words| u32::from(!dense_is_equal(scratch, &mut dice, round, words)));
+        (results.len() as u32, results.iter().sum())
+    });
+    count("dots", &mut |round| {
+        let shapes = [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)];
+        let results = shapes.map(|shape| u32::from(!dots_are_equal(scratch, &mut dice, round, shape)));
+        (results.len() as u32, results.iter().sum())
+    });
+    count("weighted_sums", &mut |round| {
+        let strides = [5, 16, 32, 64];
+        let results = strides.map(|stride| u32::from(!sums_are_equal(scratch, &mut dice, round, stride)));
+        (results.len() as u32, results.iter().sum())
+    });
+}
+
+fn conv_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, (side, pairs): (usize, usize)) -> bool {
+    let outputs = [4, 8, 32][dice.below(if side == 32 { 2 } else { 3 })];
+    let from = MapShape { side, pairs, border: 1 };
+    let to = MapShape { side: side / 2, pairs: outputs / 2, border: dice.below(2) };
+    let Scratch { x, weights, bias, multiplier, out, expected } = scratch;
+    dice.fill(round, x);
+    dice.fill(round / 2, weights);
+    scales(dice, bias, multiplier);
+    // The border of the output must be left as it is.
+    dice.fill(1, out);
+    *expected = *out;
+    let layer = (&weights[..outputs / LANES * 9 * pairs * LANES], &bias[..outputs], &multiplier[..outputs]);
+    simd::conv_relu_pool(layer, (&x[..from.len()], from), (&mut out[..to.len()], to));
+    portable::conv_relu_pool(layer, (&x[..from.len()], from), (&mut expected[..to.len()], to));
+    out == expected
+}
+
+fn dense_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, words: usize) -> bool {
+    let Scratch { x, weights, bias, multiplier, .. } = scratch;
+    dice.fill(round, &mut x[..words]);
+    let outputs = LANES * (1 + dice.below(2)) + dice.below(LANES);
+    dice.fill(round / 2, weights);
+    scales(dice, bias, multiplier);
+    let weights = &weights[..(2 * LANES * words).min(WEIGHTS)];
+    let mut found = [0; 3 * LANES];
+    let mut expected = found;
+    simd::dense(&x[..words], (weights, bias, multiplier), &mut found[..outputs]);
+    portable::dense(&x[..words], (weights, bias, multiplier), &mut expected[..outputs]);
+    found == expected
+}
+
+/// Small enough that results are not all cut off, and any.
+fn scales(dice: &mut Dice, bias: &mut [i32], multiplier: &mut [i32]) {
+    for (bias, multiplier) in bias.iter_mut().zip(multiplier) {
+        let shift = dice.below(32);
+        (*bias, *multiplier) = (dice.next() as i32 >> dice.below(20), (dice.next() >> 1) as i32 >> shift);
+    }
+}
+
+fn dots_are_equal(
+    scratch: &mut Scratch,
+    dice: &mut Dice,
+    round: u32,
+    (words, stride): (usize, usize),
+) -> bool {
+    let Scratch { x, weights, .. } = scratch;
+    let rows = dice.below(ROWS + 1);
+    dice.fill(round, &mut x[..ROWS * stride]);
+    dice.fill(round / 2, &mut weights[..words]);
+    let mut found = [0; ROWS];
+    let mut expected = [0; ROWS];
+    simd::dots(&weights[..words], &x[..ROWS * stride], stride, &mut found[..rows]);
+    portable::dots(&weights[..words], &x[..ROWS * stride], stride, &mut expected[..rows]);
+    found == expected
+}
+
+fn sums_are_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, stride: usize) -> bool {
+    let Scratch { x, weights, .. } = scratch;
+    let rows = dice.below(MAP / stride).min(ROWS);
+    let mut factors = [0; ROWS];
+    dice.fill(round, x);
+    dice.fill(round / 2, weights);
+    for (factor, &word) in factors.iter_mut().zip(weights.iter()) {
+        *factor = word as i32;
+    }
+    simd::weighted_sums(&factors[..rows], x, stride) == portable::weighted_sums(&factors[..rows], x, stride)
+}
+
+/// Numbers for tests, the same everywhere: xorshift.
+struct Dice(u32);
+
+impl Dice {
+    fn next(&mut self) -> u32 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 17;
+        self.0 ^= self.0 << 5;
+        self.0
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        self.next() as usize % end.max(1)
+    }
+
+    /// By turns any numbers, the ends of the range and what is beside zero, one of them everywhere, and small ones.
+    fn fill(&mut self, round: u32, words: &mut [u32]) {
+        const ENDS: [i16; 6] = [i16::MIN, i16::MAX, -1, 0, 1, i16::MIN + 1];
+        let everywhere = simd::pair(ENDS[self.below(6)], ENDS[self.below(6)]);
+        for word in words {
+            *word = match round % 4 {
+                0 => self.next(),
+                1 => simd::pair(ENDS[self.below(6)], ENDS[self.below(6)]),
+                2 => everywhere,
+                _ => simd::pair((self.next() as i16) >> 9, (self.next() as i16) >> 9),
+            };
+        }
+    }
+}

@@ -72,8 +72,8 @@ axi_sram_slot! {
     /// The pipeline with all its state.
     PIPELINE: BoardInference
 }
-// `build` holds it once on the stack (seen in the disassembly), beside what parsing a model takes.
-const _: () = assert!(size_of::<BoardInference>() + 12 * 1024 <= memory::STACK_BYTES);
+// `place` holds it once on the stack; `cargo xtask stack` bounds what lies around it.
+const _: () = assert!(size_of::<BoardInference>() < memory::STACK_BYTES);
 
 /// The clock that stamps the ticks.
 struct Uptime;
@@ -123,19 +123,34 @@ enum Node {
 
 /// Put the pipeline in its place, or report why there is none.
 ///
-/// Not inlined: the pipeline passes through this function's stack frame, which must not stay.
-#[inline(never)]
+/// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline passes
+/// through it.
 fn build(can: CanBus) -> Node {
+    match read_model() {
+        Some(model) => place(model, can),
+        None => Node::WithoutModel(can),
+    }
+}
+
+/// The model in flash; `None`: it is not readable, which has been reported.
+#[inline(never)]
+fn read_model() -> Option<Model<'static>> {
     // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
     let model = core::hint::black_box(MODEL);
-    let pipeline = match Model::parse(model).map(|model| Pipeline::new(model, SENSORS)) {
-        Ok(Ok(pipeline)) => pipeline,
-        Ok(Err(error)) => {
-            error!("pipeline: {}", Display2Format(&error));
-            return Node::WithoutModel(can);
-        }
+    let parsed = Model::parse(model);
+    if let Err(error) = &parsed {
+        error!("model of {=usize} bytes: {}", model.len(), Display2Format(error));
+    }
+    parsed.ok()
+}
+
+/// Not inlined: the pipeline passes through this function's stack frame, which must not stay.
+#[inline(never)]
+fn place(model: Model<'static>, can: CanBus) -> Node {
+    let pipeline = match Pipeline::new(model, SENSORS) {
+        Ok(pipeline) => pipeline,
         Err(error) => {
-            error!("model of {=usize} bytes: {}", model.len(), Display2Format(&error));
+            error!("pipeline: {}", Display2Format(&error));
             return Node::WithoutModel(can);
         }
     };

@@ -27,8 +27,8 @@ pub const fn mean(a: i32, b: i32) -> i32 {
 /// Clamp to the range of `i16`.
 #[inline]
 pub fn saturate_i16(x: i32) -> i16 {
-    // As minimum and maximum the compiler knows it for one instruction, `ssat`.
-    x.max(i16::MIN as i32).min(i16::MAX as i32) as i16
+    // Written so, the compiler knows it for one instruction, `ssat`.
+    x.clamp(i16::MIN as i32, i16::MAX as i32) as i16
 }
 
 /// Fraction bits of [`standardise`]'s output: Q4.11 covers ±16, and n values with mean 0 and

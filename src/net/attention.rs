@@ -98,10 +98,10 @@ pub fn attend<const W: usize>(
     dense(&block.query, x.words(), query.values_mut(), requantize::query_key);
     observer.see_part(block.name, "query", query.values().get(..width).unwrap_or_default());
 
+    let mut scores = [0i32; WINDOW];
     for head in 0..block.heads {
         let from = (head * head_width).min(width);
         let to = (from + head_width).min(width);
-        let mut scores = [0i32; WINDOW];
         let weights = scores.get_mut(..cache.filled).unwrap_or_default();
         score(&query, cache, (from, to), weights);
         let mut unbiased = weights.iter_mut();

@@ -35,7 +35,7 @@ pub fn add_and_norm(
         for ((sum, &x), &value) in sum.iter_mut().zip(x).zip(&values) {
             // A scaled value is below 2^30.
             let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + value;
-            *sum = residual.max(-(1 << (RESIDUAL_BITS - 1))).min((1 << (RESIDUAL_BITS - 1)) - 1);
+            *sum = residual.clamp(-(1 << (RESIDUAL_BITS - 1)), (1 << (RESIDUAL_BITS - 1)) - 1);
         }
     }
     see_sum(sum);

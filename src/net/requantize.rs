@@ -18,11 +18,11 @@ pub fn signed(scaled: i32) -> i16 {
 /// Activation after ReLU, 0 to 32767.
 #[inline]
 pub fn relu(scaled: i32) -> i16 {
-    scaled.max(0).min(i16::MAX as i32) as i16
+    scaled.clamp(0, i16::MAX as i32) as i16
 }
 
 /// Query or key, ±[`QUERY_KEY_MAX`].
 #[inline]
 pub fn query_key(scaled: i32) -> i16 {
-    scaled.max(-QUERY_KEY_MAX).min(QUERY_KEY_MAX) as i16
+    scaled.clamp(-QUERY_KEY_MAX, QUERY_KEY_MAX) as i16
 }

@@ -24,7 +24,7 @@ pub fn softmax_base2(scores: &mut [i32]) {
     for score in scores.iter_mut() {
         // Never negative, whatever the scores. Shifting and cutting to five bits are one instruction, `usat`.
         let below_max = max.saturating_sub(*score);
-        let shift = (below_max >> SCORE_FRAC_BITS).max(0).min(31);
+        let shift = (below_max >> SCORE_FRAC_BITS).clamp(0, 31);
         let power = EXP2_Q15[below_max as usize % (1 << SCORE_FRAC_BITS)] as u32 >> shift;
         *score = power as i32;
         sum += power;

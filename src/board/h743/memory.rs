@@ -39,7 +39,7 @@ unsafe extern "C" {
 fn fill_itcm() {
     let (start, end, image) = (&raw mut __itcm_start, &raw mut __itcm_end, &raw const __itcm_image);
     // SAFETY: the linker gives the bounds of the section and its image in flash, both aligned to words; nothing
-    // runs there yet. ITCM begins at address 0, where Rust may not write through a pointer: hence assembly.
+    // runs there yet. Assembly, because to Rust the section is code and no object to be written.
     unsafe {
         asm!(
             "b 3f",

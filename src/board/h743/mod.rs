@@ -123,20 +123,37 @@ enum Node {
 }
 
 /// Make the pipeline, or report why there is none.
+///
+/// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline is made.
 fn build(can: CanBus) -> Node {
+    match read_model() {
+        Some(model) => place(model, can),
+        None => Node::WithoutModel(can),
+    }
+}
+
+/// The model, in DTCM; `None`: it is not readable, which has been reported.
+#[inline(never)]
+fn read_model() -> Option<Model<'static>> {
     let Aligned(model) = MODEL_IN_DTCM.take();
     // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
     model.copy_from_slice(core::hint::black_box(MODEL));
     let model: &'static [u8] = model;
+    let parsed = Model::parse(model);
+    if let Err(error) = &parsed {
+        error!("model of {=usize} bytes: {}", model.len(), Display2Format(error));
+    }
+    parsed.ok()
+}
+
+/// On a state that is made where it stays, in AXI SRAM.
+#[inline(never)]
+fn place(model: Model<'static>, can: CanBus) -> Node {
     let state = unwrap!(STATE.take()).write(State::new());
-    let pipeline = match Model::parse(model).map(|model| Pipeline::within(state, model, SENSORS)) {
-        Ok(Ok(pipeline)) => pipeline,
-        Ok(Err(error)) => {
-            error!("pipeline: {}", Display2Format(&error));
-            return Node::WithoutModel(can);
-        }
+    let pipeline = match Pipeline::within(state, model, SENSORS) {
+        Ok(pipeline) => pipeline,
         Err(error) => {
-            error!("model of {=usize} bytes: {}", model.len(), Display2Format(&error));
+            error!("pipeline: {}", Display2Format(&error));
             return Node::WithoutModel(can);
         }
     };

@@ -15,8 +15,8 @@ use crate::elf::{Code, Image};
 
 /// A loop is taken to turn so often.
 const TURNS: u64 = 100;
-/// Functions that may hold a loop of the network.
-const KERNELS: [&str; 2] = ["slipsense::net::", "pipeline::Pipeline>::step"];
+/// Functions that may hold a loop of the network; those in assembly have plain names.
+const KERNELS: [&str; 3] = ["slipsense_", "slipsense::net::", "pipeline::Pipeline>::step"];
 /// What a step is estimated with.
 const INPUT: Input = Input::Typical;
 

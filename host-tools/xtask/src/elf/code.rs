@@ -88,18 +88,6 @@ impl Instruction {
         }
     }
 
-    /// Does anything but the next instruction follow, or may it?
-    pub fn branches(&self) -> bool {
-        let name = self.plain();
-        let into_pc = ["pop", "ldr", "ldm", "mov", "add"].iter().any(|start| name.starts_with(start))
-            && (self.operands.starts_with("pc,") || self.operands.contains("pc}"));
-        into_pc
-            || self.direct_target().is_some()
-            || name.starts_with("bx")
-            || name.starts_with("blx")
-            || name.starts_with("tb")
-    }
-
     /// Bytes by which the instruction lowers the stack pointer, as prologues do.
     pub fn pushed_bytes(&self) -> u64 {
         let number = |text: &str| {

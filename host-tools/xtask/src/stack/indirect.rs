@@ -103,6 +103,7 @@ const RULES: &[Rule] = &[
 /// does the outer level lead to it. The log may panic, and a panic logs: panic-probe sees to it that the second
 /// panic does not.
 pub fn resolve(program: &mut Program) -> Result<()> {
+    follow_thunks(program);
     check(program)?;
     for rule in RULES {
         let targets = named(program, rule.targets);
@@ -122,6 +123,27 @@ pub fn resolve(program: &mut Program) -> Result<()> {
         program.graph.seal(panic)?;
     }
     Ok(())
+}
+
+/// What the linker puts in where a call is too far for one instruction, such as from flash to ITCM: a jump through a
+/// register to the function whose name it carries.
+const THUNK: &str = "LongThunk_";
+
+/// Make them the direct calls that they are.
+fn follow_thunks(program: &mut Program) {
+    let functions = &program.image.functions;
+    let leads = |name: &str| {
+        let (_, target) = name.split_once(THUNK)?;
+        functions.iter().position(|function| function.name == target)
+    };
+    let thunks: Vec<_> = functions.iter().map(|function| leads(&function.name)).collect();
+    for (node, target) in program.graph.nodes.iter_mut().zip(thunks) {
+        if let Some(target) = target {
+            node.calls.insert(target);
+            node.points_to.remove(&target);
+            node.indirect_calls = 0;
+        }
+    }
 }
 
 fn check(program: &Program) -> Result<()> {

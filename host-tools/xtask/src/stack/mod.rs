@@ -25,7 +25,7 @@ const FIRMWARE: &str = "slipsense-firmware";
 /// What an exception puts on the stack: 26 words with the registers of the FPU, and one for the alignment.
 const EXCEPTION_BYTES: u64 = 27 * 4;
 /// One frame of the signal path, and everything below.
-const FRAME_PATH: &str = "pipeline::Pipeline>::step";
+const FRAME_PATH: &str = "pipeline::State>>::step";
 /// Where a panic ends; what it prints is no part of the frame path.
 const PANIC: &str = "rust_begin_unwind";
 

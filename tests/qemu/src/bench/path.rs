@@ -151,12 +151,13 @@ impl Observer for Watch<'_> {
     fn see(&mut self, layer: &'static str, values: &[i16]) {
         black_box(values);
         self.book(match layer {
-            "taxels" => Some(Part::PadCells),
+            // What lies before the log-mel frame is the pad, shown or not: an untouched one is not.
+            "taxels" | "log_mel" => Some(Part::PadCells),
             "piezo.conv1" => Some(Part::Conv1),
             "piezo.conv2" => Some(Part::Conv2),
             "piezo.conv3" => Some(Part::Conv3),
             "piezo" => Some(Part::PiezoDense),
-            "log_mel" | "xl.conv" | "xl.mix1" | "xl" => Some(Part::XlEncoder),
+            "xl.conv" | "xl.mix1" | "xl" => Some(Part::XlEncoder),
             "fused" => Some(Part::CrossAttention),
             "hidden" => Some(Part::TemporalAttention),
             "logits" => Some(Part::Head),

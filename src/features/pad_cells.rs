@@ -20,7 +20,8 @@ impl PadCells {
     }
 
     /// Take a scan in and write every taxel's count and change ([`TaxelChange::push_rows`]) to `rows`, from row 0 on.
-    /// Both are 0 everywhere if the result is false: the counts sum to less than [`CONTACT_SUM_MIN`].
+    /// If the result is false, the counts sum to less than [`CONTACT_SUM_MIN`], both count as 0 everywhere, and `rows`
+    /// are left as they are.
     #[inline]
     pub fn push_rows<'r>(
         &mut self,
@@ -33,7 +34,6 @@ impl PadCells {
             self.change.push_rows(counts, rows);
         } else {
             self.change.follow(counts);
-            rows.for_each(|row| *row = [[0; PIEZO_CHANNELS]; TAXEL_COLS]);
         }
         touched
     }

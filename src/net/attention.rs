@@ -12,28 +12,8 @@ use super::observer::Observer;
 use super::requantize;
 use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2};
 use crate::fixed::{saturate_i16, scale_q32};
-use crate::params::limits::WINDOW;
+use crate::params::limits::{EMBED, WINDOW};
 use crate::simd::{dots, weighted_sums};
-
-/// One frame's key and value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct KeyValue<const W: usize> {
-    key: Activations<W>,
-    value: Activations<W>,
-}
-
-impl<const W: usize> KeyValue<W> {
-    /// Project one frame of the sequence that is attended to.
-    pub fn project(block: &Attention<'_>, x: &Activations<W>, observer: &mut impl Observer) -> Self {
-        let mut out = Self { key: Activations::new(), value: Activations::new() };
-        dense(&block.key, x.words(), out.key.values_mut(), requantize::query_key);
-        dense(&block.value, x.words(), out.value.values_mut(), requantize::signed);
-        observer.see_part(block.name, "key", out.key.values().get(..block.key.outputs).unwrap_or_default());
-        let value = out.value.values().get(..block.value.outputs).unwrap_or_default();
-        observer.see_part(block.name, "value", value);
-        out
-    }
-}
 
 /// Keys and values of the last frames, newest overwriting oldest.
 #[derive(Clone, Debug)]
@@ -52,12 +32,23 @@ impl<const W: usize> KeyValueCache<W> {
         Self { keys: [[0; W]; WINDOW], values: [[0; W]; WINDOW], next: 0, filled: 0 }
     }
 
-    /// Take the newest frame in; the one that leaves the window is forgotten. `window`: so many frames the model looks
-    /// back over, the newest included, 1 to [`WINDOW`], always the same.
-    pub fn push(&mut self, entry: &KeyValue<W>, window: usize) {
+    /// Take the newest frame `x` of the sequence that is attended to in, as its key and value; the one that leaves
+    /// the window is forgotten. Always the same block and window; `window` are so many frames as the model looks back
+    /// over, the newest included, 1 to [`WINDOW`].
+    pub fn push(
+        &mut self,
+        block: &Attention<'_>,
+        x: &Activations<W>,
+        window: usize,
+        observer: &mut impl Observer,
+    ) {
         if let (Some(key), Some(value)) = (self.keys.get_mut(self.next), self.values.get_mut(self.next)) {
-            *key = *entry.key.words();
-            *value = *entry.value.words();
+            let key: &mut [i16] = bytemuck::must_cast_slice_mut(key);
+            let value: &mut [i16] = bytemuck::must_cast_slice_mut(value);
+            dense(&block.key, x.words(), key, requantize::query_key);
+            dense(&block.value, x.words(), value, requantize::signed);
+            observer.see_part(block.name, "key", key.get(..block.key.outputs).unwrap_or_default());
+            observer.see_part(block.name, "value", value.get(..block.value.outputs).unwrap_or_default());
         }
         let window = window.min(WINDOW);
         self.next = if self.next + 1 < window { self.next + 1 } else { 0 };
@@ -114,9 +105,13 @@ pub fn attend<const W: usize>(
         gather(cache, weights, (from, to), &mut context);
     }
     let x = x.values().get(..width).unwrap_or_default();
-    add_and_norm(&block.out, context.words(), x, &block.norm, out, |sum| {
-        observer.see_residual(block.name, sum);
-    });
+    let see = |sum: &[i32]| observer.see_residual(block.name, sum);
+    // By width, because room is zeroed before it is used.
+    match width {
+        ..=32 => add_and_norm::<32>(&block.out, context.words(), x, &block.norm, out, see),
+        ..=64 => add_and_norm::<64>(&block.out, context.words(), x, &block.norm, out, see),
+        _ => add_and_norm::<{ 2 * EMBED }>(&block.out, context.words(), x, &block.norm, out, see),
+    }
 }
 
 /// Products of the query with the key of every cached frame, slot after slot, over columns `from` to `to`.

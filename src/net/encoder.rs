@@ -63,14 +63,16 @@ impl PiezoEncoder {
         let rows = self.input.chunks_exact_mut(INPUT.row()).skip(INPUT.border);
         let cells = rows.filter_map(|row| row.get_mut(INPUT.border..)?.first_chunk_mut::<SIDE>());
         let touched = pad.push_rows(frame.counts(), cells.map(bytemuck::must_cast_mut));
+        if touched {
+            return self.convolve(model, observer);
+        }
         // Who looks on sees the layers of an untouched pad too.
-        if let Some(embedding) = self.untouched.filter(|_| !touched && !O::LOOKS) {
+        if let Some(embedding) = self.untouched.filter(|_| !O::LOOKS) {
             return embedding;
         }
+        self.input = [0; INPUT.len()];
         let embedding = self.convolve(model, observer);
-        if !touched {
-            self.untouched = Some(embedding);
-        }
+        self.untouched = Some(embedding);
         embedding
     }
 

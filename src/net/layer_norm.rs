@@ -4,20 +4,16 @@ use super::dense::{GROUP, scaled};
 use super::model::{Layer, Norm};
 use super::requantize;
 use crate::fixed::{STANDARD_FRAC_BITS, scale_q32, standardise};
-use crate::params::limits::EMBED;
 
 /// Extra fraction bits of the residual sum over the activation it adds to.
 pub const RESIDUAL_EXTRA_BITS: u32 = 4;
 /// A residual sum has 22 bits; [`standardise`] asks for a magnitude below 2^22.
 const RESIDUAL_BITS: u32 = 22;
-/// Widest vector: the fused one.
-const WIDTH_MAX: usize = 2 * EMBED;
-
 /// `LayerNorm(x + layer(context))`, to the scale of `norm`.
 ///
-/// `x`, `out`: `layer.outputs` activations, at most 128. The sum keeps 4 bits more than `x`
+/// `x`, `out`: `layer.outputs` activations, at most `WIDTH_MAX`. The sum keeps 4 bits more than `x`
 /// and is not cut to 16 bits before it is normalised; `see_sum` is shown it.
-pub fn add_and_norm(
+pub fn add_and_norm<const WIDTH_MAX: usize>(
     layer: &Layer<'_>,
     context: &[u32],
     x: &[i16],

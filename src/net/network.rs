@@ -1,7 +1,7 @@
 //! The streaming graph: embeddings, maximum over sensors, two cross-attentions, one over time, head.
 
 use super::activations::Activations;
-use super::attention::{KeyValue, KeyValueCache, attend};
+use super::attention::{KeyValueCache, attend};
 use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
@@ -104,7 +104,7 @@ impl Memory {
         let fused = self.fuse(model, &piezo, &xl, observer);
         let (width, window) = (model.dims.fused().min(FUSED), model.dims.window);
         observer.see("fused", fused.values().get(..width).unwrap_or_default());
-        self.fused_seen.push(&KeyValue::project(&model.temporal, &fused, observer), window);
+        self.fused_seen.push(&model.temporal, &fused, window, observer);
         let mut hidden = Activations::<FUSED_WORDS>::new();
         attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
         observer.see("hidden", hidden.values().get(..width).unwrap_or_default());
@@ -148,8 +148,8 @@ impl Memory {
         observer: &mut impl Observer,
     ) -> Activations<FUSED_WORDS> {
         let (embed, window) = (model.dims.embed.min(EMBED), model.dims.window);
-        self.xl_seen.push(&KeyValue::project(&model.cross_piezo, xl, observer), window);
-        self.piezo_seen.push(&KeyValue::project(&model.cross_xl, piezo, observer), window);
+        self.xl_seen.push(&model.cross_piezo, xl, window, observer);
+        self.piezo_seen.push(&model.cross_xl, piezo, window, observer);
         let mut fused = Activations::new();
         let (first, second) = fused.values_mut().split_at_mut(embed);
         attend(&model.cross_piezo, piezo, &self.xl_seen, first, observer);

@@ -10,7 +10,7 @@ use slipsense::features::pad_cells::PadCells;
 use slipsense::fixed::{STANDARD_FRAC_BITS, standardise};
 use slipsense::net::Model;
 use slipsense::net::activations::Activations;
-use slipsense::net::attention::{KeyValue, KeyValueCache, attend};
+use slipsense::net::attention::{KeyValueCache, attend};
 use slipsense::net::dense::dense;
 use slipsense::net::model::{Attention, LagBias, Layer, Norm};
 use slipsense::net::packing::{self, Inputs};
@@ -145,8 +145,9 @@ fn layer(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>) 
 fn key_value<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_>) {
     let x = activations::<W>(&mut noise());
     let macs = [block.key, block.value].map(|layer| layer.inputs.count() * layer.outputs);
+    let mut cache = KeyValueCache::<W>::new();
     bench.kernel(name, macs.iter().sum(), &mut || {
-        black_box(KeyValue::<W>::project(block, black_box(&x), &mut ()));
+        black_box(&mut cache).push(block, black_box(&x), WINDOW, &mut ());
     });
 }
 
@@ -155,7 +156,7 @@ fn attention<const W: usize>(bench: &mut Bench, name: &str, block: &Attention<'_
     let mut cache = KeyValueCache::<W>::new();
     let mut source = noise();
     for _ in 0..WINDOW {
-        cache.push(&KeyValue::project(block, &activations(&mut source), &mut ()), WINDOW);
+        cache.push(block, &activations(&mut source), WINDOW, &mut ());
     }
     let x = activations::<W>(&mut source);
     let mut out = [0; 2 * EMBED];

@@ -36,7 +36,12 @@ const _: () =
 
 /// One scan of one array: ADC counts 0–4095, row-major, inactive taxels 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PiezoFrame([u16; TAXELS]);
+pub struct PiezoFrame {
+    counts: [u16; TAXELS],
+    /// Of all counts: told once, asked for by everyone.
+    sum: u32,
+    saturated: bool,
+}
 
 /// A count that a [`PiezoFrame`] cannot hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +65,7 @@ pub enum TaxelError {
 impl PiezoFrame {
     /// An untouched pad.
     pub const fn zeroed() -> Self {
-        Self([0; TAXELS])
+        Self { counts: [0; TAXELS], sum: 0, saturated: false }
     }
 
     /// Take counts from outside, refusing what breaks the rules.
@@ -73,7 +78,19 @@ impl PiezoFrame {
                 return Err(TaxelError::Inactive { index, count });
             }
         }
-        Ok(Self(counts))
+        Ok(Self::of(counts))
+    }
+
+    /// `counts` that keep to the rules.
+    fn of(counts: [u16; TAXELS]) -> Self {
+        let mut frame = Self { counts, sum: 0, saturated: false };
+        frame.sum =
+            frame.rows().fold(0, |sum, row| sum + both(row.iter().fold(0, |sums, &two| sums + pair(two))));
+        // One more than a count has 13 bits at full scale only.
+        const ONES: u32 = pair([1; 2]);
+        let more = frame.rows().flatten().fold(0, |bits, &two| bits | (pair(two) + ONES));
+        frame.saturated = more & pair([COUNT_MAX + 1; 2]) != 0;
+        frame
     }
 
     /// Take a scan as the ADC wrote it: cells off the pad are zeroed, 12 bits are kept.
@@ -86,39 +103,36 @@ impl PiezoFrame {
             cells[..pad.start].fill(0);
             cells[pad.end..].fill(0);
         }
-        Self(counts)
+        Self::of(counts)
     }
 
     /// The counts, row-major.
     #[inline]
     pub const fn counts(&self) -> &[u16; TAXELS] {
-        &self.0
+        &self.counts
     }
 
     /// Row by row, the counts in words of two neighbours: see [`pair`].
     #[inline]
     pub fn rows(&self) -> impl Iterator<Item = &[[u16; 2]; TAXEL_COLS / 2]> {
-        self.0.as_chunks::<2>().0.as_chunks().0.iter()
+        self.counts.as_chunks::<2>().0.as_chunks().0.iter()
     }
 
     /// Sum over the pad, counts; at most 942 · 4095.
-    pub fn sum(&self) -> u32 {
-        self.rows().fold(0, |sum, row| sum + both(row.iter().fold(0, |sums, &two| sums + pair(two))))
+    pub const fn sum(&self) -> u32 {
+        self.sum
     }
 
     /// Is any taxel at full scale?
-    pub fn is_saturated(&self) -> bool {
-        // One more than a count has 13 bits at full scale only.
-        const ONES: u32 = pair([1; 2]);
-        let more = self.rows().flatten().fold(0, |bits, &two| bits | (pair(two) + ONES));
-        more & pair([COUNT_MAX + 1; 2]) != 0
+    pub const fn is_saturated(&self) -> bool {
+        self.saturated
     }
 
     /// Counts of the active taxels only, row by row, in neighbouring twos: the order of the raw frame on the bus.
     #[inline]
     pub fn active_rows(&self) -> impl Iterator<Item = &[[u16; 2]]> {
         // The same number is cut from both sides of an even row: no two cross its end.
-        let rows = self.0.as_chunks::<TAXEL_COLS>().0.iter().enumerate();
+        let rows = self.counts.as_chunks::<TAXEL_COLS>().0.iter().enumerate();
         rows.map(|(row, cells)| cells[active_cols(row)].as_chunks().0)
     }
 

@@ -20,15 +20,15 @@ impl PadCells {
     }
 
     /// Take a scan in and write every taxel's count and change ([`TaxelChange::push_rows`]) to `rows`, from row 0 on.
-    /// If the result is false, the counts sum to less than [`CONTACT_SUM_MIN`], both count as 0 everywhere, and `rows`
-    /// are left as they are.
+    /// `sum` is that of the counts. If the result is false, it is less than [`CONTACT_SUM_MIN`], count and change are
+    /// 0 everywhere, and `rows` are left as they are.
     #[inline]
     pub fn push_rows<'r>(
         &mut self,
         counts: &[u16; TAXELS],
+        sum: u32,
         rows: impl Iterator<Item = &'r mut [[i16; PIEZO_CHANNELS]; TAXEL_COLS]>,
     ) -> bool {
-        let sum = counts.iter().fold(0, |sum: u32, &count| sum + count as u32);
         let touched = sum >= CONTACT_SUM_MIN;
         if touched {
             self.change.push_rows(counts, rows);
@@ -45,7 +45,8 @@ impl PadCells {
         mut take: impl FnMut(usize, [i16; PIEZO_CHANNELS]),
     ) -> bool {
         let mut rows = [[[0; PIEZO_CHANNELS]; TAXEL_COLS]; TAXEL_ROWS];
-        let touched = self.push_rows(counts, rows.iter_mut());
+        let sum = counts.iter().map(|&count| count as u32).sum();
+        let touched = self.push_rows(counts, sum, rows.iter_mut());
         rows.as_flattened().iter().enumerate().for_each(|(index, &cell)| take(index, cell));
         touched
     }

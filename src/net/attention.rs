@@ -10,7 +10,7 @@ use super::layer_norm::add_and_norm;
 use super::model::Attention;
 use super::observer::Observer;
 use super::requantize;
-use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2};
+use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2_of};
 use crate::fixed::{saturate_i16, scale_q32};
 use crate::params::limits::{EMBED, WINDOW};
 use crate::simd::{dots, weighted_sums};
@@ -95,13 +95,14 @@ pub fn attend<const W: usize>(
         let to = (from + head_width).min(width);
         let weights = scores.get_mut(..cache.filled).unwrap_or_default();
         score(&query, cache, (from, to), weights);
-        let mut unbiased = weights.iter_mut();
+        let (mut unbiased, mut max) = (weights.iter_mut(), i32::MIN);
         for part in cache.part(block.bias.head(head)) {
             for (&bias, score) in part.iter().rev().zip(&mut unbiased) {
                 *score = scale_q32(*score, block.score_multiplier) + bias as i32;
+                max = max.max(*score);
             }
         }
-        softmax_base2(weights);
+        softmax_base2_of(weights, max);
         gather(cache, weights, (from, to), &mut context);
     }
     let x = x.values().get(..width).unwrap_or_default();

@@ -62,7 +62,7 @@ impl PiezoEncoder {
     ) -> Embedding {
         let rows = self.input.chunks_exact_mut(INPUT.row()).skip(INPUT.border);
         let cells = rows.filter_map(|row| row.get_mut(INPUT.border..)?.first_chunk_mut::<SIDE>());
-        let touched = pad.push_rows(frame.counts(), cells.map(bytemuck::must_cast_mut));
+        let touched = pad.push_rows(frame.counts(), frame.sum(), cells.map(bytemuck::must_cast_mut));
         if touched {
             return self.convolve(model, observer);
         }

@@ -318,7 +318,8 @@ impl Iterator for Frames<'_> {
                 data
             }
         };
-        if self.total > FRAME_PAYLOAD {
+        // The last frame or the last two.
+        if self.total > FRAME_PAYLOAD && self.left < 2 {
             for (index, &byte) in (self.total - CRC_BYTES..).zip(&self.crc) {
                 let slot = index.checked_sub(self.at).filter(|&slot| slot < bytes);
                 if let Some(out) = slot.and_then(|slot| data.get_mut(slot)) {

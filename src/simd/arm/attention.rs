@@ -14,16 +14,8 @@ global_asm!(
     .syntax unified
     .thumb
     @ r0: four words of the query, r1: rows, r2: how many, r3: output, on the stack: bytes from row to row
-    .macro slipsense_dots name, add
-    .section .text.hot.\\name,\"ax\",%progbits
-    .p2align 2
-    .type \\name, %function
-    .thumb_func
-\\name:
-    push.w {{r4-r11, lr}}
-    ldr r12, [sp, #36]
-    ldm.w r0, {{r4-r7}}
-2:  ldm.w r1, {{r8-r11}}
+    .macro slipsense_dot add
+    ldm.w r1, {{r8-r11}}
     add r1, r1, r12
     .if \\add
     ldr lr, [r3]
@@ -35,15 +27,45 @@ global_asm!(
     smlad lr, r6, r10, lr
     smlad lr, r7, r11, lr
     str lr, [r3], #4
+    .endm
+    .macro slipsense_dots name, add
+    .section .text.hot.\\name,\"ax\",%progbits
+    .p2align 2
+    .type \\name, %function
+    .thumb_func
+\\name:
+    push.w {{r4-r11, lr}}
+    ldr r12, [sp, #36]
+    ldm.w r0, {{r4-r7}}
+    @ an odd row, then two by two
+    lsrs r2, r2, #1
+    bcc 2f
+    slipsense_dot \\add
+    cbz r2, 3f
+2:  slipsense_dot \\add
+    slipsense_dot \\add
     subs r2, r2, #1
     bne 2b
-    pop.w {{r4-r11, pc}}
+3:  pop.w {{r4-r11, pc}}
     .size \\name, . - \\name
     .endm
     slipsense_dots slipsense_dots_set, 0
     slipsense_dots slipsense_dots_add, 1
 
     @ r0: weights, r1: rows, r2: how many, r3: output
+    .macro slipsense_weighted stride
+    ldr r3, [r0], #4
+    ldrd r12, lr, [r1, #8]
+    smlabb r8, r12, r3, r8
+    smlatb r9, r12, r3, r9
+    smlabb r10, lr, r3, r10
+    smlatb r11, lr, r3, r11
+    ldrd r12, lr, [r1], #\\stride
+    smlabb r4, r12, r3, r4
+    smlatb r5, r12, r3, r5
+    smlabb r6, lr, r3, r6
+    smlatb r7, lr, r3, r7
+    .endm
     .macro slipsense_weighted_sums name, stride
     .section .text.hot.\\name,\"ax\",%progbits
     .p2align 2
@@ -59,20 +81,16 @@ global_asm!(
     mov r9, r4
     mov r10, r4
     mov r11, r4
-2:  ldr r3, [r0], #4
-    ldrd r12, lr, [r1, #8]
-    smlabb r8, r12, r3, r8
-    smlatb r9, r12, r3, r9
-    smlabb r10, lr, r3, r10
-    smlatb r11, lr, r3, r11
-    ldrd r12, lr, [r1], #\\stride
-    smlabb r4, r12, r3, r4
-    smlatb r5, r12, r3, r5
-    smlabb r6, lr, r3, r6
-    smlatb r7, lr, r3, r7
+    @ an odd row, then two by two
+    lsrs r2, r2, #1
+    bcc 2f
+    slipsense_weighted \\stride
+    cbz r2, 3f
+2:  slipsense_weighted \\stride
+    slipsense_weighted \\stride
     subs r2, r2, #1
     bne 2b
-    ldr r3, [sp]
+3:  ldr r3, [sp]
     stm.w r3, {{r4-r11}}
     pop.w {{r3-r11, pc}}
     .size \\name, . - \\name

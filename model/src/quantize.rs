@@ -21,8 +21,12 @@ use crate::piezo::{self, PIEZO_INPUT_SCALE};
 use crate::reference::{ACTIVATIONS, Ranges, log_mel_real};
 use crate::weights::Weights;
 
-/// Room above the largest magnitude seen in calibration. A 16-bit activation can spare one bit of 15.
-const MARGIN: f64 = 2.0;
+/// Room above the largest magnitude seen in calibration. Embeddings of pads that are pressed harder than those of
+/// calibration were cut at twice that; a 16-bit activation can spare three bits of 15, whose step is then still far
+/// below what the 8-bit weights add.
+const MARGIN: f64 = 8.0;
+/// The same for queries and keys, whose scale is also that of the scores and may not grow.
+const QUERY_KEY_MARGIN: f64 = 2.0;
 /// Largest magnitude of an activation after requantization.
 const I16_MAX: f64 = i16::MAX as f64;
 /// Largest 8-bit weight; −128 is left unused so that a sign never changes the magnitude.
@@ -40,8 +44,8 @@ struct Scales<'a> {
 }
 
 impl Scales<'_> {
-    fn of(&self, activation: &str, largest_int: f64) -> Result<f64> {
-        let largest = f64::from(self.ranges.largest(activation)) * MARGIN;
+    fn of(&self, activation: &str, margin: f64, largest_int: f64) -> Result<f64> {
+        let largest = f64::from(self.ranges.largest(activation)) * margin;
         ensure!(
             largest.is_finite() && largest > 0.0,
             "activation {activation}: largest magnitude in calibration is {largest}, must be positive"
@@ -50,17 +54,17 @@ impl Scales<'_> {
     }
 
     fn signed(&self, activation: &str) -> Result<f64> {
-        self.of(activation, I16_MAX)
+        self.of(activation, MARGIN, I16_MAX)
     }
 
     fn query_key(&self, activation: &str) -> Result<f64> {
-        self.of(activation, f64::from(QUERY_KEY_MAX))
+        self.of(activation, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))
     }
 
     /// Of an activation that a residual adds to: the sum has 21 bits at a 16th of this scale.
     fn with_residual(&self, activation: &str, residual: &str) -> Result<f64> {
         let extra = f64::from(1 << RESIDUAL_EXTRA_BITS);
-        Ok(self.signed(activation)?.max(self.of(residual, RESIDUAL_MAX)? * extra))
+        Ok(self.signed(activation)?.max(self.of(residual, MARGIN, RESIDUAL_MAX)? * extra))
     }
 }
 

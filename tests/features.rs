@@ -4,13 +4,14 @@
 
 use proptest::prelude::*;
 use serde_json::Value;
-use slipsense::features::fft::{Complex, Work, windowed_fft};
+use slipsense::features::fft::Complex;
 use slipsense::features::highpass::{FILTERED_FRAC_BITS, FILTERED_MAX, HighPassState};
 use slipsense::features::log::{LOG_FLOOR_LSB2, ln_q16};
 use slipsense::features::mel::mel_power;
 use slipsense::features::power::{POWER_FRAC_BITS, add_power};
 use slipsense::features::ring::Ring;
 use slipsense::features::tables::HIGHPASS;
+use slipsense::features::transform::{Work, windowed_fft};
 use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS, XlFrontEnd};
 use slipsense::params::{FFT_BINS, HIGHPASS_HZ, MEL_BINS, MEL_HIGH_HZ, MEL_LOW_HZ, XL_RATE_HZ, XL_WINDOW};
 use slipsense::sensor::XlSample;
@@ -18,12 +19,19 @@ use std::f64::consts::{LN_10, PI, SQRT_2};
 
 /// 20 dB above the floor, as a natural logarithm of power.
 const CLEAR_NAT: f64 = 2.0 * LN_10;
-/// Worst error asked for where the power is 20 dB above the floor, reached even below; and the one reached.
+/// Worst error asked for where the power is 20 dB above the floor; the one reached there, and the one reached
+/// anywhere. The FFT of CMSIS-DSP cuts products off where ours rounds them.
 const REQUIRED_NAT: f64 = 0.02;
-const REACHED_NAT: f64 = 1e-3;
+const REACHED_NAT: f64 = if cfg!(feature = "cmsis-dsp") { 2.5e-3 } else { 1e-3 };
+const REACHED_ANYWHERE_NAT: f64 = if cfg!(feature = "cmsis-dsp") { 0.03 } else { 0.01 };
+const _: () = assert!(REACHED_NAT <= REQUIRED_NAT);
 
-/// √(4/3), the gain of the FFT.
-const FFT_GAIN: f64 = 1.154_700_538_379_251_5;
+/// √(4/3), the gain of the FFT, or √(2/3), with the FFT of CMSIS-DSP.
+const FFT_GAIN: f64 =
+    if cfg!(feature = "cmsis-dsp") { 0.816_496_580_927_726 } else { 1.154_700_538_379_251_5 };
+
+/// Signal to noise of window and FFT that their documentation states, at 32,767, 500 and 10 LSB.
+const SNR_DB: [f64; 3] = if cfg!(feature = "cmsis-dsp") { [127.0, 91.0, 58.0] } else { [138.0, 102.0, 69.0] };
 
 fn nat(ln_power: i32) -> f64 {
     ln_power as f64 / (1u32 << LN_FRAC_BITS) as f64
@@ -153,7 +161,10 @@ fn log_mel_agrees_with_librosa_and_scipy() {
         sum / count as f64
     );
     assert!(count > 2500, "only {count} values lie 20 dB above the floor");
-    assert!(worst <= REACHED_NAT && worst_any <= REQUIRED_NAT, "{worst} nat, anywhere {worst_any} nat");
+    assert!(
+        worst <= REACHED_NAT && worst_any <= REACHED_ANYWHERE_NAT,
+        "{worst} nat, anywhere {worst_any} nat"
+    );
     assert!(sum / count as f64 <= 1e-4 && worst_standard <= 0.005);
 }
 
@@ -161,7 +172,8 @@ fn log_mel_agrees_with_librosa_and_scipy() {
 fn spectrum(ring: &Ring) -> [Complex; FFT_BINS] {
     let mut bins = [None; FFT_BINS];
     // What the room held before must not matter.
-    let mut work = [[[Complex { re: i32::MIN, im: i32::MAX }; 4]; 4]; 4];
+    let mut work = Work::default();
+    windowed_fft(&[FILTERED_MAX; XL_WINDOW], &mut work, |_, _| {});
     windowed_fft(ring.latest(), &mut work, |bin, value| {
         assert_eq!(bins[bin].replace(value), None, "bin {bin} comes once");
     });
@@ -179,8 +191,8 @@ fn snr_db(ours: &[Complex], reference: &[(f64, f64)], scale: f64) -> f64 {
 }
 
 #[test]
-fn window_and_fft_keep_138_db() {
-    for (amplitude, least_db) in [(32767.0, 138.0), (500.0, 102.0), (10.0, 69.0)] {
+fn window_and_fft_keep_their_signal_to_noise() {
+    for (amplitude, least_db) in [32767.0, 500.0, 10.0].into_iter().zip(SNR_DB) {
         let mut worst = f64::INFINITY;
         for tenth_bin in 5..640 {
             let mut ring = Ring::new();

@@ -15,8 +15,19 @@
 //! | split, even or odd half | 64 samples, weights summing to 32 | 32 · 79,500 | 9 and the gain | 0.70 · 2^31 |
 //! | spectrum | both | 64 · 79,500 | 8 and the gain | 0.70 · 2^31 |
 //!
-//! The gain, √(4/3), uses what is left of the range; [`super::power`] says where it ends. Rounding adds some tens of units, so nothing leaves `i32`. The stages decimate in time, so the bins come out
-//! in order.
+//! The gain, √(4/3), uses what is left of the range; [`super::power`] says where it ends. Rounding adds some tens
+//! of units, so nothing leaves `i32`. The stages decimate in time, so the bins come out in order.
+//!
+//! This is the default, and not the q31 FFT of CMSIS-DSP, which the feature `cmsis-dsp` puts in its place: with the
+//! same window and the same largest sample, emulated Cortex-M7,
+//!
+//! | | instructions with the window | signal to noise at 32,767, 500, 10 LSB | of `log_mel`, 3 axes |
+//! |---|---|---|---|
+//! | this one | 5,838 | 138.5, 102.5, 69.2 dB | 23,379 |
+//! | CMSIS-DSP 1.10.3, gcc 12.2 -O3 | 9,695 | 127.7, 91.5, 58.9 dB | 34,497 |
+//!
+//! It is the better one in both. `cargo xtask bench --only kernels --only peers` counts, `tests/features.rs` prints
+//! the noise.
 
 use super::highpass::FILTERED_FRAC_BITS;
 use super::tables::{GAIN_TWIDDLE_16_Q30, HANN_Q31, TWIDDLE_64_Q30, TWIDDLE_128_Q31};
@@ -25,6 +36,8 @@ use crate::params::XL_WINDOW;
 
 /// Fraction bits of the spectrum, in √(3/4) LSB.
 pub const SPECTRUM_FRAC_BITS: u32 = 8;
+/// The square of that unit is the unit of [`super::power`].
+pub const POWER_SHIFT: u32 = 0;
 /// Bits dropped before the second and before the third stage: 32 less the fraction bits of the twiddles.
 const DROP: u32 = 32 - 30;
 /// Fraction bits of the windowed signal: what the first stage has room for.

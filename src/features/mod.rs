@@ -9,12 +9,21 @@
 pub mod highpass;
 pub mod ring;
 pub mod fft;
+#[cfg(feature = "cmsis-dsp")]
+pub mod cmsis;
 pub mod power;
 pub mod mel;
 pub mod log;
 pub mod tables;
 pub mod taxel_change;
 pub mod pad_cells;
+
+/// The window and FFT in use.
+#[cfg(feature = "cmsis-dsp")]
+pub use cmsis as transform;
+/// The window and FFT in use.
+#[cfg(not(feature = "cmsis-dsp"))]
+pub use fft as transform;
 
 use core::hint::black_box;
 
@@ -86,7 +95,7 @@ impl XlFrontEnd {
     /// Within 1e-3 nat of float64 arithmetic wherever the power is 20 dB above the floor, 1e-4 nat in the
     /// mean, whatever else is in the signal (`tests/features.rs`).
     pub fn log_mel(&self) -> LogMel {
-        let (mut power, mut work) = ([0; FFT_BINS], fft::Work::default());
+        let (mut power, mut work) = ([0; FFT_BINS], transform::Work::default());
         for axis in &self.axes {
             power::add_power(&mut power, axis.ring.latest(), &mut work);
         }

@@ -1,7 +1,7 @@
 //! Step 4: power, summed over the axes. The sum does not change when the accelerometer is rotated, and
 //! it makes one mel bank and one logarithm do for three axes.
 
-use super::fft::{SPECTRUM_FRAC_BITS, Work, windowed_fft};
+use super::transform::{POWER_SHIFT, SPECTRUM_FRAC_BITS, Work, windowed_fft};
 use crate::params::{FFT_BINS, XL_WINDOW};
 
 /// Fraction bits of the power, here in 3/4 LSB² for the gain of the FFT, behind the mel triangles in LSB².
@@ -15,6 +15,6 @@ pub const POWER_FRAC_BITS: u32 = 2 * SPECTRUM_FRAC_BITS;
 pub fn add_power(power: &mut [u64; FFT_BINS], samples: &[i32; XL_WINDOW], work: &mut Work) {
     windowed_fft(samples, work, |bin, value| {
         let (re, im) = (value.re as i64, value.im as i64);
-        power[bin] += (re * re + im * im) as u64;
+        power[bin] += ((re * re + im * im) as u64) << POWER_SHIFT;
     });
 }

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Make the committed integer tables of the kernels: src/features/tables.rs and src/net/tables.rs.
+"""Make the committed integer tables of the kernels: src/features/tables.rs, src/features/cmsis/tables.rs and
+src/net/tables.rs.
 
 Every entry is floor(x * 2^q + 1/2) of a value taken with 60 decimal digits, so no machine's floating
 point has a say in it. Needs mpmath (tests/python/requirements.txt) and rustfmt.
@@ -147,6 +148,33 @@ def features_tables():
     return "".join(parts)
 
 
+def cmsis_twiddle(x):
+    """CMSIS-DSP's twiddleCoef_64_q31 is neither rounded nor cut off; this gives every one of its 96 entries."""
+    return min(int(mp.floor(x * 2**31 + mpf(1) / 32)), 2**31 - 1)
+
+
+def cmsis_tables():
+    window, half = WINDOW, WINDOW // 2
+    gain = mp.sqrt(mpf(2) / 3)
+    hann = [fixed(gain * (1 - mp.cos(2 * mp.pi * n / window)) / 2, 31) for n in range(window)]
+    angles = [2 * mp.pi * k / half for k in range(3 * half // 4)]
+    twiddles = [[cmsis_twiddle(mp.cos(a)), cmsis_twiddle(mp.sin(a))] for a in angles]
+    angles = [2 * mp.pi * k / window for k in range(1, half)]
+    split = [[fixed_i32(x / 2, 31) for x in (1 - mp.sin(a), -mp.cos(a), 1 + mp.sin(a))] for a in angles]
+    return "".join([
+        HEADER.format(about="Constants of the front end with CMSIS-DSP's FFT, and of the FFT itself, by formula.\n//! "
+                            "\n//! That they are those of the library, `cargo xtask test --only qemu-cmsis` shows."),
+        f"/// Periodic Hann window, `(1 - cos(2 pi n / {window})) / 2`, times sqrt(2/3); Q31.\n",
+        f"pub static HANN_GAIN_Q31: [i32; {window}] = {literal(hann)};\n\n",
+        f"/// `exp(-2 pi i k / {half})` as cosine and sine, `[re, -im]`, Q31, for k = 0 to {len(twiddles) - 1}. As in the\n"
+        f"/// library, each is `floor(x + 1/32)`.\n",
+        f"pub static TWIDDLE_{half}_Q31: [[i32; 2]; {len(twiddles)}] = {literal(twiddles)};\n\n",
+        f"/// With a = 2 pi k / {window}: `(1 - sin a) / 2`, `-cos a / 2` and `(1 + sin a) / 2`, Q31, for k = 1 to "
+        f"{len(split)}.\n",
+        f"pub static SPLIT_Q31: [[i32; 3]; {len(split)}] = {literal(split)};\n",
+    ])
+
+
 def net_tables():
     exp2 = [fixed(mp.power(2, -mpf(f) / EXP2_STEPS), EXP2_BITS) for f in range(EXP2_STEPS)]
     return "".join([
@@ -169,7 +197,11 @@ def main():
     parser.add_argument("--check", action="store_true", help="compare instead of writing")
     check = parser.parse_args().check
     failed = False
-    for name, make in (("src/features/tables.rs", features_tables), ("src/net/tables.rs", net_tables)):
+    for name, make in (
+        ("src/features/tables.rs", features_tables),
+        ("src/features/cmsis/tables.rs", cmsis_tables),
+        ("src/net/tables.rs", net_tables),
+    ):
         path, text = ROOT / name, rustfmt(make())
         if not check:
             path.write_text(text)

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod bench;
+mod cmsis;
 mod elf;
 mod process;
 mod python;
@@ -34,6 +35,8 @@ enum Command {
     Bench(bench::Options),
     /// How deep the firmware's stack can get
     Stack(stack::Options),
+    /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
+    Cmsis(cmsis::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -50,6 +53,7 @@ fn main() -> ExitCode {
         Command::Qemu(options) => qemu::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::Stack(options) => stack::run(&options),
+        Command::Cmsis(options) => cmsis::print(&options),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

@@ -161,17 +161,18 @@ fn sums_are_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, stride: us
 }
 
 /// Numbers for tests, the same everywhere: xorshift.
-struct Dice(u32);
+/// Numbers of any size, the same in every run: Marsaglia's xorshift.
+pub(crate) struct Dice(pub(crate) u32);
 
 impl Dice {
-    fn next(&mut self) -> u32 {
+    pub(crate) fn next(&mut self) -> u32 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 17;
         self.0 ^= self.0 << 5;
         self.0
     }
 
-    fn below(&mut self, end: usize) -> usize {
+    pub(crate) fn below(&mut self, end: usize) -> usize {
         self.next() as usize % end.max(1)
     }
 

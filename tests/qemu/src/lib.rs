@@ -10,6 +10,8 @@ pub mod equal;
 pub mod input;
 pub mod measured;
 pub mod record;
+#[cfg(feature = "cmsis-dsp")]
+pub mod spectra;
 
 /// Name of the file that the emulated board reads, in the emulator's working directory.
 pub const INPUT_FILE: &str = "frames.in";

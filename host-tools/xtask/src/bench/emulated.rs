@@ -16,12 +16,16 @@ use tempfile::TempDir;
 use super::inputs::Input;
 use super::peers::{self, Peer};
 use super::trace::{Recorder, Trace};
+use crate::cmsis;
 use crate::elf::Image;
 use crate::qemu::machine::{Machine, write_input};
 use crate::qemu::{self, frames::Frames};
 
 const PROGRAM: &str = "slipsense-qemu-bench";
 const TIMEOUT: Duration = Duration::from_secs(900);
+/// No frames: kernels only.
+const NOTHING: (Input, usize, usize) = (Input::Idle, 1, 0);
+
 /// One kernel.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Kernel {
@@ -83,7 +87,7 @@ pub fn measure(model: &[u8], frames: usize, peers: bool) -> Result<Emulated> {
     let machine = Machine::build(PROGRAM, if peers { &["peers"] } else { &[] })?;
     let parsed = Model::parse(model).context("the model to measure")?;
     let mut all = Emulated::default();
-    let nothing = [(Input::Idle, 1, 0)];
+    let nothing = [NOTHING];
     let path: Vec<_> = (1..=slipsense::params::MAX_SENSORS)
         .flat_map(|sensors| Input::ALL.map(|input| (input, sensors, WARM_UP_FRAMES + frames)))
         .collect();
@@ -104,7 +108,19 @@ pub fn measure(model: &[u8], frames: usize, peers: bool) -> Result<Emulated> {
             all.paths.push(path_cost(input, sensors, &parsed, costs));
         }
     }
+    if peers {
+        all.peers.extend(cmsis_dsp(model)?);
+        all.peers.extend(peers::committed());
+    }
     Ok(all)
+}
+
+/// The FFT of CMSIS-DSP, from a program of its own: in it, the front end uses no other.
+fn cmsis_dsp(model: &[u8]) -> Result<Vec<Peer>> {
+    let machine = Machine::build(PROGRAM, &[cmsis::FEATURE])?;
+    let (input, sensors, count) = NOTHING;
+    let (measured, _) = parse(&run(&machine, &input.frames(sensors, count)?, model)?)?;
+    Ok(measured.peers)
 }
 
 /// Every instruction of the last of these frames' `Pipeline::step`, and how many it was measured to be.
@@ -163,9 +179,7 @@ fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
             all.loop_measured
         );
     }
-    if !peers.is_empty() {
-        all.peers = peers::all(peers);
-    }
+    all.peers = peers::of_this_run(peers);
     Ok((all, frames))
 }
 

@@ -11,6 +11,7 @@ use slipsense_qemu::input::{Header, encode_frame};
 
 use super::frames::Frames;
 use super::host::NODE;
+use crate::cmsis;
 use crate::process::{apt_install, command, find, run};
 use crate::toolchain::Toolchain;
 
@@ -38,6 +39,9 @@ impl Machine {
         let mut build = toolchain.build();
         build.args(["--package", PACKAGE, "--bin", program]);
         build.args(features.iter().flat_map(|feature| ["--features", feature]));
+        if features.contains(&cmsis::FEATURE) {
+            cmsis::link(&mut build)?;
+        }
         run(&mut build)?;
         Ok(Self { qemu, program: toolchain.program(program) })
     }

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use crate::process::{answer, cargo, command, run, target_dir};
 use crate::python::python;
 use crate::toolchain::Toolchain;
-use crate::{qemu, root, stack};
+use crate::{cmsis, qemu, root, stack};
 
 /// One step of the test command.
 pub struct Step {
@@ -74,6 +74,11 @@ pub const STEPS: &[Step] = &[
         run: qemu::kernels,
     },
     Step {
+        name: "qemu-cmsis",
+        what: "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit; the front end with it",
+        run: cmsis::step,
+    },
+    Step {
         name: "tables",
         what: "the committed tables are what their script makes",
         run: || script("make_tables.py", &["--check"]),
@@ -100,6 +105,15 @@ pub const STEPS: &[Step] = &[
 fn clippy() -> Result<()> {
     let clippy = |packages: &[&str]| run(cargo().arg("clippy").args(packages).args(["--", "-D", "warnings"]));
     clippy(&["--workspace", "--all-targets"])?;
+    clippy(&[
+        "--package",
+        "slipsense",
+        "--package",
+        "slipsense-qemu",
+        "--features",
+        cmsis::FEATURE,
+        "--all-targets",
+    ])?;
     clippy(&["--package", "slipsense-cli", "--features", "train", "--all-targets"])
 }
 

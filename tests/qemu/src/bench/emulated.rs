@@ -12,6 +12,8 @@ use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use slipsense_qemu::measured::Line;
 use static_cell::ConstStaticCell;
 
+#[cfg(feature = "cmsis-dsp")]
+use crate::cmsis;
 use crate::counter::Counter;
 #[cfg(feature = "peers")]
 use crate::peers;
@@ -35,7 +37,7 @@ impl Bench {
     }
 
     /// Measure one call of another library's kernel.
-    #[cfg(feature = "peers")]
+    #[cfg(any(feature = "peers", feature = "cmsis-dsp"))]
     pub fn peer(&mut self, name: &str, macs: usize, work: &mut dyn FnMut()) {
         let instructions = self.counter.of(work);
         self.put(Line::Peer { macs: macs as u32, instructions, name });
@@ -63,6 +65,8 @@ fn main() -> ! {
         kernels::measure(&mut bench, &shipped);
         #[cfg(feature = "peers")]
         peers::measure(&mut bench);
+        #[cfg(feature = "cmsis-dsp")]
+        cmsis::measure(&mut bench);
     }
     path::measure(&mut bench, &mut frames, &header, shipped, !traced);
     debug::exit(debug::EXIT_SUCCESS);

@@ -212,7 +212,8 @@ fn frame() -> PiezoFrame {
     PiezoFrame::from_scan(counts)
 }
 
-fn samples() -> [XlSample; BATCH] {
+/// A frame of an accelerometer.
+pub fn samples() -> [XlSample; BATCH] {
     let mut samples = [[0; 3]; BATCH];
     samples.as_flattened_mut().iter_mut().zip(noise()).for_each(|(sample, x)| *sample = x);
     samples

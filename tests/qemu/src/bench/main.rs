@@ -2,6 +2,8 @@
 //! it. No tasks and no interrupts: what is counted is what was called.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(all(target_os = "none", feature = "cmsis-dsp"))]
+mod cmsis;
 #[cfg(target_os = "none")]
 mod counter;
 #[cfg(target_os = "none")]

@@ -109,8 +109,8 @@ pub fn attend<const W: usize>(
     let see = |sum: &[i32]| observer.see_residual(block.name, sum);
     // By width, because room is zeroed before it is used.
     match width {
-        ..=32 => add_and_norm::<32>(&block.out, context.words(), x, &block.norm, out, see),
-        ..=64 => add_and_norm::<64>(&block.out, context.words(), x, &block.norm, out, see),
+        0..=32 => add_and_norm::<32>(&block.out, context.words(), x, &block.norm, out, see),
+        33..=64 => add_and_norm::<64>(&block.out, context.words(), x, &block.norm, out, see),
         _ => add_and_norm::<{ 2 * EMBED }>(&block.out, context.words(), x, &block.norm, out, see),
     }
 }

@@ -42,7 +42,7 @@ pub struct Options {
     install: bool,
 }
 
-/// Seed of the shipped model: of 1 and 2 the better on validation objects.
+/// Seed of the shipped model.
 const SHIPPED_SEED: u64 = 2;
 
 /// Train, quantize, tune; all with the commands' own defaults.

@@ -1,10 +1,10 @@
 //! The quantized network, integers only.
 //!
-//! Kernels first ([`requantize`], [`dense`], the convolution in [`crate::simd`], [`softmax`], [`layer_norm`], [`attention`]), then
-//! the file that holds a trained network ([`format`], [`model`]), then the graph that runs it frame by
-//! frame ([`encoder`], [`network`]). Activations are `i16` with one real scale per tensor, weights `i8`
-//! with one scale per output channel, accumulators `i32` that provably never overflow: [`model`] refuses
-//! a file for which the proof fails, so the kernels add without checks.
+//! Kernels first ([`requantize`], [`dense`], the convolution in [`crate::simd`], [`softmax`], [`layer_norm`],
+//! [`attention`]), then the file that holds a trained network ([`format`], [`packing`], [`model`]), then the graph that
+//! runs it frame by frame ([`encoder`], [`network`]). Activations are `i16` with one real scale per tensor, weights
+//! have 8 bits (in 16, as the multiplier wants them) with one scale per output channel, accumulators `i32` that
+//! provably never overflow: [`model`] refuses a file for which the proof fails, so the kernels add without checks.
 
 pub mod requantize;
 pub mod dense;
@@ -16,10 +16,12 @@ pub mod attention;
 pub mod packing;
 pub mod activations;
 pub mod format;
+mod model_error;
 pub mod model;
 pub mod encoder;
 pub mod network;
 
-pub use model::{Aligned, Model, ModelError};
+pub use model::{Aligned, Model};
+pub use model_error::ModelError;
 pub use network::{Memory, Network, SensorFeatures};
 pub use observer::Observer;

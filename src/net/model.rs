@@ -3,16 +3,14 @@
 //! [`Model::parse`] proves what the kernels rely on: every size fits [`limits`](crate::params::limits),
 //! and no accumulator can leave `i32` for any input. It copies nothing and allocates nothing.
 
-use core::fmt;
-
 use sha2::{Digest, Sha256};
 
 use bytemuck::AnyBitPattern;
 
 use super::format::{
-    DimError, Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, Kind, MAGIC, OperatingPoint, PointError,
-    TENSORS, TensorSpec, layout,
+    Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, Kind, MAGIC, OperatingPoint, TENSORS, TensorSpec, layout,
 };
+use super::model_error::ModelError;
 use super::packing::{self, Inputs};
 use crate::simd::halves;
 
@@ -152,105 +150,6 @@ pub struct Model<'a> {
     /// SHA-256 of the file: the model's identity.
     pub hash: [u8; HASH_BYTES],
 }
-
-/// Why a model file is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ModelError {
-    /// Not a model file.
-    BadMagic,
-    /// Made for other code.
-    UnknownVersion {
-        /// What the file says.
-        found: u16,
-    },
-    /// The header's length is not the one of this version.
-    BadHeader {
-        /// What the file says.
-        bytes: u16,
-    },
-    /// A size that this build has no room for.
-    BadDimension(DimError),
-    /// An operating point that the alarm cannot work at.
-    BadOperatingPoint(PointError),
-    /// The file ends inside this tensor or section.
-    Truncated {
-        /// Layer or section.
-        layer: &'static str,
-        /// Tensor of the layer.
-        part: &'static str,
-    },
-    /// The bytes do not start at a multiple of four, as the kernels that read them in place need it.
-    Misaligned,
-    /// Numbers that no output or input belongs to, and that are not zero.
-    BadPadding {
-        /// Layer.
-        layer: &'static str,
-    },
-    /// Bytes after the end.
-    TrailingBytes {
-        /// How many.
-        count: usize,
-    },
-    /// The content is not what was written.
-    HashMismatch,
-    /// The provenance is not UTF-8.
-    BadProvenance,
-    /// Some input could overflow the 32-bit accumulator of this channel.
-    AccumulatorOverflow {
-        /// Layer.
-        layer: &'static str,
-        /// Output channel.
-        channel: usize,
-        /// Largest magnitude reachable.
-        bound: i64,
-    },
-    /// A multiplier below 0, or an epsilon below 1.
-    BadScale {
-        /// Layer.
-        layer: &'static str,
-        /// Tensor of the layer.
-        part: &'static str,
-        /// Position in the tensor.
-        channel: usize,
-        /// What the file says.
-        value: i32,
-    },
-}
-
-impl fmt::Display for ModelError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::BadMagic => f.write_str("not a SlipSense model file (wrong first bytes)"),
-            Self::UnknownVersion { found } => {
-                write!(
-                    f,
-                    "model format version {found} is unknown; this build reads version {FORMAT_VERSION}"
-                )
-            }
-            Self::BadHeader { bytes } => {
-                write!(f, "header of {bytes} bytes, version {FORMAT_VERSION} has {HEADER_BYTES}")
-            }
-            Self::BadDimension(DimError { field, value, range: (least, most) }) => {
-                write!(f, "{field} is {value}, allowed are {least} to {most}")
-            }
-            Self::BadOperatingPoint(error) => error.fmt(f),
-            Self::Truncated { layer, part } => write!(f, "file ends inside {layer} {part}"),
-            Self::Misaligned => f.write_str("the file does not start at a multiple of four bytes in memory"),
-            Self::BadPadding { layer } => write!(f, "{layer}: the padding is not zero"),
-            Self::TrailingBytes { count } => write!(f, "{count} bytes after the end"),
-            Self::HashMismatch => f.write_str("SHA-256 does not match: the file is damaged"),
-            Self::BadProvenance => f.write_str("provenance is not UTF-8"),
-            Self::AccumulatorOverflow { layer, channel, bound } => {
-                write!(f, "{layer} channel {channel}: accumulator can reach {bound}, more than 2147483647")
-            }
-            Self::BadScale { layer, part, channel, value } => {
-                write!(f, "{layer} {part} {channel} is {value}, out of range")
-            }
-        }
-    }
-}
-
-impl core::error::Error for ModelError {}
 
 impl<'a> Model<'a> {
     /// Read a model file, which must start at a multiple of four bytes in memory, and prove its bounds.

@@ -11,6 +11,7 @@ use std::ops::Range;
 use anyhow::Result;
 use slipsense::params::{CLASSES, MEL_BINS};
 use slipsense_episode::Episode;
+use slipsense_episode::score::SLIP;
 use svg::Document;
 use svg::node::element::{Group, Image};
 
@@ -215,7 +216,7 @@ impl Panels<'_> {
         y + height
     }
 
-    /// Strips of flag, class and truth.
+    /// Strips of alarm, class and truth.
     fn decisions(&mut self, mut y: f64) -> f64 {
         let simulation = self.simulation;
         let title = if self.episode.label.is_some() { "Decision and truth" } else { "Decision" };
@@ -226,8 +227,10 @@ impl Panels<'_> {
             self.add(text(x + 15.0, y - 8.0, Anchor::Start, 12.0, GREY, name));
             x += 34.0 + 6.6 * name.len() as f64;
         }
-        let flags = simulation.predictions.slip.iter().map(|slip| if *slip != 0 { 2 } else { u8::MAX });
-        y = self.strip(y, "slip flag", &flags.collect::<Vec<u8>>());
+        let raised =
+            |up: &[u8]| up.iter().map(|&up| if up != 0 { SLIP } else { u8::MAX }).collect::<Vec<u8>>();
+        y = self.strip(y, "alarm", &raised(&simulation.predictions.alarm));
+        y = self.strip(y, "slip flag", &raised(&simulation.predictions.slip));
         y = self.strip(y, "class", &simulation.predictions.class);
         if let Some(label) = &self.episode.label {
             y = self.strip(y, "truth", label);
@@ -340,13 +343,13 @@ fn headline(summary: &Summary) -> String {
         let times = if runs == 1 { "once" } else { &format!("{runs} times") };
         return format!("SlipSense: slip flag raised {times} (no labels to compare with)");
     };
-    let found = truth.events.iter().filter(|event| event.outcome == Outcome::Hit).count();
-    let (events, alarms) = (truth.events.len(), truth.false_alarms.len());
-    let early = truth.events.iter().filter(|event| event.outcome == Outcome::Early).count();
-    let early = if early > 0 { format!(", {early} flagged early") } else { String::new() };
+    let count = |outcome| truth.events.iter().filter(|event| event.outcome == outcome).count();
+    let (events, alarms, early) = (truth.events.len(), truth.false_alarms.len(), count(Outcome::Early));
+    let found = count(Outcome::Hit) + early;
+    let early = if early > 0 { format!(", {early} of them early") } else { String::new() };
     let plural = |count: usize| if count == 1 { "" } else { "s" };
     format!(
-        "SlipSense: {found} of {events} slip{} detected{early}, {alarms} false alarm{}",
+        "SlipSense: {found} of {events} slip{} flagged{early}, {alarms} false alarm{}",
         plural(events),
         plural(alarms)
     )

@@ -146,10 +146,19 @@ fn read_model() -> Option<Model<'static>> {
     parsed.ok()
 }
 
+/// What the pipeline remembers at first.
+static FIRST_STATE: State = State::new();
+
 /// On a state that is made where it stays, in AXI SRAM.
 #[inline(never)]
 fn place(model: Model<'static>, can: CanBus) -> Node {
-    let state = unwrap!(STATE.take()).write(State::new());
+    let state = unwrap!(STATE.take());
+    // SAFETY: a state is plain numbers, so a copy of the bytes of one is another. Written as a value it would, with
+    // some compilers, be made on the stack first.
+    let state = unsafe {
+        state.as_mut_ptr().copy_from_nonoverlapping(&raw const FIRST_STATE, 1);
+        state.assume_init_mut()
+    };
     let pipeline = match Pipeline::within(state, model, SENSORS) {
         Ok(pipeline) => pipeline,
         Err(error) => {

@@ -2,7 +2,7 @@
 //! point; this file picks one. Everything that the host runs too is in the library.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-// In the binary, not in the library: the library forbids unsafe code, registers need it.
+// In the binary, not in the library: the library denies unsafe code outside `simd`, registers need it.
 #[cfg(target_os = "none")]
 #[path = "board/h743/mod.rs"]
 mod h743;

@@ -1,22 +1,79 @@
-//! Whether the core has the DSP extension, and link arguments of the firmware binary. Only of that: a search
-//! path printed for the whole package would reach every package that depends on the library and hand it this
-//! board's memory map.
+//! Whether the core has the DSP extension, and link arguments of the firmware and the bootloader. Only of those: a
+//! search path printed for the whole package would reach every package that depends on the library and hand it this
+//! board's memory map. And the commit that the firmware is built from, which GetInfo tells.
 
 use std::env::var;
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+
+#[allow(dead_code, reason = "the library uses the rest")]
+#[path = "src/update/partitions.rs"]
+mod partitions;
+
+use partitions::{BOARDS, FLASH_BASE, Partitions};
 
 fn main() {
-    println!("cargo:rerun-if-changed=src/board/h743/board.x");
-    println!("cargo:rerun-if-changed=memory.x");
+    for Partitions { feature, .. } in BOARDS {
+        println!("cargo:rerun-if-changed=src/board/{feature}/board.x");
+    }
+    for file in ["memory.x", "src/boot/h743/board.x", "src/update/partitions.rs"] {
+        println!("cargo:rerun-if-changed={file}");
+    }
     // The compiler does not tell a crate of stable Rust: `target_feature = "dsp"` is none of its names.
     println!("cargo:rustc-check-cfg=cfg(arm_dsp)");
     if var("TARGET").is_ok_and(|target| target.starts_with("thumbv7em")) {
         println!("cargo:rustc-cfg=arm_dsp");
     }
-    if var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") || var("CARGO_FEATURE_H743").is_err() {
+    let chosen = |board: &&Partitions| var(format!("CARGO_FEATURE_{}", board.feature.to_uppercase())).is_ok();
+    let Some(board) = BOARDS.iter().find(chosen) else { return };
+    if var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
     let root = var("CARGO_MANIFEST_DIR").expect("cargo sets it");
-    for argument in [&format!("-L{root}/src/board/h743"), "--nmagic", "-Tlink.x", "-Tdefmt.x"] {
-        println!("cargo:rustc-link-arg-bin=slipsense-firmware={argument}");
+    let out = var("OUT_DIR").expect("cargo sets it");
+    std::fs::write(Path::new(&out).join("partitions.x"), linker_script(board)).expect("it is writable");
+    for (program, folder) in [("slipsense-firmware", "board"), ("slipsense-boot", "boot")] {
+        let folder = format!("-L{root}/src/{folder}/{}", board.feature);
+        for argument in [&folder, &format!("-L{out}"), "--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+            println!("cargo:rustc-link-arg-bin={program}={argument}");
+        }
     }
+    if let Some(commit) = git(&["rev-parse", "HEAD"]) {
+        println!("cargo:rustc-env=SLIPSENSE_COMMIT={commit}");
+    }
+    // Written by every commit and checkout.
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]).filter(|log| Path::new(log).exists()) {
+        println!("cargo:rerun-if-changed={log}");
+    }
+}
+
+/// `partitions.x`: symbols of the partitions, and that no two of them overlap.
+fn linker_script(board: &Partitions) -> String {
+    let mut script = format!("/* {}, from src/update/partitions.rs. */\n", board.label);
+    let mut spans: Vec<_> = board.named().collect();
+    spans.sort_by_key(|(_, span)| span.start);
+    for (name, span) in &spans {
+        let (start, end) = (FLASH_BASE + span.start, FLASH_BASE + span.end);
+        writeln!(script, "__{name}_start = {start:#010x};\n__{name}_end = {end:#010x};").expect("a string");
+    }
+    for pair in spans.windows(2) {
+        let [(before, _), (behind, _)] = pair else { continue };
+        let text = format!("{before} reaches into {behind}");
+        writeln!(script, "ASSERT(__{before}_end <= __{behind}_start, \"{text}\");").expect("a string");
+    }
+    let end = FLASH_BASE + board.flash.end;
+    writeln!(script, "ASSERT(__settings_end <= {end:#010x}, \"settings leave the flash\");")
+        .expect("a string");
+    if board.swap.is_some() {
+        script += "ASSERT(__dfu_end - __dfu_start == __active_end - __active_start + 128K, \"embassy-boot's swap needs one sector more\");\n";
+    }
+    script
+}
+
+/// What git answers; `None` where there is no git or no repository, as in a downloaded archive.
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(arguments).output().ok()?;
+    let answer = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| answer.trim().to_owned())
 }

@@ -52,9 +52,12 @@ impl ContactSummary {
 
 /// `round(256 · moment / weight)` of a mean below 2^5: below 2^13.
 fn mean_q8(moment: u32, weight: u32) -> u16 {
-    // weight < 2^22, so that 512 times the remainder, and itself, fit u32.
+    // Where nothing weighs there is no mean, and nobody asks; the division is never by zero.
+    let weight = weight.max(1);
+    // weight < 2^22, so that 256 times the remainder fits u32. Half of an odd weight is cut, which changes nothing:
+    // 512 · rest + weight is then odd, and 2 · weight goes as often into one less.
     let (whole, rest) = (moment / weight, moment % weight);
-    (256 * whole + (512 * rest + weight) / (2 * weight)) as u16
+    (256 * whole + (256 * rest + weight / 2) / weight) as u16
 }
 
 /// Sums over one row of taxels, two neighbours at a time.
@@ -143,7 +146,9 @@ impl Moments {
         if long <= 0.0 || spread <= 0.0 {
             return (0, 0);
         }
-        let degrees = (0.5 * (2.0 * both).atan2(difference)).to_degrees().round() as i32;
+        // By name: newer compilers have methods of these names of their own, which give other bits.
+        let angle = 0.5 * F32Ext::atan2(2.0 * both, difference);
+        let degrees = F32Ext::round(angle.to_degrees()) as i32;
         let axis = if degrees >= 90 { degrees - 180 } else { degrees };
         let elongation = 256.0 * (1.0 - root(short / long));
         (axis.clamp(-90, 89) as i8, elongation.clamp(0.0, 255.0) as u8)

@@ -60,6 +60,11 @@ impl Decision {
         Self { point, over: 0 }
     }
 
+    /// Where it works.
+    pub const fn point(&self) -> OperatingPoint {
+        self.point
+    }
+
     /// Take the margin of the next frame in: is the alarm up?
     pub fn step(&mut self, margin_q10: Option<i32>) -> bool {
         let over = margin_q10.is_some_and(|margin| margin > self.point.threshold_q10);

@@ -8,6 +8,7 @@ use core::borrow::BorrowMut;
 use crate::contact::ContactSummary;
 use crate::decision::{Decision, margin_q10};
 use crate::features::{LogMel, XlFrontEnd};
+use crate::net::format::OperatingPoint;
 use crate::net::{Memory, Model, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
@@ -207,6 +208,23 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         &self.model
     }
 
+    /// Raise the alarm at this operating point, one that [`OperatingPoint::check`] accepts; `None`: at the model's. A
+    /// new point begins with nothing remembered.
+    pub fn work_at(&mut self, point: Option<OperatingPoint>) {
+        let point = point.unwrap_or(self.model.point);
+        if self.decision.point() != point {
+            self.decision = Decision::new(point);
+        }
+    }
+
+    /// Samples of this accelerometer were lost before those of the next step: what was heard before the gap is
+    /// forgotten, and the sensor warms up again. Of a sensor that is not there nothing is forgotten.
+    pub fn forget_sound(&mut self, sensor: usize) {
+        if let Some(ear) = self.state.borrow_mut().ears.get_mut(sensor) {
+            *ear = Ear::new();
+        }
+    }
+
     /// Take one frame in. `inputs` in sensor order; one that is not there counts as missing, one too
     /// many is ignored.
     ///
@@ -267,8 +285,14 @@ impl SensorHealth {
         let mut bits = 0;
         match input.piezo {
             None => bits |= health::PIEZO_MISSING,
-            Some(frame) if frame.is_saturated() => bits |= health::TAXELS_SATURATED,
-            Some(_) => {}
+            Some(frame) => {
+                if frame.is_saturated() {
+                    bits |= health::TAXELS_SATURATED;
+                }
+                if frame.is_masked() {
+                    bits |= health::TAXELS_MASKED;
+                }
+            }
         }
         match input.xl {
             None => bits |= health::XL_MISSING,

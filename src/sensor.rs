@@ -1,7 +1,7 @@
 //! What the sensors deliver: one array scan, one batch of accelerometer samples, and whether they can
 //! be believed.
 
-use crate::params::{COUNT_MAX, ROW_CUT, TAXEL_COLS, TAXELS};
+use crate::params::{COUNT_MAX, ROW_CUT, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 /// Is the taxel at this row and column on the pad? Cells outside always read 0.
 #[inline]
@@ -41,6 +41,57 @@ pub struct PiezoFrame {
     /// Of all counts: told once, asked for by everyone.
     sum: u32,
     saturated: bool,
+    /// Has a mask that masks anything been laid over the counts?
+    masked: bool,
+}
+
+/// Taxels that are not to be believed: stuck, shorted, torn. Row by row, bit `col` of a row's word stands for the
+/// taxel in that column; a 1 masks it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TaxelMask(pub [u32; TAXEL_ROWS]);
+
+const _: () = assert!(TAXEL_COLS == u32::BITS as usize, "a word masks a row");
+
+/// The taxels of the pad, as a mask has them.
+const ON_PAD: [u32; TAXEL_ROWS] = {
+    let mut rows = [0; TAXEL_ROWS];
+    let mut cell = 0;
+    while cell < TAXELS {
+        let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
+        if is_active(row, col) {
+            rows[row] |= 1 << col;
+        }
+        cell += 1;
+    }
+    rows
+};
+
+impl TaxelMask {
+    /// All taxels are believed.
+    pub const NONE: Self = Self([0; TAXEL_ROWS]);
+
+    /// Mask one taxel more. One that the grid does not have changes nothing.
+    pub const fn with(mut self, row: usize, col: usize) -> Self {
+        if row < TAXEL_ROWS && col < TAXEL_COLS {
+            self.0[row] |= 1 << col;
+        }
+        self
+    }
+
+    /// How many taxels of the pad it masks.
+    pub fn len(&self) -> u32 {
+        self.0.iter().zip(&ON_PAD).map(|(word, on_pad)| (word & on_pad).count_ones()).sum()
+    }
+
+    /// Is the taxel masked? One that the grid does not have is not.
+    pub const fn masks(&self, row: usize, col: usize) -> bool {
+        row < TAXEL_ROWS && col < TAXEL_COLS && self.0[row] >> col & 1 != 0
+    }
+
+    /// Does it mask nothing on the pad? Cells beside the pad do not count: they read 0 anyway.
+    pub fn is_empty(&self) -> bool {
+        self.0.iter().zip(&ON_PAD).all(|(word, on_pad)| word & on_pad == 0)
+    }
 }
 
 /// A count that a [`PiezoFrame`] cannot hold.
@@ -62,10 +113,22 @@ pub enum TaxelError {
     },
 }
 
+impl core::fmt::Display for TaxelError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let (index, count, rule) = match *self {
+            Self::OutOfRange { index, count } => (index, count, "must have 12 bits"),
+            Self::Inactive { index, count } => (index, count, "must be 0, the pad has no taxel there"),
+        };
+        write!(f, "row {}, column {}: {count}, {rule}", index / TAXEL_COLS, index % TAXEL_COLS)
+    }
+}
+
+impl core::error::Error for TaxelError {}
+
 impl PiezoFrame {
     /// An untouched pad.
     pub const fn zeroed() -> Self {
-        Self { counts: [0; TAXELS], sum: 0, saturated: false }
+        Self { counts: [0; TAXELS], sum: 0, saturated: false, masked: false }
     }
 
     /// Take counts from outside, refusing what breaks the rules.
@@ -83,27 +146,62 @@ impl PiezoFrame {
 
     /// `counts` that keep to the rules.
     fn of(counts: [u16; TAXELS]) -> Self {
-        let mut frame = Self { counts, sum: 0, saturated: false };
-        frame.sum =
-            frame.rows().fold(0, |sum, row| sum + both(row.iter().fold(0, |sums, &two| sums + pair(two))));
-        // One more than a count has 13 bits at full scale only.
-        const ONES: u32 = pair([1; 2]);
-        let more = frame.rows().flatten().fold(0, |bits, &two| bits | (pair(two) + ONES));
-        frame.saturated = more & pair([COUNT_MAX + 1; 2]) != 0;
+        let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
+        frame.tally();
         frame
     }
 
+    /// Tell sum and saturation anew.
+    fn tally(&mut self) {
+        self.sum =
+            self.rows().fold(0, |sum, row| sum + both(row.iter().fold(0, |sums, &two| sums + pair(two))));
+        // One more than a count has 13 bits at full scale only.
+        const ONES: u32 = pair([1; 2]);
+        let more = self.rows().flatten().fold(0, |bits, &two| bits | (pair(two) + ONES));
+        self.saturated = more & pair([COUNT_MAX + 1; 2]) != 0;
+    }
+
     /// Take a scan as the ADC wrote it: cells off the pad are zeroed, 12 bits are kept.
-    pub fn from_scan(mut counts: [u16; TAXELS]) -> Self {
-        for (row, cells) in counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
+    pub fn from_scan(counts: [u16; TAXELS]) -> Self {
+        let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
+        frame.rescan(|_| ());
+        frame
+    }
+
+    /// As [`from_scan`](Self::from_scan), in place: `write` changes the counts of the scan before.
+    pub fn rescan(&mut self, write: impl FnOnce(&mut [u16; TAXELS])) {
+        write(&mut self.counts);
+        for (row, cells) in self.counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
             for count in cells.iter_mut() {
                 *count &= COUNT_MAX;
             }
             let pad = active_cols(row);
-            cells[..pad.start].fill(0);
-            cells[pad.end..].fill(0);
+            cells.get_mut(..pad.start).unwrap_or_default().fill(0);
+            cells.get_mut(pad.end..).unwrap_or_default().fill(0);
         }
-        Self::of(counts)
+        self.masked = false;
+        self.tally();
+    }
+
+    /// Zero the taxels that `mask` names. An empty mask changes nothing.
+    pub fn mask(&mut self, mask: &TaxelMask) {
+        if mask.is_empty() {
+            return;
+        }
+        // In place: a copy of the counts would be 2 KB of stack.
+        for (cells, &word) in self.counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().zip(&mask.0) {
+            for (col, count) in cells.iter_mut().enumerate() {
+                // All ones where the taxel is believed.
+                *count &= ((word >> col & 1) as u16 ^ 1).wrapping_neg();
+            }
+        }
+        self.masked = true;
+        self.tally();
+    }
+
+    /// Has a mask been laid over the counts?
+    pub const fn is_masked(&self) -> bool {
+        self.masked
     }
 
     /// The counts, row-major.
@@ -133,7 +231,7 @@ impl PiezoFrame {
     pub fn active_rows(&self) -> impl Iterator<Item = &[[u16; 2]]> {
         // The same number is cut from both sides of an even row: no two cross its end.
         let rows = self.counts.as_chunks::<TAXEL_COLS>().0.iter().enumerate();
-        rows.map(|(row, cells)| cells[active_cols(row)].as_chunks().0)
+        rows.map(|(row, cells)| cells.get(active_cols(row)).unwrap_or_default().as_chunks().0)
     }
 
     /// Counts of the active taxels only, row by row.

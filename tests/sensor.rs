@@ -4,7 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::contact::ContactSummary;
 use slipsense::params::{ACTIVE_TAXELS, COUNT_MAX, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
-use slipsense::sensor::{PiezoFrame, is_active};
+use slipsense::sensor::{PiezoFrame, TaxelMask, is_active};
 
 fn on_pad(index: usize) -> bool {
     is_active(index / TAXEL_COLS, index % TAXEL_COLS)
@@ -70,4 +70,33 @@ fn a_contact_has_the_sums_of_its_taxels() {
             assert_eq!((summary.centroid_row_q8, summary.centroid_col_q8), (mean(row), mean(col)));
         }
     }
+}
+
+#[test]
+fn a_mask_zeroes_what_it_names_and_nothing_else() {
+    let mut rng = ChaCha8Rng::seed_from_u64(22);
+    for scan in scans() {
+        let mut mask = TaxelMask::NONE;
+        let masked: Vec<usize> = (0..rng.random_range(0..40)).map(|_| rng.random_range(0..TAXELS)).collect();
+        for &index in &masked {
+            mask = mask.with(index / TAXEL_COLS, index % TAXEL_COLS);
+        }
+        let mut frame = PiezoFrame::from_scan(scan);
+        frame.mask(&mask);
+        let mut expected = scan;
+        masked.iter().for_each(|&index| expected[index] = 0);
+        let expected = PiezoFrame::from_scan(expected);
+        assert_eq!(frame.counts(), expected.counts());
+        assert_eq!((frame.sum(), frame.is_saturated()), (expected.sum(), expected.is_saturated()));
+        let any = masked.iter().any(|&index| on_pad(index));
+        assert_eq!((frame.is_masked(), mask.is_empty()), (any, !any), "cells beside the pad do not count");
+    }
+}
+
+#[test]
+fn a_mask_knows_its_taxels_and_no_others() {
+    let mask = TaxelMask::NONE.with(3, 31).with(40, 2).with(2, 32);
+    let named: Vec<usize> = (0..TAXELS).filter(|i| mask.masks(i / TAXEL_COLS, i % TAXEL_COLS)).collect();
+    assert_eq!(named, [3 * TAXEL_COLS + 31]);
+    assert!(!mask.masks(40, 2));
 }

@@ -1,15 +1,15 @@
 //! Float weights and measured ranges to the integers of the model file.
 //!
-//! Activations are 16 bits with one real scale per tensor, weights 8 bits with one scale per output
-//! channel, biases 32 bits at the accumulator's scale. What cannot be represented is refused by name;
-//! nothing is clipped in silence.
+//! Activations are 16 bits with one real scale per tensor, weights up to 16 bits with one scale per output
+//! channel, as fine as the channel's 32-bit accumulator allows, biases 32 bits at the accumulator's scale. What
+//! cannot be represented is refused by name; nothing is clipped in silence.
 
 use std::collections::BTreeMap;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use slipsense::fixed::STANDARD_FRAC_BITS;
 use slipsense::net::format::Dims;
-use slipsense::net::layer_norm::RESIDUAL_EXTRA_BITS;
+use slipsense::net::layer_norm::{RESIDUAL_BITS, RESIDUAL_FACTOR_BITS};
 use slipsense::net::model::ACTIVATION_MAX;
 use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense::net::requantize::QUERY_KEY_MAX;
@@ -23,16 +23,18 @@ use crate::weights::Weights;
 
 /// Room above the largest magnitude seen in calibration. Embeddings of pads that are pressed harder than those of
 /// calibration were cut at twice that; a 16-bit activation can spare three bits of 15, whose step is then still far
-/// below what the 8-bit weights add.
+/// below what the weights' steps add.
 const MARGIN: f64 = 8.0;
 /// The same for queries and keys, whose scale is also that of the scores and may not grow.
 const QUERY_KEY_MARGIN: f64 = 2.0;
 /// Largest magnitude of an activation after requantization.
 const I16_MAX: f64 = i16::MAX as f64;
-/// Largest 8-bit weight; −128 is left unused so that a sign never changes the magnitude.
-const WEIGHT_MAX: f64 = 127.0;
-/// Largest residual sum that LayerNorm takes, at its 4 bits more.
-const RESIDUAL_MAX: f64 = ((1 << 21) - 1) as f64;
+/// Largest weight; −32768 is left unused so that a sign never changes the magnitude.
+const WEIGHT_MAX: f64 = 32_767.0;
+/// Largest magnitude that an accumulator may reach.
+const ACCUMULATOR_MAX: f64 = i32::MAX as f64;
+/// Largest residual sum that LayerNorm takes.
+const RESIDUAL_MAX: f64 = ((1 << (RESIDUAL_BITS - 1)) - 1) as f64;
 /// Largest bias: half of the accumulator, the rest is for the products.
 const BIAS_MAX: f64 = (1u32 << 30) as f64;
 const TWO_32: f64 = 4_294_967_296.0;
@@ -60,32 +62,17 @@ impl Scales<'_> {
     fn query_key(&self, activation: &str) -> Result<f64> {
         self.of(activation, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))
     }
-
-    /// Of an activation that a residual adds to: the sum has 21 bits at a 16th of this scale.
-    fn with_residual(&self, activation: &str, residual: &str) -> Result<f64> {
-        let extra = f64::from(1 << RESIDUAL_EXTRA_BITS);
-        Ok(self.signed(activation)?.max(self.of(residual, MARGIN, RESIDUAL_MAX)? * extra))
-    }
 }
 
 /// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
 /// `ranges`. Refuses an activation that was never seen away from zero, by name.
 pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
     let needs = Scales { ranges };
-    let piezo = needs.with_residual("piezo", "cross_piezo.residual")?;
-    let xl = needs.with_residual("xl", "cross_xl.residual")?;
-    let fused = needs.with_residual("fused", "temporal.residual")?;
-    let residual = |of: f64| of / f64::from(1 << RESIDUAL_EXTRA_BITS);
     let scale = |activation: &str| match activation {
         "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
         "log_mel" => Ok(f64::from(log_mel_real(1))),
-        "piezo" => Ok(piezo),
-        "xl" => Ok(xl),
-        "fused" => Ok(fused),
-        "cross_piezo.residual" => Ok(residual(piezo)),
-        "cross_xl.residual" => Ok(residual(xl)),
-        "temporal.residual" => Ok(residual(fused)),
         "logits" => Ok(1.0 / f64::from(1 << LOGIT_FRAC_BITS)),
+        other if other.ends_with(".residual") => needs.of(other, MARGIN, RESIDUAL_MAX),
         other if other.ends_with(".query") || other.ends_with(".key") => needs.query_key(other),
         other => needs.signed(other),
     };
@@ -150,20 +137,19 @@ impl Quantizer<'_> {
         for (channel, (row, &bias)) in weight.chunks_exact(inputs).zip(bias).enumerate() {
             let (row, bias): (Vec<f64>, f64) = (row.iter().map(|&w| f64::from(w)).collect(), f64::from(bias));
             let largest = row.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
-            // A channel whose bias dwarfs its weights gets the coarser steps that its bias needs.
-            let step = (largest / WEIGHT_MAX).max(bias.abs() / (from * BIAS_MAX));
+            // The finest step that fits: the weight in its 16 bits, the bias in its half of the accumulator, and
+            // everything at its largest in the accumulator; rounding adds at most half a step per weight, and half
+            // a unit for the bias.
+            let weighted =
+                row.iter().map(|w| w.abs()).sum::<f64>() * ACTIVATION_MAX as f64 + bias.abs() / from;
+            let rounding = 0.5 * inputs as f64 * ACTIVATION_MAX as f64 + 1.0;
+            let step = (largest / WEIGHT_MAX)
+                .max(bias.abs() / (from * BIAS_MAX))
+                .max(weighted / (ACCUMULATOR_MAX - rounding));
             // A channel of zeros: any step will do.
             let step = if step > 0.0 { step } else { to / from / 256.0 };
             let ints: Vec<i32> = row.iter().map(|w| round(w / step) as i32).collect();
             let bias = round(bias / (from * step)) as i64;
-            let products: i64 = ints.iter().map(|&w| i64::from(w).abs()).sum::<i64>() * ACTIVATION_MAX;
-            let bound = products + bias.abs();
-            if bound > i64::from(i32::MAX) {
-                bail!(
-                    "{name} weight channel {channel}: accumulator can reach {bound}, more than {}",
-                    i32::MAX
-                );
-            }
             weights.extend(ints);
             biases.push(bias as i32);
             multipliers.push(multiplier(from * step / to, &format!("{name} multiplier"), channel)?);
@@ -196,6 +182,9 @@ impl Quantizer<'_> {
             vec![multiplier(ratio, &format!("{score} multiplier"), 0)?];
         let bias = self.weights.get(&score, "bias").iter().map(|&b| round(f64::from(b) * unit));
         *self.file.tensor_mut(&score, "bias") = integers(bias, I16_MAX, &format!("{score} bias"))?;
+        let factor = self.scales[asks] / residual * f64::from(1 << RESIDUAL_FACTOR_BITS);
+        *self.file.tensor_mut(&name("norm"), "residual") =
+            integers(std::iter::once(round(factor)), f64::from(i32::MAX), &format!("{block}.norm residual"))?;
         self.norm(&name("norm"), residual, to)
     }
 

@@ -1,7 +1,7 @@
 //! The trained parameters as plain numbers, named like the tensors of the model file.
 //!
 //! One list serves the tensor library, the step-by-step reference, the checkpoint and the quantizer:
-//! [`slipsense::net::format::layout`] without its integer-only parts (multipliers and epsilon).
+//! [`slipsense::net::format::layout`] without its integer-only parts (multipliers, residual factor and epsilon).
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -23,7 +23,10 @@ const DIMS_KEY: &str = "slipsense.dims";
 
 /// Names and shapes of the trained parameters, in the order of the model file.
 pub fn specs(dims: &Dims) -> Vec<TensorSpec> {
-    layout(dims).into_iter().filter(|spec| !matches!(spec.part, "multiplier" | "epsilon")).collect()
+    layout(dims)
+        .into_iter()
+        .filter(|spec| !matches!(spec.part, "multiplier" | "residual" | "epsilon"))
+        .collect()
 }
 
 /// `layer.part`, the name in a weights file.

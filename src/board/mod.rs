@@ -3,7 +3,14 @@
 //!
 //! A board owns pins, clocks and buses. It hands over one [`SensedFrame`] per tick and takes CAN frames
 //! away; everything between is [`crate::tasks`] and the same everywhere.
+//!
+//! Storage is not here: settings and updates take any flash that has the traits of `embedded-storage`.
 #![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
+
+pub mod panic_record;
+mod sensing;
+
+pub use sensing::{Accelerometer, Drained, FIFO_SAMPLES_MAX, FifoSamples, TaxelScan, XlFault, XlPart};
 
 use crate::params::{MAX_SENSORS, XL_BATCH_MAX};
 use crate::pipeline::{FrameStamp, Output};
@@ -97,20 +104,94 @@ pub trait FrameSource {
     async fn discard(&mut self);
 }
 
-/// The bus.
-pub trait CanTransmit {
-    /// Why a frame did not go out.
-    type Error;
+/// The three kinds of CAN frame that a node sends. The hardware holds at most one of each, and of those that it
+/// holds the one with the smallest identifier goes first, as on the bus. So the slip message never waits behind a
+/// frame of its own node that other traffic keeps from the bus, and the frames of a transfer, which have one
+/// identifier, cannot change their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lane {
+    /// The slip message.
+    Slip,
+    /// Heartbeat, answers, and whatever else the node's services say.
+    Service,
+    /// Raw messages.
+    Raw,
+}
 
-    /// Queue one CAN FD frame with bit rate switching; waits while the queue is full. Frames of equal
-    /// identifier must stay in order. An error means that this frame is lost.
-    async fn transmit(&mut self, frame: &CanFrame) -> Result<(), Self::Error>;
+impl Lane {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Slip, Self::Service, Self::Raw];
+}
+
+/// How a CAN node stands on its bus (ISO 11898-1, fault confinement).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum CanState {
+    /// As it should be.
+    #[default]
+    ErrorActive = 0,
+    /// An error counter has reached 96.
+    Warning = 1,
+    /// An error counter has passed 127: often nobody acknowledges.
+    ErrorPassive = 2,
+    /// The transmit error counter has passed 255: the node takes no part until it has seen 128 times 11 recessive
+    /// bits.
+    BusOff = 3,
+}
+
+/// State and error counters of a CAN node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CanStatus {
+    /// The state.
+    pub state: CanState,
+    /// Transmit error counter.
+    pub transmit_errors: u8,
+    /// Receive error counter.
+    pub receive_errors: u8,
+}
+
+/// The hardware's end of the bus: a slot for each [`Lane`]. What waits for a slot is
+/// [`crate::tasks::Transmission`]'s to choose.
+pub trait CanTransmit {
+    /// Has the lane's frame gone, so that another can be handed over?
+    fn is_free(&self, lane: Lane) -> bool;
+
+    /// Send one CAN FD frame with bit rate switching, again and again until it is acknowledged. Called for a free
+    /// lane only; a frame for one that is not free is lost.
+    fn transmit(&mut self, lane: Lane, frame: &CanFrame);
+
+    /// Take the lane's frame back, if it is not on the wire just now: it need not be free at once.
+    fn withdraw(&mut self, lane: Lane);
+
+    /// Wait until a lane may have become free or the state may have changed; may return early. Dropping the future
+    /// loses nothing.
+    async fn changed(&mut self);
+
+    /// State and error counters now. A node that drops off the bus rejoins by itself.
+    fn status(&mut self) -> CanStatus;
+}
+
+/// What arrives from the bus for the node's services.
+pub trait CanReceive {
+    /// Wait for the next frame and the time of its arrival, µs of the board's [`Clock`]; `None` if there was none until
+    /// `until_us`. Dropping the future loses nothing.
+    async fn receive(&mut self, until_us: u64) -> Option<(CanFrame, u64)>;
+
+    /// Let no frames through from now on but those of which `identifier & mask == identifier` for one of these pairs
+    /// of identifier and mask.
+    fn accept_only(&mut self, filters: &[(u32, u32)]);
 }
 
 /// The board's clock, the one that stamps the ticks.
 pub trait Clock {
     /// Microseconds since start.
     fn now_us(&self) -> u64;
+}
+
+impl<C: Clock> Clock for &C {
+    fn now_us(&self) -> u64 {
+        (**self).now_us()
+    }
 }
 
 /// The clock of a replayed recording: it stands at 0, so that no decision is late.
@@ -129,9 +210,38 @@ pub trait Observe {
     fn step_begins(&mut self, _stamp: FrameStamp) {}
     /// The pipeline has made this of it.
     fn step_ends(&mut self, _stamp: FrameStamp, _output: &Output) {}
-    /// All CAN frames of this frame have been handed to the bus.
-    fn frame_sent(&mut self, _stamp: FrameStamp) {}
+    /// The slip message waits for the bus, ahead of everything else.
+    fn slip_queued(&mut self, _stamp: FrameStamp) {}
+    /// The raw messages wait for the bus, or have been given up.
+    fn frame_done(&mut self, _stamp: FrameStamp) {}
 }
 
 /// Nobody looks.
 impl Observe for () {}
+
+/// Resets the node unless it is fed in time.
+pub trait Watchdog {
+    /// Begin the time anew. Only [`crate::tasks::Supervisor`] calls it.
+    fn feed(&mut self);
+}
+
+/// One light on the board.
+pub trait StatusLed {
+    /// Show how the node is; called about once a second, and at once when it changes.
+    fn show(&mut self, condition: Condition);
+}
+
+/// How a node is, in the words of Cyphal's `uavcan.node.Health`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Condition {
+    /// Everything works.
+    #[default]
+    Nominal = 0,
+    /// Something was lost or is doubtful; the slip message is what it should be.
+    Advisory = 1,
+    /// A part is missing: decisions are made on what is left.
+    Caution = 2,
+    /// There are no decisions, or nobody gets them.
+    Warning = 3,
+}

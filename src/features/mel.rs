@@ -19,8 +19,8 @@ pub fn mel_power(power: &[u64; FFT_BINS]) -> [u64; MEL_BINS] {
     // Bin 0 lies below the first edge, bin 64 on the last, where the weight is 0.
     let (mut powers, mut weights) = (&power[1..], &MEL_RISING_Q24[..]);
     let mut segments = MEL_SEGMENT_BINS.iter().map(|&count| {
-        let (here, later) = powers.split_at(count as usize);
-        let (rising, weights_later) = weights.split_at(count as usize);
+        let (here, later) = powers.split_at_checked(count as usize).unwrap_or((powers, &[]));
+        let (rising, weights_later) = weights.split_at_checked(count as usize).unwrap_or((weights, &[]));
         (powers, weights) = (later, weights_later);
         let (mut all, mut high, mut low) = (0u64, 0u64, 0u64);
         for (&power, &weight) in here.iter().zip(rising) {

@@ -22,7 +22,7 @@ use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
 /// First bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
 /// The version this code reads and writes.
-pub const FORMAT_VERSION: u16 = 3;
+pub const FORMAT_VERSION: u16 = 4;
 /// Bytes before the first tensor.
 pub const HEADER_BYTES: usize = 36;
 /// Tensors are padded to so many bytes: four numbers of 32 bits, which kernels take at once.
@@ -187,12 +187,12 @@ impl OperatingPoint {
 pub const HEAD_WIDTH_MAX: usize = 32;
 
 /// Number of tensors in a file.
-pub const TENSORS: usize = 3 * 7 + 3 * (3 * 4 + 6) + 3;
+pub const TENSORS: usize = 3 * 7 + 3 * (3 * 4 + 7) + 3;
 
 /// How a tensor's numbers are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Weights: numbers of 8 bits, each in two bytes, in the order of [`packing`].
+    /// Weights: two bytes each, in the order of [`packing`].
     Weights(Inputs),
     /// Two bytes.
     I16,
@@ -322,6 +322,7 @@ impl Layout {
         self.layer(names.out, width, all);
         self.push(names.score, "multiplier", Kind::I32, 1, 1);
         self.push(names.score, "bias", Kind::I16, dims.heads, dims.window);
+        self.push(names.norm, "residual", Kind::I32, 1, 1);
         self.push(names.norm, "gamma", Kind::I16, 1, width);
         self.push(names.norm, "beta", Kind::I32, 1, width);
         self.push(names.norm, "multiplier", Kind::I32, 1, 1);

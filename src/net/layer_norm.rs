@@ -5,13 +5,13 @@ use super::model::{Layer, Norm};
 use super::requantize;
 use crate::fixed::{STANDARD_FRAC_BITS, scale_q32, standardise};
 
-/// Extra fraction bits of the residual sum over the activation it adds to.
-pub const RESIDUAL_EXTRA_BITS: u32 = 4;
+/// Fraction bits of the factor that brings an activation to the scale of the residual sum.
+pub const RESIDUAL_FACTOR_BITS: u32 = 16;
 /// A residual sum has 22 bits; [`standardise`] asks for a magnitude below 2^22.
-const RESIDUAL_BITS: u32 = 22;
+pub const RESIDUAL_BITS: u32 = 22;
 /// `LayerNorm(x + layer(context))`, to the scale of `norm`.
 ///
-/// `x`, `out`: `layer.outputs` activations, at most `WIDTH_MAX`. The sum keeps 4 bits more than `x`
+/// `x`, `out`: `layer.outputs` activations, at most `WIDTH_MAX`. The sum has a scale of its own
 /// and is not cut to 16 bits before it is normalised; `see_sum` is shown it.
 pub fn add_and_norm<const WIDTH_MAX: usize>(
     layer: &Layer<'_>,
@@ -29,8 +29,8 @@ pub fn add_and_norm<const WIDTH_MAX: usize>(
         let mut values = [0; GROUP];
         scaled(layer, context, group * GROUP, &mut values);
         for ((sum, &x), &value) in sum.iter_mut().zip(x).zip(&values) {
-            // A scaled value is below 2^30.
-            let residual = ((x as i32) << RESIDUAL_EXTRA_BITS) + value;
+            // Each is at most 2^30 in magnitude, a scaled accumulator below.
+            let residual = scale_q32((x as i32) << (32 - RESIDUAL_FACTOR_BITS), norm.residual) + value;
             *sum = residual.clamp(-(1 << (RESIDUAL_BITS - 1)), (1 << (RESIDUAL_BITS - 1)) - 1);
         }
     }

@@ -3,8 +3,7 @@
 //! Kernels first ([`requantize`], [`dense`], the convolution in [`crate::simd`], [`softmax`], [`layer_norm`],
 //! [`attention`]), then the file that holds a trained network ([`format`], [`packing`], [`model`]), then the graph that
 //! runs it frame by frame ([`encoder`], [`network`]). Activations are `i16` with one real scale per tensor, weights
-//! have 8 bits (in 16, as the multiplier wants them) with one scale per output channel, accumulators `i32` that
-//! provably never overflow: [`model`] refuses a file for which the proof fails, so the kernels add without checks.
+//! are `i16` with one scale per output channel, accumulators `i32` that provably never overflow: [`model`] refuses a file for which the proof fails, so the kernels add without checks.
 
 pub mod requantize;
 pub mod dense;

@@ -20,7 +20,7 @@ compile_error!("a model file is little endian and read in place");
 /// A dense layer or a convolution.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
-    /// Signed 8-bit numbers in 16 bits, two per word, in the order of [`packing`].
+    /// `i16`, two per word, in the order of [`packing`].
     pub weights: &'a [u32],
     /// One per output channel, at the accumulator's scale; zeros up to a multiple of four.
     pub bias: &'a [i32],
@@ -63,6 +63,8 @@ impl<'a> Layer<'a> {
 /// LayerNorm with its affine part.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Norm<'a> {
+    /// From the activation that is added to the residual sum to the sum's scale, 1/2^16: 0 to 2^15.
+    pub residual: i32,
     /// Gain of each channel.
     pub gamma: &'a [i16],
     /// Offset of each channel, at the scale of `gamma · 2^-11`.
@@ -305,6 +307,8 @@ impl<'a> Tensors<'_, 'a> {
         let (spec, score_multiplier) = self.numbers()?;
         check_least(&spec, score_multiplier, 0)?;
         let (_, values) = self.numbers()?;
+        let (spec, residual) = self.numbers()?;
+        check_least(&spec, residual, 0)?;
         let (_, gamma) = self.numbers()?;
         let (beta_spec, beta) = self.numbers()?;
         let (spec, multiplier) = self.numbers()?;
@@ -312,6 +316,7 @@ impl<'a> Tensors<'_, 'a> {
         let (spec, epsilon) = self.numbers()?;
         check_least(&spec, epsilon, 1)?;
         let norm = Norm {
+            residual: first(residual),
             gamma,
             beta,
             multiplier: first(multiplier),

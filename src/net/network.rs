@@ -151,9 +151,10 @@ impl Memory {
         self.xl_seen.push(&model.cross_piezo, xl, window, observer);
         self.piezo_seen.push(&model.cross_xl, piezo, window, observer);
         let mut fused = Activations::new();
-        let (first, second) = fused.values_mut().split_at_mut(embed);
-        attend(&model.cross_piezo, piezo, &self.xl_seen, first, observer);
-        attend(&model.cross_xl, xl, &self.piezo_seen, second, observer);
+        if let Some((first, second)) = fused.values_mut().split_at_mut_checked(embed) {
+            attend(&model.cross_piezo, piezo, &self.xl_seen, first, observer);
+            attend(&model.cross_xl, xl, &self.piezo_seen, second, observer);
+        }
         fused
     }
 }

@@ -1,8 +1,7 @@
 //! In which order weights lie in the model file: the order in which the kernels read them.
 //!
 //! Outputs go in blocks of four. A block holds, word after word of the input, four words: two neighbouring inputs'
-//! weights of each output. The widening of 8-bit weights to 16 bits, which the multiplication wants, is thereby done
-//! once, when the file is written, and the loops read it from one end to the other. What a block, a word or the input
+//! weights of each output. So the loops read them from one end to the other. What a block, a word or the input
 //! has too little is zeros.
 
 use crate::simd::LANES;

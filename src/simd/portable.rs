@@ -84,9 +84,9 @@ pub(super) fn dense_in<L: Lanes>(
     out: &mut [i32],
 ) {
     let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
-    let blocks = weights.chunks_exact((LANES * x.len()).max(1)).zip(scales);
+    let blocks = weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(scales);
     for (out, (weights, (bias, multiplier))) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(blocks) {
-        let words = x.iter().zip(weights.as_chunks::<LANES>().0);
+        let words = x.iter().zip(weights);
         let sums = words.fold(L::new(*bias), |lanes, (&x, w)| lanes.mla(x, w)).sums();
         *out = core::array::from_fn(|lane| scale_q32(sums[lane], multiplier[lane]));
     }
@@ -110,7 +110,7 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
     (out, to): (&mut [u32], MapShape),
 ) {
     let groups = 3 * from.pairs;
-    let filters = weights.chunks_exact(groups * 3 * LANES);
+    let filters = weights.as_chunks::<{ 3 * LANES }>().0.chunks_exact(groups.max(1));
     let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
     for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(scales) {
         for row in 0..to.side {
@@ -133,12 +133,12 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
 
 /// The largest of four neighbouring outputs, for four filters; `x` begins at the corner of their window.
 #[inline]
-fn tile<L: Lanes>(x: &[u32], from: MapShape, filters: &[u32]) -> [i32; LANES] {
+fn tile<L: Lanes>(x: &[u32], from: MapShape, filters: &[[u32; 3 * LANES]]) -> [i32; LANES] {
     let mut sums = [L::new([0; LANES]); 4];
     // Planes follow each other through the rows at equal distance.
-    let upper = x.chunks(from.plane());
-    let lower = x.get(from.row()..).unwrap_or_default().chunks(from.plane());
-    for ((upper, lower), taps) in upper.zip(lower).zip(filters.as_chunks::<{ 3 * LANES }>().0) {
+    let upper = x.chunks(from.plane().max(1));
+    let lower = x.get(from.row()..).unwrap_or_default().chunks(from.plane().max(1));
+    for ((upper, lower), taps) in upper.zip(lower).zip(filters) {
         let (Some(&[a0, a1, a2, a3]), Some(&[b0, b1, b2, b3])) = (upper.first_chunk(), lower.first_chunk())
         else {
             break;

@@ -27,6 +27,11 @@ pub enum DecodeError {
         /// The largest value allowed.
         max: u32,
     },
+    /// The data do not give what their check says, or cannot be data of this message.
+    Damaged {
+        /// Name of the message.
+        message: &'static str,
+    },
 }
 
 impl fmt::Display for DecodeError {
@@ -38,6 +43,7 @@ impl fmt::Display for DecodeError {
             Self::OutOfRange { message, field, value, max } => {
                 write!(f, "{message}: {field} is {value}, at most {max} allowed")
             }
+            Self::Damaged { message } => write!(f, "{message}: damaged data"),
         }
     }
 }
@@ -46,18 +52,18 @@ impl core::error::Error for DecodeError {}
 
 /// Fills a buffer from its start. What does not fit is not written: the layouts are sized by
 /// constants and a test asserts that they are filled exactly.
-pub(super) struct Writer<'a> {
+pub(crate) struct Writer<'a> {
     out: &'a mut [u8],
     at: usize,
 }
 
 impl<'a> Writer<'a> {
-    pub(super) fn new(out: &'a mut [u8]) -> Self {
+    pub(crate) fn new(out: &'a mut [u8]) -> Self {
         Self { out, at: 0 }
     }
 
     #[inline]
-    pub(super) fn put(&mut self, bytes: &[u8]) {
+    pub(crate) fn put(&mut self, bytes: &[u8]) {
         for (out, &byte) in self.slot(bytes.len()).iter_mut().zip(bytes) {
             *out = byte;
         }
@@ -65,7 +71,7 @@ impl<'a> Writer<'a> {
 
     /// The next bytes, to be filled by the caller; none if they do not fit.
     #[inline]
-    pub(super) fn slot(&mut self, bytes: usize) -> &mut [u8] {
+    pub(crate) fn slot(&mut self, bytes: usize) -> &mut [u8] {
         let end = self.at + bytes;
         let Some(out) = self.out.get_mut(self.at..end) else { return &mut [] };
         self.at = end;
@@ -74,30 +80,30 @@ impl<'a> Writer<'a> {
 
     /// The low `N` bytes of a value; a value that needs more is sent as the largest that fits.
     #[inline]
-    pub(super) fn put_saturated<const N: usize>(&mut self, value: u64) {
+    pub(crate) fn put_saturated<const N: usize>(&mut self, value: u64) {
         let max = u64::MAX >> (64 - 8 * N as u32);
         self.put(value.min(max).to_le_bytes().get(..N).unwrap_or(&[]));
     }
 
     /// Bytes written.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.at
     }
 }
 
 /// Takes a message apart from its start.
-pub(super) struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     message: &'static str,
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(message: &'static str, bytes: &'a [u8]) -> Self {
+    pub(crate) fn new(message: &'static str, bytes: &'a [u8]) -> Self {
         Self { message, bytes, at: 0 }
     }
 
-    pub(super) fn slice(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
+    pub(crate) fn slice(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
         let expected = self.at + length;
         let found = self.bytes.len();
         let slice = self.bytes.get(self.at..expected);
@@ -105,20 +111,20 @@ impl<'a> Reader<'a> {
         slice.ok_or(DecodeError::Truncated { message: self.message, expected, found })
     }
 
-    pub(super) fn take<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
+    pub(crate) fn take<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
         let mut out = [0; N];
         out.copy_from_slice(self.slice(N)?);
         Ok(out)
     }
 
     /// An unsigned value of `N` bytes, at most 8.
-    pub(super) fn unsigned<const N: usize>(&mut self) -> Result<u64, DecodeError> {
+    pub(crate) fn unsigned<const N: usize>(&mut self) -> Result<u64, DecodeError> {
         let bytes = self.take::<N>()?;
         Ok(bytes.iter().rev().fold(0, |value, &byte| value << 8 | u64::from(byte)))
     }
 
     /// The value, if it has a meaning.
-    pub(super) fn at_most(&self, field: &'static str, value: u8, max: usize) -> Result<u8, DecodeError> {
+    pub(crate) fn at_most(&self, field: &'static str, value: u8, max: usize) -> Result<u8, DecodeError> {
         if usize::from(value) <= max {
             return Ok(value);
         }

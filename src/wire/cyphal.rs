@@ -4,6 +4,8 @@
 
 use core::fmt;
 
+use super::service::TransferId;
+
 /// Largest CAN identifier, 29 bits.
 pub const CAN_ID_MAX: u32 = (1 << 29) - 1;
 /// Data lengths that a CAN FD frame can have, bytes, by data length code.
@@ -11,7 +13,7 @@ pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32,
 /// Bytes of a full frame.
 pub(super) const MTU: usize = 64;
 /// Bytes of transfer that a full frame carries: all but the tail byte.
-pub(super) const FRAME_PAYLOAD: usize = MTU - 1;
+pub const FRAME_PAYLOAD: usize = MTU - 1;
 /// Largest transfer identifier, 5 bits; also its mask.
 pub(super) const TRANSFER_ID_MAX: u8 = 31;
 /// Bytes of the CRC that closes a transfer of several frames.
@@ -96,8 +98,24 @@ pub enum Priority {
     Optional = 7,
 }
 
+impl Priority {
+    /// Of an identifier of 29 bits.
+    pub(super) const fn of_can(id: u32) -> Self {
+        match id >> 26 & 7 {
+            0 => Self::Exceptional,
+            1 => Self::Immediate,
+            2 => Self::Fast,
+            3 => Self::High,
+            4 => Self::Nominal,
+            5 => Self::Low,
+            6 => Self::Slow,
+            _ => Self::Optional,
+        }
+    }
+}
+
 /// Address of a node on the bus, 0 to 127.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct NodeId(u8);
 
 impl NodeId {
@@ -112,6 +130,11 @@ impl NodeId {
     /// The number.
     pub const fn get(self) -> u8 {
         self.0
+    }
+
+    /// The low seven bits.
+    pub(super) const fn of_bits(bits: u32) -> Self {
+        Self(bits as u8 & 127)
     }
 }
 
@@ -142,12 +165,17 @@ pub enum IdError {
     Reserved,
 }
 
-const PORT_MAX: u16 = 8191;
-const ID_SERVICE: u32 = 1 << 25;
-const ID_ANONYMOUS: u32 = 1 << 24;
-// Sent as ones, ignored on reception.
-const ID_ONES: u32 = 3 << 21;
-const ID_ZEROS: u32 = 1 << 23 | 1 << 7;
+/// Largest subject identifier.
+pub(super) const PORT_MAX: u16 = 8191;
+/// Set in the identifier of a service call.
+pub(super) const ID_SERVICE: u32 = 1 << 25;
+/// Set in the identifier of an anonymous message.
+pub(super) const ID_ANONYMOUS: u32 = 1 << 24;
+/// Sent as ones, ignored on reception.
+pub(super) const ID_ONES: u32 = 3 << 21;
+/// Reserved in every identifier.
+pub(super) const ID_ZERO: u32 = 1 << 23;
+const ID_ZEROS: u32 = ID_ZERO | 1 << 7;
 
 impl MessageId {
     /// The identifier on the bus.
@@ -169,17 +197,8 @@ impl MessageId {
         if id & ID_ANONYMOUS != 0 {
             return Err(IdError::Anonymous);
         }
-        let priority = match id >> 26 {
-            0 => Priority::Exceptional,
-            1 => Priority::Immediate,
-            2 => Priority::Fast,
-            3 => Priority::High,
-            4 => Priority::Nominal,
-            5 => Priority::Low,
-            6 => Priority::Slow,
-            _ => Priority::Optional,
-        };
-        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId(id as u8 & 127) })
+        let priority = Priority::of_can(id);
+        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId::of_bits(id) })
     }
 }
 
@@ -246,6 +265,11 @@ impl CanFrame {
         self.id
     }
 
+    /// Is this the last frame of a Cyphal transfer?
+    pub fn ends_transfer(&self) -> bool {
+        self.data().last().is_some_and(|tail| tail & TAIL_END != 0)
+    }
+
     /// The data, tail byte included; 0 to 64 bytes.
     pub fn data(&self) -> &[u8] {
         self.data.get(..self.length as usize).unwrap_or(&self.data)
@@ -262,9 +286,34 @@ impl fmt::Debug for CanFrame {
 /// The frames of one transfer, in the order they must be sent.
 #[derive(Clone, Debug)]
 pub struct Frames<'a> {
+    cut: Cut,
+    payload: &'a [u8],
+}
+
+impl<'a> Frames<'a> {
+    /// Cut `payload` into frames. `transfer` is the transfer identifier, of which 5 bits are used.
+    pub fn new(id: impl Into<TransferId>, transfer: u8, payload: &'a [u8]) -> Self {
+        Self { cut: Cut::new(id, transfer, payload), payload }
+    }
+}
+
+impl Iterator for Frames<'_> {
+    type Item = CanFrame;
+
+    fn next(&mut self) -> Option<CanFrame> {
+        self.cut.next(self.payload)
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        (self.cut.left, Some(self.cut.left))
+    }
+}
+
+/// How far a transfer has been cut into frames; its payload lies elsewhere, and is the same at every call.
+#[derive(Clone, Debug)]
+pub(super) struct Cut {
     id: u32,
     transfer: u8,
-    payload: &'a [u8],
     crc: [u8; CRC_BYTES],
     /// Bytes of the transfer without tail bytes: payload, padding and, in several frames, the CRC.
     total: usize,
@@ -274,9 +323,8 @@ pub struct Frames<'a> {
     toggle: bool,
 }
 
-impl<'a> Frames<'a> {
-    /// Cut `payload` into frames. `transfer` is the transfer identifier, of which 5 bits are used.
-    pub fn new(id: MessageId, transfer: u8, payload: &'a [u8]) -> Self {
+impl Cut {
+    pub(super) fn new(id: impl Into<TransferId>, transfer: u8, payload: &[u8]) -> Self {
         let single = payload.len() <= FRAME_PAYLOAD;
         let bytes = payload.len() + if single { 0 } else { CRC_BYTES };
         let full = bytes.saturating_sub(1) / FRAME_PAYLOAD * FRAME_PAYLOAD;
@@ -288,9 +336,8 @@ impl<'a> Frames<'a> {
             crc = (bytes..total).fold(crc16(payload), |crc, _| crc16_update(crc, &[0]));
         }
         Self {
-            id: id.to_can(),
+            id: id.into().to_can(),
             transfer: transfer & TRANSFER_ID_MAX,
-            payload,
             crc: crc.to_be_bytes(),
             total,
             at: 0,
@@ -298,15 +345,12 @@ impl<'a> Frames<'a> {
             toggle: true,
         }
     }
-}
 
-impl Iterator for Frames<'_> {
-    type Item = CanFrame;
-
-    fn next(&mut self) -> Option<CanFrame> {
+    /// The next frame; `None` after the last.
+    pub(super) fn next(&mut self, payload: &[u8]) -> Option<CanFrame> {
         self.left = self.left.checked_sub(1)?;
         let bytes = FRAME_PAYLOAD.min(self.total - self.at);
-        let rest = self.payload.get(self.at..).unwrap_or(&[]);
+        let rest = payload.get(self.at..).unwrap_or(&[]);
         let mut data = match rest.first_chunk::<MTU>() {
             // The byte too many is where the tail byte comes.
             Some(full) => *full,
@@ -343,10 +387,6 @@ impl Iterator for Frames<'_> {
         self.toggle = !self.toggle;
         self.at += bytes;
         Some(CanFrame { id: self.id, length: bytes as u8 + 1, data })
-    }
-
-    fn size_hint(&self) -> (usize, Option<usize>) {
-        (self.left, Some(self.left))
     }
 }
 

@@ -4,26 +4,35 @@
 //! [`RawFrame`]. The [`Transmitter`] numbers the transfers and cuts them into [`CanFrame`]s: the slip
 //! message is exactly one frame and is queued first, then 23 to 29 frames per sensor follow, 26 at the nominal 33 samples. A
 //! [`Receiver`] puts frames together again. The same code runs on the microcontroller and on the host;
-//! nothing here allocates. The layouts are also written as DSDL in `src/wire/dsdl`, from which any
+//! nothing here allocates. Service calls and the messages of other nodes go through [`TransferId`] and
+//! [`Sessions`]; what they mean is [`crate::node`]'s. The layouts are also written as DSDL in `src/wire/dsdl`, from which any
 //! Cyphal client decodes them.
 //!
 //! Order in the queue alone does not put the slip message first on the bus: a transfer of another
 //! node, or raw frames left over from the period before, may be ahead of it. Its priority does,
 //! because the priority leads the identifier that CAN arbitrates on. See [`SLIP_PRIORITY`].
 
-mod bytes;
+pub(crate) mod bytes;
+pub mod compress;
 mod cyphal;
 mod raw;
+mod raw_transfer;
 mod receive;
+mod service;
+mod sessions;
 mod slip;
 
 pub use bytes::DecodeError;
+pub use compress::{COMPRESSED_BYTES_MAX, Detail, Region};
 pub use cyphal::{
-    CAN_ID_MAX, CanFrame, FD_LENGTHS, Frames, IdError, LengthError, MessageId, NodeId, Priority, crc16,
-    fd_length,
+    CAN_ID_MAX, CanFrame, FD_LENGTHS, FRAME_PAYLOAD, Frames, IdError, LengthError, MessageId, NodeId,
+    Priority, crc16, fd_length,
 };
 pub use raw::{RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
+pub use raw_transfer::RawTransfer;
 pub use receive::{Reassembler, ReceiveError, Received, Receiver, Transfer, TransferError};
+pub use service::{AnonymousId, SERVICE_PORT_MAX, ServiceId, ServiceRole, TransferId};
+pub use sessions::{Arrived, SessionError, Sessions, TRANSFER_TIMEOUT_US};
 pub use slip::{SLIP_BYTES, SensorContact, SlipMessage};
 
 /// Subject identifier of [`SlipMessage`]: `slipsense.Slip.1.0`. 6144 to 7167 is the range that Cyphal
@@ -31,6 +40,8 @@ pub use slip::{SLIP_BYTES, SensorContact, SlipMessage};
 pub const SLIP_PORT: u16 = 6200;
 /// Subject identifier of [`RawFrame`]: `slipsense.Raw.1.0`, all sensors.
 pub const RAW_PORT: u16 = 6201;
+/// Subject identifier of a [`RawFrame`] compressed: `slipsense.RawCompressed.1.0`, all sensors.
+pub const COMPRESSED_PORT: u16 = 6202;
 
 /// Ahead of all control traffic of a robot (Fast and below), so that the slip message waits for at
 /// most the one frame already on the wire. Exceptional stays free for the emergency stop of whoever
@@ -55,6 +66,8 @@ pub mod health {
     pub const XL_SAMPLES_DROPPED: u8 = 32;
     /// The node has no readable model: class, flag and logits of the message mean nothing.
     pub const NO_MODEL: u8 = 64;
+    /// Taxels are masked by a setting of the node: they read 0 here and for the network.
+    pub const TAXELS_MASKED: u8 = 128;
 }
 
 /// Turns messages into CAN frames and keeps the transfer identifier of each port.
@@ -63,12 +76,18 @@ pub struct Transmitter {
     node: NodeId,
     slip_transfer: u8,
     raw_transfer: u8,
+    compressed_transfer: u8,
 }
 
 impl Transmitter {
     /// A transmitter that speaks as `node`. Transfer identifiers start at 0.
     pub const fn new(node: NodeId) -> Self {
-        Self { node, slip_transfer: 0, raw_transfer: 0 }
+        Self { node, slip_transfer: 0, raw_transfer: 0, compressed_transfer: 0 }
+    }
+
+    /// From now on speak as `node`. Transfer identifiers go on.
+    pub const fn speak_as(&mut self, node: NodeId) {
+        self.node = node;
     }
 
     /// The one frame of a slip message.
@@ -85,16 +104,73 @@ impl Transmitter {
         frame: &RawFrame<'_>,
         buffer: &'b mut RawBuffer,
     ) -> impl Iterator<Item = CanFrame> + use<'b> {
-        let delivered = frame.input.piezo.is_some() || frame.input.xl.is_some();
-        let id = MessageId { priority: RAW_PRIORITY, port: RAW_PORT, node: self.node };
-        let frames =
-            delivered.then(|| Frames::new(id, next_transfer(&mut self.raw_transfer), frame.encode(buffer)));
+        self.raw_as(RawForm::Plain, frame, buffer)
+    }
+
+    /// As [`raw`](Self::raw), in either form: compressed, fewer frames, and never more.
+    pub fn raw_as<'b>(
+        &mut self,
+        form: RawForm,
+        frame: &RawFrame<'_>,
+        buffer: &'b mut RawBuffer,
+    ) -> impl Iterator<Item = CanFrame> + use<'b> {
+        let frames = frame.delivers().then(|| {
+            let (id, transfer) = self.next_raw(form);
+            Frames::new(id, transfer, form.encode(frame, buffer))
+        });
         frames.into_iter().flatten()
+    }
+
+    /// As [`raw_as`](Self::raw_as), into a buffer from which the frames are taken later. `false`: there is nothing to
+    /// send, and `into` is as it was.
+    pub fn raw_later(&mut self, form: RawForm, frame: &RawFrame<'_>, into: &mut RawTransfer) -> bool {
+        let delivered = frame.delivers();
+        if delivered {
+            let (id, transfer) = self.next_raw(form);
+            into.fill(id, transfer, form, frame);
+        }
+        delivered
+    }
+
+    /// Give up a raw message that the bus has no room for. Its transfer identifier is used up all the same, so
+    /// that the receiver counts it as missed. `false`: there was nothing to send.
+    pub fn skip_raw(&mut self, form: RawForm, frame: &RawFrame<'_>) -> bool {
+        let delivered = frame.delivers();
+        if delivered {
+            self.next_raw(form);
+        }
+        delivered
+    }
+
+    fn next_raw(&mut self, form: RawForm) -> (MessageId, u8) {
+        let (port, counter) = match form {
+            RawForm::Plain => (RAW_PORT, &mut self.raw_transfer),
+            RawForm::Compressed(_) => (COMPRESSED_PORT, &mut self.compressed_transfer),
+        };
+        (MessageId { priority: RAW_PRIORITY, port, node: self.node }, next_transfer(counter))
+    }
+}
+
+/// How a raw frame goes onto the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RawForm {
+    /// `slipsense.Raw`: any Cyphal client reads it, one sensor fits a bus of 1/8 Mbit/s.
+    Plain,
+    /// `slipsense.RawCompressed`: three sensors fit.
+    Compressed(Detail),
+}
+
+impl RawForm {
+    fn encode<'b>(self, frame: &RawFrame<'_>, buffer: &'b mut RawBuffer) -> &'b [u8] {
+        match self {
+            Self::Plain => frame.encode(buffer),
+            Self::Compressed(detail) => frame.compress(detail, buffer),
+        }
     }
 }
 
 /// The 5-bit transfer identifier to use now; the counter moves on.
-fn next_transfer(counter: &mut u8) -> u8 {
+pub(crate) fn next_transfer(counter: &mut u8) -> u8 {
     let now = *counter;
     *counter = now.wrapping_add(1) & cyphal::TRANSFER_ID_MAX;
     now

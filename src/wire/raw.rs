@@ -4,6 +4,7 @@
 use heapless::Vec;
 
 use super::bytes::{DecodeError, Reader, Writer};
+use super::compress::{self, COMPRESSED_BYTES_MAX, Detail, Region};
 use super::health;
 use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES};
 use crate::sensor::{PiezoFrame, SensorInput, XlSample, active_cols};
@@ -54,6 +55,8 @@ pub struct RawMessage {
     pub health: u8,
     /// The array scan; all zero if [`health::PIEZO_MISSING`] is set.
     pub piezo: PiezoFrame,
+    /// The taxels of `piezo` that were sent; the others read 0 and are not known. All but where the bus was too full.
+    pub region: Region,
     /// The samples before `xl_end`, oldest first.
     pub xl: Vec<XlSample, RAW_XL_MAX>,
     /// Index of the sample after the last of `xl`, counted since start.
@@ -62,14 +65,21 @@ pub struct RawMessage {
     pub xl_dropped: u8,
 }
 
-/// Room for one encoded raw frame while its CAN frames are taken from it.
+/// Room for one encoded raw frame, plain or compressed, while its CAN frames are taken from it.
 #[derive(Clone, Debug)]
-pub struct RawBuffer([u8; RAW_BYTES_MAX]);
+pub struct RawBuffer(pub(super) [u8; COMPRESSED_BYTES_MAX]);
+
+const _: () = assert!(COMPRESSED_BYTES_MAX >= RAW_BYTES_MAX, "room for either form");
 
 impl RawBuffer {
     /// An empty buffer.
     pub const fn new() -> Self {
-        Self([0; RAW_BYTES_MAX])
+        Self([0; COMPRESSED_BYTES_MAX])
+    }
+
+    /// The first bytes, as many as were encoded.
+    pub(super) fn bytes(&self, length: usize) -> &[u8] {
+        self.0.get(..length).unwrap_or(&self.0)
     }
 }
 
@@ -80,8 +90,13 @@ impl Default for RawBuffer {
 }
 
 impl RawFrame<'_> {
-    /// Write the message into `buffer` and return its bytes.
-    pub fn encode<'b>(&self, buffer: &'b mut RawBuffer) -> &'b [u8] {
+    /// Is there anything to send?
+    pub const fn delivers(&self) -> bool {
+        self.input.piezo.is_some() || self.input.xl.is_some()
+    }
+
+    /// The health bits, with those of the parts that are not there.
+    pub(super) const fn full_health(&self) -> u8 {
         let mut health = self.health;
         if self.input.piezo.is_none() {
             health |= health::PIEZO_MISSING;
@@ -89,10 +104,25 @@ impl RawFrame<'_> {
         if self.input.xl.is_none() {
             health |= health::XL_MISSING;
         }
+        health
+    }
+
+    /// The samples that a message takes, and how many older ones it does not.
+    pub(super) fn newest_samples(&self) -> (&[XlSample], usize) {
         let samples = self.input.xl.unwrap_or(&[]);
         let dropped = samples.len().saturating_sub(RAW_XL_MAX);
-        let newest = samples.get(dropped..).unwrap_or(&[]);
+        (samples.get(dropped..).unwrap_or(&[]), dropped)
+    }
 
+    /// As [`encode`](Self::encode), compressed: see [`compress`](super::compress).
+    pub fn compress<'b>(&self, detail: Detail, buffer: &'b mut RawBuffer) -> &'b [u8] {
+        compress::encode(self, detail, buffer)
+    }
+
+    /// Write the message into `buffer` and return its bytes.
+    pub fn encode<'b>(&self, buffer: &'b mut RawBuffer) -> &'b [u8] {
+        let health = self.full_health();
+        let (newest, dropped) = self.newest_samples();
         let mut writer = Writer::new(&mut buffer.0);
         writer.put_saturated::<7>(self.timestamp_us);
         writer.put(&self.sequence.to_le_bytes());
@@ -133,7 +163,13 @@ impl RawMessage {
             // There is room: `samples` is at most the capacity.
             let _ = xl.push(axes);
         }
-        Ok(Self { timestamp_us, sequence, sensor, health, piezo, xl, xl_end, xl_dropped })
+        let region = Region::ALL;
+        Ok(Self { timestamp_us, sequence, sensor, health, piezo, region, xl, xl_end, xl_dropped })
+    }
+
+    /// Read a compressed message; bytes after it are padding and ignored.
+    pub fn decompress(bytes: &[u8]) -> Result<Self, DecodeError> {
+        compress::decode(bytes)
     }
 }
 

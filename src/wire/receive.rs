@@ -4,7 +4,7 @@
 //!
 //! There is no clock in here, so a rule of Cyphal that needs one is absent: a transfer whose identifier
 //! is that of the last one is refused as a repetition even if it comes much later. A node that
-//! restarts can so lose its first transfer.
+//! restarts can so lose its first transfer. [`Sessions`](super::Sessions) has the clock and keeps the rule.
 
 use core::fmt;
 
@@ -15,12 +15,12 @@ use super::cyphal::{
     CRC_BYTES, CanFrame, FRAME_PAYLOAD, IdError, MTU, MessageId, NodeId, TAIL_END, TAIL_START, TAIL_TOGGLE,
     TRANSFER_ID_MAX, crc16,
 };
-use super::raw::{RAW_BYTES_MAX, RawMessage};
+use super::raw::RawMessage;
 use super::slip::SlipMessage;
-use super::{RAW_PORT, SLIP_PORT};
+use super::{COMPRESSED_BYTES_MAX, COMPRESSED_PORT, RAW_PORT, SLIP_PORT};
 
-/// Bytes of the longest raw transfer as its frames carry it: with padding and CRC.
-const RAW_TRANSFER_MAX: usize = (RAW_BYTES_MAX + CRC_BYTES).div_ceil(FRAME_PAYLOAD) * FRAME_PAYLOAD;
+/// Bytes of the longest raw transfer, plain or compressed, as its frames carry it: with padding and CRC.
+const RAW_TRANSFER_MAX: usize = (COMPRESSED_BYTES_MAX + CRC_BYTES).div_ceil(FRAME_PAYLOAD) * FRAME_PAYLOAD;
 
 /// Why a frame did not continue or complete a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,6 +100,18 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
         Self { bytes: Vec::new(), open: None, last: None }
     }
 
+    /// As if nothing had been received yet.
+    pub fn reset(&mut self) {
+        self.bytes.clear();
+        self.open = None;
+        self.last = None;
+    }
+
+    /// Is a transfer under way?
+    pub const fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
     /// Take the data of the next frame; `Some` when it completes a transfer.
     pub fn accept(&mut self, data: &[u8]) -> Result<Option<Transfer<'_>>, TransferError> {
         let (&tail, payload) = data.split_last().ok_or(TransferError::NoTail)?;
@@ -173,7 +185,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
 pub enum Received {
     /// A slip message.
     Slip(SlipMessage),
-    /// One sensor's raw frame.
+    /// One sensor's raw frame, whichever way it came.
     Raw(RawMessage),
 }
 
@@ -193,19 +205,21 @@ pub enum ReceiveError {
     Message(DecodeError),
 }
 
-/// Receives both messages of one module.
+/// Receives the messages of one module: slip, raw, and raw compressed.
 #[derive(Clone, Debug)]
 pub struct Receiver {
     node: NodeId,
     slip: Reassembler<FRAME_PAYLOAD>,
     raw: Reassembler<RAW_TRANSFER_MAX>,
+    compressed: Reassembler<RAW_TRANSFER_MAX>,
     missed: u32,
 }
 
 impl Receiver {
     /// Listen to `node`.
     pub const fn new(node: NodeId) -> Self {
-        Self { node, slip: Reassembler::new(), raw: Reassembler::new(), missed: 0 }
+        let compressed = Reassembler::new();
+        Self { node, slip: Reassembler::new(), raw: Reassembler::new(), compressed, missed: 0 }
     }
 
     /// Take the next frame of the bus; `Some` when it completes a message. Messages of other nodes
@@ -218,6 +232,7 @@ impl Receiver {
         let transfer = match id.port {
             SLIP_PORT => self.slip.accept(frame.data()),
             RAW_PORT => self.raw.accept(frame.data()),
+            COMPRESSED_PORT => self.compressed.accept(frame.data()),
             _ => return Ok(None),
         };
         let transfer = transfer.map_err(|error| ReceiveError::Transfer { port: id.port, error })?;
@@ -225,6 +240,7 @@ impl Receiver {
         self.missed = self.missed.saturating_add(missed.into());
         let message = match id.port {
             SLIP_PORT => SlipMessage::decode(payload).map(Received::Slip),
+            COMPRESSED_PORT => RawMessage::decompress(payload).map(Received::Raw),
             _ => RawMessage::decode(payload).map(Received::Raw),
         };
         message.map(Some).map_err(ReceiveError::Message)

@@ -160,8 +160,10 @@ impl Oracle<'_> {
         let multiplier = self.file.tensor(layer, "multiplier");
         let acc = self.accumulators(layer, context);
         let (low, high) = (-(1 << 21), (1 << 21) - 1);
+        let factor = i64::from(self.file.tensor(norm, "residual")[0]);
+        let asked = |x: i64| (x * factor + (1 << 15)).div_euclid(1 << 16);
         let sum: Vec<i64> =
-            (0..x.len()).map(|i| (16 * x[i] + scale(acc[i], multiplier[i])).clamp(low, high)).collect();
+            (0..x.len()).map(|i| (asked(x[i]) + scale(acc[i], multiplier[i])).clamp(low, high)).collect();
         let n = x.len() as i64;
         let mean = (2 * sum.iter().sum::<i64>() + n).div_euclid(2 * n);
         let variance = sum.iter().map(|v| ((v - mean) * (v - mean)) as u64).sum::<u64>() / n as u64

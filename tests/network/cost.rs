@@ -40,7 +40,7 @@ fn macs_and_bytes_by_hand() {
         // 2 heads of 2 columns, 7 lags, once for the score and once for the value.
         ("cross_xl.score", [2, 7], 2 * 2 * 2 * 7, 16 + 32),
         ("temporal.score", [2, 7], 2 * 2 * 4 * 7, 16 + 32),
-        ("temporal.norm", [1, 8], 0, 16 + 32 + 16 + 16),
+        ("temporal.norm", [1, 8], 0, 16 + 16 + 32 + 16 + 16),
         ("head", [3, 8], 24, 4 * 8 * 4 + 16 + 16),
     ];
     for (name, shape, macs, bytes) in expected {

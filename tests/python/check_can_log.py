@@ -3,8 +3,9 @@
 
   check_can_log.py CAN_LOG PREDICTIONS.npz EPISODE.npz
 
-Nothing here comes from this project but the DSDL definitions: pycyphal compiles them, replays the log
-in real time through its CAN transport and decodes every transfer. Each slip message must equal its row
+Nothing here comes from this project but the DSDL definitions, and the frequencies of the compression:
+pycyphal compiles the definitions, replays the log in real time through its CAN transport and decodes
+every transfer; compressed data are decoded by compressed.py. A log holds plain or compressed raw frames. Each slip message must equal its row
 of the predictions; from the raw frames, counts, accelerometer samples and xl_end of the episode must
 come out again. Any mismatch, lost transfer or transport error is printed; the exit status is then 1.
 """
@@ -24,6 +25,7 @@ import numpy as np
 # One of pycyphal's dependencies warns about another on Python 3.11.
 warnings.filterwarnings("ignore", category=DeprecationWarning)
 
+import compressed
 import pycyphal.dsdl
 from pycyphal.presentation import Presentation
 from pycyphal.transport.can import CANTransport
@@ -31,7 +33,7 @@ from pycyphal.transport.can.media.candump import CandumpMedia
 
 DSDL = pathlib.Path(__file__).resolve().parents[2] / "src" / "wire" / "dsdl" / "slipsense"
 LINE = re.compile(r"\(\d+\.\d{6}\) \w+ ([0-9A-F]{8})##1(?:[0-9A-F]{2})*([0-9A-F]{2})\n")
-SLIP_PORT, RAW_PORT = 6200, 6201
+SLIP_PORT, RAW_PORT, COMPRESSED_PORT = 6200, 6201, 6202
 RAW_XL_MAX = 64
 SILENCE_S = 10.0
 SHOWN = 20
@@ -61,7 +63,7 @@ class Mismatches:
 
 def scan_log(path, sensors, bad):
     """Order and number of transfers as the lines show them: each period opens with one slip message,
-    the raw transfers of all sensors follow. Returns frames, slip messages and raw transfers."""
+    the raw transfers of all sensors follow. Returns frames, slip messages, raw transfers and compressed ones."""
     frames = 0
     started = collections.Counter()
     open_raw = None
@@ -80,7 +82,7 @@ def scan_log(path, sensors, bad):
             else:
                 bad.check(open_raw is not None, f"line {number}: a raw frame before the first slip message")
                 open_raw = (open_raw or 0) + (tail >> 7)
-    return frames, started[SLIP_PORT], started[RAW_PORT]
+    return frames, started[SLIP_PORT], started[RAW_PORT], started[COMPRESSED_PORT]
 
 
 async def receive(path, types, count):
@@ -121,6 +123,16 @@ def check_slip(messages, predictions, episode, bad):
             bad.equal(f"{at}, sum of sensor {sensor}", message.contact[sensor].count_sum, want)
 
 
+def decode(message):
+    """Counts and samples of a raw message of either kind."""
+    if hasattr(message, "data"):
+        counts, sent, samples = compressed.decode(message, ACTIVE)
+        return counts, bool((sent == ACTIVE).all()), samples
+    counts = np.zeros((32, 32), np.uint16)
+    counts[ACTIVE] = message.taxels
+    return counts, True, np.array([[s.x, s.y, s.z] for s in message.xl], np.int16).reshape(-1, 3)
+
+
 def check_raw(messages, slip_messages, episode, bad):
     """Rebuild the episode's arrays from the raw frames. Returns samples compared and left out."""
     piezo, xl, xl_end = episode["piezo"], episode["xl"], episode["xl_end"].astype(np.int64)
@@ -140,8 +152,8 @@ def check_raw(messages, slip_messages, episode, bad):
             slip_message = slip_messages[frame][0]
             bad.equal(f"{at}, timestamp", message.timestamp_us, slip_message.timestamp_us)
             bad.equal(f"{at}, health", message.health, slip_message.contact[sensor].health)
-        counts = np.zeros((32, 32), np.uint16)
-        counts[ACTIVE] = message.taxels
+        counts, whole, samples = decode(message)
+        bad.check(whole, f"{at}: not all taxels were sent")
         bad.equal(f"{at}, taxels", counts, piezo[frame, sensor])
         end = int(message.xl_end)
         bad.equal(f"{at}, xl_end", end, xl_end[frame, sensor])
@@ -149,7 +161,6 @@ def check_raw(messages, slip_messages, episode, bad):
         arrived = int(xl_end[frame, sensor] - before)
         sent = min(arrived, RAW_XL_MAX)
         bad.equal(f"{at}, xl_dropped", message.xl_dropped, min(arrived - sent, 255))
-        samples = np.array([[s.x, s.y, s.z] for s in message.xl], np.int16).reshape(-1, 3)
         bad.equal(f"{at}, xl", samples, xl[sensor, xl_end[frame, sensor] - sent : xl_end[frame, sensor]])
         compared += len(samples)
         left_out += int(message.xl_dropped)
@@ -172,7 +183,9 @@ def main():
     frames, sensors = episode["piezo"].shape[:2]
 
     bad = Mismatches()
-    lines, slips, raws = scan_log(args.log, sensors, bad)
+    lines, slips, plain, short = scan_log(args.log, sensors, bad)
+    raws = plain + short
+    bad.check(not (plain and short), f"{plain} raw transfers and {short} compressed ones, need one kind")
     bad.check(frames > 0, f"{args.episode}: no frames")
     bad.equal("rows of the predictions", len(predictions["class"]), frames)
     bad.equal("slip messages", slips, frames)
@@ -185,9 +198,9 @@ def main():
         sys.path.insert(0, folder)
         import slipsense
 
-        types = (slipsense.Slip_1_0, slipsense.Raw_1_0)
+        types = (slipsense.Slip_1_0, slipsense.RawCompressed_1_0 if short else slipsense.Raw_1_0)
         bad.equal("subject of Slip", pycyphal.dsdl.get_fixed_port_id(types[0]), SLIP_PORT)
-        bad.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), RAW_PORT)
+        bad.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), COMPRESSED_PORT if short else RAW_PORT)
         (slip, raw), sessions, counters = asyncio.run(receive(args.log, types, (slips, raws)))
 
     bad.equal("slip messages decoded", len(slip), slips)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Make the committed integer tables of the kernels: src/features/tables.rs, src/features/cmsis/tables.rs and
-src/net/tables.rs.
+"""Make the committed integer tables of the kernels: src/features/tables.rs, src/features/cmsis/tables.rs,
+src/net/tables.rs and src/drivers/decimate_table.rs.
 
 Every entry is floor(x * 2^q + 1/2) of a value taken with 60 decimal digits, so no machine's floating
 point has a say in it. Needs mpmath (tests/python/requirements.txt) and rustfmt.
@@ -32,6 +32,11 @@ LN_BITS = 24
 LN_SEGMENTS = 128
 EXP2_BITS = 15
 EXP2_STEPS = 1024
+
+# The half-band filter of an accelerometer at twice the rate: a sinc under a Kaiser window.
+DECIMATE_BITS = 15
+DECIMATE_TAPS = 47
+DECIMATE_STOP_DB = 60
 
 
 def fixed(x, bits):
@@ -184,6 +189,24 @@ def net_tables():
     ])
 
 
+def half_band():
+    """The coefficients at offsets 1, 3, 5, ... from the centre, whose own is 1/2; the even ones are 0."""
+    side = (DECIMATE_TAPS - 1) // 2
+    beta = mpf("0.1102") * (DECIMATE_STOP_DB - mpf("8.7"))
+    return [mp.sin(mp.pi * n / 2) / (mp.pi * n) * mp.besseli(0, beta * mp.sqrt(1 - (mpf(n) / side) ** 2)) / mp.besseli(0, beta)
+            for n in range(1, side + 1, 2)]
+
+
+def decimate_table():
+    taps = [fixed(c, DECIMATE_BITS) for c in half_band()]
+    return "".join([
+        HEADER.format(about="The half-band filter of the decimation by 2."),
+        f"/// Coefficients at offsets 1, 3, 5, ... from the centre of the {DECIMATE_TAPS} taps, Q{DECIMATE_BITS}: a sinc under a Kaiser\n"
+        f"/// window for {DECIMATE_STOP_DB} dB. The centre is 1/2, the even offsets are 0.\n",
+        f"pub static HALF_BAND_Q{DECIMATE_BITS}: [i32; {len(taps)}] = {literal(taps)};\n",
+    ])
+
+
 def rustfmt(source):
     done = subprocess.run(["rustfmt", "--edition", "2024", "--emit", "stdout"], input=source, text=True,
                           cwd=ROOT, capture_output=True)
@@ -201,6 +224,7 @@ def main():
         ("src/features/tables.rs", features_tables),
         ("src/features/cmsis/tables.rs", cmsis_tables),
         ("src/net/tables.rs", net_tables),
+        ("src/drivers/decimate_table.rs", decimate_table),
     ):
         path, text = ROOT / name, rustfmt(make())
         if not check:

@@ -2,14 +2,16 @@
 //! The frames themselves are compared with an independent transmitter in `slipsense-bus`
 //! (`tests/canadensis.rs`), the layouts with pycyphal (`tests/python/check_can_log.py`).
 
+mod compress;
 mod frames;
 mod messages;
 mod receiver;
+mod services;
 
 use proptest::prelude::*;
 use slipsense::params::TAXELS;
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{NodeId, RAW_XL_MAX, RawFrame, RawMessage, health};
+use slipsense::wire::{NodeId, RAW_XL_MAX, RawFrame, RawMessage, Region, health};
 
 const NODE: NodeId = NodeId::DEFAULT;
 
@@ -57,6 +59,7 @@ fn expected(parts: &RawParts) -> RawMessage {
         sequence,
         sensor,
         health: health | piezo_health | xl_health,
+        region: Region::ALL,
         piezo: piezo.unwrap_or(PiezoFrame::zeroed()),
         xl: samples[older..].iter().copied().collect(),
         xl_end,

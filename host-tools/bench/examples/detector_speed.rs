@@ -12,7 +12,7 @@ use slipsense_synth::{Recipe, generate};
 fn main() -> Result<()> {
     let fitted = Fitted::bundled()?;
     let model = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
-    let setup = Setup { fitted: &fitted, model, float_weights: None };
+    let setup = Setup { fitted: &fitted, model, float_weights: None, dead: None };
     let episodes: Vec<_> = Recipe::new(9).series(4).iter().map(generate).collect::<Result<_, _>>()?;
     let frames: usize = episodes.iter().map(|episode| episode.frames()).sum();
     println!("{frames} frames, two sensors");

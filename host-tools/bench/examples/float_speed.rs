@@ -18,7 +18,7 @@ const RUNS: usize = 5;
 fn main() -> Result<()> {
     let fitted = Fitted::bundled()?;
     let model = std::fs::read(MODEL).context(MODEL)?;
-    let setup = Setup { fitted: &fitted, model: &model, float_weights: Some(Path::new(WEIGHTS)) };
+    let setup = Setup { fitted: &fitted, model: &model, float_weights: Some(Path::new(WEIGHTS)), dead: None };
     let episode = first_sensor(Episode::read(DEMO_EPISODE)?);
     let mut detector = by_name("float", &setup)?;
     let mut rates = Vec::new();

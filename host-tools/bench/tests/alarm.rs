@@ -9,7 +9,7 @@ use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
 fn judged(name: &str, model: &[u8], episodes: &[&Episode]) -> Vec<Verdict> {
     let fitted = Fitted::bundled().unwrap();
-    let setup = Setup { fitted: &fitted, model, float_weights: None };
+    let setup = Setup { fitted: &fitted, model, float_weights: None, dead: None };
     let mut detector = by_name(name, &setup).unwrap();
     episodes.iter().map(|episode| detector.judge(episode).unwrap()).collect()
 }

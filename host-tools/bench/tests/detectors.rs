@@ -15,7 +15,7 @@ fn names() -> impl Iterator<Item = &'static str> {
 }
 
 fn with(name: &str, fitted: &Fitted, act: impl FnOnce(&mut dyn Detector)) {
-    let setup = Setup { fitted, model: MODEL, float_weights: None };
+    let setup = Setup { fitted, model: MODEL, float_weights: None, dead: None };
     act(&mut *by_name(name, &setup).unwrap());
 }
 
@@ -204,7 +204,7 @@ fn bad_setups_are_refused_in_words() {
         Ok(detector) => panic!("{} was made", detector.name()),
         Err(error) => format!("{error:#}"),
     };
-    let setup = Setup { fitted: &fitted, model: MODEL, float_weights: None };
+    let setup = Setup { fitted: &fitted, model: MODEL, float_weights: None, dead: None };
     assert!(error("entropi", setup).contains("there are: network, "));
     assert!(error("network", Setup { model: &MODEL[..100], ..setup }).starts_with("model: "));
     let without = Fitted { rig_only: None, ..fitted.clone() };

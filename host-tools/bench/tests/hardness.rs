@@ -16,7 +16,7 @@ const SHORTCUT_POINTS: f64 = 2.0;
 
 fn results(splits: &[Split], detectors: &[&str]) -> Results {
     let fitted = Fitted::bundled().unwrap();
-    let setup = Setup { fitted: &fitted, model: &[], float_weights: None };
+    let setup = Setup { fitted: &fitted, model: &[], float_weights: None, dead: None };
     let entrant = |name: &&'static str| {
         let (setup, name) = (&setup, *name);
         Entrant { name: name.into(), family: name.into(), make: Box::new(move || by_name(name, setup)) }

@@ -12,6 +12,7 @@ pub mod report;
 pub mod output_dir;
 mod set_dir;
 pub mod bundled;
+mod signing;
 pub mod commands;
 
 use std::process::ExitCode;
@@ -35,9 +36,12 @@ Examples:
   slipsense demo                                  a slip detected in a bundled synthetic episode
   slipsense run grasp.npz --out out/grasp         the same for a file of your own
   slipsense run grasp.npz --out out/grasp --json | jq .truth.events
+  slipsense view grasp.npz                        pressure, sound and flags on a page of this computer
   slipsense synth --split umi_ood --out out/umi_ood
   slipsense label grasp.npz --manual 3.2:4.75 --object my-mug --out data/grasp.npz
   slipsense eval umi_ood --detector network --detector entropy --out out/eval
+  slipsense record socketcan:can0 grasp.mcap      the bus, for Foxglove and for later
+  slipsense busload --sensors 3                   what that does to a bus
   slipsense model info                            layers, cost and head-room of the bundled model
 
 Errors are one line on standard error and exit code 2; a command that fails leaves no output behind,
@@ -55,6 +59,7 @@ struct Cli {
 enum Command {
     Demo(commands::demo::Args),
     Run(commands::run::Args),
+    View(commands::view::Args),
     Features(commands::features::Args),
     Synth(commands::synth::Args),
     Eval(commands::eval::Args),
@@ -65,6 +70,16 @@ enum Command {
     Quantize(commands::train::QuantizeArgs),
     Model(commands::model::Args),
     Tune(commands::tune::Args),
+    Busload(commands::busload::Args),
+    Sign(commands::sign::Args),
+    Keygen(commands::keygen::Args),
+    Image(commands::image::Args),
+    Record(commands::record::Args),
+    Monitor(commands::monitor::Args),
+    Replay(commands::replay::Args),
+    Convert(commands::convert::Args),
+    Dbc(commands::descriptions::DbcArgs),
+    CHeader(commands::descriptions::CHeaderArgs),
     CompareNetworks(commands::train::CompareArgs),
 }
 
@@ -73,6 +88,7 @@ pub fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Demo(args) => args.run(),
         Command::Run(args) => args.run(),
+        Command::View(args) => args.run(),
         Command::Features(args) => args.run(),
         Command::Synth(args) => args.run(),
         Command::Eval(args) => args.run(),
@@ -83,6 +99,16 @@ pub fn main() -> ExitCode {
         Command::Quantize(args) => commands::train::quantize(args),
         Command::Model(args) => args.run(),
         Command::Tune(args) => args.run(),
+        Command::Busload(args) => args.run(),
+        Command::Sign(args) => args.run(),
+        Command::Keygen(args) => args.run(),
+        Command::Image(args) => args.run(),
+        Command::Record(args) => args.run(),
+        Command::Monitor(args) => args.run(),
+        Command::Replay(args) => args.run(),
+        Command::Convert(args) => args.run(),
+        Command::Dbc(args) => args.run(),
+        Command::CHeader(args) => args.run(),
         Command::CompareNetworks(args) => commands::train::compare(args),
     };
     match done {

@@ -3,12 +3,11 @@
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS};
 use slipsense::net::Model;
-use slipsense::params::{MAX_SENSORS, MEL_BINS};
+use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{CanFrame, NodeId, RawBuffer, Transmitter};
+use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawForm, Transmitter};
 use slipsense_episode::{Episode, Predictions};
 
 /// What the pipeline made of an episode.
@@ -36,26 +35,20 @@ pub fn stamp(frame: usize) -> FrameStamp {
 }
 
 /// Run an episode. `send` gets every CAN frame in the order of the bus with the time of its tick in
-/// microseconds, the slip message first in each period; `progress` is called once per frame.
+/// microseconds, the slip message first in each period, the raw frames as `raw` says; `progress` is called once per frame.
 pub fn simulate(
     episode: &Episode,
     model: Model<'_>,
+    raw: RawForm,
     mut send: impl FnMut(u64, &CanFrame) -> Result<()>,
     mut progress: impl FnMut(),
 ) -> Result<Simulation> {
     let (frames, sensors) = (episode.frames(), episode.sensors);
     let mut pipeline = Pipeline::new(model, sensors)?;
-    let mut bus = Bus { transmitter: Transmitter::new(NodeId::DEFAULT), buffer: RawBuffer::new(), sent: 0 };
+    let transmitter = Transmitter::new(NodeId::DEFAULT);
+    let mut bus = Bus { transmitter, raw, buffer: RawBuffer::new(), sent: 0 };
     let mut simulation = Simulation {
-        predictions: Predictions {
-            sensors,
-            class: Vec::with_capacity(frames),
-            logits: Vec::with_capacity(frames),
-            slip: Vec::with_capacity(frames),
-            alarm: Vec::with_capacity(frames),
-            logmel: Vec::with_capacity(frames * sensors),
-            logmel_std: Vec::with_capacity(frames * sensors),
-        },
+        predictions: Predictions::with_capacity(frames, sensors),
         pressure: Vec::with_capacity(frames * sensors),
         health: Vec::with_capacity(frames * sensors),
         can_frames: 0,
@@ -86,27 +79,10 @@ pub fn inputs(episode: &Episode, frame: usize) -> [SensorInput<'_>; MAX_SENSORS]
     })
 }
 
-/// Log-mel power in physical units: natural log of g², from the Q16 logarithm of LSB².
-pub fn logmel_g2(log_mel: &LogMel, xl_lsb_g: f64) -> [f32; MEL_BINS] {
-    let unit = 2.0 * xl_lsb_g.ln();
-    log_mel.ln_power.map(|q| (f64::from(q) / f64::from(1 << LN_FRAC_BITS) + unit) as f32)
-}
-
-/// Standardised log-mel as a number: exact, the fixed-point value has 16 bits.
-pub fn logmel_std(log_mel: &LogMel) -> [f32; MEL_BINS] {
-    log_mel.standardised.map(|q| f32::from(q) / f32::from(1i16 << STANDARDISED_FRAC_BITS))
-}
-
 impl Simulation {
     fn keep(&mut self, output: &Output, xl_lsb_g: f64) {
-        let predictions = &mut self.predictions;
-        predictions.class.push(output.class as u8);
-        predictions.logits.push(output.logits_q10);
-        predictions.slip.push(output.slip.into());
-        predictions.alarm.push(output.alarm.into());
+        self.predictions.push(output, xl_lsb_g);
         for sensor in 0..output.sensors {
-            predictions.logmel.push(logmel_g2(&output.log_mel[sensor], xl_lsb_g));
-            predictions.logmel_std.push(logmel_std(&output.log_mel[sensor]));
             self.pressure.push(output.contact[sensor].sum);
             self.health.push(output.health[sensor].0);
         }
@@ -120,6 +96,7 @@ impl Simulation {
 
 struct Bus {
     transmitter: Transmitter,
+    raw: RawForm,
     buffer: RawBuffer,
     sent: u64,
 }
@@ -140,7 +117,7 @@ impl Bus {
         self.sent += 1;
         for (sensor, &input) in inputs.iter().enumerate() {
             let raw = output.raw_frame(stamp, sensor, input, episode.xl_end(frame, sensor));
-            for can_frame in self.transmitter.raw(&raw, &mut self.buffer) {
+            for can_frame in self.transmitter.raw_as(self.raw, &raw, &mut self.buffer) {
                 send(stamp.timestamp_us, &can_frame)?;
                 self.sent += 1;
             }

@@ -254,3 +254,19 @@ fn the_trainer_is_elsewhere() {
         );
     }
 }
+
+#[test]
+fn a_page_of_nothing_is_not_served() {
+    let place = Place::new();
+    let missing = fails(["view".as_ref(), place.path("none.log").as_os_str()]);
+    assert!(missing.contains("none.log: cannot read the log"), "{missing}");
+    let no_episode = fails(["view".as_ref(), place.file("bad.npz", b"no zip").as_os_str()]);
+    assert!(no_episode.contains("bad.npz"), "{no_episode}");
+    let with_model = fails(["view", "-", "--model", "m.slipnet"]);
+    assert!(with_model.contains("m.slipnet"), "{with_model}");
+
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let error = fails(["view", "--port", &port]);
+    assert!(error.contains(&format!("port {port}: cannot listen on it")), "{error}");
+}

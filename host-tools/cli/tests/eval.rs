@@ -8,7 +8,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use slipsense_bench::detectors::DETECTORS;
-use support::{Arrays, Place, fails, names, succeeds};
+use support::{Arrays, Place, fails, names, slipsense, succeeds};
 
 /// A folder `episodes` of three labelled episodes of 40 frames; the last 10 slip.
 fn place() -> Place {
@@ -61,6 +61,28 @@ fn two_detectors_by_hand() {
     let again: Value = serde_json::from_str(&json).unwrap();
     assert_eq!(again["detectors"][0]["all"], metrics["detectors"][0]["all"]);
     assert_eq!(again["inputs"], metrics["inputs"]);
+}
+
+#[test]
+fn half_a_sensor_beside_the_whole() {
+    let place = place();
+    let (input, out) = (place.path("episodes"), place.path("out"));
+    let text = succeeds(eval(&input, &out, &["--drop", "piezo", "--drop", "xl"]));
+    assert!(text.contains("network-without-piezo") && text.contains("network-without-xl"), "{text}");
+    let metrics: Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
+    let names: Vec<_> = metrics["detectors"].as_array().unwrap().iter().map(|d| &d["name"]).collect();
+    assert_eq!(names, ["network", "network-without-piezo", "network-without-xl"]);
+
+    let again = place.path("again");
+    // The command line's own error has a line on where help is.
+    let refused = slipsense(eval(&input, &again, &["--drop", "ears"]));
+    let error = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{error}");
+    assert!(error.contains("ears") && error.contains("piezo, xl"), "{error}");
+    let error = fails(eval(&input, &again, &["--drop", "xl", "--drop", "xl"]));
+    assert!(error.contains("--drop: xl given twice"), "{error}");
+    let error = fails(eval(&input, &again, &["--drop", "xl", "--detector", "majority"]));
+    assert!(error.contains("--drop: only network"), "{error}");
 }
 
 #[test]

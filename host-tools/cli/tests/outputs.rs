@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use slipsense::net::Model;
 use slipsense::params::CONTACT_SUM_MIN;
-use slipsense::wire::{NodeId, Received, Receiver};
+use slipsense::wire::{NodeId, RawForm, Received, Receiver};
 use slipsense_bus::CandumpReader;
 use slipsense_cli::simulate::{simulate, stamp};
 use slipsense_episode::npz::Reader;
@@ -133,7 +133,8 @@ fn run_with_labels_writes_everything() {
     }
 
     let bytes = model().to_bytes().unwrap();
-    let again = simulate(&episode, Model::parse(&bytes).unwrap(), |_, _| Ok(()), || {}).unwrap();
+    let again =
+        simulate(&episode, Model::parse(&bytes).unwrap(), RawForm::Plain, |_, _| Ok(()), || {}).unwrap();
     assert_eq!(again.predictions, predictions);
 }
 

@@ -27,4 +27,4 @@ pub mod score;
 pub use episode::Episode;
 pub use error::{EpisodeError, Problem};
 pub use meta::{Meta, XL_RATE_TOLERANCE};
-pub use predictions::Predictions;
+pub use predictions::{Predictions, logmel_g2, logmel_std};

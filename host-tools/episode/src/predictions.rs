@@ -2,7 +2,9 @@
 
 use crate::npz::{Reader, Scalar, write_file};
 use crate::{EpisodeError, Problem};
+use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS};
 use slipsense::params::{CLASSES, MAX_SENSORS, MEL_BINS};
+use slipsense::pipeline::Output;
 use std::io::{Read, Seek};
 use std::path::Path;
 
@@ -35,7 +37,43 @@ pub struct Predictions {
     pub logmel_std: Vec<[f32; MEL_BINS]>,
 }
 
+/// Log-mel power in physical units: natural log of g², from the Q16 logarithm of LSB².
+pub fn logmel_g2(log_mel: &LogMel, xl_lsb_g: f64) -> [f32; MEL_BINS] {
+    let unit = 2.0 * xl_lsb_g.ln();
+    log_mel.ln_power.map(|q| (f64::from(q) / f64::from(1 << LN_FRAC_BITS) + unit) as f32)
+}
+
+/// Standardised log-mel as a number: exact, the fixed-point value has 16 bits.
+pub fn logmel_std(log_mel: &LogMel) -> [f32; MEL_BINS] {
+    log_mel.standardised.map(|q| f32::from(q) / f32::from(1i16 << STANDARDISED_FRAC_BITS))
+}
+
 impl Predictions {
+    /// Of no frame yet, with room for some.
+    pub fn with_capacity(frames: usize, sensors: usize) -> Self {
+        Self {
+            sensors,
+            class: Vec::with_capacity(frames),
+            logits: Vec::with_capacity(frames),
+            slip: Vec::with_capacity(frames),
+            alarm: Vec::with_capacity(frames),
+            logmel: Vec::with_capacity(frames * sensors),
+            logmel_std: Vec::with_capacity(frames * sensors),
+        }
+    }
+
+    /// What the pipeline said about the next frame; `xl_lsb_g`: unit of the samples.
+    pub fn push(&mut self, output: &Output, xl_lsb_g: f64) {
+        self.class.push(output.class as u8);
+        self.logits.push(output.logits_q10);
+        self.slip.push(output.slip.into());
+        self.alarm.push(output.alarm.into());
+        for log_mel in output.log_mel.iter().take(self.sensors) {
+            self.logmel.push(logmel_g2(log_mel, xl_lsb_g));
+            self.logmel_std.push(logmel_std(log_mel));
+        }
+    }
+
     /// Number of frames.
     pub fn frames(&self) -> usize {
         self.class.len()

@@ -114,8 +114,7 @@ fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<
     let mut stored = vec![0; spec.padded_bytes()];
     for (index, &value) in tensor.iter().enumerate() {
         let (fits, storage) = match spec.kind {
-            Kind::Weights(_) => (i8::try_from(value).is_ok(), "8 bits"),
-            Kind::I16 => (i16::try_from(value).is_ok(), "16 bits"),
+            Kind::Weights(_) | Kind::I16 => (i16::try_from(value).is_ok(), "16 bits"),
             Kind::I32 => (true, "32 bits"),
         };
         if !fits {

@@ -4,8 +4,18 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::Dims;
+use slipsense::net::model::ACTIVATION_MAX;
 
 use crate::ModelFile;
+
+/// Largest offset of a channel.
+const BIAS_MAX: i32 = 1_000_000;
+
+/// The largest weight with which a channel of so many inputs cannot overflow its accumulator.
+fn weight_max(inputs: usize) -> i32 {
+    let sum = (i64::from(i32::MAX) - i64::from(BIAS_MAX)) / ACTIVATION_MAX;
+    (sum / inputs as i64).min(i64::from(i16::MAX)) as i32
+}
 
 /// A model with random tensors that [`slipsense::net::Model::parse`] accepts.
 pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
@@ -17,11 +27,14 @@ pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
         let tensor = file.tensor_mut(spec.layer, spec.part);
         for value in tensor.iter_mut() {
             *value = match (spec.part, inputs) {
-                ("weight", _) => rng.random_range(-127..=127),
-                ("bias", Some(_)) => rng.random_range(-1_000_000..=1_000_000),
-                // A typical sum of n products is √n · 127/√3 · x: scale it to the size of x again.
+                ("weight", Some(inputs)) => {
+                    let most = weight_max(inputs);
+                    rng.random_range(-most..=most)
+                }
+                ("bias", Some(_)) => rng.random_range(-BIAS_MAX..=BIAS_MAX),
+                // A typical sum of n products is √n · w/√3 · x: scale it to the size of x again.
                 ("multiplier", Some(inputs)) => {
-                    let ratio = 1.0 / ((inputs as f64).sqrt() * 127.0 / 3f64.sqrt());
+                    let ratio = 1.0 / ((inputs as f64).sqrt() * f64::from(weight_max(inputs)) / 3f64.sqrt());
                     (ratio * 4_294_967_296.0 * rng.random_range(0.5..1.5)) as i32
                 }
                 ("multiplier", None) if spec.layer.ends_with("score") => {
@@ -29,6 +42,8 @@ pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
                 }
                 ("multiplier", None) => rng.random_range(100_000..=500_000),
                 ("bias", None) => rng.random_range(-4096..=4096),
+                // A factor of 2 to 64: the largest sums are cut.
+                ("residual", _) => rng.random_range(1 << 17..=1 << 22),
                 ("gamma", _) => rng.random_range(8_000..=32_767),
                 ("beta", _) => rng.random_range(-10_000_000..=10_000_000),
                 _ => rng.random_range(1..=1_000),

@@ -6,16 +6,20 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod bench;
+mod board;
 mod cmsis;
 mod elf;
+mod node;
 mod process;
 mod python;
 mod qemu;
+mod regions;
 mod retrain;
 mod stack;
 mod table;
 mod test;
 mod toolchain;
+mod twin;
 
 /// Developer commands of SlipSense.
 #[derive(Parser)]
@@ -33,7 +37,9 @@ enum Command {
     Qemu(qemu::Options),
     /// Measure: instructions on an emulated Cortex-M7, bytes of flash and RAM, frames per second here
     Bench(bench::Options),
-    /// How deep the firmware's stack can get
+    /// Run the firmware's ELF on an emulated STM32H743 and compare what it sends with this computer's, bit for bit
+    Twin(twin::Options),
+    /// How deep the stack of each board's firmware can get, and what it takes of each memory
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
     Cmsis(cmsis::Options),
@@ -52,6 +58,7 @@ fn main() -> ExitCode {
         Command::Test(options) => test::run(&options),
         Command::Qemu(options) => qemu::run(&options),
         Command::Bench(options) => bench::run(&options),
+        Command::Twin(options) => twin::run(&options),
         Command::Stack(options) => stack::run(&options),
         Command::Cmsis(options) => cmsis::print(&options),
         Command::Retrain(options) => retrain::retrain(&options),

@@ -40,6 +40,11 @@ impl Toolchain {
 
     /// `cargo build` for the target, warnings denied, with the profile for the board.
     pub fn build(self) -> Command {
+        self.build_in("firmware")
+    }
+
+    /// The same with another profile.
+    pub fn build_in(self, profile: &str) -> Command {
         let mut build = match self {
             Self::Host => cargo(),
             Self::Debian => {
@@ -51,7 +56,7 @@ impl Toolchain {
                 debian
             }
         };
-        build.args(["build", "--profile", "firmware", "--target", TARGET, "--target-dir"]);
+        build.args(["build", "--profile", profile, "--target", TARGET, "--target-dir"]);
         build.arg(self.target_dir());
         // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them. Names of functions
         // are looked up in the program, so every compiler has to write them the same way.

@@ -1,11 +1,12 @@
 //! The emulated board: frames come from a file, results go to one.
 
 use core::cell::RefCell;
-use core::convert::Infallible;
+use core::future::pending;
 
+use critical_section::{Mutex, with};
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
-use slipsense::board::{CanTransmit, FrameSource, Observe, SensedPart};
+use slipsense::board::{CanStatus, CanTransmit, FrameSource, Lane, Observe, SensedPart};
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output};
 use slipsense::wire::CanFrame;
@@ -57,34 +58,54 @@ pub struct Recorder {
     pub encoded: Vec<u8, { 512 + CAN_FRAMES_MAX * 69 }>,
 }
 
-/// The recorder as bus and as observer of the inference task.
+/// The recorder as bus, which takes everything at once, and as observer of the inference task.
 #[derive(Clone, Copy)]
-pub struct Shared(pub &'static RefCell<Recorder>);
+pub struct Recorded(pub &'static Mutex<RefCell<Recorder>>);
 
-impl CanTransmit for Shared {
-    type Error = Infallible;
-
-    async fn transmit(&mut self, frame: &CanFrame) -> Result<(), Infallible> {
-        self.0.borrow_mut().record.can.push(*frame).expect("room for all CAN frames of a frame");
-        Ok(())
+impl Recorded {
+    fn change<T>(&self, change: impl FnOnce(&mut Recorder) -> T) -> T {
+        with(|cs| change(&mut self.0.borrow_ref_mut(cs)))
     }
 }
 
-impl Observe for Shared {
+impl CanTransmit for Recorded {
+    fn is_free(&self, _lane: Lane) -> bool {
+        true
+    }
+
+    fn transmit(&mut self, _lane: Lane, frame: &CanFrame) {
+        self.change(|recorder| recorder.record.can.push(*frame)).expect("room for all CAN frames of a frame");
+    }
+
+    fn withdraw(&mut self, _lane: Lane) {}
+
+    async fn changed(&mut self) {
+        pending().await
+    }
+
+    fn status(&mut self) -> CanStatus {
+        CanStatus::default()
+    }
+}
+
+impl Observe for Recorded {
     fn step_begins(&mut self, _stamp: FrameStamp) {
-        self.0.borrow_mut().began = Instant::now();
+        self.change(|recorder| recorder.began = Instant::now());
     }
 
     fn step_ends(&mut self, stamp: FrameStamp, output: &Output) {
-        let mut recorder = self.0.borrow_mut();
-        recorder.record = Record::of(stamp.sequence, output);
-        recorder.record.step_us = recorder.began.elapsed().as_micros() as u32;
+        self.change(|recorder| {
+            let step_us = recorder.began.elapsed().as_micros() as u32;
+            recorder.record = Record { step_us, ..Record::of(stamp.sequence, output) };
+        });
     }
 
-    fn frame_sent(&mut self, _stamp: FrameStamp) {
-        let Recorder { file, record, encoded, .. } = &mut *self.0.borrow_mut();
-        encoded.clear();
-        record.encode(|bytes| encoded.extend_from_slice(bytes).expect("room for a record"));
-        file.write_all(encoded).expect("the host takes the output");
+    /// Transmission interrupts inference as soon as there is something to send, so all of it has gone by now.
+    fn frame_done(&mut self, _stamp: FrameStamp) {
+        self.change(|Recorder { file, record, encoded, .. }| {
+            encoded.clear();
+            record.encode(|bytes| encoded.extend_from_slice(bytes).expect("room for a record"));
+            file.write_all(encoded).expect("the host takes the output");
+        });
     }
 }

@@ -13,24 +13,28 @@ use panic_semihosting as _;
 use slipsense::board::{SensedFrame, StoppedClock};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
-use slipsense::tasks::{Inference, QUEUED_FRAMES, acquire};
-use slipsense::wire::Transmitter;
+use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
+use slipsense::wire::{RawTransfer, Transmitter};
 use slipsense_qemu::input::{FRAME_BYTES_MAX, HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use slipsense_qemu::record::Record;
 use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::board::{Recorder, Recording, Shared};
+use crate::board::{Recorded, Recorder, Recording};
 use crate::semihosting::File;
 use crate::time_driver::{ALARM_IRQ, COUNTER_IRQ, Irq, time};
 
-/// A line that no device of the board drives: acquisition runs in its handler.
+/// A line that no device of the board drives: acquisition and transmission run in its handler.
 const ACQUISITION_IRQ: Irq = Irq(31);
 const TIME_PRIORITY: u8 = 0x20;
 const ACQUISITION_PRIORITY: u8 = 0x60;
 
-type FrameQueue = Channel<'static, CriticalSectionRawMutex, SensedFrame>;
-type EmulatedInference = Inference<'static, Shared, StoppedClock, Shared>;
+/// Cycles of the board's timers per microsecond.
+const TIMER_TICKS_PER_US: u32 = 25;
+
+type Mutex = CriticalSectionRawMutex;
+type FrameQueue = Channel<'static, Mutex, SensedFrame>;
+type EmulatedInference = Inference<'static, Mutex, StoppedClock, Recorded>;
 
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
@@ -39,8 +43,12 @@ static BUFFERS: ConstStaticCell<[SensedFrame; QUEUED_FRAMES]> =
 static QUEUE: StaticCell<FrameQueue> = StaticCell::new();
 static MODEL: ConstStaticCell<Aligned<[u8; MODEL_BYTES_MAX]>> =
     ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
+static SHARED: Shared<Mutex> = Shared::new();
+static RAW_BUFFERS: ConstStaticCell<[RawTransfer; RAW_MESSAGES]> =
+    ConstStaticCell::new([const { RawTransfer::new() }; RAW_MESSAGES]);
+static RAW_QUEUE: StaticCell<RawQueue<'static, Mutex>> = StaticCell::new();
 static RECORDING: StaticCell<Recording> = StaticCell::new();
-static RECORDER: StaticCell<RefCell<Recorder>> = StaticCell::new();
+static RECORDER: StaticCell<critical_section::Mutex<RefCell<Recorder>>> = StaticCell::new();
 static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
 
 #[exception]
@@ -55,17 +63,19 @@ unsafe fn DefaultHandler(irq: i16) {
 }
 
 #[embassy_executor::task]
-async fn acquisition(
-    recording: &'static mut Recording,
-    queue: Sender<'static, CriticalSectionRawMutex, SensedFrame>,
-) {
-    acquire(recording, queue).await;
+async fn acquisition(recording: &'static mut Recording, queue: Sender<'static, Mutex, SensedFrame>) {
+    acquire(recording, queue, &SHARED).await;
+}
+
+#[embassy_executor::task]
+async fn transmission(bus: Recorded, raw: Receiver<'static, Mutex, RawTransfer>) {
+    Transmission::new(bus, StoppedClock, &SHARED, raw).run().await;
 }
 
 #[embassy_executor::task]
 async fn inference(
     inference: &'static mut EmulatedInference,
-    mut queue: Receiver<'static, CriticalSectionRawMutex, SensedFrame>,
+    mut queue: Receiver<'static, Mutex, SensedFrame>,
     frames: u32,
 ) {
     for _ in 0..frames {
@@ -86,24 +96,26 @@ fn main() -> ! {
     let model = Model::parse(model).expect("the model is valid");
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
 
-    let recorder = Shared(RECORDER.init(RefCell::new(Recorder {
+    let recorder = Recorded(RECORDER.init(critical_section::Mutex::new(RefCell::new(Recorder {
         file: open(OUTPUT_FILE, File::create),
         began: Instant::MIN,
         record: Record::default(),
         encoded: Vec::new(),
-    })));
+    }))));
+    let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(RAW_BUFFERS.take())).split();
     let infer = INFERENCE.init(Inference::new(
         pipeline,
         Transmitter::new(header.node),
-        recorder,
         StoppedClock,
         recorder,
+        &SHARED,
+        raw_sender,
     ));
     let recording = Recording { file, header, read: 0, record: [0; FRAME_BYTES_MAX] };
     let recording = RECORDING.init(recording);
     let (sender, receiver) = QUEUE.init(Channel::new(BUFFERS.take())).split();
 
-    time().init();
+    time().init(TIMER_TICKS_PER_US);
     let mut core = cortex_m::Peripherals::take().expect("taken once");
     // SAFETY: all critical sections of this program mask every priority.
     unsafe {
@@ -112,7 +124,9 @@ fn main() -> ! {
         core.NVIC.set_priority(ACQUISITION_IRQ, ACQUISITION_PRIORITY);
     }
     let frames = header.frames;
-    ACQUISITION.start(ACQUISITION_IRQ).spawn(acquisition(recording, sender).expect("spawned once"));
+    let spawner = ACQUISITION.start(ACQUISITION_IRQ);
+    spawner.spawn(transmission(recorder, raw_receiver).expect("spawned once"));
+    spawner.spawn(acquisition(recording, sender).expect("spawned once"));
     EXECUTOR
         .init(Executor::new())
         .run(|spawner| spawner.spawn(inference(infer, receiver, frames).expect("spawned once")))

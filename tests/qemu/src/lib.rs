@@ -7,8 +7,12 @@
 
 mod bytes;
 pub mod equal;
+pub mod events;
 pub mod input;
+pub mod link;
+pub mod node_loop;
 pub mod measured;
+pub mod ram_flash;
 pub mod record;
 #[cfg(feature = "cmsis-dsp")]
 pub mod spectra;

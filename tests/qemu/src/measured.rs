@@ -9,6 +9,8 @@ pub const TRACE_FILE: &str = "trace.in";
 pub const READY_FILE: &str = "ready.out";
 /// Name of the file that lets it go on.
 pub const GO_FILE: &str = "go.in";
+/// Name of a file whose presence asks for the compression alone, of every frame and sensor.
+pub const COMPRESSION_FILE: &str = "compress.in";
 /// Name of the file that the benchmark program writes.
 pub const MEASURED_FILE: &str = "measured.txt";
 /// Frames after which every window is full: their numbers are not measurements of a running stream.
@@ -123,6 +125,13 @@ pub enum Line<'a> {
     },
     /// One frame.
     Frame(FrameCost),
+    /// One sensor's frame compressed.
+    Compressed {
+        /// Of the message.
+        bytes: u32,
+        /// From readings to message.
+        instructions: u32,
+    },
     /// The size of a type, bytes.
     Size {
         /// `size_of`.
@@ -143,6 +152,7 @@ impl fmt::Display for Line<'_> {
                 parts.iter().try_for_each(|part| write!(f, " {part}"))?;
                 writeln!(f)
             }
+            Self::Compressed { bytes, instructions } => writeln!(f, "compressed {bytes} {instructions}"),
             Self::Size { bytes, name } => writeln!(f, "size {bytes} {name}"),
         }
     }
@@ -170,6 +180,9 @@ impl<'a> Line<'a> {
                     *part = number(&mut words)?;
                 }
                 Some(Self::Frame(cost))
+            }
+            "compressed" => {
+                Some(Self::Compressed { bytes: number(&mut words)?, instructions: number(&mut words)? })
             }
             "size" => {
                 let (bytes, name) = rest.split_once(' ')?;

@@ -1,5 +1,6 @@
 //! Time for embassy on the CMSDK timers of the mps2 boards: timer 0 counts freely and is extended to 64
-//! bits by its interrupt, timer 1 is the alarm. Both count down at 25 MHz.
+//! bits by its interrupt, timer 1 is the alarm. Both count down at 25 MHz of the emulated clock; how many ticks make
+//! a microsecond is for the program to say, because that clock need not be the time which it stands for.
 
 use core::cell::RefCell;
 use core::ptr::{read_volatile, write_volatile};
@@ -12,7 +13,6 @@ use critical_section::Mutex;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 
-const TICKS_PER_US: u64 = 25;
 const ENABLE_WITH_INTERRUPT: u32 = 0b1001;
 
 /// An interrupt line of the board.
@@ -78,11 +78,13 @@ impl Timer {
 pub struct Mps2Time {
     /// Times the counter has wrapped.
     wraps: AtomicU32,
+    ticks_per_us: AtomicU32,
     queue: Mutex<RefCell<Queue>>,
 }
 
 embassy_time_driver::time_driver_impl!(static TIME: Mps2Time = Mps2Time {
     wraps: AtomicU32::new(0),
+    ticks_per_us: AtomicU32::new(1),
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
@@ -93,7 +95,8 @@ pub fn time() -> &'static Mps2Time {
 
 impl Mps2Time {
     /// Start counting. Call once, before any executor runs.
-    pub fn init(&self) {
+    pub fn init(&self, ticks_per_us: u32) {
+        self.ticks_per_us.store(ticks_per_us, Ordering::Relaxed);
         COUNTER.start(u32::MAX);
         // SAFETY: no critical section relies on these lines being masked, and their handlers may run
         // from here on.
@@ -117,6 +120,10 @@ impl Mps2Time {
             ALARM.stop();
             self.arm(&mut self.queue.borrow_ref_mut(cs));
         });
+    }
+
+    fn ticks_per_us(&self) -> u64 {
+        self.ticks_per_us.load(Ordering::Relaxed).into()
     }
 
     fn ticks(&self) -> u64 {
@@ -143,7 +150,7 @@ impl Mps2Time {
             }
             if let Some(ahead) = next.checked_sub(self.now()).filter(|&ahead| ahead > 0) {
                 // One that is further away than the timer reaches is set again when it fires.
-                ALARM.start((ahead * TICKS_PER_US).min(u64::from(u32::MAX)) as u32);
+                ALARM.start((ahead * self.ticks_per_us()).min(u64::from(u32::MAX)) as u32);
                 return;
             }
         }
@@ -152,7 +159,7 @@ impl Mps2Time {
 
 impl Driver for Mps2Time {
     fn now(&self) -> u64 {
-        self.ticks() / TICKS_PER_US
+        self.ticks() / self.ticks_per_us()
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {

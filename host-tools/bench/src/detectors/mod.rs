@@ -136,6 +136,34 @@ pub enum ClassOrder {
     ContactFirst,
 }
 
+/// Half of a fingertip, as `--drop` names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Modality {
+    /// The taxel array.
+    Piezo,
+    /// The accelerometer.
+    Xl,
+}
+
+impl Modality {
+    /// As on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Piezo => "piezo",
+            Self::Xl => "xl",
+        }
+    }
+}
+
+impl std::str::FromStr for Modality {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = [Self::Piezo, Self::Xl].into_iter().find(|modality| modality.name() == name);
+        found.ok_or_else(|| format!("no modality is called \"{name}\"; there are: piezo, xl"))
+    }
+}
+
 /// What the detectors are made of.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup<'a> {
@@ -145,6 +173,8 @@ pub struct Setup<'a> {
     pub model: &'a [u8],
     /// Weights file of the float network, needed for `float` only.
     pub float_weights: Option<&'a Path>,
+    /// What is dead in all sensors, for `network` and `network-alarm` only.
+    pub dead: Option<Modality>,
 }
 
 /// Names on the command line with what they are, in the order of the report.
@@ -172,8 +202,8 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Box<dyn Detector + '
     let fitted = setup.fitted;
     let order = fitted.class_order;
     Ok(match name {
-        NETWORK => Box::new(network::Network::new(setup.model)?),
-        NETWORK_ALARM => Box::new(network_alarm::NetworkAlarm::new(setup.model)?),
+        NETWORK => Box::new(network::Network::new(setup.model, setup.dead)?),
+        NETWORK_ALARM => Box::new(network_alarm::NetworkAlarm::new(setup.model, setup.dead)?),
         #[cfg(feature = "float")]
         FLOAT => Box::new(float::Float::new(setup.float_weights)?),
         #[cfg(not(feature = "float"))]

@@ -7,7 +7,7 @@ use slipsense::pipeline::{Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense_episode::Episode;
 
-use super::{Detector, NETWORK, NEVER, Verdict};
+use super::{Detector, Modality, NETWORK, NEVER, Verdict};
 
 /// Units of a logit per nat.
 const LOGIT_ONE: f64 = (1u32 << slipsense::net::network::LOGIT_FRAC_BITS) as f64;
@@ -16,13 +16,19 @@ const LOGIT_ONE: f64 = (1u32 << slipsense::net::network::LOGIT_FRAC_BITS) as f64
 /// Another number of sensors starts anew, which a module in use cannot do.
 pub struct PipelineStream<'m> {
     model: Model<'m>,
+    dead: Option<Modality>,
     pipeline: Option<Box<Pipeline<'m>>>,
 }
 
 impl<'m> PipelineStream<'m> {
     /// Before the first frame.
     pub const fn new(model: Model<'m>) -> Self {
-        Self { model, pipeline: None }
+        Self::with_dead(model, None)
+    }
+
+    /// One whose sensors never deliver this modality.
+    pub const fn with_dead(model: Model<'m>, dead: Option<Modality>) -> Self {
+        Self { model, dead, pipeline: None }
     }
 
     /// Run the frames of the next episode; `each` gets the output of every frame in order. Is the state
@@ -37,9 +43,10 @@ impl<'m> PipelineStream<'m> {
         };
         for frame in 0..episode.frames() {
             let inputs: [SensorInput<'_>; MAX_SENSORS] = std::array::from_fn(|s| match s < sensors {
-                true => {
-                    SensorInput { piezo: Some(episode.piezo(frame, s)), xl: Some(episode.xl_batch(frame, s)) }
-                }
+                true => SensorInput {
+                    piezo: (self.dead != Some(Modality::Piezo)).then(|| episode.piezo(frame, s)),
+                    xl: (self.dead != Some(Modality::Xl)).then(|| episode.xl_batch(frame, s)),
+                },
                 false => SensorInput::default(),
             });
             each(&pipeline.step(&inputs[..sensors]));
@@ -56,8 +63,8 @@ impl<'m> PipelineStream<'m> {
 pub(super) struct Network<'m>(PipelineStream<'m>);
 
 impl<'m> Network<'m> {
-    pub(super) fn new(model: &'m [u8]) -> Result<Self> {
-        Ok(Self(PipelineStream::new(Model::parse(model).context("model")?)))
+    pub(super) fn new(model: &'m [u8], dead: Option<Modality>) -> Result<Self> {
+        Ok(Self(PipelineStream::with_dead(Model::parse(model).context("model")?, dead)))
     }
 }
 

@@ -6,7 +6,7 @@ use slipsense_episode::Episode;
 use slipsense_episode::score::SLIP;
 
 use super::network::{PipelineStream, score};
-use super::{Detector, NETWORK_ALARM, Verdict};
+use super::{Detector, Modality, NETWORK_ALARM, Verdict};
 use crate::tune::KthLargest;
 
 pub(super) struct NetworkAlarm<'m> {
@@ -16,11 +16,11 @@ pub(super) struct NetworkAlarm<'m> {
 }
 
 impl<'m> NetworkAlarm<'m> {
-    pub(super) fn new(model: &'m [u8]) -> Result<Self> {
+    pub(super) fn new(model: &'m [u8], dead: Option<Modality>) -> Result<Self> {
         let model = Model::parse(model).context("model")?;
         let recent = KthLargest::new(model.point.k, model.point.n);
         let threshold_q10 = model.point.threshold_q10;
-        Ok(Self { stream: PipelineStream::new(model), recent, threshold_q10 })
+        Ok(Self { stream: PipelineStream::with_dead(model, dead), recent, threshold_q10 })
     }
 }
 

@@ -7,7 +7,7 @@ use clap::Args as ClapArgs;
 use slipsense::net::Model;
 use slipsense_episode::Episode;
 
-use super::run::{Job, process};
+use super::run::{Job, Raw, process};
 use crate::bundled;
 use crate::output_dir::OutputDir;
 
@@ -39,6 +39,6 @@ impl Args {
         let episode = Episode::from_bytes(bundled::EPISODE, bundled::NAME)?;
         let model = Model::parse(bundled::MODEL).context("bundled model")?;
         let (name, model_name) = (bundled::NAME.to_owned(), bundled::NAME.to_owned());
-        process(&Job { episode, name, model, model_name, json: self.json }, out, &self.out)
+        process(&Job { episode, name, model, model_name, raw: Raw::Plain, json: self.json }, out, &self.out)
     }
 }

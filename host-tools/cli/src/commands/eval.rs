@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
-use slipsense_bench::detectors::{FLOAT, NETWORK, NETWORK_ALARM, Setup, by_name};
+use slipsense_bench::detectors::{FLOAT, Modality, NETWORK, NETWORK_ALARM, Setup, by_name};
 use slipsense_bench::fit::Fitted;
 use slipsense_bench::report;
 use slipsense_bench::results::Results;
@@ -44,6 +44,7 @@ Examples:
   slipsense eval val umi_id umi_ood --data out/sets --detector entropy --detector mfcc-qda \\
       --detector entropy-and-mfcc --out out/eval
   slipsense eval umi_id umi_ood free --detector network --detector entropy --out out/directions
+  slipsense eval umi_id umi_ood --drop piezo --drop xl --out out/dead
   slipsense eval umi_ood --model m.slipnet --detector network --detector float \\
       --weights weights.safetensors --out out/eval
   slipsense eval umi_id umi_ood noslip --frames noslip=8640000 --detector network-alarm --out out/eval
@@ -74,6 +75,10 @@ pub struct Args {
     /// Fit of the other detectors; the bundled one if not given
     #[arg(long, value_name = "FILE")]
     fit: Option<PathBuf>,
+    /// Also evaluate network and network-alarm with this half of every sensor dead: piezo or xl; may be given
+    /// twice
+    #[arg(long, value_name = "MODALITY")]
+    drop: Vec<Modality>,
     /// Print metrics.json to standard output, nothing else
     #[arg(long)]
     json: bool,
@@ -141,6 +146,18 @@ impl Args {
 
     /// All detectors asked for, each made once here so that what is wrong shows before any work is done.
     fn entrants<'a>(&'a self, fitted: &'a Fitted, seeds: &'a [Seed]) -> Result<Vec<Entrant<'a>>> {
+        if !self.drop.is_empty()
+            && !self.detector.iter().any(|d| [NETWORK, NETWORK_ALARM].contains(&d.as_str()))
+        {
+            bail!(
+                "--drop: only {NETWORK} and {NETWORK_ALARM} run on half a sensor, and neither is a --detector"
+            );
+        }
+        for (i, dropped) in self.drop.iter().enumerate() {
+            if self.drop[..i].contains(dropped) {
+                bail!("--drop: {} given twice", dropped.name());
+            }
+        }
         let mut entrants: Vec<Entrant<'a>> = Vec::new();
         for (i, family) in self.detector.iter().enumerate() {
             if self.detector[..i].contains(family) {
@@ -148,12 +165,20 @@ impl Args {
             }
             let of_seed = [NETWORK, NETWORK_ALARM, FLOAT].contains(&family.as_str());
             let seeds = if of_seed { seeds } else { &seeds[..1] };
-            for seed in seeds {
-                let setup = Setup { fitted, model: &seed.model, float_weights: seed.weights.as_deref() };
-                let make = move || by_name(family, &setup);
-                make()?;
-                let name = format!("{family}{}", if seeds.len() > 1 { &seed.suffix } else { "" });
-                entrants.push(Entrant { name, family: family.clone(), make: Box::new(make) });
+            let may_drop = [NETWORK, NETWORK_ALARM].contains(&family.as_str());
+            let dropped = self.drop.iter().copied().map(Some).filter(|_| may_drop);
+            for dead in std::iter::once(None).chain(dropped) {
+                let without = dead.map_or_else(String::new, |dead| format!("-without-{}", dead.name()));
+                for seed in seeds {
+                    let float_weights = seed.weights.as_deref();
+                    let setup = Setup { fitted, model: &seed.model, float_weights, dead };
+                    let make = move || by_name(family, &setup);
+                    make()?;
+                    // A name of its own: what is written of the network is not said of half a sensor.
+                    let family = format!("{family}{without}");
+                    let name = format!("{family}{}", if seeds.len() > 1 { &seed.suffix } else { "" });
+                    entrants.push(Entrant { name, family, make: Box::new(make) });
+                }
             }
         }
         Ok(entrants)

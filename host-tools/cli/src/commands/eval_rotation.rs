@@ -58,7 +58,7 @@ impl Args {
             None => bundled::MODEL.to_vec(),
         };
         let fitted = Fitted::bundled()?;
-        let setup = Setup { fitted: &fitted, model: &model, float_weights: None };
+        let setup = Setup { fitted: &fitted, model: &model, float_weights: None, dead: None };
         let make = || by_name(NETWORK, &setup);
         // What is wrong with the model shows before any work is done.
         let shown = self.model.as_ref().map_or("bundled model".to_owned(), |path| path.display().to_string());

@@ -6,11 +6,10 @@ use anyhow::Result;
 use clap::Args as ClapArgs;
 use slipsense::features::XlFrontEnd;
 use slipsense::params::MEL_BINS;
-use slipsense_episode::Episode;
 use slipsense_episode::npz::write_file;
+use slipsense_episode::{Episode, logmel_g2, logmel_std};
 
 use crate::output_dir::check_file;
-use crate::simulate::{logmel_g2, logmel_std};
 
 /// Write the log-mel features of an episode's accelerometers
 ///

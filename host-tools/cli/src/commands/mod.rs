@@ -1,5 +1,12 @@
 //! One file per subcommand, each with its arguments and what they do.
 
+pub mod busload;
+mod live;
+pub mod convert;
+pub mod descriptions;
+pub mod monitor;
+pub mod record;
+pub mod replay;
 pub mod demo;
 pub mod run;
 pub mod features;
@@ -12,6 +19,10 @@ pub mod synth;
 pub mod train;
 pub mod model;
 pub mod tune;
+pub mod view;
+pub mod keygen;
+pub mod sign;
+pub mod image;
 
 use std::io::{IsTerminal, Write};
 

@@ -4,8 +4,9 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use clap::Args as ClapArgs;
+use clap::{Args as ClapArgs, ValueEnum};
 use slipsense::net::Model;
+use slipsense::wire::{Detail, RawForm};
 use slipsense_bus::CandumpWriter;
 use slipsense_episode::Episode;
 
@@ -32,6 +33,7 @@ Files written to the output folder:
 Examples:
   slipsense run grasp.npz --out out/grasp
   slipsense run grasp.npz --out out/other --model other.slipnet
+  slipsense run grasp.npz --out out/short --raw compressed
   slipsense run grasp.npz --out out/grasp --json | jq '.truth.events[].delay_ms'")]
 pub struct Args {
     /// Episode to run, an .npz file
@@ -43,9 +45,21 @@ pub struct Args {
     /// Model file; the bundled one if not given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// How the raw frames stand in can.log
+    #[arg(long, value_enum, default_value_t = Raw::Plain)]
+    raw: Raw,
     /// Print summary.json to standard output, nothing else
     #[arg(long)]
     json: bool,
+}
+
+/// The two raw messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Raw {
+    /// slipsense.Raw: any Cyphal client reads it by its definition
+    Plain,
+    /// slipsense.RawCompressed: the same, shorter, without loss
+    Compressed,
 }
 
 impl Args {
@@ -55,7 +69,7 @@ impl Args {
         let out = OutputDir::prepare(&self.out)?;
         let episode = Episode::read(&self.episode)?;
         let name = self.episode.display().to_string();
-        process(&Job { episode, name, model, model_name, json: self.json }, out, &self.out)
+        process(&Job { episode, name, model, model_name, raw: self.raw, json: self.json }, out, &self.out)
     }
 }
 
@@ -67,6 +81,7 @@ pub(crate) struct Job<'m> {
     pub(crate) model: Model<'m>,
     /// Stands for the model's file.
     pub(crate) model_name: String,
+    pub(crate) raw: Raw,
     pub(crate) json: bool,
 }
 
@@ -102,6 +117,10 @@ fn run_to_log(job: &Job<'_>, out: &OutputDir) -> Result<Simulation> {
     let simulation = simulate(
         &job.episode,
         job.model,
+        match job.raw {
+            Raw::Plain => RawForm::Plain,
+            Raw::Compressed => RawForm::Compressed(Detail::All),
+        },
         |timestamp_us, frame| log.write(timestamp_us, frame).context("can.log: cannot write"),
         || progress.inc(1),
     )?;

@@ -4,6 +4,7 @@
 mod close_up;
 mod draw;
 mod heatmap;
+mod load_bars;
 mod scale;
 
 use std::ops::Range;
@@ -19,6 +20,7 @@ use crate::simulate::Simulation;
 use crate::summary::{EventFacts, Outcome, Summary, file_name, seconds};
 pub(crate) use draw::CLASS_NAME;
 use draw::{Anchor, CLASS, GREY, INK, RULE, SENSOR, area, bold, curve, heading, rect, rule, text};
+pub(crate) use load_bars::load_bars;
 use scale::{Scale, columns, line};
 
 const WIDTH: f64 = 1200.0;

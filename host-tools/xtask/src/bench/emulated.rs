@@ -10,7 +10,9 @@ use serde::Serialize;
 use slipsense::net::Model;
 use slipsense_model_file::cost;
 use slipsense_qemu::INPUT_FILE;
-use slipsense_qemu::measured::{FrameCost, Line, MEASURED_FILE, Part, TRACE_FILE, WARM_UP_FRAMES};
+use slipsense_qemu::measured::{
+    COMPRESSION_FILE, FrameCost, Line, MEASURED_FILE, Part, TRACE_FILE, WARM_UP_FRAMES,
+};
 use tempfile::TempDir;
 
 use super::inputs::Input;
@@ -123,6 +125,24 @@ fn cmsis_dsp(model: &[u8]) -> Result<Vec<Peer>> {
     Ok(measured.peers)
 }
 
+/// Bytes and instructions of every sensor's frame compressed, on the emulated core.
+pub fn compressed(model: &[u8], frames: &Frames) -> Result<Vec<(u32, u32)>> {
+    let machine = Machine::build(PROGRAM, &[])?;
+    let dir = folder(frames, model)?;
+    fs::write(dir.path().join(COMPRESSION_FILE), "").context(COMPRESSION_FILE)?;
+    machine.run(dir.path(), TIMEOUT)?;
+    let (mut checked, mut costs) = (false, Vec::new());
+    for line in output(dir.path())?.lines() {
+        match Line::parse(line).with_context(|| format!("the emulated program wrote `{line}`"))? {
+            Line::Check { expected, measured } => checked = expected == measured && expected > 0,
+            Line::Compressed { bytes, instructions } => costs.push((bytes, instructions)),
+            _ => bail!("the emulated program wrote `{line}` where it compresses"),
+        }
+    }
+    ensure!(checked, "the counter of the emulated program cannot be believed");
+    Ok(costs)
+}
+
 /// Every instruction of the last of these frames' `Pipeline::step`, and how many it was measured to be.
 pub fn trace(model: &[u8], input: Input, sensors: usize) -> Result<(Trace, u32)> {
     let machine = Machine::build(PROGRAM, &[])?;
@@ -169,6 +189,7 @@ fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
                 peers.push(Kernel { name: name.to_owned(), macs, instructions });
             }
             Line::Frame(cost) => frames.push(cost),
+            Line::Compressed { .. } => bail!("the emulated program compressed, and was not asked to"),
             Line::Size { bytes, name } => _ = all.sizes.insert(name.to_owned(), bytes),
         }
     }

@@ -5,15 +5,18 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 
+use crate::board::Board;
 use crate::qemu::default_model;
 use crate::stack;
 
+mod compression;
 mod cycles;
 mod emulated;
 mod host;
 mod inputs;
 mod loops;
 mod mca;
+mod other_coders;
 mod peers;
 mod report;
 mod size;
@@ -34,6 +37,7 @@ Examples:
   cargo xtask bench --only cycles --only size       what the firmware's code and its loops take
   cargo xtask bench --only path --frames 60 --json  the whole path, for a machine
   cargo xtask bench --only host --tract             frames per second here, beside the float network on tract
+  cargo xtask bench --only compression              raw frames on the bus, beside zstd and others
   cargo xtask bench --out out/bench                 writes bench.json and bench.md")]
 pub struct Options {
     /// Only these parts; may be given several times
@@ -76,6 +80,8 @@ enum Part {
     Stack,
     /// Frames per second on this computer
     Host,
+    /// Raw frames compressed: length beside other coders, load of a bus, instructions
+    Compression,
 }
 
 /// Measure and print.
@@ -89,7 +95,7 @@ pub fn run(options: &Options) -> Result<bool> {
         report.emulated = Some(emulated::measure(&model, frames, wanted(Part::Peers))?);
     }
     if wanted(Part::Cycles) || wanted(Part::Size) || wanted(Part::Stack) {
-        let firmware = stack::build()?;
+        let firmware = Board::H743.build()?;
         if wanted(Part::Cycles) {
             report.cycles = Some(cycles::estimate(&firmware, &model)?);
         }
@@ -97,11 +103,14 @@ pub fn run(options: &Options) -> Result<bool> {
             report.size = Some(size::measure(&firmware, &model)?);
         }
         if wanted(Part::Stack) {
-            report.stack = Some(stack::measure(Some(firmware))?);
+            report.stack = Some(stack::measure(Board::H743, Some(firmware))?);
         }
     }
     if wanted(Part::Host) {
         report.host = Some(host::measure(&model, options.replay as usize, options.tract)?);
+    }
+    if wanted(Part::Compression) {
+        report.compression = Some(compression::measure(&model, options.frames as usize)?);
     }
     if options.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

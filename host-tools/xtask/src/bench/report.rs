@@ -7,6 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Serialize;
 
+use super::compression::Compression;
 use super::cycles::{Estimate, FunctionEstimate, LoopEstimate, StepEstimate};
 use super::emulated::{Emulated, PathCost};
 use super::host::Host;
@@ -28,6 +29,8 @@ pub struct Report {
     pub stack: Option<stack::Report>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub host: Option<Host>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compression: Option<Compression>,
 }
 
 impl Report {
@@ -66,6 +69,7 @@ impl Report {
         tables.extend(self.size.iter().map(|size| sections(size, self.emulated.as_ref())));
         tables.extend(self.stack.iter().map(stack::Report::table));
         tables.extend(self.host.iter().map(host));
+        tables.extend(self.compression.iter().flat_map(compression));
         tables
     }
 }
@@ -304,6 +308,70 @@ fn host(host: &Host) -> Table {
     let what = format!("{} frames of {} sensors, all cores", thousands(replay.frames as i64), replay.sensors);
     table.row([what, format!("{:.1} s", replay.wall_s)]);
     table
+}
+
+fn compression(all: &Compression) -> [Table; 3] {
+    let mut sizes = Table::new(
+        "A sensor's raw frame compressed alone, other coders with the layout that suits them better"
+            .to_owned(),
+        &[
+            ("data", Align::Left),
+            ("coder", Align::Left),
+            ("bytes, mean", Align::Right),
+            ("ratio", Align::Right),
+        ],
+    );
+    let mut loads = Table::new(
+        "Share of the bus, slip message included, by the bits of every frame; 240 frames/s".to_owned(),
+        &[
+            ("data", Align::Left),
+            ("Mbit/s", Align::Left),
+            ("sensors", Align::Right),
+            ("mean", Align::Right),
+            ("fullest period", Align::Right),
+            ("plain, mean", Align::Right),
+        ],
+    );
+    for data in &all.data {
+        let plain = data.plain_bytes;
+        sizes.row([data.name.clone(), "plain message".to_owned(), format!("{plain:.0}"), "1.00".to_owned()]);
+        for (coder, bytes) in &data.coders {
+            let ratio = format!("{:.2}", plain / bytes);
+            sizes.row([String::new(), coder.clone(), format!("{bytes:.0}"), ratio]);
+        }
+        for (index, load) in data.loads.iter().enumerate() {
+            let name = if index == 0 { data.name.clone() } else { String::new() };
+            let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+            loads.row([
+                name,
+                format!("1/{}", load.data_bps / 1_000_000),
+                load.sensors.to_string(),
+                percent(load.mean),
+                percent(load.worst),
+                percent(load.plain_mean),
+            ]);
+        }
+    }
+    let mut costs = Table::new(
+        "Instructions to compress a sensor's frame, exact, emulated Cortex-M7".to_owned(),
+        &[
+            ("input", Align::Left),
+            ("median", Align::Right),
+            ("worst", Align::Right),
+            ("bytes, mean", Align::Right),
+            ("frames", Align::Right),
+        ],
+    );
+    for cost in &all.costs {
+        costs.row([
+            cost.input.to_owned(),
+            thousands(cost.median.into()),
+            thousands(cost.worst.into()),
+            format!("{:.0}", cost.mean_bytes),
+            cost.frames.to_string(),
+        ]);
+    }
+    [sizes, loads, costs]
 }
 
 fn plural(count: usize) -> &'static str {

@@ -12,10 +12,15 @@ use clap::Args;
 use crate::process::{apt_install, cargo, command, find, run, target_dir};
 use crate::qemu::machine::Machine;
 use crate::root;
+use crate::test::DEMO_EPISODE;
 use crate::toolchain::TARGET;
 
 /// The feature, of the library and of the emulated programs.
 pub const FEATURE: &str = "cmsis-dsp";
+/// What the emulated programs must be built with to have the FFT of the library in this program.
+pub const FEATURES_HERE: &[&str] = if cfg!(feature = "cmsis-dsp") { &[FEATURE] } else { &[] };
+/// Extreme frames through the whole pipeline, over 1, 2 and 3 sensors.
+const EXTREME_FRAMES: &str = "600";
 /// Runs on both sides.
 const PROGRAM: &str = "slipsense-qemu-cmsis";
 const TIMEOUT: Duration = Duration::from_secs(300);
@@ -79,8 +84,17 @@ pub fn link(build: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// The FFT's C code on the emulated Cortex-M7 against the port there and here, and the front end's tests with it.
+/// The FFT's C code on the emulated Cortex-M7 against the port there and here, the front end's tests with it, and
+/// the whole pipeline with it, from samples to CAN bytes.
 pub fn step() -> Result<()> {
+    spectra()?;
+    // Another build of this program: its own library is what the emulated one is compared with.
+    let mut pipeline = cargo();
+    pipeline.args(["run", "--release", "--quiet", "--package", "xtask", "--features", FEATURE, "--", "qemu"]);
+    run(pipeline.arg(root().join(DEMO_EPISODE)).args(["--extreme", "--frames", EXTREME_FRAMES]))
+}
+
+fn spectra() -> Result<()> {
     let mut tests = cargo();
     tests.args(["test", "--release", "--quiet", "--package", "slipsense", "--features", FEATURE]);
     run(tests.args(["--test", "features", "--test", "features_exact", "--", "--nocapture"]))?;

@@ -8,6 +8,8 @@ use anyhow::{Context, Result, bail};
 use slipsense_qemu::record::Record;
 use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
 
+use crate::cmsis;
+
 use super::frames::Frames;
 use super::machine::{Machine, NS_PER_INSTRUCTION_LOG2, write_input};
 
@@ -37,9 +39,10 @@ impl Output {
 }
 
 impl Emulator {
-    /// Build the program; install QEMU where it is missing and may be installed.
+    /// Build the program with the FFT that this computer's library has; install QEMU where it is missing and may be
+    /// installed.
     pub fn build() -> Result<Self> {
-        Machine::build(PROGRAM, &[]).map(Self)
+        Machine::build(PROGRAM, cmsis::FEATURES_HERE).map(Self)
     }
 
     /// Run all frames.

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use slipsense::net::Model;
-use slipsense::pipeline::Pipeline;
+use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::wire::{NodeId, RawBuffer, Transmitter};
 use slipsense_qemu::record::Record;
@@ -17,10 +17,23 @@ pub const NODE: NodeId = NodeId::DEFAULT;
 /// One record per frame, and the time that it took.
 pub fn records(frames: &Frames, model: &[u8]) -> Result<(Vec<Record>, Duration)> {
     let start = Instant::now();
+    let mut records = Vec::with_capacity(frames.len());
+    each_record(frames, model, |_, record| {
+        records.push(record);
+        Ok(())
+    })?;
+    Ok((records, start.elapsed()))
+}
+
+/// Show `each` the record of every frame, in order.
+pub fn each_record(
+    frames: &Frames,
+    model: &[u8],
+    mut each: impl FnMut(FrameStamp, Record) -> Result<()>,
+) -> Result<()> {
     let mut pipeline = Pipeline::new(Model::parse(model)?, frames.sensors())?;
     let mut transmitter = Transmitter::new(NODE);
     let mut buffer = RawBuffer::new();
-    let mut records = Vec::with_capacity(frames.len());
     for (stamp, parts) in frames.iter() {
         let inputs: Vec<SensorInput<'_>> = parts.iter().map(|part| part.input()).collect();
         let output = pipeline.step(&inputs);
@@ -31,7 +44,7 @@ pub fn records(frames: &Frames, model: &[u8]) -> Result<(Vec<Record>, Duration)>
             let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
             transmitter.raw(&raw, &mut buffer).for_each(&mut send);
         }
-        records.push(record);
+        each(stamp, record)?;
     }
-    Ok((records, start.elapsed()))
+    Ok(())
 }

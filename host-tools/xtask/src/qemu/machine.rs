@@ -26,6 +26,7 @@ pub struct Machine {
     qemu: PathBuf,
     /// The ELF that runs.
     pub program: PathBuf,
+    icount: String,
 }
 
 impl Machine {
@@ -43,7 +44,14 @@ impl Machine {
             cmsis::link(&mut build)?;
         }
         run(&mut build)?;
-        Ok(Self { qemu, program: toolchain.program(program) })
+        let icount = format!("shift={NS_PER_INSTRUCTION_LOG2}");
+        Ok(Self { qemu, program: toolchain.program(program), icount })
+    }
+
+    /// One instruction takes 2 ns of the emulated clock, and while the core waits for an interrupt the clock jumps to
+    /// it: for programs that live in real time.
+    pub fn in_real_time(self) -> Self {
+        Self { icount: "shift=1,sleep=off".to_owned(), ..self }
     }
 
     /// Run to the end, with `dir` as the folder of the program's files.
@@ -84,13 +92,23 @@ impl Machine {
 
     /// The emulator, with a monitor on `monitor`.
     pub(super) fn command(&self, dir: &Path, monitor: &str) -> Command {
+        let mut command = self.start(dir, monitor, "none");
+        command.args(["-icount", &self.icount]);
+        command
+    }
+
+    /// The emulator in the computer's own time, with the board's first serial port on `serial`.
+    pub fn command_with_serial(&self, dir: &Path, serial: &str) -> Command {
+        self.start(dir, "none", serial)
+    }
+
+    fn start(&self, dir: &Path, monitor: &str, serial: &str) -> Command {
         let mut command = command(&self.qemu);
         command
             .current_dir(dir)
             .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
-            .args(["-monitor", monitor, "-serial", "none"])
+            .args(["-monitor", monitor, "-serial", serial])
             .args(["-semihosting-config", "enable=on,target=native"])
-            .args(["-icount", &format!("shift={NS_PER_INSTRUCTION_LOG2}")])
             .arg("-kernel")
             .arg(&self.program)
             .stdin(Stdio::null())

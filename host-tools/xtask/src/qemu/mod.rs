@@ -18,6 +18,7 @@ mod extreme;
 pub mod frames;
 mod host;
 pub mod machine;
+mod real_time;
 mod report;
 pub mod trace;
 
@@ -40,7 +41,9 @@ Exit code: 0 all equal, 1 something differs, 2 it could not be run.
 Examples:
   cargo xtask qemu host-tools/cli/demo/episode.npz
   cargo xtask qemu --extreme --frames 2000 --json
-  cargo xtask qemu --extreme --random-model 7")]
+  cargo xtask qemu --extreme --random-model 7
+  cargo xtask qemu --real-time host-tools/cli/demo/episode.npz
+  cargo xtask qemu --real-time host-tools/cli/demo/episode.npz --seconds 5")]
 pub struct Options {
     /// Episode files (.npz), one run each
     #[arg(value_name = "EPISODE", required_unless_present = "extreme")]
@@ -60,6 +63,13 @@ pub struct Options {
     /// Instead of a model file: a random network of random shape, made from this seed
     #[arg(long, value_name = "SEED")]
     pub random_model: Option<u64>,
+    /// Loop the episode against the clock instead: frames at 240 Hz that nobody waits for, with one and with three
+    /// sensors, on a bus that is free, full, disturbed and gone
+    #[arg(long, requires = "episodes", conflicts_with_all = ["extreme", "frames", "random_model"])]
+    pub real_time: bool,
+    /// Emulated seconds of each real-time run
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(3..=600), requires = "real_time")]
+    pub seconds: u32,
     /// Print one JSON object on standard output instead of a table
     #[arg(long)]
     pub json: bool,
@@ -85,9 +95,16 @@ impl Options {
             seed: 1,
             model: default_model(),
             random_model: None,
+            real_time: false,
+            seconds: 60,
             json: false,
             timeout_s: 900,
         }
+    }
+
+    /// Run an episode against the clock.
+    pub fn in_real_time(episode: PathBuf, seconds: u32) -> Self {
+        Self { real_time: true, seconds, ..Self::episodes(vec![episode]) }
     }
 
     /// Run extreme input, on the model of the repository or a random one.
@@ -163,6 +180,13 @@ pub fn kernels() -> Result<()> {
 /// Run and report; `false` if something differed.
 pub fn run(options: &Options) -> Result<bool> {
     let (model_name, model) = options.model()?;
+    if options.real_time {
+        let [episode] = options.episodes.as_slice() else {
+            bail!("--real-time: {} episodes given, it loops one", options.episodes.len());
+        };
+        let timeout = Duration::from_secs(options.timeout_s);
+        return real_time::run(episode, &model, options.seconds, options.json, timeout);
+    }
     let emulator = Emulator::build()?;
     let mut report = Report::new(model_name);
     for run in options.runs() {

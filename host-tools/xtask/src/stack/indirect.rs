@@ -19,44 +19,81 @@ struct Rule {
 
 /// The wakers of embassy's executors.
 const WAKERS: &str = "embassy_executor::raw::waker::";
-/// The CAN driver's queues behind a trait object, and what drops them.
-const CHANNELS: [&str; 2] =
-    ["as embassy_sync::channel::DynamicChannel", "drop_in_place::<embassy_sync::channel::Channel"];
-
-/// A text that formats itself into another is the one recursion: see [`resolve`].
+/// The waker of who polls once, or has nothing else to do.
+const NO_WAKER: &str = "embassy_futures::block_on::VTABLE";
+/// The entry point, and what it does on every board.
+const START: [&str; 3] =
+    ["__cortex_m_rt_main", "slipsense_firmware::stm32::run", "slipsense_firmware::stm32::make"];
+/// A text behind a reference that does not say of what: the log's, and what a record on the bus quotes.
 const TEXT_IN_TEXT: &str = "<&dyn core::fmt::Display as core::fmt::Display>::fmt";
-/// What such a text is: an error in the log, or what a panic says.
-const TEXTS: [&str; 2] = ["ModelError as core::fmt::Display>::fmt", "PanicInfo as core::fmt::Display>::fmt"];
+/// Texts that format others, each of an earlier line or of numbers and words: see [`resolve`].
+const TEXTS: [&[&str]; 3] = [
+    &[
+        "ModelError as core::fmt::Display>::fmt",
+        "SensorCountError as core::fmt::Display>::fmt",
+        "LoadReport as core::fmt::Display>::fmt",
+        "StoreError as core::fmt::Display>::fmt",
+        "PanicRecord as core::fmt::Display>::fmt",
+        "FileFailure as core::fmt::Display>::fmt",
+        "table::Rule as core::fmt::Display>::fmt",
+    ],
+    &["SettingError as core::fmt::Display>::fmt", "PanicMessage as core::fmt::Display>::fmt"],
+    &["PanicInfo as core::fmt::Display>::fmt"],
+];
+/// Those among them that [`TEXT_IN_TEXT`] may be.
+const QUOTED: &[&str] = &[TEXTS[0][0], TEXTS[0][1], TEXTS[0][2], TEXTS[0][3], TEXTS[0][4], TEXTS[2][0]];
+/// A text for programmers: what an assertion found.
+const FINDING: &str = "<&dyn core::fmt::Debug as core::fmt::Debug>::fmt";
+/// Where texts go, in pieces and whole: the log, a record on the bus, the hash of a panic's reason.
+const SINKS: [&str; 6] = [
+    "<defmt::export::FmtWrite as core::fmt::Write>::write_str",
+    "<defmt::export::FmtWrite as core::fmt::Write>::write_char",
+    "<slipsense::node::diagnostic::Cut as core::fmt::Write>::write_str",
+    "<slipsense::node::diagnostic::Cut as core::fmt::Write>::write_char",
+    "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_str",
+    "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_char",
+];
+const WHOLE_SINKS: [&str; 3] = [
+    "<defmt::export::FmtWrite as core::fmt::Write>::write_fmt",
+    "<slipsense::node::diagnostic::Cut as core::fmt::Write>::write_fmt",
+    "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_fmt",
+];
 const FORMATTER: &str = "core::fmt::write";
 
 const RULES: &[Rule] = &[
-    // The executors poll their one task each.
-    Rule { callers: &["platform::thread::Executor>::run"], targets: &["__infer_task_inner_function"] },
-    Rule { callers: &["CEC"], targets: &["__acquire_task_inner_function"] },
+    // The executors poll their tasks.
+    Rule {
+        callers: &["platform::thread::Executor>::run"],
+        targets: &["__infer_task_inner_function", "__serve_task_inner_function"],
+    },
+    Rule {
+        callers: &["CEC"],
+        targets: &[
+            "__acquire_task_inner_function",
+            "__receive_task_inner_function",
+            "__transmit_task_inner_function",
+        ],
+    },
     // Whoever waits or ends a wait: tasks, drivers, queues, the timer.
     Rule {
         callers: &[
             "TaskStorage<",
-            "__cortex_m_rt_main",
+            START[0],
+            START[1],
+            START[2],
             "CanTransmit>::transmit",
             "FDCAN1_IT0",
             "can::_version::RxMode>::on_interrupt",
             "TIM2",
+            "DMA1_STREAM0",
+            "embassy_stm32::dma::",
+            "embassy_embedded_hal::shared_bus::",
             "_embassy_time_schedule_wake",
-            CHANNELS[0],
-            CHANNELS[1],
+            "slipsense::tasks::services::",
+            "stm32::flash::BoardFlash as",
+            "FLASH",
         ],
-        targets: &[WAKERS],
-    },
-    Rule {
-        callers: &[
-            "TaskStorage<",
-            "__cortex_m_rt_main",
-            "CanTransmit>::transmit",
-            "FDCAN1_IT0",
-            "RxMode>::on_interrupt",
-        ],
-        targets: &CHANNELS,
+        targets: &[WAKERS, NO_WAKER],
     },
     // The CAN driver raises its own interrupt.
     Rule {
@@ -64,26 +101,41 @@ const RULES: &[Rule] = &[
             "can::_version::Info>::adjust_reference_counter",
             "CanTransmit>::transmit",
             "TaskStorage<",
-            "__cortex_m_rt_main",
+            START[0],
+            START[1],
+            START[2],
         ],
         targets: &["typelevel::Interrupt>::pend"],
     },
     // The log's buffer waits for the probe or does not.
     Rule { callers: &["_defmt_"], targets: &["<defmt_rtt::channel::Channel>::"] },
-    // Text goes into the log.
+    // Texts go somewhere.
     Rule {
-        callers: &["core::fmt::Formatter>::", FORMATTER, TEXTS[0], TEXTS[1]],
-        targets: &[
-            "<defmt::export::FmtWrite as core::fmt::Write>::write_str",
-            "<defmt::export::FmtWrite as core::fmt::Write>::write_char",
+        callers: &[
+            "core::fmt::Formatter>::",
+            FORMATTER,
+            "core::fmt::Display>::fmt",
+            "PageState as core::fmt::Debug>::fmt",
+            "slipsense::tasks::services::",
         ],
+        targets: &SINKS,
     },
-    Rule { callers: &TEXTS, targets: &["<defmt::export::FmtWrite as core::fmt::Write>::write_fmt"] },
+    Rule { callers: TEXTS[0], targets: &WHOLE_SINKS },
+    Rule { callers: TEXTS[1], targets: &WHOLE_SINKS },
+    Rule { callers: TEXTS[2], targets: &WHOLE_SINKS },
     // Numbers and words of a text.
     Rule {
         callers: &[FORMATTER],
         targets: &[
             "<&str as core::fmt::Display>",
+            "<u8 as core::fmt::Display>",
+            "<&u16 as core::fmt::Display>",
+            "<&u32 as core::fmt::Display>",
+            "<&u32 as core::fmt::LowerHex>",
+            "<&i64 as core::fmt::Display>",
+            "<&usize as core::fmt::Display>",
+            "<u64 as core::fmt::Debug>",
+            "BorrowError as core::fmt::Display>",
             "<&&str as core::fmt::Display>",
             "<u16 as core::fmt::Display>",
             "<u32 as core::fmt::Display>",
@@ -93,15 +145,21 @@ const RULES: &[Rule] = &[
             "BorrowMutError as core::fmt::Display>",
         ],
     },
-    Rule { callers: &[TEXT_IN_TEXT], targets: &TEXTS },
+    Rule { callers: &[FINDING], targets: &["<&sequential_storage::PageState as core::fmt::Debug>"] },
+    // What several elements of a setting must be together.
+    Rule { callers: &["slipsense::settings::check"], targets: &["table::k_within_n", "table::distinct"] },
+    // What is stored is a string of bytes.
+    Rule {
+        callers: &["sequential_storage::map::"],
+        targets: &["<&[u8] as sequential_storage::map::Value>::"],
+    },
 ];
 
 /// Lead every call through a register to the functions that the rules name.
 ///
-/// A text in a text formats through [`FORMATTER`], which formats it through [`FORMATTER`]: two levels, because no
-/// error holds another. So the inner level is measured first, counts as one function from then on, and only then
-/// does the outer level lead to it. The log may panic, and a panic logs: panic-probe sees to it that the second
-/// panic does not.
+/// A text in a text formats through [`FORMATTER`], which formats it through [`FORMATTER`]: as deep as [`TEXTS`] has
+/// lines. So the innermost are measured first, count as one function each from then on, and only then does the next
+/// line lead to them. The log may panic, and a panic logs: the handler sees to it that the second panic does not.
 pub fn resolve(program: &mut Program) -> Result<()> {
     follow_thunks(program);
     check(program)?;
@@ -113,10 +171,17 @@ pub fn resolve(program: &mut Program) -> Result<()> {
             }
         }
     }
+    let quoted = named(program, QUOTED);
     for text in named(program, &[TEXT_IN_TEXT]) {
-        program.graph.seal(text)?;
+        program.graph.nodes[text].calls.extend(&quoted);
+    }
+    for texts in TEXTS.into_iter().chain([&[TEXT_IN_TEXT, FINDING][..]]) {
+        let texts = named(program, texts);
+        for &text in &texts {
+            program.graph.seal(text)?;
+        }
         for formatter in named(program, &[FORMATTER]) {
-            program.graph.nodes[formatter].calls.insert(text);
+            program.graph.nodes[formatter].calls.extend(&texts);
         }
     }
     for panic in named(program, &[PANIC]) {
@@ -147,9 +212,13 @@ fn follow_thunks(program: &mut Program) {
 }
 
 fn check(program: &Program) -> Result<()> {
-    let ruled: BTreeSet<usize> = RULES.iter().flat_map(|rule| named(program, rule.callers)).collect();
+    let mut ruled: BTreeSet<usize> = RULES.iter().flat_map(|rule| named(program, rule.callers)).collect();
+    ruled.extend(named(program, &[TEXT_IN_TEXT]));
     let mut led_to: BTreeSet<usize> = RULES.iter().flat_map(|rule| named(program, rule.targets)).collect();
-    led_to.extend(named(program, &[TEXT_IN_TEXT]));
+    led_to.extend(TEXTS.into_iter().flat_map(|texts| named(program, texts)));
+    led_to.extend(named(program, &[TEXT_IN_TEXT, FINDING]));
+    // Two words where reset looks first lead there (`board.x`); nobody calls it.
+    led_to.extend(program.function("Reset"));
     let nodes = program.graph.nodes.iter().enumerate();
     let mut lost: Vec<_> = nodes
         .filter(|(index, node)| node.indirect_calls > 0 && !ruled.contains(index))

@@ -3,8 +3,11 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use anyhow::{Result, ensure};
 use serde::Serialize;
 
+use super::panicking::Tasks;
+use crate::regions::Regions;
 use crate::table::{Align, Table, thousands};
 
 /// One handler, or the start of the program.
@@ -41,12 +44,15 @@ pub struct FramePath {
 /// Everything about the stack.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// Board and memories.
+    pub regions: Regions,
     /// What the memory map gives.
     pub region_bytes: u64,
     /// What the core saves at each preemption.
     pub exception_bytes: u64,
     pub levels: Vec<Level>,
     pub frame_path: FramePath,
+    pub frame_tasks: Tasks,
     pub functions: usize,
     /// Functions whose frame was read off their instructions.
     pub read_off: usize,
@@ -62,12 +68,28 @@ impl Report {
     }
 
     pub fn fits(&self) -> bool {
-        self.bound_bytes() <= self.region_bytes
+        self.bound_bytes() <= self.region_bytes && self.regions.fits()
+    }
+
+    /// Is every branch that may panic in what a frame wakes one of which is known that it is never taken?
+    pub fn holds_no_new_panic(&self) -> Result<()> {
+        let new = self.frame_path.may_panic.iter().chain(&self.frame_tasks.unknown);
+        let new: Vec<_> = new.map(String::as_str).collect();
+        ensure!(
+            new.is_empty(),
+            "{}: a frame may end in a panic, and stack/panicking.rs does not say why not: {}",
+            self.regions.board.label(),
+            new.join("; ")
+        );
+        Ok(())
     }
 
     pub fn table(&self) -> Table {
         let mut table = Table::new(
-            "Stack of the firmware, bytes: bounds over the linked program (NUCLEO-H743ZI2)".to_owned(),
+            format!(
+                "Stack of the firmware, bytes: bounds over the linked program ({})",
+                self.regions.board.label()
+            ),
             &[("level", Align::Left), ("starts at", Align::Left), ("bound", Align::Right)],
         );
         for level in &self.levels {
@@ -89,7 +111,7 @@ impl Report {
     }
 
     pub fn text(&self, ways: bool) -> String {
-        let mut text = format!("\n{}", self.table());
+        let mut text = format!("\n{}\n{}", self.regions.table(), self.table());
         let FramePath { functions, bytes, may_panic } = &self.frame_path;
         let panics = match may_panic.len() {
             0 => "none of them can panic".to_owned(),
@@ -99,6 +121,14 @@ impl Report {
             text,
             "Pipeline::step: {} bytes, {functions} functions, no recursion, no call through a register; {panics}",
             thousands(*bytes as i64)
+        );
+        let Tasks { functions, known, unknown } = &self.frame_tasks;
+        _ = writeln!(
+            text,
+            "Tasks of a frame: {functions} functions; {} branches that may panic, never taken for a reason that \
+             stack/panicking.rs gives; {} without a reason",
+            known.len(),
+            unknown.len()
         );
         let places: usize = self.indirect.values().sum();
         _ = writeln!(
@@ -119,6 +149,10 @@ impl Report {
             _ = writeln!(text, "\nFunctions of the frame path with a check that may panic");
             for name in &self.frame_path.may_panic {
                 _ = writeln!(text, "  {name}");
+            }
+            _ = writeln!(text, "\nBranches of the tasks of a frame that may panic, and why none is taken");
+            for (branch, reason) in &self.frame_tasks.known {
+                _ = writeln!(text, "  {branch}: {reason}");
             }
             _ = writeln!(text, "\nFunctions that call through registers");
             for (name, places) in &self.indirect {

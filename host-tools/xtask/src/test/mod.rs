@@ -7,6 +7,7 @@ use clap::Args;
 
 mod steps;
 
+pub use steps::DEMO_EPISODE;
 use steps::{STEPS, Step};
 
 /// Which steps to run.

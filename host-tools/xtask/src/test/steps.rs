@@ -1,14 +1,15 @@
 //! The steps, cheapest first where nothing else decides.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Result, bail};
 
-use crate::process::{answer, cargo, command, run, target_dir};
+use crate::board::Board;
+use crate::process::{answer, apt_install, cargo, command, find, run, target_dir};
 use crate::python::python;
 use crate::toolchain::Toolchain;
-use crate::{cmsis, qemu, root, stack};
+use crate::{cmsis, node, qemu, root, stack, twin};
 
 /// One step of the test command.
 pub struct Step {
@@ -22,7 +23,14 @@ const EXTREME_FRAMES: u32 = 2000;
 /// Networks of random shape, and extreme frames for each.
 const RANDOM_MODELS: std::ops::RangeInclusive<u64> = 1..=3;
 const RANDOM_MODEL_FRAMES: u32 = 150;
-const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
+/// The bundled episode, from the root.
+pub const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
+/// Random CAN frames that two encoders compare.
+const CAN_FRAMES: &str = "20000";
+/// Emulated seconds of each real-time run.
+const REAL_TIME_S: u32 = 6;
+/// Name of the program and of Debian's package.
+const BROWSER: &str = "chromium";
 /// Recordings that cannot be part of the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";
 
@@ -43,11 +51,24 @@ pub const STEPS: &[Step] = &[
     },
     Step {
         name: "arm-firmware",
-        what: "the firmware for the NUCLEO-H743ZI2, warnings denied",
-        // As the next step needs it, so that it is built once.
-        run: || stack::build().map(|_| ()),
+        what: "the firmware of every board and for every accelerometer, and the bootloader, warnings denied",
+        run: firmware,
     },
-    Step { name: "stack", what: "the firmware's stack cannot outgrow its region", run: stack::step },
+    Step {
+        name: "stack",
+        what: "no board's firmware can outgrow its stack, its memories, 512 KB of flash",
+        run: stack::step,
+    },
+    Step {
+        name: "twin",
+        what: "the firmware's ELF on an emulated STM32H743: boots, breaks no rule, decides as the host does",
+        run: twin::step,
+    },
+    Step {
+        name: "twin-node",
+        what: "pycyphal talks to the node of that ELF: identity, registers, settings that survive a restart, time",
+        run: twin::node_step,
+    },
     Step {
         name: "qemu-demo",
         what: "the demo episode on the emulated Cortex-M7, bit for bit",
@@ -57,6 +78,11 @@ pub const STEPS: &[Step] = &[
         name: "qemu-real",
         what: "episodes of real recordings on the emulated Cortex-M7, where present",
         run: real,
+    },
+    Step {
+        name: "qemu-real-time",
+        what: "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
+        run: || equal(&qemu::Options::in_real_time(root().join(DEMO_EPISODE), REAL_TIME_S)),
     },
     Step {
         name: "qemu-extreme",
@@ -75,9 +101,15 @@ pub const STEPS: &[Step] = &[
     },
     Step {
         name: "qemu-cmsis",
-        what: "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit; the front end with it",
+        what: "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit; the whole pipeline with it",
         run: cmsis::step,
     },
+    Step {
+        name: "node",
+        what: "pycyphal talks to the Cyphal node: every service, registers, storage, an update; on the host",
+        run: node::host,
+    },
+    Step { name: "qemu-node", what: "the same on the emulated Cortex-M7", run: node::emulated },
     Step {
         name: "tables",
         what: "the committed tables are what their script makes",
@@ -94,11 +126,31 @@ pub const STEPS: &[Step] = &[
         run: || script("check_baselines.py", &[]),
     },
     Step {
+        name: "can-bits",
+        what: "the CAN model's frames, bit by bit, are what an encoder in Python gives",
+        run: can_bits,
+    },
+    Step {
         name: "metrics",
         what: "the benchmark's metrics are what scikit-learn and scipy give",
         run: metrics,
     },
-    Step { name: "demo", what: "the demo runs, and pycyphal decodes its CAN log", run: demo },
+    Step {
+        name: "demo",
+        what: "the demo runs, and pycyphal decodes its CAN log, raw frames plain and compressed",
+        run: demo,
+    },
+    Step {
+        name: "python",
+        what: "the Python package: its wheel in an empty environment, bit for bit as the command",
+        run: package,
+    },
+    Step { name: "view", what: "the page of `slipsense view` in a headless Chromium", run: view },
+    Step {
+        name: "recordings",
+        what: "mcap, python-can, cantools and pycyphal read what is recorded and converted",
+        run: recordings,
+    },
     Step { name: "deny", what: "licences, sources and bans of all dependencies", run: deny },
 ];
 
@@ -138,6 +190,29 @@ fn arm(what: &[&str]) -> Result<()> {
     run(Toolchain::get()?.build().args(what))
 }
 
+/// As the next step needs it, so that most is built once.
+fn firmware() -> Result<()> {
+    for other in ["adxl382", "icm42688"] {
+        arm(&[
+            "--package",
+            "slipsense",
+            "--bin",
+            "slipsense-firmware",
+            "--features",
+            &format!("h743,{other}"),
+        ])?;
+    }
+    bootloader()?;
+    Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
+}
+
+/// In a profile of its own, as it is flashed.
+fn bootloader() -> Result<()> {
+    let mut build = Toolchain::get()?.build_in("boot");
+    build.args(["--package", "slipsense", "--bin", "slipsense-boot", "--features", "h743"]);
+    run(&mut build)
+}
+
 fn equal(options: &qemu::Options) -> Result<()> {
     match qemu::run(options)? {
         true => Ok(()),
@@ -168,6 +243,14 @@ fn script(name: &str, arguments: &[&str]) -> Result<()> {
     run(python()?.arg(format!("tests/python/{name}")).args(arguments))
 }
 
+fn can_bits() -> Result<()> {
+    let frames = target_dir().join("can_frames.txt");
+    let mut example = cargo();
+    example.args(["run", "--release", "--quiet", "--package", "slipsense-can-model"]);
+    run(example.args(["--example", "random_frames", "--", CAN_FRAMES]).arg(&frames))?;
+    run(python()?.arg("tests/python/check_can_bits.py").arg(frames))
+}
+
 fn metrics() -> Result<()> {
     let cases = target_dir().join("metric_cases.json");
     let mut example = cargo();
@@ -176,14 +259,86 @@ fn metrics() -> Result<()> {
     run(python()?.arg("tests/python/check_metrics.py").arg(cases))
 }
 
-fn demo() -> Result<()> {
+/// The demo, and where it wrote to.
+fn demo_files() -> Result<PathBuf> {
     let out = target_dir().join("demo");
+    run(slipsense(&["demo"]).arg("--out").arg(&out))?;
+    Ok(out)
+}
+
+/// The command, built.
+fn slipsense(arguments: &[&str]) -> Command {
     let mut slipsense = cargo();
-    slipsense.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--", "demo", "--out"]);
-    run(slipsense.arg(&out))?;
+    slipsense.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--"]).args(arguments);
+    slipsense
+}
+
+fn demo() -> Result<()> {
+    let check = |out: &Path| {
+        let mut check = python()?;
+        check.arg("tests/python/check_can_log.py").arg(out.join("can.log")).arg(out.join("predictions.npz"));
+        run(check.arg(DEMO_EPISODE))
+    };
+    check(&demo_files()?)?;
+    let out = target_dir().join("demo-compressed");
+    run(slipsense(&["run", DEMO_EPISODE, "--raw", "compressed"]).arg("--out").arg(&out))?;
+    check(&out)
+}
+
+fn package() -> Result<()> {
+    let out = demo_files()?;
+    let (wheels, venv) = (target_dir().join("wheels"), target_dir().join("wheel-venv"));
+    if wheels.exists() {
+        std::fs::remove_dir_all(&wheels)?;
+    }
+    let mut build = python()?;
+    build.args(["-m", "maturin", "build", "--release", "--quiet", "--out"]).arg(&wheels);
+    run(build.args(["--manifest-path", "host-tools/python/Cargo.toml"]))?;
+    run(python()?.args(["-m", "venv", "--clear"]).arg(&venv))?;
+    let empty = || command(venv.join("bin/python"));
+    let mut install = empty();
+    install.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--find-links"]);
+    run(install.arg(&wheels).args(["slipsense[can]"]))?;
+    let mut check = empty();
+    check.arg("tests/python/check_package.py").arg(DEMO_EPISODE);
+    run(check.arg(out.join("predictions.npz")).arg(out.join("can.log")))
+}
+
+fn view() -> Result<()> {
+    if find(BROWSER).is_none() {
+        apt_install(&[BROWSER], "looking at the page of `slipsense view`")?;
+    }
+    let out = demo_files()?;
     let mut check = python()?;
-    check.arg("tests/python/check_can_log.py").arg(out.join("can.log")).arg(out.join("predictions.npz"));
-    run(check.arg(DEMO_EPISODE))
+    check.arg("tests/python/check_view.py").arg(target_dir().join("release/slipsense"));
+    run(check.arg(out.join("predictions.npz")).arg(out.join("can.log")).arg(&out))
+}
+
+/// The demo's traffic recorded, converted to every format and read by the programs that people have.
+fn recordings() -> Result<()> {
+    let out = target_dir().join("recordings");
+    if out.exists() {
+        std::fs::remove_dir_all(&out)?;
+    }
+    let slipsense = |arguments: &[&std::path::Path]| {
+        let mut slipsense = cargo();
+        slipsense.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--"]);
+        run(slipsense.args(arguments))
+    };
+    let path = std::path::Path::new;
+    slipsense(&[path("demo"), path("--out"), &out])?;
+    let [log, mcap, asc, blf, dbc] =
+        ["recorded.log", "recorded.mcap", "recorded.asc", "recorded.blf", "slip.dbc"]
+            .map(|name| out.join(name));
+    slipsense(&[path("record"), &out.join("can.log"), &log, &mcap])?;
+    slipsense(&[path("convert"), &mcap, &asc])?;
+    slipsense(&[path("convert"), &mcap, &blf])?;
+    slipsense(&[path("dbc"), path("--out"), &dbc])?;
+    let mut check = python()?;
+    run(check.arg("tests/python/check_recordings.py").args([&log, &mcap, &asc, &blf, &dbc]))?;
+    let mut cyphal = python()?;
+    cyphal.arg("tests/python/check_can_log.py").arg(&log).arg(out.join("predictions.npz"));
+    run(cyphal.arg(DEMO_EPISODE))
 }
 
 /// Advisories are left out: they need a database from the network, and change without the code.

@@ -18,7 +18,7 @@ use crate::counter::Counter;
 #[cfg(feature = "peers")]
 use crate::peers;
 use crate::semihosting::File;
-use crate::{kernels, path};
+use crate::{compression, kernels, path};
 
 static SHIPPED: ConstStaticCell<Aligned<[u8; MODEL_BYTES_MAX]>> =
     ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
@@ -59,6 +59,11 @@ fn main() -> ! {
     let mut bench = Bench { counter: Counter::start(), file };
     let (expected, measured) = bench.counter.check();
     bench.put(Line::Check { expected, measured });
+    // The name of COMPRESSION_FILE.
+    if File::open(c"compress.in").is_some() {
+        compression::measure(&mut bench, &mut frames, &header);
+        end();
+    }
     // The name of TRACE_FILE.
     let traced = File::open(c"trace.in").is_some();
     if !traced {
@@ -69,6 +74,10 @@ fn main() -> ! {
         cmsis::measure(&mut bench);
     }
     path::measure(&mut bench, &mut frames, &header, shipped, !traced);
+    end()
+}
+
+fn end() -> ! {
     debug::exit(debug::EXIT_SUCCESS);
     // The emulator has ended.
     loop {

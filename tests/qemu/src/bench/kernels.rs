@@ -76,6 +76,7 @@ fn reference(bench: &mut Bench, memory: &mut Memory) {
         score_multiplier: 1 << 16,
         bias: LagBias::new(&halves[..4 * WINDOW], WINDOW),
         norm: Norm {
+            residual: 1 << 20,
             gamma: halves,
             beta: bytemuck::must_cast_slice(numbers),
             multiplier: 1 << 20,

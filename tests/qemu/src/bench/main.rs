@@ -5,6 +5,8 @@
 #[cfg(all(target_os = "none", feature = "cmsis-dsp"))]
 mod cmsis;
 #[cfg(target_os = "none")]
+mod compression;
+#[cfg(target_os = "none")]
 mod counter;
 #[cfg(target_os = "none")]
 mod emulated;

@@ -1,0 +1,133 @@
+//! `slipsense image`: what is in a signed image.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, anyhow};
+use clap::{Args as ClapArgs, Subcommand};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use slipsense::update::partitions::BOARDS;
+use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, Refusal};
+
+use crate::signing::{hex, public_key};
+
+/// Look into a signed image
+#[derive(ClapArgs)]
+#[command(after_help = "\
+Examples:
+  slipsense image info firmware.slip
+  slipsense image info firmware.slip --public-key 3f… --json | jq .signature")]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    Info(InfoArgs),
+}
+
+/// Say what an image is, for which board, of which version, whether it is whole and who signed it
+#[derive(ClapArgs)]
+#[command(after_help = "\
+Signature:
+  valid            by the key of --public-key
+  development key  by the key that everybody has
+  other key        by neither, or the header was changed
+  none             unsigned
+
+Examples:
+  slipsense image info firmware.slip
+  slipsense image info firmware.slip --public-key 3f… --json | jq .signature")]
+pub struct InfoArgs {
+    /// The image
+    #[arg(value_name = "IMAGE")]
+    file: PathBuf,
+    /// The key that the signature is to be by, as `slipsense keygen` printed it
+    #[arg(long, value_name = "HEX", value_parser = public_key)]
+    public_key: Option<[u8; 32]>,
+    /// Print JSON to standard output, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<()> {
+        let What::Info(args) = self.what;
+        let name = args.file.display().to_string();
+        let image = std::fs::read(&args.file).with_context(|| format!("{name}: cannot read"))?;
+        Facts::of(&image, &name, args.public_key)?.print(args.json)
+    }
+}
+
+/// What an image says of itself, and whether it is true.
+#[derive(Serialize)]
+pub struct Facts {
+    file: String,
+    kind: &'static str,
+    board: String,
+    version: String,
+    payload_bytes: u32,
+    sha256: String,
+    /// Is the payload what the header says?
+    whole: bool,
+    signature: &'static str,
+}
+
+impl Facts {
+    /// `key`: the public key that it is to be signed with, if one is named.
+    pub fn of(image: &[u8], name: &str, key: Option<[u8; 32]>) -> Result<Self> {
+        let (raw, payload) = image
+            .split_first_chunk::<HEADER_BYTES>()
+            .ok_or_else(|| anyhow!("{name}: {}", Refusal::ShorterThanHeader))?;
+        let header = Header::inspect(raw).with_context(|| name.to_owned())?;
+        let by = |key: [u8; 32]| Header::verify(raw, &key);
+        let signature = match key.map(by) {
+            Some(Ok(_)) => "valid",
+            _ => match by(DEVELOPMENT_KEY) {
+                Ok(_) => "development key",
+                Err(Refusal::Unsigned) => "none",
+                Err(_) => "other key",
+            },
+        };
+        let board = BOARDS.iter().find(|board| board.id == header.board);
+        let board = match (board, header.board) {
+            (Some(board), _) => board.label.to_owned(),
+            (None, 0) => "any".to_owned(),
+            (None, id) => format!("unknown, {id}"),
+        };
+        let sha256: [u8; 32] = Sha256::digest(payload).into();
+        Ok(Self {
+            file: name.to_owned(),
+            kind: header.target.name(),
+            board,
+            version: header.version.to_string(),
+            payload_bytes: header.length,
+            sha256: hex(&header.sha256),
+            whole: payload.len() == header.length as usize && sha256 == header.sha256,
+            signature,
+        })
+    }
+
+    /// To standard output.
+    pub fn print(&self, json: bool) -> Result<()> {
+        if json {
+            return super::print_json(self);
+        }
+        let mut text = String::new();
+        let whole = if self.whole { "whole" } else { "NOT what the header says" };
+        for (name, value) in [
+            ("image", &*self.file),
+            ("kind", self.kind),
+            ("board", &self.board),
+            ("version", &self.version),
+            ("payload", &format!("{} bytes, {whole}", self.payload_bytes)),
+            ("sha-256", &self.sha256),
+            ("signature", self.signature),
+        ] {
+            writeln!(text, "{name:<10} {value}")?;
+        }
+        super::print(&text)
+    }
+}

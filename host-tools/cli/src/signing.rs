@@ -1,0 +1,157 @@
+//! Keys and payloads of signed images: what `sign`, `keygen` and `image info` share.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::ValueEnum;
+use ed25519_dalek::{Signer, SigningKey};
+use object::elf::PT_LOAD;
+use object::read::elf::{FileHeader, ProgramHeader};
+use object::{LittleEndian, elf};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use slipsense::net::Model;
+use slipsense::net::format::MAGIC as MODEL_MAGIC;
+use slipsense::node::UpdateTarget;
+use slipsense::update::partitions::{FLASH_BASE, Partitions, TRAILER_BYTES, by_feature};
+use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
+
+/// A board that images are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+pub enum Board {
+    /// NUCLEO-H743ZI2
+    H743,
+    /// NUCLEO-H723ZG
+    H723,
+}
+
+impl Board {
+    /// Its flash.
+    pub fn partitions(self) -> &'static Partitions {
+        let feature = match self {
+            Self::H743 => "h743",
+            Self::H723 => "h723",
+        };
+        by_feature(feature).expect("every board is in the table")
+    }
+}
+
+/// 64 hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn from_hex(text: &str) -> Option<[u8; 32]> {
+    if text.len() != 64 || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
+    let mut bytes = [0; 32];
+    for (byte, at) in bytes.iter_mut().zip((0..).step_by(2)) {
+        *byte = u8::from_str_radix(text.get(at..at + 2)?, 16).ok()?;
+    }
+    Some(bytes)
+}
+
+/// Read a file of `slipsense keygen`.
+pub fn read_key(path: &Path) -> Result<SigningKey> {
+    let text =
+        fs::read_to_string(path).with_context(|| format!("{}: cannot read the key", path.display()))?;
+    let seed = from_hex(text.trim())
+        .ok_or_else(|| anyhow!("{}: is no key, which has 64 hexadecimal digits", path.display()))?;
+    Ok(SigningKey::from_bytes(&seed))
+}
+
+/// Read a public key from the command line.
+pub fn public_key(text: &str) -> Result<[u8; 32], String> {
+    from_hex(text).ok_or_else(|| "a public key has 64 hexadecimal digits".to_owned())
+}
+
+/// Header and payload.
+pub fn sign(key: &SigningKey, header: &Header, payload: &[u8]) -> Vec<u8> {
+    let signature = key.sign(&header.signed_bytes()).to_bytes();
+    [&header.encode(&signature)[..], payload].concat()
+}
+
+/// The header of a payload, checked as far as a computer can; `name` is the file it came from.
+pub fn header_for(
+    file: &[u8],
+    name: &str,
+    board: Option<Board>,
+    version: ImageVersion,
+) -> Result<(Header, Vec<u8>)> {
+    let is_model = file.starts_with(&MODEL_MAGIC);
+    let (target, payload, room) = if is_model {
+        Model::parse(file).with_context(|| format!("{name}: refused as a model"))?;
+        let boards = [Board::H743, Board::H723].map(|board| board.partitions().model.bytes());
+        let room =
+            board.map_or(boards.into_iter().min().unwrap_or(0), |board| board.partitions().model.bytes());
+        (UpdateTarget::Model, file.to_vec(), room - HEADER_BYTES as u32)
+    } else {
+        let Some(board) = board else {
+            bail!("{name}: a firmware is for one board: --board says which");
+        };
+        let partitions = board.partitions();
+        ensure!(
+            partitions.swap.is_some(),
+            "{name}: the {} has no room for a second firmware, a debug probe flashes it",
+            partitions.label
+        );
+        let payload =
+            if file.starts_with(&elf::ELFMAG) { flatten(file, name, partitions)? } else { file.to_vec() };
+        check_vectors(&payload, name, partitions)?;
+        (UpdateTarget::Firmware, payload, partitions.active.bytes() - TRAILER_BYTES)
+    };
+    ensure!(
+        payload.len() <= room as usize,
+        "{name}: {} bytes, the slot of a {} has room for {room}",
+        payload.len(),
+        target.name()
+    );
+    let sha256 = Sha256::digest(&payload).into();
+    let board = board.map_or(0, |board| board.partitions().id);
+    let header = Header { target, board, version, length: payload.len() as u32, sha256 };
+    Ok((header, payload))
+}
+
+/// What the program holds in its slot, from the slot's first byte on. What it writes elsewhere belongs to a probe: the
+/// words in the bootloader's place, and the blank trailer.
+fn flatten(file: &[u8], name: &str, board: &Partitions) -> Result<Vec<u8>> {
+    let header = elf::FileHeader32::<LittleEndian>::parse(file)
+        .with_context(|| format!("{name}: is no program of the microcontroller"))?;
+    let endian = header.endian()?;
+    ensure!(header.e_machine(endian) == elf::EM_ARM, "{name}: is a program of another machine");
+    let slot = FLASH_BASE + board.active.start..FLASH_BASE + board.active.end - TRAILER_BYTES;
+    let mut payload = Vec::new();
+    for segment in header.program_headers(endian, file)? {
+        let address = segment.p_paddr(endian);
+        let Ok(data) = segment.data(endian, file) else { bail!("{name}: is cut short") };
+        if segment.p_type(endian) != PT_LOAD || data.is_empty() || !slot.contains(&address) {
+            continue;
+        }
+        let begin = (address - slot.start) as usize;
+        let end = begin + data.len();
+        ensure!(
+            end <= slot.len(),
+            "{name}: the program leaves its slot, {} bytes from {:#x} on",
+            slot.len(),
+            slot.start
+        );
+        payload.resize(payload.len().max(end), 0xFF);
+        payload[begin..end].copy_from_slice(data);
+    }
+    ensure!(!payload.is_empty(), "{name}: nothing of the program lies in the slot of the {}", board.label);
+    Ok(payload)
+}
+
+/// Does it begin as a program that is linked for the slot?
+fn check_vectors(payload: &[u8], name: &str, board: &Partitions) -> Result<()> {
+    let reset = payload.get(4..8).and_then(|bytes| bytes.try_into().ok()).map_or(0, u32::from_le_bytes);
+    let begin = FLASH_BASE + board.active.start;
+    ensure!(
+        (begin..begin + payload.len() as u32).contains(&reset) && reset % 2 == 1,
+        "{name}: is no firmware of the {}: it would begin at {reset:#x}, its slot at {begin:#x}",
+        board.label
+    );
+    Ok(())
+}

@@ -1,0 +1,110 @@
+//! The slip message as a DBC file, for tools that know CAN but no Cyphal. The raw message has several frames and has
+//! no place in one.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use slipsense::wire::{NodeId, SlipMessage, Transmitter};
+
+use crate::layout::{self, Definition, Field, Kind};
+
+/// Bit of a DBC identifier that says it has 29 bits.
+const EXTENDED: u32 = 1 << 31;
+/// `VFrameFormat` of a CAN FD frame with a 29-bit identifier.
+const EXTENDED_FD: u32 = 15;
+
+struct Signal {
+    name: String,
+    offset: u32,
+    bits: u32,
+    signed: bool,
+    /// Value of one step.
+    factor: f64,
+    unit: &'static str,
+    comment: String,
+}
+
+/// Text of the file for the module at this address.
+pub fn text(node: NodeId) -> Result<String> {
+    let definition = layout::slip()?;
+    let mut signals = Vec::new();
+    flatten(&definition, "", 0, &mut signals);
+    let frame = Transmitter::new(node).slip(&SlipMessage::default());
+    let (id, length) = (frame.id() | EXTENDED, frame.data().len());
+    signals.push(Signal {
+        name: "transfer_id".to_owned(),
+        offset: 8 * (length as u32 - 1),
+        bits: 5,
+        signed: false,
+        factor: 1.0,
+        unit: "",
+        comment: "Number of the transfer, modulo 32: a gap is a lost message.".to_owned(),
+    });
+    let mut out = String::from("VERSION \"\"\n\nNS_ :\n\nBS_:\n\n");
+    writeln!(out, "BU_: SlipSense{}\n", node.get())?;
+    writeln!(out, "BO_ {id} Slip: {length} SlipSense{}", node.get())?;
+    for signal in &signals {
+        let Signal { name, offset, bits, signed, factor, unit, .. } = signal;
+        let sign = if *signed { '-' } else { '+' };
+        let (low, high) = range(*bits, *signed);
+        let (low, high) = (low * factor, high * factor);
+        writeln!(
+            out,
+            " SG_ {name} : {offset}|{bits}@1{sign} ({factor},0) [{low}|{high}] \"{unit}\" Vector__XXX"
+        )?;
+    }
+    let about = "The decision of one frame and the contact on each pad, 240 per second. Act on alarm.";
+    writeln!(out, "\nCM_ BO_ {id} \"{about}\";")?;
+    for Signal { name, comment, .. } in signals.iter().filter(|signal| !signal.comment.is_empty()) {
+        writeln!(out, "CM_ SG_ {id} {name} \"{}\";", comment.replace('"', "'"))?;
+    }
+    let formats = "\"StandardCAN\",\"ExtendedCAN\",\"reserved\",\"J1939PG\",\"reserved\",\"reserved\",\
+                   \"reserved\",\"reserved\",\"reserved\",\"reserved\",\"reserved\",\"reserved\",\"reserved\",\
+                   \"reserved\",\"StandardCAN_FD\",\"ExtendedCAN_FD\"";
+    writeln!(out, "BA_DEF_ BO_ \"VFrameFormat\" ENUM {formats};")?;
+    writeln!(out, "BA_DEF_ BO_ \"GenMsgCycleTime\" FLOAT 0 10000;")?;
+    writeln!(out, "BA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\nBA_DEF_DEF_ \"GenMsgCycleTime\" 0;")?;
+    writeln!(out, "BA_ \"VFrameFormat\" BO_ {id} {EXTENDED_FD};")?;
+    write!(out, "VAL_ {id} class_index")?;
+    for (name, value, _) in &definition.constants {
+        write!(out, " {value} \"{name}\"")?;
+    }
+    writeln!(out, " ;")?;
+    Ok(out)
+}
+
+fn range(bits: u32, signed: bool) -> (f64, f64) {
+    let steps = 2f64.powi(bits as i32);
+    if signed { (-steps / 2.0, steps / 2.0 - 1.0) } else { (0.0, steps - 1.0) }
+}
+
+fn flatten(definition: &Definition, prefix: &str, start: u32, signals: &mut Vec<Signal>) {
+    for Field { name, offset, count, array, kind, comment } in &definition.fields {
+        let (name, factor) = match (name.strip_suffix("_q10"), name.strip_suffix("_q8")) {
+            (Some(name), _) => (name, 1.0 / 1024.0),
+            (_, Some(name)) => (name, 1.0 / 256.0),
+            _ => (name.as_str(), 1.0),
+        };
+        for index in 0..*count {
+            let name = if *array { format!("{prefix}{name}_{index}") } else { format!("{prefix}{name}") };
+            let offset = start + offset + index * kind.bits();
+            let (bits, signed) = match kind {
+                Kind::Contact(contact) => {
+                    flatten(contact, &format!("{name}_"), offset, signals);
+                    continue;
+                }
+                Kind::Bool => (1, false),
+                Kind::Unsigned(bits) => (*bits, false),
+                Kind::Signed(bits) => (*bits, true),
+            };
+            let unit = match name.rsplit_once('_') {
+                Some((_, "us")) => "us",
+                Some((_, "deg")) => "deg",
+                _ => "",
+            };
+            // Once is enough where there are several.
+            let comment = if index == 0 { comment.clone() } else { String::new() };
+            signals.push(Signal { name, offset, bits, signed, factor, unit, comment });
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Where the fields of the slip message lie, read from its DSDL definitions: what a DBC file and a C header need.
+
+use anyhow::{Context, Result, bail};
+
+const SLIP: &str = include_str!("../../../src/wire/dsdl/slipsense/6200.Slip.1.0.dsdl");
+const CONTACT: &str = include_str!("../../../src/wire/dsdl/slipsense/SensorContact.1.0.dsdl");
+
+/// A definition: its fields in order, each followed by what is said about it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Definition {
+    /// Fields, void ones left out.
+    pub fields: Vec<Field>,
+    /// Named values: name, value, what they mean.
+    pub constants: Vec<(String, u32, String)>,
+    /// Bits in all.
+    pub bits: u32,
+}
+
+/// A field.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Name as in the definition.
+    pub name: String,
+    /// Bits from the start of the definition.
+    pub offset: u32,
+    /// How many, 1 for a single one.
+    pub count: u32,
+    /// Is it an array?
+    pub array: bool,
+    /// What each is.
+    pub kind: Kind,
+    /// What the definition says about it.
+    pub comment: String,
+}
+
+/// Type of a field.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// One bit.
+    Bool,
+    /// Bits.
+    Unsigned(u32),
+    /// Bits, two's complement.
+    Signed(u32),
+    /// The contact on one pad.
+    Contact(Box<Definition>),
+}
+
+impl Kind {
+    /// Bits of one.
+    pub fn bits(&self) -> u32 {
+        match self {
+            Self::Bool => 1,
+            Self::Unsigned(bits) | Self::Signed(bits) => *bits,
+            Self::Contact(definition) => definition.bits,
+        }
+    }
+}
+
+/// The slip message.
+pub fn slip() -> Result<Definition> {
+    parse(SLIP).context("6200.Slip.1.0.dsdl")
+}
+
+/// Fields, constants and comments of the subset of DSDL that the slip message is written in.
+fn parse(text: &str) -> Result<Definition> {
+    let mut definition = Definition::default();
+    for (index, line) in text.lines().enumerate() {
+        let (code, comment) =
+            line.split_once('#').map_or((line, ""), |(code, comment)| (code, comment.trim()));
+        let code = code.trim();
+        if code.is_empty() {
+            // A line of its own says something about the field above.
+            if let Some(field) = definition.fields.last_mut().filter(|_| !comment.is_empty()) {
+                field.comment = format!("{} {comment}", field.comment).trim().to_owned();
+            }
+            continue;
+        }
+        if code.starts_with('@') {
+            continue;
+        }
+        definition.line(code, comment).with_context(|| format!("line {}: {code}", index + 1))?;
+    }
+    Ok(definition)
+}
+
+impl Definition {
+    fn line(&mut self, code: &str, comment: &str) -> Result<()> {
+        let (kind, rest) = code.split_once(' ').unwrap_or((code, ""));
+        if let Some(bits) = kind.strip_prefix("void") {
+            self.bits += bits.parse::<u32>()?;
+            return Ok(());
+        }
+        if let Some((name, value)) = rest.split_once('=') {
+            self.constants.push((name.trim().to_owned(), value.trim().parse()?, comment.to_owned()));
+            return Ok(());
+        }
+        let (kind, count) = match kind.split_once('[') {
+            Some((kind, count)) => (kind, Some(count.trim_end_matches(']').parse::<u32>()?)),
+            None => (kind, None),
+        };
+        let kind = match kind {
+            "bool" => Kind::Bool,
+            "SensorContact.1.0" => Kind::Contact(Box::new(parse(CONTACT).context("SensorContact.1.0.dsdl")?)),
+            kind => match (kind.strip_prefix("uint"), kind.strip_prefix("int")) {
+                (Some(bits), _) => Kind::Unsigned(bits.parse()?),
+                (_, Some(bits)) => Kind::Signed(bits.parse()?),
+                _ => bail!("type {kind} is not known here"),
+            },
+        };
+        let (offset, name) = (self.bits, rest.trim().to_owned());
+        self.bits += kind.bits() * count.unwrap_or(1);
+        let (array, count, comment) = (count.is_some(), count.unwrap_or(1), comment.to_owned());
+        self.fields.push(Field { name, offset, count, array, kind, comment });
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slipsense::wire::SLIP_BYTES;
+
+    #[test]
+    fn the_layout_is_as_long_as_the_message() {
+        let slip = slip().unwrap();
+        assert_eq!(slip.bits as usize, 8 * SLIP_BYTES);
+        let alarm = slip.fields.iter().find(|field| field.name == "alarm").unwrap();
+        assert_eq!((alarm.offset, &alarm.kind), (93, &Kind::Bool));
+        assert!(alarm.comment.starts_with("The flag to act on"), "{}", alarm.comment);
+        assert_eq!(slip.constants.len(), 3);
+    }
+}

@@ -1,0 +1,147 @@
+from collections.abc import Iterator
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+class Episode:
+    """A stretch of sensor data in an .npz file."""
+
+    @staticmethod
+    def read(path: str | PathLike[str]) -> Episode:
+        """Raises ValueError that names file, field, index and rule."""
+
+    @property
+    def frames(self) -> int: ...
+    @property
+    def sensors(self) -> int: ...
+    @property
+    def meta(self) -> str:
+        """JSON text."""
+
+    @property
+    def piezo(self) -> NDArray[np.uint16]:
+        """[F, S, 32, 32], counts of 12 bits."""
+
+    @property
+    def xl(self) -> NDArray[np.int16]:
+        """[S, N, 3], in units of `xl_lsb_g` of the metadata."""
+
+    @property
+    def xl_end(self) -> NDArray[np.uint32]:
+        """[F, S], samples available at the tick, exclusive end."""
+
+    @property
+    def label(self) -> NDArray[np.uint8] | None:
+        """[F]: 0 no contact, 1 no slip, 2 slip."""
+
+def run(episode: Episode, model: bytes | None = None) -> dict[str, NDArray[Any]]:
+    """All frames through the pipeline, as in the predictions.npz of `slipsense run`.
+
+    Of F frames and S sensors: `class` uint8 [F] (0 no contact, 1 contact without slip, 2 slip), `logits` int32 [F, 3]
+    (1/1024 nat), `slip` and `alarm` uint8 [F], `logmel` (natural log of g²) and `logmel_std` float32 [F, S, 16].
+    `model`: content of a .slipnet file; the bundled one if None.
+    """
+
+class Contact:
+    """The contact on one pad. Rows and columns count taxels from the pad's corner (0, 0)."""
+
+    health: int  #: bits, see slipsense.SensorContact in src/wire/dsdl
+    sum: int  #: of the counts
+    area: int  #: taxels in contact
+    centroid_row: float
+    centroid_col: float
+    axis_deg: int  #: direction of the long axis, −90 to 89
+    elongation: float  #: 1 − short axis / long axis
+
+class Output:
+    """The result of one frame."""
+
+    @property
+    def class_index(self) -> int: ...
+    @property
+    def slip(self) -> bool: ...
+    @property
+    def alarm(self) -> bool: ...
+    @property
+    def logits_q10(self) -> NDArray[np.int32]: ...
+    @property
+    def contact(self) -> list[Contact]: ...
+    @property
+    def logmel_std(self) -> NDArray[np.float32]: ...
+
+class Pipeline:
+    """The signal path of one module with 1 to 3 sensors; it remembers what came before."""
+
+    sensors: int
+    def __init__(self, sensors: int, model: bytes | None = None) -> None: ...
+    def step(
+        self, parts: list[tuple[NDArray[np.uint16] | None, NDArray[np.int16] | None]]
+    ) -> Output:
+        """Take one frame in: of each sensor its counts [32, 32] and the samples [n, 3] since the frame before.
+
+        None: that part is missing. Raises ValueError that names sensor and rule.
+        """
+
+class Slip:
+    """The decision of one frame, as sent."""
+
+    @property
+    def timestamp_us(self) -> int: ...
+    @property
+    def sequence(self) -> int: ...
+    @property
+    def class_index(self) -> int: ...
+    @property
+    def slip(self) -> bool: ...
+    @property
+    def alarm(self) -> bool: ...
+    @property
+    def logits_q10(self) -> NDArray[np.int32]: ...
+    @property
+    def late_frames(self) -> int: ...
+    @property
+    def contact(self) -> list[Contact]: ...
+
+class Raw:
+    """What one sensor delivered for one frame, as sent."""
+
+    @property
+    def timestamp_us(self) -> int: ...
+    @property
+    def sequence(self) -> int: ...
+    @property
+    def sensor(self) -> int: ...
+    @property
+    def health(self) -> int: ...
+    @property
+    def piezo(self) -> NDArray[np.uint16] | None: ...
+    @property
+    def xl(self) -> NDArray[np.int16] | None: ...
+    @property
+    def xl_end(self) -> int: ...
+
+class Receiver:
+    """Puts the CAN frames of one module together."""
+
+    errors: int  #: frames that fitted nothing, and messages that could not be read
+    def __init__(self, node: int = 42) -> None: ...
+    @property
+    def missed(self) -> int: ...
+    def accept(self, can_id: int, data: bytes) -> Slip | Raw | None:
+        """The message that this frame completes. Raises ValueError for what is no CAN FD frame of 29 bits."""
+
+class Log(Iterator[tuple[int, Slip | Raw]]):
+    """Messages of a candump log: time of the log in microseconds, message."""
+
+    def __init__(self, path: str | PathLike[str], node: int = 42) -> None: ...
+    @property
+    def errors(self) -> int: ...
+    @property
+    def missed(self) -> int: ...
+    def __iter__(self) -> Log: ...
+    def __next__(self) -> tuple[int, Slip | Raw]: ...
+
+def live(bus: Any, node: int = 42, timeout: float | None = None) -> Iterator[Slip | Raw]:
+    """Messages of a module, as they come from a python-can bus."""

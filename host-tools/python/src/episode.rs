@@ -1,0 +1,100 @@
+//! Episode files, and whole episodes at once.
+
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense::sensor::SensorInput;
+use slipsense_episode::{Episode as Recording, Predictions};
+
+use crate::pipeline::Running;
+use crate::refused;
+
+/// A stretch of sensor data.
+#[pyclass(module = "slipsense", frozen)]
+pub struct Episode(Recording);
+
+#[pymethods]
+impl Episode {
+    #[staticmethod]
+    fn read(path: PathBuf) -> PyResult<Self> {
+        Recording::read(path).map(Self).map_err(refused)
+    }
+
+    #[getter]
+    fn frames(&self) -> usize {
+        self.0.frames()
+    }
+
+    #[getter]
+    fn sensors(&self) -> usize {
+        self.0.sensors
+    }
+
+    /// JSON text.
+    #[getter]
+    fn meta(&self) -> String {
+        self.0.meta.to_json()
+    }
+
+    #[getter]
+    fn piezo<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let counts: Vec<u16> = self.0.piezo.iter().flat_map(|scan| scan.counts().iter().copied()).collect();
+        let shape = [self.0.frames(), self.0.sensors, TAXEL_ROWS, TAXEL_COLS];
+        Ok(counts.into_pyarray(py).reshape(shape)?.into_any())
+    }
+
+    #[getter]
+    fn xl<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let samples: Vec<i16> = self.0.xl.iter().flatten().flatten().copied().collect();
+        Ok(samples.into_pyarray(py).reshape([self.0.sensors, self.0.xl[0].len(), XL_AXES])?.into_any())
+    }
+
+    #[getter]
+    fn xl_end<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let ends = self.0.xl_end.clone().into_pyarray(py);
+        Ok(ends.reshape([self.0.frames(), self.0.sensors])?.into_any())
+    }
+
+    #[getter]
+    fn label<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<u8>>> {
+        self.0.label.as_ref().map(|label| label.clone().into_pyarray(py))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Episode(frames={}, sensors={})", self.0.frames(), self.0.sensors)
+    }
+}
+
+/// All frames of an episode through the pipeline, without the interpreter in between.
+#[pyfunction]
+#[pyo3(signature = (episode, model=None))]
+pub fn run<'py>(py: Python<'py>, episode: &Episode, model: Option<&[u8]>) -> PyResult<Bound<'py, PyDict>> {
+    let (episode, sensors) = (&episode.0, episode.0.sensors);
+    let mut pipeline = Running::new(sensors, model)?;
+    let frames = episode.frames();
+    let predictions = py.detach(|| {
+        let mut predictions = Predictions::with_capacity(frames, sensors);
+        for frame in 0..frames {
+            let inputs: Vec<SensorInput<'_>> = (0..sensors)
+                .map(|sensor| SensorInput {
+                    piezo: Some(episode.piezo(frame, sensor)),
+                    xl: Some(episode.xl_batch(frame, sensor)),
+                })
+                .collect();
+            predictions.push(&pipeline.step(&inputs), episode.meta.xl_lsb_g);
+        }
+        predictions
+    });
+    let dict = PyDict::new(py);
+    dict.set_item("class", predictions.class.into_pyarray(py))?;
+    dict.set_item("logits", predictions.logits.concat().into_pyarray(py).reshape([frames, CLASSES])?)?;
+    dict.set_item("slip", predictions.slip.into_pyarray(py))?;
+    dict.set_item("alarm", predictions.alarm.into_pyarray(py))?;
+    for (name, rows) in [("logmel", predictions.logmel), ("logmel_std", predictions.logmel_std)] {
+        dict.set_item(name, rows.concat().into_pyarray(py).reshape([frames, sensors, MEL_BINS])?)?;
+    }
+    Ok(dict)
+}

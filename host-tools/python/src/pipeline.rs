@@ -1,0 +1,169 @@
+//! One frame in, one decision out.
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use self_cell::self_cell;
+use slipsense::net::{Aligned, Model};
+use slipsense::params::{MAX_SENSORS, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense::pipeline::Pipeline as Pipe;
+use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+use slipsense::wire::SensorContact;
+use slipsense_episode::logmel_std;
+
+use crate::refused;
+
+/// The network that the firmware carries.
+static BUNDLED: &Aligned<[u8]> = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet"));
+
+self_cell!(
+    /// A pipeline and the model that it reads.
+    struct Owned {
+        owner: Vec<u8>,
+        #[covariant]
+        dependent: Pipe,
+    }
+);
+
+/// A pipeline with a model of its own, the bundled one if none is given.
+pub(crate) struct Running(Owned);
+
+impl Running {
+    pub(crate) fn new(sensors: usize, model: Option<&[u8]>) -> PyResult<Self> {
+        Owned::try_new(model.unwrap_or(&BUNDLED.0).to_vec(), |model| {
+            let model = Model::parse(model).map_err(|error| refused(format!("model: {error}")))?;
+            Pipe::new(model, sensors).map_err(refused)
+        })
+        .map(Self)
+    }
+
+    pub(crate) fn step(&mut self, inputs: &[SensorInput<'_>]) -> slipsense::pipeline::Output {
+        self.0.with_dependent_mut(|_, pipeline| pipeline.step(inputs))
+    }
+}
+
+/// The signal path of one module.
+#[pyclass(module = "slipsense")]
+pub struct Pipeline {
+    running: Running,
+    #[pyo3(get)]
+    sensors: usize,
+}
+
+/// A scan and the samples that came with it; either may be missing.
+type Part<'py> = (Option<PyReadonlyArray2<'py, u16>>, Option<PyReadonlyArray2<'py, i16>>);
+
+#[pymethods]
+impl Pipeline {
+    #[new]
+    #[pyo3(signature = (sensors, model=None))]
+    fn new(sensors: usize, model: Option<&[u8]>) -> PyResult<Self> {
+        Ok(Self { running: Running::new(sensors, model)?, sensors })
+    }
+
+    fn step(&mut self, parts: Vec<Part<'_>>) -> PyResult<Output> {
+        if parts.len() != self.sensors {
+            return Err(refused(format!("{} sensors given, the pipeline has {}", parts.len(), self.sensors)));
+        }
+        let mut read = Vec::with_capacity(MAX_SENSORS);
+        for (sensor, (piezo, xl)) in parts.iter().enumerate() {
+            let named = |error: String| refused(format!("sensor {sensor}: {error}"));
+            let piezo = piezo.as_ref().map(scan).transpose().map_err(named)?;
+            read.push((piezo, xl.as_ref().map(samples).transpose().map_err(named)?));
+        }
+        let inputs: Vec<SensorInput<'_>> =
+            read.iter().map(|(piezo, xl)| SensorInput { piezo: piezo.as_ref(), xl: xl.as_deref() }).collect();
+        Ok(Output(self.running.step(&inputs)))
+    }
+}
+
+/// 32 × 32 counts.
+fn scan(array: &PyReadonlyArray2<'_, u16>) -> Result<PiezoFrame, String> {
+    if array.shape() != [TAXEL_ROWS, TAXEL_COLS] {
+        return Err(format!("piezo is {:?}, must be [{TAXEL_ROWS}, {TAXEL_COLS}]", array.shape()));
+    }
+    let mut counts = array.as_array().iter().copied().collect::<Vec<u16>>().into_iter();
+    let counts = std::array::from_fn(|_| counts.next().unwrap_or_default());
+    PiezoFrame::from_counts(counts).map_err(|error| format!("piezo: {error}"))
+}
+
+/// n × 3 samples.
+fn samples(array: &PyReadonlyArray2<'_, i16>) -> Result<Vec<XlSample>, String> {
+    if array.shape()[1] != XL_AXES {
+        return Err(format!("xl is {:?}, must be [n, {XL_AXES}]", array.shape()));
+    }
+    let rows = array.as_array();
+    Ok(rows.rows().into_iter().map(|row| std::array::from_fn(|axis| row[axis])).collect())
+}
+
+/// The contact on one pad.
+#[pyclass(module = "slipsense", frozen, get_all)]
+#[derive(Clone)]
+pub struct Contact {
+    health: u8,
+    sum: u32,
+    area: u16,
+    centroid_row: f64,
+    centroid_col: f64,
+    axis_deg: i8,
+    elongation: f64,
+}
+
+impl From<&SensorContact> for Contact {
+    fn from(contact: &SensorContact) -> Self {
+        Self {
+            health: contact.health,
+            sum: contact.sum,
+            area: contact.area,
+            centroid_row: f64::from(contact.centroid_row_q8) / 256.0,
+            centroid_col: f64::from(contact.centroid_col_q8) / 256.0,
+            axis_deg: contact.axis_deg,
+            elongation: f64::from(contact.elongation_q8) / 256.0,
+        }
+    }
+}
+
+/// The result of one frame.
+#[pyclass(module = "slipsense", frozen)]
+pub struct Output(slipsense::pipeline::Output);
+
+#[pymethods]
+impl Output {
+    #[getter]
+    fn class_index(&self) -> u8 {
+        self.0.class as u8
+    }
+
+    #[getter]
+    fn slip(&self) -> bool {
+        self.0.slip
+    }
+
+    #[getter]
+    fn alarm(&self) -> bool {
+        self.0.alarm
+    }
+
+    #[getter]
+    fn logits_q10<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i32>> {
+        self.0.logits_q10.to_vec().into_pyarray(py)
+    }
+
+    #[getter]
+    fn contact(&self) -> Vec<Contact> {
+        let message = self.0.slip_message(slipsense::pipeline::FrameStamp::default(), 0);
+        message.contact.iter().take(self.0.sensors).map(Contact::from).collect()
+    }
+
+    #[getter]
+    fn logmel_std<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let rows: Vec<Vec<f32>> =
+            self.0.log_mel.iter().take(self.0.sensors).map(|mel| logmel_std(mel).to_vec()).collect();
+        debug_assert!(rows.iter().all(|row| row.len() == MEL_BINS));
+        PyArray2::from_vec2(py, &rows).map_err(refused)
+    }
+
+    fn __repr__(&self) -> String {
+        let Self(output) = self;
+        format!("Output(class_index={}, slip={}, alarm={})", output.class as u8, output.slip, output.alarm)
+    }
+}

@@ -1,0 +1,166 @@
+//! Learn the frequencies of the raw stream's compression from synthetic training episodes, and write
+//! `src/wire/compress/tables.rs`, or check it: `cargo run --release -p slipsense-synth --example compression_tables -- [--check]`.
+//!
+//! Only the split `train` is looked at, whose objects and grasps no test split shares. A compressed stream can be
+//! read with the tables it was written with only: another table is another message version.
+
+use std::error::Error;
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+use slipsense::wire::compress::{
+    Coder, SYMBOLS, TAXEL_CONTEXTS, TAXEL_TABLES, Table, XL_CONTEXTS, XL_TABLES, model, split,
+};
+use slipsense_synth::splits::EpisodeSet;
+use slipsense_synth::{Split, generate_set};
+
+const SEED: u64 = 8;
+const FRAMES: usize = 40_000;
+/// Of each episode every so manieth frame: neighbours say the same.
+const EVERY: usize = 3;
+/// What the frequencies of a table sum to.
+const TOTAL: u64 = 4096;
+/// Observations that the mean of all contexts is worth in each of them, and 1/16 observation for every symbol, so
+/// that what a rare context has not shown yet does not become dear.
+const PRIOR: u64 = 8;
+const SIXTEENTHS: u64 = 16;
+
+type Counts = [u64; SYMBOLS];
+
+/// Counts symbols by context, codes nothing.
+struct Counter {
+    taxels: Vec<Counts>,
+    xl: Vec<Counts>,
+}
+
+impl Coder for Counter {
+    fn value(&mut self, table: &'static Table, value: u32) -> u32 {
+        let at = |tables: &'static [Table]| tables.iter().position(|known| std::ptr::eq(known, table));
+        let counts = match at(&TAXEL_TABLES) {
+            Some(context) => &mut self.taxels[context],
+            None => &mut self.xl[at(&XL_TABLES).expect("a table of one of the two")],
+        };
+        counts[split(value).0] += 1;
+        value
+    }
+
+    fn bits(&mut self, _: u32, value: u32) -> u32 {
+        value
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let check = match std::env::args().nth(1).as_deref() {
+        None => false,
+        Some("--check") => true,
+        Some(other) => return Err(format!("{other}: only --check is known").into()),
+    };
+    let recipes: Vec<_> = EpisodeSet::new(Split::Train, SEED, FRAMES)
+        .episodes
+        .into_iter()
+        .map(|episode| episode.recipe)
+        .collect();
+    let counted = generate_set(&recipes, |_, episode| {
+        let none = [0; SYMBOLS];
+        let mut counter = Counter { taxels: vec![none; TAXEL_CONTEXTS], xl: vec![none; XL_CONTEXTS] };
+        for frame in (0..episode.frames()).step_by(EVERY) {
+            for sensor in 0..episode.sensors {
+                let mut xl = episode.xl_batch(frame, sensor).to_vec();
+                model(&mut counter, episode.piezo(frame, sensor), &mut xl);
+            }
+        }
+        counter
+    })?;
+    let mut all = counted.into_iter();
+    let mut sum = all.next().ok_or("no episode")?;
+    for one in all {
+        for (sums, counts) in sum.taxels.iter_mut().zip(&one.taxels).chain(sum.xl.iter_mut().zip(&one.xl)) {
+            sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+        }
+    }
+    let text = source(&sum);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../src/wire/compress/tables.rs");
+    if !check {
+        fs::write(&path, text)?;
+    } else if fs::read_to_string(&path)? != text {
+        return Err(format!("{}: not what the training episodes give", path.display()).into());
+    }
+    Ok(())
+}
+
+fn source(sum: &Counter) -> String {
+    let mut text = format!(
+        "//! Frequencies of the symbols in each context.
+//!
+//! Learnt from {FRAMES} frames of synthetic training episodes by `host-tools/synth/examples/compression_tables.rs`;
+//! its `--check` compares. Not to be edited by hand.
+
+use super::value::SYMBOLS;
+
+/// Of each symbol, the sum of the frequencies before it and its own. All together are {TOTAL}.
+pub type Table = [[u16; 2]; SYMBOLS];
+
+/// Contexts of a taxel.
+pub const TAXEL_CONTEXTS: usize = {TAXEL_CONTEXTS};
+/// Contexts of an accelerometer sample.
+pub const XL_CONTEXTS: usize = {XL_CONTEXTS};
+
+/// Tables of the taxels, by context.
+pub static TAXEL_TABLES: [Table; TAXEL_CONTEXTS] = tables(&TAXELS);
+/// Tables of the accelerometer samples, by context.
+pub static XL_TABLES: [Table; XL_CONTEXTS] = tables(&XL);
+
+const fn tables<const N: usize>(frequencies: &[[u16; SYMBOLS]; N]) -> [Table; N] {{
+    let mut tables = [[[0; 2]; SYMBOLS]; N];
+    let mut context = 0;
+    while context < N {{
+        let (mut start, mut symbol) = (0, 0);
+        while symbol < SYMBOLS {{
+            let frequency = frequencies[context][symbol];
+            assert!(frequency > 0, \"every symbol can be coded\");
+            tables[context][symbol] = [start, frequency];
+            start += frequency;
+            symbol += 1;
+        }}
+        assert!(start == {TOTAL});
+        context += 1;
+    }}
+    tables
+}}
+"
+    );
+    for (name, contexts, counts) in
+        [("TAXELS", "TAXEL_CONTEXTS", &sum.taxels), ("XL", "XL_CONTEXTS", &sum.xl)]
+    {
+        let mut mean = [0; SYMBOLS];
+        counts.iter().for_each(|row| mean.iter_mut().zip(row).for_each(|(mean, count)| *mean += count));
+        write!(text, "\n#[rustfmt::skip]\nconst {name}: [[u16; SYMBOLS]; {contexts}] = [\n").unwrap();
+        for counts in counts {
+            let row = frequencies(counts, &mean);
+            let rows: Vec<String> = row
+                .chunks(SYMBOLS / 2)
+                .map(|half| half.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))
+                .collect();
+            writeln!(text, "    [{}],", rows.join(",\n     ")).unwrap();
+        }
+        text.push_str("];\n");
+    }
+    text
+}
+
+/// Shares of [`TOTAL`], at least 1 each; what rounding leaves goes to the largest.
+fn frequencies(counts: &Counts, mean: &Counts) -> [u64; SYMBOLS] {
+    let all: u64 = mean.iter().sum::<u64>().max(1);
+    let weights: Vec<u64> = counts
+        .iter()
+        .zip(mean)
+        .map(|(count, mean)| SIXTEENTHS * count + SIXTEENTHS * PRIOR * mean / all + 1)
+        .collect();
+    let sum: u64 = weights.iter().sum();
+    let mut shares = [0; SYMBOLS];
+    shares.iter_mut().zip(&weights).for_each(|(share, w)| *share = 1 + w * (TOTAL - SYMBOLS as u64) / sum);
+    let left = TOTAL - shares.iter().sum::<u64>();
+    *shares.iter_mut().max().expect("there are symbols") += left;
+    shares
+}

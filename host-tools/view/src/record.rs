@@ -1,0 +1,125 @@
+//! One frame as the page gets it: fixed size, little endian.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 4 | sequence number of the frame |
+//! | 4 | frames lost right before it |
+//! | 8 | time of its tick, µs, a 64-bit float |
+//! | 1 | class: 0 no contact, 1 contact without slip, 2 slip |
+//! | 1 | flags: 1 slip, 2 alarm, 4 the truth is known, 8 it slips in truth |
+//! | 1, 1 | sensors in use, unused |
+//! | 12 | logits, 1/1024 nat |
+//! | 2, 2 | late frames so far, unused |
+//! | 4 | unused |
+//!
+//! and per sensor of the session, in use or not
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 1, 1 | health bits (`slipsense::wire::health`); 1 taxels are there, 2 log-mel is there |
+//! | 2 | taxels in contact |
+//! | 4 | sum of the counts |
+//! | 2, 2 | centre of pressure, row and column, 1/256 taxel |
+//! | 1, 1, 2 | direction of the long axis, degrees; elongation, 1/256; unused |
+//! | 32 | log-mel power of the 16 bins, natural log of LSB², 1/256 nat |
+//! | 2048 | counts of the 32 × 32 taxels, row by row |
+//!
+//! `page/record.js` reads it.
+
+use slipsense::features::{LN_FRAC_BITS, LogMel};
+use slipsense::params::MEL_BINS;
+use slipsense::sensor::PiezoFrame;
+use slipsense::wire::{SensorContact, SlipMessage};
+
+/// Bytes before the sensors.
+pub const HEADER_BYTES: usize = 40;
+/// Bytes of one sensor.
+pub const SENSOR_BYTES: usize = 16 + 2 * MEL_BINS + 2 * 1024;
+
+/// Bytes of a frame of so many sensors.
+pub const fn bytes(sensors: usize) -> usize {
+    HEADER_BYTES + sensors * SENSOR_BYTES
+}
+
+const SLIP: u8 = 1;
+const ALARM: u8 = 2;
+const TRUTH_KNOWN: u8 = 4;
+const TRUE_SLIP: u8 = 8;
+const TAXELS_THERE: u8 = 1;
+const LOG_MEL_THERE: u8 = 2;
+
+/// A frame on its way to the page.
+#[derive(Clone, Debug)]
+pub struct Record {
+    /// What the node said of it.
+    pub slip: SlipMessage,
+    /// Frames lost right before it.
+    pub lost: u32,
+    /// Does it slip? `None`: nobody knows.
+    pub truth: Option<bool>,
+    /// Its sensors, as many as `slip` says.
+    pub sensors: Vec<SensorRecord>,
+}
+
+/// What one sensor felt and heard.
+#[derive(Clone, Debug, Default)]
+pub struct SensorRecord {
+    /// `None`: the raw message did not arrive.
+    pub piezo: Option<PiezoFrame>,
+    /// `None`: no samples were heard.
+    pub log_mel: Option<LogMel>,
+}
+
+impl Record {
+    /// Of what the page marks in its timeline: bits of the flags, and the class above them.
+    pub fn mark(&self) -> u8 {
+        self.flags() | self.slip.class << 4
+    }
+
+    fn flags(&self) -> u8 {
+        let truth = match self.truth {
+            None => 0,
+            Some(false) => TRUTH_KNOWN,
+            Some(true) => TRUTH_KNOWN | TRUE_SLIP,
+        };
+        let flag = |set, bit| if set { bit } else { 0 };
+        flag(self.slip.slip, SLIP) | flag(self.slip.alarm, ALARM) | truth
+    }
+
+    /// The bytes, [`bytes`] of the session's `sensors`; a frame of fewer has the others empty.
+    pub fn encode(&self, sensors: usize) -> Vec<u8> {
+        let slip = &self.slip;
+        let mut out = Vec::with_capacity(bytes(sensors));
+        out.extend(slip.sequence.to_le_bytes());
+        out.extend(self.lost.to_le_bytes());
+        out.extend((slip.timestamp_us as f64).to_le_bytes());
+        out.extend([slip.class, self.flags(), slip.sensors, 0]);
+        out.extend(slip.logits_q10.iter().flat_map(|logit| logit.to_le_bytes()));
+        out.extend(slip.late_frames.to_le_bytes());
+        out.resize(HEADER_BYTES, 0);
+        let none = SensorRecord::default();
+        for (sensor, contact) in (0..sensors).zip(&slip.contact) {
+            encode_sensor(self.sensors.get(sensor).unwrap_or(&none), contact, &mut out);
+        }
+        out
+    }
+}
+
+fn encode_sensor(sensor: &SensorRecord, contact: &SensorContact, out: &mut Vec<u8>) {
+    let taxels = if sensor.piezo.is_some() { TAXELS_THERE } else { 0 };
+    let log_mel = if sensor.log_mel.is_some() { LOG_MEL_THERE } else { 0 };
+    out.extend([contact.health, taxels | log_mel]);
+    out.extend(contact.area.to_le_bytes());
+    out.extend(contact.sum.to_le_bytes());
+    out.extend(contact.centroid_row_q8.to_le_bytes());
+    out.extend(contact.centroid_col_q8.to_le_bytes());
+    out.extend(contact.axis_deg.to_le_bytes());
+    out.extend([contact.elongation_q8, 0, 0]);
+    let ln_power = sensor.log_mel.map_or([0; MEL_BINS], |log_mel| log_mel.ln_power);
+    // Below 2^7 nat: fits.
+    out.extend(ln_power.iter().flat_map(|ln| ((ln >> (LN_FRAC_BITS - 8)) as i16).to_le_bytes()));
+    match &sensor.piezo {
+        Some(piezo) => out.extend(piezo.counts().iter().flat_map(|count| count.to_le_bytes())),
+        None => out.resize(out.len() + 2 * 1024, 0),
+    }
+}

@@ -1,0 +1,53 @@
+//! The boards that there is firmware for.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::ValueEnum;
+use serde::Serialize;
+
+use crate::process::run;
+use crate::toolchain::Toolchain;
+
+const FIRMWARE: &str = "slipsense-firmware";
+
+/// A board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+pub enum Board {
+    /// NUCLEO-H743ZI2
+    H743,
+    /// NUCLEO-H723ZG
+    H723,
+}
+
+impl Board {
+    pub const ALL: [Self; 2] = [Self::H743, Self::H723];
+
+    /// Its feature of the package, and its folder in `src/board`.
+    pub const fn feature(self) -> &'static str {
+        match self {
+            Self::H743 => "h743",
+            Self::H723 => "h723",
+        }
+    }
+
+    /// As on the label.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::H743 => "NUCLEO-H743ZI2",
+            Self::H723 => "NUCLEO-H723ZG",
+        }
+    }
+
+    /// Build its firmware, warnings denied, with a list of what each function takes of the stack.
+    pub fn build(self) -> Result<PathBuf> {
+        let toolchain = Toolchain::get()?;
+        let mut build = toolchain.build_with_stack_sizes();
+        run(build.args(["--package", "slipsense", "--bin", FIRMWARE, "--features", self.feature()]))?;
+        // Every board's program has this name: the next build would take its place.
+        let built = toolchain.program(FIRMWARE);
+        let kept = built.with_file_name(format!("{FIRMWARE}-{}", self.feature()));
+        std::fs::copy(built, &kept)?;
+        Ok(kept)
+    }
+}

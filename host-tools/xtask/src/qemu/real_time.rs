@@ -1,0 +1,404 @@
+//! `cargo xtask qemu --real-time`: the same tasks, executors and scheduler as on a board, against the clock.
+//!
+//! An episode is looped for as long as asked; its sensors are handed out in turn and shifted in time, so that one
+//! episode fills any number of them. What arrives on the modelled bus is held against what this computer makes of the
+//! same input.
+
+use std::collections::HashMap;
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use serde::Serialize;
+use slipsense::board::{Lane, SensedPart};
+use slipsense::params::FRAME_RATE_HZ;
+use slipsense::pipeline::FrameStamp;
+use slipsense::wire::{CanFrame, Received, Receiver, SlipMessage};
+use slipsense_bus_model::{Arrived, Disturbance};
+use slipsense_episode::Episode;
+use slipsense_qemu::INPUT_FILE;
+use slipsense_qemu::events::{
+    ARRIVED_FILE, BUS_FILE, COUNTERS_BYTES, Counters, DECIDED_BYTES, DECIDED_FILE, Decided, START_US,
+    STATUS_FILE, decode_arrived, encode_disturbance,
+};
+
+use super::frames::Frames;
+use super::host::{self, NODE};
+use super::machine::{Machine, write_input};
+use crate::table::{Align, Table, thousands};
+
+const PROGRAM: &str = "slipsense-qemu-realtime";
+/// Tick to slip message in the queue, µs, with one and with three sensors: what is to be kept.
+const BARS_US: [(usize, u32); 2] = [(1, 1300), (3, 3400)];
+const NS_PER_S: u64 = 1_000_000_000;
+
+/// What the bus does in a run.
+struct Scenario {
+    name: &'static str,
+    disturbance: fn(seconds: u64) -> Disturbance,
+}
+
+/// Bus-off lasts this long, less in a run that is shorter than three times that.
+fn off_ns(seconds: u64) -> std::ops::Range<u64> {
+    let start = START_US * 1000 + seconds * NS_PER_S / 3;
+    start..start + (2 * NS_PER_S).min(seconds * NS_PER_S / 3)
+}
+
+const QUIET: Scenario = Scenario { name: "free bus", disturbance: |_| Disturbance::default() };
+const SCENARIOS: [Scenario; 3] = [
+    Scenario {
+        name: "100 % foreign load",
+        disturbance: |_| Disturbance { foreign_load_percent: 100, ..Disturbance::default() },
+    },
+    Scenario {
+        name: "1 in 10 frames destroyed",
+        disturbance: |_| Disturbance { error_every: 10, ..Disturbance::default() },
+    },
+    Scenario {
+        name: "bus-off",
+        disturbance: |seconds| Disturbance { dominant_ns: off_ns(seconds), ..Disturbance::default() },
+    },
+];
+
+/// What one run came to.
+#[derive(Clone, Debug, Serialize)]
+struct Outcome {
+    bus: String,
+    sensors: usize,
+    frames: usize,
+    dropped_frames: u32,
+    late_frames: u32,
+    /// Emulated microseconds: 480 instructions each.
+    queued_median_us: u32,
+    queued_max_us: u32,
+    /// From the tick to the last bit of the slip message.
+    arrived_max_us: u64,
+    busy_max_us: u32,
+    slips_arrived: usize,
+    slips_replaced: u32,
+    raw_arrived: usize,
+    raw_dropped: u32,
+    raw_broken: u32,
+    raw_waiting: u32,
+    /// CAN frames that are not what this computer makes, or parts of a message.
+    wrong: usize,
+    bus_offs: u32,
+    bus_off_us: u32,
+    /// From the end of what kept the node off the bus to the last bit of the first slip message.
+    recovery_us: Option<u64>,
+    wall_s: f64,
+    /// What is not as it should be.
+    failures: Vec<String>,
+}
+
+/// Run all scenarios; `false` if one of them is not as it should be.
+pub fn run(episode: &Path, model: &[u8], seconds: u32, json: bool, timeout: Duration) -> Result<bool> {
+    let episode = Episode::read(episode)?;
+    let machine = Machine::build(PROGRAM, &[])?.in_real_time();
+    let mut outcomes = Vec::new();
+    for (sensors, _) in BARS_US {
+        let frames = looped(&episode, sensors, seconds * FRAME_RATE_HZ)?;
+        let expected = Expected::of(&frames, model)?;
+        let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
+        write_input(&dir.path().join(INPUT_FILE), &frames, model).context("cannot write the input file")?;
+        let disturbed = SCENARIOS.iter().filter(|_| sensors == 3);
+        for scenario in std::iter::once(&QUIET).chain(disturbed) {
+            eprintln!("{sensors} sensors, {}: {} frames in real time", scenario.name, frames.len());
+            outcomes.push(one(&machine, dir.path(), scenario, seconds, &expected, timeout)?);
+        }
+    }
+    if json {
+        println!("{}", serde_json::to_string_pretty(&outcomes)?);
+    } else {
+        print(&outcomes);
+    }
+    Ok(outcomes.iter().all(|outcome| outcome.failures.is_empty()))
+}
+
+/// The episode again and again; sensor `n` is the episode's sensor `n` modulo what it has, a third of it later each.
+fn looped(episode: &Episode, sensors: usize, count: u32) -> Result<Frames> {
+    let once = Frames::of_episode(episode, None)?;
+    let parts: Vec<&[SensedPart]> = once.iter().map(|(_, parts)| parts).collect();
+    ensure!(!parts.is_empty(), "the episode has no frame");
+    let mut frames = Frames::new(sensors);
+    let mut xl_end = vec![0u32; sensors];
+    for sequence in 0..count {
+        let part = |sensor: usize| {
+            let later = sensor * parts.len() / 3;
+            let mut part = parts[(sequence as usize + later) % parts.len()][sensor % once.sensors()].clone();
+            xl_end[sensor] = xl_end[sensor].wrapping_add(part.xl.len() as u32);
+            part.xl_end = xl_end[sensor];
+            part
+        };
+        let since_start_us = (u64::from(sequence) + 1) * 1_000_000 / u64::from(FRAME_RATE_HZ);
+        let stamp = FrameStamp { sequence, timestamp_us: START_US + since_start_us };
+        frames.push(stamp, (0..sensors).map(part).collect());
+    }
+    Ok(frames)
+}
+
+/// What this computer makes of the frames.
+struct Expected {
+    sensors: usize,
+    stamps: Vec<FrameStamp>,
+    slips: Vec<CanFrame>,
+    /// Of the CAN frames of each raw message, by frame and sensor.
+    raw: HashMap<(u32, u8), u64>,
+}
+
+impl Expected {
+    fn of(frames: &Frames, model: &[u8]) -> Result<Self> {
+        let mut expected =
+            Self { sensors: frames.sensors(), stamps: Vec::new(), slips: Vec::new(), raw: HashMap::new() };
+        host::each_record(frames, model, |stamp, record| {
+            let (slip, raw) = record.can.split_first().context("a frame without a slip message")?;
+            expected.stamps.push(stamp);
+            expected.slips.push(*slip);
+            let mut left = raw;
+            for sensor in 0..frames.sensors() {
+                // Every message has 23 frames at least, and its last one alone is marked as such.
+                let last = left.iter().position(ends_transfer).context("a raw message without an end")?;
+                let (message, rest) = left.split_at(last + 1);
+                expected.raw.insert((stamp.sequence, sensor as u8), digest(message));
+                left = rest;
+            }
+            ensure!(left.is_empty(), "more CAN frames than messages");
+            Ok(())
+        })?;
+        Ok(expected)
+    }
+}
+
+/// The tail byte's second bit (OpenCyphal specification, section 4.2).
+fn ends_transfer(frame: &CanFrame) -> bool {
+    frame.data().last().is_some_and(|tail| tail & 0x40 != 0)
+}
+
+/// Its first.
+fn starts_transfer(frame: &CanFrame) -> bool {
+    frame.data().last().is_some_and(|tail| tail & 0x80 != 0)
+}
+
+fn digest(frames: &[CanFrame]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    for frame in frames {
+        (frame.id(), frame.data()).hash(&mut hasher);
+    }
+    hasher.finish()
+}
+
+fn one(
+    machine: &Machine,
+    dir: &Path,
+    scenario: &Scenario,
+    seconds: u32,
+    expected: &Expected,
+    timeout: Duration,
+) -> Result<Outcome> {
+    let disturbance = (scenario.disturbance)(seconds.into());
+    fs::write(dir.join(BUS_FILE), encode_disturbance(&disturbance)).context(BUS_FILE)?;
+    let start = Instant::now();
+    machine.run(dir, timeout)?;
+    let wall_s = start.elapsed().as_secs_f64();
+    let read =
+        |name| fs::read(dir.join(name)).with_context(|| format!("the emulated program wrote no {name}"));
+    let counters = read(STATUS_FILE)?;
+    let counters: [u8; COUNTERS_BYTES] = counters.as_slice().try_into().context("no status")?;
+    let counters = Counters::decode(&counters).context("no status")?;
+    let decided: Vec<Decided> =
+        read(DECIDED_FILE)?.as_chunks::<DECIDED_BYTES>().0.iter().filter_map(Decided::decode).collect();
+    let bytes = read(ARRIVED_FILE)?;
+    let (mut rest, mut arrived) = (&bytes[..], Vec::new());
+    while !rest.is_empty() {
+        arrived.push(decode_arrived(&mut rest).context("the log of the bus ends inside a frame")?);
+    }
+    let bus = Bus::judge(&arrived, expected, &disturbance);
+    let mut queued: Vec<u32> = decided.iter().map(|decided| decided.queued_us).collect();
+    queued.sort_unstable();
+    let mut outcome = Outcome {
+        bus: scenario.name.to_owned(),
+        sensors: expected.sensors,
+        frames: expected.slips.len(),
+        dropped_frames: counters.dropped_frames,
+        late_frames: counters.late_frames,
+        queued_median_us: queued.get(queued.len() / 2).copied().unwrap_or_default(),
+        queued_max_us: queued.last().copied().unwrap_or_default(),
+        arrived_max_us: bus.arrived_max_us,
+        busy_max_us: decided.iter().map(|decided| decided.done_us).max().unwrap_or_default(),
+        slips_arrived: bus.slips,
+        slips_replaced: counters.replaced_slips,
+        raw_arrived: bus.raw,
+        raw_dropped: counters.dropped_raw,
+        raw_broken: counters.broken_raw,
+        raw_waiting: counters.waiting_raw,
+        wrong: bus.wrong,
+        bus_offs: counters.bus_offs,
+        bus_off_us: counters.bus_off_us,
+        recovery_us: bus.recovery_us,
+        wall_s,
+        failures: Vec::new(),
+    };
+    outcome.failures = outcome.failures(decided.len(), &disturbance);
+    Ok(outcome)
+}
+
+/// What arrived, held against what should have.
+#[derive(Default)]
+struct Bus {
+    slips: usize,
+    raw: usize,
+    wrong: usize,
+    arrived_max_us: u64,
+    recovery_us: Option<u64>,
+}
+
+impl Bus {
+    fn judge(arrived: &[Arrived], expected: &Expected, disturbance: &Disturbance) -> Self {
+        let mut bus = Self::default();
+        let mut receiver = Receiver::new(NODE);
+        let mut message = Vec::new();
+        for arrived in arrived {
+            match arrived.lane {
+                Lane::Slip => bus.slip(arrived, expected, disturbance),
+                Lane::Raw => {
+                    if starts_transfer(&arrived.frame) {
+                        message.clear();
+                        // Transfer identifiers come again after 32, and a receiver that knows no time takes a transfer
+                        // after a long silence for a repeated one.
+                        receiver = Receiver::new(NODE);
+                    }
+                    message.push(arrived.frame);
+                    match receiver.accept(&arrived.frame) {
+                        Ok(None) => {}
+                        Ok(Some(Received::Raw(raw))) => {
+                            let same =
+                                expected.raw.get(&(raw.sequence, raw.sensor)) == Some(&digest(&message));
+                            bus.raw += usize::from(same);
+                            bus.wrong += usize::from(!same);
+                        }
+                        Ok(Some(Received::Slip(_))) | Err(_) => bus.wrong += 1,
+                    }
+                }
+                Lane::Service => bus.wrong += 1,
+            }
+        }
+        bus
+    }
+
+    fn slip(&mut self, arrived: &Arrived, expected: &Expected, disturbance: &Disturbance) {
+        let message = SlipMessage::decode(arrived.frame.data()).ok();
+        let sequence = message.map(|message| message.sequence as usize);
+        let Some(sequence) = sequence.filter(|&n| expected.slips.get(n) == Some(&arrived.frame)) else {
+            self.wrong += 1;
+            return;
+        };
+        self.slips += 1;
+        let age_us = (arrived.at_ns / 1000).saturating_sub(expected.stamps[sequence].timestamp_us);
+        self.arrived_max_us = self.arrived_max_us.max(age_us);
+        let off = &disturbance.dominant_ns;
+        if !off.is_empty() && arrived.at_ns > off.end && self.recovery_us.is_none() {
+            self.recovery_us = Some((arrived.at_ns - off.end) / 1000);
+        }
+    }
+}
+
+impl Outcome {
+    fn failures(&self, decided: usize, disturbance: &Disturbance) -> Vec<String> {
+        let mut failures = Vec::new();
+        let mut rule = |kept: bool, broken: String| {
+            if !kept {
+                failures.push(broken);
+            }
+        };
+        rule(self.dropped_frames == 0, format!("{} scans missed", self.dropped_frames));
+        rule(self.late_frames == 0, format!("{} frames late", self.late_frames));
+        rule(decided == self.frames, format!("{decided} of {} frames decided", self.frames));
+        let bar = BARS_US.iter().find(|(sensors, _)| *sensors == self.sensors).map_or(0, |bar| bar.1);
+        rule(self.queued_max_us <= bar, format!("a slip message queued after {} µs", self.queued_max_us));
+        rule(self.wrong == 0, format!("{} CAN frames or messages differ from the host's", self.wrong));
+        let accounted = self.slips_arrived + self.slips_replaced as usize;
+        // One that was taken back while it was on the wire has gone all the same and counts twice, as
+        // `Status::replaced_slips` says: at most one each time that the node drops off the bus.
+        let twice = accounted.saturating_sub(self.frames);
+        rule(
+            accounted >= self.frames && twice <= self.bus_offs as usize,
+            format!("{accounted} of {} slip messages accounted for", self.frames),
+        );
+        let off = !disturbance.dominant_ns.is_empty();
+        rule(off || self.slips_replaced == 0, format!("{} slip messages not sent", self.slips_replaced));
+        rule(self.bus_offs == u32::from(off), format!("{} times off the bus", self.bus_offs));
+        rule(off == self.recovery_us.is_some(), "no slip message after bus-off".to_owned());
+        rule(self.raw_broken <= u32::from(off), format!("{} raw messages cut off", self.raw_broken));
+        let made = self.frames * self.sensors;
+        let accounted = self.raw_arrived + (self.raw_dropped + self.raw_broken + self.raw_waiting) as usize;
+        rule(accounted == made, format!("{accounted} of {made} raw messages accounted for"));
+        failures
+    }
+}
+
+fn print(outcomes: &[Outcome]) {
+    let mut table = Table::new(
+        "Real time on the emulated Cortex-M7: 480 instructions are a microsecond (480 MHz at one per cycle, which no \
+         core reaches), CAN FD at 1 and 8 Mbit/s with worst stuffing"
+            .to_owned(),
+        &[
+            ("bus", Align::Left),
+            ("sensors", Align::Right),
+            ("frames", Align::Right),
+            ("missed", Align::Right),
+            ("late", Align::Right),
+            ("queued µs: median", Align::Right),
+            ("worst", Align::Right),
+            ("on the bus", Align::Right),
+            ("all done", Align::Right),
+            ("slips", Align::Right),
+            ("replaced", Align::Right),
+            ("raw", Align::Right),
+            ("dropped", Align::Right),
+            ("differ", Align::Right),
+        ],
+    );
+    for outcome in outcomes {
+        let number = |n: u64| thousands(n as i64);
+        table.row([
+            outcome.bus.clone(),
+            outcome.sensors.to_string(),
+            number(outcome.frames as u64),
+            outcome.dropped_frames.to_string(),
+            outcome.late_frames.to_string(),
+            number(outcome.queued_median_us.into()),
+            number(outcome.queued_max_us.into()),
+            number(outcome.arrived_max_us),
+            number(outcome.busy_max_us.into()),
+            number(outcome.slips_arrived as u64),
+            number(outcome.slips_replaced.into()),
+            number(outcome.raw_arrived as u64),
+            number((outcome.raw_dropped + outcome.raw_broken).into()),
+            outcome.wrong.to_string(),
+        ]);
+    }
+    print!("{table}");
+    println!(
+        "Times from the frame's tick: slip message queued, its last bit on the bus (worst), inference through with \
+         the frame (worst)"
+    );
+    for outcome in outcomes {
+        if let Some(us) = outcome.recovery_us {
+            println!(
+                "{}: {} µs off by the node's count, first slip message {} µs after the end of the disturbance, {} raw \
+                 message cut off",
+                outcome.bus,
+                thousands(outcome.bus_off_us.into()),
+                thousands(us as i64),
+                outcome.raw_broken
+            );
+        }
+        for failure in &outcome.failures {
+            println!("FAILED: {}, {} sensors: {failure}", outcome.bus, outcome.sensors);
+        }
+    }
+    let wall_s: f64 = outcomes.iter().map(|outcome| outcome.wall_s).sum();
+    println!("{} runs, {wall_s:.0} s of emulation", outcomes.len());
+}

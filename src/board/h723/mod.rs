@@ -1,0 +1,26 @@
+//! NUCLEO-H723ZG (STM32H723ZG): clocks, pins, memory map, entry. What it does is in `src/board/stm32`; what is behind
+//! the pins, in `src/board/WIRING.md`. It has not run on hardware.
+
+pub mod clocks;
+
+use cortex_m_rt::entry;
+use defmt::unwrap;
+use slipsense::node::Version;
+
+use crate::stm32::{self, Hardware, memory};
+
+/// 32 KB of D2 SRAM, as a power of two.
+pub const SRAM_D2_BITS: u32 = 15;
+
+/// Banks of the flash: an erase stalls what runs from its own.
+pub const FLASH_BANKS: usize = 1;
+/// What GetInfo tells; the major number is the board's.
+pub const HARDWARE: Version = Version { major: 2, minor: 0 };
+
+#[entry]
+fn main() -> ! {
+    let mut core = unwrap!(cortex_m::Peripherals::take());
+    memory::init(&mut core);
+    let chip = embassy_stm32::init(clocks::config());
+    stm32::run(stm32::nucleo_144!(chip, "NUCLEO-H723ZG"))
+}

@@ -1,0 +1,108 @@
+//! The frame source of the board: the scan and the accelerometers under the library's [`Sensors`], and what they
+//! report, for the log and whoever else asks.
+
+use core::cell::Cell;
+
+use defmt::{info, unwrap, warn};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use slipsense::board::{FrameSource, SensedPart};
+use slipsense::drivers::array::{Array, Mounting};
+use slipsense::drivers::{Sensor, SensorReport, Sensors, XlTrack};
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::pipeline::FrameStamp;
+
+use super::accelerometers::{self, Xl};
+use super::scan::{self, Scan};
+
+/// The last report.
+static REPORT: Mutex<CriticalSectionRawMutex, Cell<Option<SensorReport>>> = Mutex::new(Cell::new(None));
+
+/// How the arrays are mounted; the services say so, the next tick finds out.
+static MOUNTINGS: Mutex<CriticalSectionRawMutex, Cell<[Mounting; MAX_SENSORS]>> = Mutex::new(Cell::new(
+    [Mounting { transposed: false, rows_flipped: false, cols_flipped: false }; MAX_SENSORS],
+));
+
+/// Reports once a second.
+pub struct BoardSensors {
+    sensors: Sensors<Scan, Xl>,
+    frames_until_report: u32,
+}
+
+/// Start scan and accelerometers of so many sensors; `order` holds the connector of each.
+pub fn start(
+    mut scan: scan::Hardware,
+    accelerometers: accelerometers::Hardware,
+    sensors: usize,
+    order: [usize; MAX_SENSORS],
+) -> BoardSensors {
+    let mut parts = accelerometers::start(accelerometers).map(Some);
+    let mut arrays = scan.arrays.map(Some);
+    // An order names each connector once.
+    scan.arrays = order.map(|connector| unwrap!(arrays[connector].take()));
+    let used = order.into_iter().take(sensors).map(|connector| unwrap!(parts[connector].take()));
+    let array = || Array::new(Mounting::default());
+    let used = used.map(|part| Sensor { array: array(), xl: XlTrack::new(part) }).collect();
+    // A part that is fitted and not used stays deselected: a pin that is let go floats, and the part would talk.
+    parts.into_iter().flatten().for_each(core::mem::forget);
+    let scan = Scan::start(scan, sensors);
+    BoardSensors { sensors: Sensors::new(scan, used), frames_until_report: FRAME_RATE_HZ }
+}
+
+/// From the next frame on the arrays are mounted so.
+pub fn mount(mountings: [Mounting; MAX_SENSORS]) {
+    MOUNTINGS.lock(|own| own.set(mountings));
+}
+
+impl FrameSource for BoardSensors {
+    const REAL_TIME: bool = true;
+
+    async fn tick(&mut self) -> Option<FrameStamp> {
+        for (sensor, mounting) in self.sensors.sensors().iter_mut().zip(MOUNTINGS.lock(Cell::get)) {
+            sensor.array.mounting = mounting;
+        }
+        self.frames_until_report -= 1;
+        if self.frames_until_report == 0 {
+            self.frames_until_report = FRAME_RATE_HZ;
+            let report = self.sensors.report();
+            REPORT.lock(|last| last.set(Some(report)));
+        }
+        self.sensors.tick().await
+    }
+
+    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+        self.sensors.read(parts).await;
+    }
+
+    async fn discard(&mut self) {
+        self.sensors.discard().await;
+    }
+}
+
+/// What the sensors last said of themselves; `None` in the first second.
+pub fn report() -> Option<SensorReport> {
+    REPORT.lock(Cell::get)
+}
+
+/// Into the log.
+pub fn log(sensors: usize) {
+    let Some(report) = report() else { return };
+    if report.lost_scans > 0 {
+        warn!("{=u32} scans lost", report.lost_scans);
+    }
+    for i in 0..sensors.min(MAX_SENSORS) {
+        let xl = report.xl[i];
+        info!(
+            "sensor {=usize}: {=u64} mHz, lost {=u64} samples, {=u32} overruns, {=u32} resyncs, {=u32} starts",
+            i, report.xl_rate_mhz[i], report.xl_lost[i], xl.overruns, xl.resyncs, xl.starts
+        );
+        if let Some(fault) = xl.last_fault {
+            let (name, detail) = (fault.name(), fault.detail());
+            warn!("sensor {=usize}: {=u32} faults, the last: {=str} {=u32:#x}", i, xl.faults, name, detail);
+        }
+        if report.dead_arrays[i] || report.stuck_taxels[i].len() > 0 {
+            let (dead, stuck) = (report.dead_arrays[i], report.stuck_taxels[i].len());
+            warn!("sensor {=usize}: array dead {=bool}, {=u32} taxels stuck", i, dead, stuck);
+        }
+    }
+}

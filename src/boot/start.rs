@@ -1,0 +1,91 @@
+//! From reset to the jump. On the 64 MHz oscillator that the chip starts with: no clock is set up, so that the firmware
+//! finds the chip as after a reset, but for the watchdog, which runs.
+
+use core::cell::RefCell;
+use core::panic::PanicInfo;
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::entry;
+use defmt::{Display2Format, error, info};
+use defmt_rtt as _;
+use embassy_stm32::flash::Flash;
+use embassy_stm32::pac;
+use embassy_stm32::pac::gpio::vals::Moder;
+use embassy_stm32::wdg::IndependentWatchdog;
+use slipsense::update::boot::{Firmware, Slots};
+use slipsense::update::partitions::{FLASH_BASE, Partitions, Span, Swap, by_feature};
+use slipsense::update::{KEY_NOTICE, PUBLIC_KEY};
+
+use crate::partition::{Partition, feed_watchdog};
+
+const BOARD: &Partitions = match by_feature("h743") {
+    Some(board) => board,
+    None => panic!("in the table"),
+};
+const SWAP: Swap = match BOARD.swap {
+    Some(swap) => swap,
+    None => panic!("only a board that swaps has a bootloader"),
+};
+/// Twice the longest erase of a sector (STM32H743 data sheet, flash memory programming). The firmware sets its own.
+const WATCHDOG_US: u32 = 8_000_000;
+/// What is copied at once.
+const BUFFER_BYTES: usize = 1024;
+/// Red, on PB14.
+const FAULT_LED: usize = 14;
+
+#[repr(align(32))]
+struct Buffer([u8; BUFFER_BYTES]);
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: nothing has run before, and nothing else runs here.
+    let (chip, mut core) = unsafe { (embassy_stm32::Peripherals::steal(), cortex_m::Peripherals::steal()) };
+    pac::DBGMCU.apb4fzr1().modify(|w| w.set_iwdg1(true));
+    IndependentWatchdog::new(chip.IWDG1, WATCHDOG_US).unleash();
+    core.SCB.enable_icache();
+    info!("slipsense bootloader {=str}", env!("CARGO_PKG_VERSION"));
+    if let Some(notice) = KEY_NOTICE {
+        info!("{=str}", notice);
+    }
+
+    let flash = RefCell::new(Flash::new_blocking(chip.FLASH));
+    let part = |span: Span| Partition { flash: &flash, span };
+    let mut slots = Slots { active: part(BOARD.active), dfu: part(SWAP.dfu), state: part(SWAP.state) };
+    let mut buffer = Buffer([0; BUFFER_BYTES]);
+    match slots.prepare(BOARD, &PUBLIC_KEY, &mut buffer.0) {
+        Ok(Firmware::Signed(version)) => info!("firmware {}", Display2Format(&version)),
+        Ok(Firmware::Flashed) => info!("a firmware that a probe wrote"),
+        Err(failure) => {
+            error!("{}", Display2Format(&failure));
+            wait_for_a_probe()
+        }
+    }
+    feed_watchdog();
+    core.SCB.disable_icache();
+    let firmware = FLASH_BASE + BOARD.active.start;
+    // SAFETY: the active slot holds a firmware, whose first words are its stack and where it begins; no interrupt is
+    // enabled and no DMA runs.
+    unsafe {
+        core.SCB.vtor.write(firmware);
+        cortex_m::asm::bootload(firmware as *const u32)
+    }
+}
+
+/// Nothing to run: say so.
+fn wait_for_a_probe() -> ! {
+    pac::RCC.ahb4enr().modify(|w| w.set_gpioben(true));
+    cortex_m::asm::dsb();
+    pac::GPIOB.bsrr().write(|w| w.set_bs(FAULT_LED, true));
+    pac::GPIOB.moder().modify(|w| w.set_moder(FAULT_LED, Moder::OUTPUT));
+    loop {
+        feed_watchdog();
+    }
+}
+
+/// Nothing is lost by starting anew: every step of a swap may be the last.
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    error!("{}", Display2Format(info));
+    SCB::sys_reset()
+}

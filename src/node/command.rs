@@ -1,0 +1,99 @@
+//! uavcan.node.ExecuteCommand, service 435.
+//!
+//! What is done at once is answered at once. What takes the board a while (storing, a self test) is answered
+//! when the board says how it went, so that a success can be relied on.
+
+use heapless::Vec;
+
+use super::fields::Fields;
+use super::file_read::{FilePath, FileRef, PATH_MAX, UpdateTarget};
+use crate::wire::NodeId;
+use crate::wire::bytes::Writer;
+
+/// Service of uavcan.node.ExecuteCommand.1.3.
+pub const COMMAND_PORT: u16 = 435;
+/// Start the board anew.
+pub const RESTART: u16 = 65_535;
+/// Take in a firmware: the parameter is the file's path on the node that sends the command.
+pub const BEGIN_SOFTWARE_UPDATE: u16 = 65_533;
+/// All settings to their defaults, also in flash.
+pub const FACTORY_RESET: u16 = 65_532;
+/// Store the settings in flash.
+pub const STORE: u16 = 65_530;
+/// Show which board this is.
+pub const IDENTIFY: u16 = 65_529;
+/// Test the sensors; a command of our own.
+pub const SELF_TEST: u16 = 0;
+/// As [`BEGIN_SOFTWARE_UPDATE`], for the model; a command of our own.
+pub const BEGIN_MODEL_UPDATE: u16 = 1;
+
+/// Longest answer text: what version 1.3 of the command began with.
+pub(super) const OUTPUT_MAX: usize = 46;
+pub(super) const RESPONSE_BYTES: usize = 1 + 1 + OUTPUT_MAX;
+
+/// How a command went, as the standard numbers it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum CommandStatus {
+    /// Done, or begun.
+    Success = 0,
+    /// Could not be done.
+    Failure = 1,
+    /// Not known.
+    BadCommand = 3,
+    /// The parameter makes no sense.
+    BadParameter = 4,
+    /// Not now.
+    BadState = 5,
+}
+
+/// What a request asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Command {
+    Restart,
+    Identify,
+    Store,
+    FactoryReset,
+    SelfTest,
+    Update(UpdateTarget, FileRef),
+}
+
+/// Read a request of `client`.
+pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Command, CommandStatus> {
+    let mut fields = Fields::new(request);
+    let command = fields.unsigned::<2>() as u16;
+    let length = fields.unsigned::<1>() as usize;
+    let parameter = fields.slice(length);
+    if !fields.is_whole() {
+        return Err(CommandStatus::BadParameter);
+    }
+    Ok(match command {
+        RESTART => Command::Restart,
+        IDENTIFY => Command::Identify,
+        STORE => Command::Store,
+        FACTORY_RESET => Command::FactoryReset,
+        SELF_TEST => Command::SelfTest,
+        BEGIN_SOFTWARE_UPDATE | BEGIN_MODEL_UPDATE => {
+            let path: FilePath = Vec::from_slice(parameter).map_err(|_| CommandStatus::BadParameter)?;
+            if path.is_empty() {
+                return Err(CommandStatus::BadParameter);
+            }
+            let target =
+                if command == BEGIN_MODEL_UPDATE { UpdateTarget::Model } else { UpdateTarget::Firmware };
+            Command::Update(target, FileRef { server: client, path })
+        }
+        _ => return Err(CommandStatus::BadCommand),
+    })
+}
+
+/// The response; its length. Text beyond [`OUTPUT_MAX`] is cut.
+pub(super) fn encode(status: CommandStatus, output: &str, out: &mut [u8; RESPONSE_BYTES]) -> usize {
+    let output = output.as_bytes();
+    let output = output.get(..OUTPUT_MAX).unwrap_or(output);
+    let mut writer = Writer::new(out);
+    writer.put(&[status as u8, output.len() as u8]);
+    writer.put(output);
+    writer.len()
+}
+
+const _: () = assert!(PATH_MAX == 255, "as long as a parameter may be");

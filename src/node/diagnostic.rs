@@ -1,0 +1,69 @@
+//! uavcan.diagnostic.Record, subject 8184: a line of text for whoever watches the bus.
+
+use core::fmt::{self, Write};
+
+use crate::wire::bytes::Writer;
+
+/// Subject of uavcan.diagnostic.Record.1.1.
+pub const RECORD_PORT: u16 = 8_184;
+/// Bytes of text of one record; what is longer is cut.
+pub const RECORD_TEXT_MAX: usize = 112;
+pub(super) const RECORD_BYTES: usize = 7 + 1 + 1 + RECORD_TEXT_MAX;
+
+/// How much a record matters (uavcan.diagnostic.Severity.1.0).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Severity {
+    /// For developers.
+    Trace = 0,
+    /// For developers.
+    Debug = 1,
+    /// Something was done.
+    Info = 2,
+    /// Something was done that is rarely.
+    Notice = 3,
+    /// Something may not be as wanted.
+    Warning = 4,
+    /// Something could not be done.
+    Error = 5,
+    /// The purpose is at stake.
+    Critical = 6,
+    /// The purpose cannot be served.
+    Alert = 7,
+}
+
+/// Text that takes what fits.
+struct Cut<'a, 'b>(&'a mut Writer<'b>, usize);
+
+impl Write for Cut<'_, '_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let mut end = text.len().min(RECORD_TEXT_MAX - self.1);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        self.0.put(text.get(..end).unwrap_or("").as_bytes());
+        self.1 += end;
+        if end == text.len() { Ok(()) } else { Err(fmt::Error) }
+    }
+}
+
+/// The message; its length. `bus_time_us` is 0 where the bus time is not known.
+pub(super) fn encode(
+    bus_time_us: u64,
+    severity: Severity,
+    text: fmt::Arguments<'_>,
+    out: &mut [u8; RECORD_BYTES],
+) -> usize {
+    let mut writer = Writer::new(out);
+    writer.put_saturated::<7>(bus_time_us);
+    writer.put(&[severity as u8, 0]);
+    let mut cut = Cut(&mut writer, 0);
+    // An error only says that the text was cut.
+    let _ = cut.write_fmt(text);
+    let length = cut.1;
+    let total = writer.len();
+    if let Some(byte) = out.get_mut(8) {
+        *byte = length as u8;
+    }
+    total
+}

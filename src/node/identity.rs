@@ -1,0 +1,83 @@
+//! What a node is: fixed while it runs.
+
+use crate::net::format::HASH_BYTES;
+use crate::settings::LoadReport;
+
+/// The name of every node of this firmware.
+pub const NODE_NAME: &str = "slipsense.fingertip";
+/// Version of the Cyphal protocol.
+pub const PROTOCOL_VERSION: Version = Version { major: 1, minor: 0 };
+
+/// The first 64 bits of the git commit that the firmware is built from; 0 where the build does not know it: on a
+/// computer, or from sources without repository.
+pub const COMMIT: u64 = match option_env!("SLIPSENSE_COMMIT") {
+    Some(hex) => leading_hex(hex.as_bytes()),
+    None => 0,
+};
+
+const fn leading_hex(digits: &[u8]) -> u64 {
+    let (mut value, mut index) = (0, 0);
+    while index < 16 && index < digits.len() {
+        let digit = match digits[index] {
+            digit @ b'0'..=b'9' => digit - b'0',
+            digit => digit - b'a' + 10,
+        };
+        value = value << 4 | digit as u64;
+        index += 1;
+    }
+    value
+}
+
+/// A version, as Cyphal counts them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Version {
+    /// Raised by what breaks.
+    pub major: u8,
+    /// Raised by what is added.
+    pub minor: u8,
+}
+
+impl Version {
+    /// The version of this library, and with it of the firmware.
+    pub const SOFTWARE: Self = Self {
+        major: digits(env!("CARGO_PKG_VERSION_MAJOR")),
+        minor: digits(env!("CARGO_PKG_VERSION_MINOR")),
+    };
+}
+
+const fn digits(text: &str) -> u8 {
+    let bytes = text.as_bytes();
+    let (mut value, mut index) = (0, 0);
+    while index < bytes.len() {
+        value = value * 10 + (bytes[index] - b'0');
+        index += 1;
+    }
+    value
+}
+
+/// What a node is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Of the board.
+    pub hardware_version: Version,
+    /// Of the firmware.
+    pub software_version: Version,
+    /// The first 64 bits of the git commit it was built from, [`COMMIT`] in a firmware; 0: not known.
+    pub vcs_revision: u64,
+    /// 128 bits that no other node has, not all zero. The STM32's 96-bit unique identifier, padded.
+    pub unique_id: [u8; 16],
+    /// SHA-256 of the model file; `None`: there is no readable model.
+    pub model_hash: Option<[u8; HASH_BYTES]>,
+    /// How loading the settings went.
+    pub settings: LoadReport,
+}
+
+impl Identity {
+    /// What GetInfo gives as `software_image_crc`, for which the standard asks for a hash of any kind: the
+    /// first eight bytes of the model's SHA-256, first byte highest, as `slipsense model info` prints them.
+    /// Firmware is identified by the commit, so that both together say what runs.
+    pub fn model_revision(&self) -> Option<u64> {
+        let hash = self.model_hash?;
+        hash.first_chunk().map(|bytes| u64::from_be_bytes(*bytes))
+    }
+}

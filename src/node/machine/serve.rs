@@ -1,0 +1,144 @@
+//! Requests of other nodes and their answers.
+
+use super::super::command::{self, Command, CommandStatus};
+use super::super::diagnostic::Severity;
+use super::super::file_read::FileFailure;
+use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
+use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, Told};
+use super::{Action, COMMAND_TIMEOUT_US, Node, Pending};
+use crate::settings::Settings;
+use crate::wire::{Frames, ServiceId};
+
+impl Node {
+    pub(super) fn serve(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
+        match id.port {
+            GET_INFO_PORT => {
+                let mut out = [0; GET_INFO_BYTES];
+                let length = get_info::encode(&self.identity, &mut out);
+                self.respond(id, transfer, out.get(..length));
+            }
+            LIST_PORT => {
+                let mut out = [0; LIST_BYTES];
+                let length = registers::list(request, &mut out);
+                self.respond(id, transfer, out.get(..length));
+            }
+            ACCESS_PORT => self.serve_access(id, transfer, request),
+            _ => self.serve_command(id, transfer, request),
+        }
+    }
+
+    fn respond(&mut self, request: ServiceId, transfer: u8, payload: Option<&[u8]>) {
+        self.outbox.push(Frames::new(request.response(), transfer, payload.unwrap_or(&[])));
+    }
+
+    fn serve_access(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
+        let bus_time_us = self.bus_time_us(self.now_us).unwrap_or(0);
+        let counters = self.counters();
+        let told = Told {
+            status: &self.status,
+            identity: &self.identity,
+            uptime_s: u32::try_from(self.now_us / 1_000_000).unwrap_or(u32::MAX),
+            transfers_dropped: counters.dropped_transfers,
+            transfer_errors: counters.transfer_errors,
+            address_conflicts: counters.address_conflicts,
+            time_offset_us: self.time.offset_us(),
+        };
+        let mut out = [0; ACCESS_BYTES];
+        let served = registers::access(request, &mut self.settings, &told, bus_time_us, &mut out);
+        let Some((length, effect)) = served else {
+            self.counters.transfer_errors = self.counters.transfer_errors.saturating_add(1);
+            return;
+        };
+        self.respond(id, transfer, out.get(..length));
+        match effect {
+            Effect::Read => {}
+            Effect::Changed(setting) => self.changed |= 1 << setting as u8,
+            Effect::Refused(error) => self.report(Severity::Warning, format_args!("{error}")),
+            Effect::NotWritable(name) => {
+                self.report(
+                    Severity::Warning,
+                    format_args!("{name}: cannot be written, or not with this type"),
+                );
+            }
+        }
+    }
+
+    fn serve_command(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
+        let (status, why) = match command::decode(request, id.source) {
+            Ok(command) => match self.begin(command, id, transfer) {
+                // Answered when it is done.
+                Ok(true) => return,
+                Ok(false) => (CommandStatus::Success, ""),
+                Err(why) => (CommandStatus::BadState, why),
+            },
+            Err(CommandStatus::BadCommand) => (CommandStatus::BadCommand, "no such command"),
+            Err(status) => (status, "parameter cut short, missing or too long"),
+        };
+        self.answer(id, transfer, status, why);
+    }
+
+    /// `true`: it is answered later.
+    fn begin(&mut self, command: Command, id: ServiceId, transfer: u8) -> Result<bool, &'static str> {
+        let (action, later) = match command {
+            Command::Restart => (Action::Restart, false),
+            Command::Identify => (Action::Identify, false),
+            Command::Update(target, file) => (Action::BeginUpdate { target, file }, false),
+            Command::Store => (Action::Store, true),
+            Command::FactoryReset => (Action::FactoryReset, true),
+            Command::SelfTest => (Action::SelfTest, true),
+        };
+        if later && self.pending.is_some() {
+            return Err("another command is not done yet");
+        }
+        // The last place is for the end of an update.
+        if self.actions.len() + 1 >= self.actions.capacity() {
+            return Err("too many commands at once");
+        }
+        match action {
+            Action::FactoryReset => {
+                let defaults = Settings::new();
+                for definition in &crate::settings::TABLE {
+                    let setting = definition.setting;
+                    let differs = self.settings.get(setting) != defaults.get(setting);
+                    self.changed |= u32::from(differs) << setting as u8;
+                }
+                self.settings = defaults;
+            }
+            Action::BeginUpdate { .. } => {
+                self.give_up_quietly(FileFailure::Replaced);
+            }
+            _ => {}
+        }
+        // There is room: checked above.
+        let _ = self.actions.push_back(action);
+        if later {
+            let deadline_us = self.now_us.saturating_add(COMMAND_TIMEOUT_US);
+            self.pending = Some(Pending { id, transfer, deadline_us });
+        }
+        Ok(later)
+    }
+
+    fn answer(&mut self, id: ServiceId, transfer: u8, status: CommandStatus, output: &str) {
+        let mut out = [0; command::RESPONSE_BYTES];
+        let length = command::encode(status, output, &mut out);
+        self.respond(id, transfer, out.get(..length));
+    }
+
+    pub(super) fn answer_pending(&mut self, status: CommandStatus, output: &str) {
+        if let Some(pending) = self.pending.take() {
+            self.answer(pending.id, pending.transfer, status, output);
+        }
+    }
+
+    /// The board has done [`Action::Store`], [`Action::FactoryReset`] or [`Action::SelfTest`], or could not;
+    /// the text says why, for the bus.
+    pub fn command_done(&mut self, result: Result<(), &str>) {
+        match result {
+            Ok(()) => self.answer_pending(CommandStatus::Success, ""),
+            Err(why) => {
+                self.answer_pending(CommandStatus::Failure, why);
+                self.report(Severity::Error, format_args!("{why}"));
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Frames on their way to the bus, in the order they must be sent.
+
+use heapless::Deque;
+
+use crate::wire::{CanFrame, Frames};
+
+/// Frames that wait at most: four of the longest answers and then some.
+pub const OUTBOX_FRAMES: usize = 32;
+
+/// A bounded queue of transfers. One that does not fit is dropped whole and counted: half a transfer is
+/// noise.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Outbox {
+    frames: Deque<CanFrame, OUTBOX_FRAMES>,
+    dropped: u32,
+}
+
+impl Outbox {
+    pub const fn new() -> Self {
+        Self { frames: Deque::new(), dropped: 0 }
+    }
+
+    /// Queue a transfer; `false` if it was dropped.
+    pub fn push(&mut self, transfer: Frames<'_>) -> bool {
+        if transfer.len() > OUTBOX_FRAMES - self.frames.len() {
+            self.dropped = self.dropped.saturating_add(1);
+            return false;
+        }
+        for frame in transfer {
+            // There is room: counted above.
+            let _ = self.frames.push_back(frame);
+        }
+        true
+    }
+
+    pub fn pop(&mut self) -> Option<CanFrame> {
+        self.frames.pop_front()
+    }
+
+    /// Drop everything.
+    pub fn discard(&mut self) {
+        let transfers = self.frames.iter().filter(|frame| frame.ends_transfer()).count();
+        self.dropped = self.dropped.saturating_add(transfers as u32);
+        self.frames.clear();
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// Is half of the queue free? What is only nice to know asks first.
+    pub fn has_ease(&self) -> bool {
+        self.frames.len() <= OUTBOX_FRAMES / 2
+    }
+
+    /// Transfers dropped since start.
+    pub const fn dropped(&self) -> u32 {
+        self.dropped
+    }
+}

@@ -1,0 +1,110 @@
+//! Registers that tell and cannot be written.
+
+use heapless::Vec;
+
+use super::super::identity::Identity;
+use super::super::status::Status;
+use crate::params::{MAX_SENSORS, TAXEL_ROWS};
+use crate::settings::{ELEMENTS_MAX, Kind};
+
+/// What is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ReadOnly {
+    LateFrames,
+    Overruns,
+    WorstFrame,
+    RawDropped,
+    BusOff,
+    SensorHealth,
+    LastPanic,
+    Uptime,
+    SelfTests,
+    TransfersDropped,
+    TransferErrors,
+    AddressConflicts,
+    SettingsDamage,
+    Stuck(usize),
+    ModelHash,
+    TimeOffset,
+}
+
+/// Names in the order of the list.
+pub(super) const READ_ONLY: [(&str, ReadOnly); 15 + MAX_SENSORS] = [
+    ("slipsense.status.late_frames", ReadOnly::LateFrames),
+    ("slipsense.status.overruns", ReadOnly::Overruns),
+    ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
+    ("slipsense.status.raw_dropped", ReadOnly::RawDropped),
+    ("slipsense.status.bus_off", ReadOnly::BusOff),
+    ("slipsense.status.sensor_health", ReadOnly::SensorHealth),
+    ("slipsense.status.last_panic", ReadOnly::LastPanic),
+    ("slipsense.status.uptime_s", ReadOnly::Uptime),
+    ("slipsense.status.self_tests", ReadOnly::SelfTests),
+    ("slipsense.status.transfers_dropped", ReadOnly::TransfersDropped),
+    ("slipsense.status.transfer_errors", ReadOnly::TransferErrors),
+    ("slipsense.status.address_conflicts", ReadOnly::AddressConflicts),
+    ("slipsense.status.settings_damage", ReadOnly::SettingsDamage),
+    ("slipsense.sensor.0.stuck", ReadOnly::Stuck(0)),
+    ("slipsense.sensor.1.stuck", ReadOnly::Stuck(1)),
+    ("slipsense.sensor.2.stuck", ReadOnly::Stuck(2)),
+    ("slipsense.model.hash", ReadOnly::ModelHash),
+    ("slipsense.time.offset_us", ReadOnly::TimeOffset),
+];
+
+const _: () = assert!(TAXEL_ROWS <= ELEMENTS_MAX);
+
+/// Where the values are.
+pub(in crate::node) struct Told<'a> {
+    pub status: &'a Status,
+    pub identity: &'a Identity,
+    pub uptime_s: u32,
+    pub transfers_dropped: u32,
+    pub transfer_errors: u32,
+    pub address_conflicts: u32,
+    pub time_offset_us: Option<i64>,
+}
+
+/// A value, numbers or bytes.
+pub(super) enum Answer<'a> {
+    Numbers(Kind, Vec<i64, ELEMENTS_MAX>),
+    Bytes(&'a [u8]),
+}
+
+impl<'a> Told<'a> {
+    pub(super) fn answer(&self, what: ReadOnly) -> Answer<'a> {
+        let status = self.status;
+        let count = |value: u32| numbers(Kind::Natural32, &[value.into()]);
+        match what {
+            ReadOnly::LateFrames => count(status.late_frames),
+            ReadOnly::Overruns => count(status.overruns),
+            ReadOnly::WorstFrame => count(status.worst_frame_us),
+            ReadOnly::RawDropped => count(status.dropped_raw_frames),
+            ReadOnly::BusOff => count(status.bus_off_count),
+            ReadOnly::SensorHealth => numbers(Kind::Natural8, &status.sensor_health.map(i64::from)),
+            ReadOnly::LastPanic => count(status.last_panic),
+            ReadOnly::Uptime => count(self.uptime_s),
+            ReadOnly::SelfTests => {
+                let (run, failed) = status.self_tests;
+                numbers(Kind::Natural32, &[run.into(), failed.into()])
+            }
+            ReadOnly::TransfersDropped => count(self.transfers_dropped),
+            ReadOnly::TransferErrors => count(self.transfer_errors),
+            ReadOnly::AddressConflicts => count(self.address_conflicts),
+            ReadOnly::SettingsDamage => count(self.identity.settings.damage.settings),
+            ReadOnly::Stuck(sensor) => {
+                let rows = status.stuck_taxels.get(sensor).copied().unwrap_or([0; TAXEL_ROWS]);
+                numbers(Kind::Natural32, &rows.map(i64::from))
+            }
+            // Empty: there is no readable model.
+            ReadOnly::ModelHash => {
+                Answer::Bytes(self.identity.model_hash.as_ref().map_or(&[], |hash| &hash[..]))
+            }
+            // 0 also where no master was heard; the timestamp of the answer, 0 then, tells them apart.
+            ReadOnly::TimeOffset => numbers(Kind::Integer64, &[self.time_offset_us.unwrap_or(0)]),
+        }
+    }
+}
+
+fn numbers<'a>(kind: Kind, values: &[i64]) -> Answer<'a> {
+    // The longest is a mask, asserted above.
+    Answer::Numbers(kind, Vec::from_slice(values).unwrap_or_default())
+}

@@ -1,0 +1,68 @@
+//! uavcan.time.Synchronization, subject 7168: what time it is for everybody on the bus.
+//!
+//! A master's message carries the moment at which its *previous* message went out. The node noted when that
+//! one arrived; the difference is the offset. Two consecutive messages make one offset, which errs by as
+//! much as the moment of reception does: the node's user passes the time at which the frame was taken from
+//! the controller. The master with the lowest address is followed, another only after it fell silent.
+
+use super::fields::Fields;
+use crate::wire::NodeId;
+
+/// Subject of uavcan.time.Synchronization.1.0.
+pub const TIME_PORT: u16 = 7_168;
+/// Longest time between two messages of a master, µs.
+const PERIOD_MAX_US: u64 = 1_000_000;
+/// A master is silent after so many of its own periods.
+const SILENT_PERIODS: u64 = 3;
+
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    master: NodeId,
+    transfer: u8,
+    at_us: u64,
+    period_us: u64,
+}
+
+/// Follows the bus time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TimeSync {
+    heard: Option<Heard>,
+    /// Bus time minus local time.
+    offset_us: Option<i64>,
+}
+
+impl TimeSync {
+    pub const fn new() -> Self {
+        Self { heard: None, offset_us: None }
+    }
+
+    /// A message arrived, at `now_us` of the local clock.
+    pub fn accept(&mut self, master: NodeId, transfer: u8, payload: &[u8], now_us: u64) {
+        let mut fields = Fields::new(payload);
+        let previous_us = fields.unsigned::<7>();
+        if !fields.is_whole() {
+            return;
+        }
+        let mut next = Heard { master, transfer, at_us: now_us, period_us: PERIOD_MAX_US };
+        if let Some(heard) = self.heard {
+            let since = now_us.saturating_sub(heard.at_us);
+            let silent = since > SILENT_PERIODS * heard.period_us;
+            if master != heard.master && master > heard.master && !silent {
+                return;
+            }
+            let follows = transfer == heard.transfer.wrapping_add(1) & 31;
+            if master == heard.master && follows && since <= PERIOD_MAX_US {
+                next.period_us = since;
+                if previous_us != 0 {
+                    self.offset_us = Some((previous_us as i64).saturating_sub_unsigned(heard.at_us));
+                }
+            }
+        }
+        self.heard = Some(next);
+    }
+
+    /// Bus time minus local time; `None` until two consecutive messages were heard.
+    pub fn offset_us(&self) -> Option<i64> {
+        self.offset_us
+    }
+}

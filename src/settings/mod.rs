@@ -1,0 +1,234 @@
+//! What can be set, and how it survives a power cut.
+//!
+//! [`TABLE`] defines every setting once. [`Settings`] holds a valid value of each: nothing else can get into
+//! it. [`SettingsStore`] keeps one whole configuration in flash, so that after a power cut at any moment
+//! either the old or the new one is found, never a mixture.
+
+mod encoding;
+mod store;
+mod table;
+mod value;
+
+use core::fmt;
+
+pub use encoding::{Damage, ENCODED_MAX};
+pub use store::{LoadReport, Origin, RangeError, SettingsStore, StoreError};
+pub use table::{
+    DATA_BIT_RATES, Definition, Effect, NODE_ID_UNSET, NOMINAL_BIT_RATES, Rule, Setting, TABLE, Together,
+};
+pub use value::{ELEMENTS_MAX, Kind};
+
+use crate::net::format::OperatingPoint;
+use crate::params::{MAX_SENSORS, TAXEL_ROWS};
+use crate::wire::NodeId;
+
+/// Taxels by row; bit c of a row is column c.
+pub type TaxelMask = [u32; TAXEL_ROWS];
+
+/// A valid value of every setting.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Settings {
+    elements: [i64; table::ELEMENTS],
+}
+
+/// Why a value was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SettingError {
+    /// Another number of elements.
+    Elements {
+        /// Register of the setting.
+        name: &'static str,
+        /// Elements needed.
+        expected: usize,
+        /// Elements given.
+        found: usize,
+    },
+    /// An element is out of its range.
+    Element {
+        /// Register of the setting.
+        name: &'static str,
+        /// Which element, from 0.
+        index: usize,
+        /// The number given.
+        value: i64,
+        /// What is allowed.
+        rule: Rule,
+    },
+    /// Each element is allowed, all together are not.
+    Together {
+        /// Register of the setting.
+        name: &'static str,
+        /// What they must be.
+        rule: &'static str,
+    },
+}
+
+impl fmt::Display for SettingError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Elements { name, expected, found } => {
+                write!(f, "{name}: {found} elements, need {expected}")
+            }
+            Self::Element { name, index, value, rule } => {
+                write!(f, "{name}: element {index} is {value}, allowed are {rule}")
+            }
+            Self::Together { name, rule } => write!(f, "{name}: need {rule}"),
+        }
+    }
+}
+
+impl core::error::Error for SettingError {}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Settings {
+    /// The defaults.
+    pub fn new() -> Self {
+        let mut settings = Self { elements: [0; table::ELEMENTS] };
+        for definition in &TABLE {
+            settings.put(definition.setting, definition.default);
+        }
+        settings
+    }
+
+    /// The elements of a setting.
+    pub fn get(&self, setting: Setting) -> &[i64] {
+        self.elements.get(span(setting)).unwrap_or(&[])
+    }
+
+    /// Take a new value, if it is valid. Says whether it differs from the old one.
+    pub fn set(&mut self, setting: Setting, elements: &[i64]) -> Result<bool, SettingError> {
+        check(setting, elements)?;
+        let changed = self.get(setting) != elements;
+        self.put(setting, elements);
+        Ok(changed)
+    }
+
+    fn put(&mut self, setting: Setting, elements: &[i64]) {
+        let own = self.elements.get_mut(span(setting)).unwrap_or(&mut []);
+        for (own, &element) in own.iter_mut().zip(elements) {
+            *own = element;
+        }
+    }
+
+    fn first(&self, setting: Setting) -> i64 {
+        self.get(setting).first().copied().unwrap_or(0)
+    }
+
+    /// Address on the bus; `None`: ask for one.
+    pub fn node_id(&self) -> Option<NodeId> {
+        u8::try_from(self.first(Setting::NodeId)).ok().and_then(NodeId::new)
+    }
+
+    /// Bit rates of arbitration and data phase, bit/s.
+    pub fn bit_rates(&self) -> (u32, u32) {
+        match *self.get(Setting::BitRates) {
+            [nominal, data] => (nominal as u32, data as u32),
+            _ => (0, 0),
+        }
+    }
+
+    /// Sensors in use, 1 to [`MAX_SENSORS`].
+    pub fn sensors(&self) -> usize {
+        self.first(Setting::Sensors) as usize
+    }
+
+    /// Raw frames are sent of every so many frames; 0: never.
+    pub fn raw_divider(&self) -> u32 {
+        self.first(Setting::RawDivider) as u32
+    }
+
+    /// The alarm's operating point, where it is not the model's.
+    pub fn operating_point(&self) -> Option<OperatingPoint> {
+        if self.first(Setting::PointOverride) == 0 {
+            return None;
+        }
+        match *self.get(Setting::OperatingPoint) {
+            [threshold, k, n] => {
+                Some(OperatingPoint { threshold_q10: threshold as i32, k: k as u8, n: n as u8 })
+            }
+            _ => None,
+        }
+    }
+
+    /// Connector of each sensor.
+    pub fn sensor_order(&self) -> [usize; MAX_SENSORS] {
+        self.per_sensor(Setting::SensorOrder).map(|connector| connector as usize)
+    }
+
+    /// Of each sensor: are its rows reversed, are its columns?
+    pub fn orientation(&self) -> [(bool, bool); MAX_SENSORS] {
+        self.per_sensor(Setting::Orientation).map(|bits| (bits & 1 != 0, bits & 2 != 0))
+    }
+
+    fn per_sensor(&self, setting: Setting) -> [i64; MAX_SENSORS] {
+        let mut out = [0; MAX_SENSORS];
+        for (out, &element) in out.iter_mut().zip(self.get(setting)) {
+            *out = element;
+        }
+        out
+    }
+
+    /// Taxels of a sensor that are not believed; none of a sensor that does not exist.
+    pub fn taxel_mask(&self, sensor: usize) -> TaxelMask {
+        let mut mask = [0; TAXEL_ROWS];
+        let setting = match sensor {
+            0 => Setting::TaxelMask0,
+            1 => Setting::TaxelMask1,
+            2 => Setting::TaxelMask2,
+            _ => return mask,
+        };
+        for (row, &element) in mask.iter_mut().zip(self.get(setting)) {
+            *row = element as u32;
+        }
+        mask
+    }
+
+    /// Does the node follow the bus time?
+    pub fn time_sync(&self) -> bool {
+        self.first(Setting::TimeSync) != 0
+    }
+
+    /// Does a node without address ask for one?
+    pub fn plug_and_play(&self) -> bool {
+        self.first(Setting::PlugAndPlay) != 0
+    }
+}
+
+impl fmt::Debug for Settings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_map().entries(TABLE.iter().map(|entry| (entry.name, self.get(entry.setting)))).finish()
+    }
+}
+
+/// Is this a valid value?
+pub fn check(setting: Setting, elements: &[i64]) -> Result<(), SettingError> {
+    let definition = setting.definition();
+    let (name, expected, found) = (definition.name, definition.default.len(), elements.len());
+    if expected != found {
+        return Err(SettingError::Elements { name, expected, found });
+    }
+    for (index, &value) in elements.iter().enumerate() {
+        let rule = definition.rule(index);
+        if !rule.allows(value) {
+            return Err(SettingError::Element { name, index, value, rule });
+        }
+    }
+    match definition.together {
+        Some((holds, rule)) if !holds(elements) => Err(SettingError::Together { name, rule }),
+        _ => Ok(()),
+    }
+}
+
+/// Where a setting's elements are among all.
+fn span(setting: Setting) -> core::ops::Range<usize> {
+    let number = setting as usize;
+    match table::START {
+        starts if number + 1 < starts.len() => starts[number]..starts[number + 1],
+        _ => 0..0,
+    }
+}

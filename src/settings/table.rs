@@ -1,0 +1,338 @@
+//! Every setting, once: what it is called, what it may be, what it is until somebody says otherwise.
+
+use super::value::{ELEMENTS_MAX, Kind};
+use crate::net::format::{ALARM_FRAMES_MAX, THRESHOLD_RANGE_Q10};
+use crate::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXEL_ROWS};
+use crate::wire::NodeId;
+
+/// The names of the settings. The number of each is its name in flash: a new one gets a new number, that of
+/// one that is gone is never used again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Setting {
+    /// Address on the bus, or [`NODE_ID_UNSET`].
+    NodeId = 0,
+    /// Bit rates of arbitration and data phase.
+    BitRates = 1,
+    /// Sensors in use.
+    Sensors = 2,
+    /// Which frames go out raw.
+    RawDivider = 3,
+    /// Whether [`Setting::OperatingPoint`] replaces the model's.
+    PointOverride = 4,
+    /// Threshold, k and n of the alarm.
+    OperatingPoint = 5,
+    /// Connector of each sensor.
+    SensorOrder = 6,
+    /// How each array is mounted.
+    Orientation = 7,
+    /// Taxels of sensor 0 that are not believed.
+    TaxelMask0 = 8,
+    /// Taxels of sensor 1 that are not believed.
+    TaxelMask1 = 9,
+    /// Taxels of sensor 2 that are not believed.
+    TaxelMask2 = 10,
+    /// Whether the node follows the bus time.
+    TimeSync = 11,
+    /// Whether a node without address asks for one.
+    PlugAndPlay = 12,
+}
+
+/// The value of [`Setting::NodeId`] that means: none.
+pub const NODE_ID_UNSET: i64 = 65_535;
+
+/// Bit rate of the arbitration phase, bit/s: the one that bit timings exist for.
+pub const NOMINAL_BIT_RATES: &[i64] = &[1_000_000];
+/// Bit rates of the data phase, bit/s, that bit timings exist for.
+pub const DATA_BIT_RATES: &[i64] = &[5_000_000, 8_000_000];
+
+/// What an element of a setting may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rule {
+    /// Any number of these, ends included.
+    Range(i64, i64),
+    /// Any number of these, ends included, or the third.
+    RangeOr(i64, i64, i64),
+    /// One of these.
+    Choice(&'static [i64]),
+}
+
+impl Rule {
+    /// Is this number one?
+    pub fn allows(self, value: i64) -> bool {
+        match self {
+            Self::Range(min, max) => (min..=max).contains(&value),
+            Self::RangeOr(min, max, other) => (min..=max).contains(&value) || value == other,
+            Self::Choice(choice) => choice.contains(&value),
+        }
+    }
+
+    /// The smallest and the largest.
+    pub fn bounds(self) -> (i64, i64) {
+        match self {
+            Self::Range(min, max) => (min, max),
+            Self::RangeOr(min, max, other) => (min.min(other), max.max(other)),
+            Self::Choice(choice) => {
+                (choice.iter().copied().min().unwrap_or(0), choice.iter().copied().max().unwrap_or(0))
+            }
+        }
+    }
+}
+
+impl core::fmt::Display for Rule {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Range(min, max) => write!(f, "{min} to {max}"),
+            Self::RangeOr(min, max, other) => write!(f, "{min} to {max} and {other}"),
+            Self::Choice(choice) => {
+                for (index, value) in choice.iter().enumerate() {
+                    write!(f, "{}{value}", if index == 0 { "" } else { " and " })?;
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// When a new value counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effect {
+    /// With the next frame.
+    AtOnce,
+    /// When the board starts anew; store it first.
+    AfterRestart,
+}
+
+/// A rule that elements keep together; the text is what the numbers must be.
+pub type Together = (fn(&[i64]) -> bool, &'static str);
+
+/// All there is to know about a setting. Every setting is mutable and persistent: it can be written on the
+/// bus and stored in flash.
+#[derive(Clone, Copy, Debug)]
+pub struct Definition {
+    /// Which.
+    pub setting: Setting,
+    /// Name of its register.
+    pub name: &'static str,
+    /// How its elements are written.
+    pub kind: Kind,
+    /// What each element may be; the last entry is for all that follow.
+    pub rules: &'static [Rule],
+    /// The elements until they are set.
+    pub default: &'static [i64],
+    /// What the elements must be together.
+    pub together: Option<Together>,
+    /// Unit of the elements, empty for a number of something.
+    pub unit: &'static str,
+    /// What it is for, one line.
+    pub help: &'static str,
+    /// When a new value counts.
+    pub effect: Effect,
+}
+
+impl Definition {
+    /// What element `index` may be.
+    pub fn rule(&self, index: usize) -> Rule {
+        self.rules.get(index).or(self.rules.last()).copied().unwrap_or(Rule::Choice(&[]))
+    }
+}
+
+const BIT: &[Rule] = &[Rule::Range(0, 1)];
+const SENSOR_LAST: i64 = MAX_SENSORS as i64 - 1;
+const NO_TAXEL: &[i64] = &[0; TAXEL_ROWS];
+const MASK: &[Rule] = &[Rule::Range(0, u32::MAX as i64)];
+
+const fn mask(setting: Setting, name: &'static str) -> Definition {
+    Definition {
+        setting,
+        name,
+        kind: Kind::Natural32,
+        rules: MASK,
+        default: NO_TAXEL,
+        together: None,
+        unit: "",
+        help: "taxels that are not believed: one number a row, bit c is column c",
+        effect: Effect::AtOnce,
+    }
+}
+
+/// The settings, in the order of their numbers.
+pub static TABLE: [Definition; 13] = [
+    Definition {
+        setting: Setting::NodeId,
+        name: "uavcan.node.id",
+        kind: Kind::Natural16,
+        rules: &[Rule::RangeOr(0, 127, NODE_ID_UNSET)],
+        default: &[NodeId::DEFAULT.get() as i64],
+        together: None,
+        unit: "",
+        help: "address on the bus; 65535: none, ask for one",
+        effect: Effect::AfterRestart,
+    },
+    Definition {
+        setting: Setting::BitRates,
+        name: "uavcan.can.bitrate",
+        kind: Kind::Natural32,
+        rules: &[Rule::Choice(NOMINAL_BIT_RATES), Rule::Choice(DATA_BIT_RATES)],
+        default: &[1_000_000, 8_000_000],
+        together: None,
+        unit: "bit/s",
+        help: "bit rates of arbitration and data phase",
+        effect: Effect::AfterRestart,
+    },
+    Definition {
+        setting: Setting::Sensors,
+        name: "slipsense.sensors",
+        kind: Kind::Natural8,
+        rules: &[Rule::Range(1, MAX_SENSORS as i64)],
+        default: &[1],
+        together: None,
+        unit: "",
+        help: "sensors in use",
+        effect: Effect::AfterRestart,
+    },
+    Definition {
+        setting: Setting::RawDivider,
+        name: "slipsense.raw.divider",
+        kind: Kind::Natural8,
+        rules: &[Rule::Range(0, FRAME_RATE_HZ as i64)],
+        default: &[1],
+        together: None,
+        unit: "frames",
+        help: "raw frames are sent of every so many frames; 0: never",
+        effect: Effect::AtOnce,
+    },
+    Definition {
+        setting: Setting::PointOverride,
+        name: "slipsense.alarm.override",
+        kind: Kind::Bit,
+        rules: BIT,
+        default: &[0],
+        together: None,
+        unit: "",
+        help: "the alarm works at slipsense.alarm.point, not at the model's operating point",
+        effect: Effect::AtOnce,
+    },
+    Definition {
+        setting: Setting::OperatingPoint,
+        name: "slipsense.alarm.point",
+        kind: Kind::Integer32,
+        rules: &[
+            Rule::Range(THRESHOLD_RANGE_Q10.0 as i64, THRESHOLD_RANGE_Q10.1 as i64),
+            Rule::Range(1, ALARM_FRAMES_MAX as i64),
+            Rule::Range(1, ALARM_FRAMES_MAX as i64),
+        ],
+        default: &[0, 1, 1],
+        together: Some((k_within_n, "element 1 (k) at most element 2 (n)")),
+        unit: "1/1024 nat, frames, frames",
+        help: "threshold, k and n: the alarm is up when k of the last n frames are over the threshold",
+        effect: Effect::AtOnce,
+    },
+    Definition {
+        setting: Setting::SensorOrder,
+        name: "slipsense.sensor.order",
+        kind: Kind::Natural8,
+        rules: &[Rule::Range(0, SENSOR_LAST)],
+        default: &[0, 1, 2],
+        together: Some((distinct, "each connector once")),
+        unit: "",
+        help: "connector of sensors 0, 1 and 2",
+        effect: Effect::AfterRestart,
+    },
+    Definition {
+        setting: Setting::Orientation,
+        name: "slipsense.sensor.orientation",
+        kind: Kind::Natural8,
+        rules: &[Rule::Range(0, 3)],
+        default: &[0, 0, 0],
+        together: None,
+        unit: "",
+        help: "mounting of sensors 0, 1 and 2: 1 rows reversed, 2 columns reversed, 3 both (turned by 180 degrees)",
+        effect: Effect::AtOnce,
+    },
+    mask(Setting::TaxelMask0, "slipsense.sensor.0.mask"),
+    mask(Setting::TaxelMask1, "slipsense.sensor.1.mask"),
+    mask(Setting::TaxelMask2, "slipsense.sensor.2.mask"),
+    Definition {
+        setting: Setting::TimeSync,
+        name: "slipsense.time.sync",
+        kind: Kind::Bit,
+        rules: BIT,
+        default: &[1],
+        together: None,
+        unit: "",
+        help: "follow the bus time (uavcan.time.Synchronization)",
+        effect: Effect::AtOnce,
+    },
+    Definition {
+        setting: Setting::PlugAndPlay,
+        name: "slipsense.pnp",
+        kind: Kind::Bit,
+        rules: BIT,
+        default: &[1],
+        together: None,
+        unit: "",
+        help: "ask for an address when uavcan.node.id is 65535",
+        effect: Effect::AtOnce,
+    },
+];
+
+fn k_within_n(point: &[i64]) -> bool {
+    matches!(point, [_, k, n] if k <= n)
+}
+
+fn distinct(order: &[i64]) -> bool {
+    order.iter().enumerate().all(|(index, value)| order.iter().take(index).all(|before| before != value))
+}
+
+impl Setting {
+    /// Its entry in the table.
+    pub fn definition(self) -> &'static Definition {
+        // The table is in the order of the numbers: asserted below.
+        &TABLE[self as usize]
+    }
+
+    /// The setting of this number.
+    pub fn of_number(number: u8) -> Option<Self> {
+        TABLE.get(usize::from(number)).map(|definition| definition.setting)
+    }
+
+    /// The setting whose register has this name.
+    pub fn of_name(name: &[u8]) -> Option<Self> {
+        TABLE.iter().find(|definition| definition.name.as_bytes() == name).map(|found| found.setting)
+    }
+}
+
+/// Elements of all settings.
+pub(super) const ELEMENTS: usize = START[TABLE_LENGTHS.len()];
+/// Where each setting's elements begin among all, and where the last ones end.
+pub(super) const START: [usize; TABLE_LENGTHS.len() + 1] = {
+    let mut start = [0; TABLE_LENGTHS.len() + 1];
+    let mut index = 0;
+    while index < TABLE_LENGTHS.len() {
+        start[index + 1] = start[index] + TABLE_LENGTHS[index];
+        index += 1;
+    }
+    start
+};
+/// Bytes of all elements in flash.
+pub(super) const ELEMENT_BYTES: usize = {
+    let mut bytes = 0;
+    let mut index = 0;
+    while index < TABLE.len() {
+        bytes += TABLE[index].default.len() * TABLE[index].kind.bytes();
+        index += 1;
+    }
+    bytes
+};
+const TABLE_LENGTHS: [usize; TABLE.len()] = {
+    let mut lengths = [0; TABLE.len()];
+    let mut index = 0;
+    while index < TABLE.len() {
+        lengths[index] = TABLE[index].default.len();
+        assert!(lengths[index] <= ELEMENTS_MAX);
+        assert!(TABLE[index].setting as usize == index, "the table is in the order of the numbers");
+        index += 1;
+    }
+    lengths
+};

@@ -1,0 +1,188 @@
+//! From the frame queue to messages: one frame in, a slip message and raw messages out. Never waits for the bus.
+
+use core::borrow::BorrowMut;
+
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
+
+use super::{Controls, RAW_MESSAGES, Shared, Task};
+use crate::board::{Clock, Observe, SensedFrame, SensedPart};
+use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use crate::pipeline::{Output, Pipeline, State};
+use crate::sensor::SensorInput;
+use crate::wire::{Detail, RawForm, RawTransfer, Transmitter, health};
+
+/// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
+pub const FRAME_PERIOD_US: u64 = 1_000_000u64.div_ceil(FRAME_RATE_HZ as u64);
+
+/// Everything between the frame queue and the messages that wait for the bus.
+pub struct Inference<'m, M: RawMutex, C, O, S = State> {
+    /// The signal path.
+    pub pipeline: Pipeline<'m, S>,
+    /// Makes CAN frames of messages.
+    pub transmitter: Transmitter,
+    /// The clock that stamped the ticks.
+    pub clock: C,
+    /// Whoever else wants to see the results.
+    pub observer: O,
+    shared: &'m Shared<M>,
+    raw: Sender<'m, M, RawTransfer>,
+    /// Of each accelerometer, what its next sample's index should be; `None` before the first and after a gap.
+    xl_end: [Option<u32>; MAX_SENSORS],
+}
+
+impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M, C, O, S> {
+    /// Before the first frame. `raw` is one end of a [`RawQueue`](super::RawQueue) with [`RAW_MESSAGES`] buffers.
+    pub const fn new(
+        pipeline: Pipeline<'m, S>,
+        transmitter: Transmitter,
+        clock: C,
+        observer: O,
+        shared: &'m Shared<M>,
+        raw: Sender<'m, M, RawTransfer>,
+    ) -> Self {
+        Self { pipeline, transmitter, clock, observer, shared, raw, xl_end: [None; MAX_SENSORS] }
+    }
+
+    /// Serve the queue for ever.
+    pub async fn run(&mut self, mut queue: Receiver<'_, M, SensedFrame>) -> ! {
+        loop {
+            self.serve(&mut queue).await;
+        }
+    }
+
+    /// Wait for one frame, decide, leave the slip message and then the raw messages to transmission.
+    pub async fn serve(&mut self, queue: &mut Receiver<'_, M, SensedFrame>) {
+        let frame = queue.receive().await;
+        self.shared.progress.made(Task::Infer);
+        let stamp = frame.stamp;
+        let controls = self.shared.controls();
+        self.pipeline.work_at(controls.point);
+        if let Some(node) = controls.node {
+            self.transmitter.speak_as(node);
+        }
+        for (part, mask) in frame.parts.iter_mut().zip(&controls.masks) {
+            if part.piezo_arrived {
+                part.piezo.mask(mask);
+            }
+        }
+        let gaps = self.find_gaps(&frame.parts);
+        let inputs = frame.parts.each_ref().map(|part| part.input());
+        self.observer.step_begins(stamp);
+        let mut output = self.pipeline.step(&inputs);
+        for (health, gap) in output.health.iter_mut().zip(gaps).take(output.sensors) {
+            if gap {
+                health.0 |= health::XL_SAMPLES_DROPPED;
+            }
+        }
+        self.observer.step_ends(stamp, &output);
+        self.decided(frame, &output, controls.node.is_some());
+        self.observer.slip_queued(stamp);
+        if controls.node.is_some() {
+            self.offer_raw(frame, &inputs, &output, &controls);
+        }
+        self.observer.frame_done(stamp);
+        queue.receive_done();
+        // A queue that is never empty must not keep the other tasks of this executor from running.
+        yield_now().await;
+    }
+
+    /// Of which accelerometers samples are missing between the last batch and this one. The pipeline forgets what
+    /// it heard before: it must not be joined to what comes after.
+    fn find_gaps(&mut self, parts: &[SensedPart; MAX_SENSORS]) -> [bool; MAX_SENSORS] {
+        let mut gaps = [false; MAX_SENSORS];
+        let sensors = parts.iter().zip(&mut self.xl_end).zip(&mut gaps).enumerate();
+        for (sensor, ((part, expected), gap)) in sensors {
+            if !part.xl_arrived {
+                *expected = None;
+                continue;
+            }
+            let first = part.xl_end.wrapping_sub(part.xl.len() as u32);
+            *gap = expected.is_some_and(|expected| expected != first);
+            if *gap {
+                self.pipeline.forget_sound(sensor);
+            }
+            *expected = Some(part.xl_end);
+        }
+        gaps
+    }
+
+    fn decided(&mut self, frame: &SensedFrame, output: &Output, has_address: bool) {
+        let age_us = self.clock.now_us().saturating_sub(frame.stamp.timestamp_us);
+        let mut late_frames = frame.dropped_frames;
+        self.shared.note(|status| {
+            status.decided_frames = status.decided_frames.wrapping_add(1);
+            status.worst_frame_us = status.worst_frame_us.max(u32::try_from(age_us).unwrap_or(u32::MAX));
+            if age_us > FRAME_PERIOD_US {
+                status.late_frames = status.late_frames.saturating_add(1);
+            }
+            status.health = output.health;
+            late_frames = late_frames.saturating_add(status.late_frames);
+        });
+        if !has_address {
+            return;
+        }
+        let late_frames = u16::try_from(late_frames).unwrap_or(u16::MAX);
+        self.shared.send_slip(self.transmitter.slip(&output.slip_message(frame.stamp, late_frames)));
+    }
+
+    /// Queue the raw messages for which there is room, in sensor order. Where there is not room for all, the sensors
+    /// take turns, so that none is always the one left out.
+    fn offer_raw(
+        &mut self,
+        frame: &SensedFrame,
+        inputs: &[SensorInput<'_>; MAX_SENSORS],
+        output: &Output,
+        controls: &Controls,
+    ) {
+        let stamp = frame.stamp;
+        let wanted = stamp.sequence.checked_rem(controls.raw_every.into()) == Some(0);
+        if !wanted {
+            return;
+        }
+        let form = raw_form(controls, self.raw.len(), output.sensors);
+        let first = stamp.sequence.checked_rem(output.sensors as u32).unwrap_or(0) as usize;
+        let mut room = RAW_MESSAGES.saturating_sub(self.raw.len());
+        let mut fits = [false; MAX_SENSORS];
+        for turn in 0..output.sensors {
+            let sensor =
+                if first + turn < output.sensors { first + turn } else { first + turn - output.sensors };
+            let delivered =
+                inputs.get(sensor).is_some_and(|input| input.piezo.is_some() || input.xl.is_some());
+            if let Some(fits) = fits.get_mut(sensor).filter(|_| delivered && room > 0) {
+                *fits = true;
+                room -= 1;
+            }
+        }
+        let mut dropped: u32 = 0;
+        let sensors = inputs.iter().zip(&frame.parts).zip(fits).take(output.sensors).enumerate();
+        for (sensor, ((&input, part), fits)) in sensors {
+            let raw = output.raw_frame(stamp, sensor, input, part.xl_end);
+            match self.raw.try_send().filter(|_| fits) {
+                Some(buffer) => {
+                    if self.transmitter.raw_later(form, &raw, buffer) {
+                        self.raw.send_done();
+                        self.shared.raw_is_there();
+                    }
+                }
+                None => dropped += u32::from(self.transmitter.skip_raw(form, &raw)),
+            }
+        }
+        if dropped > 0 {
+            self.shared.note(|status| status.dropped_raw = status.dropped_raw.saturating_add(dropped));
+        }
+    }
+}
+
+/// How this frame's raw messages go, when so many of the frames before still wait: the more the bus is behind, the
+/// less of them, the accelerometer last.
+fn raw_form(controls: &Controls, waiting: usize, sensors: usize) -> RawForm {
+    let detail = match waiting {
+        // One may be on its way on a bus that keeps up.
+        0 | 1 => Detail::All,
+        _ if waiting <= sensors => Detail::Contact,
+        _ => Detail::Accelerometer,
+    };
+    if controls.compress_raw { RawForm::Compressed(detail) } else { RawForm::Plain }
+}

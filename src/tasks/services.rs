@@ -1,0 +1,309 @@
+//! The services on the bus: the node between what arrives, what the tasks know and what the board can do.
+//!
+//! ```text
+//! CanReceive ─> Node ─> Shared (bounded) ─> Transmission
+//!      settings ─> Controls ─> Inference    actions ─> ServiceBoard
+//! ```
+//!
+//! Nothing here waits for the bus: frames for which [`Shared`] has no room stay in the node's own queue, which drops
+//! whole transfers and counts them. What takes the board long, such as an erase, goes on beside the node, which
+//! answers meanwhile.
+#![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
+
+use core::future::Future;
+use core::pin::pin;
+
+use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+
+use super::{Controls, SERVICE_FRAMES, Shared, Status, Task};
+use crate::board::panic_record::PanicRecord;
+use crate::board::{CanReceive, CanState, Clock, Condition, StatusLed};
+use crate::node::{self, Action, FileSink, Node, Severity, UpdateTarget};
+use crate::params::FRAME_RATE_HZ;
+use crate::settings::Settings;
+use crate::wire::{NodeId, health};
+
+/// The task moves on at least this often, µs: five times within the watchdog's period.
+const PATIENCE_US: u64 = 20_000;
+/// The same while frames wait for room.
+const HURRY_US: u64 = 1_000;
+/// How long a restart waits for its answer to leave at most, µs.
+const RESTART_PATIENCE_US: u64 = 100_000;
+/// For the frame that the hardware holds when all others have gone, µs: dozens of the longest frames.
+const LAST_FRAME_US: u64 = 10_000;
+/// A self test looks at the sensors for so long, µs.
+const SELF_TEST_US: u64 = 500_000;
+/// Frames that must be decided meanwhile: nine of ten.
+const SELF_TEST_FRAMES: u32 = FRAME_RATE_HZ / 2 * 9 / 10;
+/// How long the light blinks for [`Action::Identify`], and how long it is on or off, µs.
+const IDENTIFY_US: u64 = 5_000_000;
+const BLINK_US: u64 = 125_000;
+/// The light is told how the node is at least this often, µs.
+const SHOW_US: u64 = 1_000_000;
+
+/// What the services need of a board beside the bus. What fails says why, in words for the bus.
+pub trait ServiceBoard: FileSink + StatusLed {
+    /// Put the settings away so that the next start finds them.
+    async fn store(&mut self, settings: &Settings) -> Result<(), &'static str>;
+
+    /// Make room for a file; the bytes it may have at most.
+    async fn begin_update(&mut self, target: UpdateTarget) -> Result<u32, &'static str>;
+
+    /// These settings count from now on: what of them is the drivers'. Called at the start and after every change.
+    fn apply(&mut self, settings: &Settings);
+
+    /// Add what the drivers know and [`Shared`] does not.
+    fn observe(&mut self, status: &mut node::Status);
+
+    /// Switch the light by which a person finds this board; [`StatusLed::show`] follows when it is over.
+    fn identify(&mut self, lit: bool);
+
+    /// Judge a self test by what the tasks counted before and after it; `sensors` are in use.
+    fn self_test(&mut self, before: &Status, after: &Status, sensors: usize) -> Result<(), &'static str> {
+        sensors_deliver(before, after, sensors)
+    }
+}
+
+/// Did frames come, and does every sensor deliver both parts?
+pub fn sensors_deliver(before: &Status, after: &Status, sensors: usize) -> Result<(), &'static str> {
+    let any = |bits: u8| after.health.iter().take(sensors).any(|health| health.0 & bits != 0);
+    if after.decided_frames.wrapping_sub(before.decided_frames) < SELF_TEST_FRAMES {
+        Err("self test: frames are missing")
+    } else if any(health::NO_MODEL) {
+        Err("self test: no readable model")
+    } else if any(health::PIEZO_MISSING) {
+        Err("self test: an array does not deliver")
+    } else if any(health::XL_MISSING) {
+        Err("self test: an accelerometer does not deliver")
+    } else {
+        Ok(())
+    }
+}
+
+/// The services task.
+pub struct Services<'a, M: RawMutex, R, C, B> {
+    desk: Desk<'a, M, R, C>,
+    /// What does as it is told.
+    pub board: B,
+    shown: Option<(Condition, u64)>,
+    identify_until_us: u64,
+    restart_at_us: Option<u64>,
+}
+
+/// The node and whom it talks to; apart from the board, which may be at work meanwhile.
+struct Desk<'a, M: RawMutex, R, C> {
+    node: Node,
+    bus: R,
+    clock: C,
+    shared: &'a Shared<M>,
+    /// The address that filters and controls are set for; `None` before the first time.
+    address: Option<Option<NodeId>>,
+    panic: Option<PanicRecord>,
+    was_off: bool,
+    next_us: u64,
+}
+
+impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, R, C, B> {
+    /// Before the first frame. `panic`: why the board started anew, if that is why.
+    pub fn new(
+        node: Node,
+        bus: R,
+        clock: C,
+        shared: &'a Shared<M>,
+        board: B,
+        panic: Option<PanicRecord>,
+    ) -> Self {
+        let desk = Desk { node, bus, clock, shared, address: None, panic, was_off: false, next_us: 0 };
+        Self { desk, board, shown: None, identify_until_us: 0, restart_at_us: None }
+    }
+
+    /// Serve until the board is to start anew, which is the caller's to do.
+    pub async fn run(&mut self) {
+        self.desk.node.status.last_panic = self.desk.panic.map_or(0, |record| record.reason_hash.max(1));
+        // Another number counts after the next start.
+        self.desk.node.status.sensors = self.desk.node.settings().sensors();
+        self.board.apply(self.desk.node.settings());
+        self.desk.node.set_operational();
+        while !self.is_over() {
+            self.serve().await;
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.restart_at_us.is_some_and(|at| self.desk.clock.now_us() >= at)
+    }
+
+    async fn serve(&mut self) {
+        self.board.observe(&mut self.desk.node.status);
+        self.desk.turn();
+        self.show();
+        self.apply_changes();
+        if let Some(action) = self.desk.node.take_action() {
+            self.act(action).await;
+        } else if let Some(chunk) = self.desk.node.take_chunk() {
+            let result = self.desk.meanwhile(chunk.deliver(&mut self.board)).await;
+            self.desk.node.chunk_done(&chunk, result);
+        } else {
+            self.hasten_restart();
+            self.desk.listen(if self.restart_at_us.is_some() { HURRY_US } else { PATIENCE_US }).await;
+        }
+    }
+
+    /// A restart need not wait once all has been said.
+    fn hasten_restart(&mut self) {
+        if let Some(at) = &mut self.restart_at_us
+            && self.desk.has_spoken()
+        {
+            *at = (*at).min(self.desk.clock.now_us().saturating_add(LAST_FRAME_US));
+        }
+    }
+
+    async fn act(&mut self, action: Action) {
+        let now_us = self.desk.clock.now_us();
+        match action {
+            Action::Restart => self.restart_at_us = Some(now_us.saturating_add(RESTART_PATIENCE_US)),
+            Action::Identify => self.identify_until_us = now_us.saturating_add(IDENTIFY_US),
+            Action::Store | Action::FactoryReset => {
+                let settings = self.desk.node.settings().clone();
+                let result = self.desk.meanwhile(self.board.store(&settings)).await;
+                self.desk.node.command_done(result);
+            }
+            Action::SelfTest => {
+                let before = self.desk.shared.status();
+                self.desk.pause(SELF_TEST_US).await;
+                let (after, sensors) = (self.desk.shared.status(), self.desk.node.status.sensors);
+                let result = self.board.self_test(&before, &after, sensors);
+                let (run, failed) = &mut self.desk.node.status.self_tests;
+                *run = run.saturating_add(1);
+                *failed = failed.saturating_add(result.is_err().into());
+                self.desk.node.command_done(result);
+            }
+            Action::BeginUpdate { target, file } => {
+                match self.desk.meanwhile(self.board.begin_update(target)).await {
+                    Ok(length_max) => self.desk.node.begin_download(target, file, length_max),
+                    Err(why) => {
+                        let name = target.name();
+                        self.desk.node.report(Severity::Error, format_args!("{name} not taken: {why}"));
+                    }
+                }
+            }
+            // Whoever sent it restarts the board; why it was given up, the node has said.
+            Action::UpdateReceived { .. } | Action::UpdateFailed { .. } => {}
+        }
+    }
+
+    fn apply_changes(&mut self) {
+        let mut any = false;
+        while let Some(setting) = self.desk.node.take_changed() {
+            any = true;
+            self.desk.node.report(Severity::Debug, format_args!("{} changed", setting.definition().name));
+        }
+        if any {
+            self.desk.control();
+            self.board.apply(self.desk.node.settings());
+        }
+    }
+
+    fn show(&mut self) {
+        let now_us = self.desk.clock.now_us();
+        if now_us < self.identify_until_us {
+            self.shown = None;
+            self.board.identify(((self.identify_until_us - now_us) / BLINK_US).is_multiple_of(2));
+            return;
+        }
+        let condition = self.desk.node.status.condition;
+        let is_due = self.shown.is_none_or(|(before, at)| before != condition || now_us >= at);
+        if is_due {
+            self.shown = Some((condition, now_us.saturating_add(SHOW_US)));
+            self.board.show(condition);
+        }
+    }
+}
+
+impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
+    /// Whatever takes no time.
+    fn turn(&mut self) {
+        self.shared.progress.made(Task::Services);
+        self.take_status();
+        self.next_us = self.node.poll(self.clock.now_us());
+        if self.address != Some(self.node.node_id()) {
+            self.address = Some(self.node.node_id());
+            self.bus.accept_only(&self.node.filters());
+            self.control();
+        }
+        if self.node.node_id().is_some()
+            && let Some(record) = self.panic.take()
+        {
+            self.node.report(Severity::Critical, format_args!("restarted after {record}"));
+        }
+        while self.shared.service_room() > 0 {
+            let Some(frame) = self.node.next_frame() else { break };
+            self.shared.send_service(frame);
+        }
+    }
+
+    fn take_status(&mut self) {
+        let status = self.shared.status();
+        let told = &mut self.node.status;
+        told.late_frames = status.late_frames;
+        told.overruns = status.dropped_frames;
+        told.worst_frame_us = status.worst_frame_us;
+        told.dropped_raw_frames = status.dropped_raw.saturating_add(status.broken_raw);
+        told.bus_off_count = status.bus_offs;
+        told.sensor_health = status.health.map(|health| health.0);
+        told.condition = status.condition();
+        let is_off = status.can.state == CanState::BusOff;
+        if is_off && !core::mem::replace(&mut self.was_off, is_off) {
+            // Nobody waits for these answers any more when the bus is back.
+            self.node.discard_frames();
+        }
+        self.was_off = is_off;
+    }
+
+    /// Settings that the other tasks look at.
+    fn control(&self) {
+        self.shared.control(Controls::of(self.node.settings(), self.node.node_id()));
+    }
+
+    /// Has everything gone, but for a frame that the hardware may hold?
+    fn has_spoken(&self) -> bool {
+        self.node.is_drained() && self.shared.service_room() == SERVICE_FRAMES
+    }
+
+    /// Take the next frame in, if one comes before something is due.
+    async fn listen(&mut self, patience_us: u64) {
+        let patience_us = if self.node.is_drained() { patience_us } else { patience_us.min(HURRY_US) };
+        let now_us = self.clock.now_us();
+        // What is due already had its turn.
+        let until_us =
+            self.next_us.clamp(now_us.saturating_add(HURRY_US), now_us.saturating_add(patience_us));
+        if let Some((frame, at_us)) = self.bus.receive(until_us).await {
+            self.node.accept(&frame, at_us);
+            // A bus full of requests must not keep the other tasks of this executor from running.
+            yield_now().await;
+        }
+    }
+
+    /// Serve beside this work until it is done.
+    async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> T {
+        let mut work = pin!(work);
+        loop {
+            self.turn();
+            match select(work.as_mut(), self.listen(PATIENCE_US)).await {
+                Either::First(done) => return done,
+                Either::Second(()) => {}
+            }
+        }
+    }
+
+    /// Serve for so long.
+    async fn pause(&mut self, us: u64) {
+        let until_us = self.clock.now_us().saturating_add(us);
+        while self.clock.now_us() < until_us {
+            self.turn();
+            self.listen(PATIENCE_US).await;
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! What the tasks share: slots, queues and counters, all of fixed size. Critical sections are copies of a few hundred
+//! bytes at most.
+
+use core::cell::Cell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+use embassy_sync::zerocopy_channel;
+
+use super::{Progress, Status};
+use crate::net::format::OperatingPoint;
+use crate::params::MAX_SENSORS;
+use crate::sensor::TaxelMask;
+use crate::settings::Settings;
+use crate::wire::{CanFrame, NodeId, RawTransfer};
+
+/// Raw messages that wait for the bus: two frame periods of three sensors.
+pub const RAW_MESSAGES: usize = 2 * MAX_SENSORS;
+/// Service frames that wait for the bus: the longest answer of Cyphal's standard services, GetInfo with all its
+/// fields, has 7.
+pub const SERVICE_FRAMES: usize = 16;
+
+/// Raw messages between inference and transmission, in buffers that are filled again and again.
+pub type RawQueue<'a, M> = zerocopy_channel::Channel<'a, M, RawTransfer>;
+
+/// What can be changed while the node runs; inference looks at it once per frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Controls {
+    /// Taxels that are not to be believed, by sensor.
+    pub masks: [TaxelMask; MAX_SENSORS],
+    /// Raw messages of every n-th frame; 0: of none.
+    pub raw_every: u8,
+    /// Raw messages go compressed, and shorter still where the bus is behind; else plain.
+    pub compress_raw: bool,
+    /// The node's address; without one nothing may be sent.
+    pub node: Option<NodeId>,
+    /// Where the alarm works, if not at the model's own point.
+    pub point: Option<OperatingPoint>,
+}
+
+impl Controls {
+    /// All taxels, raw messages of every frame, the default address, the model's operating point.
+    pub const DEFAULT: Self = Self {
+        masks: [TaxelMask::NONE; MAX_SENSORS],
+        raw_every: 1,
+        compress_raw: false,
+        node: Some(NodeId::DEFAULT),
+        point: None,
+    };
+
+    /// What these settings say, for a node with this address.
+    pub fn of(settings: &Settings, node: Option<NodeId>) -> Self {
+        Self {
+            masks: core::array::from_fn(|sensor| TaxelMask(settings.taxel_mask(sensor))),
+            // A frame's rate, so that it fits.
+            raw_every: settings.raw_divider() as u8,
+            compress_raw: false,
+            node,
+            point: settings.operating_point(),
+        }
+    }
+}
+
+impl Default for Controls {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// One per node, usually a `static`.
+pub struct Shared<M: RawMutex> {
+    /// What each task has done, for the supervisor.
+    pub progress: Progress,
+    slip: Mutex<M, Cell<Option<CanFrame>>>,
+    services: Channel<M, CanFrame, SERVICE_FRAMES>,
+    /// Rung when there is something to send.
+    bell: Signal<M, ()>,
+    controls: Mutex<M, Cell<Controls>>,
+    status: Mutex<M, Cell<Status>>,
+}
+
+impl<M: RawMutex> Shared<M> {
+    /// Before the first frame.
+    pub const fn new() -> Self {
+        Self {
+            progress: Progress::new(),
+            slip: Mutex::new(Cell::new(None)),
+            services: Channel::new(),
+            bell: Signal::new(),
+            controls: Mutex::new(Cell::new(Controls::DEFAULT)),
+            status: Mutex::new(Cell::new(Status::new())),
+        }
+    }
+
+    /// The counters now.
+    pub fn status(&self) -> Status {
+        self.status.lock(Cell::get)
+    }
+
+    /// Change the counters. For tasks that know something about the node: what a board reports goes in here too.
+    pub fn note(&self, change: impl FnOnce(&mut Status)) {
+        self.status.lock(|cell| {
+            let mut status = cell.get();
+            change(&mut status);
+            cell.set(status);
+        });
+    }
+
+    /// The settings in use.
+    pub fn controls(&self) -> Controls {
+        self.controls.lock(Cell::get)
+    }
+
+    /// Use these settings from the next frame on.
+    pub fn control(&self, controls: Controls) {
+        self.controls.lock(|cell| cell.set(controls));
+    }
+
+    /// Send this slip message before anything else, and instead of an older one that still waits.
+    pub fn send_slip(&self, frame: CanFrame) {
+        if self.slip.lock(|cell| cell.replace(Some(frame))).is_some() {
+            self.note(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
+        }
+        self.bell.signal(());
+    }
+
+    /// Send this frame of a service, after those that wait already. `false`: there is no room; it is not sent, and
+    /// counted. A transfer of several frames is refused whole by asking [`service_room`](Self::service_room) first.
+    pub fn send_service(&self, frame: CanFrame) -> bool {
+        let sent = self.services.try_send(frame).is_ok();
+        if sent {
+            self.bell.signal(());
+        } else {
+            self.note(|status| status.refused_services = status.refused_services.saturating_add(1));
+        }
+        sent
+    }
+
+    /// As [`send_service`](Self::send_service), but wait for room: until the bus takes frames again.
+    pub async fn send_service_when_room(&self, frame: CanFrame) {
+        self.services.send(frame).await;
+        self.bell.signal(());
+    }
+
+    /// Service frames for which there is room.
+    pub fn service_room(&self) -> usize {
+        self.services.free_capacity()
+    }
+
+    /// A raw message has been put into the [`RawQueue`].
+    pub(super) fn raw_is_there(&self) {
+        self.bell.signal(());
+    }
+
+    pub(super) fn take_slip(&self) -> Option<CanFrame> {
+        self.slip.lock(Cell::take)
+    }
+
+    pub(super) fn slip_waits(&self) -> bool {
+        self.slip.lock(|cell| {
+            let slip = cell.take();
+            let waits = slip.is_some();
+            cell.set(slip);
+            waits
+        })
+    }
+
+    pub(super) fn take_service(&self) -> Option<CanFrame> {
+        self.services.try_receive().ok()
+    }
+
+    /// Wait until there is something new to send.
+    pub(super) async fn rung(&self) {
+        self.bell.wait().await;
+    }
+}
+
+impl<M: RawMutex> Default for Shared<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,171 @@
+//! From the messages that wait to the bus: which frame the hardware gets next.
+//!
+//! The hardware holds one frame of each lane, so that what is decided here is decided as late as can be: a slip
+//! message waits for the frame that is on the wire and for nothing else of this node. A lane is filled again within
+//! the time that CAN leaves between frames, about 3 µs at 1 Mbit/s, so one raw frame at a time does not leave the
+//! bus idle.
+//!
+//! Off the bus, only the newest slip message is kept; service frames wait, raw messages are dropped. A slip message
+//! that the hardware could not send before the next one came is taken back: nobody gets an old one later.
+
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::zerocopy_channel::Receiver;
+
+use super::{Shared, Task};
+use crate::board::{CanState, CanStatus, CanTransmit, Clock, Lane};
+use crate::wire::{CanFrame, RawTransfer};
+
+/// The transmit task. It belongs on an executor above inference, which would leave the bus idle for a whole step of
+/// the pipeline otherwise.
+pub struct Transmission<'a, M: RawMutex, T, C> {
+    /// The bus.
+    pub bus: T,
+    clock: C,
+    shared: &'a Shared<M>,
+    raw: Receiver<'a, M, RawTransfer>,
+    /// Has the first CAN frame of the first raw message gone?
+    begun: bool,
+    /// Was the slip message that the hardware holds, or held, taken back?
+    slip_given_up: bool,
+    /// When the node was seen to be off the bus; `None` once a slip message has been handed over since.
+    off_since_us: Option<u64>,
+    status: CanStatus,
+}
+
+impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
+    /// Before the first message. `raw` is the other end of inference's queue.
+    pub const fn new(bus: T, clock: C, shared: &'a Shared<M>, raw: Receiver<'a, M, RawTransfer>) -> Self {
+        let status = CanStatus { state: CanState::ErrorActive, transmit_errors: 0, receive_errors: 0 };
+        Self { bus, clock, shared, raw, begun: false, slip_given_up: false, off_since_us: None, status }
+    }
+
+    /// Raw messages that wait or are under way.
+    pub fn waiting_raw(&self) -> usize {
+        self.raw.len()
+    }
+
+    /// Transmit for ever.
+    pub async fn run(&mut self) -> ! {
+        loop {
+            self.serve().await;
+        }
+    }
+
+    /// Hand over what there is room for, then wait until there is more or the bus has changed.
+    pub async fn serve(&mut self) {
+        self.shared.progress.made(Task::Transmit);
+        self.look_at_bus();
+        if self.status.state == CanState::BusOff {
+            self.drop_raw();
+        } else if self.fill_lanes() {
+            return;
+        }
+        select(self.bus.changed(), self.shared.rung()).await;
+    }
+
+    fn look_at_bus(&mut self) {
+        let status = self.bus.status();
+        if status == self.status {
+            return;
+        }
+        let dropped_off = status.state == CanState::BusOff && self.status.state != CanState::BusOff;
+        self.status = status;
+        self.shared.note(|shared| {
+            shared.can = status;
+            if dropped_off {
+                shared.bus_offs = shared.bus_offs.saturating_add(1);
+            }
+        });
+        if dropped_off {
+            // A second time before a slip message could go belongs to the first.
+            self.off_since_us.get_or_insert(self.clock.now_us());
+            self.give_up_all();
+        }
+    }
+
+    /// Take back what the hardware holds.
+    fn give_up_all(&mut self) {
+        self.slip_given_up |= !self.bus.is_free(Lane::Slip);
+        if !self.bus.is_free(Lane::Service) {
+            self.shared.note(|status| status.lost_services = status.lost_services.saturating_add(1));
+        }
+        Lane::ALL.iter().for_each(|&lane| self.bus.withdraw(lane));
+    }
+
+    /// Give each free lane its next frame; `false`: there was none to give.
+    fn fill_lanes(&mut self) -> bool {
+        let mut filled = false;
+        if !self.bus.is_free(Lane::Slip) && self.shared.slip_waits() {
+            // A frame period has gone by since that one was handed over.
+            self.bus.withdraw(Lane::Slip);
+            self.slip_given_up = true;
+        }
+        if self.bus.is_free(Lane::Slip) {
+            if core::mem::take(&mut self.slip_given_up) {
+                self.shared.note(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
+            }
+            if let Some(slip) = self.shared.take_slip() {
+                filled = self.hand_over(Lane::Slip, &slip);
+                self.back_on_bus();
+            }
+        }
+        if self.bus.is_free(Lane::Service)
+            && let Some(frame) = self.shared.take_service()
+        {
+            filled = self.hand_over(Lane::Service, &frame);
+        }
+        if self.bus.is_free(Lane::Raw)
+            && let Some(frame) = self.next_raw()
+        {
+            filled = self.hand_over(Lane::Raw, &frame);
+        }
+        filled
+    }
+
+    fn hand_over(&mut self, lane: Lane, frame: &CanFrame) -> bool {
+        self.bus.transmit(lane, frame);
+        true
+    }
+
+    fn back_on_bus(&mut self) {
+        if let Some(since) = self.off_since_us.take() {
+            let us = self.clock.now_us().saturating_sub(since);
+            self.shared.note(|status| status.bus_off_us = u32::try_from(us).unwrap_or(u32::MAX));
+        }
+    }
+
+    /// The next CAN frame of the oldest raw message.
+    fn next_raw(&mut self) -> Option<CanFrame> {
+        // Twice: a message that is through makes place for the next.
+        for _ in 0..2 {
+            if let Some(frame) = self.raw.try_receive()?.next_frame() {
+                self.begun = true;
+                return Some(frame);
+            }
+            self.raw.receive_done();
+            self.begun = false;
+        }
+        None
+    }
+
+    /// Give up all raw messages that wait.
+    fn drop_raw(&mut self) {
+        let (mut dropped, mut broken) = (0u32, 0u32);
+        for _ in 0..self.raw.len() {
+            if self.begun {
+                broken += 1
+            } else {
+                dropped += 1
+            }
+            self.begun = false;
+            self.raw.receive_done();
+        }
+        if dropped + broken > 0 {
+            self.shared.note(|status| {
+                status.dropped_raw = status.dropped_raw.saturating_add(dropped);
+                status.broken_raw = status.broken_raw.saturating_add(broken);
+            });
+        }
+    }
+}

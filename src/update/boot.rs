@@ -1,0 +1,164 @@
+//! What the bootloader decides: which firmware runs. Registers and the jump are in `src/boot`; this runs on the host too.
+
+use core::fmt;
+
+use embassy_boot::{BootLoader, BootLoaderConfig};
+use embassy_embedded_hal::adapter::BlockingAsync;
+use embassy_futures::block_on;
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+
+use super::Refusal;
+use super::image::ImageVersion;
+use super::partitions::{FLASH_BASE, Partitions};
+use super::slot::{WORD, check_firmware};
+use super::state::{Run, StateError, UpdateState};
+
+/// The firmware to jump to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Firmware {
+    /// It came by an update, of this version.
+    Signed(ImageVersion),
+    /// Nothing vouches for it: a debug probe wrote it.
+    Flashed,
+}
+
+/// Why no firmware is jumped to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BootFailure {
+    /// The flash refused.
+    Flash,
+    /// There is none that is whole.
+    NoFirmware(Refusal),
+}
+
+impl fmt::Display for BootFailure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Flash => f.write_str("the flash refused"),
+            Self::NoFirmware(why) => write!(f, "no firmware: {why}"),
+        }
+    }
+}
+
+impl core::error::Error for BootFailure {}
+
+impl From<StateError> for BootFailure {
+    fn from(_: StateError) -> Self {
+        Self::Flash
+    }
+}
+
+/// The three partitions, each from its address 0 on.
+pub struct Slots<A, D, S> {
+    /// The firmware that runs.
+    pub active: A,
+    /// The one that is to run, or ran before.
+    pub dfu: D,
+    /// embassy-boot's state.
+    pub state: S,
+}
+
+impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
+    /// Swap a new firmware in, swap one that did not confirm out, and see that what then lies in the active slot is
+    /// whole. `buffer` divides a sector and is aligned as the flash wants it.
+    ///
+    /// A new one is checked once more before it is swapped in, and again where it will run; if it is not whole there,
+    /// the one before comes back at once.
+    pub fn prepare(
+        &mut self,
+        board: &Partitions,
+        key: &[u8; 32],
+        buffer: &mut [u8],
+    ) -> Result<Firmware, BootFailure> {
+        let mut state = UpdateState::new(BlockingAsync::new(&mut self.state));
+        let run = block_on(state.run())?;
+        let withdraw = match run {
+            Run::Pending => {
+                block_on(check_firmware(&mut BlockingAsync::new(&mut self.dfu), board, key)).is_err()
+            }
+            // Confirming was cut off half way: embassy-boot would call that a rollback.
+            Run::Confirmed => true,
+            Run::OnTrial | Run::RolledBack => false,
+        };
+        if withdraw {
+            block_on(state.confirm())?;
+        }
+        self.swap(buffer)?;
+        let found = self.firmware(board, key);
+        let swapped_in = run == Run::Pending && !withdraw;
+        if found.is_err() && swapped_in {
+            // It looks to embassy-boot as a firmware that did not confirm.
+            self.swap(buffer)?;
+            return self.firmware(board, key).map_err(BootFailure::NoFirmware);
+        }
+        found.map_err(BootFailure::NoFirmware)
+    }
+
+    fn swap(&mut self, buffer: &mut [u8]) -> Result<(), BootFailure> {
+        let Self { active, dfu, state } = self;
+        let config = BootLoaderConfig { active, dfu, state: Unchanged(state) };
+        BootLoader::new(config).prepare_boot(buffer).map_err(|_| BootFailure::Flash)?;
+        Ok(())
+    }
+
+    /// What lies in the active slot.
+    fn firmware(&mut self, board: &Partitions, key: &[u8; 32]) -> Result<Firmware, Refusal> {
+        match block_on(check_firmware(&mut BlockingAsync::new(&mut self.active), board, key)) {
+            Ok(header) => Ok(Firmware::Signed(header.version)),
+            Err(Refusal::Blank) => self.has_vectors(board).map(|()| Firmware::Flashed),
+            Err(why) => Err(why),
+        }
+    }
+
+    /// Could the first two words be a program's, its stack and where it begins?
+    fn has_vectors(&mut self, board: &Partitions) -> Result<(), Refusal> {
+        let mut bytes = [0; 8];
+        self.active.read(0, &mut bytes).map_err(|_| Refusal::Flash)?;
+        let [s0, s1, s2, s3, r0, r1, r2, r3] = bytes;
+        let (stack, reset) = (u32::from_le_bytes([s0, s1, s2, s3]), u32::from_le_bytes([r0, r1, r2, r3]));
+        let slot = FLASH_BASE + board.active.start..FLASH_BASE + board.active.end;
+        // DTCM or AXI SRAM, as deep as they are on the larger part.
+        let in_ram = matches!(stack, 0x2000_0001..=0x2002_0000 | 0x2400_0001..=0x2408_0000);
+        if in_ram && reset & 1 == 1 && slot.contains(&reset) { Ok(()) } else { Err(Refusal::Blank) }
+    }
+}
+
+/// A flash that does not write a word again that holds the same already: embassy-boot would, after a power cut, and
+/// words of an STM32H7 have check bits that are made for one write.
+struct Unchanged<F>(F);
+
+impl<F: ErrorType> ErrorType for Unchanged<F> {
+    type Error = F::Error;
+}
+
+impl<F: ReadNorFlash> ReadNorFlash for Unchanged<F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
+        self.0.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl<F: NorFlash> NorFlash for Unchanged<F> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
+        self.0.erase(from, to)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
+        let mut held = [0; WORD];
+        if let Some(held) = held.get_mut(..bytes.len()) {
+            self.0.read(offset, held)?;
+            if held == bytes {
+                return Ok(());
+            }
+        }
+        self.0.write(offset, bytes)
+    }
+}

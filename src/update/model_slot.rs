@@ -1,0 +1,80 @@
+//! The slot of a model: its header, then the model file. The header is written last, so that what has one is whole.
+
+use core::fmt;
+
+use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
+
+use super::Refusal;
+use super::image::{HEADER_BYTES, Header, ImageVersion};
+use super::partitions::Partitions;
+use super::slot::{check_hash, header_bytes};
+use crate::net::Model;
+use crate::node::UpdateTarget;
+
+/// Where the model lies in its slot.
+pub(super) const MODEL_AT: u32 = HEADER_BYTES as u32;
+
+/// Which model runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SlotModel {
+    /// The one of the slot, of this version.
+    Slot(ImageVersion),
+    /// The one in the firmware, because the slot was not usable. [`Refusal::Blank`]: none was ever installed.
+    BuiltIn(Refusal),
+}
+
+impl fmt::Display for SlotModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Slot(version) => write!(f, "model: version {version} of the model slot"),
+            Self::BuiltIn(Refusal::Blank) => f.write_str("model: the one in the firmware"),
+            Self::BuiltIn(why) => write!(f, "model: the one in the firmware; that of the slot: {why}"),
+        }
+    }
+}
+
+/// The slot of a model.
+pub struct ModelSlot<M> {
+    pub(super) flash: M,
+    board: &'static Partitions,
+    key: [u8; 32],
+}
+
+impl<M: ReadNorFlash> ModelSlot<M> {
+    /// `flash` holds the slot from its address 0 on, and nothing else.
+    pub const fn new(flash: M, board: &'static Partitions, key: [u8; 32]) -> Self {
+        Self { flash, board, key }
+    }
+
+    /// What is installed, going by its header: signed, and for this board.
+    pub async fn header(&mut self) -> Result<Header, Refusal> {
+        let header = Header::verify(&header_bytes(&mut self.flash, 0).await?, &self.key)?;
+        let room = (self.flash.capacity() as u32).saturating_sub(MODEL_AT);
+        header.admit(UpdateTarget::Model, self.board, header.version, room)?;
+        Ok(header)
+    }
+
+    /// Copy the installed model to `place`, which begins at a multiple of four bytes, and prove that it may run:
+    /// signature, hash, version, bounds. It fills the first `length` bytes, which [`Model::parse`] will read; on an
+    /// error nothing there means anything.
+    pub async fn load(&mut self, place: &mut [u8]) -> Result<Header, Refusal> {
+        let header = self.header().await?;
+        check_hash(&mut self.flash, MODEL_AT, &header).await?;
+        self.check_model(&header, place).await?;
+        Ok(header)
+    }
+
+    /// Is the payload a model that this firmware can run?
+    pub(super) async fn check_model(&mut self, header: &Header, place: &mut [u8]) -> Result<(), Refusal> {
+        let place = place.get_mut(..header.length as usize).ok_or(Refusal::TooLong)?;
+        self.flash.read(MODEL_AT, place).await.map_err(|_| Refusal::Flash)?;
+        Model::parse(place).map(|_| ()).map_err(Refusal::Model)
+    }
+}
+
+impl<M: NorFlash> ModelSlot<M> {
+    /// The version that a new one may not be below; 0.0.0 while there is no whole one.
+    pub(super) async fn version(&mut self) -> ImageVersion {
+        self.header().await.map(|header| header.version).unwrap_or_default()
+    }
+}

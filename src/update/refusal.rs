@@ -1,0 +1,105 @@
+//! Why an image is not installed, in the words that go onto the bus.
+
+use core::fmt;
+
+use crate::net::ModelError;
+
+/// Why an image is not installed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// Shorter than a header.
+    ShorterThanHeader,
+    /// It does not begin as an image does: a bare program or model.
+    NoHeader,
+    /// Made for other code.
+    UnknownFormat,
+    /// The place of the signature is empty.
+    Unsigned,
+    /// Signed by another key, or changed since.
+    WrongSignature,
+    /// The key that this firmware was built with is none.
+    BadKey,
+    /// A model where a firmware was announced, or the other way round.
+    WrongKind,
+    /// For another board.
+    WrongBoard,
+    /// Its version is below that of what is installed.
+    Older,
+    /// No payload.
+    Empty,
+    /// More than there is room for.
+    TooLong,
+    /// The file ends before the payload does.
+    Truncated,
+    /// The file goes on behind the payload.
+    Trailing,
+    /// The payload, read back from flash, is not what was signed.
+    WrongHash,
+    /// The model is no model, or may overflow.
+    Model(ModelError),
+    /// The firmware that runs has not confirmed: the one to roll back to is where the new one would go.
+    OnTrial,
+    /// The board has no room for a second firmware.
+    NoFirmwareSlot,
+    /// There is no bootloader that would swap.
+    NoBootloader,
+    /// Pieces do not follow each other.
+    OutOfOrder,
+    /// The flash refused a read, a write or an erase.
+    Flash,
+    /// The slot is blank.
+    Blank,
+}
+
+impl Refusal {
+    /// In words.
+    pub const fn reason(self) -> &'static str {
+        match self {
+            Self::ShorterThanHeader => "truncated: shorter than the header of an image",
+            Self::NoHeader => "unsigned: it has no image header",
+            Self::UnknownFormat => "the image's format is unknown to this firmware",
+            Self::Unsigned => "unsigned: the signature is empty",
+            Self::WrongSignature => "the signature is not by this firmware's key",
+            Self::BadKey => "this firmware was built with a key that is none",
+            Self::WrongKind => "firmware and model mistaken for each other",
+            Self::WrongBoard => "for another board",
+            Self::Older => "older than what is installed",
+            Self::Empty => "empty",
+            Self::TooLong => "longer than its slot",
+            Self::Truncated => "truncated: it ends before its payload does",
+            Self::Trailing => "it goes on behind its payload",
+            Self::WrongHash => "the payload's SHA-256 does not match",
+            Self::Model(error) => match error {
+                ModelError::HashMismatch => "corrupt model: its SHA-256 does not match",
+                ModelError::UnknownVersion { .. } | ModelError::BadHeader { .. } => {
+                    "corrupt model: its format is unknown to this firmware"
+                }
+                ModelError::BadMagic => "corrupt model: it does not begin as a model does",
+                ModelError::Truncated { .. } => "corrupt model: it ends too early",
+                ModelError::TrailingBytes { .. } => "corrupt model: bytes after its end",
+                ModelError::BadDimension(_) => "corrupt model: a size that this firmware has no room for",
+                ModelError::AccumulatorOverflow { .. } => "corrupt model: an accumulator could overflow",
+                ModelError::BadScale { .. } | ModelError::BadOperatingPoint(_) => {
+                    "corrupt model: a number out of range"
+                }
+                ModelError::BadPadding { .. } | ModelError::BadProvenance | ModelError::Misaligned => {
+                    "corrupt model: it is not laid out as a model is"
+                }
+            },
+            Self::OnTrial => "the firmware that runs has not confirmed yet",
+            Self::NoFirmwareSlot => "this board has no room for a second firmware: flash it with a probe",
+            Self::NoBootloader => "there is no bootloader on this board: cargo flash-boot-h743",
+            Self::OutOfOrder => "pieces out of order",
+            Self::Flash => "the flash refused",
+            Self::Blank => "nothing there",
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.reason())
+    }
+}
+
+impl core::error::Error for Refusal {}

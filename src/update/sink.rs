@@ -1,0 +1,220 @@
+//! From the pieces of a file to an installed image.
+
+use embedded_storage_async::nor_flash::NorFlash;
+
+use super::Refusal;
+use super::image::{HEADER_BYTES, Header, ImageVersion};
+use super::model_slot::{MODEL_AT, ModelSlot};
+use super::partitions::Partitions;
+use super::slot::{self, Writer, check_hash, firmware_header_at, firmware_room};
+use super::state::{Run, UpdateState};
+use crate::node::{FileSink, UpdateTarget};
+
+/// Where a new firmware goes.
+pub struct FirmwareSlot<D, S> {
+    /// The slot, from its address 0 on.
+    pub dfu: D,
+    /// What the bootloader is told.
+    pub state: UpdateState<S>,
+}
+
+/// Takes the pieces of an image, checks it, and installs it if nothing speaks against it.
+///
+/// The header is checked before anything is erased, the payload where it lies in flash before anything is marked.
+pub struct UpdateSink<'a, D, S, M> {
+    board: &'static Partitions,
+    key: [u8; 32],
+    running: ImageVersion,
+    firmware: Result<FirmwareSlot<D, S>, Refusal>,
+    model: ModelSlot<M>,
+    place: &'a mut [u8],
+    image: Option<Image>,
+}
+
+/// An image on its way.
+struct Image {
+    target: UpdateTarget,
+    /// Bytes of the file that have come.
+    arrived: u32,
+    raw_header: [u8; HEADER_BYTES],
+    /// Once it is complete and has been found good.
+    header: Option<Header>,
+    writer: Writer,
+}
+
+impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
+    /// `running`: the version of the firmware that runs. `firmware`: where a new one goes, or why there is no such
+    /// place. `place`: where a model is tried before it is installed; it begins at a multiple of four bytes and is as
+    /// long as the longest model that the board can run.
+    pub const fn new(
+        board: &'static Partitions,
+        key: [u8; 32],
+        running: ImageVersion,
+        firmware: Result<FirmwareSlot<D, S>, Refusal>,
+        model: ModelSlot<M>,
+        place: &'a mut [u8],
+    ) -> Self {
+        Self { board, key, running, firmware, model, place, image: None }
+    }
+
+    /// What the bootloader keeps; `None` on a board without one.
+    pub const fn state(&mut self) -> Option<&mut UpdateState<S>> {
+        match &mut self.firmware {
+            Ok(firmware) => Some(&mut firmware.state),
+            Err(_) => None,
+        }
+    }
+
+    /// The model's slot.
+    pub const fn model(&mut self) -> &mut ModelSlot<M> {
+        &mut self.model
+    }
+
+    /// Bytes of the longest file that is taken, for [`Node::begin_download`](crate::node::Node::begin_download); or
+    /// why none is.
+    pub async fn begin(&mut self, target: UpdateTarget) -> Result<u32, Refusal> {
+        self.image = None;
+        if target == UpdateTarget::Firmware {
+            self.firmware.as_mut().map_err(|why| *why)?.is_free().await?;
+        }
+        Ok(self.room(target).saturating_add(HEADER_BYTES as u32))
+    }
+
+    /// Bytes of the longest payload.
+    fn room(&self, target: UpdateTarget) -> u32 {
+        match target {
+            UpdateTarget::Firmware => firmware_room(self.board),
+            UpdateTarget::Model => {
+                let slot = (self.model.flash.capacity() as u32).saturating_sub(MODEL_AT);
+                slot.min(self.place.len() as u32)
+            }
+        }
+    }
+
+    /// A piece: the first ones go to the header, the others to flash.
+    async fn take(&mut self, target: UpdateTarget, offset: u32, bytes: &[u8]) -> Result<(), Refusal> {
+        // Taken, so that an error leaves nothing to go on with.
+        let image = if offset == 0 { Some(Image::new(target)) } else { self.image.take() };
+        let mut image = image.ok_or(Refusal::OutOfOrder)?;
+        if image.target != target || image.arrived != offset {
+            return Err(Refusal::OutOfOrder);
+        }
+        let bytes = image.take_header(bytes);
+        if image.header.is_none() && image.arrived as usize >= HEADER_BYTES {
+            let header = Header::verify(&image.raw_header, &self.key)?;
+            self.make_room(target, &header).await?;
+            image.header = Some(header);
+        }
+        if let Some(header) = &image.header {
+            image.arrived = image.arrived.saturating_add(bytes.len() as u32);
+            if image.arrived - HEADER_BYTES as u32 > header.length {
+                return Err(Refusal::Trailing);
+            }
+            match target {
+                UpdateTarget::Firmware => {
+                    let firmware = self.firmware.as_mut().map_err(|why| *why)?;
+                    image.writer.put(&mut firmware.dfu, bytes).await?;
+                }
+                UpdateTarget::Model => image.writer.put(&mut self.model.flash, bytes).await?,
+            }
+        }
+        self.image = Some(image);
+        Ok(())
+    }
+
+    /// The header is signed: may its image come in? Then erase.
+    async fn make_room(&mut self, target: UpdateTarget, header: &Header) -> Result<(), Refusal> {
+        let installed = match target {
+            UpdateTarget::Firmware => self.running,
+            UpdateTarget::Model => self.model.version().await,
+        };
+        header.admit(target, self.board, installed, self.room(target))?;
+        match target {
+            UpdateTarget::Firmware => {
+                let firmware = self.firmware.as_mut().map_err(|why| *why)?;
+                firmware.is_free().await?;
+                // One that was ready to be swapped in is withdrawn before it is overwritten.
+                firmware.state.confirm().await.map_err(|_| Refusal::Flash)?;
+                slot::erase(&mut firmware.dfu, self.board.active.bytes()).await
+            }
+            UpdateTarget::Model => {
+                let bytes = self.model.flash.capacity() as u32;
+                slot::erase(&mut self.model.flash, bytes).await
+            }
+        }
+    }
+
+    /// All has come: check it where it lies, then say that it is whole.
+    async fn complete(&mut self, target: UpdateTarget, length: u32) -> Result<(), Refusal> {
+        let mut image = self.image.take().ok_or(Refusal::OutOfOrder)?;
+        if image.target != target || image.arrived != length {
+            return Err(Refusal::OutOfOrder);
+        }
+        let header = image.header.ok_or(Refusal::ShorterThanHeader)?;
+        if length - HEADER_BYTES as u32 != header.length {
+            return Err(Refusal::Truncated);
+        }
+        match target {
+            UpdateTarget::Firmware => {
+                let firmware = self.firmware.as_mut().map_err(|why| *why)?;
+                let header_at = firmware_header_at(self.board);
+                image.writer.flush(&mut firmware.dfu).await?;
+                check_hash(&mut firmware.dfu, 0, &header).await?;
+                Writer::new(header_at).put(&mut firmware.dfu, &image.raw_header).await?;
+                // The header too is believed only as it can be read.
+                slot::check_firmware(&mut firmware.dfu, self.board, &self.key).await?;
+                firmware.state.mark_updated().await.map_err(|_| Refusal::Flash)
+            }
+            UpdateTarget::Model => {
+                image.writer.flush(&mut self.model.flash).await?;
+                check_hash(&mut self.model.flash, MODEL_AT, &header).await?;
+                self.model.check_model(&header, self.place).await?;
+                Writer::new(0).put(&mut self.model.flash, &image.raw_header).await?;
+                self.model.header().await.map(|_| ())
+            }
+        }
+    }
+}
+
+impl<D: NorFlash, S: NorFlash> FirmwareSlot<D, S> {
+    /// May the slot be written?
+    async fn is_free(&mut self) -> Result<(), Refusal> {
+        match self.state.run().await {
+            Ok(Run::OnTrial) => Err(Refusal::OnTrial),
+            Ok(Run::Confirmed | Run::Pending | Run::RolledBack) => Ok(()),
+            Err(_) => Err(Refusal::Flash),
+        }
+    }
+}
+
+impl Image {
+    const fn new(target: UpdateTarget) -> Self {
+        let at = match target {
+            UpdateTarget::Firmware => 0,
+            UpdateTarget::Model => MODEL_AT,
+        };
+        let (raw_header, writer) = ([0; HEADER_BYTES], Writer::new(at));
+        Self { target, arrived: 0, raw_header, header: None, writer }
+    }
+
+    /// Fill the header; what is behind it.
+    fn take_header<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
+        let missing = HEADER_BYTES.saturating_sub(self.arrived as usize);
+        let (header, behind) = bytes.split_at_checked(missing).unwrap_or((bytes, &[]));
+        for (to, from) in self.raw_header.iter_mut().skip(self.arrived as usize).zip(header) {
+            *to = *from;
+        }
+        self.arrived = self.arrived.saturating_add(header.len() as u32);
+        behind
+    }
+}
+
+impl<D: NorFlash, S: NorFlash, M: NorFlash> FileSink for UpdateSink<'_, D, S, M> {
+    async fn write(&mut self, target: UpdateTarget, offset: u32, bytes: &[u8]) -> Result<(), &'static str> {
+        self.take(target, offset, bytes).await.map_err(Refusal::reason)
+    }
+
+    async fn finish(&mut self, target: UpdateTarget, length: u32) -> Result<(), &'static str> {
+        self.complete(target, length).await.map_err(Refusal::reason)
+    }
+}

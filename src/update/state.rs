@@ -1,0 +1,115 @@
+//! What embassy-boot's state says of the firmware that runs, and when a new one has shown that it works.
+
+use core::fmt;
+
+use embassy_boot::{FirmwareState, State};
+use embedded_storage_async::nor_flash::NorFlash;
+
+use super::slot::WORD;
+use crate::params::FRAME_RATE_HZ;
+
+/// Frames that a new firmware decides before it confirms: ten seconds.
+pub const CONFIRM_FRAMES: u32 = 10 * FRAME_RATE_HZ;
+/// Heartbeats that it has brought onto the bus by then, at least: as many seconds, less a few for its address.
+pub const CONFIRM_HEARTBEATS: u32 = 5;
+
+/// How the firmware that runs came to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Run {
+    /// It has confirmed, or was never on trial.
+    Confirmed,
+    /// The same, and a new one is ready to be swapped in at the next restart.
+    Pending,
+    /// It is new: the next restart swaps the one before in again, unless it has confirmed by then.
+    OnTrial,
+    /// The one after it did not confirm.
+    RolledBack,
+}
+
+/// The state could not be read or written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StateError;
+
+impl fmt::Display for StateError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the flash refused the state of the update")
+    }
+}
+
+impl core::error::Error for StateError {}
+
+/// embassy-boot's state, in a sector of its own.
+pub struct UpdateState<S>(S);
+
+impl<S: NorFlash> UpdateState<S> {
+    /// `flash` holds the state from its address 0 on, and nothing else.
+    pub const fn new(flash: S) -> Self {
+        Self(flash)
+    }
+
+    /// How the firmware came to run.
+    pub async fn run(&mut self) -> Result<Run, StateError> {
+        let mut word = [0; WORD];
+        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
+        Ok(match Self::magic(&mut self.0).await? {
+            State::Boot | State::DfuDetach => Run::Confirmed,
+            State::Revert => Run::RolledBack,
+            // embassy-boot's layout: magic, validity of the progress, progress; one word each, blank at first. An
+            // invalid progress is the first thing that confirming writes: it was cut off there.
+            State::Swap if !self.is_blank(1, word).await? => Run::Confirmed,
+            State::Swap if self.is_blank(2, word).await? => Run::Pending,
+            State::Swap => Run::OnTrial,
+        })
+    }
+
+    async fn is_blank(&mut self, index: u32, word: &mut [u8]) -> Result<bool, StateError> {
+        self.0.read(index * S::WRITE_SIZE as u32, word).await.map_err(|_| StateError)?;
+        Ok(word.iter().all(|&byte| byte == 0xFF))
+    }
+
+    async fn magic(flash: &mut S) -> Result<State, StateError> {
+        let mut word = [0; WORD];
+        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
+        FirmwareState::new(flash, word).get_state().await.map_err(|_| StateError)
+    }
+
+    /// The firmware that runs stays: no rollback. Also withdraws a firmware that is [`Run::Pending`], and forgets that
+    /// one was rolled back. Nothing is written if that is so already.
+    pub async fn confirm(&mut self) -> Result<(), StateError> {
+        if Self::magic(&mut self.0).await? == State::Boot {
+            return Ok(());
+        }
+        let mut word = [0; WORD];
+        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
+        FirmwareState::new(&mut self.0, word).mark_booted().await.map_err(|_| StateError)
+    }
+
+    /// Swap at the next restart. Only for what has been checked where it lies.
+    pub(super) async fn mark_updated(&mut self) -> Result<(), StateError> {
+        let mut word = [0; WORD];
+        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
+        FirmwareState::new(&mut self.0, word).mark_updated().await.map_err(|_| StateError)
+    }
+}
+
+/// A new firmware showing that it works: [`CONFIRM_FRAMES`] decided, [`CONFIRM_HEARTBEATS`] on the bus. Whatever
+/// keeps it from that, the watchdog among it, ends in a restart and the rollback.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    open: bool,
+}
+
+impl Trial {
+    /// As [`UpdateState::run`] says.
+    pub const fn new(run: Run) -> Self {
+        Self { open: matches!(run, Run::OnTrial) }
+    }
+
+    /// Frames decided and heartbeats that have left for the bus, both since start. `true` once: it has shown that it
+    /// works, [`UpdateState::confirm`] now.
+    pub fn observe(&mut self, frames: u32, heartbeats: u32) -> bool {
+        let shown = self.open && frames >= CONFIRM_FRAMES && heartbeats >= CONFIRM_HEARTBEATS;
+        self.open &= !shown;
+        shown
+    }
+}

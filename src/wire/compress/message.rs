@@ -1,0 +1,244 @@
+//! The message around the coded bytes.
+
+use heapless::Vec;
+
+use super::range::{Decoder, Encoder};
+use super::region::Region;
+use super::{taxels, xl};
+use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXELS, XL_AXES};
+use crate::sensor::{PiezoFrame, XlSample};
+use crate::wire::bytes::{DecodeError, Reader, Writer};
+use crate::wire::crc16;
+use crate::wire::raw::{RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
+
+/// Bytes of the longest compressed message: that of a frame which compressing would make longer.
+pub const COMPRESSED_BYTES_MAX: usize =
+    CHECKED_BYTES + 2 + 2 + (ACTIVE_TAXELS * 3).div_ceil(2) + RAW_XL_MAX * XL_AXES * 2;
+/// Header bytes before the check.
+const CHECKED_BYTES: usize = 7 + 4 + 1 + 1 + 4 + 1 + 1 + 1;
+
+const NAME: &str = "slipsense.RawCompressed";
+
+/// `form` bit: the data are coded; else they are packed, samples of 16 bits and then counts of 12.
+const FORM_CODED: u8 = 1;
+/// `form` bit: of the taxels only a region, which the first bytes of the data give.
+const FORM_REGION: u8 = 2;
+/// `form` bit: no taxels.
+const FORM_NO_TAXELS: u8 = 4;
+const FORM_ALL: u8 = FORM_CODED | FORM_REGION | FORM_NO_TAXELS;
+/// First row, rows, first column, columns.
+const REGION_BYTES: usize = 4;
+
+/// Coding is given up when so many bytes more have come out than packing would have taken so far.
+const SLACK_BYTES: usize = 32;
+
+/// How much of a frame a message carries. What the bus cannot carry is left out from the back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Detail {
+    /// The accelerometer alone.
+    Accelerometer,
+    /// Also the taxels of the rectangle around the contact.
+    Contact,
+    /// Everything.
+    All,
+}
+
+/// Write the message into `buffer` and return its bytes.
+pub(in crate::wire) fn encode<'b>(
+    frame: &RawFrame<'_>,
+    detail: Detail,
+    buffer: &'b mut RawBuffer,
+) -> &'b [u8] {
+    let (newest, dropped) = frame.newest_samples();
+    let region = match (frame.input.piezo, detail) {
+        (None, _) | (_, Detail::Accelerometer) => Region::NONE,
+        (Some(piezo), Detail::Contact) => Region::of_contact(piezo),
+        (Some(_), Detail::All) => Region::ALL,
+    };
+    let mut form = match region {
+        Region::ALL => 0,
+        Region::NONE => FORM_NO_TAXELS,
+        _ => FORM_REGION,
+    };
+    let mut counts = counts_of(frame.input.piezo, &region);
+    let mut samples = [[0; XL_AXES]; RAW_XL_MAX];
+    let samples = samples.get_mut(..newest.len()).unwrap_or_default();
+    samples.iter_mut().zip(newest).for_each(|(to, from)| *to = *from);
+
+    let (header, data) = buffer.0.split_at_mut(CHECKED_BYTES + 4);
+    let start = if form == FORM_REGION { REGION_BYTES } else { 0 };
+    let (region_bytes, body) = data.split_at_mut(start);
+    for (out, byte) in region_bytes.iter_mut().zip(region.to_bytes()) {
+        *out = byte;
+    }
+    let length = match code(samples, &region, &mut counts, body) {
+        Some(length) => {
+            form |= FORM_CODED;
+            length
+        }
+        None => pack(newest, &region, &counts, body),
+    };
+    let length = start + length;
+
+    let mut writer = Writer::new(header);
+    writer.put_saturated::<7>(frame.timestamp_us);
+    writer.put(&frame.sequence.to_le_bytes());
+    writer.put(&[frame.sensor, frame.full_health()]);
+    writer.put(&frame.xl_end.to_le_bytes());
+    writer.put(&[dropped.min(255) as u8, newest.len() as u8, form]);
+    let sum = match (region, frame.input.piezo) {
+        (Region::ALL, Some(piezo)) => piezo.sum(),
+        _ => sum_of(&counts),
+    };
+    let check = check(header, sum, newest);
+    let mut writer = Writer::new(header.get_mut(CHECKED_BYTES..).unwrap_or_default());
+    writer.put(&check.to_le_bytes());
+    writer.put(&(length as u16).to_le_bytes());
+    buffer.bytes(CHECKED_BYTES + 4 + length)
+}
+
+/// Read a message; bytes after it are padding and ignored.
+pub(in crate::wire) fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
+    let mut reader = Reader::new(NAME, bytes);
+    let timestamp_us = reader.unsigned::<7>()?;
+    let sequence = u32::from_le_bytes(reader.take()?);
+    let [sensor, health] = reader.take()?;
+    reader.at_most("sensor", sensor, MAX_SENSORS - 1)?;
+    let xl_end = u32::from_le_bytes(reader.take()?);
+    let [xl_dropped, count, form] = reader.take()?;
+    reader.at_most("xl_count", count, RAW_XL_MAX)?;
+    reader.at_most("form", form, FORM_ALL.into())?;
+    let expected = u16::from_le_bytes(reader.take()?);
+    let length = u16::from_le_bytes(reader.take()?);
+    let mut data = reader.slice(length.into())?;
+
+    let damaged = DecodeError::Damaged { message: NAME };
+    let region = match form & (FORM_REGION | FORM_NO_TAXELS) {
+        0 => Region::ALL,
+        FORM_REGION => {
+            let (region, rest) = data.split_first_chunk::<REGION_BYTES>().ok_or(damaged)?;
+            data = rest;
+            Region::of_bytes(*region).ok_or(damaged)?
+        }
+        FORM_NO_TAXELS => Region::NONE,
+        _ => return Err(damaged),
+    };
+    let mut counts = [0; TAXELS];
+    let mut xl: Vec<XlSample, RAW_XL_MAX> = Vec::new();
+    // There is room: `count` is at most the capacity.
+    let _ = xl.resize_default(count.into());
+    let whole = match form & FORM_CODED {
+        0 => unpack(data, &mut xl, &region, &mut counts),
+        _ => {
+            let mut decoder = Decoder::new(data);
+            xl::code(&mut decoder, &mut xl);
+            taxels::code(&mut decoder, &region, &mut counts, |_, _| true) && decoder.is_at_end()
+        }
+    };
+    if !whole || check(bytes, sum_of(&counts), &xl) != expected {
+        return Err(damaged);
+    }
+    let piezo = PiezoFrame::from_scan(counts);
+    Ok(RawMessage { timestamp_us, sequence, sensor, health, piezo, region, xl, xl_end, xl_dropped })
+}
+
+/// The counts in the region, 0 elsewhere.
+fn counts_of(piezo: Option<&PiezoFrame>, region: &Region) -> [u16; TAXELS] {
+    match piezo {
+        Some(piezo) if *region == Region::ALL => *piezo.counts(),
+        Some(piezo) => {
+            let mut counts = [0; TAXELS];
+            let rows = counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut();
+            for (row, (to, from)) in rows.zip(piezo.counts().as_chunks::<TAXEL_COLS>().0).enumerate() {
+                let cols = region.cols_of(row);
+                if let (Some(to), Some(from)) = (to.get_mut(cols.clone()), from.get(cols)) {
+                    to.copy_from_slice(from);
+                }
+            }
+            counts
+        }
+        None => [0; TAXELS],
+    }
+}
+
+/// Code into `body`; the bytes used, `None` where packing takes fewer.
+fn code(
+    samples: &mut [XlSample],
+    region: &Region,
+    counts: &mut [u16; TAXELS],
+    body: &mut [u8],
+) -> Option<usize> {
+    let packed = packed_bytes(samples.len(), region.taxels());
+    let mut encoder = Encoder::new(body.get_mut(..packed.checked_sub(1)?)?);
+    xl::code(&mut encoder, samples);
+    let samples = samples.len();
+    let is_shorter = |encoder: &Encoder<'_>, taxels| {
+        encoder.len().is_some_and(|length| length <= packed_bytes(samples, taxels) + SLACK_BYTES)
+    };
+    if taxels::code(&mut encoder, region, counts, is_shorter) { encoder.finish() } else { None }
+}
+
+fn packed_bytes(samples: usize, taxels: usize) -> usize {
+    samples * XL_AXES * 2 + (taxels * 3).div_ceil(2)
+}
+
+/// Samples of 16 bits, then counts of 12, low bits first; the bytes used.
+fn pack(samples: &[XlSample], region: &Region, counts: &[u16; TAXELS], body: &mut [u8]) -> usize {
+    let length = packed_bytes(samples.len(), region.taxels());
+    let (xl, taxels) = body.split_at_mut_checked(samples.len() * XL_AXES * 2).unwrap_or_default();
+    for (out, value) in xl.as_chunks_mut().0.iter_mut().zip(samples.as_flattened()) {
+        *out = value.to_le_bytes();
+    }
+    let mut counts = cells(region, counts);
+    for out in taxels.chunks_mut(3) {
+        let Some(low) = counts.next() else { break };
+        let two = u32::from(low) | u32::from(counts.next().unwrap_or(0)) << 12;
+        for (out, byte) in out.iter_mut().zip(two.to_le_bytes()) {
+            *out = byte;
+        }
+    }
+    length
+}
+
+/// The reverse of [`pack`]. `false`: not the right number of bytes.
+fn unpack(data: &[u8], xl: &mut [XlSample], region: &Region, counts: &mut [u16; TAXELS]) -> bool {
+    if data.len() != packed_bytes(xl.len(), region.taxels()) {
+        return false;
+    }
+    let (samples, taxels) = data.split_at_checked(xl.len() * XL_AXES * 2).unwrap_or_default();
+    for (value, bytes) in xl.as_flattened_mut().iter_mut().zip(samples.as_chunks().0) {
+        *value = i16::from_le_bytes(*bytes);
+    }
+    let mut values = taxels.chunks(3).flat_map(|bytes| {
+        let two = bytes.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte));
+        [two as u16 & COUNT_MAX, (two >> 12) as u16]
+    });
+    for (row, cells) in counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
+        for (cell, value) in
+            cells.get_mut(region.cols_of(row)).unwrap_or_default().iter_mut().zip(&mut values)
+        {
+            *cell = value;
+        }
+    }
+    true
+}
+
+/// The counts of a region, row by row.
+fn cells<'a>(region: &Region, counts: &'a [u16; TAXELS]) -> impl Iterator<Item = u16> + 'a {
+    let region = *region;
+    let rows = counts.as_chunks::<TAXEL_COLS>().0.iter().enumerate();
+    rows.flat_map(move |(row, cells)| cells.get(region.cols_of(row)).unwrap_or_default()).copied()
+}
+
+fn sum_of(counts: &[u16; TAXELS]) -> u32 {
+    counts.iter().map(|&count| u32::from(count)).sum()
+}
+
+/// CRC of the header up to here, plus all counts and all samples, modulo 2^16. The transfer's CRC does not cover what
+/// happens to a message afterwards, and no checksum of the bytes tells that encoder and decoder disagree.
+fn check(message: &[u8], count_sum: u32, samples: &[XlSample]) -> u16 {
+    let crc = crc16(message.get(..CHECKED_BYTES).unwrap_or_default());
+    let sum =
+        samples.as_flattened().iter().fold(count_sum as u16, |sum, &value| sum.wrapping_add(value as u16));
+    crc.wrapping_add(sum)
+}

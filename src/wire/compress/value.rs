@@ -1,0 +1,55 @@
+//! Values of up to 16 bits as one of 40 symbols and a few extra bits: 0 to 15 are a symbol each, above that each
+//! half of an octave is one, and the extra bits say which of its values. So the frequencies of a context fit a
+//! short table whatever the range of the sensor.
+
+/// Values with a symbol of their own.
+const DIRECT: u32 = 16;
+/// log2 of it.
+const DIRECT_BITS: u32 = 4;
+/// Symbols: two for each octave from 16 to 65,535.
+pub const SYMBOLS: usize = DIRECT as usize + 2 * (16 - DIRECT_BITS as usize);
+
+/// Symbol of a value of 16 bits, and how many of its low bits the symbol does not say.
+#[inline]
+pub fn split(value: u32) -> (usize, u32) {
+    if value < DIRECT {
+        return (value as usize, 0);
+    }
+    // The lowest bit changes nothing here, and spares the check for 0.
+    let top = (value | 1).ilog2();
+    let extra = top - 1;
+    // 2 or 3 is left: the leading one and the half of the octave.
+    ((DIRECT + 2 * (top - DIRECT_BITS) + (value >> extra) - 2) as usize, extra)
+}
+
+/// Smallest value of a symbol, and how many low bits are still to come.
+#[inline]
+pub(super) fn join(symbol: usize) -> (u32, u32) {
+    let symbol = symbol as u32;
+    if symbol < DIRECT {
+        return (symbol, 0);
+    }
+    let (octave, half) = ((symbol - DIRECT) / 2, symbol & 1);
+    let extra = octave + DIRECT_BITS - 1;
+    ((2 + half) << extra, extra)
+}
+
+/// Signed to unsigned, small stays small: 0, -1, 1, -2, 2 become 0, 1, 2, 3, 4.
+#[inline]
+pub(super) const fn fold(signed: i32) -> u32 {
+    ((signed << 1) ^ (signed >> 31)) as u32
+}
+
+/// The reverse of [`fold`].
+#[inline]
+pub(super) const fn unfold(folded: u32) -> i32 {
+    (folded >> 1) as i32 ^ -((folded & 1) as i32)
+}
+
+/// How large a number is, two steps an octave: 0 for 0, 1 for 1, 2 for 2, 3 for 3 and 4, 4 for 5 and 6.
+#[inline]
+pub(super) const fn half_octaves(number: u32) -> usize {
+    let number = number + 1;
+    let top = (number | 1).ilog2();
+    (2 * top + ((number << 1) >> top)).saturating_sub(3) as usize
+}

@@ -1,0 +1,11 @@
+//! Sensor drivers against parts of registers and bytes, and the arithmetic of the scan against its definition.
+
+mod array;
+mod decimate;
+mod fake;
+mod faults;
+mod framing;
+mod sample_count;
+mod scan;
+mod sensors;
+mod wiring;

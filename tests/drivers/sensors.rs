@@ -1,0 +1,121 @@
+//! The frame source: one part's fault is that part's only.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use embassy_futures::block_on;
+use slipsense::board::{FrameSource, SensedFrame, TaxelScan};
+use slipsense::drivers::array::{Array, Mounting};
+use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, Sensors, XlTrack};
+use slipsense::params::TAXELS;
+use slipsense::pipeline::FrameStamp;
+
+use crate::fake::{Kind, Part, Wire, Wires};
+
+const SENSORS: usize = 3;
+const TICK_US: u64 = 4_168;
+
+#[derive(Default)]
+struct Faults {
+    lost: Cell<bool>,
+    overwritten: Cell<bool>,
+}
+
+/// A scan of three arrays; each code says its array.
+struct Scan {
+    faults: Rc<Faults>,
+    parts: Vec<Rc<RefCell<Part>>>,
+    stamp: FrameStamp,
+    codes: Vec<u16>,
+}
+
+impl TaxelScan for Scan {
+    async fn tick(&mut self) -> FrameStamp {
+        self.parts.iter().for_each(|part| part.borrow_mut().advance(TICK_US));
+        self.stamp.sequence += 1;
+        self.stamp.timestamp_us += TICK_US;
+        let noise = self.stamp.sequence as u16 % 5;
+        self.codes =
+            (0..SENSORS * TAXELS).map(|i| (i % SENSORS) as u16 * 100 + noise + (i % 2) as u16).collect();
+        self.stamp
+    }
+
+    fn codes(&self) -> Option<&[u16]> {
+        (!self.faults.lost.get()).then_some(&self.codes)
+    }
+
+    fn is_untouched(&self) -> bool {
+        !self.faults.overwritten.get()
+    }
+}
+
+type Bench = (Sensors<Scan, Adxl380<'static, Wire>>, Vec<Rc<RefCell<Part>>>, Rc<Faults>);
+
+fn bench() -> Bench {
+    let parts: Vec<_> = (0..SENSORS).map(|_| Part::new(Kind::Adxl380)).collect();
+    let faults = Rc::new(Faults::default());
+    let scan = Scan {
+        faults: faults.clone(),
+        parts: parts.clone(),
+        stamp: FrameStamp::default(),
+        codes: Vec::new(),
+    };
+    let sensor = |part: &Rc<RefCell<Part>>| Sensor {
+        array: Array::new(Mounting::default()),
+        xl: XlTrack::new(Adxl380::new(Wire(part.clone()), Box::leak(Box::new([0; SPI_BUFFER_BYTES])))),
+    };
+    (Sensors::new(scan, parts.iter().map(sensor).collect()), parts, faults)
+}
+
+/// Which parts arrived in one frame: arrays, then accelerometers.
+fn frame(sensors: &mut Sensors<Scan, Adxl380<'static, Wire>>, frame: &mut SensedFrame) -> String {
+    block_on(sensors.tick()).expect("a tick");
+    block_on(sensors.read(&mut frame.parts));
+    let piezo = frame.parts.iter().map(|part| if part.piezo_arrived { 'p' } else { '-' });
+    piezo.chain(frame.parts.iter().map(|part| if part.xl_arrived { 'x' } else { '-' })).collect()
+}
+
+#[test]
+fn a_fault_is_the_faulty_parts_only() {
+    let (mut sensors, parts, faults) = bench();
+    let mut buffer = SensedFrame::new();
+    let mut next = |sensors: &mut Sensors<_, _>| frame(sensors, &mut buffer);
+    assert_eq!(next(&mut sensors), "ppp---", "the scan does not wait for accelerometers");
+    (0..30).for_each(|_| _ = next(&mut sensors));
+    assert_eq!(next(&mut sensors), "pppxxx");
+
+    parts[1].borrow_mut().wires = Wires::Error;
+    (0..100).for_each(|_| assert_eq!(next(&mut sensors), "pppx-x"));
+    parts[1].borrow_mut().wires = Wires::Fine;
+    let ticks = (1..100).find(|_| next(&mut sensors) == "pppxxx").expect("recovered");
+    println!("accelerometer: delivers {ticks} frames after it answers again");
+
+    faults.lost.set(true);
+    assert_eq!(next(&mut sensors), "---xxx");
+    faults.lost.set(false);
+    assert_eq!(next(&mut sensors), "pppxxx", "a lost scan costs its frame");
+    faults.overwritten.set(true);
+    assert_eq!(next(&mut sensors), "---xxx");
+    faults.overwritten.set(false);
+    assert_eq!(next(&mut sensors), "pppxxx");
+    let report = sensors.report();
+    assert_eq!((report.lost_scans, report.xl[1].starts, report.xl[0].starts), (2, 2, 1));
+    for (sensor, part) in buffer.parts.iter().enumerate() {
+        let counts: Vec<u16> = part.piezo.active().collect();
+        assert!(counts.iter().all(|&count| count / 100 == sensor as u16), "array {sensor}");
+    }
+}
+
+#[test]
+fn discarded_frames_leave_the_next_without_a_false_join() {
+    let (mut sensors, _, _) = bench();
+    let mut buffer = SensedFrame::new();
+    (0..40).for_each(|_| _ = frame(&mut sensors, &mut buffer));
+    for _ in 0..20 {
+        block_on(sensors.tick()).expect("a tick");
+        block_on(sensors.discard());
+    }
+    assert_eq!(frame(&mut sensors, &mut buffer), "ppp---");
+    assert_eq!(frame(&mut sensors, &mut buffer), "pppxxx");
+    assert_eq!(sensors.report().xl[0].overruns, 0);
+}

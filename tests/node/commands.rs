@@ -1,0 +1,146 @@
+//! ExecuteCommand, GetInfo, heartbeat, records.
+
+use slipsense::node::{
+    Action, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT, Health, IDENTIFY,
+    Mode, NODE_NAME, RESTART, SELF_TEST, STORE, Severity, vendor_status,
+};
+use slipsense::settings::{Setting, Settings};
+use slipsense::wire::{TransferId, health};
+
+use crate::{NODE, ask, node, records, request, said};
+
+pub fn command(number: u16, parameter: &[u8]) -> Vec<u8> {
+    [&number.to_le_bytes()[..], &[parameter.len() as u8], parameter].concat()
+}
+
+#[test]
+fn get_info_says_what_the_node_is() {
+    let answer = ask(&mut node(), GET_INFO_PORT, 7, &[], 0).unwrap();
+    assert_eq!(answer[..6], [1, 0, 1, 2, 0, 1]);
+    assert_eq!(answer[6..14], 0x0123_4567_89AB_CDEFu64.to_le_bytes());
+    assert_eq!(answer[14..30], *b"0123456789abcdef");
+    assert_eq!(answer[30], NODE_NAME.len() as u8);
+    assert_eq!(&answer[31..50], NODE_NAME.as_bytes());
+    // One hash, that of the model, then no certificate.
+    assert_eq!(answer[50..60], [1, 7, 6, 5, 4, 3, 2, 1, 0, 0]);
+}
+
+#[test]
+fn commands_become_actions_and_answers() {
+    let mut node = node();
+    assert_eq!(ask(&mut node, COMMAND_PORT, 0, &command(RESTART, b""), 0).unwrap()[0], 0);
+    assert_eq!(ask(&mut node, COMMAND_PORT, 1, &command(IDENTIFY, b""), 0).unwrap()[0], 0);
+    assert_eq!((node.take_action(), node.take_action()), (Some(Action::Restart), Some(Action::Identify)));
+    // Power off is not for us; a path is missing.
+    let answer = ask(&mut node, COMMAND_PORT, 2, &command(65_534, b""), 0).unwrap();
+    assert_eq!((answer[0], &answer[2..2 + usize::from(answer[1])]), (3, &b"no such command"[..]));
+    assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(65_533, b""), 0).unwrap()[0], 4);
+    assert_eq!(node.take_action(), None);
+}
+
+#[test]
+fn a_store_is_answered_when_it_is_done() {
+    let mut node = node();
+    assert_eq!(ask(&mut node, COMMAND_PORT, 0, &command(STORE, b""), 0), None);
+    assert_eq!(node.take_action(), Some(Action::Store));
+    // Not two at a time.
+    assert_eq!(ask(&mut node, COMMAND_PORT, 1, &command(SELF_TEST, b""), 0).unwrap()[0], 5);
+    node.command_done(Ok(()));
+    let answers = said(&mut node);
+    assert_eq!((answers.len(), answers[0].1, &answers[0].2[..2]), (1, 0, &[0, 0][..]));
+
+    assert_eq!(ask(&mut node, COMMAND_PORT, 2, &command(SELF_TEST, b""), 0), None);
+    node.command_done(Err("sensor 1: no accelerometer"));
+    let text = &said(&mut node)[0].2;
+    assert_eq!((text[0], &text[2..2 + usize::from(text[1])]), (1, &b"sensor 1: no accelerometer"[..]));
+
+    // A board that never says.
+    assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(STORE, b""), 1_000), None);
+    node.poll(1_000 + COMMAND_TIMEOUT_US);
+    assert!(said(&mut node).iter().any(|(_, transfer, bytes)| *transfer == 3 && bytes[0] == 1));
+}
+
+#[test]
+fn a_factory_reset_gives_the_defaults_and_tells_the_tasks() {
+    let mut settings = Settings::new();
+    settings.set(Setting::Sensors, &[3]).unwrap();
+    let mut node = slipsense::node::Node::new(crate::identity(), settings);
+    for frame in request(COMMAND_PORT, 0, &command(FACTORY_RESET, b"")) {
+        node.accept(&frame, 0);
+    }
+    assert_eq!(
+        (node.take_action(), node.take_changed()),
+        (Some(Action::FactoryReset), Some(Setting::Sensors))
+    );
+    assert_eq!((node.take_changed(), node.settings()), (None, &Settings::new()));
+}
+
+#[test]
+fn the_heartbeat_says_how_the_board_is() {
+    let mut node = slipsense::node::Node::new(crate::identity(), Settings::new());
+    let beat = |node: &mut slipsense::node::Node, now: u64| {
+        node.poll(now);
+        let said = said(node);
+        assert_eq!(said.len(), 1, "one heartbeat");
+        match said[0].0 {
+            TransferId::Message(id) => assert_eq!((id.port, id.node), (HEARTBEAT_PORT, NODE)),
+            other => panic!("{other:?}"),
+        }
+        <[u8; 7]>::try_from(&said[0].2[..7]).unwrap()
+    };
+    assert_eq!(beat(&mut node, 0), [0, 0, 0, 0, 0, Mode::Initialization as u8, 0]);
+    node.set_operational();
+    assert_eq!(node.poll(999_999), 1_000_000);
+    assert!(node.is_drained());
+    assert_eq!(beat(&mut node, 1_000_000), [1, 0, 0, 0, 0, 0, 0]);
+    // Five seconds without a turn: one heartbeat.
+    assert_eq!(beat(&mut node, 6_500_000)[0], 6);
+    node.status.late_frames = 1;
+    assert_eq!(beat(&mut node, 7_600_000)[4..], [Health::Advisory as u8, 0, vendor_status::LATE_FRAMES]);
+    node.status.sensors = 2;
+    node.status.sensor_health = [0, health::XL_MISSING, 255];
+    assert_eq!((node.health(), beat(&mut node, 8_600_000)[6]), (Health::Caution, 1 | 4));
+    node.status.sensor_health = [health::PIEZO_MISSING | health::XL_MISSING; 3];
+    assert_eq!(node.health(), Health::Warning);
+    node.status.sensor_health = [health::NO_MODEL; 3];
+    assert_eq!(node.health(), Health::Warning);
+}
+
+#[test]
+fn records_are_cut_at_a_character_and_give_way() {
+    let mut node = node();
+    let long = "ä".repeat(100);
+    node.report(Severity::Info, format_args!("x{long}"));
+    assert_eq!(records(&mut node), [format!("x{}", "ä".repeat(55))]);
+    for _ in 0..40 {
+        node.report(Severity::Info, format_args!("short"));
+    }
+    assert_eq!(records(&mut node).len(), 17);
+    assert_eq!(node.counters().dropped_transfers, 0);
+    // Answers are dropped whole and counted when nobody takes frames.
+    for transfer in 0..40 {
+        for frame in request(GET_INFO_PORT, transfer % 32, &[]) {
+            node.accept(&frame, u64::from(transfer) * 3_000_000);
+        }
+    }
+    assert_eq!((said(&mut node).len(), node.counters().dropped_transfers), (32, 8));
+    // What waited while there was no bus.
+    node.poll(200_000_000);
+    for frame in request(GET_INFO_PORT, 5, &[]) {
+        node.accept(&frame, 200_000_000);
+    }
+    node.discard_frames();
+    assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 10));
+}
+
+#[test]
+fn damaged_settings_are_told_when_the_node_starts() {
+    let mut identity = crate::identity();
+    identity.settings.damage.settings = 1 << Setting::Sensors as u8 | 1 << Setting::PlugAndPlay as u8;
+    let mut node = slipsense::node::Node::new(identity, Settings::new());
+    node.poll(0);
+    assert_eq!(records(&mut node), ["settings damaged, default for slipsense.sensors slipsense.pnp"]);
+    assert_eq!(node.health(), Health::Caution);
+    node.poll(10_000_000);
+    assert_eq!(records(&mut node), [""; 0]);
+}

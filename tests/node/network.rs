@@ -1,0 +1,166 @@
+//! Time and address.
+
+use slipsense::node::{ALLOCATION_PORT, GET_INFO_PORT, Node, REQUEST_PERIOD_MAX_US, TIME_PORT};
+use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
+use slipsense::wire::{NodeId, TransferId, TransferId::Anonymous};
+
+use crate::{NODE, identity, message, node, records, request, said};
+
+/// A master whose clock is `ahead_us` of the node's sends its n-th message at `at_us`.
+fn sync(node: &mut Node, master: u8, n: u8, at_us: u64, previous: Option<u64>, ahead_us: u64) {
+    let previous = previous.map_or(0, |at| at + ahead_us);
+    for frame in message(NodeId::new(master).unwrap(), TIME_PORT, n % 32, &previous.to_le_bytes()[..7]) {
+        node.accept(&frame, at_us);
+    }
+}
+
+#[test]
+fn two_messages_of_a_master_give_the_time() {
+    let mut node = node();
+    sync(&mut node, 10, 0, 1_000_000, None, 0);
+    assert_eq!(node.bus_time_us(1_000_000), None);
+    sync(&mut node, 10, 1, 1_500_000, Some(1_000_000), 777);
+    assert_eq!(node.bus_time_us(2_000_000), Some(2_000_777));
+    // One message was lost: its successor speaks of a moment that the node did not see.
+    sync(&mut node, 10, 3, 2_500_000, Some(2_000_000), 999);
+    assert_eq!(node.bus_time_us(2_000_000), Some(2_000_777));
+    sync(&mut node, 10, 4, 3_000_000, Some(2_500_000), 999);
+    assert_eq!(node.bus_time_us(2_000_000), Some(2_000_999));
+    // More than a second: the standard's limit.
+    sync(&mut node, 10, 5, 4_100_000, Some(3_000_000), 5);
+    assert_eq!(node.bus_time_us(2_000_000), Some(2_000_999));
+    // A clock behind ours.
+    sync(&mut node, 10, 6, 4_600_000, None, 0);
+    let payload = 1_000u64.to_le_bytes();
+    for frame in message(NodeId::new(10).unwrap(), TIME_PORT, 7, &payload[..7]) {
+        node.accept(&frame, 5_000_000);
+    }
+    assert_eq!((node.bus_time_us(4_600_500), node.bus_time_us(10)), (Some(1_500), None));
+}
+
+#[test]
+fn the_master_with_the_lowest_address_counts() {
+    let mut node = node();
+    for n in 0..4 {
+        let at = 1_000_000 + 500_000 * u64::from(n);
+        sync(&mut node, 20, n, at, Some(at - 500_000), 20);
+        sync(&mut node, 30, n, at + 10, Some(at + 10 - 500_000), 30);
+    }
+    assert_eq!(node.bus_time_us(0), Some(20));
+    // A lower one displaces it at once, counts from its second message on.
+    sync(&mut node, 5, 0, 3_000_000, Some(2_500_000), 5);
+    sync(&mut node, 20, 4, 3_000_001, Some(2_500_000), 20);
+    assert_eq!(node.bus_time_us(0), Some(20));
+    sync(&mut node, 5, 1, 3_500_000, Some(3_000_000), 5);
+    assert_eq!(node.bus_time_us(0), Some(5));
+    // It falls silent for three of its periods.
+    sync(&mut node, 20, 5, 4_999_999, Some(4_500_000), 20);
+    assert_eq!(node.bus_time_us(0), Some(5));
+    sync(&mut node, 20, 6, 5_100_000, Some(4_600_000), 20);
+    sync(&mut node, 20, 7, 5_600_000, Some(5_100_000), 20);
+    assert_eq!(node.bus_time_us(0), Some(20));
+}
+
+#[test]
+fn time_is_not_followed_where_it_is_switched_off() {
+    let mut settings = Settings::new();
+    settings.set(Setting::TimeSync, &[0]).unwrap();
+    let mut node = Node::new(identity(), settings);
+    sync(&mut node, 10, 0, 1_000_000, None, 0);
+    sync(&mut node, 10, 1, 1_500_000, Some(1_000_000), 777);
+    assert_eq!(node.bus_time_us(2_000_000), None);
+}
+
+#[test]
+fn a_node_without_address_asks_until_it_has_one() {
+    let mut settings = Settings::new();
+    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
+    let mut node = Node::new(identity(), settings.clone());
+    let mut asked = Vec::new();
+    let mut now = 0;
+    while asked.len() < 50 {
+        let next = node.poll(now);
+        assert!(next >= now && next <= now + REQUEST_PERIOD_MAX_US);
+        for (id, transfer, payload) in said(&mut node) {
+            let Anonymous(id) = id else { panic!("{id:?}") };
+            assert_eq!((id.port, usize::from(transfer)), (ALLOCATION_PORT, asked.len() % 32));
+            assert_eq!(payload[..2], 125u16.to_le_bytes());
+            assert_eq!(&payload[2..18], b"0123456789abcdef");
+            asked.push(now);
+        }
+        now = next.max(now + 1);
+    }
+    let gaps: Vec<u64> = asked.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let mean = gaps.iter().sum::<u64>() / gaps.len() as u64;
+    assert!((300_000..700_000).contains(&mean), "{mean} µs on average");
+    // It has no address to be called at, and is not told that of another.
+    for frame in request(GET_INFO_PORT, 0, &[]) {
+        node.accept(&frame, now);
+    }
+    let allocator = NodeId::new(1).unwrap();
+    for frame in message(allocator, ALLOCATION_PORT, 0, b"\x63\x00another unique.") {
+        node.accept(&frame, now);
+    }
+    assert_eq!((node.node_id(), node.is_drained()), (None, true));
+    for frame in message(allocator, ALLOCATION_PORT, 1, b"\x63\x000123456789abcdef") {
+        node.accept(&frame, now);
+    }
+    assert_eq!(node.node_id(), NodeId::new(99));
+    node.poll(now);
+    assert!(
+        said(&mut node).iter().all(|(id, _, _)| matches!(id, TransferId::Message(id) if id.node.get() == 99))
+    );
+
+    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
+    let mut silent = Node::new(identity(), settings);
+    for now in 0..100 {
+        silent.poll(now * 100_000);
+    }
+    assert!(silent.is_drained());
+}
+
+#[test]
+fn a_second_node_with_the_same_address_is_noticed() {
+    let mut node = node();
+    for n in 0..3 {
+        for frame in message(NODE, 1_000, n, b"not ours") {
+            node.accept(&frame, 0);
+        }
+    }
+    assert_eq!(node.counters().address_conflicts, 3);
+    assert_eq!(records(&mut node), ["another node has this address"]);
+}
+
+#[test]
+fn the_filters_let_through_what_the_node_looks_at_and_little_else() {
+    let mut settings = Settings::new();
+    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
+    let nameless = Node::new(identity(), settings);
+    let passes = |node: &Node, frame: &slipsense::wire::CanFrame| {
+        node.filters().iter().any(|(id, mask)| frame.id() & mask == *id)
+    };
+    let node = node();
+    let other = NodeId::new(43).unwrap();
+    let time = &message(other, TIME_PORT, 0, b"1234567")[0];
+    let allocation = &message(other, ALLOCATION_PORT, 0, b"1")[0];
+    let call = &request(GET_INFO_PORT, 0, &[])[0];
+    assert_eq!([time, allocation, call].map(|frame| passes(&node, frame)), [true, false, true]);
+    assert_eq!([time, allocation, call].map(|frame| passes(&nameless, frame)), [true, true, false]);
+    for port in [slipsense::wire::SLIP_PORT, slipsense::wire::RAW_PORT, 7_509] {
+        assert!(!passes(&node, &message(other, port, 0, b"1")[0]));
+        assert!(passes(&node, &message(NODE, port, 0, b"1")[0]), "address conflict");
+    }
+    // Whatever the filters hold back changes nothing, not even a counter.
+    let mut looked = Node::new(identity(), Settings::new());
+    let (before, mut held_back) = (looked.counters(), 0);
+    for step in 0..200_000u32 {
+        let id = step.wrapping_mul(2_654_435_761) >> 3 & !(1 << 23);
+        let frame = slipsense::wire::CanFrame::new(id, &[0xE0]).unwrap();
+        if !passes(&looked, &frame) && TransferId::from_can(id).is_ok() {
+            looked.accept(&frame, 0);
+            held_back += 1;
+        }
+    }
+    assert_eq!((looked.counters(), looked.is_drained()), (before, true));
+    assert!(held_back > 50_000, "{held_back}");
+}

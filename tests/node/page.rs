@@ -1,0 +1,54 @@
+//! The page of registers is what the table says.
+
+use std::fmt::Write;
+
+use slipsense::settings::{Effect, TABLE};
+
+/// `src/settings/SETTINGS.md`, from the table.
+fn page() -> String {
+    let mut page = String::from(
+        "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent; `store` \
+         (ExecuteCommand 65530) writes all of\nthem to flash, a factory reset (65532) brings the defaults back. \
+         For each there are also the registers NAME`<`,\nNAME`>` and NAME`=` with its largest, smallest and default \
+         value. This page is made from the table in\n[table.rs](table.rs); a test compares.\n\n\
+         | register | type | default | allowed | unit | counts | what |\n|---|---|---|---|---|---|---|\n",
+    );
+    for definition in &TABLE {
+        let count = definition.default.len();
+        let kind = format!("{:?}", definition.kind).to_lowercase();
+        let all_zero = count > 3 && definition.default.iter().all(|&element| element == 0);
+        let default = match all_zero {
+            true => "0".to_owned(),
+            false => definition.default.iter().map(i64::to_string).collect::<Vec<_>>().join(", "),
+        };
+        let mut allowed: Vec<String> =
+            (0..count.min(3)).map(|element| definition.rule(element).to_string()).collect();
+        allowed.dedup();
+        let mut allowed = allowed.join("; ");
+        if let Some((_, together)) = definition.together {
+            write!(allowed, "; {together}").unwrap();
+        }
+        let effect = match definition.effect {
+            Effect::AtOnce => "at once",
+            Effect::AfterRestart => "after a restart",
+        };
+        let (name, unit, help) = (definition.name, definition.unit, definition.help);
+        writeln!(page, "| `{name}` | {kind}[{count}] | {default} | {allowed} | {unit} | {effect} | {help} |")
+            .unwrap();
+    }
+    page
+}
+
+#[test]
+fn the_page_is_the_table() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/settings/SETTINGS.md");
+    if std::env::var_os("SLIPSENSE_WRITE_PAGES").is_some() {
+        std::fs::write(path, page()).unwrap();
+    }
+    let found = std::fs::read_to_string(path).unwrap();
+    assert_eq!(
+        found,
+        page(),
+        "make it anew: SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test node page"
+    );
+}

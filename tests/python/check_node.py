@@ -1,0 +1,357 @@
+#!/usr/bin/env python3
+"""Let pycyphal talk to the node behind a TCP port: every service, as a user's tool would.
+
+  check_node.py PORT [--name TEXT]
+
+The node is the library's; what it says is decoded by pycyphal from definitions of the regulated types. The
+frames go through a python-can bus of kind `virtual`. Any mismatch is printed; the exit status is then 1.
+"""
+
+import argparse
+import asyncio
+import hashlib
+import logging
+import os
+import pathlib
+import random
+import sys
+import tempfile
+import time
+import warnings
+
+# One of pycyphal's dependencies warns about another on Python 3.11.
+warnings.filterwarnings("ignore", category=DeprecationWarning)
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+import can_link
+import regulated_types
+
+NODE, TOOL, MASTER = 42, 120, 100
+CHANNEL = "slipsense"
+FILE_BYTES = 100_000
+
+
+class Checks:
+    def __init__(self):
+        self.count = self.bad = 0
+
+    def equal(self, what, got, want):
+        self.true(f"{what}: got {got!r}, want {want!r}", got == want)
+
+    def true(self, what, right):
+        self.count += 1
+        if not right:
+            self.bad += 1
+            print(f"mismatch: {what}")
+
+
+class Client:
+    """A tool's node on the bus and what it hears from ours."""
+
+    def __init__(self, checks):
+        import pycyphal.application
+        import uavcan.diagnostic
+        import uavcan.node
+        from pycyphal.transport.can import CANTransport
+        from pycyphal.transport.can.media.pythoncan import PythonCANMedia
+
+        self.checks = checks
+        media = PythonCANMedia(f"virtual:{CHANNEL}", (1_000_000, 8_000_000), 64)
+        transport = CANTransport(media, local_node_id=TOOL)
+        info = pycyphal.application.NodeInfo(name="org.slipsense.check")
+        self.node = pycyphal.application.make_node(info, transport=transport)
+        self.node.start()
+        self.records, self.heartbeats, self.clients = [], [], {}
+        self.node.make_subscriber(uavcan.diagnostic.Record_1).receive_in_background(self._record)
+        self.node.make_subscriber(uavcan.node.Heartbeat_1).receive_in_background(self._heartbeat)
+
+    async def _record(self, message, transfer):
+        self.records.append((transfer.source_node_id, message.severity.value, bytes(message.text).decode()))
+
+    async def _heartbeat(self, message, transfer):
+        self.heartbeats.append((transfer.source_node_id, message, time.monotonic()))
+
+    async def call(self, kind, request, server=NODE, timeout=5.0):
+        # Kept: a client that is closed forgets its transfer identifier, and the node takes the next call for
+        # a repetition.
+        if (kind, server) not in self.clients:
+            self.clients[kind, server] = self.node.make_client(kind, server)
+        client = self.clients[kind, server]
+        client.response_timeout = timeout
+        answer = await client(request)
+        self.checks.true(f"{kind.__module__} of node {server} answered", answer is not None)
+        return answer
+
+    async def command(self, number, parameter=b"", server=NODE, timeout=10.0):
+        import uavcan.node
+
+        request = uavcan.node.ExecuteCommand_1.Request(command=number, parameter=list(parameter))
+        answer = await self.call(uavcan.node.ExecuteCommand_1, request, server, timeout)
+        return None if answer is None else answer.status
+
+    async def access(self, name, value=None, server=NODE):
+        import uavcan.register
+
+        request = uavcan.register.Access_1.Request(name=uavcan.register.Name_1(list(name.encode())))
+        if value is not None:
+            request.value = value
+        return await self.call(uavcan.register.Access_1, request, server)
+
+    async def until(self, what, condition, timeout=10.0):
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                self.checks.true(what, False)
+                return False
+            await asyncio.sleep(0.02)
+        self.checks.true(what, True)
+        return True
+
+
+def numbers(value):
+    """The numbers in a register's value, whatever their kind."""
+    kinds = ["bit"] + [f"{name}{bits}" for name in ("integer", "natural") for bits in (64, 32, 16, 8)]
+    for kind in kinds:
+        array = getattr(value, kind)
+        if array is not None:
+            return kind, [int(number) for number in array.value]
+    return None, []
+
+
+def natural(bits, *values):
+    import uavcan.primitive.array
+    import uavcan.register
+
+    array = getattr(uavcan.primitive.array, f"Natural{bits}_1")
+    return uavcan.register.Value_1(**{f"natural{bits}": array(list(values))})
+
+
+async def check_identity(client):
+    import uavcan.node
+
+    checks = client.checks
+    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())
+    checks.equal("name", bytes(info.name).decode(), "slipsense.fingertip")
+    checks.equal("protocol", (info.protocol_version.major, info.protocol_version.minor), (1, 0))
+    checks.equal("hardware", (info.hardware_version.major, info.hardware_version.minor), (0, 1))
+    checks.equal("commit", int(info.software_vcs_revision_id), 0xC0FFEE0012345678)
+    checks.equal("unique id", bytes(info.unique_id)[:10], b"slipsense ")
+    model = hashlib.sha256(b"no model").digest()
+    checks.equal("model", [int(crc) for crc in info.software_image_crc], [int.from_bytes(model[:8], "big")])
+    answer = await client.access("slipsense.model.hash")
+    checks.equal("model hash", bytes(answer.value.unstructured.value), model)
+    return bytes(info.unique_id)
+
+
+async def check_heartbeat(client):
+    await client.until("three heartbeats", lambda: len([1 for node, *_ in client.heartbeats if node == NODE]) >= 3)
+    beats = [(beat, at) for node, beat, at in client.heartbeats if node == NODE][-3:]
+    for (first, before), (second, after) in zip(beats, beats[1:]):
+        client.checks.equal("uptime between heartbeats", second.uptime - first.uptime, 1)
+        client.checks.true(f"a second between heartbeats: {after - before:.3f} s", 0.5 < after - before < 1.5)
+    client.checks.equal("health, mode", (beats[-1][0].health.value, beats[-1][0].mode.value), (0, 0))
+
+
+async def check_registers(client):
+    import uavcan.primitive
+    import uavcan.register
+
+    checks = client.checks
+    names = []
+    while True:
+        request = uavcan.register.List_1.Request(index=len(names))
+        answer = await client.call(uavcan.register.List_1, request)
+        name = bytes(answer.name.name).decode()
+        if not name:
+            break
+        names.append(name)
+    checks.equal("registers are named once", len(set(names)), len(names))
+    for wanted in ("uavcan.node.id", "uavcan.can.bitrate", "slipsense.sensors", "slipsense.status.bus_off"):
+        checks.true(f"register {wanted}", wanted in names)
+    values = {}
+    for name in names:
+        answer = await client.access(name)
+        checks.true(f"{name} has a value", answer.value.empty is None)
+        values[name] = (answer, numbers(answer.value))
+    for name in names:
+        if f"{name}=" not in values:
+            continue
+        kind, default = values[f"{name}="][1]
+        checks.equal(f"{name}: default", values[name][1], (kind, default))
+        checks.true(f"{name}: mutable, persistent", values[name][0].mutable and values[name][0].persistent)
+        for low, number, high in zip(values[f"{name}>"][1][1], default, values[f"{name}<"][1][1]):
+            checks.true(f"{name}: {low} <= {number} <= {high}", low <= number <= high)
+    checks.equal("no such register", (await client.access("no.such.register")).value.empty is None, False)
+
+    async def write(name, value, want):
+        checks.equal(f"{name} after a write", numbers((await client.access(name, value)).value)[1], want)
+        checks.equal(f"{name} read again", numbers((await client.access(name)).value)[1], want)
+
+    await write("slipsense.sensors", natural(8, 3), [3])
+    await write("slipsense.sensors", natural(8, 4), [3])
+    await write("uavcan.can.bitrate", natural(32, 1_000_000, 5_000_000), [1_000_000, 5_000_000])
+    await write("uavcan.can.bitrate", natural(32, 1_000_000, 4_000_000), [1_000_000, 5_000_000])
+    text = uavcan.register.Value_1(string=uavcan.primitive.String_1(list(b"2")))
+    await write("slipsense.sensors", text, [3])
+    mask = [random.getrandbits(32) for _ in range(32)]
+    await write("slipsense.sensor.1.mask", natural(32, *mask), mask)
+    await write("slipsense.status.bus_off", natural(32, 7), [0])
+    refusal = "slipsense.sensors: element 0 is 4, allowed are 1 to 3"
+    await client.until("a record names the refusal", lambda: any(refusal == text for _, _, text in client.records))
+    return len(names)
+
+
+async def restart(client, server=NODE):
+    """Restart and wait for the first heartbeat of the new life."""
+    client.heartbeats.clear()
+    client.checks.equal("restart", await client.command(65535, server=server), 0)
+    young = lambda: any(node == NODE and beat.uptime <= 1 for node, beat, _ in client.heartbeats)
+    await client.until("a young heartbeat after a restart", young)
+
+
+async def check_storage(client):
+    checks = client.checks
+    await restart(client)
+    checks.equal("not stored, gone", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    await client.access("slipsense.sensors", natural(8, 2))
+    checks.equal("store", await client.command(65530), 0)
+    await restart(client)
+    checks.equal("stored, there", numbers((await client.access("slipsense.sensors")).value)[1], [2])
+    checks.equal("self test", await client.command(0), 0)
+    checks.equal("self tests", numbers((await client.access("slipsense.status.self_tests")).value)[1], [1, 0])
+    checks.equal("factory reset", await client.command(65532), 0)
+    await restart(client)
+    checks.equal("factory reset, default", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    checks.equal("unknown command", await client.command(1234), 3)
+    checks.equal("update without path", await client.command(65533), 4)
+
+
+async def check_time(client):
+    import uavcan.time
+    from pycyphal.transport.can import CANTransport
+    from pycyphal.transport.can.media.pythoncan import PythonCANMedia
+    from pycyphal.presentation import Presentation
+
+    checks = client.checks
+    answer = await client.access("slipsense.sensors")
+    checks.equal("time before synchronization", answer.timestamp.microsecond, 0)
+    master = Presentation(CANTransport(PythonCANMedia(f"virtual:{CHANNEL}", (1_000_000, 8_000_000), 64), local_node_id=MASTER))
+    publisher = master.make_publisher_with_fixed_subject_id(uavcan.time.Synchronization_1)
+    now_us = lambda: int(time.time() * 1e6)
+    previous = 0
+    for _ in range(4):
+        message = uavcan.time.Synchronization_1(previous_transmission_timestamp_microsecond=previous)
+        sent = now_us()
+        checks.true("synchronization sent", await publisher.publish(message))
+        previous = (sent + now_us()) // 2
+        await asyncio.sleep(0.5)
+    before = now_us()
+    answer = await client.access("slipsense.time.offset_us")
+    after = now_us()
+    error_us = int(answer.timestamp.microsecond) - (before + after) // 2
+    checks.true(f"bus time of the node is off by {error_us} us", abs(error_us) < 100_000 + (after - before))
+    master.close()
+    return error_us
+
+
+async def check_files(client):
+    import pycyphal.application.file
+
+    checks = client.checks
+    rng = random.Random(7)
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        image = rng.randbytes(FILE_BYTES - 32)
+        (folder / "good.bin").write_bytes(image + hashlib.sha256(image).digest())
+        (folder / "bad.bin").write_bytes(image[:3000] + bytes(32))
+        # Lives as long as the node.
+        pycyphal.application.file.FileServer(client.node, [folder])
+
+        async def update(command, path, want):
+            client.records.clear()
+            client.heartbeats.clear()
+            began = time.monotonic()
+            checks.equal(f"update {path}", await client.command(command, path.encode()), 0)
+            said = lambda: any(text == want for _, _, text in client.records)
+            await client.until(f"record: {want}", said, 60.0)
+            return time.monotonic() - began
+
+        took = await update(65533, "good.bin", f"firmware received and accepted, {FILE_BYTES} bytes")
+        modes = {beat.mode.value for node, beat, _ in client.heartbeats if node == NODE}
+        checks.true(f"modes seen {modes}", took < 2.5 or 3 in modes)
+        await update(1, "good.bin", f"model received and accepted, {FILE_BYTES} bytes")
+        await update(1, "bad.bin", "model not taken: hash wrong")
+        await update(65533, "none.bin", "firmware not taken: the server has no such file")
+    return took
+
+
+async def check_allocation(client, unique_id):
+    import pycyphal.application.plug_and_play
+    import uavcan.node
+
+    checks = client.checks
+    await client.access("uavcan.node.id", natural(16, 65535))
+    checks.equal("store", await client.command(65530), 0)
+    checks.equal("restart", await client.command(65535), 0)
+    await asyncio.sleep(1.5)
+    client.heartbeats.clear()
+    await asyncio.sleep(2.5)
+    checks.equal("a node without address is silent", [node for node, *_ in client.heartbeats if node != TOOL], [])
+    allocator = pycyphal.application.plug_and_play.CentralizedAllocator(client.node)
+    allocator.register_node(TOOL, None)
+    heard = lambda: [node for node, *_ in client.heartbeats if node != TOOL]
+    await client.until("a heartbeat with an allocated address", heard)
+    address = heard()[0]
+    checks.true(f"address {address} is a free one", address not in (NODE, TOOL) and 0 <= address <= 125)
+    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), address)
+    checks.equal("unique id after allocation", bytes(info.unique_id), unique_id)
+    # Back to where it was.
+    checks.equal("factory reset", await client.command(65532, server=address), 0)
+    await restart(client, address)
+    return address
+
+
+async def run(checks):
+    client = Client(checks)
+    # A long way: the emulated board has to boot.
+    await client.until("a first heartbeat", lambda: any(node == NODE for node, *_ in client.heartbeats), 30.0)
+    unique_id = await check_identity(client)
+    await check_heartbeat(client)
+    registers = await check_registers(client)
+    await check_storage(client)
+    error_us = await check_time(client)
+    took = await check_files(client)
+    address = await check_allocation(client, unique_id)
+    client.node.close()
+    return (
+        f"{registers} registers, {FILE_BYTES} bytes of a file in {took:.1f} s, bus time within {abs(error_us)} us, "
+        f"address {address} allocated"
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("port", type=int)
+    parser.add_argument("--name", default="node")
+    args = parser.parse_args()
+    # pycyphal names transport errors in its log.
+    logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
+    for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
+        del os.environ[name]
+    checks = Checks()
+    with tempfile.TemporaryDirectory() as folder:
+        import pycyphal.dsdl
+
+        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
+        pycyphal.dsdl.compile_all([regulated_types.write(sources)], compiled)
+        sys.path.insert(0, str(compiled))
+        link = can_link.CanLink(args.port, CHANNEL)
+        figures = asyncio.run(run(checks))
+        link.close()
+    frames = ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
+    print(f"{args.name}: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}; {frames}")
+    return 1 if checks.bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+#!/usr/bin/env python3
+"""Let pycyphal talk to the firmware in the board twin: what the release ELF answers through the modelled bus.
+
+  check_twin_node.py PORT --model FILE
+
+The board has no accelerometers here, so its health is Caution and its self test fails. Virtual time is neither
+faster nor slower than the clock of this computer by a known factor: nothing here measures a time of the board by it.
+Any mismatch is printed; the exit status is then 1.
+"""
+
+import argparse
+import asyncio
+import hashlib
+import logging
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+import check_node
+from check_node import NODE, Checks, Client, natural, numbers
+
+# Of this computer, seconds; the twin may run at a twentieth of real time.
+PATIENCE_S = 120.0
+CAUTION, OPERATIONAL, SENSOR_MISSING = 2, 0, 1
+MASTER_EPOCH_US = 1_700_000_000_000_000
+
+
+async def check_identity(client, model):
+    import uavcan.node
+
+    checks = client.checks
+    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), timeout=PATIENCE_S)
+    checks.equal("name", bytes(info.name).decode(), "slipsense.fingertip")
+    checks.equal("hardware", (info.hardware_version.major, info.hardware_version.minor), (1, 0))
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True).stdout.strip()
+    checks.equal("commit", f"{int(info.software_vcs_revision_id):016x}", commit[:16] or "0" * 16)
+    digest = hashlib.sha256(model.read_bytes()[:-32]).digest()
+    checks.equal("model", [int(crc) for crc in info.software_image_crc], [int.from_bytes(digest[:8], "big")])
+    answer = await client.access("slipsense.model.hash")
+    checks.equal("model hash", bytes(answer.value.unstructured.value), digest)
+
+
+async def check_heartbeat(client):
+    client.heartbeats.clear()
+    await client.until("two heartbeats", lambda: len(client.heartbeats_of_board()) >= 2, PATIENCE_S)
+    first, second = client.heartbeats_of_board()[:2]
+    client.checks.equal("uptime between heartbeats", second.uptime - first.uptime, 1)
+    client.checks.equal("health", second.health.value, CAUTION)
+    client.checks.equal("mode", second.mode.value, OPERATIONAL)
+    client.checks.equal("vendor status", second.vendor_specific_status_code & SENSOR_MISSING, SENSOR_MISSING)
+
+
+async def restart(client):
+    client.heartbeats.clear()
+    client.checks.equal("restart", await client.command(65535, timeout=PATIENCE_S), 0)
+    young = lambda: any(beat.uptime <= 1 for beat in client.heartbeats_of_board())
+    await client.until("a young heartbeat after a restart", young, PATIENCE_S)
+
+
+async def check_storage(client):
+    checks = client.checks
+    await restart(client)
+    checks.equal("not stored, gone", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    await client.access("slipsense.sensors", natural(8, 2))
+    await client.access("slipsense.raw.divider", natural(8, 5))
+    checks.equal("store", await client.command(65530, timeout=PATIENCE_S), 0)
+    await restart(client)
+    checks.equal("stored, there", numbers((await client.access("slipsense.sensors")).value)[1], [2])
+    checks.equal("stored too", numbers((await client.access("slipsense.raw.divider")).value)[1], [5])
+    missing = numbers((await client.access("slipsense.status.sensor_health")).value)[1]
+    checks.true(f"two sensors without accelerometers: {missing}", [bits & 2 for bits in missing] == [2, 2, 0])
+    checks.equal("self test", await client.command(0, timeout=PATIENCE_S), 1)
+    checks.equal("self tests", numbers((await client.access("slipsense.status.self_tests")).value)[1], [1, 1])
+    wanted = "self test: an accelerometer does not deliver"
+    await client.until("a record says why", lambda: any(text == wanted for _, _, text in client.records), PATIENCE_S)
+    checks.equal("factory reset", await client.command(65532, timeout=PATIENCE_S), 0)
+    await restart(client)
+    checks.equal("factory reset, default", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    checks.equal("update", await client.command(65533, b"x.bin", timeout=PATIENCE_S), 0)
+    checks.equal("unknown command", await client.command(1234, timeout=PATIENCE_S), 3)
+
+
+async def check_time(client):
+    """Two messages a moment apart: the second says when the first was sent, on a clock of our own."""
+    import uavcan.time
+
+    checks = client.checks
+    publisher = client.node.make_publisher(uavcan.time.Synchronization_1)
+    checks.equal("time before", (await client.access("slipsense.sensors")).timestamp.microsecond, 0)
+    first = uavcan.time.Synchronization_1(previous_transmission_timestamp_microsecond=0)
+    second = uavcan.time.Synchronization_1(previous_transmission_timestamp_microsecond=MASTER_EPOCH_US)
+    for message in (first, second):
+        checks.true("synchronization sent", await publisher.publish(message))
+        await asyncio.sleep(0.05)
+    offset = numbers((await client.access("slipsense.time.offset_us")).value)[1][0]
+    answer = await client.access("slipsense.status.uptime_s")
+    now_us = int(answer.timestamp.microsecond)
+    checks.true(f"bus time {now_us}", MASTER_EPOCH_US <= now_us < MASTER_EPOCH_US + 1_000_000_000)
+    uptime_us = now_us - offset
+    told = numbers(answer.value)[1][0]
+    checks.equal("uptime by the bus time and the offset", uptime_us // 1_000_000, told)
+
+
+class TwinClient(Client):
+    def heartbeats_of_board(self):
+        return [beat for node, beat, _ in self.heartbeats if node == NODE]
+
+    async def access(self, name, value=None, server=NODE):
+        import uavcan.register
+
+        request = uavcan.register.Access_1.Request(name=uavcan.register.Name_1(list(name.encode())))
+        if value is not None:
+            request.value = value
+        return await self.call(uavcan.register.Access_1, request, server, PATIENCE_S)
+
+    async def until(self, what, condition, timeout=PATIENCE_S):
+        return await super().until(what, condition, timeout)
+
+
+async def run(checks, model):
+    client = TwinClient(checks)
+    await client.until("a first heartbeat", lambda: client.heartbeats_of_board())
+    await check_identity(client, model)
+    await check_heartbeat(client)
+    registers = await check_node.check_registers(client)
+    await check_storage(client)
+    await check_time(client)
+    client.node.close()
+    return f"{registers} registers"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("port", type=int)
+    parser.add_argument("--model", type=pathlib.Path, required=True)
+    args = parser.parse_args()
+    logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
+    for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
+        del os.environ[name]
+    checks = Checks()
+    with tempfile.TemporaryDirectory() as folder:
+        import pycyphal.dsdl
+
+        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
+        pycyphal.dsdl.compile_all([check_node.regulated_types.write(sources)], compiled)
+        sys.path.insert(0, str(compiled))
+        link = check_node.can_link.CanLink(args.port, check_node.CHANNEL)
+        figures = asyncio.run(run(checks, args.model))
+        link.close()
+    frames = ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
+    print(f"node of the board twin: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}; {frames}")
+    return 1 if checks.bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

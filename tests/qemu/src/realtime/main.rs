@@ -1,0 +1,22 @@
+//! The tasks in real time on an emulated Cortex-M7: frames at 240 Hz that nobody waits for, a CAN bus in virtual time.
+//! `cargo xtask qemu --real-time` starts it and judges what it reports.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod board;
+#[cfg(target_os = "none")]
+mod emulated;
+#[cfg(target_os = "none")]
+#[path = "../semihosting.rs"]
+mod semihosting;
+#[cfg(target_os = "none")]
+#[path = "../time_driver.rs"]
+mod time_driver;
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!(
+        "This program runs on an emulated microcontroller; start it with `cargo xtask qemu --real-time`."
+    );
+    std::process::exit(2);
+}

@@ -1,0 +1,5 @@
+//! Settings: what may be set, how it is stored, what a power cut and damage do to it.
+
+mod flash;
+mod power_cuts;
+mod rules;

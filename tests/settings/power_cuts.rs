@@ -1,0 +1,155 @@
+//! The power fails at every step of a sequence of stores; after it, the old or the new configuration is there.
+
+use embassy_futures::block_on;
+use rand::{RngCore, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::settings::{Origin, Setting, Settings, SettingsStore, StoreError};
+
+use crate::flash::{Failure, Flash};
+
+/// A small sector, so that a few stores fill both.
+const SECTOR: usize = 2048;
+const STORES: u64 = 12;
+
+/// Configuration number `n`, different from all others; number 0 is the defaults.
+fn configuration(n: u64) -> Settings {
+    let mut settings = Settings::new();
+    if n > 0 {
+        let mut rng = ChaCha8Rng::seed_from_u64(n);
+        let mut mask = || (0..32).map(|_| i64::from(rng.next_u32())).collect::<Vec<_>>();
+        settings.set(Setting::TaxelMask0, &mask()).unwrap();
+        settings.set(Setting::TaxelMask2, &mask()).unwrap();
+        settings.set(Setting::NodeId, &[n as i64]).unwrap();
+    }
+    settings
+}
+
+fn store_of(flash: Flash<SECTOR>) -> SettingsStore<Flash<SECTOR>> {
+    let range = flash.range();
+    SettingsStore::new(flash, range).unwrap()
+}
+
+/// Store configurations `from` to [`STORES`]; the number of the last one whose store returned well.
+fn stores(flash: Flash<SECTOR>, from: u64) -> (u64, Option<StoreError>, Flash<SECTOR>) {
+    let mut store = store_of(flash);
+    for n in from..=STORES {
+        if let Err(error) = block_on(store.store(&configuration(n))) {
+            return (n - 1, Some(error), store.into_flash());
+        }
+    }
+    (STORES, None, store.into_flash())
+}
+
+#[test]
+fn a_power_cut_at_any_step_leaves_the_old_or_the_new_configuration() {
+    let (last, error, whole) = stores(Flash::new(2), 1);
+    assert_eq!((last, error), (STORES, None));
+    let (steps, erases) = (whole.steps, whole.erases);
+    assert!(erases >= 3, "both sectors are filled and erased: {erases} erases");
+    let (mut old, mut new) = (0u32, 0u32);
+    for (cut, torn) in (0..steps).flat_map(|cut| [(cut, false), (cut, true)]) {
+        let mut flash = Flash::new(2);
+        flash.power = cut;
+        flash.torn = torn.then(|| ChaCha8Rng::seed_from_u64(cut));
+        let (done, error, mut flash) = stores(flash, 1);
+        assert!(error.is_some() && done < STORES, "cut at {cut}");
+        // The second power cut comes while what the first one left is being looked at and mended.
+        for second in [u64::MAX, cut % 97] {
+            let mut again = flash.clone();
+            again.power = second;
+            let mut store = store_of(again);
+            let _ = block_on(store.load());
+            flash = store.into_flash();
+            flash.power = u64::MAX;
+            let mut store = store_of(flash.clone());
+            let (found, report) = block_on(store.load());
+            if found == configuration(done) {
+                old += 1;
+            } else if found == configuration(done + 1) {
+                new += 1;
+            } else {
+                panic!("cut at {cut}, {done} stored: {report:?}, {found:?}");
+            }
+            if done > 0 {
+                assert_eq!(report.origin, Origin::Stored, "cut at {cut}");
+            }
+            assert_eq!(report.damage.settings, 0, "cut at {cut}");
+            // And the flash still works.
+            block_on(store.store(&configuration(77))).unwrap_or_else(|error| panic!("cut at {cut}: {error}"));
+            let (found, report) = block_on(store.load());
+            assert_eq!((found, report.is_damaged()), (configuration(77), false), "cut at {cut}");
+        }
+    }
+    println!(
+        "settings: {STORES} stores, {steps} steps with {erases} erases, power cut at every one, cleanly and with \
+         torn bits, and once more while loading: {old} times the old configuration, {new} times the new one"
+    );
+    assert!(old > 0 && new > 0);
+}
+
+#[test]
+fn the_sectors_of_the_h7_hold_hundreds_of_configurations() {
+    let mut flash = Flash::<{ 128 * 1024 }>::new(2);
+    flash.power = u64::MAX;
+    let range = flash.range();
+    let mut store = SettingsStore::new(flash, range).unwrap();
+    for n in 0..400 {
+        block_on(store.store(&configuration(n % 100))).unwrap();
+    }
+    assert_eq!(block_on(store.load()).0, configuration(99));
+    let flash = store.into_flash();
+    assert!(flash.erases <= 3, "{} erases", flash.erases);
+}
+
+#[test]
+fn damage_is_reported_and_mended() {
+    let mut store = store_of(Flash::new(2));
+    let (settings, report) = block_on(store.load());
+    assert_eq!((settings, report.origin, report.is_damaged()), (Settings::new(), Origin::Blank, false));
+    block_on(store.store(&configuration(5))).unwrap();
+    let good = store.into_flash();
+
+    // Any one damaged byte: the configuration or the defaults, with a report; never anything else.
+    let used = good.bytes.iter().rposition(|&byte| byte != 0xFF).unwrap();
+    let (mut kept, mut lost) = (0, 0);
+    for at in 0..=used {
+        let mut damaged = good.clone();
+        damaged.bytes[at] ^= 0x10;
+        let mut store = store_of(damaged);
+        let (found, report) = block_on(store.load());
+        if found == configuration(5) {
+            kept += 1;
+        } else {
+            assert_eq!((found, report.is_damaged()), (Settings::new(), true), "byte {at}: {report:?}");
+            lost += 1;
+        }
+        block_on(store.store(&configuration(6))).unwrap_or_else(|error| panic!("byte {at}: {error}"));
+        assert_eq!(block_on(store.load()).0, configuration(6), "byte {at}");
+    }
+    println!(
+        "settings: one damaged byte of {}: {kept} times harmless, {lost} times defaults and a report",
+        used + 1
+    );
+    assert!(lost > 400);
+
+    // Nothing but zeros.
+    let mut zeros = good.clone();
+    zeros.bytes.fill(0);
+    let mut store = store_of(zeros);
+    let (found, report) = block_on(store.load());
+    assert_eq!((found, report.is_damaged()), (Settings::new(), true));
+    block_on(store.store(&configuration(7))).unwrap();
+    assert_eq!(block_on(store.load()).0, configuration(7));
+}
+
+#[test]
+fn a_refused_write_is_an_error_and_harmless() {
+    let mut flash = Flash::<SECTOR>::new(2);
+    flash.power = 0;
+    let mut store = store_of(flash);
+    assert_eq!(block_on(store.store(&configuration(1))), Err(StoreError::Flash));
+    assert_eq!(Failure::NoPower, Failure::NoPower);
+    assert!(SettingsStore::new(Flash::<SECTOR>::new(1), 0..SECTOR as u32).is_err());
+    assert!(SettingsStore::new(Flash::<SECTOR>::new(3), 1..2 * SECTOR as u32).is_err());
+    assert!(SettingsStore::new(Flash::<512>::new(4), 0..2048).is_err());
+}

@@ -1,0 +1,9 @@
+//! Tasks above the seam on a modelled bus, in virtual time: what is lost, what never is, and that it is all counted.
+
+mod faults;
+mod panic_record;
+mod queue;
+mod services;
+mod supervise;
+mod transmit;
+mod world;

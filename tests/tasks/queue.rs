@@ -1,0 +1,208 @@
+//! The frame queue: what slow inference costs, and that it is all accounted for.
+
+use core::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use embassy_futures::join::join;
+use embassy_futures::select::select;
+use embassy_futures::{block_on, yield_now};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::zerocopy_channel::Channel;
+use slipsense::board::{
+    CanStatus, CanTransmit, Clock, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock,
+};
+use slipsense::net::Model;
+use slipsense::params::MAX_SENSORS;
+use slipsense::pipeline::{FrameStamp, Output, Pipeline};
+use slipsense::tasks::{
+    FRAME_PERIOD_US, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Status, Transmission, acquire,
+};
+use slipsense::wire::{CanFrame, RawBuffer, RawTransfer, SlipMessage, Transmitter};
+
+use crate::world::{NODE, healthy, model_bytes, scan, stamp};
+
+const SENSORS: usize = 2;
+
+/// One frame per poll.
+struct Counter<const REAL_TIME: bool> {
+    next: u32,
+    end: u32,
+    discarded: u32,
+}
+
+impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
+    const REAL_TIME: bool = REAL_TIME;
+
+    async fn tick(&mut self) -> Option<FrameStamp> {
+        yield_now().await;
+        (self.next < self.end).then(|| {
+            self.next += 1;
+            stamp(self.next - 1)
+        })
+    }
+
+    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+        healthy(self.next - 1, parts);
+    }
+
+    async fn discard(&mut self) {
+        self.discarded += 1;
+    }
+}
+
+/// Takes everything at once.
+struct Sink(Rc<RefCell<Vec<(Lane, CanFrame)>>>);
+
+impl CanTransmit for Sink {
+    fn is_free(&self, _lane: Lane) -> bool {
+        true
+    }
+
+    fn transmit(&mut self, lane: Lane, frame: &CanFrame) {
+        self.0.borrow_mut().push((lane, *frame));
+    }
+
+    fn withdraw(&mut self, _lane: Lane) {}
+
+    async fn changed(&mut self) {
+        core::future::pending().await
+    }
+
+    fn status(&mut self) -> CanStatus {
+        CanStatus::default()
+    }
+}
+
+/// What one run leaves behind.
+struct Ran {
+    discarded: u32,
+    status: Status,
+    sent: Vec<(Lane, CanFrame)>,
+}
+
+impl Ran {
+    fn of(&self, lane: Lane) -> Vec<CanFrame> {
+        self.sent.iter().filter(|(of, _)| *of == lane).map(|&(_, frame)| frame).collect()
+    }
+
+    fn slip_messages(&self) -> Vec<SlipMessage> {
+        let decode = |frame: &CanFrame| SlipMessage::decode(&frame.data()[..frame.data().len() - 1]).unwrap();
+        self.of(Lane::Slip).iter().map(decode).collect()
+    }
+}
+
+/// Run; a decision takes `polls`.
+fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, observer: impl Observe) -> Ran {
+    let model = model_bytes();
+    let pipeline = Pipeline::new(Model::parse(&model).unwrap(), SENSORS).unwrap();
+    let shared = Shared::<NoopRawMutex>::new();
+    let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
+    let mut raw_queue = RawQueue::new(&mut raw_buffers);
+    let (raw_sender, raw_receiver) = raw_queue.split();
+    let mut inference =
+        Inference::new(pipeline, Transmitter::new(NODE), clock, observer, &shared, raw_sender);
+    let sent = Rc::default();
+    let mut transmission = Transmission::new(Sink(Rc::clone(&sent)), StoppedClock, &shared, raw_receiver);
+    let mut buffers = [const { SensedFrame::new() }; QUEUED_FRAMES];
+    let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
+    let (sender, mut receiver) = channel.split();
+    let mut source = Counter::<REAL_TIME> { next: 0, end: frames, discarded: 0 };
+    let acquisition = async {
+        acquire(&mut source, sender, &shared).await;
+        // Let inference empty the queue.
+        for _ in 0..10_000 {
+            yield_now().await;
+        }
+    };
+    let deciding = async {
+        loop {
+            inference.serve(&mut receiver).await;
+            for _ in 0..polls {
+                yield_now().await;
+            }
+        }
+    };
+    block_on(select(acquisition, join(deciding, transmission.run())));
+    Ran { discarded: source.discarded, status: shared.status(), sent: sent.take() }
+}
+
+#[test]
+fn slow_inference_drops_whole_frames_and_counts_them() {
+    let ticks = 400;
+    let ran = run::<true>(ticks, 50, StoppedClock, ());
+    let slips = ran.slip_messages();
+
+    assert!(ran.status.dropped_frames > 300, "a decision takes 50 ticks: {:?}", ran.status);
+    assert_eq!(ran.status.acquired_frames + ran.status.dropped_frames, ticks);
+    assert_eq!(ran.discarded, ran.status.dropped_frames);
+    assert_eq!(ran.status.decided_frames, ran.status.acquired_frames);
+    assert_eq!(slips.len() as u32, ran.status.acquired_frames, "what was queued was decided");
+    for (message, sent_before) in slips.iter().zip(0..) {
+        assert_eq!(message.timestamp_us, stamp(message.sequence).timestamp_us);
+        assert_eq!(
+            u32::from(message.late_frames),
+            message.sequence - sent_before,
+            "the gaps in the sequence numbers are the dropped frames"
+        );
+        assert_eq!(message.contact[1].sum, scan(message.sequence, 1).sum(), "readings of this very frame");
+    }
+}
+
+#[test]
+fn a_recording_waits_and_loses_nothing() {
+    let frames = 60;
+    let ran = run::<false>(frames, 5, StoppedClock, ());
+    assert_eq!((ran.status.acquired_frames, ran.status.dropped_frames, ran.discarded), (frames, 0, 0));
+    assert_eq!((ran.status.late_frames, ran.status.dropped_raw), (0, 0));
+
+    let model = model_bytes();
+    let mut pipeline = Pipeline::new(Model::parse(&model).unwrap(), SENSORS).unwrap();
+    let mut transmitter = Transmitter::new(NODE);
+    let mut buffer = RawBuffer::new();
+    let (mut slips, mut raws) = (Vec::new(), Vec::new());
+    let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+    for sequence in 0..frames {
+        healthy(sequence, &mut parts);
+        let inputs = parts.each_ref().map(|part| part.input());
+        let output = pipeline.step(&inputs[..SENSORS]);
+        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), 0)));
+        for (sensor, (&input, part)) in inputs.iter().zip(&parts).take(SENSORS).enumerate() {
+            let raw = output.raw_frame(stamp(sequence), sensor, input, part.xl_end);
+            raws.extend(transmitter.raw(&raw, &mut buffer));
+        }
+    }
+    assert!(ran.of(Lane::Slip) == slips, "the tasks send what the pipeline and the wire make");
+    assert!(ran.of(Lane::Raw) == raws);
+}
+
+/// Late by `late_us` at every frame.
+struct Behind<'a> {
+    frame: &'a Cell<u64>,
+    late_us: u64,
+}
+
+impl Clock for Behind<'_> {
+    fn now_us(&self) -> u64 {
+        self.frame.get() + self.late_us
+    }
+}
+
+struct SetClock<'a>(&'a Cell<u64>);
+
+impl Observe for SetClock<'_> {
+    fn step_ends(&mut self, stamp: FrameStamp, _output: &Output) {
+        self.0.set(stamp.timestamp_us);
+    }
+}
+
+#[test]
+fn a_decision_is_late_after_one_frame_period() {
+    for (late_us, late) in [(0, 0), (FRAME_PERIOD_US, 0), (FRAME_PERIOD_US + 1, 20)] {
+        let frame = Cell::new(0);
+        let ran = run::<false>(20, 0, Behind { frame: &frame, late_us }, SetClock(&frame));
+        assert_eq!(ran.status.late_frames, late, "{late_us} µs after the tick");
+        assert_eq!(u64::from(ran.status.worst_frame_us), late_us, "to the microsecond");
+        let last = ran.slip_messages().pop().unwrap();
+        assert_eq!(u32::from(last.late_frames), late, "the slip message tells");
+    }
+}

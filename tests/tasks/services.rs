@@ -1,0 +1,400 @@
+//! The services task in virtual time: what it answers, applies and reports, and that it moves on whatever the board
+//! is busy with.
+
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use embassy_futures::select::select3;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use slipsense::board::panic_record::PanicRecord;
+use slipsense::board::{
+    CanReceive, CanState, CanStatus, CanTransmit, Clock, Condition, Lane, StatusLed, Watchdog,
+};
+use slipsense::net::format::OperatingPoint;
+use slipsense::node::{
+    self, ACCESS_PORT, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity, Node,
+    RECORD_PORT, RESTART, SELF_TEST, STORE, UpdateTarget, Version,
+};
+use slipsense::params::MAX_SENSORS;
+use slipsense::pipeline::SensorHealth;
+use slipsense::settings::{Damage, LoadReport, NODE_ID_UNSET, Origin, Setting, Settings};
+use slipsense::tasks::{
+    Controls, RAW_MESSAGES, RawQueue, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
+};
+use slipsense::wire::{
+    CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId, health,
+};
+
+use crate::world::{NODE, Time};
+
+const TOOL: NodeId = NodeId::new(120).unwrap();
+const MS: u64 = 1_000_000;
+
+/// The bus: what arrives when, what was sent when.
+#[derive(Default)]
+struct Bus {
+    arriving: RefCell<VecDeque<(u64, CanFrame)>>,
+    sent: RefCell<Vec<(u64, CanFrame)>>,
+    filters: RefCell<Vec<(u32, u32)>>,
+    off: Cell<bool>,
+}
+
+struct Ears<'a>(&'a Bus, &'a Time);
+
+impl CanReceive for Ears<'_> {
+    async fn receive(&mut self, until_us: u64) -> Option<(CanFrame, u64)> {
+        loop {
+            let next = self.0.arriving.borrow().front().map(|(ms, _)| ms * MS);
+            let now_us = self.1.now_us();
+            if next.is_some_and(|ns| ns <= now_us * 1000) {
+                let (_, frame) = self.0.arriving.borrow_mut().pop_front()?;
+                return Some((frame, now_us));
+            }
+            if now_us >= until_us {
+                return None;
+            }
+            self.1.until(Some(next.unwrap_or(u64::MAX).min(until_us * 1000))).await;
+        }
+    }
+
+    fn accept_only(&mut self, filters: &[(u32, u32)]) {
+        *self.0.filters.borrow_mut() = filters.to_vec();
+    }
+}
+
+struct Mouth<'a>(&'a Bus, &'a Time);
+
+impl CanTransmit for Mouth<'_> {
+    fn is_free(&self, _: Lane) -> bool {
+        !self.0.off.get()
+    }
+
+    fn transmit(&mut self, _: Lane, frame: &CanFrame) {
+        self.0.sent.borrow_mut().push((self.1.now_us(), *frame));
+    }
+
+    fn withdraw(&mut self, _: Lane) {}
+
+    async fn changed(&mut self) {
+        self.1.until(Some(self.1.now_us() * 1000 + MS)).await;
+    }
+
+    fn status(&mut self) -> CanStatus {
+        let state = if self.0.off.get() { CanState::BusOff } else { CanState::ErrorActive };
+        CanStatus { state, ..CanStatus::default() }
+    }
+}
+
+/// What the board was told.
+#[derive(Default)]
+struct Told {
+    stored: Option<Settings>,
+    applied: Vec<[(bool, bool); MAX_SENSORS]>,
+    shown: Vec<Condition>,
+    lit: Vec<bool>,
+}
+
+struct Board<'a> {
+    time: &'a Time,
+    told: Rc<RefCell<Told>>,
+    store_ms: u64,
+}
+
+impl StatusLed for Board<'_> {
+    fn show(&mut self, condition: Condition) {
+        self.told.borrow_mut().shown.push(condition);
+    }
+}
+
+impl FileSink for Board<'_> {
+    async fn write(&mut self, _: UpdateTarget, _: u32, _: &[u8]) -> Result<(), &'static str> {
+        Ok(())
+    }
+
+    async fn finish(&mut self, _: UpdateTarget, _: u32) -> Result<(), &'static str> {
+        Ok(())
+    }
+}
+
+impl ServiceBoard for Board<'_> {
+    async fn store(&mut self, settings: &Settings) -> Result<(), &'static str> {
+        self.time.until(Some(self.time.now_us() * 1000 + self.store_ms * MS)).await;
+        self.told.borrow_mut().stored = Some(settings.clone());
+        Ok(())
+    }
+
+    async fn begin_update(&mut self, _: UpdateTarget) -> Result<u32, &'static str> {
+        Err("no room")
+    }
+
+    fn apply(&mut self, settings: &Settings) {
+        self.told.borrow_mut().applied.push(settings.orientation());
+    }
+
+    fn observe(&mut self, status: &mut node::Status) {
+        status.stuck_taxels[0][3] = 1;
+    }
+
+    fn identify(&mut self, lit: bool) {
+        self.told.borrow_mut().lit.push(lit);
+    }
+}
+
+/// One run: frames of requests at their milliseconds, for so long or until the node is to start anew.
+struct Run<'a> {
+    requests: &'a [(u64, u16, Vec<u8>)],
+    ms: u64,
+    store_ms: u64,
+    settings: Settings,
+    panic: Option<PanicRecord>,
+    /// Called every millisecond.
+    meanwhile: &'a dyn Fn(u64, &Shared<NoopRawMutex>, &Bus),
+}
+
+/// A transfer of the node: when it was complete, ms; what it is called; its payload.
+type Said = (u64, TransferId, Vec<u8>);
+
+struct Ran {
+    said: Vec<Said>,
+    told: Told,
+    controls: Controls,
+    filters: usize,
+    restarted_ms: Option<u64>,
+    /// Longest time without a feed of the watchdog, µs.
+    unfed_us: u64,
+}
+
+impl Run<'_> {
+    fn new(requests: &[(u64, u16, Vec<u8>)], ms: u64) -> Run<'_> {
+        let settings = Settings::new();
+        Run { requests, ms, store_ms: 0, settings, panic: None, meanwhile: &|_, _, _| {} }
+    }
+
+    fn run(self) -> Ran {
+        let (time, bus, shared) = (Time::default(), Bus::default(), Shared::<NoopRawMutex>::new());
+        for (transfer, (ms, port, payload)) in (0u8..).zip(self.requests) {
+            let id = ServiceId {
+                priority: Priority::Nominal,
+                role: ServiceRole::Request,
+                port: *port,
+                destination: NODE,
+                source: TOOL,
+            };
+            let frames = Frames::new(id, transfer % 32, payload).map(|frame| (*ms, frame));
+            bus.arriving.borrow_mut().extend(frames);
+        }
+        let identity = Identity {
+            hardware_version: Version { major: 1, minor: 0 },
+            software_version: Version::SOFTWARE,
+            vcs_revision: 1,
+            unique_id: [7; 16],
+            model_hash: Some([9; 32]),
+            settings: LoadReport { origin: Origin::Stored, damage: Damage::default() },
+        };
+        let told = Rc::<RefCell<Told>>::default();
+        let board = Board { time: &time, told: told.clone(), store_ms: self.store_ms };
+        let node = Node::new(identity, self.settings);
+        let mut services = Services::new(node, Ears(&bus, &time), &time, &shared, board, self.panic);
+        let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
+        let mut raw_queue = RawQueue::new(&mut raw_buffers);
+        let (_, raw) = raw_queue.split();
+        let mut transmission = Transmission::new(Mouth(&bus, &time), &time, &shared, raw);
+        let (restarted, unfed_us) = (Cell::new(None), Cell::new(0));
+        let life = async {
+            services.run().await;
+            restarted.set(Some(time.now_us() / 1000));
+            // What it has said leaves.
+            time.until(Some(time.now_us() * 1000 + 5 * MS)).await;
+        };
+        let watch = async {
+            struct Fed(bool);
+            impl Watchdog for Fed {
+                fn feed(&mut self) {
+                    self.0 = true;
+                }
+            }
+            let mut supervisor = Supervisor::new(&[Task::Services]);
+            let mut fed_us = 0;
+            for ms in 0..self.ms {
+                time.until(Some(ms * MS)).await;
+                (self.meanwhile)(ms, &shared, &bus);
+                let mut fed = Fed(false);
+                let _ = supervisor.look(&shared.progress, &mut fed);
+                if fed.0 {
+                    fed_us = time.now_us();
+                }
+                unfed_us.set(unfed_us.get().max(time.now_us() - fed_us));
+            }
+        };
+        time.run(select3(life, transmission.run(), watch));
+        let mut sessions = Box::new(Sessions::<16, 640>::new());
+        let mut said = Vec::new();
+        for (at_us, frame) in bus.sent.take() {
+            let id = TransferId::from_can(frame.id()).unwrap();
+            if let Some(arrived) = sessions.accept(id, &frame, at_us).unwrap() {
+                said.push((at_us / 1000, id, arrived.payload.to_vec()));
+            }
+        }
+        Ran {
+            said,
+            told: told.take(),
+            controls: shared.controls(),
+            filters: bus.filters.borrow().len(),
+            restarted_ms: restarted.get(),
+            unfed_us: unfed_us.get(),
+        }
+    }
+}
+
+impl Ran {
+    fn answers(&self, port: u16) -> Vec<&Said> {
+        let of = |id: &TransferId| matches!(id, TransferId::Service(id) if id.port == port);
+        self.said.iter().filter(|(_, id, _)| of(id)).collect()
+    }
+
+    fn messages(&self, port: u16) -> Vec<&Said> {
+        let of = |id: &TransferId| matches!(id, TransferId::Message(id) if id.port == port);
+        self.said.iter().filter(|(_, id, _)| of(id)).collect()
+    }
+
+    fn records(&self) -> Vec<String> {
+        let text = |bytes: &[u8]| String::from_utf8(bytes[9..9 + usize::from(bytes[8])].to_vec()).unwrap();
+        self.messages(RECORD_PORT).iter().map(|(_, _, bytes)| text(bytes)).collect()
+    }
+}
+
+fn command(number: u16) -> Vec<u8> {
+    [&number.to_le_bytes()[..], &[0]].concat()
+}
+
+fn access(name: &str, value: &[u8]) -> Vec<u8> {
+    [&[name.len() as u8], name.as_bytes(), value].concat()
+}
+
+#[test]
+fn the_bus_is_served_while_a_store_takes_four_seconds() {
+    let mut requests = vec![(1_000, COMMAND_PORT, command(STORE))];
+    requests.extend((0..40).map(|n| (1_010 + 100 * n, GET_INFO_PORT, Vec::new())));
+    let ran = Run { store_ms: 4_000, ..Run::new(&requests, 6_500) }.run();
+    let infos = ran.answers(GET_INFO_PORT);
+    assert_eq!(infos.len(), 40);
+    for (n, (ms, _, _)) in (0..).zip(&infos) {
+        assert!(
+            (1_010 + 100 * n..1_015 + 100 * n).contains(ms),
+            "asked at {}, answered at {ms}",
+            1_010 + 100 * n
+        );
+    }
+    let stored = ran.answers(COMMAND_PORT);
+    assert!((5_000..5_005).contains(&stored[0].0), "answered at {} ms", stored[0].0);
+    assert_eq!(stored[0].2[0], 0);
+    assert_eq!(ran.told.stored, Some(Settings::new()));
+    let beats: Vec<_> = ran.messages(HEARTBEAT_PORT).iter().map(|(ms, _, _)| *ms).collect();
+    assert_eq!(beats.len(), 7);
+    assert!(beats.iter().zip(0..).all(|(ms, n)| ms.abs_diff(n * 1000) <= 2), "{beats:?}");
+    println!("services: the watchdog waited {} us at most, also during a store of 4 s", ran.unfed_us);
+    assert!(ran.unfed_us <= 25_000);
+}
+
+#[test]
+fn settings_reach_the_tasks_and_the_board() {
+    let mask: Vec<u8> = (0..32u32).flat_map(|row| (row << 7).to_le_bytes()).collect();
+    let point: Vec<u8> = [300i32, 2, 5].iter().flat_map(|number| number.to_le_bytes()).collect();
+    let requests = [
+        (10, ACCESS_PORT, access("slipsense.raw.divider", &[11, 1, 0, 4])),
+        (20, ACCESS_PORT, access("slipsense.sensor.1.mask", &[&[9, 32], &mask[..]].concat())),
+        (30, ACCESS_PORT, access("slipsense.alarm.point", &[&[5, 3], &point[..]].concat())),
+        (40, ACCESS_PORT, access("slipsense.alarm.override", &[3, 1, 0, 1])),
+        (50, ACCESS_PORT, access("slipsense.sensor.orientation", &[11, 3, 0, 1, 2, 3])),
+        (60, COMMAND_PORT, command(IDENTIFY)),
+    ];
+    let ran = Run::new(&requests, 5_200).run();
+    assert_eq!(ran.controls.raw_every, 4);
+    assert_eq!(ran.controls.masks[1].0, std::array::from_fn(|row| (row as u32) << 7));
+    assert_eq!(ran.controls.masks[0].0, [0; 32]);
+    assert_eq!(ran.controls.point, Some(OperatingPoint { threshold_q10: 300, k: 2, n: 5 }));
+    assert_eq!(ran.controls.node, Some(NODE));
+    assert_eq!(ran.told.applied.first(), Some(&[(false, false); 3]));
+    assert_eq!(ran.told.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
+    assert_eq!(ran.filters, 3);
+    assert!(ran.told.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");
+    assert_eq!(ran.told.shown.last(), Some(&Condition::Nominal));
+}
+
+#[test]
+fn a_restart_comes_after_its_answer_also_off_the_bus() {
+    let requests = [(500, COMMAND_PORT, command(RESTART))];
+    let ran = Run::new(&requests, 2_000).run();
+    let answer = ran.answers(COMMAND_PORT);
+    assert_eq!((answer.len(), answer[0].2[0]), (1, 0));
+    let after_ms = ran.restarted_ms.unwrap() - answer[0].0;
+    assert!((9..=20).contains(&after_ms), "{after_ms} ms after the answer");
+    let off = |ms: u64, _: &Shared<NoopRawMutex>, bus: &Bus| bus.off.set(ms >= 400);
+    let ran = Run { meanwhile: &off, ..Run::new(&requests, 2_000) }.run();
+    assert_eq!(ran.answers(COMMAND_PORT).len(), 0);
+    assert!((600..=621).contains(&ran.restarted_ms.unwrap()));
+}
+
+#[test]
+fn a_self_test_says_what_is_missing() {
+    let requests = [(100, COMMAND_PORT, command(SELF_TEST)), (1_000, COMMAND_PORT, command(SELF_TEST))];
+    let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        shared.note(|status| {
+            status.decided_frames = (ms * 240 / 1000) as u32;
+            // Of the two sensors that are not in use nothing is asked.
+            status.health = [0, 3, 3].map(SensorHealth);
+            if ms > 900 {
+                status.health[0] = SensorHealth(health::XL_MISSING);
+            }
+        });
+    };
+    let ran = Run { meanwhile: &frames, ..Run::new(&requests, 1_700) }.run();
+    let answers = ran.answers(COMMAND_PORT);
+    assert_eq!(answers.iter().map(|(_, _, payload)| payload[0]).collect::<Vec<_>>(), [0, 1]);
+    let why = "self test: an accelerometer does not deliver";
+    assert_eq!(&answers[1].2[2..2 + why.len()], why.as_bytes());
+    assert!(ran.records().iter().any(|record| record == why));
+    // No frames, no success.
+    let ran = Run::new(&requests[..1], 700).run();
+    assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1);
+    assert!(ran.records().iter().any(|record| record == "self test: frames are missing"));
+}
+
+#[test]
+fn a_panic_is_told_once_and_stays_in_its_register() {
+    let panic = PanicRecord::new(None, "index out of bounds", "src/tasks/infer.rs", 77);
+    let requests = [(1_500, ACCESS_PORT, access("slipsense.status.last_panic", &[0]))];
+    let ran = Run { panic: Some(panic), ..Run::new(&requests, 3_000) }.run();
+    let told: Vec<_> =
+        ran.records().into_iter().filter(|record| record.contains("restarted after")).collect();
+    assert_eq!(told, [format!("restarted after {panic}")]);
+    let answer = &ran.answers(ACCESS_PORT)[0].2;
+    assert_eq!(answer[10..14], panic.reason_hash.to_le_bytes());
+    // Health and vendor status of the heartbeat: caution, panicked, and the stuck taxel.
+    let beat = &ran.messages(HEARTBEAT_PORT)[1].2;
+    assert_eq!((beat[4], beat[6]), (2, 32 | 128));
+}
+
+#[test]
+fn off_the_bus_nothing_piles_up() {
+    let requests: Vec<_> = (0..300).map(|n| (1_000 + 10 * n, GET_INFO_PORT, Vec::new())).collect();
+    let off = |ms: u64, _: &Shared<NoopRawMutex>, bus: &Bus| bus.off.set((500..4_500).contains(&ms));
+    let ran = Run { meanwhile: &off, ..Run::new(&requests, 6_000) }.run();
+    // Back on the bus: what the bounded queues held, then heartbeats as ever.
+    let later = |said: &&&Said| said.0 > 4_510;
+    assert!(ran.answers(GET_INFO_PORT).iter().filter(later).count() == 0);
+    assert!((1..=2).contains(&ran.messages(HEARTBEAT_PORT).iter().filter(later).count()));
+    assert!(ran.unfed_us <= 25_000);
+}
+
+#[test]
+fn a_node_without_an_address_sends_nothing_of_its_own() {
+    let mut settings = Settings::new();
+    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
+    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
+    let ran = Run { settings, ..Run::new(&[], 3_000) }.run();
+    assert_eq!(ran.said, []);
+    assert_eq!(ran.controls.node, None);
+    assert!(ran.unfed_us <= 25_000);
+}

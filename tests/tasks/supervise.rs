@@ -1,0 +1,57 @@
+//! The supervisor: any single task that stands still starves the watchdog.
+
+use slipsense::board::Watchdog;
+use slipsense::tasks::{Progress, Supervisor, Task};
+
+#[derive(Default)]
+struct Counter(u32);
+
+impl Watchdog for Counter {
+    fn feed(&mut self) {
+        self.0 += 1;
+    }
+}
+
+#[test]
+fn each_single_stalled_task_starves_the_watchdog() {
+    for stalled in Task::ALL {
+        let (progress, mut supervisor, mut dog) =
+            (Progress::new(), Supervisor::new(&Task::ALL), Counter::default());
+        for round in 1..=50 {
+            for task in Task::ALL {
+                if task != stalled || round <= 10 {
+                    progress.made(task);
+                }
+            }
+            let fed = supervisor.look(&progress, &mut dog);
+            assert_eq!(fed, if round <= 10 { Ok(()) } else { Err(stalled) });
+            assert_eq!(dog.0, round.min(10));
+        }
+        progress.made(stalled);
+        assert_eq!(supervisor.look(&progress, &mut dog), Ok(()), "{stalled:?} is back, the others moved on");
+    }
+}
+
+#[test]
+fn nobody_is_fed_before_everybody_has_begun() {
+    let (progress, mut supervisor, mut dog) =
+        (Progress::new(), Supervisor::new(&Task::ALL), Counter::default());
+    for task in Task::ALL {
+        assert_eq!(supervisor.look(&progress, &mut dog), Err(task));
+        progress.made(task);
+    }
+    assert_eq!(supervisor.look(&progress, &mut dog), Ok(()));
+    assert_eq!(supervisor.look(&progress, &mut dog), Err(Task::ALL[0]), "once per progress");
+}
+
+#[test]
+fn a_task_that_is_not_watched_may_stand_still() {
+    let watched = [Task::Acquire, Task::Infer];
+    let (progress, mut supervisor, mut dog) =
+        (Progress::new(), Supervisor::new(&watched), Counter::default());
+    for _ in 0..5 {
+        watched.iter().for_each(|&task| progress.made(task));
+        assert_eq!(supervisor.look(&progress, &mut dog), Ok(()));
+    }
+    assert_eq!(dog.0, 5);
+}

@@ -1,0 +1,243 @@
+//! The transmit scheduler: what a bus that is full, disturbed, silent or gone costs.
+
+use slipsense::board::{CanState, Lane, SensedPart};
+use slipsense::params::MAX_SENSORS;
+use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
+use slipsense::wire::{CanFrame, MessageId, Priority, RawBuffer, SlipMessage, Transmitter};
+use slipsense_bus_model::Disturbance;
+
+use crate::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
+
+/// Longest full frame at 1 and 8 Mbit/s with its intermission, worst stuffing, rounded up.
+const FULL_FRAME_NS: u64 = 142_000;
+const SECOND_NS: u64 = 1_000_000_000;
+
+fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
+    (0..).zip(world.outputs()).map(|(sequence, output)| output.slip_message(stamp(sequence), 0)).collect()
+}
+
+fn is_of(lane: Lane) -> impl Fn(&&slipsense_bus_model::Arrived) -> bool {
+    move |arrived| arrived.lane == lane
+}
+
+/// Time from each slip message's tick to its last bit, by the order of arrival.
+fn slip_times_ns(ran: &Ran) -> Vec<u64> {
+    let arrived = ran.arrived.iter().filter(is_of(Lane::Slip)).zip(&ran.slips);
+    arrived.map(|(arrived, message)| arrived.at_ns - tick_ns(message.sequence)).collect()
+}
+
+/// No raw message arrives in part, each arrives as the sensor gave it, and what did not arrive was counted or, at the
+/// end, waits.
+fn raw_is_whole_or_counted(world: &World<'_>, ran: &Ran, broken: u32) {
+    assert_eq!(
+        (ran.status.broken_raw, ran.errors as u32),
+        (broken, 0),
+        "no part of a message but over bus-off"
+    );
+    let made = world.frames * world.sensors as u32;
+    let waiting = if world.disturbance.foreign_load_percent == 100 { RAW_MESSAGES } else { 0 };
+    assert_eq!((ran.raw.len() + waiting) as u32 + ran.status.dropped_raw + ran.status.broken_raw, made);
+    for message in &ran.raw {
+        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        (world.script)(message.sequence, &mut parts);
+        let part = &parts[usize::from(message.sensor)];
+        assert_eq!(message.piezo, part.piezo);
+        assert_eq!(message.xl, part.xl.as_slice());
+        assert_eq!(message.xl_end, (message.sequence + 1) * BATCH);
+    }
+}
+
+#[test]
+fn a_free_bus_carries_what_the_host_makes() {
+    let world = World::new(120, 1);
+    let ran = world.run();
+    let mut transmitter = Transmitter::new(NODE);
+    let mut buffer = RawBuffer::new();
+    let (mut slips, mut raws) = (Vec::new(), Vec::new());
+    for (sequence, output) in (0..).zip(world.outputs()) {
+        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        (world.script)(sequence, &mut parts);
+        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), 0)));
+        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input(), parts[0].xl_end);
+        raws.extend(transmitter.raw(&raw, &mut buffer));
+    }
+    let of = |lane| ran.arrived.iter().filter(is_of(lane)).map(|arrived| arrived.frame).collect::<Vec<_>>();
+    assert!(of(Lane::Slip) == slips && of(Lane::Raw) == raws, "every CAN byte");
+    assert_eq!((ran.status.dropped_raw, ran.status.replaced_slips), (0, 0));
+}
+
+#[test]
+fn the_slip_message_waits_for_the_frame_on_the_wire_and_no_longer() {
+    for (sensors, foreign_load_percent) in [(1, 0), (3, 0), (3, 50), (3, 100)] {
+        let mut world = World::new(240, sensors);
+        world.disturbance = Disturbance { foreign_load_percent, ..Disturbance::default() };
+        let ran = world.run();
+        assert_eq!(ran.slips, expected_slips(&world));
+        let worst = slip_times_ns(&ran).into_iter().max().unwrap();
+        println!(
+            "{sensors} sensors, {foreign_load_percent} % foreign load: slip message through at most {} µs after it \
+             was there; {} of {} raw messages dropped whole",
+            worst / 1000,
+            ran.status.dropped_raw,
+            240 * sensors
+        );
+        assert!(worst <= 2 * FULL_FRAME_NS, "{worst} ns");
+        raw_is_whole_or_counted(&world, &ran, 0);
+    }
+}
+
+#[test]
+fn a_bus_too_small_drops_whole_messages_of_all_sensors_in_turn() {
+    let world = World::new(480, 3);
+    let ran = world.run();
+    raw_is_whole_or_counted(&world, &ran, 0);
+    let of = |sensor| ran.raw.iter().filter(|message| message.sensor == sensor).count();
+    let shares = [of(0), of(1), of(2)];
+    assert!(ran.status.dropped_raw > 600 && shares.iter().all(|&n| (150..250).contains(&n)), "{shares:?}");
+    assert!(
+        ran.raw.is_sorted_by_key(|message| (message.sequence, message.sensor)),
+        "the sensors' order within a frame stays"
+    );
+}
+
+#[test]
+fn others_of_higher_priority_keep_raw_messages_away_and_no_slip_message() {
+    let mut world = World::new(240, 1);
+    world.disturbance.foreign_load_percent = 100;
+    let ran = world.run();
+    assert_eq!(ran.slips, expected_slips(&world));
+    assert!(ran.raw.is_empty(), "{} raw messages", ran.raw.len());
+    // What the queue holds and the one that was begun are neither sent nor dropped.
+    assert!((240 - 8..240).contains(&ran.status.dropped_raw), "{}", ran.status.dropped_raw);
+}
+
+#[test]
+fn destroyed_frames_are_sent_again() {
+    let mut world = World::new(240, 1);
+    // One in ten: errors add 8 to the counter, nine good frames take 9 off.
+    world.disturbance.error_every = 10;
+    let ran = world.run();
+    assert_eq!(ran.slips, expected_slips(&world));
+    assert_eq!((ran.status.bus_offs, ran.status.replaced_slips), (0, 0));
+    raw_is_whole_or_counted(&world, &ran, 0);
+}
+
+#[test]
+fn too_many_errors_end_in_bus_off_and_recovery_again_and_again() {
+    let mut world = World::new(480, 1);
+    world.disturbance.error_every = 2;
+    let ran = world.run();
+    let expected = expected_slips(&world);
+    assert!(ran.status.bus_offs > 3, "{:?}", ran.status);
+    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip), "what arrives is right");
+    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 480);
+    assert!(ran.errors as u32 <= ran.status.broken_raw);
+}
+
+#[test]
+fn without_acknowledge_the_newest_slip_message_waits_and_no_old_one_is_delivered() {
+    let mut world = World::new(480, 1);
+    let silent_ns = SECOND_NS / 2..SECOND_NS * 3 / 2;
+    world.disturbance.silent_ns = silent_ns.clone();
+    let seen_passive = std::cell::Cell::new(false);
+    let look = |shared: &slipsense::tasks::Shared<_>, _| {
+        seen_passive.set(seen_passive.get() | (shared.status().can.state == CanState::ErrorPassive));
+    };
+    world.before_tick = &look;
+    let ran = world.run();
+    assert!(seen_passive.get());
+    assert_eq!(ran.status.bus_offs, 0, "a node that nobody acknowledges stays on the bus");
+    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 480);
+    let oldest = slip_times_ns(&ran).into_iter().max().unwrap();
+    assert!(oldest <= FRAME_NS + 3 * FULL_FRAME_NS, "{oldest} ns old");
+    let expected = expected_slips(&world);
+    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip));
+    raw_is_whole_or_counted(&world, &ran, 0);
+}
+
+#[test]
+fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
+    let mut world = World::new(960, 1);
+    let dominant_ns = SECOND_NS..3 * SECOND_NS;
+    world.disturbance.dominant_ns = dominant_ns.clone();
+    let off = std::cell::Cell::new(0);
+    let look = |shared: &slipsense::tasks::Shared<_>, _| {
+        off.set(off.get() + u32::from(shared.status().can.state == CanState::BusOff));
+    };
+    world.before_tick = &look;
+    let ran = world.run();
+    let expected = expected_slips(&world);
+    assert_eq!(ran.status.bus_offs, 1);
+    assert_eq!(ran.status.can.state, CanState::ErrorActive, "and that is over");
+    assert!((479..=481).contains(&off.get()), "the status says it all the while: {} frames", off.get());
+    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip));
+    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 960);
+
+    let back =
+        ran.arrived.iter().filter(is_of(Lane::Slip)).position(|slip| slip.at_ns > dominant_ns.end).unwrap();
+    let first = ran.arrived.iter().filter(is_of(Lane::Slip)).nth(back).unwrap();
+    let age_ns = first.at_ns - tick_ns(ran.slips[back].sequence);
+    println!(
+        "bus-off for 2 s: first slip message {} µs after its end, {} µs old; the status says {} µs off; {} raw \
+         messages dropped, {} broken",
+        (first.at_ns - dominant_ns.end) / 1000,
+        age_ns / 1000,
+        ran.status.bus_off_us,
+        ran.status.dropped_raw,
+        ran.status.broken_raw
+    );
+    // 128 times 11 bits, and the message itself.
+    assert!(first.at_ns - dominant_ns.end <= 1_408_000 + FULL_FRAME_NS + 1000);
+    assert!(age_ns <= FRAME_NS + FULL_FRAME_NS, "the newest, not the first of two seconds");
+    assert!((2_001_408..2_001_600).contains(&ran.status.bus_off_us), "{}", ran.status.bus_off_us);
+    raw_is_whole_or_counted(&world, &ran, ran.status.broken_raw);
+    assert!(ran.status.broken_raw <= 1);
+    let last = ran.raw.last().unwrap();
+    assert_eq!(last.sequence, 959, "raw messages go on");
+}
+
+#[test]
+fn service_frames_go_in_order_and_one_too_many_is_refused() {
+    let frame = |n: u32| {
+        let id = MessageId { priority: Priority::Nominal, port: 7509, node: NODE };
+        CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
+    };
+    let mut world = World::new(240, 3);
+    let push = |shared: &slipsense::tasks::Shared<_>, tick: u32| {
+        // At tick 100 more than there is room for.
+        let count = if tick == 100 { SERVICE_FRAMES as u32 + 5 } else { 1 };
+        for n in 0..count {
+            let room = shared.service_room();
+            assert_eq!(shared.send_service(frame(tick * 100 + n)), room > 0);
+        }
+    };
+    world.before_tick = &push;
+    let ran = world.run();
+    let numbers: Vec<u32> = ran
+        .arrived
+        .iter()
+        .filter(is_of(Lane::Service))
+        .map(|arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap()))
+        .collect();
+    assert!(numbers.is_sorted());
+    let refused = ran.status.refused_services;
+    assert!((4..=5).contains(&refused), "{refused}");
+    assert_eq!(numbers.len() as u32 + refused, 239 + SERVICE_FRAMES as u32 + 5);
+    assert!(slip_times_ns(&ran).into_iter().max().unwrap() <= 2 * FULL_FRAME_NS);
+}
+
+#[test]
+fn raw_messages_of_every_third_frame_or_of_none() {
+    for (raw_every, expected) in [(0, 0), (1, 240), (3, 80)] {
+        let mut world = World::new(240, 1);
+        let set = move |shared: &slipsense::tasks::Shared<_>, _| {
+            let mut controls = shared.controls();
+            controls.raw_every = raw_every;
+            shared.control(controls);
+        };
+        world.before_tick = &set;
+        let ran = world.run();
+        assert_eq!(ran.raw.len(), expected);
+        assert_eq!((ran.slips.len(), ran.status.dropped_raw), (240, 0));
+    }
+}

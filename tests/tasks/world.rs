@@ -1,0 +1,300 @@
+//! Virtual time, a sensor source that ticks in it, and the modelled bus as a board's CAN hardware. Computing takes no
+//! time here.
+
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeSet;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Poll, Wake, Waker};
+
+use embassy_futures::join::join3;
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::zerocopy_channel::Channel;
+use slipsense::board::{CanStatus, CanTransmit, Clock, FrameSource, Lane, SensedFrame, SensedPart};
+use slipsense::net::Model;
+use slipsense::net::format::Dims;
+use slipsense::params::{MAX_SENSORS, TAXELS};
+use slipsense::pipeline::{FrameStamp, Output, Pipeline};
+use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense::tasks::{
+    Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Status, Transmission, acquire,
+};
+use slipsense::wire::{NodeId, RawMessage, RawTransfer, Received, Receiver, SlipMessage, Transmitter};
+use slipsense_bus_model::{Arrived, Bus, Disturbance, Timing};
+use slipsense_model_file::random_model;
+
+pub const NODE: NodeId = NodeId::new(42).unwrap();
+pub const FRAME_NS: u64 = 1_000_000_000 / 240;
+/// Samples that a frame brings.
+pub const BATCH: u32 = 33;
+/// After the last tick, before everything is looked at.
+const AFTERWARDS_NS: u64 = 200_000_000;
+
+/// 1 and 8 Mbit/s.
+pub fn fast() -> Timing {
+    Timing::new(80_000_000, 1_000_000, 8_000_000).unwrap()
+}
+
+/// Time that stands still until all tasks wait, then moves on to the next alarm.
+#[derive(Default)]
+pub struct Time {
+    now_ns: Cell<u64>,
+    alarms: RefCell<BTreeSet<u64>>,
+}
+
+impl Clock for Time {
+    fn now_us(&self) -> u64 {
+        self.now_ns.get() / 1000
+    }
+}
+
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Time {
+    /// Wait; `None`: for ever.
+    pub async fn until(&self, ns: Option<u64>) {
+        poll_fn(|_| match ns {
+            Some(ns) if ns <= self.now_ns.get() => Poll::Ready(()),
+            _ => {
+                self.alarms.borrow_mut().extend(ns);
+                Poll::Pending
+            }
+        })
+        .await;
+    }
+
+    /// Run to the end.
+    pub fn run<T>(&self, future: impl Future<Output = T>) -> T {
+        let mut future = pin!(future);
+        let woken = Arc::new(Woken(AtomicBool::new(false)));
+        let waker = Waker::from(woken.clone());
+        loop {
+            if let Poll::Ready(result) = future.as_mut().poll(&mut Context::from_waker(&waker)) {
+                return result;
+            }
+            if woken.0.swap(false, Ordering::Relaxed) {
+                continue;
+            }
+            let next = self.alarms.borrow_mut().pop_first().expect("nobody waits for a time: a deadlock");
+            self.now_ns.set(next.max(self.now_ns.get()));
+        }
+    }
+}
+
+/// The modelled bus as hardware.
+pub struct Hardware<'a> {
+    time: &'a Time,
+    bus: Rc<RefCell<Bus>>,
+    arrived: Rc<RefCell<Vec<Arrived>>>,
+    seen: ([bool; 3], CanStatus),
+}
+
+impl Hardware<'_> {
+    fn look(&self) -> ([bool; 3], CanStatus) {
+        let mut bus = self.bus.borrow_mut();
+        bus.advance(self.time.now_ns.get(), |frame| self.arrived.borrow_mut().push(frame));
+        (Lane::ALL.map(|lane| bus.is_free(lane)), bus.status())
+    }
+}
+
+impl CanTransmit for Hardware<'_> {
+    fn is_free(&self, lane: Lane) -> bool {
+        self.look().0[lane as usize]
+    }
+
+    fn transmit(&mut self, lane: Lane, frame: &slipsense::wire::CanFrame) {
+        self.bus.borrow_mut().put(lane, frame, self.time.now_ns.get());
+        self.seen = self.look();
+    }
+
+    fn withdraw(&mut self, lane: Lane) {
+        self.bus.borrow_mut().withdraw(lane);
+        self.seen = self.look();
+    }
+
+    async fn changed(&mut self) {
+        loop {
+            let now = self.look();
+            if now != self.seen {
+                self.seen = now;
+                return;
+            }
+            let next = self.bus.borrow().next_event_ns();
+            self.time.until(next).await;
+        }
+    }
+
+    fn status(&mut self) -> CanStatus {
+        self.look().1
+    }
+}
+
+/// What the sensors of one frame deliver, by its number.
+pub type Script<'a> = dyn Fn(u32, &mut [SensedPart; MAX_SENSORS]) + 'a;
+
+/// A run.
+pub struct World<'a> {
+    pub frames: u32,
+    pub sensors: usize,
+    pub disturbance: Disturbance,
+    pub script: &'a Script<'a>,
+    /// Called with what the tasks share before the first frame, then before every tick.
+    pub before_tick: &'a (dyn Fn(&Shared<NoopRawMutex>, u32) + 'a),
+}
+
+/// All sensors deliver what [`deliver`] says.
+pub fn healthy(sequence: u32, parts: &mut [SensedPart; MAX_SENSORS]) {
+    for (sensor, part) in (0..).zip(parts) {
+        deliver(sequence, sensor, part);
+    }
+}
+
+pub fn scan(sequence: u32, sensor: u32) -> PiezoFrame {
+    PiezoFrame::from_scan(std::array::from_fn::<u16, TAXELS, _>(|i| {
+        ((i as u32 * 7 + sequence * 13 + sensor * 101) % 3000) as u16
+    }))
+}
+
+pub fn samples(sequence: u32, sensor: u32) -> [XlSample; BATCH as usize] {
+    std::array::from_fn(|i| {
+        let n = (sequence * BATCH + i as u32).wrapping_mul(2_654_435_761 + sensor);
+        [(n >> 18) as i16 - 8192, (n >> 20) as i16, -((n >> 19) as i16 >> 2)]
+    })
+}
+
+pub fn deliver(sequence: u32, sensor: u32, part: &mut SensedPart) {
+    part.piezo = scan(sequence, sensor);
+    part.piezo_arrived = true;
+    part.xl.clear();
+    part.xl.extend_from_slice(&samples(sequence, sensor)).unwrap();
+    part.xl_arrived = true;
+    part.xl_end = (sequence + 1) * BATCH;
+}
+
+/// Ticks on time; frame 0 closes a period after the start.
+struct Sensors<'a> {
+    time: &'a Time,
+    world: &'a World<'a>,
+    shared: &'a Shared<NoopRawMutex>,
+    next: u32,
+}
+
+pub const fn tick_ns(sequence: u32) -> u64 {
+    (sequence as u64 + 1) * 1_000_000_000 / 240
+}
+
+pub fn stamp(sequence: u32) -> FrameStamp {
+    FrameStamp { sequence, timestamp_us: tick_ns(sequence) / 1000 }
+}
+
+impl FrameSource for Sensors<'_> {
+    const REAL_TIME: bool = true;
+
+    async fn tick(&mut self) -> Option<FrameStamp> {
+        if self.next == self.world.frames {
+            return None;
+        }
+        (self.world.before_tick)(self.shared, self.next);
+        self.time.until(Some(tick_ns(self.next))).await;
+        self.next += 1;
+        Some(stamp(self.next - 1))
+    }
+
+    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+        (self.world.script)(self.next - 1, parts);
+    }
+
+    async fn discard(&mut self) {}
+}
+
+/// What a run leaves behind.
+pub struct Ran {
+    pub arrived: Vec<Arrived>,
+    pub status: Status,
+    pub slips: Vec<SlipMessage>,
+    pub raw: Vec<RawMessage>,
+    /// What the receiver could make nothing of.
+    pub errors: usize,
+}
+
+pub fn model_bytes() -> Vec<u8> {
+    let dims = Dims { conv_channels: [1, 2, 3], embed: 4, xl_kernel: 2, xl_channels: 3, heads: 2, window: 5 };
+    random_model(dims, 1).to_bytes().unwrap()
+}
+
+impl World<'_> {
+    pub fn new(frames: u32, sensors: usize) -> Self {
+        Self {
+            frames,
+            sensors,
+            disturbance: Disturbance::default(),
+            script: &healthy,
+            before_tick: &|_, _| {},
+        }
+    }
+
+    pub fn run(&self) -> Ran {
+        let time = Time::default();
+        let shared = Shared::<NoopRawMutex>::new();
+        let model = model_bytes();
+        let pipeline = Pipeline::new(Model::parse(&model).unwrap(), self.sensors).unwrap();
+        let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
+        let mut raw_queue = RawQueue::new(&mut raw_buffers);
+        let (raw_sender, raw_receiver) = raw_queue.split();
+        let mut buffers = [const { SensedFrame::new() }; QUEUED_FRAMES];
+        let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
+        let (sender, receiver) = channel.split();
+        let mut source = Sensors { time: &time, world: self, shared: &shared, next: 0 };
+        let mut inference = Inference::new(pipeline, Transmitter::new(NODE), &time, (), &shared, raw_sender);
+        let arrived = Rc::<RefCell<Vec<Arrived>>>::default();
+        let bus = Rc::new(RefCell::new(Bus::new(&fast(), self.disturbance.clone())));
+        let seen = ([true; 3], CanStatus::default());
+        let hardware = Hardware { time: &time, bus, arrived: arrived.clone(), seen };
+        let mut transmission = Transmission::new(hardware, &time, &shared, raw_receiver);
+        let source = async {
+            acquire(&mut source, sender, &shared).await;
+            time.until(Some(tick_ns(self.frames) + AFTERWARDS_NS)).await;
+        };
+        let forever = join3(std::future::pending::<()>(), inference.run(receiver), transmission.run());
+        time.run(select(source, forever));
+        let mut ran = Ran {
+            arrived: arrived.take(),
+            status: shared.status(),
+            slips: Vec::new(),
+            raw: Vec::new(),
+            errors: 0,
+        };
+        let mut receiver = Receiver::new(NODE);
+        for arrived in &ran.arrived {
+            match receiver.accept(&arrived.frame) {
+                Ok(None) => {}
+                Ok(Some(Received::Slip(message))) => ran.slips.push(message),
+                Ok(Some(Received::Raw(message))) => ran.raw.push(message),
+                Err(_) => ran.errors += 1,
+            }
+        }
+        ran
+    }
+
+    /// What the pipeline makes of the script, called directly.
+    pub fn outputs(&self) -> Vec<Output> {
+        let model = model_bytes();
+        let mut pipeline = Pipeline::new(Model::parse(&model).unwrap(), self.sensors).unwrap();
+        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        let step = |sequence| {
+            (self.script)(sequence, &mut parts);
+            pipeline.step(&parts.each_ref().map(|part| part.input()))
+        };
+        (0..self.frames).map(step).collect()
+    }
+}

@@ -1,0 +1,277 @@
+//! What was on the bus against the host: raw messages against the episode that the sensors played, slip messages
+//! against the host's pipeline fed with what the raw messages carried, bit for bit.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Result, anyhow};
+use slipsense::net::{Aligned, Model};
+use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
+use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage, health};
+use slipsense_can_model::{Frame, Id, Outcome};
+use slipsense_episode::Episode;
+
+use crate::fdcan::wire::MCU;
+use crate::report::clock_ahead_ns;
+use crate::run::Done;
+
+/// The model that the firmware carries.
+const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
+/// 1/240 s.
+const PERIOD_US: u64 = 4_166;
+/// Ticks of the board's own timer are this far from 240 Hz at most.
+const PERIOD_SLACK_US: u64 = 4;
+
+/// Scans that may go by before the first that is sent.
+const SHIFT_MAX: usize = 16;
+
+/// A slip message and when it was on the bus.
+#[derive(Clone, Debug)]
+pub struct Slip {
+    pub message: SlipMessage,
+    pub start_ns: u64,
+    pub end_ns: u64,
+}
+
+/// What came out.
+#[derive(Debug, Default)]
+pub struct Comparison {
+    pub slips: Vec<Slip>,
+    pub raws: usize,
+    /// Frames of the bus that were no message.
+    pub undecoded: Vec<String>,
+    /// Transfers that a receiver missed.
+    pub missed_transfers: u32,
+    /// Slip messages compared with the host's, and those that differ.
+    pub compared: usize,
+    pub different: Vec<String>,
+    /// Readings among them that the bus did not carry.
+    pub from_models: usize,
+    /// Frame number less frame of the episode, by sensor.
+    shift: [usize; MAX_SENSORS],
+    /// Why the comparison ended before the last message.
+    pub ended: Option<String>,
+    /// Raw messages whose counts are those of a frame of the episode, and those that are not.
+    pub taxels_equal: usize,
+    pub taxels_different: Vec<String>,
+    /// Samples equal to the episode's, in sequence without a gap; and breaks.
+    pub samples_equal: usize,
+    pub samples_different: Vec<String>,
+    /// Frame numbers that were left out, and ticks that were not 1/240 s apart.
+    pub skipped: u32,
+    pub uneven: Vec<String>,
+}
+
+/// How two scans differ.
+fn difference(expected: &PiezoFrame, found: &PiezoFrame) -> String {
+    let pairs =
+        || expected.counts().iter().zip(found.counts()).enumerate().filter(|(_, (one, two))| one != two);
+    let first = pairs().next().map(|(taxel, (one, two))| {
+        format!("row {} column {} is {two}, played was {one}", taxel / TAXEL_COLS, taxel % TAXEL_COLS)
+    });
+    format!("{} taxels differ, the first: {}", pairs().count(), first.unwrap_or_default())
+}
+
+/// What was read of a FIFO in the frame after a tick.
+fn readout(readouts: &[(u64, Vec<XlSample>)], tick_ns: u64) -> Option<&[XlSample]> {
+    let first = readouts.partition_point(|(at, _)| *at <= tick_ns);
+    let (at, samples) = readouts.get(first)?;
+    (at - tick_ns < PERIOD_US * 1000).then_some(samples)
+}
+
+/// A frame of the bus as the product's own library knows it.
+pub fn can_frame(frame: &Frame) -> Option<CanFrame> {
+    match frame.id() {
+        Id::Extended(id) => CanFrame::new(id, frame.data()).ok(),
+        Id::Standard(_) => None,
+    }
+}
+
+/// Decode and compare everything.
+pub fn compare(done: &Done, episode: Option<&Episode>) -> Result<Comparison> {
+    let frames = &done.frames;
+    let mut comparison = Comparison::default();
+    let mut receiver = Receiver::new(NodeId::DEFAULT);
+    let mut raws: BTreeMap<(u32, u8), RawMessage> = BTreeMap::new();
+    for logged in frames.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent) {
+        let Some(frame) = can_frame(&logged.frame) else {
+            comparison.undecoded.push(format!("{:?}", logged.frame));
+            continue;
+        };
+        match receiver.accept(&frame) {
+            Ok(Some(Received::Slip(message))) => {
+                comparison.slips.push(Slip { message, start_ns: logged.start_ns, end_ns: logged.end_ns });
+            }
+            Ok(Some(Received::Raw(raw))) => {
+                raws.insert((raw.sequence, raw.sensor), raw);
+            }
+            Ok(None) => {}
+            Err(error) => comparison.undecoded.push(format!("{error:?}")),
+        }
+    }
+    comparison.raws = raws.len();
+    comparison.missed_transfers = receiver.missed();
+    comparison.ticks();
+    if let Some(episode) = episode {
+        comparison.sensors(&raws, episode);
+    }
+    comparison.decisions(&raws, done, episode)?;
+    Ok(comparison)
+}
+
+impl Comparison {
+    fn ticks(&mut self) {
+        for pair in self.slips.windows(2) {
+            let (one, two) = (&pair[0].message, &pair[1].message);
+            let frames = two.sequence.wrapping_sub(one.sequence);
+            self.skipped += frames.saturating_sub(1);
+            let elapsed = two.timestamp_us.saturating_sub(one.timestamp_us);
+            let nominal = PERIOD_US * u64::from(frames);
+            if frames == 0 || elapsed.abs_diff(nominal) > PERIOD_SLACK_US * u64::from(frames) {
+                self.uneven.push(format!("frame {}: {elapsed} us after the one before", two.sequence));
+            }
+        }
+    }
+
+    /// The host's pipeline decides on the very readings that the raw messages carry; where the bus did not carry one,
+    /// on what the sensor models gave: the scan that follows, and what was read of the FIFO after the tick.
+    fn decisions(
+        &mut self,
+        raws: &BTreeMap<(u32, u8), RawMessage>,
+        done: &Done,
+        episode: Option<&Episode>,
+    ) -> Result<()> {
+        let model = Model::parse(MODEL).map_err(|error| anyhow!("the bundled model: {error}"))?;
+        let sensors = self.slips.first().map_or(1, |slip| slip.message.sensors.into());
+        let mut pipeline = Pipeline::new(model, sensors).map_err(|error| anyhow!("pipeline: {error}"))?;
+        let ahead_ns = clock_ahead_ns(done, &self.slips);
+        let mut next = None;
+        for slip in &self.slips {
+            let message = &slip.message;
+            // The network remembers the frames that the bus did not carry.
+            if next.is_some_and(|next| next != message.sequence) {
+                self.ended = Some(format!("frame {}: those before it were not on the bus", message.sequence));
+                return Ok(());
+            }
+            next = Some(message.sequence.wrapping_add(1));
+            let tick_ns = (message.timestamp_us as i64 * 1000 - ahead_ns).max(0) as u64;
+            let mut inputs = [SensorInput::default(); MAX_SENSORS];
+            for (sensor, input) in inputs.iter_mut().enumerate().take(sensors) {
+                let flags = message.contact[sensor].health;
+                let raw = raws.get(&(message.sequence, sensor as u8));
+                let piezo = raw.map(|raw| &raw.piezo).or_else(|| {
+                    let frame = (message.sequence as usize).checked_sub(self.shift[sensor])?;
+                    // After its end the arrays hold the last frame.
+                    episode.map(|episode| episode.piezo(frame.min(episode.frames() - 1), sensor))
+                });
+                let read = readout(&done.readouts[sensor], tick_ns);
+                if let (Some(raw), Some(read)) = (raw, read)
+                    && flags & health::XL_MISSING == 0
+                    && raw.xl.as_slice() != read
+                {
+                    let sequence = message.sequence;
+                    self.samples_different.push(format!("frame {sequence}: not the samples that were read"));
+                }
+                let xl = raw.map(|raw| raw.xl.as_slice()).or(read);
+                let (Some(piezo), Some(xl)) = (piezo, xl) else {
+                    self.ended =
+                        Some(format!("frame {}: no reading of sensor {sensor} is known", message.sequence));
+                    return Ok(());
+                };
+                self.from_models += usize::from(raw.is_none());
+                input.piezo = (flags & health::PIEZO_MISSING == 0).then_some(piezo);
+                input.xl = (flags & health::XL_MISSING == 0).then_some(xl);
+            }
+            let output = pipeline.step(&inputs[..sensors]);
+            let stamp = FrameStamp { sequence: message.sequence, timestamp_us: message.timestamp_us };
+            let expected = output.slip_message(stamp, message.late_frames);
+            self.compared += 1;
+            if expected != *message {
+                self.different
+                    .push(format!("frame {}: {message:?}, the host says {expected:?}", message.sequence));
+            }
+        }
+        Ok(())
+    }
+
+    fn sensors(&mut self, raws: &BTreeMap<(u32, u8), RawMessage>, episode: &Episode) {
+        for sensor in 0..episode.sensors {
+            let of_sensor = || raws.iter().filter(|((_, number), _)| usize::from(*number) == sensor);
+            self.taxels(of_sensor().map(|((sequence, _), raw)| (*sequence, raw)), episode, sensor);
+            self.samples(of_sensor().map(|((sequence, _), raw)| (*sequence, raw)), &episode.xl[sensor]);
+        }
+    }
+
+    /// The arrays play one frame of the episode per scan, so frame number and frame of the episode differ by a
+    /// constant: the one that most frames agree with, for an untouched pad reads the same in many.
+    fn taxels<'a>(
+        &mut self,
+        raws: impl Iterator<Item = (u32, &'a RawMessage)>,
+        episode: &Episode,
+        sensor: usize,
+    ) {
+        let scans: Vec<(usize, &PiezoFrame)> = raws
+            .filter(|(_, raw)| raw.health & health::PIEZO_MISSING == 0)
+            .map(|(sequence, raw)| (sequence as usize, &raw.piezo))
+            .collect();
+        let played = |sequence: usize, shift: usize| {
+            let frame = sequence.checked_sub(shift).filter(|frame| *frame < episode.frames());
+            frame.map(|frame| episode.piezo(frame, sensor))
+        };
+        let agreeing = |shift: &usize| {
+            scans.iter().filter(|(sequence, scan)| played(*sequence, *shift) == Some(*scan)).count()
+        };
+        let shift = (0..SHIFT_MAX).max_by_key(agreeing).unwrap_or(0);
+        self.shift[sensor] = shift;
+        for (sequence, scan) in scans {
+            // Before its beginning nothing is played, after its end the last frame.
+            let Some(expected) = played(sequence, shift) else { continue };
+            if expected == scan {
+                self.taxels_equal += 1;
+            } else {
+                self.taxels_different
+                    .push(format!("frame {sequence}, sensor {sensor}: {}", difference(expected, scan)));
+            }
+        }
+    }
+
+    /// Samples follow one another as the part made them; the first ones are thrown away while it settles.
+    fn samples<'a>(&mut self, raws: impl Iterator<Item = (u32, &'a RawMessage)>, played: &[XlSample]) {
+        let (mut next, mut last): (Option<usize>, Option<u32>) = (None, None);
+        for (sequence, raw) in
+            raws.filter(|(_, raw)| raw.health & health::XL_MISSING == 0 && !raw.xl.is_empty())
+        {
+            let batch = raw.xl.as_slice();
+            // After messages that the bus did not carry: the first such samples from there on.
+            let follows = last.is_some_and(|last| sequence == last + 1);
+            let since = next.unwrap_or(0).min(played.len());
+            let search = || played[since..].windows(batch.len()).position(|window| window == batch);
+            let from = next.filter(|_| follows).or_else(|| Some(since + search()?));
+            last = Some(sequence);
+            let Some(from) = from else {
+                // After its end the part holds the last sample.
+                if batch.last() == played.last() {
+                    break;
+                }
+                self.samples_different.push(format!("frame {sequence}: samples that the part did not make"));
+                continue;
+            };
+            if from + batch.len() > played.len() {
+                break;
+            }
+            if played[from..from + batch.len()] == *batch {
+                self.samples_equal += batch.len();
+            } else {
+                self.samples_different.push(format!("frame {sequence}: not the samples that follow"));
+            }
+            next = Some(from + batch.len());
+        }
+    }
+
+    /// Nothing differs, and there was something to compare.
+    pub fn is_equal(&self) -> bool {
+        let differences = [&self.undecoded, &self.different, &self.taxels_different, &self.samples_different];
+        differences.iter().all(|list| list.is_empty()) && self.compared > 0
+    }
+}

@@ -1,0 +1,80 @@
+//! The far end of the bus as a stream of bytes, for a program that is a node: `tests/python/can_link.py` and whatever
+//! is behind it. The format is `tests/qemu/src/link.rs`'s.
+//!
+//! What the program sends goes on the wires at the next virtual millisecond and competes there as any node's frames
+//! do. What the board sends it gets, but for slip and raw messages: nothing behind the link could keep up with them.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+
+use anyhow::{Context, Result};
+use slipsense::wire::{MessageId, RAW_PORT, SLIP_PORT};
+use slipsense_can_model::{Format, Frame, Id, Outcome};
+
+use crate::compare::can_frame;
+use crate::fdcan::wire::{MCU, Wire};
+
+/// Bytes before the data: identifier and length.
+const HEADER: usize = 5;
+
+/// The program's end of the link.
+pub struct FarEnd {
+    stream: TcpStream,
+    pending: Vec<u8>,
+    /// Entries of the wires' log that have been looked at.
+    seen: usize,
+}
+
+impl FarEnd {
+    /// Print a port of this computer and wait for somebody there.
+    pub fn wait() -> Result<Self> {
+        let listener = TcpListener::bind("127.0.0.1:0").context("no port for the far end")?;
+        println!("{}", listener.local_addr()?.port());
+        let (stream, _) = listener.accept()?;
+        stream.set_nodelay(true)?;
+        Ok(Self { stream, pending: Vec::new(), seen: 0 })
+    }
+
+    /// Carry frames both ways. `false`: the program is gone.
+    pub fn exchange(&mut self, now_ns: u64, wire: &mut Wire) -> Result<bool> {
+        self.stream.set_nonblocking(true)?;
+        let mut buffer = [0; 4096];
+        match self.stream.read(&mut buffer) {
+            Ok(0) => return Ok(false),
+            Ok(length) => self.pending.extend(&buffer[..length]),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(error) => return Err(error).context("reading from the far end"),
+        }
+        while let Some(frame) = self.take_frame() {
+            wire.peer_queue.push_back((now_ns, frame?));
+        }
+        self.stream.set_nonblocking(false)?;
+        let mut records = Vec::new();
+        let sent = wire.log.iter().skip(self.seen);
+        for logged in sent.filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent) {
+            let Some(frame) = can_frame(&logged.frame) else { continue };
+            let port = MessageId::from_can(frame.id()).map(|id| id.port);
+            if !matches!(port, Ok(SLIP_PORT | RAW_PORT)) {
+                records.extend(frame.id().to_le_bytes());
+                records.push(frame.data().len() as u8);
+                records.extend(frame.data());
+            }
+        }
+        self.seen = wire.log.len();
+        match self.stream.write_all(&records) {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+            Err(error) => Err(error).context("writing to the far end"),
+        }
+    }
+
+    fn take_frame(&mut self) -> Option<Result<Frame>> {
+        let &[a, b, c, d, length] = self.pending.first_chunk::<HEADER>()?;
+        let end = HEADER + usize::from(length);
+        let data = self.pending.get(HEADER..end)?;
+        let frame = Frame::new(Id::Extended(u32::from_le_bytes([a, b, c, d])), Format::FD, data);
+        let frame = frame.map_err(|error| anyhow::anyhow!("the far end sent no CAN FD frame: {error:?}"));
+        self.pending.drain(..end);
+        Some(frame)
+    }
+}

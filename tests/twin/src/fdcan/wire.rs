@@ -1,0 +1,184 @@
+//! The pair of wires at one FDCAN, the node at its far end, and what is done to them.
+
+use std::collections::VecDeque;
+
+use slipsense_can_model::{
+    Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
+};
+
+use crate::trouble::{self, Kind, Trouble};
+
+/// The FDCAN among the two nodes.
+pub const MCU: usize = 0;
+/// Identifier of the frames that flood the bus: between the slip message's priority and the raw frames'.
+const FLOOD_ID: u32 = 0x0C00_0001;
+/// Everybody else, as one node.
+pub const PEER: usize = 1;
+
+/// A frame that was on the bus.
+#[derive(Clone, Debug)]
+pub struct Logged {
+    /// Node that sent.
+    pub node: usize,
+    /// Start of frame and end of frame or error delimiter, virtual nanoseconds.
+    pub start_ns: u64,
+    pub end_ns: u64,
+    pub outcome: Outcome,
+    pub frame: Frame,
+}
+
+/// Wires, peer and record.
+#[derive(Debug)]
+pub struct Wire {
+    bus: Bus<2>,
+    /// What happens to the bus.
+    pub troubles: Vec<Trouble>,
+    /// Frames that the peer sends, each not before its time, in order.
+    pub peer_queue: VecDeque<(u64, Frame)>,
+    /// Everything that was on the bus.
+    pub log: Vec<Logged>,
+    random: u64,
+}
+
+/// Until software sets another; never used for a frame.
+const UNSET: Timing = Timing {
+    clock_hz: 1_000_000_000,
+    nominal: BitTiming { prescaler: 1, seg1: 1, seg2: 1 },
+    data: BitTiming { prescaler: 1, seg1: 1, seg2: 1 },
+};
+
+impl Default for Wire {
+    fn default() -> Self {
+        Self {
+            bus: Bus::new(UNSET),
+            troubles: Vec::new(),
+            peer_queue: VecDeque::new(),
+            log: Vec::new(),
+            random: 0x9E37_79B9_7F4A_7C15,
+        }
+    }
+}
+
+impl Wire {
+    /// Error counters and the like.
+    pub fn bus(&self) -> &Bus<2> {
+        &self.bus
+    }
+
+    fn cycles(&self, now_ns: u64) -> u64 {
+        (u128::from(now_ns) * u128::from(self.bus.timing().clock_hz) / 1_000_000_000) as u64
+    }
+
+    fn ns(&self, cycles: u64) -> u64 {
+        self.bus.timing().ns(cycles)
+    }
+
+    /// The FDCAN starts with these timings and joins after 11 recessive bits; a node that was off first waits for
+    /// its recovery. The peer has the same timings. Returns when the recovery is over, if one is due.
+    pub fn join(&mut self, now_ns: u64, timing: Timing) -> Option<u64> {
+        if *self.bus.timing() != timing {
+            self.bus.set_timing(timing, 0);
+        }
+        let now = self.cycles(now_ns);
+        self.bus.hold(MCU, now + 11 * u64::from(timing.nominal.cycles()));
+        self.bus.request_recovery(MCU, now);
+        self.returns()
+    }
+
+    /// When the FDCAN's recovery from bus-off is over, as far as is known.
+    pub fn returns(&self) -> Option<u64> {
+        self.bus.returns(MCU).map(|at| self.ns(at))
+    }
+
+    /// Lets time pass without a frame, so that a recovery ends.
+    pub fn advance(&mut self, now_ns: u64) {
+        let now = self.cycles(now_ns);
+        self.bus.advance(now);
+    }
+
+    fn flooded(&self, now_ns: u64) -> Option<Frame> {
+        trouble::active(&self.troubles, now_ns).find_map(|kind| match kind {
+            Kind::Flood => Frame::new(Id::Extended(FLOOD_ID), Format::FD, &[0x55; 64]).ok(),
+            _ => None,
+        })
+    }
+
+    /// What the peer has to send at this instant.
+    fn peer_frame(&self, now_ns: u64) -> Option<Frame> {
+        let due = self.peer_queue.front().filter(|(at, _)| *at <= now_ns).map(|(_, frame)| *frame);
+        due.or_else(|| self.flooded(now_ns))
+    }
+
+    /// When a frame may start that the FDCAN offers or not from `now_ns` on: the earliest instant at which the bus
+    /// is free for somebody who has something to send.
+    pub fn next_start(&self, now_ns: u64, offered: bool) -> Option<u64> {
+        let mine = if offered { self.bus.ready(MCU) } else { None };
+        let mine = mine.map(|ready| self.ns(ready).max(now_ns));
+        let free = self.bus.ready(PEER).map_or(0, |ready| self.ns(ready)).max(now_ns);
+        let due = self.peer_queue.front().map(|(at, _)| (*at).max(free));
+        let flood = self.troubles.iter().filter(|scheduled| scheduled.kind == Kind::Flood);
+        let flood = flood
+            .map(|scheduled| scheduled.when.start.max(free))
+            .filter(|at| self.flooded(*at).is_some())
+            .min();
+        [mine, due, flood].into_iter().flatten().min()
+    }
+
+    /// The frame that starts at this instant, the FDCAN offering `mine`.
+    pub fn start(&mut self, now_ns: u64, mine: Option<&Frame>) -> Option<(Attempt, Frame)> {
+        let theirs = self.peer_frame(now_ns);
+        let now = self.cycles(now_ns);
+        // Who is not ready now does not compete; the bus would otherwise make the frame wait for them.
+        let ready =
+            |node, frame: Option<Frame>| frame.filter(|_| self.bus.ready(node).is_some_and(|at| at <= now));
+        let (mine, theirs) = (ready(MCU, mine.copied()), ready(PEER, theirs));
+        let longest =
+            [&mine, &theirs].into_iter().flatten().map(|frame| FrameBits::of(frame).total()).max()?;
+        let disturbance = self.disturbance(now_ns, longest);
+        let attempt = self.bus.attempt(now, &[mine.as_ref(), theirs.as_ref()], disturbance).ok()??;
+        let frame = if attempt.node == MCU { mine? } else { theirs? };
+        if attempt.node == PEER
+            && attempt.outcome == Outcome::Sent
+            && self.peer_queue.front().is_some_and(|q| q.0 <= now_ns)
+        {
+            self.peer_queue.pop_front();
+        }
+        self.log.push(Logged {
+            node: attempt.node,
+            start_ns: now_ns,
+            end_ns: self.ns(attempt.end),
+            outcome: attempt.outcome,
+            frame,
+        });
+        Some((attempt, frame))
+    }
+
+    /// Virtual nanoseconds of an attempt's end.
+    pub fn end_ns(&self, attempt: &Attempt) -> u64 {
+        self.ns(attempt.end)
+    }
+
+    fn disturbance(&mut self, now_ns: u64, bits: u32) -> Disturbance {
+        let troubles: Vec<Kind> = trouble::active(&self.troubles, now_ns).collect();
+        let mut disturbance = Disturbance::default();
+        for trouble in troubles {
+            match trouble {
+                Kind::NoAcknowledge => disturbance.no_acknowledge = true,
+                Kind::ErrorFrames { per_million } if self.below(1_000_000) < per_million => {
+                    disturbance.wrong_bit = Some(self.below(bits));
+                }
+                _ => {}
+            }
+        }
+        disturbance
+    }
+
+    /// Splitmix64: any generator will do, every run draws the same.
+    fn below(&mut self, bound: u32) -> u32 {
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut word = self.random;
+        word = (word ^ word >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        word = (word ^ word >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((word ^ word >> 31) % u64::from(bound)) as u32
+    }
+}

@@ -1,0 +1,263 @@
+//! The board: an STM32H743 whose FDCANs are ours, an 8 MHz clock from the ST-LINK, 3.3 V.
+
+use std::num::{NonZeroU32, NonZeroU64};
+use std::sync::Arc;
+
+use rigless::device::{Device, ErasedDevice, Level, ResetCause};
+use rigless::machine::{Board, Target, armv7m};
+use rigless::mcu::{Mcu, Operate};
+use rigless::snapshot::Store;
+use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::peripherals::adc::Adc;
+use rigless::soc::stm32h743::peripherals::dma::Dma;
+use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin};
+use rigless::soc::stm32h743::peripherals::spi::Select;
+use rigless::soc::stm32h743::peripherals::tim::{Advanced, Tim};
+use rigless::soc::{Bus, Error, Window};
+use rigless::time::VirtualNanos;
+use slipsense_episode::Episode;
+
+use crate::adxl380::{Adxl380, Readouts};
+use crate::arrays::{AddressLines, Arrays, REFERENCE_MV, Shared, Streams, Trigger, TriggeredInputs, lock};
+use crate::fdcan::Fdcan;
+use crate::fdcan::message_ram::{self, MessageRam};
+use crate::steady::Settings;
+use crate::tapped::Tapped;
+use crate::trouble::Trouble;
+use crate::window::Windowed;
+
+/// The core's clock that `clocks.rs` sets, and with one instruction per cycle its rate. A choice, not a
+/// measurement: the silicon issues up to two, and waits for flash and buses.
+pub const CORE_HZ: NonZeroU64 = NonZeroU64::new(480_000_000).expect("not zero");
+/// HSE of the NUCLEO: the ST-LINK's MCO.
+const HSE_HZ: u64 = 8_000_000;
+const RAIL_MV: u32 = 3300;
+/// Names of the instances, in order.
+const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
+
+/// Chip selects of the accelerometers on SPI1 (`src/board/stm32/pins.rs`).
+const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 12)];
+const XL_SPI: usize = 0;
+
+/// What is fitted to the board, and what happens to it.
+pub struct Fitted {
+    /// What the sensors play; none: no accelerometer, and arrays that nothing touches.
+    pub episode: Option<Arc<Episode>>,
+    /// How much faster than nominal the accelerometers' oscillators are, as a fraction.
+    pub xl_error: f64,
+    /// What happens.
+    pub troubles: Vec<Trouble>,
+    /// Every event of the scan one by one, and every access through the MPU.
+    pub slow: bool,
+}
+
+/// The part with its FDCANs.
+#[derive(Debug)]
+pub struct Mcu743 {
+    /// All but the FDCANs.
+    pub part: Stm32h743,
+    /// FDCAN1 and FDCAN2.
+    pub fdcan: [Fdcan; 2],
+    fdcan_slots: [usize; 2],
+    ram: Windowed<MessageRam>,
+    ram_slot: usize,
+    /// Models of the emulator with the arrays or the scan at them; what the part has in their place is never reached.
+    port: Tapped<Gpio, AddressLines>,
+    timer: Tapped<Tim<Advanced>, Trigger>,
+    adc: Tapped<Adc, TriggeredInputs>,
+    streams: [Tapped<Dma, Streams>; 2],
+    tapped_slots: [usize; 5],
+    arrays: Shared,
+}
+
+impl Mcu743 {
+    fn new(fitted: &Fitted) -> Result<Self, Error> {
+        let mut part = Stm32h743::new()?;
+        let size = NonZeroU64::new(4 * message_ram::WORDS as u64).expect("not zero");
+        let window = Window::new("FDCANRAM", message_ram::BASE, size);
+        let ram_slot = part.bus_mut().add_window(window)?;
+        let mut fdcan_slots = [0; 2];
+        for (slot, name) in fdcan_slots.iter_mut().zip(FDCANS) {
+            *slot = part.bus().slot(name)?;
+        }
+        let table = part.bus().slots()[ram_slot].peripheral().registers;
+        let ram = MessageRam::default();
+        let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
+        let arrays = Arrays::new(fitted.episode.clone(), fitted.troubles.clone());
+        lock(&arrays).steady.enabled = !fitted.slow;
+        // A second part, for its models of these: the emulator's own are fields that cannot be built from outside.
+        let spare = Stm32h743::new()?;
+        let [_, _, _, _, port, ..] = spare.gpio;
+        let [_, timer] = spare.advanced;
+        let [adc, ..] = spare.adc;
+        let [codes, addresses] = spare.dma;
+        let mut tapped_slots = [0; 5];
+        for (slot, name) in tapped_slots.iter_mut().zip(["GPIOE", "TIM8", "ADC1", "DMA1", "DMA2"]) {
+            *slot = part.bus().slot(name)?;
+        }
+        let stream = |device, codes| Tapped { device, tap: Streams { shared: arrays.clone(), codes } };
+        let mut mcu = Self {
+            part,
+            fdcan,
+            fdcan_slots,
+            ram: Windowed { chip: ram, table },
+            ram_slot,
+            port: Tapped { device: port, tap: AddressLines(arrays.clone()) },
+            timer: Tapped { device: timer, tap: Trigger { shared: arrays.clone(), high: false, pulses: 0 } },
+            adc: Tapped { device: adc, tap: TriggeredInputs::new(arrays.clone()) },
+            streams: [stream(codes, true), stream(addresses, false)],
+            tapped_slots,
+            arrays,
+        };
+        mcu.adc.device.set_reference(REFERENCE_MV);
+        mcu.reset_registers();
+        Ok(mcu)
+    }
+
+    fn reset_registers(&mut self) {
+        for slot in self.fdcan_slots {
+            Fdcan::reset_registers(self.part.bus_mut().slot_mut(slot).registers_mut());
+        }
+    }
+}
+
+impl Mcu for Mcu743 {
+    fn bus(&self) -> &Bus {
+        self.part.bus()
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        self.part.bus_mut()
+    }
+
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.part.reset(at, cause);
+        for fdcan in &mut self.fdcan {
+            Device::reset(fdcan);
+        }
+        ErasedDevice::reset(&mut self.port);
+        ErasedDevice::reset(&mut self.timer);
+        ErasedDevice::reset(&mut self.adc);
+        self.streams.iter_mut().for_each(ErasedDevice::reset);
+        self.reset_registers();
+    }
+
+    fn poll(&mut self, _now: VirtualNanos) {
+        // Only serial ports look outside when polled, and nothing is at ours. Asking every model at every event would
+        // take a third of the time.
+    }
+
+    fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        if slot == self.ram_slot {
+            return (self.part.bus_mut(), Some(&mut self.ram));
+        }
+        if let Some(nth) = self.fdcan_slots.iter().position(|&fdcan| fdcan == slot) {
+            return (self.part.bus_mut(), Some(&mut self.fdcan[nth]));
+        }
+        let [port, timer, adc, codes, addresses] = self.tapped_slots;
+        if slot == timer {
+            let steady = &mut lock(&self.arrays).steady;
+            if steady.enabled && !steady.runs() {
+                steady.settings = Settings::read(self.part.bus());
+            }
+        }
+        match slot {
+            _ if slot == port => (self.part.bus_mut(), Some(&mut self.port)),
+            _ if slot == timer => (self.part.bus_mut(), Some(&mut self.timer)),
+            _ if slot == adc => (self.part.bus_mut(), Some(&mut self.adc)),
+            _ if slot == codes => (self.part.bus_mut(), Some(&mut self.streams[0])),
+            _ if slot == addresses => (self.part.bus_mut(), Some(&mut self.streams[1])),
+            _ => self.part.split(slot),
+        }
+    }
+}
+
+/// The board.
+#[derive(Debug)]
+pub struct Twin {
+    /// The microcontroller.
+    pub mcu: Mcu743,
+    /// What was read of each accelerometer.
+    pub readouts: [Readouts; CHIP_SELECTS.len()],
+    slow: bool,
+}
+
+/// Name of the machine and of its one target.
+pub const NAME: &str = "slipsense-h743";
+
+impl Twin {
+    /// Out of reset.
+    pub fn new(fitted: &Fitted) -> Result<Self, Error> {
+        let mut mcu = Mcu743::new(fitted)?;
+        mcu.part.rcc.attach_crystals(HSE_HZ, 0);
+        mcu.part.set_supply(RAIL_MV);
+        mcu.part.set_analog_supply(RAIL_MV);
+        for converter in &mut mcu.part.adc {
+            converter.set_reference(RAIL_MV);
+        }
+        mcu.fdcan[0].wire.troubles = fitted.troubles.clone();
+        let sensors = fitted.episode.as_ref().map_or(0, |episode| episode.sensors);
+        let readouts: [Readouts; CHIP_SELECTS.len()] = Default::default();
+        for (sensor, (port, pin)) in CHIP_SELECTS.into_iter().enumerate().take(sensors) {
+            let part = Adxl380::new(
+                fitted.episode.clone(),
+                sensor,
+                fitted.xl_error,
+                fitted.troubles.clone(),
+                readouts[sensor].clone(),
+            );
+            let pin = Pin::new(pin).expect("a port has sixteen pins");
+            mcu.part.spi[XL_SPI].attach_selected(part, Select { port, pin, active: Level::Low });
+        }
+        Ok(Self { mcu, readouts, slow: fitted.slow })
+    }
+}
+
+impl Store for Twin {}
+
+impl Board for Twin {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec![NAME]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.mcu)
+    }
+
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let core = core(&self.mcu, self.slow).spec();
+        vec![Target::new(NAME, &mut self.mcu, core)]
+    }
+}
+
+/// The Cortex-M7 as the emulator's own bench of this part has it, at our rate: r1p1, double-precision FPU, 16 MPU
+/// regions, 16 KB caches, vector table at the start of flash.
+///
+/// With the MPU on, the emulator checks each access to memory that only the default map grants, one by one: a third of
+/// the time that a run takes. So there is one with `slow` only. All that the firmware's regions refuse is address
+/// space without memory, which is told as unmapped; the caches that they are for are not modelled.
+fn core(mcu: &Mcu743, slow: bool) -> armv7m::Config {
+    let lines = u32::from(Operate::cpu(mcu).interrupt_lines);
+    let core = armv7m::Core {
+        variant: armv7m::Variant::M7,
+        clock_hz: CORE_HZ,
+        interrupt_lines: NonZeroU32::new(lines).expect("the part has interrupts"),
+        priority_bits: 4,
+        refclk_divider: NonZeroU32::new(8).expect("not zero"),
+        instructions_per_second: CORE_HZ,
+        boot: "flash",
+    };
+    let mut config = armv7m::Config::new(core, &rigless::cpu::armv7m::windows(Mcu::bus(mcu)));
+    config.fpu = armv7m::Fpu::FpV5Dp;
+    config.mpu_regions = if slow { armv7m::MpuRegions::Sixteen } else { armv7m::MpuRegions::None };
+    config.cpuid = 0x411F_C271;
+    config.caches =
+        Some(armv7m::Caches { clidr: 0x0900_0003, ctr: 0x8303_C003, ccsidr: &[0xF00F_E019, 0xF01F_E009] });
+    config.branch_prediction = armv7m::BranchPrediction::Always;
+    config.vector_table = Some(0x0800_0000);
+    config
+}

@@ -1,0 +1,238 @@
+//! What a run printed.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::Result;
+use slipsense::wire::health;
+use slipsense_bus::CandumpWriter;
+use slipsense_can_model::Outcome;
+use slipsense_episode::Episode;
+
+use crate::Arguments;
+use crate::compare::{Comparison, Slip, can_frame, compare};
+use crate::fdcan::wire::{Logged, MCU};
+use crate::run::{Done, RATE_HZ};
+
+/// Lines of one kind of difference that are shown.
+const SHOWN: usize = 5;
+
+/// The bus as a candump log, in virtual time.
+pub fn write_candump(path: &Path, frames: &[Logged]) -> Result<()> {
+    let mut log = CandumpWriter::new(File::create(path)?, "can0")?;
+    for logged in frames.iter().filter(|logged| logged.outcome == Outcome::Sent) {
+        if let Some(frame) = can_frame(&logged.frame) {
+            log.write(logged.end_ns / 1000, &frame)?;
+        }
+    }
+    log.finish()?;
+    Ok(())
+}
+
+/// Everything that two equal runs have in common, one thing a line.
+pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
+    let mut trace = std::io::BufWriter::new(File::create(path)?);
+    for logged in &done.frames {
+        writeln!(trace, "{logged:?}")?;
+    }
+    for (name, count) in &done.interrupts {
+        writeln!(trace, "{count} interrupts of {name}")?;
+    }
+    writeln!(
+        trace,
+        "{} instructions in {} ns, clock {} us",
+        done.instructions, done.virtual_ns, done.clock_us
+    )?;
+    Ok(trace.flush()?)
+}
+
+/// Prints everything. `false`: something differs, or something was told without a reason.
+pub fn print(done: &Done, episode: Option<&Episode>, arguments: &Arguments) -> Result<bool> {
+    if arguments.rtt {
+        done.log.iter().for_each(|line| println!("log  {line}"));
+    }
+    let comparison = compare(done, episode)?;
+    let told = print_told(done);
+    print_bus(done, &comparison);
+    print_comparison(&comparison, episode.is_some());
+    for trouble in &arguments.trouble {
+        print_recovery(trouble.name, &trouble.when, &comparison.slips, done);
+    }
+    let seconds = done.virtual_ns as f64 / 1e9;
+    let interrupts: u64 = done.interrupts.values().sum();
+    println!("interrupts: {:.0} per virtual second", interrupts as f64 / seconds);
+    for (name, count) in done.interrupts.iter().filter(|(_, count)| **count > 0) {
+        println!("  {:>9.0} {name}", *count as f64 / seconds);
+    }
+    println!(
+        "{seconds:.3} virtual s in {:.2} s: {:.2} virtual s per s, {} instructions at one per cycle of {} MHz",
+        done.wall.as_secs_f64(),
+        seconds / done.wall.as_secs_f64(),
+        done.instructions,
+        RATE_HZ / 1_000_000
+    );
+    if !done.overdrive {
+        println!("FAILED: SYSCFG_PWRCR.ODEN is not set: 480 MHz needs voltage scale 0");
+    }
+    // A run with troubles is judged by its reader: frames are lost on purpose.
+    let calm = arguments.trouble.is_empty();
+    let whole = !calm || comparison.is_equal() && comparison.skipped == 0 && comparison.uneven.is_empty();
+    Ok(told && done.overdrive && whole)
+}
+
+/// What is to be said of a run that a program at the far end has judged already. `false`: something was told without
+/// a reason.
+pub fn print_far_end(done: &Done) -> bool {
+    let good = print_told(done);
+    let of_others = done.frames.iter().filter(|logged| logged.node != MCU).count();
+    println!(
+        "bus: {} frames, {of_others} of them from the far end; {:.3} virtual s in {:.2} s",
+        done.frames.len(),
+        done.virtual_ns as f64 / 1e9,
+        done.wall.as_secs_f64()
+    );
+    good
+}
+
+fn print_told(done: &Done) -> bool {
+    let mut good = true;
+    for told in &done.told {
+        match told.reason {
+            Some(reason) => println!("told {} [expected: {reason}]", told.line),
+            None => {
+                println!("TOLD {}", told.line);
+                good = false;
+            }
+        }
+    }
+    good
+}
+
+fn print_bus(done: &Done, comparison: &Comparison) {
+    let mine = || done.frames.iter().filter(|logged| logged.node == MCU);
+    let sent = mine().filter(|logged| logged.outcome == Outcome::Sent).count();
+    let failed = mine().count() - sent;
+    let busy: u64 = done.frames.iter().map(|logged| logged.end_ns - logged.start_ns).sum();
+    println!(
+        "bus: {sent} frames sent, {failed} attempts failed, {} of others, {:.1} % busy",
+        done.frames.len() - mine().count(),
+        100.0 * busy as f64 / done.virtual_ns as f64
+    );
+    let Some(first) = comparison.slips.first() else {
+        println!("no slip message");
+        return;
+    };
+    println!("boot: first slip message {:.3} ms after reset", first.end_ns as f64 / 1e6);
+    let ahead_ns = clock_ahead_ns(done, &comparison.slips);
+    let age =
+        |slip: &Slip, at: u64| (at as i64 + ahead_ns - slip.message.timestamp_us as i64 * 1000).max(0) as u64;
+    let (worst, slip) = comparison
+        .slips
+        .iter()
+        .map(|slip| (age(slip, slip.end_ns), slip))
+        .max_by_key(|(age, _)| *age)
+        .unwrap_or((0, first));
+    let typical: u64 = comparison.slips.iter().map(|slip| age(slip, slip.end_ns)).sum();
+    println!(
+        "slip message on the bus after its tick: worst {:.1} us (frame {}), mean {:.1} us",
+        worst as f64 / 1000.0,
+        slip.message.sequence,
+        typical as f64 / 1000.0 / comparison.slips.len() as f64
+    );
+    let worst = done.requests.iter().map(|(from, to)| to - from).max().unwrap_or(0);
+    println!(
+        "a frame in the FDCAN's queue: at most {:.1} us from its request to its end",
+        worst as f64 / 1000.0
+    );
+}
+
+/// How far the firmware's clock is ahead of virtual time, which began with the reset: its lowest 16 bits are known at
+/// the end of the run, the others by the last message, which is milliseconds old.
+pub fn clock_ahead_ns(done: &Done, slips: &[Slip]) -> i64 {
+    let Some(last) = slips.last() else { return 0 };
+    let about_us = last.message.timestamp_us + (done.virtual_ns - last.start_ns) / 1000;
+    let off = (done.clock_us as i64 - about_us as i64).rem_euclid(1 << 16);
+    let off = if off >= 1 << 15 { off - (1 << 16) } else { off };
+    (about_us as i64 + off) * 1000 - done.virtual_ns as i64
+}
+
+fn print_comparison(comparison: &Comparison, played: bool) {
+    let last = comparison.slips.last().map(|slip| &slip.message);
+    println!(
+        "slip messages: {}, {} frame numbers left out, {} uneven ticks, late {}, missed transfers {}",
+        comparison.slips.len(),
+        comparison.skipped,
+        comparison.uneven.len(),
+        last.map_or(0, |message| message.late_frames),
+        comparison.missed_transfers
+    );
+    println!(
+        "against the host: {} compared, {} differ; {} readings were not on the bus, taken from the sensor models",
+        comparison.compared,
+        comparison.different.len(),
+        comparison.from_models
+    );
+    if let Some(ended) = &comparison.ended {
+        println!("  compared up to there: {ended}");
+    }
+    if played {
+        println!(
+            "raw messages: {}; counts of {} equal to the episode's, {} not; {} samples equal, {} breaks",
+            comparison.raws,
+            comparison.taxels_equal,
+            comparison.taxels_different.len(),
+            comparison.samples_equal,
+            comparison.samples_different.len()
+        );
+    }
+    let lists = [
+        &comparison.undecoded,
+        &comparison.different,
+        &comparison.taxels_different,
+        &comparison.samples_different,
+        &comparison.uneven,
+    ];
+    for line in lists.into_iter().flat_map(|list| list.iter().take(SHOWN)) {
+        println!("  {line}");
+    }
+}
+
+/// Flags while a trouble lasted, and how long after it everything was as before.
+fn print_recovery(name: &str, when: &std::ops::Range<u64>, slips: &[Slip], done: &Done) {
+    let flags = |slip: &Slip| slip.message.contact.iter().fold(0, |flags, contact| flags | contact.health);
+    let before = slips.iter().rev().find(|slip| slip.end_ns < when.start).map_or(0, flags);
+    let within = slips.iter().filter(|slip| when.contains(&slip.end_ns));
+    let (count, seen) = within.fold((0, 0), |(count, seen), slip| (count + 1, seen | flags(slip)));
+    println!("trouble {name}: {count} slip messages meanwhile, health {}", names(seen));
+    let back = slips.iter().find(|slip| slip.end_ns >= when.end);
+    match back {
+        Some(slip) => {
+            println!("  first slip message {:.3} ms after its end", (slip.end_ns - when.end) as f64 / 1e6)
+        }
+        None => println!("  NO slip message after its end"),
+    }
+    let calm = slips.iter().find(|slip| slip.end_ns >= when.end && flags(slip) & !before == 0);
+    if let Some(slip) = calm {
+        println!("  health as before {:.3} ms after its end", (slip.end_ns - when.end) as f64 / 1e6);
+    }
+    let failed = done
+        .frames
+        .iter()
+        .filter(|logged| when.contains(&logged.start_ns) && logged.outcome != Outcome::Sent);
+    println!("  {} attempts failed meanwhile", failed.count());
+}
+
+fn names(flags: u8) -> String {
+    let known = [
+        (health::PIEZO_MISSING, "PIEZO_MISSING"),
+        (health::XL_MISSING, "XL_MISSING"),
+        (health::XL_WARMING_UP, "XL_WARMING_UP"),
+        (health::XL_CLIPPED, "XL_CLIPPED"),
+        (health::TAXELS_SATURATED, "TAXELS_SATURATED"),
+        (health::XL_SAMPLES_DROPPED, "XL_SAMPLES_DROPPED"),
+        (health::NO_MODEL, "NO_MODEL"),
+    ];
+    let set: Vec<&str> = known.iter().filter(|(flag, _)| flags & flag != 0).map(|(_, name)| *name).collect();
+    if set.is_empty() { "none".to_owned() } else { set.join(" ") }
+}

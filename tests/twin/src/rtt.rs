@@ -1,0 +1,61 @@
+//! The firmware's log: RTT's first up-channel read as a debug probe reads it, and defmt's frames in it.
+
+use anyhow::{Result, anyhow};
+use defmt_decoder::{DecodeError, Table};
+use rigless::emulator::Memory;
+use rigless::soc::Width;
+
+/// Offset of the first up-channel in the control block, and of its fields.
+const CHANNEL: u64 = 24;
+const BUFFER: u64 = CHANNEL + 4;
+const SIZE: u64 = CHANNEL + 8;
+const WRITE: u64 = CHANNEL + 12;
+const READ: u64 = CHANNEL + 16;
+
+/// Takes bytes out of the firmware's buffer.
+#[derive(Debug)]
+pub struct Probe {
+    block: u64,
+    /// All bytes so far.
+    pub bytes: Vec<u8>,
+}
+
+impl Probe {
+    /// The control block is at this address.
+    pub const fn new(block: u64) -> Self {
+        Self { block, bytes: Vec::new() }
+    }
+
+    /// Empties the buffer. Nothing happens before the firmware has set it up.
+    pub fn drain(&mut self, memory: &mut dyn Memory) {
+        let word =
+            |memory: &mut dyn Memory, offset| memory.read(self.block + offset, Width::W32).unwrap_or(0);
+        let (buffer, size) = (word(memory, BUFFER), word(memory, SIZE));
+        let (write, mut read) = (word(memory, WRITE), word(memory, READ));
+        if size == 0 || size > 1 << 20 || write >= size || read >= size {
+            return;
+        }
+        while read != write {
+            let Ok(byte) = memory.read(buffer + read, Width::W8) else { return };
+            self.bytes.push(byte as u8);
+            read = (read + 1) % size;
+        }
+        // A refused write would only make the firmware's buffer look full.
+        let _ = memory.write(self.block + READ, Width::W32, read);
+    }
+}
+
+/// The lines of a log.
+pub fn lines(elf: &[u8], bytes: &[u8]) -> Result<Vec<String>> {
+    let table = Table::parse(elf)?.ok_or_else(|| anyhow!("the firmware has no defmt section"))?;
+    let mut decoder = table.new_stream_decoder();
+    decoder.received(bytes);
+    let mut lines = Vec::new();
+    loop {
+        match decoder.decode() {
+            Ok(frame) => lines.push(frame.display(false).to_string()),
+            Err(DecodeError::UnexpectedEof) => return Ok(lines),
+            Err(DecodeError::Malformed) => lines.push("(a damaged line)".to_owned()),
+        }
+    }
+}

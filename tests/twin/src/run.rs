@@ -1,0 +1,245 @@
+//! One run: the ELF in the emulator for so many virtual seconds.
+
+use std::collections::BTreeMap;
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use rigless::emulator::{self, Driver, Host, Settled, Start, Stop, Watch};
+use rigless::image::Image;
+use rigless::mcu::Operate;
+use rigless::session::Session;
+use rigless::soc::Width;
+use rigless::symbols::Symbols;
+use rigless::time::VirtualNanos;
+use slipsense::sensor::XlSample;
+use slipsense_episode::Episode;
+
+use crate::adxl380::Readouts;
+use crate::fdcan::wire::Logged;
+use crate::far_end::FarEnd;
+use crate::machine::{self, Fitted, Twin};
+use crate::rtt::{self, Probe};
+use crate::told::{self, Told};
+use crate::trouble::Trouble;
+
+/// How often the log is read: what a probe does.
+const STEP_NS: u64 = 1_000_000;
+/// Start of flash, where the vector table is.
+const VECTORS: u64 = 0x0800_0000;
+/// Exceptions before the first interrupt in the table.
+const SYSTEM_EXCEPTIONS: usize = 16;
+const INTERRUPTS: usize = 150;
+/// TIM2's counter: the lowest 16 bits of embassy's clock, microseconds.
+const TIM2_CNT: u64 = 0x4000_0024;
+/// SYSCFG_PWRCR, whose lowest bit is ODEN: voltage scale 0.
+const SYSCFG_PWRCR: u64 = 0x5800_042C;
+
+/// What to run.
+pub struct Options {
+    /// Virtual seconds.
+    pub seconds: f64,
+    /// What the sensors play; none: no sensors.
+    pub episode: Option<Arc<Episode>>,
+    /// How much faster than nominal the accelerometers' oscillators are, as a fraction.
+    pub xl_error: f64,
+    /// What happens meanwhile.
+    pub troubles: Vec<Trouble>,
+    /// Every event of the scan one by one.
+    pub slow: bool,
+    /// Port of a debugger.
+    pub gdb: Option<u16>,
+    /// Wait for a program that is the far end of the bus; the run ends when it goes.
+    pub far_end: bool,
+}
+
+/// What came of it.
+pub struct Done {
+    /// Everything on FDCAN1's wires.
+    pub frames: Vec<Logged>,
+    /// Request and end of each frame that FDCAN1 sent, virtual ns.
+    pub requests: Vec<(u64, u64)>,
+    /// What was read of each accelerometer, and when.
+    pub readouts: Vec<Vec<(u64, Vec<XlSample>)>>,
+    /// Lines of the log.
+    pub log: Vec<String>,
+    /// What the emulator told.
+    pub told: Vec<Told>,
+    /// Voltage scale 0 was asked for, as 480 MHz needs.
+    pub overdrive: bool,
+    /// Interrupts taken: name and how often.
+    pub interrupts: BTreeMap<String, u64>,
+    /// The lowest 16 bits of embassy's clock at the end, microseconds.
+    pub clock_us: u64,
+    /// Virtual time that passed, ns.
+    pub virtual_ns: u64,
+    /// Instructions executed.
+    pub instructions: u64,
+    /// Time that it took here.
+    pub wall: Duration,
+}
+
+struct Recorder {
+    end: u64,
+    probe: Option<Probe>,
+    /// First instruction of each handler and the interrupts it serves.
+    handlers: BTreeMap<u64, String>,
+    hits: BTreeMap<u64, u64>,
+    clock_us: u64,
+    overdrive: bool,
+    last: Option<Stop>,
+    far_end: Option<FarEnd>,
+    /// What went wrong at the far end.
+    broken: Option<anyhow::Error>,
+}
+
+impl Driver<Twin> for Recorder {
+    fn on_settled(&mut self, _session: &mut Session<Twin>, _host: &mut dyn Host, settled: Settled) {
+        if let Settled::Hit(hit) = settled {
+            *self.hits.entry(hit.address).or_default() += 1;
+        }
+    }
+
+    fn on_stop(
+        &mut self,
+        session: &mut Session<Twin>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
+        if let Some(probe) = &mut self.probe {
+            probe.drain(host);
+        }
+        self.last = Some(stop);
+        let mut over = stop.at.0 >= self.end;
+        if let Some(far_end) = &mut self.far_end {
+            match far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire) {
+                Ok(is_there) => over |= !is_there,
+                Err(error) => {
+                    self.broken = Some(error);
+                    over = true;
+                }
+            }
+        }
+        if over {
+            let mcu = session.mcu();
+            let count = mcu.peek(stop.at, TIM2_CNT, Width::W32).unwrap_or(0);
+            self.clock_us = count & 0xFFFF;
+            self.overdrive = mcu.peek(stop.at, SYSCFG_PWRCR, Width::W32).unwrap_or(0) & 1 != 0;
+            return None;
+        }
+        Some(VirtualNanos((stop.at.0 + STEP_NS).min(self.end)))
+    }
+}
+
+/// Names of the part's interrupts, by number.
+fn interrupt_names(board: &Twin) -> BTreeMap<usize, String> {
+    let mut names: BTreeMap<usize, String> = BTreeMap::new();
+    for peripheral in rigless::mcu::Mcu::bus(&board.mcu).peripherals() {
+        for &line in peripheral.interrupts {
+            let name = names.entry(line.into()).or_default();
+            *name = if name.is_empty() {
+                peripheral.name.to_owned()
+            } else {
+                format!("{name}/{}", peripheral.name)
+            };
+        }
+    }
+    names
+}
+
+fn handlers(image: &Image, names: &BTreeMap<usize, String>) -> BTreeMap<u64, String> {
+    let mut found: BTreeMap<u64, Vec<String>> = BTreeMap::new();
+    let Some((_, table)) = image.segments().find(|(address, _)| *address == VECTORS) else {
+        return BTreeMap::new();
+    };
+    for (line, entry) in table.chunks_exact(4).skip(SYSTEM_EXCEPTIONS).take(INTERRUPTS).enumerate() {
+        let address = u32::from_le_bytes([entry[0], entry[1], entry[2], entry[3]]) & !1;
+        let name = names.get(&line).cloned().unwrap_or_else(|| format!("interrupt {line}"));
+        found.entry(address.into()).or_default().push(name);
+    }
+    // The default handler serves nearly all.
+    found
+        .into_iter()
+        .filter(|(_, lines)| lines.len() < 20)
+        .map(|(address, lines)| (address, lines.join("+")))
+        .collect()
+}
+
+/// Run `elf`.
+pub fn run(elf: &Path, options: &Options) -> Result<Done> {
+    let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
+    let image = Image::new(elf, bytes.clone(), None)?;
+    let probe = Symbols::read(&bytes, |value| value & !1)?.get("_SEGGER_RTT").ok().map(Probe::new);
+    let fitted = Fitted {
+        episode: options.episode.clone(),
+        xl_error: options.xl_error,
+        troubles: options.troubles.clone(),
+        slow: options.slow,
+    };
+    let board = Box::new(Twin::new(&fitted)?);
+    let handlers = handlers(&image, &interrupt_names(&board));
+    let mut session = Session::new(board, 0, VirtualNanos(STEP_NS))?;
+    for &address in handlers.keys() {
+        session.watch(Watch::Instruction(address));
+    }
+    let recorder = Recorder {
+        end: (options.seconds * 1e9) as u64,
+        probe,
+        handlers,
+        hits: BTreeMap::new(),
+        clock_us: 0,
+        overdrive: false,
+        last: None,
+        far_end: if options.far_end { Some(FarEnd::wait()?) } else { None },
+        broken: None,
+    };
+    let listener = options.gdb.map(|port| TcpListener::bind(("127.0.0.1", port))).transpose()?;
+    if let Some(listener) = &listener {
+        eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
+    }
+    let images = [image];
+    let mut start = Start::new(&images);
+    start.debugger = listener.as_ref();
+    start.wait_for_debugger = listener.is_some();
+
+    let clock = Instant::now();
+    let mut finished = emulator::run(session, &start, recorder)?;
+    let wall = clock.elapsed();
+    if let Some(error) = finished.session.take_error() {
+        return Err(error.into());
+    }
+    if let Some(error) = finished.driver.broken.take() {
+        return Err(error);
+    }
+    let Some(stop) = finished.driver.last else { bail!("the run ended before it began") };
+    let driver = finished.driver;
+    let log = match &driver.probe {
+        Some(probe) => rtt::lines(&bytes, &probe.bytes)?,
+        None => Vec::new(),
+    };
+    let interrupts =
+        driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
+    let told = told::collect(&finished.session, options.far_end);
+    let board = finished.session.board_mut();
+    let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
+    let readouts = board.readouts.iter().map(take).collect();
+    let fdcan = &mut board.mcu.fdcan[0];
+    Ok(Done {
+        frames: std::mem::take(&mut fdcan.wire.log),
+        requests: std::mem::take(&mut fdcan.requests),
+        readouts,
+        log,
+        told,
+        overdrive: driver.overdrive,
+        interrupts,
+        clock_us: driver.clock_us,
+        virtual_ns: stop.at.0,
+        instructions: stop.instruction_count,
+        wall,
+    })
+}
+
+/// The core's rate, for the report.
+pub const RATE_HZ: u64 = machine::CORE_HZ.get();

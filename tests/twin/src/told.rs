@@ -1,0 +1,78 @@
+//! What the emulator tells of the firmware: rules of the manual that it broke, registers that nothing models. Each
+//! line that is expected has its reason here; any other fails the run.
+
+use rigless::session::Session;
+
+use crate::machine::Twin;
+
+/// One line, and why it is no mistake of the firmware's, if it is not.
+#[derive(Clone, Debug)]
+pub struct Told {
+    /// As the emulator says it.
+    pub line: String,
+    /// The reason.
+    pub reason: Option<&'static str>,
+}
+
+/// Beginnings of lines and reasons.
+const EXPECTED: [(&str, &str); 7] = [
+    (
+        "RCC CFGR: DS12110 rev 11 table 112",
+        "the emulator does not know voltage scale 0; the run checks that SYSCFG_PWRCR.ODEN is set before",
+    ),
+    ("RCC D1CFGR: DS12110 rev 11 table 112", "as above"),
+    ("RCC D2CFGR: DS12110 rev 11 table 112", "as above"),
+    (
+        "FDCAN1 FDCAN_DBTP: more than 1 Mbit/s without transceiver delay compensation",
+        "embassy-stm32 0.6 never sets TDC (#5273); can.rs sets it 20 µs later, before the first frame",
+    ),
+    ("IWDG KR", "no model of the independent watchdog: the firmware's feeding is seen, its bite is not"),
+    ("IWDG PR", "as above"),
+    ("IWDG RLR", "as above"),
+];
+
+/// The same where the far end may restart the board.
+const EXPECTED_OF_FAR_END: [(&str, &str); 2] = [
+    ("reset at ", "asked for by the far end"),
+    (
+        "FDCAN1 FDCAN_CCCR: INIT was set while a frame was on the bus",
+        "can.rs sets it again to set TDC: a frame of another node is not received, none of ours is there yet",
+    ),
+];
+
+/// Everything that a run told.
+pub fn collect(session: &Session<Twin>, far_end: bool) -> Vec<Told> {
+    let mut lines: Vec<String> =
+        session.told().map(|told| format!("{} {}: {}", told.instance, told.register, told.reason)).collect();
+    lines.extend(session.unmapped().iter().map(|unmapped| format!("unmapped access: {unmapped}")));
+    lines.extend(
+        session.refused().iter().map(|(address, fault)| format!("refused at {address:#010x}: {fault}")),
+    );
+    lines.extend(session.unimplemented().values().map(|gap| {
+        let (instance, register) = (gap.instance, gap.register);
+        format!(
+            "{instance} {register}: no model; {} reads, {} writes, first at {:#010x}",
+            gap.reads, gap.writes, gap.program_counter
+        )
+    }));
+    lines.extend(session.undefined().iter().map(|(address, undefined)| {
+        format!(
+            "{}: undefined register at {address:#010x}, first from {:#010x}",
+            undefined.instance, undefined.program_counter
+        )
+    }));
+    lines.extend(
+        session
+            .unrouted()
+            .iter()
+            .map(|(instance, line)| format!("{instance}: interrupt {line} reaches no line")),
+    );
+    lines.extend(
+        session.resets().iter().map(|reset| format!("reset at {} ns: {:?}", reset.at.0, reset.cause)),
+    );
+    let more = if far_end { &EXPECTED_OF_FAR_END[..] } else { &[] };
+    let expected = || EXPECTED.iter().chain(more);
+    let reason =
+        |line: &str| expected().find(|(start, _)| line.starts_with(start)).map(|(_, reason)| *reason);
+    lines.into_iter().map(|line| Told { reason: reason(&line), line }).collect()
+}

@@ -1,0 +1,9 @@
+//! Updates: what is refused, and what is left after a power cut at any step.
+
+mod bus;
+mod device;
+mod flash;
+mod format;
+mod power_cuts;
+mod refusals;
+mod rollback;

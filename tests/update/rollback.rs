@@ -1,0 +1,121 @@
+//! A new firmware on trial, confirmed or not.
+
+use slipsense::node::UpdateTarget::Firmware;
+use slipsense::update::boot::{self, BootFailure};
+use slipsense::update::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, HEADER_BYTES, Refusal, Run, Trial};
+
+use crate::device::{BOARD, Device, NEW, NEWEST, OLD, image};
+
+#[test]
+fn a_firmware_that_confirms_stays() {
+    let device = Device::new();
+    assert_eq!((device.boots(), device.run()), (OLD, Run::Confirmed));
+    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    assert_eq!(device.run(), Run::Pending);
+    assert_eq!((device.boots(), device.run()), (NEW, Run::OnTrial));
+    device.confirm();
+    for _ in 0..3 {
+        assert_eq!((device.boots(), device.run()), (NEW, Run::Confirmed));
+    }
+    // And the next one, the other way round in the slots.
+    assert_eq!(device.install(NEW, Firmware, &image(NEWEST)), Ok(()));
+    assert_eq!(device.boots(), NEWEST);
+    assert_eq!((device.boots(), device.run()), (NEW, Run::RolledBack));
+}
+
+#[test]
+fn a_firmware_that_does_not_confirm_is_swapped_out() {
+    let device = Device::new();
+    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    assert_eq!(device.boots(), NEW);
+    // On trial it takes no other: the one to roll back to lies where that would go.
+    let before = device.steps();
+    assert_eq!(device.install(NEW, Firmware, &image(NEWEST)), Err(Refusal::OnTrial.reason()));
+    assert_eq!(device.steps(), before);
+    for _ in 0..3 {
+        assert_eq!((device.boots(), device.run()), (OLD, Run::RolledBack));
+    }
+    // It may be tried again; one that is ready may be replaced before it ran.
+    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    assert_eq!(device.install(OLD, Firmware, &image(NEWEST)), Ok(()));
+    assert_eq!(device.boots(), NEWEST);
+    device.confirm();
+    assert_eq!((device.boots(), device.run()), (NEWEST, Run::Confirmed));
+}
+
+#[test]
+fn a_pending_firmware_is_withdrawn_while_another_comes() {
+    let device = Device::new();
+    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    let cut = &image(NEWEST)[..900];
+    assert_eq!(device.install(OLD, Firmware, cut), Err(Refusal::Truncated.reason()));
+    assert_eq!((device.run(), device.boots()), (Run::Confirmed, OLD));
+}
+
+#[test]
+fn the_bootloader_swaps_only_what_is_signed_and_whole() {
+    let dfu = Device::swap().dfu.start as usize;
+    let trailer = dfu + BOARD.active.bytes() as usize - HEADER_BYTES;
+    for at in [dfu, dfu + 1400, trailer + 20, trailer + 100] {
+        let device = Device::new();
+        assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+        device.cells.borrow_mut().bytes[at] ^= 1;
+        assert_eq!((device.boots(), device.run()), (OLD, Run::Confirmed), "{at:#x}");
+    }
+}
+
+#[test]
+fn what_goes_wrong_in_the_swap_is_swapped_back() {
+    let device = Device::new();
+    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    // A cell of the active slot that does not keep what the swap writes, found by reading it back.
+    let swapped = device.twin();
+    assert_eq!(swapped.boots(), NEW);
+    swapped.cells.borrow_mut().bytes[BOARD.active.start as usize] ^= 1;
+    // Such a firmware is not jumped to; on trial, the next start rolls back.
+    assert_eq!((swapped.boots(), swapped.run()), (OLD, Run::RolledBack));
+}
+
+#[test]
+fn a_firmware_from_a_probe_has_vectors_or_is_not_jumped_to() {
+    let device = Device::new();
+    let active = BOARD.active;
+    let write = |words: [u32; 2]| {
+        let cells = &mut device.cells.borrow_mut().bytes;
+        cells[active.start as usize..active.end as usize].fill(0xFF);
+        for (index, word) in words.iter().enumerate() {
+            let at = active.start as usize + 4 * index;
+            cells[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        }
+    };
+    let begin = 0x0800_0000 + active.start;
+    write([0x2000_6000, begin + 0x299]);
+    assert_eq!(device.boot(), Ok(boot::Firmware::Flashed));
+    let none = Err(BootFailure::NoFirmware(Refusal::Blank));
+    for words in [
+        [u32::MAX, u32::MAX],
+        [0x2000_6000, begin + 0x298],
+        [0x2000_6000, begin - 1],
+        [0x0800_0000, begin + 1],
+        [0, begin + 1],
+    ] {
+        write(words);
+        assert_eq!(device.boot(), none, "{words:x?}");
+    }
+    // An old header under a firmware that is another.
+    let device = Device::new();
+    device.cells.borrow_mut().bytes[active.start as usize + 9] ^= 1;
+    assert_eq!(device.boot(), Err(BootFailure::NoFirmware(Refusal::WrongHash)));
+}
+
+#[test]
+fn a_trial_ends_once_and_only_with_frames_and_heartbeats() {
+    let mut trial = Trial::new(Run::OnTrial);
+    assert!(!trial.observe(CONFIRM_FRAMES - 1, u32::MAX));
+    assert!(!trial.observe(u32::MAX, CONFIRM_HEARTBEATS - 1));
+    assert!(trial.observe(CONFIRM_FRAMES, CONFIRM_HEARTBEATS));
+    assert!(!trial.observe(CONFIRM_FRAMES + 1, CONFIRM_HEARTBEATS + 1));
+    for run in [Run::Confirmed, Run::Pending, Run::RolledBack] {
+        assert!(!Trial::new(run).observe(u32::MAX, u32::MAX));
+    }
+}

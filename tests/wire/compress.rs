@@ -1,0 +1,331 @@
+//! The compressed raw frame: what goes in comes out, whatever it is; no bytes make the decoder fail; no frame becomes
+//! longer than plain by more than 2 %. That a second decoder reads the same is checked in Python
+//! (`tests/python/check_can_log.py`).
+
+use proptest::prelude::*;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::params::{ACTIVE_TAXELS, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
+use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+use slipsense::wire::{
+    COMPRESSED_BYTES_MAX, COMPRESSED_PORT, DecodeError, Detail, MessageId, RAW_BYTES_MAX, RAW_XL_MAX,
+    RawBuffer, RawForm, RawFrame, RawMessage, ReceiveError, Received, Receiver, Region, Transmitter, health,
+};
+
+use super::{NODE, RawParts, expected, frame, raw};
+
+/// Inputs of the short fuzz run, which belongs to every test.
+const FUZZ_INPUTS: u32 = 40_000;
+/// Set to a number to fuzz so many: `SLIPSENSE_FUZZ_INPUTS=10000000 cargo test --release --test wire fuzz`.
+const FUZZ_VARIABLE: &str = "SLIPSENSE_FUZZ_INPUTS";
+
+fn compressed(frame: &RawFrame<'_>, detail: Detail) -> Vec<u8> {
+    frame.compress(detail, &mut RawBuffer::new()).to_vec()
+}
+
+fn plain_bytes(frame: &RawFrame<'_>) -> usize {
+    frame.encode(&mut RawBuffer::new()).len()
+}
+
+/// At most 2 % more than plain.
+fn assert_bound(frame: &RawFrame<'_>, bytes: usize) {
+    let plain = plain_bytes(frame);
+    assert!(bytes * 100 <= plain * 102, "{bytes} bytes of {plain}");
+    assert!(bytes <= COMPRESSED_BYTES_MAX);
+}
+
+fn assert_round_trip(parts: &RawParts) -> usize {
+    let frame = frame(parts);
+    let bytes = compressed(&frame, Detail::All);
+    let mut want = expected(parts);
+    if parts.4.is_none() {
+        want.region = Region::NONE;
+    }
+    assert_eq!(RawMessage::decompress(&bytes), Ok(want));
+    assert_bound(&frame, bytes.len());
+    bytes.len()
+}
+
+/// A pad with a smooth contact under noise of this many counts, and a vibration of this many LSB.
+fn contact(seed: u64, noise: i32, vibration: i32) -> RawParts {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (row, col, height) = (rng.random_range(4..28), rng.random_range(4..28), rng.random_range(0..4_500));
+    let mut counts = [0u16; TAXELS];
+    for (index, count) in counts.iter_mut().enumerate() {
+        let (r, c) = ((index / TAXEL_COLS) as i32 - row, (index % TAXEL_COLS) as i32 - col);
+        let pressed = height * (64 - r * r - c * c).max(0) / 64;
+        *count = (pressed + rng.random_range(-noise..=noise)).clamp(0, 4_095) as u16;
+    }
+    let mut xl = vec![];
+    let mut at: [i16; 3] = rng.random();
+    for _ in 0..rng.random_range(30..36) {
+        at = at.map(|at| at.wrapping_add(rng.random_range(-vibration..=vibration) as i16));
+        xl.push(at);
+    }
+    let scan = PiezoFrame::from_scan(counts);
+    (
+        rng.random_range(0..1 << 56),
+        rng.random(),
+        rng.random_range(0..3),
+        0,
+        Some(scan),
+        Some(xl),
+        rng.random(),
+    )
+}
+
+fn all_of(count: u16, sample: XlSample, samples: usize) -> RawParts {
+    let scan = PiezoFrame::from_scan([count; TAXELS]);
+    (0, 0, 0, 0, Some(scan), Some(vec![sample; samples]), 0)
+}
+
+proptest! {
+    #[test]
+    fn any_frame_comes_back(parts in raw()) {
+        assert_round_trip(&parts);
+    }
+
+    #[test]
+    fn contacts_come_back_and_are_short(seed in any::<u64>(), noise in 0i32..4, vibration in 0i32..200) {
+        let bytes = assert_round_trip(&contact(seed, noise, vibration));
+        prop_assert!(bytes < RAW_BYTES_MAX / 2, "{bytes} bytes");
+    }
+
+    #[test]
+    fn counts_of_two_levels_come_back(levels in any::<[u16; 2]>(), bits in proptest::collection::vec(any::<bool>(), TAXELS)) {
+        let counts: Vec<u16> = bits.iter().map(|&bit| levels[usize::from(bit)]).collect();
+        let scan = PiezoFrame::from_scan(counts.try_into().unwrap());
+        assert_round_trip(&(0, 0, 0, 0, Some(scan), Some(vec![]), 0));
+    }
+
+    #[test]
+    fn samples_at_the_edges_come_back(
+        samples in proptest::collection::vec(proptest::array::uniform3(
+            prop_oneof![Just(i16::MIN), Just(i16::MAX), Just(-1), Just(0), any::<i16>()]
+        ), 0..=RAW_XL_MAX),
+    ) {
+        assert_round_trip(&(0, 0, 0, 0, None, Some(samples), 0));
+    }
+
+    #[test]
+    fn the_contact_alone_comes_back(seed in any::<u64>(), noise in 0i32..4) {
+        let parts = contact(seed, noise, 50);
+        let message = RawMessage::decompress(&compressed(&frame(&parts), Detail::Contact)).unwrap();
+        let scan = parts.4.as_ref().unwrap();
+        for (index, (&got, &count)) in message.piezo.counts().iter().zip(scan.counts()).enumerate() {
+            let sent = message.region.cols_of(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
+            prop_assert_eq!(got, if sent { count } else { 0 });
+            prop_assert!(sent || count < TAXEL_TOUCH_MIN);
+        }
+        prop_assert_eq!(message.xl, expected(&parts).xl);
+    }
+
+    #[test]
+    fn a_changed_byte_is_noticed(seed in any::<u64>(), at in any::<prop::sample::Index>(), flip in 1u8..) {
+        let parts = contact(seed, 1, 50);
+        let mut bytes = compressed(&frame(&parts), Detail::All);
+        let at = at.index(bytes.len());
+        bytes[at] ^= flip;
+        // 16 bits of check: one change in 65,536 may pass, and none of these does.
+        prop_assert!(RawMessage::decompress(&bytes).is_err(), "byte {} of {}", at, bytes.len());
+    }
+
+    #[test]
+    fn a_message_cut_short_is_noticed(seed in any::<u64>(), at in any::<prop::sample::Index>()) {
+        let bytes = compressed(&frame(&contact(seed, 1, 50)), Detail::All);
+        let error = RawMessage::decompress(&bytes[..at.index(bytes.len())]).unwrap_err();
+        let truncated = matches!(error, DecodeError::Truncated { .. });
+        prop_assert!(truncated, "{}", error);
+    }
+}
+
+#[test]
+fn the_extremes_are_within_the_bound() {
+    let nothing = assert_round_trip(&all_of(0, [0; 3], 33));
+    assert!(nothing < 60, "an untouched pad takes {nothing} bytes");
+    for count in [1, 2_047, 4_094, 4_095] {
+        for sample in [[0; 3], [i16::MIN; 3], [i16::MAX; 3]] {
+            assert_round_trip(&all_of(count, sample, RAW_XL_MAX));
+        }
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut longest = 0;
+    for _ in 0..200 {
+        let scan = PiezoFrame::from_scan(std::array::from_fn(|_| rng.random_range(0..4_096)));
+        let xl = (0..RAW_XL_MAX).map(|_| rng.random()).collect();
+        longest = longest.max(assert_round_trip(&(
+            u64::MAX >> 8,
+            u32::MAX,
+            2,
+            255,
+            Some(scan),
+            Some(xl),
+            u32::MAX,
+        )));
+    }
+    assert_eq!(longest, COMPRESSED_BYTES_MAX, "random bits are packed, not coded");
+}
+
+#[test]
+fn a_part_that_is_missing_is_told() {
+    let parts = contact(3, 1, 50);
+    let whole = frame(&parts);
+    let deaf = RawFrame { input: SensorInput { xl: None, ..whole.input }, ..whole };
+    let message = RawMessage::decompress(&compressed(&deaf, Detail::All)).unwrap();
+    assert_eq!((message.health, message.xl.len()), (health::XL_MISSING, 0));
+    let numb = RawFrame { input: SensorInput { piezo: None, ..whole.input }, ..whole };
+    let message = RawMessage::decompress(&compressed(&numb, Detail::All)).unwrap();
+    assert_eq!((message.health, message.region), (health::PIEZO_MISSING, Region::NONE));
+    // Left out because the bus is full is not missing.
+    let message = RawMessage::decompress(&compressed(&whole, Detail::Accelerometer)).unwrap();
+    assert_eq!((message.health, message.region), (0, Region::NONE));
+    assert_eq!(message.xl, expected(&parts).xl);
+}
+
+#[test]
+fn less_detail_is_shorter() {
+    let mut longer = [0; 3];
+    for seed in 0..100 {
+        let parts = contact(seed, 1, 50);
+        let bytes = [Detail::Accelerometer, Detail::Contact, Detail::All]
+            .map(|detail| compressed(&frame(&parts), detail).len());
+        longer.iter_mut().zip(bytes).for_each(|(sum, bytes)| *sum += bytes);
+    }
+    assert!(longer.is_sorted() && longer[0] * 2 < longer[2], "{longer:?}");
+}
+
+#[test]
+fn a_region_holds_the_contact_and_no_more() {
+    let mut counts = [0; TAXELS];
+    counts[7 * TAXEL_COLS + 9] = TAXEL_TOUCH_MIN;
+    counts[12 * TAXEL_COLS + 11] = 4_095;
+    counts[20 * TAXEL_COLS + 20] = TAXEL_TOUCH_MIN - 1;
+    let region = Region::of_contact(&PiezoFrame::from_scan(counts));
+    assert_eq!(region, Region { first_row: 7, rows: 6, first_col: 9, cols: 3 });
+    assert_eq!(region.taxels(), 18);
+    assert_eq!(Region::of_contact(&PiezoFrame::zeroed()), Region::NONE);
+    assert_eq!(Region::ALL.taxels(), ACTIVE_TAXELS);
+    assert_eq!((0..32).map(|row| Region::ALL.cols_of(row).len()).sum::<usize>(), ACTIVE_TAXELS);
+}
+
+#[test]
+fn a_lost_frame_costs_its_message_and_no_other() {
+    let (mut transmitter, mut receiver) = (Transmitter::new(NODE), Receiver::new(NODE));
+    let mut buffer = RawBuffer::new();
+    let (mut received, mut errors) = (vec![], vec![]);
+    for sequence in 0..20u32 {
+        let mut parts = contact(sequence.into(), 1, 50);
+        parts.1 = sequence;
+        let frames: Vec<_> =
+            transmitter.raw_as(RawForm::Compressed(Detail::All), &frame(&parts), &mut buffer).collect();
+        assert_eq!(MessageId::from_can(frames[0].id()).unwrap().port, COMPRESSED_PORT);
+        let lost = (sequence == 7).then_some(1);
+        for (index, can_frame) in frames.iter().enumerate().filter(|&(index, _)| Some(index) != lost) {
+            match receiver.accept(can_frame) {
+                Ok(Some(Received::Raw(message))) => {
+                    assert_eq!(message, expected(&parts), "frame {index}");
+                    received.push(sequence);
+                }
+                Ok(None) => {}
+                Ok(Some(other)) => panic!("{other:?}"),
+                Err(ReceiveError::Transfer { port: COMPRESSED_PORT, error }) => errors.push(error),
+                Err(other) => panic!("{other}"),
+            }
+        }
+    }
+    assert_eq!(received, (0..20).filter(|&sequence| sequence != 7).collect::<Vec<_>>());
+    assert_eq!(receiver.missed(), 1);
+    assert!(!errors.is_empty());
+}
+
+/// Random and mutated messages: the decoder ends with a message or an error, and what it takes for a message can be
+/// sent again.
+#[test]
+fn fuzz() {
+    let inputs = match std::env::var(FUZZ_VARIABLE) {
+        Ok(number) => number.parse().unwrap_or_else(|_| panic!("{FUZZ_VARIABLE}: {number:?} is no number")),
+        Err(_) => FUZZ_INPUTS,
+    };
+    let corpus = corpus();
+    let mut rng = ChaCha8Rng::seed_from_u64(6_202);
+    let mut decoded = 0u32;
+    for _ in 0..inputs {
+        let bytes = mutate(&corpus, &mut rng);
+        let Ok(message) = RawMessage::decompress(&bytes) else { continue };
+        decoded += 1;
+        let input = SensorInput { piezo: Some(&message.piezo), xl: Some(&message.xl) };
+        let RawMessage { timestamp_us, sequence, sensor, health, xl_end, .. } = message;
+        let again = RawFrame { timestamp_us, sequence, sensor, health, input, xl_end };
+        let again = RawMessage::decompress(&compressed(&again, Detail::All)).unwrap();
+        assert_eq!((&again.piezo, &again.xl), (&message.piezo, &message.xl));
+    }
+    println!("{inputs} inputs, {decoded} of them messages");
+    assert!(decoded * 20 > inputs / 100, "almost nothing got through: the mutations are too wild");
+}
+
+/// The committed messages of `tests/wire/corpus`, which also pin the format: each decodes.
+fn corpus() -> Vec<Vec<u8>> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/corpus");
+    let mut paths: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    assert!(paths.len() >= 8, "{}: the corpus is not there", folder.display());
+    paths.iter().map(|path| std::fs::read(path).unwrap()).collect()
+}
+
+fn mutate(corpus: &[Vec<u8>], rng: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut bytes = corpus[rng.random_range(0..corpus.len())].clone();
+    match rng.random_range(0..8) {
+        // As it is, but for padding.
+        0 => bytes.resize(bytes.len() + rng.random_range(0..64), 0),
+        // Random data behind a valid header.
+        1 => bytes.iter_mut().skip(20).for_each(|byte| *byte = rng.random()),
+        2 => bytes = (0..rng.random_range(0..2_000)).map(|_| rng.random()).collect(),
+        3 => bytes.truncate(rng.random_range(0..=bytes.len())),
+        4 => {
+            // The data of one behind the header of another.
+            let other = &corpus[rng.random_range(0..corpus.len())];
+            let at = rng.random_range(0..bytes.len().min(other.len()));
+            bytes.truncate(at);
+            bytes.extend_from_slice(&other[at..]);
+        }
+        _ => {
+            for _ in 0..rng.random_range(1..6) {
+                let at = rng.random_range(0..bytes.len());
+                bytes[at] = if rng.random() { rng.random() } else { bytes[at] ^ 1 << rng.random_range(0..8) };
+            }
+        }
+    }
+    bytes
+}
+
+/// Each message of the corpus still means the same: an older recording can be read. The frames are made anew here.
+#[test]
+fn the_corpus_is_what_the_encoder_writes() {
+    let made = corpus_frames();
+    for (parts, bytes) in made.iter().zip(corpus()) {
+        assert_eq!(compressed(&frame(parts), Detail::All), bytes);
+        assert!(RawMessage::decompress(&bytes).is_ok());
+    }
+    assert_eq!(made.len(), corpus().len());
+}
+
+fn corpus_frames() -> Vec<RawParts> {
+    let mut frames: Vec<_> =
+        [(0, 0), (1, 10), (2, 100), (3, 2_000)].map(|(noise, xl)| contact(9, noise, xl)).into();
+    frames.extend([all_of(0, [0; 3], 33), all_of(4_095, [i16::MIN; 3], 1), all_of(0, [0; 3], 0)]);
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let scan = PiezoFrame::from_scan(std::array::from_fn(|_| rng.random_range(0..4_096)));
+    frames.push((5, 6, 1, 0, Some(scan), Some((0..33).map(|_| rng.random()).collect()), 33));
+    frames
+}
+
+/// Writes the corpus, where the format was meant to change.
+#[test]
+#[ignore = "writes files"]
+fn write_corpus() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/corpus");
+    std::fs::create_dir_all(&folder).unwrap();
+    for (index, parts) in corpus_frames().iter().enumerate() {
+        std::fs::write(folder.join(format!("{index}.bin")), compressed(&frame(parts), Detail::All)).unwrap();
+    }
+}

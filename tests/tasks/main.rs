@@ -4,6 +4,7 @@ mod faults;
 mod panic_record;
 mod queue;
 mod services;
+mod services_alone;
 mod supervise;
 mod transmit;
 mod world;

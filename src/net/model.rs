@@ -155,6 +155,8 @@ pub struct Model<'a> {
 
 impl<'a> Model<'a> {
     /// Read a model file, which must start at a multiple of four bytes in memory, and prove its bounds.
+    // Once in a firmware, which calls it at the start and for every model that comes.
+    #[inline(never)]
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
         let mut rest = Bytes(bytes);
         if rest.take(MAGIC.len(), "header", "magic").map_err(|_| ModelError::BadMagic)? != MAGIC {

@@ -165,6 +165,8 @@ impl Header {
 
     /// Read a header and prove that the holder of the private half of `key` signed it. Nothing else is looked at
     /// before that is proved, and everything is part of what is signed.
+    // Once in a firmware: checking a signature is the longest thing that it does with an image.
+    #[inline(never)]
     pub fn verify(bytes: &[u8; HEADER_BYTES], key: &[u8; 32]) -> Result<Self, Refusal> {
         let header = Self::read(bytes)?;
         let (signed, signature) = bytes.split_at(SIGNED_BYTES);

@@ -6,12 +6,18 @@ pub mod clocks;
 use cortex_m_rt::entry;
 use defmt::unwrap;
 use slipsense::node::Version;
+use slipsense::update::partitions::{Partitions, by_feature};
 
 use crate::stm32::{self, Hardware, memory};
 
 /// 32 KB of D2 SRAM, as a power of two.
 pub const SRAM_D2_BITS: u32 = 15;
 
+/// What lies where in flash.
+pub const PARTITIONS: &Partitions = match by_feature("h723") {
+    Some(partitions) => partitions,
+    None => panic!("in the table"),
+};
 /// Banks of the flash: an erase stalls what runs from its own.
 pub const FLASH_BANKS: usize = 1;
 /// What GetInfo tells; the major number is the board's.

@@ -5,8 +5,9 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_stm32::pac;
+use slipsense::update::partitions::{FLASH_BASE, SECTOR_BYTES};
 
-use crate::board::SRAM_D2_BITS;
+use crate::board::{PARTITIONS, SRAM_D2_BITS};
 
 /// Attributes of an MPU region, ARMv7-M RASR: never executed, full access.
 const EXECUTE_NEVER: u32 = 1 << 28;
@@ -19,10 +20,13 @@ const fn size(bits: u32) -> u32 {
     (bits - 1) << 1
 }
 
-/// Bytes of a region for half of the settings, as a power of two: a sector of the flash.
-const SECTOR_BITS: u32 = 17;
-/// Number of the first of the two.
-const SETTINGS_REGION: u32 = 2;
+/// Of these the MPU has so many.
+const REGIONS_MAX: u32 = 16;
+/// Number of the first region of a sector of the flash that is written.
+const SECTOR_REGION: u32 = REGIONS.len() as u32;
+/// Sectors that are written.
+const SECTORS: u32 = PARTITIONS.written().bytes() / SECTOR_BYTES;
+const _: () = assert!(SECTOR_REGION + SECTORS <= REGIONS_MAX && SECTOR_BYTES.is_power_of_two());
 
 /// Region number, base address, RASR. A higher number wins where regions overlap.
 const REGIONS: [(u32, u32, u32); 2] = [
@@ -38,7 +42,6 @@ unsafe extern "C" {
     static mut __itcm_start: u32;
     static mut __itcm_end: u32;
     static __itcm_image: u32;
-    static __settings_start: u8;
 }
 
 /// Bring the inner loops to ITCM, whose address is where the linker put their calls.
@@ -75,16 +78,18 @@ pub fn init(core: &mut cortex_m::Peripherals) {
         w.set_sram2en(true);
     });
     cortex_m::asm::dsb();
-    // SAFETY: the regions deny only addresses without memory and take the cache from D2 SRAM, which
-    // holds nothing yet, and from the settings, which nothing has read; everything else keeps the default map (PRIVDEFENA). The MPU is off meanwhile.
+    // SAFETY: the regions deny only addresses without memory and take the cache from D2 SRAM, which holds nothing yet,
+    // and from the flash that is written, which nothing has read; everything else keeps the default map (PRIVDEFENA).
+    // The MPU is off meanwhile.
     unsafe {
         core.MPU.ctrl.write(0);
-        let settings = (0..2).map(|sector| {
-            let base = &raw const __settings_start as u32 + (sector << SECTOR_BITS);
-            let attributes = EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(SECTOR_BITS) | ENABLE;
-            (SETTINGS_REGION + sector, base, attributes)
+        let written = (0..SECTORS).map(|sector| {
+            let base = FLASH_BASE + PARTITIONS.written().start + sector * SECTOR_BYTES;
+            let bits = SECTOR_BYTES.trailing_zeros();
+            let attributes = EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(bits) | ENABLE;
+            (SECTOR_REGION + sector, base, attributes)
         });
-        for (number, base, attributes) in REGIONS.into_iter().chain(settings) {
+        for (number, base, attributes) in REGIONS.into_iter().chain(written) {
             core.MPU.rnr.write(number);
             core.MPU.rbar.write(base);
             core.MPU.rasr.write(attributes);

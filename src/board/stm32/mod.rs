@@ -28,12 +28,15 @@
 pub mod accelerometers;
 mod can;
 mod flash;
+mod flash_word;
 pub mod memory;
+mod model;
 mod panic;
 mod pins;
 pub mod scan;
 mod sensors;
 mod services;
+mod updates;
 mod watchdog;
 
 use defmt::{Display2Format, error, info, unwrap, warn};
@@ -48,27 +51,23 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use slipsense::board::{CanState, Clock, SensedFrame};
-use slipsense::net::{Aligned, Model};
+use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline, SensorHealth, State};
 use slipsense::tasks::{
     self, Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Supervisor, Task, Transmission,
 };
 use slipsense::wire::{NodeId, RawTransfer, SensorContact, SlipMessage, Transmitter, health};
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::StaticCell;
 
 use can::CanBus;
+use flash::Parts;
 use memory::axi_sram_slot;
 pub(crate) use pins::nucleo_144;
 use sensors::BoardSensors;
 use services::BoardServices;
+use updates::Updates;
 use watchdog::Watchdog;
-
-/// The network, as trained and quantized.
-static MODEL: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
-/// The same in DTCM, where the inner loops read it without waiting.
-static MODEL_IN_DTCM: ConstStaticCell<Aligned<[u8; MODEL.len()]>> =
-    ConstStaticCell::new(Aligned([0; MODEL.len()]));
 
 /// The higher executor: a tick preempts inference. HDMI-CEC is unused, so its interrupt is free.
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
@@ -130,7 +129,7 @@ pub struct Hardware {
     pub can_rx: Peri<'static, peripherals::PD0>,
     /// To the transceiver.
     pub can_tx: Peri<'static, peripherals::PD1>,
-    /// Settings.
+    /// Settings and updates.
     pub flash: Peri<'static, peripherals::FLASH>,
     /// Whoever does not feed it is reset.
     pub watchdog: Peri<'static, peripherals::IWDG1>,
@@ -173,7 +172,8 @@ fn make(hardware: Hardware) -> Tasks {
     if let Some(record) = panic {
         error!("restarted after {}", Display2Format(&record));
     }
-    let (store, settings, loaded) = services::load(hardware.flash);
+    let flash = Parts::of(hardware.flash);
+    let (store, settings, loaded) = services::load(flash);
     let sensors = settings.sensors();
     info!(
         "slipsense {=str}, {=str}, {=u32} Hz, {=usize} sensors with {=str}; {}",
@@ -189,7 +189,11 @@ fn make(hardware: Hardware) -> Tasks {
     let (can, can_rx, inbox) = CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate);
     let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(raw_buffers())).split();
     SHARED.control(Controls::of(&settings, settings.node_id()));
-    let node = build(raw_sender, sensors);
+    let (model, from) = model::read(flash);
+    let node = match model {
+        Some(model) => place(model, raw_sender, sensors),
+        None => Node::WithoutModel(sensors),
+    };
     let model_hash = match &node {
         Node::Whole(inference) => Some(inference.pipeline.model().hash),
         Node::WithoutModel(_) => None,
@@ -198,7 +202,8 @@ fn make(hardware: Hardware) -> Tasks {
 
     let (sender, receiver) = FRAME_QUEUE.init(Channel::new(frame_buffers())).split();
     let source = sense(hardware.scan, hardware.accelerometers, sensors, settings.sensor_order());
-    let services = services::build(store, settings, loaded, model_hash, inbox, led, panic);
+    let updates = Updates::find(flash, from);
+    let services = services::build(store, settings, loaded, updates, model_hash, inbox, led, panic);
     let watchdog = Watchdog::start(hardware.watchdog);
     Tasks {
         transmit: (can, raw_receiver),
@@ -237,30 +242,6 @@ enum Node {
     Whole(&'static mut BoardInference),
     /// So many sensors wait for one.
     WithoutModel(usize),
-}
-
-/// Make the pipeline, or report why there is none.
-///
-/// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline is made.
-fn build(raw: RawSender, sensors: usize) -> Node {
-    match read_model() {
-        Some(model) => place(model, raw, sensors),
-        None => Node::WithoutModel(sensors),
-    }
-}
-
-/// The model, in DTCM; `None`: it is not readable, which has been reported.
-#[inline(never)]
-fn read_model() -> Option<Model<'static>> {
-    let Aligned(model) = MODEL_IN_DTCM.take();
-    // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
-    model.copy_from_slice(core::hint::black_box(MODEL));
-    let model: &'static [u8] = model;
-    let parsed = Model::parse(model);
-    if let Err(error) = &parsed {
-        error!("model of {=usize} bytes: {}", model.len(), Display2Format(error));
-    }
-    parsed.ok()
 }
 
 /// What the pipeline remembers at first.

@@ -1,27 +1,29 @@
-//! The services task's board: settings in flash, the red light, and what only the drivers know.
+//! The services task's board: settings in flash, updates, the red light, and what only the drivers know.
 
 use defmt::{Display2Format, unwrap, warn};
 use embassy_futures::block_on;
 use embassy_stm32::gpio::{Level, Output};
-use embassy_stm32::{Peri, peripherals, uid};
+use embassy_stm32::uid;
 use slipsense::board::panic_record::PanicRecord;
 use slipsense::board::{Condition, StatusLed};
 use slipsense::drivers::array::Mounting;
 use slipsense::net::format::HASH_BYTES;
-use slipsense::node::{self, COMMIT, FileSink, Identity, Node, UpdateTarget, Version};
+use slipsense::node::{self, COMMIT, FileSink, Identity, Node, UpdateTarget};
 use slipsense::settings::{LoadReport, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
+use slipsense::update::Notice;
 
 use super::can::Inbox;
-use super::flash::{BoardFlash, settings_range};
+use super::flash::{Part, Parts};
 use super::memory::axi_sram_slot;
+use super::updates::Updates;
 use super::{Mutex, SHARED, Uptime, sensors};
-use crate::board::HARDWARE;
+use crate::board::{HARDWARE, PARTITIONS};
 
 /// The task and all that it remembers.
 pub type BoardServices = Services<'static, Mutex, Inbox, Uptime, Station>;
 /// Where settings are kept.
-pub type Store = SettingsStore<BoardFlash>;
+pub type Store = SettingsStore<Part>;
 
 axi_sram_slot! {
     /// The node, its queues and the transfers that it puts together.
@@ -31,14 +33,16 @@ axi_sram_slot! {
 /// What the services do to the board.
 pub struct Station {
     store: Store,
+    updates: Updates,
     led: Output<'static>,
 }
 
 /// The settings of the last store, or the defaults.
 #[inline(never)]
-pub fn load(flash: Peri<'static, peripherals::FLASH>) -> (Store, Settings, LoadReport) {
-    // The memory map gives it two sectors.
-    let mut store = unwrap!(SettingsStore::new(BoardFlash::new(flash), settings_range()).ok());
+pub fn load(flash: Parts) -> (Store, Settings, LoadReport) {
+    let span = PARTITIONS.settings;
+    // It has two sectors.
+    let mut store = unwrap!(SettingsStore::new(flash.part(span), 0..span.bytes()).ok());
     let (settings, report) = block_on(store.load());
     (store, settings, report)
 }
@@ -49,6 +53,7 @@ pub fn build(
     store: Store,
     settings: Settings,
     loaded: LoadReport,
+    updates: Updates,
     model_hash: Option<[u8; HASH_BYTES]>,
     inbox: Inbox,
     led: Output<'static>,
@@ -58,14 +63,14 @@ pub fn build(
     unique_id.iter_mut().zip(uid::uid()).for_each(|(to, from)| *to = from);
     let identity = Identity {
         hardware_version: HARDWARE,
-        software_version: Version::SOFTWARE,
+        software_version: updates.version.into(),
         vcs_revision: COMMIT,
         unique_id,
         model_hash,
         settings: loaded,
     };
     let node = Node::new(identity, settings);
-    let station = Station { store, led };
+    let station = Station { store, updates, led };
     unwrap!(SERVICES.take()).write(Services::new(node, inbox, Uptime, &SHARED, station, panic))
 }
 
@@ -76,16 +81,14 @@ impl StatusLed for Station {
 }
 
 impl FileSink for Station {
-    async fn write(&mut self, _: UpdateTarget, _: u32, _: &[u8]) -> Result<(), &'static str> {
-        Err(NO_UPDATES)
+    async fn write(&mut self, target: UpdateTarget, offset: u32, bytes: &[u8]) -> Result<(), &'static str> {
+        self.updates.sink.write(target, offset, bytes).await
     }
 
-    async fn finish(&mut self, _: UpdateTarget, _: u32) -> Result<(), &'static str> {
-        Err(NO_UPDATES)
+    async fn finish(&mut self, target: UpdateTarget, length: u32) -> Result<(), &'static str> {
+        self.updates.sink.finish(target, length).await
     }
 }
-
-const NO_UPDATES: &str = "this firmware takes no updates over the bus";
 
 impl ServiceBoard for Station {
     async fn store(&mut self, settings: &Settings) -> Result<(), &'static str> {
@@ -96,8 +99,20 @@ impl ServiceBoard for Station {
         stored.map_err(StoreError::text)
     }
 
-    async fn begin_update(&mut self, _: UpdateTarget) -> Result<u32, &'static str> {
-        Err(NO_UPDATES)
+    async fn begin_update(&mut self, target: UpdateTarget) -> Result<u32, &'static str> {
+        self.updates.begin(target).await
+    }
+
+    fn take_notice(&mut self) -> Option<Notice> {
+        self.updates.take_notice()
+    }
+
+    fn has_shown(&mut self, frames: u32, heartbeats: u32) -> bool {
+        self.updates.has_shown(frames, heartbeats)
+    }
+
+    async fn confirm(&mut self) {
+        self.updates.confirm().await;
     }
 
     fn apply(&mut self, settings: &Settings) {

@@ -27,7 +27,7 @@ const START: [&str; 3] =
 /// A text behind a reference that does not say of what: the log's, and what a record on the bus quotes.
 const TEXT_IN_TEXT: &str = "<&dyn core::fmt::Display as core::fmt::Display>::fmt";
 /// Texts that format others, each of an earlier line or of numbers and words: see [`resolve`].
-const TEXTS: [&[&str]; 3] = [
+const TEXTS: [&[&str]; 4] = [
     &[
         "ModelError as core::fmt::Display>::fmt",
         "SensorCountError as core::fmt::Display>::fmt",
@@ -36,9 +36,12 @@ const TEXTS: [&[&str]; 3] = [
         "PanicRecord as core::fmt::Display>::fmt",
         "FileFailure as core::fmt::Display>::fmt",
         "table::Rule as core::fmt::Display>::fmt",
+        "Refusal as core::fmt::Display>::fmt",
+        "ImageVersion as core::fmt::Display>::fmt",
     ],
     &["SettingError as core::fmt::Display>::fmt", "PanicMessage as core::fmt::Display>::fmt"],
-    &["PanicInfo as core::fmt::Display>::fmt"],
+    &["PanicInfo as core::fmt::Display>::fmt", "SlotModel as core::fmt::Display>::fmt"],
+    &["Notice as core::fmt::Display>::fmt"],
 ];
 /// Those among them that [`TEXT_IN_TEXT`] may be.
 const QUOTED: &[&str] = &[TEXTS[0][0], TEXTS[0][1], TEXTS[0][2], TEXTS[0][3], TEXTS[0][4], TEXTS[2][0]];
@@ -91,6 +94,11 @@ const RULES: &[Rule] = &[
             "_embassy_time_schedule_wake",
             "slipsense::tasks::services::",
             "stm32::flash::BoardFlash as",
+            "stm32::updates::",
+            "stm32::model::",
+            "slipsense::update::",
+            "embassy_embedded_hal::flash::",
+            "embassy_sync::mutex::",
             "FLASH",
         ],
         targets: &[WAKERS, NO_WAKER],
@@ -123,6 +131,7 @@ const RULES: &[Rule] = &[
     Rule { callers: TEXTS[0], targets: &WHOLE_SINKS },
     Rule { callers: TEXTS[1], targets: &WHOLE_SINKS },
     Rule { callers: TEXTS[2], targets: &WHOLE_SINKS },
+    Rule { callers: TEXTS[3], targets: &WHOLE_SINKS },
     // Numbers and words of a text.
     Rule {
         callers: &[FORMATTER],

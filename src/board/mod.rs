@@ -163,6 +163,10 @@ pub trait CanTransmit {
     /// Take the lane's frame back, if it is not on the wire just now: it need not be free at once.
     fn withdraw(&mut self, lane: Lane);
 
+    /// Of a lane that is free: has its last frame gone over the bus? `false`: it was taken back before it could, or
+    /// there was none.
+    fn has_sent(&self, lane: Lane) -> bool;
+
     /// Wait until a lane may have become free or the state may have changed; may return early. Dropping the future
     /// loses nothing.
     async fn changed(&mut self);

@@ -76,6 +76,10 @@ impl CanTransmit for Mouth<'_> {
 
     fn withdraw(&mut self, _: Lane) {}
 
+    fn has_sent(&self, _: Lane) -> bool {
+        true
+    }
+
     async fn changed(&mut self) {
         self.1.until(Some(self.1.now_us() * 1000 + MS)).await;
     }

@@ -79,6 +79,10 @@ impl CanTransmit for Recorded {
 
     fn withdraw(&mut self, _lane: Lane) {}
 
+    fn has_sent(&self, _lane: Lane) -> bool {
+        true
+    }
+
     async fn changed(&mut self) {
         pending().await
     }

@@ -141,6 +141,10 @@ impl CanTransmit for Hardware {
         self.seen.0[lane as usize] = self.bus.is_free(lane);
     }
 
+    fn has_sent(&self, lane: Lane) -> bool {
+        self.bus.has_sent(lane)
+    }
+
     async fn changed(&mut self) {
         loop {
             let now = self.look();

@@ -10,7 +10,7 @@ use crate::bytes::Reader;
 
 const MAGIC: [u8; 8] = *b"SLIPQEMU";
 /// Bytes of a [`Header`].
-pub const HEADER_BYTES: usize = 8 + 4 * 4;
+pub const HEADER_BYTES: usize = 8 + 5 * 4;
 const STAMP_BYTES: usize = 4 + 8;
 const PART_BYTES: usize = 2 + 2 + 4 + 2 * TAXELS + 2 * XL_AXES * XL_BATCH_MAX;
 /// Bytes of the largest frame record.
@@ -37,13 +37,16 @@ pub struct Header {
     pub frames: u32,
     /// Address on the bus.
     pub node: NodeId,
+    /// Do raw messages go compressed?
+    pub compress_raw: bool,
 }
 
 impl Header {
     /// As written to the file.
     pub fn encode(&self) -> [u8; HEADER_BYTES] {
         let mut out = [0; HEADER_BYTES];
-        let numbers = [self.model_bytes, self.sensors, self.frames, u32::from(self.node.get())];
+        let node = u32::from(self.node.get());
+        let numbers = [self.model_bytes, self.sensors, self.frames, node, u32::from(self.compress_raw)];
         let bytes = MAGIC.into_iter().chain(numbers.into_iter().flat_map(u32::to_le_bytes));
         out.iter_mut().zip(bytes).for_each(|(out, byte)| *out = byte);
         out
@@ -57,8 +60,9 @@ impl Header {
         }
         let (model_bytes, sensors, frames) = (reader.u32()?, reader.u32()?, reader.u32()?);
         let node = NodeId::new(u8::try_from(reader.u32()?).ok()?)?;
+        let compress_raw = reader.u32()? != 0;
         let fits = model_bytes as usize <= MODEL_BYTES_MAX && (1..=MAX_SENSORS as u32).contains(&sensors);
-        fits.then_some(Self { model_bytes, sensors, frames, node })
+        fits.then_some(Self { model_bytes, sensors, frames, node, compress_raw })
     }
 }
 

@@ -8,6 +8,8 @@ use slipsense_episode::Episode;
 
 /// One stretch of input.
 pub struct Frames {
+    /// Are their raw messages sent compressed?
+    pub compress_raw: bool,
     sensors: usize,
     stamps: Vec<FrameStamp>,
     parts: Vec<SensedPart>,
@@ -16,7 +18,7 @@ pub struct Frames {
 impl Frames {
     /// None yet.
     pub fn new(sensors: usize) -> Self {
-        Self { sensors, stamps: Vec::new(), parts: Vec::new() }
+        Self { compress_raw: false, sensors, stamps: Vec::new(), parts: Vec::new() }
     }
 
     /// The first `limit` frames of an episode.

@@ -125,6 +125,7 @@ pub fn write_input(path: &Path, frames: &Frames, model: &[u8]) -> Result<()> {
         sensors: u32::try_from(frames.sensors())?,
         frames: u32::try_from(frames.len())?,
         node: NODE,
+        compress_raw: frames.compress_raw,
     };
     file.write_all(&header.encode())?;
     file.write_all(model)?;

@@ -71,8 +71,12 @@ pub const STEPS: &[Step] = &[
     },
     Step {
         name: "qemu-demo",
-        what: "the demo episode on the emulated Cortex-M7, bit for bit",
-        run: || equal(&qemu::Options::episodes(vec![root().join(DEMO_EPISODE)])),
+        what: "the demo episode on the emulated Cortex-M7, bit for bit, raw frames plain and compressed",
+        run: || {
+            let demo = qemu::Options::episodes(vec![root().join(DEMO_EPISODE)]);
+            equal(&demo)?;
+            equal(&qemu::Options { compress_raw: true, ..demo })
+        },
     },
     Step {
         name: "qemu-real",

@@ -11,7 +11,9 @@ use panic_semihosting as _;
 use slipsense::board::{CanStatus, SensedFrame};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
-use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
+use slipsense::tasks::{
+    Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
+};
 use slipsense::wire::{RawTransfer, Transmitter};
 use slipsense_bus_model::{Bus, Timing};
 use slipsense_qemu::INPUT_FILE;
@@ -114,6 +116,7 @@ fn main() -> ! {
     file.read_exact(model).expect("the input file holds a model");
     let model = Model::parse(model).expect("the model is valid");
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
+    SHARED.control(Controls { compress_raw: header.compress_raw, ..Controls::DEFAULT });
     let mut disturbance = [0; DISTURBANCE_BYTES];
     open(BUS_FILE, File::open).read_exact(&mut disturbance).expect("a disturbance");
     let disturbance = decode_disturbance(&disturbance).expect("a disturbance");

@@ -20,10 +20,11 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use super::{Controls, SERVICE_FRAMES, Shared, Status, Task};
 use crate::board::panic_record::PanicRecord;
 use crate::board::{CanReceive, CanState, Clock, Condition, StatusLed};
-use crate::node::{self, Action, FileSink, Node, Severity, UpdateTarget};
+use crate::node::{self, Action, FileSink, HEARTBEAT_PORT, Node, Severity, UpdateTarget};
 use crate::params::FRAME_RATE_HZ;
 use crate::settings::Settings;
-use crate::wire::{NodeId, health};
+use crate::update::Notice;
+use crate::wire::{MessageId, NodeId, health};
 
 /// The task moves on at least this often, µs: five times within the watchdog's period.
 const PATIENCE_US: u64 = 20_000;
@@ -59,6 +60,21 @@ pub trait ServiceBoard: FileSink + StatusLed {
 
     /// Switch the light by which a person finds this board; [`StatusLed::show`] follows when it is over.
     fn identify(&mut self, lit: bool);
+
+    /// What the board has to say without being asked, the next line of it. Asked for while the node has an address
+    /// and nothing else to say.
+    fn take_notice(&mut self) -> Option<Notice> {
+        None
+    }
+
+    /// So many frames have been decided and so many heartbeats have left for the bus since start. `true`: that is
+    /// enough for a new firmware to be kept, [`confirm`](Self::confirm) now. Asked for again and again.
+    fn has_shown(&mut self, _frames: u32, _heartbeats: u32) -> bool {
+        false
+    }
+
+    /// Keep the firmware that runs. How that went, a notice says.
+    async fn confirm(&mut self) {}
 
     /// Judge a self test by what the tasks counted before and after it; `sensors` are in use.
     fn self_test(&mut self, before: &Status, after: &Status, sensors: usize) -> Result<(), &'static str> {
@@ -103,6 +119,8 @@ struct Desk<'a, M: RawMutex, R, C> {
     panic: Option<PanicRecord>,
     was_off: bool,
     next_us: u64,
+    /// Heartbeats handed over to transmission.
+    heartbeats: u32,
 }
 
 impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, R, C, B> {
@@ -115,7 +133,17 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
         board: B,
         panic: Option<PanicRecord>,
     ) -> Self {
-        let desk = Desk { node, bus, clock, shared, address: None, panic, was_off: false, next_us: 0 };
+        let desk = Desk {
+            node,
+            bus,
+            clock,
+            shared,
+            address: None,
+            panic,
+            was_off: false,
+            next_us: 0,
+            heartbeats: 0,
+        };
         Self { desk, board, shown: None, identify_until_us: 0, restart_at_us: None }
     }
 
@@ -140,6 +168,10 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
         self.desk.turn();
         self.show();
         self.apply_changes();
+        self.tell();
+        if self.board.has_shown(self.desk.shared.status().decided_frames, self.desk.heartbeats_gone()) {
+            self.desk.meanwhile(self.board.confirm()).await;
+        }
         if let Some(action) = self.desk.node.take_action() {
             self.act(action).await;
         } else if let Some(chunk) = self.desk.node.take_chunk() {
@@ -206,6 +238,16 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
         }
     }
 
+    /// One line at a time: the queue is for answers.
+    fn tell(&mut self) {
+        if self.desk.node.node_id().is_some()
+            && self.desk.node.is_drained()
+            && let Some(notice) = self.board.take_notice()
+        {
+            self.desk.node.report(notice.severity(), format_args!("{notice}"));
+        }
+    }
+
     fn show(&mut self) {
         let now_us = self.desk.clock.now_us();
         if now_us < self.identify_until_us {
@@ -240,8 +282,18 @@ impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
         }
         while self.shared.service_room() > 0 {
             let Some(frame) = self.node.next_frame() else { break };
-            self.shared.send_service(frame);
+            let is_heartbeat = MessageId::from_can(frame.id()).is_ok_and(|id| id.port == HEARTBEAT_PORT);
+            if self.shared.send_service(frame) && is_heartbeat {
+                self.heartbeats = self.heartbeats.saturating_add(1);
+            }
         }
+    }
+
+    /// Heartbeats that have been on the bus, at least: any frame that waits for it may be one, and so may the one that
+    /// the hardware holds.
+    fn heartbeats_gone(&self) -> u32 {
+        let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
+        self.heartbeats.saturating_sub(waiting as u32)
     }
 
     fn take_status(&mut self) {

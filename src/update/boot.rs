@@ -10,7 +10,7 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use super::Refusal;
 use super::image::ImageVersion;
 use super::partitions::{FLASH_BASE, Partitions};
-use super::slot::{WORD, check_firmware};
+use super::slot::{WORD, check_firmware, vectors};
 use super::state::{Run, StateError, UpdateState};
 
 /// The firmware to jump to.
@@ -114,8 +114,7 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
     fn has_vectors(&mut self, board: &Partitions) -> Result<(), Refusal> {
         let mut bytes = [0; 8];
         self.active.read(0, &mut bytes).map_err(|_| Refusal::Flash)?;
-        let [s0, s1, s2, s3, r0, r1, r2, r3] = bytes;
-        let (stack, reset) = (u32::from_le_bytes([s0, s1, s2, s3]), u32::from_le_bytes([r0, r1, r2, r3]));
+        let (stack, reset) = vectors(bytes);
         let slot = FLASH_BASE + board.active.start..FLASH_BASE + board.active.end;
         // DTCM or AXI SRAM, as deep as they are on the larger part.
         let in_ram = matches!(stack, 0x2000_0001..=0x2002_0000 | 0x2400_0001..=0x2408_0000);

@@ -26,7 +26,7 @@ use ed25519_dalek::{Signature, VerifyingKey};
 
 use super::Refusal;
 use super::partitions::Partitions;
-use crate::node::UpdateTarget;
+use crate::node::{UpdateTarget, Version};
 use crate::wire::bytes::Writer;
 
 /// First bytes of every image.
@@ -86,6 +86,13 @@ impl ImageVersion {
             return None;
         }
         Some(Self { major: major as u8, minor: minor as u8, patch: patch as u16 })
+    }
+}
+
+/// What GetInfo tells of it: no patch.
+impl From<ImageVersion> for Version {
+    fn from(version: ImageVersion) -> Self {
+        Self { major: version.major, minor: version.minor }
     }
 }
 

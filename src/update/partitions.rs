@@ -31,6 +31,14 @@ impl Span {
         Self { start: first * SECTOR_BYTES, end: (first + count) * SECTOR_BYTES }
     }
 
+    /// From the first byte of both to the last.
+    const fn with(self, other: Self) -> Self {
+        Self {
+            start: if other.start < self.start { other.start } else { self.start },
+            end: if other.end > self.end { other.end } else { self.end },
+        }
+    }
+
     /// How long it is.
     pub const fn bytes(self) -> u32 {
         self.end - self.start
@@ -115,6 +123,16 @@ const fn same(a: &[u8], b: &[u8]) -> bool {
 }
 
 impl Partitions {
+    /// What the firmware itself erases and writes: settings and updates, which lie together.
+    pub const fn written(&self) -> Span {
+        let mut span = self.settings;
+        span = span.with(self.model);
+        if let Some(swap) = self.swap {
+            span = span.with(swap.dfu).with(swap.state);
+        }
+        span
+    }
+
     /// Every partition, by name.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, Span)> {
         let swap = self.swap.map(|swap| [("boot", swap.boot), ("dfu", swap.dfu), ("state", swap.state)]);

@@ -78,6 +78,12 @@ impl Writer {
     }
 }
 
+/// The first two words of a program: its stack and where it begins.
+pub(super) const fn vectors(bytes: [u8; 8]) -> (u32, u32) {
+    let [s0, s1, s2, s3, r0, r1, r2, r3] = bytes;
+    (u32::from_le_bytes([s0, s1, s2, s3]), u32::from_le_bytes([r0, r1, r2, r3]))
+}
+
 /// Where the header of a firmware lies, in its slot.
 pub(super) const fn firmware_header_at(board: &Partitions) -> u32 {
     board.active.bytes().saturating_sub(HEADER_BYTES as u32)

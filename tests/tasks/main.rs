@@ -5,6 +5,7 @@ mod full_bus;
 mod panic_record;
 mod queue;
 mod services;
+mod services_alone;
 mod supervise;
 mod transmit;
 mod world;

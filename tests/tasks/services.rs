@@ -18,10 +18,11 @@ use slipsense::node::{
 };
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::SensorHealth;
-use slipsense::settings::{Damage, LoadReport, NODE_ID_UNSET, Origin, Setting, Settings};
+use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::tasks::{
     Controls, RAW_MESSAGES, RawQueue, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
 };
+use slipsense::update::{self, Notice, Trial};
 use slipsense::wire::{
     CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId, health,
 };
@@ -33,11 +34,11 @@ const MS: u64 = 1_000_000;
 
 /// The bus: what arrives when, what was sent when.
 #[derive(Default)]
-struct Bus {
+pub struct Bus {
     arriving: RefCell<VecDeque<(u64, CanFrame)>>,
     sent: RefCell<Vec<(u64, CanFrame)>>,
     filters: RefCell<Vec<(u32, u32)>>,
-    off: Cell<bool>,
+    pub off: Cell<bool>,
 }
 
 struct Ears<'a>(&'a Bus, &'a Time);
@@ -92,17 +93,20 @@ impl CanTransmit for Mouth<'_> {
 
 /// What the board was told.
 #[derive(Default)]
-struct Told {
+pub struct Told {
     stored: Option<Settings>,
     applied: Vec<[(bool, bool); MAX_SENSORS]>,
     shown: Vec<Condition>,
     lit: Vec<bool>,
+    pub confirmed_ms: Vec<u64>,
 }
 
 struct Board<'a> {
     time: &'a Time,
     told: Rc<RefCell<Told>>,
     store_ms: u64,
+    notices: VecDeque<Notice>,
+    trial: Trial,
 }
 
 impl StatusLed for Board<'_> {
@@ -132,6 +136,18 @@ impl ServiceBoard for Board<'_> {
         Err("no room")
     }
 
+    fn take_notice(&mut self) -> Option<Notice> {
+        self.notices.pop_front()
+    }
+
+    fn has_shown(&mut self, frames: u32, heartbeats: u32) -> bool {
+        self.trial.observe(frames, heartbeats)
+    }
+
+    async fn confirm(&mut self) {
+        self.told.borrow_mut().confirmed_ms.push(self.time.now_us() / 1000);
+    }
+
     fn apply(&mut self, settings: &Settings) {
         self.told.borrow_mut().applied.push(settings.orientation());
     }
@@ -146,36 +162,41 @@ impl ServiceBoard for Board<'_> {
 }
 
 /// One run: frames of requests at their milliseconds, for so long or until the node is to start anew.
-struct Run<'a> {
-    requests: &'a [(u64, u16, Vec<u8>)],
-    ms: u64,
-    store_ms: u64,
-    settings: Settings,
-    panic: Option<PanicRecord>,
+pub struct Run<'a> {
+    pub requests: &'a [(u64, u16, Vec<u8>)],
+    pub ms: u64,
+    pub store_ms: u64,
+    pub settings: Settings,
+    pub panic: Option<PanicRecord>,
+    /// What the board says by itself.
+    pub notices: Vec<Notice>,
+    /// How its firmware came to run.
+    pub run: update::Run,
     /// Called every millisecond.
-    meanwhile: &'a dyn Fn(u64, &Shared<NoopRawMutex>, &Bus),
+    pub meanwhile: &'a dyn Fn(u64, &Shared<NoopRawMutex>, &Bus),
 }
 
 /// A transfer of the node: when it was complete, ms; what it is called; its payload.
-type Said = (u64, TransferId, Vec<u8>);
+pub type Said = (u64, TransferId, Vec<u8>);
 
-struct Ran {
-    said: Vec<Said>,
-    told: Told,
-    controls: Controls,
+pub struct Ran {
+    pub said: Vec<Said>,
+    pub told: Told,
+    pub controls: Controls,
     filters: usize,
     restarted_ms: Option<u64>,
     /// Longest time without a feed of the watchdog, µs.
-    unfed_us: u64,
+    pub unfed_us: u64,
 }
 
 impl Run<'_> {
-    fn new(requests: &[(u64, u16, Vec<u8>)], ms: u64) -> Run<'_> {
+    pub fn new(requests: &[(u64, u16, Vec<u8>)], ms: u64) -> Run<'_> {
         let settings = Settings::new();
-        Run { requests, ms, store_ms: 0, settings, panic: None, meanwhile: &|_, _, _| {} }
+        let (notices, run) = (Vec::new(), update::Run::Confirmed);
+        Run { requests, ms, store_ms: 0, settings, panic: None, notices, run, meanwhile: &|_, _, _| {} }
     }
 
-    fn run(self) -> Ran {
+    pub fn run(self) -> Ran {
         let (time, bus, shared) = (Time::default(), Bus::default(), Shared::<NoopRawMutex>::new());
         for (transfer, (ms, port, payload)) in (0u8..).zip(self.requests) {
             let id = ServiceId {
@@ -197,7 +218,8 @@ impl Run<'_> {
             settings: LoadReport { origin: Origin::Stored, damage: Damage::default() },
         };
         let told = Rc::<RefCell<Told>>::default();
-        let board = Board { time: &time, told: told.clone(), store_ms: self.store_ms };
+        let (notices, trial) = (self.notices.into(), Trial::new(self.run));
+        let board = Board { time: &time, told: told.clone(), store_ms: self.store_ms, notices, trial };
         let node = Node::new(identity, self.settings);
         let mut services = Services::new(node, Ears(&bus, &time), &time, &shared, board, self.panic);
         let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
@@ -252,17 +274,17 @@ impl Run<'_> {
 }
 
 impl Ran {
-    fn answers(&self, port: u16) -> Vec<&Said> {
+    pub fn answers(&self, port: u16) -> Vec<&Said> {
         let of = |id: &TransferId| matches!(id, TransferId::Service(id) if id.port == port);
         self.said.iter().filter(|(_, id, _)| of(id)).collect()
     }
 
-    fn messages(&self, port: u16) -> Vec<&Said> {
+    pub fn messages(&self, port: u16) -> Vec<&Said> {
         let of = |id: &TransferId| matches!(id, TransferId::Message(id) if id.port == port);
         self.said.iter().filter(|(_, id, _)| of(id)).collect()
     }
 
-    fn records(&self) -> Vec<String> {
+    pub fn records(&self) -> Vec<String> {
         let text = |bytes: &[u8]| String::from_utf8(bytes[9..9 + usize::from(bytes[8])].to_vec()).unwrap();
         self.messages(RECORD_PORT).iter().map(|(_, _, bytes)| text(bytes)).collect()
     }
@@ -378,27 +400,4 @@ fn a_panic_is_told_once_and_stays_in_its_register() {
     // Health and vendor status of the heartbeat: caution, panicked, and the stuck taxel.
     let beat = &ran.messages(HEARTBEAT_PORT)[1].2;
     assert_eq!((beat[4], beat[6]), (2, 32 | 128));
-}
-
-#[test]
-fn off_the_bus_nothing_piles_up() {
-    let requests: Vec<_> = (0..300).map(|n| (1_000 + 10 * n, GET_INFO_PORT, Vec::new())).collect();
-    let off = |ms: u64, _: &Shared<NoopRawMutex>, bus: &Bus| bus.off.set((500..4_500).contains(&ms));
-    let ran = Run { meanwhile: &off, ..Run::new(&requests, 6_000) }.run();
-    // Back on the bus: what the bounded queues held, then heartbeats as ever.
-    let later = |said: &&&Said| said.0 > 4_510;
-    assert!(ran.answers(GET_INFO_PORT).iter().filter(later).count() == 0);
-    assert!((1..=2).contains(&ran.messages(HEARTBEAT_PORT).iter().filter(later).count()));
-    assert!(ran.unfed_us <= 25_000);
-}
-
-#[test]
-fn a_node_without_an_address_sends_nothing_of_its_own() {
-    let mut settings = Settings::new();
-    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
-    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
-    let ran = Run { settings, ..Run::new(&[], 3_000) }.run();
-    assert_eq!(ran.said, []);
-    assert_eq!(ran.controls.node, None);
-    assert!(ran.unfed_us <= 25_000);
 }

@@ -4,6 +4,7 @@ mod bus;
 mod device;
 mod flash;
 mod format;
+mod installed;
 mod power_cuts;
 mod refusals;
 mod rollback;

@@ -1,0 +1,85 @@
+//! The services task when nobody hears it, and a new firmware that has to show that somebody does.
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use slipsense::node::{GET_INFO_PORT, HEARTBEAT_PORT, RECORD_PORT};
+use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
+use slipsense::tasks::Shared;
+use slipsense::update::{self, CONFIRM_FRAMES, ImageVersion, Notice, Refusal, SlotModel};
+
+use crate::services::{Bus, Run, Said};
+
+#[test]
+fn off_the_bus_nothing_piles_up() {
+    let requests: Vec<_> = (0..300).map(|n| (1_000 + 10 * n, GET_INFO_PORT, Vec::new())).collect();
+    let off = |ms: u64, _: &Shared<NoopRawMutex>, bus: &Bus| bus.off.set((500..4_500).contains(&ms));
+    let ran = Run { meanwhile: &off, ..Run::new(&requests, 6_000) }.run();
+    // Back on the bus: what the bounded queues held, then heartbeats as ever.
+    let later = |said: &&&Said| said.0 > 4_510;
+    assert!(ran.answers(GET_INFO_PORT).iter().filter(later).count() == 0);
+    assert!((1..=2).contains(&ran.messages(HEARTBEAT_PORT).iter().filter(later).count()));
+    assert!(ran.unfed_us <= 25_000);
+}
+
+#[test]
+fn a_node_without_an_address_sends_nothing_of_its_own() {
+    let mut settings = Settings::new();
+    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
+    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
+    let ran = Run { settings, ..Run::new(&[], 3_000) }.run();
+    assert_eq!(ran.said, []);
+    assert_eq!(ran.controls.node, None);
+    assert!(ran.unfed_us <= 25_000);
+}
+
+/// Frames as they are decided at 240 Hz.
+fn decide(ms: u64, shared: &Shared<NoopRawMutex>) {
+    shared.note(|status| status.decided_frames = (ms * 240 / 1000) as u32);
+}
+
+#[test]
+fn a_new_firmware_confirms_once_when_it_has_decided_and_been_heard() {
+    let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| decide(ms, shared);
+    let run = update::Run::OnTrial;
+    let ran = Run { run, meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
+    let due_ms = u64::from(CONFIRM_FRAMES) * 1000 / 240;
+    assert_eq!(ran.told.confirmed_ms.len(), 1);
+    assert!((due_ms..due_ms + 25).contains(&ran.told.confirmed_ms[0]), "{:?}", ran.told.confirmed_ms);
+    let ran = Run { meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
+    assert!(ran.told.confirmed_ms.is_empty(), "it was not on trial");
+}
+
+#[test]
+fn a_new_firmware_that_decides_nothing_or_is_not_heard_does_not_confirm() {
+    let run = update::Run::OnTrial;
+    let ran = Run { run, ..Run::new(&[], 14_000) }.run();
+    assert!(ran.told.confirmed_ms.is_empty(), "no frames");
+    // What waits for a bus has not been heard, however many heartbeats that is.
+    let off = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
+        decide(ms, shared);
+        bus.off.set(ms < 30_000);
+    };
+    let ran = Run { run, meanwhile: &off, ..Run::new(&[], 29_900) }.run();
+    assert!(ran.told.confirmed_ms.is_empty(), "nobody heard");
+    let ran = Run { run, meanwhile: &off, ..Run::new(&[], 40_000) }.run();
+    assert!(ran.told.confirmed_ms[0] >= 30_000, "{:?}", ran.told.confirmed_ms);
+}
+
+#[test]
+fn a_board_says_what_it_has_to_say_once_it_has_an_address() {
+    let version = ImageVersion { major: 1, minor: 2, patch: 3 };
+    let notices = vec![
+        Notice::DevelopmentKey,
+        Notice::FirmwareStays(version, Refusal::NoBootloader),
+        Notice::Model(SlotModel::BuiltIn(Refusal::WrongHash)),
+    ];
+    let said: Vec<_> = notices.iter().map(|notice| notice.to_string()).collect();
+    let ran = Run { notices: notices.clone(), ..Run::new(&[], 1_500) }.run();
+    assert_eq!(ran.records(), said);
+    let severities: Vec<_> = ran.messages(RECORD_PORT).iter().map(|(_, _, bytes)| bytes[7]).collect();
+    assert_eq!(severities, [3, 3, 4]);
+    let mut settings = Settings::new();
+    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
+    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
+    let ran = Run { notices, settings, ..Run::new(&[], 1_500) }.run();
+    assert_eq!(ran.records(), Vec::<String>::new());
+}

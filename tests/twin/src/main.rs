@@ -14,6 +14,7 @@ mod recovery;
 mod report;
 mod rtt;
 mod run;
+mod settings;
 mod steady;
 mod tapped;
 mod told;
@@ -58,6 +59,9 @@ struct Arguments {
     /// Print the firmware's log.
     #[arg(long)]
     rtt: bool,
+    /// Sensors in use, as settings in flash say it; else the flash is blank, which means one.
+    #[arg(long, requires = "episode", value_parser = clap::value_parser!(u8).range(1..=3))]
+    sensors: Option<u8>,
     /// Accelerometer behind each array, for which the firmware must be built.
     #[arg(long, value_enum, default_value_t)]
     xl: Xl,
@@ -145,9 +149,15 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     let troubles = if arguments.faults { faults::schedule() } else { arguments.trouble.clone() };
     check_xl(arguments, &troubles)?;
     let episode = arguments.episode.as_deref().map(|path| read(path, arguments.xl)).transpose()?;
+    if let (Some(sensors), Some(episode)) = (arguments.sensors, &episode)
+        && usize::from(sensors) > episode.sensors
+    {
+        bail!("--sensors {sensors}: the episode has {}", episode.sensors);
+    }
     let options = run::Options {
         seconds: if arguments.faults { faults::seconds(&troubles) } else { arguments.seconds },
         episode: episode.clone(),
+        sensors: arguments.sensors.map(usize::from),
         xl: arguments.xl,
         xl_error: arguments.xl_error.unwrap_or(XL_ERROR_PERCENT) / 100.0,
         troubles: troubles.clone(),

@@ -21,6 +21,7 @@ use crate::far_end::FarEnd;
 use crate::fdcan::wire::Logged;
 use crate::machine::{self, Fitted, Twin};
 use crate::rtt::{self, Probe};
+use crate::settings;
 use crate::told::{self, Told};
 use crate::trouble::Trouble;
 use crate::xl::{Readouts, Xl};
@@ -43,6 +44,8 @@ pub struct Options {
     pub seconds: f64,
     /// What the sensors play; none: no sensors.
     pub episode: Option<Arc<Episode>>,
+    /// Sensors in use, by settings in flash; none: the flash is blank.
+    pub sensors: Option<usize>,
     /// The accelerometer behind each array.
     pub xl: Xl,
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
@@ -204,7 +207,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    let images = [image];
+    let mut images = vec![image];
+    images.extend(options.sensors.map(settings::with_sensors).transpose()?);
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
     start.wait_for_debugger = listener.is_some();

@@ -174,18 +174,21 @@ impl Comparison {
                 let read = readout(&done.readouts[sensor], tick_ns);
                 if let (Some(raw), Some(read)) = (raw, read)
                     && flags & health::XL_MISSING == 0
-                    && raw.xl.as_slice() != read
+                    && !(read.ends_with(&raw.xl) && read.len() == raw.xl.len() + usize::from(raw.xl_dropped))
                 {
                     let sequence = message.sequence;
                     self.samples_different.push(format!("frame {sequence}: not the samples that were read"));
                 }
-                let xl = raw.map(|raw| raw.xl.as_slice()).or(read);
+                // A message holds the newest samples of a FIFO that was full.
+                let carried = raw.filter(|raw| raw.xl_dropped == 0);
+                let none = (flags & health::XL_MISSING != 0).then_some(&[][..]);
+                let xl = carried.map(|raw| raw.xl.as_slice()).or(read).or(none);
                 let (Some(piezo), Some(xl)) = (piezo, xl) else {
                     self.ended =
                         Some(format!("frame {}: no reading of sensor {sensor} is known", message.sequence));
                     return Ok(());
                 };
-                self.from_models += usize::from(raw.is_none());
+                self.from_models += usize::from(carried.is_none());
                 input.piezo = (flags & health::PIEZO_MISSING == 0).then_some(piezo);
                 input.xl = (flags & health::XL_MISSING == 0).then_some(xl);
             }
@@ -265,7 +268,7 @@ impl Comparison {
             // After messages that the bus did not carry: the first such samples from there on.
             let follows = last.is_some_and(|(last, _)| sequence == last + 1);
             let from = if follows {
-                next
+                next + usize::from(raw.xl_dropped)
             } else if let Some(from) = (next..next + played.len()).find(|from| follow(*from, batch)) {
                 from
             } else {
@@ -300,7 +303,10 @@ impl Comparison {
     }
 
     /// Nothing differs, and there was something to compare.
-    pub fn is_equal(&self) -> bool {
+    pub fn is_equal(&self, played: bool) -> bool {
+        if played && (self.taxels_equal == 0 || self.samples_equal == 0) {
+            return false;
+        }
         let differences = [
             &self.undecoded,
             &self.different,

@@ -5,7 +5,8 @@
 //! selected or written to, all of them from the one acceleration that it was told last. So each sample is an event
 //! here, 125 µs after the one before: the model is told what it feels and selected, and makes this one sample. If
 //! somebody is just reading it, the address of the byte that comes next is given to it once more, which for a FIFO is
-//! the same port (14.24 of the model) and for other registers the next one, so that the reader notices nothing.
+//! the same port (14.24 of the model) and for other registers the next one, so that the reader notices nothing. Amid a
+//! packet it waits for the packet's last byte, because the model drops what is left of one when it makes a sample.
 //!
 //! What the model lacks: an oscillator of its own error (its samples are exactly 125 µs apart), a way to stop it.
 
@@ -72,6 +73,8 @@ pub struct Icm42688 {
     transaction: Option<Transaction>,
     /// Bytes of the FIFO that this transaction has read.
     bytes: Vec<u8>,
+    /// A sample was due amid a packet.
+    late: bool,
     /// What was written to these.
     bank: u8,
     power: u8,
@@ -91,6 +94,7 @@ impl Icm42688 {
             event: None,
             transaction: None,
             bytes: Vec::new(),
+            late: false,
             bank: 0,
             power: 0,
             accel_config: ACCEL_CONFIG0_RESET,
@@ -110,6 +114,12 @@ impl Icm42688 {
             self.made += 1;
             self.next = Some(at + PERIOD_NS);
         }
+    }
+
+    /// Lets it make a sample, and go on with the byte of this register.
+    fn make_while_read(&mut self, register: u8, context: &mut Timeline<'_, '_>) {
+        self.part.select(context);
+        self.part.transfer(u32::from(READ | register), 8, context);
     }
 
     fn schedule(&mut self, context: &mut Timeline<'_, '_>) {
@@ -161,11 +171,17 @@ impl Peer for Icm42688 {
             }
             Transaction::Written => Transaction::Written,
         });
+        if self.late && self.bytes.len().is_multiple_of(PACKET) {
+            self.late = false;
+            self.make_while_read(FIFO_DATA, context);
+        }
         answer
     }
 
     fn select(&mut self, context: &mut Timeline<'_, '_>) {
         self.transaction = Some(Transaction::Begun);
+        // If one was, it is made now.
+        self.late = false;
         self.feel(context.now().0);
         self.part.select(context);
     }
@@ -188,10 +204,10 @@ impl Peer for Icm42688 {
                 self.part.deselect(context);
             }
             Some(Transaction::Begun) => self.part.select(context),
-            Some(Transaction::Read(register)) => {
-                self.part.select(context);
-                self.part.transfer(u32::from(READ | register), 8, context);
+            Some(Transaction::Read(FIFO_DATA)) if !self.bytes.len().is_multiple_of(PACKET) => {
+                self.late = true
             }
+            Some(Transaction::Read(register)) => self.make_while_read(register, context),
             // A write takes 2 µs: the next select comes before the next sample.
             Some(Transaction::Write(_) | Transaction::Written) => {}
         }

@@ -5,6 +5,7 @@
 #![no_std]
 #![no_main]
 
+use core::future::pending;
 use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
@@ -15,7 +16,7 @@ use embassy_stm32::can::frame::{FdFrame, Frame, Header};
 use embassy_stm32::can::{Can, CanConfigurator, IT0InterruptHandler, IT1InterruptHandler, OperatingMode};
 use embassy_stm32::peripherals::{FDCAN1, FDCAN2};
 use embassy_stm32::rcc::mux::Fdcansel;
-use embassy_stm32::rcc::{Hse, HseMode};
+use embassy_stm32::rcc::{Hse, HseMode, LsConfig};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals, bind_interrupts};
 use embassy_time::{Duration, Timer, with_timeout};
@@ -68,8 +69,12 @@ async fn fd(can: &mut Can<'_>, number: u8) -> bool {
     }
 }
 
-/// Frames that came back: classic ones whole, then with the driver split in its halves, then CAN FD ones.
-async fn loop_back(name: &str, mut can: CanConfigurator<'static>, mode: OperatingMode) -> u32 {
+/// Frames that came back, and the driver, which stops the peripheral's clock when it is dropped: classic ones whole, then with the driver split in its halves, then CAN FD ones.
+async fn loop_back(
+    name: &str,
+    mut can: CanConfigurator<'static>,
+    mode: OperatingMode,
+) -> (u32, Can<'static>) {
     can.set_bitrate(BIT_RATE);
     can.set_fd_data_bitrate(DATA_BIT_RATE, false);
     let mut can = can.start(mode);
@@ -92,26 +97,29 @@ async fn loop_back(name: &str, mut can: CanConfigurator<'static>, mode: Operatin
         good += u32::from(fd(&mut can, number).await);
     }
     info!("{} loop back: {} of {} frames came back", name, good, 3 * u32::from(FRAMES));
-    good
+    (good, can)
 }
 
 #[task]
 async fn run(chip: Peripherals) {
     let one = CanConfigurator::new(chip.FDCAN1, chip.PA11, chip.PA12, Irqs);
     let two = CanConfigurator::new(chip.FDCAN2, chip.PB12, chip.PB13, Irqs);
-    let internal = loop_back("internal", one, OperatingMode::InternalLoopbackMode).await;
-    let external = loop_back("external", two, OperatingMode::ExternalLoopbackMode).await;
+    let (internal, _one) = loop_back("internal", one, OperatingMode::InternalLoopbackMode).await;
+    let (external, _two) = loop_back("external", two, OperatingMode::ExternalLoopbackMode).await;
     if internal + external == 6 * u32::from(FRAMES) {
         info!("loop back passed");
     } else {
         error!("loop back failed");
     }
+    pending().await
 }
 
 #[entry]
 fn main() -> ! {
     let mut config = Config::default();
     config.rcc.hse = Some(Hse { freq: HSE, mode: HseMode::Bypass });
+    // No real-time clock.
+    config.rcc.ls = LsConfig::off();
     config.rcc.mux.fdcansel = Fdcansel::HSE;
     let chip = embassy_stm32::init(config);
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(run(chip))))

@@ -61,8 +61,14 @@ pub const STEPS: &[Step] = &[
     },
     Step {
         name: "twin",
-        what: "the firmware's ELF on an emulated STM32H743: boots, breaks no rule, decides as the host does",
+        what: "the firmware's ELF on an emulated STM32H743: boots, breaks no rule, decides as the host does; with the \
+               ICM-42688-P too; embassy's CAN driver in loop back",
         run: twin::step,
+    },
+    Step {
+        name: "twin-faults",
+        what: "there, bus and sensors fail in eight ways: flags, slip messages, recovery times",
+        run: twin::faults_step,
     },
     Step {
         name: "twin-node",

@@ -36,7 +36,10 @@ fn the_gripper_reacts_after_inference_bus_and_actuator() {
         assert!(motions >= 1.0 && number(&trial["grip_n"][1]) > number(&trial["grip_n"][0]), "{trial}");
         // Motions follow each other; none is faster than message and actuator.
         assert!(peak_s * 1e3 >= message_s * 1e3 + actuator_ms - 1e-6, "{trial}");
-        assert!(trial["lost"].is_u64() || number(&trial["slid_mm"]) < number(&trial["slid_without_mm"]), "{trial}");
+        assert!(
+            trial["lost"].is_u64() || number(&trial["slid_mm"]) < number(&trial["slid_without_mm"]),
+            "{trial}"
+        );
     }
     assert!(reacted > 0, "{found}");
     assert_eq!(found, json(&args), "the same seed, the same trials");
@@ -50,7 +53,9 @@ fn pictures_numbers_and_table() {
     let place = Place::new();
     let out = place.path("out").display().to_string();
     let table = succeeds(["grasp", "--trials", "2", "--hand", "tesollo2", "--flag", "alarm", "--out", &out]);
-    for words in ["synthetic", "flag alarm", "slips detected", "objects kept without any reaction", "by object"] {
+    for words in
+        ["synthetic", "flag alarm", "slips detected", "objects kept without any reaction", "by object"]
+    {
         assert!(table.contains(words), "{words}: {table}");
     }
     assert_eq!(support::names(&place.path("out")), ["grasp.json", "latency.svg", "trial.svg"]);

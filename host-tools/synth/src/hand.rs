@@ -54,19 +54,15 @@ mod tests {
     const STRENGTH: Strength = Strength { pull_n: 2.0, twist_n_mm: 10.0 };
 
     fn to(mm: f64, rad: f64) -> Pull {
-        Pull {
-            position_mm: [0.0, mm],
-            turn_rad: rad,
-            stiffness_n_per_mm: 4.0,
-            twist_n_mm_per_rad: 100.0,
-        }
+        Pull { position_mm: [0.0, mm], turn_rad: rad, stiffness_n_per_mm: 4.0, twist_n_mm_per_rad: 100.0 }
     }
 
     #[test]
     fn it_stops_at_its_strength_and_goes_on_when_the_object_gives_way() {
         let mut hand = Hand::default();
         for step in 1..=100 {
-            let pull = hand.pull(to(0.05 * f64::from(step), 0.01 * f64::from(step)), STRENGTH, ([0.0; 2], 0.0));
+            let pull =
+                hand.pull(to(0.05 * f64::from(step), 0.01 * f64::from(step)), STRENGTH, ([0.0; 2], 0.0));
             assert!(pull.position_mm[1] * 4.0 <= 2.0 + 1e-9 && pull.turn_rad * 100.0 <= 10.0 + 1e-9);
         }
         let held = hand.pull(to(5.0, 1.0), STRENGTH, ([0.0; 2], 0.0));

@@ -174,7 +174,10 @@ impl Args {
         line("slips detected", &format!("{} of {}", totals.detected, totals.slips));
         line("objects kept", &format!("{} of {}", totals.kept, totals.trials));
         line("objects kept without any reaction", &format!("{} of {}", totals.kept_without, totals.trials));
-        line("trials with a motion before any slip", &format!("{} of {}", totals.with_false_motion, totals.trials));
+        line(
+            "trials with a motion before any slip",
+            &format!("{} of {}", totals.with_false_motion, totals.trials),
+        );
         line("", "   min  median    90 %     max");
         let mut times = |name: &str, spread: Option<Spread>| {
             if let Some(Spread { min_ms, median_ms, p90_ms, max_ms }) = spread {
@@ -185,7 +188,10 @@ impl Args {
         times("that tick to the message at the controller", totals.message);
         times("that tick to the largest grip", totals.peak);
         if let Some((median, most)) = totals.slid_kept_mm {
-            line("slid by the objects that were kept", &format!("median {median:.2} mm, at most {most:.2} mm"));
+            line(
+                "slid by the objects that were kept",
+                &format!("median {median:.2} mm, at most {most:.2} mm"),
+            );
         }
         text += "\n  by object          trials  detected  kept\n";
         let mut names: Vec<&str> = facts.iter().map(|facts| facts.object.as_str()).collect();
@@ -226,7 +232,9 @@ fn lost(facts: &Facts, failure: Failure) -> String {
 /// The first trial that shows what it is about.
 fn typical(facts: &[Facts]) -> usize {
     let saved = |facts: &Facts| {
-        facts.outcome.lost.is_none() && facts.outcome.lost_without.is_some() && facts.outcome.false_motions == 0
+        facts.outcome.lost.is_none()
+            && facts.outcome.lost_without.is_some()
+            && facts.outcome.false_motions == 0
     };
     facts.iter().position(saved).unwrap_or(0)
 }

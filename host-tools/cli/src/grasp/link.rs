@@ -103,14 +103,15 @@ mod tests {
 
     #[test]
     fn what_is_sent_arrives_as_it_was_and_after_the_time_of_its_frame() {
-        for (foreign, most_us) in [(0, 140), (100, 290)] {
+        for (foreign, most_us) in [(0, 150), (100, 300)] {
             let mut link = Link::new(foreign).unwrap();
             let mut heard = Vec::new();
             let mut sent_ns = Vec::new();
             for sequence in 0..200u32 {
                 let tick_ns = u64::from(sequence) * 4_166_667 + 1_000_000;
                 link.advance(tick_ns, &mut heard).unwrap();
-                let message = SlipMessage { sequence, class: 2, slip: true, sensors: 2, ..SlipMessage::default() };
+                let message =
+                    SlipMessage { sequence, class: 2, slip: true, sensors: 2, ..SlipMessage::default() };
                 link.send(&message, std::iter::empty()).unwrap();
                 sent_ns.push(tick_ns);
             }

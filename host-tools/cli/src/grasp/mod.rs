@@ -14,5 +14,5 @@ mod trial;
 
 pub use controller::{Controller, Flag, Reaction};
 pub use link::{Heard, Link};
-pub use results::{Failure, Facts, Spread, Totals};
+pub use results::{Facts, Failure, Spread, Totals};
 pub use trial::{ACTUATOR_MS, Course, Loop, Outcome, inference_us, run};

@@ -86,12 +86,17 @@ pub struct Spread {
 impl Spread {
     /// Of the values there are; none of none.
     pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
-        let mut values: Vec<f64> = values.collect();
-        values.sort_by(f64::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        let at = |share: f64| values[(share * last as f64).round() as usize];
-        Some(Self { min_ms: at(0.0), median_ms: at(0.5), p90_ms: at(0.9), max_ms: at(1.0) })
+        let [min_ms, median_ms, p90_ms, max_ms] = quantiles(values, [0.0, 0.5, 0.9, 1.0])?;
+        Some(Self { min_ms, median_ms, p90_ms, max_ms })
     }
+}
+
+/// The values nearest to these shares of all; none of none.
+fn quantiles<const N: usize>(values: impl Iterator<Item = f64>, shares: [f64; N]) -> Option<[f64; N]> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    Some(shares.map(|share| values[(share * last as f64).round() as usize]))
 }
 
 /// Counts and times over trials.
@@ -126,9 +131,8 @@ impl Totals {
         let ms = |of: fn(&Outcome) -> Option<f64>| {
             Spread::of(facts.iter().filter_map(|facts| of(&facts.outcome)).map(|s| s * 1e3))
         };
-        let slid = Spread::of(
-            facts.iter().filter(|facts| facts.outcome.lost.is_none()).map(|facts| facts.outcome.slid_mm),
-        );
+        let kept = facts.iter().filter(|facts| facts.outcome.lost.is_none());
+        let slid_mm = quantiles(kept.map(|facts| facts.outcome.slid_mm), [0.5, 1.0]);
         Self {
             trials: facts.len(),
             slips: count(&|facts| facts.outcome.onset.is_some()),
@@ -139,7 +143,59 @@ impl Totals {
             delay: Spread::of(facts.iter().filter_map(|facts| facts.delay_ms)),
             message: ms(|outcome| outcome.message_s),
             peak: ms(|outcome| outcome.peak_s),
-            slid_kept_mm: slid.map(|s| (s.median_ms, s.max_ms)),
+            slid_kept_mm: slid_mm.map(|[median, most]| (median, most)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slipsense_synth::plant::{Hand, Objects, trials};
+
+    /// Slips at frame 100, said at `detected`, lost at `lost`.
+    fn facts(detected: Option<usize>, lost: Option<usize>, at_limit: bool) -> Facts {
+        let outcome = Outcome {
+            onset: Some(100),
+            detected,
+            lost,
+            lost_without: Some(300),
+            false_motions: 0,
+            motions: 1,
+            message_s: detected.map(|_| 0.002),
+            peak_s: detected.map(|_| 0.04),
+            grip_n: (2.0, 4.0),
+            at_limit,
+            slid_mm: 1.0,
+            slid_without_mm: 14.0,
+            actuator_ms: 30.0,
+        };
+        Facts::of(0, &trials(Objects::Val, Hand::Umi, 1, 1)[0], outcome)
+    }
+
+    #[test]
+    fn a_loss_has_one_reason() {
+        let why = |facts: Facts| facts.failure;
+        assert_eq!(why(facts(Some(101), None, true)), None);
+        assert_eq!(why(facts(None, Some(300), false)), Some(Failure::NotDetected));
+        // Said of what is gone already.
+        assert_eq!(why(facts(Some(310), Some(300), false)), Some(Failure::NotDetected));
+        assert_eq!(why(facts(Some(101), Some(300), true)), Some(Failure::ForceLimit));
+        assert_eq!(why(facts(Some(101), Some(300), false)), Some(Failure::TooLate));
+    }
+
+    #[test]
+    fn totals_count_and_order() {
+        let all = [
+            facts(Some(97), None, false),
+            facts(Some(124), None, false),
+            facts(Some(310), Some(300), false),
+            facts(None, Some(300), false),
+        ];
+        let totals = Totals::of(&all);
+        assert_eq!((totals.slips, totals.detected, totals.kept, totals.kept_without), (4, 2, 2, 0));
+        let delay = totals.delay.unwrap();
+        assert!((delay.min_ms + 12.5).abs() < 1e-9 && (delay.median_ms - 100.0).abs() < 1e-9);
+        assert_eq!(Spread::of(std::iter::empty()), None);
     }
 }

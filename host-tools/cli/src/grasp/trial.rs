@@ -120,8 +120,7 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         // Time passes while the network runs; older messages may arrive meanwhile.
         link.advance(tick_ns(frame) + 1000 * how.inference_us, &mut heard)?;
         let raw = read.inputs().iter().enumerate();
-        let raw =
-            raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input, read.xl_end(sensor)));
+        let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input, read.xl_end(sensor)));
         link.send(&output.slip_message(stamp, 0), raw)?;
         course.lead.push(output.margin_q10.map_or(0.0, |margin| f64::from(margin) / 1024.0));
         course.flag.push(how.reaction.flag.of(&output.slip_message(stamp, 0)));
@@ -130,15 +129,16 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         for heard in heard.drain(..) {
             let now_s = heard.at_ns as f64 * 1e-9;
             let said = heard.message.sequence as usize;
-            let (start_s, end_s) =
-                (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);
+            let (start_s, end_s) = (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);
             // The controller is at work from the complete grasp until it lets go.
             if tick_s(said) < held_s || end_s >= released_s {
                 continue;
             }
             let flagged = how.reaction.flag.of(&heard.message);
             // What lies ahead is what would happen without this message's command.
-            let near = |slip: &std::ops::Range<usize>| slip.start <= said + MARGIN_FRAMES && said < slip.end + MARGIN_FRAMES;
+            let near = |slip: &std::ops::Range<usize>| {
+                slip.start <= said + MARGIN_FRAMES && said < slip.end + MARGIN_FRAMES
+            };
             let slip = if flagged { plant.slips().into_iter().find(near) } else { None };
             if let Some(slip) = &slip
                 && detected.is_none()
@@ -153,7 +153,9 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
                 plant.command(start_s, end_s, grip_n)?;
                 motions += 1;
                 false_motions += usize::from(slip.is_none() && detected.is_none());
-                peak_at_s = Some(end_s);
+                if detected.is_some() {
+                    peak_at_s = Some(end_s);
+                }
                 course.commands_s.push(now_s);
             }
         }
@@ -173,7 +175,7 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         false_motions,
         motions,
         message_s,
-        peak_s: detected.and_then(|frame| peak_at_s.map(|at| at - tick_s(frame))).filter(|s| *s > 0.0),
+        peak_s: detected.zip(peak_at_s).map(|(frame, at_s)| at_s - tick_s(frame)),
         grip_n: (first_n, plant.target_n()),
         at_limit: plant.target_n() >= GRIP_MAX_N,
         slid_mm: slid(&course.slid_mm),

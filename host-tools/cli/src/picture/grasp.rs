@@ -43,10 +43,14 @@ pub(crate) fn trial(facts: &Facts, course: &Course, headline: &str) -> String {
     let x = Scale::new(ms(shown.start as f64)..ms(shown.end as f64), LEFT..RIGHT);
     let panel = Panel { shown: shown.clone(), x: &x, ms: &ms };
     let title = text(LEFT, 26.0, Anchor::Start, 16.0, INK, &words(facts));
-    let mut group = Group::new()
-        .set("font-family", FONT)
-        .add(bold(title))
-        .add(text(LEFT, 46.0, Anchor::Start, 12.0, GREY, headline));
+    let mut group = Group::new().set("font-family", FONT).add(bold(title)).add(text(
+        LEFT,
+        46.0,
+        Anchor::Start,
+        12.0,
+        GREY,
+        headline,
+    ));
 
     let most = |values: &[f64]| values[shown.clone()].iter().copied().fold(0.0, f64::max);
     let top = 98.0;
@@ -90,9 +94,14 @@ pub(crate) fn trial(facts: &Facts, course: &Course, headline: &str) -> String {
     for (row, (at, name, colour)) in marks.into_iter().enumerate() {
         let at = x.clamp(at);
         let y = 58.0 + 11.0 * row as f64;
-        group = group
-            .add(rule(at, y + 2.0, at, bottom, colour).set("stroke-dasharray", "3 3"))
-            .add(text(at + 4.0, y + 6.0, Anchor::Start, 11.0, colour, &name));
+        group = group.add(rule(at, y + 2.0, at, bottom, colour).set("stroke-dasharray", "3 3")).add(text(
+            at + 4.0,
+            y + 6.0,
+            Anchor::Start,
+            11.0,
+            colour,
+            &name,
+        ));
     }
     for &command_s in &course.commands_s {
         let at = to_ms(command_s);
@@ -125,9 +134,14 @@ impl Panel<'_> {
         for tick in ticks {
             let at = scale.at(tick);
             let label = format!("{tick:.digits$}");
-            group = group
-                .add(rule(LEFT, at, RIGHT, at, RULE))
-                .add(text(LEFT - 8.0, at + 4.0, Anchor::End, 11.0, GREY, &label));
+            group = group.add(rule(LEFT, at, RIGHT, at, RULE)).add(text(
+                LEFT - 8.0,
+                at + 4.0,
+                Anchor::End,
+                11.0,
+                GREY,
+                &label,
+            ));
         }
         group.add(rule(LEFT, y + height, RIGHT, y + height, "#aab4bf"))
     }
@@ -142,9 +156,14 @@ fn axis(mut group: Group, x: &Scale, y: f64, count: usize) -> Group {
     let (ticks, digits) = x.ticks(count);
     for tick in ticks {
         let (at, label) = (x.at(tick), format!("{tick:.digits$}"));
-        group = group
-            .add(rule(at, y, at, y + 5.0, GREY))
-            .add(text(at, y + 19.0, Anchor::Middle, 12.0, GREY, &label));
+        group = group.add(rule(at, y, at, y + 5.0, GREY)).add(text(
+            at,
+            y + 19.0,
+            Anchor::Middle,
+            12.0,
+            GREY,
+            &label,
+        ));
     }
     group
 }
@@ -174,8 +193,20 @@ pub(crate) fn latencies(facts: &[Facts], totals: &Totals, headline: &str) -> Str
     let peaks: Vec<f64> = facts.iter().filter_map(|facts| facts.outcome.peak_s).map(|s| s * 1e3).collect();
     let mut y = 92.0;
     for (name, unit, values, bin_ms, colour) in [
-        ("From slip to the flag", "ms to the tick of the frame that says it, bins of two frames", delays, 2e3 * FRAME_S, CLASS[2]),
-        ("From the flag's tick to the largest grip", "ms, all motions of the trial, bins of 10 ms", peaks, 10.0, CLASS[1]),
+        (
+            "From slip to the flag",
+            "ms to the tick of the frame that says it, bins of two frames",
+            delays,
+            2e3 * FRAME_S,
+            CLASS[2],
+        ),
+        (
+            "From the flag's tick to the largest grip",
+            "ms, all motions of the trial, bins of 10 ms",
+            peaks,
+            10.0,
+            CLASS[1],
+        ),
     ] {
         group = histogram(group, y, name, unit, &values, bin_ms, colour);
         y += 206.0;
@@ -208,9 +239,14 @@ fn histogram(
     let (ticks, _) = scale.ticks(4);
     for tick in ticks.into_iter().filter(|tick| tick.fract() == 0.0) {
         let at = scale.at(tick);
-        group = group
-            .add(rule(LEFT, at, RIGHT, at, RULE))
-            .add(text(LEFT - 8.0, at + 4.0, Anchor::End, 11.0, GREY, &format!("{tick}")));
+        group = group.add(rule(LEFT, at, RIGHT, at, RULE)).add(text(
+            LEFT - 8.0,
+            at + 4.0,
+            Anchor::End,
+            11.0,
+            GREY,
+            &format!("{tick}"),
+        ));
     }
     for of in first..=last {
         let (from, to) = (x.at(of as f64 * bin_ms), x.at((of + 1) as f64 * bin_ms));

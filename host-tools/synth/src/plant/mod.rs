@@ -55,7 +55,9 @@ pub enum CommandError {
         earliest_s: f64,
     },
     /// Outside the grasp.
-    #[error("command: from {start_s} to {end_s} s, must start and end in order within the grasp, {from_s} to {to_s} s")]
+    #[error(
+        "command: from {start_s} to {end_s} s, must start and end in order within the grasp, {from_s} to {to_s} s"
+    )]
     Outside {
         /// Start of the motion.
         start_s: f64,
@@ -158,10 +160,8 @@ impl Plant {
         // The object lies in the middle when the pull begins, not when half of it is over.
         plan.stroke_mm = [0.0; 2];
         let slips_at_n = what.object.mu_static * base_n;
-        plan.strength = Some(Strength {
-            pull_n: strength * slips_at_n,
-            twist_n_mm: strength * slips_at_n * radius_mm,
-        });
+        plan.strength =
+            Some(Strength { pull_n: strength * slips_at_n, twist_n_mm: strength * slips_at_n * radius_mm });
         let frame = |t: f64| (t * FRAME_RATE_HZ as f64) as usize;
         let mut plant = Self {
             recipe: recipe.clone(),

@@ -97,7 +97,10 @@ impl FromStr for Objects {
 
     fn from_str(name: &str) -> Result<Self, String> {
         let known = [Self::Unseen, Self::Val];
-        known.into_iter().find(|one| one.name() == name).ok_or_else(|| format!("\"{name}\" must be unseen or val"))
+        known
+            .into_iter()
+            .find(|one| one.name() == name)
+            .ok_or_else(|| format!("\"{name}\" must be unseen or val"))
     }
 }
 

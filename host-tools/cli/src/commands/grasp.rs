@@ -28,7 +28,8 @@ use crate::summary::plural;
 #[command(after_help = "\
 Time passes as on the board: tick, inference (worst on the emulated microcontroller), the message's frame on a
 1/8 Mbit/s bus behind the module's own raw messages, then 20 to 40 ms until the commanded force is there. An
-object is lost when it has slid 10 mm or turned by 45 degrees, or has left a finger. The controller's two
+object is lost when it has slid 10 mm or turned by 45 degrees, or has left a finger. Slip is that of the whole
+contact; it begins with parts of it, so that the flag may come before. The controller's two
 parameters were chosen on --objects val; the ten objects reported are in no training and no validation set.
 
 Files written to the output folder:
@@ -171,11 +172,12 @@ impl Args {
         let mut line = |name: &str, what: &str| {
             let _ = writeln!(text, "  {name:<42} {what}");
         };
-        line("slips detected", &format!("{} of {}", totals.detected, totals.slips));
+        let early = format!(", {} of them more than 50 ms before", totals.early);
+        line("slips detected", &format!("{} of {}{early}", totals.detected, totals.slips));
         line("objects kept", &format!("{} of {}", totals.kept, totals.trials));
         line("objects kept without any reaction", &format!("{} of {}", totals.kept_without, totals.trials));
         line(
-            "trials with a motion before any slip",
+            "trials with a motion before the pull",
             &format!("{} of {}", totals.with_false_motion, totals.trials),
         );
         line("", "   min  median    90 %     max");
@@ -186,6 +188,7 @@ impl Args {
         };
         times("slip to the tick of the flag's frame", totals.delay);
         times("that tick to the message at the controller", totals.message);
+        times("that tick to the force of the first motion", totals.first);
         times("that tick to the largest grip", totals.peak);
         if let Some((median, most)) = totals.slid_kept_mm {
             line(

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
+use slipsense_episode::score::MARGIN_FRAMES;
 use slipsense_synth::plant::{Direction, Trial};
 
 use super::trial::Outcome;
@@ -28,6 +29,9 @@ impl Failure {
         }
     }
 }
+
+/// A flag that comes this long before the slip of the whole contact, or later, is on time.
+const EARLY_MS: f64 = MARGIN_FRAMES as f64 * 1e3 / FRAME_RATE_HZ as f64;
 
 /// One trial for tables and machines.
 #[derive(Clone, Debug, Serialize)]
@@ -108,16 +112,20 @@ pub struct Totals {
     pub slips: usize,
     /// Of these, slip was said before the object was lost.
     pub detected: usize,
+    /// Of these, more than 50 ms before the whole contact would have slipped.
+    pub early: usize,
     /// Objects that are still held at the end.
     pub kept: usize,
     /// Objects that would be without any reaction.
     pub kept_without: usize,
-    /// Trials with a motion before a slip was near.
+    /// Trials with a motion before anything pulled, or where nothing was going to slip.
     pub with_false_motion: usize,
     /// From slip to the tick of the frame that says so.
     pub delay: Option<Spread>,
     /// From that tick to the message at the controller.
     pub message: Option<Spread>,
+    /// From that tick to the force of the first motion.
+    pub first: Option<Spread>,
     /// From that tick to the largest grip.
     pub peak: Option<Spread>,
     /// Way slid by the objects that were kept, mm: median and largest.
@@ -137,11 +145,13 @@ impl Totals {
             trials: facts.len(),
             slips: count(&|facts| facts.outcome.onset.is_some()),
             detected: count(&Facts::is_detected),
+            early: count(&|facts| facts.delay_ms.is_some_and(|ms| ms < -EARLY_MS)),
             kept: count(&|facts| facts.outcome.lost.is_none()),
             kept_without: count(&|facts| facts.outcome.lost_without.is_none()),
             with_false_motion: count(&|facts| facts.outcome.false_motions > 0),
             delay: Spread::of(facts.iter().filter_map(|facts| facts.delay_ms)),
             message: ms(|outcome| outcome.message_s),
+            first: ms(|outcome| outcome.first_s),
             peak: ms(|outcome| outcome.peak_s),
             slid_kept_mm: slid_mm.map(|[median, most]| (median, most)),
         }
@@ -163,6 +173,7 @@ mod tests {
             false_motions: 0,
             motions: 1,
             message_s: detected.map(|_| 0.002),
+            first_s: detected.map(|_| 0.03),
             peak_s: detected.map(|_| 0.04),
             grip_n: (2.0, 4.0),
             at_limit,
@@ -195,6 +206,8 @@ mod tests {
         let totals = Totals::of(&all);
         assert_eq!((totals.slips, totals.detected, totals.kept, totals.kept_without), (4, 2, 2, 0));
         let delay = totals.delay.unwrap();
+        assert_eq!(totals.early, 0);
+        assert_eq!(Totals::of(&[facts(Some(87), None, false)]).early, 1);
         assert!((delay.min_ms + 12.5).abs() < 1e-9 && (delay.median_ms - 100.0).abs() < 1e-9);
         assert_eq!(Spread::of(std::iter::empty()), None);
     }

@@ -4,7 +4,6 @@ use anyhow::{Context, Result};
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
-use slipsense_episode::score::MARGIN_FRAMES;
 use slipsense_synth::plant::{GRIP_MAX_N, Plant, Trial};
 
 use super::controller::{Controller, Reaction};
@@ -41,19 +40,21 @@ pub struct Outcome {
     /// Frame at which the object would have begun to slip as a whole, as it was when slip was first said of it;
     /// none where it never would have.
     pub onset: Option<usize>,
-    /// First frame whose flag says that slip, up to 50 ms before it.
+    /// First frame of the pull whose flag is up before that slip is over.
     pub detected: Option<usize>,
     /// Frame at which the object was lost.
     pub lost: Option<usize>,
     /// Frame at which it would have been lost without any reaction.
     pub lost_without: Option<usize>,
-    /// Motions commanded before a slip was near.
+    /// Motions commanded before that: nothing pulled yet, or nothing was going to slip.
     pub false_motions: usize,
     /// Motions commanded.
     pub motions: usize,
     /// From the tick of `detected` until the message was at the controller.
     pub message_s: Option<f64>,
-    /// From the tick of `detected` until the largest grip was reached.
+    /// From the tick of `detected` until the first motion's force was there.
+    pub first_s: Option<f64>,
+    /// From the same tick until the largest grip was reached, by the last motion.
     pub peak_s: Option<f64>,
     /// Grip of one finger at the start and at its largest, newtons.
     pub grip_n: (f64, f64),
@@ -112,7 +113,8 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
     let mut course = Course::default();
     let mut heard = Vec::new();
     let (mut onset, mut detected, mut message_s) = (None, None, None);
-    let (mut false_motions, mut motions, mut peak_at_s) = (0, 0, None);
+    let (mut false_motions, mut motions) = (0, 0);
+    let (mut first_at_s, mut peak_at_s) = (None, None);
     for frame in 0..plant.frames() {
         let read = plant.step().context("the plant ends before its last frame")?;
         let output = pipeline.step(read.inputs());
@@ -134,17 +136,13 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
             if tick_s(said) < held_s || end_s >= released_s {
                 continue;
             }
-            let flagged = how.reaction.flag.of(&heard.message);
-            // What lies ahead is what would happen without this message's command.
-            let near = |slip: &std::ops::Range<usize>| {
-                slip.start <= said + MARGIN_FRAMES && said < slip.end + MARGIN_FRAMES
-            };
-            let slip = if flagged { plant.slips().into_iter().find(near) } else { None };
-            if let Some(slip) = &slip
-                && detected.is_none()
-            {
-                (onset, detected) = (Some(slip.start), Some(said));
-                message_s = Some(now_s - tick_s(said));
+            if how.reaction.flag.of(&heard.message) && detected.is_none() && pulled.contains(&said) {
+                // What lies ahead is what would happen without this message's command.
+                let slip = plant.slips().into_iter().find(|slip| said < slip.end);
+                if let Some(slip) = slip {
+                    (onset, detected) = (Some(slip.start), Some(said));
+                    message_s = Some(now_s - tick_s(said));
+                }
             }
             if let Some(grip_n) = controller.hear(&heard.message, heard.at_ns, actuator_ns) {
                 if start_s < plant.earliest_s() {
@@ -152,8 +150,9 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
                 }
                 plant.command(start_s, end_s, grip_n)?;
                 motions += 1;
-                false_motions += usize::from(slip.is_none() && detected.is_none());
+                false_motions += usize::from(detected.is_none());
                 if detected.is_some() {
+                    first_at_s = first_at_s.or(Some(end_s));
                     peak_at_s = Some(end_s);
                 }
                 course.commands_s.push(now_s);
@@ -167,6 +166,8 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
     course.grip_n = series(&plant, |plant, frame| plant.grip_n(tick_s(frame)));
     let last = pulled.end - 1;
     let slid = |series: &[f64]| series[last] - series[pulled.start];
+    let since_detected =
+        |at_s: Option<f64>| detected.zip(at_s).map(|(frame, at_s): (usize, f64)| at_s - tick_s(frame));
     let outcome = Outcome {
         onset,
         detected,
@@ -175,7 +176,8 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         false_motions,
         motions,
         message_s,
-        peak_s: detected.zip(peak_at_s).map(|(frame, at_s)| at_s - tick_s(frame)),
+        first_s: since_detected(first_at_s),
+        peak_s: since_detected(peak_at_s),
         grip_n: (first_n, plant.target_n()),
         at_limit: plant.target_n() >= GRIP_MAX_N,
         slid_mm: slid(&course.slid_mm),

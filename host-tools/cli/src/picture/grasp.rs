@@ -38,8 +38,8 @@ pub(crate) fn trial(facts: &Facts, course: &Course, headline: &str) -> String {
     let middle = outcome.onset.or(outcome.detected).unwrap_or(frames / 2);
     let to_frames = |s: f64| (s / FRAME_S) as usize;
     let shown = middle.saturating_sub(to_frames(BEFORE_S))..(middle + to_frames(AFTER_S)).min(frames);
-    // The tick of a frame ends it: times are milliseconds since the slip's first frame.
-    let ms = |frame: f64| (frame - middle as f64) * FRAME_S * 1e3;
+    // The tick of a frame ends it: times are milliseconds since the tick of the slip's first frame.
+    let ms = |frame: f64| (frame - middle as f64 - 1.0) * FRAME_S * 1e3;
     let x = Scale::new(ms(shown.start as f64)..ms(shown.end as f64), LEFT..RIGHT);
     let panel = Panel { shown: shown.clone(), x: &x, ms: &ms };
     let title = text(LEFT, 26.0, Anchor::Start, 16.0, INK, &words(facts));
@@ -81,7 +81,7 @@ pub(crate) fn trial(facts: &Facts, course: &Course, headline: &str) -> String {
 
     let bottom = top + 110.0;
     let tick_s = |frame: usize| (frame + 1) as f64 * FRAME_S;
-    let to_ms = |s: f64| (s - middle as f64 * FRAME_S) * 1e3;
+    let to_ms = |s: f64| (s - tick_s(middle)) * 1e3;
     let mut marks = vec![(0.0, "slip".to_owned(), CLASS[2])];
     if let Some(frame) = outcome.detected {
         let after = to_ms(tick_s(frame));
@@ -190,7 +190,11 @@ pub(crate) fn latencies(facts: &[Facts], totals: &Totals, headline: &str) -> Str
         .add(bold(text(LEFT, 26.0, Anchor::Start, 16.0, INK, &title)))
         .add(text(LEFT, 46.0, Anchor::Start, 12.0, GREY, headline));
     let delays: Vec<f64> = facts.iter().filter_map(|facts| facts.delay_ms).collect();
-    let peaks: Vec<f64> = facts.iter().filter_map(|facts| facts.outcome.peak_s).map(|s| s * 1e3).collect();
+    let since_flag = |of: fn(&Facts) -> Option<f64>| -> Vec<f64> {
+        facts.iter().filter_map(of).map(|s| s * 1e3).collect()
+    };
+    let firsts = since_flag(|facts| facts.outcome.first_s);
+    let peaks = since_flag(|facts| facts.outcome.peak_s);
     let mut y = 92.0;
     for (name, unit, values, bin_ms, colour) in [
         (
@@ -200,13 +204,8 @@ pub(crate) fn latencies(facts: &[Facts], totals: &Totals, headline: &str) -> Str
             2e3 * FRAME_S,
             CLASS[2],
         ),
-        (
-            "From the flag's tick to the largest grip",
-            "ms, all motions of the trial, bins of 10 ms",
-            peaks,
-            10.0,
-            CLASS[1],
-        ),
+        ("From the flag's tick to the force of the first motion", "ms, bins of 5 ms", firsts, 5.0, CLASS[1]),
+        ("From the flag's tick to the largest grip, all motions", "ms, bins of 10 ms", peaks, 10.0, CLASS[1]),
     ] {
         group = histogram(group, y, name, unit, &values, bin_ms, colour);
         y += 206.0;
@@ -214,8 +213,8 @@ pub(crate) fn latencies(facts: &[Facts], totals: &Totals, headline: &str) -> Str
     page(group, y - 30.0)
 }
 
-/// Values over this are counted in the last bin.
-const LONGEST_MS: f64 = 500.0;
+/// Values outside are counted in the first or last bin.
+const SHOWN_MS: Range<f64> = -200.0..500.0;
 
 fn histogram(
     group: Group,
@@ -227,8 +226,8 @@ fn histogram(
     colour: &'static str,
 ) -> Group {
     const HEIGHT: f64 = 120.0;
-    let bins_to = (LONGEST_MS / bin_ms).ceil() as i64;
-    let bin = |ms: f64| ((ms / bin_ms).floor() as i64).min(bins_to - 1);
+    let ends = ((SHOWN_MS.start / bin_ms).floor() as i64, (SHOWN_MS.end / bin_ms).ceil() as i64 - 1);
+    let bin = |ms: f64| ((ms / bin_ms).floor() as i64).clamp(ends.0, ends.1);
     let first = values.iter().map(|&ms| bin(ms)).min().unwrap_or(0).min(0);
     let last = values.iter().map(|&ms| bin(ms)).max().unwrap_or(0).max((100.0 / bin_ms) as i64);
     let count = |of: i64| values.iter().filter(|&&ms| bin(ms) == of).count();
@@ -253,9 +252,9 @@ fn histogram(
         let top = scale.at(count(of) as f64);
         group = group.add(rect(from + 0.5, top, to - from - 1.0, y + HEIGHT - top, colour));
     }
-    let beyond = values.iter().filter(|&&ms| ms >= LONGEST_MS).count();
+    let beyond = values.iter().filter(|ms| !SHOWN_MS.contains(ms)).count();
     if beyond > 0 {
-        let note = format!("{beyond} trial{} beyond", plural(beyond as i64));
+        let note = format!("{beyond} trial{} beyond, counted at the ends", plural(beyond as i64));
         group = group.add(text(RIGHT, y + 8.0, Anchor::End, 11.0, GREY, &note));
     }
     let group = group.add(rule(LEFT, y + HEIGHT, RIGHT, y + HEIGHT, "#aab4bf"));

@@ -8,6 +8,7 @@ pub mod monitor;
 pub mod record;
 pub mod replay;
 pub mod demo;
+pub mod grasp;
 pub mod run;
 pub mod features;
 pub mod fit;

@@ -13,6 +13,7 @@ pub mod output_dir;
 mod set_dir;
 pub mod bundled;
 mod signing;
+pub mod hil;
 pub mod commands;
 
 use std::process::ExitCode;
@@ -74,6 +75,7 @@ enum Command {
     Sign(commands::sign::Args),
     Keygen(commands::keygen::Args),
     Image(commands::image::Args),
+    Hil(commands::hil::Args),
     Record(commands::record::Args),
     Monitor(commands::monitor::Args),
     Replay(commands::replay::Args),
@@ -103,6 +105,11 @@ pub fn main() -> ExitCode {
         Command::Sign(args) => args.run(),
         Command::Keygen(args) => args.run(),
         Command::Image(args) => args.run(),
+        Command::Hil(args) => match args.run() {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
         Command::Record(args) => args.run(),
         Command::Monitor(args) => args.run(),
         Command::Replay(args) => args.run(),

@@ -70,6 +70,11 @@ pub const STEPS: &[Step] = &[
         run: twin::node_step,
     },
     Step {
+        name: "hil",
+        what: "`slipsense hil` replays the demo into the program for a board, on the emulated STM32H743",
+        run: twin::hil_step,
+    },
+    Step {
         name: "qemu-demo",
         what: "the demo episode on the emulated Cortex-M7, bit for bit",
         run: || equal(&qemu::Options::episodes(vec![root().join(DEMO_EPISODE)])),
@@ -166,7 +171,7 @@ fn clippy() -> Result<()> {
         cmsis::FEATURE,
         "--all-targets",
     ])?;
-    clippy(&["--package", "slipsense-cli", "--features", "train", "--all-targets"])
+    clippy(&["--package", "slipsense-cli", "--features", "train,hil", "--all-targets"])
 }
 
 fn host() -> Result<()> {
@@ -203,6 +208,7 @@ fn firmware() -> Result<()> {
         ])?;
     }
     bootloader()?;
+    Board::ALL.into_iter().try_for_each(|board| board.build_hil().map(|_| ()))?;
     Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
 }
 

@@ -21,6 +21,8 @@ mod stm32;
 
 #[cfg(not(target_os = "none"))]
 fn main() -> std::process::ExitCode {
-    eprintln!("slipsense-hil runs on a NUCLEO-H743ZI2 or -H723ZG: cargo build-hil-h743; slipsense hil --help");
+    eprintln!(
+        "slipsense-hil runs on a NUCLEO-H743ZI2 or -H723ZG: cargo build-hil-h743; slipsense hil --help"
+    );
     std::process::ExitCode::from(2)
 }

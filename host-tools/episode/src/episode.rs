@@ -61,8 +61,7 @@ impl Episode {
     pub fn sensed(&self, frame: usize, sensor: usize) -> Result<SensedPart, Problem> {
         let (mut part, batch) = (SensedPart::new(), self.xl_batch(frame, sensor));
         let Ok(()) = part.xl.extend_from_slice(batch) else {
-            let rule =
-                format!("{} samples in one frame, a board takes {XL_BATCH_MAX}", batch.len());
+            let rule = format!("{} samples in one frame, a board takes {XL_BATCH_MAX}", batch.len());
             return Err(Problem::element("xl_end", &[frame, sensor], self.xl_end(frame, sensor), rule));
         };
         part.piezo = self.piezo(frame, sensor).clone();

@@ -22,9 +22,10 @@ const NODE_CHECK: &str = "tests/python/check_twin_node.py";
 const MODEL: &str = "model/weights/slipsense.slipnet";
 /// Virtual time after which nobody waits any more for what pycyphal asks.
 const NODE_SECONDS: &str = "300";
-/// Frames of the demo that go through the mailbox, and virtual time that is more than they need.
+/// Frames of the demo that go through the mailbox, and virtual time that is more than they need: while the program
+/// waits for the next one, it flies.
 const HIL_FRAMES: &str = "240";
-const HIL_SECONDS: &str = "600";
+const HIL_SECONDS: &str = "36000";
 const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 
 /// Run the firmware's ELF on an emulated STM32H743, in virtual time
@@ -111,7 +112,16 @@ pub fn hil_step() -> Result<()> {
     let checked = match first.trim().rsplit_once(' ') {
         Some((_, address)) if first.starts_with("waiting for a debugger") => {
             let mut hil = cargo();
-            hil.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--", "hil", DEMO_EPISODE]);
+            hil.args([
+                "run",
+                "--release",
+                "--quiet",
+                "--package",
+                "slipsense-cli",
+                "--",
+                "hil",
+                DEMO_EPISODE,
+            ]);
             hil.arg("--elf").arg(&program).args(["--frames", HIL_FRAMES, "--timeout-s", "60"]);
             start(hil.args(["--gdb", address]))
         }

@@ -95,9 +95,7 @@ impl Args {
 
     fn target(&self) -> Result<Box<dyn Target>> {
         match &self.gdb {
-            Some(address) => {
-                Ok(Box::new(GdbServer::connect(address, Duration::from_secs(self.timeout_s))?))
-            }
+            Some(address) => Ok(Box::new(GdbServer::connect(address, Duration::from_secs(self.timeout_s))?)),
             None => self.probe(),
         }
     }

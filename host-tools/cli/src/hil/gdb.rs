@@ -32,7 +32,8 @@ pub struct GdbServer {
 impl GdbServer {
     /// Connect to `HOST:PORT`. A server that says nothing for `patience` is an error.
     pub fn connect(address: &str, patience: Duration) -> Result<Self> {
-        let addresses = address.to_socket_addrs().with_context(|| format!("--gdb {address}: no HOST:PORT"))?;
+        let addresses =
+            address.to_socket_addrs().with_context(|| format!("--gdb {address}: no HOST:PORT"))?;
         let mut last = None;
         for address in addresses {
             match TcpStream::connect_timeout(&address, CONNECT) {

@@ -6,7 +6,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
-use probe_rs::flashing::{DownloadOptions, ElfLoader, ElfOptions, FlashProgress, ProgressEvent, ProgressOperation};
+use probe_rs::flashing::{
+    DownloadOptions, ElfLoader, ElfOptions, FlashProgress, ProgressEvent, ProgressOperation,
+};
 use probe_rs::probe::{DebugProbeSelector, list::Lister};
 use probe_rs::{MemoryInterface, Permissions, Session};
 
@@ -50,8 +52,8 @@ impl UsbProbe {
             }
         };
         let (chip, device) = chip(board);
-        let session = probe.open().with_context(|| probe.to_string())?;
-        let mut session = session
+        let opened = probe.open().with_context(|| probe.to_string())?;
+        let mut session = opened
             .attach(chip, Permissions::default())
             .with_context(|| format!("{probe}: cannot attach to an {chip}"))?;
         let found = session.core(0)?.read_word_32(IDENTITY)? & DEVICE;
@@ -67,8 +69,12 @@ impl UsbProbe {
         let mut options = DownloadOptions::default();
         options.verify = true;
         options.progress = FlashProgress::new(|event| match event {
-            ProgressEvent::AddProgressBar { operation: ProgressOperation::Program, total } => progress(0, total),
-            ProgressEvent::Progress { operation: ProgressOperation::Program, size, .. } => progress(size, None),
+            ProgressEvent::AddProgressBar { operation: ProgressOperation::Program, total } => {
+                progress(0, total)
+            }
+            ProgressEvent::Progress { operation: ProgressOperation::Program, size, .. } => {
+                progress(size, None)
+            }
             _ => {}
         });
         let loader = ElfLoader(ElfOptions::default());

@@ -243,7 +243,9 @@ impl Board<'_> {
         let mut header = [0; ANSWER_HEADER_WORDS];
         self.target.read(self.areas.1, &mut header)?;
         let length = answer_words(&header).with_context(|| {
-            format!("frame {frame}: the board's answer is longer than the {ANSWER_WORDS} words that it may have")
+            format!(
+                "frame {frame}: the board's answer is longer than the {ANSWER_WORDS} words that it may have"
+            )
         })?;
         let mut words = vec![0; length];
         self.target.read(self.areas.1, &mut words)?;

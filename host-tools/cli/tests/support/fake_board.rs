@@ -240,7 +240,7 @@ impl Server {
 pub fn elf(symbol: &str, address: u32) -> Vec<u8> {
     let word = |value: u32| value.to_le_bytes().to_vec();
     let half = |value: u16| value.to_le_bytes().to_vec();
-    let strings = [b"\0", symbol.as_bytes(), b"\0\0\0\0"].concat();
+    let strings = [&b"\0"[..], symbol.as_bytes(), &[0; 4]].concat();
     let (symbols, names) = (52u32, 52 + 32);
     let sections = (names + strings.len() as u32).next_multiple_of(4);
     let header = [

@@ -11,29 +11,27 @@ use slipsense_episode::Episode;
 
 use crate::bundled;
 use crate::hil::gdb::GdbServer;
+use crate::hil::program;
 use crate::hil::replay::{Report, Run, replay};
-use crate::hil::{Target, program};
-use crate::signing::Board;
 
 /// Replay an episode into a board over its debug probe, and compare every CAN frame with this computer's
 ///
 /// The hardware-in-the-loop test. The board runs the program slipsense-hil: the firmware's clocks, memories, tasks and
 /// pipeline, with a mailbox in RAM in place of sensors and bus, so that a bare NUCLEO on its USB cable is enough. This
 /// command leaves a frame there, waits, and compares all bytes of all CAN frames that the board makes of it with what
-/// the same code makes of it here. It has run on an emulated STM32H743 through --gdb; it has not yet run on hardware.
-///
-/// Without --gdb it uses a probe on USB and writes the program to flash first. That needs the feature `hil`, whose
-/// drivers of probes take minutes to build: cargo run --release --features hil -- hil EPISODE.npz
+/// the same code makes of it here. It reaches the board through a GDB server, such as OpenOCD's. It has run on an
+/// emulated STM32H743; it has not yet run on hardware.
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Exit code: 0 all equal, 1 something differs, 2 it could not be run.
 
 Examples:
-  cargo build-hil-h743                                            the program, for a NUCLEO-H743ZI2
-  cargo run --release --features hil -- hil grasp.npz             flash it, replay, compare
-  cargo run --release --features hil -- hil grasp.npz --board h723
-  slipsense hil grasp.npz --gdb localhost:3333                    OpenOCD; the program is in flash already
-  slipsense hil grasp.npz --gdb localhost:1337 --frames 500 --json")]
+  cargo build-hil-h743                             the program, for a NUCLEO-H743ZI2
+  openocd -f interface/stlink.cfg -f target/stm32h7x.cfg \\
+      -c 'program target/thumbv7em-none-eabihf/firmware/slipsense-hil verify'
+                                                   flash it, and serve a debugger; in another terminal
+  slipsense hil grasp.npz --gdb localhost:3333     replay, compare
+  slipsense hil grasp.npz --gdb localhost:3333 --frames 500 --json")]
 pub struct Args {
     /// Episode to replay, an .npz file
     #[arg(value_name = "EPISODE.npz")]
@@ -41,15 +39,9 @@ pub struct Args {
     /// The program on the board, as `cargo build-hil-h743` leaves it
     #[arg(long, value_name = "FILE", default_value = "target/thumbv7em-none-eabihf/firmware/slipsense-hil")]
     elf: PathBuf,
-    /// The board; with --gdb whatever runs the program
-    #[arg(long, default_value = "h743", conflicts_with = "gdb")]
-    board: Board,
-    /// Which probe, where there are several
-    #[arg(long, value_name = "VID:PID[:SERIAL]", conflicts_with = "gdb")]
-    probe: Option<String>,
-    /// Instead of a probe on USB: a GDB server with the board behind it, and the program in its flash
+    /// A GDB server with the board behind it, and the program in its flash
     #[arg(long, value_name = "HOST:PORT")]
-    gdb: Option<String>,
+    gdb: String,
     /// The model that the program was built with; the bundled one if not given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -80,46 +72,17 @@ impl Args {
         let (model, name) = bundled::model_or(self.model.as_deref())?;
         let model = Model::parse(&model).with_context(|| format!("{name}: not a usable model"))?;
         let episode = Episode::read(&self.episode)?;
-        let mut target = self.target()?;
         let frames = self.frames.map(|frames| frames as usize);
         let timeout = Duration::from_secs(self.timeout_s);
+        let mut server = GdbServer::connect(&self.gdb, timeout)?;
         let run = Run { mailbox, episode: &episode, frames, model, timeout };
         let length = frames.unwrap_or(usize::MAX).min(episode.frames());
         let progress = super::progress(length, "frames", self.json);
-        let report = replay(&mut *target, &run, || progress.inc(1));
+        let report = replay(&mut server, &run, || progress.inc(1));
         progress.finish_and_clear();
         let report = report.with_context(|| self.episode.display().to_string())?;
         self.print(&episode, &report)?;
         Ok(report.differing_frames == 0)
-    }
-
-    fn target(&self) -> Result<Box<dyn Target>> {
-        match &self.gdb {
-            Some(address) => Ok(Box::new(GdbServer::connect(address, Duration::from_secs(self.timeout_s))?)),
-            None => self.probe(),
-        }
-    }
-
-    #[cfg(feature = "hil")]
-    fn probe(&self) -> Result<Box<dyn Target>> {
-        let mut probe = crate::hil::probe::UsbProbe::attach(self.board, self.probe.as_deref())?;
-        let progress = super::progress(0, "bytes to flash", self.json);
-        probe.flash(&self.elf, |bytes, of| {
-            of.into_iter().for_each(|of| progress.inc_length(of));
-            progress.inc(bytes);
-        })?;
-        progress.finish_and_clear();
-        Ok(Box::new(probe))
-    }
-
-    #[cfg(not(feature = "hil"))]
-    fn probe(&self) -> Result<Box<dyn Target>> {
-        anyhow::bail!(
-            "this build has no drivers of debug probes{}; get them with `cargo run --release --features hil -- hil \
-             {}`, or name a GDB server by --gdb",
-            self.probe.as_deref().map(|probe| format!(" such as {probe}")).unwrap_or_default(),
-            self.episode.display()
-        )
     }
 
     fn print(&self, episode: &Episode, report: &Report) -> Result<()> {

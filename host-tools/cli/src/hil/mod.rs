@@ -2,11 +2,9 @@
 //! beside what this computer's pipeline sends.
 //!
 //! [`replay`] talks to the program `slipsense-hil` through its [`mailbox`](slipsense::board::mailbox), over a
-//! [`Target`]: a GDB server ([`gdb`]), which debuggers, emulators and probes of every maker have, or a probe on USB.
+//! [`Target`]: a GDB server ([`gdb`]), which debuggers, emulators and probes of every maker have.
 
 pub mod gdb;
-#[cfg(feature = "hil")]
-pub mod probe;
 pub mod program;
 pub mod replay;
 

@@ -171,7 +171,7 @@ fn clippy() -> Result<()> {
         cmsis::FEATURE,
         "--all-targets",
     ])?;
-    clippy(&["--package", "slipsense-cli", "--features", "train,hil", "--all-targets"])
+    clippy(&["--package", "slipsense-cli", "--features", "train", "--all-targets"])
 }
 
 fn host() -> Result<()> {

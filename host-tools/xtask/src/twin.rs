@@ -24,7 +24,7 @@ const MODEL: &str = "model/weights/slipsense.slipnet";
 const NODE_SECONDS: &str = "300";
 /// Frames of the demo that go through the mailbox, and virtual time that is more than they need: while the program
 /// waits for the next one, it flies.
-const HIL_FRAMES: &str = "240";
+const HIL_FRAMES: &str = "60";
 const HIL_SECONDS: &str = "36000";
 const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 

@@ -21,7 +21,7 @@ fn arguments(place: &Place, board_model: &ModelFile, fault: Fault, more: &[&str]
     place.file("m.slipnet", model().to_bytes().unwrap());
     place.file("hil", elf(SYMBOL, MAILBOX_AT));
     let port = serve(board_model.to_bytes().unwrap(), fault);
-    let path = |name| place.path(name).display().to_string();
+    let path = |name: &str| place.path(name).display().to_string();
     let mut arguments = ["hil".to_owned(), path("e.npz"), "--elf".into(), path("hil")].to_vec();
     arguments.extend(["--model".into(), path("m.slipnet"), "--gdb".into(), format!("127.0.0.1:{port}")]);
     arguments.extend(["--frames".into(), FRAMES.to_string()]);
@@ -112,7 +112,7 @@ fn what_a_user_can_get_wrong() {
     place.file("hil", elf(SYMBOL, MAILBOX_AT));
     place.file("other", elf("main", 4));
     place.file("text", "no ELF");
-    let path = |name| place.path(name).display().to_string();
+    let path = |name: &str| place.path(name).display().to_string();
     let hil = |elf: &str, more: &[&str]| {
         let mut arguments = ["hil".to_owned(), path("e.npz"), "--elf".into(), path(elf)].to_vec();
         arguments.extend(more.iter().map(ToString::to_string));

@@ -19,8 +19,8 @@ use crate::hil::replay::{Report, Run, replay};
 /// The hardware-in-the-loop test. The board runs the program slipsense-hil: the firmware's clocks, memories, tasks and
 /// pipeline, with a mailbox in RAM in place of sensors and bus, so that a bare NUCLEO on its USB cable is enough. This
 /// command leaves a frame there, waits, and compares all bytes of all CAN frames that the board makes of it with what
-/// the same code makes of it here. It reaches the board through a GDB server, such as OpenOCD's. It has run on an
-/// emulated STM32H743; it has not yet run on hardware.
+/// the same code makes of it here. It reaches the board through a GDB server, such as OpenOCD's. The board's
+/// program answers frames on an emulated STM32H743; it has not yet run on hardware.
 #[derive(ClapArgs)]
 #[command(after_help = "\
 Exit code: 0 all equal, 1 something differs, 2 it could not be run.

@@ -7,7 +7,9 @@
 //! Storage is not here: settings and updates take any flash that has the traits of `embedded-storage`.
 #![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
 
+pub mod mailbox;
 pub mod panic_record;
+pub mod replay;
 mod sensing;
 
 pub use sensing::{Accelerometer, Drained, FIFO_SAMPLES_MAX, FifoSamples, TaxelScan, XlFault, XlPart};

@@ -14,6 +14,7 @@ mod set_dir;
 pub mod bundled;
 mod signing;
 pub mod grasp;
+pub mod hil;
 pub mod commands;
 
 use std::process::ExitCode;
@@ -77,6 +78,7 @@ enum Command {
     Sign(commands::sign::Args),
     Keygen(commands::keygen::Args),
     Image(commands::image::Args),
+    Hil(commands::hil::Args),
     Record(commands::record::Args),
     Monitor(commands::monitor::Args),
     Replay(commands::replay::Args),
@@ -107,6 +109,11 @@ pub fn main() -> ExitCode {
         Command::Sign(args) => args.run(),
         Command::Keygen(args) => args.run(),
         Command::Image(args) => args.run(),
+        Command::Hil(args) => match args.run() {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
         Command::Record(args) => args.run(),
         Command::Monitor(args) => args.run(),
         Command::Replay(args) => args.run(),

@@ -23,6 +23,10 @@ const NODE_CHECK: &str = "tests/python/check_twin_node.py";
 const MODEL: &str = "model/weights/slipsense.slipnet";
 /// Virtual time after which nobody waits any more for what pycyphal asks.
 const NODE_SECONDS: &str = "300";
+/// Frames of the demo that go through the mailbox, and virtual time that is more than they need: while the program
+/// waits for the next one, it flies.
+const HIL_FRAMES: &str = "60";
+const HIL_SECONDS: &str = "36000";
 const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 /// The accelerometer of the default board; another one needs a firmware of its own.
 const DEFAULT_XL: &str = "adxl380";
@@ -189,6 +193,40 @@ pub fn node_step() -> Result<()> {
     checked?;
     ensure!(ended.success(), "the twin told something of this run that has no reason");
     Ok(())
+}
+
+/// In the test command: `slipsense hil`, with the program that it has on a board on the emulated STM32H743.
+pub fn hil_step() -> Result<()> {
+    let program = Board::H743.build_hil()?;
+    let mut twin = command(build()?);
+    twin.arg("--elf").arg(&program).args(["--gdb", "0", "--seconds", HIL_SECONDS]);
+    let mut child = twin.stderr(Stdio::piped()).spawn().context("cannot start the twin")?;
+    // Kept until the end: the twin may say more.
+    let mut said = BufReader::new(child.stderr.take().context("the twin has a standard error")?);
+    let mut first = String::new();
+    let read = said.read_line(&mut first);
+    let checked = match first.trim().rsplit_once(' ') {
+        Some((_, address)) if first.starts_with("waiting for a debugger") => {
+            let mut hil = cargo();
+            hil.args([
+                "run",
+                "--release",
+                "--quiet",
+                "--package",
+                "slipsense-cli",
+                "--",
+                "hil",
+                DEMO_EPISODE,
+            ]);
+            hil.arg("--elf").arg(&program).args(["--frames", HIL_FRAMES, "--timeout-s", "60"]);
+            start(hil.args(["--gdb", address]))
+        }
+        _ => read.map_err(Into::into).and_then(|_| bail!("the twin serves no debugger: {first}")),
+    };
+    // It would go on until its time is over.
+    let _ = child.kill();
+    child.wait()?;
+    checked
 }
 
 /// The program.

@@ -29,6 +29,7 @@ pub mod accelerometers;
 mod can;
 mod flash;
 pub mod memory;
+mod model;
 mod panic;
 mod pins;
 pub mod scan;
@@ -48,14 +49,14 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use slipsense::board::{CanState, Clock, SensedFrame};
-use slipsense::net::{Aligned, Model};
+use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline, SensorHealth, State};
 use slipsense::tasks::{
     self, Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Supervisor, Task, Transmission,
 };
 use slipsense::wire::{NodeId, RawTransfer, SensorContact, SlipMessage, Transmitter, health};
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::StaticCell;
 
 use can::CanBus;
 use memory::axi_sram_slot;
@@ -63,12 +64,6 @@ pub(crate) use pins::nucleo_144;
 use sensors::BoardSensors;
 use services::BoardServices;
 use watchdog::Watchdog;
-
-/// The network, as trained and quantized.
-static MODEL: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
-/// The same in DTCM, where the inner loops read it without waiting.
-static MODEL_IN_DTCM: ConstStaticCell<Aligned<[u8; MODEL.len()]>> =
-    ConstStaticCell::new(Aligned([0; MODEL.len()]));
 
 /// The higher executor: a tick preempts inference. HDMI-CEC is unused, so its interrupt is free.
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
@@ -94,10 +89,6 @@ axi_sram_slot! {
 axi_sram_slot! {
     /// The drivers and what they remember; DTCM is for the model.
     SOURCE: BoardSensors
-}
-axi_sram_slot! {
-    /// All that the pipeline remembers.
-    STATE: State
 }
 static PIPELINE: StaticCell<BoardInference> = StaticCell::new();
 
@@ -252,31 +243,17 @@ fn build(raw: RawSender, sensors: usize) -> Node {
 /// The model, in DTCM; `None`: it is not readable, which has been reported.
 #[inline(never)]
 fn read_model() -> Option<Model<'static>> {
-    let Aligned(model) = MODEL_IN_DTCM.take();
-    // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
-    model.copy_from_slice(core::hint::black_box(MODEL));
-    let model: &'static [u8] = model;
-    let parsed = Model::parse(model);
+    let parsed = model::read();
     if let Err(error) = &parsed {
-        error!("model of {=usize} bytes: {}", model.len(), Display2Format(error));
+        error!("model: {}", Display2Format(error));
     }
     parsed.ok()
 }
 
-/// What the pipeline remembers at first.
-static FIRST_STATE: State = State::new();
-
 /// On a state that is made where it stays, in AXI SRAM.
 #[inline(never)]
 fn place(model: Model<'static>, raw: RawSender, sensors: usize) -> Node {
-    let state = unwrap!(STATE.take());
-    // SAFETY: a state is plain numbers, so a copy of the bytes of one is another. Written as a value it would, with
-    // some compilers, be made on the stack first.
-    let state = unsafe {
-        state.as_mut_ptr().copy_from_nonoverlapping(&raw const FIRST_STATE, 1);
-        state.assume_init_mut()
-    };
-    let pipeline = match Pipeline::within(state, model, sensors) {
+    let pipeline = match Pipeline::within(model::first_state(), model, sensors) {
         Ok(pipeline) => pipeline,
         Err(error) => {
             error!("pipeline: {}", Display2Format(&error));

@@ -10,6 +10,7 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use heapless::Vec;
 use panic_semihosting as _;
+use slipsense::board::replay::FRAME_BYTES_MAX;
 use slipsense::board::{SensedFrame, StoppedClock};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
@@ -17,7 +18,7 @@ use slipsense::tasks::{
     Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
 };
 use slipsense::wire::{RawTransfer, Transmitter};
-use slipsense_qemu::input::{FRAME_BYTES_MAX, HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use slipsense_qemu::record::Record;
 use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
 use static_cell::{ConstStaticCell, StaticCell};

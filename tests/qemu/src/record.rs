@@ -1,17 +1,13 @@
 //! The output file: one record per frame, with every result of the signal path.
 
 use heapless::Vec;
+use slipsense::board::replay::CAN_FRAMES_MAX;
 use slipsense::features::LogMel;
 use slipsense::params::{CLASSES, MAX_SENSORS};
 use slipsense::pipeline::Output;
-use slipsense::wire::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, CanFrame};
+use slipsense::wire::CanFrame;
 
 use crate::bytes::Reader;
-
-/// CAN frames of one frame period, at most: the slip message and the compressed raw frame of every sensor, with two
-/// bytes of CRC at the end. Plain ones have fewer.
-pub const CAN_FRAMES_MAX: usize =
-    1 + MAX_SENSORS * (COMPRESSED_BYTES_MAX + 2).div_ceil(COMPRESSED_FRAME_BYTES - 1);
 
 /// Everything that one frame led to. Entries of sensors that are not in use are zero.
 #[derive(Clone, Debug, Default)]

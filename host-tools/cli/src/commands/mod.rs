@@ -24,6 +24,7 @@ pub mod view;
 pub mod keygen;
 pub mod sign;
 pub mod image;
+pub mod hil;
 
 use std::io::{IsTerminal, Write};
 

@@ -7,7 +7,8 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use slipsense_qemu::input::{Header, encode_frame};
+use slipsense::board::replay::encode_frame;
+use slipsense_qemu::input::Header;
 
 use super::frames::Frames;
 use super::host::NODE;

@@ -327,10 +327,7 @@ impl Outcome {
         rule(self.queued_max_us <= bar, format!("a slip message queued after {} µs", self.queued_max_us));
         rule(self.wrong == 0, format!("{} CAN frames or messages differ from the host's", self.wrong));
         let accounted = self.slips_arrived + self.slips_replaced as usize;
-        rule(
-            accounted == self.frames,
-            format!("{accounted} of {} slip messages accounted for", self.frames),
-        );
+        rule(accounted == self.frames, format!("{accounted} of {} slip messages accounted for", self.frames));
         let off = !disturbance.dominant_ns.is_empty();
         rule(off || self.slips_replaced == 0, format!("{} slip messages not sent", self.slips_replaced));
         rule(self.bus_offs == u32::from(off), format!("{} times off the bus", self.bus_offs));

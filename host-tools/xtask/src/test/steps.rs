@@ -76,6 +76,11 @@ pub const STEPS: &[Step] = &[
         run: twin::node_step,
     },
     Step {
+        name: "hil",
+        what: "`slipsense hil` replays the demo into the program for a board, on the emulated STM32H743",
+        run: twin::hil_step,
+    },
+    Step {
         name: "qemu-demo",
         what: "the demo episode on the emulated Cortex-M7, bit for bit, raw frames plain and compressed",
         run: || {
@@ -213,6 +218,7 @@ fn firmware() -> Result<()> {
         ])?;
     }
     bootloader()?;
+    Board::ALL.into_iter().try_for_each(|board| board.build_hil().map(|_| ()))?;
     Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
 }
 

@@ -8,6 +8,7 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
 use panic_semihosting as _;
+use slipsense::board::replay::FRAME_BYTES_MAX;
 use slipsense::board::{CanStatus, SensedFrame};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
@@ -21,7 +22,7 @@ use slipsense_qemu::events::{
     ARRIVED_FILE, BUS_FILE, Counters, DECIDED_FILE, DISTURBANCE_BYTES, INSTRUCTIONS_PER_US, START_US,
     STATUS_FILE, decode_disturbance,
 };
-use slipsense_qemu::input::{FRAME_BYTES_MAX, HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::{FrameBuffer, Frames, Hardware, Log, Sensors, Uptime};

@@ -33,7 +33,13 @@ fn main() {
     let root = var("CARGO_MANIFEST_DIR").expect("cargo sets it");
     let out = var("OUT_DIR").expect("cargo sets it");
     std::fs::write(Path::new(&out).join("partitions.x"), linker_script(board)).expect("it is writable");
-    for (program, folder) in [("slipsense-firmware", "board"), ("slipsense-boot", "boot")] {
+    let programs = [
+        ("slipsense-firmware", "board"),
+        ("slipsense-hil", "board"),
+        ("slipsense-can-loopback", "board"),
+        ("slipsense-boot", "boot"),
+    ];
+    for (program, folder) in programs {
         let folder = format!("-L{root}/src/{folder}/{}", board.feature);
         for argument in [&folder, &format!("-L{out}"), "--nmagic", "-Tlink.x", "-Tdefmt.x"] {
             println!("cargo:rustc-link-arg-bin={program}={argument}");

@@ -7,7 +7,9 @@
 //! Storage is not here: settings and updates take any flash that has the traits of `embedded-storage`.
 #![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
 
+pub mod mailbox;
 pub mod panic_record;
+pub mod replay;
 mod sensing;
 
 pub use sensing::{Accelerometer, Drained, FIFO_SAMPLES_MAX, FifoSamples, TaxelScan, XlFault, XlPart};
@@ -162,6 +164,10 @@ pub trait CanTransmit {
 
     /// Take the lane's frame back, if it is not on the wire just now: it need not be free at once.
     fn withdraw(&mut self, lane: Lane);
+
+    /// Of a lane that is free: has its last frame gone over the bus? `false`: it was taken back before it could, or
+    /// there was none.
+    fn has_sent(&self, lane: Lane) -> bool;
 
     /// Wait until a lane may have become free or the state may have changed; may return early. Dropping the future
     /// loses nothing.

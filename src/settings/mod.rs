@@ -142,6 +142,11 @@ impl Settings {
         self.first(Setting::RawDivider) as u32
     }
 
+    /// Do raw frames go out compressed?
+    pub fn compress_raw(&self) -> bool {
+        self.first(Setting::CompressRaw) != 0
+    }
+
     /// The alarm's operating point, where it is not the model's.
     pub fn operating_point(&self) -> Option<OperatingPoint> {
         if self.first(Setting::PointOverride) == 0 {

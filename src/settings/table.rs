@@ -36,6 +36,8 @@ pub enum Setting {
     TimeSync = 11,
     /// Whether a node without address asks for one.
     PlugAndPlay = 12,
+    /// Whether raw frames go out compressed.
+    CompressRaw = 13,
 }
 
 /// The value of [`Setting::NodeId`] that means: none.
@@ -157,7 +159,7 @@ const fn mask(setting: Setting, name: &'static str) -> Definition {
 }
 
 /// The settings, in the order of their numbers.
-pub static TABLE: [Definition; 13] = [
+pub static TABLE: [Definition; 14] = [
     Definition {
         setting: Setting::NodeId,
         name: "uavcan.node.id",
@@ -273,6 +275,17 @@ pub static TABLE: [Definition; 13] = [
         together: None,
         unit: "",
         help: "ask for an address when uavcan.node.id is 65535",
+        effect: Effect::AtOnce,
+    },
+    Definition {
+        setting: Setting::CompressRaw,
+        name: "slipsense.raw.compressed",
+        kind: Kind::Bit,
+        rules: BIT,
+        default: &[0],
+        together: None,
+        unit: "",
+        help: "raw frames go as slipsense.RawCompressed: without loss, and less of them where the bus is full",
         effect: Effect::AtOnce,
     },
 ];

@@ -6,12 +6,13 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 
+use super::detail::Steps;
 use super::{Controls, RAW_MESSAGES, Shared, Task};
 use crate::board::{Clock, Observe, SensedFrame, SensedPart};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorInput;
-use crate::wire::{Detail, RawForm, RawTransfer, Transmitter, health};
+use crate::wire::{RawForm, RawTransfer, Transmitter, health};
 
 /// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
 pub const FRAME_PERIOD_US: u64 = 1_000_000u64.div_ceil(FRAME_RATE_HZ as u64);
@@ -28,6 +29,8 @@ pub struct Inference<'m, M: RawMutex, C, O, S = State> {
     pub observer: O,
     shared: &'m Shared<M>,
     raw: Sender<'m, M, RawTransfer>,
+    /// How much of the compressed raw messages the bus takes.
+    steps: Steps,
     /// Of each accelerometer, what its next sample's index should be; `None` before the first and after a gap.
     xl_end: [Option<u32>; MAX_SENSORS],
 }
@@ -42,7 +45,8 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         shared: &'m Shared<M>,
         raw: Sender<'m, M, RawTransfer>,
     ) -> Self {
-        Self { pipeline, transmitter, clock, observer, shared, raw, xl_end: [None; MAX_SENSORS] }
+        let (steps, xl_end) = (Steps::ALL, [None; MAX_SENSORS]);
+        Self { pipeline, transmitter, clock, observer, shared, raw, steps, xl_end }
     }
 
     /// Serve the queue for ever.
@@ -127,8 +131,8 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         self.shared.send_slip(self.transmitter.slip(&output.slip_message(frame.stamp, late_frames)));
     }
 
-    /// Queue the raw messages for which there is room, in sensor order. Where there is not room for all, the sensors
-    /// take turns, so that none is always the one left out.
+    /// Queue the raw messages for which there is room, in sensor order. Where there is not room for all, or not for all
+    /// of each, the sensors take turns, so that none is always the one left out.
     fn offer_raw(
         &mut self,
         frame: &SensedFrame,
@@ -141,23 +145,27 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         if !wanted {
             return;
         }
-        let form = raw_form(controls, self.raw.len(), output.sensors);
         let first = stamp.sequence.checked_rem(output.sensors as u32).unwrap_or(0) as usize;
+        self.steps.frame(self.raw.len(), output.sensors);
         let mut room = RAW_MESSAGES.saturating_sub(self.raw.len());
-        let mut fits = [false; MAX_SENSORS];
+        let mut planned = [(RawForm::Plain, false); MAX_SENSORS];
         for turn in 0..output.sensors {
             let sensor =
                 if first + turn < output.sensors { first + turn } else { first + turn - output.sensors };
             let delivered =
                 inputs.get(sensor).is_some_and(|input| input.piezo.is_some() || input.xl.is_some());
-            if let Some(fits) = fits.get_mut(sensor).filter(|_| delivered && room > 0) {
+            let Some((form, fits)) = planned.get_mut(sensor) else { continue };
+            if controls.compress_raw {
+                *form = RawForm::Compressed(self.steps.detail(turn, output.sensors));
+            }
+            if delivered && room > 0 {
                 *fits = true;
                 room -= 1;
             }
         }
         let mut dropped: u32 = 0;
-        let sensors = inputs.iter().zip(&frame.parts).zip(fits).take(output.sensors).enumerate();
-        for (sensor, ((&input, part), fits)) in sensors {
+        let sensors = inputs.iter().zip(&frame.parts).zip(planned).take(output.sensors).enumerate();
+        for (sensor, ((&input, part), (form, fits))) in sensors {
             let raw = output.raw_frame(stamp, sensor, input, part.xl_end);
             match self.raw.try_send().filter(|_| fits) {
                 Some(buffer) => {
@@ -173,16 +181,4 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
             self.shared.note(|status| status.dropped_raw = status.dropped_raw.saturating_add(dropped));
         }
     }
-}
-
-/// How this frame's raw messages go, when so many of the frames before still wait: the more the bus is behind, the
-/// less of them, the accelerometer last.
-fn raw_form(controls: &Controls, waiting: usize, sensors: usize) -> RawForm {
-    let detail = match waiting {
-        // One may be on its way on a bus that keeps up.
-        0 | 1 => Detail::All,
-        _ if waiting <= sensors => Detail::Contact,
-        _ => Detail::Accelerometer,
-    };
-    if controls.compress_raw { RawForm::Compressed(detail) } else { RawForm::Plain }
 }

@@ -20,11 +20,15 @@
 //! | a service frame | no room in the queue | `refused_services` |
 //! | a service frame | the node drops off the bus while the hardware holds it | `lost_services` |
 //!
+//! Compressed raw messages get shorter before they get lost (`detail.rs`): the slip message goes first, then every
+//! sensor's accelerometer, then the taxels of the contacts, then the rest. A receiver sees in each what it holds.
+//!
 //! A raw message that has been begun is finished before the next, however long that takes: a receiver could make
 //! nothing of the part that it has. The one exception is bus-off, over which a rest would come late by seconds; the
 //! receiver sees the next transfer begin and throws the part away.
 
 mod acquire;
+mod detail;
 mod infer;
 mod services;
 mod shared;

@@ -41,7 +41,7 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// All taxels, raw messages of every frame, the default address, the model's operating point.
+    /// All taxels, plain raw messages of every frame, the default address, the model's operating point.
     pub const DEFAULT: Self = Self {
         masks: [TaxelMask::NONE; MAX_SENSORS],
         raw_every: 1,
@@ -56,7 +56,7 @@ impl Controls {
             masks: core::array::from_fn(|sensor| TaxelMask(settings.taxel_mask(sensor))),
             // A frame's rate, so that it fits.
             raw_every: settings.raw_divider() as u8,
-            compress_raw: false,
+            compress_raw: settings.compress_raw(),
             node,
             point: settings.operating_point(),
         }

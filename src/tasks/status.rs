@@ -20,8 +20,7 @@ pub struct Status {
     pub worst_frame_us: u32,
     /// Health of each sensor at the last frame.
     pub health: [SensorHealth; MAX_SENSORS],
-    /// Slip messages given up for a newer one. One that was taken back from the hardware while it was on the wire
-    /// has gone all the same and counts here too.
+    /// Slip messages given up for a newer one. Not one that was taken back too late: it was on the wire and has gone.
     pub replaced_slips: u32,
     /// Raw messages given up before their first CAN frame.
     pub dropped_raw: u32,

@@ -102,7 +102,7 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
             self.slip_given_up = true;
         }
         if self.bus.is_free(Lane::Slip) {
-            if core::mem::take(&mut self.slip_given_up) {
+            if core::mem::take(&mut self.slip_given_up) && !self.bus.has_sent(Lane::Slip) {
                 self.shared.note(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
             }
             if let Some(slip) = self.shared.take_slip() {

@@ -293,7 +293,12 @@ pub struct Frames<'a> {
 impl<'a> Frames<'a> {
     /// Cut `payload` into frames. `transfer` is the transfer identifier, of which 5 bits are used.
     pub fn new(id: impl Into<TransferId>, transfer: u8, payload: &'a [u8]) -> Self {
-        Self { cut: Cut::new(id, transfer, payload), payload }
+        Self::of_size(id, transfer, payload, FRAME_PAYLOAD)
+    }
+
+    /// As [`new`](Self::new), of which each frame takes `each` bytes: one less than a length of CAN FD.
+    pub(super) fn of_size(id: impl Into<TransferId>, transfer: u8, payload: &'a [u8], each: usize) -> Self {
+        Self { cut: Cut::new(id, transfer, payload, each), payload }
     }
 }
 
@@ -315,6 +320,8 @@ pub(super) struct Cut {
     id: u32,
     transfer: u8,
     crc: [u8; CRC_BYTES],
+    /// Bytes of transfer in a full frame.
+    each: usize,
     /// Bytes of the transfer without tail bytes: payload, padding and, in several frames, the CRC.
     total: usize,
     /// Bytes sent so far.
@@ -324,10 +331,12 @@ pub(super) struct Cut {
 }
 
 impl Cut {
-    pub(super) fn new(id: impl Into<TransferId>, transfer: u8, payload: &[u8]) -> Self {
-        let single = payload.len() <= FRAME_PAYLOAD;
+    pub(super) fn new(id: impl Into<TransferId>, transfer: u8, payload: &[u8], each: usize) -> Self {
+        let each = each.clamp(1, FRAME_PAYLOAD);
+        let single = payload.len() <= each;
         let bytes = payload.len() + if single { 0 } else { CRC_BYTES };
-        let full = bytes.saturating_sub(1) / FRAME_PAYLOAD * FRAME_PAYLOAD;
+        let before_last = bytes.saturating_sub(1) / each;
+        let full = before_last * each;
         // The last frame is padded to a length that CAN FD has. The padding stands before the CRC,
         // which covers it, so that the CRC is always what the transfer ends with.
         let total = full + fd_length(bytes - full + 1).unwrap_or(MTU) - 1;
@@ -339,9 +348,10 @@ impl Cut {
             id: id.into().to_can(),
             transfer: transfer & TRANSFER_ID_MAX,
             crc: crc.to_be_bytes(),
+            each,
             total,
             at: 0,
-            left: full / FRAME_PAYLOAD + 1,
+            left: before_last + 1,
             toggle: true,
         }
     }
@@ -349,11 +359,15 @@ impl Cut {
     /// The next frame; `None` after the last.
     pub(super) fn next(&mut self, payload: &[u8]) -> Option<CanFrame> {
         self.left = self.left.checked_sub(1)?;
-        let bytes = FRAME_PAYLOAD.min(self.total - self.at);
+        let bytes = self.each.min(self.total - self.at);
         let rest = payload.get(self.at..).unwrap_or(&[]);
         let mut data = match rest.first_chunk::<MTU>() {
             // The byte too many is where the tail byte comes.
-            Some(full) => *full,
+            Some(full) => {
+                let mut data = *full;
+                data.get_mut(bytes..).unwrap_or_default().fill(0);
+                data
+            }
             None => {
                 let mut data = [0; MTU];
                 for (out, &byte) in data.iter_mut().zip(rest.iter().take(bytes)) {
@@ -363,7 +377,7 @@ impl Cut {
             }
         };
         // The last frame or the last two.
-        if self.total > FRAME_PAYLOAD && self.left < 2 {
+        if self.total > self.each && self.left < 2 {
             for (index, &byte) in (self.total - CRC_BYTES..).zip(&self.crc) {
                 let slot = index.checked_sub(self.at).filter(|&slot| slot < bytes);
                 if let Some(out) = slot.and_then(|slot| data.get_mut(slot)) {

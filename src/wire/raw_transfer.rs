@@ -23,10 +23,10 @@ impl RawTransfer {
     pub(super) fn fill(&mut self, id: MessageId, transfer: u8, form: RawForm, frame: &RawFrame<'_>) {
         let encoded = form.encode(frame, &mut self.buffer);
         self.length = encoded.len();
-        self.cut = Some(Cut::new(id, transfer, encoded));
+        self.cut = Some(Cut::new(id, transfer, encoded, form.frame_payload()));
     }
 
-    /// The next CAN frame, 29 in all at most; `None` when all have been taken.
+    /// The next CAN frame, 39 in all at most; `None` when all have been taken.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
         self.cut.as_mut()?.next(self.buffer.bytes(self.length))
     }

@@ -17,10 +17,12 @@ use super::cyphal::{
 };
 use super::raw::RawMessage;
 use super::slip::SlipMessage;
-use super::{COMPRESSED_BYTES_MAX, COMPRESSED_PORT, RAW_PORT, SLIP_PORT};
+use super::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, RAW_PORT, SLIP_PORT};
 
 /// Bytes of the longest raw transfer, plain or compressed, as its frames carry it: with padding and CRC.
-const RAW_TRANSFER_MAX: usize = (COMPRESSED_BYTES_MAX + CRC_BYTES).div_ceil(FRAME_PAYLOAD) * FRAME_PAYLOAD;
+const RAW_TRANSFER_MAX: usize = COMPRESSED_BYTES_MAX + CRC_BYTES + PADDING_MAX;
+/// From 49 bytes to the next length of CAN FD.
+const PADDING_MAX: usize = MTU - 49;
 
 /// Why a frame did not continue or complete a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +84,8 @@ pub struct Transfer<'a> {
 #[derive(Clone, Debug)]
 pub struct Reassembler<const CAPACITY: usize> {
     bytes: Vec<u8, CAPACITY>,
+    /// Bytes of every frame's data but the last.
+    full: usize,
     /// The transfer under way and the toggle bit of its next frame.
     open: Option<(u8, bool)>,
     /// The transfer that arrived whole last.
@@ -97,7 +101,12 @@ impl<const CAPACITY: usize> Default for Reassembler<CAPACITY> {
 impl<const CAPACITY: usize> Reassembler<CAPACITY> {
     /// Nothing received yet.
     pub const fn new() -> Self {
-        Self { bytes: Vec::new(), open: None, last: None }
+        Self::of_frames(MTU)
+    }
+
+    /// As [`new`](Self::new), for a sender whose full frames have so many bytes of data.
+    pub const fn of_frames(full: usize) -> Self {
+        Self { bytes: Vec::new(), full, open: None, last: None }
     }
 
     /// As if nothing had been received yet.
@@ -130,7 +139,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
                 _ => return Err(TransferError::NotStarted { transfer }),
             }
         }
-        if !end && data.len() != MTU {
+        if !end && data.len() != self.full {
             self.open = None;
             return Err(TransferError::ShortFrame { transfer, length: data.len() });
         }
@@ -147,7 +156,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
         if !toggle {
             return Err(TransferError::Version);
         }
-        if self.open == Some((transfer, false)) && self.bytes.len() == FRAME_PAYLOAD {
+        if self.open == Some((transfer, false)) && self.bytes.len() + 1 == self.full {
             // The same first frame again: begin anew, nothing is lost.
             self.bytes.clear();
             return Ok(());
@@ -218,7 +227,7 @@ pub struct Receiver {
 impl Receiver {
     /// Listen to `node`.
     pub const fn new(node: NodeId) -> Self {
-        let compressed = Reassembler::new();
+        let compressed = Reassembler::of_frames(COMPRESSED_FRAME_BYTES);
         Self { node, slip: Reassembler::new(), raw: Reassembler::new(), compressed, missed: 0 }
     }
 

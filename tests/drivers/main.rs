@@ -4,6 +4,7 @@ mod array;
 mod decimate;
 mod fake;
 mod faults;
+mod first_slip;
 mod framing;
 mod sample_count;
 mod scan;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use slipsense::drivers::scan::{SETTLING_NS, SlotTiming};
 
-fn repository_file(path: &str) -> String {
+pub fn repository_file(path: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }

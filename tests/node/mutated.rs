@@ -23,8 +23,9 @@ const FRAMES: u32 = 1_000_000;
 /// Puts the transfers of requests together, by sender and port, and says what the last one may write.
 #[derive(Default)]
 struct Oracle {
-    /// By identifier without priority: bytes, transfer identifier, next toggle.
-    open: std::collections::HashMap<u32, (Vec<u8>, u8, bool)>,
+    /// By identifier without priority and transfer identifier: bytes, next toggle. A start that repeats an old
+    /// transfer must not end another one that is under way.
+    open: std::collections::HashMap<(u32, u8), (Vec<u8>, bool)>,
 }
 
 /// The check value of a transfer, bit by bit.
@@ -40,18 +41,18 @@ fn crc(bytes: &[u8]) -> u16 {
 impl Oracle {
     /// The payload that this frame completes.
     fn accept(&mut self, frame: &CanFrame) -> Option<Vec<u8>> {
-        let key = frame.id() & 0x03FF_FFFF;
         let (&tail, bytes) = frame.data().split_last()?;
         let (start, end, toggle, transfer) =
             (tail & 0x80 != 0, tail & 0x40 != 0, tail & 0x20 != 0, tail & 31);
         if start && !toggle {
             return None;
         }
+        let key = (frame.id() & 0x03FF_FFFF, transfer);
         if start {
-            self.open.insert(key, (Vec::new(), transfer, true));
+            self.open.insert(key, (Vec::new(), true));
         }
-        let (so_far, expected, next) = self.open.get_mut(&key)?;
-        if transfer != *expected || toggle != *next {
+        let (so_far, next) = self.open.get_mut(&key)?;
+        if toggle != *next {
             return None;
         }
         so_far.extend(bytes);

@@ -1,6 +1,7 @@
 //! Tasks above the seam on a modelled bus, in virtual time: what is lost, what never is, and that it is all counted.
 
 mod faults;
+mod full_bus;
 mod panic_record;
 mod queue;
 mod services;

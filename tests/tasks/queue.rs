@@ -64,6 +64,10 @@ impl CanTransmit for Sink {
 
     fn withdraw(&mut self, _lane: Lane) {}
 
+    fn has_sent(&self, _lane: Lane) -> bool {
+        true
+    }
+
     async fn changed(&mut self) {
         core::future::pending().await
     }

@@ -77,6 +77,10 @@ impl CanTransmit for Mouth<'_> {
 
     fn withdraw(&mut self, _: Lane) {}
 
+    fn has_sent(&self, _: Lane) -> bool {
+        true
+    }
+
     async fn changed(&mut self) {
         self.1.until(Some(self.1.now_us() * 1000 + MS)).await;
     }
@@ -329,17 +333,17 @@ fn settings_reach_the_tasks_and_the_board() {
         (30, ACCESS_PORT, access("slipsense.alarm.point", &[&[5, 3], &point[..]].concat())),
         (40, ACCESS_PORT, access("slipsense.alarm.override", &[3, 1, 0, 1])),
         (50, ACCESS_PORT, access("slipsense.sensor.orientation", &[11, 3, 0, 1, 2, 3])),
+        (55, ACCESS_PORT, access("slipsense.raw.compressed", &[3, 1, 0, 1])),
         (60, COMMAND_PORT, command(IDENTIFY)),
     ];
     let ran = Run::new(&requests, 5_200).run();
-    assert_eq!(ran.controls.raw_every, 4);
+    assert_eq!((ran.controls.raw_every, ran.controls.compress_raw), (4, true));
     assert_eq!(ran.controls.masks[1].0, std::array::from_fn(|row| (row as u32) << 7));
     assert_eq!(ran.controls.masks[0].0, [0; 32]);
     assert_eq!(ran.controls.point, Some(OperatingPoint { threshold_q10: 300, k: 2, n: 5 }));
-    assert_eq!(ran.controls.node, Some(NODE));
+    assert_eq!((ran.controls.node, ran.filters), (Some(NODE), 3));
     assert_eq!(ran.told.applied.first(), Some(&[(false, false); 3]));
     assert_eq!(ran.told.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
-    assert_eq!(ran.filters, 3);
     assert!(ran.told.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");
     assert_eq!(ran.told.shown.last(), Some(&Condition::Nominal));
 }

@@ -122,6 +122,11 @@ impl CanTransmit for Hardware<'_> {
         self.seen = self.look();
     }
 
+    fn has_sent(&self, lane: Lane) -> bool {
+        self.look();
+        self.bus.borrow().has_sent(lane)
+    }
+
     async fn changed(&mut self) {
         loop {
             let now = self.look();

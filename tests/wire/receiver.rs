@@ -213,6 +213,9 @@ fn the_reassembler_names_what_is_wrong() {
     assert_eq!(session.accept(&[]), Err(TransferError::NoTail));
     assert_eq!(session.accept(&[0b1100_0000]), Err(TransferError::Version));
     assert_eq!(session.accept(&[0, 0b1010_0011]), Err(TransferError::ShortFrame { transfer: 3, length: 2 }));
+    let shorter = TransferError::ShortFrame { transfer: 3, length: 48 };
+    assert_eq!(session.accept(&full(0b1010_0011)), Ok(None));
+    assert_eq!(session.accept(&[vec![1; 47], vec![0b0000_0011]].concat()), Err(shorter));
     assert_eq!(session.accept(&full(0b1010_0011)), Ok(None));
     assert_eq!(session.accept(&full(0b0000_0100)), Err(TransferError::NotStarted { transfer: 4 }));
     let too_long = TransferError::TooLong { transfer: 3, capacity: 100 };
@@ -221,6 +224,8 @@ fn the_reassembler_names_what_is_wrong() {
     assert_eq!(session.accept(&full(0b0110_0011)), Err(TransferError::NotStarted { transfer: 3 }));
     let empty = Transfer { transfer: 9, missed: 0, payload: &[] };
     assert_eq!(session.accept(&[0b1110_1001]), Ok(Some(empty)));
+    let mut shorter = Reassembler::<100>::of_frames(48);
+    assert_eq!(shorter.accept(&[vec![1; 47], vec![0b1010_0011]].concat()), Ok(None));
     // A transfer of 64 bytes is the shortest of two frames.
     let id = MessageId { priority: Priority::Low, port: 1, node: NODE };
     let payload: Vec<u8> = (0..64).collect();

@@ -85,6 +85,8 @@ pub struct Bus {
     times: Times,
     disturbance: Disturbance,
     slots: [Option<Slot>; Lane::ALL.len()],
+    /// Has the lane's last frame arrived?
+    sent: [bool; Lane::ALL.len()],
     wire: Option<OnWire>,
     /// Nobody sends before.
     free_ns: u64,
@@ -106,6 +108,7 @@ impl Bus {
             times: Times::new(timing),
             disturbance,
             slots: [None; Lane::ALL.len()],
+            sent: [false; Lane::ALL.len()],
             wire: None,
             free_ns: 0,
             foreign_ns: 0,
@@ -122,10 +125,16 @@ impl Bus {
         self.slots[lane as usize].is_none()
     }
 
+    /// Has the lane's last frame arrived, even if it was to be taken back?
+    pub const fn has_sent(&self, lane: Lane) -> bool {
+        self.sent[lane as usize]
+    }
+
     /// Put a frame in; the lane must be free.
     pub fn put(&mut self, lane: Lane, frame: &CanFrame, now_ns: u64) {
         debug_assert!(self.is_free(lane), "{lane:?} still holds a frame");
         self.slots[lane as usize] = Some(Slot { frame: *frame, since_ns: now_ns, taken_back: false });
+        self.sent[lane as usize] = false;
     }
 
     /// Take a frame back: at once, or when its transmission under way has failed.
@@ -274,6 +283,7 @@ impl Bus {
             None => {
                 self.confinement.transmitted();
                 self.slots[lane as usize] = None;
+                self.sent[lane as usize] = true;
                 let Slot { frame, since_ns: handed_over_ns, .. } = slot;
                 arrived(Arrived { at_ns: wire.ends_ns, handed_over_ns, lane, frame });
             }

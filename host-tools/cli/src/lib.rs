@@ -13,6 +13,8 @@ pub mod output_dir;
 mod set_dir;
 pub mod bundled;
 mod signing;
+pub mod grasp;
+pub mod hil;
 pub mod commands;
 
 use std::process::ExitCode;
@@ -41,6 +43,7 @@ Examples:
   slipsense label grasp.npz --manual 3.2:4.75 --object my-mug --out data/grasp.npz
   slipsense eval umi_ood --detector network --detector entropy --out out/eval
   slipsense record socketcan:can0 grasp.mcap      the bus, for Foxglove and for later
+  slipsense grasp --out out/grasp                 a synthetic gripper that reacts to the flag
   slipsense busload --sensors 3                   what that does to a bus
   slipsense model info                            layers, cost and head-room of the bundled model
 
@@ -70,10 +73,12 @@ enum Command {
     Quantize(commands::train::QuantizeArgs),
     Model(commands::model::Args),
     Tune(commands::tune::Args),
+    Grasp(commands::grasp::Args),
     Busload(commands::busload::Args),
     Sign(commands::sign::Args),
     Keygen(commands::keygen::Args),
     Image(commands::image::Args),
+    Hil(commands::hil::Args),
     Record(commands::record::Args),
     Monitor(commands::monitor::Args),
     Replay(commands::replay::Args),
@@ -99,10 +104,16 @@ pub fn main() -> ExitCode {
         Command::Quantize(args) => commands::train::quantize(args),
         Command::Model(args) => args.run(),
         Command::Tune(args) => args.run(),
+        Command::Grasp(args) => args.run(),
         Command::Busload(args) => args.run(),
         Command::Sign(args) => args.run(),
         Command::Keygen(args) => args.run(),
         Command::Image(args) => args.run(),
+        Command::Hil(args) => match args.run() {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
         Command::Record(args) => args.run(),
         Command::Monitor(args) => args.run(),
         Command::Replay(args) => args.run(),

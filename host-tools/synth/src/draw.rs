@@ -24,6 +24,8 @@ pub(crate) enum Stream {
     Vibration = 80,
     Accelerometer = 96,
     Encoder = 112,
+    Motion = 128,
+    Trial = 144,
 }
 
 /// The draws of one part; `sensor` keeps the sensors apart and is 0 for what they share.

@@ -10,6 +10,7 @@ use crate::contact::{Contact, Grain, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Rng, Stream, stream};
 use crate::film::{Film, FilmSession};
 use crate::friction::{Interface, Pull, STEP_HZ, Sliding};
+use crate::hand::Hand;
 use crate::log::Log;
 use crate::objects::Shape;
 use crate::recipe::{Platform, Recipe, Region, Resolved};
@@ -17,7 +18,7 @@ use crate::scenario::Plan;
 use crate::scenario::levels::{DRAG_MM_S, Span};
 use crate::timeline::Event;
 use crate::unit::{Unit, UnitId};
-use crate::vibration::{self, Clock, Modes, Scene, Slide, Sound};
+use crate::vibration::{self, Clock, Draws, Modes, Scene, Slide, Sound};
 
 /// Steps of the quasi-static physics per frame.
 pub(crate) const STEPS: usize = STEP_HZ as usize / FRAME_RATE_HZ as usize;
@@ -40,6 +41,10 @@ pub(crate) struct Finger {
     pub fraction: Vec<f64>,
     /// Slid length so far.
     pub path_mm: Vec<f64>,
+    /// Turn of the object since it was gripped.
+    pub turn_rad: Vec<f64>,
+    /// The object is between the fingers: some of the pad carries load.
+    pub loaded: Vec<bool>,
     /// Faults of the array.
     pub faults: Vec<Event>,
 }
@@ -48,7 +53,10 @@ pub(crate) struct Finger {
 pub(crate) struct Shared<'a> {
     recipe: &'a Recipe,
     what: &'a Resolved,
-    plan: &'a Plan,
+    /// What happens. A plant puts another in its place, with the commands that came since.
+    pub plan: &'a Plan,
+    /// The sources of vibration draw each from a stream of its own.
+    pub sources_apart: bool,
     frames: usize,
     pub units: Vec<UnitId>,
     builds: Vec<Build>,
@@ -58,12 +66,21 @@ pub(crate) struct Shared<'a> {
     lean: f64,
     /// Share of the grip that each sensor carries.
     shares: [f64; MAX_SENSORS],
-    sound: Sound,
+    pub sound: Sound,
     /// Speed of dragging, [`STEP_HZ`] values per second.
     drag_mm_s: Vec<f64>,
     pub lsb_g: f64,
     /// Samples that every accelerometer delivers, enough for the fastest clock.
     samples: usize,
+}
+
+/// What happens at one pad.
+#[derive(Default)]
+struct Touched {
+    slide: Slide,
+    /// At each tick.
+    turn_rad: Vec<f64>,
+    loaded: Vec<bool>,
 }
 
 /// One sensor with what its accelerometer is like in this recording.
@@ -157,6 +174,7 @@ impl<'a> Shared<'a> {
             recipe,
             what,
             plan,
+            sources_apart: false,
             frames,
             samples: builds.iter().map(|b| b.clock.samples).max().unwrap_or(0),
             units,
@@ -234,7 +252,8 @@ impl<'a> Shared<'a> {
             }),
         );
         let mut film = Film::new(&build.unit.film, film_session, rng);
-        let slide = self.touch(sensor, &mut contact, &mut interface, &mut grain, &mut film, piezo);
+        let Touched { slide, turn_rad, loaded } =
+            self.touch(sensor, &mut contact, &mut interface, &mut grain, &mut film, piezo);
         let (xl, xl_end) = self.hear(sensor, &slide);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
@@ -246,6 +265,8 @@ impl<'a> Shared<'a> {
             slip_mm_s: per_frame(&slide.speed_mm_s),
             fraction: per_frame(&slide.fraction),
             path_mm: at_ticks(&slide.path_mm),
+            turn_rad,
+            loaded,
             faults,
         }
     }
@@ -259,13 +280,14 @@ impl<'a> Shared<'a> {
         (grain, rng): &mut (Grain, Rng),
         film: &mut Film<'_>,
         piezo: &mut [PiezoFrame],
-    ) -> Slide {
+    ) -> Touched {
         let share = self.shares[sensor];
         let line = &self.plan.timeline;
         let grip: Vec<f64> = line.grip_n.iter().map(|n| n * share).collect();
         let mut map = PressureMap::empty();
         let (mut map_n, mut sliding) = (0.0, Sliding::default());
-        let mut slide = Slide::default();
+        let Touched { mut slide, mut turn_rad, mut loaded } = Touched::default();
+        let mut hand = Hand::default();
         let mut gripped_at = ([0.0; 2], 0.0);
         for frame in 0..self.frames {
             let steps = frame * STEPS..(frame + 1) * STEPS;
@@ -277,7 +299,12 @@ impl<'a> Shared<'a> {
                     map_n = force;
                 }
                 let scale = if map_n > 0.0 { force / map_n } else { 0.0 };
-                sliding = interface.step(&map, scale, self.pull(step, sensor), 1.0 / STEP_HZ);
+                let mut pull = self.pull(step, sensor);
+                if let Some(strength) = self.plan.strength {
+                    let object = (interface.position_mm(), interface.turn_rad());
+                    pull = hand.pull(pull, strength.shared(share), object);
+                }
+                sliding = interface.step(&map, scale, pull, 1.0 / STEP_HZ);
                 slide.speed_mm_s.push(sliding.speed_mm_s);
                 slide.fraction.push(sliding.fraction);
                 slide.path_mm.push(sliding.path_mm);
@@ -297,6 +324,8 @@ impl<'a> Shared<'a> {
             contact.pressures(force, sliding.shear_n.map(|n| lean * n), &mut map);
             grain.apply(sliding.path_mm, rng, &mut map);
             map_n = force;
+            turn_rad.push(sliding.turn_rad - gripped_at.1);
+            loaded.push(!map.loaded.is_empty());
             interface.release_unloaded(&map);
             let pickup = line.pickup_counts(tick, self.plan.motor_pickup_counts);
             piezo[frame * self.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
@@ -304,7 +333,7 @@ impl<'a> Shared<'a> {
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
             });
         }
-        slide
+        Touched { slide, turn_rad, loaded }
     }
 
     /// What pulls one finger's contact in a step: every finger bears its share. The second finger and the
@@ -326,8 +355,9 @@ impl<'a> Shared<'a> {
         let build = &self.builds[sensor];
         let clock = Clock { samples: self.samples, ..build.clock };
         let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
-        let motion_g =
-            self.sound.motion_g(&scene, slide, &build.modes, sensor, clock, &mut build.rng.clone());
+        let draws = if self.sources_apart { Draws::apart } else { Draws::in_turn };
+        let draws = &mut draws(build.rng.clone());
+        let motion_g = self.sound.motion_g(&scene, slide, &build.modes, sensor, clock, draws);
         let noise = &mut stream(self.recipe.seed, Stream::Accelerometer, sensor);
         let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion_g, noise);
         (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))

@@ -16,10 +16,12 @@ mod field;
 pub mod film;
 mod finger;
 mod friction;
+mod hand;
 pub mod labels;
 mod log;
 pub mod mix;
 pub mod objects;
+pub mod plant;
 mod recipe;
 mod scenario;
 pub mod splits;
@@ -84,6 +86,12 @@ pub enum SynthError {
     /// Direction of a pull, where no hand pulls.
     #[error("recipe: pull_angle_deg is given, but only scenario free_pull takes one")]
     PullAngleScenario,
+    /// A plant that nothing pulls.
+    #[error("recipe: scenario is {0:?}, a plant takes free_pull or rotation")]
+    PlantScenario(ScenarioChoice),
+    /// Strength of the hand that pulls.
+    #[error("strength is {0}, must be a number above 0")]
+    Strength(f64),
     /// Noise factor.
     #[error("recipe: noise is {0}, must be 0 to 4")]
     Noise(f64),

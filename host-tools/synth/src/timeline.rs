@@ -46,6 +46,7 @@ pub(crate) struct Pulse {
 }
 
 /// Series at [`STEP_HZ`] and a list of impacts.
+#[derive(Clone)]
 pub(crate) struct Timeline {
     seconds: f64,
     /// Grip force of one finger, newtons.

@@ -10,6 +10,8 @@ use crate::process::run;
 use crate::toolchain::Toolchain;
 
 const FIRMWARE: &str = "slipsense-firmware";
+/// What `slipsense hil` talks to.
+const HIL: &str = "slipsense-hil";
 
 /// A board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
@@ -41,12 +43,21 @@ impl Board {
 
     /// Build its firmware, warnings denied, with a list of what each function takes of the stack.
     pub fn build(self) -> Result<PathBuf> {
+        self.build_program(FIRMWARE)
+    }
+
+    /// The same of the program with a mailbox in place of sensors and bus.
+    pub fn build_hil(self) -> Result<PathBuf> {
+        self.build_program(HIL)
+    }
+
+    fn build_program(self, name: &str) -> Result<PathBuf> {
         let toolchain = Toolchain::get()?;
         let mut build = toolchain.build_with_stack_sizes();
-        run(build.args(["--package", "slipsense", "--bin", FIRMWARE, "--features", self.feature()]))?;
+        run(build.args(["--package", "slipsense", "--bin", name, "--features", self.feature()]))?;
         // Every board's program has this name: the next build would take its place.
-        let built = toolchain.program(FIRMWARE);
-        let kept = built.with_file_name(format!("{FIRMWARE}-{}", self.feature()));
+        let built = toolchain.program(name);
+        let kept = built.with_file_name(format!("{name}-{}", self.feature()));
         std::fs::copy(built, &kept)?;
         Ok(kept)
     }

@@ -197,6 +197,11 @@ impl CanTransmit for CanBus {
         }
     }
 
+    fn has_sent(&self, lane: Lane) -> bool {
+        // Set when the frame has been acknowledged, also one whose cancellation came too late (RM0433, TXBTO).
+        self.buffer(lane).is_some_and(|buffer| pac::FDCAN1.txbto().read().0 & 1 << (buffer % 32) != 0)
+    }
+
     async fn changed(&mut self) {
         poll_fn(|context| {
             WAITING.register(context.waker());

@@ -29,6 +29,7 @@ pub mod accelerometers;
 mod can;
 mod flash;
 mod flash_word;
+mod installed;
 pub mod memory;
 mod model;
 mod panic;
@@ -93,10 +94,6 @@ axi_sram_slot! {
 axi_sram_slot! {
     /// The drivers and what they remember; DTCM is for the model.
     SOURCE: BoardSensors
-}
-axi_sram_slot! {
-    /// All that the pipeline remembers.
-    STATE: State
 }
 static PIPELINE: StaticCell<BoardInference> = StaticCell::new();
 
@@ -189,7 +186,7 @@ fn make(hardware: Hardware) -> Tasks {
     let (can, can_rx, inbox) = CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate);
     let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(raw_buffers())).split();
     SHARED.control(Controls::of(&settings, settings.node_id()));
-    let (model, from) = model::read(flash);
+    let (model, from) = installed::read(flash);
     let node = match model {
         Some(model) => place(model, raw_sender, sensors),
         None => Node::WithoutModel(sensors),
@@ -244,20 +241,10 @@ enum Node {
     WithoutModel(usize),
 }
 
-/// What the pipeline remembers at first.
-static FIRST_STATE: State = State::new();
-
 /// On a state that is made where it stays, in AXI SRAM.
 #[inline(never)]
 fn place(model: Model<'static>, raw: RawSender, sensors: usize) -> Node {
-    let state = unwrap!(STATE.take());
-    // SAFETY: a state is plain numbers, so a copy of the bytes of one is another. Written as a value it would, with
-    // some compilers, be made on the stack first.
-    let state = unsafe {
-        state.as_mut_ptr().copy_from_nonoverlapping(&raw const FIRST_STATE, 1);
-        state.assume_init_mut()
-    };
-    let pipeline = match Pipeline::within(state, model, sensors) {
+    let pipeline = match Pipeline::within(model::first_state(), model, sensors) {
         Ok(pipeline) => pipeline,
         Err(error) => {
             error!("pipeline: {}", Display2Format(&error));

@@ -10,7 +10,7 @@ use slipsense::update::{
 };
 
 use super::flash::{Part, Parts};
-use super::model;
+use super::installed;
 use crate::board::PARTITIONS;
 
 /// At the start three, at the end of a trial one.
@@ -37,7 +37,7 @@ impl Updates {
             Err(why) => Err(*why),
         };
         let firmware = run.and(firmware);
-        let (model, place) = (model::slot(flash), model::trial_place());
+        let (model, place) = (installed::slot(flash), installed::trial_place());
         let mut updates = Self {
             version,
             sink: UpdateSink::new(PARTITIONS, PUBLIC_KEY, version, firmware, model, place),

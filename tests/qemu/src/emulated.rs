@@ -10,12 +10,15 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use heapless::Vec;
 use panic_semihosting as _;
+use slipsense::board::replay::FRAME_BYTES_MAX;
 use slipsense::board::{SensedFrame, StoppedClock};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
-use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
+use slipsense::tasks::{
+    Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
+};
 use slipsense::wire::{RawTransfer, Transmitter};
-use slipsense_qemu::input::{FRAME_BYTES_MAX, HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use slipsense_qemu::record::Record;
 use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -96,6 +99,7 @@ fn main() -> ! {
     let model = Model::parse(model).expect("the model is valid");
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
 
+    SHARED.control(Controls { compress_raw: header.compress_raw, ..Controls::DEFAULT });
     let recorder = Recorded(RECORDER.init(critical_section::Mutex::new(RefCell::new(Recorder {
         file: open(OUTPUT_FILE, File::create),
         began: Instant::MIN,

@@ -1,16 +1,13 @@
 //! The output file: one record per frame, with every result of the signal path.
 
 use heapless::Vec;
+use slipsense::board::replay::CAN_FRAMES_MAX;
 use slipsense::features::LogMel;
 use slipsense::params::{CLASSES, MAX_SENSORS};
 use slipsense::pipeline::Output;
-use slipsense::wire::{CanFrame, RAW_BYTES_MAX};
+use slipsense::wire::CanFrame;
 
 use crate::bytes::Reader;
-
-/// CAN frames of one frame period, at most: the slip message and the raw frame of every sensor, each of
-/// 63 bytes a CAN frame with two bytes of CRC at the end.
-pub const CAN_FRAMES_MAX: usize = 1 + MAX_SENSORS * (RAW_BYTES_MAX + 2).div_ceil(63);
 
 /// Everything that one frame led to. Entries of sensors that are not in use are zero.
 #[derive(Clone, Debug, Default)]

@@ -5,15 +5,15 @@
 //! period), whether an overflow drops single axes (here: yes, the oldest entries).
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use rigless::chip::Timeline;
 use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
-use slipsense::sensor::XlSample;
 use slipsense_episode::Episode;
 
 use crate::trouble::{self, Kind, Trouble};
+use crate::xl::{self, Readouts, Xl};
 
 const DEVID_AD: u8 = 0x00;
 const DEVID_MST: u8 = 0x01;
@@ -39,10 +39,8 @@ const CHANNEL_ID: u8 = 1 << 6;
 /// OP_MODE's modes that deliver 8 kHz: high performance.
 const HIGH_PERFORMANCE: u8 = 12;
 const ENTRIES: usize = 315;
-const NOMINAL_HZ: f64 = 8000.0;
-
-/// What was read of a part's FIFO, one batch a transaction, and when it ended, virtual ns.
-pub type Readouts = Arc<Mutex<Vec<(u64, Vec<XlSample>)>>>;
+/// Samples that it makes in the time of one while its oscillator is in trouble: 133 in a frame, and the FIFO holds 105.
+const TOO_FAST: usize = 4;
 
 /// The part.
 #[derive(Debug)]
@@ -60,9 +58,7 @@ pub struct Adxl380 {
     measuring: Option<u64>,
     made: u64,
     /// Samples taken from the episode so far.
-    pub played: usize,
-    /// Entries that were dropped because the FIFO was full.
-    pub dropped: u64,
+    played: usize,
     silent_until: u64,
     /// Command of this transaction, and the byte of an entry that comes next.
     command: Option<u8>,
@@ -86,13 +82,12 @@ impl Adxl380 {
             episode,
             sensor,
             troubles,
-            period_ns: 1e9 / (NOMINAL_HZ * (1.0 + error)),
+            period_ns: 1e9 / Xl::Adxl380.rate_hz(error),
             registers: [0; 128],
             fifo: VecDeque::with_capacity(ENTRIES + 3),
             measuring: None,
             made: 0,
             played: 0,
-            dropped: 0,
             silent_until: 0,
             command: None,
             address: 0,
@@ -123,31 +118,27 @@ impl Adxl380 {
         while self.made < due {
             self.made += 1;
             let at = since + (self.made as f64 * self.period_ns) as u64;
-            if trouble::active(&self.troubles, at).any(|kind| kind == Kind::AccelerometerStops) {
+            let in_trouble = |what| trouble::active(&self.troubles, at).any(|kind| kind == what);
+            if in_trouble(Kind::AccelerometerStops) {
                 continue;
             }
-            let sample = self.next_sample();
-            if self.register(DIG_EN) & FIFO_ENABLE == 0 {
-                continue;
-            }
-            for (axis, value) in sample.into_iter().enumerate() {
-                if self.fifo.len() == ENTRIES {
-                    self.fifo.pop_front();
-                    self.dropped += 1;
-                }
-                self.fifo.push_back((axis as u8, value));
-            }
+            let samples = if in_trouble(Kind::FifoOverrun) { TOO_FAST } else { 1 };
+            (0..samples).for_each(|_| self.make_sample());
         }
     }
 
-    fn next_sample(&mut self) -> XlSample {
-        let Some(samples) = self.episode.as_ref().and_then(|episode| episode.xl.get(self.sensor)) else {
-            return XlSample::default();
-        };
-        // After its end the episode holds its last value.
-        let sample = samples.get(self.played).or(samples.last()).copied().unwrap_or_default();
+    fn make_sample(&mut self) {
+        let sample = xl::felt(self.episode.as_deref(), self.sensor, self.played);
         self.played += 1;
-        sample
+        if self.register(DIG_EN) & FIFO_ENABLE == 0 {
+            return;
+        }
+        for (axis, value) in sample.into_iter().enumerate() {
+            if self.fifo.len() == ENTRIES {
+                self.fifo.pop_front();
+            }
+            self.fifo.push_back((axis as u8, value));
+        }
     }
 
     fn read_byte(&mut self) -> u8 {
@@ -231,11 +222,8 @@ impl Peer for Adxl380 {
     }
 
     fn deselect(&mut self, context: &mut Timeline<'_, '_>) {
-        if !self.batch.is_empty() {
-            let samples = self.batch.chunks_exact(3).map(|xyz| [xyz[0], xyz[1], xyz[2]]).collect();
-            let mut readouts = self.readouts.lock().expect("no holder of the readouts panics");
-            readouts.push((context.now().0, samples));
-            self.batch.clear();
-        }
+        let samples = self.batch.chunks_exact(3).map(|xyz| [xyz[0], xyz[1], xyz[2]]).collect();
+        xl::note(&self.readouts, context.now().0, samples);
+        self.batch.clear();
     }
 }

@@ -22,6 +22,9 @@ const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.
 const PERIOD_US: u64 = 4_166;
 /// Ticks of the board's own timer are this far from 240 Hz at most.
 const PERIOD_SLACK_US: u64 = 4;
+/// A count of whole samples is up to one behind the clock that makes them; and a FIFO is read the later, the more the
+/// one before it held.
+const XL_CLOCK_SPREAD_MAX: f64 = 1.5;
 
 /// Scans that may go by before the first that is sent.
 const SHIFT_MAX: usize = 16;
@@ -58,6 +61,10 @@ pub struct Comparison {
     /// Samples equal to the episode's, in sequence without a gap; and breaks.
     pub samples_equal: usize,
     pub samples_different: Vec<String>,
+    /// Where `xl_end` does not count these samples, or not as the part's clock does.
+    pub xl_end_different: Vec<String>,
+    /// How far `xl_end` ran from that clock, least to most, samples.
+    pub xl_clock_spread: f64,
     /// Frame numbers that were left out, and ticks that were not 1/240 s apart.
     pub skipped: u32,
     pub uneven: Vec<String>,
@@ -114,7 +121,7 @@ pub fn compare(done: &Done, episode: Option<&Episode>) -> Result<Comparison> {
     comparison.missed_transfers = receiver.missed();
     comparison.ticks();
     if let Some(episode) = episode {
-        comparison.sensors(&raws, episode);
+        comparison.sensors(&raws, done, episode);
     }
     comparison.decisions(&raws, done, episode)?;
     Ok(comparison)
@@ -162,24 +169,26 @@ impl Comparison {
                 let raw = raws.get(&(message.sequence, sensor as u8));
                 let piezo = raw.map(|raw| &raw.piezo).or_else(|| {
                     let frame = (message.sequence as usize).checked_sub(self.shift[sensor])?;
-                    // After its end the arrays hold the last frame.
-                    episode.map(|episode| episode.piezo(frame.min(episode.frames() - 1), sensor))
+                    episode.map(|episode| episode.piezo(frame % episode.frames(), sensor))
                 });
                 let read = readout(&done.readouts[sensor], tick_ns);
                 if let (Some(raw), Some(read)) = (raw, read)
                     && flags & health::XL_MISSING == 0
-                    && raw.xl.as_slice() != read
+                    && !(read.ends_with(&raw.xl) && read.len() == raw.xl.len() + usize::from(raw.xl_dropped))
                 {
                     let sequence = message.sequence;
                     self.samples_different.push(format!("frame {sequence}: not the samples that were read"));
                 }
-                let xl = raw.map(|raw| raw.xl.as_slice()).or(read);
+                // A message holds the newest samples of a FIFO that was full.
+                let carried = raw.filter(|raw| raw.xl_dropped == 0);
+                let none = (flags & health::XL_MISSING != 0).then_some(&[][..]);
+                let xl = carried.map(|raw| raw.xl.as_slice()).or(read).or(none);
                 let (Some(piezo), Some(xl)) = (piezo, xl) else {
                     self.ended =
                         Some(format!("frame {}: no reading of sensor {sensor} is known", message.sequence));
                     return Ok(());
                 };
-                self.from_models += usize::from(raw.is_none());
+                self.from_models += usize::from(carried.is_none());
                 input.piezo = (flags & health::PIEZO_MISSING == 0).then_some(piezo);
                 input.xl = (flags & health::XL_MISSING == 0).then_some(xl);
             }
@@ -195,11 +204,12 @@ impl Comparison {
         Ok(())
     }
 
-    fn sensors(&mut self, raws: &BTreeMap<(u32, u8), RawMessage>, episode: &Episode) {
+    fn sensors(&mut self, raws: &BTreeMap<(u32, u8), RawMessage>, done: &Done, episode: &Episode) {
         for sensor in 0..episode.sensors {
             let of_sensor = || raws.iter().filter(|((_, number), _)| usize::from(*number) == sensor);
             self.taxels(of_sensor().map(|((sequence, _), raw)| (*sequence, raw)), episode, sensor);
-            self.samples(of_sensor().map(|((sequence, _), raw)| (*sequence, raw)), &episode.xl[sensor]);
+            let raws = of_sensor().map(|((sequence, _), raw)| (*sequence, raw));
+            self.samples(raws, &episode.xl[sensor], done.xl_rate_hz);
         }
     }
 
@@ -216,8 +226,8 @@ impl Comparison {
             .map(|(sequence, raw)| (sequence as usize, &raw.piezo))
             .collect();
         let played = |sequence: usize, shift: usize| {
-            let frame = sequence.checked_sub(shift).filter(|frame| *frame < episode.frames());
-            frame.map(|frame| episode.piezo(frame, sensor))
+            let frame = sequence.checked_sub(shift)?;
+            Some(episode.piezo(frame % episode.frames(), sensor))
         };
         let agreeing = |shift: &usize| {
             scans.iter().filter(|(sequence, scan)| played(*sequence, *shift) == Some(*scan)).count()
@@ -225,7 +235,7 @@ impl Comparison {
         let shift = (0..SHIFT_MAX).max_by_key(agreeing).unwrap_or(0);
         self.shift[sensor] = shift;
         for (sequence, scan) in scans {
-            // Before its beginning nothing is played, after its end the last frame.
+            // Before its beginning nothing is played.
             let Some(expected) = played(sequence, shift) else { continue };
             if expected == scan {
                 self.taxels_equal += 1;
@@ -236,42 +246,74 @@ impl Comparison {
         }
     }
 
-    /// Samples follow one another as the part made them; the first ones are thrown away while it settles.
-    fn samples<'a>(&mut self, raws: impl Iterator<Item = (u32, &'a RawMessage)>, played: &[XlSample]) {
-        let (mut next, mut last): (Option<usize>, Option<u32>) = (None, None);
+    /// Samples follow one another as the part made them, the episode's over and over, and `xl_end` counts them; the
+    /// first ones are thrown away while the part settles.
+    fn samples<'a>(
+        &mut self,
+        raws: impl Iterator<Item = (u32, &'a RawMessage)>,
+        played: &[XlSample],
+        rate_hz: f64,
+    ) {
+        let follow = |from: usize, batch: &[XlSample]| {
+            (from..).zip(batch).all(|(index, sample)| played[index % played.len()] == *sample)
+        };
+        let mut last: Option<(u32, usize)> = None;
+        let mut ahead: Option<f64> = None;
+        let mut clock: Option<(f64, f64)> = None;
         for (sequence, raw) in
             raws.filter(|(_, raw)| raw.health & health::XL_MISSING == 0 && !raw.xl.is_empty())
         {
             let batch = raw.xl.as_slice();
+            let next = last.map_or(0, |(_, next)| next);
             // After messages that the bus did not carry: the first such samples from there on.
-            let follows = last.is_some_and(|last| sequence == last + 1);
-            let since = next.unwrap_or(0).min(played.len());
-            let search = || played[since..].windows(batch.len()).position(|window| window == batch);
-            let from = next.filter(|_| follows).or_else(|| Some(since + search()?));
-            last = Some(sequence);
-            let Some(from) = from else {
-                // After its end the part holds the last sample.
-                if batch.last() == played.last() {
-                    break;
-                }
+            let follows = last.is_some_and(|(last, _)| sequence == last + 1);
+            let from = if follows {
+                next + usize::from(raw.xl_dropped)
+            } else if let Some(from) = (next..next + played.len()).find(|from| follow(*from, batch)) {
+                from
+            } else {
                 self.samples_different.push(format!("frame {sequence}: samples that the part did not make"));
                 continue;
             };
-            if from + batch.len() > played.len() {
-                break;
-            }
-            if played[from..from + batch.len()] == *batch {
+            if follow(from, batch) {
                 self.samples_equal += batch.len();
             } else {
                 self.samples_different.push(format!("frame {sequence}: not the samples that follow"));
             }
-            next = Some(from + batch.len());
+            let end = from + batch.len();
+            last = Some((sequence, end));
+            // The count began before the episode's first sample.
+            let before = f64::from(raw.xl_end) - end as f64;
+            if *ahead.get_or_insert(before) != before {
+                self.xl_end_different.push(format!(
+                    "frame {sequence}: xl_end {} after sample {end} of the episode",
+                    raw.xl_end
+                ));
+                ahead = Some(before);
+            }
+            let off = f64::from(raw.xl_end) - raw.timestamp_us as f64 * 1e-6 * rate_hz;
+            clock = Some(clock.map_or((off, off), |(least, most)| (least.min(off), most.max(off))));
+        }
+        let Some((least, most)) = clock else { return };
+        self.xl_clock_spread = self.xl_clock_spread.max(most - least);
+        if most - least > XL_CLOCK_SPREAD_MAX {
+            self.xl_end_different
+                .push(format!("xl_end runs {:.2} samples off the part's {rate_hz:.1} Hz", most - least));
         }
     }
 
     /// Nothing differs, and there was something to compare.
-    pub fn is_equal(&self) -> bool {
-        let differences = [&self.undecoded, &self.different, &self.taxels_different, &self.samples_different];
+    pub fn is_equal(&self, played: bool) -> bool {
+        if played && (self.taxels_equal == 0 || self.samples_equal == 0) {
+            return false;
+        }
+        let differences = [
+            &self.undecoded,
+            &self.different,
+            &self.taxels_different,
+            &self.samples_different,
+            &self.xl_end_different,
+        ];
         differences.iter().all(|list| list.is_empty()) && self.compared > 0
     }
 }

@@ -17,14 +17,16 @@ use rigless::soc::{Bus, Error, Window};
 use rigless::time::VirtualNanos;
 use slipsense_episode::Episode;
 
-use crate::adxl380::{Adxl380, Readouts};
+use crate::adxl380::Adxl380;
 use crate::arrays::{AddressLines, Arrays, REFERENCE_MV, Shared, Streams, Trigger, TriggeredInputs, lock};
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam};
+use crate::icm42688::Icm42688;
 use crate::steady::Settings;
 use crate::tapped::Tapped;
 use crate::trouble::Trouble;
 use crate::window::Windowed;
+use crate::xl::{Readouts, Xl};
 
 /// The core's clock that `clocks.rs` sets, and with one instruction per cycle its rate. A choice, not a
 /// measurement: the silicon issues up to two, and waits for flash and buses.
@@ -43,7 +45,9 @@ const XL_SPI: usize = 0;
 pub struct Fitted {
     /// What the sensors play; none: no accelerometer, and arrays that nothing touches.
     pub episode: Option<Arc<Episode>>,
-    /// How much faster than nominal the accelerometers' oscillators are, as a fraction.
+    /// The accelerometer behind each array.
+    pub xl: Xl,
+    /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
     pub xl_error: f64,
     /// What happens.
     pub troubles: Vec<Trouble>,
@@ -199,15 +203,18 @@ impl Twin {
         let sensors = fitted.episode.as_ref().map_or(0, |episode| episode.sensors);
         let readouts: [Readouts; CHIP_SELECTS.len()] = Default::default();
         for (sensor, (port, pin)) in CHIP_SELECTS.into_iter().enumerate().take(sensors) {
-            let part = Adxl380::new(
-                fitted.episode.clone(),
-                sensor,
-                fitted.xl_error,
-                fitted.troubles.clone(),
-                readouts[sensor].clone(),
-            );
             let pin = Pin::new(pin).expect("a port has sixteen pins");
-            mcu.part.spi[XL_SPI].attach_selected(part, Select { port, pin, active: Level::Low });
+            let select = Select { port, pin, active: Level::Low };
+            let (episode, readouts) = (fitted.episode.clone(), readouts[sensor].clone());
+            let spi = &mut mcu.part.spi[XL_SPI];
+            match fitted.xl {
+                Xl::Adxl380 => {
+                    let troubles = fitted.troubles.clone();
+                    let part = Adxl380::new(episode, sensor, fitted.xl_error, troubles, readouts);
+                    spi.attach_selected(part, select);
+                }
+                Xl::Icm42688 => spi.attach_selected(Icm42688::new(episode, sensor, readouts), select),
+            }
         }
         Ok(Self { mcu, readouts, slow: fitted.slow })
     }

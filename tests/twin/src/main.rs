@@ -1,38 +1,51 @@
 //! The board twin: the very ELF that is flashed, on an emulated STM32H743, in virtual time.
 //!
-//! The emulator is the crate rigless; ours are the FDCANs, the bus and its far end, the accelerometers and the taxel
-//! arrays. `cargo xtask twin` builds and runs it.
+//! The emulator is the crate rigless; ours are the FDCANs, the bus and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
 
 mod adxl380;
 mod arrays;
 mod compare;
 mod far_end;
+mod faults;
 mod fdcan;
+mod icm42688;
 mod machine;
+mod recovery;
 mod report;
 mod rtt;
 mod run;
+mod settings;
 mod steady;
 mod tapped;
 mod told;
 mod trouble;
 mod window;
+mod xl;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Parser;
+use slipsense_episode::Episode;
+use trouble::{Kind, Trouble};
+use xl::Xl;
+
+/// Of an ADXL380's oscillator, if nothing else is asked for.
+const XL_ERROR_PERCENT: f64 = 0.7;
 
 /// Run the firmware's ELF on an emulated STM32H743, and compare what it sends with the host.
 #[derive(Debug, Parser)]
 #[command(after_help = "Examples:
   cargo xtask twin                                         one virtual second without sensors
   cargo xtask twin host-tools/cli/demo/episode.npz         play an episode through the sensors
+  cargo xtask twin EPISODE.npz --xl icm42688               the firmware for that part, with the emulator's own model
   cargo xtask twin --seconds 3 --trouble off:0.5-1.5       nobody acknowledges for a second
+  cargo xtask twin EPISODE.npz --faults                    every trouble in turn, and a table of flags and recovery
   cargo xtask twin --gdb 3333                              wait for a debugger on this port")]
 struct Arguments {
-    /// Episode that the sensor models play; none: no sensor is fitted.
+    /// Episode that the sensor models play, over and over; none: no sensor is fitted.
     episode: Option<PathBuf>,
     /// The firmware.
     #[arg(long)]
@@ -46,14 +59,26 @@ struct Arguments {
     /// Print the firmware's log.
     #[arg(long)]
     rtt: bool,
-    /// Deviation of the accelerometers' oscillators, per cent.
-    #[arg(long, default_value_t = 0.7, allow_negative_numbers = true)]
-    xl_error: f64,
+    /// Sensors in use, as settings in flash say it; else the flash is blank, which means one.
+    #[arg(long, requires = "episode", value_parser = clap::value_parser!(u8).range(1..=3))]
+    sensors: Option<u8>,
+    /// Accelerometer behind each array, for which the firmware must be built.
+    #[arg(long, value_enum, default_value_t)]
+    xl: Xl,
+    /// Deviation of the ADXL380s' oscillators, per cent, 0.7 if not given. The emulator's ICM-42688-P has none.
+    #[arg(long, allow_negative_numbers = true, value_parser = percent)]
+    xl_error: Option<f64>,
     /// What happens to bus and sensors, as NAME:FROM-TO in virtual seconds; more than once for more. Bus: off (no
     /// acknowledge), jam (every frame), errors1, errors10 (per cent of the frames), flood (another node's full
-    /// frames); sensors: xl-stops, adc-stuck.
+    /// frames); sensors: xl-stops, xl-overrun (its FIFO; both the ADXL380's), adc-stuck.
     #[arg(long, value_parser = trouble::parse)]
-    trouble: Vec<trouble::Trouble>,
+    trouble: Vec<Trouble>,
+    /// Every one of these troubles in turn; fails where one does not show what it must, or does not end.
+    #[arg(long, requires = "episode", conflicts_with_all = ["trouble", "seconds", "far_end"])]
+    faults: bool,
+    /// Another firmware than the board's: print its log, which must hold a line with this text.
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "trouble", "faults", "far_end"])]
+    says: Option<String>,
     /// Run every event of the taxel scan one by one, and check every access by the MPU: the same to the nanosecond,
     /// and many times slower.
     #[arg(long)]
@@ -76,6 +101,13 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+fn percent(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(percent) if (-50.0..=50.0).contains(&percent) => Ok(percent),
+        _ => Err("need a number from -50 to 50".to_owned()),
+    }
+}
+
 fn main() -> ExitCode {
     match real_main(&Arguments::parse()) {
         Ok(true) => ExitCode::SUCCESS,
@@ -87,16 +119,48 @@ fn main() -> ExitCode {
     }
 }
 
+/// What the emulator's model of the ICM-42688-P cannot do.
+fn check_xl(arguments: &Arguments, troubles: &[Trouble]) -> Result<()> {
+    if arguments.xl != Xl::Icm42688 {
+        return Ok(());
+    }
+    if arguments.xl_error.is_some() {
+        bail!("--xl-error: the emulator's ICM-42688-P has no oscillator of its own");
+    }
+    let ours = |trouble: &&Trouble| matches!(trouble.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
+    match troubles.iter().find(ours) {
+        Some(trouble) => {
+            bail!("{}: a trouble of the ADXL380's; the emulator's ICM-42688-P has none", trouble.name)
+        }
+        None => Ok(()),
+    }
+}
+
+/// What the sensors play: the file's, but for samples that the part cannot give.
+fn read(path: &Path, xl: Xl) -> Result<Arc<Episode>> {
+    let mut episode = Episode::read(path)?;
+    for axis in episode.xl.iter_mut().flatten().flatten() {
+        *axis = (*axis).max(xl.least());
+    }
+    Ok(Arc::new(episode))
+}
+
 fn real_main(arguments: &Arguments) -> Result<bool> {
-    let episode = match &arguments.episode {
-        Some(path) => Some(std::sync::Arc::new(slipsense_episode::Episode::read(path)?)),
-        None => None,
-    };
+    let troubles = if arguments.faults { faults::schedule() } else { arguments.trouble.clone() };
+    check_xl(arguments, &troubles)?;
+    let episode = arguments.episode.as_deref().map(|path| read(path, arguments.xl)).transpose()?;
+    if let (Some(sensors), Some(episode)) = (arguments.sensors, &episode)
+        && usize::from(sensors) > episode.sensors
+    {
+        bail!("--sensors {sensors}: the episode has {}", episode.sensors);
+    }
     let options = run::Options {
-        seconds: arguments.seconds,
+        seconds: if arguments.faults { faults::seconds(&troubles) } else { arguments.seconds },
         episode: episode.clone(),
-        xl_error: arguments.xl_error / 100.0,
-        troubles: arguments.trouble.clone(),
+        sensors: arguments.sensors.map(usize::from),
+        xl: arguments.xl,
+        xl_error: arguments.xl_error.unwrap_or(XL_ERROR_PERCENT) / 100.0,
+        troubles: troubles.clone(),
         slow: arguments.slow,
         gdb: arguments.gdb,
         far_end: arguments.far_end,
@@ -112,5 +176,8 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     if let Some(path) = &arguments.trace {
         report::write_trace(path, &done).with_context(|| format!("{}: cannot write", path.display()))?;
     }
-    report::print(&done, episode.as_deref(), arguments)
+    if let Some(expected) = &arguments.says {
+        return Ok(report::print_other(&done, expected));
+    }
+    report::print(&done, episode.as_deref(), &troubles, arguments)
 }

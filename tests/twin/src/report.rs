@@ -5,15 +5,17 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Result;
-use slipsense::wire::health;
 use slipsense_bus::CandumpWriter;
 use slipsense_can_model::Outcome;
 use slipsense_episode::Episode;
 
 use crate::Arguments;
 use crate::compare::{Comparison, Slip, can_frame, compare};
+use crate::faults;
 use crate::fdcan::wire::{Logged, MCU};
+use crate::recovery::{self, Recovery};
 use crate::run::{Done, RATE_HZ};
+use crate::trouble::Trouble;
 
 /// Lines of one kind of difference that are shown.
 const SHOWN: usize = 5;
@@ -48,23 +50,46 @@ pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
 }
 
 /// Prints everything. `false`: something differs, or something was told without a reason.
-pub fn print(done: &Done, episode: Option<&Episode>, arguments: &Arguments) -> Result<bool> {
+pub fn print(
+    done: &Done,
+    episode: Option<&Episode>,
+    troubles: &[Trouble],
+    arguments: &Arguments,
+) -> Result<bool> {
     if arguments.rtt {
         done.log.iter().for_each(|line| println!("log  {line}"));
     }
     let comparison = compare(done, episode)?;
     let told = print_told(done);
     print_bus(done, &comparison);
-    print_comparison(&comparison, episode.is_some());
-    for trouble in &arguments.trouble {
-        print_recovery(trouble.name, &trouble.when, &comparison.slips, done);
-    }
+    print_comparison(done, &comparison, episode.is_some());
+    let recoveries = Recovery::of_run(done, troubles, &comparison.slips);
+    recovery::print(&recoveries);
     let seconds = done.virtual_ns as f64 / 1e9;
     let interrupts: u64 = done.interrupts.values().sum();
     println!("interrupts: {:.0} per virtual second", interrupts as f64 / seconds);
     for (name, count) in done.interrupts.iter().filter(|(_, count)| **count > 0) {
         println!("  {:>9.0} {name}", *count as f64 / seconds);
     }
+    print_time(done);
+    if !done.overdrive {
+        println!("FAILED: SYSCFG_PWRCR.ODEN is not set: 480 MHz needs voltage scale 0");
+    }
+    // With troubles of his own it is the reader who judges: frames are lost on purpose.
+    let mut whole = true;
+    if arguments.faults {
+        let complaints = faults::complaints(&recoveries);
+        complaints.iter().for_each(|line| println!("FAILED: {line}"));
+        whole = complaints.is_empty() && comparison.different.is_empty() && comparison.compared > 0;
+    } else if troubles.is_empty() {
+        whole =
+            comparison.is_equal(episode.is_some()) && comparison.skipped == 0 && comparison.uneven.is_empty();
+    }
+    Ok(told && done.overdrive && whole)
+}
+
+fn print_time(done: &Done) {
+    let seconds = done.virtual_ns as f64 / 1e9;
     println!(
         "{seconds:.3} virtual s in {:.2} s: {:.2} virtual s per s, {} instructions at one per cycle of {} MHz",
         done.wall.as_secs_f64(),
@@ -72,13 +97,18 @@ pub fn print(done: &Done, episode: Option<&Episode>, arguments: &Arguments) -> R
         done.instructions,
         RATE_HZ / 1_000_000
     );
-    if !done.overdrive {
-        println!("FAILED: SYSCFG_PWRCR.ODEN is not set: 480 MHz needs voltage scale 0");
+}
+
+/// Of another firmware than the board's: its log, and whether it says what it has to.
+pub fn print_other(done: &Done, expected: &str) -> bool {
+    done.log.iter().for_each(|line| println!("log  {line}"));
+    let told = print_told(done);
+    let said = done.log.iter().any(|line| line.contains(expected));
+    if !said {
+        println!("FAILED: the log does not say: {expected}");
     }
-    // A run with troubles is judged by its reader: frames are lost on purpose.
-    let calm = arguments.trouble.is_empty();
-    let whole = !calm || comparison.is_equal() && comparison.skipped == 0 && comparison.uneven.is_empty();
-    Ok(told && done.overdrive && whole)
+    print_time(done);
+    told && said
 }
 
 /// What is to be said of a run that a program at the far end has judged already. `false`: something was told without
@@ -157,7 +187,7 @@ pub fn clock_ahead_ns(done: &Done, slips: &[Slip]) -> i64 {
     (about_us as i64 + off) * 1000 - done.virtual_ns as i64
 }
 
-fn print_comparison(comparison: &Comparison, played: bool) {
+fn print_comparison(done: &Done, comparison: &Comparison, played: bool) {
     let last = comparison.slips.last().map(|slip| &slip.message);
     println!(
         "slip messages: {}, {} frame numbers left out, {} uneven ticks, late {}, missed transfers {}",
@@ -185,54 +215,22 @@ fn print_comparison(comparison: &Comparison, played: bool) {
             comparison.samples_equal,
             comparison.samples_different.len()
         );
+        println!(
+            "xl_end: {} breaks; as the parts' clocks of {:.1} Hz make samples, within {:.2} of one another",
+            comparison.xl_end_different.len(),
+            done.xl_rate_hz,
+            comparison.xl_clock_spread
+        );
     }
     let lists = [
         &comparison.undecoded,
         &comparison.different,
         &comparison.taxels_different,
         &comparison.samples_different,
+        &comparison.xl_end_different,
         &comparison.uneven,
     ];
     for line in lists.into_iter().flat_map(|list| list.iter().take(SHOWN)) {
         println!("  {line}");
     }
-}
-
-/// Flags while a trouble lasted, and how long after it everything was as before.
-fn print_recovery(name: &str, when: &std::ops::Range<u64>, slips: &[Slip], done: &Done) {
-    let flags = |slip: &Slip| slip.message.contact.iter().fold(0, |flags, contact| flags | contact.health);
-    let before = slips.iter().rev().find(|slip| slip.end_ns < when.start).map_or(0, flags);
-    let within = slips.iter().filter(|slip| when.contains(&slip.end_ns));
-    let (count, seen) = within.fold((0, 0), |(count, seen), slip| (count + 1, seen | flags(slip)));
-    println!("trouble {name}: {count} slip messages meanwhile, health {}", names(seen));
-    let back = slips.iter().find(|slip| slip.end_ns >= when.end);
-    match back {
-        Some(slip) => {
-            println!("  first slip message {:.3} ms after its end", (slip.end_ns - when.end) as f64 / 1e6)
-        }
-        None => println!("  NO slip message after its end"),
-    }
-    let calm = slips.iter().find(|slip| slip.end_ns >= when.end && flags(slip) & !before == 0);
-    if let Some(slip) = calm {
-        println!("  health as before {:.3} ms after its end", (slip.end_ns - when.end) as f64 / 1e6);
-    }
-    let failed = done
-        .frames
-        .iter()
-        .filter(|logged| when.contains(&logged.start_ns) && logged.outcome != Outcome::Sent);
-    println!("  {} attempts failed meanwhile", failed.count());
-}
-
-fn names(flags: u8) -> String {
-    let known = [
-        (health::PIEZO_MISSING, "PIEZO_MISSING"),
-        (health::XL_MISSING, "XL_MISSING"),
-        (health::XL_WARMING_UP, "XL_WARMING_UP"),
-        (health::XL_CLIPPED, "XL_CLIPPED"),
-        (health::TAXELS_SATURATED, "TAXELS_SATURATED"),
-        (health::XL_SAMPLES_DROPPED, "XL_SAMPLES_DROPPED"),
-        (health::NO_MODEL, "NO_MODEL"),
-    ];
-    let set: Vec<&str> = known.iter().filter(|(flag, _)| flags & flag != 0).map(|(_, name)| *name).collect();
-    if set.is_empty() { "none".to_owned() } else { set.join(" ") }
 }

@@ -17,13 +17,14 @@ use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
 use slipsense_episode::Episode;
 
-use crate::adxl380::Readouts;
-use crate::fdcan::wire::Logged;
 use crate::far_end::FarEnd;
+use crate::fdcan::wire::Logged;
 use crate::machine::{self, Fitted, Twin};
 use crate::rtt::{self, Probe};
+use crate::settings;
 use crate::told::{self, Told};
 use crate::trouble::Trouble;
+use crate::xl::{Readouts, Xl};
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
@@ -43,7 +44,11 @@ pub struct Options {
     pub seconds: f64,
     /// What the sensors play; none: no sensors.
     pub episode: Option<Arc<Episode>>,
-    /// How much faster than nominal the accelerometers' oscillators are, as a fraction.
+    /// Sensors in use, by settings in flash; none: the flash is blank.
+    pub sensors: Option<usize>,
+    /// The accelerometer behind each array.
+    pub xl: Xl,
+    /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
     pub xl_error: f64,
     /// What happens meanwhile.
     pub troubles: Vec<Trouble>,
@@ -63,6 +68,8 @@ pub struct Done {
     pub requests: Vec<(u64, u64)>,
     /// What was read of each accelerometer, and when.
     pub readouts: Vec<Vec<(u64, Vec<XlSample>)>>,
+    /// Samples per second that each accelerometer makes.
+    pub xl_rate_hz: f64,
     /// Lines of the log.
     pub log: Vec<String>,
     /// What the emulator told.
@@ -174,6 +181,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let probe = Symbols::read(&bytes, |value| value & !1)?.get("_SEGGER_RTT").ok().map(Probe::new);
     let fitted = Fitted {
         episode: options.episode.clone(),
+        xl: options.xl,
         xl_error: options.xl_error,
         troubles: options.troubles.clone(),
         slow: options.slow,
@@ -199,7 +207,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    let images = [image];
+    let mut images = vec![image];
+    images.extend(options.sensors.map(settings::with_sensors).transpose()?);
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
     start.wait_for_debugger = listener.is_some();
@@ -230,6 +239,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         frames: std::mem::take(&mut fdcan.wire.log),
         requests: std::mem::take(&mut fdcan.requests),
         readouts,
+        xl_rate_hz: options.xl.rate_hz(options.xl_error),
         log,
         told,
         overdrive: driver.overdrive,

@@ -3,13 +3,14 @@
 use std::ops::Range;
 
 /// Name on the command line and what it is.
-const NAMES: [(&str, Kind); 7] = [
+pub const NAMES: [(&str, Kind); 8] = [
     ("off", Kind::NoAcknowledge),
     ("jam", Kind::ErrorFrames { per_million: 1_000_000 }),
     ("errors1", Kind::ErrorFrames { per_million: 10_000 }),
     ("errors10", Kind::ErrorFrames { per_million: 100_000 }),
     ("flood", Kind::Flood),
     ("xl-stops", Kind::AccelerometerStops),
+    ("xl-overrun", Kind::FifoOverrun),
     ("adc-stuck", Kind::AdcStuck),
 ];
 
@@ -27,6 +28,8 @@ pub enum Kind {
     Flood,
     /// Every accelerometer's oscillator stands.
     AccelerometerStops,
+    /// Every accelerometer makes samples four times as fast: its FIFO is full before it is read.
+    FifoOverrun,
     /// The ADC's input does not follow the address.
     AdcStuck,
 }

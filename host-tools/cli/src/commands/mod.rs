@@ -8,6 +8,7 @@ pub mod monitor;
 pub mod record;
 pub mod replay;
 pub mod demo;
+pub mod grasp;
 pub mod run;
 pub mod features;
 pub mod fit;
@@ -23,6 +24,7 @@ pub mod view;
 pub mod keygen;
 pub mod sign;
 pub mod image;
+pub mod hil;
 
 use std::io::{IsTerminal, Write};
 

@@ -3,6 +3,7 @@
 
 mod close_up;
 mod draw;
+mod grasp;
 mod heatmap;
 mod load_bars;
 mod scale;
@@ -20,6 +21,7 @@ use crate::simulate::Simulation;
 use crate::summary::{EventFacts, Outcome, Summary, file_name, seconds};
 pub(crate) use draw::CLASS_NAME;
 use draw::{Anchor, CLASS, GREY, INK, RULE, SENSOR, area, bold, curve, heading, rect, rule, text};
+pub(crate) use grasp::{latencies as grasp_latencies, trial as grasp_trial};
 pub(crate) use load_bars::load_bars;
 use scale::{Scale, columns, line};
 

@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
+use crate::hand::Strength;
 use crate::labels::Rule;
 use crate::recipe::{Platform, Resolved, ScenarioChoice};
 use crate::timeline::{Timeline, ramp};
@@ -25,7 +26,7 @@ use script::{Kind, Script, Stretch};
 use unrest::Unrest;
 
 /// The course of an episode. Series have [`STEP_HZ`] values per second.
-#[derive(Serialize)]
+#[derive(Clone, Serialize)]
 pub(crate) struct Plan {
     pub script: Script,
     #[serde(skip)]
@@ -40,6 +41,9 @@ pub(crate) struct Plan {
     pub pull_n_per_mm: f64,
     /// The same of the twisting spring.
     pub twist_n_mm_per_rad: f64,
+    /// The most that a hand pulls with; none where it moves on as hard as it has to.
+    #[serde(skip)]
+    pub strength: Option<Strength>,
     /// Grip force of the first grasp before the operator changes it, newtons.
     pub base_n: f64,
     /// What tells slip.
@@ -58,17 +62,17 @@ pub(crate) struct Plan {
 }
 
 /// One grasp: times at which its stretches begin, and where it ends.
-struct Grasp {
+pub(crate) struct Grasp {
     close: f64,
-    touch: f64,
-    held: f64,
-    release: f64,
-    let_go: f64,
+    pub touch: f64,
+    pub held: f64,
+    pub release: f64,
+    pub let_go: f64,
     open: f64,
 }
 
 /// Grasps of a script. A script never cuts through one.
-fn grasps(script: &Script) -> Vec<Grasp> {
+pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
     let ends = script.of(Kind::Fall).zip(script.of(Kind::Open));
     let starts = script.of(Kind::Close).zip(script.of(Kind::Rise));
     starts
@@ -111,6 +115,7 @@ pub(crate) fn plan(rng: &mut Rng, what: &Resolved, script: Script) -> Plan {
     let mut plan = Plan {
         pull_n_per_mm: rng.log_between(stiffness.0, stiffness.1),
         twist_n_mm_per_rad: rng.log_between(TWIST_N_MM_PER_RAD.0, TWIST_N_MM_PER_RAD.1),
+        strength: None,
         base_n: GRIP_MEDIAN_N,
         rule: if on_rig { Rule::Encoder } else { Rule::Interface },
         slips: Vec::new(),

@@ -134,6 +134,29 @@ impl Script {
         Self::laid_out(row, from, to - from, motion)
     }
 
+    /// One grasp of an object that a hand pulls `way_mm` far when it is held, from open jaws to open jaws.
+    pub(crate) fn trial(rng: &mut Rng, what: &Resolved, way_mm: f64) -> Self {
+        use Kind::*;
+        let motion = Trapezoid {
+            speed_mm_s: what.speed_mm_s,
+            accel_mm_s2: rng.log_between(ACCEL_MM_S2.0, ACCEL_MM_S2.1),
+        };
+        let mut row = Vec::new();
+        let mut add = |kind, seconds, towards| row.push(Stretch { kind, start_s: 0.0, seconds, towards });
+        let twists_back = what.scenario == ScenarioChoice::Rotation && rng.chance(0.5);
+        add(Idle, rng.between(IDLE_S.0, IDLE_UNIFORM_S), 0.0);
+        add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
+        add(Rise, rng.log_between(RISE_S.0, RISE_S.1), 0.0);
+        add(Hold, rng.log_between(VARY_S.0, VARY_S.1), 0.0);
+        add(Pull, motion.seconds(way_mm), if twists_back { -1.0 } else { 1.0 });
+        add(Settle, SETTLE_S.1, 0.0);
+        add(Fall, rng.log_between(FALL_S.0, FALL_S.1), 0.0);
+        add(Open, rng.log_between(OPEN_S.0, OPEN_S.1), 0.0);
+        add(Idle, IDLE_S.0, 0.0);
+        let seconds = total(&row);
+        Self::laid_out(row, 0.0, seconds, motion)
+    }
+
     fn laid_out(mut row: Vec<Stretch>, from_s: f64, seconds: f64, motion: Trapezoid) -> Self {
         let mut at = -from_s;
         for stretch in &mut row {

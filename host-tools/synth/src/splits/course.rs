@@ -39,7 +39,7 @@ pub fn episode_seed(split: Split, seed: u64, index: usize) -> u64 {
 }
 
 /// The first 53 bits of a text's SHA-256.
-pub(super) fn hashed(text: &str) -> u64 {
+pub(crate) fn hashed(text: &str) -> u64 {
     let digest = Sha256::digest(text.as_bytes());
     digest.iter().take(8).fold(0, |seed, &byte| seed << 8 | u64::from(byte)) >> 11
 }

@@ -12,6 +12,7 @@ mod set;
 mod tuning;
 
 pub use course::episode_seed;
+pub(crate) use course::hashed;
 pub use frozen::{FROZEN_SEED, FrozenEpisode, FrozenSet};
 pub use hash::{content_hash, recipe_of, set_hash};
 pub use hashes::{EpisodeHash, SetHashes};

@@ -6,6 +6,7 @@ use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 use std::f64::consts::PI;
 
+use super::draws::{Draws, Source};
 use super::machine::{Actuation, Nearby};
 use super::modes::Modes;
 use super::signal::{Noise, blend, blend_rms, sin_turns};
@@ -131,9 +132,9 @@ impl Disturbances {
 
     /// Backlash of a jaw, steps of a joint: where motion starts and stops or meets a load.
     fn clicks(&mut self, rng: &mut Rng, scene: &Scene<'_>) {
-        let (series, peak, width) = match scene.platform {
-            Platform::Umi => (scene.jaw, CLICK_G, CLICK_S),
-            Platform::Tesollo => (scene.motor, JOINT_G, JOINT_S),
+        let series = match scene.platform {
+            Platform::Umi => scene.jaw,
+            Platform::Tesollo => scene.motor,
         };
         let (starts, mut stops) = crossings(series, 0.05);
         if scene.platform == Platform::Tesollo {
@@ -141,15 +142,24 @@ impl Disturbances {
             stops.extend(crossings(scene.grip_n, TOUCHED_N).0);
         }
         for &from in starts.iter().chain(&stops) {
-            for _ in 0..rng.count(0, CLICKS) {
-                self.knocks.push(Pulse {
-                    at_s: from + rng.between(0.0, 0.05),
-                    width_s: rng.log_between(width.0, width.1),
-                    peak_g: rng.log_between(peak.0, peak.1),
-                    direction: rng.direction(),
-                    share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
-                });
-            }
+            self.moves_again(rng, scene.platform, from);
+        }
+    }
+
+    /// Clicks of one start or stop.
+    pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
+        let (peak, width) = match platform {
+            Platform::Umi => (CLICK_G, CLICK_S),
+            Platform::Tesollo => (JOINT_G, JOINT_S),
+        };
+        for _ in 0..rng.count(0, CLICKS) {
+            self.knocks.push(Pulse {
+                at_s: from_s + rng.between(0.0, 0.05),
+                width_s: rng.log_between(width.0, width.1),
+                peak_g: rng.log_between(peak.0, peak.1),
+                direction: rng.direction(),
+                share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
+            });
         }
     }
 
@@ -159,16 +169,16 @@ impl Disturbances {
         scene: &Scene<'_>,
         sensor: usize,
         clock: Clock,
-        rng: &mut Rng,
+        draws: &mut Draws,
         force: &mut [[f64; 3]],
     ) {
         super::add_pulses(&self.knocks, sensor, 1.0, clock, force);
         super::add_pulses(&self.closings, sensor, CLOSING_MODES, clock, force);
-        self.creak(scene, sensor, clock, rng, force);
+        self.creak(scene, sensor, clock, draws, force);
         if scene.platform == Platform::Umi {
-            self.rail(scene, clock, rng, force);
+            self.rail(scene, clock, draws, force);
         }
-        self.drag(scene, sensor, clock, rng, force);
+        self.drag(scene, sensor, clock, draws, force);
     }
 
     /// What reaches the accelerometer as it is.
@@ -178,18 +188,25 @@ impl Disturbances {
         modes: &Modes,
         sensor: usize,
         clock: Clock,
-        rng: &mut Rng,
+        draws: &mut Draws,
         motion_g: &mut [[f64; 3]],
     ) {
         super::add_pulses(&self.closings, sensor, 1.0, clock, motion_g);
-        self.aftershocks(scene, modes, clock, rng, motion_g);
+        self.aftershocks(scene, modes, clock, draws.of(Source::Aftershocks), motion_g);
         if let Some(actuation) = &self.actuation {
             actuation.add(scene, clock, motion_g);
         }
-        self.nearby.add(scene, clock, rng, motion_g);
+        self.nearby.add(scene, clock, draws.of(Source::Nearby), motion_g);
     }
 
-    fn creak(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+    fn creak(
+        &self,
+        scene: &Scene<'_>,
+        sensor: usize,
+        clock: Clock,
+        draws: &mut Draws,
+        force: &mut [[f64; 3]],
+    ) {
         // Change over two steps: shorter ones see rounding, longer ones smear a squeeze.
         let rate = |i: usize| {
             let (now, before) = (scene.grip_n[i], scene.grip_n[i.saturating_sub(2)]);
@@ -199,7 +216,8 @@ impl Disturbances {
         let levels: Vec<f64> = (0..scene.grip_n.len())
             .map(|i| self.creak_g * ((rate(i) - CREAK_FROM_PER_S).max(0.0) / full).min(4.0).sqrt())
             .collect();
-        noise(&levels, self.creak_hz, clock, rng, force);
+        noise(&levels, self.creak_hz, clock, draws.of(Source::Creak), force);
+        let rng = draws.of(Source::MicroSlip);
         let mut micro = Vec::new();
         for (i, level) in levels.iter().enumerate().filter(|(_, level)| **level > 0.0) {
             if rng.chance((MICRO_PULSES * rate(i) / STEP_HZ).min(1.0)) {
@@ -217,7 +235,8 @@ impl Disturbances {
         super::add_pulses(&micro, sensor, 1.0, clock, force);
     }
 
-    fn rail(&self, scene: &Scene<'_>, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+    fn rail(&self, scene: &Scene<'_>, clock: Clock, draws: &mut Draws, force: &mut [[f64; 3]]) {
+        let rng = draws.of(Source::RailBursts);
         let pace = blend(self.rail_burst_hz, STEP_HZ);
         let rms = blend_rms(pace);
         let mut burst = 0.0;
@@ -232,10 +251,17 @@ impl Disturbances {
                 self.rail_g * jaw * (0.4 + 0.75 * (burst / rms).abs())
             })
             .collect();
-        noise(&levels, self.rail_hz, clock, rng, force);
+        noise(&levels, self.rail_hz, clock, draws.of(Source::Rail), force);
     }
 
-    fn drag(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+    fn drag(
+        &self,
+        scene: &Scene<'_>,
+        sensor: usize,
+        clock: Clock,
+        draws: &mut Draws,
+        force: &mut [[f64; 3]],
+    ) {
         if scene.drag.iter().all(|&d| d <= 0.0) {
             return;
         }
@@ -256,8 +282,8 @@ impl Disturbances {
                 .collect(),
             direction: vec![[0.0, 1.0]; steps],
         };
-        self.dragged.sound(&rub, self.drag_arrives, clock, rng, force);
-        let pulses = self.dragged.pulses(&rub, self.drag_arrives, rng);
+        self.dragged.sound(&rub, self.drag_arrives, clock, draws.of(Source::Drag), force);
+        let pulses = self.dragged.pulses(&rub, self.drag_arrives, draws.of(Source::DragPulses));
         super::add_pulses(&pulses, sensor, 1.0, clock, force);
     }
 

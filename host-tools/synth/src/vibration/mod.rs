@@ -7,6 +7,7 @@
 mod autoregressive;
 mod carriage;
 mod disturbance;
+mod draws;
 mod machine;
 mod modes;
 mod rig;
@@ -16,6 +17,7 @@ mod slip;
 mod tests;
 
 pub(crate) use disturbance::{TAP_PEAK_G, TAP_WIDTH_S};
+pub(crate) use draws::Draws;
 pub(crate) use modes::Modes;
 pub(crate) use signal::sin_turns;
 
@@ -29,6 +31,7 @@ use crate::timeline::Pulse;
 use autoregressive::Texture;
 use carriage::Carriage;
 use disturbance::Disturbances;
+use draws::Source;
 use modes::ObjectMode;
 use rig::Rig;
 use signal::cos_turns;
@@ -117,19 +120,19 @@ impl Sound {
         modes: &Modes,
         sensor: usize,
         clock: Clock,
-        rng: &mut Rng,
+        draws: &mut Draws,
     ) -> Vec<[f64; 3]> {
         let mut motion = vec![[0.0; 3]; clock.samples];
         if scene.heard == Heard::All {
             if scene.model == VibrationModel::Modal {
-                self.slip(slide, sensor, clock, rng, &mut motion);
+                self.slip(slide, sensor, clock, draws, &mut motion);
             }
-            self.disturbances.excite(scene, sensor, clock, rng, &mut motion);
+            self.disturbances.excite(scene, sensor, clock, draws, &mut motion);
             modes.respond(scene, self.ring.as_ref(), clock, &mut motion);
             if scene.model == VibrationModel::Autoregressive {
-                self.texture.add(slide, clock, rng, &mut motion);
+                self.texture.add(slide, clock, draws.of(Source::Texture), &mut motion);
             }
-            self.disturbances.shake(scene, modes, sensor, clock, rng, &mut motion);
+            self.disturbances.shake(scene, modes, sensor, clock, draws, &mut motion);
             self.carriage.hand(scene, sensor, clock, &mut motion);
         }
         if scene.rig_leak {
@@ -139,10 +142,15 @@ impl Sound {
         motion
     }
 
-    fn slip(&self, slide: &Slide, sensor: usize, clock: Clock, rng: &mut Rng, force: &mut [[f64; 3]]) {
+    /// What moves the jaws or joints anew from `from_s` on knocks, as every start of theirs does.
+    pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
+        self.disturbances.moves_again(rng, platform, from_s);
+    }
+
+    fn slip(&self, slide: &Slide, sensor: usize, clock: Clock, draws: &mut Draws, force: &mut [[f64; 3]]) {
         let rub = Rub::of(slide);
-        self.surface.sound(&rub, 1.0, clock, rng, force);
-        let pulses = self.surface.pulses(&rub, 1.0, rng);
+        self.surface.sound(&rub, 1.0, clock, draws.of(Source::Rub), force);
+        let pulses = self.surface.pulses(&rub, 1.0, draws.of(Source::StickSlip));
         add_pulses(&pulses, sensor, 1.0, clock, force);
     }
 }

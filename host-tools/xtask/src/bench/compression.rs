@@ -16,6 +16,7 @@ use slipsense_synth::{Split, generate};
 use super::emulated;
 use super::inputs::{Input, demo};
 use super::other_coders::{CODERS, Samples};
+use crate::qemu::frames::Frames;
 use crate::root;
 
 /// Clock that both bit rates divide.
@@ -64,6 +65,8 @@ pub struct Cost {
     /// Sensors' frames.
     pub frames: usize,
     pub mean_bytes: f64,
+    /// The most bytes that a compressed message has more than the plain one; negative where all have fewer.
+    pub longer_bytes: i64,
     pub median: u32,
     pub worst: u32,
 }
@@ -90,19 +93,46 @@ pub fn measure(model: &[u8], frames: usize) -> Result<Compression> {
         }
         episodes => data.push(measure_data("composed from real recordings", &episodes)?),
     }
-    let costs = Input::ALL.map(|input| {
-        let costs = emulated::compressed(model, &input.frames(MAX_SENSORS, frames)?)?;
+    let costs = Input::COMPRESSED.map(|input| {
+        let frames = input.frames(MAX_SENSORS, frames)?;
+        let costs = emulated::compressed(model, &frames)?;
+        let longer_bytes = longest_beside_plain(&frames, &costs)?;
         let mut instructions: Vec<u32> = costs.iter().map(|&(_, instructions)| instructions).collect();
         instructions.sort_unstable();
         Ok(Cost {
             input: input.name(),
             frames: costs.len(),
             mean_bytes: mean(costs.iter().map(|&(bytes, _)| f64::from(bytes))),
+            longer_bytes,
             median: instructions[instructions.len() / 2],
             worst: *instructions.last().context("no frame was compressed")?,
         })
     });
     Ok(Compression { data, costs: costs.into_iter().collect::<Result<_>>()? })
+}
+
+/// The most that a message is longer than plain; the emulated core and this computer make the same lengths.
+fn longest_beside_plain(frames: &Frames, costs: &[(u32, u32)]) -> Result<i64> {
+    let mut buffer = RawBuffer::new();
+    let parts = frames.iter().flat_map(|(stamp, parts)| {
+        parts.iter().enumerate().map(move |(sensor, part)| RawFrame {
+            timestamp_us: stamp.timestamp_us,
+            sequence: stamp.sequence,
+            sensor: sensor as u8,
+            health: 0,
+            input: part.input(),
+            xl_end: part.xl_end,
+        })
+    });
+    let (mut longest, mut count) = (i64::MIN, 0);
+    for (raw, &(bytes, _)) in parts.zip(costs) {
+        let here = raw.compress(Detail::All, &mut buffer).len();
+        ensure!(here == bytes as usize, "{bytes} bytes on the emulated core, {here} on this computer");
+        longest = longest.max(i64::from(bytes) - raw.encode(&mut buffer).len() as i64);
+        count += 1;
+    }
+    ensure!(count == frames.len() * frames.sensors(), "{} messages of {count}", costs.len());
+    Ok(longest)
 }
 
 fn real() -> Result<Vec<Episode>> {

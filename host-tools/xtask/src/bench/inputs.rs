@@ -27,16 +27,25 @@ pub enum Input {
     Typical,
     /// Every taxel large and different in each frame, the accelerometer at full swing.
     Full,
+    /// Nothing at all: every count and every sample is 0.
+    Zero,
+    /// Random bits.
+    Random,
 }
 
 impl Input {
+    /// What the path is measured with.
     pub const ALL: [Self; 3] = [Self::Idle, Self::Typical, Self::Full];
+    /// What the compression is measured with.
+    pub const COMPRESSED: [Self; 5] = [Self::Zero, Self::Idle, Self::Typical, Self::Full, Self::Random];
 
     pub fn name(self) -> &'static str {
         match self {
             Self::Idle => "idle pads",
             Self::Typical => "typical contact",
             Self::Full => "full contact",
+            Self::Zero => "all zero",
+            Self::Random => "random bits",
         }
     }
 
@@ -51,6 +60,10 @@ impl Input {
                 std::array::from_fn(|_| rng.random_range(1_000..=4_095))
             })),
             Self::Typical => typical(sensors, count),
+            Self::Zero => Ok(generate(sensors, count, 0, |_| [0; TAXELS])),
+            Self::Random => Ok(generate(sensors, count, i16::MAX, |rng| {
+                std::array::from_fn(|_| rng.random_range(0..=4_095))
+            })),
         }
     }
 }

@@ -359,6 +359,7 @@ fn compression(all: &Compression) -> [Table; 3] {
             ("median", Align::Right),
             ("worst", Align::Right),
             ("bytes, mean", Align::Right),
+            ("longest beside plain", Align::Right),
             ("frames", Align::Right),
         ],
     );
@@ -368,6 +369,7 @@ fn compression(all: &Compression) -> [Table; 3] {
             thousands(cost.median.into()),
             thousands(cost.worst.into()),
             format!("{:.0}", cost.mean_bytes),
+            format!("{:+}", cost.longer_bytes),
             cost.frames.to_string(),
         ]);
     }

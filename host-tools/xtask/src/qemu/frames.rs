@@ -1,13 +1,14 @@
 //! Frames to be run, wherever they come from, in the form in which the tasks pass them on.
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use slipsense::board::SensedPart;
-use slipsense::params::XL_BATCH_MAX;
 use slipsense::pipeline::FrameStamp;
 use slipsense_episode::Episode;
 
 /// One stretch of input.
 pub struct Frames {
+    /// Are their raw messages sent compressed?
+    pub compress_raw: bool,
     sensors: usize,
     stamps: Vec<FrameStamp>,
     parts: Vec<SensedPart>,
@@ -16,7 +17,7 @@ pub struct Frames {
 impl Frames {
     /// None yet.
     pub fn new(sensors: usize) -> Self {
-        Self { sensors, stamps: Vec::new(), parts: Vec::new() }
+        Self { compress_raw: false, sensors, stamps: Vec::new(), parts: Vec::new() }
     }
 
     /// The first `limit` frames of an episode.
@@ -25,8 +26,8 @@ impl Frames {
         let limit = limit.map_or(usize::MAX, |limit| limit as usize);
         for frame in 0..episode.frames().min(limit) {
             let stamp = FrameStamp::of_recording(u32::try_from(frame)?);
-            let parts = (0..episode.sensors).map(|sensor| part(episode, frame, sensor));
-            frames.push(stamp, parts.collect::<Result<Vec<_>>>()?);
+            let parts = (0..episode.sensors).map(|sensor| episode.sensed(frame, sensor));
+            frames.push(stamp, parts.collect::<Result<Vec<_>, _>>()?);
         }
         Ok(frames)
     }
@@ -54,19 +55,4 @@ impl Frames {
     pub fn iter(&self) -> impl Iterator<Item = (FrameStamp, &[SensedPart])> {
         self.stamps.iter().copied().zip(self.parts.chunks_exact(self.sensors))
     }
-}
-
-fn part(episode: &Episode, frame: usize, sensor: usize) -> Result<SensedPart> {
-    let batch = episode.xl_batch(frame, sensor);
-    let xl = heapless::Vec::from_slice(batch).map_err(|_| {
-        let samples = batch.len();
-        anyhow!("`xl_end`[{frame}][{sensor}]: {samples} samples in one frame, a board takes {XL_BATCH_MAX}")
-    })?;
-    Ok(SensedPart {
-        piezo: episode.piezo(frame, sensor).clone(),
-        piezo_arrived: true,
-        xl,
-        xl_arrived: true,
-        xl_end: episode.xl_end(frame, sensor),
-    })
 }

@@ -6,7 +6,7 @@ use anyhow::Result;
 use slipsense::net::Model;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{NodeId, RawBuffer, Transmitter};
+use slipsense::wire::{Detail, NodeId, RawBuffer, RawForm, Transmitter};
 use slipsense_qemu::record::Record;
 
 use super::frames::Frames;
@@ -34,6 +34,7 @@ pub fn each_record(
     let mut pipeline = Pipeline::new(Model::parse(model)?, frames.sensors())?;
     let mut transmitter = Transmitter::new(NODE);
     let mut buffer = RawBuffer::new();
+    let form = if frames.compress_raw { RawForm::Compressed(Detail::All) } else { RawForm::Plain };
     for (stamp, parts) in frames.iter() {
         let inputs: Vec<SensorInput<'_>> = parts.iter().map(|part| part.input()).collect();
         let output = pipeline.step(&inputs);
@@ -42,7 +43,7 @@ pub fn each_record(
         send(transmitter.slip(&output.slip_message(stamp, 0)));
         for (sensor, part) in parts.iter().enumerate() {
             let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
-            transmitter.raw(&raw, &mut buffer).for_each(&mut send);
+            transmitter.raw_as(form, &raw, &mut buffer).for_each(&mut send);
         }
         each(stamp, record)?;
     }

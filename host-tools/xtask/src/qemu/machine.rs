@@ -7,7 +7,8 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use slipsense_qemu::input::{Header, encode_frame};
+use slipsense::board::replay::encode_frame;
+use slipsense_qemu::input::Header;
 
 use super::frames::Frames;
 use super::host::NODE;
@@ -125,6 +126,7 @@ pub fn write_input(path: &Path, frames: &Frames, model: &[u8]) -> Result<()> {
         sensors: u32::try_from(frames.sensors())?,
         frames: u32::try_from(frames.len())?,
         node: NODE,
+        compress_raw: frames.compress_raw,
     };
     file.write_all(&header.encode())?;
     file.write_all(model)?;

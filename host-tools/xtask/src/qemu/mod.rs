@@ -42,6 +42,7 @@ Examples:
   cargo xtask qemu host-tools/cli/demo/episode.npz
   cargo xtask qemu --extreme --frames 2000 --json
   cargo xtask qemu --extreme --random-model 7
+  cargo xtask qemu host-tools/cli/demo/episode.npz --compress-raw
   cargo xtask qemu --real-time host-tools/cli/demo/episode.npz
   cargo xtask qemu --real-time host-tools/cli/demo/episode.npz --seconds 5")]
 pub struct Options {
@@ -70,6 +71,9 @@ pub struct Options {
     /// Emulated seconds of each real-time run
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(3..=600), requires = "real_time")]
     pub seconds: u32,
+    /// Send the raw messages compressed (register slipsense.raw.compressed); against the clock both ways are run
+    #[arg(long, conflicts_with = "real_time")]
+    pub compress_raw: bool,
     /// Print one JSON object on standard output instead of a table
     #[arg(long)]
     pub json: bool,
@@ -97,6 +101,7 @@ impl Options {
             random_model: None,
             real_time: false,
             seconds: 60,
+            compress_raw: false,
             json: false,
             timeout_s: 900,
         }
@@ -190,7 +195,8 @@ pub fn run(options: &Options) -> Result<bool> {
     let emulator = Emulator::build()?;
     let mut report = Report::new(model_name);
     for run in options.runs() {
-        let (name, frames) = run.frames()?;
+        let (name, mut frames) = run.frames()?;
+        frames.compress_raw = options.compress_raw;
         if frames.is_empty() {
             continue;
         }

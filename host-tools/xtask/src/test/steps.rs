@@ -61,8 +61,14 @@ pub const STEPS: &[Step] = &[
     },
     Step {
         name: "twin",
-        what: "the firmware's ELF on an emulated STM32H743: boots, breaks no rule, decides as the host does",
+        what: "the firmware's ELF on an emulated STM32H743: boots, breaks no rule, decides as the host does; with the \
+               ICM-42688-P too; embassy's CAN driver in loop back",
         run: twin::step,
+    },
+    Step {
+        name: "twin-faults",
+        what: "there, bus and sensors fail in eight ways: flags, slip messages, recovery times",
+        run: twin::faults_step,
     },
     Step {
         name: "twin-node",
@@ -70,9 +76,18 @@ pub const STEPS: &[Step] = &[
         run: twin::node_step,
     },
     Step {
+        name: "hil",
+        what: "`slipsense hil` replays the demo into the program for a board, on the emulated STM32H743",
+        run: twin::hil_step,
+    },
+    Step {
         name: "qemu-demo",
-        what: "the demo episode on the emulated Cortex-M7, bit for bit",
-        run: || equal(&qemu::Options::episodes(vec![root().join(DEMO_EPISODE)])),
+        what: "the demo episode on the emulated Cortex-M7, bit for bit, raw frames plain and compressed",
+        run: || {
+            let demo = qemu::Options::episodes(vec![root().join(DEMO_EPISODE)]);
+            equal(&demo)?;
+            equal(&qemu::Options { compress_raw: true, ..demo })
+        },
     },
     Step {
         name: "qemu-real",
@@ -203,6 +218,7 @@ fn firmware() -> Result<()> {
         ])?;
     }
     bootloader()?;
+    Board::ALL.into_iter().try_for_each(|board| board.build_hil().map(|_| ()))?;
     Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
 }
 

@@ -3,9 +3,10 @@
 use core::hint::black_box;
 
 use slipsense::board::SensedPart;
+use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
 use slipsense::params::MAX_SENSORS;
 use slipsense::wire::{Detail, RawBuffer, RawFrame};
-use slipsense_qemu::input::{FRAME_BYTES_MAX, Header, decode_parts, decode_stamp, frame_bytes};
+use slipsense_qemu::input::Header;
 use slipsense_qemu::measured::Line;
 
 use crate::emulated::Bench;

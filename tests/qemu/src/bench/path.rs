@@ -4,6 +4,7 @@
 use core::hint::black_box;
 
 use slipsense::board::SensedPart;
+use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
 use slipsense::contact::ContactSummary;
 use slipsense::features::{LogMel, XlFrontEnd};
 use slipsense::net::{Model, Network, Observer, SensorFeatures};
@@ -12,7 +13,7 @@ use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::simd::MapShape;
 use slipsense::wire::{RawBuffer, Transmitter};
-use slipsense_qemu::input::{FRAME_BYTES_MAX, Header, decode_parts, decode_stamp, frame_bytes};
+use slipsense_qemu::input::Header;
 use slipsense_qemu::measured::{FrameCost, Line, PARTS, Part};
 
 use crate::counter::{Counter, Mark};

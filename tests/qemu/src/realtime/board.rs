@@ -2,6 +2,7 @@
 
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
+use slipsense::board::replay::{FRAME_BYTES_MAX, frame_bytes};
 use slipsense::board::{CanStatus, CanTransmit, Clock, FrameSource, Lane, Observe, SensedPart};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MAX};
 use slipsense::pipeline::FrameStamp;
@@ -9,7 +10,7 @@ use slipsense::sensor::PiezoFrame;
 use slipsense::wire::CanFrame;
 use slipsense_bus_model::{Arrived, Bus};
 use slipsense_qemu::events::{Decided, EVENT_BYTES_MAX, START_US, encode_arrived};
-use slipsense_qemu::input::{FRAME_BYTES_MAX, Header, frame_bytes};
+use slipsense_qemu::input::Header;
 
 use crate::semihosting::File;
 
@@ -139,6 +140,10 @@ impl CanTransmit for Hardware {
     fn withdraw(&mut self, lane: Lane) {
         self.bus.withdraw(lane);
         self.seen.0[lane as usize] = self.bus.is_free(lane);
+    }
+
+    fn has_sent(&self, lane: Lane) -> bool {
+        self.bus.has_sent(lane)
     }
 
     async fn changed(&mut self) {

@@ -8,10 +8,13 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
 use panic_semihosting as _;
+use slipsense::board::replay::FRAME_BYTES_MAX;
 use slipsense::board::{CanStatus, SensedFrame};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::Pipeline;
-use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
+use slipsense::tasks::{
+    Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
+};
 use slipsense::wire::{RawTransfer, Transmitter};
 use slipsense_bus_model::{Bus, Timing};
 use slipsense_qemu::INPUT_FILE;
@@ -19,7 +22,7 @@ use slipsense_qemu::events::{
     ARRIVED_FILE, BUS_FILE, Counters, DECIDED_FILE, DISTURBANCE_BYTES, INSTRUCTIONS_PER_US, START_US,
     STATUS_FILE, decode_disturbance,
 };
-use slipsense_qemu::input::{FRAME_BYTES_MAX, HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::{FrameBuffer, Frames, Hardware, Log, Sensors, Uptime};
@@ -114,6 +117,7 @@ fn main() -> ! {
     file.read_exact(model).expect("the input file holds a model");
     let model = Model::parse(model).expect("the model is valid");
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
+    SHARED.control(Controls { compress_raw: header.compress_raw, ..Controls::DEFAULT });
     let mut disturbance = [0; DISTURBANCE_BYTES];
     open(BUS_FILE, File::open).read_exact(&mut disturbance).expect("a disturbance");
     let disturbance = decode_disturbance(&disturbance).expect("a disturbance");

@@ -115,7 +115,7 @@ fn through_modes(platform: Platform, speed: f64, draws: u64) -> (f64, Vec<f64>) 
             let sound = Sound::draw(&mut rng, &scene);
             let modes = Modes::draw(&mut rng, platform).in_grasp(&mut rng, Region::Centre);
             let mut g = vec![[0.0; 3]; clock(0.6).samples];
-            sound.slip(&slide, 0, clock(0.6), &mut rng, &mut g);
+            sound.slip(&slide, 0, clock(0.6), &mut Draws::in_turn(rng), &mut g);
             modes.respond(&scene, None, clock(0.6), &mut g);
             mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
             rms_above_10_hz(&g) * 1e3

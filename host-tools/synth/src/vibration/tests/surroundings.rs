@@ -126,7 +126,7 @@ fn without_leak_is_a_rig_of_level_zero_to_the_bit() {
             sound.rig.silence();
         }
         let modes = Modes::draw(&mut rng(9), Platform::Umi);
-        sound.motion_g(&scene, &slide, &modes, 0, clock(0.5), &mut rng(10))
+        sound.motion_g(&scene, &slide, &modes, 0, clock(0.5), &mut Draws::in_turn(rng(10)))
     };
     assert_eq!(motion(false, false), motion(true, true));
     assert_ne!(motion(false, false), motion(true, false));
@@ -149,7 +149,8 @@ fn a_drag_sounds_like_slip_but_only_through_a_gripped_object() {
             sound.disturbances.quiet();
             let slide = Slide { fraction: vec![0.0; 2402], ..sliding(0.0, grip_n, 1.0) };
             let modes = Modes::draw(&mut rng(seed), Platform::Umi);
-            rms_above_10_hz(&sound.motion_g(&scene, &slide, &modes, 0, clock(1.0), &mut rng(seed))) * 1e3
+            let draws = &mut Draws::in_turn(rng(seed));
+            rms_above_10_hz(&sound.motion_g(&scene, &slide, &modes, 0, clock(1.0), draws)) * 1e3
         });
         median(levels.collect())
     };
@@ -165,7 +166,7 @@ fn bare(scene: &Scene<'_>, seed: u64, seconds: f64) -> Vec<[f64; 3]> {
     let mut modes = Modes::draw(&mut rng(seed), scene.platform);
     modes.modes.iter_mut().for_each(|m| m.weight = 0.0);
     let slide = Slide { fraction: vec![0.0; scene.grip_n.len()], ..sliding(0.0, 0.0, seconds) };
-    let mut g = sound.motion_g(scene, &slide, &modes, 0, clock(seconds), &mut rng(seed));
+    let mut g = sound.motion_g(scene, &slide, &modes, 0, clock(seconds), &mut Draws::in_turn(rng(seed)));
     let mut gravity = vec![[0.0; 3]];
     sound.carriage.gravity(&mut gravity);
     g.iter_mut().for_each(|g| (0..3).for_each(|a| g[a] -= gravity[0][a]));
@@ -247,7 +248,8 @@ fn with_only_the_rig_heard_slip_and_impacts_leave_no_trace() {
     let modes = Modes::draw(&mut rng(9), Platform::Umi);
     let motion = |slide: &Slide| {
         let scene = Scene { heard: Heard::RigOnly, ..held.scene(VibrationModel::Modal) };
-        Sound::draw(&mut rng(8), &scene).motion_g(&scene, slide, &modes, 0, clock(0.5), &mut rng(10))
+        let draws = &mut Draws::in_turn(rng(10));
+        Sound::draw(&mut rng(8), &scene).motion_g(&scene, slide, &modes, 0, clock(0.5), draws)
     };
     let resting = Slide { fraction: vec![0.0; 1202], ..sliding(0.0, 2.0, 0.5) };
     assert_eq!(motion(&sliding(18.0, 2.0, 0.5)), motion(&resting));

@@ -1,0 +1,117 @@
+//! `slipsense hil`: an episode into a board, and every CAN frame of its answers beside this computer's.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use clap::Args as ClapArgs;
+use serde::Serialize;
+use slipsense::net::Model;
+use slipsense_episode::Episode;
+
+use crate::bundled;
+use crate::hil::gdb::GdbServer;
+use crate::hil::program;
+use crate::hil::replay::{Report, Run, replay};
+
+/// Replay an episode into a board over its debug probe, and compare every CAN frame with this computer's
+///
+/// The hardware-in-the-loop test. The board runs the program slipsense-hil: the firmware's clocks, memories, tasks and
+/// pipeline, with a mailbox in RAM in place of sensors and bus, so that a bare NUCLEO on its USB cable is enough. This
+/// command leaves a frame there, waits, and compares all bytes of all CAN frames that the board makes of it with what
+/// the same code makes of it here. It reaches the board through a GDB server, such as OpenOCD's. The board's
+/// program answers frames on an emulated STM32H743; it has not yet run on hardware.
+#[derive(ClapArgs)]
+#[command(after_help = "\
+Exit code: 0 all equal, 1 something differs, 2 it could not be run.
+
+Examples:
+  cargo build-hil-h743                             the program, for a NUCLEO-H743ZI2
+  openocd -f interface/stlink.cfg -f target/stm32h7x.cfg \\
+      -c 'program target/thumbv7em-none-eabihf/firmware/slipsense-hil verify'
+                                                   flash it, and serve a debugger; in another terminal
+  slipsense hil grasp.npz --gdb localhost:3333     replay, compare
+  slipsense hil grasp.npz --gdb localhost:3333 --frames 500 --json")]
+pub struct Args {
+    /// Episode to replay, an .npz file
+    #[arg(value_name = "EPISODE.npz")]
+    episode: PathBuf,
+    /// The program on the board, as `cargo build-hil-h743` leaves it
+    #[arg(long, value_name = "FILE", default_value = "target/thumbv7em-none-eabihf/firmware/slipsense-hil")]
+    elf: PathBuf,
+    /// A GDB server with the board behind it, and the program in its flash
+    #[arg(long, value_name = "HOST:PORT")]
+    gdb: String,
+    /// The model that the program was built with; the bundled one if not given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Frames to replay at most
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Seconds that the board may take to start, and for a frame
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    timeout_s: u64,
+    /// Print JSON to standard output, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// The run, for machines.
+#[derive(Serialize)]
+struct Json<'a> {
+    episode: String,
+    sensors: usize,
+    #[serde(flatten)]
+    report: &'a Report,
+}
+
+impl Args {
+    /// `false`: something differs.
+    pub(crate) fn run(self) -> Result<bool> {
+        let mailbox = program::mailbox(&self.elf)?;
+        let (model, name) = bundled::model_or(self.model.as_deref())?;
+        let model = Model::parse(&model).with_context(|| format!("{name}: not a usable model"))?;
+        let episode = Episode::read(&self.episode)?;
+        let frames = self.frames.map(|frames| frames as usize);
+        let timeout = Duration::from_secs(self.timeout_s);
+        let mut server = GdbServer::connect(&self.gdb, timeout)?;
+        let run = Run { mailbox, episode: &episode, frames, model, timeout };
+        let length = frames.unwrap_or(usize::MAX).min(episode.frames());
+        let progress = super::progress(length, "frames", self.json);
+        let report = replay(&mut server, &run, || progress.inc(1));
+        progress.finish_and_clear();
+        let report = report.with_context(|| self.episode.display().to_string())?;
+        self.print(&episode, &report)?;
+        Ok(report.differing_frames == 0)
+    }
+
+    fn print(&self, episode: &Episode, report: &Report) -> Result<()> {
+        let name = self.episode.display();
+        if self.json {
+            return super::print_json(&Json { episode: name.to_string(), sensors: episode.sensors, report });
+        }
+        let mut text = String::new();
+        for difference in &report.first {
+            let side = |can: &Option<String>| can.clone().unwrap_or_else(|| "none".to_owned());
+            text += &format!(
+                "frame {}, CAN frame {}: board {}, here {}\n",
+                difference.frame,
+                difference.can_frame,
+                side(&difference.found),
+                side(&difference.expected)
+            );
+        }
+        let (frames, differing) = (report.frames, report.differing_frames);
+        text += &format!(
+            "{name}: {} of {frames} frames equal, {differing} differ; {} CAN frames of {} sensors compared\n",
+            frames - differing,
+            report.can_frames,
+            episode.sensors
+        );
+        text += &format!(
+            "pipeline: {} cycles at most, in frame {}: {:.1} us at {} Hz, by the board's own counter\n",
+            report.worst_step_cycles, report.worst_step_frame, report.worst_step_us, report.core_hz
+        );
+        super::print(&text)
+    }
+}

@@ -1,0 +1,128 @@
+//! The bus from the module to the gripper's controller: the firmware's messages as CAN frames on the modelled bus,
+//! and the library's receiver at its other end.
+
+use std::collections::VecDeque;
+
+use anyhow::{Result, anyhow};
+use slipsense::board::Lane;
+use slipsense::wire::{
+    CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, Received, Receiver, SlipMessage, Transmitter,
+};
+use slipsense_bus_model::{Arrived, Bus, Disturbance, Timing};
+use slipsense_desk::busload::CLOCK_HZ;
+
+/// Bit rates of the bus, bit/s.
+const RATES_BPS: (u32, u32) = (1_000_000, 8_000_000);
+/// In this form three sensors fit on such a bus.
+const RAW_FORM: RawForm = RawForm::Compressed(Detail::All);
+
+/// A slip message that has arrived.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard {
+    /// When the last bit of its frame had gone, nanoseconds since start.
+    pub at_ns: u64,
+    /// The message, as decoded.
+    pub message: SlipMessage,
+}
+
+/// A module on a bus, and somebody who listens.
+pub struct Link {
+    bus: Bus,
+    transmitter: Transmitter,
+    receiver: Receiver,
+    raw: VecDeque<CanFrame>,
+    buffer: RawBuffer,
+    now_ns: u64,
+}
+
+impl Link {
+    /// Other nodes ask for `foreign_percent` of the bus's time, with identifiers between the slip and the raw
+    /// messages'.
+    pub fn new(foreign_percent: u8) -> Result<Self> {
+        let timing = Timing::new(CLOCK_HZ, RATES_BPS.0, RATES_BPS.1)
+            .map_err(|error| anyhow!("bus of {RATES_BPS:?} bit/s: {error:?}"))?;
+        let disturbance =
+            Disturbance { foreign_load_percent: foreign_percent.into(), ..Disturbance::default() };
+        Ok(Self {
+            bus: Bus::new(&timing, disturbance),
+            transmitter: Transmitter::new(NodeId::DEFAULT),
+            receiver: Receiver::new(NodeId::DEFAULT),
+            raw: VecDeque::new(),
+            buffer: RawBuffer::new(),
+            now_ns: 0,
+        })
+    }
+
+    /// Hand over the messages of a frame. A slip message that still waits is taken back, as the firmware does;
+    /// raw messages that the bus has had no time for are dropped before new ones come.
+    pub fn send<'a>(&mut self, slip: &SlipMessage, raw: impl Iterator<Item = RawFrame<'a>>) -> Result<()> {
+        let frame = self.transmitter.slip(slip);
+        self.bus.withdraw(Lane::Slip);
+        if !self.bus.is_free(Lane::Slip) {
+            return Err(anyhow!("frame {}: the slip message before it is still on the bus", slip.sequence));
+        }
+        self.bus.put(Lane::Slip, &frame, self.now_ns);
+        self.raw.clear();
+        for raw in raw {
+            self.raw.extend(self.transmitter.raw_as(RAW_FORM, &raw, &mut self.buffer));
+        }
+        Ok(())
+    }
+
+    /// Let time pass; what arrives meanwhile is added to `heard`.
+    pub fn advance(&mut self, until_ns: u64, heard: &mut Vec<Heard>) -> Result<()> {
+        let mut arrived: Vec<Arrived> = Vec::new();
+        loop {
+            self.bus.advance(self.now_ns, |frame| arrived.push(frame));
+            if self.bus.is_free(Lane::Raw)
+                && let Some(frame) = self.raw.pop_front()
+            {
+                self.bus.put(Lane::Raw, &frame, self.now_ns);
+                continue;
+            }
+            if self.now_ns >= until_ns {
+                break;
+            }
+            let next_ns = self.bus.next_event_ns().unwrap_or(until_ns);
+            self.now_ns = next_ns.clamp(self.now_ns + 1, until_ns);
+        }
+        for Arrived { at_ns, frame, .. } in arrived {
+            match self.receiver.accept(&frame) {
+                Ok(Some(Received::Slip(message))) => heard.push(Heard { at_ns, message }),
+                Ok(_) => {}
+                Err(error) => return Err(anyhow!("a frame of the module's: {error}")),
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_sent_arrives_as_it_was_and_after_the_time_of_its_frame() {
+        for (foreign, most_us) in [(0, 150), (100, 300)] {
+            let mut link = Link::new(foreign).unwrap();
+            let mut heard = Vec::new();
+            let mut sent_ns = Vec::new();
+            for sequence in 0..200u32 {
+                let tick_ns = u64::from(sequence) * 4_166_667 + 1_000_000;
+                link.advance(tick_ns, &mut heard).unwrap();
+                let message =
+                    SlipMessage { sequence, class: 2, slip: true, sensors: 2, ..SlipMessage::default() };
+                link.send(&message, std::iter::empty()).unwrap();
+                sent_ns.push(tick_ns);
+            }
+            link.advance(2_000_000_000, &mut heard).unwrap();
+            assert_eq!(heard.len(), 200);
+            for (heard, (sequence, sent)) in heard.iter().zip((0..).zip(sent_ns)) {
+                assert_eq!(heard.message.sequence, sequence);
+                assert!(heard.message.slip && heard.message.sensors == 2);
+                let delay_us = (heard.at_ns - sent) / 1000;
+                assert!((100..=most_us).contains(&delay_us), "{delay_us} us at {foreign} %");
+            }
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! One trial of the loop.
+
+use anyhow::{Context, Result};
+use slipsense::net::Model;
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense_synth::plant::{GRIP_MAX_N, Plant, Trial};
+
+use super::controller::{Controller, Reaction};
+use super::link::Link;
+
+/// From a command until the force is there, milliseconds: drawn for each trial.
+pub const ACTUATOR_MS: (f64, f64) = (20.0, 40.0);
+/// Share of it in which nothing moves yet.
+const DEAD_SHARE: f64 = 0.25;
+
+/// Time from a tick until its slip message is handed to the bus, microseconds: the worst on the emulated
+/// Cortex-M7 at 480 instructions per microsecond (`cargo xtask test --only qemu-real-time`). Two sensors were not
+/// measured there: the mean of one and three.
+pub const fn inference_us(sensors: usize) -> u64 {
+    const WORST_US: [u64; MAX_SENSORS] = [780, 1_474, 2_168];
+    WORST_US[if sensors > MAX_SENSORS { MAX_SENSORS - 1 } else { sensors.saturating_sub(1) }]
+}
+
+/// What the loop is made of besides the plant.
+#[derive(Clone, Copy, Debug)]
+pub struct Loop {
+    /// The controller.
+    pub reaction: Reaction,
+    /// From tick to slip message handed over, microseconds.
+    pub inference_us: u64,
+    /// Share of the bus's time that other nodes ask for.
+    pub foreign_percent: u8,
+}
+
+/// What became of a trial. Frames are numbered from 0, times are seconds from the start; the tick of frame `f` is at
+/// `(f + 1) / 240`.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Outcome {
+    /// Frame at which the object would have begun to slip as a whole, as it was when slip was first said of it;
+    /// none where it never would have.
+    pub onset: Option<usize>,
+    /// First frame of the pull whose flag is up before that slip is over.
+    pub detected: Option<usize>,
+    /// Frame at which the object was lost.
+    pub lost: Option<usize>,
+    /// Frame at which it would have been lost without any reaction.
+    pub lost_without: Option<usize>,
+    /// Motions commanded before that: nothing pulled yet, or nothing was going to slip.
+    pub false_motions: usize,
+    /// Motions commanded.
+    pub motions: usize,
+    /// From the tick of `detected` until the message was at the controller.
+    pub message_s: Option<f64>,
+    /// From the tick of `detected` until the first motion's force was there.
+    pub first_s: Option<f64>,
+    /// From the same tick until the largest grip was reached, by the last motion.
+    pub peak_s: Option<f64>,
+    /// Grip of one finger at the start and at its largest, newtons.
+    pub grip_n: (f64, f64),
+    /// The grip reached what the gripper can.
+    pub at_limit: bool,
+    /// Way slid from the beginning of the pull until the gripper lets go, mm.
+    pub slid_mm: f64,
+    /// The same without any reaction.
+    pub slid_without_mm: f64,
+    /// From command to force, milliseconds.
+    pub actuator_ms: f64,
+}
+
+/// Series of a trial for its picture, one value per frame.
+#[derive(Clone, Debug, Default)]
+pub struct Course {
+    /// Way slid since the start, mm.
+    pub slid_mm: Vec<f64>,
+    /// The same without any reaction.
+    pub slid_without_mm: Vec<f64>,
+    /// Grip of one finger, newtons.
+    pub grip_n: Vec<f64>,
+    /// Lead of slip's logit, nat.
+    pub lead: Vec<f64>,
+    /// The flag that is acted on.
+    pub flag: Vec<bool>,
+    /// Times at which motions were commanded, s.
+    pub commands_s: Vec<f64>,
+}
+
+fn tick_s(frame: usize) -> f64 {
+    (frame + 1) as f64 / FRAME_RATE_HZ as f64
+}
+
+fn tick_ns(frame: usize) -> u64 {
+    (frame as u64 + 1) * 1_000_000_000 / u64::from(FRAME_RATE_HZ)
+}
+
+fn series(plant: &Plant, of: impl Fn(&Plant, usize) -> f64) -> Vec<f64> {
+    (0..plant.frames()).map(|frame| of(plant, frame)).collect()
+}
+
+/// Run one trial.
+pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Course)> {
+    let mut plant = trial.plant()?;
+    let mut pipeline = Pipeline::new(model, plant.sensors())?;
+    let mut link = Link::new(how.foreign_percent)?;
+    let actuator_ms = trial.draw_between(ACTUATOR_MS.0, ACTUATOR_MS.1);
+    let actuator_ns = (actuator_ms * 1e6) as u64;
+    let first_n = plant.target_n();
+    let mut controller = Controller::new(how.reaction, first_n);
+    let (lost_without, slid_without) = (plant.lost_at(), series(&plant, Plant::slid_mm));
+    let (held_s, released_s) = plant.held_s();
+    let pulled = plant.pulled();
+
+    let mut course = Course::default();
+    let mut heard = Vec::new();
+    let (mut onset, mut detected, mut message_s) = (None, None, None);
+    let (mut false_motions, mut motions) = (0, 0);
+    let (mut first_at_s, mut peak_at_s) = (None, None);
+    for frame in 0..plant.frames() {
+        let read = plant.step().context("the plant ends before its last frame")?;
+        let output = pipeline.step(read.inputs());
+        let stamp = FrameStamp::of_recording(u32::try_from(frame).context("frame number")?);
+        // Time passes while the network runs; older messages may arrive meanwhile.
+        link.advance(tick_ns(frame) + 1000 * how.inference_us, &mut heard)?;
+        let raw = read.inputs().iter().enumerate();
+        let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input, read.xl_end(sensor)));
+        link.send(&output.slip_message(stamp, 0), raw)?;
+        course.lead.push(output.margin_q10.map_or(0.0, |margin| f64::from(margin) / 1024.0));
+        course.flag.push(how.reaction.flag.of(&output.slip_message(stamp, 0)));
+        link.advance(tick_ns(frame + 1), &mut heard)?;
+
+        for heard in heard.drain(..) {
+            let now_s = heard.at_ns as f64 * 1e-9;
+            let said = heard.message.sequence as usize;
+            let (start_s, end_s) = (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);
+            // The controller is at work from the complete grasp until it lets go.
+            if tick_s(said) < held_s || end_s >= released_s {
+                continue;
+            }
+            if how.reaction.flag.of(&heard.message) && detected.is_none() && pulled.contains(&said) {
+                // What lies ahead is what would happen without this message's command.
+                let slip = plant.slips().into_iter().find(|slip| said < slip.end);
+                if let Some(slip) = slip {
+                    (onset, detected) = (Some(slip.start), Some(said));
+                    message_s = Some(now_s - tick_s(said));
+                }
+            }
+            if let Some(grip_n) = controller.hear(&heard.message, heard.at_ns, actuator_ns) {
+                if start_s < plant.earliest_s() {
+                    anyhow::bail!("frame {said}: its command acts in what is past");
+                }
+                plant.command(start_s, end_s, grip_n)?;
+                motions += 1;
+                false_motions += usize::from(detected.is_none());
+                if detected.is_some() {
+                    first_at_s = first_at_s.or(Some(end_s));
+                    peak_at_s = Some(end_s);
+                }
+                course.commands_s.push(now_s);
+            }
+        }
+    }
+    if onset.is_none() {
+        onset = plant.slips().first().map(|slip| slip.start);
+    }
+    course.slid_mm = series(&plant, Plant::slid_mm);
+    course.grip_n = series(&plant, |plant, frame| plant.grip_n(tick_s(frame)));
+    let last = pulled.end - 1;
+    let slid = |series: &[f64]| series[last] - series[pulled.start];
+    let since_detected =
+        |at_s: Option<f64>| detected.zip(at_s).map(|(frame, at_s): (usize, f64)| at_s - tick_s(frame));
+    let outcome = Outcome {
+        onset,
+        detected,
+        lost: plant.lost_at(),
+        lost_without,
+        false_motions,
+        motions,
+        message_s,
+        first_s: since_detected(first_at_s),
+        peak_s: since_detected(peak_at_s),
+        grip_n: (first_n, plant.target_n()),
+        at_limit: plant.target_n() >= GRIP_MAX_N,
+        slid_mm: slid(&course.slid_mm),
+        slid_without_mm: slid(&slid_without),
+        actuator_ms,
+    };
+    course.slid_without_mm = slid_without;
+    Ok((outcome, course))
+}

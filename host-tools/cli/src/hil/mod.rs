@@ -1,0 +1,28 @@
+//! Hardware in the loop: an episode into the memory of a board, frame by frame, and every CAN frame of its answers
+//! beside what this computer's pipeline sends.
+//!
+//! [`replay`] talks to the program `slipsense-hil` through its [`mailbox`](slipsense::board::mailbox), over a
+//! [`Target`]: a GDB server ([`gdb`]), which debuggers, emulators and probes of every maker have.
+
+pub mod gdb;
+pub mod program;
+pub mod replay;
+
+use std::time::Duration;
+
+use anyhow::Result;
+
+/// A core whose memory can be read and written.
+pub trait Target {
+    /// Reset it, and hold it before its first instruction.
+    fn reset(&mut self) -> Result<()>;
+
+    /// Let it run for about so long. Whether it runs on after that is the target's business.
+    fn run_for(&mut self, time: Duration) -> Result<()>;
+
+    /// Read words from an address that is a multiple of four.
+    fn read(&mut self, address: u32, words: &mut [u32]) -> Result<()>;
+
+    /// Write words to an address that is a multiple of four.
+    fn write(&mut self, address: u32, words: &[u32]) -> Result<()>;
+}

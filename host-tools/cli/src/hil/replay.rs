@@ -1,0 +1,278 @@
+//! An episode into a board's mailbox, and its answers beside this computer's.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::Serialize;
+use slipsense::board::mailbox::{
+    ANSWER_HEADER_WORDS, ANSWER_WORDS, Answer, HASH_WORDS, MAGIC, MAILBOX_WORDS, TEXT_BYTES_MAX, VERSION,
+    Word, answer_words, reason,
+};
+use slipsense::board::replay::encode_frame;
+use slipsense::net::Model;
+use slipsense::wire::{CanFrame, RawForm};
+use slipsense_episode::Episode;
+
+use super::Target;
+use crate::signing::hex;
+use crate::simulate::{simulate, stamp};
+
+/// Between two looks at the board at first, and at most.
+const LOOK: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
+/// Differences that are described one by one.
+const DESCRIBED: usize = 20;
+/// Frames that the pipeline here may be ahead of the board.
+const AHEAD: usize = 64;
+
+/// A CAN frame that is not the one expected.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// Number of the episode's frame.
+    pub frame: usize,
+    /// Place of the CAN frame among those of the frame: 0 is the slip message.
+    pub can_frame: usize,
+    /// What this computer sends; none: it sends fewer.
+    pub expected: Option<String>,
+    /// What the board sends; none: it sends fewer.
+    pub found: Option<String>,
+}
+
+/// What came of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Frames replayed.
+    pub frames: usize,
+    /// Frames with a difference in any byte of any CAN frame.
+    pub differing_frames: usize,
+    /// CAN frames compared.
+    pub can_frames: usize,
+    /// The first differences.
+    pub first: Vec<Difference>,
+    /// Cycles of the board's core that the pipeline took for a frame, at most.
+    pub worst_step_cycles: u32,
+    /// The frame that took them.
+    pub worst_step_frame: usize,
+    /// Clock of the board's core, Hz.
+    pub core_hz: u32,
+    /// The same as time, µs.
+    pub worst_step_us: f64,
+    /// How long it took here, s.
+    pub seconds: f64,
+}
+
+/// What is replayed.
+pub struct Run<'a> {
+    /// Address of the mailbox.
+    pub mailbox: u32,
+    /// The frames.
+    pub episode: &'a Episode,
+    /// So many of them at most.
+    pub frames: Option<usize>,
+    /// The model that the board should have.
+    pub model: Model<'a>,
+    /// How long a board may take for anything.
+    pub timeout: Duration,
+}
+
+/// Replay it, from reset. `progress` is called once per frame.
+pub fn replay(target: &mut dyn Target, run: &Run<'_>, progress: impl FnMut()) -> Result<Report> {
+    let begun = Instant::now();
+    let mut board = Board { target, mailbox: run.mailbox, timeout: run.timeout, areas: (0, 0) };
+    let core_hz = board.open(run)?;
+    let frames = run.frames.unwrap_or(usize::MAX).min(run.episode.frames());
+    let (send, expected) = sync_channel(AHEAD);
+    let mut report = std::thread::scope(|scope| {
+        let here = scope.spawn(|| send_expected(run, frames, send));
+        let report = board.answer_all(run, frames, expected, progress);
+        // An error of the board ends the pipeline here early, which is then no error of its own.
+        let here = here.join().expect("it does not panic");
+        report.and_then(|report| here.map(|()| report))
+    })?;
+    report.core_hz = core_hz;
+    report.worst_step_us = f64::from(report.worst_step_cycles) * 1e6 / f64::from(core_hz.max(1));
+    report.seconds = begun.elapsed().as_secs_f64();
+    Ok(report)
+}
+
+/// The CAN frames of each frame, until all are sent or nobody wants more.
+fn send_expected(run: &Run<'_>, frames: usize, send: SyncSender<Vec<CanFrame>>) -> Result<()> {
+    let ended = AtomicBool::new(false);
+    let (mut sent, can) = (0, std::cell::RefCell::new(Vec::new()));
+    let done = simulate(
+        run.episode,
+        run.model,
+        RawForm::Plain,
+        |_, frame| {
+            ensure!(!ended.load(Ordering::Relaxed), "nobody wants more");
+            can.borrow_mut().push(*frame);
+            Ok(())
+        },
+        || {
+            sent += 1;
+            if send.send(can.take()).is_err() || sent == frames {
+                ended.store(true, Ordering::Relaxed);
+            }
+        },
+    );
+    match done {
+        Err(_) if ended.load(Ordering::Relaxed) => Ok(()),
+        done => done.map(|_| ()),
+    }
+}
+
+struct Board<'t> {
+    target: &'t mut dyn Target,
+    mailbox: u32,
+    timeout: Duration,
+    /// Addresses of frame and answer.
+    areas: (u32, u32),
+}
+
+impl Board<'_> {
+    fn word(&self, word: Word) -> u32 {
+        self.mailbox + 4 * word as u32
+    }
+
+    /// From reset to the first frame; the core's clock.
+    fn open(&mut self, run: &Run<'_>) -> Result<u32> {
+        self.target.reset()?;
+        self.target.write(self.mailbox, &[0; MAILBOX_WORDS])?;
+        let mut words = [0; MAILBOX_WORDS];
+        let (address, timeout) = (self.mailbox, self.timeout);
+        let up = self.wait(|target| {
+            target.read(address, &mut words)?;
+            let failed = words[Word::Failed as usize] == 1;
+            Ok(words[Word::Magic as usize] == MAGIC || failed)
+        })?;
+        ensure!(
+            up,
+            "the board's program does not come up for {} s: is it the one that --elf names?",
+            timeout.as_secs_f32()
+        );
+        self.areas = (words[Word::FrameAt as usize], words[Word::AnswerAt as usize]);
+        self.refuse_failed(&words)?;
+        let version = words[Word::Version as usize];
+        ensure!(version == VERSION, "the board speaks version {version} of the mailbox, this is {VERSION}");
+        let hash = words[Word::ModelHash as usize..][..HASH_WORDS].iter().flat_map(|word| word.to_le_bytes());
+        let hash: Vec<u8> = hash.collect();
+        ensure!(
+            hash == run.model.hash,
+            "the board has the model {}, to be compared with {}: build its program with that, or give --model",
+            hex(&hash[..4]),
+            hex(&run.model.hash[..4])
+        );
+        self.target.write(self.word(Word::Sensors), &[run.episode.sensors as u32])?;
+        Ok(words[Word::CoreHz as usize])
+    }
+
+    /// Let the board run until something is so; `false`: it is not for so long.
+    fn wait(&mut self, mut is_so: impl FnMut(&mut dyn Target) -> Result<bool>) -> Result<bool> {
+        let begun = Instant::now();
+        let [mut pause, longest] = LOOK;
+        while begun.elapsed() < self.timeout {
+            self.target.run_for(pause)?;
+            if is_so(self.target)? {
+                return Ok(true);
+            }
+            pause = (2 * pause).min(longest);
+        }
+        Ok(false)
+    }
+
+    /// An error, if the board has given up.
+    fn refuse_failed(&mut self, words: &[u32; MAILBOX_WORDS]) -> Result<()> {
+        if words[Word::Failed as usize] != 1 {
+            return Ok(());
+        }
+        if words[Word::AnswerAt as usize] == 0 {
+            bail!("the board's program gives up before it can say why");
+        }
+        let mut text = [0; 1 + TEXT_BYTES_MAX.div_ceil(4)];
+        self.target.read(self.areas.1, &mut text)?;
+        bail!("the board's program gives up: {}", reason(&text).unwrap_or_default())
+    }
+
+    fn answer_all(
+        &mut self,
+        run: &Run<'_>,
+        frames: usize,
+        expected: Receiver<Vec<CanFrame>>,
+        mut progress: impl FnMut(),
+    ) -> Result<Report> {
+        let mut report = Report {
+            frames,
+            differing_frames: 0,
+            can_frames: 0,
+            first: Vec::new(),
+            worst_step_cycles: 0,
+            worst_step_frame: 0,
+            core_hz: 0,
+            worst_step_us: 0.0,
+            seconds: 0.0,
+        };
+        for frame in 0..frames {
+            let answer = self.answer(run, frame)?;
+            let expected = expected.recv().context("this computer's pipeline has ended early")?;
+            report.compare(frame, &expected, &answer);
+            progress();
+        }
+        Ok(report)
+    }
+
+    fn answer(&mut self, run: &Run<'_>, frame: usize) -> Result<Answer> {
+        let mut parts = Vec::with_capacity(run.episode.sensors);
+        for sensor in 0..run.episode.sensors {
+            parts.push(run.episode.sensed(frame, sensor)?);
+        }
+        let mut bytes = Vec::new();
+        encode_frame(stamp(frame), &parts, |more| bytes.extend_from_slice(more));
+        let words: Vec<u32> = bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
+        let number = stamp(frame).sequence + 1;
+        self.target.write(self.areas.0, &words)?;
+        self.target.write(self.word(Word::Asked), &[number])?;
+        let mut words = [0; MAILBOX_WORDS];
+        let (address, timeout) = (self.mailbox, self.timeout);
+        let answered = self.wait(|target| {
+            target.read(address, &mut words)?;
+            Ok(words[Word::Answered as usize] == number || words[Word::Failed as usize] == 1)
+        })?;
+        self.refuse_failed(&words).with_context(|| format!("frame {frame}"))?;
+        ensure!(answered, "frame {frame}: the board does not answer for {} s", timeout.as_secs_f32());
+        let mut header = [0; ANSWER_HEADER_WORDS];
+        self.target.read(self.areas.1, &mut header)?;
+        let length = answer_words(&header).with_context(|| {
+            format!(
+                "frame {frame}: the board's answer is longer than the {ANSWER_WORDS} words that it may have"
+            )
+        })?;
+        let mut words = vec![0; length];
+        self.target.read(self.areas.1, &mut words)?;
+        Answer::decode(&words).with_context(|| format!("frame {frame}: the board's answer is none"))
+    }
+}
+
+impl Report {
+    fn compare(&mut self, frame: usize, expected: &[CanFrame], answer: &Answer) {
+        let places = expected.len().max(answer.can.len());
+        let mut differs = false;
+        for place in 0..places {
+            let (expected, found) = (expected.get(place), answer.can.get(place));
+            if expected == found {
+                continue;
+            }
+            differs = true;
+            if self.first.len() < DESCRIBED {
+                let text = |can: Option<&CanFrame>| can.map(|can| format!("{can:?}"));
+                let (expected, found) = (text(expected), text(found));
+                self.first.push(Difference { frame, can_frame: place, expected, found });
+            }
+        }
+        self.differing_frames += usize::from(differs);
+        self.can_frames += places;
+        if answer.step_cycles > self.worst_step_cycles {
+            (self.worst_step_cycles, self.worst_step_frame) = (answer.step_cycles, frame);
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! The generator's gripper, object and sensors, frame by frame: for a controller that commands the grip while it
+//! listens to the sensors.
+//!
+//! Contact, friction, film and vibration are those of [`generate`](crate::generate), line by line. An episode's
+//! course is known before it is made; here a command may change what is still to come. The plant therefore looks
+//! ahead under the commands that it has, and looks ahead anew when one more comes. What has been delivered stays
+//! as it was, to the bit: every source draws from a stream of its own in the order of time, and a command acts
+//! later than what was delivered.
+//!
+//! What has no part in it is told in the crate's README.
+
+mod trials;
+
+pub use trials::{Direction, Hand, LOST_MM, LOST_TURN_RAD, Objects, Trial, trials};
+
+use std::ops::Range;
+
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+
+use crate::draw::{Draw, Stream, stream};
+use crate::finger::{Finger, STEPS, Shared};
+use crate::friction::STEP_HZ;
+use crate::hand::Strength;
+use crate::labels::interface_intervals;
+use crate::log::Log;
+use crate::recipe::{Platform, Recipe, Resolved, ScenarioChoice};
+use crate::scenario::levels::GRIP_N;
+use crate::scenario::script::{Kind, Script};
+use crate::scenario::{self, Plan};
+use crate::timeline::ramp;
+use crate::{SynthError, vibration};
+
+/// Firmest grip of one finger, newtons.
+pub const GRIP_MAX_N: f64 = GRIP_N.1;
+/// Way of the pulling hand: more than takes an object out of the grip.
+const PULL_MM: f64 = 16.0;
+/// Turn of the twisting hand.
+const TWIST_RAD: f64 = 1.6;
+/// A command acts at least this much later than what was delivered, seconds: scan and samples of a tick know
+/// nothing of what comes more than a step after it.
+const NOT_BEFORE_S: f64 = 2.0 / STEP_HZ;
+/// How loud joints or jaws are that move inward once more, against closing.
+const INWARD_VIGOUR: (f64, f64) = (0.3, 0.8);
+
+/// A command that the gripper cannot follow.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum CommandError {
+    /// It would change what was delivered.
+    #[error("command: starts at {start_s} s, what comes before {earliest_s} s is past")]
+    Past {
+        /// Start of the motion.
+        start_s: f64,
+        /// Earliest start that is possible.
+        earliest_s: f64,
+    },
+    /// Outside the grasp.
+    #[error(
+        "command: from {start_s} to {end_s} s, must start and end in order within the grasp, {from_s} to {to_s} s"
+    )]
+    Outside {
+        /// Start of the motion.
+        start_s: f64,
+        /// Its end.
+        end_s: f64,
+        /// The grasp is complete.
+        from_s: f64,
+        /// The gripper lets go.
+        to_s: f64,
+    },
+    /// A force that the gripper does not have.
+    #[error("command: grip of {0} N, must be {low} to {high}", low = GRIP_N.0, high = GRIP_N.1)]
+    Grip(f64),
+}
+
+/// What the sensors deliver at one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Number of the frame; its tick is at `(index + 1) / 240` s.
+    pub index: usize,
+    sensors: usize,
+    inputs: [SensorInput<'a>; MAX_SENSORS],
+    xl_end: [u32; MAX_SENSORS],
+}
+
+impl<'a> Frame<'a> {
+    /// Scans and samples, in the order of the sensors.
+    pub fn inputs(&self) -> &[SensorInput<'a>] {
+        &self.inputs[..self.sensors]
+    }
+
+    /// Samples that a sensor has delivered since the start.
+    pub fn xl_end(&self, sensor: usize) -> u32 {
+        self.xl_end[sensor]
+    }
+}
+
+/// One grasp of an object that a hand pulls or twists.
+pub struct Plant {
+    recipe: Recipe,
+    what: Resolved,
+    /// As it goes without a command.
+    planned: Plan,
+    /// As it goes with the commands so far.
+    plan: Plan,
+    /// Starts of the commanded motions, seconds.
+    motions_s: Vec<f64>,
+    /// Force that the last command ends at, newtons.
+    target_n: f64,
+    frames: usize,
+    /// Times between which the object is held as firmly as commanded, seconds.
+    held_s: (f64, f64),
+    /// Frames of the pull and of the standstill after it.
+    pulled: Range<usize>,
+    ahead: Ahead,
+    delivered: usize,
+}
+
+/// What will happen unless a command comes.
+struct Ahead {
+    piezo: Vec<PiezoFrame>,
+    fingers: Vec<Finger>,
+}
+
+impl Plant {
+    /// A grasp of `recipe`, which a hand pulls (`free_pull`) or twists (`rotation`); other scenarios are refused.
+    /// `strength` is the most that the hand pulls with, over the force at which the object would slip as a whole
+    /// if its friction were the same everywhere; it has to be above 0.
+    pub fn new(recipe: &Recipe, strength: f64) -> Result<Self, SynthError> {
+        let twists = match recipe.scenario {
+            ScenarioChoice::FreePull => false,
+            ScenarioChoice::Rotation => true,
+            other => return Err(SynthError::PlantScenario(other)),
+        };
+        if !(strength > 0.0 && strength.is_finite()) {
+            return Err(SynthError::Strength(strength));
+        }
+        let what = recipe.resolve()?;
+        let seed = recipe.seed;
+        let radius_mm = what.twist_radius_mm();
+        let way_mm = if twists { TWIST_RAD * radius_mm } else { PULL_MM };
+        let script = Script::trial(&mut stream(seed, Stream::Script, 0), &what, way_mm);
+        let frames = crate::frames(&script);
+        let mut plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &what, script);
+        let of = |kind| plan.script.of(kind).next().copied();
+        let (Some(grasp), Some(pull), Some(settle)) =
+            (scenario::grasps(&plan.script).pop(), of(Kind::Pull), of(Kind::Settle))
+        else {
+            unreachable!("the script of a trial has one grasp with a pull")
+        };
+        // A motor holds what it is told: nobody varies the grip.
+        let base_n = plan.base_n;
+        let steps = plan.timeline.steps();
+        plan.timeline.grip_n = (0..steps)
+            .map(|i| {
+                let t = i as f64 / STEP_HZ;
+                base_n * ramp(t, grasp.touch, grasp.held) * (1.0 - ramp(t, grasp.release, grasp.let_go))
+            })
+            .collect();
+        // The object lies in the middle when the pull begins, not when half of it is over.
+        plan.stroke_mm = [0.0; 2];
+        let slips_at_n = what.object.mu_static * base_n;
+        plan.strength =
+            Some(Strength { pull_n: strength * slips_at_n, twist_n_mm: strength * slips_at_n * radius_mm });
+        let frame = |t: f64| (t * FRAME_RATE_HZ as f64) as usize;
+        let mut plant = Self {
+            recipe: recipe.clone(),
+            what,
+            plan: plan.clone(),
+            planned: plan,
+            motions_s: Vec::new(),
+            target_n: base_n,
+            frames,
+            held_s: (grasp.held, grasp.release),
+            pulled: frame(pull.start_s)..frame(settle.end_s()).min(frames),
+            ahead: Ahead { piezo: Vec::new(), fingers: Vec::new() },
+            delivered: 0,
+        };
+        plant.ahead = plant.look_ahead();
+        Ok(plant)
+    }
+
+    /// Frames from open jaws to open jaws.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Instrumented fingers.
+    pub fn sensors(&self) -> usize {
+        self.recipe.sensors
+    }
+
+    /// Frames while a hand pulls, and stands still after that.
+    pub fn pulled(&self) -> Range<usize> {
+        self.pulled.clone()
+    }
+
+    /// Times between which commands may move the gripper, seconds.
+    pub fn held_s(&self) -> (f64, f64) {
+        self.held_s
+    }
+
+    /// Scans and samples of the next tick; `None` after the last.
+    pub fn step(&mut self) -> Option<Frame<'_>> {
+        let index = self.delivered;
+        if index == self.frames {
+            return None;
+        }
+        self.delivered += 1;
+        let sensors = self.recipe.sensors;
+        let mut inputs = [SensorInput::default(); MAX_SENSORS];
+        let mut xl_end = [0; MAX_SENSORS];
+        for (sensor, finger) in self.ahead.fingers.iter().enumerate() {
+            xl_end[sensor] = finger.xl_end[index];
+            inputs[sensor] = SensorInput {
+                piezo: Some(&self.ahead.piezo[index * sensors + sensor]),
+                xl: Some(batch(finger, index)),
+            };
+        }
+        Some(Frame { index, sensors, inputs, xl_end })
+    }
+
+    /// Earliest time at which a command can act, seconds.
+    pub fn earliest_s(&self) -> f64 {
+        self.delivered as f64 / FRAME_RATE_HZ as f64 + NOT_BEFORE_S
+    }
+
+    /// Move the fingers so that each grips with `grip_n` at `end_s`, from the force that there is at `start_s`.
+    pub fn command(&mut self, start_s: f64, end_s: f64, grip_n: f64) -> Result<(), CommandError> {
+        if !(GRIP_N.0..=GRIP_N.1).contains(&grip_n) {
+            return Err(CommandError::Grip(grip_n));
+        }
+        let (from_s, to_s) = self.held_s;
+        if !(from_s <= start_s && start_s < end_s && end_s < to_s) {
+            return Err(CommandError::Outside { start_s, end_s, from_s, to_s });
+        }
+        let earliest_s = self.earliest_s();
+        if start_s < earliest_s {
+            return Err(CommandError::Past { start_s, earliest_s });
+        }
+        let line = &mut self.plan.timeline;
+        let before_n = vibration::at(&line.grip_n, start_s);
+        let after = line.times(start_s, f64::INFINITY);
+        for (i, t) in after {
+            let let_go = self.planned.timeline.grip_n[i] / self.planned.base_n;
+            line.grip_n[i] = let_go * (before_n + (grip_n - before_n) * ramp(t, start_s, end_s));
+        }
+        let mut rng = stream(self.recipe.seed, Stream::Motion, self.motions_s.len());
+        let vigour = rng.between(INWARD_VIGOUR.0, INWARD_VIGOUR.1);
+        let motors = self.what.platform == Platform::Tesollo;
+        line.travel(&mut rng, (start_s, end_s), vigour, motors);
+        self.motions_s.push(start_s);
+        self.target_n = grip_n;
+        self.ahead = self.look_ahead();
+        Ok(())
+    }
+
+    /// Force of one finger that the last command ends at, newtons.
+    pub fn target_n(&self) -> f64 {
+        self.target_n
+    }
+
+    /// Grip of one finger at a time, newtons.
+    pub fn grip_n(&self, t_s: f64) -> f64 {
+        vibration::at(&self.plan.timeline.grip_n, t_s)
+    }
+
+    /// Way that the object has slid over the fingers at a tick, mean over them, mm.
+    pub fn slid_mm(&self, frame: usize) -> f64 {
+        self.mean(|finger| finger.path_mm[frame])
+    }
+
+    /// Angle by which the object has turned in the grip at a tick, mean over the fingers, rad.
+    pub fn turned_rad(&self, frame: usize) -> f64 {
+        self.mean(|finger| finger.turn_rad[frame].abs())
+    }
+
+    /// First frame up to the gripper's letting go at which the object is lost: it has slid [`LOST_MM`] since the
+    /// pull began, turned by [`LOST_TURN_RAD`], or left a finger.
+    pub fn lost_at(&self) -> Option<usize> {
+        let start = self.slid_mm(self.pulled.start);
+        self.pulled().find(|&frame| {
+            self.slid_mm(frame) - start > LOST_MM
+                || self.turned_rad(frame) > LOST_TURN_RAD
+                || self.ahead.fingers.iter().any(|finger| !finger.loaded[frame])
+        })
+    }
+
+    /// Frames of the pull in which the interface slips as a whole
+    /// ([`interface_intervals`](crate::labels::interface_intervals)): past ones, and those to come unless a
+    /// command prevents them.
+    pub fn slips(&self) -> Vec<Range<usize>> {
+        let series = |of: fn(&Finger) -> &Vec<f64>| -> Vec<f32> {
+            (0..self.frames).map(|frame| self.mean(|finger| of(finger)[frame]) as f32).collect()
+        };
+        interface_intervals(&series(|f| &f.slip_mm_s), &series(|f| &f.fraction), self.pulled())
+    }
+
+    fn mean(&self, of: impl Fn(&Finger) -> f64) -> f64 {
+        self.ahead.fingers.iter().map(of).sum::<f64>() / self.ahead.fingers.len() as f64
+    }
+
+    fn look_ahead(&self) -> Ahead {
+        // What is drawn once is drawn of the plan, which no command changes.
+        let mut shared = Shared::draw(&self.recipe, &self.what, &self.planned, self.frames);
+        shared.plan = &self.plan;
+        shared.sources_apart = true;
+        for (motion, &start_s) in self.motions_s.iter().enumerate() {
+            let mut rng = stream(self.recipe.seed, Stream::Motion, motion);
+            rng.set_word_pos(CLICKS_WORD);
+            shared.sound.moves_again(&mut rng, self.what.platform, start_s);
+        }
+        let sensors = self.recipe.sensors;
+        let mut piezo = vec![PiezoFrame::zeroed(); self.frames * sensors];
+        let mut log = Log::default();
+        let fingers = (0..sensors).map(|sensor| shared.finger(sensor, &mut piezo, &mut log)).collect();
+        Ahead { piezo, fingers }
+    }
+}
+
+/// Where a motion's clicks are drawn, beyond what else it draws.
+const CLICKS_WORD: u128 = 1 << 16;
+
+const _: () = assert!(STEPS as f64 * FRAME_RATE_HZ as f64 == STEP_HZ);
+
+/// Samples of one frame.
+fn batch(finger: &Finger, frame: usize) -> &[XlSample] {
+    let end = |frame: usize| finger.xl_end[frame] as usize;
+    &finger.xl[frame.checked_sub(1).map_or(0, end)..end(frame)]
+}

@@ -1,0 +1,127 @@
+//! Compressed raw messages, and the declared order in which a bus that cannot carry everything loses them: the slip
+//! message never, then the rest of the taxels first, the contacts next, the accelerometer last.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::board::{Lane, SensedPart};
+use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
+use slipsense::sensor::PiezoFrame;
+use slipsense::tasks::{RAW_MESSAGES, Shared};
+use slipsense::wire::{Detail, RawBuffer, RawForm, RawMessage, Region, Transmitter};
+use slipsense_bus_model::Disturbance;
+
+use crate::world::{BATCH, NODE, Ran, World, healthy, stamp};
+
+const FRAMES: u32 = 480;
+/// The contact of [`noise`].
+const CONTACT: Region = Region { first_row: 10, rows: 6, first_col: 12, cols: 8 };
+
+fn switch_on(shared: &Shared<embassy_sync::blocking_mutex::raw::NoopRawMutex>, tick: u32) {
+    if tick == 0 {
+        let mut controls = shared.controls();
+        controls.compress_raw = true;
+        shared.control(controls);
+    }
+}
+
+/// What no coder makes shorter: random samples, random counts, those of a touch in [`CONTACT`] alone.
+fn noise(sequence: u32, parts: &mut [SensedPart; MAX_SENSORS]) {
+    healthy(sequence, parts);
+    for (sensor, part) in (0u64..).zip(parts) {
+        let mut rng = ChaCha8Rng::seed_from_u64(u64::from(sequence) << 8 | sensor);
+        part.piezo = PiezoFrame::from_scan(std::array::from_fn::<u16, TAXELS, _>(|index| {
+            let (row, col) = (index / TAXEL_COLS, index % TAXEL_COLS);
+            if CONTACT.cols_of(row).contains(&col) {
+                rng.random_range(TAXEL_TOUCH_MIN..4_096)
+            } else {
+                rng.random_range(0..TAXEL_TOUCH_MIN)
+            }
+        }));
+        part.xl.iter_mut().for_each(|sample| *sample = rng.random());
+    }
+}
+
+/// What arrived is what the sensors gave, as far as the message says that it holds it.
+fn assert_true(world: &World<'_>, message: &RawMessage) {
+    let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+    (world.script)(message.sequence, &mut parts);
+    let part = &parts[usize::from(message.sensor)];
+    assert_eq!((message.xl.as_slice(), message.xl_end), (part.xl.as_slice(), (message.sequence + 1) * BATCH));
+    for (index, (&got, &count)) in message.piezo.counts().iter().zip(part.piezo.counts()).enumerate() {
+        let sent = message.region.cols_of(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
+        assert_eq!(got, if sent { count } else { 0 }, "taxel {index} of frame {}", message.sequence);
+    }
+}
+
+/// Messages with all taxels, with those of the contact, without.
+fn details(ran: &Ran) -> [usize; 3] {
+    [Region::ALL, CONTACT, Region::NONE]
+        .map(|region| ran.raw.iter().filter(|message| message.region == region).count())
+}
+
+fn run(world: &World<'_>) -> Ran {
+    let ran = world.run();
+    assert_eq!((ran.slips.len() as u32, ran.status.replaced_slips, ran.errors), (world.frames, 0, 0));
+    ran.raw.iter().for_each(|message| assert_true(world, message));
+    assert_eq!(details(&ran).iter().sum::<usize>(), ran.raw.len());
+    let made = world.frames * world.sensors as u32;
+    let accounted = ran.raw.len() as u32 + ran.status.dropped_raw;
+    assert!((made - RAW_MESSAGES as u32..=made).contains(&accounted), "{accounted} of {made}");
+    ran
+}
+
+#[test]
+fn a_free_bus_carries_what_the_host_makes() {
+    let world = World { before_tick: &switch_on, ..World::new(120, 1) };
+    let ran = run(&world);
+    let mut transmitter = Transmitter::new(NODE);
+    let (mut buffer, mut raws) = (RawBuffer::new(), Vec::new());
+    for (sequence, output) in (0..).zip(world.outputs()) {
+        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        (world.script)(sequence, &mut parts);
+        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input(), parts[0].xl_end);
+        raws.extend(transmitter.raw_as(RawForm::Compressed(Detail::All), &raw, &mut buffer));
+    }
+    let arrived = ran.arrived.iter().filter(|arrived| arrived.lane == Lane::Raw).map(|arrived| arrived.frame);
+    assert!(arrived.eq(raws), "every CAN byte");
+    assert_eq!((details(&ran), ran.status.dropped_raw), ([120, 0, 0], 0));
+}
+
+/// Three sensors whose data no coder makes shorter ask for three times what the bus carries, and with others on it,
+/// for more. The accelerometers of all arrive, contacts where there is room, all taxels where there is more.
+#[test]
+fn what_a_full_bus_loses_is_in_the_declared_order() {
+    let mut before = [usize::MAX; 3];
+    for foreign_load_percent in [0, 30, 50] {
+        let disturbance = Disturbance { foreign_load_percent, ..Disturbance::default() };
+        let world =
+            World { disturbance, script: &noise, before_tick: &switch_on, ..World::new(FRAMES, MAX_SENSORS) };
+        let ran = run(&world);
+        let [all, contact, accelerometer] = details(&ran);
+        println!(
+            "random bits of 3 sensors, {foreign_load_percent} % of the bus taken by others: of {} raw messages {all} \
+             whole, {contact} with the contact, {accelerometer} with the accelerometer alone, {} dropped",
+            FRAMES as usize * MAX_SENSORS,
+            ran.status.dropped_raw,
+        );
+        // A message more than the bus takes fills the queue before the node has noticed: at the start above all.
+        assert!(ran.status.dropped_raw * 50 <= FRAMES * MAX_SENSORS as u32, "{:?}", ran.status);
+        assert!(contact > 0, "{ran:?}", ran = ran.status);
+        assert!(all + contact <= before[0].saturating_add(before[1]), "{before:?}");
+        before = [all, contact, accelerometer];
+    }
+}
+
+#[test]
+fn when_nothing_goes_the_rest_is_dropped_in_turn_and_counted() {
+    let disturbance = Disturbance { foreign_load_percent: 85, ..Disturbance::default() };
+    let world =
+        World { disturbance, script: &noise, before_tick: &switch_on, ..World::new(FRAMES, MAX_SENSORS) };
+    let ran = run(&world);
+    assert!(ran.status.dropped_raw > 100, "{:?}", ran.status);
+    let [_, _, accelerometer] = details(&ran);
+    assert!(accelerometer * 10 > ran.raw.len() * 9, "{accelerometer} of {}", ran.raw.len());
+    let of = |sensor| ran.raw.iter().filter(|message| message.sensor == sensor).count();
+    let (fewest, most) = ([of(0), of(1), of(2)].into_iter().min(), [of(0), of(1), of(2)].into_iter().max());
+    assert!(fewest.unwrap() * 4 > most.unwrap() * 3, "{fewest:?} to {most:?}");
+}

@@ -1,0 +1,127 @@
+//! Every trouble in one run, one after the other, and what each must show and must leave alone.
+
+use slipsense::wire::health;
+
+use crate::recovery::{Recovery, names};
+use crate::trouble::{Kind, NAMES, Trouble};
+
+/// Before the first, and after each: longer than an accelerometer takes to start.
+const REST_NS: u64 = 200_000_000;
+
+/// How long a trouble lasts, flags that it must show, flags that may come with them, and whether every frame must have
+/// its slip message on the bus all the while.
+struct Course {
+    lasts_ns: u64,
+    shows: u8,
+    may_show: u8,
+    every_message: bool,
+}
+
+const fn course(kind: Kind) -> Course {
+    // Samples of a part that starts again fill a window first.
+    let with_xl = health::XL_WARMING_UP | health::XL_SAMPLES_DROPPED;
+    let (lasts_ms, shows, may_show, every_message) = match kind {
+        Kind::ErrorFrames { per_million } if per_million < 1_000_000 => (400, 0, 0, true),
+        Kind::Flood => (200, 0, 0, true),
+        Kind::AccelerometerStops | Kind::FifoOverrun => (100, health::XL_MISSING, with_xl, true),
+        // All taxels alike for 100 ms make an array dead.
+        Kind::AdcStuck => (250, health::PIEZO_MISSING, 0, true),
+        // Nobody hears the flag.
+        Kind::ErrorFrames { .. } | Kind::NoAcknowledge => (200, 0, 0, false),
+    };
+    Course { lasts_ns: lasts_ms * 1_000_000, shows, may_show, every_message }
+}
+
+/// All of them; last those that keep slip messages from the bus, after which nothing can be compared.
+pub fn schedule() -> Vec<Trouble> {
+    let mut kinds = NAMES;
+    kinds.sort_by_key(|(_, kind)| !course(*kind).every_message);
+    let mut start = REST_NS;
+    kinds
+        .into_iter()
+        .map(|(name, kind)| {
+            let end = start + course(kind).lasts_ns;
+            let trouble = Trouble { name, kind, when: start..end };
+            start = end + REST_NS;
+            trouble
+        })
+        .collect()
+}
+
+/// Virtual seconds of a run of them.
+pub fn seconds(schedule: &[Trouble]) -> f64 {
+    schedule.last().map_or(0, |last| last.when.end + REST_NS) as f64 / 1e9
+}
+
+/// What was not as it must be.
+pub fn complaints(recoveries: &[Recovery]) -> Vec<String> {
+    let mut complaints = Vec::new();
+    for recovery in recoveries {
+        let expected = course(recovery.trouble.kind);
+        let mut say = |what: String| complaints.push(format!("{}: {what}", recovery.trouble.name));
+        if recovery.flags & expected.shows != expected.shows {
+            say(format!("does not show {}", names(expected.shows & !recovery.flags)));
+        }
+        let others = recovery.flags & !(expected.shows | expected.may_show);
+        if others != 0 {
+            say(format!("shows {} too", names(others)));
+        }
+        if expected.every_message && recovery.left_out > 0 {
+            say(format!("{} frames without a slip message", recovery.left_out));
+        }
+        if !expected.every_message && recovery.failed == 0 {
+            say("no frame failed".to_owned());
+        }
+        if recovery.healthy_ns.is_none() {
+            say("did not recover before the next".to_owned());
+        }
+    }
+    complaints
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A run that is as it must be.
+    fn sound() -> Vec<Recovery> {
+        let recovery = |trouble: Trouble| {
+            let course = course(trouble.kind);
+            Recovery {
+                flags: course.shows,
+                messages: 24,
+                left_out: 0,
+                failed: usize::from(!course.every_message),
+                first_ns: Some(1),
+                healthy_ns: Some(1),
+                trouble,
+            }
+        };
+        schedule().into_iter().map(recovery).collect()
+    }
+
+    #[test]
+    fn every_trouble_has_its_turn_and_time_to_recover() {
+        let schedule = schedule();
+        assert_eq!(schedule.len(), NAMES.len());
+        assert!(schedule.windows(2).all(|pair| pair[1].when.start == pair[0].when.end + REST_NS));
+        assert_eq!(complaints(&sound()), Vec::<String>::new());
+    }
+
+    #[test]
+    fn what_is_not_as_it_must_be_is_told() {
+        let spoil: [fn(&mut Recovery); 4] = [
+            |recovery| recovery.flags ^= health::XL_MISSING,
+            |recovery| recovery.flags |= health::TAXELS_SATURATED,
+            |recovery| recovery.left_out += 1,
+            |recovery| recovery.healthy_ns = None,
+        ];
+        for (spoil, said) in spoil.into_iter().zip(["XL_MISSING", "TAXELS_SATURATED", "without", "recover"]) {
+            let mut recoveries = sound();
+            let xl = recoveries.iter_mut().find(|recovery| recovery.trouble.kind == Kind::FifoOverrun);
+            spoil(xl.expect("it is one of them"));
+            let found = complaints(&recoveries);
+            assert!(matches!(&found[..], [one] if one.contains(said)), "{found:?}");
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! From INIT to the bus: what may be written when, bit timings, and the time stamp that counts them (RM0433, software
+//! initialization, operating modes, timestamp generation).
+
+use rigless::device::{DeviceContext, RegisterFile};
+use rigless::soc::stm32h743::generated::fdcan1::Register;
+use rigless::time::VirtualNanos;
+use slipsense_can_model::{BitTiming, Timing};
+
+use super::Fdcan;
+use super::registers::{cccr, field};
+
+impl Fdcan {
+    pub(super) fn write_cccr(
+        &mut self,
+        value: u64,
+        old: u64,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        let configurable = old & (cccr::INIT | cccr::CCE) == cccr::INIT | cccr::CCE;
+        let mut new = value & 0xF3FF & !cccr::CSA;
+        if !configurable {
+            let changed = (old ^ new) & cccr::PROTECTED | new & !old & cccr::PROTECTED_SET;
+            if changed != 0 {
+                context.tell(
+                    "FDCAN_CCCR",
+                    "a bit that is protected was changed without CCE and INIT, and is ignored",
+                );
+            }
+            new = (new & !cccr::PROTECTED) | (old & cccr::PROTECTED);
+            new &= !cccr::PROTECTED_SET | old;
+        }
+        // CCE can be set only while INIT is, and falls with it.
+        if new & cccr::INIT == 0 || old & cccr::INIT == 0 {
+            if new & cccr::CCE != 0 && old & cccr::INIT == 0 {
+                context.tell("FDCAN_CCCR", "CCE was set before INIT read as set, and is ignored");
+            }
+            new &= !cccr::CCE;
+        }
+        if new & cccr::CSR != 0 {
+            // Clock stop request: acknowledged once the bus is idle, here at once, with INIT set.
+            new |= cccr::CSA | cccr::INIT;
+        }
+        registers.set(Register::FdcanCccr, new);
+        if new & cccr::TEST == 0 {
+            // Test register: its functions fall back when CCCR.TEST falls.
+            registers.set(Register::FdcanTest, 0);
+        }
+        if new & cccr::CCE != 0 && old & cccr::CCE == 0 {
+            self.configuration_begins(registers);
+        }
+        if new & cccr::INIT != 0 && old & cccr::INIT == 0 {
+            if self.in_flight.take().is_some() {
+                context.tell("FDCAN_CCCR", "INIT was set while a frame was on the bus, which is cut off");
+            }
+            self.start = None;
+        }
+        if new & cccr::INIT == 0 && old & cccr::INIT != 0 {
+            self.join(registers, context);
+        }
+    }
+
+    /// Software initialization: setting CCE resets these.
+    fn configuration_begins(&mut self, registers: &mut RegisterFile) {
+        use Register as R;
+        for register in
+            [R::FdcanHpms, R::FdcanRxf0s, R::FdcanRxf1s, R::FdcanTxbrp, R::FdcanTxbto, R::FdcanTxbcf]
+        {
+            registers.set(register, 0);
+        }
+        registers.set(R::FdcanTxfqs, 0);
+        registers.set(R::FdcanTxefs, 0);
+        self.requested = [const { None }; 32];
+        (self.tx_get, self.event_get, self.event_put, self.cancelled) = (0, 0, 0, 0);
+        (self.rx_get, self.rx_put) = ([0; 2], [0; 2]);
+    }
+
+    /// INIT was cleared: bit timings are taken, and the node joins after 11 recessive bits, or after its recovery.
+    fn join(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        let (nominal, data) = (registers.get(Register::FdcanNbtp), registers.get(Register::FdcanDbtp));
+        let nominal = BitTiming {
+            prescaler: field(nominal, 16, 9) as u32 + 1,
+            seg1: field(nominal, 8, 8) as u32 + 1,
+            seg2: field(nominal, 0, 7) as u32 + 1,
+        };
+        let delay_compensation = data >> 23 & 1 != 0;
+        let data = BitTiming {
+            prescaler: field(data, 16, 5) as u32 + 1,
+            seg1: field(data, 8, 5) as u32 + 1,
+            seg2: field(data, 4, 4) as u32 + 1,
+        };
+        self.check_timing(&nominal, &data, delay_compensation, registers, context);
+        let Ok(clock_hz) = u32::try_from(self.clock_hz) else { return };
+        if clock_hz == 0 {
+            context.tell("FDCAN_CCCR", "INIT was cleared while the kernel clock stands still");
+            return;
+        }
+        let timing = Timing { clock_hz, nominal, data };
+        self.timing = Some(timing);
+        self.timestamp_from = context.now().0;
+        if let Some(at) = self.heard_mut(registers).join(context.now().0, timing) {
+            self.recovery = Some(context.schedule(VirtualNanos(at)));
+        }
+        self.update_fifo(registers);
+        self.schedule_start(registers, context);
+    }
+
+    /// Nominal and data bit time: at least 4 quanta, jump width within segment 2, and above 1 Mbit/s compensation
+    /// of the transceiver's delay with a prescaler of 1 or 2 (transceiver delay compensation).
+    fn check_timing(
+        &self,
+        nominal: &BitTiming,
+        data: &BitTiming,
+        compensated: bool,
+        registers: &RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) {
+        let nsjw = field(registers.get(Register::FdcanNbtp), 25, 7) as u32 + 1;
+        let dsjw = field(registers.get(Register::FdcanDbtp), 0, 4) as u32 + 1;
+        if nsjw > nominal.seg2 {
+            context.tell("FDCAN_NBTP", "the jump width is wider than the segment after the sample point");
+        }
+        let control = registers.get(Register::FdcanCccr);
+        if control & cccr::FDOE == 0 || control & cccr::BRSE == 0 {
+            return;
+        }
+        if dsjw > data.seg2 {
+            context.tell("FDCAN_DBTP", "the jump width is wider than the segment after the sample point");
+        }
+        let bit_rate = self.clock_hz / u64::from(data.cycles());
+        if bit_rate > 1_000_000 && !compensated {
+            context.tell("FDCAN_DBTP", "more than 1 Mbit/s without transceiver delay compensation (TDC)");
+        }
+        if compensated && data.prescaler > 2 {
+            context.tell("FDCAN_DBTP", "delay compensation needs a prescaler of 1 or 2");
+        }
+        if compensated && registers.get(Register::FdcanTdcr) >> 8 & 0x7F == 0 {
+            context
+                .tell("FDCAN_TDCR", "delay compensation with an offset of 0 samples before the sample point");
+        }
+    }
+
+    /// Timestamp generation: nominal bit times over TCP + 1, 16 bits.
+    pub(super) fn timestamp(&self, registers: &RegisterFile, now_ns: u64) -> u16 {
+        let tscc = registers.get(Register::FdcanTscc);
+        let Some(timing) = self.timing.filter(|_| tscc & 3 == 1) else { return 0 };
+        let step = u64::from(timing.nominal.cycles()) * (field(tscc, 16, 4) + 1);
+        let elapsed = u128::from(now_ns - self.timestamp_from) * u128::from(timing.clock_hz) / 1_000_000_000;
+        (elapsed / u128::from(step)) as u16
+    }
+}

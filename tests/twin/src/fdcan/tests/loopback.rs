@@ -1,0 +1,71 @@
+//! Test modes: what is sent comes back, and what the wires outside see and say of it.
+
+use super::*;
+
+const TEST: u64 = 0x10;
+const MON: u64 = 1 << 5;
+const TEST_ENABLE: u64 = 1 << 7;
+const LBCK: u64 = 1 << 4;
+
+/// On the bus in a loop-back mode, nobody outside acknowledging, and a node outside with something to say.
+fn looped(monitors: bool) -> Bench {
+    let off = Trouble { name: "off", kind: Kind::NoAcknowledge, when: 0..u64::MAX };
+    let mut bench = Bench::new(vec![off]);
+    bench.configure(0);
+    let mode = INIT | CCE | FDOE | BRSE | TEST_ENABLE | if monitors { MON } else { 0 };
+    bench.set(CCCR, mode);
+    bench.set(TEST, LBCK);
+    bench.peer(&[standard(0x7FF)]);
+    bench.set(CCCR, mode & !(INIT | CCE));
+    bench.wait(20 * BIT_NS);
+    bench.fill(0, 0x123, false);
+    bench.set(TXBAR, 1);
+    bench.wait(1_000_000);
+    bench
+}
+
+#[test]
+fn a_frame_comes_back_and_needs_no_acknowledge() {
+    for monitors in [false, true] {
+        let mut bench = looped(monitors);
+        assert_eq!((bench.get(TXBRP), bench.get(TXBTO)), (0, 1), "sent");
+        assert_eq!(bench.get(RXF0S) & 0x7F, 1, "its own frame alone, not the one outside");
+        assert_eq!(bench.word(FIFO0) >> 18, 0x123);
+        assert_eq!(bench.word(FIFO0 + 2), 0x5555_5555);
+        assert_eq!(bench.get(ECR), 0, "no error is counted");
+    }
+}
+
+/// External loop back drives TX; internal holds it recessive.
+#[test]
+fn the_wires_outside_see_it_in_external_mode_only() {
+    assert_eq!(looped(false).sent(), ids(&[0x123]));
+    assert_eq!(looped(true).sent(), []);
+}
+
+/// Bus monitoring without loop back: nothing is sent.
+#[test]
+fn a_monitor_sends_nothing() {
+    let mut bench = Bench::new(Vec::new());
+    bench.configure(0);
+    bench.set(CCCR, INIT | CCE | FDOE | BRSE | MON);
+    bench.set(CCCR, FDOE | BRSE | MON);
+    bench.fill(0, 0x123, false);
+    bench.set(TXBAR, 1);
+    bench.wait(1_000_000);
+    assert_eq!((bench.sent(), bench.get(RXF0S) & 0x7F), (Vec::new(), 0));
+}
+
+/// The test register takes writes while CCCR.TEST stands, and forgets them with it.
+#[test]
+fn loop_back_ends_with_the_test_mode() {
+    let mut bench = Bench::new(Vec::new());
+    bench.set(TEST, LBCK);
+    assert_eq!(bench.get(TEST), 0);
+    bench.set(CCCR, INIT | CCE);
+    bench.set(CCCR, INIT | CCE | TEST_ENABLE);
+    bench.set(TEST, LBCK);
+    assert_eq!(bench.get(TEST), LBCK);
+    bench.set(CCCR, INIT | CCE);
+    assert_eq!(bench.get(TEST), 0);
+}

@@ -1,0 +1,109 @@
+//! What each trouble of a run did to the slip messages, and how long until all was as before.
+
+use slipsense::wire::health;
+use slipsense_can_model::Outcome;
+
+use crate::compare::Slip;
+use crate::run::Done;
+use crate::trouble::Trouble;
+
+/// What came of one trouble.
+#[derive(Clone, Debug)]
+pub struct Recovery {
+    pub trouble: Trouble,
+    /// Slip messages that ended on the bus meanwhile, and frames that had none, until the first one after it.
+    pub messages: usize,
+    pub left_out: usize,
+    /// Flags that they and those after them showed, and that the last one before had not.
+    pub flags: u8,
+    /// Frames that were cut off by an error or not acknowledged.
+    pub failed: usize,
+    /// From its end to the first slip message, and to the first of those that show no new flag any more, ns.
+    pub first_ns: Option<u64>,
+    pub healthy_ns: Option<u64>,
+}
+
+fn flags(slip: &Slip) -> u8 {
+    slip.message.contact.iter().fold(0, |flags, contact| flags | contact.health)
+}
+
+impl Recovery {
+    /// Of each trouble, up to the beginning of the next.
+    pub fn of_run(done: &Done, troubles: &[Trouble], slips: &[Slip]) -> Vec<Self> {
+        let of = |trouble: &Trouble| {
+            let later = troubles.iter().map(|other| other.when.start).filter(|at| *at > trouble.when.start);
+            let until = later.min().unwrap_or(u64::MAX);
+            let from = slips.partition_point(|slip| slip.end_ns < trouble.when.start);
+            let end = slips.partition_point(|slip| slip.end_ns < trouble.when.end);
+            let next = slips.partition_point(|slip| slip.end_ns < until).max(end);
+            let before = from.checked_sub(1).map(|last| &slips[last]);
+            let new = |slip: &Slip| flags(slip) & !before.map_or(0, flags);
+            let after = slips[end..next].first();
+            let numbers = before.zip(after).map(|(one, two)| two.message.sequence - one.message.sequence - 1);
+            let ill = slips[end..next].iter().rposition(|slip| new(slip) != 0).map_or(0, |last| last + 1);
+            let since = |slip: &Slip| slip.end_ns - trouble.when.end;
+            let failed = |logged: &&crate::fdcan::wire::Logged| {
+                trouble.when.contains(&logged.start_ns) && logged.outcome != Outcome::Sent
+            };
+            Self {
+                trouble: trouble.clone(),
+                messages: end - from,
+                left_out: numbers.map_or(0, |numbers| (numbers as usize).saturating_sub(end - from)),
+                flags: slips[from..next].iter().fold(0, |flags, slip| flags | new(slip)),
+                failed: done.frames.iter().filter(failed).count(),
+                first_ns: after.map(since),
+                healthy_ns: slips[end..next].get(ill).map(since),
+            }
+        };
+        troubles.iter().map(of).collect()
+    }
+
+    fn row(&self) -> String {
+        let ms = |ns: Option<u64>| ns.map_or("never".to_owned(), |ns| format!("{:.3}", ns as f64 / 1e6));
+        let when = &self.trouble.when;
+        format!(
+            "{:<11} {:>8.3} {:>8.3} {:>8} {:>8} {:>8} {:>10} {:>10}  {}",
+            self.trouble.name,
+            when.start as f64 / 1e9,
+            (when.end - when.start) as f64 / 1e9,
+            self.messages,
+            self.left_out,
+            self.failed,
+            ms(self.first_ns),
+            ms(self.healthy_ns),
+            names(self.flags)
+        )
+    }
+}
+
+/// A line for each, if there are any.
+pub fn print(recoveries: &[Recovery]) {
+    if recoveries.is_empty() {
+        return;
+    }
+    println!(
+        "{:<11} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}  flags",
+        "trouble", "at s", "lasts s", "flags on", "frames", "attempts", "first flag", "healthy"
+    );
+    println!(
+        "{:<11} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}",
+        "", "", "", "the bus", "without", "failed", "ms after", "ms after"
+    );
+    recoveries.iter().for_each(|recovery| println!("{}", recovery.row()));
+}
+
+/// Of health bits.
+pub fn names(flags: u8) -> String {
+    let known = [
+        (health::PIEZO_MISSING, "PIEZO_MISSING"),
+        (health::XL_MISSING, "XL_MISSING"),
+        (health::XL_WARMING_UP, "XL_WARMING_UP"),
+        (health::XL_CLIPPED, "XL_CLIPPED"),
+        (health::TAXELS_SATURATED, "TAXELS_SATURATED"),
+        (health::XL_SAMPLES_DROPPED, "XL_SAMPLES_DROPPED"),
+        (health::NO_MODEL, "NO_MODEL"),
+        (health::TAXELS_MASKED, "TAXELS_MASKED"),
+    ];
+    let set: Vec<&str> = known.iter().filter(|(flag, _)| flags & flag != 0).map(|(_, name)| *name).collect();
+    if set.is_empty() { "none".to_owned() } else { set.join(" ") }
+}

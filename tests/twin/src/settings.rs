@@ -1,0 +1,72 @@
+//! Flash that holds settings before the board starts, as the library itself stores them.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow};
+use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use rigless::image::Image;
+use slipsense::settings::{Setting, Settings, SettingsStore};
+use slipsense::update::partitions::{BOARDS, FLASH_BASE};
+
+/// The board of this machine.
+const BOARD: &str = "h743";
+/// Of the STM32H743: what one write programs, and a sector.
+const WORD: usize = 32;
+const SECTOR: usize = 128 * 1024;
+const ERASED: u8 = 0xFF;
+
+/// The settings' sectors.
+struct Sectors(Vec<u8>);
+
+impl Sectors {
+    fn at(&mut self, offset: u32, len: usize) -> Result<&mut [u8], NorFlashErrorKind> {
+        let start = offset as usize;
+        self.0.get_mut(start..start + len).ok_or(NorFlashErrorKind::OutOfBounds)
+    }
+}
+
+impl ErrorType for Sectors {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Sectors {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        bytes.copy_from_slice(self.at(offset, bytes.len())?);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl NorFlash for Sectors {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = SECTOR;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.at(from, (to - from) as usize)?.fill(ERASED);
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.at(offset, bytes.len())?.copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
+/// What the flash holds of a board with this many sensors in use, all else as delivered.
+pub fn with_sensors(sensors: usize) -> Result<Image> {
+    let mut settings = Settings::new();
+    settings.set(Setting::Sensors, &[sensors as i64]).map_err(|error| anyhow!("{error:?}"))?;
+    let board = BOARDS.iter().find(|board| board.feature == BOARD).context("the library knows the board")?;
+    let (start, end) = (board.settings.start, board.settings.end);
+    let blank = Sectors(vec![ERASED; (end - start) as usize]);
+    let mut store = SettingsStore::new(blank, 0..end - start).map_err(|error| anyhow!("{error:?}"))?;
+    block_on(store.store(&settings))?;
+    let address = u64::from(FLASH_BASE + start);
+    Ok(Image::new(Path::new("settings"), store.into_flash().0, Some(address))?)
+}

@@ -15,6 +15,7 @@ use rigless::soc::Width;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
+use slipsense::update::partitions::{FLASH_BASE, Partitions, by_feature};
 use slipsense_episode::Episode;
 
 use crate::far_end::FarEnd;
@@ -28,8 +29,13 @@ use crate::xl::{Readouts, Xl};
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
-/// Start of flash, where the vector table is.
-const VECTORS: u64 = 0x0800_0000;
+/// The board's flash.
+const BOARD: &Partitions = match by_feature("h743") {
+    Some(board) => board,
+    None => panic!("in the table"),
+};
+/// Where the firmware's vector table is: behind the bootloader, or the two words that stand for one.
+const VECTORS: u64 = (FLASH_BASE + BOARD.active.start) as u64;
 /// Exceptions before the first interrupt in the table.
 const SYSTEM_EXCEPTIONS: usize = 16;
 const INTERRUPTS: usize = 150;

@@ -19,6 +19,7 @@ use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
 use slipsense::board::{
     CanStatus, CanTransmit, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock,
 };
+use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline, State};
 use slipsense::tasks::{self, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission};
@@ -100,7 +101,7 @@ pub(crate) use nucleo_144;
 pub fn run(hardware: Hardware) -> ! {
     DESK.place((address(&FRAME), address(&ANSWER)), hardware.core_hz);
     count_cycles();
-    let model = match model::built_in(model::place()) {
+    let model = match Model::parse(model::built_in(model::place())) {
         Ok(model) => model,
         Err(error) => give_up(format_args!("{}: model: {error}", hardware.board)),
     };

@@ -226,7 +226,7 @@ pub struct TensorSpec {
 }
 
 impl TensorSpec {
-    const NONE: Self = Self { layer: "", part: "", kind: Kind::I16, rows: 0, cols: 0 };
+    pub(super) const NONE: Self = Self { layer: "", part: "", kind: Kind::I16, rows: 0, cols: 0 };
 
     /// Numbers in the tensor.
     pub const fn len(&self) -> usize {
@@ -297,12 +297,12 @@ const TEMPORAL: BlockNames = BlockNames {
 };
 
 /// Collects the specs in file order.
-struct Layout {
-    specs: [TensorSpec; TENSORS],
+struct Layout<'a> {
+    specs: &'a mut [TensorSpec; TENSORS],
     used: usize,
 }
 
-impl Layout {
+impl Layout<'_> {
     const fn push(&mut self, layer: &'static str, part: &'static str, kind: Kind, rows: usize, cols: usize) {
         self.specs[self.used] = TensorSpec { layer, part, kind, rows, cols };
         self.used += 1;
@@ -337,8 +337,15 @@ impl Layout {
 /// them takes its inputs in row, column, channel order; the first accelerometer layer takes frames
 /// oldest first, bins within a frame; in the file all of them lie as [`packing`] says. Row 0 of a score bias is head 0, column 0 is lag 0.
 pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
+    let mut specs = [TensorSpec::NONE; TENSORS];
+    lay_out(dims, &mut specs);
+    specs
+}
+
+/// As [`layout`], where the specs are to be: a firmware's stack has no room for them twice.
+pub(super) const fn lay_out(dims: &Dims, specs: &mut [TensorSpec; TENSORS]) {
     let [c1, c2, c3] = dims.conv_channels;
-    let mut all = Layout { specs: [TensorSpec::NONE; TENSORS], used: 0 };
+    let mut all = Layout { specs, used: 0 };
     all.layer("piezo.conv1", c1, Inputs::Patch { channels: PIEZO_CHANNELS, pairs: PIEZO_CHANNELS / 2 });
     all.layer("piezo.conv2", c2, Inputs::Patch { channels: c1, pairs: packing::pairs(c1) });
     all.layer("piezo.conv3", c3, Inputs::Patch { channels: c2, pairs: packing::pairs(c2) });
@@ -354,5 +361,4 @@ pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
     all.attention(&CROSS_XL, dims.embed, dims);
     all.attention(&TEMPORAL, dims.fused(), dims);
     all.layer("head", CLASSES, Inputs::Vector { count: dims.fused() });
-    all.specs
 }

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use bytemuck::AnyBitPattern;
 
 use super::format::{
-    Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, Kind, MAGIC, OperatingPoint, TENSORS, TensorSpec, layout,
+    Dims, FORMAT_VERSION, HASH_BYTES, HEADER_BYTES, Kind, MAGIC, OperatingPoint, TENSORS, TensorSpec, lay_out,
 };
 use super::model_error::ModelError;
 use super::packing::{self, Inputs};
@@ -177,7 +177,8 @@ impl<'a> Model<'a> {
         let dims = Dims::from_fields(fields).map_err(ModelError::BadDimension)?;
         let point = rest.operating_point()?;
 
-        let specs = layout(&dims);
+        let mut specs = [TensorSpec::NONE; TENSORS];
+        lay_out(&dims, &mut specs);
         let mut data: [&[u8]; TENSORS] = [&[]; TENSORS];
         for (data, spec) in data.iter_mut().zip(&specs) {
             *data = rest.take(spec.padded_bytes(), spec.layer, spec.part)?;
@@ -197,7 +198,7 @@ impl<'a> Model<'a> {
             return Err(ModelError::HashMismatch);
         }
 
-        let mut tensors = Tensors { entries: specs.iter().zip(data) };
+        let mut tensors = Tensors { entries: specs.iter().zip(&data) };
         Ok(Self {
             dims,
             point,
@@ -264,13 +265,14 @@ impl<'a> Bytes<'a> {
 
 /// The tensors in file order, handed to the layers they belong to.
 struct Tensors<'s, 'a> {
-    entries: core::iter::Zip<core::slice::Iter<'s, TensorSpec>, core::array::IntoIter<&'a [u8], TENSORS>>,
+    entries: core::iter::Zip<core::slice::Iter<'s, TensorSpec>, core::slice::Iter<'s, &'a [u8]>>,
 }
 
 impl<'a> Tensors<'_, 'a> {
     /// The next tensor, padding included; `layout` has as many as are asked for.
     fn next<T: AnyBitPattern>(&mut self) -> Result<(TensorSpec, &'a [T]), ModelError> {
-        let (spec, data) = self.entries.next().map_or((layout_end(), &[][..]), |(&spec, data)| (spec, data));
+        let (spec, data) =
+            self.entries.next().map_or((TensorSpec::NONE, &[][..]), |(&spec, &data)| (spec, data));
         let numbers = bytemuck::try_cast_slice(data).map_err(|_| ModelError::Misaligned)?;
         Ok((spec, numbers))
     }
@@ -337,10 +339,6 @@ impl<'a> Tensors<'_, 'a> {
             norm,
         })
     }
-}
-
-const fn layout_end() -> TensorSpec {
-    TensorSpec { layer: "", part: "", kind: Kind::I16, rows: 0, cols: 0 }
 }
 
 /// The bound of every output channel must fit an `i32`: then so does every partial sum, for any input.

@@ -1,8 +1,8 @@
 //! Which model runs: that of the model slot if it may, else the one in the firmware.
 
-use defmt::{Display2Format, error, unwrap};
+use defmt::unwrap;
 use embassy_futures::block_on;
-use slipsense::net::{Aligned, Model};
+use slipsense::net::Aligned;
 use slipsense::update::{ModelSlot, PUBLIC_KEY, SlotModel};
 
 use super::flash::{Part, Parts};
@@ -20,22 +20,17 @@ pub fn slot(flash: Parts) -> ModelSlot<Part> {
     ModelSlot::new(flash.part(PARTITIONS.model), PARTITIONS, PUBLIC_KEY)
 }
 
-/// The model that runs, `None`: it is not readable, which has been reported; and where it is from.
+/// The file of the model that runs, in DTCM, and where it is from.
 #[inline(never)]
-pub fn read(flash: Parts) -> (Option<Model<'static>>, SlotModel) {
+pub fn find(flash: Parts) -> (&'static [u8], SlotModel) {
     let place = model::place();
-    let (parsed, from) = match block_on(slot(flash).load(place)) {
+    match block_on(slot(flash).load(place)) {
         Ok(header) => {
-            let model: &'static [u8] = place;
-            let model = model.get(..header.length as usize).unwrap_or(&[]);
-            (Model::parse(model), SlotModel::Slot(header.version))
+            let whole: &'static [u8] = place;
+            (whole.get(..header.length as usize).unwrap_or(&[]), SlotModel::Slot(header.version))
         }
         Err(why) => (model::built_in(place), SlotModel::BuiltIn(why)),
-    };
-    if let Err(error) = &parsed {
-        error!("model: {}", Display2Format(error));
     }
-    (parsed.ok(), from)
 }
 
 /// Room to try another one, apart from the one that runs.

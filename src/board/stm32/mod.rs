@@ -186,11 +186,8 @@ fn make(hardware: Hardware) -> Tasks {
     let (can, can_rx, inbox) = CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate);
     let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(raw_buffers())).split();
     SHARED.control(Controls::of(&settings, settings.node_id()));
-    let (model, from) = installed::read(flash);
-    let node = match model {
-        Some(model) => place(model, raw_sender, sensors),
-        None => Node::WithoutModel(sensors),
-    };
+    let (model, from) = installed::find(flash);
+    let node = build(model, raw_sender, sensors);
     let model_hash = match &node {
         Node::Whole(inference) => Some(inference.pipeline.model().hash),
         Node::WithoutModel(_) => None,
@@ -239,6 +236,20 @@ enum Node {
     Whole(&'static mut BoardInference),
     /// So many sensors wait for one.
     WithoutModel(usize),
+}
+
+/// Make the pipeline, or report why there is none. Apart, as [`sense`].
+///
+/// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline is made.
+#[inline(never)]
+fn build(model: &'static [u8], raw: RawSender, sensors: usize) -> Node {
+    match Model::parse(model) {
+        Ok(model) => place(model, raw, sensors),
+        Err(error) => {
+            error!("model: {}", Display2Format(&error));
+            Node::WithoutModel(sensors)
+        }
+    }
 }
 
 /// On a state that is made where it stays, in AXI SRAM.

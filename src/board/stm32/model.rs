@@ -1,7 +1,7 @@
 //! The network and what its pipeline remembers, each where the core reaches it fastest.
 
 use defmt::unwrap;
-use slipsense::net::{Aligned, Model, ModelError};
+use slipsense::net::Aligned;
 use slipsense::pipeline::State;
 use static_cell::ConstStaticCell;
 
@@ -31,15 +31,13 @@ pub fn place() -> &'static mut [u8] {
     &mut IN_DTCM.take().0
 }
 
-/// The network of this program, copied to `place`.
-#[inline(never)]
-pub fn built_in(place: &'static mut [u8]) -> Result<Model<'static>, ModelError> {
+/// The network of this program, copied to the begin of `place`.
+pub fn built_in(place: &'static mut [u8]) -> &'static [u8] {
     // Opaque, so that the model stays data: the optimiser would fold what it can see of it into code.
     for (to, from) in place.iter_mut().zip(core::hint::black_box(BUILT_IN)) {
         *to = *from;
     }
-    let model: &'static [u8] = place;
-    Model::parse(model.get(..BUILT_IN.len()).unwrap_or(&[]))
+    place.get(..BUILT_IN.len()).unwrap_or(&[])
 }
 
 /// A state as it is before the first frame, made where it stays. To be called once.

@@ -90,6 +90,7 @@ const RULES: &[Rule] = &[
             "embassy_embedded_hal::shared_bus::",
             "_embassy_time_schedule_wake",
             "slipsense::tasks::services::",
+            "slipsense::tasks::shared::Shared<",
             "stm32::flash::BoardFlash as",
             "FLASH",
         ],

@@ -84,9 +84,9 @@ impl<W: Write + Seek> McapSink<W> {
     }
 
     /// Write index and end.
-    pub fn finish(mut self) -> Result<()> {
+    pub fn finish(mut self) -> Result<W> {
         self.writer.finish()?;
-        Ok(())
+        Ok(self.writer.into_inner())
     }
 
     fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64) -> Result<()> {
@@ -242,15 +242,19 @@ pub(crate) fn write(path: &Path, recording: &Recording) -> Result<()> {
     for &(time_us, mm) in &recording.displacement {
         sink.displacement(time_us, mm)?;
     }
-    sink.finish()
+    Ok(sink.finish()?.flush()?)
 }
 
 /// Read a recording, also one that was cut short when its recorder was killed.
 pub(crate) fn read(path: &Path) -> Result<Recording> {
-    let bytes = std::fs::read(path).context("cannot read")?;
+    parse(&std::fs::read(path).context("cannot read")?)
+}
+
+/// Read a recording held in memory.
+pub fn parse(bytes: &[u8]) -> Result<Recording> {
     let mut recording = Recording::default();
     let mut passed_over: BTreeMap<String, u64> = BTreeMap::new();
-    for (index, message) in MessageStream::new(&bytes).context("not an MCAP file")?.enumerate() {
+    for (index, message) in MessageStream::new(bytes).context("not an MCAP file")?.enumerate() {
         let message = match message {
             Ok(message) => message,
             Err(McapError::UnexpectedEof) if index > 0 => {

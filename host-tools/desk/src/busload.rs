@@ -10,8 +10,8 @@
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, XL_RATE_HZ};
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{
-    COMPRESSED_PORT, CanFrame, FD_LENGTHS, MessageId, NodeId, Priority, RAW_PORT, RAW_XL_MAX, RawBuffer,
-    RawFrame, SLIP_PORT, SlipMessage, Transmitter,
+    COMPRESSED_PORT, CanFrame, FD_LENGTHS, MessageId, NodeId, Priority, RAW_PORT, RAW_PRIORITY, RAW_XL_MAX,
+    RawBuffer, RawForm, RawFrame, SLIP_PORT, SlipMessage, Transmitter,
 };
 use slipsense_can_model::{Bus, Collision, Disturbance, Format, Frame, Id, Timing, dlc_of, worst_case};
 
@@ -35,6 +35,8 @@ pub struct Plan {
     pub sensors: usize,
     /// Raw messages of every n-th frame; 0: none.
     pub raw_every: u32,
+    /// How raw messages go, for the worst case; compressed, that of data which no coder makes shorter.
+    pub raw_form: RawForm,
     /// Accelerometer samples in each raw message, for the worst case; at most [`RAW_XL_MAX`].
     pub samples: usize,
     /// What other nodes ask for, percent of the bus's time.
@@ -155,8 +157,8 @@ pub fn plan(
                 simulate(
                     plan,
                     timing,
-                    &[longest_frame(slip_id(0), timing)],
-                    &[longest_frame(raw_id(0), timing)],
+                    &[longest_frame(slip_id(0), 64, timing)],
+                    &[longest_frame(raw_id(plan, 0), longest.raw_bytes, timing)],
                 )?,
             ),
         },
@@ -189,6 +191,8 @@ struct Longest {
     slip: u64,
     raw_message: u64,
     raw_frame: u64,
+    /// Data of that.
+    raw_bytes: usize,
     foreign: u64,
 }
 
@@ -200,26 +204,36 @@ impl Longest {
         };
         let nodes = 0..plan.nodes;
         let slip = nodes.clone().map(|node| of(slip_id(node), 64)).max().unwrap_or(0) + timing.intermission();
-        let lengths = raw_lengths(plan.samples);
+        let lengths = raw_lengths(plan);
+        let raw_bytes = lengths.iter().copied().max().unwrap_or(0);
         let raw_message = |node: usize| {
-            lengths.iter().map(|&bytes| of(raw_id(node), bytes) + timing.intermission()).sum::<u64>()
+            lengths.iter().map(|&bytes| of(raw_id(plan, node), bytes) + timing.intermission()).sum::<u64>()
         };
         Self {
             slip,
             raw_message: nodes.clone().map(raw_message).max().unwrap_or(0),
-            raw_frame: nodes.map(|node| of(raw_id(node), 64)).max().unwrap_or(0),
+            raw_frame: nodes.map(|node| of(raw_id(plan, node), raw_bytes)).max().unwrap_or(0),
+            raw_bytes,
             foreign: timing.bits(&worst_case(None, true, Format::FD, 15, timing)),
         }
     }
 }
 
-/// Bytes of the frames of a raw message with this many samples.
-fn raw_lengths(samples: usize) -> Vec<usize> {
-    let (piezo, xl) = (PiezoFrame::zeroed(), [[0; 3]; RAW_XL_MAX]);
-    let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl[..samples.min(RAW_XL_MAX)]) };
+/// Bytes of the frames of the longest raw message with the plan's samples.
+fn raw_lengths(plan: &Plan) -> Vec<usize> {
+    // MurmurHash3's last step: bits that no coder of differences makes anything of.
+    let noise = |index: usize| {
+        let mix = |bits: u32, shift: u32, factor: u32| (bits ^ bits >> shift).wrapping_mul(factor);
+        let bits = mix(mix(index as u32 + 1, 16, 0x85EB_CA6B), 13, 0xC2B2_AE35);
+        bits ^ bits >> 16
+    };
+    let piezo = PiezoFrame::from_scan(std::array::from_fn(|index| (noise(index) >> 20) as u16));
+    let xl: [_; RAW_XL_MAX] =
+        std::array::from_fn(|index| std::array::from_fn(|axis| (noise(3 * index + axis) >> 16) as i16));
+    let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl[..plan.samples.min(RAW_XL_MAX)]) };
     let frame = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input, xl_end: 0 };
     Transmitter::new(NodeId::DEFAULT)
-        .raw(&frame, &mut RawBuffer::new())
+        .raw_as(plan.raw_form, &frame, &mut RawBuffer::new())
         .map(|frame| frame.data().len())
         .collect()
 }
@@ -232,8 +246,12 @@ fn slip_id(node: usize) -> u32 {
     Transmitter::new(address(node)).slip(&SlipMessage::default()).id()
 }
 
-fn raw_id(node: usize) -> u32 {
-    MessageId { priority: slipsense::wire::RAW_PRIORITY, port: RAW_PORT, node: address(node) }.to_can()
+fn raw_id(plan: &Plan, node: usize) -> u32 {
+    let port = match plan.raw_form {
+        RawForm::Plain => RAW_PORT,
+        RawForm::Compressed(_) => COMPRESSED_PORT,
+    };
+    MessageId { priority: RAW_PRIORITY, port, node: address(node) }.to_can()
 }
 
 /// Cycles from handing over to end of frame, of the module whose slip messages have the largest identifier.
@@ -255,17 +273,17 @@ fn wait(plan: &Plan, timing: &Timing, blocking: u64, slip: u64) -> u64 {
     start + slip
 }
 
-/// The frame of 64 bytes with this identifier that takes longest, found by trial: once the first byte has ended the
+/// The frame of this identifier and length that takes longest, found by trial: once the first byte has ended the
 /// header's run, four equal bits after each stuff bit bring the next.
-fn longest_frame(id: u32, timing: &Timing) -> Frame {
+fn longest_frame(id: u32, bytes: usize, timing: &Timing) -> Frame {
     let candidates = (0..=255u8).flat_map(|first| {
         (0..8u32).filter_map(move |phase| {
             let mut data = [0x0Fu8.rotate_left(phase); 64];
             data[0] = first;
-            Frame::new(Id::Extended(id), Format::FD, &data).ok()
+            Frame::new(Id::Extended(id), Format::FD, &data[..bytes]).ok()
         })
     });
-    candidates.max_by_key(|frame| timing.frame(frame)).expect("64 bytes are a length of CAN FD")
+    candidates.max_by_key(|frame| timing.frame(frame)).expect("a length of CAN FD, not 0")
 }
 
 fn model_frame(frame: &CanFrame) -> Option<Frame> {
@@ -284,7 +302,7 @@ fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> Resu
     const OTHERS: usize = NODES_MAX;
     let mut bus: Bus<{ NODES_MAX + 1 }> = Bus::new(*timing);
     let foreign_id = MessageId { priority: Priority::Nominal, port: 1000, node: address(NODES_MAX) }.to_can();
-    let foreign = longest_frame(foreign_id, timing);
+    let foreign = longest_frame(foreign_id, 64, timing);
     let bit = u64::from(timing.nominal.cycles());
     let period = u64::from(timing.clock_hz / FRAME_RATE_HZ);
     let mut queued: [Option<(u64, Frame)>; NODES_MAX] = [None; NODES_MAX];
@@ -293,7 +311,7 @@ fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> Resu
         // Filling frames: raw ones in turn, others where the plan has any.
         let filling = |node: usize| {
             (plan.raw_every > 0 && node < plan.nodes && !raw.is_empty())
-                .then(|| readdressed(&raw[(sent_raw + node) % raw.len()], raw_id(node)))
+                .then(|| readdressed(&raw[(sent_raw + node) % raw.len()], raw_id(plan, node)))
         };
         let mut frames: [Option<Frame>; NODES_MAX + 1] = core::array::from_fn(filling);
         // In turn with the raw messages, which it would keep off the bus for ever.
@@ -349,12 +367,21 @@ const _: () = assert!(MAX_SENSORS == 3 && FD_LENGTHS[15] == 64);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use slipsense::wire::{COMPRESSED_FRAME_BYTES, Detail};
 
     fn timing(data_bps: u32) -> Timing {
         Timing::new(CLOCK_HZ, NOMINAL_BPS_MAX, data_bps).unwrap()
     }
 
-    const ONE: Plan = Plan { nodes: 1, sensors: 1, raw_every: 1, samples: 34, foreign_percent: 0 };
+    const ONE: Plan = Plan {
+        nodes: 1,
+        sensors: 1,
+        raw_every: 1,
+        raw_form: RawForm::Plain,
+        samples: 34,
+        foreign_percent: 0,
+    };
+    const COMPRESSED: Plan = Plan { raw_form: RawForm::Compressed(Detail::All), ..ONE };
 
     fn sample(samples: usize) -> Sample {
         let mut sample = Sample::default();
@@ -371,10 +398,11 @@ mod tests {
 
     #[test]
     fn found_by_trial_is_what_was_reckoned() {
-        for id in [slip_id(0), raw_id(0), slip_id(3), raw_id(7)] {
-            let timing = timing(8_000_000);
-            let bound = timing.bits(&worst_case(Some(Id::Extended(id)), true, Format::FD, 15, &timing));
-            assert_eq!(timing.frame(&longest_frame(id, &timing)), bound, "{id:X}");
+        let ids = [(slip_id(0), 64), (raw_id(&ONE, 0), 64), (slip_id(3), 64), (raw_id(&COMPRESSED, 7), 48)];
+        for (id, bytes) in ids {
+            let (timing, dlc) = (timing(8_000_000), dlc_of(bytes, true).unwrap());
+            let bound = timing.bits(&worst_case(Some(Id::Extended(id)), true, Format::FD, dlc, &timing));
+            assert_eq!(timing.frame(&longest_frame(id, bytes, &timing)), bound, "{id:X}");
         }
     }
 
@@ -382,12 +410,14 @@ mod tests {
     fn the_bus_never_waits_longer_than_reckoned_and_nearly_as_long() {
         for (nodes, foreign_percent, raw_every) in [(1, 0, 1), (1, 50, 1), (1, 100, 0), (3, 0, 1), (8, 30, 2)]
         {
-            let asked = Plan { nodes, foreign_percent, raw_every, ..ONE };
-            for data_bps in [2_000_000, 5_000_000, 8_000_000] {
-                let found =
-                    plan(&asked, &sample(33), 1_000_000, data_bps, &timing(data_bps)).unwrap().latency_worst;
-                assert!(found.simulated_us <= found.calculated_us, "{asked:?}: {found:?}");
-                assert!(found.simulated_us > 0.95 * found.calculated_us, "{asked:?}: {found:?}");
+            for raw_form in [ONE.raw_form, COMPRESSED.raw_form] {
+                let asked = Plan { nodes, foreign_percent, raw_every, raw_form, ..ONE };
+                for data_bps in [2_000_000, 5_000_000, 8_000_000] {
+                    let of = plan(&asked, &sample(33), 1_000_000, data_bps, &timing(data_bps)).unwrap();
+                    let found = of.latency_worst;
+                    assert!(found.simulated_us <= found.calculated_us, "{asked:?}: {found:?}");
+                    assert!(found.simulated_us > 0.95 * found.calculated_us, "{asked:?}: {found:?}");
+                }
             }
         }
     }
@@ -399,6 +429,14 @@ mod tests {
         let Latency { calculated_us, simulated_us } = found.unwrap().latency_worst;
         assert_eq!(calculated_us, simulated_us);
         assert!((125.0..135.0).contains(&calculated_us), "{calculated_us}");
+    }
+
+    #[test]
+    fn no_data_make_a_compressed_message_longer_than_plain_by_more_than_its_shorter_frames_cost() {
+        let frames = |of: &Plan| raw_lengths(of).len();
+        // 1,641 bytes and 2 of CRC by 47, 1,636 and 2 by 63.
+        assert_eq!((frames(&COMPRESSED), frames(&ONE)), (35, 26));
+        assert_eq!(raw_lengths(&COMPRESSED).iter().max(), Some(&COMPRESSED_FRAME_BYTES));
     }
 
     #[test]

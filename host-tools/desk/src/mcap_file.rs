@@ -14,13 +14,14 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use mcap::records::MessageHeader;
-use mcap::{McapError, MessageStream, WriteOptions, Writer};
+use mcap::{McapError, Message, MessageStream, WriteOptions, Writer};
 use serde_json::{Value, json};
 use slipsense::params::{CLASSES, TAXEL_COLS, TAXEL_ROWS};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage};
@@ -84,9 +85,9 @@ impl<W: Write + Seek> McapSink<W> {
     }
 
     /// Write index and end.
-    pub fn finish(mut self) -> Result<()> {
+    pub fn finish(mut self) -> Result<W> {
         self.writer.finish()?;
-        Ok(())
+        Ok(self.writer.into_inner())
     }
 
     fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64) -> Result<()> {
@@ -242,22 +243,47 @@ pub(crate) fn write(path: &Path, recording: &Recording) -> Result<()> {
     for &(time_us, mm) in &recording.displacement {
         sink.displacement(time_us, mm)?;
     }
-    sink.finish()
+    Ok(sink.finish()?.flush()?)
 }
 
 /// Read a recording, also one that was cut short when its recorder was killed.
 pub(crate) fn read(path: &Path) -> Result<Recording> {
-    let bytes = std::fs::read(path).context("cannot read")?;
+    parse(&std::fs::read(path).context("cannot read")?)
+}
+
+/// The next message, or what is wrong with it. mcap 0.26 panics at a record in a chunk that says it is almost 2^64
+/// bytes long; a file that someone else wrote must not end this program.
+fn next_message(
+    messages: &mut MessageStream<'_>,
+    index: u64,
+) -> Result<Option<Result<Message<'static>, McapError>>> {
+    catch_unwind(AssertUnwindSafe(|| messages.next()))
+        .map_err(|_| anyhow!("after message {index}: a record of impossible length"))
+}
+
+/// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.
+fn one_line(error: &McapError) -> String {
+    let text = error.to_string();
+    let what = text.lines().find_map(|line| line.split_once("Error: "));
+    let what = what.map_or(text.lines().next().unwrap_or_default(), |(_, what)| what);
+    let colours = ["\u{1b}[1m", "\u{1b}[22m"];
+    colours.iter().fold(what.to_owned(), |plain, colour| plain.replace(colour, ""))
+}
+
+/// Read a recording held in memory.
+pub fn parse(bytes: &[u8]) -> Result<Recording> {
     let mut recording = Recording::default();
     let mut passed_over: BTreeMap<String, u64> = BTreeMap::new();
-    for (index, message) in MessageStream::new(&bytes).context("not an MCAP file")?.enumerate() {
+    let mut messages = MessageStream::new(bytes).context("not an MCAP file")?;
+    for index in 0.. {
+        let Some(message) = next_message(&mut messages, index)? else { break };
         let message = match message {
             Ok(message) => message,
             Err(McapError::UnexpectedEof) if index > 0 => {
                 recording.notes.push("the file was cut short; everything up to there is read".to_owned());
                 break;
             }
-            Err(error) => return Err(error).with_context(|| format!("after message {index}")),
+            Err(error) => bail!("after message {index}: {}", one_line(&error)),
         };
         let at = || format!("message {index} of {}", message.channel.topic);
         let value =

@@ -61,7 +61,7 @@ impl Recorder {
     pub fn finish(self) -> Result<()> {
         match self {
             Self::Candump(mut log) => log.flush(),
-            Self::Mcap(sink) => sink.finish(),
+            Self::Mcap(sink) => Ok(sink.finish()?.flush()?),
         }
     }
 }

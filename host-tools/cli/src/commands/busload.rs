@@ -8,8 +8,7 @@ use clap::Args as ClapArgs;
 use serde_json::json;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
-use slipsense::wire::RAW_XL_MAX;
-use slipsense::wire::RawForm;
+use slipsense::wire::{RAW_XL_MAX, RawForm};
 use slipsense_can_model::Timing;
 use slipsense_desk::busload::{
     BusLoad, CLOCK_HZ, DATA_BPS_MAX, NODES_MAX, NOMINAL_BPS_MAX, Plan, SAMPLES_TYPICAL_MAX,
@@ -17,6 +16,7 @@ use slipsense_desk::busload::{
 };
 use slipsense_episode::Episode;
 
+use super::run::Raw;
 use crate::bundled;
 use crate::output_dir::{check_file, write_whole};
 use crate::picture::load_bars;
@@ -38,6 +38,7 @@ of 80 MHz gives: divisors of it, at most 1 and 8 Mbit/s.
 Examples:
   slipsense busload                                        one module, one sensor, at 1/5 and 1/8 Mbit/s
   slipsense busload grasp.npz --sensors 3 --raw-every 2    three sensors, every second frame
+  slipsense busload --sensors 3 --raw compressed           three sensors that fit one bus
   slipsense busload --nodes 2 --raw-every 0 --foreign 40   two modules without raw messages among others
   slipsense busload --bitrate 0.5/2 --limit 70 --json | jq '.buses[].worst.total_percent'
   slipsense busload --sensors 2 --svg load.svg             the same as a picture")]
@@ -58,6 +59,9 @@ pub struct Args {
     /// Raw messages of every N-th frame; 0: none
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(0..=240))]
     raw_every: u32,
+    /// How the raw messages go; the worst case of compressed ones is data that no coder makes shorter
+    #[arg(long, value_enum, default_value_t = Raw::Plain)]
+    raw: Raw,
     /// Accelerometer samples in a raw message, for the worst case, 0 to 64; 35 is a part 3 % fast
     #[arg(long, value_name = "N", default_value_t = SAMPLES_TYPICAL_MAX as u8)]
     #[arg(value_parser = clap::value_parser!(u8).range(0..=RAW_XL_MAX as i64))]
@@ -141,7 +145,7 @@ impl Args {
         simulate(
             &episode,
             model,
-            RawForm::Plain,
+            self.raw.form(),
             |_, frame| {
                 sample.push(frame);
                 Ok(())
@@ -154,6 +158,7 @@ impl Args {
             nodes: self.nodes.into(),
             sensors: self.sensors.map_or(episode.sensors, usize::from),
             raw_every: self.raw_every,
+            raw_form: self.raw.form(),
             samples: self.samples.into(),
             foreign_percent: self.foreign,
         };
@@ -172,6 +177,7 @@ impl Args {
         if self.json {
             return super::print_json(&json!({
                 "nodes": asked.nodes, "sensors": asked.sensors, "raw_every": asked.raw_every,
+                "raw": self.raw.word(),
                 "samples": asked.samples, "foreign_percent": asked.foreign_percent,
                 "episode": {"name": name, "frames": episode.frames()},
                 "simulated_periods": SIMULATED_PERIODS, "buses": buses, "warnings": warnings,
@@ -205,11 +211,12 @@ impl Args {
 }
 
 fn headline(asked: &Plan, name: &str) -> String {
-    let Plan { nodes, sensors, raw_every, samples, foreign_percent } = *asked;
+    let Plan { nodes, sensors, raw_every, raw_form, samples, foreign_percent } = *asked;
+    let raw = if raw_form == RawForm::Plain { "raw" } else { "compressed raw" };
     let raw = match raw_every {
         0 => "no raw messages".to_owned(),
-        1 => format!("raw messages of every frame, at worst {samples} samples"),
-        every => format!("raw messages of every {every} frames, at worst {samples} samples"),
+        1 => format!("{raw} messages of every frame, at worst {samples} samples"),
+        every => format!("{raw} messages of every {every} frames, at worst {samples} samples"),
     };
     let foreign =
         if foreign_percent > 0 { format!(", {foreign_percent} % by others") } else { String::new() };

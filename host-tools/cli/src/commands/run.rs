@@ -62,6 +62,24 @@ pub(crate) enum Raw {
     Compressed,
 }
 
+impl Raw {
+    /// As the option names it.
+    pub(crate) const fn word(self) -> &'static str {
+        match self {
+            Self::Plain => "plain",
+            Self::Compressed => "compressed",
+        }
+    }
+
+    /// As the transmitter makes it.
+    pub(crate) const fn form(self) -> RawForm {
+        match self {
+            Self::Plain => RawForm::Plain,
+            Self::Compressed => RawForm::Compressed(Detail::All),
+        }
+    }
+}
+
 impl Args {
     pub(crate) fn run(self) -> Result<()> {
         let (bytes, model_name) = bundled::model_or(self.model.as_deref())?;
@@ -117,10 +135,7 @@ fn run_to_log(job: &Job<'_>, out: &OutputDir) -> Result<Simulation> {
     let simulation = simulate(
         &job.episode,
         job.model,
-        match job.raw {
-            Raw::Plain => RawForm::Plain,
-            Raw::Compressed => RawForm::Compressed(Detail::All),
-        },
+        job.raw.form(),
         |timestamp_us, frame| log.write(timestamp_us, frame).context("can.log: cannot write"),
         || progress.inc(1),
     )?;

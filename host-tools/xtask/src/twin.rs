@@ -4,7 +4,7 @@
 //! depends on that, and gets the first of these compilers that is there: the one in use, rustup's nightly, Debian's.
 
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -19,9 +19,10 @@ const OLDEST_MINOR: u32 = 96;
 const DEBIAN_PACKAGES: [&str; 3] = ["rustc-web", "cargo-web", "rust-web-src"];
 const MANIFEST: &str = "tests/twin/Cargo.toml";
 const NODE_CHECK: &str = "tests/python/check_twin_node.py";
+const UPDATE_CHECK: &str = "tests/python/check_twin_update.py";
 const MODEL: &str = "model/weights/slipsense.slipnet";
 /// Virtual time after which nobody waits any more for what pycyphal asks.
-const NODE_SECONDS: &str = "300";
+const FAR_END_SECONDS: &str = "600";
 const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 
 /// Run the firmware's ELF on an emulated STM32H743, in virtual time
@@ -74,14 +75,45 @@ pub fn step() -> Result<()> {
 /// In the test command: pycyphal talks to the node of the firmware, through the modelled bus.
 pub fn node_step() -> Result<()> {
     let firmware = Board::H743.build()?;
+    with_far_end(&firmware, None, |port| start(python()?.arg(NODE_CHECK).arg(port).args(["--model", MODEL])))
+}
+
+/// In the test command: pycyphal updates firmware and model of the board over the modelled bus, with the bootloader in
+/// place; the supply fails in between.
+pub fn update_step() -> Result<()> {
+    let firmware = Board::H743.build()?;
+    let boot = Board::build_bootloader()?;
+    let images = tempfile::tempdir().context("cannot make a folder for the images")?;
+    let firmware_file = firmware.display().to_string();
+    for (file, version, board, name) in [
+        (firmware_file.as_str(), "0.2.0", Some("h743"), "new.slip"),
+        (firmware_file.as_str(), "0.0.1", Some("h743"), "older.slip"),
+        (MODEL, "1.0.0", None, "model.slip"),
+        (MODEL, "1.0.0", Some("h723"), "other.slip"),
+    ] {
+        let mut sign = cargo();
+        sign.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--", "sign", file]);
+        sign.args(["--version", version, "--development-key", "--out"]).arg(images.path().join(name));
+        start(sign.args(board.map(|board| ["--board", board]).into_iter().flatten()))?;
+    }
+    with_far_end(&firmware, Some(&boot), |port| {
+        start(python()?.arg(UPDATE_CHECK).arg(port).arg("--folder").arg(images.path()))
+    })
+}
+
+/// Run the twin with `check` at the far end of its bus, which is told the port.
+fn with_far_end(firmware: &Path, boot: Option<&Path>, check: impl FnOnce(&str) -> Result<()>) -> Result<()> {
     let mut twin = command(build()?);
-    twin.arg("--elf").arg(&firmware).args(["--far-end", "--seconds", NODE_SECONDS]);
+    twin.arg("--elf").arg(firmware).args(["--far-end", "--seconds", FAR_END_SECONDS]);
+    if let Some(boot) = boot {
+        twin.arg("--boot").arg(boot);
+    }
     let child = twin.stdin(Stdio::null()).stdout(Stdio::piped()).spawn();
     let mut child = child.context("cannot start the twin")?;
     let mut said = BufReader::new(child.stdout.take().context("the twin has a standard output")?);
     let mut port = String::new();
     said.read_line(&mut port)?;
-    let checked = start(python()?.arg(NODE_CHECK).arg(port.trim()).args(["--model", MODEL]));
+    let checked = check(port.trim());
     if checked.is_err() {
         // It may have ended by itself.
         let _ = child.kill();

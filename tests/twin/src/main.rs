@@ -9,10 +9,13 @@ mod compare;
 mod far_end;
 mod fdcan;
 mod machine;
+mod programs;
 mod report;
+mod restarts;
 mod rtt;
 mod run;
 mod steady;
+mod supply;
 mod tapped;
 mod told;
 mod trouble;
@@ -37,6 +40,9 @@ struct Arguments {
     /// The firmware.
     #[arg(long)]
     elf: PathBuf,
+    /// A bootloader before it; none: the firmware starts itself, and takes no update of itself.
+    #[arg(long)]
+    boot: Option<PathBuf>,
     /// Virtual time to run, in seconds.
     #[arg(long, default_value_t = 1.0, value_parser = seconds)]
     seconds: f64,
@@ -94,6 +100,7 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     };
     let options = run::Options {
         seconds: arguments.seconds,
+        boot: arguments.boot.clone(),
         episode: episode.clone(),
         xl_error: arguments.xl_error / 100.0,
         troubles: arguments.trouble.clone(),

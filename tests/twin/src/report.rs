@@ -85,6 +85,7 @@ pub fn print(done: &Done, episode: Option<&Episode>, arguments: &Arguments) -> R
 /// a reason.
 pub fn print_far_end(done: &Done) -> bool {
     let good = print_told(done);
+    crate::restarts::print(done);
     let of_others = done.frames.iter().filter(|logged| logged.node != MCU).count();
     println!(
         "bus: {} frames, {of_others} of them from the far end; {:.3} virtual s in {:.2} s",

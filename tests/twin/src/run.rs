@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::TcpListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -18,17 +18,17 @@ use slipsense::sensor::XlSample;
 use slipsense_episode::Episode;
 
 use crate::adxl380::Readouts;
-use crate::fdcan::wire::Logged;
 use crate::far_end::FarEnd;
+use crate::fdcan::wire::Logged;
 use crate::machine::{self, Fitted, Twin};
+use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
+use crate::supply::{Failure, Supply};
 use crate::told::{self, Told};
 use crate::trouble::Trouble;
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
-/// Start of flash, where the vector table is.
-const VECTORS: u64 = 0x0800_0000;
 /// Exceptions before the first interrupt in the table.
 const SYSTEM_EXCEPTIONS: usize = 16;
 const INTERRUPTS: usize = 150;
@@ -41,6 +41,8 @@ const SYSCFG_PWRCR: u64 = 0x5800_042C;
 pub struct Options {
     /// Virtual seconds.
     pub seconds: f64,
+    /// A bootloader before the firmware.
+    pub boot: Option<PathBuf>,
     /// What the sensors play; none: no sensors.
     pub episode: Option<Arc<Episode>>,
     /// How much faster than nominal the accelerometers' oscillators are, as a fraction.
@@ -63,6 +65,10 @@ pub struct Done {
     pub requests: Vec<(u64, u64)>,
     /// What was read of each accelerometer, and when.
     pub readouts: Vec<Vec<(u64, Vec<XlSample>)>>,
+    /// Each time that the supply failed.
+    pub failures: Vec<Failure>,
+    /// Each restart, virtual ns.
+    pub resets: Vec<u64>,
     /// Lines of the log.
     pub log: Vec<String>,
     /// What the emulator told.
@@ -91,14 +97,17 @@ struct Recorder {
     overdrive: bool,
     last: Option<Stop>,
     far_end: Option<FarEnd>,
+    supply: Supply,
     /// What went wrong at the far end.
     broken: Option<anyhow::Error>,
 }
 
 impl Driver<Twin> for Recorder {
-    fn on_settled(&mut self, _session: &mut Session<Twin>, _host: &mut dyn Host, settled: Settled) {
-        if let Settled::Hit(hit) = settled {
-            *self.hits.entry(hit.address).or_default() += 1;
+    fn on_settled(&mut self, session: &mut Session<Twin>, host: &mut dyn Host, settled: Settled) {
+        match settled {
+            Settled::Hit(hit) => *self.hits.entry(hit.address).or_default() += 1,
+            Settled::Access { access, .. } => self.supply.look(session, host, access),
+            Settled::Stop(_) => {}
         }
     }
 
@@ -115,7 +124,12 @@ impl Driver<Twin> for Recorder {
         let mut over = stop.at.0 >= self.end;
         if let Some(far_end) = &mut self.far_end {
             match far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire) {
-                Ok(is_there) => over |= !is_there,
+                Ok(is_there) => {
+                    over |= !is_there;
+                    if let Some(steps) = far_end.supply_fails_at.take() {
+                        self.supply.fail_at(steps);
+                    }
+                }
                 Err(error) => {
                     self.broken = Some(error);
                     over = true;
@@ -149,9 +163,10 @@ fn interrupt_names(board: &Twin) -> BTreeMap<usize, String> {
     names
 }
 
-fn handlers(image: &Image, names: &BTreeMap<usize, String>) -> BTreeMap<u64, String> {
+fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, String> {
     let mut found: BTreeMap<u64, Vec<String>> = BTreeMap::new();
-    let Some((_, table)) = image.segments().find(|(address, _)| *address == VECTORS) else {
+    let Some((_, table)) = images.iter().flat_map(Image::segments).find(|(address, _)| *address == VECTORS)
+    else {
         return BTreeMap::new();
     };
     for (line, entry) in table.chunks_exact(4).skip(SYSTEM_EXCEPTIONS).take(INTERRUPTS).enumerate() {
@@ -170,7 +185,7 @@ fn handlers(image: &Image, names: &BTreeMap<usize, String>) -> BTreeMap<u64, Str
 /// Run `elf`.
 pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
-    let image = Image::new(elf, bytes.clone(), None)?;
+    let images = programs::images(elf, bytes.clone(), options.boot.as_deref())?;
     let probe = Symbols::read(&bytes, |value| value & !1)?.get("_SEGGER_RTT").ok().map(Probe::new);
     let fitted = Fitted {
         episode: options.episode.clone(),
@@ -179,7 +194,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         slow: options.slow,
     };
     let board = Box::new(Twin::new(&fitted)?);
-    let handlers = handlers(&image, &interrupt_names(&board));
+    let handlers = handlers(&images, &interrupt_names(&board));
     let mut session = Session::new(board, 0, VirtualNanos(STEP_NS))?;
     for &address in handlers.keys() {
         session.watch(Watch::Instruction(address));
@@ -193,13 +208,13 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         overdrive: false,
         last: None,
         far_end: if options.far_end { Some(FarEnd::wait()?) } else { None },
+        supply: Supply::default(),
         broken: None,
     };
     let listener = options.gdb.map(|port| TcpListener::bind(("127.0.0.1", port))).transpose()?;
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    let images = [image];
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
     start.wait_for_debugger = listener.is_some();
@@ -221,6 +236,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     };
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
+    let resets = finished.session.resets().iter().map(|reset| reset.at.0).collect();
     let told = told::collect(&finished.session, options.far_end);
     let board = finished.session.board_mut();
     let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
@@ -230,6 +246,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         frames: std::mem::take(&mut fdcan.wire.log),
         requests: std::mem::take(&mut fdcan.requests),
         readouts,
+        failures: driver.supply.failures,
+        resets,
         log,
         told,
         overdrive: driver.overdrive,

@@ -70,6 +70,11 @@ pub const STEPS: &[Step] = &[
         run: twin::node_step,
     },
     Step {
+        name: "twin-update",
+        what: "pycyphal updates that ELF and its model over the bus: refusals, swap, rollback, a supply that fails",
+        run: twin::update_step,
+    },
+    Step {
         name: "qemu-demo",
         what: "the demo episode on the emulated Cortex-M7, bit for bit",
         run: || equal(&qemu::Options::episodes(vec![root().join(DEMO_EPISODE)])),
@@ -202,15 +207,8 @@ fn firmware() -> Result<()> {
             &format!("h743,{other}"),
         ])?;
     }
-    bootloader()?;
+    Board::build_bootloader()?;
     Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
-}
-
-/// In a profile of its own, as it is flashed.
-fn bootloader() -> Result<()> {
-    let mut build = Toolchain::get()?.build_in("boot");
-    build.args(["--package", "slipsense", "--bin", "slipsense-boot", "--features", "h743"]);
-    run(&mut build)
 }
 
 fn equal(options: &qemu::Options) -> Result<()> {

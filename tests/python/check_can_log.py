@@ -152,6 +152,8 @@ def check_raw(messages, slip_messages, episode, bad):
             slip_message = slip_messages[frame][0]
             bad.equal(f"{at}, timestamp", message.timestamp_us, slip_message.timestamp_us)
             bad.equal(f"{at}, health", message.health, slip_message.contact[sensor].health)
+        if hasattr(message, "check"):
+            bad.equal(f"{at}, check", message.check, compressed.check(message))
         counts, whole, samples = decode(message)
         bad.check(whole, f"{at}: not all taxels were sent")
         bad.equal(f"{at}, taxels", counts, piezo[frame, sensor])

@@ -3,14 +3,17 @@
 Only the frequencies are read from the Rust source: they are data.
 """
 
+import binascii
 import bisect
 import pathlib
 import re
 
 import numpy as np
+import pycyphal.dsdl
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2] / "src" / "wire" / "compress" / "tables.rs"
 CODED, REGION, NO_TAXELS = 1, 2, 4
+CHECK_AT = 20
 TOTAL_BITS = 12
 RANGE_MIN = 1 << 24
 
@@ -100,6 +103,12 @@ def _taxels(decoder, sent):
             table = _context(abs(w - nw) + abs(n - nw) + abs(ne - n) + (w + nw + n + ne) // 32, TAXELS)
             here[col + 1] = sorted((w, n, w + n - nw))[1] + decoder.signed(table)
     return np.array(rows)[1:, 1:33]
+
+
+def check(message):
+    """The CRC that a message should have: of all its bytes but the two of the check."""
+    data = b"".join(pycyphal.dsdl.serialize(message))
+    return binascii.crc_hqx(data[CHECK_AT + 2 :], binascii.crc_hqx(data[:CHECK_AT], 0xFFFF))
 
 
 def decode(message, active):

@@ -8,14 +8,17 @@ use super::{taxels, xl};
 use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXELS, XL_AXES};
 use crate::sensor::{PiezoFrame, XlSample};
 use crate::wire::bytes::{DecodeError, Reader, Writer};
-use crate::wire::crc16;
+use crate::wire::cyphal::{crc16, crc16_update};
 use crate::wire::raw::{RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
 
 /// Bytes of the longest compressed message: that of a frame which compressing would make longer.
 pub const COMPRESSED_BYTES_MAX: usize =
-    CHECKED_BYTES + 2 + 2 + (ACTIVE_TAXELS * 3).div_ceil(2) + RAW_XL_MAX * XL_AXES * 2;
+    HEADER_BYTES + (ACTIVE_TAXELS * 3).div_ceil(2) + RAW_XL_MAX * XL_AXES * 2;
 /// Header bytes before the check.
-const CHECKED_BYTES: usize = 7 + 4 + 1 + 1 + 4 + 1 + 1 + 1;
+const CHECK_AT: usize = 7 + 4 + 1 + 1 + 4 + 1 + 1 + 1;
+const CHECK_BYTES: usize = 2;
+/// Bytes before the data: also their length.
+const HEADER_BYTES: usize = CHECK_AT + CHECK_BYTES + 2;
 
 const NAME: &str = "slipsense.RawCompressed";
 
@@ -65,7 +68,7 @@ pub(in crate::wire) fn encode<'b>(
     let samples = samples.get_mut(..newest.len()).unwrap_or_default();
     samples.iter_mut().zip(newest).for_each(|(to, from)| *to = *from);
 
-    let (header, data) = buffer.0.split_at_mut(CHECKED_BYTES + 4);
+    let (header, data) = buffer.0.split_at_mut(HEADER_BYTES);
     let start = if form == FORM_REGION { REGION_BYTES } else { 0 };
     let (region_bytes, body) = data.split_at_mut(start);
     for (out, byte) in region_bytes.iter_mut().zip(region.to_bytes()) {
@@ -86,15 +89,12 @@ pub(in crate::wire) fn encode<'b>(
     writer.put(&[frame.sensor, frame.full_health()]);
     writer.put(&frame.xl_end.to_le_bytes());
     writer.put(&[dropped.min(255) as u8, newest.len() as u8, form]);
-    let sum = match (region, frame.input.piezo) {
-        (Region::ALL, Some(piezo)) => piezo.sum(),
-        _ => sum_of(&counts),
-    };
-    let check = check(header, sum, newest);
-    let mut writer = Writer::new(header.get_mut(CHECKED_BYTES..).unwrap_or_default());
-    writer.put(&check.to_le_bytes());
+    writer.put(&[0; CHECK_BYTES]);
     writer.put(&(length as u16).to_le_bytes());
-    buffer.bytes(CHECKED_BYTES + 4 + length)
+    let check = check(buffer.bytes(HEADER_BYTES + length));
+    let mut writer = Writer::new(buffer.0.get_mut(CHECK_AT..).unwrap_or_default());
+    writer.put(&check.to_le_bytes());
+    buffer.bytes(HEADER_BYTES + length)
 }
 
 /// Read a message; bytes after it are padding and ignored.
@@ -113,6 +113,9 @@ pub(in crate::wire) fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
     let mut data = reader.slice(length.into())?;
 
     let damaged = DecodeError::Damaged { message: NAME };
+    if check(bytes.get(..HEADER_BYTES + data.len()).unwrap_or_default()) != expected {
+        return Err(damaged);
+    }
     let region = match form & (FORM_REGION | FORM_NO_TAXELS) {
         0 => Region::ALL,
         FORM_REGION => {
@@ -135,7 +138,7 @@ pub(in crate::wire) fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
             taxels::code(&mut decoder, &region, &mut counts, |_, _| true) && decoder.is_at_end()
         }
     };
-    if !whole || check(bytes, sum_of(&counts), &xl) != expected {
+    if !whole {
         return Err(damaged);
     }
     let piezo = PiezoFrame::from_scan(counts);
@@ -230,15 +233,9 @@ fn cells<'a>(region: &Region, counts: &'a [u16; TAXELS]) -> impl Iterator<Item =
     rows.flat_map(move |(row, cells)| cells.get(region.cols_of(row)).unwrap_or_default()).copied()
 }
 
-fn sum_of(counts: &[u16; TAXELS]) -> u32 {
-    counts.iter().map(|&count| u32::from(count)).sum()
-}
-
-/// CRC of the header up to here, plus all counts and all samples, modulo 2^16. The transfer's CRC does not cover what
-/// happens to a message afterwards, and no checksum of the bytes tells that encoder and decoder disagree.
-fn check(message: &[u8], count_sum: u32, samples: &[XlSample]) -> u16 {
-    let crc = crc16(message.get(..CHECKED_BYTES).unwrap_or_default());
-    let sum =
-        samples.as_flattened().iter().fold(count_sum as u16, |sum, &value| sum.wrapping_add(value as u16));
-    crc.wrapping_add(sum)
+/// CRC of all bytes of a message but the check itself. The transfer's CRC does not cover what happens to a message
+/// afterwards. Any change of one byte is noticed, also of one that would decode to the same frame.
+fn check(message: &[u8]) -> u16 {
+    let header = crc16(message.get(..CHECK_AT).unwrap_or_default());
+    crc16_update(header, message.get(CHECK_AT + CHECK_BYTES..).unwrap_or_default())
 }

@@ -1,6 +1,7 @@
 //! The board twin: the very ELF that is flashed, on an emulated STM32H743, in virtual time.
 //!
-//! The emulator is the crate rigless; ours are the FDCANs, the bus and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
+//! The emulator is the crate rigless; ours are the FDCANs, the watchdog, the bus
+//! and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
 
 mod adxl380;
 mod arrays;
@@ -9,6 +10,7 @@ mod far_end;
 mod faults;
 mod fdcan;
 mod icm42688;
+mod iwdg;
 mod machine;
 mod recovery;
 mod report;

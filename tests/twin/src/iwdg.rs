@@ -95,11 +95,8 @@ impl Iwdg {
         let counts = cycles / self.values.divider();
         // What is left of a cycle stays in the time.
         let whole = if self.clock_hz == 0 { now.0 } else { since.0 + self.cycles_ns(passed as u64) };
-        self.counter = (
-            VirtualNanos(whole.min(now.0)),
-            counter.saturating_sub(counts),
-            cycles % self.values.divider(),
-        );
+        self.counter =
+            (VirtualNanos(whole.min(now.0)), counter.saturating_sub(counts), cycles % self.values.divider());
     }
 
     fn load(&mut self, now: VirtualNanos, value: u64) {
@@ -152,7 +149,8 @@ impl Iwdg {
         let (register, flag) = CROSSING[index];
         let status = registers.get(Register::Sr);
         if !self.open || status & flag != 0 {
-            let why = if self.open { "written while its last value is on its way" } else { "written while closed" };
+            let why =
+                if self.open { "written while its last value is on its way" } else { "written while closed" };
             context.tell(register.spec().name, why);
             registers.set(register, self.written.0[index]);
             return;

@@ -1,6 +1,6 @@
 //! The bootloader: swaps in a firmware that came by an update, swaps out one that did not confirm, and jumps. What it
-//! decides is `slipsense::update::boot`, which the host's tests run; here are only registers. **It has not run on
-//! hardware.**
+//! decides is `slipsense::update::boot`, which the host's tests run; here are only registers. The board twin runs it.
+//! **It has not run on hardware.**
 //!
 //! The watchdog is on from the first microsecond: a bootloader that hangs starts anew, and a firmware that hangs comes
 //! back here without having confirmed. Without a firmware that is whole the red LED is lit, and a debug probe is needed.

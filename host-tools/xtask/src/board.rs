@@ -12,6 +12,8 @@ use crate::toolchain::Toolchain;
 const FIRMWARE: &str = "slipsense-firmware";
 /// What `slipsense hil` talks to.
 const HIL: &str = "slipsense-hil";
+const BOOTLOADER: &str = "slipsense-boot";
+const BOOT_PROFILE: &str = "boot";
 
 /// A board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
@@ -39,6 +41,15 @@ impl Board {
             Self::H743 => "NUCLEO-H743ZI2",
             Self::H723 => "NUCLEO-H723ZG",
         }
+    }
+
+    /// Build the bootloader, in a profile of its own, as it is flashed. One board has one.
+    pub fn build_bootloader() -> Result<PathBuf> {
+        let toolchain = Toolchain::get()?;
+        let mut build = toolchain.build_in(BOOT_PROFILE);
+        let feature = Self::H743.feature();
+        run(build.args(["--package", "slipsense", "--bin", BOOTLOADER, "--features", feature]))?;
+        Ok(toolchain.program_in(BOOT_PROFILE, BOOTLOADER))
     }
 
     /// Build its firmware, warnings denied, with a list of what each function takes of the stack.

@@ -79,7 +79,12 @@ impl Toolchain {
 
     /// The program of this name that [`build`](Self::build) made.
     pub fn program(self, name: &str) -> PathBuf {
-        self.target_dir().join(TARGET).join("firmware").join(name)
+        self.program_in("firmware", name)
+    }
+
+    /// The same of [`build_in`](Self::build_in).
+    pub fn program_in(self, profile: &str, name: &str) -> PathBuf {
+        self.target_dir().join(TARGET).join(profile).join(name)
     }
 
     fn target_dir(self) -> PathBuf {

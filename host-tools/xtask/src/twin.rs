@@ -3,8 +3,10 @@
 //! The twin's emulator declares Rust 1.98 and builds with 1.96. It is a package of its own, so that nothing else
 //! depends on that, and gets the first of these compilers that is there: the one in use, rustup's nightly, Debian's.
 
+pub mod update;
+
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -22,7 +24,7 @@ const MANIFEST: &str = "tests/twin/Cargo.toml";
 const NODE_CHECK: &str = "tests/python/check_twin_node.py";
 const MODEL: &str = "model/weights/slipsense.slipnet";
 /// Virtual time after which nobody waits any more for what pycyphal asks.
-const NODE_SECONDS: &str = "300";
+const FAR_END_SECONDS: &str = "3600";
 /// Frames of the demo that go through the mailbox, and virtual time that is more than they need: while the program
 /// waits for the next one, it flies.
 const HIL_FRAMES: &str = "60";
@@ -47,12 +49,16 @@ const LOOPBACK_PASSED: &str = "loop back passed";
   cargo xtask twin --seconds 3 --trouble off:0.5-1.5       nobody acknowledges for a second
   cargo xtask twin EPISODE.npz --faults                    every trouble in turn, and a table of flags and recovery
   cargo xtask twin --long                                  20 s each: two sensors, three, two ICM-42688-P
+  cargo xtask twin --updates                               updates over the bus, the supply fails again and again
   cargo xtask twin --gdb 3333                              wait for a debugger on this port
 All options: cargo xtask twin --help, then what `slipsense-twin --help` says")]
 pub struct Options {
     /// The runs that take minutes: 20 virtual seconds with two sensors, with three, and with two ICM-42688-P
     #[arg(long, exclusive = true)]
     long: bool,
+    /// The step `twin-update` with more failures of the supply: at every step of a store, and at more of the others
+    #[arg(long, exclusive = true)]
+    updates: bool,
     /// What the twin is given: episode and options
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
@@ -62,6 +68,9 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<bool> {
     if options.long {
         return long();
+    }
+    if options.updates {
+        return update::step(true).map(|()| true);
     }
     let arguments = &options.arguments;
     let status = twin(fitted(arguments))?.args(arguments).status()?;
@@ -174,21 +183,27 @@ fn loopback() -> Result<()> {
 /// In the test command: pycyphal talks to the node of the firmware, through the modelled bus.
 pub fn node_step() -> Result<()> {
     let firmware = Board::H743.build()?;
+    with_far_end(&firmware, &[], |port| start(python()?.arg(NODE_CHECK).arg(port).args(["--model", MODEL])))
+}
+
+/// Run the twin, with these more arguments, and with `check` at the far end of its bus, which is told the port.
+fn with_far_end(firmware: &Path, more: &[&str], check: impl FnOnce(&str) -> Result<()>) -> Result<()> {
     let mut twin = command(build()?);
-    twin.arg("--elf").arg(&firmware).args(["--far-end", "--seconds", NODE_SECONDS]);
+    twin.arg("--elf").arg(firmware).args(["--far-end", "--seconds", FAR_END_SECONDS]).args(more);
     let child = twin.stdin(Stdio::null()).stdout(Stdio::piped()).spawn();
     let mut child = child.context("cannot start the twin")?;
     let mut said = BufReader::new(child.stdout.take().context("the twin has a standard output")?);
     let mut port = String::new();
     said.read_line(&mut port)?;
-    let checked = start(python()?.arg(NODE_CHECK).arg(port.trim()).args(["--model", MODEL]));
+    let checked = check(port.trim());
     if checked.is_err() {
         // It may have ended by itself.
         let _ = child.kill();
     }
-    let ended = child.wait()?;
+    // Before the wait: a pipe that nobody reads holds it up.
     let mut rest = String::new();
     said.read_to_string(&mut rest)?;
+    let ended = child.wait()?;
     eprint!("{rest}");
     checked?;
     ensure!(ended.success(), "the twin told something of this run that has no reason");

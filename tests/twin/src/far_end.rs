@@ -2,12 +2,13 @@
 //! is behind it. The format is `tests/qemu/src/link.rs`'s.
 //!
 //! What the program sends goes on the wires at the next virtual millisecond and competes there as any node's frames
-//! do. What the board sends it gets, but for slip and raw messages: nothing behind the link could keep up with them.
+//! do. An identifier that no frame can have, [`SUPPLY`], is no frame: at which steps of the flash the board's supply
+//! fails. What the board sends it gets, but for slip and raw messages: nothing behind the link could keep up with them.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow, ensure};
 use slipsense::wire::{MessageId, RAW_PORT, SLIP_PORT};
 use slipsense_can_model::{Format, Frame, Id, Outcome};
 
@@ -16,6 +17,8 @@ use crate::fdcan::wire::{MCU, Wire};
 
 /// Bytes before the data: identifier and length.
 const HEADER: usize = 5;
+/// Before steps of eight bytes, lowest first.
+const SUPPLY: u32 = 1 << 31;
 
 /// The program's end of the link.
 pub struct FarEnd {
@@ -23,6 +26,8 @@ pub struct FarEnd {
     pending: Vec<u8>,
     /// Entries of the wires' log that have been looked at.
     seen: usize,
+    /// What the program wants of the supply: see [`Supply::fail_at`](crate::supply::Supply::fail_at).
+    pub supply_fails_at: Option<Vec<u64>>,
 }
 
 impl FarEnd {
@@ -32,7 +37,7 @@ impl FarEnd {
         println!("{}", listener.local_addr()?.port());
         let (stream, _) = listener.accept()?;
         stream.set_nodelay(true)?;
-        Ok(Self { stream, pending: Vec::new(), seen: 0 })
+        Ok(Self { stream, pending: Vec::new(), seen: 0, supply_fails_at: None })
     }
 
     /// Carry frames both ways. `false`: the program is gone.
@@ -45,8 +50,16 @@ impl FarEnd {
             Err(error) if error.kind() == ErrorKind::WouldBlock => {}
             Err(error) => return Err(error).context("reading from the far end"),
         }
-        while let Some(frame) = self.take_frame() {
-            wire.peer_queue.push_back((now_ns, frame?));
+        while let Some((identifier, data)) = self.take_record() {
+            if identifier == SUPPLY {
+                let (steps, rest) = data.as_chunks();
+                ensure!(rest.is_empty(), "the far end says half a step of the flash");
+                self.supply_fails_at = Some(steps.iter().map(|&step| u64::from_le_bytes(step)).collect());
+                continue;
+            }
+            let frame = Frame::new(Id::Extended(identifier), Format::FD, &data);
+            let frame = frame.map_err(|error| anyhow!("the far end sent no CAN FD frame: {error:?}"))?;
+            wire.peer_queue.push_back((now_ns, frame));
         }
         self.stream.set_nonblocking(false)?;
         let mut records = Vec::new();
@@ -68,13 +81,11 @@ impl FarEnd {
         }
     }
 
-    fn take_frame(&mut self) -> Option<Result<Frame>> {
+    fn take_record(&mut self) -> Option<(u32, Vec<u8>)> {
         let &[a, b, c, d, length] = self.pending.first_chunk::<HEADER>()?;
         let end = HEADER + usize::from(length);
-        let data = self.pending.get(HEADER..end)?;
-        let frame = Frame::new(Id::Extended(u32::from_le_bytes([a, b, c, d])), Format::FD, data);
-        let frame = frame.map_err(|error| anyhow::anyhow!("the far end sent no CAN FD frame: {error:?}"));
+        let data = self.pending.get(HEADER..end)?.to_vec();
         self.pending.drain(..end);
-        Some(frame)
+        Some((u32::from_le_bytes([a, b, c, d]), data))
     }
 }

@@ -1,4 +1,4 @@
-//! The board: an STM32H743 whose FDCANs are ours, an 8 MHz clock from the ST-LINK, 3.3 V.
+//! The board: an STM32H743 whose FDCANs and watchdog are ours, an 8 MHz clock from the ST-LINK, 3.3 V.
 
 use std::num::{NonZeroU32, NonZeroU64};
 use std::sync::Arc;
@@ -11,6 +11,7 @@ use rigless::soc::stm32h743::Stm32h743;
 use rigless::soc::stm32h743::peripherals::adc::Adc;
 use rigless::soc::stm32h743::peripherals::dma::Dma;
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin};
+use rigless::soc::stm32h743::peripherals::rcc::IWDG_INSTANCE;
 use rigless::soc::stm32h743::peripherals::spi::Select;
 use rigless::soc::stm32h743::peripherals::tim::{Advanced, Tim};
 use rigless::soc::{Bus, Error, Window};
@@ -22,6 +23,7 @@ use crate::arrays::{AddressLines, Arrays, REFERENCE_MV, Shared, Streams, Trigger
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam};
 use crate::icm42688::Icm42688;
+use crate::iwdg::Iwdg;
 use crate::steady::Settings;
 use crate::tapped::Tapped;
 use crate::trouble::Trouble;
@@ -55,14 +57,16 @@ pub struct Fitted {
     pub slow: bool,
 }
 
-/// The part with its FDCANs.
+/// The part with its FDCANs and its watchdog.
 #[derive(Debug)]
 pub struct Mcu743 {
-    /// All but the FDCANs.
+    /// All but these.
     pub part: Stm32h743,
     /// FDCAN1 and FDCAN2.
     pub fdcan: [Fdcan; 2],
     fdcan_slots: [usize; 2],
+    iwdg: Iwdg,
+    iwdg_slot: usize,
     ram: Windowed<MessageRam>,
     ram_slot: usize,
     /// Models of the emulator with the arrays or the scan at them; what the part has in their place is never reached.
@@ -84,6 +88,7 @@ impl Mcu743 {
         for (slot, name) in fdcan_slots.iter_mut().zip(FDCANS) {
             *slot = part.bus().slot(name)?;
         }
+        let iwdg_slot = part.bus().slot(IWDG_INSTANCE)?;
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
@@ -104,6 +109,8 @@ impl Mcu743 {
             part,
             fdcan,
             fdcan_slots,
+            iwdg: Iwdg::default(),
+            iwdg_slot,
             ram: Windowed { chip: ram, table },
             ram_slot,
             port: Tapped { device: port, tap: AddressLines(arrays.clone()) },
@@ -139,6 +146,7 @@ impl Mcu for Mcu743 {
         for fdcan in &mut self.fdcan {
             Device::reset(fdcan);
         }
+        self.iwdg = Iwdg::default();
         ErasedDevice::reset(&mut self.port);
         ErasedDevice::reset(&mut self.timer);
         ErasedDevice::reset(&mut self.adc);
@@ -157,6 +165,9 @@ impl Mcu for Mcu743 {
         }
         if let Some(nth) = self.fdcan_slots.iter().position(|&fdcan| fdcan == slot) {
             return (self.part.bus_mut(), Some(&mut self.fdcan[nth]));
+        }
+        if slot == self.iwdg_slot {
+            return (self.part.bus_mut(), Some(&mut self.iwdg));
         }
         let [port, timer, adc, codes, addresses] = self.tapped_slots;
         if slot == timer {

@@ -1,6 +1,7 @@
 //! The board twin: the very ELF that is flashed, on an emulated STM32H743, in virtual time.
 //!
-//! The emulator is the crate rigless; ours are the FDCANs, the bus and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
+//! The emulator is the crate rigless; ours are the FDCANs, the watchdog, the bus
+//! and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
 
 mod adxl380;
 mod arrays;
@@ -8,14 +9,19 @@ mod compare;
 mod far_end;
 mod faults;
 mod fdcan;
+mod flash_wait;
 mod icm42688;
+mod iwdg;
 mod machine;
+mod programs;
 mod recovery;
 mod report;
+mod restarts;
 mod rtt;
 mod run;
 mod settings;
 mod steady;
+mod supply;
 mod tapped;
 mod told;
 mod trouble;
@@ -50,6 +56,9 @@ struct Arguments {
     /// The firmware.
     #[arg(long)]
     elf: PathBuf,
+    /// A bootloader before it; none: the firmware starts itself, and takes no update of itself.
+    #[arg(long, requires = "far_end")]
+    boot: Option<PathBuf>,
     /// Virtual time to run, in seconds.
     #[arg(long, default_value_t = 1.0, value_parser = seconds)]
     seconds: f64,
@@ -92,6 +101,9 @@ struct Arguments {
     /// Print a port of this computer, wait for a program there that is another node of the bus, and run until it goes.
     #[arg(long)]
     far_end: bool,
+    /// How often that program lets the watchdog restart the board; any other number fails the run.
+    #[arg(long, requires = "far_end", default_value_t = 0)]
+    bites: usize,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -156,6 +168,7 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     }
     let options = run::Options {
         seconds: if arguments.faults { faults::seconds(&troubles) } else { arguments.seconds },
+        boot: arguments.boot.clone(),
         episode: episode.clone(),
         sensors: arguments.sensors.map(usize::from),
         xl: arguments.xl,
@@ -171,7 +184,7 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
             .with_context(|| format!("{}: cannot write", path.display()))?;
     }
     if arguments.far_end {
-        return Ok(report::print_far_end(&done));
+        return Ok(report::print_far_end(&done, arguments.bites));
     }
     if let Some(path) = &arguments.trace {
         report::write_trace(path, &done).with_context(|| format!("{}: cannot write", path.display()))?;

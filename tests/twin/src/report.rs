@@ -14,6 +14,7 @@ use crate::compare::{Comparison, Slip, can_frame, compare};
 use crate::faults;
 use crate::fdcan::wire::{Logged, MCU};
 use crate::recovery::{self, Recovery};
+use crate::restarts;
 use crate::run::{Done, RATE_HZ};
 use crate::trouble::Trouble;
 
@@ -111,10 +112,15 @@ pub fn print_other(done: &Done, expected: &str) -> bool {
     told && said
 }
 
-/// What is to be said of a run that a program at the far end has judged already. `false`: something was told without
-/// a reason.
-pub fn print_far_end(done: &Done) -> bool {
-    let good = print_told(done);
+/// What is to be said of a run that a program at the far end has judged already, in which it let the watchdog bite so
+/// many times. `false`: something was told without a reason, or the watchdog bit another number of times.
+pub fn print_far_end(done: &Done, bites: usize) -> bool {
+    let told = print_told(done);
+    restarts::print(done);
+    let bitten = restarts::bites(done);
+    if bitten != bites {
+        println!("FAILED: the watchdog restarted the board {bitten} times, {bites} times were expected");
+    }
     let of_others = done.frames.iter().filter(|logged| logged.node != MCU).count();
     println!(
         "bus: {} frames, {of_others} of them from the far end; {:.3} virtual s in {:.2} s",
@@ -122,7 +128,7 @@ pub fn print_far_end(done: &Done) -> bool {
         done.virtual_ns as f64 / 1e9,
         done.wall.as_secs_f64()
     );
-    good
+    told && bitten == bites
 }
 
 fn print_told(done: &Done) -> bool {

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::net::TcpListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use rigless::device::ResetCause;
 use rigless::emulator::{self, Driver, Host, Settled, Start, Stop, Watch};
 use rigless::image::Image;
 use rigless::mcu::Operate;
@@ -15,27 +16,22 @@ use rigless::soc::Width;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
-use slipsense::update::partitions::{FLASH_BASE, Partitions, by_feature};
 use slipsense_episode::Episode;
 
 use crate::far_end::FarEnd;
 use crate::fdcan::wire::Logged;
+use crate::flash_wait::FlashWait;
 use crate::machine::{self, Fitted, Twin};
+use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
 use crate::settings;
+use crate::supply::{Failure, Supply};
 use crate::told::{self, Told};
 use crate::trouble::Trouble;
 use crate::xl::{Readouts, Xl};
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
-/// The board's flash.
-const BOARD: &Partitions = match by_feature("h743") {
-    Some(board) => board,
-    None => panic!("in the table"),
-};
-/// Where the firmware's vector table is: behind the bootloader, or the two words that stand for one.
-const VECTORS: u64 = (FLASH_BASE + BOARD.active.start) as u64;
 /// Exceptions before the first interrupt in the table.
 const SYSTEM_EXCEPTIONS: usize = 16;
 const INTERRUPTS: usize = 150;
@@ -48,6 +44,8 @@ const SYSCFG_PWRCR: u64 = 0x5800_042C;
 pub struct Options {
     /// Virtual seconds.
     pub seconds: f64,
+    /// A bootloader before the firmware.
+    pub boot: Option<PathBuf>,
     /// What the sensors play; none: no sensors.
     pub episode: Option<Arc<Episode>>,
     /// Sensors in use, by settings in flash; none: the flash is blank.
@@ -76,6 +74,10 @@ pub struct Done {
     pub readouts: Vec<Vec<(u64, Vec<XlSample>)>>,
     /// Samples per second that each accelerometer makes.
     pub xl_rate_hz: f64,
+    /// Each time that the supply failed.
+    pub failures: Vec<Failure>,
+    /// Each restart: virtual ns, and who asked for it.
+    pub resets: Vec<(u64, ResetCause)>,
     /// Lines of the log.
     pub log: Vec<String>,
     /// What the emulator told.
@@ -104,14 +106,22 @@ struct Recorder {
     overdrive: bool,
     last: Option<Stop>,
     far_end: Option<FarEnd>,
+    supply: Supply,
+    wait: FlashWait,
     /// What went wrong at the far end.
     broken: Option<anyhow::Error>,
 }
 
 impl Driver<Twin> for Recorder {
-    fn on_settled(&mut self, _session: &mut Session<Twin>, _host: &mut dyn Host, settled: Settled) {
-        if let Settled::Hit(hit) = settled {
-            *self.hits.entry(hit.address).or_default() += 1;
+    fn on_settled(&mut self, session: &mut Session<Twin>, host: &mut dyn Host, settled: Settled) {
+        match settled {
+            Settled::Hit(hit) => *self.hits.entry(hit.address).or_default() += 1,
+            Settled::Access { access, value } => {
+                self.supply.look(session, host, access);
+                self.wait.look(host, access, value);
+            }
+            Settled::Stop(stop) => self.wait.settle(session, host, stop.at),
+            _ => {}
         }
     }
 
@@ -128,7 +138,12 @@ impl Driver<Twin> for Recorder {
         let mut over = stop.at.0 >= self.end;
         if let Some(far_end) = &mut self.far_end {
             match far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire) {
-                Ok(is_there) => over |= !is_there,
+                Ok(is_there) => {
+                    over |= !is_there;
+                    if let Some(steps) = far_end.supply_fails_at.take() {
+                        self.supply.fail_at(steps);
+                    }
+                }
                 Err(error) => {
                     self.broken = Some(error);
                     over = true;
@@ -162,9 +177,10 @@ fn interrupt_names(board: &Twin) -> BTreeMap<usize, String> {
     names
 }
 
-fn handlers(image: &Image, names: &BTreeMap<usize, String>) -> BTreeMap<u64, String> {
+fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, String> {
     let mut found: BTreeMap<u64, Vec<String>> = BTreeMap::new();
-    let Some((_, table)) = image.segments().find(|(address, _)| *address == VECTORS) else {
+    let Some((_, table)) = images.iter().flat_map(Image::segments).find(|(address, _)| *address == VECTORS)
+    else {
         return BTreeMap::new();
     };
     for (line, entry) in table.chunks_exact(4).skip(SYSTEM_EXCEPTIONS).take(INTERRUPTS).enumerate() {
@@ -183,7 +199,7 @@ fn handlers(image: &Image, names: &BTreeMap<usize, String>) -> BTreeMap<u64, Str
 /// Run `elf`.
 pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
-    let image = Image::new(elf, bytes.clone(), None)?;
+    let mut images = programs::images(elf, bytes.clone(), options.boot.as_deref())?;
     let probe = Symbols::read(&bytes, |value| value & !1)?.get("_SEGGER_RTT").ok().map(Probe::new);
     let fitted = Fitted {
         episode: options.episode.clone(),
@@ -193,7 +209,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         slow: options.slow,
     };
     let board = Box::new(Twin::new(&fitted)?);
-    let handlers = handlers(&image, &interrupt_names(&board));
+    let handlers = handlers(&images, &interrupt_names(&board));
     let mut session = Session::new(board, 0, VirtualNanos(STEP_NS))?;
     for &address in handlers.keys() {
         session.watch(Watch::Instruction(address));
@@ -207,13 +223,14 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         overdrive: false,
         last: None,
         far_end: if options.far_end { Some(FarEnd::wait()?) } else { None },
+        supply: Supply::default(),
+        wait: FlashWait::default(),
         broken: None,
     };
     let listener = options.gdb.map(|port| TcpListener::bind(("127.0.0.1", port))).transpose()?;
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    let mut images = vec![image];
     images.extend(options.sensors.map(settings::with_sensors).transpose()?);
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
@@ -236,7 +253,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     };
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
-    let told = told::collect(&finished.session, options.far_end);
+    let resets = finished.session.resets().iter().map(|reset| (reset.at.0, reset.cause)).collect();
+    let told = told::collect(&finished.session, options.far_end, options.boot.is_some());
     let board = finished.session.board_mut();
     let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
     let readouts = board.readouts.iter().map(take).collect();
@@ -246,6 +264,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         requests: std::mem::take(&mut fdcan.requests),
         readouts,
         xl_rate_hz: options.xl.rate_hz(options.xl_error),
+        failures: driver.supply.failures,
+        resets,
         log,
         told,
         overdrive: driver.overdrive,

@@ -2,18 +2,17 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use rigless::image::Image;
 use slipsense::settings::{Setting, Settings, SettingsStore};
-use slipsense::update::partitions::{BOARDS, FLASH_BASE};
+use slipsense::update::partitions::{FLASH_BASE, SECTOR_BYTES};
 
-/// The board of this machine.
-const BOARD: &str = "h743";
-/// Of the STM32H743: what one write programs, and a sector.
+use crate::programs::BOARD;
+
+/// Of the STM32H743: what one write programs.
 const WORD: usize = 32;
-const SECTOR: usize = 128 * 1024;
 const ERASED: u8 = 0xFF;
 
 /// The settings' sectors.
@@ -45,7 +44,7 @@ impl ReadNorFlash for Sectors {
 
 impl NorFlash for Sectors {
     const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = SECTOR;
+    const ERASE_SIZE: usize = SECTOR_BYTES as usize;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         self.at(from, (to - from) as usize)?.fill(ERASED);
@@ -62,8 +61,7 @@ impl NorFlash for Sectors {
 pub fn with_sensors(sensors: usize) -> Result<Image> {
     let mut settings = Settings::new();
     settings.set(Setting::Sensors, &[sensors as i64]).map_err(|error| anyhow!("{error:?}"))?;
-    let board = BOARDS.iter().find(|board| board.feature == BOARD).context("the library knows the board")?;
-    let (start, end) = (board.settings.start, board.settings.end);
+    let (start, end) = (BOARD.settings.start, BOARD.settings.end);
     let blank = Sectors(vec![ERASED; (end - start) as usize]);
     let mut store = SettingsStore::new(blank, 0..end - start).map_err(|error| anyhow!("{error:?}"))?;
     block_on(store.store(&settings))?;

@@ -76,6 +76,11 @@ pub const STEPS: &[Step] = &[
         run: twin::node_step,
     },
     Step {
+        name: "twin-update",
+        what: "pycyphal updates that ELF and its model over the bus: refusals, swap, rollback, a supply that fails",
+        run: || twin::update::step(false),
+    },
+    Step {
         name: "hil",
         what: "`slipsense hil` replays the demo into the program for a board, on the emulated STM32H743",
         run: twin::hil_step,
@@ -222,16 +227,9 @@ fn firmware() -> Result<()> {
             &format!("h743,{other}"),
         ])?;
     }
-    bootloader()?;
+    Board::build_bootloader()?;
     Board::ALL.into_iter().try_for_each(|board| board.build_hil().map(|_| ()))?;
     Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
-}
-
-/// In a profile of its own, as it is flashed.
-fn bootloader() -> Result<()> {
-    let mut build = Toolchain::get()?.build_in("boot");
-    build.args(["--package", "slipsense", "--bin", "slipsense-boot", "--features", "h743"]);
-    run(&mut build)
 }
 
 fn equal(options: &qemu::Options) -> Result<()> {

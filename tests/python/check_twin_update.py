@@ -1,0 +1,315 @@
+#!/usr/bin/env python3
+"""Update the board twin over the bus with pycyphal's file server, as a user's tool would: what is refused, what runs
+after a restart, what rolls back, and what a supply that fails in between leaves.
+
+  check_twin_update.py PORT --folder IMAGES --model FILE [--thorough]
+
+IMAGES holds what `cargo xtask test --only twin-update` signs: new.slip (firmware 0.2.0), hanging.slip (0.1.1, which
+does nothing for ever), older.slip (0.0.1), foreign.slip (0.2.0 by another key), model.slip (model 1.0.0 of any board)
+and other.slip (a model for another board); FILE is the model that is in the firmware. With --thorough the supply fails
+at more steps of the flash. Any mismatch is printed; the exit status is then 1. Times are virtual and the twin's to
+print.
+"""
+
+import argparse
+import asyncio
+import hashlib
+import logging
+import os
+import pathlib
+import struct
+import sys
+import tempfile
+
+import check_node
+from check_node import NODE, Checks, natural, numbers
+from check_twin_node import PATIENCE_S, TwinClient
+
+# Of this computer, seconds: erases and a swap take several virtual ones each, which the twin runs at a fraction of
+# real time.
+LONG_S = 600.0
+UPDATE, MODEL, RESTART, STORE = 65533, 1, 65535, 65530
+# What is no frame on the link: at which steps of the flash the supply fails.
+SUPPLY = 1 << 31
+HEADER_BYTES = 128
+WORD_BYTES = 32
+# A step is an erase or a word of 32 bytes, counted from where the check says so.
+STEPS_MAX = 60
+# Of a store of the settings, which has sixteen: the first, one in the middle, the last.
+STORE_STEPS = (1, 8, 16)
+# Of an update with an image of one word: an erase of the slot; what marks it.
+SHORT_STEPS = (3, 10)
+# Of one of full length: words.
+TRANSFER_STEPS = (2_000,)
+TRANSFER_STEPS_MORE = (5, 2_000, 7_000, 11_900)
+# Of the swap, each counted from the failure before: an erase, words of copies, the state.
+SWAP_STEPS = (1, 700, 4_400, 9_000)
+SWAP_STEPS_MORE = (1, 2, 3, 700, 4_096, 4_097, 4_098, 4_099, 4_100, 4_400, 8_194, 8_196, 9_000, 12_292)
+# Of the model: in the middle of its words.
+MODEL_STEPS = (1_000,)
+MODEL_STEPS_MORE = (1, 2, 1_000, 2_738, 2_740, 2_742)
+
+
+class UpdateClient(TwinClient):
+    def __init__(self, checks, folder):
+        super().__init__(checks)
+        self.folder = folder
+        self.link = None
+
+    def supply_fails_at(self, *steps):
+        """At none, if none is named; each counts from the failure before."""
+        self.link.socket.sendall(struct.pack(f"<IB{len(steps)}Q", SUPPLY, 8 * len(steps), *steps))
+
+    def has_said(self, text):
+        return any(said == text for *_, said in self.records)
+
+    async def said(self, text):
+        await self.until(f"record: {text}", lambda: self.has_said(text), LONG_S)
+
+    def has_started(self):
+        """It lives anew since `forget`: this is the last thing that it says of itself when it starts."""
+        return any(said.startswith("model: ") for *_, said in self.records)
+
+    async def started(self, what):
+        await self.until(f"a start after {what}", self.has_started, LONG_S)
+
+    def forget(self):
+        self.records.clear()
+
+    async def restart(self):
+        self.forget()
+        self.checks.equal("restart", await self.command(RESTART, timeout=PATIENCE_S), 0)
+        await self.started("a restart")
+
+    async def version(self, want):
+        import uavcan.node
+
+        info = await self.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), timeout=PATIENCE_S)
+        self.checks.equal("version in GetInfo", (info.software_version.major, info.software_version.minor), want)
+        return info
+
+    async def begin(self, command, path):
+        self.forget()
+        status = await self.command(command, path.encode(), timeout=PATIENCE_S)
+        self.checks.equal(f"update {path}", status, 0)
+
+    async def update(self, command, path, want):
+        await self.begin(command, path)
+        await self.said(want)
+
+    async def numbers(self, name):
+        return numbers((await self.access(name)).value)[1]
+
+
+def threshold(value):
+    """Of the alarm, in the register of three numbers that holds it."""
+    import uavcan.primitive.array
+    import uavcan.register
+
+    return uavcan.register.Value_1(integer32=uavcan.primitive.array.Integer32_1([value, 1, 1]))
+
+
+async def check_settings(client, thorough):
+    """Brown-outs in the middle of a store; afterwards the settings are the old or the new ones."""
+    import uavcan.node
+
+    checks = client.checks
+    # Without raw messages the emulator has less to do.
+    await client.access("slipsense.raw.divider", natural(8, 0))
+    await client.access("slipsense.alarm.point", threshold(0))
+    checks.equal("a whole store", await client.command(STORE, timeout=PATIENCE_S), 0)
+    store = uavcan.node.ExecuteCommand_1.Request(command=STORE)
+    old, cut, kept = 0, 0, 0
+    for step in range(1, STEPS_MAX) if thorough else STORE_STEPS:
+        new = 100 + step
+        await client.access("slipsense.alarm.point", threshold(new))
+        client.forget()
+        client.supply_fails_at(step)
+        answer = asyncio.ensure_future(client.clients[uavcan.node.ExecuteCommand_1, NODE](store))
+        await client.until(f"a store, step {step}", lambda: answer.done() or client.has_started())
+        client.supply_fails_at()
+        if answer.done() and answer.result() is not None:
+            checks.true(f"a store has {STORE_STEPS[-1]} steps, not {step - 1}", step == STORE_STEPS[-1] + 1)
+            old = new
+            break
+        answer.cancel()
+        found = await client.numbers("slipsense.alarm.point")
+        checks.true(f"cut off at step {step}: {found} is old {old} or new {new}", found in ([old, 1, 1], [new, 1, 1]))
+        checks.equal("the other settings", await client.numbers("slipsense.raw.divider"), [0])
+        checks.equal("damage", await client.numbers("slipsense.status.settings_damage"), [0])
+        cut += 1
+        kept += found == [old, 1, 1]
+        old = found[0]
+    checks.true("stores were cut off", cut >= len(STORE_STEPS))
+    return old, f"{cut} stores cut off: {kept} times the old settings, {cut - kept} the new"
+
+
+async def check_refusals(client):
+    folder = client.folder
+    image = (folder / "new.slip").read_bytes()
+    changed = bytearray((folder / "model.slip").read_bytes())
+    changed[5_000] ^= 1
+    # The version is signed too.
+    renumbered = bytearray(image)
+    renumbered[15] = 9
+    for name, content in [
+        ("renumbered.slip", renumbered),
+        ("unsigned.slip", image[:64] + bytes(64) + image[HEADER_BYTES:]),
+        ("short.slip", image[:100]),
+        ("cut.slip", image[:3_000]),
+        ("plain.slip", image[HEADER_BYTES:]),
+        ("changed.slip", changed),
+    ]:
+        (folder / name).write_bytes(bytes(content))
+    refused = [
+        (UPDATE, "foreign.slip", "the signature is not by this firmware's key"),
+        (UPDATE, "renumbered.slip", "the signature is not by this firmware's key"),
+        (UPDATE, "unsigned.slip", "unsigned: the signature is empty"),
+        (UPDATE, "plain.slip", "unsigned: it has no image header"),
+        (UPDATE, "short.slip", "truncated: shorter than the header of an image"),
+        (UPDATE, "cut.slip", "truncated: it ends before its payload does"),
+        (UPDATE, "older.slip", "older than what is installed"),
+        (UPDATE, "model.slip", "firmware and model mistaken for each other"),
+        (UPDATE, "none.slip", "the server has no such file"),
+        (MODEL, "new.slip", "firmware and model mistaken for each other"),
+        (MODEL, "other.slip", "for another board"),
+        (MODEL, "changed.slip", "the payload's SHA-256 does not match"),
+    ]
+    for command, name, why in refused:
+        await client.update(command, name, f"{'firmware' if command == UPDATE else 'model'} not taken: {why}")
+    await client.version((0, 1))
+    return len(refused)
+
+
+async def check_rollback(client, thorough):
+    """An image that hangs: the supply fails while it comes in, then it is swapped in and the watchdog ends it."""
+    checks = client.checks
+    size = (client.folder / "hanging.slip").stat().st_size
+    received = f"firmware received and accepted, {size} bytes"
+    cut = 0
+    for step in range(1, STEPS_MAX) if thorough else SHORT_STEPS:
+        client.supply_fails_at(step)
+        await client.begin(UPDATE, "hanging.slip")
+        await client.until(f"an update, step {step}", lambda: client.has_said(received) or client.has_started(), LONG_S)
+        client.supply_fails_at()
+        if client.has_said(received):
+            break
+        # If the last step is behind it, it has been tried, and did not confirm.
+        await client.version((0, 1))
+        cut += 1
+    else:
+        await client.update(UPDATE, "hanging.slip", received)
+    checks.true("updates were cut off", cut >= len(SHORT_STEPS))
+    await client.restart()
+    await client.said("firmware 0.1.0, back: the one after it did not confirm")
+    await client.version((0, 1))
+    return cut
+
+
+async def check_update(client, thorough):
+    """To a new firmware; the supply fails during the transfer, the swap and while it confirms."""
+    checks = client.checks
+    size = (client.folder / "new.slip").stat().st_size
+    transfer = TRANSFER_STEPS_MORE if thorough else TRANSFER_STEPS
+    swap = SWAP_STEPS_MORE if thorough else SWAP_STEPS
+    for step in transfer:
+        client.supply_fails_at(step)
+        await client.begin(UPDATE, "new.slip")
+        await client.started(f"an update cut off at step {step} of the flash")
+        await client.said("firmware 0.1.0, confirmed")
+        await client.version((0, 1))
+    await client.update(UPDATE, "new.slip", f"firmware received and accepted, {size} bytes")
+    late = await client.numbers("slipsense.status.late_frames"), await client.numbers("slipsense.status.overruns")
+    client.forget()
+    # Each failure restarts the swap that this restart begins.
+    client.supply_fails_at(*swap)
+    checks.equal("restart", await client.command(RESTART, timeout=PATIENCE_S), 0)
+    await client.started("a swap that was cut off again and again")
+    # Ten seconds from now: the first thing that confirming writes.
+    client.supply_fails_at(1)
+    await client.said("firmware 0.2.0, on trial: a restart before it confirms brings back the one before")
+    await client.version((0, 2))
+    await client.update(UPDATE, "new.slip", "firmware not taken: the firmware that runs has not confirmed yet")
+    client.forget()
+    await client.started("a confirmation that was cut off")
+    await client.said("firmware 0.2.0, confirmed")
+    await client.version((0, 2))
+    await client.update(UPDATE, "hanging.slip", "firmware not taken: older than what is installed")
+    return (
+        f"{size} bytes of firmware, cut off: {len(transfer)} of its transfers, {len(swap)} times its swap, once its "
+        f"confirmation; during a transfer {late[0][0]} frames late, {late[1][0]} dropped"
+    )
+
+
+async def check_model(client, model, thorough):
+    checks = client.checks
+    size = (client.folder / "model.slip").stat().st_size
+    steps = MODEL_STEPS_MORE if thorough else MODEL_STEPS
+    for step in steps:
+        client.supply_fails_at(step)
+        await client.begin(MODEL, "model.slip")
+        await client.started(f"a model cut off at step {step} of the flash")
+        built_in = any(said.startswith("model: the one in the firmware") for *_, said in client.records)
+        checks.true("the model in the firmware runs", built_in)
+    await client.update(MODEL, "model.slip", f"model received and accepted, {size} bytes")
+    await client.restart()
+    await client.said("model: version 1.0.0 of the model slot")
+    info = await client.version((0, 2))
+    digest = hashlib.sha256(model.read_bytes()[:-32]).digest()
+    checks.equal("model", [int(crc) for crc in info.software_image_crc], [int.from_bytes(digest[:8], "big")])
+    return len(steps)
+
+
+async def run(checks, args):
+    import pycyphal.application.file
+
+    client = UpdateClient(checks, args.folder)
+    # Lives as long as the node.
+    pycyphal.application.file.FileServer(client.node, [args.folder])
+    # The twin starts when the link is there, so that its first records are heard.
+    client.link = check_node.can_link.CanLink(args.port, check_node.CHANNEL)
+    await client.started("power-on")
+    for notice in (
+        "updates: development key built in, anybody can sign; SLIPSENSE_UPDATE_KEY sets another",
+        "firmware 0.1.0, confirmed",
+        "model: the one in the firmware",
+    ):
+        await client.said(notice)
+    stored, settings = await check_settings(client, args.thorough)
+    refused = await check_refusals(client)
+    short = await check_rollback(client, args.thorough)
+    update = await check_update(client, args.thorough)
+    models = await check_model(client, args.model, args.thorough)
+    checks.equal("settings at the end", await client.numbers("slipsense.alarm.point"), [stored, 1, 1])
+    client.node.close()
+    client.link.close()
+    return (
+        f"{refused} images refused; {settings}; {short} short updates cut off; {update}; "
+        f"{models} transfers of a model cut off"
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("port", type=int)
+    parser.add_argument("--folder", type=pathlib.Path, required=True)
+    parser.add_argument("--model", type=pathlib.Path, required=True)
+    parser.add_argument("--thorough", action="store_true")
+    args = parser.parse_args()
+    logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
+    for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
+        del os.environ[name]
+    checks = Checks()
+    with tempfile.TemporaryDirectory() as folder:
+        import pycyphal.dsdl
+
+        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
+        pycyphal.dsdl.compile_all([check_node.regulated_types.write(sources)], compiled)
+        sys.path.insert(0, str(compiled))
+        figures = asyncio.run(run(checks, args))
+    print(f"updates of the board twin: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}")
+    return 1 if checks.bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

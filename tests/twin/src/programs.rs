@@ -1,0 +1,33 @@
+//! What a debug probe has written into flash: the firmware, and a bootloader in the place of the two words that lead
+//! past it.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use rigless::image::Image;
+use slipsense::update::partitions::{FLASH_BASE, Partitions, by_feature};
+
+/// Of this board.
+pub const BOARD: &Partitions = match by_feature("h743") {
+    Some(board) => board,
+    None => panic!("in the table"),
+};
+/// Where the firmware's vector table is.
+pub const VECTORS: u64 = (FLASH_BASE + BOARD.active.start) as u64;
+
+/// The images to place; `firmware` is the file's content.
+pub fn images(elf: &Path, firmware: Vec<u8>, boot: Option<&Path>) -> Result<Vec<Image>> {
+    let whole = Image::new(elf, firmware, None)?;
+    let Some(boot) = boot else { return Ok(vec![whole]) };
+    let bytes =
+        std::fs::read(boot).with_context(|| format!("{}: cannot read the bootloader", boot.display()))?;
+    let mut images = vec![Image::new(boot, bytes, None)?];
+    let slot = FLASH_BASE + BOARD.active.start..FLASH_BASE + BOARD.active.end;
+    for (address, bytes) in whole.segments() {
+        if u32::try_from(address).is_ok_and(|address| slot.contains(&address)) {
+            images.push(Image::new(elf, bytes.to_vec(), Some(address))?);
+        }
+    }
+    ensure!(images.len() > 1, "{}: nothing of it lies in the slot of a firmware", elf.display());
+    Ok(images)
+}

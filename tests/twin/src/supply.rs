@@ -1,0 +1,102 @@
+//! The supply, which fails at a step of the flash: while a word is programmed or a sector erased.
+//!
+//! A step that was cut off is half done: the first half of the word's bytes, or of the sector's words, are as they
+//! should become, the others as they were. What the silicon would add, a word that error correction gives up on and a
+//! bus fault when it is read (RM0433, embedded flash memory), the emulator does not have. RAM keeps what it held.
+
+use std::collections::VecDeque;
+
+use rigless::emulator::{Access, AccessKind, Host};
+use rigless::session::Session;
+use rigless::soc::Width;
+use slipsense::update::partitions::{FLASH_BASE, SECTOR_BYTES};
+
+use crate::machine::Twin;
+
+/// FLASH_CR1 and FLASH_CR2 (RM0433, FLASH registers): SNB in bits 8 to 10, START bit 7, SER bit 2.
+const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
+const START_AND_SECTOR: u64 = 1 << 7 | 1 << 2;
+const BANK_BYTES: u64 = 1 << 20;
+const FLASH: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + 2 * BANK_BYTES;
+/// What flash is programmed in.
+const WORD: u64 = 32;
+
+/// When it failed, at what.
+#[derive(Clone, Debug)]
+pub struct Failure {
+    /// Virtual nanoseconds.
+    pub at_ns: u64,
+    /// What was cut off.
+    pub step: String,
+}
+
+/// The supply.
+#[derive(Debug, Default)]
+pub struct Supply {
+    /// The steps at which it will fail, each counted from the one before.
+    plan: VecDeque<u64>,
+    /// Steps since then.
+    done: u64,
+    /// The word that is being handed over, piece by piece.
+    word: Vec<(u64, Width, u64)>,
+    /// Each time that it failed.
+    pub failures: Vec<Failure>,
+}
+
+impl Supply {
+    /// Fail at these steps of the flash from now on, the first step being 1, each counted from the failure before.
+    pub fn fail_at(&mut self, steps: Vec<u64>) {
+        self.plan = steps.into();
+        self.done = 0;
+    }
+
+    /// After each access of the core.
+    pub fn look(&mut self, session: &mut Session<Twin>, host: &mut dyn Host, access: Access) {
+        if access.kind != AccessKind::Write {
+            return;
+        }
+        let step = if FLASH.contains(&access.address) {
+            if access.address.is_multiple_of(WORD) {
+                self.word.clear();
+            }
+            self.word.push((access.address, access.width, access.value));
+            let is_whole = (access.address + u64::from(access.width.bytes())).is_multiple_of(WORD);
+            is_whole.then(|| format!("a word at {:#010x}", access.address / WORD * WORD))
+        } else if let Some(bank) = CONTROL.iter().position(|&control| control == access.address)
+            && access.value & START_AND_SECTOR == START_AND_SECTOR
+        {
+            Some(format!("the erase of {:#010x}", sector(bank, access.value)))
+        } else {
+            None
+        };
+        let Some(step) = step else { return };
+        self.done += 1;
+        if self.plan.front() != Some(&self.done) {
+            return;
+        }
+        self.plan.pop_front();
+        self.done = 0;
+        if FLASH.contains(&access.address) {
+            let half = self.word.len() / 2;
+            for &(address, width, value) in &self.word[..half] {
+                let held = host.read(address, width).unwrap_or(0);
+                half_done(host.program(address, width, held & value));
+            }
+        } else if let Some(bank) = CONTROL.iter().position(|&control| control == access.address) {
+            let start = sector(bank, access.value);
+            for address in (start..start + u64::from(SECTOR_BYTES) / 2).step_by(8) {
+                half_done(host.program(address, Width::W64, u64::MAX));
+            }
+        }
+        self.failures.push(Failure { at_ns: access.virtual_time.0, step });
+        session.reset_by_pin(access.virtual_time, access.instruction_count, host);
+    }
+}
+
+fn sector(bank: usize, control: u64) -> u64 {
+    FLASH.start + bank as u64 * BANK_BYTES + (control >> 8 & 7) * u64::from(SECTOR_BYTES)
+}
+
+fn half_done(programmed: Result<(), rigless::emulator::Error>) {
+    programmed.expect("the flash is a region that the part programs");
+}

@@ -14,7 +14,6 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -29,6 +28,7 @@ use slipsense_bus::LogEntry;
 
 use crate::decode::Decoder;
 use crate::log_file::Recording;
+use crate::quiet::quietly;
 
 const CAN_TOPIC: &str = "/can/";
 const DISPLACEMENT_TOPIC: &str = "/displacement";
@@ -257,8 +257,7 @@ fn next_message(
     messages: &mut MessageStream<'_>,
     index: u64,
 ) -> Result<Option<Result<Message<'static>, McapError>>> {
-    catch_unwind(AssertUnwindSafe(|| messages.next()))
-        .map_err(|_| anyhow!("after message {index}: a record of impossible length"))
+    quietly(|| messages.next()).ok_or_else(|| anyhow!("after message {index}: a record of impossible length"))
 }
 
 /// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.

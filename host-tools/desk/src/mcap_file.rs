@@ -284,13 +284,21 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
             }
             Err(error) => bail!("after message {index}: {}", one_line(&error)),
         };
-        let at = || format!("message {index} of {}", message.channel.topic);
+        // Whatever stands in a topic, an error stays one line.
+        let topic = message.channel.topic.escape_debug().to_string();
+        let at = || format!("message {index} of {topic}");
         let value =
             || serde_json::from_slice::<Value>(&message.data).with_context(|| format!("{}: not JSON", at()));
         let schema = message.channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
         if let Some(interface) =
             message.channel.topic.strip_prefix(CAN_TOPIC).filter(|_| schema == CAN_FRAME.name)
         {
+            let is_name = |c: char| !c.is_whitespace() && !c.is_control();
+            ensure!(
+                !interface.is_empty() && interface.chars().all(is_name),
+                "{}: an interface needs a name without white space",
+                at()
+            );
             let frame = can_frame(&value()?).with_context(at)?;
             ensure!(message.log_time % 1000 == 0, "{}: time is no whole microsecond", at());
             let (timestamp_us, interface) = (message.log_time / 1000, interface.to_owned());
@@ -300,7 +308,7 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
             let mm = mm.with_context(|| format!("{}: `displacement_mm` must be a number", at()))?;
             recording.displacement.push((message.log_time / 1000, mm));
         } else if ![SLIP, RAW, IMAGE].iter().any(|ours| ours.name == schema) {
-            *passed_over.entry(message.channel.topic.clone()).or_default() += 1;
+            *passed_over.entry(topic).or_default() += 1;
         }
     }
     for (topic, count) in passed_over {

@@ -15,6 +15,7 @@ mod python;
 mod qemu;
 mod regions;
 mod retrain;
+mod ros2;
 mod stack;
 mod table;
 mod test;
@@ -43,6 +44,8 @@ enum Command {
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
     Cmsis(cmsis::Options),
+    /// Build and run the ROS 2 node, and let ROS' own parser and another DDS look at what it says
+    Ros2,
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -61,6 +64,7 @@ fn main() -> ExitCode {
         Command::Twin(options) => twin::run(&options),
         Command::Stack(options) => stack::run(&options),
         Command::Cmsis(options) => cmsis::print(&options),
+        Command::Ros2 => ros2::whole(),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

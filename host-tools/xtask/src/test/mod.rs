@@ -7,7 +7,7 @@ use clap::Args;
 
 mod steps;
 
-pub use steps::DEMO_EPISODE;
+pub use steps::{DEMO_EPISODE, demo_files};
 use steps::{STEPS, Step};
 
 /// Which steps to run.

@@ -1,0 +1,164 @@
+//! A recording of the bus as a bag of ROS 2: a folder with an MCAP file, as `rosbag2` keeps it, and its `metadata.yaml`.
+//!
+//! Topics are those of the node; the CAN frames themselves are not in it: the recording has them.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use cdr_encoding::to_vec;
+use mcap::records::MessageHeader;
+use mcap::{WriteOptions, Writer};
+use serde_json::json;
+use slipsense::wire::Received;
+use slipsense_desk::LogEntry;
+use slipsense_desk::decode::{Count, Decoder};
+
+use crate::messages::{Image, Raw, RosMessage, Slip, sensor_topic, slip_topic};
+
+/// CDR, low byte first, no options.
+const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+/// A chunk is closed when it has this many bytes.
+const CHUNK_BYTES: u64 = 1 << 20;
+/// What `metadata.yaml` is written by: rosbag2's format with which Humble came.
+const METADATA_VERSION: u32 = 5;
+const BAG_FILE: &str = "bag_0.mcap";
+
+/// What a bag holds.
+#[derive(Debug, serde::Serialize)]
+pub struct Written {
+    /// Messages, by topic.
+    pub messages: BTreeMap<String, u64>,
+    /// What was on the bus, by node.
+    pub nodes: BTreeMap<u8, Count>,
+}
+
+/// Write a bag into the new folder `out`, with all topics in `namespace`. What fails leaves nothing behind.
+///
+/// # Errors
+/// If `out` is there, cannot be written, or no message is in the recording.
+pub fn write(out: &Path, entries: &[LogEntry], namespace: &str) -> Result<Written> {
+    ensure!(!out.exists(), "{}: is there already; a bag is a new folder", out.display());
+    let parent = out.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
+    let made = tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(parent);
+    let partial = made.with_context(|| format!("{}: cannot write", parent.display()))?;
+    let file = File::create(partial.path().join(BAG_FILE))?;
+    let mut bag = Bag::new(BufWriter::new(file), namespace)?;
+    for entry in entries {
+        bag.entry(entry)?;
+    }
+    let (written, metadata) = bag.finish()?;
+    std::fs::write(partial.path().join("metadata.yaml"), metadata)?;
+    let kept = partial.keep();
+    std::fs::rename(&kept, out).with_context(|| format!("{}: cannot write", out.display()))?;
+    Ok(written)
+}
+
+struct Topic {
+    channel: u16,
+    kind: String,
+    messages: u64,
+}
+
+struct Bag<W: Write + Seek> {
+    writer: Writer<W>,
+    namespace: String,
+    topics: BTreeMap<String, Topic>,
+    decoder: Decoder,
+    /// Nanoseconds of the first and last message.
+    span: Option<(u64, u64)>,
+}
+
+impl<W: Write + Seek> Bag<W> {
+    fn new(out: W, namespace: &str) -> Result<Self> {
+        let options = WriteOptions::new()
+            .profile("ros2")
+            .compression(None)
+            .chunk_size(Some(CHUNK_BYTES))
+            .library(concat!("slipsense ", env!("CARGO_PKG_VERSION")));
+        Ok(Self {
+            writer: options.create(out)?,
+            namespace: namespace.to_owned(),
+            topics: BTreeMap::new(),
+            decoder: Decoder::new(),
+            span: None,
+        })
+    }
+
+    fn entry(&mut self, entry: &LogEntry) -> Result<()> {
+        let time_us = entry.timestamp_us;
+        let Some(decoded) = self.decoder.accept(&entry.frame) else { return Ok(()) };
+        let node = decoded.node;
+        match decoded.message {
+            Received::Slip(message) => {
+                self.put(&slip_topic(node), &Slip::new(node, &message, time_us), time_us)
+            }
+            Received::Raw(message) => {
+                let topic = |what| sensor_topic(node, message.sensor, what);
+                self.put(&topic("raw"), &Raw::new(node, &message, time_us), time_us)?;
+                self.put(&topic("pressure"), &Image::new(node, &message, time_us), time_us)
+            }
+        }
+    }
+
+    fn put<M: RosMessage>(&mut self, name: &str, message: &M, time_us: u64) -> Result<()> {
+        let name = format!("{}/{name}", self.namespace);
+        let topic = match self.topics.get_mut(&name) {
+            Some(topic) => topic,
+            None => {
+                let kind = format!("{}/msg/{}", M::PACKAGE, M::NAME);
+                let schema = self.writer.add_schema(&kind, "ros2msg", M::definition().as_bytes())?;
+                let qos = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
+                let channel = self.writer.add_channel(schema, &name, "cdr", &qos)?;
+                self.topics.entry(name).or_insert(Topic { channel, kind, messages: 0 })
+            }
+        };
+        let log_time = time_us.checked_mul(1000).context("time beyond the year 2554")?;
+        let (channel_id, sequence) = (topic.channel, topic.messages as u32);
+        topic.messages += 1;
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        let mut bytes = ENCAPSULATION.to_vec();
+        bytes.extend(to_vec::<M, byteorder::LittleEndian>(message)?);
+        self.writer.write_to_known_channel(&header, &bytes)?;
+        let (first, last) = self.span.unwrap_or((log_time, log_time));
+        self.span = Some((first.min(log_time), last.max(log_time)));
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<(Written, String)> {
+        let Some((first, last)) = self.span else { bail!("no slip or raw message in the recording") };
+        self.writer.finish()?;
+        self.writer.into_inner().flush()?;
+        let total: u64 = self.topics.values().map(|topic| topic.messages).sum();
+        let topics = self.topics.iter().map(|(name, topic)| {
+            json!({
+                "topic_metadata": {
+                    "name": name, "type": topic.kind, "serialization_format": "cdr", "offered_qos_profiles": "",
+                },
+                "message_count": topic.messages,
+            })
+        });
+        let span = |nanoseconds: u64| json!({"nanoseconds": nanoseconds});
+        let since = json!({"nanoseconds_since_epoch": first});
+        // What is JSON is YAML.
+        let metadata = json!({"rosbag2_bagfile_information": {
+            "version": METADATA_VERSION,
+            "storage_identifier": "mcap",
+            "duration": span(last - first),
+            "starting_time": since,
+            "message_count": total,
+            "topics_with_message_count": topics.collect::<Vec<_>>(),
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [BAG_FILE],
+            "files": [{
+                "path": BAG_FILE, "starting_time": since, "duration": span(last - first), "message_count": total,
+            }],
+        }});
+        let messages = self.topics.into_iter().map(|(name, topic)| (name, topic.messages)).collect();
+        let written = Written { messages, nodes: self.decoder.counts() };
+        Ok((written, serde_json::to_string_pretty(&metadata)? + "\n"))
+    }
+}

@@ -1,0 +1,5 @@
+//! The module in ROS 2: its messages, a node that publishes them, and recordings as bags.
+
+pub mod bag;
+pub mod messages;
+pub mod node;

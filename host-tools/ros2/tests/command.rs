@@ -1,0 +1,91 @@
+//! The command: what it refuses, and that nothing is left behind then. What its bags hold is checked by rosbags in
+//! `tests/python/check_ros2.py`.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use slipsense::wire::health;
+
+/// A frame of a message that is none of the module's.
+const NOTHING_OF_OURS: &str = "(0000000000.000000) can0 1BFFFFFF##100\n";
+
+fn slipsense_ros2(arguments: &[&str], folder: &Path) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense-ros2"));
+    command.args(arguments).current_dir(folder).env_remove("ROS_DOMAIN_ID").output().unwrap()
+}
+
+fn assert_refused(output: &Output, words: &[&str]) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    for word in words {
+        assert!(said.contains(word), "`{word}` is not in: {said}");
+    }
+}
+
+#[test]
+fn a_bag_is_a_new_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
+    std::fs::create_dir(dir.path().join("bag")).unwrap();
+    assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bag: is there already"]);
+}
+
+#[test]
+fn a_recording_without_messages_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
+    let output = slipsense_ros2(&["bag", "bus.log", "bag"], dir.path());
+    assert_refused(&output, &["bus.log", "no slip or raw message"]);
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn what_is_no_recording_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    assert_refused(&slipsense_ros2(&["bag", "bus.txt", "bag"], dir.path()), &["bus.txt", ".mcap"]);
+    assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bus.log", "cannot read"]);
+    assert_refused(&slipsense_ros2(&["node", "bus.log"], dir.path()), &["bus.log", "cannot read"]);
+}
+
+#[test]
+fn a_namespace_is_a_name_of_ros() {
+    let dir = tempfile::tempdir().unwrap();
+    for wrong in ["slipsense", "/", "/a//b", "/a/", "/1", "/a__b", "/a-b"] {
+        let output = slipsense_ros2(&["bag", "bus.log", "bag", "--namespace", wrong], dir.path());
+        assert_refused(&output, &["--namespace", "must be /NAME"]);
+    }
+}
+
+#[test]
+fn a_domain_is_0_to_232() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
+    assert_refused(&slipsense_ros2(&["node", "bus.log", "--domain-id", "233"], dir.path()), &["232"]);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense-ros2"));
+    let output = command.args(["node", "bus.log"]).current_dir(dir.path()).env("ROS_DOMAIN_ID", "x").output();
+    assert_refused(&output.unwrap(), &["ROS_DOMAIN_ID", "\"x\""]);
+}
+
+/// The bits of health are written a second time for ROS.
+#[test]
+fn health_has_the_bits_of_the_wire() {
+    let text = include_str!("../slipsense_msgs/msg/SensorContact.msg");
+    let constants = text.lines().filter_map(|line| line.strip_prefix("uint8 HEALTH_"));
+    let constants: Vec<(&str, u8)> = constants
+        .map(|line| {
+            let (name, value) = line.split_whitespace().next().unwrap().split_once('=').unwrap();
+            (name, value.parse().unwrap())
+        })
+        .collect();
+    let wire = [
+        ("PIEZO_MISSING", health::PIEZO_MISSING),
+        ("XL_MISSING", health::XL_MISSING),
+        ("XL_WARMING_UP", health::XL_WARMING_UP),
+        ("XL_CLIPPED", health::XL_CLIPPED),
+        ("TAXELS_SATURATED", health::TAXELS_SATURATED),
+        ("XL_SAMPLES_DROPPED", health::XL_SAMPLES_DROPPED),
+        ("NO_MODEL", health::NO_MODEL),
+        ("TAXELS_MASKED", health::TAXELS_MASKED),
+    ];
+    assert_eq!(constants, wire);
+}

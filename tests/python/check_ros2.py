@@ -1,0 +1,189 @@
+#!/usr/bin/env python3
+"""What `slipsense-ros2` makes, read by others.
+
+`bag`: the demo as a bag, by rosbags: every message against `predictions.npz` and the episode; the definitions in the
+bag against the files of slipsense_msgs and those of ROS 2 itself, by their hashes (REP 2011).
+
+`node`: the demo published in real time, heard by Eclipse Cyclone DDS, the middleware of many ROS 2 systems: every slip
+message must arrive. Pressure is best effort: what arrives must be right.
+"""
+
+import argparse
+import pathlib
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+MSGS = pathlib.Path(__file__).resolve().parents[2] / "host-tools" / "ros2" / "slipsense_msgs" / "msg"
+NODE = "/slipsense/node42"
+LOGIT_SCALE = 1024.0
+SHOWN = 20
+# Not one that a robot in the same network has.
+DOMAIN = 117
+JOIN_S = 30
+SILENCE_S = 5.0
+
+
+class Mismatches:
+    """Every mismatch is counted, the first ones are printed."""
+
+    def __init__(self):
+        self.count = 0
+
+    def equal(self, what, got, want):
+        """Compares values or arrays of equal shape."""
+        got, want = np.asarray(got), np.asarray(want)
+        if got.shape != want.shape or not (got == want).all():
+            self.count += 1
+            if self.count <= SHOWN:
+                print(f"mismatch: {what}: {got!r}, must be {want!r}")
+
+
+def check_slip(bad, message, predictions, piezo):
+    """A slip message of rosbags or of Cyclone DDS against the command's predictions and the scans."""
+    index = message.sequence
+    at = f"slip message {index}"
+    bad.equal(f"{at}, class", message.class_index, predictions["class"][index])
+    bad.equal(f"{at}, logits", np.array(message.logits) * LOGIT_SCALE, predictions["logits"][index])
+    for flag in ("slip", "alarm"):
+        bad.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
+    sums = [contact.count_sum for contact in message.contact]
+    bad.equal(f"{at}, sums", sums, piezo[index].sum(axis=(1, 2), dtype=np.uint32))
+    bad.equal(f"{at}, frame", message.header.frame_id, "node42")
+
+
+def check_definitions(bad, reader):
+    """The bag's definitions, by hash, against ROS' own and the package's files."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    standard = set(store.types)
+    for path in sorted(MSGS.glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"slipsense_msgs/msg/{path.stem}"))
+    kinds = sorted({connection.msgtype for connection in reader.connections})
+    bad.equal("types", kinds, ["sensor_msgs/msg/Image", "slipsense_msgs/msg/Raw", "slipsense_msgs/msg/Slip"])
+    for kind in kinds:
+        bad.equal(f"definition of {kind}", reader.typestore.hash_rihs01(kind), store.hash_rihs01(kind))
+    return len(kinds), len([kind for kind in kinds if kind in standard])
+
+
+def check_bag(bad, arguments):
+    """The bag's messages, all of them."""
+    from rosbags.highlevel import AnyReader
+
+    predictions, episode = np.load(arguments.predictions), np.load(arguments.episode)
+    piezo, xl, xl_end = episode["piezo"], episode["xl"], episode["xl_end"].astype(np.int64)
+    frames, sensors = piezo.shape[:2]
+    slip, raw, pressure = [], [[] for _ in range(sensors)], [[] for _ in range(sensors)]
+    with AnyReader([arguments.bag]) as reader:
+        kinds, standard = check_definitions(bad, reader)
+        topics = {f"{NODE}/slip": slip}
+        for sensor in range(sensors):
+            topics[f"{NODE}/sensor{sensor}/raw"] = raw[sensor]
+            topics[f"{NODE}/sensor{sensor}/pressure"] = pressure[sensor]
+        bad.equal("topics", sorted(reader.topics), sorted(topics))
+        for connection, time_ns, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            stamp = message.header.stamp
+            bad.equal(f"time on {connection.topic}", stamp.sec * 10**9 + stamp.nanosec, time_ns)
+            topics[connection.topic].append(message)
+        bad.equal("messages", reader.message_count, frames * (1 + 2 * sensors))
+    bad.equal("slip messages", [message.sequence for message in slip], range(frames))
+    for message in slip:
+        check_slip(bad, message, predictions, piezo)
+    samples = 0
+    for sensor in range(sensors):
+        bad.equal(f"raw messages of sensor {sensor}", [message.sequence for message in raw[sensor]], range(frames))
+        for frame, (message, image) in enumerate(zip(raw[sensor], pressure[sensor], strict=True)):
+            at = f"frame {frame} of sensor {sensor}"
+            end = xl_end[frame, sensor]
+            want = xl[sensor, end - len(message.xl) : end]
+            bad.equal(f"{at}, xl_end", message.xl_end, end)
+            bad.equal(f"{at}, xl", [[s.x, s.y, s.z] for s in message.xl] if message.xl else want[:0], want)
+            bad.equal(f"{at}, taxels", np.frombuffer(image.data, "<u2").reshape(32, 32), piezo[frame, sensor])
+            bad.equal(f"{at}, shape", (image.height, image.width, image.step, image.encoding), (32, 32, 64, "mono16"))
+            samples += len(message.xl)
+    print(
+        f"{arguments.bag}: {len(slip)} slip messages, {frames * sensors} scans and {samples} accelerometer samples "
+        f"compared, {kinds} definitions ({standard} of them ROS' own): {bad.count} mismatches"
+    )
+
+
+def readers():
+    """Cyclone DDS on the topics of slip and of the first sensor's pressure."""
+    import ros2_types
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    participant = DomainParticipant(DOMAIN)
+    keep = Policy.History.KeepLast(4096)
+    reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)), keep)
+    slip = DataReader(participant, Topic(participant, f"rt{NODE}/slip", ros2_types.Slip), qos=reliable)
+    effort = Qos(Policy.Reliability.BestEffort, keep)
+    topic = Topic(participant, f"rt{NODE}/sensor0/pressure", ros2_types.Image)
+    return slip, DataReader(participant, topic, qos=effort)
+
+
+def check_node(bad, arguments):
+    """The node's messages, as another DDS hears them."""
+    predictions, piezo = np.load(arguments.predictions), np.load(arguments.episode)["piezo"]
+    slip, pressure = readers()
+    command = [arguments.program, "node", arguments.log, "--wait", str(JOIN_S), "--domain-id", str(DOMAIN)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
+        decisions, images, quiet = [], [], time.monotonic()
+        while node.poll() is None or time.monotonic() - quiet < SILENCE_S:
+            # What a reader hears when a writer leaves is no message.
+            heard = [sample for sample in slip.take(N=256) if hasattr(sample, "header")]
+            seen = [sample for sample in pressure.take(N=256) if hasattr(sample, "header")]
+            decisions += heard
+            images += seen
+            if heard or seen:
+                quiet = time.monotonic()
+            time.sleep(0.002)
+        print(node.stdout.read(), end="")
+    bad.equal("the node's exit code", node.returncode, 0)
+    bad.equal("slip messages that arrived", [message.sequence for message in decisions], range(len(piezo)))
+    for message in decisions:
+        check_slip(bad, message, predictions, piezo)
+    # A scan's number is in the raw message beside it; here its place in time tells.
+    stamps = {(m.header.stamp.sec, m.header.stamp.nanosec): m.sequence for m in decisions}
+    order = sorted(stamps)
+    for image in images:
+        at = (image.header.stamp.sec, image.header.stamp.nanosec)
+        sequence = stamps[max(stamp for stamp in order if stamp <= at)]
+        scan = np.frombuffer(bytes(image.data), "<u2").reshape(32, 32)
+        bad.equal(f"taxels of frame {sequence}", scan, piezo[sequence, 0])
+    bad.equal("is any pressure heard", bool(images), True)
+    print(
+        f"Cyclone DDS: {len(decisions)} of {len(piezo)} slip messages and {len(images)} of {len(piezo)} scans (best "
+        f"effort) arrived and were compared: {bad.count} mismatches"
+    )
+
+
+def main():
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True)
+    bag = commands.add_parser("bag")
+    bag.add_argument("bag", type=pathlib.Path)
+    node = commands.add_parser("node")
+    node.add_argument("program")
+    node.add_argument("log")
+    for command, check in ((bag, check_bag), (node, check_node)):
+        command.add_argument("predictions", type=pathlib.Path)
+        command.add_argument("episode", type=pathlib.Path)
+        command.set_defaults(check=check)
+    arguments = parser.parse_args()
+    np.set_printoptions(threshold=20)
+    bad = Mismatches()
+    arguments.check(bad, arguments)
+    return 1 if bad.count else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

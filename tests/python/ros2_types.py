@@ -1,0 +1,63 @@
+"""The messages of ROS 2 as Cyclone DDS has them: written a second time, from slipsense_msgs and ROS' own packages."""
+
+from dataclasses import dataclass
+
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import array, float32, int8, int32, sequence, uint8, uint16, uint32, uint64
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    """builtin_interfaces/Time."""
+
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    """std_msgs/Header."""
+
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+class SensorContact(IdlStruct, typename="slipsense_msgs::msg::dds_::SensorContact_"):
+    """slipsense_msgs/SensorContact."""
+
+    health: uint8
+    count_sum: uint32
+    area: uint16
+    centroid_row: float32
+    centroid_col: float32
+    axis_deg: int8
+    elongation: float32
+
+
+@dataclass
+class Slip(IdlStruct, typename="slipsense_msgs::msg::dds_::Slip_"):
+    """slipsense_msgs/Slip."""
+
+    header: Header
+    timestamp_us: uint64
+    sequence: uint32
+    class_index: uint8
+    slip: bool
+    alarm: bool
+    late_frames: uint16
+    logits: array[float32, 3]
+    contact: sequence[SensorContact, 3]
+
+
+@dataclass
+class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
+    """sensor_msgs/Image."""
+
+    header: Header
+    height: uint32
+    width: uint32
+    encoding: str
+    is_bigendian: uint8
+    step: uint32
+    data: sequence[uint8]

@@ -15,7 +15,8 @@ SOURCE = pathlib.Path(__file__).resolve().parents[2] / "src" / "wire" / "compres
 CODED, REGION, NO_TAXELS = 1, 2, 4
 CHECK_AT = 20
 TOTAL_BITS = 12
-RANGE_MIN = 1 << 24
+UNIT_BITS = 16
+STEADY = 15
 
 
 def _tables(name):
@@ -32,20 +33,20 @@ TAXELS, XL = _tables("TAXELS"), _tables("XL")
 class _Decoder:
     def __init__(self, data):
         self.data, self.at, self.range, self.offset = data, 0, (1 << 32) - 1, 0
-        for _ in range(4):
-            self._byte()
+        self._unit()
+        self._unit()
 
-    def _byte(self):
-        byte = self.data[self.at] if self.at < len(self.data) else 0
-        self.at += 1
-        self.offset = (self.offset << 8 | byte) & 0xFFFFFFFF
+    def _unit(self):
+        unit = int.from_bytes(self.data[self.at : self.at + 2], "little")
+        self.at += 2
+        self.offset = self.offset << UNIT_BITS | unit
 
     def _narrow(self, share, start, frequency):
         self.offset -= share * start
         self.range = share * frequency
-        while self.range < RANGE_MIN:
-            self.range <<= 8
-            self._byte()
+        if self.range < 1 << UNIT_BITS:
+            self.range <<= UNIT_BITS
+            self._unit()
 
     def bits(self, count):
         share = self.range >> count
@@ -79,9 +80,12 @@ def _wrap(value):
 def _samples(decoder, count):
     samples = np.zeros((count, 3), np.int64)
     for axis in range(3 if count else 0):
-        half_steps, size = decoder.bits(2) - 1, 4 << decoder.bits(4)
-        last, step = _wrap(decoder.bits(16)), 0
+        half_steps, scale = decoder.bits(2) - 1, decoder.bits(4)
+        last, step, size = _wrap(decoder.bits(16)), 0, 4 << scale
         samples[0, axis] = last
+        if scale == STEADY:
+            samples[:, axis] = last
+            continue
         for index in range(1, count):
             guess = last + (half_steps * step >> 1)
             folded = decoder.signed(_context(size, XL))
@@ -94,15 +98,18 @@ def _samples(decoder, count):
 
 
 def _taxels(decoder, sent):
-    rows = [[0] * 34 for _ in range(33)]
+    rows = [[0] * 33 for _ in range(33)]
     for row in range(32):
         above, here = rows[row], rows[row + 1]
         for col in np.flatnonzero(sent[row]).tolist():
             # Column col is at col + 1.
-            w, nw, n, ne = here[col], above[col], above[col + 1], above[col + 2]
-            table = _context(abs(w - nw) + abs(n - nw) + abs(ne - n) + (w + nw + n + ne) // 32, TAXELS)
-            here[col + 1] = sorted((w, n, w + n - nw))[1] + decoder.signed(table)
-    return np.array(rows)[1:, 1:33]
+            w, nw, n = here[col], above[col], above[col + 1]
+            table, guess = TAXELS[0], 0
+            if w or nw or n:
+                table = _context(1 + abs(w - n) + (w + n) // 16, TAXELS)
+                guess = max(3 * (w + n) - 2 * nw, 0) // 4
+            here[col + 1] = guess + decoder.signed(table)
+    return np.array(rows)[1:, 1:]
 
 
 def check(message):
@@ -126,7 +133,9 @@ def decode(message, active):
     if message.form & CODED:
         decoder = _Decoder(data)
         samples = _samples(decoder, count)
-        return _taxels(decoder, sent), sent, samples
+        counts = _taxels(decoder, sent)
+        assert decoder.at == len(data), "a decoder takes all bytes and no more"
+        return counts, sent, samples
     samples = np.frombuffer(data[: 6 * count], "<i2").reshape(count, 3)
     packed = int.from_bytes(data[6 * count :], "little")
     counts = np.zeros((32, 32), np.int64)

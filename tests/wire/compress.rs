@@ -10,11 +10,14 @@ use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
     COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, DecodeError, Detail, MessageId,
     RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawForm, RawFrame, RawMessage, ReceiveError, Received, Receiver,
-    Region, Transmitter, health,
+    Region, Transmitter, crc16, health,
 };
 
 use super::{NODE, RawParts, expected, frame, raw};
 
+/// The check in a message, and the data behind it and their length: `6202.RawCompressed.1.0.dsdl`.
+const CHECK_AT: usize = 20;
+const DATA_AT: usize = CHECK_AT + 4;
 /// Form, check and length, which a plain message does not have.
 const LONGER_MAX: usize = 1 + 2 + 2;
 
@@ -121,12 +124,7 @@ proptest! {
 
     #[test]
     fn a_changed_byte_is_noticed(seed in any::<u64>(), flip in 1u8..) {
-        let bytes = compressed(&frame(&contact(seed, 1, 50)), Detail::All);
-        for at in 0..bytes.len() {
-            let mut bytes = bytes.clone();
-            bytes[at] ^= flip;
-            prop_assert!(RawMessage::decompress(&bytes).is_err(), "byte {} of {}", at, bytes.len());
-        }
+        assert_changes_are_noticed(&compressed(&frame(&contact(seed, 1, 50)), Detail::All), [flip]);
     }
 
     #[test]
@@ -136,6 +134,59 @@ proptest! {
         let truncated = matches!(error, DecodeError::Truncated { .. });
         prop_assert!(truncated, "{}", error);
     }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+    /// For certain, not only because a CRC rarely fits by chance: here it is made to fit.
+    #[test]
+    fn a_wrong_length_is_noticed(seed in any::<u64>(), behind in proptest::collection::vec(any::<u8>(), 300)) {
+        let bytes = compressed(&frame(&contact(seed, 1, 50)), Detail::All);
+        let length = bytes.len() - DATA_AT;
+        let padded = [&bytes[..], &behind].concat();
+        for wrong in (0..length + behind.len()).filter(|&wrong| wrong != length) {
+            let mut bytes = padded.clone();
+            bytes[DATA_AT - 2..DATA_AT].copy_from_slice(&(wrong as u16).to_le_bytes());
+            let checked = [&bytes[..CHECK_AT], &bytes[CHECK_AT + 2..DATA_AT + wrong]].concat();
+            bytes[CHECK_AT..CHECK_AT + 2].copy_from_slice(&crc16(&checked).to_le_bytes());
+            prop_assert!(RawMessage::decompress(&bytes).is_err(), "{} bytes of {}", wrong, length);
+        }
+    }
+}
+
+/// No byte of these may be another by one of the flips.
+fn assert_changes_are_noticed(bytes: &[u8], flips: impl IntoIterator<Item = u8> + Clone) {
+    let mut changed = bytes.to_vec();
+    for at in 0..bytes.len() {
+        for flip in flips.clone() {
+            changed[at] ^= flip;
+            assert!(RawMessage::decompress(&changed).is_err(), "byte {at} of {}, flip {flip}", bytes.len());
+            changed[at] ^= flip;
+        }
+    }
+}
+
+#[test]
+fn every_change_of_a_byte_of_the_corpus_is_noticed() {
+    for bytes in corpus() {
+        assert_changes_are_noticed(&bytes, 1..=255);
+    }
+    // The last byte of this one, flipped by 16, once made no difference.
+    let bytes = compressed(&frame(&contact(4_772_567_262_682_789_587, 1, 50)), Detail::All);
+    assert_changes_are_noticed(&bytes, 1..=255);
+}
+
+#[test]
+fn an_axis_that_has_stopped_costs_its_first_sample() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let mut xl: Vec<XlSample> = vec![[-7, 32_767, -32_768]; 33];
+    let parts = |xl: &[XlSample]| (0, 0, 0, 0, None, Some(xl.to_vec()), 0);
+    // 22 bits for each axis: 4 units of 16, of which 2 bits are still in the coder's last 2.
+    assert_eq!(assert_round_trip(&parts(&xl)), DATA_AT + 12);
+    xl.iter_mut().for_each(|sample| sample[1] = rng.random());
+    assert_round_trip(&parts(&xl));
+    xl[32][2] = 0;
+    assert_round_trip(&parts(&xl));
 }
 
 #[test]

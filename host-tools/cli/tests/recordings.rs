@@ -220,14 +220,29 @@ fn replay_keeps_times_and_takes_its_time() {
     );
 }
 
+/// At which the crate mcap panics: its length and that of what comes before it are more than 2^64.
+fn mcap_with_a_record_of_impossible_length() -> Vec<u8> {
+    let record = |opcode: u8, data: &[u8]| [&[opcode][..], &(data.len() as u64).to_le_bytes(), data].concat();
+    let within = [&[5][..], &(u64::MAX - 4).to_le_bytes()].concat();
+    // Two times, length, check, name of the compression, length: the last two not 0.
+    let (zero, length) = (0u64.to_le_bytes(), (within.len() as u64).to_le_bytes());
+    let chunk = [&zero, &zero, &length, &[0; 8], &length, &within[..]].concat();
+    [&b"\x89MCAP0\r\n"[..], &record(1, &[0; 8]), &record(6, &chunk), &[0; 64]].concat()
+}
+
 #[test]
 fn what_cannot_be_recorded_converted_or_replayed() {
     let place = Place::new();
     let good = place.file("a.log", log(3, &[]));
     let bad = place.file("bad.log", "(1.0) can0 wxyzwxyz##1\n");
     let text = place.file("x.txt", "");
+    let long = place.file("long.mcap", mcap_with_a_record_of_impossible_length());
     let out = place.path("out.mcap");
-    let cases: [(Vec<String>, &str); 11] = [
+    let cases: [(Vec<String>, &str); 12] = [
+        (
+            args("convert", [&long, &place.path("y.log")], &[]),
+            "long.mcap: after message 0: a record of imposs",
+        ),
         (args("convert", [&good, &place.path("x.wav")], &[]), "must end in"),
         (args("convert", [&text, &out], &[]), "must end in"),
         (args("convert", [&bad, &out], &[]), "line 1: identifier \"wxyzwxyz\""),
@@ -245,7 +260,7 @@ fn what_cannot_be_recorded_converted_or_replayed() {
         assert!(error.contains(rule), "{command:?}: {error}");
     }
     assert!(fails(["monitor", "a.log"]).contains("--plain"));
-    assert_eq!(place.names(), ["a.log", "bad.log", "x.txt"], "nothing is left behind");
+    assert_eq!(place.names(), ["a.log", "bad.log", "long.mcap", "x.txt"], "nothing is left behind");
 }
 
 #[test]

@@ -10,6 +10,7 @@ pub mod layout;
 pub mod link;
 pub mod log_file;
 pub mod mcap_file;
+mod quiet;
 pub mod rebuild;
 pub mod recorder;
 mod slcan;

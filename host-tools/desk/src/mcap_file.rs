@@ -14,7 +14,6 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -29,6 +28,7 @@ use slipsense_bus::LogEntry;
 
 use crate::decode::Decoder;
 use crate::log_file::Recording;
+use crate::quiet::quietly;
 
 const CAN_TOPIC: &str = "/can/";
 const DISPLACEMENT_TOPIC: &str = "/displacement";
@@ -257,8 +257,7 @@ fn next_message(
     messages: &mut MessageStream<'_>,
     index: u64,
 ) -> Result<Option<Result<Message<'static>, McapError>>> {
-    catch_unwind(AssertUnwindSafe(|| messages.next()))
-        .map_err(|_| anyhow!("after message {index}: a record of impossible length"))
+    quietly(|| messages.next()).ok_or_else(|| anyhow!("after message {index}: a record of impossible length"))
 }
 
 /// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.
@@ -285,13 +284,21 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
             }
             Err(error) => bail!("after message {index}: {}", one_line(&error)),
         };
-        let at = || format!("message {index} of {}", message.channel.topic);
+        // Whatever stands in a topic, an error stays one line.
+        let topic = message.channel.topic.escape_debug().to_string();
+        let at = || format!("message {index} of {topic}");
         let value =
             || serde_json::from_slice::<Value>(&message.data).with_context(|| format!("{}: not JSON", at()));
         let schema = message.channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
         if let Some(interface) =
             message.channel.topic.strip_prefix(CAN_TOPIC).filter(|_| schema == CAN_FRAME.name)
         {
+            let is_name = |c: char| !c.is_whitespace() && !c.is_control();
+            ensure!(
+                !interface.is_empty() && interface.chars().all(is_name),
+                "{}: an interface needs a name without white space",
+                at()
+            );
             let frame = can_frame(&value()?).with_context(at)?;
             ensure!(message.log_time % 1000 == 0, "{}: time is no whole microsecond", at());
             let (timestamp_us, interface) = (message.log_time / 1000, interface.to_owned());
@@ -301,7 +308,7 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
             let mm = mm.with_context(|| format!("{}: `displacement_mm` must be a number", at()))?;
             recording.displacement.push((message.log_time / 1000, mm));
         } else if ![SLIP, RAW, IMAGE].iter().any(|ours| ours.name == schema) {
-            *passed_over.entry(message.channel.topic.clone()).or_default() += 1;
+            *passed_over.entry(topic).or_default() += 1;
         }
     }
     for (topic, count) in passed_over {

@@ -67,6 +67,7 @@ pub fn run(
     let seed = name.bytes().fold(6_202, |seed: u64, byte| seed.wrapping_mul(257) + u64::from(byte));
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut accepted, mut longest, mut memory) = (0, Duration::ZERO, None);
+    let start = Instant::now();
     for index in 0..inputs {
         let input = make(&mut rng);
         let began = Instant::now();
@@ -95,7 +96,9 @@ pub fn run(
     let last =
         address_space_bytes().zip(memory.flatten()).map_or(0, |(now, first)| now.saturating_sub(first));
     println!(
-        "{name}: {inputs} inputs, {accepted} of them valid, the longest took {} us, {} KiB more memory at most",
+        "{name}: {inputs} inputs in {:.0} s, {accepted} of them valid, the longest took {} us, {} KiB more memory \
+         at most",
+        start.elapsed().as_secs_f64(),
         longest.as_micros(),
         last / 1024
     );

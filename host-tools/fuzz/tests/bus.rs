@@ -29,21 +29,22 @@ fn frames(mut bytes: &[u8]) -> Vec<CanFrame> {
     frames
 }
 
-fn traffic() -> Vec<CanFrame> {
+/// What one input is made of: a slip message and one raw message, in each form. Few frames, so that inputs are many.
+fn traffic() -> Vec<Vec<CanFrame>> {
     let mut transmitter = Transmitter::new(NodeId::DEFAULT);
     let mut buffer = RawBuffer::new();
     let piezo = PiezoFrame::from_scan(std::array::from_fn::<u16, TAXELS, _>(|i| (i % 37 * 90) as u16));
     let xl = [[-3, 1, 2047]; 33];
-    let mut frames = Vec::new();
-    for sequence in 0..2 {
-        frames.push(transmitter.slip(&SlipMessage { sequence, sensors: 2, ..SlipMessage::default() }));
+    let forms = [RawForm::Compressed(Detail::All), RawForm::Compressed(Detail::Contact), RawForm::Plain];
+    let mut messages = |(sequence, form)| {
+        let mut frames =
+            vec![transmitter.slip(&SlipMessage { sequence, sensors: 2, ..SlipMessage::default() })];
         let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl) };
         let raw = RawFrame { timestamp_us: 5, sequence, sensor: 1, health: 0, input, xl_end: 33 };
-        for form in [RawForm::Compressed(Detail::All), RawForm::Compressed(Detail::Contact), RawForm::Plain] {
-            frames.extend(transmitter.raw_as(form, &raw, &mut buffer));
-        }
-    }
-    frames
+        frames.extend(transmitter.raw_as(form, &raw, &mut buffer));
+        frames
+    };
+    (0..).zip([forms, forms].concat()).map(&mut messages).collect()
 }
 
 #[test]
@@ -103,7 +104,7 @@ fn assert_one_line(error: &str) {
 
 #[test]
 fn the_corpus_is_what_the_transmitter_sends() {
-    let stored: Vec<CanFrame> = corpus(TRAFFIC).iter().flat_map(|bytes| frames(bytes)).collect();
+    let stored: Vec<Vec<CanFrame>> = corpus(TRAFFIC).iter().map(|bytes| frames(bytes)).collect();
     assert_eq!(stored, traffic());
 }
 
@@ -114,14 +115,18 @@ fn write_corpus() {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../");
     std::fs::create_dir_all(format!("{root}{TRAFFIC}")).unwrap();
     std::fs::create_dir_all(format!("{root}{LOGS}")).unwrap();
-    let frames = traffic();
-    let bytes: Vec<u8> = frames
-        .iter()
-        .flat_map(|frame| [&frame.id().to_le_bytes()[..], &[frame.data().len() as u8], frame.data()].concat())
-        .collect();
-    std::fs::write(format!("{root}{TRAFFIC}/traffic.bin"), bytes).unwrap();
+    let traffic = traffic();
+    for (index, frames) in traffic.iter().enumerate() {
+        let bytes: Vec<u8> = frames
+            .iter()
+            .flat_map(|frame| {
+                [&frame.id().to_le_bytes()[..], &[frame.data().len() as u8], frame.data()].concat()
+            })
+            .collect();
+        std::fs::write(format!("{root}{TRAFFIC}/{index}.bin"), bytes).unwrap();
+    }
     let mut log = CandumpWriter::new(Vec::new(), "can0").unwrap();
-    frames.iter().take(8).zip(0..).for_each(|(frame, us)| log.write(us * 4_167, frame).unwrap());
+    traffic.concat().iter().take(8).zip(0..).for_each(|(frame, us)| log.write(us * 4_167, frame).unwrap());
     let mut log = log.finish().unwrap();
     log.extend_from_slice(b"(1700000000.000001) vcan1 123#0102\n(1.5) can0 1F334455#R\n\n# a comment\n");
     std::fs::write(format!("{root}{LOGS}/log.txt"), log).unwrap();

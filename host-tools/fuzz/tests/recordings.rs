@@ -6,7 +6,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
-use slipsense::wire::{NodeId, SlipMessage, Transmitter};
+use slipsense::wire::{CanFrame, NodeId, SlipMessage, Transmitter};
 use slipsense_desk::LogEntry;
 use slipsense_desk::mcap_file::{McapSink, parse};
 use slipsense_fuzz::{corpus, mutate, run};
@@ -58,15 +58,35 @@ fn write_corpus() {
     std::fs::write(format!("{folder}/recording.mcap"), &whole).unwrap();
     std::fs::write(format!("{folder}/cut.mcap"), &whole[..whole.len() * 2 / 5]).unwrap();
 
+    let plain = plain("/can/can0", &frames, 1_000);
+    std::fs::write(format!("{folder}/plain.mcap"), plain).unwrap();
+}
+
+/// Without chunks and checksums.
+fn plain(topic: &str, frames: &[CanFrame], time_ns: u64) -> Vec<u8> {
     let options = WriteOptions::new().compression(None).use_chunks(false).calculate_data_section_crc(false);
     let mut writer = options.calculate_summary_section_crc(false).create(Cursor::new(Vec::new())).unwrap();
     let schema = writer.add_schema("slipsense.CanFrame", "jsonschema", b"{}").unwrap();
-    let channel_id = writer.add_channel(schema, "/can/can0", "json", &Default::default()).unwrap();
+    let channel_id = writer.add_channel(schema, topic, "json", &Default::default()).unwrap();
     for (frame, sequence) in frames.iter().zip(0..) {
         let text = format!("{{\"id\":{},\"data\":\"{}\"}}", frame.id(), STANDARD.encode(frame.data()));
-        let header = MessageHeader { channel_id, sequence, log_time: 1_000, publish_time: 1_000 };
+        let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };
         writer.write_to_known_channel(&header, text.as_bytes()).unwrap();
     }
     writer.finish().unwrap();
-    std::fs::write(format!("{folder}/plain.mcap"), writer.into_inner().into_inner()).unwrap();
+    writer.into_inner().into_inner()
+}
+
+/// What the fuzz found after 42,955 inputs, and what it led to: a name that a log could not hold.
+#[test]
+fn a_topic_of_two_lines_is_refused_in_one() {
+    let frame = [CanFrame::new(1, &[2]).unwrap()];
+    assert_eq!(parse(&plain("/can/can0", &frame, 1_000)).unwrap().entries.len(), 1);
+    for (topic, time_ns, rule) in [
+        ("/can/c\n0", 1_000, "message 0 of /can/c\\n0: an interface needs a name without white space"),
+        ("/can/", 1_000, "message 0 of /can/: an interface needs a name without white space"),
+        ("/can/can0", 1, "message 0 of /can/can0: time is no whole microsecond"),
+    ] {
+        assert_eq!(format!("{:#}", parse(&plain(topic, &frame, time_ns)).unwrap_err()), rule);
+    }
 }

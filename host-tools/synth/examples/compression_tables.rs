@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 
 use slipsense::wire::compress::{
-    Coder, SYMBOLS, TAXEL_CONTEXTS, TAXEL_TABLES, Table, XL_CONTEXTS, XL_TABLES, model, split,
+    SYMBOLS, Sink, TAXEL_CONTEXTS, TAXEL_TABLES, Table, XL_CONTEXTS, XL_TABLES, model, split,
 };
 use slipsense_synth::splits::EpisodeSet;
 use slipsense_synth::{Split, generate_set};
@@ -34,20 +34,19 @@ struct Counter {
     xl: Vec<Counts>,
 }
 
-impl Coder for Counter {
-    fn value(&mut self, table: &'static Table, value: u32) -> u32 {
-        let at = |tables: &'static [Table]| tables.iter().position(|known| std::ptr::eq(known, table));
-        let counts = match at(&TAXEL_TABLES) {
-            Some(context) => &mut self.taxels[context],
-            None => &mut self.xl[at(&XL_TABLES).expect("a table of one of the two")],
-        };
-        counts[split(value).0] += 1;
-        value
+impl Sink for Counter {
+    fn values(&mut self, values: &[(&'static Table, u32)]) {
+        for &(table, value) in values {
+            let at = |tables: &'static [Table]| tables.iter().position(|known| std::ptr::eq(known, table));
+            let counts = match at(&TAXEL_TABLES) {
+                Some(context) => &mut self.taxels[context],
+                None => &mut self.xl[at(&XL_TABLES).expect("a table of one of the two")],
+            };
+            counts[split(value).0] += 1;
+        }
     }
 
-    fn bits(&mut self, _: u32, value: u32) -> u32 {
-        value
-    }
+    fn bits(&mut self, _: u32, _: u32) {}
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -66,8 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut counter = Counter { taxels: vec![none; TAXEL_CONTEXTS], xl: vec![none; XL_CONTEXTS] };
         for frame in (0..episode.frames()).step_by(EVERY) {
             for sensor in 0..episode.sensors {
-                let mut xl = episode.xl_batch(frame, sensor).to_vec();
-                model(&mut counter, episode.piezo(frame, sensor), &mut xl);
+                model(&mut counter, episode.piezo(frame, sensor), episode.xl_batch(frame, sensor));
             }
         }
         counter

@@ -63,10 +63,14 @@ pub(in crate::wire) fn encode<'b>(
         Region::NONE => FORM_NO_TAXELS,
         _ => FORM_REGION,
     };
-    let mut counts = counts_of(frame.input.piezo, &region);
-    let mut samples = [[0; XL_AXES]; RAW_XL_MAX];
-    let samples = samples.get_mut(..newest.len()).unwrap_or_default();
-    samples.iter_mut().zip(newest).for_each(|(to, from)| *to = *from);
+    let masked;
+    let counts = match frame.input.piezo {
+        Some(piezo) if region == Region::ALL => piezo.counts(),
+        piezo => {
+            masked = counts_of(piezo, &region);
+            &masked
+        }
+    };
 
     let (header, data) = buffer.0.split_at_mut(HEADER_BYTES);
     let start = if form == FORM_REGION { REGION_BYTES } else { 0 };
@@ -74,12 +78,12 @@ pub(in crate::wire) fn encode<'b>(
     for (out, byte) in region_bytes.iter_mut().zip(region.to_bytes()) {
         *out = byte;
     }
-    let length = match code(samples, &region, &mut counts, body) {
+    let length = match code(newest, &region, counts, body) {
         Some(length) => {
             form |= FORM_CODED;
             length
         }
-        None => pack(newest, &region, &counts, body),
+        None => pack(newest, &region, counts, body),
     };
     let length = start + length;
 
@@ -134,8 +138,8 @@ pub(in crate::wire) fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
         0 => unpack(data, &mut xl, &region, &mut counts),
         _ => {
             let mut decoder = Decoder::new(data);
-            xl::code(&mut decoder, &mut xl);
-            taxels::code(&mut decoder, &region, &mut counts, |_, _| true) && decoder.is_at_end()
+            xl::decode(&mut decoder, &mut xl);
+            taxels::decode(&mut decoder, &region, &mut counts) && decoder.is_at_end()
         }
     };
     if !whole {
@@ -148,7 +152,6 @@ pub(in crate::wire) fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
 /// The counts in the region, 0 elsewhere.
 fn counts_of(piezo: Option<&PiezoFrame>, region: &Region) -> [u16; TAXELS] {
     match piezo {
-        Some(piezo) if *region == Region::ALL => *piezo.counts(),
         Some(piezo) => {
             let mut counts = [0; TAXELS];
             let rows = counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut();
@@ -165,20 +168,15 @@ fn counts_of(piezo: Option<&PiezoFrame>, region: &Region) -> [u16; TAXELS] {
 }
 
 /// Code into `body`; the bytes used, `None` where packing takes fewer.
-fn code(
-    samples: &mut [XlSample],
-    region: &Region,
-    counts: &mut [u16; TAXELS],
-    body: &mut [u8],
-) -> Option<usize> {
+fn code(samples: &[XlSample], region: &Region, counts: &[u16; TAXELS], body: &mut [u8]) -> Option<usize> {
     let packed = packed_bytes(samples.len(), region.taxels());
     let mut encoder = Encoder::new(body.get_mut(..packed.checked_sub(1)?)?);
-    xl::code(&mut encoder, samples);
+    xl::encode(&mut encoder, samples);
     let samples = samples.len();
     let is_shorter = |encoder: &Encoder<'_>, taxels| {
         encoder.len().is_some_and(|length| length <= packed_bytes(samples, taxels) + SLACK_BYTES)
     };
-    if taxels::code(&mut encoder, region, counts, is_shorter) { encoder.finish() } else { None }
+    if taxels::encode(&mut encoder, region, counts, is_shorter) { encoder.finish() } else { None }
 }
 
 fn packed_bytes(samples: usize, taxels: usize) -> usize {

@@ -16,16 +16,24 @@
 //!
 //! A number is coded with a table of 40 symbols, whose frequencies sum to 4096: 0 to 15 are a symbol each, then each
 //! half octave has one, 16 to 23, 24 to 31, 32 to 47, and so on; the low bits that the symbol leaves open follow as
-//! plain bits. Signed numbers are folded to 0, -1, 1, -2, 2. The range coder holds 32 bits and gives a byte out when
-//! the range is below 2^24; a symbol takes `range >> 12` times its frequency, n plain bits `range >> n`.
+//! plain bits. Signed numbers are folded to 0, -1, 1, -2, 2. The range coder holds 32 bits, begins with the range
+//! 2^32 - 1, and gives 16 bits out, low byte first, when the range is below 2^16; a symbol takes `range >> 12` times its
+//! frequency, n plain bits `range >> n`. At the end it gives out the lower end of its interval, 32 bits, so that a decoder
+//! takes every byte and no more.
 //!
-//! First, for each axis with at least one sample: 2 bits predictor p, 4 bits scale s, the first sample in 16 bits;
-//! then each sample's difference, modulo 2^16, to `last + floor((p - 1) * step / 2)` (p 0 to 3 is -1, 0, 1, 2 halves).
-//! Its table is that of `size`, which begins as 4 * 2^s and becomes `size - floor(size / 4) + folded difference`.
-//! Then the taxels, row by row: the difference to the median of left, above, and left + above - (above left); the
-//! table is that of |left - above left| + |above - above left| + |above right - above| + floor(sum of the four / 32).
-//! A neighbour beside pad or region is 0. The table of a size is the number of half octaves (`value.rs`),
-//! or the last one.
+//! First, for each axis with at least one sample: 2 bits predictor p, 4 bits scale s, the first sample in 16 bits. If
+//! s is 15, all others are the same. Else follows each sample's difference, modulo 2^16, to
+//! `last + floor((p - 1) * step / 2)` (p 0 to 3 is -1, 0, 1, 2 halves). Its table is that of `size`, which begins as
+//! 4 * 2^s and becomes `size - floor(size / 4) + folded difference`.
+//! Then the taxels, row by row, each by its neighbours left, above left and above. If all are 0, the difference to 0
+//! with the first table. Else the difference to `floor((3 * (left + above) - 2 * above left) / 4)`, or to 0 where that
+//! is negative, with the table of `1 + |left - above| + floor((left + above) / 16)`. A neighbour beside pad or region
+//! is 0. The table of a size is the number of half octaves (`value.rs`), or the last one.
+//!
+//! # What is noticed
+//!
+//! Any change of one byte, for certain: a CRC stands over all bytes but its own, which finds every change within 16
+//! bits in a row, and a wrong length leaves the decoder with bytes too many or too few.
 
 mod message;
 pub mod range;
@@ -37,15 +45,15 @@ mod xl;
 
 pub use message::{COMPRESSED_BYTES_MAX, Detail};
 pub(super) use message::{decode, encode};
-pub use range::Coder;
+pub use range::Sink;
 pub use region::Region;
 pub use tables::{TAXEL_CONTEXTS, TAXEL_TABLES, Table, XL_CONTEXTS, XL_TABLES};
 pub use value::{SYMBOLS, split};
 
 use crate::sensor::{PiezoFrame, XlSample};
 
-/// Code all of a frame with any [`Coder`]: for whoever counts the symbols, to learn the tables.
-pub fn model(coder: &mut impl Coder, piezo: &PiezoFrame, xl: &mut [XlSample]) {
-    xl::code(coder, xl);
-    taxels::code(coder, &Region::ALL, &mut piezo.counts().clone(), |_, _| true);
+/// Show all of a frame to any [`Sink`]: for whoever counts the symbols, to learn the tables.
+pub fn model(sink: &mut impl Sink, piezo: &PiezoFrame, xl: &[XlSample]) {
+    xl::encode(sink, xl);
+    taxels::encode(sink, &Region::ALL, piezo.counts(), |_, _| true);
 }

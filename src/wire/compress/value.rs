@@ -2,8 +2,10 @@
 //! half of an octave is one, and the extra bits say which of its values. So the frequencies of a context fit a
 //! short table whatever the range of the sensor.
 
+use super::tables::Table;
+
 /// Values with a symbol of their own.
-const DIRECT: u32 = 16;
+pub(super) const DIRECT: u32 = 16;
 /// log2 of it.
 const DIRECT_BITS: u32 = 4;
 /// Symbols: two for each octave from 16 to 65,535.
@@ -46,10 +48,35 @@ pub(super) const fn unfold(folded: u32) -> i32 {
     (folded >> 1) as i32 ^ -((folded & 1) as i32)
 }
 
-/// How large a number is, two steps an octave: 0 for 0, 1 for 1, 2 for 2, 3 for 3 and 4, 4 for 5 and 6.
+/// How large a number is, two steps an octave: 2 for 0, 4 for 1, 5 for 2, 6 for 3 and 4, 7 for 5 and 6. 3 is none.
 #[inline]
-pub(super) const fn half_octaves(number: u32) -> usize {
+const fn size(number: u32) -> usize {
     let number = number + 1;
-    let top = (number | 1).ilog2();
-    (2 * top + ((number << 1) >> top)).saturating_sub(3) as usize
+    let top = u32::BITS - 1 - number.leading_zeros();
+    (2 * top + ((number << 1) >> top)) as usize
+}
+
+/// Steps of half an octave that a number of 31 bits has.
+const SIZES: usize = 64;
+
+/// The tables of some contexts by size of a number, the last one for all that are larger.
+pub(super) struct BySize([&'static Table; SIZES]);
+
+impl BySize {
+    pub(super) const fn new(tables: &'static [Table]) -> Self {
+        let mut all = [&tables[0]; SIZES];
+        let mut at = size(1);
+        while at < SIZES {
+            let context = at - size(1) + 1;
+            all[at] = &tables[if context < tables.len() { context } else { tables.len() - 1 }];
+            at += 1;
+        }
+        Self(all)
+    }
+
+    /// The table that belongs to a number below 2^31.
+    #[inline(always)]
+    pub(super) const fn of(&self, number: u32) -> &'static Table {
+        self.0[size(number) % SIZES]
+    }
 }

@@ -181,7 +181,7 @@ fn clippy() -> Result<()> {
         cmsis::FEATURE,
         "--all-targets",
     ])?;
-    clippy(&["--package", "slipsense-cli", "--features", "train", "--all-targets"])
+    clippy(&["--package", "slipsense-cli", "--features", "train,hil", "--all-targets"])
 }
 
 fn host() -> Result<()> {

@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::process::{answer, apt_install, cargo, command, find, run, target_dir};
 use crate::python::python;
 use crate::toolchain::Toolchain;
-use crate::{cmsis, node, qemu, root, stack, twin};
+use crate::{cmsis, linux, node, qemu, root, stack, twin};
 
 /// One step of the test command.
 pub struct Step {
@@ -165,6 +165,11 @@ pub const STEPS: &[Step] = &[
         name: "recordings",
         what: "mcap, python-can, cantools and pycyphal read what is recorded and converted",
         run: recordings,
+    },
+    Step {
+        name: "linux",
+        what: "record, replay and monitor on SocketCAN of Debian's kernel, in QEMU: no frame lost, also to a kill",
+        run: linux::step,
     },
     Step { name: "deny", what: "licences, sources and bans of all dependencies", run: deny },
 ];

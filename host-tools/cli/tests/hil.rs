@@ -124,4 +124,33 @@ fn what_a_user_can_get_wrong() {
     // Port 1 of this computer is nobody's.
     assert!(hil("hil", &["--gdb", "127.0.0.1:1"]).contains("nothing serves a debugger there"));
     assert!(hil("hil", &["--gdb", "nonsense"]).contains("--gdb nonsense: no HOST:PORT"));
+    // One way to the board, and no other beside it.
+    for (ways, says) in [(&[][..], "required"), (&["--gdb", "nonsense", "--probe"], "cannot be used with")] {
+        let (episode, program) = (path("e.npz"), path("hil"));
+        let arguments = ["hil", &episode, "--elf", &program].into_iter().chain(ways.iter().copied());
+        let output = slipsense(arguments);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            output.status.code() == Some(2) && error.contains(says) && error.contains("--probe"),
+            "{error}"
+        );
+    }
+}
+
+/// No computer has a probe of this name.
+#[test]
+fn no_probe_or_no_drivers_of_probes() {
+    let place = Place::new();
+    Arrays::valid().write(&place.path("e.npz"));
+    place.file("hil", elf(SYMBOL, MAILBOX_AT));
+    let path = |name: &str| place.path(name).display().to_string();
+    let arguments =
+        ["hil".to_owned(), path("e.npz"), "--elf".into(), path("hil"), "--probe=0483:ffff".into()];
+    let error = fails(arguments);
+    let says = if cfg!(feature = "hil") {
+        "--probe=0483:ffff: no such debug probe is there: is the board's ST-LINK connector (CN1) on USB"
+    } else {
+        "--probe=0483:ffff: this build has no drivers of debug probes: `cargo run --release --features hil -- hil"
+    };
+    assert!(error.starts_with(says), "{error}");
 }

@@ -286,7 +286,7 @@ fn socket_sink(interface: &str) -> Result<Sink> {
     Err(anyhow!("socketcan:{interface}: SocketCAN is Linux'; use slcan: or a candump file"))
 }
 
-/// Linux' own CAN. Compiled and its errors tested; never run against an interface where this was written.
+/// Linux' own CAN. `cargo xtask linux` runs it on a virtual interface of Debian's kernel; no adapter has been at it.
 #[cfg(target_os = "linux")]
 pub mod socket_can {
     use super::*;
@@ -299,6 +299,10 @@ pub mod socket_can {
     const RECEIVE_BUFFER: usize = 8 << 20;
     /// How long a full transmit queue is waited for.
     const PATIENCE: Duration = Duration::from_secs(1);
+    /// MTU of an interface that carries CAN FD (CANFD_MTU of linux/can.h).
+    const FD_MTU: u32 = 72;
+    /// Flag of an interface that is up (linux/if.h).
+    const IFF_UP: u32 = 1;
 
     /// An interface in CAN FD mode.
     pub struct Socket {
@@ -318,6 +322,9 @@ pub mod socket_can {
             });
             let socket = opened.map_err(|error| {
                 anyhow!("socketcan:{interface}: {error}; is the interface up, in FD mode, `ip link show`?")
+            })?;
+            check_state(interface).map_err(|what| {
+                anyhow!("socketcan:{interface}: the interface {what}, see `slipsense record --help`")
             })?;
             Ok(Self { socket, interface: interface.to_owned() })
         }
@@ -357,5 +364,19 @@ pub mod socket_can {
                 }
             }
         }
+    }
+    /// The kernel opens an interface that is down or speaks classic CAN all the same, and then nothing comes.
+    fn check_state(interface: &str) -> Result<(), &'static str> {
+        let read = |what: &str| std::fs::read_to_string(format!("/sys/class/net/{interface}/{what}"));
+        // Without /sys, as in some containers, that is left to the first frame.
+        let (Ok(flags), Ok(mtu)) = (read("flags"), read("mtu")) else { return Ok(()) };
+        let flags = u32::from_str_radix(flags.trim().trim_start_matches("0x"), 16);
+        if flags.is_ok_and(|flags| flags & IFF_UP == 0) {
+            return Err("is down");
+        }
+        if mtu.trim().parse().is_ok_and(|mtu: u32| mtu != FD_MTU) {
+            return Err("is not in CAN FD mode");
+        }
+        Ok(())
     }
 }

@@ -54,6 +54,9 @@ impl<W: Write + Seek> McapSink<W> {
         let options = WriteOptions::new()
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
+            // A chunk is written when it is whole. Else its length is put in afterwards, and of a killed recorder's
+            // last chunk nobody knows how long it is.
+            .disable_seeking(true)
             .library(concat!("slipsense ", env!("CARGO_PKG_VERSION")));
         Ok(Self { writer: options.create(out)?, channels: HashMap::new(), decoder: Decoder::new() })
     }

@@ -9,6 +9,7 @@ mod bench;
 mod board;
 mod cmsis;
 mod elf;
+mod linux;
 mod node;
 mod process;
 mod python;
@@ -40,6 +41,8 @@ enum Command {
     Bench(bench::Options),
     /// Run the firmware's ELF on an emulated STM32H743 and compare what it sends with this computer's, bit for bit
     Twin(twin::Options),
+    /// Boot Debian's kernel in QEMU and record, replay, watch and kill on its SocketCAN
+    Linux(linux::Options),
     /// How deep the stack of each board's firmware can get, and what it takes of each memory
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
         Command::Qemu(options) => qemu::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::Twin(options) => twin::run(&options),
+        Command::Linux(options) => linux::run(&options),
         Command::Stack(options) => stack::run(&options),
         Command::Cmsis(options) => cmsis::print(&options),
         Command::Ros2 => ros2::whole(),

@@ -69,11 +69,15 @@ pub fn find(program: &str) -> Option<PathBuf> {
     env::split_paths(&path).map(|dir| dir.join(program)).find(|candidate| candidate.is_file())
 }
 
+/// May we install packages?
+pub fn is_root() -> bool {
+    answer(command("id").arg("-u")).is_some_and(|id| id == "0")
+}
+
 /// Install Debian packages, where we may.
 pub fn apt_install(packages: &[&str], why: &str) -> Result<()> {
     let list = packages.join(" ");
-    let is_root = answer(command("id").arg("-u")).is_some_and(|id| id == "0");
-    if find("apt-get").is_none() || !is_root {
+    if find("apt-get").is_none() || !is_root() {
         bail!("{why} needs the packages `{list}`: install them (on Debian: sudo apt-get install {list})");
     }
     eprintln!("installing {list}: {why} needs them");

@@ -35,7 +35,7 @@ const DEFAULT_XL: &str = "adxl380";
 const OTHER_XL: &str = "icm42688";
 /// Virtual seconds of a long run, and what it plays with two sensors where someone has it: a pull, composed of real
 /// recordings. Else a synthetic one.
-const LONG_SECONDS: &str = "20";
+const LONG_SECONDS: u32 = 20;
 const REAL_PULL: &str = "../shared/real/slip_up.npz";
 const LOOPBACK: &str = "slipsense-can-loopback";
 const LOOPBACK_PASSED: &str = "loop back passed";
@@ -115,24 +115,23 @@ fn firmware_with(feature: &str) -> Result<PathBuf> {
 /// 20 s each, too long for the test command.
 fn long() -> Result<bool> {
     let real = root().join(REAL_PULL);
-    let two = if real.exists() { real } else { synthetic_pull("umi", 2)? };
-    let three = synthetic_pull("tesollo", 3)?;
+    let two = if real.exists() { real } else { synthetic_pull("umi", 2, LONG_SECONDS)? };
+    let three = synthetic_pull("tesollo", 3, LONG_SECONDS)?;
     let runs = [("2", &two, DEFAULT_XL), ("3", &three, DEFAULT_XL), ("2", &two, OTHER_XL)];
     let mut good = true;
     for (sensors, episode, xl) in runs {
         println!("\n{sensors} sensors, {xl}: {LONG_SECONDS} s of {}", episode.display());
         let mut run = twin(xl)?;
-        run.arg(episode).args(["--xl", xl, "--sensors", sensors, "--seconds", LONG_SECONDS]);
+        run.arg(episode).args(["--xl", xl, "--sensors", sensors, "--seconds", &LONG_SECONDS.to_string()]);
         good &= run.status()?.success();
     }
     Ok(good)
 }
 
-/// An object is pulled out of a synthetic grasp.
-fn synthetic_pull(platform: &str, sensors: usize) -> Result<PathBuf> {
-    let [recipe, episode] =
-        ["json", "npz"].map(|kind| target_dir().join(format!("twin-{sensors}-sensors-synthetic.{kind}")));
-    let seconds = LONG_SECONDS;
+/// An object is pulled out of a synthetic grasp: the episode's file.
+pub fn synthetic_pull(platform: &str, sensors: usize, seconds: u32) -> Result<PathBuf> {
+    let [recipe, episode] = ["json", "npz"]
+        .map(|kind| target_dir().join(format!("pull-{sensors}-sensors-{seconds}-s-synthetic.{kind}")));
     let text = format!(
         r#"{{"seed": 7, "scenario": "six_step", "platform": "{platform}", "sensors": {sensors}, "seconds": {seconds}}}"#
     );

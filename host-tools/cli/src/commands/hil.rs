@@ -11,27 +11,40 @@ use slipsense_episode::Episode;
 
 use crate::bundled;
 use crate::hil::gdb::GdbServer;
-use crate::hil::program;
 use crate::hil::replay::{Report, Run, replay};
+use crate::hil::{Target, program};
+use crate::signing::Board;
 
 /// Replay an episode into a board over its debug probe, and compare every CAN frame with this computer's
 ///
 /// The hardware-in-the-loop test. The board runs the program slipsense-hil: the firmware's clocks, memories, tasks and
 /// pipeline, with a mailbox in RAM in place of sensors and bus, so that a bare NUCLEO on its USB cable is enough. This
 /// command leaves a frame there, waits, and compares all bytes of all CAN frames that the board makes of it with what
-/// the same code makes of it here. It reaches the board through a GDB server, such as OpenOCD's. The board's
-/// program answers frames on an emulated STM32H743; it has not yet run on hardware.
+/// the same code makes of it here. The board's program answers frames on an emulated STM32H743; it has not yet run on
+/// hardware.
+///
+/// With --probe it writes the program to the board's flash through a debug probe on USB, such as a NUCLEO's own
+/// ST-LINK, checks it, and goes on. That needs the feature `hil`, whose drivers of probes take minutes to build; no
+/// probe has been at the other end yet. With --gdb a GDB server stands between, such as OpenOCD's, and the program is
+/// in flash already.
 #[derive(ClapArgs)]
-#[command(after_help = "\
+#[command(
+    group(clap::ArgGroup::new("way").args(["probe", "gdb"]).required(true)),
+    after_help = "\
 Exit code: 0 all equal, 1 something differs, 2 it could not be run.
 
 Examples:
   cargo build-hil-h743                             the program, for a NUCLEO-H743ZI2
+  cargo run --release --features hil -- hil grasp.npz --probe
+                                                   flash it, replay, compare
+  cargo run --release --features hil -- hil grasp.npz --probe=0483:374e --board h723
+
   openocd -f interface/stlink.cfg -f target/stm32h7x.cfg \\
       -c 'program target/thumbv7em-none-eabihf/firmware/slipsense-hil verify'
                                                    flash it, and serve a debugger; in another terminal
   slipsense hil grasp.npz --gdb localhost:3333     replay, compare
-  slipsense hil grasp.npz --gdb localhost:3333 --frames 500 --json")]
+  slipsense hil grasp.npz --gdb localhost:3333 --frames 500 --json"
+)]
 pub struct Args {
     /// Episode to replay, an .npz file
     #[arg(value_name = "EPISODE.npz")]
@@ -39,9 +52,15 @@ pub struct Args {
     /// The program on the board, as `cargo build-hil-h743` leaves it
     #[arg(long, value_name = "FILE", default_value = "target/thumbv7em-none-eabihf/firmware/slipsense-hil")]
     elf: PathBuf,
+    /// Flash the board on this debug probe, or on the only one there is
+    #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, require_equals = true)]
+    probe: Option<Option<String>>,
+    /// The board on the probe; its chip is asked before anything is written
+    #[arg(long, default_value = "h743", conflicts_with = "gdb")]
+    board: Board,
     /// A GDB server with the board behind it, and the program in its flash
     #[arg(long, value_name = "HOST:PORT")]
-    gdb: String,
+    gdb: Option<String>,
     /// The model that the program was built with; the bundled one if not given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -74,15 +93,47 @@ impl Args {
         let episode = Episode::read(&self.episode)?;
         let frames = self.frames.map(|frames| frames as usize);
         let timeout = Duration::from_secs(self.timeout_s);
-        let mut server = GdbServer::connect(&self.gdb, timeout)?;
+        let mut target = self.target(timeout)?;
         let run = Run { mailbox, episode: &episode, frames, model, timeout };
         let length = frames.unwrap_or(usize::MAX).min(episode.frames());
         let progress = super::progress(length, "frames", self.json);
-        let report = replay(&mut server, &run, || progress.inc(1));
+        let report = replay(&mut *target, &run, || progress.inc(1));
         progress.finish_and_clear();
         let report = report.with_context(|| self.episode.display().to_string())?;
         self.print(&episode, &report)?;
         Ok(report.differing_frames == 0)
+    }
+
+    fn target(&self, timeout: Duration) -> Result<Box<dyn Target>> {
+        match &self.gdb {
+            Some(address) => Ok(Box::new(GdbServer::connect(address, timeout)?)),
+            None => self.probe(self.probe.as_ref().and_then(Option::as_deref)),
+        }
+    }
+
+    #[cfg(feature = "hil")]
+    fn probe(&self, name: Option<&str>) -> Result<Box<dyn Target>> {
+        let mut probe = crate::hil::probe::UsbProbe::attach(&Default::default(), self.board, name)?;
+        let progress = super::progress(0, "bytes to flash", self.json);
+        let flashed = probe.flash(&self.elf, |bytes, of| {
+            of.into_iter().for_each(|of| progress.inc_length(of));
+            progress.inc(bytes);
+        });
+        progress.finish_and_clear();
+        flashed?;
+        Ok(Box::new(probe))
+    }
+
+    #[cfg(not(feature = "hil"))]
+    fn probe(&self, name: Option<&str>) -> Result<Box<dyn Target>> {
+        anyhow::bail!(
+            "--probe{}: this build has no drivers of debug probes: `cargo run --release --features hil -- hil {} \
+             --probe --board {}` has, or name a GDB server by --gdb",
+            name.map(|name| format!("={name}")).unwrap_or_default(),
+            self.episode.display(),
+            clap::ValueEnum::to_possible_value(&self.board)
+                .map_or_else(String::new, |board| board.get_name().to_owned())
+        )
     }
 
     fn print(&self, episode: &Episode, report: &Report) -> Result<()> {

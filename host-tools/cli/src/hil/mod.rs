@@ -2,9 +2,11 @@
 //! beside what this computer's pipeline sends.
 //!
 //! [`replay`] talks to the program `slipsense-hil` through its [`mailbox`](slipsense::board::mailbox), over a
-//! [`Target`]: a GDB server ([`gdb`]), which debuggers, emulators and probes of every maker have.
+//! [`Target`]: a GDB server ([`gdb`]), which debuggers, emulators and probes of every maker have, or a probe on USB.
 
 pub mod gdb;
+#[cfg(feature = "hil")]
+pub mod probe;
 pub mod program;
 pub mod replay;
 

@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::process::{answer, apt_install, cargo, command, find, run, target_dir};
 use crate::python::python;
 use crate::toolchain::Toolchain;
-use crate::{cmsis, node, qemu, root, ros2, stack, twin};
+use crate::{cmsis, linux, node, qemu, root, ros2, stack, twin};
 
 /// One step of the test command.
 pub struct Step {
@@ -176,6 +176,11 @@ pub const STEPS: &[Step] = &[
         what: "the demo as a bag of ROS 2: rosbags reads every message, definitions hash as ROS' own",
         run: ros2::step,
     },
+    Step {
+        name: "linux",
+        what: "record, replay and monitor on SocketCAN of Debian's kernel, in QEMU: no frame lost, also to a kill",
+        run: linux::step,
+    },
     Step { name: "deny", what: "licences, sources and bans of all dependencies", run: deny },
 ];
 
@@ -191,7 +196,7 @@ fn clippy() -> Result<()> {
         cmsis::FEATURE,
         "--all-targets",
     ])?;
-    clippy(&["--package", "slipsense-cli", "--features", "train", "--all-targets"])
+    clippy(&["--package", "slipsense-cli", "--features", "train,hil", "--all-targets"])
 }
 
 fn host() -> Result<()> {

@@ -1,5 +1,7 @@
 //! The inner loops of the network: four outputs side by side, two products per instruction.
 //!
+//! A convolution gets by with two products for three ([`portable::conv_relu_pool`] says how).
+//!
 //! Everything that multiplies activations comes down to four functions, [`dense`], [`conv_relu_pool`], and for
 //! attention [`dots`] and [`weighted_sums`]. Each has a portable form in [`portable`], which says what
 //! it computes, and on a Cortex-M7 one in assembly (`simd::arm`): `smlad` multiplies two pairs of 16-bit numbers and adds
@@ -43,7 +45,7 @@ pub const fn halves(word: u32) -> [i16; 2] {
 /// A square feature map: row after row, per row one plane per pair of channels, per plane one word per column.
 /// Around it lies a border of zeros, `border` words and rows wide.
 ///
-/// Neighbouring columns are neighbouring words, so one double load feeds two outputs.
+/// Neighbouring columns are neighbouring words, so a column that is loaded feeds two outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapShape {
     /// Cells along one side, border not counted.
@@ -68,6 +70,11 @@ impl MapShape {
     /// Words of the map, border included.
     pub const fn len(&self) -> usize {
         (self.side + 2 * self.border) * self.row()
+    }
+
+    /// Words of what a convolution makes two rows of outputs of: as many as four rows.
+    pub const fn strip(&self) -> usize {
+        4 * self.row()
     }
 
     /// Has the map no cells?

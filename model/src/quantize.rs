@@ -1,8 +1,9 @@
 //! Float weights and measured ranges to the integers of the model file.
 //!
-//! Activations are 16 bits, those of maps 14, with one real scale per tensor, weights up to 16 bits (a sum of three
-//! in a convolution) with one scale per output channel, as fine as the channel's 32-bit accumulator allows, biases 32
-//! bits at the accumulator's scale. What cannot be represented is refused by name; nothing is clipped in silence.
+//! Activations are 16 bits, those that a convolution takes 14, with one real scale per tensor, weights up to 16 bits
+//! (a sum of three in a convolution) with one scale per output channel, as fine as the channel's 32-bit accumulator
+//! allows, biases 32 bits at the accumulator's scale. What cannot be represented is refused by name; nothing is clipped
+//! in silence.
 
 use std::collections::BTreeMap;
 
@@ -76,7 +77,8 @@ pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
         "logits" => Ok(1.0 / f64::from(1 << LOGIT_FRAC_BITS)),
         other if other.ends_with(".residual") => needs.of(other, MARGIN, RESIDUAL_MAX),
         other if other.ends_with(".query") || other.ends_with(".key") => needs.query_key(other),
-        map if piezo::LAYERS.contains(&map) => needs.of(map, MARGIN, f64::from(CONV_INPUT_MAX)),
+        // The third one's map goes to a dense layer.
+        map if piezo::LAYERS[..2].contains(&map) => needs.of(map, MARGIN, f64::from(CONV_INPUT_MAX)),
         other => needs.signed(other),
     };
     ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?))).collect()

@@ -5,7 +5,6 @@
 //! rounding (`smmulr`). The exporter refuses a layer whose ratio does not fit.
 
 use crate::fixed::saturate_i16;
-use crate::params::CONV_INPUT_MAX;
 
 /// Largest magnitude of a query or key: 32 products of two of them still fit an `i32`.
 pub const QUERY_KEY_MAX: i32 = 8_191;
@@ -20,12 +19,6 @@ pub fn signed(scaled: i32) -> i16 {
 #[inline]
 pub fn relu(scaled: i32) -> i16 {
     scaled.clamp(0, i16::MAX as i32) as i16
-}
-
-/// Activation of a map after ReLU, 0 to [`CONV_INPUT_MAX`].
-#[inline]
-pub fn conv(scaled: i32) -> i16 {
-    scaled.clamp(0, CONV_INPUT_MAX) as i16
 }
 
 /// Query or key, ±[`QUERY_KEY_MAX`].

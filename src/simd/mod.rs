@@ -27,6 +27,8 @@ pub use portable::{dots, weighted_sums};
 #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
 pub use x86::{conv_relu_pool, dense};
 
+use crate::params::CONV_INPUT_MAX;
+
 /// Outputs that a kernel computes side by side.
 pub const LANES: usize = 4;
 
@@ -70,6 +72,12 @@ impl MapShape {
     /// Words of the map, border included.
     pub const fn len(&self) -> usize {
         (self.side + 2 * self.border) * self.row()
+    }
+
+    /// Largest number that a convolution writes into the map. With a border the map is for a convolution to take, whose
+    /// sums of rows have to fit 16 bits; without, a dense layer takes it.
+    pub const fn largest(&self) -> i16 {
+        if self.border > 0 { CONV_INPUT_MAX as i16 } else { i16::MAX }
     }
 
     /// Words of what a convolution makes two rows of outputs of: as many as four rows.

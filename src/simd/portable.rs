@@ -150,7 +150,8 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
             for col in 0..to.side {
                 let best = tile::<L>(strip.get(2 * col..).unwrap_or_default(), from, filters);
                 let cell: [i16; LANES] = core::array::from_fn(|lane| {
-                    requantize::conv(scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]))
+                    let scaled = scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]);
+                    requantize::relu(scaled).min(to.largest())
                 });
                 for (half, cell) in cell.as_chunks::<2>().0.iter().enumerate() {
                     if let Some(word) = out.get_mut(to.at(row, 2 * block + half, col)) {

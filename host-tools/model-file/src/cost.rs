@@ -51,8 +51,8 @@ impl LayerCost {
 ///
 /// Counted are the products of activations with weights and with each other, at full contact: every taxel, and
 /// attention over the full window, where each lag takes one product per column for its score and one for its
-/// value. A convolution counts as what it is, though its kernel does two products for three. Not counted are norms, softmax, requantization, residual sums and the front end: a few operations
-/// per activation.
+/// value. A convolution counts as what it is, though its kernel does two products for three. Not counted are norms,
+/// softmax, requantization, residual sums and the front end: a few operations per activation.
 pub fn layers(model: &Model<'_>) -> Vec<LayerCost> {
     let specs = layout(&model.dims);
     specs.chunk_by(|a, b| a.layer == b.layer).map(|parts| layer(model, parts)).collect()

@@ -65,7 +65,7 @@ global_asm!(
     ldr.w r3, [r1, #(.Lslipsense_w + 4)]
     .endif
     .endm
-    .macro slipsense_conv side, pairs
+    .macro slipsense_conv side, pairs, bits
     .section .text.hot.slipsense_conv_\\side\\()_\\pairs,\"ax\",%progbits
     .p2align 2
     .global slipsense_conv_\\side\\()_\\pairs
@@ -119,8 +119,8 @@ slipsense_conv_\\side\\()_\\pairs:
     add r6, r6, r8
     smmulr r4, r4, r7
     smmulr r6, r6, r9
-    usat r4, #14, r4
-    usat r6, #14, r6
+    usat r4, #\\bits, r4
+    usat r6, #\\bits, r6
     add r0, r0, #8
     pkhbt r4, r4, r6, lsl #16
     str r4, [r2], #4
@@ -166,20 +166,20 @@ slipsense_strip_\\side\\()_\\pairs:
     pop.w {{r4-r11, pc}}
     .size slipsense_strip_\\side\\()_\\pairs, . - slipsense_strip_\\side\\()_\\pairs
     .endm
-    slipsense_conv 32, 1
-    slipsense_conv 16, 2
-    slipsense_conv 16, 4
-    slipsense_conv 8, 2
-    slipsense_conv 8, 4
-    slipsense_conv 8, 6
-    slipsense_conv 8, 8
+    slipsense_conv 32, 1, 14
+    slipsense_conv 16, 2, 14
+    slipsense_conv 16, 4, 14
+    slipsense_conv 8, 2, 15
+    slipsense_conv 8, 4, 15
+    slipsense_conv 8, 6, 15
+    slipsense_conv 8, 8, 15
     .text
     "
 );
 
 /// Direct calls, so that the stack's bound can be told from the program.
 macro_rules! shapes {
-    ($(($side:literal, $pairs:literal): $combine:ident, $convolve:ident;)*) => {
+    ($(($side:literal, $pairs:literal, $border:literal): $combine:ident, $convolve:ident;)*) => {
         unsafe extern "C" {
             $(
                 fn $combine(x: *const u32, strip: *mut u32);
@@ -193,9 +193,10 @@ macro_rules! shapes {
             )*
         }
 
-        /// Is there assembly for maps of this shape?
-        const fn is_known(from: MapShape) -> bool {
-            matches!((from.side, from.pairs), $(($side, $pairs))|*)
+        /// Is there assembly from maps of the one shape to maps of the other? It cuts to what the other's border asks
+        /// for.
+        const fn is_known(from: MapShape, to: MapShape) -> bool {
+            matches!((from.side, from.pairs, to.border), $(($side, $pairs, $border))|*)
         }
 
         /// See [`portable::combine_rows`]; nothing for an unknown shape.
@@ -233,13 +234,13 @@ macro_rules! shapes {
 }
 
 shapes! {
-    (32, 1): slipsense_strip_32_1, slipsense_conv_32_1;
-    (16, 2): slipsense_strip_16_2, slipsense_conv_16_2;
-    (16, 4): slipsense_strip_16_4, slipsense_conv_16_4;
-    (8, 2): slipsense_strip_8_2, slipsense_conv_8_2;
-    (8, 4): slipsense_strip_8_4, slipsense_conv_8_4;
-    (8, 6): slipsense_strip_8_6, slipsense_conv_8_6;
-    (8, 8): slipsense_strip_8_8, slipsense_conv_8_8;
+    (32, 1, 1): slipsense_strip_32_1, slipsense_conv_32_1;
+    (16, 2, 1): slipsense_strip_16_2, slipsense_conv_16_2;
+    (16, 4, 1): slipsense_strip_16_4, slipsense_conv_16_4;
+    (8, 2, 0): slipsense_strip_8_2, slipsense_conv_8_2;
+    (8, 4, 0): slipsense_strip_8_4, slipsense_conv_8_4;
+    (8, 6, 0): slipsense_strip_8_6, slipsense_conv_8_6;
+    (8, 8, 0): slipsense_strip_8_8, slipsense_conv_8_8;
 }
 
 /// 3×3 convolution, ReLU and pool, see [`portable::conv_relu_pool`].
@@ -261,7 +262,7 @@ pub fn conv_relu_pool(
         && weights.len() >= to.pairs / 2 * block
         && bias.len() >= 2 * to.pairs
         && multiplier.len() >= 2 * to.pairs;
-    if !fits || !is_known(from) {
+    if !fits || !is_known(from, to) {
         return portable::conv_relu_pool((weights, bias, multiplier), (x, from), (out, to), strip);
     }
     for row in 0..to.side {

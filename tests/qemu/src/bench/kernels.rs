@@ -131,7 +131,9 @@ fn shipped(bench: &mut Bench, memory: &mut Memory, model: &Model<'static>) {
 fn conv(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>, side: usize) {
     let Inputs::Patch { pairs, .. } = layer.inputs else { return };
     let from = MapShape { side, pairs, border: 1 };
-    let to = MapShape { side: side / 2, pairs: packing::pairs(layer.outputs), border: 1 };
+    // As in the network: what comes out of the smallest goes to a dense layer.
+    let border = usize::from(side > 8);
+    let to = MapShape { side: side / 2, pairs: packing::pairs(layer.outputs), border };
     let parameters = (layer.weights, layer.bias, layer.multiplier);
     let Memory { x, out, strip, .. } = memory;
     let (x, out, strip) = (&x[..from.len()], &mut out[..to.len()], &mut strip[..from.strip()]);

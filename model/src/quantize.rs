@@ -1,8 +1,9 @@
 //! Float weights and measured ranges to the integers of the model file.
 //!
-//! Activations are 16 bits with one real scale per tensor, weights up to 16 bits with one scale per output
-//! channel, as fine as the channel's 32-bit accumulator allows, biases 32 bits at the accumulator's scale. What
-//! cannot be represented is refused by name; nothing is clipped in silence.
+//! Activations are 16 bits, those that a convolution takes 14, with one real scale per tensor, weights up to 16 bits
+//! (a sum of three in a convolution) with one scale per output channel, as fine as the channel's 32-bit accumulator
+//! allows, biases 32 bits at the accumulator's scale. What cannot be represented is refused by name; nothing is clipped
+//! in silence.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +13,10 @@ use slipsense::net::format::Dims;
 use slipsense::net::layer_norm::{RESIDUAL_BITS, RESIDUAL_FACTOR_BITS};
 use slipsense::net::model::ACTIVATION_MAX;
 use slipsense::net::network::LOGIT_FRAC_BITS;
+use slipsense::net::packing::Inputs;
 use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::SCORE_FRAC_BITS;
+use slipsense::params::CONV_INPUT_MAX;
 use slipsense_model_file::ModelFile;
 
 use crate::float::NORM_EPSILON;
@@ -74,6 +77,8 @@ pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
         "logits" => Ok(1.0 / f64::from(1 << LOGIT_FRAC_BITS)),
         other if other.ends_with(".residual") => needs.of(other, MARGIN, RESIDUAL_MAX),
         other if other.ends_with(".query") || other.ends_with(".key") => needs.query_key(other),
+        // The third one's map goes to a dense layer.
+        map if piezo::LAYERS[..2].contains(&map) => needs.of(map, MARGIN, f64::from(CONV_INPUT_MAX)),
         other => needs.signed(other),
     };
     ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?))).collect()
@@ -132,27 +137,29 @@ impl Quantizer<'_> {
         let (from, to) = (self.scales[from], self.scales[to]);
         let bias = self.weights.get(name, "bias");
         let weight = self.weights.get(name, "weight");
-        let inputs = weight.len() / bias.len();
+        let inputs = self.file.inputs(name);
+        // The accumulator holds a convolution's sums twice.
+        let (gain, magnitude) = (f64::from(inputs.gain()), f64::from(inputs.magnitude()));
         let (mut weights, mut biases, mut multipliers) = (Vec::new(), Vec::new(), Vec::new());
-        for (channel, (row, &bias)) in weight.chunks_exact(inputs).zip(bias).enumerate() {
+        for (channel, (row, &bias)) in weight.chunks_exact(inputs.count()).zip(bias).enumerate() {
             let (row, bias): (Vec<f64>, f64) = (row.iter().map(|&w| f64::from(w)).collect(), f64::from(bias));
-            let largest = row.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
-            // The finest step that fits: the weight in its 16 bits, the bias in its half of the accumulator, and
-            // everything at its largest in the accumulator; rounding adds at most half a step per weight, and half
-            // a unit for the bias.
-            let weighted =
-                row.iter().map(|w| w.abs()).sum::<f64>() * ACTIVATION_MAX as f64 + bias.abs() / from;
-            let rounding = 0.5 * inputs as f64 * ACTIVATION_MAX as f64 + 1.0;
-            let step = (largest / WEIGHT_MAX)
-                .max(bias.abs() / (from * BIAS_MAX))
+            // The finest step that fits: what the file has of a weight in its 16 bits, the bias in its half of the
+            // accumulator, and everything at its largest in the accumulator; rounding adds at most half a step per
+            // weight, and half a unit for the bias.
+            let weighted = gain * (row.iter().map(|w| w.abs()).sum::<f64>() * magnitude + bias.abs() / from);
+            let rounding = gain * 0.5 * inputs.count() as f64 * magnitude + 1.0;
+            let coefficients = (0..inputs.coefficients()).map(|index| inputs.coefficient(index, |i| row[i]));
+            let largest = coefficients.fold(0.0, |m: f64, x| m.max(x.abs()));
+            let step = (largest / (WEIGHT_MAX - coefficient_rounding(inputs)))
+                .max(gain * bias.abs() / (from * BIAS_MAX))
                 .max(weighted / (ACCUMULATOR_MAX - rounding));
             // A channel of zeros: any step will do.
             let step = if step > 0.0 { step } else { to / from / 256.0 };
             let ints: Vec<i32> = row.iter().map(|w| round(w / step) as i32).collect();
-            let bias = round(bias / (from * step)) as i64;
+            let bias = round(gain * bias / (from * step)) as i64;
             weights.extend(ints);
             biases.push(bias as i32);
-            multipliers.push(multiplier(from * step / to, &format!("{name} multiplier"), channel)?);
+            multipliers.push(multiplier(from * step / (gain * to), &format!("{name} multiplier"), channel)?);
         }
         *self.file.tensor_mut(name, "weight") = weights;
         *self.file.tensor_mut(name, "bias") = biases;
@@ -215,6 +222,11 @@ impl Quantizer<'_> {
             integers(std::iter::once(epsilon), f64::from(i32::MAX), &format!("{name} epsilon"))?;
         Ok(())
     }
+}
+
+/// What rounding every weight to a whole step can add to a coefficient, steps.
+fn coefficient_rounding(inputs: Inputs) -> f64 {
+    if matches!(inputs, Inputs::Patch { .. }) { 1.5 } else { 0.0 }
 }
 
 /// Whole numbers of magnitude up to `most`; refuses others by tensor and position.

@@ -3,7 +3,6 @@
 mod common;
 
 use slipsense::net::format::Dims;
-use slipsense::net::model::ACTIVATION_MAX;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense_model::quantize::quantize;
 use slipsense_model::reference::{Ranges, Reference, SensorFrame};
@@ -71,7 +70,7 @@ fn a_file_says_what_the_quantizer_meant() {
     let conv3 = model.conv[2];
     for (index, &weight) in file.tensor("piezo.conv3", "weight").iter().enumerate() {
         let inputs = conv3.inputs.count();
-        assert_eq!(i32::from(conv3.weight(index / inputs, index % inputs)), weight);
+        assert_eq!(conv3.weight(index / inputs, index % inputs), weight);
     }
     assert_eq!(model.piezo_dense.multiplier, file.tensor("piezo.dense", "multiplier"));
     assert!(bytes.len() < 200_000, "{} bytes", bytes.len());
@@ -79,7 +78,7 @@ fn a_file_says_what_the_quantizer_meant() {
     // Every channel uses its accumulator to the last percent, or its weights their 16 bits, and an integer times
     // its step is the weight again.
     let real = weights.get("temporal.query", "weight").chunks_exact(64);
-    let bounds = model.temporal.query.accumulator_bounds(ACTIVATION_MAX);
+    let bounds = model.temporal.query.accumulator_bounds();
     for ((row, real), bound) in file.tensor("temporal.query", "weight").chunks_exact(64).zip(real).zip(bounds)
     {
         let most = row.iter().map(|w| w.abs()).max().unwrap();
@@ -109,10 +108,10 @@ fn a_channel_of_large_weights_and_offset_gets_steps_with_which_it_cannot_overflo
     weights.tensors[at + 1][3] = 1e4;
     let bytes = export::to_bytes(&quantize(&weights, &ranges, "{}").unwrap()).unwrap();
     let dense = Model::parse(&bytes).unwrap().piezo_dense;
-    let bound = dense.accumulator_bounds(ACTIVATION_MAX).nth(3).unwrap();
+    let bound = dense.accumulator_bounds().nth(3).unwrap();
     assert!((0.99..=1.0).contains(&(bound as f64 / f64::from(i32::MAX))), "{bound}");
     // The offset is still many weights' worth.
-    assert!(dense.bias[3] > 1_000 * i32::from(dense.weight(3, 0)), "{}", dense.bias[3]);
+    assert!(dense.bias[3] > 1_000 * dense.weight(3, 0), "{}", dense.bias[3]);
 }
 
 #[test]

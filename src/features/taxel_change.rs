@@ -5,9 +5,10 @@
 //! motion alone, at eight times the gain.
 //!
 //! Per taxel, with `x = 16 · count` and `a` the average before this frame, both in 1/16 count:
-//! `change = floor((x − a) / 2)`, then `a ← a + round((x − a) / 8)`: a time constant of 8 frames, 33 ms.
+//! `change = floor((x − a) / 2)`, then `a ← a + round((x − a) / 8)`: a time constant of 8 frames, 33 ms. A change of
+//! half of full scale or more is cut to what a convolution can take, −16384 to 16383.
 
-use crate::params::{COUNT_MAX, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use crate::params::{CONV_INPUT_MAX, COUNT_MAX, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 /// Fraction bits of the average.
 const AVERAGE_FRAC_BITS: u32 = 4;
@@ -37,7 +38,7 @@ impl TaxelChange {
     }
 
     /// Take a scan in and write every taxel's count and change to `rows`, from row 0 on: the change in 1/8 count,
-    /// −32760 to 32760.
+    /// −16384 to 16383.
     #[inline]
     pub fn push_rows<'r>(
         &mut self,
@@ -91,9 +92,9 @@ impl TaxelChange {
 #[inline]
 fn update(average: &mut u16, count: u16) -> i16 {
     let difference = ((count as i32) << AVERAGE_FRAC_BITS) - *average as i32;
-    // Between the old average and x, so within u16 and, halved, within i16.
+    // Between the old average and x, so within u16.
     *average = (*average as i32 + ((difference + ROUND) >> AVERAGE_SHIFT)) as u16;
-    (difference >> 1) as i16
+    (difference >> 1).clamp(-CONV_INPUT_MAX - 1, CONV_INPUT_MAX) as i16
 }
 
 impl Default for TaxelChange {

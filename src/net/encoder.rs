@@ -26,6 +26,13 @@ const fn map(block: usize, pairs: usize) -> MapShape {
 
 const INPUT: MapShape = map(0, PIEZO_CHANNELS / 2);
 
+/// Words of the largest strip.
+const STRIP: usize = {
+    let (strip1, strip2) = (map(1, pairs(CONV_CHANNELS[0])).strip(), map(2, pairs(CONV_CHANNELS[1])).strip());
+    let most = if strip1 > strip2 { strip1 } else { strip2 };
+    if INPUT.strip() > most { INPUT.strip() } else { most }
+};
+
 /// The feature maps between the convolution blocks. Their borders are zero and stay so.
 #[derive(Clone, Debug)]
 pub struct PiezoEncoder {
@@ -33,6 +40,8 @@ pub struct PiezoEncoder {
     block1: [u32; map(1, pairs(CONV_CHANNELS[0])).len()],
     block2: [u32; map(2, pairs(CONV_CHANNELS[1])).len()],
     block3: [u32; map(3, pairs(CONV_CHANNELS[2])).len()],
+    /// Two rows of the block in work.
+    strip: [u32; STRIP],
     /// What an untouched pad gives: a constant of the model, computed when the first one is seen.
     untouched: Option<Embedding>,
 }
@@ -45,6 +54,7 @@ impl PiezoEncoder {
             block1: [0; map(1, pairs(CONV_CHANNELS[0])).len()],
             block2: [0; map(2, pairs(CONV_CHANNELS[1])).len()],
             block3: [0; map(3, pairs(CONV_CHANNELS[2])).len()],
+            strip: [0; STRIP],
             untouched: None,
         }
     }
@@ -80,9 +90,9 @@ impl PiezoEncoder {
     fn convolve(&mut self, model: &Model<'_>, observer: &mut impl Observer) -> Embedding {
         let shape = |block: usize| map(block, pairs(model.conv[block - 1].outputs));
         let [shape1, shape2, shape3] = [shape(1), shape(2), shape(3)];
-        let Self { input, block1, block2, block3, .. } = self;
-        let convolve = |layer: &Layer<'_>, x: (&[u32], MapShape), out: (&mut [u32], MapShape)| {
-            conv_relu_pool((layer.weights, layer.bias, layer.multiplier), x, out);
+        let Self { input, block1, block2, block3, strip, .. } = self;
+        let mut convolve = |layer: &Layer<'_>, x: (&[u32], MapShape), out: (&mut [u32], MapShape)| {
+            conv_relu_pool((layer.weights, layer.bias, layer.multiplier), x, out, strip);
         };
         let [conv1, conv2, conv3] = &model.conv;
         observer.see_map("taxels", PIEZO_CHANNELS, input, INPUT);

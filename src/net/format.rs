@@ -22,7 +22,7 @@ use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
 /// First bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
 /// The version this code reads and writes.
-pub const FORMAT_VERSION: u16 = 4;
+pub const FORMAT_VERSION: u16 = 5;
 /// Bytes before the first tensor.
 pub const HEADER_BYTES: usize = 36;
 /// Tensors are padded to so many bytes: four numbers of 32 bits, which kernels take at once.
@@ -192,7 +192,7 @@ pub const TENSORS: usize = 3 * 7 + 3 * (3 * 4 + 7) + 3;
 /// How a tensor's numbers are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Weights: two bytes each, in the order of [`packing`].
+    /// Weights: two bytes per coefficient, in the order of [`packing`].
     Weights(Inputs),
     /// Two bytes.
     I16,
@@ -250,14 +250,6 @@ impl TensorSpec {
     /// Bytes in the file, padding included.
     pub const fn padded_bytes(&self) -> usize {
         self.bytes().next_multiple_of(TENSOR_ALIGN)
-    }
-
-    /// Where number `index`, counted row by row, lies among the tensor's numbers in the file.
-    pub const fn place(&self, index: usize) -> usize {
-        match self.kind {
-            Kind::Weights(inputs) => packing::place(inputs, index / self.cols, index % self.cols),
-            _ => index,
-        }
     }
 }
 

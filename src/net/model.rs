@@ -20,7 +20,7 @@ compile_error!("a model file is little endian and read in place");
 /// A dense layer or a convolution.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
-    /// `i16`, two per word, in the order of [`packing`].
+    /// `i16`, two per word, as [`packing`] says.
     pub weights: &'a [u32],
     /// One per output channel, at the accumulator's scale; zeros up to a multiple of four.
     pub bias: &'a [i32],
@@ -34,27 +34,43 @@ pub struct Layer<'a> {
 
 impl<'a> Layer<'a> {
     /// Weight of `output` for input `index`, counted as the model counts them.
-    pub fn weight(self, output: usize, index: usize) -> i16 {
-        let place = packing::place(self.inputs, output, index);
-        self.weights.get(place / 2).map_or(0, |&word| halves(word)[place % 2])
+    pub fn weight(self, output: usize, index: usize) -> i32 {
+        self.inputs.weight(index, |coefficient| self.coefficient(output, coefficient))
     }
 
-    /// Of every output channel the largest magnitude that its accumulator can reach for any input of
-    /// magnitude up to `input_max`: `Σ|w| · input_max + |bias|`.
-    pub fn accumulator_bounds(self, input_max: i64) -> impl Iterator<Item = i64> + 'a {
-        let inputs = self.inputs.count();
+    /// What the file has in its place, see [`packing`].
+    fn coefficient(self, output: usize, coefficient: usize) -> i32 {
+        let place = packing::place(self.inputs, output, coefficient);
+        self.weights.get(place / 2).map_or(0, |&word| halves(word)[place % 2]) as i32
+    }
+
+    /// Of every output channel the largest magnitude that its accumulator can reach for any input of the layer's
+    /// [`magnitude`](Inputs::magnitude): `gain · Σ|w| · magnitude + |bias|`.
+    pub fn accumulator_bounds(self) -> impl Iterator<Item = i64> + 'a {
+        let inputs = self.inputs;
+        let most = inputs.gain() as i64 * inputs.magnitude() as i64;
         self.bias.iter().take(self.outputs).enumerate().map(move |(output, &bias)| {
-            let sum: i64 = (0..inputs).map(|index| (self.weight(output, index) as i64).abs()).sum();
-            sum * input_max + (bias as i64).abs()
+            let sum: i64 = (0..inputs.count()).map(|index| (self.weight(output, index) as i64).abs()).sum();
+            sum * most + (bias as i64).abs()
+        })
+    }
+
+    /// The first output whose coefficients are not those of its weights.
+    fn bad_kernel(self) -> Option<usize> {
+        (0..self.outputs).find(|&output| {
+            (0..self.inputs.coefficients()).any(|coefficient| {
+                let meant = self.inputs.coefficient(coefficient, |index| self.weight(output, index));
+                meant != self.coefficient(output, coefficient)
+            })
         })
     }
 
     /// Are all numbers zero that belong to no output and no input?
     fn is_padded_with_zeros(self) -> bool {
         let all: i64 = self.weights.iter().flat_map(|&word| halves(word)).map(|w| (w as i64).abs()).sum();
-        let inputs = self.inputs.count();
+        let inputs = self.inputs.coefficients();
         let named = (0..self.outputs).flat_map(|output| (0..inputs).map(move |index| (output, index)));
-        let named: i64 = named.map(|(output, index)| (self.weight(output, index) as i64).abs()).sum();
+        let named: i64 = named.map(|(output, index)| (self.coefficient(output, index) as i64).abs()).sum();
         let behind = |values: &[i32]| values.iter().skip(self.outputs).all(|&value| value == 0);
         all == named && behind(self.bias) && behind(self.multiplier)
     }
@@ -202,21 +218,13 @@ impl<'a> Model<'a> {
         Ok(Self {
             dims,
             point,
-            conv: [
-                tensors.layer(ACTIVATION_MAX)?,
-                tensors.layer(ACTIVATION_MAX)?,
-                tensors.layer(ACTIVATION_MAX)?,
-            ],
-            piezo_dense: tensors.layer(ACTIVATION_MAX)?,
-            xl: [
-                tensors.layer(ACTIVATION_MAX)?,
-                tensors.layer(ACTIVATION_MAX)?,
-                tensors.layer(ACTIVATION_MAX)?,
-            ],
+            conv: [tensors.layer()?, tensors.layer()?, tensors.layer()?],
+            piezo_dense: tensors.layer()?,
+            xl: [tensors.layer()?, tensors.layer()?, tensors.layer()?],
             cross_piezo: tensors.attention("cross_piezo", &dims)?,
             cross_xl: tensors.attention("cross_xl", &dims)?,
             temporal: tensors.attention("temporal", &dims)?,
-            head: tensors.layer(ACTIVATION_MAX)?,
+            head: tensors.layer()?,
             provenance,
             hash,
         })
@@ -283,8 +291,7 @@ impl<'a> Tensors<'_, 'a> {
         Ok((spec, padded.get(..spec.len()).unwrap_or_default()))
     }
 
-    /// `input_max`: largest magnitude of an input.
-    fn layer(&mut self, input_max: i64) -> Result<Layer<'a>, ModelError> {
+    fn layer(&mut self) -> Result<Layer<'a>, ModelError> {
         let (spec, weights) = self.next()?;
         let (_, bias) = self.next()?;
         let (scale, multiplier) = self.next()?;
@@ -295,7 +302,10 @@ impl<'a> Tensors<'_, 'a> {
         let words = packing::len(inputs, spec.rows) / 2;
         let weights = weights.get(..words).unwrap_or_default();
         let layer = Layer { weights, bias, multiplier, inputs, outputs: spec.rows };
-        check_bounds(spec.layer, layer.accumulator_bounds(input_max))?;
+        if let Some(channel) = layer.bad_kernel() {
+            return Err(ModelError::BadKernel { layer: spec.layer, channel });
+        }
+        check_bounds(spec.layer, layer.accumulator_bounds())?;
         check_least(&scale, multiplier, 0)?;
         if !layer.is_padded_with_zeros() {
             return Err(ModelError::BadPadding { layer: spec.layer });
@@ -304,10 +314,10 @@ impl<'a> Tensors<'_, 'a> {
     }
 
     fn attention(&mut self, name: &'static str, dims: &Dims) -> Result<Attention<'a>, ModelError> {
-        let query = self.layer(ACTIVATION_MAX)?;
-        let key = self.layer(ACTIVATION_MAX)?;
-        let value = self.layer(ACTIVATION_MAX)?;
-        let out = self.layer(ACTIVATION_MAX)?;
+        let query = self.layer()?;
+        let key = self.layer()?;
+        let value = self.layer()?;
+        let out = self.layer()?;
         let (spec, score_multiplier) = self.numbers()?;
         check_least(&spec, score_multiplier, 0)?;
         let (_, values) = self.numbers()?;

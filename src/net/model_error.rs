@@ -37,6 +37,13 @@ pub enum ModelError {
         /// Layer.
         layer: &'static str,
     },
+    /// Four numbers of a convolution that no three weights give.
+    BadKernel {
+        /// Layer.
+        layer: &'static str,
+        /// Output channel.
+        channel: usize,
+    },
     /// Bytes after the end.
     TrailingBytes {
         /// How many.
@@ -88,6 +95,12 @@ impl fmt::Display for ModelError {
             Self::Truncated { layer, part } => write!(f, "file ends inside {layer} {part}"),
             Self::Misaligned => f.write_str("the file does not start at a multiple of four bytes in memory"),
             Self::BadPadding { layer } => write!(f, "{layer}: the padding is not zero"),
+            Self::BadKernel { layer, channel } => {
+                write!(
+                    f,
+                    "{layer} channel {channel}: the numbers are not sums and differences of a kernel's weights"
+                )
+            }
             Self::TrailingBytes { count } => write!(f, "{count} bytes after the end"),
             Self::HashMismatch => f.write_str("SHA-256 does not match: the file is damaged"),
             Self::BadProvenance => f.write_str("provenance is not UTF-8"),

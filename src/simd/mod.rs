@@ -1,5 +1,7 @@
 //! The inner loops of the network: four outputs side by side, two products per instruction.
 //!
+//! A convolution gets by with two products for three ([`portable::conv_relu_pool`] says how).
+//!
 //! Everything that multiplies activations comes down to four functions, [`dense`], [`conv_relu_pool`], and for
 //! attention [`dots`] and [`weighted_sums`]. Each has a portable form in [`portable`], which says what
 //! it computes, and on a Cortex-M7 one in assembly (`simd::arm`): `smlad` multiplies two pairs of 16-bit numbers and adds
@@ -25,6 +27,8 @@ pub use portable::{dots, weighted_sums};
 #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
 pub use x86::{conv_relu_pool, dense};
 
+use crate::params::CONV_INPUT_MAX;
+
 /// Outputs that a kernel computes side by side.
 pub const LANES: usize = 4;
 
@@ -43,7 +47,7 @@ pub const fn halves(word: u32) -> [i16; 2] {
 /// A square feature map: row after row, per row one plane per pair of channels, per plane one word per column.
 /// Around it lies a border of zeros, `border` words and rows wide.
 ///
-/// Neighbouring columns are neighbouring words, so one double load feeds two outputs.
+/// Neighbouring columns are neighbouring words, so a column that is loaded feeds two outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapShape {
     /// Cells along one side, border not counted.
@@ -68,6 +72,17 @@ impl MapShape {
     /// Words of the map, border included.
     pub const fn len(&self) -> usize {
         (self.side + 2 * self.border) * self.row()
+    }
+
+    /// Largest number that a convolution writes into the map. With a border the map is for a convolution to take, whose
+    /// sums of rows have to fit 16 bits; without, a dense layer takes it.
+    pub const fn largest(&self) -> i16 {
+        if self.border > 0 { CONV_INPUT_MAX as i16 } else { i16::MAX }
+    }
+
+    /// Words of what a convolution makes two rows of outputs of: as many as four rows.
+    pub const fn strip(&self) -> usize {
+        4 * self.row()
     }
 
     /// Has the map no cells?

@@ -46,6 +46,9 @@ pub trait Lanes: Copy {
     /// Add the products of one word with each of four.
     fn mla(self, x: u32, w: &[u32; LANES]) -> Self;
 
+    /// Sum and difference of two.
+    fn butterfly(self, other: Self) -> [Self; 2];
+
     /// The sums.
     fn sums(self) -> [i32; LANES];
 }
@@ -59,6 +62,14 @@ impl Lanes for [i32; LANES] {
     #[inline]
     fn mla(self, x: u32, w: &[u32; LANES]) -> Self {
         core::array::from_fn(|lane| mla_pair(self[lane], x, w[lane]))
+    }
+
+    #[inline]
+    fn butterfly(self, other: Self) -> [Self; 2] {
+        [
+            core::array::from_fn(|lane| self[lane].wrapping_add(other[lane])),
+            core::array::from_fn(|lane| self[lane].wrapping_sub(other[lane])),
+        ]
     }
 
     #[inline]
@@ -93,13 +104,32 @@ pub(super) fn dense_in<L: Lanes>(
 }
 
 /// 3×3 convolution, 2×2 max-pool, then bias, requantization and ReLU: the map `x` of shape `from` (border 1) to the
-/// map `out` of shape `to`, whose border is left as it is.
+/// map `out` of shape `to`, whose border is left as it is. In `strip`, [`MapShape::strip`] words, lies on the way what
+/// two rows of outputs are made of.
+///
+/// Two outputs one above the other see four rows of the map, `d0` to `d3`. For a column `g0`, `g1`, `g2` of a kernel
+/// their sums of products, twice, are
+///
+/// ```text
+/// d0·2g0 + d1·2g1 + d2·2g2 = (d1 + d2)(g0 + g1 + g2) + (d2 − d1)(g0 − g1 + g2) + (d0 − d2)·2g0
+/// d1·2g0 + d2·2g1 + d3·2g2 = (d1 + d2)(g0 + g1 + g2) − (d2 − d1)(g0 − g1 + g2) + (d3 − d1)·2g2
+/// ```
+///
+/// four products instead of six (Winograd's F(2, 3)). Sums and differences of rows are the strip, made once for all
+/// filters, and those of weights are what the model file holds; products are summed over columns and channels before
+/// the two halves come together. All of it wraps, so a result is exact if it fits: activations of
+/// [`crate::net::packing`]'s range for a convolution, and a kernel that [`crate::net::Model::parse`] took.
 ///
 /// The pool runs on the sums: what follows is monotonic, so pooling first gives the same bits with a quarter of
 /// the requantizations. Weights, bias and multiplier: four outputs after the other, as
 /// [`crate::net::packing`] has them; so many outputs as `to` has channels.
-pub fn conv_relu_pool(layer: (&[u32], &[i32], &[i32]), x: (&[u32], MapShape), out: (&mut [u32], MapShape)) {
-    conv_relu_pool_in::<[i32; LANES]>(layer, x, out);
+pub fn conv_relu_pool(
+    layer: (&[u32], &[i32], &[i32]),
+    x: (&[u32], MapShape),
+    out: (&mut [u32], MapShape),
+    strip: &mut [u32],
+) {
+    conv_relu_pool_in::<[i32; LANES]>(layer, x, out, strip);
 }
 
 /// [`conv_relu_pool`] in any lanes.
@@ -108,18 +138,20 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
     (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
     (x, from): (&[u32], MapShape),
     (out, to): (&mut [u32], MapShape),
+    strip: &mut [u32],
 ) {
-    let groups = 3 * from.pairs;
-    let filters = weights.as_chunks::<{ 3 * LANES }>().0.chunks_exact(groups.max(1));
-    let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
-    for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(scales) {
-        for row in 0..to.side {
+    let planes = 4 * from.pairs;
+    for row in 0..to.side {
+        // Row −1 and column −1 are the border.
+        combine_rows(x.get(2 * row * from.row()..).unwrap_or_default(), from, strip);
+        let filters = weights.as_chunks::<{ 3 * LANES }>().0.chunks_exact(planes.max(1));
+        let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
+        for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(scales) {
             for col in 0..to.side {
-                // Row −1 and column −1 are the border.
-                let top = 2 * row * from.row() + 2 * col;
-                let best = tile::<L>(x.get(top..).unwrap_or_default(), from, filters);
+                let best = tile::<L>(strip.get(2 * col..).unwrap_or_default(), from, filters);
                 let cell: [i16; LANES] = core::array::from_fn(|lane| {
-                    requantize::relu(scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]))
+                    let scaled = scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]);
+                    requantize::relu(scaled).min(to.largest())
                 });
                 for (half, cell) in cell.as_chunks::<2>().0.iter().enumerate() {
                     if let Some(word) = out.get_mut(to.at(row, 2 * block + half, col)) {
@@ -131,27 +163,72 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
     }
 }
 
-/// The largest of four neighbouring outputs, for four filters; `x` begins at the corner of their window.
+/// What two rows of outputs are made of, from the four rows that `x` begins with: for every pair of channels the
+/// planes `d1 + d2` and `d2 − d1`, then for every pair `d0 − d2` and `d3 − d1`; 16-bit numbers that wrap.
 #[inline]
-fn tile<L: Lanes>(x: &[u32], from: MapShape, filters: &[[u32; 3 * LANES]]) -> [i32; LANES] {
-    let mut sums = [L::new([0; LANES]); 4];
-    // Planes follow each other through the rows at equal distance.
-    let upper = x.chunks(from.plane().max(1));
-    let lower = x.get(from.row()..).unwrap_or_default().chunks(from.plane().max(1));
-    for ((upper, lower), taps) in upper.zip(lower).zip(filters) {
-        let (Some(&[a0, a1, a2, a3]), Some(&[b0, b1, b2, b3])) = (upper.first_chunk(), lower.first_chunk())
+pub fn combine_rows(x: &[u32], from: MapShape, strip: &mut [u32]) {
+    let plane = from.plane().max(1);
+    let mut rows = x.chunks_exact(from.row().max(1));
+    let (Some(d0), Some(d1), Some(d2), Some(d3)) = (rows.next(), rows.next(), rows.next(), rows.next())
+    else {
+        return;
+    };
+    let Some((inner, outer)) = strip.split_at_mut_checked(2 * from.row()) else { return };
+    let [d0, d1, d2, d3] = [d0, d1, d2, d3].map(|row| row.chunks_exact(plane));
+    let two = (2 * plane).max(1);
+    let planes = inner.chunks_exact_mut(two).zip(outer.chunks_exact_mut(two));
+    for (((inner, outer), (d0, d1)), (d2, d3)) in planes.zip(d0.zip(d1)).zip(d2.zip(d3)) {
+        let (Some((sum, difference)), Some((upper, lower))) =
+            (inner.split_at_mut_checked(plane), outer.split_at_mut_checked(plane))
         else {
-            break;
+            return;
         };
-        let [s0, s1, s2, s3] = &mut sums;
-        let cells = [[a0, a1, b0, b1], [a1, a2, b1, b2], [a2, a3, b2, b3]];
-        for ([x0, x1, x2, x3], w) in cells.into_iter().zip(taps.as_chunks::<LANES>().0) {
-            *s0 = s0.mla(x0, w);
-            *s1 = s1.mla(x1, w);
-            *s2 = s2.mla(x2, w);
-            *s3 = s3.mla(x3, w);
+        combine(sum, d1, d2, i16::wrapping_add);
+        combine(difference, d2, d1, i16::wrapping_sub);
+        combine(upper, d0, d2, i16::wrapping_sub);
+        combine(lower, d3, d1, i16::wrapping_sub);
+    }
+}
+
+/// `to = f(a, b)`, number by number.
+#[inline]
+fn combine(to: &mut [u32], a: &[u32], b: &[u32], f: impl Fn(i16, i16) -> i16) {
+    let (a, b): (&[i16], &[i16]) = (bytemuck::must_cast_slice(a), bytemuck::must_cast_slice(b));
+    let to: &mut [i16] = bytemuck::must_cast_slice_mut(to);
+    to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (&a, &b))| *to = f(a, b));
+}
+
+/// The largest of four neighbouring outputs, for four filters; `strip` begins at the left column of their window.
+#[inline]
+fn tile<L: Lanes>(strip: &[u32], from: MapShape, filters: &[[u32; 3 * LANES]]) -> [i32; LANES] {
+    // Of the first planes a sum for the left and right output, and one for each difference.
+    let mut sums = [[L::new([0; LANES]); 2]; 2];
+    let (inner, outer) = filters.split_at(filters.len() / 2);
+    let mut planes = strip.chunks(from.plane().max(1));
+    accumulate(&mut sums, planes.by_ref(), inner);
+    // From here on of the upper and of the lower outputs.
+    let [[sum0, sum1], [difference0, difference1]] = sums;
+    let ([upper0, lower0], [upper1, lower1]) = (sum0.butterfly(difference0), sum1.butterfly(difference1));
+    let mut sums = [[upper0, upper1], [lower0, lower1]];
+    accumulate(&mut sums, planes.by_ref(), outer);
+    let [a, b, c, d] = [sums[0][0], sums[0][1], sums[1][0], sums[1][1]].map(L::sums);
+    core::array::from_fn(|lane| a[lane].max(b[lane]).max(c[lane]).max(d[lane]))
+}
+
+/// Add the products of planes by turns to the one pair of sums and to the other.
+#[inline(always)]
+fn accumulate<'a, L: Lanes>(
+    sums: &mut [[L; 2]; 2],
+    planes: &mut impl Iterator<Item = &'a [u32]>,
+    filters: &[[u32; 3 * LANES]],
+) {
+    for taps in filters.as_chunks::<2>().0 {
+        for ([left, right], taps) in sums.iter_mut().zip(taps) {
+            let Some(&[x0, x1, x2, x3]) = planes.next().and_then(<[u32]>::first_chunk) else { return };
+            for ([a, b], w) in [[x0, x1], [x1, x2], [x2, x3]].into_iter().zip(taps.as_chunks::<LANES>().0) {
+                *left = left.mla(a, w);
+                *right = right.mla(b, w);
+            }
         }
     }
-    let [a, b, c, d] = sums.map(L::sums);
-    core::array::from_fn(|lane| a[lane].max(b[lane]).max(c[lane]).max(d[lane]))
 }

@@ -4,7 +4,7 @@
 
 use core::arch::x86_64::{
     __m128i, _mm_add_epi32, _mm_cvtsi128_si32, _mm_madd_epi16, _mm_set1_epi32, _mm_setr_epi32,
-    _mm_shuffle_epi32,
+    _mm_shuffle_epi32, _mm_sub_epi32,
 };
 
 use super::portable::{Lanes, conv_relu_pool_in, dense_in};
@@ -31,6 +31,12 @@ impl Lanes for Register {
     }
 
     #[inline]
+    fn butterfly(self, other: Self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe { [Self(_mm_add_epi32(self.0, other.0)), Self(_mm_sub_epi32(self.0, other.0))] }
+    }
+
+    #[inline]
     fn sums(self) -> [i32; LANES] {
         // SAFETY: see above.
         unsafe {
@@ -51,6 +57,11 @@ pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
 }
 
 /// See [`portable::conv_relu_pool`](super::portable::conv_relu_pool).
-pub fn conv_relu_pool(layer: (&[u32], &[i32], &[i32]), x: (&[u32], MapShape), out: (&mut [u32], MapShape)) {
-    conv_relu_pool_in::<Register>(layer, x, out);
+pub fn conv_relu_pool(
+    layer: (&[u32], &[i32], &[i32]),
+    x: (&[u32], MapShape),
+    out: (&mut [u32], MapShape),
+    strip: &mut [u32],
+) {
+    conv_relu_pool_in::<Register>(layer, x, out, strip);
 }

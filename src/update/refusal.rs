@@ -82,9 +82,10 @@ impl Refusal {
                 ModelError::BadScale { .. } | ModelError::BadOperatingPoint(_) => {
                     "corrupt model: a number out of range"
                 }
-                ModelError::BadPadding { .. } | ModelError::BadProvenance | ModelError::Misaligned => {
-                    "corrupt model: it is not laid out as a model is"
-                }
+                ModelError::BadPadding { .. }
+                | ModelError::BadKernel { .. }
+                | ModelError::BadProvenance
+                | ModelError::Misaligned => "corrupt model: it is not laid out as a model is",
             },
             Self::OnTrial => "the firmware that runs has not confirmed yet",
             Self::NoFirmwareSlot => "this board has no room for a second firmware: flash it with a probe",

@@ -35,6 +35,14 @@ impl Oracle<'_> {
         acc.iter().zip(multiplier).map(|(&acc, &m)| scale(acc, m).clamp(low, high)).collect()
     }
 
+    /// One place of a convolution: the accumulator holds the bias and twice the products. The output has 14 bits if the
+    /// next convolution takes it, 15 behind the last.
+    fn convolution(&self, layer: &str, patch: &[i64]) -> Vec<i64> {
+        let twice: Vec<i64> = patch.iter().map(|x| 2 * x).collect();
+        let most = if layer == "piezo.conv3" { 32767 } else { 16383 };
+        self.dense(layer, &twice, 0, most)
+    }
+
     /// `x[row][col][channel]`, pooled after requantization, as the textbook has it.
     fn conv_block(&self, layer: &str, x: &[Vec<Vec<i64>>]) -> Vec<Vec<Vec<i64>>> {
         let side = x.len();
@@ -51,7 +59,7 @@ impl Oracle<'_> {
                         for (ky, kx) in (-1..=1).flat_map(|ky| (-1..=1).map(move |kx| (ky, kx))) {
                             patch.extend((0..channels).map(|channel| at(row + ky, col + kx, channel)));
                         }
-                        self.dense(layer, &patch, 0, 32767)
+                        self.convolution(layer, &patch)
                     })
                     .collect()
             })
@@ -91,7 +99,7 @@ impl Oracle<'_> {
             let cells: Vec<Vec<i64>> = x
                 .iter()
                 .zip(&before)
-                .map(|(x, a)| vec![touched * x / 16, touched * (x - a).div_euclid(2)])
+                .map(|(x, a)| vec![touched * x / 16, touched * (x - a).div_euclid(2).clamp(-16384, 16383)])
                 .collect();
             average =
                 Some(x.iter().zip(&before).map(|(x, a)| a + (2 * (x - a) + 8).div_euclid(16)).collect());

@@ -26,11 +26,12 @@ fn macs_and_bytes_by_hand() {
     let bytes = small().to_bytes().unwrap();
     let layers = layers(&Model::parse(&bytes).unwrap());
     assert_eq!(layers.len(), 7 + 3 * 6 + 1);
-    // Weights are four outputs side by side and two inputs per word; bias and multiplier of four outputs follow.
+    // Weights are four outputs side by side and two inputs per word, four numbers for the three of a kernel's column;
+    // bias and multiplier of four outputs follow.
     let expected = [
-        ("piezo.conv1", [1, 18], 32 * 32 * 18, 4 * 9 * 4 + 16 + 16),
-        ("piezo.conv2", [2, 9], 16 * 16 * 18, 4 * 18 * 4 + 16 + 16),
-        ("piezo.conv3", [3, 18], 8 * 8 * 54, 4 * 18 * 4 + 16 + 16),
+        ("piezo.conv1", [1, 18], 32 * 32 * 18, 4 * 12 * 4 + 16 + 16),
+        ("piezo.conv2", [2, 9], 16 * 16 * 18, 4 * 24 * 4 + 16 + 16),
+        ("piezo.conv3", [3, 18], 8 * 8 * 54, 4 * 24 * 4 + 16 + 16),
         ("piezo.dense", [4, 48], 192, 4 * 32 * 4 + 16 + 16),
         ("xl.conv", [5, 32], 160, 8 * 16 * 4 + 32 + 32),
         // Inputs come by sixteens.

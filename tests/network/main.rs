@@ -2,6 +2,7 @@
 
 mod batch;
 mod contact;
+mod convolution;
 mod cost;
 mod decision;
 mod inputs;

@@ -2,7 +2,7 @@
 
 use crate::inputs::SHAPES;
 use sha2::{Digest, Sha256};
-use slipsense::net::format::{Dims, OperatingPoint};
+use slipsense::net::format::{Dims, HEADER_BYTES, OperatingPoint};
 use slipsense::net::{Model, ModelError};
 use slipsense_model_file::{ModelFile, random_model};
 
@@ -28,7 +28,7 @@ fn a_written_file_is_read_back() {
     {
         let inputs = layer.inputs.count();
         for (index, &weight) in file.tensor(name, "weight").iter().enumerate() {
-            assert_eq!(i32::from(layer.weight(index / inputs, index % inputs)), weight, "{name} {index}");
+            assert_eq!(layer.weight(index / inputs, index % inputs), weight, "{name} {index}");
         }
     }
     let lag_bias: Vec<i32> = model.cross_xl.bias.head(2).iter().map(|&x| x.into()).collect();
@@ -64,8 +64,11 @@ fn every_truncation_is_refused() {
 #[test]
 fn unknown_version() {
     let mut bytes = good().to_bytes().unwrap();
-    bytes[8] = 9;
-    assert_eq!(refusal(&bytes).to_string(), "model format version 9 is unknown; this build reads version 4");
+    for other in [4, 9] {
+        bytes[8] = other;
+        let expected = format!("model format version {other} is unknown; this build reads version 5");
+        assert_eq!(refusal(&bytes).to_string(), expected);
+    }
 }
 
 #[test]
@@ -106,6 +109,25 @@ fn numbers_that_belong_to_nothing() {
         let hash = Sha256::digest(&bytes[..hashed]);
         bytes[hashed..].copy_from_slice(&hash);
         assert_eq!(refusal(&bytes).to_string(), "head: the padding is not zero", "{what}");
+    }
+}
+
+#[test]
+fn numbers_that_no_kernel_gives() {
+    let file = good();
+    let bytes = file.to_bytes().unwrap();
+    let conv1 = file.specs()[0];
+    assert_eq!((conv1.layer, conv1.part), ("piezo.conv1", "weight"));
+    let hashed = bytes.len() - 32;
+    // Output 1's first column: a sum, and behind the planes of sums and alternating sums twice an upper weight.
+    for word in [1, 6 * 4 + 1] {
+        let mut bytes = bytes.clone();
+        bytes[HEADER_BYTES + 4 * word] ^= 1;
+        let hash = Sha256::digest(&bytes[..hashed]);
+        bytes[hashed..].copy_from_slice(&hash);
+        let expected =
+            "piezo.conv1 channel 1: the numbers are not sums and differences of a kernel's weights";
+        assert_eq!(refusal(&bytes).to_string(), expected);
     }
 }
 
@@ -164,6 +186,12 @@ fn the_writer_names_what_does_not_fit() {
     let mut file = good();
     file.tensor_mut("head", "weight")[4] = 32_768;
     assert_eq!(file.to_bytes().map(drop).unwrap_err(), "head weight 4 is 32768, does not fit 16 bits");
+    let mut file = good();
+    // Twice the first weight of output 1; conv1 has four numbers for three weights of 18.
+    file.tensor_mut("piezo.conv1", "weight")[18..36].fill(0);
+    file.tensor_mut("piezo.conv1", "weight")[18] = 16_384;
+    let expected = "piezo.conv1 weight coefficient 36 is 32768, does not fit 16 bits";
+    assert_eq!(file.to_bytes().map(drop).unwrap_err(), expected);
 }
 
 #[test]

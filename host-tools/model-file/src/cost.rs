@@ -2,7 +2,7 @@
 
 use slipsense::net::Model;
 use slipsense::net::format::{Dims, TensorSpec, layout};
-use slipsense::net::model::{ACTIVATION_MAX, Attention, Layer};
+use slipsense::net::model::{Attention, Layer};
 use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::WEIGHTED_SUM_MAX;
 use slipsense::params::TAXEL_ROWS;
@@ -51,8 +51,8 @@ impl LayerCost {
 ///
 /// Counted are the products of activations with weights and with each other, at full contact: every taxel, and
 /// attention over the full window, where each lag takes one product per column for its score and one for its
-/// value. Not counted are norms, softmax, requantization, residual sums and the front end: a few operations
-/// per activation.
+/// value. A convolution counts as what it is, though its kernel does two products for three. Not counted are norms,
+/// softmax, requantization, residual sums and the front end: a few operations per activation.
 pub fn layers(model: &Model<'_>) -> Vec<LayerCost> {
     let specs = layout(&model.dims);
     specs.chunk_by(|a, b| a.layer == b.layer).map(|parts| layer(model, parts)).collect()
@@ -148,5 +148,5 @@ fn of_attention(block: &Attention<'_>, part: &str) -> i64 {
 }
 
 fn of_layer(layer: &Layer<'_>) -> i64 {
-    layer.accumulator_bounds(ACTIVATION_MAX).max().unwrap_or(0)
+    layer.accumulator_bounds().max().unwrap_or(0)
 }

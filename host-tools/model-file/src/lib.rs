@@ -5,6 +5,7 @@ use sha2::{Digest, Sha256};
 use slipsense::net::format::{
     Dims, FORMAT_VERSION, HEADER_BYTES, Kind, MAGIC, OperatingPoint, TENSORS, TensorSpec, layout,
 };
+use slipsense::net::packing::{self, Inputs};
 use slipsense::net::{Model, ModelError};
 
 pub mod cost;
@@ -57,6 +58,17 @@ impl ModelFile {
         layout(&self.dims)
     }
 
+    /// What the weights of a layer, such as `"piezo.conv1"`, are for.
+    ///
+    /// # Panics
+    /// As [`tensor`](Self::tensor).
+    pub fn inputs(&self, layer: &str) -> Inputs {
+        match self.specs()[self.index(layer, "weight")].kind {
+            Kind::Weights(inputs) => inputs,
+            Kind::I16 | Kind::I32 => unreachable!("the layout has weights under that name"),
+        }
+    }
+
     /// The numbers of a tensor, such as `("piezo.conv1", "weight")`, row by row.
     ///
     /// # Panics
@@ -79,8 +91,8 @@ impl ModelFile {
         index.unwrap_or_else(|| panic!("the model file has no tensor {layer} {part}"))
     }
 
-    /// The file's bytes. Fails, naming the tensor, where a number does not fit its storage or a tensor
-    /// has the wrong length; bounds and the operating point are for [`Model::parse`] to check.
+    /// The file's bytes. Fails, naming the tensor, where a number, or what the file has in place of weights, does not
+    /// fit its storage or a tensor has the wrong length; bounds and the operating point are for [`Model::parse`] to check.
     pub fn to_bytes(&self) -> Result<Vec<u8>, String> {
         let mut out = Vec::new();
         out.extend(MAGIC);
@@ -110,18 +122,33 @@ fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<
     if tensor.len() != spec.len() {
         return Err(format!("{} has {} numbers, the layout has {}", name(), tensor.len(), spec.len()));
     }
-    let width = spec.kind.bytes();
     let mut stored = vec![0; spec.padded_bytes()];
-    for (index, &value) in tensor.iter().enumerate() {
+    let mut put = |place: usize, what: &str, index: usize, value: i32| {
         let (fits, storage) = match spec.kind {
             Kind::Weights(_) | Kind::I16 => (i16::try_from(value).is_ok(), "16 bits"),
             Kind::I32 => (true, "32 bits"),
         };
         if !fits {
-            return Err(format!("{} {index} is {value}, does not fit {storage}", name()));
+            return Err(format!("{}{what} {index} is {value}, does not fit {storage}", name()));
         }
-        let at = spec.place(index) * width;
-        stored[at..at + width].copy_from_slice(&value.to_le_bytes()[..width]);
+        let width = spec.kind.bytes();
+        stored[place * width..][..width].copy_from_slice(&value.to_le_bytes()[..width]);
+        Ok(())
+    };
+    match spec.kind {
+        Kind::Weights(inputs) => {
+            for (output, row) in tensor.chunks_exact(spec.cols.max(1)).enumerate() {
+                for index in 0..inputs.coefficients() {
+                    let value = inputs.coefficient(index, |input| row[input]);
+                    let what = if inputs.coefficients() == spec.cols { "" } else { " coefficient" };
+                    let place = packing::place(inputs, output, index);
+                    put(place, what, output * inputs.coefficients() + index, value)?;
+                }
+            }
+        }
+        Kind::I16 | Kind::I32 => {
+            tensor.iter().enumerate().try_for_each(|(index, &value)| put(index, "", index, value))?;
+        }
     }
     out.extend(stored);
     Ok(())
@@ -129,12 +156,20 @@ fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<
 
 fn read_tensor(spec: &TensorSpec, bytes: &[u8]) -> Vec<i32> {
     let width = spec.kind.bytes();
-    let number = |index: usize| match bytes[spec.place(index) * width..][..width] {
+    let number = |place: usize| match bytes[place * width..][..width] {
         [a, b] => i32::from(i16::from_le_bytes([a, b])),
         [a, b, c, d] => i32::from_le_bytes([a, b, c, d]),
         _ => unreachable!("a number has 2 or 4 bytes"),
     };
-    (0..spec.len()).map(number).collect()
+    let weight = |inputs: Inputs, index: usize| {
+        let output = index / spec.cols;
+        inputs.weight(index % spec.cols, |coefficient| number(packing::place(inputs, output, coefficient)))
+    };
+    let one = |index| match spec.kind {
+        Kind::Weights(inputs) => weight(inputs, index),
+        Kind::I16 | Kind::I32 => number(index),
+    };
+    (0..spec.len()).map(one).collect()
 }
 
 fn pad(out: &mut Vec<u8>) {

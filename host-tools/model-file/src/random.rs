@@ -3,18 +3,20 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::net::format::Dims;
-use slipsense::net::model::ACTIVATION_MAX;
+use slipsense::net::format::{Dims, Kind};
+use slipsense::net::packing::Inputs;
 
 use crate::ModelFile;
 
 /// Largest offset of a channel.
 const BIAS_MAX: i32 = 1_000_000;
 
-/// The largest weight with which a channel of so many inputs cannot overflow its accumulator.
-fn weight_max(inputs: usize) -> i32 {
-    let sum = (i64::from(i32::MAX) - i64::from(BIAS_MAX)) / ACTIVATION_MAX;
-    (sum / inputs as i64).min(i64::from(i16::MAX)) as i32
+/// The largest weight with which a channel cannot overflow its accumulator; of a convolution three of them add up in
+/// a number of the file.
+fn weight_max(inputs: Inputs) -> i32 {
+    let most = i64::from(inputs.gain()) * i64::from(inputs.magnitude());
+    let sum = (i64::from(i32::MAX) - i64::from(BIAS_MAX)) / most;
+    (sum / inputs.count() as i64).min(i64::from(i16::MAX) / 3) as i32
 }
 
 /// A model with random tensors that [`slipsense::net::Model::parse`] accepts.
@@ -22,8 +24,10 @@ pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut file = ModelFile::new(dims, "{\"random\":true}");
     for spec in file.specs() {
-        let inputs =
-            file.specs().iter().find(|s| s.layer == spec.layer && s.part == "weight").map(|s| s.cols);
+        let inputs = file.specs().iter().find_map(|s| match s.kind {
+            Kind::Weights(inputs) if s.layer == spec.layer => Some(inputs),
+            _ => None,
+        });
         let tensor = file.tensor_mut(spec.layer, spec.part);
         for value in tensor.iter_mut() {
             *value = match (spec.part, inputs) {
@@ -34,7 +38,8 @@ pub fn random_model(dims: Dims, seed: u64) -> ModelFile {
                 ("bias", Some(_)) => rng.random_range(-BIAS_MAX..=BIAS_MAX),
                 // A typical sum of n products is √n · w/√3 · x: scale it to the size of x again.
                 ("multiplier", Some(inputs)) => {
-                    let ratio = 1.0 / ((inputs as f64).sqrt() * f64::from(weight_max(inputs)) / 3f64.sqrt());
+                    let product = f64::from(inputs.gain()) * f64::from(weight_max(inputs)) / 3f64.sqrt();
+                    let ratio = 1.0 / ((inputs.count() as f64).sqrt() * product);
                     (ratio * 4_294_967_296.0 * rng.random_range(0.5..1.5)) as i32
                 }
                 ("multiplier", None) if spec.layer.ends_with("score") => {

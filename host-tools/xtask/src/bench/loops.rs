@@ -9,8 +9,8 @@ pub struct Loop {
     pub address: u64,
     /// From the branch target to the branch back.
     pub body: Vec<Instruction>,
-    /// Multiply-accumulates of one turn.
-    pub macs: u32,
+    /// Multiply-accumulates of one turn that it does.
+    pub products: u32,
 }
 
 /// A loop in which fewer instructions accumulate requantizes or divides: no inner loop of a sum of products.
@@ -36,20 +36,21 @@ pub fn innermost(instructions: &[Instruction]) -> Vec<Loop> {
         .filter_map(|&(from, to)| {
             let inside = |instruction: &&Instruction| (from..=to).contains(&instruction.address);
             let body: Vec<_> = instructions.iter().filter(inside).cloned().collect();
-            let macs = body.iter().map(macs).sum();
+            let products = body.iter().map(products).sum();
             let starts_here = body.first().is_some_and(|first| first.address == from);
-            let is_sum = macs > 0 && body.len() <= INSTRUCTIONS_PER_MAC_MAX * macs as usize;
-            (starts_here && is_sum).then_some(Loop { address: from, body, macs })
+            let is_sum = products > 0 && body.len() <= INSTRUCTIONS_PER_MAC_MAX * products as usize;
+            (starts_here && is_sum).then_some(Loop { address: from, body, products })
         })
         .collect();
     loops.sort_by_key(|found| found.address);
     loops
 }
 
-/// Multiply-accumulates of one instruction on 32-bit sums; plain products make addresses and scales.
-fn macs(instruction: &Instruction) -> u32 {
+/// Multiply-accumulates of one instruction on 32-bit sums, with `smuad` the first of a sum; plain products make
+/// addresses and scales.
+fn products(instruction: &Instruction) -> u32 {
     match instruction.plain() {
-        "smlad" | "smladx" | "smlald" | "smlaldx" => 2,
+        "smuad" | "smlad" | "smladx" | "smlald" | "smlaldx" => 2,
         "mla" | "smlabb" | "smlabt" | "smlatb" | "smlatt" => 1,
         _ => 0,
     }
@@ -88,7 +89,7 @@ mod tests {
         ]);
         let loops = innermost(&code);
         assert_eq!(loops.len(), 1);
-        assert_eq!((loops[0].address, loops[0].body.len(), loops[0].macs), (0x108, 5, 3));
+        assert_eq!((loops[0].address, loops[0].body.len(), loops[0].products), (0x108, 5, 3));
     }
 
     #[test]

@@ -229,7 +229,9 @@ fn functions(step: &StepEstimate) -> Table {
 /// A row for each function: its loops differ in how many outputs they make at once.
 fn loops(estimate: &Estimate) -> Table {
     let mut table = Table::new(
-        "Inner loops of the network, the same estimate".to_owned(),
+        "Inner loops of the network, the same estimate; per multiply-accumulate of the layer, of which a \
+         convolution's loop does two in three"
+            .to_owned(),
         &[
             ("function", Align::Left),
             ("loops", Align::Right),

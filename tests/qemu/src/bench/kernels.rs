@@ -30,16 +30,20 @@ const BATCH: usize = 33;
 /// Words of the largest map, 32×32×8 with its border, and of the largest weights, 512×128.
 const MAP: usize = 34 * 34 * 4;
 const WEIGHTS: usize = 512 * 128 / 2;
+/// Words of the largest strip: four rows of 8×8×16.
+const STRIP: usize = 4 * 10 * 8;
 const EMBED_WORDS: usize = EMBED / 2;
 
 static X: ConstStaticCell<[u32; MAP]> = ConstStaticCell::new([0; MAP]);
 static OUT: ConstStaticCell<[u32; MAP]> = ConstStaticCell::new([0; MAP]);
+static ROWS: ConstStaticCell<[u32; STRIP]> = ConstStaticCell::new([0; STRIP]);
 static NUMBERS: ConstStaticCell<[u32; WEIGHTS]> = ConstStaticCell::new([0; WEIGHTS]);
 
 /// What the kernels work on: any numbers do, no kernel's instructions depend on them.
 struct Memory {
     x: &'static mut [u32; MAP],
     out: &'static mut [u32; MAP],
+    strip: &'static mut [u32; STRIP],
     numbers: &'static [u32; WEIGHTS],
 }
 
@@ -47,7 +51,7 @@ struct Memory {
 pub fn measure(bench: &mut Bench, model: &Model<'static>) {
     let (x, numbers) = (X.take(), NUMBERS.take());
     x.iter_mut().chain(numbers.iter_mut()).zip(words()).for_each(|(to, word)| *to = word);
-    let mut memory = Memory { x, out: OUT.take(), numbers };
+    let mut memory = Memory { x, out: OUT.take(), strip: ROWS.take(), numbers };
     reference(bench, &mut memory);
     shipped(bench, &mut memory, model);
     features(bench);
@@ -127,11 +131,14 @@ fn shipped(bench: &mut Bench, memory: &mut Memory, model: &Model<'static>) {
 fn conv(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>, side: usize) {
     let Inputs::Patch { pairs, .. } = layer.inputs else { return };
     let from = MapShape { side, pairs, border: 1 };
-    let to = MapShape { side: side / 2, pairs: packing::pairs(layer.outputs), border: 1 };
+    // As in the network: what comes out of the smallest goes to a dense layer.
+    let border = usize::from(side > 8);
+    let to = MapShape { side: side / 2, pairs: packing::pairs(layer.outputs), border };
     let parameters = (layer.weights, layer.bias, layer.multiplier);
-    let (x, out) = (&memory.x[..from.len()], &mut memory.out[..to.len()]);
+    let Memory { x, out, strip, .. } = memory;
+    let (x, out, strip) = (&x[..from.len()], &mut out[..to.len()], &mut strip[..from.strip()]);
     bench.kernel(name, side * side * layer.inputs.count() * layer.outputs, &mut || {
-        conv_relu_pool(black_box(parameters), (black_box(x), from), (black_box(&mut *out), to));
+        conv_relu_pool(black_box(parameters), (black_box(x), from), (black_box(&mut *out), to), strip);
     });
 }
 

@@ -45,9 +45,8 @@ TRANSFER_STEPS_MORE = (5, 2_000, 7_000, 11_900)
 # Of the swap, each counted from the failure before: an erase, words of copies, the state.
 SWAP_STEPS = (1, 700, 4_400, 9_000)
 SWAP_STEPS_MORE = (1, 2, 3, 700, 4_096, 4_097, 4_098, 4_099, 4_100, 4_400, 8_194, 8_196, 9_000, 12_292)
-# Of the model: in the middle of its words.
+# Of the model: in the middle of its words; with --thorough also around its last word and its header.
 MODEL_STEPS = (1_000,)
-MODEL_STEPS_MORE = (1, 2, 1_000, 2_738, 2_740, 2_742)
 
 
 class UpdateClient(TwinClient):
@@ -244,7 +243,9 @@ async def check_update(client, thorough):
 async def check_model(client, model, thorough):
     checks = client.checks
     size = (client.folder / "model.slip").stat().st_size
-    steps = MODEL_STEPS_MORE if thorough else MODEL_STEPS
+    # Behind the erase.
+    last = 1 + -(-(size - HEADER_BYTES) // WORD_BYTES)
+    steps = (1, 2, *MODEL_STEPS, last - 2, last, last + 2) if thorough else MODEL_STEPS
     for step in steps:
         client.supply_fails_at(step)
         await client.begin(MODEL, "model.slip")

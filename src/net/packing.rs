@@ -8,7 +8,7 @@
 //! ([`conv_relu_pool`](crate::simd::portable::conv_relu_pool)). So of the three weights `g0`, `g1`, `g2` of a kernel's
 //! column and channel the file has four numbers, `g0 + g1 + g2`, `g0 − g1 + g2`, `2·g0` and `2·g2`, and its
 //! sums, and with them bias and multiplier, are of twice the weights. It takes numbers of 15 bits
-//! ([`CONV_INPUT_MAX`](crate::params::CONV_INPUT_MAX)). A layer of the other kinds has its weights as they are: one
+//! ([`CONV_INPUT_MAX`]). A layer of the other kinds has its weights as they are: one
 //! *coefficient* each.
 
 use core::ops::{Add, Sub};

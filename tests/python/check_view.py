@@ -77,6 +77,12 @@ class Browser:
             sys.exit(f"error: {expression}: {result['exceptionDetails']}")
         return result["result"].get("value")
 
+    def open(self, url):
+        """Go to a page, whose elements are there afterwards."""
+        self.call("Page.navigate", url=url)
+        loaded = f"document.readyState == 'complete' && location.href.startsWith({json.dumps(url)})"
+        until(f"{url} is loaded", lambda: self.value(loaded))
+
     def press(self, key, shift=False):
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, modifiers=8 if shift else 0)
@@ -124,7 +130,7 @@ def go_to(browser, frame):
 
 def recording(browser, slipsense, predictions, out):
     view = View(slipsense, "--port", "0")
-    browser.call("Page.navigate", url=view.url)
+    browser.open(view.url)
     frames = len(predictions["slip"])
     until("all frames are known", lambda: browser.value("typeof marks !== 'undefined' && marks.length") == frames)
     until("it plays", lambda: 100 < shown(browser) < frames - 1)
@@ -168,7 +174,7 @@ def live(browser, slipsense, log):
     """A bus that ends, a server that goes away and comes back on the same port."""
     view = View(slipsense, "-", "--port", "0", stdin=subprocess.PIPE)
     port = view.url.rsplit(":", 1)[1].strip("/")
-    browser.call("Page.navigate", url=view.url)
+    browser.open(view.url)
     lines = log.read_text().splitlines(keepends=True)
     half = len(lines) // 2
     view.process.stdin.write("".join(lines[:half]))

@@ -200,7 +200,10 @@ fn clippy() -> Result<()> {
 }
 
 fn host() -> Result<()> {
-    run(cargo().args(["test", "--workspace", "--release", "--quiet", "--features", "slipsense-cli/train"]))?;
+    let mut whole = cargo();
+    // One failure does not hide the next.
+    whole.args(["test", "--workspace", "--release", "--quiet", "--no-fail-fast"]);
+    run(whole.args(["--features", "slipsense-cli/train"]))?;
     // What the command says where it is built without a tensor library.
     let mut small = cargo();
     small.args(["test", "--release", "--quiet", "--package", "slipsense-cli"]);

@@ -12,9 +12,9 @@ use slipsense_model::weights::Weights;
 use slipsense_model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
-/// The beginning of an episode of two sensors.
+/// The beginning of an episode of two sensors, until they touch: an untouched pad has nothing to compare.
 fn episode() -> Episode {
-    const FRAMES: usize = 400;
+    const FRAMES: usize = 1_000;
     let recipe = Recipe { scenario: ScenarioChoice::SixStep, ..Recipe::new(5) };
     let mut episode = generate(&recipe).unwrap();
     episode.piezo.truncate(FRAMES * episode.sensors);

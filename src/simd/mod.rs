@@ -5,8 +5,10 @@
 //! Everything that multiplies activations comes down to four functions, [`dense`], [`conv_relu_pool`], and for
 //! attention [`dots`] and [`weighted_sums`]. Each has a portable form in [`portable`], which says what
 //! it computes, and on a Cortex-M7 one in assembly (`simd::arm`): `smlad` multiplies two pairs of 16-bit numbers and adds
-//! both products in one cycle, and which registers hold what decides how many loads it takes to feed it. All give
-//! the same bits for any input, wrapping included; `cargo xtask test --only qemu-kernels` compares them.
+//! both products in one cycle, and which registers hold what decides how many loads it takes to feed it. On x86-64
+//! vector registers do the same for four or eight lanes (`simd::x86`). All give the same bits for any input, wrapping
+//! included: `cargo xtask test --only qemu-kernels` compares them on the emulated microcontroller, and
+//! `cargo test -p slipsense-qemu --test vectors` on this computer.
 //!
 //! Numbers lie in words of two: the low half is the first. [`crate::net::packing`] says in which order.
 
@@ -21,11 +23,9 @@ pub mod x86;
 #[cfg(arm_dsp)]
 pub use arm::{conv_relu_pool, dense, dots, weighted_sums};
 #[cfg(not(any(arm_dsp, all(target_arch = "x86_64", target_feature = "sse2"))))]
-pub use portable::{conv_relu_pool, dense};
-#[cfg(not(arm_dsp))]
-pub use portable::{dots, weighted_sums};
+pub use portable::{conv_relu_pool, dense, dots, weighted_sums};
 #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
-pub use x86::{conv_relu_pool, dense};
+pub use x86::{conv_relu_pool, dense, dots, weighted_sums};
 
 use crate::params::CONV_INPUT_MAX;
 

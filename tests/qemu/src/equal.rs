@@ -17,6 +17,36 @@ const ROWS: usize = 60;
 /// How often each kernel and shape is compared.
 pub const ROUNDS: u32 = 400;
 
+/// Words of a layer's weights, its biases and its multipliers.
+type Layer<'a> = (&'a [u32], &'a [i32], &'a [i32]);
+
+/// The four kernels of one instruction set.
+#[derive(Clone, Copy, Debug)]
+pub struct Kernels {
+    /// As [`portable::conv_relu_pool`].
+    pub conv_relu_pool: fn(Layer<'_>, (&[u32], MapShape), (&mut [u32], MapShape), &mut [u32]),
+    /// As [`portable::dense`].
+    pub dense: fn(&[u32], Layer<'_>, &mut [i32]),
+    /// As [`portable::dots`].
+    pub dots: fn(&[u32], &[u32], usize, &mut [i32]),
+    /// As [`portable::weighted_sums`].
+    pub weighted_sums: fn(&[i32], &[u32], usize) -> [i32; 8],
+}
+
+impl Kernels {
+    /// What the network runs here.
+    pub const HERE: Self = Self {
+        conv_relu_pool: simd::conv_relu_pool,
+        dense: simd::dense,
+        dots: simd::dots,
+        weighted_sums: simd::weighted_sums,
+    };
+    /// What it runs on a computer without AVX2.
+    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
+    pub const SSE2: Self =
+        Self { conv_relu_pool: simd::x86::sse2::conv_relu_pool, dense: simd::x86::sse2::dense, ..Self::HERE };
+}
+
 /// What a kernel was asked, and how often it answered otherwise than the portable one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Compared {
@@ -64,8 +94,8 @@ impl Default for Scratch {
 /// Maps that a convolution can take, as side and words per cell. The last is one that there is no assembly for.
 const MAPS: [(usize, usize); 8] = [(32, 1), (16, 2), (16, 4), (8, 2), (8, 4), (8, 6), (8, 8), (4, 3)];
 
-/// Compare every kernel and shape so often.
-pub fn compare(rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
+/// Compare each of `kernels` and every shape so often.
+pub fn compare(kernels: Kernels, rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
     let mut dice = Dice(1);
     let mut count = |kernel, calls: &mut dyn FnMut(u32) -> (u32, u32)| {
         let (calls, differing) = (0..rounds).fold((0, 0), |(all, bad), round| {
@@ -75,28 +105,37 @@ pub fn compare(rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compar
         report(Compared { kernel, calls, differing });
     };
     count("conv_relu_pool", &mut |round| {
-        let results = MAPS.map(|map| u32::from(!conv_is_equal(scratch, &mut dice, round, map)));
+        let results = MAPS.map(|map| u32::from(!conv_is_equal(kernels, scratch, &mut dice, round, map)));
         (results.len() as u32, results.iter().sum())
     });
     count("dense", &mut |round| {
         // Whole rounds of the assembly, its longest, and what it leaves to the portable form.
         let lengths = [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260];
-        let results = lengths.map(|words| u32::from(!dense_is_equal(scratch, &mut dice, round, words)));
+        let results =
+            lengths.map(|words| u32::from(!dense_is_equal(kernels, scratch, &mut dice, round, words)));
         (results.len() as u32, results.iter().sum())
     });
     count("dots", &mut |round| {
         let shapes = [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)];
-        let results = shapes.map(|shape| u32::from(!dots_are_equal(scratch, &mut dice, round, shape)));
+        let results =
+            shapes.map(|shape| u32::from(!dots_are_equal(kernels, scratch, &mut dice, round, shape)));
         (results.len() as u32, results.iter().sum())
     });
     count("weighted_sums", &mut |round| {
         let strides = [5, 16, 32, 64];
-        let results = strides.map(|stride| u32::from(!sums_are_equal(scratch, &mut dice, round, stride)));
+        let results =
+            strides.map(|stride| u32::from(!sums_are_equal(kernels, scratch, &mut dice, round, stride)));
         (results.len() as u32, results.iter().sum())
     });
 }
 
-fn conv_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, (side, pairs): (usize, usize)) -> bool {
+fn conv_is_equal(
+    kernels: Kernels,
+    scratch: &mut Scratch,
+    dice: &mut Dice,
+    round: u32,
+    (side, pairs): (usize, usize),
+) -> bool {
     let outputs = [4, 8, 32][dice.below(if side == 32 { 2 } else { 3 })];
     let from = MapShape { side, pairs, border: 1 };
     // As the network's: what comes out of the smallest goes to a dense layer. Assembly leaves others to the portable
@@ -111,12 +150,18 @@ fn conv_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, (side, pair
     dice.fill(1, out);
     *expected = *out;
     let layer = (&weights[..outputs / LANES * 12 * pairs * LANES], &bias[..outputs], &multiplier[..outputs]);
-    simd::conv_relu_pool(layer, (&x[..from.len()], from), (&mut out[..to.len()], to), strip);
+    (kernels.conv_relu_pool)(layer, (&x[..from.len()], from), (&mut out[..to.len()], to), strip);
     portable::conv_relu_pool(layer, (&x[..from.len()], from), (&mut expected[..to.len()], to), strip);
     out == expected
 }
 
-fn dense_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, words: usize) -> bool {
+fn dense_is_equal(
+    kernels: Kernels,
+    scratch: &mut Scratch,
+    dice: &mut Dice,
+    round: u32,
+    words: usize,
+) -> bool {
     let Scratch { x, weights, bias, multiplier, .. } = scratch;
     dice.fill(round, &mut x[..words]);
     let outputs = LANES * (1 + dice.below(2)) + dice.below(LANES);
@@ -125,7 +170,7 @@ fn dense_is_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, words: usi
     let weights = &weights[..(2 * LANES * words).min(WEIGHTS)];
     let mut found = [0; 3 * LANES];
     let mut expected = found;
-    simd::dense(&x[..words], (weights, bias, multiplier), &mut found[..outputs]);
+    (kernels.dense)(&x[..words], (weights, bias, multiplier), &mut found[..outputs]);
     portable::dense(&x[..words], (weights, bias, multiplier), &mut expected[..outputs]);
     found == expected
 }
@@ -139,6 +184,7 @@ fn scales(dice: &mut Dice, bias: &mut [i32], multiplier: &mut [i32]) {
 }
 
 fn dots_are_equal(
+    kernels: Kernels,
     scratch: &mut Scratch,
     dice: &mut Dice,
     round: u32,
@@ -150,12 +196,18 @@ fn dots_are_equal(
     dice.fill(round / 2, &mut weights[..words]);
     let mut found = [0; ROWS];
     let mut expected = [0; ROWS];
-    simd::dots(&weights[..words], &x[..ROWS * stride], stride, &mut found[..rows]);
+    (kernels.dots)(&weights[..words], &x[..ROWS * stride], stride, &mut found[..rows]);
     portable::dots(&weights[..words], &x[..ROWS * stride], stride, &mut expected[..rows]);
     found == expected
 }
 
-fn sums_are_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, stride: usize) -> bool {
+fn sums_are_equal(
+    kernels: Kernels,
+    scratch: &mut Scratch,
+    dice: &mut Dice,
+    round: u32,
+    stride: usize,
+) -> bool {
     let Scratch { x, weights, .. } = scratch;
     let rows = dice.below(MAP / stride).min(ROWS);
     let mut factors = [0; ROWS];
@@ -164,7 +216,8 @@ fn sums_are_equal(scratch: &mut Scratch, dice: &mut Dice, round: u32, stride: us
     for (factor, &word) in factors.iter_mut().zip(weights.iter()) {
         *factor = word as i32;
     }
-    simd::weighted_sums(&factors[..rows], x, stride) == portable::weighted_sums(&factors[..rows], x, stride)
+    (kernels.weighted_sums)(&factors[..rows], x, stride)
+        == portable::weighted_sums(&factors[..rows], x, stride)
 }
 
 /// Numbers for tests, the same everywhere: xorshift.

@@ -1,16 +1,28 @@
 //! This computer's kernels, in vector registers where it has them, against the portable ones; the Cortex-M7's:
 //! `cargo xtask test --only qemu-kernels`.
 
-use slipsense_qemu::equal::{ROUNDS, Scratch, compare};
+use slipsense_qemu::equal::{Kernels, ROUNDS, Scratch, compare};
 
-#[test]
-fn kernels_of_this_computer_equal_the_portable_ones() {
-    let mut kernels = 0;
-    compare(ROUNDS, &mut Scratch::new(), |compared| {
+fn equal_the_portable_ones(kernels: Kernels) {
+    let mut count = 0;
+    compare(kernels, ROUNDS, &mut Scratch::new(), |compared| {
         println!("{compared:?}");
         assert_eq!(compared.differing, 0, "{}", compared.kernel);
         assert!(compared.calls >= ROUNDS);
-        kernels += 1;
+        count += 1;
     });
-    assert_eq!(kernels, 4);
+    assert_eq!(count, 4);
+}
+
+#[test]
+fn kernels_of_this_computer_equal_the_portable_ones() {
+    equal_the_portable_ones(Kernels::HERE);
+    #[cfg(target_arch = "x86_64")]
+    println!("with AVX2: {}", std::arch::is_x86_feature_detected!("avx2"));
+}
+
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn kernels_of_a_computer_without_avx2_equal_the_portable_ones() {
+    equal_the_portable_ones(Kernels::SSE2);
 }

@@ -7,7 +7,7 @@ mod emulated {
     use cortex_m_rt::entry;
     use cortex_m_semihosting::{debug, hprintln};
     use panic_semihosting as _;
-    use slipsense_qemu::equal::{Compared, ROUNDS, Scratch, compare};
+    use slipsense_qemu::equal::{Compared, Kernels, ROUNDS, Scratch, compare};
     use static_cell::ConstStaticCell;
 
     static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
@@ -15,7 +15,7 @@ mod emulated {
     #[entry]
     fn main() -> ! {
         let mut differing = 0;
-        compare(ROUNDS, SCRATCH.take(), |compared| {
+        compare(Kernels::HERE, ROUNDS, SCRATCH.take(), |compared| {
             let Compared { kernel, calls, differing: bad } = compared;
             hprintln!("{}: {} of {} calls differ from the portable kernel", kernel, bad, calls);
             differing += bad;

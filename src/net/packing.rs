@@ -7,7 +7,7 @@
 //! A convolution multiplies sums and differences of rows
 //! ([`conv_relu_pool`](crate::simd::portable::conv_relu_pool)). So of the three weights `g0`, `g1`, `g2` of a kernel's
 //! column and channel the file has four numbers, `g0 + g1 + g2`, `g0 − g1 + g2`, `2·g0` and `2·g2`, and its
-//! sums, and with them bias and multiplier, are of twice the weights. It takes numbers of 15 bits
+//! sums, and with them bias and multiplier, are of twice the weights. It takes numbers of 14 bits and a sign
 //! ([`CONV_INPUT_MAX`]). A layer of the other kinds has its weights as they are: one
 //! *coefficient* each.
 

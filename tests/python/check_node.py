@@ -3,127 +3,22 @@
 
   check_node.py PORT [--name TEXT]
 
-The node is the library's; what it says is decoded by pycyphal from definitions of the regulated types. The
-frames go through a python-can bus of kind `virtual`. Any mismatch is printed; the exit status is then 1.
+The node is the library's; what it says is decoded by pycyphal from definitions of the regulated types. Any mismatch
+is printed; the exit status is then 1.
 """
 
 import argparse
 import asyncio
 import hashlib
-import logging
-import os
 import pathlib
 import random
 import sys
 import tempfile
 import time
-import warnings
 
-# One of pycyphal's dependencies warns about another on Python 3.11.
-warnings.filterwarnings("ignore", category=DeprecationWarning)
+from node_client import CHANNEL, MASTER, NODE, TOOL, Client, link_to, natural, numbers, run_checks, told_of
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-import can_link
-import regulated_types
-
-NODE, TOOL, MASTER = 42, 120, 100
-CHANNEL = "slipsense"
 FILE_BYTES = 100_000
-
-
-class Checks:
-    def __init__(self):
-        self.count = self.bad = 0
-
-    def equal(self, what, got, want):
-        self.true(f"{what}: got {got!r}, want {want!r}", got == want)
-
-    def true(self, what, right):
-        self.count += 1
-        if not right:
-            self.bad += 1
-            print(f"mismatch: {what}")
-
-
-class Client:
-    """A tool's node on the bus and what it hears from ours."""
-
-    def __init__(self, checks):
-        import pycyphal.application
-        import uavcan.diagnostic
-        import uavcan.node
-        from pycyphal.transport.can import CANTransport
-        from pycyphal.transport.can.media.pythoncan import PythonCANMedia
-
-        self.checks = checks
-        media = PythonCANMedia(f"virtual:{CHANNEL}", (1_000_000, 8_000_000), 64)
-        transport = CANTransport(media, local_node_id=TOOL)
-        info = pycyphal.application.NodeInfo(name="org.slipsense.check")
-        self.node = pycyphal.application.make_node(info, transport=transport)
-        self.node.start()
-        self.records, self.heartbeats, self.clients = [], [], {}
-        self.node.make_subscriber(uavcan.diagnostic.Record_1).receive_in_background(self._record)
-        self.node.make_subscriber(uavcan.node.Heartbeat_1).receive_in_background(self._heartbeat)
-
-    async def _record(self, message, transfer):
-        self.records.append((transfer.source_node_id, message.severity.value, bytes(message.text).decode()))
-
-    async def _heartbeat(self, message, transfer):
-        self.heartbeats.append((transfer.source_node_id, message, time.monotonic()))
-
-    async def call(self, kind, request, server=NODE, timeout=5.0):
-        # Kept: a client that is closed forgets its transfer identifier, and the node takes the next call for
-        # a repetition.
-        if (kind, server) not in self.clients:
-            self.clients[kind, server] = self.node.make_client(kind, server)
-        client = self.clients[kind, server]
-        client.response_timeout = timeout
-        answer = await client(request)
-        self.checks.true(f"{kind.__module__} of node {server} answered", answer is not None)
-        return answer
-
-    async def command(self, number, parameter=b"", server=NODE, timeout=10.0):
-        import uavcan.node
-
-        request = uavcan.node.ExecuteCommand_1.Request(command=number, parameter=list(parameter))
-        answer = await self.call(uavcan.node.ExecuteCommand_1, request, server, timeout)
-        return None if answer is None else answer.status
-
-    async def access(self, name, value=None, server=NODE):
-        import uavcan.register
-
-        request = uavcan.register.Access_1.Request(name=uavcan.register.Name_1(list(name.encode())))
-        if value is not None:
-            request.value = value
-        return await self.call(uavcan.register.Access_1, request, server)
-
-    async def until(self, what, condition, timeout=10.0):
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > deadline:
-                self.checks.true(what, False)
-                return False
-            await asyncio.sleep(0.02)
-        self.checks.true(what, True)
-        return True
-
-
-def numbers(value):
-    """The numbers in a register's value, whatever their kind."""
-    kinds = ["bit"] + [f"{name}{bits}" for name in ("integer", "natural") for bits in (64, 32, 16, 8)]
-    for kind in kinds:
-        array = getattr(value, kind)
-        if array is not None:
-            return kind, [int(number) for number in array.value]
-    return None, []
-
-
-def natural(bits, *values):
-    import uavcan.primitive.array
-    import uavcan.register
-
-    array = getattr(uavcan.primitive.array, f"Natural{bits}_1")
-    return uavcan.register.Value_1(**{f"natural{bits}": array(list(values))})
 
 
 async def check_identity(client):
@@ -311,7 +206,8 @@ async def check_allocation(client, unique_id):
     return address
 
 
-async def run(checks):
+async def run(checks, port):
+    link = link_to(port)
     client = Client(checks)
     # A long way: the emulated board has to boot.
     await client.until("a first heartbeat", lambda: any(node == NODE for node, *_ in client.heartbeats), 30.0)
@@ -323,9 +219,10 @@ async def run(checks):
     took = await check_files(client)
     address = await check_allocation(client, unique_id)
     client.node.close()
+    link.close()
     return (
         f"{registers} registers, {FILE_BYTES} bytes of a file in {took:.1f} s, bus time within {abs(error_us)} us, "
-        f"address {address} allocated"
+        f"address {address} allocated; {told_of(link)}"
     )
 
 
@@ -334,23 +231,7 @@ def main():
     parser.add_argument("port", type=int)
     parser.add_argument("--name", default="node")
     args = parser.parse_args()
-    # pycyphal names transport errors in its log.
-    logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
-    for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
-        del os.environ[name]
-    checks = Checks()
-    with tempfile.TemporaryDirectory() as folder:
-        import pycyphal.dsdl
-
-        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
-        pycyphal.dsdl.compile_all([regulated_types.write(sources)], compiled)
-        sys.path.insert(0, str(compiled))
-        link = can_link.CanLink(args.port, CHANNEL)
-        figures = asyncio.run(run(checks))
-        link.close()
-    frames = ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
-    print(f"{args.name}: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}; {frames}")
-    return 1 if checks.bad else 0
+    return run_checks(args.name, lambda checks: run(checks, args.port))
 
 
 if __name__ == "__main__":

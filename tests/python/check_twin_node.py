@@ -11,15 +11,12 @@ Any mismatch is printed; the exit status is then 1.
 import argparse
 import asyncio
 import hashlib
-import logging
-import os
 import pathlib
 import subprocess
 import sys
-import tempfile
 
-import check_node
-from check_node import NODE, Checks, Client, natural, numbers
+from check_node import check_registers
+from node_client import NODE, Client, link_to, natural, numbers, run_checks, told_of
 
 # Of this computer, seconds; the twin may run at a twentieth of real time.
 PATIENCE_S = 120.0
@@ -119,16 +116,18 @@ class TwinClient(Client):
         return await super().until(what, condition, timeout)
 
 
-async def run(checks, model):
+async def run(checks, port, model):
+    link = link_to(port)
     client = TwinClient(checks)
     await client.until("a first heartbeat", lambda: client.heartbeats_of_board())
     await check_identity(client, model)
     await check_heartbeat(client)
-    registers = await check_node.check_registers(client)
+    registers = await check_registers(client)
     await check_storage(client)
     await check_time(client)
     client.node.close()
-    return f"{registers} registers"
+    link.close()
+    return f"{registers} registers; {told_of(link)}"
 
 
 def main():
@@ -136,22 +135,7 @@ def main():
     parser.add_argument("port", type=int)
     parser.add_argument("--model", type=pathlib.Path, required=True)
     args = parser.parse_args()
-    logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
-    for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
-        del os.environ[name]
-    checks = Checks()
-    with tempfile.TemporaryDirectory() as folder:
-        import pycyphal.dsdl
-
-        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
-        pycyphal.dsdl.compile_all([check_node.regulated_types.write(sources)], compiled)
-        sys.path.insert(0, str(compiled))
-        link = check_node.can_link.CanLink(args.port, check_node.CHANNEL)
-        figures = asyncio.run(run(checks, args.model))
-        link.close()
-    frames = ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
-    print(f"node of the board twin: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}; {frames}")
-    return 1 if checks.bad else 0
+    return run_checks("node of the board twin", lambda checks: run(checks, args.port, args.model))
 
 
 if __name__ == "__main__":

@@ -14,16 +14,12 @@ print.
 import argparse
 import asyncio
 import hashlib
-import logging
-import os
 import pathlib
 import struct
 import sys
-import tempfile
 
-import check_node
-from check_node import NODE, Checks, natural, numbers
 from check_twin_node import PATIENCE_S, TwinClient
+from node_client import NODE, link_to, natural, numbers, run_checks
 
 # Of this computer, seconds: erases and a swap take several virtual ones each, which the twin runs at a fraction of
 # real time.
@@ -268,7 +264,7 @@ async def run(checks, args):
     # Lives as long as the node.
     pycyphal.application.file.FileServer(client.node, [args.folder])
     # The twin starts when the link is there, so that its first records are heard.
-    client.link = check_node.can_link.CanLink(args.port, check_node.CHANNEL)
+    client.link = link_to(args.port)
     await client.started("power-on")
     for notice in (
         "updates: development key built in, anybody can sign; SLIPSENSE_UPDATE_KEY sets another",
@@ -297,19 +293,7 @@ def main():
     parser.add_argument("--model", type=pathlib.Path, required=True)
     parser.add_argument("--thorough", action="store_true")
     args = parser.parse_args()
-    logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
-    for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
-        del os.environ[name]
-    checks = Checks()
-    with tempfile.TemporaryDirectory() as folder:
-        import pycyphal.dsdl
-
-        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
-        pycyphal.dsdl.compile_all([check_node.regulated_types.write(sources)], compiled)
-        sys.path.insert(0, str(compiled))
-        figures = asyncio.run(run(checks, args))
-    print(f"updates of the board twin: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}")
-    return 1 if checks.bad else 0
+    return run_checks("updates of the board twin", lambda checks: run(checks, args))
 
 
 if __name__ == "__main__":

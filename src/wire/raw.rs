@@ -179,11 +179,27 @@ fn pack(piezo: &PiezoFrame, bytes: &mut [u8]) {
     for pairs in piezo.active_rows() {
         let Some((row, rest)) = triples.split_at_mut_checked(pairs.len()) else { return };
         triples = rest;
-        for (triple, &[left, right]) in row.iter_mut().zip(pairs) {
-            let [low, middle, high, _] = (u32::from(left) | u32::from(right) << 12).to_le_bytes();
+        // Four twos are three words.
+        let (fours, last) = row.as_chunks_mut::<4>();
+        let (four_pairs, last_pairs) = pairs.as_chunks::<4>();
+        for (four, pairs) in fours.iter_mut().zip(four_pairs) {
+            let [a, b, c, d] = pairs.map(two);
+            let words = [a | b << 24, b >> 8 | c << 16, c >> 16 | d << 8];
+            for (to, word) in four.as_flattened_mut().as_chunks_mut().0.iter_mut().zip(words) {
+                *to = word.to_le_bytes();
+            }
+        }
+        for (triple, &pair) in last.iter_mut().zip(last_pairs) {
+            let [low, middle, high, _] = two(pair).to_le_bytes();
             *triple = [low, middle, high];
         }
     }
+}
+
+/// Two 12-bit counts in 24 bits.
+#[inline]
+fn two([left, right]: [u16; 2]) -> u32 {
+    u32::from(left) | u32::from(right) << 12
 }
 
 /// 12-bit counts of the active taxels to a scan.

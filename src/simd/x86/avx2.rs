@@ -18,13 +18,13 @@ const COLS: usize = 8;
 const TAPS: usize = 3 * LANES;
 
 /// Is this a convolution for [`conv_relu_pool`]? Its rows of outputs are made of whole registers, border included.
-pub const fn takes(from: MapShape, to: MapShape) -> bool {
+pub(super) const fn takes(from: MapShape, to: MapShape) -> bool {
     from.side.is_multiple_of(COLS) && from.border == 1 && to.side * 2 == from.side
 }
 
 /// See [`portable::conv_relu_pool`](crate::simd::portable::conv_relu_pool), of shapes that this [`takes`].
 #[target_feature(enable = "avx2")]
-pub fn conv_relu_pool(
+pub(super) fn conv_relu_pool(
     (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
     (x, from): (&[u32], MapShape),
     (out, to): (&mut [u32], MapShape),
@@ -130,7 +130,7 @@ fn requantize(
 /// See [`portable::dense`](crate::simd::portable::dense).
 #[inline]
 #[target_feature(enable = "avx2")]
-pub fn dense(x: &[u32], (weights, bias, multiplier): (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+pub(super) fn dense(x: &[u32], (weights, bias, multiplier): (&[u32], &[i32], &[i32]), out: &mut [i32]) {
     let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
     let blocks = weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(scales);
     for (out, (weights, (bias, multiplier))) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(blocks) {

@@ -1,9 +1,9 @@
 //! The kernels in the vector registers of x86-64: `pmaddwd` does for four or eight lanes what `smlad` does for one.
 //!
-//! [`sse2`] runs on every such computer; where there is AVX2, convolution and dense layers run in [`avx2`]'s registers
+//! [`sse2`] runs on every such computer; where there is AVX2, convolution and dense layers run in its registers
 //! of eight lanes. All of them give the bits of [`portable`](super::portable).
 
-pub mod avx2;
+mod avx2;
 pub mod sse2;
 
 use super::MapShape;

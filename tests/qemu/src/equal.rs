@@ -19,12 +19,16 @@ pub const ROUNDS: u32 = 400;
 
 /// Words of a layer's weights, its biases and its multipliers.
 type Layer<'a> = (&'a [u32], &'a [i32], &'a [i32]);
+/// Words of a map, and its shape.
+type Map<'a> = (&'a [u32], MapShape);
+/// The same, to be written.
+type MapOut<'a> = (&'a mut [u32], MapShape);
 
 /// The four kernels of one instruction set.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernels {
     /// As [`portable::conv_relu_pool`].
-    pub conv_relu_pool: fn(Layer<'_>, (&[u32], MapShape), (&mut [u32], MapShape), &mut [u32]),
+    pub conv_relu_pool: fn(Layer<'_>, Map<'_>, MapOut<'_>, &mut [u32]),
     /// As [`portable::dense`].
     pub dense: fn(&[u32], Layer<'_>, &mut [i32]),
     /// As [`portable::dots`].

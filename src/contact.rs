@@ -61,6 +61,7 @@ fn mean_q8(moment: u32, weight: u32) -> u16 {
 }
 
 /// Sums over one row of taxels, two neighbours at a time.
+#[derive(Default)]
 struct Row {
     /// Counts of all taxels, as a [`pair`].
     all: u32,
@@ -80,10 +81,17 @@ impl Row {
         // A count has 12 bits; added to this it reaches bit 15 from TAXEL_TOUCH_MIN on.
         const REACH: u32 = pair([0x8000 - TAXEL_TOUCH_MIN; 2]);
         const BIT_15: u32 = pair([0x8000; 2]);
-        let (mut all, mut touched) = (0, 0);
+        let (mut all, mut reach) = (0, 0);
+        for &two in pairs {
+            all += pair(two);
+            reach |= pair(two) + REACH;
+        }
+        if reach & BIT_15 == 0 {
+            return Self { all, ..Self::default() };
+        }
+        let mut touched = 0;
         let kept = pairs.map(|two| {
             let two = pair(two);
-            all += two;
             let reached = (two + REACH) & BIT_15;
             touched += reached >> 15;
             // 15 ones where bit 15 is set.
@@ -93,14 +101,12 @@ impl Row {
         // (j + 1)(j + 2)/2, without a product. `right` is the same for the right taxels alone.
         let (mut sum, mut sum2, mut sum3) = (0, 0, 0);
         let (mut right, mut right2) = (0, 0);
-        if touched != 0 {
-            for &kept in kept.iter().rev() {
-                sum += both(kept);
-                sum2 += sum;
-                sum3 += sum2;
-                right += kept >> 16;
-                right2 += right;
-            }
+        for &kept in kept.iter().rev() {
+            sum += both(kept);
+            sum2 += sum;
+            sum3 += sum2;
+            right += kept >> 16;
+            right2 += right;
         }
         // Σ j, Σ j² and, of the right ones, Σ j; a left taxel is in column 2j, a right one in 2j + 1.
         let j = sum2 - sum;

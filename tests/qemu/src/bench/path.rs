@@ -12,7 +12,7 @@ use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::simd::MapShape;
-use slipsense::wire::{RawBuffer, Transmitter};
+use slipsense::wire::{RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::input::Header;
 use slipsense_qemu::measured::{FrameCost, Line, PARTS, Part};
 
@@ -28,7 +28,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
     bench.put(Line::Size { bytes: size_of::<Model<'_>>() as u32, name: "Model" });
     let mut watched = by_part
         .then(|| Watched { network: Network::new(model), ears: [const { XlFrontEnd::new() }; MAX_SENSORS] });
-    let mut wire = Wire { transmitter: Transmitter::new(header.node), buffer: RawBuffer::new() };
+    let mut wire = Wire { transmitter: Transmitter::new(header.node), raw: RawTransfer::new() };
     let mut record = [0; FRAME_BYTES_MAX];
     let record = &mut record[..frame_bytes(sensors)];
     let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
@@ -78,7 +78,7 @@ fn frame(
 /// What the inference task does with a result, a bus apart.
 struct Wire {
     transmitter: Transmitter,
-    buffer: RawBuffer,
+    raw: RawTransfer,
 }
 
 impl Wire {
@@ -86,8 +86,10 @@ impl Wire {
         black_box(self.transmitter.slip(&output.slip_message(stamp, 0)));
         for (sensor, part) in parts.iter().enumerate() {
             let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
-            for can_frame in self.transmitter.raw(&raw, &mut self.buffer) {
-                black_box(can_frame);
+            self.transmitter.raw_later(RawForm::Plain, &raw, &mut self.raw);
+            while let Some(can_frame) = self.raw.next_frame() {
+                // By reference: a copy for the measurement is not part of it.
+                black_box(&can_frame);
             }
         }
     }

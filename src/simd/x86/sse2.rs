@@ -1,4 +1,4 @@
-//! Four lanes. Convolution and dense layer are the loops of [`portable`](crate::simd::portable), and so are their bits;
+//! Four lanes. Convolution and dense layer are the loops of [`portable`], and so are their bits;
 //! attention takes four keys or two values at once.
 
 use core::arch::x86_64::{
@@ -51,13 +51,13 @@ impl Lanes for Register {
     }
 }
 
-/// See [`portable::dense`](crate::simd::portable::dense).
+/// See [`portable::dense`].
 #[inline]
 pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
     dense_in::<Register>(x, layer, out);
 }
 
-/// See [`portable::conv_relu_pool`](crate::simd::portable::conv_relu_pool).
+/// See [`portable::conv_relu_pool`].
 pub fn conv_relu_pool(
     layer: (&[u32], &[i32], &[i32]),
     x: (&[u32], MapShape),
@@ -72,7 +72,7 @@ const WORDS: usize = 4;
 /// Keys at once.
 const KEYS: usize = 4;
 
-/// See [`portable::dots`](crate::simd::portable::dots).
+/// See [`portable::dots`].
 pub fn dots(query: &[u32], rows: &[u32], stride: usize, out: &mut [i32]) {
     let stride = stride.max(1);
     let mut done = 0;
@@ -116,7 +116,7 @@ fn dots_of_four(query: &[[u32; WORDS]], rows: &[u32], stride: usize) -> Option<_
     }
 }
 
-/// See [`portable::weighted_sums`](crate::simd::portable::weighted_sums).
+/// See [`portable::weighted_sums`].
 pub fn weighted_sums(weights: &[i32], rows: &[u32], stride: usize) -> [i32; 8] {
     let stride = stride.max(1);
     let row = |index: usize| rows.get(index * stride..)?.first_chunk::<WORDS>();

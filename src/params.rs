@@ -74,8 +74,8 @@ pub const TAXEL_TOUCH_MIN: u16 = 8;
 /// ([`TaxelChange`](crate::features::taxel_change::TaxelChange)).
 pub const PIEZO_CHANNELS: usize = 2;
 
-/// Largest number in a map that a convolution takes, 14 bits and a sign; the least is one below its negative. The sum or difference
-/// of two such numbers, which is what it multiplies, has 16 bits.
+/// Largest number in a map that a convolution takes, 14 bits and a sign; the least is one below its negative. The sum
+/// or difference of two such numbers, which is what it multiplies, has 16 bits.
 pub const CONV_INPUT_MAX: i32 = (1 << 14) - 1;
 
 /// Classes of the network: no contact, contact without slip, slip (paper, section 5).

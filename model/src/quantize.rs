@@ -24,10 +24,13 @@ use crate::piezo::{self, PIEZO_INPUT_SCALE};
 use crate::reference::{ACTIVATIONS, Ranges, log_mel_real};
 use crate::weights::Weights;
 
-/// Room above the largest magnitude seen in calibration. Embeddings of pads that are pressed harder than those of
-/// calibration were cut at twice that; a 16-bit activation can spare three bits of 15, whose step is then still far
-/// below what the weights' steps add.
-const MARGIN: f64 = 8.0;
+/// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads: with
+/// every taxel at the end of its range they are almost four times as large. Every factor 2 costs a bit.
+const PRESSURE_MARGIN: f64 = 4.0;
+/// The same for activations behind LayerNorm or standardised log-mel bins, whose size has an end.
+const BOUNDED_MARGIN: f64 = 2.0;
+/// The same for sums before LayerNorm, which have bits to spare.
+const RESIDUAL_MARGIN: f64 = 8.0;
 /// The same for queries and keys, whose scale is also that of the scores and may not grow.
 const QUERY_KEY_MARGIN: f64 = 2.0;
 /// Largest magnitude of an activation after requantization.
@@ -57,14 +60,6 @@ impl Scales<'_> {
         );
         Ok(largest / largest_int)
     }
-
-    fn signed(&self, activation: &str) -> Result<f64> {
-        self.of(activation, MARGIN, I16_MAX)
-    }
-
-    fn query_key(&self, activation: &str) -> Result<f64> {
-        self.of(activation, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))
-    }
 }
 
 /// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
@@ -75,11 +70,15 @@ pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
         "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
         "log_mel" => Ok(f64::from(log_mel_real(1))),
         "logits" => Ok(1.0 / f64::from(1 << LOGIT_FRAC_BITS)),
-        other if other.ends_with(".residual") => needs.of(other, MARGIN, RESIDUAL_MAX),
-        other if other.ends_with(".query") || other.ends_with(".key") => needs.query_key(other),
+        other if other.ends_with(".residual") => needs.of(other, RESIDUAL_MARGIN, RESIDUAL_MAX),
+        other if other.ends_with(".query") || other.ends_with(".key") => {
+            needs.of(other, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))
+        }
         // The third one's map goes to a dense layer.
-        map if piezo::LAYERS[..2].contains(&map) => needs.of(map, MARGIN, f64::from(CONV_INPUT_MAX)),
-        other => needs.signed(other),
+        map if piezo::LAYERS[..2].contains(&map) => needs.of(map, PRESSURE_MARGIN, f64::from(CONV_INPUT_MAX)),
+        // What the accelerometers ask for are the pads' embeddings.
+        "piezo.conv3" | "piezo" | "cross_xl.value" => needs.of(activation, PRESSURE_MARGIN, I16_MAX),
+        other => needs.of(other, BOUNDED_MARGIN, I16_MAX),
     };
     ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?))).collect()
 }

@@ -119,6 +119,7 @@ impl<'e> Sampler<'e> {
             level: vec![0.0; sequences * sensors * self.frames],
             label: vec![0; sequences * self.frames],
             weight: vec![0.0; sequences * self.frames],
+            taught: Vec::new(),
         };
         seeds
             .into_par_iter()

@@ -230,6 +230,7 @@ impl Features {
             level: Vec::with_capacity(frames * self.sensors),
             label: self.label.clone(),
             weight: vec![1.0; frames],
+            taught: Vec::new(),
         };
         for sensor in 0..self.sensors {
             let mut view = pads.start();

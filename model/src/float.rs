@@ -20,6 +20,9 @@ pub const NORM_EPSILON: f64 = 1e-5;
 /// Added to the score of a frame that must not be seen.
 const UNSEEN: f32 = -1e9;
 
+/// What a teacher's probabilities count in the loss where there is one; the labels count the rest.
+const TAUGHT_SHARE: f32 = 0.5;
+
 /// How parameters make logits: [`Dims`] is the network that is shipped, others are compared with it.
 pub trait Architecture {
     /// Names and shapes of the parameters. Without the convolution blocks of [`piezo::LAYERS`] the network
@@ -67,6 +70,8 @@ pub struct Sequences {
     pub label: Vec<u8>,
     /// What each frame counts in the loss, `[batch, frame]`.
     pub weight: Vec<f32>,
+    /// Probabilities of the classes by a teacher, `[batch, frame, class]`; empty without one.
+    pub taught: Vec<f32>,
 }
 
 impl FloatNetwork {
@@ -108,9 +113,23 @@ impl FloatNetwork {
         input: &Sequences,
         device: &Device,
     ) -> Vec<[f32; CLASSES]> {
+        plain(self.run(architecture, input, device))
+    }
+
+    /// Probabilities of the classes of every frame, `[batch, frame, class]`, without gradients. `device` is a plain one.
+    pub fn probabilities(
+        &self,
+        architecture: &impl Architecture,
+        input: &Sequences,
+        device: &Device,
+    ) -> Vec<f32> {
+        softmax(self.run(architecture, input, device), 2).into_data().iter::<f32>().collect()
+    }
+
+    fn run(&self, architecture: &impl Architecture, input: &Sequences, device: &Device) -> Tensor<3> {
         let graph = self.graph(architecture);
         let features = graph.features(&input.piezo, device);
-        plain(architecture.forward(&graph, input, features, device))
+        architecture.forward(&graph, input, features, device)
     }
 
     /// Loss of a batch and the gradients of all parameters. `device` is one with automatic gradients.
@@ -149,13 +168,19 @@ impl FloatNetwork {
         (value, all)
     }
 
-    /// Cross entropy, the weighted mean over all frames, nat.
+    /// Cross entropy against the labels and the teacher, the weighted mean over all frames, nat.
     fn loss(logits: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
         let [b, l, classes] = logits.dims();
         let mut truth = vec![0f32; b * l * classes];
         let total: f32 = input.weight.iter().sum();
         for ((row, &class), &weight) in truth.chunks_exact_mut(classes).zip(&input.label).zip(&input.weight) {
             row[class as usize] = weight / total;
+        }
+        let rows = truth.chunks_exact_mut(classes).zip(input.taught.chunks_exact(classes));
+        for ((row, taught), &weight) in rows.zip(&input.weight) {
+            for (truth, &probability) in row.iter_mut().zip(taught) {
+                *truth += TAUGHT_SHARE * (probability * weight / total - *truth);
+            }
         }
         let truth = tensor::<3>(truth, [b, l, classes], device);
         (log_softmax(logits, 2) * truth).sum().neg()

@@ -18,7 +18,7 @@ use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
 use slipsense_model::pad_view::PadView;
 use slipsense_model::piezo::IMAGE;
 use slipsense_model::reference::log_mel_real;
-use slipsense_model::variants::{BASE, ROWS, Row, recomputed, row_named};
+use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
 use slipsense_model::weights::{FIRST_DIMS, specs};
 use slipsense_model::{CompareArgs, run_compare};
 
@@ -63,6 +63,7 @@ fn cut(input: &Sequences, from: usize, to: usize) -> Sequences {
         level: rows(&input.level, 1, input, (from, to)),
         label: input.label[from..to].to_vec(),
         weight: input.weight[from..to].to_vec(),
+        taught: Vec::new(),
     }
 }
 
@@ -85,7 +86,7 @@ fn the_base_is_the_shipped_network() {
 fn every_network_learns_and_all_its_parameters_do() {
     let device = Device::flex().autodiff();
     let input = sequence(70, 2);
-    for Row { name, variant, .. } in ROWS.iter().filter(|row| !row.recomputed) {
+    for Row { name, variant, .. } in ROWS.iter().filter(|row| row.making == Making::Trained) {
         let weights = variant.first_weights(1);
         let mut network = FloatNetwork::new(&weights, &device);
         let mut optimizer = AdamWConfig::new().init();
@@ -102,6 +103,36 @@ fn every_network_learns_and_all_its_parameters_do() {
         println!("{name:20} {} parameters, loss {:.3} to {:.3}", weights.count(), losses[0], losses[11]);
         assert!(losses[11] < 0.7 * losses[0], "{name}: {losses:?}");
     }
+}
+
+#[test]
+fn a_teacher_counts_half() {
+    let device = Device::flex().autodiff();
+    let plain = Device::flex();
+    let [pupil, teacher] =
+        [BASE, row_named("wide").unwrap().variant].map(|variant| (variant, variant.first_weights(4)));
+    assert!(teacher.1.count() > 3 * pupil.1.count());
+    let network = FloatNetwork::new(&pupil.1, &device);
+    let mut input = sequence(70, 5);
+    let mut loss = |taught: Vec<f32>| {
+        input.taught = taught;
+        network.gradients(&pupil.0, &input, &device).0
+    };
+    let alone = loss(Vec::new());
+    let labels: Vec<f32> = (0..70 * CLASSES)
+        .map(|at| f32::from(u8::from(at / CLASSES / 20 % CLASSES == at % CLASSES)))
+        .collect();
+    assert!((loss(labels.clone()) - alone).abs() < 1e-6, "a teacher that says what the labels say");
+    let sure = loss([0.0, 0.0, 1.0].repeat(70));
+    let other: Vec<f32> = [0.0, 1.0, 0.0].repeat(70);
+    let said = FloatNetwork::fixed(&teacher.1, &plain).probabilities(&teacher.0, &sequence(70, 5), &plain);
+    for frame in said.as_chunks::<CLASSES>().0 {
+        assert!((frame.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+    }
+    // Cross entropy is linear in what is taught.
+    let halves = labels.iter().zip(&other).map(|(label, other)| 0.5 * (label + other)).collect();
+    assert!((loss(halves) - 0.5 * (alone + loss(other))).abs() < 1e-5);
+    assert!((sure - alone).abs() > 1e-3 && (loss(said) - alone).abs() > 1e-4);
 }
 
 #[test]
@@ -218,11 +249,12 @@ fn a_comparison_goes_on_with_what_is_missing() {
 
     // These are done: their files, the time it took included, stay.
     let recomputed = read("recomputed-1.json");
-    run_compare(&compare_args(&out, &["base", "xl", "recomputed"])).unwrap();
+    run_compare(&compare_args(&out, &["base", "xl", "recomputed", "wide", "distilled"])).unwrap();
     assert_eq!([read("base-1.json"), read("recomputed-1.json")], [base.clone(), recomputed]);
     let results: serde_json::Value = serde_json::from_str(&read("comparisons.json")).unwrap();
     let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
-    assert_eq!(rows, ["base", "xl", "recomputed"]);
+    assert_eq!(rows, ["base", "xl", "recomputed", "wide", "distilled"]);
+    assert!(read("distilled-1.json") != base && out.join("wide-1.safetensors").exists());
 
     let error = |args: CompareArgs| format!("{:#}", run_compare(&args).unwrap_err());
     let message = error(CompareArgs { steps: 2, ..compare_args(&out, &["base"]) });
@@ -237,7 +269,11 @@ fn a_comparison_without_sense_is_refused_before_anything_is_written() {
     let error = |args: CompareArgs| format!("{:#}", run_compare(&args).unwrap_err());
     assert!(error(compare_args(&out, &["bass"])).starts_with("--rows: bass is not a row (base, "));
     let alone = error(compare_args(&out, &["recomputed"]));
-    assert!(alone.ends_with("which row recomputed runs: add base to --rows"), "{alone}");
+    assert!(alone.ends_with("which row recomputed needs: add base to --rows"), "{alone}");
+    let untaught = error(compare_args(&out, &["base", "distilled"]));
+    assert!(
+        untaught.ends_with("wide-1.safetensors is missing, which row distilled needs: add wide to --rows")
+    );
     let twice = error(CompareArgs { seeds: vec![3, 3], ..compare_args(&out, &["base"]) });
     assert_eq!(twice, "--seeds: 3 is there twice");
     let none = error(CompareArgs { test_episodes: 0, ..compare_args(&out, &["base"]) });

@@ -8,8 +8,8 @@ use clap::Args;
 
 use super::results::{Budget, Comparisons, Finished};
 use super::sets::Sets;
-use super::train::train;
-use super::{BASE_ROW, ROWS, Row, picture, row_named};
+use super::train::{TrainedNetwork, train};
+use super::{Making, ROWS, Row, picture, row_named};
 use crate::batch::{Options, Sampler};
 use crate::output;
 use crate::train::progress;
@@ -19,7 +19,7 @@ use crate::weights::Weights;
 ///
 /// Trains every row on the same synthetic episodes with the same number of steps, in float, and scores it on
 /// the first episodes of the frozen splits: modality, fusion, accelerometer encoder, memory, resolution,
-/// augmentation, and what else the paper compares. A row and seed that is finished stays in DIR: the
+/// augmentation, and what else the paper compares; besides, a network twice the size, and one taught by it. A row and seed that is finished stays in DIR: the
 /// command, given again, goes on with what is missing.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = rows_help())]
@@ -59,6 +59,7 @@ fn rows_help() -> String {
          Files written to DIR:\n  \
          ROW-SEED.json          figures of one row and seed, as soon as it is finished\n  \
          base-SEED.safetensors  weights of the base, which the row `recomputed` runs again\n  \
+         wide-SEED.safetensors  weights of the larger network, which teaches the row `distilled`\n  \
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n\n\
          On two cores a row and seed is trained in about three minutes and scored in one, `recomputed` in several;\n\
@@ -87,10 +88,11 @@ pub fn run_compare(args: &CompareArgs) -> Result<()> {
         }
     }
     for &(row, seed) in &missing {
-        let base_comes = missing.iter().any(|&(other, of)| other.name == BASE_ROW && of == seed);
-        let path = base_weights(&args.out, seed);
-        if row.recomputed && !base_comes && !path.exists() {
-            bail!("{} is missing, which row {} runs: add {BASE_ROW} to --rows", path.display(), row.name);
+        let Some(needed) = row.needs() else { continue };
+        let comes = missing.iter().any(|&(other, of)| other.name == needed && of == seed);
+        let path = kept_weights(&args.out, needed, seed);
+        if !comes && !path.exists() {
+            bail!("{} is missing, which row {} needs: add {needed} to --rows", path.display(), row.name);
         }
     }
     output::folder(&args.out)?;
@@ -125,20 +127,18 @@ fn run_row(
     place: String,
 ) -> Result<Finished> {
     let started = Instant::now();
-    let (weights, loss) = if row.recomputed {
-        let path = base_weights(out, seed);
-        let weights = Weights::read(&path)?;
-        ensure!(weights.dims == row.variant.dims(), "{}: not the base's dimensions", path.display());
-        (weights, None)
+    let needed = row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
+    let (weights, loss) = if let (Making::Recomputed, Some(base)) = (row.making, &needed) {
+        (base.weights.clone(), None)
     } else {
         let options = Options { pads: row.variant.pads, xl_augmentation: row.variant.xl_augmentation };
         let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
         let bar = progress("", budget.steps as u64).with_prefix(place);
-        let trained = train(&row.variant, &sampler, budget, seed, &bar)
+        let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &bar)
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
-        if row.name == BASE_ROW {
-            trained.weights.write(&base_weights(out, seed))?;
+        if row.is_needed() {
+            trained.weights.write(&kept_weights(out, row.name, seed))?;
         }
         (trained.weights, Some(trained.loss))
     };
@@ -155,8 +155,16 @@ fn run_row(
     })
 }
 
-fn base_weights(out: &Path, seed: u64) -> PathBuf {
-    out.join(format!("{BASE_ROW}-{seed}.safetensors"))
+/// Where the weights of a row are kept that others need.
+fn kept_weights(out: &Path, row: &str, seed: u64) -> PathBuf {
+    out.join(format!("{row}-{seed}.safetensors"))
+}
+
+fn read_kept(out: &Path, row: &Row, seed: u64) -> Result<TrainedNetwork> {
+    let path = kept_weights(out, row.name, seed);
+    let weights = Weights::read(&path)?;
+    ensure!(weights.dims == row.variant.dims(), "{}: not the dimensions of row {}", path.display(), row.name);
+    Ok(TrainedNetwork { variant: row.variant, weights })
 }
 
 impl CompareArgs {

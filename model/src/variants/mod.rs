@@ -1,7 +1,8 @@
 //! The paper's comparisons: networks that differ from the shipped one in one thing each, trained on the same
 //! episodes with the same budget and scored on the same frozen splits.
 //!
-//! [`ROWS`] lists them, [`network`] says what each computes, [`train`] trains one, [`recomputed`] runs the
+//! [`ROWS`] lists them, [`network`] says what each computes, [`train`] trains one, alone or with another as its
+//! teacher, [`recomputed`] runs the
 //! shipped one without its memory, [`results`] collects what they reach and [`orderings`] holds it against the
 //! order that the paper found. All networks are in float: what integers cost is `slipsense eval`'s business.
 
@@ -64,6 +65,8 @@ pub struct Variant {
     pub fusion: Fusion,
     /// Where the maximum over fingers is taken.
     pub pool: Pool,
+    /// Channels, filters and embeddings, times those of the shipped network.
+    pub size: usize,
     /// Frames an attention looks back over, the current one included.
     pub window: usize,
     /// Frames the first accelerometer layer sees; with 1 the encoder is an MLP of one frame.
@@ -81,12 +84,24 @@ pub const BASE: Variant = Variant {
     modality: Modality::Both,
     fusion: Fusion::CrossAttention,
     pool: Pool::BeforeFusion,
+    size: 1,
     window: FIRST_DIMS.window,
     xl_kernel: FIRST_DIMS.xl_kernel,
     level: false,
     pads: PadView { side: TAXEL_ROWS, change: true },
     xl_augmentation: true,
 };
+
+/// Where a row's weights come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Making {
+    /// Trained on the labels.
+    Trained,
+    /// Trained on the labels and on what a trained row of this name says of the same frames, in equal parts.
+    TaughtBy(&'static str),
+    /// Not trained: the weights of [`BASE_ROW`], every frame from its window alone.
+    Recomputed,
+}
 
 /// One row of the comparisons.
 #[derive(Clone, Copy, Debug)]
@@ -99,15 +114,33 @@ pub struct Row {
     pub about: &'static str,
     /// The network.
     pub variant: Variant,
-    /// Not trained: the weights of [`BASE_ROW`], every frame from its window alone.
-    pub recomputed: bool,
+    /// Where its weights come from.
+    pub making: Making,
+}
+
+impl Row {
+    /// The row whose weights this one runs or learns from.
+    pub fn needs(&self) -> Option<&'static str> {
+        match self.making {
+            Making::Trained => None,
+            Making::TaughtBy(teacher) => Some(teacher),
+            Making::Recomputed => Some(BASE_ROW),
+        }
+    }
+
+    /// Does another row need its weights.
+    fn is_needed(&self) -> bool {
+        ROWS.iter().any(|row| row.needs() == Some(self.name))
+    }
 }
 
 /// Name of the row that the others differ from.
 pub const BASE_ROW: &str = "base";
+/// Name of the larger network that teaches.
+const TEACHER_ROW: &str = "wide";
 
 const fn row(name: &'static str, group: &'static str, about: &'static str, variant: Variant) -> Row {
-    Row { name, group, about, variant, recomputed: false }
+    Row { name, group, about, variant, making: Making::Trained }
 }
 
 const fn side(side: usize) -> Variant {
@@ -127,7 +160,7 @@ const fn modality(modality: Modality) -> Variant {
 }
 
 /// All rows.
-pub const ROWS: [Row; 18] = [
+pub const ROWS: [Row; 20] = [
     row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
     row("piezo", "modality", "pads only", modality(Modality::Piezo)),
     row("xl", "modality", "accelerometers only, contact included", modality(Modality::Xl)),
@@ -155,7 +188,7 @@ pub const ROWS: [Row; 18] = [
         Variant { pool: Pool::AfterFusion, ..BASE },
     ),
     Row {
-        recomputed: true,
+        making: Making::Recomputed,
         ..row("recomputed", "cache", "the base's weights, each frame from its own 60 frames alone", BASE)
     },
     row(
@@ -164,6 +197,11 @@ pub const ROWS: [Row; 18] = [
         "counts only, no change channel",
         Variant { pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE },
     ),
+    row(TEACHER_ROW, "size", "twice the channels, filters and embeddings", Variant { size: 2, ..BASE }),
+    Row {
+        making: Making::TaughtBy(TEACHER_ROW),
+        ..row("distilled", "size", "the base's network, taught by wide and the labels in equal parts", BASE)
+    },
 ];
 
 /// The row of a name.

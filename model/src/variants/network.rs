@@ -49,7 +49,15 @@ pub(super) struct Extent {
 impl Variant {
     /// Sizes, those of the shipped network but for the variant's own.
     pub const fn dims(&self) -> Dims {
-        Dims { xl_kernel: self.xl_kernel, window: self.window, ..FIRST_DIMS }
+        let [first, second, third] = FIRST_DIMS.conv_channels;
+        Dims {
+            conv_channels: [self.size * first, self.size * second, self.size * third],
+            embed: self.size * FIRST_DIMS.embed,
+            xl_channels: self.size * FIRST_DIMS.xl_channels,
+            xl_kernel: self.xl_kernel,
+            window: self.window,
+            ..FIRST_DIMS
+        }
     }
 
     /// Parameters before training.

@@ -6,7 +6,7 @@ use slipsense::params::CLASSES;
 use slipsense_synth::{Recipe, Split, generate_set};
 
 use super::results::{Budget, SplitFigures};
-use super::{Row, recomputed};
+use super::{Making, Row, recomputed};
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Scores, score_logits};
 use crate::float::FloatNetwork;
@@ -58,7 +58,7 @@ impl Sets {
         bar.set_prefix(format!("score {}", row.name));
         let one = |features: &Features| {
             let input = features.sequences_of(row.variant.pads);
-            let logits = if row.recomputed {
+            let logits = if row.making == Making::Recomputed {
                 recomputed::logits(&network, &row.variant, &input, &device)
             } else {
                 network.logits(&row.variant, &input, &device)

@@ -1,4 +1,4 @@
-//! Training of one variant within the budget that all share.
+//! Training of one variant, alone or with a teacher, within the budget that all share.
 
 use anyhow::{Result, ensure};
 use burn::tensor::Device;
@@ -23,23 +23,38 @@ pub struct Trained {
     pub loss: f64,
 }
 
+/// A network that is trained.
+#[derive(Clone, Debug)]
+pub struct TrainedNetwork {
+    /// What it computes.
+    pub variant: Variant,
+    /// Of what.
+    pub weights: Weights,
+}
+
 /// Train from first weights and draws that follow from `seed`; `sampler` has the variant's options. `bar` moves
-/// once a step.
+/// once a step. A teacher sees the batches as they are drawn.
 pub fn train(
     variant: &Variant,
     sampler: &Sampler<'_>,
+    teacher: Option<&TrainedNetwork>,
     budget: &Budget,
     seed: u64,
     bar: &ProgressBar,
 ) -> Result<Trained> {
     let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
+    let plain = Device::flex();
+    let teacher = teacher.map(|t| (&t.variant, FloatNetwork::fixed(&t.weights, &plain)));
     let first = variant.first_weights(seed);
     let mut network = FloatNetwork::new(&first, &device);
     let mut average = first;
     let mut losses = Vec::with_capacity(budget.steps);
     for step in 0..budget.steps {
-        let batch = sampler.batch(budget.batch, seed.wrapping_add((step as u64) << 32));
+        let mut batch = sampler.batch(budget.batch, seed.wrapping_add((step as u64) << 32));
+        if let Some((variant, network)) = &teacher {
+            batch.taught = network.probabilities(*variant, &batch, &plain);
+        }
         let (loss, gradients) = network.gradients(variant, &batch, &device);
         ensure!(loss.is_finite(), "the loss is {loss} at step {step}: try a lower --learning-rate");
         let rate = budget.learning_rate * schedule(step, budget.steps);

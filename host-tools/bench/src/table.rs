@@ -6,6 +6,7 @@ use comfy_table::{CellAlignment, Table, presets};
 
 use crate::grid::Grid;
 use crate::metrics::alarms::Rate;
+use crate::metrics::false_slip;
 use crate::metrics::statistics::share;
 use crate::paper::{CLASS_PERCENT, Comparison, VALIDATION};
 use crate::results::{InputFacts, InputFigures, Results};
@@ -40,14 +41,20 @@ impl Results {
         }
     }
 
-    /// What terminal and report show alike: the targets, integer against float, and the directions of slip,
-    /// each where there is something to show.
+    /// What terminal and report show alike: where false slip frames lie, the targets, integer against float, and the
+    /// directions of slip, each where there is something to show.
     pub(crate) fn grids(&self) -> Vec<Grid> {
         let kind = self.kind_of_data();
+        let has_slips =
+            |name: &str| self.inputs.iter().any(|input| input.name == name && input.labelled_events > 0);
+        let false_slip = false_slip::grid(&self.detectors, has_slips, kind);
         let targets = (!self.targets.is_empty()).then(|| targets::grid(&self.targets, kind));
         let rows = &self.integer_against_float;
         let integers = (!rows.is_empty()).then(|| integer_float::grid(rows, kind));
-        [targets, integers, directions::grid(&self.detectors, kind)].into_iter().flatten().collect()
+        [false_slip, targets, integers, directions::grid(&self.detectors, kind)]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 }
 

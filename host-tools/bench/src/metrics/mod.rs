@@ -4,6 +4,7 @@ pub mod alarms;
 pub mod bootstrap;
 pub mod cdf;
 pub mod events;
+pub mod false_slip;
 pub mod frames;
 pub mod groups;
 pub mod operating;

@@ -5,6 +5,7 @@ use slipsense_episode::score::SLIP;
 
 use super::alarms::{AlarmCounts, AlarmFigures};
 use super::events::{EventFigures, Outcome, Outcomes};
+use super::false_slip::{FalseSlipCounts, FalseSlipFigures};
 use super::frames::{FrameCounts, FrameFigures};
 use super::statistics::share;
 use crate::truth::Truth;
@@ -14,6 +15,8 @@ use crate::truth::Truth;
 pub struct Record {
     /// Frames by truth and decision.
     pub frames: FrameCounts,
+    /// Frames falsely called slip by where they lie.
+    pub false_slip: FalseSlipCounts,
     /// What became of its events.
     pub events: Outcomes,
     /// False alarms and exposure.
@@ -29,6 +32,7 @@ impl Record {
         let flag: Vec<u8> = class.iter().map(|&class| u8::from(class == SLIP)).collect();
         Self {
             frames: FrameCounts::new(truth, class),
+            false_slip: FalseSlipCounts::new(truth, class),
             events: Outcomes::new(truth, &flag),
             alarms: AlarmCounts::new(truth, &flag),
         }
@@ -50,6 +54,8 @@ pub struct Figures {
     pub frames: u64,
     /// Frame by frame.
     pub frame: FrameFigures,
+    /// The false positive rate by where the frames lie.
+    pub false_slip: FalseSlipFigures,
     /// Events against the encoder truth.
     pub encoder_events: EventFigures,
     /// Events against the interface truth.
@@ -66,9 +72,11 @@ impl Figures {
     /// Figures of these episodes together.
     pub fn new<'a>(records: impl IntoIterator<Item = &'a Record>) -> Self {
         let (mut frames, mut alarms) = (FrameCounts::default(), AlarmCounts::zero());
+        let mut false_slip = FalseSlipCounts::default();
         let (mut encoder, mut interface, mut without, mut episodes) = (Vec::new(), Vec::new(), 0, 0);
         for record in records {
             frames.add(&record.frames);
+            false_slip.add(&record.false_slip);
             alarms.add(&record.alarms);
             encoder.extend(&record.events.encoder);
             interface.extend(&record.events.interface);
@@ -79,6 +87,7 @@ impl Figures {
             episodes,
             frames: frames.all.frames(),
             frame: FrameFigures::new(&frames),
+            false_slip: FalseSlipFigures::new(&false_slip),
             labelled_without_interface_slip_share: share(without, encoder.len()),
             encoder_events: EventFigures::new(&encoder),
             interface_events: EventFigures::new(&interface),

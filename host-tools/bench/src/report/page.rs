@@ -43,7 +43,7 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
                     "more, are in " code { "metrics.json" } "." }
                 (parts::inputs(results))
                 @if !results.paper.is_empty() { h2 { "Beside the paper" } (parts::paper(results)) (parts::paper_speeds(results)) }
-                @for (i, of) in results.grids().iter().enumerate() { @if i == 0 { h2 { "Targets, integers, directions" } } (grid(of)) }
+                @for (i, of) in results.grids().iter().enumerate() { @if i == 0 { h2 { "False slip, targets, integers, directions" } } (grid(of)) }
                 h2 { "How soon" }
                 (parts::latencies(results))
                 div.plots { (plots.encoder) (plots.interface) @for speed in &plots.speed { (speed) } }

@@ -23,3 +23,18 @@ fn contact_only_and_guard_band_by_hand() {
     assert_eq!(frame.guard_band.accuracy_share, Some(87.0 / 92.0));
     assert_eq!(frame.guard_band.fpr_of_non_slip_share, Some(5.0 / 76.0));
 }
+
+#[test]
+fn a_false_slip_frame_is_before_after_or_elsewhere() {
+    // The 50 ms after the first slip reach into those before the second, which come first.
+    let episode = episode(200, &[40..60, 80..90]);
+    let class = class(200, &[10..13, 27..30, 35..62, 66..70, 101..105]);
+    let figures = Figures::new([&Record::new(&truth(&episode), &class)]);
+    let of = |frames: usize| Some(frames as f64 / 170.0);
+    let parts = figures.false_slip;
+    assert_eq!(parts.fpr_before_slip_share, of(2 + 5 + 2), "28, 29, 35 to 39, 68, 69");
+    assert_eq!(parts.fpr_after_slip_share, of(2 + 2 + 1), "60, 61, 66, 67, 101");
+    assert_eq!(parts.fpr_elsewhere_share, of(3 + 1 + 3), "10 to 12, 27, 102 to 104");
+    assert_eq!(figures.frame.fpr_of_non_slip_share, of(21));
+    assert_eq!(Figures::new([]).false_slip.fpr_elsewhere_share, None);
+}

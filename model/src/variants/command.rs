@@ -19,8 +19,8 @@ use crate::weights::Weights;
 ///
 /// Trains every row on the same synthetic episodes with the same number of steps, in float, and scores it on
 /// the first episodes of the frozen splits: modality, fusion, accelerometer encoder, memory, resolution,
-/// augmentation, and what else the paper compares; besides, a network twice the size, and one taught by it. A row and seed that is finished stays in DIR: the
-/// command, given again, goes on with what is missing.
+/// augmentation, and what else the paper compares; besides, a network twice the size, and one taught by it. A
+/// row and seed that is finished stays in DIR: the command, given again, goes on with what is missing.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = rows_help())]
 pub struct CompareArgs {
@@ -63,7 +63,7 @@ fn rows_help() -> String {
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n\n\
          On two cores a row and seed is trained in about three minutes and scored in one, `recomputed` in several;\n\
-         the features of all episodes are held in memory, about 6 GB.\n\n\
+         `wide` takes four times as long. The features of all episodes are held in memory, about 6 GB.\n\n\
          Examples:\n  \
          slipsense compare-networks --out out/compare\n  \
          slipsense compare-networks --out out/fusion --rows base,late,concatenation --seeds 1\n  \

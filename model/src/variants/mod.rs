@@ -2,9 +2,8 @@
 //! episodes with the same budget and scored on the same frozen splits.
 //!
 //! [`ROWS`] lists them, [`network`] says what each computes, [`train`] trains one, alone or with another as its
-//! teacher, [`recomputed`] runs the
-//! shipped one without its memory, [`results`] collects what they reach and [`orderings`] holds it against the
-//! order that the paper found. All networks are in float: what integers cost is `slipsense eval`'s business.
+//! teacher, [`recomputed`] runs the shipped one without its memory, [`results`] collects what they reach and
+//! [`orderings`] holds it against the order that the paper found. All networks are in float: what integers cost is `slipsense eval`'s business.
 
 mod command;
 pub mod network;

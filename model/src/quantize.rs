@@ -25,7 +25,8 @@ use crate::reference::{ACTIVATIONS, Ranges, log_mel_real};
 use crate::weights::Weights;
 
 /// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads: with
-/// every taxel at the end of its range they are almost four times as large. Every factor 2 costs a bit.
+/// pads pressed to the end of their range all over they are three to five times as large, and what is above is cut.
+/// Every factor 2 costs a bit.
 const PRESSURE_MARGIN: f64 = 4.0;
 /// The same for activations behind LayerNorm or standardised log-mel bins, whose size has an end.
 const BOUNDED_MARGIN: f64 = 2.0;

@@ -10,6 +10,7 @@ use burn::tensor::Device;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
+use slipsense::net::format::Dims;
 use slipsense::params::CLASSES;
 use slipsense_synth::objects::{self, Group};
 
@@ -19,7 +20,7 @@ use crate::data::{Features, Source, Use};
 use crate::evaluate::{Scores, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::ObjectUses;
-use crate::weights::{FIRST_DIMS, Weights};
+use crate::weights::{Weights, dims_of_size};
 use crate::{curves, output};
 
 /// Share of all steps over which the learning rate rises.
@@ -71,12 +72,24 @@ pub struct TrainArgs {
     /// Highest learning rate; it rises over the first steps and falls along a half cosine.
     #[arg(long, value_name = "LR", default_value_t = 3e-3)]
     pub learning_rate: f64,
+    /// Channels, filters and embeddings, times those of the shipped network; twice the size is more than the
+    /// microcontroller's limits allow, and can teach.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub size: u8,
+    /// Float weights of a trained network, such as a larger one. It is asked about every batch, and what it says
+    /// counts as much as the labels.
+    #[arg(long, value_name = "FILE")]
+    pub teacher: Option<PathBuf>,
     /// Go on after the last finished epoch of the same run in DIR.
     #[arg(long)]
     pub resume: bool,
 }
 
 impl TrainArgs {
+    fn dims(&self) -> Dims {
+        dims_of_size(self.size.into())
+    }
+
     fn object_uses(&self) -> ObjectUses {
         ObjectUses { validation: self.validation.clone(), test: self.test.clone() }
     }
@@ -124,6 +137,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         args.learning_rate > 0.0 && args.learning_rate <= 1.0,
         "--learning-rate must be above 0 and at most 1"
     );
+    let teacher = args.teacher.as_deref().map(Weights::read).transpose()?;
     let source = Source::new(args.data.as_deref(), args.seed).with_uses(args.object_uses());
     if let Source::Folder(folder) = &source {
         println!("{}", folder.describe()?);
@@ -148,8 +162,8 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let sampler = Sampler::new(&train, args.frames)?;
     let total: usize = train.iter().map(Features::frames).sum();
     let steps = total.div_ceil(args.batch * args.frames);
-    let run = Run { args, steps };
-    let recipe = run.recipe(&source);
+    let run = Run { args, teacher, steps };
+    let recipe = run.recipe(&source)?;
 
     let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
@@ -158,7 +172,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         optimizer = restored;
         state
     } else {
-        let weights = Weights::init(FIRST_DIMS, args.seed);
+        let weights = Weights::init(args.dims(), args.seed);
         Checkpoint { average: weights.clone(), weights, rows: Vec::new(), recipe }
     };
 
@@ -225,13 +239,14 @@ fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) ->
 /// What does not change in a run.
 struct Run<'a> {
     args: &'a TrainArgs,
+    teacher: Option<Weights>,
     /// Per epoch.
     steps: usize,
 }
 
 impl Run<'_> {
     /// What makes two runs the same, for the manifest and for --resume.
-    fn recipe(&self, source: &Source) -> serde_json::Value {
+    fn recipe(&self, source: &Source) -> Result<serde_json::Value> {
         let args = self.args;
         let mut recipe = json!({
             "data": source.describe(),
@@ -245,12 +260,15 @@ impl Run<'_> {
             "warm_up": WARM_UP,
             "weight_decay": WEIGHT_DECAY,
             "average_decay": AVERAGE_DECAY,
-            "dims": FIRST_DIMS.to_fields(),
+            "dims": args.dims().to_fields(),
         });
         if args.data.is_some() {
             recipe["objects"] = json!(args.object_uses());
         }
-        recipe
+        if let Some(teacher) = &self.teacher {
+            recipe["teacher_sha256"] = json!(output::sha256_hex(&teacher.to_bytes()?));
+        }
+        Ok(recipe)
     }
 
     fn learning_rate(&self, step: usize) -> f64 {
@@ -270,8 +288,13 @@ impl Run<'_> {
         let bar = progress("epoch", self.steps as u64);
         bar.set_prefix(format!("epoch {}/{}", epoch + 1, self.args.epochs));
         let (mut sum, mut recent) = (0.0, None);
+        let plain = Device::flex();
+        let teacher = self.teacher.as_ref().map(|t| (&t.dims, FloatNetwork::fixed(t, &plain)));
         for step in epoch * self.steps..(epoch + 1) * self.steps {
-            let batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
+            let mut batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
+            if let Some((dims, network)) = &teacher {
+                batch.taught = network.probabilities(*dims, &batch, &plain);
+            }
             let (value, gradients) = network.gradients(&state.weights.dims, &batch, device);
             ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");
             *network = optimizer.step(self.learning_rate(step), network.clone(), gradients);

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use slipsense::net::Model;
 use slipsense_model::data::{Use, recipes, use_of};
+use slipsense_model::weights::{Weights, dims_of_size};
 use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
 use slipsense_synth::ObjectChoice;
 
@@ -21,6 +22,8 @@ fn train_args(out: &Path) -> TrainArgs {
         batch: 30,
         frames: 48,
         learning_rate: 1e-3,
+        size: 1,
+        teacher: None,
         resume: false,
     }
 }
@@ -62,6 +65,35 @@ fn train_resume_and_quantize() {
     let missing = QuantizeArgs { weights: folder.path().join("none"), ..quantize };
     let error = format!("{:#}", run_quantize(&missing).unwrap_err());
     assert!(error.starts_with("cannot read ") && !error.contains('\n'), "{error}");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
+fn a_larger_network_teaches() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    run_train(&TrainArgs { size: 2, ..train_args(&at("large")) }).unwrap();
+    let teacher = Some(at("large").join("weights.safetensors"));
+    run_train(&train_args(&at("alone"))).unwrap();
+    let taught = TrainArgs { teacher: teacher.clone(), ..train_args(&at("taught")) };
+    run_train(&taught).unwrap();
+    let weights = |name: &str| Weights::read(&at(name).join("weights.safetensors")).unwrap();
+    assert_eq!(weights("large").dims, dims_of_size(2));
+    assert_eq!(weights("taught").dims, weights("alone").dims);
+    assert_ne!(weights("taught"), weights("alone"), "what the teacher says counts");
+    let recipe = |name: &str| -> serde_json::Value {
+        let text = fs::read_to_string(at(name).join("train.json")).unwrap();
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["recipe"].clone()
+    };
+    assert!(
+        recipe("taught")["teacher_sha256"].is_string() && recipe("alone").get("teacher_sha256").is_none()
+    );
+
+    // Another teacher, or none, is another run.
+    let other = run_train(&TrainArgs { resume: true, teacher: None, ..taught.clone() }).unwrap_err();
+    assert!(format!("{other:#}").contains("the run was started with"), "{other:#}");
+    let none = run_train(&TrainArgs { teacher: Some(at("none")), out: at("x"), ..taught }).unwrap_err();
+    assert!(format!("{none:#}").starts_with("cannot read ") && !at("x").exists(), "{none:#}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use slipsense::params::MEL_BINS;
 
 use super::{Fusion, Modality, Pool, Variant};
 use crate::float::{Architecture, Band, Graph, Sequences};
-use crate::weights::{FIRST_DIMS, Weights, first_values, specs};
+use crate::weights::{Weights, dims_of_size, first_values, specs};
 
 /// The level enters as `(level − LEVEL_MIDDLE_NAT) / LEVEL_SPREAD_NAT`: a quiet accelerometer's is about −11,
 /// a knock's 3 nat of LSB².
@@ -49,15 +49,7 @@ pub(super) struct Extent {
 impl Variant {
     /// Sizes, those of the shipped network but for the variant's own.
     pub const fn dims(&self) -> Dims {
-        let [first, second, third] = FIRST_DIMS.conv_channels;
-        Dims {
-            conv_channels: [self.size * first, self.size * second, self.size * third],
-            embed: self.size * FIRST_DIMS.embed,
-            xl_channels: self.size * FIRST_DIMS.xl_channels,
-            xl_kernel: self.xl_kernel,
-            window: self.window,
-            ..FIRST_DIMS
-        }
+        Dims { xl_kernel: self.xl_kernel, window: self.window, ..dims_of_size(self.size) }
     }
 
     /// Parameters before training.

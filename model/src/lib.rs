@@ -2,8 +2,8 @@
 //!
 //! Episodes, generated or from a folder ([`folder`]), become features by the microcontroller's own front end
 //! ([`data`]), random stretches of them become batches ([`batch`], [`augment`]), a tensor library trains the
-//! network on whole sequences ([`float`], [`train`], the taxel encoder's convolutions by hand in [`piezo`]). The
-//! weights ([`weights`]) are run frame by frame to measure ranges ([`reference`], and by another library, [`tract`]),
+//! network on whole sequences ([`float`], [`train`], with a [`teacher`] if there is one, the taxel encoder's
+//! convolutions by hand in [`piezo`]). The weights ([`weights`]) are run frame by frame to measure ranges ([`reference`], and by another library, [`tract`]),
 //! turned into integers ([`quantize`]), and scored beside the integer pipeline ([`evaluate`]), activation by
 //! activation if need be ([`compare`], [`trace`]). Networks that differ from it in one thing each are compared
 //! with it ([`variants`]).
@@ -24,6 +24,7 @@ pub mod pad_view;
 pub mod piezo;
 pub mod quantize;
 pub mod reference;
+pub mod teacher;
 pub mod trace;
 pub mod tract;
 pub mod train;

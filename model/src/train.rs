@@ -20,6 +20,7 @@ use crate::data::{Features, Source, Use};
 use crate::evaluate::{Scores, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::ObjectUses;
+use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
 use crate::{curves, output};
 
@@ -288,12 +289,11 @@ impl Run<'_> {
         let bar = progress("epoch", self.steps as u64);
         bar.set_prefix(format!("epoch {}/{}", epoch + 1, self.args.epochs));
         let (mut sum, mut recent) = (0.0, None);
-        let plain = Device::flex();
-        let teacher = self.teacher.as_ref().map(|t| (&t.dims, FloatNetwork::fixed(t, &plain)));
+        let teacher = self.teacher.as_ref().map(|weights| Teacher::new(weights.dims, weights));
         for step in epoch * self.steps..(epoch + 1) * self.steps {
             let mut batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
-            if let Some((dims, network)) = &teacher {
-                batch.taught = network.probabilities(*dims, &batch, &plain);
+            if let Some(teacher) = &teacher {
+                teacher.teach(&mut batch);
             }
             let (value, gradients) = network.gradients(&state.weights.dims, &batch, device);
             ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");

@@ -8,6 +8,7 @@ use super::Variant;
 use super::results::Budget;
 use crate::batch::Sampler;
 use crate::float::FloatNetwork;
+use crate::teacher::Teacher;
 use crate::train::{average_decay, optimizer, schedule};
 use crate::weights::Weights;
 
@@ -44,16 +45,15 @@ pub fn train(
 ) -> Result<Trained> {
     let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
-    let plain = Device::flex();
-    let teacher = teacher.map(|t| (&t.variant, FloatNetwork::fixed(&t.weights, &plain)));
+    let teacher = teacher.map(|of| Teacher::new(of.variant, &of.weights));
     let first = variant.first_weights(seed);
     let mut network = FloatNetwork::new(&first, &device);
     let mut average = first;
     let mut losses = Vec::with_capacity(budget.steps);
     for step in 0..budget.steps {
         let mut batch = sampler.batch(budget.batch, seed.wrapping_add((step as u64) << 32));
-        if let Some((variant, network)) = &teacher {
-            batch.taught = network.probabilities(*variant, &batch, &plain);
+        if let Some(teacher) = &teacher {
+            teacher.teach(&mut batch);
         }
         let (loss, gradients) = network.gradients(variant, &batch, &device);
         ensure!(loss.is_finite(), "the loss is {loss} at step {step}: try a lower --learning-rate");

@@ -1,4 +1,4 @@
-//! A trained network that another one learns from: what it says of a batch counts beside the labels
+//! Trained networks that another one learns from: what they say of a batch counts beside the labels
 //! ([`Sequences::taught`]).
 
 use burn::tensor::Device;
@@ -6,23 +6,33 @@ use burn::tensor::Device;
 use crate::float::{Architecture, FloatNetwork, Sequences};
 use crate::weights::Weights;
 
-/// The teacher, ready to be asked.
+/// One or several networks of one kind, ready to be asked.
 #[derive(Debug)]
 pub struct Teacher<A> {
-    architecture: A,
-    network: FloatNetwork,
+    networks: Vec<(A, FloatNetwork)>,
     device: Device,
 }
 
 impl<A: Architecture> Teacher<A> {
-    /// Of trained weights, which are those of `architecture`.
-    pub fn new(architecture: A, weights: &Weights) -> Self {
+    /// Of trained weights, each those of its architecture.
+    pub fn new<'w>(networks: impl IntoIterator<Item = (A, &'w Weights)>) -> Self {
         let device = Device::flex();
-        Self { architecture, network: FloatNetwork::fixed(weights, &device), device }
+        let ready = |(architecture, weights)| (architecture, FloatNetwork::fixed(weights, &device));
+        Self { networks: networks.into_iter().map(ready).collect(), device }
     }
 
-    /// Put what it says of the batch, as it was drawn, into the batch.
+    /// Put what they say of the batch, as it was drawn, into the batch: the mean of their probabilities.
+    /// Without a network the batch stays as it is.
     pub fn teach(&self, batch: &mut Sequences) {
-        batch.taught = self.network.probabilities(&self.architecture, batch, &self.device);
+        let mut taught: Vec<f32> = Vec::new();
+        let share = 1.0 / self.networks.len() as f32;
+        for (architecture, network) in &self.networks {
+            let said = network.probabilities(architecture, batch, &self.device);
+            taught.resize(said.len(), 0.0);
+            for (mean, said) in taught.iter_mut().zip(said) {
+                *mean += share * said;
+            }
+        }
+        batch.taught = taught;
     }
 }

@@ -77,10 +77,14 @@ pub struct TrainArgs {
     /// microcontroller, and can teach.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     pub size: u8,
-    /// Float weights of a trained network, such as a larger one. It is asked about every batch, and what it says
-    /// counts as much as the labels.
+    /// Float weights to begin with, such as the shipped model's, instead of random ones; a lower
+    /// --learning-rate then forgets less.
     #[arg(long, value_name = "FILE")]
-    pub teacher: Option<PathBuf>,
+    pub start: Option<PathBuf>,
+    /// Float weights of a trained network, such as a larger one; may be given several times. All are asked
+    /// about every batch, and the mean of what they say counts as much as the labels.
+    #[arg(long, value_name = "FILE")]
+    pub teacher: Vec<PathBuf>,
     /// Go on after the last finished epoch of the same run in DIR.
     #[arg(long)]
     pub resume: bool,
@@ -138,7 +142,8 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         args.learning_rate > 0.0 && args.learning_rate <= 1.0,
         "--learning-rate must be above 0 and at most 1"
     );
-    let teacher = args.teacher.as_deref().map(Weights::read).transpose()?;
+    let teachers = args.teacher.iter().map(|path| Weights::read(path)).collect::<Result<Vec<_>>>()?;
+    let first = first_weights(args)?;
     let source = Source::new(args.data.as_deref(), args.seed).with_uses(args.object_uses());
     if let Source::Folder(folder) = &source {
         println!("{}", folder.describe()?);
@@ -163,7 +168,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let sampler = Sampler::new(&train, args.frames)?;
     let total: usize = train.iter().map(Features::frames).sum();
     let steps = total.div_ceil(args.batch * args.frames);
-    let run = Run { args, teacher, steps };
+    let run = Run { args, teachers, first, steps };
     let recipe = run.recipe(&source)?;
 
     let device = Device::flex().autodiff();
@@ -173,7 +178,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         optimizer = restored;
         state
     } else {
-        let weights = Weights::init(args.dims(), args.seed);
+        let weights = run.first.clone();
         Checkpoint { average: weights.clone(), weights, rows: Vec::new(), recipe }
     };
 
@@ -211,6 +216,23 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     finish(args, &state, made_from)
 }
 
+/// The weights that the first step finds.
+fn first_weights(args: &TrainArgs) -> Result<Weights> {
+    let Some(path) = &args.start else {
+        return Ok(Weights::init(args.dims(), args.seed));
+    };
+    let weights = Weights::read(path)?;
+    ensure!(
+        weights.dims == args.dims(),
+        "--start {}: sizes are {:?}, with --size {} they must be {:?}",
+        path.display(),
+        weights.dims.to_fields(),
+        args.size,
+        args.dims().to_fields()
+    );
+    Ok(weights)
+}
+
 /// The curves so far, as numbers and as a picture.
 fn write_curves(out: &Path, rows: &[Row]) -> Result<()> {
     output::write(&out.join("curves.csv"), csv(rows).as_bytes())?;
@@ -240,7 +262,8 @@ fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) ->
 /// What does not change in a run.
 struct Run<'a> {
     args: &'a TrainArgs,
-    teacher: Option<Weights>,
+    teachers: Vec<Weights>,
+    first: Weights,
     /// Per epoch.
     steps: usize,
 }
@@ -266,8 +289,12 @@ impl Run<'_> {
         if args.data.is_some() {
             recipe["objects"] = json!(args.object_uses());
         }
-        if let Some(teacher) = &self.teacher {
-            recipe["teacher_sha256"] = json!(output::sha256_hex(&teacher.to_bytes()?));
+        let hash = |weights: &Weights| anyhow::Ok(output::sha256_hex(&weights.to_bytes()?));
+        if args.start.is_some() {
+            recipe["start_sha256"] = json!(hash(&self.first)?);
+        }
+        if !self.teachers.is_empty() {
+            recipe["teacher_sha256"] = json!(self.teachers.iter().map(hash).collect::<Result<Vec<_>>>()?);
         }
         Ok(recipe)
     }
@@ -289,12 +316,10 @@ impl Run<'_> {
         let bar = progress("epoch", self.steps as u64);
         bar.set_prefix(format!("epoch {}/{}", epoch + 1, self.args.epochs));
         let (mut sum, mut recent) = (0.0, None);
-        let teacher = self.teacher.as_ref().map(|weights| Teacher::new(weights.dims, weights));
+        let teacher = Teacher::new(self.teachers.iter().map(|weights| (weights.dims, weights)));
         for step in epoch * self.steps..(epoch + 1) * self.steps {
             let mut batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
-            if let Some(teacher) = &teacher {
-                teacher.teach(&mut batch);
-            }
+            teacher.teach(&mut batch);
             let (value, gradients) = network.gradients(&state.weights.dims, &batch, device);
             ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");
             *network = optimizer.step(self.learning_rate(step), network.clone(), gradients);

@@ -23,7 +23,8 @@ fn train_args(out: &Path) -> TrainArgs {
         frames: 48,
         learning_rate: 1e-3,
         size: 1,
-        teacher: None,
+        start: None,
+        teacher: Vec::new(),
         resume: false,
     }
 }
@@ -73,7 +74,7 @@ fn a_larger_network_teaches() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     run_train(&TrainArgs { size: 2, ..train_args(&at("large")) }).unwrap();
-    let teacher = Some(at("large").join("weights.safetensors"));
+    let teacher = vec![at("large").join("weights.safetensors")];
     run_train(&train_args(&at("alone"))).unwrap();
     let taught = TrainArgs { teacher: teacher.clone(), ..train_args(&at("taught")) };
     run_train(&taught).unwrap();
@@ -85,15 +86,39 @@ fn a_larger_network_teaches() {
         let text = fs::read_to_string(at(name).join("train.json")).unwrap();
         serde_json::from_str::<serde_json::Value>(&text).unwrap()["recipe"].clone()
     };
-    assert!(
-        recipe("taught")["teacher_sha256"].is_string() && recipe("alone").get("teacher_sha256").is_none()
-    );
+    assert!(recipe("taught")["teacher_sha256"].is_array() && recipe("alone").get("teacher_sha256").is_none());
 
     // Another teacher, or none, is another run.
-    let other = run_train(&TrainArgs { resume: true, teacher: None, ..taught.clone() }).unwrap_err();
+    let other = run_train(&TrainArgs { resume: true, teacher: Vec::new(), ..taught.clone() }).unwrap_err();
     assert!(format!("{other:#}").contains("the run was started with"), "{other:#}");
-    let none = run_train(&TrainArgs { teacher: Some(at("none")), out: at("x"), ..taught }).unwrap_err();
+    let none = run_train(&TrainArgs { teacher: vec![at("none")], out: at("x"), ..taught }).unwrap_err();
     assert!(format!("{none:#}").starts_with("cannot read ") && !at("x").exists(), "{none:#}");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
+fn a_run_begins_with_given_weights() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let weights = |name: &str| at(name).join("weights.safetensors");
+    run_train(&train_args(&at("first"))).unwrap();
+    // Steps of next to nothing: what comes out is what went in, not random weights.
+    let again = TrainArgs {
+        start: Some(weights("first")),
+        learning_rate: 1e-9,
+        seed: 7,
+        ..train_args(&at("second"))
+    };
+    run_train(&again).unwrap();
+    let [first, second] = ["first", "second"].map(|name| Weights::read(&weights(name)).unwrap());
+    let differences = first.tensors.iter().flatten().zip(second.tensors.iter().flatten());
+    assert!(differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-5);
+
+    // Other first weights are another run, and weights of another size are refused.
+    let other = run_train(&TrainArgs { resume: true, start: None, ..again.clone() }).unwrap_err();
+    assert!(format!("{other:#}").contains("the run was started with"), "{other:#}");
+    let size = run_train(&TrainArgs { size: 2, out: at("x"), ..again }).unwrap_err();
+    assert!(format!("{size:#}").starts_with("--start ") && !at("x").exists(), "{size:#}");
 }
 
 #[test]

@@ -18,8 +18,9 @@ use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
 use slipsense_model::pad_view::PadView;
 use slipsense_model::piezo::IMAGE;
 use slipsense_model::reference::log_mel_real;
+use slipsense_model::teacher::Teacher;
 use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
-use slipsense_model::weights::{FIRST_DIMS, specs};
+use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{CompareArgs, run_compare};
 
 const SENSORS: usize = 2;
@@ -103,6 +104,22 @@ fn every_network_learns_and_all_its_parameters_do() {
         println!("{name:20} {} parameters, loss {:.3} to {:.3}", weights.count(), losses[0], losses[11]);
         assert!(losses[11] < 0.7 * losses[0], "{name}: {losses:?}");
     }
+}
+
+#[test]
+fn several_teachers_say_their_mean() {
+    let networks = [1, 2].map(|seed| BASE.first_weights(seed));
+    let said = |networks: &[&Weights]| {
+        let mut batch = sequence(70, 6);
+        Teacher::new(networks.iter().map(|weights| (BASE, *weights))).teach(&mut batch);
+        batch.taught
+    };
+    let [one, two] = [&networks[0], &networks[1]].map(|network| said(&[network]));
+    let both = said(&[&networks[0], &networks[1]]);
+    assert_eq!(both.len(), 70 * CLASSES);
+    assert!(one.iter().zip(&two).any(|(a, b)| (a - b).abs() > 1e-3));
+    assert!(both.iter().zip(one.iter().zip(&two)).all(|(mean, (a, b))| (mean - (a + b) / 2.0).abs() < 1e-6));
+    assert!(said(&[]).is_empty());
 }
 
 #[test]

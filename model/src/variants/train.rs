@@ -45,7 +45,7 @@ pub fn train(
 ) -> Result<Trained> {
     let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
-    let teacher = teacher.map(|of| Teacher::new(of.variant, &of.weights));
+    let teacher = teacher.map(|of| Teacher::new([(of.variant, &of.weights)]));
     let first = variant.first_weights(seed);
     let mut network = FloatNetwork::new(&first, &device);
     let mut average = first;

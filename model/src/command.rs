@@ -78,7 +78,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
         "weights_sha256": output::sha256_hex(&weights.to_bytes()?),
         "calibration_episodes": seen.len(),
         "training": training.as_ref().map(|t| &t["recipe"]),
-        SCALES_KEY: activation_scales(&ranges)?,
+        SCALES_KEY: activation_scales(&weights.dims, &ranges)?,
     });
     let file = quantize(&weights, &ranges, &provenance.to_string())?;
     let bytes = export::to_bytes(&file)?;

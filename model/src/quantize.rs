@@ -32,8 +32,11 @@ const PRESSURE_MARGIN: f64 = 4.0;
 const BOUNDED_MARGIN: f64 = 2.0;
 /// The same for sums before LayerNorm, which have bits to spare.
 const RESIDUAL_MARGIN: f64 = 8.0;
-/// The same for queries and keys, whose scale is also that of the scores and may not grow.
+/// The same for queries and keys, or what the scores' multiplier leaves of it ([`MULTIPLIER_RATIO_MAX`]): the product of
+/// their scales is that of the scores.
 const QUERY_KEY_MARGIN: f64 = 2.0;
+/// Largest real ratio that a multiplier takes.
+const MULTIPLIER_RATIO_MAX: f64 = i32::MAX as f64 / TWO_32;
 /// Largest magnitude of an activation after requantization.
 const I16_MAX: f64 = i16::MAX as f64;
 /// Largest weight; −32768 is left unused so that a sign never changes the magnitude.
@@ -45,6 +48,8 @@ const RESIDUAL_MAX: f64 = ((1 << (RESIDUAL_BITS - 1)) - 1) as f64;
 /// Largest bias: half of the accumulator, the rest is for the products.
 const BIAS_MAX: f64 = (1u32 << 30) as f64;
 const TWO_32: f64 = 4_294_967_296.0;
+/// Integers of a score per nat; scores are to the base 2.
+const SCORE_UNITS_PER_NAT: f64 = std::f64::consts::LOG2_E * (1 << SCORE_FRAC_BITS) as f64;
 
 /// How many real units an activation's range needs per integer.
 #[derive(Clone, Debug)]
@@ -65,7 +70,7 @@ impl Scales<'_> {
 
 /// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
 /// `ranges`. Refuses an activation that was never seen away from zero, by name.
-pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
+pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
     let needs = Scales { ranges };
     let scale = |activation: &str| match activation {
         "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
@@ -81,7 +86,23 @@ pub fn activation_scales(ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
         "piezo.conv3" | "piezo" | "cross_xl.value" => needs.of(activation, PRESSURE_MARGIN, I16_MAX),
         other => needs.of(other, BOUNDED_MARGIN, I16_MAX),
     };
-    ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?))).collect()
+    let scales = ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?)));
+    let mut scales = scales.collect::<Result<BTreeMap<_, _>>>()?;
+    for (block, width) in [("cross_piezo", 1), ("cross_xl", 1), ("temporal", 2)] {
+        let parts = ["query", "key"].map(|part| format!("{block}.{part}"));
+        let ratio = score_ratio(parts.each_ref().map(|part| scales[part]), width * dims.embed / dims.heads);
+        // Both give up the same share of their room; what they were seen to reach stays.
+        let share = (MULTIPLIER_RATIO_MAX / ratio).sqrt().clamp(1.0 / QUERY_KEY_MARGIN, 1.0);
+        for (_, scale) in scales.iter_mut().filter(|(name, _)| parts.contains(name)) {
+            *scale *= share;
+        }
+    }
+    Ok(scales)
+}
+
+/// What the product of a query's and a key's integers is in units of a score, by the real value of one unit of each.
+fn score_ratio([query, key]: [f64; 2], head_width: usize) -> f64 {
+    query * key / (head_width as f64).sqrt() * SCORE_UNITS_PER_NAT
 }
 
 /// `floor(x + 1/2)`, the project's rounding rule.
@@ -102,7 +123,7 @@ fn multiplier(ratio: f64, tensor: &str, channel: usize) -> Result<i32> {
 
 /// Integers for one network. `provenance`: JSON text about how it was made.
 pub fn quantize(weights: &Weights, ranges: &Ranges, provenance: &str) -> Result<ModelFile> {
-    let scales = activation_scales(ranges)?;
+    let scales = activation_scales(&weights.dims, ranges)?;
     let file = ModelFile::new(weights.dims, provenance);
     let mut quantizer = Quantizer { weights, scales, file };
     let [conv1, conv2, conv3] = piezo::LAYERS;
@@ -181,13 +202,11 @@ impl Quantizer<'_> {
 
         let score = name("score");
         let width = self.weights.get(&name("query"), "bias").len();
-        let head_width = (width / self.dims().heads) as f64;
-        // Scores are to the base 2.
-        let unit = std::f64::consts::LOG2_E * f64::from(1 << SCORE_FRAC_BITS);
-        let ratio = query * key / head_width.sqrt() * unit;
+        let ratio = score_ratio([query, key], width / self.dims().heads);
         *self.file.tensor_mut(&score, "multiplier") =
             vec![multiplier(ratio, &format!("{score} multiplier"), 0)?];
-        let bias = self.weights.get(&score, "bias").iter().map(|&b| round(f64::from(b) * unit));
+        let bias =
+            self.weights.get(&score, "bias").iter().map(|&b| round(f64::from(b) * SCORE_UNITS_PER_NAT));
         *self.file.tensor_mut(&score, "bias") = integers(bias, I16_MAX, &format!("{score} bias"))?;
         let factor = self.scales[asks] / residual * f64::from(1 << RESIDUAL_FACTOR_BITS);
         *self.file.tensor_mut(&name("norm"), "residual") =

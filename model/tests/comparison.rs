@@ -8,7 +8,7 @@ use slipsense_model::compare::{compare_activations, scales};
 use slipsense_model::export;
 use slipsense_model::quantize::{activation_scales, quantize};
 use slipsense_model::reference::{ACTIVATIONS, Ranges, Reference, SensorFrame};
-use slipsense_model::weights::Weights;
+use slipsense_model::weights::{FIRST_DIMS, Weights};
 use slipsense_model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
@@ -35,7 +35,7 @@ fn measured(weights: &Weights) -> Ranges {
 
 fn quantized(weights: &Weights) -> Vec<u8> {
     let ranges = measured(weights);
-    let provenance = serde_json::json!({ SCALES_KEY: activation_scales(&ranges).unwrap() });
+    let provenance = serde_json::json!({ SCALES_KEY: activation_scales(&FIRST_DIMS, &ranges).unwrap() });
     export::to_bytes(&quantize(weights, &ranges, &provenance.to_string()).unwrap()).unwrap()
 }
 
@@ -109,7 +109,7 @@ fn scales_that_are_not_there_are_named() {
     };
     assert!(refusal("{}").starts_with("provenance has no scales"));
     assert_eq!(refusal("{\"scales\":{\"piezo\":1.0}}"), "provenance scales lacks taxels");
-    let mut all = activation_scales(&ranges).unwrap();
+    let mut all = activation_scales(&FIRST_DIMS, &ranges).unwrap();
     all.insert("fused".into(), 0.0);
     let zero = serde_json::json!({ SCALES_KEY: all }).to_string();
     assert_eq!(refusal(&zero), "provenance scales fused is 0, must be positive");
@@ -118,7 +118,7 @@ fn scales_that_are_not_there_are_named() {
 #[test]
 fn other_sizes_are_refused() {
     let bytes = quantized(&common::random_weights(14));
-    let mut dims = slipsense_model::weights::FIRST_DIMS;
+    let mut dims = FIRST_DIMS;
     dims.window = 30;
     let other = Weights::init(dims, 1);
     let error = compare_activations(Model::parse(&bytes).unwrap(), &other, &episode()).unwrap_err();

@@ -126,6 +126,37 @@ fn a_ratio_of_a_half_or_more_is_refused_by_name() {
 }
 
 #[test]
+fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
+    // Queries so many times as large as those of a file whose multiplier is known.
+    let random = common::random_weights(6);
+    let (_, ranges) = run_float(&random);
+    let file = quantize(&random, &ranges, "{}").unwrap();
+    let of_half = f64::from(file.tensor("cross_piezo.score", "multiplier")[0]) / f64::from(i32::MAX);
+    let larger = |times: f64| {
+        let mut weights = random.clone();
+        for (spec, tensor) in specs(&FIRST_DIMS).iter().zip(&mut weights.tensors) {
+            if spec.layer == "cross_piezo.query" {
+                tensor.iter_mut().for_each(|x| *x *= times as f32);
+            }
+        }
+        let (float, ranges) = run_float(&weights);
+        quantize(&weights, &ranges, "{}").map(|file| (file, float))
+    };
+    // Twice what the multiplier takes: a factor 1.4 each of the 2 that they have.
+    let (file, float) = larger(2.0 / of_half).unwrap();
+    assert_eq!(file.tensor("cross_piezo.score", "multiplier"), [i32::MAX]);
+    let integer = run_integer(&export::to_bytes(&file).unwrap());
+    let same = float
+        .iter()
+        .zip(&integer)
+        .filter(|(float, integer)| (float[2] > float[1]) == (integer[2] > integer[1]));
+    assert!(same.count() > 98 * float.len() / 100);
+    // Ten times: what was seen does not fit.
+    let error = larger(10.0 / of_half).unwrap_err().to_string();
+    assert!(error.starts_with("cross_piezo.score multiplier channel 0: ratio"), "{error}");
+}
+
+#[test]
 fn a_score_bias_beyond_16_bits_is_refused_by_name() {
     let mut weights = common::random_weights(6);
     let (_, ranges) = run_float(&weights);

@@ -89,7 +89,7 @@ mod with_float_network {
         }
         let provenance = json!({
             "weights_sha256": output::sha256_hex(&weights.to_bytes().unwrap()),
-            SCALES_KEY: activation_scales(&reference.ranges).unwrap(),
+            SCALES_KEY: activation_scales(&FIRST_DIMS, &reference.ranges).unwrap(),
         });
         let file = quantize(&weights, &reference.ranges, &provenance.to_string()).unwrap();
         let path = place.path("w.safetensors");

@@ -13,7 +13,7 @@ use crate::root;
 
 /// Where the repository keeps the shipped model, and what is kept of its making.
 const WEIGHTS: &str = "model/weights";
-/// Names in the folder of a run, and in [`WEIGHTS`].
+/// Names in the folder of a run, and in [`WEIGHTS`]. Of the first training its record stays, not its weights.
 const FILES: [(&str, &str); 6] = [
     ("weights.safetensors", "slipsense.safetensors"),
     ("slipsense.slipnet", "slipsense.slipnet"),
@@ -22,6 +22,7 @@ const FILES: [(&str, &str); 6] = [
     ("curves.svg", "curves.svg"),
     ("manifest.json", "manifest.json"),
 ];
+const FIRST_FILES: [&str; 3] = ["train.json", "curves.csv", "curves.svg"];
 /// The picture of the README, drawn by the model.
 const PICTURE: &str = "host-tools/cli/demo/timeline.svg";
 
@@ -95,8 +96,12 @@ pub fn retrain(options: &Options) -> Result<bool> {
     let minutes = started.elapsed().as_secs_f64() / 60.0;
     eprintln!("{} made in {minutes:.0} minutes", out.join("slipsense.slipnet").display());
     if options.install {
-        for (made, kept) in FILES {
-            copy(&out.join(made), &root().join(WEIGHTS).join(kept))?;
+        let kept = root().join(WEIGHTS);
+        for (made, name) in FILES {
+            copy(&out.join(made), &kept.join(name))?;
+        }
+        for name in FIRST_FILES {
+            copy(&first(seed).join(name), &kept.join(format!("first-{name}")))?;
         }
         let demo = target_dir().join("demo");
         let mut slipsense = cargo();

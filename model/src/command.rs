@@ -56,7 +56,6 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     ensure!(args.calibration_episodes > 0, "--calibration-episodes must be at least 1");
     ensure!(args.val_episodes > 0, "--val-episodes must be at least 1");
     let weights = Weights::read(&args.weights)?;
-    [Some(&args.out), args.report.as_ref()].into_iter().flatten().try_for_each(|path| output::check(path))?;
     let training = manifest_beside(&args.weights)?;
     // What training left out is left out here too.
     let uses = match training.as_ref().and_then(|training| training["recipe"].get("objects")) {

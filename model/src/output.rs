@@ -4,27 +4,16 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 
 /// Write a file: into a temporary one beside it, then renamed over the target.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     let failed = || format!("cannot write {}", path.display());
-    let mut file = readable().tempfile_in(folder_of(path)).with_context(failed)?;
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = readable().tempfile_in(folder).with_context(failed)?;
     file.write_all(bytes).with_context(failed)?;
     file.persist(path).with_context(failed)?;
     Ok(())
-}
-
-/// Check, before any work is done, that a file can be written at `path`.
-pub fn check(path: &Path) -> Result<()> {
-    ensure!(!path.is_dir(), "{}: is a folder, the output must be a file", path.display());
-    let folder = folder_of(path);
-    let written = tempfile::tempfile_in(folder);
-    written.map(drop).with_context(|| format!("{}: cannot write into this folder", folder.display()))
-}
-
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Temporary files with the rights of ordinary new ones: left alone, only their owner could read them.

@@ -146,6 +146,19 @@ mod with_float_network {
     }
 
     #[test]
+    fn quantize_refuses_where_it_cannot_write_before_it_works() {
+        let place = Place::new();
+        let [model, weights, _] = files(&place);
+        let nowhere = place.path("no/such/file");
+        for (out, report) in [(&nowhere, &model), (&model, &nowhere)] {
+            let args =
+                ["quantize", "--weights", text(&weights), "--out", text(out), "--report", text(report)];
+            let error = fails(args);
+            assert!(error.contains("no/such: cannot write into this folder"), "{error}");
+        }
+    }
+
+    #[test]
     fn eval_runs_the_float_network_beside_the_integer_one() {
         let place = Place::new();
         let [model, weights, _] = files(&place);

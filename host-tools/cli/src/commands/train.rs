@@ -10,6 +10,8 @@ mod with_trainer {
     use anyhow::Result;
     pub use slipsense_model::{CompareArgs, QuantizeArgs, TrainArgs};
 
+    use crate::output_dir::check_file;
+
     /// Train the network.
     pub fn train(args: TrainArgs) -> Result<()> {
         slipsense_model::run_train(&args)
@@ -17,6 +19,11 @@ mod with_trainer {
 
     /// Turn a trained network into a model file.
     pub fn quantize(args: QuantizeArgs) -> Result<()> {
+        // It works for minutes before it writes.
+        [Some(&args.out), args.report.as_ref()]
+            .into_iter()
+            .flatten()
+            .try_for_each(|path| check_file(path))?;
         slipsense_model::run_quantize(&args)
     }
 

@@ -6,7 +6,7 @@ use burn::tensor::Device;
 use crate::float::{Architecture, FloatNetwork, Sequences};
 use crate::weights::Weights;
 
-/// One or several networks of one kind, ready to be asked.
+/// Networks of one kind, ready to be asked; none where nobody teaches.
 #[derive(Debug)]
 pub struct Teacher<A> {
     networks: Vec<(A, FloatNetwork)>,

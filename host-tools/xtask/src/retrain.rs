@@ -13,7 +13,7 @@ use crate::root;
 
 /// Where the repository keeps the shipped model, and what is kept of its making.
 const WEIGHTS: &str = "model/weights";
-/// Names in the folder of a run, and in [`WEIGHTS`]. Of the first training its record stays, not its weights.
+/// Names in the folder of a run, and in [`WEIGHTS`].
 const FILES: [(&str, &str); 6] = [
     ("weights.safetensors", "slipsense.safetensors"),
     ("slipsense.slipnet", "slipsense.slipnet"),
@@ -22,6 +22,7 @@ const FILES: [(&str, &str); 6] = [
     ("curves.svg", "curves.svg"),
     ("manifest.json", "manifest.json"),
 ];
+/// What stays of the first training: its record, not its weights.
 const FIRST_FILES: [&str; 3] = ["train.json", "curves.csv", "curves.svg"];
 /// The picture of the README, drawn by the model.
 const PICTURE: &str = "host-tools/cli/demo/timeline.svg";

@@ -45,16 +45,14 @@ pub fn train(
 ) -> Result<Trained> {
     let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
-    let teacher = teacher.map(|of| Teacher::new([(of.variant, &of.weights)]));
+    let teacher = Teacher::new(teacher.map(|of| (of.variant, &of.weights)));
     let first = variant.first_weights(seed);
     let mut network = FloatNetwork::new(&first, &device);
     let mut average = first;
     let mut losses = Vec::with_capacity(budget.steps);
     for step in 0..budget.steps {
         let mut batch = sampler.batch(budget.batch, seed.wrapping_add((step as u64) << 32));
-        if let Some(teacher) = &teacher {
-            teacher.teach(&mut batch);
-        }
+        teacher.teach(&mut batch);
         let (loss, gradients) = network.gradients(variant, &batch, &device);
         ensure!(loss.is_finite(), "the loss is {loss} at step {step}: try a lower --learning-rate");
         let rate = budget.learning_rate * schedule(step, budget.steps);

@@ -277,6 +277,17 @@ fn a_comparison_goes_on_with_what_is_missing() {
     let message = error(CompareArgs { steps: 2, ..compare_args(&out, &["base"]) });
     assert!(message.contains("base-1.json: budget is"), "{message}");
     assert_eq!(read("base-1.json"), base);
+
+    // Figures alone do not make a row that others can go on from.
+    fs::remove_file(out.join("base-1.safetensors")).unwrap();
+    fs::remove_file(out.join("recomputed-1.json")).unwrap();
+    let message = error(compare_args(&out, &["base", "recomputed"]));
+    assert!(
+        message.contains("base-1.safetensors is missing, which row recomputed needs: delete"),
+        "{message}"
+    );
+    assert!(message.ends_with("base-1.json and add base to --rows, to train it again"), "{message}");
+    assert_eq!(read("base-1.json"), base);
 }
 
 #[test]

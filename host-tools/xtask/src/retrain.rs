@@ -29,8 +29,9 @@ const PICTURE: &str = "host-tools/cli/demo/timeline.svg";
 
 #[derive(Args)]
 #[command(after_help = "\
-Three networks are trained, of --seed and the seeds beside it, one after the other; the one of --seed then
-learns on from episodes of its own, from the labels and from what the three say.
+Three networks are trained, of --seed and the seeds beside it, one after the other;
+the one of --seed then learns on from episodes of its own, from the labels and from
+what the three say.
 
 Examples:
   cargo xtask retrain --out out/rehearsal --rehearse    every step on a handful of episodes: minutes

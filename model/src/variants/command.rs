@@ -91,9 +91,17 @@ pub fn run_compare(args: &CompareArgs) -> Result<()> {
         let Some(needed) = row.needs() else { continue };
         let comes = missing.iter().any(|&(other, of)| other.name == needed && of == seed);
         let path = kept_weights(&args.out, needed, seed);
-        if !comes && !path.exists() {
-            bail!("{} is missing, which row {} needs: add {needed} to --rows", path.display(), row.name);
+        if comes || path.exists() {
+            continue;
         }
+        // Trained again it would be another network than the one its figures are of.
+        let figures = Finished::path(&args.out, needed, seed);
+        let remedy = if figures.exists() {
+            format!("delete {} and add {needed} to --rows, to train it again", figures.display())
+        } else {
+            format!("add {needed} to --rows")
+        };
+        bail!("{} is missing, which row {} needs: {remedy}", path.display(), row.name);
     }
     output::folder(&args.out)?;
     if !missing.is_empty() {

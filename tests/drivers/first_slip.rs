@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::wiring::repository_file;
 
-const PAGE: &str = "src/board/FIRST_SLIP.md";
+const PAGE: &str = "docs/src/board/first-slip.md";
 const CODE: &str = "src/board/stm32/can.rs";
 /// Clock of the FDCAN's time quanta (`clocks.rs` of both boards).
 const KERNEL_HZ: u32 = 80_000_000;

@@ -16,7 +16,7 @@ fn thousands(n: u32) -> String {
 
 #[test]
 fn every_pin_of_the_firmware_is_in_the_table_once() {
-    let page = repository_file("src/board/WIRING.md");
+    let page = repository_file("docs/src/board/wiring.md");
     let code = repository_file("src/board/stm32/pins.rs");
     let is_pin = |name: &&str| {
         let letters = name.as_bytes();
@@ -34,7 +34,7 @@ fn every_pin_of_the_firmware_is_in_the_table_once() {
 
 #[test]
 fn its_times_are_those_of_the_code() {
-    let page = repository_file("src/board/WIRING.md");
+    let page = repository_file("docs/src/board/wiring.md");
     assert!(page.contains(&format!("| **together** | **{}** |", thousands(SETTLING_NS))), "{SETTLING_NS}");
     let boards = [SlotTiming::new(240_000_000, 24_000_000), SlotTiming::new(260_000_000, 24_000_000)];
     let row = |name: &str, cell: &dyn Fn(&SlotTiming) -> String| {

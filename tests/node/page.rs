@@ -4,14 +4,14 @@ use std::fmt::Write;
 
 use slipsense::settings::{Effect, TABLE};
 
-/// `src/settings/SETTINGS.md`, from the table.
+/// `docs/src/bus/settings.md`, from the table.
 fn page() -> String {
     let mut page = String::from(
-        "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent; `store` \
-         (ExecuteCommand 65530) writes all of\nthem to flash, a factory reset (65532) brings the defaults back. \
-         For each there are also the registers NAME`<`,\nNAME`>` and NAME`=` with its largest, smallest and default \
-         value. This page is made from the table in\n[table.rs](table.rs); a test compares.\n\n\
-         | register | type | default | allowed | unit | counts | what |\n|---|---|---|---|---|---|---|\n",
+        "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent. `store` \
+         (ExecuteCommand 65530) writes all\nof them to flash, a factory reset (65532) restores the defaults. \
+         The registers NAME`<`, NAME`>` and NAME`=` hold the\nlargest, smallest and default value. This page is \
+         generated from `src/settings/table.rs`; a test compares.\n\n\
+         | register | type | default | allowed | unit | effective | meaning |\n|---|---|---|---|---|---|---|\n",
     );
     for definition in &TABLE {
         let count = definition.default.len();
@@ -41,7 +41,7 @@ fn page() -> String {
 
 #[test]
 fn the_page_is_the_table() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/settings/SETTINGS.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/src/bus/settings.md");
     if std::env::var_os("SLIPSENSE_WRITE_PAGES").is_some() {
         std::fs::write(path, page()).unwrap();
     }

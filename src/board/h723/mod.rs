@@ -1,5 +1,5 @@
 //! NUCLEO-H723ZG (STM32H723ZG): clocks, pins, memory map, entry. What it does is in `src/board/stm32`; what is behind
-//! the pins, in `src/board/WIRING.md`. It has not run on hardware.
+//! the pins, in `docs/src/board/wiring.md`. It has not run on hardware.
 
 pub mod clocks;
 

@@ -1,5 +1,5 @@
 //! NUCLEO-H743ZI2 (STM32H743ZI, silicon revision V): clocks, pins, memory map, entry. What it does is in
-//! `src/board/stm32`; what is behind the pins, in `src/board/WIRING.md`. It has not run on hardware.
+//! `src/board/stm32`; what is behind the pins, in `docs/src/board/wiring.md`. It has not run on hardware.
 
 pub mod clocks;
 

@@ -114,7 +114,7 @@ unsafe fn CEC() {
     unsafe { ACQUISITION.on_interrupt() }
 }
 
-/// Pins and peripherals in use: `src/board/WIRING.md` says what is behind them.
+/// Pins and peripherals in use: `docs/src/board/wiring.md` says what is behind them.
 pub struct Hardware {
     /// As on the label.
     pub board: &'static str,

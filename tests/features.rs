@@ -1,6 +1,6 @@
 //! The front end against float64: golden vectors from librosa and scipy, a plain float64 reference of
 //! its own for what needs many signals, and properties at the extremes. All signals are synthetic.
-//! `cargo test --test features -- --nocapture` prints the figures.
+//! `cargo test -p slipsense --test host features:: -- --nocapture` prints the figures.
 
 use proptest::prelude::*;
 use serde_json::Value;

@@ -32,7 +32,7 @@ fn a_scan_is_what_its_taxels_are() {
         let expected: Vec<u16> =
             scan.iter().enumerate().map(|(i, &count)| if on_pad(i) { count % 4096 } else { 0 }).collect();
         assert_eq!(frame.counts()[..], expected);
-        assert_eq!(frame.sum(), expected.iter().map(|&count| u32::from(count)).sum());
+        assert_eq!(frame.sum(), expected.iter().map(|&count| u32::from(count)).sum::<u32>());
         assert_eq!(frame.is_saturated(), expected.contains(&COUNT_MAX));
         let active: Vec<u16> = (0..TAXELS).filter(|&i| on_pad(i)).map(|i| expected[i]).collect();
         assert_eq!(active.len(), ACTIVE_TAXELS);

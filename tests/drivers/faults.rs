@@ -8,7 +8,7 @@ use slipsense::board::{Accelerometer, FifoSamples, XlFault};
 use slipsense::drivers::{Adxl380, Adxl382, Icm42688, SPI_BUFFER_BYTES, XlBatch, XlTrack};
 use slipsense::sensor::XlSample;
 
-use crate::fake::{Kind, Part, Wire, Wires, numbered};
+use super::fake::{Kind, Part, Wire, Wires, numbered};
 
 /// Between two ticks, rounded down as the timer might.
 const TICK_US: u64 = 4_166;

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::wiring::repository_file;
+use super::wiring::repository_file;
 
 const PAGE: &str = "docs/src/board/first-slip.md";
 const CODE: &str = "src/board/stm32/can.rs";

@@ -10,7 +10,7 @@ use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, Sensors, XlTrack};
 use slipsense::params::TAXELS;
 use slipsense::pipeline::FrameStamp;
 
-use crate::fake::{Kind, Part, Wire, Wires};
+use super::fake::{Kind, Part, Wire, Wires};
 
 const SENSORS: usize = 3;
 const TICK_US: u64 = 4_168;

@@ -1,7 +1,7 @@
 //! The network over a whole sequence at once, under a banded causal mask: no cache, no ring, 64-bit
 //! sums, indices written out. Every sum asserts that it would have fitted 32 bits.
 
-use crate::inputs::Sensor;
+use super::inputs::Sensor;
 use slipsense::net::format::Dims;
 use slipsense::params::MEL_BINS;
 use slipsense_model_file::ModelFile;

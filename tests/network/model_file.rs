@@ -1,6 +1,6 @@
 //! What a model file must be: each rule broken once.
 
-use crate::inputs::SHAPES;
+use super::inputs::SHAPES;
 use sha2::{Digest, Sha256};
 use slipsense::net::format::{Dims, HEADER_BYTES, OperatingPoint};
 use slipsense::net::{Model, ModelError};

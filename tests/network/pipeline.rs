@@ -1,6 +1,6 @@
 //! The pipeline: what is decided by whom, and what happens when parts are missing.
 
-use crate::inputs::SHAPES;
+use super::inputs::SHAPES;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};

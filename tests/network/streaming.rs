@@ -1,7 +1,7 @@
 //! The streaming network against a batch oracle, bit for bit, and against what a file may contain.
 
-use crate::batch;
-use crate::inputs::{SHAPES, Sensor, random_frames};
+use super::batch;
+use super::inputs::{SHAPES, Sensor, random_frames};
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense_model_file::random_model;
 

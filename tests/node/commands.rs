@@ -7,7 +7,7 @@ use slipsense::node::{
 use slipsense::settings::{Setting, Settings};
 use slipsense::wire::{TransferId, health};
 
-use crate::{NODE, ask, node, records, request, said};
+use super::{NODE, ask, node, records, request, said};
 
 pub fn command(number: u16, parameter: &[u8]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &[parameter.len() as u8], parameter].concat()
@@ -64,7 +64,7 @@ fn a_store_is_answered_when_it_is_done() {
 fn a_factory_reset_gives_the_defaults_and_tells_the_tasks() {
     let mut settings = Settings::new();
     settings.set(Setting::Sensors, &[3]).unwrap();
-    let mut node = slipsense::node::Node::new(crate::identity(), settings);
+    let mut node = slipsense::node::Node::new(super::identity(), settings);
     for frame in request(COMMAND_PORT, 0, &command(FACTORY_RESET, b"")) {
         node.accept(&frame, 0);
     }
@@ -77,7 +77,7 @@ fn a_factory_reset_gives_the_defaults_and_tells_the_tasks() {
 
 #[test]
 fn the_heartbeat_says_how_the_board_is() {
-    let mut node = slipsense::node::Node::new(crate::identity(), Settings::new());
+    let mut node = slipsense::node::Node::new(super::identity(), Settings::new());
     let beat = |node: &mut slipsense::node::Node, now: u64| {
         node.poll(now);
         let said = said(node);
@@ -135,7 +135,7 @@ fn records_are_cut_at_a_character_and_give_way() {
 
 #[test]
 fn damaged_settings_are_told_when_the_node_starts() {
-    let mut identity = crate::identity();
+    let mut identity = super::identity();
     identity.settings.damage.settings = 1 << Setting::Sensors as u8 | 1 << Setting::PlugAndPlay as u8;
     let mut node = slipsense::node::Node::new(identity, Settings::new());
     node.poll(0);

@@ -7,8 +7,8 @@ use slipsense::node::{
 };
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, TransferId};
 
-use crate::commands::command;
-use crate::{NODE, TOOL, ask, node, records, said};
+use super::commands::command;
+use super::{NODE, TOOL, ask, node, records, said};
 
 #[derive(Default)]
 struct Memory {

@@ -14,9 +14,9 @@ use slipsense::node::{
 use slipsense::settings::{Setting, Settings, TABLE, check};
 use slipsense::wire::{CAN_ID_MAX, CanFrame, FD_LENGTHS, Frames, NodeId, Priority, ServiceId, ServiceRole};
 
-use crate::commands::command;
-use crate::registers::access;
-use crate::{NODE, TOOL, identity, message, request};
+use super::commands::command;
+use super::registers::access;
+use super::{NODE, TOOL, identity, message, request};
 
 const FRAMES: u32 = 1_000_000;
 

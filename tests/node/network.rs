@@ -4,7 +4,7 @@ use slipsense::node::{ALLOCATION_PORT, GET_INFO_PORT, Node, REQUEST_PERIOD_MAX_U
 use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::wire::{NodeId, TransferId, TransferId::Anonymous};
 
-use crate::{NODE, identity, message, node, records, request, said};
+use super::{NODE, identity, message, node, records, request, said};
 
 /// A master whose clock is `ahead_us` of the node's sends its n-th message at `at_us`.
 fn sync(node: &mut Node, master: u8, n: u8, at_us: u64, previous: Option<u64>, ahead_us: u64) {

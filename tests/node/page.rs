@@ -49,6 +49,6 @@ fn the_page_is_the_table() {
     assert_eq!(
         found,
         page(),
-        "make it anew: SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test node page"
+        "make it anew: SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test host node::page"
     );
 }

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use slipsense::node::{ACCESS_PORT, LIST_PORT, REGISTERS};
 use slipsense::settings::{Setting, TABLE};
 
-use crate::{ask, node, records, request};
+use super::{ask, node, records, request};
 
 /// An Access request: name, then a value as bytes.
 pub fn access(name: &str, value: &[u8]) -> Vec<u8> {

@@ -5,7 +5,7 @@ use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::settings::{Origin, Setting, Settings, SettingsStore, StoreError};
 
-use crate::flash::{Failure, Flash};
+use super::flash::{Failure, Flash};
 
 /// A small sector, so that a few stores fill both.
 const SECTOR: usize = 2048;

@@ -10,7 +10,7 @@ use slipsense::wire::health::{
     PIEZO_MISSING, TAXELS_MASKED, TAXELS_SATURATED, XL_CLIPPED, XL_MISSING, XL_SAMPLES_DROPPED, XL_WARMING_UP,
 };
 
-use crate::world::{BATCH, Ran, World, healthy, scan};
+use super::world::{BATCH, Ran, World, healthy, scan};
 
 const FRAMES: u32 = 240;
 /// The fault lasts this long.

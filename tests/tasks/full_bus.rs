@@ -10,7 +10,7 @@ use slipsense::tasks::{RAW_MESSAGES, Shared};
 use slipsense::wire::{Detail, RawBuffer, RawForm, RawMessage, Region, Transmitter};
 use slipsense_bus_model::Disturbance;
 
-use crate::world::{BATCH, NODE, Ran, World, healthy, stamp};
+use super::world::{BATCH, NODE, Ran, World, healthy, stamp};
 
 const FRAMES: u32 = 480;
 /// The contact of [`noise`].

@@ -19,7 +19,7 @@ use slipsense::tasks::{
 };
 use slipsense::wire::{CanFrame, RawBuffer, RawTransfer, SlipMessage, Transmitter};
 
-use crate::world::{NODE, healthy, model_bytes, scan, stamp};
+use super::world::{NODE, healthy, model_bytes, scan, stamp};
 
 const SENSORS: usize = 2;
 

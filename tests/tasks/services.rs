@@ -27,7 +27,7 @@ use slipsense::wire::{
     CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId, health,
 };
 
-use crate::world::{NODE, Time};
+use super::world::{NODE, Time};
 
 const TOOL: NodeId = NodeId::new(120).unwrap();
 const MS: u64 = 1_000_000;

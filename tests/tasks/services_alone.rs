@@ -6,7 +6,7 @@ use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::tasks::Shared;
 use slipsense::update::{self, CONFIRM_FRAMES, ImageVersion, Notice, Refusal, SlotModel};
 
-use crate::services::{Bus, Run, Said};
+use super::services::{Bus, Run, Said};
 
 #[test]
 fn off_the_bus_nothing_piles_up() {

@@ -6,7 +6,7 @@ use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
 use slipsense::wire::{CanFrame, MessageId, Priority, RawBuffer, SlipMessage, Transmitter};
 use slipsense_bus_model::Disturbance;
 
-use crate::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
+use super::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
 
 /// Longest full frame at 1 and 8 Mbit/s with its intermission, worst stuffing, rounded up.
 const FULL_FRAME_NS: u64 = 142_000;

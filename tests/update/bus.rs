@@ -9,7 +9,7 @@ use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::update::{ImageVersion, Refusal, Run, Trial};
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, Sessions, TransferId};
 
-use crate::device::{Device, NEW, OLD, Sink, image, model, model_image};
+use super::device::{Device, NEW, OLD, Sink, image, model, model_image};
 
 const TOOL: NodeId = NodeId::new(120).unwrap();
 
@@ -115,9 +115,9 @@ fn refusals_are_told_on_the_bus() {
     let mut forged = image(NEW);
     forged[70] ^= 1;
     let older = image(ImageVersion { patch: 0, ..OLD });
-    let mut wrong_board = crate::device::header(UpdateTarget::Firmware, NEW, &[1; 600]);
+    let mut wrong_board = super::device::header(UpdateTarget::Firmware, NEW, &[1; 600]);
     wrong_board.board = 1;
-    let wrong_board = crate::device::sign(&wrong_board, &[1; 600]);
+    let wrong_board = super::device::sign(&wrong_board, &[1; 600]);
     for (file, why) in [
         (&unsigned[..], Refusal::Unsigned),
         (&forged, Refusal::WrongSignature),
@@ -131,7 +131,7 @@ fn refusals_are_told_on_the_bus() {
     }
     let mut corrupt = model(1);
     corrupt[200] ^= 1;
-    let corrupt = crate::device::sign(&crate::device::header(UpdateTarget::Model, NEW, &corrupt), &corrupt);
+    let corrupt = super::device::sign(&super::device::header(UpdateTarget::Model, NEW, &corrupt), &corrupt);
     let said = device.sink(OLD, |sink| update(sink, BEGIN_MODEL_UPDATE, &corrupt));
     assert!(
         said.contains(&"model not taken: corrupt model: its SHA-256 does not match".to_owned()),

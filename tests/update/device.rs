@@ -18,7 +18,7 @@ use slipsense::update::{
     Run, UpdateSink, UpdateState,
 };
 
-use crate::flash::{Cells, Part, SECTOR};
+use super::flash::{Cells, Part, SECTOR};
 
 const fn sectors(first: u32, count: u32) -> Span {
     Span { start: first * SECTOR as u32, end: (first + count) * SECTOR as u32 }

@@ -8,7 +8,7 @@ use slipsense::update::{
     running_version,
 };
 
-use crate::device::{BOARD, Device, OLD};
+use super::device::{BOARD, Device, OLD};
 
 #[test]
 fn a_bootloader_begins_in_its_own_partition() {

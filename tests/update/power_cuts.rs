@@ -5,8 +5,8 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::node::UpdateTarget::{Firmware, Model};
 use slipsense::update::{Refusal, Run};
 
-use crate::device::{Device, NEW, NEWEST, OLD, image, model, model_image};
-use crate::flash::Tear;
+use super::device::{Device, NEW, NEWEST, OLD, image, model, model_image};
+use super::flash::Tear;
 
 /// What a power cut leaves, and from which end an erase begins.
 fn tears(seed: u64) -> [(Tear, bool); 5] {

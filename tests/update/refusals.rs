@@ -8,10 +8,10 @@ use slipsense::node::UpdateTarget::{Firmware, Model};
 use slipsense::update::partitions::{BOARDS, TRAILER_BYTES};
 use slipsense::update::{HEADER_BYTES, Header, ModelSlot, Refusal, Run, UpdateSink};
 
-use crate::device::{
+use super::device::{
     BOARD, Device, NEW, NEWEST, OLD, PLACE, feed, firmware, header, image, model, model_image, payload, sign,
 };
-use crate::flash::Part;
+use super::flash::Part;
 
 /// The firmware that runs and the model are as before, and a good image is taken afterwards.
 fn refused(device: &Device, target: slipsense::node::UpdateTarget, file: &[u8]) -> &'static str {

@@ -4,7 +4,7 @@ use slipsense::node::UpdateTarget::Firmware;
 use slipsense::update::boot::{self, BootFailure};
 use slipsense::update::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, HEADER_BYTES, Refusal, Run, Trial};
 
-use crate::device::{BOARD, Device, NEW, NEWEST, OLD, image};
+use super::device::{BOARD, Device, NEW, NEWEST, OLD, image};
 
 #[test]
 fn a_firmware_that_confirms_stays() {

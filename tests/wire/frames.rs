@@ -5,7 +5,7 @@ use slipsense::wire::{
     SlipMessage, Transmitter, crc16, fd_length,
 };
 
-use crate::{NODE, frame};
+use super::{NODE, frame};
 
 #[test]
 fn crc_known_answer() {

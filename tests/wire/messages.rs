@@ -8,7 +8,7 @@ use slipsense::wire::{
     Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
 };
 
-use crate::{NODE, expected, frame, raw};
+use super::{NODE, expected, frame, raw};
 
 fn contact() -> impl Strategy<Value = SensorContact> {
     let fields = (any::<u8>(), 0u32..1 << 24, any::<[u16; 3]>(), any::<i8>(), any::<u8>());

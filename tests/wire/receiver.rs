@@ -7,7 +7,7 @@ use slipsense::wire::{
     ReceiveError, Received, Receiver, SLIP_PORT, SlipMessage, Transfer, TransferError, Transmitter,
 };
 
-use crate::{NODE, expected, frame, raw};
+use super::{NODE, expected, frame, raw};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]

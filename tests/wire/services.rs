@@ -5,7 +5,7 @@ use slipsense::wire::{
     SessionError, Sessions, TRANSFER_TIMEOUT_US, TransferError, TransferId,
 };
 
-use crate::NODE;
+use super::NODE;
 
 fn service(role: ServiceRole, port: u16, destination: u8, source: u8) -> ServiceId {
     let (destination, source) = (NodeId::new(destination).unwrap(), NodeId::new(source).unwrap());

@@ -97,7 +97,7 @@ pub fn step() -> Result<()> {
 fn spectra() -> Result<()> {
     let mut tests = cargo();
     tests.args(["test", "--release", "--quiet", "--package", "slipsense", "--features", FEATURE]);
-    run(tests.args(["--test", "features", "--test", "features_exact", "--", "--nocapture"]))?;
+    run(tests.args(["--test", "host", "features", "--", "--nocapture"]))?;
     let mut here = cargo();
     here.args(["run", "--release", "--quiet", "--package", "slipsense-qemu", "--features", FEATURE]);
     here.args(["--bin", PROGRAM]);

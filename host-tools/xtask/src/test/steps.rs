@@ -210,7 +210,7 @@ fn host() -> Result<()> {
     run(small.args(["--test", "errors", "--test", "model"]))?;
     let mut figures = cargo();
     figures.args(["test", "--release", "--quiet", "--package", "slipsense"]);
-    run(figures.args(["--test", "features", "--test", "network", "--", "--nocapture"]))
+    run(figures.args(["--test", "host", "--", "features::", "network::", "--nocapture"]))
 }
 
 fn docs() -> Result<()> {

@@ -1,0 +1,14 @@
+//! The library's host tests, one binary: `cargo test -p slipsense --test host FOLDER::` runs those of a folder.
+
+mod drivers;
+mod features;
+mod features_exact;
+mod network;
+mod node;
+mod pad_cells;
+mod sensor;
+mod settings;
+mod taxel_change;
+mod tasks;
+mod update;
+mod wire;

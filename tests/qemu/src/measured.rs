@@ -114,15 +114,6 @@ pub enum Line<'a> {
         /// Shape included.
         name: &'a str,
     },
-    /// One call of another library's kernel.
-    Peer {
-        /// Multiply-accumulates; 0 where there are none to speak of.
-        macs: u32,
-        /// Of the call.
-        instructions: u32,
-        /// Library and shape.
-        name: &'a str,
-    },
     /// One frame.
     Frame(FrameCost),
     /// One sensor's frame compressed.
@@ -146,7 +137,6 @@ impl fmt::Display for Line<'_> {
         match *self {
             Self::Check { expected, measured } => writeln!(f, "check {expected} {measured}"),
             Self::Kernel { macs, instructions, name } => writeln!(f, "kernel {macs} {instructions} {name}"),
-            Self::Peer { macs, instructions, name } => writeln!(f, "peer {macs} {instructions} {name}"),
             Self::Frame(FrameCost { step, wire, parts }) => {
                 write!(f, "frame {step} {wire}")?;
                 parts.iter().try_for_each(|part| write!(f, " {part}"))?;
@@ -168,10 +158,6 @@ impl<'a> Line<'a> {
             "kernel" => {
                 let (macs, instructions, name) = call(rest)?;
                 Some(Self::Kernel { macs, instructions, name })
-            }
-            "peer" => {
-                let (macs, instructions, name) = call(rest)?;
-                Some(Self::Peer { macs, instructions, name })
             }
             "frame" => {
                 let mut cost =

@@ -16,9 +16,7 @@ use slipsense_qemu::measured::{
 use tempfile::TempDir;
 
 use super::inputs::Input;
-use super::peers::{self, Peer};
 use super::trace::{Recorder, Trace};
-use crate::cmsis;
 use crate::elf::Image;
 use crate::qemu::machine::{Machine, write_input};
 use crate::qemu::{self, frames::Frames};
@@ -75,18 +73,14 @@ pub struct Emulated {
     pub loop_expected: u32,
     pub loop_measured: u32,
     pub kernels: Vec<Kernel>,
-    /// Of other libraries, where they are asked for.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub peers: Vec<Peer>,
     pub paths: Vec<PathCost>,
     /// Bytes of the types on the microcontroller.
     pub sizes: BTreeMap<String, u32>,
 }
 
-/// Measure the kernels and, if `frames` is not 0, the path over so many frames. `peers`: other libraries' kernels
-/// as well.
-pub fn measure(model: &[u8], frames: usize, peers: bool) -> Result<Emulated> {
-    let machine = Machine::build(PROGRAM, if peers { &["peers"] } else { &[] })?;
+/// Measure the kernels and, if `frames` is not 0, the path over so many frames.
+pub fn measure(model: &[u8], frames: usize) -> Result<Emulated> {
+    let machine = Machine::build(PROGRAM, &[])?;
     let parsed = Model::parse(model).context("the model to measure")?;
     let mut all = Emulated::default();
     let nothing = [NOTHING];
@@ -110,19 +104,7 @@ pub fn measure(model: &[u8], frames: usize, peers: bool) -> Result<Emulated> {
             all.paths.push(path_cost(input, sensors, &parsed, costs));
         }
     }
-    if peers {
-        all.peers.extend(cmsis_dsp(model)?);
-        all.peers.extend(peers::committed());
-    }
     Ok(all)
-}
-
-/// The FFT of CMSIS-DSP, from a program of its own: in it, the front end uses no other.
-fn cmsis_dsp(model: &[u8]) -> Result<Vec<Peer>> {
-    let machine = Machine::build(PROGRAM, &[cmsis::FEATURE])?;
-    let (input, sensors, count) = NOTHING;
-    let (measured, _) = parse(&run(&machine, &input.frames(sensors, count)?, model)?)?;
-    Ok(measured.peers)
 }
 
 /// Bytes and instructions of every sensor's frame compressed, on the emulated core.
@@ -176,7 +158,7 @@ fn output(dir: &Path) -> Result<String> {
 /// All but the paths, and the cost of each frame.
 fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
     let mut all = Emulated::default();
-    let (mut peers, mut frames) = (Vec::new(), Vec::new());
+    let mut frames = Vec::new();
     for line in text.lines() {
         match Line::parse(line).with_context(|| format!("the emulated program wrote `{line}`"))? {
             Line::Check { expected, measured } => {
@@ -184,9 +166,6 @@ fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
             }
             Line::Kernel { macs, instructions, name } => {
                 all.kernels.push(Kernel { name: name.to_owned(), macs, instructions });
-            }
-            Line::Peer { macs, instructions, name } => {
-                peers.push(Kernel { name: name.to_owned(), macs, instructions });
             }
             Line::Frame(cost) => frames.push(cost),
             Line::Compressed { .. } => bail!("the emulated program compressed, and was not asked to"),
@@ -200,7 +179,6 @@ fn parse(text: &str) -> Result<(Emulated, Vec<FrameCost>)> {
             all.loop_measured
         );
     }
-    all.peers = peers::of_this_run(peers);
     Ok((all, frames))
 }
 

@@ -17,7 +17,6 @@ mod inputs;
 mod loops;
 mod mca;
 mod other_coders;
-mod peers;
 mod report;
 mod size;
 mod trace;
@@ -68,8 +67,6 @@ pub struct Options {
 enum Part {
     /// Instructions of every kernel
     Kernels,
-    /// Instructions of other libraries' kernels, and of ours beside them
-    Peers,
     /// Instructions of a frame, from samples to CAN frames
     Path,
     /// Estimate of the cycles of a frame, by function, and of the network's inner loops
@@ -90,9 +87,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let model = std::fs::read(&options.model)
         .with_context(|| format!("{}: cannot read the model", options.model.display()))?;
     let mut report = Report::default();
-    if wanted(Part::Kernels) || wanted(Part::Peers) || wanted(Part::Path) {
+    if wanted(Part::Kernels) || wanted(Part::Path) {
         let frames = if wanted(Part::Path) { options.frames as usize } else { 0 };
-        report.emulated = Some(emulated::measure(&model, frames, wanted(Part::Peers))?);
+        report.emulated = Some(emulated::measure(&model, frames)?);
     }
     if wanted(Part::Cycles) || wanted(Part::Size) || wanted(Part::Stack) {
         let firmware = Board::H743.build()?;

@@ -11,7 +11,6 @@ use super::compression::Compression;
 use super::cycles::{Estimate, FunctionEstimate, LoopEstimate, StepEstimate};
 use super::emulated::{Emulated, PathCost};
 use super::host::Host;
-use super::peers::Peer;
 use super::size::Size;
 use crate::stack;
 use crate::table::{Align, Table, thousands};
@@ -53,9 +52,6 @@ impl Report {
         let mut tables = Vec::new();
         if let Some(emulated) = &self.emulated {
             tables.push(kernels(emulated));
-            if !emulated.peers.is_empty() {
-                tables.push(peers(&emulated.peers));
-            }
             if !emulated.paths.is_empty() {
                 tables.push(paths(emulated));
                 tables.extend(emulated.paths.chunk_by(|a, b| a.sensors == b.sensors).map(parts));
@@ -100,29 +96,6 @@ fn kernels(emulated: &Emulated) -> Table {
             thousands(kernel.instructions.into()),
             macs(kernel.macs as usize),
             per_mac(kernel.instructions, kernel.macs as usize),
-        ]);
-    }
-    table
-}
-
-fn peers(peers: &[Peer]) -> Table {
-    let mut table = Table::new(
-        "Other libraries: instructions of a call, emulated Cortex-M7".to_owned(),
-        &[
-            ("kernel", Align::Left),
-            ("instructions", Align::Right),
-            ("MACs", Align::Right),
-            ("per MAC", Align::Right),
-            ("measured", Align::Left),
-        ],
-    );
-    for Peer { kernel, source } in peers {
-        table.row([
-            kernel.name.clone(),
-            thousands(kernel.instructions.into()),
-            macs(kernel.macs as usize),
-            per_mac(kernel.instructions, kernel.macs as usize),
-            source.name().to_owned(),
         ]);
     }
     table

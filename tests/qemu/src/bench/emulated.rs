@@ -12,11 +12,7 @@ use slipsense_qemu::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
 use slipsense_qemu::measured::Line;
 use static_cell::ConstStaticCell;
 
-#[cfg(feature = "cmsis-dsp")]
-use crate::cmsis;
 use crate::counter::Counter;
-#[cfg(feature = "peers")]
-use crate::peers;
 use crate::semihosting::File;
 use crate::{compression, kernels, path};
 
@@ -34,13 +30,6 @@ impl Bench {
     pub fn kernel(&mut self, name: &str, macs: usize, work: &mut dyn FnMut()) {
         let instructions = self.counter.of(work);
         self.put(Line::Kernel { macs: macs as u32, instructions, name });
-    }
-
-    /// Measure one call of another library's kernel.
-    #[cfg(any(feature = "peers", feature = "cmsis-dsp"))]
-    pub fn peer(&mut self, name: &str, macs: usize, work: &mut dyn FnMut()) {
-        let instructions = self.counter.of(work);
-        self.put(Line::Peer { macs: macs as u32, instructions, name });
     }
 
     /// Write one line.
@@ -68,10 +57,6 @@ fn main() -> ! {
     let traced = File::open(c"trace.in").is_some();
     if !traced {
         kernels::measure(&mut bench, &shipped);
-        #[cfg(feature = "peers")]
-        peers::measure(&mut bench);
-        #[cfg(feature = "cmsis-dsp")]
-        cmsis::measure(&mut bench);
     }
     path::measure(&mut bench, &mut frames, &header, shipped, !traced);
     end()

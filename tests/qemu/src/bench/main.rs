@@ -2,8 +2,6 @@
 //! it. No tasks and no interrupts: what is counted is what was called.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(all(target_os = "none", feature = "cmsis-dsp"))]
-mod cmsis;
 #[cfg(target_os = "none")]
 mod compression;
 #[cfg(target_os = "none")]
@@ -14,8 +12,6 @@ mod emulated;
 mod kernels;
 #[cfg(target_os = "none")]
 mod path;
-#[cfg(all(target_os = "none", feature = "peers"))]
-mod peers;
 #[cfg(target_os = "none")]
 #[path = "../semihosting.rs"]
 mod semihosting;

@@ -26,7 +26,7 @@
 //! | this one | 5,838 | 138.5, 102.5, 69.2 dB | 23,379 |
 //! | CMSIS-DSP 1.10.3, gcc 12.2 -O3 | 9,695 | 127.7, 91.5, 58.9 dB | 34,497 |
 //!
-//! It is the better one in both. The figures of CMSIS-DSP are of 2026-11; `cargo xtask bench --only kernels` counts ours,
+//! It is the better one in both. The figures of CMSIS-DSP are of 2026-11-21; `cargo xtask bench --only kernels` counts ours,
 //! `tests/features.rs` prints the noise.
 
 use super::highpass::FILTERED_FRAC_BITS;

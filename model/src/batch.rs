@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXELS};
-use slipsense_episode::score::SLIP;
+use slipsense_recording::score::SLIP;
 
 use crate::augment::{MelChange, PadChange, Sound};
 use crate::data::Features;

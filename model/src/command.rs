@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 use serde_json::json;
 use slipsense::net::Model;
-use slipsense_model_file::SCALES_KEY;
+use slipsense_recording::model_file::SCALES_KEY;
 
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Comparison, Figures, compare};

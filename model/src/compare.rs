@@ -10,8 +10,8 @@ use serde::Serialize;
 use slipsense::features::XlFrontEnd;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense::params::{CLASSES, CONTACT_SUM_MIN};
-use slipsense_episode::Episode;
-use slipsense_model_file::SCALES_KEY;
+use slipsense_recording::Episode;
+use slipsense_recording::model_file::SCALES_KEY;
 
 use crate::evaluate::decide;
 use crate::reference::{ACTIVATIONS, Reference, SensorFrame};

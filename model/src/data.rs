@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS};
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::objects::{self, Group};
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};

@@ -8,8 +8,8 @@ use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense_episode::Episode;
-use slipsense_episode::score::{ClassScores, Detection, SLIP, score_events};
+use slipsense_recording::Episode;
+use slipsense_recording::score::{ClassScores, Detection, SLIP, score_events};
 
 use crate::data::Features;
 use crate::float::FloatNetwork;

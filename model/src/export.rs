@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use slipsense::net::Model;
-use slipsense_model_file::ModelFile;
+use slipsense_recording::model_file::ModelFile;
 
 /// Bytes that [`Model::parse`] accepts and whose content is what was meant.
 pub fn to_bytes(file: &ModelFile) -> Result<Vec<u8>> {

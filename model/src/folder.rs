@@ -7,8 +7,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use slipsense_episode::Meta;
-use slipsense_episode::npz::Reader;
+use slipsense_recording::Meta;
+use slipsense_recording::npz::Reader;
 
 use crate::data::{Use, use_of};
 

@@ -17,7 +17,7 @@ use slipsense::net::packing::Inputs;
 use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::SCORE_FRAC_BITS;
 use slipsense::params::CONV_INPUT_MAX;
-use slipsense_model_file::ModelFile;
+use slipsense_recording::model_file::ModelFile;
 
 use crate::float::NORM_EPSILON;
 use crate::piezo::{self, PIEZO_INPUT_SCALE};

@@ -3,13 +3,13 @@
 mod common;
 
 use slipsense::net::Model;
-use slipsense_episode::Episode;
 use slipsense_model::compare::{compare_activations, scales};
 use slipsense_model::export;
 use slipsense_model::quantize::{activation_scales, quantize};
 use slipsense_model::reference::{ACTIVATIONS, Ranges, Reference, SensorFrame};
 use slipsense_model::weights::{FIRST_DIMS, Weights};
-use slipsense_model_file::SCALES_KEY;
+use slipsense_recording::Episode;
+use slipsense_recording::model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
 /// The beginning of an episode of two sensors, until they touch: an untouched pad has nothing to compare.

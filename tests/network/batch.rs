@@ -4,7 +4,7 @@
 use super::inputs::Sensor;
 use slipsense::net::format::Dims;
 use slipsense::params::MEL_BINS;
-use slipsense_model_file::ModelFile;
+use slipsense_recording::model_file::ModelFile;
 
 fn scale(acc: i64, multiplier: i32) -> i64 {
     assert!(i32::try_from(acc).is_ok(), "accumulator {acc} leaves 32 bits");

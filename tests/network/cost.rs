@@ -2,8 +2,8 @@
 
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
-use slipsense_model_file::ModelFile;
-use slipsense_model_file::cost::{LayerCost, layers, macs_per_frame};
+use slipsense_recording::model_file::ModelFile;
+use slipsense_recording::model_file::cost::{LayerCost, layers, macs_per_frame};
 
 /// Small enough to count by hand.
 const SMALL: Dims =

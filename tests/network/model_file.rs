@@ -4,7 +4,7 @@ use super::inputs::SHAPES;
 use sha2::{Digest, Sha256};
 use slipsense::net::format::{Dims, HEADER_BYTES, OperatingPoint};
 use slipsense::net::{Model, ModelError};
-use slipsense_model_file::{ModelFile, random_model};
+use slipsense_recording::model_file::{ModelFile, random_model};
 
 fn good() -> ModelFile {
     random_model(SHAPES[0], 1)

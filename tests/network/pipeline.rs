@@ -7,7 +7,7 @@ use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{Class, FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::health;
-use slipsense_model_file::random_model;
+use slipsense_recording::model_file::random_model;
 
 /// A model whose head ignores the network: its logits are these.
 fn constant_model(logits: [i32; 3]) -> Vec<u8> {

@@ -3,7 +3,7 @@
 use super::batch;
 use super::inputs::{SHAPES, Sensor, random_frames};
 use slipsense::net::{Model, Network, SensorFeatures};
-use slipsense_model_file::random_model;
+use slipsense_recording::model_file::random_model;
 
 fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; 3] {
     let seen: Vec<SensorFeatures> = frame

@@ -1,6 +1,6 @@
 //! The node: what it answers, what it asks the board for, what it withstands. The layouts of the regulated
 //! types are compared with pycyphal by `cargo xtask test --only node` and with canadensis in
-//! `slipsense-bus`.
+//! `slipsense-recording`.
 
 mod commands;
 mod files;

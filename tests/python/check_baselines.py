@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Check host-tools/bench/tests/vectors/baselines.json: what librosa, scipy and scikit-learn make of a fixed
+"""Check host-tools/eval/tests/vectors/baselines.json: what librosa, scipy and scikit-learn make of a fixed
 signal and of fixed points. The Rust tests of the benchmark's detectors compare with the same file.
 
 The reference shares nothing with the Rust code: scipy.signal.butter and lfilter, numpy.fft.rfft, librosa's
@@ -23,7 +23,7 @@ from scipy.signal import butter, lfilter, lfilter_zi
 from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 from sklearn.linear_model import LogisticRegression
 
-PATH = pathlib.Path(__file__).resolve().parents[2] / "host-tools/bench/tests/vectors/baselines.json"
+PATH = pathlib.Path(__file__).resolve().parents[2] / "host-tools/eval/tests/vectors/baselines.json"
 SEED = 20261
 RATE_HZ = 8000
 WINDOW = 128

@@ -1,6 +1,6 @@
 """Bits of CAN and CAN FD frames against an encoder that shares no code with the one in Rust.
 
-Usage: check_can_bits.py FRAMES, one frame a line as host-tools/can-model/examples/random_frames.rs writes them.
+Usage: check_can_bits.py FRAMES, one frame a line as host-tools/can-sim/examples/random_frames.rs writes them.
 
 This encoder works on whole lists of bits and computes checksums by long division of polynomials over GF(2), where the
 one in Rust is a state machine with shift registers. Rules: ISO 11898-1:2015; check values of the checksums as in the

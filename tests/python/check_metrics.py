@@ -4,7 +4,7 @@
   check_metrics.py CASES.json
 
 The cases are random labels and decisions with the figures that the benchmark gives for them, written by
-`cargo run -p slipsense-bench --example metric_cases`. Confusion, accuracy, macro F1, precision, recall
+`cargo run -p slipsense-eval --example metric_cases`. Confusion, accuracy, macro F1, precision, recall
 and F1 of each class, slip among frames with contact, the Clopper-Pearson interval and the Poisson bound
 are worked out again. The largest differences are printed; the exit status is 1 if one is above 1e-9
 (intervals: 1e-6).

@@ -1,7 +1,7 @@
 """The regulated Cyphal types that pycyphal's application layer and the node use, as DSDL.
 
 Names, fields and sizes are those of OpenCyphal's public_regulated_data_types, which no package index carries;
-the text is written down here without the comments of the original. `slipsense-bus` compares the node's bytes
+the text is written down here without the comments of the original. `slipsense-recording` compares the node's bytes
 with the crate canadensis_data_types, which is generated from the original.
 """
 

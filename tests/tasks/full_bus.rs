@@ -8,7 +8,7 @@ use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
 use slipsense::sensor::PiezoFrame;
 use slipsense::tasks::{RAW_MESSAGES, Shared};
 use slipsense::wire::{Detail, RawBuffer, RawForm, RawMessage, Region, Transmitter};
-use slipsense_bus_model::Disturbance;
+use slipsense_can_sim::controller::Disturbance;
 
 use super::world::{BATCH, NODE, Ran, World, healthy, stamp};
 

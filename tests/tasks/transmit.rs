@@ -4,7 +4,7 @@ use slipsense::board::{CanState, Lane, SensedPart};
 use slipsense::params::MAX_SENSORS;
 use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
 use slipsense::wire::{CanFrame, MessageId, Priority, RawBuffer, SlipMessage, Transmitter};
-use slipsense_bus_model::Disturbance;
+use slipsense_can_sim::controller::Disturbance;
 
 use super::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
 
@@ -16,7 +16,7 @@ fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
     (0..).zip(world.outputs()).map(|(sequence, output)| output.slip_message(stamp(sequence), 0)).collect()
 }
 
-fn is_of(lane: Lane) -> impl Fn(&&slipsense_bus_model::Arrived) -> bool {
+fn is_of(lane: Lane) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
     move |arrived| arrived.lane == lane
 }
 

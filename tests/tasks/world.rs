@@ -24,8 +24,8 @@ use slipsense::tasks::{
     Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Status, Transmission, acquire,
 };
 use slipsense::wire::{NodeId, RawMessage, RawTransfer, Received, Receiver, SlipMessage, Transmitter};
-use slipsense_bus_model::{Arrived, Bus, Disturbance, Timing};
-use slipsense_model_file::random_model;
+use slipsense_can_sim::controller::{Arrived, Bus, Disturbance, Timing};
+use slipsense_recording::model_file::random_model;
 
 pub const NODE: NodeId = NodeId::new(42).unwrap();
 pub const FRAME_NS: u64 = 1_000_000_000 / 240;

@@ -60,7 +60,7 @@ pub fn firmware(version: ImageVersion) -> Vec<u8> {
 /// The smallest model that there can be.
 pub fn model(seed: u64) -> Vec<u8> {
     let dims = Dims { conv_channels: [1; 3], embed: 1, xl_kernel: 1, xl_channels: 1, heads: 1, window: 1 };
-    slipsense_model_file::random_model(dims, seed).to_bytes().unwrap()
+    slipsense_recording::model_file::random_model(dims, seed).to_bytes().unwrap()
 }
 
 pub fn header(target: UpdateTarget, version: ImageVersion, payload: &[u8]) -> Header {

@@ -178,7 +178,7 @@ fn models_are_refused_with_a_reason() {
     damaged = good.clone();
     damaged[12..14].copy_from_slice(&999u16.to_le_bytes());
     assert_eq!(refused(&damaged), "corrupt model: a size that this firmware has no room for");
-    let mut overflowing = slipsense_model_file::ModelFile::from_bytes(&good).unwrap();
+    let mut overflowing = slipsense_recording::model_file::ModelFile::from_bytes(&good).unwrap();
     overflowing.tensor_mut("head", "bias")[0] = i32::MAX;
     overflowing.tensor_mut("head", "weight").fill(0x7FFF);
     assert_eq!(refused(&overflowing.to_bytes().unwrap()), "corrupt model: an accumulator could overflow");

@@ -1,5 +1,5 @@
 //! The bus messages: what is sent is received, at every edge; what a bus does to frames is noticed.
-//! The frames themselves are compared with an independent transmitter in `slipsense-bus`
+//! The frames themselves are compared with an independent transmitter in `slipsense-recording`
 //! (`tests/canadensis.rs`), the layouts with pycyphal (`tests/python/check_can_log.py`).
 
 mod compress;

@@ -15,6 +15,7 @@ pub mod bundled;
 mod signing;
 pub mod grasp;
 pub mod hil;
+pub mod view;
 pub mod commands;
 
 use std::process::ExitCode;

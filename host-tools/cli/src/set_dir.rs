@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
-use slipsense_episode::npz::Reader;
-use slipsense_episode::{Episode, EpisodeError};
+use slipsense_recording::npz::Reader;
+use slipsense_recording::{Episode, EpisodeError};
 use slipsense_synth::content_hash;
 use slipsense_synth::splits::{EpisodeSet, FrozenSet, SetHashes, recipe_of};
 

@@ -8,7 +8,7 @@ use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawForm, Transmitter};
-use slipsense_episode::{Episode, Predictions};
+use slipsense_recording::{Episode, Predictions};
 
 /// What the pipeline made of an episode.
 #[derive(Clone, Debug)]

@@ -9,8 +9,8 @@ use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense_episode::Episode;
-use slipsense_episode::score::{ClassScores, Detection, score_events};
+use slipsense_recording::Episode;
+use slipsense_recording::score::{ClassScores, Detection, score_events};
 
 use crate::simulate::Simulation;
 

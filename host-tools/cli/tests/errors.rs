@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use slipsense::params::TAXEL_COLS;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use support::{Arrays, Place, fails, model, names, succeeds};
 
 /// Run an episode file that must be refused.

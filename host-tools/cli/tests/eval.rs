@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use slipsense_bench::detectors::DETECTORS;
+use slipsense_eval::detectors::DETECTORS;
 use support::{Arrays, Place, fails, names, slipsense, succeeds};
 
 /// A folder `episodes` of three labelled episodes of 40 frames; the last 10 slip.

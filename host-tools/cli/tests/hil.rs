@@ -9,7 +9,7 @@ use std::process::Output;
 
 use fake_board::{CORE_HZ, CYCLES, Fault, MAILBOX_AT, elf, serve};
 use slipsense::board::mailbox::{SYMBOL, VERSION};
-use slipsense_model_file::ModelFile;
+use slipsense_recording::model_file::ModelFile;
 use support::{Arrays, Place, fails, model, slipsense};
 
 /// Frames of the episode that each run replays.

@@ -7,8 +7,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use slipsense_episode::Episode;
-use slipsense_episode::label::{NO_CONTACT, SLIP};
+use slipsense_recording::Episode;
+use slipsense_recording::label::{NO_CONTACT, SLIP};
 use slipsense_synth::{Recipe, generate};
 use support::{Arrays, Place, fails, succeeds};
 

@@ -73,7 +73,7 @@ mod with_float_network {
     use slipsense_model::reference::{Reference, SensorFrame};
     use slipsense_model::weights::{FIRST_DIMS, Weights};
     use slipsense_model::{export, output};
-    use slipsense_model_file::{SCALES_KEY, random_model};
+    use slipsense_recording::model_file::{SCALES_KEY, random_model};
 
     use super::support::{Arrays, Place, fails, succeeds};
 

@@ -11,10 +11,10 @@ use serde_json::Value;
 use slipsense::net::Model;
 use slipsense::params::CONTACT_SUM_MIN;
 use slipsense::wire::{NodeId, RawForm, Received, Receiver};
-use slipsense_bus::CandumpReader;
 use slipsense_cli::simulate::{simulate, stamp};
-use slipsense_episode::npz::Reader;
-use slipsense_episode::{Episode, Predictions};
+use slipsense_recording::candump::CandumpReader;
+use slipsense_recording::npz::Reader;
+use slipsense_recording::{Episode, Predictions};
 use support::{Arrays, Place, model, names, succeeds};
 
 const FILES: [&str; 5] = ["can.log", "predictions.npz", "report.html", "summary.json", "timeline.svg"];

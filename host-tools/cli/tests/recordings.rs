@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
-use slipsense_bus::CandumpWriter;
-use slipsense_desk::log_file::{Format, read};
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
+use slipsense_recording::candump::CandumpWriter;
+use slipsense_recording::log_file::{Format, read};
 use support::{Arrays, Place, fails, slipsense, succeeds};
 
 /// A log of one sensor; the frames numbered in `lost` are not in it.

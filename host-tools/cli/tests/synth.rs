@@ -11,7 +11,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use serde_json::Value;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, SetHashes, content_hash};
 use support::{Place, fails, names, slipsense, succeeds};

@@ -7,7 +7,7 @@ use std::fs;
 use serde_json::Value;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
-use slipsense_model_file::ModelFile;
+use slipsense_recording::model_file::ModelFile;
 use support::{Place, fails, model, succeeds};
 
 #[test]

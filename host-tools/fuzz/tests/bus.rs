@@ -6,9 +6,9 @@ use slipsense::wire::{
     CanFrame, Detail, MessageId, NodeId, RawBuffer, RawForm, RawFrame, Received, Sessions, SlipMessage,
     TransferId, Transmitter,
 };
-use slipsense_bus::{CandumpReader, CandumpWriter};
-use slipsense_desk::decode::Decoder;
 use slipsense_fuzz::{corpus, mutate, run};
+use slipsense_recording::candump::{CandumpReader, CandumpWriter};
+use slipsense_recording::decode::Decoder;
 
 /// Traffic as this test stores it: of each frame the identifier, low byte first, its length, its data.
 const TRAFFIC: &str = "host-tools/fuzz/corpus/bus";

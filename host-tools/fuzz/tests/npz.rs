@@ -6,8 +6,8 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::TAXELS;
 use slipsense::sensor::PiezoFrame;
-use slipsense_episode::{Episode, Meta};
 use slipsense_fuzz::{corpus, mutate, run};
+use slipsense_recording::{Episode, Meta};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 

@@ -7,9 +7,9 @@ use base64::engine::general_purpose::STANDARD;
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 use slipsense::wire::{CanFrame, NodeId, SlipMessage, Transmitter};
-use slipsense_desk::LogEntry;
-use slipsense_desk::mcap_file::{McapSink, parse};
 use slipsense_fuzz::{corpus, mutate, run};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::mcap_file::{McapSink, parse};
 
 const CORPUS: &str = "host-tools/fuzz/corpus/mcap";
 

@@ -8,7 +8,7 @@ use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver as Frames, SlipMessage, health};
-use slipsense_bus::{CandumpError, CandumpReader, Rule};
+use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
 use crate::pipeline::Contact;
 use crate::refused;

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::sensor::SensorInput;
-use slipsense_episode::{Episode as Recording, Predictions};
+use slipsense_recording::{Episode as Recording, Predictions};
 
 use crate::pipeline::Running;
 use crate::refused;

@@ -8,7 +8,7 @@ use slipsense::params::{MAX_SENSORS, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::pipeline::Pipeline as Pipe;
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::SensorContact;
-use slipsense_episode::logmel_std;
+use slipsense_recording::logmel_std;
 
 use crate::refused;
 

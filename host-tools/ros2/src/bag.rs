@@ -13,8 +13,8 @@ use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use serde_json::json;
 use slipsense::wire::Received;
-use slipsense_desk::LogEntry;
-use slipsense_desk::decode::{Count, Decoder};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::decode::{Count, Decoder};
 
 use crate::messages::{Image, Raw, RosMessage, Slip, sensor_topic, slip_topic};
 

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
-use slipsense_desk::link::{Place, open};
-use slipsense_desk::log_file::{self, Format};
+use slipsense_recording::link::{Place, open};
+use slipsense_recording::log_file::{self, Format};
 use slipsense_ros2::{bag, node};
 
 static STOP: AtomicBool = AtomicBool::new(false);

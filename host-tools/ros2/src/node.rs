@@ -22,8 +22,8 @@ use ros2_client::{
     Context as Ros, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile,
 };
 use slipsense::wire::{NodeId, Received};
-use slipsense_desk::decode::{Count, Decoder};
-use slipsense_desk::link::{Heard, Source};
+use slipsense_recording::decode::{Count, Decoder};
+use slipsense_recording::link::{Heard, Source};
 
 use crate::messages::{Image, Raw, RosMessage, Slip, sensor_topic, slip_topic};
 

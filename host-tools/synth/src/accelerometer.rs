@@ -9,7 +9,7 @@ use libm::exp;
 use serde::Serialize;
 use slipsense::params::XL_RATE_HZ;
 use slipsense::sensor::XlSample;
-use slipsense_episode::XL_RATE_TOLERANCE;
+use slipsense_recording::XL_RATE_TOLERANCE;
 use std::f64::consts::TAU;
 
 use crate::draw::{Draw, Rng};

@@ -1,11 +1,11 @@
 //! Labels: by the encoder rule of the paper's rig from the crosshead's position as an encoder reads it, or,
 //! where no crosshead pulls, from what the interface itself does. Encoder and contact rule are those of
-//! [`slipsense_episode::label`], by which recordings are labelled too.
+//! [`slipsense_recording::label`], by which recordings are labelled too.
 
 use std::ops::Range;
 
 use serde::Serialize;
-pub use slipsense_episode::label::{
+pub use slipsense_recording::label::{
     ENCODER_STEP_MM, NO_CONTACT, NO_SLIP, ONSET_MM, SLIP, label, slip_interval, slip_without_contact,
 };
 

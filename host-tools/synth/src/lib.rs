@@ -42,7 +42,7 @@ use rayon::prelude::*;
 use serde_json::json;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense::sensor::PiezoFrame;
-use slipsense_episode::{Episode, Meta};
+use slipsense_recording::{Episode, Meta};
 
 use crate::draw::{Stream, stream};
 use crate::finger::{Finger, Shared};

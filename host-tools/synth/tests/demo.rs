@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::{Recipe, generate};
 
 fn demo(name: &str) -> PathBuf {

@@ -1,7 +1,7 @@
 //! Levels and spectra of generated episodes against the ranges the physics asks for.
 //! Vibration is measured without the parts' electrical noise, above 10 Hz, as the rms of the vector.
 
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::labels::{NO_CONTACT, NO_SLIP, SLIP};
 use slipsense_synth::{Recipe, ScenarioChoice, generate_set};
 

@@ -1,6 +1,6 @@
 //! What a recipe may name: its grip, and an object of its own.
 
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::labels::SLIP;
 use slipsense_synth::objects::{CATALOGUE, Group, Object, Shape, Surface, named, of_group};
 use slipsense_synth::{ObjectChoice, Recipe, ScenarioChoice, content_hash, generate, generate_set};

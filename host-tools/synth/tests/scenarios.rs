@@ -1,7 +1,7 @@
 //! What happens in the scenarios: what slips and what does not, who holds it where, what is written down.
 
 use slipsense::params::{COL_PITCH_MM, TAXEL_COLS};
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::labels::{NO_CONTACT, NO_SLIP, SLIP};
 use slipsense_synth::{
     ObjectChoice, Platform, Recipe, Region, ScenarioChoice, SynthError, generate, generate_set, mix,

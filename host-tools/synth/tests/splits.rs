@@ -303,7 +303,7 @@ fn the_content_hash_sees_every_array() {
     let mut other = episode.clone();
     other.meta.other.insert("note".into(), "moved to another folder".into());
     assert_eq!(content_hash(&other), hash, "notes are not content");
-    type Change = fn(&mut slipsense_episode::Episode);
+    type Change = fn(&mut slipsense_recording::Episode);
     let changes: [(&str, Change); 9] = [
         ("piezo", |e| e.piezo.swap(0, 400)),
         ("xl", |e| e.xl[0][77][1] ^= 1),

@@ -1,6 +1,6 @@
 //! The vibration of whole episodes: its levels against the anchor, and what each switch of a recipe leaves out.
 
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use slipsense_synth::labels::{NO_SLIP, SLIP};
 use slipsense_synth::{
     Heard, ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, VibrationModel, generate,

@@ -4,7 +4,7 @@
 use slipsense::board::Lane;
 use slipsense::tasks::Status;
 use slipsense::wire::CanFrame;
-use slipsense_bus_model::{Arrived, Disturbance};
+use slipsense_can_sim::controller::{Arrived, Disturbance};
 
 use crate::bytes::Reader;
 

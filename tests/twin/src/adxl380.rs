@@ -10,7 +10,7 @@ use std::sync::Arc;
 use rigless::chip::Timeline;
 use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::trouble::{self, Kind, Trouble};
 use crate::xl::{self, Readouts, Xl};

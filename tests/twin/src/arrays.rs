@@ -19,7 +19,7 @@ use rigless::soc::stm32h743::peripherals::tim::{Advanced, Tim};
 use rigless::soc::{Layout, Width};
 use rigless::time::{EventId, VirtualNanos};
 use slipsense::params::{MAX_SENSORS, TAXELS};
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::steady::{self, Steady};
 use crate::tapped::Tap;

@@ -9,8 +9,8 @@ use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage, health};
-use slipsense_can_model::{Frame, Id, Outcome};
-use slipsense_episode::Episode;
+use slipsense_can_sim::{Frame, Id, Outcome};
+use slipsense_recording::Episode;
 
 use crate::fdcan::wire::MCU;
 use crate::report::clock_ahead_ns;

@@ -10,7 +10,7 @@ use std::net::{TcpListener, TcpStream};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use slipsense::wire::{MessageId, RAW_PORT, SLIP_PORT};
-use slipsense_can_model::{Format, Frame, Id, Outcome};
+use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
 use crate::compare::can_frame;
 use crate::fdcan::wire::{MCU, Wire};

@@ -18,7 +18,7 @@ use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
 use rigless::time::{EventId, VirtualNanos};
 use slipsense::sensor::XlSample;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::xl::{self, Readouts};
 

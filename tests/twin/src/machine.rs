@@ -16,7 +16,7 @@ use rigless::soc::stm32h743::peripherals::spi::Select;
 use rigless::soc::stm32h743::peripherals::tim::{Advanced, Tim};
 use rigless::soc::{Bus, Error, Window};
 use rigless::time::VirtualNanos;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::adxl380::Adxl380;
 use crate::arrays::{AddressLines, Arrays, REFERENCE_MV, Shared, Streams, Trigger, TriggeredInputs, lock};

@@ -34,7 +34,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use trouble::{Kind, Trouble};
 use xl::Xl;
 

@@ -1,7 +1,7 @@
 //! What each trouble of a run did to the slip messages, and how long until all was as before.
 
 use slipsense::wire::health;
-use slipsense_can_model::Outcome;
+use slipsense_can_sim::Outcome;
 
 use crate::compare::Slip;
 use crate::run::Done;

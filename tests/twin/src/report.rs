@@ -5,9 +5,9 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Result;
-use slipsense_bus::CandumpWriter;
-use slipsense_can_model::Outcome;
-use slipsense_episode::Episode;
+use slipsense_recording::candump::CandumpWriter;
+use slipsense_can_sim::Outcome;
+use slipsense_recording::Episode;
 
 use crate::Arguments;
 use crate::compare::{Comparison, Slip, can_frame, compare};

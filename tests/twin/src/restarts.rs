@@ -3,7 +3,7 @@
 use rigless::device::ResetCause;
 use slipsense::node::{FILE_READ_PORT, HEARTBEAT_PORT};
 use slipsense::wire::{SLIP_PORT, ServiceRole, TransferId};
-use slipsense_can_model::Outcome;
+use slipsense_can_sim::Outcome;
 
 use crate::compare::can_frame;
 use crate::fdcan::wire::{Logged, MCU};

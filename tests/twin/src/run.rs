@@ -16,7 +16,7 @@ use rigless::soc::Width;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::far_end::FarEnd;
 use crate::fdcan::wire::Logged;

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use clap::ValueEnum;
 use slipsense::sensor::XlSample;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 /// Both parts' rate, as the firmware sets it.
 const NOMINAL_HZ: f64 = 8000.0;

@@ -9,12 +9,12 @@ use serde_json::json;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::wire::{RAW_XL_MAX, RawForm};
-use slipsense_can_model::Timing;
-use slipsense_desk::busload::{
+use slipsense_can_sim::Timing;
+use slipsense_can_sim::busload::{
     BusLoad, CLOCK_HZ, DATA_BPS_MAX, NODES_MAX, NOMINAL_BPS_MAX, Plan, SAMPLES_TYPICAL_MAX,
     SIMULATED_PERIODS, Sample, plan,
 };
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use super::run::Raw;
 use crate::bundled;
@@ -108,7 +108,7 @@ impl Rates {
 
     fn timing(self) -> Result<Timing> {
         Timing::new(CLOCK_HZ, self.nominal_bps, self.data_bps).map_err(|error| {
-            let slipsense_can_model::TimingError::BitRate(bps) = error;
+            let slipsense_can_sim::TimingError::BitRate(bps) = error;
             anyhow!(
                 "--bitrate {}: a clock of {} MHz is no multiple of {bps} bit/s",
                 self.words(),

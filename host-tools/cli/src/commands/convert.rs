@@ -9,11 +9,11 @@ use serde_json::json;
 use slipsense::net::Model;
 use slipsense::wire::NodeId;
 use slipsense::wire::RawForm;
-use slipsense_desk::LogEntry;
-use slipsense_desk::log_file::{self, Format, Recording};
-use slipsense_desk::rebuild;
-use slipsense_episode::Episode;
-use slipsense_episode::label::StandLog;
+use slipsense_recording::Episode;
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::label::StandLog;
+use slipsense_recording::log_file::{self, Format, Recording};
+use slipsense_recording::rebuild;
 
 use crate::output_dir::{check_file, write_whole};
 use crate::simulate::{simulate, stamp};

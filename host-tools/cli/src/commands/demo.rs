@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
 use slipsense::net::Model;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use super::run::{Job, Raw, process};
 use crate::bundled;

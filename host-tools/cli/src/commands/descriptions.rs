@@ -51,13 +51,13 @@ pub struct CHeaderArgs {
 
 impl DbcArgs {
     pub(crate) fn run(self) -> Result<()> {
-        hand_out(&slipsense_desk::dbc::text(self.node_id)?, self.out.as_deref(), self.json)
+        hand_out(&slipsense_recording::dbc::text(self.node_id)?, self.out.as_deref(), self.json)
     }
 }
 
 impl CHeaderArgs {
     pub(crate) fn run(self) -> Result<()> {
-        hand_out(&slipsense_desk::c_header::text()?, self.out.as_deref(), self.json)
+        hand_out(&slipsense_recording::c_header::text()?, self.out.as_deref(), self.json)
     }
 }
 

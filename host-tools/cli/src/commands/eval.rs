@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
-use slipsense_bench::detectors::{FLOAT, Modality, NETWORK, NETWORK_ALARM, Setup, by_name};
-use slipsense_bench::fit::Fitted;
-use slipsense_bench::report;
-use slipsense_bench::results::Results;
-use slipsense_bench::run::{Entrant, run};
+use slipsense_eval::detectors::{FLOAT, Modality, NETWORK, NETWORK_ALARM, Setup, by_name};
+use slipsense_eval::fit::Fitted;
+use slipsense_eval::report;
+use slipsense_eval::results::Results;
+use slipsense_eval::run::{Entrant, run};
 
 use super::inputs::{Frames, inputs};
 use crate::bundled;

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
-use slipsense_bench::detectors::{NETWORK, Setup, by_name};
-use slipsense_bench::fit::Fitted;
-use slipsense_bench::rotation;
+use slipsense_eval::detectors::{NETWORK, Setup, by_name};
+use slipsense_eval::fit::Fitted;
+use slipsense_eval::rotation;
 
 use super::inputs::inputs;
 use crate::bundled;

@@ -6,8 +6,8 @@ use anyhow::Result;
 use clap::Args as ClapArgs;
 use slipsense::features::XlFrontEnd;
 use slipsense::params::MEL_BINS;
-use slipsense_episode::npz::write_file;
-use slipsense_episode::{Episode, logmel_g2, logmel_std};
+use slipsense_recording::npz::write_file;
+use slipsense_recording::{Episode, logmel_g2, logmel_std};
 
 use crate::output_dir::check_file;
 

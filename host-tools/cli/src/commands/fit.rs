@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args as ClapArgs, ValueEnum};
-use slipsense_bench::detectors::ClassOrder;
-use slipsense_bench::fit::{Plan, fit};
-use slipsense_bench::source::Input;
+use slipsense_eval::detectors::ClassOrder;
+use slipsense_eval::fit::{Plan, fit};
+use slipsense_eval::source::Input;
 use slipsense_synth::Split;
 use slipsense_synth::splits::EpisodeSet;
 

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
 use serde::Serialize;
 use slipsense::net::Model;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::bundled;
 use crate::hil::gdb::GdbServer;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense_bench::source::Input;
+use slipsense_eval::source::Input;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 

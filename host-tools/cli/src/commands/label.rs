@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{ArgGroup, Args as ClapArgs};
 use serde_json::{Value, json};
-use slipsense_episode::Episode;
-use slipsense_episode::label::{
+use slipsense_recording::Episode;
+use slipsense_recording::label::{
     Intervals, NO_CONTACT, Pull, SLIP, StandLog, align, label, logged_knocks, pulls, recorded_knocks,
     slip_without_contact,
 };
-use slipsense_episode::score::{CLASSES, score_events};
+use slipsense_recording::score::{CLASSES, score_events};
 
 use crate::output_dir::check_file;
 use crate::picture::CLASS_NAME;

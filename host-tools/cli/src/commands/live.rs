@@ -6,8 +6,8 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use slipsense_desk::LogEntry;
-use slipsense_desk::link::{Heard, Place, open};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::link::{Heard, Place, open};
 
 /// Frames between the source and who takes them: two seconds of a full bus. When there is no room the source waits,
 /// and what a kernel then loses shows in the sequence numbers.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 use clap::Args as ClapArgs;
-use slipsense_desk::link::Place;
+use slipsense_recording::link::Place;
 
 use super::live::{Event, Live};
 use seen::Seen;

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, ensure};
 use clap::Args as ClapArgs;
 use serde_json::json;
-use slipsense_desk::decode::{Count, Decoder};
-use slipsense_desk::link::Place;
-use slipsense_desk::recorder::Recorder;
+use slipsense_recording::decode::{Count, Decoder};
+use slipsense_recording::link::Place;
+use slipsense_recording::recorder::Recorder;
 
 use super::live::{Event, Live};
 

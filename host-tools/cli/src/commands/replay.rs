@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args as ClapArgs;
 use serde_json::json;
-use slipsense_desk::link::{Place, open_sink};
-use slipsense_desk::log_file::{self, Format};
+use slipsense_recording::link::{Place, open_sink};
+use slipsense_recording::log_file::{self, Format};
 
 /// Send a recording again: to a bus, a candump log or standard output
 ///

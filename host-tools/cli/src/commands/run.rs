@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use clap::{Args as ClapArgs, ValueEnum};
 use slipsense::net::Model;
 use slipsense::wire::{Detail, RawForm};
-use slipsense_bus::CandumpWriter;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
+use slipsense_recording::candump::CandumpWriter;
 
 use crate::output_dir::OutputDir;
 use crate::simulate::{Simulation, simulate};

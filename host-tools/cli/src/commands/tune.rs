@@ -7,8 +7,8 @@ use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 use slipsense::net::Model;
-use slipsense_bench::tune::{Tuning, disturbances, hear, slips, tune};
-use slipsense_model_file::ModelFile;
+use slipsense_eval::tune::{Tuning, disturbances, hear, slips, tune};
+use slipsense_recording::model_file::ModelFile;
 
 use crate::output_dir::{check_file, write_whole};
 

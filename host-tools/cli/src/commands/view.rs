@@ -7,15 +7,15 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use crate::view::server::PageServer;
+use crate::view::store::{Session, Store};
+use crate::view::{bus, episode, record};
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::wire::NodeId;
-use slipsense_episode::Episode;
-use slipsense_view::server::PageServer;
-use slipsense_view::store::{Session, Store};
-use slipsense_view::{bus, episode, record};
+use slipsense_recording::Episode;
 
 use crate::bundled;
 use crate::summary::EpisodeFacts;

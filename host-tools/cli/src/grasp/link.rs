@@ -8,8 +8,8 @@ use slipsense::board::Lane;
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, Received, Receiver, SlipMessage, Transmitter,
 };
-use slipsense_bus_model::{Arrived, Bus, Disturbance, Timing};
-use slipsense_desk::busload::CLOCK_HZ;
+use slipsense_can_sim::busload::CLOCK_HZ;
+use slipsense_can_sim::controller::{Arrived, Bus, Disturbance, Timing};
 
 /// Bit rates of the bus, bit/s.
 const RATES_BPS: (u32, u32) = (1_000_000, 8_000_000);

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense_episode::score::MARGIN_FRAMES;
+use slipsense_recording::score::MARGIN_FRAMES;
 use slipsense_synth::plant::{Direction, Trial};
 
 use super::trial::Outcome;

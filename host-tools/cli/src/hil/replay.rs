@@ -13,7 +13,7 @@ use slipsense::board::mailbox::{
 use slipsense::board::replay::encode_frame;
 use slipsense::net::Model;
 use slipsense::wire::{CanFrame, RawForm};
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use super::Target;
 use crate::signing::hex;

@@ -1,6 +1,6 @@
 //! Onsets close up, frame by frame: at the timeline's scale a delay of a few frames cannot be seen.
 
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 use svg::node::element::{Circle, Group};
 
 use super::draw::{Anchor, CLASS, GREY, RULE, area, curve, heading, rect, rule, text};

@@ -1,6 +1,6 @@
 //! How full a bus is, as bars: one pair for each pair of bit rates.
 
-use slipsense_desk::busload::{BusLoad, Load};
+use slipsense_can_sim::busload::{BusLoad, Load};
 use svg::Document;
 
 use super::draw::{Anchor, CLASS, GREY, INK, RULE, SENSOR, rect, rule, text};

@@ -12,8 +12,8 @@ use std::ops::Range;
 
 use anyhow::Result;
 use slipsense::params::{CLASSES, MEL_BINS};
-use slipsense_episode::Episode;
-use slipsense_episode::score::SLIP;
+use slipsense_recording::Episode;
+use slipsense_recording::score::SLIP;
 use svg::Document;
 use svg::node::element::{Group, Image};
 

@@ -9,8 +9,8 @@ use std::process::{Command, Output};
 
 use slipsense::net::format::Dims;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
-use slipsense_episode::npz::write_file;
-use slipsense_model_file::{ModelFile, random_model};
+use slipsense_recording::model_file::{ModelFile, random_model};
+use slipsense_recording::npz::write_file;
 use tempfile::TempDir;
 
 /// Run `slipsense`.

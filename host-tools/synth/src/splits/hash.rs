@@ -2,7 +2,7 @@
 //! that another compressor changes nothing.
 
 use sha2::{Digest, Sha256};
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::recipe::Recipe;
 

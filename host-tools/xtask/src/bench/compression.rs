@@ -8,8 +8,8 @@ use slipsense::sensor::SensorInput;
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, SlipMessage, Transmitter,
 };
-use slipsense_can_model::{Format, Frame, Id, Timing};
-use slipsense_episode::Episode;
+use slipsense_can_sim::{Format, Frame, Id, Timing};
+use slipsense_recording::Episode;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Split, generate};
 

@@ -8,11 +8,11 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use slipsense::net::Model;
-use slipsense_model_file::cost;
 use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::measured::{
     COMPRESSION_FILE, FrameCost, Line, MEASURED_FILE, Part, TRACE_FILE, WARM_UP_FRAMES,
 };
+use slipsense_recording::model_file::cost;
 use tempfile::TempDir;
 
 use super::inputs::Input;
@@ -237,8 +237,8 @@ impl Spread {
 mod tests {
     use super::*;
     use slipsense::net::format::Dims;
-    use slipsense_model_file::random_model;
     use slipsense_qemu::measured::PARTS;
+    use slipsense_recording::model_file::random_model;
 
     #[test]
     fn lines_of_the_program_are_read_back() {

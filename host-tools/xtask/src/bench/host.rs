@@ -11,7 +11,7 @@ use serde::Serialize;
 use slipsense::net::Model;
 use slipsense::pipeline::Pipeline;
 use slipsense::sensor::SensorInput;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use super::inputs::demo;
 use crate::process::{answer, cargo};
@@ -20,7 +20,7 @@ use crate::process::{answer, cargo};
 const RUNS: usize = 5;
 /// Passes over the demo episode in one run.
 const PASSES: usize = 5;
-/// In `slipsense-bench`.
+/// In `slipsense-eval`.
 const FLOAT_EXAMPLE: &str = "float_speed";
 
 /// Seconds of this computer, which say nothing about another.
@@ -105,10 +105,10 @@ fn replay(model: Model<'_>, episode: &Episode, frames: usize, cores: usize) -> R
 fn float() -> Result<f64> {
     eprintln!("building the float network on tract");
     let mut example = cargo();
-    example.args(["run", "--release", "--quiet", "--package", "slipsense-bench", "--features", "float"]);
+    example.args(["run", "--release", "--quiet", "--package", "slipsense-eval", "--features", "float"]);
     let answer = answer(example.args(["--example", FLOAT_EXAMPLE]));
     let answer = answer.with_context(|| {
-        format!("`cargo run --release -p slipsense-bench --features float --example {FLOAT_EXAMPLE}` failed")
+        format!("`cargo run --release -p slipsense-eval --features float --example {FLOAT_EXAMPLE}` failed")
     })?;
     answer.parse().with_context(|| format!("{FLOAT_EXAMPLE} printed `{answer}`, which is no number"))
 }

@@ -8,7 +8,7 @@ use slipsense::board::SensedPart;
 use slipsense::params::{CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXELS, XL_AXES, XL_RATE_HZ};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 use crate::qemu::frames::Frames;
 use crate::root;

@@ -10,7 +10,7 @@ use slipsense::net::format::{ALARM_FRAMES_MAX, Dims, HEAD_WIDTH_MAX, OperatingPo
 use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXELS, XL_BATCH_MAX, limits};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::{PiezoFrame, XlSample};
-use slipsense_model_file::random_model;
+use slipsense_recording::model_file::random_model;
 
 use super::frames::Frames;
 

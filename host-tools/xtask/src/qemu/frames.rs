@@ -3,7 +3,7 @@
 use anyhow::Result;
 use slipsense::board::SensedPart;
 use slipsense::pipeline::FrameStamp;
-use slipsense_episode::Episode;
+use slipsense_recording::Episode;
 
 /// One stretch of input.
 pub struct Frames {

@@ -7,8 +7,8 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
-use slipsense_episode::Episode;
 use slipsense_qemu::input::MODEL_BYTES_MAX;
+use slipsense_recording::Episode;
 
 use crate::root;
 

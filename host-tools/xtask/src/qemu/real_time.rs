@@ -16,13 +16,13 @@ use slipsense::board::{Lane, SensedPart};
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense::pipeline::FrameStamp;
 use slipsense::wire::{CanFrame, Received, Receiver, SlipMessage};
-use slipsense_bus_model::{Arrived, Disturbance};
-use slipsense_episode::Episode;
+use slipsense_can_sim::controller::{Arrived, Disturbance};
 use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::events::{
     ARRIVED_FILE, BUS_FILE, COUNTERS_BYTES, Counters, DECIDED_BYTES, DECIDED_FILE, Decided, START_US,
     STATUS_FILE, decode_arrived, encode_disturbance,
 };
+use slipsense_recording::Episode;
 
 use super::frames::Frames;
 use super::host::{self, NODE};

@@ -273,7 +273,7 @@ fn script(name: &str, arguments: &[&str]) -> Result<()> {
 fn can_bits() -> Result<()> {
     let frames = target_dir().join("can_frames.txt");
     let mut example = cargo();
-    example.args(["run", "--release", "--quiet", "--package", "slipsense-can-model"]);
+    example.args(["run", "--release", "--quiet", "--package", "slipsense-can-sim"]);
     run(example.args(["--example", "random_frames", "--", CAN_FRAMES]).arg(&frames))?;
     run(python()?.arg("tests/python/check_can_bits.py").arg(frames))
 }
@@ -281,7 +281,7 @@ fn can_bits() -> Result<()> {
 fn metrics() -> Result<()> {
     let cases = target_dir().join("metric_cases.json");
     let mut example = cargo();
-    example.args(["run", "--release", "--quiet", "--package", "slipsense-bench"]);
+    example.args(["run", "--release", "--quiet", "--package", "slipsense-eval"]);
     run(example.args(["--example", "metric_cases", "--"]).arg(&cases))?;
     run(python()?.arg("tests/python/check_metrics.py").arg(cases))
 }

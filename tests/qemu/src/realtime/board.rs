@@ -8,7 +8,7 @@ use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MA
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
 use slipsense::wire::CanFrame;
-use slipsense_bus_model::{Arrived, Bus};
+use slipsense_can_sim::controller::{Arrived, Bus};
 use slipsense_qemu::events::{Decided, EVENT_BYTES_MAX, START_US, encode_arrived};
 use slipsense_qemu::input::Header;
 

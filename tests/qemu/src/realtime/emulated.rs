@@ -16,7 +16,7 @@ use slipsense::tasks::{
     Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
 };
 use slipsense::wire::{RawTransfer, Transmitter};
-use slipsense_bus_model::{Bus, Timing};
+use slipsense_can_sim::controller::{Bus, Timing};
 use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::events::{
     ARRIVED_FILE, BUS_FILE, Counters, DECIDED_FILE, DISTURBANCE_BYTES, INSTRUCTIONS_PER_US, START_US,

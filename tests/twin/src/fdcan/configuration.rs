@@ -4,7 +4,7 @@
 use rigless::device::{DeviceContext, RegisterFile};
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::VirtualNanos;
-use slipsense_can_model::{BitTiming, Timing};
+use slipsense_can_sim::{BitTiming, Timing};
 
 use super::Fdcan;
 use super::registers::{cccr, field};

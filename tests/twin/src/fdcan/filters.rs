@@ -2,7 +2,7 @@
 
 use rigless::device::RegisterFile;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
-use slipsense_can_model::{Format, Frame, Id};
+use slipsense_can_sim::{Format, Frame, Id};
 
 use super::message_ram::MessageRam;
 use super::registers::field;

@@ -3,7 +3,7 @@
 use rigless::device::{DeviceContext, RegisterFile};
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::VirtualNanos;
-use slipsense_can_model::{ErrorState, Field, Outcome};
+use slipsense_can_sim::{ErrorState, Field, Outcome};
 
 use super::registers::{cccr, interrupt, psr};
 use super::wire::{MCU, PEER};

@@ -10,7 +10,7 @@ use rigless::device::DeviceContext;
 use rigless::snapshot::Store;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
-use slipsense_can_model::{Format, Frame, Id, len_of};
+use slipsense_can_sim::{Format, Frame, Id, len_of};
 
 /// Its address.
 pub const BASE: u64 = 0x4000_AC00;

@@ -2,7 +2,7 @@
 //!
 //! Written from RM0433 (chapter FDCAN; section titles beside each behaviour, as remembered, since neither manual nor
 //! M_CAN's could be had here) and from what embassy-stm32 0.6 programs; frame times, arbitration and error counters
-//! are `slipsense-can-model`'s.
+//! are `slipsense-can-sim`'s.
 //!
 //! | covered | section |
 //! |---|---|
@@ -33,7 +33,7 @@ use rigless::device::{Device, DeviceContext, Level, RegisterFile};
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::EventId;
-use slipsense_can_model::{Attempt, ErrorState, Frame, Timing};
+use slipsense_can_sim::{Attempt, ErrorState, Frame, Timing};
 
 use message_ram::{MessageRam, TxElement};
 use registers::{LOOPBACK, Rule, cccr, psr, rule};

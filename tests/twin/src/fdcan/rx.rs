@@ -2,7 +2,7 @@
 
 use rigless::device::{DeviceContext, RegisterFile};
 use rigless::soc::stm32h743::generated::fdcan1::Register;
-use slipsense_can_model::Frame;
+use slipsense_can_sim::Frame;
 
 use super::Fdcan;
 use super::filters::{self, Accepted};

@@ -2,7 +2,7 @@
 
 use rigless::device::{DeviceContext, RegisterFile};
 use rigless::soc::stm32h743::generated::fdcan1::Register;
-use slipsense_can_model::{ErrorState, Frame};
+use slipsense_can_sim::{ErrorState, Frame};
 
 use super::message_ram::{TxElement, element_bytes, head_word, tail_word};
 use super::registers::{cccr, field, interrupt};

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use slipsense_can_model::{
+use slipsense_can_sim::{
     Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
 };
 

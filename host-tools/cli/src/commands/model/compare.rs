@@ -7,10 +7,10 @@ use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
 use serde::Serialize;
 use slipsense::net::Model;
-use slipsense_episode::Episode;
 use slipsense_model::compare::{ActivationError, LayerComparison, compare_activations};
 use slipsense_model::output::sha256_hex;
 use slipsense_model::weights::Weights;
+use slipsense_recording::Episode;
 
 use crate::bundled;
 use crate::summary::{EpisodeFacts, ModelFacts};

@@ -10,8 +10,8 @@ use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{PIPELINE_BYTES_MAX, Pipeline};
-use slipsense_model_file::SCALES_KEY;
-use slipsense_model_file::cost::{
+use slipsense_recording::model_file::SCALES_KEY;
+use slipsense_recording::model_file::cost::{
     FILE_BYTES_MAX, LayerCost, MACS_MAX_ONE_SENSOR, MACS_MAX_THREE_SENSORS, layers, macs_per_frame,
 };
 

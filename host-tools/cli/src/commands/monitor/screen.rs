@@ -145,7 +145,7 @@ mod tests {
     use ratatui::backend::TestBackend;
     use slipsense::sensor::SensorInput;
     use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter, health};
-    use slipsense_desk::LogEntry;
+    use slipsense_recording::candump::LogEntry;
 
     #[test]
     fn a_slip_is_on_the_screen() {

@@ -7,8 +7,8 @@ use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{Received, SlipMessage, health};
-use slipsense_desk::LogEntry;
-use slipsense_desk::decode::{Count, Decoder};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::decode::{Count, Decoder};
 
 /// Names of the health bits.
 pub(super) const HEALTH: [(u8, &str); 8] = [

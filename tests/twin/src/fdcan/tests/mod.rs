@@ -12,7 +12,7 @@ use rigless::emulator::{Error, Memory};
 use rigless::mcu::Operate;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
-use slipsense_can_model::{Format, Frame, Id, Outcome};
+use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
 use crate::machine::{Fitted, Twin};
 use crate::trouble::{Kind, Trouble};

@@ -1,0 +1,105 @@
+//! What one training episode contributes.
+
+use anyhow::{Context, Result, ensure};
+use serde_json::Value;
+use slipsense::params::CLASSES;
+use slipsense_recording::{Episode, Meta};
+
+use crate::detectors::mel::COEFFICIENTS;
+use crate::detectors::{
+    BandPassScore, CLOCK_BIN_FRAMES, EnergyScore, EntropyScore, FluxCusumScore, LOGISTIC_FEATURES,
+    LogisticFeatures, Mfccs, RIG_FEATURES, RigFeatures, Score, rig_only_episode, touched,
+};
+
+/// Scores and features of one frame.
+pub(super) struct Frame {
+    pub label: u8,
+    pub touched: bool,
+    pub entropy: f32,
+    pub energy: f32,
+    pub flux_cusum: f32,
+    pub band_pass: f32,
+    /// One per sensor.
+    pub mfcc: Vec<[f64; COEFFICIENTS]>,
+    pub logistic: [f64; LOGISTIC_FEATURES],
+    /// `None` where the episode cannot be made again.
+    pub rig: Option<[f64; RIG_FEATURES]>,
+}
+
+/// The used frames of one episode, and the frames of each class by time.
+pub(super) struct Sample {
+    pub frames: Vec<Frame>,
+    /// All frames of each class in each bin of the clock.
+    pub clock: Vec<[u64; CLASSES]>,
+}
+
+impl Sample {
+    /// Of a training episode: frames 0, `stride`, 2 · `stride` and so on.
+    pub(super) fn of(episode: &Episode, stride: usize) -> Result<Self> {
+        refuse_other_splits(&episode.meta)?;
+        let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
+        let rig = match episode.meta.other.contains_key("recipe") {
+            true => Some(rig_only_episode(episode)?),
+            false => None,
+        };
+        let (mut entropy, mut energy) = (EntropyScore::new(), EnergyScore::new());
+        let (mut flux_cusum, mut band_pass) = (FluxCusumScore::new(), BandPassScore::new());
+        let (mut mfccs, mut logistic, mut rig_features) =
+            (Mfccs::new(), LogisticFeatures::new(), RigFeatures::new());
+        let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
+        let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
+        for (frame, &label) in label.iter().enumerate() {
+            clock[frame / CLOCK_BIN_FRAMES][usize::from(label)] += 1;
+            let sample = Frame {
+                label,
+                touched: touched(episode, frame),
+                entropy: entropy.step(episode, frame),
+                energy: energy.step(episode, frame),
+                flux_cusum: flux_cusum.step(episode, frame),
+                band_pass: band_pass.step(episode, frame),
+                mfcc: mfccs.step(episode, frame).collect(),
+                logistic: logistic.step(episode, frame),
+                rig: rig.as_ref().map(|rig| rig_features.step(rig, frame)),
+            };
+            if frame.is_multiple_of(stride) {
+                frames.push(sample);
+            }
+        }
+        Ok(Self { frames, clock })
+    }
+}
+
+/// What says `split` must say `train`; what does not (files older than the splits, recordings) must not be
+/// of an object that is kept from training.
+fn refuse_other_splits(meta: &Meta) -> Result<()> {
+    match meta.other.get("split") {
+        Some(split) => ensure!(split == "train", "meta: split is {split}, only \"train\" may be fitted on"),
+        None => ensure!(
+            meta.other.get("held_out") != Some(&Value::Bool(true)),
+            "meta: the object is held out, only training objects may be fitted on"
+        ),
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn only_training_episodes_are_fitted_on() {
+        let meta =
+            |other: Value| Meta { other: other.as_object().unwrap().clone(), ..Meta::nominal(0.488e-3) };
+        for (other, ok) in [
+            (json!({"split": "train", "held_out": false}), true),
+            (json!({"split": "val", "held_out": false}), false),
+            (json!({"split": 1}), false),
+            (json!({"held_out": false}), true),
+            (json!({}), true),
+            (json!({"held_out": true}), false),
+        ] {
+            assert_eq!(refuse_other_splits(&meta(other.clone())).is_ok(), ok, "{other}");
+        }
+    }
+}

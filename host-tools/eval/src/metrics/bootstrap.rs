@@ -1,0 +1,141 @@
+//! Percentile bootstrap over episodes: frames of one episode, and its events, hang together, so whole
+//! episodes are drawn with replacement. Each draw adds up the episodes' counts; no frame is touched.
+
+use rand::Rng;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use slipsense_recording::score::{ClassScores, Detection};
+
+use super::alarms::hours;
+use super::events::WITHIN_FRAMES;
+use super::record::Record;
+use super::statistics::{CONFIDENCE, share};
+
+/// Draws.
+pub const RESAMPLES: usize = 1000;
+/// Seed of the draws.
+pub const SEED: u64 = 1;
+/// With fewer episodes than this an interval would say little.
+pub const EPISODES_MIN: usize = 5;
+
+/// 95 % intervals, `[low, high]`; null where there are too few episodes or a bound is not finite.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Intervals {
+    /// Of the accuracy.
+    pub accuracy_share: Option<[f64; 2]>,
+    /// Of the macro F1.
+    pub macro_f1: Option<[f64; 2]>,
+    /// Of the false slip frames of the frames that do not slip.
+    pub fpr_of_non_slip_share: Option<[f64; 2]>,
+    /// Of the median latency; the upper bound is null where it is infinite.
+    pub latency_median_frames: Option<[Option<f64>; 2]>,
+    /// Of the share of hits and misses within 5 frames.
+    pub within_5_frames_share: Option<[f64; 2]>,
+    /// Of the share of missed events.
+    pub miss_share: Option<[f64; 2]>,
+    /// Of the false alarms per hour of exposure.
+    pub alarms_per_hour: Option<[f64; 2]>,
+}
+
+/// What a draw needs of an episode.
+struct Counts {
+    classes: ClassScores,
+    /// Latency of hits, [`MISSED`] for misses.
+    latencies: Vec<u32>,
+    events: usize,
+    alarms: u64,
+    exposure_frames: u64,
+}
+
+const MISSED: u32 = u32::MAX;
+
+impl Counts {
+    fn new(record: &Record) -> Self {
+        let outcomes = &record.events.encoder;
+        let latency = |detection| match detection {
+            Detection::Hit { delay } => Some(delay as u32),
+            Detection::Missed => Some(MISSED),
+            Detection::Early { .. } => None,
+        };
+        Self {
+            classes: record.frames.all,
+            latencies: outcomes.iter().filter_map(|o| latency(o.event.detection)).collect(),
+            events: outcomes.len(),
+            alarms: record.alarms.total(),
+            exposure_frames: record.alarms.exposure_frames.iter().sum(),
+        }
+    }
+}
+
+impl Intervals {
+    /// Intervals of the figures of these episodes. The same episodes give the same intervals.
+    pub fn new(records: &[&Record]) -> Self {
+        if records.len() < EPISODES_MIN {
+            return Self::default();
+        }
+        let counts: Vec<Counts> = records.iter().copied().map(Counts::new).collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+        let mut draws: [Vec<f64>; 7] = Default::default();
+        let mut latencies = Vec::new();
+        for _ in 0..RESAMPLES {
+            let (mut classes, mut alarms, mut exposure, mut events) = (ClassScores::default(), 0, 0, 0);
+            latencies.clear();
+            for _ in 0..counts.len() {
+                let episode = &counts[rng.random_range(0..counts.len())];
+                classes.add(&episode.classes);
+                latencies.extend_from_slice(&episode.latencies);
+                events += episode.events;
+                alarms += episode.alarms;
+                exposure += episode.exposure_frames;
+            }
+            let within = latencies.iter().filter(|&&frames| frames <= WITHIN_FRAMES as u32).count();
+            let missed = latencies.iter().filter(|&&frames| frames == MISSED).count();
+            let values = [
+                classes.accuracy(),
+                classes.macro_f1(),
+                classes.fpr_of_non_slip(),
+                median(&mut latencies),
+                share(within, latencies.len()),
+                share(missed, events),
+                (exposure > 0).then(|| alarms as f64 / hours(exposure)),
+            ];
+            // A draw without events has no latency; the others still count.
+            for (draws, value) in draws.iter_mut().zip(values) {
+                draws.extend(value);
+            }
+        }
+        let [accuracy, f1, fpr, latency, within, miss, alarms] = draws.map(bounds);
+        let finite = |[low, high]: [f64; 2]| (low.is_finite() && high.is_finite()).then_some([low, high]);
+        Self {
+            accuracy_share: accuracy.and_then(finite),
+            macro_f1: f1.and_then(finite),
+            fpr_of_non_slip_share: fpr.and_then(finite),
+            latency_median_frames: latency.map(|of| of.map(|bound| bound.is_finite().then_some(bound))),
+            within_5_frames_share: within.and_then(finite),
+            miss_share: miss.and_then(finite),
+            alarms_per_hour: alarms.and_then(finite),
+        }
+    }
+}
+
+fn median(latencies: &mut [u32]) -> Option<f64> {
+    let frames = |latency: u32| if latency == MISSED { f64::INFINITY } else { f64::from(latency) };
+    let length = latencies.len();
+    if length == 0 {
+        return None;
+    }
+    let (below, &mut middle, _) = latencies.select_nth_unstable(length / 2);
+    if length % 2 == 1 {
+        return Some(frames(middle));
+    }
+    let other = below.iter().copied().max().unwrap_or(middle);
+    Some((frames(other) + frames(middle)) / 2.0)
+}
+
+fn bounds(mut values: Vec<f64>) -> Option<[f64; 2]> {
+    values.sort_by(f64::total_cmp);
+    let tail = (1.0 - CONFIDENCE) / 2.0;
+    let last = values.len().checked_sub(1)?;
+    Some([tail, 1.0 - tail].map(|p| values[(p * last as f64).round() as usize]))
+}

@@ -1,0 +1,211 @@
+//! Event by event: when a slip was flagged, against both truths.
+//!
+//! The first flag in `[onset − 50 ms, end]` belongs to the event. At or after the onset it is a hit with
+//! its latency; before the onset it is *early*, which is reported apart and is neither a latency of 0 nor
+//! a false alarm; without a flag up to the end the event is *missed*, whatever comes later. Latencies are
+//! those of the hits and, at infinity, the misses: median, percentiles and shares count both. Early events
+//! are not among them. They contain no computing time.
+//!
+//! Against the interface truth, the onset is that of the sliding that belongs to the labelled event, and
+//! the end is the label's. Labelled events in which the contact never slid are counted apart.
+//!
+//! *From onset* ignores flags before the onset and takes the first frame flagged at or after it, so a flag
+//! that stays up counts as latency 0: probably how the paper counts. *With transition* asks in addition
+//! that the flag was down in the frame before the onset.
+
+use serde::Serialize;
+use slipsense_recording::score::{Detection, EventScore, Interval, score_intervals};
+
+use super::statistics::{median, percentile, share, share_interval};
+use crate::truth::Truth;
+
+/// "Within 5 frames" (20.8 ms): the paper's mark.
+pub const WITHIN_FRAMES: usize = 5;
+
+/// What became of one event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// First frame of the event, frame after it, and its detection.
+    pub event: EventScore,
+    /// Frames from the onset to the first flagged frame at or after it; none if there is none.
+    pub from_onset: Option<usize>,
+    /// The flag was up in the frame before the onset.
+    pub was_up: bool,
+    /// Millimetres between onset and detection of a hit: of the crosshead (encoder truth), or slid by the
+    /// interface (interface truth). None for other events and where the episode does not know.
+    pub travel_mm: Option<f64>,
+}
+
+/// The events of one episode, against both truths.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcomes {
+    /// One per labelled event.
+    pub encoder: Vec<Outcome>,
+    /// One per labelled event in which the contact slid.
+    pub interface: Vec<Outcome>,
+    /// Labelled events in which it did not, or which nobody knows about.
+    pub without_interface: usize,
+}
+
+impl Outcomes {
+    /// Match `flag` (non-zero where slip is said) with the events of an episode.
+    pub fn new(truth: &Truth, flag: &[u8]) -> Self {
+        let crosshead = truth.displacement_mm.as_deref();
+        let encoder = outcomes(&truth.slip, flag, crosshead);
+        let Some(interface) = &truth.interface else {
+            return Self { without_interface: encoder.len(), encoder, interface: Vec::new() };
+        };
+        let mut windows: Vec<Interval> = Vec::new();
+        for (&(_, end), sliding) in truth.slip.iter().zip(&interface.of_label) {
+            if let Some(sliding) = *sliding {
+                // The sliding may have begun within the label before.
+                let previous_end = windows.last().map_or(0, |last| last.1);
+                windows.push((interface.slip[sliding].0.max(previous_end), end));
+            }
+        }
+        Self {
+            without_interface: encoder.len() - windows.len(),
+            encoder,
+            interface: outcomes(&windows, flag, Some(&interface.slid_mm)),
+        }
+    }
+}
+
+fn outcomes(intervals: &[Interval], flag: &[u8], position_mm: Option<&[f32]>) -> Vec<Outcome> {
+    let outcome = |event: EventScore| {
+        let EventScore { onset, end, detection } = event;
+        let travel_mm = match (detection, position_mm) {
+            (Detection::Hit { delay }, Some(mm)) => Some(f64::from((mm[onset + delay] - mm[onset]).abs())),
+            _ => None,
+        };
+        Outcome {
+            event,
+            from_onset: (onset..end).position(|f| flag[f] != 0),
+            was_up: onset > 0 && flag[onset - 1] != 0,
+            travel_mm,
+        }
+    };
+    score_intervals(intervals, flag).events.into_iter().map(outcome).collect()
+}
+
+/// Figures of any number of events. Frames of 4.17 ms; null where infinite or without events.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct EventFigures {
+    /// Events of this truth.
+    pub events: usize,
+    /// Flagged at or after the onset.
+    pub hits: usize,
+    /// Flagged up to 50 ms before the onset.
+    pub early: usize,
+    /// Not flagged in time.
+    pub missed: usize,
+    /// Early events of all.
+    pub early_share: Option<f64>,
+    /// Missed events of all.
+    pub miss_share: Option<f64>,
+    /// Exact 95 % interval of the share, as if events were independent.
+    pub miss_share_interval: Option<[f64; 2]>,
+    /// Hits within 5 frames, of hits and misses.
+    pub within_5_frames_share: Option<f64>,
+    /// Exact 95 % interval of the share, as if events were independent.
+    pub within_5_frames_share_interval: Option<[f64; 2]>,
+    /// Median latency.
+    pub latency_median_frames: Option<f64>,
+    /// 76 % have at most this latency (the paper's share within 5 frames).
+    pub latency_p76_frames: Option<f64>,
+    /// 90 %.
+    pub latency_p90_frames: Option<f64>,
+    /// 95 %.
+    pub latency_p95_frames: Option<f64>,
+    /// Largest latency of a hit.
+    pub latency_max_of_hits_frames: Option<f64>,
+    /// Mean latency of the hits; misses cannot count here.
+    pub latency_mean_of_hits_frames: Option<f64>,
+    /// Median from the onset to the first flagged frame, flags before it ignored.
+    pub from_onset_median_frames: Option<f64>,
+    /// Events whose onset frame is flagged, of all.
+    pub at_onset_share: Option<f64>,
+    /// ... and the frame before is not.
+    pub at_onset_with_transition_share: Option<f64>,
+    /// Flagged early or up to 5 frames after the onset, of all events.
+    pub early_or_within_5_frames_share: Option<f64>,
+    /// Flagged early or in the onset frame, of all events.
+    pub early_or_at_onset_share: Option<f64>,
+    /// Median travel at detection, misses at infinity.
+    pub travel_median_mm: Option<f64>,
+    /// 90 %.
+    pub travel_p90_mm: Option<f64>,
+    /// Largest of a hit.
+    pub travel_max_of_hits_mm: Option<f64>,
+}
+
+/// Latencies of hits and misses (infinite), sorted.
+pub fn latencies<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Vec<f64> {
+    let latency = |outcome: &Outcome| match outcome.event.detection {
+        Detection::Hit { delay } => Some(delay as f64),
+        Detection::Missed => Some(f64::INFINITY),
+        Detection::Early { .. } => None,
+    };
+    let mut latencies: Vec<f64> = outcomes.into_iter().filter_map(latency).collect();
+    latencies.sort_by(f64::total_cmp);
+    latencies
+}
+
+impl EventFigures {
+    /// Figures of these events.
+    pub fn new(outcomes: &[&Outcome]) -> Self {
+        let latency = latencies(outcomes.iter().copied());
+        let events = outcomes.len();
+        let hits = latency.iter().filter(|frames| frames.is_finite()).count();
+        let missed = latency.len() - hits;
+        let early = events - latency.len();
+        let within = latency.iter().filter(|&&frames| frames <= WITHIN_FRAMES as f64).count();
+        let at_once = latency.iter().filter(|&&frames| frames == 0.0).count();
+        let mut from_onset: Vec<f64> =
+            outcomes.iter().map(|o| o.from_onset.map_or(f64::INFINITY, |frames| frames as f64)).collect();
+        from_onset.sort_by(f64::total_cmp);
+        let at_onset = |o: &&&Outcome| o.from_onset == Some(0);
+        let (mut travel, of_hits) = travels(outcomes);
+        // Misses count only where hits have a travel at all.
+        if hits == of_hits {
+            travel.resize(hits + missed, f64::INFINITY);
+        }
+        Self {
+            events,
+            hits,
+            early,
+            missed,
+            early_share: share(early, events),
+            miss_share: share(missed, events),
+            miss_share_interval: share_interval(missed as u64, events as u64),
+            within_5_frames_share: share(within, latency.len()),
+            within_5_frames_share_interval: share_interval(within as u64, latency.len() as u64),
+            latency_median_frames: median(&latency),
+            latency_p76_frames: percentile(&latency, 0.76),
+            latency_p90_frames: percentile(&latency, 0.90),
+            latency_p95_frames: percentile(&latency, 0.95),
+            latency_max_of_hits_frames: hits.checked_sub(1).map(|last| latency[last]),
+            latency_mean_of_hits_frames: (hits > 0)
+                .then(|| latency[..hits].iter().sum::<f64>() / hits as f64),
+            from_onset_median_frames: median(&from_onset),
+            at_onset_share: share(outcomes.iter().filter(at_onset).count(), events),
+            at_onset_with_transition_share: share(
+                outcomes.iter().filter(at_onset).filter(|o| !o.was_up).count(),
+                events,
+            ),
+            early_or_within_5_frames_share: share(early + within, events),
+            early_or_at_onset_share: share(early + at_once, events),
+            travel_median_mm: median(&travel),
+            travel_p90_mm: percentile(&travel, 0.90),
+            travel_max_of_hits_mm: of_hits.checked_sub(1).map(|last| travel[last]),
+        }
+    }
+}
+
+/// Travels of the hits that have one, sorted, and their number.
+fn travels(outcomes: &[&Outcome]) -> (Vec<f64>, usize) {
+    let mut travel: Vec<f64> = outcomes.iter().filter_map(|outcome| outcome.travel_mm).collect();
+    travel.sort_by(f64::total_cmp);
+    let count = travel.len();
+    (travel, count)
+}

@@ -1,0 +1,117 @@
+//! The lowest threshold that keeps false alarms rare.
+
+use std::collections::BTreeSet;
+
+use slipsense::net::format::THRESHOLD_RANGE_Q10;
+use slipsense_recording::score::{MERGE_FRAMES, near};
+
+use crate::truth::Truth;
+
+/// Alarms made of single flagged frames, by the definition of [`slipsense_recording::score`]: what is less
+/// than 200 ms apart is one.
+#[derive(Default)]
+struct Alarms {
+    flagged: BTreeSet<usize>,
+    count: u64,
+}
+
+impl Alarms {
+    /// Flag one more frame.
+    fn flag(&mut self, frame: usize) {
+        let before = self.flagged.range(..frame).next_back().copied();
+        let after = self.flagged.range(frame..).next().copied();
+        let one = |first: Option<usize>, second: Option<usize>| match (first, second) {
+            (Some(first), Some(second)) => u64::from(second - (first + 1) < MERGE_FRAMES),
+            _ => 0,
+        };
+        // Alone it is one more; it may join what is before or behind, which may have been one already.
+        let frame_itself = Some(frame);
+        self.count += 1 + one(before, after);
+        self.count -= one(before, frame_itself) + one(frame_itself, after);
+        self.flagged.insert(frame);
+    }
+}
+
+/// The lowest threshold such that neither it nor any higher one raises more than `allowed` false alarms.
+/// `scores` per episode and frame; `None` is below every threshold.
+///
+/// A lower threshold can raise fewer alarms than a higher one, as it joins several into one long alarm:
+/// that is no way to be quiet, so the search comes from above and stops at the first excess.
+pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<i32>>)], allowed: u64) -> i32 {
+    let mut frames: Vec<(i32, usize)> = Vec::new();
+    let mut start = 0;
+    for (truth, scores) in episodes {
+        let near = near(&truth.slip, scores.len());
+        let countable = scores.iter().zip(near).enumerate().filter(|(_, (_, near))| !near);
+        frames.extend(countable.filter_map(|(frame, (score, _))| Some(((*score)?, start + frame))));
+        // Alarms of two episodes are two.
+        start += scores.len() + MERGE_FRAMES;
+    }
+    frames.sort_unstable_by(|a, b| b.cmp(a));
+    let mut alarms = Alarms::default();
+    for equal in frames.chunk_by(|a, b| a.0 == b.0) {
+        equal.iter().for_each(|&(_, frame)| alarms.flag(frame));
+        if alarms.count > allowed {
+            return equal[0].0;
+        }
+    }
+    THRESHOLD_RANGE_Q10.0
+}
+
+#[cfg(test)]
+mod tests {
+    use slipsense_recording::score::score_intervals;
+
+    use super::*;
+
+    fn truth(frames: usize, slip: Vec<(usize, usize)>) -> Truth {
+        Truth { label: vec![1; frames], slip, disturbance: vec![0; frames], ..Truth::default() }
+    }
+
+    /// Counted by the definition, at every threshold from the highest score down.
+    fn naive(episodes: &[(&Truth, Vec<Option<i32>>)], allowed: u64) -> i32 {
+        let alarms = |threshold: i32| -> usize {
+            let flags = |scores: &[Option<i32>]| -> Vec<u8> {
+                scores.iter().map(|s| s.is_some_and(|s| s > threshold).into()).collect()
+            };
+            episodes.iter().map(|(t, s)| score_intervals(&t.slip, &flags(s)).false_alarms.len()).sum()
+        };
+        let mut threshold = 40;
+        while threshold > -40 && alarms(threshold - 1) as u64 <= allowed {
+            threshold -= 1;
+        }
+        threshold
+    }
+
+    #[test]
+    fn as_counted_by_the_definition() {
+        use rand::{Rng, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        let (quiet, slips) = (truth(3_000, Vec::new()), truth(2_000, vec![(500, 700), (1_500, 1_505)]));
+        for _ in 0..40 {
+            // Rises and falls, so that alarms have lengths and gaps.
+            let mut level = 0i32;
+            let mut scores = |frames: usize| -> Vec<Option<i32>> {
+                let mut walk = || {
+                    level = (level + rng.random_range(-2..=2)).clamp(-30, 30);
+                    rng.random_bool(0.9).then_some(level)
+                };
+                (0..frames).map(|_| walk()).collect()
+            };
+            let episodes = [(&quiet, scores(3_000)), (&slips, scores(2_000)), (&quiet, scores(3_000))];
+            for allowed in [0, 1, 3, 10] {
+                // Below the least score all thresholds are the same.
+                let found = lowest_threshold(&episodes, allowed).max(-31);
+                assert_eq!(found, naive(&episodes, allowed).max(-31), "{allowed} allowed");
+            }
+        }
+    }
+
+    #[test]
+    fn silence_needs_no_threshold() {
+        let quiet = truth(100, Vec::new());
+        assert_eq!(lowest_threshold(&[(&quiet, vec![None; 100])], 0), THRESHOLD_RANGE_Q10.0);
+        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(7); 100])], 0), 7);
+        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(7); 100])], 1), THRESHOLD_RANGE_Q10.0);
+    }
+}

@@ -1,0 +1,73 @@
+//! MFCC and quadratic discriminants against librosa and scikit-learn: `tests/python/check_baselines.py`
+//! made the numbers and checks them.
+
+use serde::Deserialize;
+use slipsense_eval::detectors::ear::Ear;
+use slipsense_eval::detectors::mel::{log_mel, mfcc};
+use slipsense_eval::detectors::qda::Gaussian;
+use slipsense_eval::fit::logistic;
+
+#[derive(Deserialize)]
+struct Vectors {
+    origin: Origin,
+    samples: Vec<[i16; 3]>,
+    ends: Vec<usize>,
+    mfcc: Vec<[f64; 13]>,
+    points: Vec<[f64; 3]>,
+    log_ratio: Vec<f64>,
+    weights: [f64; 3],
+    intercept: [f64; 1],
+}
+
+#[derive(Deserialize)]
+struct Origin {
+    lsb_g: f64,
+}
+
+fn vectors() -> Vectors {
+    serde_json::from_str(include_str!("vectors/baselines.json")).unwrap()
+}
+
+/// Largest distance; the vectors have nine decimals.
+fn compare(what: &str, pairs: impl Iterator<Item = (f64, f64)>, allowed: f64) {
+    let (mut count, mut largest) = (0, 0f64);
+    for (found, expected) in pairs {
+        largest = largest.max((found - expected).abs());
+        count += 1;
+    }
+    println!("{what}: {count} numbers, off by {largest:.1e} at most (allowed {allowed:.0e})");
+    assert!(count > 0 && largest <= allowed, "{what}");
+}
+
+#[test]
+fn mfcc_as_librosa_has_them() {
+    let vectors = vectors();
+    let mut ear = Ear::new();
+    let mut heard = 0;
+    let mut found = Vec::new();
+    for &end in &vectors.ends {
+        ear.listen(&vectors.samples[heard..end], vectors.origin.lsb_g);
+        heard = end;
+        found.extend(mfcc(&log_mel(&ear.power_g2())));
+    }
+    compare("MFCC", found.into_iter().zip(vectors.mfcc.into_iter().flatten()), 1e-6);
+}
+
+#[test]
+fn log_ratios_as_scikit_learn_has_them() {
+    let vectors = vectors();
+    let (first, second) = vectors.points.split_at(vectors.points.len() / 2);
+    let density = |points| Gaussian::fit::<3>(points).unwrap().density::<3>().unwrap();
+    let (first, second) = (density(first), density(second));
+    let found = vectors.points.iter().map(|x| second.ln(x) - first.ln(x));
+    compare("QDA, log-likelihood ratio", found.zip(vectors.log_ratio.iter().copied()), 1e-7);
+}
+
+#[test]
+fn logistic_regression_as_scikit_learn_has_it() {
+    let vectors = vectors();
+    let is: Vec<bool> = (0..vectors.points.len()).map(|i| i >= vectors.points.len() / 2).collect();
+    let (weights, intercept) = logistic(&vectors.points, &is).unwrap();
+    let found = weights.into_iter().chain([intercept]);
+    compare("logistic regression", found.zip(vectors.weights.into_iter().chain(vectors.intercept)), 1e-7);
+}

@@ -1,0 +1,71 @@
+//! The committed world on its frozen test sets: as hard as the paper's, and without a shortcut. Prints ours
+//! beside the paper's, and what knowing the time or hearing the rig gains. All data is synthetic.
+
+use slipsense_eval::detectors::{Setup, by_name};
+use slipsense_eval::fit::Fitted;
+use slipsense_eval::paper::{CLASS_PERCENT, HARDNESS_POINTS};
+use slipsense_eval::results::Results;
+use slipsense_eval::run::{Entrant, run};
+use slipsense_eval::source::Input;
+use slipsense_synth::Split;
+
+/// How far a class's share may be from the paper's, points.
+const SHARE_POINTS: f64 = 2.0;
+/// How much macro F1 a shortcut may gain over the majority class, points.
+const SHORTCUT_POINTS: f64 = 2.0;
+
+fn results(splits: &[Split], detectors: &[&str]) -> Results {
+    let fitted = Fitted::bundled().unwrap();
+    let setup = Setup { fitted: &fitted, model: &[], float_weights: None, dead: None };
+    let entrant = |name: &&'static str| {
+        let (setup, name) = (&setup, *name);
+        Entrant { name: name.into(), family: name.into(), make: Box::new(move || by_name(name, setup)) }
+    };
+    let inputs: Vec<Input> = splits
+        .iter()
+        .map(|split| {
+            let episodes = split.frozen().unwrap().episodes.into_iter();
+            Input::recipes(split.name(), episodes.map(|e| (e.name, e.recipe)).collect())
+        })
+        .collect();
+    let names: Vec<&'static str> = detectors.iter().map(|name| &*String::leak((*name).to_owned())).collect();
+    let entrants: Vec<Entrant<'_>> = names.iter().map(entrant).collect();
+    let judged = run(&inputs, &entrants, &|| {}).unwrap();
+    Results::new(&inputs, &entrants, &judged, &[])
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "makes half an hour of sensor data; run with --release")]
+fn the_papers_baselines_land_where_they_do_in_the_paper() {
+    let results = results(&[Split::UmiId, Split::UmiOod], &["entropy", "mfcc-qda", "entropy-and-mfcc"]);
+    println!("{results}");
+    assert_eq!(results.paper.len(), 6);
+    for row in &results.paper {
+        assert!(row.within_6_points, "more than {HARDNESS_POINTS} points off: {row:?}");
+    }
+    let slips: usize = results.inputs.iter().map(|input| input.labelled_events).sum();
+    assert!(slips >= 167, "{slips} slips");
+    for input in &results.inputs {
+        for (ours, paper) in input.class_shares.iter().zip(CLASS_PERCENT) {
+            assert!((100.0 * ours - paper).abs() <= SHARE_POINTS, "{}: {:?}", input.name, input.class_shares);
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "makes an hour of sensor data, twice; run with --release")]
+fn neither_the_time_nor_the_rig_tells_slip() {
+    let splits = [Split::UmiId, Split::UmiOod, Split::Palm, Split::Tesollo2, Split::Tesollo3];
+    let results = results(&splits, &["majority", "clock", "rig-only"]);
+    let f1 = |detector: usize, input: usize| {
+        100.0 * results.detectors[detector].inputs[input].figures.frame.macro_f1.unwrap()
+    };
+    for (input, split) in splits.iter().enumerate() {
+        let majority = f1(0, input);
+        for detector in [1, 2] {
+            let (name, gain) = (&results.detectors[detector].name, f1(detector, input) - majority);
+            println!("{split}: {name} gains {gain:+.2} points of macro F1 over {majority:.2}");
+            assert!(gain < SHORTCUT_POINTS, "{split}: {name} gains {gain:.2} points");
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! CAN FD traffic as a candump log, the text format of Linux' can-utils, which python-can, pycyphal and
+//! SavvyCAN read too. One frame a line:
+//!
+//! ```text
+//! (1700000000.004167) can0 0478382A##1002D3104...
+//! ```
+//!
+//! Seconds since 1970 with microseconds, interface, identifier in hexadecimal (8 digits: 29 bits), two
+//! number signs for CAN FD, one digit of flags (1: bit rate switching), data in hexadecimal.
+
+use std::io::{self, BufRead, BufWriter, Write};
+
+use slipsense::wire::{CanFrame, LengthError};
+use thiserror::Error;
+
+/// Most digits of a fraction that count: microseconds.
+const FRACTION_DIGITS: usize = 6;
+
+/// One line of a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LogEntry {
+    /// Microseconds since 1970; finer digits are dropped.
+    pub timestamp_us: u64,
+    /// Interface that the frame was seen on.
+    pub interface: String,
+    /// The frame.
+    pub frame: CanFrame,
+}
+
+/// A line that cannot be used.
+#[derive(Debug, Error)]
+#[error("line {line}: {rule}")]
+pub struct CandumpError {
+    /// Number of the line, from 1.
+    pub line: usize,
+    /// What is wrong.
+    pub rule: Rule,
+}
+
+/// What a line of a log must be.
+#[derive(Debug, Error)]
+pub enum Rule {
+    /// The file cannot be read.
+    #[error("cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// Not three columns.
+    #[error("need '(TIME) INTERFACE ID##FLAGS DATA' in three columns")]
+    Columns,
+    /// Not a time.
+    #[error("time {0:?}: need '(SECONDS.FRACTION)'")]
+    Time(String),
+    /// Classic CAN, remote or 11-bit frames are legal on a bus and in a log, but none of ours.
+    #[error("not a CAN FD frame with a 29-bit identifier")]
+    NotOurs,
+    /// Not an identifier.
+    #[error("identifier {0:?}: need 8 hexadecimal digits, at most 1FFFFFFF")]
+    Id(String),
+    /// The flags are not one digit.
+    #[error("need one hexadecimal digit of flags after '##'")]
+    Flags,
+    /// The data are not bytes.
+    #[error("data: need pairs of hexadecimal digits")]
+    Data,
+    /// A length that CAN FD does not have.
+    #[error(transparent)]
+    Length(#[from] LengthError),
+}
+
+/// Reads a log line by line. Empty lines are passed over. After an error the next call goes on with
+/// the next line, so traffic of others ([`Rule::NotOurs`]) can be skipped; an unreadable file ends it.
+#[derive(Debug)]
+pub struct CandumpReader<R> {
+    input: R,
+    line: usize,
+    buffer: Vec<u8>,
+    broken: bool,
+}
+
+impl<R: BufRead> CandumpReader<R> {
+    /// A reader from the start of a log.
+    pub fn new(input: R) -> Self {
+        Self { input, line: 0, buffer: Vec::new(), broken: false }
+    }
+
+    /// The next line that is not empty; `None` at the end.
+    fn advance(&mut self) -> io::Result<Option<&[u8]>> {
+        loop {
+            self.buffer.clear();
+            self.line += 1;
+            if self.input.read_until(b'\n', &mut self.buffer)? == 0 {
+                return Ok(None);
+            }
+            if !self.buffer.trim_ascii().is_empty() {
+                // Borrowed again: returning the slice from inside the loop is refused by today's
+                // borrow checker.
+                break;
+            }
+        }
+        Ok(Some(self.buffer.trim_ascii()))
+    }
+}
+
+impl<R: BufRead> Iterator for CandumpReader<R> {
+    type Item = Result<LogEntry, CandumpError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.broken {
+            return None;
+        }
+        let parsed = match self.advance() {
+            Ok(None) => return None,
+            Ok(Some(line)) => parse(line),
+            Err(error) => {
+                self.broken = true;
+                Err(error.into())
+            }
+        };
+        Some(parsed.map_err(|rule| CandumpError { line: self.line, rule }))
+    }
+}
+
+fn parse(line: &[u8]) -> Result<LogEntry, Rule> {
+    let mut columns = line.split(u8::is_ascii_whitespace).filter(|column| !column.is_empty());
+    let (Some(time), Some(interface), Some(frame)) = (columns.next(), columns.next(), columns.next()) else {
+        return Err(Rule::Columns);
+    };
+    // candump's option -x appends the direction, R or T; anything else is damage.
+    if columns.next().is_some_and(|direction| !matches!(direction, b"R" | b"T")) || columns.next().is_some() {
+        return Err(Rule::Columns);
+    }
+    let timestamp_us = parse_time(time).ok_or_else(|| Rule::Time(text(time)))?;
+    let mut parts = frame.splitn(3, |&byte| byte == b'#');
+    let (Some(id), Some(first)) = (parts.next(), parts.next()) else {
+        return Err(Rule::Columns);
+    };
+    let rest = match parts.next() {
+        Some(rest) if first.is_empty() && id.len() != 3 => rest,
+        _ => return Err(Rule::NotOurs),
+    };
+    let number = if id.len() == 8 { parse_hex(id) } else { None };
+    let number = number.ok_or_else(|| Rule::Id(text(id)))?;
+    let (&flags, digits) = rest.split_first().ok_or(Rule::Flags)?;
+    nibble(flags).ok_or(Rule::Flags)?;
+    if !digits.len().is_multiple_of(2) {
+        return Err(Rule::Data);
+    }
+    let mut data = [0; 64];
+    let length = digits.len() / 2;
+    let bytes = data.get_mut(..length).ok_or(LengthError::Length { length })?;
+    for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
+        *byte = nibble(pair[0]).zip(nibble(pair[1])).map(|(high, low)| high << 4 | low).ok_or(Rule::Data)?;
+    }
+    let frame = CanFrame::new(number, bytes).map_err(|error| match error {
+        LengthError::Id { .. } => Rule::Id(text(id)),
+        other => Rule::Length(other),
+    })?;
+    Ok(LogEntry { timestamp_us, interface: text(interface), frame })
+}
+
+/// `(SECONDS.FRACTION)` to microseconds.
+fn parse_time(column: &[u8]) -> Option<u64> {
+    let inner = column.strip_prefix(b"(")?.strip_suffix(b")")?;
+    let dot = inner.iter().position(|&byte| byte == b'.')?;
+    let (seconds, fraction) = (&inner[..dot], &inner[dot + 1..]);
+    if seconds.is_empty() || fraction.is_empty() || !fraction.iter().all(u8::is_ascii_digit) {
+        return None;
+    }
+    let digits = fraction.iter().copied().chain(std::iter::repeat(b'0')).take(FRACTION_DIGITS);
+    seconds.iter().copied().chain(digits).try_fold(0u64, |value, digit| {
+        let digit = digit.is_ascii_digit().then(|| u64::from(digit - b'0'))?;
+        value.checked_mul(10)?.checked_add(digit)
+    })
+}
+
+/// At most 8 digits.
+fn parse_hex(digits: &[u8]) -> Option<u32> {
+    digits.iter().try_fold(0, |value, &digit| Some(value << 4 | u32::from(nibble(digit)?)))
+}
+
+fn nibble(digit: u8) -> Option<u8> {
+    (digit as char).to_digit(16).map(|value| value as u8)
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+// Hand-made digits: with `write!` a log takes three times as long, and one second of two sensors is 2 MB.
+const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
+// 64 bytes of data as digits, and everything before them with the longest interface name.
+const LINE_MAX: usize = 256;
+const BUFFER: usize = 1 << 16;
+
+/// A name that would break the log's columns.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("CAN interface name {0:?}: need 1 to 15 letters, digits, '-' or '_'")]
+pub struct InterfaceError(pub String);
+
+/// Writes frames of one interface. Buffered: call [`CandumpWriter::finish`] at the end.
+#[derive(Debug)]
+pub struct CandumpWriter<W: Write> {
+    out: BufWriter<W>,
+    interface: String,
+    line: Vec<u8>,
+}
+
+impl<W: Write> CandumpWriter<W> {
+    /// A log on `out` of the interface of this name, for example `can0`.
+    pub fn new(out: W, interface: &str) -> Result<Self, InterfaceError> {
+        let legal = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if !(1..=15).contains(&interface.len()) || !interface.chars().all(legal) {
+            return Err(InterfaceError(interface.to_owned()));
+        }
+        Ok(Self {
+            out: BufWriter::with_capacity(BUFFER, out),
+            interface: interface.to_owned(),
+            line: Vec::with_capacity(LINE_MAX),
+        })
+    }
+
+    /// Append one frame, sent at `timestamp_us` microseconds since 1970.
+    pub fn write(&mut self, timestamp_us: u64, frame: &CanFrame) -> io::Result<()> {
+        let line = &mut self.line;
+        line.clear();
+        write!(
+            line,
+            "({:010}.{:06}) {} ",
+            timestamp_us / 1_000_000,
+            timestamp_us % 1_000_000,
+            self.interface
+        )?;
+        frame.id().to_be_bytes().iter().for_each(|&byte| push_hex(line, byte));
+        line.extend_from_slice(b"##1");
+        frame.data().iter().for_each(|&byte| push_hex(line, byte));
+        line.push(b'\n');
+        self.out.write_all(line)
+    }
+
+    /// Write out what is buffered and return the writer below.
+    pub fn finish(self) -> io::Result<W> {
+        self.out.into_inner().map_err(io::IntoInnerError::into_error)
+    }
+}
+
+fn push_hex(line: &mut Vec<u8>, byte: u8) {
+    line.push(DIGITS[usize::from(byte >> 4)]);
+    line.push(DIGITS[usize::from(byte & 15)]);
+}

@@ -1,0 +1,58 @@
+//! Episode files: recorded or generated stretches of sensor data, as NumPy `.npz` archives that anyone
+//! can write with `numpy.savez`, and the predictions made from them.
+//!
+//! | array | dtype, shape | meaning |
+//! |---|---|---|
+//! | `piezo` | uint16 \[F, S, 32, 32\] | ADC counts 0–4095; taxels off the pad are 0 |
+//! | `xl` | int16 \[S, N, 3\] | accelerometer samples x, y, z, LSB |
+//! | `xl_end` | uint32 \[F, S\] | samples of `xl[s]` available at the frame tick, non-decreasing |
+//! | `label` | uint8 \[F\], optional | 0 no contact, 1 no slip, 2 slip |
+//! | `slip_true` | float32 \[F\], optional | interface slip speed, mm/s |
+//! | `slip_fraction` | float32 \[F\], optional | share of the load that slips, 0–1 |
+//! | `displacement_mm` | float32 \[F\], optional | crosshead encoder, mm |
+//! | `meta` | uint8, UTF-8 JSON | `xl_lsb_g`, `xl_rate_hz`, `frame_rate_hz`, and what else is known |
+//!
+//! F frames at 240 Hz, S sensors (1 to 3), N accelerometer samples. Arrays of other names are ignored.
+//! What breaks a rule is refused with the array, the index and the rule named.
+
+#[cfg(feature = "links")]
+mod asc;
+#[cfg(feature = "links")]
+pub mod c_header;
+pub mod candump;
+#[cfg(feature = "links")]
+pub mod dbc;
+#[cfg(feature = "links")]
+pub mod decode;
+mod episode;
+mod episode_file;
+mod error;
+pub mod label;
+#[cfg(feature = "links")]
+pub mod layout;
+#[cfg(feature = "links")]
+pub mod link;
+#[cfg(feature = "links")]
+pub mod log_file;
+#[cfg(feature = "links")]
+pub mod mcap_file;
+mod meta;
+pub mod model_file;
+pub mod npz;
+mod predictions;
+#[cfg(feature = "links")]
+mod quiet;
+#[cfg(feature = "links")]
+pub mod rebuild;
+#[cfg(feature = "links")]
+pub mod recorder;
+pub mod score;
+#[cfg(feature = "links")]
+mod slcan;
+#[cfg(feature = "links")]
+mod vector;
+
+pub use episode::Episode;
+pub use error::{EpisodeError, Problem};
+pub use meta::{Meta, XL_RATE_TOLERANCE};
+pub use predictions::{Predictions, logmel_g2, logmel_std};

@@ -1,0 +1,382 @@
+//! Where frames come from and go to while they happen.
+//!
+//! | written as | is |
+//! |---|---|
+//! | `FILE` | a recording, see [`Format`] |
+//! | `-` | a candump log on standard input or output |
+//! | `slcan:/dev/ttyACM0`, `slcan:HOST:PORT` | a USB adapter, or one behind a TCP port |
+//! | `socketcan:can0` | an interface of Linux |
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Read, Stdout, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use crate::candump::{CandumpReader, CandumpWriter, LogEntry, Rule};
+use anyhow::{Context, Result, anyhow, bail};
+use slipsense::wire::CanFrame;
+
+use crate::log_file::{self, Format};
+use crate::slcan;
+
+/// How long a source that is quiet keeps its reader waiting.
+const POLL: Duration = Duration::from_millis(100);
+
+/// A place, as written on the command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Standard input or output.
+    Standard,
+    /// A recording.
+    File(PathBuf, Format),
+    /// A serial device.
+    Serial(String),
+    /// An slcan adapter behind TCP.
+    Tcp(String),
+    /// A SocketCAN interface.
+    SocketCan(String),
+}
+
+impl FromStr for Place {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "-" {
+            return Ok(Self::Standard);
+        }
+        if let Some(device) = text.strip_prefix("slcan:") {
+            return match device {
+                "" => Err("need a device or HOST:PORT after slcan:".to_owned()),
+                device if !device.starts_with('/') && device.contains(':') => {
+                    Ok(Self::Tcp(device.to_owned()))
+                }
+                device => Ok(Self::Serial(device.to_owned())),
+            };
+        }
+        if let Some(interface) = text.strip_prefix("socketcan:") {
+            return match interface {
+                "" => Err("need an interface after socketcan:, such as can0".to_owned()),
+                interface => Ok(Self::SocketCan(interface.to_owned())),
+            };
+        }
+        let path = Path::new(text);
+        // A pipe has no ending that says what comes through it.
+        Ok(Self::File(path.to_owned(), Format::of(path).unwrap_or(Format::Candump)))
+    }
+}
+
+impl Place {
+    /// Does it run on, with times of now?
+    pub const fn is_live(&self) -> bool {
+        matches!(self, Self::Serial(_) | Self::Tcp(_) | Self::SocketCan(_))
+    }
+}
+
+/// What a source has said.
+pub enum Heard {
+    /// A frame.
+    Frame(LogEntry),
+    /// Something that is none of ours.
+    Other,
+    /// Nothing for now.
+    Quiet,
+    /// There is no more.
+    End,
+}
+
+trait Wire: Read + Write + Send {}
+impl<T: Read + Write + Send> Wire for T {}
+
+/// An open source.
+pub enum Source {
+    /// Lines of a candump log as they come.
+    Lines(CandumpReader<Box<dyn BufRead + Send>>),
+    /// A recording that was read.
+    Read(std::vec::IntoIter<LogEntry>),
+    /// An slcan adapter.
+    Slcan(SlcanSource),
+    /// SocketCAN.
+    #[cfg(target_os = "linux")]
+    SocketCan(socket_can::Socket),
+}
+
+/// An slcan adapter and the line that it is in the middle of.
+pub struct SlcanSource {
+    wire: Box<dyn Wire>,
+    name: String,
+    line: Vec<u8>,
+    ready: std::collections::VecDeque<LogEntry>,
+}
+
+/// Open a source. `data_mbit` is the bit rate of the data phase that an slcan adapter is told.
+pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
+    Ok(match place {
+        Place::Standard => Source::Lines(CandumpReader::new(Box::new(BufReader::new(std::io::stdin())))),
+        Place::File(path, Format::Candump) => {
+            let file = File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
+            if path.is_dir() {
+                bail!("{}: is a folder, must be a recording", path.display());
+            }
+            Source::Lines(CandumpReader::new(Box::new(BufReader::new(file))))
+        }
+        Place::File(path, format) => Source::Read(log_file::read(path, *format)?.entries.into_iter()),
+        Place::Serial(_) | Place::Tcp(_) => {
+            let (wire, name) = (slcan_wire(place, data_mbit)?, "slcan0".to_owned());
+            Source::Slcan(SlcanSource { wire, name, line: Vec::new(), ready: Default::default() })
+        }
+        Place::SocketCan(interface) => socket_source(interface)?,
+    })
+}
+
+fn slcan_wire(place: &Place, data_mbit: u8) -> Result<Box<dyn Wire>> {
+    let mut wire: Box<dyn Wire> = match place {
+        Place::Tcp(address) => {
+            let stream = TcpStream::connect(address).with_context(|| format!("{address}: cannot connect"))?;
+            stream.set_read_timeout(Some(POLL))?;
+            stream.set_nodelay(true)?;
+            Box::new(stream)
+        }
+        Place::Serial(device) => {
+            // The rate means nothing to an adapter on USB; one with a real UART has its fastest.
+            let port = serialport::new(device, 3_000_000).timeout(POLL).open();
+            Box::new(port.with_context(|| format!("{device}: cannot open the serial device"))?)
+        }
+        _ => bail!("{place:?} is no slcan adapter"),
+    };
+    wire.write_all(slcan::open_commands(data_mbit).as_bytes())
+        .context("the adapter does not take commands")?;
+    Ok(wire)
+}
+
+fn now_us() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
+}
+
+impl Source {
+    /// Wait a moment for the next frame.
+    pub fn hear(&mut self) -> Result<Heard> {
+        match self {
+            Self::Lines(lines) => Ok(match lines.next() {
+                None => Heard::End,
+                Some(Ok(entry)) => Heard::Frame(entry),
+                Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Heard::Other,
+                Some(Err(error)) => return Err(error.into()),
+            }),
+            Self::Read(entries) => Ok(entries.next().map_or(Heard::End, Heard::Frame)),
+            Self::Slcan(adapter) => adapter.hear(),
+            #[cfg(target_os = "linux")]
+            Self::SocketCan(socket) => socket.hear(),
+        }
+    }
+}
+
+impl SlcanSource {
+    fn hear(&mut self) -> Result<Heard> {
+        if let Some(entry) = self.ready.pop_front() {
+            return Ok(Heard::Frame(entry));
+        }
+        let mut buffer = [0; 4096];
+        let length = match self.wire.read(&mut buffer) {
+            Ok(0) => return Ok(Heard::End),
+            Ok(length) => length,
+            Err(error) if is_quiet(&error) => return Ok(Heard::Quiet),
+            Err(error) => return Err(error).context("slcan adapter"),
+        };
+        let timestamp_us = now_us();
+        for &byte in &buffer[..length] {
+            match byte {
+                // BEL: the adapter refused something.
+                b'\r' | b'\n' | 7 => {
+                    if let Some(frame) = std::str::from_utf8(&self.line).ok().and_then(slcan::parse) {
+                        let interface = self.name.clone();
+                        self.ready.push_back(LogEntry { timestamp_us, interface, frame });
+                    }
+                    self.line.clear();
+                }
+                // No line is longer: what is without end is no slcan.
+                byte if self.line.len() < 256 => self.line.push(byte),
+                _ => {}
+            }
+        }
+        Ok(self.ready.pop_front().map_or(Heard::Quiet, Heard::Frame))
+    }
+}
+
+fn is_quiet(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+}
+
+/// An open sink of frames.
+pub enum Sink {
+    /// A candump log on standard output.
+    Standard(CandumpWriter<Stdout>),
+    /// A candump log.
+    File(CandumpWriter<BufWriter<File>>),
+    /// An slcan adapter.
+    Slcan(SlcanSink),
+    /// SocketCAN.
+    #[cfg(target_os = "linux")]
+    SocketCan(socket_can::Socket),
+}
+
+/// An slcan adapter.
+pub struct SlcanSink(Box<dyn Wire>);
+
+/// Open a sink; `interface` is what a log calls it.
+pub fn open_sink(place: &Place, interface: &str, data_mbit: u8) -> Result<Sink> {
+    Ok(match place {
+        Place::Standard => Sink::Standard(CandumpWriter::new(std::io::stdout(), interface)?),
+        Place::File(path, Format::Candump) => {
+            let file = File::create(path).with_context(|| format!("{}: cannot write", path.display()))?;
+            Sink::File(CandumpWriter::new(BufWriter::new(file), interface)?)
+        }
+        Place::File(path, _) => {
+            bail!("{}: `slipsense convert` writes this format, replay writes candump logs", path.display())
+        }
+        Place::Serial(_) | Place::Tcp(_) => Sink::Slcan(SlcanSink(slcan_wire(place, data_mbit)?)),
+        Place::SocketCan(interface) => socket_sink(interface)?,
+    })
+}
+
+impl Sink {
+    /// Send or write a frame.
+    pub fn send(&mut self, timestamp_us: u64, frame: &CanFrame) -> Result<()> {
+        match self {
+            Self::Standard(log) => log.write(timestamp_us, frame)?,
+            Self::File(log) => log.write(timestamp_us, frame)?,
+            Self::Slcan(SlcanSink(wire)) => wire.write_all(slcan::command(frame).as_bytes())?,
+            #[cfg(target_os = "linux")]
+            Self::SocketCan(socket) => socket.send(frame)?,
+        }
+        Ok(())
+    }
+
+    /// Write out what is buffered.
+    pub fn finish(self) -> Result<()> {
+        match self {
+            Self::Standard(log) => log.finish()?.flush()?,
+            Self::File(log) => log.finish()?.flush()?,
+            Self::Slcan(SlcanSink(mut wire)) => wire.write_all(slcan::CLOSE.as_bytes())?,
+            #[cfg(target_os = "linux")]
+            Self::SocketCan(_) => {}
+        }
+        Ok(())
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn socket_source(interface: &str) -> Result<Source> {
+    socket_can::Socket::open(interface).map(Source::SocketCan)
+}
+
+#[cfg(target_os = "linux")]
+fn socket_sink(interface: &str) -> Result<Sink> {
+    socket_can::Socket::open(interface).map(Sink::SocketCan)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn socket_source(interface: &str) -> Result<Source> {
+    Err(anyhow!("socketcan:{interface}: SocketCAN is Linux'; use slcan: or a candump pipe"))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn socket_sink(interface: &str) -> Result<Sink> {
+    Err(anyhow!("socketcan:{interface}: SocketCAN is Linux'; use slcan: or a candump file"))
+}
+
+/// Linux' own CAN. `cargo xtask linux` runs it on a virtual interface of Debian's kernel; no adapter has been at it.
+#[cfg(target_os = "linux")]
+pub mod socket_can {
+    use super::*;
+    use socketcan::id::FdFlags;
+    use socketcan::{
+        CanAnyFrame, CanFdFrame, CanFdSocket, EmbeddedFrame, ExtendedId, Frame, Socket as _, SocketOptions,
+    };
+
+    /// Room for a second of a full bus.
+    const RECEIVE_BUFFER: usize = 8 << 20;
+    /// How long a full transmit queue is waited for.
+    const PATIENCE: Duration = Duration::from_secs(1);
+    /// MTU of an interface that carries CAN FD (CANFD_MTU of linux/can.h).
+    const FD_MTU: u32 = 72;
+    /// Flag of an interface that is up (linux/if.h).
+    const IFF_UP: u32 = 1;
+
+    /// An interface in CAN FD mode.
+    pub struct Socket {
+        socket: CanFdSocket,
+        interface: String,
+    }
+
+    impl Socket {
+        /// Open the interface of this name.
+        pub fn open(interface: &str) -> Result<Self> {
+            let opened = CanFdSocket::open(interface).and_then(|socket| {
+                socket.set_read_timeout(POLL)?;
+                socket.set_recv_timestamp(true)?;
+                // The kernel caps it at net.core.rmem_max; less loses frames sooner, and losses are counted.
+                let _ = socket.as_raw_socket().set_recv_buffer_size(RECEIVE_BUFFER);
+                Ok(socket)
+            });
+            let socket = opened.map_err(|error| {
+                anyhow!("socketcan:{interface}: {error}; is the interface up, in FD mode, `ip link show`?")
+            })?;
+            check_state(interface).map_err(|what| {
+                anyhow!("socketcan:{interface}: the interface {what}, see `slipsense record --help`")
+            })?;
+            Ok(Self { socket, interface: interface.to_owned() })
+        }
+
+        /// Wait a moment for a frame; its time is the kernel's.
+        pub fn hear(&mut self) -> Result<Heard> {
+            let (frame, time) = match self.socket.read_frame_with_timestamp() {
+                Ok(received) => received,
+                Err(error) if is_quiet(&error) => return Ok(Heard::Quiet),
+                Err(error) => return Err(error).with_context(|| format!("socketcan:{}", self.interface)),
+            };
+            let CanAnyFrame::Fd(fd) = frame else { return Ok(Heard::Other) };
+            if !fd.is_extended() {
+                return Ok(Heard::Other);
+            }
+            let timestamp_us = time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64);
+            let frame = CanFrame::new(fd.raw_id(), fd.data())?;
+            Ok(Heard::Frame(LogEntry { timestamp_us, interface: self.interface.clone(), frame }))
+        }
+
+        /// Send a frame, waiting while the queue is full.
+        pub fn send(&mut self, frame: &CanFrame) -> Result<()> {
+            let id = ExtendedId::new(frame.id()).context("identifier")?;
+            let fd = CanFdFrame::with_flags(id, frame.data(), FdFlags::BRS).context("frame")?;
+            let began = std::time::Instant::now();
+            loop {
+                match self.socket.write_frame(&fd) {
+                    Ok(()) => return Ok(()),
+                    // ENOBUFS: the interface's queue is full.
+                    Err(error)
+                        if (error.raw_os_error() == Some(105) || is_quiet(&error))
+                            && began.elapsed() < PATIENCE =>
+                    {
+                        std::thread::sleep(Duration::from_micros(200));
+                    }
+                    Err(error) => return Err(error).with_context(|| format!("socketcan:{}", self.interface)),
+                }
+            }
+        }
+    }
+    /// The kernel opens an interface that is down or speaks classic CAN all the same, and then nothing comes.
+    fn check_state(interface: &str) -> Result<(), &'static str> {
+        let read = |what: &str| std::fs::read_to_string(format!("/sys/class/net/{interface}/{what}"));
+        // Without /sys, as in some containers, that is left to the first frame.
+        let (Ok(flags), Ok(mtu)) = (read("flags"), read("mtu")) else { return Ok(()) };
+        let flags = u32::from_str_radix(flags.trim().trim_start_matches("0x"), 16);
+        if flags.is_ok_and(|flags| flags & IFF_UP == 0) {
+            return Err("is down");
+        }
+        if mtu.trim().parse().is_ok_and(|mtu: u32| mtu != FD_MTU) {
+            return Err("is not in CAN FD mode");
+        }
+        Ok(())
+    }
+}

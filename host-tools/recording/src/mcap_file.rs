@@ -1,0 +1,328 @@
+//! Recordings as MCAP: every CAN frame as it came, and beside it what it says, for Foxglove, PlotJuggler and whatever
+//! else opens MCAP.
+//!
+//! | topic | schema (JSON) | what |
+//! |---|---|---|
+//! | `/can/INTERFACE` | `slipsense.CanFrame` | every frame; all else can be made again from these |
+//! | `/node42/slip` | `slipsense.Slip` | flags, class, logits, contact of each sensor |
+//! | `/node42/sensor0/raw` | `slipsense.Raw` | number, health, accelerometer samples |
+//! | `/node42/sensor0/pressure` | `foxglove.RawImage` | the array, 32 × 32 counts as `mono16` |
+//! | `/displacement` | `slipsense.Displacement` | a test stand's crosshead, where there was one |
+//!
+//! Times are those of the recording, nanoseconds; the module's own clock is in the messages.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::Path;
+
+use crate::candump::LogEntry;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use mcap::records::MessageHeader;
+use mcap::{McapError, Message, MessageStream, WriteOptions, Writer};
+use serde_json::{Value, json};
+use slipsense::params::{CLASSES, TAXEL_COLS, TAXEL_ROWS};
+use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage};
+
+use crate::decode::Decoder;
+use crate::log_file::Recording;
+use crate::quiet::quietly;
+
+const CAN_TOPIC: &str = "/can/";
+const DISPLACEMENT_TOPIC: &str = "/displacement";
+/// A chunk is closed when it has this many bytes, about half a second of three sensors.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// Writes a recording frame by frame. What [`flush`](Self::flush) has written can be read whatever happens later.
+pub struct McapSink<W: Write + Seek> {
+    writer: Writer<W>,
+    channels: HashMap<String, Channel>,
+    decoder: Decoder,
+}
+
+#[derive(Clone, Copy)]
+struct Channel {
+    id: u16,
+    sequence: u32,
+}
+
+impl<W: Write + Seek> McapSink<W> {
+    /// An empty recording.
+    pub fn new(out: W) -> Result<Self> {
+        let options = WriteOptions::new()
+            .compression(None)
+            .chunk_size(Some(CHUNK_BYTES))
+            // A chunk is written when it is whole. Else its length is put in afterwards, and of a killed recorder's
+            // last chunk nobody knows how long it is.
+            .disable_seeking(true)
+            .library(concat!("slipsense ", env!("CARGO_PKG_VERSION")));
+        Ok(Self { writer: options.create(out)?, channels: HashMap::new(), decoder: Decoder::new() })
+    }
+
+    /// Append a frame, and the message that it completes.
+    pub fn write(&mut self, entry: &LogEntry) -> Result<()> {
+        let time_us = entry.timestamp_us;
+        let (id, data) = (entry.frame.id(), STANDARD.encode(entry.frame.data()));
+        let topic = format!("{CAN_TOPIC}{}", entry.interface);
+        self.put(&topic, CAN_FRAME, time_us, &json!({"id": id, "data": data}))?;
+        let Some(decoded) = self.decoder.accept(&entry.frame) else { return Ok(()) };
+        let node = decoded.node;
+        match decoded.message {
+            Received::Slip(message) => {
+                self.put(&format!("/node{}/slip", node.get()), SLIP, time_us, &slip_json(&message))
+            }
+            Received::Raw(message) => self.raw(node, &message, time_us),
+        }
+    }
+
+    /// Append a position of a test stand's crosshead.
+    pub fn displacement(&mut self, time_us: u64, mm: f64) -> Result<()> {
+        self.put(DISPLACEMENT_TOPIC, DISPLACEMENT, time_us, &json!({"displacement_mm": mm}))
+    }
+
+    /// Close the chunk and write everything out.
+    pub fn flush(&mut self) -> Result<()> {
+        Ok(self.writer.flush()?)
+    }
+
+    /// Write index and end.
+    pub fn finish(mut self) -> Result<W> {
+        self.writer.finish()?;
+        Ok(self.writer.into_inner())
+    }
+
+    fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64) -> Result<()> {
+        let sensor = format!("/node{}/sensor{}", node.get(), message.sensor);
+        let value = json!({
+            "timestamp_us": message.timestamp_us, "sequence": message.sequence, "sensor": message.sensor,
+            "health": message.health, "xl_end": message.xl_end, "xl_dropped": message.xl_dropped,
+            "xl": message.xl.as_slice(),
+        });
+        self.put(&format!("{sensor}/raw"), RAW, time_us, &value)?;
+        let counts = message.piezo.counts().iter();
+        let bytes: Vec<u8> = counts.flat_map(|count| count.to_le_bytes()).collect();
+        let image = json!({
+            "timestamp": {"sec": time_us / 1_000_000, "nsec": time_us % 1_000_000 * 1000},
+            "frame_id": format!("node{}_sensor{}", node.get(), message.sensor),
+            "width": TAXEL_COLS, "height": TAXEL_ROWS, "encoding": "mono16", "step": 2 * TAXEL_COLS,
+            "data": STANDARD.encode(bytes),
+        });
+        self.put(&format!("{sensor}/pressure"), IMAGE, time_us, &image)
+    }
+
+    fn put(&mut self, topic: &str, schema: Schema, time_us: u64, value: &Value) -> Result<()> {
+        let channel = match self.channels.get_mut(topic) {
+            Some(channel) => channel,
+            None => {
+                let data = schema.json().to_string();
+                let schema = self.writer.add_schema(schema.name, "jsonschema", data.as_bytes())?;
+                let id = self.writer.add_channel(schema, topic, "json", &BTreeMap::new())?;
+                self.channels.entry(topic.to_owned()).or_insert(Channel { id, sequence: 0 })
+            }
+        };
+        let log_time = time_us.checked_mul(1000).context("time beyond the year 2554")?;
+        let Channel { id: channel_id, sequence } = *channel;
+        channel.sequence = sequence.wrapping_add(1);
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        Ok(self.writer.write_to_known_channel(&header, value.to_string().as_bytes())?)
+    }
+}
+
+/// A slip message as JSON, by the names of its DSDL definition.
+pub fn slip_json(message: &SlipMessage) -> Value {
+    let contact = message.contact.iter().take(message.sensors.into());
+    let contact = contact.map(|contact| {
+        json!({
+            "health": contact.health, "count_sum": contact.sum, "area": contact.area,
+            "centroid_row": f64::from(contact.centroid_row_q8) / 256.0,
+            "centroid_col": f64::from(contact.centroid_col_q8) / 256.0,
+            "axis_deg": contact.axis_deg, "elongation": f64::from(contact.elongation_q8) / 256.0,
+        })
+    });
+    json!({
+        "timestamp_us": message.timestamp_us, "sequence": message.sequence, "class_index": message.class,
+        "slip": message.slip, "alarm": message.alarm, "late_frames": message.late_frames,
+        "logits": message.logits_q10.map(|q| f64::from(q) / 1024.0), "contact": contact.collect::<Vec<_>>(),
+    })
+}
+
+/// Schema of one kind of message.
+#[derive(Clone, Copy)]
+struct Schema {
+    name: &'static str,
+    /// Fields and their JSON types; `x[]` is an array of `x`.
+    fields: &'static [(&'static str, &'static str)],
+}
+
+const CAN_FRAME: Schema =
+    Schema { name: "slipsense.CanFrame", fields: &[("id", "integer"), ("data", "base64")] };
+const SLIP: Schema = Schema {
+    name: "slipsense.Slip",
+    fields: &[
+        ("timestamp_us", "integer"),
+        ("sequence", "integer"),
+        ("class_index", "integer"),
+        ("slip", "boolean"),
+        ("alarm", "boolean"),
+        ("late_frames", "integer"),
+        ("logits", "number[]"),
+        ("contact", "contact[]"),
+    ],
+};
+const CONTACT: Schema = Schema {
+    name: "slipsense.SensorContact",
+    fields: &[
+        ("health", "integer"),
+        ("count_sum", "integer"),
+        ("area", "integer"),
+        ("centroid_row", "number"),
+        ("centroid_col", "number"),
+        ("axis_deg", "integer"),
+        ("elongation", "number"),
+    ],
+};
+const RAW: Schema = Schema {
+    name: "slipsense.Raw",
+    fields: &[
+        ("timestamp_us", "integer"),
+        ("sequence", "integer"),
+        ("sensor", "integer"),
+        ("health", "integer"),
+        ("xl_end", "integer"),
+        ("xl_dropped", "integer"),
+        ("xl", "integer[][]"),
+    ],
+};
+/// Foxglove's well-known schema of this name.
+const IMAGE: Schema = Schema {
+    name: "foxglove.RawImage",
+    fields: &[
+        ("timestamp", "time"),
+        ("frame_id", "string"),
+        ("width", "integer"),
+        ("height", "integer"),
+        ("encoding", "string"),
+        ("step", "integer"),
+        ("data", "base64"),
+    ],
+};
+const DISPLACEMENT: Schema =
+    Schema { name: "slipsense.Displacement", fields: &[("displacement_mm", "number")] };
+
+impl Schema {
+    fn json(self) -> Value {
+        let properties: serde_json::Map<_, _> =
+            self.fields.iter().map(|&(name, kind)| (name.to_owned(), type_json(kind))).collect();
+        let required: Vec<_> = self.fields.iter().map(|(name, _)| name).collect();
+        json!({"title": self.name, "type": "object", "properties": properties, "required": required})
+    }
+}
+
+fn type_json(kind: &str) -> Value {
+    if let Some(of) = kind.strip_suffix("[]") {
+        return json!({"type": "array", "items": type_json(of)});
+    }
+    match kind {
+        "base64" => json!({"type": "string", "contentEncoding": "base64"}),
+        "time" => json!({
+            "type": "object", "title": "time",
+            "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer", "minimum": 0}},
+        }),
+        "contact" => CONTACT.json(),
+        kind => json!({"type": kind}),
+    }
+}
+
+const _: () = assert!(CLASSES == 3, "the schema's logits are no class's name");
+
+/// Write a recording.
+pub(crate) fn write(path: &Path, recording: &Recording) -> Result<()> {
+    let mut sink = McapSink::new(BufWriter::new(File::create(path)?))?;
+    for entry in &recording.entries {
+        sink.write(entry)?;
+    }
+    for &(time_us, mm) in &recording.displacement {
+        sink.displacement(time_us, mm)?;
+    }
+    Ok(sink.finish()?.flush()?)
+}
+
+/// Read a recording, also one that was cut short when its recorder was killed.
+pub(crate) fn read(path: &Path) -> Result<Recording> {
+    parse(&std::fs::read(path).context("cannot read")?)
+}
+
+/// The next message, or what is wrong with it. mcap 0.26 panics at a record in a chunk that says it is almost 2^64
+/// bytes long; a file that someone else wrote must not end this program.
+fn next_message(
+    messages: &mut MessageStream<'_>,
+    index: u64,
+) -> Result<Option<Result<Message<'static>, McapError>>> {
+    quietly(|| messages.next()).ok_or_else(|| anyhow!("after message {index}: a record of impossible length"))
+}
+
+/// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.
+fn one_line(error: &McapError) -> String {
+    let text = error.to_string();
+    let what = text.lines().find_map(|line| line.split_once("Error: "));
+    let what = what.map_or(text.lines().next().unwrap_or_default(), |(_, what)| what);
+    let colours = ["\u{1b}[1m", "\u{1b}[22m"];
+    colours.iter().fold(what.to_owned(), |plain, colour| plain.replace(colour, ""))
+}
+
+/// Read a recording held in memory.
+pub fn parse(bytes: &[u8]) -> Result<Recording> {
+    let mut recording = Recording::default();
+    let mut passed_over: BTreeMap<String, u64> = BTreeMap::new();
+    let mut messages = MessageStream::new(bytes).context("not an MCAP file")?;
+    for index in 0.. {
+        let Some(message) = next_message(&mut messages, index)? else { break };
+        let message = match message {
+            Ok(message) => message,
+            Err(McapError::UnexpectedEof) if index > 0 => {
+                recording.notes.push("the file was cut short; everything up to there is read".to_owned());
+                break;
+            }
+            Err(error) => bail!("after message {index}: {}", one_line(&error)),
+        };
+        // Whatever stands in a topic, an error stays one line.
+        let topic = message.channel.topic.escape_debug().to_string();
+        let at = || format!("message {index} of {topic}");
+        let value =
+            || serde_json::from_slice::<Value>(&message.data).with_context(|| format!("{}: not JSON", at()));
+        let schema = message.channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
+        if let Some(interface) =
+            message.channel.topic.strip_prefix(CAN_TOPIC).filter(|_| schema == CAN_FRAME.name)
+        {
+            let is_name = |c: char| !c.is_whitespace() && !c.is_control();
+            ensure!(
+                !interface.is_empty() && interface.chars().all(is_name),
+                "{}: an interface needs a name without white space",
+                at()
+            );
+            let frame = can_frame(&value()?).with_context(at)?;
+            ensure!(message.log_time % 1000 == 0, "{}: time is no whole microsecond", at());
+            let (timestamp_us, interface) = (message.log_time / 1000, interface.to_owned());
+            recording.entries.push(LogEntry { timestamp_us, interface, frame });
+        } else if schema == DISPLACEMENT.name {
+            let mm = value()?["displacement_mm"].as_f64();
+            let mm = mm.with_context(|| format!("{}: `displacement_mm` must be a number", at()))?;
+            recording.displacement.push((message.log_time / 1000, mm));
+        } else if ![SLIP, RAW, IMAGE].iter().any(|ours| ours.name == schema) {
+            *passed_over.entry(topic).or_default() += 1;
+        }
+    }
+    for (topic, count) in passed_over {
+        recording.notes.push(format!("{count} messages of {topic} are left out"));
+    }
+    Ok(recording)
+}
+
+fn can_frame(value: &Value) -> Result<CanFrame> {
+    let id =
+        value["id"].as_u64().and_then(|id| u32::try_from(id).ok()).context("`id` must be an identifier")?;
+    let data = value["data"].as_str().and_then(|data| STANDARD.decode(data).ok());
+    Ok(CanFrame::new(id, &data.context("`data` must be base64")?)?)
+}

@@ -1,0 +1,144 @@
+//! A recording through every format and back: every frame, every microsecond.
+
+use std::fs;
+use std::path::Path;
+
+use slipsense::sensor::{PiezoFrame, SensorInput};
+use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::log_file::{Format, Recording, read, write};
+use slipsense_recording::rebuild;
+
+const FRAMES: u32 = 40;
+const XL: [[i16; 3]; 34] = {
+    let mut xl = [[0; 3]; 34];
+    let mut i = 0;
+    while i < 34 {
+        xl[i] = [i as i16, -300 * i as i16, 32767 - i as i16];
+        i += 1;
+    }
+    xl
+};
+
+fn batch(sequence: u32) -> usize {
+    33 + usize::from(sequence % 3 == 2)
+}
+
+fn scan(sequence: u32, sensor: u8) -> PiezoFrame {
+    PiezoFrame::from_scan(std::array::from_fn(|i| {
+        ((i as u32 * 31 + sequence * 7 + u32::from(sensor)) % 4096) as u16
+    }))
+}
+
+/// Two sensors, with times that no millisecond and no float divides evenly.
+fn recording(skip: impl Fn(u32) -> bool) -> Recording {
+    let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+    let mut entries = Vec::new();
+    let mut xl_end = 0;
+    for sequence in 0..FRAMES {
+        let start_us = 1_700_000_000_004_167 + u64::from(sequence) * 12_501 / 3;
+        let mut frames =
+            vec![transmitter.slip(&SlipMessage { sequence, sensors: 2, ..SlipMessage::default() })];
+        xl_end += batch(sequence) as u32;
+        for sensor in 0..2 {
+            let piezo = scan(sequence, sensor);
+            let input = SensorInput { piezo: Some(&piezo), xl: Some(&XL[..batch(sequence)]) };
+            let raw = RawFrame { timestamp_us: start_us, sequence, sensor, health: 0, input, xl_end };
+            frames.extend(transmitter.raw(&raw, &mut RawBuffer::new()));
+        }
+        if !skip(sequence) {
+            entries.extend((0..).zip(frames).map(|(i, frame)| LogEntry {
+                timestamp_us: start_us + 127 * i,
+                interface: "can1".to_owned(),
+                frame,
+            }));
+        }
+    }
+    Recording { entries, displacement: vec![(1_700_000_000_004_168, 1.25)], notes: Vec::new() }
+}
+
+fn name(format: Format) -> &'static str {
+    match format {
+        Format::Candump => "r.log",
+        Format::Mcap => "r.mcap",
+        Format::Asc => "r.asc",
+        Format::Blf => "r.blf",
+    }
+}
+
+const ALL: [Format; 4] = [Format::Candump, Format::Mcap, Format::Asc, Format::Blf];
+
+#[test]
+fn nothing_is_lost_on_the_way_and_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let before = recording(|_| false);
+    for format in ALL {
+        let path = dir.path().join(name(format));
+        assert_eq!(Format::of(&path), Some(format));
+        let notes = write(&path, format, &before).unwrap();
+        let after = read(&path, format).unwrap();
+        assert_eq!(after.entries.len(), before.entries.len());
+        for (i, (after, before)) in after.entries.iter().zip(&before.entries).enumerate() {
+            assert_eq!(after, before, "{format:?}, frame {i}");
+        }
+        let keeps = format == Format::Mcap;
+        assert_eq!(after.displacement == before.displacement, keeps, "{format:?}");
+        assert_eq!(notes.is_empty(), keeps, "{format:?}: {notes:?}");
+    }
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), ALL.len(), "nothing else is left");
+}
+
+#[test]
+fn an_episode_comes_back_from_the_bus() {
+    let rebuilt = rebuild::episode(&recording(|_| false).entries, None, 0.000_488).unwrap();
+    let episode = rebuilt.episode;
+    assert_eq!((episode.frames(), episode.sensors, rebuilt.first), (FRAMES as usize, 2, 0));
+    for sequence in 0..FRAMES {
+        for sensor in 0..2 {
+            let frame = sequence as usize;
+            assert!(episode.piezo(frame, sensor) == &scan(sequence, sensor as u8));
+            assert_eq!(episode.xl_batch(frame, sensor), &XL[..batch(sequence)]);
+        }
+    }
+}
+
+#[test]
+fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() {
+    let rebuilt = rebuild::episode(&recording(|n| n == 12 || n == 35).entries, None, 0.000_488).unwrap();
+    assert_eq!((rebuilt.first, rebuilt.episode.frames()), (13, 22));
+    assert!(rebuilt.notes[0].contains("32 of 76 raw messages are left out"), "{:?}", rebuilt.notes);
+}
+
+/// A file cut anywhere is refused in words or read up to there; nothing panics.
+#[test]
+fn damaged_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let before = recording(|_| false);
+    for format in ALL {
+        let path = dir.path().join(name(format));
+        write(&path, format, &before).unwrap();
+        let whole = fs::read(&path).unwrap();
+        let mut refused = 0;
+        for step in 0..60 {
+            let mut bytes = whole[..whole.len() * step / 60].to_vec();
+            refused += usize::from(is_refused(&path, format, &bytes));
+            // And one with a byte that is wrong.
+            bytes = whole.clone();
+            bytes[whole.len() * step / 60] ^= 0x20;
+            is_refused(&path, format, &bytes);
+        }
+        assert!(refused > 0, "{format:?}: an empty file at least");
+    }
+}
+
+fn is_refused(path: &Path, format: Format, bytes: &[u8]) -> bool {
+    fs::write(path, bytes).unwrap();
+    match read(path, format) {
+        Ok(_) => false,
+        Err(error) => {
+            let text = format!("{error:#}");
+            assert!(text.starts_with(&path.display().to_string()), "{text}");
+            true
+        }
+    }
+}

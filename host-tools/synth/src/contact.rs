@@ -9,7 +9,7 @@
 //! as F^¼ and not F^⅓. `tests/half_space.rs` solves the half-space beside it and prints how the two
 //! compare.
 
-mod grain;
+mod asperity;
 mod layer;
 mod map;
 mod rocking;
@@ -24,7 +24,7 @@ use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::active_cols;
 
-pub(crate) use grain::Grain;
+pub(crate) use asperity::AsperityNoise;
 pub use layer::{ForceError, Layer, check_force_n};
 pub(crate) use map::cell_mm;
 pub use map::{CELL_MM2, PressureMap};

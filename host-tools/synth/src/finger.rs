@@ -6,19 +6,19 @@ use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::sensor::{PiezoFrame, XlSample};
 
 use crate::accelerometer::{self, XlSession};
-use crate::contact::{Contact, Grain, Pose, PressureMap, Rocking};
+use crate::contact::{AsperityNoise, Contact, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Rng, Stream, stream};
+use crate::draw_log::DrawLog;
 use crate::film::{Film, FilmSession};
-use crate::friction::{Interface, Pull, STEP_HZ, Sliding};
-use crate::hand::Hand;
-use crate::log::Log;
+use crate::friction::{Interface, Pull, STEP_HZ, SlipState};
 use crate::objects::Shape;
-use crate::recipe::{Platform, Recipe, Region, Resolved};
+use crate::pulling_hand::PullingHand;
+use crate::recipe::{Platform, Recipe, Region, ResolvedRecipe};
 use crate::scenario::Plan;
 use crate::scenario::levels::{DRAG_MM_S, Span};
 use crate::timeline::Event;
 use crate::unit::{Unit, UnitId};
-use crate::vibration::{self, Clock, Draws, Modes, Scene, Slide, Sound};
+use crate::vibration::{self, Clock, Modes, NoiseStreams, Scene, SlipSeries, Vibration};
 
 /// Steps of the quasi-static physics per frame.
 pub(crate) const STEPS: usize = STEP_HZ as usize / FRAME_RATE_HZ as usize;
@@ -50,23 +50,23 @@ pub(crate) struct Finger {
 }
 
 /// What the sensors of one episode have in common.
-pub(crate) struct Shared<'a> {
+pub(crate) struct EpisodeSetup<'a> {
     recipe: &'a Recipe,
-    what: &'a Resolved,
+    resolved: &'a ResolvedRecipe,
     /// What happens. A plant puts another in its place, with the commands that came since.
     pub plan: &'a Plan,
     /// The sources of vibration draw each from a stream of its own.
     pub sources_apart: bool,
     frames: usize,
     pub units: Vec<UnitId>,
-    builds: Vec<Build>,
+    builds: Vec<SensorBuild>,
     pose: Pose,
     rocking: Rocking,
     /// Share of the pressure that shear shifts to the leading edge.
     lean: f64,
     /// Share of the grip that each sensor carries.
     shares: [f64; MAX_SENSORS],
-    pub sound: Sound,
+    pub vibration: Vibration,
     /// Speed of dragging, [`STEP_HZ`] values per second.
     drag_mm_s: Vec<f64>,
     pub lsb_g: f64,
@@ -76,15 +76,15 @@ pub(crate) struct Shared<'a> {
 
 /// What happens at one pad.
 #[derive(Default)]
-struct Touched {
-    slide: Slide,
+struct ContactSeries {
+    slip: SlipSeries,
     /// At each tick.
     turn_rad: Vec<f64>,
     loaded: Vec<bool>,
 }
 
 /// One sensor with what its accelerometer is like in this recording.
-struct Build {
+struct SensorBuild {
     unit: Unit,
     modes: Modes,
     xl: XlSession,
@@ -93,7 +93,7 @@ struct Build {
     rng: Rng,
 }
 
-impl Build {
+impl SensorBuild {
     fn draw(recipe: &Recipe, sensor: usize, id: UnitId, seconds: f64) -> Self {
         let mut rng = stream(recipe.seed, Stream::Vibration, 1 + sensor);
         let unit = Unit::new(id);
@@ -105,26 +105,26 @@ impl Build {
 }
 
 /// What the vibration needs of recipe and plan.
-fn scene<'a>(recipe: &Recipe, what: &Resolved, plan: &'a Plan, drag_mm_s: &'a [f64]) -> Scene<'a> {
-    let line = &plan.timeline;
+fn scene<'a>(recipe: &Recipe, resolved: &ResolvedRecipe, plan: &'a Plan, drag_mm_s: &'a [f64]) -> Scene<'a> {
+    let timeline = &plan.timeline;
     Scene {
-        platform: what.platform,
+        platform: resolved.platform,
         model: recipe.vibration,
-        heard: recipe.heard,
+        content: recipe.vibration_content,
         rig_leak: recipe.rig_leak,
         hand_held: plan.hand_held,
         linked: plan.linked,
         shared_table: plan.shared_table,
-        object: what.object,
-        grip_n: &line.grip_n,
-        crosshead_mm: &line.crosshead_mm,
-        jaw: &line.jaw,
-        motor: &line.motor,
-        drag: &line.drag,
+        object: resolved.object,
+        grip_n: &timeline.grip_n,
+        crosshead_mm: &timeline.crosshead_mm,
+        jaw: &timeline.jaw,
+        motor: &timeline.motor,
+        drag: &timeline.drag,
         drag_mm_s,
-        motion: &line.motion,
-        ambient: &line.ambient,
-        pulses: &line.pulses,
+        motion: &timeline.motion,
+        ambient: &timeline.ambient,
+        pulses: &timeline.pulses,
     }
 }
 
@@ -151,28 +151,34 @@ fn palm_shift_mm(shape: &Shape, patch_mm: f64) -> f64 {
     if patch_mm + half > PAD_HALF_MM { 2.0 * patch_mm - PAD_HALF_MM + half } else { patch_mm }
 }
 
-impl<'a> Shared<'a> {
-    pub(crate) fn draw(recipe: &'a Recipe, what: &'a Resolved, plan: &'a Plan, frames: usize) -> Self {
+impl<'a> EpisodeSetup<'a> {
+    pub(crate) fn draw(
+        recipe: &'a Recipe,
+        resolved: &'a ResolvedRecipe,
+        plan: &'a Plan,
+        frames: usize,
+    ) -> Self {
         let mut rng = stream(recipe.seed, Stream::Contact, 0);
         let drag_mm_s: Vec<f64> = plan.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
-        let scene = scene(recipe, what, plan, &drag_mm_s);
-        let sound = Sound::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
+        let scene = scene(recipe, resolved, plan, &drag_mm_s);
+        let vibration = Vibration::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
         let mut mount = stream(recipe.seed, Stream::Mount, 0);
-        let units = UnitId::mounted(&mut mount, what.platform, recipe.sensors);
+        let units = UnitId::mounted(&mut mount, resolved.platform, recipe.sensors);
         let seconds = frames as f64 / FRAME_RATE_HZ as f64;
         let builds: Vec<_> =
-            units.iter().enumerate().map(|(s, &id)| Build::draw(recipe, s, id, seconds)).collect();
+            units.iter().enumerate().map(|(s, &id)| SensorBuild::draw(recipe, s, id, seconds)).collect();
         let across = rng.normal();
         // At the palm a crooked object would reach into the middle of the pad.
-        let (x_mm, yaw) = match what.region {
+        let (x_mm, yaw) = match resolved.region {
             Region::Centre => (2.5 * across, 0.15),
-            Region::Palm => {
-                (-palm_shift_mm(&what.object.shape, rng.between(PALM_MM.0, PALM_MM.1)) + 0.1 * across, 0.03)
-            }
+            Region::Palm => (
+                -palm_shift_mm(&resolved.object.shape, rng.between(PALM_MM.0, PALM_MM.1)) + 0.1 * across,
+                0.03,
+            ),
         };
         Self {
             recipe,
-            what,
+            resolved,
             plan,
             sources_apart: false,
             frames,
@@ -187,15 +193,15 @@ impl<'a> Shared<'a> {
             },
             lean: rng.between(0.1, 0.6),
             rocking: Rocking::draw(&mut rng),
-            shares: shares(&mut rng, what.platform, recipe.sensors),
-            sound,
+            shares: shares(&mut rng, resolved.platform, recipe.sensors),
+            vibration,
             drag_mm_s,
             lsb_g: if rng.chance(0.5) { 0.488e-3 } else { 0.244e-3 },
         }
     }
 
     /// What all sensors share, for the log.
-    pub(crate) fn log(&self, log: &mut Log) {
+    pub(crate) fn log(&self, log: &mut DrawLog) {
         log.add(
             "grasp",
             &json!({
@@ -204,7 +210,7 @@ impl<'a> Shared<'a> {
                 "xl_range_g": self.range_g(),
             }),
         );
-        log.add("sound", &self.sound);
+        log.add("sound", &self.vibration);
     }
 
     fn range_g(&self) -> f64 {
@@ -216,9 +222,9 @@ impl<'a> Shared<'a> {
     fn pose_of(&self, sensor: usize) -> Pose {
         let mut rng = stream(self.recipe.seed, Stream::Contact, 1 + sensor);
         let side = if sensor == 0 { 1.0 } else { -1.0 };
-        let loose = if self.what.platform == Platform::Tesollo { 4.0f64 } else { 1.0 };
+        let loose = if self.resolved.platform == Platform::Tesollo { 4.0f64 } else { 1.0 };
         // At the palm the patch stays on the pad.
-        let along_x = if self.what.region == Region::Palm { 0.1 } else { 0.5 };
+        let along_x = if self.resolved.region == Region::Palm { 0.1 } else { 0.5 };
         Pose {
             x_mm: side * self.pose.x_mm + along_x * rng.normal(),
             y_mm: self.pose.y_mm + 0.5 * loose.min(2.0) * rng.normal(),
@@ -231,14 +237,14 @@ impl<'a> Shared<'a> {
     }
 
     /// Make one finger; its scans go to every `sensors`-th place of `piezo`.
-    pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut Log) -> Finger {
-        let (seed, object) = (self.recipe.seed, self.what.object);
+    pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut DrawLog) -> Finger {
+        let (seed, object) = (self.recipe.seed, self.resolved.object);
         let build = &self.builds[sensor];
         let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
-        let mut contact = Contact::draw(&mut rng, object, pose, self.what.region);
+        let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.region);
         let mut interface = Interface::draw(&mut rng, object);
-        let mut grain = (Grain::draw(&mut rng), rng);
+        let mut grain = (AsperityNoise::draw(&mut rng), rng);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
         let faults = film_session.events(self.frames).into_iter().map(Event::rounded).collect();
@@ -252,9 +258,9 @@ impl<'a> Shared<'a> {
             }),
         );
         let mut film = Film::new(&build.unit.film, film_session, rng);
-        let Touched { slide, turn_rad, loaded } =
-            self.touch(sensor, &mut contact, &mut interface, &mut grain, &mut film, piezo);
-        let (xl, xl_end) = self.hear(sensor, &slide);
+        let ContactSeries { slip, turn_rad, loaded } =
+            self.contact(sensor, &mut contact, &mut interface, &mut grain, &mut film, piezo);
+        let (xl, xl_end) = self.accelerometer(sensor, &slip);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
         };
@@ -262,9 +268,9 @@ impl<'a> Shared<'a> {
         Finger {
             xl,
             xl_end,
-            slip_mm_s: per_frame(&slide.speed_mm_s),
-            fraction: per_frame(&slide.fraction),
-            path_mm: at_ticks(&slide.path_mm),
+            slip_mm_s: per_frame(&slip.speed_mm_s),
+            fraction: per_frame(&slip.fraction),
+            path_mm: at_ticks(&slip.path_mm),
             turn_rad,
             loaded,
             faults,
@@ -272,22 +278,22 @@ impl<'a> Shared<'a> {
     }
 
     /// Contact and friction, step by step, and the array's scan at each tick.
-    fn touch(
+    fn contact(
         &self,
         sensor: usize,
         contact: &mut Contact,
         interface: &mut Interface,
-        (grain, rng): &mut (Grain, Rng),
+        (grain, rng): &mut (AsperityNoise, Rng),
         film: &mut Film<'_>,
         piezo: &mut [PiezoFrame],
-    ) -> Touched {
+    ) -> ContactSeries {
         let share = self.shares[sensor];
-        let line = &self.plan.timeline;
-        let grip: Vec<f64> = line.grip_n.iter().map(|n| n * share).collect();
+        let timeline = &self.plan.timeline;
+        let grip: Vec<f64> = timeline.grip_n.iter().map(|n| n * share).collect();
         let mut map = PressureMap::empty();
-        let (mut map_n, mut sliding) = (0.0, Sliding::default());
-        let Touched { mut slide, mut turn_rad, mut loaded } = Touched::default();
-        let mut hand = Hand::default();
+        let (mut map_n, mut sliding) = (0.0, SlipState::default());
+        let ContactSeries { mut slip, mut turn_rad, mut loaded } = ContactSeries::default();
+        let mut hand = PullingHand::default();
         let mut gripped_at = ([0.0; 2], 0.0);
         for frame in 0..self.frames {
             let steps = frame * STEPS..(frame + 1) * STEPS;
@@ -300,23 +306,23 @@ impl<'a> Shared<'a> {
                 }
                 let scale = if map_n > 0.0 { force / map_n } else { 0.0 };
                 let mut pull = self.pull(step, sensor);
-                if let Some(strength) = self.plan.strength {
+                if let Some(strength) = self.plan.pull_limit {
                     let object = (interface.position_mm(), interface.turn_rad());
                     pull = hand.pull(pull, strength.shared(share), object);
                 }
                 sliding = interface.step(&map, scale, pull, 1.0 / STEP_HZ);
-                slide.speed_mm_s.push(sliding.speed_mm_s);
-                slide.fraction.push(sliding.fraction);
-                slide.path_mm.push(sliding.path_mm);
-                slide.direction.push(sliding.direction);
-                slide.grip_n.push(force);
+                slip.speed_mm_s.push(sliding.speed_mm_s);
+                slip.fraction.push(sliding.fraction);
+                slip.path_mm.push(sliding.path_mm);
+                slip.direction.push(sliding.direction);
+                slip.grip_n.push(force);
             }
             let tick = (frame + 1) * STEPS;
             let force = grip[tick];
             if force > 0.0 {
-                let excess = line.grip_n[tick] / self.plan.base_n - 1.0;
+                let excess = timeline.grip_n[tick] / self.plan.base_n - 1.0;
                 let mut rock = self.rocking.at(tick as f64 / STEP_HZ, excess);
-                rock.iter_mut().zip(line.roll_rad[tick]).for_each(|(rock, roll)| *rock += roll);
+                rock.iter_mut().zip(timeline.roll_rad[tick]).for_each(|(rock, roll)| *rock += roll);
                 let shift = [0, 1].map(|axis| sliding.travel_mm[axis] - gripped_at.0[axis]);
                 contact.place(shift, sliding.turn_rad - gripped_at.1, rock);
             }
@@ -327,13 +333,13 @@ impl<'a> Shared<'a> {
             turn_rad.push(sliding.turn_rad - gripped_at.1);
             loaded.push(!map.loaded.is_empty());
             interface.release_unloaded(&map);
-            let pickup = line.pickup_counts(tick, self.plan.motor_pickup_counts);
+            let pickup = timeline.pickup_counts(tick, self.plan.motor_pickup_counts);
             piezo[frame * self.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
                 let then = vibration::at(&grip, tick as f64 / STEP_HZ - age_s);
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
             });
         }
-        Touched { slide, turn_rad, loaded }
+        ContactSeries { slip, turn_rad, loaded }
     }
 
     /// What pulls one finger's contact in a step: every finger bears its share. The second finger and the
@@ -351,13 +357,13 @@ impl<'a> Shared<'a> {
     }
 
     /// What the accelerometer delivers, and how many of its samples are there at each tick.
-    fn hear(&self, sensor: usize, slide: &Slide) -> (Vec<XlSample>, Vec<u32>) {
+    fn accelerometer(&self, sensor: usize, slip: &SlipSeries) -> (Vec<XlSample>, Vec<u32>) {
         let build = &self.builds[sensor];
         let clock = Clock { samples: self.samples, ..build.clock };
-        let scene = scene(self.recipe, self.what, self.plan, &self.drag_mm_s);
-        let draws = if self.sources_apart { Draws::apart } else { Draws::in_turn };
-        let draws = &mut draws(build.rng.clone());
-        let motion_g = self.sound.motion_g(&scene, slide, &build.modes, sensor, clock, draws);
+        let scene = scene(self.recipe, self.resolved, self.plan, &self.drag_mm_s);
+        let streams = if self.sources_apart { NoiseStreams::apart } else { NoiseStreams::in_turn };
+        let streams = &mut streams(build.rng.clone());
+        let motion_g = self.vibration.motion_g(&scene, slip, &build.modes, sensor, clock, streams);
         let noise = &mut stream(self.recipe.seed, Stream::Accelerometer, sensor);
         let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion_g, noise);
         (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))

@@ -95,7 +95,7 @@ pub(crate) struct Pull {
 
 /// Result of one step. Forces are those on the finger: along the pull.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub(crate) struct Sliding {
+pub(crate) struct SlipState {
     /// Interface speed: mean of its size over the load, sticking cells counted as 0.
     pub speed_mm_s: f64,
     /// Share of the load carried by sliding cells.
@@ -159,7 +159,7 @@ impl Interface {
     }
 
     /// Advance by `dt` seconds under pressures `map` times `scale`.
-    pub(crate) fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> Sliding {
+    pub(crate) fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState {
         if self.brushes.is_empty() {
             // A free object jumped to where its springs are slack: that says nothing about this step.
             self.moved = [0.0; 3];
@@ -195,7 +195,7 @@ impl Interface {
     }
 
     /// Carry the stresses and the friction of every cell through this step's move.
-    fn slide(&mut self, map: &PressureMap, scale: f64, dt: f64) -> Sliding {
+    fn slide(&mut self, map: &PressureMap, scale: f64, dt: f64) -> SlipState {
         let mm_per_n = 1.0 / (self.brush_kpa_per_mm * CELL_N);
         let (creep_mm, heal) = (SLIDING_MM_S * dt, dt / self.healing_s);
         let (mut load, mut sliding, mut path) = (0.0, 0.0, 0.0);
@@ -228,7 +228,7 @@ impl Interface {
             self.direction = drift.map(|d| d / drifted);
         }
         self.path_mm += path / load;
-        Sliding {
+        SlipState {
             speed_mm_s: path / load / dt,
             fraction: sliding / load,
             shear_n: shear,

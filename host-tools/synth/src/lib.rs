@@ -16,9 +16,9 @@ mod field;
 pub mod film;
 mod finger;
 mod friction;
-mod hand;
+mod pulling_hand;
 pub mod labels;
-mod log;
+mod draw_log;
 pub mod mix;
 pub mod objects;
 pub mod plant;
@@ -30,7 +30,8 @@ mod unit;
 mod vibration;
 
 pub use recipe::{
-    Heard, ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationModel,
+    ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationContent,
+    VibrationModel,
 };
 pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
 pub use splits::{Split, content_hash};
@@ -45,11 +46,11 @@ use slipsense::sensor::PiezoFrame;
 use slipsense_recording::{Episode, Meta};
 
 use crate::draw::{Stream, stream};
-use crate::finger::{Finger, Shared};
+use crate::draw_log::DrawLog;
+use crate::finger::{EpisodeSetup, Finger};
 use crate::labels::{Encoder, Rule};
-use crate::log::Log;
 use crate::objects::ObjectError;
-use crate::recipe::Resolved;
+use crate::recipe::ResolvedRecipe;
 use crate::scenario::Plan;
 use crate::scenario::direction::slip_direction;
 use crate::scenario::levels::GRIP_N;
@@ -89,7 +90,7 @@ pub enum SynthError {
     /// A plant that nothing pulls.
     #[error("recipe: scenario is {0:?}, a plant takes free_pull or rotation")]
     PlantScenario(ScenarioChoice),
-    /// Strength of the hand that pulls.
+    /// PullLimit of the hand that pulls.
     #[error("strength is {0}, must be a number above 0")]
     Strength(f64),
     /// Noise factor.
@@ -110,12 +111,12 @@ const FRAME_HZ: f64 = FRAME_RATE_HZ as f64;
 
 /// Number of frames of the episode that [`generate`] makes of a recipe, without making it.
 pub fn plan_frames(recipe: &Recipe) -> Result<usize, SynthError> {
-    let what = recipe.resolve()?;
-    Ok(frames(&script(recipe, &what)))
+    let resolved = recipe.resolve()?;
+    Ok(frames(&script(recipe, &resolved)))
 }
 
-fn script(recipe: &Recipe, what: &Resolved) -> Script {
-    Script::draw(&mut stream(recipe.seed, Stream::Script, 0), what)
+fn script(recipe: &Recipe, resolved: &ResolvedRecipe) -> Script {
+    Script::draw(&mut stream(recipe.seed, Stream::Script, 0), resolved)
 }
 
 fn frames(script: &Script) -> usize {
@@ -129,20 +130,20 @@ fn frames(script: &Script) -> usize {
 /// `displacement_mm` is the way the object has slid over the fingers, in the encoder's steps. The
 /// metadata says which as `label_rule`: `encoder` or `interface`.
 pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
-    let what = recipe.resolve()?;
+    let resolved = recipe.resolve()?;
     let (seed, sensors) = (recipe.seed, recipe.sensors);
-    let script = script(recipe, &what);
+    let script = script(recipe, &resolved);
     let frames = frames(&script);
-    let plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &what, script);
-    let shared = Shared::draw(recipe, &what, &plan, frames);
+    let plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &resolved, script);
+    let setup = EpisodeSetup::draw(recipe, &resolved, &plan, frames);
     let encoder = Encoder::draw(&mut stream(seed, Stream::Encoder, 0));
-    let mut log = Log::default();
+    let mut log = DrawLog::default();
     log.add("plan", &plan);
     log.add("encoder", &encoder);
-    shared.log(&mut log);
+    setup.log(&mut log);
 
     let mut piezo = vec![PiezoFrame::zeroed(); frames * sensors];
-    let fingers: Vec<Finger> = (0..sensors).map(|s| shared.finger(s, &mut piezo, &mut log)).collect();
+    let fingers: Vec<Finger> = (0..sensors).map(|s| setup.finger(s, &mut piezo, &mut log)).collect();
     let mean = |of: fn(&Finger) -> &Vec<f64>| -> Vec<f32> {
         let sum = |f: usize| fingers.iter().map(|finger| of(finger)[f]).sum::<f64>();
         (0..frames).map(|f| (sum(f) / sensors as f64) as f32).collect()
@@ -158,7 +159,7 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
     };
     let slips = slips(&plan, &displacement_mm, &slip_true_mm_s, &slip_fraction);
     let label = labels::label(&piezo, sensors, &slips);
-    let mut meta = meta(recipe, &what, &plan, &shared);
+    let mut meta = meta(recipe, &resolved, &plan, &setup);
     let faults = fingers.iter().flat_map(|finger| &finger.faults);
     let events: Vec<_> = plan.timeline.events.iter().chain(faults).collect();
     meta.other.insert("events".to_owned(), json!(events));
@@ -211,21 +212,21 @@ pub fn generate_set<T: Send>(
     recipes.par_iter().enumerate().map(|(i, recipe)| Ok(each(i, generate(recipe)?))).collect()
 }
 
-fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> Meta {
-    let mut meta = Meta::nominal(shared.lsb_g);
+fn meta(recipe: &Recipe, resolved: &ResolvedRecipe, plan: &Plan, setup: &EpisodeSetup<'_>) -> Meta {
+    let mut meta = Meta::nominal(setup.lsb_g);
     for (key, value) in [
-        ("platform", json!(what.platform.name())),
+        ("platform", json!(resolved.platform.name())),
         ("synthetic", json!(true)),
         ("source", json!("synthetic, slipsense-synth")),
         ("licence", json!("CC0-1.0")),
-        ("object", json!(what.object.name)),
-        ("object_kind", json!(what.object.kind)),
-        ("held_out", json!(what.object.held_out())),
-        ("scenario", json!(what.scenario)),
-        ("region", json!(what.region)),
-        ("speed_mm_s", json!(what.pulls().then_some(what.speed_mm_s))),
+        ("object", json!(resolved.object.name)),
+        ("object_kind", json!(resolved.object.kind)),
+        ("held_out", json!(resolved.object.held_out())),
+        ("scenario", json!(resolved.scenario)),
+        ("region", json!(resolved.region)),
+        ("speed_mm_s", json!(resolved.pulls().then_some(resolved.speed_mm_s))),
         ("grip_n", json!((plan.base_n * 1e3).round() / 1e3)),
-        ("units", json!(shared.units)),
+        ("units", json!(setup.units)),
         ("rig_leak", json!(recipe.rig_leak)),
         ("label_rule", json!(plan.rule)),
         ("seed", json!(recipe.seed)),
@@ -235,7 +236,7 @@ fn meta(recipe: &Recipe, what: &Resolved, plan: &Plan, shared: &Shared<'_>) -> M
     }
     // The rig has one direction, and its recordings are older than this key.
     if plan.hand_held {
-        meta.other.insert("slip_direction".to_owned(), json!(slip_direction(what, plan)));
+        meta.other.insert("slip_direction".to_owned(), json!(slip_direction(resolved, plan)));
     }
     meta
 }

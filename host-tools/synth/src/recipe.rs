@@ -61,8 +61,8 @@ pub struct Recipe {
     #[serde(default = "yes")]
     pub rig_leak: bool,
     /// What reaches the accelerometers.
-    #[serde(default)]
-    pub heard: Heard,
+    #[serde(rename = "heard", default)]
+    pub vibration_content: VibrationContent,
     /// Which model makes the slip vibration.
     #[serde(default)]
     pub vibration: VibrationModel,
@@ -93,7 +93,7 @@ pub enum Region {
 /// What reaches the accelerometers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Heard {
+pub enum VibrationContent {
     /// Everything.
     #[default]
     All,
@@ -199,7 +199,7 @@ impl Recipe {
             pull_angle_deg: None,
             noise: 1.0,
             rig_leak: true,
-            heard: Heard::All,
+            vibration_content: VibrationContent::All,
             vibration: VibrationModel::Modal,
         }
     }
@@ -257,7 +257,7 @@ impl Recipe {
     }
 
     /// Refuse what cannot be generated, and draw what was left open.
-    pub(crate) fn resolve(&self) -> Result<Resolved, SynthError> {
+    pub(crate) fn resolve(&self) -> Result<ResolvedRecipe, SynthError> {
         self.check()?;
         // Fixed number of draws in fixed order: naming one thing does not change the others.
         let mut rng = stream(self.seed, Stream::Grasp, 0);
@@ -281,7 +281,7 @@ impl Recipe {
         let speed_mm_s = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[speed]);
         let (platform, region, seconds) = (self.platform, self.region, self.seconds);
         let (grip_n, pull_angle_deg) = (self.grip_n, self.pull_angle_deg);
-        Ok(Resolved {
+        Ok(ResolvedRecipe {
             object,
             scenario,
             speed_mm_s,
@@ -321,7 +321,7 @@ fn object_named(name: &str) -> Result<&'static Object, SynthError> {
 }
 
 /// A recipe with nothing left open but the noise, the length, the grip and the direction of the pull.
-pub(crate) struct Resolved {
+pub(crate) struct ResolvedRecipe {
     pub object: &'static Object,
     pub scenario: ScenarioChoice,
     pub speed_mm_s: f64,
@@ -335,7 +335,7 @@ pub(crate) struct Resolved {
     pub slips_at_end: bool,
 }
 
-impl Resolved {
+impl ResolvedRecipe {
     /// The object slips in this scenario.
     pub(crate) fn slips(&self) -> bool {
         match self.scenario {

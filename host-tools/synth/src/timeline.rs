@@ -163,7 +163,7 @@ impl Timeline {
 
     /// Jaws let go and travel between two times to their end stop, and ring on.
     pub(crate) fn open(&mut self, rng: &mut Rng, (from, to): (f64, f64), motors: bool) {
-        self.event("open", from, to + AFTERSHOCK_LASTS_S);
+        self.event("open", from, to + AFTERSHOCK_S);
         self.travel(rng, (from, to), 1.0, motors);
         self.pulse(rng, to, END_STOP_S, END_STOP_G);
     }

@@ -3,8 +3,8 @@
 use slipsense_recording::Episode;
 use slipsense_synth::labels::{NO_SLIP, SLIP};
 use slipsense_synth::{
-    Heard, ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, VibrationModel, generate,
-    generate_set,
+    ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, VibrationContent, VibrationModel,
+    generate, generate_set,
 };
 
 /// Vector rms in mg of each frame's samples above 10 Hz (first-order).
@@ -89,7 +89,7 @@ fn the_second_model_is_as_loud_and_so_is_the_other_hand() {
 
 #[test]
 fn a_part_that_hears_only_the_rig_hears_no_slip() {
-    let quiet = Recipe { heard: Heard::RigOnly, rig_leak: false, ..slips(18.0) };
+    let quiet = Recipe { vibration_content: VibrationContent::RigOnly, rig_leak: false, ..slips(18.0) };
     for recipe in quiet.series(3) {
         let e = generate(&recipe).unwrap();
         // Gravity and offset stay; the offset wanders by its 2 mg in minutes.
@@ -105,7 +105,7 @@ fn a_part_that_hears_only_the_rig_hears_no_slip() {
         assert!(spread_mg < 4.5);
     }
     let rig = Recipe { rig_leak: true, ..quiet.clone() };
-    let all = Recipe { heard: Heard::All, ..rig.clone() };
+    let all = Recipe { vibration_content: VibrationContent::All, ..rig.clone() };
     let (rig, all) = (slip_mg(&rig), slip_mg(&all));
     println!("in slip at 18 mm/s: {rig:.2} mg of the rig alone (0.2 to 4), {all:.1} mg of all (synthetic)");
     assert!((0.2..4.5).contains(&rig) && all > 5.0 * rig);

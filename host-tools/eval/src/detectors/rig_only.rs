@@ -1,7 +1,7 @@
 //! `rig-only`: hears the crosshead's drive and the parts' own noise, nothing else, to show whether the test
 //! rig gives slip away.
 //!
-//! A generated episode carries its recipe; the detector makes the episode again with nothing heard but the
+//! A generated episode carries its recipe; the detector makes the episode again with no vibration but the
 //! rig, and classifies that: 13 MFCC and the level (ln of the mean square), each the mean over the sensors,
 //! which all stand on the same rig, and their squares. Two logistic regressions fitted on the
 //! rig's sound of the training episodes give the probability of slip, and of a held object where nothing
@@ -13,7 +13,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use slipsense::params::CLASSES;
 use slipsense_recording::Episode;
-use slipsense_synth::{Heard, Recipe, generate};
+use slipsense_synth::{Recipe, VibrationContent, generate};
 
 use super::ear::Ear;
 use super::mel::{COEFFICIENTS, FLOOR_G2, log_mel, mfcc};
@@ -25,19 +25,19 @@ pub(crate) const FEATURES: usize = COEFFICIENTS + 1;
 /// The features and their squares.
 pub(crate) const TERMS: usize = 2 * FEATURES;
 
-/// The episode made again with only the rig heard.
+/// The episode made again with only the rig's vibration.
 pub(crate) fn rig_only_episode(episode: &Episode) -> Result<Episode> {
     let Some(recipe) = episode.meta.other.get("recipe") else {
         bail!("rig-only needs a generated episode: its meta has no \"recipe\"");
     };
     let recipe: Recipe = serde_json::from_value(recipe.clone()).context("meta: recipe")?;
-    let rig = generate(&Recipe { heard: Heard::RigOnly, ..recipe })?;
+    let rig = generate(&Recipe { vibration_content: VibrationContent::RigOnly, ..recipe })?;
     let same = rig.sensors == episode.sensors && rig.xl_end == episode.xl_end;
     ensure!(same, "meta: recipe makes another episode than this one; another generator made it");
     Ok(rig)
 }
 
-/// Features of an episode in which only the rig is heard, frame by frame.
+/// Features of an episode with only the rig's vibration, frame by frame.
 pub(crate) struct RigFeatures {
     ears: PerSensor<Ear>,
 }

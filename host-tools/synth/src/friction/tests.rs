@@ -36,11 +36,11 @@ fn hertz_rod(p0: f64, b: f64) -> PressureMap {
 
 /// Pull an interface whose friction does not weaken until it carries `share` of what it can, along y.
 /// What it reached, and the load of the cells that stick over the whole load's area.
-fn pulled(map: &PressureMap, k: f64, mu: f64, share: f64) -> (Interface, Sliding) {
+fn pulled(map: &PressureMap, k: f64, mu: f64, share: f64) -> (Interface, SlipState) {
     let mut interface = Interface::even(k, mu, 1.0);
     let force_n = share * mu * map.force_n();
     let soft = 1e-4;
-    let mut last = Sliding::default();
+    let mut last = SlipState::default();
     for i in 1..=50 {
         let position_mm = [0.0, force_n / soft * f64::from(i) / 50.0];
         let pull = Pull { position_mm, stiffness_n_per_mm: soft, ..Pull::default() };
@@ -195,7 +195,7 @@ fn shift_and_turn_together_stay_on_the_limit_surface() {
     // Where the object ends up, per step, in mm and rad: `c` times the turn against the shift.
     let slipped = |speed: [f64; 2], spin: f64| {
         let mut interface = Interface::even(1500.0, mu, 1.0);
-        let mut last = Sliding::default();
+        let mut last = SlipState::default();
         for step in 0..3000 {
             let t = f64::from(step);
             let position_mm = speed.map(|v| v * t);
@@ -304,7 +304,7 @@ fn a_turn_slides_without_a_direction() {
     let mut map = PressureMap::empty();
     contact.pressures(4.0, [0.0; 2], &mut map);
     let mut interface = Interface::even(1500.0, 0.6, 0.85);
-    let (mut path, mut last) = (0.0, Sliding::default());
+    let (mut path, mut last) = (0.0, SlipState::default());
     for step in 0..1200 {
         let turn_rad = 1.0 * f64::from(step) * DT;
         let pull = Pull { turn_rad, twist_n_mm_per_rad: 500.0, ..Pull::default() };

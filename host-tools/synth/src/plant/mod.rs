@@ -4,7 +4,7 @@
 //! Contact, friction, film and vibration are those of [`generate`](crate::generate), line by line. An episode's
 //! course is known before it is made; here a command may change what is still to come. The plant therefore looks
 //! ahead under the commands that it has, and looks ahead anew when one more comes. What has been delivered stays
-//! as it was, to the bit: every source draws from a stream of its own in the order of time, and a command acts
+//! as it was, to the bit: every source streams from a stream of its own in the order of time, and a command acts
 //! later than what was delivered.
 //!
 //! What has no part in it is told in the crate's README.
@@ -19,14 +19,14 @@ use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 
 use crate::draw::{Draw, Stream, stream};
-use crate::finger::{Finger, STEPS, Shared};
+use crate::draw_log::DrawLog;
+use crate::finger::{EpisodeSetup, Finger, STEPS};
 use crate::friction::STEP_HZ;
-use crate::hand::Strength;
 use crate::labels::interface_intervals;
-use crate::log::Log;
-use crate::recipe::{Platform, Recipe, Resolved, ScenarioChoice};
+use crate::pulling_hand::PullLimit;
+use crate::recipe::{Platform, Recipe, ResolvedRecipe, ScenarioChoice};
 use crate::scenario::levels::GRIP_N;
-use crate::scenario::script::{Kind, Script};
+use crate::scenario::script::{PhaseKind, Script};
 use crate::scenario::{self, Plan};
 use crate::timeline::ramp;
 use crate::{SynthError, vibration};
@@ -98,7 +98,7 @@ impl<'a> Frame<'a> {
 /// One grasp of an object that a hand pulls or twists.
 pub struct Plant {
     recipe: Recipe,
-    what: Resolved,
+    resolved: ResolvedRecipe,
     /// As it goes without a command.
     planned: Plan,
     /// As it goes with the commands so far.
@@ -112,12 +112,12 @@ pub struct Plant {
     held_s: (f64, f64),
     /// Frames of the pull and of the standstill after it.
     pulled: Range<usize>,
-    ahead: Ahead,
+    prediction: Prediction,
     delivered: usize,
 }
 
 /// What will happen unless a command comes.
-struct Ahead {
+struct Prediction {
     piezo: Vec<PiezoFrame>,
     fingers: Vec<Finger>,
 }
@@ -135,16 +135,16 @@ impl Plant {
         if !(strength > 0.0 && strength.is_finite()) {
             return Err(SynthError::Strength(strength));
         }
-        let what = recipe.resolve()?;
+        let resolved = recipe.resolve()?;
         let seed = recipe.seed;
-        let radius_mm = what.twist_radius_mm();
-        let way_mm = if twists { TWIST_RAD * radius_mm } else { PULL_MM };
-        let script = Script::trial(&mut stream(seed, Stream::Script, 0), &what, way_mm);
+        let radius_mm = resolved.twist_radius_mm();
+        let travel_mm = if twists { TWIST_RAD * radius_mm } else { PULL_MM };
+        let script = Script::trial(&mut stream(seed, Stream::Script, 0), &resolved, travel_mm);
         let frames = crate::frames(&script);
-        let mut plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &what, script);
-        let of = |kind| plan.script.of(kind).next().copied();
+        let mut plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &resolved, script);
+        let of = |kind| plan.script.phases_of(kind).next().copied();
         let (Some(grasp), Some(pull), Some(settle)) =
-            (scenario::grasps(&plan.script).pop(), of(Kind::Pull), of(Kind::Settle))
+            (scenario::grasps(&plan.script).pop(), of(PhaseKind::Pull), of(PhaseKind::Settle))
         else {
             unreachable!("the script of a trial has one grasp with a pull")
         };
@@ -159,13 +159,13 @@ impl Plant {
             .collect();
         // The object lies in the middle when the pull begins, not when half of it is over.
         plan.stroke_mm = [0.0; 2];
-        let slips_at_n = what.object.mu_static * base_n;
-        plan.strength =
-            Some(Strength { pull_n: strength * slips_at_n, twist_n_mm: strength * slips_at_n * radius_mm });
+        let slips_at_n = resolved.object.mu_static * base_n;
+        plan.pull_limit =
+            Some(PullLimit { pull_n: strength * slips_at_n, twist_n_mm: strength * slips_at_n * radius_mm });
         let frame = |t: f64| (t * FRAME_RATE_HZ as f64) as usize;
         let mut plant = Self {
             recipe: recipe.clone(),
-            what,
+            resolved,
             plan: plan.clone(),
             planned: plan,
             motions_s: Vec::new(),
@@ -173,10 +173,10 @@ impl Plant {
             frames,
             held_s: (grasp.held, grasp.release),
             pulled: frame(pull.start_s)..frame(settle.end_s()).min(frames),
-            ahead: Ahead { piezo: Vec::new(), fingers: Vec::new() },
+            prediction: Prediction { piezo: Vec::new(), fingers: Vec::new() },
             delivered: 0,
         };
-        plant.ahead = plant.look_ahead();
+        plant.prediction = plant.predict();
         Ok(plant)
     }
 
@@ -210,10 +210,10 @@ impl Plant {
         let sensors = self.recipe.sensors;
         let mut inputs = [SensorInput::default(); MAX_SENSORS];
         let mut xl_end = [0; MAX_SENSORS];
-        for (sensor, finger) in self.ahead.fingers.iter().enumerate() {
+        for (sensor, finger) in self.prediction.fingers.iter().enumerate() {
             xl_end[sensor] = finger.xl_end[index];
             inputs[sensor] = SensorInput {
-                piezo: Some(&self.ahead.piezo[index * sensors + sensor]),
+                piezo: Some(&self.prediction.piezo[index * sensors + sensor]),
                 xl: Some(batch(finger, index)),
             };
         }
@@ -238,20 +238,20 @@ impl Plant {
         if start_s < earliest_s {
             return Err(CommandError::Past { start_s, earliest_s });
         }
-        let line = &mut self.plan.timeline;
-        let before_n = vibration::at(&line.grip_n, start_s);
-        let after = line.times(start_s, f64::INFINITY);
+        let timeline = &mut self.plan.timeline;
+        let before_n = vibration::at(&timeline.grip_n, start_s);
+        let after = timeline.times(start_s, f64::INFINITY);
         for (i, t) in after {
             let let_go = self.planned.timeline.grip_n[i] / self.planned.base_n;
-            line.grip_n[i] = let_go * (before_n + (grip_n - before_n) * ramp(t, start_s, end_s));
+            timeline.grip_n[i] = let_go * (before_n + (grip_n - before_n) * ramp(t, start_s, end_s));
         }
         let mut rng = stream(self.recipe.seed, Stream::Motion, self.motions_s.len());
         let vigour = rng.between(INWARD_VIGOUR.0, INWARD_VIGOUR.1);
-        let motors = self.what.platform == Platform::Tesollo;
-        line.travel(&mut rng, (start_s, end_s), vigour, motors);
+        let motors = self.resolved.platform == Platform::Tesollo;
+        timeline.travel(&mut rng, (start_s, end_s), vigour, motors);
         self.motions_s.push(start_s);
         self.target_n = grip_n;
-        self.ahead = self.look_ahead();
+        self.prediction = self.predict();
         Ok(())
     }
 
@@ -282,7 +282,7 @@ impl Plant {
         self.pulled().find(|&frame| {
             self.slid_mm(frame) - start > LOST_MM
                 || self.turned_rad(frame) > LOST_TURN_RAD
-                || self.ahead.fingers.iter().any(|finger| !finger.loaded[frame])
+                || self.prediction.fingers.iter().any(|finger| !finger.loaded[frame])
         })
     }
 
@@ -297,28 +297,28 @@ impl Plant {
     }
 
     fn mean(&self, of: impl Fn(&Finger) -> f64) -> f64 {
-        self.ahead.fingers.iter().map(of).sum::<f64>() / self.ahead.fingers.len() as f64
+        self.prediction.fingers.iter().map(of).sum::<f64>() / self.prediction.fingers.len() as f64
     }
 
-    fn look_ahead(&self) -> Ahead {
+    fn predict(&self) -> Prediction {
         // What is drawn once is drawn of the plan, which no command changes.
-        let mut shared = Shared::draw(&self.recipe, &self.what, &self.planned, self.frames);
-        shared.plan = &self.plan;
-        shared.sources_apart = true;
+        let mut setup = EpisodeSetup::draw(&self.recipe, &self.resolved, &self.planned, self.frames);
+        setup.plan = &self.plan;
+        setup.sources_apart = true;
         for (motion, &start_s) in self.motions_s.iter().enumerate() {
             let mut rng = stream(self.recipe.seed, Stream::Motion, motion);
             rng.set_word_pos(CLICKS_WORD);
-            shared.sound.moves_again(&mut rng, self.what.platform, start_s);
+            setup.vibration.moves_again(&mut rng, self.resolved.platform, start_s);
         }
         let sensors = self.recipe.sensors;
         let mut piezo = vec![PiezoFrame::zeroed(); self.frames * sensors];
-        let mut log = Log::default();
-        let fingers = (0..sensors).map(|sensor| shared.finger(sensor, &mut piezo, &mut log)).collect();
-        Ahead { piezo, fingers }
+        let mut log = DrawLog::default();
+        let fingers = (0..sensors).map(|sensor| setup.finger(sensor, &mut piezo, &mut log)).collect();
+        Prediction { piezo, fingers }
     }
 }
 
-/// Where a motion's clicks are drawn, beyond what else it draws.
+/// Where a motion's clicks are drawn, beyond what else it streams.
 const CLICKS_WORD: u128 = 1 << 16;
 
 const _: () = assert!(STEPS as f64 * FRAME_RATE_HZ as f64 == STEP_HZ);

@@ -4,7 +4,7 @@
 use libm::{atan2, cos, sin};
 use serde::{Deserialize, Serialize};
 
-use crate::recipe::{Resolved, ScenarioChoice};
+use crate::recipe::{ResolvedRecipe, ScenarioChoice};
 use crate::scenario::Plan;
 
 /// A pull within this of the rig's direction counts as vertical, degrees.
@@ -30,11 +30,11 @@ pub(crate) fn unit_vector(angle_deg: f64) -> [f64; 2] {
 }
 
 /// The way in which the plan lets the object slip; none where it does not.
-pub(crate) fn slip_direction(what: &Resolved, plan: &Plan) -> Option<SlipDirection> {
-    if !what.slips() {
+pub(crate) fn slip_direction(resolved: &ResolvedRecipe, plan: &Plan) -> Option<SlipDirection> {
+    if !resolved.slips() {
         return None;
     }
-    if what.scenario == ScenarioChoice::Rotation {
+    if resolved.scenario == ScenarioChoice::Rotation {
         return Some(SlipDirection::Rotational);
     }
     let [x, y] = plan.stroke_mm;

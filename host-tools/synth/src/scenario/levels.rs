@@ -4,7 +4,7 @@
 //!
 //! Some of the modelling ranges were tuned. So that frames have the paper's class shares, and neither time
 //! nor the crosshead's drive tells slip: [`IDLE_UNIFORM_S`], [`IDLE_MEAN_S`], [`VARY_S`], [`SETTLE_S`],
-//! [`PULLS_KEEP`], [`TWICE`], [`LONGEST_TWICE_S`], [`STROKE_MM`], [`HOME`], [`SHARED_TABLE`]. So that the
+//! [`PULL_SHARE_KEPT`], [`REPEAT_CHANCE`], [`REPEAT_LONGEST_S`], [`STROKE_MM`], [`PARKING_TRAVEL`], [`SHARED_TABLE`]. So that the
 //! paper's baselines land where they do in the paper: [`RIG_N_PER_MM`], [`AMBIENT_PER_S`],
 //! [`TOOL_PICKUP_COUNTS`]; outside this file, the ranges of the arrays' noise and idle level, of the
 //! accelerometers' noise and of the flicker of a sliding contact. None was tuned for the network of this
@@ -51,19 +51,19 @@ pub(crate) const LONG_HOLD_S: Span = (1.5, 12.0);
 /// Length of a recording of disturbances when the recipe leaves it open, seconds.
 pub(crate) const DISTURBANCES_S: Span = (20.0, 60.0);
 /// Share of a short recording that its pulls may take, of the time that is not jaws in motion.
-pub(crate) const PULLS_KEEP: f64 = 0.55;
+pub(crate) const PULL_SHARE_KEPT: f64 = 0.55;
 /// Share of recordings that hold the protocol twice, if both fit into this many seconds: the longest
 /// recordings would else be those of the slowest slips, and their end would tell slip.
-pub(crate) const TWICE: f64 = 0.4;
-pub(crate) const LONGEST_TWICE_S: f64 = 26.0;
+pub(crate) const REPEAT_CHANCE: f64 = 0.4;
+pub(crate) const REPEAT_LONGEST_S: f64 = 26.0;
 
 /// Crosshead: travel of a slip, mm (less where the object is shorter), and acceleration, mm/s².
 pub(crate) const STROKE_MM: Span = (11.0, 25.0);
 pub(crate) const ACCEL_MM_S2: Span = (50.0, 500.0);
 /// Way between the crosshead's parking place and the object, as a multiple of that travel.
-pub(crate) const HOME: Span = (1.0, 1.25);
+pub(crate) const PARKING_TRAVEL: Span = (1.0, 1.25);
 /// Travel of a pull that the grip holds, mm: the gripper's mount gives way.
-pub(crate) const FIRM_MM: Span = (4.0, 20.0);
+pub(crate) const FIRM_TRAVEL_MM: Span = (4.0, 20.0);
 /// Share of the recordings with a rig that moves for nothing in which the object is linked to it.
 pub(crate) const RIG_MOTION_LINKED: f64 = 0.7;
 /// Share of the rig recordings whose gripper stands on the rig's own table, where the drive is as loud
@@ -76,17 +76,17 @@ pub(crate) const HAND_N_PER_MM: Span = (4.0, 40.0);
 /// Torsional compliance of a hand that twists, N·mm/rad.
 pub(crate) const TWIST_N_MM_PER_RAD: Span = (60.0, 400.0);
 /// Travel of a pull by hand, mm, and angle of a twist, rad.
-pub(crate) const FREE_MM: Span = (4.0, 12.0);
+pub(crate) const HAND_TRAVEL_MM: Span = (4.0, 12.0);
 pub(crate) const TWIST_RAD: Span = (0.3, 1.2);
 /// Share of the hand-held recordings in which the object slips at the end.
 pub(crate) const HAND_HELD_SLIPS: f64 = 0.4;
 /// Weight of an object as a share of what the weakest grip holds for sure.
-pub(crate) const WEIGHT: Span = (0.15, 0.5);
+pub(crate) const WEIGHT_SHARE: Span = (0.15, 0.5);
 /// Pull on a firm grip, as a share of the same.
 pub(crate) const FIRM_PULL: Span = (0.2, 0.55);
 
 /// Disturbances per second. Each may come at any time, contact or none, slip or none, unless said
-/// otherwise: none of them tells a class. Disturbance recordings have [`RESTLESS`] times as many.
+/// otherwise: none of them tells a class. Disturbance recordings have [`DISTURBANCES_FACTOR`] times as many.
 pub(crate) const TAPS_PER_S: f64 = 0.22;
 pub(crate) const FOOTFALLS_PER_S: f64 = 0.05;
 pub(crate) const AMBIENT_PER_S: f64 = 0.2;
@@ -98,15 +98,15 @@ pub(crate) const ROLLING_PER_S: f64 = 0.15;
 pub(crate) const DRAGS_PER_S: f64 = 0.15;
 /// Swings of the carrying hand; only where a hand or an arm carries.
 pub(crate) const MOTIONS_PER_S: f64 = 0.3;
-pub(crate) const RESTLESS: f64 = 2.0;
+pub(crate) const DISTURBANCES_FACTOR: f64 = 2.0;
 
 /// Share of the taps that come as trains. How hard and how long a tap is is the vibration's matter.
-pub(crate) const TAP_TRAINS: f64 = 0.35;
+pub(crate) const TAP_TRAIN_CHANCE: f64 = 0.35;
 /// Jaws against their end stop or each other: peak, g, and width, seconds.
 pub(crate) const END_STOP_G: Span = (0.05, 0.8);
 pub(crate) const END_STOP_S: Span = (0.5e-3, 4e-3);
 /// How long the aftershock of an opening counts as part of it, seconds.
-pub(crate) const AFTERSHOCK_LASTS_S: f64 = 0.3;
+pub(crate) const AFTERSHOCK_S: f64 = 0.3;
 /// Footfalls near the rig's table: peak, g, and width, seconds.
 pub(crate) const FOOTFALL_G: Span = (0.01, 0.3);
 pub(crate) const FOOTFALL_S: Span = (5e-3, 40e-3);

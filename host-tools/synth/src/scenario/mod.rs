@@ -8,22 +8,22 @@ pub(crate) mod levels;
 pub(crate) mod script;
 #[cfg(test)]
 mod shortcuts;
-mod unrest;
+mod disturbances;
 
 use libm::{cos, exp, sin};
 use serde::Serialize;
 
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
-use crate::hand::Strength;
 use crate::labels::Rule;
-use crate::recipe::{Platform, Resolved, ScenarioChoice};
+use crate::pulling_hand::PullLimit;
+use crate::recipe::{Platform, ResolvedRecipe, ScenarioChoice};
 use crate::timeline::{Timeline, ramp};
 use crate::vibration::TAP_WIDTH_S;
 use direction::unit_vector;
+use disturbances::Disturbances;
 use levels::*;
-use script::{Kind, Script, Stretch};
-use unrest::Unrest;
+use script::{Phase, PhaseKind, Script};
 
 /// The course of an episode. Series have [`STEP_HZ`] values per second.
 #[derive(Clone, Serialize)]
@@ -43,7 +43,7 @@ pub(crate) struct Plan {
     pub twist_n_mm_per_rad: f64,
     /// The most that a hand pulls with; none where it moves on as hard as it has to.
     #[serde(skip)]
-    pub strength: Option<Strength>,
+    pub pull_limit: Option<PullLimit>,
     /// Grip force of the first grasp before the operator changes it, newtons.
     pub base_n: f64,
     /// What tells slip.
@@ -61,7 +61,7 @@ pub(crate) struct Plan {
     pub motor_pickup_counts: f64,
 }
 
-/// One grasp: times at which its stretches begin, and where it ends.
+/// One grasp: times at which its phases begin, and where it ends.
 pub(crate) struct Grasp {
     close: f64,
     pub touch: f64,
@@ -73,8 +73,8 @@ pub(crate) struct Grasp {
 
 /// Grasps of a script. A script never cuts through one.
 pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
-    let ends = script.of(Kind::Fall).zip(script.of(Kind::Open));
-    let starts = script.of(Kind::Close).zip(script.of(Kind::Rise));
+    let ends = script.phases_of(PhaseKind::Fall).zip(script.phases_of(PhaseKind::Open));
+    let starts = script.phases_of(PhaseKind::Close).zip(script.phases_of(PhaseKind::Rise));
     starts
         .zip(ends)
         .map(|((close, rise), (fall, open))| Grasp {
@@ -89,25 +89,25 @@ pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
 }
 
 /// Write a script into series.
-pub(crate) fn plan(rng: &mut Rng, what: &Resolved, script: Script) -> Plan {
+pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> Plan {
     use ScenarioChoice as S;
-    let on_rig = what.scenario.on_rig();
-    let object = what.scenario != S::Empty;
-    let motors = what.platform == Platform::Tesollo;
-    let linked = matches!(what.scenario, S::SixStep | S::FirmGrip)
-        || (what.scenario == S::RigMotion && rng.chance(RIG_MOTION_LINKED));
-    let unrest = Unrest {
+    let on_rig = resolved.scenario.on_rig();
+    let object = resolved.scenario != S::Empty;
+    let motors = resolved.platform == Platform::Tesollo;
+    let linked = matches!(resolved.scenario, S::SixStep | S::FirmGrip)
+        || (resolved.scenario == S::RigMotion && rng.chance(RIG_MOTION_LINKED));
+    let disturbances = Disturbances {
         motors,
         carried: !on_rig,
-        loose: matches!(what.scenario, S::Unlinked | S::FreeGrasp | S::HandHeld | S::Disturbances),
-        factor: if what.scenario == S::Disturbances { RESTLESS } else { 1.0 },
+        loose: matches!(resolved.scenario, S::Unlinked | S::FreeGrasp | S::HandHeld | S::Disturbances),
+        factor: if resolved.scenario == S::Disturbances { DISTURBANCES_FACTOR } else { 1.0 },
     };
-    let mut line = Timeline::new(script.seconds);
-    for s in &script.stretches {
-        if s.kind == Kind::Jog || (s.kind == Kind::Pull && on_rig) {
-            line.crosshead(&script.motion, s.towards, (s.start_s, s.end_s()));
-        } else if s.kind == Kind::Pull {
-            line.event("pull", s.start_s, s.end_s());
+    let mut timeline = Timeline::new(script.seconds);
+    for s in &script.phases {
+        if s.kind == PhaseKind::Jog || (s.kind == PhaseKind::Pull && on_rig) {
+            timeline.crosshead(&script.motion, s.towards, (s.start_s, s.end_s()));
+        } else if s.kind == PhaseKind::Pull {
+            timeline.event("pull", s.start_s, s.end_s());
         }
     }
 
@@ -115,7 +115,7 @@ pub(crate) fn plan(rng: &mut Rng, what: &Resolved, script: Script) -> Plan {
     let mut plan = Plan {
         pull_n_per_mm: rng.log_between(stiffness.0, stiffness.1),
         twist_n_mm_per_rad: rng.log_between(TWIST_N_MM_PER_RAD.0, TWIST_N_MM_PER_RAD.1),
-        strength: None,
+        pull_limit: None,
         base_n: GRIP_MEDIAN_N,
         rule: if on_rig { Rule::Encoder } else { Rule::Interface },
         slips: Vec::new(),
@@ -130,125 +130,136 @@ pub(crate) fn plan(rng: &mut Rng, what: &Resolved, script: Script) -> Plan {
         },
         pull_mm: Vec::new(),
         turn_rad: Vec::new(),
-        timeline: line,
+        timeline,
         script,
     };
     let held = grasps(&plan.script);
-    plan.grip(rng, what, &held, &unrest, object);
-    unrest.anywhere(rng, &mut plan.timeline, plan.script.seconds);
-    if plan.script.of(Kind::Pull).next().is_some() && what.slips() {
-        let settles: Vec<_> = plan.script.of(Kind::Settle).map(Stretch::end_s).collect();
+    plan.grip(rng, resolved, &held, &disturbances, object);
+    disturbances.anywhere(rng, &mut plan.timeline, plan.script.seconds);
+    if plan.script.phases_of(PhaseKind::Pull).next().is_some() && resolved.slips() {
+        let settles: Vec<_> = plan.script.phases_of(PhaseKind::Settle).map(Phase::end_s).collect();
         let until = |t: f64| settles.iter().copied().find(|&s| s > t).unwrap_or(t);
-        plan.slips = plan.script.of(Kind::Pull).map(|s| (s.start_s, until(s.end_s()))).collect();
+        plan.slips = plan.script.phases_of(PhaseKind::Pull).map(|s| (s.start_s, until(s.end_s()))).collect();
     }
-    plan.pull(rng, what, &held);
+    plan.pull(rng, resolved, &held);
     plan
 }
 
 impl Plan {
     /// Jaws, grip force and its changes, and what else disturbs a held object.
-    fn grip(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp], unrest: &Unrest, object: bool) {
-        let most_n = self.gives_way_n(what);
-        if let Some(named) = what.grip_n.filter(|&named| named > most_n) {
+    fn grip(
+        &mut self,
+        rng: &mut Rng,
+        resolved: &ResolvedRecipe,
+        grasps: &[Grasp],
+        disturbances: &Disturbances,
+        object: bool,
+    ) {
+        let most_n = self.gives_way_n(resolved);
+        if let Some(named) = resolved.grip_n.filter(|&named| named > most_n) {
             // All forces of the pull grow alike, so that it reaches the slip as surely as with a drawn grip.
             self.pull_n_per_mm *= named / most_n;
             self.twist_n_mm_per_rad *= named / most_n;
         }
-        let line = &mut self.timeline;
+        let timeline = &mut self.timeline;
         for (n, g) in grasps.iter().enumerate() {
             let drawn = (GRIP_MEDIAN_N * exp(GRIP_SPREAD * rng.normal())).clamp(GRIP_N.0, GRIP_N.1);
-            let base = what.grip_n.unwrap_or(drawn.min(most_n).max(GRIP_N.0));
+            let base = resolved.grip_n.unwrap_or(drawn.min(most_n).max(GRIP_N.0));
             if n == 0 {
                 self.base_n = base;
             }
-            line.close(rng, (g.close, g.touch), object, unrest.motors);
+            timeline.close(rng, (g.close, g.touch), object, disturbances.motors);
             if object {
-                line.grip(rng, base, (g.touch, g.held), (g.release, g.let_go));
-                for s in &self.script.stretches {
+                timeline.grip(rng, base, (g.touch, g.held), (g.release, g.let_go));
+                for s in &self.script.phases {
                     let inside = (s.start_s, s.end_s());
                     if s.start_s < g.held || s.start_s >= g.release {
                         continue;
                     }
-                    let pulled = s.kind == Kind::Pull;
+                    let pulled = s.kind == PhaseKind::Pull;
                     let per_s =
-                        if s.kind == Kind::Hold { GRIP_CHANGES_PER_S.0 } else { GRIP_CHANGES_PER_S.1 };
-                    unrest.of_grip(rng, line, inside, per_s, g.let_go);
-                    if !(pulled && what.slips()) {
-                        unrest.while_held(rng, line, inside, g.open);
+                        if s.kind == PhaseKind::Hold { GRIP_CHANGES_PER_S.0 } else { GRIP_CHANGES_PER_S.1 };
+                    disturbances.of_grip(rng, timeline, inside, per_s, g.let_go);
+                    if !(pulled && resolved.slips()) {
+                        disturbances.while_held(rng, timeline, inside, g.open);
                     }
                 }
             }
-            line.open(rng, (g.let_go, g.open), unrest.motors);
+            timeline.open(rng, (g.let_go, g.open), disturbances.motors);
         }
     }
 
     /// Base grip that surely lets the object slip before half the pull is over, newtons.
-    fn gives_way_n(&self, what: &Resolved) -> f64 {
-        if !what.slips() {
+    fn gives_way_n(&self, resolved: &ResolvedRecipe) -> f64 {
+        if !resolved.slips() {
             return GRIP_N.1;
         }
-        let way = self.script.of(Kind::Pull).map(|s| self.script.way_mm(s).abs());
+        let way = self.script.phases_of(PhaseKind::Pull).map(|s| self.script.travel_mm(s).abs());
         let shortest = way.fold(f64::INFINITY, f64::min);
-        let force = if what.scenario == ScenarioChoice::Rotation {
+        let force = if resolved.scenario == ScenarioChoice::Rotation {
             // The spring's torque over the patch's lever.
-            self.twist_n_mm_per_rad * shortest / what.twist_radius_mm() / what.twist_radius_mm()
+            self.twist_n_mm_per_rad * shortest / resolved.twist_radius_mm() / resolved.twist_radius_mm()
         } else {
             self.pull_n_per_mm * shortest
         };
         // Static friction may be a quarter above the object's, and a squeeze doubles the force.
-        0.5 * force / (1.25 * what.object.mu_static * 2.0)
+        0.5 * force / (1.25 * resolved.object.mu_static * 2.0)
     }
 
     /// Tangential force that the weakest grip between two times holds for sure, newtons.
-    fn sure_hold_n(&self, what: &Resolved, from: f64, to: f64) -> f64 {
+    fn sure_hold_n(&self, resolved: &ResolvedRecipe, from: f64, to: f64) -> f64 {
         let weakest =
             self.timeline.grip_n[self.timeline.span(from, to)].iter().fold(f64::INFINITY, |a, &f| a.min(f));
         // Cells differ in friction by 10 % and objects by 8 %; the weakest finger counts.
-        0.75 * what.object.mu_kinetic * weakest
+        0.75 * resolved.object.mu_kinetic * weakest
     }
 
     /// What pulls and twists the object.
-    fn pull(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp]) {
+    fn pull(&mut self, rng: &mut Rng, resolved: &ResolvedRecipe, grasps: &[Grasp]) {
         use ScenarioChoice as S;
         let angle = rng.phase();
         // The rig pulls along the pad only.
-        let towards = match what.pull_angle_deg {
-            _ if what.scenario.on_rig() => [0.0, 1.0],
+        let towards = match resolved.pull_angle_deg {
+            _ if resolved.scenario.on_rig() => [0.0, 1.0],
             Some(named_deg) => unit_vector(named_deg),
             None => [cos(angle), sin(angle)],
         };
-        let line = &self.timeline;
-        let mut way = vec![0.0; line.steps()];
-        match what.scenario {
-            S::SixStep => way.copy_from_slice(&line.crosshead_mm),
+        let timeline = &self.timeline;
+        let mut way = vec![0.0; timeline.steps()];
+        match resolved.scenario {
+            S::SixStep => way.copy_from_slice(&timeline.crosshead_mm),
             S::FirmGrip => {
-                way.copy_from_slice(&line.crosshead_mm);
-                let reach =
-                    self.script.of(Kind::Pull).map(|s| self.script.way_mm(s).abs()).fold(1e-3, f64::max);
-                let hold = grasps.iter().map(|g| self.sure_hold_n(what, g.held, g.release));
+                way.copy_from_slice(&timeline.crosshead_mm);
+                let reach = self
+                    .script
+                    .phases_of(PhaseKind::Pull)
+                    .map(|s| self.script.travel_mm(s).abs())
+                    .fold(1e-3, f64::max);
+                let hold = grasps.iter().map(|g| self.sure_hold_n(resolved, g.held, g.release));
                 self.pull_n_per_mm =
                     rng.between(FIRM_PULL.0, FIRM_PULL.1) * hold.fold(f64::INFINITY, f64::min) / reach;
             }
             S::FreePull => self.by_hand(rng, &mut way),
             S::Rotation => {
                 self.by_hand(rng, &mut way);
-                self.turn_rad = way.iter().map(|mm| mm / what.twist_radius_mm()).collect();
+                self.turn_rad = way.iter().map(|mm| mm / resolved.twist_radius_mm()).collect();
                 // What twists also keeps the object where it is.
                 way.fill(0.0);
             }
             S::FreeGrasp | S::HandHeld | S::Disturbances => {
-                self.weights(rng, what, grasps, &mut way);
-                if what.slips() {
+                self.weights(rng, resolved, grasps, &mut way);
+                if resolved.slips() {
                     self.by_hand(rng, &mut way);
                 }
             }
             S::Empty | S::Unlinked | S::RigMotion | S::Random => self.pull_n_per_mm = 0.0,
         }
-        if what.scenario != S::Rotation {
+        if resolved.scenario != S::Rotation {
             self.twist_n_mm_per_rad = 0.0;
         }
-        if what.slips() && what.scenario != S::Rotation {
-            let stroke = self.script.of(Kind::Pull).map(|s| self.script.way_mm(s)).fold(0.0, f64::max);
+        if resolved.slips() && resolved.scenario != S::Rotation {
+            let stroke =
+                self.script.phases_of(PhaseKind::Pull).map(|s| self.script.travel_mm(s)).fold(0.0, f64::max);
             self.stroke_mm = towards.map(|t| t * stroke);
         }
         self.pull_mm = way.iter().map(|&mm| towards.map(|t| t * mm)).collect();
@@ -256,7 +267,7 @@ impl Plan {
 
     /// Pulls by hand: the way of the script at a speed that wavers by up to a half.
     fn by_hand(&self, rng: &mut Rng, way: &mut [f64]) {
-        for s in self.script.of(Kind::Pull) {
+        for s in self.script.phases_of(PhaseKind::Pull) {
             let waver: [_; 2] =
                 std::array::from_fn(|_| (rng.between(0.5, 4.0), rng.phase(), rng.between(0.0, 0.3)));
             let times: Vec<_> = self.timeline.times(s.start_s, s.end_s()).collect();
@@ -272,7 +283,7 @@ impl Plan {
                         * (1.0 + swing)
                 })
                 .collect();
-            let scale = self.script.way_mm(s) / speeds.iter().sum::<f64>().max(1e-9);
+            let scale = self.script.travel_mm(s) / speeds.iter().sum::<f64>().max(1e-9);
             speeds.iter_mut().for_each(|v| *v *= scale);
             let mut moved = 0.0;
             for ((i, _), step) in times.iter().zip(&speeds) {
@@ -286,14 +297,15 @@ impl Plan {
     }
 
     /// The object's weight hangs between lift and set-down of each grasp, by a soft spring.
-    fn weights(&mut self, rng: &mut Rng, what: &Resolved, grasps: &[Grasp], way: &mut [f64]) {
+    fn weights(&mut self, rng: &mut Rng, resolved: &ResolvedRecipe, grasps: &[Grasp], way: &mut [f64]) {
         for g in grasps {
-            let last = self.script.of(Kind::Hold).filter(|s| s.start_s < g.release).last();
-            let end = last.map_or(g.release, Stretch::end_s);
+            let last = self.script.phases_of(PhaseKind::Hold).filter(|s| s.start_s < g.release).last();
+            let end = last.map_or(g.release, Phase::end_s);
             let length = end - g.held;
             let (lift, down) =
                 (g.held + rng.between(0.1, 0.3) * length, g.held + rng.between(0.75, 0.92) * length);
-            let weight = rng.between(WEIGHT.0, WEIGHT.1) * self.sure_hold_n(what, g.held, g.release);
+            let weight =
+                rng.between(WEIGHT_SHARE.0, WEIGHT_SHARE.1) * self.sure_hold_n(resolved, g.held, g.release);
             for (name, at, peak) in [("lift", lift, (0.05, 0.3)), ("set_down", down, (0.1, 1.0))] {
                 self.timeline.event(name, at, at + 0.02);
                 self.timeline.pulse(rng, at, TAP_WIDTH_S, peak);

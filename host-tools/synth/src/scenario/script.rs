@@ -1,17 +1,17 @@
-//! The course of a recording as a row of stretches: what follows what and how long it takes. Cheap to
+//! The course of a recording as a phases of phases: what follows what and how long it takes. Cheap to
 //! draw, and all that is needed to know how long an episode is.
 
 use libm::log;
 use serde::Serialize;
 
 use crate::draw::{Draw, Rng};
-use crate::recipe::{Resolved, ScenarioChoice};
+use crate::recipe::{ResolvedRecipe, ScenarioChoice};
 use crate::scenario::levels::*;
 
-/// What one stretch is.
+/// What one phase is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Kind {
+pub(crate) enum PhaseKind {
     /// Jaws open, nothing moves.
     Idle,
     /// Jaws open, the crosshead moves.
@@ -32,17 +32,17 @@ pub(crate) enum Kind {
     Open,
 }
 
-impl Kind {
+impl PhaseKind {
     /// Jaws at rest and open.
     fn is_idle(self) -> bool {
         matches!(self, Self::Idle | Self::Jog)
     }
 }
 
-/// One stretch.
+/// One phase.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct Stretch {
-    pub kind: Kind,
+pub(crate) struct Phase {
+    pub kind: PhaseKind,
     /// Seconds from the start of the recording; negative if it began before.
     pub start_s: f64,
     pub seconds: f64,
@@ -50,7 +50,7 @@ pub(crate) struct Stretch {
     pub towards: f64,
 }
 
-impl Stretch {
+impl Phase {
     pub(crate) fn end_s(&self) -> f64 {
         self.start_s + self.seconds
     }
@@ -93,110 +93,111 @@ impl Trapezoid {
 /// The course of one recording.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Script {
-    pub stretches: Vec<Stretch>,
+    #[serde(rename = "stretches")]
+    pub phases: Vec<Phase>,
     pub seconds: f64,
     pub motion: Trapezoid,
 }
 
 impl Script {
     /// Of the length that the recipe names, or cut out of a longer course at points where nothing touches.
-    pub(crate) fn draw(rng: &mut Rng, what: &Resolved) -> Self {
+    pub(crate) fn draw(rng: &mut Rng, resolved: &ResolvedRecipe) -> Self {
         let motion = Trapezoid {
-            speed_mm_s: what.speed_mm_s,
+            speed_mm_s: resolved.speed_mm_s,
             accel_mm_s2: rng.log_between(ACCEL_MM_S2.0, ACCEL_MM_S2.1),
         };
-        let open = match what.scenario {
+        let open = match resolved.scenario {
             ScenarioChoice::Disturbances => Some(rng.log_between(DISTURBANCES_S.0, DISTURBANCES_S.1)),
             _ => None,
         };
-        let length = what.seconds.or(open);
-        let mut row = run(rng, what, &motion);
+        let length = resolved.seconds.or(open);
+        let mut phases = run(rng, resolved, &motion);
         if let Some(seconds) = length {
             loop {
-                let next = run(rng, what, &motion);
-                if total(&row) + total(&next) > seconds {
+                let next = run(rng, resolved, &motion);
+                if duration_s(&phases) + duration_s(&next) > seconds {
                     break;
                 }
-                row.extend(next);
+                phases.extend(next);
             }
-            fit(&mut row, seconds);
-            return Self::laid_out(row, 0.0, seconds, motion);
+            fit(&mut phases, seconds);
+            return Self::from_phases(phases, 0.0, seconds, motion);
         }
-        let again = run(rng, what, &motion);
-        if rng.chance(TWICE) && total(&row) + total(&again) < LONGEST_TWICE_S {
-            row.extend(again);
+        let again = run(rng, resolved, &motion);
+        if rng.chance(REPEAT_CHANCE) && duration_s(&phases) + duration_s(&again) < REPEAT_LONGEST_S {
+            phases.extend(again);
         }
-        let idle = |s: &&Stretch| s.kind.is_idle();
-        let lead: f64 = row.iter().take_while(idle).map(|s| s.seconds).sum();
-        let tail: f64 = row.iter().rev().take_while(idle).map(|s| s.seconds).sum();
+        let idle = |s: &&Phase| s.kind.is_idle();
+        let lead: f64 = phases.iter().take_while(idle).map(|s| s.seconds).sum();
+        let tail: f64 = phases.iter().rev().take_while(idle).map(|s| s.seconds).sum();
         let from = rng.between(0.0, lead - IDLE_S.0);
-        let to = total(&row) - rng.between(0.0, tail - IDLE_S.0);
-        Self::laid_out(row, from, to - from, motion)
+        let to = duration_s(&phases) - rng.between(0.0, tail - IDLE_S.0);
+        Self::from_phases(phases, from, to - from, motion)
     }
 
-    /// One grasp of an object that a hand pulls `way_mm` far when it is held, from open jaws to open jaws.
-    pub(crate) fn trial(rng: &mut Rng, what: &Resolved, way_mm: f64) -> Self {
-        use Kind::*;
+    /// One grasp of an object that a hand pulls `travel_mm` far when it is held, from open jaws to open jaws.
+    pub(crate) fn trial(rng: &mut Rng, resolved: &ResolvedRecipe, travel_mm: f64) -> Self {
+        use PhaseKind::*;
         let motion = Trapezoid {
-            speed_mm_s: what.speed_mm_s,
+            speed_mm_s: resolved.speed_mm_s,
             accel_mm_s2: rng.log_between(ACCEL_MM_S2.0, ACCEL_MM_S2.1),
         };
-        let mut row = Vec::new();
-        let mut add = |kind, seconds, towards| row.push(Stretch { kind, start_s: 0.0, seconds, towards });
-        let twists_back = what.scenario == ScenarioChoice::Rotation && rng.chance(0.5);
+        let mut phases = Vec::new();
+        let mut add = |kind, seconds, towards| phases.push(Phase { kind, start_s: 0.0, seconds, towards });
+        let twists_back = resolved.scenario == ScenarioChoice::Rotation && rng.chance(0.5);
         add(Idle, rng.between(IDLE_S.0, IDLE_UNIFORM_S), 0.0);
         add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
         add(Rise, rng.log_between(RISE_S.0, RISE_S.1), 0.0);
         add(Hold, rng.log_between(VARY_S.0, VARY_S.1), 0.0);
-        add(Pull, motion.seconds(way_mm), if twists_back { -1.0 } else { 1.0 });
+        add(Pull, motion.seconds(travel_mm), if twists_back { -1.0 } else { 1.0 });
         add(Settle, SETTLE_S.1, 0.0);
         add(Fall, rng.log_between(FALL_S.0, FALL_S.1), 0.0);
         add(Open, rng.log_between(OPEN_S.0, OPEN_S.1), 0.0);
         add(Idle, IDLE_S.0, 0.0);
-        let seconds = total(&row);
-        Self::laid_out(row, 0.0, seconds, motion)
+        let seconds = duration_s(&phases);
+        Self::from_phases(phases, 0.0, seconds, motion)
     }
 
-    fn laid_out(mut row: Vec<Stretch>, from_s: f64, seconds: f64, motion: Trapezoid) -> Self {
+    fn from_phases(mut phases: Vec<Phase>, from_s: f64, seconds: f64, motion: Trapezoid) -> Self {
         let mut at = -from_s;
-        for stretch in &mut row {
-            stretch.start_s = at;
-            at += stretch.seconds;
+        for phase in &mut phases {
+            phase.start_s = at;
+            at += phase.seconds;
         }
-        row.retain(|s| s.end_s() > 0.0 && s.start_s < seconds);
-        Self { stretches: row, seconds, motion }
+        phases.retain(|s| s.end_s() > 0.0 && s.start_s < seconds);
+        Self { phases: phases, seconds, motion }
     }
 
-    pub(crate) fn of(&self, kind: Kind) -> impl Iterator<Item = &Stretch> {
-        self.stretches.iter().filter(move |s| s.kind == kind)
+    pub(crate) fn phases_of(&self, kind: PhaseKind) -> impl Iterator<Item = &Phase> {
+        self.phases.iter().filter(move |s| s.kind == kind)
     }
 
-    /// Way of the crosshead or hand in one stretch, with its sign.
-    pub(crate) fn way_mm(&self, stretch: &Stretch) -> f64 {
-        stretch.towards * self.motion.mm(stretch.seconds)
+    /// Way of the crosshead or hand in one phase, with its sign.
+    pub(crate) fn travel_mm(&self, phase: &Phase) -> f64 {
+        phase.towards * self.motion.mm(phase.seconds)
     }
 }
 
-fn total(row: &[Stretch]) -> f64 {
-    row.iter().map(|s| s.seconds).sum()
+fn duration_s(phases: &[Phase]) -> f64 {
+    phases.iter().map(|s| s.seconds).sum()
 }
 
-/// Make a row last `seconds`: longer by its idles and holds; shorter by leaving out the crosshead's idle
-/// moves, then by shrinking what has no duration of its own, of which pulls keep up to [`PULLS_KEEP`].
-fn fit(row: &mut Vec<Stretch>, seconds: f64) {
-    use Kind::{Hold, Idle, Jog, Pull, Settle};
-    if total(row) > seconds {
-        row.retain(|s| s.kind != Jog);
+/// Make a phases last `seconds`: longer by its idles and holds; shorter by leaving out the crosshead's idle
+/// moves, then by shrinking what has no duration of its own, of which pulls keep up to [`PULL_SHARE_KEPT`].
+fn fit(phases: &mut Vec<Phase>, seconds: f64) {
+    use PhaseKind::{Hold, Idle, Jog, Pull, Settle};
+    if duration_s(phases) > seconds {
+        phases.retain(|s| s.kind != Jog);
     }
-    let rests = |s: &Stretch| matches!(s.kind, Idle | Hold | Settle);
-    let pulls = |s: &Stretch| s.kind == Pull;
-    let sum = |row: &[Stretch], of: &dyn Fn(&Stretch) -> bool| -> f64 {
-        row.iter().filter(|s| of(s)).map(|s| s.seconds).sum()
+    let rests = |s: &Phase| matches!(s.kind, Idle | Hold | Settle);
+    let pulls = |s: &Phase| s.kind == Pull;
+    let sum = |phases: &[Phase], of: &dyn Fn(&Phase) -> bool| -> f64 {
+        phases.iter().filter(|s| of(s)).map(|s| s.seconds).sum()
     };
-    let (resting, pulling) = (sum(row, &rests), sum(row, &pulls));
-    let room = seconds - (total(row) - resting - pulling);
-    let pulled = pulling.min((PULLS_KEEP * room).max(room - resting));
-    for s in row {
+    let (resting, pulling) = (sum(phases, &rests), sum(phases, &pulls));
+    let room = seconds - (duration_s(phases) - resting - pulling);
+    let pulled = pulling.min((PULL_SHARE_KEPT * room).max(room - resting));
+    for s in phases {
         if pulls(s) {
             s.seconds *= pulled / pulling;
         } else if rests(s) {
@@ -215,27 +216,27 @@ fn idle(rng: &mut Rng) -> f64 {
 }
 
 /// One pass through the scenario, from open jaws to open jaws.
-fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
-    use Kind::*;
+fn run(rng: &mut Rng, resolved: &ResolvedRecipe, motion: &Trapezoid) -> Vec<Phase> {
+    use PhaseKind::*;
     use ScenarioChoice as S;
-    let mut row = Vec::new();
-    let mut add = |kind, seconds, towards| row.push(Stretch { kind, start_s: 0.0, seconds, towards });
-    let on_rig = what.scenario.on_rig();
-    let stroke = rng.between(STROKE_MM.0, STROKE_MM.1).min(what.object.shape.travel_mm());
+    let mut phases = Vec::new();
+    let mut add = |kind, seconds, towards| phases.push(Phase { kind, start_s: 0.0, seconds, towards });
+    let on_rig = resolved.scenario.on_rig();
+    let stroke = rng.between(STROKE_MM.0, STROKE_MM.1).min(resolved.object.shape.travel_mm());
     let jog_s = motion.seconds(stroke);
-    let home_s = motion.seconds(stroke * rng.between(HOME.0, HOME.1));
+    let home_s = motion.seconds(stroke * rng.between(PARKING_TRAVEL.0, PARKING_TRAVEL.1));
 
     add(Idle, idle(rng), 0.0);
-    if on_rig || (what.scenario == S::Disturbances && rng.chance(0.3)) {
+    if on_rig || (resolved.scenario == S::Disturbances && rng.chance(0.3)) {
         add(Jog, home_s, -1.0);
         add(Idle, idle(rng), 0.0);
     }
     add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
     add(Rise, rng.log_between(RISE_S.0, RISE_S.1), 0.0);
     let vary = rng.log_between(VARY_S.0, VARY_S.1);
-    match what.scenario {
+    match resolved.scenario {
         S::FirmGrip => {
-            let pull_s = motion.seconds(rng.between(FIRM_MM.0, FIRM_MM.1));
+            let pull_s = motion.seconds(rng.between(FIRM_TRAVEL_MM.0, FIRM_TRAVEL_MM.1));
             add(Hold, vary, 0.0);
             add(Pull, pull_s, 1.0);
             add(Hold, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
@@ -245,23 +246,23 @@ fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
             for _ in 0..rng.count(1, 3) {
                 let towards = if rng.chance(0.5) { 1.0 } else { -1.0 };
                 add(Hold, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
-                add(Pull, motion.seconds(rng.between(FIRM_MM.0, FIRM_MM.1)), towards);
+                add(Pull, motion.seconds(rng.between(FIRM_TRAVEL_MM.0, FIRM_TRAVEL_MM.1)), towards);
             }
         }
         S::FreePull => {
             add(Hold, vary, 0.0);
-            add(Pull, motion.seconds(rng.between(FREE_MM.0, FREE_MM.1)), 1.0);
+            add(Pull, motion.seconds(rng.between(HAND_TRAVEL_MM.0, HAND_TRAVEL_MM.1)), 1.0);
         }
         S::Rotation => {
-            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * what.twist_radius_mm();
+            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * resolved.twist_radius_mm();
             add(Hold, vary, 0.0);
             add(Pull, motion.seconds(way), if rng.chance(0.5) { 1.0 } else { -1.0 });
         }
         S::FreeGrasp => add(Hold, rng.log_between(CARRY_S.0, CARRY_S.1), 0.0),
         S::HandHeld => {
             add(Hold, rng.log_between(CARRY_S.0, CARRY_S.1), 0.0);
-            if what.slips_at_end {
-                add(Pull, motion.seconds(rng.between(FREE_MM.0, FREE_MM.1)), 1.0);
+            if resolved.slips_at_end {
+                add(Pull, motion.seconds(rng.between(HAND_TRAVEL_MM.0, HAND_TRAVEL_MM.1)), 1.0);
             }
         }
         S::Disturbances => add(Hold, rng.log_between(LONG_HOLD_S.0, LONG_HOLD_S.1), 0.0),
@@ -279,5 +280,5 @@ fn run(rng: &mut Rng, what: &Resolved, motion: &Trapezoid) -> Vec<Stretch> {
         add(Jog, home_s, 1.0);
         add(Idle, idle(rng), 0.0);
     }
-    row
+    phases
 }

@@ -5,7 +5,7 @@
 use crate::draw::{Stream, stream};
 use crate::recipe::{Recipe, ScenarioChoice};
 use crate::scenario::levels::{RIG_MOTION_LINKED, SHARED_TABLE};
-use crate::scenario::script::{Kind, Script};
+use crate::scenario::script::{PhaseKind, Script};
 
 const RECORDINGS: usize = 3000;
 const HZ: f64 = 60.0;
@@ -23,27 +23,30 @@ struct Moment {
 fn moments() -> Vec<Moment> {
     let mut all = Vec::new();
     for (recording, recipe) in Recipe::new(0x0c1a55).series(RECORDINGS).iter().enumerate() {
-        let what = recipe.resolve().unwrap();
-        let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &what);
+        let resolved = recipe.resolve().unwrap();
+        let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &resolved);
         let shared = (recording as f64 * 0.618_034).fract() < SHARED_TABLE;
-        let linked = matches!(what.scenario, ScenarioChoice::SixStep | ScenarioChoice::FirmGrip)
-            || (what.scenario == ScenarioChoice::RigMotion
+        let linked = matches!(resolved.scenario, ScenarioChoice::SixStep | ScenarioChoice::FirmGrip)
+            || (resolved.scenario == ScenarioChoice::RigMotion
                 && (recording as f64 / 10.0).fract() < RIG_MOTION_LINKED);
         for n in 0..(script.seconds * HZ) as usize {
             let t = n as f64 / HZ;
-            let Some(s) = script.stretches.iter().find(|s| s.start_s <= t && t < s.end_s()) else { continue };
-            let closed = matches!(s.kind, Kind::Rise | Kind::Hold | Kind::Pull | Kind::Settle | Kind::Fall);
-            let contact = closed && what.scenario != ScenarioChoice::Empty;
+            let Some(s) = script.phases.iter().find(|s| s.start_s <= t && t < s.end_s()) else { continue };
+            let closed = matches!(
+                s.kind,
+                PhaseKind::Rise | PhaseKind::Hold | PhaseKind::Pull | PhaseKind::Settle | PhaseKind::Fall
+            );
+            let contact = closed && resolved.scenario != ScenarioChoice::Empty;
             let way = script.motion.mm(s.seconds);
             let moved = script.motion.at(t - s.start_s, s.seconds);
-            let slip = what.slips() && s.kind == Kind::Pull && moved > 0.07 && way - moved >= 0.07;
-            let moves = matches!(s.kind, Kind::Jog | Kind::Pull) && what.scenario.on_rig();
+            let slip = resolved.slips() && s.kind == PhaseKind::Pull && moved > 0.07 && way - moved >= 0.07;
+            let moves = matches!(s.kind, PhaseKind::Jog | PhaseKind::Pull) && resolved.scenario.on_rig();
             all.push(Moment {
                 t,
                 class: if contact { 1 + usize::from(slip) } else { 0 },
                 moves,
                 loud: moves && (shared || (linked && contact)),
-                speed_mm_s: what.speed_mm_s,
+                speed_mm_s: resolved.speed_mm_s,
             });
         }
     }

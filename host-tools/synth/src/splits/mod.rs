@@ -4,18 +4,18 @@
 //! three alone: neither the number of processes that make it nor their order matters. With the same seed
 //! a larger set begins with the smaller one.
 
-mod course;
+mod schedule;
 mod frozen;
 mod hash;
 mod hashes;
 mod set;
 mod tuning;
 
-pub use course::episode_seed;
-pub(crate) use course::hashed;
 pub use frozen::{FROZEN_SEED, FrozenEpisode, FrozenSet};
 pub use hash::{content_hash, recipe_of, set_hash};
 pub use hashes::{EpisodeHash, SetHashes};
+pub use schedule::episode_seed;
+pub(crate) use schedule::hashed;
 pub use set::{EpisodeSet, FORMAT, PlannedEpisode, SetError, paper_set, recipes};
 pub use tuning::tuning_disturbances;
 
@@ -150,14 +150,14 @@ mod tests {
     use super::*;
     use crate::draw::{Stream, stream};
     use crate::recipe::Recipe;
-    use crate::scenario::script::{Kind, Script};
+    use crate::scenario::script::{PhaseKind, Script};
 
     /// Pulls of the recordings of a frozen split that slip.
     fn slips(split: Split) -> usize {
         let pulls = |recipe: &Recipe| {
-            let what = recipe.resolve().unwrap();
-            let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &what);
-            if what.slips() { script.of(Kind::Pull).count() } else { 0 }
+            let resolved = recipe.resolve().unwrap();
+            let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &resolved);
+            if resolved.slips() { script.phases_of(PhaseKind::Pull).count() } else { 0 }
         };
         let set = EpisodeSet::first(split, FROZEN_SEED, split.frozen_episodes());
         set.episodes.iter().map(|episode| pulls(&episode.recipe)).sum()

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::course::Course;
+use super::schedule::Schedule;
 use super::{GENERATOR_VERSION, PAPER_FRAMES, Split};
 use crate::plan_frames;
 use crate::recipe::Recipe;
@@ -79,13 +79,13 @@ impl EpisodeSet {
 
     /// Add episodes as long as `more` says so of the episodes and frames there are.
     fn extend(&mut self, more: impl Fn(usize, usize) -> bool) {
-        let course = Course::new(self.split, self.seed);
+        let schedule = Schedule::new(self.split, self.seed);
         let mut frames = 0;
         loop {
             let start = self.episodes.len();
             let block: Vec<_> = (start..start + BLOCK)
                 .into_par_iter()
-                .map(|index| planned(self.split, index, course.recipe(index)))
+                .map(|index| planned(self.split, index, schedule.recipe(index)))
                 .collect();
             for episode in block {
                 if !more(self.episodes.len(), frames) {
@@ -138,7 +138,7 @@ impl EpisodeSet {
 }
 
 fn planned(split: Split, index: usize, recipe: Recipe) -> PlannedEpisode {
-    let frames = plan_frames(&recipe).expect("what a course deals can be generated");
+    let frames = plan_frames(&recipe).expect("what a schedule makes can be generated");
     PlannedEpisode { name: name(split, index), frames, recipe }
 }
 

@@ -1,6 +1,6 @@
 //! Disturbances on which operating points are chosen.
 
-use super::course::{Deck, NOSLIP_SECONDS, hashed};
+use super::schedule::{NOSLIP_SECONDS, ObjectSchedule, hashed};
 use crate::objects::Group;
 use crate::recipe::{Recipe, ScenarioChoice};
 
@@ -8,9 +8,9 @@ use crate::recipe::{Recipe, ScenarioChoice};
 /// validation objects on the hand-held gripper only, and with seeds that no split has: what is chosen on
 /// them has seen nothing of a test. A longer list begins with the shorter one.
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
-    let deck = Deck::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
+    let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
     let recipe = |index: usize| Recipe {
-        object: deck.object(index),
+        object: objects.object(index),
         scenario: ScenarioChoice::Disturbances,
         seconds: Some(NOSLIP_SECONDS),
         ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))

@@ -10,7 +10,7 @@ use libm::{cos, exp, log, pow};
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
-use super::{Clock, Slide};
+use super::{Clock, SlipSeries};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -46,7 +46,7 @@ type Reflection = [f64; ORDER];
 
 /// One surface in one hand.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Texture {
+pub(crate) struct AutoregressiveNoise {
     level: f64,
     force_exponent: f64,
     /// Rms share of each axis.
@@ -55,7 +55,7 @@ pub(crate) struct Texture {
     nodes: [[Reflection; FORCES_N.len()]; SPEEDS_MM_S.len()],
 }
 
-impl Texture {
+impl AutoregressiveNoise {
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
         let moving_mm = rng.log_between(MOVING_MM.0, MOVING_MM.1);
         let moving_width = rng.between(MOVING_BANDWIDTH.0, MOVING_BANDWIDTH.1);
@@ -112,21 +112,21 @@ impl Texture {
     }
 
     /// Add the acceleration at the part.
-    pub(crate) fn add(&self, slide: &Slide, clock: Clock, rng: &mut Rng, motion_g: &mut [[f64; 3]]) {
+    pub(crate) fn add(&self, slip: &SlipSeries, clock: Clock, rng: &mut Rng, motion_g: &mut [[f64; 3]]) {
         let mut delays = [[0.0; ORDER]; 3];
         let (mut step, mut gain, mut coefficients) = (usize::MAX, 0.0, [0.0; ORDER]);
         for (n, out) in motion_g.iter_mut().enumerate() {
             let now = (clock.time(n) * STEP_HZ) as usize;
-            if now >= slide.speed_mm_s.len() {
+            if now >= slip.speed_mm_s.len() {
                 break;
             }
             if now != step {
                 step = now;
-                let share = slide.fraction[now];
-                let speed = slide.speed_mm_s[now] / share.max(0.05);
+                let share = slip.fraction[now];
+                let speed = slip.speed_mm_s[now] / share.max(0.05);
                 gain = 0.0;
                 if share > 1e-3 && speed > SILENT_BELOW_MM_S {
-                    let force = slide.grip_n[now];
+                    let force = slip.grip_n[now];
                     coefficients = self.at(speed, force);
                     // The lattice's output has a variance of σ² / Π(1 − k²).
                     let power: f64 = coefficients.iter().map(|k| 1.0 - k * k).product();

@@ -5,9 +5,9 @@
 //! passes the finger's modes, and what is stated at the accelerometer or moves the finger as a whole.
 
 mod autoregressive;
-mod carriage;
-mod disturbance;
-mod draws;
+mod hand_motion;
+mod handling;
+mod streams;
 mod machine;
 mod modes;
 mod rig;
@@ -16,33 +16,33 @@ mod slip;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use disturbance::{TAP_PEAK_G, TAP_WIDTH_S};
-pub(crate) use draws::Draws;
+pub(crate) use handling::{TAP_PEAK_G, TAP_WIDTH_S};
 pub(crate) use modes::Modes;
 pub(crate) use signal::sin_turns;
+pub(crate) use streams::NoiseStreams;
 
 use serde::Serialize;
 
 use crate::draw::Rng;
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
-use crate::recipe::{Heard, Platform, VibrationModel};
+use crate::recipe::{Platform, VibrationContent, VibrationModel};
 use crate::timeline::Pulse;
-use autoregressive::Texture;
-use carriage::Carriage;
-use disturbance::Disturbances;
-use draws::Source;
+use autoregressive::AutoregressiveNoise;
+use hand_motion::HandMotion;
+use handling::HandlingNoise;
 use modes::ObjectMode;
 use rig::Rig;
 use signal::cos_turns;
-use slip::{Rub, Surface};
+use slip::{Rubbing, Surface};
+use streams::NoiseSource;
 
 /// From this grip on an object counts as touched, N.
 const TOUCHED_N: f64 = 0.05;
 
 /// What the interface of one finger does, [`STEP_HZ`] values per second.
 #[derive(Default)]
-pub(crate) struct Slide {
+pub(crate) struct SlipSeries {
     /// Load-weighted mean of the interface speed.
     pub speed_mm_s: Vec<f64>,
     /// Share of the load that slides.
@@ -60,7 +60,7 @@ pub(crate) struct Slide {
 pub(crate) struct Scene<'a> {
     pub platform: Platform,
     pub model: VibrationModel,
-    pub heard: Heard,
+    pub content: VibrationContent,
     /// The crosshead's drive is heard.
     pub rig_leak: bool,
     /// A hand holds the gripper: it sways, and there is no rig.
@@ -91,24 +91,26 @@ pub(crate) struct Scene<'a> {
 
 /// All that is drawn once per recording and is the same for all its fingers.
 #[derive(Serialize)]
-pub(crate) struct Sound {
+pub(crate) struct Vibration {
     surface: Surface,
-    texture: Texture,
+    texture: AutoregressiveNoise,
     ring: Option<ObjectMode>,
-    disturbances: Disturbances,
+    #[serde(rename = "disturbances")]
+    handling: HandlingNoise,
     rig: Rig,
-    carriage: Carriage,
+    #[serde(rename = "carriage")]
+    hand_motion: HandMotion,
 }
 
-impl Sound {
+impl Vibration {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
         Self {
             surface: Surface::draw(rng, scene.object),
-            texture: Texture::draw(rng, scene.object),
+            texture: AutoregressiveNoise::draw(rng, scene.object),
             ring: ObjectMode::draw(rng, scene.object.ring_hz),
             rig: Rig::draw(rng),
-            carriage: Carriage::draw(rng, scene),
-            disturbances: Disturbances::draw(rng, scene),
+            hand_motion: HandMotion::draw(rng, scene),
+            handling: HandlingNoise::draw(rng, scene),
         }
     }
 
@@ -116,41 +118,48 @@ impl Sound {
     pub(crate) fn motion_g(
         &self,
         scene: &Scene<'_>,
-        slide: &Slide,
+        slip: &SlipSeries,
         modes: &Modes,
         sensor: usize,
         clock: Clock,
-        draws: &mut Draws,
+        streams: &mut NoiseStreams,
     ) -> Vec<[f64; 3]> {
         let mut motion = vec![[0.0; 3]; clock.samples];
-        if scene.heard == Heard::All {
+        if scene.content == VibrationContent::All {
             if scene.model == VibrationModel::Modal {
-                self.slip(slide, sensor, clock, draws, &mut motion);
+                self.slip(slip, sensor, clock, streams, &mut motion);
             }
-            self.disturbances.excite(scene, sensor, clock, draws, &mut motion);
+            self.handling.excite(scene, sensor, clock, streams, &mut motion);
             modes.respond(scene, self.ring.as_ref(), clock, &mut motion);
             if scene.model == VibrationModel::Autoregressive {
-                self.texture.add(slide, clock, draws.of(Source::Texture), &mut motion);
+                self.texture.add(slip, clock, streams.of(NoiseSource::AutoregressiveNoise), &mut motion);
             }
-            self.disturbances.shake(scene, modes, sensor, clock, draws, &mut motion);
-            self.carriage.hand(scene, sensor, clock, &mut motion);
+            self.handling.shake(scene, modes, sensor, clock, streams, &mut motion);
+            self.hand_motion.hand(scene, sensor, clock, &mut motion);
         }
         if scene.rig_leak {
             self.rig.add(scene, clock, &mut motion);
         }
-        self.carriage.gravity(&mut motion);
+        self.hand_motion.gravity(&mut motion);
         motion
     }
 
     /// What moves the jaws or joints anew from `from_s` on knocks, as every start of theirs does.
     pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
-        self.disturbances.moves_again(rng, platform, from_s);
+        self.handling.moves_again(rng, platform, from_s);
     }
 
-    fn slip(&self, slide: &Slide, sensor: usize, clock: Clock, draws: &mut Draws, force: &mut [[f64; 3]]) {
-        let rub = Rub::of(slide);
-        self.surface.sound(&rub, 1.0, clock, draws.of(Source::Rub), force);
-        let pulses = self.surface.pulses(&rub, 1.0, draws.of(Source::StickSlip));
+    fn slip(
+        &self,
+        slip: &SlipSeries,
+        sensor: usize,
+        clock: Clock,
+        streams: &mut NoiseStreams,
+        force: &mut [[f64; 3]],
+    ) {
+        let rubbing = Rubbing::from_slip(slip);
+        self.surface.add_rubbing(&rubbing, 1.0, clock, streams.of(NoiseSource::Rubbing), force);
+        let pulses = self.surface.pulses(&rubbing, 1.0, streams.of(NoiseSource::StickSlip));
         add_pulses(&pulses, sensor, 1.0, clock, force);
     }
 }

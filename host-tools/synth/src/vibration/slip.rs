@@ -6,7 +6,7 @@ use serde::Serialize;
 use slipsense::params::{MAX_SENSORS, XL_RATE_HZ};
 
 use super::signal::{Harmonics, Noise, blend, blend_rms};
-use super::{Clock, Slide};
+use super::{Clock, SlipSeries};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -37,7 +37,7 @@ const LINES: usize = 6;
 const LINE_FADE_HZ: (f64, f64) = (3_200.0, 3_800.0);
 /// Slower than this nothing is heard; faster than the other nothing changes, mm/s.
 const SPEED_MM_S: (f64, f64) = (0.05, 60.0);
-/// Share of the load that must slide for slip to count as gross.
+/// Share of the load that must slip for slip to count as gross.
 const GROSS: f64 = 0.5;
 
 /// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
@@ -62,7 +62,7 @@ const INCIPIENT_GROWTH: f64 = 0.02;
 /// How strongly noise and lines move along the slip, across it and normal to the pad; unit vectors.
 const NOISE_AXES: [f64; 3] = [0.788, 0.394, 0.473];
 const LINE_AXES: [f64; 3] = [0.693, 0.198, 0.693];
-/// Texture of tables and floors, mm, and their roughness Ra, µm.
+/// AutoregressiveNoise of tables and floors, mm, and their roughness Ra, µm.
 const TABLE_MM: (f64, f64) = (0.05, 2.0);
 const TABLE_UM: (f64, f64) = (0.5, 10.0);
 
@@ -103,7 +103,7 @@ pub(crate) struct Surface {
 }
 
 /// One patch rubbing on a surface: [`STEP_HZ`] values per second.
-pub(crate) struct Rub {
+pub(crate) struct Rubbing {
     /// Speed of what slides.
     pub speed_mm_s: Vec<f64>,
     /// How much of the patch slides, 0–1.
@@ -113,16 +113,16 @@ pub(crate) struct Rub {
     pub direction: Vec<[f64; 2]>,
 }
 
-impl Rub {
+impl Rubbing {
     /// The interface of one finger.
-    pub(crate) fn of(slide: &Slide) -> Self {
+    pub(crate) fn from_slip(slip: &SlipSeries) -> Self {
         let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(SPEED_MM_S.1);
         Self {
-            speed_mm_s: slide.speed_mm_s.iter().zip(&slide.fraction).map(speed).collect(),
-            share: slide.fraction.clone(),
-            force_n: slide.grip_n.clone(),
-            path_mm: slide.path_mm.clone(),
-            direction: slide.direction.clone(),
+            speed_mm_s: slip.speed_mm_s.iter().zip(&slip.fraction).map(speed).collect(),
+            share: slip.fraction.clone(),
+            force_n: slip.grip_n.clone(),
+            path_mm: slip.path_mm.clone(),
+            direction: slip.direction.clone(),
         }
     }
 
@@ -207,12 +207,19 @@ impl Surface {
 
     /// Asperity noise and texture lines, weighted by the share of the load that slides, into `buffer`
     /// times `gain`.
-    pub(crate) fn sound(&self, rub: &Rub, gain: f64, clock: Clock, rng: &mut Rng, buffer: &mut [[f64; 3]]) {
-        let steps = rub.speed_mm_s.len();
-        let audible = |i: usize| rub.share[i] > 1e-3 && rub.speed_mm_s[i] > SPEED_MM_S.0;
+    pub(crate) fn add_rubbing(
+        &self,
+        rubbing: &Rubbing,
+        gain: f64,
+        clock: Clock,
+        rng: &mut Rng,
+        buffer: &mut [[f64; 3]],
+    ) {
+        let steps = rubbing.speed_mm_s.len();
+        let audible = |i: usize| rubbing.share[i] > 1e-3 && rubbing.speed_mm_s[i] > SPEED_MM_S.0;
         let level = |i: usize| {
             if audible(i) {
-                gain * rub.share[i] * self.amplitude_g(rub.speed_mm_s[i], rub.force_n[i])
+                gain * rubbing.share[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.force_n[i])
             } else {
                 0.0
             }
@@ -234,7 +241,7 @@ impl Surface {
                 to = level(now + 1);
                 step = now;
                 if from > 0.0 || to > 0.0 {
-                    let speed = rub.speed_mm_s[now].max(rub.speed_mm_s[now + 1]);
+                    let speed = rubbing.speed_mm_s[now].max(rubbing.speed_mm_s[now + 1]);
                     weight = blend(speed / self.asperity_mm, clock.rate_hz);
                     for (fades, line) in fades.iter_mut().zip(&self.lines) {
                         for (k, fade) in fades.iter_mut().enumerate() {
@@ -251,7 +258,7 @@ impl Surface {
             let within = x - now as f64;
             let level = from + (to - from) * within;
             let white = noise.next(rng, weight);
-            let travel = rub.path_mm[now] + (rub.path_mm[now + 1] - rub.path_mm[now]) * within;
+            let travel = rubbing.path_mm[now] + (rubbing.path_mm[now + 1] - rubbing.path_mm[now]) * within;
             let mut tone = 0.0;
             for (line, fade) in self.lines.iter().zip(&fades) {
                 tone += line.rms * line.shape.at(travel / line.wavelength_mm, fade);
@@ -259,22 +266,22 @@ impl Surface {
             let v: [f64; 3] = std::array::from_fn(|a| {
                 noise_gain * NOISE_AXES[a] * white[a] + line_gain * LINE_AXES[a] * tone
             });
-            for (o, v) in out.iter_mut().zip(rub.turned(now, v)) {
+            for (o, v) in out.iter_mut().zip(rubbing.turned(now, v)) {
                 *o += level * v;
             }
         }
     }
 
     /// Stick-slip pulses at slid distances, and weak ones where slip spreads over the patch.
-    pub(crate) fn pulses(&self, rub: &Rub, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
+    pub(crate) fn pulses(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
         let mut pulses = Vec::new();
         let stick = &self.stick;
         if stick.peak_g <= 0.0 {
             return pulses;
         }
         let (mut slid, mut next, mut before) = (0.0, 0.0, 0.0);
-        for (i, (&speed, &share)) in rub.speed_mm_s.iter().zip(&rub.share).enumerate() {
-            let force = rub.force_n[i];
+        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.share).enumerate() {
+            let force = rubbing.force_n[i];
             let growth = (share - before).max(0.0);
             before = share;
             let mean_g = |share: f64| {
@@ -289,7 +296,8 @@ impl Surface {
                     at_s: (i as f64 + within) / STEP_HZ,
                     width_s: rng.log_between(STICK_WIDTH_S.0, STICK_WIDTH_S.1),
                     peak_g: mean_g * -log(rng.between(1e-4, 1.0)),
-                    direction: rub.turned(i, unit([1.0 + 0.5 * scatter[0], 0.5 * scatter[1], scatter[2]])),
+                    direction: rubbing
+                        .turned(i, unit([1.0 + 0.5 * scatter[0], 0.5 * scatter[1], scatter[2]])),
                     share: [1.0; MAX_SENSORS],
                 });
             };

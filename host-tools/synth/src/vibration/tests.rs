@@ -20,9 +20,9 @@ fn clock(seconds: f64) -> Clock {
 }
 
 /// Gross slip along the finger at constant speed and grip.
-fn sliding(speed_mm_s: f64, grip_n: f64, seconds: f64) -> Slide {
+fn sliding(speed_mm_s: f64, grip_n: f64, seconds: f64) -> SlipSeries {
     let steps = (seconds * STEP_HZ) as usize + 2;
-    Slide {
+    SlipSeries {
         speed_mm_s: vec![speed_mm_s; steps],
         fraction: vec![1.0; steps],
         path_mm: (0..steps).map(|i| i as f64 * speed_mm_s / STEP_HZ).collect(),
@@ -67,7 +67,7 @@ impl Held {
         Scene {
             platform: Platform::Umi,
             model,
-            heard: Heard::All,
+            content: VibrationContent::All,
             rig_leak: true,
             hand_held: false,
             linked: true,

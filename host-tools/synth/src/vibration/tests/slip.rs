@@ -27,10 +27,10 @@ fn spectrum(g: &[[f64; 3]]) -> Vec<f64> {
     power
 }
 
-fn sound_of(surface: &Surface, slide: &Slide, seconds: f64, seed: u64) -> Vec<[f64; 3]> {
+fn sound_of(surface: &Surface, slip: &SlipSeries, seconds: f64, seed: u64) -> Vec<[f64; 3]> {
     let clock = clock(seconds);
     let mut buffer = vec![[0.0; 3]; clock.samples];
-    surface.sound(&Rub::of(slide), 1.0, clock, &mut rng(seed), &mut buffer);
+    surface.add_rubbing(&Rubbing::from_slip(slip), 1.0, clock, &mut rng(seed), &mut buffer);
     buffer
 }
 
@@ -104,18 +104,18 @@ fn levels_are_stated_at_the_reference() {
 }
 
 /// Level and spectrum of slip through the modes of units drawn anew, mg rms above 10 Hz.
-fn through_modes(platform: Platform, speed: f64, draws: u64) -> (f64, Vec<f64>) {
+fn through_modes(platform: Platform, speed: f64, streams: u64) -> (f64, Vec<f64>) {
     let held = Held::new(2.0, 0.0, 0.6);
     let scene = Scene { platform, ..held.scene(VibrationModel::Modal) };
-    let slide = sliding(speed, 2.0, 0.6);
+    let slip = sliding(speed, 2.0, 0.6);
     let mut mean = vec![0.0; 128];
-    let levels = (0..draws)
+    let levels = (0..streams)
         .map(|seed| {
             let mut rng = rng(1000 + seed);
-            let sound = Sound::draw(&mut rng, &scene);
+            let vibration = Vibration::draw(&mut rng, &scene);
             let modes = Modes::draw(&mut rng, platform).in_grasp(&mut rng, Region::Centre);
             let mut g = vec![[0.0; 3]; clock(0.6).samples];
-            sound.slip(&slide, 0, clock(0.6), &mut Draws::in_turn(rng), &mut g);
+            vibration.slip(&slip, 0, clock(0.6), &mut NoiseStreams::in_turn(rng), &mut g);
             modes.respond(&scene, None, clock(0.6), &mut g);
             mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
             rms_above_10_hz(&g) * 1e3
@@ -142,7 +142,7 @@ fn levels_meet_the_anchor() {
 fn the_autoregressive_model_is_stable_as_loud_and_otherwise_coloured() {
     let mut largest: f64 = 0.0;
     for seed in 0..50 {
-        let texture = Texture::draw(&mut rng(seed), plain());
+        let texture = AutoregressiveNoise::draw(&mut rng(seed), plain());
         for v in 1..60 {
             for f in [0.2, 0.7, 1.3, 3.0, 6.0, 12.0] {
                 for k in texture.at(f64::from(v), f) {
@@ -158,7 +158,7 @@ fn the_autoregressive_model_is_stable_as_loud_and_otherwise_coloured() {
         let levels = (0..120)
             .map(|seed| {
                 let mut rng = rng(2000 + seed);
-                let texture = Texture::draw(&mut rng, plain());
+                let texture = AutoregressiveNoise::draw(&mut rng, plain());
                 let mut g = vec![[0.0; 3]; clock(0.6).samples];
                 texture.add(&sliding(speed, 2.0, 0.6), clock(0.6), &mut rng, &mut g);
                 mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
@@ -190,7 +190,7 @@ fn stick_slip_comes_at_the_period_of_its_formula() {
     let slack = object.mu_static - object.mu_kinetic;
     for seed in 0..6 {
         let surface = Surface::draw(&mut rng(seed), &object);
-        let pulses = surface.pulses(&Rub::of(&sliding(2.0, 2.0, 20.0)), 1.0, &mut rng(seed));
+        let pulses = surface.pulses(&Rubbing::from_slip(&sliding(2.0, 2.0, 20.0)), 1.0, &mut rng(seed));
         let stiffness = 2.0 * slack / surface.stick_spacing_mm_per_n();
         let expected = (stiffness * 2.0 / (2.0 * slack * 2.0)).min(2200.0);
         let rate = pulses.len() as f64 / 20.0;
@@ -202,7 +202,7 @@ fn stick_slip_comes_at_the_period_of_its_formula() {
 #[test]
 fn spreading_slip_ticks_weakly() {
     let steps = 2400;
-    let spreading = Slide {
+    let spreading = SlipSeries {
         // The patch lets go from 0 to half within a second, at the speed of gross slip.
         fraction: (0..steps).map(|i| 0.499 * i as f64 / steps as f64).collect(),
         speed_mm_s: (0..steps).map(|i| 10.0 * 0.499 * i as f64 / steps as f64).collect(),
@@ -213,8 +213,8 @@ fn spreading_slip_ticks_weakly() {
     let (mut ratios, mut counts) = (Vec::new(), Vec::new());
     for seed in 0..40 {
         let surface = Surface::draw(&mut rng(seed), &object);
-        let weak = surface.pulses(&Rub::of(&spreading), 1.0, &mut rng(seed));
-        let gross = surface.pulses(&Rub::of(&sliding(10.0, 2.0, 5.0)), 1.0, &mut rng(seed));
+        let weak = surface.pulses(&Rubbing::from_slip(&spreading), 1.0, &mut rng(seed));
+        let gross = surface.pulses(&Rubbing::from_slip(&sliding(10.0, 2.0, 5.0)), 1.0, &mut rng(seed));
         counts.push(weak.len() as f64);
         ratios.push(mean(&weak) / mean(&gross));
     }

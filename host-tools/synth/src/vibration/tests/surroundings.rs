@@ -1,6 +1,6 @@
 //! What sounds beside slip and through what: modes, impacts, rig, motors, hand.
 
-use super::super::disturbance::{closing, hertz_contact_s};
+use super::super::handling::{closing, hertz_contact_s};
 use super::super::modes::Mode;
 use super::*;
 use crate::recipe::Region;
@@ -118,15 +118,15 @@ fn the_comb_follows_the_speed_and_has_its_level() {
 #[test]
 fn without_leak_is_a_rig_of_level_zero_to_the_bit() {
     let held = Held::new(2.0, 10.0, 0.5);
-    let slide = sliding(10.0, 2.0, 0.5);
+    let slip = sliding(10.0, 2.0, 0.5);
     let motion = |leak: bool, silent: bool| {
         let scene = Scene { rig_leak: leak, ..held.scene(VibrationModel::Modal) };
-        let mut sound = Sound::draw(&mut rng(8), &scene);
+        let mut vibration = Vibration::draw(&mut rng(8), &scene);
         if silent {
-            sound.rig.silence();
+            vibration.rig.silence();
         }
         let modes = Modes::draw(&mut rng(9), Platform::Umi);
-        sound.motion_g(&scene, &slide, &modes, 0, clock(0.5), &mut Draws::in_turn(rng(10)))
+        vibration.motion_g(&scene, &slip, &modes, 0, clock(0.5), &mut NoiseStreams::in_turn(rng(10)))
     };
     assert_eq!(motion(false, false), motion(true, true));
     assert_ne!(motion(false, false), motion(true, false));
@@ -145,12 +145,12 @@ fn a_drag_sounds_like_slip_but_only_through_a_gripped_object() {
                 rig_leak: false,
                 ..held.scene(VibrationModel::Modal)
             };
-            let mut sound = Sound::draw(&mut rng(seed), &scene);
-            sound.disturbances.quiet();
-            let slide = Slide { fraction: vec![0.0; 2402], ..sliding(0.0, grip_n, 1.0) };
+            let mut vibration = Vibration::draw(&mut rng(seed), &scene);
+            vibration.handling.quiet();
+            let slip = SlipSeries { fraction: vec![0.0; 2402], ..sliding(0.0, grip_n, 1.0) };
             let modes = Modes::draw(&mut rng(seed), Platform::Umi);
-            let draws = &mut Draws::in_turn(rng(seed));
-            rms_above_10_hz(&sound.motion_g(&scene, &slide, &modes, 0, clock(1.0), draws)) * 1e3
+            let streams = &mut NoiseStreams::in_turn(rng(seed));
+            rms_above_10_hz(&vibration.motion_g(&scene, &slip, &modes, 0, clock(1.0), streams)) * 1e3
         });
         median(levels.collect())
     };
@@ -161,14 +161,15 @@ fn a_drag_sounds_like_slip_but_only_through_a_gripped_object() {
 
 /// A scene's motion without rig, impacts, machines nearby and modes: gravity and what bypasses the modes.
 fn bare(scene: &Scene<'_>, seed: u64, seconds: f64) -> Vec<[f64; 3]> {
-    let mut sound = Sound::draw(&mut rng(seed), scene);
-    sound.disturbances.quiet();
+    let mut vibration = Vibration::draw(&mut rng(seed), scene);
+    vibration.handling.quiet();
     let mut modes = Modes::draw(&mut rng(seed), scene.platform);
     modes.modes.iter_mut().for_each(|m| m.weight = 0.0);
-    let slide = Slide { fraction: vec![0.0; scene.grip_n.len()], ..sliding(0.0, 0.0, seconds) };
-    let mut g = sound.motion_g(scene, &slide, &modes, 0, clock(seconds), &mut Draws::in_turn(rng(seed)));
+    let slip = SlipSeries { fraction: vec![0.0; scene.grip_n.len()], ..sliding(0.0, 0.0, seconds) };
+    let mut g =
+        vibration.motion_g(scene, &slip, &modes, 0, clock(seconds), &mut NoiseStreams::in_turn(rng(seed)));
     let mut gravity = vec![[0.0; 3]];
-    sound.carriage.gravity(&mut gravity);
+    vibration.hand_motion.gravity(&mut gravity);
     g.iter_mut().for_each(|g| (0..3).for_each(|a| g[a] -= gravity[0][a]));
     g
 }
@@ -246,11 +247,11 @@ fn a_hand_sways_trembles_and_walks_and_a_rig_does_not() {
 fn with_only_the_rig_heard_slip_and_impacts_leave_no_trace() {
     let held = Held::new(2.0, 10.0, 0.5);
     let modes = Modes::draw(&mut rng(9), Platform::Umi);
-    let motion = |slide: &Slide| {
-        let scene = Scene { heard: Heard::RigOnly, ..held.scene(VibrationModel::Modal) };
-        let draws = &mut Draws::in_turn(rng(10));
-        Sound::draw(&mut rng(8), &scene).motion_g(&scene, slide, &modes, 0, clock(0.5), draws)
+    let motion = |slip: &SlipSeries| {
+        let scene = Scene { content: VibrationContent::RigOnly, ..held.scene(VibrationModel::Modal) };
+        let streams = &mut NoiseStreams::in_turn(rng(10));
+        Vibration::draw(&mut rng(8), &scene).motion_g(&scene, slip, &modes, 0, clock(0.5), streams)
     };
-    let resting = Slide { fraction: vec![0.0; 1202], ..sliding(0.0, 2.0, 0.5) };
+    let resting = SlipSeries { fraction: vec![0.0; 1202], ..sliding(0.0, 2.0, 0.5) };
     assert_eq!(motion(&sliding(18.0, 2.0, 0.5)), motion(&resting));
 }

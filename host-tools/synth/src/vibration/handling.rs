@@ -6,11 +6,11 @@ use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 use std::f64::consts::PI;
 
-use super::draws::{Draws, Source};
 use super::machine::{Actuation, Nearby};
 use super::modes::Modes;
 use super::signal::{Noise, blend, blend_rms, sin_turns};
-use super::slip::{Rub, Surface};
+use super::slip::{Rubbing, Surface};
+use super::streams::{NoiseSource, NoiseStreams};
 use super::{Clock, Scene, TOUCHED_N, at};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
@@ -78,7 +78,7 @@ pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, spee
 
 /// All of it for one recording.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Disturbances {
+pub(crate) struct HandlingNoise {
     creak_g: f64,
     creak_hz: f64,
     rail_g: f64,
@@ -98,7 +98,7 @@ pub(crate) struct Disturbances {
     closings: Vec<Pulse>,
 }
 
-impl Disturbances {
+impl HandlingNoise {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
         let mut drawn = Self {
             creak_g: rng.log_between(CREAK_G.0, CREAK_G.1),
@@ -169,16 +169,16 @@ impl Disturbances {
         scene: &Scene<'_>,
         sensor: usize,
         clock: Clock,
-        draws: &mut Draws,
+        streams: &mut NoiseStreams,
         force: &mut [[f64; 3]],
     ) {
         super::add_pulses(&self.knocks, sensor, 1.0, clock, force);
         super::add_pulses(&self.closings, sensor, CLOSING_MODES, clock, force);
-        self.creak(scene, sensor, clock, draws, force);
+        self.creak(scene, sensor, clock, streams, force);
         if scene.platform == Platform::Umi {
-            self.rail(scene, clock, draws, force);
+            self.rail(scene, clock, streams, force);
         }
-        self.drag(scene, sensor, clock, draws, force);
+        self.drag(scene, sensor, clock, streams, force);
     }
 
     /// What reaches the accelerometer as it is.
@@ -188,15 +188,15 @@ impl Disturbances {
         modes: &Modes,
         sensor: usize,
         clock: Clock,
-        draws: &mut Draws,
+        streams: &mut NoiseStreams,
         motion_g: &mut [[f64; 3]],
     ) {
         super::add_pulses(&self.closings, sensor, 1.0, clock, motion_g);
-        self.aftershocks(scene, modes, clock, draws.of(Source::Aftershocks), motion_g);
+        self.aftershocks(scene, modes, clock, streams.of(NoiseSource::Aftershocks), motion_g);
         if let Some(actuation) = &self.actuation {
             actuation.add(scene, clock, motion_g);
         }
-        self.nearby.add(scene, clock, draws.of(Source::Nearby), motion_g);
+        self.nearby.add(scene, clock, streams.of(NoiseSource::Nearby), motion_g);
     }
 
     fn creak(
@@ -204,7 +204,7 @@ impl Disturbances {
         scene: &Scene<'_>,
         sensor: usize,
         clock: Clock,
-        draws: &mut Draws,
+        streams: &mut NoiseStreams,
         force: &mut [[f64; 3]],
     ) {
         // Change over two steps: shorter ones see rounding, longer ones smear a squeeze.
@@ -216,8 +216,8 @@ impl Disturbances {
         let levels: Vec<f64> = (0..scene.grip_n.len())
             .map(|i| self.creak_g * ((rate(i) - CREAK_FROM_PER_S).max(0.0) / full).min(4.0).sqrt())
             .collect();
-        noise(&levels, self.creak_hz, clock, draws.of(Source::Creak), force);
-        let rng = draws.of(Source::MicroSlip);
+        noise(&levels, self.creak_hz, clock, streams.of(NoiseSource::Creak), force);
+        let rng = streams.of(NoiseSource::MicroSlip);
         let mut micro = Vec::new();
         for (i, level) in levels.iter().enumerate().filter(|(_, level)| **level > 0.0) {
             if rng.chance((MICRO_PULSES * rate(i) / STEP_HZ).min(1.0)) {
@@ -235,8 +235,8 @@ impl Disturbances {
         super::add_pulses(&micro, sensor, 1.0, clock, force);
     }
 
-    fn rail(&self, scene: &Scene<'_>, clock: Clock, draws: &mut Draws, force: &mut [[f64; 3]]) {
-        let rng = draws.of(Source::RailBursts);
+    fn rail(&self, scene: &Scene<'_>, clock: Clock, streams: &mut NoiseStreams, force: &mut [[f64; 3]]) {
+        let rng = streams.of(NoiseSource::RailBursts);
         let pace = blend(self.rail_burst_hz, STEP_HZ);
         let rms = blend_rms(pace);
         let mut burst = 0.0;
@@ -251,7 +251,7 @@ impl Disturbances {
                 self.rail_g * jaw * (0.4 + 0.75 * (burst / rms).abs())
             })
             .collect();
-        noise(&levels, self.rail_hz, clock, draws.of(Source::Rail), force);
+        noise(&levels, self.rail_hz, clock, streams.of(NoiseSource::Rail), force);
     }
 
     fn drag(
@@ -259,7 +259,7 @@ impl Disturbances {
         scene: &Scene<'_>,
         sensor: usize,
         clock: Clock,
-        draws: &mut Draws,
+        streams: &mut NoiseStreams,
         force: &mut [[f64; 3]],
     ) {
         if scene.drag.iter().all(|&d| d <= 0.0) {
@@ -268,7 +268,7 @@ impl Disturbances {
         let mut path = 0.0;
         let held = |i: usize| if scene.grip_n[i] > TOUCHED_N { scene.drag[i] } else { 0.0 };
         let steps = scene.drag.len();
-        let rub = Rub {
+        let rubbing = Rubbing {
             speed_mm_s: scene.drag_mm_s.to_vec(),
             share: (0..steps).map(held).collect(),
             force_n: vec![super::slip::REFERENCE_N; steps],
@@ -282,8 +282,8 @@ impl Disturbances {
                 .collect(),
             direction: vec![[0.0, 1.0]; steps],
         };
-        self.dragged.sound(&rub, self.drag_arrives, clock, draws.of(Source::Drag), force);
-        let pulses = self.dragged.pulses(&rub, self.drag_arrives, draws.of(Source::DragPulses));
+        self.dragged.add_rubbing(&rubbing, self.drag_arrives, clock, streams.of(NoiseSource::Drag), force);
+        let pulses = self.dragged.pulses(&rubbing, self.drag_arrives, streams.of(NoiseSource::DragPulses));
         super::add_pulses(&pulses, sensor, 1.0, clock, force);
     }
 

@@ -36,7 +36,7 @@ struct Sway {
 
 /// Gravity and hand motion of one recording.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Carriage {
+pub(crate) struct HandMotion {
     /// At rest the part feels this, g.
     gravity: [f64; 3],
     sways: Vec<Sway>,
@@ -46,40 +46,40 @@ pub(crate) struct Carriage {
     footfalls: Vec<Pulse>,
 }
 
-impl Carriage {
+impl HandMotion {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
-        let mut carriage =
+        let mut motion =
             Self { gravity: rng.direction(), sways: Vec::new(), walk: None, footfalls: Vec::new() };
         if !scene.hand_held {
-            return carriage;
+            return motion;
         }
         let peak = rng.log_between(SWAY_G.0, SWAY_G.1) / SWAYS as f64;
         for _ in 0..SWAYS {
-            carriage.sway(rng, SWAY_HZ, peak);
+            motion.sway(rng, SWAY_HZ, peak);
         }
         let peak = rng.log_between(TREMOR_G.0, TREMOR_G.1);
-        carriage.sway(rng, TREMOR_HZ, peak);
+        motion.sway(rng, TREMOR_HZ, peak);
         if rng.chance(WALKS) {
             let seconds = scene.grip_n.len() as f64 / STEP_HZ;
             let from = rng.between(0.0, 0.7 * seconds);
             let to = rng.between(from, seconds);
             let cadence = rng.between(CADENCE_HZ.0, CADENCE_HZ.1);
-            carriage.walk = Some((from, to, cadence));
+            motion.walk = Some((from, to, cadence));
             let peak = rng.log_between(FOOTFALL_G.0, FOOTFALL_G.1);
             let mut at_s = from;
             while at_s < to {
                 let off = rng.direction();
-                carriage.footfalls.push(Pulse {
+                motion.footfalls.push(Pulse {
                     at_s,
                     width_s: rng.log_between(FOOTFALL_S.0, FOOTFALL_S.1),
                     peak_g: peak * rng.between(0.6, 1.4),
-                    direction: std::array::from_fn(|a| carriage.gravity[a] + 0.3 * off[a]),
+                    direction: std::array::from_fn(|a| motion.gravity[a] + 0.3 * off[a]),
                     share: [1.0; MAX_SENSORS],
                 });
                 at_s += rng.between(0.93, 1.07) / cadence;
             }
         }
-        carriage
+        motion
     }
 
     fn sway(&mut self, rng: &mut Rng, hz: (f64, f64), peak_g: f64) {

@@ -5,12 +5,12 @@ use crate::friction::Pull;
 
 /// The most that a hand pulls and twists with.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Strength {
+pub(crate) struct PullLimit {
     pub pull_n: f64,
     pub twist_n_mm: f64,
 }
 
-impl Strength {
+impl PullLimit {
     /// The part of it that one finger's contact bears.
     pub(crate) fn shared(self, share: f64) -> Self {
         Self { pull_n: self.pull_n * share, twist_n_mm: self.twist_n_mm * share }
@@ -19,15 +19,15 @@ impl Strength {
 
 /// Far ends of the springs, x and y in mm and turn in rad.
 #[derive(Default)]
-pub(crate) struct Hand {
+pub(crate) struct PullingHand {
     /// Where a hand of any strength would be.
     planned: [f64; 3],
     at: [f64; 3],
 }
 
-impl Hand {
+impl PullingHand {
     /// Go the way from the last step's plan to this one, where strength allows. `object` is position and turn.
-    pub(crate) fn pull(&mut self, plan: Pull, strength: Strength, object: ([f64; 2], f64)) -> Pull {
+    pub(crate) fn pull(&mut self, plan: Pull, strength: PullLimit, object: ([f64; 2], f64)) -> Pull {
         let planned = [plan.position_mm[0], plan.position_mm[1], plan.turn_rad];
         let on: [f64; 3] = std::array::from_fn(|axis| self.at[axis] + planned[axis] - self.planned[axis]);
         self.planned = planned;
@@ -51,7 +51,7 @@ impl Hand {
 mod tests {
     use super::*;
 
-    const STRENGTH: Strength = Strength { pull_n: 2.0, twist_n_mm: 10.0 };
+    const STRENGTH: PullLimit = PullLimit { pull_n: 2.0, twist_n_mm: 10.0 };
 
     fn to(mm: f64, rad: f64) -> Pull {
         Pull { position_mm: [0.0, mm], turn_rad: rad, stiffness_n_per_mm: 4.0, twist_n_mm_per_rad: 100.0 }
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn it_stops_at_its_strength_and_goes_on_when_the_object_gives_way() {
-        let mut hand = Hand::default();
+        let mut hand = PullingHand::default();
         for step in 1..=100 {
             let pull =
                 hand.pull(to(0.05 * f64::from(step), 0.01 * f64::from(step)), STRENGTH, ([0.0; 2], 0.0));
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn it_can_always_let_go() {
-        let mut hand = Hand::default();
+        let mut hand = PullingHand::default();
         hand.pull(to(0.4, 0.0), STRENGTH, ([0.0; 2], 0.0));
         // The object has been taken the other way: the pull is beyond any strength.
         let back = hand.pull(to(0.3, 0.0), STRENGTH, ([0.0, -2.0], 0.0));

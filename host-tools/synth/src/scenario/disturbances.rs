@@ -10,7 +10,7 @@ use crate::vibration::{TAP_PEAK_G, TAP_WIDTH_S};
 
 /// What may disturb a recording.
 #[derive(Clone, Copy)]
-pub(crate) struct Unrest {
+pub(crate) struct Disturbances {
     /// The hand has motors.
     pub motors: bool,
     /// A hand or an arm carries the gripper.
@@ -35,12 +35,12 @@ fn moments(rng: &mut Rng, (from, to): (f64, f64), per_s: f64) -> Vec<f64> {
     times
 }
 
-impl Unrest {
+impl Disturbances {
     /// What comes at any time of the recording.
-    pub(crate) fn anywhere(&self, rng: &mut Rng, line: &mut Timeline, seconds: f64) {
+    pub(crate) fn anywhere(&self, rng: &mut Rng, timeline: &mut Timeline, seconds: f64) {
         let whole = (0.0, seconds);
         for at in moments(rng, whole, self.factor * TAPS_PER_S) {
-            taps(rng, line, at);
+            taps(rng, timeline, at);
         }
         // Who carries the gripper has steps of their own.
         let passers = if self.carried { 0.0 } else { FOOTFALLS_PER_S };
@@ -48,30 +48,32 @@ impl Unrest {
             // A person walks by: a few steps.
             let (steps, every) = (rng.count(2, 6), rng.between(0.45, 0.7));
             for step in 0..steps {
-                line.pulse(rng, at + every * step as f64, FOOTFALL_S, FOOTFALL_G);
+                timeline.pulse(rng, at + every * step as f64, FOOTFALL_S, FOOTFALL_G);
             }
-            line.event("ambient", at, at + every * steps as f64);
+            timeline.event("ambient", at, at + every * steps as f64);
         }
         for at in moments(rng, whole, self.factor * AMBIENT_PER_S) {
             let (lasts, level) = (rng.log_between(0.5, 6.0), rng.between(0.2, 1.0));
-            line.event("ambient", at, at + lasts);
-            for (i, t) in line.times(at, at + lasts) {
-                line.ambient[i] = (line.ambient[i] + level * plateau(t, (at, at + lasts), 0.1)).min(1.0);
+            timeline.event("ambient", at, at + lasts);
+            for (i, t) in timeline.times(at, at + lasts) {
+                timeline.ambient[i] =
+                    (timeline.ambient[i] + level * plateau(t, (at, at + lasts), 0.1)).min(1.0);
             }
         }
         for at in moments(rng, whole, self.factor * JAW_PER_S) {
             let (lasts, vigour) = (rng.log_between(0.05, 0.5), rng.between(0.2, 0.8));
-            line.event("jaw", at, at + lasts);
-            line.travel(rng, (at, at + lasts), vigour, self.motors);
+            timeline.event("jaw", at, at + lasts);
+            timeline.travel(rng, (at, at + lasts), vigour, self.motors);
         }
         if self.carried {
             let calm = rng.between(0.02, 0.25);
-            line.motion.fill(calm);
+            timeline.motion.fill(calm);
             for at in moments(rng, whole, self.factor * MOTIONS_PER_S) {
                 let (lasts, level) = (rng.log_between(0.3, 2.5), rng.between(0.2, 1.0));
-                line.event("motion", at, at + lasts);
-                for (i, t) in line.times(at, at + lasts) {
-                    line.motion[i] = (line.motion[i] + level * plateau(t, (at, at + lasts), 0.15)).min(1.0);
+                timeline.event("motion", at, at + lasts);
+                for (i, t) in timeline.times(at, at + lasts) {
+                    timeline.motion[i] =
+                        (timeline.motion[i] + level * plateau(t, (at, at + lasts), 0.15)).min(1.0);
                 }
             }
         }
@@ -79,7 +81,7 @@ impl Unrest {
 
     /// What may come while the object is held between two times and nothing pulls it; the object stays as
     /// it has rolled until `end`.
-    pub(crate) fn while_held(&self, rng: &mut Rng, line: &mut Timeline, held: (f64, f64), end: f64) {
+    pub(crate) fn while_held(&self, rng: &mut Rng, timeline: &mut Timeline, held: (f64, f64), end: f64) {
         for at in moments(rng, held, self.factor * ROLLING_PER_S) {
             let lasts = rng.log_between(0.1, 0.8);
             let slopes: [f64; 2] = std::array::from_fn(|_| {
@@ -87,9 +89,9 @@ impl Unrest {
                 if rng.chance(0.5) { slope } else { -slope }
             });
             if at + lasts < held.1 {
-                line.event("rolling", at, at + lasts);
-                for (i, t) in line.times(at, end) {
-                    for (roll, slope) in line.roll_rad[i].iter_mut().zip(slopes) {
+                timeline.event("rolling", at, at + lasts);
+                for (i, t) in timeline.times(at, end) {
+                    for (roll, slope) in timeline.roll_rad[i].iter_mut().zip(slopes) {
                         *roll += slope * ramp(t, at, at + lasts);
                     }
                 }
@@ -99,9 +101,10 @@ impl Unrest {
             for at in moments(rng, held, self.factor * DRAGS_PER_S) {
                 let (lasts, level) = (rng.log_between(0.2, 1.5), rng.between(0.3, 1.0));
                 if at + lasts < held.1 {
-                    line.event("drag", at, at + lasts);
-                    for (i, t) in line.times(at, at + lasts) {
-                        line.drag[i] = (line.drag[i] + level * plateau(t, (at, at + lasts), 0.03)).min(1.0);
+                    timeline.event("drag", at, at + lasts);
+                    for (i, t) in timeline.times(at, at + lasts) {
+                        timeline.drag[i] =
+                            (timeline.drag[i] + level * plateau(t, (at, at + lasts), 0.03)).min(1.0);
                     }
                 }
             }
@@ -109,20 +112,27 @@ impl Unrest {
     }
 
     /// Deliberate changes of the grip between two times of a grasp that lasts until `end`.
-    pub(crate) fn of_grip(&self, rng: &mut Rng, line: &mut Timeline, held: (f64, f64), per_s: f64, end: f64) {
+    pub(crate) fn of_grip(
+        &self,
+        rng: &mut Rng,
+        timeline: &mut Timeline,
+        held: (f64, f64),
+        per_s: f64,
+        end: f64,
+    ) {
         for at in moments(rng, held, per_s) {
-            line.grip_change(rng, at, held, end);
+            timeline.grip_change(rng, at, held, end);
         }
     }
 }
 
 /// One tap, or a train of them, on object, finger or table.
-fn taps(rng: &mut Rng, line: &mut Timeline, at: f64) {
-    let train = if rng.chance(TAP_TRAINS) { rng.count(2, 7) } else { 1 };
+fn taps(rng: &mut Rng, timeline: &mut Timeline, at: f64) {
+    let train = if rng.chance(TAP_TRAIN_CHANCE) { rng.count(2, 7) } else { 1 };
     let mut at = at;
     for _ in 0..train {
-        line.event("tap", at, at + TAP_WIDTH_S.1);
-        line.pulse(rng, at, TAP_WIDTH_S, TAP_PEAK_G);
+        timeline.event("tap", at, at + TAP_WIDTH_S.1);
+        timeline.pulse(rng, at, TAP_WIDTH_S, TAP_PEAK_G);
         at += rng.between(0.06, 0.4);
     }
 }

@@ -62,13 +62,13 @@ fn second_turn(j: usize, n: usize, m: usize) -> usize {
     (j + j / (n * m / gcd(n, m))) % m
 }
 
-/// Angle of the `j`-th pull of one of `decks` groups of objects from the rig's direction, degrees from -150
+/// Angle of the `j`-th pull of one of `object_schedules` groups of objects from the rig's direction, degrees from -150
 /// to 180. Groups take turns, so that between them the other directions come equally often.
-fn pull_angle_deg(j: usize, deck: usize, decks: usize) -> f64 {
+fn pull_angle_deg(j: usize, objects: usize, object_schedules: usize) -> f64 {
     if j % VERTICAL_EVERY == VERTICAL_EVERY - 1 {
         return 0.0;
     }
-    let other = (j - j / VERTICAL_EVERY) * decks + deck;
+    let other = (j - j / VERTICAL_EVERY) * object_schedules + objects;
     // Four steps at a time, so that neighbours in time are not neighbours in direction.
     let step = 1 + (4 * other) % OTHER_DIRECTIONS;
     let angle_deg = DIRECTION_STEP_DEG * step as f64;
@@ -76,12 +76,12 @@ fn pull_angle_deg(j: usize, deck: usize, decks: usize) -> f64 {
 }
 
 /// Objects and speeds in the order of one split and seed, for one sort of event.
-pub(super) struct Deck {
+pub(super) struct ObjectSchedule {
     objects: Vec<&'static Object>,
     speeds_mm_s: [f64; SPEEDS_MM_S.len()],
 }
 
-impl Deck {
+impl ObjectSchedule {
     pub(super) fn shuffled(groups: &[Group], seed: u64) -> Self {
         let mut rng = stream(seed, Stream::Recipe, 0);
         let mut objects: Vec<_> = CATALOGUE.iter().filter(|o| groups.contains(&o.group)).collect();
@@ -122,17 +122,17 @@ fn round(mix: Mix) -> Vec<(usize, usize)> {
 }
 
 /// All recipes of one split and seed, by index.
-pub(crate) struct Course {
+pub(crate) struct Schedule {
     split: Split,
     seed: u64,
     round: Vec<(usize, usize)>,
     /// `[kind of event][group of objects that take turns]`; one of each for `noslip`.
-    decks: Vec<Vec<Deck>>,
+    object_schedules: Vec<Vec<ObjectSchedule>>,
     /// The two courses that `umi_quiet` repeats.
     pair: Vec<Self>,
 }
 
-impl Course {
+impl Schedule {
     pub(crate) fn new(split: Split, seed: u64) -> Self {
         let groups: &[&[Group]] = match split {
             Split::Train | Split::UmiId => &[&[Group::Train]],
@@ -142,16 +142,23 @@ impl Course {
             Split::Noslip => &[&[Group::Val, Group::HeldOut]],
             Split::UmiQuiet => &[],
         };
-        let deck = |kind: usize, turn: usize, groups: &[Group]| {
-            Deck::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
+        let objects = |kind: usize, turn: usize, groups: &[Group]| {
+            ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
         };
-        let decks = |kind| groups.iter().enumerate().map(|(turn, group)| deck(kind, turn, group)).collect();
+        let object_schedules =
+            |kind| groups.iter().enumerate().map(|(turn, group)| objects(kind, turn, group)).collect();
         let pair = match split {
             Split::UmiQuiet => vec![Self::new(Split::UmiId, seed), Self::new(Split::UmiOod, seed)],
             _ => Vec::new(),
         };
         let mix = mix(split);
-        Self { split, seed, round: round(mix), decks: (0..mix.weights().len()).map(decks).collect(), pair }
+        Self {
+            split,
+            seed,
+            round: round(mix),
+            object_schedules: (0..mix.weights().len()).map(object_schedules).collect(),
+            pair,
+        }
     }
 
     /// The recipe of one episode.
@@ -159,8 +166,8 @@ impl Course {
         let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
         match self.split {
             Split::UmiQuiet => {
-                let course = &self.pair[index % 2];
-                return Recipe { rig_leak: false, ..course.recipe(index / 2) };
+                let schedule = &self.pair[index % 2];
+                return Recipe { rig_leak: false, ..schedule.recipe(index / 2) };
             }
             Split::Noslip => return self.noslip(recipe, index),
             _ => {}
@@ -168,28 +175,28 @@ impl Course {
         let (kind, before) = self.round[index % self.round.len()];
         let (scenario, weight) = mix(self.split).weights()[kind];
         let j = index / self.round.len() * weight + before;
-        let decks = &self.decks[kind];
-        let (turn, j) = (j % decks.len(), j / decks.len());
-        let deck = &decks[turn];
+        let object_schedules = &self.object_schedules[kind];
+        let (turn, j) = (j % object_schedules.len(), j / object_schedules.len());
+        let objects = &object_schedules[turn];
         let tesollo = matches!(self.split, Split::Tesollo2 | Split::Tesollo3);
         Recipe {
-            object: deck.object(j),
+            object: objects.object(j),
             scenario,
             platform: if tesollo { Platform::Tesollo } else { Platform::Umi },
             region: if self.split == Split::Palm { Region::Palm } else { Region::Centre },
             sensors: if self.split == Split::Tesollo3 { 3 } else { 2 },
-            speed_mm_s: (scenario != ScenarioChoice::FreeGrasp).then(|| deck.speed_mm_s(j)),
+            speed_mm_s: (scenario != ScenarioChoice::FreeGrasp).then(|| objects.speed_mm_s(j)),
             pull_angle_deg: (scenario == ScenarioChoice::FreePull)
-                .then(|| pull_angle_deg(j, turn, decks.len())),
+                .then(|| pull_angle_deg(j, turn, object_schedules.len())),
             ..recipe
         }
     }
 
     fn noslip(&self, recipe: Recipe, index: usize) -> Recipe {
-        let deck = &self.decks[0][0];
-        let (platform, sensors) = NOSLIP_HANDS[second_turn(index, deck.objects.len(), NOSLIP_HANDS.len())];
+        let objects = &self.object_schedules[0][0];
+        let (platform, sensors) = NOSLIP_HANDS[second_turn(index, objects.objects.len(), NOSLIP_HANDS.len())];
         Recipe {
-            object: deck.object(index),
+            object: objects.object(index),
             scenario: ScenarioChoice::Disturbances,
             platform,
             sensors,

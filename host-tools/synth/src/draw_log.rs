@@ -5,9 +5,9 @@ use serde_json::{Map, Value};
 
 /// Draws by part.
 #[derive(Default)]
-pub(crate) struct Log(Map<String, Value>);
+pub(crate) struct DrawLog(Map<String, Value>);
 
-impl Log {
+impl DrawLog {
     /// What the part `name` drew.
     pub(crate) fn add(&mut self, name: impl Into<String>, drawn: &impl Serialize) {
         let value = serde_json::to_value(drawn).expect("draws are numbers, names and lists of them");
@@ -38,7 +38,7 @@ mod tests {
 
     #[test]
     fn what_is_logged_survives_json() {
-        let mut log = Log::default();
+        let mut log = DrawLog::default();
         log.add("part", &(1.0 / 3.0, [2.0f64.sqrt() * 1e-6, f64::INFINITY], "name", 7));
         let value = log.into_value();
         println!("{value}");

@@ -1,15 +1,15 @@
-//! Which stream each source of vibration draws from.
+//! Which stream each source of vibration streams from.
 //!
 //! A recording is made whole: its sources draw one after the other from one stream. A plant whose future is
 //! not known yet is made again whenever a command changes it; there every source has a stream of its own,
-//! which it draws from in the order of time, so that what is past comes out the same.
+//! which it streams from in the order of time, so that what is past comes out the same.
 
 use crate::draw::Rng;
 
-/// A source of vibration that draws while it sounds.
+/// A source of vibration that draws random numbers.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Source {
-    Rub = 1,
+pub(crate) enum NoiseSource {
+    Rubbing = 1,
     StickSlip,
     Creak,
     MicroSlip,
@@ -17,13 +17,13 @@ pub(crate) enum Source {
     Rail,
     Drag,
     DragPulses,
-    Texture,
+    AutoregressiveNoise,
     Aftershocks,
     Nearby,
 }
 
-/// Draws of the sources of one finger.
-pub(crate) struct Draws {
+/// NoiseStreams of the sources of one finger.
+pub(crate) struct NoiseStreams {
     rng: Rng,
     /// Stream of the finger, where every source has one of its own.
     apart: Option<u64>,
@@ -32,7 +32,7 @@ pub(crate) struct Draws {
 /// Streams of the sources lie above those of [`crate::draw::Stream`].
 const SOURCE_SHIFT: u32 = 32;
 
-impl Draws {
+impl NoiseStreams {
     /// One source after the other.
     pub(crate) fn in_turn(rng: Rng) -> Self {
         Self { rng, apart: None }
@@ -44,8 +44,8 @@ impl Draws {
         Self { rng, apart: Some(stream) }
     }
 
-    /// What a source draws from, once per recording.
-    pub(crate) fn of(&mut self, source: Source) -> &mut Rng {
+    /// What a source streams from, once per recording.
+    pub(crate) fn of(&mut self, source: NoiseSource) -> &mut Rng {
         if let Some(finger) = self.apart {
             self.rng.set_stream(finger | (source as u64) << SOURCE_SHIFT);
             self.rng.set_word_pos(0);

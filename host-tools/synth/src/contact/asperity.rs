@@ -18,7 +18,7 @@ const LENGTH_MM: (f64, f64) = (0.01, 0.04);
 
 /// The flicker of one pad.
 #[derive(Serialize)]
-pub(crate) struct Grain {
+pub(crate) struct AsperityNoise {
     /// Relative rms of the pressure.
     rms: f64,
     /// Slid length over which it changes, mm.
@@ -29,7 +29,7 @@ pub(crate) struct Grain {
     path_mm: f64,
 }
 
-impl Grain {
+impl AsperityNoise {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
         Self {
             rms: rng.between(RMS.0, RMS.1),
@@ -72,7 +72,7 @@ mod tests {
     #[test]
     fn it_flickers_only_while_sliding_and_keeps_the_force() {
         let mut rng = stream(5, Stream::Contact, 0);
-        let mut grain = Grain::draw(&mut rng);
+        let mut grain = AsperityNoise::draw(&mut rng);
         let even = || {
             let mut map = PressureMap::empty();
             for cell in 300..700 {

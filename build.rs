@@ -11,13 +11,10 @@ use std::process::Command;
 #[path = "src/update/partitions.rs"]
 mod partitions;
 
-use partitions::{BOARDS, FLASH_BASE, Partitions};
+use partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions};
 
 fn main() {
-    for Partitions { feature, .. } in BOARDS {
-        println!("cargo:rerun-if-changed=src/board/{feature}/board.x");
-    }
-    for file in ["memory.x", "src/boot/h743/board.x", "src/update/partitions.rs"] {
+    for file in ["memory.x", "src/board/h743/board.x", "src/boot/h743/board.x", "src/update/partitions.rs"] {
         println!("cargo:rerun-if-changed={file}");
     }
     // The compiler does not tell a crate of stable Rust: `target_feature = "dsp"` is none of its names.
@@ -25,14 +22,13 @@ fn main() {
     if var("TARGET").is_ok_and(|target| target.starts_with("thumbv7em")) {
         println!("cargo:rustc-cfg=arm_dsp");
     }
-    let chosen = |board: &&Partitions| var(format!("CARGO_FEATURE_{}", board.feature.to_uppercase())).is_ok();
-    let Some(board) = BOARDS.iter().find(chosen) else { return };
-    if var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+    if var("CARGO_FEATURE_H743").is_err() || var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
     let root = var("CARGO_MANIFEST_DIR").expect("cargo sets it");
     let out = var("OUT_DIR").expect("cargo sets it");
-    std::fs::write(Path::new(&out).join("partitions.x"), linker_script(board)).expect("it is writable");
+    std::fs::write(Path::new(&out).join("partitions.x"), linker_script(&NUCLEO_H743ZI2))
+        .expect("it is writable");
     let programs = [
         ("slipsense-firmware", "board"),
         ("slipsense-hil", "board"),
@@ -40,7 +36,7 @@ fn main() {
         ("slipsense-boot", "boot"),
     ];
     for (program, folder) in programs {
-        let folder = format!("-L{root}/src/{folder}/{}", board.feature);
+        let folder = format!("-L{root}/src/{folder}/h743");
         for argument in [&folder, &format!("-L{out}"), "--nmagic", "-Tlink.x", "-Tdefmt.x"] {
             println!("cargo:rustc-link-arg-bin={program}={argument}");
         }
@@ -57,7 +53,7 @@ fn main() {
 /// `partitions.x`: symbols of the partitions, and that no two of them overlap.
 fn linker_script(board: &Partitions) -> String {
     let mut script = format!("/* {}, from src/update/partitions.rs. */\n", board.label);
-    let mut spans: Vec<_> = board.named().collect();
+    let mut spans = board.named();
     spans.sort_by_key(|(_, span)| span.start);
     for (name, span) in &spans {
         let (start, end) = (FLASH_BASE + span.start, FLASH_BASE + span.end);
@@ -71,9 +67,7 @@ fn linker_script(board: &Partitions) -> String {
     let end = FLASH_BASE + board.flash.end;
     writeln!(script, "ASSERT(__settings_end <= {end:#010x}, \"settings leave the flash\");")
         .expect("a string");
-    if board.swap.is_some() {
-        script += "ASSERT(__dfu_end - __dfu_start == __active_end - __active_start + 128K, \"embassy-boot's swap needs one sector more\");\n";
-    }
+    script += "ASSERT(__dfu_end - __dfu_start == __active_end - __active_start + 128K, \"embassy-boot's swap needs one sector more\");\n";
     script
 }
 

@@ -10,9 +10,6 @@ use slipsense::update::partitions::{FLASH_BASE, SECTOR_BYTES, Span};
 
 use crate::flash_word;
 
-/// Of the STM32H743.
-const BANKS: usize = 2;
-
 /// Whatever the bootloader does ends in one of these: the watchdog is fed with it.
 pub fn feed_watchdog() {
     pac::IWDG1.kr().write(|w| w.set_key(Key::RESET));
@@ -48,7 +45,7 @@ impl ReadNorFlash for Partition<'_> {
         while !rest.is_empty() {
             let word = address / WRITE_SIZE as u32 * WRITE_SIZE as u32;
             // SAFETY: the word holds bytes of the partition, which is made of whole words.
-            let bytes = unsafe { flash_word::read_word(word, BANKS) };
+            let bytes = unsafe { flash_word::read_word(word) };
             let bytes = bytes.get((address - word) as usize..).unwrap_or(&[]);
             let count = bytes.len().min(rest.len());
             let (part, behind) = rest.split_at_mut(count);
@@ -74,7 +71,7 @@ impl NorFlash for Partition<'_> {
         // One by one: the watchdog has patience for one.
         while at < end {
             feed_watchdog();
-            flash_word::clear_errors(BANKS);
+            flash_word::clear_errors();
             self.flash.borrow_mut().blocking_erase(at, at + SECTOR_BYTES)?;
             at += SECTOR_BYTES;
         }
@@ -85,7 +82,7 @@ impl NorFlash for Partition<'_> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         let at = self.at(offset, bytes.len() as u32)?;
         feed_watchdog();
-        flash_word::clear_errors(BANKS);
+        flash_word::clear_errors();
         self.flash.borrow_mut().blocking_write(at, bytes)
     }
 }

@@ -13,19 +13,11 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::wdg::IndependentWatchdog;
 use slipsense::update::boot::{Firmware, Slots};
-use slipsense::update::partitions::{FLASH_BASE, Partitions, Span, Swap, by_feature};
+use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2 as BOARD, Span};
 use slipsense::update::{KEY_NOTICE, PUBLIC_KEY};
 
 use crate::partition::{Partition, feed_watchdog};
 
-const BOARD: &Partitions = match by_feature("h743") {
-    Some(board) => board,
-    None => panic!("in the table"),
-};
-const SWAP: Swap = match BOARD.swap {
-    Some(swap) => swap,
-    None => panic!("only a board that swaps has a bootloader"),
-};
 /// Twice the longest erase of a sector (STM32H743 data sheet, flash memory programming). The firmware sets its own.
 const WATCHDOG_US: u32 = 8_000_000;
 /// What is copied at once.
@@ -50,9 +42,9 @@ fn main() -> ! {
 
     let flash = RefCell::new(Flash::new_blocking(chip.FLASH));
     let part = |span: Span| Partition { flash: &flash, span };
-    let mut slots = Slots { active: part(BOARD.active), dfu: part(SWAP.dfu), state: part(SWAP.state) };
+    let mut slots = Slots { active: part(BOARD.active), dfu: part(BOARD.dfu), state: part(BOARD.state) };
     let mut buffer = Buffer([0; BUFFER_BYTES]);
-    match slots.prepare(BOARD, &PUBLIC_KEY, &mut buffer.0) {
+    match slots.prepare(&BOARD, &PUBLIC_KEY, &mut buffer.0) {
         Ok(Firmware::Signed(version)) => info!("firmware {}", Display2Format(&version)),
         Ok(Firmware::Flashed) => info!("a firmware that a probe wrote"),
         Err(failure) => {

@@ -6,11 +6,7 @@
 //! **It has not run on hardware**; it runs on the emulated STM32H743.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(all(target_os = "none", feature = "h723", not(feature = "h743")))]
-#[path = "../board/h723/mod.rs"]
-#[allow(dead_code, reason = "the firmware uses the rest")]
-mod board;
-#[cfg(all(target_os = "none", feature = "h743"))]
+#[cfg(target_os = "none")]
 #[path = "../board/h743/mod.rs"]
 #[allow(dead_code, reason = "the firmware uses the rest")]
 mod board;
@@ -21,8 +17,6 @@ mod stm32;
 
 #[cfg(not(target_os = "none"))]
 fn main() -> std::process::ExitCode {
-    eprintln!(
-        "slipsense-hil runs on a NUCLEO-H743ZI2 or -H723ZG: cargo build-hil-h743; slipsense hil --help"
-    );
+    eprintln!("slipsense-hil runs on a NUCLEO-H743ZI2: cargo build-hil-h743; slipsense hil --help");
     std::process::ExitCode::from(2)
 }

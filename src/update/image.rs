@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 0 | 8 | [`MAGIC`] |
 //! | 8 | 2 | format version, [`FORMAT_VERSION`] |
-//! | 10 | 2 | board that it is for, `id` of [`partitions::BOARDS`](super::partitions::BOARDS); 0: any, models only |
+//! | 10 | 2 | board that it is for, `id` of [`Partitions`](super::partitions::Partitions); 0: any, models only |
 //! | 12 | 1 | what it is: 1 firmware, 2 model |
 //! | 13 | 1 | zero |
 //! | 14 | 1, 1, 2 | version: major, minor, patch |

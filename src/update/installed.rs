@@ -12,7 +12,7 @@ use super::slot::{firmware_header_at, header_bytes, vectors};
 /// Where reset looks first, a program that a probe wrote without a bootloader has two words that lead to itself
 /// (`board.x`); a bootloader begins in its own partition.
 pub async fn find_bootloader<F: ReadNorFlash>(boot: &mut F, board: &Partitions) -> Result<(), Refusal> {
-    let span = board.swap.ok_or(Refusal::NoFirmwareSlot)?.boot;
+    let span = board.boot;
     let mut bytes = [0; 8];
     boot.read(0, &mut bytes).await.map_err(|_| Refusal::Flash)?;
     let (_, reset) = vectors(bytes);
@@ -27,9 +27,6 @@ pub async fn running_version<F: ReadNorFlash>(
     board: &Partitions,
     key: &[u8; 32],
 ) -> ImageVersion {
-    if board.swap.is_none() {
-        return ImageVersion::SOFTWARE;
-    }
     let header = header_bytes(active, firmware_header_at(board)).await;
     let header = header.and_then(|bytes| Header::verify(&bytes, key));
     header.map_or(ImageVersion::SOFTWARE, |header| header.version)

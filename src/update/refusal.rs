@@ -39,8 +39,6 @@ pub enum Refusal {
     Model(ModelError),
     /// The firmware that runs has not confirmed: the one to roll back to is where the new one would go.
     OnTrial,
-    /// The board has no room for a second firmware.
-    NoFirmwareSlot,
     /// There is no bootloader that would swap.
     NoBootloader,
     /// Pieces do not follow each other.
@@ -88,7 +86,6 @@ impl Refusal {
                 | ModelError::Misaligned => "corrupt model: it is not laid out as a model is",
             },
             Self::OnTrial => "the firmware that runs has not confirmed yet",
-            Self::NoFirmwareSlot => "this board has no room for a second firmware: flash it with a probe",
             Self::NoBootloader => "there is no bootloader on this board: cargo flash-boot-h743",
             Self::OutOfOrder => "pieces out of order",
             Self::Flash => "the flash refused",

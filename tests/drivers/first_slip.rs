@@ -7,7 +7,7 @@ use super::wiring::repository_file;
 
 const PAGE: &str = "docs/src/board/first-slip.md";
 const CODE: &str = "src/board/stm32/can.rs";
-/// Clock of the FDCAN's time quanta (`clocks.rs` of both boards).
+/// Clock of the FDCAN's time quanta (`clocks.rs`).
 const KERNEL_HZ: u32 = 80_000_000;
 
 /// Bit rate and sample point, thousandths of a bit.

@@ -5,10 +5,9 @@ after a restart, what rolls back, and what a supply that fails in between leaves
   check_twin_update.py PORT --folder IMAGES --model FILE [--thorough]
 
 IMAGES holds what `cargo xtask test --only twin-update` signs: new.slip (firmware 0.2.0), hanging.slip (0.1.1, which
-does nothing for ever), older.slip (0.0.1), foreign.slip (0.2.0 by another key), model.slip (model 1.0.0 of any board)
-and other.slip (a model for another board); FILE is the model that is in the firmware. With --thorough the supply fails
-at more steps of the flash. Any mismatch is printed; the exit status is then 1. Times are virtual and the twin's to
-print.
+does nothing for ever), older.slip (0.0.1), foreign.slip (0.2.0 by another key) and model.slip (model 1.0.0 of any
+board); FILE is the model that is in the firmware. With --thorough the supply fails at more steps of the flash. Any
+mismatch is printed; the exit status is then 1. Times are virtual and the twin's to print.
 """
 
 import argparse
@@ -167,7 +166,6 @@ async def check_refusals(client):
         (UPDATE, "model.slip", "firmware and model mistaken for each other"),
         (UPDATE, "none.slip", "the server has no such file"),
         (MODEL, "new.slip", "firmware and model mistaken for each other"),
-        (MODEL, "other.slip", "for another board"),
         (MODEL, "changed.slip", "the payload's SHA-256 does not match"),
     ]
     for command, name, why in refused:

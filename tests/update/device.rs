@@ -12,7 +12,7 @@ use slipsense::net::Aligned;
 use slipsense::net::format::Dims;
 use slipsense::node::{CHUNK_BYTES, FileSink, UpdateTarget};
 use slipsense::update::boot::{BootFailure, Firmware, Slots};
-use slipsense::update::partitions::{Partitions, Span, Swap};
+use slipsense::update::partitions::{Partitions, Span};
 use slipsense::update::{
     DEVELOPMENT_KEY, DEVELOPMENT_SEED, FirmwareSlot, HEADER_BYTES, Header, ImageVersion, ModelSlot, Refusal,
     Run, UpdateSink, UpdateState,
@@ -26,11 +26,12 @@ const fn sectors(first: u32, count: u32) -> Span {
 
 /// Partitions as those of the NUCLEO-H743ZI2, of small sectors; the model's has several.
 pub static BOARD: Partitions = Partitions {
-    feature: "test",
     id: 77,
     label: "TEST",
+    boot: sectors(0, 1),
     active: sectors(1, 3),
-    swap: Some(Swap { boot: sectors(0, 1), dfu: sectors(4, 4), state: sectors(8, 1) }),
+    dfu: sectors(4, 4),
+    state: sectors(8, 1),
     model: sectors(9, MODEL_SECTORS),
     settings: sectors(9 + MODEL_SECTORS, 2),
     flash: sectors(0, 11 + MODEL_SECTORS),
@@ -111,12 +112,8 @@ impl Device {
         Part { cells: self.cells.clone(), span }
     }
 
-    pub fn swap() -> Swap {
-        BOARD.swap.unwrap()
-    }
-
     pub fn state(&self) -> UpdateState<Part> {
-        UpdateState::new(self.part(Self::swap().state))
+        UpdateState::new(self.part(BOARD.state))
     }
 
     pub fn run(&self) -> Run {
@@ -130,7 +127,7 @@ impl Device {
     /// Do something with a sink, as the firmware of this version would.
     pub fn sink<R>(&self, running: ImageVersion, act: impl FnOnce(&mut Sink<'_>) -> R) -> R {
         let mut place = Box::new(Aligned([0; PLACE]));
-        let firmware = FirmwareSlot { dfu: self.part(Self::swap().dfu), state: self.state() };
+        let firmware = FirmwareSlot { dfu: self.part(BOARD.dfu), state: self.state() };
         act(&mut UpdateSink::new(
             &BOARD,
             DEVELOPMENT_KEY,
@@ -153,9 +150,8 @@ impl Device {
 
     /// Start: what the bootloader finds.
     pub fn boot(&self) -> Result<Firmware, BootFailure> {
-        let Swap { dfu, state, .. } = Self::swap();
-        let mut slots =
-            Slots { active: self.part(BOARD.active), dfu: self.part(dfu), state: self.part(state) };
+        let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
+        let mut slots = Slots { active, dfu, state };
         slots.prepare(&BOARD, &DEVELOPMENT_KEY, &mut [0; 64])
     }
 

@@ -2,7 +2,7 @@
 
 use embassy_futures::block_on;
 use slipsense::node::{Severity, Version};
-use slipsense::update::partitions::{BOARDS, FLASH_BASE, Partitions};
+use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
 use slipsense::update::{
     DEVELOPMENT_KEY, ImageVersion, KEY_NOTICE, Notice, Refusal, Run, SlotModel, find_bootloader,
     running_version,
@@ -13,11 +13,8 @@ use super::device::{BOARD, Device, OLD};
 #[test]
 fn a_bootloader_begins_in_its_own_partition() {
     let device = Device::new();
-    let boot = Device::swap().boot;
-    let find = |board: &Partitions| {
-        let mut part = device.part(boot);
-        block_on(find_bootloader(&mut part, board))
-    };
+    let boot = BOARD.boot;
+    let find = || block_on(find_bootloader(&mut device.part(boot), &BOARD));
     let write = |words: [u32; 2]| {
         for (index, word) in words.iter().enumerate() {
             let at = boot.start as usize + 4 * index;
@@ -25,46 +22,38 @@ fn a_bootloader_begins_in_its_own_partition() {
         }
     };
     // Blank, and the two words that lead to the firmware (`board.x`).
-    assert_eq!(find(&BOARD), Err(Refusal::NoBootloader));
+    assert_eq!(find(), Err(Refusal::NoBootloader));
     write([0x2000_6000, FLASH_BASE + BOARD.active.start + 0x299]);
-    assert_eq!(find(&BOARD), Err(Refusal::NoBootloader));
+    assert_eq!(find(), Err(Refusal::NoBootloader));
     write([0x2400_8000, FLASH_BASE + boot.start + 0x299]);
-    assert_eq!(find(&BOARD), Ok(()));
+    assert_eq!(find(), Ok(()));
     // No address of an instruction.
     write([0x2400_8000, FLASH_BASE + boot.start + 0x298]);
-    assert_eq!(find(&BOARD), Err(Refusal::NoBootloader));
-    let board = Partitions { swap: None, ..BOARD };
-    assert_eq!(find(&board), Err(Refusal::NoFirmwareSlot));
+    assert_eq!(find(), Err(Refusal::NoBootloader));
 }
 
 #[test]
 fn a_firmware_knows_its_version_by_the_signed_header_only() {
     let device = Device::new();
-    let version = |board: &Partitions| {
-        let mut active = device.part(BOARD.active);
-        block_on(running_version(&mut active, board, &DEVELOPMENT_KEY))
-    };
-    assert_eq!(version(&BOARD), OLD);
-    assert_eq!(version(&Partitions { swap: None, ..BOARD }), ImageVersion::SOFTWARE);
+    let version = || block_on(running_version(&mut device.part(BOARD.active), &BOARD, &DEVELOPMENT_KEY));
+    assert_eq!(version(), OLD);
     let last = BOARD.active.end as usize - 1;
     device.cells.borrow_mut().bytes[last] ^= 1;
-    assert_eq!(version(&BOARD), ImageVersion::SOFTWARE, "forged");
+    assert_eq!(version(), ImageVersion::SOFTWARE, "forged");
     let header = BOARD.active.end as usize - 128..BOARD.active.end as usize;
     device.cells.borrow_mut().bytes[header].fill(0xFF);
-    assert_eq!(version(&BOARD), ImageVersion::SOFTWARE, "blank: a probe wrote it");
+    assert_eq!(version(), ImageVersion::SOFTWARE, "blank: a probe wrote it");
     assert_eq!(Version::from(OLD), Version { major: 1, minor: 0 });
 }
 
 #[test]
 fn what_a_firmware_writes_lies_together_and_holds_no_program() {
-    for board in &BOARDS {
-        let written = board.written();
-        for (name, span) in board.named() {
-            let inside = written.start <= span.start && span.end <= written.end;
-            let outside = span.end <= written.start || written.end <= span.start;
-            let is_program = matches!(name, "boot" | "active");
-            assert!(if is_program { outside } else { inside }, "{}: {name}", board.label);
-        }
+    let written = NUCLEO_H743ZI2.written();
+    for (name, span) in NUCLEO_H743ZI2.named() {
+        let inside = written.start <= span.start && span.end <= written.end;
+        let outside = span.end <= written.start || written.end <= span.start;
+        let is_program = matches!(name, "boot" | "active");
+        assert!(if is_program { outside } else { inside }, "{name}");
     }
 }
 
@@ -88,11 +77,6 @@ fn notices_fit_a_record_and_say_what_matters() {
             Notice::FirmwareStays(OLD, Refusal::NoBootloader),
             Severity::Notice,
             "firmware 1.0.3; no update of it: there is no bootloader on this board: cargo flash-boot-h743",
-        ),
-        (
-            Notice::FirmwareStays(OLD, Refusal::NoFirmwareSlot),
-            Severity::Notice,
-            "firmware 1.0.3; no update of it: this board has no room for a second firmware: flash it with a probe",
         ),
         (Notice::Model(model), Severity::Info, "model: the one in the firmware"),
         (Notice::Model(SlotModel::Slot(OLD)), Severity::Info, "model: version 1.0.3 of the model slot"),

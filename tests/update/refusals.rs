@@ -5,8 +5,8 @@ use embassy_futures::block_on;
 use slipsense::net::Aligned;
 use slipsense::node::FileSink;
 use slipsense::node::UpdateTarget::{Firmware, Model};
-use slipsense::update::partitions::{BOARDS, TRAILER_BYTES};
-use slipsense::update::{HEADER_BYTES, Header, ModelSlot, Refusal, Run, UpdateSink};
+use slipsense::update::partitions::{NUCLEO_H743ZI2, SECTOR_BYTES, TRAILER_BYTES};
+use slipsense::update::{HEADER_BYTES, Header, Refusal, Run, UpdateSink};
 
 use super::device::{
     BOARD, Device, NEW, NEWEST, OLD, PLACE, feed, firmware, header, image, model, model_image, payload, sign,
@@ -114,7 +114,7 @@ fn damage_of_the_payload_is_found_in_flash() {
         assert_eq!(refused(&device, Firmware, &file), "the payload's SHA-256 does not match");
     }
     // Right on its way, wrong in flash.
-    let at = Device::swap().dfu.start as usize + 32;
+    let at = BOARD.dfu.start as usize + 32;
     let device = Device::new();
     device.sink(OLD, |sink| {
         let file = image(NEW);
@@ -184,8 +184,10 @@ fn models_are_refused_with_a_reason() {
     assert_eq!(refused(&overflowing.to_bytes().unwrap()), "corrupt model: an accumulator could overflow");
     assert_eq!(refused(&payload(1, PLACE + 1)), "longer than its slot");
 
-    // A good one, for any board; then an older one.
     let mut any = header(Model, NEW, &good);
+    any.board = BOARD.id + 1;
+    assert_eq!(device.install(OLD, Model, &sign(&any, &good)), Err("for another board"));
+    // A good one, for any board; then an older one.
     any.board = 0;
     assert_eq!(device.install(OLD, Model, &sign(&any, &good)), Ok(()));
     assert_eq!(device.model(), Ok((NEW, good.clone())));
@@ -199,40 +201,29 @@ fn models_are_refused_with_a_reason() {
 }
 
 #[test]
-fn a_board_without_room_or_bootloader_says_so() {
+fn a_board_without_bootloader_says_so() {
     let device = Device::new();
-    for (why, reason) in [
-        (Refusal::NoFirmwareSlot, "this board has no room for a second firmware: flash it with a probe"),
-        (Refusal::NoBootloader, "there is no bootloader on this board: cargo flash-boot-h743"),
-    ] {
-        let mut place = Box::new(Aligned([0; PLACE]));
-        let slot = ModelSlot::new(device.part(BOARD.model), &BOARD, slipsense::update::DEVELOPMENT_KEY);
-        let mut sink = UpdateSink::<Part, Part, Part>::new(
-            &BOARD,
-            slipsense::update::DEVELOPMENT_KEY,
-            OLD,
-            Err(why),
-            slot,
-            &mut place.0,
-        );
-        assert_eq!(feed(&mut sink, Firmware, &image(NEW)), Err(reason));
-        assert_eq!(block_on(sink.write(Firmware, 0, &image(NEW)[..256])), Err(reason));
-        assert_eq!(feed(&mut sink, Model, &model_image(NEW, 1)), Ok(()));
-        assert!(sink.state().is_none());
-    }
+    let reason = "there is no bootloader on this board: cargo flash-boot-h743";
+    let mut place = Box::new(Aligned([0; PLACE]));
+    let mut sink = UpdateSink::<Part, Part, Part>::new(
+        &BOARD,
+        slipsense::update::DEVELOPMENT_KEY,
+        OLD,
+        Err(Refusal::NoBootloader),
+        device.model_slot(),
+        &mut place.0,
+    );
+    assert_eq!(feed(&mut sink, Firmware, &image(NEW)), Err(reason));
+    assert_eq!(block_on(sink.write(Firmware, 0, &image(NEW)[..256])), Err(reason));
+    assert_eq!(feed(&mut sink, Model, &model_image(NEW, 1)), Ok(()));
+    assert!(sink.state().is_none());
 }
 
 #[test]
-fn the_boards_have_their_own_numbers_and_whole_sectors() {
-    use slipsense::update::partitions::{SECTOR_BYTES, by_feature};
-    assert_ne!(BOARDS[0].id, BOARDS[1].id);
-    for board in &BOARDS {
-        assert_eq!(by_feature(board.feature), Some(board));
-        let mut spans: Vec<_> = board.named().map(|(_, span)| span).collect();
-        spans.sort_by_key(|span| span.start);
-        assert!(spans.windows(2).all(|pair| pair[0].end <= pair[1].start));
-        assert!(spans.iter().all(|span| span.start % SECTOR_BYTES == 0 && span.end % SECTOR_BYTES == 0));
-        assert!(spans.last().unwrap().end <= board.flash.end);
-    }
-    assert_eq!(by_feature("h7"), None);
+fn partitions_are_whole_sectors_apart() {
+    let mut spans = NUCLEO_H743ZI2.named().map(|(_, span)| span);
+    spans.sort_by_key(|span| span.start);
+    assert!(spans.is_sorted_by(|before, behind| before.end <= behind.start));
+    assert!(spans.iter().all(|span| span.start % SECTOR_BYTES == 0 && span.end % SECTOR_BYTES == 0));
+    assert!(spans.last().unwrap().end <= NUCLEO_H743ZI2.flash.end);
 }

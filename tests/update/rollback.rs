@@ -54,7 +54,7 @@ fn a_pending_firmware_is_withdrawn_while_another_comes() {
 
 #[test]
 fn the_bootloader_swaps_only_what_is_signed_and_whole() {
-    let dfu = Device::swap().dfu.start as usize;
+    let dfu = BOARD.dfu.start as usize;
     let trailer = dfu + BOARD.active.bytes() as usize - HEADER_BYTES;
     for at in [dfu, dfu + 1400, trailer + 20, trailer + 100] {
         let device = Device::new();

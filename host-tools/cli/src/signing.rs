@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use slipsense::net::Model;
 use slipsense::net::format::MAGIC as MODEL_MAGIC;
 use slipsense::node::UpdateTarget;
-use slipsense::update::partitions::{FLASH_BASE, Partitions, TRAILER_BYTES, by_feature};
+use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions, TRAILER_BYTES};
 use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
 
 /// A board that images are for.
@@ -22,18 +22,14 @@ use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
 pub enum Board {
     /// NUCLEO-H743ZI2
     H743,
-    /// NUCLEO-H723ZG
-    H723,
 }
 
 impl Board {
     /// Its flash.
-    pub fn partitions(self) -> &'static Partitions {
-        let feature = match self {
-            Self::H743 => "h743",
-            Self::H723 => "h723",
-        };
-        by_feature(feature).expect("every board is in the table")
+    pub const fn partitions(self) -> &'static Partitions {
+        match self {
+            Self::H743 => &NUCLEO_H743ZI2,
+        }
     }
 }
 
@@ -83,20 +79,13 @@ pub fn header_for(
     let is_model = file.starts_with(&MODEL_MAGIC);
     let (target, payload, room) = if is_model {
         Model::parse(file).with_context(|| format!("{name}: refused as a model"))?;
-        let boards = [Board::H743, Board::H723].map(|board| board.partitions().model.bytes());
-        let room =
-            board.map_or(boards.into_iter().min().unwrap_or(0), |board| board.partitions().model.bytes());
+        let room = board.unwrap_or(Board::H743).partitions().model.bytes();
         (UpdateTarget::Model, file.to_vec(), room - HEADER_BYTES as u32)
     } else {
         let Some(board) = board else {
             bail!("{name}: a firmware is for one board: --board says which");
         };
         let partitions = board.partitions();
-        ensure!(
-            partitions.swap.is_some(),
-            "{name}: the {} has no room for a second firmware, a debug probe flashes it",
-            partitions.label
-        );
         let payload =
             if file.starts_with(&elf::ELFMAG) { flatten(file, name, partitions)? } else { file.to_vec() };
         check_vectors(&payload, name, partitions)?;

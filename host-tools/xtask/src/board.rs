@@ -20,18 +20,15 @@ const BOOT_PROFILE: &str = "boot";
 pub enum Board {
     /// NUCLEO-H743ZI2
     H743,
-    /// NUCLEO-H723ZG
-    H723,
 }
 
 impl Board {
-    pub const ALL: [Self; 2] = [Self::H743, Self::H723];
+    pub const ALL: [Self; 1] = [Self::H743];
 
     /// Its feature of the package, and its folder in `src/board`.
     pub const fn feature(self) -> &'static str {
         match self {
             Self::H743 => "h743",
-            Self::H723 => "h723",
         }
     }
 
@@ -39,11 +36,10 @@ impl Board {
     pub const fn label(self) -> &'static str {
         match self {
             Self::H743 => "NUCLEO-H743ZI2",
-            Self::H723 => "NUCLEO-H723ZG",
         }
     }
 
-    /// Build the bootloader, in a profile of its own, as it is flashed. One board has one.
+    /// Build the bootloader, in a profile of its own, as it is flashed.
     pub fn build_bootloader() -> Result<PathBuf> {
         let toolchain = Toolchain::get()?;
         let mut build = toolchain.build_in(BOOT_PROFILE);

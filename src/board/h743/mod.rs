@@ -6,7 +6,7 @@ pub mod clocks;
 use cortex_m_rt::entry;
 use defmt::unwrap;
 use slipsense::node::Version;
-use slipsense::update::partitions::{Partitions, by_feature};
+use slipsense::update::partitions::{NUCLEO_H743ZI2, Partitions};
 
 use crate::stm32::{self, Hardware, memory};
 
@@ -14,12 +14,7 @@ use crate::stm32::{self, Hardware, memory};
 pub const SRAM_D2_BITS: u32 = 18;
 
 /// What lies where in flash.
-pub const PARTITIONS: &Partitions = match by_feature("h743") {
-    Some(partitions) => partitions,
-    None => panic!("in the table"),
-};
-/// Banks of the flash: an erase stalls what runs from its own.
-pub const FLASH_BANKS: usize = 2;
+pub const PARTITIONS: &Partitions = &NUCLEO_H743ZI2;
 /// What GetInfo tells; the major number is the board's.
 pub const HARDWARE: Version = Version { major: 1, minor: 0 };
 

@@ -1,11 +1,8 @@
 //! The flash, through embassy's driver: settings and updates are written, the firmware's own header and what stands
 //! where reset looks first are read. What lies where, `slipsense::update::partitions` says.
 //!
-//! | | NUCLEO-H743ZI2 | NUCLEO-H723ZG |
-//! |---|---|---|
-//! | what is written | bank 2 | three sectors of the only bank |
-//! | an erase, up to 4 s: for an update, and every 200th store or so | the rest goes on | everything waits: frames are missed, the watchdog is given [`ERASE_PATIENCE_US`] |
-//! | a store, 17 words of 32 bytes; an update, thousands | as above | the core waits up to 0.3 ms for each word |
+//! All that is written lies in bank 2 and the code in bank 1, so that sensing goes on during an erase, which takes up to
+//! 4 s: for an update, and every 200th store or so.
 //!
 //! The MPU takes the cache from what is written (`memory.rs`), so that it is what is read.
 
@@ -18,15 +15,12 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use slipsense::update::partitions::{SECTOR_BYTES, Span};
 use static_cell::StaticCell;
 
-use super::{flash_word, watchdog};
-use crate::board::{FLASH_BANKS, PARTITIONS};
+use super::flash_word;
+use crate::board::PARTITIONS;
 
 bind_interrupts!(struct Irqs {
     FLASH => flash::InterruptHandler;
 });
-
-/// The longest erase of a sector takes half of it (STM32H743 data sheet, flash memory programming).
-const ERASE_PATIENCE_US: u32 = 8_000_000;
 
 /// The flash of the one task that uses it.
 type Whole = Mutex<super::Mutex, BoardFlash>;
@@ -75,7 +69,7 @@ impl ReadNorFlash for BoardFlash {
         while out.len() > 0 {
             let word = address / WRITE_SIZE as u32 * WRITE_SIZE as u32;
             // SAFETY: the word holds bytes of the range checked above.
-            let bytes = unsafe { flash_word::read_word(word, FLASH_BANKS) };
+            let bytes = unsafe { flash_word::read_word(word) };
             // The bytes first: the one that finds the other's end is lost.
             for (&from, to) in bytes.iter().skip((address - word) as usize).zip(out.by_ref()) {
                 *to = from;
@@ -98,16 +92,13 @@ impl NorFlash for BoardFlash {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), flash::Error> {
         check(PARTITIONS.written(), from, to.saturating_sub(from) as usize)?;
-        flash_word::clear_errors(FLASH_BANKS);
-        if FLASH_BANKS > 1 {
-            return self.0.erase(from, to).await;
-        }
-        watchdog::with_patience_us(ERASE_PATIENCE_US, || self.0.blocking_erase(from, to))
+        flash_word::clear_errors();
+        self.0.erase(from, to).await
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), flash::Error> {
         check(PARTITIONS.written(), offset, bytes.len())?;
-        flash_word::clear_errors(FLASH_BANKS);
+        flash_word::clear_errors();
         self.0.write(offset, bytes).await
     }
 }

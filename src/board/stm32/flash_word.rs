@@ -14,10 +14,12 @@ use embassy_stm32::pac;
 /// CCR.BFHFNMIGN: bus faults of data accesses are ignored at priority -1 and above.
 const IGNORE_BUS_FAULTS: u32 = 1 << 8;
 
+const BANKS: usize = 2;
+
 /// Flags of an error that stand would refuse every later write; embassy-stm32 0.6 means to clear them and writes the
 /// register that only shows them.
-pub fn clear_errors(banks: usize) {
-    for bank in 0..banks {
+pub fn clear_errors() {
+    for bank in 0..BANKS {
         pac::FLASH.bank(bank).ccr().write(|w| {
             w.set_clr_wrperr(true);
             w.set_clr_pgserr(true);
@@ -32,11 +34,11 @@ pub fn clear_errors(banks: usize) {
 ///
 /// # Safety
 /// `address` is that of a word in flash.
-pub unsafe fn read_word(address: u32, banks: usize) -> [u8; WRITE_SIZE] {
+pub unsafe fn read_word(address: u32) -> [u8; WRITE_SIZE] {
     let mut words = [0u32; WRITE_SIZE / 4];
-    let failed = || (0..banks).any(|bank| pac::FLASH.bank(bank).sr().read().dbeccerr());
+    let failed = || (0..BANKS).any(|bank| pac::FLASH.bank(bank).sr().read().dbeccerr());
     let clear = || {
-        for bank in 0..banks {
+        for bank in 0..BANKS {
             pac::FLASH.bank(bank).ccr().write(|w| w.set_clr_dbeccerr(true));
         }
     };

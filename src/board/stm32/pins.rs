@@ -1,4 +1,4 @@
-//! The pins of a NUCLEO-144 (MB1364), the same on both boards.
+//! The pins of a NUCLEO-144 (MB1364).
 
 /// Pins and peripherals of a NUCLEO-144, from what `embassy_stm32::init` gives.
 ///

@@ -90,7 +90,9 @@ impl Updates {
 
 /// Where a new firmware goes, if something would swap it in.
 async fn firmware_slot(flash: Parts) -> Result<FirmwareSlot<Part, Part>, Refusal> {
-    let swap = PARTITIONS.swap.ok_or(Refusal::NoFirmwareSlot)?;
-    find_bootloader(&mut flash.part(swap.boot), PARTITIONS).await?;
-    Ok(FirmwareSlot { dfu: flash.part(swap.dfu), state: UpdateState::new(flash.part(swap.state)) })
+    find_bootloader(&mut flash.part(PARTITIONS.boot), PARTITIONS).await?;
+    Ok(FirmwareSlot {
+        dfu: flash.part(PARTITIONS.dfu),
+        state: UpdateState::new(flash.part(PARTITIONS.state)),
+    })
 }

@@ -46,7 +46,5 @@ impl FlashWait {
 }
 
 fn is_bootloader(address: u64) -> bool {
-    let boot =
-        BOARD.swap.map(|swap| u64::from(FLASH_BASE + swap.boot.start)..u64::from(FLASH_BASE + swap.boot.end));
-    boot.is_some_and(|boot| boot.contains(&address))
+    (u64::from(FLASH_BASE + BOARD.boot.start)..u64::from(FLASH_BASE + BOARD.boot.end)).contains(&address)
 }

@@ -13,7 +13,6 @@ use crate::bundled;
 use crate::hil::gdb::GdbServer;
 use crate::hil::replay::{Report, Run, replay};
 use crate::hil::{Target, program};
-use crate::signing::Board;
 
 /// Replay an episode into a board over its debug probe, and compare every CAN frame with this computer's
 ///
@@ -37,7 +36,7 @@ Examples:
   cargo build-hil-h743                             the program, for a NUCLEO-H743ZI2
   cargo run --release --features hil -- hil grasp.npz --probe
                                                    flash it, replay, compare
-  cargo run --release --features hil -- hil grasp.npz --probe=0483:374e --board h723
+  cargo run --release --features hil -- hil grasp.npz --probe=0483:374e
 
   openocd -f interface/stlink.cfg -f target/stm32h7x.cfg \\
       -c 'program target/thumbv7em-none-eabihf/firmware/slipsense-hil verify'
@@ -55,9 +54,6 @@ pub struct Args {
     /// Flash the board on this debug probe, or on the only one there is
     #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, require_equals = true)]
     probe: Option<Option<String>>,
-    /// The board on the probe; its chip is asked before anything is written
-    #[arg(long, default_value = "h743", conflicts_with = "gdb")]
-    board: Board,
     /// A GDB server with the board behind it, and the program in its flash
     #[arg(long, value_name = "HOST:PORT")]
     gdb: Option<String>,
@@ -113,7 +109,7 @@ impl Args {
 
     #[cfg(feature = "hil")]
     fn probe(&self, name: Option<&str>) -> Result<Box<dyn Target>> {
-        let mut probe = crate::hil::probe::UsbProbe::attach(&Default::default(), self.board, name)?;
+        let mut probe = crate::hil::probe::UsbProbe::attach(&Default::default(), name)?;
         let progress = super::progress(0, "bytes to flash", self.json);
         let flashed = probe.flash(&self.elf, |bytes, of| {
             of.into_iter().for_each(|of| progress.inc_length(of));
@@ -128,11 +124,9 @@ impl Args {
     fn probe(&self, name: Option<&str>) -> Result<Box<dyn Target>> {
         anyhow::bail!(
             "--probe{}: this build has no drivers of debug probes: `cargo run --release --features hil -- hil {} \
-             --probe --board {}` has, or name a GDB server by --gdb",
+             --probe` has, or name a GDB server by --gdb",
             name.map(|name| format!("={name}")).unwrap_or_default(),
-            self.episode.display(),
-            clap::ValueEnum::to_possible_value(&self.board)
-                .map_or_else(String::new, |board| board.get_name().to_owned())
+            self.episode.display()
         )
     }
 

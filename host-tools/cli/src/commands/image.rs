@@ -7,7 +7,7 @@ use anyhow::{Context, Result, anyhow};
 use clap::{Args as ClapArgs, Subcommand};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use slipsense::update::partitions::BOARDS;
+use slipsense::update::partitions::NUCLEO_H743ZI2;
 use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, Refusal};
 
 use crate::signing::{hex, public_key};
@@ -91,11 +91,10 @@ impl Facts {
                 Err(_) => "other key",
             },
         };
-        let board = BOARDS.iter().find(|board| board.id == header.board);
-        let board = match (board, header.board) {
-            (Some(board), _) => board.label.to_owned(),
-            (None, 0) => "any".to_owned(),
-            (None, id) => format!("unknown, {id}"),
+        let board = match header.board {
+            0 => "any".to_owned(),
+            id if id == NUCLEO_H743ZI2.id => NUCLEO_H743ZI2.label.to_owned(),
+            id => format!("unknown, {id}"),
         };
         let sha256: [u8; 32] = Sha256::digest(payload).into();
         Ok(Self {

@@ -16,23 +16,19 @@ use probe_rs::probe::{DebugProbeInfo, DebugProbeSelector};
 use probe_rs::{MemoryInterface, Permissions, Session};
 
 use super::Target;
-pub use crate::signing::Board;
 
 /// A reset takes milliseconds.
 const RESET: Duration = Duration::from_secs(1);
-/// DBGMCU_IDC, whose low 12 bits name the device (RM0433 and RM0468, microcontroller debug unit).
+/// DBGMCU_IDC, whose low 12 bits name the device (RM0433, microcontroller debug unit).
 const IDENTITY: u64 = 0x5C00_1000;
 const DEVICE: u32 = 0xFFF;
 /// What lets a user open a probe on Linux.
 const RULES: &str = "https://probe.rs/docs/getting-started/probe-setup";
 
-/// The board's chip as probe-rs calls it, and its device identity.
-const fn chip(board: Board) -> (&'static str, u32) {
-    match board {
-        Board::H743 => ("STM32H743ZITx", 0x450),
-        Board::H723 => ("STM32H723ZGTx", 0x483),
-    }
-}
+/// The board's chip as probe-rs calls it.
+const CHIP: &str = "STM32H743ZITx";
+/// Its device identity.
+const CHIP_DEVICE: u32 = 0x450;
 
 /// The probe, attached.
 pub struct UsbProbe {
@@ -42,31 +38,25 @@ pub struct UsbProbe {
 }
 
 impl UsbProbe {
-    /// Attach to the chip of `board` through the probe of this name (`VID:PID` or `VID:PID:SERIAL`), or through the
+    /// Attach to the board's chip through the probe of this name (`VID:PID` or `VID:PID:SERIAL`), or through the
     /// only one that `lister` knows. A chip of another identity is an error, and is left as it is.
-    pub fn attach(lister: &Lister, board: Board, name: Option<&str>) -> Result<Self> {
+    pub fn attach(lister: &Lister, name: Option<&str>) -> Result<Self> {
         let probe = choose(lister, name)?;
-        let (chip, device) = chip(board);
         let opened = lister.open(&probe).with_context(|| {
             format!("{probe}: cannot be opened: does another program, a debugger or OpenOCD, have it?")
         })?;
-        let attached = opened.attach(chip, Permissions::default());
+        let attached = opened.attach(CHIP, Permissions::default());
         let mut session = attached.with_context(|| {
             format!(
-                "{probe}: no {chip} answers: is the board powered, and are its debug wires on this probe?"
+                "{probe}: no {CHIP} answers: is the board powered, and are its debug wires on this probe?"
             )
         })?;
         let identity = session.core(0).and_then(|mut core| core.read_word_32(IDENTITY));
         let found = identity.with_context(|| format!("{probe}: cannot read the chip's identity"))? & DEVICE;
-        let other = [Board::H743, Board::H723].into_iter().find(|&board| self::chip(board).1 == found);
         ensure!(
-            found == device,
-            "{probe}: the chip's identity is {found:#05x}, that of an {chip} is {device:#05x}{}",
-            match other {
-                Some(Board::H743) => ": say --board h743",
-                Some(Board::H723) => ": say --board h723",
-                None => "; nothing was written to it",
-            }
+            found == CHIP_DEVICE,
+            "{probe}: the chip's identity is {found:#05x}, that of an {CHIP} is {CHIP_DEVICE:#05x}; nothing was \
+             written to it"
         );
         Ok(Self { session, is_running: false })
     }

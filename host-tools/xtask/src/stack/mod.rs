@@ -72,9 +72,9 @@ at each preemption. Frames are the compiler's, calls are read from the disassemb
 follow named rules that are checked for gaps. Recursion is an error, and so is a bound above the stack's region.
 
 Examples:
-  cargo xtask stack             build the firmware of all boards, print the bounds
+  cargo xtask stack             build the firmware, print the bounds
   cargo xtask stack --ways      and the functions on the deepest way of each handler
-  cargo xtask stack --board h723 --json")]
+  cargo xtask stack --board h743 --json")]
 pub struct Options {
     /// Print the functions on the deepest way, with their frames
     #[arg(long)]

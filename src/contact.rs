@@ -6,6 +6,7 @@
 
 use micromath::F32Ext;
 
+use crate::fixed::Q;
 use crate::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_TOUCH_MIN};
 use crate::sensor::{PiezoFrame, both, pair};
 
@@ -17,24 +18,24 @@ pub struct ContactSummary {
     pub sum: u32,
     /// Taxels touched.
     pub area: u16,
-    /// Count-weighted centre, rows from row 0, 1/256 taxel.
-    pub centroid_row_q8: u16,
-    /// Count-weighted centre, columns from column 0, 1/256 taxel.
-    pub centroid_col_q8: u16,
+    /// Count-weighted centre, rows from row 0.
+    pub centroid_row: Q<u16, 8>,
+    /// Count-weighted centre, columns from column 0.
+    pub centroid_col: Q<u16, 8>,
     /// Direction of the long axis on the pad in millimetres, −90 to 89 degrees; 0 runs along a row,
     /// positive turns from growing columns towards growing rows. Off by less than 1 degree.
     pub axis_deg: i8,
-    /// `1 − short/long` axis (standard deviations), 1/256: 0 is round, 255 a line. Off by less than 2.
-    pub elongation_q8: u8,
+    /// `1 − short/long` axis (standard deviations): 0 is round, 255/256 a line. Off by less than 2/256.
+    pub elongation: Q<u8, 8>,
 }
 
 impl ContactSummary {
     /// Summarise one scan.
-    pub fn of(frame: &PiezoFrame) -> Self {
+    pub fn new(frame: &PiezoFrame) -> Self {
         let mut moments = Moments::default();
         let (mut sum, mut touched) = (0, 0);
         for (row, pairs) in frame.rows().enumerate() {
-            let cells = Row::of(pairs);
+            let cells = Row::new(pairs);
             sum += both(cells.all);
             touched += cells.touched;
             moments.add(row as u32, &cells);
@@ -42,22 +43,22 @@ impl ContactSummary {
         let Moments { weight, row, col, .. } = moments;
         let mut summary = Self { sum, area: both(touched) as u16, ..Self::default() };
         if weight > 0 {
-            summary.centroid_row_q8 = mean_q8(row, weight);
-            summary.centroid_col_q8 = mean_q8(col, weight);
-            (summary.axis_deg, summary.elongation_q8) = moments.axis();
+            summary.centroid_row = mean(row, weight);
+            summary.centroid_col = mean(col, weight);
+            (summary.axis_deg, summary.elongation) = moments.axis();
         }
         summary
     }
 }
 
 /// `round(256 · moment / weight)` of a mean below 2^5: below 2^13.
-fn mean_q8(moment: u32, weight: u32) -> u16 {
+fn mean(moment: u32, weight: u32) -> Q<u16, 8> {
     // Where nothing weighs there is no mean, and nobody asks; the division is never by zero.
     let weight = weight.max(1);
     // weight < 2^22, so that 256 times the remainder fits u32. Half of an odd weight is cut, which changes nothing:
     // 512 · rest + weight is then odd, and 2 · weight goes as often into one less.
     let (whole, rest) = (moment / weight, moment % weight);
-    (256 * whole + (256 * rest + weight / 2) / weight) as u16
+    Q::from_bits((256 * whole + (256 * rest + weight / 2) / weight) as u16)
 }
 
 /// Sums over one row of taxels, two neighbours at a time.
@@ -77,7 +78,7 @@ struct Row {
 
 impl Row {
     #[inline]
-    fn of(pairs: &[[u16; 2]; TAXEL_COLS / 2]) -> Self {
+    fn new(pairs: &[[u16; 2]; TAXEL_COLS / 2]) -> Self {
         // A count has 12 bits; added to this it reaches bit 15 from TAXEL_TOUCH_MIN on.
         const REACH: u32 = pair([0x8000 - TAXEL_TOUCH_MIN; 2]);
         const BIT_15: u32 = pair([0x8000; 2]);
@@ -139,7 +140,7 @@ impl Moments {
     }
 
     /// Angle of the larger principal axis and how much longer it is.
-    fn axis(&self) -> (i8, u8) {
+    fn axis(&self) -> (i8, Q<u8, 8>) {
         // weight² times the covariances, below 2^56: exact, then rounded once to single precision.
         let covariance =
             |square: u32, [a, b]: [u32; 2]| (self.weight as i64 * square as i64 - a as i64 * b as i64) as f32;
@@ -150,14 +151,14 @@ impl Moments {
         let spread = root(difference * difference + 4.0 * both * both);
         let (long, short) = (rows + cols + spread, (rows + cols - spread).max(0.0));
         if long <= 0.0 || spread <= 0.0 {
-            return (0, 0);
+            return Default::default();
         }
         // By name: newer compilers have methods of these names of their own, which give other bits.
         let angle = 0.5 * F32Ext::atan2(2.0 * both, difference);
         let degrees = F32Ext::round(angle.to_degrees()) as i32;
         let axis = if degrees >= 90 { degrees - 180 } else { degrees };
         let elongation = 256.0 * (1.0 - root(short / long));
-        (axis.clamp(-90, 89) as i8, elongation.clamp(0.0, 255.0) as u8)
+        (axis.clamp(-90, 89) as i8, Q::from_bits(elongation.clamp(0.0, 255.0) as u8))
     }
 }
 

@@ -1,11 +1,11 @@
-//! From logits to what is said: the class of a frame, and the alarm.
+//! From logits to the class of a frame, and to the alarm.
 //!
-//! The *class* is the paper's: contact is what the pads say, between the rest the larger logit wins. The
-//! *alarm* is for acting on. It compares the lead of slip's logit with a threshold and asks that enough of
-//! the last frames agree; both come from the model file's [`OperatingPoint`], which was fixed on validation
-//! data for a rate of false alarms. At [`OperatingPoint::ARGMAX`] the alarm is up exactly where the class
-//! is slip.
+//! The *class* is the paper's: the pads decide contact, then the larger of the other two logits wins. The *alarm* is
+//! for acting on. It compares slip's margin with a threshold and asks that enough of the last frames agree; both come
+//! from the model file's [`OperatingPoint`], which was fixed on validation data for a rate of false alarms. At
+//! [`OperatingPoint::ARGMAX`] the alarm is up exactly where the class is slip.
 
+use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;
 use crate::params::CLASSES;
 
@@ -22,9 +22,9 @@ pub enum Class {
 }
 
 impl Class {
-    /// Contact is what the pads say; between the rest the larger logit wins, a tie goes to the class
-    /// without slip. Where the pads leave contact open (`None`), all three logits compete.
-    pub fn of(touched: Option<bool>, [no_contact, no_slip, slip]: [i32; CLASSES]) -> Self {
+    /// `touched`: whether a pad is touched; `None` if that is not known, then all three logits compete. A tie goes to
+    /// the class before.
+    pub fn new(touched: Option<bool>, [no_contact, no_slip, slip]: [Logit; CLASSES]) -> Self {
         let held = if slip > no_slip { Self::Slip } else { Self::NoSlip };
         match touched {
             Some(false) => Self::NoContact,
@@ -35,17 +35,18 @@ impl Class {
     }
 }
 
-/// How far slip's logit leads the largest of those that compete with it, 1/1024 nat: contact without slip,
-/// and no contact where the pads leave contact open. `None` where no pad is touched: that cannot slip.
-pub fn margin_q10(touched: Option<bool>, [no_contact, no_slip, slip]: [i32; CLASSES]) -> Option<i32> {
-    match touched {
-        Some(false) => None,
-        Some(true) => Some(slip.saturating_sub(no_slip)),
-        None => Some(slip.saturating_sub(no_slip.max(no_contact))),
-    }
+/// Slip's logit less the largest of those that compete with it: contact without slip, and no contact where it is not
+/// known whether a pad is touched. `None` where no pad is touched: that cannot slip.
+pub fn margin(touched: Option<bool>, [no_contact, no_slip, slip]: [Logit; CLASSES]) -> Option<Logit> {
+    let rival = match touched {
+        Some(false) => return None,
+        Some(true) => no_slip,
+        None => no_slip.max(no_contact),
+    };
+    Some(Logit::from_bits(slip.to_bits().saturating_sub(rival.to_bits())))
 }
 
-/// The alarm and what it remembers: which of the last frames were over the threshold.
+/// The alarm and its history: which of the last frames exceeded the threshold.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision {
     point: OperatingPoint,
@@ -54,22 +55,22 @@ pub struct Decision {
 }
 
 impl Decision {
-    /// Before the first frame: none was over. `point` is one that [`OperatingPoint::check`] accepts, as
-    /// every [`Model`](crate::net::Model)'s is.
+    /// Before the first frame. `point` is one that [`OperatingPoint::check`] accepts, as every
+    /// [`Model`](crate::net::Model)'s is.
     pub const fn new(point: OperatingPoint) -> Self {
         Self { point, over: 0 }
     }
 
-    /// Where it works.
+    /// The operating point.
     pub const fn point(&self) -> OperatingPoint {
         self.point
     }
 
-    /// Take the margin of the next frame in: is the alarm up?
-    pub fn step(&mut self, margin_q10: Option<i32>) -> bool {
-        let over = margin_q10.is_some_and(|margin| margin > self.point.threshold_q10);
-        let forgotten = u32::BITS.saturating_sub(self.point.n as u32).min(u32::BITS - 1);
-        self.over = (self.over << 1 | over as u32) & u32::MAX >> forgotten;
+    /// Add the margin of the next frame: is the alarm up?
+    pub fn step(&mut self, margin: Option<Logit>) -> bool {
+        let over = margin.is_some_and(|margin| margin > self.point.threshold);
+        let dropped = u32::BITS.saturating_sub(self.point.n as u32).min(u32::BITS - 1);
+        self.over = (self.over << 1 | over as u32) & u32::MAX >> dropped;
         self.over.count_ones() >= self.point.k as u32
     }
 }

@@ -4,6 +4,39 @@
 //! plus infinity. On the MCU this is an add and an arithmetic shift (`smmulr` for a shift of 32).
 //! There is no second rule anywhere between host and MCU.
 
+/// A fixed-point number: the integer `T` with `F` fraction bits. Numbers cross a module's border so; within a kernel
+/// they are plain integers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(transparent)]
+pub struct Q<T, const F: u32>(T);
+
+/// A logit or the difference of two, nat.
+pub type Logit = Q<i32, 10>;
+
+impl<T: Copy, const F: u32> Q<T, F> {
+    /// Fraction bits.
+    pub const FRAC_BITS: u32 = F;
+
+    /// From the integer.
+    pub const fn from_bits(bits: T) -> Self {
+        Self(bits)
+    }
+
+    /// The integer.
+    pub const fn to_bits(self) -> T {
+        self.0
+    }
+
+    /// The number, exact; for hosts.
+    #[expect(clippy::float_arithmetic, reason = "not on the way of a frame")]
+    pub fn to_f64(self) -> f64
+    where
+        T: Into<f64>,
+    {
+        self.0.into() / (1u64 << F) as f64
+    }
+}
+
 /// `round(x / 2^shift)`, ties towards plus infinity. `shift` is 1 to 62 and `|x|` below 2^62.
 #[inline]
 pub const fn round_shift(x: i64, shift: u32) -> i64 {

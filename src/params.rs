@@ -71,7 +71,7 @@ pub const CONTACT_SUM_MIN: u32 = ACTIVE_TAXELS as u32;
 pub const TAXEL_TOUCH_MIN: u16 = 8;
 
 /// Channels that the network sees of an array: the counts, and their change
-/// ([`TaxelChange`](crate::features::taxel_change::TaxelChange)).
+/// ([`TaxelDelta`](crate::features::piezo::TaxelDelta)).
 pub const PIEZO_CHANNELS: usize = 2;
 
 /// Largest number in a map that a convolution takes, 14 bits and a sign; the least is one below its negative. The sum

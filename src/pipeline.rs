@@ -6,10 +6,11 @@
 use core::borrow::BorrowMut;
 
 use crate::contact::ContactSummary;
-use crate::decision::{Decision, margin_q10};
+use crate::decision::{Decision, margin};
 use crate::features::{LogMel, XlFrontEnd};
+use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;
-use crate::net::{Memory, Model, SensorFeatures};
+use crate::net::{Model, NetworkState, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
 use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, health};
@@ -42,12 +43,12 @@ impl FrameStamp {
 pub struct Output {
     /// The decision frame by frame.
     pub class: Class,
-    /// The network's outputs for the three classes, 1/1024 nat.
-    pub logits_q10: [i32; CLASSES],
+    /// The network's outputs for the three classes.
+    pub logits: [Logit; CLASSES],
     /// The flag: `class` is [`Class::Slip`].
     pub slip: bool,
-    /// How far slip leads, 1/1024 nat; `None` where no pad is touched. See [`margin_q10`].
-    pub margin_q10: Option<i32>,
+    /// How far slip leads; `None` where no pad is touched. See [`margin`].
+    pub margin: Option<Logit>,
     /// The flag to act on: slip by the model's operating point.
     pub alarm: bool,
     /// Sensors in use.
@@ -69,10 +70,10 @@ impl Output {
                 health: health.0,
                 sum: from.sum,
                 area: from.area,
-                centroid_row_q8: from.centroid_row_q8,
-                centroid_col_q8: from.centroid_col_q8,
+                centroid_row: from.centroid_row,
+                centroid_col: from.centroid_col,
                 axis_deg: from.axis_deg,
-                elongation_q8: from.elongation_q8,
+                elongation: from.elongation,
             };
         }
         SlipMessage {
@@ -81,7 +82,7 @@ impl Output {
             class: self.class as u8,
             slip: self.slip,
             alarm: self.alarm,
-            logits_q10: self.logits_q10,
+            logits: self.logits,
             late_frames,
             sensors: self.sensors as u8,
             contact,
@@ -148,13 +149,13 @@ impl Ear {
 #[derive(Clone, Debug)]
 pub struct State {
     ears: [Ear; MAX_SENSORS],
-    network: Memory,
+    network: NetworkState,
 }
 
 impl State {
     /// Before the first frame.
     pub const fn new() -> Self {
-        Self { ears: [const { Ear::new() }; MAX_SENSORS], network: Memory::new() }
+        Self { ears: [const { Ear::new() }; MAX_SENSORS], network: NetworkState::new() }
     }
 }
 
@@ -233,9 +234,9 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
     pub fn step(&mut self, inputs: &[SensorInput<'_>]) -> Output {
         let mut output = Output {
             class: Class::NoContact,
-            logits_q10: [0; CLASSES],
+            logits: [Logit::default(); CLASSES],
             slip: false,
-            margin_q10: None,
+            margin: None,
             alarm: false,
             sensors: self.sensors,
             contact: [ContactSummary::default(); MAX_SENSORS],
@@ -250,7 +251,7 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
             given.zip(&mut state.ears).zip(results).zip(0..MAX_SENSORS)
         {
             if let Some(frame) = input.piezo {
-                *contact = ContactSummary::of(frame);
+                *contact = ContactSummary::new(frame);
             }
             match input.xl {
                 Some(samples) => *log_mel = ear.listen(samples),
@@ -264,13 +265,13 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         for ((seen, input), log_mel) in seen.iter_mut().zip(inputs).zip(&output.log_mel) {
             *seen = SensorFeatures { piezo: input.piezo, log_mel: input.xl.map(|_| &log_mel.standardised) };
         }
-        output.logits_q10 =
+        output.logits =
             state.network.step(&self.model, seen.get(..self.sensors).unwrap_or_default(), &mut ());
         let touched = touched(inputs, &output.contact, self.sensors);
-        output.class = Class::of(touched, output.logits_q10);
+        output.class = Class::new(touched, output.logits);
         output.slip = output.class == Class::Slip;
-        output.margin_q10 = margin_q10(touched, output.logits_q10);
-        output.alarm = self.decision.step(output.margin_q10);
+        output.margin = margin(touched, output.logits);
+        output.alarm = self.decision.step(output.margin);
         output
     }
 }

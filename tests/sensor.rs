@@ -3,6 +3,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::contact::ContactSummary;
+use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, COUNT_MAX, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
 use slipsense::sensor::{PiezoFrame, TaxelMask, is_active};
 
@@ -54,7 +55,7 @@ fn one_taxel_at_full_scale_is_seen_wherever_it_is() {
 fn a_contact_has_the_sums_of_its_taxels() {
     for scan in scans() {
         let frame = PiezoFrame::from_scan(scan);
-        let summary = ContactSummary::of(&frame);
+        let summary = ContactSummary::new(&frame);
         let (mut area, mut weight, mut row, mut col) = (0, 0u64, 0u64, 0u64);
         for (index, &count) in frame.counts().iter().enumerate() {
             if count >= TAXEL_TOUCH_MIN {
@@ -66,8 +67,8 @@ fn a_contact_has_the_sums_of_its_taxels() {
         }
         assert_eq!((summary.sum, summary.area), (frame.sum(), area));
         if weight > 0 {
-            let mean = |moment: u64| ((512 * moment + weight) / (2 * weight)) as u16;
-            assert_eq!((summary.centroid_row_q8, summary.centroid_col_q8), (mean(row), mean(col)));
+            let mean = |moment: u64| Q::from_bits(((512 * moment + weight) / (2 * weight)) as u16);
+            assert_eq!([summary.centroid_row, summary.centroid_col], [row, col].map(mean));
         }
     }
 }

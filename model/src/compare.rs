@@ -8,8 +8,9 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 use slipsense::features::XlFrontEnd;
+use slipsense::fixed::Logit;
 use slipsense::net::{Model, Network, SensorFeatures};
-use slipsense::params::{CLASSES, CONTACT_SUM_MIN};
+use slipsense::params::CONTACT_SUM_MIN;
 use slipsense_recording::Episode;
 use slipsense_recording::model_file::SCALES_KEY;
 
@@ -143,7 +144,7 @@ pub fn compare_activations(
         let for_float: Vec<_> = seen
             .map(|(scan, log_mel)| SensorFrame { piezo: Some(scan.counts()), log_mel: Some(log_mel) })
             .collect();
-        let from_integer: [i32; CLASSES] = network.step_observed(&for_integer, &mut integer);
+        let from_integer = network.step_observed(&for_integer, &mut integer).map(Logit::to_bits);
         let from_float = reference.step(&for_float);
 
         let touched = scans.iter().any(|scan| scan.sum() >= CONTACT_SUM_MIN);

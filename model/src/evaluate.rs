@@ -177,8 +177,8 @@ pub fn compare(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result
             };
         }
         let logits = reference.step(&seen[..episode.sensors]);
-        for (float, integer) in logits.into_iter().zip(output.logits_q10) {
-            let error = f64::from(float) - f64::from(integer) / 1024.0;
+        for (float, integer) in logits.into_iter().zip(output.logits) {
+            let error = f64::from(float) - integer.to_f64();
             result.logit_power[0] += f64::from(float).powi(2);
             result.logit_power[1] += error * error;
         }

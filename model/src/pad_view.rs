@@ -1,7 +1,7 @@
 //! How much of a pad a network gets to see: all taxels or averages over blocks of them, with or without the
 //! change channel. The shipped network sees everything; the comparisons take away.
 
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 /// What a network sees of every scan.
@@ -22,7 +22,7 @@ impl Default for PadView {
 impl PadView {
     /// Before a sequence's first scan.
     pub fn start(self) -> Viewed {
-        Viewed { view: self, pad: PadCells::new() }
+        Viewed { view: self, pad: PiezoFrontEnd::new() }
     }
 }
 
@@ -30,7 +30,7 @@ impl PadView {
 #[derive(Clone, Debug)]
 pub struct Viewed {
     view: PadView,
-    pad: PadCells,
+    pad: PiezoFrontEnd,
 }
 
 impl Viewed {

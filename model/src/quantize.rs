@@ -8,11 +8,11 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
+use slipsense::fixed::Logit;
 use slipsense::fixed::STANDARD_FRAC_BITS;
 use slipsense::net::format::Dims;
 use slipsense::net::layer_norm::{RESIDUAL_BITS, RESIDUAL_FACTOR_BITS};
 use slipsense::net::model::ACTIVATION_MAX;
-use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense::net::packing::Inputs;
 use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::SCORE_FRAC_BITS;
@@ -75,7 +75,7 @@ pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String
     let scale = |activation: &str| match activation {
         "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
         "log_mel" => Ok(f64::from(log_mel_real(1))),
-        "logits" => Ok(1.0 / f64::from(1 << LOGIT_FRAC_BITS)),
+        "logits" => Ok(1.0 / f64::from(1 << Logit::FRAC_BITS)),
         other if other.ends_with(".residual") => needs.of(other, RESIDUAL_MARGIN, RESIDUAL_MAX),
         other if other.ends_with(".query") || other.ends_with(".key") => {
             needs.of(other, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))

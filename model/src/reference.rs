@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, TAXELS};
 
@@ -85,7 +85,7 @@ pub struct SensorFrame<'a> {
 pub struct Reference<'w> {
     weights: &'w Weights,
     /// Per sensor what the network sees of the pad, by the microcontroller's own kernel.
-    pads: Vec<PadCells>,
+    pads: Vec<PiezoFrontEnd>,
     /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
     heard: Vec<VecDeque<[f32; MEL_BINS]>>,
     caches: [VecDeque<KeyValue>; 3],
@@ -107,7 +107,7 @@ impl<'w> Reference<'w> {
         let silence = VecDeque::from(vec![[0.0; MEL_BINS]; weights.dims.xl_kernel]);
         Self {
             weights,
-            pads: vec![PadCells::new(); sensors],
+            pads: vec![PiezoFrontEnd::new(); sensors],
             heard: vec![silence; sensors],
             caches: Default::default(),
             ranges: Ranges::default(),
@@ -125,7 +125,7 @@ impl<'w> Reference<'w> {
         for (index, sensor) in sensors.iter().enumerate() {
             match sensor.piezo {
                 Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)),
-                None => self.pads[index].forget(),
+                None => self.pads[index].reset(),
             }
             let mut frame = [0.0; MEL_BINS];
             for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {

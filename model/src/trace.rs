@@ -51,15 +51,15 @@ impl IntegerTrace<'_> {
 }
 
 impl Observer for IntegerTrace<'_> {
-    fn see(&mut self, layer: &'static str, values: &[i16]) {
+    fn record(&mut self, layer: &'static str, values: &[i16]) {
         self.see_scaled(layer, values);
     }
 
-    fn see_residual(&mut self, block: &'static str, values: &[i32]) {
+    fn record_residual(&mut self, block: &'static str, values: &[i32]) {
         self.see_scaled(&format!("{block}.residual"), values);
     }
 
-    fn see_part(&mut self, block: &'static str, part: &'static str, values: &[i16]) {
+    fn record_part(&mut self, block: &'static str, part: &'static str, values: &[i16]) {
         self.see_scaled(&format!("{block}.{part}"), values);
     }
 }

@@ -9,7 +9,7 @@ mod graphs;
 use std::collections::VecDeque;
 
 use anyhow::{Context, Result, ensure};
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use tract_core::prelude::{IntoTValue, TValue, Tensor, TypedSimpleState, tvec};
@@ -30,7 +30,7 @@ pub struct TractNetwork {
     xl: TypedSimpleState,
     fuse: TypedSimpleState,
     /// Per sensor what the network sees of the pad, by the microcontroller's own kernel.
-    pads: Vec<PadCells>,
+    pads: Vec<PiezoFrontEnd>,
     /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
     heard: Vec<VecDeque<[f32; MEL_BINS]>>,
     /// Frames seen, up to the window.
@@ -54,7 +54,7 @@ impl TractNetwork {
             piezo: graphs.piezo.spawn()?,
             xl: graphs.xl.spawn()?,
             fuse: graphs.fuse.spawn()?,
-            pads: vec![PadCells::new(); sensors],
+            pads: vec![PiezoFrontEnd::new(); sensors],
             heard: vec![silence; sensors],
             filled: 0,
             mask: zeros(&[1, dims.window])?,
@@ -70,7 +70,7 @@ impl TractNetwork {
         for (index, sensor) in sensors.iter().enumerate() {
             match sensor.piezo {
                 Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)?),
-                None => self.pads[index].forget(),
+                None => self.pads[index].reset(),
             }
             let mut frame = [0.0; MEL_BINS];
             for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {

@@ -7,7 +7,7 @@ use burn::module::ParamId;
 use burn::tensor::Device;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::piezo::{self, Filters};
 use slipsense_model::reference::log_mel_real;
@@ -24,7 +24,7 @@ fn sequences() -> Sequences {
         let scans = common::scans(FRAMES, SENSORS, 20 + sequence);
         let log_mels = common::log_mels(FRAMES, SENSORS, 30 + sequence);
         for sensor in 0..SENSORS {
-            let mut pad = PadCells::new();
+            let mut pad = PiezoFrontEnd::new();
             for frame in 0..FRAMES {
                 let counts = scans[frame * SENSORS + sensor].counts();
                 pad.push(counts, |_, cell| input.piezo.extend(cell));

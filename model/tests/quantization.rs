@@ -2,6 +2,7 @@
 
 mod common;
 
+use slipsense::fixed::Logit;
 use slipsense::net::format::Dims;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense_model::quantize::quantize;
@@ -35,7 +36,7 @@ fn run_integer(bytes: &[u8]) -> Vec<[i32; 3]> {
     let frames = scans.chunks_exact(SENSORS).zip(log_mels.chunks_exact(SENSORS));
     let step = |(scans, log_mels): (&[_], &[_])| {
         let sensor = |s: usize| SensorFeatures { piezo: Some(&scans[s]), log_mel: Some(&log_mels[s]) };
-        network.step(&[sensor(0), sensor(1)])
+        network.step(&[sensor(0), sensor(1)]).map(Logit::to_bits)
     };
     frames.map(step).collect()
 }

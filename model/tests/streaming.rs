@@ -3,7 +3,7 @@
 mod common;
 
 use burn::tensor::Device;
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::reference::{Reference, SensorFrame, log_mel_real};
 
@@ -16,7 +16,7 @@ fn worst_difference(sensors: usize) -> f32 {
     let log_mels = common::log_mels(FRAMES, sensors, 9);
     let mut input = Sequences { batch: 1, sensors, frames: FRAMES, ..Default::default() };
     for sensor in 0..sensors {
-        let mut pad = PadCells::new();
+        let mut pad = PiezoFrontEnd::new();
         for frame in 0..FRAMES {
             let at = frame * sensors + sensor;
             let counts = scans[at].counts();

@@ -9,7 +9,7 @@ use std::path::Path;
 use burn::module::ParamId;
 use burn::optim::AdamWConfig;
 use burn::tensor::Device;
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::params::{CLASSES, MEL_BINS, TAXELS};
 use slipsense_model::augment::level;
 use slipsense_model::batch::{Options, Sampler};
@@ -33,7 +33,7 @@ fn sequence(frames: usize, seed: u64) -> Sequences {
     input.label = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
     input.weight = vec![1.0; frames];
     for sensor in 0..SENSORS {
-        let mut pad = PadCells::new();
+        let mut pad = PiezoFrontEnd::new();
         for frame in 0..frames {
             let at = frame * SENSORS + sensor;
             let class = input.label[frame];

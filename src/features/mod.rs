@@ -1,5 +1,5 @@
 //! Accelerometer samples to log-mel, and taxel counts to what the network sees of them
-//! ([`pad_cells`]), integers only.
+//! ([`piezo`]), integers only.
 //!
 //! Log-mel has one file per step, in the order of the signal: high-pass, ring, window and FFT, power over the
 //! axes, mel triangles, logarithm; then [`crate::fixed::standardise`].
@@ -15,8 +15,7 @@ pub mod power;
 pub mod mel;
 pub mod log;
 pub mod tables;
-pub mod taxel_change;
-pub mod pad_cells;
+pub mod piezo;
 
 /// The window and FFT in use.
 #[cfg(feature = "cmsis-dsp")]

@@ -47,8 +47,8 @@ impl<const W: usize> KeyValueCache<W> {
             let value: &mut [i16] = bytemuck::must_cast_slice_mut(value);
             dense(&block.key, x.words(), key, requantize::query_key);
             dense(&block.value, x.words(), value, requantize::signed);
-            observer.see_part(block.name, "key", key.get(..block.key.outputs).unwrap_or_default());
-            observer.see_part(block.name, "value", value.get(..block.value.outputs).unwrap_or_default());
+            observer.record_part(block.name, "key", key.get(..block.key.outputs).unwrap_or_default());
+            observer.record_part(block.name, "value", value.get(..block.value.outputs).unwrap_or_default());
         }
         let window = window.min(WINDOW);
         self.next = if self.next + 1 < window { self.next + 1 } else { 0 };
@@ -87,7 +87,7 @@ pub fn attend<const W: usize>(
     let mut query = Activations::<W>::new();
     let mut context = Activations::<W>::new();
     dense(&block.query, x.words(), query.values_mut(), requantize::query_key);
-    observer.see_part(block.name, "query", query.values().get(..width).unwrap_or_default());
+    observer.record_part(block.name, "query", query.values().get(..width).unwrap_or_default());
 
     let mut scores = [0i32; WINDOW];
     for head in 0..block.heads {
@@ -105,7 +105,7 @@ pub fn attend<const W: usize>(
         gather(cache, weights, (from, to), &mut context);
     }
     let x = x.values().get(..width).unwrap_or_default();
-    let see = |sum: &[i32]| observer.see_residual(block.name, sum);
+    let see = |sum: &[i32]| observer.record_residual(block.name, sum);
     // By width, because room is zeroed before it is used.
     match width {
         0..=32 => add_and_norm::<32>(&block.out, context.words(), x, &block.norm, out, see),

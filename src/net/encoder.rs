@@ -6,7 +6,7 @@ use super::model::{Layer, Model};
 use super::observer::Observer;
 use super::packing::pairs;
 use super::requantize;
-use crate::features::pad_cells::PadCells;
+use crate::features::piezo::PiezoFrontEnd;
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
@@ -67,7 +67,7 @@ impl PiezoEncoder {
         &mut self,
         model: &Model<'_>,
         frame: &PiezoFrame,
-        pad: &mut PadCells,
+        pad: &mut PiezoFrontEnd,
         observer: &mut O,
     ) -> Embedding {
         let rows = self.input.chunks_exact_mut(INPUT.row()).skip(INPUT.border);
@@ -77,7 +77,7 @@ impl PiezoEncoder {
             return self.convolve(model, observer);
         }
         // Who looks on sees the layers of an untouched pad too.
-        if let Some(embedding) = self.untouched.filter(|_| !O::LOOKS) {
+        if let Some(embedding) = self.untouched.filter(|_| !O::ENABLED) {
             return embedding;
         }
         self.input = [0; INPUT.len()];
@@ -95,23 +95,23 @@ impl PiezoEncoder {
             conv_relu_pool((layer.weights, layer.bias, layer.multiplier), x, out, strip);
         };
         let [conv1, conv2, conv3] = &model.conv;
-        observer.see_map("taxels", PIEZO_CHANNELS, input, INPUT);
+        observer.record_map("taxels", PIEZO_CHANNELS, input, INPUT);
         convolve(conv1, (input, INPUT), (block1, shape1));
-        observer.see_map("piezo.conv1", conv1.outputs, block1, shape1);
+        observer.record_map("piezo.conv1", conv1.outputs, block1, shape1);
         convolve(conv2, (block1, shape1), (block2, shape2));
-        observer.see_map("piezo.conv2", conv2.outputs, block2, shape2);
+        observer.record_map("piezo.conv2", conv2.outputs, block2, shape2);
         convolve(conv3, (block2, shape2), (block3, shape3));
-        observer.see_map("piezo.conv3", conv3.outputs, block3, shape3);
+        observer.record_map("piezo.conv3", conv3.outputs, block3, shape3);
         let mut out = Embedding::new();
         dense(&model.piezo_dense, block3, out.values_mut(), requantize::signed);
-        see_outputs("piezo", &model.piezo_dense, out.values(), observer);
+        record_outputs("piezo", &model.piezo_dense, out.values(), observer);
         out
     }
 }
 
 /// Show as many values as the layer gives.
-fn see_outputs(name: &'static str, layer: &Layer<'_>, values: &[i16], observer: &mut impl Observer) {
-    observer.see(name, values.get(..layer.outputs).unwrap_or_default());
+fn record_outputs(name: &'static str, layer: &Layer<'_>, values: &[i16], observer: &mut impl Observer) {
+    observer.record(name, values.get(..layer.outputs).unwrap_or_default());
 }
 
 impl Default for PiezoEncoder {
@@ -152,17 +152,17 @@ impl XlHistory {
         let frames = self.frames.get(from..).unwrap_or_default();
         for (to, frame) in seen.as_chunks_mut::<HEARD>().0.iter_mut().zip(frames) {
             *to = *frame.words();
-            observer.see("log_mel", frame.values());
+            observer.record("log_mel", frame.values());
         }
         let mut hidden1 = Activations::<{ XL_CHANNELS / 2 }>::new();
         let mut hidden2 = Activations::<{ XL_CHANNELS / 2 }>::new();
         let mut out = Embedding::new();
         dense(conv, &seen, hidden1.values_mut(), requantize::relu);
-        see_outputs("xl.conv", conv, hidden1.values(), observer);
+        record_outputs("xl.conv", conv, hidden1.values(), observer);
         dense(mix1, hidden1.words(), hidden2.values_mut(), requantize::relu);
-        see_outputs("xl.mix1", mix1, hidden2.values(), observer);
+        record_outputs("xl.mix1", mix1, hidden2.values(), observer);
         dense(mix2, hidden2.words(), out.values_mut(), requantize::signed);
-        see_outputs("xl", mix2, out.values(), observer);
+        record_outputs("xl", mix2, out.values(), observer);
         out
     }
 }

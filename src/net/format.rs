@@ -17,6 +17,7 @@
 use core::fmt;
 
 use super::packing::{self, Inputs};
+use crate::fixed::Logit;
 use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
 
 /// First bytes of every model file.
@@ -128,17 +129,13 @@ impl Dims {
 /// ([`crate::decision`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OperatingPoint {
-    /// Lead of slip's logit that is not enough yet, 1/1024 nat, in [`THRESHOLD_RANGE_Q10`].
-    pub threshold_q10: i32,
+    /// The largest margin that is not enough, [`Self::THRESHOLD_MIN`] to [`Self::THRESHOLD_MAX`].
+    pub threshold: Logit,
     /// Frames that must be over, 1 to `n`.
     pub k: u8,
     /// Frames looked back over, the current one included, 1 to [`ALARM_FRAMES_MAX`].
     pub n: u8,
 }
-
-/// Every threshold that can matter: logits are 16 bits, so the difference of two is within ±65,535. At the
-/// lower end every frame that may be over is, at the upper end none.
-pub const THRESHOLD_RANGE_Q10: (i32, i32) = (-(1 << 16), (1 << 16) - 1);
 
 /// Frames that the alarm remembers, at most: the bits of its history.
 pub const ALARM_FRAMES_MAX: u8 = u32::BITS as u8;
@@ -165,15 +162,20 @@ impl core::error::Error for PointError {}
 
 impl OperatingPoint {
     /// What the classes say by themselves: alarm where the class is slip.
-    pub const ARGMAX: Self = Self { threshold_q10: 0, k: 1, n: 1 };
+    pub const ARGMAX: Self = Self { threshold: Logit::from_bits(0), k: 1, n: 1 };
+    /// Below every margin: logits have 16 bits, so the difference of two is within ±65,535.
+    pub const THRESHOLD_MIN: Logit = Logit::from_bits(-(1 << 16));
+    /// At least every margin.
+    pub const THRESHOLD_MAX: Logit = Logit::from_bits((1 << 16) - 1);
 
     /// Refuses what the alarm cannot work at, by field.
     pub fn check(&self) -> Result<(), PointError> {
         let n_max = ALARM_FRAMES_MAX as i32;
+        let thresholds = (Self::THRESHOLD_MIN.to_bits(), Self::THRESHOLD_MAX.to_bits());
         for (field, value, range) in [
             ("operating point n", self.n as i32, (1, n_max)),
             ("operating point k", self.k as i32, (1, self.n as i32)),
-            ("operating point threshold", self.threshold_q10, THRESHOLD_RANGE_Q10),
+            ("operating point threshold", self.threshold.to_bits(), thresholds),
         ] {
             if value < range.0 || value > range.1 {
                 return Err(PointError { field, value, range });

@@ -12,14 +12,14 @@ pub const RESIDUAL_BITS: u32 = 22;
 /// `LayerNorm(x + layer(context))`, to the scale of `norm`.
 ///
 /// `x`, `out`: `layer.outputs` activations, at most `WIDTH_MAX`. The sum has a scale of its own
-/// and is not cut to 16 bits before it is normalised; `see_sum` is shown it.
+/// and is not cut to 16 bits before it is normalised; `record_sum` is shown it.
 pub fn add_and_norm<const WIDTH_MAX: usize>(
     layer: &Layer<'_>,
     context: &[u32],
     x: &[i16],
     norm: &Norm<'_>,
     out: &mut [i16],
-    see_sum: impl FnOnce(&[i32]),
+    record_sum: impl FnOnce(&[i32]),
 ) {
     let mut sum = [0i32; WIDTH_MAX];
     let mut standard = [0i16; WIDTH_MAX];
@@ -34,7 +34,7 @@ pub fn add_and_norm<const WIDTH_MAX: usize>(
             *sum = residual.clamp(-(1 << (RESIDUAL_BITS - 1)), (1 << (RESIDUAL_BITS - 1)) - 1);
         }
     }
-    see_sum(sum);
+    record_sum(sum);
     standardise::<STANDARD_FRAC_BITS>(sum, norm.epsilon, &mut standard[..width]);
     let affine = norm.gamma.iter().zip(norm.beta.iter());
     for ((out, &n), (&gamma, &beta)) in out.iter_mut().zip(&standard[..width]).zip(affine) {

@@ -22,5 +22,5 @@ pub mod network;
 
 pub use model::{Aligned, Model};
 pub use model_error::ModelError;
-pub use network::{Memory, Network, SensorFeatures};
+pub use network::{Network, NetworkState, SensorFeatures};
 pub use observer::Observer;

@@ -12,6 +12,7 @@ use super::format::{
 };
 use super::model_error::ModelError;
 use super::packing::{self, Inputs};
+use crate::fixed::Logit;
 use crate::simd::halves;
 
 #[cfg(not(target_endian = "little"))]
@@ -265,7 +266,8 @@ impl<'a> Bytes<'a> {
         let &[t0, t1, t2, t3, k, n, ..] = bytes else {
             return Err(ModelError::Truncated { layer: "header", part: "operating point" });
         };
-        let point = OperatingPoint { threshold_q10: i32::from_le_bytes([t0, t1, t2, t3]), k, n };
+        let point =
+            OperatingPoint { threshold: Logit::from_bits(i32::from_le_bytes([t0, t1, t2, t3])), k, n };
         point.check().map_err(ModelError::BadOperatingPoint)?;
         Ok(point)
     }

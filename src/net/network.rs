@@ -7,13 +7,11 @@ use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
 use super::observer::Observer;
 use super::requantize;
-use crate::features::pad_cells::PadCells;
+use crate::features::piezo::PiezoFrontEnd;
+use crate::fixed::Logit;
 use crate::params::limits::EMBED;
 use crate::params::{CLASSES, MAX_SENSORS, MEL_BINS};
 use crate::sensor::PiezoFrame;
-
-/// Fraction bits of a logit.
-pub const LOGIT_FRAC_BITS: u32 = 10;
 
 /// Width of the fused vector, at most.
 const FUSED: usize = 2 * EMBED;
@@ -32,16 +30,16 @@ pub struct SensorFeatures<'a> {
 
 /// Everything that a network remembers of the frames before, whatever the model. All of it starts as zeros.
 #[derive(Clone, Debug)]
-pub struct Memory {
+pub struct NetworkState {
     piezo: PiezoEncoder,
-    pads: [PadCells; MAX_SENSORS],
+    pads: [PiezoFrontEnd; MAX_SENSORS],
     xl: [XlHistory; MAX_SENSORS],
     piezo_seen: KeyValueCache<EMBED_WORDS>,
     xl_seen: KeyValueCache<EMBED_WORDS>,
     fused_seen: KeyValueCache<FUSED_WORDS>,
 }
 
-impl Default for Memory {
+impl Default for NetworkState {
     fn default() -> Self {
         Self::new()
     }
@@ -51,13 +49,13 @@ impl Default for Memory {
 #[derive(Clone, Debug)]
 pub struct Network<'m> {
     model: Model<'m>,
-    memory: Memory,
+    memory: NetworkState,
 }
 
 impl<'m> Network<'m> {
     /// Before the first frame.
     pub const fn new(model: Model<'m>) -> Self {
-        Self { model, memory: Memory::new() }
+        Self { model, memory: NetworkState::new() }
     }
 
     /// The model it runs.
@@ -65,8 +63,8 @@ impl<'m> Network<'m> {
         &self.model
     }
 
-    /// One frame of up to [`MAX_SENSORS`] sensors to three logits, Q10 (1/1024 nat), −32768 to 32767.
-    pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> [i32; CLASSES] {
+    /// One frame of up to [`MAX_SENSORS`] sensors to three logits, whose integers have 16 bits.
+    pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> [Logit; CLASSES] {
         self.step_observed(sensors, &mut ())
     }
 
@@ -75,17 +73,17 @@ impl<'m> Network<'m> {
         &mut self,
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
-    ) -> [i32; CLASSES] {
+    ) -> [Logit; CLASSES] {
         self.memory.step(&self.model, sensors, observer)
     }
 }
 
-impl Memory {
+impl NetworkState {
     /// Before the first frame.
     pub const fn new() -> Self {
         Self {
             piezo: PiezoEncoder::new(),
-            pads: [const { PadCells::new() }; MAX_SENSORS],
+            pads: [const { PiezoFrontEnd::new() }; MAX_SENSORS],
             xl: [const { XlHistory::new() }; MAX_SENSORS],
             piezo_seen: KeyValueCache::new(),
             xl_seen: KeyValueCache::new(),
@@ -99,19 +97,19 @@ impl Memory {
         model: &Model<'_>,
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
-    ) -> [i32; CLASSES] {
+    ) -> [Logit; CLASSES] {
         let (piezo, xl) = self.embed(model, sensors, observer);
         let fused = self.fuse(model, &piezo, &xl, observer);
         let (width, window) = (model.dims.fused().min(FUSED), model.dims.window);
-        observer.see("fused", fused.values().get(..width).unwrap_or_default());
+        observer.record("fused", fused.values().get(..width).unwrap_or_default());
         self.fused_seen.push(&model.temporal, &fused, window, observer);
         let mut hidden = Activations::<FUSED_WORDS>::new();
         attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
-        observer.see("hidden", hidden.values().get(..width).unwrap_or_default());
+        observer.record("hidden", hidden.values().get(..width).unwrap_or_default());
         let mut logits = [0; CLASSES];
         dense(&model.head, hidden.words(), &mut logits, requantize::signed);
-        observer.see("logits", &logits);
-        logits.map(i32::from)
+        observer.record("logits", &logits);
+        logits.map(|logit| Logit::from_bits(logit.into()))
     }
 
     /// The two embeddings of a frame: per modality the element-wise maximum over the sensors that
@@ -127,7 +125,7 @@ impl Memory {
         for ((sensor, history), pad) in sensors.iter().zip(&mut self.xl).zip(&mut self.pads) {
             match sensor.piezo {
                 Some(frame) => keep_max(&mut piezo, self.piezo.embed(model, frame, pad, observer)),
-                None => pad.forget(),
+                None => pad.reset(),
             }
             // A missed frame enters the history as zeros, the mean of a standardised frame, so that
             // the taps keep their distance in time.

@@ -12,31 +12,31 @@ use crate::simd::{MapShape, halves};
 /// parts.
 pub trait Observer {
     /// Whether it looks at anything: else the network may skip what needs no computing.
-    const LOOKS: bool = true;
+    const ENABLED: bool = true;
 
     /// Activations at the scale of `layer`'s output.
-    fn see(&mut self, _layer: &'static str, _values: &[i16]) {}
+    fn record(&mut self, _layer: &'static str, _values: &[i16]) {}
 
     /// A map as it lies in memory, with so many channels: shown value by value, border left out, in row, column,
     /// channel order.
-    fn see_map(&mut self, layer: &'static str, channels: usize, cells: &[u32], shape: MapShape) {
+    fn record_map(&mut self, layer: &'static str, channels: usize, cells: &[u32], shape: MapShape) {
         let columns = (0..shape.side).flat_map(|row| (0..shape.side).map(move |col| (row, col)));
-        for (row, col) in columns.take(if Self::LOOKS { usize::MAX } else { 0 }) {
+        for (row, col) in columns.take(if Self::ENABLED { usize::MAX } else { 0 }) {
             for channel in 0..channels {
                 let word = cells.get(shape.at(row, channel / 2, col)).copied().unwrap_or_default();
-                self.see(layer, &[halves(word)[channel % 2]]);
+                self.record(layer, &[halves(word)[channel % 2]]);
             }
         }
     }
 
     /// Residual sums of the attention block `block`, at a 16th of the scale of what it was added to.
-    fn see_residual(&mut self, _block: &'static str, _values: &[i32]) {}
+    fn record_residual(&mut self, _block: &'static str, _values: &[i32]) {}
 
     /// Activations of one part, `query`, `key` or `value`, of the attention block `block`.
-    fn see_part(&mut self, _block: &'static str, _part: &'static str, _values: &[i16]) {}
+    fn record_part(&mut self, _block: &'static str, _part: &'static str, _values: &[i16]) {}
 }
 
 /// Looks at nothing.
 impl Observer for () {
-    const LOOKS: bool = false;
+    const ENABLED: bool = false;
 }

@@ -18,6 +18,7 @@ pub use table::{
 };
 pub use value::{ELEMENTS_MAX, Kind};
 
+use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::wire::NodeId;
@@ -154,7 +155,7 @@ impl Settings {
         }
         match *self.get(Setting::OperatingPoint) {
             [threshold, k, n] => {
-                Some(OperatingPoint { threshold_q10: threshold as i32, k: k as u8, n: n as u8 })
+                Some(OperatingPoint { threshold: Logit::from_bits(threshold as i32), k: k as u8, n: n as u8 })
             }
             _ => None,
         }

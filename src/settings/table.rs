@@ -1,7 +1,7 @@
 //! Every setting, once: what it is called, what it may be, what it is until somebody says otherwise.
 
 use super::value::{ELEMENTS_MAX, Kind};
-use crate::net::format::{ALARM_FRAMES_MAX, THRESHOLD_RANGE_Q10};
+use crate::net::format::{ALARM_FRAMES_MAX, OperatingPoint};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXEL_ROWS};
 use crate::wire::NodeId;
 
@@ -220,7 +220,10 @@ pub static TABLE: [Definition; 14] = [
         name: "slipsense.alarm.point",
         kind: Kind::Integer32,
         rules: &[
-            Rule::Range(THRESHOLD_RANGE_Q10.0 as i64, THRESHOLD_RANGE_Q10.1 as i64),
+            Rule::Range(
+                OperatingPoint::THRESHOLD_MIN.to_bits() as i64,
+                OperatingPoint::THRESHOLD_MAX.to_bits() as i64,
+            ),
             Rule::Range(1, ALARM_FRAMES_MAX as i64),
             Rule::Range(1, ALARM_FRAMES_MAX as i64),
         ],

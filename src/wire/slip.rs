@@ -2,6 +2,7 @@
 //! Layout: `dsdl/slipsense/6200.Slip.1.0.dsdl`.
 
 use super::bytes::{DecodeError, Reader, Writer};
+use crate::fixed::{Logit, Q};
 use crate::params::{CLASSES, MAX_SENSORS};
 
 /// Bytes of an encoded [`SlipMessage`]; one frame carries 63.
@@ -30,8 +31,8 @@ pub struct SlipMessage {
     pub slip: bool,
     /// The flag to act on: slip by the operating point of the sender's model.
     pub alarm: bool,
-    /// Outputs of the network per class, 1/1024 nat.
-    pub logits_q10: [i32; CLASSES],
+    /// Outputs of the network per class.
+    pub logits: [Logit; CLASSES],
     /// Frames whose decision came after the next tick, since start; stays at 65,535.
     pub late_frames: u16,
     /// Sensors in use, 1 to 3; entries of `contact` beyond are zero.
@@ -49,15 +50,15 @@ pub struct SensorContact {
     pub sum: u32,
     /// Taxels in contact, 0 to 942.
     pub area: u16,
-    /// Centre of pressure, row, 1/256 taxel.
-    pub centroid_row_q8: u16,
-    /// Centre of pressure, column, 1/256 taxel.
-    pub centroid_col_q8: u16,
+    /// Centre of pressure, row.
+    pub centroid_row: Q<u16, 8>,
+    /// Centre of pressure, column.
+    pub centroid_col: Q<u16, 8>,
     /// Direction of the long axis, −90 to 89 degrees: 0 runs along a row, positive turns from growing
     /// columns towards growing rows.
     pub axis_deg: i8,
-    /// 1 − (short axis / long axis), 1/256: 0 is round, 255 a line.
-    pub elongation_q8: u8,
+    /// 1 − (short axis / long axis): 0 is round, 255/256 a line.
+    pub elongation: Q<u8, 8>,
 }
 
 impl SlipMessage {
@@ -72,17 +73,17 @@ impl SlipMessage {
         let alarm = if self.alarm { ALARM_BIT } else { 0 };
         writer.put(&[self.class.min(CLASS_MASK) | slip | sensors | alarm]);
         writer.put(&self.late_frames.to_le_bytes());
-        for logit in self.logits_q10 {
-            writer.put(&logit.to_le_bytes());
+        for logit in self.logits {
+            writer.put(&logit.to_bits().to_le_bytes());
         }
         for contact in &self.contact {
             writer.put(&[contact.health]);
             writer.put_saturated::<3>(contact.sum.into());
             writer.put(&contact.area.to_le_bytes());
-            writer.put(&contact.centroid_row_q8.to_le_bytes());
-            writer.put(&contact.centroid_col_q8.to_le_bytes());
+            writer.put(&contact.centroid_row.to_bits().to_le_bytes());
+            writer.put(&contact.centroid_col.to_bits().to_le_bytes());
             writer.put(&contact.axis_deg.to_le_bytes());
-            writer.put(&[contact.elongation_q8]);
+            writer.put(&[contact.elongation.to_bits()]);
         }
         out
     }
@@ -96,9 +97,9 @@ impl SlipMessage {
         let class = reader.at_most("class_index", flags & CLASS_MASK, CLASSES - 1)?;
         let sensors = flags >> SENSORS_SHIFT & SENSORS_MASK;
         let late_frames = u16::from_le_bytes(reader.take()?);
-        let mut logits_q10 = [0; CLASSES];
-        for logit in &mut logits_q10 {
-            *logit = i32::from_le_bytes(reader.take()?);
+        let mut logits = [Logit::default(); CLASSES];
+        for logit in &mut logits {
+            *logit = Q::from_bits(i32::from_le_bytes(reader.take()?));
         }
         let mut contact = [SensorContact::default(); MAX_SENSORS];
         for contact in &mut contact {
@@ -106,13 +107,13 @@ impl SlipMessage {
                 health: u8::from_le_bytes(reader.take()?),
                 sum: reader.unsigned::<3>()? as u32,
                 area: u16::from_le_bytes(reader.take()?),
-                centroid_row_q8: u16::from_le_bytes(reader.take()?),
-                centroid_col_q8: u16::from_le_bytes(reader.take()?),
+                centroid_row: Q::from_bits(u16::from_le_bytes(reader.take()?)),
+                centroid_col: Q::from_bits(u16::from_le_bytes(reader.take()?)),
                 axis_deg: i8::from_le_bytes(reader.take()?),
-                elongation_q8: u8::from_le_bytes(reader.take()?),
+                elongation: Q::from_bits(u8::from_le_bytes(reader.take()?)),
             };
         }
         let (slip, alarm) = (flags & SLIP_BIT != 0, flags & ALARM_BIT != 0);
-        Ok(Self { timestamp_us, sequence, class, slip, alarm, logits_q10, late_frames, sensors, contact })
+        Ok(Self { timestamp_us, sequence, class, slip, alarm, logits, late_frames, sensors, contact })
     }
 }

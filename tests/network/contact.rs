@@ -54,7 +54,7 @@ fn exact(frame: &PiezoFrame) -> Exact {
 fn an_idle_pad_has_a_sum_and_no_contact() {
     let mut counts = [1; TAXELS];
     counts[500] = TAXEL_TOUCH_MIN - 1;
-    let summary = ContactSummary::of(&PiezoFrame::from_scan(counts));
+    let summary = ContactSummary::new(&PiezoFrame::from_scan(counts));
     assert_eq!(summary, ContactSummary { sum: 941 + u32::from(TAXEL_TOUCH_MIN) - 1, ..Default::default() });
 }
 
@@ -68,13 +68,13 @@ fn ellipses_in_all_directions() {
         let half = (long, long * rng.random_range(0.2..0.7));
         let degrees = rng.random_range(-89.0..89.0);
         let frame = ellipse(&mut rng, centre, half, degrees);
-        let (summary, exact) = (ContactSummary::of(&frame), exact(&frame));
+        let (summary, exact) = (ContactSummary::new(&frame), exact(&frame));
         assert_eq!(summary.area, exact.area);
-        assert!((f64::from(summary.centroid_row_q8) / 256.0 - exact.row).abs() <= 0.5 / 256.0);
-        assert!((f64::from(summary.centroid_col_q8) / 256.0 - exact.col).abs() <= 0.5 / 256.0);
+        assert!((summary.centroid_row.to_f64() - exact.row).abs() <= 0.5 / 256.0);
+        assert!((summary.centroid_col.to_f64() - exact.col).abs() <= 0.5 / 256.0);
         let turn = (f64::from(summary.axis_deg) - exact.degrees).rem_euclid(180.0);
         worst_degrees = worst_degrees.max(turn.min(180.0 - turn));
-        let elongation = (f64::from(summary.elongation_q8) - 256.0 * exact.elongation).abs();
+        let elongation = (f64::from(summary.elongation.to_bits()) - 256.0 * exact.elongation).abs();
         worst_elongation = worst_elongation.max(elongation);
     }
     println!("axis off by at most {worst_degrees:.3} degrees, elongation by {worst_elongation:.3} / 256");
@@ -83,18 +83,18 @@ fn ellipses_in_all_directions() {
 
 #[test]
 fn extremes_stay_in_range() {
-    let full = ContactSummary::of(&PiezoFrame::from_scan([4095; TAXELS]));
+    let full = ContactSummary::new(&PiezoFrame::from_scan([4095; TAXELS]));
     assert_eq!((full.sum, full.area), (942 * 4095, 942));
     for index in (0..TAXELS).filter(|i| is_active(i / 32, i % 32)) {
         let mut counts = [0; TAXELS];
         counts[index] = 4095;
-        let one = ContactSummary::of(&PiezoFrame::from_scan(counts));
-        let centre = (one.centroid_row_q8 as usize, one.centroid_col_q8 as usize);
+        let one = ContactSummary::new(&PiezoFrame::from_scan(counts));
+        let centre = (one.centroid_row.to_bits() as usize, one.centroid_col.to_bits() as usize);
         assert_eq!((one.area, centre), (1, (index / 32 * 256, index % 32 * 256)));
-        assert_eq!((one.axis_deg, one.elongation_q8), (0, 0));
+        assert_eq!((one.axis_deg, one.elongation.to_bits()), (0, 0));
     }
     let mut column = [0; TAXELS];
     (0..32).for_each(|row| column[row * 32 + 16] = 100);
-    let column = ContactSummary::of(&PiezoFrame::from_scan(column));
-    assert_eq!((column.axis_deg, column.elongation_q8), (-90, 255));
+    let column = ContactSummary::new(&PiezoFrame::from_scan(column));
+    assert_eq!((column.axis_deg, column.elongation.to_bits()), (-90, 255));
 }

@@ -2,6 +2,7 @@
 
 use super::inputs::SHAPES;
 use sha2::{Digest, Sha256};
+use slipsense::fixed::Logit;
 use slipsense::net::format::{Dims, HEADER_BYTES, OperatingPoint};
 use slipsense::net::{Model, ModelError};
 use slipsense_recording::model_file::{ModelFile, random_model};
@@ -17,7 +18,7 @@ fn refusal(bytes: &[u8]) -> ModelError {
 #[test]
 fn a_written_file_is_read_back() {
     let mut file = good();
-    file.point = OperatingPoint { threshold_q10: -1_234, k: 3, n: 5 };
+    file.point = OperatingPoint { threshold: Logit::from_bits(-1_234), k: 3, n: 5 };
     let bytes = file.to_bytes().unwrap();
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.dims, model.point), (SHAPES[0], file.point));
@@ -39,9 +40,9 @@ fn a_written_file_is_read_back() {
 
 #[test]
 fn an_operating_point_out_of_range() {
-    let refused = |threshold_q10, k, n| {
+    let refused = |threshold, k, n| {
         let mut file = good();
-        file.point = OperatingPoint { threshold_q10, k, n };
+        file.point = OperatingPoint { threshold: Logit::from_bits(threshold), k, n };
         refusal(&file.to_bytes().unwrap()).to_string()
     };
     assert_eq!(refused(0, 4, 3), "operating point k is 4, allowed are 1 to 3");

@@ -1,6 +1,7 @@
 //! The pipeline: what is decided by whom, and what happens when parts are missing.
 
 use super::inputs::SHAPES;
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};
@@ -36,7 +37,7 @@ fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
     let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), pads.len()).unwrap();
     let inputs: Vec<_> = pads.iter().map(|&piezo| SensorInput { piezo, xl: Some(&[]) }).collect();
     let output = pipeline.step(&inputs);
-    assert_eq!(output.logits_q10, logits);
+    assert_eq!(output.logits, logits.map(Logit::from_bits));
     assert_eq!(output.slip, output.class == Class::Slip);
     assert_eq!(output.alarm, output.slip, "at the point of the classes");
     output.class
@@ -66,8 +67,9 @@ fn without_a_pad_the_network_decides_contact() {
 /// Three frames over the threshold of the last five: later than the flag, and over sooner than it began.
 #[test]
 fn the_alarm_follows_the_files_operating_point() {
-    let alarms = |threshold_q10: i32| -> Vec<bool> {
-        let bytes = model_at([0, 100, 600], OperatingPoint { threshold_q10, k: 3, n: 5 });
+    let alarms = |threshold: i32| -> Vec<bool> {
+        let threshold = Logit::from_bits(threshold);
+        let bytes = model_at([0, 100, 600], OperatingPoint { threshold, k: 3, n: 5 });
         let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
         let (idle, held) = (pad_with_sum(0), pad_with_sum(2000));
         let pads = [&held, &idle, &held, &held, &held, &idle, &idle, &idle, &held];
@@ -75,7 +77,7 @@ fn the_alarm_follows_the_files_operating_point() {
             let output = pipeline.step(&[SensorInput { piezo: Some(piezo), xl: Some(&[]) }]);
             let message = output.slip_message(FrameStamp::of_recording(0), 0);
             assert_eq!((message.slip, message.alarm), (output.slip, output.alarm));
-            assert_eq!(output.margin_q10, output.slip.then_some(500));
+            assert_eq!(output.margin, output.slip.then_some(Logit::from_bits(500)));
             output.alarm
         };
         pads.map(step).to_vec()
@@ -130,7 +132,7 @@ fn the_slip_message_carries_the_output() {
     let message = output.slip_message(FrameStamp { sequence: 7, timestamp_us: 29_167 }, 4);
     assert_eq!((message.sequence, message.timestamp_us, message.late_frames), (7, 29_167, 4));
     assert_eq!((message.class, message.slip, message.sensors), (2, true, 2));
-    assert_eq!(message.logits_q10, [-700, 20, 3000]);
+    assert_eq!(message.logits, [-700, 20, 3000].map(Logit::from_bits));
     assert_eq!((message.contact[1].sum, message.contact[1].health), (3000, health::XL_MISSING));
     assert_eq!(message.contact[2], Default::default());
 }

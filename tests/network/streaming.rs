@@ -2,6 +2,7 @@
 
 use super::batch;
 use super::inputs::{SHAPES, Sensor, random_frames};
+use slipsense::fixed::Logit;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense_recording::model_file::random_model;
 
@@ -10,7 +11,7 @@ fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; 3] {
         .iter()
         .map(|s| SensorFeatures { piezo: s.piezo.as_ref(), log_mel: s.log_mel.as_ref() })
         .collect();
-    network.step(&seen)
+    network.step(&seen).map(Logit::to_bits)
 }
 
 fn compare(shape: usize, frames: usize, sensors: usize) {

@@ -11,6 +11,7 @@ use slipsense::board::panic_record::PanicRecord;
 use slipsense::board::{
     CanReceive, CanState, CanStatus, CanTransmit, Clock, Condition, Lane, StatusLed, Watchdog,
 };
+use slipsense::fixed::Logit;
 use slipsense::net::format::OperatingPoint;
 use slipsense::node::{
     self, ACCESS_PORT, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity, Node,
@@ -340,7 +341,7 @@ fn settings_reach_the_tasks_and_the_board() {
     assert_eq!((ran.controls.raw_every, ran.controls.compress_raw), (4, true));
     assert_eq!(ran.controls.masks[1].0, std::array::from_fn(|row| (row as u32) << 7));
     assert_eq!(ran.controls.masks[0].0, [0; 32]);
-    assert_eq!(ran.controls.point, Some(OperatingPoint { threshold_q10: 300, k: 2, n: 5 }));
+    assert_eq!(ran.controls.point, Some(OperatingPoint { threshold: Logit::from_bits(300), k: 2, n: 5 }));
     assert_eq!((ran.controls.node, ran.filters), (Some(NODE), 3));
     assert_eq!(ran.told.applied.first(), Some(&[(false, false); 3]));
     assert_eq!(ran.told.applied.last(), Some(&[(true, false), (false, true), (true, true)]));

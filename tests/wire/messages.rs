@@ -1,6 +1,7 @@
 //! Messages to bytes and back.
 
 use proptest::prelude::*;
+use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, TAXELS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
@@ -12,14 +13,14 @@ use super::{NODE, expected, frame, raw};
 
 fn contact() -> impl Strategy<Value = SensorContact> {
     let fields = (any::<u8>(), 0u32..1 << 24, any::<[u16; 3]>(), any::<i8>(), any::<u8>());
-    fields.prop_map(|(health, sum, [area, row, col], axis_deg, elongation_q8)| SensorContact {
+    fields.prop_map(|(health, sum, [area, row, col], axis_deg, elongation)| SensorContact {
         health,
         sum,
         area,
-        centroid_row_q8: row,
-        centroid_col_q8: col,
+        centroid_row: Q::from_bits(row),
+        centroid_col: Q::from_bits(col),
         axis_deg,
-        elongation_q8,
+        elongation: Q::from_bits(elongation),
     })
 }
 
@@ -27,14 +28,14 @@ fn slip() -> impl Strategy<Value = SlipMessage> {
     let decision = (0u8..3, any::<[bool; 2]>(), any::<[i32; 3]>(), any::<u16>(), 0u8..4);
     let contacts = proptest::array::uniform3(contact());
     (0u64..1 << 56, any::<u32>(), decision, contacts).prop_map(
-        |(timestamp_us, sequence, (class, [slip, alarm], logits_q10, late_frames, sensors), contact)| {
+        |(timestamp_us, sequence, (class, [slip, alarm], logits, late_frames, sensors), contact)| {
             SlipMessage {
                 timestamp_us,
                 sequence,
                 class,
                 slip,
                 alarm,
-                logits_q10,
+                logits: logits.map(Q::from_bits),
                 late_frames,
                 sensors,
                 contact,
@@ -76,10 +77,10 @@ fn fields_saturate() {
         health: 255,
         sum: u32::MAX,
         area: u16::MAX,
-        centroid_row_q8: u16::MAX,
-        centroid_col_q8: 0,
+        centroid_row: Q::from_bits(u16::MAX),
+        centroid_col: Q::from_bits(0),
         axis_deg: i8::MIN,
-        elongation_q8: 255,
+        elongation: Q::from_bits(255),
     };
     let message = SlipMessage {
         timestamp_us: u64::MAX,
@@ -87,7 +88,7 @@ fn fields_saturate() {
         class: 2,
         slip: true,
         alarm: false,
-        logits_q10: [i32::MIN, i32::MAX, -1],
+        logits: [i32::MIN, i32::MAX, -1].map(Q::from_bits),
         late_frames: u16::MAX,
         sensors: 255,
         contact: [contact; 3],
@@ -121,10 +122,10 @@ fn layouts_are_those_of_the_definitions() {
         health: n,
         sum: 0x03_0201 + u32::from(n),
         area: 0x0504,
-        centroid_row_q8: 0x0706,
-        centroid_col_q8: 0x0908,
+        centroid_row: Q::from_bits(0x0706),
+        centroid_col: Q::from_bits(0x0908),
         axis_deg: -2,
-        elongation_q8: 0x0A,
+        elongation: Q::from_bits(0x0A),
     };
     let message = SlipMessage {
         timestamp_us: 0x07_0605_0403_0201,
@@ -132,7 +133,7 @@ fn layouts_are_those_of_the_definitions() {
         class: 2,
         slip: true,
         alarm: true,
-        logits_q10: [1, -1, 0x0403_0201],
+        logits: [1, -1, 0x0403_0201].map(Q::from_bits),
         late_frames: 0x0D0C,
         sensors: 3,
         contact: [contact(0), contact(16), contact(32)],

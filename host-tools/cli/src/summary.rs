@@ -7,7 +7,6 @@ use std::path::Path;
 use serde::Serialize;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
-use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::Episode;
 use slipsense_recording::score::{ClassScores, Detection, score_events};
@@ -251,9 +250,8 @@ impl ModelFacts {
         // The format does not demand JSON, so other text is passed on as text.
         let provenance =
             serde_json::from_str(model.provenance).unwrap_or_else(|_| model.provenance.to_owned().into());
-        let OperatingPoint { threshold_q10, k, n } = model.point;
-        let threshold_nat = f64::from(threshold_q10) / f64::from(1 << LOGIT_FRAC_BITS);
-        let operating_point = PointFacts { threshold_nat, k, n };
+        let OperatingPoint { threshold, k, n } = model.point;
+        let operating_point = PointFacts { threshold_nat: threshold.to_f64(), k, n };
         Self { name: name.to_owned(), hash, operating_point, provenance }
     }
 }

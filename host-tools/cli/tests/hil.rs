@@ -9,6 +9,7 @@ use std::process::Output;
 
 use fake_board::{CORE_HZ, CYCLES, Fault, MAILBOX_AT, elf, serve};
 use slipsense::board::mailbox::{SYMBOL, VERSION};
+use slipsense::fixed::Logit;
 use slipsense_recording::model_file::ModelFile;
 use support::{Arrays, Place, fails, model, slipsense};
 
@@ -100,7 +101,7 @@ fn boards_with_something_wrong() {
     }
     let place = Place::new();
     let mut other = model();
-    other.point.threshold_q10 += 1;
+    other.point.threshold = Logit::from_bits(other.point.threshold.to_bits() + 1);
     let error = fails(arguments(&place, &other, Fault::None, &[]));
     assert!(error.contains("the board has the model"), "{error}");
 }

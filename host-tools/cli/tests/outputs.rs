@@ -8,6 +8,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::CONTACT_SUM_MIN;
 use slipsense::wire::{NodeId, RawForm, Received, Receiver};
@@ -97,7 +98,7 @@ fn check_log(path: &Path, predictions: &Predictions, episode: &Episode, summary:
         let Received::Slip(slip) = &messages[0] else { panic!("frame {frame}: slip message first") };
         assert_eq!((slip.class, slip.slip), (predictions.class[frame], predictions.slip[frame] != 0));
         assert_eq!(slip.alarm, predictions.alarm[frame] != 0);
-        assert_eq!(slip.logits_q10, predictions.logits[frame]);
+        assert_eq!(slip.logits.map(Logit::to_bits), predictions.logits[frame]);
         for (sensor, message) in messages[1..].iter().enumerate() {
             let Received::Raw(raw) = message else { panic!("frame {frame}: raw frame") };
             assert_eq!(usize::from(raw.sensor), sensor);

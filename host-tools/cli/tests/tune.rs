@@ -42,7 +42,7 @@ fn the_same_network_with_another_point() {
     let json: Value = serde_json::from_str(&succeeds(again)).unwrap();
     let best = &json["rows"][json["chosen"].as_u64().unwrap() as usize];
     let point = Model::parse(&tuned).unwrap().point;
-    assert_eq!(best["threshold_q10"], point.threshold_q10);
+    assert_eq!(best["threshold_q10"], point.threshold.to_bits());
     assert_eq!((&best["k"], &best["n"]), (&point.k.into(), &point.n.into()));
     assert_eq!(fs::read(&to).unwrap(), tuned, "the same bytes");
 }

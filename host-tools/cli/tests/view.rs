@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::time::Duration;
 
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::pipeline::{FrameStamp, Pipeline};
@@ -46,7 +47,7 @@ fn a_record_is_laid_out_as_its_table_says() {
         sequence: 0x0102_0304,
         class: 2,
         slip: true,
-        logits_q10: [-1, 2, 1024],
+        logits: [-1, 2, 1024].map(Logit::from_bits),
         late_frames: 7,
         sensors: 2,
         ..SlipMessage::default()

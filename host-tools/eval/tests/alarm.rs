@@ -1,5 +1,6 @@
 //! `network-alarm` against the rule counted by hand from the scores of `network`.
 
+use slipsense::fixed::Logit;
 use slipsense::net::format::{Dims, OperatingPoint};
 use slipsense_eval::detectors::{NEVER, Setup, Verdict, by_name};
 use slipsense_eval::fit::Fitted;
@@ -35,8 +36,9 @@ fn k_of_n_over_the_threshold_across_episodes() {
     let mut sorted: Vec<f32> = margins.iter().copied().filter(|&margin| margin != NEVER).collect();
     sorted.sort_by(f32::total_cmp);
     let threshold_q10 = (sorted[sorted.len() / 2] * 1024.0) as i32;
+    let point = |k, n| OperatingPoint { threshold: Logit::from_bits(threshold_q10), k, n };
     for (k, n) in [(1, 1), (2, 3), (5, 8), (20, 32)] {
-        let by_alarm = judged("network-alarm", &model(OperatingPoint { threshold_q10, k, n }), &episodes);
+        let by_alarm = judged("network-alarm", &model(point(k, n)), &episodes);
         let classes: Vec<u8> = by_alarm.iter().flat_map(|verdict| verdict.class.clone()).collect();
         let mut slips = 0;
         for frame in 0..margins.len() {

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
+use slipsense::fixed::Q;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver as Frames, SlipMessage, health};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
@@ -46,7 +47,7 @@ impl Slip {
 
     #[getter]
     fn logits_q10<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i32>> {
-        self.0.logits_q10.to_vec().into_pyarray(py)
+        self.0.logits.map(Q::to_bits).to_vec().into_pyarray(py)
     }
 
     #[getter]

@@ -3,6 +3,7 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use self_cell::self_cell;
+use slipsense::fixed::Q;
 use slipsense::net::{Aligned, Model};
 use slipsense::params::{MAX_SENSORS, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::pipeline::Pipeline as Pipe;
@@ -114,10 +115,10 @@ impl From<&SensorContact> for Contact {
             health: contact.health,
             sum: contact.sum,
             area: contact.area,
-            centroid_row: f64::from(contact.centroid_row_q8) / 256.0,
-            centroid_col: f64::from(contact.centroid_col_q8) / 256.0,
+            centroid_row: contact.centroid_row.to_f64(),
+            centroid_col: contact.centroid_col.to_f64(),
             axis_deg: contact.axis_deg,
-            elongation: f64::from(contact.elongation_q8) / 256.0,
+            elongation: contact.elongation.to_f64(),
         }
     }
 }
@@ -145,7 +146,7 @@ impl Output {
 
     #[getter]
     fn logits_q10<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i32>> {
-        self.0.logits_q10.to_vec().into_pyarray(py)
+        self.0.logits.map(Q::to_bits).to_vec().into_pyarray(py)
     }
 
     #[getter]

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use slipsense::fixed::Q;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS};
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{
@@ -95,10 +96,10 @@ fn write_log(
                 health: if dropped { health::XL_SAMPLES_DROPPED } else { 0 },
                 sum: episode.piezo(frame, sensor).sum(),
                 area: rng.random(),
-                centroid_row_q8: rng.random(),
-                centroid_col_q8: rng.random(),
+                centroid_row: Q::from_bits(rng.random()),
+                centroid_col: Q::from_bits(rng.random()),
                 axis_deg: rng.random(),
-                elongation_q8: rng.random(),
+                elongation: Q::from_bits(rng.random()),
             };
         }
         let message = SlipMessage {
@@ -107,7 +108,7 @@ fn write_log(
             class: predictions.class[frame],
             slip: predictions.slip[frame] != 0,
             alarm: predictions.alarm[frame] != 0,
-            logits_q10: predictions.logits[frame],
+            logits: predictions.logits[frame].map(Q::from_bits),
             late_frames: rng.random(),
             sensors: episode.sensors as u8,
             contact,

@@ -23,6 +23,7 @@ use base64::engine::general_purpose::STANDARD;
 use mcap::records::MessageHeader;
 use mcap::{McapError, Message, MessageStream, WriteOptions, Writer};
 use serde_json::{Value, json};
+use slipsense::fixed::Logit;
 use slipsense::params::{CLASSES, TAXEL_COLS, TAXEL_ROWS};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage};
 
@@ -136,15 +137,15 @@ pub fn slip_json(message: &SlipMessage) -> Value {
     let contact = contact.map(|contact| {
         json!({
             "health": contact.health, "count_sum": contact.sum, "area": contact.area,
-            "centroid_row": f64::from(contact.centroid_row_q8) / 256.0,
-            "centroid_col": f64::from(contact.centroid_col_q8) / 256.0,
-            "axis_deg": contact.axis_deg, "elongation": f64::from(contact.elongation_q8) / 256.0,
+            "centroid_row": contact.centroid_row.to_f64(),
+            "centroid_col": contact.centroid_col.to_f64(),
+            "axis_deg": contact.axis_deg, "elongation": contact.elongation.to_f64(),
         })
     });
     json!({
         "timestamp_us": message.timestamp_us, "sequence": message.sequence, "class_index": message.class,
         "slip": message.slip, "alarm": message.alarm, "late_frames": message.late_frames,
-        "logits": message.logits_q10.map(|q| f64::from(q) / 1024.0), "contact": contact.collect::<Vec<_>>(),
+        "logits": message.logits.map(Logit::to_f64), "contact": contact.collect::<Vec<_>>(),
     })
 }
 

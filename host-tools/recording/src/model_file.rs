@@ -101,7 +101,7 @@ impl ModelFile {
         for field in self.dims.to_fields() {
             out.extend((field as u16).to_le_bytes());
         }
-        out.extend(self.point.threshold_q10.to_le_bytes());
+        out.extend(self.point.threshold.to_bits().to_le_bytes());
         out.extend([self.point.k, self.point.n]);
         pad(&mut out);
         for (spec, tensor) in self.specs().iter().zip(&self.tensors) {

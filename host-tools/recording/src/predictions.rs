@@ -3,6 +3,7 @@
 use crate::npz::{Reader, Scalar, write_file};
 use crate::{EpisodeError, Problem};
 use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS};
+use slipsense::fixed::Logit;
 use slipsense::params::{CLASSES, MAX_SENSORS, MEL_BINS};
 use slipsense::pipeline::Output;
 use std::io::{Read, Seek};
@@ -65,7 +66,7 @@ impl Predictions {
     /// What the pipeline said about the next frame; `xl_lsb_g`: unit of the samples.
     pub fn push(&mut self, output: &Output, xl_lsb_g: f64) {
         self.class.push(output.class as u8);
-        self.logits.push(output.logits_q10);
+        self.logits.push(output.logits.map(Logit::to_bits));
         self.slip.push(output.slip.into());
         self.alarm.push(output.alarm.into());
         for log_mel in output.log_mel.iter().take(self.sensors) {

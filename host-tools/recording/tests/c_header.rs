@@ -3,6 +3,7 @@
 use std::fs;
 use std::process::Command;
 
+use slipsense::fixed::Q;
 use slipsense::wire::{NodeId, SensorContact, SlipMessage, Transmitter};
 
 const PROGRAM: &str = r#"
@@ -38,14 +39,20 @@ fn words(message: &SlipMessage, id: u32) -> String {
         m.sensors,
         u8::from(m.alarm),
         m.late_frames,
-        m.logits_q10[0],
-        m.logits_q10[1],
-        m.logits_q10[2]
+        m.logits[0].to_bits(),
+        m.logits[1].to_bits(),
+        m.logits[2].to_bits()
     );
     for c in m.contact {
         words += &format!(
             " {} {} {} {} {} {} {}",
-            c.health, c.sum, c.area, c.centroid_row_q8, c.centroid_col_q8, c.axis_deg, c.elongation_q8
+            c.health,
+            c.sum,
+            c.area,
+            c.centroid_row.to_bits(),
+            c.centroid_col.to_bits(),
+            c.axis_deg,
+            c.elongation.to_bits()
         );
     }
     words
@@ -69,10 +76,10 @@ fn c_reads_what_we_send() {
         health: 0x81 + i as u8,
         sum: 3_857_490 - u32::from(i),
         area: 942 - i,
-        centroid_row_q8: 0x1EFF - i,
-        centroid_col_q8: 0x0102 + i,
+        centroid_row: Q::from_bits(0x1EFF - i),
+        centroid_col: Q::from_bits(0x0102 + i),
         axis_deg: -90 + i as i8,
-        elongation_q8: 250 + i as u8,
+        elongation: Q::from_bits(250 + i as u8),
     };
     let full = SlipMessage {
         timestamp_us: 0x00FE_DCBA_9876_5432,
@@ -80,7 +87,7 @@ fn c_reads_what_we_send() {
         class: 2,
         slip: true,
         alarm: true,
-        logits_q10: [i32::MIN, -1, 0x1234_5678],
+        logits: [i32::MIN, -1, 0x1234_5678].map(Q::from_bits),
         late_frames: 0xABCD,
         sensors: 3,
         contact: [contact(0), contact(1), contact(2)],

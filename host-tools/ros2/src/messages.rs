@@ -71,10 +71,10 @@ impl Slip {
             health: contact.health,
             count_sum: contact.sum,
             area: contact.area,
-            centroid_row: f32::from(contact.centroid_row_q8) / 256.0,
-            centroid_col: f32::from(contact.centroid_col_q8) / 256.0,
+            centroid_row: contact.centroid_row.to_f64() as f32,
+            centroid_col: contact.centroid_col.to_f64() as f32,
             axis_deg: contact.axis_deg,
-            elongation: f32::from(contact.elongation_q8) / 256.0,
+            elongation: contact.elongation.to_f64() as f32,
         });
         Self {
             header: Header::new(time_us, frame_of(node)),
@@ -84,7 +84,7 @@ impl Slip {
             slip: message.slip,
             alarm: message.alarm,
             late_frames: message.late_frames,
-            logits: message.logits_q10.map(|q| q as f32 / 1024.0),
+            logits: message.logits.map(|logit| logit.to_f64() as f32),
             contact: contact.collect(),
         }
     }

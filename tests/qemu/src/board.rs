@@ -101,7 +101,7 @@ impl Observe for Recorded {
     fn step_ends(&mut self, stamp: FrameStamp, output: &Output) {
         self.change(|recorder| {
             let step_us = recorder.began.elapsed().as_micros() as u32;
-            recorder.record = Record { step_us, ..Record::of(stamp.sequence, output) };
+            recorder.record = Record { step_us, ..Record::new(stamp.sequence, output) };
         });
     }
 

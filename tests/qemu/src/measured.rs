@@ -24,7 +24,7 @@ pub enum Part {
     /// Sum, area, centre, axis of a pad.
     Contact,
     /// Counts and their change into the first map.
-    PadCells,
+    Piezo,
     /// First convolution.
     Conv1,
     /// Second convolution.
@@ -53,7 +53,7 @@ impl Part {
     pub const ALL: [Self; PARTS] = [
         Self::FrontEnd,
         Self::Contact,
-        Self::PadCells,
+        Self::Piezo,
         Self::Conv1,
         Self::Conv2,
         Self::Conv3,
@@ -70,7 +70,7 @@ impl Part {
         match self {
             Self::FrontEnd => "accelerometer front end",
             Self::Contact => "contact summary",
-            Self::PadCells => "taxels and their change",
+            Self::Piezo => "taxels and their change",
             Self::Conv1 => "conv1",
             Self::Conv2 => "conv2",
             Self::Conv3 => "conv3",

@@ -3,6 +3,7 @@
 use heapless::Vec;
 use slipsense::board::replay::CAN_FRAMES_MAX;
 use slipsense::features::LogMel;
+use slipsense::fixed::Logit;
 use slipsense::params::{CLASSES, MAX_SENSORS};
 use slipsense::pipeline::Output;
 use slipsense::wire::CanFrame;
@@ -20,7 +21,7 @@ pub struct Record {
     /// Features per sensor.
     pub log_mel: [LogMel; MAX_SENSORS],
     /// The network's outputs.
-    pub logits_q10: [i32; CLASSES],
+    pub logits: [Logit; CLASSES],
     /// The decision.
     pub class: u8,
     /// The flag of the class.
@@ -35,12 +36,12 @@ pub struct Record {
 
 impl Record {
     /// A record without CAN frames yet.
-    pub fn of(sequence: u32, output: &Output) -> Self {
+    pub fn new(sequence: u32, output: &Output) -> Self {
         Self {
             sequence,
             step_us: 0,
             log_mel: output.log_mel,
-            logits_q10: output.logits_q10,
+            logits: output.logits,
             class: output.class as u8,
             slip: output.slip,
             alarm: output.alarm,
@@ -57,7 +58,7 @@ impl Record {
             log_mel.ln_power.iter().for_each(|x| put(&x.to_le_bytes()));
             log_mel.standardised.iter().for_each(|x| put(&x.to_le_bytes()));
         }
-        self.logits_q10.iter().for_each(|x| put(&x.to_le_bytes()));
+        self.logits.iter().for_each(|x| put(&x.to_bits().to_le_bytes()));
         put(&[self.class, u8::from(self.slip), u8::from(self.alarm)]);
         put(&self.health);
         put(&(self.can.len() as u16).to_le_bytes());
@@ -80,8 +81,8 @@ impl Record {
                 *x = reader.i16()?;
             }
         }
-        for x in &mut record.logits_q10 {
-            *x = reader.i32()?;
+        for x in &mut record.logits {
+            *x = Logit::from_bits(reader.i32()?);
         }
         record.class = reader.u8()?;
         record.slip = reader.u8()? != 0;

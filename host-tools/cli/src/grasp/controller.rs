@@ -80,6 +80,8 @@ impl Controller {
 
 #[cfg(test)]
 mod tests {
+    use slipsense::fixed::Q;
+
     use super::*;
 
     const SLIP: SlipMessage = SlipMessage {
@@ -88,17 +90,17 @@ mod tests {
         class: 2,
         slip: true,
         alarm: false,
-        logits_q10: [0; 3],
+        logits: [Q::from_bits(0); 3],
         late_frames: 0,
         sensors: 0,
         contact: [slipsense::wire::SensorContact {
             health: 0,
             sum: 0,
             area: 0,
-            centroid_row_q8: 0,
-            centroid_col_q8: 0,
+            centroid_row: Q::from_bits(0),
+            centroid_col: Q::from_bits(0),
             axis_deg: 0,
-            elongation_q8: 0,
+            elongation: Q::from_bits(0),
         }; 3],
     };
 

@@ -1,6 +1,7 @@
 //! One trial of the loop.
 
 use anyhow::{Context, Result};
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
@@ -124,7 +125,7 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         let raw = read.inputs().iter().enumerate();
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input, read.xl_end(sensor)));
         link.send(&output.slip_message(stamp, 0), raw)?;
-        course.lead.push(output.margin_q10.map_or(0.0, |margin| f64::from(margin) / 1024.0));
+        course.lead.push(output.margin.map_or(0.0, Logit::to_f64));
         course.flag.push(how.reaction.flag.of(&output.slip_message(stamp, 0)));
         link.advance(tick_ns(frame + 1), &mut heard)?;
 

@@ -94,7 +94,7 @@ impl Record {
         out.extend(self.lost.to_le_bytes());
         out.extend((slip.timestamp_us as f64).to_le_bytes());
         out.extend([slip.class, self.flags(), slip.sensors, 0]);
-        out.extend(slip.logits_q10.iter().flat_map(|logit| logit.to_le_bytes()));
+        out.extend(slip.logits.iter().flat_map(|logit| logit.to_bits().to_le_bytes()));
         out.extend(slip.late_frames.to_le_bytes());
         out.resize(HEADER_BYTES, 0);
         let none = SensorRecord::default();
@@ -111,10 +111,10 @@ fn encode_sensor(sensor: &SensorRecord, contact: &SensorContact, out: &mut Vec<u
     out.extend([contact.health, taxels | log_mel]);
     out.extend(contact.area.to_le_bytes());
     out.extend(contact.sum.to_le_bytes());
-    out.extend(contact.centroid_row_q8.to_le_bytes());
-    out.extend(contact.centroid_col_q8.to_le_bytes());
+    out.extend(contact.centroid_row.to_bits().to_le_bytes());
+    out.extend(contact.centroid_col.to_bits().to_le_bytes());
     out.extend(contact.axis_deg.to_le_bytes());
-    out.extend([contact.elongation_q8, 0, 0]);
+    out.extend([contact.elongation.to_bits(), 0, 0]);
     let ln_power = sensor.log_mel.map_or([0; MEL_BINS], |log_mel| log_mel.ln_power);
     // Below 2^7 nat: fits.
     out.extend(ln_power.iter().flat_map(|ln| ((ln >> (LN_FRAC_BITS - 8)) as i16).to_le_bytes()));

@@ -1,6 +1,7 @@
 //! `network`: the firmware's pipeline, bit for bit, by its classes.
 
 use anyhow::{Context, Result};
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{Output, Pipeline};
@@ -8,9 +9,6 @@ use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
 
 use super::{Detector, Modality, NETWORK, NEVER, Verdict};
-
-/// Units of a logit per nat.
-const LOGIT_ONE: f64 = (1u32 << slipsense::net::network::LOGIT_FRAC_BITS) as f64;
 
 /// The pipeline as a module runs it that is never switched off: its state goes on from episode to episode.
 /// Another number of sensors starts anew, which a module in use cannot do.
@@ -70,8 +68,8 @@ impl<'m> Network<'m> {
 
 /// A margin in nat; an untouched pad does not slip. A difference below 2^14 nat is exact in `f32`, and a
 /// larger one keeps its sign.
-pub(super) fn score(margin_q10: Option<i32>) -> f32 {
-    margin_q10.map_or(NEVER, |margin| (f64::from(margin) / LOGIT_ONE) as f32)
+pub(super) fn score(margin: Option<Logit>) -> f32 {
+    margin.map_or(NEVER, |margin| margin.to_f64() as f32)
 }
 
 impl Detector for Network<'_> {
@@ -85,8 +83,8 @@ impl Detector for Network<'_> {
         let mut verdict = Verdict::default();
         self.0.run(episode, |output| {
             verdict.class.push(output.class as u8);
-            verdict.score.push(score(output.margin_q10));
-            verdict.fallback.push(output.margin_q10.is_some().into());
+            verdict.score.push(score(output.margin));
+            verdict.fallback.push(output.margin.is_some().into());
         })?;
         Ok(verdict)
     }
@@ -102,10 +100,11 @@ mod tests {
 
     #[test]
     fn the_score_keeps_the_sign_of_the_smallest_and_the_largest_margin() {
-        assert_eq!(score(Some(1)), 1.0 / 1024.0);
-        assert_eq!(score(Some(0)), 0.0);
-        assert!(score(Some(i32::MIN)).is_finite() && score(Some(i32::MIN)) > NEVER);
-        assert!(score(Some(i32::MAX)) > 0.0);
+        let of_bits = |bits| score(Some(Logit::from_bits(bits)));
+        assert_eq!(of_bits(1), 1.0 / 1024.0);
+        assert_eq!(of_bits(0), 0.0);
+        assert!(of_bits(i32::MIN).is_finite() && of_bits(i32::MIN) > NEVER);
+        assert!(of_bits(i32::MAX) > 0.0);
         assert_eq!(score(None), NEVER);
     }
 }

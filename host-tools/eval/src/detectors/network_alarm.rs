@@ -1,6 +1,7 @@
 //! `network-alarm`: the firmware's pipeline, bit for bit, by the alarm at the model's operating point.
 
 use anyhow::{Context, Result, ensure};
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense_recording::Episode;
 use slipsense_recording::score::SLIP;
@@ -12,15 +13,15 @@ use crate::tune::KthLargest;
 pub(super) struct NetworkAlarm<'m> {
     stream: PipelineStream<'m>,
     recent: KthLargest,
-    threshold_q10: i32,
+    threshold: Logit,
 }
 
 impl<'m> NetworkAlarm<'m> {
     pub(super) fn new(model: &'m [u8], dead: Option<Modality>) -> Result<Self> {
         let model = Model::parse(model).context("model")?;
         let recent = KthLargest::new(model.point.k, model.point.n);
-        let threshold_q10 = model.point.threshold_q10;
-        Ok(Self { stream: PipelineStream::with_dead(model, dead), recent, threshold_q10 })
+        let threshold = model.point.threshold;
+        Ok(Self { stream: PipelineStream::with_dead(model, dead), recent, threshold })
     }
 }
 
@@ -33,16 +34,16 @@ impl Detector for NetworkAlarm<'_> {
     /// the `k`-th largest of them is: that one is the score, nat; the threshold is the model's.
     fn judge(&mut self, episode: &Episode) -> Result<Verdict> {
         let mut frames = Vec::with_capacity(episode.frames());
-        let goes_on = self.stream.run(episode, |output| frames.push((output.margin_q10, output.alarm)))?;
+        let goes_on = self.stream.run(episode, |output| frames.push((output.margin, output.alarm)))?;
         if !goes_on {
             self.recent.clear();
         }
-        let mut verdict = Verdict { threshold: score(Some(self.threshold_q10)), ..Verdict::default() };
-        for (frame, (margin_q10, alarm)) in frames.into_iter().enumerate() {
-            let largest = self.recent.push(margin_q10);
-            let over = largest.is_some_and(|margin| margin > self.threshold_q10);
+        let mut verdict = Verdict { threshold: score(Some(self.threshold)), ..Verdict::default() };
+        for (frame, (margin, alarm)) in frames.into_iter().enumerate() {
+            let largest = self.recent.push(margin.map(Logit::to_bits)).map(Logit::from_bits);
+            let over = largest.is_some_and(|margin| margin > self.threshold);
             ensure!(over == alarm, "frame {frame}: the pipeline's alarm is not k of the last n frames");
-            let fallback = u8::from(margin_q10.is_some());
+            let fallback = u8::from(margin.is_some());
             verdict.class.push(if alarm { SLIP } else { fallback });
             verdict.score.push(score(largest));
             verdict.fallback.push(fallback);

@@ -19,9 +19,9 @@ use std::ops::Range;
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 use serde::Serialize;
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
-use slipsense::net::network::LOGIT_FRAC_BITS;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, tuning_disturbances};
 
@@ -66,7 +66,7 @@ pub fn slips(episodes: usize) -> Input {
 pub struct Heard {
     /// What happened.
     pub truth: Truth,
-    /// [`Output::margin_q10`](slipsense::pipeline::Output::margin_q10) of each frame.
+    /// [`Output::margin`](slipsense::pipeline::Output::margin) of each frame.
     pub margin_q10: Vec<Option<i32>>,
     /// The pipeline was new: nothing of the episodes before is remembered.
     pub starts_anew: bool,
@@ -81,7 +81,8 @@ pub fn hear(input: &Input, model: Model<'_>, done: &(dyn Fn() + Sync)) -> Result
             let episode = handle.load()?;
             let truth = Truth::new(&episode, &input.name, &handle.name())?;
             let mut margin_q10 = Vec::with_capacity(episode.frames());
-            let goes_on = pipeline.run(&episode, |output| margin_q10.push(output.margin_q10))?;
+            let goes_on =
+                pipeline.run(&episode, |output| margin_q10.push(output.margin.map(Logit::to_bits)))?;
             done();
             Ok(Heard { truth, margin_q10, starts_anew: !goes_on })
         };
@@ -109,7 +110,7 @@ pub struct Row {
 impl Row {
     /// The point to write into a model file.
     pub fn point(&self) -> OperatingPoint {
-        OperatingPoint { threshold_q10: self.threshold_q10, k: self.k, n: self.n }
+        OperatingPoint { threshold: Logit::from_bits(self.threshold_q10), k: self.k, n: self.n }
     }
 }
 
@@ -200,7 +201,7 @@ impl fmt::Display for Tuning {
         ]);
         for (i, row) in self.rows.iter().enumerate() {
             let (alarms, slips) = (&row.disturbances.all, &row.slips);
-            let nat = f64::from(row.threshold_q10) / f64::from(1 << LOGIT_FRAC_BITS);
+            let nat = Logit::from_bits(row.threshold_q10).to_f64();
             shown.add_row([
                 format!("{} of {}", row.k, row.n),
                 if i == self.chosen { "chosen" } else { "" }.to_owned(),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use slipsense::net::format::THRESHOLD_RANGE_Q10;
+use slipsense::net::format::OperatingPoint;
 use slipsense_recording::score::{MERGE_FRAMES, near};
 
 use crate::truth::Truth;
@@ -55,7 +55,7 @@ pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<i32>>)], allowed:
             return equal[0].0;
         }
     }
-    THRESHOLD_RANGE_Q10.0
+    OperatingPoint::THRESHOLD_MIN.to_bits()
 }
 
 #[cfg(test)]
@@ -110,8 +110,14 @@ mod tests {
     #[test]
     fn silence_needs_no_threshold() {
         let quiet = truth(100, Vec::new());
-        assert_eq!(lowest_threshold(&[(&quiet, vec![None; 100])], 0), THRESHOLD_RANGE_Q10.0);
+        assert_eq!(
+            lowest_threshold(&[(&quiet, vec![None; 100])], 0),
+            OperatingPoint::THRESHOLD_MIN.to_bits()
+        );
         assert_eq!(lowest_threshold(&[(&quiet, vec![Some(7); 100])], 0), 7);
-        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(7); 100])], 1), THRESHOLD_RANGE_Q10.0);
+        assert_eq!(
+            lowest_threshold(&[(&quiet, vec![Some(7); 100])], 1),
+            OperatingPoint::THRESHOLD_MIN.to_bits()
+        );
     }
 }

@@ -57,7 +57,7 @@ impl Comparison {
                 &e.standardised,
             );
         }
-        let logits = self.values(frame, "logit", &host.logits_q10, &emulated.logits_q10);
+        let logits = self.values(frame, "logit", &host.logits, &emulated.logits);
         let class = self.values(frame, "class", &[host.class], &[emulated.class]);
         let slip = self.values(frame, "slip flag", &[host.slip], &[emulated.slip]);
         let alarm = self.values(frame, "alarm", &[host.alarm], &[emulated.alarm]);
@@ -107,10 +107,11 @@ impl Comparison {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use slipsense::fixed::Logit;
     use slipsense::wire::CanFrame;
 
     fn record() -> Record {
-        let mut record = Record { logits_q10: [1, 2, 3], ..Record::default() };
+        let mut record = Record { logits: [1, 2, 3].map(Logit::from_bits), ..Record::default() };
         record.can.push(CanFrame::new(5, &[1, 2, 3]).unwrap()).unwrap();
         record
     }
@@ -130,7 +131,7 @@ mod tests {
         let changes: [(Change, Count); 9] = [
             (|r| r.log_mel[2].ln_power[15] ^= 1, |c| &mut c.features),
             (|r| r.log_mel[0].standardised[0] ^= 1, |c| &mut c.features),
-            (|r| r.logits_q10[2] += 1, |c| &mut c.logits),
+            (|r| r.logits[2] = Logit::from_bits(4), |c| &mut c.logits),
             (|r| r.class = 2, |c| &mut c.class),
             (|r| r.slip = true, |c| &mut c.slip),
             (|r| r.alarm = true, |c| &mut c.alarm),

@@ -38,7 +38,7 @@ pub fn each_record(
     for (stamp, parts) in frames.iter() {
         let inputs: Vec<SensorInput<'_>> = parts.iter().map(|part| part.input()).collect();
         let output = pipeline.step(&inputs);
-        let mut record = Record::of(stamp.sequence, &output);
+        let mut record = Record::new(stamp.sequence, &output);
         let mut send = |frame| record.can.push(frame).expect("the record has room for every CAN frame");
         send(transmitter.slip(&output.slip_message(stamp, 0)));
         for (sensor, part) in parts.iter().enumerate() {

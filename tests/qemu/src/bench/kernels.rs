@@ -6,7 +6,7 @@ use core::hint::black_box;
 use slipsense::contact::ContactSummary;
 use slipsense::features::XlFrontEnd;
 use slipsense::features::fft::{Work, windowed_fft};
-use slipsense::features::pad_cells::PadCells;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::fixed::{STANDARD_FRAC_BITS, standardise};
 use slipsense::net::Model;
 use slipsense::net::activations::Activations;
@@ -189,10 +189,10 @@ fn features(bench: &mut Bench) {
         windowed_fft(black_box(&window), &mut work, |_, bin| _ = black_box(bin));
     });
     let frame = frame();
-    bench.kernel("ContactSummary::of", 0, &mut || _ = black_box(ContactSummary::of(black_box(&frame))));
-    let mut pad = PadCells::new();
+    bench.kernel("ContactSummary::new", 0, &mut || _ = black_box(ContactSummary::new(black_box(&frame))));
+    let mut pad = PiezoFrontEnd::new();
     let mut cells = [[0; PIEZO_CHANNELS]; TAXELS];
-    bench.kernel("PadCells::push", 0, &mut || {
+    bench.kernel("PiezoFrontEnd::push", 0, &mut || {
         let cells = black_box(&mut cells);
         pad.push(black_box(frame.counts()), |index, cell| cells[index] = cell);
     });

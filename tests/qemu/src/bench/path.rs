@@ -108,7 +108,7 @@ impl Watched {
         for ((input, ear), log_mel) in inputs.iter().zip(&mut self.ears).zip(&mut log_mel) {
             if let Some(frame) = input.piezo {
                 costs[Part::Contact as usize] +=
-                    counter.of(&mut || _ = black_box(ContactSummary::of(black_box(frame))));
+                    counter.of(&mut || _ = black_box(ContactSummary::new(black_box(frame))));
             }
             if let Some(samples) = input.xl {
                 costs[Part::FrontEnd as usize] += counter.of(&mut || {
@@ -149,13 +149,13 @@ impl Watch<'_> {
 
 impl Observer for Watch<'_> {
     // An untouched pad is skipped here as it is where nobody looks.
-    const LOOKS: bool = false;
+    const ENABLED: bool = false;
 
-    fn see(&mut self, layer: &'static str, values: &[i16]) {
+    fn record(&mut self, layer: &'static str, values: &[i16]) {
         black_box(values);
         self.book(match layer {
             // What lies before the log-mel frame is the pad, shown or not: an untouched one is not.
-            "taxels" | "log_mel" => Some(Part::PadCells),
+            "taxels" | "log_mel" => Some(Part::Piezo),
             "piezo.conv1" => Some(Part::Conv1),
             "piezo.conv2" => Some(Part::Conv2),
             "piezo.conv3" => Some(Part::Conv3),
@@ -168,17 +168,17 @@ impl Observer for Watch<'_> {
         });
     }
 
-    fn see_map(&mut self, layer: &'static str, _channels: usize, cells: &[u32], _shape: MapShape) {
+    fn record_map(&mut self, layer: &'static str, _channels: usize, cells: &[u32], _shape: MapShape) {
         black_box(cells);
-        self.see(layer, &[]);
+        self.record(layer, &[]);
     }
 
-    fn see_residual(&mut self, block: &'static str, values: &[i32]) {
+    fn record_residual(&mut self, block: &'static str, values: &[i32]) {
         black_box(values);
         self.book(Some(attention(block)));
     }
 
-    fn see_part(&mut self, block: &'static str, _part: &'static str, values: &[i16]) {
+    fn record_part(&mut self, block: &'static str, _part: &'static str, values: &[i16]) {
         black_box(values);
         self.book(Some(attention(block)));
     }

@@ -90,8 +90,8 @@ fn one(frame: &mut Frame<'_>, node: u8, module: &Module, seen: &Seen, area: Rect
             Span::styled(format!(" {name} "), style)
         };
         lines.push(Line::from(vec![flag(slip.alarm, "ALARM"), " ".into(), flag(slip.slip, "slip")]));
-        for (class, (name, logit)) in CLASS_NAME.iter().zip(slip.logits_q10).enumerate() {
-            let logit = f64::from(logit) / 1024.0;
+        for (class, (name, logit)) in CLASS_NAME.iter().zip(slip.logits).enumerate() {
+            let logit = logit.to_f64();
             let bar = "█".repeat((logit.clamp(0.0, LOGIT_MAX) * 3.0) as usize);
             let text = format!(" {name:<11} {logit:>7.2} {bar}");
             let text = Line::from(text);
@@ -140,6 +140,8 @@ impl Widget for Map<'_> {
 
 #[cfg(test)]
 mod tests {
+    use slipsense::fixed::Logit;
+
     use super::*;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -153,7 +155,7 @@ mod tests {
         let mut transmitter = Transmitter::new(NodeId::DEFAULT);
         let mut message =
             SlipMessage { sensors: 1, class: 2, slip: true, alarm: true, ..SlipMessage::default() };
-        message.logits_q10 = [-2048, 0, 5 * 1024];
+        message.logits = [-2048, 0, 5 * 1024].map(Logit::from_bits);
         message.contact[0].sum = 12_345;
         message.contact[0].health = health::XL_CLIPPED;
         let mut frames = vec![transmitter.slip(&message)];

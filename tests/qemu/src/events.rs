@@ -1,6 +1,7 @@
-//! What the real-time run is told and what it reports: a file of numbers in, two files of events out, one of the bus
+//! What goes into the real-time run and what it reports: a file of numbers in, two files of events out, one of the bus
 //! and one of the frames, and the node's status at the end.
 
+use bytemuck::{Pod, Zeroable};
 use slipsense::board::Lane;
 use slipsense::tasks::Status;
 use slipsense::wire::CanFrame;
@@ -27,28 +28,15 @@ pub const DISTURBANCE_BYTES: usize = 6 * 8;
 
 /// As written to the file.
 pub fn encode_disturbance(disturbance: &Disturbance) -> [u8; DISTURBANCE_BYTES] {
-    let numbers = [
-        disturbance.foreign_load_percent,
-        disturbance.error_every.into(),
-        disturbance.silent_ns.start,
-        disturbance.silent_ns.end,
-        disturbance.dominant_ns.start,
-        disturbance.dominant_ns.end,
-    ];
-    let mut out = [0; DISTURBANCE_BYTES];
-    out.iter_mut().zip(numbers.into_iter().flat_map(u64::to_le_bytes)).for_each(|(out, byte)| *out = byte);
-    out
+    let Disturbance { foreign_load_percent, error_every, silent_ns, dominant_ns } = disturbance;
+    let [silent, dominant] = [silent_ns, dominant_ns].map(|range| [range.start, range.end]);
+    bytemuck::must_cast([[*foreign_load_percent, (*error_every).into()], silent, dominant])
 }
 
-/// `None` if these bytes are none.
-pub fn decode_disturbance(bytes: &[u8; DISTURBANCE_BYTES]) -> Option<Disturbance> {
-    let mut reader = Reader(bytes);
-    Some(Disturbance {
-        foreign_load_percent: reader.u64()?,
-        error_every: u32::try_from(reader.u64()?).ok()?,
-        silent_ns: reader.u64()?..reader.u64()?,
-        dominant_ns: reader.u64()?..reader.u64()?,
-    })
+/// The reverse.
+pub fn decode_disturbance(bytes: [u8; DISTURBANCE_BYTES]) -> Disturbance {
+    let [foreign_load_percent, error_every, a, b, c, d]: [u64; 6] = bytemuck::pod_read_unaligned(&bytes);
+    Disturbance { foreign_load_percent, error_every: error_every as u32, silent_ns: a..b, dominant_ns: c..d }
 }
 
 /// Bytes of the longest event.
@@ -56,8 +44,7 @@ pub const EVENT_BYTES_MAX: usize = 8 + 8 + 1 + 4 + 1 + 64;
 
 /// Write a frame that arrived through `put`.
 pub fn encode_arrived(arrived: &Arrived, mut put: impl FnMut(&[u8])) {
-    put(&arrived.at_ns.to_le_bytes());
-    put(&arrived.handed_over_ns.to_le_bytes());
+    put(bytemuck::bytes_of(&[arrived.at_ns, arrived.handed_over_ns]));
     put(&[arrived.lane as u8]);
     put(&arrived.frame.id().to_le_bytes());
     put(&[arrived.frame.data().len() as u8]);
@@ -67,16 +54,17 @@ pub fn encode_arrived(arrived: &Arrived, mut put: impl FnMut(&[u8])) {
 /// Take one off the front of `bytes`; `None` if they end inside it or are none.
 pub fn decode_arrived(bytes: &mut &[u8]) -> Option<Arrived> {
     let mut reader = Reader(bytes);
-    let (at_ns, handed_over_ns) = (reader.u64()?, reader.u64()?);
-    let lane = *Lane::ALL.get(usize::from(reader.u8()?))?;
-    let (id, length) = (reader.u32()?, reader.u8()?);
+    let [at_ns, handed_over_ns] = reader.next()?;
+    let lane = *Lane::ALL.get(usize::from(reader.next::<u8>()?))?;
+    let (id, length): (u32, u8) = (reader.next()?, reader.next()?);
     let frame = CanFrame::new(id, reader.take(length.into())?).ok()?;
     *bytes = reader.0;
     Some(Arrived { at_ns, handed_over_ns, lane, frame })
 }
 
-/// A frame that was decided.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A frame that was decided, as in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Decided {
     /// Number of the frame.
     pub sequence: u32,
@@ -86,52 +74,35 @@ pub struct Decided {
     pub done_us: u32,
 }
 
-/// Bytes of a [`Decided`].
-pub const DECIDED_BYTES: usize = 3 * 4;
-
-impl Decided {
-    /// As written to the file.
-    pub fn encode(&self) -> [u8; DECIDED_BYTES] {
-        let mut out = [0; DECIDED_BYTES];
-        let bytes = [self.sequence, self.queued_us, self.done_us].into_iter().flat_map(u32::to_le_bytes);
-        out.iter_mut().zip(bytes).for_each(|(out, byte)| *out = byte);
-        out
-    }
-
-    /// `None` if these bytes are none.
-    pub fn decode(bytes: &[u8; DECIDED_BYTES]) -> Option<Self> {
-        let mut reader = Reader(bytes);
-        Some(Self { sequence: reader.u32()?, queued_us: reader.u32()?, done_us: reader.u32()? })
-    }
+/// What a file of them holds.
+pub fn decode_decided(bytes: &[u8]) -> impl Iterator<Item = Decided> {
+    bytes.chunks_exact(size_of::<Decided>()).map(bytemuck::pod_read_unaligned)
 }
 
-/// The counters of a [`Status`] that the run reports.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// The counters of a [`Status`] that the run reports, as in the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[expect(missing_docs, reason = "as in Status")]
 pub struct Counters {
-    /// As in [`Status`].
     pub dropped_frames: u32,
-    /// As in [`Status`].
     pub late_frames: u32,
-    /// As in [`Status`].
     pub replaced_slips: u32,
-    /// As in [`Status`].
     pub dropped_raw: u32,
-    /// As in [`Status`].
     pub broken_raw: u32,
-    /// As in [`Status`].
     pub bus_offs: u32,
-    /// As in [`Status`].
     pub bus_off_us: u32,
     /// Raw messages that still waited for the bus.
     pub waiting_raw: u32,
 }
 
-/// Bytes of [`Counters`].
-pub const COUNTERS_BYTES: usize = 8 * 4;
-
 impl Counters {
+    /// From the file; `None` if it is none.
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        bytemuck::try_pod_read_unaligned(bytes).ok()
+    }
+
     /// Those of a node.
-    pub fn of(status: &Status, waiting_raw: usize) -> Self {
+    pub fn new(status: &Status, waiting_raw: usize) -> Self {
         Self {
             dropped_frames: status.dropped_frames,
             late_frames: status.late_frames,
@@ -142,39 +113,5 @@ impl Counters {
             bus_off_us: status.bus_off_us,
             waiting_raw: waiting_raw as u32,
         }
-    }
-
-    /// As written to the file.
-    pub fn encode(&self) -> [u8; COUNTERS_BYTES] {
-        let numbers = [
-            self.dropped_frames,
-            self.late_frames,
-            self.replaced_slips,
-            self.dropped_raw,
-            self.broken_raw,
-            self.bus_offs,
-            self.bus_off_us,
-            self.waiting_raw,
-        ];
-        let mut out = [0; COUNTERS_BYTES];
-        out.iter_mut()
-            .zip(numbers.into_iter().flat_map(u32::to_le_bytes))
-            .for_each(|(out, byte)| *out = byte);
-        out
-    }
-
-    /// `None` if these bytes are none.
-    pub fn decode(bytes: &[u8; COUNTERS_BYTES]) -> Option<Self> {
-        let mut reader = Reader(bytes);
-        Some(Self {
-            dropped_frames: reader.u32()?,
-            late_frames: reader.u32()?,
-            replaced_slips: reader.u32()?,
-            dropped_raw: reader.u32()?,
-            broken_raw: reader.u32()?,
-            bus_offs: reader.u32()?,
-            bus_off_us: reader.u32()?,
-            waiting_raw: reader.u32()?,
-        })
     }
 }

@@ -29,24 +29,24 @@ pub struct Header {
 impl Header {
     /// As written to the file.
     pub fn encode(&self) -> [u8; HEADER_BYTES] {
-        let mut out = [0; HEADER_BYTES];
         let node = u32::from(self.node.get());
         let numbers = [self.model_bytes, self.sensors, self.frames, node, u32::from(self.compress_raw)];
-        let bytes = MAGIC.into_iter().chain(numbers.into_iter().flat_map(u32::to_le_bytes));
-        out.iter_mut().zip(bytes).for_each(|(out, byte)| *out = byte);
+        let mut out = [0; HEADER_BYTES];
+        let (magic, rest) = out.split_at_mut(MAGIC.len());
+        magic.copy_from_slice(&MAGIC);
+        rest.copy_from_slice(bytemuck::bytes_of(&numbers));
         out
     }
 
     /// `None` if these bytes are no header or ask for more than the emulated board has.
     pub fn decode(bytes: &[u8; HEADER_BYTES]) -> Option<Self> {
         let mut reader = Reader(bytes);
-        if reader.array()? != MAGIC {
+        if reader.next::<[u8; 8]>()? != MAGIC {
             return None;
         }
-        let (model_bytes, sensors, frames) = (reader.u32()?, reader.u32()?, reader.u32()?);
-        let node = NodeId::new(u8::try_from(reader.u32()?).ok()?)?;
-        let compress_raw = reader.u32()? != 0;
+        let [model_bytes, sensors, frames, node, compress_raw]: [u32; 5] = reader.next()?;
+        let node = NodeId::new(u8::try_from(node).ok()?)?;
         let fits = model_bytes as usize <= MODEL_BYTES_MAX && (1..=MAX_SENSORS as u32).contains(&sensors);
-        fits.then_some(Self { model_bytes, sensors, frames, node, compress_raw })
+        fits.then_some(Self { model_bytes, sensors, frames, node, compress_raw: compress_raw != 0 })
     }
 }

@@ -1,17 +1,18 @@
-//! What goes into the emulated microcontroller and what comes out, as bytes of two files.
-//!
-//! Encode and decode stand side by side; the program on the emulated board and `cargo xtask qemu` use
-//! the same. All numbers are little-endian.
+//! What goes into the emulated microcontroller and what comes out, as files: the programs on the emulated board and
+//! `cargo xtask qemu` use the same code. All numbers are little-endian.
 #![no_std]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod bytes;
-pub mod equal;
+pub mod equality;
+#[cfg(target_os = "none")]
+#[expect(unsafe_code, reason = "registers, interrupts and semihosting calls of the emulated board")]
+pub mod emulated;
 pub mod events;
 pub mod input;
 pub mod link;
-pub mod node_loop;
 pub mod measured;
+pub mod node_loop;
 pub mod ram_flash;
 pub mod record;
 #[cfg(feature = "cmsis-dsp")]

@@ -1,16 +1,12 @@
-//! The signal path on an emulated Cortex-M7 (QEMU's mps2-an500): acquisition on an interrupt executor,
-//! inference in thread mode, as on a board. Reads frames from a file of the host and writes what became
-//! of them to another; `cargo xtask qemu` starts it and compares.
+//! The signal path on an emulated Cortex-M7: acquisition on an interrupt executor, inference in thread mode, as on a
+//! board. Reads frames from a file of the host and writes the results to another; `cargo xtask qemu` starts it and
+//! compares.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
-mod emulated;
-#[cfg(target_os = "none")]
-mod semihosting;
-#[cfg(target_os = "none")]
-mod time_driver;
+mod tasks;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

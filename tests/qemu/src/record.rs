@@ -1,5 +1,6 @@
 //! The output file: one record per frame, with every result of the signal path.
 
+use bytemuck::bytes_of;
 use heapless::Vec;
 use slipsense::board::replay::CAN_FRAMES_MAX;
 use slipsense::features::LogMel;
@@ -52,18 +53,17 @@ impl Record {
 
     /// Write the record through `put`.
     pub fn encode(&self, mut put: impl FnMut(&[u8])) {
-        put(&self.sequence.to_le_bytes());
-        put(&self.step_us.to_le_bytes());
+        put(bytes_of(&[self.sequence, self.step_us]));
         for log_mel in &self.log_mel {
-            log_mel.ln_power.iter().for_each(|x| put(&x.to_le_bytes()));
-            log_mel.standardised.iter().for_each(|x| put(&x.to_le_bytes()));
+            put(bytes_of(&log_mel.ln_power));
+            put(bytes_of(&log_mel.standardised));
         }
-        self.logits.iter().for_each(|x| put(&x.to_bits().to_le_bytes()));
+        put(bytes_of(&self.logits.map(Logit::to_bits)));
         put(&[self.class, u8::from(self.slip), u8::from(self.alarm)]);
         put(&self.health);
-        put(&(self.can.len() as u16).to_le_bytes());
+        put(bytes_of(&(self.can.len() as u16)));
         for frame in &self.can {
-            put(&frame.id().to_le_bytes());
+            put(bytes_of(&frame.id()));
             put(&[frame.data().len() as u8]);
             put(frame.data());
         }
@@ -72,25 +72,18 @@ impl Record {
     /// Take one record off the front of `bytes`; `None` if they end inside it or are no record.
     pub fn decode(bytes: &mut &[u8]) -> Option<Self> {
         let mut reader = Reader(bytes);
-        let mut record = Self { sequence: reader.u32()?, step_us: reader.u32()?, ..Self::default() };
+        let [sequence, step_us] = reader.next()?;
+        let mut record = Self { sequence, step_us, ..Self::default() };
         for log_mel in &mut record.log_mel {
-            for x in &mut log_mel.ln_power {
-                *x = reader.i32()?;
-            }
-            for x in &mut log_mel.standardised {
-                *x = reader.i16()?;
-            }
+            *log_mel = LogMel { ln_power: reader.next()?, standardised: reader.next()? };
         }
-        for x in &mut record.logits {
-            *x = Logit::from_bits(reader.i32()?);
-        }
-        record.class = reader.u8()?;
-        record.slip = reader.u8()? != 0;
-        record.alarm = reader.u8()? != 0;
-        record.health = reader.array()?;
-        for _ in 0..reader.u16()? {
-            let (id, length) = (reader.u32()?, reader.u8()?);
-            record.can.push(CanFrame::new(id, reader.take(usize::from(length))?).ok()?).ok()?;
+        record.logits = reader.next::<[i32; CLASSES]>()?.map(Logit::from_bits);
+        let [class, slip, alarm] = reader.next()?;
+        (record.class, record.slip, record.alarm) = (class, slip != 0, alarm != 0);
+        record.health = reader.next()?;
+        for _ in 0..reader.next::<u16>()? {
+            let (id, length): (u32, u8) = (reader.next()?, reader.next()?);
+            record.can.push(CanFrame::new(id, reader.take(length.into())?).ok()?).ok()?;
         }
         *bytes = reader.0;
         Some(record)

@@ -9,7 +9,7 @@ use slipsense::features::highpass::FILTERED_MAX;
 use slipsense::features::tables::HANN_Q31;
 use slipsense::params::XL_WINDOW;
 
-use crate::equal::Dice;
+use crate::equality::Dice;
 
 /// Windows of each kind, and frames of the whole front end.
 const ROUNDS: u32 = 2500;

@@ -1,7 +1,7 @@
 //! This computer's kernels, in vector registers where it has them, against the portable ones; the Cortex-M7's:
 //! `cargo xtask test --only qemu-kernels`.
 
-use slipsense_qemu::equal::{Kernels, ROUNDS, Scratch, compare};
+use slipsense_qemu::equality::{Kernels, ROUNDS, Scratch, compare};
 
 fn equal_the_portable_ones(kernels: Kernels) {
     let mut count = 0;

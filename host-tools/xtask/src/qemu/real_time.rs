@@ -19,8 +19,8 @@ use slipsense::wire::{CanFrame, Received, Receiver, SlipMessage};
 use slipsense_can_sim::controller::{Arrived, Disturbance};
 use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::events::{
-    ARRIVED_FILE, BUS_FILE, COUNTERS_BYTES, Counters, DECIDED_BYTES, DECIDED_FILE, Decided, START_US,
-    STATUS_FILE, decode_arrived, encode_disturbance,
+    ARRIVED_FILE, BUS_FILE, Counters, DECIDED_FILE, Decided, START_US, STATUS_FILE, decode_arrived,
+    decode_decided, encode_disturbance,
 };
 use slipsense_recording::Episode;
 
@@ -212,11 +212,8 @@ fn one(
     let wall_s = start.elapsed().as_secs_f64();
     let read =
         |name| fs::read(dir.join(name)).with_context(|| format!("the emulated program wrote no {name}"));
-    let counters = read(STATUS_FILE)?;
-    let counters: [u8; COUNTERS_BYTES] = counters.as_slice().try_into().context("no status")?;
-    let counters = Counters::decode(&counters).context("no status")?;
-    let decided: Vec<Decided> =
-        read(DECIDED_FILE)?.as_chunks::<DECIDED_BYTES>().0.iter().filter_map(Decided::decode).collect();
+    let counters = Counters::decode(&read(STATUS_FILE)?).context("no status")?;
+    let decided: Vec<Decided> = decode_decided(&read(DECIDED_FILE)?).collect();
     let bytes = read(ARRIVED_FILE)?;
     let (mut rest, mut arrived) = (&bytes[..], Vec::new());
     while !rest.is_empty() {

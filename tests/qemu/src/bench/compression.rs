@@ -6,11 +6,11 @@ use slipsense::board::SensedPart;
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
 use slipsense::params::MAX_SENSORS;
 use slipsense::wire::{Detail, RawBuffer, RawFrame};
+use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
 use slipsense_qemu::measured::Line;
 
-use crate::emulated::Bench;
-use crate::semihosting::File;
+use crate::measure::Bench;
 
 /// Measure all frames of the file.
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {

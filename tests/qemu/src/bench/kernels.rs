@@ -23,7 +23,7 @@ use slipsense::simd::{MapShape, conv_relu_pool, pair};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
 use static_cell::ConstStaticCell;
 
-use crate::emulated::Bench;
+use crate::measure::Bench;
 
 /// Accelerometer samples of a frame, rounded.
 const BATCH: usize = 33;
@@ -58,7 +58,7 @@ pub fn measure(bench: &mut Bench, model: &Model<'static>) {
     wire(bench);
 }
 
-/// The shapes that the literature and the peers are measured at.
+/// The shapes that the literature and the others are measured at.
 fn reference(bench: &mut Bench, memory: &mut Memory) {
     let numbers = memory.numbers;
     let patch = |channels: usize| Inputs::Patch { channels, pairs: channels.div_ceil(2) };
@@ -221,7 +221,7 @@ fn frame() -> PiezoFrame {
 }
 
 /// A frame of an accelerometer.
-pub fn samples() -> [XlSample; BATCH] {
+fn samples() -> [XlSample; BATCH] {
     let mut samples = [[0; 3]; BATCH];
     samples.as_flattened_mut().iter_mut().zip(noise()).for_each(|(sample, x)| *sample = x);
     samples
@@ -239,7 +239,7 @@ fn words() -> impl Iterator<Item = u32> {
 }
 
 /// Numbers of any size, the same in every run: the generator of Numerical Recipes.
-pub fn noise() -> impl Iterator<Item = i16> {
+fn noise() -> impl Iterator<Item = i16> {
     let mut state = 1u32;
     core::iter::repeat_with(move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -13,12 +13,12 @@ use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::simd::MapShape;
 use slipsense::wire::{RawForm, RawTransfer, Transmitter};
+use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
-use slipsense_qemu::measured::{FrameCost, Line, PARTS, Part};
+use slipsense_qemu::measured::{FrameCost, GO_FILE, Line, PARTS, Part, READY_FILE};
 
 use crate::counter::{Counter, Mark};
-use crate::emulated::Bench;
-use crate::semihosting::File;
+use crate::measure::Bench;
 
 /// Measure all frames of the file; `by_part`: also once more through a network that is watched.
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>, by_part: bool) {
@@ -26,8 +26,10 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
     let mut pipeline = Pipeline::new(model, sensors).expect("the header was checked");
     bench.put(Line::Size { bytes: size_of_val(&pipeline) as u32, name: "Pipeline" });
     bench.put(Line::Size { bytes: size_of::<Model<'_>>() as u32, name: "Model" });
-    let mut watched = by_part
-        .then(|| Watched { network: Network::new(model), ears: [const { XlFrontEnd::new() }; MAX_SENSORS] });
+    let mut watched = by_part.then(|| Watched {
+        network: Network::new(model),
+        front_ends: [const { XlFrontEnd::new() }; MAX_SENSORS],
+    });
     let mut wire = Wire { transmitter: Transmitter::new(header.node), raw: RawTransfer::new() };
     let mut record = [0; FRAME_BYTES_MAX];
     let record = &mut record[..frame_bytes(sensors)];
@@ -47,9 +49,8 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
 
 /// Until the emulator writes down what is done.
 fn wait_for_trace() {
-    // The names of READY_FILE and GO_FILE.
-    File::create(c"ready.out").expect("the emulator's working directory takes a file");
-    while File::open(c"go.in").is_none() {}
+    File::create(READY_FILE);
+    while File::open(GO_FILE).is_none() {}
 }
 
 fn frame(
@@ -98,22 +99,22 @@ impl Wire {
 /// The parts of the pipeline, called one by one.
 struct Watched {
     network: Network<'static>,
-    ears: [XlFrontEnd; MAX_SENSORS],
+    front_ends: [XlFrontEnd; MAX_SENSORS],
 }
 
 impl Watched {
     fn step(&mut self, counter: &Counter, inputs: &[SensorInput<'_>]) -> [u32; PARTS] {
         let mut costs = [0; PARTS];
         let mut log_mel = [LogMel::default(); MAX_SENSORS];
-        for ((input, ear), log_mel) in inputs.iter().zip(&mut self.ears).zip(&mut log_mel) {
+        for ((input, front_end), log_mel) in inputs.iter().zip(&mut self.front_ends).zip(&mut log_mel) {
             if let Some(frame) = input.piezo {
                 costs[Part::Contact as usize] +=
                     counter.of(&mut || _ = black_box(ContactSummary::new(black_box(frame))));
             }
             if let Some(samples) = input.xl {
                 costs[Part::FrontEnd as usize] += counter.of(&mut || {
-                    ear.push(black_box(samples));
-                    *log_mel = ear.log_mel();
+                    front_end.push(black_box(samples));
+                    *log_mel = front_end.log_mel();
                 });
             }
         }

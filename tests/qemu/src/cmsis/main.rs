@@ -2,25 +2,16 @@
 //! print the same. `cargo xtask test --only qemu-cmsis` starts both.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(target_os = "none")]
-mod emulated {
-    use cortex_m_rt::entry;
-    use cortex_m_semihosting::{debug, hprintln};
-    use panic_semihosting as _;
-    use slipsense_qemu::spectra::Spectra;
+use slipsense_qemu::spectra::Spectra;
 
-    #[entry]
-    fn main() -> ! {
-        hprintln!("{}", Spectra::compare());
-        debug::exit(debug::EXIT_SUCCESS);
-        // The emulator has ended.
-        loop {
-            cortex_m::asm::wfi();
-        }
-    }
+#[cfg(target_os = "none")]
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    cortex_m_semihosting::hprintln!("{}", Spectra::compare());
+    slipsense_qemu::emulated::exit(true)
 }
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    println!("{}", slipsense_qemu::spectra::Spectra::compare());
+    println!("{}", Spectra::compare());
 }

@@ -5,18 +5,10 @@
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
-mod emulated;
-#[cfg(target_os = "none")]
-#[path = "../semihosting.rs"]
-mod semihosting;
-#[cfg(target_os = "none")]
-#[path = "../time_driver.rs"]
-mod time_driver;
+mod tasks;
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    eprintln!(
-        "This program runs on an emulated microcontroller; start it with `cargo xtask qemu --real-time`."
-    );
+    eprintln!("This program runs on an emulated microcontroller; `cargo xtask qemu --real-time` starts it.");
     std::process::exit(2);
 }

@@ -1,0 +1,69 @@
+//! What the programs on the emulated board (QEMU's mps2-an500) share: files of the host, time, interrupts, the end.
+
+pub mod semihosting;
+mod time_driver;
+
+use cortex_m_rt::exception;
+use cortex_m_semihosting::debug;
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use panic_semihosting as _;
+use slipsense::net::{Aligned, Model};
+use static_cell::ConstStaticCell;
+
+use crate::INPUT_FILE;
+use crate::input::{HEADER_BYTES, Header, MODEL_BYTES_MAX};
+use semihosting::File;
+use time_driver::{ALARM_IRQ, COUNTER_IRQ, Irq, time};
+
+/// A line that no device of the board drives: acquisition and transmission run in its handler.
+const ACQUISITION_IRQ: Irq = Irq(31);
+const TIME_PRIORITY: u8 = 0x20;
+const ACQUISITION_PRIORITY: u8 = 0x60;
+
+static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
+static MODEL: ConstStaticCell<Aligned<[u8; MODEL_BYTES_MAX]>> =
+    ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
+
+#[exception]
+unsafe fn DefaultHandler(irq: i16) {
+    match irq as u16 {
+        n if n == COUNTER_IRQ.0 => time().on_counter(),
+        n if n == ALARM_IRQ.0 => time().on_alarm(),
+        // SAFETY: this is the handler of the line that the executor was started with.
+        n if n == ACQUISITION_IRQ.0 => unsafe { ACQUISITION.on_interrupt() },
+        _ => panic!("interrupt {irq} was never enabled"),
+    }
+}
+
+/// Read the input file up to its frames. Once.
+pub fn read_input() -> (File, Header, Model<'static>) {
+    let mut file = File::open(INPUT_FILE).expect("the input file is there");
+    let mut header = [0; HEADER_BYTES];
+    file.read_exact(&mut header).expect("the input file has a header");
+    let header = Header::decode(&header).expect("the input file is one for this program");
+    let (model, _) = MODEL.take().0.split_at_mut(header.model_bytes as usize);
+    file.read_exact(model).expect("the input file holds a model");
+    (file, header, Model::parse(model).expect("the model is valid"))
+}
+
+/// Start the clock, of so many timer ticks per microsecond, and the executor of acquisition and transmission, which
+/// interrupts thread mode. Once.
+pub fn start(ticks_per_us: u32) -> SendSpawner {
+    time().init(ticks_per_us);
+    let mut core = cortex_m::Peripherals::take().expect("taken once");
+    // SAFETY: all critical sections of the programs mask every priority.
+    unsafe {
+        core.NVIC.set_priority(COUNTER_IRQ, TIME_PRIORITY);
+        core.NVIC.set_priority(ALARM_IRQ, TIME_PRIORITY);
+        core.NVIC.set_priority(ACQUISITION_IRQ, ACQUISITION_PRIORITY);
+    }
+    ACQUISITION.start(ACQUISITION_IRQ)
+}
+
+/// End the emulator, which closes the files.
+pub fn exit(success: bool) -> ! {
+    debug::exit(if success { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

@@ -12,7 +12,8 @@ use slipsense_recording::model_file::SCALES_KEY;
 use crate::data::{Features, Source, Use};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::folder::ObjectUses;
-use crate::reference::{Ranges, Reference, SensorFrame};
+use crate::trace::Ranges;
+use crate::tract::{Graphs, SensorFrame, TractNetwork};
 use crate::train::{manifest_beside, progress};
 use crate::weights::Weights;
 use crate::{
@@ -65,8 +66,9 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     let source = Source::new(args.data.as_deref(), args.seed).with_uses(uses);
 
     let bar = progress("calibrate", args.calibration_episodes as u64);
+    let graphs = Graphs::traced(&weights)?;
     let seen = source.map(Use::Train, args.calibration_episodes, &bar, |episode| {
-        Ok(measure(&weights, &Features::from_episode(&episode)?))
+        measure(&graphs, &Features::from_episode(&episode)?)
     })?;
     bar.finish_and_clear();
     let mut ranges = Ranges::default();
@@ -84,9 +86,10 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     let bytes = export::to_bytes(&file)?;
     let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
 
+    let float = Graphs::new(&weights)?;
     let bar = progress("validate", args.val_episodes as u64);
     let results =
-        source.map(Use::Validation, args.val_episodes, &bar, |episode| compare(model, &weights, &episode))?;
+        source.map(Use::Validation, args.val_episodes, &bar, |episode| compare(model, &float, &episode))?;
     bar.finish_and_clear();
     let episodes = results.len();
     let mut total = Comparison::default();
@@ -128,11 +131,11 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
 }
 
 /// Largest magnitudes of all activations over one episode: with all sensors, and with each alone.
-fn measure(weights: &Weights, features: &Features) -> Ranges {
+fn measure(graphs: &Graphs, features: &Features) -> Result<Ranges> {
     let mut ranges = Ranges::default();
     let alone = (0..features.sensors).filter(|_| features.sensors > 1).map(Some);
     for only in std::iter::once(None).chain(alone) {
-        let mut reference = Reference::new(weights, features.sensors);
+        let mut network = TractNetwork::new(graphs, features.sensors)?;
         for frame in 0..features.frames() {
             let seen: Vec<SensorFrame<'_>> = (0..features.sensors)
                 .map(|sensor| {
@@ -143,11 +146,11 @@ fn measure(weights: &Weights, features: &Features) -> Ranges {
                     }
                 })
                 .collect();
-            reference.step(&seen);
+            network.step(&seen)?;
         }
-        ranges.merge(&reference.ranges);
+        ranges.merge(&network.ranges);
     }
-    ranges
+    Ok(ranges)
 }
 
 /// The command that makes this report again.

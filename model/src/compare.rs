@@ -15,8 +15,8 @@ use slipsense_recording::Episode;
 use slipsense_recording::model_file::SCALES_KEY;
 
 use crate::evaluate::decide;
-use crate::reference::{ACTIVATIONS, Reference, SensorFrame};
-use crate::trace::{IntegerTrace, Trace};
+use crate::trace::{ACTIVATIONS, IntegerTrace, Trace};
+use crate::tract::{Graphs, SensorFrame, TractNetwork};
 use crate::weights::Weights;
 
 /// What becomes of one activation in integers.
@@ -123,20 +123,19 @@ pub fn compare_activations(
     let scales = scales(&model)?;
     let sensors = episode.sensors;
     let mut front_ends = vec![XlFrontEnd::new(); sensors];
-    let mut reference = Reference::new(weights, sensors);
-    reference.trace = Some(Trace::default());
+    let mut float_network = TractNetwork::new(&Graphs::traced(weights)?, sensors)?;
     let mut network = Network::new(model);
     let mut integer = IntegerTrace { scales: &scales, trace: Trace::default() };
     let mut sums = [Sums::default(); ACTIVATIONS.len()];
     let mut differing_frames = Vec::new();
     for frame in 0..episode.frames() {
-        let mut heard = Vec::with_capacity(sensors);
+        let mut log_mels = Vec::with_capacity(sensors);
         for (sensor, front_end) in front_ends.iter_mut().enumerate() {
             front_end.push(episode.xl_batch(frame, sensor));
-            heard.push(front_end.log_mel().standardised);
+            log_mels.push(front_end.log_mel().standardised);
         }
         let scans: Vec<_> = (0..sensors).map(|sensor| episode.piezo(frame, sensor)).collect();
-        let seen = scans.iter().zip(&heard);
+        let seen = scans.iter().zip(&log_mels);
         let for_integer: Vec<_> = seen
             .clone()
             .map(|(scan, log_mel)| SensorFeatures { piezo: Some(scan), log_mel: Some(log_mel) })
@@ -145,19 +144,18 @@ pub fn compare_activations(
             .map(|(scan, log_mel)| SensorFrame { piezo: Some(scan.counts()), log_mel: Some(log_mel) })
             .collect();
         let from_integer = network.step_observed(&for_integer, &mut integer).map(Logit::to_bits);
-        let from_float = reference.step(&for_float);
+        let from_float = float_network.step(&for_float)?;
 
         let touched = scans.iter().any(|scan| scan.sum() >= CONTACT_SUM_MIN);
         if decide(touched, from_integer) != decide(touched, from_float) {
             differing_frames.push(frame);
         }
-        if let Some(float) = &mut reference.trace {
-            for ((sums, float), integer) in sums.iter_mut().zip(float.values()).zip(integer.trace.values()) {
-                ensure!(float.len() == integer.len(), "the networks show different numbers of values");
-                sums.add(float, integer);
-            }
-            float.clear();
+        let float = &mut float_network.trace;
+        for ((sums, float), integer) in sums.iter_mut().zip(float.values()).zip(integer.trace.values()) {
+            ensure!(float.len() == integer.len(), "the networks return different numbers of values");
+            sums.add(float, integer);
         }
+        float.clear();
         integer.trace.clear();
     }
     let activations = ACTIVATIONS.into_iter().zip(sums).map(|(activation, sums)| ActivationError {

@@ -20,7 +20,7 @@ use crate::augment::level;
 use crate::float::Sequences;
 use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
-use crate::reference::log_mel_real;
+use crate::tract::log_mel_real;
 
 use crate::folder::{LabelledFolder, ObjectUses};
 

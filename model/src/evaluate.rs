@@ -13,8 +13,7 @@ use slipsense_recording::score::{ClassScores, Detection, SLIP, score_events};
 
 use crate::data::Features;
 use crate::float::FloatNetwork;
-use crate::reference::{Reference, SensorFrame};
-use crate::weights::Weights;
+use crate::tract::{Graphs, SensorFrame, TractNetwork};
 
 /// Scores over any number of episodes.
 #[derive(Clone, Debug, Default)]
@@ -156,10 +155,10 @@ impl Comparison {
 }
 
 /// Run both networks over one labelled episode.
-pub fn compare(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result<Comparison> {
+pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Result<Comparison> {
     let label = episode.label.as_deref().context("array label is missing, needed for evaluation")?;
     let mut pipeline = Pipeline::new(model, episode.sensors).map_err(|e| anyhow::anyhow!("{e}"))?;
-    let mut reference = Reference::new(weights, episode.sensors);
+    let mut float_network = TractNetwork::new(float_graphs, episode.sensors)?;
     let (mut integer, mut float, mut touched) = (Vec::new(), Vec::new(), Vec::new());
     let mut result = Comparison::default();
     for frame in 0..episode.frames() {
@@ -176,7 +175,7 @@ pub fn compare(model: Model<'_>, weights: &Weights, episode: &Episode) -> Result
                 log_mel: Some(&log_mel.standardised),
             };
         }
-        let logits = reference.step(&seen[..episode.sensors]);
+        let logits = float_network.step(&seen[..episode.sensors])?;
         for (float, integer) in logits.into_iter().zip(output.logits) {
             let error = f64::from(float) - integer.to_f64();
             result.logit_power[0] += f64::from(float).powi(2);

@@ -1,12 +1,12 @@
 //! Definition, trainer and quantizer of the network.
 //!
 //! Episodes, generated or from a folder ([`folder`]), become features by the microcontroller's own front end
-//! ([`data`]), random stretches of them become batches ([`batch`], [`augment`]), a tensor library trains the
-//! network on whole sequences ([`float`], [`train`], with a [`teacher`] if there is one, the taxel encoder's
-//! convolutions by hand in [`piezo`]). The weights ([`weights`]) are run frame by frame to measure ranges ([`reference`], and by another library, [`tract`]),
-//! turned into integers ([`quantize`]), and scored beside the integer pipeline ([`evaluate`]), activation by
-//! activation if need be ([`compare`], [`trace`]). Networks that differ from it in one thing each are compared
-//! with it ([`variants`]).
+//! ([`data`]); random stretches of them become batches ([`batch`], [`augment`]). A tensor library trains the network on
+//! whole sequences ([`float`], [`train`], with a [`teacher`] if there is one); the taxel encoder's convolutions are
+//! our own ([`piezo`]). Another library runs the [`weights`] frame by frame ([`tract`]) to measure the ranges of all
+//! activations ([`trace`]). They are turned into integers ([`quantize`]) and scored beside the integer pipeline
+//! ([`evaluate`]), activation by activation if need be ([`compare`]). [`variants`] are networks that differ in one thing
+//! each.
 
 pub mod augment;
 pub mod batch;
@@ -23,7 +23,6 @@ pub mod output;
 pub mod pad_view;
 pub mod piezo;
 pub mod quantize;
-pub mod reference;
 pub mod teacher;
 pub mod trace;
 pub mod tract;

@@ -21,7 +21,8 @@ use slipsense_recording::model_file::ModelFile;
 
 use crate::float::NORM_EPSILON;
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
-use crate::reference::{ACTIVATIONS, Ranges, log_mel_real};
+use crate::trace::{ACTIVATIONS, Ranges};
+use crate::tract::log_mel_real;
 use crate::weights::Weights;
 
 /// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads: with

@@ -1,10 +1,70 @@
-//! The values of all activations of one frame, from the float network or from the integer one.
+//! The activations of the network: their names, their largest magnitudes, and their values in one frame, from the
+//! float network or from the integer one.
 
 use std::collections::BTreeMap;
 
 use slipsense::net::Observer;
 
-use crate::reference::ACTIVATIONS;
+/// Activations in the order of their computation, each with one real scale, which the quantizer derives from
+/// their ranges.
+pub const ACTIVATIONS: [&str; 24] = [
+    "taxels",
+    "piezo.conv1",
+    "piezo.conv2",
+    "piezo.conv3",
+    "piezo",
+    "log_mel",
+    "xl.conv",
+    "xl.mix1",
+    "xl",
+    "cross_piezo.query",
+    "cross_piezo.key",
+    "cross_piezo.value",
+    "cross_piezo.residual",
+    "cross_xl.query",
+    "cross_xl.key",
+    "cross_xl.value",
+    "cross_xl.residual",
+    "fused",
+    "temporal.query",
+    "temporal.key",
+    "temporal.value",
+    "temporal.residual",
+    "hidden",
+    "logits",
+];
+
+/// Largest magnitude seen of every activation.
+#[derive(Clone, Debug, Default)]
+pub struct Ranges {
+    largest: [f32; ACTIVATIONS.len()],
+}
+
+impl Ranges {
+    pub(crate) fn record(&mut self, activation: &str, values: &[f32]) {
+        let largest = &mut self.largest[index_of(activation)];
+        *largest = values.iter().fold(*largest, |m, x| m.max(x.abs()));
+    }
+
+    /// Largest magnitude seen of an activation, real units.
+    ///
+    /// # Panics
+    /// If [`ACTIVATIONS`] does not list it.
+    pub fn largest(&self, activation: &str) -> f32 {
+        self.largest[index_of(activation)]
+    }
+
+    /// Include the ranges of another pass.
+    pub fn merge(&mut self, other: &Self) {
+        for (mine, other) in self.largest.iter_mut().zip(other.largest) {
+            *mine = mine.max(other);
+        }
+    }
+}
+
+fn index_of(activation: &str) -> usize {
+    ACTIVATIONS.iter().position(|&listed| listed == activation).expect("activations are listed")
+}
 
 /// Values in real units, in the order of [`ACTIVATIONS`]; sensors one after the other, in order.
 #[derive(Clone, Debug, Default)]
@@ -13,13 +73,12 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Take in values of an activation.
+    /// Add values of an activation.
     ///
     /// # Panics
     /// If [`ACTIVATIONS`] does not list it.
-    pub fn see(&mut self, activation: &str, values: impl IntoIterator<Item = f32>) {
-        let index = ACTIVATIONS.iter().position(|&a| a == activation);
-        self.values[index.expect("activations are listed")].extend(values);
+    pub fn record(&mut self, activation: &str, values: impl IntoIterator<Item = f32>) {
+        self.values[index_of(activation)].extend(values);
     }
 
     /// The values of each activation.
@@ -33,7 +92,7 @@ impl Trace {
     }
 }
 
-/// Looks at the integer network and writes down what its numbers stand for.
+/// Records the real values of the integer network's activations.
 #[derive(Debug)]
 pub struct IntegerTrace<'s> {
     /// Real value of one unit of each activation, as
@@ -44,22 +103,22 @@ pub struct IntegerTrace<'s> {
 }
 
 impl IntegerTrace<'_> {
-    fn see_scaled<T: Copy + Into<f64>>(&mut self, activation: &str, values: &[T]) {
+    fn record_scaled<T: Copy + Into<f64>>(&mut self, activation: &str, values: &[T]) {
         let scale = self.scales[activation];
-        self.trace.see(activation, values.iter().map(|&value| (value.into() * scale) as f32));
+        self.trace.record(activation, values.iter().map(|&value| (value.into() * scale) as f32));
     }
 }
 
 impl Observer for IntegerTrace<'_> {
     fn record(&mut self, layer: &'static str, values: &[i16]) {
-        self.see_scaled(layer, values);
+        self.record_scaled(layer, values);
     }
 
     fn record_residual(&mut self, block: &'static str, values: &[i32]) {
-        self.see_scaled(&format!("{block}.residual"), values);
+        self.record_scaled(&format!("{block}.residual"), values);
     }
 
     fn record_part(&mut self, block: &'static str, part: &'static str, values: &[i16]) {
-        self.see_scaled(&format!("{block}.{part}"), values);
+        self.record_scaled(&format!("{block}.{part}"), values);
     }
 }

@@ -1,8 +1,8 @@
-//! The float network run by tract: the same weights in another library's graphs, so that a mistake in how this
-//! project computes a layer shows as a difference.
+//! The float network frame by frame, run by tract: the quantizer measures ranges on it, the integer network is
+//! compared with it, and the training network must equal it.
 //!
-//! tract computes every layer ([`graphs`]); here is only what is remembered between frames. The caches of keys
-//! and values are inputs and outputs of a graph, handed on from frame to frame.
+//! tract computes every layer ([`graphs`]); this file keeps the state between frames. The caches of keys and values
+//! are inputs and outputs of a graph, handed on from frame to frame.
 
 mod graphs;
 
@@ -12,33 +12,63 @@ use anyhow::{Context, Result, ensure};
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
-use tract_core::prelude::{IntoTValue, TValue, Tensor, TypedSimpleState, tvec};
+use tract_core::prelude::{IntoTValue, TValue, TVec, Tensor, TypedSimpleState, tvec};
 
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
-use crate::reference::{SensorFrame, keep_max, log_mel_real};
+use crate::trace::{Ranges, Trace};
 
+use graphs::Compiled;
 pub use graphs::Graphs;
 
 /// Added to the score of a cache slot that no frame has filled yet: its weight is then 0 in single precision.
 const UNFILLED: f32 = -10_000.0;
 
-/// A network on tract and what it remembers; equals [`Reference`](crate::reference::Reference) but for the
-/// order of additions.
+/// What one sensor delivers in one frame; `None` leaves the part out of the maximum.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SensorFrame<'a> {
+    /// ADC counts, row-major.
+    pub piezo: Option<&'a [u16; TAXELS]>,
+    /// Standardised log-mel, Q2.13.
+    pub log_mel: Option<&'a [i16; MEL_BINS]>,
+}
+
+/// Q2.13 to real.
+pub fn log_mel_real(q13: i16) -> f32 {
+    f32::from(q13) / (1 << slipsense::features::STANDARDISED_FRAC_BITS) as f32
+}
+
+/// A network on tract and its state.
 pub struct TractNetwork {
     dims: Dims,
-    piezo: TypedSimpleState,
-    xl: TypedSimpleState,
-    fuse: TypedSimpleState,
+    piezo: Running,
+    xl: Running,
+    fuse: Running,
     /// Per sensor what the network sees of the pad, by the microcontroller's own kernel.
     pads: Vec<PiezoFrontEnd>,
     /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
-    heard: Vec<VecDeque<[f32; MEL_BINS]>>,
+    log_mels: Vec<VecDeque<[f32; MEL_BINS]>>,
     /// Frames seen, up to the window.
     filled: usize,
     /// What is added to the scores of each lag, `[1, window]`.
     mask: TValue,
     /// Keys and values of the three blocks, newest frame first, `[window, width]` each.
     caches: Vec<TValue>,
+    /// Ranges of all activations so far; empty unless the graphs are [traced](Graphs::traced).
+    pub ranges: Ranges,
+    /// All activations since it was cleared, in the order of the integer network's; filled by traced graphs only.
+    pub trace: Trace,
+}
+
+/// A graph with its state, and the activations that it returns behind its outputs.
+struct Running {
+    state: TypedSimpleState,
+    traced: Vec<&'static str>,
+}
+
+impl Running {
+    fn new(graph: &Compiled) -> Result<Self> {
+        Ok(Self { state: graph.model.spawn()?, traced: graph.traced.clone() })
+    }
 }
 
 impl TractNetwork {
@@ -51,20 +81,22 @@ impl TractNetwork {
         let caches = caches.map(|width| zeros(&[dims.window, width])).collect::<Result<_>>()?;
         Ok(Self {
             dims,
-            piezo: graphs.piezo.spawn()?,
-            xl: graphs.xl.spawn()?,
-            fuse: graphs.fuse.spawn()?,
+            piezo: Running::new(&graphs.piezo)?,
+            xl: Running::new(&graphs.xl)?,
+            fuse: Running::new(&graphs.fuse)?,
             pads: vec![PiezoFrontEnd::new(); sensors],
-            heard: vec![silence; sensors],
+            log_mels: vec![silence; sensors],
             filled: 0,
             mask: zeros(&[1, dims.window])?,
             caches,
+            ranges: Ranges::default(),
+            trace: Trace::default(),
         })
     }
 
     /// One frame to three logits, nat. `sensors`: as many as the network was made for.
     pub fn step(&mut self, sensors: &[SensorFrame<'_>]) -> Result<[f32; CLASSES]> {
-        let expected = self.heard.len();
+        let expected = self.log_mels.len();
         ensure!(sensors.len() == expected, "{} sensors given, {expected} expected", sensors.len());
         let (mut piezo, mut xl): (Option<Vec<f32>>, Option<Vec<f32>>) = (None, None);
         for (index, sensor) in sensors.iter().enumerate() {
@@ -76,8 +108,8 @@ impl TractNetwork {
             for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {
                 *real = log_mel_real(q13);
             }
-            self.heard[index].pop_front();
-            self.heard[index].push_back(frame);
+            self.log_mels[index].pop_front();
+            self.log_mels[index].push_back(frame);
             if sensor.log_mel.is_some() {
                 keep_max(&mut xl, self.embed_xl(index)?);
             }
@@ -93,13 +125,14 @@ impl TractNetwork {
             change_plane[index] = f32::from(change) * PIEZO_INPUT_SCALE;
         });
         let image = tensor(&[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS], &planes)?;
-        let outputs = self.piezo.run(tvec![image])?;
+        let outputs = run(&mut self.piezo, &mut self.ranges, &mut self.trace, tvec![image])?;
         numbers(outputs.first())
     }
 
     fn embed_xl(&mut self, sensor: usize) -> Result<Vec<f32>> {
-        let seen: Vec<f32> = self.heard[sensor].iter().flatten().copied().collect();
-        let outputs = self.xl.run(tvec![tensor(&[1, seen.len()], &seen)?])?;
+        let seen: Vec<f32> = self.log_mels[sensor].iter().flatten().copied().collect();
+        let inputs = tvec![tensor(&[1, seen.len()], &seen)?];
+        let outputs = run(&mut self.xl, &mut self.ranges, &mut self.trace, inputs)?;
         numbers(outputs.first())
     }
 
@@ -118,10 +151,35 @@ impl TractNetwork {
         }
         inputs.push(self.mask.clone());
         inputs.extend(self.caches.drain(..));
-        let mut outputs = self.fuse.run(inputs)?;
+        let mut outputs = run(&mut self.fuse, &mut self.ranges, &mut self.trace, inputs)?;
         self.caches.extend(outputs.drain(1..));
         let logits = numbers(outputs.first())?;
         logits.try_into().ok().context("the graph does not end in three logits")
+    }
+}
+
+/// Run a graph, record its traced activations, and return the other outputs.
+fn run(
+    graph: &mut Running,
+    ranges: &mut Ranges,
+    trace: &mut Trace,
+    inputs: TVec<TValue>,
+) -> Result<TVec<TValue>> {
+    let mut outputs = graph.state.run(inputs)?;
+    let traced = outputs.drain(outputs.len() - graph.traced.len()..);
+    for (activation, values) in graph.traced.iter().zip(traced) {
+        let values = numbers(Some(&values))?;
+        ranges.record(activation, &values);
+        trace.record(activation, values);
+    }
+    Ok(outputs)
+}
+
+/// Elementwise maximum over the sensors.
+fn keep_max(best: &mut Option<Vec<f32>>, new: Vec<f32>) {
+    match best {
+        None => *best = Some(new),
+        Some(best) => best.iter_mut().zip(new).for_each(|(best, new)| *best = best.max(new)),
     }
 }
 

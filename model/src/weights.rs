@@ -1,6 +1,6 @@
 //! The trained parameters as plain numbers, named like the tensors of the model file.
 //!
-//! One list serves the tensor library, the step-by-step reference, the checkpoint and the quantizer:
+//! One list serves the tensor library, the frame-by-frame network, the checkpoint and the quantizer:
 //! [`slipsense::net::format::layout`] without its integer-only parts (multipliers, residual factor and epsilon).
 
 use std::collections::HashMap;

@@ -1,16 +1,17 @@
 //! The comparison of float and integer, activation by activation, on random weights.
 
-mod common;
-
 use slipsense::net::Model;
 use slipsense_model::compare::{compare_activations, scales};
 use slipsense_model::export;
 use slipsense_model::quantize::{activation_scales, quantize};
-use slipsense_model::reference::{ACTIVATIONS, Ranges, Reference, SensorFrame};
+use slipsense_model::trace::{ACTIVATIONS, Ranges};
+use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
 use slipsense_model::weights::{FIRST_DIMS, Weights};
 use slipsense_recording::Episode;
 use slipsense_recording::model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
+
+use crate::common;
 
 /// The beginning of an episode of two sensors, until they touch: an untouched pad has nothing to compare.
 fn episode() -> Episode {
@@ -26,11 +27,11 @@ fn episode() -> Episode {
 fn measured(weights: &Weights) -> Ranges {
     const FRAMES: usize = 100;
     let (scans, log_mels) = (common::scans(FRAMES, 1, 3), common::log_mels(FRAMES, 1, 4));
-    let mut reference = Reference::new(weights, 1);
+    let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), 1).unwrap();
     for (scan, log_mel) in scans.iter().zip(&log_mels) {
-        reference.step(&[SensorFrame { piezo: Some(scan.counts()), log_mel: Some(log_mel) }]);
+        network.step(&[SensorFrame { piezo: Some(scan.counts()), log_mel: Some(log_mel) }]).unwrap();
     }
-    reference.ranges
+    network.ranges
 }
 
 fn quantized(weights: &Weights) -> Vec<u8> {

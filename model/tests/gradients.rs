@@ -1,8 +1,6 @@
 //! The gradients that the optimizer gets, the hand-written ones of the convolution blocks among them, against
 //! differences of the loss.
 
-mod common;
-
 use burn::module::ParamId;
 use burn::tensor::Device;
 use rand::{Rng, SeedableRng};
@@ -10,8 +8,10 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::piezo::{self, Filters};
-use slipsense_model::reference::log_mel_real;
+use slipsense_model::tract::log_mel_real;
 use slipsense_model::weights::{Weights, name, specs};
+
+use crate::common;
 
 const FRAMES: usize = 21;
 const SENSORS: usize = 2;

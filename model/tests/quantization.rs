@@ -1,44 +1,50 @@
 //! Integers against float, refusals, and files read back.
 
-mod common;
-
 use slipsense::fixed::Logit;
 use slipsense::net::format::Dims;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense_model::quantize::quantize;
-use slipsense_model::reference::{Ranges, Reference, SensorFrame};
+use slipsense_model::trace::Ranges;
+use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{export, weights};
+
+use crate::common;
 
 const FRAMES: usize = 100;
 const SENSORS: usize = 2;
 
-/// Float logits of random input, and the ranges seen on the way.
-fn run_float(weights: &Weights) -> (Vec<[f32; 3]>, Ranges) {
-    let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
-    let mut reference = Reference::new(weights, SENSORS);
-    let frames = scans.chunks_exact(SENSORS).zip(log_mels.chunks_exact(SENSORS));
-    let logits = frames.map(|(scans, log_mels)| {
-        let seen: Vec<SensorFrame<'_>> = scans
-            .iter()
-            .zip(log_mels)
-            .map(|(scan, bins)| SensorFrame { piezo: Some(scan.counts()), log_mel: Some(bins) })
-            .collect();
-        reference.step(&seen)
-    });
-    let logits = logits.collect();
-    (logits, reference.ranges)
+/// Is this part of a sensor there? With `missing`, every third scan and every fourth log-mel frame is not.
+fn is_there(missing: bool, frame: usize, sensor: usize, period: usize) -> bool {
+    !missing || (frame + sensor) % period != 0
 }
 
-fn run_integer(bytes: &[u8]) -> Vec<[i32; 3]> {
+/// Float logits of random input, and the ranges seen on the way.
+fn run_float(weights: &Weights, missing: bool) -> (Vec<[f32; 3]>, Ranges) {
+    let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
+    let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), SENSORS).unwrap();
+    let step = |frame: usize| {
+        let sensor = |s: usize| SensorFrame {
+            piezo: is_there(missing, frame, s, 3).then(|| scans[frame * SENSORS + s].counts()),
+            log_mel: is_there(missing, frame, s, 4).then(|| &log_mels[frame * SENSORS + s]),
+        };
+        network.step(&[sensor(0), sensor(1)]).unwrap()
+    };
+    let logits = (0..FRAMES).map(step).collect();
+    (logits, network.ranges)
+}
+
+fn run_integer(bytes: &[u8], missing: bool) -> Vec<[i32; 3]> {
     let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
     let mut network = Network::new(Model::parse(bytes).unwrap());
-    let frames = scans.chunks_exact(SENSORS).zip(log_mels.chunks_exact(SENSORS));
-    let step = |(scans, log_mels): (&[_], &[_])| {
-        let sensor = |s: usize| SensorFeatures { piezo: Some(&scans[s]), log_mel: Some(&log_mels[s]) };
+    let step = |frame: usize| {
+        let sensor = |s: usize| SensorFeatures {
+            piezo: is_there(missing, frame, s, 3).then(|| &scans[frame * SENSORS + s]),
+            log_mel: is_there(missing, frame, s, 4).then(|| &log_mels[frame * SENSORS + s]),
+        };
         network.step(&[sensor(0), sensor(1)]).map(Logit::to_bits)
     };
-    frames.map(step).collect()
+    (0..FRAMES).map(step).collect()
 }
 
 /// Power of the float logits over that of the integers' differences from them, dB.
@@ -53,13 +59,13 @@ fn snr_db(float: &[[f32; 3]], integer: &[[i32; 3]]) -> f64 {
 
 #[test]
 fn the_integer_network_follows_the_float_one() {
-    for seed in [1, 2, 3] {
+    for (seed, missing) in [(1, false), (2, false), (3, false), (3, true)] {
         let weights = common::random_weights(seed);
-        let (float, ranges) = run_float(&weights);
+        let (float, ranges) = run_float(&weights, missing);
         let file = quantize(&weights, &ranges, "{}").unwrap();
-        let integer = run_integer(&export::to_bytes(&file).unwrap());
+        let integer = run_integer(&export::to_bytes(&file).unwrap(), missing);
         let snr_db = snr_db(&float, &integer);
-        println!("seed {seed}: logits {snr_db:.1} dB over the quantization error");
+        println!("seed {seed}, parts missing {missing}: logits {snr_db:.1} dB over the quantization error");
         // Random networks: about 53 dB. Far better would mean that float was compared with itself.
         assert!((50.0..90.0).contains(&snr_db), "seed {seed}: {snr_db} dB");
     }
@@ -68,7 +74,7 @@ fn the_integer_network_follows_the_float_one() {
 #[test]
 fn a_file_says_what_the_quantizer_meant() {
     let weights = common::random_weights(5);
-    let (_, ranges) = run_float(&weights);
+    let (_, ranges) = run_float(&weights, false);
     let file = quantize(&weights, &ranges, "{\"who\":\"test\"}").unwrap();
     let bytes = export::to_bytes(&file).unwrap();
     let model = Model::parse(&bytes).unwrap();
@@ -108,7 +114,7 @@ fn a_file_says_what_the_quantizer_meant() {
 fn a_channel_of_large_weights_and_offset_gets_steps_with_which_it_cannot_overflow() {
     let dims = Dims { conv_channels: [4, 8, 32], ..FIRST_DIMS };
     let mut weights = Weights::init(dims, 1);
-    let (_, ranges) = run_float(&weights);
+    let (_, ranges) = run_float(&weights, false);
     let at = specs(&dims).iter().position(|s| s.layer == "piezo.dense" && s.part == "weight").unwrap();
     weights.tensors[at][3 * 512..4 * 512].fill(1.0);
     weights.tensors[at + 1][3] = 1e4;
@@ -123,7 +129,7 @@ fn a_channel_of_large_weights_and_offset_gets_steps_with_which_it_cannot_overflo
 #[test]
 fn a_ratio_of_a_half_or_more_is_refused_by_name() {
     let mut weights = common::random_weights(6);
-    let (_, ranges) = run_float(&weights);
+    let (_, ranges) = run_float(&weights, false);
     let at = specs(&FIRST_DIMS).iter().position(|s| s.layer == "xl.mix1" && s.part == "weight").unwrap();
     // Much larger than when the ranges were measured.
     weights.tensors[at][2 * 32..3 * 32].fill(1e4);
@@ -135,7 +141,7 @@ fn a_ratio_of_a_half_or_more_is_refused_by_name() {
 fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
     // Queries so many times as large as those of a file whose multiplier is known.
     let random = common::random_weights(6);
-    let (_, ranges) = run_float(&random);
+    let (_, ranges) = run_float(&random, false);
     let file = quantize(&random, &ranges, "{}").unwrap();
     let of_half = f64::from(file.tensor("cross_piezo.score", "multiplier")[0]) / f64::from(i32::MAX);
     let larger = |times: f64| {
@@ -145,13 +151,13 @@ fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
                 tensor.iter_mut().for_each(|x| *x *= times as f32);
             }
         }
-        let (float, ranges) = run_float(&weights);
+        let (float, ranges) = run_float(&weights, false);
         quantize(&weights, &ranges, "{}").map(|file| (file, float))
     };
     // Twice what the multiplier takes: a factor 1.4 each of the 2 that they have.
     let (file, float) = larger(2.0 / of_half).unwrap();
     assert_eq!(file.tensor("cross_piezo.score", "multiplier"), [i32::MAX]);
-    let integer = run_integer(&export::to_bytes(&file).unwrap());
+    let integer = run_integer(&export::to_bytes(&file).unwrap(), false);
     let snr_db = snr_db(&float, &integer);
     println!("logits {snr_db:.1} dB over the quantization error");
     assert!((50.0..90.0).contains(&snr_db), "{snr_db} dB");
@@ -163,7 +169,7 @@ fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
 #[test]
 fn a_score_bias_beyond_16_bits_is_refused_by_name() {
     let mut weights = common::random_weights(6);
-    let (_, ranges) = run_float(&weights);
+    let (_, ranges) = run_float(&weights, false);
     let at = specs(&FIRST_DIMS).iter().position(|s| s.layer == "cross_xl.score").unwrap();
     weights.tensors[at][61] = -40.0;
     let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();

@@ -1,14 +1,15 @@
-//! The batched network under its banded mask against the same network run frame by frame.
-
-mod common;
+//! The network frame by frame on tract against the training network, which takes all frames at once.
 
 use burn::tensor::Device;
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
-use slipsense_model::reference::{Reference, SensorFrame, log_mel_real};
+use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork, log_mel_real};
 
-/// More than two windows, so that frames leave the band.
+use crate::common;
+
+/// More than two windows, so that frames leave the band and the caches.
 const FRAMES: usize = 140;
+const TOLERANCE: f32 = 1e-4;
 
 fn worst_difference(sensors: usize) -> f32 {
     let weights = common::random_weights(7);
@@ -26,11 +27,10 @@ fn worst_difference(sensors: usize) -> f32 {
     }
 
     let device = Device::flex();
-    let network = FloatNetwork::fixed(&weights, &device);
-    let batched = network.logits(&weights.dims, &input, &device);
+    let batched = FloatNetwork::fixed(&weights, &device).logits(&weights.dims, &input, &device);
     assert_eq!(batched.len(), FRAMES);
 
-    let mut reference = Reference::new(&weights, sensors);
+    let mut stream = TractNetwork::new(&Graphs::new(&weights).unwrap(), sensors).unwrap();
     let mut worst = 0f32;
     for (frame, batched) in batched.iter().enumerate() {
         let seen: Vec<SensorFrame<'_>> = (0..sensors)
@@ -39,8 +39,8 @@ fn worst_difference(sensors: usize) -> f32 {
                 SensorFrame { piezo: Some(scans[at].counts()), log_mel: Some(&log_mels[at]) }
             })
             .collect();
-        let logits = reference.step(&seen);
-        for (logit, batched) in logits.iter().zip(batched) {
+        for (logit, batched) in stream.step(&seen).unwrap().iter().zip(batched) {
+            assert!(logit.is_finite() && batched.is_finite(), "frame {frame}: {logit} {batched}");
             worst = worst.max((logit - batched).abs());
         }
     }
@@ -52,6 +52,26 @@ fn a_batch_under_the_banded_mask_equals_the_stream() {
     for sensors in [1, 3] {
         let worst = worst_difference(sensors);
         println!("{sensors} sensors: worst difference {worst:.2e}");
-        assert!(worst < 1e-4, "{sensors} sensors: worst difference {worst}");
+        assert!(worst < TOLERANCE, "{sensors} sensors: worst difference {worst}");
     }
+}
+
+#[test]
+fn a_single_changed_weight_shows() {
+    let weights = common::random_weights(20);
+    let mut changed = weights.clone();
+    changed.tensors[0][0] += 1.0;
+    let (scans, log_mels) = (common::scans(1, 1, 21), common::log_mels(1, 1, 22));
+    let seen = [SensorFrame { piezo: Some(scans[0].counts()), log_mel: Some(&log_mels[0]) }];
+    let logits = |weights| TractNetwork::new(&Graphs::new(weights).unwrap(), 1).unwrap().step(&seen).unwrap();
+    let pairs = logits(&weights).into_iter().zip(logits(&changed));
+    assert!(pairs.into_iter().any(|(a, b)| (a - b).abs() > 10.0 * TOLERANCE));
+}
+
+#[test]
+fn another_number_of_sensors_is_refused() {
+    let weights = common::random_weights(20);
+    let mut network = TractNetwork::new(&Graphs::new(&weights).unwrap(), 2).unwrap();
+    let error = network.step(&[SensorFrame::default()]).unwrap_err().to_string();
+    assert_eq!(error, "1 sensors given, 2 expected");
 }

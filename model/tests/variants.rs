@@ -1,8 +1,6 @@
 //! The networks that the shipped one is compared with: the base is it, every one learns, the one without
 //! memory sees its window only, and a comparison that is begun again does only what is missing.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
@@ -17,11 +15,13 @@ use slipsense_model::data::Features;
 use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
 use slipsense_model::pad_view::PadView;
 use slipsense_model::piezo::IMAGE;
-use slipsense_model::reference::log_mel_real;
 use slipsense_model::teacher::Teacher;
+use slipsense_model::tract::log_mel_real;
 use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{CompareArgs, run_compare};
+
+use crate::common;
 
 const SENSORS: usize = 2;
 

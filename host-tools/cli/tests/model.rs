@@ -70,7 +70,7 @@ mod with_float_network {
     use serde_json::{Value, json};
     use slipsense::params::MEL_BINS;
     use slipsense_model::quantize::{activation_scales, quantize};
-    use slipsense_model::reference::{Reference, SensorFrame};
+    use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
     use slipsense_model::weights::{FIRST_DIMS, Weights};
     use slipsense_model::{export, output};
     use slipsense_recording::model_file::{SCALES_KEY, random_model};
@@ -80,18 +80,18 @@ mod with_float_network {
     /// Untrained weights, the model made from them, and an episode.
     fn files(place: &Place) -> [PathBuf; 3] {
         let weights = Weights::init(FIRST_DIMS, 7);
-        let mut reference = Reference::new(&weights, 1);
+        let mut network = TractNetwork::new(&Graphs::traced(&weights).unwrap(), 1).unwrap();
         for frame in 0..40i16 {
             let scan = std::array::from_fn(|taxel| (taxel % 97 + frame as usize) as u16 * 9);
             let log_mel: [i16; MEL_BINS] =
                 std::array::from_fn(|bin| (bin as i16 - 8) * 100 * (frame % 7 + 1));
-            reference.step(&[SensorFrame { piezo: Some(&scan), log_mel: Some(&log_mel) }]);
+            network.step(&[SensorFrame { piezo: Some(&scan), log_mel: Some(&log_mel) }]).unwrap();
         }
         let provenance = json!({
             "weights_sha256": output::sha256_hex(&weights.to_bytes().unwrap()),
-            SCALES_KEY: activation_scales(&FIRST_DIMS, &reference.ranges).unwrap(),
+            SCALES_KEY: activation_scales(&FIRST_DIMS, &network.ranges).unwrap(),
         });
-        let file = quantize(&weights, &reference.ranges, &provenance.to_string()).unwrap();
+        let file = quantize(&weights, &network.ranges, &provenance.to_string()).unwrap();
         let path = place.path("w.safetensors");
         weights.write(&path).unwrap();
         std::fs::create_dir(place.path("episodes")).unwrap();
@@ -112,7 +112,7 @@ mod with_float_network {
         let json = succeeds(args.into_iter().chain(["--json"]));
         let report: Value = serde_json::from_str(&json).unwrap();
         let activations = report["activations"].as_array().unwrap();
-        assert_eq!(activations.len(), slipsense_model::reference::ACTIVATIONS.len());
+        assert_eq!(activations.len(), slipsense_model::trace::ACTIVATIONS.len());
         let logits = activations.iter().find(|a| a["activation"] == "logits").unwrap();
         assert!((15.0..90.0).contains(&logits["snr_db"].as_f64().unwrap()), "{logits}");
         assert_eq!((&report["frames"], &report["weights_are_the_models"]), (&json!(40), &json!(true)));

@@ -16,6 +16,7 @@ use tract_core::prelude::*;
 
 use crate::float::NORM_EPSILON;
 use crate::piezo;
+use crate::trace::ACTIVATIONS;
 use crate::weights::Weights;
 
 /// One attention block: its layers' prefix, and whether it works on the fused vector.
@@ -35,12 +36,18 @@ impl Block {
 pub struct Graphs {
     pub(super) dims: Dims,
     /// Count and change `[1, 2, 32, 32]` to the embedding `[1, embed]`.
-    pub(super) piezo: Arc<TypedRunnableModel>,
+    pub(super) piezo: Compiled,
     /// Log-mel frames `[1, xl_kernel · 16]`, oldest first, to the embedding `[1, embed]`.
-    pub(super) xl: Arc<TypedRunnableModel>,
+    pub(super) xl: Compiled,
     /// Both embeddings, the mask `[1, window]` and six caches `[window, width]` to the logits `[1, 3]` and the
     /// six caches of the next frame.
-    pub(super) fuse: Arc<TypedRunnableModel>,
+    pub(super) fuse: Compiled,
+}
+
+/// A compiled graph, and the [`ACTIVATIONS`] that it returns behind its outputs.
+pub(super) struct Compiled {
+    pub(super) model: Arc<TypedRunnableModel>,
+    pub(super) traced: Vec<&'static str>,
 }
 
 impl Graphs {
@@ -53,7 +60,16 @@ impl Graphs {
 
     /// Build and compile.
     pub fn new(weights: &Weights) -> Result<Self> {
-        let graph = || Graph { model: TypedModel::default(), weights };
+        Self::compile(weights, false)
+    }
+
+    /// The same with all activations as outputs, to measure ranges and to compare networks.
+    pub fn traced(weights: &Weights) -> Result<Self> {
+        Self::compile(weights, true)
+    }
+
+    fn compile(weights: &Weights, trace: bool) -> Result<Self> {
+        let graph = || Graph { model: TypedModel::default(), weights, trace, traced: Vec::new() };
         Ok(Self {
             dims: weights.dims,
             piezo: graph().piezo().context("tract graph of the array")?,
@@ -67,15 +83,19 @@ impl Graphs {
 struct Graph<'w> {
     model: TypedModel,
     weights: &'w Weights,
+    trace: bool,
+    traced: Vec<(&'static str, OutletId)>,
 }
 
 impl Graph<'_> {
-    fn piezo(mut self) -> Result<Arc<TypedRunnableModel>> {
+    fn piezo(mut self) -> Result<Compiled> {
         let mut map = self.input("image", &[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS])?;
+        self.trace_map("taxels", map)?;
         let (mut side, mut channels) = (TAXEL_ROWS, PIEZO_CHANNELS);
         for layer in piezo::LAYERS {
             let outputs = self.weights.get(layer, "bias").len();
             map = self.conv_relu_pool(layer, map, channels, outputs)?;
+            self.trace_map(layer, map)?;
             (side, channels) = (side / 2, outputs);
         }
         // The dense layer takes its inputs in row, column, channel order.
@@ -84,20 +104,25 @@ impl Graph<'_> {
         let flat = tvec![TDim::from(1), TDim::from(side * side * channels)];
         let map = self.wire("flat", AxisOp::Reshape(0, from.into_iter().collect(), flat), &[map])?;
         let embedding = self.dense("piezo.dense", map)?;
+        self.trace("piezo", embedding);
         self.compile(&[embedding])
     }
 
-    fn xl(mut self) -> Result<Arc<TypedRunnableModel>> {
+    fn xl(mut self) -> Result<Compiled> {
         let seen = self.input("log_mel", &[1, self.weights.dims.xl_kernel * MEL_BINS])?;
-        let hidden = self.dense("xl.conv", seen)?;
-        let hidden = self.relu("xl.conv", hidden)?;
-        let hidden = self.dense("xl.mix1", hidden)?;
-        let hidden = self.relu("xl.mix1", hidden)?;
+        self.trace("log_mel", seen);
+        let mut hidden = seen;
+        for layer in ["xl.conv", "xl.mix1"] {
+            hidden = self.dense(layer, hidden)?;
+            hidden = self.relu(layer, hidden)?;
+            self.trace(layer, hidden);
+        }
         let embedding = self.dense("xl.mix2", hidden)?;
+        self.trace("xl", embedding);
         self.compile(&[embedding])
     }
 
-    fn fuse(mut self) -> Result<Arc<TypedRunnableModel>> {
+    fn fuse(mut self) -> Result<Compiled> {
         let Dims { embed, window, .. } = self.weights.dims;
         let piezo = self.input("piezo", &[1, embed])?;
         let xl = self.input("xl", &[1, embed])?;
@@ -113,16 +138,39 @@ impl Graph<'_> {
         let (first, cache1) = self.attend(cross_piezo, piezo, xl, mask, old[0])?;
         let (second, cache2) = self.attend(cross_xl, xl, piezo, mask, old[1])?;
         let fused = self.wire("fused", TypedConcat { axis: 1 }, &[first, second])?;
+        self.trace("fused", fused);
         let (hidden, cache3) = self.attend(temporal, fused, fused, mask, old[2])?;
+        self.trace("hidden", hidden);
         let logits = self.dense("head", hidden)?;
+        self.trace("logits", logits);
         let outputs: Vec<OutletId> =
             std::iter::once(logits).chain([cache1, cache2, cache3].into_iter().flatten()).collect();
         self.compile(&outputs)
     }
 
-    fn compile(mut self, outputs: &[OutletId]) -> Result<Arc<TypedRunnableModel>> {
-        self.model.select_output_outlets(outputs)?;
-        self.model.into_optimized()?.into_runnable()
+    fn compile(mut self, outputs: &[OutletId]) -> Result<Compiled> {
+        let outlets = self.traced.iter().map(|&(_, outlet)| outlet);
+        let outputs: Vec<OutletId> = outputs.iter().copied().chain(outlets).collect();
+        self.model.select_output_outlets(&outputs)?;
+        let traced = self.traced.iter().map(|&(activation, _)| activation).collect();
+        Ok(Compiled { model: self.model.into_optimized()?.into_runnable()?, traced })
+    }
+
+    /// Return this activation behind the outputs, if the graph is traced.
+    fn trace(&mut self, activation: &str, outlet: OutletId) {
+        if self.trace {
+            let listed = ACTIVATIONS.into_iter().find(|&listed| listed == activation);
+            self.traced.push((listed.expect("activations are listed"), outlet));
+        }
+    }
+
+    /// The same of a map `[1, channels, rows, columns]`, in row, column, channel order.
+    fn trace_map(&mut self, activation: &str, map: OutletId) -> Result<()> {
+        if self.trace {
+            let map = self.wire(&format!("{activation}.traced"), AxisOp::Move(1, 3), &[map])?;
+            self.trace(activation, map);
+        }
+        Ok(())
     }
 
     fn input(&mut self, name: &str, shape: &[usize]) -> Result<OutletId> {
@@ -207,6 +255,7 @@ impl Graph<'_> {
         let name = |part: &str| format!("{}.{part}", block.name);
         let head_width = block.width(&dims) / dims.heads;
         let query = self.dense(&name("query"), x)?;
+        self.trace(&name("query"), query);
         let keys = self.remember(&name("key"), seen, old_keys)?;
         let values = self.remember(&name("value"), seen, old_values)?;
 
@@ -239,12 +288,14 @@ impl Graph<'_> {
         let context = self.wire(&name("context"), flat, &[context])?;
         let projected = self.dense(&name("out"), context)?;
         let sum = self.wire(&name("residual"), add(), &[x, projected])?;
+        self.trace(&name("residual"), sum);
         Ok((self.layer_norm(&name("norm"), sum)?, [keys, values]))
     }
 
     /// Put the newest frame's projection in front of the cache; its oldest frame drops out.
     fn remember(&mut self, layer: &str, seen: OutletId, old: OutletId) -> Result<OutletId> {
         let newest = self.dense(layer, seen)?;
+        self.trace(layer, newest);
         let window = self.weights.dims.window;
         if window == 1 {
             return Ok(newest);

@@ -5,8 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use slipsense::features::XlFrontEnd;
-use slipsense_model::reference::SensorFrame;
-use slipsense_model::tract::{Graphs, TractNetwork};
+use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
 use slipsense_model::weights::Weights;
 use slipsense_recording::Episode;
 

@@ -1,0 +1,10 @@
+//! Tests of the trainer, the quantizer and the float networks, in one program.
+
+mod common;
+mod comparison;
+mod folder;
+mod gradients;
+mod quantization;
+mod streaming;
+mod training;
+mod variants;

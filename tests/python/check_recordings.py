@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Check recordings that `slipsense convert` made of one candump log, and a DBC file, with the software that people
-open them with.
+"""Check recordings that `slipsense record` wrote, and a DBC file, with the software that people open them with.
 
-  check_recordings.py CAN_LOG RECORDING.mcap RECORDING.asc RECORDING.blf SLIP.dbc
+  check_recordings.py CAN_LOG RECORDING.mcap RECORDING.blf SLIP.dbc
 
-python-can must find in ASC and BLF the frames and times of the log; the package mcap every frame too, and messages
+python-can must find the frames and times of the log in the log and in the BLF file that `can.logconvert` made of it; the
+package mcap every frame too, and messages
 that follow their JSON schemas; cantools must decode every slip frame to what the MCAP file says, which our own decoder
 wrote. Any mismatch is printed; the exit status is then 1.
 """
@@ -27,7 +27,7 @@ SHOWN = 10
 
 
 def main():
-    log, mcap, asc, blf, dbc = map(pathlib.Path, sys.argv[1:])
+    log, mcap, blf, dbc = map(pathlib.Path, sys.argv[1:])
     bad = 0
 
     def equal(what, got, want):
@@ -42,7 +42,7 @@ def main():
         match = LINE.fullmatch(line)
         frames.append((int(match[1]) * 10**6 + int(match[2]), int(match[3], 16), bytes.fromhex(match[4])))
 
-    for path, reader in ((asc, can.ASCReader(asc, relative_timestamp=False)), (blf, can.BLFReader(blf))):
+    for path, reader in ((log, can.CanutilsLogReader(log)), (blf, can.BLFReader(blf))):
         found = [
             (round(m.timestamp * 1e6), m.arbitration_id, bytes(m.data))
             for m in reader
@@ -98,7 +98,7 @@ def main():
 
     counts = ", ".join(f"{count} {name}" for name, count in sorted(topics.items()))
     print(
-        f"{len(frames)} CAN frames in ASC, BLF and MCAP ({counts}), {fields} fields of {len(slips)} slip messages "
+        f"{len(frames)} CAN frames in candump, BLF and MCAP ({counts}), {fields} fields of {len(slips)} slip messages "
         f"by cantools: {bad} mismatches"
     )
     return 1 if bad or not slips else 0

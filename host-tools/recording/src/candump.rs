@@ -207,28 +207,24 @@ pub struct CandumpWriter<W: Write> {
 impl<W: Write> CandumpWriter<W> {
     /// A log on `out` of the interface of this name, for example `can0`.
     pub fn new(out: W, interface: &str) -> Result<Self, InterfaceError> {
-        let legal = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if !(1..=15).contains(&interface.len()) || !interface.chars().all(legal) {
-            return Err(InterfaceError(interface.to_owned()));
+        let (interface, line) = (checked(interface)?, Vec::with_capacity(LINE_MAX));
+        Ok(Self { out: BufWriter::with_capacity(BUFFER, out), interface, line })
+    }
+
+    /// Append an entry under its own interface, which the following frames have too.
+    pub fn write_entry(&mut self, entry: &LogEntry) -> io::Result<()> {
+        if self.interface != entry.interface {
+            self.interface = checked(&entry.interface).map_err(io::Error::other)?;
         }
-        Ok(Self {
-            out: BufWriter::with_capacity(BUFFER, out),
-            interface: interface.to_owned(),
-            line: Vec::with_capacity(LINE_MAX),
-        })
+        self.write(entry.timestamp_us, &entry.frame)
     }
 
     /// Append one frame, sent at `timestamp_us` microseconds since 1970.
     pub fn write(&mut self, timestamp_us: u64, frame: &CanFrame) -> io::Result<()> {
         let line = &mut self.line;
         line.clear();
-        write!(
-            line,
-            "({:010}.{:06}) {} ",
-            timestamp_us / 1_000_000,
-            timestamp_us % 1_000_000,
-            self.interface
-        )?;
+        let (seconds, us) = (timestamp_us / 1_000_000, timestamp_us % 1_000_000);
+        write!(line, "({seconds:010}.{us:06}) {} ", self.interface)?;
         frame.id().to_be_bytes().iter().for_each(|&byte| push_hex(line, byte));
         line.extend_from_slice(b"##1");
         frame.data().iter().for_each(|&byte| push_hex(line, byte));
@@ -236,10 +232,24 @@ impl<W: Write> CandumpWriter<W> {
         self.out.write_all(line)
     }
 
+    /// The writer below, after what is buffered has been written to it.
+    pub fn flushed(&mut self) -> io::Result<&mut W> {
+        self.out.flush()?;
+        Ok(self.out.get_mut())
+    }
+
     /// Write out what is buffered and return the writer below.
     pub fn finish(self) -> io::Result<W> {
         self.out.into_inner().map_err(io::IntoInnerError::into_error)
     }
+}
+
+fn checked(interface: &str) -> Result<String, InterfaceError> {
+    let legal = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    if !(1..=15).contains(&interface.len()) || !interface.chars().all(legal) {
+        return Err(InterfaceError(interface.to_owned()));
+    }
+    Ok(interface.to_owned())
 }
 
 fn push_hex(line: &mut Vec<u8>, byte: u8) {

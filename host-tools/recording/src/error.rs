@@ -22,7 +22,7 @@ pub enum Problem {
     Read(io::Error),
     /// The operating system refused to create, write or rename. Nothing is left behind.
     #[error("cannot write: {0}")]
-    Write(io::Error),
+    Write(#[from] io::Error),
     /// The path is a folder.
     #[error("is a folder, must be an .npz file")]
     Folder,

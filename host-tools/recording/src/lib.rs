@@ -16,10 +16,10 @@
 //! What breaks a rule is refused with the array, the index and the rule named.
 
 #[cfg(feature = "links")]
-mod asc;
-#[cfg(feature = "links")]
 pub mod c_header;
 pub mod candump;
+#[cfg(feature = "links")]
+mod catch_panic;
 #[cfg(feature = "links")]
 pub mod dbc;
 #[cfg(feature = "links")]
@@ -41,16 +41,15 @@ pub mod model_file;
 pub mod npz;
 mod predictions;
 #[cfg(feature = "links")]
-mod quiet;
-#[cfg(feature = "links")]
 pub mod rebuild;
 #[cfg(feature = "links")]
 pub mod recorder;
+#[cfg(feature = "links")]
+mod recording;
 pub mod score;
 #[cfg(feature = "links")]
 mod slcan;
-#[cfg(feature = "links")]
-mod vector;
+mod whole_file;
 
 pub use episode::Episode;
 pub use error::{EpisodeError, Problem};

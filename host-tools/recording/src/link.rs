@@ -18,7 +18,8 @@ use crate::candump::{CandumpReader, CandumpWriter, LogEntry, Rule};
 use anyhow::{Context, Result, anyhow, bail};
 use slipsense::wire::CanFrame;
 
-use crate::log_file::{self, Format};
+use crate::log_file;
+use crate::recording::Format;
 use crate::slcan;
 
 /// How long a source that is quiet keeps its reader waiting.
@@ -63,7 +64,7 @@ impl FromStr for Place {
         }
         let path = Path::new(text);
         // A pipe has no ending that says what comes through it.
-        Ok(Self::File(path.to_owned(), Format::of(path).unwrap_or(Format::Candump)))
+        Ok(Self::File(path.to_owned(), Format::from_path(path).unwrap_or(Format::Candump)))
     }
 }
 
@@ -74,14 +75,14 @@ impl Place {
     }
 }
 
-/// What a source has said.
-pub enum Heard {
+/// What a source gave.
+pub enum Input {
     /// A frame.
     Frame(LogEntry),
-    /// Something that is none of ours.
+    /// Traffic of others.
     Other,
     /// Nothing for now.
-    Quiet,
+    Idle,
     /// There is no more.
     End,
 }
@@ -156,32 +157,32 @@ fn now_us() -> u64 {
 
 impl Source {
     /// Wait a moment for the next frame.
-    pub fn hear(&mut self) -> Result<Heard> {
+    pub fn receive(&mut self) -> Result<Input> {
         match self {
             Self::Lines(lines) => Ok(match lines.next() {
-                None => Heard::End,
-                Some(Ok(entry)) => Heard::Frame(entry),
-                Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Heard::Other,
+                None => Input::End,
+                Some(Ok(entry)) => Input::Frame(entry),
+                Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Input::Other,
                 Some(Err(error)) => return Err(error.into()),
             }),
-            Self::Read(entries) => Ok(entries.next().map_or(Heard::End, Heard::Frame)),
-            Self::Slcan(adapter) => adapter.hear(),
+            Self::Read(entries) => Ok(entries.next().map_or(Input::End, Input::Frame)),
+            Self::Slcan(adapter) => adapter.receive(),
             #[cfg(target_os = "linux")]
-            Self::SocketCan(socket) => socket.hear(),
+            Self::SocketCan(socket) => socket.receive(),
         }
     }
 }
 
 impl SlcanSource {
-    fn hear(&mut self) -> Result<Heard> {
+    fn receive(&mut self) -> Result<Input> {
         if let Some(entry) = self.ready.pop_front() {
-            return Ok(Heard::Frame(entry));
+            return Ok(Input::Frame(entry));
         }
         let mut buffer = [0; 4096];
         let length = match self.wire.read(&mut buffer) {
-            Ok(0) => return Ok(Heard::End),
+            Ok(0) => return Ok(Input::End),
             Ok(length) => length,
-            Err(error) if is_quiet(&error) => return Ok(Heard::Quiet),
+            Err(error) if is_timeout(&error) => return Ok(Input::Idle),
             Err(error) => return Err(error).context("slcan adapter"),
         };
         let timestamp_us = now_us();
@@ -200,11 +201,11 @@ impl SlcanSource {
                 _ => {}
             }
         }
-        Ok(self.ready.pop_front().map_or(Heard::Quiet, Heard::Frame))
+        Ok(self.ready.pop_front().map_or(Input::Idle, Input::Frame))
     }
 }
 
-fn is_quiet(error: &std::io::Error) -> bool {
+fn is_timeout(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
 
@@ -298,7 +299,7 @@ pub mod socket_can {
     /// Room for a second of a full bus.
     const RECEIVE_BUFFER: usize = 8 << 20;
     /// How long a full transmit queue is waited for.
-    const PATIENCE: Duration = Duration::from_secs(1);
+    const SEND_TIMEOUT: Duration = Duration::from_secs(1);
     /// MTU of an interface that carries CAN FD (CANFD_MTU of linux/can.h).
     const FD_MTU: u32 = 72;
     /// Flag of an interface that is up (linux/if.h).
@@ -330,19 +331,19 @@ pub mod socket_can {
         }
 
         /// Wait a moment for a frame; its time is the kernel's.
-        pub fn hear(&mut self) -> Result<Heard> {
+        pub fn receive(&mut self) -> Result<Input> {
             let (frame, time) = match self.socket.read_frame_with_timestamp() {
                 Ok(received) => received,
-                Err(error) if is_quiet(&error) => return Ok(Heard::Quiet),
+                Err(error) if is_timeout(&error) => return Ok(Input::Idle),
                 Err(error) => return Err(error).with_context(|| format!("socketcan:{}", self.interface)),
             };
-            let CanAnyFrame::Fd(fd) = frame else { return Ok(Heard::Other) };
+            let CanAnyFrame::Fd(fd) = frame else { return Ok(Input::Other) };
             if !fd.is_extended() {
-                return Ok(Heard::Other);
+                return Ok(Input::Other);
             }
             let timestamp_us = time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64);
             let frame = CanFrame::new(fd.raw_id(), fd.data())?;
-            Ok(Heard::Frame(LogEntry { timestamp_us, interface: self.interface.clone(), frame }))
+            Ok(Input::Frame(LogEntry { timestamp_us, interface: self.interface.clone(), frame }))
         }
 
         /// Send a frame, waiting while the queue is full.
@@ -355,8 +356,8 @@ pub mod socket_can {
                     Ok(()) => return Ok(()),
                     // ENOBUFS: the interface's queue is full.
                     Err(error)
-                        if (error.raw_os_error() == Some(105) || is_quiet(&error))
-                            && began.elapsed() < PATIENCE =>
+                        if (error.raw_os_error() == Some(105) || is_timeout(&error))
+                            && began.elapsed() < SEND_TIMEOUT =>
                     {
                         std::thread::sleep(Duration::from_micros(200));
                     }

@@ -16,7 +16,6 @@ use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
-use crate::candump::LogEntry;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -24,15 +23,23 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, Message, MessageStream, WriteOptions, Writer};
 use serde_json::{Value, json};
 use slipsense::fixed::Logit;
-use slipsense::params::{CLASSES, TAXEL_COLS, TAXEL_ROWS};
+use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage};
 
+use crate::candump::LogEntry;
+use crate::catch_panic::catch_panic;
 use crate::decode::Decoder;
-use crate::log_file::Recording;
-use crate::quiet::quietly;
+use crate::recording::Recording;
 
 const CAN_TOPIC: &str = "/can/";
 const DISPLACEMENT_TOPIC: &str = "/displacement";
+// Names of the schemas.
+const CAN_FRAME: &str = "slipsense.CanFrame";
+const SLIP: &str = "slipsense.Slip";
+const RAW: &str = "slipsense.Raw";
+/// Foxglove's well-known schema of this name.
+const IMAGE: &str = "foxglove.RawImage";
+const DISPLACEMENT: &str = "slipsense.Displacement";
 /// A chunk is closed when it has this many bytes, about half a second of three sensors.
 const CHUNK_BYTES: u64 = 1 << 20;
 
@@ -113,12 +120,13 @@ impl<W: Write + Seek> McapSink<W> {
         self.put(&format!("{sensor}/pressure"), IMAGE, time_us, &image)
     }
 
-    fn put(&mut self, topic: &str, schema: Schema, time_us: u64, value: &Value) -> Result<()> {
+    fn put(&mut self, topic: &str, kind: &str, time_us: u64, value: &Value) -> Result<()> {
         let channel = match self.channels.get_mut(topic) {
             Some(channel) => channel,
             None => {
-                let data = schema.json().to_string();
-                let schema = self.writer.add_schema(schema.name, "jsonschema", data.as_bytes())?;
+                let mut schema = schema(value);
+                schema["title"] = kind.into();
+                let schema = self.writer.add_schema(kind, "jsonschema", schema.to_string().as_bytes())?;
                 let id = self.writer.add_channel(schema, topic, "json", &BTreeMap::new())?;
                 self.channels.entry(topic.to_owned()).or_insert(Channel { id, sequence: 0 })
             }
@@ -132,7 +140,7 @@ impl<W: Write + Seek> McapSink<W> {
 }
 
 /// A slip message as JSON, by the names of its DSDL definition.
-pub fn slip_json(message: &SlipMessage) -> Value {
+fn slip_json(message: &SlipMessage) -> Value {
     let contact = message.contact.iter().take(message.sensors.into());
     let contact = contact.map(|contact| {
         json!({
@@ -149,98 +157,38 @@ pub fn slip_json(message: &SlipMessage) -> Value {
     })
 }
 
-/// Schema of one kind of message.
-#[derive(Clone, Copy)]
-struct Schema {
-    name: &'static str,
-    /// Fields and their JSON types; `x[]` is an array of `x`.
-    fields: &'static [(&'static str, &'static str)],
-}
-
-const CAN_FRAME: Schema =
-    Schema { name: "slipsense.CanFrame", fields: &[("id", "integer"), ("data", "base64")] };
-const SLIP: Schema = Schema {
-    name: "slipsense.Slip",
-    fields: &[
-        ("timestamp_us", "integer"),
-        ("sequence", "integer"),
-        ("class_index", "integer"),
-        ("slip", "boolean"),
-        ("alarm", "boolean"),
-        ("late_frames", "integer"),
-        ("logits", "number[]"),
-        ("contact", "contact[]"),
-    ],
-};
-const CONTACT: Schema = Schema {
-    name: "slipsense.SensorContact",
-    fields: &[
-        ("health", "integer"),
-        ("count_sum", "integer"),
-        ("area", "integer"),
-        ("centroid_row", "number"),
-        ("centroid_col", "number"),
-        ("axis_deg", "integer"),
-        ("elongation", "number"),
-    ],
-};
-const RAW: Schema = Schema {
-    name: "slipsense.Raw",
-    fields: &[
-        ("timestamp_us", "integer"),
-        ("sequence", "integer"),
-        ("sensor", "integer"),
-        ("health", "integer"),
-        ("xl_end", "integer"),
-        ("xl_dropped", "integer"),
-        ("xl", "integer[][]"),
-    ],
-};
-/// Foxglove's well-known schema of this name.
-const IMAGE: Schema = Schema {
-    name: "foxglove.RawImage",
-    fields: &[
-        ("timestamp", "time"),
-        ("frame_id", "string"),
-        ("width", "integer"),
-        ("height", "integer"),
-        ("encoding", "string"),
-        ("step", "integer"),
-        ("data", "base64"),
-    ],
-};
-const DISPLACEMENT: Schema =
-    Schema { name: "slipsense.Displacement", fields: &[("displacement_mm", "number")] };
-
-impl Schema {
-    fn json(self) -> Value {
-        let properties: serde_json::Map<_, _> =
-            self.fields.iter().map(|&(name, kind)| (name.to_owned(), type_json(kind))).collect();
-        let required: Vec<_> = self.fields.iter().map(|(name, _)| name).collect();
-        json!({"title": self.name, "type": "object", "properties": properties, "required": required})
+/// JSON schema of messages such as this one; an array's items are as its first.
+fn schema(value: &Value) -> Value {
+    match value {
+        Value::Object(fields) => {
+            let of_field = |(name, value): (&String, &Value)| match name.as_str() {
+                "data" => (name.clone(), json!({"type": "string", "contentEncoding": "base64"})),
+                _ => (name.clone(), schema(value)),
+            };
+            let properties: serde_json::Map<_, _> = fields.iter().map(of_field).collect();
+            let required: Vec<_> = fields.keys().collect();
+            let mut object = json!({"type": "object", "properties": properties, "required": required});
+            if fields.contains_key("nsec") {
+                // What Foxglove knows a time by.
+                object["title"] = "time".into();
+            }
+            object
+        }
+        Value::Array(items) => match items.first() {
+            Some(first) => json!({"type": "array", "items": schema(first)}),
+            None => json!({"type": "array"}),
+        },
+        Value::Number(number) if number.is_f64() => json!({"type": "number"}),
+        Value::Number(_) => json!({"type": "integer"}),
+        Value::Bool(_) => json!({"type": "boolean"}),
+        Value::String(_) => json!({"type": "string"}),
+        Value::Null => json!({"type": "null"}),
     }
 }
-
-fn type_json(kind: &str) -> Value {
-    if let Some(of) = kind.strip_suffix("[]") {
-        return json!({"type": "array", "items": type_json(of)});
-    }
-    match kind {
-        "base64" => json!({"type": "string", "contentEncoding": "base64"}),
-        "time" => json!({
-            "type": "object", "title": "time",
-            "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer", "minimum": 0}},
-        }),
-        "contact" => CONTACT.json(),
-        kind => json!({"type": kind}),
-    }
-}
-
-const _: () = assert!(CLASSES == 3, "the schema's logits are no class's name");
 
 /// Write a recording.
-pub(crate) fn write(path: &Path, recording: &Recording) -> Result<()> {
-    let mut sink = McapSink::new(BufWriter::new(File::create(path)?))?;
+pub(crate) fn write(file: &mut File, recording: &Recording) -> Result<()> {
+    let mut sink = McapSink::new(BufWriter::new(file))?;
     for entry in &recording.entries {
         sink.write(entry)?;
     }
@@ -261,7 +209,8 @@ fn next_message(
     messages: &mut MessageStream<'_>,
     index: u64,
 ) -> Result<Option<Result<Message<'static>, McapError>>> {
-    quietly(|| messages.next()).ok_or_else(|| anyhow!("after message {index}: a record of impossible length"))
+    catch_panic(|| messages.next())
+        .ok_or_else(|| anyhow!("after message {index}: a record of impossible length"))
 }
 
 /// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.
@@ -276,7 +225,7 @@ fn one_line(error: &McapError) -> String {
 /// Read a recording held in memory.
 pub fn parse(bytes: &[u8]) -> Result<Recording> {
     let mut recording = Recording::default();
-    let mut passed_over: BTreeMap<String, u64> = BTreeMap::new();
+    let mut skipped: BTreeMap<String, u64> = BTreeMap::new();
     let mut messages = MessageStream::new(bytes).context("not an MCAP file")?;
     for index in 0.. {
         let Some(message) = next_message(&mut messages, index)? else { break };
@@ -294,9 +243,8 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
         let value =
             || serde_json::from_slice::<Value>(&message.data).with_context(|| format!("{}: not JSON", at()));
         let schema = message.channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
-        if let Some(interface) =
-            message.channel.topic.strip_prefix(CAN_TOPIC).filter(|_| schema == CAN_FRAME.name)
-        {
+        let interface = message.channel.topic.strip_prefix(CAN_TOPIC);
+        if let Some(interface) = interface.filter(|_| schema == CAN_FRAME) {
             let is_name = |c: char| !c.is_whitespace() && !c.is_control();
             ensure!(
                 !interface.is_empty() && interface.chars().all(is_name),
@@ -307,15 +255,15 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
             ensure!(message.log_time % 1000 == 0, "{}: time is no whole microsecond", at());
             let (timestamp_us, interface) = (message.log_time / 1000, interface.to_owned());
             recording.entries.push(LogEntry { timestamp_us, interface, frame });
-        } else if schema == DISPLACEMENT.name {
+        } else if schema == DISPLACEMENT {
             let mm = value()?["displacement_mm"].as_f64();
             let mm = mm.with_context(|| format!("{}: `displacement_mm` must be a number", at()))?;
             recording.displacement.push((message.log_time / 1000, mm));
-        } else if ![SLIP, RAW, IMAGE].iter().any(|ours| ours.name == schema) {
-            *passed_over.entry(topic).or_default() += 1;
+        } else if ![SLIP, RAW, IMAGE].contains(&schema) {
+            *skipped.entry(topic).or_default() += 1;
         }
     }
-    for (topic, count) in passed_over {
+    for (topic, count) in skipped {
         recording.notes.push(format!("{count} messages of {topic} are left out"));
     }
     Ok(recording)

@@ -73,7 +73,7 @@ Examples:
   slipsense-ros2 bag grasp.mcap grasp_bag
   ros2 bag play grasp_bag")]
 struct BagArgs {
-    /// A recording: .mcap, .log, .asc or .blf
+    /// A recording: .mcap or .log
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
     /// The folder to make
@@ -154,8 +154,8 @@ fn domain_of_environment() -> Result<u16> {
 
 impl BagArgs {
     fn run(self) -> Result<()> {
-        let Some(format) = Format::of(&self.recording) else {
-            anyhow::bail!("{}: must end in .mcap, .log, .asc or .blf", self.recording.display())
+        let Some(format) = Format::from_path(&self.recording) else {
+            anyhow::bail!("{}: must end in .mcap or .log", self.recording.display())
         };
         let recording = log_file::read(&self.recording, format)?;
         let written = bag::write(&self.out, &recording.entries, &self.namespace)

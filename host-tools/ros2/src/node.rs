@@ -23,7 +23,7 @@ use ros2_client::{
 };
 use slipsense::wire::{NodeId, Received};
 use slipsense_recording::decode::{Count, Decoder};
-use slipsense_recording::link::{Heard, Source};
+use slipsense_recording::link::{Input, Source};
 
 use crate::messages::{Image, Raw, RosMessage, Slip, sensor_topic, slip_topic};
 
@@ -68,10 +68,10 @@ pub fn run(mut source: Source, options: &Options, stop: &AtomicBool) -> Result<P
     let mut decoder = Decoder::new();
     let mut pace: Option<(Instant, u64)> = None;
     while !stop.load(Ordering::Relaxed) {
-        let entry = match source.hear()? {
-            Heard::Frame(entry) => entry,
-            Heard::Other | Heard::Quiet => continue,
-            Heard::End => break,
+        let entry = match source.receive()? {
+            Input::Frame(entry) => entry,
+            Input::Other | Input::Idle => continue,
+            Input::End => break,
         };
         let time_us = entry.timestamp_us;
         let Some(decoded) = decoder.accept(&entry.frame) else { continue };

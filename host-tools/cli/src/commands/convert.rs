@@ -19,7 +19,7 @@ use crate::output_dir::{check_file, write_whole};
 use crate::simulate::{simulate, stamp};
 use crate::{bundled, summary};
 
-/// Convert a recording: episode, candump, MCAP, ASC, BLF, and CSV for a test stand's crosshead
+/// Convert a recording: episode, candump, MCAP, and CSV for a test stand's crosshead
 ///
 /// The ending of each name says the format. CAN frames keep their times to the microsecond. An episode becomes
 /// the frames that a module would have sent, as `slipsense run` makes them; frames become an episode where their
@@ -30,14 +30,16 @@ Formats:
   .npz               episode of arrays and samples
   .log, .candump     candump log of can-utils
   .mcap              CAN frames and decoded messages with JSON schemas, for Foxglove and PlotJuggler
-  .asc, .blf         Vector's text and binary logs
   .csv               time and travel of a test stand's crosshead (to .mcap, or from .npz and .mcap)
+
+python-can makes Vector's ASC and BLF of a candump log, and the reverse:
+  python -m can.logconvert can.log can.blf
 
 Examples:
   slipsense convert can.log can.mcap
-  slipsense convert grasp.npz grasp.blf
+  slipsense convert grasp.npz grasp.log
   slipsense convert bus.mcap grasp.npz --xl-lsb-g 0.000488
-  slipsense convert bus.asc other.npz --node-id 43 --xl-lsb-g 0.000488 --json
+  slipsense convert bus.log other.npz --node-id 43 --xl-lsb-g 0.000488 --json
   slipsense convert stand.csv stand.mcap")]
 pub struct Args {
     /// Recording to read
@@ -69,13 +71,13 @@ enum Kind {
 }
 
 fn kind(path: &Path) -> Result<Kind> {
-    if let Some(format) = Format::of(path) {
+    if let Some(format) = Format::from_path(path) {
         return Ok(Kind::Frames(format));
     }
     match path.extension().and_then(|ending| ending.to_str()) {
         Some("npz") => Ok(Kind::Episode),
         Some("csv") => Ok(Kind::Csv),
-        _ => bail!("{}: must end in .npz, .log, .candump, .mcap, .asc, .blf or .csv", path.display()),
+        _ => bail!("{}: must end in .npz, .log, .candump, .mcap or .csv", path.display()),
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use slipsense_recording::candump::LogEntry;
-use slipsense_recording::link::{Heard, Place, open};
+use slipsense_recording::link::{Input, Place, open};
 
 /// Frames between the source and who takes them: two seconds of a full bus. When there is no room the source waits,
 /// and what a kernel then loses shows in the sequence numbers.
@@ -42,10 +42,10 @@ impl Live {
             .name("source".to_owned())
             .spawn(move || {
                 loop {
-                    let sent = match source.hear() {
-                        Ok(Heard::Frame(entry)) => send.send(Ok(entry)),
-                        Ok(Heard::Other | Heard::Quiet) => Ok(()),
-                        Ok(Heard::End) => return,
+                    let sent = match source.receive() {
+                        Ok(Input::Frame(entry)) => send.send(Ok(entry)),
+                        Ok(Input::Other | Input::Idle) => Ok(()),
+                        Ok(Input::End) => return,
                         Err(error) => {
                             // Nobody there to hear it: then it does not matter.
                             let _ = send.send(Err(error));

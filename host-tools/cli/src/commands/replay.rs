@@ -18,10 +18,10 @@ use slipsense_recording::log_file::{self, Format};
 Examples:
   slipsense replay grasp.mcap socketcan:can0
   slipsense replay grasp.log slcan:/dev/ttyACM0 --speed 0.5
-  slipsense replay grasp.blf - | slipsense monitor - --plain
+  slipsense replay grasp.log - | slipsense monitor - --plain
   slipsense replay grasp.mcap grasp.log --speed max")]
 pub struct Args {
-    /// Recording: .log, .candump, .mcap, .asc or .blf
+    /// Recording: .log, .candump or .mcap
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// Where to: socketcan:can0, slcan:/dev/ttyACM0, slcan:HOST:PORT, a candump log, or - for standard output
@@ -47,8 +47,8 @@ fn speed(text: &str) -> Result<f64, String> {
 
 impl Args {
     pub(crate) fn run(self) -> Result<()> {
-        let Some(format) = Format::of(&self.input) else {
-            bail!("{}: must end in .log, .candump, .mcap, .asc or .blf", self.input.display());
+        let Some(format) = Format::from_path(&self.input) else {
+            bail!("{}: must end in .log, .candump or .mcap", self.input.display());
         };
         ensure!(!(self.json && self.to == Place::Standard), "--json: standard output is the bus already");
         let recording = log_file::read(&self.input, format)?;

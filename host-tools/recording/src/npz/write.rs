@@ -1,10 +1,10 @@
 //! Writing archives: the same arrays give the same bytes, and a file appears whole or not at all.
 
 use super::{CHUNK_BYTES, Scalar, header};
+use crate::whole_file::write_whole;
 use crate::{EpisodeError, Problem};
 use std::io::{self, Cursor, Seek, Write};
 use std::path::Path;
-use tempfile::NamedTempFile;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, System, ZipWriter};
 
@@ -69,42 +69,17 @@ impl<W: Write + Seek> Writer<W> {
     }
 }
 
-/// Write a file with `fill`: into a temporary file in the same folder, renamed when it is complete, so
-/// that an error leaves neither half a file nor a damaged old one.
+/// Write a file with `fill`; an error leaves the file as it was.
 pub fn write_file(
     path: impl AsRef<Path>,
     fill: impl FnOnce(&mut Writer<Cursor<Vec<u8>>>) -> Result<(), Problem>,
 ) -> Result<(), EpisodeError> {
     let path = path.as_ref();
-    try_write_file(path, fill).map_err(|problem| problem.at(path))
-}
-
-fn try_write_file(
-    path: &Path,
-    fill: impl FnOnce(&mut Writer<Cursor<Vec<u8>>>) -> Result<(), Problem>,
-) -> Result<(), Problem> {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let mut file = temporary(folder).map_err(Problem::Write)?;
-    // Through memory: an archive dropped on a full disk complains on standard error by itself.
-    let mut writer = Writer::new(Cursor::new(Vec::new()));
-    fill(&mut writer)?;
-    // Past the temporary file's own methods, whose errors name it and not the file that is wanted.
-    file.as_file_mut().write_all(&writer.finish()?.into_inner()).map_err(Problem::Write)?;
-    file.persist(path).map_err(|e| Problem::Write(e.error))?;
-    Ok(())
-}
-
-fn temporary(folder: &Path) -> io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".slipsense-").suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private by default; a result is as readable as the umask lets it be.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder.tempfile_in(folder)
+    let written = write_whole(path, |file| {
+        // Through memory: an archive dropped on a full disk complains on standard error by itself.
+        let mut writer = Writer::new(Cursor::new(Vec::new()));
+        fill(&mut writer)?;
+        file.write_all(&writer.finish()?.into_inner()).map_err(Problem::Write)
+    });
+    written.map_err(|problem| problem.at(path))
 }

@@ -43,7 +43,9 @@ pub const fn round_shift(x: i64, shift: u32) -> i64 {
     (x + (1 << (shift - 1))) >> shift
 }
 
-/// `round(acc · multiplier / 2^32)`: the requantization of an accumulator, one `smmulr` on the MCU.
+/// `round(acc · multiplier / 2^32)`: the requantization of an accumulator, one `smmulr` on the MCU. The multiplier is
+/// `s_in · s_w / s_out · 2^32`, 0 to 2^31−1: real ratios below one half. The exporter refuses a layer whose ratio does
+/// not fit. One of the clamps below follows.
 #[inline]
 pub const fn scale_q32(acc: i32, multiplier: i32) -> i32 {
     // |acc · multiplier| ≤ 2^62, so the sum stays in i64 and the result in i32.
@@ -62,6 +64,21 @@ pub const fn mean(a: i32, b: i32) -> i32 {
 pub fn saturate_i16(x: i32) -> i16 {
     // Written so, the compiler knows it for one instruction, `ssat`.
     x.clamp(i16::MIN as i32, i16::MAX as i32) as i16
+}
+
+/// Largest magnitude of a query or key: 32 products of two of them still fit an `i32`.
+pub const QUERY_KEY_MAX: i32 = 8_191;
+
+/// Activation after ReLU, 0 to 32767.
+#[inline]
+pub fn relu_i16(scaled: i32) -> i16 {
+    scaled.clamp(0, i16::MAX as i32) as i16
+}
+
+/// Query or key, ±[`QUERY_KEY_MAX`].
+#[inline]
+pub fn query_key_i16(scaled: i32) -> i16 {
+    scaled.clamp(-QUERY_KEY_MAX, QUERY_KEY_MAX) as i16
 }
 
 /// Fraction bits of [`standardise`]'s output: Q4.11 covers ±16, and n values with mean 0 and

@@ -1,8 +1,7 @@
 //! Slip sensing for robot fingertips.
 //!
 //! One library for both worlds: the microcontroller and the host run this code and get the same bits.
-//! The modules below, read downwards, are the way of a pressure reading from the pin to the bus; each
-//! uses only those above it.
+//! The modules below stand in the order of dependence: each uses only those above it (a test holds this).
 #![no_std]
 // The exceptions are assembly and vector instructions, in `simd`.
 #![deny(unsafe_code)]
@@ -11,6 +10,7 @@
 pub mod params;
 pub mod fixed;
 pub mod sensor;
+pub mod health;
 pub mod features;
 pub mod simd;
 pub mod net;

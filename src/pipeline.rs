@@ -9,17 +9,14 @@ use crate::contact::ContactSummary;
 use crate::decision::{Decision, margin};
 use crate::features::{LogMel, XlFrontEnd};
 use crate::fixed::Logit;
+use crate::health::{self, SensorHealth};
 use crate::net::format::OperatingPoint;
 use crate::net::{Model, NetworkState, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
 use crate::sensor::{SensorInput, XlSample};
-use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, health};
+use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage};
 
 pub use crate::decision::Class;
-
-/// What is wrong with one sensor at one frame: bits of [`health`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SensorHealth(pub u8);
 
 /// Number and time of the tick that closed a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -258,7 +255,7 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
                 // A gap: what is heard after it must not be joined to what was heard before.
                 None => *ear = Ear::new(),
             }
-            *health = SensorHealth::of(&input, ear);
+            *health = sensor_health(&input, ear);
         }
 
         let mut seen = [SensorFeatures::default(); MAX_SENSORS];
@@ -276,41 +273,35 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
     }
 }
 
-impl SensorHealth {
-    /// Are all of these bits set?
-    pub const fn contains(self, bits: u8) -> bool {
-        self.0 & bits == bits
-    }
-
-    fn of(input: &SensorInput<'_>, ear: &Ear) -> Self {
-        let mut bits = 0;
-        match input.piezo {
-            None => bits |= health::PIEZO_MISSING,
-            Some(frame) => {
-                if frame.is_saturated() {
-                    bits |= health::TAXELS_SATURATED;
-                }
-                if frame.is_masked() {
-                    bits |= health::TAXELS_MASKED;
-                }
+/// What is wrong with a sensor.
+fn sensor_health(input: &SensorInput<'_>, ear: &Ear) -> SensorHealth {
+    let mut bits = 0;
+    match input.piezo {
+        None => bits |= health::PIEZO_MISSING,
+        Some(frame) => {
+            if frame.is_saturated() {
+                bits |= health::TAXELS_SATURATED;
+            }
+            if frame.is_masked() {
+                bits |= health::TAXELS_MASKED;
             }
         }
-        match input.xl {
-            None => bits |= health::XL_MISSING,
-            Some(samples) => {
-                if ear.heard < XL_WINDOW {
-                    bits |= health::XL_WARMING_UP;
-                }
-                if samples.as_flattened().iter().any(|&x| x == i16::MAX || x == i16::MIN) {
-                    bits |= health::XL_CLIPPED;
-                }
-                if samples.len() > RAW_XL_MAX {
-                    bits |= health::XL_SAMPLES_DROPPED;
-                }
+    }
+    match input.xl {
+        None => bits |= health::XL_MISSING,
+        Some(samples) => {
+            if ear.heard < XL_WINDOW {
+                bits |= health::XL_WARMING_UP;
+            }
+            if samples.as_flattened().iter().any(|&x| x == i16::MAX || x == i16::MIN) {
+                bits |= health::XL_CLIPPED;
+            }
+            if samples.len() > RAW_XL_MAX {
+                bits |= health::XL_SAMPLES_DROPPED;
             }
         }
-        Self(bits)
     }
+    SensorHealth(bits)
 }
 
 /// Is anything held? `None` if a missing array leaves it open. Per-unit rule: no contact only if

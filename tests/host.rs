@@ -3,6 +3,7 @@
 mod drivers;
 mod features;
 mod features_exact;
+mod module_order;
 mod network;
 mod node;
 mod piezo;

@@ -9,12 +9,12 @@ use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
 use slipsense::fixed::Logit;
+use slipsense::fixed::QUERY_KEY_MAX;
 use slipsense::fixed::STANDARD_FRAC_BITS;
 use slipsense::net::format::Dims;
 use slipsense::net::layer_norm::{RESIDUAL_BITS, RESIDUAL_FACTOR_BITS};
 use slipsense::net::model::ACTIVATION_MAX;
 use slipsense::net::packing::Inputs;
-use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::SCORE_FRAC_BITS;
 use slipsense::params::CONV_INPUT_MAX;
 use slipsense_recording::model_file::ModelFile;

@@ -14,6 +14,7 @@ mod sensing;
 
 pub use sensing::{Accelerometer, Drained, FIFO_SAMPLES_MAX, FifoSamples, TaxelScan, XlFault, XlPart};
 
+use crate::health::{CanStatus, Condition};
 use crate::params::{MAX_SENSORS, XL_BATCH_MAX};
 use crate::pipeline::{FrameStamp, Output};
 use crate::sensor::{PiezoFrame, SensorInput, XlSample};
@@ -125,33 +126,6 @@ impl Lane {
     pub const ALL: [Self; 3] = [Self::Slip, Self::Service, Self::Raw];
 }
 
-/// How a CAN node stands on its bus (ISO 11898-1, fault confinement).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum CanState {
-    /// As it should be.
-    #[default]
-    ErrorActive = 0,
-    /// An error counter has reached 96.
-    Warning = 1,
-    /// An error counter has passed 127: often nobody acknowledges.
-    ErrorPassive = 2,
-    /// The transmit error counter has passed 255: the node takes no part until it has seen 128 times 11 recessive
-    /// bits.
-    BusOff = 3,
-}
-
-/// State and error counters of a CAN node.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CanStatus {
-    /// The state.
-    pub state: CanState,
-    /// Transmit error counter.
-    pub transmit_errors: u8,
-    /// Receive error counter.
-    pub receive_errors: u8,
-}
-
 /// The hardware's end of the bus: a slot for each [`Lane`]. What waits for a slot is
 /// [`crate::tasks::Transmission`]'s to choose.
 pub trait CanTransmit {
@@ -235,19 +209,4 @@ pub trait Watchdog {
 pub trait StatusLed {
     /// Show how the node is; called about once a second, and at once when it changes.
     fn show(&mut self, condition: Condition);
-}
-
-/// How a node is, in the words of Cyphal's `uavcan.node.Health`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum Condition {
-    /// Everything works.
-    #[default]
-    Nominal = 0,
-    /// Something was lost or is doubtful; the slip message is what it should be.
-    Advisory = 1,
-    /// A part is missing: decisions are made on what is left.
-    Caution = 2,
-    /// There are no decisions, or nobody gets them.
-    Warning = 3,
 }

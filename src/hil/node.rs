@@ -16,9 +16,8 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Timer;
 use slipsense::board::mailbox::{ANSWER_WORDS, Desk, FRAME_WORDS, Mailbox};
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
-use slipsense::board::{
-    CanStatus, CanTransmit, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock,
-};
+use slipsense::board::{CanTransmit, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock};
+use slipsense::health::CanStatus;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline, State};

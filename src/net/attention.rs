@@ -9,9 +9,8 @@ use super::dense::dense;
 use super::layer_norm::add_and_norm;
 use super::model::Attention;
 use super::observer::Observer;
-use super::requantize;
 use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2_of};
-use crate::fixed::{saturate_i16, scale_q32};
+use crate::fixed::{query_key_i16, saturate_i16, scale_q32};
 use crate::params::limits::{EMBED, WINDOW};
 use crate::simd::{dots, weighted_sums};
 
@@ -45,8 +44,8 @@ impl<const W: usize> KeyValueCache<W> {
         if let (Some(key), Some(value)) = (self.keys.get_mut(self.next), self.values.get_mut(self.next)) {
             let key: &mut [i16] = bytemuck::must_cast_slice_mut(key);
             let value: &mut [i16] = bytemuck::must_cast_slice_mut(value);
-            dense(&block.key, x.words(), key, requantize::query_key);
-            dense(&block.value, x.words(), value, requantize::signed);
+            dense(&block.key, x.words(), key, query_key_i16);
+            dense(&block.value, x.words(), value, saturate_i16);
             observer.record_part(block.name, "key", key.get(..block.key.outputs).unwrap_or_default());
             observer.record_part(block.name, "value", value.get(..block.value.outputs).unwrap_or_default());
         }
@@ -86,7 +85,7 @@ pub fn attend<const W: usize>(
     let head_width = (width / block.heads.max(1)).max(1);
     let mut query = Activations::<W>::new();
     let mut context = Activations::<W>::new();
-    dense(&block.query, x.words(), query.values_mut(), requantize::query_key);
+    dense(&block.query, x.words(), query.values_mut(), query_key_i16);
     observer.record_part(block.name, "query", query.values().get(..width).unwrap_or_default());
 
     let mut scores = [0i32; WINDOW];

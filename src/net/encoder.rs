@@ -5,8 +5,8 @@ use super::dense::dense;
 use super::model::{Layer, Model};
 use super::observer::Observer;
 use super::packing::pairs;
-use super::requantize;
 use crate::features::piezo::PiezoFrontEnd;
+use crate::fixed::{relu_i16, saturate_i16};
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
@@ -103,7 +103,7 @@ impl PiezoEncoder {
         convolve(conv3, (block2, shape2), (block3, shape3));
         observer.record_map("piezo.conv3", conv3.outputs, block3, shape3);
         let mut out = Embedding::new();
-        dense(&model.piezo_dense, block3, out.values_mut(), requantize::signed);
+        dense(&model.piezo_dense, block3, out.values_mut(), saturate_i16);
         record_outputs("piezo", &model.piezo_dense, out.values(), observer);
         out
     }
@@ -157,11 +157,11 @@ impl XlHistory {
         let mut hidden1 = Activations::<{ XL_CHANNELS / 2 }>::new();
         let mut hidden2 = Activations::<{ XL_CHANNELS / 2 }>::new();
         let mut out = Embedding::new();
-        dense(conv, &seen, hidden1.values_mut(), requantize::relu);
+        dense(conv, &seen, hidden1.values_mut(), relu_i16);
         record_outputs("xl.conv", conv, hidden1.values(), observer);
-        dense(mix1, hidden1.words(), hidden2.values_mut(), requantize::relu);
+        dense(mix1, hidden1.words(), hidden2.values_mut(), relu_i16);
         record_outputs("xl.mix1", mix1, hidden2.values(), observer);
-        dense(mix2, hidden2.words(), out.values_mut(), requantize::signed);
+        dense(mix2, hidden2.words(), out.values_mut(), saturate_i16);
         record_outputs("xl", mix2, out.values(), observer);
         out
     }

@@ -2,8 +2,7 @@
 
 use super::dense::{GROUP, scaled};
 use super::model::{Layer, Norm};
-use super::requantize;
-use crate::fixed::{STANDARD_FRAC_BITS, scale_q32, standardise};
+use crate::fixed::{STANDARD_FRAC_BITS, saturate_i16, scale_q32, standardise};
 
 /// Fraction bits of the factor that brings an activation to the scale of the residual sum.
 pub const RESIDUAL_FACTOR_BITS: u32 = 16;
@@ -39,6 +38,6 @@ pub fn add_and_norm<const WIDTH_MAX: usize>(
     let affine = norm.gamma.iter().zip(norm.beta.iter());
     for ((out, &n), (&gamma, &beta)) in out.iter_mut().zip(&standard[..width]).zip(affine) {
         // The model file's bound keeps |n · gamma + beta| below 2^31.
-        *out = requantize::signed(scale_q32(beta.wrapping_add(n as i32 * gamma as i32), norm.multiplier));
+        *out = saturate_i16(scale_q32(beta.wrapping_add(n as i32 * gamma as i32), norm.multiplier));
     }
 }

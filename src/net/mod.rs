@@ -1,11 +1,10 @@
 //! The quantized network, integers only.
 //!
-//! Kernels first ([`requantize`], [`dense`], the convolution in [`crate::simd`], [`softmax`], [`layer_norm`],
+//! Kernels first ([requantization](crate::fixed::scale_q32), [`dense`], the convolution in [`crate::simd`], [`softmax`], [`layer_norm`],
 //! [`attention`]), then the file that holds a trained network ([`format`], [`packing`], [`model`]), then the graph that
 //! runs it frame by frame ([`encoder`], [`network`]). Activations are `i16` with one real scale per tensor, weights
 //! are `i16` with one scale per output channel, accumulators `i32` that provably never overflow: [`model`] refuses a file for which the proof fails, so the kernels add without checks.
 
-pub mod requantize;
 pub mod dense;
 pub mod observer;
 mod tables;

@@ -25,7 +25,7 @@ pub struct Layer<'a> {
     pub weights: &'a [u32],
     /// One per output channel, at the accumulator's scale; zeros up to a multiple of four.
     pub bias: &'a [i32],
-    /// One per output channel, see [`super::requantize`]; zeros up to a multiple of four.
+    /// One per output channel, see [`scale_q32`](crate::fixed::scale_q32); zeros up to a multiple of four.
     pub multiplier: &'a [i32],
     /// What it takes.
     pub inputs: Inputs,

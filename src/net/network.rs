@@ -6,9 +6,9 @@ use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
 use super::observer::Observer;
-use super::requantize;
 use crate::features::piezo::PiezoFrontEnd;
 use crate::fixed::Logit;
+use crate::fixed::saturate_i16;
 use crate::params::limits::EMBED;
 use crate::params::{CLASSES, MAX_SENSORS, MEL_BINS};
 use crate::sensor::PiezoFrame;
@@ -107,7 +107,7 @@ impl NetworkState {
         attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
         observer.record("hidden", hidden.values().get(..width).unwrap_or_default());
         let mut logits = [0; CLASSES];
-        dense(&model.head, hidden.words(), &mut logits, requantize::signed);
+        dense(&model.head, hidden.words(), &mut logits, saturate_i16);
         observer.record("logits", &logits);
         logits.map(|logit| Logit::from_bits(logit.into()))
     }

@@ -1,7 +1,7 @@
 //! uavcan.node.Heartbeat, subject 7509: alive, how well, doing what. Every node sends one a second.
 
-use super::status::{Status, vendor_status};
-use crate::board::Condition;
+use crate::health::{Condition, NO_MODEL, PIEZO_MISSING, Status, XL_MISSING};
+use crate::params::TAXEL_ROWS;
 use crate::wire::bytes::Writer;
 
 /// Subject of uavcan.node.Heartbeat.1.0.
@@ -10,20 +10,6 @@ pub const HEARTBEAT_PORT: u16 = 7_509;
 pub const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 /// Bytes of the message.
 pub(super) const HEARTBEAT_BYTES: usize = 7;
-
-/// How well a node is (uavcan.node.Health.1.0).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum Health {
-    /// All is well.
-    Nominal = 0,
-    /// Something small, nothing is lost.
-    Advisory = 1,
-    /// Something major, the main purpose is still served.
-    Caution = 2,
-    /// The main purpose cannot be served.
-    Warning = 3,
-}
 
 /// What a node is doing (uavcan.node.Mode.1.0).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,40 +25,72 @@ pub enum Mode {
     SoftwareUpdate = 3,
 }
 
-/// Health by the bits of the vendor status: no model or no sensor left is the end of the purpose; a missing
+/// Condition by the bits of the vendor status: no model or no sensor left is the end of the purpose; a missing
 /// part, lost settings or a restart after a panic are major; what was late, dropped or stuck is small.
-pub(super) fn health(status: &Status, flags: u8) -> Health {
-    let dead = crate::wire::health::PIEZO_MISSING | crate::wire::health::XL_MISSING;
-    let none_left = status.sensor_health.iter().take(status.sensors).all(|health| health & dead == dead);
-    let condition = match status.condition {
-        Condition::Nominal => Health::Nominal,
-        Condition::Advisory => Health::Advisory,
-        Condition::Caution => Health::Caution,
-        Condition::Warning => Health::Warning,
-    };
-    condition.max(health_by_flags(none_left, flags))
+pub(super) fn health(status: &Status, flags: u8) -> Condition {
+    let dead = PIEZO_MISSING | XL_MISSING;
+    let none_left = status.sensor_health.iter().take(status.sensors).all(|health| health.contains(dead));
+    status.condition().max(health_by_flags(none_left, flags))
 }
 
-fn health_by_flags(none_left: bool, flags: u8) -> Health {
+fn health_by_flags(none_left: bool, flags: u8) -> Condition {
     if none_left || flags & vendor_status::NO_MODEL != 0 {
-        Health::Warning
+        Condition::Warning
     } else if flags
         & (vendor_status::SENSOR_MISSING | vendor_status::SETTINGS_DAMAGED | vendor_status::PANICKED)
         != 0
     {
-        Health::Caution
+        Condition::Caution
     } else if flags != 0 {
-        Health::Advisory
+        Condition::Advisory
     } else {
-        Health::Nominal
+        Condition::Nominal
     }
 }
 
 /// The message.
-pub(super) fn encode(uptime_s: u32, health: Health, mode: Mode, flags: u8) -> [u8; HEARTBEAT_BYTES] {
+pub(super) fn encode(uptime_s: u32, health: Condition, mode: Mode, flags: u8) -> [u8; HEARTBEAT_BYTES] {
     let mut out = [0; HEARTBEAT_BYTES];
     let mut writer = Writer::new(&mut out);
     writer.put(&uptime_s.to_le_bytes());
     writer.put(&[health as u8, mode as u8, flags]);
     out
+}
+
+/// Bits of [`vendor_status`] that this status shows.
+pub(super) fn flags(status: &Status) -> u8 {
+    let sensors = status.sensors;
+    let flags = [
+        (status.any_sensor(PIEZO_MISSING | XL_MISSING), vendor_status::SENSOR_MISSING),
+        (status.any_sensor(NO_MODEL), vendor_status::NO_MODEL),
+        (status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES),
+        (status.dropped_raw > 0 || status.broken_raw > 0, vendor_status::RAW_DROPPED),
+        (status.bus_offs > 0, vendor_status::BUS_OFF),
+        (status.last_panic != 0, vendor_status::PANICKED),
+        (
+            status.stuck_taxels.iter().take(sensors).any(|mask| mask.0 != [0; TAXEL_ROWS]),
+            vendor_status::STUCK,
+        ),
+    ];
+    flags.into_iter().filter(|&(is_set, _)| is_set).fold(0, |flags, (_, flag)| flags | flag)
+}
+
+/// Bits of the vendor-specific status code in the heartbeat. Counters behind them are registers.
+pub mod vendor_status {
+    /// An array or an accelerometer of a sensor in use delivers nothing.
+    pub const SENSOR_MISSING: u8 = 1;
+    /// There is no readable model: class, flag and logits mean nothing.
+    pub const NO_MODEL: u8 = 2;
+    /// Frames were late or dropped since start.
+    pub const LATE_FRAMES: u8 = 4;
+    /// Raw frames were dropped since start.
+    pub const RAW_DROPPED: u8 = 8;
+    /// The controller was bus-off since start.
+    pub const BUS_OFF: u8 = 16;
+    /// The last start followed a panic.
+    pub const PANICKED: u8 = 32;
+    /// Stored settings were damaged; what could not be read is at its default.
+    pub const SETTINGS_DAMAGED: u8 = 64;
+    /// Taxels are stuck or saturated.
+    pub const STUCK: u8 = 128;
 }

@@ -25,7 +25,6 @@ mod identity;
 mod machine;
 mod outbox;
 mod registers;
-mod status;
 mod time_sync;
 
 pub use allocation::{ALLOCATION_PORT, REQUEST_PERIOD_MAX_US};
@@ -39,10 +38,9 @@ pub use file_read::{
     PATH_MAX, TRIES, UpdateTarget,
 };
 pub use get_info::GET_INFO_PORT;
-pub use heartbeat::{HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Health, Mode};
+pub use heartbeat::{HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 pub use identity::{COMMIT, Identity, NODE_NAME, PROTOCOL_VERSION, Version};
 pub use machine::{Action, COMMAND_TIMEOUT_US, Counters, Node};
 pub use outbox::OUTBOX_FRAMES;
 pub use registers::{ACCESS_PORT, LIST_PORT, REGISTERS};
-pub use status::{Status, vendor_status};
 pub use time_sync::TIME_PORT;

@@ -20,11 +20,9 @@ pub use value::{ELEMENTS_MAX, Kind};
 
 use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;
-use crate::params::{MAX_SENSORS, TAXEL_ROWS};
+use crate::params::MAX_SENSORS;
+use crate::sensor::TaxelMask;
 use crate::wire::NodeId;
-
-/// Taxels by row; bit c of a row is column c.
-pub type TaxelMask = [u32; TAXEL_ROWS];
 
 /// A valid value of every setting.
 #[derive(Clone, PartialEq, Eq)]
@@ -181,14 +179,14 @@ impl Settings {
 
     /// Taxels of a sensor that are not believed; none of a sensor that does not exist.
     pub fn taxel_mask(&self, sensor: usize) -> TaxelMask {
-        let mut mask = [0; TAXEL_ROWS];
+        let mut mask = TaxelMask::NONE;
         let setting = match sensor {
             0 => Setting::TaxelMask0,
             1 => Setting::TaxelMask1,
             2 => Setting::TaxelMask2,
             _ => return mask,
         };
-        for (row, &element) in mask.iter_mut().zip(self.get(setting)) {
+        for (row, &element) in mask.0.iter_mut().zip(self.get(setting)) {
             *row = element as u32;
         }
         mask

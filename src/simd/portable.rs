@@ -4,8 +4,7 @@
 //! computer (`super::x86`).
 
 use super::{LANES, MapShape, halves, pair};
-use crate::fixed::scale_q32;
-use crate::net::requantize;
+use crate::fixed::{relu_i16, scale_q32};
 
 /// `acc + x₀·w₀ + x₁·w₁` over the halves of two words, wrapping.
 #[inline]
@@ -151,7 +150,7 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
                 let best = tile::<L>(strip.get(2 * col..).unwrap_or_default(), from, filters);
                 let cell: [i16; LANES] = core::array::from_fn(|lane| {
                     let scaled = scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]);
-                    requantize::relu(scaled).min(to.largest())
+                    relu_i16(scaled).min(to.largest())
                 });
                 for (half, cell) in cell.as_chunks::<2>().0.iter().enumerate() {
                     if let Some(word) = out.get_mut(to.at(row, 2 * block + half, col)) {

@@ -28,13 +28,13 @@ pub async fn acquire<M: RawMutex, S: FrameSource>(
         let Some(frame) = buffer else {
             source.discard().await;
             dropped_frames = dropped_frames.saturating_add(1);
-            shared.note(|status| status.dropped_frames = dropped_frames);
+            shared.update_status(|status| status.dropped_frames = dropped_frames);
             continue;
         };
         source.read(&mut frame.parts).await;
         frame.stamp = stamp;
         frame.dropped_frames = dropped_frames;
         queue.send_done();
-        shared.note(|status| status.acquired_frames = status.acquired_frames.wrapping_add(1));
+        shared.update_status(|status| status.acquired_frames = status.acquired_frames.wrapping_add(1));
     }
 }

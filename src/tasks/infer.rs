@@ -9,10 +9,11 @@ use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use super::detail::Steps;
 use super::{Controls, RAW_MESSAGES, Shared, Task};
 use crate::board::{Clock, Observe, SensedFrame, SensedPart};
+use crate::health;
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorInput;
-use crate::wire::{RawForm, RawTransfer, Transmitter, health};
+use crate::wire::{RawForm, RawTransfer, Transmitter};
 
 /// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
 pub const FRAME_PERIOD_US: u64 = 1_000_000u64.div_ceil(FRAME_RATE_HZ as u64);
@@ -115,13 +116,13 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
     fn decided(&mut self, frame: &SensedFrame, output: &Output, has_address: bool) {
         let age_us = self.clock.now_us().saturating_sub(frame.stamp.timestamp_us);
         let mut late_frames = frame.dropped_frames;
-        self.shared.note(|status| {
+        self.shared.update_status(|status| {
             status.decided_frames = status.decided_frames.wrapping_add(1);
             status.worst_frame_us = status.worst_frame_us.max(u32::try_from(age_us).unwrap_or(u32::MAX));
             if age_us > FRAME_PERIOD_US {
                 status.late_frames = status.late_frames.saturating_add(1);
             }
-            status.health = output.health;
+            (status.sensors, status.sensor_health) = (output.sensors, output.health);
             late_frames = late_frames.saturating_add(status.late_frames);
         });
         if !has_address {
@@ -178,7 +179,8 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
             }
         }
         if dropped > 0 {
-            self.shared.note(|status| status.dropped_raw = status.dropped_raw.saturating_add(dropped));
+            self.shared
+                .update_status(|status| status.dropped_raw = status.dropped_raw.saturating_add(dropped));
         }
     }
 }

@@ -11,7 +11,7 @@
 //!
 //! Nothing is lost in silence:
 //!
-//! | what | when | counted in [`Status`] |
+//! | what | when | counted in [`Status`](crate::health::Status) |
 //! |---|---|---|
 //! | a frame, whole | no buffer free at its tick | `dropped_frames` |
 //! | a slip message | a newer one is there and the bus has not taken it | `replaced_slips` |
@@ -32,7 +32,6 @@ mod detail;
 mod infer;
 mod services;
 mod shared;
-mod status;
 mod supervise;
 mod transmit;
 
@@ -40,6 +39,5 @@ pub use acquire::{QUEUED_FRAMES, acquire};
 pub use infer::{FRAME_PERIOD_US, Inference};
 pub use services::{ServiceBoard, Services, sensors_deliver};
 pub use shared::{Controls, RAW_MESSAGES, RawQueue, SERVICE_FRAMES, Shared};
-pub use status::Status;
 pub use supervise::{Progress, Supervisor, Task};
 pub use transmit::Transmission;

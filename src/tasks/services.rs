@@ -17,14 +17,15 @@ use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
-use super::{Controls, SERVICE_FRAMES, Shared, Status, Task};
+use super::{Controls, SERVICE_FRAMES, Shared, Task};
 use crate::board::panic_record::PanicRecord;
-use crate::board::{CanReceive, CanState, Clock, Condition, StatusLed};
-use crate::node::{self, Action, FileSink, HEARTBEAT_PORT, Node, Severity, UpdateTarget};
+use crate::board::{CanReceive, Clock, StatusLed};
+use crate::health::{self, CanState, Condition, Status};
+use crate::node::{Action, FileSink, HEARTBEAT_PORT, Node, Severity, UpdateTarget};
 use crate::params::FRAME_RATE_HZ;
 use crate::settings::Settings;
 use crate::update::Notice;
-use crate::wire::{MessageId, NodeId, health};
+use crate::wire::{MessageId, NodeId};
 
 /// The task moves on at least this often, µs: five times within the watchdog's period.
 const PATIENCE_US: u64 = 20_000;
@@ -56,7 +57,7 @@ pub trait ServiceBoard: FileSink + StatusLed {
     fn apply(&mut self, settings: &Settings);
 
     /// Add what the drivers know and [`Shared`] does not.
-    fn observe(&mut self, status: &mut node::Status);
+    fn observe(&mut self, status: &mut Status);
 
     /// Switch the light by which a person finds this board; [`StatusLed::show`] follows when it is over.
     fn identify(&mut self, lit: bool);
@@ -76,22 +77,21 @@ pub trait ServiceBoard: FileSink + StatusLed {
     /// Keep the firmware that runs. How that went, a notice says.
     async fn confirm(&mut self) {}
 
-    /// Judge a self test by what the tasks counted before and after it; `sensors` are in use.
-    fn self_test(&mut self, before: &Status, after: &Status, sensors: usize) -> Result<(), &'static str> {
-        sensors_deliver(before, after, sensors)
+    /// Judge a self test by what the tasks counted before and after it.
+    fn self_test(&mut self, before: &Status, after: &Status) -> Result<(), &'static str> {
+        sensors_deliver(before, after)
     }
 }
 
 /// Did frames come, and does every sensor deliver both parts?
-pub fn sensors_deliver(before: &Status, after: &Status, sensors: usize) -> Result<(), &'static str> {
-    let any = |bits: u8| after.health.iter().take(sensors).any(|health| health.0 & bits != 0);
+pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static str> {
     if after.decided_frames.wrapping_sub(before.decided_frames) < SELF_TEST_FRAMES {
         Err("self test: frames are missing")
-    } else if any(health::NO_MODEL) {
+    } else if after.any_sensor(health::NO_MODEL) {
         Err("self test: no readable model")
-    } else if any(health::PIEZO_MISSING) {
+    } else if after.any_sensor(health::PIEZO_MISSING) {
         Err("self test: an array does not deliver")
-    } else if any(health::XL_MISSING) {
+    } else if after.any_sensor(health::XL_MISSING) {
         Err("self test: an accelerometer does not deliver")
     } else {
         Ok(())
@@ -149,9 +149,12 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
 
     /// Serve until the board is to start anew, which is the caller's to do.
     pub async fn run(&mut self) {
-        self.desk.node.status.last_panic = self.desk.panic.map_or(0, |record| record.reason_hash.max(1));
-        // Another number counts after the next start.
-        self.desk.node.status.sensors = self.desk.node.settings().sensors();
+        let (panic, sensors) = (self.desk.panic, self.desk.node.settings().sensors());
+        self.desk.shared.update_status(|status| {
+            status.last_panic = panic.map_or(0, |record| record.reason_hash.max(1));
+            // Another number counts after the next start.
+            status.sensors = sensors;
+        });
         self.board.apply(self.desk.node.settings());
         self.desk.node.set_operational();
         while !self.is_over() {
@@ -164,7 +167,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
     }
 
     async fn serve(&mut self) {
-        self.board.observe(&mut self.desk.node.status);
+        self.desk.shared.update_status(|status| self.board.observe(status));
         self.desk.turn();
         self.show();
         self.apply_changes();
@@ -205,11 +208,12 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
             Action::SelfTest => {
                 let before = self.desk.shared.status();
                 self.desk.pause(SELF_TEST_US).await;
-                let (after, sensors) = (self.desk.shared.status(), self.desk.node.status.sensors);
-                let result = self.board.self_test(&before, &after, sensors);
-                let (run, failed) = &mut self.desk.node.status.self_tests;
-                *run = run.saturating_add(1);
-                *failed = failed.saturating_add(result.is_err().into());
+                let result = self.board.self_test(&before, &self.desk.shared.status());
+                self.desk.shared.update_status(|status| {
+                    status.self_tests = status.self_tests.saturating_add(1);
+                    status.failed_self_tests =
+                        status.failed_self_tests.saturating_add(result.is_err().into());
+                });
                 self.desk.node.command_done(result);
             }
             Action::BeginUpdate { target, file } => {
@@ -255,7 +259,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
             self.board.identify(((self.identify_until_us - now_us) / BLINK_US).is_multiple_of(2));
             return;
         }
-        let condition = self.desk.node.status.condition;
+        let condition = self.desk.node.status.condition();
         let is_due = self.shown.is_none_or(|(before, at)| before != condition || now_us >= at);
         if is_due {
             self.shown = Some((condition, now_us.saturating_add(SHOW_US)));
@@ -297,16 +301,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
     }
 
     fn take_status(&mut self) {
-        let status = self.shared.status();
-        let told = &mut self.node.status;
-        told.late_frames = status.late_frames;
-        told.overruns = status.dropped_frames;
-        told.worst_frame_us = status.worst_frame_us;
-        told.dropped_raw_frames = status.dropped_raw.saturating_add(status.broken_raw);
-        told.bus_off_count = status.bus_offs;
-        told.sensor_health = status.health.map(|health| health.0);
-        told.condition = status.condition();
-        let is_off = status.can.state == CanState::BusOff;
+        self.node.status = self.shared.status();
+        let is_off = self.node.status.can.state == CanState::BusOff;
         if is_off && !core::mem::replace(&mut self.was_off, is_off) {
             // Nobody waits for these answers any more when the bus is back.
             self.node.discard_frames();

@@ -1,7 +1,7 @@
 //! What the tasks share: slots, queues and counters, all of fixed size. Critical sections are copies of a few hundred
 //! bytes at most.
 
-use core::cell::Cell;
+use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -9,7 +9,8 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::zerocopy_channel;
 
-use super::{Progress, Status};
+use super::Progress;
+use crate::health::Status;
 use crate::net::format::OperatingPoint;
 use crate::params::MAX_SENSORS;
 use crate::sensor::TaxelMask;
@@ -53,7 +54,7 @@ impl Controls {
     /// What these settings say, for a node with this address.
     pub fn of(settings: &Settings, node: Option<NodeId>) -> Self {
         Self {
-            masks: core::array::from_fn(|sensor| TaxelMask(settings.taxel_mask(sensor))),
+            masks: core::array::from_fn(|sensor| settings.taxel_mask(sensor)),
             // A frame's rate, so that it fits.
             raw_every: settings.raw_divider() as u8,
             compress_raw: settings.compress_raw(),
@@ -78,7 +79,7 @@ pub struct Shared<M: RawMutex> {
     /// Rung when there is something to send.
     bell: Signal<M, ()>,
     controls: Mutex<M, Cell<Controls>>,
-    status: Mutex<M, Cell<Status>>,
+    status: Mutex<M, RefCell<Status>>,
 }
 
 impl<M: RawMutex> Shared<M> {
@@ -90,22 +91,18 @@ impl<M: RawMutex> Shared<M> {
             services: Channel::new(),
             bell: Signal::new(),
             controls: Mutex::new(Cell::new(Controls::DEFAULT)),
-            status: Mutex::new(Cell::new(Status::new())),
+            status: Mutex::new(RefCell::new(Status::new())),
         }
     }
 
     /// The counters now.
     pub fn status(&self) -> Status {
-        self.status.lock(Cell::get)
+        self.status.lock(|status| status.borrow().clone())
     }
 
-    /// Change the counters. For tasks that know something about the node: what a board reports goes in here too.
-    pub fn note(&self, change: impl FnOnce(&mut Status)) {
-        self.status.lock(|cell| {
-            let mut status = cell.get();
-            change(&mut status);
-            cell.set(status);
-        });
+    /// Change the counters, in place; `change` must not use what is shared.
+    pub fn update_status(&self, change: impl FnOnce(&mut Status)) {
+        self.status.lock(|status| change(&mut status.borrow_mut()));
     }
 
     /// The settings in use.
@@ -121,7 +118,7 @@ impl<M: RawMutex> Shared<M> {
     /// Send this slip message before anything else, and instead of an older one that still waits.
     pub fn send_slip(&self, frame: CanFrame) {
         if self.slip.lock(|cell| cell.replace(Some(frame))).is_some() {
-            self.note(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
+            self.update_status(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
         }
         self.bell.signal(());
     }
@@ -133,7 +130,7 @@ impl<M: RawMutex> Shared<M> {
         if sent {
             self.bell.signal(());
         } else {
-            self.note(|status| status.refused_services = status.refused_services.saturating_add(1));
+            self.update_status(|status| status.refused_services = status.refused_services.saturating_add(1));
         }
         sent
     }

@@ -13,7 +13,8 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
 
 use super::{Shared, Task};
-use crate::board::{CanState, CanStatus, CanTransmit, Clock, Lane};
+use crate::board::{CanTransmit, Clock, Lane};
+use crate::health::{CanState, CanStatus};
 use crate::wire::{CanFrame, RawTransfer};
 
 /// The transmit task. It belongs on an executor above inference, which would leave the bus idle for a whole step of
@@ -71,7 +72,7 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
         }
         let dropped_off = status.state == CanState::BusOff && self.status.state != CanState::BusOff;
         self.status = status;
-        self.shared.note(|shared| {
+        self.shared.update_status(|shared| {
             shared.can = status;
             if dropped_off {
                 shared.bus_offs = shared.bus_offs.saturating_add(1);
@@ -88,7 +89,7 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
     fn give_up_all(&mut self) {
         self.slip_given_up |= !self.bus.is_free(Lane::Slip);
         if !self.bus.is_free(Lane::Service) {
-            self.shared.note(|status| status.lost_services = status.lost_services.saturating_add(1));
+            self.shared.update_status(|status| status.lost_services = status.lost_services.saturating_add(1));
         }
         Lane::ALL.iter().for_each(|&lane| self.bus.withdraw(lane));
     }
@@ -103,7 +104,8 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
         }
         if self.bus.is_free(Lane::Slip) {
             if core::mem::take(&mut self.slip_given_up) && !self.bus.has_sent(Lane::Slip) {
-                self.shared.note(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
+                self.shared
+                    .update_status(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
             }
             if let Some(slip) = self.shared.take_slip() {
                 filled = self.hand_over(Lane::Slip, &slip);
@@ -131,7 +133,7 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
     fn back_on_bus(&mut self) {
         if let Some(since) = self.off_since_us.take() {
             let us = self.clock.now_us().saturating_sub(since);
-            self.shared.note(|status| status.bus_off_us = u32::try_from(us).unwrap_or(u32::MAX));
+            self.shared.update_status(|status| status.bus_off_us = u32::try_from(us).unwrap_or(u32::MAX));
         }
     }
 
@@ -162,7 +164,7 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
             self.raw.receive_done();
         }
         if dropped + broken > 0 {
-            self.shared.note(|status| {
+            self.shared.update_status(|status| {
                 status.dropped_raw = status.dropped_raw.saturating_add(dropped);
                 status.broken_raw = status.broken_raw.saturating_add(broken);
             });

@@ -4,10 +4,8 @@
 
 use core::fmt;
 
-use super::service::TransferId;
+use super::id::{CAN_ID_MAX, MessageId, TransferId};
 
-/// Largest CAN identifier, 29 bits.
-pub const CAN_ID_MAX: u32 = (1 << 29) - 1;
 /// Data lengths that a CAN FD frame can have, bytes, by data length code.
 pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
 /// Bytes of a full frame.
@@ -75,132 +73,6 @@ static CRC_TABLES: [[u16; 256]; 4] = {
     }
     tables
 };
-
-/// Priority of a transfer, the three leading bits of its identifier: the smaller number wins the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum Priority {
-    /// Above all else.
-    Exceptional = 0,
-    /// Sub-millisecond reactions.
-    Immediate = 1,
-    /// Fast control loops.
-    Fast = 2,
-    /// Control loops.
-    High = 3,
-    /// The default.
-    Nominal = 4,
-    /// Less urgent than the default.
-    Low = 5,
-    /// Bulk data.
-    Slow = 6,
-    /// May be starved.
-    Optional = 7,
-}
-
-impl Priority {
-    /// Of an identifier of 29 bits.
-    pub(super) const fn of_can(id: u32) -> Self {
-        match id >> 26 & 7 {
-            0 => Self::Exceptional,
-            1 => Self::Immediate,
-            2 => Self::Fast,
-            3 => Self::High,
-            4 => Self::Nominal,
-            5 => Self::Low,
-            6 => Self::Slow,
-            _ => Self::Optional,
-        }
-    }
-}
-
-/// Address of a node on the bus, 0 to 127.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct NodeId(u8);
-
-impl NodeId {
-    /// Where the module sits until it is told otherwise.
-    pub const DEFAULT: Self = Self(42);
-
-    /// `None` above 127.
-    pub const fn new(id: u8) -> Option<Self> {
-        if id <= 127 { Some(Self(id)) } else { None }
-    }
-
-    /// The number.
-    pub const fn get(self) -> u8 {
-        self.0
-    }
-
-    /// The low seven bits.
-    pub(super) const fn of_bits(bits: u32) -> Self {
-        Self(bits as u8 & 127)
-    }
-}
-
-/// What the 29-bit identifier of a message says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MessageId {
-    /// Priority of the transfer.
-    pub priority: Priority,
-    /// Subject identifier, 0 to 8191; higher bits are dropped.
-    pub port: u16,
-    /// The node that sends.
-    pub node: NodeId,
-}
-
-/// Why an identifier is not that of a message with a sender.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum IdError {
-    /// More than 29 bits.
-    TooLarge {
-        /// The identifier found.
-        id: u32,
-    },
-    /// A service call, not a message.
-    Service,
-    /// A message of a node without an address.
-    Anonymous,
-    /// A reserved bit that must be 0 is set.
-    Reserved,
-}
-
-/// Largest subject identifier.
-pub(super) const PORT_MAX: u16 = 8191;
-/// Set in the identifier of a service call.
-pub(super) const ID_SERVICE: u32 = 1 << 25;
-/// Set in the identifier of an anonymous message.
-pub(super) const ID_ANONYMOUS: u32 = 1 << 24;
-/// Sent as ones, ignored on reception.
-pub(super) const ID_ONES: u32 = 3 << 21;
-/// Reserved in every identifier.
-pub(super) const ID_ZERO: u32 = 1 << 23;
-const ID_ZEROS: u32 = ID_ZERO | 1 << 7;
-
-impl MessageId {
-    /// The identifier on the bus.
-    pub const fn to_can(self) -> u32 {
-        (self.priority as u32) << 26 | ID_ONES | ((self.port & PORT_MAX) as u32) << 8 | self.node.0 as u32
-    }
-
-    /// Read an identifier.
-    pub const fn from_can(id: u32) -> Result<Self, IdError> {
-        if id > CAN_ID_MAX {
-            return Err(IdError::TooLarge { id });
-        }
-        if id & ID_SERVICE != 0 {
-            return Err(IdError::Service);
-        }
-        if id & ID_ZEROS != 0 {
-            return Err(IdError::Reserved);
-        }
-        if id & ID_ANONYMOUS != 0 {
-            return Err(IdError::Anonymous);
-        }
-        let priority = Priority::of_can(id);
-        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId::of_bits(id) })
-    }
-}
 
 /// One CAN FD frame with extended identifier and bit rate switching. Its data length is always one
 /// that CAN FD can send.
@@ -281,6 +153,13 @@ impl fmt::Debug for CanFrame {
         write!(f, "{:08X}##1", self.id)?;
         self.data().iter().try_for_each(|byte| write!(f, "{byte:02X}"))
     }
+}
+
+/// The 5-bit transfer identifier to use now; the counter moves on.
+pub(crate) fn next_transfer(counter: &mut u8) -> u8 {
+    let now = *counter;
+    *counter = now.wrapping_add(1) & TRANSFER_ID_MAX;
+    now
 }
 
 /// The frames of one transfer, in the order they must be sent.
@@ -415,19 +294,6 @@ fn copied(bytes: &[u8; MTU]) -> [u8; MTU] {
 }
 
 impl ExactSizeIterator for Frames<'_> {}
-
-impl fmt::Display for IdError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooLarge { id } => write!(f, "identifier {id:X} has more than 29 bits"),
-            Self::Service => f.write_str("identifier of a service call, not of a message"),
-            Self::Anonymous => f.write_str("message of a node without an address"),
-            Self::Reserved => f.write_str("a reserved bit of the identifier is set"),
-        }
-    }
-}
-
-impl core::error::Error for IdError {}
 
 impl fmt::Display for LengthError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

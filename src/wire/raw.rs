@@ -4,10 +4,16 @@
 use heapless::Vec;
 
 use super::bytes::{DecodeError, Reader, Writer};
-use super::compress::{self, COMPRESSED_BYTES_MAX, Detail, Region};
-use super::health;
+use super::id::Priority;
+use super::region::Region;
+use crate::health;
 use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES};
 use crate::sensor::{PiezoFrame, SensorInput, XlSample, active_cols};
+
+/// Subject identifier of [`RawFrame`]: `slipsense.Raw.1.0`, all sensors.
+pub const RAW_PORT: u16 = 6201;
+/// Raw frames fill most of the bus, so they give way to everything but optional traffic.
+pub const RAW_PRIORITY: Priority = Priority::Slow;
 
 /// Accelerometer samples that one raw frame carries, at most: nearly two nominal frames of 33.3.
 pub const RAW_XL_MAX: usize = 64;
@@ -18,6 +24,9 @@ const HEADER_BYTES: usize = 7 + 4 + 1 + 1;
 const TAXEL_BYTES: usize = ACTIVE_TAXELS / 2 * 3;
 const XL_HEADER_BYTES: usize = 4 + 1 + 1;
 const XL_BYTES: usize = XL_AXES * 2;
+
+/// Room for either form: the header of a compressed message has five bytes more.
+pub(super) const RAW_BUFFER_BYTES: usize = RAW_BYTES_MAX + 5;
 
 const NAME: &str = "slipsense.Raw";
 
@@ -67,14 +76,12 @@ pub struct RawMessage {
 
 /// Room for one encoded raw frame, plain or compressed, while its CAN frames are taken from it.
 #[derive(Clone, Debug)]
-pub struct RawBuffer(pub(super) [u8; COMPRESSED_BYTES_MAX]);
-
-const _: () = assert!(COMPRESSED_BYTES_MAX >= RAW_BYTES_MAX, "room for either form");
+pub struct RawBuffer(pub(super) [u8; RAW_BUFFER_BYTES]);
 
 impl RawBuffer {
     /// An empty buffer.
     pub const fn new() -> Self {
-        Self([0; COMPRESSED_BYTES_MAX])
+        Self([0; RAW_BUFFER_BYTES])
     }
 
     /// The first bytes, as many as were encoded.
@@ -112,11 +119,6 @@ impl RawFrame<'_> {
         let samples = self.input.xl.unwrap_or(&[]);
         let dropped = samples.len().saturating_sub(RAW_XL_MAX);
         (samples.get(dropped..).unwrap_or(&[]), dropped)
-    }
-
-    /// As [`encode`](Self::encode), compressed: see [`compress`](super::compress).
-    pub fn compress<'b>(&self, detail: Detail, buffer: &'b mut RawBuffer) -> &'b [u8] {
-        compress::encode(self, detail, buffer)
     }
 
     /// Write the message into `buffer` and return its bytes.
@@ -165,11 +167,6 @@ impl RawMessage {
         }
         let region = Region::ALL;
         Ok(Self { timestamp_us, sequence, sensor, health, piezo, region, xl, xl_end, xl_dropped })
-    }
-
-    /// Read a compressed message; bytes after it are padding and ignored.
-    pub fn decompress(bytes: &[u8]) -> Result<Self, DecodeError> {
-        compress::decode(bytes)
     }
 }
 

@@ -11,13 +11,13 @@ use core::fmt;
 use heapless::Vec;
 
 use super::bytes::DecodeError;
+use super::compress::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT};
 use super::cyphal::{
-    CRC_BYTES, CanFrame, FRAME_PAYLOAD, IdError, MTU, MessageId, NodeId, TAIL_END, TAIL_START, TAIL_TOGGLE,
-    TRANSFER_ID_MAX, crc16,
+    CRC_BYTES, CanFrame, FRAME_PAYLOAD, MTU, TAIL_END, TAIL_START, TAIL_TOGGLE, TRANSFER_ID_MAX, crc16,
 };
-use super::raw::RawMessage;
-use super::slip::SlipMessage;
-use super::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, RAW_PORT, SLIP_PORT};
+use super::id::{IdError, MessageId, NodeId};
+use super::raw::{RAW_PORT, RawMessage};
+use super::slip::{SLIP_PORT, SlipMessage};
 
 /// Bytes of the longest raw transfer, plain or compressed, as its frames carry it: with padding and CRC.
 const RAW_TRANSFER_MAX: usize = COMPRESSED_BYTES_MAX + CRC_BYTES + PADDING_MAX;

@@ -4,9 +4,9 @@
 //! When all places are taken, a new sender gets the place of the one that was silent longest, first among
 //! those with no transfer under way; a transfer lost so is counted.
 
-use super::cyphal::{CanFrame, NodeId};
+use super::cyphal::CanFrame;
+use super::id::{NodeId, ServiceRole, TransferId};
 use super::receive::{Reassembler, TransferError};
-use super::service::{ServiceRole, TransferId};
 
 /// After this time without a transfer a sender may begin its transfer identifiers anew (OpenCyphal
 /// specification 1.0, section 4.1.2.4: 2 s).

@@ -2,8 +2,17 @@
 //! Layout: `dsdl/slipsense/6200.Slip.1.0.dsdl`.
 
 use super::bytes::{DecodeError, Reader, Writer};
+use super::id::Priority;
 use crate::fixed::{Logit, Q};
 use crate::params::{CLASSES, MAX_SENSORS};
+
+/// Subject identifier of [`SlipMessage`]: `slipsense.Slip.1.0`. 6144 to 7167 is the range that Cyphal
+/// reserves for fixed identifiers of vendors.
+pub const SLIP_PORT: u16 = 6200;
+/// Ahead of all control traffic of a robot (Fast and below), so that the slip message waits for at
+/// most the one frame already on the wire. Exceptional stays free for the emergency stop of whoever
+/// builds the robot.
+pub const SLIP_PRIORITY: Priority = Priority::Immediate;
 
 /// Bytes of an encoded [`SlipMessage`]; one frame carries 63.
 pub const SLIP_BYTES: usize = 7 + 4 + 1 + 2 + 4 * CLASSES + MAX_SENSORS * CONTACT_BYTES;

@@ -1,8 +1,9 @@
 //! Kernels with a formula, against that formula in double precision. Each test prints its worst error.
 
 use proptest::prelude::*;
-use slipsense::fixed::{STANDARD_FRAC_BITS, round_div, round_shift, scale_q32, standardise};
-use slipsense::net::requantize;
+use slipsense::fixed::{
+    STANDARD_FRAC_BITS, query_key_i16, relu_i16, round_div, round_shift, saturate_i16, scale_q32, standardise,
+};
 use slipsense::net::softmax::softmax_base2;
 
 proptest! {
@@ -29,9 +30,9 @@ proptest! {
     #[test]
     fn requantize_saturates(acc: i32, multiplier in 0i32..) {
         let x = scale_q32(acc, multiplier);
-        prop_assert_eq!(i32::from(requantize::signed(x)), x.clamp(-32768, 32767));
-        prop_assert_eq!(i32::from(requantize::relu(x)), x.clamp(0, 32767));
-        prop_assert_eq!(i32::from(requantize::query_key(x)), x.clamp(-8191, 8191));
+        prop_assert_eq!(i32::from(saturate_i16(x)), x.clamp(-32768, 32767));
+        prop_assert_eq!(i32::from(relu_i16(x)), x.clamp(0, 32767));
+        prop_assert_eq!(i32::from(query_key_i16(x)), x.clamp(-8191, 8191));
     }
 
     /// Formula, bound of the sum and error of the softmax, over spread-out and equal scores.

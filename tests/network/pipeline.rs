@@ -2,12 +2,12 @@
 
 use super::inputs::SHAPES;
 use slipsense::fixed::Logit;
+use slipsense::health;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{Class, FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput};
-use slipsense::wire::health;
 use slipsense_recording::model_file::random_model;
 
 /// A model whose head ignores the network: its logits are these.

@@ -1,11 +1,12 @@
 //! ExecuteCommand, GetInfo, heartbeat, records.
 
+use slipsense::health::{self, Condition, SensorHealth};
 use slipsense::node::{
-    Action, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT, Health, IDENTIFY,
-    Mode, NODE_NAME, RESTART, SELF_TEST, STORE, Severity, vendor_status,
+    Action, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Mode,
+    NODE_NAME, RESTART, SELF_TEST, STORE, Severity, vendor_status,
 };
 use slipsense::settings::{Setting, Settings};
-use slipsense::wire::{TransferId, health};
+use slipsense::wire::TransferId;
 
 use super::{NODE, ask, node, records, request, said};
 
@@ -96,14 +97,14 @@ fn the_heartbeat_says_how_the_board_is() {
     // Five seconds without a turn: one heartbeat.
     assert_eq!(beat(&mut node, 6_500_000)[0], 6);
     node.status.late_frames = 1;
-    assert_eq!(beat(&mut node, 7_600_000)[4..], [Health::Advisory as u8, 0, vendor_status::LATE_FRAMES]);
+    assert_eq!(beat(&mut node, 7_600_000)[4..], [Condition::Advisory as u8, 0, vendor_status::LATE_FRAMES]);
     node.status.sensors = 2;
-    node.status.sensor_health = [0, health::XL_MISSING, 255];
-    assert_eq!((node.health(), beat(&mut node, 8_600_000)[6]), (Health::Caution, 1 | 4));
-    node.status.sensor_health = [health::PIEZO_MISSING | health::XL_MISSING; 3];
-    assert_eq!(node.health(), Health::Warning);
-    node.status.sensor_health = [health::NO_MODEL; 3];
-    assert_eq!(node.health(), Health::Warning);
+    node.status.sensor_health = [0, health::XL_MISSING, 255].map(SensorHealth);
+    assert_eq!((node.health(), beat(&mut node, 8_600_000)[6]), (Condition::Caution, 1 | 4));
+    node.status.sensor_health = [SensorHealth(health::PIEZO_MISSING | health::XL_MISSING); 3];
+    assert_eq!(node.health(), Condition::Warning);
+    node.status.sensor_health = [SensorHealth(health::NO_MODEL); 3];
+    assert_eq!(node.health(), Condition::Warning);
 }
 
 #[test]
@@ -140,7 +141,7 @@ fn damaged_settings_are_told_when_the_node_starts() {
     let mut node = slipsense::node::Node::new(identity, Settings::new());
     node.poll(0);
     assert_eq!(records(&mut node), ["settings damaged, default for slipsense.sensors slipsense.pnp"]);
-    assert_eq!(node.health(), Health::Caution);
+    assert_eq!(node.health(), Condition::Caution);
     node.poll(10_000_000);
     assert_eq!(records(&mut node), [""; 0]);
 }

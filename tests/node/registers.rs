@@ -69,8 +69,8 @@ fn writing_changes_the_setting_and_says_so() {
     // Three frames.
     let mask: Vec<u32> = (0..32).map(|row| 1 << row).collect();
     ask(&mut node, ACCESS_PORT, 2, &access("slipsense.sensor.1.mask", &natural32(&mask)), 0).unwrap();
-    assert_eq!(node.settings().taxel_mask(1).to_vec(), mask);
-    assert_eq!(node.settings().taxel_mask(0), [0; 32]);
+    assert_eq!(node.settings().taxel_mask(1).0.to_vec(), mask);
+    assert_eq!(node.settings().taxel_mask(0).0, [0; 32]);
     // The three that the standard derives.
     for (transfer, (suffix, value)) in [("<", 3), (">", 1), ("=", 1)].into_iter().enumerate() {
         let name = format!("slipsense.sensors{suffix}");

@@ -3,12 +3,13 @@
 
 use std::ops::Range;
 
-use slipsense::board::{Condition, SensedPart};
-use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXELS};
-use slipsense::sensor::{PiezoFrame, TaxelMask};
-use slipsense::wire::health::{
+use slipsense::board::SensedPart;
+use slipsense::health::Condition;
+use slipsense::health::{
     PIEZO_MISSING, TAXELS_MASKED, TAXELS_SATURATED, XL_CLIPPED, XL_MISSING, XL_SAMPLES_DROPPED, XL_WARMING_UP,
 };
+use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXELS};
+use slipsense::sensor::{PiezoFrame, TaxelMask};
 
 use super::world::{BATCH, Ran, World, healthy, scan};
 

@@ -9,13 +9,15 @@ use embassy_futures::{block_on, yield_now};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
 use slipsense::board::{
-    CanStatus, CanTransmit, Clock, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock,
+    CanTransmit, Clock, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock,
 };
+use slipsense::health::CanStatus;
+use slipsense::health::Status;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::tasks::{
-    FRAME_PERIOD_US, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Status, Transmission, acquire,
+    FRAME_PERIOD_US, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
 };
 use slipsense::wire::{CanFrame, RawBuffer, RawTransfer, SlipMessage, Transmitter};
 

@@ -8,24 +8,22 @@ use std::rc::Rc;
 use embassy_futures::select::select3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::board::panic_record::PanicRecord;
-use slipsense::board::{
-    CanReceive, CanState, CanStatus, CanTransmit, Clock, Condition, Lane, StatusLed, Watchdog,
-};
+use slipsense::board::{CanReceive, CanTransmit, Clock, Lane, StatusLed, Watchdog};
 use slipsense::fixed::Logit;
+use slipsense::health::{self, CanState, CanStatus, Condition, SensorHealth, Status};
 use slipsense::net::format::OperatingPoint;
 use slipsense::node::{
-    self, ACCESS_PORT, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity, Node,
+    ACCESS_PORT, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity, Node,
     RECORD_PORT, RESTART, SELF_TEST, STORE, UpdateTarget, Version,
 };
 use slipsense::params::MAX_SENSORS;
-use slipsense::pipeline::SensorHealth;
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::tasks::{
     Controls, RAW_MESSAGES, RawQueue, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
 };
 use slipsense::update::{self, Notice, Trial};
 use slipsense::wire::{
-    CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId, health,
+    CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId,
 };
 
 use super::world::{NODE, Time};
@@ -153,8 +151,8 @@ impl ServiceBoard for Board<'_> {
         self.told.borrow_mut().applied.push(settings.orientation());
     }
 
-    fn observe(&mut self, status: &mut node::Status) {
-        status.stuck_taxels[0][3] = 1;
+    fn observe(&mut self, status: &mut Status) {
+        status.stuck_taxels[0].0[3] = 1;
     }
 
     fn identify(&mut self, lit: bool) {
@@ -367,12 +365,12 @@ fn a_restart_comes_after_its_answer_also_off_the_bus() {
 fn a_self_test_says_what_is_missing() {
     let requests = [(100, COMMAND_PORT, command(SELF_TEST)), (1_000, COMMAND_PORT, command(SELF_TEST))];
     let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.note(|status| {
+        shared.update_status(|status| {
             status.decided_frames = (ms * 240 / 1000) as u32;
             // Of the two sensors that are not in use nothing is asked.
-            status.health = [0, 3, 3].map(SensorHealth);
+            status.sensor_health = [0, 3, 3].map(SensorHealth);
             if ms > 900 {
-                status.health[0] = SensorHealth(health::XL_MISSING);
+                status.sensor_health[0] = SensorHealth(health::XL_MISSING);
             }
         });
     };

@@ -33,7 +33,7 @@ fn a_node_without_an_address_sends_nothing_of_its_own() {
 
 /// Frames as they are decided at 240 Hz.
 fn decide(ms: u64, shared: &Shared<NoopRawMutex>) {
-    shared.note(|status| status.decided_frames = (ms * 240 / 1000) as u32);
+    shared.update_status(|status| status.decided_frames = (ms * 240 / 1000) as u32);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The transmit scheduler: what a bus that is full, disturbed, silent or gone costs.
 
-use slipsense::board::{CanState, Lane, SensedPart};
+use slipsense::board::{Lane, SensedPart};
+use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
 use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
 use slipsense::wire::{CanFrame, MessageId, Priority, RawBuffer, SlipMessage, Transmitter};

@@ -14,15 +14,15 @@ use embassy_futures::join::join3;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
-use slipsense::board::{CanStatus, CanTransmit, Clock, FrameSource, Lane, SensedFrame, SensedPart};
+use slipsense::board::{CanTransmit, Clock, FrameSource, Lane, SensedFrame, SensedPart};
+use slipsense::health::CanStatus;
+use slipsense::health::Status;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::{PiezoFrame, XlSample};
-use slipsense::tasks::{
-    Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Status, Transmission, acquire,
-};
+use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
 use slipsense::wire::{NodeId, RawMessage, RawTransfer, Received, Receiver, SlipMessage, Transmitter};
 use slipsense_can_sim::controller::{Arrived, Bus, Disturbance, Timing};
 use slipsense_recording::model_file::random_model;

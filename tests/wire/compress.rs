@@ -5,12 +5,13 @@
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use slipsense::health;
 use slipsense::params::{ACTIVE_TAXELS, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
     COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, DecodeError, Detail, MessageId,
     RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawForm, RawFrame, RawMessage, ReceiveError, Received, Receiver,
-    Region, Transmitter, crc16, health,
+    Region, Transmitter, crc16,
 };
 
 use super::{NODE, RawParts, expected, frame, raw};

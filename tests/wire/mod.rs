@@ -9,9 +9,10 @@ mod receiver;
 mod services;
 
 use proptest::prelude::*;
+use slipsense::health;
 use slipsense::params::TAXELS;
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{NodeId, RAW_XL_MAX, RawFrame, RawMessage, Region, health};
+use slipsense::wire::{NodeId, RAW_XL_MAX, RawFrame, RawMessage, Region};
 
 const NODE: NodeId = NodeId::DEFAULT;
 

@@ -11,7 +11,8 @@ mod times;
 
 use core::ops::Range;
 
-use slipsense::board::{CanState, CanStatus, Lane};
+use slipsense::board::Lane;
+use slipsense::health::{CanState, CanStatus};
 use slipsense::wire::{CanFrame, MessageId, NodeId, Priority};
 
 use crate::{ErrorState, FaultConfinement};

@@ -17,7 +17,7 @@ pub struct Simulation {
     pub predictions: Predictions,
     /// Sum of each pad, counts, `[frame * sensors + sensor]`.
     pub pressure: Vec<u32>,
-    /// Health bits (`slipsense::wire::health`) of each sensor, `[frame * sensors + sensor]`.
+    /// Health bits (`slipsense::health`) of each sensor, `[frame * sensors + sensor]`.
     pub health: Vec<u8>,
     /// CAN frames sent.
     pub can_frames: u64,

@@ -258,7 +258,7 @@ impl ModelFacts {
 
 impl OutputFacts {
     fn new(simulation: &Simulation) -> Self {
-        use slipsense::wire::health;
+        use slipsense::health;
         let predictions = &simulation.predictions;
         let bits = [
             ("array missing", health::PIEZO_MISSING),

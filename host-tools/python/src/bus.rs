@@ -7,8 +7,9 @@ use std::path::PathBuf;
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use slipsense::fixed::Q;
+use slipsense::health;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
-use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver as Frames, SlipMessage, health};
+use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver as Frames, SlipMessage};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
 use crate::pipeline::Contact;

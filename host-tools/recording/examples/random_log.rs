@@ -11,11 +11,10 @@ use std::path::Path;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::fixed::Q;
+use slipsense::health;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS};
 use slipsense::sensor::{PiezoFrame, SensorInput};
-use slipsense::wire::{
-    NodeId, RAW_XL_MAX, RawBuffer, RawFrame, SensorContact, SlipMessage, Transmitter, health,
-};
+use slipsense::wire::{NodeId, RAW_XL_MAX, RawBuffer, RawFrame, SensorContact, SlipMessage, Transmitter};
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::{Episode, Meta, Predictions};
 

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use crate::candump::LogEntry;
 use crate::{Episode, Meta};
 use anyhow::{Result, bail, ensure};
-use slipsense::wire::{NodeId, RawMessage, health};
+use slipsense::health;
+use slipsense::wire::{NodeId, RawMessage};
 
 use crate::decode::{Decoder, raw};
 

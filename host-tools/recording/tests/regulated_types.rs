@@ -159,7 +159,7 @@ fn values_of_every_kind_decode() {
         panic!()
     };
     assert_eq!(array.value[..], mask[..]);
-    assert_eq!(node.settings().taxel_mask(2).to_vec(), mask);
+    assert_eq!(node.settings().taxel_mask(2).0.to_vec(), mask);
 
     let mut bits = canadensis_encoding::bits::BitArray::<256>::new(1);
     bits.set(0, false);

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use slipsense::wire::health;
+use slipsense::health;
 
 /// A frame of a message that is none of the module's.
 const NOTHING_OF_OURS: &str = "(0000000000.000000) can0 1BFFFFFF##100\n";

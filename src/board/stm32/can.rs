@@ -36,7 +36,8 @@ use embassy_sync::channel::Channel;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Instant, with_deadline};
 use embedded_can::{ExtendedId, Id};
-use slipsense::board::{CanReceive, CanState, CanStatus, CanTransmit, Lane};
+use slipsense::board::{CanReceive, CanTransmit, Lane};
+use slipsense::health::{CanState, CanStatus};
 use slipsense::wire::CanFrame;
 
 use crate::board::clocks::FDCAN_KERNEL_HZ;

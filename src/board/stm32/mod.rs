@@ -51,14 +51,17 @@ use embassy_stm32::{Peri, peripherals};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
-use slipsense::board::{CanState, Clock, SensedFrame};
+use slipsense::board::{Clock, SensedFrame};
+use slipsense::health;
+use slipsense::health::CanState;
+use slipsense::health::SensorHealth;
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
-use slipsense::pipeline::{FrameStamp, Pipeline, SensorHealth, State};
+use slipsense::pipeline::{FrameStamp, Pipeline, State};
 use slipsense::tasks::{
     self, Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Supervisor, Task, Transmission,
 };
-use slipsense::wire::{NodeId, RawTransfer, SensorContact, SlipMessage, Transmitter, health};
+use slipsense::wire::{NodeId, RawTransfer, SensorContact, SlipMessage, Transmitter};
 use static_cell::StaticCell;
 
 use can::CanBus;
@@ -301,8 +304,8 @@ async fn infer(mut node: Node, mut queue: Receiver<'static, Mutex, SensedFrame>,
                 queue.receive_done();
                 SHARED.progress.made(Task::Infer);
                 let message = without_model(stamp, sensors);
-                SHARED.note(|status| {
-                    status.health = message.contact.map(|contact| SensorHealth(contact.health));
+                SHARED.update_status(|status| {
+                    status.sensor_health = message.contact.map(|contact| SensorHealth(contact.health));
                 });
                 if let Some(node) = SHARED.controls().node {
                     degraded.speak_as(node);

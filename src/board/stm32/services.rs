@@ -4,11 +4,12 @@ use defmt::{Display2Format, unwrap, warn};
 use embassy_futures::block_on;
 use embassy_stm32::gpio::{Level, Output};
 use embassy_stm32::uid;
+use slipsense::board::StatusLed;
 use slipsense::board::panic_record::PanicRecord;
-use slipsense::board::{Condition, StatusLed};
 use slipsense::drivers::array::Mounting;
+use slipsense::health::{Condition, Status};
 use slipsense::net::format::HASH_BYTES;
-use slipsense::node::{self, COMMIT, FileSink, Identity, Node, UpdateTarget};
+use slipsense::node::{COMMIT, FileSink, Identity, Node, UpdateTarget};
 use slipsense::settings::{LoadReport, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
 use slipsense::update::Notice;
@@ -123,9 +124,9 @@ impl ServiceBoard for Station {
         }));
     }
 
-    fn observe(&mut self, status: &mut node::Status) {
+    fn observe(&mut self, status: &mut Status) {
         if let Some(report) = sensors::report() {
-            status.stuck_taxels = report.stuck_taxels.map(|mask| mask.0);
+            status.stuck_taxels = report.stuck_taxels;
         }
     }
 

@@ -10,12 +10,12 @@ use super::command::{COMMAND_PORT, CommandStatus};
 use super::diagnostic::{self, RECORD_BYTES, RECORD_PORT, Severity};
 use super::file_read::{FILE_READ_PORT, FileRead, FileRef, UpdateTarget};
 use super::get_info::GET_INFO_PORT;
-use super::heartbeat::{self, HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Health, Mode};
+use super::heartbeat::{self, HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 use super::identity::Identity;
 use super::outbox::Outbox;
 use super::registers::{ACCESS_PORT, LIST_PORT};
-use super::status::{Status, vendor_status};
 use super::time_sync::{TIME_PORT, TimeSync};
+use crate::health::{Condition, Status};
 use crate::settings::{Setting, Settings};
 use crate::wire::{
     CanFrame, FRAME_PAYLOAD, Frames, MessageId, NodeId, Priority, ServiceId, ServiceRole, Sessions,
@@ -182,7 +182,7 @@ impl Node {
     }
 
     /// How well the board is.
-    pub fn health(&self) -> Health {
+    pub fn health(&self) -> Condition {
         heartbeat::health(&self.status, self.flags())
     }
 
@@ -198,7 +198,7 @@ impl Node {
     fn flags(&self) -> u8 {
         let damaged = if self.identity.settings.is_damaged() { vendor_status::SETTINGS_DAMAGED } else { 0 };
         let no_model = if self.identity.model_hash.is_none() { vendor_status::NO_MODEL } else { 0 };
-        self.status.flags() | damaged | no_model
+        heartbeat::flags(&self.status) | damaged | no_model
     }
 
     /// The next frame for the bus. Frames of equal identifier must stay in order.

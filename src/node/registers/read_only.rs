@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::super::identity::Identity;
-use super::super::status::Status;
+use crate::health::Status;
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
 
@@ -75,24 +75,25 @@ impl<'a> Told<'a> {
         let count = |value: u32| numbers(Kind::Natural32, &[value.into()]);
         match what {
             ReadOnly::LateFrames => count(status.late_frames),
-            ReadOnly::Overruns => count(status.overruns),
+            ReadOnly::Overruns => count(status.dropped_frames),
             ReadOnly::WorstFrame => count(status.worst_frame_us),
-            ReadOnly::RawDropped => count(status.dropped_raw_frames),
-            ReadOnly::BusOff => count(status.bus_off_count),
-            ReadOnly::SensorHealth => numbers(Kind::Natural8, &status.sensor_health.map(i64::from)),
+            ReadOnly::RawDropped => count(status.dropped_raw.saturating_add(status.broken_raw)),
+            ReadOnly::BusOff => count(status.bus_offs),
+            ReadOnly::SensorHealth => {
+                numbers(Kind::Natural8, &status.sensor_health.map(|health| health.0.into()))
+            }
             ReadOnly::LastPanic => count(status.last_panic),
             ReadOnly::Uptime => count(self.uptime_s),
             ReadOnly::SelfTests => {
-                let (run, failed) = status.self_tests;
-                numbers(Kind::Natural32, &[run.into(), failed.into()])
+                numbers(Kind::Natural32, &[status.self_tests.into(), status.failed_self_tests.into()])
             }
             ReadOnly::TransfersDropped => count(self.transfers_dropped),
             ReadOnly::TransferErrors => count(self.transfer_errors),
             ReadOnly::AddressConflicts => count(self.address_conflicts),
             ReadOnly::SettingsDamage => count(self.identity.settings.damage.settings),
             ReadOnly::Stuck(sensor) => {
-                let rows = status.stuck_taxels.get(sensor).copied().unwrap_or([0; TAXEL_ROWS]);
-                numbers(Kind::Natural32, &rows.map(i64::from))
+                let rows = status.stuck_taxels.get(sensor).copied().unwrap_or_default();
+                numbers(Kind::Natural32, &rows.0.map(i64::from))
             }
             // Empty: there is no readable model.
             ReadOnly::ModelHash => {

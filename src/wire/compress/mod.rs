@@ -37,19 +37,17 @@
 
 mod message;
 pub mod range;
-mod region;
 mod taxels;
 mod tables;
 mod value;
 mod xl;
 
-pub use message::{COMPRESSED_BYTES_MAX, Detail};
-pub(super) use message::{decode, encode};
+pub use message::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, Detail};
 pub use range::Sink;
-pub use region::Region;
 pub use tables::{TAXEL_CONTEXTS, TAXEL_TABLES, Table, XL_CONTEXTS, XL_TABLES};
 pub use value::{SYMBOLS, split};
 
+use super::region::Region;
 use crate::sensor::{PiezoFrame, XlSample};
 
 /// Show all of a frame to any [`Sink`]: for whoever counts the symbols, to learn the tables.

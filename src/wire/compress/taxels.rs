@@ -5,10 +5,10 @@
 //! frame costs the frames that refer to it, sender and receiver need the same past, and a listener that joins waits.
 
 use super::range::{Decoder, Sink};
-use super::region::Region;
 use super::tables::{TAXEL_TABLES, Table};
 use super::value::{BySize, fold, unfold};
 use crate::params::{COUNT_MAX, TAXEL_COLS, TAXELS};
+use crate::wire::region::Region;
 
 /// A taxel's table goes by the step between left and above, and by their sum shifted by so much: a pressed film is
 /// noisier, and its taxels differ.

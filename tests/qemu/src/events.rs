@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use slipsense::board::Lane;
-use slipsense::tasks::Status;
+use slipsense::health::Status;
 use slipsense::wire::CanFrame;
 use slipsense_can_sim::controller::{Arrived, Disturbance};
 

@@ -98,7 +98,7 @@ pub fn serve(link: &mut impl Link, flash: &mut [u8; FLASH_BYTES], unique_id: [u8
                     }
                 }
                 Action::SelfTest => {
-                    node.status.self_tests.0 += 1;
+                    node.status.self_tests += 1;
                     node.command_done(Ok(()));
                 }
                 Action::BeginUpdate { target, file } => node.begin_download(target, file, FILE_MAX),

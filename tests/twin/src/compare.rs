@@ -8,7 +8,8 @@ use slipsense::net::{Aligned, Model};
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage, health};
+use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage};
+use slipsense::health;
 use slipsense_can_sim::{Frame, Id, Outcome};
 use slipsense_recording::Episode;
 

@@ -1,6 +1,6 @@
 //! Every trouble in one run, one after the other, and what each must show and must leave alone.
 
-use slipsense::wire::health;
+use slipsense::health;
 
 use crate::recovery::{Recovery, names};
 use crate::trouble::{Kind, NAMES, Trouble};

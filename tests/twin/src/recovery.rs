@@ -1,6 +1,6 @@
 //! What each trouble of a run did to the slip messages, and how long until all was as before.
 
-use slipsense::wire::health;
+use slipsense::health;
 use slipsense_can_sim::Outcome;
 
 use crate::compare::Slip;

@@ -3,8 +3,9 @@
 use std::io::BufRead;
 
 use slipsense::features::XlFrontEnd;
+use slipsense::health;
 use slipsense::params::MAX_SENSORS;
-use slipsense::wire::{NodeId, RawMessage, Received, Receiver, SlipMessage, health};
+use slipsense::wire::{NodeId, RawMessage, Received, Receiver, SlipMessage};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
 use super::record::{Record, SensorRecord};

@@ -16,7 +16,7 @@
 //!
 //! | bytes | what |
 //! |---|---|
-//! | 1, 1 | health bits (`slipsense::wire::health`); 1 taxels are there, 2 log-mel is there |
+//! | 1, 1 | health bits (`slipsense::health`); 1 taxels are there, 2 log-mel is there |
 //! | 2 | taxels in contact |
 //! | 4 | sum of the counts |
 //! | 2, 2 | centre of pressure, row and column, 1/256 taxel |

@@ -1,9 +1,9 @@
 //! What a network costs: multiplications per frame, bytes, and how much of its accumulators it can use.
 
+use slipsense::fixed::QUERY_KEY_MAX;
 use slipsense::net::Model;
 use slipsense::net::format::{Dims, TensorSpec, layout};
 use slipsense::net::model::{Attention, Layer};
-use slipsense::net::requantize::QUERY_KEY_MAX;
 use slipsense::net::softmax::WEIGHTED_SUM_MAX;
 use slipsense::params::TAXEL_ROWS;
 

@@ -7,14 +7,13 @@ use slipsense::contact::ContactSummary;
 use slipsense::features::XlFrontEnd;
 use slipsense::features::fft::{Work, windowed_fft};
 use slipsense::features::piezo::PiezoFrontEnd;
-use slipsense::fixed::{STANDARD_FRAC_BITS, standardise};
+use slipsense::fixed::{STANDARD_FRAC_BITS, saturate_i16, standardise};
 use slipsense::net::Model;
 use slipsense::net::activations::Activations;
 use slipsense::net::attention::{KeyValueCache, attend};
 use slipsense::net::dense::dense;
 use slipsense::net::model::{Attention, LagBias, Layer, Norm};
 use slipsense::net::packing::{self, Inputs};
-use slipsense::net::requantize;
 use slipsense::net::softmax::softmax_base2;
 use slipsense::params::limits::{EMBED, WINDOW};
 use slipsense::params::{PIEZO_CHANNELS, TAXELS, XL_WINDOW};
@@ -146,7 +145,7 @@ fn layer(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>) 
     let x = &memory.x[..layer.inputs.words()];
     let mut out = [0; 128];
     bench.kernel(name, layer.inputs.count() * layer.outputs, &mut || {
-        dense(layer, black_box(x), black_box(&mut out[..layer.outputs]), requantize::signed);
+        dense(layer, black_box(x), black_box(&mut out[..layer.outputs]), saturate_i16);
     });
 }
 

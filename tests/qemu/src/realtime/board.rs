@@ -3,7 +3,8 @@
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
 use slipsense::board::replay::{FRAME_BYTES_MAX, frame_bytes};
-use slipsense::board::{CanStatus, CanTransmit, Clock, FrameSource, Lane, Observe, SensedPart};
+use slipsense::board::{CanTransmit, Clock, FrameSource, Lane, Observe, SensedPart};
+use slipsense::health::CanStatus;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MAX};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;

@@ -5,8 +5,9 @@ use embassy_executor::Executor;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Instant, Timer};
+use slipsense::board::SensedFrame;
 use slipsense::board::replay::FRAME_BYTES_MAX;
-use slipsense::board::{CanStatus, SensedFrame};
+use slipsense::health::CanStatus;
 use slipsense::pipeline::Pipeline;
 use slipsense::tasks::{
     Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,

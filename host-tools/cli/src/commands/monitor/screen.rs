@@ -145,8 +145,9 @@ mod tests {
     use super::*;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
+    use slipsense::health;
     use slipsense::sensor::SensorInput;
-    use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter, health};
+    use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
     use slipsense_recording::candump::LogEntry;
 
     #[test]

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Serialize;
+use slipsense::health;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::PiezoFrame;
-use slipsense::wire::{Received, SlipMessage, health};
+use slipsense::wire::{Received, SlipMessage};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::decode::{Count, Decoder};
 

@@ -1,9 +1,136 @@
-//! The identifiers that are not those of a plain message: service calls, which have a destination, and
-//! messages of a node that has no address yet (OpenCyphal specification 1.0, section 4.2.2).
+//! The 29-bit identifiers of Cyphal/CAN: messages, service calls, and messages of a node that has no address yet
+//! (OpenCyphal specification 1.0, section 4.2.2).
 
-use super::cyphal::{
-    CAN_ID_MAX, ID_ANONYMOUS, ID_ONES, ID_SERVICE, ID_ZERO, IdError, MessageId, NodeId, PORT_MAX, Priority,
-};
+use core::fmt;
+
+/// Largest CAN identifier, 29 bits.
+pub const CAN_ID_MAX: u32 = (1 << 29) - 1;
+
+/// Priority of a transfer, the three leading bits of its identifier: the smaller number wins the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Priority {
+    /// Above all else.
+    Exceptional = 0,
+    /// Sub-millisecond reactions.
+    Immediate = 1,
+    /// Fast control loops.
+    Fast = 2,
+    /// Control loops.
+    High = 3,
+    /// The default.
+    Nominal = 4,
+    /// Less urgent than the default.
+    Low = 5,
+    /// Bulk data.
+    Slow = 6,
+    /// May be starved.
+    Optional = 7,
+}
+
+impl Priority {
+    /// Of an identifier of 29 bits.
+    const fn of_can(id: u32) -> Self {
+        match id >> 26 & 7 {
+            0 => Self::Exceptional,
+            1 => Self::Immediate,
+            2 => Self::Fast,
+            3 => Self::High,
+            4 => Self::Nominal,
+            5 => Self::Low,
+            6 => Self::Slow,
+            _ => Self::Optional,
+        }
+    }
+}
+
+/// Address of a node on the bus, 0 to 127.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// Where the module sits until it is told otherwise.
+    pub const DEFAULT: Self = Self(42);
+
+    /// `None` above 127.
+    pub const fn new(id: u8) -> Option<Self> {
+        if id <= 127 { Some(Self(id)) } else { None }
+    }
+
+    /// The number.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+
+    /// The low seven bits.
+    const fn of_bits(bits: u32) -> Self {
+        Self(bits as u8 & 127)
+    }
+}
+
+/// What the 29-bit identifier of a message says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageId {
+    /// Priority of the transfer.
+    pub priority: Priority,
+    /// Subject identifier, 0 to 8191; higher bits are dropped.
+    pub port: u16,
+    /// The node that sends.
+    pub node: NodeId,
+}
+
+/// Why an identifier is not that of a message with a sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IdError {
+    /// More than 29 bits.
+    TooLarge {
+        /// The identifier found.
+        id: u32,
+    },
+    /// A service call, not a message.
+    Service,
+    /// A message of a node without an address.
+    Anonymous,
+    /// A reserved bit that must be 0 is set.
+    Reserved,
+}
+
+/// Largest subject identifier.
+const PORT_MAX: u16 = 8191;
+/// Set in the identifier of a service call.
+const ID_SERVICE: u32 = 1 << 25;
+/// Set in the identifier of an anonymous message.
+const ID_ANONYMOUS: u32 = 1 << 24;
+/// Sent as ones, ignored on reception.
+const ID_ONES: u32 = 3 << 21;
+/// Reserved in every identifier.
+const ID_ZERO: u32 = 1 << 23;
+const ID_ZEROS: u32 = ID_ZERO | 1 << 7;
+
+impl MessageId {
+    /// The identifier on the bus.
+    pub const fn to_can(self) -> u32 {
+        (self.priority as u32) << 26 | ID_ONES | ((self.port & PORT_MAX) as u32) << 8 | self.node.0 as u32
+    }
+
+    /// Read an identifier.
+    pub const fn from_can(id: u32) -> Result<Self, IdError> {
+        if id > CAN_ID_MAX {
+            return Err(IdError::TooLarge { id });
+        }
+        if id & ID_SERVICE != 0 {
+            return Err(IdError::Service);
+        }
+        if id & ID_ZEROS != 0 {
+            return Err(IdError::Reserved);
+        }
+        if id & ID_ANONYMOUS != 0 {
+            return Err(IdError::Anonymous);
+        }
+        let priority = Priority::of_can(id);
+        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId::of_bits(id) })
+    }
+}
 
 /// Largest service identifier, 9 bits.
 pub const SERVICE_PORT_MAX: u16 = 511;
@@ -137,3 +264,16 @@ impl From<ServiceId> for TransferId {
         Self::Service(id)
     }
 }
+
+impl fmt::Display for IdError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLarge { id } => write!(f, "identifier {id:X} has more than 29 bits"),
+            Self::Service => f.write_str("identifier of a service call, not of a message"),
+            Self::Anonymous => f.write_str("message of a node without an address"),
+            Self::Reserved => f.write_str("a reserved bit of the identifier is set"),
+        }
+    }
+}
+
+impl core::error::Error for IdError {}

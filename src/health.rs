@@ -1,0 +1,176 @@
+//! How the sensors, the bus and the whole node are: health bits, counters, and what follows from them.
+
+use crate::params::MAX_SENSORS;
+use crate::sensor::TaxelMask;
+
+/// No array scan for this frame; its taxels are sent as zeros.
+pub const PIEZO_MISSING: u8 = 1;
+/// The accelerometer delivered nothing for this frame.
+pub const XL_MISSING: u8 = 2;
+/// Fewer samples than one analysis window so far.
+pub const XL_WARMING_UP: u8 = 4;
+/// An accelerometer sample at full scale.
+pub const XL_CLIPPED: u8 = 8;
+/// A taxel at full scale.
+pub const TAXELS_SATURATED: u8 = 16;
+/// Accelerometer samples were lost before the front end.
+pub const XL_SAMPLES_DROPPED: u8 = 32;
+/// The node has no readable model: class, flag and logits of the message mean nothing.
+pub const NO_MODEL: u8 = 64;
+/// Taxels are masked by a setting of the node: they read 0 here and for the network.
+pub const TAXELS_MASKED: u8 = 128;
+
+/// Health byte of one sensor at one frame: any of the bits above; 0 is a healthy sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SensorHealth(pub u8);
+
+impl SensorHealth {
+    /// Are all of these bits set?
+    pub const fn contains(self, bits: u8) -> bool {
+        self.0 & bits == bits
+    }
+
+    /// Is one of these bits set?
+    pub const fn intersects(self, bits: u8) -> bool {
+        self.0 & bits != 0
+    }
+}
+
+/// How a node is: the values of `uavcan.node.Health.1.0`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Condition {
+    /// Everything works.
+    #[default]
+    Nominal = 0,
+    /// Something was lost or is doubtful; the slip message is what it should be.
+    Advisory = 1,
+    /// A part is missing: decisions are made on what is left.
+    Caution = 2,
+    /// There are no decisions, or nobody gets them.
+    Warning = 3,
+}
+
+/// Fault confinement state of a CAN node (ISO 11898-1).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum CanState {
+    /// No error counter has reached 96.
+    #[default]
+    ErrorActive = 0,
+    /// An error counter has reached 96.
+    Warning = 1,
+    /// An error counter has passed 127: often nobody acknowledges.
+    ErrorPassive = 2,
+    /// The transmit error counter has passed 255: the node takes no part until it has seen 128 times 11 recessive
+    /// bits.
+    BusOff = 3,
+}
+
+/// State and error counters of a CAN node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CanStatus {
+    /// The state.
+    pub state: CanState,
+    /// Transmit error counter.
+    pub transmit_errors: u8,
+    /// Receive error counter.
+    pub receive_errors: u8,
+}
+
+/// What the node knows about itself, for heartbeat, registers and log. Counters count since start and stay at their
+/// largest value, but for those of frames, which wrap.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// Frames handed to inference, wraps.
+    pub acquired_frames: u32,
+    /// Frames for which there was no buffer.
+    pub dropped_frames: u32,
+    /// Frames decided, wraps.
+    pub decided_frames: u32,
+    /// Frames whose decision came more than a frame period after their tick.
+    pub late_frames: u32,
+    /// Longest time from a tick to the moment at which its slip message could go, µs.
+    pub worst_frame_us: u32,
+    /// Sensors in use; entries beyond are not looked at.
+    pub sensors: usize,
+    /// Health of each sensor at the last frame.
+    pub sensor_health: [SensorHealth; MAX_SENSORS],
+    /// Taxels found stuck, by sensor.
+    pub stuck_taxels: [TaxelMask; MAX_SENSORS],
+    /// Slip messages given up for a newer one. Not one that was withdrawn too late: it was on the wire and has gone.
+    pub replaced_slips: u32,
+    /// Raw messages given up before their first CAN frame.
+    pub dropped_raw: u32,
+    /// Raw messages cut off by bus-off.
+    pub broken_raw: u32,
+    /// Service frames for which there was no room.
+    pub refused_services: u32,
+    /// Service frames that the hardware held when the node dropped off the bus.
+    pub lost_services: u32,
+    /// The node on its bus.
+    pub can: CanStatus,
+    /// Times that the node has dropped off the bus.
+    pub bus_offs: u32,
+    /// Length of the last bus-off, from when it was noticed to the first slip message handed over after it, µs; 0
+    /// before the first.
+    pub bus_off_us: u32,
+    /// Hash of the panic's reason if a panic caused the last start; else 0.
+    pub last_panic: u32,
+    /// Self tests since start.
+    pub self_tests: u32,
+    /// Self tests since start that failed.
+    pub failed_self_tests: u32,
+}
+
+impl Status {
+    /// Before the first frame.
+    pub const fn new() -> Self {
+        Self {
+            acquired_frames: 0,
+            dropped_frames: 0,
+            decided_frames: 0,
+            late_frames: 0,
+            worst_frame_us: 0,
+            sensors: 1,
+            sensor_health: [SensorHealth(0); MAX_SENSORS],
+            stuck_taxels: [TaxelMask::NONE; MAX_SENSORS],
+            replaced_slips: 0,
+            dropped_raw: 0,
+            broken_raw: 0,
+            refused_services: 0,
+            lost_services: 0,
+            can: CanStatus { state: CanState::ErrorActive, transmit_errors: 0, receive_errors: 0 },
+            bus_offs: 0,
+            bus_off_us: 0,
+            last_panic: 0,
+            self_tests: 0,
+            failed_self_tests: 0,
+        }
+    }
+
+    /// Is one of these bits set for a sensor in use?
+    pub fn any_sensor(&self, bits: u8) -> bool {
+        self.sensor_health.iter().take(self.sensors).any(|health| health.intersects(bits))
+    }
+
+    /// How the node is now. What happened once and is over is in the counters.
+    pub fn condition(&self) -> Condition {
+        let can = self.can.state;
+        if self.any_sensor(NO_MODEL) || can == CanState::BusOff {
+            Condition::Warning
+        } else if self.any_sensor(PIEZO_MISSING | XL_MISSING) || can == CanState::ErrorPassive {
+            Condition::Caution
+        } else if self.any_sensor(u8::MAX) || can == CanState::Warning {
+            Condition::Advisory
+        } else {
+            Condition::Nominal
+        }
+    }
+}
+
+impl Default for Status {
+    fn default() -> Self {
+        Self::new()
+    }
+}

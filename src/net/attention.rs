@@ -4,12 +4,14 @@
 //! costs the same at any time, and a stream gives the bits of a whole sequence under a banded causal
 //! mask.
 
+use core::ops::Range;
+
 use super::activations::Activations;
 use super::dense::dense;
 use super::layer_norm::add_and_norm;
 use super::model::Attention;
 use super::observer::Observer;
-use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2_of};
+use super::softmax::{WEIGHT_FRAC_BITS, softmax_base2_with_max};
 use crate::fixed::{query_key_i16, saturate_i16, scale_q32};
 use crate::params::limits::{EMBED, WINDOW};
 use crate::simd::{dots, weighted_sums};
@@ -93,15 +95,15 @@ pub fn attend<const W: usize>(
         let from = (head * head_width).min(width);
         let to = (from + head_width).min(width);
         let weights = scores.get_mut(..cache.filled).unwrap_or_default();
-        score(&query, cache, (from, to), weights);
+        score(&query, cache, from..to, weights);
         let (mut unbiased, mut max) = (&mut *weights, i32::MIN);
         for part in cache.part(block.bias.head(head)) {
             let Some((scores, rest)) = unbiased.split_at_mut_checked(part.len()) else { break };
             max = scale_and_bias(scores, block.score_multiplier, part).max(max);
             unbiased = rest;
         }
-        softmax_base2_of(weights, max);
-        gather(cache, weights, (from, to), &mut context);
+        softmax_base2_with_max(weights, max);
+        gather(cache, weights, from..to, &mut context);
     }
     let x = x.values().get(..width).unwrap_or_default();
     let see = |sum: &[i32]| observer.record_residual(block.name, sum);
@@ -137,16 +139,17 @@ fn scale_and_bias(scores: &mut [i32], multiplier: i32, biases: &[i16]) -> i32 {
     max
 }
 
-/// Products of the query with the key of every cached frame, slot after slot, over columns `from` to `to`.
+/// Products of the query with the key of every cached frame, slot after slot, over some columns.
 ///
 /// A head is at most 32 columns wide and a product below 2^26: a sum fits. The model file's dimensions are checked
 /// for it.
 fn score<const W: usize>(
     query: &Activations<W>,
     cache: &KeyValueCache<W>,
-    (from, to): (usize, usize),
+    columns: Range<usize>,
     scores: &mut [i32],
 ) {
+    let Range { start: from, end: to } = columns;
     if from % 2 == 0 && to % 2 == 0 {
         let query = query.words().get(from / 2..to / 2).unwrap_or_default();
         dots(query, cache.keys.as_flattened().get(from / 2..).unwrap_or_default(), W, scores);
@@ -160,15 +163,16 @@ fn score<const W: usize>(
     }
 }
 
-/// `context = Σ weight · value` over the cached frames, slot after slot, columns `from` to `to`.
+/// `context = Σ weight · value` over the cached frames, slot after slot, over some columns.
 ///
 /// Bounded by [`softmax_base2`]'s contract: below 2^31, and so no sum wraps; a weight fits 16 bits.
 fn gather<const W: usize>(
     cache: &KeyValueCache<W>,
     weights: &[i32],
-    (from, to): (usize, usize),
+    columns: Range<usize>,
     context: &mut Activations<W>,
 ) {
+    let Range { start: from, end: to } = columns;
     // Eight columns at a time, from an even one on: what belongs to another head is not taken.
     for start in (from & !1..to).step_by(8) {
         let rows = cache.values.as_flattened().get(start / 2..).unwrap_or_default();

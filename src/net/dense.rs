@@ -1,7 +1,7 @@
 //! Fully connected layer.
 
 use super::model::Layer;
-use crate::simd;
+use crate::simd::{self, LayerParams};
 
 /// Outputs that are computed before they are cut to their range.
 pub(super) const GROUP: usize = 32;
@@ -28,9 +28,11 @@ pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], cut: impl Fn(i32) ->
 pub fn scaled(layer: &Layer<'_>, x: &[u32], first: usize, values: &mut [i32; GROUP]) {
     let words = layer.inputs.words();
     let x = x.get(..words).unwrap_or_default();
-    let weights = layer.weights.get(first * words..).unwrap_or_default();
-    let bias = layer.bias.get(first..).unwrap_or_default();
-    let multiplier = layer.multiplier.get(first..).unwrap_or_default();
+    let params = LayerParams {
+        weights: layer.weights.get(first * words..).unwrap_or_default(),
+        bias: layer.bias.get(first..).unwrap_or_default(),
+        multiplier: layer.multiplier.get(first..).unwrap_or_default(),
+    };
     // The model file's bound keeps every partial sum below 2^31, so the wrapping additions do not wrap.
-    simd::dense(x, (weights, bias, multiplier), values);
+    simd::dense(x, params, values);
 }

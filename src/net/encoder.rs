@@ -10,7 +10,7 @@ use crate::fixed::{relu_i16, saturate_i16};
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
 use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::PiezoFrame;
-use crate::simd::{MapShape, conv_relu_pool};
+use crate::simd::{Map, MapMut, MapShape, conv_relu_pool};
 
 /// An embedding; a model uses the first `dims.embed` values, the rest stay 0.
 pub type Embedding = Activations<{ EMBED / 2 }>;
@@ -91,17 +91,17 @@ impl PiezoEncoder {
         let shape = |block: usize| map(block, pairs(model.conv[block - 1].outputs));
         let [shape1, shape2, shape3] = [shape(1), shape(2), shape(3)];
         let Self { input, block1, block2, block3, strip, .. } = self;
-        let mut convolve = |layer: &Layer<'_>, x: (&[u32], MapShape), out: (&mut [u32], MapShape)| {
-            conv_relu_pool((layer.weights, layer.bias, layer.multiplier), x, out, strip);
-        };
         let [conv1, conv2, conv3] = &model.conv;
-        observer.record_map("taxels", PIEZO_CHANNELS, input, INPUT);
-        convolve(conv1, (input, INPUT), (block1, shape1));
-        observer.record_map("piezo.conv1", conv1.outputs, block1, shape1);
-        convolve(conv2, (block1, shape1), (block2, shape2));
-        observer.record_map("piezo.conv2", conv2.outputs, block2, shape2);
-        convolve(conv3, (block2, shape2), (block3, shape3));
-        observer.record_map("piezo.conv3", conv3.outputs, block3, shape3);
+        let x = Map { words: input, shape: INPUT };
+        observer.record_map("taxels", PIEZO_CHANNELS, x);
+        conv_relu_pool(conv1.params(), x, MapMut { words: block1, shape: shape1 }, strip);
+        let x = Map { words: block1, shape: shape1 };
+        observer.record_map("piezo.conv1", conv1.outputs, x);
+        conv_relu_pool(conv2.params(), x, MapMut { words: block2, shape: shape2 }, strip);
+        let x = Map { words: block2, shape: shape2 };
+        observer.record_map("piezo.conv2", conv2.outputs, x);
+        conv_relu_pool(conv3.params(), x, MapMut { words: block3, shape: shape3 }, strip);
+        observer.record_map("piezo.conv3", conv3.outputs, Map { words: block3, shape: shape3 });
         let mut out = Embedding::new();
         dense(&model.piezo_dense, block3, out.values_mut(), saturate_i16);
         record_outputs("piezo", &model.piezo_dense, out.values(), observer);

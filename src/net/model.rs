@@ -13,7 +13,7 @@ use super::format::{
 use super::model_error::ModelError;
 use super::packing::{self, Inputs};
 use crate::fixed::Logit;
-use crate::simd::halves;
+use crate::simd::{LayerParams, halves};
 
 #[cfg(not(target_endian = "little"))]
 compile_error!("a model file is little endian and read in place");
@@ -34,6 +34,11 @@ pub struct Layer<'a> {
 }
 
 impl<'a> Layer<'a> {
+    /// For a kernel.
+    pub const fn params(&self) -> LayerParams<'a> {
+        LayerParams { weights: self.weights, bias: self.bias, multiplier: self.multiplier }
+    }
+
     /// Weight of `output` for input `index`, counted as the model counts them.
     pub fn weight(self, output: usize, index: usize) -> i32 {
         self.inputs.weight(index, |coefficient| self.coefficient(output, coefficient))

@@ -2,7 +2,7 @@
 //!
 //! The microcontroller runs with the observer `()`, which looks at nothing and compiles to nothing.
 
-use crate::simd::{MapShape, halves};
+use crate::simd::{Map, halves};
 
 /// Is shown every activation of a frame, in the order in which it is computed, sensor after sensor.
 ///
@@ -19,11 +19,12 @@ pub trait Observer {
 
     /// A map as it lies in memory, with so many channels: shown value by value, border left out, in row, column,
     /// channel order.
-    fn record_map(&mut self, layer: &'static str, channels: usize, cells: &[u32], shape: MapShape) {
+    fn record_map(&mut self, layer: &'static str, channels: usize, map: Map<'_>) {
+        let shape = map.shape;
         let columns = (0..shape.side).flat_map(|row| (0..shape.side).map(move |col| (row, col)));
         for (row, col) in columns.take(if Self::ENABLED { usize::MAX } else { 0 }) {
             for channel in 0..channels {
-                let word = cells.get(shape.at(row, channel / 2, col)).copied().unwrap_or_default();
+                let word = map.words.get(shape.at(row, channel / 2, col)).copied().unwrap_or_default();
                 self.record(layer, &[halves(word)[channel % 2]]);
             }
         }

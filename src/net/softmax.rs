@@ -20,12 +20,12 @@ pub const WEIGHTED_SUM_MAX: i64 = (1 << 30) + (1 << 20);
 /// 2^15 + n/2 and `Σ weight · value` of `i16` values stays below [`WEIGHTED_SUM_MAX`].
 pub fn softmax_base2(scores: &mut [i32]) {
     let max = scores.iter().copied().fold(i32::MIN, i32::max);
-    softmax_base2_of(scores, max);
+    softmax_base2_with_max(scores, max);
 }
 
 /// [`softmax_base2`] of scores whose largest is known to be `max`.
 #[inline]
-pub(super) fn softmax_base2_of(scores: &mut [i32], max: i32) {
+pub(super) fn softmax_base2_with_max(scores: &mut [i32], max: i32) {
     let mut sum = 0u32;
     for score in scores.iter_mut() {
         // Never negative, whatever the scores. Shifting and cutting to five bits are one instruction, `usat`.

@@ -1,16 +1,12 @@
-//! The inner loops of the network: four outputs side by side, two products per instruction.
+//! The inner loops of the network: [`dense`], [`conv_relu_pool`], and for attention [`dots`] and [`weighted_sums`].
 //!
-//! A convolution gets by with two products for three ([`portable::conv_relu_pool`] says how).
-//!
-//! Everything that multiplies activations comes down to four functions, [`dense`], [`conv_relu_pool`], and for
-//! attention [`dots`] and [`weighted_sums`]. Each has a portable form in [`portable`], which says what
-//! it computes, and on a Cortex-M7 one in assembly (`simd::arm`): `smlad` multiplies two pairs of 16-bit numbers and adds
-//! both products in one cycle, and which registers hold what decides how many loads it takes to feed it. On x86-64
-//! vector registers do the same for four or eight lanes (`simd::x86`). All give the same bits for any input, wrapping
-//! included: `cargo xtask test --only qemu-kernels` compares them on the emulated microcontroller, and
+//! [`portable`] defines what each computes. A Cortex-M7 has them in assembly (`simd::arm`): `smlad` multiplies two pairs
+//! of 16-bit numbers and adds both products in one cycle, and the use of registers decides how many loads feed it. On
+//! x86-64 vector registers do the same for four or eight lanes (`simd::x86`). All give the same bits for any input,
+//! wrapping included: `cargo xtask test --only qemu-kernels` compares them on the emulated microcontroller,
 //! `cargo test -p slipsense-qemu --test vectors` on this computer.
 //!
-//! Numbers lie in words of two: the low half is the first. [`crate::net::packing`] says in which order.
+//! Numbers lie in words of two, the first in the low half, in the order of [`crate::net::packing`].
 
 #[cfg(arm_dsp)]
 #[expect(unsafe_code, reason = "assembly: see the module")]
@@ -44,6 +40,42 @@ pub const fn halves(word: u32) -> [i16; 2] {
     [word as i16, (word >> 16) as i16]
 }
 
+/// The numbers of a layer, in blocks of four outputs; [`crate::net::packing`] has the order of the weights.
+#[derive(Clone, Copy, Debug)]
+pub struct LayerParams<'a> {
+    /// Per block for every word of input one word per output.
+    pub weights: &'a [u32],
+    /// One per output.
+    pub bias: &'a [i32],
+    /// One per output, for [`scale_q32`](crate::fixed::scale_q32).
+    pub multiplier: &'a [i32],
+}
+
+impl<'a> LayerParams<'a> {
+    /// Biases and multipliers by block.
+    fn scales(self) -> impl Iterator<Item = (&'a [i32; LANES], &'a [i32; LANES])> {
+        self.bias.as_chunks().0.iter().zip(self.multiplier.as_chunks().0)
+    }
+}
+
+/// A feature map.
+#[derive(Clone, Copy, Debug)]
+pub struct Map<'a> {
+    /// [`MapShape::len`] words.
+    pub words: &'a [u32],
+    /// How they lie.
+    pub shape: MapShape,
+}
+
+/// A feature map to be written; its border is left as it is.
+#[derive(Debug)]
+pub struct MapMut<'a> {
+    /// [`MapShape::len`] words.
+    pub words: &'a mut [u32],
+    /// How they lie.
+    pub shape: MapShape,
+}
+
 /// A square feature map: row after row, per row one plane per pair of channels, per plane one word per column.
 /// Around it lies a border of zeros, `border` words and rows wide.
 ///
@@ -74,13 +106,13 @@ impl MapShape {
         (self.side + 2 * self.border) * self.row()
     }
 
-    /// Largest number that a convolution writes into the map. With a border the map is for a convolution to take, whose
-    /// sums of rows have to fit 16 bits; without, a dense layer takes it.
+    /// Largest number that a convolution writes into the map. With a border the next convolution takes it, whose sums of
+    /// rows have to fit 16 bits; without, a dense layer.
     pub const fn largest(&self) -> i16 {
         if self.border > 0 { CONV_INPUT_MAX as i16 } else { i16::MAX }
     }
 
-    /// Words of what a convolution makes two rows of outputs of: as many as four rows.
+    /// Words of the strip from which a convolution computes two rows of outputs.
     pub const fn strip(&self) -> usize {
         4 * self.row()
     }

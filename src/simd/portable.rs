@@ -1,9 +1,7 @@
-//! What the kernels compute, in plain Rust: run on every computer, and the reference for assembly.
-//!
-//! Written over [`Lanes`], four sums side by side, so that the same loops also run in the vector registers of a
-//! computer (`super::x86`).
+//! The kernels in plain Rust, the reference for assembly. Written over [`Lanes`], four sums side by side, so that the
+//! same loops also run in vector registers (`super::x86`).
 
-use super::{LANES, MapShape, halves, pair};
+use super::{LANES, LayerParams, Map, MapMut, MapShape, halves, pair};
 use crate::fixed::{relu_i16, scale_q32};
 
 /// `acc + x₀·w₀ + x₁·w₁` over the halves of two words, wrapping.
@@ -77,24 +75,17 @@ impl Lanes for [i32; LANES] {
     }
 }
 
-/// `out = (bias + Σ x·w) · multiplier`, scaled by [`scale_q32`], for as many outputs as there are blocks of four of
-/// weights, biases, multipliers and `out`.
-///
-/// `weights`: per block for every word of `x` one word per output.
+/// `out = (bias + Σ x·w) · multiplier`, scaled by [`scale_q32`], for as many outputs as layer and `out` have blocks of
+/// four.
 #[inline]
-pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     dense_in::<[i32; LANES]>(x, layer, out);
 }
 
 /// [`dense`] in any lanes.
 #[inline]
-pub(super) fn dense_in<L: Lanes>(
-    x: &[u32],
-    (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
-    out: &mut [i32],
-) {
-    let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
-    let blocks = weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(scales);
+pub(super) fn dense_in<L: Lanes>(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
+    let blocks = layer.weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(layer.scales());
     for (out, (weights, (bias, multiplier))) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(blocks) {
         let words = x.iter().zip(weights);
         let sums = words.fold(L::new(*bias), |lanes, (&x, w)| lanes.mla(x, w)).sums();
@@ -102,11 +93,10 @@ pub(super) fn dense_in<L: Lanes>(
     }
 }
 
-/// 3×3 convolution, 2×2 max-pool, then bias, requantization and ReLU: the map `x` of shape `from` (border 1) to the
-/// map `out` of shape `to`, whose border is left as it is. In `strip`, [`MapShape::strip`] words, lies on the way what
-/// two rows of outputs are made of.
+/// 3×3 convolution, 2×2 max-pool, then bias, requantization and ReLU: the map `x` (border 1) to the map `out`. `strip`,
+/// [`MapShape::strip`] words of `x`, is scratch.
 ///
-/// Two outputs one above the other see four rows of the map, `d0` to `d3`. For a column `g0`, `g1`, `g2` of a kernel
+/// Two outputs one above the other use four rows of the map, `d0` to `d3`. For a column `g0`, `g1`, `g2` of a kernel
 /// their sums of products, twice, are
 ///
 /// ```text
@@ -114,38 +104,32 @@ pub(super) fn dense_in<L: Lanes>(
 /// d1·2g0 + d2·2g1 + d3·2g2 = (d1 + d2)(g0 + g1 + g2) − (d2 − d1)(g0 − g1 + g2) + (d3 − d1)·2g2
 /// ```
 ///
-/// four products instead of six (Winograd's F(2, 3)). Sums and differences of rows are the strip, made once for all
-/// filters, and those of weights are what the model file holds; products are summed over columns and channels before
-/// the two halves come together. All of it wraps, so a result is exact if it fits: activations of
-/// [`crate::net::packing`]'s range for a convolution, and a kernel that [`crate::net::Model::parse`] took.
+/// four products instead of six (Winograd's F(2, 3)). Sums and differences of rows are the strip, computed once for all
+/// filters; those of weights are in the model file; products are summed over columns and channels before the two halves
+/// are combined. All of it wraps, so a result is exact if it fits: for activations of [`crate::net::packing`]'s range
+/// and a kernel that [`crate::net::Model::parse`] took.
 ///
 /// The pool runs on the sums: what follows is monotonic, so pooling first gives the same bits with a quarter of
-/// the requantizations. Weights, bias and multiplier: four outputs after the other, as
-/// [`crate::net::packing`] has them; so many outputs as `to` has channels.
-pub fn conv_relu_pool(
-    layer: (&[u32], &[i32], &[i32]),
-    x: (&[u32], MapShape),
-    out: (&mut [u32], MapShape),
-    strip: &mut [u32],
-) {
+/// the requantizations. The layer has as many outputs as `out` has channels.
+pub fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
     conv_relu_pool_in::<[i32; LANES]>(layer, x, out, strip);
 }
 
 /// [`conv_relu_pool`] in any lanes.
 #[inline]
 pub(super) fn conv_relu_pool_in<L: Lanes>(
-    (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
-    (x, from): (&[u32], MapShape),
-    (out, to): (&mut [u32], MapShape),
+    layer: LayerParams<'_>,
+    x: Map<'_>,
+    out: MapMut<'_>,
     strip: &mut [u32],
 ) {
+    let (from, to) = (x.shape, out.shape);
     let planes = 4 * from.pairs;
     for row in 0..to.side {
         // Row −1 and column −1 are the border.
-        combine_rows(x.get(2 * row * from.row()..).unwrap_or_default(), from, strip);
-        let filters = weights.as_chunks::<{ 3 * LANES }>().0.chunks_exact(planes.max(1));
-        let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
-        for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(scales) {
+        combine_rows(x.words.get(2 * row * from.row()..).unwrap_or_default(), from, strip);
+        let filters = layer.weights.as_chunks::<{ 3 * LANES }>().0.chunks_exact(planes.max(1));
+        for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(layer.scales()) {
             for col in 0..to.side {
                 let best = tile::<L>(strip.get(2 * col..).unwrap_or_default(), from, filters);
                 let cell: [i16; LANES] = core::array::from_fn(|lane| {
@@ -153,7 +137,7 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
                     relu_i16(scaled).min(to.largest())
                 });
                 for (half, cell) in cell.as_chunks::<2>().0.iter().enumerate() {
-                    if let Some(word) = out.get_mut(to.at(row, 2 * block + half, col)) {
+                    if let Some(word) = out.words.get_mut(to.at(row, 2 * block + half, col)) {
                         *word = pair(cell[0], cell[1]);
                     }
                 }
@@ -162,8 +146,8 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
     }
 }
 
-/// What two rows of outputs are made of, from the four rows that `x` begins with: for every pair of channels the
-/// planes `d1 + d2` and `d2 − d1`, then for every pair `d0 − d2` and `d3 − d1`; 16-bit numbers that wrap.
+/// The strip of two rows of outputs, from the four rows that `x` begins with: for every pair of channels the planes
+/// `d1 + d2` and `d2 − d1`, then for every pair `d0 − d2` and `d3 − d1`; 16-bit numbers that wrap.
 #[inline]
 pub fn combine_rows(x: &[u32], from: MapShape, strip: &mut [u32]) {
     let plane = from.plane().max(1);
@@ -200,7 +184,7 @@ fn combine(to: &mut [u32], a: &[u32], b: &[u32], f: impl Fn(i16, i16) -> i16) {
 /// The largest of four neighbouring outputs, for four filters; `strip` begins at the left column of their window.
 #[inline]
 fn tile<L: Lanes>(strip: &[u32], from: MapShape, filters: &[[u32; 3 * LANES]]) -> [i32; LANES] {
-    // Of the first planes a sum for the left and right output, and one for each difference.
+    // First the sum for the left and right output, and one for each difference.
     let mut sums = [[L::new([0; LANES]); 2]; 2];
     let (inner, outer) = filters.split_at(filters.len() / 2);
     let mut planes = strip.chunks(from.plane().max(1));

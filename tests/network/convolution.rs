@@ -4,7 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::packing::{self, Inputs};
 use slipsense::params::CONV_INPUT_MAX;
-use slipsense::simd::{MapShape, conv_relu_pool, halves, portable};
+use slipsense::simd::{LayerParams, Map, MapMut, MapShape, conv_relu_pool, halves, portable};
 
 /// How the numbers of a case are drawn.
 #[derive(Clone, Copy, Debug)]
@@ -99,10 +99,7 @@ impl Case {
     }
 
     /// The map by a kernel.
-    fn run(
-        &self,
-        kernel: impl FnOnce((&[u32], &[i32], &[i32]), (&[u32], MapShape), (&mut [u32], MapShape)),
-    ) -> Vec<u32> {
+    fn run(&self, kernel: impl FnOnce(LayerParams<'_>, Map<'_>, MapMut<'_>)) -> Vec<u32> {
         let (inputs, from, to) = (self.inputs(), self.from(), self.to());
         let put = |words: &mut [u32], place: usize, value: i64| {
             let value = i16::try_from(value).expect("fits 16 bits");
@@ -127,7 +124,9 @@ impl Case {
             values
         };
         let mut out = vec![0; to.len()];
-        kernel((&weights, &padded(&self.bias), &padded(&self.multiplier)), (&x, from), (&mut out, to));
+        let (bias, multiplier) = (padded(&self.bias), padded(&self.multiplier));
+        let layer = LayerParams { weights: &weights, bias: &bias, multiplier: &multiplier };
+        kernel(layer, Map { words: &x, shape: from }, MapMut { words: &mut out, shape: to });
         out
     }
 }

@@ -4,7 +4,7 @@
 
 use core::arch::global_asm;
 
-use crate::simd::{LANES, MapShape, portable};
+use crate::simd::{LANES, LayerParams, Map, MapMut, MapShape, portable};
 
 // One pair of functions per shape: distances are immediates. A strip is 4 × `pairs` planes, two by turns added to
 // the one row of sums and the other. For each plane three columns of coefficients, of each column four words, the
@@ -216,17 +216,17 @@ macro_rules! shapes {
         ///
         /// # Safety
         /// A strip can be read at `strip`, the first two of every four words of a block at `weights`, and a word for
-        /// every second column be written from `out` to `end`.
+        /// every second column be written to `out`.
         unsafe fn convolve(
             from: MapShape,
             strip: *const u32,
             weights: *const u32,
-            (out, end): (*mut u32, *const u32),
+            out: core::ops::Range<*mut u32>,
             scales: &[i32; 4],
         ) {
             match (from.side, from.pairs) {
                 // SAFETY: the caller's.
-                $(($side, $pairs) => unsafe { $convolve(strip, weights, out, end, scales) },)*
+                $(($side, $pairs) => unsafe { $convolve(strip, weights, out.start, out.end, scales) },)*
                 _ => {}
             }
         }
@@ -246,16 +246,13 @@ shapes! {
 /// 3×3 convolution, ReLU and pool, see [`portable::conv_relu_pool`].
 ///
 /// A shape that there is no assembly for, or slices too short for their shape, go through the portable form.
-pub fn conv_relu_pool(
-    (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
-    (x, from): (&[u32], MapShape),
-    (out, to): (&mut [u32], MapShape),
-    strip: &mut [u32],
-) {
+pub fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
+    let (from, to) = (x.shape, out.shape);
+    let LayerParams { weights, bias, multiplier } = layer;
     let block = 4 * from.pairs * 3 * LANES;
     let fits = from.border == 1
-        && x.len() >= from.len()
-        && out.len() >= to.len()
+        && x.words.len() >= from.len()
+        && out.words.len() >= to.len()
         && strip.len() >= from.strip()
         && 2 * to.side == from.side
         && to.pairs % 2 == 0
@@ -263,10 +260,10 @@ pub fn conv_relu_pool(
         && bias.len() >= 2 * to.pairs
         && multiplier.len() >= 2 * to.pairs;
     if !fits || !is_known(from, to) {
-        return portable::conv_relu_pool((weights, bias, multiplier), (x, from), (out, to), strip);
+        return portable::conv_relu_pool(layer, x, out, strip);
     }
     for row in 0..to.side {
-        let Some(rows) = x.get(2 * row * from.row()..) else { return };
+        let Some(rows) = x.words.get(2 * row * from.row()..) else { return };
         // SAFETY: output row `row` is made of rows 2 `row` to 2 `row` + 3 of the map, border counted; they lie within
         // `from.len()`, and four rows fit the strip, as checked above.
         unsafe { combine_rows(from, rows.as_ptr(), strip.as_mut_ptr()) };
@@ -274,15 +271,14 @@ pub fn conv_relu_pool(
         for (pair, (bias, multiplier)) in scales.take(to.pairs).enumerate() {
             let plane = to.at(row, pair, 0);
             let (Some(filters), Some(plane)) =
-                (weights.get(pair / 2 * block + pair % 2 * 2..), out.get_mut(plane..plane + to.side))
+                (weights.get(pair / 2 * block + pair % 2 * 2..), out.words.get_mut(plane..plane + to.side))
             else {
                 return;
             };
             let scales = [bias[0], multiplier[0], bias[1], multiplier[1]];
-            let plane = plane.as_mut_ptr_range();
             // SAFETY: the strip is that of this shape, and of the weights a block from `filters` on is there, less
             // the other pair's words at its end, as checked above.
-            unsafe { convolve(from, strip.as_ptr(), filters.as_ptr(), (plane.start, plane.end), &scales) };
+            unsafe { convolve(from, strip.as_ptr(), filters.as_ptr(), plane.as_mut_ptr_range(), &scales) };
         }
     }
 }

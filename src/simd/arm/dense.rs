@@ -3,7 +3,7 @@
 
 use core::arch::global_asm;
 
-use crate::simd::{LANES, portable};
+use crate::simd::{LANES, LayerParams, portable};
 
 /// Words of `x` that one round takes.
 const ROUND: usize = 8;
@@ -93,10 +93,11 @@ unsafe extern "C" {
 ///
 /// What is not a whole number of rounds goes through the portable form; no layer is.
 #[inline]
-pub fn dense(x: &[u32], (weights, bias, multiplier): (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     if x.is_empty() || !x.len().is_multiple_of(ROUND) {
-        return portable::dense(x, (weights, bias, multiplier), out);
+        return portable::dense(x, layer, out);
     }
+    let LayerParams { weights, bias, multiplier } = layer;
     let lengths = [weights.len() / x.len(), bias.len(), multiplier.len(), out.len()];
     let count = lengths.into_iter().fold(usize::MAX, usize::min) / LANES;
     if count == 0 {

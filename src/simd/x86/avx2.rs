@@ -10,7 +10,7 @@ use core::arch::x86_64::{
 
 use crate::fixed::scale_q32;
 use crate::simd::portable::{combine_rows, mla_pair};
-use crate::simd::{LANES, MapShape};
+use crate::simd::{LANES, LayerParams, Map, MapMut, MapShape};
 
 /// Columns side by side.
 const COLS: usize = 8;
@@ -24,24 +24,21 @@ pub(super) const fn takes(from: MapShape, to: MapShape) -> bool {
 
 /// See [`portable::conv_relu_pool`](crate::simd::portable::conv_relu_pool), of shapes that this [`takes`].
 #[target_feature(enable = "avx2")]
-pub(super) fn conv_relu_pool(
-    (weights, bias, multiplier): (&[u32], &[i32], &[i32]),
-    (x, from): (&[u32], MapShape),
-    (out, to): (&mut [u32], MapShape),
-    strip: &mut [u32],
-) {
+pub(super) fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
+    let (from, to) = (x.shape, out.shape);
     let planes = 4 * from.pairs;
-    let scales = || bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
     for row in 0..to.side {
-        combine_rows(x.get(2 * row * from.row()..).unwrap_or_default(), from, strip);
-        let filters = weights.as_chunks::<TAPS>().0.chunks_exact(planes.max(1));
-        for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(scales()) {
+        combine_rows(x.words.get(2 * row * from.row()..).unwrap_or_default(), from, strip);
+        let filters = layer.weights.as_chunks::<TAPS>().0.chunks_exact(planes.max(1));
+        for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(layer.scales()) {
             for col in (0..from.side).step_by(COLS) {
                 let sums = tile(strip.get(col..).unwrap_or_default(), from, filters);
                 let words = requantize(sums, bias, multiplier, to.largest());
                 for (half, words) in words.into_iter().enumerate() {
                     let at = to.at(row, 2 * block + half, col / 2);
-                    if let Some(out) = out.get_mut(at..).and_then(<[u32]>::first_chunk_mut::<{ COLS / 2 }>) {
+                    if let Some(out) =
+                        out.words.get_mut(at..).and_then(<[u32]>::first_chunk_mut::<{ COLS / 2 }>)
+                    {
                         // SAFETY: `out` is as long as the register.
                         unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), words) };
                     }
@@ -130,9 +127,8 @@ fn requantize(
 /// See [`portable::dense`](crate::simd::portable::dense).
 #[inline]
 #[target_feature(enable = "avx2")]
-pub(super) fn dense(x: &[u32], (weights, bias, multiplier): (&[u32], &[i32], &[i32]), out: &mut [i32]) {
-    let scales = bias.as_chunks::<LANES>().0.iter().zip(multiplier.as_chunks::<LANES>().0);
-    let blocks = weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(scales);
+pub(super) fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
+    let blocks = layer.weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(layer.scales());
     for (out, (weights, (bias, multiplier))) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(blocks) {
         let sums = products(x, weights, bias);
         for ((out, sum), &multiplier) in out.iter_mut().zip(sums).zip(multiplier) {
@@ -165,8 +161,8 @@ fn products(x: &[u32], weights: &[[u32; LANES]], bias: &[i32; LANES]) -> [i32; L
         even = _mm256_add_epi32(even, _mm256_madd_epi16(x01, w01));
         odd = _mm256_add_epi32(odd, _mm256_madd_epi16(x23, w23));
     }
-    let both = _mm256_add_epi32(even, odd);
-    let folded = _mm_add_epi32(_mm256_castsi256_si128(both), _mm256_extracti128_si256::<1>(both));
+    let sum = _mm256_add_epi32(even, odd);
+    let folded = _mm_add_epi32(_mm256_castsi256_si128(sum), _mm256_extracti128_si256::<1>(sum));
     let mut sums = *bias;
     // SAFETY: four sums are as long as the register.
     unsafe {

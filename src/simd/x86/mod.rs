@@ -6,7 +6,7 @@
 mod avx2;
 pub mod sse2;
 
-use super::MapShape;
+use super::{LayerParams, Map, MapMut};
 
 pub use sse2::{dots, weighted_sums};
 
@@ -15,7 +15,7 @@ cpufeatures::new!(has_avx2, "avx2");
 
 /// See [`portable::dense`](super::portable::dense).
 #[inline]
-pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     if has_avx2::get() {
         // SAFETY: this computer has AVX2.
         unsafe { avx2::dense(x, layer, out) }
@@ -25,13 +25,8 @@ pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
 }
 
 /// See [`portable::conv_relu_pool`](super::portable::conv_relu_pool).
-pub fn conv_relu_pool(
-    layer: (&[u32], &[i32], &[i32]),
-    x: (&[u32], MapShape),
-    out: (&mut [u32], MapShape),
-    strip: &mut [u32],
-) {
-    if has_avx2::get() && avx2::takes(x.1, out.1) {
+pub fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
+    if has_avx2::get() && avx2::takes(x.shape, out.shape) {
         // SAFETY: this computer has AVX2.
         unsafe { avx2::conv_relu_pool(layer, x, out, strip) }
     } else {

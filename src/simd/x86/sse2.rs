@@ -1,5 +1,5 @@
-//! Four lanes. Convolution and dense layer are the loops of [`portable`], and so are their bits;
-//! attention takes four keys or two values at once.
+//! Four lanes. Convolution and dense layer are the loops of [`portable`]; attention takes four keys or two values at
+//! once.
 
 use core::arch::x86_64::{
     __m128i, _mm_add_epi32, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_madd_epi16, _mm_set1_epi32,
@@ -9,7 +9,7 @@ use core::arch::x86_64::{
 };
 
 use crate::simd::portable::{self, Lanes, conv_relu_pool_in, dense_in};
-use crate::simd::{LANES, MapShape, pair};
+use crate::simd::{LANES, LayerParams, Map, MapMut, pair};
 
 #[derive(Clone, Copy)]
 struct Register(__m128i);
@@ -53,17 +53,12 @@ impl Lanes for Register {
 
 /// See [`portable::dense`].
 #[inline]
-pub fn dense(x: &[u32], layer: (&[u32], &[i32], &[i32]), out: &mut [i32]) {
+pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     dense_in::<Register>(x, layer, out);
 }
 
 /// See [`portable::conv_relu_pool`].
-pub fn conv_relu_pool(
-    layer: (&[u32], &[i32], &[i32]),
-    x: (&[u32], MapShape),
-    out: (&mut [u32], MapShape),
-    strip: &mut [u32],
-) {
+pub fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
     conv_relu_pool_in::<Register>(layer, x, out, strip);
 }
 
@@ -147,6 +142,6 @@ pub fn weighted_sums(weights: &[i32], rows: &[u32], stride: usize) -> [i32; 8] {
 
 #[inline]
 fn load(words: &[u32; WORDS]) -> __m128i {
-    // SAFETY: SSE2 is enabled for the whole target, and so many words are as long as the register.
+    // SAFETY: SSE2 is enabled for the whole target, and four words are as long as the register.
     unsafe { _mm_loadu_si128(words.as_ptr().cast()) }
 }

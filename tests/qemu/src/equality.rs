@@ -1,7 +1,7 @@
-//! The kernels that a target has, against the portable ones that say what they compute: random and extreme input,
+//! The kernels of a target against the portable ones: random and extreme input,
 //! sums that wrap included. The emulated microcontroller runs it, and so does a test on this computer.
 
-use slipsense::simd::{self, LANES, MapShape, portable};
+use slipsense::simd::{self, LANES, LayerParams, Map, MapMut, MapShape, portable};
 
 /// Words of the largest map: 8×8×32 with its border.
 const MAP: usize = 10 * 10 * 16;
@@ -17,20 +17,13 @@ const ROWS: usize = 60;
 /// How often each kernel and shape is compared.
 pub const ROUNDS: u32 = 400;
 
-/// Words of a layer's weights, its biases and its multipliers.
-type Layer<'a> = (&'a [u32], &'a [i32], &'a [i32]);
-/// Words of a map, and its shape.
-type Map<'a> = (&'a [u32], MapShape);
-/// The same, to be written.
-type MapOut<'a> = (&'a mut [u32], MapShape);
-
 /// The four kernels of one instruction set.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernels {
     /// As [`portable::conv_relu_pool`].
-    pub conv_relu_pool: fn(Layer<'_>, Map<'_>, MapOut<'_>, &mut [u32]),
+    pub conv_relu_pool: fn(LayerParams<'_>, Map<'_>, MapMut<'_>, &mut [u32]),
     /// As [`portable::dense`].
-    pub dense: fn(&[u32], Layer<'_>, &mut [i32]),
+    pub dense: fn(&[u32], LayerParams<'_>, &mut [i32]),
     /// As [`portable::dots`].
     pub dots: fn(&[u32], &[u32], usize, &mut [i32]),
     /// As [`portable::weighted_sums`].
@@ -153,9 +146,11 @@ fn conv_is_equal(
     // The border of the output must be left as it is.
     dice.fill(1, out);
     *expected = *out;
-    let layer = (&weights[..outputs / LANES * 12 * pairs * LANES], &bias[..outputs], &multiplier[..outputs]);
-    (kernels.conv_relu_pool)(layer, (&x[..from.len()], from), (&mut out[..to.len()], to), strip);
-    portable::conv_relu_pool(layer, (&x[..from.len()], from), (&mut expected[..to.len()], to), strip);
+    let weights = &weights[..outputs / LANES * 12 * pairs * LANES];
+    let layer = LayerParams { weights, bias: &bias[..outputs], multiplier: &multiplier[..outputs] };
+    let x = Map { words: &x[..from.len()], shape: from };
+    (kernels.conv_relu_pool)(layer, x, MapMut { words: &mut out[..to.len()], shape: to }, strip);
+    portable::conv_relu_pool(layer, x, MapMut { words: &mut expected[..to.len()], shape: to }, strip);
     out == expected
 }
 
@@ -172,10 +167,11 @@ fn dense_is_equal(
     dice.fill(round / 2, weights);
     scales(dice, bias, multiplier);
     let weights = &weights[..(2 * LANES * words).min(WEIGHTS)];
+    let layer = LayerParams { weights, bias, multiplier };
     let mut found = [0; 3 * LANES];
     let mut expected = found;
-    (kernels.dense)(&x[..words], (weights, bias, multiplier), &mut found[..outputs]);
-    portable::dense(&x[..words], (weights, bias, multiplier), &mut expected[..outputs]);
+    (kernels.dense)(&x[..words], layer, &mut found[..outputs]);
+    portable::dense(&x[..words], layer, &mut expected[..outputs]);
     found == expected
 }
 
@@ -224,7 +220,6 @@ fn sums_are_equal(
         == portable::weighted_sums(&factors[..rows], x, stride)
 }
 
-/// Numbers for tests, the same everywhere: xorshift.
 /// Numbers of any size, the same in every run: Marsaglia's xorshift.
 pub(crate) struct Dice(pub(crate) u32);
 

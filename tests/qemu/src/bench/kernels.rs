@@ -18,7 +18,7 @@ use slipsense::net::softmax::softmax_base2;
 use slipsense::params::limits::{EMBED, WINDOW};
 use slipsense::params::{PIEZO_CHANNELS, TAXELS, XL_WINDOW};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::simd::{MapShape, conv_relu_pool, pair};
+use slipsense::simd::{Map, MapMut, MapShape, conv_relu_pool, pair};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
 use static_cell::ConstStaticCell;
 
@@ -133,11 +133,11 @@ fn conv(bench: &mut Bench, memory: &mut Memory, name: &str, layer: &Layer<'_>, s
     // As in the network: what comes out of the smallest goes to a dense layer.
     let border = usize::from(side > 8);
     let to = MapShape { side: side / 2, pairs: packing::pairs(layer.outputs), border };
-    let parameters = (layer.weights, layer.bias, layer.multiplier);
     let Memory { x, out, strip, .. } = memory;
     let (x, out, strip) = (&x[..from.len()], &mut out[..to.len()], &mut strip[..from.strip()]);
     bench.kernel(name, side * side * layer.inputs.count() * layer.outputs, &mut || {
-        conv_relu_pool(black_box(parameters), (black_box(x), from), (black_box(&mut *out), to), strip);
+        let out = MapMut { words: black_box(&mut *out), shape: to };
+        conv_relu_pool(black_box(layer.params()), Map { words: black_box(x), shape: from }, out, strip);
     });
 }
 

@@ -11,7 +11,7 @@ use slipsense::net::{Model, Network, Observer, SensorFeatures};
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::simd::MapShape;
+use slipsense::simd::Map;
 use slipsense::wire::{RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
@@ -169,8 +169,8 @@ impl Observer for Watch<'_> {
         });
     }
 
-    fn record_map(&mut self, layer: &'static str, _channels: usize, cells: &[u32], _shape: MapShape) {
-        black_box(cells);
+    fn record_map(&mut self, layer: &'static str, _channels: usize, map: Map<'_>) {
+        black_box(map.words);
         self.record(layer, &[]);
     }
 

@@ -30,7 +30,7 @@
 //! `tests/features.rs` prints the noise.
 
 use super::highpass::FILTERED_FRAC_BITS;
-use super::tables::{GAIN_TWIDDLE_16_Q30, HANN_Q31, TWIDDLE_64_Q30, TWIDDLE_128_Q31};
+use super::tables::{COS_128_Q31, GAIN_TWIDDLE_16_Q30, HANN_Q31, TWIDDLE_64_Q30};
 use crate::fixed::{mean, round_shift, scale_q32};
 use crate::params::XL_WINDOW;
 
@@ -44,6 +44,17 @@ const DROP: u32 = 32 - 30;
 const WINDOWED_FRAC_BITS: u32 = FILTERED_FRAC_BITS + 31 - 32;
 const _: () = assert!(WINDOWED_FRAC_BITS - 2 * DROP - 1 == SPECTRUM_FRAC_BITS);
 const HALF: usize = XL_WINDOW / 2;
+
+/// `exp(-2πi·k/128)` as cosine and sine, Q31, for k = 1 to 31.
+static TWIDDLE_128_Q31: [[i32; 2]; HALF / 2 - 1] = {
+    let mut twiddles = [[0; 2]; HALF / 2 - 1];
+    let mut at = 0;
+    while at < twiddles.len() {
+        twiddles[at] = [COS_128_Q31[at], COS_128_Q31[twiddles.len() - 1 - at]];
+        at += 1;
+    }
+    twiddles
+};
 
 /// A complex number; the scale depends on the stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -120,7 +120,7 @@ def features_tables():
     radix4 = [[twiddle(i * j, WINDOW // 2, 30) for i in (1, 2, 3)] for j in range(WINDOW // 8)]
     gain = mp.sqrt(mpf(4) / 3)
     with_gain = [(fixed(gain, 30), [twiddle(i * j, WINDOW // 8, 30, gain) for i in (1, 2, 3)]) for j in range(WINDOW // 32)]
-    split = [twiddle(k, WINDOW, 31) for k in range(1, WINDOW // 4)]
+    cosines = [twiddle(k, WINDOW, 31)[0] for k in range(1, WINDOW // 4)]
     lengths, rising = mel_segments()
     ln = [fixed(mp.log(1 + mpf(i) / LN_SEGMENTS), LN_BITS) for i in range(LN_SEGMENTS + 1)]
     parts = [
@@ -137,8 +137,8 @@ def features_tables():
         f"pub static GAIN_TWIDDLE_16_Q30: [(i32, [[i32; 2]; 3]); {len(with_gain)}] = {literal(with_gain)};\n\n",
         f"/// `exp(-2 pi i j m / {WINDOW // 2})` as cosine and sine, `[re, -im]`, Q30: one row per j, m = 1, 2, 3.\n",
         f"pub static TWIDDLE_64_Q30: [[[i32; 2]; 3]; {len(radix4)}] = {literal(radix4)};\n\n",
-        f"/// `exp(-2 pi i k / {WINDOW})` as cosine and sine, `[re, -im]`, Q31, for k = 1 to {len(split)}.\n",
-        f"pub static TWIDDLE_{WINDOW}_Q31: [[i32; 2]; {len(split)}] = {literal(split)};\n\n",
+        f"/// `cos(2 pi k / {WINDOW})`, Q31, for k = 1 to {len(cosines)}; backwards, the sine.\n",
+        f"pub const COS_{WINDOW}_Q31: [i32; {len(cosines)}] = {literal(cosines)};\n\n",
         f"/// FFT bins between neighbouring edges of the mel grid, from bin 1 on "
         f"({MEL_BINS + 2} edges, {MEL_LOW_HZ} to {MEL_HIGH_HZ} Hz).\n",
         f"pub static MEL_SEGMENT_BINS: [u8; {len(lengths)}] = {literal(lengths)};\n\n",
@@ -162,21 +162,14 @@ def cmsis_tables():
     window, half = WINDOW, WINDOW // 2
     gain = mp.sqrt(mpf(2) / 3)
     hann = [fixed(gain * (1 - mp.cos(2 * mp.pi * n / window)) / 2, 31) for n in range(window)]
-    angles = [2 * mp.pi * k / half for k in range(3 * half // 4)]
-    twiddles = [[cmsis_twiddle(mp.cos(a)), cmsis_twiddle(mp.sin(a))] for a in angles]
-    angles = [2 * mp.pi * k / window for k in range(1, half)]
-    split = [[fixed_i32(x / 2, 31) for x in (1 - mp.sin(a), -mp.cos(a), 1 + mp.sin(a))] for a in angles]
+    cosines = [cmsis_twiddle(mp.cos(2 * mp.pi * k / half)) for k in range(half // 2 + 1)]
     return "".join([
         HEADER.format(about="Constants of the front end with CMSIS-DSP's FFT, and of the FFT itself, by formula.\n//! "
                             "\n//! That they are those of the library, `cargo xtask test --only qemu-cmsis` shows."),
         f"/// Periodic Hann window, `(1 - cos(2 pi n / {window})) / 2`, times sqrt(2/3); Q31.\n",
         f"pub static HANN_GAIN_Q31: [i32; {window}] = {literal(hann)};\n\n",
-        f"/// `exp(-2 pi i k / {half})` as cosine and sine, `[re, -im]`, Q31, for k = 0 to {len(twiddles) - 1}. As in the\n"
-        f"/// library, each is `floor(x + 1/32)`.\n",
-        f"pub static TWIDDLE_{half}_Q31: [[i32; 2]; {len(twiddles)}] = {literal(twiddles)};\n\n",
-        f"/// With a = 2 pi k / {window}: `(1 - sin a) / 2`, `-cos a / 2` and `(1 + sin a) / 2`, Q31, for k = 1 to "
-        f"{len(split)}.\n",
-        f"pub static SPLIT_Q31: [[i32; 3]; {len(split)}] = {literal(split)};\n",
+        f"/// `cos(2 pi k / {half})`, Q31, for k = 0 to {half // 2}. As in the library, each is `floor(x + 1/32)`.\n",
+        f"pub static COS_{half}_Q31: [i32; {len(cosines)}] = {literal(cosines)};\n",
     ])
 
 

@@ -4,8 +4,9 @@
 //! A 64-point complex FFT over pairs of samples, three radix-4 stages that decimate in frequency, and a split. Sums
 //! wrap as the C code's do once compiled; below the bound in [`super::windowed_fft`] none does.
 
-use super::tables::{SPLIT_Q31, TWIDDLE_64_Q31};
+use super::tables::COS_64_Q31;
 use crate::features::fft::Complex;
+use crate::features::tables::HANN_Q31;
 use crate::params::XL_WINDOW;
 
 const HALF: usize = XL_WINDOW / 2;
@@ -15,7 +16,10 @@ const INDEX_BITS: u32 = HALF.trailing_zeros();
 /// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part by turns.
 pub fn rfft(samples: &mut [i32; XL_WINDOW], spectrum: &mut [i32; 2 * XL_WINDOW]) {
     let z = complex_fft(samples);
-    for (k, &[a1, a2, b1]) in (1..HALF).zip(&SPLIT_Q31) {
+    for k in 1..HALF {
+        // With a = 2πk/128: (1 − sin a)/2, −cos a/2 and (1 + sin a)/2, from the window, which is (1 − cos a)/2.
+        let hann = |n: usize| HANN_Q31[n % XL_WINDOW];
+        let [a1, a2, b1] = [hann(k + 96), hann(k) - (1 << 30), hann(k + 32)];
         let (low, high) = (z[k], z[HALF - k]);
         let (mut re, mut im) = (add_product(0, low.re, a1), add_product(0, low.re, a2));
         re = subtract_product(re, low.im, a2);
@@ -43,10 +47,10 @@ fn complex_fft(samples: &[i32; XL_WINDOW]) -> [Complex; HALF] {
     for n in 0..HALF / 4 {
         let place = |quarter: usize| n + HALF / 4 * quarter;
         let quarters = [0, 1, 2, 3].map(|quarter| each(z[place(quarter)], |x| x >> 4));
-        for (quarter, (value, twiddle)) in butterfly(quarters).into_iter().zip([0, 2, 1, 3]).enumerate() {
-            z[place(quarter)] = match twiddle {
+        for (quarter, (value, multiple)) in butterfly(quarters).into_iter().zip([0, 2, 1, 3]).enumerate() {
+            z[place(quarter)] = match multiple {
                 0 => value,
-                m => each(half_rotated(value, TWIDDLE_64_Q31[m * n]), |x| x << 1),
+                m => each(half_rotated(value, twiddle(m * n)), |x| x << 1),
             };
         }
     }
@@ -54,10 +58,11 @@ fn complex_fft(samples: &[i32; XL_WINDOW]) -> [Complex; HALF] {
         for n in 0..HALF / 16 {
             let place = |quarter: usize| n + HALF / 16 * quarter;
             let quarters = [0, 1, 2, 3].map(|quarter| block[place(quarter)]);
-            for (quarter, (value, twiddle)) in butterfly(quarters).into_iter().zip([0, 2, 1, 3]).enumerate() {
-                block[place(quarter)] = match twiddle {
+            for (quarter, (value, multiple)) in butterfly(quarters).into_iter().zip([0, 2, 1, 3]).enumerate()
+            {
+                block[place(quarter)] = match multiple {
                     0 => each(value, |x| x >> 2),
-                    m => each(half_rotated(value, TWIDDLE_64_Q31[4 * m * n]), |x| x >> 1),
+                    m => each(half_rotated(value, twiddle(4 * m * n)), |x| x >> 1),
                 };
             }
         }
@@ -67,6 +72,12 @@ fn complex_fft(samples: &[i32; XL_WINDOW]) -> [Complex; HALF] {
     }
     // What `butterfly` puts where makes the order of three radix-4 stages the one of six radix-2 stages.
     core::array::from_fn(|k| z[k.reverse_bits() >> (usize::BITS - INDEX_BITS)])
+}
+
+/// `exp(−2πi·k/64)` as cosine and sine, Q31, for k up to 47.
+fn twiddle(k: usize) -> [i32; 2] {
+    let cos = |k: usize| COS_64_Q31[if k <= 32 { k } else { 64 - k }];
+    [cos(k), cos(k.abs_diff(16))]
 }
 
 /// Four-point transform: bins 0, 2, 1 and 3.

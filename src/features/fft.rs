@@ -1,11 +1,10 @@
 //! Step 3: the Hann window and the 128-point real FFT, as a 64-point complex one (three radix-4 stages) and a
 //! split.
 //!
-//! 32-bit data with the fraction bits that each stage has room for: a quiet slip of 4 mg is some ten LSB
-//! beside full-scale transients, so a bit given away is a bit of slip. As sums grow, bits are dropped in the
-//! product with a twiddle factor, at no cost: the Cortex-M7 multiplies two 32-bit numbers to the rounded upper
-//! half of their product in one instruction, and the scale of the twiddle says what the upper half is. With
-//! |x| ≤ 79,500 LSB under the Hann window, whose weights at a distance of 32 samples sum to 2:
+//! 32-bit data with all the fraction bits that each stage has room for: a quiet slip of 4 mg is some ten LSB beside
+//! full-scale transients. As sums grow, bits are dropped in the product with a twiddle factor, at no cost: the
+//! Cortex-M7 takes the rounded upper half of a product in one instruction, and the scale of the twiddle decides what
+//! that is. With |x| ≤ 79,500 LSB under the Hann window, whose weights at a distance of 32 samples sum to 2:
 //!
 //! | after stage | values are sums of | largest magnitude, LSB | fraction bits | largest `i32` |
 //! |---|---|---|---|---|
@@ -15,19 +14,18 @@
 //! | split, even or odd half | 64 samples, weights summing to 32 | 32 · 79,500 | 9 and the gain | 0.70 · 2^31 |
 //! | spectrum | both | 64 · 79,500 | 8 and the gain | 0.70 · 2^31 |
 //!
-//! The gain, √(4/3), uses what is left of the range; [`super::power`] says where it ends. Rounding adds some tens
-//! of units, so nothing leaves `i32`. The stages decimate in time, so the bins come out in order.
+//! The gain, √(4/3), uses the rest of the range, up to [`super::power`]. Rounding adds some tens of units, so nothing
+//! leaves `i32`. The stages decimate in time, so the bins come out in order.
 //!
-//! This is the default, and not the q31 FFT of CMSIS-DSP, which the feature `cmsis-dsp` puts in its place: with the
-//! same window and the same largest sample, emulated Cortex-M7,
+//! The feature `cmsis-dsp` replaces it by the q31 FFT of CMSIS-DSP; same window, same largest sample, emulated Cortex-M7:
 //!
 //! | | instructions with the window | signal to noise at 32,767, 500, 10 LSB | of `log_mel`, 3 axes |
 //! |---|---|---|---|
 //! | this one | 5,838 | 138.5, 102.5, 69.2 dB | 23,379 |
 //! | CMSIS-DSP 1.10.3, gcc 12.2 -O3 | 9,695 | 127.7, 91.5, 58.9 dB | 34,497 |
 //!
-//! It is the better one in both. The figures of CMSIS-DSP are of 2026-11-21; `cargo xtask bench --only kernels` counts ours,
-//! `tests/features.rs` prints the noise.
+//! The figures of CMSIS-DSP are of 2026-11-21; `cargo xtask bench --only kernels` counts ours, `tests/features.rs` prints
+//! the noise.
 
 use super::highpass::FILTERED_FRAC_BITS;
 use super::tables::{COS_128_Q31, GAIN_TWIDDLE_16_Q30, HANN_Q31, TWIDDLE_64_Q30};
@@ -65,7 +63,7 @@ pub struct Complex {
     pub im: i32,
 }
 
-/// Room to transform in, whatever it holds.
+/// Scratch.
 pub type Work = [[[Complex; 4]; 4]; 4];
 
 impl Complex {
@@ -121,8 +119,7 @@ fn butterfly([a, b, c, d]: [Complex; 4]) -> [Complex; 4] {
     [even.add(odd), even_rest.add(turned), even.sub(odd), even_rest.sub(turned)]
 }
 
-/// Butterflies over four quarters of a block, element by element, each behind its row of `twiddles`, which
-/// `rotate` multiplies the four by.
+/// Butterflies over four quarters of a block, element by element, after `rotate` with its row of `twiddles`.
 #[inline]
 fn stage<'t, Row: 't>(
     quarters: [&mut [Complex]; 4],

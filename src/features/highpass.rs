@@ -1,15 +1,13 @@
 //! Step 1: the 10 Hz Butterworth high-pass that takes gravity and hand motion out, at 8 kHz per axis.
 //!
-//! Direct form I, because its state is the signal itself: the states have the bound of the output and
-//! nothing inside can overflow first. The poles lie at a radius of 0.9945, where plainly rounding the
-//! output would be amplified up to 16,000 times and leave half an LSB of false gravity; so the part
-//! that rounding drops is added to the next sum (first-order error feedback), which gives the rounding
-//! noise a zero at 0 Hz.
+//! Direct form I: its states are the signal itself and have the bound of the output. The poles lie at a radius of
+//! 0.9945, where rounding the output alone would be amplified up to 16,000 times and leave half an LSB of false gravity;
+//! so what rounding drops is added to the next sum (first-order error feedback), which gives the noise a zero at 0 Hz.
 
 /// Fraction bits of the filtered signal, in LSB of the accelerometer.
 pub const FILTERED_FRAC_BITS: u32 = 14;
-/// Largest magnitude of a filtered sample, Q14: Σ|h| = 2.42346 times 2^15 LSB is 79,412 LSB, and the
-/// rounding noise is below one. The window and the FFT rest on it.
+/// Largest magnitude of a filtered sample, Q14: Σ|h| = 2.42346 times 2^15 LSB is 79,412 LSB, the rounding noise below
+/// one. Window and FFT rely on it.
 pub const FILTERED_MAX: i32 = 79_500 << FILTERED_FRAC_BITS;
 
 /// The filter `y = b0·(x − 2x₁ + x₂) − a1·y₁ − a2·y₂`. The numerator is one number, so the zero at 0 Hz is exact
@@ -42,8 +40,7 @@ impl HighPassState {
 }
 
 impl HighPass {
-    /// Filter one sample of one axis; the result is in LSB, Q14, within [`FILTERED_MAX`] by the nature of the
-    /// filter: a state comes from [`HighPassState::at_rest`] and samples alone.
+    /// Filter one sample of one axis; the result is in LSB, Q14, within [`FILTERED_MAX`].
     #[inline]
     pub fn step(&self, state: &mut HighPassState, sample: i16) -> i32 {
         let x = sample as i32;

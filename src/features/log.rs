@@ -7,11 +7,12 @@ use crate::fixed::round_shift;
 /// Least power the logarithm sees, LSB²; applied to the sum over axes and bins, because a floor per axis
 /// would break the invariance to rotation near silence.
 ///
-/// Rounding to 16 bits alone puts 3 axes · 1/12 LSB² · Σw² = 12 LSB² into every bin, and the noise of a
-/// real part (30 to 150 µg/√Hz at 0.24 to 0.49 mg/LSB) thousands: no live sensor reaches this floor. It
-/// keeps the logarithm of a dead one finite.
+/// No live sensor reaches it: rounding to 16 bits alone puts 3 axes · 1/12 LSB² · Σw² = 12 LSB² into every bin, the noise
+/// of a real part (30 to 150 µg/√Hz at 0.24 to 0.49 mg/LSB) thousands.
 pub const LOG_FLOOR_LSB2: u64 = 1;
 
+/// Fraction bits of the logarithm.
+pub const LN_FRAC_BITS: u32 = 16;
 /// Fraction bits of [`LN_Q24`].
 const TABLE_FRAC_BITS: u32 = 24;
 /// Bits of the mantissa between two table entries that the interpolation uses.
@@ -33,5 +34,5 @@ pub fn ln_q16(power_q16: u64) -> i32 {
     let between = ((right - left) * position + (1 << (STEP_BITS - 1))) >> STEP_BITS;
     // The floor makes the octave 0 or more; 48 · ln 2 in Q24 is below 2^30.
     let octave = 63 - zeros - POWER_FRAC_BITS;
-    round_shift((octave * LN_2_Q24 + left + between) as i64, TABLE_FRAC_BITS - super::LN_FRAC_BITS) as i32
+    round_shift((octave * LN_2_Q24 + left + between) as i64, TABLE_FRAC_BITS - LN_FRAC_BITS) as i32
 }

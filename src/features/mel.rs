@@ -1,8 +1,7 @@
 //! Step 5: 16 triangles on the HTK mel scale, 20 to 4000 Hz, height 1 (librosa's `htk=True, norm=None`).
 //!
-//! Between two neighbouring edges of the grid one triangle rises and the one below falls, and their
-//! weights add to 1. So each bin is multiplied once: what does not go into the rising triangle is the
-//! part of the falling one.
+//! Between two neighbouring edges of the grid one triangle rises, the one below falls, and their weights add to 1: each
+//! bin is multiplied once, for the rising one, and the rest goes to the falling one.
 
 use super::tables::{MEL_RISING_Q24, MEL_SEGMENT_BINS};
 use crate::params::{FFT_BINS, MEL_BINS};

@@ -1,5 +1,4 @@
-//! Accelerometer samples to log-mel, and taxel counts to what the network sees of them
-//! ([`piezo`]), integers only.
+//! Front ends, integers only: accelerometer samples to log-mel, taxel counts to count and delta ([`piezo`]).
 //!
 //! Log-mel has one file per step, in the order of the signal: high-pass, ring, window and FFT, power over the
 //! axes, mel triangles, logarithm; then [`crate::fixed::standardise`].
@@ -17,12 +16,8 @@ pub mod log;
 pub mod tables;
 pub mod piezo;
 
-/// The window and FFT in use.
-#[cfg(feature = "cmsis-dsp")]
-pub use cmsis as transform;
-/// The window and FFT in use.
-#[cfg(not(feature = "cmsis-dsp"))]
-pub use fft as transform;
+pub use log::LN_FRAC_BITS;
+pub use power::transform;
 
 use core::hint::black_box;
 
@@ -32,13 +27,10 @@ use crate::sensor::XlSample;
 use highpass::HighPassState;
 use ring::Ring;
 
-/// Fraction bits of [`LogMel::ln_power`].
-pub const LN_FRAC_BITS: u32 = 16;
 /// Fraction bits of [`LogMel::standardised`]: Q2.13, ±4; 16 standardised values never exceed √15.
 pub const STANDARDISED_FRAC_BITS: u32 = 13;
-/// Added to the variance over the bins: 1e-4 nat², in the Q32 of a squared Q16, rounded. A spread of
-/// 0.01 nat is far below the 0.3 nat that noise alone makes between bins, so live frames are hardly
-/// changed, and the flat frame of a dead sensor becomes zeros.
+/// Added to the variance over the bins: 1e-4 nat², in the Q32 of a squared Q16. A spread of 0.01 nat is far below the
+/// 0.3 nat that noise alone makes between bins; the flat frame of a dead sensor becomes zeros.
 pub const STANDARDISE_EPSILON_Q32: u64 = 429_497;
 
 /// The features of one sensor at one frame.
@@ -68,13 +60,12 @@ impl Axis {
 }
 
 impl XlFrontEnd {
-    /// Nothing heard yet: the window is silence, and the first sample will be taken as gravity.
+    /// Before the first sample, which will be taken as gravity; the window is zeros.
     pub const fn new() -> Self {
         Self { axes: [Axis::NEW; XL_AXES] }
     }
 
-    /// Filter the samples, oldest first, into the ring. Any number, also none; how a signal is cut into
-    /// calls does not matter.
+    /// Filter any number of samples, oldest first. How a signal is split into calls does not matter.
     pub fn push(&mut self, samples: &[XlSample]) {
         let Some(&first) = samples.first() else { return };
         // With factors known to be constant, LLVM would multiply 64 by 64 bits.

@@ -1,8 +1,15 @@
 //! Step 4: power, summed over the axes. The sum does not change when the accelerometer is rotated, and
 //! it makes one mel bank and one logarithm do for three axes.
 
-use super::transform::{POWER_SHIFT, SPECTRUM_FRAC_BITS, Work, windowed_fft};
+/// The window and FFT in use.
+#[cfg(feature = "cmsis-dsp")]
+pub use super::cmsis as transform;
+/// The window and FFT in use.
+#[cfg(not(feature = "cmsis-dsp"))]
+pub use super::fft as transform;
+
 use crate::params::{FFT_BINS, XL_WINDOW};
+use transform::{POWER_SHIFT, SPECTRUM_FRAC_BITS, Work, windowed_fft};
 
 /// Fraction bits of the power, here in 3/4 LSB² for the gain of the FFT, behind the mel triangles in LSB².
 pub const POWER_FRAC_BITS: u32 = 2 * SPECTRUM_FRAC_BITS;

@@ -4,8 +4,7 @@ use crate::params::XL_WINDOW;
 
 /// The latest samples of one axis, LSB in Q14; zeros before the first.
 ///
-/// A ring that stands in memory twice, one behind the other: each sample is written to both, and the latest
-/// 128 in order are one slice wherever the ring begins.
+/// The ring is in memory twice, and each sample is written to both: the latest 128 are one slice wherever it begins.
 #[derive(Clone, Debug)]
 pub struct Ring {
     samples: [[i32; XL_WINDOW]; 2],
@@ -14,12 +13,12 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// Silence.
+    /// Zeros.
     pub const fn new() -> Self {
         Self { samples: [[0; XL_WINDOW]; 2], next: 0 }
     }
 
-    /// Put a sample, at most [`super::highpass::FILTERED_MAX`] in magnitude, in the place of the oldest.
+    /// Replace the oldest by a sample, at most [`super::highpass::FILTERED_MAX`] in magnitude.
     #[inline]
     pub fn push(&mut self, sample: i32) {
         let at = self.next % XL_WINDOW;

@@ -1,7 +1,7 @@
 //! The kernels in plain Rust, the reference for assembly. Written over [`Lanes`], four sums side by side, so that the
 //! same loops also run in vector registers (`super::x86`).
 
-use super::{LANES, LayerParams, Map, MapMut, MapShape, halves, pair};
+use super::layout::{LANES, LayerParams, Map, MapMut, MapShape, halves, pair};
 use crate::fixed::{relu_i16, scale_q32};
 
 /// `acc + x₀·w₀ + x₁·w₁` over the halves of two words, wrapping.

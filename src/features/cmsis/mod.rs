@@ -1,11 +1,10 @@
 //! Step 3 with the feature `cmsis-dsp`: the window, and the 128-point real FFT of Arm's CMSIS-DSP, `arm_rfft_q31`.
-//! On a Cortex-M the library itself computes, anywhere else [`port`], with the same bits: `cargo xtask test --only
-//! qemu-cmsis` compares them. For those whose firmware has CMSIS-DSP in it anyway, and for a measure of
-//! [`super::fft`], which takes fewer instructions and is 10 dB more accurate. The library's initialisation names the
-//! tables of every length, so the firmware grows by 136 KB of flash.
+//! A Cortex-M runs the library itself, anything else [`port`], with the same bits (`cargo xtask test --only qemu-cmsis`).
+//! For those whose firmware has CMSIS-DSP in it anyway: [`super::fft`] takes fewer instructions and is 10 dB more
+//! accurate, and the library's initialisation refers to the tables of every length, 136 KB of flash.
 //!
-//! The library divides by 16, 4 and 1 before its three stages and by 2 behind them, and it cuts off where it divides
-//! or multiplies by a twiddle factor. So all depends on how much of Q31 its input fills:
+//! The library divides by 16, 4 and 1 before its three stages and by 2 after them, and it truncates where it divides
+//! or multiplies by a twiddle factor. So accuracy depends on how much of Q31 its input fills:
 //!
 //! - One bit of the input is 79,500 LSB · 1.0096 / 2^31 for any signal. A scale that follows the signal would keep
 //!   about 127 dB at every level, for another pass over the window; at 10 LSB, where the sensor's own rounding is at
@@ -14,20 +13,18 @@
 //!   below 0.71 of the range, as the real input stays below 0.991.
 //! - The four bits that the first stage drops are rounded here, which keeps their mean out of bin 0.
 //!
-//! The bits are those of CMSIS-DSP 1.10.3 from its C source. The library that the crate's build script downloads is
-//! of CMSIS 5.7.0: sources of that line have the same steps, its tables were not compared, and it has not been run.
+//! The bits are those of CMSIS-DSP 1.10.3 from its C source. The library of CMSIS 5.7.0 that the crate's build script
+//! downloads has the same steps; its tables were not compared, and it has not been run.
 
 #[cfg(target_arch = "arm")]
 mod library;
 pub mod port;
 mod tables;
 
-/// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part by turns. What the samples are
-/// afterwards is not said.
+/// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part alternating. Overwrites the samples.
 #[cfg(target_arch = "arm")]
 pub use library::rfft;
-/// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part by turns. What the samples are
-/// afterwards is not said.
+/// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part alternating. Overwrites the samples.
 #[cfg(not(target_arch = "arm"))]
 pub use port::rfft;
 
@@ -39,16 +36,16 @@ use tables::HANN_GAIN_Q31;
 
 /// Fraction bits of the spectrum, in √(3/2) LSB.
 pub const SPECTRUM_FRAC_BITS: u32 = 8;
-/// The square of that unit, 3/2, over that of [`super::power`], 3/4: so many bits.
+/// log2 of the square of that unit, 3/2, over that of [`super::power`], 3/4.
 pub const POWER_SHIFT: u32 = 1;
 /// Shift of the windowed signal, so that it fills the 32 bits.
 const WINDOWED_SHIFT: u32 = 2;
-/// The first thing that the library does is to drop so many bits of its input.
+/// Bits of its input that the library drops first.
 const DROPPED: u32 = 4;
 // The window's product has 32 fraction bits less 31, and the FFT divides by 128.
 const _: () = assert!(FILTERED_FRAC_BITS + 31 - 32 + WINDOWED_SHIFT - 7 == SPECTRUM_FRAC_BITS);
 
-/// Room to transform in, whatever it holds.
+/// Scratch.
 #[derive(Clone, Debug)]
 pub struct Work {
     samples: [i32; XL_WINDOW],
@@ -76,7 +73,7 @@ pub fn windowed_fft(x: &[i32; XL_WINDOW], work: &mut Work, mut take: impl FnMut(
 /// The windowed signal as the library takes it, Q31 of 79,500 LSB and a little more.
 #[inline]
 pub fn window(x: &[i32; XL_WINDOW], samples: &mut [i32; XL_WINDOW]) {
-    // Half of what is dropped, so that it is rounded, not cut off.
+    // Half of what is dropped, which rounds.
     const HALF: i32 = 1 << (DROPPED - 1);
     for ((sample, &x), &weight) in samples.iter_mut().zip(x).zip(&HANN_GAIN_Q31) {
         *sample = (scale_q32(x, weight) << WINDOWED_SHIFT) + HALF;

@@ -13,7 +13,7 @@ const HALF: usize = XL_WINDOW / 2;
 /// Bits of the index of a bin of the complex FFT.
 const INDEX_BITS: u32 = HALF.trailing_zeros();
 
-/// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part by turns.
+/// The spectrum of Q31 samples, over 128: 128 bins, real and imaginary part alternating.
 pub fn rfft(samples: &mut [i32; XL_WINDOW], spectrum: &mut [i32; 2 * XL_WINDOW]) {
     let z = complex_fft(samples);
     for k in 1..HALF {
@@ -101,7 +101,7 @@ fn each(z: Complex, f: impl Fn(i32) -> i32) -> Complex {
     Complex { re: f(z.re), im: f(z.im) }
 }
 
-/// Half of z times a twiddle factor `cos − i·sin`. Each product is cut off, not rounded, as in the C code.
+/// Half of z times a twiddle factor `cos − i·sin`. Each product is truncated, as in the C code.
 fn half_rotated(z: Complex, [cos, sin]: [i32; 2]) -> Complex {
     let upper = |x: i32, y: i32| ((x as i64 * y as i64) >> 32) as i32;
     Complex {

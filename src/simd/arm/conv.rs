@@ -4,7 +4,8 @@
 
 use core::arch::global_asm;
 
-use crate::simd::{LANES, LayerParams, Map, MapMut, MapShape, portable};
+use crate::simd::layout::{LANES, LayerParams, Map, MapMut, MapShape};
+use crate::simd::portable;
 
 // One pair of functions per shape: distances are immediates. A strip is 4 × `pairs` planes, two by turns added to
 // the one row of sums and the other. For each plane three columns of coefficients, of each column four words, the

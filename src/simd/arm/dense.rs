@@ -3,7 +3,8 @@
 
 use core::arch::global_asm;
 
-use crate::simd::{LANES, LayerParams, portable};
+use crate::simd::layout::{LANES, LayerParams};
+use crate::simd::portable;
 
 /// Words of `x` that one round takes.
 const ROUND: usize = 8;

@@ -9,8 +9,8 @@ use core::arch::x86_64::{
 };
 
 use crate::fixed::scale_q32;
+use crate::simd::layout::{LANES, LayerParams, Map, MapMut, MapShape};
 use crate::simd::portable::{combine_rows, mla_pair};
-use crate::simd::{LANES, LayerParams, Map, MapMut, MapShape};
 
 /// Columns side by side.
 const COLS: usize = 8;

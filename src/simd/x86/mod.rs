@@ -6,7 +6,7 @@
 mod avx2;
 pub mod sse2;
 
-use super::{LayerParams, Map, MapMut};
+use super::layout::{LayerParams, Map, MapMut};
 
 pub use sse2::{dots, weighted_sums};
 

@@ -8,8 +8,8 @@ use core::arch::x86_64::{
     _mm_unpacklo_epi64,
 };
 
+use crate::simd::layout::{LANES, LayerParams, Map, MapMut, pair};
 use crate::simd::portable::{self, Lanes, conv_relu_pool_in, dense_in};
-use crate::simd::{LANES, LayerParams, Map, MapMut, pair};
 
 #[derive(Clone, Copy)]
 struct Register(__m128i);

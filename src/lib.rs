@@ -3,7 +3,7 @@
 //! One library for both worlds: the microcontroller and the host run this code and get the same bits.
 //! The modules below stand in the order of dependence: each uses only those above it (a test holds this).
 #![no_std]
-// The exceptions are assembly and vector instructions, in `simd`.
+// The exceptions are assembly and vector instructions, in `simd`, and registers, in `firmware`.
 #![deny(unsafe_code)]
 #![deny(clippy::float_arithmetic)]
 
@@ -25,3 +25,10 @@ pub mod update;
 pub mod board;
 pub mod drivers;
 pub mod tasks;
+/// What the programs of the board share; the programs are in `src/firmware/bin`.
+#[cfg(all(target_os = "none", feature = "h743"))]
+#[expect(unsafe_code, reason = "registers, attributes of memories")]
+pub mod firmware;
+
+#[cfg(all(feature = "h743", not(target_os = "none")))]
+compile_error!("the feature h743 is for the microcontroller: cargo build-h743");

@@ -1,5 +1,5 @@
 //! A place in a board's RAM where a debug probe leaves frames and finds what became of them: the test with hardware in
-//! the loop. The program `slipsense-hil` (`src/hil`) has one, `slipsense hil` is at the other end.
+//! the loop. The program `slipsense-hil` (`src/firmware/bin/hil.rs`) has one, `slipsense hil` is at the other end.
 //!
 //! ```text
 //! host                                board

@@ -1,4 +1,4 @@
-//! What the bootloader decides: which firmware runs. Registers and the jump are in `src/boot`; this runs on the host too.
+//! What the bootloader decides: which firmware runs. Registers and the jump are in `src/firmware/bin/boot`; this runs on the host too.
 
 use core::fmt;
 

@@ -1,5 +1,4 @@
-//! What lies where in the flash: the one table, which the build script turns into the symbols of `partitions.x`, for
-//! the linker to check its memory maps by.
+//! What lies where in the flash: the one table, by which the linker checks the memory maps of firmware and bootloader.
 //!
 //! Addresses are offsets from the first byte of flash. An erase takes whole sectors; on the STM32H743 it stalls code
 //! that runs from the same bank, so that everything that is written while the fingertips sense lies in bank 2, from
@@ -82,16 +81,19 @@ impl Partitions {
     pub const fn written(&self) -> Span {
         self.dfu.with(self.state).with(self.model).with(self.settings)
     }
-
-    /// Every partition, by name.
-    pub const fn named(&self) -> [(&'static str, Span); 6] {
-        [
-            ("boot", self.boot),
-            ("active", self.active),
-            ("dfu", self.dfu),
-            ("state", self.state),
-            ("model", self.model),
-            ("settings", self.settings),
-        ]
-    }
 }
+
+const _: () = {
+    let Partitions { boot, active, dfu, state, model, settings, flash, .. } = NUCLEO_H743ZI2;
+    let spans = [boot, active, dfu, state, model, settings, Span { start: flash.end, end: flash.end }];
+    let mut index = 1;
+    while index < spans.len() {
+        assert!(
+            spans[index - 1].end <= spans[index].start,
+            "a partition reaches into the next, or leaves the flash"
+        );
+        index += 1;
+    }
+    assert!(active.end <= NUCLEO_H743ZI2.written().start, "no program lies in what the firmware writes");
+    assert!(dfu.bytes() == active.bytes() + SECTOR_BYTES, "embassy-boot's swap needs one sector more");
+};

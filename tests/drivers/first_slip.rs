@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use super::wiring::repository_file;
 
 const PAGE: &str = "docs/src/board/first-slip.md";
-const CODE: &str = "src/board/stm32/can.rs";
+const CODE: &str = "src/firmware/bin/app/can.rs";
 /// Clock of the FDCAN's time quanta (`clocks.rs`).
 const KERNEL_HZ: u32 = 80_000_000;
 

@@ -17,13 +17,13 @@ fn thousands(n: u32) -> String {
 #[test]
 fn every_pin_of_the_firmware_is_in_the_table_once() {
     let page = repository_file("docs/src/board/wiring.md");
-    let code = repository_file("src/board/stm32/pins.rs");
+    let code = repository_file("src/firmware/bin/app/pins.rs");
     let is_pin = |name: &&str| {
         let letters = name.as_bytes();
         matches!(letters, [b'P', b'A'..=b'K', digits @ ..] if !digits.is_empty() && digits.iter().all(u8::is_ascii_digit))
     };
     let words =
-        code.split("$chip.").skip(1).filter_map(|rest| rest.split(|c: char| !c.is_alphanumeric()).next());
+        code.split("chip.").skip(1).filter_map(|rest| rest.split(|c: char| !c.is_alphanumeric()).next());
     let pins: Vec<&str> = words.filter(is_pin).collect();
     assert_eq!(pins.len(), 22, "{pins:?}");
     for pin in pins {

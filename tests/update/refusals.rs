@@ -5,7 +5,7 @@ use embassy_futures::block_on;
 use slipsense::net::Aligned;
 use slipsense::node::FileSink;
 use slipsense::node::UpdateTarget::{Firmware, Model};
-use slipsense::update::partitions::{NUCLEO_H743ZI2, SECTOR_BYTES, TRAILER_BYTES};
+use slipsense::update::partitions::TRAILER_BYTES;
 use slipsense::update::{HEADER_BYTES, Header, Refusal, Run, UpdateSink};
 
 use super::device::{
@@ -217,13 +217,4 @@ fn a_board_without_bootloader_says_so() {
     assert_eq!(block_on(sink.write(Firmware, 0, &image(NEW)[..256])), Err(reason));
     assert_eq!(feed(&mut sink, Model, &model_image(NEW, 1)), Ok(()));
     assert!(sink.state().is_none());
-}
-
-#[test]
-fn partitions_are_whole_sectors_apart() {
-    let mut spans = NUCLEO_H743ZI2.named().map(|(_, span)| span);
-    spans.sort_by_key(|span| span.start);
-    assert!(spans.is_sorted_by(|before, behind| before.end <= behind.start));
-    assert!(spans.iter().all(|span| span.start % SECTOR_BYTES == 0 && span.end % SECTOR_BYTES == 0));
-    assert!(spans.last().unwrap().end <= NUCLEO_H743ZI2.flash.end);
 }

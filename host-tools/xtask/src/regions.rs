@@ -8,7 +8,7 @@ use crate::elf::{Image, Kind};
 use crate::root;
 use crate::table::{Align, Table, thousands};
 
-/// Code, constants, model and first contents of RAM: what an update carries, at most. `board.x` asserts it too.
+/// Code, constants, model and first contents of RAM: what an update carries, at most. `memory.x` asserts it too.
 const FLASH_BYTES_MAX: u64 = 512 * 1024;
 
 /// What has to be left of the region that code is linked to. The same source is 10 KB longer by one compiler than by
@@ -18,7 +18,7 @@ const FLASH_SPARE_BYTES: u64 = 20 * 1024;
 /// That region.
 const CODE: &str = "FLASH";
 
-/// A region of `board.x`.
+/// A region of `memory.x`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Region {
     pub name: String,
@@ -39,7 +39,7 @@ pub struct Regions {
 
 impl Regions {
     pub fn of(board: Board, image: &Image) -> Result<Self> {
-        let path = root().join("src/board").join(board.feature()).join("board.x");
+        let path = root().join("src/firmware/bin/app/memory.x");
         let map =
             std::fs::read_to_string(&path).with_context(|| format!("{}: cannot read", path.display()))?;
         let mut regions: Vec<_> = map.lines().filter_map(region).collect();

@@ -25,7 +25,7 @@ use crate::steady::{self, Steady};
 use crate::tapped::Tap;
 use crate::trouble::{self, Kind, Trouble};
 
-/// Inputs of ADC1 that the arrays are at: PA3, PC0, PB1 (`src/board/stm32/pins.rs`).
+/// Inputs of ADC1 that the arrays are at: PA3, PC0, PB1 (`src/firmware/bin/app/pins.rs`).
 pub const CHANNELS: [u8; MAX_SENSORS] = [15, 10, 5];
 /// The address is on PE2 to PE11.
 pub const FIRST_PIN: u32 = 2;

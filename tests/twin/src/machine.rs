@@ -39,7 +39,7 @@ const RAIL_MV: u32 = 3300;
 /// Names of the instances, in order.
 const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
 
-/// Chip selects of the accelerometers on SPI1 (`src/board/stm32/pins.rs`).
+/// Chip selects of the accelerometers on SPI1 (`src/firmware/bin/app/pins.rs`).
 const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 12)];
 const XL_SPI: usize = 0;
 

@@ -22,8 +22,7 @@ const WAKERS: &str = "embassy_executor::raw::waker::";
 /// The waker of who polls once, or has nothing else to do.
 const NO_WAKER: &str = "embassy_futures::block_on::VTABLE";
 /// The entry point, and what it does on every board.
-const START: [&str; 3] =
-    ["__cortex_m_rt_main", "slipsense_firmware::stm32::run", "slipsense_firmware::stm32::make"];
+const START: [&str; 3] = ["__cortex_m_rt_main", "slipsense_firmware::run", "slipsense_firmware::make"];
 /// A text behind a reference that does not say of what: the log's, and what a record on the bus quotes.
 const TEXT_IN_TEXT: &str = "<&dyn core::fmt::Display as core::fmt::Display>::fmt";
 /// Texts that format others, each of an earlier line or of numbers and words: see [`resolve`].
@@ -94,10 +93,9 @@ const RULES: &[Rule] = &[
             "_embassy_time_schedule_wake",
             "slipsense::tasks::services::",
             "slipsense::tasks::shared::Shared<",
-            "stm32::services::load",
-            "stm32::flash::BoardFlash as",
-            "stm32::updates::",
-            "stm32::installed::",
+            "slipsense_firmware::services::load",
+            "firmware::flash::BoardFlash",
+            "slipsense_firmware::updates::",
             "slipsense::update::",
             "embassy_embedded_hal::flash::",
             "embassy_sync::mutex::",
@@ -228,7 +226,7 @@ fn check(program: &Program) -> Result<()> {
     let mut led_to: BTreeSet<usize> = RULES.iter().flat_map(|rule| named(program, rule.targets)).collect();
     led_to.extend(TEXTS.into_iter().flat_map(|texts| named(program, texts)));
     led_to.extend(named(program, &[TEXT_IN_TEXT, FINDING]));
-    // Two words where reset looks first lead there (`board.x`); nobody calls it.
+    // Two words where reset looks first lead there (`memory.x`); nobody calls it.
     led_to.extend(program.function("Reset"));
     let nodes = program.graph.nodes.iter().enumerate();
     let mut lost: Vec<_> = nodes

@@ -59,16 +59,16 @@ const NEVER_TAKEN: &[(&str, &str, &str)] = &[
         "embassy's time of a frame: with bit rate switching it subtracts 0",
     ),
     (
-        "embassy_executor::raw::TaskStorage<slipsense_firmware::stm32::__receive_task",
+        "embassy_executor::raw::TaskStorage<slipsense_firmware::__receive_task",
         "slice_index_fail",
         "a frame that embassy has read has at most 64 bytes",
     ),
     (
-        "embassy_executor::raw::TaskStorage<slipsense_firmware::stm32::__transmit_task",
+        "embassy_executor::raw::TaskStorage<slipsense_firmware::__transmit_task",
         "core::panicking::panic",
         "embassy's assertion that a task's header is its own",
     ),
-    ("slipsense_firmware::stm32::can::CanBus as", "core::panicking::panic", "TFQPI has five bits"),
+    ("slipsense_firmware::can::CanBus as", "core::panicking::panic", "TFQPI has five bits"),
     ("__defmt_default_panic", "core::", "where assertions of embassy's end; who makes them is not listed"),
     ("_defmt_", "core::", "the log is entered with interrupts off, and never from within"),
 ];

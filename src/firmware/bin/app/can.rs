@@ -37,10 +37,9 @@ use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Instant, with_deadline};
 use embedded_can::{ExtendedId, Id};
 use slipsense::board::{CanReceive, CanTransmit, Lane};
+use slipsense::firmware::clocks::FDCAN_KERNEL_HZ;
 use slipsense::health::{CanState, CanStatus};
 use slipsense::wire::CanFrame;
-
-use crate::board::clocks::FDCAN_KERNEL_HZ;
 
 bind_interrupts!(struct Irqs {
     FDCAN1_IT0 => IT0InterruptHandler<peripherals::FDCAN1>, Changed;

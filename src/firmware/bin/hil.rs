@@ -1,43 +1,44 @@
-//! Start, tasks, and the mailbox in the board's RAM.
+//! The firmware's tasks with a debug probe in place of sensors and bus: the board's side of `slipsense hil`.
+//!
+//! Clocks, memories, model, pipeline, tasks, executors and their priorities are the firmware's. There is no scan, no
+//! accelerometer, no CAN, no setting and no watchdog: frames come through [`slipsense::board::mailbox`], and the CAN
+//! frames that they lead to go back the same way. So a bare NUCLEO on its USB cable is all that the test needs.
+//! **It has not run on hardware**; it runs on the emulated STM32H743.
+#![no_std]
+#![no_main]
 
 use core::future::pending;
 use core::panic::PanicInfo;
 use core::sync::atomic::AtomicU32;
 
 use cortex_m::peripheral::DWT;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt::unwrap;
 use defmt_rtt as _;
-use embassy_executor::{Executor, InterruptExecutor};
+use embassy_executor::Executor;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Timer;
 use slipsense::board::mailbox::{ANSWER_WORDS, Desk, FRAME_WORDS, Mailbox};
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
-use slipsense::board::{CanTransmit, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock};
+use slipsense::board::{CanTransmit, FrameSource, Lane, Observe, SensedPart, StoppedClock};
+use slipsense::firmware::shared::{
+    ACQUISITION, FrameReceiver, FrameSender, Mutex, RawReceiver, SHARED, frame_queue, raw_queue,
+};
+use slipsense::firmware::{self, model};
 use slipsense::health::CanStatus;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline, State};
-use slipsense::tasks::{self, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission};
-use slipsense::wire::{CanFrame, NodeId, RawTransfer, Transmitter};
+use slipsense::tasks::{self, Inference, Transmission};
+use slipsense::update::partitions::NUCLEO_H743ZI2;
+use slipsense::wire::{CanFrame, NodeId, Transmitter};
 use static_cell::StaticCell;
-
-#[path = "../board/stm32/memory.rs"]
-#[allow(unused_imports, unused_macros, reason = "the firmware uses the rest")]
-pub mod memory;
-#[path = "../board/stm32/model.rs"]
-mod model;
-
-use memory::axi_sram_slot;
 
 /// How often the mailbox is looked at. A real wait on the timer, so that acquisition interrupts inference as in the
 /// firmware.
 const LOOK_US: u64 = 100;
 
-type Mutex = CriticalSectionRawMutex;
 type HilInference = Inference<'static, Mutex, StoppedClock, Answers, &'static mut State>;
 
 /// Under the name [`slipsense::board::mailbox::SYMBOL`]. In DTCM, which is never cached and has its clock after reset,
@@ -50,25 +51,11 @@ static FRAME: [AtomicU32; FRAME_WORDS] = [const { AtomicU32::new(0) }; FRAME_WOR
 static ANSWER: [AtomicU32; ANSWER_WORDS] = [const { AtomicU32::new(0) }; ANSWER_WORDS];
 static DESK: Desk = Desk::new(&MAILBOX, &FRAME, &ANSWER);
 
-static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
-static INFERENCE: StaticCell<Executor> = StaticCell::new();
-static SHARED: Shared<Mutex> = Shared::new();
-static RAW_QUEUE: StaticCell<RawQueue<'static, Mutex>> = StaticCell::new();
-static FRAME_QUEUE: StaticCell<Channel<'static, Mutex, SensedFrame>> = StaticCell::new();
+static THREAD: StaticCell<Executor> = StaticCell::new();
 static PIPELINE: StaticCell<HilInference> = StaticCell::new();
-axi_sram_slot! {
-    /// What the frame queue lends out.
-    FRAME_BUFFERS: [SensedFrame; QUEUED_FRAMES]
-}
-axi_sram_slot! {
-    /// What the queue of raw messages lends out.
-    RAW_BUFFERS: [RawTransfer; RAW_MESSAGES]
-}
-axi_sram_slot! {
-    /// Where frames come from.
-    SOURCE: Replayed
-}
-
+/// Where frames come from.
+#[unsafe(link_section = ".axisram")]
+static SOURCE: StaticCell<Replayed> = StaticCell::new();
 /// # Safety
 /// Called by the hardware only, and not before `main` has started the executor.
 #[interrupt]
@@ -77,32 +64,16 @@ unsafe fn CEC() {
     unsafe { ACQUISITION.on_interrupt() }
 }
 
-/// What a board's entry point hands over. No pin is used.
-pub struct Hardware {
-    /// As on the label.
-    pub board: &'static str,
-    /// Clock of the core.
-    pub core_hz: u32,
-}
-
-/// As the firmware's macro of this name, for [`Hardware`].
-macro_rules! nucleo_144 {
-    ($chip:ident, $board:literal) => {
-        Hardware {
-            board: $board,
-            core_hz: ::embassy_stm32::rcc::clocks(&$chip.RCC).sys.to_hertz().map_or(0, |clock| clock.0),
-        }
-    };
-}
-pub(crate) use nucleo_144;
-
-/// Wait for the host, then answer its frames. On a chip whose memory and clocks are set up.
-pub fn run(hardware: Hardware) -> ! {
-    DESK.place((address(&FRAME), address(&ANSWER)), hardware.core_hz);
+/// Wait for the host, then answer its frames.
+#[entry]
+fn main() -> ! {
+    let chip = firmware::init();
+    let core_hz = embassy_stm32::rcc::clocks(&chip.RCC).sys.to_hertz().map_or(0, |clock| clock.0);
+    DESK.place((address(&FRAME), address(&ANSWER)), core_hz);
     count_cycles();
-    let model = match Model::parse(model::built_in(model::place())) {
+    let model = match Model::parse(model::built_in(model::buffer())) {
         Ok(model) => model,
-        Err(error) => give_up(format_args!("{}: model: {error}", hardware.board)),
+        Err(error) => give_up(format_args!("{}: model: {error}", NUCLEO_H743ZI2.label)),
     };
     DESK.open(&model.hash);
     let sensors = loop {
@@ -112,38 +83,26 @@ pub fn run(hardware: Hardware) -> ! {
     };
     let pipeline = match Pipeline::within(model::first_state(), model, sensors) {
         Ok(pipeline) => pipeline,
-        Err(error) => give_up(format_args!("{}: {error}", hardware.board)),
+        Err(error) => give_up(format_args!("{}: {error}", NUCLEO_H743ZI2.label)),
     };
-    let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(raw_buffers())).split();
-    let (sender, receiver) = FRAME_QUEUE.init(Channel::new(frame_buffers())).split();
+    let (raw_sender, raw_receiver) = raw_queue();
+    let (sender, receiver) = frame_queue();
     let transmitter = Transmitter::new(NodeId::DEFAULT);
     let answers = Answers { began: 0 };
     let inference =
         PIPELINE.init(Inference::new(pipeline, transmitter, StoppedClock, answers, &SHARED, raw_sender));
-    let source = unwrap!(SOURCE.take()).write(Replayed { taken: None, sensors, bytes: [0; FRAME_BYTES_MAX] });
+    let source = SOURCE.init(Replayed { taken: None, sensors, bytes: [0; FRAME_BYTES_MAX] });
 
     interrupt::CEC.set_priority(Priority::P6);
     let spawner = ACQUISITION.start(interrupt::CEC);
     spawner.spawn(unwrap!(transmit(raw_receiver)));
     spawner.spawn(unwrap!(acquire(source, sender)));
-    INFERENCE.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(infer(inference, receiver))))
+    THREAD.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(infer(inference, receiver))))
 }
 
 /// Where the host finds it.
 fn address<const N: usize>(words: &'static [AtomicU32; N]) -> u32 {
     words.as_ptr().addr() as u32
-}
-
-/// Apart: what these buffers take of the stack before they are in AXI SRAM is given back.
-#[inline(never)]
-fn raw_buffers() -> &'static mut [RawTransfer] {
-    unwrap!(RAW_BUFFERS.take()).write([const { RawTransfer::new() }; RAW_MESSAGES])
-}
-
-/// Apart, as [`raw_buffers`].
-#[inline(never)]
-fn frame_buffers() -> &'static mut [SensedFrame] {
-    unwrap!(FRAME_BUFFERS.take()).write([const { SensedFrame::new() }; QUEUED_FRAMES])
 }
 
 /// Let the core count its cycles.
@@ -157,17 +116,17 @@ fn count_cycles() {
 }
 
 #[embassy_executor::task]
-async fn acquire(source: &'static mut Replayed, queue: Sender<'static, Mutex, SensedFrame>) {
+async fn acquire(source: &'static mut Replayed, queue: FrameSender) {
     tasks::acquire(source, queue, &SHARED).await;
 }
 
 #[embassy_executor::task]
-async fn transmit(raw: Receiver<'static, Mutex, RawTransfer>) {
+async fn transmit(raw: RawReceiver) {
     Transmission::new(Bus, StoppedClock, &SHARED, raw).run().await;
 }
 
 #[embassy_executor::task]
-async fn infer(inference: &'static mut HilInference, queue: Receiver<'static, Mutex, SensedFrame>) {
+async fn infer(inference: &'static mut HilInference, queue: FrameReceiver) {
     inference.run(queue).await;
 }
 

@@ -21,7 +21,10 @@ use slipsense::drivers::{SPI_BUFFER_BYTES, SpiBuffer};
 use slipsense::params::MAX_SENSORS;
 use static_cell::StaticCell;
 
-use super::memory::dma_slot;
+#[cfg(all(feature = "adxl382", feature = "icm42688"))]
+compile_error!(
+    "all sensors of a board have the same accelerometer: adxl382, icm42688, or neither for the ADXL380"
+);
 
 bind_interrupts!(struct Irqs {
     DMA2_STREAM0 => dma::InterruptHandler<peripherals::DMA2_CH0>;
@@ -47,10 +50,9 @@ pub type Xl = slipsense::drivers::Adxl380<'static, Device>;
 pub const PART: XlPart = <Xl as Accelerometer>::PART;
 
 static BUS: StaticCell<Bus> = StaticCell::new();
-dma_slot! {
-    /// One for each accelerometer: DMA does not reach the driver's own memory.
-    BUFFERS: [SpiBuffer; MAX_SENSORS]
-}
+/// One for each accelerometer: DMA does not reach the driver's own memory.
+#[unsafe(link_section = ".sram_d2")]
+static BUFFERS: StaticCell<[SpiBuffer; MAX_SENSORS]> = StaticCell::new();
 
 /// Pins and peripherals.
 pub struct Hardware {
@@ -79,8 +81,7 @@ pub fn start(hardware: Hardware) -> [Xl; MAX_SENSORS] {
     let Hardware { spi, sck, miso, mosi, tx_dma, rx_dma, chip_selects } = hardware;
     let bus: &'static Bus =
         BUS.init(Mutex::new(Spi::new(spi, sck, mosi, miso, tx_dma, rx_dma, Irqs, config)));
-    let buffers = unwrap!(BUFFERS.take()).write([[0; SPI_BUFFER_BYTES]; MAX_SENSORS]);
-    let mut buffers = buffers.iter_mut();
+    let mut buffers = BUFFERS.init([[0; SPI_BUFFER_BYTES]; MAX_SENSORS]).iter_mut();
     chip_selects.map(|pin| {
         let device = SpiDevice::new(bus, Output::new(pin, Level::High, Speed::High));
         Xl::new(device, unwrap!(buffers.next()))

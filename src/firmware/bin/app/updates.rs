@@ -3,25 +3,30 @@
 use defmt::{Display2Format, info, unwrap};
 use embassy_futures::block_on;
 use heapless::Deque;
+use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
+use slipsense::firmware::model::{self, MODEL_BYTES_MAX, ModelBuffer};
+use slipsense::net::Aligned;
 use slipsense::node::UpdateTarget;
+use slipsense::update::partitions::NUCLEO_H743ZI2 as BOARD;
 use slipsense::update::{
-    FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, Notice, PUBLIC_KEY, Refusal, Run, SlotModel, Trial,
-    UpdateSink, UpdateState, find_bootloader, running_version,
+    FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, ModelSlot, Notice, PUBLIC_KEY, Refusal, Run, SlotModel,
+    Trial, UpdateSink, UpdateState, find_bootloader, running_version,
 };
-
-use super::flash::{Part, Parts};
-use super::installed;
-use crate::board::PARTITIONS;
+use static_cell::ConstStaticCell;
 
 /// At the start three, at the end of a trial one.
 const NOTICES: usize = 4;
+
+/// Where a model that comes over the bus is tried, apart from the one that runs.
+#[unsafe(link_section = ".axisram")]
+static TRIAL: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
 
 /// What the services know of updates.
 pub struct Updates {
     /// The version of the firmware that runs.
     pub version: ImageVersion,
     /// Where the pieces of a file go.
-    pub sink: UpdateSink<'static, Part, Part, Part>,
+    pub sink: UpdateSink<'static, FlashPartition, FlashPartition, FlashPartition>,
     trial: Trial,
     notices: Deque<Notice, NOTICES>,
 }
@@ -29,18 +34,18 @@ pub struct Updates {
 impl Updates {
     /// What the flash says at the start; `from`: which model runs.
     #[inline(never)]
-    pub fn find(flash: Parts, from: SlotModel) -> Self {
-        let version = block_on(running_version(&mut flash.part(PARTITIONS.active), PARTITIONS, &PUBLIC_KEY));
+    pub fn find(flash: FlashPartitions, from: SlotModel) -> Self {
+        let version = block_on(running_version(&mut flash.get(BOARD.active), &BOARD, &PUBLIC_KEY));
         let mut firmware = block_on(firmware_slot(flash));
         let run = match &mut firmware {
             Ok(slot) => block_on(slot.state.run()).map_err(|_| Refusal::Flash),
             Err(why) => Err(*why),
         };
         let firmware = run.and(firmware);
-        let (model, place) = (installed::slot(flash), installed::trial_place());
+        let (model, trial) = (model_slot(flash), &mut TRIAL.take().0[..]);
         let mut updates = Self {
             version,
-            sink: UpdateSink::new(PARTITIONS, PUBLIC_KEY, version, firmware, model, place),
+            sink: UpdateSink::new(&BOARD, PUBLIC_KEY, version, firmware, model, trial),
             trial: Trial::new(run.unwrap_or(Run::Confirmed)),
             notices: Deque::new(),
         };
@@ -89,10 +94,26 @@ impl Updates {
 }
 
 /// Where a new firmware goes, if something would swap it in.
-async fn firmware_slot(flash: Parts) -> Result<FirmwareSlot<Part, Part>, Refusal> {
-    find_bootloader(&mut flash.part(PARTITIONS.boot), PARTITIONS).await?;
-    Ok(FirmwareSlot {
-        dfu: flash.part(PARTITIONS.dfu),
-        state: UpdateState::new(flash.part(PARTITIONS.state)),
-    })
+async fn firmware_slot(
+    flash: FlashPartitions,
+) -> Result<FirmwareSlot<FlashPartition, FlashPartition>, Refusal> {
+    find_bootloader(&mut flash.get(BOARD.boot), &BOARD).await?;
+    Ok(FirmwareSlot { dfu: flash.get(BOARD.dfu), state: UpdateState::new(flash.get(BOARD.state)) })
+}
+
+fn model_slot(flash: FlashPartitions) -> ModelSlot<FlashPartition> {
+    ModelSlot::new(flash.get(BOARD.model), &BOARD, PUBLIC_KEY)
+}
+
+/// The file of the model that runs, in DTCM, and where it is from: the model slot if it may, else the firmware.
+#[inline(never)]
+pub fn find_model(flash: FlashPartitions) -> (&'static [u8], SlotModel) {
+    let buffer = model::buffer();
+    match block_on(model_slot(flash).load(buffer)) {
+        Ok(header) => {
+            let whole: &'static [u8] = buffer;
+            (whole.get(..header.length as usize).unwrap_or(&[]), SlotModel::Slot(header.version))
+        }
+        Err(why) => (model::built_in(buffer), SlotModel::BuiltIn(why)),
+    }
 }

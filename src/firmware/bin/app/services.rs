@@ -7,29 +7,32 @@ use embassy_stm32::uid;
 use slipsense::board::StatusLed;
 use slipsense::board::panic_record::PanicRecord;
 use slipsense::drivers::array::Mounting;
+use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
+use slipsense::firmware::shared::{Mutex, SHARED, Uptime};
 use slipsense::health::{Condition, Status};
 use slipsense::net::format::HASH_BYTES;
-use slipsense::node::{COMMIT, FileSink, Identity, Node, UpdateTarget};
+use slipsense::node::{COMMIT, FileSink, Identity, Node, UpdateTarget, Version};
 use slipsense::settings::{LoadReport, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
 use slipsense::update::Notice;
+use slipsense::update::partitions::NUCLEO_H743ZI2;
+use static_cell::StaticCell;
 
-use super::can::Inbox;
-use super::flash::{Part, Parts};
-use super::memory::axi_sram_slot;
-use super::updates::Updates;
-use super::{Mutex, SHARED, Uptime, sensors};
-use crate::board::{HARDWARE, PARTITIONS};
+use crate::can::Inbox;
+use crate::frame_source;
+use crate::updates::Updates;
+
+/// What GetInfo reports; the major number is the board's.
+const HARDWARE: Version = Version { major: 1, minor: 0 };
 
 /// The task and all that it remembers.
 pub type BoardServices = Services<'static, Mutex, Inbox, Uptime, Station>;
 /// Where settings are kept.
-pub type Store = SettingsStore<Part>;
+pub type Store = SettingsStore<FlashPartition>;
 
-axi_sram_slot! {
-    /// The node, its queues and the transfers that it puts together.
-    SERVICES: BoardServices
-}
+/// The node, its queues and the transfers that it puts together.
+#[unsafe(link_section = ".axisram")]
+static SERVICES: StaticCell<BoardServices> = StaticCell::new();
 
 /// What the services do to the board.
 pub struct Station {
@@ -40,10 +43,10 @@ pub struct Station {
 
 /// The settings of the last store, or the defaults.
 #[inline(never)]
-pub fn load(flash: Parts) -> (Store, Settings, LoadReport) {
-    let span = PARTITIONS.settings;
+pub fn load(flash: FlashPartitions) -> (Store, Settings, LoadReport) {
+    let span = NUCLEO_H743ZI2.settings;
     // It has two sectors.
-    let mut store = unwrap!(SettingsStore::new(flash.part(span), 0..span.bytes()).ok());
+    let mut store = unwrap!(SettingsStore::new(flash.get(span), 0..span.bytes()).ok());
     let (settings, report) = block_on(store.load());
     (store, settings, report)
 }
@@ -72,7 +75,7 @@ pub fn build(
     };
     let node = Node::new(identity, settings);
     let station = Station { store, updates, led };
-    unwrap!(SERVICES.take()).write(Services::new(node, inbox, Uptime, &SHARED, station, panic))
+    SERVICES.init(Services::new(node, inbox, Uptime, &SHARED, station, panic))
 }
 
 impl StatusLed for Station {
@@ -117,7 +120,7 @@ impl ServiceBoard for Station {
     }
 
     fn apply(&mut self, settings: &Settings) {
-        sensors::mount(settings.orientation().map(|(rows_flipped, cols_flipped)| Mounting {
+        frame_source::mount(settings.orientation().map(|(rows_flipped, cols_flipped)| Mounting {
             transposed: false,
             rows_flipped,
             cols_flipped,
@@ -125,7 +128,7 @@ impl ServiceBoard for Station {
     }
 
     fn observe(&mut self, status: &mut Status) {
-        if let Some(report) = sensors::report() {
+        if let Some(report) = frame_source::report() {
             status.stuck_taxels = report.stuck_taxels;
         }
     }

@@ -1,5 +1,14 @@
-//! From reset to the jump. On the 64 MHz oscillator that the chip starts with: no clock is set up, so that the firmware
-//! finds the chip as after a reset, but for the watchdog, which runs.
+//! The bootloader: swaps in a firmware that came by an update, swaps out one that did not confirm, and jumps. What it
+//! decides is [`slipsense::update::boot`], which the host's tests run; here are only registers. The emulated board
+//! runs it. **It has not run on hardware.**
+//!
+//! The watchdog is on from the first microsecond: a bootloader that hangs starts anew, and a firmware that hangs comes
+//! back here without having confirmed. Without a firmware that is whole the red LED is lit, and a debug probe is needed.
+//!
+//! It runs on the 64 MHz oscillator that the chip starts with: no clock is set up, so that the firmware finds the chip
+//! as after a reset, but for the watchdog.
+#![no_std]
+#![no_main]
 
 use core::cell::RefCell;
 use core::panic::PanicInfo;
@@ -8,15 +17,16 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
 use defmt::{Display2Format, error, info};
 use defmt_rtt as _;
+use embassy_embedded_hal::flash::partition::BlockingPartition;
 use embassy_stm32::flash::Flash;
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_sync::blocking_mutex::NoopMutex;
+use slipsense::firmware::flash::{BoardFlash, feed_watchdog};
 use slipsense::update::boot::{Firmware, Slots};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2 as BOARD, Span};
 use slipsense::update::{KEY_NOTICE, PUBLIC_KEY};
-
-use crate::partition::{Partition, feed_watchdog};
 
 /// Twice the longest erase of a sector (STM32H743 data sheet, flash memory programming). The firmware sets its own.
 const WATCHDOG_US: u32 = 8_000_000;
@@ -40,11 +50,11 @@ fn main() -> ! {
         info!("{=str}", notice);
     }
 
-    let flash = RefCell::new(Flash::new_blocking(chip.FLASH));
-    let part = |span: Span| Partition { flash: &flash, span };
-    let mut slots = Slots { active: part(BOARD.active), dfu: part(BOARD.dfu), state: part(BOARD.state) };
+    let flash = NoopMutex::new(RefCell::new(BoardFlash::new(Flash::new_blocking(chip.FLASH))));
+    let partition = |span: Span| BlockingPartition::new(&flash, span.start, span.bytes());
+    let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(partition);
     let mut buffer = Buffer([0; BUFFER_BYTES]);
-    match slots.prepare(&BOARD, &PUBLIC_KEY, &mut buffer.0) {
+    match (Slots { active, dfu, state }).prepare(&BOARD, &PUBLIC_KEY, &mut buffer.0) {
         Ok(Firmware::Signed(version)) => info!("firmware {}", Display2Format(&version)),
         Ok(Firmware::Flashed) => info!("a firmware that a probe wrote"),
         Err(failure) => {
@@ -63,7 +73,7 @@ fn main() -> ! {
     }
 }
 
-/// Nothing to run: say so.
+/// Nothing to run: the red LED.
 fn wait_for_a_probe() -> ! {
     pac::RCC.ahb4enr().modify(|w| w.set_gpioben(true));
     cortex_m::asm::dsb();

@@ -11,9 +11,10 @@ use slipsense::drivers::array::{Array, Mounting};
 use slipsense::drivers::{Sensor, SensorReport, Sensors, XlTrack};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::FrameStamp;
+use static_cell::StaticCell;
 
-use super::accelerometers::{self, Xl};
-use super::scan::{self, Scan};
+use crate::accelerometers::{self, Xl};
+use crate::adc_scan::{self, AdcScan};
 
 /// The last report.
 static REPORT: Mutex<CriticalSectionRawMutex, Cell<Option<SensorReport>>> = Mutex::new(Cell::new(None));
@@ -25,17 +26,23 @@ static MOUNTINGS: Mutex<CriticalSectionRawMutex, Cell<[Mounting; MAX_SENSORS]>> 
 
 /// Reports once a second.
 pub struct BoardSensors {
-    sensors: Sensors<Scan, Xl>,
+    sensors: Sensors<AdcScan, Xl>,
     frames_until_report: u32,
 }
 
-/// Start scan and accelerometers of so many sensors; `order` holds the connector of each.
+/// The drivers and what they remember; DTCM is for the model.
+#[unsafe(link_section = ".axisram")]
+static SOURCE: StaticCell<BoardSensors> = StaticCell::new();
+
+/// Start scan and accelerometers of so many sensors; `order` holds the connector of each. Apart: what this takes of the
+/// stack is given back.
+#[inline(never)]
 pub fn start(
-    mut scan: scan::Hardware,
+    mut scan: adc_scan::Hardware,
     accelerometers: accelerometers::Hardware,
     sensors: usize,
     order: [usize; MAX_SENSORS],
-) -> BoardSensors {
+) -> &'static mut BoardSensors {
     let mut parts = accelerometers::start(accelerometers).map(Some);
     let mut arrays = scan.arrays.map(Some);
     // An order names each connector once.
@@ -45,8 +52,8 @@ pub fn start(
     let used = used.map(|part| Sensor { array: array(), xl: XlTrack::new(part) }).collect();
     // A part that is fitted and not used stays deselected: a pin that is let go floats, and the part would talk.
     parts.into_iter().flatten().for_each(core::mem::forget);
-    let scan = Scan::start(scan, sensors);
-    BoardSensors { sensors: Sensors::new(scan, used), frames_until_report: FRAME_RATE_HZ }
+    let scan = AdcScan::start(scan, sensors);
+    SOURCE.init(BoardSensors { sensors: Sensors::new(scan, used), frames_until_report: FRAME_RATE_HZ })
 }
 
 /// From the next frame on the arrays are mounted so.

@@ -17,7 +17,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
-use defmt::{unwrap, warn};
+use defmt::warn;
 use embassy_stm32::adc::{Adc, AdcConfig, AnyAdcChannel, Resolution, RxDma};
 use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
 use embassy_stm32::interrupt;
@@ -35,12 +35,11 @@ use slipsense::board::TaxelScan;
 use slipsense::drivers::scan::{
     ADDRESS_LINES, SlotTiming, address_table, address_word, frames_between, is_in_step,
 };
+use slipsense::firmware::clocks::{ADC_HZ, TIMER_HZ};
 use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense::pipeline::FrameStamp;
 use slipsense::tasks::FRAME_PERIOD_US;
-
-use super::memory::dma_slot;
-use crate::board::clocks::{ADC_HZ, TIMER_HZ};
+use static_cell::StaticCell;
 
 const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
 /// The address lines are the pins of port E from this one on.
@@ -48,21 +47,19 @@ const FIRST_PIN: u32 = 2;
 const ADDRESS_TABLE: [u32; TAXELS] = address_table(FIRST_PIN);
 const TIM8_TRGO: u8 = 7;
 /// Longest wait for a frame.
-const PATIENCE: Duration = Duration::from_micros(2 * FRAME_PERIOD_US);
+const TIMEOUT: Duration = Duration::from_micros(2 * FRAME_PERIOD_US);
 /// Reads of a register until what was switched off must be off: microseconds.
 const SPINS: u32 = 10_000;
 
 /// Reads of the streams until the inputs settle: more than a slot takes, each being some 100 ns.
 const STEP_SPINS: u32 = 200;
 
-dma_slot! {
-    /// Two frames of codes, as many arrays side by side as there are.
-    RING: [u16; 2 * TAXELS * MAX_SENSORS]
-}
-dma_slot! {
-    /// In RAM, so that a stalled flash cannot delay an address.
-    ADDRESSES: [u32; TAXELS]
-}
+/// Two frames of codes, as many arrays side by side as there are.
+#[unsafe(link_section = ".sram_d2")]
+static RING: StaticCell<[u16; 2 * TAXELS * MAX_SENSORS]> = StaticCell::new();
+/// In RAM, so that a stalled flash cannot delay an address.
+#[unsafe(link_section = ".sram_d2")]
+static ADDRESSES: StaticCell<[u32; TAXELS]> = StaticCell::new();
 
 /// What the interrupt says of a frame.
 #[derive(Clone, Copy)]
@@ -99,7 +96,7 @@ pub struct Hardware {
 }
 
 /// The running scan.
-pub struct Scan {
+pub struct AdcScan {
     arrays: usize,
     ring: *const u16,
     last: Tick,
@@ -108,13 +105,13 @@ pub struct Scan {
 }
 
 // SAFETY: the ring is a static that only DMA writes; where it lies is all that the pointer says.
-unsafe impl Send for Scan {}
+unsafe impl Send for AdcScan {}
 
-impl Scan {
+impl AdcScan {
     /// Set everything up and start. `arrays`: 1 to 3.
     pub fn start(hardware: Hardware, arrays: usize) -> Self {
-        let ring = unwrap!(RING.take()).write([0; 2 * TAXELS * MAX_SENSORS]).as_ptr();
-        let addresses = unwrap!(ADDRESSES.take()).write(ADDRESS_TABLE).as_ptr();
+        let ring = RING.init([0; 2 * TAXELS * MAX_SENSORS]).as_ptr();
+        let addresses = ADDRESSES.init(ADDRESS_TABLE).as_ptr();
         ARRAYS.store(arrays as u32, Ordering::Relaxed);
         for pin in hardware.address {
             // Never dropped: that would release the pin.
@@ -214,10 +211,10 @@ impl Scan {
     }
 }
 
-impl TaxelScan for Scan {
+impl TaxelScan for AdcScan {
     async fn tick(&mut self) -> FrameStamp {
         let before = self.last.time;
-        let tick = with_timeout(PATIENCE, TICK.wait()).await.ok();
+        let tick = with_timeout(TIMEOUT, TICK.wait()).await.ok();
         let stood = tick.is_none();
         self.last = tick.unwrap_or_else(|| Tick {
             time: Instant::now(),

@@ -1,0 +1,131 @@
+//! What answers to a frame: the pipeline, or, without a readable model, a slip message flagged NO_MODEL.
+
+use defmt::{Display2Format, error, info, warn};
+use slipsense::firmware::model;
+use slipsense::firmware::shared::{FrameReceiver, Mutex, RawSender, SHARED, Uptime};
+use slipsense::health::{self, CanState, SensorHealth};
+use slipsense::net::Model;
+use slipsense::net::format::HASH_BYTES;
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::pipeline::{FrameStamp, Pipeline, State};
+use slipsense::tasks::{Inference, Supervisor, Task};
+use slipsense::wire::{NodeId, SensorContact, SlipMessage, Transmitter};
+use static_cell::StaticCell;
+
+use crate::frame_source;
+use crate::watchdog::Watchdog;
+
+type BoardInference = Inference<'static, Mutex, Uptime, (), &'static mut State>;
+static INFERENCE: StaticCell<BoardInference> = StaticCell::new();
+
+/// With a model or without.
+pub enum Decider {
+    Pipeline(&'static mut BoardInference),
+    WithoutModel { sensors: usize },
+}
+
+impl Decider {
+    /// Make the pipeline, or report why there is none. Apart: what this takes of the stack is given back.
+    ///
+    /// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline is made.
+    #[inline(never)]
+    pub fn new(model: &'static [u8], raw: RawSender, sensors: usize) -> Self {
+        match Model::parse(model) {
+            Ok(model) => Self::with(model, raw, sensors),
+            Err(error) => {
+                error!("model: {}", Display2Format(&error));
+                Self::WithoutModel { sensors }
+            }
+        }
+    }
+
+    /// On a state that is made where it stays, in AXI SRAM.
+    #[inline(never)]
+    fn with(model: Model<'static>, raw: RawSender, sensors: usize) -> Self {
+        let pipeline = match Pipeline::within(model::first_state(), model, sensors) {
+            Ok(pipeline) => pipeline,
+            Err(error) => {
+                error!("pipeline: {}", Display2Format(&error));
+                return Self::WithoutModel { sensors };
+            }
+        };
+        let transmitter = Transmitter::new(NodeId::DEFAULT);
+        Self::Pipeline(INFERENCE.init(Inference::new(pipeline, transmitter, Uptime, (), &SHARED, raw)))
+    }
+
+    /// Of the model that runs.
+    pub fn model_hash(&self) -> Option<[u8; HASH_BYTES]> {
+        match self {
+            Self::Pipeline(inference) => Some(inference.pipeline.model().hash),
+            Self::WithoutModel { .. } => None,
+        }
+    }
+
+    /// Decide frames, for ever, and feed the watchdog while every task moves on.
+    pub async fn run(&mut self, mut queue: FrameReceiver, mut watchdog: Watchdog) {
+        let mut degraded = Transmitter::new(NodeId::DEFAULT);
+        let mut supervisor = Supervisor::new(&Task::ALL);
+        let mut frames_until_report = FRAME_RATE_HZ;
+        loop {
+            match self {
+                Self::Pipeline(inference) => inference.serve(&mut queue).await,
+                &mut Self::WithoutModel { sensors } => {
+                    let stamp = queue.receive().await.stamp;
+                    queue.receive_done();
+                    SHARED.progress.made(Task::Infer);
+                    let message = without_model(stamp, sensors);
+                    SHARED.update_status(|status| {
+                        status.sensor_health = message.contact.map(|contact| SensorHealth(contact.health));
+                    });
+                    if let Some(node) = SHARED.controls().node {
+                        degraded.speak_as(node);
+                        SHARED.send_slip(degraded.slip(&message));
+                    }
+                }
+            }
+            // A task that stands still shows in the log of the restart that the watchdog makes.
+            let _ = supervisor.look(&SHARED.progress, &mut watchdog);
+            frames_until_report -= 1;
+            if frames_until_report == 0 {
+                frames_until_report = FRAME_RATE_HZ;
+                self.report();
+            }
+        }
+    }
+
+    /// Into the log, once a second.
+    fn report(&self) {
+        let status = SHARED.status();
+        info!(
+            "late {=u32}, worst {=u32} us, dropped: frames {=u32}, raw messages {=u32}, slip messages {=u32}",
+            status.late_frames,
+            status.worst_frame_us,
+            status.dropped_frames,
+            status.dropped_raw,
+            status.replaced_slips
+        );
+        let sensors = match self {
+            Self::Pipeline(inference) => inference.pipeline.sensors(),
+            &Self::WithoutModel { sensors } => {
+                error!("no readable model: slip messages carry NO_MODEL");
+                sensors
+            }
+        };
+        if status.can.state == CanState::BusOff {
+            warn!("the node is off the bus, {=u32} times so far", status.bus_offs);
+        }
+        frame_source::log(sensors);
+    }
+}
+
+/// What the node can say without a network: the time, and that nothing in it is a decision.
+fn without_model(stamp: FrameStamp, sensors: usize) -> SlipMessage {
+    let flagged = SensorContact {
+        health: health::NO_MODEL | health::PIEZO_MISSING | health::XL_MISSING,
+        ..SensorContact::default()
+    };
+    let mut contact = [SensorContact::default(); MAX_SENSORS];
+    contact.iter_mut().take(sensors).for_each(|contact| *contact = flagged);
+    let FrameStamp { sequence, timestamp_us } = stamp;
+    SlipMessage { timestamp_us, sequence, sensors: sensors as u8, contact, ..SlipMessage::default() }
+}

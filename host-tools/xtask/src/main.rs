@@ -1,18 +1,18 @@
 //! Developer commands, started as `cargo xtask`.
 
-use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
 mod bench;
-mod board;
 mod cmsis;
 mod elf;
+mod firmware;
+#[cfg(test)]
+mod imports;
 mod linux;
 mod node;
 mod process;
-mod python;
 mod qemu;
 mod regions;
 mod retrain;
@@ -33,30 +33,24 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run everything that must pass: formatting, lints, host tests, ARM builds, emulator, Python checks
+    /// Run what must pass: formatting, lints, host tests, firmware, emulated Cortex-M7; `test all` runs every check
     Test(test::Options),
     /// Run frames on an emulated Cortex-M7 and compare every result with this computer's, bit for bit
     Qemu(qemu::Options),
-    /// Measure: instructions on an emulated Cortex-M7, bytes of flash and RAM, frames per second here
+    /// Measure: instructions on an emulated Cortex-M7, frames per second here, compression of raw frames
     Bench(bench::Options),
     /// Run the firmware's ELF on an emulated STM32H743 and compare what it sends with this computer's, bit for bit
     Twin(twin::Options),
     /// Boot Debian's kernel in QEMU and record, replay, watch and kill on its SocketCAN
     Linux(linux::Options),
-    /// How deep the stack of each board's firmware can get, and what it takes of each memory
+    /// How deep the stack of the firmware can get, and what it takes of each memory
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
     Cmsis(cmsis::Options),
-    /// Build and run the ROS 2 node, and let ROS' own parser and another DDS look at what it says
+    /// Build and run the ROS 2 node; ROS' own parser and another DDS check its messages
     Ros2,
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
-}
-
-/// The repository.
-fn root() -> &'static Path {
-    // This package lies two folders below it.
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
 fn main() -> ExitCode {

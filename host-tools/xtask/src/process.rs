@@ -1,21 +1,31 @@
 //! Other programs: started in the repository's root, with an environment of their own.
 
 use std::env;
+use std::ffi::OsStr;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-
-use crate::root;
 
 /// What `cargo run` adds to the environment. A cargo started from here must not see it: build scripts
 /// would run again, and Debian's cargo would be handed rustup's compiler and libraries.
 const OURS: [&str; 7] =
     ["CARGO", "RUSTUP_TOOLCHAIN", "RUST_RECURSION_COUNT", "RUSTC", "RUSTDOC", "LD_LIBRARY_PATH", "OUT_DIR"];
 const OURS_PREFIX: [&str; 4] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_CRATE_"];
+/// The bundled episode, from the root.
+pub const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
+const REQUIREMENTS: &str = "tests/python/requirements.txt";
+
+/// The repository.
+pub fn root() -> &'static Path {
+    // This package lies two folders below it.
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
 
 /// A program, to be started in the root.
-pub fn command(program: impl AsRef<std::ffi::OsStr>) -> Command {
+pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new(program);
     command.current_dir(root());
     for (name, _) in env::vars_os() {
@@ -38,9 +48,35 @@ pub fn cargo() -> Command {
     cargo
 }
 
+/// The program `slipsense`, built as by a user's first command: without the trainer.
+pub fn small_cli() -> Result<PathBuf> {
+    run(cargo().args(["build", "--release", "--quiet", "--package", "slipsense-cli"]))?;
+    Ok(target_dir().join("release/slipsense"))
+}
+
 /// Where cargo puts what it builds.
 pub fn target_dir() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), |dir| root().join(dir))
+}
+
+/// A folder of this name below [`target_dir`], empty.
+pub fn empty_dir(name: &str) -> Result<PathBuf> {
+    let dir = target_dir().join(name);
+    if dir.exists() {
+        fs::remove_dir_all(&dir).with_context(|| dir.display().to_string())?;
+    }
+    fs::create_dir_all(&dir).with_context(|| dir.display().to_string())?;
+    Ok(dir)
+}
+
+/// Wait until no other process of ours holds the lock of this name. It is held until the file is dropped: steps of
+/// the test command run at the same time, and share what they install and build.
+pub fn lock(name: &str) -> Result<File> {
+    let path = target_dir().join(format!("{name}.lock"));
+    fs::create_dir_all(target_dir())?;
+    let file = File::create(&path).with_context(|| path.display().to_string())?;
+    file.lock().with_context(|| path.display().to_string())?;
+    Ok(file)
 }
 
 /// Print the command line, run it, fail if it fails. Its output goes where ours does; what it prints on
@@ -57,10 +93,35 @@ pub fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Standard output of a program that only tells something; `None` if it cannot be started or fails.
+/// Standard output of a program; `None` if it cannot be started or fails.
 pub fn answer(command: &mut Command) -> Option<String> {
     let output = command.stderr(Stdio::null()).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// A program that is stopped when it is not needed any more.
+pub struct Running(pub Child);
+
+impl Running {
+    /// `None`: it did not end in time, and is stopped.
+    pub fn wait(&mut self, limit: Duration) -> Result<Option<ExitStatus>> {
+        let deadline = Instant::now() + limit;
+        while Instant::now() < deadline {
+            if let Some(status) = self.0.try_wait()? {
+                return Ok(Some(status));
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Ok(None)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 /// Is there a program of this name on the PATH?
@@ -81,13 +142,41 @@ pub fn apt_install(packages: &[&str], why: &str) -> Result<()> {
         bail!("{why} needs the packages `{list}`: install them (on Debian: sudo apt-get install {list})");
     }
     eprintln!("installing {list}: {why} needs them");
-    let mut apt = command("apt-get");
-    apt.env("DEBIAN_FRONTEND", "noninteractive").args(["update", "--quiet"]);
-    run(&mut apt)?;
-    let mut apt = command("apt-get");
-    apt.env("DEBIAN_FRONTEND", "noninteractive");
-    apt.args(["install", "--yes", "--quiet", "--no-install-recommends"]).args(packages);
-    run(&mut apt)
+    let _lock = lock("apt")?;
+    let apt = |arguments: &[&str]| {
+        let mut apt = command("apt-get");
+        apt.env("DEBIAN_FRONTEND", "noninteractive").args(arguments);
+        apt
+    };
+    run(&mut apt(&["update", "--quiet"]))?;
+    run(apt(&["install", "--yes", "--quiet", "--no-install-recommends"]).args(packages))
+}
+
+/// A script of `tests/python`.
+pub fn script(name: &str) -> Result<Command> {
+    let mut script = python()?;
+    script.arg(format!("tests/python/{name}"));
+    Ok(script)
+}
+
+/// `python` in an environment with the packages of [`REQUIREMENTS`]; made anew when they change.
+pub fn python() -> Result<Command> {
+    let _lock = lock("venv")?;
+    let venv = target_dir().join("venv");
+    let made_from = venv.join("requirements.txt");
+    let wanted = fs::read(root().join(REQUIREMENTS)).context(REQUIREMENTS)?;
+    let python = venv.join("bin/python");
+    if fs::read(&made_from).ok() != Some(wanted.clone()) {
+        if answer(command("python3").args(["-c", "import venv, ensurepip"])).is_none() {
+            apt_install(&["python3", "python3-venv"], "checking against Python")?;
+        }
+        run(command("python3").args(["-m", "venv", "--clear"]).arg(&venv))?;
+        run(command(&python)
+            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+            .args(["-r", REQUIREMENTS]))?;
+        fs::write(&made_from, wanted).with_context(|| made_from.display().to_string())?;
+    }
+    Ok(command(python))
 }
 
 fn describe(command: &Command) -> String {

@@ -1,12 +1,13 @@
-//! What a firmware takes of each region of its board's memory map, and of 512 KB of flash.
+//! What the firmware takes of each region of the board's memory map, and of 512 KB of flash.
+
+use std::fs;
 
 use anyhow::{Context, Result, ensure};
-use serde::Serialize;
 
-use crate::board::Board;
 use crate::elf::{Image, Kind};
-use crate::root;
-use crate::table::{Align, Table, thousands};
+use crate::firmware::{BOARD, MEMORY_MAP};
+use crate::process::root;
+use crate::table::{Table, thousands};
 
 /// Code, constants, model and first contents of RAM: what an update carries, at most. `memory.x` asserts it too.
 const FLASH_BYTES_MAX: u64 = 512 * 1024;
@@ -19,31 +20,26 @@ const FLASH_SPARE_BYTES: u64 = 20 * 1024;
 const CODE: &str = "FLASH";
 
 /// A region of `memory.x`.
-#[derive(Clone, Debug, Serialize)]
-pub struct Region {
-    pub name: String,
-    pub address: u64,
-    pub bytes: u64,
+struct Region {
+    name: String,
+    address: u64,
+    bytes: u64,
     /// By sections that lie there when the program runs; none of the stack.
-    pub used_bytes: u64,
+    used_bytes: u64,
 }
 
-/// One board's firmware.
-#[derive(Clone, Debug, Serialize)]
+/// All regions.
 pub struct Regions {
-    pub board: Board,
-    pub regions: Vec<Region>,
+    regions: Vec<Region>,
     /// Everything that is programmed into flash.
-    pub flash_bytes: u64,
+    flash_bytes: u64,
 }
 
 impl Regions {
-    pub fn of(board: Board, image: &Image) -> Result<Self> {
-        let path = root().join("src/firmware/bin/app/memory.x");
-        let map =
-            std::fs::read_to_string(&path).with_context(|| format!("{}: cannot read", path.display()))?;
+    pub fn new(image: &Image) -> Result<Self> {
+        let map = fs::read_to_string(root().join(MEMORY_MAP)).context(MEMORY_MAP)?;
         let mut regions: Vec<_> = map.lines().filter_map(region).collect();
-        ensure!(!regions.is_empty(), "{}: no region found", path.display());
+        ensure!(!regions.is_empty(), "{MEMORY_MAP}: no region found");
         for section in &image.sections {
             let holds = |region: &&mut Region| {
                 (region.address..region.address + region.bytes).contains(&section.address)
@@ -53,7 +49,7 @@ impl Regions {
             region.used_bytes += section.bytes;
         }
         let flash = image.sections.iter().filter(|section| section.kind != Kind::Zeroed);
-        Ok(Self { board, regions, flash_bytes: flash.map(|section| section.bytes).sum() })
+        Ok(Self { regions, flash_bytes: flash.map(|section| section.bytes).sum() })
     }
 
     pub fn fits(&self) -> bool {
@@ -69,17 +65,15 @@ impl Regions {
     }
 
     pub fn table(&self) -> Table {
-        let mut table = Table::new(
-            format!("Memory of the firmware, bytes, the model included ({})", self.board.label()),
-            &[("region", Align::Left), ("used", Align::Right), ("of", Align::Right)],
-        );
+        let title = format!("Memory of the firmware, bytes, the model included ({BOARD})");
+        let mut table = Table::new(title, &["region", "used", "of"]);
         for Region { name, bytes, used_bytes, .. } in &self.regions {
-            table.row([name.clone(), thousands(*used_bytes as i64), thousands(*bytes as i64)]);
+            table.row([name.clone(), thousands(*used_bytes), thousands(*bytes)]);
         }
-        let [used, most] = [self.flash_bytes, FLASH_BYTES_MAX].map(|bytes| thousands(bytes as i64));
-        table.row(["all that is programmed".to_owned(), used, most]);
-        let [spare, least] = [self.spare_bytes(), FLASH_SPARE_BYTES as i64].map(thousands);
-        table.row([format!("left of {CODE} by it, at least"), spare, least]);
+        let programmed = "all that is programmed".to_owned();
+        table.row([programmed, thousands(self.flash_bytes), thousands(FLASH_BYTES_MAX)]);
+        let left = format!("left of {CODE} by it, at least");
+        table.row([left, thousands(self.spare_bytes()), thousands(FLASH_SPARE_BYTES)]);
         table
     }
 }

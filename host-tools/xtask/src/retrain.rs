@@ -8,8 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 
-use crate::process::{cargo, run, target_dir};
-use crate::root;
+use crate::process::{cargo, command, root, run, small_cli, target_dir};
 
 /// Where the repository keeps the shipped model, and what is kept of its making.
 const WEIGHTS: &str = "model/weights";
@@ -106,9 +105,7 @@ pub fn retrain(options: &Options) -> Result<bool> {
             copy(&first(seed).join(name), &kept.join(format!("first-{name}")))?;
         }
         let demo = target_dir().join("demo");
-        let mut slipsense = cargo();
-        slipsense.args(["run", "--release", "--quiet", "--", "demo", "--out"]).arg(&demo);
-        run(&mut slipsense)?;
+        run(command(small_cli()?).args(["demo", "--out"]).arg(&demo))?;
         copy(&demo.join("timeline.svg"), &root().join(PICTURE))?;
     }
     Ok(true)

@@ -1,20 +1,18 @@
-//! The ROS 2 node and the bags, looked at by programs that others wrote.
+//! The ROS 2 node and the bags, read by programs that others wrote.
 //!
 //! The bag is part of the test command. The node speaks to a network, which a machine that tests may not have: it and
 //! ROS' own parser of message files are a command of their own.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Result;
 
-use crate::process::{answer, apt_install, cargo, command, run, target_dir};
-use crate::python::python;
-use crate::root;
-use crate::test::{DEMO_EPISODE, demo_files};
+use crate::process::{
+    DEMO_EPISODE, answer, apt_install, cargo, command, root, run, script, small_cli, target_dir,
+};
 
 const PROGRAM: &str = "slipsense-ros2";
 const MESSAGES: &str = "host-tools/ros2/slipsense_msgs/msg";
-const CHECK: &str = "tests/python/check_ros2.py";
 /// Debian's packages belong to Debian's Python.
 const SYSTEM_PYTHON: &str = "/usr/bin/python3";
 /// Reads message files as `colcon build` does.
@@ -26,39 +24,29 @@ for path in sorted(pathlib.Path(sys.argv[1]).glob('*.msg')):
     print(f'{message.base_type}: {len(message.fields)} fields, {len(message.constants)} constants')
 ";
 
-/// The demo as a bag.
-pub fn step() -> Result<()> {
-    bag(&build()?, &demo_files()?)
-}
-
 /// Bag, messages and node.
 pub fn whole() -> Result<bool> {
-    let (program, demo) = (build()?, demo_files()?);
+    run(cargo().args(["build", "--release", "--quiet", "--package", PROGRAM]))?;
+    let (program, demo) = (target_dir().join("release").join(PROGRAM), target_dir().join("demo-ros2"));
+    run(command(small_cli()?).args(["demo", "--out"]).arg(&demo))?;
     bag(&program, &demo)?;
-    messages()?;
-    let mut check = python()?;
-    check.args([CHECK, "node"]).arg(program).arg(demo.join("can.log"));
+    if answer(command(SYSTEM_PYTHON).args(["-c", "import rosidl_adapter"])).is_none() {
+        apt_install(&["python3-rosidl"], "reading message files as ROS 2 does")?;
+    }
+    run(command(SYSTEM_PYTHON).args(["-c", PARSE]).arg(root().join(MESSAGES)))?;
+    let mut check = script("check_ros2.py")?;
+    check.arg("node").arg(program).arg(demo.join("can.log"));
     run(check.arg(demo.join("predictions.npz")).arg(DEMO_EPISODE))?;
     Ok(true)
 }
 
-fn build() -> Result<PathBuf> {
-    run(cargo().args(["build", "--release", "--quiet", "--package", PROGRAM]))?;
-    Ok(target_dir().join("release").join(PROGRAM))
-}
-
-fn bag(program: &Path, demo: &Path) -> Result<()> {
+/// The demo as a bag.
+pub fn bag(program: &Path, demo: &Path) -> Result<()> {
     let bag = target_dir().join("demo-bag");
     if bag.exists() {
         std::fs::remove_dir_all(&bag)?;
     }
     run(command(program).arg("bag").arg(demo.join("can.log")).arg(&bag))?;
-    run(python()?.args([CHECK, "bag"]).arg(&bag).arg(demo.join("predictions.npz")).arg(DEMO_EPISODE))
-}
-
-fn messages() -> Result<()> {
-    if answer(command(SYSTEM_PYTHON).args(["-c", "import rosidl_adapter"])).is_none() {
-        apt_install(&["python3-rosidl"], "reading message files as ROS 2 does")?;
-    }
-    run(command(SYSTEM_PYTHON).args(["-c", PARSE]).arg(root().join(MESSAGES)))
+    let mut check = script("check_ros2.py")?;
+    run(check.arg("bag").arg(&bag).arg(demo.join("predictions.npz")).arg(DEMO_EPISODE))
 }

@@ -1,74 +1,48 @@
-//! A table of text, for the terminal and as Markdown.
+//! Tables, written as Markdown: it reads well in a terminal too.
 
 use std::fmt;
 
-/// Where the text of a column goes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Align {
-    Left,
-    Right,
-}
+use comfy_table::{CellAlignment, presets};
 
 /// Title, columns, rows.
-#[derive(Clone, Debug)]
 pub struct Table {
     title: String,
-    columns: Vec<(String, Align)>,
-    rows: Vec<Vec<String>>,
+    table: comfy_table::Table,
 }
 
 impl Table {
-    pub fn new(title: String, columns: &[(&str, Align)]) -> Self {
-        let columns = columns.iter().map(|&(name, align)| (name.to_owned(), align)).collect();
-        Self { title, columns, rows: Vec::new() }
+    pub fn new(title: impl Into<String>, columns: &[&str]) -> Self {
+        let mut table = comfy_table::Table::new();
+        table.load_preset(presets::ASCII_MARKDOWN).set_header(columns);
+        // A name such as <Pipeline>::step would be taken for HTML.
+        Self { title: title.into(), table }
     }
 
     /// Append a row with a cell for each column.
-    pub fn row(&mut self, cells: impl Into<Vec<String>>) {
-        let cells = cells.into();
-        assert_eq!(cells.len(), self.columns.len(), "a cell for each column");
-        self.rows.push(cells);
-    }
-
-    /// As a Markdown table under its title.
-    pub fn markdown(&self) -> String {
-        // Names of generic functions would be taken for HTML.
-        let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | ").replace('<', "\\<"));
-        let mut text = format!("{}:\n\n", self.title);
-        text += &line(self.columns.iter().map(|(name, _)| name.as_str()).collect());
-        let rules = self.columns.iter().map(|&(_, align)| if align == Align::Left { "---" } else { "---:" });
-        text += &line(rules.collect());
-        text.extend(self.rows.iter().map(|row| line(row.iter().map(String::as_str).collect())));
-        text
-    }
-
-    fn width(&self, column: usize) -> usize {
-        let cells = self.rows.iter().map(|row| &row[column]);
-        cells.chain([&self.columns[column].0]).map(|cell| cell.chars().count()).max().unwrap_or(0)
+    pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
+        self.table.add_row(cells.into_iter().map(Into::into));
     }
 }
 
 impl fmt::Display for Table {
+    /// Columns of numbers are aligned to the right.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.title)?;
-        let names: Vec<String> = self.columns.iter().map(|(name, _)| name.clone()).collect();
-        for row in [&names].into_iter().chain(&self.rows) {
-            let mut line = String::new();
-            for (column, cell) in row.iter().enumerate() {
-                let width = self.width(column);
-                line += &match self.columns[column].1 {
-                    Align::Left => format!("  {cell:<width$}"),
-                    Align::Right => format!("  {cell:>width$}"),
-                };
+        let mut table = self.table.clone();
+        for column in table.column_iter_mut() {
+            let mut cells = self.table.column_cells_iter(column.index).flatten();
+            let is_number =
+                |text: String| text.trim_start_matches(['-', '+']).starts_with(|c: char| c.is_ascii_digit());
+            if cells.all(|cell| cell.content().is_empty() || is_number(cell.content())) {
+                column.set_cell_alignment(CellAlignment::Right);
             }
-            writeln!(f, "{}", line.trim_end())?;
         }
-        Ok(())
+        writeln!(f, "\n{}:\n\n{table}", self.title)
     }
 }
 
 /// 1234567 as 1,234,567.
-pub fn thousands(number: i64) -> String {
+pub fn thousands(number: impl TryInto<i64>) -> String {
+    let number = number.try_into().unwrap_or(i64::MAX);
     let digits = number.unsigned_abs().to_string();
     let groups: Vec<&str> =
         digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap_or_default()).collect();
@@ -79,12 +53,6 @@ pub fn thousands(number: i64) -> String {
 mod tests {
     use super::*;
 
-    fn table() -> Table {
-        let mut table = Table::new("Costs".to_owned(), &[("kernel", Align::Left), ("n", Align::Right)]);
-        table.row(["dense".to_owned(), "1,200".to_owned()]);
-        table
-    }
-
     #[test]
     fn numbers_are_grouped() {
         for (number, text) in [(0, "0"), (999, "999"), (1_000, "1,000"), (-1_234_567, "-1,234,567")] {
@@ -93,15 +61,19 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_as_wide_as_their_widest_cell() {
-        assert_eq!(table().to_string(), "Costs\n  kernel      n\n  dense   1,200\n");
-    }
-
-    #[test]
-    fn markdown_has_a_rule_under_its_names() {
-        let mut generic = Table::new("Costs".to_owned(), &[("kernel", Align::Left)]);
-        generic.row(["<Pipeline>::step".to_owned()]);
-        assert!(generic.markdown().ends_with("| \\<Pipeline>::step |\n"));
-        assert_eq!(table().markdown(), "Costs:\n\n| kernel | n |\n| --- | ---: |\n| dense | 1,200 |\n");
+    fn columns_of_numbers_are_aligned_to_the_right() {
+        let mut table = Table::new("Costs", &["kernel", "n"]);
+        table.row(["dense", "1,200"]);
+        table.row(["conv", "7"]);
+        let expected = [
+            "",
+            "Costs:",
+            "",
+            "| kernel |     n |",
+            "|--------|-------|",
+            "| dense  | 1,200 |",
+            "| conv   |     7 |",
+        ];
+        assert_eq!(table.to_string().lines().collect::<Vec<_>>(), expected);
     }
 }

@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use crate::process::{answer, apt_install, cargo, command, find, run, target_dir};
+use crate::process::{answer, apt_install, cargo, command, find, lock, run, target_dir};
 
 /// The Cortex-M7 with double-precision FPU.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
@@ -29,7 +29,7 @@ pub enum Toolchain {
 }
 
 impl Toolchain {
-    /// Find or install one; says which. Decided once per run.
+    /// Find or install one. Decided once per run.
     pub fn get() -> Result<Self> {
         static DECIDED: OnceLock<Toolchain> = OnceLock::new();
         match DECIDED.get() {
@@ -38,53 +38,31 @@ impl Toolchain {
         }
     }
 
-    /// `cargo build` for the target, warnings denied, with the profile for the board.
-    pub fn build(self) -> Command {
-        self.build_in("firmware")
-    }
-
-    /// The same with another profile.
-    pub fn build_in(self, profile: &str) -> Command {
+    /// `cargo build` or another command for the target, with the profile for the board and warnings denied. The
+    /// compiler lists what each function takes of the stack, which leaves the code as it is; it calls the option
+    /// unstable, hence the permission. All builds have the same flags, so that they share their dependencies.
+    pub fn cargo(self, subcommand: &str) -> Command {
         let mut build = match self {
             Self::Host => cargo(),
-            Self::Debian => {
-                let mut debian = command("/usr/bin/cargo");
-                debian
-                    .env("RUSTC", "/usr/bin/rustc")
-                    .env("RUSTC_BOOTSTRAP", "1")
-                    .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
-                debian
-            }
+            Self::Debian => command("/usr/bin/cargo"),
         };
-        build.args(["build", "--profile", profile, "--target", TARGET, "--target-dir"]);
+        build.env("RUSTC_BOOTSTRAP", "1");
+        build.args([subcommand, "--profile", "firmware", "--target", TARGET, "--target-dir"]);
         build.arg(self.target_dir());
         // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them. Names of functions
         // are looked up in the program, so every compiler has to write them the same way.
-        let flags = "['-Dwarnings', '-Csymbol-mangling-version=v0']";
+        let flags = "['-Dwarnings', '-Csymbol-mangling-version=v0', '-Zemit-stack-sizes']";
         build.args(["--config", &format!("target.{TARGET}.rustflags={flags}")]);
         if self == Self::Debian {
+            build.env("RUSTC", "/usr/bin/rustc").env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
             build.arg("-Zbuild-std=core");
         }
         build
     }
 
-    /// As [`build`](Self::build), with a list of what each function takes of the stack beside the code, which
-    /// stays the same. The compiler calls the option unstable, hence the permission.
-    pub fn build_with_stack_sizes(self) -> Command {
-        let mut build = self.build();
-        build.env("RUSTC_BOOTSTRAP", "1");
-        build.args(["--config", &format!("target.{TARGET}.rustflags=['-Zemit-stack-sizes']")]);
-        build
-    }
-
-    /// The program of this name that [`build`](Self::build) made.
+    /// The program of this name that `cargo build` made.
     pub fn program(self, name: &str) -> PathBuf {
-        self.program_in("firmware", name)
-    }
-
-    /// The same of [`build_in`](Self::build_in).
-    pub fn program_in(self, profile: &str, name: &str) -> PathBuf {
-        self.target_dir().join(TARGET).join(profile).join(name)
+        self.target_dir().join(TARGET).join("firmware").join(name)
     }
 
     fn target_dir(self) -> PathBuf {
@@ -96,13 +74,14 @@ impl Toolchain {
 }
 
 fn decide() -> Result<Toolchain> {
+    // Steps of the test command would install the same at the same time.
+    let _lock = lock("toolchain")?;
     match std::env::var(VARIABLE).as_deref() {
         Err(_) | Ok("") => {}
         Ok("debian") => return debian(&format!("{VARIABLE} asks for it")),
         Ok(other) => bail!("{VARIABLE} is `{other}`; it may be `debian` or unset"),
     }
     if is_installed() {
-        eprintln!("ARM compiler: the installed target {TARGET}");
         return Ok(Toolchain::Host);
     }
     if find("rustup").is_some() {

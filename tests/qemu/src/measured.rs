@@ -16,85 +16,6 @@ pub const MEASURED_FILE: &str = "measured.txt";
 /// Frames after which every window is full: their numbers are not measurements of a running stream.
 pub const WARM_UP_FRAMES: usize = 60;
 
-/// A part of the path from samples to CAN frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// Samples to log-mel.
-    FrontEnd,
-    /// Sum, area, centre, axis of a pad.
-    Contact,
-    /// Counts and their change into the first map.
-    Piezo,
-    /// First convolution.
-    Conv1,
-    /// Second convolution.
-    Conv2,
-    /// Third convolution.
-    Conv3,
-    /// Last map to the embedding.
-    PiezoDense,
-    /// Log-mel to the embedding.
-    XlEncoder,
-    /// Both cross-attentions.
-    CrossAttention,
-    /// The attention over time.
-    TemporalAttention,
-    /// Logits.
-    Head,
-    /// Slip message and raw messages to CAN frames.
-    Wire,
-}
-
-/// Number of [`Part`]s.
-pub const PARTS: usize = 12;
-
-impl Part {
-    /// In the order of the signal.
-    pub const ALL: [Self; PARTS] = [
-        Self::FrontEnd,
-        Self::Contact,
-        Self::Piezo,
-        Self::Conv1,
-        Self::Conv2,
-        Self::Conv3,
-        Self::PiezoDense,
-        Self::XlEncoder,
-        Self::CrossAttention,
-        Self::TemporalAttention,
-        Self::Head,
-        Self::Wire,
-    ];
-
-    /// For people.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::FrontEnd => "accelerometer front end",
-            Self::Contact => "contact summary",
-            Self::Piezo => "taxels and their change",
-            Self::Conv1 => "conv1",
-            Self::Conv2 => "conv2",
-            Self::Conv3 => "conv3",
-            Self::PiezoDense => "dense of the pad",
-            Self::XlEncoder => "accelerometer encoder",
-            Self::CrossAttention => "cross-attentions",
-            Self::TemporalAttention => "attention over time",
-            Self::Head => "head",
-            Self::Wire => "messages to CAN frames",
-        }
-    }
-}
-
-/// One frame of the path.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FrameCost {
-    /// `Pipeline::step`.
-    pub step: u32,
-    /// Slip message and raw messages to CAN frames.
-    pub wire: u32,
-    /// The same frame through a network that is watched, by part, in the order of [`Part::ALL`].
-    pub parts: [u32; PARTS],
-}
-
 /// One line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line<'a> {
@@ -115,20 +36,18 @@ pub enum Line<'a> {
         name: &'a str,
     },
     /// One frame.
-    Frame(FrameCost),
+    Frame {
+        /// `Pipeline::step`.
+        step: u32,
+        /// Slip message and raw messages to CAN frames.
+        wire: u32,
+    },
     /// One sensor's frame compressed.
     Compressed {
         /// Of the message.
         bytes: u32,
         /// From readings to message.
         instructions: u32,
-    },
-    /// The size of a type, bytes.
-    Size {
-        /// `size_of`.
-        bytes: u32,
-        /// The type.
-        name: &'a str,
     },
 }
 
@@ -137,13 +56,8 @@ impl fmt::Display for Line<'_> {
         match *self {
             Self::Check { expected, measured } => writeln!(f, "check {expected} {measured}"),
             Self::Kernel { macs, instructions, name } => writeln!(f, "kernel {macs} {instructions} {name}"),
-            Self::Frame(FrameCost { step, wire, parts }) => {
-                write!(f, "frame {step} {wire}")?;
-                parts.iter().try_for_each(|part| write!(f, " {part}"))?;
-                writeln!(f)
-            }
+            Self::Frame { step, wire } => writeln!(f, "frame {step} {wire}"),
             Self::Compressed { bytes, instructions } => writeln!(f, "compressed {bytes} {instructions}"),
-            Self::Size { bytes, name } => writeln!(f, "size {bytes} {name}"),
         }
     }
 }
@@ -159,20 +73,9 @@ impl<'a> Line<'a> {
                 let (macs, instructions, name) = call(rest)?;
                 Some(Self::Kernel { macs, instructions, name })
             }
-            "frame" => {
-                let mut cost =
-                    FrameCost { step: number(&mut words)?, wire: number(&mut words)?, parts: [0; PARTS] };
-                for part in &mut cost.parts {
-                    *part = number(&mut words)?;
-                }
-                Some(Self::Frame(cost))
-            }
+            "frame" => Some(Self::Frame { step: number(&mut words)?, wire: number(&mut words)? }),
             "compressed" => {
                 Some(Self::Compressed { bytes: number(&mut words)?, instructions: number(&mut words)? })
-            }
-            "size" => {
-                let (bytes, name) = rest.split_once(' ')?;
-                Some(Self::Size { bytes: bytes.parse().ok()?, name: name.trim_end() })
             }
             _ => None,
         }

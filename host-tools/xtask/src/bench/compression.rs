@@ -1,8 +1,8 @@
-//! The raw frames compressed: how long they become beside what other coders make of the same frames, what that is of
-//! a bus, and what it costs on the Cortex-M7.
+//! The raw frames compressed: how long they become, what that is of a bus, and what it costs on the Cortex-M7.
+
+use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use serde::Serialize;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::sensor::SensorInput;
 use slipsense::wire::{
@@ -13,108 +13,79 @@ use slipsense_recording::Episode;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Split, generate};
 
-use super::emulated;
-use super::inputs::{Input, demo};
-use super::other_coders::{CODERS, Samples};
+use super::emulated::{self, median_and_worst};
+use super::inputs::{Input, demo, episodes_in};
 use crate::qemu::frames::Frames;
-use crate::root;
+use crate::table::{Table, thousands};
 
 /// Clock that both bit rates divide.
 const CLOCK_HZ: u32 = 80_000_000;
 const NOMINAL_BPS: u32 = 1_000_000;
 /// Data bit rates, bit/s.
 const DATA_BPS: [u32; 2] = [5_000_000, 8_000_000];
-/// Every so manieth frame: neighbours say the same.
-const EVERY: usize = 7;
+/// One frame in this many is taken: neighbours are alike.
+const STRIDE: usize = 7;
 /// Episodes of each frozen set.
 const EPISODES: usize = 4;
 /// Recordings that cannot be part of the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";
 
-/// What the frames of some episodes become.
-#[derive(Clone, Debug, Serialize)]
-pub struct Data {
-    pub name: String,
-    /// Sensors' frames.
-    pub frames: usize,
-    /// Bytes of a plain message, mean.
-    pub plain_bytes: f64,
-    /// By coder, this project's first: name and mean bytes of a sensor's frame.
-    pub coders: Vec<(String, f64)>,
-    /// Longest message of this project's, bytes.
-    pub longest_bytes: usize,
-    pub loads: Vec<Load>,
-}
-
-/// Share of a bus that slip and compressed raw messages take.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Load {
-    pub data_bps: u32,
-    pub sensors: usize,
-    /// Mean over the frames, and the fullest period.
-    pub mean: f64,
-    pub worst: f64,
-    /// Mean of the plain form.
-    pub plain_mean: f64,
-}
-
-/// On the emulated core.
-#[derive(Clone, Debug, Serialize)]
-pub struct Cost {
-    pub input: &'static str,
-    /// Sensors' frames.
-    pub frames: usize,
-    pub mean_bytes: f64,
-    /// The most bytes that a compressed message has more than the plain one; negative where all have fewer.
-    pub longer_bytes: i64,
-    pub median: u32,
-    pub worst: u32,
-}
-
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Compression {
-    pub data: Vec<Data>,
-    pub costs: Vec<Cost>,
-}
-
 /// Measure everything; `frames` of each input on the emulated core.
-pub fn measure(model: &[u8], frames: usize) -> Result<Compression> {
-    let mut data = vec![measure_data("demo, synthetic", &[demo()?])?];
+pub fn print(model: &[u8], frames: usize) -> Result<()> {
+    let mut lengths = Table::new(
+        "A sensor's raw frame, bytes, mean over the frames",
+        &["data", "plain", "compressed", "ratio", "longest compressed"],
+    );
+    let mut loads = Table::new(
+        "Share of the bus, slip message included, by the bits of every frame; 240 frames/s",
+        &["data", "Mbit/s", "sensors", "mean", "fullest period", "plain, mean"],
+    );
+    let mut print = |name: &str, episodes: &[Episode]| {
+        eprintln!("compressing: {name}");
+        measure_lengths(name, episodes, &mut lengths)?;
+        measure_loads(name, episodes, &mut loads)
+    };
+    print("demo, synthetic", &[demo()?])?;
     for split in [Split::UmiId, Split::UmiOod] {
         let set = EpisodeSet::first(split, FROZEN_SEED, EPISODES);
         let episodes: Result<Vec<_>, _> =
             set.episodes.iter().map(|planned| generate(&planned.recipe)).collect();
-        let name = format!("first {EPISODES} episodes of the frozen set {split}, synthetic");
-        data.push(measure_data(&name, &episodes?)?);
+        print(&format!("first {EPISODES} episodes of the frozen set {split}, synthetic"), &episodes?)?;
     }
-    match real()? {
+    let real = episodes_in(Path::new(REAL_EPISODES))?;
+    match real.iter().map(|path| Ok(Episode::read(path)?)).collect::<Result<Vec<_>>>()? {
         episodes if episodes.is_empty() => {
             eprintln!("no episodes of real recordings in {REAL_EPISODES}: not measured")
         }
-        episodes => data.push(measure_data("composed from real recordings", &episodes)?),
+        episodes => print("composed from real recordings", &episodes)?,
     }
-    let costs = Input::COMPRESSED.map(|input| {
+    let mut costs = Table::new(
+        "Instructions to compress a sensor's frame, exact, emulated Cortex-M7",
+        &["input", "median", "worst", "bytes, mean", "most bytes over plain", "frames"],
+    );
+    for input in Input::COMPRESSED {
         let frames = input.frames(MAX_SENSORS, frames)?;
-        let costs = emulated::compressed(model, &frames)?;
-        let longer_bytes = longest_beside_plain(&frames, &costs)?;
-        let mut instructions: Vec<u32> = costs.iter().map(|&(_, instructions)| instructions).collect();
-        instructions.sort_unstable();
-        Ok(Cost {
-            input: input.name(),
-            frames: costs.len(),
-            mean_bytes: mean(costs.iter().map(|&(bytes, _)| f64::from(bytes))),
-            longer_bytes,
-            median: instructions[instructions.len() / 2],
-            worst: *instructions.last().context("no frame was compressed")?,
-        })
-    });
-    Ok(Compression { data, costs: costs.into_iter().collect::<Result<_>>()? })
+        let compressed = emulated::compressed(model, &frames)?;
+        let [median, worst] =
+            median_and_worst(compressed.iter().map(|&[_, instructions]| instructions).collect());
+        costs.row([
+            input.name().to_owned(),
+            thousands(median),
+            thousands(worst),
+            format!("{:.0}", mean(compressed.iter().map(|&[bytes, _]| f64::from(bytes)))),
+            format!("{:+}", most_over_plain(&frames, &compressed)?),
+            compressed.len().to_string(),
+        ]);
+    }
+    print!("{lengths}{loads}{costs}");
+    Ok(())
 }
 
-/// The most that a message is longer than plain; the emulated core and this computer make the same lengths.
-fn longest_beside_plain(frames: &Frames, costs: &[(u32, u32)]) -> Result<i64> {
+/// The most bytes that a message has more than the plain one; the emulated core and this computer make the same
+/// lengths.
+fn most_over_plain(frames: &Frames, compressed: &[[u32; 2]]) -> Result<i64> {
     let mut buffer = RawBuffer::new();
-    let parts = frames.iter().flat_map(|(stamp, parts)| {
+    let raws = frames.iter().flat_map(|(stamp, parts)| {
         parts.iter().enumerate().map(move |(sensor, part)| RawFrame {
             timestamp_us: stamp.timestamp_us,
             sequence: stamp.sequence,
@@ -124,77 +95,60 @@ fn longest_beside_plain(frames: &Frames, costs: &[(u32, u32)]) -> Result<i64> {
             xl_end: part.xl_end,
         })
     });
-    let (mut longest, mut count) = (i64::MIN, 0);
-    for (raw, &(bytes, _)) in parts.zip(costs) {
+    ensure!(compressed.len() == frames.len() * frames.sensors(), "{} messages", compressed.len());
+    let mut most = i64::MIN;
+    for (raw, &[bytes, _]) in raws.zip(compressed) {
         let here = raw.compress(Detail::All, &mut buffer).len();
         ensure!(here == bytes as usize, "{bytes} bytes on the emulated core, {here} on this computer");
-        longest = longest.max(i64::from(bytes) - raw.encode(&mut buffer).len() as i64);
-        count += 1;
+        most = most.max(i64::from(bytes) - raw.encode(&mut buffer).len() as i64);
     }
-    ensure!(count == frames.len() * frames.sensors(), "{} messages of {count}", costs.len());
-    Ok(longest)
+    Ok(most)
 }
 
-fn real() -> Result<Vec<Episode>> {
-    let Ok(dir) = root().join(REAL_EPISODES).read_dir() else { return Ok(Vec::new()) };
-    let mut paths = dir.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "npz"));
-    paths.sort();
-    paths.iter().map(|path| Ok(Episode::read(path)?)).collect()
+/// The frames that are taken, each with a raw frame for every sensor; a third sensor feels what the first does.
+fn raw_frames(episodes: &[Episode]) -> impl Iterator<Item = (&Episode, [RawFrame<'_>; MAX_SENSORS])> {
+    episodes.iter().flat_map(|episode| {
+        (0..episode.frames()).step_by(STRIDE).map(move |frame| {
+            (episode, std::array::from_fn(|sensor| raw_frame(episode, frame, sensor % episode.sensors)))
+        })
+    })
 }
 
-fn measure_data(name: &str, episodes: &[Episode]) -> Result<Data> {
-    eprintln!("compressing: {name}");
+fn measure_lengths(name: &str, episodes: &[Episode], table: &mut Table) -> Result<()> {
     let mut buffer = RawBuffer::new();
-    let (mut plain, mut ours, mut others) = (Vec::new(), Vec::new(), vec![Vec::new(); CODERS.len()]);
-    let mut loads = Vec::new();
-    for (data_bps, sensors) in DATA_BPS.into_iter().flat_map(|bps| (1..=MAX_SENSORS).map(move |n| (bps, n))) {
-        loads.push((data_bps, sensors, Vec::new(), Vec::new()));
-    }
-    for episode in episodes {
-        for frame in (0..episode.frames()).step_by(EVERY) {
-            // A third sensor feels what the first does.
-            let raws: [RawFrame<'_>; MAX_SENSORS] =
-                std::array::from_fn(|sensor| raw_frame(episode, frame, sensor % episode.sensors));
-            for raw in raws.iter().take(episode.sensors) {
-                let message = raw.encode(&mut buffer).to_vec();
-                let compressed = raw.compress(Detail::All, &mut buffer);
-                let back = RawMessage::decompress(compressed).map_err(|error| anyhow!("{error}"))?;
-                ensure!(RawMessage::decode(&message).as_ref() == Ok(&back), "a frame came back as another");
-                plain.push(message.len());
-                ours.push(compressed.len());
-                let samples = Samples::of(raw, message);
-                for (sizes, coder) in others.iter_mut().zip(CODERS) {
-                    sizes.push((coder.size)(&samples)?);
-                }
-            }
-            for (data_bps, sensors, short, long) in &mut loads {
-                let raws = &raws[..*sensors];
-                short.push(load(*data_bps, raws, RawForm::Compressed(Detail::All))?);
-                long.push(load(*data_bps, raws, RawForm::Plain)?);
-            }
+    let (mut plain, mut compressed) = (Vec::new(), Vec::new());
+    for (episode, raws) in raw_frames(episodes) {
+        for raw in raws.iter().take(episode.sensors) {
+            let message = raw.encode(&mut buffer).to_vec();
+            let short = raw.compress(Detail::All, &mut buffer);
+            let back = RawMessage::decompress(short).map_err(|error| anyhow!("{error}"))?;
+            ensure!(RawMessage::decode(&message).as_ref() == Ok(&back), "a frame came back as another");
+            plain.push(message.len() as f64);
+            compressed.push(short.len() as f64);
         }
     }
-    let sizes = |sizes: &[usize]| mean(sizes.iter().map(|&size| size as f64));
-    let mut coders = vec![("slipsense".to_owned(), sizes(&ours))];
-    coders.extend(CODERS.iter().zip(&others).map(|(coder, all)| (coder.name.to_owned(), sizes(all))));
-    Ok(Data {
-        name: name.to_owned(),
-        frames: ours.len(),
-        plain_bytes: sizes(&plain),
-        coders,
-        longest_bytes: ours.iter().copied().max().unwrap_or(0),
-        loads: loads
-            .into_iter()
-            .map(|(data_bps, sensors, short, long)| Load {
-                data_bps,
-                sensors,
-                mean: mean(short.iter().copied()),
-                worst: short.iter().copied().fold(0.0, f64::max),
-                plain_mean: mean(long.iter().copied()),
-            })
-            .collect(),
-    })
+    let longest = compressed.iter().copied().fold(0.0, f64::max);
+    let [plain, compressed] = [plain, compressed].map(|lengths| mean(lengths.into_iter()));
+    let [a, b, c, d] = [(plain, 0), (compressed, 0), (plain / compressed, 2), (longest, 0)]
+        .map(|(value, decimals)| format!("{value:.decimals$}"));
+    table.row([name.to_owned(), a, b, c, d]);
+    Ok(())
+}
+
+fn measure_loads(name: &str, episodes: &[Episode], table: &mut Table) -> Result<()> {
+    for (data_bps, sensors) in DATA_BPS.into_iter().flat_map(|bps| (1..=MAX_SENSORS).map(move |n| (bps, n))) {
+        let shares = |form| {
+            raw_frames(episodes)
+                .map(|(_, raws)| load(data_bps, &raws[..sensors], form))
+                .collect::<Result<Vec<_>>>()
+        };
+        let (short, plain) = (shares(RawForm::Compressed(Detail::All))?, shares(RawForm::Plain)?);
+        let fullest = short.iter().copied().fold(0.0, f64::max);
+        let [a, b, c] = [mean(short.into_iter()), fullest, mean(plain.into_iter())]
+            .map(|share| format!("{:.1} %", 100.0 * share));
+        table.row([name.to_owned(), format!("1/{}", data_bps / 1_000_000), sensors.to_string(), a, b, c]);
+    }
+    Ok(())
 }
 
 fn raw_frame(episode: &Episode, frame: usize, sensor: usize) -> RawFrame<'_> {
@@ -221,8 +175,8 @@ fn load(data_bps: u32, raws: &[RawFrame<'_>], form: RawForm) -> Result<f64> {
 
 /// Clock cycles of a frame and the pause after it.
 fn time(timing: &Timing, frame: &CanFrame) -> Result<u64> {
-    let frame =
-        Frame::new(Id::Extended(frame.id()), Format::FD, frame.data()).map_err(|e| anyhow!("{e:?}"))?;
+    let frame = Frame::new(Id::Extended(frame.id()), Format::FD, frame.data());
+    let frame = frame.map_err(|error| anyhow!("{error:?}")).context("a CAN frame")?;
     Ok(timing.frame(&frame) + timing.intermission())
 }
 

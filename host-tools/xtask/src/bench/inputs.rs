@@ -1,6 +1,8 @@
 //! What the path is measured with: nothing on the pads, the contact of the demo episode, and all that the
 //! sensors can deliver.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::{Context, Result, bail};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,10 +12,9 @@ use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
 use slipsense_recording::Episode;
 
+use crate::process::{DEMO_EPISODE, root};
 use crate::qemu::frames::Frames;
-use crate::root;
 
-const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 /// LSB of an accelerometer at 1 g, about.
 const GRAVITY_LSB: i16 = 2_000;
 const SEED: u64 = 1;
@@ -49,7 +50,7 @@ impl Input {
         }
     }
 
-    /// So many frames of it.
+    /// `count` frames of it.
     pub fn frames(self, sensors: usize, count: usize) -> Result<Frames> {
         match self {
             Self::Idle => Ok(generate(sensors, count, 40, |rng| {
@@ -114,10 +115,19 @@ fn typical(sensors: usize, count: usize) -> Result<Frames> {
     if held < count {
         bail!("the demo episode holds {held} frames of contact, {count} are asked for");
     }
-    let all = Frames::of_episode(&episode, None)?;
+    let all = Frames::from_episode(&episode, None)?;
     let mut frames = Frames::new(sensors);
     for (stamp, parts) in all.iter().skip(first).take(count) {
         frames.push(stamp, parts.iter().cycle().take(sensors).cloned().collect());
     }
     Ok(frames)
+}
+
+/// The episode files of a folder, none where there is no folder.
+pub fn episodes_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let Ok(dir) = root().join(folder).read_dir() else { return Ok(Vec::new()) };
+    let mut paths = dir.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "npz"));
+    paths.sort();
+    Ok(paths)
 }

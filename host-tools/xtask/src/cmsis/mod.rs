@@ -3,24 +3,17 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
-use crate::process::{apt_install, cargo, command, find, run, target_dir};
+use crate::process::{answer, apt_install, cargo, command, find, root, run, target_dir};
 use crate::qemu::machine::Machine;
-use crate::root;
-use crate::test::DEMO_EPISODE;
 use crate::toolchain::TARGET;
 
 /// The feature, of the library and of the emulated programs.
 pub const FEATURE: &str = "cmsis-dsp";
-/// What the emulated programs must be built with to have the FFT of the library in this program.
-pub const FEATURES_HERE: &[&str] = if cfg!(feature = "cmsis-dsp") { &[FEATURE] } else { &[] };
-/// Extreme frames through the whole pipeline, over 1, 2 and 3 sensors.
-const EXTREME_FRAMES: &str = "600";
 /// Runs on both sides.
 const PROGRAM: &str = "slipsense-qemu-cmsis";
 const TIMEOUT: Duration = Duration::from_secs(300);
@@ -61,7 +54,6 @@ const FILES: [&str; 8] = [
     "CommonTables/arm_const_structs",
 ];
 
-/// Nothing to choose.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
 Fetches the C source of CMSIS-DSP from Arm's Python package `cmsisdsp`, checks its SHA-256, compiles the real q31 \
@@ -78,42 +70,22 @@ pub fn print(_: &Options) -> Result<bool> {
     Ok(true)
 }
 
-/// Hand the library to a build for the Cortex-M7.
-pub fn link(build: &mut Command) -> Result<()> {
-    build.args(arguments()?);
-    Ok(())
-}
-
-/// The FFT's C code on the emulated Cortex-M7 against the port there and here, the front end's tests with it, and
-/// the whole pipeline with it, from samples to CAN bytes.
+/// The FFT's C code on the emulated Cortex-M7 against the port there and here, the features made with it, and the
+/// front end's tests with it. What follows the front end is the same with either FFT.
 pub fn step() -> Result<()> {
-    spectra()?;
-    // Another build of this program: its own library is what the emulated one is compared with.
-    let mut pipeline = cargo();
-    pipeline.args(["run", "--release", "--quiet", "--package", "xtask", "--features", FEATURE, "--", "qemu"]);
-    run(pipeline.arg(root().join(DEMO_EPISODE)).args(["--extreme", "--frames", EXTREME_FRAMES]))
-}
-
-fn spectra() -> Result<()> {
     let mut tests = cargo();
     tests.args(["test", "--release", "--quiet", "--package", "slipsense", "--features", FEATURE]);
-    run(tests.args(["--test", "host", "features", "--", "--nocapture"]))?;
+    run(tests.args(["--test", "host", "--", "features"]))?;
     let mut here = cargo();
     here.args(["run", "--release", "--quiet", "--package", "slipsense-qemu", "--features", FEATURE]);
-    here.args(["--bin", PROGRAM]);
-    let output = here.output().with_context(|| format!("cannot start {PROGRAM}"))?;
-    if !output.status.success() {
-        bail!("{PROGRAM} failed here: {}", String::from_utf8_lossy(&output.stderr));
+    let expected = answer(here.args(["--bin", PROGRAM])).with_context(|| format!("{PROGRAM} failed here"))?;
+    let mut feature = vec!["--features".to_owned(), FEATURE.to_owned()];
+    feature.extend(arguments()?);
+    let text = Machine::build_with(PROGRAM, &feature)?.print(TIMEOUT)?;
+    if text.trim() != expected || !text.contains("hash of the features") {
+        bail!("the emulated Cortex-M7 prints\n{text}\nand this computer\n{expected}");
     }
-    let expected = String::from_utf8(output.stdout)?;
-    let machine = Machine::build(PROGRAM, &[FEATURE])?;
-    let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
-    machine.run(dir.path(), TIMEOUT)?;
-    let said = fs::read_to_string(dir.path().join("log")).context("the emulated program said nothing")?;
-    if said.trim() != expected.trim() || !said.contains("hash of the features") {
-        bail!("the emulated Cortex-M7 says\n{said}\nand this computer\n{expected}");
-    }
-    println!("the emulated Cortex-M7 and this computer say the same:\n{said}");
+    println!("the emulated Cortex-M7 and this computer print the same:\n{text}");
     Ok(())
 }
 

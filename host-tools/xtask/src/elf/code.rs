@@ -28,7 +28,7 @@ impl Code {
     }
 
     /// All instructions of a function.
-    pub fn of(&self, image: &Image, function: &Function) -> Result<Vec<Instruction>> {
+    pub fn disassemble(&self, image: &Image, function: &Function) -> Result<Vec<Instruction>> {
         let mut all = Vec::new();
         for (address, bytes) in image.code(function) {
             let found =

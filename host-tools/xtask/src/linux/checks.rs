@@ -9,7 +9,7 @@ use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
 use crate::process::{command, run as start};
-use crate::table::{Align, Table};
+use crate::table::Table;
 
 /// The candump log that is sent.
 pub const SENT: &str = "sent.log";
@@ -27,8 +27,8 @@ const ERRORS: [(&str, &str); 5] = [
     ("gone", "stopped after 2000 frames, which are kept"),
 ];
 
-/// Everything that was found out; prints itself as it comes.
-struct Judge<'d> {
+/// The table, and whether all of it is good.
+struct Checks<'d> {
     share: &'d Path,
     table: Table,
     good: bool,
@@ -41,22 +41,22 @@ pub fn report(share: &Path, slipsense: &Path, seconds: u32, took: Duration) -> R
         "SocketCAN of Linux {}, three sensors at 240 Hz, plain, {seconds} s, synthetic",
         kernel.trim()
     );
-    let table = Table::new(title, &[("check", Align::Left), ("found", Align::Left), ("", Align::Left)]);
-    let mut judge = Judge { share, table, good: true };
+    let table = Table::new(title, &["check", "found", "verdict"]);
+    let mut checks = Checks { share, table, good: true };
     let sent = Frames::read(&share.join(SENT))?;
-    judge.recorded("first", &sent, slipsense)?;
-    judge.recorded("second", &sent, slipsense)?;
-    judge.killed(&sent, f64::from(seconds))?;
-    judge.watched(seconds)?;
-    judge.errors()?;
-    println!("{}", judge.table);
-    let uptime = judge.text("end")?;
+    checks.recorded("first", &sent, slipsense)?;
+    checks.recorded("second", &sent, slipsense)?;
+    checks.killed(&sent, f64::from(seconds))?;
+    checks.watched(seconds)?;
+    checks.errors()?;
+    println!("{}", checks.table);
+    let uptime = checks.text("end")?;
     let guest_s = uptime.split(' ').next().unwrap_or_default();
     println!("{guest_s} s of the emulated computer's time, {:.0} s of this one's", took.as_secs_f64());
-    Ok(judge.good)
+    Ok(checks.good)
 }
 
-impl Judge<'_> {
+impl Checks<'_> {
     fn text(&self, name: &str) -> Result<String> {
         fs::read_to_string(self.share.join(name)).with_context(|| format!("{name}: the run left none"))
     }
@@ -117,13 +117,13 @@ impl Judge<'_> {
         let a_second = sent.data.len() as f64 / seconds;
         let floor = at_kill as f64 - (FLUSH_S + SLACK_S) * a_second;
         ensure!(floor > 0.0, "killed after {at_kill} frames, before there was anything in the file");
-        let opens = |judge: &mut Self, name: &str, what: &str| -> Result<()> {
-            let log = Frames::read_whole_lines(&judge.share.join(name))?;
+        let opens = |checks: &mut Self, name: &str, what: &str| -> Result<()> {
+            let log = Frames::read_whole_lines(&checks.share.join(name))?;
             let count = log.data.len();
             let is_prefix = sent.data.starts_with(&log.data);
             let is_good = is_prefix && count as f64 >= floor && count <= at_kill + a_second as usize;
             let found = format!("{count} of the {at_kill} frames sent by then");
-            judge.row(format!("killed recorder's file, {what}"), found, is_good);
+            checks.row(format!("killed recorder's file, {what}"), found, is_good);
             Ok(())
         };
         opens(self, "killed.log", "candump")?;

@@ -10,14 +10,14 @@ mod packages;
 
 use std::fs::{self, File};
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use crate::process::{cargo, command, run as start, target_dir};
-use crate::twin::synthetic_pull;
+use crate::process::{Running, command, empty_dir, run as start, small_cli, target_dir};
+use crate::twin::machine::synthetic_pull;
 use packages::EMULATOR;
 
 /// Traffic in the test command, s.
@@ -26,10 +26,9 @@ const STEP_SECONDS: u32 = 4;
 const SENSORS: usize = 3;
 /// Memory of the emulated computer, MB: its files are in it.
 const MEMORY_MB: u64 = 3072;
-/// Nobody waits longer for the emulator, per second of traffic and at all.
-const PATIENCE: [Duration; 2] = [Duration::from_secs(60), Duration::from_secs(600)];
-/// Between two looks at the emulator.
-const LOOK: Duration = Duration::from_millis(200);
+/// Time that the emulator may take for each second of traffic, and for the rest.
+const TIMEOUT_PER_SECOND: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Boot Debian's kernel in QEMU and record, replay, watch and kill on its SocketCAN
 #[derive(Args, Clone, Debug)]
@@ -48,42 +47,36 @@ pub struct Options {
     seconds: u32,
 }
 
-/// In the test command.
-pub fn step() -> Result<()> {
-    match run(&Options { seconds: STEP_SECONDS })? {
-        true => Ok(()),
-        false => bail!("SocketCAN on Linux: see the table"),
-    }
+/// Short, in the test command.
+pub fn step(slipsense: &Path) -> Result<()> {
+    ensure!(check(slipsense, STEP_SECONDS)?, "SocketCAN on Linux: see the table");
+    Ok(())
+}
+
+pub fn run(options: &Options) -> Result<bool> {
+    check(&small_cli()?, options.seconds)
 }
 
 /// `false`: something is not as it should be.
-pub fn run(options: &Options) -> Result<bool> {
+fn check(slipsense: &Path, seconds: u32) -> Result<bool> {
+    let share = empty_dir("linux/share")?;
     let dir = target_dir().join("linux");
-    fs::create_dir_all(&dir).with_context(|| dir.display().to_string())?;
     let debian = packages::debian(&target_dir().join("tools/debian"))?;
-    start(cargo().args(["build", "--release", "--quiet", "--package", "slipsense-cli"]))?;
-    let slipsense = target_dir().join("release/slipsense");
-    let share = dir.join("share");
-    if share.exists() {
-        fs::remove_dir_all(&share).with_context(|| share.display().to_string())?;
-    }
-    fs::create_dir(&share).with_context(|| share.display().to_string())?;
-    let episode = synthetic_pull("tesollo", SENSORS, options.seconds)?;
-    start(command(&slipsense).arg("convert").arg(episode).arg(share.join(checks::SENT)))?;
+    let episode = synthetic_pull(slipsense, "tesollo", SENSORS, seconds)?;
+    start(command(slipsense).arg("convert").arg(episode).arg(share.join(checks::SENT)))?;
     let root = dir.join("initramfs");
-    initramfs::write(&root, &debian, &slipsense)?;
+    initramfs::write(&root, &debian, slipsense)?;
     let console = dir.join("console.log");
     let began = Instant::now();
     eprintln!(
-        "{} boots in {EMULATOR}, {} s of traffic; it says {}",
+        "{} boots in {EMULATOR}, {seconds} s of traffic; its console: {}",
         debian.name,
-        options.seconds,
         console.display()
     );
-    boot(&debian.kernel, &root, &share, &console, options.seconds)?;
+    boot(&debian.kernel, &root, &share, &console, seconds)?;
     let end = fs::read_to_string(share.join("end"));
     ensure!(end.is_ok(), "the emulated computer did not come to the end: {}", console.display());
-    checks::report(&share, &slipsense, options.seconds, began.elapsed())
+    checks::report(&share, slipsense, seconds, began.elapsed())
 }
 
 fn boot(kernel: &Path, root: &Path, share: &Path, console: &Path, seconds: u32) -> Result<()> {
@@ -102,25 +95,11 @@ fn boot(kernel: &Path, root: &Path, share: &Path, console: &Path, seconds: u32) 
     qemu.args(["-virtfs", &format!("local,path={share},mount_tag=share,security_model=none")]);
     let both = log.try_clone().context("console")?;
     let child = qemu.stdin(Stdio::null()).stdout(log).stderr(both).spawn();
-    let mut child = child.with_context(|| format!("cannot start {EMULATOR}"))?;
-    let limit = PATIENCE[0] * seconds + PATIENCE[1];
-    let ended = wait(&mut child, limit);
-    if ended.is_err() {
-        // Whatever was wrong with waiting: nothing of it may stay behind.
-        let _ = child.kill();
-        child.wait()?;
+    let mut child = Running(child.with_context(|| format!("cannot start {EMULATOR}"))?);
+    let limit = TIMEOUT_PER_SECOND * seconds + TIMEOUT;
+    match child.wait(limit)? {
+        Some(status) => ensure!(status.success(), "{EMULATOR}: {status}: {}", console.display()),
+        None => bail!("{} s are over for the emulated computer: {}", limit.as_secs(), console.display()),
     }
-    ended.with_context(|| console.display().to_string())
-}
-
-fn wait(child: &mut Child, limit: Duration) -> Result<()> {
-    let began = Instant::now();
-    loop {
-        if let Some(status) = child.try_wait()? {
-            ensure!(status.success(), "{EMULATOR}: {status}");
-            return Ok(());
-        }
-        ensure!(began.elapsed() < limit, "the emulated computer does not end for {} s", limit.as_secs());
-        std::thread::sleep(LOOK);
-    }
+    Ok(())
 }

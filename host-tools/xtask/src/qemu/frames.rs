@@ -3,7 +3,11 @@
 use anyhow::Result;
 use slipsense::board::SensedPart;
 use slipsense::pipeline::FrameStamp;
+use slipsense::wire::NodeId;
 use slipsense_recording::Episode;
+
+/// The emulated node's identifier.
+pub const NODE: NodeId = NodeId::DEFAULT;
 
 /// One stretch of input.
 pub struct Frames {
@@ -21,7 +25,7 @@ impl Frames {
     }
 
     /// The first `limit` frames of an episode.
-    pub fn of_episode(episode: &Episode, limit: Option<u32>) -> Result<Self> {
+    pub fn from_episode(episode: &Episode, limit: Option<u32>) -> Result<Self> {
         let mut frames = Self::new(episode.sensors);
         let limit = limit.map_or(usize::MAX, |limit| limit as usize);
         for frame in 0..episode.frames().min(limit) {

@@ -3,50 +3,50 @@
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use slipsense::board::replay::encode_frame;
 use slipsense_qemu::input::Header;
 
-use super::frames::Frames;
-use super::host::NODE;
-use crate::cmsis;
-use crate::process::{apt_install, command, find, run};
+use super::frames::{Frames, NODE};
+use crate::process::{Running, apt_install, command, find, run};
 use crate::toolchain::Toolchain;
 
-const PROGRAM: &str = "qemu-system-arm";
-const PACKAGE: &str = "slipsense-qemu";
+const EMULATOR: &str = "qemu-system-arm";
+pub const PACKAGE: &str = "slipsense-qemu";
+/// Its programs without features.
+pub const PROGRAMS: &[&str] =
+    &["slipsense-qemu", "slipsense-qemu-kernels", "slipsense-qemu-realtime", "slipsense-qemu-node"];
 /// One instruction takes 2^7 ns of the emulated clock: with this, runs repeat exactly and times count
 /// instructions.
 pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
 
 /// A built program and an emulator to run it.
 pub struct Machine {
-    qemu: PathBuf,
+    emulator: PathBuf,
     /// The ELF that runs.
     pub program: PathBuf,
     icount: String,
 }
 
 impl Machine {
-    /// Build the program with these features; install QEMU where it is missing and may be installed.
-    pub fn build(program: &str, features: &[&str]) -> Result<Self> {
-        if find(PROGRAM).is_none() {
-            apt_install(&[PROGRAM], "emulating the microcontroller")?;
+    /// Build the program; install QEMU where it is missing and may be installed.
+    pub fn build(program: &str) -> Result<Self> {
+        Self::build_with(program, &[])
+    }
+
+    /// With more arguments for cargo.
+    pub fn build_with(program: &str, arguments: &[String]) -> Result<Self> {
+        if find(EMULATOR).is_none() {
+            apt_install(&[EMULATOR], "emulating the microcontroller")?;
         }
-        let qemu = find(PROGRAM).with_context(|| format!("`{PROGRAM}` is not on the PATH"))?;
+        let emulator = find(EMULATOR).with_context(|| format!("`{EMULATOR}` is not on the PATH"))?;
         let toolchain = Toolchain::get()?;
-        let mut build = toolchain.build();
-        build.args(["--package", PACKAGE, "--bin", program]);
-        build.args(features.iter().flat_map(|feature| ["--features", feature]));
-        if features.contains(&cmsis::FEATURE) {
-            cmsis::link(&mut build)?;
-        }
-        run(&mut build)?;
+        run(toolchain.cargo("build").args(["--package", PACKAGE, "--bin", program]).args(arguments))?;
         let icount = format!("shift={NS_PER_INSTRUCTION_LOG2}");
-        Ok(Self { qemu, program: toolchain.program(program), icount })
+        Ok(Self { emulator, program: toolchain.program(program), icount })
     }
 
     /// One instruction takes 2 ns of the emulated clock, and while the core waits for an interrupt the clock jumps to
@@ -55,44 +55,31 @@ impl Machine {
         Self { icount: "shift=1,sleep=off".to_owned(), ..self }
     }
 
-    /// Run to the end, with `dir` as the folder of the program's files.
-    pub fn run(&self, dir: &Path, timeout: Duration) -> Result<()> {
-        let status = self.start_and_wait(dir, timeout)?;
-        let log = fs::read_to_string(dir.join("log")).unwrap_or_default();
+    /// Run to the end, with `dir` as the folder of the program's files; what it prints.
+    pub fn run(&self, dir: &Path, timeout: Duration) -> Result<String> {
+        let path = dir.join("log");
+        let log = File::create(&path)?;
+        let child = self.command(dir, "none").stdout(log.try_clone()?).stderr(log).spawn();
+        let mut child = Running(child.with_context(|| format!("cannot start {}", self.emulator.display()))?);
+        let status = child.wait(timeout)?;
+        let log = fs::read_to_string(&path).unwrap_or_default();
         let Some(status) = status else {
             bail!("the emulated program did not end within {} s\n{log}", timeout.as_secs());
         };
         if !status.success() {
             bail!("the emulated program failed, {status}\n{log}");
         }
-        Ok(())
+        Ok(log)
     }
 
-    /// `None`: it did not end in time, and has been stopped.
-    fn start_and_wait(&self, dir: &Path, timeout: Duration) -> Result<Option<ExitStatus>> {
-        let log = File::create(dir.join("log"))?;
-        let mut child = self
-            .command(dir, "none")
-            .stdout(log.try_clone()?)
-            .stderr(log)
-            .spawn()
-            .with_context(|| format!("cannot start {}", self.qemu.display()))?;
-        let deadline = Instant::now() + timeout;
-        loop {
-            if let Some(status) = child.try_wait()? {
-                return Ok(Some(status));
-            }
-            if Instant::now() > deadline {
-                child.kill()?;
-                child.wait()?;
-                return Ok(None);
-            }
-            std::thread::sleep(Duration::from_millis(20));
-        }
+    /// What a program prints that reads and writes no files.
+    pub fn print(&self, timeout: Duration) -> Result<String> {
+        let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
+        self.run(dir.path(), timeout)
     }
 
     /// The emulator, with a monitor on `monitor`.
-    pub(super) fn command(&self, dir: &Path, monitor: &str) -> Command {
+    pub fn command(&self, dir: &Path, monitor: &str) -> Command {
         let mut command = self.start(dir, monitor, "none");
         command.args(["-icount", &self.icount]);
         command
@@ -104,7 +91,7 @@ impl Machine {
     }
 
     fn start(&self, dir: &Path, monitor: &str, serial: &str) -> Command {
-        let mut command = command(&self.qemu);
+        let mut command = command(&self.emulator);
         command
             .current_dir(dir)
             .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])

@@ -1,30 +1,31 @@
 //! `cargo xtask qemu`: the same frames on the emulated microcontroller and here, compared bit for bit.
 
-use std::path::PathBuf;
-use std::time::Duration;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense_qemu::input::MODEL_BYTES_MAX;
+use slipsense_qemu::record::Record;
+use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
 use slipsense_recording::Episode;
 
-use crate::root;
+use crate::process::root;
+use crate::table::{Table, thousands};
 
 mod compare;
-mod emulator;
 mod extreme;
 pub mod frames;
 mod host;
 pub mod machine;
 mod real_time;
-mod report;
-pub mod trace;
 
-use emulator::Emulator;
+use compare::{PARTS, compare};
 use frames::Frames;
-use report::Report;
+use machine::{Machine, NS_PER_INSTRUCTION_LOG2, write_input};
 
 /// Comparing the kernels takes seconds.
 const KERNELS_TIMEOUT: Duration = Duration::from_secs(300);
@@ -40,7 +41,7 @@ Exit code: 0 all equal, 1 something differs, 2 it could not be run.
 
 Examples:
   cargo xtask qemu host-tools/cli/demo/episode.npz
-  cargo xtask qemu --extreme --frames 2000 --json
+  cargo xtask qemu --extreme --frames 2000
   cargo xtask qemu --extreme --random-model 7
   cargo xtask qemu host-tools/cli/demo/episode.npz --compress-raw
   cargo xtask qemu --real-time host-tools/cli/demo/episode.npz
@@ -74,9 +75,6 @@ pub struct Options {
     /// Send the raw messages compressed (register slipsense.raw.compressed); against the clock both ways are run
     #[arg(long, conflicts_with = "real_time")]
     pub compress_raw: bool,
-    /// Print one JSON object on standard output instead of a table
-    #[arg(long)]
-    pub json: bool,
     /// Seconds that one run may take
     #[arg(long, default_value_t = 900)]
     pub timeout_s: u64,
@@ -102,7 +100,6 @@ impl Options {
             real_time: false,
             seconds: 60,
             compress_raw: false,
-            json: false,
             timeout_s: 900,
         }
     }
@@ -121,7 +118,7 @@ impl Options {
         let (name, bytes) = match self.random_model {
             Some(seed) => (format!("random {seed}"), extreme::model(seed)?),
             None => {
-                let bytes = std::fs::read(&self.model)
+                let bytes = fs::read(&self.model)
                     .with_context(|| format!("{}: cannot read the model", self.model.display()))?;
                 (self.model.display().to_string(), bytes)
             }
@@ -133,86 +130,107 @@ impl Options {
         Ok((name, bytes))
     }
 
-    /// The runs, in order; each is made when its turn comes.
-    fn runs(&self) -> Vec<Run<'_>> {
-        let episodes = self.episodes.iter().map(|path| Run::Episode { path, limit: self.frames });
-        let total = self.frames.unwrap_or(EXTREME_FRAMES);
-        let extremes = (1..=MAX_SENSORS as u32).map(|sensors| Run::Extreme {
-            // The first runs take what does not divide evenly.
-            frames: (total + MAX_SENSORS as u32 - sensors) / MAX_SENSORS as u32,
-            sensors: sensors as usize,
-            seed: self.seed,
-        });
-        episodes.chain(extremes.filter(|_| self.extreme)).collect()
-    }
-}
-
-enum Run<'a> {
-    Episode { path: &'a PathBuf, limit: Option<u32> },
-    Extreme { frames: u32, sensors: usize, seed: u64 },
-}
-
-impl Run<'_> {
-    fn frames(&self) -> Result<(String, Frames)> {
-        match *self {
-            Self::Episode { path, limit } => {
-                let episode = Episode::read(path)?;
-                let frames =
-                    Frames::of_episode(&episode, limit).with_context(|| path.display().to_string())?;
-                Ok((path.display().to_string(), frames))
-            }
-            Self::Extreme { frames, sensors, seed } => {
-                Ok((format!("extreme input, {sensors} sensors"), extreme::frames(frames, sensors, seed)))
-            }
+    /// Input of run `index` with its name; `None` after the last.
+    fn run(&self, index: usize) -> Result<Option<(String, Frames)>> {
+        if let Some(path) = self.episodes.get(index) {
+            let name = path.display().to_string();
+            let frames = Frames::from_episode(&Episode::read(path)?, self.frames).context(name.clone())?;
+            return Ok(Some((name, frames)));
         }
+        let sensors = index - self.episodes.len() + 1;
+        if !self.extreme || sensors > MAX_SENSORS {
+            return Ok(None);
+        }
+        // The first runs take what does not divide evenly.
+        let total = self.frames.unwrap_or(EXTREME_FRAMES) as usize;
+        let count = (total + MAX_SENSORS - sensors) / MAX_SENSORS;
+        let frames = extreme::frames(count as u32, sensors, self.seed);
+        Ok(Some((format!("extreme input, {sensors} sensors"), frames)))
     }
 }
 
 /// Compare the kernels of the Cortex-M7 with the portable ones; fails where a call differs.
 pub fn kernels() -> Result<()> {
-    let machine = machine::Machine::build("slipsense-qemu-kernels", &[])?;
-    let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
-    machine.run(dir.path(), KERNELS_TIMEOUT)?;
-    let said =
-        std::fs::read_to_string(dir.path().join("log")).context("the emulated program said nothing")?;
-    if !said.contains("conv_relu_pool: 0 of") {
-        bail!("the emulated program did not compare the kernels:\n{said}");
+    let text = Machine::build("slipsense-qemu-kernels")?.print(KERNELS_TIMEOUT)?;
+    if !text.contains("conv_relu_pool: 0 of") {
+        bail!("the emulated program did not compare the kernels:\n{text}");
     }
-    print!("{said}");
+    print!("{text}");
     Ok(())
 }
 
 /// Run and report; `false` if something differed.
 pub fn run(options: &Options) -> Result<bool> {
     let (model_name, model) = options.model()?;
+    let timeout = Duration::from_secs(options.timeout_s);
     if options.real_time {
         let [episode] = options.episodes.as_slice() else {
             bail!("--real-time: {} episodes given, it loops one", options.episodes.len());
         };
-        let timeout = Duration::from_secs(options.timeout_s);
-        return real_time::run(episode, &model, options.seconds, options.json, timeout);
+        return real_time::run(episode, &model, options.seconds, timeout);
     }
-    let emulator = Emulator::build()?;
-    let mut report = Report::new(model_name);
-    for run in options.runs() {
-        let (name, mut frames) = run.frames()?;
-        frames.compress_raw = options.compress_raw;
+    let machine = Machine::build("slipsense-qemu")?;
+    let title = format!(
+        "Frames that differ between this computer and the emulated Cortex-M7, by part; instructions of the pipeline \
+         per frame, not cycles; model {model_name}"
+    );
+    let mut columns = vec!["input", "sensors", "frames", "CAN frames", "slip frames"];
+    columns.extend(PARTS);
+    columns.extend(["any", "instructions, median", "worst"]);
+    let mut table = Table::new(title, &columns);
+    let (mut differing, mut compared, mut index) = (0, 0, 0);
+    while let Some((name, mut frames)) = options.run(index)? {
+        index += 1;
         if frames.is_empty() {
             continue;
         }
+        frames.compress_raw = options.compress_raw;
         eprintln!("{name}: {} frames on the emulated Cortex-M7", frames.len());
-        let (expected, host_time) = host::records(&frames, &model)?;
-        let output = emulator.run(&frames, &model, Duration::from_secs(options.timeout_s))?;
-        let comparison = compare::compare(&expected, &output.records);
-        for mismatch in &comparison.first {
-            eprintln!("  {mismatch}");
-        }
-        report.add(name, frames.sensors(), &output, host_time, comparison);
+        let expected: Vec<Record> = host::records(&frames, &model)?.map(|(_, record)| record).collect();
+        let records = emulate(&machine, &frames, &model, timeout)?;
+        let comparison = compare(&expected, &records);
+        comparison.first.iter().for_each(|mismatch| eprintln!("  {mismatch}"));
+        let instructions = |record: &Record| (u64::from(record.step_us) * 1000) >> NS_PER_INSTRUCTION_LOG2;
+        let mut counts: Vec<u64> = records.iter().map(instructions).collect();
+        counts.sort_unstable();
+        let mut row = vec![name, frames.sensors().to_string()];
+        let sizes = [records.len(), comparison.can_frames, comparison.slip_frames];
+        row.extend(
+            sizes.iter().chain(&comparison.by_part).chain([&comparison.frames]).map(ToString::to_string),
+        );
+        let places = [counts.len() / 2, counts.len().saturating_sub(1)];
+        row.extend(places.map(|place| counts.get(place).map_or(String::new(), |count| thousands(*count))));
+        table.row(row);
+        differing += comparison.frames;
+        compared += records.len();
     }
-    if options.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
-    } else {
-        print!("{report}");
+    print!("{table}");
+    println!("{differing} mismatching frames of {compared}");
+    Ok(differing == 0)
+}
+
+/// All frames through the emulated board.
+fn emulate(machine: &Machine, frames: &Frames, model: &[u8], timeout: Duration) -> Result<Vec<Record>> {
+    let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
+    write_input(&dir.path().join(INPUT_FILE), frames, model).context("cannot write the input file")?;
+    let start = Instant::now();
+    machine.run(dir.path(), timeout)?;
+    eprintln!("  {:.1} s", start.elapsed().as_secs_f64());
+    let records = read_output(&dir.path().join(OUTPUT_FILE))?;
+    if records.len() != frames.len() {
+        bail!("the emulated program wrote {} records of {} frames", records.len(), frames.len());
     }
-    Ok(report.all_equal())
+    Ok(records)
+}
+
+fn read_output(path: &Path) -> Result<Vec<Record>> {
+    let bytes = fs::read(path).context("the emulated program wrote no output")?;
+    let mut rest = &bytes[..];
+    let mut records = Vec::new();
+    while !rest.is_empty() {
+        let at = bytes.len() - rest.len();
+        let record = Record::decode(&mut rest);
+        records.push(record.with_context(|| format!("no record at byte {at} of the output"))?);
+    }
+    Ok(records)
 }

@@ -1,7 +1,7 @@
 //! `cargo xtask qemu --real-time`: the same tasks, executors and scheduler as on a board, against the clock.
 //!
 //! An episode is looped for as long as asked; its sensors are handed out in turn and shifted in time, so that one
-//! episode fills any number of them. What arrives on the modelled bus is held against what this computer makes of the
+//! episode fills any number of them. What arrives on the modelled bus is compared with what this computer makes of the
 //! same input.
 
 use std::collections::HashMap;
@@ -11,7 +11,6 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use serde::Serialize;
 use slipsense::board::{Lane, SensedPart};
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense::pipeline::FrameStamp;
@@ -24,10 +23,10 @@ use slipsense_qemu::events::{
 };
 use slipsense_recording::Episode;
 
-use super::frames::Frames;
-use super::host::{self, NODE};
+use super::frames::{Frames, NODE};
+use super::host;
 use super::machine::{Machine, write_input};
-use crate::table::{Align, Table, thousands};
+use crate::table::{Table, thousands};
 
 const PROGRAM: &str = "slipsense-qemu-realtime";
 /// Tick to slip message in the queue, µs, with one and with three sensors: what is to be kept.
@@ -66,7 +65,6 @@ const SCENARIOS: [Scenario; 3] = [
 ];
 
 /// What one run came to.
-#[derive(Clone, Debug, Serialize)]
 struct Outcome {
     bus: String,
     sensors: usize,
@@ -97,15 +95,15 @@ struct Outcome {
 }
 
 /// Run all scenarios; `false` if one of them is not as it should be.
-pub fn run(episode: &Path, model: &[u8], seconds: u32, json: bool, timeout: Duration) -> Result<bool> {
+pub fn run(episode: &Path, model: &[u8], seconds: u32, timeout: Duration) -> Result<bool> {
     let episode = Episode::read(episode)?;
-    let machine = Machine::build(PROGRAM, &[])?.in_real_time();
+    let machine = Machine::build(PROGRAM)?.in_real_time();
     let mut outcomes = Vec::new();
     for (sensors, _) in BARS_US {
         let mut frames = looped(&episode, sensors, seconds * FRAME_RATE_HZ)?;
         for compress_raw in [false, true] {
             frames.compress_raw = compress_raw;
-            let expected = Expected::of(&frames, model)?;
+            let expected = Expected::new(&frames, model)?;
             let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
             write_input(&dir.path().join(INPUT_FILE), &frames, model)
                 .context("cannot write the input file")?;
@@ -117,17 +115,13 @@ pub fn run(episode: &Path, model: &[u8], seconds: u32, json: bool, timeout: Dura
             }
         }
     }
-    if json {
-        println!("{}", serde_json::to_string_pretty(&outcomes)?);
-    } else {
-        print(&outcomes);
-    }
+    print(&outcomes);
     Ok(outcomes.iter().all(|outcome| outcome.failures.is_empty()))
 }
 
 /// The episode again and again; sensor `n` is the episode's sensor `n` modulo what it has, a third of it later each.
 fn looped(episode: &Episode, sensors: usize, count: u32) -> Result<Frames> {
-    let once = Frames::of_episode(episode, None)?;
+    let once = Frames::from_episode(episode, None)?;
     let parts: Vec<&[SensedPart]> = once.iter().map(|(_, parts)| parts).collect();
     ensure!(!parts.is_empty(), "the episode has no frame");
     let mut frames = Frames::new(sensors);
@@ -157,10 +151,10 @@ struct Expected {
 }
 
 impl Expected {
-    fn of(frames: &Frames, model: &[u8]) -> Result<Self> {
+    fn new(frames: &Frames, model: &[u8]) -> Result<Self> {
         let mut expected =
             Self { sensors: frames.sensors(), stamps: Vec::new(), slips: Vec::new(), raw: HashMap::new() };
-        host::each_record(frames, model, |stamp, record| {
+        for (stamp, record) in host::records(frames, model)? {
             let (slip, raw) = record.can.split_first().context("a frame without a slip message")?;
             expected.stamps.push(stamp);
             expected.slips.push(*slip);
@@ -173,8 +167,7 @@ impl Expected {
                 left = rest;
             }
             ensure!(left.is_empty(), "more CAN frames than messages");
-            Ok(())
-        })?;
+        }
         Ok(expected)
     }
 }
@@ -219,7 +212,7 @@ fn one(
     while !rest.is_empty() {
         arrived.push(decode_arrived(&mut rest).context("the log of the bus ends inside a frame")?);
     }
-    let bus = Bus::judge(&arrived, expected, &disturbance);
+    let bus = Arrivals::check(&arrived, expected, &disturbance);
     let mut queued: Vec<u32> = decided.iter().map(|decided| decided.queued_us).collect();
     queued.sort_unstable();
     let mut outcome = Outcome {
@@ -249,9 +242,9 @@ fn one(
     Ok(outcome)
 }
 
-/// What arrived, held against what should have.
+/// What arrived, compared with what should have.
 #[derive(Default)]
-struct Bus {
+struct Arrivals {
     slips: usize,
     raw: usize,
     wrong: usize,
@@ -259,8 +252,8 @@ struct Bus {
     recovery_us: Option<u64>,
 }
 
-impl Bus {
-    fn judge(arrived: &[Arrived], expected: &Expected, disturbance: &Disturbance) -> Self {
+impl Arrivals {
+    fn check(arrived: &[Arrived], expected: &Expected, disturbance: &Disturbance) -> Self {
         let mut bus = Self::default();
         let mut receiver = Receiver::new(NODE);
         let mut message = Vec::new();
@@ -342,57 +335,56 @@ impl Outcome {
 fn print(outcomes: &[Outcome]) {
     let mut table = Table::new(
         "Real time on the emulated Cortex-M7: 480 instructions are a microsecond (480 MHz at one per cycle, which no \
-         core reaches), CAN FD at 1 and 8 Mbit/s with worst stuffing"
-            .to_owned(),
+         core reaches), CAN FD at 1 and 8 Mbit/s with worst stuffing. Times from the frame's tick, µs: slip message \
+         queued, its last bit on the bus (worst), inference through with the frame (worst)",
         &[
-            ("bus", Align::Left),
-            ("sensors", Align::Right),
-            ("frames", Align::Right),
-            ("missed", Align::Right),
-            ("late", Align::Right),
-            ("queued µs: median", Align::Right),
-            ("worst", Align::Right),
-            ("on the bus", Align::Right),
-            ("all done", Align::Right),
-            ("slips", Align::Right),
-            ("replaced", Align::Right),
-            ("raw", Align::Right),
-            ("dropped", Align::Right),
-            ("differ", Align::Right),
+            "bus",
+            "sensors",
+            "frames",
+            "missed",
+            "late",
+            "queued, median",
+            "worst",
+            "on the bus",
+            "all done",
+            "slips",
+            "replaced",
+            "raw",
+            "dropped",
+            "differ",
         ],
     );
     for outcome in outcomes {
-        let number = |n: u64| thousands(n as i64);
-        table.row([
-            outcome.bus.clone(),
-            outcome.sensors.to_string(),
-            number(outcome.frames as u64),
-            outcome.dropped_frames.to_string(),
-            outcome.late_frames.to_string(),
-            number(outcome.queued_median_us.into()),
-            number(outcome.queued_max_us.into()),
-            number(outcome.arrived_max_us),
-            number(outcome.busy_max_us.into()),
-            number(outcome.slips_arrived as u64),
-            number(outcome.slips_replaced.into()),
-            number(outcome.raw_arrived as u64),
-            number((outcome.raw_dropped + outcome.raw_broken).into()),
-            outcome.wrong.to_string(),
-        ]);
+        let mut row = vec![outcome.bus.clone()];
+        row.extend(
+            [
+                outcome.sensors as u64,
+                outcome.frames as u64,
+                outcome.dropped_frames.into(),
+                outcome.late_frames.into(),
+                outcome.queued_median_us.into(),
+                outcome.queued_max_us.into(),
+                outcome.arrived_max_us,
+                outcome.busy_max_us.into(),
+                outcome.slips_arrived as u64,
+                outcome.slips_replaced.into(),
+                outcome.raw_arrived as u64,
+                (outcome.raw_dropped + outcome.raw_broken).into(),
+                outcome.wrong as u64,
+            ]
+            .map(thousands),
+        );
+        table.row(row);
     }
     print!("{table}");
-    println!(
-        "Times from the frame's tick: slip message queued, its last bit on the bus (worst), inference through with \
-         the frame (worst)"
-    );
     for outcome in outcomes {
         if let Some(us) = outcome.recovery_us {
             println!(
                 "{}: {} µs off by the node's count, first slip message {} µs after the end of the disturbance, {} raw \
                  message cut off",
                 outcome.bus,
-                thousands(outcome.bus_off_us.into()),
-                thousands(us as i64),
+                thousands(outcome.bus_off_us),
+                thousands(us),
                 outcome.raw_broken
             );
         }

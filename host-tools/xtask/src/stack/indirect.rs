@@ -7,8 +7,7 @@ use std::collections::BTreeSet;
 
 use anyhow::{Result, bail};
 
-use super::PANIC;
-use super::program::Program;
+use super::program::{PANIC, Program};
 
 /// Functions whose name holds one of `callers` may call, through a register, those whose name holds one of
 /// `targets`.

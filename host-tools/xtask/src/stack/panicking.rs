@@ -5,12 +5,8 @@
 
 use std::collections::BTreeSet;
 
-use anyhow::Result;
-use serde::Serialize;
-
-use super::PANIC;
 use super::graph::Node;
-use super::program::Program;
+use super::program::{PANIC, Program};
 
 /// Beginning of a function's name, part of the name of what it calls to panic, why it never does.
 ///
@@ -74,7 +70,6 @@ const NEVER_TAKEN: &[(&str, &str, &str)] = &[
 ];
 
 /// What there is to say of the tasks that a frame wakes.
-#[derive(Clone, Debug, Serialize)]
 pub struct Tasks {
     pub functions: usize,
     /// Branches, each with the reason why it is not taken.
@@ -84,9 +79,9 @@ pub struct Tasks {
 }
 
 impl Tasks {
-    pub fn of(program: &Program, roots: &[usize]) -> Result<Self> {
+    pub fn new(program: &Program, roots: &[usize]) -> Self {
         let (mut known, mut unknown) = (Vec::new(), Vec::new());
-        for branch in of(program, roots)? {
+        for branch in branches(program, roots) {
             let reason = NEVER_TAKEN.iter().find(|(function, callee, _)| {
                 branch.split_once(ARROW).is_some_and(|(from, to)| {
                     from.trim_start_matches('<').starts_with(function) && to.contains(callee)
@@ -97,7 +92,7 @@ impl Tasks {
                 None => unknown.push(branch),
             }
         }
-        Ok(Self { functions: reach(program, roots).len(), known, unknown })
+        Self { functions: reach(program, roots).len(), known, unknown }
     }
 }
 
@@ -113,7 +108,7 @@ fn reach(program: &Program, roots: &[usize]) -> BTreeSet<usize> {
 }
 
 /// All branches below `roots`: who calls, outside of core, what of core ends in a panic.
-pub fn of(program: &Program, roots: &[usize]) -> Result<Vec<String>> {
+pub fn branches(program: &Program, roots: &[usize]) -> Vec<String> {
     let nodes = &program.graph.nodes;
     // What drops a value is named core's and made of ours.
     let of_core =
@@ -134,5 +129,5 @@ pub fn of(program: &Program, roots: &[usize]) -> Result<Vec<String>> {
         }
     }
     branches.sort();
-    Ok(branches)
+    branches
 }

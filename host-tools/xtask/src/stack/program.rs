@@ -7,6 +7,9 @@ use anyhow::{Context, Result, ensure};
 use super::graph::{Graph, Node};
 use crate::elf::{Code, Image, Instruction, Kind};
 
+/// Where a panic ends; what it prints is no part of the frame path.
+pub const PANIC: &str = "rust_begin_unwind";
+
 /// What the code says by itself; calls through registers lead nowhere yet.
 pub struct Program {
     pub image: Image,
@@ -18,12 +21,12 @@ pub struct Program {
 }
 
 impl Program {
-    pub fn of(image: Image) -> Result<Self> {
+    pub fn new(image: Image) -> Result<Self> {
         let code = Code::new()?;
         let mut graph = Graph::default();
         let mut read_off = 0;
         for (index, function) in image.functions.iter().enumerate() {
-            let instructions = code.of(&image, function)?;
+            let instructions = code.disassemble(&image, function)?;
             let pushed = instructions.iter().map(Instruction::pushed_bytes).sum();
             read_off += usize::from(function.frame.is_none());
             let mut node = Node {

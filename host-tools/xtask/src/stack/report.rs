@@ -1,17 +1,16 @@
-//! The bound, for people and machines.
+//! The bound, in tables and sentences.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::{Result, ensure};
-use serde::Serialize;
 
 use super::panicking::Tasks;
+use crate::firmware::BOARD;
 use crate::regions::Regions;
-use crate::table::{Align, Table, thousands};
+use crate::table::{Table, thousands};
 
 /// One handler, or the start of the program.
-#[derive(Clone, Debug, Serialize)]
 pub struct Root {
     pub name: String,
     pub bytes: u64,
@@ -20,7 +19,6 @@ pub struct Root {
 }
 
 /// Handlers of one priority.
-#[derive(Clone, Debug, Serialize)]
 pub struct Level {
     pub name: &'static str,
     pub roots: Vec<Root>,
@@ -33,7 +31,6 @@ impl Level {
 }
 
 /// The signal path, without what a panic would print.
-#[derive(Clone, Debug, Serialize)]
 pub struct FramePath {
     pub functions: usize,
     pub bytes: u64,
@@ -42,9 +39,7 @@ pub struct FramePath {
 }
 
 /// Everything about the stack.
-#[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Board and memories.
     pub regions: Regions,
     /// What the memory map gives.
     pub region_bytes: u64,
@@ -61,10 +56,13 @@ pub struct Report {
 }
 
 impl Report {
+    fn saved_bytes(&self) -> u64 {
+        self.levels.len().saturating_sub(1) as u64 * self.exception_bytes
+    }
+
     /// All levels and the preemptions between them.
-    pub fn bound_bytes(&self) -> u64 {
-        let preemptions = self.levels.len().saturating_sub(1) as u64;
-        self.levels.iter().map(Level::bytes).sum::<u64>() + preemptions * self.exception_bytes
+    fn bound_bytes(&self) -> u64 {
+        self.levels.iter().map(Level::bytes).sum::<u64>() + self.saved_bytes()
     }
 
     pub fn fits(&self) -> bool {
@@ -73,54 +71,43 @@ impl Report {
 
     /// Is every branch that may panic in what a frame wakes one of which is known that it is never taken?
     pub fn holds_no_new_panic(&self) -> Result<()> {
-        let new = self.frame_path.may_panic.iter().chain(&self.frame_tasks.unknown);
-        let new: Vec<_> = new.map(String::as_str).collect();
+        let new: Vec<_> = self.frame_path.may_panic.iter().chain(&self.frame_tasks.unknown).collect();
         ensure!(
             new.is_empty(),
-            "{}: a frame may end in a panic, and stack/panicking.rs does not say why not: {}",
-            self.regions.board.label(),
-            new.join("; ")
+            "a frame may end in a panic, and stack/panicking.rs does not say why not: {new:?}"
         );
         Ok(())
     }
 
-    pub fn table(&self) -> Table {
-        let mut table = Table::new(
-            format!(
-                "Stack of the firmware, bytes: bounds over the linked program ({})",
-                self.regions.board.label()
-            ),
-            &[("level", Align::Left), ("starts at", Align::Left), ("bound", Align::Right)],
-        );
+    fn table(&self) -> Table {
+        let title = format!("Stack of the firmware, bytes: bounds over the linked program ({BOARD})");
+        let mut table = Table::new(title, &["level", "starts at", "bound"]);
         for level in &self.levels {
             for (index, root) in level.roots.iter().enumerate() {
                 let name = if index == 0 { level.name } else { "" };
-                table.row([name.to_owned(), root.name.clone(), thousands(root.bytes as i64)]);
+                table.row([name.to_owned(), root.name.clone(), thousands(root.bytes)]);
             }
         }
-        let saved = format!("saved at {} preemptions", self.levels.len().saturating_sub(1));
-        let saved_bytes = self.bound_bytes() - self.levels.iter().map(Level::bytes).sum::<u64>();
-        table.row([saved, String::new(), thousands(saved_bytes as i64)]);
-        table.row([
-            "deepest of each level, together".into(),
-            String::new(),
-            thousands(self.bound_bytes() as i64),
-        ]);
-        table.row(["region of the memory map".into(), String::new(), thousands(self.region_bytes as i64)]);
+        let preemptions = format!("saved at {} preemptions", self.levels.len().saturating_sub(1));
+        for (name, bytes) in [
+            (preemptions.as_str(), self.saved_bytes()),
+            ("deepest of each level, together", self.bound_bytes()),
+            ("region of the memory map", self.region_bytes),
+        ] {
+            table.row([name.to_owned(), String::new(), thousands(bytes)]);
+        }
         table
     }
 
     pub fn text(&self, ways: bool) -> String {
-        let mut text = format!("\n{}\n{}", self.regions.table(), self.table());
+        let mut text = format!("{}{}\n", self.regions.table(), self.table());
         let FramePath { functions, bytes, may_panic } = &self.frame_path;
-        let panics = match may_panic.len() {
-            0 => "none of them can panic".to_owned(),
-            count => format!("{count} of them hold a check that may panic"),
-        };
         _ = writeln!(
             text,
-            "Pipeline::step: {} bytes, {functions} functions, no recursion, no call through a register; {panics}",
-            thousands(*bytes as i64)
+            "Pipeline::step: {} bytes, {functions} functions, no recursion, no call through a register; {} of them \
+             hold a check that may panic",
+            thousands(*bytes),
+            may_panic.len()
         );
         let Tasks { functions, known, unknown } = &self.frame_tasks;
         _ = writeln!(
@@ -143,12 +130,8 @@ impl Report {
             for root in self.levels.iter().flat_map(|level| &level.roots) {
                 _ = writeln!(text, "\n{}", root.name);
                 for (name, bytes) in &root.way {
-                    _ = writeln!(text, "  {:>7}  {name}", thousands(*bytes as i64));
+                    _ = writeln!(text, "  {:>7}  {name}", thousands(*bytes));
                 }
-            }
-            _ = writeln!(text, "\nFunctions of the frame path with a check that may panic");
-            for name in &self.frame_path.may_panic {
-                _ = writeln!(text, "  {name}");
             }
             _ = writeln!(text, "\nBranches of the tasks of a frame that may panic, and why none is taken");
             for (branch, reason) in &self.frame_tasks.known {

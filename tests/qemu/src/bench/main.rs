@@ -36,6 +36,6 @@ fn main() -> ! {
     if !traced {
         kernels::measure(&mut bench, &model);
     }
-    path::measure(&mut bench, &mut frames, &header, model, !traced);
+    path::measure(&mut bench, &mut frames, &header, model, traced);
     exit(true)
 }

@@ -1,0 +1,51 @@
+//! The programs of the board.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+
+use crate::process::{lock, run, target_dir};
+use crate::toolchain::Toolchain;
+
+/// As on the label.
+pub const BOARD: &str = "NUCLEO-H743ZI2";
+/// Its feature of the package, and its name in `slipsense sign --board`.
+pub const FEATURE: &str = "h743";
+/// Its memory regions.
+pub const MEMORY_MAP: &str = "src/firmware/bin/app/memory.x";
+pub const NAME: &str = "slipsense-firmware";
+
+/// A program of the board.
+#[derive(Clone, Copy, Debug)]
+pub struct Program {
+    name: &'static str,
+    features: &'static str,
+}
+
+impl Program {
+    pub const FIRMWARE: Self = Self { name: NAME, features: FEATURE };
+    /// The firmware for another accelerometer than the ADXL380.
+    pub const ICM42688: Self = Self { name: NAME, features: "h743,icm42688" };
+    /// What `slipsense hil` talks to: the firmware with a mailbox in place of sensors and bus.
+    pub const HIL: Self = Self { name: "slipsense-hil", features: FEATURE };
+    pub const BOOTLOADER: Self = Self { name: "slipsense-boot", features: FEATURE };
+    /// embassy's CAN driver sends to itself.
+    pub const CAN_LOOPBACK: Self = Self { name: "slipsense-can-loopback", features: FEATURE };
+
+    /// Build it, warnings denied, with a list of what each function takes of the stack.
+    pub fn build(self) -> Result<PathBuf> {
+        let _lock = lock("firmware")?;
+        let toolchain = Toolchain::get()?;
+        let mut build = toolchain.cargo("build");
+        run(build.args(["--package", "slipsense", "--bin", self.name, "--features", self.features]))?;
+        // The firmware for another accelerometer has the same name: the next build would take its place.
+        let dir = target_dir().join("firmware-programs");
+        let kept = dir.join(format!("{}-{}", self.name, self.features.replace(',', "-")));
+        std::fs::create_dir_all(&dir)?;
+        let unfinished = kept.with_extension("unfinished");
+        std::fs::copy(toolchain.program(self.name), &unfinished)
+            .and_then(|_| std::fs::rename(&unfinished, &kept))
+            .with_context(|| kept.display().to_string())?;
+        Ok(kept)
+    }
+}

@@ -1,0 +1,142 @@
+//! The board twin: builds the firmware as it is flashed and `tests/twin`, and runs the one in the other.
+
+pub mod machine;
+pub mod update;
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::firmware::Program;
+use crate::process::{DEMO_EPISODE, Running, command, root, run as start, script, small_cli, target_dir};
+use machine::{MODEL, synthetic_pull, twin_with, with_far_end};
+
+/// Frames of the demo that go through the mailbox, and virtual time that is more than they need: while the program
+/// waits for the next one, it flies.
+const HIL_FRAMES: &str = "60";
+const HIL_SECONDS: &str = "36000";
+/// The accelerometer of the default firmware; another one needs a firmware of its own.
+const DEFAULT_XL: &str = "adxl380";
+const OTHER_XL: &str = "icm42688";
+/// Virtual seconds of a long run, and what it plays with two sensors where someone has it: a pull, composed of real
+/// recordings. Else a synthetic one.
+const LONG_SECONDS: u32 = 20;
+const REAL_PULL: &str = "../shared/real/slip_up.npz";
+const LOOPBACK_PASSED: &str = "loop back passed";
+
+/// Run the firmware's ELF on an emulated STM32H743, in virtual time
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  cargo xtask twin                                         one virtual second without sensors
+  cargo xtask twin host-tools/cli/demo/episode.npz         play an episode through the sensors
+  cargo xtask twin EPISODE.npz --xl icm42688               with that accelerometer and the firmware for it
+  cargo xtask twin --seconds 3 --trouble off:0.5-1.5       nobody acknowledges for a second
+  cargo xtask twin EPISODE.npz --faults                    every fault in turn, and a table of flags and recovery
+  cargo xtask twin --long                                  20 s each: two sensors, three, two ICM-42688-P
+  cargo xtask twin --updates                               updates over the bus, the supply fails again and again
+  cargo xtask twin --gdb 3333                              wait for a debugger on this port
+All options: cargo xtask twin --help, then what `slipsense-twin --help` says")]
+pub struct Options {
+    /// The runs that take minutes: 20 virtual seconds with two sensors, with three, and with two ICM-42688-P
+    #[arg(long, exclusive = true)]
+    long: bool,
+    /// The step `twin-update` with more failures of the supply: at every step of a store, and at more of the others
+    #[arg(long, exclusive = true)]
+    updates: bool,
+    /// What the twin is given: episode and options
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<String>,
+}
+
+/// Build both and run.
+pub fn run(options: &Options) -> Result<bool> {
+    if options.long {
+        return long();
+    }
+    if options.updates {
+        return update::step(&small_cli()?, true).map(|()| true);
+    }
+    let arguments = &options.arguments;
+    let status = twin(accelerometer(arguments))?.args(arguments).status()?;
+    Ok(status.success())
+}
+
+/// The accelerometer that the arguments name.
+fn accelerometer(arguments: &[String]) -> &str {
+    let after = arguments.iter().skip_while(|argument| *argument != "--xl").nth(1);
+    let within = arguments.iter().find_map(|argument| argument.strip_prefix("--xl="));
+    within.or(after.map(String::as_str)).unwrap_or(DEFAULT_XL)
+}
+
+/// The twin with the firmware for this accelerometer.
+fn twin(xl: &str) -> Result<Command> {
+    twin_with(&if xl == OTHER_XL { Program::ICM42688 } else { Program::FIRMWARE }.build()?)
+}
+
+/// 20 s each, too long for the test command.
+fn long() -> Result<bool> {
+    let slipsense = small_cli()?;
+    let real = root().join(REAL_PULL);
+    let two = if real.exists() { real } else { synthetic_pull(&slipsense, "umi", 2, LONG_SECONDS)? };
+    let three = synthetic_pull(&slipsense, "tesollo", 3, LONG_SECONDS)?;
+    let runs = [("2", &two, DEFAULT_XL), ("3", &three, DEFAULT_XL), ("2", &two, OTHER_XL)];
+    let mut good = true;
+    for (sensors, episode, xl) in runs {
+        println!("\n{sensors} sensors, {xl}: {LONG_SECONDS} s of {}", episode.display());
+        let mut run = twin(xl)?;
+        run.arg(episode).args(["--xl", xl, "--sensors", sensors, "--seconds", &LONG_SECONDS.to_string()]);
+        good &= run.status()?.success();
+    }
+    Ok(good)
+}
+
+/// embassy's driver in loop back; without sensors; the demo episode, with either accelerometer; and that the scan
+/// computed where somebody looks is the scan event by event.
+pub fn step() -> Result<()> {
+    let mut loopback = twin_with(&Program::CAN_LOOPBACK.build()?)?;
+    start(loopback.args(["--seconds", "0.2", "--says", LOOPBACK_PASSED]))?;
+    start(twin(DEFAULT_XL)?.args(["--seconds", "0.2"]))?;
+    let episode = root().join(DEMO_EPISODE);
+    for xl in [DEFAULT_XL, OTHER_XL] {
+        start(twin(xl)?.arg(&episode).args(["--xl", xl, "--seconds", "1"]))?;
+    }
+    let traces = [false, true].map(|slow| target_dir().join(if slow { "slow.trace" } else { "fast.trace" }));
+    for (trace, slow) in traces.iter().zip([false, true]) {
+        let mut run = twin(DEFAULT_XL)?;
+        run.arg(&episode).args(["--seconds", "0.12", "--trace"]).arg(trace);
+        start(run.args(slow.then_some("--slow")))?;
+    }
+    let [fast, slow] = traces.map(|path| std::fs::read(&path).with_context(|| path.display().to_string()));
+    ensure!(fast? == slow?, "the twin with --slow does not do what it does without");
+    Ok(())
+}
+
+/// Every fault in turn.
+pub fn faults_step() -> Result<()> {
+    start(twin(DEFAULT_XL)?.arg(root().join(DEMO_EPISODE)).arg("--faults"))
+}
+
+/// pycyphal talks to the node of the firmware, through the modelled bus.
+pub fn node_step() -> Result<()> {
+    let twin = twin_with(&Program::FIRMWARE.build()?)?;
+    with_far_end(twin, |port| start(script("check_twin_node.py")?.arg(port).args(["--model", MODEL])))
+}
+
+/// `slipsense hil`, with the program that it has on a board on the emulated STM32H743.
+pub fn hil_step(slipsense: &Path) -> Result<()> {
+    let program = Program::HIL.build()?;
+    let mut twin = twin_with(&program)?;
+    twin.args(["--gdb", "0", "--seconds", HIL_SECONDS]);
+    let mut twin = Running(twin.stderr(Stdio::piped()).spawn().context("cannot start the twin")?);
+    // Kept until the end: the twin may write more.
+    let mut output = BufReader::new(twin.0.stderr.take().context("the twin has a standard error")?);
+    let mut first = String::new();
+    output.read_line(&mut first)?;
+    let address = first.trim().rsplit_once(' ').filter(|_| first.starts_with("waiting for a debugger"));
+    let Some((_, address)) = address else { bail!("the twin serves no debugger: {first}") };
+    let mut hil = command(slipsense);
+    hil.args(["hil", DEMO_EPISODE, "--elf"]).arg(&program);
+    start(hil.args(["--frames", HIL_FRAMES, "--timeout-s", "60", "--gdb", address]))
+}

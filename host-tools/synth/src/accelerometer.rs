@@ -12,7 +12,7 @@ use slipsense::sensor::XlSample;
 use slipsense_recording::XL_RATE_TOLERANCE;
 use std::f64::consts::TAU;
 
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, unit_vector};
 use crate::vibration::{Clock, sin_turns};
 
 /// Noise density, g/√Hz: the modelling range of a low-noise part, set so that the paper's baselines land
@@ -21,7 +21,6 @@ const NOISE_G: (f64, f64) = (22e-6, 45e-6);
 /// Size of an axis's gain error and of each cross-axis term.
 const GAIN_ERROR: (f64, f64) = (0.01, 0.03);
 const CROSS_AXIS: (f64, f64) = (0.01, 0.02);
-/// Offset, g.
 const OFFSET_G: f64 = 0.05;
 /// Corner of the part's low-pass, Hz, and the chance that it has two poles.
 const BANDWIDTH_HZ: (f64, f64) = (2_000.0, 4_000.0);
@@ -46,19 +45,15 @@ const WANDER_HZ: (f64, f64) = (0.005, 0.05);
 pub(crate) struct XlUnit {
     /// From finger axes to sensor axes: mounting rotation, gain errors and cross-axis terms together.
     pub matrix: [[f64; 3]; 3],
-    /// Offset, g.
     pub offset_g: [f64; 3],
-    /// Noise density, g/√Hz.
     pub noise_g: f64,
     /// Corner of the part's own low-pass, Hz.
     pub bandwidth_hz: f64,
     /// Order of the low-pass, 1 or 2.
     pub poles: usize,
-    /// Package resonance, Hz.
     pub resonance_hz: f64,
     /// Share of the upper spectrum that folds back.
     pub alias: f64,
-    /// Relative error of the rate.
     pub rate_error: f64,
 }
 
@@ -69,7 +64,7 @@ impl XlUnit {
         let errors: [[f64; 3]; 3] = std::array::from_fn(|axis| {
             std::array::from_fn(|from| {
                 let range = if axis == from { GAIN_ERROR } else { CROSS_AXIS };
-                either_sign(rng, range) + if axis == from { 1.0 } else { 0.0 }
+                rng.either_sign(range) + if axis == from { 1.0 } else { 0.0 }
             })
         });
         let matrix = errors
@@ -77,12 +72,12 @@ impl XlUnit {
         Self {
             matrix,
             offset_g: std::array::from_fn(|_| rng.between(-OFFSET_G, OFFSET_G)),
-            noise_g: rng.log_between(NOISE_G.0, NOISE_G.1),
-            bandwidth_hz: rng.between(BANDWIDTH_HZ.0, BANDWIDTH_HZ.1),
+            noise_g: rng.log_uniform(NOISE_G),
+            bandwidth_hz: rng.uniform(BANDWIDTH_HZ),
             poles: if rng.chance(TWO_POLES) { 2 } else { 1 },
-            resonance_hz: rng.between(RESONANCE_HZ.0, RESONANCE_HZ.1),
-            alias: rng.log_between(ALIAS.0, ALIAS.1),
-            rate_error: either_sign(rng, RATE_ERROR),
+            resonance_hz: rng.uniform(RESONANCE_HZ),
+            alias: rng.log_uniform(ALIAS),
+            rate_error: rng.either_sign(RATE_ERROR),
         }
     }
 }
@@ -90,9 +85,7 @@ impl XlUnit {
 /// One recording with a part: what changes with temperature and time.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct XlSession {
-    /// Factor on the part's noise.
     pub noise: f64,
-    /// Offset besides the part's own, g.
     pub offset_g: [f64; 3],
     /// Relative change of the rate against the part's own, and its drift per second.
     pub rate_change: f64,
@@ -113,8 +106,8 @@ impl XlSession {
             rate_drift_per_s: rng.between(-RATE_DRIFT_PER_S, RATE_DRIFT_PER_S),
             start: rng.between(0.0, 1.0),
             wander: (
-                rng.log_between(WANDER_G.0, WANDER_G.1),
-                rng.log_between(WANDER_HZ.0, WANDER_HZ.1),
+                rng.log_uniform(WANDER_G),
+                rng.log_uniform(WANDER_HZ),
                 std::array::from_fn(|_| rng.between(0.0, 1.0)),
             ),
         }
@@ -183,20 +176,12 @@ pub(crate) fn sample(
         .collect()
 }
 
-/// A value of this size, up or down.
-fn either_sign(rng: &mut Rng, (lo, hi): (f64, f64)) -> f64 {
-    let size = rng.between(lo, hi);
-    if rng.chance(0.5) { size } else { -size }
-}
-
 /// A rotation drawn uniformly: two random directions made orthogonal, and their cross product.
 fn rotation(rng: &mut Rng) -> [[f64; 3]; 3] {
     let a = rng.direction();
     let b = rng.direction();
     let dot: f64 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
-    let mut c = [b[0] - dot * a[0], b[1] - dot * a[1], b[2] - dot * a[2]];
-    let norm = c.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
-    c.iter_mut().for_each(|x| *x /= norm);
+    let c = unit_vector([b[0] - dot * a[0], b[1] - dot * a[1], b[2] - dot * a[2]]);
     let d = [a[1] * c[2] - a[2] * c[1], a[2] * c[0] - a[0] * c[2], a[0] * c[1] - a[1] * c[0]];
     [a, c, d]
 }
@@ -204,8 +189,9 @@ fn rotation(rng: &mut Rng) -> [[f64; 3]; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::{largest, near, variance, within};
     use crate::draw::{Stream, stream};
-    use libm::{cos, sin};
+    use libm::{cos, sin, sincos};
 
     const LSB_G: f64 = 0.244e-3;
 
@@ -222,15 +208,8 @@ mod tests {
 
     /// Mean square about the mean, summed over the axes, g².
     fn power(samples: &[XlSample]) -> f64 {
-        let n = samples.len() as f64;
-        (0..3)
-            .map(|a| {
-                let mean = samples.iter().map(|s| f64::from(s[a])).sum::<f64>() / n;
-                samples.iter().map(|s| (f64::from(s[a]) - mean) * (f64::from(s[a]) - mean)).sum::<f64>() / n
-            })
-            .sum::<f64>()
-            * LSB_G
-            * LSB_G
+        let axis = |a: usize| variance(&samples.iter().map(|s| f64::from(s[a])).collect::<Vec<_>>());
+        (0..3).map(axis).sum::<f64>() * LSB_G * LSB_G
     }
 
     fn tone(hz: f64, peak_g: f64, clock: Clock) -> Vec<[f64; 3]> {
@@ -242,7 +221,7 @@ mod tests {
             .collect()
     }
 
-    fn heard(unit: &XlUnit, motion_g: &[[f64; 3]], clock: Clock) -> Vec<XlSample> {
+    fn sampled(unit: &XlUnit, motion_g: &[[f64; 3]], clock: Clock) -> Vec<XlSample> {
         sample(unit, &quiet(), clock, LSB_G, motion_g, &mut rng(1))
     }
 
@@ -251,25 +230,12 @@ mod tests {
         let unit = XlUnit::draw(&mut rng(2));
         let clock = quiet().clock(&unit, 1.0);
         let motion = tone(200.0, 0.5, clock);
-        let powers: Vec<f64> = (0..20)
-            .map(|seed| {
-                let turned = XlUnit { matrix: rotation(&mut rng(seed)), ..unit.clone() };
-                power(&heard(&turned, &motion, clock))
-            })
-            .collect();
-        let (lo, hi) = powers.iter().fold((f64::MAX, 0f64), |(lo, hi), &p| (lo.min(p), hi.max(p)));
-        println!("summed power over 20 mountings: highest over lowest {:.5}, expected 1", hi / lo);
-        assert!(hi / lo < 1.001);
-
-        let drawn: Vec<f64> = (0..200)
-            .map(|seed| {
-                let matrix = XlUnit::draw(&mut rng(seed)).matrix;
-                power(&heard(&XlUnit { matrix, ..unit.clone() }, &motion, clock)) / powers[0]
-            })
-            .collect();
-        let worst = drawn.iter().fold(0f64, |w, p| w.max((p - 1.0).abs()));
-        println!("with gain and cross-axis errors: at most {:.1} % off, expected below 10", 100.0 * worst);
-        assert!(worst > 0.01 && worst < 0.1);
+        let measured = |matrix| power(&sampled(&XlUnit { matrix, ..unit.clone() }, &motion, clock));
+        let powers: Vec<f64> = (0..20).map(|seed| measured(rotation(&mut rng(seed)))).collect();
+        let lowest = -largest(powers.iter().map(|p| -p));
+        within("20 mountings: highest over lowest", largest(powers.clone()) / lowest, ..1.001);
+        let off = |seed| (measured(XlUnit::draw(&mut rng(seed)).matrix) / powers[0] - 1.0).abs();
+        within("off with gain and cross-axis errors", largest((0..200).map(off)), 0.01..0.1);
     }
 
     #[test]
@@ -279,15 +245,12 @@ mod tests {
         let clock = session.clock(&unit, 5.0);
         let still = vec![[0.0; 3]; clock.samples];
         let noise = sample(&unit, &session, clock, LSB_G, &still, &mut rng(4));
-        let per_axis = (power(&noise) / 3.0).sqrt();
         let expected = 100e-6 * (clock.rate_hz / 2.0).sqrt();
-        println!("noise {:.2} mg rms per axis, expected {:.2}", per_axis * 1e3, expected * 1e3);
-        assert!((per_axis / expected - 1.0).abs() < 0.02);
+        near("noise per axis, g rms", (power(&noise) / 3.0).sqrt(), expected, 0.02);
 
-        let loud = heard(&unit, &tone(100.0, 20.0, clock), clock);
+        let loud = sampled(&unit, &tone(100.0, 20.0, clock), clock);
         let (lo, hi) = loud.iter().flatten().fold((0, 0), |(lo, hi), &s| (s.min(lo), s.max(hi)));
-        println!("20 g on a part of ±8 g: {lo} to {hi}");
-        assert_eq!((lo, hi), (i16::MIN, i16::MAX));
+        assert_eq!((lo, hi), (i16::MIN, i16::MAX), "20 g on a part of ±8 g");
     }
 
     #[test]
@@ -295,43 +258,36 @@ mod tests {
         let unit = XlUnit { bandwidth_hz: 2_500.0, poles: 2, alias: 0.03, ..XlUnit::draw(&mut rng(5)) };
         let session = XlSession { rate_drift_per_s: 0.0, ..quiet() };
         let clock = session.clock(&unit, 1.0);
-        let gain = |hz: f64| {
-            let motion = tone(hz, 1.0, clock);
-            let samples = heard(&unit, &motion, clock);
-            (power(&samples[100..]) / 0.67).sqrt()
-        };
-        let (low, high) = (gain(100.0), gain(3_500.0));
+        let gain = |hz: f64| (power(&sampled(&unit, &tone(hz, 1.0, clock), clock)[100..]) / 0.67).sqrt();
         // Part of a tone at f that folds to half the rate less f, by its Fourier sum.
         let at = |samples: &[XlSample], hz: f64| {
-            let sums = (0..3).map(|a| {
+            let power = |a: usize| {
                 let (re, im) = samples.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, s)| {
-                    let phase = TAU * hz * n as f64 / clock.rate_hz;
-                    (re + f64::from(s[a]) * cos(phase), im + f64::from(s[a]) * sin(phase))
+                    let (sin, cos) = sincos(TAU * hz * n as f64 / clock.rate_hz);
+                    (re + f64::from(s[a]) * cos, im + f64::from(s[a]) * sin)
                 });
                 re * re + im * im
-            });
-            sums.sum::<f64>().sqrt()
+            };
+            (0..3).map(power).sum::<f64>().sqrt()
         };
-        let samples = heard(&unit, &tone(3_000.0, 1.0, clock), clock);
+        let low = gain(100.0);
+        within("gain at 100 Hz", low, 0.95..1.05);
+        within("at 3.5 kHz", gain(3_500.0), ..0.95 * low);
+        let samples = sampled(&unit, &tone(3_000.0, 1.0, clock), clock);
         let mirrored = at(&samples, clock.rate_hz / 2.0 - 3_000.0) / at(&samples, 3_000.0);
-        println!("gain at 100 Hz {low:.2}, at 3.5 kHz {high:.2}; mirror image of 3 kHz {mirrored:.4}");
-        assert!((low - 1.0).abs() < 0.05 && high < 0.95 * low);
-        assert!(mirrored > 0.01 && mirrored < 0.06);
+        within("mirror image of 3 kHz", mirrored, 0.01..0.06);
     }
 
     #[test]
     fn clocks_stay_within_the_tolerance_of_the_format() {
-        let worst = (0..2000)
-            .map(|seed| {
-                let mut rng = rng(seed);
-                let unit = XlUnit::draw(&mut rng);
-                let clock = XlSession::draw(&mut rng, 1.0).clock(&unit, 120.0);
-                let ends = clock.ends(28_800, 240.0);
-                assert!(ends[28_799] as usize <= clock.samples);
-                (f64::from(ends[28_799]) / 120.0 / 8_000.0 - 1.0).abs()
-            })
-            .fold(0.0, f64::max);
-        println!("rates off by up to {:.2} %, tolerance 3 %", 100.0 * worst);
-        assert!(worst > 0.025 && worst < XL_RATE_TOLERANCE);
+        let off = |seed| {
+            let mut rng = rng(seed);
+            let unit = XlUnit::draw(&mut rng);
+            let clock = XlSession::draw(&mut rng, 1.0).clock(&unit, 120.0);
+            let last = clock.ends(28_800, 240.0)[28_799];
+            assert!(last as usize <= clock.samples);
+            (f64::from(last) / 120.0 / 8_000.0 - 1.0).abs()
+        };
+        within("rates off by up to", largest((0..2000).map(off)), 0.025..XL_RATE_TOLERANCE);
     }
 }

@@ -6,8 +6,8 @@
 //! pressure is then spread over neighbours, as a layer of finite thickness does, and rescaled.
 //!
 //! A layer much thinner than the patch is wide does not obey Hertz: under a sphere its patch radius rises
-//! as F^¼ and not F^⅓. `tests/half_space.rs` solves the half-space beside it and prints how the two
-//! compare.
+//! as F^¼ and not F^⅓. The test `half_space.rs` solves the half-space beside it and prints how
+//! the two compare.
 
 mod asperity;
 mod layer;
@@ -15,7 +15,9 @@ mod map;
 mod rocking;
 mod spread;
 #[cfg(test)]
-mod tests;
+mod half_space;
+#[cfg(test)]
+pub(crate) mod tests;
 
 use std::cell::Cell;
 
@@ -25,7 +27,7 @@ use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::active_cols;
 
 pub(crate) use asperity::AsperityNoise;
-pub use layer::{ForceError, Layer, check_force_n};
+use layer::Layer;
 pub(crate) use map::cell_mm;
 pub use map::{CELL_MM2, PressureMap};
 pub(crate) use rocking::Rocking;
@@ -74,7 +76,6 @@ pub struct Contact {
     layer: Option<Layer>,
     /// Layer and object's surface in series.
     stiffness_kpa_per_mm: f64,
-    /// Relative rms of the pressure's unevenness.
     uneven_rms: f64,
     /// Its correlation length across and along the object's axis.
     uneven_mm: [f64; 2],
@@ -109,14 +110,12 @@ struct Spot {
     uneven: f64,
 }
 
-/// Where the gap is sampled.
 struct Point {
     /// Gap without tilt.
     gap_mm: f64,
     /// Across and along the object's axis.
     u_mm: f64,
     v_mm: f64,
-    /// Share of the element.
     share: f64,
 }
 
@@ -124,8 +123,8 @@ impl Contact {
     /// A finger's layer drawn from its range, and the face of this grasp.
     pub(crate) fn draw(rng: &mut Rng, object: &'static Object, pose: Pose, region: Region) -> Self {
         let layer = Layer::draw(rng, region);
-        let rms = rng.between(UNEVEN_RMS.0, UNEVEN_RMS.1);
-        let length = rng.log_between(UNEVEN_MM.0, UNEVEN_MM.1);
+        let rms = rng.uniform(UNEVEN_RMS);
+        let length = rng.log_uniform(UNEVEN_MM);
         let stretch = if object.kind == crate::objects::Kind::Cable { CABLE_STRETCH } else { 1.0 };
         let lengths = [length, length * stretch];
         let uneven = Field::draw(rng, lengths);
@@ -158,11 +157,6 @@ impl Contact {
         contact.sample();
         contact.place([0.0; 2], 0.0, [0.0; 2]);
         contact
-    }
-
-    /// Stiffness per area that the object feels: the layer's and its own surface's in series, kPa/mm.
-    pub fn stiffness_kpa_per_mm(&self) -> f64 {
-        self.stiffness_kpa_per_mm
     }
 
     /// Move the object by `shift_mm` in the pad's x and y and by `turn_rad` about its own centre from
@@ -255,8 +249,7 @@ impl Contact {
     /// Pressures under a grip of `force_n` newtons sheared by `shear` = lean · Q / F, a vector in the pad's
     /// x and y: the moment of the shear about the layer tilts the pressure by
     /// `1 + shear · (r − centroid) / half length of the patch along the shear`, towards the leading edge.
-    /// Nothing touches where the force is not above 0 or no object lies on the pad; forces that cannot be
-    /// are for [`check_force_n`] to refuse.
+    /// Nothing touches where the force is not a finite number above 0 or no object lies on the pad.
     pub fn pressures(&self, force_n: f64, shear: [f64; 2], out: &mut PressureMap) {
         out.clear();
         out.pivot_mm = self.centre_mm();
@@ -288,7 +281,6 @@ impl Contact {
     }
 }
 
-/// Tilt the pressures along `shear`.
 fn lean(shear: [f64; 2], out: &mut PressureMap) {
     let size = (shear[0] * shear[0] + shear[1] * shear[1]).sqrt();
     if size < 1e-9 {

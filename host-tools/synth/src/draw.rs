@@ -9,7 +9,6 @@ use rand_distr::{Distribution, StandardNormal};
 /// The generator: ChaCha, because its output is specified and the same on every machine.
 pub(crate) type Rng = ChaCha8Rng;
 
-/// What a stream of draws is for.
 #[derive(Clone, Copy)]
 pub(crate) enum Stream {
     Recipe = 1,
@@ -35,6 +34,9 @@ pub(crate) fn stream(seed: u64, part: Stream, sensor: usize) -> Rng {
     rng
 }
 
+/// Lower and upper end of a draw.
+pub(crate) type Span = (f64, f64);
+
 /// The distributions the physics asks for.
 pub(crate) trait Draw {
     /// Uniform in `lo..hi`.
@@ -43,9 +45,21 @@ pub(crate) trait Draw {
     fn log_between(&mut self, lo: f64, hi: f64) -> f64 {
         exp(self.between(log(lo), log(hi)))
     }
+    /// [`Draw::between`] the ends of a range.
+    fn uniform(&mut self, (lo, hi): Span) -> f64 {
+        self.between(lo, hi)
+    }
+    /// [`Draw::log_between`] the ends of a range.
+    fn log_uniform(&mut self, (lo, hi): Span) -> f64 {
+        self.log_between(lo, hi)
+    }
+    /// Size uniform in the range, then the sign.
+    fn either_sign(&mut self, size: Span) -> f64 {
+        let size = self.uniform(size);
+        if self.chance(0.5) { size } else { -size }
+    }
     /// Gaussian of zero mean and unit variance.
     fn normal(&mut self) -> f64;
-    /// True with probability `p`.
     fn chance(&mut self, p: f64) -> bool {
         self.between(0.0, 1.0) < p
     }
@@ -53,14 +67,17 @@ pub(crate) trait Draw {
     fn count(&mut self, lo: usize, hi: usize) -> usize;
     /// Direction, uniform on the sphere.
     fn direction(&mut self) -> [f64; 3] {
-        let v = [self.normal(), self.normal(), self.normal()];
-        let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
-        v.map(|x| x / norm)
+        unit_vector([self.normal(), self.normal(), self.normal()])
     }
     /// Phase of an oscillation, radians.
     fn phase(&mut self) -> f64 {
         self.between(0.0, std::f64::consts::TAU)
     }
+}
+
+pub(crate) fn unit_vector(v: [f64; 3]) -> [f64; 3] {
+    let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+    v.map(|x| x / norm)
 }
 
 impl Draw for Rng {

@@ -3,12 +3,10 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// Draws by part.
 #[derive(Default)]
 pub(crate) struct DrawLog(Map<String, Value>);
 
 impl DrawLog {
-    /// What the part `name` drew.
     pub(crate) fn add(&mut self, name: impl Into<String>, drawn: &impl Serialize) {
         let value = serde_json::to_value(drawn).expect("draws are numbers, names and lists of them");
         self.0.insert(name.into(), rounded(value));

@@ -42,7 +42,6 @@ impl Field {
         Self(sum.iter().map(|&v| v as f32).collect())
     }
 
-    /// The same everywhere.
     pub(crate) fn even() -> Self {
         Self(vec![0.0; SIDE * SIDE])
     }
@@ -69,6 +68,7 @@ impl Field {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::within;
     use crate::draw::{Stream, stream};
 
     #[test]
@@ -86,8 +86,8 @@ mod tests {
             }
         }
         let (variance, near, far) = (power / count, near / power, far / power);
-        println!("variance {variance:.3} (1), correlation at ℓu {near:.3} (0.607), at 2 ℓv {far:.3} (0.135)");
-        assert!((variance - 1.0).abs() < 0.1);
-        assert!((near - libm::exp(-0.5)).abs() < 0.08 && (far - libm::exp(-2.0)).abs() < 0.1);
+        within("variance", variance, 0.9..1.1);
+        within("correlation at ℓu off", near - libm::exp(-0.5), -0.08..0.08);
+        within("correlation at 2 ℓv off", far - libm::exp(-2.0), -0.1..0.1);
     }
 }

@@ -7,7 +7,7 @@ use slipsense::sensor::{PiezoFrame, XlSample};
 
 use crate::accelerometer::{self, XlSession};
 use crate::contact::{AsperityNoise, Contact, Pose, PressureMap, Rocking};
-use crate::draw::{Draw, Rng, Stream, stream};
+use crate::draw::{Draw, Rng, Span, Stream, stream};
 use crate::draw_log::DrawLog;
 use crate::film::{Film, FilmSession};
 use crate::friction::{Interface, Pull, STEP_HZ, SlipState};
@@ -15,7 +15,6 @@ use crate::objects::Shape;
 use crate::pulling_hand::PullingHand;
 use crate::recipe::{Platform, Recipe, Region, ResolvedRecipe};
 use crate::scenario::Plan;
-use crate::scenario::levels::{DRAG_MM_S, Span};
 use crate::timeline::Event;
 use crate::unit::{Unit, UnitId};
 use crate::vibration::{self, Clock, Modes, NoiseStreams, Scene, SlipSeries, Vibration};
@@ -28,30 +27,25 @@ pub(crate) const STEPS: usize = STEP_HZ as usize / FRAME_RATE_HZ as usize;
 const PALM_MM: Span = (8.6, 10.4);
 /// Half the width of the patch under a round object, mm.
 const ROUND_PATCH_MM: f64 = 1.0;
-/// Half the width of the pad, mm.
 const PAD_HALF_MM: f64 = 11.2;
 
 /// What one sensor delivered besides its scans, and the truth at its pad, one value per frame.
 pub(crate) struct Finger {
     pub xl: Vec<XlSample>,
     pub xl_end: Vec<u32>,
-    /// Interface speed.
     pub slip_mm_s: Vec<f64>,
     /// Share of the load that slides.
     pub fraction: Vec<f64>,
-    /// Slid length so far.
     pub path_mm: Vec<f64>,
     /// Turn of the object since it was gripped.
     pub turn_rad: Vec<f64>,
     /// The object is between the fingers: some of the pad carries load.
     pub loaded: Vec<bool>,
-    /// Faults of the array.
     pub faults: Vec<Event>,
 }
 
 /// What the sensors of one episode have in common.
 pub(crate) struct EpisodeSetup<'a> {
-    recipe: &'a Recipe,
     resolved: &'a ResolvedRecipe,
     /// What happens. A plant puts another in its place, with the commands that came since.
     pub plan: &'a Plan,
@@ -64,17 +58,13 @@ pub(crate) struct EpisodeSetup<'a> {
     rocking: Rocking,
     /// Share of the pressure that shear shifts to the leading edge.
     lean: f64,
-    /// Share of the grip that each sensor carries.
     shares: [f64; MAX_SENSORS],
     pub vibration: Vibration,
-    /// Speed of dragging, [`STEP_HZ`] values per second.
-    drag_mm_s: Vec<f64>,
     pub lsb_g: f64,
     /// Samples that every accelerometer delivers, enough for the fastest clock.
     samples: usize,
 }
 
-/// What happens at one pad.
 #[derive(Default)]
 struct ContactSeries {
     slip: SlipSeries,
@@ -104,27 +94,17 @@ impl SensorBuild {
     }
 }
 
-/// What the vibration needs of recipe and plan.
-fn scene<'a>(recipe: &Recipe, resolved: &ResolvedRecipe, plan: &'a Plan, drag_mm_s: &'a [f64]) -> Scene<'a> {
-    let timeline = &plan.timeline;
+fn scene<'a>(resolved: &ResolvedRecipe, plan: &'a Plan) -> Scene<'a> {
     Scene {
-        platform: resolved.platform,
-        model: recipe.vibration,
-        content: recipe.vibration_content,
-        rig_leak: recipe.rig_leak,
+        platform: resolved.recipe.platform,
+        model: resolved.recipe.vibration,
+        content: resolved.recipe.vibration_content,
+        rig_leak: resolved.recipe.rig_leak,
         hand_held: plan.hand_held,
         linked: plan.linked,
         shared_table: plan.shared_table,
         object: resolved.object,
-        grip_n: &timeline.grip_n,
-        crosshead_mm: &timeline.crosshead_mm,
-        jaw: &timeline.jaw,
-        motor: &timeline.motor,
-        drag: &timeline.drag,
-        drag_mm_s,
-        motion: &timeline.motion,
-        ambient: &timeline.ambient,
-        pulses: &timeline.pulses,
+        timeline: &plan.timeline,
     }
 }
 
@@ -152,32 +132,25 @@ fn palm_shift_mm(shape: &Shape, patch_mm: f64) -> f64 {
 }
 
 impl<'a> EpisodeSetup<'a> {
-    pub(crate) fn draw(
-        recipe: &'a Recipe,
-        resolved: &'a ResolvedRecipe,
-        plan: &'a Plan,
-        frames: usize,
-    ) -> Self {
+    pub(crate) fn draw(resolved: &'a ResolvedRecipe, plan: &'a Plan, frames: usize) -> Self {
+        let recipe = &resolved.recipe;
         let mut rng = stream(recipe.seed, Stream::Contact, 0);
-        let drag_mm_s: Vec<f64> = plan.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
-        let scene = scene(recipe, resolved, plan, &drag_mm_s);
+        let scene = scene(resolved, plan);
         let vibration = Vibration::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
         let mut mount = stream(recipe.seed, Stream::Mount, 0);
-        let units = UnitId::mounted(&mut mount, resolved.platform, recipe.sensors);
+        let units = UnitId::mounted(&mut mount, resolved.recipe.platform, recipe.sensors);
         let seconds = frames as f64 / FRAME_RATE_HZ as f64;
         let builds: Vec<_> =
             units.iter().enumerate().map(|(s, &id)| SensorBuild::draw(recipe, s, id, seconds)).collect();
         let across = rng.normal();
         // At the palm a crooked object would reach into the middle of the pad.
-        let (x_mm, yaw) = match resolved.region {
+        let (x_mm, yaw) = match resolved.recipe.region {
             Region::Centre => (2.5 * across, 0.15),
-            Region::Palm => (
-                -palm_shift_mm(&resolved.object.shape, rng.between(PALM_MM.0, PALM_MM.1)) + 0.1 * across,
-                0.03,
-            ),
+            Region::Palm => {
+                (-palm_shift_mm(&resolved.object.shape, rng.uniform(PALM_MM)) + 0.1 * across, 0.03)
+            }
         };
         Self {
-            recipe,
             resolved,
             plan,
             sources_apart: false,
@@ -193,20 +166,18 @@ impl<'a> EpisodeSetup<'a> {
             },
             lean: rng.between(0.1, 0.6),
             rocking: Rocking::draw(&mut rng),
-            shares: shares(&mut rng, resolved.platform, recipe.sensors),
+            shares: shares(&mut rng, resolved.recipe.platform, recipe.sensors),
             vibration,
-            drag_mm_s,
             lsb_g: if rng.chance(0.5) { 0.488e-3 } else { 0.244e-3 },
         }
     }
 
-    /// What all sensors share, for the log.
     pub(crate) fn log(&self, log: &mut DrawLog) {
         log.add(
             "grasp",
             &json!({
                 "lean": self.lean,
-                "shares": self.shares[..self.recipe.sensors],
+                "shares": self.shares[..self.resolved.recipe.sensors],
                 "xl_range_g": self.range_g(),
             }),
         );
@@ -220,11 +191,11 @@ impl<'a> EpisodeSetup<'a> {
     /// The fingers face each other: the second sees the first's left as its right. Jaws are parallel; the
     /// fingers of a hand meet the object at angles of their own.
     fn pose_of(&self, sensor: usize) -> Pose {
-        let mut rng = stream(self.recipe.seed, Stream::Contact, 1 + sensor);
+        let mut rng = stream(self.resolved.recipe.seed, Stream::Contact, 1 + sensor);
         let side = if sensor == 0 { 1.0 } else { -1.0 };
-        let loose = if self.resolved.platform == Platform::Tesollo { 4.0f64 } else { 1.0 };
+        let loose = if self.resolved.recipe.platform == Platform::Tesollo { 4.0f64 } else { 1.0 };
         // At the palm the patch stays on the pad.
-        let along_x = if self.resolved.region == Region::Palm { 0.1 } else { 0.5 };
+        let along_x = if self.resolved.recipe.region == Region::Palm { 0.1 } else { 0.5 };
         Pose {
             x_mm: side * self.pose.x_mm + along_x * rng.normal(),
             y_mm: self.pose.y_mm + 0.5 * loose.min(2.0) * rng.normal(),
@@ -238,15 +209,15 @@ impl<'a> EpisodeSetup<'a> {
 
     /// Make one finger; its scans go to every `sensors`-th place of `piezo`.
     pub(crate) fn finger(&self, sensor: usize, piezo: &mut [PiezoFrame], log: &mut DrawLog) -> Finger {
-        let (seed, object) = (self.recipe.seed, self.resolved.object);
+        let (seed, object) = (self.resolved.recipe.seed, self.resolved.object);
         let build = &self.builds[sensor];
         let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
-        let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.region);
+        let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.recipe.region);
         let mut interface = Interface::draw(&mut rng, object);
         let mut grain = (AsperityNoise::draw(&mut rng), rng);
         let mut rng = stream(seed, Stream::Film, sensor);
-        let film_session = FilmSession::draw(&mut rng, self.recipe.noise);
+        let film_session = FilmSession::draw(&mut rng, self.resolved.recipe.noise);
         let faults = film_session.events(self.frames).into_iter().map(Event::rounded).collect();
         log.add(
             format!("finger_{sensor}"),
@@ -334,7 +305,7 @@ impl<'a> EpisodeSetup<'a> {
             loaded.push(!map.loaded.is_empty());
             interface.release_unloaded(&map);
             let pickup = timeline.pickup_counts(tick, self.plan.motor_pickup_counts);
-            piezo[frame * self.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
+            piezo[frame * self.resolved.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
                 let then = vibration::at(&grip, tick as f64 / STEP_HZ - age_s);
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
             });
@@ -360,12 +331,12 @@ impl<'a> EpisodeSetup<'a> {
     fn accelerometer(&self, sensor: usize, slip: &SlipSeries) -> (Vec<XlSample>, Vec<u32>) {
         let build = &self.builds[sensor];
         let clock = Clock { samples: self.samples, ..build.clock };
-        let scene = scene(self.recipe, self.resolved, self.plan, &self.drag_mm_s);
+        let scene = scene(self.resolved, self.plan);
         let streams = if self.sources_apart { NoiseStreams::apart } else { NoiseStreams::in_turn };
         let streams = &mut streams(build.rng.clone());
-        let motion_g = self.vibration.motion_g(&scene, slip, &build.modes, sensor, clock, streams);
-        let noise = &mut stream(self.recipe.seed, Stream::Accelerometer, sensor);
-        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion_g, noise);
+        let motion = self.vibration.motion(&scene, slip, &build.modes, (sensor, clock), streams);
+        let noise = &mut stream(self.resolved.recipe.seed, Stream::Accelerometer, sensor);
+        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion.g, noise);
         (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))
     }
 }

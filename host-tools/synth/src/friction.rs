@@ -100,7 +100,6 @@ pub(crate) struct SlipState {
     pub speed_mm_s: f64,
     /// Share of the load carried by sliding cells.
     pub fraction: f64,
-    /// Tangential force.
     pub shear_n: [f64; 2],
     /// Moment of the tangential stresses about the map's pivot.
     pub torque_n_mm: f64,
@@ -118,16 +117,16 @@ impl Interface {
     /// A finger's skin against this object, drawn from the ranges above.
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
         let level = exp(MU_LEVEL * rng.normal());
-        let skin = rng.log_between(BRUSH_KPA_PER_MM.0, BRUSH_KPA_PER_MM.1);
+        let skin = rng.log_uniform(BRUSH_KPA_PER_MM);
         let mut interface = Self::even(
             1.0 / (1.0 / skin + 1.0 / object.surface.tangential_kpa_per_mm()),
             object.mu_static * level,
             object.mu_kinetic / object.mu_static,
         );
-        interface.mu_spread = rng.between(MU_SPREAD.0, MU_SPREAD.1);
-        interface.mu_correlation_mm = rng.log_between(MU_CORRELATION_MM.0, MU_CORRELATION_MM.1);
-        interface.weakening_mm = rng.log_between(WEAKENING_MM.0, WEAKENING_MM.1);
-        interface.healing_s = rng.log_between(HEALING_S.0, HEALING_S.1);
+        interface.mu_spread = rng.uniform(MU_SPREAD);
+        interface.mu_correlation_mm = rng.log_uniform(MU_CORRELATION_MM);
+        interface.weakening_mm = rng.log_uniform(WEAKENING_MM);
+        interface.healing_s = rng.log_uniform(HEALING_S);
         let field = Field::draw(rng, [interface.mu_correlation_mm; 2]);
         for (cell, mu) in interface.mu.iter_mut().enumerate() {
             let (x, y) = cell_mm(cell);

@@ -10,16 +10,19 @@
 //! which can move a count or a sample by one (`clippy.toml` keeps them out).
 
 mod accelerometer;
-pub mod contact;
+#[cfg(test)]
+mod check;
+mod contact;
 mod draw;
 mod field;
-pub mod film;
+mod film;
 mod finger;
 mod friction;
+mod generate;
 mod pulling_hand;
 pub mod labels;
 mod draw_log;
-pub mod mix;
+mod mix;
 pub mod objects;
 pub mod plant;
 mod recipe;
@@ -29,214 +32,15 @@ mod timeline;
 mod unit;
 mod vibration;
 
+pub use generate::{generate, generate_set, plan_frames};
+pub use mix::ScenarioChoice;
 pub use recipe::{
-    ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, ScenarioChoice, VibrationContent,
+    ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, SynthError, VibrationContent,
     VibrationModel,
 };
 pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
 pub use splits::{Split, content_hash};
 pub use timeline::Event;
 
-use std::ops::Range;
-
-use rayon::prelude::*;
-use serde_json::json;
-use slipsense::params::FRAME_RATE_HZ;
-use slipsense::sensor::PiezoFrame;
-use slipsense_recording::{Episode, Meta};
-
-use crate::draw::{Stream, stream};
-use crate::draw_log::DrawLog;
-use crate::finger::{EpisodeSetup, Finger};
-use crate::labels::{Encoder, Rule};
-use crate::objects::ObjectError;
-use crate::recipe::ResolvedRecipe;
-use crate::scenario::Plan;
-use crate::scenario::direction::slip_direction;
-use crate::scenario::levels::GRIP_N;
-use crate::scenario::script::Script;
-
-/// Why a recipe cannot be generated.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SynthError {
-    /// Number of sensors.
-    #[error("recipe: sensors is {0}, must be 1 to 3")]
-    Sensors(usize),
-    /// More sensors than the hand has fingers for.
-    #[error("recipe: sensors is {sensors}, but platform {platform} has at most {most}")]
-    PlatformSensors {
-        /// Name of the platform.
-        platform: &'static str,
-        /// Sensors asked for.
-        sensors: usize,
-        /// Sensors it can have.
-        most: usize,
-    },
-    /// Length.
-    #[error("recipe: seconds is {0}, must be {low} to {high}", low = SECONDS.start(), high = SECONDS.end())]
-    Seconds(f64),
-    /// Crosshead speed.
-    #[error("recipe: speed_mm_s is {0}, must be above 0 and at most 50")]
-    Speed(f64),
-    /// Grip force.
-    #[error("recipe: grip_n is {0}, must be {low} to {high}", low = GRIP_N.0, high = GRIP_N.1)]
-    Grip(f64),
-    /// Direction of a pull.
-    #[error("recipe: pull_angle_deg is {0}, must be -180 to 180")]
-    PullAngle(f64),
-    /// Direction of a pull, where no hand pulls.
-    #[error("recipe: pull_angle_deg is given, but only scenario free_pull takes one")]
-    PullAngleScenario,
-    /// A plant that nothing pulls.
-    #[error("recipe: scenario is {0:?}, a plant takes free_pull or rotation")]
-    PlantScenario(ScenarioChoice),
-    /// PullLimit of the hand that pulls.
-    #[error("strength is {0}, must be a number above 0")]
-    Strength(f64),
-    /// Noise factor.
-    #[error("recipe: noise is {0}, must be 0 to 4")]
-    Noise(f64),
-    /// Name of the object, and the names there are.
-    #[error("recipe: object \"{0}\" is not in the catalogue ({1})")]
-    Object(String, String),
-    /// Name of an object that the recipe brings.
-    #[error("recipe: object.own.name is \"{0}\", must be a name that no other object of the catalogue has")]
-    OwnName(String),
-    /// An object that the recipe brings and that cannot be.
-    #[error("recipe: {0}")]
-    Own(#[from] ObjectError),
-}
-
-const FRAME_HZ: f64 = FRAME_RATE_HZ as f64;
-
-/// Number of frames of the episode that [`generate`] makes of a recipe, without making it.
-pub fn plan_frames(recipe: &Recipe) -> Result<usize, SynthError> {
-    let resolved = recipe.resolve()?;
-    Ok(frames(&script(recipe, &resolved)))
-}
-
-fn script(recipe: &Recipe, resolved: &ResolvedRecipe) -> Script {
-    Script::draw(&mut stream(recipe.seed, Stream::Script, 0), resolved)
-}
-
-fn frames(script: &Script) -> usize {
-    (script.seconds * FRAME_HZ).floor() as usize
-}
-
-/// Generate one episode.
-///
-/// Slip is what the crosshead says where one pulls, as on the paper's rig: [`labels::slip_interval`] of
-/// `displacement_mm`, its encoder. In pulls and twists by hand it is what the interface does, and
-/// `displacement_mm` is the way the object has slid over the fingers, in the encoder's steps. The
-/// metadata says which as `label_rule`: `encoder` or `interface`.
-pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
-    let resolved = recipe.resolve()?;
-    let (seed, sensors) = (recipe.seed, recipe.sensors);
-    let script = script(recipe, &resolved);
-    let frames = frames(&script);
-    let plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &resolved, script);
-    let setup = EpisodeSetup::draw(recipe, &resolved, &plan, frames);
-    let encoder = Encoder::draw(&mut stream(seed, Stream::Encoder, 0));
-    let mut log = DrawLog::default();
-    log.add("plan", &plan);
-    log.add("encoder", &encoder);
-    setup.log(&mut log);
-
-    let mut piezo = vec![PiezoFrame::zeroed(); frames * sensors];
-    let fingers: Vec<Finger> = (0..sensors).map(|s| setup.finger(s, &mut piezo, &mut log)).collect();
-    let mean = |of: fn(&Finger) -> &Vec<f64>| -> Vec<f32> {
-        let sum = |f: usize| fingers.iter().map(|finger| of(finger)[f]).sum::<f64>();
-        (0..frames).map(|f| (sum(f) / sensors as f64) as f32).collect()
-    };
-    let (slip_true_mm_s, slip_fraction) = (mean(|f| &f.slip_mm_s), mean(|f| &f.fraction));
-    let displacement_mm = match plan.rule {
-        Rule::Encoder => encoder.read(|t| vibration::at(&plan.timeline.crosshead_mm, t), frames, FRAME_HZ),
-        Rule::Interface => {
-            let slid_mm = mean(|f| &f.path_mm);
-            let at = |t: f64| slid_mm.get((t * FRAME_HZ) as usize).or(slid_mm.last()).copied();
-            encoder.read(|t| f64::from(at(t).unwrap_or(0.0)), frames, FRAME_HZ)
-        }
-    };
-    let slips = slips(&plan, &displacement_mm, &slip_true_mm_s, &slip_fraction);
-    let label = labels::label(&piezo, sensors, &slips);
-    let mut meta = meta(recipe, &resolved, &plan, &setup);
-    let faults = fingers.iter().flat_map(|finger| &finger.faults);
-    let events: Vec<_> = plan.timeline.events.iter().chain(faults).collect();
-    meta.other.insert("events".to_owned(), json!(events));
-    meta.other.insert(
-        "slip_frames_without_contact".to_owned(),
-        labels::slip_without_contact(&label, &slips).into(),
-    );
-    meta.other.insert("draws".to_owned(), log.into_value());
-    Ok(Episode {
-        sensors,
-        label: Some(label),
-        piezo,
-        xl_end: (0..frames).flat_map(|f| fingers.iter().map(move |finger| finger.xl_end[f])).collect(),
-        slip_true_mm_s: Some(slip_true_mm_s),
-        slip_fraction: Some(slip_fraction),
-        displacement_mm: Some(displacement_mm),
-        meta,
-        xl: fingers.into_iter().map(|finger| finger.xl).collect(),
-    })
-}
-
-/// Frames of slip by the rule of the plan, each pull by itself.
-fn slips(plan: &Plan, displacement_mm: &[f32], speed_mm_s: &[f32], fraction: &[f32]) -> Vec<Range<usize>> {
-    let last = displacement_mm.len();
-    let frame = |t: f64| ((t * FRAME_HZ).max(0.0) as usize).min(last);
-    let mut found = Vec::new();
-    for &(from, to) in &plan.slips {
-        match plan.rule {
-            Rule::Encoder => {
-                // The encoder's clock may be a frame early, and its stream late.
-                let start = frame(from).saturating_sub(2);
-                let slip = labels::slip_interval(&displacement_mm[start..frame(to)]);
-                found.push(slip.start + start..slip.end + start);
-            }
-            Rule::Interface => {
-                found.extend(labels::interface_intervals(speed_mm_s, fraction, frame(from)..frame(to)));
-            }
-        }
-    }
-    found.retain(|slip| !slip.is_empty());
-    found
-}
-
-/// Generate many episodes on all cores and hand each to `each`, with its position in `recipes`. The
-/// results come in the order of the recipes; the first recipe that fails stops the rest.
-pub fn generate_set<T: Send>(
-    recipes: &[Recipe],
-    each: impl Fn(usize, Episode) -> T + Sync,
-) -> Result<Vec<T>, SynthError> {
-    recipes.par_iter().enumerate().map(|(i, recipe)| Ok(each(i, generate(recipe)?))).collect()
-}
-
-fn meta(recipe: &Recipe, resolved: &ResolvedRecipe, plan: &Plan, setup: &EpisodeSetup<'_>) -> Meta {
-    let mut meta = Meta::nominal(setup.lsb_g);
-    for (key, value) in [
-        ("platform", json!(resolved.platform.name())),
-        ("synthetic", json!(true)),
-        ("source", json!("synthetic, slipsense-synth")),
-        ("licence", json!("CC0-1.0")),
-        ("object", json!(resolved.object.name)),
-        ("object_kind", json!(resolved.object.kind)),
-        ("held_out", json!(resolved.object.held_out())),
-        ("scenario", json!(resolved.scenario)),
-        ("region", json!(resolved.region)),
-        ("speed_mm_s", json!(resolved.pulls().then_some(resolved.speed_mm_s))),
-        ("grip_n", json!((plan.base_n * 1e3).round() / 1e3)),
-        ("units", json!(setup.units)),
-        ("rig_leak", json!(recipe.rig_leak)),
-        ("label_rule", json!(plan.rule)),
-        ("seed", json!(recipe.seed)),
-        ("recipe", json!(recipe)),
-    ] {
-        meta.other.insert(key.to_owned(), value);
-    }
-    // The rig has one direction, and its recordings are older than this key.
-    if plan.hand_held {
-        meta.other.insert("slip_direction".to_owned(), json!(slip_direction(resolved, plan)));
-    }
-    meta
-}
+#[cfg(test)]
+mod tests;

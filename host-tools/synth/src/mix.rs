@@ -1,31 +1,69 @@
-//! Which scenarios make a set, and how often each comes.
+//! The scenarios, and how often each comes in a set.
 
-use crate::recipe::ScenarioChoice::{self, *};
+use ScenarioChoice::*;
+use serde::{Deserialize, Serialize};
+
+/// What happens in an episode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ScenarioChoice {
+    /// One of the scenarios on the rig and its controls, by the shares of [`PROTOCOL`].
+    #[default]
+    Random,
+    /// The crosshead comes down and holds, the gripper closes, the operator varies the grip, the crosshead
+    /// goes up and the object slips, stops, the gripper opens.
+    SixStep,
+    /// The same with nothing in the gripper.
+    Empty,
+    /// The same with an object that is not linked to the crosshead.
+    Unlinked,
+    /// Hand-held grasps without slip: lift, carry, knocks, drag over a table, set down, release.
+    FreeGrasp,
+    /// The crosshead pulls a firmly gripped object and the gripper's mount gives way: no slip.
+    FirmGrip,
+    /// The crosshead moves in any phase and pulls nothing: the cable is slack. No slip.
+    RigMotion,
+    /// A hand pulls the object in any direction of the pad's plane at a wavering speed until it slips.
+    FreePull,
+    /// A hand twists the object until it turns in the grip.
+    Rotation,
+    /// The gripper is carried about with the object: motion, steps, knocks; two in five end in slip.
+    HandHeld,
+    /// Nothing but disturbances, with grasps held and released. No slip.
+    Disturbances,
+}
+
+impl ScenarioChoice {
+    /// The gripper stands in its fixture at the rig; a hand or an arm carries it in the others.
+    pub(crate) fn on_rig(self) -> bool {
+        matches!(self, Self::SixStep | Self::Empty | Self::Unlinked | Self::FirmGrip | Self::RigMotion)
+    }
+}
 
 /// Scenarios with their weights: how many recordings in a round are of each (not how much of the time).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mix(&'static [(ScenarioChoice, usize)]);
+pub(crate) struct Mix(&'static [(ScenarioChoice, usize)]);
 
 /// The paper's protocol on the rig: six steps, its three controls, and two more that it lacks (pulls on a
 /// firm grip and a rig that moves for nothing), without which the sound of the rig alone tells slip. The
 /// weights are set so that 57.6 % of the frames have no contact and 23.7 % slip, as in the paper, and so
 /// that no contact stays the likeliest class at any time of a recording and whether or not the crosshead
 /// moves. [`ScenarioChoice::Random`] draws from it, and the splits deal it in rounds.
-pub const PROTOCOL: Mix =
+pub(crate) const PROTOCOL: Mix =
     Mix(&[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)]);
 
 /// Away from the rig: pulls by hand in all directions, twists about the pad's normal, and grasps that do not
 /// slip. The split `free` deals it.
-pub const FREE: Mix = Mix(&[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)]);
+pub(crate) const FREE: Mix = Mix(&[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)]);
 
 impl Mix {
     /// The scenarios and their weights.
-    pub const fn weights(&self) -> &'static [(ScenarioChoice, usize)] {
+    pub(crate) const fn weights(&self) -> &'static [(ScenarioChoice, usize)] {
         self.0
     }
 
     /// The scenario at position `x` of the cumulated weights, 0 to 1.
-    pub fn at(&self, x: f64) -> ScenarioChoice {
+    pub(crate) fn at(&self, x: f64) -> ScenarioChoice {
         let total: usize = self.0.iter().map(|s| s.1).sum();
         let mut left = x * total as f64;
         for &(scenario, weight) in self.0 {
@@ -49,7 +87,6 @@ mod tests {
             for &(scenario, weight) in mix.weights() {
                 let drawn = (0..10_000).filter(|&i| mix.at(i as f64 / 1e4) == scenario).count();
                 let share = weight as f64 / total as f64;
-                println!("{scenario:?}: {drawn} of 10000, weight {share:.3}");
                 assert!((drawn as f64 / 1e4 - share).abs() < 1e-3, "{scenario:?}: {drawn} of 10000");
             }
         }

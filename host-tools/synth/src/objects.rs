@@ -3,6 +3,8 @@
 
 mod check;
 mod shape;
+#[cfg(test)]
+mod tests;
 
 use std::sync::{LazyLock, Mutex, PoisonError};
 

@@ -3,9 +3,8 @@
 use serde::{Deserialize, Serialize};
 use slipsense::params::MAX_SENSORS;
 
-use crate::SynthError;
-use crate::draw::{Draw, Stream, stream};
-use crate::mix;
+use crate::draw::{Draw, Span, Stream, stream};
+use crate::mix::{PROTOCOL, ScenarioChoice};
 use crate::objects::{self, Group, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
 use crate::scenario::levels::{GRIP_N, HAND_HELD_SLIPS};
 
@@ -14,7 +13,19 @@ pub const SPEEDS_MM_S: [f64; 5] = [2.0, 5.0, 10.0, 15.0, 18.0];
 
 /// Shortest and longest episode, seconds: shorter ones cannot hold the six steps, longer ones are
 /// several episodes. Ten minutes of two sensors take about 1 GiB while they are made.
-pub const SECONDS: std::ops::RangeInclusive<f64> = 2.5..=600.0;
+pub const SECONDS: (f64, f64) = (2.5, 600.0);
+
+/// Why a recipe cannot be generated: field, value and what it must be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct SynthError(pub(crate) String);
+
+impl SynthError {
+    /// What is wrong with the recipe.
+    pub(crate) fn new(rule: impl std::fmt::Display) -> Self {
+        Self(format!("recipe: {rule}"))
+    }
+}
 
 /// One episode to generate. What is left open is drawn from the seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -146,43 +157,6 @@ pub enum ObjectChoice {
     Own(Box<Object>),
 }
 
-/// Which course of events to draw.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ScenarioChoice {
-    /// One of the scenarios on the rig and its controls, by the shares of [`mix::PROTOCOL`].
-    #[default]
-    Random,
-    /// The crosshead comes down and holds, the gripper closes, the operator varies the grip, the crosshead
-    /// goes up and the object slips, stops, the gripper opens.
-    SixStep,
-    /// The same with nothing in the gripper.
-    Empty,
-    /// The same with an object that is not linked to the crosshead.
-    Unlinked,
-    /// Hand-held grasps without slip: lift, carry, knocks, drag over a table, set down, release.
-    FreeGrasp,
-    /// The crosshead pulls a firmly gripped object and the gripper's mount gives way: no slip.
-    FirmGrip,
-    /// The crosshead moves in any phase and pulls nothing: the cable is slack. No slip.
-    RigMotion,
-    /// A hand pulls the object in any direction of the pad's plane at a wavering speed until it slips.
-    FreePull,
-    /// A hand twists the object until it turns in the grip.
-    Rotation,
-    /// The gripper is carried about with the object: motion, steps, knocks; two in five end in slip.
-    HandHeld,
-    /// Nothing but disturbances, with grasps held and released. No slip.
-    Disturbances,
-}
-
-impl ScenarioChoice {
-    /// The gripper stands in its fixture at the rig; a hand or an arm carries it in the others.
-    pub(crate) fn on_rig(self) -> bool {
-        matches!(self, Self::SixStep | Self::Empty | Self::Unlinked | Self::FirmGrip | Self::RigMotion)
-    }
-}
-
 impl Recipe {
     /// An episode with two sensors in which everything but the seed is drawn, of a training object.
     pub fn new(seed: u64) -> Self {
@@ -211,46 +185,40 @@ impl Recipe {
         (0..count).map(|_| Self { seed: seed(&mut rng), ..self.clone() }).collect()
     }
 
-    /// Refuse what cannot be generated.
+    /// Refuse what cannot be generated; the error names the field, its value and what it must be.
     pub fn check(&self) -> Result<(), SynthError> {
-        if self.sensors == 0 || self.sensors > MAX_SENSORS {
-            return Err(SynthError::Sensors(self.sensors));
+        let rule = |holds: bool, field: &str, value: f64, rule: &str| match holds {
+            true => Ok(()),
+            false => Err(SynthError::new(format!("{field} is {value}, {rule}"))),
+        };
+        let within = |field: &str, value: Option<f64>, (low, high): Span| {
+            let holds = value.is_none_or(|x| (low..=high).contains(&x));
+            rule(holds, field, value.unwrap_or_default(), &format!("must be {low} to {high}"))
+        };
+        let (sensors, most) = (self.sensors, self.platform.most_sensors());
+        rule((1..=MAX_SENSORS).contains(&sensors), "sensors", sensors as f64, "must be 1 to 3")?;
+        let platform = format!("but platform {} has at most {most}", self.platform.name());
+        rule(sensors <= most, "sensors", sensors as f64, &platform)?;
+        within("seconds", self.seconds, SECONDS)?;
+        let speed = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[0]);
+        rule(speed > 0.0 && speed <= 50.0, "speed_mm_s", speed, "must be above 0 and at most 50")?;
+        within("noise", Some(self.noise), (0.0, 4.0))?;
+        within("grip_n", self.grip_n, GRIP_N)?;
+        if self.pull_angle_deg.is_some() && self.scenario != ScenarioChoice::FreePull {
+            return Err(SynthError::new("pull_angle_deg is given, but only scenario free_pull takes one"));
         }
-        if self.sensors > self.platform.most_sensors() {
-            return Err(SynthError::PlatformSensors {
-                platform: self.platform.name(),
-                sensors: self.sensors,
-                most: self.platform.most_sensors(),
-            });
-        }
-        if let Some(seconds) = self.seconds.filter(|s| !SECONDS.contains(s)) {
-            return Err(SynthError::Seconds(seconds));
-        }
-        if let Some(speed) = self.speed_mm_s.filter(|v| !(*v > 0.0 && *v <= 50.0)) {
-            return Err(SynthError::Speed(speed));
-        }
-        if !(0.0..=4.0).contains(&self.noise) {
-            return Err(SynthError::Noise(self.noise));
-        }
-        if let Some(grip) = self.grip_n.filter(|n| !(GRIP_N.0..=GRIP_N.1).contains(n)) {
-            return Err(SynthError::Grip(grip));
-        }
-        if let Some(angle) = self.pull_angle_deg {
-            if self.scenario != ScenarioChoice::FreePull {
-                return Err(SynthError::PullAngleScenario);
-            }
-            if !(-180.0..=180.0).contains(&angle) {
-                return Err(SynthError::PullAngle(angle));
-            }
-        }
+        within("pull_angle_deg", self.pull_angle_deg, (-180.0, 180.0))?;
         match &self.object {
             ObjectChoice::Named(name) => object_named(name).map(drop),
             ObjectChoice::Own(object) => {
                 let taken = objects::named(&object.name).is_some_and(|known| *known != **object);
                 if object.name.trim().is_empty() || taken {
-                    return Err(SynthError::OwnName(object.name.clone()));
+                    return Err(SynthError::new(format!(
+                        "object.own.name is \"{}\", must be a name that no other object of the catalogue has",
+                        object.name
+                    )));
                 }
-                Ok(object.check()?)
+                object.check().map_err(SynthError::new)
             }
             ObjectChoice::Train | ObjectChoice::Val | ObjectChoice::HeldOut => Ok(()),
         }
@@ -275,23 +243,11 @@ impl Recipe {
             ObjectChoice::Own(object) => objects::keep(object),
         };
         let scenario = match self.scenario {
-            ScenarioChoice::Random => mix::PROTOCOL.at(dice),
+            ScenarioChoice::Random => PROTOCOL.at(dice),
             named => named,
         };
         let speed_mm_s = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[speed]);
-        let (platform, region, seconds) = (self.platform, self.region, self.seconds);
-        let (grip_n, pull_angle_deg) = (self.grip_n, self.pull_angle_deg);
-        Ok(ResolvedRecipe {
-            object,
-            scenario,
-            speed_mm_s,
-            grip_n,
-            pull_angle_deg,
-            platform,
-            region,
-            seconds,
-            slips_at_end,
-        })
+        Ok(ResolvedRecipe { recipe: self.clone(), object, scenario, speed_mm_s, slips_at_end })
     }
 }
 
@@ -316,21 +272,16 @@ impl Platform {
 fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     objects::named(name).ok_or_else(|| {
         let names: Vec<_> = objects::CATALOGUE.iter().map(|o| o.name.as_str()).collect();
-        SynthError::Object(name.to_owned(), names.join(", "))
+        SynthError::new(format!("object \"{name}\" is not in the catalogue ({})", names.join(", ")))
     })
 }
 
 /// A recipe with nothing left open but the noise, the length, the grip and the direction of the pull.
 pub(crate) struct ResolvedRecipe {
+    pub recipe: Recipe,
     pub object: &'static Object,
     pub scenario: ScenarioChoice,
     pub speed_mm_s: f64,
-    pub grip_n: Option<f64>,
-    /// None where it is drawn, as all draws of the scenario are.
-    pub pull_angle_deg: Option<f64>,
-    pub platform: Platform,
-    pub region: Region,
-    pub seconds: Option<f64>,
     /// Only hand-held recordings ask.
     pub slips_at_end: bool,
 }

@@ -8,7 +8,7 @@ use libm::sin;
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, Span};
 use crate::friction::STEP_HZ;
 use crate::scenario::levels::*;
 use crate::scenario::script::Trapezoid;
@@ -49,9 +49,7 @@ pub(crate) struct Pulse {
 #[derive(Clone)]
 pub(crate) struct Timeline {
     seconds: f64,
-    /// Grip force of one finger, newtons.
     pub grip_n: Vec<f64>,
-    /// Crosshead position, mm.
     pub crosshead_mm: Vec<f64>,
     /// Rail friction of the jaws in motion, 0 at rest to 1.
     pub jaw: Vec<f64>,
@@ -126,8 +124,8 @@ impl Timeline {
     pub(crate) fn pulse(&mut self, rng: &mut Rng, at_s: f64, width: Span, peak: Span) {
         let pulse = Pulse {
             at_s,
-            width_s: rng.log_between(width.0, width.1),
-            peak_g: rng.log_between(peak.0, peak.1),
+            width_s: rng.log_uniform(width),
+            peak_g: rng.log_uniform(peak),
             direction: rng.direction(),
             share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
         };
@@ -171,17 +169,12 @@ impl Timeline {
     /// Grip of `base` newtons, rising and falling between two times each, with slow variation by the
     /// operator and tremor.
     pub(crate) fn grip(&mut self, rng: &mut Rng, base: f64, rise: (f64, f64), fall: (f64, f64)) {
-        let depth = rng.log_between(VARIATION_DEPTH.0, VARIATION_DEPTH.1);
+        let depth = rng.log_uniform(VARIATION_DEPTH);
         let parts: [f64; 3] = std::array::from_fn(|_| rng.between(0.2, 1.0));
         let sum: f64 = parts.iter().sum();
-        let mut swings: Vec<_> = parts
-            .map(|part| (rng.log_between(VARIATION_HZ.0, VARIATION_HZ.1), rng.phase(), depth * part / sum))
-            .to_vec();
-        swings.push((
-            rng.between(TREMOR_HZ.0, TREMOR_HZ.1),
-            rng.phase(),
-            rng.between(TREMOR_DEPTH.0, TREMOR_DEPTH.1),
-        ));
+        let mut swings: Vec<_> =
+            parts.map(|part| (rng.log_uniform(VARIATION_HZ), rng.phase(), depth * part / sum)).to_vec();
+        swings.push((rng.uniform(TREMOR_HZ), rng.phase(), rng.uniform(TREMOR_DEPTH)));
         for (i, t) in self.times(rise.0, fall.1) {
             let envelope = ramp(t, rise.0, rise.1) * (1.0 - ramp(t, fall.0, fall.1));
             let vary: f64 = swings
@@ -195,8 +188,8 @@ impl Timeline {
     /// A deliberate change of the grip at `start`: a squeeze that passes, a let-up, or a ramp that stays
     /// until the end of the grasp.
     pub(crate) fn grip_change(&mut self, rng: &mut Rng, start: f64, (from, to): (f64, f64), end: f64) {
-        let (squeeze_s, stays) = (rng.log_between(SQUEEZE_S.0, SQUEEZE_S.1), rng.chance(0.4));
-        let (rate, weaker) = (rng.log_between(RAMP_PER_S.0, RAMP_PER_S.1), rng.chance(0.35));
+        let (squeeze_s, stays) = (rng.log_uniform(SQUEEZE_S), rng.chance(0.4));
+        let (rate, weaker) = (rng.log_uniform(RAMP_PER_S), rng.chance(0.35));
         let depth = if weaker { rng.between(-0.5, -0.2) } else { rng.between(0.2, 1.0) };
         let width = if stays { depth.abs() / rate } else { squeeze_s };
         if start < from || start + width > to {

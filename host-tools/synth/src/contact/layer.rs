@@ -7,9 +7,7 @@ use crate::recipe::Region;
 
 /// Softest and stiffest foundation, kPa/mm (1–10 · 10⁹ N/m³).
 const STIFFNESS: (f64, f64) = (1e3, 1e4);
-/// Young's modulus.
 const MODULUS_MPA: (f64, f64) = (1.0, 5.0);
-/// Thickness.
 const THICKNESS_MM: (f64, f64) = (0.5, 1.5);
 /// Poisson's ratio of a filled elastomer.
 const POISSON: (f64, f64) = (0.45, 0.48);
@@ -40,9 +38,9 @@ impl Layer {
     pub(crate) fn draw(rng: &mut Rng, region: Region) -> Self {
         let mut layer = loop {
             let layer = Self {
-                modulus_mpa: rng.log_between(MODULUS_MPA.0, MODULUS_MPA.1),
-                thickness_mm: rng.between(THICKNESS_MM.0, THICKNESS_MM.1),
-                poisson: rng.between(POISSON.0, POISSON.1),
+                modulus_mpa: rng.log_uniform(MODULUS_MPA),
+                thickness_mm: rng.uniform(THICKNESS_MM),
+                poisson: rng.uniform(POISSON),
                 spread_over_thickness: rng.between(0.4, 0.8),
                 local_stiffening: 1.0,
             };
@@ -50,7 +48,7 @@ impl Layer {
                 break layer;
             }
         };
-        let stiffening = rng.between(PALM_STIFFENING.0, PALM_STIFFENING.1);
+        let stiffening = rng.uniform(PALM_STIFFENING);
         if region == Region::Palm {
             layer.local_stiffening = stiffening;
         }
@@ -76,45 +74,26 @@ impl Layer {
     }
 }
 
-/// A grip force that cannot be.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("grip force is {0} N, must be a finite number, 0 or above")]
-pub struct ForceError(pub f64);
-
-/// Refuse a grip force that is negative (a finger does not stick) or not a number.
-pub fn check_force_n(force_n: f64) -> Result<f64, ForceError> {
-    if force_n >= 0.0 && force_n.is_finite() { Ok(force_n) } else { Err(ForceError(force_n)) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::{median, within};
     use crate::draw::{Stream, stream};
 
     #[test]
     fn layers_stay_in_their_ranges_and_the_palm_is_stiffer() {
         let mut rng = stream(3, Stream::Contact, 0);
         let mut drawn = |region| -> Vec<f64> {
-            let mut all: Vec<f64> = (0..2000)
-                .map(|_| {
-                    let layer = Layer::draw(&mut rng, region);
-                    assert!((0.999..5.001).contains(&layer.modulus_mpa));
-                    assert!((0.499..1.501).contains(&layer.thickness_mm));
-                    layer.stiffness_kpa_per_mm()
-                })
-                .collect();
-            all.sort_by(f64::total_cmp);
-            all
+            let stiffness = |_| {
+                let layer = Layer::draw(&mut rng, region);
+                assert!((0.999..5.001).contains(&layer.modulus_mpa));
+                assert!((0.499..1.501).contains(&layer.thickness_mm));
+                layer.stiffness_kpa_per_mm()
+            };
+            (0..2000).map(stiffness).collect()
         };
         let (centre, palm) = (drawn(Region::Centre), drawn(Region::Palm));
-        println!(
-            "K in 1e9 N/m³: centre {:.2}–{:.2}, median {:.2}; palm median {:.2}",
-            centre[0] / 1e3,
-            centre[1999] / 1e3,
-            centre[1000] / 1e3,
-            palm[1000] / 1e3
-        );
-        assert!(centre[0] >= 999.0 && centre[1999] <= 10_001.0);
-        assert!(palm[1000] > 1.4 * centre[1000]);
+        assert!(centre.iter().all(|k| (999.0..=10_001.0).contains(k)));
+        within("palm's median over the centre's", median(palm) / median(centre), 1.4..);
     }
 }

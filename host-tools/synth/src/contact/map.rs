@@ -41,7 +41,6 @@ impl PressureMap {
         Self { kpa: Box::new([0.0; TAXELS]), loaded: Vec::new(), pivot_mm: [0.0; 2] }
     }
 
-    /// Force that the pressures carry, newtons.
     pub fn force_n(&self) -> f64 {
         self.loaded.iter().map(|&i| self.kpa[i]).sum::<f64>() * CELL_MM2 * 1e-3
     }

@@ -11,7 +11,6 @@ const REACH: usize = 3;
 /// Pressures below this share of the highest carry nothing that counts and are left out.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// Separable Gaussian.
 pub(crate) struct Spread {
     across_rows: Kernel,
     across_cols: Kernel,

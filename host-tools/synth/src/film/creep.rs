@@ -9,12 +9,10 @@
 use libm::exp;
 use serde::Serialize;
 
-/// Terms of the sum.
 pub const TERMS: usize = 5;
 /// Time constants of the terms under load, seconds.
 pub const TAU_S: [f64; TERMS] = [0.01, 0.1, 1.0, 10.0, 100.0];
 
-/// Creep of one film.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Creep {
     /// Rise per decade of time, share of the pressure.
@@ -32,7 +30,6 @@ pub struct Blend {
 }
 
 impl Creep {
-    /// Coefficients of a step of `dt` seconds.
     pub fn blend(&self, dt: f64) -> Blend {
         Blend {
             rise: TAU_S.map(|tau| 1.0 - exp(-dt / tau)),

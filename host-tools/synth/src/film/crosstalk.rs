@@ -12,7 +12,7 @@
 //! - each unselected column's current leaks into the amplifier in the same ratio:
 //!   `ε_r · mean_k G_ik`.
 //!
-//! `tests/film.rs` solves the whole network of 32 + 32 nodes and compares. With undriven lines left
+//! `part_tests.rs` solves the whole network of 32 + 32 nodes and compares. With undriven lines left
 //! floating instead, current finds its way round: three loaded corners of a rectangle show a fourth.
 
 use serde::Serialize;

@@ -12,7 +12,6 @@
 
 use super::curve::Curve;
 
-/// Play operators.
 pub const PLAYS: usize = 8;
 /// Widths of the plays: 1 to 8 times this many octaves of pressure. Half of the load is one octave below
 /// its peak, where the narrower half of the plays has let go; the wider ones serve full scale, where the
@@ -25,7 +24,6 @@ pub const FLOOR_KPA: f64 = 1.0;
 /// full scale.
 const WEIGHT_PER_LOOP: f64 = 0.35;
 
-/// Hysteresis of one film.
 pub struct Hysteresis {
     weight: f64,
     octaves: Curve,

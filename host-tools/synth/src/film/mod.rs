@@ -7,12 +7,14 @@ mod curve;
 mod noise;
 mod session;
 mod unit;
+mod creep;
+mod crosstalk;
+mod hysteresis;
+mod transfer;
 #[cfg(test)]
-mod tests;
-pub mod creep;
-pub mod crosstalk;
-pub mod hysteresis;
-pub mod transfer;
+mod array_tests;
+#[cfg(test)]
+mod part_tests;
 
 pub(crate) use session::FilmSession;
 pub(crate) use unit::FilmUnit;
@@ -32,10 +34,8 @@ const NOTHING_KPA: f64 = 1e-4;
 /// Share of the variance of pick-up that all taxels of a row have in common: they are read together.
 const ROW_SHARE: f64 = 0.8;
 
-/// What one taxel remembers.
 #[derive(Clone, Default)]
 struct Taxel {
-    /// Pressure as the film follows it, kPa.
     follow: f64,
     plays: [f64; hysteresis::PLAYS],
     creep: [f64; creep::TERMS],
@@ -143,7 +143,6 @@ impl<'a> Film<'a> {
         any
     }
 
-    /// Noise, mains and converter.
     fn convert(&mut self, frame: usize, counts: &[f64; TAXELS], pickup_counts: f64) -> [u16; TAXELS] {
         let (unit, session) = (self.unit, &self.session);
         let own = unit.noise_counts * session.noise_factor;

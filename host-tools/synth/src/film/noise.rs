@@ -7,7 +7,6 @@ use rand::RngCore;
 
 use crate::draw::Rng;
 
-/// Bits of randomness per draw.
 const BITS: u32 = 12;
 const LEVELS: usize = 1 << BITS;
 
@@ -47,26 +46,18 @@ pub(super) fn draws<const N: usize>(rng: &mut Rng, out: &mut [f32; N]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::within;
     use crate::draw::{Stream, stream};
 
     #[test]
     fn the_table_is_gaussian() {
         let mut draws = [0.0; 200_000];
         super::draws(&mut stream(3, Stream::Film, 0), &mut draws);
-        let moment = |n: i32| {
-            draws.iter().map(|&z| (0..n).map(|_| f64::from(z)).product::<f64>()).sum::<f64>()
-                / draws.len() as f64
-        };
-        let over = draws.iter().filter(|&&z| z > 2.0).count() as f64 / draws.len() as f64;
-        println!(
-            "moments 1 to 4: {:.4} {:.4} {:.4} {:.4} (0, 1, 0, 3); above 2: {over:.4} ({:.4})",
-            moment(1),
-            moment(2),
-            moment(3),
-            moment(4),
-            above(2.0)
-        );
-        assert!(moment(1).abs() < 0.01 && (moment(2) - 1.0).abs() < 0.02 && moment(3).abs() < 0.03);
-        assert!((moment(4) - 3.0).abs() < 0.1 && (over - above(2.0)).abs() < 0.002);
+        let mean = |of: &dyn Fn(f64) -> f64| draws.iter().map(|&z| of(f64::from(z))).sum::<f64>() / 200e3;
+        within("mean", mean(&|z| z), -0.01..0.01);
+        within("second moment", mean(&|z| z * z), 0.98..1.02);
+        within("third", mean(&|z| z * z * z), -0.03..0.03);
+        within("fourth", mean(&|z| z * z * z * z), 2.9..3.1);
+        within("above 2, off", mean(&|z| f64::from(u8::from(z > 2.0))) - above(2.0), -0.002..0.002);
     }
 }

@@ -10,7 +10,6 @@ use crate::draw::{Draw, Rng};
 use crate::recipe::SECONDS;
 use crate::timeline::Event;
 
-/// Name of the event that an electrical fault is logged as.
 pub(crate) const FAULT_EVENT: &str = "electrical";
 
 /// Temperature against the unit's reference, °C.
@@ -33,15 +32,12 @@ const FAULTS_PER_S: f64 = 0.03;
 const FLICKER_FRAMES: (usize, usize) = (2, 60);
 const FLICKER_TAXELS: (usize, usize) = (1, 4);
 const FLICKER_COUNTS: (f64, f64) = (30.0, 600.0);
-/// Frames that a row is missing for.
 const ROW_FRAMES: (usize, usize) = (1, 10);
 /// Frames in a row that do not arrive.
 const MISSING_FRAMES: (usize, usize) = (1, 2);
 
-/// One electrical fault.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fault {
-    /// What happens.
     pub kind: FaultKind,
     /// First frame that it touches.
     pub start_frame: usize,
@@ -69,20 +65,15 @@ pub(crate) enum FaultKind {
     MissingFrame,
 }
 
-/// One recording with one array.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct FilmSession {
     /// Against the unit's reference, °C.
     pub temperature_c: f64,
-    /// Months of use.
     pub age_months: f64,
-    /// Factor on the electrical noise.
     pub noise_factor: f64,
     /// Shift of the idle level of all taxels, counts.
     pub zero_counts: f64,
-    /// Frequency of the mains, Hz.
     pub mains_hz: f64,
-    /// Its phase at the start, radians.
     pub mains_phase: f64,
     /// Its pick-up, share of the unit's worst.
     pub mains_share: f64,
@@ -95,11 +86,11 @@ impl FilmSession {
     /// A recording. `noise_factor` scales noise, mains pick-up and how often faults happen.
     pub(crate) fn draw(rng: &mut Rng, noise_factor: f64) -> Self {
         Self {
-            temperature_c: rng.between(TEMPERATURE_C.0, TEMPERATURE_C.1),
-            age_months: rng.between(AGE_MONTHS.0, AGE_MONTHS.1),
+            temperature_c: rng.uniform(TEMPERATURE_C),
+            age_months: rng.uniform(AGE_MONTHS),
             noise_factor: noise_factor
                 * exp(NOISE_SPREAD * rng.normal()).clamp(NOISE_BOUNDS.0, NOISE_BOUNDS.1),
-            zero_counts: rng.between(ZERO_COUNTS.0, ZERO_COUNTS.1),
+            zero_counts: rng.uniform(ZERO_COUNTS),
             mains_hz: MAINS_HZ[rng.count(0, 1)] + rng.between(-MAINS_STRAY_HZ, MAINS_STRAY_HZ),
             mains_phase: rng.phase(),
             mains_share: rng.between(0.0, 1.0),
@@ -112,12 +103,10 @@ impl FilmSession {
         (1.0 + unit.per_degree * self.temperature_c) * (1.0 - unit.ageing * self.age_months / AGE_MONTHS.1)
     }
 
-    /// Faults that a recording of `frames` frames sees.
     pub(crate) fn faults(&self, frames: usize) -> impl Iterator<Item = &Fault> {
         self.faults.iter().take_while(move |fault| fault.start_frame < frames)
     }
 
-    /// The same as events of the recording.
     pub(crate) fn events(&self, frames: usize) -> Vec<Event> {
         let seconds = |frame: usize| frame as f64 / FRAME_RATE_HZ as f64;
         let event = |fault: &Fault| Event {
@@ -131,7 +120,7 @@ impl FilmSession {
 
 /// Faults at random times, one after the other.
 fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
-    let end = (SECONDS.end() * FRAME_RATE_HZ as f64) as usize;
+    let end = (SECONDS.1 * FRAME_RATE_HZ as f64) as usize;
     let mut faults = Vec::new();
     let mut frame = 0;
     loop {
@@ -158,9 +147,7 @@ fn flicker(rng: &mut Rng) -> FaultKind {
         row: rng.count(0, TAXEL_ROWS - 1),
         col: rng.count(0, TAXEL_COLS - taxels),
         taxels,
-        jump_counts: rng
-            .chance(0.5)
-            .then(|| rng.log_between(FLICKER_COUNTS.0, FLICKER_COUNTS.1).round() as u16),
+        jump_counts: rng.chance(0.5).then(|| rng.log_uniform(FLICKER_COUNTS).round() as u16),
         // The first frame is always touched.
         pattern: rand::Rng::random::<u64>(rng) | 1,
     }

@@ -31,6 +31,7 @@ pub fn asymptote_counts() -> f64 {
 }
 
 /// Counts of a taxel of gain 1 under a steady pressure, before ADC, noise and crosstalk.
+#[cfg(test)]
 pub fn counts(kpa: f64, exponent: f64) -> f64 {
     let x = conductance(kpa, exponent);
     asymptote_counts() * x / (1.0 + x)

@@ -22,7 +22,6 @@ const NOISE_COUNTS: (f64, f64) = (0.4, 0.7);
 const OFFSET_COUNTS: (f64, f64) = (-0.9, -0.1);
 /// Spread of the idle level over the taxels of a unit, counts.
 const OFFSET_SPREAD_COUNTS: f64 = 0.1;
-/// Mains pick-up, amplitude in counts.
 const MAINS_COUNTS: (f64, f64) = (0.0, 0.5);
 
 /// Smooth variation of gain over the pad: standard deviation (two of them are ±15 %) and correlation
@@ -60,26 +59,21 @@ const PER_DEGREE: (f64, f64) = (0.002, 0.005);
 /// Loss of gain in four months of use.
 const AGEING: (f64, f64) = (0.0, 0.15);
 
-/// Array and readout of one unit.
 #[derive(Clone, Serialize)]
 pub(crate) struct FilmUnit {
     /// Factor on the conductance of each taxel; 0 for dead and stuck ones.
     #[serde(skip)]
     pub gain: Box<[f64; TAXELS]>,
-    /// Idle level of each taxel, counts.
     #[serde(skip)]
     pub offset: Box<[f32; TAXELS]>,
     /// Taxels without conductance, as row and column.
     pub dead: Vec<[usize; 2]>,
     /// Taxels that read a level whatever happens: row, column, counts.
     pub stuck: Vec<[usize; 3]>,
-    /// Correlation length of the gain map, mm.
     pub gain_length_mm: f64,
-    /// Exponent of conductance over pressure.
     pub exponent: f64,
     /// Mean of the idle level, counts.
     pub offset_counts: f64,
-    /// Electrical noise, counts rms.
     pub noise_counts: f64,
     /// Mains pick-up at its worst, amplitude in counts.
     pub mains_counts: f64,
@@ -87,11 +81,9 @@ pub(crate) struct FilmUnit {
     pub lag_s: f64,
     /// Duration of one scan, s.
     pub scan_s: f64,
-    /// Creep.
     pub creep: Creep,
     /// Loop width, share of the excursion.
     pub hysteresis: f64,
-    /// Lines and switches.
     pub crosstalk: Crosstalk,
     /// Relative change of gain per °C.
     pub per_degree: f64,
@@ -100,17 +92,16 @@ pub(crate) struct FilmUnit {
 }
 
 impl FilmUnit {
-    /// A unit as built.
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let gain_length_mm = range(rng, GAIN_LENGTH_MM);
+        let gain_length_mm = rng.uniform(GAIN_LENGTH_MM);
         let mut gain = gain_map(rng, gain_length_mm);
-        let noise_counts = range(rng, NOISE_COUNTS);
+        let noise_counts = rng.uniform(NOISE_COUNTS);
         let (dead, stuck) = faulty(rng);
         for [row, col] in dead.iter().copied().chain(stuck.iter().map(|&[row, col, _]| [row, col])) {
             gain[row * TAXEL_COLS + col] = 0.0;
         }
-        let offset_counts = range(rng, OFFSET_COUNTS);
-        let mains_counts = range(rng, MAINS_COUNTS);
+        let offset_counts = rng.uniform(OFFSET_COUNTS);
+        let mains_counts = rng.uniform(MAINS_COUNTS);
         let mut offset = Box::new([0.0; TAXELS]);
         for level in offset.iter_mut() {
             let own = offset_counts + OFFSET_SPREAD_COUNTS * rng.normal();
@@ -126,27 +117,23 @@ impl FilmUnit {
             offset_counts,
             noise_counts,
             mains_counts,
-            lag_s: rng.log_between(LAG_S.0, LAG_S.1),
-            scan_s: range(rng, SCAN_S),
+            lag_s: rng.log_uniform(LAG_S),
+            scan_s: rng.uniform(SCAN_S),
             creep: Creep {
-                per_decade: range(rng, CREEP_PER_DECADE),
-                slowdown: range(rng, CREEP_SLOWDOWN),
-                residual: range(rng, CREEP_RESIDUAL),
+                per_decade: rng.uniform(CREEP_PER_DECADE),
+                slowdown: rng.uniform(CREEP_SLOWDOWN),
+                residual: rng.uniform(CREEP_RESIDUAL),
             },
-            hysteresis: range(rng, HYSTERESIS),
+            hysteresis: rng.uniform(HYSTERESIS),
             crosstalk: Crosstalk {
-                line: rng.log_between(LINE.0, LINE.1),
-                row_leak: rng.log_between(LEAK.0, LEAK.1),
-                col_leak: rng.log_between(LEAK.0, LEAK.1),
+                line: rng.log_uniform(LINE),
+                row_leak: rng.log_uniform(LEAK),
+                col_leak: rng.log_uniform(LEAK),
             },
-            per_degree: if rng.chance(0.5) { 1.0 } else { -1.0 } * range(rng, PER_DEGREE),
-            ageing: range(rng, AGEING),
+            per_degree: if rng.chance(0.5) { 1.0 } else { -1.0 } * rng.uniform(PER_DEGREE),
+            ageing: rng.uniform(AGEING),
         }
     }
-}
-
-fn range(rng: &mut Rng, (lo, hi): (f64, f64)) -> f64 {
-    rng.between(lo, hi)
 }
 
 /// Factor of each taxel: a smooth random field with covariance `exp(−d²/2L²)`, as a sum of cosines with
@@ -168,14 +155,14 @@ fn gain_map(rng: &mut Rng, length_mm: f64) -> Box<[f64; TAXELS]> {
 /// Dead and stuck taxels.
 fn faulty(rng: &mut Rng) -> (Vec<[usize; 2]>, Vec<[usize; 3]>) {
     let (mut dead, mut stuck) = (Vec::new(), Vec::new());
-    let share = range(rng, FAULTY);
+    let share = rng.uniform(FAULTY);
     for cell in 0..TAXELS {
         let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
         if !rng.chance(share) || !is_active(row, col) {
             continue;
         }
         if rng.chance(STUCK_OF_FAULTY) {
-            stuck.push([row, col, rng.log_between(STUCK_COUNTS.0, STUCK_COUNTS.1).round() as usize]);
+            stuck.push([row, col, rng.log_uniform(STUCK_COUNTS).round() as usize]);
         } else {
             dead.push([row, col]);
         }

@@ -5,7 +5,6 @@
 //! function). With the springs' energy the sum is convex and smooth, so the balance is its one minimum.
 //! Newton's method finds it; a step that does not lower the energy enough is halved.
 
-/// One loaded cell.
 #[derive(Clone, Copy)]
 pub(super) struct Brush {
     /// Force it holds before the move.
@@ -41,7 +40,6 @@ impl Brush {
     }
 }
 
-/// Springs on the object.
 #[derive(Clone, Copy)]
 pub(super) struct Springs {
     /// Far ends, from where the object is: x and y in mm, turn in rad.

@@ -2,7 +2,7 @@
 
 use slipsense::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS};
 
-use super::{Object, Shape, Surface};
+use super::{Object, Relief, Shape, Surface};
 
 /// The pad across the fingers: columns times their pitch, 22.4 mm.
 pub const PAD_WIDTH_MM: f64 = COL_PITCH_MM as f64 * TAXEL_COLS as f64;
@@ -26,29 +26,22 @@ pub struct ObjectError {
 /// Smallest face that cannot lie between two taxels (0.7 × 0.92 mm).
 const FELT_MM: f64 = 1.0;
 
-const POSITIVE: &str = "a finite number above 0";
-const NOT_NEGATIVE: &str = "a finite number, 0 or above";
-const SHARE: &str = "0 to 1";
-
 impl Object {
     /// Refuse what cannot be: sizes, friction, roughness and wavelengths that are negative or not numbers,
     /// kinetic friction above static, and a face wider across its axis than the pad. A face may be longer
-    /// than the pad (a cable runs over both ends, and slides along itself), but what overhangs on both
-    /// sides is borne by nothing that the model has.
+    /// than the pad (a cable runs over both ends), but what overhangs on both sides is borne by nothing that
+    /// the model has.
     ///
     /// Refuse as well what the model has no answer to: a face that fits between two taxels is not felt, and
     /// what is too sticky or too soft follows the whole pull without slipping, though the encoder's rule
     /// would label slip.
     pub fn check(&self) -> Result<(), ObjectError> {
-        let rule = |field: &'static str, value: f64, holds: bool, rule: &'static str| {
-            let error = || ObjectError { object: self.name.clone(), field, value, rule };
-            if holds { Ok(()) } else { Err(error()) }
+        let rule = |field, value: f64, holds: bool, rule| match holds {
+            true => Ok(()),
+            false => Err(ObjectError { object: self.name.clone(), field, value, rule }),
         };
-        let positive = |field, value: f64| rule(field, value, value > 0.0 && value.is_finite(), POSITIVE);
-        let not_negative =
-            |field, value: f64| rule(field, value, value >= 0.0 && value.is_finite(), NOT_NEGATIVE);
-        let share = |field, value: f64| rule(field, value, (0.0..=1.0).contains(&value), SHARE);
-
+        let positive = |field, x: f64| rule(field, x, x > 0.0 && x.is_finite(), "a finite number above 0");
+        let share = |field, x: f64| rule(field, x, (0.0..=1.0).contains(&x), "0 to 1");
         match self.shape {
             Shape::Cylinder { radius_mm, length_mm } => {
                 positive("shape.radius_mm", radius_mm)?;
@@ -81,25 +74,25 @@ impl Object {
         }
         let stiffness = self.surface.normal_kpa_per_mm();
         rule("surface (modulus over depth, kPa/mm)", stiffness, stiffness >= 100.0, "at least 100")?;
-        if let Some(relief) = self.relief {
-            rule("relief.pitch_mm", relief.pitch_mm, relief.pitch_mm >= 0.1, "at least 0.1")?;
-            let reached = (0.0..=2.5).contains(&relief.depth_mm);
-            rule("relief.depth_mm", relief.depth_mm, reached, "0 to 2.5, as deep as a finger reaches")?;
+        if let Some(Relief { pitch_mm, depth_mm, .. }) = self.relief {
+            rule("relief.pitch_mm", pitch_mm, pitch_mm >= 0.1, "at least 0.1")?;
+            let reached = (0.0..=2.5).contains(&depth_mm);
+            rule("relief.depth_mm", depth_mm, reached, "0 to 2.5, as deep as a finger reaches")?;
         }
-        positive("mu_static", self.mu_static)?;
-        rule("mu_static", self.mu_static, self.mu_static <= 3.0, "at most 3")?;
-        positive("mu_kinetic", self.mu_kinetic)?;
-        let slower = self.mu_kinetic <= self.mu_static;
-        rule("mu_kinetic", self.mu_kinetic, slower, "at most mu_static")?;
+        let (mu_static, mu_kinetic) = (self.mu_static, self.mu_kinetic);
+        positive("mu_static", mu_static)?;
+        rule("mu_static", mu_static, mu_static <= 3.0, "at most 3")?;
+        positive("mu_kinetic", mu_kinetic)?;
+        rule("mu_kinetic", mu_kinetic, mu_kinetic <= mu_static, "at most mu_static")?;
         positive("roughness_um", self.roughness_um)?;
         rule("roughness_um", self.roughness_um, self.roughness_um <= 100.0, "at most 100")?;
         for &wavelength in &self.texture_mm {
-            let heard = (0.05..=2.0).contains(&wavelength);
-            rule("texture_mm", wavelength, heard, "0.05 to 2")?;
+            rule("texture_mm", wavelength, (0.05..=2.0).contains(&wavelength), "0.05 to 2")?;
         }
         share("texture_share", self.texture_share)?;
         share("stick_slip", self.stick_slip)?;
-        not_negative("ring_hz", self.ring_hz)?;
+        let hz = self.ring_hz;
+        rule("ring_hz", hz, hz >= 0.0 && hz.is_finite(), "a finite number, 0 or above")?;
         share("damping", self.damping)?;
         positive("mass_g", self.mass_g)
     }

@@ -10,6 +10,8 @@
 //! What has no part in it is told in the crate's README.
 
 mod trials;
+#[cfg(test)]
+mod tests;
 
 pub use trials::{Direction, Hand, LOST_MM, LOST_TURN_RAD, Objects, Trial, trials};
 
@@ -22,14 +24,16 @@ use crate::draw::{Draw, Stream, stream};
 use crate::draw_log::DrawLog;
 use crate::finger::{EpisodeSetup, Finger, STEPS};
 use crate::friction::STEP_HZ;
+use crate::generate::frames;
 use crate::labels::interface_intervals;
+use crate::mix::ScenarioChoice;
 use crate::pulling_hand::PullLimit;
-use crate::recipe::{Platform, Recipe, ResolvedRecipe, ScenarioChoice};
+use crate::recipe::{Platform, Recipe, ResolvedRecipe, SynthError};
 use crate::scenario::levels::GRIP_N;
 use crate::scenario::script::{PhaseKind, Script};
 use crate::scenario::{self, Plan};
 use crate::timeline::ramp;
-use crate::{SynthError, vibration};
+use crate::vibration;
 
 /// Firmest grip of one finger, newtons.
 pub const GRIP_MAX_N: f64 = GRIP_N.1;
@@ -97,7 +101,6 @@ impl<'a> Frame<'a> {
 
 /// One grasp of an object that a hand pulls or twists.
 pub struct Plant {
-    recipe: Recipe,
     resolved: ResolvedRecipe,
     /// As it goes without a command.
     planned: Plan,
@@ -130,17 +133,20 @@ impl Plant {
         let twists = match recipe.scenario {
             ScenarioChoice::FreePull => false,
             ScenarioChoice::Rotation => true,
-            other => return Err(SynthError::PlantScenario(other)),
+            other => {
+                let rule = format!("scenario is {other:?}, a plant takes free_pull or rotation");
+                return Err(SynthError::new(rule));
+            }
         };
         if !(strength > 0.0 && strength.is_finite()) {
-            return Err(SynthError::Strength(strength));
+            return Err(SynthError(format!("strength is {strength}, must be a number above 0")));
         }
         let resolved = recipe.resolve()?;
         let seed = recipe.seed;
         let radius_mm = resolved.twist_radius_mm();
         let travel_mm = if twists { TWIST_RAD * radius_mm } else { PULL_MM };
         let script = Script::trial(&mut stream(seed, Stream::Script, 0), &resolved, travel_mm);
-        let frames = crate::frames(&script);
+        let frames = frames(&script);
         let mut plan = scenario::plan(&mut stream(seed, Stream::Scenario, 0), &resolved, script);
         let of = |kind| plan.script.phases_of(kind).next().copied();
         let (Some(grasp), Some(pull), Some(settle)) =
@@ -164,7 +170,6 @@ impl Plant {
             Some(PullLimit { pull_n: strength * slips_at_n, twist_n_mm: strength * slips_at_n * radius_mm });
         let frame = |t: f64| (t * FRAME_RATE_HZ as f64) as usize;
         let mut plant = Self {
-            recipe: recipe.clone(),
             resolved,
             plan: plan.clone(),
             planned: plan,
@@ -187,7 +192,7 @@ impl Plant {
 
     /// Instrumented fingers.
     pub fn sensors(&self) -> usize {
-        self.recipe.sensors
+        self.resolved.recipe.sensors
     }
 
     /// Frames while a hand pulls, and stands still after that.
@@ -207,7 +212,7 @@ impl Plant {
             return None;
         }
         self.delivered += 1;
-        let sensors = self.recipe.sensors;
+        let sensors = self.resolved.recipe.sensors;
         let mut inputs = [SensorInput::default(); MAX_SENSORS];
         let mut xl_end = [0; MAX_SENSORS];
         for (sensor, finger) in self.prediction.fingers.iter().enumerate() {
@@ -245,9 +250,9 @@ impl Plant {
             let let_go = self.planned.timeline.grip_n[i] / self.planned.base_n;
             timeline.grip_n[i] = let_go * (before_n + (grip_n - before_n) * ramp(t, start_s, end_s));
         }
-        let mut rng = stream(self.recipe.seed, Stream::Motion, self.motions_s.len());
-        let vigour = rng.between(INWARD_VIGOUR.0, INWARD_VIGOUR.1);
-        let motors = self.resolved.platform == Platform::Tesollo;
+        let mut rng = stream(self.resolved.recipe.seed, Stream::Motion, self.motions_s.len());
+        let vigour = rng.uniform(INWARD_VIGOUR);
+        let motors = self.resolved.recipe.platform == Platform::Tesollo;
         timeline.travel(&mut rng, (start_s, end_s), vigour, motors);
         self.motions_s.push(start_s);
         self.target_n = grip_n;
@@ -302,15 +307,15 @@ impl Plant {
 
     fn predict(&self) -> Prediction {
         // What is drawn once is drawn of the plan, which no command changes.
-        let mut setup = EpisodeSetup::draw(&self.recipe, &self.resolved, &self.planned, self.frames);
+        let mut setup = EpisodeSetup::draw(&self.resolved, &self.planned, self.frames);
         setup.plan = &self.plan;
         setup.sources_apart = true;
         for (motion, &start_s) in self.motions_s.iter().enumerate() {
-            let mut rng = stream(self.recipe.seed, Stream::Motion, motion);
+            let mut rng = stream(self.resolved.recipe.seed, Stream::Motion, motion);
             rng.set_word_pos(CLICKS_WORD);
-            setup.vibration.moves_again(&mut rng, self.resolved.platform, start_s);
+            setup.vibration.moves_again(&mut rng, self.resolved.recipe.platform, start_s);
         }
-        let sensors = self.recipe.sensors;
+        let sensors = self.resolved.recipe.sensors;
         let mut piezo = vec![PiezoFrame::zeroed(); self.frames * sensors];
         let mut log = DrawLog::default();
         let fingers = (0..sensors).map(|sensor| setup.finger(sensor, &mut piezo, &mut log)).collect();

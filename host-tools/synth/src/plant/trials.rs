@@ -7,10 +7,11 @@ use std::sync::LazyLock;
 use serde::{Deserialize, Serialize};
 
 use super::Plant;
-use crate::SynthError;
 use crate::draw::{Draw, Rng, Stream, stream};
+use crate::mix::ScenarioChoice;
 use crate::objects::{self, Group, Object};
-use crate::recipe::{ObjectChoice, Platform, Recipe, ScenarioChoice};
+use crate::recipe::SynthError;
+use crate::recipe::{ObjectChoice, Platform, Recipe};
 use crate::splits::hashed;
 
 /// An object that has slid this far is lost: a third of the pad's length, a modelling choice.
@@ -197,11 +198,11 @@ pub fn trials(objects: Objects, hand: Hand, seed: u64, count: usize) -> Vec<Tria
                 platform: hand.platform(),
                 sensors: hand.fingers(),
                 speed_mm_s: Some(SPEEDS_MM_S[round % SPEEDS_MM_S.len()]),
-                grip_n: Some(rng.log_between(GRIP_N.0, GRIP_N.1)),
+                grip_n: Some(rng.log_uniform(GRIP_N)),
                 pull_angle_deg,
                 ..Recipe::new(seed)
             };
-            let strength = rng.between(STRENGTH.0, STRENGTH.1);
+            let strength = rng.uniform(STRENGTH);
             Trial { recipe, object: object.name.clone(), direction, strength, rng }
         })
         .collect()

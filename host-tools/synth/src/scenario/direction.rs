@@ -1,11 +1,8 @@
 //! Which way an object slips over the pad: models are trained on the rig's way alone, so the others are
 //! what they have never seen.
 
-use libm::{atan2, cos, sin};
+use libm::{cos, sin};
 use serde::{Deserialize, Serialize};
-
-use crate::recipe::{ResolvedRecipe, ScenarioChoice};
-use crate::scenario::Plan;
 
 /// A pull within this of the rig's direction counts as vertical, degrees.
 pub const VERTICAL_WITHIN_DEG: f64 = 15.0;
@@ -27,20 +24,4 @@ pub enum SlipDirection {
 pub(crate) fn unit_vector(angle_deg: f64) -> [f64; 2] {
     let angle = angle_deg.to_radians();
     [-sin(angle), cos(angle)]
-}
-
-/// The way in which the plan lets the object slip; none where it does not.
-pub(crate) fn slip_direction(resolved: &ResolvedRecipe, plan: &Plan) -> Option<SlipDirection> {
-    if !resolved.slips() {
-        return None;
-    }
-    if resolved.scenario == ScenarioChoice::Rotation {
-        return Some(SlipDirection::Rotational);
-    }
-    let [x, y] = plan.stroke_mm;
-    let from_vertical_deg = atan2(x, y).to_degrees().abs();
-    Some(match from_vertical_deg <= VERTICAL_WITHIN_DEG {
-        true => SlipDirection::Vertical,
-        false => SlipDirection::OtherInPlane,
-    })
 }

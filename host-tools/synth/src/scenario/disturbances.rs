@@ -6,18 +6,14 @@ use libm::log;
 use crate::draw::{Draw, Rng};
 use crate::scenario::levels::*;
 use crate::timeline::{Timeline, plateau, ramp};
-use crate::vibration::{TAP_PEAK_G, TAP_WIDTH_S};
 
-/// What may disturb a recording.
 #[derive(Clone, Copy)]
 pub(crate) struct Disturbances {
-    /// The hand has motors.
     pub motors: bool,
     /// A hand or an arm carries the gripper.
     pub carried: bool,
     /// The held object hangs on nothing and may be dragged over something.
     pub loose: bool,
-    /// Factor on all densities.
     pub factor: f64,
 }
 
@@ -85,7 +81,7 @@ impl Disturbances {
         for at in moments(rng, held, self.factor * ROLLING_PER_S) {
             let lasts = rng.log_between(0.1, 0.8);
             let slopes: [f64; 2] = std::array::from_fn(|_| {
-                let slope = rng.log_between(ROLL_RAD.0, ROLL_RAD.1);
+                let slope = rng.log_uniform(ROLL_RAD);
                 if rng.chance(0.5) { slope } else { -slope }
             });
             if at + lasts < held.1 {
@@ -131,8 +127,8 @@ fn taps(rng: &mut Rng, timeline: &mut Timeline, at: f64) {
     let train = if rng.chance(TAP_TRAIN_CHANCE) { rng.count(2, 7) } else { 1 };
     let mut at = at;
     for _ in 0..train {
-        timeline.event("tap", at, at + TAP_WIDTH_S.1);
-        timeline.pulse(rng, at, TAP_WIDTH_S, TAP_PEAK_G);
+        timeline.event("tap", at, at + TAP_S.1);
+        timeline.pulse(rng, at, TAP_S, TAP_G);
         at += rng.between(0.06, 0.4);
     }
 }

@@ -10,8 +10,7 @@
 //! accelerometers' noise and of the flicker of a sliding contact. None was tuned for the network of this
 //! project.
 
-/// Lower and upper end of a draw.
-pub(crate) type Span = (f64, f64);
+use crate::draw::Span;
 
 /// Grip force of one finger, log-normal: median, newtons.
 pub(crate) const GRIP_MEDIAN_N: f64 = 2.5;
@@ -25,7 +24,6 @@ pub(crate) const VARIATION_DEPTH: Span = (0.1, 0.6);
 /// Tremor: frequency, Hz, and depth.
 pub(crate) const TREMOR_HZ: Span = (8.0, 12.0);
 pub(crate) const TREMOR_DEPTH: Span = (0.01, 0.03);
-/// A squeeze that passes, seconds.
 pub(crate) const SQUEEZE_S: Span = (0.1, 0.5);
 /// Rate of a change that stays, shares of the force per second.
 pub(crate) const RAMP_PER_S: Span = (0.2, 3.0);
@@ -100,7 +98,10 @@ pub(crate) const DRAGS_PER_S: f64 = 0.15;
 pub(crate) const MOTIONS_PER_S: f64 = 0.3;
 pub(crate) const DISTURBANCES_FACTOR: f64 = 2.0;
 
-/// Share of the taps that come as trains. How hard and how long a tap is is the vibration's matter.
+/// Duration and peak of taps on object, finger or table, seconds and g.
+pub(crate) const TAP_S: Span = (0.2e-3, 8e-3);
+pub(crate) const TAP_G: Span = (0.05, 5.0);
+/// Share of the taps that come as trains.
 pub(crate) const TAP_TRAIN_CHANCE: f64 = 0.35;
 /// Jaws against their end stop or each other: peak, g, and width, seconds.
 pub(crate) const END_STOP_G: Span = (0.05, 0.8);

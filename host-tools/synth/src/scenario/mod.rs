@@ -7,20 +7,20 @@ pub(crate) mod direction;
 pub(crate) mod levels;
 pub(crate) mod script;
 #[cfg(test)]
-mod shortcuts;
+pub(crate) mod shortcuts;
 mod disturbances;
 
-use libm::{cos, exp, sin};
+use libm::{atan2, cos, exp, sin};
 use serde::Serialize;
 
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::labels::Rule;
+use crate::mix::ScenarioChoice;
 use crate::pulling_hand::PullLimit;
-use crate::recipe::{Platform, ResolvedRecipe, ScenarioChoice};
+use crate::recipe::{Platform, ResolvedRecipe};
 use crate::timeline::{Timeline, ramp};
-use crate::vibration::TAP_WIDTH_S;
-use direction::unit_vector;
+use direction::{SlipDirection, VERTICAL_WITHIN_DEG, unit_vector};
 use disturbances::Disturbances;
 use levels::*;
 use script::{Phase, PhaseKind, Script};
@@ -39,14 +39,12 @@ pub(crate) struct Plan {
     pub turn_rad: Vec<f64>,
     /// Stiffness of the pulling spring of one finger (0: nothing pulls).
     pub pull_n_per_mm: f64,
-    /// The same of the twisting spring.
     pub twist_n_mm_per_rad: f64,
     /// The most that a hand pulls with; none where it moves on as hard as it has to.
     #[serde(skip)]
     pub pull_limit: Option<PullLimit>,
     /// Grip force of the first grasp before the operator changes it, newtons.
     pub base_n: f64,
-    /// What tells slip.
     pub rule: Rule,
     /// When something pulls so that the object slips, with the standstill after it, seconds.
     pub slips: Vec<(f64, f64)>,
@@ -93,7 +91,7 @@ pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> 
     use ScenarioChoice as S;
     let on_rig = resolved.scenario.on_rig();
     let object = resolved.scenario != S::Empty;
-    let motors = resolved.platform == Platform::Tesollo;
+    let motors = resolved.recipe.platform == Platform::Tesollo;
     let linked = matches!(resolved.scenario, S::SixStep | S::FirmGrip)
         || (resolved.scenario == S::RigMotion && rng.chance(RIG_MOTION_LINKED));
     let disturbances = Disturbances {
@@ -113,8 +111,8 @@ pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> 
 
     let stiffness = if on_rig { RIG_N_PER_MM } else { HAND_N_PER_MM };
     let mut plan = Plan {
-        pull_n_per_mm: rng.log_between(stiffness.0, stiffness.1),
-        twist_n_mm_per_rad: rng.log_between(TWIST_N_MM_PER_RAD.0, TWIST_N_MM_PER_RAD.1),
+        pull_n_per_mm: rng.log_uniform(stiffness),
+        twist_n_mm_per_rad: rng.log_uniform(TWIST_N_MM_PER_RAD),
         pull_limit: None,
         base_n: GRIP_MEDIAN_N,
         rule: if on_rig { Rule::Encoder } else { Rule::Interface },
@@ -123,11 +121,7 @@ pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> 
         shared_table: on_rig && rng.chance(SHARED_TABLE),
         hand_held: !on_rig,
         stroke_mm: [0.0; 2],
-        motor_pickup_counts: if motors {
-            rng.log_between(MOTOR_PICKUP_COUNTS.0, MOTOR_PICKUP_COUNTS.1)
-        } else {
-            0.0
-        },
+        motor_pickup_counts: if motors { rng.log_uniform(MOTOR_PICKUP_COUNTS) } else { 0.0 },
         pull_mm: Vec::new(),
         turn_rad: Vec::new(),
         timeline,
@@ -146,6 +140,19 @@ pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> 
 }
 
 impl Plan {
+    /// The way in which the object slips over the pad; none where it does not.
+    pub(crate) fn slip_direction(&self, resolved: &ResolvedRecipe) -> Option<SlipDirection> {
+        if !resolved.slips() {
+            return None;
+        }
+        let [x, y] = self.stroke_mm;
+        Some(match resolved.scenario {
+            ScenarioChoice::Rotation => SlipDirection::Rotational,
+            _ if atan2(x, y).to_degrees().abs() <= VERTICAL_WITHIN_DEG => SlipDirection::Vertical,
+            _ => SlipDirection::OtherInPlane,
+        })
+    }
+
     /// Jaws, grip force and its changes, and what else disturbs a held object.
     fn grip(
         &mut self,
@@ -156,7 +163,7 @@ impl Plan {
         object: bool,
     ) {
         let most_n = self.gives_way_n(resolved);
-        if let Some(named) = resolved.grip_n.filter(|&named| named > most_n) {
+        if let Some(named) = resolved.recipe.grip_n.filter(|&named| named > most_n) {
             // All forces of the pull grow alike, so that it reaches the slip as surely as with a drawn grip.
             self.pull_n_per_mm *= named / most_n;
             self.twist_n_mm_per_rad *= named / most_n;
@@ -164,7 +171,7 @@ impl Plan {
         let timeline = &mut self.timeline;
         for (n, g) in grasps.iter().enumerate() {
             let drawn = (GRIP_MEDIAN_N * exp(GRIP_SPREAD * rng.normal())).clamp(GRIP_N.0, GRIP_N.1);
-            let base = resolved.grip_n.unwrap_or(drawn.min(most_n).max(GRIP_N.0));
+            let base = resolved.recipe.grip_n.unwrap_or(drawn.min(most_n).max(GRIP_N.0));
             if n == 0 {
                 self.base_n = base;
             }
@@ -214,12 +221,11 @@ impl Plan {
         0.75 * resolved.object.mu_kinetic * weakest
     }
 
-    /// What pulls and twists the object.
     fn pull(&mut self, rng: &mut Rng, resolved: &ResolvedRecipe, grasps: &[Grasp]) {
         use ScenarioChoice as S;
         let angle = rng.phase();
         // The rig pulls along the pad only.
-        let towards = match resolved.pull_angle_deg {
+        let towards = match resolved.recipe.pull_angle_deg {
             _ if resolved.scenario.on_rig() => [0.0, 1.0],
             Some(named_deg) => unit_vector(named_deg),
             None => [cos(angle), sin(angle)],
@@ -236,8 +242,7 @@ impl Plan {
                     .map(|s| self.script.travel_mm(s).abs())
                     .fold(1e-3, f64::max);
                 let hold = grasps.iter().map(|g| self.sure_hold_n(resolved, g.held, g.release));
-                self.pull_n_per_mm =
-                    rng.between(FIRM_PULL.0, FIRM_PULL.1) * hold.fold(f64::INFINITY, f64::min) / reach;
+                self.pull_n_per_mm = rng.uniform(FIRM_PULL) * hold.fold(f64::INFINITY, f64::min) / reach;
             }
             S::FreePull => self.by_hand(rng, &mut way),
             S::Rotation => {
@@ -304,11 +309,10 @@ impl Plan {
             let length = end - g.held;
             let (lift, down) =
                 (g.held + rng.between(0.1, 0.3) * length, g.held + rng.between(0.75, 0.92) * length);
-            let weight =
-                rng.between(WEIGHT_SHARE.0, WEIGHT_SHARE.1) * self.sure_hold_n(resolved, g.held, g.release);
+            let weight = rng.uniform(WEIGHT_SHARE) * self.sure_hold_n(resolved, g.held, g.release);
             for (name, at, peak) in [("lift", lift, (0.05, 0.3)), ("set_down", down, (0.1, 1.0))] {
                 self.timeline.event(name, at, at + 0.02);
-                self.timeline.pulse(rng, at, TAP_WIDTH_S, peak);
+                self.timeline.pulse(rng, at, TAP_S, peak);
             }
             let rise = rng.between(0.05, 0.2);
             for (i, t) in self.timeline.times(lift, down) {

@@ -5,10 +5,10 @@ use libm::log;
 use serde::Serialize;
 
 use crate::draw::{Draw, Rng};
-use crate::recipe::{ResolvedRecipe, ScenarioChoice};
+use crate::mix::ScenarioChoice;
+use crate::recipe::ResolvedRecipe;
 use crate::scenario::levels::*;
 
-/// What one phase is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum PhaseKind {
@@ -39,7 +39,6 @@ impl PhaseKind {
     }
 }
 
-/// One phase.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Phase {
     pub kind: PhaseKind,
@@ -90,7 +89,6 @@ impl Trapezoid {
     }
 }
 
-/// The course of one recording.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Script {
     #[serde(rename = "stretches")]
@@ -102,15 +100,12 @@ pub(crate) struct Script {
 impl Script {
     /// Of the length that the recipe names, or cut out of a longer course at points where nothing touches.
     pub(crate) fn draw(rng: &mut Rng, resolved: &ResolvedRecipe) -> Self {
-        let motion = Trapezoid {
-            speed_mm_s: resolved.speed_mm_s,
-            accel_mm_s2: rng.log_between(ACCEL_MM_S2.0, ACCEL_MM_S2.1),
-        };
+        let motion = Trapezoid { speed_mm_s: resolved.speed_mm_s, accel_mm_s2: rng.log_uniform(ACCEL_MM_S2) };
         let open = match resolved.scenario {
-            ScenarioChoice::Disturbances => Some(rng.log_between(DISTURBANCES_S.0, DISTURBANCES_S.1)),
+            ScenarioChoice::Disturbances => Some(rng.log_uniform(DISTURBANCES_S)),
             _ => None,
         };
-        let length = resolved.seconds.or(open);
+        let length = resolved.recipe.seconds.or(open);
         let mut phases = run(rng, resolved, &motion);
         if let Some(seconds) = length {
             loop {
@@ -138,21 +133,18 @@ impl Script {
     /// One grasp of an object that a hand pulls `travel_mm` far when it is held, from open jaws to open jaws.
     pub(crate) fn trial(rng: &mut Rng, resolved: &ResolvedRecipe, travel_mm: f64) -> Self {
         use PhaseKind::*;
-        let motion = Trapezoid {
-            speed_mm_s: resolved.speed_mm_s,
-            accel_mm_s2: rng.log_between(ACCEL_MM_S2.0, ACCEL_MM_S2.1),
-        };
+        let motion = Trapezoid { speed_mm_s: resolved.speed_mm_s, accel_mm_s2: rng.log_uniform(ACCEL_MM_S2) };
         let mut phases = Vec::new();
         let mut add = |kind, seconds, towards| phases.push(Phase { kind, start_s: 0.0, seconds, towards });
         let twists_back = resolved.scenario == ScenarioChoice::Rotation && rng.chance(0.5);
         add(Idle, rng.between(IDLE_S.0, IDLE_UNIFORM_S), 0.0);
-        add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
-        add(Rise, rng.log_between(RISE_S.0, RISE_S.1), 0.0);
-        add(Hold, rng.log_between(VARY_S.0, VARY_S.1), 0.0);
+        add(Close, rng.log_uniform(CLOSE_S), 0.0);
+        add(Rise, rng.log_uniform(RISE_S), 0.0);
+        add(Hold, rng.log_uniform(VARY_S), 0.0);
         add(Pull, motion.seconds(travel_mm), if twists_back { -1.0 } else { 1.0 });
         add(Settle, SETTLE_S.1, 0.0);
-        add(Fall, rng.log_between(FALL_S.0, FALL_S.1), 0.0);
-        add(Open, rng.log_between(OPEN_S.0, OPEN_S.1), 0.0);
+        add(Fall, rng.log_uniform(FALL_S), 0.0);
+        add(Open, rng.log_uniform(OPEN_S), 0.0);
         add(Idle, IDLE_S.0, 0.0);
         let seconds = duration_s(&phases);
         Self::from_phases(phases, 0.0, seconds, motion)
@@ -165,7 +157,7 @@ impl Script {
             at += phase.seconds;
         }
         phases.retain(|s| s.end_s() > 0.0 && s.start_s < seconds);
-        Self { phases: phases, seconds, motion }
+        Self { phases, seconds, motion }
     }
 
     pub(crate) fn phases_of(&self, kind: PhaseKind) -> impl Iterator<Item = &Phase> {
@@ -222,58 +214,58 @@ fn run(rng: &mut Rng, resolved: &ResolvedRecipe, motion: &Trapezoid) -> Vec<Phas
     let mut phases = Vec::new();
     let mut add = |kind, seconds, towards| phases.push(Phase { kind, start_s: 0.0, seconds, towards });
     let on_rig = resolved.scenario.on_rig();
-    let stroke = rng.between(STROKE_MM.0, STROKE_MM.1).min(resolved.object.shape.travel_mm());
+    let stroke = rng.uniform(STROKE_MM).min(resolved.object.shape.travel_mm());
     let jog_s = motion.seconds(stroke);
-    let home_s = motion.seconds(stroke * rng.between(PARKING_TRAVEL.0, PARKING_TRAVEL.1));
+    let home_s = motion.seconds(stroke * rng.uniform(PARKING_TRAVEL));
 
     add(Idle, idle(rng), 0.0);
     if on_rig || (resolved.scenario == S::Disturbances && rng.chance(0.3)) {
         add(Jog, home_s, -1.0);
         add(Idle, idle(rng), 0.0);
     }
-    add(Close, rng.log_between(CLOSE_S.0, CLOSE_S.1), 0.0);
-    add(Rise, rng.log_between(RISE_S.0, RISE_S.1), 0.0);
-    let vary = rng.log_between(VARY_S.0, VARY_S.1);
+    add(Close, rng.log_uniform(CLOSE_S), 0.0);
+    add(Rise, rng.log_uniform(RISE_S), 0.0);
+    let vary = rng.log_uniform(VARY_S);
     match resolved.scenario {
         S::FirmGrip => {
-            let pull_s = motion.seconds(rng.between(FIRM_TRAVEL_MM.0, FIRM_TRAVEL_MM.1));
+            let pull_s = motion.seconds(rng.uniform(FIRM_TRAVEL_MM));
             add(Hold, vary, 0.0);
             add(Pull, pull_s, 1.0);
-            add(Hold, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
+            add(Hold, rng.log_uniform(SETTLE_S), 0.0);
             add(Pull, pull_s, -1.0);
         }
         S::RigMotion => {
             for _ in 0..rng.count(1, 3) {
                 let towards = if rng.chance(0.5) { 1.0 } else { -1.0 };
-                add(Hold, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
-                add(Pull, motion.seconds(rng.between(FIRM_TRAVEL_MM.0, FIRM_TRAVEL_MM.1)), towards);
+                add(Hold, rng.log_uniform(SETTLE_S), 0.0);
+                add(Pull, motion.seconds(rng.uniform(FIRM_TRAVEL_MM)), towards);
             }
         }
         S::FreePull => {
             add(Hold, vary, 0.0);
-            add(Pull, motion.seconds(rng.between(HAND_TRAVEL_MM.0, HAND_TRAVEL_MM.1)), 1.0);
+            add(Pull, motion.seconds(rng.uniform(HAND_TRAVEL_MM)), 1.0);
         }
         S::Rotation => {
-            let way = rng.between(TWIST_RAD.0, TWIST_RAD.1) * resolved.twist_radius_mm();
+            let way = rng.uniform(TWIST_RAD) * resolved.twist_radius_mm();
             add(Hold, vary, 0.0);
             add(Pull, motion.seconds(way), if rng.chance(0.5) { 1.0 } else { -1.0 });
         }
-        S::FreeGrasp => add(Hold, rng.log_between(CARRY_S.0, CARRY_S.1), 0.0),
+        S::FreeGrasp => add(Hold, rng.log_uniform(CARRY_S), 0.0),
         S::HandHeld => {
-            add(Hold, rng.log_between(CARRY_S.0, CARRY_S.1), 0.0);
+            add(Hold, rng.log_uniform(CARRY_S), 0.0);
             if resolved.slips_at_end {
-                add(Pull, motion.seconds(rng.between(HAND_TRAVEL_MM.0, HAND_TRAVEL_MM.1)), 1.0);
+                add(Pull, motion.seconds(rng.uniform(HAND_TRAVEL_MM)), 1.0);
             }
         }
-        S::Disturbances => add(Hold, rng.log_between(LONG_HOLD_S.0, LONG_HOLD_S.1), 0.0),
+        S::Disturbances => add(Hold, rng.log_uniform(LONG_HOLD_S), 0.0),
         S::SixStep | S::Empty | S::Unlinked | S::Random => {
             add(Hold, vary, 0.0);
             add(Pull, jog_s, 1.0);
         }
     }
-    add(Settle, rng.log_between(SETTLE_S.0, SETTLE_S.1), 0.0);
-    add(Fall, rng.log_between(FALL_S.0, FALL_S.1), 0.0);
-    add(Open, rng.log_between(OPEN_S.0, OPEN_S.1), 0.0);
+    add(Settle, rng.log_uniform(SETTLE_S), 0.0);
+    add(Fall, rng.log_uniform(FALL_S), 0.0);
+    add(Open, rng.log_uniform(OPEN_S), 0.0);
     add(Idle, idle(rng), 0.0);
     // Without its way back a moving crosshead would mean slip.
     if on_rig {

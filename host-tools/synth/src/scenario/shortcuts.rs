@@ -3,7 +3,8 @@
 //! neither is worth more than always answering the most frequent class. From scripts alone: nothing is simulated.
 
 use crate::draw::{Stream, stream};
-use crate::recipe::{Recipe, ScenarioChoice};
+use crate::mix::ScenarioChoice;
+use crate::recipe::Recipe;
 use crate::scenario::levels::{RIG_MOTION_LINKED, SHARED_TABLE};
 use crate::scenario::script::{PhaseKind, Script};
 
@@ -20,37 +21,37 @@ struct Moment {
     speed_mm_s: f64,
 }
 
-fn moments() -> Vec<Moment> {
-    let mut all = Vec::new();
-    for (recording, recipe) in Recipe::new(0x0c1a55).series(RECORDINGS).iter().enumerate() {
-        let resolved = recipe.resolve().unwrap();
-        let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &resolved);
-        let shared = (recording as f64 * 0.618_034).fract() < SHARED_TABLE;
-        let linked = matches!(resolved.scenario, ScenarioChoice::SixStep | ScenarioChoice::FirmGrip)
-            || (resolved.scenario == ScenarioChoice::RigMotion
-                && (recording as f64 / 10.0).fract() < RIG_MOTION_LINKED);
-        for n in 0..(script.seconds * HZ) as usize {
-            let t = n as f64 / HZ;
-            let Some(s) = script.phases.iter().find(|s| s.start_s <= t && t < s.end_s()) else { continue };
-            let closed = matches!(
-                s.kind,
-                PhaseKind::Rise | PhaseKind::Hold | PhaseKind::Pull | PhaseKind::Settle | PhaseKind::Fall
-            );
-            let contact = closed && resolved.scenario != ScenarioChoice::Empty;
-            let way = script.motion.mm(s.seconds);
-            let moved = script.motion.at(t - s.start_s, s.seconds);
-            let slip = resolved.slips() && s.kind == PhaseKind::Pull && moved > 0.07 && way - moved >= 0.07;
-            let moves = matches!(s.kind, PhaseKind::Jog | PhaseKind::Pull) && resolved.scenario.on_rig();
-            all.push(Moment {
-                t,
-                class: if contact { 1 + usize::from(slip) } else { 0 },
-                moves,
-                loud: moves && (shared || (linked && contact)),
-                speed_mm_s: resolved.speed_mm_s,
-            });
-        }
-    }
-    all
+/// Moments of a recording by its script, [`HZ`] per second; `shared_table` and `linked` are drawn later.
+fn moments(recipe: &Recipe, shared_table: bool, linked: bool) -> Vec<Moment> {
+    let resolved = recipe.resolve().unwrap();
+    let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &resolved);
+    let linked = matches!(resolved.scenario, ScenarioChoice::SixStep | ScenarioChoice::FirmGrip)
+        || (resolved.scenario == ScenarioChoice::RigMotion && linked);
+    let moment = |n: usize| {
+        use PhaseKind::*;
+        let t = n as f64 / HZ;
+        let phase = script.phases.iter().find(|phase| phase.start_s <= t && t < phase.end_s())?;
+        let closed = matches!(phase.kind, Rise | Hold | Pull | Settle | Fall);
+        let contact = closed && resolved.scenario != ScenarioChoice::Empty;
+        let travel = script.motion.mm(phase.seconds);
+        let moved = script.motion.at(t - phase.start_s, phase.seconds);
+        let slip = resolved.slips() && phase.kind == Pull && moved > 0.07 && travel - moved >= 0.07;
+        let moves = matches!(phase.kind, Jog | Pull) && resolved.scenario.on_rig();
+        Some(Moment {
+            t,
+            class: if contact { 1 + usize::from(slip) } else { 0 },
+            moves,
+            loud: moves && (shared_table || (linked && contact)),
+            speed_mm_s: resolved.speed_mm_s,
+        })
+    };
+    (0..(script.seconds * HZ) as usize).filter_map(moment).collect()
+}
+
+pub(crate) fn class_seconds(recipe: &Recipe) -> [f64; 3] {
+    let mut seconds = [0.0; 3];
+    moments(recipe, true, true).iter().for_each(|moment| seconds[moment.class] += 1.0 / HZ);
+    seconds
 }
 
 fn shares<'a>(of: impl Iterator<Item = &'a Moment>) -> ([f64; 3], usize) {
@@ -80,7 +81,15 @@ fn macro_f1(all: &[Moment], group: impl Fn(&Moment) -> usize) -> f64 {
 
 #[test]
 fn neither_clock_nor_rig_tells_slip() {
-    let all = moments();
+    let all: Vec<Moment> = Recipe::new(0x0c1a55)
+        .series(RECORDINGS)
+        .iter()
+        .enumerate()
+        .flat_map(|(n, recipe)| {
+            let shared_table = (n as f64 * 0.618_034).fract() < SHARED_TABLE;
+            moments(recipe, shared_table, (n as f64 / 10.0).fract() < RIG_MOTION_LINKED)
+        })
+        .collect();
     let (mix, _) = shares(all.iter());
     println!("no contact, no slip, slip: {mix:.4?}; the paper has 0.576, 0.188, 0.237");
     println!("{:.1} s per recording", all.len() as f64 / HZ / RECORDINGS as f64);

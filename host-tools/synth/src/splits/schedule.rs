@@ -6,14 +6,13 @@ use sha2::{Digest, Sha256};
 
 use super::Split;
 use crate::draw::{Stream, stream};
+use crate::mix::ScenarioChoice;
 use crate::mix::{FREE, Mix, PROTOCOL};
 use crate::objects::{CATALOGUE, Group, Object};
-use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice};
+use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
 
-/// Length of an episode of `noslip`, seconds.
 pub(super) const NOSLIP_SECONDS: f64 = 60.0;
 
-/// Hands and sensors of `noslip`, in turn.
 const NOSLIP_HANDS: [(Platform, usize); 4] =
     [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
 
@@ -161,7 +160,6 @@ impl Schedule {
         }
     }
 
-    /// The recipe of one episode.
     pub(crate) fn recipe(&self, index: usize) -> Recipe {
         let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
         match self.split {

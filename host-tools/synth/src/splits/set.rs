@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::schedule::Schedule;
 use super::{GENERATOR_VERSION, PAPER_FRAMES, Split};
-use crate::plan_frames;
+use crate::generate::plan_frames;
 use crate::recipe::Recipe;
 
 /// Version of the text of set descriptions and manifests.
@@ -180,11 +180,6 @@ pub(super) fn to_text(header: &impl Serialize, episodes: &[impl Serialize]) -> S
     let lines: Vec<String> = episodes.iter().map(json).collect();
     let start = header.strip_suffix("]}").expect("the list of episodes comes last");
     format!("{start}\n{}\n]}}\n", lines.join(",\n"))
-}
-
-/// The recipes of the set of a split and seed that has `frames` frames at least.
-pub fn recipes(split: Split, seed: u64, frames: usize) -> Vec<Recipe> {
-    EpisodeSet::new(split, seed, frames).episodes.into_iter().map(|episode| episode.recipe).collect()
 }
 
 /// The paper-sized set, scaled to `frames` frames in all: the test splits in fixed numbers of episodes

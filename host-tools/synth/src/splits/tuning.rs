@@ -1,8 +1,9 @@
 //! Disturbances on which operating points are chosen.
 
 use super::schedule::{NOSLIP_SECONDS, ObjectSchedule, hashed};
+use crate::mix::ScenarioChoice;
 use crate::objects::Group;
-use crate::recipe::{Recipe, ScenarioChoice};
+use crate::recipe::Recipe;
 
 /// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of
 /// validation objects on the hand-held gripper only, and with seeds that no split has: what is chosen on

@@ -10,7 +10,7 @@ use libm::{cos, exp, log, pow};
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
-use super::{Clock, SlipSeries};
+use super::scene::{Motion, SlipSeries};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -18,7 +18,6 @@ use slipsense::params::XL_RATE_HZ;
 
 /// Poles of the model: three resonances and two real poles.
 const ORDER: usize = 8;
-/// Nodes of the mesh.
 const SPEEDS_MM_S: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 40.0];
 const FORCES_N: [f64; 3] = [0.5, 2.0, 8.0];
 /// Speed in mm/s and median level in mg rms of the vector, at 2 N and Ra 1 µm.
@@ -44,12 +43,10 @@ const SILENT_BELOW_MM_S: f64 = 0.05;
 
 type Reflection = [f64; ORDER];
 
-/// One surface in one hand.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct AutoregressiveNoise {
     level: f64,
     force_exponent: f64,
-    /// Rms share of each axis.
     axes: [f64; 3],
     /// Reflection coefficients per speed and force.
     nodes: [[Reflection; FORCES_N.len()]; SPEEDS_MM_S.len()],
@@ -57,12 +54,12 @@ pub(crate) struct AutoregressiveNoise {
 
 impl AutoregressiveNoise {
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let moving_mm = rng.log_between(MOVING_MM.0, MOVING_MM.1);
-        let moving_width = rng.between(MOVING_BANDWIDTH.0, MOVING_BANDWIDTH.1);
+        let moving_mm = rng.log_uniform(MOVING_MM);
+        let moving_width = rng.uniform(MOVING_BANDWIDTH);
         let fixed = FIXED_HZ.map(|(lo, hi)| rng.log_between(lo, hi));
-        let widths = FIXED_HZ.map(|_| rng.log_between(FIXED_BANDWIDTH_HZ.0, FIXED_BANDWIDTH_HZ.1));
-        let stiffens = rng.between(STIFFENS.0, STIFFENS.1);
-        let real = [rng.between(TILT.0, TILT.1), rng.between(LIFT.0, LIFT.1)];
+        let widths = FIXED_HZ.map(|_| rng.log_uniform(FIXED_BANDWIDTH_HZ));
+        let stiffens = rng.uniform(STIFFENS);
+        let real = [rng.uniform(TILT), rng.uniform(LIFT)];
         let nodes = SPEEDS_MM_S.map(|v| {
             FORCES_N.map(|f| {
                 let moving = (v / moving_mm).clamp(MOVING_HZ.0, MOVING_HZ.1);
@@ -79,10 +76,10 @@ impl AutoregressiveNoise {
         });
         let axes: [f64; 3] = std::array::from_fn(|_| rng.between(0.3, 1.0));
         let norm = axes.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let roughness = rng.between(ROUGHNESS_EXPONENT.0, ROUGHNESS_EXPONENT.1);
+        let roughness = rng.uniform(ROUGHNESS_EXPONENT);
         Self {
             level: pow(object.roughness_um, roughness) * exp(LEVEL_SPREAD * rng.normal()),
-            force_exponent: rng.between(FORCE_EXPONENT.0, FORCE_EXPONENT.1),
+            force_exponent: rng.uniform(FORCE_EXPONENT),
             axes: axes.map(|x| x / norm),
             nodes,
         }
@@ -111,12 +108,11 @@ impl AutoregressiveNoise {
             * pow((force_n / 2.0).max(1e-6), self.force_exponent)
     }
 
-    /// Add the acceleration at the part.
-    pub(crate) fn add(&self, slip: &SlipSeries, clock: Clock, rng: &mut Rng, motion_g: &mut [[f64; 3]]) {
+    pub(crate) fn add(&self, slip: &SlipSeries, rng: &mut Rng, motion: &mut Motion) {
         let mut delays = [[0.0; ORDER]; 3];
         let (mut step, mut gain, mut coefficients) = (usize::MAX, 0.0, [0.0; ORDER]);
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let now = (clock.time(n) * STEP_HZ) as usize;
+        for (t, out) in motion.samples() {
+            let now = (t * STEP_HZ) as usize;
             if now >= slip.speed_mm_s.len() {
                 break;
             }
@@ -144,7 +140,6 @@ impl AutoregressiveNoise {
     }
 }
 
-/// One step of the all-pole lattice.
 fn lattice(k: &Reflection, delay: &mut Reflection, input: f64) -> f64 {
     let mut forward = input;
     for m in (0..ORDER).rev() {

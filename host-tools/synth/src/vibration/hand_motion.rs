@@ -4,8 +4,8 @@
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
-use super::signal::sin_turns;
-use super::{Clock, Scene, at};
+use super::scene::{Motion, Scene, at};
+use super::signal::{add_scaled, sin_turns};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::timeline::Pulse;
@@ -14,7 +14,6 @@ use crate::timeline::Pulse;
 const SWAYS: usize = 3;
 const SWAY_HZ: (f64, f64) = (0.2, 3.0);
 const SWAY_G: (f64, f64) = (0.03, 0.5);
-/// Tremor, Hz and g peak.
 const TREMOR_HZ: (f64, f64) = (8.0, 12.0);
 const TREMOR_G: (f64, f64) = (0.005, 0.03);
 /// Chance that the person walks for a part of the recording; cadence in Hz, length of a footfall in
@@ -34,7 +33,6 @@ struct Sway {
     direction: [f64; 3],
 }
 
-/// Gravity and hand motion of one recording.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct HandMotion {
     /// At rest the part feels this, g.
@@ -53,25 +51,25 @@ impl HandMotion {
         if !scene.hand_held {
             return motion;
         }
-        let peak = rng.log_between(SWAY_G.0, SWAY_G.1) / SWAYS as f64;
+        let peak = rng.log_uniform(SWAY_G) / SWAYS as f64;
         for _ in 0..SWAYS {
             motion.sway(rng, SWAY_HZ, peak);
         }
-        let peak = rng.log_between(TREMOR_G.0, TREMOR_G.1);
+        let peak = rng.log_uniform(TREMOR_G);
         motion.sway(rng, TREMOR_HZ, peak);
         if rng.chance(WALKS) {
-            let seconds = scene.grip_n.len() as f64 / STEP_HZ;
+            let seconds = scene.timeline.grip_n.len() as f64 / STEP_HZ;
             let from = rng.between(0.0, 0.7 * seconds);
             let to = rng.between(from, seconds);
-            let cadence = rng.between(CADENCE_HZ.0, CADENCE_HZ.1);
+            let cadence = rng.uniform(CADENCE_HZ);
             motion.walk = Some((from, to, cadence));
-            let peak = rng.log_between(FOOTFALL_G.0, FOOTFALL_G.1);
+            let peak = rng.log_uniform(FOOTFALL_G);
             let mut at_s = from;
             while at_s < to {
                 let off = rng.direction();
                 motion.footfalls.push(Pulse {
                     at_s,
-                    width_s: rng.log_between(FOOTFALL_S.0, FOOTFALL_S.1),
+                    width_s: rng.log_uniform(FOOTFALL_S),
                     peak_g: peak * rng.between(0.6, 1.4),
                     direction: std::array::from_fn(|a| motion.gravity[a] + 0.3 * off[a]),
                     share: [1.0; MAX_SENSORS],
@@ -84,34 +82,26 @@ impl HandMotion {
 
     fn sway(&mut self, rng: &mut Rng, hz: (f64, f64), peak_g: f64) {
         self.sways.push(Sway {
-            hz: rng.log_between(hz.0, hz.1),
+            hz: rng.log_uniform(hz),
             peak_g,
             phase: rng.between(0.0, 1.0),
             direction: rng.direction(),
         });
     }
 
-    pub(crate) fn gravity(&self, motion_g: &mut [[f64; 3]]) {
-        for g in motion_g {
-            for (g, gravity) in g.iter_mut().zip(self.gravity) {
-                *g += gravity;
-            }
-        }
+    pub(crate) fn add_gravity(&self, motion: &mut Motion) {
+        motion.g.iter_mut().for_each(|g| add_scaled(g, 1.0, self.gravity));
     }
 
-    pub(crate) fn hand(&self, scene: &Scene<'_>, sensor: usize, clock: Clock, motion_g: &mut [[f64; 3]]) {
-        super::add_pulses(&self.footfalls, sensor, 1.0, clock, motion_g);
+    pub(crate) fn add(&self, scene: &Scene<'_>, motion: &mut Motion) {
+        motion.add_pulses(&self.footfalls, 1.0);
         if self.sways.is_empty() {
             return;
         }
-        for (n, g) in motion_g.iter_mut().enumerate() {
-            let t = clock.time(n);
-            let vigour = at(scene.motion, t);
+        for (t, g) in motion.samples() {
+            let vigour = at(&scene.timeline.motion, t);
             for sway in &self.sways {
-                let value = vigour * sway.peak_g * sin_turns(sway.hz * t + sway.phase);
-                for (g, d) in g.iter_mut().zip(sway.direction) {
-                    *g += d * value;
-                }
+                add_scaled(g, vigour * sway.peak_g * sin_turns(sway.hz * t + sway.phase), sway.direction);
             }
         }
     }

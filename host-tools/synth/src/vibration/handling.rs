@@ -8,18 +8,15 @@ use std::f64::consts::PI;
 
 use super::machine::{Actuation, Nearby};
 use super::modes::Modes;
-use super::signal::{Noise, blend, blend_rms, sin_turns};
+use super::scene::{Motion, Scene, TOUCHED_N, at};
+use super::signal::{Noise, add_scaled, blend, blend_rms, sin_turns};
 use super::slip::{Rubbing, Surface};
 use super::streams::{NoiseSource, NoiseStreams};
-use super::{Clock, Scene, TOUCHED_N, at};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::recipe::Platform;
+use crate::scenario::levels::DRAG_MM_S;
 use crate::timeline::Pulse;
-
-/// Duration and peak of taps on object, finger or table, seconds and g.
-pub(crate) const TAP_WIDTH_S: (f64, f64) = (0.2e-3, 8e-3);
-pub(crate) const TAP_PEAK_G: (f64, f64) = (0.05, 5.0);
 
 /// A finger that meets the object: moving mass in kg, radius of the contact in metres, reduced modulus of
 /// the soft pad in Pa and its square-root spread, approach speed in m/s, coefficient of restitution.
@@ -31,7 +28,6 @@ const HARD_CHANCE: f64 = 0.12;
 const HARD_PA: (f64, f64) = (0.5e9, 3e9);
 const APPROACH_M_S: (f64, f64) = (0.01, 0.12);
 const RESTITUTION: (f64, f64) = (0.1, 0.6);
-/// Range of the impact's peak, g.
 const CLOSING_G: (f64, f64) = (0.1, 3.0);
 /// The fingers touch within this of each other, seconds.
 const CLOSING_SPREAD_S: (f64, f64) = (-0.01, 0.02);
@@ -76,7 +72,6 @@ pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, spee
     2.87 * pow(mass_kg * mass_kg / (radius_m * modulus_pa * modulus_pa * speed_m_s), 0.2)
 }
 
-/// All of it for one recording.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct HandlingNoise {
     creak_g: f64,
@@ -101,21 +96,21 @@ pub(crate) struct HandlingNoise {
 impl HandlingNoise {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
         let mut drawn = Self {
-            creak_g: rng.log_between(CREAK_G.0, CREAK_G.1),
-            creak_hz: rng.log_between(CREAK_HZ.0, CREAK_HZ.1),
-            rail_g: rng.log_between(RAIL_G.0, RAIL_G.1),
-            rail_hz: rng.log_between(RAIL_HZ.0, RAIL_HZ.1),
-            rail_burst_hz: rng.log_between(RAIL_BURST_HZ.0, RAIL_BURST_HZ.1),
-            aftershock_g: rng.log_between(AFTERSHOCK_G.0, AFTERSHOCK_G.1),
-            aftershock_s: rng.log_between(AFTERSHOCK_S.0, AFTERSHOCK_S.1),
+            creak_g: rng.log_uniform(CREAK_G),
+            creak_hz: rng.log_uniform(CREAK_HZ),
+            rail_g: rng.log_uniform(RAIL_G),
+            rail_hz: rng.log_uniform(RAIL_HZ),
+            rail_burst_hz: rng.log_uniform(RAIL_BURST_HZ),
+            aftershock_g: rng.log_uniform(AFTERSHOCK_G),
+            aftershock_s: rng.log_uniform(AFTERSHOCK_S),
             actuation: (scene.platform == Platform::Tesollo).then(|| Actuation::draw(rng)),
             nearby: Nearby::draw(rng),
             dragged: Surface::table(rng),
-            drag_arrives: rng.log_between(DRAG_ARRIVES.0, DRAG_ARRIVES.1),
-            knocks: scene.pulses.to_vec(),
+            drag_arrives: rng.log_uniform(DRAG_ARRIVES),
+            knocks: scene.timeline.pulses.clone(),
             closings: Vec::new(),
         };
-        for &at_s in &crossings(scene.grip_n, TOUCHED_N).0 {
+        for &at_s in &crossings(&scene.timeline.grip_n, TOUCHED_N).0 {
             drawn.closings.extend(closing(rng, scene, at_s));
         }
         drawn.clicks(rng, scene);
@@ -133,13 +128,13 @@ impl HandlingNoise {
     /// Backlash of a jaw, steps of a joint: where motion starts and stops or meets a load.
     fn clicks(&mut self, rng: &mut Rng, scene: &Scene<'_>) {
         let series = match scene.platform {
-            Platform::Umi => scene.jaw,
-            Platform::Tesollo => scene.motor,
+            Platform::Umi => &scene.timeline.jaw,
+            Platform::Tesollo => &scene.timeline.motor,
         };
         let (starts, mut stops) = crossings(series, 0.05);
         if scene.platform == Platform::Tesollo {
             // A joint gives a little as it takes up the load.
-            stops.extend(crossings(scene.grip_n, TOUCHED_N).0);
+            stops.extend(crossings(&scene.timeline.grip_n, TOUCHED_N).0);
         }
         for &from in starts.iter().chain(&stops) {
             self.moves_again(rng, scene.platform, from);
@@ -155,8 +150,8 @@ impl HandlingNoise {
         for _ in 0..rng.count(0, CLICKS) {
             self.knocks.push(Pulse {
                 at_s: from_s + rng.between(0.0, 0.05),
-                width_s: rng.log_between(width.0, width.1),
-                peak_g: rng.log_between(peak.0, peak.1),
+                width_s: rng.log_uniform(width),
+                peak_g: rng.log_uniform(peak),
                 direction: rng.direction(),
                 share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
             });
@@ -164,83 +159,67 @@ impl HandlingNoise {
     }
 
     /// What excites one finger through its modes.
-    pub(crate) fn excite(
-        &self,
-        scene: &Scene<'_>,
-        sensor: usize,
-        clock: Clock,
-        streams: &mut NoiseStreams,
-        force: &mut [[f64; 3]],
-    ) {
-        super::add_pulses(&self.knocks, sensor, 1.0, clock, force);
-        super::add_pulses(&self.closings, sensor, CLOSING_MODES, clock, force);
-        self.creak(scene, sensor, clock, streams, force);
+    pub(crate) fn excite(&self, scene: &Scene<'_>, streams: &mut NoiseStreams, force: &mut Motion) {
+        force.add_pulses(&self.knocks, 1.0);
+        force.add_pulses(&self.closings, CLOSING_MODES);
+        self.creak(scene, streams, force);
         if scene.platform == Platform::Umi {
-            self.rail(scene, clock, streams, force);
+            self.rail(scene, streams, force);
         }
-        self.drag(scene, sensor, clock, streams, force);
+        self.drag(scene, streams, force);
     }
 
-    /// What reaches the accelerometer as it is.
     pub(crate) fn shake(
         &self,
         scene: &Scene<'_>,
         modes: &Modes,
-        sensor: usize,
-        clock: Clock,
         streams: &mut NoiseStreams,
-        motion_g: &mut [[f64; 3]],
+        motion: &mut Motion,
     ) {
-        super::add_pulses(&self.closings, sensor, 1.0, clock, motion_g);
-        self.aftershocks(scene, modes, clock, streams.of(NoiseSource::Aftershocks), motion_g);
+        motion.add_pulses(&self.closings, 1.0);
+        self.aftershocks(scene, modes, streams.of(NoiseSource::Aftershocks), motion);
         if let Some(actuation) = &self.actuation {
-            actuation.add(scene, clock, motion_g);
+            actuation.add(scene, motion);
         }
-        self.nearby.add(scene, clock, streams.of(NoiseSource::Nearby), motion_g);
+        self.nearby.add(scene, streams.of(NoiseSource::Nearby), motion);
     }
 
-    fn creak(
-        &self,
-        scene: &Scene<'_>,
-        sensor: usize,
-        clock: Clock,
-        streams: &mut NoiseStreams,
-        force: &mut [[f64; 3]],
-    ) {
+    fn creak(&self, scene: &Scene<'_>, streams: &mut NoiseStreams, force: &mut Motion) {
         // Change over two steps: shorter ones see rounding, longer ones smear a squeeze.
         let rate = |i: usize| {
-            let (now, before) = (scene.grip_n[i], scene.grip_n[i.saturating_sub(2)]);
+            let (now, before) = (scene.timeline.grip_n[i], scene.timeline.grip_n[i.saturating_sub(2)]);
             (now - before).abs() * STEP_HZ / 2.0 / now.max(before).max(0.5)
         };
         let full = CREAK_FULL_PER_S - CREAK_FROM_PER_S;
-        let levels: Vec<f64> = (0..scene.grip_n.len())
+        let levels: Vec<f64> = (0..scene.timeline.grip_n.len())
             .map(|i| self.creak_g * ((rate(i) - CREAK_FROM_PER_S).max(0.0) / full).min(4.0).sqrt())
             .collect();
-        noise(&levels, self.creak_hz, clock, streams.of(NoiseSource::Creak), force);
+        noise(&levels, self.creak_hz, streams.of(NoiseSource::Creak), force);
         let rng = streams.of(NoiseSource::MicroSlip);
         let mut micro = Vec::new();
         for (i, level) in levels.iter().enumerate().filter(|(_, level)| **level > 0.0) {
             if rng.chance((MICRO_PULSES * rate(i) / STEP_HZ).min(1.0)) {
                 micro.push(Pulse {
                     at_s: i as f64 / STEP_HZ,
-                    width_s: rng.log_between(MICRO_S.0, MICRO_S.1),
+                    width_s: rng.log_uniform(MICRO_S),
                     peak_g: (level / self.creak_g).min(1.0)
-                        * rng.log_between(MICRO_G.0, MICRO_G.1)
+                        * rng.log_uniform(MICRO_G)
                         * -log(rng.between(1e-3, 1.0)),
                     direction: rng.direction(),
                     share: [1.0; MAX_SENSORS],
                 });
             }
         }
-        super::add_pulses(&micro, sensor, 1.0, clock, force);
+        force.add_pulses(&micro, 1.0);
     }
 
-    fn rail(&self, scene: &Scene<'_>, clock: Clock, streams: &mut NoiseStreams, force: &mut [[f64; 3]]) {
+    fn rail(&self, scene: &Scene<'_>, streams: &mut NoiseStreams, force: &mut Motion) {
         let rng = streams.of(NoiseSource::RailBursts);
         let pace = blend(self.rail_burst_hz, STEP_HZ);
         let rms = blend_rms(pace);
         let mut burst = 0.0;
         let levels: Vec<f64> = scene
+            .timeline
             .jaw
             .iter()
             .map(|&jaw| {
@@ -251,66 +230,49 @@ impl HandlingNoise {
                 self.rail_g * jaw * (0.4 + 0.75 * (burst / rms).abs())
             })
             .collect();
-        noise(&levels, self.rail_hz, clock, streams.of(NoiseSource::Rail), force);
+        noise(&levels, self.rail_hz, streams.of(NoiseSource::Rail), force);
     }
 
-    fn drag(
-        &self,
-        scene: &Scene<'_>,
-        sensor: usize,
-        clock: Clock,
-        streams: &mut NoiseStreams,
-        force: &mut [[f64; 3]],
-    ) {
-        if scene.drag.iter().all(|&d| d <= 0.0) {
+    fn drag(&self, scene: &Scene<'_>, streams: &mut NoiseStreams, force: &mut Motion) {
+        if scene.timeline.drag.iter().all(|&d| d <= 0.0) {
             return;
         }
+        let held = |i: usize| if scene.timeline.grip_n[i] > TOUCHED_N { scene.timeline.drag[i] } else { 0.0 };
+        let steps = scene.timeline.drag.len();
+        let speed_mm_s: Vec<f64> = scene.timeline.drag.iter().map(|level| DRAG_MM_S * level).collect();
         let mut path = 0.0;
-        let held = |i: usize| if scene.grip_n[i] > TOUCHED_N { scene.drag[i] } else { 0.0 };
-        let steps = scene.drag.len();
+        let path_mm = speed_mm_s.iter().map(|v| {
+            path += v / STEP_HZ;
+            path
+        });
         let rubbing = Rubbing {
-            speed_mm_s: scene.drag_mm_s.to_vec(),
+            path_mm: path_mm.collect(),
+            speed_mm_s,
             share: (0..steps).map(held).collect(),
             force_n: vec![super::slip::REFERENCE_N; steps],
-            path_mm: scene
-                .drag_mm_s
-                .iter()
-                .map(|v| {
-                    path += v / STEP_HZ;
-                    path
-                })
-                .collect(),
             direction: vec![[0.0, 1.0]; steps],
         };
-        self.dragged.add_rubbing(&rubbing, self.drag_arrives, clock, streams.of(NoiseSource::Drag), force);
+        self.dragged.add_rubbing(&rubbing, self.drag_arrives, streams.of(NoiseSource::Drag), force);
         let pulses = self.dragged.pulses(&rubbing, self.drag_arrives, streams.of(NoiseSource::DragPulses));
-        super::add_pulses(&pulses, sensor, 1.0, clock, force);
+        force.add_pulses(&pulses, 1.0);
     }
 
     /// The finger lets go and rings freely in its two lowest modes.
-    fn aftershocks(
-        &self,
-        scene: &Scene<'_>,
-        modes: &Modes,
-        clock: Clock,
-        rng: &mut Rng,
-        motion_g: &mut [[f64; 3]],
-    ) {
-        for at_s in crossings(scene.grip_n, TOUCHED_N).1 {
+    fn aftershocks(&self, scene: &Scene<'_>, modes: &Modes, rng: &mut Rng, motion: &mut Motion) {
+        for at_s in crossings(&scene.timeline.grip_n, TOUCHED_N).1 {
             // The release takes up to 150 ms; the grip before it counts.
-            let strength = (at(scene.grip_n, at_s - 0.2).max(0.2) / super::slip::REFERENCE_N).sqrt();
+            let strength =
+                (at(&scene.timeline.grip_n, at_s - 0.2).max(0.2) / super::slip::REFERENCE_N).sqrt();
             for mode in &modes.modes[..2] {
                 let hz = mode.hz * modes.shift(0.0);
                 let peak = self.aftershock_g * strength * rng.between(0.3, 1.0);
                 let decay = log(10.0) / (self.aftershock_s * rng.between(0.8, 1.2));
-                let keep = exp(-decay / clock.rate_hz);
-                let start = clock.sample_at(at_s);
+                let keep = exp(-decay / motion.clock.rate_hz);
+                let start = motion.clock.sample_at(at_s);
                 let mut envelope = peak;
-                for (n, out) in motion_g.iter_mut().enumerate().skip(start) {
-                    let value = envelope * sin_turns(hz * (clock.time(n) - at_s));
-                    for (o, d) in out.iter_mut().zip(mode.direction) {
-                        *o += d * value;
-                    }
+                for (t, out) in motion.samples().skip(start) {
+                    let value = envelope * sin_turns(hz * (t - at_s));
+                    add_scaled(out, value, mode.direction);
                     envelope *= keep;
                     if envelope < 1e-5 {
                         break;
@@ -326,22 +288,18 @@ impl HandlingNoise {
 pub(super) fn closing(rng: &mut Rng, scene: &Scene<'_>, at_s: f64) -> [Pulse; MAX_SENSORS] {
     // A surface layer of the object, about 1 mm thick, in series with the pad.
     let object_pa = scene.object.surface.normal_kpa_per_mm() * 1e3;
-    let speed = rng.log_between(APPROACH_M_S.0, APPROACH_M_S.1);
+    let speed = rng.log_uniform(APPROACH_M_S);
     std::array::from_fn(|sensor| {
-        let (pad_pa, hard_pa) = (rng.log_between(PAD_PA.0, PAD_PA.1), rng.log_between(HARD_PA.0, HARD_PA.1));
+        let (pad_pa, hard_pa) = (rng.log_uniform(PAD_PA), rng.log_uniform(HARD_PA));
         let modulus = if rng.chance(HARD_CHANCE) { hard_pa } else { 1.0 / (1.0 / pad_pa + 1.0 / object_pa) };
-        let width_s = hertz_contact_s(
-            rng.log_between(FINGER_KG.0, FINGER_KG.1),
-            rng.log_between(CONTACT_RADIUS_M.0, CONTACT_RADIUS_M.1),
-            modulus,
-            speed,
-        );
-        let bounce = 1.0 + rng.between(RESTITUTION.0, RESTITUTION.1);
+        let width_s =
+            hertz_contact_s(rng.log_uniform(FINGER_KG), rng.log_uniform(CONTACT_RADIUS_M), modulus, speed);
+        let bounce = 1.0 + rng.uniform(RESTITUTION);
         let scatter = rng.direction();
         let mut share = [CLOSING_ELSEWHERE; MAX_SENSORS];
         share[sensor] = 1.0;
         Pulse {
-            at_s: at_s + rng.between(CLOSING_SPREAD_S.0, CLOSING_SPREAD_S.1),
+            at_s: at_s + rng.uniform(CLOSING_SPREAD_S),
             width_s,
             peak_g: (PI * speed * bounce / (2.0 * width_s) / 9.81).clamp(CLOSING_G.0, CLOSING_G.1),
             direction: [0.3 * scatter[0], 0.3 * scatter[1], 0.95],
@@ -364,17 +322,15 @@ fn crossings(series: &[f64], threshold: f64) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// Low-passed noise of these levels, g rms of the vector, one per step.
-fn noise(levels: &[f64], corner_hz: f64, clock: Clock, rng: &mut Rng, buffer: &mut [[f64; 3]]) {
-    let blend = blend(corner_hz, clock.rate_hz);
+fn noise(levels: &[f64], corner_hz: f64, rng: &mut Rng, force: &mut Motion) {
+    let blend = blend(corner_hz, force.clock.rate_hz);
     let gain = 1.0 / (blend_rms(blend) * 3f64.sqrt());
     let mut state = Noise::default();
-    for (n, out) in buffer.iter_mut().enumerate() {
-        let level = at(levels, clock.time(n));
+    for (t, out) in force.samples() {
+        let level = at(levels, t);
         if level > 0.0 {
             let white = state.next(rng, blend);
-            for (o, w) in out.iter_mut().zip(white) {
-                *o += gain * level * w;
-            }
+            add_scaled(out, gain * level, white);
         }
     }
 }

@@ -4,8 +4,8 @@
 use serde::Serialize;
 use std::f64::consts::PI;
 
-use super::signal::{Biquad, Harmonics, sin_turns};
-use super::{Clock, Scene, at};
+use super::scene::{Motion, Scene, at};
+use super::signal::{Biquad, Harmonics, add_scaled, sin_turns};
 use crate::draw::{Draw, Rng};
 
 /// Motor comb at full activity: Hz, harmonics, and the level that comb and gears share, g rms.
@@ -15,7 +15,6 @@ const MOTOR_G: (f64, f64) = (0.002, 0.02);
 /// Gear mesh: Hz, and how far it moves with the motor's speed.
 const GEAR_HZ: (f64, f64) = (200.0, 1200.0);
 const GEAR_SHIFT: (f64, f64) = (0.05, 0.1);
-/// Servo tone at rest: Hz and g rms.
 const SERVO_HZ: (f64, f64) = (800.0, 1300.0);
 const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
 /// Machines nearby: chance, lines in Hz, harmonics of the mains and of fans and pumps; g rms.
@@ -27,7 +26,6 @@ const TOOL_HZ: (f64, f64) = (200.0, 2000.0);
 const TOOL_WIDTH: (f64, f64) = (0.02, 0.15);
 const TOOL_SWELL_HZ: (f64, f64) = (0.2, 2.0);
 
-/// A steady tone.
 #[derive(Clone, Debug, Serialize)]
 struct Tone {
     hz: f64,
@@ -55,14 +53,12 @@ pub(crate) struct Actuation {
     comb: Harmonics,
     gear_hz: f64,
     gear_shift: f64,
-    /// Share of the power that is gear mesh.
     gear_share: f64,
     running_g: f64,
     servo: Tone,
     direction: [f64; 3],
 }
 
-/// What runs nearby in one recording.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Nearby {
     lines: Vec<Tone>,
@@ -80,32 +76,31 @@ impl Nearby {
                 })
                 .collect(),
             tool: Some(Tool {
-                hz: rng.log_between(TOOL_HZ.0, TOOL_HZ.1),
-                width: rng.log_between(TOOL_WIDTH.0, TOOL_WIDTH.1),
-                rms_g: rng.log_between(AMBIENT_G.0, AMBIENT_G.1),
-                swell_hz: rng.log_between(TOOL_SWELL_HZ.0, TOOL_SWELL_HZ.1),
+                hz: rng.log_uniform(TOOL_HZ),
+                width: rng.log_uniform(TOOL_WIDTH),
+                rms_g: rng.log_uniform(AMBIENT_G),
+                swell_hz: rng.log_uniform(TOOL_SWELL_HZ),
                 phase: rng.between(0.0, 1.0),
                 direction: rng.direction(),
             }),
         }
     }
 
-    pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, rng: &mut Rng, motion_g: &mut [[f64; 3]]) {
+    pub(crate) fn add(&self, scene: &Scene<'_>, rng: &mut Rng, motion: &mut Motion) {
         for tone in &self.lines {
-            tone.add(clock, motion_g);
+            tone.add(motion);
         }
         if let Some(tool) = &self.tool {
-            let mut band = Biquad::bandpass(tool.hz, tool.width, clock.rate_hz);
+            let rate_hz = motion.clock.rate_hz;
+            let mut band = Biquad::bandpass(tool.hz, tool.width, rate_hz);
             // Equivalent noise bandwidth of the resonance: πζf. The swell has an rms of 1
             // while the tool works.
-            let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / clock.rate_hz).sqrt();
-            for (n, out) in motion_g.iter_mut().enumerate() {
-                let t = clock.time(n);
-                let swell = at(scene.ambient, t) * (0.9 + 0.6 * sin_turns(tool.swell_hz * t + tool.phase));
+            let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / rate_hz).sqrt();
+            for (t, out) in motion.samples() {
+                let swell =
+                    at(&scene.timeline.ambient, t) * (0.9 + 0.6 * sin_turns(tool.swell_hz * t + tool.phase));
                 let value = gain * swell * band.next(rng.normal());
-                for (o, d) in out.iter_mut().zip(tool.direction) {
-                    *o += d * value;
-                }
+                add_scaled(out, value, tool.direction);
             }
         }
     }
@@ -113,53 +108,47 @@ impl Nearby {
 
 impl Tone {
     fn draw(rng: &mut Rng, hz: f64, rms_g: (f64, f64)) -> Self {
-        Self {
-            hz,
-            rms_g: rng.log_between(rms_g.0, rms_g.1),
-            phase: rng.between(0.0, 1.0),
-            direction: rng.direction(),
-        }
+        Self { hz, rms_g: rng.log_uniform(rms_g), phase: rng.between(0.0, 1.0), direction: rng.direction() }
     }
 
-    fn add(&self, clock: Clock, motion_g: &mut [[f64; 3]]) {
+    fn add(&self, motion: &mut Motion) {
         let peak = self.rms_g * std::f64::consts::SQRT_2;
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let value = peak * sin_turns(self.hz * clock.time(n) + self.phase);
-            for (o, d) in out.iter_mut().zip(self.direction) {
-                *o += d * value;
-            }
+        for (t, out) in motion.samples() {
+            let value = peak * sin_turns(self.hz * t + self.phase);
+            add_scaled(out, value, self.direction);
         }
     }
 }
 
 impl Actuation {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let servo_hz = rng.log_between(SERVO_HZ.0, SERVO_HZ.1);
+        let servo_hz = rng.log_uniform(SERVO_HZ);
         Self {
-            motor_hz: rng.log_between(MOTOR_HZ.0, MOTOR_HZ.1),
+            motor_hz: rng.log_uniform(MOTOR_HZ),
             comb: Harmonics::draw(rng, (1..=MOTOR_ORDERS).map(|k| 1.0 / k as f64)),
-            gear_hz: rng.log_between(GEAR_HZ.0, GEAR_HZ.1),
-            gear_shift: rng.between(GEAR_SHIFT.0, GEAR_SHIFT.1),
+            gear_hz: rng.log_uniform(GEAR_HZ),
+            gear_shift: rng.uniform(GEAR_SHIFT),
             gear_share: rng.between(0.3, 0.8),
-            running_g: rng.log_between(MOTOR_G.0, MOTOR_G.1),
+            running_g: rng.log_uniform(MOTOR_G),
             servo: Tone::draw(rng, servo_hz, SERVO_G),
             direction: rng.direction(),
         }
     }
 
     /// Comb and gear mesh while the motors run, the servo's tone always.
-    pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
-        self.servo.add(clock, motion_g);
+    pub(crate) fn add(&self, scene: &Scene<'_>, motion: &mut Motion) {
+        self.servo.add(motion);
         let comb_gain = self.running_g * (1.0 - self.gear_share).sqrt();
         let gear_gain = self.running_g * (2.0 * self.gear_share).sqrt();
+        let rate_hz = motion.clock.rate_hz;
         let (mut motor, mut gear) = (0.0, 0.0);
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let activity = at(scene.motor, clock.time(n));
+        for (t, out) in motion.samples() {
+            let activity = at(&scene.timeline.motor, t);
             if activity <= 0.0 {
                 continue;
             }
-            motor += self.motor_hz * (0.5 + 0.5 * activity) / clock.rate_hz;
-            gear += self.gear_hz * (1.0 + self.gear_shift * (2.0 * activity - 1.0)) / clock.rate_hz;
+            motor += self.motor_hz * (0.5 + 0.5 * activity) / rate_hz;
+            gear += self.gear_hz * (1.0 + self.gear_shift * (2.0 * activity - 1.0)) / rate_hz;
             let value = gear_gain * sin_turns(gear) + comb_gain * self.comb.at(motor, &[1.0; MOTOR_ORDERS]);
             for (o, d) in out.iter_mut().zip(self.direction) {
                 *o += d * activity.sqrt() * value;

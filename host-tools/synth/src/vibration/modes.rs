@@ -4,9 +4,9 @@
 use libm::{exp, pow};
 use serde::Serialize;
 
-use super::signal::Biquad;
-use super::{Clock, Scene};
-use crate::draw::{Draw, Rng};
+use super::scene::{Motion, Scene};
+use super::signal::{Biquad, add_scaled};
+use crate::draw::{Draw, Rng, unit_vector};
 use crate::friction::STEP_HZ;
 use crate::objects::Kind;
 use crate::recipe::{Platform, Region};
@@ -52,7 +52,6 @@ const OBJECT_DAMPING: (f64, f64) = (0.005, 0.02);
 const OBJECT_SPREAD: f64 = 0.03;
 const OBJECT_GAIN: [f64; 2] = [1.5, 3.0];
 
-/// One mode of a finger.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct Mode {
     /// Frequency at 2 N, Hz.
@@ -69,12 +68,10 @@ pub(crate) struct Mode {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Modes {
     pub modes: [Mode; 4],
-    /// Exponent of the frequencies over grip force.
     pub grip_exponent: f64,
 }
 
 impl Modes {
-    /// A finger as built.
     pub(crate) fn draw(rng: &mut Rng, platform: Platform) -> Self {
         let (hz, damping, direction) = match platform {
             Platform::Umi => (UMI_HZ, UMI_DAMPING, UMI_DIRECTION),
@@ -83,11 +80,11 @@ impl Modes {
         let coupling = exp(COUPLING_SPREAD * rng.normal());
         let modes = std::array::from_fn(|m| Mode {
             hz: rng.log_between(hz[m].0, hz[m].1),
-            damping: rng.log_between(damping.0, damping.1),
+            damping: rng.log_uniform(damping),
             direction: scattered(rng, direction[m], DIRECTION_SCATTER),
-            weight: coupling * rng.log_between(WEIGHT.0, WEIGHT.1),
+            weight: coupling * rng.log_uniform(WEIGHT),
         });
-        Self { modes, grip_exponent: rng.between(GRIP_EXPONENT.0, GRIP_EXPONENT.1) }
+        Self { modes, grip_exponent: rng.uniform(GRIP_EXPONENT) }
     }
 
     /// The same finger in one grasp: nearly as built, and otherwise excited near the palm.
@@ -99,8 +96,8 @@ impl Modes {
             mode.weight *= exp(GRASP_SPREAD.2 * rng.normal());
             if region == Region::Palm {
                 let weight = if m == 0 { PALM_FIRST_WEIGHT } else { PALM_OTHER_WEIGHT };
-                mode.weight *= rng.between(weight.0, weight.1);
-                mode.hz *= rng.between(PALM_STIFFER.0, PALM_STIFFER.1);
+                mode.weight *= rng.uniform(weight);
+                mode.hz *= rng.uniform(PALM_STIFFER);
                 mode.direction = scattered(rng, mode.direction, PALM_SCATTER);
             }
         }
@@ -112,30 +109,25 @@ impl Modes {
         pow(grip_n.max(1e-3) / REFERENCE_N, self.grip_exponent).clamp(1.0 - GRIP_SHIFT, 1.0 + GRIP_SHIFT)
     }
 
-    /// Acceleration under the excitation `buffer`, both in finger axes and g; replaces `buffer`.
-    pub(crate) fn respond(
-        &self,
-        scene: &Scene<'_>,
-        ring: Option<&ObjectMode>,
-        clock: Clock,
-        buffer: &mut [[f64; 3]],
-    ) {
+    /// Replace the excitation `motion` by the acceleration under it.
+    pub(crate) fn respond(&self, scene: &Scene<'_>, ring: Option<&ObjectMode>, motion: &mut Motion) {
+        let rate_hz = motion.clock.rate_hz;
         let held_damping = if scene.object.kind == Kind::Cable { CABLE_DAMPING } else { 1.0 };
         let tuned = |mode: &Mode, grip_n: f64| {
             let held = (grip_n / DAMPED_FROM_N).clamp(0.0, 1.0);
             let damping = mode.damping * (FREE_DAMPING + (held_damping - FREE_DAMPING) * held);
-            let hz = (mode.hz * self.shift(grip_n)).min(0.48 * clock.rate_hz);
-            Biquad::resonant_highpass(hz, damping, clock.rate_hz)
+            let hz = (mode.hz * self.shift(grip_n)).min(0.48 * rate_hz);
+            Biquad::resonant_highpass(hz, damping, rate_hz)
         };
         let mut filters = self.modes.map(|m| tuned(&m, 0.0));
-        let mut ring = ring.map(|r| Biquad::bandpass(r.hz, r.damping, clock.rate_hz));
+        let mut ring = ring.map(|r| Biquad::bandpass(r.hz, r.damping, rate_hz));
         let (mut tuned_n, mut last_step) = (0.0f64, usize::MAX);
         let mut grip = 0.0;
-        for (n, input) in buffer.iter_mut().enumerate() {
-            let step = (clock.time(n) * STEP_HZ) as usize;
+        for (t, input) in motion.samples() {
+            let step = (t * STEP_HZ) as usize;
             if step != last_step {
                 last_step = step;
-                grip = scene.grip_n[step.min(scene.grip_n.len() - 1)];
+                grip = scene.timeline.grip_n[step.min(scene.timeline.grip_n.len() - 1)];
                 if (grip - tuned_n).abs() > 0.01 * tuned_n + 0.002 {
                     tuned_n = grip;
                     for (filter, mode) in filters.iter_mut().zip(&self.modes) {
@@ -144,7 +136,7 @@ impl Modes {
                 }
             }
             if let Some(ring) = &mut ring {
-                let tone = ring.next(if grip > super::TOUCHED_N { input[1] + input[2] } else { 0.0 });
+                let tone = ring.next(if grip > super::scene::TOUCHED_N { input[1] + input[2] } else { 0.0 });
                 input[1] += OBJECT_GAIN[0] * tone;
                 input[2] += OBJECT_GAIN[1] * tone;
             }
@@ -152,9 +144,7 @@ impl Modes {
             for (mode, filter) in self.modes.iter().zip(&mut filters) {
                 let d = mode.direction;
                 let y = mode.weight * filter.next(d[0] * input[0] + d[1] * input[1] + d[2] * input[2]);
-                for (o, d) in out.iter_mut().zip(d) {
-                    *o += d * y;
-                }
+                add_scaled(&mut out, y, d);
             }
             *input = out;
         }
@@ -164,12 +154,9 @@ impl Modes {
 /// A unit vector near `main`.
 fn scattered(rng: &mut Rng, main: [f64; 3], scatter: f64) -> [f64; 3] {
     let own = rng.direction();
-    let v: [f64; 3] = std::array::from_fn(|a| main[a] + scatter * own[a]);
-    let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
-    v.map(|x| x / norm)
+    unit_vector(std::array::from_fn(|a| main[a] + scatter * own[a]))
 }
 
-/// The mode of a gripped object that rings.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct ObjectMode {
     pub hz: f64,
@@ -179,8 +166,7 @@ pub(crate) struct ObjectMode {
 impl ObjectMode {
     /// `hz` is the catalogue's; 0 for an object that does not ring.
     pub(crate) fn draw(rng: &mut Rng, hz: f64) -> Option<Self> {
-        let (spread, damping) =
-            (exp(OBJECT_SPREAD * rng.normal()), rng.log_between(OBJECT_DAMPING.0, OBJECT_DAMPING.1));
+        let (spread, damping) = (exp(OBJECT_SPREAD * rng.normal()), rng.log_uniform(OBJECT_DAMPING));
         (hz > 0.0).then_some(Self { hz: hz * spread, damping })
     }
 }

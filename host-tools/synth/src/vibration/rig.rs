@@ -3,8 +3,8 @@
 
 use serde::Serialize;
 
-use super::signal::{Harmonics, sin_turns};
-use super::{Clock, Scene, TOUCHED_N};
+use super::scene::{Motion, Scene, TOUCHED_N};
+use super::signal::{Harmonics, add_scaled, sin_turns};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 
@@ -15,7 +15,6 @@ const PER_MM: (f64, f64) = (2.0, 40.0);
 const ORDERS: usize = 5;
 /// Level at the accelerometer through the clamped object, g rms of the vector.
 const THROUGH_OBJECT_G: (f64, f64) = (0.2e-3, 4e-3);
-/// Level through the table, g rms.
 const THROUGH_TABLE_G: (f64, f64) = (0.05e-3, 0.5e-3);
 /// Holding hum of the drive at standstill, through the table: chance, level in g rms, frequency in Hz.
 const HUM_CHANCE: f64 = 0.5;
@@ -30,30 +29,27 @@ const HIGHEST_HZ: f64 = 3_600.0;
 /// Direction, unit vector: mostly along the pull.
 const DIRECTION: [f64; 3] = [0.188, 0.941, 0.282];
 
-/// One drive.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Rig {
-    /// Cycles per mm of travel.
     pub per_mm: f64,
     /// Level through the clamped object, g rms.
     pub object_g: f64,
-    /// Level through the table, g rms.
     pub table_g: f64,
-    comb: Harmonics,
+    pub comb: Harmonics,
     /// Level of the holding hum, g rms, its frequency, Hz, and phase, turns.
-    hum: (f64, f64, f64),
+    pub hum: (f64, f64, f64),
 }
 
 impl Rig {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
         Self {
-            per_mm: rng.log_between(PER_MM.0, PER_MM.1),
-            object_g: rng.log_between(THROUGH_OBJECT_G.0, THROUGH_OBJECT_G.1),
-            table_g: rng.log_between(THROUGH_TABLE_G.0, THROUGH_TABLE_G.1),
+            per_mm: rng.log_uniform(PER_MM),
+            object_g: rng.log_uniform(THROUGH_OBJECT_G),
+            table_g: rng.log_uniform(THROUGH_TABLE_G),
             comb: Harmonics::draw(rng, (1..=ORDERS).map(|k| 1.0 / k as f64)),
             hum: (
-                if rng.chance(HUM_CHANCE) { 1.0 } else { 0.0 } * rng.log_between(HUM_G.0, HUM_G.1),
-                rng.log_between(HUM_HZ.0, HUM_HZ.1),
+                if rng.chance(HUM_CHANCE) { 1.0 } else { 0.0 } * rng.log_uniform(HUM_G),
+                rng.log_uniform(HUM_HZ),
                 rng.between(0.0, 1.0),
             ),
         }
@@ -67,16 +63,16 @@ impl Rig {
 
     /// Add to the acceleration at the part. The levels are those at the accelerometer, so the comb does
     /// not pass the finger's modes once more.
-    pub(crate) fn add(&self, scene: &Scene<'_>, clock: Clock, motion_g: &mut [[f64; 3]]) {
+    pub(crate) fn add(&self, scene: &Scene<'_>, motion: &mut Motion) {
         if scene.hand_held {
             return;
         }
-        let last = scene.crosshead_mm.len() - 1;
-        for (n, out) in motion_g.iter_mut().enumerate() {
-            let t = clock.time(n);
+        let last = scene.timeline.crosshead_mm.len() - 1;
+        for (t, out) in motion.samples() {
             let x = (t * STEP_HZ).min(last as f64);
             let step = (x as usize).min(last.saturating_sub(1));
-            let [from, to] = [scene.crosshead_mm[step], scene.crosshead_mm[(step + 1).min(last)]];
+            let [from, to] =
+                [scene.timeline.crosshead_mm[step], scene.timeline.crosshead_mm[(step + 1).min(last)]];
             let speed = (to - from).abs() * STEP_HZ;
             let mut value = 0.0;
             if speed > 1e-6 {
@@ -84,7 +80,7 @@ impl Rig {
                 let clamped = if scene.shared_table {
                     1.0
                 } else if scene.linked {
-                    ((scene.grip_n[step] - TOUCHED_N) / CLAMPED_N).clamp(0.0, 1.0)
+                    ((scene.timeline.grip_n[step] - TOUCHED_N) / CLAMPED_N).clamp(0.0, 1.0)
                 } else {
                     0.0
                 };
@@ -96,9 +92,7 @@ impl Rig {
             } else if self.hum.0 > 0.0 {
                 value = self.hum.0 * std::f64::consts::SQRT_2 * sin_turns(self.hum.1 * t + self.hum.2);
             }
-            for (o, d) in out.iter_mut().zip(DIRECTION) {
-                *o += d * value;
-            }
+            add_scaled(out, value, DIRECTION);
         }
     }
 }

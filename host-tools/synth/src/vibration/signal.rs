@@ -26,9 +26,13 @@ pub(crate) fn sin_turns(turns: f64) -> f64 {
         - q * (1.0 / 6.0) * (1.0 - q * (1.0 / 20.0) * (1.0 - q * (1.0 / 42.0) * (1.0 - q * (1.0 / 72.0)))))
 }
 
-/// `cos(2π · turns)`.
 pub(crate) fn cos_turns(turns: f64) -> f64 {
     sin_turns(turns + 0.25)
+}
+
+/// `out += factor · v`.
+pub(crate) fn add_scaled(out: &mut [f64; 3], factor: f64, v: [f64; 3]) {
+    out.iter_mut().zip(v).for_each(|(out, v)| *out += factor * v);
 }
 
 /// A periodic tone of several harmonics. Only its fundamental is computed; the others follow by rotation.

@@ -5,9 +5,9 @@ use libm::{exp, log, pow};
 use serde::Serialize;
 use slipsense::params::{MAX_SENSORS, XL_RATE_HZ};
 
-use super::signal::{Harmonics, Noise, blend, blend_rms};
-use super::{Clock, SlipSeries};
-use crate::draw::{Draw, Rng};
+use super::scene::{Motion, SlipSeries};
+use super::signal::{Harmonics, Noise, add_scaled, blend, blend_rms};
+use crate::draw::{Draw, Rng, unit_vector};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
 use crate::timeline::Pulse;
@@ -51,7 +51,6 @@ const STICK_MAX_HZ: f64 = 2_200.0;
 /// Relative jitter of a quasi-periodic train, and the chance of a Poisson train instead.
 const STICK_JITTER: (f64, f64) = (0.2, 0.4);
 const STICK_POISSON: f64 = 0.3;
-/// Duration of a pulse, seconds.
 const STICK_WIDTH_S: (f64, f64) = (0.2e-3, 2e-3);
 /// Micro-slip while slip spreads: pulses as the whole patch lets go once, amplitude over gross, and the
 /// growth of the sliding share in one step at which that amplitude is reached.
@@ -75,7 +74,6 @@ struct Line {
     shape: Harmonics,
 }
 
-/// Stick-slip of a surface.
 #[derive(Clone, Debug, Serialize)]
 struct Stick {
     /// Mean peak of gross slip's pulses at the reference, g.
@@ -104,7 +102,6 @@ pub(crate) struct Surface {
 
 /// One patch rubbing on a surface: [`STEP_HZ`] values per second.
 pub(crate) struct Rubbing {
-    /// Speed of what slides.
     pub speed_mm_s: Vec<f64>,
     /// How much of the patch slides, 0–1.
     pub share: Vec<f64>,
@@ -114,7 +111,6 @@ pub(crate) struct Rubbing {
 }
 
 impl Rubbing {
-    /// The interface of one finger.
     pub(crate) fn from_slip(slip: &SlipSeries) -> Self {
         let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(SPEED_MM_S.1);
         Self {
@@ -148,8 +144,7 @@ impl Surface {
 
     /// A table, a floor, a box: what a gripped object is dragged over.
     pub(crate) fn table(rng: &mut Rng) -> Self {
-        let (ra, wavelength) =
-            (rng.log_between(TABLE_UM.0, TABLE_UM.1), rng.log_between(TABLE_MM.0, TABLE_MM.1));
+        let (ra, wavelength) = (rng.log_uniform(TABLE_UM), rng.log_uniform(TABLE_MM));
         let (share, stick) = (rng.between(0.0, 0.6), rng.between(0.0, 0.8));
         Self::new(rng, ra, &[wavelength], share, (stick, 0.1))
     }
@@ -161,31 +156,31 @@ impl Surface {
         line_share: f64,
         (stick_slip, slack): (f64, f64),
     ) -> Self {
-        let roughness = pow(roughness_um, rng.between(ROUGHNESS_EXPONENT.0, ROUGHNESS_EXPONENT.1));
+        let roughness = pow(roughness_um, rng.uniform(ROUGHNESS_EXPONENT));
         let level_g = LEVEL_G * roughness * exp(LEVEL_SPREAD * rng.normal());
-        let exponent = rng.between(LINE_EXPONENT.0, LINE_EXPONENT.1);
+        let exponent = rng.uniform(LINE_EXPONENT);
         let rms = 1.0 / (texture_mm.len() as f64).sqrt();
         let peaks = (1..=LINES).map(|k| pow(k as f64, -exponent));
         let lines: Vec<Line> = texture_mm
             .iter()
             .map(|&wavelength_mm| Line { wavelength_mm, rms, shape: Harmonics::draw(rng, peaks.clone()) })
             .collect();
-        let spacing_mm_per_n = 2.0 * slack / rng.log_between(STICK_N_PER_MM.0, STICK_N_PER_MM.1);
+        let spacing_mm_per_n = 2.0 * slack / rng.log_uniform(STICK_N_PER_MM);
         // A train of half-sines of mean peak m, exponentially spread, has a mean square of
         // rate · m² · width: that fixes m.
         let rate = (REFERENCE_MM_S / (spacing_mm_per_n * REFERENCE_N)).min(STICK_MAX_HZ);
         let width = (STICK_WIDTH_S.1 - STICK_WIDTH_S.0) / log(STICK_WIDTH_S.1 / STICK_WIDTH_S.0);
-        let jitter = rng.between(STICK_JITTER.0, STICK_JITTER.1);
+        let jitter = rng.uniform(STICK_JITTER);
         Self {
             level_g,
-            speed_exponent: rng.between(SPEED_EXPONENT.0, SPEED_EXPONENT.1),
-            force_exponent: rng.between(FORCE_EXPONENT.0, FORCE_EXPONENT.1),
-            asperity_mm: rng.log_between(ASPERITY_MM.0, ASPERITY_MM.1),
+            speed_exponent: rng.uniform(SPEED_EXPONENT),
+            force_exponent: rng.uniform(FORCE_EXPONENT),
+            asperity_mm: rng.log_uniform(ASPERITY_MM),
             line_share: if lines.is_empty() { 0.0 } else { line_share },
             lines,
             stick: Stick {
                 peak_g: STICK_LEVEL * stick_slip * level_g / (rate * width).sqrt(),
-                speed_exponent: rng.between(STICK_SPEED_EXPONENT.0, STICK_SPEED_EXPONENT.1),
+                speed_exponent: rng.uniform(STICK_SPEED_EXPONENT),
                 spacing_mm_per_n,
                 jitter: (!rng.chance(STICK_POISSON)).then_some(jitter),
             },
@@ -205,16 +200,10 @@ impl Surface {
         self.stick.spacing_mm_per_n
     }
 
-    /// Asperity noise and texture lines, weighted by the share of the load that slides, into `buffer`
+    /// Asperity noise and texture lines, weighted by the share of the load that slides, into `force`
     /// times `gain`.
-    pub(crate) fn add_rubbing(
-        &self,
-        rubbing: &Rubbing,
-        gain: f64,
-        clock: Clock,
-        rng: &mut Rng,
-        buffer: &mut [[f64; 3]],
-    ) {
+    pub(crate) fn add_rubbing(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng, force: &mut Motion) {
+        let rate_hz = force.clock.rate_hz;
         let steps = rubbing.speed_mm_s.len();
         let audible = |i: usize| rubbing.share[i] > 1e-3 && rubbing.speed_mm_s[i] > SPEED_MM_S.0;
         let level = |i: usize| {
@@ -230,8 +219,8 @@ impl Surface {
         let mut noise = Noise::default();
         let mut fades = vec![[0.0; LINES]; self.lines.len()];
         let (mut step, mut from, mut to, mut weight) = (usize::MAX, 0.0, 0.0, 0.0);
-        for (n, out) in buffer.iter_mut().enumerate() {
-            let x = clock.time(n) * STEP_HZ;
+        for (t, out) in force.samples() {
+            let x = t * STEP_HZ;
             let now = x as usize;
             if now + 1 >= steps {
                 break;
@@ -242,7 +231,7 @@ impl Surface {
                 step = now;
                 if from > 0.0 || to > 0.0 {
                     let speed = rubbing.speed_mm_s[now].max(rubbing.speed_mm_s[now + 1]);
-                    weight = blend(speed / self.asperity_mm, clock.rate_hz);
+                    weight = blend(speed / self.asperity_mm, rate_hz);
                     for (fades, line) in fades.iter_mut().zip(&self.lines) {
                         for (k, fade) in fades.iter_mut().enumerate() {
                             let hz = (k + 1) as f64 * speed / line.wavelength_mm;
@@ -266,9 +255,7 @@ impl Surface {
             let v: [f64; 3] = std::array::from_fn(|a| {
                 noise_gain * NOISE_AXES[a] * white[a] + line_gain * LINE_AXES[a] * tone
             });
-            for (o, v) in out.iter_mut().zip(rubbing.turned(now, v)) {
-                *o += level * v;
-            }
+            add_scaled(out, level, rubbing.turned(now, v));
         }
     }
 
@@ -294,10 +281,10 @@ impl Surface {
                 let scatter = rng.direction();
                 pulses.push(Pulse {
                     at_s: (i as f64 + within) / STEP_HZ,
-                    width_s: rng.log_between(STICK_WIDTH_S.0, STICK_WIDTH_S.1),
+                    width_s: rng.log_uniform(STICK_WIDTH_S),
                     peak_g: mean_g * -log(rng.between(1e-4, 1.0)),
                     direction: rubbing
-                        .turned(i, unit([1.0 + 0.5 * scatter[0], 0.5 * scatter[1], scatter[2]])),
+                        .turned(i, unit_vector([1.0 + 0.5 * scatter[0], 0.5 * scatter[1], scatter[2]])),
                     share: [1.0; MAX_SENSORS],
                 });
             };
@@ -325,9 +312,4 @@ impl Surface {
         }
         pulses
     }
-}
-
-fn unit(v: [f64; 3]) -> [f64; 3] {
-    let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
-    v.map(|x| x / norm)
 }

@@ -17,12 +17,11 @@ pub(crate) enum NoiseSource {
     Rail,
     Drag,
     DragPulses,
-    AutoregressiveNoise,
+    Autoregressive,
     Aftershocks,
     Nearby,
 }
 
-/// NoiseStreams of the sources of one finger.
 pub(crate) struct NoiseStreams {
     rng: Rng,
     /// Stream of the finger, where every source has one of its own.

@@ -3,10 +3,15 @@
 mod slip;
 mod surroundings;
 
+use super::signal::cos_turns;
 use super::*;
+use crate::check::{largest, median, near, quantile, within};
 use crate::draw::{Stream, stream};
+use crate::friction::STEP_HZ;
+use crate::objects::Object;
 use crate::objects::{Kind, named};
-use libm::{cos, exp, log, sin};
+use crate::timeline::{Pulse, Timeline};
+use libm::{cos, exp, log, sin, sincos};
 use std::f64::consts::TAU;
 
 const RATE_HZ: f64 = 8_000.0;
@@ -17,6 +22,11 @@ fn rng(seed: u64) -> Rng {
 
 fn clock(seconds: f64) -> Clock {
     Clock { rate_hz: RATE_HZ, drift_per_s: 0.0, start: 0.0, samples: (seconds * RATE_HZ) as usize }
+}
+
+/// A still finger.
+fn still(seconds: f64) -> Motion {
+    Motion::still(0, clock(seconds))
 }
 
 /// Gross slip along the finger at constant speed and grip.
@@ -44,49 +54,31 @@ fn plain() -> &'static Object {
     }))
 }
 
-/// Series of a scene in which a grip is held and nothing else happens.
-struct Held {
-    grip_n: Vec<f64>,
-    crosshead_mm: Vec<f64>,
-    still: Vec<f64>,
-    full: Vec<f64>,
+/// A grip is held, the crosshead moves, and nothing else happens.
+fn held(grip_n: f64, crosshead_mm_s: f64, seconds: f64) -> Timeline {
+    let mut timeline = Timeline::new(seconds);
+    timeline.grip_n.fill(grip_n);
+    timeline.motion.fill(1.0);
+    for (i, mm) in timeline.crosshead_mm.iter_mut().enumerate() {
+        *mm = i as f64 * crosshead_mm_s / STEP_HZ;
+    }
+    timeline
 }
 
-impl Held {
-    fn new(grip_n: f64, crosshead_mm_s: f64, seconds: f64) -> Self {
-        let steps = (seconds * STEP_HZ) as usize + 2;
-        Self {
-            grip_n: vec![grip_n; steps],
-            crosshead_mm: (0..steps).map(|i| i as f64 * crosshead_mm_s / STEP_HZ).collect(),
-            still: vec![0.0; steps],
-            full: vec![1.0; steps],
-        }
-    }
-
-    fn scene(&self, model: VibrationModel) -> Scene<'_> {
-        Scene {
-            platform: Platform::Umi,
-            model,
-            content: VibrationContent::All,
-            rig_leak: true,
-            hand_held: false,
-            linked: true,
-            shared_table: false,
-            object: plain(),
-            grip_n: &self.grip_n,
-            crosshead_mm: &self.crosshead_mm,
-            jaw: &self.still,
-            motor: &self.still,
-            drag: &self.still,
-            drag_mm_s: &self.still,
-            motion: &self.full,
-            ambient: &self.still,
-            pulses: &[],
-        }
+fn scene(timeline: &Timeline) -> Scene<'_> {
+    Scene {
+        platform: Platform::Umi,
+        model: VibrationModel::Modal,
+        content: VibrationContent::All,
+        rig_leak: true,
+        hand_held: false,
+        linked: true,
+        shared_table: false,
+        object: plain(),
+        timeline,
     }
 }
 
-/// Vector rms.
 fn rms(g: &[[f64; 3]]) -> f64 {
     (g.iter().flatten().map(|x| x * x).sum::<f64>() / g.len() as f64).sqrt()
 }
@@ -110,22 +102,16 @@ fn rms_above_10_hz(g: &[[f64; 3]]) -> f64 {
 
 /// Power at a frequency, summed over the axes.
 fn power_at(g: &[[f64; 3]], hz: f64) -> f64 {
-    (0..3)
-        .map(|axis| {
-            let (mut re, mut im) = (0.0, 0.0);
-            for (n, x) in g.iter().enumerate() {
-                let phase = TAU * hz * n as f64 / RATE_HZ;
-                re += x[axis] * cos(phase);
-                im += x[axis] * sin(phase);
-            }
-            re * re + im * im
-        })
-        .sum()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    let (sin_step, cos_step) = sincos(TAU * hz / RATE_HZ);
+    let (mut c, mut s) = (1.0, 0.0);
+    let mut sums = [[0.0; 2]; 3];
+    for x in g {
+        for (sum, x) in sums.iter_mut().zip(x) {
+            *sum = [sum[0] + x * c, sum[1] + x * s];
+        }
+        (c, s) = (c * cos_step - s * sin_step, s * cos_step + c * sin_step);
+    }
+    sums.iter().flatten().map(|x| x * x).sum()
 }
 
 /// Slope of a least-squares line through the logarithms.
@@ -139,25 +125,22 @@ fn slope(points: &[(f64, f64)]) -> f64 {
 
 #[test]
 fn the_polynomial_sine_is_a_sine() {
-    let worst = (-4000..4000)
-        .map(|i| {
-            let turns = i as f64 * 0.000_731;
-            (sin_turns(turns) - sin(TAU * turns)).abs().max((cos_turns(turns) - cos(TAU * turns)).abs())
-        })
-        .fold(0.0, f64::max);
-    println!("largest error of the sine: {worst:.1e}, expected below 4e-6");
-    assert!(worst < 4e-6);
+    let worst = largest((-4000..4000).map(|i| {
+        let turns = f64::from(i) * 0.000_731;
+        (sin_turns(turns) - sin(TAU * turns)).abs().max((cos_turns(turns) - cos(TAU * turns)).abs())
+    }));
+    within("largest error of the sine", worst, ..4e-6);
 }
 
 #[test]
 fn a_drifting_clock_and_its_inverse_agree() {
     let clock = Clock { rate_hz: 8_180.0, drift_per_s: 5e-6, start: 0.4, samples: 1_000_000 };
-    let worst = (0..1_000_000)
-        .step_by(997)
-        .map(|n| (clock.periods(clock.time(n)) - n as f64).abs())
-        .fold(0.0, f64::max);
-    println!("clock against its inverse over two minutes: {worst:.1e} samples");
-    assert!(worst < 1e-6);
+    let off = |n: usize| (clock.periods(clock.time(n)) - n as f64).abs();
+    within(
+        "clock against its inverse over two minutes",
+        largest((0..1_000_000).step_by(997).map(off)),
+        ..1e-6,
+    );
     let ends = clock.ends(28_800, 240.0);
     assert!(ends.windows(2).all(|w| (33..=35).contains(&(w[1] - w[0]))));
 }

@@ -3,9 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use slipsense_synth::objects::{
-    CATALOGUE, Form, Group, Kind, Object, Shape, Surface, gap_mm, gent_mpa, group, named, of_group,
-};
+use super::*;
 
 fn forms(held_out: bool) -> BTreeSet<String> {
     group(held_out).filter_map(|o| o.relief).map(|r| format!("{:?}", r.form)).collect()
@@ -83,26 +81,48 @@ fn gents_formula_gives_the_moduli_of_the_shore_blocks() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_by_name() {
-    let refused = |change: fn(&mut Object)| {
+fn what_cannot_be_is_refused_by_field() {
+    type Change = fn(&mut Object);
+    let cases: [(Change, &str); 16] = [
+        (|o| o.mu_static = 0.0, "mu_static is 0, must be a finite number above 0"),
+        (|o| o.mu_static = 50.0, "mu_static is 50, must be at most 3"),
+        (|o| o.mu_static = f64::NAN, "mu_static is NaN, must be a finite number above 0"),
+        (|o| o.mu_kinetic = 0.9, "mu_kinetic is 0.9, must be at most mu_static"),
+        (|o| o.roughness_um = -1.0, "roughness_um is -1, must be a finite number above 0"),
+        (|o| o.roughness_um = f64::NAN, "roughness_um is NaN, must be a finite number above 0"),
+        (|o| o.roughness_um = 1e4, "roughness_um is 10000, must be at most 100"),
+        (|o| o.texture_mm = vec![0.5, 3.0], "texture_mm is 3, must be 0.05 to 2"),
+        (|o| o.texture_mm = vec![-0.5], "texture_mm is -0.5, must be 0.05 to 2"),
+        (|o| o.mass_g = f64::INFINITY, "mass_g is inf, must be a finite number above 0"),
+        (|o| o.mass_g = -3.0, "mass_g is -3, must be a finite number above 0"),
+        (
+            |o| o.shape = Shape::Sphere { radius_mm: 0.0 },
+            "shape.radius_mm is 0, must be a finite number above 0",
+        ),
+        (
+            |o| o.shape = Shape::Sphere { radius_mm: 12.0 },
+            "shape (width across its axis) is 24, must be at most the pad's 22.4 mm",
+        ),
+        (
+            |o| o.shape = Shape::Sphere { radius_mm: 0.1 },
+            "shape (smallest width) is 0.2, must be at least 1 mm, about a taxel",
+        ),
+        (
+            |o| o.surface = Surface::Rubber { shore_a: 100.0, depth_mm: 1.0 },
+            "surface.shore_a is 100, must be 10 to 98, where Gent's formula holds",
+        ),
+        (
+            |o| o.surface = Surface::Elastic { modulus_mpa: 0.01, depth_mm: 10.0 },
+            "surface (modulus over depth, kPa/mm) is 1, must be at least 100",
+        ),
+    ];
+    for (change, rule) in cases {
         let mut object = named("usb-a-plug").unwrap().clone();
         change(&mut object);
-        object.check().unwrap_err()
-    };
-    assert_eq!(refused(|o| o.mu_static = 0.0).field, "mu_static");
-    assert_eq!(refused(|o| o.mu_kinetic = 0.9).rule, "at most mu_static");
-    assert_eq!(refused(|o| o.roughness_um = -1.0).field, "roughness_um");
-    assert_eq!(refused(|o| o.roughness_um = f64::NAN).field, "roughness_um");
-    assert_eq!(refused(|o| o.shape = Shape::Sphere { radius_mm: 0.0 }).field, "shape.radius_mm");
-    assert_eq!(refused(|o| o.texture_mm = vec![0.5, 3.0]).value, 3.0);
-    assert_eq!(refused(|o| o.mass_g = f64::INFINITY).field, "mass_g");
-    let soft = |o: &mut Object| o.surface = Surface::Rubber { shore_a: 100.0, depth_mm: 1.0 };
-    assert_eq!(refused(soft).field, "surface.shore_a");
-    let edge = |o: &mut Object| o.shape = Shape::Flat { width_mm: 1.0, length_mm: 30.0, edge_mm: 0.8 };
-    assert_eq!(refused(edge).field, "shape.edge_mm");
-    let wide = refused(|o| o.shape = Shape::Sphere { radius_mm: 12.0 }).to_string();
-    assert_eq!(
-        wide,
-        "object \"usb-a-plug\": shape (width across its axis) is 24, must be at most the pad's 22.4 mm"
-    );
+        let error = object.check().unwrap_err().to_string();
+        assert_eq!(error, format!("object \"usb-a-plug\": {rule}"));
+    }
+    let mut object = named("usb-a-plug").unwrap().clone();
+    object.shape = Shape::Flat { width_mm: 1.0, length_mm: 30.0, edge_mm: 0.8 };
+    assert_eq!(object.check().unwrap_err().field, "shape.edge_mm");
 }

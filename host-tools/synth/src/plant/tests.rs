@@ -2,13 +2,9 @@
 //! grip does, and what cannot be is refused.
 
 use slipsense::params::TAXELS;
-use slipsense::sensor::XlSample;
-use slipsense_synth::plant::{
-    CommandError, Direction, GRIP_MAX_N, Hand, LOST_MM, Objects, Plant, Trial, trials,
-};
-use slipsense_synth::{Recipe, ScenarioChoice, SynthError};
 
-/// Scans and samples of one frame.
+use super::*;
+
 type Delivered = Vec<([u16; TAXELS], Vec<XlSample>)>;
 
 /// A command: after how many frames it comes, when it starts and ends, and what it commands.
@@ -143,10 +139,12 @@ fn commands_that_cannot_be_are_refused() {
 fn plants_that_cannot_be_are_refused() {
     let recipe = Recipe { scenario: ScenarioChoice::SixStep, ..Recipe::new(1) };
     let refused = Plant::new(&recipe, 1.5).map(drop);
-    assert_eq!(refused, Err(SynthError::PlantScenario(ScenarioChoice::SixStep)));
+    let text = "recipe: scenario is SixStep, a plant takes free_pull or rotation";
+    assert_eq!(refused.unwrap_err().to_string(), text);
     let recipe = Recipe { scenario: ScenarioChoice::FreePull, ..recipe };
     for strength in [0.0, -1.0, f64::INFINITY] {
-        assert_eq!(Plant::new(&recipe, strength).map(drop), Err(SynthError::Strength(strength)));
+        let refused = Plant::new(&recipe, strength).map(drop).unwrap_err().to_string();
+        assert_eq!(refused, format!("strength is {strength}, must be a number above 0"));
     }
 }
 

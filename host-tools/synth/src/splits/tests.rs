@@ -3,20 +3,24 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use slipsense_synth::mix::PROTOCOL;
-use slipsense_synth::splits::{
-    EpisodeSet, PAPER_FRAMES, content_hash, paper_set, recipes, set_hash, tuning_disturbances,
-};
-use slipsense_synth::{
-    ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, ScenarioChoice, Split, generate, objects,
-    plan_frames,
-};
+use super::*;
+use crate::check::within;
+use crate::draw::{Stream, stream};
+use crate::mix::{PROTOCOL, ScenarioChoice};
+use crate::objects::{self, Group};
+use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
+use crate::scenario::script::{PhaseKind, Script};
+use crate::{generate, generate_set, plan_frames};
 
 fn object(recipe: &Recipe) -> &str {
     match &recipe.object {
         ObjectChoice::Named(name) => name,
         other => panic!("{other:?} is drawn, not dealt"),
     }
+}
+
+fn names(objects: impl Iterator<Item = &'static objects::Object>) -> BTreeSet<&'static str> {
+    objects.map(|object| object.name.as_str()).collect()
 }
 
 fn objects_of(recipes: &[Recipe]) -> BTreeSet<&str> {
@@ -33,6 +37,11 @@ fn counts<K: Ord>(keys: impl Iterator<Item = K>) -> BTreeMap<K, usize> {
     counts
 }
 
+/// Largest count less the smallest.
+fn spread<K>(counts: &BTreeMap<K, usize>) -> usize {
+    counts.values().max().unwrap() - counts.values().min().unwrap()
+}
+
 fn slips(recipes: &[Recipe]) -> Vec<&Recipe> {
     recipes.iter().filter(|recipe| recipe.scenario == ScenarioChoice::SixStep).collect()
 }
@@ -45,8 +54,7 @@ fn small_sets_have_the_mix_too() {
         for &(scenario, weight) in PROTOCOL.weights() {
             let count = all[..length].iter().filter(|recipe| recipe.scenario == scenario).count() as f64;
             let must = (length * weight) as f64 / weights as f64;
-            println!("{length} episodes: {count} {scenario:?}, proportion asks for {must:.2}");
-            assert!((count - must).abs() < 1.0, "{scenario:?} of {length}: {count}, {must}");
+            within(format!("{scenario:?} of {length} episodes, proportion {must}"), count - must, -1.0..1.0);
         }
     }
 }
@@ -55,9 +63,7 @@ fn small_sets_have_the_mix_too() {
 #[test]
 fn tuning_sees_nothing_of_a_test() {
     let tuning: Vec<Recipe> = tuning_disturbances(80).into_iter().map(|(_, recipe)| recipe).collect();
-    let val: BTreeSet<&str> =
-        objects::of_group(objects::Group::Val).map(|object| object.name.as_str()).collect();
-    assert_eq!(objects_of(&tuning), val);
+    assert_eq!(objects_of(&tuning), names(objects::of_group(Group::Val)));
     assert!(tuning.iter().all(|recipe| recipe.scenario == ScenarioChoice::Disturbances));
     let seeds: BTreeSet<u64> = tuning.iter().map(|recipe| recipe.seed).collect();
     assert_eq!(seeds.len(), tuning.len());
@@ -77,36 +83,25 @@ fn speeds_and_objects_take_turns() {
         let slips = slips(&recipes);
         let speeds = counts(slips.iter().map(|recipe| recipe.speed_mm_s.unwrap() as u32));
         let per_object = counts(slips.iter().map(|recipe| object(recipe)));
-        let (least, most) = (speeds.values().min().unwrap(), speeds.values().max().unwrap());
         println!("{split}: {} slips; by speed {speeds:?}; by object {per_object:?}", slips.len());
         assert_eq!(speeds.len(), SPEEDS_MM_S.len(), "{split}");
-        assert!(most - least <= 2, "{split}: {speeds:?}");
-        if split != Split::Tesollo2 {
-            let (least, most) = (per_object.values().min().unwrap(), per_object.values().max().unwrap());
-            assert!(most - least <= 1, "{split}: {per_object:?}");
-        }
+        assert!(spread(&speeds) <= 2, "{split}: {speeds:?}");
+        assert!(split == Split::Tesollo2 || spread(&per_object) <= 1, "{split}: {per_object:?}");
     }
     // As soon as there can be, there is every pair of object and speed.
     let recipes = first(Split::UmiOod, 9, 100);
-    let pairs: BTreeSet<_> = slips(&recipes)
-        .iter()
-        .map(|recipe| (object(recipe).to_owned(), recipe.speed_mm_s.unwrap() as u32))
-        .collect();
+    let slips = slips(&recipes);
+    let pairs: BTreeSet<_> = slips.iter().map(|r| (object(r), r.speed_mm_s.unwrap() as u32)).collect();
     let must = objects::group(true).count() * SPEEDS_MM_S.len();
-    println!(
-        "umi_ood: {} of {must} pairs of object and speed in {} slips",
-        pairs.len(),
-        slips(&recipes).len()
-    );
-    assert_eq!(pairs.len(), must.min(slips(&recipes).len()));
+    println!("umi_ood: {} of {must} pairs of object and speed in {} slips", pairs.len(), slips.len());
+    assert_eq!(pairs.len(), must.min(slips.len()));
 }
 
 #[test]
 fn groups_of_objects_do_not_mix() {
-    let of = |split| first(split, 0, 120);
-    let all = Split::ALL.map(|split| (split, of(split)));
-    let get = |split| objects_of(&all.iter().find(|(s, _)| *s == split).unwrap().1);
-    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name.as_str()).collect();
+    let all = BTreeMap::from(Split::ALL.map(|split| (split, first(split, 0, 120))));
+    let get = |split| objects_of(&all[&split]);
+    let held_out: BTreeSet<_> = names(objects::group(true));
     let (train, val) = (get(Split::Train), get(Split::Val));
     assert_eq!(train, get(Split::UmiId), "new grasps of the same objects");
     assert!(train.is_disjoint(&val) && train.is_disjoint(&held_out) && val.is_disjoint(&held_out));
@@ -117,8 +112,7 @@ fn groups_of_objects_do_not_mix() {
     for split in [Split::Tesollo2, Split::Tesollo3] {
         let recipes = first(split, 0, 40);
         let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
-        println!("{split}: {unseen} of {} episodes with objects never trained on", recipes.len());
-        assert!((18..=22).contains(&unseen), "half the time");
+        within(format!("{split}: episodes of 40 with objects never trained on"), unseen as f64, 18.0..=22.0);
         assert!(objects_of(&recipes).is_disjoint(&val));
     }
 }
@@ -149,16 +143,10 @@ fn hands_regions_and_sensors() {
 #[test]
 fn the_free_split_pulls_all_ways_and_twists() {
     let recipes = first(Split::Free, 0, Split::Free.frozen_episodes());
-    let scenarios = counts(recipes.iter().map(|recipe| format!("{:?}", recipe.scenario)));
-    println!("{scenarios:?}");
-    assert_eq!(
-        scenarios,
-        BTreeMap::from(
-            [("FreePull", 40), ("Rotation", 32), ("FreeGrasp", 8)]
-                .map(|(scenario, count)| (scenario.to_owned(), count))
-        )
-    );
-    let held_out: BTreeSet<_> = objects::group(true).map(|object| object.name.as_str()).collect();
+    let of = |scenario| recipes.iter().filter(|recipe| recipe.scenario == scenario).count();
+    use ScenarioChoice::{FreeGrasp, FreePull, Rotation};
+    assert_eq!([FreePull, Rotation, FreeGrasp].map(of), [40, 32, 8]);
+    let held_out: BTreeSet<_> = names(objects::group(true));
     let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
     assert_eq!(unseen, 40, "half the time");
     assert!(recipes.iter().all(|r| r.pull_angle_deg.is_some() == (r.scenario == ScenarioChoice::FreePull)));
@@ -203,7 +191,6 @@ fn no_two_episodes_share_a_seed() {
 /// without their last 11 bits.
 #[test]
 fn seeds_follow_the_written_rule() {
-    use slipsense_synth::splits::episode_seed;
     assert_eq!(episode_seed(Split::UmiOod, 3, 41), 0xc366_8284_ab7d_911f >> 11);
 }
 
@@ -214,7 +201,10 @@ fn frames_decide_where_a_set_ends_and_a_larger_set_begins_with_the_smaller() {
     let (last, before) = frames.split_last().unwrap();
     let before: usize = before.iter().sum();
     assert!(before < 30_000 && before + last >= 30_000);
-    let small = recipes(Split::Train, 2, 5_000);
+    let recipes = |seed, frames| -> Vec<Recipe> {
+        EpisodeSet::new(Split::Train, seed, frames).episodes.into_iter().map(|e| e.recipe).collect()
+    };
+    let small = recipes(2, 5_000);
     assert!(
         set.episodes.iter().map(|episode| &episode.recipe).zip(&small).all(|(large, small)| large == small)
     );
@@ -222,8 +212,8 @@ fn frames_decide_where_a_set_ends_and_a_larger_set_begins_with_the_smaller() {
         EpisodeSet::first(Split::Train, 2, 7),
         EpisodeSet::new(Split::Train, 2, frames[..7].iter().sum())
     );
-    assert_ne!(recipes(Split::Train, 3, 5_000)[0], small[0]);
-    assert!(recipes(Split::Train, 0, 0).is_empty());
+    assert_ne!(recipes(3, 5_000)[0], small[0]);
+    assert!(recipes(0, 0).is_empty());
 }
 
 #[test]
@@ -241,22 +231,12 @@ fn the_paper_sized_set() {
     let sets = paper_set(0, PAPER_FRAMES);
     let total: usize = sets.iter().map(EpisodeSet::total_frames).sum();
     for set in &sets {
-        let recipes: Vec<_> = set.episodes.iter().map(|episode| episode.recipe.clone()).collect();
-        let (slips, share) = (slips(&recipes).len(), set.total_frames() as f64 / total as f64);
-        println!(
-            "{:>8}: {} episodes, {} frames ({:.1} %), {slips} with slip",
-            set.split,
-            set.episodes.len(),
-            set.total_frames(),
-            100.0 * share
-        );
-        if set.split == Split::Train {
-            assert!(share > 0.25, "train has {share:.2} of the frames");
-            let last = set.episodes.last().unwrap().frames;
-            println!("{total} frames, {last} of them in the last episode of train");
-            assert!((PAPER_FRAMES..PAPER_FRAMES + last).contains(&total));
-        }
+        println!("{:>8}: {} episodes, {} frames", set.split, set.episodes.len(), set.total_frames());
     }
+    assert_eq!(sets[0].split, Split::Train);
+    within("share of train", sets[0].total_frames() as f64 / total as f64, 0.25..);
+    let last = sets[0].episodes.last().unwrap().frames;
+    assert!((PAPER_FRAMES..PAPER_FRAMES + last).contains(&total), "{total} frames");
     assert_eq!(sets.iter().map(|set| set.split).collect::<BTreeSet<_>>(), Split::PAPER.into());
 }
 
@@ -322,4 +302,84 @@ fn the_content_hash_sees_every_array() {
         assert!(hashes.insert(content_hash(&other)), "{what} is content");
     }
     assert_ne!(set_hash(["a", "b"]), set_hash(["b", "a"]));
+}
+
+fn pulls_that_slip(split: Split) -> usize {
+    let pulls = |recipe: &Recipe| {
+        let resolved = recipe.resolve().unwrap();
+        let script = Script::draw(&mut stream(recipe.seed, Stream::Script, 0), &resolved);
+        if resolved.slips() { script.phases_of(PhaseKind::Pull).count() } else { 0 }
+    };
+    let set = EpisodeSet::first(split, FROZEN_SEED, split.frozen_episodes());
+    set.episodes.iter().map(|episode| pulls(&episode.recipe)).sum()
+}
+
+#[test]
+fn the_test_splits_slip_as_often_as_the_papers() {
+    let umi = [Split::UmiId, Split::UmiOod].map(pulls_that_slip);
+    let transfer = [Split::Palm, Split::Tesollo2, Split::Tesollo3].map(pulls_that_slip);
+    assert!(umi.iter().all(|&slips| slips >= 84) && umi[0] + umi[1] >= 167);
+    assert!(transfer.iter().all(|&slips| slips > 30));
+    assert_eq!(pulls_that_slip(Split::Noslip), 0);
+    assert!(pulls_that_slip(Split::Free) >= 72);
+}
+
+/// Test splits, which have a manifest.
+fn frozen() -> impl Iterator<Item = FrozenSet> {
+    Split::ALL
+        .into_iter()
+        .filter(|split| split.frozen_episodes() > 0)
+        .map(|split| split.frozen().expect("a manifest that is not damaged"))
+}
+
+#[test]
+fn frozen_recipes_are_those_of_the_splits() {
+    let sets = frozen().map(|frozen| {
+        let today = EpisodeSet::new(frozen.split, frozen.seed, frozen.frames);
+        assert_eq!(frozen.set().difference(&today), None, "{}", frozen.split);
+    });
+    assert_eq!(sets.count(), Split::ALL.len() - 1);
+}
+
+/// The shortest episode of every split, and of every scenario on every hand; the whole sets are compared by the
+/// example `freeze`.
+#[test]
+fn a_sample_has_the_frozen_content() {
+    let mut episodes: Vec<_> =
+        frozen().flat_map(|set| set.episodes.into_iter().map(move |e| (set.split, e))).collect();
+    episodes.sort_by_key(|(_, episode)| episode.frames);
+    let (mut splits, mut kinds) = (BTreeSet::new(), BTreeSet::new());
+    episodes.retain(|(split, FrozenEpisode { recipe: r, .. })| {
+        let kind = format!("{:?} {:?} {:?} {}", r.scenario, r.platform, r.region, r.rig_leak);
+        splits.insert(*split) | kinds.insert(kind)
+    });
+    assert_eq!(splits.len(), Split::ALL.len() - 1);
+    let names: Vec<&str> = episodes.iter().map(|(_, episode)| episode.name.as_str()).collect();
+    println!("{names:?}: {} frames", episodes.iter().map(|(_, episode)| episode.frames).sum::<usize>());
+    let recipes: Vec<_> = episodes.iter().map(|(_, episode)| episode.recipe.clone()).collect();
+    let made = generate_set(&recipes, |_, episode| (episode.frames(), content_hash(&episode))).unwrap();
+    for ((_, frozen), (frames, hash)) in episodes.iter().zip(made) {
+        assert_eq!((frames, &hash), (frozen.frames, &frozen.hash), "{}", frozen.name);
+    }
+}
+
+#[test]
+fn damaged_manifests_are_refused_by_field() {
+    let text = Split::Val.frozen().unwrap().to_text();
+    assert_eq!(FrozenSet::parse(&text).unwrap(), Split::Val.frozen().unwrap(), "text and back");
+    let frames = format!("\"frames\":{}", Split::Val.frozen().unwrap().frames);
+    let first_hash = Split::Val.frozen().unwrap().episodes[0].hash.clone();
+    for (from, to, rule) in [
+        ("\"format\":1", "\"format\":7", "`format` is 7"),
+        ("\"seed\":0,", "", "missing field `seed`"),
+        ("\"split\":\"val\"", "\"split\":\"vale\"", "vale"),
+        ("val-00001", "val-00003", "`episodes[1].name` is \"val-00003\""),
+        (&frames, "\"frames\":12", "`frames` is 12"),
+        (&first_hash, "0123", "`hash` of val-00000"),
+        ("\n]}", "", "is damaged"),
+    ] {
+        assert!(text.contains(from), "{from} is in the manifest");
+        let error = FrozenSet::parse(&text.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(error.contains(rule) && error.lines().count() == 1, "{error:?} says {rule:?}");
+    }
 }

@@ -4,22 +4,20 @@ use libm::pow;
 use nalgebra::{DMatrix, DVector};
 use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::is_active;
-use slipsense_synth::film::creep::{Creep, TERMS};
-use slipsense_synth::film::crosstalk::Crosstalk;
-use slipsense_synth::film::hysteresis::{Hysteresis, PLAYS};
-use slipsense_synth::film::transfer::{EXPONENT, FULL_SCALE_KPA, asymptote_counts, conductance, counts};
+
+use super::creep::{Creep, TERMS};
+use super::crosstalk::Crosstalk;
+use super::hysteresis::{Hysteresis, PLAYS};
+use super::transfer::{EXPONENT, FULL_SCALE_KPA, asymptote_counts, conductance, counts};
+use crate::check::{near, within};
 
 #[test]
 fn light_grips_read_five_counts_per_kpa_and_5_mpa_is_full_scale() {
     for exponent in [EXPONENT - 0.05, EXPONENT, EXPONENT + 0.05] {
         for kpa in [0.1, 1.0, 5.0, 20.0] {
-            let gain = counts(kpa, exponent) / kpa;
-            println!("m = {exponent:.2}, {kpa:>4} kPa: {gain:.2} counts/kPa, at least 5 asked for");
-            assert!(gain >= 5.0);
+            within(format!("m {exponent:.2}, {kpa} kPa: counts/kPa"), counts(kpa, exponent) / kpa, 5.0..);
         }
-        let full = counts(FULL_SCALE_KPA, exponent);
-        println!("m = {exponent:.2}, 5 MPa: {full:.0} counts, full scale {COUNT_MAX}");
-        assert!((full / f64::from(COUNT_MAX) - 1.0).abs() < 0.02);
+        near("5 MPa, counts", counts(FULL_SCALE_KPA, exponent), f64::from(COUNT_MAX), 0.02);
     }
     assert_eq!(counts(0.0, EXPONENT), 0.0);
 }
@@ -39,9 +37,7 @@ fn creep_rises_by_its_share_per_decade() {
         let extra = loaded(&creep, &mut [0.0; TERMS], 101.0);
         let at = |t: f64| extra[(t / DT) as usize] / 50.0;
         for (from, to) in [(0.1, 1.0), (1.0, 10.0), (10.0, 100.0)] {
-            let rise = at(to) - at(from);
-            println!("{from} to {to} s: {:.2} %, expected {:.2} %", rise * 100.0, per_decade * 100.0);
-            assert!((rise / per_decade - 1.0).abs() < 0.12);
+            near(format!("rise from {from} to {to} s"), at(to) - at(from), per_decade, 0.12);
         }
     }
 }
@@ -58,14 +54,10 @@ fn creep_recovers_more_slowly_than_it_builds_up() {
         // The slow half: from 70 % on, in both directions.
         let up = rise.iter().position(|&e| e > 0.7 * last).unwrap() as f64 * DT;
         let down = fall.iter().position(|&e| e < 0.3 * 0.1 * last).unwrap() as f64 * DT;
-        println!(
-            "70 % built up in {up:.2} s, recovered in {down:.2} s; left at once {:.3} of {last:.2} kPa",
-            fall[0]
-        );
-        assert!(down > slowdown * up);
-        assert!(fall[0] < 0.11 * last && fall.is_sorted_by(|a, b| a >= b));
-        let milli_count_kpa = 1e-3 / 5.0;
-        assert!(fall[0] > 100.0 * milli_count_kpa, "there is something to recover from");
+        within(format!("70 % recovered in, s, against {up:.2} s"), down, slowdown * up..);
+        // A tenth of a count at least, so that there is something to recover from.
+        within("left at once, kPa", fall[0], 0.1 / 5.0..0.11 * last);
+        assert!(fall.is_sorted_by(|a, b| a >= b));
     }
 }
 
@@ -87,9 +79,7 @@ fn hysteresis_loop_is_as_drawn_for_light_grips_and_at_full_scale() {
     for share in [0.02, 0.05, 0.08] {
         let film = Hysteresis::new(share);
         for peak_kpa in [10.0, 50.0, 250.0, 1000.0, FULL_SCALE_KPA] {
-            let width = loop_width(&film, peak_kpa);
-            println!("0 to {peak_kpa:>4} kPa: loop {:.2} %, drawn {:.0} %", width * 100.0, share * 100.0);
-            assert!((width / share - 1.0).abs() < 0.15);
+            near(format!("loop from 0 to {peak_kpa} kPa"), loop_width(&film, peak_kpa), share, 0.15);
         }
     }
 }
@@ -202,23 +192,14 @@ fn first_order_crosstalk_is_close_to_the_whole_network() {
     for (name, kpa) in &grips {
         for (line, leak) in [(0.001, 0.002), (0.003, 0.006), (0.01, 0.02)] {
             let (worst, rms, bare) = errors(kpa, line, leak);
-            println!(
-                "{name}, R_on {line}, leak {:.1} %: off by {worst:.2} counts at most, rms {rms:.3}; \
-                 without crosstalk rms {bare:.3}",
-                leak * 100.0
-            );
-            assert!(rms < 0.03 * bare, "{name}: more than second-order terms are missing");
-            assert!(worst < 0.5, "{name}: a taxel is off by more than rounding");
+            println!("{name}, R_on {line}, leak {leak}: without crosstalk rms {bare:.3} counts");
+            // No more than second-order terms are missing, no taxel is off by more than rounding.
+            within("rms error, counts", rms, ..0.03 * bare);
+            within("largest error, counts", worst, ..0.5);
         }
     }
-    let (worst, rms, bare) = errors(&patch(16.0, 16.0, (9.0, 9.0), 600.0), 0.01, 0.02);
-    let share = worst / counts(600.0, EXPONENT);
-    println!(
-        "flat, 50 N, worst readout: off by {worst:.1} counts, {:.2} % of the peak; rms {rms:.2}, without \
-         crosstalk {bare:.1}",
-        share * 100.0
-    );
-    assert!(share < 0.01);
+    let (worst, ..) = errors(&patch(16.0, 16.0, (9.0, 9.0), 600.0), 0.01, 0.02);
+    within("flat, 50 N, worst readout: error over the peak", worst / counts(600.0, EXPONENT), ..0.01);
 }
 
 #[test]
@@ -232,12 +213,7 @@ fn three_corners_show_a_fourth_only_in_a_floating_read() {
     for line in [0.001, 0.01] {
         let ghost = asymptote_counts() * floating(&g, 1.0 / line, 20, 20);
         let held = asymptote_counts() * nodal(&g, 1.0 / line, 0.0)[20 * TAXEL_COLS + 20];
-        println!(
-            "R_on {line}: corners {corner:.0} counts; fourth corner {ghost:.1} floating (a third: {:.1}), \
-             {held:.4} at zero potential",
-            corner / 3.0
-        );
-        assert!((ghost / (corner / 3.0) - 1.0).abs() < 0.05);
-        assert!(held < 0.01 * ghost);
+        near(format!("R_on {line}: fourth corner floating, a third"), ghost, corner / 3.0, 0.05);
+        within("at zero potential", held, ..0.01 * ghost);
     }
 }

@@ -1,0 +1,42 @@
+//! What the tests share: print what was measured beside what is expected, and hold it to that.
+
+use std::fmt::{Debug, Display};
+use std::ops::RangeBounds;
+
+/// Off by less than `share` of what is expected.
+#[track_caller]
+pub(crate) fn near(what: impl Display, measured: f64, expected: f64, share: f64) {
+    let off = measured / expected - 1.0;
+    println!("{what}: {measured:.4}, expected {expected:.4} ({:+.1} %)", 100.0 * off);
+    assert!(off.abs() < share, "{what}: {measured}, expected {expected} within {share}");
+}
+
+#[track_caller]
+pub(crate) fn within(what: impl Display, measured: f64, expected: impl RangeBounds<f64> + Debug) {
+    println!("{what}: {measured:.4}, expected {expected:?}");
+    assert!(expected.contains(&measured), "{what}: {measured}, expected {expected:?}");
+}
+
+pub(crate) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Mean square about the mean.
+pub(crate) fn variance(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / values.len() as f64
+}
+
+/// The value that this share of all lies below.
+pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[((values.len() as f64 * share) as usize).min(values.len() - 1)]
+}
+
+pub(crate) fn median(values: Vec<f64>) -> f64 {
+    quantile(values, 0.5)
+}
+
+pub(crate) fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::NEG_INFINITY, f64::max)
+}

@@ -93,6 +93,9 @@ pub const STEPS: &[Step] = &[
     Step::new("clippy", "lints of the whole workspace, warnings denied", clippy).daily().compiles(),
     Step::new("host-build", "host programs and tests of the whole workspace", host_build).daily().compiles(),
     Step::new("host", "host tests of the whole workspace", host).daily().after(&["host-build"]),
+    Step::new("documents", "links, commands and sizes of the documents are right", documents)
+        .daily()
+        .after(&["host-build"]),
     Step::new(
         "qemu-demo",
         "the demo episode on the emulated Cortex-M7, raw frames plain and compressed",
@@ -308,6 +311,12 @@ fn build_firmware(Context { size, .. }: Context) -> Result<()> {
     };
     let bins = emulated.iter().flat_map(|program| ["--bin", program]);
     run(Toolchain::get()?.cargo("build").args(["--package", machine::PACKAGE]).args(bins))
+}
+
+fn documents(context: Context) -> Result<()> {
+    let mut check = command("python3");
+    check.arg("tests/python/check_documents.py").arg(program("slipsense", context)?);
+    run(check.arg(std::env::current_exe()?))
 }
 
 fn equal(options: &qemu::Options) -> Result<()> {

@@ -12,7 +12,7 @@ use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
 use slipsense_recording::Episode;
 
-use crate::trouble::{self, Kind, Trouble};
+use crate::fault_injection::{self, Fault, Kind};
 use crate::xl::{self, Readouts, Xl};
 
 const DEVID_AD: u8 = 0x00;
@@ -39,7 +39,7 @@ const CHANNEL_ID: u8 = 1 << 6;
 /// OP_MODE's modes that deliver 8 kHz: high performance.
 const HIGH_PERFORMANCE: u8 = 12;
 const ENTRIES: usize = 315;
-/// Samples that it makes in the time of one while its oscillator is in trouble: 133 in a frame, and the FIFO holds 105.
+/// Samples that it makes in the time of one while its oscillator is in fault: 133 in a frame, and the FIFO holds 105.
 const TOO_FAST: usize = 4;
 
 /// The part.
@@ -50,7 +50,7 @@ pub struct Adxl380 {
     batch: Vec<i16>,
     episode: Option<Arc<Episode>>,
     sensor: usize,
-    troubles: Vec<Trouble>,
+    faults: Vec<Fault>,
     period_ns: f64,
     registers: [u8; 128],
     fifo: VecDeque<(u8, i16)>,
@@ -73,7 +73,7 @@ impl Adxl380 {
         episode: Option<Arc<Episode>>,
         sensor: usize,
         error: f64,
-        troubles: Vec<Trouble>,
+        faults: Vec<Fault>,
         readouts: Readouts,
     ) -> Self {
         let mut part = Self {
@@ -81,7 +81,7 @@ impl Adxl380 {
             batch: Vec::new(),
             episode,
             sensor,
-            troubles,
+            faults,
             period_ns: 1e9 / Xl::Adxl380.rate_hz(error),
             registers: [0; 128],
             fifo: VecDeque::with_capacity(ENTRIES + 3),
@@ -118,7 +118,7 @@ impl Adxl380 {
         while self.made < due {
             self.made += 1;
             let at = since + (self.made as f64 * self.period_ns) as u64;
-            let in_trouble = |what| trouble::active(&self.troubles, at).any(|kind| kind == what);
+            let in_trouble = |what| fault_injection::active(&self.faults, at).any(|kind| kind == what);
             if in_trouble(Kind::AccelerometerStops) {
                 continue;
             }
@@ -128,7 +128,7 @@ impl Adxl380 {
     }
 
     fn make_sample(&mut self) {
-        let sample = xl::felt(self.episode.as_deref(), self.sensor, self.played);
+        let sample = xl::true_sample(self.episode.as_deref(), self.sensor, self.played);
         self.played += 1;
         if self.register(DIG_EN) & FIFO_ENABLE == 0 {
             return;

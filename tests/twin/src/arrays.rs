@@ -21,9 +21,9 @@ use rigless::time::{EventId, VirtualNanos};
 use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense_recording::Episode;
 
-use crate::steady::{self, Steady};
-use crate::tapped::Tap;
-use crate::trouble::{self, Kind, Trouble};
+use crate::bus_tap::Tap;
+use crate::fault_injection::{self, Fault, Kind};
+use crate::scan_fast_path::{self, FastScan};
 
 /// Inputs of ADC1 that the arrays are at: PA3, PC0, PB1 (`src/firmware/bin/app/pins.rs`).
 pub const CHANNELS: [u8; MAX_SENSORS] = [15, 10, 5];
@@ -65,7 +65,7 @@ const TIM8_TRGO: u64 = 7 << 5;
 #[derive(Debug)]
 pub struct Arrays {
     episode: Option<Arc<Episode>>,
-    troubles: Vec<Trouble>,
+    faults: Vec<Fault>,
     /// Address now and before, and since when.
     address: usize,
     before: usize,
@@ -75,7 +75,7 @@ pub struct Arrays {
     frame_before: usize,
     triggered: bool,
     /// The scan that needs no event per slot.
-    pub steady: Steady,
+    pub fast_scan: FastScan,
     /// Triggers that came while a sequence was running.
     pub lost_triggers: u64,
     /// Conversions whose input had not settled to within half a code.
@@ -86,18 +86,18 @@ pub struct Arrays {
 pub type Shared = Arc<Mutex<Arrays>>;
 
 impl Arrays {
-    /// Arrays that feel what the episode's felt; without one they feel nothing.
-    pub fn new(episode: Option<Arc<Episode>>, troubles: Vec<Trouble>) -> Shared {
+    /// Arrays under the pressure of the episode; none without an episode.
+    pub fn new(episode: Option<Arc<Episode>>, faults: Vec<Fault>) -> Shared {
         Arc::new(Mutex::new(Self {
             episode,
-            troubles,
+            faults,
             address: 0,
             before: 0,
             since_ns: 0,
             frame: 0,
             frame_before: 0,
             triggered: false,
-            steady: Steady::default(),
+            fast_scan: FastScan::default(),
             lost_triggers: 0,
             unsettled: 0,
         }))
@@ -125,7 +125,7 @@ impl Arrays {
 
     /// Code at the input of a sensor's array at an instant.
     pub fn code(&mut self, sensor: usize, at_ns: u64) -> u32 {
-        if trouble::active(&self.troubles, at_ns).any(|kind| kind == Kind::AdcStuck) {
+        if fault_injection::active(&self.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;
         }
         let old = self.count(self.frame_before, self.before, sensor);
@@ -156,7 +156,7 @@ pub struct AddressLines(pub Shared);
 
 impl Tap<Gpio> for AddressLines {
     fn show(&mut self, registers: &mut RegisterFile, now: VirtualNanos) {
-        steady::show_port(&self.0, registers, now.0);
+        scan_fast_path::show_port(&self.0, registers, now.0);
     }
 
     /// A set/reset of address lines alone stays here: the emulator would tell every edge to thirty models that can
@@ -182,7 +182,7 @@ impl Tap<Gpio> for AddressLines {
     fn after(&mut self, _: &mut Gpio, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         let lines = registers.get(PortRegister::Odr) >> FIRST_PIN;
         let mut arrays = lock(&self.0);
-        if !arrays.steady.runs() {
+        if !arrays.fast_scan.runs() {
             arrays.addressed(lines as usize % TAXELS, context.now().0);
         }
     }
@@ -198,7 +198,7 @@ pub struct Trigger {
 
 impl Tap<Tim<Advanced>> for Trigger {
     fn read_instead(&mut self, row: usize, registers: &RegisterFile, now: VirtualNanos) -> Option<u64> {
-        let count = steady::count(&self.shared, now.0)?;
+        let count = scan_fast_path::count(&self.shared, now.0)?;
         let file = || Register::from_index(row).map_or(0, |register| registers.get(register));
         Some(if row == Register::Cnt.index() { count } else { file() })
     }
@@ -211,37 +211,37 @@ impl Tap<Tim<Advanced>> for Trigger {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        let runs = lock(&self.shared).steady.runs();
+        let runs = lock(&self.shared).fast_scan.runs();
         let starts = row == Register::Cr1.index() && value & CEN != 0;
-        if !runs && starts && steady::start(&self.shared, context) {
+        if !runs && starts && scan_fast_path::start(&self.shared, context) {
             return;
         }
         if runs && (starts || row != Register::Cr1.index()) {
             context.tell("CR1", "a write to the timer of a scan that runs: needs --slow");
         }
         if runs {
-            steady::stop(&self.shared, context.now().0);
+            scan_fast_path::stop(&self.shared, context.now().0);
         }
         if row == Register::Egr.index() {
-            lock(&self.shared).steady.fresh = value & UG != 0 && registers.get(Register::Cr1) & CEN == 0;
+            lock(&self.shared).fast_scan.fresh = value & UG != 0 && registers.get(Register::Cr1) & CEN == 0;
         }
         ErasedDevice::write(timer, row, value, registers, context);
     }
 
     fn event_instead(&mut self, event: EventId, context: &mut DeviceContext<'_>) -> bool {
-        steady::frame_ended(&self.shared, event, context)
+        scan_fast_path::frame_ended(&self.shared, event, context)
     }
 
     fn answered(&mut self, token: u64, value: u64, context: &mut DeviceContext<'_>) {
-        steady::answered(&self.shared, token, value, context);
+        scan_fast_path::answered(&self.shared, token, value, context);
     }
 
     fn on_clock(&mut self, hz: u64, now: VirtualNanos) {
-        lock(&self.shared).steady.timer = (now.0, hz);
+        lock(&self.shared).fast_scan.timer = (now.0, hz);
     }
 
     fn reset(&mut self) {
-        steady::reset(&self.shared);
+        scan_fast_path::reset(&self.shared);
     }
 
     fn after(&mut self, timer: &mut Tim<Advanced>, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
@@ -327,9 +327,9 @@ impl Tap<Adc> for TriggeredInputs {
                 .set(AdcRegister::Cr, registers.get(AdcRegister::Cr) & !(ADSTART | ADSTP) | value & ADSTP);
         }
         {
-            let steady = &mut lock(&self.shared).steady;
-            steady.armed = self.armed && self.external == EXTEN_RISING | TIM8_TRGO;
-            if steady.runs() && row != AdcRegister::Isr.index() {
+            let fast_scan = &mut lock(&self.shared).fast_scan;
+            fast_scan.armed = self.armed && self.external == EXTEN_RISING | TIM8_TRGO;
+            if fast_scan.runs() && row != AdcRegister::Isr.index() {
                 context.tell("CR", "a write to the ADC of a scan that runs: needs --slow");
             }
         }
@@ -352,7 +352,7 @@ impl Tap<Adc> for TriggeredInputs {
 
     fn on_clock(&mut self, hz: u64, _now: VirtualNanos) {
         self.clock_hz = hz;
-        lock(&self.shared).steady.adc_hz = hz;
+        lock(&self.shared).fast_scan.adc_hz = hz;
     }
 
     fn reset(&mut self) {
@@ -370,7 +370,7 @@ pub struct Streams {
 
 impl Tap<Dma> for Streams {
     fn show(&mut self, registers: &mut RegisterFile, now: VirtualNanos) {
-        steady::show_stream(&self.shared, self.codes, registers, now.0);
+        scan_fast_path::show_stream(&self.shared, self.codes, registers, now.0);
     }
 
     fn write(
@@ -381,10 +381,10 @@ impl Tap<Dma> for Streams {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        if steady::is_in_use(&self.shared, self.codes, row) {
+        if scan_fast_path::is_in_use(&self.shared, self.codes, row) {
             context.tell("CR", "a write to a stream of a scan that runs: needs --slow");
         }
         ErasedDevice::write(dma, row, value, registers, context);
-        steady::stream_written(&self.shared, self.codes, registers);
+        scan_fast_path::stream_written(&self.shared, self.codes, registers);
     }
 }

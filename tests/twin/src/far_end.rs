@@ -26,8 +26,8 @@ pub struct FarEnd {
     pending: Vec<u8>,
     /// Entries of the wires' log that have been looked at.
     seen: usize,
-    /// What the program wants of the supply: see [`Supply::fail_at`](crate::supply::Supply::fail_at).
-    pub supply_fails_at: Option<Vec<u64>>,
+    /// What the program wants of the supply: see [`PowerFaults::fail_at`](crate::power_faults::PowerFaults::fail_at).
+    pub power_fails_at: Option<Vec<u64>>,
 }
 
 impl FarEnd {
@@ -37,7 +37,7 @@ impl FarEnd {
         println!("{}", listener.local_addr()?.port());
         let (stream, _) = listener.accept()?;
         stream.set_nodelay(true)?;
-        Ok(Self { stream, pending: Vec::new(), seen: 0, supply_fails_at: None })
+        Ok(Self { stream, pending: Vec::new(), seen: 0, power_fails_at: None })
     }
 
     /// Carry frames both ways. `false`: the program is gone.
@@ -54,7 +54,7 @@ impl FarEnd {
             if identifier == SUPPLY {
                 let (steps, rest) = data.as_chunks();
                 ensure!(rest.is_empty(), "the far end says half a step of the flash");
-                self.supply_fails_at = Some(steps.iter().map(|&step| u64::from_le_bytes(step)).collect());
+                self.power_fails_at = Some(steps.iter().map(|&step| u64::from_le_bytes(step)).collect());
                 continue;
             }
             let frame = Frame::new(Id::Extended(identifier), Format::FD, &data);

@@ -2,8 +2,8 @@
 //! episode.
 //!
 //! The model (DS-000347 rev 1.6) has registers, FIFO and packets, and makes the samples that fell due whenever it is
-//! selected or written to, all of them from the one acceleration that it was told last. So each sample is an event
-//! here, 125 µs after the one before: the model is told what it feels and selected, and makes this one sample. If
+//! selected or written to, all of them from the one acceleration set last. So each sample is an event
+//! here, 125 µs after the one before: the model gets the acceleration and is selected, and makes this one sample. If
 //! somebody is just reading it, the address of the byte that comes next is given to it once more, which for a FIFO is
 //! the same port (14.24 of the model) and for other registers the next one, so that the reader notices nothing. Amid a
 //! packet it waits for the packet's last byte, because the model drops what is left of one when it makes a sample.
@@ -101,12 +101,12 @@ impl Icm42688 {
         }
     }
 
-    /// Tells the model what it feels in the sample that is due by now.
+    /// Gives the model the acceleration in the sample that is due by now.
     fn feel(&mut self, now: u64) {
         while let Some(at) = self.next.filter(|at| *at <= now) {
             // Millionths of g; the model's rounding gives the very count back.
-            let felt = xl::felt(self.episode.as_deref(), self.sensor, self.made);
-            let [x, y, z] = felt.map(|count| {
+            let true_sample = xl::true_sample(self.episode.as_deref(), self.sensor, self.made);
+            let [x, y, z] = true_sample.map(|count| {
                 let scaled = i64::from(count) * 1_000_000;
                 ((scaled + scaled.signum() * (LSB_PER_G / 2)) / LSB_PER_G) as i32
             });

@@ -20,13 +20,13 @@ use slipsense_recording::Episode;
 
 use crate::adxl380::Adxl380;
 use crate::arrays::{AddressLines, Arrays, REFERENCE_MV, Shared, Streams, Trigger, TriggeredInputs, lock};
+use crate::bus_tap::Tapped;
+use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam};
 use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
-use crate::steady::Settings;
-use crate::tapped::Tapped;
-use crate::trouble::Trouble;
+use crate::scan_fast_path::Settings;
 use crate::window::Windowed;
 use crate::xl::{Readouts, Xl};
 
@@ -52,7 +52,7 @@ pub struct Fitted {
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
     pub xl_error: f64,
     /// What happens.
-    pub troubles: Vec<Trouble>,
+    pub faults: Vec<Fault>,
     /// Every event of the scan one by one, and every access through the MPU.
     pub slow: bool,
 }
@@ -92,8 +92,8 @@ impl Mcu743 {
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
-        let arrays = Arrays::new(fitted.episode.clone(), fitted.troubles.clone());
-        lock(&arrays).steady.enabled = !fitted.slow;
+        let arrays = Arrays::new(fitted.episode.clone(), fitted.faults.clone());
+        lock(&arrays).fast_scan.enabled = !fitted.slow;
         // A second part, for its models of these: the emulator's own are fields that cannot be built from outside.
         let spare = Stm32h743::new()?;
         let [_, _, _, _, port, ..] = spare.gpio;
@@ -171,9 +171,9 @@ impl Mcu for Mcu743 {
         }
         let [port, timer, adc, codes, addresses] = self.tapped_slots;
         if slot == timer {
-            let steady = &mut lock(&self.arrays).steady;
-            if steady.enabled && !steady.runs() {
-                steady.settings = Settings::read(self.part.bus());
+            let fast_scan = &mut lock(&self.arrays).fast_scan;
+            if fast_scan.enabled && !fast_scan.runs() {
+                fast_scan.settings = Settings::read(self.part.bus());
             }
         }
         match slot {
@@ -210,7 +210,7 @@ impl Twin {
         for converter in &mut mcu.part.adc {
             converter.set_reference(RAIL_MV);
         }
-        mcu.fdcan[0].wire.troubles = fitted.troubles.clone();
+        mcu.fdcan[0].wire.faults = fitted.faults.clone();
         let sensors = fitted.episode.as_ref().map_or(0, |episode| episode.sensors);
         let readouts: [Readouts; CHIP_SELECTS.len()] = Default::default();
         for (sensor, (port, pin)) in CHIP_SELECTS.into_iter().enumerate().take(sensors) {
@@ -220,8 +220,8 @@ impl Twin {
             let spi = &mut mcu.part.spi[XL_SPI];
             match fitted.xl {
                 Xl::Adxl380 => {
-                    let troubles = fitted.troubles.clone();
-                    let part = Adxl380::new(episode, sensor, fitted.xl_error, troubles, readouts);
+                    let faults = fitted.faults.clone();
+                    let part = Adxl380::new(episode, sensor, fitted.xl_error, faults, readouts);
                     spi.attach_selected(part, select);
                 }
                 Xl::Icm42688 => spi.attach_selected(Icm42688::new(episode, sensor, readouts), select),
@@ -257,7 +257,7 @@ impl Board for Twin {
 ///
 /// With the MPU on, the emulator checks each access to memory that only the default map grants, one by one: a third of
 /// the time that a run takes. So there is one with `slow` only. All that the firmware's regions refuse is address
-/// space without memory, which is told as unmapped; the caches that they are for are not modelled.
+/// space without memory, which is reported as unmapped; the caches that they are for are not modelled.
 fn core(mcu: &Mcu743, slow: bool) -> armv7m::Config {
     let lines = u32::from(Operate::cpu(mcu).interrupt_lines);
     let core = armv7m::Core {

@@ -7,7 +7,7 @@ mod adxl380;
 mod arrays;
 mod compare;
 mod far_end;
-mod faults;
+mod fault_schedule;
 mod fdcan;
 mod flash_wait;
 mod icm42688;
@@ -20,11 +20,11 @@ mod restarts;
 mod rtt;
 mod run;
 mod settings;
-mod steady;
-mod supply;
-mod tapped;
-mod told;
-mod trouble;
+mod scan_fast_path;
+mod power_faults;
+mod bus_tap;
+mod diagnostics;
+mod fault_injection;
 mod window;
 mod xl;
 
@@ -34,8 +34,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
+use fault_injection::{Fault, Kind};
 use slipsense_recording::Episode;
-use trouble::{Kind, Trouble};
 use xl::Xl;
 
 /// Of an ADXL380's oscillator, if nothing else is asked for.
@@ -47,8 +47,8 @@ const XL_ERROR_PERCENT: f64 = 0.7;
   cargo xtask twin                                         one virtual second without sensors
   cargo xtask twin host-tools/cli/demo/episode.npz         play an episode through the sensors
   cargo xtask twin EPISODE.npz --xl icm42688               the firmware for that part, with the emulator's own model
-  cargo xtask twin --seconds 3 --trouble off:0.5-1.5       nobody acknowledges for a second
-  cargo xtask twin EPISODE.npz --faults                    every trouble in turn, and a table of flags and recovery
+  cargo xtask twin --seconds 3 --fault off:0.5-1.5       nobody acknowledges for a second
+  cargo xtask twin EPISODE.npz --faults                    every fault in turn, and a table of flags and recovery
   cargo xtask twin --gdb 3333                              wait for a debugger on this port")]
 struct Arguments {
     /// Episode that the sensor models play, over and over; none: no sensor is fitted.
@@ -80,13 +80,13 @@ struct Arguments {
     /// What happens to bus and sensors, as NAME:FROM-TO in virtual seconds; more than once for more. Bus: off (no
     /// acknowledge), jam (every frame), errors1, errors10 (per cent of the frames), flood (another node's full
     /// frames); sensors: xl-stops, xl-overrun (its FIFO; both the ADXL380's), adc-stuck.
-    #[arg(long, value_parser = trouble::parse)]
-    trouble: Vec<Trouble>,
-    /// Every one of these troubles in turn; fails where one does not show what it must, or does not end.
-    #[arg(long, requires = "episode", conflicts_with_all = ["trouble", "seconds", "far_end"])]
+    #[arg(long, value_parser = fault_injection::parse)]
+    fault: Vec<Fault>,
+    /// Every one of these faults in turn; fails where one does not show what it must, or does not end.
+    #[arg(long, requires = "episode", conflicts_with_all = ["fault", "seconds", "far_end"])]
     faults: bool,
     /// Another firmware than the board's: print its log, which must hold a line with this text.
-    #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "trouble", "faults", "far_end"])]
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "fault", "faults", "far_end"])]
     says: Option<String>,
     /// Run every event of the taxel scan one by one, and check every access by the MPU: the same to the nanosecond,
     /// and many times slower.
@@ -132,17 +132,17 @@ fn main() -> ExitCode {
 }
 
 /// What the emulator's model of the ICM-42688-P cannot do.
-fn check_xl(arguments: &Arguments, troubles: &[Trouble]) -> Result<()> {
+fn check_xl(arguments: &Arguments, faults: &[Fault]) -> Result<()> {
     if arguments.xl != Xl::Icm42688 {
         return Ok(());
     }
     if arguments.xl_error.is_some() {
         bail!("--xl-error: the emulator's ICM-42688-P has no oscillator of its own");
     }
-    let ours = |trouble: &&Trouble| matches!(trouble.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
-    match troubles.iter().find(ours) {
-        Some(trouble) => {
-            bail!("{}: a trouble of the ADXL380's; the emulator's ICM-42688-P has none", trouble.name)
+    let ours = |fault: &&Fault| matches!(fault.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
+    match faults.iter().find(ours) {
+        Some(fault) => {
+            bail!("{}: a fault of the ADXL380's; the emulator's ICM-42688-P has none", fault.name)
         }
         None => Ok(()),
     }
@@ -158,8 +158,8 @@ fn read(path: &Path, xl: Xl) -> Result<Arc<Episode>> {
 }
 
 fn real_main(arguments: &Arguments) -> Result<bool> {
-    let troubles = if arguments.faults { faults::schedule() } else { arguments.trouble.clone() };
-    check_xl(arguments, &troubles)?;
+    let faults = if arguments.faults { fault_schedule::schedule() } else { arguments.fault.clone() };
+    check_xl(arguments, &faults)?;
     let episode = arguments.episode.as_deref().map(|path| read(path, arguments.xl)).transpose()?;
     if let (Some(sensors), Some(episode)) = (arguments.sensors, &episode)
         && usize::from(sensors) > episode.sensors
@@ -167,13 +167,13 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
         bail!("--sensors {sensors}: the episode has {}", episode.sensors);
     }
     let options = run::Options {
-        seconds: if arguments.faults { faults::seconds(&troubles) } else { arguments.seconds },
+        seconds: if arguments.faults { fault_schedule::seconds(&faults) } else { arguments.seconds },
         boot: arguments.boot.clone(),
         episode: episode.clone(),
         sensors: arguments.sensors.map(usize::from),
         xl: arguments.xl,
         xl_error: arguments.xl_error.unwrap_or(XL_ERROR_PERCENT) / 100.0,
-        troubles: troubles.clone(),
+        faults: faults.clone(),
         slow: arguments.slow,
         gdb: arguments.gdb,
         far_end: arguments.far_end,
@@ -192,5 +192,5 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     if let Some(expected) = &arguments.says {
         return Ok(report::print_other(&done, expected));
     }
-    report::print(&done, episode.as_deref(), &troubles, arguments)
+    report::print(&done, episode.as_deref(), &faults, arguments)
 }

@@ -1,16 +1,16 @@
-//! What each trouble of a run did to the slip messages, and how long until all was as before.
+//! What each fault of a run did to the slip messages, and how long until all was as before.
 
 use slipsense::health;
 use slipsense_can_sim::Outcome;
 
 use crate::compare::Slip;
+use crate::fault_injection::Fault;
 use crate::run::Done;
-use crate::trouble::Trouble;
 
-/// What came of one trouble.
+/// What came of one fault.
 #[derive(Clone, Debug)]
 pub struct Recovery {
-    pub trouble: Trouble,
+    pub fault: Fault,
     /// Slip messages that ended on the bus meanwhile, and frames that had none, until the first one after it.
     pub messages: usize,
     pub left_out: usize,
@@ -28,25 +28,25 @@ fn flags(slip: &Slip) -> u8 {
 }
 
 impl Recovery {
-    /// Of each trouble, up to the beginning of the next.
-    pub fn of_run(done: &Done, troubles: &[Trouble], slips: &[Slip]) -> Vec<Self> {
-        let of = |trouble: &Trouble| {
-            let later = troubles.iter().map(|other| other.when.start).filter(|at| *at > trouble.when.start);
+    /// Of each fault, up to the beginning of the next.
+    pub fn of_run(done: &Done, faults: &[Fault], slips: &[Slip]) -> Vec<Self> {
+        let of = |fault: &Fault| {
+            let later = faults.iter().map(|other| other.when.start).filter(|at| *at > fault.when.start);
             let until = later.min().unwrap_or(u64::MAX);
-            let from = slips.partition_point(|slip| slip.end_ns < trouble.when.start);
-            let end = slips.partition_point(|slip| slip.end_ns < trouble.when.end);
+            let from = slips.partition_point(|slip| slip.end_ns < fault.when.start);
+            let end = slips.partition_point(|slip| slip.end_ns < fault.when.end);
             let next = slips.partition_point(|slip| slip.end_ns < until).max(end);
             let before = from.checked_sub(1).map(|last| &slips[last]);
             let new = |slip: &Slip| flags(slip) & !before.map_or(0, flags);
             let after = slips[end..next].first();
             let numbers = before.zip(after).map(|(one, two)| two.message.sequence - one.message.sequence - 1);
             let ill = slips[end..next].iter().rposition(|slip| new(slip) != 0).map_or(0, |last| last + 1);
-            let since = |slip: &Slip| slip.end_ns - trouble.when.end;
+            let since = |slip: &Slip| slip.end_ns - fault.when.end;
             let failed = |logged: &&crate::fdcan::wire::Logged| {
-                trouble.when.contains(&logged.start_ns) && logged.outcome != Outcome::Sent
+                fault.when.contains(&logged.start_ns) && logged.outcome != Outcome::Sent
             };
             Self {
-                trouble: trouble.clone(),
+                fault: fault.clone(),
                 messages: end - from,
                 left_out: numbers.map_or(0, |numbers| (numbers as usize).saturating_sub(end - from)),
                 flags: slips[from..next].iter().fold(0, |flags, slip| flags | new(slip)),
@@ -55,15 +55,15 @@ impl Recovery {
                 healthy_ns: slips[end..next].get(ill).map(since),
             }
         };
-        troubles.iter().map(of).collect()
+        faults.iter().map(of).collect()
     }
 
     fn row(&self) -> String {
         let ms = |ns: Option<u64>| ns.map_or("never".to_owned(), |ns| format!("{:.3}", ns as f64 / 1e6));
-        let when = &self.trouble.when;
+        let when = &self.fault.when;
         format!(
             "{:<11} {:>8.3} {:>8.3} {:>8} {:>8} {:>8} {:>10} {:>10}  {}",
-            self.trouble.name,
+            self.fault.name,
             when.start as f64 / 1e9,
             (when.end - when.start) as f64 / 1e9,
             self.messages,
@@ -83,7 +83,7 @@ pub fn print(recoveries: &[Recovery]) {
     }
     println!(
         "{:<11} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}  flags",
-        "trouble", "at s", "lasts s", "flags on", "frames", "attempts", "first flag", "healthy"
+        "fault", "at s", "lasts s", "flags on", "frames", "attempts", "first flag", "healthy"
     );
     println!(
         "{:<11} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}",

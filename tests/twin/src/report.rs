@@ -5,18 +5,18 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Result;
-use slipsense_recording::candump::CandumpWriter;
 use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
+use slipsense_recording::candump::CandumpWriter;
 
 use crate::Arguments;
 use crate::compare::{Comparison, Slip, can_frame, compare};
-use crate::faults;
+use crate::fault_injection::Fault;
+use crate::fault_schedule;
 use crate::fdcan::wire::{Logged, MCU};
 use crate::recovery::{self, Recovery};
 use crate::restarts;
 use crate::run::{Done, RATE_HZ};
-use crate::trouble::Trouble;
 
 /// Lines of one kind of difference that are shown.
 const SHOWN: usize = 5;
@@ -50,21 +50,21 @@ pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
     Ok(trace.flush()?)
 }
 
-/// Prints everything. `false`: something differs, or something was told without a reason.
+/// Prints everything. `false`: something differs, or the emulator reported something without a known reason.
 pub fn print(
     done: &Done,
     episode: Option<&Episode>,
-    troubles: &[Trouble],
+    faults: &[Fault],
     arguments: &Arguments,
 ) -> Result<bool> {
     if arguments.rtt {
         done.log.iter().for_each(|line| println!("log  {line}"));
     }
     let comparison = compare(done, episode)?;
-    let told = print_told(done);
+    let expected_only = print_reports(done);
     print_bus(done, &comparison);
     print_comparison(done, &comparison, episode.is_some());
-    let recoveries = Recovery::of_run(done, troubles, &comparison.slips);
+    let recoveries = Recovery::of_run(done, faults, &comparison.slips);
     recovery::print(&recoveries);
     let seconds = done.virtual_ns as f64 / 1e9;
     let interrupts: u64 = done.interrupts.values().sum();
@@ -76,17 +76,17 @@ pub fn print(
     if !done.overdrive {
         println!("FAILED: SYSCFG_PWRCR.ODEN is not set: 480 MHz needs voltage scale 0");
     }
-    // With troubles of his own it is the reader who judges: frames are lost on purpose.
+    // With faults from the command line the reader judges: frames are lost on purpose.
     let mut whole = true;
     if arguments.faults {
-        let complaints = faults::complaints(&recoveries);
+        let complaints = fault_schedule::complaints(&recoveries);
         complaints.iter().for_each(|line| println!("FAILED: {line}"));
         whole = complaints.is_empty() && comparison.different.is_empty() && comparison.compared > 0;
-    } else if troubles.is_empty() {
+    } else if faults.is_empty() {
         whole =
             comparison.is_equal(episode.is_some()) && comparison.skipped == 0 && comparison.uneven.is_empty();
     }
-    Ok(told && done.overdrive && whole)
+    Ok(expected_only && done.overdrive && whole)
 }
 
 fn print_time(done: &Done) {
@@ -103,19 +103,19 @@ fn print_time(done: &Done) {
 /// Of another firmware than the board's: its log, and whether it says what it has to.
 pub fn print_other(done: &Done, expected: &str) -> bool {
     done.log.iter().for_each(|line| println!("log  {line}"));
-    let told = print_told(done);
+    let expected_only = print_reports(done);
     let said = done.log.iter().any(|line| line.contains(expected));
     if !said {
         println!("FAILED: the log does not say: {expected}");
     }
     print_time(done);
-    told && said
+    expected_only && said
 }
 
-/// What is to be said of a run that a program at the far end has judged already, in which it let the watchdog bite so
-/// many times. `false`: something was told without a reason, or the watchdog bit another number of times.
+/// The report of a run with a program at the far end, which has judged the run itself. `false`: the emulator reported
+/// something without a known reason, or the watchdog restarted the board another number of times than `bites`.
 pub fn print_far_end(done: &Done, bites: usize) -> bool {
-    let told = print_told(done);
+    let expected_only = print_reports(done);
     restarts::print(done);
     let bitten = restarts::bites(done);
     if bitten != bites {
@@ -128,16 +128,17 @@ pub fn print_far_end(done: &Done, bites: usize) -> bool {
         done.virtual_ns as f64 / 1e9,
         done.wall.as_secs_f64()
     );
-    told && bitten == bites
+    expected_only && bitten == bites
 }
 
-fn print_told(done: &Done) -> bool {
+/// `false`: the emulator reported something without a known reason.
+fn print_reports(done: &Done) -> bool {
     let mut good = true;
-    for told in &done.told {
-        match told.reason {
-            Some(reason) => println!("told {} [expected: {reason}]", told.line),
+    for report in &done.diagnostics {
+        match report.reason {
+            Some(reason) => println!("report {} [expected: {reason}]", report.line),
             None => {
-                println!("TOLD {}", told.line);
+                println!("UNEXPECTED {}", report.line);
                 good = false;
             }
         }

@@ -18,16 +18,16 @@ use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
+use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
+use crate::fault_injection::Fault;
 use crate::fdcan::wire::Logged;
 use crate::flash_wait::FlashWait;
 use crate::machine::{self, Fitted, Twin};
+use crate::power_faults::{Failure, PowerFaults};
 use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
 use crate::settings;
-use crate::supply::{Failure, Supply};
-use crate::told::{self, Told};
-use crate::trouble::Trouble;
 use crate::xl::{Readouts, Xl};
 
 /// How often the log is read: what a probe does.
@@ -55,7 +55,7 @@ pub struct Options {
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
     pub xl_error: f64,
     /// What happens meanwhile.
-    pub troubles: Vec<Trouble>,
+    pub faults: Vec<Fault>,
     /// Every event of the scan one by one.
     pub slow: bool,
     /// Port of a debugger.
@@ -80,8 +80,8 @@ pub struct Done {
     pub resets: Vec<(u64, ResetCause)>,
     /// Lines of the log.
     pub log: Vec<String>,
-    /// What the emulator told.
-    pub told: Vec<Told>,
+    /// What the emulator reported.
+    pub diagnostics: Vec<Diagnostic>,
     /// Voltage scale 0 was asked for, as 480 MHz needs.
     pub overdrive: bool,
     /// Interrupts taken: name and how often.
@@ -106,7 +106,7 @@ struct Recorder {
     overdrive: bool,
     last: Option<Stop>,
     far_end: Option<FarEnd>,
-    supply: Supply,
+    supply: PowerFaults,
     wait: FlashWait,
     /// What went wrong at the far end.
     broken: Option<anyhow::Error>,
@@ -140,7 +140,7 @@ impl Driver<Twin> for Recorder {
             match far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire) {
                 Ok(is_there) => {
                     over |= !is_there;
-                    if let Some(steps) = far_end.supply_fails_at.take() {
+                    if let Some(steps) = far_end.power_fails_at.take() {
                         self.supply.fail_at(steps);
                     }
                 }
@@ -205,7 +205,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         episode: options.episode.clone(),
         xl: options.xl,
         xl_error: options.xl_error,
-        troubles: options.troubles.clone(),
+        faults: options.faults.clone(),
         slow: options.slow,
     };
     let board = Box::new(Twin::new(&fitted)?);
@@ -223,7 +223,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         overdrive: false,
         last: None,
         far_end: if options.far_end { Some(FarEnd::wait()?) } else { None },
-        supply: Supply::default(),
+        supply: PowerFaults::default(),
         wait: FlashWait::default(),
         broken: None,
     };
@@ -254,7 +254,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
     let resets = finished.session.resets().iter().map(|reset| (reset.at.0, reset.cause)).collect();
-    let told = told::collect(&finished.session, options.far_end, options.boot.is_some());
+    let diagnostics = diagnostics::collect(&finished.session, options.far_end, options.boot.is_some());
     let board = finished.session.board_mut();
     let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
     let readouts = board.readouts.iter().map(take).collect();
@@ -267,7 +267,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         failures: driver.supply.failures,
         resets,
         log,
-        told,
+        diagnostics,
         overdrive: driver.overdrive,
         interrupts,
         clock_us: driver.clock_us,

@@ -48,8 +48,8 @@ pub fn note(readouts: &Readouts, at_ns: u64, batch: Vec<XlSample>) {
     }
 }
 
-/// Sample `index` of what a part feels: the episode's, over and over.
-pub fn felt(episode: Option<&Episode>, sensor: usize, index: usize) -> XlSample {
+/// Sample `index` of the true acceleration of a part: the episode's, over and over.
+pub fn true_sample(episode: Option<&Episode>, sensor: usize, index: usize) -> XlSample {
     let samples = episode.and_then(|episode| episode.xl.get(sensor)).filter(|samples| !samples.is_empty());
     samples.map_or_else(XlSample::default, |samples| samples[index % samples.len()])
 }

@@ -32,7 +32,7 @@ const LOOPBACK_PASSED: &str = "loop back passed";
   cargo xtask twin                                         one virtual second without sensors
   cargo xtask twin host-tools/cli/demo/episode.npz         play an episode through the sensors
   cargo xtask twin EPISODE.npz --xl icm42688               with that accelerometer and the firmware for it
-  cargo xtask twin --seconds 3 --trouble off:0.5-1.5       nobody acknowledges for a second
+  cargo xtask twin --seconds 3 --fault off:0.5-1.5       nobody acknowledges for a second
   cargo xtask twin EPISODE.npz --faults                    every fault in turn, and a table of flags and recovery
   cargo xtask twin --long                                  20 s each: two sensors, three, two ICM-42688-P
   cargo xtask twin --updates                               updates over the bus, the supply fails again and again

@@ -15,7 +15,7 @@ impl Fdcan {
             return;
         }
         let offered = self.offer(registers).is_some();
-        let Some(at) = self.heard(registers).next_start(context.now().0, offered) else { return };
+        let Some(at) = self.wire_at_rx(registers).next_start(context.now().0, offered) else { return };
         if self.start.is_none_or(|(_, planned)| at < planned) {
             self.start = Some((context.schedule(VirtualNanos(at)), at));
         }
@@ -36,7 +36,7 @@ impl Fdcan {
         {
             context.tell("FDCAN_TXBRP", "a Tx buffer was changed after its transmission was requested");
         }
-        let end_ns = self.heard(registers).end_ns(&attempt);
+        let end_ns = self.wire_at_rx(registers).end_ns(&attempt);
         let event = context.schedule(VirtualNanos(end_ns));
         self.in_flight = Some(InFlight { attempt, frame, buffer, timestamp, event });
     }
@@ -91,7 +91,7 @@ impl Fdcan {
 
     /// ECR, and the flags of PSR and IR that follow the counters.
     fn update_counters(&mut self, registers: &mut RegisterFile) {
-        let node = *self.heard(registers).bus().node(MCU);
+        let node = *self.wire_at_rx(registers).bus().node(MCU);
         let state = node.state();
         let passive_receiver = node.receive_errors() > 127;
         let counters = u64::from(node.transmit_errors().min(255))
@@ -120,7 +120,7 @@ impl Fdcan {
 
     pub(super) fn recovery_due(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         self.heard_mut(registers).advance(context.now().0);
-        if let Some(at) = self.heard(registers).returns() {
+        if let Some(at) = self.wire_at_rx(registers).returns() {
             self.recovery = Some(context.schedule(VirtualNanos(at)));
             return;
         }

@@ -16,7 +16,7 @@
 //!
 //! Not covered: timeout counter, high-priority status, message RAM watchdog, clock stop's handshake time, restricted
 //! mode's receive path, time-triggered operation, the clock calibration unit, transceiver delay (the wires have
-//! none). A touched register of those is told.
+//! none). An access to those is reported.
 
 mod configuration;
 mod filters;
@@ -59,7 +59,7 @@ pub struct Fdcan {
     ram: MessageRam,
     /// What it is connected to.
     pub wire: Wire,
-    /// What it hears in a loop-back mode: itself.
+    /// The wire in a loop-back mode: its own frames.
     inside: Wire,
     /// Kernel clock.
     clock_hz: u64,
@@ -82,7 +82,7 @@ pub struct Fdcan {
     /// When TSCV was last 0.
     timestamp_from: u64,
     lines: [bool; 2],
-    /// Every register as the last call left it: the bus lets a write land before the model hears of it.
+    /// Every register as the last call left it: the bus lets a write land before the model sees it.
     kept: Vec<u64>,
     /// Interrupts raised: rising edges of either line.
     pub interrupts: u64,
@@ -146,14 +146,14 @@ impl Fdcan {
         registers.get(Register::FdcanCccr) & (cccr::INIT | cccr::CSA) == 0 && self.timing.is_some()
     }
 
-    /// Test modes: in loop back RX is fed from TX inside the instance, and what is on the pin is not heard.
+    /// Test modes: in loop back RX is fed from TX inside the instance, and the pin is not read.
     fn loops(registers: &RegisterFile) -> bool {
         registers.get(Register::FdcanCccr) & cccr::TEST != 0
             && registers.get(Register::FdcanTest) & LOOPBACK != 0
     }
 
-    /// The wires that it hears.
-    fn heard(&self, registers: &RegisterFile) -> &Wire {
+    /// The wire that its receiver reads.
+    fn wire_at_rx(&self, registers: &RegisterFile) -> &Wire {
         if Self::loops(registers) { &self.inside } else { &self.wire }
     }
 
@@ -192,7 +192,7 @@ impl Device for Fdcan {
     ) -> Option<u64> {
         match register {
             Register::FdcanTscv => Some(self.timestamp(registers, context.now().0).into()),
-            // Reading clears what it tells: LEC and DLEC go to "no change", the receive flags and PXE to 0, CEL
+            // Reading clears its flags: LEC and DLEC go to "no change", the receive flags and PXE to 0, CEL
             // to 0 (protocol status register, error counter register).
             Register::FdcanPsr => {
                 let value = registers.get(register);

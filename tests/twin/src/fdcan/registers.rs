@@ -48,7 +48,7 @@ pub enum Rule {
     Special,
 }
 
-/// The rule of a register. Not listed: the time-triggered ones, which are told if they are touched.
+/// The rule of a register. Not listed: the time-triggered ones, whose access is reported.
 pub fn rule(register: Register) -> Option<Rule> {
     use Register as R;
     Some(match register {

@@ -24,7 +24,7 @@ impl Fdcan {
         let (start, ..) = Self::tx_layout(registers);
         let bytes = element_bytes(registers.get(Register::FdcanTxesc));
         let control = registers.get(Register::FdcanCccr);
-        let passive = self.heard(registers).bus().node(MCU).state() == ErrorState::Passive;
+        let passive = self.wire_at_rx(registers).bus().node(MCU).state() == ErrorState::Passive;
         let word = start + buffer as usize * TxElement::words(bytes);
         TxElement::read(&self.ram, word, bytes, control & cccr::FDOE != 0, control & cccr::BRSE != 0, passive)
     }

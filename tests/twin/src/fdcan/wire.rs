@@ -6,7 +6,7 @@ use slipsense_can_sim::{
     Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
 };
 
-use crate::trouble::{self, Kind, Trouble};
+use crate::fault_injection::{self, Fault, Kind};
 
 /// The FDCAN among the two nodes.
 pub const MCU: usize = 0;
@@ -32,7 +32,7 @@ pub struct Logged {
 pub struct Wire {
     bus: Bus<2>,
     /// What happens to the bus.
-    pub troubles: Vec<Trouble>,
+    pub faults: Vec<Fault>,
     /// Frames that the peer sends, each not before its time, in order.
     pub peer_queue: VecDeque<(u64, Frame)>,
     /// Everything that was on the bus.
@@ -51,7 +51,7 @@ impl Default for Wire {
     fn default() -> Self {
         Self {
             bus: Bus::new(UNSET),
-            troubles: Vec::new(),
+            faults: Vec::new(),
             peer_queue: VecDeque::new(),
             log: Vec::new(),
             random: 0x9E37_79B9_7F4A_7C15,
@@ -97,7 +97,7 @@ impl Wire {
     }
 
     fn flooded(&self, now_ns: u64) -> Option<Frame> {
-        trouble::active(&self.troubles, now_ns).find_map(|kind| match kind {
+        fault_injection::active(&self.faults, now_ns).find_map(|kind| match kind {
             Kind::Flood => Frame::new(Id::Extended(FLOOD_ID), Format::FD, &[0x55; 64]).ok(),
             _ => None,
         })
@@ -116,7 +116,7 @@ impl Wire {
         let mine = mine.map(|ready| self.ns(ready).max(now_ns));
         let free = self.bus.ready(PEER).map_or(0, |ready| self.ns(ready)).max(now_ns);
         let due = self.peer_queue.front().map(|(at, _)| (*at).max(free));
-        let flood = self.troubles.iter().filter(|scheduled| scheduled.kind == Kind::Flood);
+        let flood = self.faults.iter().filter(|scheduled| scheduled.kind == Kind::Flood);
         let flood = flood
             .map(|scheduled| scheduled.when.start.max(free))
             .filter(|at| self.flooded(*at).is_some())
@@ -159,10 +159,10 @@ impl Wire {
     }
 
     fn disturbance(&mut self, now_ns: u64, bits: u32) -> Disturbance {
-        let troubles: Vec<Kind> = trouble::active(&self.troubles, now_ns).collect();
+        let faults: Vec<Kind> = fault_injection::active(&self.faults, now_ns).collect();
         let mut disturbance = Disturbance::default();
-        for trouble in troubles {
-            match trouble {
+        for fault in faults {
+            match fault {
                 Kind::NoAcknowledge => disturbance.no_acknowledge = true,
                 Kind::ErrorFrames { per_million } if self.below(1_000_000) < per_million => {
                     disturbance.wrong_bit = Some(self.below(bits));

@@ -9,7 +9,7 @@ const LBCK: u64 = 1 << 4;
 
 /// On the bus in a loop-back mode, nobody outside acknowledging, and a node outside with something to say.
 fn looped(monitors: bool) -> Bench {
-    let off = Trouble { name: "off", kind: Kind::NoAcknowledge, when: 0..u64::MAX };
+    let off = Fault { name: "off", kind: Kind::NoAcknowledge, when: 0..u64::MAX };
     let mut bench = Bench::new(vec![off]);
     bench.configure(0);
     let mode = INIT | CCE | FDOE | BRSE | TEST_ENABLE | if monitors { MON } else { 0 };

@@ -14,8 +14,8 @@ use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
+use crate::fault_injection::{Fault, Kind};
 use crate::machine::{Fitted, Twin};
-use crate::trouble::{Kind, Trouble};
 use crate::xl::Xl;
 
 const FDCAN1: u64 = 0x4000_A000;
@@ -102,8 +102,8 @@ impl Memory for Nothing {
 }
 
 impl Bench {
-    fn new(troubles: Vec<Trouble>) -> Self {
-        let fitted = Fitted { episode: None, xl: Xl::default(), xl_error: 0.0, troubles, slow: false };
+    fn new(faults: Vec<Fault>) -> Self {
+        let fitted = Fitted { episode: None, xl: Xl::default(), xl_error: 0.0, faults, slow: false };
         let twin = Twin::new(&fitted).expect("the part is described");
         let mut bench = Self { twin, now: 1000 };
         bench.store(RCC_APB1HENR, 1 << 8);
@@ -112,8 +112,8 @@ impl Bench {
     }
 
     /// Configured and on the bus; `queue` for TXBC's mode.
-    fn started(mode: u64, troubles: Vec<Trouble>) -> Self {
-        let mut bench = Self::new(troubles);
+    fn started(mode: u64, faults: Vec<Fault>) -> Self {
+        let mut bench = Self::new(faults);
         bench.configure(mode);
         bench.set(CCCR, FDOE | BRSE);
         bench.wait(20 * BIT_NS);

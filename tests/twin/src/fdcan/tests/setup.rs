@@ -34,7 +34,7 @@ fn protected_registers_take_writes_with_init_and_cce_only() {
 /// Setting CCE drops what was pending.
 #[test]
 fn configuration_resets_requests_and_fifos() {
-    let off = Trouble { name: "off", kind: Kind::NoAcknowledge, when: 0..u64::MAX };
+    let off = Fault { name: "off", kind: Kind::NoAcknowledge, when: 0..u64::MAX };
     let mut bench = Bench::started(0, vec![off]);
     bench.fill(0, 1, false);
     bench.set(TXBAR, 1);

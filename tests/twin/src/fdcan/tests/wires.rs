@@ -7,7 +7,7 @@ use super::*;
 #[test]
 fn errors_lead_to_bus_off_and_back() {
     let end = 20_000_000;
-    let jam = Trouble { name: "jam", kind: Kind::ErrorFrames { per_million: 1_000_000 }, when: 0..end };
+    let jam = Fault { name: "jam", kind: Kind::ErrorFrames { per_million: 1_000_000 }, when: 0..end };
     let mut bench = Bench::started(0, vec![jam]);
     bench.fill(0, 0x10, false);
     bench.set(TXBAR, 1);
@@ -32,7 +32,7 @@ fn errors_lead_to_bus_off_and_back() {
 /// rise for a missing acknowledge (ISO 11898-1, fault confinement, rule c exception 1).
 #[test]
 fn a_missing_acknowledge_never_leads_to_bus_off() {
-    let off = Trouble { name: "off", kind: Kind::NoAcknowledge, when: 0..50_000_000 };
+    let off = Fault { name: "off", kind: Kind::NoAcknowledge, when: 0..50_000_000 };
     let mut bench = Bench::started(0, vec![off]);
     bench.fill(0, 0x10, false);
     bench.set(TXBAR, 1);

@@ -1,23 +1,23 @@
-//! Every trouble in one run, one after the other, and what each must show and must leave alone.
+//! Every fault in one run, one after the other, and what each must show and must leave alone.
 
 use slipsense::health;
 
+use crate::fault_injection::{Fault, Kind, NAMES};
 use crate::recovery::{Recovery, names};
-use crate::trouble::{Kind, NAMES, Trouble};
 
 /// Before the first, and after each: longer than an accelerometer takes to start.
 const REST_NS: u64 = 200_000_000;
 
-/// How long a trouble lasts, flags that it must show, flags that may come with them, and whether every frame must have
+/// How long a fault lasts, flags that it must show, flags that may come with them, and whether every frame must have
 /// its slip message on the bus all the while.
-struct Course {
+struct Expectation {
     lasts_ns: u64,
     shows: u8,
     may_show: u8,
     every_message: bool,
 }
 
-const fn course(kind: Kind) -> Course {
+const fn expectation(kind: Kind) -> Expectation {
     // Samples of a part that starts again fill a window first.
     let with_xl = health::XL_WARMING_UP | health::XL_SAMPLES_DROPPED;
     let (lasts_ms, shows, may_show, every_message) = match kind {
@@ -26,30 +26,30 @@ const fn course(kind: Kind) -> Course {
         Kind::AccelerometerStops | Kind::FifoOverrun => (100, health::XL_MISSING, with_xl, true),
         // All taxels alike for 100 ms make an array dead.
         Kind::AdcStuck => (250, health::PIEZO_MISSING, 0, true),
-        // Nobody hears the flag.
+        // Nobody receives the flag.
         Kind::ErrorFrames { .. } | Kind::NoAcknowledge => (200, 0, 0, false),
     };
-    Course { lasts_ns: lasts_ms * 1_000_000, shows, may_show, every_message }
+    Expectation { lasts_ns: lasts_ms * 1_000_000, shows, may_show, every_message }
 }
 
 /// All of them; last those that keep slip messages from the bus, after which nothing can be compared.
-pub fn schedule() -> Vec<Trouble> {
+pub fn schedule() -> Vec<Fault> {
     let mut kinds = NAMES;
-    kinds.sort_by_key(|(_, kind)| !course(*kind).every_message);
+    kinds.sort_by_key(|(_, kind)| !expectation(*kind).every_message);
     let mut start = REST_NS;
     kinds
         .into_iter()
         .map(|(name, kind)| {
-            let end = start + course(kind).lasts_ns;
-            let trouble = Trouble { name, kind, when: start..end };
+            let end = start + expectation(kind).lasts_ns;
+            let fault = Fault { name, kind, when: start..end };
             start = end + REST_NS;
-            trouble
+            fault
         })
         .collect()
 }
 
 /// Virtual seconds of a run of them.
-pub fn seconds(schedule: &[Trouble]) -> f64 {
+pub fn seconds(schedule: &[Fault]) -> f64 {
     schedule.last().map_or(0, |last| last.when.end + REST_NS) as f64 / 1e9
 }
 
@@ -57,8 +57,8 @@ pub fn seconds(schedule: &[Trouble]) -> f64 {
 pub fn complaints(recoveries: &[Recovery]) -> Vec<String> {
     let mut complaints = Vec::new();
     for recovery in recoveries {
-        let expected = course(recovery.trouble.kind);
-        let mut say = |what: String| complaints.push(format!("{}: {what}", recovery.trouble.name));
+        let expected = expectation(recovery.fault.kind);
+        let mut say = |what: String| complaints.push(format!("{}: {what}", recovery.fault.name));
         if recovery.flags & expected.shows != expected.shows {
             say(format!("does not show {}", names(expected.shows & !recovery.flags)));
         }
@@ -85,16 +85,16 @@ mod tests {
 
     /// A run that is as it must be.
     fn sound() -> Vec<Recovery> {
-        let recovery = |trouble: Trouble| {
-            let course = course(trouble.kind);
+        let recovery = |fault: Fault| {
+            let expectation = expectation(fault.kind);
             Recovery {
-                flags: course.shows,
+                flags: expectation.shows,
                 messages: 24,
                 left_out: 0,
-                failed: usize::from(!course.every_message),
+                failed: usize::from(!expectation.every_message),
                 first_ns: Some(1),
                 healthy_ns: Some(1),
-                trouble,
+                fault,
             }
         };
         schedule().into_iter().map(recovery).collect()
@@ -118,7 +118,7 @@ mod tests {
         ];
         for (spoil, said) in spoil.into_iter().zip(["XL_MISSING", "TAXELS_SATURATED", "without", "recover"]) {
             let mut recoveries = sound();
-            let xl = recoveries.iter_mut().find(|recovery| recovery.trouble.kind == Kind::FifoOverrun);
+            let xl = recoveries.iter_mut().find(|recovery| recovery.fault.kind == Kind::FifoOverrun);
             spoil(xl.expect("it is one of them"));
             let found = complaints(&recoveries);
             assert!(matches!(&found[..], [one] if one.contains(said)), "{found:?}");

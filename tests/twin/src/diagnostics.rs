@@ -1,4 +1,4 @@
-//! What the emulator tells of the firmware: rules of the manual that it broke, registers that nothing models. Each
+//! What the emulator reports about the firmware: rules of the manual that it broke, registers that nothing models. Each
 //! line that is expected has its reason here; any other fails the run.
 
 use rigless::session::Session;
@@ -7,7 +7,7 @@ use crate::machine::Twin;
 
 /// One line, and why it is no mistake of the firmware's, if it is not.
 #[derive(Clone, Debug)]
-pub struct Told {
+pub struct Diagnostic {
     /// As the emulator says it.
     pub line: String,
     /// The reason.
@@ -43,8 +43,8 @@ const EXPECTED_OF_BOOTLOADER: [(&str, &str); 1] = [(
     "the bootloader's log asks embassy's clock for the time, which only the firmware starts: it reads 0",
 )];
 
-/// Everything that a run told.
-pub fn collect(session: &Session<Twin>, far_end: bool, boot: bool) -> Vec<Told> {
+/// All reports of a run.
+pub fn collect(session: &Session<Twin>, far_end: bool, boot: bool) -> Vec<Diagnostic> {
     let mut lines: Vec<String> =
         session.told().map(|told| format!("{} {}: {}", told.instance, told.register, told.reason)).collect();
     lines.extend(session.unmapped().iter().map(|unmapped| format!("unmapped access: {unmapped}")));
@@ -78,5 +78,5 @@ pub fn collect(session: &Session<Twin>, far_end: bool, boot: bool) -> Vec<Told> 
     let expected = || EXPECTED.iter().chain(of_far_end).chain(of_bootloader);
     let reason =
         |line: &str| expected().find(|(start, _)| line.starts_with(start)).map(|(_, reason)| *reason);
-    lines.into_iter().map(|line| Told { reason: reason(&line), line }).collect()
+    lines.into_iter().map(|line| Diagnostic { reason: reason(&line), line }).collect()
 }

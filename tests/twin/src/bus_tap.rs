@@ -5,7 +5,7 @@ use rigless::soc::RegisterSpec;
 use rigless::time::{EventId, VirtualNanos};
 
 use crate::arrays::TRIGGER_TOKEN;
-use crate::steady::FRAME_TOKEN;
+use crate::scan_fast_path::FRAME_TOKEN;
 
 /// What happens around a call.
 pub trait Tap<D> {
@@ -29,12 +29,12 @@ pub trait Tap<D> {
     /// Puts what the model does not know of into the registers, before an access or a request.
     fn show(&mut self, _registers: &mut RegisterFile, _now: VirtualNanos) {}
 
-    /// A read that the model must not hear of.
+    /// A read that the model must not see.
     fn read_instead(&mut self, _row: usize, _registers: &RegisterFile, _now: VirtualNanos) -> Option<u64> {
         None
     }
 
-    /// An event of ours. `true`: the model must not hear of it.
+    /// An event of ours. `true`: the model must not see it.
     fn event_instead(&mut self, _event: EventId, _context: &mut DeviceContext<'_>) -> bool {
         false
     }

@@ -32,7 +32,7 @@ pub struct Failure {
 
 /// The supply.
 #[derive(Debug, Default)]
-pub struct Supply {
+pub struct PowerFaults {
     /// The steps at which it will fail, each counted from the one before.
     plan: VecDeque<u64>,
     /// Steps since then.
@@ -43,7 +43,7 @@ pub struct Supply {
     pub failures: Vec<Failure>,
 }
 
-impl Supply {
+impl PowerFaults {
     /// Fail at these steps of the flash from now on, the first step being 1, each counted from the failure before.
     pub fn fail_at(&mut self, steps: Vec<u64>) {
         self.plan = steps.into();

@@ -14,7 +14,7 @@ pub const NAMES: [(&str, Kind); 8] = [
     ("adc-stuck", Kind::AdcStuck),
 ];
 
-/// One kind of trouble.
+/// One kind of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Nobody acknowledges: cable off, or no other node.
@@ -34,9 +34,9 @@ pub enum Kind {
     AdcStuck,
 }
 
-/// A trouble and when, in virtual nanoseconds.
+/// A fault and when, in virtual nanoseconds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Trouble {
+pub struct Fault {
     /// As on the command line.
     pub name: &'static str,
     /// What.
@@ -46,7 +46,7 @@ pub struct Trouble {
 }
 
 /// NAME:FROM-TO.
-pub fn parse(text: &str) -> Result<Trouble, String> {
+pub fn parse(text: &str) -> Result<Fault, String> {
     let names = || NAMES.map(|(name, _)| name).join(", ");
     let (name, span) = text.split_once(':').ok_or("need NAME:FROM-TO, for example off:0.5-1.5")?;
     let (name, kind) =
@@ -60,10 +60,10 @@ pub fn parse(text: &str) -> Result<Trouble, String> {
     if when.is_empty() {
         return Err("the end must come after the beginning".to_owned());
     }
-    Ok(Trouble { name, kind, when })
+    Ok(Fault { name, kind, when })
 }
 
 /// Does one of this kind hold at this instant?
-pub fn active(troubles: &[Trouble], now_ns: u64) -> impl Iterator<Item = Kind> + '_ {
-    troubles.iter().filter(move |trouble| trouble.when.contains(&now_ns)).map(|trouble| trouble.kind)
+pub fn active(faults: &[Fault], now_ns: u64) -> impl Iterator<Item = Kind> + '_ {
+    faults.iter().filter(move |fault| fault.when.contains(&now_ns)).map(|fault| fault.kind)
 }

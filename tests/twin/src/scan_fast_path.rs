@@ -8,7 +8,7 @@
 //! `--slow`, event by event, is the same to the nanosecond and the instruction, and the test command compares the two.
 //!
 //! What the firmware's set-up does not need is not here: such a set-up runs event by event, and a write to what runs
-//! here is told.
+//! here is reported.
 
 use rigless::device::{DeviceContext, RegisterFile};
 use rigless::soc::stm32h743::generated::adc3::Register as Adc;
@@ -147,7 +147,7 @@ struct Scan {
 
 /// What the taps share of it.
 #[derive(Debug, Default)]
-pub struct Steady {
+pub struct FastScan {
     /// Not with `--slow`.
     pub enabled: bool,
     /// Of the registers at the last access to TIM8.
@@ -162,7 +162,7 @@ pub struct Steady {
     scan: Option<Scan>,
 }
 
-impl Steady {
+impl FastScan {
     /// Does the timer run here?
     pub fn runs(&self) -> bool {
         self.scan.as_ref().is_some_and(|scan| scan.stopped.is_none())
@@ -227,17 +227,19 @@ fn ask_for_table(table: u64, context: &mut DeviceContext<'_>) {
 
 /// TIM8 begins to count. `true`: here, and the emulator's model must not know.
 pub fn start(shared: &Shared, context: &mut DeviceContext<'_>) -> bool {
-    let steady = &mut lock(shared).steady;
+    let fast_scan = &mut lock(shared).fast_scan;
     let now = context.now().0;
-    let fresh = std::mem::take(&mut steady.fresh);
-    let Some(settings) = steady.settings.clone() else { return false };
-    let sound = steady.adc_hz > 0 && steady.timer.1 > 0 && settings.is_sound(steady.timer.1, steady.adc_hz);
-    if !steady.enabled || !fresh || !steady.armed || !sound {
+    let fresh = std::mem::take(&mut fast_scan.fresh);
+    let Some(settings) = fast_scan.settings.clone() else { return false };
+    let sound = fast_scan.adc_hz > 0
+        && fast_scan.timer.1 > 0
+        && settings.is_sound(fast_scan.timer.1, fast_scan.adc_hz);
+    if !fast_scan.enabled || !fresh || !fast_scan.armed || !sound {
         return false;
     }
     ask_for_table(settings.table, context);
     let mut scan = Scan {
-        start_cycle: steady.cycles(now),
+        start_cycle: fast_scan.cycles(now),
         words: vec![0; TAXELS],
         frames: 0,
         event: None,
@@ -246,21 +248,21 @@ pub fn start(shared: &Shared, context: &mut DeviceContext<'_>) -> bool {
         stopped: None,
         settings,
     };
-    scan.event = Some(context.schedule(rigless::time::VirtualNanos(steady.frame_end(&scan))));
-    steady.scan = Some(scan);
+    scan.event = Some(context.schedule(rigless::time::VirtualNanos(fast_scan.frame_end(&scan))));
+    fast_scan.scan = Some(scan);
     true
 }
 
 /// TIM8 stops: addresses are as they are now, the streams keep their counts until they are disabled.
 pub fn stop(shared: &Shared, now: u64) {
     let mut arrays = lock(shared);
-    let Some(scan) = arrays.steady.scan.as_ref().filter(|scan| scan.stopped.is_none()) else { return };
-    let (_, updates, conversions) = arrays.steady.counts(scan, now);
+    let Some(scan) = arrays.fast_scan.scan.as_ref().filter(|scan| scan.stopped.is_none()) else { return };
+    let (_, updates, conversions) = arrays.fast_scan.counts(scan, now);
     let (words, from) = (scan.words.clone(), scan.frames * TAXELS as u64);
     for slot in from.max(1)..=updates {
         arrays.addressed(address(words[(slot - 1) as usize % TAXELS]), now);
     }
-    if let Some(scan) = &mut arrays.steady.scan {
+    if let Some(scan) = &mut arrays.fast_scan.scan {
         scan.stopped = Some((updates, conversions));
         scan.event = None;
     }
@@ -268,34 +270,34 @@ pub fn stop(shared: &Shared, now: u64) {
 
 /// After a reset of the part.
 pub fn reset(shared: &Shared) {
-    let steady = &mut lock(shared).steady;
-    (steady.scan, steady.settings, steady.fresh, steady.armed) = (None, None, false, false);
+    let fast_scan = &mut lock(shared).fast_scan;
+    (fast_scan.scan, fast_scan.settings, fast_scan.fresh, fast_scan.armed) = (None, None, false, false);
 }
 
 /// TIM8's counter, while it runs here.
 pub fn count(shared: &Shared, now: u64) -> Option<u64> {
-    let steady = &lock(shared).steady;
-    let scan = steady.scan.as_ref().filter(|scan| scan.stopped.is_none())?;
-    Some(steady.counts(scan, now).0)
+    let fast_scan = &lock(shared).fast_scan;
+    let scan = fast_scan.scan.as_ref().filter(|scan| scan.stopped.is_none())?;
+    Some(fast_scan.counts(scan, now).0)
 }
 
 /// Before anybody looks at GPIOE.
 pub fn show_port(shared: &Shared, registers: &mut RegisterFile, now: u64) {
-    let steady = &lock(shared).steady;
-    let Some(scan) = steady.scan.as_ref() else { return };
-    let (_, updates, _) = steady.counts(scan, now);
-    if let Some(lines) = Steady::lines(scan, updates) {
+    let fast_scan = &lock(shared).fast_scan;
+    let Some(scan) = fast_scan.scan.as_ref() else { return };
+    let (_, updates, _) = fast_scan.counts(scan, now);
+    if let Some(lines) = FastScan::lines(scan, updates) {
         registers.set(Port::Odr, registers.get(Port::Odr) & !LINES | lines);
     }
 }
 
 /// Before anybody looks at DMA1 or DMA2.
 pub fn show_stream(shared: &Shared, codes: bool, registers: &mut RegisterFile, now: u64) {
-    let steady = &mut lock(shared).steady;
-    let Some(scan) = steady.scan.as_ref() else { return };
-    let (_, updates, conversions) = steady.counts(scan, now);
+    let fast_scan = &mut lock(shared).fast_scan;
+    let Some(scan) = fast_scan.scan.as_ref() else { return };
+    let (_, updates, conversions) = fast_scan.counts(scan, now);
     let size = scan.settings.codes();
-    let Some(scan) = steady.scan.as_mut() else { return };
+    let Some(scan) = fast_scan.scan.as_mut() else { return };
     if codes {
         registers.set(Dma::S0ndtr, size - conversions % size);
         registers.set(Dma::Lisr, registers.get(Dma::Lisr) | std::mem::take(&mut scan.flags));
@@ -312,23 +314,23 @@ pub fn show_stream(shared: &Shared, codes: bool, registers: &mut RegisterFile, n
 
 /// A stream that the firmware switched off: what it had left is history.
 pub fn stream_written(shared: &Shared, codes: bool, registers: &RegisterFile) {
-    let steady = &mut lock(shared).steady;
+    let fast_scan = &mut lock(shared).fast_scan;
     let on = registers.get(if codes { Dma::S0cr } else { Dma::S2cr }) & 1 != 0;
-    if !on && steady.scan.as_ref().is_some_and(|scan| scan.stopped.is_some()) {
-        steady.scan = None;
+    if !on && fast_scan.scan.as_ref().is_some_and(|scan| scan.stopped.is_some()) {
+        fast_scan.scan = None;
     }
 }
 
 /// Is the register of a stream in use, or of the timer, so that a write to it cannot be honoured here?
 pub fn is_in_use(shared: &Shared, codes: bool, row: usize) -> bool {
     let first = if codes { Dma::S0cr } else { Dma::S2cr }.index();
-    (first..first + 6).contains(&row) && lock(shared).steady.runs()
+    (first..first + 6).contains(&row) && lock(shared).fast_scan.runs()
 }
 
 /// An event of TIM8: if the frame has ended, its codes go to the ring and DMA1 gets its flag.
 pub fn frame_ended(shared: &Shared, event: EventId, context: &mut DeviceContext<'_>) -> bool {
     let mut arrays = lock(shared);
-    let Some(scan) = arrays.steady.scan.as_ref().filter(|scan| scan.event == Some(event)) else {
+    let Some(scan) = arrays.fast_scan.scan.as_ref().filter(|scan| scan.event == Some(event)) else {
         return false;
     };
     let (settings, words, frame) = (scan.settings.clone(), scan.words.clone(), scan.frames);
@@ -343,13 +345,13 @@ pub fn frame_ended(shared: &Shared, event: EventId, context: &mut DeviceContext<
     // The table as it is for the next frame.
     ask_for_table(settings.table, context);
     context.write_to(DMA1_LIFCR, Width::W32, 0, FRAME_TOKEN);
-    if let Some(scan) = &mut arrays.steady.scan {
+    if let Some(scan) = &mut arrays.fast_scan.scan {
         scan.flags |= if frame % 2 == 0 { HTIF[0] } else { TCIF[0] };
         scan.frames += 1;
     }
-    let steady = &mut arrays.steady;
-    let next = steady.scan.as_ref().map(|scan| steady.frame_end(scan));
-    if let (Some(at), Some(scan)) = (next, steady.scan.as_mut()) {
+    let fast_scan = &mut arrays.fast_scan;
+    let next = fast_scan.scan.as_ref().map(|scan| fast_scan.frame_end(scan));
+    if let (Some(at), Some(scan)) = (next, fast_scan.scan.as_mut()) {
         scan.event = Some(context.schedule(rigless::time::VirtualNanos(at)));
     }
     true
@@ -357,8 +359,8 @@ pub fn frame_ended(shared: &Shared, event: EventId, context: &mut DeviceContext<
 
 /// Two words of the table.
 pub fn answered(shared: &Shared, token: u64, value: u64, context: &mut DeviceContext<'_>) {
-    let steady = &mut lock(shared).steady;
-    let (Some(scan), Some(pair)) = (steady.scan.as_mut(), token.checked_sub(TABLE_TOKEN)) else { return };
+    let fast_scan = &mut lock(shared).fast_scan;
+    let (Some(scan), Some(pair)) = (fast_scan.scan.as_mut(), token.checked_sub(TABLE_TOKEN)) else { return };
     for (half, word) in [value as u32, (value >> 32) as u32].into_iter().enumerate() {
         let (set, clear) = (u64::from(word) & LINES, u64::from(word >> 16) & LINES);
         if set ^ clear != LINES || u64::from(word) & !(LINES | LINES << 16) != 0 {
@@ -383,13 +385,13 @@ impl Arrays {
             let number = frame * TAXELS as u64 + slot;
             let begin = start + number * settings.slot;
             if number > 0 {
-                let at = self.steady.instant(begin);
+                let at = self.fast_scan.instant(begin);
                 self.addressed(address(words[(number - 1) as usize % TAXELS]), at);
             }
-            let trigger = self.steady.instant(begin + settings.trigger);
+            let trigger = self.fast_scan.instant(begin + settings.trigger);
             for (rank, sensor) in settings.sequence.iter().enumerate() {
-                let end = trigger + self.steady.converted_ns(settings, rank as u64 + 1);
-                let conversion = CONVERSION_HALF_CYCLES * 500_000_000 / self.steady.adc_hz;
+                let end = trigger + self.fast_scan.converted_ns(settings, rank as u64 + 1);
+                let conversion = CONVERSION_HALF_CYCLES * 500_000_000 / self.fast_scan.adc_hz;
                 codes.push(self.code(*sensor, end - conversion) as u16);
             }
         }

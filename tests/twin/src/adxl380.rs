@@ -118,11 +118,11 @@ impl Adxl380 {
         while self.made < due {
             self.made += 1;
             let at = since + (self.made as f64 * self.period_ns) as u64;
-            let in_trouble = |what| fault_injection::active(&self.faults, at).any(|kind| kind == what);
-            if in_trouble(Kind::AccelerometerStops) {
+            let faulted = |what| fault_injection::active(&self.faults, at).any(|kind| kind == what);
+            if faulted(Kind::AccelerometerStops) {
                 continue;
             }
-            let samples = if in_trouble(Kind::FifoOverrun) { TOO_FAST } else { 1 };
+            let samples = if faulted(Kind::FifoOverrun) { TOO_FAST } else { 1 };
             (0..samples).for_each(|_| self.make_sample());
         }
     }

@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, anyhow};
+use slipsense::health;
 use slipsense::net::{Aligned, Model};
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage};
-use slipsense::health;
 use slipsense_can_sim::{Frame, Id, Outcome};
 use slipsense_recording::Episode;
 

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn every_trouble_has_its_turn_and_time_to_recover() {
+    fn every_fault_has_its_turn_and_time_to_recover() {
         let schedule = schedule();
         assert_eq!(schedule.len(), NAMES.len());
         assert!(schedule.windows(2).all(|pair| pair[1].when.start == pair[0].when.end + REST_NS));

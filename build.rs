@@ -15,8 +15,9 @@ const PROGRAMS: [(&str, &str); 4] = [
 ];
 
 fn main() {
-    println!("cargo:rerun-if-changed=src/firmware/bin/app/memory.x");
-    println!("cargo:rerun-if-changed=src/firmware/bin/boot/memory.x");
+    println!("cargo:rerun-if-changed=memory.x");
+    println!("cargo:rerun-if-changed=src/firmware/bin/app/board.x");
+    println!("cargo:rerun-if-changed=src/firmware/bin/boot/board.x");
     // The compiler does not tell a crate of stable Rust: `target_feature = "dsp"` is none of its names.
     println!("cargo:rustc-check-cfg=cfg(arm_dsp)");
     if var("TARGET").is_ok_and(|target| target.starts_with("thumbv7em")) {

@@ -38,7 +38,7 @@ const REGIONS: [(u32, u32, u32); 2] = [
     (1, 0x3000_0000, EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(18) | ENABLE),
 ];
 
-// For the linker, which checks the memory maps by it (`bin/app/memory.x`, `bin/boot/memory.x`).
+// For the linker, which checks the memory maps by it (`bin/app/board.x`, `bin/boot/board.x`).
 global_asm!(
     ".global __boot_start, __boot_end, __active_start, __active_end",
     ".set __boot_start, {boot_start}",

@@ -12,7 +12,7 @@ pub const BOARD: &str = "NUCLEO-H743ZI2";
 /// Its feature of the package, and its name in `slipsense sign --board`.
 pub const FEATURE: &str = "h743";
 /// Its memory regions.
-pub const MEMORY_MAP: &str = "src/firmware/bin/app/memory.x";
+pub const MEMORY_MAP: &str = "src/firmware/bin/app/board.x";
 pub const NAME: &str = "slipsense-firmware";
 
 /// A program of the board.

@@ -26,6 +26,7 @@ import numpy as np
 warnings.filterwarnings("ignore", category=DeprecationWarning)
 
 import compressed
+from checks import Checks
 import pycyphal.dsdl
 from pycyphal.presentation import Presentation
 from pycyphal.transport.can import CANTransport
@@ -36,32 +37,12 @@ LINE = re.compile(r"\(\d+\.\d{6}\) \w+ ([0-9A-F]{8})##1(?:[0-9A-F]{2})*([0-9A-F]
 SLIP_PORT, RAW_PORT, COMPRESSED_PORT = 6200, 6201, 6202
 RAW_XL_MAX = 64
 SILENCE_S = 10.0
-SHOWN = 20
 # Cells cut from either end of each row, as the comment of Raw.1.0.dsdl gives them.
 ROW_CUT = [5, 5, 4, 4, 2] + [0] * 22 + [2, 4, 5, 5, 5]
 ACTIVE = np.array([[cut <= col < 32 - cut for col in range(32)] for cut in ROW_CUT])
 
 
-class Mismatches:
-    """Every mismatch is counted, the first ones are printed."""
-
-    def __init__(self):
-        self.count = 0
-
-    def check(self, right, text):
-        if not right:
-            self.count += 1
-            if self.count <= SHOWN:
-                print(f"mismatch: {text}")
-
-    def equal(self, what, got, want):
-        """Compares values or arrays of equal shape."""
-        got, want = np.asarray(got), np.asarray(want)
-        same = got.shape == want.shape and bool((got == want).all())
-        self.check(same, f"{what}: on the bus {got!r}, in the file {want!r}")
-
-
-def scan_log(path, sensors, bad):
+def scan_log(path, sensors, checks):
     """Order and number of transfers as the lines show them: each period opens with one slip message,
     the raw transfers of all sensors follow. Returns frames, slip messages, raw transfers and compressed ones."""
     frames = 0
@@ -70,17 +51,17 @@ def scan_log(path, sensors, bad):
     with open(path, encoding="ascii") as log:
         for number, line in enumerate(log, 1):
             match = LINE.fullmatch(line)
-            bad.check(match, f"{path}: line {number} is not a CAN FD frame: {line!r}")
+            checks.true(f"{path}: line {number} is not a CAN FD frame: {line!r}", match)
             if not match:
                 continue
             frames += 1
             port, tail = int(match[1], 16) >> 8 & 0x1FFF, int(match[2], 16)
             started[port] += tail >> 7
             if port == SLIP_PORT:
-                bad.check(open_raw in (None, sensors), f"line {number}: {open_raw} raw transfers, need {sensors}")
+                checks.true(f"line {number}: {open_raw} raw transfers, need {sensors}", open_raw in (None, sensors))
                 open_raw = 0
             else:
-                bad.check(open_raw is not None, f"line {number}: a raw frame before the first slip message")
+                checks.true(f"line {number}: a raw frame before the first slip message", open_raw is not None)
                 open_raw = (open_raw or 0) + (tail >> 7)
     return frames, started[SLIP_PORT], started[RAW_PORT], started[COMPRESSED_PORT]
 
@@ -106,21 +87,21 @@ async def receive(path, types, count):
     return received, sessions, counters
 
 
-def check_slip(messages, predictions, episode, bad):
+def check_slip(messages, predictions, episode, checks):
     """The slip messages against `predictions.npz`, and the sums against the scans."""
     sensors = episode["piezo"].shape[1]
     for index, (message, transfer) in enumerate(messages):
         at = f"slip message {index}"
-        bad.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
-        bad.equal(f"{at}, sequence", message.sequence, index)
-        bad.equal(f"{at}, sensors", message.sensors, sensors)
-        bad.equal(f"{at}, class", message.class_index, predictions["class"][index])
-        bad.equal(f"{at}, logits", message.logits_q10, predictions["logits"][index])
+        checks.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
+        checks.equal(f"{at}, sequence", message.sequence, index)
+        checks.equal(f"{at}, sensors", message.sensors, sensors)
+        checks.equal(f"{at}, class", message.class_index, predictions["class"][index])
+        checks.equal(f"{at}, logits", message.logits_q10, predictions["logits"][index])
         for flag in ("slip", "alarm"):
-            bad.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
+            checks.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
         for sensor in range(sensors):
             want = episode["piezo"][index, sensor].sum(dtype=np.uint32)
-            bad.equal(f"{at}, sum of sensor {sensor}", message.contact[sensor].count_sum, want)
+            checks.equal(f"{at}, sum of sensor {sensor}", message.contact[sensor].count_sum, want)
 
 
 def decode(message):
@@ -133,7 +114,7 @@ def decode(message):
     return counts, True, np.array([[s.x, s.y, s.z] for s in message.xl], np.int16).reshape(-1, 3)
 
 
-def check_raw(messages, slip_messages, episode, bad):
+def check_raw(messages, slip_messages, episode, checks):
     """Rebuild the episode's arrays from the raw frames. Returns samples compared and left out."""
     piezo, xl, xl_end = episode["piezo"], episode["xl"], episode["xl_end"].astype(np.int64)
     sensors = piezo.shape[1]
@@ -141,32 +122,32 @@ def check_raw(messages, slip_messages, episode, bad):
     compared = left_out = 0
     for index, (message, transfer) in enumerate(messages):
         at = f"raw frame {index}"
-        bad.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
+        checks.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
         frame, sensor = int(message.sequence), int(message.sensor)
         if frame >= piezo.shape[0] or sensor >= sensors:
-            bad.check(False, f"{at}: frame {frame} of sensor {sensor} is not in the episode")
+            checks.true(f"{at}: frame {frame} of sensor {sensor} is not in the episode", False)
             continue
         at += f" (frame {frame}, sensor {sensor})"
         seen[frame, sensor] += 1
         if frame < len(slip_messages):
             slip_message = slip_messages[frame][0]
-            bad.equal(f"{at}, timestamp", message.timestamp_us, slip_message.timestamp_us)
-            bad.equal(f"{at}, health", message.health, slip_message.contact[sensor].health)
+            checks.equal(f"{at}, timestamp", message.timestamp_us, slip_message.timestamp_us)
+            checks.equal(f"{at}, health", message.health, slip_message.contact[sensor].health)
         if hasattr(message, "check"):
-            bad.equal(f"{at}, check", message.check, compressed.check(message))
+            checks.equal(f"{at}, check", message.check, compressed.check(message))
         counts, whole, samples = decode(message)
-        bad.check(whole, f"{at}: not all taxels were sent")
-        bad.equal(f"{at}, taxels", counts, piezo[frame, sensor])
+        checks.true(f"{at}: not all taxels were sent", whole)
+        checks.equal(f"{at}, taxels", counts, piezo[frame, sensor])
         end = int(message.xl_end)
-        bad.equal(f"{at}, xl_end", end, xl_end[frame, sensor])
+        checks.equal(f"{at}, xl_end", end, xl_end[frame, sensor])
         before = xl_end[frame - 1, sensor] if frame else 0
         arrived = int(xl_end[frame, sensor] - before)
         sent = min(arrived, RAW_XL_MAX)
-        bad.equal(f"{at}, xl_dropped", message.xl_dropped, min(arrived - sent, 255))
-        bad.equal(f"{at}, xl", samples, xl[sensor, xl_end[frame, sensor] - sent : xl_end[frame, sensor]])
+        checks.equal(f"{at}, xl_dropped", message.xl_dropped, min(arrived - sent, 255))
+        checks.equal(f"{at}, xl", samples, xl[sensor, xl_end[frame, sensor] - sent : xl_end[frame, sensor]])
         compared += len(samples)
         left_out += int(message.xl_dropped)
-    bad.check((seen == 1).all(), f"raw frames: {np.count_nonzero(seen != 1)} of {seen.size} not seen exactly once")
+    checks.true(f"raw frames: {np.count_nonzero(seen != 1)} of {seen.size} not seen exactly once", (seen == 1).all())
     return compared, left_out
 
 
@@ -184,15 +165,15 @@ def main():
         episode = {name: file[name] for name in ("piezo", "xl", "xl_end")}
     frames, sensors = episode["piezo"].shape[:2]
 
-    bad = Mismatches()
-    lines, slips, plain, short = scan_log(args.log, sensors, bad)
+    checks = Checks()
+    lines, slips, plain, short = scan_log(args.log, sensors, checks)
     raws = plain + short
-    bad.check(not (plain and short), f"{plain} raw transfers and {short} compressed ones, need one kind")
-    bad.check(frames > 0, f"{args.episode}: no frames")
-    bad.equal("rows of the predictions", len(predictions["class"]), frames)
-    bad.equal("slip messages", slips, frames)
-    bad.equal("raw transfers", raws, frames * sensors)
-    if bad.count:
+    checks.true(f"{plain} raw transfers and {short} compressed ones, need one kind", not (plain and short))
+    checks.true(f"{args.episode}: no frames", frames > 0)
+    checks.equal("rows of the predictions", len(predictions["class"]), frames)
+    checks.equal("slip messages", slips, frames)
+    checks.equal("raw transfers", raws, frames * sensors)
+    if checks.bad:
         return 1
 
     with tempfile.TemporaryDirectory() as folder:
@@ -201,27 +182,27 @@ def main():
         import slipsense
 
         types = (slipsense.Slip_1_0, slipsense.RawCompressed_1_0 if short else slipsense.Raw_1_0)
-        bad.equal("subject of Slip", pycyphal.dsdl.get_fixed_port_id(types[0]), SLIP_PORT)
-        bad.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), COMPRESSED_PORT if short else RAW_PORT)
+        checks.equal("subject of Slip", pycyphal.dsdl.get_fixed_port_id(types[0]), SLIP_PORT)
+        checks.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), COMPRESSED_PORT if short else RAW_PORT)
         (slip, raw), sessions, counters = asyncio.run(receive(args.log, types, (slips, raws)))
 
-    bad.equal("slip messages decoded", len(slip), slips)
-    bad.equal("raw frames decoded", len(raw), raws)
-    bad.equal("frames that pycyphal took", counters.in_frames_cyphal_accepted, lines)
-    bad.equal("frames in error", counters.in_frames_errored, 0)
+    checks.equal("slip messages decoded", len(slip), slips)
+    checks.equal("raw frames decoded", len(raw), raws)
+    checks.equal("frames that pycyphal took", counters.in_frames_cyphal_accepted, lines)
+    checks.equal("frames in error", counters.in_frames_errored, 0)
     for name, session in zip(("slip", "raw"), sessions):
-        bad.equal(f"{name}: transport errors", session.transport_session.errors, 0)
-        bad.equal(f"{name}: transport drops", session.transport_session.drops, 0)
-        bad.equal(f"{name}: messages that do not decode", session.deserialization_failures, 0)
-    check_slip(slip, predictions, episode, bad)
-    compared, left_out = check_raw(raw, slip, episode, bad)
+        checks.equal(f"{name}: transport errors", session.transport_session.errors, 0)
+        checks.equal(f"{name}: transport drops", session.transport_session.drops, 0)
+        checks.equal(f"{name}: messages that do not decode", session.deserialization_failures, 0)
+    check_slip(slip, predictions, episode, checks)
+    compared, left_out = check_raw(raw, slip, episode, checks)
 
     print(
         f"{args.log}: {lines} CAN frames, {len(slip)} slip messages, {len(raw)} raw frames, "
         f"{len(raw) * int(ACTIVE.sum())} taxel counts and {compared} accelerometer samples compared "
-        f"({left_out} reported as left out): {bad.count} mismatches"
+        f"({left_out} reported as left out): {checks.bad} mismatches"
     )
-    return 1 if bad.count else 0
+    return 1 if checks.bad else 0
 
 
 if __name__ == "__main__":

@@ -11,13 +11,9 @@ import can
 import numpy
 import slipsense
 
+from checks import require
+
 FRAME_RATE_HZ = 240
-
-
-def check(is_so, what):
-    if not is_so:
-        sys.exit(f"error: {what}")
-    print(f"  {what}")
 
 
 def refused(call, *words):
@@ -25,7 +21,7 @@ def refused(call, *words):
         call()
     except ValueError as error:
         missing = [word for word in words if word not in str(error)]
-        check(not missing, f"refused: {error}")
+        require(not missing, f"refused: {error}")
     else:
         sys.exit(f"error: nothing said about {words}")
 
@@ -40,16 +36,16 @@ def main():
     episode, predictions = slipsense.Episode.read(sys.argv[1]), numpy.load(sys.argv[2])
     file, frames = numpy.load(sys.argv[1]), len(predictions["slip"])
     arrays = episode.piezo, episode.xl, episode.xl_end
-    check(all((array == file[name]).all() and array.dtype == file[name].dtype
+    require(all((array == file[name]).all() and array.dtype == file[name].dtype
               for array, name in zip(arrays, ["piezo", "xl", "xl_end"])), f"{episode}: arrays as numpy reads them")
-    check((episode.label == file["label"]).all() and '"xl_lsb_g"' in episode.meta, "label and metadata too")
+    require((episode.label == file["label"]).all() and '"xl_lsb_g"' in episode.meta, "label and metadata too")
 
     start = time.perf_counter()
     whole = slipsense.run(episode)
     times = frames / FRAME_RATE_HZ / (time.perf_counter() - start)
-    check(sorted(whole) == sorted(predictions.files), f"run gives {', '.join(sorted(whole))}")
+    require(sorted(whole) == sorted(predictions.files), f"run gives {', '.join(sorted(whole))}")
     for name in predictions.files:
-        check(whole[name].dtype == predictions[name].dtype and (whole[name] == predictions[name]).all(),
+        require(whole[name].dtype == predictions[name].dtype and (whole[name] == predictions[name]).all(),
               f"{name}: {whole[name].dtype} {list(whole[name].shape)}, every bit as `slipsense run`")
     print(f"  run: {times:.0f} times real time, {episode.sensors} sensors, one core")
 
@@ -60,18 +56,18 @@ def main():
     for name, of in [("class", "class_index"), ("slip", "slip"), ("alarm", "alarm"), ("logits", "logits_q10"),
                      ("logmel_std", "logmel_std")]:
         mine = numpy.array([getattr(output, of) for output in outputs])
-        check((mine == predictions[name]).all(), f"step: {name} as `slipsense run`")
+        require((mine == predictions[name]).all(), f"step: {name} as `slipsense run`")
 
     log = slipsense.Log(sys.argv[3])
     messages = [message for _, message in log]
     slips = [message for message in messages if isinstance(message, slipsense.Slip)]
     raws = [message for message in messages if isinstance(message, slipsense.Raw)]
-    check((log.errors, log.missed, len(slips), len(raws)) == (0, 0, frames, frames * episode.sensors),
+    require((log.errors, log.missed, len(slips), len(raws)) == (0, 0, frames, frames * episode.sensors),
           f"the log holds {len(slips)} slip messages and {len(raws)} raw ones, none lost")
-    check(all((slip.logits_q10 == predictions["logits"][i]).all() and slip.slip == predictions["slip"][i]
+    require(all((slip.logits_q10 == predictions["logits"][i]).all() and slip.slip == predictions["slip"][i]
               and slip.contact[0].sum == outputs[i].contact[0].sum for i, slip in enumerate(slips)),
           "its decisions are those of the pipeline")
-    check(all((raw.piezo == arrays[0][raw.sequence, raw.sensor]).all() for raw in raws), "its counts are the episode's")
+    require(all((raw.piezo == arrays[0][raw.sequence, raw.sensor]).all() for raw in raws), "its counts are the episode's")
 
     on_a_bus(sys.argv[3], messages)
 
@@ -105,7 +101,7 @@ def on_a_bus(log, expected):
     same = len(received) == len(expected) and all(
         type(a) is type(b) and a.sequence == b.sequence and a.timestamp_us == b.timestamp_us
         for a, b in zip(received, expected))
-    check(same, f"live: {len(received)} messages through python-can's virtual bus")
+    require(same, f"live: {len(received)} messages through python-can's virtual bus")
 
 
 if __name__ == "__main__":

@@ -19,23 +19,17 @@ import sys
 import can
 import cantools
 import jsonschema
+from checks import Checks
 from mcap.reader import make_reader
 
 LINE = re.compile(r"\((\d+)\.(\d{6})\) \w+ ([0-9A-F]{8})##1((?:[0-9A-F]{2})*)\n")
 SLIP_PORT = 6200
-SHOWN = 10
 
 
 def main():
     log, mcap, blf, dbc = map(pathlib.Path, sys.argv[1:])
-    bad = 0
-
-    def equal(what, got, want):
-        nonlocal bad
-        if got != want:
-            bad += 1
-            if bad <= SHOWN:
-                print(f"mismatch: {what}: {got!r}, need {want!r}")
+    checks = Checks()
+    equal = checks.equal
 
     frames = []
     for line in log.read_text(encoding="ascii").splitlines(keepends=True):
@@ -99,9 +93,9 @@ def main():
     counts = ", ".join(f"{count} {name}" for name, count in sorted(topics.items()))
     print(
         f"{len(frames)} CAN frames in candump, BLF and MCAP ({counts}), {fields} fields of {len(slips)} slip messages "
-        f"by cantools: {bad} mismatches"
+        f"by cantools: {checks.bad} mismatches"
     )
-    return 1 if bad or not slips else 0
+    return 1 if checks.bad or not slips else 0
 
 
 if __name__ == "__main__":

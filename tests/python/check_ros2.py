@@ -16,45 +16,31 @@ import time
 
 import numpy as np
 
+from checks import Checks
+
 MSGS = pathlib.Path(__file__).resolve().parents[2] / "host-tools" / "ros2" / "slipsense_msgs" / "msg"
 NODE = "/slipsense/node42"
 LOGIT_SCALE = 1024.0
-SHOWN = 20
 # Not one that a robot in the same network has.
 DOMAIN = 117
 JOIN_S = 30
 SILENCE_S = 5.0
 
 
-class Mismatches:
-    """Every mismatch is counted, the first ones are printed."""
-
-    def __init__(self):
-        self.count = 0
-
-    def equal(self, what, got, want):
-        """Compares values or arrays of equal shape."""
-        got, want = np.asarray(got), np.asarray(want)
-        if got.shape != want.shape or not (got == want).all():
-            self.count += 1
-            if self.count <= SHOWN:
-                print(f"mismatch: {what}: {got!r}, must be {want!r}")
-
-
-def check_slip(bad, message, predictions, piezo):
+def check_slip(checks, message, predictions, piezo):
     """A slip message of rosbags or of Cyclone DDS against the command's predictions and the scans."""
     index = message.sequence
     at = f"slip message {index}"
-    bad.equal(f"{at}, class", message.class_index, predictions["class"][index])
-    bad.equal(f"{at}, logits", np.array(message.logits) * LOGIT_SCALE, predictions["logits"][index])
+    checks.equal(f"{at}, class", message.class_index, predictions["class"][index])
+    checks.equal(f"{at}, logits", np.array(message.logits) * LOGIT_SCALE, predictions["logits"][index])
     for flag in ("slip", "alarm"):
-        bad.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
+        checks.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
     sums = [contact.count_sum for contact in message.contact]
-    bad.equal(f"{at}, sums", sums, piezo[index].sum(axis=(1, 2), dtype=np.uint32))
-    bad.equal(f"{at}, frame", message.header.frame_id, "node42")
+    checks.equal(f"{at}, sums", sums, piezo[index].sum(axis=(1, 2), dtype=np.uint32))
+    checks.equal(f"{at}, frame", message.header.frame_id, "node42")
 
 
-def check_definitions(bad, reader):
+def check_definitions(checks, reader):
     """The bag's definitions, by hash, against ROS' own and the package's files."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -63,13 +49,13 @@ def check_definitions(bad, reader):
     for path in sorted(MSGS.glob("*.msg")):
         store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"slipsense_msgs/msg/{path.stem}"))
     kinds = sorted({connection.msgtype for connection in reader.connections})
-    bad.equal("types", kinds, ["sensor_msgs/msg/Image", "slipsense_msgs/msg/Raw", "slipsense_msgs/msg/Slip"])
+    checks.equal("types", kinds, ["sensor_msgs/msg/Image", "slipsense_msgs/msg/Raw", "slipsense_msgs/msg/Slip"])
     for kind in kinds:
-        bad.equal(f"definition of {kind}", reader.typestore.hash_rihs01(kind), store.hash_rihs01(kind))
+        checks.equal(f"definition of {kind}", reader.typestore.hash_rihs01(kind), store.hash_rihs01(kind))
     return len(kinds), len([kind for kind in kinds if kind in standard])
 
 
-def check_bag(bad, arguments):
+def check_bag(checks, arguments):
     """The bag's messages, all of them."""
     from rosbags.highlevel import AnyReader
 
@@ -78,36 +64,36 @@ def check_bag(bad, arguments):
     frames, sensors = piezo.shape[:2]
     slip, raw, pressure = [], [[] for _ in range(sensors)], [[] for _ in range(sensors)]
     with AnyReader([arguments.bag]) as reader:
-        kinds, standard = check_definitions(bad, reader)
+        kinds, standard = check_definitions(checks, reader)
         topics = {f"{NODE}/slip": slip}
         for sensor in range(sensors):
             topics[f"{NODE}/sensor{sensor}/raw"] = raw[sensor]
             topics[f"{NODE}/sensor{sensor}/pressure"] = pressure[sensor]
-        bad.equal("topics", sorted(reader.topics), sorted(topics))
+        checks.equal("topics", sorted(reader.topics), sorted(topics))
         for connection, time_ns, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             stamp = message.header.stamp
-            bad.equal(f"time on {connection.topic}", stamp.sec * 10**9 + stamp.nanosec, time_ns)
+            checks.equal(f"time on {connection.topic}", stamp.sec * 10**9 + stamp.nanosec, time_ns)
             topics[connection.topic].append(message)
-        bad.equal("messages", reader.message_count, frames * (1 + 2 * sensors))
-    bad.equal("slip messages", [message.sequence for message in slip], range(frames))
+        checks.equal("messages", reader.message_count, frames * (1 + 2 * sensors))
+    checks.equal("slip messages", [message.sequence for message in slip], range(frames))
     for message in slip:
-        check_slip(bad, message, predictions, piezo)
+        check_slip(checks, message, predictions, piezo)
     samples = 0
     for sensor in range(sensors):
-        bad.equal(f"raw messages of sensor {sensor}", [message.sequence for message in raw[sensor]], range(frames))
+        checks.equal(f"raw messages of sensor {sensor}", [message.sequence for message in raw[sensor]], range(frames))
         for frame, (message, image) in enumerate(zip(raw[sensor], pressure[sensor], strict=True)):
             at = f"frame {frame} of sensor {sensor}"
             end = xl_end[frame, sensor]
             want = xl[sensor, end - len(message.xl) : end]
-            bad.equal(f"{at}, xl_end", message.xl_end, end)
-            bad.equal(f"{at}, xl", [[s.x, s.y, s.z] for s in message.xl] if message.xl else want[:0], want)
-            bad.equal(f"{at}, taxels", np.frombuffer(image.data, "<u2").reshape(32, 32), piezo[frame, sensor])
-            bad.equal(f"{at}, shape", (image.height, image.width, image.step, image.encoding), (32, 32, 64, "mono16"))
+            checks.equal(f"{at}, xl_end", message.xl_end, end)
+            checks.equal(f"{at}, xl", [[s.x, s.y, s.z] for s in message.xl] if message.xl else want[:0], want)
+            checks.equal(f"{at}, taxels", np.frombuffer(image.data, "<u2").reshape(32, 32), piezo[frame, sensor])
+            checks.equal(f"{at}, shape", (image.height, image.width, image.step, image.encoding), (32, 32, 64, "mono16"))
             samples += len(message.xl)
     print(
         f"{arguments.bag}: {len(slip)} slip messages, {frames * sensors} scans and {samples} accelerometer samples "
-        f"compared, {kinds} definitions ({standard} of them ROS' own): {bad.count} mismatches"
+        f"compared, {kinds} definitions ({standard} of them ROS' own): {checks.bad} mismatches"
     )
 
 
@@ -129,7 +115,7 @@ def readers():
     return slip, DataReader(participant, topic, qos=effort)
 
 
-def check_node(bad, arguments):
+def check_node(checks, arguments):
     """The node's messages, as another DDS hears them."""
     predictions, piezo = np.load(arguments.predictions), np.load(arguments.episode)["piezo"]
     slip, pressure = readers()
@@ -146,10 +132,10 @@ def check_node(bad, arguments):
                 quiet = time.monotonic()
             time.sleep(0.002)
         print(node.stdout.read(), end="")
-    bad.equal("the node's exit code", node.returncode, 0)
-    bad.equal("slip messages that arrived", [message.sequence for message in decisions], range(len(piezo)))
+    checks.equal("the node's exit code", node.returncode, 0)
+    checks.equal("slip messages that arrived", [message.sequence for message in decisions], range(len(piezo)))
     for message in decisions:
-        check_slip(bad, message, predictions, piezo)
+        check_slip(checks, message, predictions, piezo)
     # A scan's number is in the raw message beside it; here its place in time tells.
     stamps = {(m.header.stamp.sec, m.header.stamp.nanosec): m.sequence for m in decisions}
     order = sorted(stamps)
@@ -157,11 +143,11 @@ def check_node(bad, arguments):
         at = (image.header.stamp.sec, image.header.stamp.nanosec)
         sequence = stamps[max(stamp for stamp in order if stamp <= at)]
         scan = np.frombuffer(bytes(image.data), "<u2").reshape(32, 32)
-        bad.equal(f"taxels of frame {sequence}", scan, piezo[sequence, 0])
-    bad.equal("is any pressure heard", bool(images), True)
+        checks.equal(f"taxels of frame {sequence}", scan, piezo[sequence, 0])
+    checks.equal("is any pressure heard", bool(images), True)
     print(
         f"Cyclone DDS: {len(decisions)} of {len(piezo)} slip messages and {len(images)} of {len(piezo)} scans (best "
-        f"effort) arrived and were compared: {bad.count} mismatches"
+        f"effort) arrived and were compared: {checks.bad} mismatches"
     )
 
 
@@ -180,9 +166,9 @@ def main():
         command.set_defaults(check=check)
     arguments = parser.parse_args()
     np.set_printoptions(threshold=20)
-    bad = Mismatches()
-    arguments.check(bad, arguments)
-    return 1 if bad.count else 0
+    checks = Checks()
+    arguments.check(checks, arguments)
+    return 1 if checks.bad else 0
 
 
 if __name__ == "__main__":

@@ -19,16 +19,12 @@ import urllib.request
 import numpy
 import websocket
 
+from checks import require
+
 CHROMIUM = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
             "--window-size=1280,1000", "--remote-debugging-port=0", "--remote-allow-origins=*"]
 PATIENCE_S = 60
 FRAME_RATE_HZ = 240
-
-
-def check(is_so, what):
-    if not is_so:
-        sys.exit(f"error: {what}")
-    print(f"  {what}")
 
 
 def until(what, answer):
@@ -138,7 +134,7 @@ def recording(browser, slipsense, predictions, out):
     print(f"  two sensors: {rate}, drawn without a graphics card")
 
     marks = numpy.array(browser.value("Array.from(marks)"))
-    check(((marks & 1) == predictions["slip"]).all() and ((marks >> 1 & 1) == predictions["alarm"]).all(),
+    require(((marks & 1) == predictions["slip"]).all() and ((marks >> 1 & 1) == predictions["alarm"]).all(),
           f"slip and alarm of {frames} frames are where `slipsense demo` has them")
     browser.press("Home")
     browser.value("playing = false")
@@ -146,24 +142,24 @@ def recording(browser, slipsense, predictions, out):
     browser.press("n")
     first = int(numpy.flatnonzero((marks & (1 | 8)) != 0)[0])
     until("key n", lambda: shown(browser) == first)
-    check(True, f"key n goes to the first slip, frame {first}")
+    require(True, f"key n goes to the first slip, frame {first}")
     slip = int(numpy.flatnonzero(predictions["slip"])[0])
     go_to(browser, slip)
-    check(browser.value("document.getElementById('slip').classList.contains('on')"), f"frame {slip}: the slip lamp is on")
+    require(browser.value("document.getElementById('slip').classList.contains('on')"), f"frame {slip}: the slip lamp is on")
     go_to(browser, slip - 1)
-    check(not browser.value("document.getElementById('slip').classList.contains('on')"), "and off a frame earlier")
+    require(not browser.value("document.getElementById('slip').classList.contains('on')"), "and off a frame earlier")
     for key, shift, move in [("ArrowRight", False, 1), ("ArrowLeft", False, -1), ("ArrowRight", True, FRAME_RATE_HZ)]:
         before = browser.value(POSITION)
         browser.press(key, shift)
-        check(browser.value(POSITION) == min(before + move, frames - 1), f"{key}{' with shift' if shift else ''}: {move:+} frames")
+        require(browser.value(POSITION) == min(before + move, frames - 1), f"{key}{' with shift' if shift else ''}: {move:+} frames")
 
     go_to(browser, slip + 100)
     for canvas, sensor in [("canvas.pad", 0), ("canvas.pad", 1)]:
-        check(browser.value(BRIGHT.format(canvas, sensor)) > 20, f"{canvas} {sensor} shows pressure")
-    check(browser.value(BRIGHT.format("canvas.mel", 0)) > 1000, "the waterfall shows sound")
+        require(browser.value(BRIGHT.format(canvas, sensor)) > 20, f"{canvas} {sensor} shows pressure")
+    require(browser.value(BRIGHT.format("canvas.mel", 0)) > 1000, "the waterfall shows sound")
     logits = predictions["logits"][slip + 100].tolist()
     read = browser.value("record(Math.floor(position)).logits.map((x) => Math.round(x * 1024))")
-    check(read == logits, f"frame {slip + 100}: logits {logits} as predicted")
+    require(read == logits, f"frame {slip + 100}: logits {logits} as predicted")
     picture = out / "view.png"
     browser.picture(picture)
     print(f"  picture: {picture}")
@@ -183,17 +179,17 @@ def live(browser, slipsense, log):
     view.process.stdin.write("".join(lines[half:]))
     view.process.stdin.flush()
     until("and the next ones", lambda: shown(browser) > first + 300)
-    check(browser.value("following"), "a live bus is followed")
+    require(browser.value("following"), "a live bus is followed")
     view.process.stdin.close()
     connection = "document.getElementById('connection').textContent"
     until("the end is told", lambda: "ended" in browser.value(connection))
-    check(shown(browser) == 767 and browser.value("panels.length") == 2, "the last frame of the log stays on the page")
+    require(shown(browser) == 767 and browser.value("panels.length") == 2, "the last frame of the log stays on the page")
     view.close()
     until("a lost connection is told", lambda: "no connection" in browser.value(connection))
     view = View(slipsense, "--port", port)
     until("the page comes back", lambda: browser.value(connection) == "" and browser.value("state.name") == "bundled episode")
     until("and draws", lambda: shown(browser) > 0)
-    check(True, "the stream's end, a lost server and its return")
+    require(True, "the stream's end, a lost server and its return")
     view.close()
 
 
@@ -204,7 +200,7 @@ def main():
         try:
             recording(browser, slipsense, predictions, out)
             live(browser, slipsense, log)
-            check(not browser.errors, f"no script failed: {browser.errors}")
+            require(not browser.errors, f"no script failed: {browser.errors}")
         finally:
             browser.close()
 

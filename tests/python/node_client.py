@@ -16,23 +16,10 @@ warnings.filterwarnings("ignore", category=DeprecationWarning)
 
 import can_link
 import regulated_types
+from checks import Checks
 
 NODE, TOOL, MASTER = 42, 120, 100
 CHANNEL = "slipsense"
-
-
-class Checks:
-    def __init__(self):
-        self.count = self.bad = 0
-
-    def equal(self, what, got, want):
-        self.true(f"{what}: got {got!r}, want {want!r}", got == want)
-
-    def true(self, what, right):
-        self.count += 1
-        if not right:
-            self.bad += 1
-            print(f"mismatch: {what}")
 
 
 class Client:

@@ -50,7 +50,7 @@ impl Crate {
             Some(first) if self.0.contains_key(&join(&at, first)) => {}
             _ => return None,
         }
-        while let Some(name) = names.next() {
+        for name in names {
             let child = join(&at, name);
             if self.0.contains_key(&child) {
                 at = child;

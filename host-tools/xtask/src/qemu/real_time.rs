@@ -66,29 +66,15 @@ const SCENARIOS: [Scenario; 3] = [
 
 /// What one run came to.
 struct Outcome {
-    bus: String,
+    bus: &'static str,
     sensors: usize,
     frames: usize,
-    dropped_frames: u32,
-    late_frames: u32,
+    counters: Counters,
+    decided: usize,
     /// Emulated microseconds: 480 instructions each.
-    queued_median_us: u32,
-    queued_max_us: u32,
-    /// From the tick to the last bit of the slip message.
-    arrived_max_us: u64,
+    queued_us: [u32; 2],
     busy_max_us: u32,
-    slips_arrived: usize,
-    slips_replaced: u32,
-    raw_arrived: usize,
-    raw_dropped: u32,
-    raw_broken: u32,
-    raw_waiting: u32,
-    /// CAN frames that are not what this computer makes, or parts of a message.
-    wrong: usize,
-    bus_offs: u32,
-    bus_off_us: u32,
-    /// From the end of what kept the node off the bus to the last bit of the first slip message.
-    recovery_us: Option<u64>,
+    arrivals: Arrivals,
     wall_s: f64,
     /// What is not as it should be.
     failures: Vec<String>,
@@ -212,33 +198,22 @@ fn one(
     while !rest.is_empty() {
         arrived.push(decode_arrived(&mut rest).context("the log of the bus ends inside a frame")?);
     }
-    let bus = Arrivals::check(&arrived, expected, &disturbance);
     let mut queued: Vec<u32> = decided.iter().map(|decided| decided.queued_us).collect();
     queued.sort_unstable();
+    let [median, most] = [queued.len() / 2, queued.len().saturating_sub(1)];
     let mut outcome = Outcome {
-        bus: scenario.name.to_owned(),
+        bus: scenario.name,
         sensors: expected.sensors,
         frames: expected.slips.len(),
-        dropped_frames: counters.dropped_frames,
-        late_frames: counters.late_frames,
-        queued_median_us: queued.get(queued.len() / 2).copied().unwrap_or_default(),
-        queued_max_us: queued.last().copied().unwrap_or_default(),
-        arrived_max_us: bus.arrived_max_us,
+        counters,
+        decided: decided.len(),
+        queued_us: [median, most].map(|place| queued.get(place).copied().unwrap_or_default()),
         busy_max_us: decided.iter().map(|decided| decided.done_us).max().unwrap_or_default(),
-        slips_arrived: bus.slips,
-        slips_replaced: counters.replaced_slips,
-        raw_arrived: bus.raw,
-        raw_dropped: counters.dropped_raw,
-        raw_broken: counters.broken_raw,
-        raw_waiting: counters.waiting_raw,
-        wrong: bus.wrong,
-        bus_offs: counters.bus_offs,
-        bus_off_us: counters.bus_off_us,
-        recovery_us: bus.recovery_us,
+        arrivals: Arrivals::check(&arrived, expected, &disturbance),
         wall_s,
         failures: Vec::new(),
     };
-    outcome.failures = outcome.failures(decided.len(), &disturbance);
+    outcome.failures = outcome.failures(!disturbance.dominant_ns.is_empty());
     Ok(outcome)
 }
 
@@ -247,8 +222,11 @@ fn one(
 struct Arrivals {
     slips: usize,
     raw: usize,
+    /// CAN frames that are not what this computer makes, or parts of a message.
     wrong: usize,
-    arrived_max_us: u64,
+    /// From the tick to the last bit of the slip message.
+    worst_us: u64,
+    /// From the end of what kept the node off the bus to the last bit of the first slip message.
     recovery_us: Option<u64>,
 }
 
@@ -294,7 +272,7 @@ impl Arrivals {
         };
         self.slips += 1;
         let age_us = (arrived.at_ns / 1000).saturating_sub(expected.stamps[sequence].timestamp_us);
-        self.arrived_max_us = self.arrived_max_us.max(age_us);
+        self.worst_us = self.worst_us.max(age_us);
         let off = &disturbance.dominant_ns;
         if !off.is_empty() && arrived.at_ns > off.end && self.recovery_us.is_none() {
             self.recovery_us = Some((arrived.at_ns - off.end) / 1000);
@@ -303,32 +281,35 @@ impl Arrivals {
 }
 
 impl Outcome {
-    fn failures(&self, decided: usize, disturbance: &Disturbance) -> Vec<String> {
-        let mut failures = Vec::new();
-        let mut rule = |kept: bool, broken: String| {
-            if !kept {
-                failures.push(broken);
-            }
-        };
-        rule(self.dropped_frames == 0, format!("{} scans missed", self.dropped_frames));
-        rule(self.late_frames == 0, format!("{} frames late", self.late_frames));
-        rule(decided == self.frames, format!("{decided} of {} frames decided", self.frames));
+    /// `off`: was the node kept off the bus?
+    fn failures(&self, off: bool) -> Vec<String> {
+        let Self { frames, counters, arrivals, .. } = self;
         let bar = BARS_US.iter().find(|(sensors, _)| *sensors == self.sensors).map_or(0, |bar| bar.1);
-        rule(self.queued_max_us <= bar, format!("a slip message queued after {} µs", self.queued_max_us));
-        rule(self.wrong == 0, format!("{} CAN frames or messages differ from the host's", self.wrong));
-        let accounted = self.slips_arrived + self.slips_replaced as usize;
-        rule(accounted == self.frames, format!("{accounted} of {} slip messages accounted for", self.frames));
-        let off = !disturbance.dominant_ns.is_empty();
-        rule(off || self.slips_replaced == 0, format!("{} slip messages not sent", self.slips_replaced));
-        rule(self.bus_offs == u32::from(off), format!("{} times off the bus", self.bus_offs));
-        rule(off == self.recovery_us.is_some(), "no slip message after bus-off".to_owned());
-        rule(self.raw_broken <= u32::from(off), format!("{} raw messages cut off", self.raw_broken));
-        let made = self.frames * self.sensors;
-        let accounted = self.raw_arrived + (self.raw_dropped + self.raw_broken + self.raw_waiting) as usize;
-        rule(accounted == made, format!("{accounted} of {made} raw messages accounted for"));
-        let fits = self.bus != COMPRESSED.name || self.raw_dropped == 0;
-        rule(fits, format!("{} compressed raw messages dropped", self.raw_dropped));
-        failures
+        let slips = arrivals.slips + counters.replaced_slips as usize;
+        let raw = arrivals.raw + (counters.dropped_raw + counters.broken_raw + counters.waiting_raw) as usize;
+        let made = frames * self.sensors;
+        let fits = self.bus != COMPRESSED.name || counters.dropped_raw == 0;
+        let rules = [
+            (counters.dropped_frames == 0, format!("{} scans missed", counters.dropped_frames)),
+            (counters.late_frames == 0, format!("{} frames late", counters.late_frames)),
+            (self.decided == *frames, format!("{} of {frames} frames decided", self.decided)),
+            (self.queued_us[1] <= bar, format!("a slip message queued after {} µs", self.queued_us[1])),
+            (
+                arrivals.wrong == 0,
+                format!("{} CAN frames or messages differ from the host's", arrivals.wrong),
+            ),
+            (slips == *frames, format!("{slips} of {frames} slip messages accounted for")),
+            (
+                off || counters.replaced_slips == 0,
+                format!("{} slip messages not sent", counters.replaced_slips),
+            ),
+            (counters.bus_offs == u32::from(off), format!("{} times off the bus", counters.bus_offs)),
+            (off == arrivals.recovery_us.is_some(), "no slip message after bus-off".to_owned()),
+            (counters.broken_raw <= u32::from(off), format!("{} raw messages cut off", counters.broken_raw)),
+            (raw == made, format!("{raw} of {made} raw messages accounted for")),
+            (fits, format!("{} compressed raw messages dropped", counters.dropped_raw)),
+        ];
+        rules.into_iter().filter(|(is_kept, _)| !is_kept).map(|(_, broken)| broken).collect()
     }
 }
 
@@ -355,22 +336,23 @@ fn print(outcomes: &[Outcome]) {
         ],
     );
     for outcome in outcomes {
-        let mut row = vec![outcome.bus.clone()];
+        let Outcome { counters, arrivals, .. } = outcome;
+        let mut row = vec![outcome.bus.to_owned()];
         row.extend(
             [
                 outcome.sensors as u64,
                 outcome.frames as u64,
-                outcome.dropped_frames.into(),
-                outcome.late_frames.into(),
-                outcome.queued_median_us.into(),
-                outcome.queued_max_us.into(),
-                outcome.arrived_max_us,
+                counters.dropped_frames.into(),
+                counters.late_frames.into(),
+                outcome.queued_us[0].into(),
+                outcome.queued_us[1].into(),
+                arrivals.worst_us,
                 outcome.busy_max_us.into(),
-                outcome.slips_arrived as u64,
-                outcome.slips_replaced.into(),
-                outcome.raw_arrived as u64,
-                (outcome.raw_dropped + outcome.raw_broken).into(),
-                outcome.wrong as u64,
+                arrivals.slips as u64,
+                counters.replaced_slips.into(),
+                arrivals.raw as u64,
+                (counters.dropped_raw + counters.broken_raw).into(),
+                arrivals.wrong as u64,
             ]
             .map(thousands),
         );
@@ -378,14 +360,14 @@ fn print(outcomes: &[Outcome]) {
     }
     print!("{table}");
     for outcome in outcomes {
-        if let Some(us) = outcome.recovery_us {
+        if let Some(us) = outcome.arrivals.recovery_us {
             println!(
                 "{}: {} µs off by the node's count, first slip message {} µs after the end of the disturbance, {} raw \
                  message cut off",
                 outcome.bus,
-                thousands(outcome.bus_off_us),
+                thousands(outcome.counters.bus_off_us),
                 thousands(us),
-                outcome.raw_broken
+                outcome.counters.broken_raw
             );
         }
         for failure in &outcome.failures {

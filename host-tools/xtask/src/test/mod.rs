@@ -175,8 +175,8 @@ impl State<'_> {
             self.running.contains(name) || self.waiting.iter().any(|waiting| waiting.name == name)
         };
         let compiles = |name: &str| STEPS.iter().any(|step| step.name == name && step.compiles);
-        !(step.compiles && self.running.iter().any(|name| compiles(name)))
-            && !step.after.iter().any(|name| is_open(name))
+        let is_held_up = step.compiles && self.running.iter().any(|name| compiles(name));
+        !is_held_up && !step.after.iter().any(|name| is_open(name))
     }
 }
 

@@ -1,0 +1,37 @@
+"""What the checks share: counting mismatches, and stopping at the first one."""
+
+import sys
+
+import numpy as np
+
+SHOWN = 20
+
+
+class Checks:
+    """Every comparison is counted, the first mismatches are printed."""
+
+    def __init__(self):
+        self.count = self.bad = 0
+
+    def true(self, what, right):
+        self.count += 1
+        if not right:
+            self.bad += 1
+            if self.bad <= SHOWN:
+                print(f"mismatch: {what}")
+
+    def equal(self, what, got, want):
+        """Compares values, or arrays of equal shape."""
+        if isinstance(got, np.ndarray) or isinstance(want, np.ndarray):
+            right = np.array_equal(got, want)
+        else:
+            right = got == (list(want) if isinstance(want, range) else want)
+        # The text of an array takes long to make.
+        self.true(what if right else f"{what}: got {got!r}, want {want!r}", right)
+
+
+def require(is_so, what):
+    """Print what holds; end with an error where it does not."""
+    if not is_so:
+        sys.exit(f"error: {what}")
+    print(f"  {what}")

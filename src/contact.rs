@@ -8,7 +8,7 @@ use micromath::F32Ext;
 
 use crate::fixed::Q;
 use crate::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_TOUCH_MIN};
-use crate::sensor::{PiezoFrame, both, pair};
+use crate::sensor::{PiezoFrame, pair, sum_halves};
 
 /// Contact on one pad. Taxels of fewer than [`TAXEL_TOUCH_MIN`] counts enter `sum` only. All zero
 /// without a touched taxel.
@@ -36,12 +36,12 @@ impl ContactSummary {
         let (mut sum, mut touched) = (0, 0);
         for (row, pairs) in frame.rows().enumerate() {
             let cells = Row::new(pairs);
-            sum += both(cells.all);
+            sum += sum_halves(cells.all);
             touched += cells.touched;
             moments.add(row as u32, &cells);
         }
         let Moments { weight, row, col, .. } = moments;
-        let mut summary = Self { sum, area: both(touched) as u16, ..Self::default() };
+        let mut summary = Self { sum, area: sum_halves(touched) as u16, ..Self::default() };
         if weight > 0 {
             summary.centroid_row = mean(row, weight);
             summary.centroid_col = mean(col, weight);
@@ -103,7 +103,7 @@ impl Row {
         let (mut sum, mut sum2, mut sum3) = (0, 0, 0);
         let (mut right, mut right2) = (0, 0);
         for &kept in kept.iter().rev() {
-            sum += both(kept);
+            sum += sum_halves(kept);
             sum2 += sum;
             sum3 += sum2;
             right += kept >> 16;

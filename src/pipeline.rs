@@ -7,13 +7,14 @@ use core::borrow::BorrowMut;
 
 use crate::contact::ContactSummary;
 use crate::decision::{Decision, margin};
+use crate::features::piezo::PiezoFrontEnd;
 use crate::features::{LogMel, XlFrontEnd};
 use crate::fixed::Logit;
 use crate::health::{self, SensorHealth};
 use crate::net::format::OperatingPoint;
 use crate::net::{Model, NetworkState, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
-use crate::sensor::{SensorInput, XlSample};
+use crate::sensor::{SensorInput, SensorReadings, TaxelMask, XlSample};
 use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage};
 
 pub use crate::decision::Class;
@@ -87,20 +88,13 @@ impl Output {
     }
 
     /// The raw frame of one sensor: what the pipeline was given, and what it thought of it.
-    pub fn raw_frame<'a>(
-        &self,
-        stamp: FrameStamp,
-        sensor: usize,
-        input: SensorInput<'a>,
-        xl_end: u32,
-    ) -> RawFrame<'a> {
+    pub fn raw_frame<'a>(&self, stamp: FrameStamp, sensor: usize, input: SensorInput<'a>) -> RawFrame<'a> {
         RawFrame {
             timestamp_us: stamp.timestamp_us,
             sequence: stamp.sequence,
             sensor: sensor as u8,
             health: self.health.get(sensor).copied().unwrap_or_default().0,
             input,
-            xl_end,
         }
     }
 }
@@ -120,23 +114,33 @@ impl core::fmt::Display for SensorCountError {
 
 impl core::error::Error for SensorCountError {}
 
-/// One accelerometer's front end and how much it has heard.
+/// One accelerometer's front end, and which samples it has seen.
 #[derive(Clone, Debug)]
-struct Ear {
+struct XlChannel {
     front_end: XlFrontEnd,
     /// Samples since the start or the last gap, up to a full window.
-    heard: usize,
+    samples_seen: usize,
+    /// Index of the sample that comes next; `None` before the first batch and after a frame without one.
+    next: Option<u32>,
 }
 
-impl Ear {
+impl XlChannel {
     const fn new() -> Self {
-        Self { front_end: XlFrontEnd::new(), heard: 0 }
+        Self { front_end: XlFrontEnd::new(), samples_seen: 0, next: None }
     }
 
-    fn listen(&mut self, samples: &[XlSample]) -> LogMel {
+    /// Take in the samples of a frame, up to the index `end`. `true`: samples are missing before them. Then, as after a
+    /// frame without samples, the front end starts again: a jump in the signal would look like a knock.
+    fn push(&mut self, samples: &[XlSample], end: u32) -> bool {
+        let first = end.wrapping_sub(samples.len() as u32);
+        let gap = self.next.is_some_and(|next| next != first);
+        if gap {
+            *self = Self::new();
+        }
         self.front_end.push(samples);
-        self.heard = self.heard.saturating_add(samples.len()).min(XL_WINDOW);
-        self.front_end.log_mel()
+        self.samples_seen = self.samples_seen.saturating_add(samples.len()).min(XL_WINDOW);
+        self.next = Some(end);
+        gap
     }
 }
 
@@ -145,14 +149,19 @@ impl Ear {
 /// it where it is to stay.
 #[derive(Clone, Debug)]
 pub struct State {
-    ears: [Ear; MAX_SENSORS],
+    xl: [XlChannel; MAX_SENSORS],
+    piezo: [PiezoFrontEnd; MAX_SENSORS],
     network: NetworkState,
 }
 
 impl State {
     /// Before the first frame.
     pub const fn new() -> Self {
-        Self { ears: [const { Ear::new() }; MAX_SENSORS], network: NetworkState::new() }
+        Self {
+            xl: [const { XlChannel::new() }; MAX_SENSORS],
+            piezo: [const { PiezoFrontEnd::new() }; MAX_SENSORS],
+            network: NetworkState::new(),
+        }
     }
 }
 
@@ -169,6 +178,8 @@ pub struct Pipeline<'m, S = State> {
     model: Model<'m>,
     state: S,
     decision: Decision,
+    /// Taxels to mask in [`step_readings`](Self::step_readings), by sensor.
+    pub masks: [TaxelMask; MAX_SENSORS],
 }
 
 /// The RAM that a pipeline takes, whatever the model.
@@ -177,23 +188,19 @@ const _: () = assert!(size_of::<Pipeline<'static>>() <= PIPELINE_BYTES_MAX);
 
 impl<'m> Pipeline<'m> {
     /// Before the first frame, for 1 to [`MAX_SENSORS`] sensors.
-    pub const fn new(model: Model<'m>, sensors: usize) -> Result<Self, SensorCountError> {
-        if sensors == 0 || sensors > MAX_SENSORS {
-            return Err(SensorCountError { sensors });
-        }
-        let decision = Decision::new(model.point);
-        Ok(Self { sensors, model, state: State::new(), decision })
+    pub fn new(model: Model<'m>, sensors: usize) -> Result<Self, SensorCountError> {
+        Self::with_state(State::new(), model, sensors)
     }
 }
 
 impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
     /// As [`Pipeline::new`], on a state as it is at first.
-    pub fn within(state: S, model: Model<'m>, sensors: usize) -> Result<Self, SensorCountError> {
+    pub fn with_state(state: S, model: Model<'m>, sensors: usize) -> Result<Self, SensorCountError> {
         if sensors == 0 || sensors > MAX_SENSORS {
             return Err(SensorCountError { sensors });
         }
         let decision = Decision::new(model.point);
-        Ok(Self { sensors, model, state, decision })
+        Ok(Self { sensors, model, state, decision, masks: [TaxelMask::NONE; MAX_SENSORS] })
     }
 
     /// Sensors in use.
@@ -208,19 +215,23 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
 
     /// Raise the alarm at this operating point, one that [`OperatingPoint::check`] accepts; `None`: at the model's. A
     /// new point begins with nothing remembered.
-    pub fn work_at(&mut self, point: Option<OperatingPoint>) {
+    pub fn set_operating_point(&mut self, point: Option<OperatingPoint>) {
         let point = point.unwrap_or(self.model.point);
         if self.decision.point() != point {
             self.decision = Decision::new(point);
         }
     }
 
-    /// Samples of this accelerometer were lost before those of the next step: what was heard before the gap is
-    /// forgotten, and the sensor warms up again. Of a sensor that is not there nothing is forgotten.
-    pub fn forget_sound(&mut self, sensor: usize) {
-        if let Some(ear) = self.state.borrow_mut().ears.get_mut(sensor) {
-            *ear = Ear::new();
+    /// Take in one frame as the drivers deliver it. Masked taxels ([`masks`](Self::masks)) and those that the drivers
+    /// found stuck are set to 0 first, in place, so that raw messages carry what the network sees. A recording's scans
+    /// are masked already.
+    pub fn step_readings(&mut self, readings: &mut [SensorReadings; MAX_SENSORS]) -> Output {
+        for (readings, mask) in
+            readings.iter_mut().zip(&self.masks).filter(|(readings, _)| readings.piezo_arrived)
+        {
+            readings.piezo.mask(&readings.stuck.union(mask));
         }
+        self.step(&readings.each_ref().map(SensorReadings::input))
     }
 
     /// Take one frame in. `inputs` in sensor order; one that is not there counts as missing, one too
@@ -244,26 +255,31 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         let Output { contact, log_mel, health, .. } = &mut output;
         let given = inputs.iter().copied().chain(core::iter::repeat(SensorInput::default()));
         let results = contact.iter_mut().zip(log_mel).zip(health).take(self.sensors);
-        for (((input, ear), ((contact, log_mel), health)), _) in
-            given.zip(&mut state.ears).zip(results).zip(0..MAX_SENSORS)
-        {
+        for ((input, xl), ((contact, log_mel), health)) in given.zip(&mut state.xl).zip(results) {
             if let Some(frame) = input.piezo {
                 *contact = ContactSummary::new(frame);
             }
+            let mut gap = false;
             match input.xl {
-                Some(samples) => *log_mel = ear.listen(samples),
-                // A gap: what is heard after it must not be joined to what was heard before.
-                None => *ear = Ear::new(),
+                Some(samples) => {
+                    gap = xl.push(samples, input.xl_end);
+                    *log_mel = xl.front_end.log_mel();
+                }
+                None => *xl = XlChannel::new(),
             }
-            *health = sensor_health(&input, ear);
+            *health = sensor_health(&input, xl.samples_seen, gap);
         }
 
         let mut seen = [SensorFeatures::default(); MAX_SENSORS];
         for ((seen, input), log_mel) in seen.iter_mut().zip(inputs).zip(&output.log_mel) {
             *seen = SensorFeatures { piezo: input.piezo, log_mel: input.xl.map(|_| &log_mel.standardised) };
         }
-        output.logits =
-            state.network.step(&self.model, seen.get(..self.sensors).unwrap_or_default(), &mut ());
+        output.logits = state.network.step(
+            &self.model,
+            &mut state.piezo,
+            seen.get(..self.sensors).unwrap_or_default(),
+            &mut (),
+        );
         let touched = touched(inputs, &output.contact, self.sensors);
         output.class = Class::new(touched, output.logits);
         output.slip = output.class == Class::Slip;
@@ -273,8 +289,8 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
     }
 }
 
-/// What is wrong with a sensor.
-fn sensor_health(input: &SensorInput<'_>, ear: &Ear) -> SensorHealth {
+/// What is wrong with a sensor; `gap`: samples are missing before those of this frame.
+fn sensor_health(input: &SensorInput<'_>, samples_seen: usize, gap: bool) -> SensorHealth {
     let mut bits = 0;
     match input.piezo {
         None => bits |= health::PIEZO_MISSING,
@@ -290,13 +306,13 @@ fn sensor_health(input: &SensorInput<'_>, ear: &Ear) -> SensorHealth {
     match input.xl {
         None => bits |= health::XL_MISSING,
         Some(samples) => {
-            if ear.heard < XL_WINDOW {
+            if samples_seen < XL_WINDOW {
                 bits |= health::XL_WARMING_UP;
             }
             if samples.as_flattened().iter().any(|&x| x == i16::MAX || x == i16::MIN) {
                 bits |= health::XL_CLIPPED;
             }
-            if samples.len() > RAW_XL_MAX {
+            if gap || samples.len() > RAW_XL_MAX {
                 bits |= health::XL_SAMPLES_DROPPED;
             }
         }

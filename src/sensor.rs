@@ -1,7 +1,7 @@
-//! What the sensors deliver: one array scan, one batch of accelerometer samples, and whether they can
-//! be believed.
+//! What the sensors deliver: one array scan, one batch of accelerometer samples, and which taxels are
+//! masked.
 
-use crate::params::{COUNT_MAX, ROW_CUT, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use crate::params::{COUNT_MAX, ROW_CUT, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_BATCH_MAX};
 
 /// Is the taxel at this row and column on the pad? Cells outside always read 0.
 #[inline]
@@ -27,7 +27,7 @@ pub const fn pair([left, right]: [u16; 2]) -> u32 {
 
 /// Left and right of a [`pair`] together.
 #[inline]
-pub const fn both(pair: u32) -> u32 {
+pub const fn sum_halves(pair: u32) -> u32 {
     (pair & 0xffff) + (pair >> 16)
 }
 
@@ -38,14 +38,14 @@ const _: () =
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PiezoFrame {
     counts: [u16; TAXELS],
-    /// Of all counts: told once, asked for by everyone.
+    /// Of all counts.
     sum: u32,
     saturated: bool,
     /// Has a mask that masks anything been laid over the counts?
     masked: bool,
 }
 
-/// Taxels that are not to be believed: stuck, shorted, torn. Row by row, bit `col` of a row's word stands for the
+/// Faulty taxels: stuck, shorted, torn. Row by row, bit `col` of a row's word stands for the
 /// taxel in that column; a 1 masks it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TaxelMask(pub [u32; TAXEL_ROWS]);
@@ -67,7 +67,7 @@ const ON_PAD: [u32; TAXEL_ROWS] = {
 };
 
 impl TaxelMask {
-    /// All taxels are believed.
+    /// No taxel is masked.
     pub const NONE: Self = Self([0; TAXEL_ROWS]);
 
     /// Mask one taxel more. One that the grid does not have changes nothing.
@@ -76,6 +76,12 @@ impl TaxelMask {
             self.0[row] |= 1 << col;
         }
         self
+    }
+
+    /// The taxels that one of the two masks.
+    #[must_use]
+    pub fn union(&self, other: &Self) -> Self {
+        Self(core::array::from_fn(|row| self.0[row] | other.0[row]))
     }
 
     /// How many taxels of the pad it masks.
@@ -141,20 +147,21 @@ impl PiezoFrame {
                 return Err(TaxelError::Inactive { index, count });
             }
         }
-        Ok(Self::of(counts))
+        Ok(Self::from_valid(counts))
     }
 
     /// `counts` that keep to the rules.
-    fn of(counts: [u16; TAXELS]) -> Self {
+    fn from_valid(counts: [u16; TAXELS]) -> Self {
         let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
-        frame.tally();
+        frame.update_totals();
         frame
     }
 
-    /// Tell sum and saturation anew.
-    fn tally(&mut self) {
-        self.sum =
-            self.rows().fold(0, |sum, row| sum + both(row.iter().fold(0, |sums, &two| sums + pair(two))));
+    /// Recompute sum and saturation.
+    fn update_totals(&mut self) {
+        self.sum = self
+            .rows()
+            .fold(0, |sum, row| sum + sum_halves(row.iter().fold(0, |sums, &two| sums + pair(two))));
         // One more than a count has 13 bits at full scale only.
         const ONES: u32 = pair([1; 2]);
         let more = self.rows().flatten().fold(0, |bits, &two| bits | (pair(two) + ONES));
@@ -180,7 +187,7 @@ impl PiezoFrame {
             cells.get_mut(pad.end..).unwrap_or_default().fill(0);
         }
         self.masked = false;
-        self.tally();
+        self.update_totals();
     }
 
     /// Zero the taxels that `mask` names. An empty mask changes nothing.
@@ -191,12 +198,12 @@ impl PiezoFrame {
         // In place: a copy of the counts would be 2 KB of stack.
         for (cells, &word) in self.counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().zip(&mask.0) {
             for (col, count) in cells.iter_mut().enumerate() {
-                // All ones where the taxel is believed.
+                // All ones where the taxel is not masked.
                 *count &= ((word >> col & 1) as u16 ^ 1).wrapping_neg();
             }
         }
         self.masked = true;
-        self.tally();
+        self.update_totals();
     }
 
     /// Has a mask been laid over the counts?
@@ -250,4 +257,53 @@ pub struct SensorInput<'a> {
     pub piezo: Option<&'a PiezoFrame>,
     /// The samples that arrived since the previous tick, oldest first. May be empty.
     pub xl: Option<&'a [XlSample]>,
+    /// Index of the sample after the last of `xl`, counted since start, wraps. If it is ahead of the index before by
+    /// more samples than `xl` holds, samples are missing in between.
+    pub xl_end: u32,
+}
+
+/// What one sensor delivered for one frame, in a buffer that is filled again and again.
+#[derive(Clone, Debug)]
+pub struct SensorReadings {
+    /// The array scan; valid only if `piezo_arrived`.
+    pub piezo: PiezoFrame,
+    /// Did the array deliver for this frame?
+    pub piezo_arrived: bool,
+    /// Taxels that the driver found stuck; the pipeline masks them.
+    pub stuck: TaxelMask,
+    /// Samples since the previous tick, oldest first; valid only if `xl_arrived`.
+    pub xl: heapless::Vec<XlSample, XL_BATCH_MAX>,
+    /// Did the accelerometer deliver for this frame? It may have delivered zero samples.
+    pub xl_arrived: bool,
+    /// As [`SensorInput::xl_end`].
+    pub xl_end: u32,
+}
+
+impl SensorReadings {
+    /// Nothing arrived.
+    pub const fn new() -> Self {
+        Self {
+            piezo: PiezoFrame::zeroed(),
+            piezo_arrived: false,
+            stuck: TaxelMask::NONE,
+            xl: heapless::Vec::new(),
+            xl_arrived: false,
+            xl_end: 0,
+        }
+    }
+
+    /// The readings as the pipeline takes them.
+    pub fn input(&self) -> SensorInput<'_> {
+        SensorInput {
+            piezo: self.piezo_arrived.then_some(&self.piezo),
+            xl: self.xl_arrived.then_some(self.xl.as_slice()),
+            xl_end: self.xl_end,
+        }
+    }
+}
+
+impl Default for SensorReadings {
+    fn default() -> Self {
+        Self::new()
+    }
 }

@@ -165,7 +165,7 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
         let mut inputs = [SensorInput::default(); MAX_SENSORS];
         for (sensor, input) in inputs.iter_mut().take(episode.sensors).enumerate() {
             let (piezo, xl) = (episode.piezo(frame, sensor), episode.xl_batch(frame, sensor));
-            *input = SensorInput { piezo: Some(piezo), xl: Some(xl) };
+            *input = SensorInput { piezo: Some(piezo), xl: Some(xl), xl_end: episode.xl_end(frame, sensor) };
         }
         let output = pipeline.step(&inputs[..episode.sensors]);
         let mut seen = [SensorFrame::default(); MAX_SENSORS];

@@ -108,13 +108,13 @@ impl Default for Mailbox {
 
 /// The board's end.
 #[derive(Clone, Copy, Debug)]
-pub struct Desk {
+pub struct BoardEnd {
     mailbox: &'static Mailbox,
     frame: &'static [AtomicU32; FRAME_WORDS],
     answer: &'static [AtomicU32; ANSWER_WORDS],
 }
 
-impl Desk {
+impl BoardEnd {
     /// `frame` and `answer` in memory that neither the core's cache nor anything else holds back from the probe; what
     /// is in them at first does not matter.
     pub const fn new(

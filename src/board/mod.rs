@@ -1,7 +1,7 @@
 //! The seam to a board: what the tasks need from it, as traits that the firmware, the emulated
 //! microcontroller and the tests implement.
 //!
-//! A board owns pins, clocks and buses. It hands over one [`SensedFrame`] per tick and takes CAN frames
+//! A board owns pins, clocks and buses. It hands over one [`SensorFrame`] per tick and takes CAN frames
 //! away; everything between is [`crate::tasks`] and the same everywhere.
 //!
 //! Storage is not here: settings and updates take any flash that has the traits of `embedded-storage`.
@@ -12,79 +12,37 @@ pub mod panic_record;
 pub mod replay;
 mod sensing;
 
-pub use sensing::{Accelerometer, Drained, FIFO_SAMPLES_MAX, FifoSamples, TaxelScan, XlFault, XlPart};
+pub use sensing::{Accelerometer, FIFO_SAMPLES_MAX, FifoSamples, FifoStatus, TaxelScan, XlFault, XlPart};
 
 use crate::health::{CanStatus, Condition};
-use crate::params::{MAX_SENSORS, XL_BATCH_MAX};
+use crate::params::MAX_SENSORS;
 use crate::pipeline::{FrameStamp, Output};
-use crate::sensor::{PiezoFrame, SensorInput, XlSample};
+use crate::sensor::SensorReadings;
 use crate::wire::CanFrame;
-
-/// What one sensor delivered for one frame, in a buffer that is filled again and again.
-#[derive(Clone, Debug)]
-pub struct SensedPart {
-    /// The array scan; believed only if `piezo_arrived`.
-    pub piezo: PiezoFrame,
-    /// Did the array deliver for this frame?
-    pub piezo_arrived: bool,
-    /// Samples since the previous tick, oldest first; believed only if `xl_arrived`.
-    pub xl: heapless::Vec<XlSample, XL_BATCH_MAX>,
-    /// Did the accelerometer deliver for this frame? It may have delivered zero samples.
-    pub xl_arrived: bool,
-    /// Index of the sample after the last of `xl`, counted since start, wraps.
-    pub xl_end: u32,
-}
-
-impl SensedPart {
-    /// Nothing arrived.
-    pub const fn new() -> Self {
-        Self {
-            piezo: PiezoFrame::zeroed(),
-            piezo_arrived: false,
-            xl: heapless::Vec::new(),
-            xl_arrived: false,
-            xl_end: 0,
-        }
-    }
-
-    /// The readings as the pipeline takes them.
-    pub fn input(&self) -> SensorInput<'_> {
-        SensorInput {
-            piezo: self.piezo_arrived.then_some(&self.piezo),
-            xl: self.xl_arrived.then_some(self.xl.as_slice()),
-        }
-    }
-}
-
-impl Default for SensedPart {
-    fn default() -> Self {
-        Self::new()
-    }
-}
 
 /// Everything that one tick closed.
 #[derive(Clone, Debug)]
-pub struct SensedFrame {
+pub struct SensorFrame {
     /// Number and time of the tick.
     pub stamp: FrameStamp,
     /// In sensor order; entries of sensors that the board does not have are not looked at.
-    pub parts: [SensedPart; MAX_SENSORS],
+    pub parts: [SensorReadings; MAX_SENSORS],
     /// Frames dropped since start, up to this one; written by [`crate::tasks::acquire`].
     pub dropped_frames: u32,
 }
 
-impl SensedFrame {
+impl SensorFrame {
     /// Nothing arrived.
     pub const fn new() -> Self {
         Self {
             stamp: FrameStamp { sequence: 0, timestamp_us: 0 },
-            parts: [const { SensedPart::new() }; MAX_SENSORS],
+            parts: [const { SensorReadings::new() }; MAX_SENSORS],
             dropped_frames: 0,
         }
     }
 }
 
-impl Default for SensedFrame {
+impl Default for SensorFrame {
     fn default() -> Self {
         Self::new()
     }
@@ -100,7 +58,7 @@ pub trait FrameSource {
     async fn tick(&mut self) -> Option<FrameStamp>;
 
     /// Write into `parts` what the tick just waited for has closed. Called at most once per tick.
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]);
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]);
 
     /// Throw away what the tick just waited for has closed. Called instead of [`read`](Self::read), by
     /// [`crate::tasks::acquire`] for real-time sources only.
@@ -112,7 +70,7 @@ pub trait FrameSource {
 /// frame of its own node that other traffic keeps from the bus, and the frames of a transfer, which have one
 /// identifier, cannot change their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lane {
+pub enum TxSlot {
     /// The slip message.
     Slip,
     /// Heartbeat, answers, and whatever else the node's services say.
@@ -121,29 +79,29 @@ pub enum Lane {
     Raw,
 }
 
-impl Lane {
+impl TxSlot {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Slip, Self::Service, Self::Raw];
 }
 
-/// The hardware's end of the bus: a slot for each [`Lane`]. What waits for a slot is
+/// The hardware's end of the bus: one frame for each [`TxSlot`]. What waits is
 /// [`crate::tasks::Transmission`]'s to choose.
 pub trait CanTransmit {
-    /// Has the lane's frame gone, so that another can be handed over?
-    fn is_free(&self, lane: Lane) -> bool;
+    /// Has the slot's frame gone, so that another can be handed over?
+    fn is_free(&self, slot: TxSlot) -> bool;
 
     /// Send one CAN FD frame with bit rate switching, again and again until it is acknowledged. Called for a free
-    /// lane only; a frame for one that is not free is lost.
-    fn transmit(&mut self, lane: Lane, frame: &CanFrame);
+    /// slot only; a frame for one that is not free is lost.
+    fn transmit(&mut self, slot: TxSlot, frame: &CanFrame);
 
-    /// Take the lane's frame back, if it is not on the wire just now: it need not be free at once.
-    fn withdraw(&mut self, lane: Lane);
+    /// Take the slot's frame back, if it is not on the wire just now: it need not be free at once.
+    fn withdraw(&mut self, slot: TxSlot);
 
-    /// Of a lane that is free: has its last frame gone over the bus? `false`: it was taken back before it could, or
+    /// Of a slot that is free: has its last frame gone over the bus? `false`: it was taken back before it could, or
     /// there was none.
-    fn has_sent(&self, lane: Lane) -> bool;
+    fn has_sent(&self, slot: TxSlot) -> bool;
 
-    /// Wait until a lane may have become free or the state may have changed; may return early. Dropping the future
+    /// Wait until a slot may have become free or the state may have changed; may return early. Dropping the future
     /// loses nothing.
     async fn changed(&mut self);
 

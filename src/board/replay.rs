@@ -4,7 +4,7 @@
 //! Encode and decode stand side by side. All numbers are little-endian. Both take whole frames of so many sensors; a
 //! frame's bytes are a multiple of four, whatever the number of sensors.
 
-use super::SensedPart;
+use super::SensorReadings;
 use crate::params::{MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MAX};
 use crate::pipeline::FrameStamp;
 use crate::sensor::PiezoFrame;
@@ -28,7 +28,7 @@ pub const fn frame_bytes(sensors: usize) -> usize {
 }
 
 /// Write a frame through `put`.
-pub fn encode_frame(stamp: FrameStamp, parts: &[SensedPart], mut put: impl FnMut(&[u8])) {
+pub fn encode_frame(stamp: FrameStamp, parts: &[SensorReadings], mut put: impl FnMut(&[u8])) {
     put(&stamp.sequence.to_le_bytes());
     put(&stamp.timestamp_us.to_le_bytes());
     for part in parts {
@@ -54,7 +54,7 @@ pub fn decode_stamp(frame: &[u8]) -> Option<FrameStamp> {
 }
 
 /// Read a frame into `parts`, one per sensor. `None` if it is too short or breaks a rule.
-pub fn decode_parts(frame: &[u8], parts: &mut [SensedPart]) -> Option<()> {
+pub fn decode_parts(frame: &[u8], parts: &mut [SensorReadings]) -> Option<()> {
     let mut reader = Reader(frame.get(STAMP_BYTES..)?);
     for part in parts {
         let arrived = reader.u16()?;

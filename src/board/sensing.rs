@@ -44,16 +44,16 @@ pub struct XlPart {
 
 /// What a FIFO said beside its samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Drained {
+pub struct FifoStatus {
     /// The FIFO was full: samples before the first one are lost.
     pub overrun: bool,
-    /// Times that the axes were out of step and found again: samples between some are lost.
+    /// Times that the axes were out of step and found again: samples before the first one are lost.
     pub resyncs: u32,
 }
 
-impl Drained {
-    /// Are the samples the ones that follow those of the read before, without a gap?
-    pub const fn is_whole(&self) -> bool {
+impl FifoStatus {
+    /// Do the samples follow those of the read before, without a gap?
+    pub const fn is_continuous(&self) -> bool {
         !self.overrun && self.resyncs == 0
     }
 }
@@ -128,7 +128,7 @@ impl core::fmt::Display for XlFault {
 impl core::error::Error for XlFault {}
 
 /// One accelerometer behind its bus. Each call is a few transfers, none waits: what needs time between two steps is
-/// spread over frame ticks by [`crate::drivers::XlTrack`].
+/// spread over frame ticks by [`crate::drivers::XlMonitor`].
 pub trait Accelerometer {
     /// Which part this is.
     const PART: XlPart;
@@ -139,6 +139,7 @@ pub trait Accelerometer {
     /// [`XlPart::reset_ticks`] later: set rate, range and FIFO, check that the registers hold it, start sampling.
     async fn configure(&mut self) -> Result<(), XlFault>;
 
-    /// Put all that the FIFO holds into `samples`, which is emptied first. After an error it may hold less.
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<Drained, XlFault>;
+    /// Put what the FIFO holds into `samples`, which is emptied first: of samples with a gap between them those after
+    /// the last gap. After an error it may hold less.
+    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault>;
 }

@@ -16,7 +16,7 @@
 use embedded_hal_async::spi::SpiDevice;
 
 use super::registers::{Registers, SpiBuffer};
-use crate::board::{Accelerometer, Drained, FifoSamples, XlFault, XlPart};
+use crate::board::{Accelerometer, FifoSamples, FifoStatus, XlFault, XlPart};
 use crate::params::XL_AXES;
 use crate::sensor::XlSample;
 
@@ -117,7 +117,7 @@ impl<SPI: SpiDevice> Accelerometer for Adxl380<'_, SPI> {
         self.0.configure().await
     }
 
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<Drained, XlFault> {
+    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
         self.0.drain(samples).await
     }
 }
@@ -134,7 +134,7 @@ impl<SPI: SpiDevice> Accelerometer for Adxl382<'_, SPI> {
         self.0.configure().await
     }
 
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<Drained, XlFault> {
+    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
         self.0.drain(samples).await
     }
 }
@@ -187,7 +187,7 @@ impl<'b, SPI: SpiDevice> Adxl38x<'b, SPI> {
         Ok(())
     }
 
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<Drained, XlFault> {
+    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
         samples.clear();
         let level = match *self.registers.read(read(register::FIFO_STATUS0), 2).await? {
             [low, high] => u16::from_le_bytes([low, high & 1]),
@@ -196,13 +196,13 @@ impl<'b, SPI: SpiDevice> Adxl38x<'b, SPI> {
         if level > LEVEL_MAX {
             return Err(XlFault::Level { level });
         }
-        let mut drained = Drained { overrun: level >= FIFO_ENTRIES, resyncs: 0 };
-        if drained.overrun {
+        let mut fifo = FifoStatus { overrun: level >= FIFO_ENTRIES, resyncs: 0 };
+        if fifo.overrun {
             // What there was of a sample has lost its other half.
             self.framer = Framer::new();
         }
         if level == 0 {
-            return Ok(drained);
+            return Ok(fifo);
         }
         let bytes = self.registers.read(read(register::FIFO_DATA), level as usize * ENTRY_BYTES).await?;
         for &entry in bytes.as_chunks::<ENTRY_BYTES>().0 {
@@ -210,13 +210,17 @@ impl<'b, SPI: SpiDevice> Adxl38x<'b, SPI> {
                 // 106 samples at most: there is room.
                 Ok(Some(sample)) => _ = samples.push(sample),
                 Ok(None) => {}
-                Err(OutOfStep) => drained.resyncs += 1,
+                Err(OutOfStep) => {
+                    fifo.resyncs += 1;
+                    // What came before does not join what follows.
+                    samples.clear();
+                }
             }
         }
-        if drained.resyncs > RESYNCS_MAX {
+        if fifo.resyncs > RESYNCS_MAX {
             return Err(XlFault::Unframed);
         }
-        Ok(drained)
+        Ok(fifo)
     }
 }
 

@@ -1,5 +1,5 @@
-//! One taxel array: picks its codes out of the scan of all, puts them where they are on the pad, hides the taxels
-//! that are stuck, and knows when the whole array is dead.
+//! One taxel array: picks its codes out of the scan of all, puts them where they are on the pad, finds the taxels
+//! that are stuck, and detects when the whole array is dead.
 
 use crate::params::{
     CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXEL_TOUCH_MIN, TAXELS,
@@ -87,7 +87,7 @@ impl Array {
         }
     }
 
-    /// Taxels that are stuck: they read 0, as if masked.
+    /// Taxels that are stuck, for the pipeline to mask.
     pub const fn stuck(&self) -> &TaxelMask {
         &self.stuck
     }
@@ -111,13 +111,12 @@ impl Array {
                     *count = code & COUNT_MAX;
                 }
             }
-            self.look(counts);
+            self.monitor(counts);
         });
-        frame.mask(&self.stuck);
         !self.is_dead()
     }
 
-    fn look(&mut self, counts: &[u16; TAXELS]) {
+    fn monitor(&mut self, counts: &[u16; TAXELS]) {
         let (mut least, mut most, mut sum_below_full) = (COUNT_MAX, 0, 0);
         for (row, cells) in counts.as_chunks::<TAXEL_COLS>().0.iter().enumerate() {
             for &count in cells.get(active_cols(row)).unwrap_or_default() {

@@ -8,7 +8,7 @@
 use embedded_hal_async::spi::SpiDevice;
 
 use super::registers::{Registers, SpiBuffer};
-use crate::board::{Accelerometer, Drained, FifoSamples, XlFault, XlPart};
+use crate::board::{Accelerometer, FifoSamples, FifoStatus, XlFault, XlPart};
 use crate::params::XL_AXES;
 use crate::sensor::XlSample;
 
@@ -138,7 +138,7 @@ impl<SPI: SpiDevice> Accelerometer for Icm42688<'_, SPI> {
         self.set(register::PWR_MGMT0, XL_LOW_NOISE).await
     }
 
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<Drained, XlFault> {
+    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
         samples.clear();
         let level = match *self.registers.read(read(register::FIFO_COUNTH), 2).await? {
             [high, low] => u16::from_be_bytes([high, low]),
@@ -147,16 +147,17 @@ impl<SPI: SpiDevice> Accelerometer for Icm42688<'_, SPI> {
         if level > FIFO_BYTES + PACKET_BYTES as u16 {
             return Err(XlFault::Level { level });
         }
-        let mut drained = Drained { overrun: level >= FIFO_BYTES, resyncs: 0 };
+        let mut fifo = FifoStatus { overrun: level >= FIFO_BYTES, resyncs: 0 };
         let whole = level as usize / PACKET_BYTES * PACKET_BYTES;
         if whole > 0 {
             let bytes = self.registers.read(read(register::FIFO_DATA), whole).await?;
-            drained.resyncs = parse(bytes, samples);
+            fifo.resyncs = parse(bytes, samples);
         }
-        if drained.resyncs > 0 {
+        if fifo.resyncs > 0 {
+            samples.clear();
             self.registers.write(register::SIGNAL_PATH_RESET, FLUSH).await?;
         }
-        Ok(drained)
+        Ok(fifo)
     }
 }
 

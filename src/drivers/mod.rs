@@ -1,10 +1,10 @@
-//! Sensor drivers: from a register or an ADC code to the parts of a [`SensedFrame`](crate::board::SensedFrame).
+//! Sensor drivers: from a register or an ADC code to the parts of a [`SensorFrame`](crate::board::SensorFrame).
 //! Everything here but the wires: a board hands over an SPI device per accelerometer and a [`TaxelScan`].
 //!
 //! ```text
-//! FIFO ─ adxl38x, icm42688 ─> XlTrack: restarts a dead part, counts samples, decimates ─┐
+//! FIFO ─ adxl38x, icm42688 ─> XlMonitor: restarts a dead part, counts samples, decimates ─┐
 //!                                                                                      ├─> Sensors: FrameSource
-//! ADC ring ─ scan (order) ─> array: de-interleaves, masks, knows a dead array ──────────┘
+//! ADC ring ─ scan (order) ─> array: de-interleaves, finds dead and stuck     ──────────┘
 //! ```
 //!
 //! Nothing waits for a part that does not answer: each tick gives every sensor a bounded number of transfers.
@@ -20,11 +20,11 @@ mod registers;
 mod sample_count;
 pub mod scan;
 mod sensors;
-mod track;
+mod xl_monitor;
 
 pub use adxl38x::{Adxl380, Adxl382};
 pub use icm42688::Icm42688;
 pub use registers::{SPI_BUFFER_BYTES, SpiBuffer};
 pub use sample_count::SampleCount;
-pub use sensors::{Sensor, SensorReport, Sensors};
-pub use track::{RETRY_TICKS, XlBatch, XlCounters, XlTrack};
+pub use sensors::{Sensor, SensorLink, SensorReport, Sensors};
+pub use xl_monitor::{RETRY_TICKS, XlBatch, XlCounters, XlMonitor};

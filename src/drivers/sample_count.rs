@@ -91,9 +91,18 @@ impl SampleCount {
         self.window = (now_us, self.total);
     }
 
-    /// `samples` were read at `now_us`, the first after a gap: the last of them is the newest that the part has made.
-    pub const fn resume(&mut self, now_us: u64, samples: u32) {
+    /// `samples` were read at `now_us`, the first after a gap: the last of them is the newest that the part has made,
+    /// and at least `lost` were made between them and the read before.
+    pub const fn resume(&mut self, now_us: u64, samples: u32, lost: u32) {
+        let before = match self.anchor {
+            Some((_, count)) => count,
+            None => 0,
+        };
         self.missed(now_us);
+        let least = before + samples as u64 + lost as u64;
+        if lost > 0 && least > self.total {
+            self.total = least;
+        }
         // Some may have been made before a tick that could not read them.
         self.delivered += samples as u64;
         if self.delivered > self.total {

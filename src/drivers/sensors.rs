@@ -1,10 +1,16 @@
 //! All fingertips of a board as a [`FrameSource`]: the scan gives the tick, every part is read after it.
 
-use super::array::Array;
-use super::track::{XlBatch, XlCounters, XlTrack};
-use crate::board::{Accelerometer, FifoSamples, FrameSource, SensedPart, TaxelScan};
-use crate::params::MAX_SENSORS;
+use core::cell::Cell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+
+use super::array::{Array, Mounting};
+use super::xl_monitor::{XlBatch, XlCounters, XlMonitor};
+use crate::board::{Accelerometer, FifoSamples, FrameSource, TaxelScan};
+use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::FrameStamp;
+use crate::sensor::SensorReadings;
 use crate::sensor::TaxelMask;
 
 /// What there is to say about the sensors beside their readings. Entries beyond the sensors in use are zero.
@@ -24,10 +30,41 @@ pub struct SensorReport {
     pub stuck_taxels: [TaxelMask; MAX_SENSORS],
 }
 
+/// What other tasks tell the sensors and hear from them.
+pub struct SensorLink<M: RawMutex> {
+    report: Mutex<M, Cell<Option<SensorReport>>>,
+    mountings: Mutex<M, Cell<[Mounting; MAX_SENSORS]>>,
+}
+
+impl<M: RawMutex> SensorLink<M> {
+    /// Plain mountings, no report yet.
+    pub const fn new() -> Self {
+        const PLAIN: Mounting = Mounting { transposed: false, rows_flipped: false, cols_flipped: false };
+        Self { report: Mutex::new(Cell::new(None)), mountings: Mutex::new(Cell::new([PLAIN; MAX_SENSORS])) }
+    }
+
+    /// From the next frame on the arrays are mounted so.
+    pub fn mount(&self, mountings: [Mounting; MAX_SENSORS]) {
+        self.mountings.lock(|own| own.set(mountings));
+    }
+
+    /// The last report, of which there is one a second; `None` in the first second.
+    pub fn report(&self) -> Option<SensorReport> {
+        self.report.lock(Cell::get)
+    }
+}
+
+impl<M: RawMutex> Default for SensorLink<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// The sensors: one scan of all arrays, and an array and an accelerometer each.
-#[derive(Debug)]
-pub struct Sensors<T, A> {
+pub struct Sensors<'l, M: RawMutex, T, A> {
     scan: T,
+    link: &'l SensorLink<M>,
+    frames_until_report: u32,
     sensors: heapless::Vec<Sensor<A>, MAX_SENSORS>,
     /// Where FIFOs are read to, one after the other.
     fifo: FifoSamples,
@@ -42,23 +79,26 @@ pub struct Sensor<A> {
     /// Its array.
     pub array: Array,
     /// Its accelerometer.
-    pub xl: XlTrack<A>,
+    pub xl: XlMonitor<A>,
 }
 
-impl<T: TaxelScan, A: Accelerometer> Sensors<T, A> {
+impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
     /// The sensors in the order in which the scan converts their arrays.
-    pub const fn new(scan: T, sensors: heapless::Vec<Sensor<A>, MAX_SENSORS>) -> Self {
-        Self { scan, sensors, fifo: FifoSamples::new(), unwanted: XlBatch::new(), now_us: 0, lost_scans: 0 }
-    }
-
-    /// The fingertips, to change a mounting or a mask.
-    pub fn sensors(&mut self) -> &mut [Sensor<A>] {
-        &mut self.sensors
-    }
-
-    /// The scan.
-    pub const fn scan(&mut self) -> &mut T {
-        &mut self.scan
+    pub const fn new(
+        scan: T,
+        sensors: heapless::Vec<Sensor<A>, MAX_SENSORS>,
+        link: &'l SensorLink<M>,
+    ) -> Self {
+        Self {
+            scan,
+            link,
+            frames_until_report: FRAME_RATE_HZ,
+            sensors,
+            fifo: FifoSamples::new(),
+            unwanted: XlBatch::new(),
+            now_us: 0,
+            lost_scans: 0,
+        }
     }
 
     /// What went wrong so far.
@@ -75,17 +115,25 @@ impl<T: TaxelScan, A: Accelerometer> Sensors<T, A> {
     }
 }
 
-impl<T: TaxelScan, A: Accelerometer> FrameSource for Sensors<T, A> {
+impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M, T, A> {
     const REAL_TIME: bool = true;
 
     async fn tick(&mut self) -> Option<FrameStamp> {
+        for (sensor, mounting) in self.sensors.iter_mut().zip(self.link.mountings.lock(Cell::get)) {
+            sensor.array.mounting = mounting;
+        }
+        self.frames_until_report -= 1;
+        if self.frames_until_report == 0 {
+            self.frames_until_report = FRAME_RATE_HZ;
+            self.link.report.lock(|last| last.set(Some(self.report())));
+        }
         let stamp = self.scan.tick().await;
         self.now_us = stamp.timestamp_us;
         Some(stamp)
     }
 
     /// Accelerometers first, because their FIFOs go on filling; the scan's codes stay for a whole frame.
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         for (sensor, part) in self.sensors.iter_mut().zip(parts.iter_mut()) {
             part.xl_arrived = sensor.xl.tick(self.now_us, &mut self.fifo, &mut part.xl).await;
             part.xl_end = sensor.xl.xl_end();
@@ -95,6 +143,7 @@ impl<T: TaxelScan, A: Accelerometer> FrameSource for Sensors<T, A> {
         if let Some(codes) = self.scan.codes() {
             for (index, (sensor, part)) in self.sensors.iter_mut().zip(parts.iter_mut()).enumerate() {
                 part.piezo_arrived = sensor.array.read(codes, index, arrays, &mut part.piezo);
+                part.stuck = *sensor.array.stuck();
             }
         }
         if self.scan.codes().is_none() || !self.scan.is_untouched() {
@@ -103,11 +152,11 @@ impl<T: TaxelScan, A: Accelerometer> FrameSource for Sensors<T, A> {
         }
     }
 
-    /// The FIFOs are emptied all the same, so that their samples stay counted and none overflows.
+    /// The FIFOs are emptied all the same, so that their samples stay counted and none overflows; the next frame's index
+    /// shows the gap.
     async fn discard(&mut self) {
         for sensor in &mut self.sensors {
             sensor.xl.tick(self.now_us, &mut self.fifo, &mut self.unwanted).await;
-            sensor.xl.discard();
         }
     }
 }

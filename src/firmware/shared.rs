@@ -6,16 +6,16 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use static_cell::StaticCell;
 
-use crate::board::{Clock, SensedFrame};
+use crate::board::{Clock, SensorFrame};
 use crate::tasks::{QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared};
 use crate::wire::RawTransfer;
 
 /// Interrupts share the queues.
 pub type Mutex = CriticalSectionRawMutex;
 /// To the queue of frames.
-pub type FrameSender = Sender<'static, Mutex, SensedFrame>;
+pub type FrameSender = Sender<'static, Mutex, SensorFrame>;
 /// From the queue of frames.
-pub type FrameReceiver = Receiver<'static, Mutex, SensedFrame>;
+pub type FrameReceiver = Receiver<'static, Mutex, SensorFrame>;
 /// To the queue of raw messages.
 pub type RawSender = Sender<'static, Mutex, RawTransfer>;
 /// From the queue of raw messages.
@@ -27,9 +27,9 @@ pub static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
 pub static SHARED: Shared<Mutex> = Shared::new();
 
 static RAW_QUEUE: StaticCell<RawQueue<'static, Mutex>> = StaticCell::new();
-static FRAME_QUEUE: StaticCell<Channel<'static, Mutex, SensedFrame>> = StaticCell::new();
+static FRAME_QUEUE: StaticCell<Channel<'static, Mutex, SensorFrame>> = StaticCell::new();
 #[unsafe(link_section = ".axisram")]
-static FRAME_BUFFERS: StaticCell<[SensedFrame; QUEUED_FRAMES]> = StaticCell::new();
+static FRAME_BUFFERS: StaticCell<[SensorFrame; QUEUED_FRAMES]> = StaticCell::new();
 #[unsafe(link_section = ".axisram")]
 static RAW_BUFFERS: StaticCell<[RawTransfer; RAW_MESSAGES]> = StaticCell::new();
 
@@ -44,7 +44,7 @@ pub fn raw_queue() -> (RawSender, RawReceiver) {
 /// The queue of frames; as [`raw_queue`].
 #[inline(never)]
 pub fn frame_queue() -> (FrameSender, FrameReceiver) {
-    let buffers = FRAME_BUFFERS.init_with(|| [const { SensedFrame::new() }; QUEUED_FRAMES]);
+    let buffers = FRAME_BUFFERS.init_with(|| [const { SensorFrame::new() }; QUEUED_FRAMES]);
     FRAME_QUEUE.init(Channel::new(buffers)).split()
 }
 

@@ -32,7 +32,6 @@ pub struct SensorFeatures<'a> {
 #[derive(Clone, Debug)]
 pub struct NetworkState {
     piezo: PiezoEncoder,
-    pads: [PiezoFrontEnd; MAX_SENSORS],
     xl: [XlHistory; MAX_SENSORS],
     piezo_seen: KeyValueCache<EMBED_WORDS>,
     xl_seen: KeyValueCache<EMBED_WORDS>,
@@ -50,12 +49,13 @@ impl Default for NetworkState {
 pub struct Network<'m> {
     model: Model<'m>,
     memory: NetworkState,
+    front_ends: [PiezoFrontEnd; MAX_SENSORS],
 }
 
 impl<'m> Network<'m> {
     /// Before the first frame.
     pub const fn new(model: Model<'m>) -> Self {
-        Self { model, memory: NetworkState::new() }
+        Self { model, memory: NetworkState::new(), front_ends: [const { PiezoFrontEnd::new() }; MAX_SENSORS] }
     }
 
     /// The model it runs.
@@ -74,7 +74,7 @@ impl<'m> Network<'m> {
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
     ) -> [Logit; CLASSES] {
-        self.memory.step(&self.model, sensors, observer)
+        self.memory.step(&self.model, &mut self.front_ends, sensors, observer)
     }
 }
 
@@ -83,7 +83,6 @@ impl NetworkState {
     pub const fn new() -> Self {
         Self {
             piezo: PiezoEncoder::new(),
-            pads: [const { PiezoFrontEnd::new() }; MAX_SENSORS],
             xl: [const { XlHistory::new() }; MAX_SENSORS],
             piezo_seen: KeyValueCache::new(),
             xl_seen: KeyValueCache::new(),
@@ -91,14 +90,15 @@ impl NetworkState {
         }
     }
 
-    /// One frame, as [`Network::step_observed`]. All frames must be of the same model.
+    /// One frame, as [`Network::step_observed`], with a front end for each sensor. All frames must be of the same model.
     pub fn step(
         &mut self,
         model: &Model<'_>,
+        front_ends: &mut [PiezoFrontEnd],
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
     ) -> [Logit; CLASSES] {
-        let (piezo, xl) = self.embed(model, sensors, observer);
+        let (piezo, xl) = self.embed(model, front_ends, sensors, observer);
         let fused = self.fuse(model, &piezo, &xl, observer);
         let (width, window) = (model.dims.fused().min(FUSED), model.dims.window);
         observer.record("fused", fused.values().get(..width).unwrap_or_default());
@@ -117,12 +117,13 @@ impl NetworkState {
     fn embed(
         &mut self,
         model: &Model<'_>,
+        front_ends: &mut [PiezoFrontEnd],
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
     ) -> (Embedding, Embedding) {
         let mut piezo = None;
         let mut xl = None;
-        for ((sensor, history), pad) in sensors.iter().zip(&mut self.xl).zip(&mut self.pads) {
+        for ((sensor, history), pad) in sensors.iter().zip(&mut self.xl).zip(front_ends) {
             match sensor.piezo {
                 Some(frame) => keep_max(&mut piezo, self.piezo.embed(model, frame, pad, observer)),
                 None => pad.reset(),

@@ -4,7 +4,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::zerocopy_channel::Sender;
 
 use super::{Shared, Task};
-use crate::board::{FrameSource, SensedFrame};
+use crate::board::{FrameSource, SensorFrame};
 
 /// Frame buffers of the queue: one being written, one being read, two that absorb a slow frame.
 pub const QUEUED_FRAMES: usize = 4;
@@ -18,7 +18,7 @@ pub const QUEUED_FRAMES: usize = 4;
 /// [`SlipMessage::late_frames`]: crate::wire::SlipMessage::late_frames
 pub async fn acquire<M: RawMutex, S: FrameSource>(
     source: &mut S,
-    mut queue: Sender<'_, M, SensedFrame>,
+    mut queue: Sender<'_, M, SensorFrame>,
     shared: &Shared<M>,
 ) {
     let mut dropped_frames: u32 = 0;

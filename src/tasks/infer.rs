@@ -6,13 +6,12 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 
-use super::detail::Steps;
-use super::{Controls, RAW_MESSAGES, Shared, Task};
-use crate::board::{Clock, Observe, SensedFrame, SensedPart};
-use crate::health;
+use super::rate_control::RateControl;
+use super::{RAW_MESSAGES, RuntimeConfig, Shared, Task};
+use crate::board::{Clock, Observe, SensorFrame};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
-use crate::sensor::SensorInput;
+use crate::sensor::SensorReadings;
 use crate::wire::{RawForm, RawTransfer, Transmitter};
 
 /// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
@@ -31,9 +30,7 @@ pub struct Inference<'m, M: RawMutex, C, O, S = State> {
     shared: &'m Shared<M>,
     raw: Sender<'m, M, RawTransfer>,
     /// How much of the compressed raw messages the bus takes.
-    steps: Steps,
-    /// Of each accelerometer, what its next sample's index should be; `None` before the first and after a gap.
-    xl_end: [Option<u32>; MAX_SENSORS],
+    rate: RateControl,
 }
 
 impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M, C, O, S> {
@@ -46,46 +43,34 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         shared: &'m Shared<M>,
         raw: Sender<'m, M, RawTransfer>,
     ) -> Self {
-        let (steps, xl_end) = (Steps::ALL, [None; MAX_SENSORS]);
-        Self { pipeline, transmitter, clock, observer, shared, raw, steps, xl_end }
+        Self { pipeline, transmitter, clock, observer, shared, raw, rate: RateControl::ALL }
     }
 
     /// Serve the queue for ever.
-    pub async fn run(&mut self, mut queue: Receiver<'_, M, SensedFrame>) -> ! {
+    pub async fn run(&mut self, mut queue: Receiver<'_, M, SensorFrame>) -> ! {
         loop {
             self.serve(&mut queue).await;
         }
     }
 
     /// Wait for one frame, decide, leave the slip message and then the raw messages to transmission.
-    pub async fn serve(&mut self, queue: &mut Receiver<'_, M, SensedFrame>) {
+    pub async fn serve(&mut self, queue: &mut Receiver<'_, M, SensorFrame>) {
         let frame = queue.receive().await;
         self.shared.progress.made(Task::Infer);
         let stamp = frame.stamp;
-        let controls = self.shared.controls();
-        self.pipeline.work_at(controls.point);
-        if let Some(node) = controls.node {
-            self.transmitter.speak_as(node);
+        let config = self.shared.config();
+        self.pipeline.set_operating_point(config.point);
+        self.pipeline.masks = config.masks;
+        if let Some(node) = config.node {
+            self.transmitter.set_node_id(node);
         }
-        for (part, mask) in frame.parts.iter_mut().zip(&controls.masks) {
-            if part.piezo_arrived {
-                part.piezo.mask(mask);
-            }
-        }
-        let gaps = self.find_gaps(&frame.parts);
-        let inputs = frame.parts.each_ref().map(|part| part.input());
         self.observer.step_begins(stamp);
-        let mut output = self.pipeline.step(&inputs);
-        for (health, gap) in output.health.iter_mut().zip(gaps).take(output.sensors) {
-            if gap {
-                health.0 |= health::XL_SAMPLES_DROPPED;
-            }
-        }
+        let output = self.pipeline.step_readings(&mut frame.parts);
         self.observer.step_ends(stamp, &output);
-        self.decided(frame, &output, controls.node.is_some());
+        self.decided(frame, &output, config.node.is_some());
         self.observer.slip_queued(stamp);
-        if controls.node.is_some() {
-            self.offer_raw(frame, &inputs, &output, &controls);
+        if config.node.is_some() {
+            self.offer_raw(frame, &output, &config);
         }
         self.observer.frame_done(stamp);
         queue.receive_done();
@@ -93,27 +78,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         yield_now().await;
     }
 
-    /// Of which accelerometers samples are missing between the last batch and this one. The pipeline forgets what
-    /// it heard before: it must not be joined to what comes after.
-    fn find_gaps(&mut self, parts: &[SensedPart; MAX_SENSORS]) -> [bool; MAX_SENSORS] {
-        let mut gaps = [false; MAX_SENSORS];
-        let sensors = parts.iter().zip(&mut self.xl_end).zip(&mut gaps).enumerate();
-        for (sensor, ((part, expected), gap)) in sensors {
-            if !part.xl_arrived {
-                *expected = None;
-                continue;
-            }
-            let first = part.xl_end.wrapping_sub(part.xl.len() as u32);
-            *gap = expected.is_some_and(|expected| expected != first);
-            if *gap {
-                self.pipeline.forget_sound(sensor);
-            }
-            *expected = Some(part.xl_end);
-        }
-        gaps
-    }
-
-    fn decided(&mut self, frame: &SensedFrame, output: &Output, has_address: bool) {
+    fn decided(&mut self, frame: &SensorFrame, output: &Output, has_address: bool) {
         let age_us = self.clock.now_us().saturating_sub(frame.stamp.timestamp_us);
         let mut late_frames = frame.dropped_frames;
         self.shared.update_status(|status| {
@@ -134,20 +99,15 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
 
     /// Queue the raw messages for which there is room, in sensor order. Where there is not room for all, or not for all
     /// of each, the sensors take turns, so that none is always the one left out.
-    fn offer_raw(
-        &mut self,
-        frame: &SensedFrame,
-        inputs: &[SensorInput<'_>; MAX_SENSORS],
-        output: &Output,
-        controls: &Controls,
-    ) {
+    fn offer_raw(&mut self, frame: &SensorFrame, output: &Output, config: &RuntimeConfig) {
         let stamp = frame.stamp;
-        let wanted = stamp.sequence.checked_rem(controls.raw_every.into()) == Some(0);
+        let inputs = frame.parts.each_ref().map(SensorReadings::input);
+        let wanted = stamp.sequence.checked_rem(config.raw_every.into()) == Some(0);
         if !wanted {
             return;
         }
         let first = stamp.sequence.checked_rem(output.sensors as u32).unwrap_or(0) as usize;
-        self.steps.frame(self.raw.len(), output.sensors);
+        self.rate.frame(self.raw.len(), output.sensors);
         let mut room = RAW_MESSAGES.saturating_sub(self.raw.len());
         let mut planned = [(RawForm::Plain, false); MAX_SENSORS];
         for turn in 0..output.sensors {
@@ -156,8 +116,8 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
             let delivered =
                 inputs.get(sensor).is_some_and(|input| input.piezo.is_some() || input.xl.is_some());
             let Some((form, fits)) = planned.get_mut(sensor) else { continue };
-            if controls.compress_raw {
-                *form = RawForm::Compressed(self.steps.detail(turn, output.sensors));
+            if config.compress_raw {
+                *form = RawForm::Compressed(self.rate.detail(turn, output.sensors));
             }
             if delivered && room > 0 {
                 *fits = true;
@@ -165,14 +125,14 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
             }
         }
         let mut dropped: u32 = 0;
-        let sensors = inputs.iter().zip(&frame.parts).zip(planned).take(output.sensors).enumerate();
-        for (sensor, ((&input, part), (form, fits))) in sensors {
-            let raw = output.raw_frame(stamp, sensor, input, part.xl_end);
+        let sensors = inputs.iter().zip(planned).take(output.sensors).enumerate();
+        for (sensor, (&input, (form, fits))) in sensors {
+            let raw = output.raw_frame(stamp, sensor, input);
             match self.raw.try_send().filter(|_| fits) {
                 Some(buffer) => {
-                    if self.transmitter.raw_later(form, &raw, buffer) {
+                    if self.transmitter.start_raw(form, &raw, buffer) {
                         self.raw.send_done();
-                        self.shared.raw_is_there();
+                        self.shared.signal_raw();
                     }
                 }
                 None => dropped += u32::from(self.transmitter.skip_raw(form, &raw)),

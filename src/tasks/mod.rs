@@ -20,7 +20,7 @@
 //! | a service frame | no room in the queue | `refused_services` |
 //! | a service frame | the node drops off the bus while the hardware holds it | `lost_services` |
 //!
-//! Compressed raw messages get shorter before they get lost (`detail.rs`): the slip message goes first, then every
+//! Compressed raw messages get shorter before they get lost (`rate_control.rs`): the slip message goes first, then every
 //! sensor's accelerometer, then the taxels of the contacts, then the rest. A receiver sees in each what it holds.
 //!
 //! A raw message that has been begun is finished before the next, however long that takes: a receiver could make
@@ -28,8 +28,8 @@
 //! receiver sees the next transfer begin and throws the part away.
 
 mod acquire;
-mod detail;
 mod infer;
+mod rate_control;
 mod services;
 mod shared;
 mod supervise;
@@ -38,6 +38,6 @@ mod transmit;
 pub use acquire::{QUEUED_FRAMES, acquire};
 pub use infer::{FRAME_PERIOD_US, Inference};
 pub use services::{ServiceBoard, Services, sensors_deliver};
-pub use shared::{Controls, RAW_MESSAGES, RawQueue, SERVICE_FRAMES, Shared};
+pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};
 pub use supervise::{Progress, Supervisor, Task};
 pub use transmit::Transmission;

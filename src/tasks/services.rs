@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! CanReceive ─> Node ─> Shared (bounded) ─> Transmission
-//!      settings ─> Controls ─> Inference    actions ─> ServiceBoard
+//!      settings ─> RuntimeConfig ─> Inference    actions ─> ServiceBoard
 //! ```
 //!
 //! Nothing here waits for the bus: frames for which [`Shared`] has no room stay in the node's own queue, which drops
@@ -17,7 +17,7 @@ use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
-use super::{Controls, SERVICE_FRAMES, Shared, Task};
+use super::{RuntimeConfig, SERVICE_FRAMES, Shared, Task};
 use crate::board::panic_record::PanicRecord;
 use crate::board::{CanReceive, Clock, StatusLed};
 use crate::health::{self, CanState, Condition, Status};
@@ -28,11 +28,11 @@ use crate::update::Notice;
 use crate::wire::{MessageId, NodeId};
 
 /// The task moves on at least this often, µs: five times within the watchdog's period.
-const PATIENCE_US: u64 = 20_000;
+const POLL_US: u64 = 20_000;
 /// The same while frames wait for room.
-const HURRY_US: u64 = 1_000;
+const POLL_FAST_US: u64 = 1_000;
 /// How long a restart waits for its answer to leave at most, µs.
-const RESTART_PATIENCE_US: u64 = 100_000;
+const RESTART_TIMEOUT_US: u64 = 100_000;
 /// For the frame that the hardware holds when all others have gone, µs: dozens of the longest frames.
 const LAST_FRAME_US: u64 = 10_000;
 /// A self test looks at the sensors for so long, µs.
@@ -64,13 +64,13 @@ pub trait ServiceBoard: FileSink + StatusLed {
 
     /// What the board has to say without being asked, the next line of it. Asked for while the node has an address
     /// and nothing else to say.
-    fn take_notice(&mut self) -> Option<Notice> {
+    fn next_notice(&mut self) -> Option<Notice> {
         None
     }
 
     /// So many frames have been decided and so many heartbeats have left for the bus since start. `true`: that is
     /// enough for a new firmware to be kept, [`confirm`](Self::confirm) now. Asked for again and again.
-    fn has_shown(&mut self, _frames: u32, _heartbeats: u32) -> bool {
+    fn ready_to_confirm(&mut self, _frames: u32, _heartbeats: u32) -> bool {
         false
     }
 
@@ -100,7 +100,7 @@ pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static s
 
 /// The services task.
 pub struct Services<'a, M: RawMutex, R, C, B> {
-    desk: Desk<'a, M, R, C>,
+    node_loop: NodeLoop<'a, M, R, C>,
     /// What does as it is told.
     pub board: B,
     shown: Option<(Condition, u64)>,
@@ -109,7 +109,7 @@ pub struct Services<'a, M: RawMutex, R, C, B> {
 }
 
 /// The node and whom it talks to; apart from the board, which may be at work meanwhile.
-struct Desk<'a, M: RawMutex, R, C> {
+struct NodeLoop<'a, M: RawMutex, R, C> {
     node: Node,
     bus: R,
     clock: C,
@@ -133,7 +133,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
         board: B,
         panic: Option<PanicRecord>,
     ) -> Self {
-        let desk = Desk {
+        let node_loop = NodeLoop {
             node,
             bus,
             clock,
@@ -144,84 +144,87 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
             next_us: 0,
             heartbeats: 0,
         };
-        Self { desk, board, shown: None, identify_until_us: 0, restart_at_us: None }
+        Self { node_loop, board, shown: None, identify_until_us: 0, restart_at_us: None }
     }
 
     /// Serve until the board is to start anew, which is the caller's to do.
     pub async fn run(&mut self) {
-        let (panic, sensors) = (self.desk.panic, self.desk.node.settings().sensors());
-        self.desk.shared.update_status(|status| {
+        let (panic, sensors) = (self.node_loop.panic, self.node_loop.node.settings().sensors());
+        self.node_loop.shared.update_status(|status| {
             status.last_panic = panic.map_or(0, |record| record.reason_hash.max(1));
             // Another number counts after the next start.
             status.sensors = sensors;
         });
-        self.board.apply(self.desk.node.settings());
-        self.desk.node.set_operational();
+        self.board.apply(self.node_loop.node.settings());
+        self.node_loop.node.set_operational();
         while !self.is_over() {
             self.serve().await;
         }
     }
 
     fn is_over(&self) -> bool {
-        self.restart_at_us.is_some_and(|at| self.desk.clock.now_us() >= at)
+        self.restart_at_us.is_some_and(|at| self.node_loop.clock.now_us() >= at)
     }
 
     async fn serve(&mut self) {
-        self.desk.shared.update_status(|status| self.board.observe(status));
-        self.desk.turn();
-        self.show();
+        self.node_loop.shared.update_status(|status| self.board.observe(status));
+        self.node_loop.poll();
+        self.update_led();
         self.apply_changes();
-        self.tell();
-        if self.board.has_shown(self.desk.shared.status().decided_frames, self.desk.heartbeats_gone()) {
-            self.desk.meanwhile(self.board.confirm()).await;
+        self.publish_notice();
+        if self
+            .board
+            .ready_to_confirm(self.node_loop.shared.status().decided_frames, self.node_loop.heartbeats_gone())
+        {
+            self.node_loop.meanwhile(self.board.confirm()).await;
         }
-        if let Some(action) = self.desk.node.take_action() {
+        if let Some(action) = self.node_loop.node.take_action() {
             self.act(action).await;
-        } else if let Some(chunk) = self.desk.node.take_chunk() {
-            let result = self.desk.meanwhile(chunk.deliver(&mut self.board)).await;
-            self.desk.node.chunk_done(&chunk, result);
+        } else if let Some(chunk) = self.node_loop.node.take_chunk() {
+            let result = self.node_loop.meanwhile(chunk.deliver(&mut self.board)).await;
+            self.node_loop.node.chunk_done(&chunk, result);
         } else {
-            self.hasten_restart();
-            self.desk.listen(if self.restart_at_us.is_some() { HURRY_US } else { PATIENCE_US }).await;
+            self.shorten_restart();
+            self.node_loop.receive(if self.restart_at_us.is_some() { POLL_FAST_US } else { POLL_US }).await;
         }
     }
 
     /// A restart need not wait once all has been said.
-    fn hasten_restart(&mut self) {
+    fn shorten_restart(&mut self) {
         if let Some(at) = &mut self.restart_at_us
-            && self.desk.has_spoken()
+            && self.node_loop.is_drained()
         {
-            *at = (*at).min(self.desk.clock.now_us().saturating_add(LAST_FRAME_US));
+            *at = (*at).min(self.node_loop.clock.now_us().saturating_add(LAST_FRAME_US));
         }
     }
 
     async fn act(&mut self, action: Action) {
-        let now_us = self.desk.clock.now_us();
+        let now_us = self.node_loop.clock.now_us();
         match action {
-            Action::Restart => self.restart_at_us = Some(now_us.saturating_add(RESTART_PATIENCE_US)),
+            Action::Restart => self.restart_at_us = Some(now_us.saturating_add(RESTART_TIMEOUT_US)),
             Action::Identify => self.identify_until_us = now_us.saturating_add(IDENTIFY_US),
             Action::Store | Action::FactoryReset => {
-                let settings = self.desk.node.settings().clone();
-                let result = self.desk.meanwhile(self.board.store(&settings)).await;
-                self.desk.node.command_done(result);
+                let settings = self.node_loop.node.settings().clone();
+                let result = self.node_loop.meanwhile(self.board.store(&settings)).await;
+                self.node_loop.node.command_done(result);
             }
             Action::SelfTest => {
-                let before = self.desk.shared.status();
-                self.desk.pause(SELF_TEST_US).await;
-                let result = self.board.self_test(&before, &self.desk.shared.status());
-                self.desk.shared.update_status(|status| {
+                let before = self.node_loop.shared.status();
+                self.node_loop.pause(SELF_TEST_US).await;
+                let result = self.board.self_test(&before, &self.node_loop.shared.status());
+                self.node_loop.shared.update_status(|status| {
                     status.self_tests = status.self_tests.saturating_add(1);
                     status.failed_self_tests =
                         status.failed_self_tests.saturating_add(result.is_err().into());
                 });
-                self.desk.node.command_done(result);
+                self.node_loop.node.command_done(result);
             }
             Action::BeginUpdate { target, file } => {
-                match self.desk.meanwhile(self.board.begin_update(target)).await {
-                    Ok(length_max) => self.desk.node.begin_download(target, file, length_max),
+                match self.node_loop.meanwhile(self.board.begin_update(target)).await {
+                    Ok(length_max) => self.node_loop.node.begin_download(target, file, length_max),
                     Err(why) => {
                         let name = target.name();
-                        self.desk.node.report(Severity::Error, format_args!("{name} not taken: {why}"));
+                        self.node_loop.node.report(Severity::Error, format_args!("{name} not taken: {why}"));
                     }
                 }
             }
@@ -232,34 +235,36 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
 
     fn apply_changes(&mut self) {
         let mut any = false;
-        while let Some(setting) = self.desk.node.take_changed() {
+        while let Some(setting) = self.node_loop.node.take_changed() {
             any = true;
-            self.desk.node.report(Severity::Debug, format_args!("{} changed", setting.definition().name));
+            self.node_loop
+                .node
+                .report(Severity::Debug, format_args!("{} changed", setting.definition().name));
         }
         if any {
-            self.desk.control();
-            self.board.apply(self.desk.node.settings());
+            self.node_loop.apply_config();
+            self.board.apply(self.node_loop.node.settings());
         }
     }
 
     /// One line at a time: the queue is for answers.
-    fn tell(&mut self) {
-        if self.desk.node.node_id().is_some()
-            && self.desk.node.is_drained()
-            && let Some(notice) = self.board.take_notice()
+    fn publish_notice(&mut self) {
+        if self.node_loop.node.node_id().is_some()
+            && self.node_loop.node.is_drained()
+            && let Some(notice) = self.board.next_notice()
         {
-            self.desk.node.report(notice.severity(), format_args!("{notice}"));
+            self.node_loop.node.report(notice.severity(), format_args!("{notice}"));
         }
     }
 
-    fn show(&mut self) {
-        let now_us = self.desk.clock.now_us();
+    fn update_led(&mut self) {
+        let now_us = self.node_loop.clock.now_us();
         if now_us < self.identify_until_us {
             self.shown = None;
             self.board.identify(((self.identify_until_us - now_us) / BLINK_US).is_multiple_of(2));
             return;
         }
-        let condition = self.desk.node.status.condition();
+        let condition = self.node_loop.node.status.condition();
         let is_due = self.shown.is_none_or(|(before, at)| before != condition || now_us >= at);
         if is_due {
             self.shown = Some((condition, now_us.saturating_add(SHOW_US)));
@@ -268,16 +273,16 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
     }
 }
 
-impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
+impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
     /// Whatever takes no time.
-    fn turn(&mut self) {
+    fn poll(&mut self) {
         self.shared.progress.made(Task::Services);
-        self.take_status();
+        self.update_status();
         self.next_us = self.node.poll(self.clock.now_us());
         if self.address != Some(self.node.node_id()) {
             self.address = Some(self.node.node_id());
             self.bus.accept_only(&self.node.filters());
-            self.control();
+            self.apply_config();
         }
         if self.node.node_id().is_some()
             && let Some(record) = self.panic.take()
@@ -300,7 +305,7 @@ impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
         self.heartbeats.saturating_sub(waiting as u32)
     }
 
-    fn take_status(&mut self) {
+    fn update_status(&mut self) {
         self.node.status = self.shared.status();
         let is_off = self.node.status.can.state == CanState::BusOff;
         if is_off && !core::mem::replace(&mut self.was_off, is_off) {
@@ -311,22 +316,22 @@ impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
     }
 
     /// Settings that the other tasks look at.
-    fn control(&self) {
-        self.shared.control(Controls::of(self.node.settings(), self.node.node_id()));
+    fn apply_config(&self) {
+        self.shared.set_config(RuntimeConfig::new(self.node.settings(), self.node.node_id()));
     }
 
     /// Has everything gone, but for a frame that the hardware may hold?
-    fn has_spoken(&self) -> bool {
+    fn is_drained(&self) -> bool {
         self.node.is_drained() && self.shared.service_room() == SERVICE_FRAMES
     }
 
     /// Take the next frame in, if one comes before something is due.
-    async fn listen(&mut self, patience_us: u64) {
-        let patience_us = if self.node.is_drained() { patience_us } else { patience_us.min(HURRY_US) };
+    async fn receive(&mut self, timeout_us: u64) {
+        let timeout_us = if self.node.is_drained() { timeout_us } else { timeout_us.min(POLL_FAST_US) };
         let now_us = self.clock.now_us();
         // What is due already had its turn.
         let until_us =
-            self.next_us.clamp(now_us.saturating_add(HURRY_US), now_us.saturating_add(patience_us));
+            self.next_us.clamp(now_us.saturating_add(POLL_FAST_US), now_us.saturating_add(timeout_us));
         if let Some((frame, at_us)) = self.bus.receive(until_us).await {
             self.node.accept(&frame, at_us);
             // A bus full of requests must not keep the other tasks of this executor from running.
@@ -338,8 +343,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
     async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> T {
         let mut work = pin!(work);
         loop {
-            self.turn();
-            match select(work.as_mut(), self.listen(PATIENCE_US)).await {
+            self.poll();
+            match select(work.as_mut(), self.receive(POLL_US)).await {
                 Either::First(done) => return done,
                 Either::Second(()) => {}
             }
@@ -350,8 +355,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock> Desk<'_, M, R, C> {
     async fn pause(&mut self, us: u64) {
         let until_us = self.clock.now_us().saturating_add(us);
         while self.clock.now_us() < until_us {
-            self.turn();
-            self.listen(PATIENCE_US).await;
+            self.poll();
+            self.receive(POLL_US).await;
         }
     }
 }

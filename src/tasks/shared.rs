@@ -28,8 +28,8 @@ pub type RawQueue<'a, M> = zerocopy_channel::Channel<'a, M, RawTransfer>;
 
 /// What can be changed while the node runs; inference looks at it once per frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Controls {
-    /// Taxels that are not to be believed, by sensor.
+pub struct RuntimeConfig {
+    /// Masked taxels, by sensor.
     pub masks: [TaxelMask; MAX_SENSORS],
     /// Raw messages of every n-th frame; 0: of none.
     pub raw_every: u8,
@@ -37,11 +37,11 @@ pub struct Controls {
     pub compress_raw: bool,
     /// The node's address; without one nothing may be sent.
     pub node: Option<NodeId>,
-    /// Where the alarm works, if not at the model's own point.
+    /// Operating point of the alarm; `None`: the model's own.
     pub point: Option<OperatingPoint>,
 }
 
-impl Controls {
+impl RuntimeConfig {
     /// All taxels, plain raw messages of every frame, the default address, the model's operating point.
     pub const DEFAULT: Self = Self {
         masks: [TaxelMask::NONE; MAX_SENSORS],
@@ -52,7 +52,7 @@ impl Controls {
     };
 
     /// What these settings say, for a node with this address.
-    pub fn of(settings: &Settings, node: Option<NodeId>) -> Self {
+    pub fn new(settings: &Settings, node: Option<NodeId>) -> Self {
         Self {
             masks: core::array::from_fn(|sensor| settings.taxel_mask(sensor)),
             // A frame's rate, so that it fits.
@@ -64,7 +64,7 @@ impl Controls {
     }
 }
 
-impl Default for Controls {
+impl Default for RuntimeConfig {
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -76,9 +76,9 @@ pub struct Shared<M: RawMutex> {
     pub progress: Progress,
     slip: Mutex<M, Cell<Option<CanFrame>>>,
     services: Channel<M, CanFrame, SERVICE_FRAMES>,
-    /// Rung when there is something to send.
-    bell: Signal<M, ()>,
-    controls: Mutex<M, Cell<Controls>>,
+    /// Signalled when there is something to send.
+    tx_ready: Signal<M, ()>,
+    config: Mutex<M, Cell<RuntimeConfig>>,
     status: Mutex<M, RefCell<Status>>,
 }
 
@@ -89,8 +89,8 @@ impl<M: RawMutex> Shared<M> {
             progress: Progress::new(),
             slip: Mutex::new(Cell::new(None)),
             services: Channel::new(),
-            bell: Signal::new(),
-            controls: Mutex::new(Cell::new(Controls::DEFAULT)),
+            tx_ready: Signal::new(),
+            config: Mutex::new(Cell::new(RuntimeConfig::DEFAULT)),
             status: Mutex::new(RefCell::new(Status::new())),
         }
     }
@@ -106,13 +106,13 @@ impl<M: RawMutex> Shared<M> {
     }
 
     /// The settings in use.
-    pub fn controls(&self) -> Controls {
-        self.controls.lock(Cell::get)
+    pub fn config(&self) -> RuntimeConfig {
+        self.config.lock(Cell::get)
     }
 
     /// Use these settings from the next frame on.
-    pub fn control(&self, controls: Controls) {
-        self.controls.lock(|cell| cell.set(controls));
+    pub fn set_config(&self, config: RuntimeConfig) {
+        self.config.lock(|cell| cell.set(config));
     }
 
     /// Send this slip message before anything else, and instead of an older one that still waits.
@@ -120,7 +120,7 @@ impl<M: RawMutex> Shared<M> {
         if self.slip.lock(|cell| cell.replace(Some(frame))).is_some() {
             self.update_status(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
         }
-        self.bell.signal(());
+        self.tx_ready.signal(());
     }
 
     /// Send this frame of a service, after those that wait already. `false`: there is no room; it is not sent, and
@@ -128,7 +128,7 @@ impl<M: RawMutex> Shared<M> {
     pub fn send_service(&self, frame: CanFrame) -> bool {
         let sent = self.services.try_send(frame).is_ok();
         if sent {
-            self.bell.signal(());
+            self.tx_ready.signal(());
         } else {
             self.update_status(|status| status.refused_services = status.refused_services.saturating_add(1));
         }
@@ -138,7 +138,7 @@ impl<M: RawMutex> Shared<M> {
     /// As [`send_service`](Self::send_service), but wait for room: until the bus takes frames again.
     pub async fn send_service_when_room(&self, frame: CanFrame) {
         self.services.send(frame).await;
-        self.bell.signal(());
+        self.tx_ready.signal(());
     }
 
     /// Service frames for which there is room.
@@ -147,8 +147,8 @@ impl<M: RawMutex> Shared<M> {
     }
 
     /// A raw message has been put into the [`RawQueue`].
-    pub(super) fn raw_is_there(&self) {
-        self.bell.signal(());
+    pub(super) fn signal_raw(&self) {
+        self.tx_ready.signal(());
     }
 
     pub(super) fn take_slip(&self) -> Option<CanFrame> {
@@ -169,8 +169,8 @@ impl<M: RawMutex> Shared<M> {
     }
 
     /// Wait until there is something new to send.
-    pub(super) async fn rung(&self) {
-        self.bell.wait().await;
+    pub(super) async fn wait_tx(&self) {
+        self.tx_ready.wait().await;
     }
 }
 

@@ -1,7 +1,7 @@
 //! From the messages that wait to the bus: which frame the hardware gets next.
 //!
-//! The hardware holds one frame of each lane, so that what is decided here is decided as late as can be: a slip
-//! message waits for the frame that is on the wire and for nothing else of this node. A lane is filled again within
+//! The hardware holds one frame of each slot, so that what is decided here is decided as late as can be: a slip
+//! message waits for the frame that is on the wire and for nothing else of this node. A slot is filled again within
 //! the time that CAN leaves between frames, about 3 µs at 1 Mbit/s, so one raw frame at a time does not leave the
 //! bus idle.
 //!
@@ -13,7 +13,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
 
 use super::{Shared, Task};
-use crate::board::{CanTransmit, Clock, Lane};
+use crate::board::{CanTransmit, Clock, TxSlot};
 use crate::health::{CanState, CanStatus};
 use crate::wire::{CanFrame, RawTransfer};
 
@@ -56,16 +56,16 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
     /// Hand over what there is room for, then wait until there is more or the bus has changed.
     pub async fn serve(&mut self) {
         self.shared.progress.made(Task::Transmit);
-        self.look_at_bus();
+        self.update_bus_status();
         if self.status.state == CanState::BusOff {
             self.drop_raw();
-        } else if self.fill_lanes() {
+        } else if self.fill_slots() {
             return;
         }
-        select(self.bus.changed(), self.shared.rung()).await;
+        select(self.bus.changed(), self.shared.wait_tx()).await;
     }
 
-    fn look_at_bus(&mut self) {
+    fn update_bus_status(&mut self) {
         let status = self.bus.status();
         if status == self.status {
             return;
@@ -87,46 +87,46 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
 
     /// Take back what the hardware holds.
     fn give_up_all(&mut self) {
-        self.slip_given_up |= !self.bus.is_free(Lane::Slip);
-        if !self.bus.is_free(Lane::Service) {
+        self.slip_given_up |= !self.bus.is_free(TxSlot::Slip);
+        if !self.bus.is_free(TxSlot::Service) {
             self.shared.update_status(|status| status.lost_services = status.lost_services.saturating_add(1));
         }
-        Lane::ALL.iter().for_each(|&lane| self.bus.withdraw(lane));
+        TxSlot::ALL.iter().for_each(|&slot| self.bus.withdraw(slot));
     }
 
-    /// Give each free lane its next frame; `false`: there was none to give.
-    fn fill_lanes(&mut self) -> bool {
+    /// Give each free slot its next frame; `false`: there was none to give.
+    fn fill_slots(&mut self) -> bool {
         let mut filled = false;
-        if !self.bus.is_free(Lane::Slip) && self.shared.slip_waits() {
+        if !self.bus.is_free(TxSlot::Slip) && self.shared.slip_waits() {
             // A frame period has gone by since that one was handed over.
-            self.bus.withdraw(Lane::Slip);
+            self.bus.withdraw(TxSlot::Slip);
             self.slip_given_up = true;
         }
-        if self.bus.is_free(Lane::Slip) {
-            if core::mem::take(&mut self.slip_given_up) && !self.bus.has_sent(Lane::Slip) {
+        if self.bus.is_free(TxSlot::Slip) {
+            if core::mem::take(&mut self.slip_given_up) && !self.bus.has_sent(TxSlot::Slip) {
                 self.shared
                     .update_status(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
             }
             if let Some(slip) = self.shared.take_slip() {
-                filled = self.hand_over(Lane::Slip, &slip);
+                filled = self.hand_over(TxSlot::Slip, &slip);
                 self.back_on_bus();
             }
         }
-        if self.bus.is_free(Lane::Service)
+        if self.bus.is_free(TxSlot::Service)
             && let Some(frame) = self.shared.take_service()
         {
-            filled = self.hand_over(Lane::Service, &frame);
+            filled = self.hand_over(TxSlot::Service, &frame);
         }
-        if self.bus.is_free(Lane::Raw)
+        if self.bus.is_free(TxSlot::Raw)
             && let Some(frame) = self.next_raw()
         {
-            filled = self.hand_over(Lane::Raw, &frame);
+            filled = self.hand_over(TxSlot::Raw, &frame);
         }
         filled
     }
 
-    fn hand_over(&mut self, lane: Lane, frame: &CanFrame) -> bool {
-        self.bus.transmit(lane, frame);
+    fn hand_over(&mut self, slot: TxSlot, frame: &CanFrame) -> bool {
+        self.bus.transmit(slot, frame);
         true
     }
 

@@ -47,8 +47,6 @@ pub struct RawFrame<'a> {
     pub health: u8,
     /// The readings. Of more than [`RAW_XL_MAX`] samples the newest are sent.
     pub input: SensorInput<'a>,
-    /// Index of the sample after the last of `input.xl`, counted since start, wraps.
-    pub xl_end: u32,
 }
 
 /// A [`RawFrame`] as received.
@@ -133,7 +131,7 @@ impl RawFrame<'_> {
             Some(piezo) => pack(piezo, writer.slot(TAXEL_BYTES)),
             None => writer.slot(TAXEL_BYTES).fill(0),
         }
-        writer.put(&self.xl_end.to_le_bytes());
+        writer.put(&self.input.xl_end.to_le_bytes());
         writer.put(&[dropped.min(255) as u8, newest.len() as u8]);
         let newest = newest.as_flattened();
         for (out, axis) in writer.slot(2 * newest.len()).as_chunks_mut().0.iter_mut().zip(newest) {

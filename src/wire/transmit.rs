@@ -22,7 +22,7 @@ impl Transmitter {
     }
 
     /// From now on speak as `node`. Transfer identifiers go on.
-    pub const fn speak_as(&mut self, node: NodeId) {
+    pub const fn set_node_id(&mut self, node: NodeId) {
         self.node = node;
     }
 
@@ -59,7 +59,7 @@ impl Transmitter {
 
     /// As [`raw_as`](Self::raw_as), into a buffer from which the frames are taken later. `false`: there is nothing to
     /// send, and `into` is as it was.
-    pub fn raw_later(&mut self, form: RawForm, frame: &RawFrame<'_>, into: &mut RawTransfer) -> bool {
+    pub fn start_raw(&mut self, form: RawForm, frame: &RawFrame<'_>, into: &mut RawTransfer) -> bool {
         let delivered = frame.delivers();
         if delivered {
             let (id, transfer) = self.next_raw(form);
@@ -114,7 +114,7 @@ impl RawForm {
 }
 
 /// A raw message between the task that makes it and the task that sends it: encoded once, with its CRC, and cut
-/// into CAN frames one at a time. Filled by [`Transmitter::raw_later`].
+/// into CAN frames one at a time. Filled by [`Transmitter::start_raw`].
 #[derive(Clone, Debug)]
 pub struct RawTransfer {
     buffer: RawBuffer,

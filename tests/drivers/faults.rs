@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use embassy_futures::block_on;
 use slipsense::board::{Accelerometer, FifoSamples, XlFault};
-use slipsense::drivers::{Adxl380, Adxl382, Icm42688, SPI_BUFFER_BYTES, XlBatch, XlTrack};
+use slipsense::drivers::{Adxl380, Adxl382, Icm42688, SPI_BUFFER_BYTES, XlBatch, XlMonitor};
 use slipsense::sensor::XlSample;
 
 use super::fake::{Kind, Part, Wire, Wires, numbered};
@@ -19,25 +19,29 @@ const COUNT_SLACK: i64 = 2;
 
 struct Bench<A> {
     part: Rc<RefCell<Part>>,
-    track: XlTrack<A>,
+    monitor: XlMonitor<A>,
     fifo: FifoSamples,
     now_us: u64,
     /// Samples made when the count was 0; while the rate is not measured yet, the count may be off by 3 %.
     begin: Option<i64>,
     measured: bool,
+    /// Index of the sample that comes next, after a tick that delivered.
+    next: Option<u32>,
 }
 
-type Delivered = Option<Vec<XlSample>>;
+/// What a tick delivers, and whether its index says that samples are missing before it.
+type Delivered = Option<(Vec<XlSample>, bool)>;
 
 impl<A: Accelerometer> Bench<A> {
     fn new(part: Rc<RefCell<Part>>, driver: A) -> Self {
         Self {
             part,
-            track: XlTrack::new(driver),
+            monitor: XlMonitor::new(driver),
             fifo: FifoSamples::new(),
             now_us: 1_000,
             begin: None,
             measured: false,
+            next: None,
         }
     }
 
@@ -49,18 +53,21 @@ impl<A: Accelerometer> Bench<A> {
     fn tick(&mut self) -> Delivered {
         self.pass(TICK_US);
         let mut xl = XlBatch::new();
-        let arrived = block_on(self.track.tick(self.now_us, &mut self.fifo, &mut xl));
+        let arrived = block_on(self.monitor.tick(self.now_us, &mut self.fifo, &mut xl));
         let made = self.part.borrow().made as i64;
-        let counted = i64::from(self.track.xl_end()) * i64::from(A::PART.decimation);
+        let counted = i64::from(self.monitor.xl_end()) * i64::from(A::PART.decimation);
         let begin = *self.begin.get_or_insert(made - counted);
         let off = counted - (made - begin);
         if self.measured {
             // In every tick, also while the part is dead: the count is what the part has made.
             assert!(off.abs() <= COUNT_SLACK, "counted {counted}, off by {off}");
-        } else if self.track.counters().faults == 0 {
+        } else if self.monitor.counters().faults == 0 {
             assert!(off.abs() * 33 <= made - begin + 100, "counted {counted}, off by {off}");
         }
-        arrived.then(|| xl.to_vec())
+        let first = self.monitor.xl_end().wrapping_sub(xl.len() as u32);
+        let gap = self.next.is_some_and(|next| next != first);
+        self.next = arrived.then_some(self.monitor.xl_end());
+        arrived.then(|| (xl.to_vec(), gap))
     }
 
     fn run(&mut self, ticks: usize) -> Vec<Delivered> {
@@ -129,18 +136,26 @@ impl<A: Accelerometer> Driven for Bench<A> {
         Bench::recovery(self)
     }
     fn counters(&self) -> slipsense::drivers::XlCounters {
-        self.track.counters()
+        self.monitor.counters()
     }
     fn lost(&self) -> u64 {
-        self.track.count().lost()
+        self.monitor.count().lost()
     }
     fn discard(&mut self) {
-        self.track.discard();
+        let next = self.next;
+        self.tick();
+        self.next = next;
     }
 }
 
+/// `#`: delivered, `|`: delivered after a gap, `.`: not delivered.
 fn arrived(delivered: &[Delivered]) -> String {
-    delivered.iter().map(|batch| if batch.is_some() { '#' } else { '.' }).collect()
+    let letter = |batch: &Delivered| batch.as_ref().map_or('.', |&(_, gap)| if gap { '|' } else { '#' });
+    delivered.iter().map(letter).collect()
+}
+
+fn samples(delivered: Vec<Delivered>) -> Vec<XlSample> {
+    delivered.into_iter().flatten().flat_map(|(samples, _)| samples).collect()
 }
 
 /// The samples are consecutive.
@@ -159,7 +174,7 @@ fn every_sample_arrives_once_in_order() {
         bench.warm_up();
         let batches = bench.run(2_000);
         assert!(batches.iter().all(Option::is_some));
-        let samples: Vec<XlSample> = batches.into_iter().flatten().flatten().collect();
+        let samples = samples(batches);
         // 8,216 Hz for 8.332 s.
         assert!((68_440..68_470).contains(&samples.len()), "{}", samples.len());
         assert_joined(&samples[..20_000]);
@@ -168,16 +183,16 @@ fn every_sample_arrives_once_in_order() {
 }
 
 #[test]
-fn a_full_fifo_costs_one_frame_and_the_count_stays_right() {
+fn a_full_fifo_shows_as_a_gap_and_the_count_stays_right() {
     each(|bench| {
         bench.warm_up();
         // Nobody reads for 80 ms: 657 samples, of which a FIFO holds 105 or 255.
         bench.pass(80_000);
         let after = bench.run(10);
-        assert_eq!(arrived(&after), ".#########");
-        assert_joined(&after.into_iter().flatten().flatten().collect::<Vec<_>>());
+        assert_eq!(arrived(&after), "|#########");
+        assert_joined(&samples(after));
         assert_eq!((bench.counters().overruns, bench.counters().faults), (1, 0));
-        println!("  one frame missing after an overrun, {} samples lost", bench.lost());
+        println!("  a gap after an overrun, {} samples lost", bench.lost());
     });
 }
 
@@ -189,22 +204,25 @@ fn a_late_reader_loses_nothing_while_the_fifo_holds() {
         bench.pass(5_000);
         let after = bench.run(5);
         assert_eq!(arrived(&after), "#####");
-        assert_joined(&after.into_iter().flatten().flatten().collect::<Vec<_>>());
+        assert_joined(&samples(after));
         assert_eq!(bench.lost(), before);
     });
 }
 
 #[test]
-fn lost_sync_costs_one_frame() {
+fn lost_sync_shows_as_a_gap_or_costs_one_frame() {
     each(|bench| {
         bench.warm_up();
         bench.pass(1_000);
         // One byte too few, or one entry: whatever follows is out of step.
-        let cut = if bench.part().borrow().kind == Kind::Icm42688 { 1 } else { 3 };
+        let (cut, expected) = match bench.part().borrow().kind {
+            Kind::Icm42688 => (1, ".#########"),
+            _ => (3, "|#########"),
+        };
         bench.part().borrow_mut().fifo.drain(..cut);
         let after = bench.run(10);
-        assert_eq!(arrived(&after), ".#########");
-        assert_joined(&after.into_iter().flatten().flatten().collect::<Vec<_>>());
+        assert_eq!(arrived(&after), expected);
+        assert_joined(&samples(after));
         assert_eq!((bench.counters().resyncs, bench.counters().starts), (1, 1));
     });
 }
@@ -241,7 +259,7 @@ fn a_dead_part_is_restarted_when_it_answers_again() {
             assert!(ticks <= 24 + 1 + START_TICKS, "{ticks}");
             let after = bench.run(50);
             assert_eq!(arrived(&after), "#".repeat(50));
-            assert_joined(&after.into_iter().flatten().flatten().collect::<Vec<_>>());
+            assert_joined(&samples(after));
             assert_eq!(bench.counters().starts, 2);
         });
     }
@@ -266,28 +284,25 @@ fn another_part_is_refused_by_name() {
     let part = Part::new(Kind::Adxl382);
     let mut bench = Bench::new(part.clone(), adxl380(&part));
     assert!(bench.run(100).iter().all(Option::is_none));
-    let fault = bench.track.counters().last_fault.expect("a fault");
+    let fault = bench.monitor.counters().last_fault.expect("a fault");
     assert_eq!(fault, XlFault::WrongPart { expected: 0xad17_c000, found: 0xad17_c080 });
     assert_eq!(fault.to_string(), "identifier 0xad17c080, expected 0xad17c000");
 
     let part = Part::new(Kind::Adxl380);
     let mut bench = Bench::new(part.clone(), icm42688(&part));
     bench.run(100);
-    assert!(matches!(bench.track.counters().last_fault, Some(XlFault::WrongPart { expected: 0x47, .. })));
+    assert!(matches!(bench.monitor.counters().last_fault, Some(XlFault::WrongPart { expected: 0x47, .. })));
 }
 
 #[test]
-fn what_nobody_takes_leaves_a_gap_of_one_frame() {
+fn what_nobody_takes_shows_as_a_gap() {
     each(|bench| {
         bench.warm_up();
         let before = bench.lost();
-        for _ in 0..5 {
-            bench.run(1);
-            bench.discard();
-        }
+        (0..5).for_each(|_| bench.discard());
         let after = bench.run(5);
-        assert_eq!(arrived(&after), ".####");
-        assert_joined(&after.into_iter().flatten().flatten().collect::<Vec<_>>());
+        assert_eq!(arrived(&after), "|####");
+        assert_joined(&samples(after));
         assert_eq!(bench.counters().overruns, 0, "the FIFO is emptied all the same");
         assert!(bench.lost() - before <= 40, "what is read counts as read");
     });
@@ -300,18 +315,19 @@ fn an_adxl382_comes_at_half_its_rate() {
     part.borrow_mut().signal = |_| [1_000, -2_000, 2_000];
     let mut bench = Bench::new(part.clone(), Adxl382::new(Wire(part.clone()), leak()));
     bench.warm_up();
-    let mut end = bench.track.xl_end();
+    let mut end = bench.monitor.xl_end();
     let mut total = 0;
     for _ in 0..2_000 {
-        let batch = bench.tick().expect("a batch");
+        let (batch, gap) = bench.tick().expect("a batch");
+        assert!(!gap);
         // Gravity passes unchanged: the filter's gain there is 1, exactly, from its first sample on.
         assert!(batch.iter().all(|&sample| sample == [1_000, -2_000, 2_000]));
         end = end.wrapping_add(batch.len() as u32);
-        assert_eq!(end, bench.track.xl_end());
+        assert_eq!(end, bench.monitor.xl_end());
         total += batch.len();
     }
     // 7,800 Hz for 8.332 s.
     assert!((64_970..65_010).contains(&total), "{total}");
     bench.pass(30_000);
-    assert_eq!(arrived(&bench.run(10)), ".#########");
+    assert_eq!(arrived(&bench.run(10)), "|#########");
 }

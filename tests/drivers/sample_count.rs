@@ -30,7 +30,7 @@ proptest! {
         let bound = 2 + made(gap_us) / 8_000 + 1;
         prop_assert!(count.total().abs_diff(made(now_us)) <= bound, "{} {}", count.total(), made(now_us));
         let before = count.total();
-        count.resume(now_us + tick_us, 33);
+        count.resume(now_us + tick_us, 33, 0);
         prop_assert!(count.total() >= before, "never back");
         prop_assert!(count.total().abs_diff(made(now_us + tick_us)) <= bound + 1);
     }
@@ -52,6 +52,7 @@ fn extreme_times_do_not_panic() {
     count.read(u64::MAX >> 8, 105);
     count.missed(0);
     count.missed(u64::MAX >> 8);
-    count.resume(5, 0);
+    count.resume(5, 0, 0);
+    count.resume(6, 1, 2);
     count.read(4, u32::MAX);
 }

@@ -4,9 +4,10 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use embassy_futures::block_on;
-use slipsense::board::{FrameSource, SensedFrame, TaxelScan};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
 use slipsense::drivers::array::{Array, Mounting};
-use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, Sensors, XlTrack};
+use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, SensorLink, Sensors, XlMonitor};
 use slipsense::params::TAXELS;
 use slipsense::pipeline::FrameStamp;
 
@@ -49,7 +50,8 @@ impl TaxelScan for Scan {
     }
 }
 
-type Bench = (Sensors<Scan, Adxl380<'static, Wire>>, Vec<Rc<RefCell<Part>>>, Rc<Faults>);
+type Fingertips = Sensors<'static, NoopRawMutex, Scan, Adxl380<'static, Wire>>;
+type Bench = (Fingertips, Vec<Rc<RefCell<Part>>>, Rc<Faults>);
 
 fn bench() -> Bench {
     let parts: Vec<_> = (0..SENSORS).map(|_| Part::new(Kind::Adxl380)).collect();
@@ -62,13 +64,14 @@ fn bench() -> Bench {
     };
     let sensor = |part: &Rc<RefCell<Part>>| Sensor {
         array: Array::new(Mounting::default()),
-        xl: XlTrack::new(Adxl380::new(Wire(part.clone()), Box::leak(Box::new([0; SPI_BUFFER_BYTES])))),
+        xl: XlMonitor::new(Adxl380::new(Wire(part.clone()), Box::leak(Box::new([0; SPI_BUFFER_BYTES])))),
     };
-    (Sensors::new(scan, parts.iter().map(sensor).collect()), parts, faults)
+    let link = Box::leak(Box::new(SensorLink::new()));
+    (Sensors::new(scan, parts.iter().map(sensor).collect(), link), parts, faults)
 }
 
 /// Which parts arrived in one frame: arrays, then accelerometers.
-fn frame(sensors: &mut Sensors<Scan, Adxl380<'static, Wire>>, frame: &mut SensedFrame) -> String {
+fn frame(sensors: &mut Fingertips, frame: &mut SensorFrame) -> String {
     block_on(sensors.tick()).expect("a tick");
     block_on(sensors.read(&mut frame.parts));
     let piezo = frame.parts.iter().map(|part| if part.piezo_arrived { 'p' } else { '-' });
@@ -78,8 +81,8 @@ fn frame(sensors: &mut Sensors<Scan, Adxl380<'static, Wire>>, frame: &mut Sensed
 #[test]
 fn a_fault_is_the_faulty_parts_only() {
     let (mut sensors, parts, faults) = bench();
-    let mut buffer = SensedFrame::new();
-    let mut next = |sensors: &mut Sensors<_, _>| frame(sensors, &mut buffer);
+    let mut buffer = SensorFrame::new();
+    let mut next = |sensors: &mut Fingertips| frame(sensors, &mut buffer);
     assert_eq!(next(&mut sensors), "ppp---", "the scan does not wait for accelerometers");
     (0..30).for_each(|_| _ = next(&mut sensors));
     assert_eq!(next(&mut sensors), "pppxxx");
@@ -107,15 +110,21 @@ fn a_fault_is_the_faulty_parts_only() {
 }
 
 #[test]
-fn discarded_frames_leave_the_next_without_a_false_join() {
+fn discarded_frames_show_as_a_gap() {
     let (mut sensors, _, _) = bench();
-    let mut buffer = SensedFrame::new();
+    let mut buffer = SensorFrame::new();
     (0..40).for_each(|_| _ = frame(&mut sensors, &mut buffer));
+    let first = |buffer: &SensorFrame| buffer.parts.each_ref().map(|part| part.xl_end - part.xl.len() as u32);
+    let end = |buffer: &SensorFrame| buffer.parts.each_ref().map(|part| part.xl_end);
+    let before = end(&buffer);
     for _ in 0..20 {
         block_on(sensors.tick()).expect("a tick");
         block_on(sensors.discard());
     }
-    assert_eq!(frame(&mut sensors, &mut buffer), "ppp---");
     assert_eq!(frame(&mut sensors, &mut buffer), "pppxxx");
+    assert!(first(&buffer).iter().zip(before).all(|(&first, before)| first > before + 600));
+    let before = end(&buffer);
+    assert_eq!(frame(&mut sensors, &mut buffer), "pppxxx");
+    assert_eq!(first(&buffer), before);
     assert_eq!(sensors.report().xl[0].overruns, 0);
 }

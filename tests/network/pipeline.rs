@@ -35,7 +35,7 @@ fn pad_with_sum(sum: u32) -> PiezoFrame {
 fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
     let bytes = constant_model(logits);
     let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), pads.len()).unwrap();
-    let inputs: Vec<_> = pads.iter().map(|&piezo| SensorInput { piezo, xl: Some(&[]) }).collect();
+    let inputs: Vec<_> = pads.iter().map(|&piezo| SensorInput { piezo, xl: Some(&[]), xl_end: 0 }).collect();
     let output = pipeline.step(&inputs);
     assert_eq!(output.logits, logits.map(Logit::from_bits));
     assert_eq!(output.slip, output.class == Class::Slip);
@@ -74,7 +74,7 @@ fn the_alarm_follows_the_files_operating_point() {
         let (idle, held) = (pad_with_sum(0), pad_with_sum(2000));
         let pads = [&held, &idle, &held, &held, &held, &idle, &idle, &idle, &held];
         let step = |piezo| {
-            let output = pipeline.step(&[SensorInput { piezo: Some(piezo), xl: Some(&[]) }]);
+            let output = pipeline.step(&[SensorInput { piezo: Some(piezo), xl: Some(&[]), xl_end: 0 }]);
             let message = output.slip_message(FrameStamp::of_recording(0), 0);
             assert_eq!((message.slip, message.alarm), (output.slip, output.alarm));
             assert_eq!(output.margin, output.slip.then_some(Logit::from_bits(500)));
@@ -95,22 +95,48 @@ fn health_tells_what_is_missing_and_the_rest_goes_on() {
     let samples = [[0i16, 5, -3]; 64];
     let mut clipped = samples;
     clipped[7][1] = i16::MAX;
-    let good = SensorInput { piezo: Some(&pad), xl: Some(&samples) };
+    let good = |frame: u32| SensorInput { piezo: Some(&pad), xl: Some(&samples), xl_end: 64 * frame };
     let dead = SensorInput::default();
 
-    let first = pipeline.step(&[good, dead]);
+    let first = pipeline.step(&[good(1), dead]);
     let warming = health::XL_WARMING_UP | health::TAXELS_SATURATED;
     let gone = health::PIEZO_MISSING | health::XL_MISSING;
     assert_eq!(first.health.map(|h| h.0), [warming, gone, gone], "a sensor not given is missing");
-    let second = pipeline.step(&[good, good, SensorInput { piezo: None, xl: Some(&clipped) }]);
+    let second =
+        pipeline.step(&[good(2), good(2), SensorInput { piezo: None, xl: Some(&clipped), xl_end: 64 }]);
     let third = health::PIEZO_MISSING | health::XL_WARMING_UP | health::XL_CLIPPED;
     assert_eq!(second.health.map(|h| h.0), [health::TAXELS_SATURATED, warming, third]);
-    // A gap starts the front end anew.
-    pipeline.step(&[SensorInput { xl: None, ..good }, good, dead]);
-    assert!(pipeline.step(&[good, good, dead]).health[0].contains(health::XL_WARMING_UP));
+    // A frame without samples starts the front end anew.
+    pipeline.step(&[SensorInput { xl: None, ..good(3) }, good(3), dead]);
+    assert!(pipeline.step(&[good(4), good(4), dead]).health[0].contains(health::XL_WARMING_UP));
     let long = [[1i16; 3]; 65];
-    let output = pipeline.step(&[SensorInput { xl: Some(&long), ..good }, good, dead]);
+    let long = SensorInput { xl: Some(&long), xl_end: 64 * 4 + 65, ..good(5) };
+    let output = pipeline.step(&[long, good(5), dead]);
     assert!(output.health[0].contains(health::XL_SAMPLES_DROPPED));
+}
+
+/// What comes after missing samples is what a front end gives that starts there.
+#[test]
+fn missing_samples_start_the_front_end_anew_and_are_flagged() {
+    let bytes = constant_model([0, 1, 2]);
+    let sample = |n: u32| [(n.wrapping_mul(2_654_435_761) >> 18) as i16, n as i16, -(n as i16)];
+    for lost in [1, 7, 500, u32::MAX] {
+        let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
+        let mut after = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
+        let mut end = u32::MAX - 100;
+        for frame in 0..12 {
+            let samples: Vec<_> = (0..33).map(|i| sample(frame * 33 + i)).collect();
+            end = end.wrapping_add(33).wrapping_add(if frame == 6 { lost } else { 0 });
+            let input = SensorInput { piezo: None, xl: Some(&samples), xl_end: end };
+            let output = pipeline.step(&[input]);
+            assert_eq!(output.health[0].contains(health::XL_SAMPLES_DROPPED), frame == 6, "frame {frame}");
+            let warming = output.health[0].contains(health::XL_WARMING_UP);
+            assert_eq!(warming, matches!(frame, 0..=2 | 6..=8), "frame {frame}");
+            if frame >= 6 {
+                assert_eq!(output.log_mel, after.step(&[input]).log_mel, "frame {frame}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -128,7 +154,7 @@ fn the_slip_message_carries_the_output() {
     let bytes = constant_model([-700, 20, 3000]);
     let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 2).unwrap();
     let pad = pad_with_sum(3000);
-    let output = pipeline.step(&[SensorInput { piezo: Some(&pad), xl: None }; 2]);
+    let output = pipeline.step(&[SensorInput { piezo: Some(&pad), ..SensorInput::default() }; 2]);
     let message = output.slip_message(FrameStamp { sequence: 7, timestamp_us: 29_167 }, 4);
     assert_eq!((message.sequence, message.timestamp_us, message.late_frames), (7, 29_167, 4));
     assert_eq!((message.class, message.slip, message.sensors), (2, true, 2));

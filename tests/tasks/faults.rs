@@ -3,12 +3,12 @@
 
 use std::ops::Range;
 
-use slipsense::board::SensedPart;
 use slipsense::health::Condition;
 use slipsense::health::{
     PIEZO_MISSING, TAXELS_MASKED, TAXELS_SATURATED, XL_CLIPPED, XL_MISSING, XL_SAMPLES_DROPPED, XL_WARMING_UP,
 };
 use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXELS};
+use slipsense::sensor::SensorReadings;
 use slipsense::sensor::{PiezoFrame, TaxelMask};
 
 use super::world::{BATCH, Ran, World, healthy, scan};
@@ -22,8 +22,8 @@ const FAULTY: usize = 1;
 const WARM_UP: u32 = 128 / BATCH + 1;
 
 /// Run with this fault in sensor 1, and check all that has nothing to do with it.
-fn with_fault(fault: impl Fn(u32, &mut SensedPart)) -> Ran {
-    let script = |sequence, parts: &mut [SensedPart; MAX_SENSORS]| {
+fn with_fault(fault: impl Fn(u32, &mut SensorReadings)) -> Ran {
+    let script = |sequence, parts: &mut [SensorReadings; MAX_SENSORS]| {
         healthy(sequence, parts);
         fault(sequence, &mut parts[FAULTY]);
     };
@@ -121,30 +121,39 @@ fn a_clipped_accelerometer() {
 
 #[test]
 fn a_stuck_taxel_is_masked() {
-    let stuck = |_: u32, parts: &mut [SensedPart; MAX_SENSORS]| {
+    let stuck = |_: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
         healthy(0, parts);
         let mut counts = *parts[FAULTY].piezo.counts();
         counts[10 * 32 + 20] = COUNT_MAX;
         parts[FAULTY].piezo = PiezoFrame::from_scan(counts);
     };
-    let in_order = |sequence: u32, parts: &mut [SensedPart; MAX_SENSORS]| {
+    let in_order = |sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
         stuck(sequence, parts);
         parts.iter_mut().for_each(|part| part.xl_end = (sequence + 1) * BATCH);
     };
     let set = |shared: &slipsense::tasks::Shared<_>, tick: u32| {
-        let mut controls = shared.controls();
+        let mut controls = shared.config();
         let mask = if FAULT.contains(&tick) { TaxelMask::NONE.with(10, 20) } else { TaxelMask::NONE };
         controls.masks[FAULTY] = mask;
-        shared.control(controls);
+        shared.set_config(controls);
     };
-    let mut world = World::new(FRAMES, 2);
-    world.script = &in_order;
-    let without = world.run();
-    world.before_tick = &set;
-    let ran = world.run();
-    nothing_else(&ran, &without);
+    let found = |sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
+        in_order(sequence, parts);
+        // As the driver says it, one frame later than the setting.
+        let is_stuck = FAULT.contains(&(sequence + 1));
+        parts[FAULTY].stuck = if is_stuck { TaxelMask::NONE.with(10, 20) } else { TaxelMask::NONE };
+    };
+    let without = World { script: &in_order, ..World::new(FRAMES, 2) }.run();
+    is_masked(&World { script: &in_order, before_tick: &set, ..World::new(FRAMES, 2) }.run(), &without);
+    is_masked(&World { script: &found, ..World::new(FRAMES, 2) }.run(), &without);
+    println!("stuck taxel: flags {TAXELS_MASKED:#04x} while masked; as before 0 frames after");
+}
+
+/// A mask of the settings and a taxel that the driver found stuck have the same effect.
+fn is_masked(ran: &Ran, without: &Ran) {
+    nothing_else(ran, without);
     let sum = without.slips[0].contact[FAULTY].sum;
-    for (sequence, flags) in (0..).zip(flags(&ran)) {
+    for (sequence, flags) in (0..).zip(flags(ran)) {
         let contact = ran.slips[sequence as usize].contact[FAULTY];
         // Set while the frame before waits for its decision.
         let masked = FAULT.contains(&(sequence + 1));
@@ -158,17 +167,27 @@ fn a_stuck_taxel_is_masked() {
     if let Some(raw) = masked {
         assert_eq!((raw.piezo.counts()[10 * 32 + 20], raw.health), (0, TAXELS_MASKED));
     }
-    println!("stuck taxel: flags {TAXELS_MASKED:#04x} while masked; as before 0 frames after");
 }
 
 #[test]
 fn missing_samples() {
     // A FIFO that overran: 7 samples are gone, the count goes on.
-    let ran = with_fault(|sequence, part| {
+    let overrun = |sequence: u32, part: &mut SensorReadings| {
         if sequence >= FAULT.start {
             part.xl_end += 7;
         }
-    });
+    };
+    let ran = with_fault(overrun);
+    // The tasks and the pipeline alone treat it alike, as does the Python package (tests/python/check_package.py).
+    let script = |sequence, parts: &mut [SensorReadings; MAX_SENSORS]| {
+        healthy(sequence, parts);
+        overrun(sequence, &mut parts[FAULTY]);
+    };
+    let outputs = World { script: &script, ..World::new(FRAMES, 2) }.outputs();
+    for (slip, output) in ran.slips.iter().zip(&outputs) {
+        assert_eq!(slip.logits, output.logits, "frame {}", slip.sequence);
+        assert_eq!(slip.contact.map(|contact| contact.health), output.health.map(|health| health.0));
+    }
     let fault = FAULT.start..FAULT.start + 1;
     expect(&ran, "missing samples", fault, XL_SAMPLES_DROPPED | XL_WARMING_UP, (WARM_UP - 2, XL_WARMING_UP));
 }
@@ -186,7 +205,7 @@ fn samples_that_are_missing_while_the_part_is_silent_are_one_fault() {
 
 #[test]
 fn all_parts_of_all_sensors_dead() {
-    let script = |sequence, parts: &mut [SensedPart; MAX_SENSORS]| {
+    let script = |sequence, parts: &mut [SensorReadings; MAX_SENSORS]| {
         healthy(sequence, parts);
         parts.iter_mut().for_each(|part| (part.piezo_arrived, part.xl_arrived) = (false, false));
     };

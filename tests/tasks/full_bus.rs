@@ -3,9 +3,10 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::board::{Lane, SensedPart};
+use slipsense::board::TxSlot;
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
 use slipsense::sensor::PiezoFrame;
+use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, Shared};
 use slipsense::wire::{Detail, RawBuffer, RawForm, RawMessage, Region, Transmitter};
 use slipsense_can_sim::controller::Disturbance;
@@ -18,14 +19,14 @@ const CONTACT: Region = Region { first_row: 10, rows: 6, first_col: 12, cols: 8 
 
 fn switch_on(shared: &Shared<embassy_sync::blocking_mutex::raw::NoopRawMutex>, tick: u32) {
     if tick == 0 {
-        let mut controls = shared.controls();
+        let mut controls = shared.config();
         controls.compress_raw = true;
-        shared.control(controls);
+        shared.set_config(controls);
     }
 }
 
 /// What no coder makes shorter: random samples, random counts, those of a touch in [`CONTACT`] alone.
-fn noise(sequence: u32, parts: &mut [SensedPart; MAX_SENSORS]) {
+fn noise(sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]) {
     healthy(sequence, parts);
     for (sensor, part) in (0u64..).zip(parts) {
         let mut rng = ChaCha8Rng::seed_from_u64(u64::from(sequence) << 8 | sensor);
@@ -43,7 +44,7 @@ fn noise(sequence: u32, parts: &mut [SensedPart; MAX_SENSORS]) {
 
 /// What arrived is what the sensors gave, as far as the message says that it holds it.
 fn assert_true(world: &World<'_>, message: &RawMessage) {
-    let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
     (world.script)(message.sequence, &mut parts);
     let part = &parts[usize::from(message.sensor)];
     assert_eq!((message.xl.as_slice(), message.xl_end), (part.xl.as_slice(), (message.sequence + 1) * BATCH));
@@ -77,12 +78,13 @@ fn a_free_bus_carries_what_the_host_makes() {
     let mut transmitter = Transmitter::new(NODE);
     let (mut buffer, mut raws) = (RawBuffer::new(), Vec::new());
     for (sequence, output) in (0..).zip(world.outputs()) {
-        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         (world.script)(sequence, &mut parts);
-        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input(), parts[0].xl_end);
+        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
         raws.extend(transmitter.raw_as(RawForm::Compressed(Detail::All), &raw, &mut buffer));
     }
-    let arrived = ran.arrived.iter().filter(|arrived| arrived.lane == Lane::Raw).map(|arrived| arrived.frame);
+    let arrived =
+        ran.arrived.iter().filter(|arrived| arrived.lane == TxSlot::Raw).map(|arrived| arrived.frame);
     assert!(arrived.eq(raws), "every CAN byte");
     assert_eq!((details(&ran), ran.status.dropped_raw), ([120, 0, 0], 0));
 }

@@ -8,14 +8,13 @@ use embassy_futures::select::select;
 use embassy_futures::{block_on, yield_now};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
-use slipsense::board::{
-    CanTransmit, Clock, FrameSource, Lane, Observe, SensedFrame, SensedPart, StoppedClock,
-};
+use slipsense::board::{CanTransmit, Clock, FrameSource, Observe, SensorFrame, StoppedClock, TxSlot};
 use slipsense::health::CanStatus;
 use slipsense::health::Status;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
+use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{
     FRAME_PERIOD_US, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
 };
@@ -43,7 +42,7 @@ impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
         })
     }
 
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         healthy(self.next - 1, parts);
     }
 
@@ -53,20 +52,20 @@ impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
 }
 
 /// Takes everything at once.
-struct Sink(Rc<RefCell<Vec<(Lane, CanFrame)>>>);
+struct Sink(Rc<RefCell<Vec<(TxSlot, CanFrame)>>>);
 
 impl CanTransmit for Sink {
-    fn is_free(&self, _lane: Lane) -> bool {
+    fn is_free(&self, _lane: TxSlot) -> bool {
         true
     }
 
-    fn transmit(&mut self, lane: Lane, frame: &CanFrame) {
+    fn transmit(&mut self, lane: TxSlot, frame: &CanFrame) {
         self.0.borrow_mut().push((lane, *frame));
     }
 
-    fn withdraw(&mut self, _lane: Lane) {}
+    fn withdraw(&mut self, _lane: TxSlot) {}
 
-    fn has_sent(&self, _lane: Lane) -> bool {
+    fn has_sent(&self, _lane: TxSlot) -> bool {
         true
     }
 
@@ -83,17 +82,17 @@ impl CanTransmit for Sink {
 struct Ran {
     discarded: u32,
     status: Status,
-    sent: Vec<(Lane, CanFrame)>,
+    sent: Vec<(TxSlot, CanFrame)>,
 }
 
 impl Ran {
-    fn of(&self, lane: Lane) -> Vec<CanFrame> {
+    fn of(&self, lane: TxSlot) -> Vec<CanFrame> {
         self.sent.iter().filter(|(of, _)| *of == lane).map(|&(_, frame)| frame).collect()
     }
 
     fn slip_messages(&self) -> Vec<SlipMessage> {
         let decode = |frame: &CanFrame| SlipMessage::decode(&frame.data()[..frame.data().len() - 1]).unwrap();
-        self.of(Lane::Slip).iter().map(decode).collect()
+        self.of(TxSlot::Slip).iter().map(decode).collect()
     }
 }
 
@@ -109,7 +108,7 @@ fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, obse
         Inference::new(pipeline, Transmitter::new(NODE), clock, observer, &shared, raw_sender);
     let sent = Rc::default();
     let mut transmission = Transmission::new(Sink(Rc::clone(&sent)), StoppedClock, &shared, raw_receiver);
-    let mut buffers = [const { SensedFrame::new() }; QUEUED_FRAMES];
+    let mut buffers = [const { SensorFrame::new() }; QUEUED_FRAMES];
     let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
     let (sender, mut receiver) = channel.split();
     let mut source = Counter::<REAL_TIME> { next: 0, end: frames, discarded: 0 };
@@ -166,19 +165,19 @@ fn a_recording_waits_and_loses_nothing() {
     let mut transmitter = Transmitter::new(NODE);
     let mut buffer = RawBuffer::new();
     let (mut slips, mut raws) = (Vec::new(), Vec::new());
-    let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
     for sequence in 0..frames {
         healthy(sequence, &mut parts);
         let inputs = parts.each_ref().map(|part| part.input());
         let output = pipeline.step(&inputs[..SENSORS]);
         slips.push(transmitter.slip(&output.slip_message(stamp(sequence), 0)));
-        for (sensor, (&input, part)) in inputs.iter().zip(&parts).take(SENSORS).enumerate() {
-            let raw = output.raw_frame(stamp(sequence), sensor, input, part.xl_end);
+        for (sensor, &input) in inputs.iter().take(SENSORS).enumerate() {
+            let raw = output.raw_frame(stamp(sequence), sensor, input);
             raws.extend(transmitter.raw(&raw, &mut buffer));
         }
     }
-    assert!(ran.of(Lane::Slip) == slips, "the tasks send what the pipeline and the wire make");
-    assert!(ran.of(Lane::Raw) == raws);
+    assert!(ran.of(TxSlot::Slip) == slips, "the tasks send what the pipeline and the wire make");
+    assert!(ran.of(TxSlot::Raw) == raws);
 }
 
 /// Late by `late_us` at every frame.

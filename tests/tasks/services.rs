@@ -8,7 +8,7 @@ use std::rc::Rc;
 use embassy_futures::select::select3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::board::panic_record::PanicRecord;
-use slipsense::board::{CanReceive, CanTransmit, Clock, Lane, StatusLed, Watchdog};
+use slipsense::board::{CanReceive, CanTransmit, Clock, StatusLed, TxSlot, Watchdog};
 use slipsense::fixed::Logit;
 use slipsense::health::{self, CanState, CanStatus, Condition, SensorHealth, Status};
 use slipsense::net::format::OperatingPoint;
@@ -19,7 +19,7 @@ use slipsense::node::{
 use slipsense::params::MAX_SENSORS;
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::tasks::{
-    Controls, RAW_MESSAGES, RawQueue, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
+    RAW_MESSAGES, RawQueue, RuntimeConfig, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
 };
 use slipsense::update::{self, Notice, Trial};
 use slipsense::wire::{
@@ -66,17 +66,17 @@ impl CanReceive for Ears<'_> {
 struct Mouth<'a>(&'a Bus, &'a Time);
 
 impl CanTransmit for Mouth<'_> {
-    fn is_free(&self, _: Lane) -> bool {
+    fn is_free(&self, _: TxSlot) -> bool {
         !self.0.off.get()
     }
 
-    fn transmit(&mut self, _: Lane, frame: &CanFrame) {
+    fn transmit(&mut self, _: TxSlot, frame: &CanFrame) {
         self.0.sent.borrow_mut().push((self.1.now_us(), *frame));
     }
 
-    fn withdraw(&mut self, _: Lane) {}
+    fn withdraw(&mut self, _: TxSlot) {}
 
-    fn has_sent(&self, _: Lane) -> bool {
+    fn has_sent(&self, _: TxSlot) -> bool {
         true
     }
 
@@ -135,11 +135,11 @@ impl ServiceBoard for Board<'_> {
         Err("no room")
     }
 
-    fn take_notice(&mut self) -> Option<Notice> {
+    fn next_notice(&mut self) -> Option<Notice> {
         self.notices.pop_front()
     }
 
-    fn has_shown(&mut self, frames: u32, heartbeats: u32) -> bool {
+    fn ready_to_confirm(&mut self, frames: u32, heartbeats: u32) -> bool {
         self.trial.observe(frames, heartbeats)
     }
 
@@ -181,7 +181,7 @@ pub type Said = (u64, TransferId, Vec<u8>);
 pub struct Ran {
     pub said: Vec<Said>,
     pub told: Told,
-    pub controls: Controls,
+    pub controls: RuntimeConfig,
     filters: usize,
     restarted_ms: Option<u64>,
     /// Longest time without a feed of the watchdog, µs.
@@ -264,7 +264,7 @@ impl Run<'_> {
         Ran {
             said,
             told: told.take(),
-            controls: shared.controls(),
+            controls: shared.config(),
             filters: bus.filters.borrow().len(),
             restarted_ms: restarted.get(),
             unfed_us: unfed_us.get(),

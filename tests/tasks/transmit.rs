@@ -1,8 +1,9 @@
 //! The transmit scheduler: what a bus that is full, disturbed, silent or gone costs.
 
-use slipsense::board::{Lane, SensedPart};
+use slipsense::board::TxSlot;
 use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
+use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
 use slipsense::wire::{CanFrame, MessageId, Priority, RawBuffer, SlipMessage, Transmitter};
 use slipsense_can_sim::controller::Disturbance;
@@ -17,13 +18,13 @@ fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
     (0..).zip(world.outputs()).map(|(sequence, output)| output.slip_message(stamp(sequence), 0)).collect()
 }
 
-fn is_of(lane: Lane) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
+fn is_of(lane: TxSlot) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
     move |arrived| arrived.lane == lane
 }
 
 /// Time from each slip message's tick to its last bit, by the order of arrival.
 fn slip_times_ns(ran: &Ran) -> Vec<u64> {
-    let arrived = ran.arrived.iter().filter(is_of(Lane::Slip)).zip(&ran.slips);
+    let arrived = ran.arrived.iter().filter(is_of(TxSlot::Slip)).zip(&ran.slips);
     arrived.map(|(arrived, message)| arrived.at_ns - tick_ns(message.sequence)).collect()
 }
 
@@ -39,7 +40,7 @@ fn raw_is_whole_or_counted(world: &World<'_>, ran: &Ran, broken: u32) {
     let waiting = if world.disturbance.foreign_load_percent == 100 { RAW_MESSAGES } else { 0 };
     assert_eq!((ran.raw.len() + waiting) as u32 + ran.status.dropped_raw + ran.status.broken_raw, made);
     for message in &ran.raw {
-        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         (world.script)(message.sequence, &mut parts);
         let part = &parts[usize::from(message.sensor)];
         assert_eq!(message.piezo, part.piezo);
@@ -56,14 +57,14 @@ fn a_free_bus_carries_what_the_host_makes() {
     let mut buffer = RawBuffer::new();
     let (mut slips, mut raws) = (Vec::new(), Vec::new());
     for (sequence, output) in (0..).zip(world.outputs()) {
-        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         (world.script)(sequence, &mut parts);
         slips.push(transmitter.slip(&output.slip_message(stamp(sequence), 0)));
-        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input(), parts[0].xl_end);
+        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
         raws.extend(transmitter.raw(&raw, &mut buffer));
     }
     let of = |lane| ran.arrived.iter().filter(is_of(lane)).map(|arrived| arrived.frame).collect::<Vec<_>>();
-    assert!(of(Lane::Slip) == slips && of(Lane::Raw) == raws, "every CAN byte");
+    assert!(of(TxSlot::Slip) == slips && of(TxSlot::Raw) == raws, "every CAN byte");
     assert_eq!((ran.status.dropped_raw, ran.status.replaced_slips), (0, 0));
 }
 
@@ -175,8 +176,8 @@ fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
     assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 960);
 
     let back =
-        ran.arrived.iter().filter(is_of(Lane::Slip)).position(|slip| slip.at_ns > dominant_ns.end).unwrap();
-    let first = ran.arrived.iter().filter(is_of(Lane::Slip)).nth(back).unwrap();
+        ran.arrived.iter().filter(is_of(TxSlot::Slip)).position(|slip| slip.at_ns > dominant_ns.end).unwrap();
+    let first = ran.arrived.iter().filter(is_of(TxSlot::Slip)).nth(back).unwrap();
     let age_ns = first.at_ns - tick_ns(ran.slips[back].sequence);
     println!(
         "bus-off for 2 s: first slip message {} µs after its end, {} µs old; the status says {} µs off; {} raw \
@@ -217,7 +218,7 @@ fn service_frames_go_in_order_and_one_too_many_is_refused() {
     let numbers: Vec<u32> = ran
         .arrived
         .iter()
-        .filter(is_of(Lane::Service))
+        .filter(is_of(TxSlot::Service))
         .map(|arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap()))
         .collect();
     assert!(numbers.is_sorted());
@@ -232,9 +233,9 @@ fn raw_messages_of_every_third_frame_or_of_none() {
     for (raw_every, expected) in [(0, 0), (1, 240), (3, 80)] {
         let mut world = World::new(240, 1);
         let set = move |shared: &slipsense::tasks::Shared<_>, _| {
-            let mut controls = shared.controls();
+            let mut controls = shared.config();
             controls.raw_every = raw_every;
-            shared.control(controls);
+            shared.set_config(controls);
         };
         world.before_tick = &set;
         let ran = world.run();

@@ -14,13 +14,14 @@ use embassy_futures::join::join3;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
-use slipsense::board::{CanTransmit, Clock, FrameSource, Lane, SensedFrame, SensedPart};
+use slipsense::board::{CanTransmit, Clock, FrameSource, SensorFrame, TxSlot};
 use slipsense::health::CanStatus;
 use slipsense::health::Status;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
+use slipsense::sensor::SensorReadings;
 use slipsense::sensor::{PiezoFrame, XlSample};
 use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
 use slipsense::wire::{NodeId, RawMessage, RawTransfer, Received, Receiver, SlipMessage, Transmitter};
@@ -103,26 +104,26 @@ impl Hardware<'_> {
     fn look(&self) -> ([bool; 3], CanStatus) {
         let mut bus = self.bus.borrow_mut();
         bus.advance(self.time.now_ns.get(), |frame| self.arrived.borrow_mut().push(frame));
-        (Lane::ALL.map(|lane| bus.is_free(lane)), bus.status())
+        (TxSlot::ALL.map(|lane| bus.is_free(lane)), bus.status())
     }
 }
 
 impl CanTransmit for Hardware<'_> {
-    fn is_free(&self, lane: Lane) -> bool {
+    fn is_free(&self, lane: TxSlot) -> bool {
         self.look().0[lane as usize]
     }
 
-    fn transmit(&mut self, lane: Lane, frame: &slipsense::wire::CanFrame) {
+    fn transmit(&mut self, lane: TxSlot, frame: &slipsense::wire::CanFrame) {
         self.bus.borrow_mut().put(lane, frame, self.time.now_ns.get());
         self.seen = self.look();
     }
 
-    fn withdraw(&mut self, lane: Lane) {
+    fn withdraw(&mut self, lane: TxSlot) {
         self.bus.borrow_mut().withdraw(lane);
         self.seen = self.look();
     }
 
-    fn has_sent(&self, lane: Lane) -> bool {
+    fn has_sent(&self, lane: TxSlot) -> bool {
         self.look();
         self.bus.borrow().has_sent(lane)
     }
@@ -145,7 +146,7 @@ impl CanTransmit for Hardware<'_> {
 }
 
 /// What the sensors of one frame deliver, by its number.
-pub type Script<'a> = dyn Fn(u32, &mut [SensedPart; MAX_SENSORS]) + 'a;
+pub type Script<'a> = dyn Fn(u32, &mut [SensorReadings; MAX_SENSORS]) + 'a;
 
 /// A run.
 pub struct World<'a> {
@@ -158,7 +159,7 @@ pub struct World<'a> {
 }
 
 /// All sensors deliver what [`deliver`] says.
-pub fn healthy(sequence: u32, parts: &mut [SensedPart; MAX_SENSORS]) {
+pub fn healthy(sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]) {
     for (sensor, part) in (0..).zip(parts) {
         deliver(sequence, sensor, part);
     }
@@ -177,7 +178,7 @@ pub fn samples(sequence: u32, sensor: u32) -> [XlSample; BATCH as usize] {
     })
 }
 
-pub fn deliver(sequence: u32, sensor: u32, part: &mut SensedPart) {
+pub fn deliver(sequence: u32, sensor: u32, part: &mut SensorReadings) {
     part.piezo = scan(sequence, sensor);
     part.piezo_arrived = true;
     part.xl.clear();
@@ -215,7 +216,7 @@ impl FrameSource for Sensors<'_> {
         Some(stamp(self.next - 1))
     }
 
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         (self.world.script)(self.next - 1, parts);
     }
 
@@ -256,7 +257,7 @@ impl World<'_> {
         let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
         let mut raw_queue = RawQueue::new(&mut raw_buffers);
         let (raw_sender, raw_receiver) = raw_queue.split();
-        let mut buffers = [const { SensedFrame::new() }; QUEUED_FRAMES];
+        let mut buffers = [const { SensorFrame::new() }; QUEUED_FRAMES];
         let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
         let (sender, receiver) = channel.split();
         let mut source = Sensors { time: &time, world: self, shared: &shared, next: 0 };
@@ -295,7 +296,7 @@ impl World<'_> {
     pub fn outputs(&self) -> Vec<Output> {
         let model = model_bytes();
         let mut pipeline = Pipeline::new(Model::parse(&model).unwrap(), self.sensors).unwrap();
-        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         let step = |sequence| {
             (self.script)(sequence, &mut parts);
             pipeline.step(&parts.each_ref().map(|part| part.input()))

@@ -196,14 +196,7 @@ fn short_messages_are_refused() {
 fn a_dead_sensor_sends_no_raw_frames() {
     let mut transmitter = Transmitter::new(NodeId::DEFAULT);
     let mut buffer = RawBuffer::new();
-    let dead = RawFrame {
-        timestamp_us: 1,
-        sequence: 2,
-        sensor: 0,
-        health: 3,
-        input: SensorInput::default(),
-        xl_end: 0,
-    };
+    let dead = RawFrame { timestamp_us: 1, sequence: 2, sensor: 0, health: 3, input: SensorInput::default() };
     assert_eq!(transmitter.raw(&dead, &mut buffer).count(), 0);
     let half = RawFrame { input: SensorInput { xl: Some(&[]), ..dead.input }, ..dead };
     let first = transmitter.raw(&half, &mut buffer).next().expect("a part that delivered is sent");

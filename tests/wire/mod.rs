@@ -43,8 +43,7 @@ fn frame(parts: &RawParts) -> RawFrame<'_> {
         sequence: *sequence,
         sensor: *sensor,
         health: *health,
-        input: SensorInput { piezo: piezo.as_ref(), xl: xl.as_deref() },
-        xl_end: *xl_end,
+        input: SensorInput { piezo: piezo.as_ref(), xl: xl.as_deref(), xl_end: *xl_end },
     }
 }
 

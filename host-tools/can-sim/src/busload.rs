@@ -230,8 +230,8 @@ fn raw_lengths(plan: &Plan) -> Vec<usize> {
     let piezo = PiezoFrame::from_scan(std::array::from_fn(|index| (noise(index) >> 20) as u16));
     let xl: [_; RAW_XL_MAX] =
         std::array::from_fn(|index| std::array::from_fn(|axis| (noise(3 * index + axis) >> 16) as i16));
-    let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl[..plan.samples.min(RAW_XL_MAX)]) };
-    let frame = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input, xl_end: 0 };
+    let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl[..plan.samples.min(RAW_XL_MAX)]), xl_end: 0 };
+    let frame = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input };
     Transmitter::new(NodeId::DEFAULT)
         .raw_as(plan.raw_form, &frame, &mut RawBuffer::new())
         .map(|frame| frame.data().len())
@@ -389,8 +389,8 @@ mod tests {
         let (piezo, xl) = (PiezoFrame::zeroed(), [[-3, 1, 2047]; RAW_XL_MAX]);
         for sequence in 0..10 {
             sample.push(&transmitter.slip(&SlipMessage { sequence, sensors: 1, ..SlipMessage::default() }));
-            let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl[..samples]) };
-            let raw = RawFrame { timestamp_us: 0, sequence, sensor: 0, health: 0, input, xl_end: 0 };
+            let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl[..samples]), xl_end: 0 };
+            let raw = RawFrame { timestamp_us: 0, sequence, sensor: 0, health: 0, input };
             transmitter.raw(&raw, &mut RawBuffer::new()).for_each(|frame| sample.push(&frame));
         }
         sample

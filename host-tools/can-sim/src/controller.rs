@@ -11,7 +11,7 @@ mod times;
 
 use core::ops::Range;
 
-use slipsense::board::Lane;
+use slipsense::board::TxSlot;
 use slipsense::health::{CanState, CanStatus};
 use slipsense::wire::{CanFrame, MessageId, NodeId, Priority};
 
@@ -40,7 +40,7 @@ pub struct Arrived {
     /// When it was handed over, nanoseconds.
     pub handed_over_ns: u64,
     /// The lane it came by.
-    pub lane: Lane,
+    pub lane: TxSlot,
     /// The frame.
     pub frame: CanFrame,
 }
@@ -60,7 +60,7 @@ struct Slot {
 #[derive(Clone, Copy, Debug)]
 enum Sender {
     Foreign,
-    Own(Lane),
+    Own(TxSlot),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -82,9 +82,9 @@ enum Fault {
 pub struct Bus {
     times: Times,
     disturbance: Disturbance,
-    slots: [Option<Slot>; Lane::ALL.len()],
+    slots: [Option<Slot>; TxSlot::ALL.len()],
     /// Has the lane's last frame arrived?
-    sent: [bool; Lane::ALL.len()],
+    sent: [bool; TxSlot::ALL.len()],
     wire: Option<OnWire>,
     /// Nobody sends before.
     free_ns: u64,
@@ -105,8 +105,8 @@ impl Bus {
         Self {
             times: Times::new(timing),
             disturbance,
-            slots: [None; Lane::ALL.len()],
-            sent: [false; Lane::ALL.len()],
+            slots: [None; TxSlot::ALL.len()],
+            sent: [false; TxSlot::ALL.len()],
             wire: None,
             free_ns: 0,
             foreign_ns: 0,
@@ -119,24 +119,24 @@ impl Bus {
     }
 
     /// Has the lane's frame gone?
-    pub const fn is_free(&self, lane: Lane) -> bool {
+    pub const fn is_free(&self, lane: TxSlot) -> bool {
         self.slots[lane as usize].is_none()
     }
 
     /// Has the lane's last frame arrived, even if it was to be taken back?
-    pub const fn has_sent(&self, lane: Lane) -> bool {
+    pub const fn has_sent(&self, lane: TxSlot) -> bool {
         self.sent[lane as usize]
     }
 
     /// Put a frame in; the lane must be free.
-    pub fn put(&mut self, lane: Lane, frame: &CanFrame, now_ns: u64) {
+    pub fn put(&mut self, lane: TxSlot, frame: &CanFrame, now_ns: u64) {
         debug_assert!(self.is_free(lane), "{lane:?} still holds a frame");
         self.slots[lane as usize] = Some(Slot { frame: *frame, since_ns: now_ns, taken_back: false });
         self.sent[lane as usize] = false;
     }
 
     /// Take a frame back: at once, or when its transmission under way has failed.
-    pub fn withdraw(&mut self, lane: Lane) {
+    pub fn withdraw(&mut self, lane: TxSlot) {
         let slot = &mut self.slots[lane as usize];
         match (&self.wire, slot.as_mut()) {
             (Some(OnWire { sender: Sender::Own(on_wire), .. }), Some(held)) if *on_wire == lane => {
@@ -236,7 +236,7 @@ impl Bus {
         let own = self.slots.iter().flatten().map(ready).min();
         let starts_ns = [foreign, own].into_iter().flatten().min()?;
         let lanes =
-            Lane::ALL.iter().zip(&self.slots).filter_map(|(&lane, slot)| Some((lane, slot.as_ref()?)));
+            TxSlot::ALL.iter().zip(&self.slots).filter_map(|(&lane, slot)| Some((lane, slot.as_ref()?)));
         let waiting = lanes.filter(|(_, slot)| ready(slot) <= starts_ns);
         let first = waiting.min_by_key(|(_, slot)| slot.frame.id());
         let foreign_waits = foreign.is_some_and(|ready| ready <= starts_ns);
@@ -275,7 +275,7 @@ impl Bus {
         self.wire = Some(OnWire { sender, ends_ns, fault });
     }
 
-    fn ended(&mut self, lane: Lane, wire: OnWire, arrived: &mut impl FnMut(Arrived)) {
+    fn ended(&mut self, lane: TxSlot, wire: OnWire, arrived: &mut impl FnMut(Arrived)) {
         let Some(slot) = self.slots[lane as usize] else { return };
         match wire.fault {
             None => {

@@ -61,7 +61,7 @@ pub fn simulate(
         let output = pipeline.step(inputs);
         simulation.step_time += start.elapsed();
         simulation.keep(&output, episode.meta.xl_lsb_g);
-        bus.send(episode, frame, inputs, &output, &mut send)?;
+        bus.send(frame, inputs, &output, &mut send)?;
         progress();
     }
     simulation.can_frames = bus.sent;
@@ -74,6 +74,7 @@ pub fn inputs(episode: &Episode, frame: usize) -> [SensorInput<'_>; MAX_SENSORS]
         true => SensorInput {
             piezo: Some(episode.piezo(frame, sensor)),
             xl: Some(episode.xl_batch(frame, sensor)),
+            xl_end: episode.xl_end(frame, sensor),
         },
         false => SensorInput::default(),
     })
@@ -104,7 +105,6 @@ struct Bus {
 impl Bus {
     fn send(
         &mut self,
-        episode: &Episode,
         frame: usize,
         inputs: &[SensorInput<'_>],
         output: &Output,
@@ -116,7 +116,7 @@ impl Bus {
         send(stamp.timestamp_us, &self.transmitter.slip(&message))?;
         self.sent += 1;
         for (sensor, &input) in inputs.iter().enumerate() {
-            let raw = output.raw_frame(stamp, sensor, input, episode.xl_end(frame, sensor));
+            let raw = output.raw_frame(stamp, sensor, input);
             for can_frame in self.transmitter.raw_as(self.raw, &raw, &mut self.buffer) {
                 send(stamp.timestamp_us, &can_frame)?;
                 self.sent += 1;

@@ -26,15 +26,8 @@ fn log(frames: u32, lost: &[u32]) -> Vec<u8> {
     for sequence in 0..frames {
         let at_us = 1_700_000_000_000_000 + u64::from(sequence) * 12_500 / 3;
         let message = SlipMessage { sequence, sensors: 1, alarm: sequence >= 240, ..SlipMessage::default() };
-        let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl) };
-        let raw = RawFrame {
-            timestamp_us: at_us,
-            sequence,
-            sensor: 0,
-            health: 0,
-            input,
-            xl_end: 33 * (sequence + 1),
-        };
+        let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl), xl_end: 33 * (sequence + 1) };
+        let raw = RawFrame { timestamp_us: at_us, sequence, sensor: 0, health: 0, input };
         let mut sent = vec![transmitter.slip(&message)];
         sent.extend(transmitter.raw(&raw, &mut RawBuffer::new()));
         if !lost.contains(&sequence) {

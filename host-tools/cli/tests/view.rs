@@ -105,14 +105,15 @@ fn log() -> (Vec<u8>, Vec<PiezoFrame>) {
         counts[16 * 32 + 8..16 * 32 + 20].fill(100 + sequence as u16);
         let pad = PiezoFrame::from_counts(counts).unwrap();
         let xl: Vec<XlSample> = (0..33).map(|i| [i * 100, sequence as i16, -i]).collect();
-        let inputs = [SensorInput { piezo: Some(&pad), xl: Some(&xl) }];
+        let inputs =
+            [SensorInput { piezo: Some(&pad), xl: Some(&xl), xl_end: (sequence + 1) * xl.len() as u32 }];
         let output = pipeline.step(&inputs);
         let stamp = FrameStamp::of_recording(sequence);
         let slip = transmitter.slip(&output.slip_message(stamp, 0));
         if sequence != LOST {
             out.write(stamp.timestamp_us, &slip).unwrap();
         }
-        let raw = output.raw_frame(stamp, 0, inputs[0], 0);
+        let raw = output.raw_frame(stamp, 0, inputs[0]);
         for (index, frame) in transmitter.raw(&raw, &mut raw_buffer).enumerate() {
             if sequence != BROKEN || index != 4 {
                 out.write(stamp.timestamp_us, &frame).unwrap();

@@ -39,8 +39,8 @@ fn traffic() -> Vec<Vec<CanFrame>> {
     let mut messages = |(sequence, form)| {
         let mut frames =
             vec![transmitter.slip(&SlipMessage { sequence, sensors: 2, ..SlipMessage::default() })];
-        let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl) };
-        let raw = RawFrame { timestamp_us: 5, sequence, sensor: 1, health: 0, input, xl_end: 33 };
+        let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl), xl_end: 33 };
+        let raw = RawFrame { timestamp_us: 5, sequence, sensor: 1, health: 0, input };
         frames.extend(transmitter.raw_as(form, &raw, &mut buffer));
         frames
     };

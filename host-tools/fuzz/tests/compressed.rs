@@ -31,9 +31,9 @@ fn compressed() {
         },
         |bytes| {
             let Ok(message) = RawMessage::decompress(bytes) else { return false };
-            let input = SensorInput { piezo: Some(&message.piezo), xl: Some(&message.xl) };
             let RawMessage { timestamp_us, sequence, sensor, health, xl_end, .. } = message;
-            let again = RawFrame { timestamp_us, sequence, sensor, health, input, xl_end };
+            let input = SensorInput { piezo: Some(&message.piezo), xl: Some(&message.xl), xl_end };
+            let again = RawFrame { timestamp_us, sequence, sensor, health, input };
             let mut buffer = RawBuffer::new();
             let again = RawMessage::decompress(again.compress(Detail::All, &mut buffer)).unwrap();
             assert_eq!((&again.piezo, &again.xl), (&message.piezo, &message.xl));

@@ -77,11 +77,17 @@ class Pipeline:
     sensors: int
     def __init__(self, sensors: int, model: bytes | None = None) -> None: ...
     def step(
-        self, parts: list[tuple[NDArray[np.uint16] | None, NDArray[np.int16] | None]]
+        self,
+        parts: list[
+            tuple[NDArray[np.uint16] | None, NDArray[np.int16] | None]
+            | tuple[NDArray[np.uint16] | None, NDArray[np.int16] | None, int]
+        ],
     ) -> Output:
         """Take one frame in: of each sensor its counts [32, 32] and the samples [n, 3] since the frame before.
 
-        None: that part is missing. Raises ValueError that names sensor and rule.
+        A third item is the index of the sample after the last. Where it shows that samples are missing, the
+        accelerometer's window starts again, as in the firmware. Without it there is no gap. None: that part is
+        missing. Raises ValueError that names sensor and rule.
         """
 
 class Slip:

@@ -82,6 +82,7 @@ pub fn run<'py>(py: Python<'py>, episode: &Episode, model: Option<&[u8]>) -> PyR
                 .map(|sensor| SensorInput {
                     piezo: Some(episode.piezo(frame, sensor)),
                     xl: Some(episode.xl_batch(frame, sensor)),
+                    xl_end: episode.xl_end(frame, sensor),
                 })
                 .collect();
             predictions.push(&pipeline.step(&inputs), episode.meta.xl_lsb_g);

@@ -48,17 +48,27 @@ pub struct Pipeline {
     running: Running,
     #[pyo3(get)]
     sensors: usize,
+    /// Index of the sample after the last, by sensor.
+    xl_end: [u32; MAX_SENSORS],
 }
 
-/// A scan and the samples that came with it; either may be missing.
-type Part<'py> = (Option<PyReadonlyArray2<'py, u16>>, Option<PyReadonlyArray2<'py, i16>>);
+type Scan<'py> = Option<PyReadonlyArray2<'py, u16>>;
+type Samples<'py> = Option<PyReadonlyArray2<'py, i16>>;
+
+/// A scan and the samples that came with it, either of which may be missing; with the index of the sample after the
+/// last, if samples may be missing in between.
+#[derive(FromPyObject)]
+enum Part<'py> {
+    Counted((Scan<'py>, Samples<'py>, u32)),
+    Continuous((Scan<'py>, Samples<'py>)),
+}
 
 #[pymethods]
 impl Pipeline {
     #[new]
     #[pyo3(signature = (sensors, model=None))]
     fn new(sensors: usize, model: Option<&[u8]>) -> PyResult<Self> {
-        Ok(Self { running: Running::new(sensors, model)?, sensors })
+        Ok(Self { running: Running::new(sensors, model)?, sensors, xl_end: [0; MAX_SENSORS] })
     }
 
     fn step(&mut self, parts: Vec<Part<'_>>) -> PyResult<Output> {
@@ -66,13 +76,26 @@ impl Pipeline {
             return Err(refused(format!("{} sensors given, the pipeline has {}", parts.len(), self.sensors)));
         }
         let mut read = Vec::with_capacity(MAX_SENSORS);
-        for (sensor, (piezo, xl)) in parts.iter().enumerate() {
+        for (sensor, part) in parts.iter().enumerate() {
             let named = |error: String| refused(format!("sensor {sensor}: {error}"));
+            let (piezo, xl, end) = match part {
+                Part::Counted((piezo, xl, end)) => (piezo, xl, Some(*end)),
+                Part::Continuous((piezo, xl)) => (piezo, xl, None),
+            };
             let piezo = piezo.as_ref().map(scan).transpose().map_err(named)?;
-            read.push((piezo, xl.as_ref().map(samples).transpose().map_err(named)?));
+            let xl = xl.as_ref().map(samples).transpose().map_err(named)?;
+            let next = self.xl_end[sensor].wrapping_add(xl.as_ref().map_or(0, |xl| xl.len() as u32));
+            read.push((piezo, xl, end.unwrap_or(next)));
         }
-        let inputs: Vec<SensorInput<'_>> =
-            read.iter().map(|(piezo, xl)| SensorInput { piezo: piezo.as_ref(), xl: xl.as_deref() }).collect();
+        let inputs: Vec<SensorInput<'_>> = read
+            .iter()
+            .map(|(piezo, xl, xl_end)| SensorInput {
+                piezo: piezo.as_ref(),
+                xl: xl.as_deref(),
+                xl_end: *xl_end,
+            })
+            .collect();
+        inputs.iter().zip(&mut self.xl_end).for_each(|(input, xl_end)| *xl_end = input.xl_end);
         Ok(Output(self.running.step(&inputs)))
     }
 }

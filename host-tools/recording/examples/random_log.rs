@@ -122,8 +122,8 @@ fn write_log(
                 input: SensorInput {
                     piezo: Some(episode.piezo(frame, sensor)),
                     xl: Some(episode.xl_batch(frame, sensor)),
+                    xl_end: episode.xl_end(frame, sensor),
                 },
-                xl_end: episode.xl_end(frame, sensor),
             };
             for frame in transmitter.raw(&raw, &mut buffer) {
                 log.write(START_US + timestamp_us, &frame)?;

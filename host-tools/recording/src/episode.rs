@@ -1,8 +1,8 @@
 //! The episode itself: what an array of frames and a stream of samples mean together.
 
 use crate::{Meta, Problem};
-use slipsense::board::SensedPart;
 use slipsense::params::{MAX_SENSORS, XL_BATCH_MAX};
+use slipsense::sensor::SensorReadings;
 use slipsense::sensor::{PiezoFrame, XlSample};
 
 /// One stretch of sensor data, with labels where someone knows them.
@@ -58,8 +58,8 @@ impl Episode {
 
     /// What one sensor delivered for one frame, as a board hands it to its tasks. An error where that is more than a
     /// board takes: [`XL_BATCH_MAX`] samples.
-    pub fn sensed(&self, frame: usize, sensor: usize) -> Result<SensedPart, Problem> {
-        let (mut part, batch) = (SensedPart::new(), self.xl_batch(frame, sensor));
+    pub fn sensed(&self, frame: usize, sensor: usize) -> Result<SensorReadings, Problem> {
+        let (mut part, batch) = (SensorReadings::new(), self.xl_batch(frame, sensor));
         let Ok(()) = part.xl.extend_from_slice(batch) else {
             let rule = format!("{} samples in one frame, a board takes {XL_BATCH_MAX}", batch.len());
             return Err(Problem::element("xl_end", &[frame, sensor], self.xl_end(frame, sensor), rule));

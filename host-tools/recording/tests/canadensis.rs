@@ -104,8 +104,8 @@ fn messages_are_sent_as_the_oracle_would() {
         let id = MessageId { priority: SLIP_PRIORITY, port: SLIP_PORT, node };
         assert_eq!(ours([transmitter.slip(&message)]), oracle(id, transfer, &message.encode()));
 
-        let input = SensorInput { piezo: Some(&piezo), xl: samples.get(..step as usize * 2) };
-        let frame = RawFrame { timestamp_us: 9, sequence: step, sensor: 1, health: 0, input, xl_end: 7 };
+        let input = SensorInput { piezo: Some(&piezo), xl: samples.get(..step as usize * 2), xl_end: 7 };
+        let frame = RawFrame { timestamp_us: 9, sequence: step, sensor: 1, health: 0, input };
         let id = MessageId { priority: RAW_PRIORITY, port: RAW_PORT, node };
         let expected = oracle(id, transfer, frame.encode(&mut RawBuffer::new()));
         let mut buffer = RawBuffer::new();

@@ -42,8 +42,8 @@ fn recording(skip: impl Fn(u32) -> bool) -> Recording {
         xl_end += batch(sequence) as u32;
         for sensor in 0..2 {
             let piezo = scan(sequence, sensor);
-            let input = SensorInput { piezo: Some(&piezo), xl: Some(&XL[..batch(sequence)]) };
-            let raw = RawFrame { timestamp_us: start_us, sequence, sensor, health: 0, input, xl_end };
+            let input = SensorInput { piezo: Some(&piezo), xl: Some(&XL[..batch(sequence)]), xl_end };
+            let raw = RawFrame { timestamp_us: start_us, sequence, sensor, health: 0, input };
             frames.extend(transmitter.raw(&raw, &mut RawBuffer::new()));
         }
         if !skip(sequence) {

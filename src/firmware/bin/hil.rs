@@ -19,9 +19,9 @@ use embassy_executor::Executor;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_time::Timer;
-use slipsense::board::mailbox::{ANSWER_WORDS, Desk, FRAME_WORDS, Mailbox};
+use slipsense::board::mailbox::{ANSWER_WORDS, BoardEnd, FRAME_WORDS, Mailbox};
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
-use slipsense::board::{CanTransmit, FrameSource, Lane, Observe, SensedPart, StoppedClock};
+use slipsense::board::{CanTransmit, FrameSource, Observe, StoppedClock, TxSlot};
 use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, Mutex, RawReceiver, SHARED, frame_queue, raw_queue,
 };
@@ -30,6 +30,7 @@ use slipsense::health::CanStatus;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline, State};
+use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{self, Inference, Transmission};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
 use slipsense::wire::{CanFrame, NodeId, Transmitter};
@@ -49,7 +50,7 @@ static MAILBOX: Mailbox = Mailbox::new();
 static FRAME: [AtomicU32; FRAME_WORDS] = [const { AtomicU32::new(0) }; FRAME_WORDS];
 #[unsafe(link_section = ".sram_d2")]
 static ANSWER: [AtomicU32; ANSWER_WORDS] = [const { AtomicU32::new(0) }; ANSWER_WORDS];
-static DESK: Desk = Desk::new(&MAILBOX, &FRAME, &ANSWER);
+static MAILBOX_END: BoardEnd = BoardEnd::new(&MAILBOX, &FRAME, &ANSWER);
 
 static THREAD: StaticCell<Executor> = StaticCell::new();
 static PIPELINE: StaticCell<HilInference> = StaticCell::new();
@@ -69,19 +70,19 @@ unsafe fn CEC() {
 fn main() -> ! {
     let chip = firmware::init();
     let core_hz = embassy_stm32::rcc::clocks(&chip.RCC).sys.to_hertz().map_or(0, |clock| clock.0);
-    DESK.place((address(&FRAME), address(&ANSWER)), core_hz);
+    MAILBOX_END.place((address(&FRAME), address(&ANSWER)), core_hz);
     count_cycles();
     let model = match Model::parse(model::built_in(model::buffer())) {
         Ok(model) => model,
         Err(error) => give_up(format_args!("{}: model: {error}", NUCLEO_H743ZI2.label)),
     };
-    DESK.open(&model.hash);
+    MAILBOX_END.open(&model.hash);
     let sensors = loop {
-        if let Some(sensors) = DESK.sensors() {
+        if let Some(sensors) = MAILBOX_END.sensors() {
             break sensors;
         }
     };
-    let pipeline = match Pipeline::within(model::first_state(), model, sensors) {
+    let pipeline = match Pipeline::with_state(model::first_state(), model, sensors) {
         Ok(pipeline) => pipeline,
         Err(error) => give_up(format_args!("{}: {error}", NUCLEO_H743ZI2.label)),
     };
@@ -143,20 +144,20 @@ impl FrameSource for Replayed {
 
     async fn tick(&mut self) -> Option<FrameStamp> {
         let number = loop {
-            match DESK.waiting() {
+            match MAILBOX_END.waiting() {
                 Some(number) if self.taken != Some(number) => break number,
                 _ => Timer::after_micros(LOOK_US).await,
             }
         };
         self.taken = Some(number);
-        DESK.take(&mut self.bytes);
+        MAILBOX_END.take(&mut self.bytes);
         decode_stamp(&self.bytes)
     }
 
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         let parts = parts.get_mut(..self.sensors);
         if parts.and_then(|parts| decode_parts(&self.bytes, parts)).is_none() {
-            DESK.fail(format_args!("frame {}: no frame", self.taken.unwrap_or_default()));
+            MAILBOX_END.fail(format_args!("frame {}: no frame", self.taken.unwrap_or_default()));
             pending().await
         }
     }
@@ -168,17 +169,17 @@ impl FrameSource for Replayed {
 struct Bus;
 
 impl CanTransmit for Bus {
-    fn is_free(&self, _lane: Lane) -> bool {
+    fn is_free(&self, _lane: TxSlot) -> bool {
         true
     }
 
-    fn transmit(&mut self, _lane: Lane, frame: &CanFrame) {
-        DESK.sent(frame);
+    fn transmit(&mut self, _lane: TxSlot, frame: &CanFrame) {
+        MAILBOX_END.sent(frame);
     }
 
-    fn withdraw(&mut self, _lane: Lane) {}
+    fn withdraw(&mut self, _lane: TxSlot) {}
 
-    fn has_sent(&self, _lane: Lane) -> bool {
+    fn has_sent(&self, _lane: TxSlot) -> bool {
         true
     }
 
@@ -203,19 +204,19 @@ impl Observe for Answers {
     }
 
     fn step_ends(&mut self, _stamp: FrameStamp, _output: &Output) {
-        DESK.took(DWT::cycle_count().wrapping_sub(self.began));
+        MAILBOX_END.took(DWT::cycle_count().wrapping_sub(self.began));
     }
 
     /// Transmission interrupts inference as soon as there is something to send, so all of it has gone by now.
     fn frame_done(&mut self, _stamp: FrameStamp) {
-        DESK.answered();
+        MAILBOX_END.answered();
     }
 }
 
 /// Tell the host why, and stand still until the next reset.
 fn give_up(why: core::fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    DESK.fail(why);
+    MAILBOX_END.fail(why);
     loop {
         cortex_m::asm::nop();
     }

@@ -109,7 +109,7 @@ fn encode<'b>(frame: &RawFrame<'_>, detail: Detail, buffer: &'b mut RawBuffer) -
     writer.put_saturated::<7>(frame.timestamp_us);
     writer.put(&frame.sequence.to_le_bytes());
     writer.put(&[frame.sensor, frame.full_health()]);
-    writer.put(&frame.xl_end.to_le_bytes());
+    writer.put(&frame.input.xl_end.to_le_bytes());
     writer.put(&[dropped.min(255) as u8, newest.len() as u8, form]);
     writer.put(&[0; CHECK_BYTES]);
     writer.put(&(length as u16).to_le_bytes());

@@ -7,10 +7,11 @@ use critical_section::{Mutex, with};
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
 use slipsense::board::replay::{CAN_FRAMES_MAX, FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
-use slipsense::board::{CanTransmit, FrameSource, Lane, Observe, SensedPart};
+use slipsense::board::{CanTransmit, FrameSource, Observe, TxSlot};
 use slipsense::health::CanStatus;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output};
+use slipsense::sensor::SensorReadings;
 use slipsense::wire::CanFrame;
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
@@ -43,7 +44,7 @@ impl FrameSource for Recording {
         decode_stamp(record)
     }
 
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         let parts = parts.get_mut(..self.header.sensors as usize).expect("the header was checked");
         decode_parts(&self.record, parts).expect("the input file holds an impossible frame");
     }
@@ -70,17 +71,17 @@ impl Recorded {
 }
 
 impl CanTransmit for Recorded {
-    fn is_free(&self, _lane: Lane) -> bool {
+    fn is_free(&self, _lane: TxSlot) -> bool {
         true
     }
 
-    fn transmit(&mut self, _lane: Lane, frame: &CanFrame) {
+    fn transmit(&mut self, _lane: TxSlot, frame: &CanFrame) {
         self.change(|recorder| recorder.record.can.push(*frame)).expect("room for all CAN frames of a frame");
     }
 
-    fn withdraw(&mut self, _lane: Lane) {}
+    fn withdraw(&mut self, _lane: TxSlot) {}
 
-    fn has_sent(&self, _lane: Lane) -> bool {
+    fn has_sent(&self, _lane: TxSlot) -> bool {
         true
     }
 

@@ -2,7 +2,7 @@
 //! and one of the frames, and the node's status at the end.
 
 use bytemuck::{Pod, Zeroable};
-use slipsense::board::Lane;
+use slipsense::board::TxSlot;
 use slipsense::health::Status;
 use slipsense::wire::CanFrame;
 use slipsense_can_sim::controller::{Arrived, Disturbance};
@@ -55,7 +55,7 @@ pub fn encode_arrived(arrived: &Arrived, mut put: impl FnMut(&[u8])) {
 pub fn decode_arrived(bytes: &mut &[u8]) -> Option<Arrived> {
     let mut reader = Reader(bytes);
     let [at_ns, handed_over_ns] = reader.next()?;
-    let lane = *Lane::ALL.get(usize::from(reader.next::<u8>()?))?;
+    let lane = *TxSlot::ALL.get(usize::from(reader.next::<u8>()?))?;
     let (id, length): (u32, u8) = (reader.next()?, reader.next()?);
     let frame = CanFrame::new(id, reader.take(length.into())?).ok()?;
     *bytes = reader.0;

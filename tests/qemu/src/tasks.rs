@@ -9,10 +9,10 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Instant;
 use heapless::Vec;
 use slipsense::board::replay::FRAME_BYTES_MAX;
-use slipsense::board::{SensedFrame, StoppedClock};
+use slipsense::board::{SensorFrame, StoppedClock};
 use slipsense::pipeline::Pipeline;
 use slipsense::tasks::{
-    Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
+    Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, RuntimeConfig, Shared, Transmission, acquire,
 };
 use slipsense::wire::{RawTransfer, Transmitter};
 use slipsense_qemu::OUTPUT_FILE;
@@ -28,12 +28,12 @@ use crate::board::{Recorded, Recorder, Recording};
 const TIMER_TICKS_PER_US: u32 = 25;
 
 type Mutex = CriticalSectionRawMutex;
-type FrameQueue = Channel<'static, Mutex, SensedFrame>;
+type FrameQueue = Channel<'static, Mutex, SensorFrame>;
 type EmulatedInference = Inference<'static, Mutex, StoppedClock, Recorded>;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-static BUFFERS: ConstStaticCell<[SensedFrame; QUEUED_FRAMES]> =
-    ConstStaticCell::new([const { SensedFrame::new() }; QUEUED_FRAMES]);
+static BUFFERS: ConstStaticCell<[SensorFrame; QUEUED_FRAMES]> =
+    ConstStaticCell::new([const { SensorFrame::new() }; QUEUED_FRAMES]);
 static QUEUE: StaticCell<FrameQueue> = StaticCell::new();
 static SHARED: Shared<Mutex> = Shared::new();
 static RAW_BUFFERS: ConstStaticCell<[RawTransfer; RAW_MESSAGES]> =
@@ -44,7 +44,7 @@ static RECORDER: StaticCell<critical_section::Mutex<RefCell<Recorder>>> = Static
 static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
 
 #[embassy_executor::task]
-async fn acquisition(recording: &'static mut Recording, queue: Sender<'static, Mutex, SensedFrame>) {
+async fn acquisition(recording: &'static mut Recording, queue: Sender<'static, Mutex, SensorFrame>) {
     acquire(recording, queue, &SHARED).await;
 }
 
@@ -56,7 +56,7 @@ async fn transmission(bus: Recorded, raw: Receiver<'static, Mutex, RawTransfer>)
 #[embassy_executor::task]
 async fn inference(
     inference: &'static mut EmulatedInference,
-    mut queue: Receiver<'static, Mutex, SensedFrame>,
+    mut queue: Receiver<'static, Mutex, SensorFrame>,
     frames: u32,
 ) {
     for _ in 0..frames {
@@ -70,7 +70,7 @@ fn main() -> ! {
     let (file, header, model) = read_input();
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
 
-    SHARED.control(Controls { compress_raw: header.compress_raw, ..Controls::DEFAULT });
+    SHARED.set_config(RuntimeConfig { compress_raw: header.compress_raw, ..RuntimeConfig::DEFAULT });
     let recorder = Recorded(RECORDER.init(critical_section::Mutex::new(RefCell::new(Recorder {
         file: File::create(OUTPUT_FILE),
         began: Instant::MIN,

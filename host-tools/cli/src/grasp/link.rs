@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use anyhow::{Result, anyhow};
-use slipsense::board::Lane;
+use slipsense::board::TxSlot;
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, Received, Receiver, SlipMessage, Transmitter,
 };
@@ -57,11 +57,11 @@ impl Link {
     /// raw messages that the bus has had no time for are dropped before new ones come.
     pub fn send<'a>(&mut self, slip: &SlipMessage, raw: impl Iterator<Item = RawFrame<'a>>) -> Result<()> {
         let frame = self.transmitter.slip(slip);
-        self.bus.withdraw(Lane::Slip);
-        if !self.bus.is_free(Lane::Slip) {
+        self.bus.withdraw(TxSlot::Slip);
+        if !self.bus.is_free(TxSlot::Slip) {
             return Err(anyhow!("frame {}: the slip message before it is still on the bus", slip.sequence));
         }
-        self.bus.put(Lane::Slip, &frame, self.now_ns);
+        self.bus.put(TxSlot::Slip, &frame, self.now_ns);
         self.raw.clear();
         for raw in raw {
             self.raw.extend(self.transmitter.raw_as(RAW_FORM, &raw, &mut self.buffer));
@@ -74,10 +74,10 @@ impl Link {
         let mut arrived: Vec<Arrived> = Vec::new();
         loop {
             self.bus.advance(self.now_ns, |frame| arrived.push(frame));
-            if self.bus.is_free(Lane::Raw)
+            if self.bus.is_free(TxSlot::Raw)
                 && let Some(frame) = self.raw.pop_front()
             {
-                self.bus.put(Lane::Raw, &frame, self.now_ns);
+                self.bus.put(TxSlot::Raw, &frame, self.now_ns);
                 continue;
             }
             if self.now_ns >= until_ns {

@@ -123,7 +123,7 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         // Time passes while the network runs; older messages may arrive meanwhile.
         link.advance(tick_ns(frame) + 1000 * how.inference_us, &mut heard)?;
         let raw = read.inputs().iter().enumerate();
-        let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input, read.xl_end(sensor)));
+        let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
         link.send(&output.slip_message(stamp, 0), raw)?;
         course.lead.push(output.margin.map_or(0.0, Logit::to_f64));
         course.flag.push(how.reaction.flag.of(&output.slip_message(stamp, 0)));

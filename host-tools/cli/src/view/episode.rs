@@ -21,6 +21,7 @@ pub fn run(episode: &Episode, model: Model<'_>, store: &Store) -> Result<(), Sen
             .map(|sensor| SensorInput {
                 piezo: Some(episode.piezo(frame, sensor)),
                 xl: Some(episode.xl_batch(frame, sensor)),
+                xl_end: episode.xl_end(frame, sensor),
             })
             .collect();
         let output = pipeline.step(&inputs);

@@ -6,12 +6,12 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 
-use slipsense::board::SensedPart;
-use slipsense::board::mailbox::{ANSWER_WORDS, Desk, FRAME_WORDS, Mailbox, Word};
+use slipsense::board::mailbox::{ANSWER_WORDS, BoardEnd, FRAME_WORDS, Mailbox, Word};
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::Pipeline;
+use slipsense::sensor::SensorReadings;
 use slipsense::wire::{NodeId, RawBuffer, Transmitter};
 
 /// Where its memory is.
@@ -60,7 +60,7 @@ struct Board {
     mailbox: &'static Mailbox,
     frame: &'static [AtomicU32; FRAME_WORDS],
     answer: &'static [AtomicU32; ANSWER_WORDS],
-    desk: Desk,
+    desk: BoardEnd,
     model: Model<'static>,
     pipeline: Option<Pipeline<'static>>,
     transmitter: Transmitter,
@@ -81,7 +81,7 @@ impl Board {
             mailbox,
             frame,
             answer,
-            desk: Desk::new(mailbox, frame, answer),
+            desk: BoardEnd::new(mailbox, frame, answer),
             model,
             pipeline: None,
             transmitter,
@@ -126,7 +126,7 @@ impl Board {
         let mut bytes = [0; FRAME_BYTES_MAX];
         self.desk.take(&mut bytes);
         let stamp = decode_stamp(&bytes).expect("a stamp");
-        let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         decode_parts(&bytes, &mut parts[..sensors]).expect("a frame");
         let pipeline =
             self.pipeline.get_or_insert_with(|| Pipeline::new(self.model, sensors).expect("sensors"));
@@ -135,7 +135,7 @@ impl Board {
         let mut can = vec![self.transmitter.slip(&output.slip_message(stamp, 0))];
         let mut buffer = RawBuffer::new();
         for (sensor, part) in parts.iter().enumerate().take(sensors) {
-            let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
+            let raw = output.raw_frame(stamp, sensor, part.input());
             can.extend(self.transmitter.raw(&raw, &mut buffer));
         }
         if fault == Fault::LosesFrame(number) {

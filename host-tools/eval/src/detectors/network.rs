@@ -44,6 +44,7 @@ impl<'m> PipelineStream<'m> {
                 true => SensorInput {
                     piezo: (self.dead != Some(Modality::Piezo)).then(|| episode.piezo(frame, s)),
                     xl: (self.dead != Some(Modality::Xl)).then(|| episode.xl_batch(frame, s)),
+                    xl_end: episode.xl_end(frame, s),
                 },
                 false => SensorInput::default(),
             });

@@ -84,18 +84,12 @@ pub struct Frame<'a> {
     pub index: usize,
     sensors: usize,
     inputs: [SensorInput<'a>; MAX_SENSORS],
-    xl_end: [u32; MAX_SENSORS],
 }
 
 impl<'a> Frame<'a> {
     /// Scans and samples, in the order of the sensors.
     pub fn inputs(&self) -> &[SensorInput<'a>] {
         &self.inputs[..self.sensors]
-    }
-
-    /// Samples that a sensor has delivered since the start.
-    pub fn xl_end(&self, sensor: usize) -> u32 {
-        self.xl_end[sensor]
     }
 }
 
@@ -214,15 +208,14 @@ impl Plant {
         self.delivered += 1;
         let sensors = self.resolved.recipe.sensors;
         let mut inputs = [SensorInput::default(); MAX_SENSORS];
-        let mut xl_end = [0; MAX_SENSORS];
         for (sensor, finger) in self.prediction.fingers.iter().enumerate() {
-            xl_end[sensor] = finger.xl_end[index];
             inputs[sensor] = SensorInput {
                 piezo: Some(&self.prediction.piezo[index * sensors + sensor]),
                 xl: Some(batch(finger, index)),
+                xl_end: finger.xl_end[index],
             };
         }
-        Some(Frame { index, sensors, inputs, xl_end })
+        Some(Frame { index, sensors, inputs })
     }
 
     /// Earliest time at which a command can act, seconds.

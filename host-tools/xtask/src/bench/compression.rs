@@ -92,7 +92,6 @@ fn most_over_plain(frames: &Frames, compressed: &[[u32; 2]]) -> Result<i64> {
             sensor: sensor as u8,
             health: 0,
             input: part.input(),
-            xl_end: part.xl_end,
         })
     });
     ensure!(compressed.len() == frames.len() * frames.sensors(), "{} messages", compressed.len());
@@ -152,11 +151,13 @@ fn measure_loads(name: &str, episodes: &[Episode], table: &mut Table) -> Result<
 }
 
 fn raw_frame(episode: &Episode, frame: usize, sensor: usize) -> RawFrame<'_> {
-    let input =
-        SensorInput { piezo: Some(episode.piezo(frame, sensor)), xl: Some(episode.xl_batch(frame, sensor)) };
+    let input = SensorInput {
+        piezo: Some(episode.piezo(frame, sensor)),
+        xl: Some(episode.xl_batch(frame, sensor)),
+        xl_end: episode.xl_end(frame, sensor),
+    };
     let timestamp_us = frame as u64 * 1_000_000 / u64::from(FRAME_RATE_HZ);
-    let xl_end = episode.xl_end(frame, sensor);
-    RawFrame { timestamp_us, sequence: frame as u32, sensor: sensor as u8, health: 0, input, xl_end }
+    RawFrame { timestamp_us, sequence: frame as u32, sensor: sensor as u8, health: 0, input }
 }
 
 /// Share of a frame period that the slip message and these raw messages keep the bus, by the bits of each frame.

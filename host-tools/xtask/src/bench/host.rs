@@ -55,6 +55,7 @@ fn pass(model: Model<'_>, episode: &Episode, sensors: usize, limit: usize) -> Re
         let input = |sensor| SensorInput {
             piezo: Some(episode.piezo(frame, sensor)),
             xl: Some(episode.xl_batch(frame, sensor)),
+            xl_end: episode.xl_end(frame, sensor),
         };
         let inputs: Vec<_> = (0..sensors).map(input).collect();
         std::hint::black_box(pipeline.step(&inputs));

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::board::SensedPart;
 use slipsense::params::{CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXELS, XL_AXES, XL_RATE_HZ};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
+use slipsense::sensor::{SensorReadings, TaxelMask};
 use slipsense_recording::Episode;
 
 use crate::process::{DEMO_EPISODE, root};
@@ -85,10 +85,11 @@ fn generate(
                 || std::array::from_fn::<i16, XL_AXES, _>(|_| rng.random_range(-xl_swing..=xl_swing));
             let xl =
                 (0..batch).map(|_| sample()).map(|[x, y, z]| [x, y, z.saturating_add(GRAVITY_LSB)]).collect();
-            SensedPart {
+            SensorReadings {
                 piezo: PiezoFrame::from_scan(counts(&mut rng)),
                 piezo_arrived: true,
                 xl,
+                stuck: TaxelMask::NONE,
                 xl_arrived: true,
                 xl_end: xl_end(frame + 1),
             }

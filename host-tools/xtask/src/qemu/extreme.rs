@@ -5,12 +5,12 @@
 use anyhow::{Result, anyhow};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::board::SensedPart;
 use slipsense::fixed::Logit;
 use slipsense::net::format::{ALARM_FRAMES_MAX, Dims, HEAD_WIDTH_MAX, OperatingPoint};
 use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXELS, XL_BATCH_MAX, limits};
 use slipsense::pipeline::FrameStamp;
-use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense::sensor::SensorReadings;
+use slipsense::sensor::{PiezoFrame, TaxelMask, XlSample};
 use slipsense_recording::model_file::random_model;
 
 use super::frames::Frames;
@@ -93,7 +93,7 @@ impl Sensor {
         }
     }
 
-    fn part(&mut self, rng: &mut ChaCha8Rng) -> SensedPart {
+    fn part(&mut self, rng: &mut ChaCha8Rng) -> SensorReadings {
         if self.piezo.1 == 0 {
             self.piezo = (draw_piezo(rng), rng.random_range(1..=STRETCH_MAX));
         }
@@ -110,9 +110,10 @@ impl Sensor {
             Xl::Missing => None,
             kind => Some((0..batch_size(rng)).map(|_| self.next_sample(kind, rng)).collect()),
         };
-        SensedPart {
+        SensorReadings {
             piezo_arrived: piezo.is_some(),
             piezo: piezo.unwrap_or(PiezoFrame::zeroed()),
+            stuck: TaxelMask::NONE,
             xl_arrived: xl.is_some(),
             xl: xl.unwrap_or_default(),
             xl_end: self.sample,
@@ -213,7 +214,7 @@ mod tests {
     fn the_input_holds_every_extreme() {
         let frames = frames(2000, 1, 1);
         let parts: Vec<_> = frames.iter().map(|(_, parts)| &parts[0]).collect();
-        let any = |test: &dyn Fn(&SensedPart) -> bool| parts.iter().any(|part| test(part));
+        let any = |test: &dyn Fn(&SensorReadings) -> bool| parts.iter().any(|part| test(part));
         assert!(any(&|p| p.piezo.sum() == 942 * u32::from(COUNT_MAX)), "full scale");
         assert!(any(&|p| p.piezo_arrived && p.piezo.sum() == 0), "zeros");
         assert!(any(&|p| p.piezo.active().filter(|&c| c > 0).count() == 1), "single taxel");

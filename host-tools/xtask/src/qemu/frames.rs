@@ -1,8 +1,8 @@
 //! Frames to be run, wherever they come from, in the form in which the tasks pass them on.
 
 use anyhow::Result;
-use slipsense::board::SensedPart;
 use slipsense::pipeline::FrameStamp;
+use slipsense::sensor::SensorReadings;
 use slipsense::wire::NodeId;
 use slipsense_recording::Episode;
 
@@ -15,7 +15,7 @@ pub struct Frames {
     pub compress_raw: bool,
     sensors: usize,
     stamps: Vec<FrameStamp>,
-    parts: Vec<SensedPart>,
+    parts: Vec<SensorReadings>,
 }
 
 impl Frames {
@@ -37,7 +37,7 @@ impl Frames {
     }
 
     /// Append a frame with one part per sensor.
-    pub fn push(&mut self, stamp: FrameStamp, parts: Vec<SensedPart>) {
+    pub fn push(&mut self, stamp: FrameStamp, parts: Vec<SensorReadings>) {
         assert_eq!(parts.len(), self.sensors, "one part per sensor");
         self.stamps.push(stamp);
         self.parts.extend(parts);
@@ -56,7 +56,7 @@ impl Frames {
     }
 
     /// Stamps and parts in order.
-    pub fn iter(&self) -> impl Iterator<Item = (FrameStamp, &[SensedPart])> {
+    pub fn iter(&self) -> impl Iterator<Item = (FrameStamp, &[SensorReadings])> {
         self.stamps.iter().copied().zip(self.parts.chunks_exact(self.sensors))
     }
 }

@@ -25,7 +25,7 @@ pub fn records<'a>(
         let mut send = |frame| record.can.push(frame).expect("the record has room for every CAN frame");
         send(transmitter.slip(&output.slip_message(stamp, 0)));
         for (sensor, part) in parts.iter().enumerate() {
-            let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
+            let raw = output.raw_frame(stamp, sensor, part.input());
             transmitter.raw_as(form, &raw, &mut buffer).for_each(&mut send);
         }
         (stamp, record)

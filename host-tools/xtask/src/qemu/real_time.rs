@@ -11,9 +11,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use slipsense::board::{Lane, SensedPart};
+use slipsense::board::TxSlot;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense::pipeline::FrameStamp;
+use slipsense::sensor::SensorReadings;
 use slipsense::wire::{CanFrame, Received, Receiver, SlipMessage};
 use slipsense_can_sim::controller::{Arrived, Disturbance};
 use slipsense_qemu::INPUT_FILE;
@@ -108,7 +109,7 @@ pub fn run(episode: &Path, model: &[u8], seconds: u32, timeout: Duration) -> Res
 /// The episode again and again; sensor `n` is the episode's sensor `n` modulo what it has, a third of it later each.
 fn looped(episode: &Episode, sensors: usize, count: u32) -> Result<Frames> {
     let once = Frames::from_episode(episode, None)?;
-    let parts: Vec<&[SensedPart]> = once.iter().map(|(_, parts)| parts).collect();
+    let parts: Vec<&[SensorReadings]> = once.iter().map(|(_, parts)| parts).collect();
     ensure!(!parts.is_empty(), "the episode has no frame");
     let mut frames = Frames::new(sensors);
     let mut xl_end = vec![0u32; sensors];
@@ -237,8 +238,8 @@ impl Arrivals {
         let mut message = Vec::new();
         for arrived in arrived {
             match arrived.lane {
-                Lane::Slip => bus.slip(arrived, expected, disturbance),
-                Lane::Raw => {
+                TxSlot::Slip => bus.slip(arrived, expected, disturbance),
+                TxSlot::Raw => {
                     if starts_transfer(&arrived.frame) {
                         message.clear();
                         // Transfer identifiers come again after 32, and a receiver that knows no time takes a transfer
@@ -257,7 +258,7 @@ impl Arrivals {
                         Ok(Some(Received::Slip(_))) | Err(_) => bus.wrong += 1,
                     }
                 }
-                Lane::Service => bus.wrong += 1,
+                TxSlot::Service => bus.wrong += 1,
             }
         }
         bus

@@ -36,7 +36,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Instant, with_deadline};
 use embedded_can::{ExtendedId, Id};
-use slipsense::board::{CanReceive, CanTransmit, Lane};
+use slipsense::board::{CanReceive, CanTransmit, TxSlot};
 use slipsense::firmware::clocks::FDCAN_KERNEL_HZ;
 use slipsense::health::{CanState, CanStatus};
 use slipsense::wire::CanFrame;
@@ -113,8 +113,8 @@ const _: () = {
 pub struct CanBus {
     tx: CanTx<'static>,
     /// The hardware buffer that each lane's last frame was put into.
-    buffers: [Option<u8>; Lane::ALL.len()],
-    seen: ([bool; Lane::ALL.len()], CanStatus),
+    buffers: [Option<u8>; TxSlot::ALL.len()],
+    seen: ([bool; TxSlot::ALL.len()], CanStatus),
 }
 
 impl CanBus {
@@ -157,21 +157,21 @@ impl CanBus {
         (bus, rx, Inbox { properties })
     }
 
-    fn buffer(&self, lane: Lane) -> Option<usize> {
+    fn buffer(&self, lane: TxSlot) -> Option<usize> {
         self.buffers.get(lane as usize).copied().flatten().map(usize::from)
     }
 
-    fn look(&mut self) -> ([bool; Lane::ALL.len()], CanStatus) {
-        (Lane::ALL.map(|lane| self.is_free(lane)), self.status())
+    fn look(&mut self) -> ([bool; TxSlot::ALL.len()], CanStatus) {
+        (TxSlot::ALL.map(|lane| self.is_free(lane)), self.status())
     }
 }
 
 impl CanTransmit for CanBus {
-    fn is_free(&self, lane: Lane) -> bool {
+    fn is_free(&self, lane: TxSlot) -> bool {
         self.buffer(lane).is_none_or(|buffer| pac::FDCAN1.txbrp().read().0 & 1 << (buffer % 32) == 0)
     }
 
-    fn transmit(&mut self, lane: Lane, frame: &CanFrame) {
+    fn transmit(&mut self, lane: TxSlot, frame: &CanFrame) {
         // Neither fails for a `CanFrame`: its identifier has 29 bits, its length is one of CAN FD's.
         let Some(id) = ExtendedId::new(frame.id()) else { return };
         let header = Header::new_fd(id.into(), frame.data().len() as u8, false, true);
@@ -191,13 +191,13 @@ impl CanTransmit for CanBus {
         self.seen = self.look();
     }
 
-    fn withdraw(&mut self, lane: Lane) {
+    fn withdraw(&mut self, lane: TxSlot) {
         if let Some(buffer) = self.buffer(lane) {
             pac::FDCAN1.txbcr().write(|w| w.0 = 1 << (buffer % 32));
         }
     }
 
-    fn has_sent(&self, lane: Lane) -> bool {
+    fn has_sent(&self, lane: TxSlot) -> bool {
         // Set when the frame has been acknowledged, also one whose cancellation came too late (RM0433, TXBTO).
         self.buffer(lane).is_some_and(|buffer| pac::FDCAN1.txbto().read().0 & 1 << (buffer % 32) != 0)
     }

@@ -1,34 +1,20 @@
-//! The frame source of the board: the scan and the accelerometers under the library's [`Sensors`], and what they
-//! report, for the log and whoever else asks.
-
-use core::cell::Cell;
+//! The frame source of the board: its scan and accelerometers under the library's [`Sensors`], and their report.
 
 use defmt::{info, unwrap, warn};
-use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use slipsense::board::{FrameSource, SensedPart};
 use slipsense::drivers::array::{Array, Mounting};
-use slipsense::drivers::{Sensor, SensorReport, Sensors, XlTrack};
-use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
-use slipsense::pipeline::FrameStamp;
+use slipsense::drivers::{Sensor, SensorLink, SensorReport, Sensors, XlMonitor};
+use slipsense::params::MAX_SENSORS;
 use static_cell::StaticCell;
 
 use crate::accelerometers::{self, Xl};
 use crate::adc_scan::{self, AdcScan};
 
-/// The last report.
-static REPORT: Mutex<CriticalSectionRawMutex, Cell<Option<SensorReport>>> = Mutex::new(Cell::new(None));
+/// What the services tell the sensors and hear from them.
+static LINK: SensorLink<CriticalSectionRawMutex> = SensorLink::new();
 
-/// How the arrays are mounted; the services say so, the next tick finds out.
-static MOUNTINGS: Mutex<CriticalSectionRawMutex, Cell<[Mounting; MAX_SENSORS]>> = Mutex::new(Cell::new(
-    [Mounting { transposed: false, rows_flipped: false, cols_flipped: false }; MAX_SENSORS],
-));
-
-/// Reports once a second.
-pub struct BoardSensors {
-    sensors: Sensors<AdcScan, Xl>,
-    frames_until_report: u32,
-}
+/// The board's frame source.
+pub type BoardSensors = Sensors<'static, CriticalSectionRawMutex, AdcScan, Xl>;
 
 /// The drivers and what they remember; DTCM is for the model.
 #[unsafe(link_section = ".axisram")]
@@ -49,46 +35,21 @@ pub fn start(
     scan.arrays = order.map(|connector| unwrap!(arrays[connector].take()));
     let used = order.into_iter().take(sensors).map(|connector| unwrap!(parts[connector].take()));
     let array = || Array::new(Mounting::default());
-    let used = used.map(|part| Sensor { array: array(), xl: XlTrack::new(part) }).collect();
+    let used = used.map(|part| Sensor { array: array(), xl: XlMonitor::new(part) }).collect();
     // A part that is fitted and not used stays deselected: a pin that is let go floats, and the part would talk.
     parts.into_iter().flatten().for_each(core::mem::forget);
     let scan = AdcScan::start(scan, sensors);
-    SOURCE.init(BoardSensors { sensors: Sensors::new(scan, used), frames_until_report: FRAME_RATE_HZ })
+    SOURCE.init(Sensors::new(scan, used, &LINK))
 }
 
 /// From the next frame on the arrays are mounted so.
 pub fn mount(mountings: [Mounting; MAX_SENSORS]) {
-    MOUNTINGS.lock(|own| own.set(mountings));
+    LINK.mount(mountings);
 }
 
-impl FrameSource for BoardSensors {
-    const REAL_TIME: bool = true;
-
-    async fn tick(&mut self) -> Option<FrameStamp> {
-        for (sensor, mounting) in self.sensors.sensors().iter_mut().zip(MOUNTINGS.lock(Cell::get)) {
-            sensor.array.mounting = mounting;
-        }
-        self.frames_until_report -= 1;
-        if self.frames_until_report == 0 {
-            self.frames_until_report = FRAME_RATE_HZ;
-            let report = self.sensors.report();
-            REPORT.lock(|last| last.set(Some(report)));
-        }
-        self.sensors.tick().await
-    }
-
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
-        self.sensors.read(parts).await;
-    }
-
-    async fn discard(&mut self) {
-        self.sensors.discard().await;
-    }
-}
-
-/// What the sensors last said of themselves; `None` in the first second.
+/// The last report; `None` in the first second.
 pub fn report() -> Option<SensorReport> {
-    REPORT.lock(Cell::get)
+    LINK.report()
 }
 
 /// Into the log.

@@ -42,7 +42,7 @@ impl Decider {
     /// On a state that is made where it stays, in AXI SRAM.
     #[inline(never)]
     fn with(model: Model<'static>, raw: RawSender, sensors: usize) -> Self {
-        let pipeline = match Pipeline::within(model::first_state(), model, sensors) {
+        let pipeline = match Pipeline::with_state(model::first_state(), model, sensors) {
             Ok(pipeline) => pipeline,
             Err(error) => {
                 error!("pipeline: {}", Display2Format(&error));
@@ -77,8 +77,8 @@ impl Decider {
                     SHARED.update_status(|status| {
                         status.sensor_health = message.contact.map(|contact| SensorHealth(contact.health));
                     });
-                    if let Some(node) = SHARED.controls().node {
-                        degraded.speak_as(node);
+                    if let Some(node) = SHARED.config().node {
+                        degraded.set_node_id(node);
                         SHARED.send_slip(degraded.slip(&message));
                     }
                 }

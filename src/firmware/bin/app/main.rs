@@ -52,7 +52,7 @@ use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, RawReceiver, SHARED, Uptime, frame_queue, raw_queue,
 };
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense::tasks::{self, Controls, Transmission};
+use slipsense::tasks::{self, RuntimeConfig, Transmission};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
 use static_cell::StaticCell;
 
@@ -133,7 +133,7 @@ fn make(hardware: Hardware) -> Tasks {
     let (_, data_bit_rate) = settings.bit_rates();
     let (can, can_rx, inbox) = CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate);
     let (raw_sender, raw_receiver) = raw_queue();
-    SHARED.control(Controls::of(&settings, settings.node_id()));
+    SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id()));
     let (model, from) = updates::find_model(flash);
     let decider = Decider::new(model, raw_sender, sensors);
     let model_hash = decider.model_hash();

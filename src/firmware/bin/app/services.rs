@@ -107,12 +107,12 @@ impl ServiceBoard for Station {
         self.updates.begin(target).await
     }
 
-    fn take_notice(&mut self) -> Option<Notice> {
-        self.updates.take_notice()
+    fn next_notice(&mut self) -> Option<Notice> {
+        self.updates.next_notice()
     }
 
-    fn has_shown(&mut self, frames: u32, heartbeats: u32) -> bool {
-        self.updates.has_shown(frames, heartbeats)
+    fn ready_to_confirm(&mut self, frames: u32, heartbeats: u32) -> bool {
+        self.updates.ready_to_confirm(frames, heartbeats)
     }
 
     async fn confirm(&mut self) {

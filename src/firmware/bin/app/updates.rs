@@ -66,7 +66,7 @@ impl Updates {
     }
 
     /// See [`Trial::observe`].
-    pub fn has_shown(&mut self, frames: u32, heartbeats: u32) -> bool {
+    pub fn ready_to_confirm(&mut self, frames: u32, heartbeats: u32) -> bool {
         self.trial.observe(frames, heartbeats)
     }
 
@@ -83,7 +83,7 @@ impl Updates {
     }
 
     /// The next line for the bus.
-    pub fn take_notice(&mut self) -> Option<Notice> {
+    pub fn next_notice(&mut self) -> Option<Notice> {
         self.notices.pop_front()
     }
 

@@ -2,9 +2,9 @@
 
 use core::hint::black_box;
 
-use slipsense::board::SensedPart;
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
 use slipsense::params::MAX_SENSORS;
+use slipsense::sensor::SensorReadings;
 use slipsense::wire::{Detail, RawBuffer, RawFrame};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
@@ -17,7 +17,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
     let sensors = header.sensors as usize;
     let mut record = [0; FRAME_BYTES_MAX];
     let record = &mut record[..frame_bytes(sensors)];
-    let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
     let parts = &mut parts[..sensors];
     let mut buffer = RawBuffer::new();
     for _ in 0..header.frames {
@@ -31,7 +31,6 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
                 sensor: sensor as u8,
                 health: 0,
                 input: part.input(),
-                xl_end: part.xl_end,
             };
             let mut bytes = 0;
             let instructions = bench.counter.of(&mut || {

@@ -204,8 +204,8 @@ fn wire(bench: &mut Bench) {
         black_box(transmitter.slip(black_box(&message)));
     });
     let (frame, samples) = (frame(), samples());
-    let input = SensorInput { piezo: Some(&frame), xl: Some(&samples) };
-    let raw = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input, xl_end: 0 };
+    let input = SensorInput { piezo: Some(&frame), xl: Some(&samples), xl_end: 0 };
+    let raw = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input };
     let mut buffer = RawBuffer::new();
     bench.kernel("raw message to its CAN frames", 0, &mut || {
         transmitter.raw(black_box(&raw), &mut buffer).for_each(|frame| _ = black_box(frame));

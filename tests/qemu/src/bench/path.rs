@@ -2,7 +2,6 @@
 
 use core::hint::black_box;
 
-use slipsense::board::SensedPart;
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
@@ -23,7 +22,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
     let mut wire = Wire { transmitter: Transmitter::new(header.node), raw: RawTransfer::new() };
     let mut record = [0; FRAME_BYTES_MAX];
     let record = &mut record[..frame_bytes(sensors)];
-    let mut parts = [const { SensedPart::new() }; MAX_SENSORS];
+    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
     let parts = &mut parts[..sensors];
     for _ in 0..header.frames {
         file.read_exact(record).expect("the file holds as many frames as it says");
@@ -39,7 +38,7 @@ fn frame(
     pipeline: &mut Pipeline<'_>,
     wire: &mut Wire,
     stamp: FrameStamp,
-    parts: &[SensedPart],
+    parts: &[SensorReadings],
 ) -> Line<'static> {
     let mut inputs = [SensorInput::default(); MAX_SENSORS];
     for (input, part) in inputs.iter_mut().zip(parts) {
@@ -60,11 +59,11 @@ struct Wire {
 }
 
 impl Wire {
-    fn send(&mut self, stamp: FrameStamp, parts: &[SensedPart], output: &Output) {
+    fn send(&mut self, stamp: FrameStamp, parts: &[SensorReadings], output: &Output) {
         black_box(self.transmitter.slip(&output.slip_message(stamp, 0)));
         for (sensor, part) in parts.iter().enumerate() {
-            let raw = output.raw_frame(stamp, sensor, part.input(), part.xl_end);
-            self.transmitter.raw_later(RawForm::Plain, &raw, &mut self.raw);
+            let raw = output.raw_frame(stamp, sensor, part.input());
+            self.transmitter.start_raw(RawForm::Plain, &raw, &mut self.raw);
             while let Some(can_frame) = self.raw.next_frame() {
                 // By reference: a copy for the measurement is not part of it.
                 black_box(&can_frame);

@@ -3,11 +3,12 @@
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
 use slipsense::board::replay::{FRAME_BYTES_MAX, frame_bytes};
-use slipsense::board::{CanTransmit, Clock, FrameSource, Lane, Observe, SensedPart};
+use slipsense::board::{CanTransmit, Clock, FrameSource, Observe, TxSlot};
 use slipsense::health::CanStatus;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MAX};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
+use slipsense::sensor::SensorReadings;
 use slipsense::wire::CanFrame;
 use slipsense_can_sim::controller::{Arrived, Bus};
 use slipsense_qemu::emulated::semihosting::File;
@@ -58,7 +59,7 @@ impl FrameSource for Sensors {
     }
 
     /// What a driver does with what DMA has left: copies, and the rules for a scan.
-    async fn read(&mut self, parts: &mut [SensedPart; MAX_SENSORS]) {
+    async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         let records = self.record.0[STAMP_BYTES..].chunks_exact(PART_BYTES);
         for (part, record) in parts.iter_mut().zip(records).take(self.header.sensors as usize) {
             let (head, data) = record.split_at(8);
@@ -112,37 +113,37 @@ pub struct Hardware {
     /// When the bus was looked at last. What is done after it takes no time until the next look: reading the clock
     /// costs the emulator more than the core.
     pub looked_ns: u64,
-    pub seen: ([bool; Lane::ALL.len()], CanStatus),
+    pub seen: ([bool; TxSlot::ALL.len()], CanStatus),
 }
 
 impl Hardware {
-    fn look(&mut self) -> ([bool; Lane::ALL.len()], CanStatus) {
+    fn look(&mut self) -> ([bool; TxSlot::ALL.len()], CanStatus) {
         let log = &mut self.log;
         self.looked_ns = Instant::now().as_micros() * 1000;
         self.bus.advance(self.looked_ns, |arrived: Arrived| {
             encode_arrived(&arrived, |bytes| log.put(bytes));
             log.flush_if_full();
         });
-        (Lane::ALL.map(|lane| self.bus.is_free(lane)), self.bus.status())
+        (TxSlot::ALL.map(|lane| self.bus.is_free(lane)), self.bus.status())
     }
 }
 
 impl CanTransmit for Hardware {
-    fn is_free(&self, lane: Lane) -> bool {
+    fn is_free(&self, lane: TxSlot) -> bool {
         self.bus.is_free(lane)
     }
 
-    fn transmit(&mut self, lane: Lane, frame: &CanFrame) {
+    fn transmit(&mut self, lane: TxSlot, frame: &CanFrame) {
         self.bus.put(lane, frame, self.looked_ns);
         self.seen.0[lane as usize] = false;
     }
 
-    fn withdraw(&mut self, lane: Lane) {
+    fn withdraw(&mut self, lane: TxSlot) {
         self.bus.withdraw(lane);
         self.seen.0[lane as usize] = self.bus.is_free(lane);
     }
 
-    fn has_sent(&self, lane: Lane) -> bool {
+    fn has_sent(&self, lane: TxSlot) -> bool {
         self.bus.has_sent(lane)
     }
 

@@ -5,12 +5,12 @@ use embassy_executor::Executor;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Instant, Timer};
-use slipsense::board::SensedFrame;
+use slipsense::board::SensorFrame;
 use slipsense::board::replay::FRAME_BYTES_MAX;
 use slipsense::health::CanStatus;
 use slipsense::pipeline::Pipeline;
 use slipsense::tasks::{
-    Controls, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
+    Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, RuntimeConfig, Shared, Transmission, acquire,
 };
 use slipsense::wire::{RawTransfer, Transmitter};
 use slipsense_can_sim::controller::{Bus, Timing};
@@ -38,9 +38,9 @@ type EmulatedTransmission = Transmission<'static, Mutex, Hardware, Uptime>;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static SHARED: Shared<Mutex> = Shared::new();
-static BUFFERS: ConstStaticCell<[SensedFrame; QUEUED_FRAMES]> =
-    ConstStaticCell::new([const { SensedFrame::new() }; QUEUED_FRAMES]);
-static QUEUE: StaticCell<Channel<'static, Mutex, SensedFrame>> = StaticCell::new();
+static BUFFERS: ConstStaticCell<[SensorFrame; QUEUED_FRAMES]> =
+    ConstStaticCell::new([const { SensorFrame::new() }; QUEUED_FRAMES]);
+static QUEUE: StaticCell<Channel<'static, Mutex, SensorFrame>> = StaticCell::new();
 static RAW_BUFFERS: ConstStaticCell<[RawTransfer; RAW_MESSAGES]> =
     ConstStaticCell::new([const { RawTransfer::new() }; RAW_MESSAGES]);
 static RAW_QUEUE: StaticCell<RawQueue<'static, Mutex>> = StaticCell::new();
@@ -49,7 +49,7 @@ static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
 static TRANSMISSION: StaticCell<EmulatedTransmission> = StaticCell::new();
 
 #[embassy_executor::task]
-async fn acquisition(sensors: &'static mut Sensors, queue: Sender<'static, Mutex, SensedFrame>) {
+async fn acquisition(sensors: &'static mut Sensors, queue: Sender<'static, Mutex, SensorFrame>) {
     acquire(sensors, queue, &SHARED).await;
 }
 
@@ -64,7 +64,7 @@ async fn transmission(transmission: &'static mut EmulatedTransmission, until: In
 #[embassy_executor::task]
 async fn inference(
     inference: &'static mut EmulatedInference,
-    queue: Receiver<'static, Mutex, SensedFrame>,
+    queue: Receiver<'static, Mutex, SensorFrame>,
     until: Instant,
 ) {
     embassy_futures::select::select(inference.run(queue), Timer::at(until)).await;
@@ -87,7 +87,7 @@ async fn idle() {
 fn main() -> ! {
     let (file, header, model) = read_input();
     let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
-    SHARED.control(Controls { compress_raw: header.compress_raw, ..Controls::DEFAULT });
+    SHARED.set_config(RuntimeConfig { compress_raw: header.compress_raw, ..RuntimeConfig::DEFAULT });
     let mut disturbance = [0; DISTURBANCE_BYTES];
     File::open(BUS_FILE).and_then(|mut file| file.read_exact(&mut disturbance)).expect("a disturbance");
     let disturbance = decode_disturbance(disturbance);

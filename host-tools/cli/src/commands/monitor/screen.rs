@@ -163,8 +163,8 @@ mod tests {
         let mut scan = [0; 1024];
         scan[16 * 32 + 8] = 4000;
         let piezo = PiezoFrame::from_scan(scan);
-        let input = SensorInput { piezo: Some(&piezo), xl: None };
-        let raw = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input, xl_end: 0 };
+        let input = SensorInput { piezo: Some(&piezo), xl: None, xl_end: 0 };
+        let raw = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input };
         frames.extend(transmitter.raw(&raw, &mut RawBuffer::new()));
         for frame in frames {
             seen.accept(&LogEntry { timestamp_us: 0, interface: "can0".to_owned(), frame });

@@ -10,10 +10,10 @@
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::wire::Detail;
 
-/// Steps of detail that the sensors share: with none all send the accelerometer alone, with one for each all add the
+/// RateControl of detail that the sensors share: with none all send the accelerometer alone, with one for each all add the
 /// contact, with two for each everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Steps {
+pub(super) struct RateControl {
     now: usize,
     /// As many as have gone well lately.
     allowed: usize,
@@ -21,7 +21,7 @@ pub(super) struct Steps {
     calm_frames: u32,
 }
 
-impl Steps {
+impl RateControl {
     /// Everything.
     pub(super) const ALL: Self = Self { now: 2 * MAX_SENSORS, allowed: 2 * MAX_SENSORS, calm_frames: 0 };
 
@@ -70,17 +70,17 @@ impl Steps {
 mod tests {
     use super::*;
 
-    fn details(steps: Steps) -> [Detail; 3] {
-        core::array::from_fn(|turn| steps.detail(turn, 3))
+    fn details(rate: RateControl) -> [Detail; 3] {
+        core::array::from_fn(|turn| rate.detail(turn, 3))
     }
 
     #[test]
     fn a_bus_that_keeps_up_gets_everything() {
         for sensors in 1..=MAX_SENSORS {
-            let mut steps = Steps::ALL;
+            let mut rate = RateControl::ALL;
             for waiting in [0, 1, 0, 1] {
-                steps.frame(waiting, sensors);
-                assert!((0..sensors).all(|turn| steps.detail(turn, sensors) == Detail::All));
+                rate.frame(waiting, sensors);
+                assert!((0..sensors).all(|turn| rate.detail(turn, sensors) == Detail::All));
             }
         }
     }
@@ -88,16 +88,16 @@ mod tests {
     #[test]
     fn detail_comes_back_one_sensor_at_a_time_and_contacts_first() {
         use Detail::{Accelerometer, All, Contact};
-        let mut steps = Steps::ALL;
-        steps.frame(4, 3);
-        assert_eq!(details(steps), [Accelerometer; 3]);
+        let mut rate = RateControl::ALL;
+        rate.frame(4, 3);
+        assert_eq!(details(rate), [Accelerometer; 3]);
         // While they drain, nothing more is taken away.
-        steps.frame(5, 3);
-        steps.frame(1, 3);
-        assert_eq!(details(steps), [Accelerometer; 3]);
+        rate.frame(5, 3);
+        rate.frame(1, 3);
+        assert_eq!(details(rate), [Accelerometer; 3]);
         let mut after = |frames: u32| {
-            (0..frames).for_each(|_| steps.frame(0, 3));
-            details(steps)
+            (0..frames).for_each(|_| rate.frame(0, 3));
+            details(rate)
         };
         assert_eq!(after(1), [Contact, Accelerometer, Accelerometer]);
         assert_eq!(after(1), [Contact, Contact, Accelerometer]);
@@ -107,6 +107,6 @@ mod tests {
         assert_eq!(after(FRAME_RATE_HZ), [All, All, Contact]);
         assert_eq!(after(FRAME_RATE_HZ), [All; 3]);
         assert_eq!(after(2 * FRAME_RATE_HZ), [All; 3]);
-        assert_eq!(steps, Steps { calm_frames: 0, ..Steps::ALL });
+        assert_eq!(rate, RateControl { calm_frames: 0, ..RateControl::ALL });
     }
 }

@@ -3,7 +3,7 @@
 
 use super::decimate::Decimator;
 use super::sample_count::SampleCount;
-use crate::board::{Accelerometer, Drained, FIFO_SAMPLES_MAX, FifoSamples, XlFault};
+use crate::board::{Accelerometer, FIFO_SAMPLES_MAX, FifoSamples, FifoStatus, XlFault};
 use crate::params::{FRAME_RATE_HZ, XL_BATCH_MAX};
 use crate::sensor::XlSample;
 
@@ -42,7 +42,7 @@ enum Phase {
 
 /// One accelerometer.
 #[derive(Debug)]
-pub struct XlTrack<A> {
+pub struct XlMonitor<A> {
     part: A,
     phase: Phase,
     count: SampleCount,
@@ -54,16 +54,12 @@ pub struct XlTrack<A> {
     silent_ticks: u32,
     /// Was the FIFO read at the last tick? Then what comes next follows it, unless the FIFO says otherwise.
     was_read: bool,
-    /// Did the last tick deliver? Then what is delivered next will be joined to it.
-    heard: bool,
-    /// Nobody took what the last tick delivered: what is delivered next would be joined to something older.
-    discarded: bool,
 }
 
 /// What one tick delivers.
 pub type XlBatch = heapless::Vec<XlSample, XL_BATCH_MAX>;
 
-impl<A: Accelerometer> XlTrack<A> {
+impl<A: Accelerometer> XlMonitor<A> {
     /// Before the first tick. The part is reset at the first and delivers some ticks later.
     pub const fn new(part: A) -> Self {
         const {
@@ -78,8 +74,6 @@ impl<A: Accelerometer> XlTrack<A> {
             faults: 0,
             silent_ticks: 0,
             was_read: false,
-            heard: false,
-            discarded: false,
         }
     }
 
@@ -103,13 +97,12 @@ impl<A: Accelerometer> XlTrack<A> {
         (self.count.total() / A::PART.decimation as u64) as u32
     }
 
-    /// One frame tick at `now_us`: a few transfers, then `xl` holds what arrived. `false`: nothing did, or what did
-    /// must not be joined to the samples of the tick before.
+    /// One frame tick at `now_us`: a few transfers, then `xl` holds what arrived. `false`: nothing did.
     pub async fn tick(&mut self, now_us: u64, fifo: &mut FifoSamples, xl: &mut XlBatch) -> bool {
         xl.clear();
         let running = self.phase == Phase::Running;
         match self.step(fifo).await {
-            Ok(drained) if running => self.take(now_us, fifo, drained, xl),
+            Ok(status) if running => self.take(now_us, fifo, status, xl),
             Ok(_) => self.miss(now_us),
             Err(fault) => {
                 self.fail(fault);
@@ -118,13 +111,8 @@ impl<A: Accelerometer> XlTrack<A> {
         }
     }
 
-    /// Nobody takes what the last [`tick`](Self::tick) read: the next one leaves a gap in its place.
-    pub const fn discard(&mut self) {
-        self.discarded = true;
-    }
-
     /// One step of the way from a dead part to its samples.
-    async fn step(&mut self, fifo: &mut FifoSamples) -> Result<Drained, XlFault> {
+    async fn step(&mut self, fifo: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
         match self.phase {
             Phase::Resting(0) => {
                 self.part.reset().await?;
@@ -143,62 +131,58 @@ impl<A: Accelerometer> XlTrack<A> {
                 self.phase = if ticks <= 1 { Phase::Running } else { Phase::Settling(ticks - 1) };
             }
             Phase::Running => {
-                let drained = self.part.drain(fifo).await?;
+                let status = self.part.drain(fifo).await?;
                 self.silent_ticks = if fifo.is_empty() { self.silent_ticks + 1 } else { 0 };
                 if self.silent_ticks >= SILENT_TICKS {
                     return Err(XlFault::Silent);
                 }
                 self.faults = 0;
-                self.counters.overruns = self.counters.overruns.saturating_add(drained.overrun.into());
-                self.counters.resyncs = self.counters.resyncs.saturating_add(drained.resyncs);
-                return Ok(drained);
+                self.counters.overruns = self.counters.overruns.saturating_add(status.overrun.into());
+                self.counters.resyncs = self.counters.resyncs.saturating_add(status.resyncs);
+                return Ok(status);
             }
         }
-        Ok(Drained::default())
+        Ok(FifoStatus::default())
     }
 
-    /// What was read goes to the frame, unless it would be joined to samples that it does not follow: the front end
-    /// would hear the jump as a knock. It forgets them when one frame is missing, and that frame is this one.
-    fn take(&mut self, now_us: u64, fifo: &FifoSamples, drained: Drained, xl: &mut XlBatch) -> bool {
+    /// What was read goes to the frame. Where it does not follow what was read before, or not all of it fits, the index
+    /// of its end says so.
+    fn take(&mut self, now_us: u64, samples: &FifoSamples, fifo: FifoStatus, xl: &mut XlBatch) -> bool {
         // A part makes 33 samples between two ticks: one without any has stopped, though it answers.
-        if fifo.is_empty() {
+        if samples.is_empty() {
             return self.miss(now_us);
         }
-        let native = fifo.len() as u32;
-        let follows = self.was_read && drained.is_whole();
-        if follows {
+        let native = samples.len() as u32;
+        if self.was_read && fifo.is_continuous() {
             self.count.read(now_us, native);
         } else {
-            self.count.resume(now_us, native);
+            // Enough that a sample is missing also after decimation.
+            let lost = if fifo.is_continuous() { 0 } else { A::PART.decimation };
+            self.count.resume(now_us, native, lost);
+            self.decimator = None;
         }
         self.was_read = true;
-        let fits = fifo.len().div_ceil(A::PART.decimation as usize) <= XL_BATCH_MAX;
-        let broken = drained.resyncs > 0 || !fits;
-        if broken || self.discarded || self.heard && !follows {
-            (self.heard, self.discarded, self.decimator) = (false, false, None);
-            return false;
-        }
         if A::PART.decimation == 1 {
-            // There is room: asked above.
-            _ = xl.extend_from_slice(fifo);
+            // Of more samples than a batch holds the newest.
+            let from = samples.len().saturating_sub(XL_BATCH_MAX);
+            _ = xl.extend_from_slice(samples.get(from..).unwrap_or_default());
         } else {
             // The index of each sample decides which half of them is kept, so the count stays true over gaps.
             let first = self.count.total() - u64::from(native);
-            for (index, &sample) in (first..).zip(fifo) {
+            for (index, &sample) in (first..).zip(samples) {
                 let decimator = self.decimator.get_or_insert_with(|| Decimator::primed(sample));
-                // There is room: half of what the FIFO holds.
+                // There is room: half of what the FIFO of such a part holds, asserted below.
                 if let Some(sample) = decimator.push(sample, index % 2 == 1) {
                     _ = xl.push(sample);
                 }
             }
         }
-        self.heard = true;
         true
     }
 
     fn miss(&mut self, now_us: u64) -> bool {
         self.count.missed(now_us);
-        (self.was_read, self.heard, self.discarded, self.decimator) = (false, false, false, None);
+        (self.was_read, self.decimator) = (false, None);
         false
     }
 
@@ -214,4 +198,4 @@ impl<A: Accelerometer> XlTrack<A> {
     }
 }
 
-const _: () = assert!(FIFO_SAMPLES_MAX >= XL_BATCH_MAX);
+const _: () = assert!(FIFO_SAMPLES_MAX >= XL_BATCH_MAX && FIFO_SAMPLES_MAX / 2 <= XL_BATCH_MAX);

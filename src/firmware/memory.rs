@@ -1,4 +1,4 @@
-//! Memory attributes, caches, and the RAMs that cortex-m-rt does not know: what `memory.x` promises is made true here.
+//! Memory attributes, caches, and the RAMs that cortex-m-rt does not know: what `board.x` promises is made true here.
 //!
 //! A static goes to AXI SRAM, for the CPU, by `#[unsafe(link_section = ".axisram")]`, and to D2 SRAM, for the CPU and
 //! DMA1 and DMA2, never cached, by `".sram_d2"`. Both are zeroed by [`init`] whatever its initial value says, so it is
@@ -52,7 +52,7 @@ global_asm!(
 );
 
 unsafe extern "C" {
-    // Of `memory.x`.
+    // Of `board.x`.
     static mut __itcm_start: u32;
     static mut __itcm_end: u32;
     static __itcm_image: u32;

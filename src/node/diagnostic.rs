@@ -33,9 +33,9 @@ pub enum Severity {
 }
 
 /// Text that takes what fits.
-struct Cut<'a, 'b>(&'a mut Writer<'b>, usize);
+struct TruncatingWriter<'a, 'b>(&'a mut Writer<'b>, usize);
 
-impl Write for Cut<'_, '_> {
+impl Write for TruncatingWriter<'_, '_> {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         let mut end = text.len().min(RECORD_TEXT_MAX - self.1);
         while !text.is_char_boundary(end) {
@@ -57,10 +57,10 @@ pub(super) fn encode(
     let mut writer = Writer::new(out);
     writer.put_saturated::<7>(bus_time_us);
     writer.put(&[severity as u8, 0]);
-    let mut cut = Cut(&mut writer, 0);
+    let mut text_writer = TruncatingWriter(&mut writer, 0);
     // An error only says that the text was cut.
-    let _ = cut.write_fmt(text);
-    let length = cut.1;
+    let _ = text_writer.write_fmt(text);
+    let length = text_writer.1;
     let total = writer.len();
     if let Some(byte) = out.get_mut(8) {
         *byte = length as u8;

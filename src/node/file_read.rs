@@ -230,7 +230,7 @@ impl FileRead {
         Some(self.chunk.clone())
     }
 
-    /// The board has put the piece away; `Some`: the file is complete, so many bytes.
+    /// The board has put the piece away; `Some`: the file is complete; its bytes.
     pub fn advance(&mut self) -> Option<u32> {
         if self.state != State::Taken {
             return None;

@@ -49,7 +49,7 @@ impl Outbox {
     }
 
     /// Is half of the queue free? What is only nice to know asks first.
-    pub fn has_ease(&self) -> bool {
+    pub fn is_half_free(&self) -> bool {
         self.frames.len() <= OUTBOX_FRAMES / 2
     }
 

@@ -12,11 +12,12 @@ use crate::wire::NodeId;
 pub const TIME_PORT: u16 = 7_168;
 /// Longest time between two messages of a master, µs.
 const PERIOD_MAX_US: u64 = 1_000_000;
-/// A master is silent after so many of its own periods.
+/// A master is silent after this many of its own periods.
 const SILENT_PERIODS: u64 = 3;
 
+/// A master's last message.
 #[derive(Clone, Copy, Debug)]
-struct Heard {
+struct LastMessage {
     master: NodeId,
     transfer: u8,
     at_us: u64,
@@ -26,14 +27,14 @@ struct Heard {
 /// Follows the bus time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TimeSync {
-    heard: Option<Heard>,
+    last: Option<LastMessage>,
     /// Bus time minus local time.
     offset_us: Option<i64>,
 }
 
 impl TimeSync {
     pub const fn new() -> Self {
-        Self { heard: None, offset_us: None }
+        Self { last: None, offset_us: None }
     }
 
     /// A message arrived, at `now_us` of the local clock.
@@ -43,25 +44,25 @@ impl TimeSync {
         if !fields.is_whole() {
             return;
         }
-        let mut next = Heard { master, transfer, at_us: now_us, period_us: PERIOD_MAX_US };
-        if let Some(heard) = self.heard {
-            let since = now_us.saturating_sub(heard.at_us);
-            let silent = since > SILENT_PERIODS * heard.period_us;
-            if master != heard.master && master > heard.master && !silent {
+        let mut next = LastMessage { master, transfer, at_us: now_us, period_us: PERIOD_MAX_US };
+        if let Some(last) = self.last {
+            let since = now_us.saturating_sub(last.at_us);
+            let silent = since > SILENT_PERIODS * last.period_us;
+            if master != last.master && master > last.master && !silent {
                 return;
             }
-            let follows = transfer == heard.transfer.wrapping_add(1) & 31;
-            if master == heard.master && follows && since <= PERIOD_MAX_US {
+            let follows = transfer == last.transfer.wrapping_add(1) & 31;
+            if master == last.master && follows && since <= PERIOD_MAX_US {
                 next.period_us = since;
                 if previous_us != 0 {
-                    self.offset_us = Some((previous_us as i64).saturating_sub_unsigned(heard.at_us));
+                    self.offset_us = Some((previous_us as i64).saturating_sub_unsigned(last.at_us));
                 }
             }
         }
-        self.heard = Some(next);
+        self.last = Some(next);
     }
 
-    /// Bus time minus local time; `None` until two consecutive messages were heard.
+    /// Bus time minus local time; `None` until two consecutive messages were received.
     pub fn offset_us(&self) -> Option<i64> {
         self.offset_us
     }

@@ -56,7 +56,7 @@ impl Settings {
                 return (settings, Damage { cut: true, ..damage });
             };
             rest = after;
-            let Some(setting) = Setting::of_number(number) else {
+            let Some(setting) = Setting::from_number(number) else {
                 damage.unknown = damage.unknown.saturating_add(1);
                 continue;
             };

@@ -136,7 +136,7 @@ impl Settings {
         self.first(Setting::Sensors) as usize
     }
 
-    /// Raw frames are sent of every so many frames; 0: never.
+    /// Every n-th frame is sent raw; 0: none.
     pub fn raw_divider(&self) -> u32 {
         self.first(Setting::RawDivider) as u32
     }
@@ -177,7 +177,7 @@ impl Settings {
         out
     }
 
-    /// Taxels of a sensor that are not believed; none of a sensor that does not exist.
+    /// Taxels of a sensor that are ignored; none of a sensor that does not exist.
     pub fn taxel_mask(&self, sensor: usize) -> TaxelMask {
         let mut mask = TaxelMask::NONE;
         let setting = match sensor {

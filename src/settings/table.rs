@@ -26,11 +26,11 @@ pub enum Setting {
     SensorOrder = 6,
     /// How each array is mounted.
     Orientation = 7,
-    /// Taxels of sensor 0 that are not believed.
+    /// Taxels of sensor 0 that are ignored.
     TaxelMask0 = 8,
-    /// Taxels of sensor 1 that are not believed.
+    /// Taxels of sensor 1 that are ignored.
     TaxelMask1 = 9,
-    /// Taxels of sensor 2 that are not believed.
+    /// Taxels of sensor 2 that are ignored.
     TaxelMask2 = 10,
     /// Whether the node follows the bus time.
     TimeSync = 11,
@@ -153,7 +153,7 @@ const fn mask(setting: Setting, name: &'static str) -> Definition {
         default: NO_TAXEL,
         together: None,
         unit: "",
-        help: "taxels that are not believed: one number a row, bit c is column c",
+        help: "taxels that are ignored: one number a row, bit c is column c",
         effect: Effect::AtOnce,
     }
 }
@@ -201,7 +201,7 @@ pub static TABLE: [Definition; 14] = [
         default: &[1],
         together: None,
         unit: "frames",
-        help: "raw frames are sent of every so many frames; 0: never",
+        help: "every n-th frame is sent raw; 0: none",
         effect: Effect::AtOnce,
     },
     Definition {
@@ -309,12 +309,12 @@ impl Setting {
     }
 
     /// The setting of this number.
-    pub fn of_number(number: u8) -> Option<Self> {
+    pub fn from_number(number: u8) -> Option<Self> {
         TABLE.get(usize::from(number)).map(|definition| definition.setting)
     }
 
     /// The setting whose register has this name.
-    pub fn of_name(name: &[u8]) -> Option<Self> {
+    pub fn from_name(name: &[u8]) -> Option<Self> {
         TABLE.iter().find(|definition| definition.name.as_bytes() == name).map(|found| found.setting)
     }
 }

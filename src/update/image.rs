@@ -89,7 +89,7 @@ impl ImageVersion {
     }
 }
 
-/// What GetInfo tells of it: no patch.
+/// As GetInfo has it: no patch.
 impl From<ImageVersion> for Version {
     fn from(version: ImageVersion) -> Self {
         Self { major: version.major, minor: version.minor }

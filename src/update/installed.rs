@@ -10,7 +10,7 @@ use super::slot::{firmware_header_at, header_bytes, vectors};
 /// Is there a bootloader that would swap? `boot` is its partition, from its address 0 on.
 ///
 /// Where reset looks first, a program that a probe wrote without a bootloader has two words that lead to itself
-/// (`memory.x`); a bootloader begins in its own partition.
+/// (`board.x`); a bootloader begins in its own partition.
 pub async fn find_bootloader<F: ReadNorFlash>(boot: &mut F, board: &Partitions) -> Result<(), Refusal> {
     let span = board.boot;
     let mut bytes = [0; 8];

@@ -1,4 +1,4 @@
-//! Updates: a firmware or a model that comes over the bus, is believed only if it is signed, and is used only if it
+//! Updates: a firmware or a model that comes over the bus, is accepted only if it is signed, and is used only if it
 //! is whole.
 //!
 //! ```text

@@ -14,7 +14,7 @@ use crate::node::{FileSink, UpdateTarget};
 pub struct FirmwareSlot<D, S> {
     /// The slot, from its address 0 on.
     pub dfu: D,
-    /// What the bootloader is told.
+    /// What the bootloader acts on.
     pub state: UpdateState<S>,
 }
 
@@ -161,7 +161,7 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
                 image.writer.flush(&mut firmware.dfu).await?;
                 check_hash(&mut firmware.dfu, 0, &header).await?;
                 Writer::new(header_at).put(&mut firmware.dfu, &image.raw_header).await?;
-                // The header too is believed only as it can be read.
+                // The header too counts only as it can be read.
                 slot::check_firmware(&mut firmware.dfu, self.board, &self.key).await?;
                 firmware.state.mark_updated().await.map_err(|_| Refusal::Flash)
             }

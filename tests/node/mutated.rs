@@ -74,7 +74,7 @@ impl Oracle {
 /// The setting and the numbers that a payload for Access asks for, if it is one that may write.
 fn asked(payload: &[u8]) -> Option<(Setting, Vec<i64>)> {
     let length = usize::from(*payload.first()?);
-    let setting = Setting::of_name(payload.get(1..1 + length)?)?;
+    let setting = Setting::from_name(payload.get(1..1 + length)?)?;
     let value = &payload[1 + length..];
     let width = match value.first()? {
         3 => 0,

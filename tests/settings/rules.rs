@@ -61,7 +61,7 @@ fn the_table_is_sound() {
     for (number, definition) in TABLE.iter().enumerate() {
         let name = definition.name;
         assert_eq!(definition.setting as usize, number, "{name}");
-        assert_eq!(Setting::of_name(name.as_bytes()), Some(definition.setting));
+        assert_eq!(Setting::from_name(name.as_bytes()), Some(definition.setting));
         assert_eq!(check(definition.setting, definition.default), Ok(()), "{name}");
         assert!(!definition.help.is_empty() && name.len() < 50 && name.contains('.'), "{name}");
         assert!(name.bytes().all(|byte| b"abcdefghijklmnopqrstuvwxyz0123456789._".contains(&byte)), "{name}");

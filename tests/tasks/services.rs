@@ -181,7 +181,7 @@ pub type Said = (u64, TransferId, Vec<u8>);
 pub struct Ran {
     pub said: Vec<Said>,
     pub told: Told,
-    pub controls: RuntimeConfig,
+    pub config: RuntimeConfig,
     filters: usize,
     restarted_ms: Option<u64>,
     /// Longest time without a feed of the watchdog, µs.
@@ -264,7 +264,7 @@ impl Run<'_> {
         Ran {
             said,
             told: told.take(),
-            controls: shared.config(),
+            config: shared.config(),
             filters: bus.filters.borrow().len(),
             restarted_ms: restarted.get(),
             unfed_us: unfed_us.get(),
@@ -336,11 +336,11 @@ fn settings_reach_the_tasks_and_the_board() {
         (60, COMMAND_PORT, command(IDENTIFY)),
     ];
     let ran = Run::new(&requests, 5_200).run();
-    assert_eq!((ran.controls.raw_every, ran.controls.compress_raw), (4, true));
-    assert_eq!(ran.controls.masks[1].0, std::array::from_fn(|row| (row as u32) << 7));
-    assert_eq!(ran.controls.masks[0].0, [0; 32]);
-    assert_eq!(ran.controls.point, Some(OperatingPoint { threshold: Logit::from_bits(300), k: 2, n: 5 }));
-    assert_eq!((ran.controls.node, ran.filters), (Some(NODE), 3));
+    assert_eq!((ran.config.raw_every, ran.config.compress_raw), (4, true));
+    assert_eq!(ran.config.masks[1].0, std::array::from_fn(|row| (row as u32) << 7));
+    assert_eq!(ran.config.masks[0].0, [0; 32]);
+    assert_eq!(ran.config.point, Some(OperatingPoint { threshold: Logit::from_bits(300), k: 2, n: 5 }));
+    assert_eq!((ran.config.node, ran.filters), (Some(NODE), 3));
     assert_eq!(ran.told.applied.first(), Some(&[(false, false); 3]));
     assert_eq!(ran.told.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
     assert!(ran.told.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");

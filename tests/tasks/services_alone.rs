@@ -27,7 +27,7 @@ fn a_node_without_an_address_sends_nothing_of_its_own() {
     settings.set(Setting::PlugAndPlay, &[0]).unwrap();
     let ran = Run { settings, ..Run::new(&[], 3_000) }.run();
     assert_eq!(ran.said, []);
-    assert_eq!(ran.controls.node, None);
+    assert_eq!(ran.config.node, None);
     assert!(ran.unfed_us <= 25_000);
 }
 

@@ -38,14 +38,14 @@ const ID: u32 = 0x0123_456F;
 /// Of each kind in each mode.
 const FRAMES: u8 = 4;
 /// A frame of 64 bytes takes 1 ms.
-const PATIENCE: Duration = Duration::from_millis(10);
+const TIMEOUT: Duration = Duration::from_millis(10);
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
 /// One frame came back as it was sent. Frames are told apart by their data.
 async fn classic(can: &mut Can<'_>, number: u8) -> bool {
     let sent = unwrap!(Frame::new_extended(ID, &[number; 8]).ok());
     can.write(&sent).await;
-    match with_timeout(PATIENCE, can.read()).await {
+    match with_timeout(TIMEOUT, can.read()).await {
         Ok(Ok(envelope)) => {
             let (frame, _) = envelope.parts();
             frame.id() == sent.id() && frame.data() == sent.data()
@@ -60,7 +60,7 @@ async fn fd(can: &mut Can<'_>, number: u8) -> bool {
     let id = unwrap!(ExtendedId::new(ID));
     let sent = unwrap!(FdFrame::new(Header::new_fd(id.into(), 64, false, true), &data).ok());
     can.write_fd(&sent).await;
-    match with_timeout(PATIENCE, can.read_fd()).await {
+    match with_timeout(TIMEOUT, can.read_fd()).await {
         Ok(Ok(envelope)) => {
             let (frame, _) = envelope.parts();
             frame.id() == sent.id() && frame.data() == sent.data()
@@ -87,7 +87,7 @@ async fn loop_back(
     for number in 0..FRAMES {
         let sent = unwrap!(Frame::new_extended(ID, &[0x80 | number; 8]).ok());
         tx.write(&sent).await;
-        if let Ok(Ok(envelope)) = with_timeout(PATIENCE, rx.read()).await {
+        if let Ok(Ok(envelope)) = with_timeout(TIMEOUT, rx.read()).await {
             let (frame, _) = envelope.parts();
             good += u32::from(frame.data() == sent.data());
         }

@@ -21,7 +21,7 @@ fn a_bootloader_begins_in_its_own_partition() {
             device.cells.borrow_mut().bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
         }
     };
-    // Blank, and the two words that lead to the firmware (`memory.x`).
+    // Blank, and the two words that lead to the firmware (`board.x`).
     assert_eq!(find(), Err(Refusal::NoBootloader));
     write([0x2000_6000, FLASH_BASE + BOARD.active.start + 0x299]);
     assert_eq!(find(), Err(Refusal::NoBootloader));

@@ -9,7 +9,7 @@ use crate::firmware::{BOARD, MEMORY_MAP};
 use crate::process::root;
 use crate::table::{Table, thousands};
 
-/// Code, constants, model and first contents of RAM: what an update carries, at most. `memory.x` asserts it too.
+/// Code, constants, model and first contents of RAM: what an update carries, at most. `board.x` asserts it too.
 const FLASH_BYTES_MAX: u64 = 512 * 1024;
 
 /// What has to be left of the region that code is linked to. The same source is 10 KB longer by one compiler than by
@@ -19,7 +19,7 @@ const FLASH_SPARE_BYTES: u64 = 20 * 1024;
 /// That region.
 const CODE: &str = "FLASH";
 
-/// A region of `memory.x`.
+/// A region of `board.x`.
 struct Region {
     name: String,
     address: u64,

@@ -113,7 +113,7 @@ pub struct Node {
     heartbeat_us: u64,
     now_us: u64,
     operational: bool,
-    /// Has the bus been told what happened before?
+    /// Has what happened before the start been reported?
     announced: bool,
     pending: Option<Pending>,
     actions: heapless::Deque<Action, 4>,
@@ -175,7 +175,7 @@ impl Node {
         self.operational = true;
     }
 
-    /// Bus time at a moment of the local clock; `None` where no master was heard, or the node does not follow.
+    /// Bus time at a moment of the local clock; `None` where no master was received, or the node does not follow.
     pub fn bus_time_us(&self, local_us: u64) -> Option<u64> {
         let offset = self.time.offset_us().filter(|_| self.settings.time_sync())?;
         local_us.checked_add_signed(offset)
@@ -222,11 +222,11 @@ impl Node {
         self.actions.pop_front()
     }
 
-    /// A setting with a new value since the last call. Those that count after a restart are told too.
+    /// A setting with a new value since the last call. Those that count after a restart are among them.
     pub fn take_changed(&mut self) -> Option<Setting> {
         let number = self.changed.trailing_zeros();
         self.changed &= self.changed.wrapping_sub(1);
-        u8::try_from(number).ok().and_then(Setting::of_number)
+        u8::try_from(number).ok().and_then(Setting::from_number)
     }
 
     /// Do what is due. Returns when it is to be called again at the latest; after [`accept`](Self::accept)
@@ -377,7 +377,7 @@ impl Node {
     /// Say something to whoever watches the bus. Dropped while the queue is more than half full: answers
     /// come first.
     pub fn report(&mut self, severity: Severity, text: fmt::Arguments<'_>) {
-        let Some(node) = self.id.filter(|_| self.outbox.has_ease()) else { return };
+        let Some(node) = self.id.filter(|_| self.outbox.is_half_free()) else { return };
         let mut out = [0; RECORD_BYTES];
         let time = self.bus_time_us(self.now_us).unwrap_or(0);
         let length = diagnostic::encode(time, severity, text, &mut out);

@@ -4,7 +4,7 @@ use super::super::command::{self, Command, CommandStatus};
 use super::super::diagnostic::Severity;
 use super::super::file_read::FileFailure;
 use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
-use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, Told};
+use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, NodeState};
 use super::{Action, COMMAND_TIMEOUT_US, Node, Pending};
 use crate::settings::Settings;
 use crate::wire::{Frames, ServiceId};
@@ -34,7 +34,7 @@ impl Node {
     fn serve_access(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
         let bus_time_us = self.bus_time_us(self.now_us).unwrap_or(0);
         let counters = self.counters();
-        let told = Told {
+        let state = NodeState {
             status: &self.status,
             identity: &self.identity,
             uptime_s: u32::try_from(self.now_us / 1_000_000).unwrap_or(u32::MAX),
@@ -44,7 +44,7 @@ impl Node {
             time_offset_us: self.time.offset_us(),
         };
         let mut out = [0; ACCESS_BYTES];
-        let served = registers::access(request, &mut self.settings, &told, bus_time_us, &mut out);
+        let served = registers::access(request, &mut self.settings, &state, bus_time_us, &mut out);
         let Some((length, effect)) = served else {
             self.counters.transfer_errors = self.counters.transfer_errors.saturating_add(1);
             return;

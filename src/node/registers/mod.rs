@@ -1,4 +1,4 @@
-//! uavcan.register: every setting by name, and what the node tells about itself.
+//! uavcan.register: every setting by name, and the state of the node.
 //!
 //! The list has the settings first, then what can only be read, then for every setting its largest (`<`),
 //! smallest (`>`) and default (`=`) value, which are registers of their own by the standard. The answer to a
@@ -13,7 +13,7 @@ use heapless::Vec;
 use super::fields::Fields;
 use crate::settings::{Definition, ELEMENTS_MAX, Setting, SettingError, Settings, TABLE};
 use crate::wire::bytes::Writer;
-pub(super) use read_only::Told;
+pub(super) use read_only::NodeState;
 use read_only::{Answer, READ_ONLY, ReadOnly};
 use value::Written;
 
@@ -43,15 +43,15 @@ enum Register {
 const SUFFIXES: [u8; 3] = *b"<>=";
 
 impl Register {
-    fn of_name(name: &[u8]) -> Option<Self> {
-        if let Some(setting) = Setting::of_name(name) {
+    fn from_name(name: &[u8]) -> Option<Self> {
+        if let Some(setting) = Setting::from_name(name) {
             return Some(Self::Setting(setting));
         }
         if let Some((_, what)) = READ_ONLY.iter().find(|(other, _)| other.as_bytes() == name) {
             return Some(Self::ReadOnly(*what));
         }
         let (&suffix, name) = name.split_last()?;
-        let setting = Setting::of_name(name).filter(|_| SUFFIXES.contains(&suffix))?;
+        let setting = Setting::from_name(name).filter(|_| SUFFIXES.contains(&suffix))?;
         Some(Self::Derived(setting, suffix))
     }
 }
@@ -102,7 +102,7 @@ pub(super) enum Effect {
 pub(super) fn access(
     request: &[u8],
     settings: &mut Settings,
-    told: &Told<'_>,
+    state: &NodeState<'_>,
     bus_time_us: u64,
     out: &mut [u8; ACCESS_BYTES],
 ) -> Option<(usize, Effect)> {
@@ -113,7 +113,7 @@ pub(super) fn access(
         return None;
     }
     let written = value::read(&mut fields);
-    let register = Register::of_name(name);
+    let register = Register::from_name(name);
     let effect = match (register, written) {
         (_, Written::Nothing) | (None, _) => Effect::Read,
         (Some(Register::Setting(setting)), Written::Numbers(numbers)) => {
@@ -149,7 +149,7 @@ pub(super) fn access(
         }
         Some(Register::ReadOnly(what)) => {
             writer.put(&[0]);
-            match told.answer(what) {
+            match state.answer(what) {
                 Answer::Numbers(kind, numbers) => value::put_numbers(&mut writer, kind, &numbers),
                 Answer::Bytes(bytes) => value::put_bytes(&mut writer, bytes),
             }

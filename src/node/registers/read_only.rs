@@ -1,4 +1,4 @@
-//! Registers that tell and cannot be written.
+//! Registers that cannot be written.
 
 use heapless::Vec;
 
@@ -7,7 +7,7 @@ use crate::health::Status;
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
 
-/// What is told.
+/// Which register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ReadOnly {
     LateFrames,
@@ -53,7 +53,7 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 15 + MAX_SENSORS] = [
 const _: () = assert!(TAXEL_ROWS <= ELEMENTS_MAX);
 
 /// Where the values are.
-pub(in crate::node) struct Told<'a> {
+pub(in crate::node) struct NodeState<'a> {
     pub status: &'a Status,
     pub identity: &'a Identity,
     pub uptime_s: u32,
@@ -69,7 +69,7 @@ pub(super) enum Answer<'a> {
     Bytes(&'a [u8]),
 }
 
-impl<'a> Told<'a> {
+impl<'a> NodeState<'a> {
     pub(super) fn answer(&self, what: ReadOnly) -> Answer<'a> {
         let status = self.status;
         let count = |value: u32| numbers(Kind::Natural32, &[value.into()]);
@@ -99,7 +99,7 @@ impl<'a> Told<'a> {
             ReadOnly::ModelHash => {
                 Answer::Bytes(self.identity.model_hash.as_ref().map_or(&[], |hash| &hash[..]))
             }
-            // 0 also where no master was heard; the timestamp of the answer, 0 then, tells them apart.
+            // 0 also where no master was received; the timestamp of the answer, 0 then, tells them apart.
             ReadOnly::TimeOffset => numbers(Kind::Integer64, &[self.time_offset_us.unwrap_or(0)]),
         }
     }

@@ -49,14 +49,14 @@ const FINDING: &str = "<&dyn core::fmt::Debug as core::fmt::Debug>::fmt";
 const SINKS: [&str; 6] = [
     "<defmt::export::FmtWrite as core::fmt::Write>::write_str",
     "<defmt::export::FmtWrite as core::fmt::Write>::write_char",
-    "<slipsense::node::diagnostic::Cut as core::fmt::Write>::write_str",
-    "<slipsense::node::diagnostic::Cut as core::fmt::Write>::write_char",
+    "<slipsense::node::diagnostic::TruncatingWriter as core::fmt::Write>::write_str",
+    "<slipsense::node::diagnostic::TruncatingWriter as core::fmt::Write>::write_char",
     "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_str",
     "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_char",
 ];
 const WHOLE_SINKS: [&str; 3] = [
     "<defmt::export::FmtWrite as core::fmt::Write>::write_fmt",
-    "<slipsense::node::diagnostic::Cut as core::fmt::Write>::write_fmt",
+    "<slipsense::node::diagnostic::TruncatingWriter as core::fmt::Write>::write_fmt",
     "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_fmt",
 ];
 const FORMATTER: &str = "core::fmt::write";
@@ -225,7 +225,7 @@ fn check(program: &Program) -> Result<()> {
     let mut led_to: BTreeSet<usize> = RULES.iter().flat_map(|rule| named(program, rule.targets)).collect();
     led_to.extend(TEXTS.into_iter().flat_map(|texts| named(program, texts)));
     led_to.extend(named(program, &[TEXT_IN_TEXT, FINDING]));
-    // Two words where reset looks first lead there (`memory.x`); nobody calls it.
+    // Two words where reset looks first lead there (`board.x`); nobody calls it.
     led_to.extend(program.function("Reset"));
     let nodes = program.graph.nodes.iter().enumerate();
     let mut lost: Vec<_> = nodes

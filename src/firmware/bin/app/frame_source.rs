@@ -20,7 +20,7 @@ pub type BoardSensors = Sensors<'static, CriticalSectionRawMutex, AdcScan, Xl>;
 #[unsafe(link_section = ".axisram")]
 static SOURCE: StaticCell<BoardSensors> = StaticCell::new();
 
-/// Start scan and accelerometers of so many sensors; `order` holds the connector of each. Apart: what this takes of the
+/// Start the scan and the accelerometers of `sensors` sensors; `order` holds the connector of each. Apart: what this takes of the
 /// stack is given back.
 #[inline(never)]
 pub fn start(

@@ -13,8 +13,8 @@ import can
 
 
 class CanLink:
-    def __init__(self, port, channel, patience_s=30.0):
-        deadline = time.monotonic() + patience_s
+    def __init__(self, port, channel, timeout_s=30.0):
+        deadline = time.monotonic() + timeout_s
         while True:
             try:
                 self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)

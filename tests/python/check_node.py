@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 
-from node_client import CHANNEL, MASTER, NODE, TOOL, Client, link_to, natural, numbers, run_checks, told_of
+from node_client import CHANNEL, MASTER, NODE, TOOL, Client, frame_counts, link_to, natural, numbers, run_checks
 
 FILE_BYTES = 100_000
 
@@ -39,8 +39,8 @@ async def check_identity(client):
 
 
 async def check_heartbeat(client):
-    await client.until("three heartbeats", lambda: len([1 for node, *_ in client.heartbeats if node == NODE]) >= 3)
-    beats = [(beat, at) for node, beat, at in client.heartbeats if node == NODE][-3:]
+    await client.until("three heartbeats", lambda: len(client.beats()) >= 3)
+    beats = client.beats()[-3:]
     for (first, before), (second, after) in zip(beats, beats[1:]):
         client.checks.equal("uptime between heartbeats", second.uptime - first.uptime, 1)
         client.checks.true(f"a second between heartbeats: {after - before:.3f} s", 0.5 < after - before < 1.5)
@@ -79,8 +79,8 @@ async def check_registers(client):
     checks.equal("no such register", (await client.access("no.such.register")).value.empty is None, False)
 
     async def write(name, value, want):
-        checks.equal(f"{name} after a write", numbers((await client.access(name, value)).value)[1], want)
-        checks.equal(f"{name} read again", numbers((await client.access(name)).value)[1], want)
+        checks.equal(f"{name} after a write", await client.numbers(name, value), want)
+        checks.equal(f"{name} read again", await client.numbers(name), want)
 
     await write("slipsense.sensors", natural(8, 3), [3])
     await write("slipsense.sensors", natural(8, 4), [3])
@@ -92,31 +92,23 @@ async def check_registers(client):
     await write("slipsense.sensor.1.mask", natural(32, *mask), mask)
     await write("slipsense.status.bus_off", natural(32, 7), [0])
     refusal = "slipsense.sensors: element 0 is 4, allowed are 1 to 3"
-    await client.until("a record names the refusal", lambda: any(refusal == text for _, _, text in client.records))
+    await client.until("a record names the refusal", lambda: client.has_record(refusal))
     return len(names)
-
-
-async def restart(client, server=NODE):
-    """Restart and wait for the first heartbeat of the new life."""
-    client.heartbeats.clear()
-    client.checks.equal("restart", await client.command(65535, server=server), 0)
-    young = lambda: any(node == NODE and beat.uptime <= 1 for node, beat, _ in client.heartbeats)
-    await client.until("a young heartbeat after a restart", young)
 
 
 async def check_storage(client):
     checks = client.checks
-    await restart(client)
-    checks.equal("not stored, gone", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    await client.restart()
+    checks.equal("not stored, gone", await client.numbers("slipsense.sensors"), [1])
     await client.access("slipsense.sensors", natural(8, 2))
     checks.equal("store", await client.command(65530), 0)
-    await restart(client)
-    checks.equal("stored, there", numbers((await client.access("slipsense.sensors")).value)[1], [2])
+    await client.restart()
+    checks.equal("stored, there", await client.numbers("slipsense.sensors"), [2])
     checks.equal("self test", await client.command(0), 0)
-    checks.equal("self tests", numbers((await client.access("slipsense.status.self_tests")).value)[1], [1, 0])
+    checks.equal("self tests", await client.numbers("slipsense.status.self_tests"), [1, 0])
     checks.equal("factory reset", await client.command(65532), 0)
-    await restart(client)
-    checks.equal("factory reset, default", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    await client.restart()
+    checks.equal("factory reset, default", await client.numbers("slipsense.sensors"), [1])
     checks.equal("unknown command", await client.command(1234), 3)
     checks.equal("update without path", await client.command(65533), 4)
 
@@ -167,12 +159,11 @@ async def check_files(client):
             client.heartbeats.clear()
             began = time.monotonic()
             checks.equal(f"update {path}", await client.command(command, path.encode()), 0)
-            said = lambda: any(text == want for _, _, text in client.records)
-            await client.until(f"record: {want}", said, 60.0)
+            await client.until(f"record: {want}", lambda: client.has_record(want), 60.0)
             return time.monotonic() - began
 
         took = await update(65533, "good.bin", f"firmware received and accepted, {FILE_BYTES} bytes")
-        modes = {beat.mode.value for node, beat, _ in client.heartbeats if node == NODE}
+        modes = {beat.mode.value for beat, _ in client.beats()}
         checks.true(f"modes seen {modes}", took < 2.5 or 3 in modes)
         await update(1, "good.bin", f"model received and accepted, {FILE_BYTES} bytes")
         await update(1, "bad.bin", "model not taken: hash wrong")
@@ -194,15 +185,15 @@ async def check_allocation(client, unique_id):
     checks.equal("a node without address is silent", [node for node, *_ in client.heartbeats if node != TOOL], [])
     allocator = pycyphal.application.plug_and_play.CentralizedAllocator(client.node)
     allocator.register_node(TOOL, None)
-    heard = lambda: [node for node, *_ in client.heartbeats if node != TOOL]
-    await client.until("a heartbeat with an allocated address", heard)
-    address = heard()[0]
+    others = lambda: [node for node, *_ in client.heartbeats if node != TOOL]
+    await client.until("a heartbeat with an allocated address", others)
+    address = others()[0]
     checks.true(f"address {address} is a free one", address not in (NODE, TOOL) and 0 <= address <= 125)
     info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), address)
     checks.equal("unique id after allocation", bytes(info.unique_id), unique_id)
     # Back to where it was.
     checks.equal("factory reset", await client.command(65532, server=address), 0)
-    await restart(client, address)
+    await client.restart(address)
     return address
 
 
@@ -210,7 +201,7 @@ async def run(checks, port):
     link = link_to(port)
     client = Client(checks)
     # A long way: the emulated board has to boot.
-    await client.until("a first heartbeat", lambda: any(node == NODE for node, *_ in client.heartbeats), 30.0)
+    await client.until("a first heartbeat", client.beats, 30.0)
     unique_id = await check_identity(client)
     await check_heartbeat(client)
     registers = await check_registers(client)
@@ -222,7 +213,7 @@ async def run(checks, port):
     link.close()
     return (
         f"{registers} registers, {FILE_BYTES} bytes of a file in {took:.1f} s, bus time within {abs(error_us)} us, "
-        f"address {address} allocated; {told_of(link)}"
+        f"address {address} allocated; {frame_counts(link)}"
     )
 
 

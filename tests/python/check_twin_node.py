@@ -16,10 +16,10 @@ import subprocess
 import sys
 
 from check_node import check_registers
-from node_client import NODE, Client, link_to, natural, numbers, run_checks, told_of
+from node_client import Client, frame_counts, link_to, natural, numbers, run_checks
 
 # Of this computer, seconds; the twin may run at a twentieth of real time.
-PATIENCE_S = 120.0
+TIMEOUT_S = 120.0
 CAUTION, OPERATIONAL, SENSOR_MISSING = 2, 0, 1
 MASTER_EPOCH_US = 1_700_000_000_000_000
 
@@ -28,7 +28,7 @@ async def check_identity(client, model):
     import uavcan.node
 
     checks = client.checks
-    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), timeout=PATIENCE_S)
+    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())
     checks.equal("name", bytes(info.name).decode(), "slipsense.fingertip")
     checks.equal("hardware", (info.hardware_version.major, info.hardware_version.minor), (1, 0))
     commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True).stdout.strip()
@@ -41,42 +41,35 @@ async def check_identity(client, model):
 
 async def check_heartbeat(client):
     client.heartbeats.clear()
-    await client.until("two heartbeats", lambda: len(client.heartbeats_of_board()) >= 2, PATIENCE_S)
-    first, second = client.heartbeats_of_board()[:2]
+    await client.until("two heartbeats", lambda: len(client.beats()) >= 2)
+    (first, _), (second, _) = client.beats()[:2]
     client.checks.equal("uptime between heartbeats", second.uptime - first.uptime, 1)
     client.checks.equal("health", second.health.value, CAUTION)
     client.checks.equal("mode", second.mode.value, OPERATIONAL)
     client.checks.equal("vendor status", second.vendor_specific_status_code & SENSOR_MISSING, SENSOR_MISSING)
 
 
-async def restart(client):
-    client.heartbeats.clear()
-    client.checks.equal("restart", await client.command(65535, timeout=PATIENCE_S), 0)
-    young = lambda: any(beat.uptime <= 1 for beat in client.heartbeats_of_board())
-    await client.until("a young heartbeat after a restart", young, PATIENCE_S)
-
-
 async def check_storage(client):
     checks = client.checks
-    await restart(client)
-    checks.equal("not stored, gone", numbers((await client.access("slipsense.sensors")).value)[1], [1])
+    await client.restart()
+    checks.equal("not stored, gone", await client.numbers("slipsense.sensors"), [1])
     await client.access("slipsense.sensors", natural(8, 2))
     await client.access("slipsense.raw.divider", natural(8, 5))
-    checks.equal("store", await client.command(65530, timeout=PATIENCE_S), 0)
-    await restart(client)
-    checks.equal("stored, there", numbers((await client.access("slipsense.sensors")).value)[1], [2])
-    checks.equal("stored too", numbers((await client.access("slipsense.raw.divider")).value)[1], [5])
-    missing = numbers((await client.access("slipsense.status.sensor_health")).value)[1]
+    checks.equal("store", await client.command(65530), 0)
+    await client.restart()
+    checks.equal("stored, there", await client.numbers("slipsense.sensors"), [2])
+    checks.equal("stored too", await client.numbers("slipsense.raw.divider"), [5])
+    missing = await client.numbers("slipsense.status.sensor_health")
     checks.true(f"two sensors without accelerometers: {missing}", [bits & 2 for bits in missing] == [2, 2, 0])
-    checks.equal("self test", await client.command(0, timeout=PATIENCE_S), 1)
-    checks.equal("self tests", numbers((await client.access("slipsense.status.self_tests")).value)[1], [1, 1])
+    checks.equal("self test", await client.command(0), 1)
+    checks.equal("self tests", await client.numbers("slipsense.status.self_tests"), [1, 1])
     wanted = "self test: an accelerometer does not deliver"
-    await client.until("a record says why", lambda: any(text == wanted for _, _, text in client.records), PATIENCE_S)
-    checks.equal("factory reset", await client.command(65532, timeout=PATIENCE_S), 0)
-    await restart(client)
-    checks.equal("factory reset, default", numbers((await client.access("slipsense.sensors")).value)[1], [1])
-    checks.equal("update", await client.command(65533, b"x.bin", timeout=PATIENCE_S), 0)
-    checks.equal("unknown command", await client.command(1234, timeout=PATIENCE_S), 3)
+    await client.until("a record says why", lambda: client.has_record(wanted))
+    checks.equal("factory reset", await client.command(65532), 0)
+    await client.restart()
+    checks.equal("factory reset, default", await client.numbers("slipsense.sensors"), [1])
+    checks.equal("update", await client.command(65533, b"x.bin"), 0)
+    checks.equal("unknown command", await client.command(1234), 3)
 
 
 async def check_time(client):
@@ -91,35 +84,19 @@ async def check_time(client):
     for message in (first, second):
         checks.true("synchronization sent", await publisher.publish(message))
         await asyncio.sleep(0.05)
-    offset = numbers((await client.access("slipsense.time.offset_us")).value)[1][0]
+    [offset] = await client.numbers("slipsense.time.offset_us")
     answer = await client.access("slipsense.status.uptime_s")
     now_us = int(answer.timestamp.microsecond)
     checks.true(f"bus time {now_us}", MASTER_EPOCH_US <= now_us < MASTER_EPOCH_US + 1_000_000_000)
     uptime_us = now_us - offset
-    told = numbers(answer.value)[1][0]
-    checks.equal("uptime by the bus time and the offset", uptime_us // 1_000_000, told)
-
-
-class TwinClient(Client):
-    def heartbeats_of_board(self):
-        return [beat for node, beat, _ in self.heartbeats if node == NODE]
-
-    async def access(self, name, value=None, server=NODE):
-        import uavcan.register
-
-        request = uavcan.register.Access_1.Request(name=uavcan.register.Name_1(list(name.encode())))
-        if value is not None:
-            request.value = value
-        return await self.call(uavcan.register.Access_1, request, server, PATIENCE_S)
-
-    async def until(self, what, condition, timeout=PATIENCE_S):
-        return await super().until(what, condition, timeout)
+    uptime_s = numbers(answer.value)[1][0]
+    checks.equal("uptime by the bus time and the offset", uptime_us // 1_000_000, uptime_s)
 
 
 async def run(checks, port, model):
     link = link_to(port)
-    client = TwinClient(checks)
-    await client.until("a first heartbeat", lambda: client.heartbeats_of_board())
+    client = Client(checks, TIMEOUT_S)
+    await client.until("a first heartbeat", client.beats)
     await check_identity(client, model)
     await check_heartbeat(client)
     registers = await check_registers(client)
@@ -127,7 +104,7 @@ async def run(checks, port, model):
     await check_time(client)
     client.node.close()
     link.close()
-    return f"{registers} registers; {told_of(link)}"
+    return f"{registers} registers; {frame_counts(link)}"
 
 
 def main():

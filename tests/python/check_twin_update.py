@@ -17,8 +17,8 @@ import pathlib
 import struct
 import sys
 
-from check_twin_node import PATIENCE_S, TwinClient
-from node_client import NODE, link_to, natural, numbers, run_checks
+from check_twin_node import TIMEOUT_S
+from node_client import NODE, Client, link_to, natural, run_checks
 
 # Of this computer, seconds: erases and a swap take several virtual ones each, which the twin runs at a fraction of
 # real time.
@@ -44,9 +44,9 @@ SWAP_STEPS_MORE = (1, 2, 3, 700, 4_096, 4_097, 4_098, 4_099, 4_100, 4_400, 8_194
 MODEL_STEPS = (1_000,)
 
 
-class UpdateClient(TwinClient):
+class UpdateClient(Client):
     def __init__(self, checks, folder):
-        super().__init__(checks)
+        super().__init__(checks, TIMEOUT_S)
         self.folder = folder
         self.link = None
 
@@ -54,15 +54,12 @@ class UpdateClient(TwinClient):
         """At none, if none is named; each counts from the failure before."""
         self.link.socket.sendall(struct.pack(f"<IB{len(steps)}Q", SUPPLY, 8 * len(steps), *steps))
 
-    def has_said(self, text):
-        return any(said == text for *_, said in self.records)
-
-    async def said(self, text):
-        await self.until(f"record: {text}", lambda: self.has_said(text), LONG_S)
+    async def recorded(self, text):
+        await self.until(f"record: {text}", lambda: self.has_record(text), LONG_S)
 
     def has_started(self):
         """It lives anew since `forget`: this is the last thing that it says of itself when it starts."""
-        return any(said.startswith("model: ") for *_, said in self.records)
+        return any(text.startswith("model: ") for *_, text in self.records)
 
     async def started(self, what):
         await self.until(f"a start after {what}", self.has_started, LONG_S)
@@ -72,27 +69,24 @@ class UpdateClient(TwinClient):
 
     async def restart(self):
         self.forget()
-        self.checks.equal("restart", await self.command(RESTART, timeout=PATIENCE_S), 0)
+        self.checks.equal("restart", await self.command(RESTART), 0)
         await self.started("a restart")
 
     async def version(self, want):
         import uavcan.node
 
-        info = await self.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), timeout=PATIENCE_S)
+        info = await self.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())
         self.checks.equal("version in GetInfo", (info.software_version.major, info.software_version.minor), want)
         return info
 
     async def begin(self, command, path):
         self.forget()
-        status = await self.command(command, path.encode(), timeout=PATIENCE_S)
+        status = await self.command(command, path.encode())
         self.checks.equal(f"update {path}", status, 0)
 
     async def update(self, command, path, want):
         await self.begin(command, path)
-        await self.said(want)
-
-    async def numbers(self, name):
-        return numbers((await self.access(name)).value)[1]
+        await self.recorded(want)
 
 
 def threshold(value):
@@ -111,7 +105,7 @@ async def check_settings(client, thorough):
     # Without raw messages the emulator has less to do.
     await client.access("slipsense.raw.divider", natural(8, 0))
     await client.access("slipsense.alarm.point", threshold(0))
-    checks.equal("a whole store", await client.command(STORE, timeout=PATIENCE_S), 0)
+    checks.equal("a whole store", await client.command(STORE), 0)
     store = uavcan.node.ExecuteCommand_1.Request(command=STORE)
     old, cut, kept = 0, 0, 0
     for step in range(1, STEPS_MAX) if thorough else STORE_STEPS:
@@ -183,9 +177,9 @@ async def check_rollback(client, thorough):
     for step in range(1, STEPS_MAX) if thorough else SHORT_STEPS:
         client.supply_fails_at(step)
         await client.begin(UPDATE, "hanging.slip")
-        await client.until(f"an update, step {step}", lambda: client.has_said(received) or client.has_started(), LONG_S)
+        await client.until(f"an update, step {step}", lambda: client.has_record(received) or client.has_started(), LONG_S)
         client.supply_fails_at()
-        if client.has_said(received):
+        if client.has_record(received):
             break
         # If the last step is behind it, it has been tried, and did not confirm.
         await client.version((0, 1))
@@ -194,7 +188,7 @@ async def check_rollback(client, thorough):
         await client.update(UPDATE, "hanging.slip", received)
     checks.true("updates were cut off", cut >= len(SHORT_STEPS))
     await client.restart()
-    await client.said("firmware 0.1.0, back: the one after it did not confirm")
+    await client.recorded("firmware 0.1.0, back: the one after it did not confirm")
     await client.version((0, 1))
     return cut
 
@@ -209,7 +203,7 @@ async def check_update(client, thorough):
         client.supply_fails_at(step)
         await client.begin(UPDATE, "new.slip")
         await client.started(f"an update cut off at step {step} of the flash")
-        await client.said("firmware 0.1.0, confirmed")
+        await client.recorded("firmware 0.1.0, confirmed")
         await client.version((0, 1))
     await client.update(UPDATE, "new.slip", f"firmware received and accepted, {size} bytes")
     for counter in ("late_frames", "overruns"):
@@ -217,16 +211,16 @@ async def check_update(client, thorough):
     client.forget()
     # Each failure restarts the swap that this restart begins.
     client.supply_fails_at(*swap)
-    checks.equal("restart", await client.command(RESTART, timeout=PATIENCE_S), 0)
+    checks.equal("restart", await client.command(RESTART), 0)
     await client.started("a swap that was cut off again and again")
     # Ten seconds from now: the first thing that confirming writes.
     client.supply_fails_at(1)
-    await client.said("firmware 0.2.0, on trial: a restart before it confirms brings back the one before")
+    await client.recorded("firmware 0.2.0, on trial: a restart before it confirms brings back the one before")
     await client.version((0, 2))
     await client.update(UPDATE, "new.slip", "firmware not taken: the firmware that runs has not confirmed yet")
     client.forget()
     await client.started("a confirmation that was cut off")
-    await client.said("firmware 0.2.0, confirmed")
+    await client.recorded("firmware 0.2.0, confirmed")
     await client.version((0, 2))
     await client.update(UPDATE, "hanging.slip", "firmware not taken: older than what is installed")
     return (
@@ -245,11 +239,11 @@ async def check_model(client, model, thorough):
         client.supply_fails_at(step)
         await client.begin(MODEL, "model.slip")
         await client.started(f"a model cut off at step {step} of the flash")
-        built_in = any(said.startswith("model: the one in the firmware") for *_, said in client.records)
+        built_in = any(text.startswith("model: the one in the firmware") for *_, text in client.records)
         checks.true("the model in the firmware runs", built_in)
     await client.update(MODEL, "model.slip", f"model received and accepted, {size} bytes")
     await client.restart()
-    await client.said("model: version 1.0.0 of the model slot")
+    await client.recorded("model: version 1.0.0 of the model slot")
     info = await client.version((0, 2))
     digest = hashlib.sha256(model.read_bytes()[:-32]).digest()
     checks.equal("model", [int(crc) for crc in info.software_image_crc], [int.from_bytes(digest[:8], "big")])
@@ -270,7 +264,7 @@ async def run(checks, args):
         "firmware 0.1.0, confirmed",
         "model: the one in the firmware",
     ):
-        await client.said(notice)
+        await client.recorded(notice)
     stored, settings = await check_settings(client, args.thorough)
     refused = await check_refusals(client)
     short = await check_rollback(client, args.thorough)

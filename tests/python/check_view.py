@@ -23,19 +23,19 @@ from checks import require
 
 CHROMIUM = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
             "--window-size=1280,1000", "--remote-debugging-port=0", "--remote-allow-origins=*"]
-PATIENCE_S = 60
+TIMEOUT_S = 60
 FRAME_RATE_HZ = 240
 
 
 def until(what, answer):
     """The first answer that is true."""
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + TIMEOUT_S
     while time.monotonic() < end:
         found = answer()
         if found:
             return found
         time.sleep(0.1)
-    sys.exit(f"error: {what}: not within {PATIENCE_S} s")
+    sys.exit(f"error: {what}: not within {TIMEOUT_S} s")
 
 
 class Browser:
@@ -49,7 +49,7 @@ class Browser:
         port = port_file.read_text().split()[0]
         pages = json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json"))
         page = next(page for page in pages if page["type"] == "page")
-        self.socket = websocket.create_connection(page["webSocketDebuggerUrl"], timeout=PATIENCE_S)
+        self.socket = websocket.create_connection(page["webSocketDebuggerUrl"], timeout=TIMEOUT_S)
         self.number = 0
         self.errors = []
         self.call("Runtime.enable")

@@ -23,16 +23,16 @@ CHANNEL = "slipsense"
 
 
 class Client:
-    """A tool's node on the bus and what it hears from ours."""
+    """A tool's node on the bus and what it receives from ours."""
 
-    def __init__(self, checks):
+    def __init__(self, checks, timeout_s=10.0):
         import pycyphal.application
         import uavcan.diagnostic
         import uavcan.node
         from pycyphal.transport.can import CANTransport
         from pycyphal.transport.can.media.pythoncan import PythonCANMedia
 
-        self.checks = checks
+        self.checks, self.timeout_s = checks, timeout_s
         media = PythonCANMedia(f"virtual:{CHANNEL}", (1_000_000, 8_000_000), 64)
         transport = CANTransport(media, local_node_id=TOOL)
         info = pycyphal.application.NodeInfo(name="org.slipsense.check")
@@ -48,22 +48,22 @@ class Client:
     async def _heartbeat(self, message, transfer):
         self.heartbeats.append((transfer.source_node_id, message, time.monotonic()))
 
-    async def call(self, kind, request, server=NODE, timeout=5.0):
+    async def call(self, kind, request, server=NODE):
         # Kept: a client that is closed forgets its transfer identifier, and the node takes the next call for
         # a repetition.
         if (kind, server) not in self.clients:
             self.clients[kind, server] = self.node.make_client(kind, server)
         client = self.clients[kind, server]
-        client.response_timeout = timeout
+        client.response_timeout = self.timeout_s
         answer = await client(request)
         self.checks.true(f"{kind.__module__} of node {server} answered", answer is not None)
         return answer
 
-    async def command(self, number, parameter=b"", server=NODE, timeout=10.0):
+    async def command(self, number, parameter=b"", server=NODE):
         import uavcan.node
 
         request = uavcan.node.ExecuteCommand_1.Request(command=number, parameter=list(parameter))
-        answer = await self.call(uavcan.node.ExecuteCommand_1, request, server, timeout)
+        answer = await self.call(uavcan.node.ExecuteCommand_1, request, server)
         return None if answer is None else answer.status
 
     async def access(self, name, value=None, server=NODE):
@@ -74,8 +74,25 @@ class Client:
             request.value = value
         return await self.call(uavcan.register.Access_1, request, server)
 
-    async def until(self, what, condition, timeout=10.0):
-        deadline = time.monotonic() + timeout
+    async def numbers(self, name, value=None):
+        """The numbers in a register, after a write if there is a value."""
+        return numbers((await self.access(name, value)).value)[1]
+
+    def beats(self):
+        """Heartbeats of our node, with the time of each."""
+        return [(beat, at) for node, beat, at in self.heartbeats if node == NODE]
+
+    def has_record(self, text):
+        return any(record == text for *_, record in self.records)
+
+    async def restart(self, server=NODE):
+        """Restart and wait for the first heartbeat of the new life."""
+        self.heartbeats.clear()
+        self.checks.equal("restart", await self.command(65535, server=server), 0)
+        await self.until("a young heartbeat after a restart", lambda: any(beat.uptime <= 1 for beat, _ in self.beats()))
+
+    async def until(self, what, condition, timeout_s=None):
+        deadline = time.monotonic() + (timeout_s or self.timeout_s)
         while not condition():
             if time.monotonic() > deadline:
                 self.checks.true(what, False)
@@ -108,7 +125,7 @@ def link_to(port):
     return can_link.CanLink(port, CHANNEL)
 
 
-def told_of(link):
+def frame_counts(link):
     return ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
 
 

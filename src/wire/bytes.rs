@@ -1,5 +1,4 @@
-//! Reading and writing fields in the order of a message's DSDL definition: whole bytes, low byte
-//! first, no gaps.
+//! Fields in the order of a message's DSDL definition: whole bytes, low byte first, no gaps.
 
 use core::fmt;
 
@@ -50,8 +49,7 @@ impl fmt::Display for DecodeError {
 
 impl core::error::Error for DecodeError {}
 
-/// Fills a buffer from its start. What does not fit is not written: the layouts are sized by
-/// constants and a test asserts that they are filled exactly.
+/// Fills a buffer from its start. What does not fit is not written; a test asserts that the layouts fit exactly.
 pub(crate) struct Writer<'a> {
     out: &'a mut [u8],
     at: usize,

@@ -1,6 +1,6 @@
 //! The transport: Cyphal/CAN version 1.0 (OpenCyphal specification, section 4.2) on CAN FD with
 //! extended identifiers. A message is one transfer; a transfer is one frame, or several closed by a
-//! CRC. The last byte of each frame, the tail byte, says where in which transfer the frame stands.
+//! CRC. The last byte of each frame, the tail byte, has the transfer identifier and the frame's position.
 
 use core::fmt;
 
@@ -165,19 +165,24 @@ pub(crate) fn next_transfer(counter: &mut u8) -> u8 {
 /// The frames of one transfer, in the order they must be sent.
 #[derive(Clone, Debug)]
 pub struct Frames<'a> {
-    cut: Cut,
+    segmenter: Segmenter,
     payload: &'a [u8],
 }
 
 impl<'a> Frames<'a> {
-    /// Cut `payload` into frames. `transfer` is the transfer identifier, of which 5 bits are used.
+    /// Segment `payload` into frames. `transfer` is the transfer identifier, of which 5 bits are used.
     pub fn new(id: impl Into<TransferId>, transfer: u8, payload: &'a [u8]) -> Self {
-        Self::of_size(id, transfer, payload, FRAME_PAYLOAD)
+        Self::with_payload(id, transfer, payload, FRAME_PAYLOAD)
     }
 
-    /// As [`new`](Self::new), of which each frame takes `each` bytes: one less than a length of CAN FD.
-    pub(super) fn of_size(id: impl Into<TransferId>, transfer: u8, payload: &'a [u8], each: usize) -> Self {
-        Self { cut: Cut::new(id, transfer, payload, each), payload }
+    /// As [`new`](Self::new), with `payload_per_frame` bytes in each full frame: one less than a length of CAN FD.
+    pub(super) fn with_payload(
+        id: impl Into<TransferId>,
+        transfer: u8,
+        payload: &'a [u8],
+        payload_per_frame: usize,
+    ) -> Self {
+        Self { segmenter: Segmenter::new(id, transfer, payload, payload_per_frame), payload }
     }
 }
 
@@ -185,22 +190,22 @@ impl Iterator for Frames<'_> {
     type Item = CanFrame;
 
     fn next(&mut self) -> Option<CanFrame> {
-        self.cut.next(self.payload)
+        self.segmenter.next(self.payload)
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
-        (self.cut.left, Some(self.cut.left))
+        (self.segmenter.left, Some(self.segmenter.left))
     }
 }
 
-/// How far a transfer has been cut into frames; its payload lies elsewhere, and is the same at every call.
+/// Segments a transfer into frames; its payload is passed again at every call.
 #[derive(Clone, Debug)]
-pub(super) struct Cut {
+pub(super) struct Segmenter {
     id: u32,
     transfer: u8,
     crc: [u8; CRC_BYTES],
     /// Bytes of transfer in a full frame.
-    each: usize,
+    payload_per_frame: usize,
     /// Bytes of the transfer without tail bytes: payload, padding and, in several frames, the CRC.
     total: usize,
     /// Bytes sent so far.
@@ -209,15 +214,19 @@ pub(super) struct Cut {
     toggle: bool,
 }
 
-impl Cut {
-    pub(super) fn new(id: impl Into<TransferId>, transfer: u8, payload: &[u8], each: usize) -> Self {
-        let each = each.clamp(1, FRAME_PAYLOAD);
-        let single = payload.len() <= each;
+impl Segmenter {
+    pub(super) fn new(
+        id: impl Into<TransferId>,
+        transfer: u8,
+        payload: &[u8],
+        payload_per_frame: usize,
+    ) -> Self {
+        let per_frame = payload_per_frame.clamp(1, FRAME_PAYLOAD);
+        let single = payload.len() <= per_frame;
         let bytes = payload.len() + if single { 0 } else { CRC_BYTES };
-        let before_last = bytes.saturating_sub(1) / each;
-        let full = before_last * each;
-        // The last frame is padded to a length that CAN FD has. The padding stands before the CRC,
-        // which covers it, so that the CRC is always what the transfer ends with.
+        let before_last = bytes.saturating_sub(1) / per_frame;
+        let full = before_last * per_frame;
+        // The last frame is padded to a length that CAN FD has, before the CRC, which covers the padding.
         let total = full + fd_length(bytes - full + 1).unwrap_or(MTU) - 1;
         let mut crc = 0;
         if !single {
@@ -227,7 +236,7 @@ impl Cut {
             id: id.into().to_can(),
             transfer: transfer & TRANSFER_ID_MAX,
             crc: crc.to_be_bytes(),
-            each,
+            payload_per_frame: per_frame,
             total,
             at: 0,
             left: before_last + 1,
@@ -238,12 +247,12 @@ impl Cut {
     /// The next frame; `None` after the last.
     pub(super) fn next(&mut self, payload: &[u8]) -> Option<CanFrame> {
         self.left = self.left.checked_sub(1)?;
-        let bytes = self.each.min(self.total - self.at);
+        let bytes = self.payload_per_frame.min(self.total - self.at);
         let rest = payload.get(self.at..).unwrap_or(&[]);
         let mut data = match rest.first_chunk::<MTU>() {
             Some(full) => {
                 let mut data = copied(full);
-                // Of a full frame the byte too many is where the tail byte comes.
+                // In a full frame the one byte too many is where the tail byte goes.
                 if bytes < FRAME_PAYLOAD {
                     data.get_mut(bytes..).unwrap_or_default().fill(0);
                 }
@@ -258,7 +267,7 @@ impl Cut {
             }
         };
         // The last frame or the last two.
-        if self.total > self.each && self.left < 2 {
+        if self.total > self.payload_per_frame && self.left < 2 {
             for (index, &byte) in (self.total - CRC_BYTES..).zip(&self.crc) {
                 let slot = index.checked_sub(self.at).filter(|&slot| slot < bytes);
                 if let Some(out) = slot.and_then(|slot| data.get_mut(slot)) {

@@ -30,7 +30,7 @@ pub enum Priority {
 
 impl Priority {
     /// Of an identifier of 29 bits.
-    const fn of_can(id: u32) -> Self {
+    const fn from_can(id: u32) -> Self {
         match id >> 26 & 7 {
             0 => Self::Exceptional,
             1 => Self::Immediate,
@@ -63,7 +63,7 @@ impl NodeId {
     }
 
     /// The low seven bits.
-    const fn of_bits(bits: u32) -> Self {
+    const fn from_bits(bits: u32) -> Self {
         Self(bits as u8 & 127)
     }
 }
@@ -127,8 +127,8 @@ impl MessageId {
         if id & ID_ANONYMOUS != 0 {
             return Err(IdError::Anonymous);
         }
-        let priority = Priority::of_can(id);
-        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId::of_bits(id) })
+        let priority = Priority::from_can(id);
+        Ok(Self { priority, port: (id >> 8) as u16 & PORT_MAX, node: NodeId::from_bits(id) })
     }
 }
 
@@ -226,19 +226,19 @@ impl TransferId {
     /// Read an identifier. A service call from a node to itself has no meaning and is refused as reserved.
     pub const fn from_can(id: u32) -> Result<Self, IdError> {
         if id <= CAN_ID_MAX && id & ID_SERVICE != 0 {
-            let (destination, source) = (NodeId::of_bits(id >> 7), NodeId::of_bits(id));
+            let (destination, source) = (NodeId::from_bits(id >> 7), NodeId::from_bits(id));
             if id & ID_ZERO != 0 || destination.get() == source.get() {
                 return Err(IdError::Reserved);
             }
             let role = if id & ID_REQUEST != 0 { ServiceRole::Request } else { ServiceRole::Response };
             let port = (id >> 14) as u16 & SERVICE_PORT_MAX;
-            let priority = Priority::of_can(id);
+            let priority = Priority::from_can(id);
             return Ok(Self::Service(ServiceId { priority, role, port, destination, source }));
         }
         match MessageId::from_can(id) {
             Ok(message) => Ok(Self::Message(message)),
             Err(IdError::Anonymous) => Ok(Self::Anonymous(AnonymousId {
-                priority: Priority::of_can(id),
+                priority: Priority::from_can(id),
                 port: (id >> 8) as u16 & PORT_MAX,
                 pseudo_source: id as u8 & 127,
             })),

@@ -1,17 +1,13 @@
 //! What goes on the bus: OpenCyphal messages over CAN FD, encode and decode side by side.
 //!
-//! Once per frame the pipeline's decision becomes one [`SlipMessage`], and every sensor's readings one
-//! [`RawFrame`]. The [`Transmitter`] numbers the transfers and cuts them into [`CanFrame`]s: the slip
-//! message is exactly one frame and is queued first, then 23 to 29 frames per sensor follow, 26 at the nominal 33 samples,
-//! or what is left of them [compressed](compress). A
-//! [`Receiver`] puts frames together again. The same code runs on the microcontroller and on the host;
-//! nothing here allocates. Service calls and the messages of other nodes go through [`TransferId`] and
-//! [`Sessions`]; what they mean is [`crate::node`]'s. The layouts are also written as DSDL in `src/wire/dsdl`, from which any
-//! Cyphal client decodes them.
+//! A frame's decision is one [`SlipMessage`], every sensor's readings are one [`RawFrame`]. The [`Transmitter`] numbers
+//! the transfers and segments them into [`CanFrame`]s: one of the slip message, which is queued first, then per sensor
+//! 23 to 29 (26 at the nominal 33 samples), or fewer [compressed](compress). A [`Receiver`] reassembles them. Nothing
+//! here allocates. Service calls and messages of other nodes go through [`TransferId`] and [`Sessions`]; their meaning
+//! is in [`crate::node`]. `src/wire/dsdl` has the layouts as DSDL, from which any Cyphal client decodes them.
 //!
-//! Order in the queue alone does not put the slip message first on the bus: a transfer of another
-//! node, or raw frames left over from the period before, may be ahead of it. Its priority does,
-//! because the priority leads the identifier that CAN arbitrates on. See [`SLIP_PRIORITY`].
+//! The slip message's place in the queue does not make it first on the bus: frames of another node or of the period
+//! before may be ahead. Its priority does, the leading bits of the identifier that CAN arbitrates on: [`SLIP_PRIORITY`].
 
 pub(crate) mod bytes;
 pub mod compress;
@@ -35,6 +31,6 @@ pub use id::{
 pub use raw::{RAW_BYTES_MAX, RAW_PORT, RAW_PRIORITY, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
 pub use receive::{Reassembler, ReceiveError, Received, Receiver, Transfer, TransferError};
 pub use region::Region;
-pub use sessions::{Arrived, SessionError, Sessions, TRANSFER_TIMEOUT_US};
+pub use sessions::{SessionError, SessionTransfer, Sessions, TRANSFER_TIMEOUT_US};
 pub use slip::{SLIP_BYTES, SLIP_PORT, SLIP_PRIORITY, SensorContact, SlipMessage};
 pub use transmit::{RawForm, RawTransfer, Transmitter};

@@ -7,8 +7,8 @@ use super::bytes::{DecodeError, Reader, Writer};
 use super::id::Priority;
 use super::region::Region;
 use crate::health;
-use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES};
-use crate::sensor::{PiezoFrame, SensorInput, XlSample, active_cols};
+use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXELS, XL_AXES};
+use crate::sensor::{PiezoFrame, SensorInput, XlSample};
 
 /// Subject identifier of [`RawFrame`]: `slipsense.Raw.1.0`, all sensors.
 pub const RAW_PORT: u16 = 6201;
@@ -133,10 +133,7 @@ impl RawFrame<'_> {
         }
         writer.put(&self.input.xl_end.to_le_bytes());
         writer.put(&[dropped.min(255) as u8, newest.len() as u8]);
-        let newest = newest.as_flattened();
-        for (out, axis) in writer.slot(2 * newest.len()).as_chunks_mut().0.iter_mut().zip(newest) {
-            *out = axis.to_le_bytes();
-        }
+        write_samples(newest, writer.slot(newest.len() * XL_BYTES));
         let length = writer.len();
         buffer.0.get(..length).unwrap_or(&[])
     }
@@ -150,19 +147,16 @@ impl RawMessage {
         let sequence = u32::from_le_bytes(reader.take()?);
         let [sensor, health] = reader.take()?;
         reader.at_most("sensor", sensor, MAX_SENSORS - 1)?;
-        let piezo = unpack(reader.slice(TAXEL_BYTES)?);
+        let mut counts = [0; TAXELS];
+        unpack_taxels(reader.slice(TAXEL_BYTES)?, &Region::ALL, &mut counts);
+        let piezo = PiezoFrame::from_scan(counts);
         let xl_end = u32::from_le_bytes(reader.take()?);
         let [xl_dropped, samples] = reader.take()?;
         reader.at_most("xl", samples, RAW_XL_MAX)?;
         let mut xl = Vec::new();
-        for sample in reader.slice(samples as usize * XL_BYTES)?.chunks_exact(XL_BYTES) {
-            let mut axes = [0; XL_AXES];
-            for (axis, bytes) in axes.iter_mut().zip(sample.chunks_exact(2)) {
-                *axis = bytes.iter().rev().fold(0, |value, &byte| value << 8 | i16::from(byte));
-            }
-            // There is room: `samples` is at most the capacity.
-            let _ = xl.push(axes);
-        }
+        // There is room: `samples` is at most the capacity.
+        let _ = xl.resize_default(samples.into());
+        read_samples(reader.slice(usize::from(samples) * XL_BYTES)?, &mut xl);
         let region = Region::ALL;
         Ok(Self { timestamp_us, sequence, sensor, health, piezo, region, xl, xl_end, xl_dropped })
     }
@@ -174,18 +168,18 @@ fn pack(piezo: &PiezoFrame, bytes: &mut [u8]) {
     for pairs in piezo.active_rows() {
         let Some((row, rest)) = triples.split_at_mut_checked(pairs.len()) else { return };
         triples = rest;
-        // Four twos are three words.
+        // Four pairs are three words.
         let (fours, last) = row.as_chunks_mut::<4>();
         let (four_pairs, last_pairs) = pairs.as_chunks::<4>();
         for (four, pairs) in fours.iter_mut().zip(four_pairs) {
-            let [a, b, c, d] = pairs.map(two);
+            let [a, b, c, d] = pairs.map(pack12);
             let words = [a | b << 24, b >> 8 | c << 16, c >> 16 | d << 8];
             for (to, word) in four.as_flattened_mut().as_chunks_mut().0.iter_mut().zip(words) {
                 *to = word.to_le_bytes();
             }
         }
         for (triple, &pair) in last.iter_mut().zip(last_pairs) {
-            let [low, middle, high, _] = two(pair).to_le_bytes();
+            let [low, middle, high, _] = pack12(pair).to_le_bytes();
             *triple = [low, middle, high];
         }
     }
@@ -193,21 +187,30 @@ fn pack(piezo: &PiezoFrame, bytes: &mut [u8]) {
 
 /// Two 12-bit counts in 24 bits.
 #[inline]
-fn two([left, right]: [u16; 2]) -> u32 {
+pub(super) fn pack12([left, right]: [u16; 2]) -> u32 {
     u32::from(left) | u32::from(right) << 12
 }
 
-/// 12-bit counts of the active taxels to a scan.
-fn unpack(bytes: &[u8]) -> PiezoFrame {
-    let mut counts = bytes.chunks_exact(3).flat_map(|triple| {
+/// 12-bit counts of the taxels in `region`, row by row, into `counts`.
+pub(super) fn unpack_taxels(bytes: &[u8], region: &Region, counts: &mut [u16; TAXELS]) {
+    let mut values = bytes.chunks(3).flat_map(|triple| {
         let pair = triple.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte));
         [pair as u16 & COUNT_MAX, (pair >> 12) as u16]
     });
-    let mut scan = [0; TAXELS];
-    for (row, cells) in (0..TAXEL_ROWS).zip(scan.chunks_exact_mut(TAXEL_COLS)) {
-        for (cell, count) in cells[active_cols(row)].iter_mut().zip(&mut counts) {
-            *cell = count;
-        }
+    for (row, cells) in counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
+        let cells = cells.get_mut(region.cols(row)).unwrap_or_default();
+        cells.iter_mut().zip(&mut values).for_each(|(cell, value)| *cell = value);
     }
-    PiezoFrame::from_scan(scan)
+}
+
+pub(super) fn write_samples(samples: &[XlSample], out: &mut [u8]) {
+    for (out, axis) in out.as_chunks_mut().0.iter_mut().zip(samples.as_flattened()) {
+        *out = axis.to_le_bytes();
+    }
+}
+
+pub(super) fn read_samples(bytes: &[u8], samples: &mut [XlSample]) {
+    for (axis, bytes) in samples.as_flattened_mut().iter_mut().zip(bytes.as_chunks().0) {
+        *axis = i16::from_le_bytes(*bytes);
+    }
 }

@@ -1,10 +1,8 @@
-//! The way back: frames to transfers to messages. It expects what a bus does: frames lost, repeated,
-//! out of order or damaged. A frame that does not fit gives one named error, and the next transfer
-//! that arrives whole is received whatever came before it.
+//! Frames to transfers to messages. Frames may be lost, repeated, out of order or damaged: one that does not fit gives
+//! one named error, and the next complete transfer is received whatever came before it.
 //!
-//! There is no clock in here, so a rule of Cyphal that needs one is absent: a transfer whose identifier
-//! is that of the last one is refused as a repetition even if it comes much later. A node that
-//! restarts can so lose its first transfer. [`Sessions`](super::Sessions) has the clock and keeps the rule.
+//! There is no clock in here: a transfer with the identifier of the last one is refused as a repetition even if it comes
+//! much later, so a node that restarts can lose its first transfer. [`Sessions`](super::Sessions) has the clock.
 
 use core::fmt;
 
@@ -68,12 +66,12 @@ pub enum TransferError {
     },
 }
 
-/// A transfer that arrived whole.
+/// A complete transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer<'a> {
     /// Transfer identifier, 0 to 31.
     pub transfer: u8,
-    /// Transfers lost since the previous one that arrived whole, modulo 32.
+    /// Transfers lost since the previous complete one, modulo 32.
     pub missed: u8,
     /// The message and the zeros it was padded with.
     pub payload: &'a [u8],
@@ -88,7 +86,7 @@ pub struct Reassembler<const CAPACITY: usize> {
     full: usize,
     /// The transfer under way and the toggle bit of its next frame.
     open: Option<(u8, bool)>,
-    /// The transfer that arrived whole last.
+    /// The last complete transfer.
     last: Option<u8>,
 }
 
@@ -99,13 +97,13 @@ impl<const CAPACITY: usize> Default for Reassembler<CAPACITY> {
 }
 
 impl<const CAPACITY: usize> Reassembler<CAPACITY> {
-    /// Nothing received yet.
+    /// Before the first frame.
     pub const fn new() -> Self {
-        Self::of_frames(MTU)
+        Self::with_frame_bytes(MTU)
     }
 
-    /// As [`new`](Self::new), for a sender whose full frames have so many bytes of data.
-    pub const fn of_frames(full: usize) -> Self {
+    /// As [`new`](Self::new), for a sender whose full frames have `full` bytes of data.
+    pub const fn with_frame_bytes(full: usize) -> Self {
         Self { bytes: Vec::new(), full, open: None, last: None }
     }
 
@@ -157,7 +155,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
             return Err(TransferError::Version);
         }
         if self.open == Some((transfer, false)) && self.bytes.len() + 1 == self.full {
-            // The same first frame again: begin anew, nothing is lost.
+            // The same first frame again: nothing is lost.
             self.bytes.clear();
             return Ok(());
         }
@@ -172,7 +170,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
         self.open = None;
         let mut payload = self.bytes.as_slice();
         if several {
-            // A transfer with its CRC behind it leaves 0.
+            // Over a transfer and its CRC the CRC is 0.
             if crc16(payload) != 0 {
                 return Err(TransferError::Crc { transfer });
             }
@@ -225,9 +223,9 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Listen to `node`.
+    /// For the messages of `node`.
     pub const fn new(node: NodeId) -> Self {
-        let compressed = Reassembler::of_frames(COMPRESSED_FRAME_BYTES);
+        let compressed = Reassembler::with_frame_bytes(COMPRESSED_FRAME_BYTES);
         Self { node, slip: Reassembler::new(), raw: Reassembler::new(), compressed, missed: 0 }
     }
 

@@ -23,7 +23,7 @@ impl Region {
     pub const NONE: Self = Self { first_row: 0, rows: 0, first_col: 0, cols: 0 };
 
     /// The smallest that holds every taxel in contact: [`TAXEL_TOUCH_MIN`] counts and more.
-    pub fn of_contact(piezo: &PiezoFrame) -> Self {
+    pub fn around_contact(piezo: &PiezoFrame) -> Self {
         let (mut rows, mut cols) = ([TAXEL_ROWS, 0], [TAXEL_COLS, 0]);
         for (row, cells) in piezo.counts().as_chunks::<TAXEL_COLS>().0.iter().enumerate() {
             for (col, _) in cells.iter().enumerate().filter(|&(_, &count)| count >= TAXEL_TOUCH_MIN) {
@@ -47,7 +47,7 @@ impl Region {
     }
 
     /// `None` if it does not lie on the grid.
-    pub(super) fn of_bytes([first_row, rows, first_col, cols]: [u8; 4]) -> Option<Self> {
+    pub(super) fn from_bytes([first_row, rows, first_col, cols]: [u8; 4]) -> Option<Self> {
         let ends = [usize::from(first_row) + usize::from(rows), usize::from(first_col) + usize::from(cols)];
         let on_grid = ends[0] <= TAXEL_ROWS && ends[1] <= TAXEL_COLS;
         on_grid.then_some(Self { first_row, rows, first_col, cols })
@@ -55,7 +55,7 @@ impl Region {
 
     /// The taxels of one row that are in it, as columns; empty where it does not reach.
     #[inline]
-    pub fn cols_of(&self, row: usize) -> core::ops::Range<usize> {
+    pub fn cols(&self, row: usize) -> core::ops::Range<usize> {
         let first = usize::from(self.first_row);
         if row < first || row >= first + usize::from(self.rows) {
             return 0..0;
@@ -70,6 +70,6 @@ impl Region {
         if *self == Self::ALL {
             return ACTIVE_TAXELS;
         }
-        (0..TAXEL_ROWS).map(|row| self.cols_of(row).len()).sum()
+        (0..TAXEL_ROWS).map(|row| self.cols(row).len()).sum()
     }
 }

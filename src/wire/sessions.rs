@@ -1,8 +1,6 @@
-//! Transfers of several senders at once, in fixed memory: one [`Reassembler`] for each sender and port
-//! heard lately, and the clock that a reassembler lacks.
-//!
-//! When all places are taken, a new sender gets the place of the one that was silent longest, first among
-//! those with no transfer under way; a transfer lost so is counted.
+//! Transfers of several senders at once, in fixed memory: one [`Reassembler`] for each recent sender and port, and the
+//! clock that a reassembler lacks. A new sender takes the session of the one that was silent longest, first among those
+//! with no transfer under way; a transfer lost by this is counted.
 
 use super::cyphal::CanFrame;
 use super::id::{NodeId, ServiceRole, TransferId};
@@ -35,10 +33,10 @@ pub struct Sessions<const N: usize, const CAPACITY: usize> {
     pub displaced: u32,
 }
 
-/// A transfer that arrived whole, and from whom.
+/// A complete transfer and its sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Arrived<'a> {
-    /// What its frames are called on the bus.
+pub struct SessionTransfer<'a> {
+    /// Identifier of its frames.
     pub id: TransferId,
     /// Transfer identifier, 0 to 31.
     pub transfer: u8,
@@ -62,38 +60,37 @@ impl<const N: usize, const CAPACITY: usize> Default for Sessions<N, CAPACITY> {
 }
 
 impl<const N: usize, const CAPACITY: usize> Sessions<N, CAPACITY> {
-    /// Nobody heard yet.
+    /// Before the first frame.
     pub const fn new() -> Self {
         let sessions = [const { Session { stream: None, last_us: 0, reassembler: Reassembler::new() } }; N];
         Self { sessions, displaced: 0 }
     }
 
-    /// Take a frame, whose identifier is `id`; `Some` when it completes a transfer. The caller has chosen by
-    /// identifier: every frame that comes here takes a place. Messages without a sender are refused, they
-    /// belong to no stream.
+    /// Take a frame with identifier `id`; `Some` when it completes a transfer. Every frame takes a session, so the caller
+    /// filters by identifier. Messages without a sender are refused.
     pub fn accept<'a>(
         &'a mut self,
         id: TransferId,
         frame: &CanFrame,
         now_us: u64,
-    ) -> Result<Option<Arrived<'a>>, SessionError> {
+    ) -> Result<Option<SessionTransfer<'a>>, SessionError> {
         let stream = match id {
             TransferId::Message(id) => Stream { source: id.node, port: id.port, role: None },
             TransferId::Service(id) => Stream { source: id.source, port: id.port, role: Some(id.role) },
             TransferId::Anonymous(_) => return Err(SessionError::Anonymous),
         };
-        let Some(session) = self.place(stream, now_us) else { return Ok(None) };
+        let Some(session) = self.session(stream, now_us) else { return Ok(None) };
         if now_us.saturating_sub(session.last_us) > TRANSFER_TIMEOUT_US {
             session.reassembler.reset();
         }
         let arrived = session.reassembler.accept(frame.data()).map_err(SessionError::Transfer)?;
-        // A frame that was refused does not keep a sender's place or its last identifier alive.
+        // A refused frame does not keep a session alive.
         session.last_us = now_us;
-        Ok(arrived.map(|whole| Arrived { id, transfer: whole.transfer, payload: whole.payload }))
+        Ok(arrived.map(|whole| SessionTransfer { id, transfer: whole.transfer, payload: whole.payload }))
     }
 
-    /// The stream's own place, or another's. `None` only without any place.
-    fn place(&mut self, stream: Stream, now_us: u64) -> Option<&mut Session<CAPACITY>> {
+    /// The stream's own session, or another's. `None` only if `N` is 0.
+    fn session(&mut self, stream: Stream, now_us: u64) -> Option<&mut Session<CAPACITY>> {
         let own = self.sessions.iter().position(|session| session.stream == Some(stream));
         let index = own.or_else(|| {
             let rank = |session: &Session<CAPACITY>| match session.stream {

@@ -1,7 +1,7 @@
 //! From messages to CAN frames, and the transfer identifiers of each port.
 
 use super::compress::{COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, Detail};
-use super::cyphal::{CanFrame, Cut, FRAME_PAYLOAD, Frames, next_transfer};
+use super::cyphal::{CanFrame, FRAME_PAYLOAD, Frames, Segmenter, next_transfer};
 use super::id::{MessageId, NodeId};
 use super::raw::{RAW_PORT, RAW_PRIORITY, RawBuffer, RawFrame};
 use super::slip::{SLIP_PORT, SLIP_PRIORITY, SlipMessage};
@@ -16,12 +16,12 @@ pub struct Transmitter {
 }
 
 impl Transmitter {
-    /// A transmitter that speaks as `node`. Transfer identifiers start at 0.
+    /// For messages from `node`. Transfer identifiers start at 0.
     pub const fn new(node: NodeId) -> Self {
         Self { node, slip_transfer: 0, raw_transfer: 0, compressed_transfer: 0 }
     }
 
-    /// From now on speak as `node`. Transfer identifiers go on.
+    /// Send from another node. Transfer identifiers go on.
     pub const fn set_node_id(&mut self, node: NodeId) {
         self.node = node;
     }
@@ -32,9 +32,8 @@ impl Transmitter {
         CanFrame::single(id, next_transfer(&mut self.slip_transfer), &message.encode())
     }
 
-    /// The 23 to 29 frames of one sensor's readings, in the order they must be sent. `buffer` holds
-    /// the encoded message while the frames are taken from it. None where neither part delivered: the
-    /// slip message says so already, and zeros would only load the bus.
+    /// The 23 to 29 frames of one sensor's readings, in the order they must be sent; `buffer` holds the encoded message.
+    /// None where neither part delivered: the slip message reports that.
     pub fn raw<'b>(
         &mut self,
         frame: &RawFrame<'_>,
@@ -52,7 +51,7 @@ impl Transmitter {
     ) -> impl Iterator<Item = CanFrame> + use<'b> {
         let frames = frame.delivers().then(|| {
             let (id, transfer) = self.next_raw(form);
-            Frames::of_size(id, transfer, form.encode(frame, buffer), form.frame_payload())
+            Frames::with_payload(id, transfer, form.encode(frame, buffer), form.frame_payload())
         });
         frames.into_iter().flatten()
     }
@@ -68,8 +67,8 @@ impl Transmitter {
         delivered
     }
 
-    /// Give up a raw message that the bus has no room for. Its transfer identifier is used up all the same, so
-    /// that the receiver counts it as missed. `false`: there was nothing to send.
+    /// Drop a raw message that the bus has no room for. Its transfer identifier is used, so that the receiver counts it as
+    /// missed. `false`: there was nothing to send.
     pub fn skip_raw(&mut self, form: RawForm, frame: &RawFrame<'_>) -> bool {
         let delivered = frame.delivers();
         if delivered {
@@ -113,31 +112,31 @@ impl RawForm {
     }
 }
 
-/// A raw message between the task that makes it and the task that sends it: encoded once, with its CRC, and cut
-/// into CAN frames one at a time. Filled by [`Transmitter::start_raw`].
+/// A raw message between the task that makes it and the task that sends it: encoded once, with its CRC, and
+/// segmented into CAN frames one at a time. Filled by [`Transmitter::start_raw`].
 #[derive(Clone, Debug)]
 pub struct RawTransfer {
     buffer: RawBuffer,
     /// Bytes of `buffer` in use.
     length: usize,
-    cut: Option<Cut>,
+    segmenter: Option<Segmenter>,
 }
 
 impl RawTransfer {
     /// Nothing to send.
     pub const fn new() -> Self {
-        Self { buffer: RawBuffer::new(), length: 0, cut: None }
+        Self { buffer: RawBuffer::new(), length: 0, segmenter: None }
     }
 
     pub(super) fn fill(&mut self, id: MessageId, transfer: u8, form: RawForm, frame: &RawFrame<'_>) {
         let encoded = form.encode(frame, &mut self.buffer);
         self.length = encoded.len();
-        self.cut = Some(Cut::new(id, transfer, encoded, form.frame_payload()));
+        self.segmenter = Some(Segmenter::new(id, transfer, encoded, form.frame_payload()));
     }
 
     /// The next CAN frame, 39 in all at most; `None` when all have been taken.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
-        self.cut.as_mut()?.next(self.buffer.bytes(self.length))
+        self.segmenter.as_mut()?.next(self.buffer.bytes(self.length))
     }
 }
 

@@ -32,7 +32,7 @@ fn noise(sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]) {
         let mut rng = ChaCha8Rng::seed_from_u64(u64::from(sequence) << 8 | sensor);
         part.piezo = PiezoFrame::from_scan(std::array::from_fn::<u16, TAXELS, _>(|index| {
             let (row, col) = (index / TAXEL_COLS, index % TAXEL_COLS);
-            if CONTACT.cols_of(row).contains(&col) {
+            if CONTACT.cols(row).contains(&col) {
                 rng.random_range(TAXEL_TOUCH_MIN..4_096)
             } else {
                 rng.random_range(0..TAXEL_TOUCH_MIN)
@@ -49,7 +49,7 @@ fn assert_true(world: &World<'_>, message: &RawMessage) {
     let part = &parts[usize::from(message.sensor)];
     assert_eq!((message.xl.as_slice(), message.xl_end), (part.xl.as_slice(), (message.sequence + 1) * BATCH));
     for (index, (&got, &count)) in message.piezo.counts().iter().zip(part.piezo.counts()).enumerate() {
-        let sent = message.region.cols_of(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
+        let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
         assert_eq!(got, if sent { count } else { 0 }, "taxel {index} of frame {}", message.sequence);
     }
 }

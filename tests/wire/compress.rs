@@ -116,7 +116,7 @@ proptest! {
         let message = RawMessage::decompress(&compressed(&frame(&parts), Detail::Contact)).unwrap();
         let scan = parts.4.as_ref().unwrap();
         for (index, (&got, &count)) in message.piezo.counts().iter().zip(scan.counts()).enumerate() {
-            let sent = message.region.cols_of(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
+            let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
             prop_assert_eq!(got, if sent { count } else { 0 });
             prop_assert!(sent || count < TAXEL_TOUCH_MIN);
         }
@@ -251,12 +251,12 @@ fn a_region_holds_the_contact_and_no_more() {
     counts[7 * TAXEL_COLS + 9] = TAXEL_TOUCH_MIN;
     counts[12 * TAXEL_COLS + 11] = 4_095;
     counts[20 * TAXEL_COLS + 20] = TAXEL_TOUCH_MIN - 1;
-    let region = Region::of_contact(&PiezoFrame::from_scan(counts));
+    let region = Region::around_contact(&PiezoFrame::from_scan(counts));
     assert_eq!(region, Region { first_row: 7, rows: 6, first_col: 9, cols: 3 });
     assert_eq!(region.taxels(), 18);
-    assert_eq!(Region::of_contact(&PiezoFrame::zeroed()), Region::NONE);
+    assert_eq!(Region::around_contact(&PiezoFrame::zeroed()), Region::NONE);
     assert_eq!(Region::ALL.taxels(), ACTIVE_TAXELS);
-    assert_eq!((0..32).map(|row| Region::ALL.cols_of(row).len()).sum::<usize>(), ACTIVE_TAXELS);
+    assert_eq!((0..32).map(|row| Region::ALL.cols(row).len()).sum::<usize>(), ACTIVE_TAXELS);
 }
 
 #[test]

@@ -224,7 +224,7 @@ fn the_reassembler_names_what_is_wrong() {
     assert_eq!(session.accept(&full(0b0110_0011)), Err(TransferError::NotStarted { transfer: 3 }));
     let empty = Transfer { transfer: 9, missed: 0, payload: &[] };
     assert_eq!(session.accept(&[0b1110_1001]), Ok(Some(empty)));
-    let mut shorter = Reassembler::<100>::of_frames(48);
+    let mut shorter = Reassembler::<100>::with_frame_bytes(48);
     assert_eq!(shorter.accept(&[vec![1; 47], vec![0b1010_0011]].concat()), Ok(None));
     // A transfer of 64 bytes is the shortest of two frames.
     let id = MessageId { priority: Priority::Low, port: 1, node: NODE };

@@ -4,19 +4,21 @@ use heapless::Vec;
 
 use super::range::{Decoder, Encoder};
 use super::{taxels, xl};
-use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXELS, XL_AXES};
+use crate::params::{ACTIVE_TAXELS, MAX_SENSORS, TAXEL_COLS, TAXELS, XL_AXES};
 use crate::sensor::{PiezoFrame, XlSample};
 use crate::wire::bytes::{DecodeError, Reader, Writer};
 use crate::wire::cyphal::{crc16, crc16_update};
-use crate::wire::raw::{RAW_BUFFER_BYTES, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
+use crate::wire::raw::{
+    RAW_BUFFER_BYTES, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage, pack12, read_samples, unpack_taxels,
+    write_samples,
+};
 use crate::wire::region::Region;
 
 /// Subject identifier of a [`RawFrame`] compressed: `slipsense.RawCompressed.1.0`, all sensors.
 pub const COMPRESSED_PORT: u16 = 6202;
 
-/// Bytes of a full CAN frame of a compressed raw message. Not the 64 that CAN FD allows: a slip message waits for the
-/// frame on the wire, and at 1/8 Mbit/s both together may take a quarter of a millisecond. That costs a seventh more of
-/// the bus for the same bytes; compressed, there is room for it.
+/// Bytes of a full CAN frame of a compressed raw message. Not 64: a slip message waits for the frame on the wire, and at
+/// 1/8 Mbit/s both together may take a quarter of a millisecond. That takes a seventh more of the bus.
 pub const COMPRESSED_FRAME_BYTES: usize = 48;
 /// Bytes of the longest compressed message: that of a frame which compressing would make longer.
 pub const COMPRESSED_BYTES_MAX: usize =
@@ -43,7 +45,7 @@ const REGION_BYTES: usize = 4;
 /// Coding is given up when so many bytes more have come out than packing would have taken so far.
 const SLACK_BYTES: usize = 32;
 
-/// How much of a frame a message carries. What the bus cannot carry is left out from the back.
+/// How much of a frame a message carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Detail {
     /// The accelerometer alone.
@@ -73,7 +75,7 @@ fn encode<'b>(frame: &RawFrame<'_>, detail: Detail, buffer: &'b mut RawBuffer) -
     let (newest, dropped) = frame.newest_samples();
     let region = match (frame.input.piezo, detail) {
         (None, _) | (_, Detail::Accelerometer) => Region::NONE,
-        (Some(piezo), Detail::Contact) => Region::of_contact(piezo),
+        (Some(piezo), Detail::Contact) => Region::around_contact(piezo),
         (Some(_), Detail::All) => Region::ALL,
     };
     let mut form = match region {
@@ -85,7 +87,7 @@ fn encode<'b>(frame: &RawFrame<'_>, detail: Detail, buffer: &'b mut RawBuffer) -
     let counts = match frame.input.piezo {
         Some(piezo) if region == Region::ALL => piezo.counts(),
         piezo => {
-            masked = counts_of(piezo, &region);
+            masked = counts_in(piezo, &region);
             &masked
         }
     };
@@ -143,7 +145,7 @@ fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
         FORM_REGION => {
             let (region, rest) = data.split_first_chunk::<REGION_BYTES>().ok_or(damaged)?;
             data = rest;
-            Region::of_bytes(*region).ok_or(damaged)?
+            Region::from_bytes(*region).ok_or(damaged)?
         }
         FORM_NO_TAXELS => Region::NONE,
         _ => return Err(damaged),
@@ -168,21 +170,16 @@ fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
 }
 
 /// The counts in the region, 0 elsewhere.
-fn counts_of(piezo: Option<&PiezoFrame>, region: &Region) -> [u16; TAXELS] {
-    match piezo {
-        Some(piezo) => {
-            let mut counts = [0; TAXELS];
-            let rows = counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut();
-            for (row, (to, from)) in rows.zip(piezo.counts().as_chunks::<TAXEL_COLS>().0).enumerate() {
-                let cols = region.cols_of(row);
-                if let (Some(to), Some(from)) = (to.get_mut(cols.clone()), from.get(cols)) {
-                    to.copy_from_slice(from);
-                }
-            }
-            counts
+fn counts_in(piezo: Option<&PiezoFrame>, region: &Region) -> [u16; TAXELS] {
+    let mut counts = [0; TAXELS];
+    let scan = piezo.map_or(&[][..], |piezo| piezo.counts().as_chunks::<TAXEL_COLS>().0);
+    for (row, (to, from)) in counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().zip(scan).enumerate() {
+        let cols = region.cols(row);
+        if let (Some(to), Some(from)) = (to.get_mut(cols.clone()), from.get(cols)) {
+            to.copy_from_slice(from);
         }
-        None => [0; TAXELS],
     }
+    counts
 }
 
 /// Code into `body`; the bytes used, `None` where packing takes fewer.
@@ -205,14 +202,12 @@ fn packed_bytes(samples: usize, taxels: usize) -> usize {
 fn pack(samples: &[XlSample], region: &Region, counts: &[u16; TAXELS], body: &mut [u8]) -> usize {
     let length = packed_bytes(samples.len(), region.taxels());
     let (xl, taxels) = body.split_at_mut_checked(samples.len() * XL_AXES * 2).unwrap_or_default();
-    for (out, value) in xl.as_chunks_mut().0.iter_mut().zip(samples.as_flattened()) {
-        *out = value.to_le_bytes();
-    }
+    write_samples(samples, xl);
     let mut counts = cells(region, counts);
     for out in taxels.chunks_mut(3) {
         let Some(low) = counts.next() else { break };
-        let two = u32::from(low) | u32::from(counts.next().unwrap_or(0)) << 12;
-        for (out, byte) in out.iter_mut().zip(two.to_le_bytes()) {
+        let pair = pack12([low, counts.next().unwrap_or(0)]);
+        for (out, byte) in out.iter_mut().zip(pair.to_le_bytes()) {
             *out = byte;
         }
     }
@@ -225,20 +220,8 @@ fn unpack(data: &[u8], xl: &mut [XlSample], region: &Region, counts: &mut [u16; 
         return false;
     }
     let (samples, taxels) = data.split_at_checked(xl.len() * XL_AXES * 2).unwrap_or_default();
-    for (value, bytes) in xl.as_flattened_mut().iter_mut().zip(samples.as_chunks().0) {
-        *value = i16::from_le_bytes(*bytes);
-    }
-    let mut values = taxels.chunks(3).flat_map(|bytes| {
-        let two = bytes.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte));
-        [two as u16 & COUNT_MAX, (two >> 12) as u16]
-    });
-    for (row, cells) in counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
-        for (cell, value) in
-            cells.get_mut(region.cols_of(row)).unwrap_or_default().iter_mut().zip(&mut values)
-        {
-            *cell = value;
-        }
-    }
+    read_samples(samples, xl);
+    unpack_taxels(taxels, region, counts);
     true
 }
 
@@ -246,11 +229,11 @@ fn unpack(data: &[u8], xl: &mut [XlSample], region: &Region, counts: &mut [u16; 
 fn cells<'a>(region: &Region, counts: &'a [u16; TAXELS]) -> impl Iterator<Item = u16> + 'a {
     let region = *region;
     let rows = counts.as_chunks::<TAXEL_COLS>().0.iter().enumerate();
-    rows.flat_map(move |(row, cells)| cells.get(region.cols_of(row)).unwrap_or_default()).copied()
+    rows.flat_map(move |(row, cells)| cells.get(region.cols(row)).unwrap_or_default()).copied()
 }
 
-/// CRC of all bytes of a message but the check itself. The transfer's CRC does not cover what happens to a message
-/// afterwards. Any change of one byte is noticed, also of one that would decode to the same frame.
+/// CRC of all bytes of a message but the check itself, because the transfer's CRC is not stored with a message. Detects
+/// any change of one byte.
 fn check(message: &[u8]) -> u16 {
     let header = crc16(message.get(..CHECK_AT).unwrap_or_default());
     crc16_update(header, message.get(CHECK_AT + CHECK_BYTES..).unwrap_or_default())

@@ -1,16 +1,15 @@
 //! The raw frame compressed, without loss: `dsdl/slipsense/6202.RawCompressed.1.0.dsdl`.
 //!
-//! Every message can be decoded alone, so one that is lost or damaged costs its own frame and nothing else. What
-//! stands in it, in this order, is also what is given up last where the bus cannot carry everything ([`Detail`]):
-//! accelerometer, contact, the other taxels. The slip message goes ahead of all by its priority.
+//! Every message can be decoded alone: one that is lost or damaged costs its own frame only. Where the bus cannot carry
+//! everything ([`Detail`]), the taxels beside the contact are left out first, then all taxels.
 //!
 //! ```text
 //! taxels ── predicted from their neighbours ───┐ difference, context
 //! samples ── predicted from the ones before ───┴──> frequencies of the context ──> range coder ──> bytes
 //! ```
 //!
-//! The frequencies are fixed (`tables.rs`): learnt once, from synthetic training episodes. Data that they do not suit
-//! become longer, up to the point where packing the plain bits is shorter; then the message says so and does that.
+//! The frequencies (`tables.rs`) are fixed, from synthetic training episodes. Where coding would be longer than the
+//! plain bits, the message has these, packed.
 //!
 //! # The coded bytes
 //!
@@ -30,10 +29,10 @@
 //! is negative, with the table of `1 + |left - above| + floor((left + above) / 16)`. A neighbour beside pad or region
 //! is 0. The table of a size is the number of half octaves (`value.rs`), or the last one.
 //!
-//! # What is noticed
+//! # Detected damage
 //!
-//! Any change of one byte, for certain: a CRC stands over all bytes but its own, which finds every change within 16
-//! bits in a row, and a wrong length leaves the decoder with bytes too many or too few.
+//! Any change of one byte, for certain: a CRC covers all bytes but its own and finds every change within 16 consecutive
+//! bits, and a wrong length leaves the decoder with bytes too many or too few.
 
 mod message;
 pub mod range;

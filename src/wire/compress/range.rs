@@ -1,13 +1,12 @@
 //! The entropy coder: a range coder (Martin 1979), 16 bits at a time, with frequencies that do not change while coding.
 //!
-//! Encoder and decoder keep an interval of a number that the bytes spell. A symbol narrows it to the share that its
-//! frequency gives it; leading bits that are settled leave. A symbol of frequency f costs log2(4096 / f) bits,
-//! fractions included: most taxels cost less than the whole bit that a Rice or Huffman code needs. That the interval
-//! may become as narrow as 2^16 costs 0.004 bits a symbol more than 2^24 would, and halves how often bits leave.
+//! Encoder and decoder keep an interval of the number that the bytes are. A symbol narrows it to its frequency's share;
+//! leading bits that are settled are output. A symbol of frequency f costs log2(4096 / f) bits, fractions included: most
+//! taxels cost less than the whole bit that a Rice or Huffman code needs. An interval as narrow as 2^16 costs 0.004 bits
+//! a symbol more than 2^24 would, and halves the number of outputs.
 //!
-//! A range coder, not an asymmetric numeral system, because it goes forwards: no symbols are kept for a second pass,
-//! and on the Cortex-M7 a symbol is one multiplication and one multiply-accumulate to 64 bits, which also keeps the
-//! carry, without a division.
+//! A range coder, not an asymmetric numeral system: it needs no second pass over the symbols, and on the Cortex-M7 a
+//! symbol is one multiplication and one multiply-accumulate to 64 bits, carry included, without a division.
 
 use super::tables::Table;
 use super::value::{DIRECT, SYMBOLS, join, split};
@@ -23,7 +22,7 @@ const UNITS: u32 = u32::BITS / UNIT_BITS;
 /// A unit, low byte first.
 type Unit = [u8; UNIT_BITS as usize / 8];
 
-/// What takes what a frame is made of: the encoder, or whoever counts symbols to learn tables.
+/// Takes the values of a frame: the encoder, or a count of symbols to learn tables from.
 pub trait Sink {
     /// Values of at most 16 bits, each with the frequencies of its table.
     fn values(&mut self, values: &[(&'static Table, u32)]);

@@ -28,7 +28,7 @@ pub(super) fn encode<S: Sink>(
     let mut above: &[u16; TAXEL_COLS] = &[0; TAXEL_COLS];
     let mut done = 0;
     for (row, cells) in counts.as_chunks().0.iter().enumerate() {
-        let cols = region.cols_of(row);
+        let cols = region.cols(row);
         let (mut left, mut above_left) = (0, before(above, cols.start));
         let span = cells.get(cols.clone()).unwrap_or(&[]);
         let above_span = above.get(cols).unwrap_or(&[]);
@@ -52,7 +52,7 @@ pub(super) fn decode(decoder: &mut Decoder<'_>, region: &Region, counts: &mut [u
     let mut above: &[u16; TAXEL_COLS] = &[0; TAXEL_COLS];
     let mut all = 0;
     for (row, cells) in counts.as_chunks_mut().0.iter_mut().enumerate() {
-        let cols = region.cols_of(row);
+        let cols = region.cols(row);
         let (mut left, mut above_left) = (0, before(above, cols.start));
         let span = cells.get_mut(cols.clone()).unwrap_or_default();
         for (cell, &above) in span.iter_mut().zip(above.get(cols).unwrap_or(&[])) {
@@ -84,5 +84,5 @@ fn expect(left: i32, above_left: i32, above: i32) -> (&'static Table, i32) {
         return (&TAXEL_TABLES[0], 0);
     }
     let size = 1 + left.abs_diff(above) + ((left + above) as u32 >> LEVEL_SHIFT);
-    (TABLES.of(size), ((3 * (left + above) - 2 * above_left) >> 2).max(0))
+    (TABLES.get(size), ((3 * (left + above) - 2 * above_left) >> 2).max(0))
 }

@@ -1,6 +1,5 @@
 //! Values of up to 16 bits as one of 40 symbols and a few extra bits: 0 to 15 are a symbol each, above that each
-//! half of an octave is one, and the extra bits say which of its values. So the frequencies of a context fit a
-//! short table whatever the range of the sensor.
+//! half octave is one. So a context has a short table of frequencies whatever the range of the sensor.
 
 use super::tables::Table;
 
@@ -11,13 +10,13 @@ const DIRECT_BITS: u32 = 4;
 /// Symbols: two for each octave from 16 to 65,535.
 pub const SYMBOLS: usize = DIRECT as usize + 2 * (16 - DIRECT_BITS as usize);
 
-/// Symbol of a value of 16 bits, and how many of its low bits the symbol does not say.
+/// Symbol of a value of 16 bits, and how many of its low bits follow.
 #[inline]
 pub fn split(value: u32) -> (usize, u32) {
     if value < DIRECT {
         return (value as usize, 0);
     }
-    // The lowest bit changes nothing here, and spares the check for 0.
+    // The lowest bit changes nothing here, and saves the check for 0.
     let top = (value | 1).ilog2();
     let extra = top - 1;
     // 2 or 3 is left: the leading one and the half of the octave.
@@ -76,7 +75,7 @@ impl BySize {
 
     /// The table that belongs to a number below 2^31.
     #[inline(always)]
-    pub(super) const fn of(&self, number: u32) -> &'static Table {
+    pub(super) const fn get(&self, number: u32) -> &'static Table {
         self.0[size(number) % SIZES]
     }
 }

@@ -33,13 +33,13 @@ pub(super) fn encode(sink: &mut impl Sink, samples: &[XlSample]) {
         if scale == STEADY {
             continue;
         }
-        let mut course = Course::new(predictor, scale, first);
+        let mut prediction = Prediction::new(predictor, scale, first);
         for (value, &sample) in values.iter_mut().zip(others.iter().filter_map(|sample| sample.get(axis))) {
-            let (table, guess) = course.expect();
+            let (table, guess) = prediction.expect();
             // Modulo 2^16, so that the difference has 16 bits whatever the guess.
             let folded = fold((i32::from(sample) - guess) as i16 as i32);
             *value = (table, folded);
-            course.step_to(sample, folded);
+            prediction.step_to(sample, folded);
         }
         sink.values(values.get(..others.len()).unwrap_or(&values));
     }
@@ -57,18 +57,18 @@ pub(super) fn decode(decoder: &mut Decoder<'_>, samples: &mut [XlSample]) {
             values.for_each(|value| *value = first);
             continue;
         }
-        let mut course = Course::new(predictor, scale, first);
+        let mut prediction = Prediction::new(predictor, scale, first);
         for value in values {
-            let (table, guess) = course.expect();
+            let (table, guess) = prediction.expect();
             let folded = decoder.value(table);
             *value = (guess + unfold(folded)) as i16;
-            course.step_to(*value, folded);
+            prediction.step_to(*value, folded);
         }
     }
 }
 
-/// How an axis has gone so far.
-struct Course {
+/// State of the predictor of an axis.
+struct Prediction {
     half_steps: i32,
     /// Of the last differences.
     size: u32,
@@ -76,7 +76,7 @@ struct Course {
     step: i32,
 }
 
-impl Course {
+impl Prediction {
     fn new(predictor: u32, scale: u32, first: i16) -> Self {
         let half_steps = HALF_STEPS.get(predictor as usize).copied().unwrap_or(0);
         Self { half_steps, size: RUNNING << scale, last: first.into(), step: 0 }
@@ -85,7 +85,7 @@ impl Course {
     /// Table of the next sample, and what it may be; in 18 bits.
     #[inline(always)]
     const fn expect(&self) -> (&'static Table, i32) {
-        (TABLES.of(self.size), self.last + ((self.half_steps * self.step) >> 1))
+        (TABLES.get(self.size), self.last + ((self.half_steps * self.step) >> 1))
     }
 
     #[inline(always)]

@@ -1,8 +1,7 @@
 //! Multi-head attention of one query frame over the cached keys and values of the last frames.
 //!
-//! A key and a value depend on their own frame only, so they are computed once and kept. A frame then
-//! costs the same at any time, and a stream gives the bits of a whole sequence under a banded causal
-//! mask.
+//! A key and a value depend on their own frame only: computed once and kept, they make every frame cost the same, and a
+//! stream gives the bits of a whole sequence under a banded causal mask.
 
 use core::ops::Range;
 
@@ -33,9 +32,8 @@ impl<const W: usize> KeyValueCache<W> {
         Self { keys: [[0; W]; WINDOW], values: [[0; W]; WINDOW], next: 0, filled: 0 }
     }
 
-    /// Take the newest frame `x` of the sequence that is attended to in, as its key and value; the one that leaves
-    /// the window is forgotten. Always the same block and window; `window` are so many frames as the model looks back
-    /// over, the newest included, 1 to [`WINDOW`].
+    /// Add key and value of the newest frame `x`; the one that leaves the window is overwritten. Block and window must be
+    /// the same at every call. `window`: frames that the model looks back over, the newest included, 1 to [`WINDOW`].
     pub fn push(
         &mut self,
         block: &Attention<'_>,
@@ -56,10 +54,10 @@ impl<const W: usize> KeyValueCache<W> {
         self.filled = (self.filled + 1).min(window);
     }
 
-    /// Where `by_lag`, newest (lag 0) first, parts: backwards the first part belongs to the first slots, up to the
-    /// newest frame's, and backwards the second to those behind it.
+    /// Split `by_lag`, newest (lag 0) first: the first part, reversed, belongs to the first slots, up to the newest
+    /// frame's; the second, reversed, to the slots after it.
     #[inline]
-    fn part<'b, T>(&self, by_lag: &'b [T]) -> [&'b [T]; 2] {
+    fn split<'b, T>(&self, by_lag: &'b [T]) -> [&'b [T]; 2] {
         let by_lag = by_lag.get(..self.filled).unwrap_or_default();
         let slots_up_to_newest = if self.next == 0 { self.filled } else { self.next };
         by_lag.split_at_checked(slots_up_to_newest).unwrap_or((by_lag, &[])).into()
@@ -97,7 +95,7 @@ pub fn attend<const W: usize>(
         let weights = scores.get_mut(..cache.filled).unwrap_or_default();
         score(&query, cache, from..to, weights);
         let (mut unbiased, mut max) = (&mut *weights, i32::MIN);
-        for part in cache.part(block.bias.head(head)) {
+        for part in cache.split(block.bias.head(head)) {
             let Some((scores, rest)) = unbiased.split_at_mut_checked(part.len()) else { break };
             max = scale_and_bias(scores, block.score_multiplier, part).max(max);
             unbiased = rest;
@@ -107,7 +105,7 @@ pub fn attend<const W: usize>(
     }
     let x = x.values().get(..width).unwrap_or_default();
     let see = |sum: &[i32]| observer.record_residual(block.name, sum);
-    // By width, because room is zeroed before it is used.
+    // By width, because the buffers are zeroed first.
     match width {
         0..=32 => add_and_norm::<32>(&block.out, context.words(), x, &block.norm, out, see),
         33..=64 => add_and_norm::<64>(&block.out, context.words(), x, &block.norm, out, see),
@@ -115,8 +113,8 @@ pub fn attend<const W: usize>(
     }
 }
 
-/// `score = score · multiplier + bias`, scaled by [`scale_q32`], for scores slot after slot and as many biases newest
-/// first, which is backwards; the largest of them.
+/// `score = score · multiplier + bias`, scaled by [`scale_q32`]; the largest. Scores in the order of slots, biases in the
+/// reverse, newest first.
 #[inline]
 fn scale_and_bias(scores: &mut [i32], multiplier: i32, biases: &[i16]) -> i32 {
     let mut max = i32::MIN;
@@ -124,7 +122,7 @@ fn scale_and_bias(scores: &mut [i32], multiplier: i32, biases: &[i16]) -> i32 {
         *score = scale_q32(*score, multiplier) + bias as i32;
         max = max.max(*score);
     };
-    // Four at a time: a turn of the loop costs half of what it does.
+    // Four at a time: the loop itself costs half of the work.
     let (fours, rest) = scores.as_chunks_mut::<4>();
     let (rest_biases, four_biases) = biases.as_rchunks::<4>();
     for ([a, b, c, d], &[bias_d, bias_c, bias_b, bias_a]) in fours.iter_mut().zip(four_biases.iter().rev()) {
@@ -141,8 +139,7 @@ fn scale_and_bias(scores: &mut [i32], multiplier: i32, biases: &[i16]) -> i32 {
 
 /// Products of the query with the key of every cached frame, slot after slot, over some columns.
 ///
-/// A head is at most 32 columns wide and a product below 2^26: a sum fits. The model file's dimensions are checked
-/// for it.
+/// A head is at most 32 columns wide (checked in the model file) and a product below 2^26: a sum fits.
 fn score<const W: usize>(
     query: &Activations<W>,
     cache: &KeyValueCache<W>,
@@ -173,7 +170,7 @@ fn gather<const W: usize>(
     context: &mut Activations<W>,
 ) {
     let Range { start: from, end: to } = columns;
-    // Eight columns at a time, from an even one on: what belongs to another head is not taken.
+    // Eight columns at a time, from an even one on; those of another head are skipped.
     for start in (from & !1..to).step_by(8) {
         let rows = cache.values.as_flattened().get(start / 2..).unwrap_or_default();
         let sums = weighted_sums(weights, rows, W);

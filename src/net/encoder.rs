@@ -40,9 +40,9 @@ pub struct PiezoEncoder {
     block1: [u32; map(1, pairs(CONV_CHANNELS[0])).len()],
     block2: [u32; map(2, pairs(CONV_CHANNELS[1])).len()],
     block3: [u32; map(3, pairs(CONV_CHANNELS[2])).len()],
-    /// Two rows of the block in work.
+    /// Scratch of the convolutions.
     strip: [u32; STRIP],
-    /// What an untouched pad gives: a constant of the model, computed when the first one is seen.
+    /// The embedding of an untouched pad, a constant of the model; computed at the first one.
     untouched: Option<Embedding>,
 }
 
@@ -59,10 +59,8 @@ impl PiezoEncoder {
         }
     }
 
-    /// Counts enter the first convolution as they are: the lowest of the 12 bits is not lost. Beside each
-    /// lies its change since the recent past, which `pad` keeps, of this sensor alone.
-    ///
-    /// The maps are laid out by the model's channels, so one encoder serves one model only.
+    /// Counts enter the first convolution as they are, each with its delta from `pad`, the front end of this sensor. The
+    /// layout of the maps depends on the model, so one encoder serves one model only.
     pub fn embed<O: Observer>(
         &mut self,
         model: &Model<'_>,
@@ -76,7 +74,7 @@ impl PiezoEncoder {
         if touched {
             return self.convolve(model, observer);
         }
-        // Who looks on sees the layers of an untouched pad too.
+        // An observer gets the layers of an untouched pad too.
         if let Some(embedding) = self.untouched.filter(|_| !O::ENABLED) {
             return embedding;
         }
@@ -109,7 +107,7 @@ impl PiezoEncoder {
     }
 }
 
-/// Show as many values as the layer gives.
+/// Record as many values as the layer has outputs.
 fn record_outputs(name: &'static str, layer: &Layer<'_>, values: &[i16], observer: &mut impl Observer) {
     observer.record(name, values.get(..layer.outputs).unwrap_or_default());
 }
@@ -121,22 +119,22 @@ impl Default for PiezoEncoder {
 }
 
 /// Words of one log-mel frame.
-const HEARD: usize = MEL_BINS / 2;
+const FRAME_WORDS: usize = MEL_BINS / 2;
 
-/// The standardised log-mel frames that the causal convolution still sees, zeros before the start.
+/// The standardised log-mel frames of the causal convolution, zeros before the start.
 #[derive(Clone, Debug)]
 pub struct XlHistory {
     /// Oldest first; the newest is last.
-    frames: [Activations<HEARD>; XL_KERNEL],
+    frames: [Activations<FRAME_WORDS>; XL_KERNEL],
 }
 
 impl XlHistory {
-    /// Silence.
+    /// Zeros.
     pub const fn new() -> Self {
         Self { frames: [Activations::new(); XL_KERNEL] }
     }
 
-    /// Take the newest frame in.
+    /// Add the newest frame.
     pub fn push(&mut self, log_mel: &[i16; MEL_BINS]) {
         self.frames.rotate_left(1);
         if let Some(newest) = self.frames.last_mut() {
@@ -147,10 +145,10 @@ impl XlHistory {
     /// Embed the newest frame.
     pub fn embed(&self, model: &Model<'_>, observer: &mut impl Observer) -> Embedding {
         let [conv, mix1, mix2] = &model.xl;
-        let mut seen = [0; HEARD * XL_KERNEL];
+        let mut seen = [0; FRAME_WORDS * XL_KERNEL];
         let from = XL_KERNEL.saturating_sub(model.dims.xl_kernel);
         let frames = self.frames.get(from..).unwrap_or_default();
-        for (to, frame) in seen.as_chunks_mut::<HEARD>().0.iter_mut().zip(frames) {
+        for (to, frame) in seen.as_chunks_mut::<FRAME_WORDS>().0.iter_mut().zip(frames) {
             *to = *frame.words();
             observer.record("log_mel", frame.values());
         }

@@ -1,7 +1,4 @@
-//! Layout of the model file: the one definition that the reader here and the exporter on the host
-//! share.
-//!
-//! Little endian throughout:
+//! Layout of the model file, for the reader here and the exporter on the host. Little endian throughout:
 //!
 //! | bytes | content |
 //! |---|---|
@@ -26,7 +23,7 @@ pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
 pub const FORMAT_VERSION: u16 = 5;
 /// Bytes before the first tensor.
 pub const HEADER_BYTES: usize = 36;
-/// Tensors are padded to so many bytes: four numbers of 32 bits, which kernels take at once.
+/// Tensors are padded to four numbers of 32 bits, which kernels take at once; bytes.
 pub const TENSOR_ALIGN: usize = 16;
 /// Bytes of the hash that ends the file.
 pub const HASH_BYTES: usize = 32;
@@ -48,16 +45,25 @@ pub struct Dims {
     pub window: usize,
 }
 
-/// A dimension outside what this build has room for.
+/// A number of the header outside its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DimError {
-    /// Name of the dimension.
+pub struct FieldError {
+    /// Name of the field.
     pub field: &'static str,
-    /// What the file says.
-    pub value: usize,
+    /// The value found.
+    pub value: i32,
     /// The smallest and largest value allowed.
-    pub range: (usize, usize),
+    pub range: (i32, i32),
 }
+
+impl fmt::Display for FieldError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, range: (least, most) } = self;
+        write!(f, "{field} is {value}, allowed are {least} to {most}")
+    }
+}
+
+impl core::error::Error for FieldError {}
 
 impl Dims {
     /// Names of the header's fields, in their order.
@@ -79,7 +85,7 @@ impl Dims {
     }
 
     /// From the fields in header order; refuses what does not fit [`limits`].
-    pub fn from_fields(fields: [usize; 8]) -> Result<Self, DimError> {
+    pub fn from_fields(fields: [usize; 8]) -> Result<Self, FieldError> {
         const MAX: [usize; 8] = [
             limits::CONV_CHANNELS[0],
             limits::CONV_CHANNELS[1],
@@ -92,25 +98,25 @@ impl Dims {
         ];
         for ((field, value), max) in Self::FIELDS.into_iter().zip(fields).zip(MAX) {
             if value == 0 || value > max {
-                return Err(DimError { field, value, range: (1, max) });
+                return Err(FieldError { field, value: value as i32, range: (1, max as i32) });
             }
         }
         let [c1, c2, c3, embed, xl_kernel, xl_channels, heads, window] = fields;
         let dims = Self { conv_channels: [c1, c2, c3], embed, xl_kernel, xl_channels, heads, window };
         if embed % heads != 0 {
-            return Err(DimError {
+            return Err(FieldError {
                 field: "heads (must divide the embedding width)",
-                value: heads,
-                range: (1, embed),
+                value: heads as i32,
+                range: (1, embed as i32),
             });
         }
         // 32 products of two 14-bit values are the most that an i32 holds.
         if dims.fused() / heads > HEAD_WIDTH_MAX {
             let least = dims.fused().div_ceil(HEAD_WIDTH_MAX);
-            return Err(DimError {
+            return Err(FieldError {
                 field: "heads (a head of the temporal block wider than 32 could overflow)",
-                value: heads,
-                range: (least, limits::HEADS),
+                value: heads as i32,
+                range: (least as i32, limits::HEADS as i32),
             });
         }
         Ok(dims)
@@ -122,54 +128,31 @@ impl Dims {
     }
 }
 
-/// When the alarm sounds: fixed on validation data, stored with the network it was fixed for.
-///
-/// A frame is *over* where something may be held and slip's logit exceeds the largest of the others that
-/// compete by more than the threshold; the alarm is up while at least `k` of the last `n` frames are over
-/// ([`crate::decision`]).
+/// When the alarm is raised: fixed on validation data, stored with the network it was fixed for. It is up while the
+/// margin ([`crate::decision`]) of at least `k` of the last `n` frames exceeds the threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OperatingPoint {
     /// The largest margin that is not enough, [`Self::THRESHOLD_MIN`] to [`Self::THRESHOLD_MAX`].
     pub threshold: Logit,
-    /// Frames that must be over, 1 to `n`.
+    /// Frames that must exceed the threshold, 1 to `n`.
     pub k: u8,
-    /// Frames looked back over, the current one included, 1 to [`ALARM_FRAMES_MAX`].
+    /// The last frames that count, the current one included, 1 to [`ALARM_FRAMES_MAX`].
     pub n: u8,
 }
 
 /// Frames that the alarm remembers, at most: the bits of its history.
 pub const ALARM_FRAMES_MAX: u8 = u32::BITS as u8;
 
-/// An operating point that the alarm cannot work at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PointError {
-    /// Name of the field.
-    pub field: &'static str,
-    /// What the file says.
-    pub value: i32,
-    /// The smallest and largest value allowed.
-    pub range: (i32, i32),
-}
-
-impl fmt::Display for PointError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, range: (least, most) } = self;
-        write!(f, "{field} is {value}, allowed are {least} to {most}")
-    }
-}
-
-impl core::error::Error for PointError {}
-
 impl OperatingPoint {
-    /// What the classes say by themselves: alarm where the class is slip.
+    /// Alarm where the class is slip.
     pub const ARGMAX: Self = Self { threshold: Logit::from_bits(0), k: 1, n: 1 };
     /// Below every margin: logits have 16 bits, so the difference of two is within ±65,535.
     pub const THRESHOLD_MIN: Logit = Logit::from_bits(-(1 << 16));
     /// At least every margin.
     pub const THRESHOLD_MAX: Logit = Logit::from_bits((1 << 16) - 1);
 
-    /// Refuses what the alarm cannot work at, by field.
-    pub fn check(&self) -> Result<(), PointError> {
+    /// Refuses a field out of range.
+    pub fn check(&self) -> Result<(), FieldError> {
         let n_max = ALARM_FRAMES_MAX as i32;
         let thresholds = (Self::THRESHOLD_MIN.to_bits(), Self::THRESHOLD_MAX.to_bits());
         for (field, value, range) in [
@@ -178,7 +161,7 @@ impl OperatingPoint {
             ("operating point threshold", self.threshold.to_bits(), thresholds),
         ] {
             if value < range.0 || value > range.1 {
-                return Err(PointError { field, value, range });
+                return Err(FieldError { field, value, range });
             }
         }
         Ok(())
@@ -257,38 +240,25 @@ impl TensorSpec {
 
 /// Names of an attention block's four projections and of its own tensors.
 struct BlockNames {
-    query: &'static str,
-    key: &'static str,
-    value: &'static str,
-    out: &'static str,
+    projections: [&'static str; 4],
     score: &'static str,
     norm: &'static str,
 }
 
-const CROSS_PIEZO: BlockNames = BlockNames {
-    query: "cross_piezo.query",
-    key: "cross_piezo.key",
-    value: "cross_piezo.value",
-    out: "cross_piezo.out",
-    score: "cross_piezo.score",
-    norm: "cross_piezo.norm",
-};
-const CROSS_XL: BlockNames = BlockNames {
-    query: "cross_xl.query",
-    key: "cross_xl.key",
-    value: "cross_xl.value",
-    out: "cross_xl.out",
-    score: "cross_xl.score",
-    norm: "cross_xl.norm",
-};
-const TEMPORAL: BlockNames = BlockNames {
-    query: "temporal.query",
-    key: "temporal.key",
-    value: "temporal.value",
-    out: "temporal.out",
-    score: "temporal.score",
-    norm: "temporal.norm",
-};
+macro_rules! block_names {
+    ($block:literal) => {
+        BlockNames {
+            projections: [
+                concat!($block, ".query"),
+                concat!($block, ".key"),
+                concat!($block, ".value"),
+                concat!($block, ".out"),
+            ],
+            score: concat!($block, ".score"),
+            norm: concat!($block, ".norm"),
+        }
+    };
+}
 
 /// Collects the specs in file order.
 struct Layout<'a> {
@@ -310,10 +280,11 @@ impl Layout<'_> {
 
     const fn attention(&mut self, names: &BlockNames, width: usize, dims: &Dims) {
         let all = Inputs::Vector { count: width };
-        self.layer(names.query, width, all);
-        self.layer(names.key, width, all);
-        self.layer(names.value, width, all);
-        self.layer(names.out, width, all);
+        let mut at = 0;
+        while at < names.projections.len() {
+            self.layer(names.projections[at], width, all);
+            at += 1;
+        }
         self.push(names.score, "multiplier", Kind::I32, 1, 1);
         self.push(names.score, "bias", Kind::I16, dims.heads, dims.window);
         self.push(names.norm, "residual", Kind::I32, 1, 1);
@@ -326,17 +297,17 @@ impl Layout<'_> {
 
 /// The tensors of a file with these dimensions, in file order.
 ///
-/// In a model's terms convolution weights are in output, kernel row, kernel column, input order, the inputs of the first being
-/// count and change; the dense layer behind
-/// them takes its inputs in row, column, channel order; the first accelerometer layer takes frames
-/// oldest first, bins within a frame; in the file all of them lie as [`packing`] says. Row 0 of a score bias is head 0, column 0 is lag 0.
+/// In a model's terms convolution weights are in output, kernel row, kernel column, input order, the inputs of the first
+/// being count and delta; the dense layer after them takes its inputs in row, column, channel order; the first
+/// accelerometer layer takes frames oldest first, bins within a frame. [`packing`] has their order in the file. Row 0 of a
+/// score bias is head 0, column 0 is lag 0.
 pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
     let mut specs = [TensorSpec::NONE; TENSORS];
     lay_out(dims, &mut specs);
     specs
 }
 
-/// As [`layout`], where the specs are to be: a firmware's stack has no room for them twice.
+/// As [`layout`], in place: a firmware's stack has no room for the specs twice.
 pub(super) const fn lay_out(dims: &Dims, specs: &mut [TensorSpec; TENSORS]) {
     let [c1, c2, c3] = dims.conv_channels;
     let mut all = Layout { specs, used: 0 };
@@ -351,8 +322,8 @@ pub(super) const fn lay_out(dims: &Dims, specs: &mut [TensorSpec; TENSORS]) {
     all.layer("xl.conv", dims.xl_channels, Inputs::Vector { count: dims.xl_kernel * MEL_BINS });
     all.layer("xl.mix1", dims.xl_channels, Inputs::Vector { count: dims.xl_channels });
     all.layer("xl.mix2", dims.embed, Inputs::Vector { count: dims.xl_channels });
-    all.attention(&CROSS_PIEZO, dims.embed, dims);
-    all.attention(&CROSS_XL, dims.embed, dims);
-    all.attention(&TEMPORAL, dims.fused(), dims);
+    all.attention(&block_names!("cross_piezo"), dims.embed, dims);
+    all.attention(&block_names!("cross_xl"), dims.embed, dims);
+    all.attention(&block_names!("temporal"), dims.fused(), dims);
     all.layer("head", CLASSES, Inputs::Vector { count: dims.fused() });
 }

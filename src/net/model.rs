@@ -1,7 +1,5 @@
-//! A trained network as it lies in a model file: read in place, checked once, trusted afterwards.
-//!
-//! [`Model::parse`] proves what the kernels rely on: every size fits [`limits`](crate::params::limits),
-//! and no accumulator can leave `i32` for any input. It copies nothing and allocates nothing.
+//! A trained network in a model file, read in place. [`Model::parse`] proves what the kernels rely on: every size fits
+//! [`limits`](crate::params::limits), and no accumulator can leave `i32` for any input.
 
 use sha2::{Digest, Sha256};
 
@@ -44,7 +42,7 @@ impl<'a> Layer<'a> {
         self.inputs.weight(index, |coefficient| self.coefficient(output, coefficient))
     }
 
-    /// What the file has in its place, see [`packing`].
+    /// The number in the file, see [`packing`].
     fn coefficient(self, output: usize, coefficient: usize) -> i32 {
         let place = packing::place(self.inputs, output, coefficient);
         self.weights.get(place / 2).map_or(0, |&word| halves(word)[place % 2]) as i32
@@ -177,7 +175,7 @@ pub struct Model<'a> {
 
 impl<'a> Model<'a> {
     /// Read a model file, which must start at a multiple of four bytes in memory, and prove its bounds.
-    // Once in a firmware, which calls it at the start and for every model that comes.
+    // Once in a firmware, which calls it from several places.
     #[inline(never)]
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
         let mut rest = Bytes(bytes);
@@ -237,7 +235,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Bytes at an address that [`Model::parse`] can read them at.
+/// Bytes at an address where [`Model::parse`] can read them.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(4))]
 pub struct Aligned<B: ?Sized>(pub B);
@@ -320,41 +318,26 @@ impl<'a> Tensors<'_, 'a> {
         Ok(layer)
     }
 
+    /// A tensor of one number, at least `least`.
+    fn scalar(&mut self, least: i32) -> Result<i32, ModelError> {
+        let (spec, values) = self.numbers()?;
+        check_least(&spec, values, least)?;
+        Ok(values.first().copied().unwrap_or_default())
+    }
+
     fn attention(&mut self, name: &'static str, dims: &Dims) -> Result<Attention<'a>, ModelError> {
-        let query = self.layer()?;
-        let key = self.layer()?;
-        let value = self.layer()?;
-        let out = self.layer()?;
-        let (spec, score_multiplier) = self.numbers()?;
-        check_least(&spec, score_multiplier, 0)?;
+        let [query, key, value, out] = [self.layer()?, self.layer()?, self.layer()?, self.layer()?];
+        let score_multiplier = self.scalar(0)?;
         let (_, values) = self.numbers()?;
-        let (spec, residual) = self.numbers()?;
-        check_least(&spec, residual, 0)?;
+        let residual = self.scalar(0)?;
         let (_, gamma) = self.numbers()?;
         let (beta_spec, beta) = self.numbers()?;
-        let (spec, multiplier) = self.numbers()?;
-        check_least(&spec, multiplier, 0)?;
-        let (spec, epsilon) = self.numbers()?;
-        check_least(&spec, epsilon, 1)?;
-        let norm = Norm {
-            residual: first(residual),
-            gamma,
-            beta,
-            multiplier: first(multiplier),
-            epsilon: first(epsilon).max(1).unsigned_abs() as u64,
-        };
+        let multiplier = self.scalar(0)?;
+        let epsilon = self.scalar(1)?.max(1).unsigned_abs() as u64;
+        let norm = Norm { residual, gamma, beta, multiplier, epsilon };
         check_bounds(beta_spec.layer, norm.accumulator_bounds())?;
-        Ok(Attention {
-            name,
-            query,
-            key,
-            value,
-            out,
-            heads: dims.heads,
-            score_multiplier: first(score_multiplier),
-            bias: LagBias::new(values, dims.window),
-            norm,
-        })
+        let bias = LagBias::new(values, dims.window);
+        Ok(Attention { name, query, key, value, out, heads: dims.heads, score_multiplier, bias, norm })
     }
 }
 
@@ -366,10 +349,6 @@ fn check_bounds(layer: &'static str, bounds: impl Iterator<Item = i64>) -> Resul
         }
     }
     Ok(())
-}
-
-fn first(values: &[i32]) -> i32 {
-    values.first().copied().unwrap_or_default()
 }
 
 fn check_least(spec: &TensorSpec, values: &[i32], least: i32) -> Result<(), ModelError> {

@@ -1,8 +1,8 @@
-//! Why a model file is refused.
+//! Reasons to refuse a model file.
 
 use core::fmt;
 
-use super::format::{DimError, FORMAT_VERSION, HEADER_BYTES, PointError};
+use super::format::{FORMAT_VERSION, FieldError, HEADER_BYTES};
 
 /// Why a model file is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,9 +20,9 @@ pub enum ModelError {
         bytes: u16,
     },
     /// A size that this build has no room for.
-    BadDimension(DimError),
+    BadDimension(FieldError),
     /// An operating point that the alarm cannot work at.
-    BadOperatingPoint(PointError),
+    BadOperatingPoint(FieldError),
     /// The file ends inside this tensor or section.
     Truncated {
         /// Layer or section.
@@ -88,10 +88,7 @@ impl fmt::Display for ModelError {
             Self::BadHeader { bytes } => {
                 write!(f, "header of {bytes} bytes, version {FORMAT_VERSION} has {HEADER_BYTES}")
             }
-            Self::BadDimension(DimError { field, value, range: (least, most) }) => {
-                write!(f, "{field} is {value}, allowed are {least} to {most}")
-            }
-            Self::BadOperatingPoint(error) => error.fmt(f),
+            Self::BadDimension(error) | Self::BadOperatingPoint(error) => error.fmt(f),
             Self::Truncated { layer, part } => write!(f, "file ends inside {layer} {part}"),
             Self::Misaligned => f.write_str("the file does not start at a multiple of four bytes in memory"),
             Self::BadPadding { layer } => write!(f, "{layer}: the padding is not zero"),

@@ -19,7 +19,7 @@ const FUSED: usize = 2 * EMBED;
 const EMBED_WORDS: usize = EMBED / 2;
 const FUSED_WORDS: usize = FUSED / 2;
 
-/// What the network sees of one sensor at one frame. `None` leaves the part out of the maximum.
+/// The network's input of one sensor at one frame. `None` leaves the part out of the maximum.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SensorFeatures<'a> {
     /// The array scan.
@@ -28,7 +28,7 @@ pub struct SensorFeatures<'a> {
     pub log_mel: Option<&'a [i16; MEL_BINS]>,
 }
 
-/// Everything that a network remembers of the frames before, whatever the model. All of it starts as zeros.
+/// Everything that a network keeps from frame to frame, whatever the model. All of it starts as zeros.
 #[derive(Clone, Debug)]
 pub struct NetworkState {
     piezo: PiezoEncoder,
@@ -44,18 +44,18 @@ impl Default for NetworkState {
     }
 }
 
-/// A model with its memory.
+/// A model with its state.
 #[derive(Clone, Debug)]
 pub struct Network<'m> {
     model: Model<'m>,
-    memory: NetworkState,
+    state: NetworkState,
     front_ends: [PiezoFrontEnd; MAX_SENSORS],
 }
 
 impl<'m> Network<'m> {
     /// Before the first frame.
     pub const fn new(model: Model<'m>) -> Self {
-        Self { model, memory: NetworkState::new(), front_ends: [const { PiezoFrontEnd::new() }; MAX_SENSORS] }
+        Self { model, state: NetworkState::new(), front_ends: [const { PiezoFrontEnd::new() }; MAX_SENSORS] }
     }
 
     /// The model it runs.
@@ -68,13 +68,13 @@ impl<'m> Network<'m> {
         self.step_observed(sensors, &mut ())
     }
 
-    /// As [`step`](Self::step), with `observer` looking at every activation on the way.
+    /// As [`step`](Self::step); `observer` gets every activation.
     pub fn step_observed(
         &mut self,
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
     ) -> [Logit; CLASSES] {
-        self.memory.step(&self.model, &mut self.front_ends, sensors, observer)
+        self.state.step(&self.model, &mut self.front_ends, sensors, observer)
     }
 }
 
@@ -128,8 +128,7 @@ impl NetworkState {
                 Some(frame) => keep_max(&mut piezo, self.piezo.embed(model, frame, pad, observer)),
                 None => pad.reset(),
             }
-            // A missed frame enters the history as zeros, the mean of a standardised frame, so that
-            // the taps keep their distance in time.
+            // A missed frame enters as zeros, the mean of a standardised one: the taps keep their distance in time.
             history.push(sensor.log_mel.unwrap_or(&[0; MEL_BINS]));
             if sensor.log_mel.is_some() {
                 keep_max(&mut xl, history.embed(model, observer));

@@ -1,24 +1,22 @@
-//! A look at the activations inside the network, for the host's comparison with the float one.
-//!
-//! The microcontroller runs with the observer `()`, which looks at nothing and compiles to nothing.
+//! Records the activations inside the network, for the host's comparison with the float one. The microcontroller runs
+//! with the observer `()`, which compiles to nothing.
 
 use crate::simd::{Map, halves};
 
-/// Is shown every activation of a frame, in the order in which it is computed, sensor after sensor.
+/// Gets every activation of a frame in the order of computation, sensor after sensor.
 ///
 /// A `layer` is named as in [`super::format::layout`], where the activation is what a layer gives;
 /// an embedding is called `piezo` or `xl`, the inputs `taxels` and `log_mel`, the vector that the temporal
 /// block takes `fused`, the one that the head takes `hidden`. Values of one activation may come in several
 /// parts.
 pub trait Observer {
-    /// Whether it looks at anything: else the network may skip what needs no computing.
+    /// Whether it records: else the network may skip what needs no computing.
     const ENABLED: bool = true;
 
     /// Activations at the scale of `layer`'s output.
     fn record(&mut self, _layer: &'static str, _values: &[i16]) {}
 
-    /// A map as it lies in memory, with so many channels: shown value by value, border left out, in row, column,
-    /// channel order.
+    /// A map of `channels` channels, value by value without the border, in row, column, channel order.
     fn record_map(&mut self, layer: &'static str, channels: usize, map: Map<'_>) {
         let shape = map.shape;
         let columns = (0..shape.side).flat_map(|row| (0..shape.side).map(move |col| (row, col)));
@@ -37,7 +35,7 @@ pub trait Observer {
     fn record_part(&mut self, _block: &'static str, _part: &'static str, _values: &[i16]) {}
 }
 
-/// Looks at nothing.
+/// Records nothing.
 impl Observer for () {
     const ENABLED: bool = false;
 }

@@ -1,15 +1,13 @@
-//! In which order weights lie in the model file: the order in which the kernels read them.
+//! Order of the weights in the model file: that in which the kernels read them.
 //!
-//! Outputs go in blocks of four. A block holds, word after word of the input, four words: two neighbouring inputs'
-//! weights of each output. So the loops read them from one end to the other. What a block, a word or the input
-//! has too little is zeros.
+//! Outputs are in blocks of four. A block has, for each word of the input, four words: two neighbouring inputs' weights of
+//! each output. Incomplete blocks and words are padded with zeros.
 //!
 //! A convolution multiplies sums and differences of rows
-//! ([`conv_relu_pool`](crate::simd::portable::conv_relu_pool)). So of the three weights `g0`, `g1`, `g2` of a kernel's
-//! column and channel the file has four numbers, `g0 + g1 + g2`, `g0 − g1 + g2`, `2·g0` and `2·g2`, and its
-//! sums, and with them bias and multiplier, are of twice the weights. It takes numbers of 14 bits and a sign
-//! ([`CONV_INPUT_MAX`]). A layer of the other kinds has its weights as they are: one
-//! *coefficient* each.
+//! ([`conv_relu_pool`](crate::simd::portable::conv_relu_pool)). So for the three weights `g0`, `g1`, `g2` of a kernel's
+//! column and channel the file has four *coefficients*, `g0 + g1 + g2`, `g0 − g1 + g2`, `2·g0` and `2·g2`; its sums, and
+//! with them bias and multiplier, are of twice the weights, and its inputs have 14 bits and a sign ([`CONV_INPUT_MAX`]).
+//! Other layers have one coefficient per weight.
 
 use core::ops::{Add, Sub};
 
@@ -19,7 +17,7 @@ use crate::simd::LANES;
 /// Inputs that the dense kernel takes at once.
 const DENSE_STEP: usize = 16;
 
-/// What the inputs of a layer are, which decides where each of them lies.
+/// The inputs of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inputs {
     /// A vector, in order.
@@ -46,7 +44,7 @@ pub enum Inputs {
 }
 
 impl Inputs {
-    /// How many there are, zeros not counted.
+    /// How many there are, padding not counted.
     pub const fn count(self) -> usize {
         match self {
             Self::Vector { count } => count,
@@ -55,7 +53,7 @@ impl Inputs {
         }
     }
 
-    /// Numbers of the file for one output, zeros not counted.
+    /// Coefficients of one output, padding not counted.
     pub const fn coefficients(self) -> usize {
         match self {
             Self::Patch { channels, .. } => 4 * 3 * channels,
@@ -63,7 +61,7 @@ impl Inputs {
         }
     }
 
-    /// Words that the coefficients of an output lie in, zeros counted.
+    /// Words of the coefficients of one output, with padding.
     pub const fn words(self) -> usize {
         match self {
             Self::Vector { count } => count.next_multiple_of(DENSE_STEP) / 2,
@@ -72,7 +70,7 @@ impl Inputs {
         }
     }
 
-    /// How many times the sum of products a layer's accumulator holds.
+    /// The accumulator over the sum of products.
     pub const fn gain(self) -> i32 {
         match self {
             Self::Patch { .. } => 2,
@@ -138,12 +136,12 @@ impl Inputs {
     }
 }
 
-/// Outputs of a layer with what a block of four has too many.
+/// Outputs of a layer in whole blocks of four.
 pub const fn padded_outputs(outputs: usize) -> usize {
     outputs.next_multiple_of(LANES)
 }
 
-/// Words per cell of a map that a layer with so many outputs gives.
+/// Words per cell of the map that a layer with `outputs` outputs gives.
 pub const fn pairs(outputs: usize) -> usize {
     padded_outputs(outputs) / 2
 }
@@ -154,7 +152,7 @@ pub const fn place(inputs: Inputs, output: usize, coefficient: usize) -> usize {
     ((output / LANES * inputs.words() + word) * LANES + output % LANES) * 2 + half
 }
 
-/// 16-bit numbers of a layer, zeros counted.
+/// 16-bit numbers of a layer, with padding.
 pub const fn len(inputs: Inputs, outputs: usize) -> usize {
     padded_outputs(outputs) * inputs.words() * 2
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::Result;
 use slipsense::net::Aligned;
 use slipsense_eval::detectors::{DETECTORS, Setup, by_name};
-use slipsense_eval::fit::Fitted;
+use slipsense_eval::fitted::Fitted;
 use slipsense_synth::{Recipe, generate};
 
 fn main() -> Result<()> {
@@ -20,7 +20,7 @@ fn main() -> Result<()> {
         let Ok(mut detector) = by_name(name, &setup) else { continue };
         let start = Instant::now();
         for episode in &episodes {
-            detector.judge(episode)?;
+            detector(episode)?;
         }
         println!("{name:<17} {:>10.0} frames/s", frames as f64 / start.elapsed().as_secs_f64());
     }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use slipsense_eval::detectors::{Setup, by_name};
-use slipsense_eval::fit::Fitted;
+use slipsense_eval::fitted::Fitted;
 use slipsense_recording::Episode;
 
 const DEMO_EPISODE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../cli/demo/episode.npz");
@@ -23,9 +23,8 @@ fn main() -> Result<()> {
     let mut detector = by_name("float", &setup)?;
     let mut rates = Vec::new();
     for _ in 0..RUNS {
-        detector.reset();
         let start = Instant::now();
-        detector.judge(&episode)?;
+        detector(&episode)?;
         rates.push(episode.frames() as f64 / start.elapsed().as_secs_f64());
     }
     rates.sort_by(f64::total_cmp);

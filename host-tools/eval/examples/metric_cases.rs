@@ -31,7 +31,7 @@ fn case(rng: &mut ChaCha8Rng) -> Value {
     let right: f64 = rng.random();
     let decide = |&label: &u8| if rng.random::<f64>() < right { label } else { rng.random_range(0..=2) };
     let class: Vec<u8> = label.iter().map(decide).collect();
-    let truth = Truth { label: label.clone(), ..Truth::default() };
+    let truth = Truth::from_labels(label.clone());
     let figures = FrameFigures::new(&FrameCounts::new(&truth, &class));
     let hits = class.iter().zip(&label).filter(|(class, label)| class == label).count() as u64;
     json!({

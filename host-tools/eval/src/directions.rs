@@ -1,4 +1,4 @@
-//! Slips by the way they go: the rig pulls one way only, so the others show whether a detector learnt slip or
+//! Slips by their direction: the rig pulls one way only, so the others show whether a detector learnt slip or
 //! the rig.
 //!
 //! A slip on the rig is labelled by the crosshead, one by hand by the interface. The onset of the crosshead
@@ -7,17 +7,14 @@
 use serde::Serialize;
 use slipsense_synth::SlipDirection;
 
-use crate::grid::Grid;
 use crate::metrics::events::{EventFigures, Outcome};
-use crate::metrics::record::Record;
-use crate::results::DetectorResults;
-use crate::table::{latency, percent};
-use crate::truth::{Facts, Truth};
+use crate::metrics::figures::EpisodeRecord;
+use crate::truth::{EpisodeInfo, Truth};
 
 /// What the slips of an episode have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum DirectionClass {
+pub(crate) enum DirectionClass {
     /// Pulled by the crosshead, along the pad.
     VerticalRig,
     /// Pulled the same way by hand: what a hand alone changes.
@@ -32,7 +29,7 @@ impl DirectionClass {
     const ALL: [Self; 4] = [Self::VerticalRig, Self::VerticalHand, Self::OtherInPlane, Self::Rotational];
 
     /// Words for tables.
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::VerticalRig => "vertical, rig",
             Self::VerticalHand => "vertical, by hand",
@@ -41,12 +38,12 @@ impl DirectionClass {
         }
     }
 
-    /// The class of an episode's slips; none where its metadata do not say.
-    pub fn of(facts: &Facts) -> Option<Self> {
-        if facts.scenario.as_deref() == Some("six_step") {
+    /// The class of an episode's slips; none where its metadata does not give it.
+    pub(crate) fn from_info(info: &EpisodeInfo) -> Option<Self> {
+        if info.scenario.as_deref() == Some("six_step") {
             return Some(Self::VerticalRig);
         }
-        Some(match facts.slip_direction? {
+        Some(match info.slip_direction? {
             SlipDirection::Vertical => Self::VerticalHand,
             SlipDirection::OtherInPlane => Self::OtherInPlane,
             SlipDirection::Rotational => Self::Rotational,
@@ -56,46 +53,41 @@ impl DirectionClass {
 
 /// Slips of one direction in one input.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct DirectionFigures {
-    /// Direction.
-    pub direction: DirectionClass,
-    /// Input.
-    pub input: String,
+pub(crate) struct DirectionFigures {
+    pub(crate) direction: DirectionClass,
+    pub(crate) input: String,
     /// Events that are not missed, of all: early ones or hits, against the label.
-    pub detected_share: Option<f64>,
+    pub(crate) detected_share: Option<f64>,
     /// The same against the interface truth, which only has sustained sliding.
-    pub interface_detected_share: Option<f64>,
-    /// Against the label.
-    pub encoder_events: EventFigures,
-    /// Against the interface truth.
-    pub interface_events: EventFigures,
+    pub(crate) interface_detected_share: Option<f64>,
+    pub(crate) encoder_events: EventFigures,
+    pub(crate) interface_events: EventFigures,
 }
 
 /// The figures of each direction in each input, directions first; empty where all slips are the rig's.
-pub fn by_direction(episodes: &[(&Truth, &Record)]) -> Vec<DirectionFigures> {
+pub(crate) fn by_direction(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<DirectionFigures> {
     let classes: Vec<Option<DirectionClass>> =
-        episodes.iter().map(|(truth, _)| DirectionClass::of(&truth.facts)).collect();
+        episodes.iter().map(|(truth, _)| DirectionClass::from_info(&truth.info)).collect();
     if classes.iter().flatten().all(|class| *class == DirectionClass::VerticalRig) {
         return Vec::new();
     }
-    let mut inputs: Vec<&str> = episodes.iter().map(|(truth, _)| truth.facts.input.as_str()).collect();
+    let mut inputs: Vec<&str> = episodes.iter().map(|(truth, _)| truth.info.input.as_str()).collect();
     inputs.dedup();
     let mut found = Vec::new();
     for direction in DirectionClass::ALL {
         for &input in &inputs {
-            let of = |((truth, _), class): &(&(&Truth, &Record), &Option<DirectionClass>)| {
-                **class == Some(direction) && truth.facts.input == input
+            let chosen = |((truth, _), class): &(&(&Truth, &EpisodeRecord), &Option<DirectionClass>)| {
+                **class == Some(direction) && truth.info.input == input
             };
-            let records: Vec<&Record> =
-                episodes.iter().zip(&classes).filter(of).map(|((_, record), _)| *record).collect();
+            let records: Vec<&EpisodeRecord> =
+                episodes.iter().zip(&classes).filter(chosen).map(|((_, record), _)| *record).collect();
             let encoder: Vec<&Outcome> = records.iter().flat_map(|record| &record.events.encoder).collect();
             let interface: Vec<&Outcome> =
                 records.iter().flat_map(|record| &record.events.interface).collect();
             if encoder.is_empty() {
                 continue;
             }
-            let (encoder_events, interface_events) =
-                (EventFigures::new(&encoder), EventFigures::new(&interface));
+            let [encoder_events, interface_events] = [&encoder, &interface].map(|o| EventFigures::new(o));
             let detected = |events: &EventFigures| events.miss_share.map(|missed| 1.0 - missed);
             found.push(DirectionFigures {
                 direction,
@@ -110,72 +102,23 @@ pub fn by_direction(episodes: &[(&Truth, &Record)]) -> Vec<DirectionFigures> {
     found
 }
 
-/// The table for terminal and report; `kind` says what data it is.
-pub(crate) fn grid(detectors: &[DetectorResults], kind: &str) -> Option<Grid> {
-    let cells = |detector: &str, of: &DirectionFigures| {
-        let (label, interface) = (&of.encoder_events, &of.interface_events);
-        vec![
-            detector.to_owned(),
-            of.direction.name().to_owned(),
-            of.input.clone(),
-            label.events.to_string(),
-            percent(of.detected_share),
-            label.missed.to_string(),
-            percent(label.early_share),
-            latency(label.latency_median_frames, label.hits + label.missed),
-            interface.events.to_string(),
-            percent(of.interface_detected_share),
-            percent(interface.early_share),
-            latency(interface.latency_median_frames, interface.hits + interface.missed),
-            latency(interface.from_onset_median_frames, interface.events),
-        ]
-    };
-    let rows: Vec<Vec<String>> = detectors
-        .iter()
-        .flat_map(|detector| detector.directions.iter().map(|of| cells(&detector.name, of)))
-        .collect();
-    (!rows.is_empty()).then(|| Grid {
-        title: format!("slips by direction ({kind})"),
-        header: vec![
-            "detector",
-            "direction",
-            "input",
-            "slips",
-            "detected %",
-            "missed",
-            "early %",
-            "latency fr",
-            "interface: slips",
-            "detected %",
-            "early %",
-            "latency fr",
-            "from onset fr",
-        ],
-        word_columns: 3,
-        rows,
-        note: "the rig's slips are labelled by its crosshead, those by hand by the interface, short jerks \
-               included: what compares are the last columns, against sustained sliding of the interface"
-            .to_owned(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn facts(scenario: &str, slip_direction: Option<SlipDirection>) -> Facts {
-        Facts { scenario: Some(scenario.to_owned()), slip_direction, ..Facts::default() }
+    fn info(scenario: &str, slip_direction: Option<SlipDirection>) -> EpisodeInfo {
+        EpisodeInfo { scenario: Some(scenario.to_owned()), slip_direction, ..EpisodeInfo::default() }
     }
 
     #[test]
     fn classes_follow_the_metadata() {
         use DirectionClass::*;
-        let of = |scenario, direction| DirectionClass::of(&facts(scenario, direction));
-        assert_eq!(of("six_step", None), Some(VerticalRig));
-        assert_eq!(of("free_pull", Some(SlipDirection::Vertical)), Some(VerticalHand));
-        assert_eq!(of("free_pull", Some(SlipDirection::OtherInPlane)), Some(OtherInPlane));
-        assert_eq!(of("rotation", Some(SlipDirection::Rotational)), Some(Rotational));
-        assert_eq!(of("free_grasp", None), None);
-        assert_eq!(DirectionClass::of(&Facts::default()), None);
+        let class = |scenario, direction| DirectionClass::from_info(&info(scenario, direction));
+        assert_eq!(class("six_step", None), Some(VerticalRig));
+        assert_eq!(class("free_pull", Some(SlipDirection::Vertical)), Some(VerticalHand));
+        assert_eq!(class("free_pull", Some(SlipDirection::OtherInPlane)), Some(OtherInPlane));
+        assert_eq!(class("rotation", Some(SlipDirection::Rotational)), Some(Rotational));
+        assert_eq!(class("free_grasp", None), None);
+        assert_eq!(DirectionClass::from_info(&EpisodeInfo::default()), None);
     }
 }

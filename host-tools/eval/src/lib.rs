@@ -1,22 +1,26 @@
-//! Benchmark of slip detectors on labelled episodes.
+//! Evaluation of slip detectors on labelled episodes, in the order of dependence.
 //!
-//! A [`detectors::Detector`] turns one episode after another into a class, a score and a flag per frame;
-//! the metrics compare them with both truths, and the report shows what a reviewer would ask for.
+//! A [`detector::Detector`] predicts a class and a score for every frame of one episode after another;
+//! the metrics compare them with both truths, and the report has tables, plots and definitions.
 
+pub mod truth;
+pub mod source;
+pub mod detector;
+mod spectrum;
+mod gaussian;
+pub mod fitted;
 pub mod detectors;
 pub mod fit;
-pub mod source;
-pub mod truth;
-pub mod disturbance;
 pub mod run;
 pub mod metrics;
-pub mod paper;
+mod paper;
+mod targets;
+mod quantization;
+mod directions;
 pub mod results;
-pub mod grid;
-pub mod targets;
-pub mod integer_float;
-pub mod directions;
-pub mod rotation;
-pub mod report;
 mod table;
+pub mod report;
+pub mod rotation;
 pub mod tune;
+#[cfg(test)]
+mod tests;

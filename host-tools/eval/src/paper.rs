@@ -3,20 +3,20 @@
 
 use serde::Serialize;
 
-use crate::metrics::record::Figures;
+use crate::metrics::figures::Figures;
 
 /// Name of the input that the operating points are chosen on.
-pub const VALIDATION: &str = "val";
+pub(crate) const VALIDATION: &str = "val";
 
 /// Shares of the frames of the paper's data set, percent: no contact, no slip, slip.
-pub const CLASS_PERCENT: [f64; 3] = [57.6, 18.8, 23.7];
+pub(crate) const CLASS_PERCENT: [f64; 3] = [57.6, 18.8, 23.7];
 
 /// How far a figure may be from the paper's, percentage points, for the data to count as about as hard.
-pub const HARDNESS_POINTS: f64 = 6.0;
+pub(crate) const HARDNESS_POINTS: f64 = 6.0;
 
 /// The paper's network by speed, 167 UMI test events: speed in mm/s, events, median, mean and longest
 /// latency in frames.
-pub const LATENCY_BY_SPEED: [(f64, u32, f64, f64, f64); 5] = [
+pub(crate) const LATENCY_BY_SPEED: [(f64, u32, f64, f64, f64); 5] = [
     (2.0, 36, 3.0, 14.9, 106.0),
     (5.0, 31, 3.0, 6.8, 39.0),
     (10.0, 37, 1.0, 3.4, 27.0),
@@ -25,27 +25,22 @@ pub const LATENCY_BY_SPEED: [(f64, u32, f64, f64, f64); 5] = [
 ];
 
 /// The paper's latency distribution: percent of the events at the onset frame and within 5 frames.
-pub const WITHIN_PERCENT: [f64; 2] = [43.0, 76.0];
+pub(crate) const WITHIN_PERCENT: [f64; 2] = [43.0, 76.0];
 
 /// One row of a table of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PaperRow {
-    /// Table of the paper.
-    pub table: &'static str,
+pub(crate) struct PaperRow {
+    pub(crate) table: &'static str,
     /// Method, as the paper calls it.
-    pub method: &'static str,
+    pub(crate) method: &'static str,
     /// The detector here that does the same.
-    pub detector: &'static str,
-    /// The test split.
-    pub input: &'static str,
-    /// Median latency, frames.
-    pub latency_frames: f64,
+    pub(crate) detector: &'static str,
+    pub(crate) input: &'static str,
+    pub(crate) latency_frames: f64,
     /// "Fraction of frames incorrectly predicted as slip", percent; of which frames is not said, see `metrics::frames`.
-    pub fpr_percent: f64,
-    /// Accuracy, percent.
-    pub accuracy_percent: f64,
-    /// Macro F1, percent.
-    pub macro_f1_percent: f64,
+    pub(crate) fpr_percent: f64,
+    pub(crate) accuracy_percent: f64,
+    pub(crate) macro_f1_percent: f64,
 }
 
 type Entry = (&'static str, &'static str, &'static str, &'static str, [f64; 4]);
@@ -65,7 +60,7 @@ const fn row((table, method, detector, input, of): Entry) -> PaperRow {
 }
 
 /// Tables 1 (modalities) and 2 (zero-shot transfer), the rows that detectors here can be compared with.
-pub const ROWS: [PaperRow; 11] = [
+pub(crate) const ROWS: [PaperRow; 11] = [
     row(("1", "Baseline Piezo", "entropy", "umi_id", [1.0, 21.69, 72.87, 74.51])),
     row(("1", "Baseline XL", "mfcc-qda", "umi_id", [1.0, 22.98, 79.41, 81.79])),
     row(("1", "Baseline AND", "entropy-and-mfcc", "umi_id", [1.0, 9.28, 81.16, 79.96])),
@@ -81,43 +76,37 @@ pub const ROWS: [PaperRow; 11] = [
 
 /// Ours beside the paper's; differences are ours minus theirs, percentage points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Comparison {
-    /// The paper's row.
-    pub paper: PaperRow,
+pub(crate) struct Comparison {
+    pub(crate) paper: PaperRow,
     /// Ours: median frames from the onset to the first flagged frame, flags before it ignored, misses
     /// infinite; null where infinite.
-    pub latency_frames: Option<f64>,
-    /// Ours, of the frames that do not slip, percent.
-    pub fpr_of_non_slip_percent: Option<f64>,
-    /// Ours, of all frames, percent.
-    pub fpr_of_all_percent: Option<f64>,
-    /// Ours.
-    pub accuracy_percent: Option<f64>,
-    /// Ours.
-    pub macro_f1_percent: Option<f64>,
-    /// FPR of the frames that do not slip.
-    pub fpr_difference_points: Option<f64>,
-    /// Accuracy.
-    pub accuracy_difference_points: Option<f64>,
-    /// Macro F1.
-    pub macro_f1_difference_points: Option<f64>,
+    pub(crate) latency_frames: Option<f64>,
+    pub(crate) fpr_of_non_slip_percent: Option<f64>,
+    pub(crate) fpr_of_all_percent: Option<f64>,
+    pub(crate) accuracy_percent: Option<f64>,
+    pub(crate) macro_f1_percent: Option<f64>,
+    pub(crate) fpr_difference_points: Option<f64>,
+    pub(crate) accuracy_difference_points: Option<f64>,
+    pub(crate) macro_f1_difference_points: Option<f64>,
     /// Whether accuracy, macro F1 and FPR all lie within 6 points of the paper's.
-    pub within_6_points: bool,
+    pub(crate) within_6_points: bool,
 }
 
 impl Comparison {
     /// The comparison of a detector on an input, where the paper has one.
-    pub fn find(detector: &str, input: &str, figures: &Figures) -> Option<Self> {
+    pub(crate) fn find(detector: &str, input: &str, figures: &Figures) -> Option<Self> {
         let paper = *ROWS.iter().find(|row| row.detector == detector && row.input == input)?;
         let percent = |share: Option<f64>| share.map(|share| 100.0 * share);
         let frame = &figures.frame;
         let fpr = percent(frame.fpr_of_non_slip_share);
         let (accuracy, f1) = (percent(frame.accuracy_share), percent(frame.macro_f1));
-        let differences = [
-            fpr.map(|ours| ours - paper.fpr_percent),
-            accuracy.map(|ours| ours - paper.accuracy_percent),
-            f1.map(|ours| ours - paper.macro_f1_percent),
+        let difference = |ours: Option<f64>, theirs: f64| ours.map(|ours| ours - theirs);
+        let differences @ [fpr_difference_points, accuracy_difference_points, macro_f1_difference_points] = [
+            difference(fpr, paper.fpr_percent),
+            difference(accuracy, paper.accuracy_percent),
+            difference(f1, paper.macro_f1_percent),
         ];
+        let within = |points: Option<f64>| points.is_some_and(|points| points.abs() <= HARDNESS_POINTS);
         Some(Self {
             paper,
             latency_frames: figures.encoder_events.from_onset_median_frames,
@@ -125,12 +114,10 @@ impl Comparison {
             fpr_of_all_percent: percent(frame.fpr_of_all_share),
             accuracy_percent: accuracy,
             macro_f1_percent: f1,
-            fpr_difference_points: differences[0],
-            accuracy_difference_points: differences[1],
-            macro_f1_difference_points: differences[2],
-            within_6_points: differences
-                .iter()
-                .all(|points| points.is_some_and(|points| points.abs() <= HARDNESS_POINTS)),
+            fpr_difference_points,
+            accuracy_difference_points,
+            macro_f1_difference_points,
+            within_6_points: differences.into_iter().all(within),
         })
     }
 }

@@ -10,27 +10,27 @@ use rayon::prelude::*;
 use serde::Serialize;
 use slipsense_recording::score::SLIP;
 
-use crate::detectors::Verdict;
+use crate::detector::Prediction;
+use crate::detectors::NETWORK;
 use crate::directions::{DirectionFigures, by_direction};
-use crate::integer_float::{self, QuantizationRow};
 use crate::metrics::alarms;
-use crate::metrics::bootstrap::Intervals;
-use crate::metrics::cdf::Cdf;
+use crate::metrics::bootstrap::{InputFigures, Intervals};
+use crate::metrics::events::Cdf;
+use crate::metrics::figures::{EpisodeRecord, Figures};
 use crate::metrics::groups::{Grouping, grip_bounds_n, groupings};
 use crate::metrics::operating::{CurvePoint, TARGET_FPR, curve, figures_at, non_slip_scores, threshold_for};
-use crate::metrics::pairs::Pair;
-use crate::metrics::record::{Figures, Record};
 use crate::paper::{Comparison, VALIDATION};
-use crate::run::{Entrant, Run};
+use crate::quantization::{Pair, QuantizationRow, quantization_rows};
+use crate::run::{Candidate, Run};
 use crate::source::{Input, STREAMS};
-use crate::targets::{self, TargetRow};
+use crate::targets::{TargetRow, target_rows};
 use crate::truth::Truth;
 
 /// Name and version of the layout of `metrics.json`; a new number where a key changes its meaning.
-pub const SCHEMA: &str = "slipsense-eval/1";
+pub(crate) const SCHEMA: &str = "slipsense-eval/1";
 
 /// Why a key may be null: by the key's beginning, the first that fits.
-pub const NULL_REASONS: [(&str, &str); 28] = [
+pub(crate) const NULL_REASONS: [(&str, &str); 28] = [
     ("latency_", "infinite: that share of the events is missed; or no event was hit or missed"),
     ("from_onset_", "infinite: that share of the events has no flag after its onset; or there is no event"),
     ("travel_", "infinite as the latency is, or the episodes do not hold the position"),
@@ -47,7 +47,7 @@ pub const NULL_REASONS: [(&str, &str); 28] = [
     ("worst", "a single group, or no episode with a miss or a false alarm"),
     (
         "operating_point",
-        "operating_point_missing_because says it; that itself is null where there is a point",
+        "operating_point_missing_because gives the reason; that itself is null where there is a point",
     ),
     ("against_interface", "not every episode holds the slip of the interface"),
     ("fpr_", "no frame that does not slip, or too few episodes for an interval"),
@@ -67,212 +67,175 @@ pub const NULL_REASONS: [(&str, &str); 28] = [
 /// The root of `metrics.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Results {
-    /// [`SCHEMA`].
-    pub schema: &'static str,
+    pub(crate) schema: &'static str,
     /// Whether every episode was made by a generator.
-    pub synthetic: bool,
+    pub(crate) synthetic: bool,
     /// Whether any was.
-    pub partly_synthetic: bool,
-    /// What was evaluated.
-    pub inputs: Vec<InputFacts>,
-    /// Streams per input, at most.
-    pub streams: usize,
+    pub(crate) partly_synthetic: bool,
+    pub(crate) inputs: Vec<InputInfo>,
+    pub(crate) streams: usize,
     /// From start to end, loading or generating the episodes included.
     pub wall_s: f64,
     /// Threads that worked.
     pub threads: usize,
     /// Bounds between the terciles of the grip force.
-    pub grip_bounds_n: Option<[f64; 2]>,
-    /// Detector by detector, in the order asked for.
-    pub detectors: Vec<DetectorResults>,
+    pub(crate) grip_bounds_n: Option<[f64; 2]>,
+    pub(crate) detectors: Vec<DetectorResults>,
     /// Pairs that should be the same.
-    pub pairs: Vec<Pair>,
+    pub(crate) pairs: Vec<Pair>,
     /// Families of more than one seed.
-    pub seeds: Vec<Spread>,
+    pub(crate) seeds: Vec<Spread>,
     /// Ours beside the paper's, where inputs and detectors have the names of its tables.
-    pub paper: Vec<Comparison>,
+    pub(crate) paper: Vec<Comparison>,
     /// The network beside its targets, where inputs have the names of the frozen splits.
-    pub targets: Vec<TargetRow>,
+    pub(crate) targets: Vec<TargetRow>,
     /// Integer against float, input by input: each pair, and their mean where there are several.
-    pub integer_against_float: Vec<QuantizationRow>,
+    pub(crate) integer_against_float: Vec<QuantizationRow>,
     /// Why a key may be null, by its beginning.
-    pub null_reasons: BTreeMap<&'static str, &'static str>,
+    pub(crate) null_reasons: BTreeMap<&'static str, &'static str>,
 }
 
 /// One input.
 #[derive(Clone, Debug, Serialize)]
-pub struct InputFacts {
-    /// Name.
-    pub name: String,
-    /// Episodes.
-    pub episodes: usize,
-    /// Frames.
-    pub frames: usize,
-    /// Length of all episodes.
-    pub duration_hours: f64,
+pub(crate) struct InputInfo {
+    pub(crate) name: String,
+    pub(crate) episodes: usize,
+    pub(crate) frames: usize,
+    pub(crate) duration_hours: f64,
     /// No contact, no slip, slip by the labels.
-    pub class_shares: [f64; 3],
-    /// Labelled slip events.
-    pub labelled_events: usize,
+    pub(crate) class_shares: [f64; 3],
+    pub(crate) labelled_events: usize,
     /// Slip events of the interface; null where not every episode holds them.
-    pub interface_events: Option<usize>,
-    /// Every episode was made by a generator.
-    pub synthetic: bool,
+    pub(crate) interface_events: Option<usize>,
+    pub(crate) synthetic: bool,
 }
 
 /// One detector.
 #[derive(Clone, Debug, Serialize)]
-pub struct DetectorResults {
-    /// Name.
-    pub name: String,
+pub(crate) struct DetectorResults {
+    pub(crate) name: String,
     /// Threshold of its own, in the unit of its score.
-    pub threshold_score: f64,
+    pub(crate) threshold_score: f64,
     /// Mean processor time on one core of this computer.
-    pub compute_us_per_frame: Option<f64>,
+    pub(crate) compute_us_per_frame: Option<f64>,
     /// All inputs but validation (where there are others).
-    pub all: Figures,
-    /// Of `all`.
-    pub all_intervals: Intervals,
-    /// Input by input.
-    pub inputs: Vec<InputFigures>,
+    pub(crate) all: Figures,
+    pub(crate) all_intervals: Intervals,
+    pub(crate) inputs: Vec<InputFigures>,
     /// All inputs but validation, cut up.
-    pub groupings: Vec<Grouping>,
+    pub(crate) groupings: Vec<Grouping>,
     /// All inputs but validation, by direction of the slips; empty where all are the rig's.
-    pub directions: Vec<DirectionFigures>,
+    pub(crate) directions: Vec<DirectionFigures>,
     /// Distribution of the latencies against the encoder truth, all inputs but validation.
-    pub encoder_cdf: Cdf,
+    pub(crate) encoder_cdf: Cdf,
     /// ... against the interface truth.
-    pub interface_cdf: Cdf,
+    pub(crate) interface_cdf: Cdf,
     /// ... against the encoder truth, by speed of the pull.
-    pub speed_cdfs: Vec<SpeedCdf>,
+    pub(crate) speed_cdfs: Vec<SpeedCdf>,
     /// Threshold swept, over all inputs but validation.
-    pub curve: Vec<CurvePoint>,
+    pub(crate) curve: Vec<CurvePoint>,
     /// The point that the validation input fixed.
-    pub operating_point: Option<OperatingPoint>,
+    pub(crate) operating_point: Option<OperatingPoint>,
     /// Why there is none.
-    pub operating_point_missing_because: Option<&'static str>,
+    pub(crate) operating_point_missing_because: Option<&'static str>,
     /// The episode with most misses and false alarms; none where nothing went wrong.
-    pub worst_episode: Option<WorstEpisode>,
+    pub(crate) worst_episode: Option<WorstEpisode>,
     /// Its position among all episodes.
     #[serde(skip)]
-    pub worst_index: Option<usize>,
+    pub(crate) worst_index: Option<usize>,
 }
 
 /// Latencies at one speed.
 #[derive(Clone, Debug, Serialize)]
-pub struct SpeedCdf {
-    /// Speed of the pull.
-    pub speed_mm_s: f64,
-    /// Against the encoder truth.
-    pub encoder_cdf: Cdf,
-}
-
-/// One detector on one input.
-#[derive(Clone, Debug, Serialize)]
-pub struct InputFigures {
-    /// Input.
-    pub input: String,
-    /// Figures at the detector's own threshold.
-    pub figures: Figures,
-    /// 95 % intervals, bootstrap over episodes.
-    pub intervals: Intervals,
+pub(crate) struct SpeedCdf {
+    pub(crate) speed_mm_s: f64,
+    pub(crate) encoder_cdf: Cdf,
 }
 
 /// Figures at the threshold that validation fixed.
 #[derive(Clone, Debug, Serialize)]
-pub struct OperatingPoint {
-    /// Threshold.
-    pub threshold_score: f64,
+pub(crate) struct OperatingPoint {
+    pub(crate) threshold_score: f64,
     /// FPR of the frames that do not slip that it aims at.
-    pub target_fpr_of_non_slip_share: f64,
-    /// Input by input.
-    pub inputs: Vec<PointFigures>,
+    pub(crate) target_fpr_of_non_slip_share: f64,
+    pub(crate) inputs: Vec<PointFigures>,
 }
 
 /// One input at the operating point.
 #[derive(Clone, Debug, Serialize)]
-pub struct PointFigures {
-    /// Input.
-    pub input: String,
-    /// Figures.
-    pub figures: Figures,
+pub(crate) struct PointFigures {
+    pub(crate) input: String,
+    pub(crate) figures: Figures,
 }
 
 /// Where it went worst.
 #[derive(Clone, Debug, Serialize)]
-pub struct WorstEpisode {
-    /// Input.
-    pub input: String,
-    /// Episode.
-    pub name: String,
-    /// Missed events.
-    pub missed_events: usize,
-    /// False alarms.
-    pub false_alarms: usize,
+pub(crate) struct WorstEpisode {
+    pub(crate) input: String,
+    pub(crate) name: String,
+    pub(crate) missed_events: usize,
+    pub(crate) false_alarms: usize,
 }
 
-/// Spread over training seeds on one input: lowest, mean and highest.
+/// Spread over training seeds on one input: lowest, mean and highest; null where a seed has none.
 #[derive(Clone, Debug, Serialize)]
-pub struct Spread {
-    /// Family of detectors.
-    pub family: String,
-    /// Input.
-    pub input: String,
-    /// Seeds.
-    pub seeds: usize,
-    /// Lowest, mean, highest; null where a seed has none.
-    pub accuracy_share: Option<[f64; 3]>,
-    /// Likewise.
-    pub macro_f1: Option<[f64; 3]>,
-    /// Likewise.
-    pub fpr_of_non_slip_share: Option<[f64; 3]>,
-    /// Likewise, of the medians of the seeds.
-    pub latency_median_frames: Option<[f64; 3]>,
-    /// Likewise.
-    pub alarms_per_hour: Option<[f64; 3]>,
+pub(crate) struct Spread {
+    pub(crate) family: String,
+    pub(crate) input: String,
+    pub(crate) seeds: usize,
+    pub(crate) accuracy_share: Option<[f64; 3]>,
+    pub(crate) macro_f1: Option<[f64; 3]>,
+    pub(crate) fpr_of_non_slip_share: Option<[f64; 3]>,
+    /// Of the medians of the seeds.
+    pub(crate) latency_median_frames: Option<[f64; 3]>,
+    pub(crate) alarms_per_hour: Option<[f64; 3]>,
 }
 
 impl Results {
-    /// Work out everything. `pairs` are positions of entrants that should be the same.
-    pub fn new(inputs: &[Input], entrants: &[Entrant<'_>], run: &Run, pairs: &[(usize, usize)]) -> Self {
-        let facts: Vec<InputFacts> = inputs
+    /// Compute everything. `pairs` are positions of candidates that should be the same.
+    pub fn new(inputs: &[Input], candidates: &[Candidate<'_>], run: &Run, pairs: &[(usize, usize)]) -> Self {
+        let info: Vec<InputInfo> = inputs
             .iter()
             .zip(&run.of_input)
-            .map(|(input, range)| InputFacts::new(&input.name, &run.truths[range.clone()]))
+            .map(|(input, range)| InputInfo::new(&input.name, &run.truths[range.clone()]))
             .collect();
         let detectors: Vec<DetectorResults> =
-            entrants.par_iter().enumerate().map(|(e, entrant)| detector(inputs, entrant, e, run)).collect();
+            candidates.par_iter().enumerate().map(|(e, candidate)| detector(inputs, candidate, e, run)).collect();
         let pair = |&(a, b): &(usize, usize)| {
-            let of = |e: usize| (detectors[e].name.as_str(), &detectors[e].all);
+            let named = |e: usize| (detectors[e].name.as_str(), &detectors[e].all);
             let tested = tested(inputs, run);
-            let verdicts = tested.iter().map(|&i| (&run.verdicts[a][i], &run.verdicts[b][i]));
-            Pair::new(of(a), of(b), verdicts)
+            let predictions = tested.iter().map(|&i| (&run.predictions[a][i], &run.predictions[b][i]));
+            Pair::new(named(a), named(b), predictions)
         };
-        let compare = |detector: &DetectorResults, entrant: &Entrant<'_>| -> Vec<Comparison> {
-            let of_input = |of: &InputFigures| Comparison::find(&entrant.family, &of.input, &of.figures);
-            detector.inputs.iter().filter_map(of_input).collect()
+        let compare = |detector: &DetectorResults, candidate: &Candidate<'_>| -> Vec<Comparison> {
+            let find = |on: &InputFigures| Comparison::find(&candidate.family, &on.input, &on.figures);
+            detector.inputs.iter().filter_map(find).collect()
         };
+        let seeds = candidates.iter().zip(&detectors).filter(|(candidate, _)| candidate.family == NETWORK);
+        let seeds: Vec<&[InputFigures]> = seeds.map(|(_, detector)| &detector.inputs[..]).collect();
+        let inputs_of = |e: usize| (detectors[e].name.as_str(), &detectors[e].inputs[..]);
+        let named_pairs: Vec<_> = pairs.iter().map(|&(a, b)| [inputs_of(a), inputs_of(b)]).collect();
         Self {
             schema: SCHEMA,
-            synthetic: run.truths.iter().all(|truth| truth.facts.synthetic),
-            partly_synthetic: run.truths.iter().any(|truth| truth.facts.synthetic),
+            synthetic: run.truths.iter().all(|truth| truth.info.synthetic),
+            partly_synthetic: run.truths.iter().any(|truth| truth.info.synthetic),
             streams: STREAMS,
             wall_s: run.wall.as_secs_f64(),
             threads: rayon::current_num_threads(),
             grip_bounds_n: grip_bounds_n(&run.truths),
-            targets: targets::rows(entrants, &detectors),
-            integer_against_float: integer_float::rows(&detectors, pairs),
+            targets: target_rows(&seeds),
+            integer_against_float: quantization_rows(&named_pairs),
             pairs: pairs.iter().map(pair).collect(),
-            seeds: spreads(entrants, &detectors, &facts),
-            paper: detectors.iter().zip(entrants).flat_map(|(d, e)| compare(d, e)).collect(),
+            seeds: spreads(candidates, &detectors, &info),
+            paper: detectors.iter().zip(candidates).flat_map(|(d, e)| compare(d, e)).collect(),
             null_reasons: NULL_REASONS.into(),
-            inputs: facts,
+            inputs: info,
             detectors,
         }
     }
 }
 
-impl InputFacts {
+impl InputInfo {
     fn new(name: &str, truths: &[Truth]) -> Self {
         let frames: usize = truths.iter().map(Truth::frames).sum();
         let count = |class: u8| -> usize {
@@ -287,7 +250,7 @@ impl InputFacts {
             class_shares: [0, 1, SLIP].map(|class| count(class) as f64 / frames.max(1) as f64),
             labelled_events: truths.iter().map(|truth| truth.slip.len()).sum(),
             interface_events: truths.iter().map(interface).sum(),
-            synthetic: truths.iter().all(|truth| truth.facts.synthetic),
+            synthetic: truths.iter().all(|truth| truth.info.synthetic),
         }
     }
 }
@@ -303,19 +266,19 @@ fn tested(inputs: &[Input], run: &Run) -> Vec<usize> {
     if tested.is_empty() { all(true) } else { tested }
 }
 
-fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> DetectorResults {
-    let verdicts = &run.verdicts[e];
-    let records: Vec<Record> =
-        run.truths.iter().zip(verdicts).map(|(truth, verdict)| Record::new(truth, &verdict.class)).collect();
+fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) -> DetectorResults {
+    let predictions = &run.predictions[e];
+    let records: Vec<EpisodeRecord> =
+        run.truths.iter().zip(predictions).map(|(truth, prediction)| EpisodeRecord::new(truth, &prediction.class)).collect();
     let tested = tested(inputs, run);
-    let of_tested: Vec<&Record> = tested.iter().map(|&i| &records[i]).collect();
-    let judged = |episodes: &mut dyn Iterator<Item = usize>| -> Vec<(&Truth, &Verdict)> {
-        episodes.map(|i| (&run.truths[i], &verdicts[i])).collect()
+    let of_tested: Vec<&EpisodeRecord> = tested.iter().map(|&i| &records[i]).collect();
+    let predicted = |episodes: &mut dyn Iterator<Item = usize>| -> Vec<(&Truth, &Prediction)> {
+        episodes.map(|i| (&run.truths[i], &predictions[i])).collect()
     };
-    let own = verdicts.first().map_or(0.0, |verdict| verdict.threshold);
+    let own = predictions.first().map_or(0.0, |prediction| prediction.threshold);
     let validation = inputs.iter().zip(&run.of_input).find(|(input, _)| input.name == VALIDATION);
     let fixed = validation
-        .and_then(|(_, range)| threshold_for(&non_slip_scores(&judged(&mut range.clone())), TARGET_FPR));
+        .and_then(|(_, range)| threshold_for(&non_slip_scores(&predicted(&mut range.clone())), TARGET_FPR));
     let point = |threshold: f32| OperatingPoint {
         threshold_score: threshold.into(),
         target_fpr_of_non_slip_share: TARGET_FPR,
@@ -324,16 +287,16 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
             .zip(&run.of_input)
             .map(|(input, range)| PointFigures {
                 input: input.name.clone(),
-                figures: figures_at(&judged(&mut range.clone()), threshold),
+                figures: figures_at(&predicted(&mut range.clone()), threshold),
             })
             .collect(),
     };
-    let judged_tested: Vec<(&Truth, &Record)> =
+    let tested_records: Vec<(&Truth, &EpisodeRecord)> =
         tested.iter().map(|&i| (&run.truths[i], &records[i])).collect();
     let worst = tested.iter().copied().max_by_key(|&i| (records[i].failures(), std::cmp::Reverse(i)));
     let worst = worst.filter(|&i| records[i].failures() > 0);
     DetectorResults {
-        name: entrant.name.clone(),
+        name: candidate.name.clone(),
         threshold_score: own.into(),
         compute_us_per_frame: run.us_per_frame(e),
         all: Figures::new(of_tested.iter().copied()),
@@ -342,7 +305,7 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
             .iter()
             .zip(&run.of_input)
             .map(|(input, range)| {
-                let records: Vec<&Record> = records[range.clone()].iter().collect();
+                let records: Vec<&EpisodeRecord> = records[range.clone()].iter().collect();
                 InputFigures {
                     input: input.name.clone(),
                     figures: Figures::new(records.iter().copied()),
@@ -350,22 +313,22 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
                 }
             })
             .collect(),
-        groupings: groupings(&judged_tested),
-        directions: by_direction(&judged_tested),
+        groupings: groupings(&tested_records),
+        directions: by_direction(&tested_records),
         encoder_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.encoder)),
         interface_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.interface)),
         speed_cdfs: speed_cdfs(&tested, &run.truths, &records),
-        curve: curve(&judged(&mut tested.iter().copied()), own, fixed),
+        curve: curve(&predicted(&mut tested.iter().copied()), own, fixed),
         operating_point: fixed.map(point),
         operating_point_missing_because: fixed
             .is_none()
             .then_some("the validation split was not among the inputs, or holds no frame that does not slip"),
         worst_episode: worst.map(|i| {
-            let (facts, record) = (&run.truths[i].facts, &records[i]);
+            let (info, record) = (&run.truths[i].info, &records[i]);
             let false_alarms = record.alarms.total() as usize;
             WorstEpisode {
-                input: facts.input.clone(),
-                name: facts.name.clone(),
+                input: info.input.clone(),
+                name: info.name.clone(),
                 missed_events: record.failures() - false_alarms,
                 false_alarms,
             }
@@ -374,25 +337,25 @@ fn detector(inputs: &[Input], entrant: &Entrant<'_>, e: usize, run: &Run) -> Det
     }
 }
 
-fn speed_cdfs(tested: &[usize], truths: &[Truth], records: &[Record]) -> Vec<SpeedCdf> {
+fn speed_cdfs(tested: &[usize], truths: &[Truth], records: &[EpisodeRecord]) -> Vec<SpeedCdf> {
     let slips = |&&i: &&usize| !truths[i].slip.is_empty();
-    let speed = |&i: &usize| truths[i].facts.speed_mm_s;
+    let speed = |&i: &usize| truths[i].info.speed_mm_s;
     let mut speeds: Vec<f64> = tested.iter().filter(slips).filter_map(speed).collect();
     speeds.sort_by(f64::total_cmp);
     speeds.dedup();
     let cdf = |speed_mm_s: f64| {
-        let at_speed = tested.iter().filter(|&&i| truths[i].facts.speed_mm_s == Some(speed_mm_s));
+        let at_speed = tested.iter().filter(|&&i| truths[i].info.speed_mm_s == Some(speed_mm_s));
         SpeedCdf { speed_mm_s, encoder_cdf: Cdf::new(at_speed.flat_map(|&i| &records[i].events.encoder)) }
     };
     speeds.into_iter().map(cdf).collect()
 }
 
-fn spreads(entrants: &[Entrant<'_>], detectors: &[DetectorResults], inputs: &[InputFacts]) -> Vec<Spread> {
-    let mut families: Vec<&str> = entrants.iter().map(|entrant| entrant.family.as_str()).collect();
+fn spreads(candidates: &[Candidate<'_>], detectors: &[DetectorResults], inputs: &[InputInfo]) -> Vec<Spread> {
+    let mut families: Vec<&str> = candidates.iter().map(|candidate| candidate.family.as_str()).collect();
     families.dedup();
     let members = |family: &str| -> Vec<&DetectorResults> {
-        let all = entrants.iter().zip(detectors);
-        all.filter(|(entrant, _)| entrant.family == family).map(|(_, detector)| detector).collect()
+        let all = candidates.iter().zip(detectors);
+        all.filter(|(candidate, _)| candidate.family == family).map(|(_, detector)| detector).collect()
     };
     let mut spreads = Vec::new();
     for family in families {
@@ -401,7 +364,7 @@ fn spreads(entrants: &[Entrant<'_>], detectors: &[DetectorResults], inputs: &[In
             continue;
         }
         for (i, input) in inputs.iter().enumerate() {
-            let of = |value: fn(&Figures) -> Option<f64>| -> Option<[f64; 3]> {
+            let spread = |value: fn(&Figures) -> Option<f64>| -> Option<[f64; 3]> {
                 let values =
                     members.iter().map(|m| value(&m.inputs[i].figures)).collect::<Option<Vec<f64>>>()?;
                 let low = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -412,13 +375,24 @@ fn spreads(entrants: &[Entrant<'_>], detectors: &[DetectorResults], inputs: &[In
                 family: family.to_owned(),
                 input: input.name.clone(),
                 seeds: members.len(),
-                accuracy_share: of(|f| f.frame.accuracy_share),
-                macro_f1: of(|f| f.frame.macro_f1),
-                fpr_of_non_slip_share: of(|f| f.frame.fpr_of_non_slip_share),
-                latency_median_frames: of(|f| f.encoder_events.latency_median_frames),
-                alarms_per_hour: of(|f| f.alarms.all.alarms_per_hour),
+                accuracy_share: spread(|f| f.frame.accuracy_share),
+                macro_f1: spread(|f| f.frame.macro_f1),
+                fpr_of_non_slip_share: spread(|f| f.frame.fpr_of_non_slip_share),
+                latency_median_frames: spread(|f| f.encoder_events.latency_median_frames),
+                alarms_per_hour: spread(|f| f.alarms.all.alarms_per_hour),
             });
         }
     }
     spreads
+}
+
+impl Results {
+    /// What the data is, in words: "synthetic data", "partly synthetic data" or "data".
+    pub(crate) fn kind_of_data(&self) -> &'static str {
+        match (self.synthetic, self.partly_synthetic) {
+            (true, _) => "synthetic data",
+            (false, true) => "partly synthetic data",
+            (false, false) => "data",
+        }
+    }
 }

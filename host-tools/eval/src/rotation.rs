@@ -1,4 +1,4 @@
-//! How the accelerometer happens to be mounted must not matter: its axes are turned, and the detector's classes
+//! How the accelerometer is mounted must not matter: its axes are turned, and the detector's classes
 //! compared with those of the axes as they are.
 //!
 //! Samples are turned in floating point, rounded to whole LSB again (half up) and cut off at the part's range,
@@ -18,21 +18,19 @@ use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
-use crate::detectors::Detector;
-use crate::grid::Grid;
-use crate::metrics::statistics::share;
+use crate::detector::Detector;
+use crate::metrics::statistics::{mean, share};
 use crate::source::{Handle, Input};
-use crate::table::percent;
+use crate::table::{Table, percent};
 use crate::targets::ROTATION_AGREE_SHARE;
 use crate::truth::is_synthetic;
 
 /// Name and version of the layout of the results.
-pub const SCHEMA: &str = "slipsense-rotation/1";
+pub(crate) const SCHEMA: &str = "slipsense-rotation/1";
 
-/// What sort of turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum TurnKind {
+pub(crate) enum TurnKind {
     /// Uniform over all rotations.
     Random,
     /// Axes exchanged.
@@ -43,13 +41,12 @@ pub enum TurnKind {
 
 /// The axes of all sensors turned.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Turn {
-    /// What sort.
-    pub kind: TurnKind,
+pub(crate) struct Turn {
+    pub(crate) kind: TurnKind,
     /// `random 3`, `zxy`, `+x-y+z`.
-    pub name: String,
+    pub(crate) name: String,
     /// What maps each sensor's samples.
-    pub of_sensor: [Matrix3<f64>; MAX_SENSORS],
+    pub(crate) per_sensor: [Matrix3<f64>; MAX_SENSORS],
 }
 
 /// A rotation, uniform over all (K. Shoemake, "Uniform random rotations", 1992).
@@ -67,36 +64,36 @@ const PERMUTATIONS: [(&str, [usize; 3]); 5] =
     [("xzy", [0, 2, 1]), ("yxz", [1, 0, 2]), ("yzx", [1, 2, 0]), ("zxy", [2, 0, 1]), ("zyx", [2, 1, 0])];
 
 impl Turn {
-    fn of_all(kind: TurnKind, name: String, matrix: Matrix3<f64>) -> Self {
-        Self { kind, name, of_sensor: [matrix; MAX_SENSORS] }
+    fn same_for_all(kind: TurnKind, name: String, matrix: Matrix3<f64>) -> Self {
+        Self { kind, name, per_sensor: [matrix; MAX_SENSORS] }
     }
 
     /// `rotations` random turns from a seed, then all permutations and all sign flips.
-    pub fn all(rotations: usize, seed: u64) -> Vec<Self> {
+    pub(crate) fn all(rotations: usize, seed: u64) -> Vec<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let random = |n: usize| Self {
             kind: TurnKind::Random,
             name: format!("random {n}"),
-            of_sensor: std::array::from_fn(|_| uniform(&mut rng)),
+            per_sensor: std::array::from_fn(|_| uniform(&mut rng)),
         };
         let mut turns: Vec<Self> = (1..=rotations).map(random).collect();
         turns.extend(PERMUTATIONS.map(|(name, from)| {
             let matrix = Matrix3::from_fn(|row, col| f64::from(u8::from(from[row] == col)));
-            Self::of_all(TurnKind::Permutation, name.to_owned(), matrix)
+            Self::same_for_all(TurnKind::Permutation, name.to_owned(), matrix)
         }));
         turns.extend((1..8).map(|bits: u8| {
             let signs: [f64; 3] = std::array::from_fn(|axis| if bits >> axis & 1 == 1 { -1.0 } else { 1.0 });
             let name = ["x", "y", "z"].iter().zip(signs);
             let name = name.map(|(axis, sign)| format!("{}{axis}", if sign < 0.0 { "-" } else { "+" }));
             let matrix = Matrix3::from_diagonal(&Vector3::from(signs));
-            Self::of_all(TurnKind::SignFlip, name.collect(), matrix)
+            Self::same_for_all(TurnKind::SignFlip, name.collect(), matrix)
         }));
         turns
     }
 
     /// One sample of a sensor turned, and whether an axis ran out of its range.
-    pub fn sample(&self, sensor: usize, sample: XlSample) -> (XlSample, bool) {
-        let turned = self.of_sensor[sensor] * Vector3::from(sample.map(f64::from));
+    pub(crate) fn sample(&self, sensor: usize, sample: XlSample) -> (XlSample, bool) {
+        let turned = self.per_sensor[sensor] * Vector3::from(sample.map(f64::from));
         let whole: [f64; 3] = std::array::from_fn(|axis| (turned[axis] + 0.5).floor());
         let (least, most) = (f64::from(i16::MIN), f64::from(i16::MAX));
         let outside = whole.iter().any(|lsb| !(least..=most).contains(lsb));
@@ -105,7 +102,7 @@ impl Turn {
 }
 
 /// Counts of one turn; they add up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Agreement {
     frames: usize,
     agree: usize,
@@ -126,82 +123,72 @@ impl Agreement {
     }
 }
 
-/// How a detector takes turned axes.
+/// How a detector's classes change with turned axes.
 #[derive(Clone, Debug, Serialize)]
 pub struct RotationResults {
-    /// [`SCHEMA`].
-    pub schema: &'static str,
-    /// Every episode was made by a generator.
-    pub synthetic: bool,
-    /// Names of the inputs.
-    pub inputs: Vec<String>,
-    /// Episodes of all inputs.
-    pub episodes: usize,
-    /// Frames of all inputs.
-    pub frames: usize,
-    /// ... of which a pad is touched: the others agree without any effort.
-    pub touched_frames: usize,
+    pub(crate) schema: &'static str,
+    pub(crate) synthetic: bool,
+    pub(crate) inputs: Vec<String>,
+    pub(crate) episodes: usize,
+    pub(crate) frames: usize,
+    /// Frames with a touched pad: the others agree trivially.
+    pub(crate) touched_frames: usize,
     /// Seed of the random turns.
-    pub seed: u64,
+    pub(crate) seed: u64,
     /// Least share of the frames that must agree in every random turn.
-    pub target_agree_share: f64,
+    pub(crate) target_agree_share: f64,
     /// Whether every random turn reaches it.
-    pub met: bool,
-    /// Kind by kind.
-    pub kinds: Vec<KindResults>,
+    pub(crate) met: bool,
+    pub(crate) kinds: Vec<KindResults>,
 }
 
 /// The turns of one kind.
 #[derive(Clone, Debug, Serialize)]
-pub struct KindResults {
-    /// Kind.
-    pub kind: TurnKind,
+pub(crate) struct KindResults {
+    pub(crate) kind: TurnKind,
     /// Lowest share of the frames with the same class; null without frames.
-    pub agree_share_min: Option<f64>,
-    /// Mean share.
-    pub agree_share_mean: Option<f64>,
+    pub(crate) agree_share_min: Option<f64>,
+    pub(crate) agree_share_mean: Option<f64>,
     /// Lowest share of the frames with a touched pad; null where none is.
-    pub touched_agree_share_min: Option<f64>,
-    /// Turn by turn.
-    pub turns: Vec<TurnResults>,
+    pub(crate) touched_agree_share_min: Option<f64>,
+    pub(crate) turns: Vec<TurnResults>,
 }
 
 /// One turn.
 #[derive(Clone, Debug, Serialize)]
-pub struct TurnResults {
-    /// Name.
-    pub name: String,
+pub(crate) struct TurnResults {
+    pub(crate) name: String,
     /// Frames with the same class as unturned; null without frames.
-    pub agree_share: Option<f64>,
+    pub(crate) agree_share: Option<f64>,
     /// The same of the frames with a touched pad.
-    pub touched_agree_share: Option<f64>,
+    pub(crate) touched_agree_share: Option<f64>,
     /// Samples cut off at the part's range.
-    pub saturated_samples_share: Option<f64>,
+    pub(crate) saturated_samples_share: Option<f64>,
 }
 
-/// Judge all episodes with every turn. Episodes go in parallel, each from a fresh state of the detector;
-/// `done` is called after each.
+/// Predict all episodes with every turn, each with a new detector, episodes in parallel; `done` is called after
+/// each.
 pub fn run<'a>(
     inputs: &[Input],
-    make: &(dyn Fn() -> Result<Box<dyn Detector + 'a>> + Sync),
+    make: &(dyn Fn() -> Result<Detector<'a>> + Sync),
     rotations: usize,
     seed: u64,
     done: &(dyn Fn() + Sync),
 ) -> Result<RotationResults> {
     let turns = Turn::all(rotations, seed);
     let handles: Vec<&Handle> = inputs.iter().flat_map(|input| &input.episodes).collect();
-    let judged = handles
+    let compared = handles
         .par_iter()
         .map(|handle| {
             let episode = handle.load()?;
             let synthetic = is_synthetic(&episode.meta);
-            let agreements = judge(episode, make()?.as_mut(), &turns)?;
+            let agreements = compare(episode, make, &turns)?;
             done();
             Ok((synthetic, agreements))
         })
         .collect::<Result<Vec<_>>>()?;
     let mut sums = vec![Agreement::default(); turns.len()];
-    for (_, agreements) in &judged {
+    for (_, agreements) in &compared {
         sums.iter_mut().zip(agreements).for_each(|(sum, of)| sum.add(of));
     }
     let kinds: Vec<KindResults> = [TurnKind::Random, TurnKind::Permutation, TurnKind::SignFlip]
@@ -212,7 +199,7 @@ pub fn run<'a>(
     let least = kinds.iter().find(|kind| kind.kind == TurnKind::Random).and_then(|kind| kind.agree_share_min);
     Ok(RotationResults {
         schema: SCHEMA,
-        synthetic: judged.iter().all(|(synthetic, _)| *synthetic),
+        synthetic: compared.iter().all(|(synthetic, _)| *synthetic),
         inputs: inputs.iter().map(|input| input.name.clone()).collect(),
         episodes: handles.len(),
         frames: sums.first().map_or(0, |sum| sum.frames),
@@ -224,23 +211,26 @@ pub fn run<'a>(
     })
 }
 
-fn judge(mut episode: Episode, detector: &mut dyn Detector, turns: &[Turn]) -> Result<Vec<Agreement>> {
-    let straight = detector.judge(&episode)?;
+fn compare<'a>(
+    mut episode: Episode,
+    make: &(dyn Fn() -> Result<Detector<'a>> + Sync),
+    turns: &[Turn],
+) -> Result<Vec<Agreement>> {
+    let unturned = make()?(&episode)?;
     let samples = episode.xl.clone();
     let mut agreements = Vec::with_capacity(turns.len());
     for turn in turns {
         let mut agreement = Agreement::default();
-        for (sensor, (turned, straight)) in episode.xl.iter_mut().zip(&samples).enumerate() {
-            for (turned, &straight) in turned.iter_mut().zip(straight) {
+        for (sensor, (turned, samples)) in episode.xl.iter_mut().zip(&samples).enumerate() {
+            for (turned, &sample) in turned.iter_mut().zip(samples) {
                 let outside;
-                (*turned, outside) = turn.sample(sensor, straight);
+                (*turned, outside) = turn.sample(sensor, sample);
                 agreement.samples += 1;
                 agreement.outside += usize::from(outside);
             }
         }
-        detector.reset();
-        let verdict = detector.judge(&episode)?;
-        for ((a, b), touched) in straight.class.iter().zip(&verdict.class).zip(&straight.fallback) {
+        let turned = make()?(&episode)?;
+        for ((a, b), touched) in unturned.class.iter().zip(&turned.class).zip(&unturned.fallback) {
             let (agree, touched) = (usize::from(a == b), usize::from(*touched));
             agreement.frames += 1;
             agreement.agree += agree;
@@ -268,57 +258,43 @@ impl KindResults {
         Self {
             kind,
             agree_share_min: least(|turn| turn.agree_share),
-            agree_share_mean: crate::metrics::statistics::mean(&agree),
+            agree_share_mean: mean(&agree),
             touched_agree_share_min: least(|turn| turn.touched_agree_share),
             turns,
         }
     }
 }
 
-impl RotationResults {
-    fn grid(&self) -> Grid {
-        let word = |kind: TurnKind| match kind {
-            TurnKind::Random => "random rotations",
-            TurnKind::Permutation => "axes exchanged",
-            TurnKind::SignFlip => "axes reversed",
-        };
-        let cut_off = |kind: &KindResults| {
-            let most = kind.turns.iter().filter_map(|turn| turn.saturated_samples_share);
-            percent(most.max_by(f64::total_cmp))
-        };
-        let cells = |kind: &KindResults| {
-            vec![
-                word(kind.kind).to_owned(),
-                kind.turns.len().to_string(),
-                percent(kind.agree_share_min),
-                percent(kind.agree_share_mean),
-                percent(kind.touched_agree_share_min),
-                cut_off(kind),
-            ]
-        };
-        let data = if self.synthetic { "synthetic data" } else { "data" };
-        Grid {
-            title: format!(
-                "same class with turned accelerometer axes, {} ({data}): {} episodes, {} frames, {} of them touched",
-                self.inputs.join(", "),
-                self.episodes,
-                self.frames,
-                self.touched_frames
-            ),
-            header: vec!["axes", "turns", "same % min", "mean", "touched: min", "cut off % max"],
-            word_columns: 1,
-            rows: self.kinds.iter().map(cells).collect(),
-            note: format!(
-                "target: at least {} % in every random rotation: {}",
-                percent(Some(self.target_agree_share)),
-                if self.met { "met" } else { "not met" }
-            ),
-        }
-    }
-}
-
 impl fmt::Display for RotationResults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.grid().fmt(f)
+        let title = format!(
+            "same class with turned accelerometer axes, {} ({}): {} episodes, {} frames, {} of them touched",
+            self.inputs.join(", "),
+            if self.synthetic { "synthetic data" } else { "data" },
+            self.episodes,
+            self.frames,
+            self.touched_frames
+        );
+        let table = Table::new(title, 1, &self.kinds, &[
+            ("axes", |kind: &&KindResults| {
+                let words = match kind.kind {
+                    TurnKind::Random => "random rotations",
+                    TurnKind::Permutation => "axes exchanged",
+                    TurnKind::SignFlip => "axes reversed",
+                };
+                words.to_owned()
+            }),
+            ("turns", |kind| kind.turns.len().to_string()),
+            ("same % min", |kind| percent(kind.agree_share_min)),
+            ("mean", |kind| percent(kind.agree_share_mean)),
+            ("touched: min", |kind| percent(kind.touched_agree_share_min)),
+            ("cut off % max", |kind| {
+                let most = kind.turns.iter().filter_map(|turn| turn.saturated_samples_share);
+                percent(most.max_by(f64::total_cmp))
+            }),
+        ]);
+        let target = percent(Some(self.target_agree_share));
+        let met = if self.met { "met" } else { "not met" };
+        table.with_note(format!("target: at least {target} % in every random rotation: {met}")).fmt(f)
     }
 }

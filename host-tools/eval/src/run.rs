@@ -1,6 +1,6 @@
-//! Detectors over episodes: every episode is loaded once, judged by all detectors, and forgotten.
+//! Detectors over episodes: every episode is loaded once, passed to all detectors, and dropped.
 //!
-//! What stays in memory are truths and verdicts, about 20 bytes per frame and 10 more per detector, not
+//! What stays in memory are truths and predictions, about 20 bytes per frame and 10 more per detector, not
 //! the sensors' data, of which there is one episode per core at a time.
 
 use std::ops::Range;
@@ -10,78 +10,77 @@ use anyhow::{Context, Result, ensure};
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
 
-use crate::detectors::{Detector, Verdict};
+use crate::detector::{Detector, Prediction};
 use crate::source::Input;
 use crate::truth::Truth;
 
-/// A detector that takes part.
-pub struct Entrant<'a> {
+/// A detector to evaluate.
+pub struct Candidate<'a> {
     /// Name in the report.
     pub name: String,
-    /// Entrants of the same family differ by their training seed only; the report gives their spread.
+    /// Candidates of the same family differ by their training seed only; the report gives their spread.
     pub family: String,
     /// Makes one with no state, for one stream.
-    pub make: Box<dyn Fn() -> Result<Box<dyn Detector + 'a>> + Sync + 'a>,
+    pub make: Box<dyn Fn() -> Result<Detector<'a>> + Sync + 'a>,
 }
 
-/// Everything judged.
+/// All truths and predictions.
 #[derive(Clone, Debug, Default)]
 pub struct Run {
     /// Truth of each episode, input by input, in the order of the streams.
-    pub truths: Vec<Truth>,
+    pub(crate) truths: Vec<Truth>,
     /// Episodes of each input, in `truths`.
-    pub of_input: Vec<Range<usize>>,
-    /// `[entrant][episode]`.
-    pub verdicts: Vec<Vec<Verdict>>,
-    /// Processor time that each entrant took in all.
-    pub judging: Vec<Duration>,
+    pub(crate) of_input: Vec<Range<usize>>,
+    /// `[candidate][episode]`.
+    pub(crate) predictions: Vec<Vec<Prediction>>,
+    /// Processor time of each candidate in all.
+    pub(crate) compute: Vec<Duration>,
     /// Time from start to end, loading or generating included.
-    pub wall: Duration,
+    pub(crate) wall: Duration,
 }
 
 impl Run {
-    /// Mean processor time of an entrant per frame, µs.
-    pub fn us_per_frame(&self, entrant: usize) -> Option<f64> {
+    /// Mean processor time of an candidate per frame, µs.
+    pub(crate) fn us_per_frame(&self, candidate: usize) -> Option<f64> {
         let frames: usize = self.truths.iter().map(Truth::frames).sum();
-        (frames > 0).then(|| self.judging[entrant].as_secs_f64() * 1e6 / frames as f64)
+        (frames > 0).then(|| self.compute[candidate].as_secs_f64() * 1e6 / frames as f64)
     }
 }
 
-/// One stream judged.
 struct Stream {
-    episodes: Vec<(Truth, Vec<Verdict>)>,
-    judging: Vec<Duration>,
+    episodes: Vec<(Truth, Vec<Prediction>)>,
+    compute: Vec<Duration>,
 }
 
-/// Judge all inputs by all entrants, streams in parallel. `done` is called after each episode.
-pub fn run(inputs: &[Input], entrants: &[Entrant<'_>], done: &(dyn Fn() + Sync)) -> Result<Run> {
+/// Run all candidates over all inputs, streams in parallel. `done` is called after each episode.
+pub fn run(inputs: &[Input], candidates: &[Candidate<'_>], done: &(dyn Fn() + Sync)) -> Result<Run> {
     let start = Instant::now();
     let streams: Vec<(&Input, Range<usize>)> = inputs
         .iter()
         .flat_map(|input| input.streams().into_iter().map(move |stream| (input, stream)))
         .collect();
-    let judged = streams
+    let predicted = streams
         .into_par_iter()
-        .map(|(input, stream)| judge(input, stream, entrants, done))
+        .map(|(input, stream)| predict_stream(input, stream, candidates, done))
         .collect::<Result<Vec<Stream>>>()?;
 
     let mut run = Run {
-        judging: vec![Duration::ZERO; entrants.len()],
-        verdicts: entrants.iter().map(|_| Vec::new()).collect(),
+        compute: vec![Duration::ZERO; candidates.len()],
+        predictions: candidates.iter().map(|_| Vec::new()).collect(),
         ..Run::default()
     };
     for input in inputs {
         let first = run.of_input.last().map_or(0, |range| range.end);
         run.of_input.push(first..first + input.episodes.len());
     }
-    for stream in judged {
-        for (truth, verdicts) in stream.episodes {
+    for stream in predicted {
+        for (truth, predictions) in stream.episodes {
             run.truths.push(truth);
-            for (of_entrant, verdict) in run.verdicts.iter_mut().zip(verdicts) {
-                of_entrant.push(verdict);
+            for (all, prediction) in run.predictions.iter_mut().zip(predictions) {
+                all.push(prediction);
             }
         }
-        for (sum, time) in run.judging.iter_mut().zip(stream.judging) {
+        for (sum, time) in run.compute.iter_mut().zip(stream.compute) {
             *sum += time;
         }
     }
@@ -89,37 +88,37 @@ pub fn run(inputs: &[Input], entrants: &[Entrant<'_>], done: &(dyn Fn() + Sync))
     Ok(run)
 }
 
-fn judge(
+fn predict_stream(
     input: &Input,
-    stream: Range<usize>,
-    entrants: &[Entrant<'_>],
+    episodes: Range<usize>,
+    candidates: &[Candidate<'_>],
     done: &(dyn Fn() + Sync),
 ) -> Result<Stream> {
-    let mut detectors = entrants.iter().map(|entrant| (entrant.make)()).collect::<Result<Vec<_>>>()?;
-    let mut judged = Stream { episodes: Vec::new(), judging: vec![Duration::ZERO; entrants.len()] };
-    for handle in &input.episodes[stream] {
+    let mut detectors = candidates.iter().map(|candidate| (candidate.make)()).collect::<Result<Vec<_>>>()?;
+    let mut stream = Stream { episodes: Vec::new(), compute: vec![Duration::ZERO; candidates.len()] };
+    for handle in &input.episodes[episodes] {
         let (episode, name) = (handle.load()?, handle.name());
         let truth = Truth::new(&episode, &input.name, &name)?;
-        let mut verdicts = Vec::with_capacity(entrants.len());
-        for ((detector, entrant), time) in detectors.iter_mut().zip(entrants).zip(&mut judged.judging) {
+        let mut predictions = Vec::with_capacity(candidates.len());
+        for ((detector, candidate), time) in detectors.iter_mut().zip(candidates).zip(&mut stream.compute) {
             // Time of this thread, which a busy computer does not stretch.
             let start = ThreadTime::now();
-            let verdict = detector.judge(&episode);
+            let prediction = detector(&episode);
             *time += start.elapsed();
-            let what = || format!("detector {} on {}/{name}", entrant.name, input.name);
-            let verdict = verdict.with_context(what)?;
-            let frames = [verdict.class.len(), verdict.fallback.len(), verdict.score.len()];
+            let what = || format!("detector {} on {}/{name}", candidate.name, input.name);
+            let prediction = prediction.with_context(what)?;
+            let frames = [prediction.class.len(), prediction.fallback.len(), prediction.score.len()];
             ensure!(
                 frames == [truth.frames(); 3],
                 "{}: {frames:?} values for {} frames",
                 what(),
                 truth.frames()
             );
-            ensure!(verdict.score.iter().all(|score| score.is_finite()), "{}: score is not finite", what());
-            verdicts.push(verdict);
+            ensure!(prediction.score.iter().all(|score| score.is_finite()), "{}: score is not finite", what());
+            predictions.push(prediction);
         }
-        judged.episodes.push((truth, verdicts));
+        stream.episodes.push((truth, predictions));
         done();
     }
-    Ok(judged)
+    Ok(stream)
 }

@@ -15,7 +15,7 @@ pub const STREAMS: usize = 8;
 /// Episodes that are evaluated together and reported under one name.
 #[derive(Clone, Debug)]
 pub struct Input {
-    /// Name in the report: the split's, or the folder's last part.
+    /// In the report: the split's, or the folder's last part.
     pub name: String,
     /// In the order of the stream: by name.
     pub episodes: Vec<Handle>,

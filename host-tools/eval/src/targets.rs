@@ -4,21 +4,16 @@
 
 use serde::Serialize;
 
-use crate::detectors::NETWORK;
-use crate::grid::Grid;
-use crate::metrics::events::WITHIN_FRAMES;
-use crate::metrics::record::Figures;
+use crate::metrics::bootstrap::InputFigures;
+use crate::metrics::figures::Figures;
 use crate::metrics::statistics::{mean, standard_deviation};
-use crate::results::DetectorResults;
-use crate::run::Entrant;
-use crate::table::number;
 
 /// Least share of the frames on which predictions with turned and unturned accelerometer axes agree.
-pub const ROTATION_AGREE_SHARE: f64 = 0.995;
+pub(crate) const ROTATION_AGREE_SHARE: f64 = 0.995;
 
 /// What is measured. Percentages are of 100; latencies are medians in frames of 4.17 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Measure {
+pub(crate) enum Measure {
     /// Mean F1 of the three classes.
     MacroF1,
     /// Frames falsely called slip, of the frames that do not slip.
@@ -35,7 +30,7 @@ pub enum Measure {
 
 impl Measure {
     /// Words for tables, with the unit.
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::MacroF1 => "macro F1 %",
             Self::Fpr => "FPR %",
@@ -47,11 +42,11 @@ impl Measure {
     }
 
     /// More is better: the bound is a least value, else a most.
-    pub const fn more_is_better(self) -> bool {
+    pub(crate) const fn more_is_better(self) -> bool {
         matches!(self, Self::MacroF1 | Self::Within5Frames | Self::AtOnset)
     }
 
-    fn of(self, figures: &Figures) -> Option<f64> {
+    fn value(self, figures: &Figures) -> Option<f64> {
         let percent = |share: Option<f64>| share.map(|share| 100.0 * share);
         let events = &figures.encoder_events;
         match self {
@@ -67,22 +62,20 @@ impl Measure {
 
 /// One target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Target {
-    /// The test split.
-    pub input: &'static str,
-    /// What is measured.
-    pub measure: Measure,
+pub(crate) struct Target {
+    pub(crate) input: &'static str,
+    pub(crate) measure: Measure,
     /// Least or most, by [`Measure::more_is_better`]; in the measure's unit.
-    pub bound: f64,
+    pub(crate) bound: f64,
 }
 
 const fn target(input: &'static str, measure: Measure, bound: f64) -> Target {
     Target { input, measure, bound }
 }
 
-/// All targets, split by split. Nobody says whether early events are in a target's latency, so both are held
-/// against it.
-pub const TARGETS: [Target; 16] = [
+/// All targets, split by split. Whether early events count in a target's latency is not stated, so both latencies
+/// are held against it.
+pub(crate) const TARGETS: [Target; 16] = [
     target("umi_id", Measure::MacroF1, 96.8),
     target("umi_id", Measure::Fpr, 1.33),
     target("umi_id", Measure::LatencyFromOnset, 2.0),
@@ -103,29 +96,27 @@ pub const TARGETS: [Target; 16] = [
 
 /// Ours beside one target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TargetRow {
-    /// The test split.
-    pub input: String,
+pub(crate) struct TargetRow {
+    pub(crate) input: String,
     /// [`Measure::name`], with the unit of all numbers here.
-    pub measure: &'static str,
+    pub(crate) measure: &'static str,
     /// Whether `bound` is a least value, else a most.
-    pub at_least: bool,
-    /// The target.
-    pub bound: f64,
+    pub(crate) at_least: bool,
+    pub(crate) bound: f64,
     /// Seed by seed, in the order of the models.
-    pub seed_values: Vec<Option<f64>>,
+    pub(crate) seed_values: Vec<Option<f64>>,
     /// Over the seeds; null where a seed has none.
-    pub mean: Option<f64>,
+    pub(crate) mean: Option<f64>,
     /// Over the seeds, with n − 1; null for one seed.
-    pub standard_deviation: Option<f64>,
+    pub(crate) standard_deviation: Option<f64>,
     /// Whether the mean, not rounded, keeps the bound.
-    pub met: bool,
+    pub(crate) met: bool,
 }
 
 impl Target {
     /// Ours beside it, from the figures of each seed on the target's split. No seed: not met.
-    pub fn row(&self, seeds: &[&Figures]) -> TargetRow {
-        let seed_values: Vec<Option<f64>> = seeds.iter().map(|figures| self.measure.of(figures)).collect();
+    pub(crate) fn row(&self, seeds: &[&Figures]) -> TargetRow {
+        let seed_values: Vec<Option<f64>> = seeds.iter().map(|figures| self.measure.value(figures)).collect();
         let values = seed_values.iter().copied().collect::<Option<Vec<f64>>>().unwrap_or_default();
         let mean = mean(&values);
         let at_least = self.measure.more_is_better();
@@ -143,48 +134,13 @@ impl Target {
     }
 }
 
-/// The network beside the targets of the splits that were evaluated; `entrants` and `detectors` in one order.
-pub(crate) fn rows(entrants: &[Entrant<'_>], detectors: &[DetectorResults]) -> Vec<TargetRow> {
-    let seeds: Vec<&DetectorResults> = entrants
-        .iter()
-        .zip(detectors)
-        .filter(|(entrant, _)| entrant.family == NETWORK)
-        .map(|(_, detector)| detector)
-        .collect();
+/// The network beside the targets of the splits that were evaluated; `seeds` are its figures input by input.
+pub(crate) fn target_rows(seeds: &[&[InputFigures]]) -> Vec<TargetRow> {
     let row = |target: &Target| {
-        let at = seeds.first()?.inputs.iter().position(|of| of.input == target.input)?;
-        Some(target.row(&seeds.iter().map(|seed| &seed.inputs[at].figures).collect::<Vec<_>>()))
+        let at = seeds.first()?.iter().position(|input| input.input == target.input)?;
+        Some(target.row(&seeds.iter().map(|seed| &seed[at].figures).collect::<Vec<_>>()))
     };
     TARGETS.iter().filter_map(row).collect()
-}
-
-/// The table for terminal and report; `kind` says what data it is.
-pub(crate) fn grid(rows: &[TargetRow], kind: &str) -> Grid {
-    let seeds = rows.first().map_or(0, |row| row.seed_values.len());
-    let ours = |row: &TargetRow| match row.standard_deviation {
-        Some(sd) => format!("{} ± {sd:.2}", number(row.mean, 2)),
-        None => number(row.mean, 2),
-    };
-    let cells = |row: &TargetRow| {
-        let target = format!("{} {}", if row.at_least { "≥" } else { "≤" }, row.bound);
-        let met = if row.met { "yes" } else { "no" };
-        vec![row.input.clone(), row.measure.to_owned(), ours(row), target, met.to_owned()]
-    };
-    let met = rows.iter().filter(|row| row.met).count();
-    Grid {
-        title: format!("network beside its targets ({kind}): {met} of {} met", rows.len()),
-        header: vec!["input", "figure", "ours", "target", "met"],
-        word_columns: 2,
-        rows: rows.iter().map(cells).collect(),
-        note: format!(
-            "ours: {}; events by the label, early: flagged up to 50 ms before it; within {WITHIN_FRAMES} frames and \
-             at onset: of all events",
-            match seeds {
-                1 => "one seed".to_owned(),
-                n => format!("mean ± standard deviation over {n} seeds"),
-            }
-        ),
-    }
 }
 
 #[cfg(test)]
@@ -218,15 +174,7 @@ mod tests {
         assert_eq!((row.mean, row.met), (None, false));
         assert_eq!(row.seed_values, [Some(2.0), None]);
         assert!(!target("umi_id", Measure::Fpr, 1.33).row(&seeds).met);
-    }
-
-    #[test]
-    fn the_table_says_what_was_met_on_what_data() {
-        let one = figures(0.95, Some(1.0));
-        let row = target("palm", Measure::MacroF1, 94.6).row(&[&one]);
-        assert_eq!((row.met, row.standard_deviation), (true, None));
-        let text = grid(&[row], "synthetic data").to_string();
-        assert!(text.contains("1 of 1 met") && text.contains("synthetic data"), "{text}");
-        assert!(text.contains("95.00") && text.contains("≥ 94.6"), "{text}");
+        let one = target("palm", Measure::MacroF1, 94.6).row(&seeds[..1]);
+        assert_eq!((one.met, one.standard_deviation), (true, None));
     }
 }

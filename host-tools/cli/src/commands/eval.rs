@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
 use slipsense_eval::detectors::{FLOAT, Modality, NETWORK, NETWORK_ALARM, Setup, by_name};
-use slipsense_eval::fit::Fitted;
+use slipsense_eval::fitted::Fitted;
 use slipsense_eval::report;
 use slipsense_eval::results::Results;
-use slipsense_eval::run::{Entrant, run};
+use slipsense_eval::run::{Candidate, run};
 
 use super::inputs::{Frames, inputs};
 use crate::bundled;
@@ -99,17 +99,17 @@ impl Args {
             None => Fitted::bundled()?,
         };
         let seeds = self.seeds()?;
-        let entrants = self.entrants(&fitted, &seeds)?;
+        let candidates = self.candidates(&fitted, &seeds)?;
         let inputs = inputs(&self.inputs, self.data.as_deref(), &self.frames)?;
         let out = OutputDir::prepare(&self.out)?;
 
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
         let progress = super::progress(episodes, "episodes", self.json);
-        let judged = run(&inputs, &entrants, &|| progress.inc(1))?;
+        let predicted = run(&inputs, &candidates, &|| progress.inc(1))?;
         progress.finish_and_clear();
-        let results = Results::new(&inputs, &entrants, &judged, &pairs(&entrants, &seeds));
+        let results = Results::new(&inputs, &candidates, &predicted, &pairs(&candidates, &seeds));
         out.write("metrics.json", serde_json::to_string_pretty(&results)? + "\n")?;
-        out.write("report.html", report::html(&results, &judged)?)?;
+        out.write("report.html", report::html(&results, &predicted)?)?;
         out.commit()?;
         if self.json {
             return super::print_json(&results);
@@ -145,7 +145,7 @@ impl Args {
     }
 
     /// All detectors asked for, each made once here so that what is wrong shows before any work is done.
-    fn entrants<'a>(&'a self, fitted: &'a Fitted, seeds: &'a [Seed]) -> Result<Vec<Entrant<'a>>> {
+    fn candidates<'a>(&'a self, fitted: &'a Fitted, seeds: &'a [Seed]) -> Result<Vec<Candidate<'a>>> {
         if !self.drop.is_empty()
             && !self.detector.iter().any(|d| [NETWORK, NETWORK_ALARM].contains(&d.as_str()))
         {
@@ -158,7 +158,7 @@ impl Args {
                 bail!("--drop: {} given twice", dropped.name());
             }
         }
-        let mut entrants: Vec<Entrant<'a>> = Vec::new();
+        let mut candidates: Vec<Candidate<'a>> = Vec::new();
         for (i, family) in self.detector.iter().enumerate() {
             if self.detector[..i].contains(family) {
                 continue;
@@ -177,18 +177,18 @@ impl Args {
                     // A name of its own: what is written of the network is not said of half a sensor.
                     let family = format!("{family}{without}");
                     let name = format!("{family}{}", if seeds.len() > 1 { &seed.suffix } else { "" });
-                    entrants.push(Entrant { name, family, make: Box::new(make) });
+                    candidates.push(Candidate { name, family, make: Box::new(make) });
                 }
             }
         }
-        Ok(entrants)
+        Ok(candidates)
     }
 }
 
 /// Positions of the integer and the float network of each seed.
-fn pairs(entrants: &[Entrant<'_>], seeds: &[Seed]) -> Vec<(usize, usize)> {
+fn pairs(candidates: &[Candidate<'_>], seeds: &[Seed]) -> Vec<(usize, usize)> {
     let position = |family: &str, seed: &Seed| {
-        entrants.iter().position(|e| e.family == family && e.name == format!("{family}{}", seed.suffix))
+        candidates.iter().position(|e| e.family == family && e.name == format!("{family}{}", seed.suffix))
     };
     let pair = |seed: &Seed| Some((position(NETWORK, seed)?, position(FLOAT, seed)?));
     seeds.iter().filter_map(pair).collect()

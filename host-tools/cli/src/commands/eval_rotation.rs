@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
 use slipsense_eval::detectors::{NETWORK, Setup, by_name};
-use slipsense_eval::fit::Fitted;
+use slipsense_eval::fitted::Fitted;
 use slipsense_eval::rotation;
 
 use super::inputs::inputs;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args as ClapArgs, ValueEnum};
-use slipsense_eval::detectors::ClassOrder;
+use slipsense_eval::detector::ClassOrder;
 use slipsense_eval::fit::{Plan, fit};
 use slipsense_eval::source::Input;
 use slipsense_synth::Split;

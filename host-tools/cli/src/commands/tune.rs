@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args as ClapArgs;
-use serde_json::{Value, json};
+use serde_json::Value;
 use slipsense::net::Model;
-use slipsense_eval::tune::{Tuning, disturbances, hear, slips, tune};
+use slipsense_eval::tune::{Tuning, disturbances, margins, slips, tune};
 use slipsense_recording::model_file::ModelFile;
 
 use crate::output_dir::{check_file, write_whole};
@@ -64,7 +64,7 @@ impl Args {
         let inputs = [disturbances(self.hours), slips(self.episodes as usize)];
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
         let bar = super::progress(episodes, "episodes", self.json);
-        let [quiet, slipping] = inputs.map(|input| hear(&input, model, &|| bar.inc(1)));
+        let [quiet, slipping] = inputs.map(|input| margins(&input, model, &|| bar.inc(1)));
         bar.finish_and_clear();
         let tuning = tune(&quiet?, &slipping?, rate)?;
 
@@ -82,25 +82,13 @@ impl Args {
 
     /// What the model's provenance says, and on what its point was chosen.
     fn provenance(&self, before: &str, tuning: &Tuning) -> Value {
-        let best = tuning.best();
-        let chosen = json!({
-            "data": "synthetic, validation objects: disturbances without slip, split val",
-            "hours": best.disturbances.all.exposure_hours,
-            "alarms": best.disturbances.all.alarms,
-            "target_alarms_per_hour": tuning.target_alarms_per_hour,
-            "episodes": self.episodes,
-            "slips": best.slips.events,
-            "missed": best.slips.missed,
-            "early": best.slips.early,
-            "latency_median_frames": best.slips.latency_median_frames,
-        });
         // The format does not demand JSON of who wrote the model.
         let mut all = match serde_json::from_str(before) {
             Ok(Value::Object(all)) => all,
             Ok(other) => serde_json::Map::from_iter([("model".to_owned(), other)]),
             Err(_) => serde_json::Map::from_iter([("model".to_owned(), before.into())]),
         };
-        all.insert("operating_point".to_owned(), chosen);
+        all.insert("operating_point".to_owned(), tuning.provenance(self.episodes));
         all.into()
     }
 }

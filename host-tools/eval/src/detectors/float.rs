@@ -7,43 +7,26 @@ use anyhow::{Context, Result};
 use slipsense::features::XlFrontEnd;
 use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
 use slipsense_model::weights::Weights;
-use slipsense_recording::Episode;
 
-use super::{Detector, FLOAT, NEVER, Verdict, touched};
+use crate::detector::{Detector, NEVER, Prediction, touched};
 
-pub(super) struct Float {
-    graphs: Graphs,
-    stream: Option<(TractNetwork, Vec<XlFrontEnd>)>,
-}
-
-impl Float {
-    pub(super) fn new(weights: Option<&Path>) -> Result<Self> {
-        let path =
-            weights.with_context(|| format!("{FLOAT} needs the float weights, a .safetensors file"))?;
-        let graphs = Graphs::new(&Weights::read(path)?);
-        Ok(Self { graphs: graphs.with_context(|| path.display().to_string())?, stream: None })
-    }
-}
-
-impl Detector for Float {
-    fn name(&self) -> &'static str {
-        FLOAT
-    }
-
-    /// Slip where its logit is above the one of contact without slip, on a touched pad; nat, threshold 0.
-    fn judge(&mut self, episode: &Episode) -> Result<Verdict> {
+/// Slip where its logit is above the one of contact without slip, on a touched pad; nat, threshold 0.
+pub(super) fn float(weights: Option<&Path>) -> Result<Detector<'static>> {
+    let path = weights.context("float needs the float weights, a .safetensors file")?;
+    let graphs = Graphs::new(&Weights::read(path)?).with_context(|| path.display().to_string())?;
+    let mut stream: Option<(TractNetwork, Vec<XlFrontEnd>)> = None;
+    Ok(Box::new(move |episode| {
         let sensors = episode.sensors;
-        let kept = self.stream.take().filter(|(_, front_ends)| front_ends.len() == sensors);
-        let (network, front_ends) = match kept {
-            Some(kept) => self.stream.insert(kept),
+        let (network, front_ends) = match stream.take().filter(|(_, kept)| kept.len() == sensors) {
+            Some(kept) => stream.insert(kept),
             None => {
-                let network = TractNetwork::new(&self.graphs, sensors)?;
-                self.stream.insert((network, vec![XlFrontEnd::new(); sensors]))
+                let network = TractNetwork::new(&graphs, sensors)?;
+                stream.insert((network, vec![XlFrontEnd::new(); sensors]))
             }
         };
         let (mut score, mut fallback) = (Vec::new(), Vec::new());
         for frame in 0..episode.frames() {
-            let heard: Vec<_> = front_ends
+            let log_mels: Vec<_> = front_ends
                 .iter_mut()
                 .enumerate()
                 .map(|(sensor, front_end)| {
@@ -51,7 +34,7 @@ impl Detector for Float {
                     front_end.log_mel().standardised
                 })
                 .collect();
-            let seen: Vec<_> = heard
+            let inputs: Vec<_> = log_mels
                 .iter()
                 .enumerate()
                 .map(|(sensor, log_mel)| SensorFrame {
@@ -59,15 +42,11 @@ impl Detector for Float {
                     log_mel: Some(log_mel),
                 })
                 .collect();
-            let [_, no_slip, slip] = network.step(&seen)?;
+            let [_, no_slip, slip] = network.step(&inputs)?;
             let touched = touched(episode, frame);
             score.push(if touched { slip - no_slip } else { NEVER });
             fallback.push(touched.into());
         }
-        Ok(Verdict::new(score, 0.0, fallback))
-    }
-
-    fn reset(&mut self) {
-        self.stream = None;
-    }
+        Ok(Prediction::new(score, 0.0, fallback))
+    }))
 }

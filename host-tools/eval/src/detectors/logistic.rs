@@ -9,22 +9,17 @@
 //! 11. ln of the mean square of the last 16 ms, ln g²
 //! 12. mean rise of the log-mel powers since the frame 16 ms ago, nat
 //!
-//! Standardised on train. The score is the log-odds; its threshold is fitted on train as that of every
-//! other detector.
+//! Standardised on train. The score is the log-odds.
 
 use slipsense::params::{ACTIVE_TAXELS, TAXEL_TOUCH_MIN};
 use slipsense::sensor::PiezoFrame;
 use slipsense_recording::Episode;
 
-use super::PerSensor;
-use super::ear::Ear;
-use super::entropy::entropy_nat;
-use super::mel::{FILTERS, FLOOR_G2, log_mel};
-use super::threshold::Score;
-use crate::fit::LogisticFit;
+use super::paper::entropy_nat;
+use crate::detector::{PerSensor, Score};
+use crate::fitted::{LOGISTIC_FEATURES as FEATURES, LogisticFit};
+use crate::spectrum::{FILTERS, XlSpectrum};
 
-/// Number of features.
-pub(crate) const FEATURES: usize = 12;
 /// Filters of each group of mel bands.
 const GROUPS: [std::ops::Range<usize>; 6] = [0..4, 4..8, 8..13, 13..18, 18..22, 22..26];
 /// Frames after which two analysis windows share no sample.
@@ -32,7 +27,7 @@ const APART: usize = 4;
 
 #[derive(Clone)]
 struct Sensor {
-    ear: Ear,
+    spectrum: XlSpectrum,
     before: Option<PiezoFrame>,
     /// Log-mel powers of the last frames, a ring.
     spectra: Option<[[f64; FILTERS]; APART]>,
@@ -41,7 +36,7 @@ struct Sensor {
 
 impl Sensor {
     fn new() -> Self {
-        Self { ear: Ear::new(), before: None, spectra: None, oldest: 0 }
+        Self { spectrum: XlSpectrum::new(), before: None, spectra: None, oldest: 0 }
     }
 
     fn step(&mut self, now: &PiezoFrame) -> [f64; FEATURES] {
@@ -50,7 +45,7 @@ impl Sensor {
         let changes = now.counts().iter().zip(before.counts()).map(|(a, b)| a.abs_diff(*b));
         let change = changes.max().unwrap_or(0);
         let peak = now.counts().iter().copied().max().unwrap_or(0);
-        let spectrum = log_mel(&self.ear.power_g2());
+        let spectrum = self.spectrum.log_mel();
         let spectra = self.spectra.get_or_insert([spectrum; APART]);
         let then = std::mem::replace(&mut spectra[self.oldest], spectrum);
         self.oldest = (self.oldest + 1) % APART;
@@ -64,7 +59,7 @@ impl Sensor {
             let filters = group.len() as f64;
             *feature = spectrum[group].iter().sum::<f64>() / filters;
         }
-        features[10] = (self.ear.mean_square_g2() + FLOOR_G2).ln();
+        features[10] = self.spectrum.log_level();
         let rises = spectrum.iter().zip(then).map(|(now, then)| (now - then).max(0.0));
         features[11] = rises.sum::<f64>() / FILTERS as f64;
         self.before = Some(now.clone());
@@ -78,23 +73,18 @@ pub(crate) struct LogisticFeatures {
 }
 
 impl LogisticFeatures {
-    pub(crate) const fn new() -> Self {
-        Self { sensors: PerSensor::new() }
+    pub(crate) fn new() -> Self {
+        Self { sensors: PerSensor::new(Sensor::new()) }
     }
 
-    /// The next frame's.
     pub(crate) fn step(&mut self, episode: &Episode, frame: usize) -> [f64; FEATURES] {
         let mut largest = [f64::MIN; FEATURES];
-        for (index, sensor) in self.sensors.of(episode.sensors, Sensor::new).iter_mut().enumerate() {
-            sensor.ear.listen_to(episode, frame, index);
+        for (index, sensor) in self.sensors.get(episode.sensors).iter_mut().enumerate() {
+            sensor.spectrum.push_frame(episode, frame, index);
             let features = sensor.step(episode.piezo(frame, index));
             largest.iter_mut().zip(features).for_each(|(max, x)| *max = max.max(x));
         }
         largest
-    }
-
-    pub(crate) fn reset(&mut self) {
-        self.sensors.clear();
     }
 }
 
@@ -112,9 +102,5 @@ impl LogisticScore {
 impl Score for LogisticScore {
     fn step(&mut self, episode: &Episode, frame: usize) -> f32 {
         self.fit.log_odds(&self.features.step(episode, frame)) as f32
-    }
-
-    fn reset(&mut self) {
-        self.features.reset();
     }
 }

@@ -1,37 +1,64 @@
-//! `network`: the firmware's pipeline, bit for bit, by its classes.
+//! The firmware's pipeline, bit for bit: `network` by its classes, `network-alarm` by the alarm at the model's
+//! operating point.
 
-use anyhow::{Context, Result};
+use std::collections::VecDeque;
+
+use anyhow::{Context, Result, ensure};
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
+use slipsense_recording::score::SLIP;
 
-use super::{Detector, Modality, NETWORK, NEVER, Verdict};
+use crate::detector::{Detector, NEVER, Prediction};
+
+/// Half of a fingertip, as `--drop` names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Modality {
+    /// The taxel array.
+    Piezo,
+    /// The accelerometer.
+    Xl,
+}
+
+impl Modality {
+    /// As on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Piezo => "piezo",
+            Self::Xl => "xl",
+        }
+    }
+}
+
+impl std::str::FromStr for Modality {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = [Self::Piezo, Self::Xl].into_iter().find(|modality| modality.name() == name);
+        found.ok_or_else(|| format!("no modality is called \"{name}\"; there are: piezo, xl"))
+    }
+}
 
 /// The pipeline as a module runs it that is never switched off: its state goes on from episode to episode.
 /// Another number of sensors starts anew, which a module in use cannot do.
-pub struct PipelineStream<'m> {
+pub(crate) struct PipelineStream<'m> {
     model: Model<'m>,
     dead: Option<Modality>,
     pipeline: Option<Box<Pipeline<'m>>>,
 }
 
 impl<'m> PipelineStream<'m> {
-    /// Before the first frame.
-    pub const fn new(model: Model<'m>) -> Self {
-        Self::with_dead(model, None)
-    }
-
-    /// One whose sensors never deliver this modality.
-    pub const fn with_dead(model: Model<'m>, dead: Option<Modality>) -> Self {
+    /// A pipeline whose sensors never deliver the modality `dead`.
+    pub(crate) const fn new(model: Model<'m>, dead: Option<Modality>) -> Self {
         Self { model, dead, pipeline: None }
     }
 
-    /// Run the frames of the next episode; `each` gets the output of every frame in order. Is the state
-    /// that of the frames before, and not a new one?
-    pub fn run(&mut self, episode: &Episode, mut each: impl FnMut(&Output)) -> Result<bool> {
+    /// Run the frames of the next episode; `each` gets the output of every frame in order. Returns whether the
+    /// state went on from the frames before.
+    pub(crate) fn run(&mut self, episode: &Episode, mut each: impl FnMut(&Output)) -> Result<bool> {
         let sensors = episode.sensors;
         let kept = self.pipeline.take().filter(|pipeline| pipeline.sensors() == sensors);
         let goes_on = kept.is_some();
@@ -52,46 +79,88 @@ impl<'m> PipelineStream<'m> {
         }
         Ok(goes_on)
     }
-
-    /// Forget everything.
-    pub fn reset(&mut self) {
-        self.pipeline = None;
-    }
-}
-
-pub(super) struct Network<'m>(PipelineStream<'m>);
-
-impl<'m> Network<'m> {
-    pub(super) fn new(model: &'m [u8], dead: Option<Modality>) -> Result<Self> {
-        Ok(Self(PipelineStream::with_dead(Model::parse(model).context("model")?, dead)))
-    }
 }
 
 /// A margin in nat; an untouched pad does not slip. A difference below 2^14 nat is exact in `f32`, and a
 /// larger one keeps its sign.
-pub(super) fn score(margin: Option<Logit>) -> f32 {
+fn score(margin: Option<Logit>) -> f32 {
     margin.map_or(NEVER, |margin| margin.to_f64() as f32)
 }
 
-impl Detector for Network<'_> {
-    fn name(&self) -> &'static str {
-        NETWORK
-    }
-
-    /// The pipeline's rule as a score: on a touched pad, slip is where its logit is above the other's.
-    /// Nat, threshold 0.
-    fn judge(&mut self, episode: &Episode) -> Result<Verdict> {
-        let mut verdict = Verdict::default();
-        self.0.run(episode, |output| {
-            verdict.class.push(output.class as u8);
-            verdict.score.push(score(output.margin));
-            verdict.fallback.push(output.margin.is_some().into());
+/// The pipeline's rule as a score: on a touched pad, slip is where its logit is above the other's. Nat,
+/// threshold 0.
+pub(super) fn network(model: &[u8], dead: Option<Modality>) -> Result<Detector<'_>> {
+    let mut stream = PipelineStream::new(Model::parse(model).context("model")?, dead);
+    Ok(Box::new(move |episode| {
+        let mut prediction = Prediction::default();
+        stream.run(episode, |output| {
+            prediction.class.push(output.class as u8);
+            prediction.score.push(score(output.margin));
+            prediction.fallback.push(output.margin.is_some().into());
         })?;
-        Ok(verdict)
+        Ok(prediction)
+    }))
+}
+
+/// Slip where the alarm is up. The score is the `k`-th largest of the last `n` margins, nat; the threshold is
+/// the model's.
+pub(super) fn network_alarm(model: &[u8], dead: Option<Modality>) -> Result<Detector<'_>> {
+    let model = Model::parse(model).context("model")?;
+    let mut recent = KthLargest::new(model.point.k, model.point.n);
+    let threshold = model.point.threshold;
+    let mut stream = PipelineStream::new(model, dead);
+    Ok(Box::new(move |episode| {
+        let mut frames = Vec::with_capacity(episode.frames());
+        let goes_on = stream.run(episode, |output| frames.push((output.margin, output.alarm)))?;
+        if !goes_on {
+            recent.clear();
+        }
+        let mut prediction =
+            Prediction { threshold: score(Some(threshold)), ..Prediction::default() };
+        for (frame, (margin, alarm)) in frames.into_iter().enumerate() {
+            let largest = recent.push(margin);
+            let over = largest.is_some_and(|margin| margin > threshold);
+            ensure!(over == alarm, "frame {frame}: the pipeline's alarm is not k of the last n frames");
+            let fallback = u8::from(margin.is_some());
+            prediction.class.push(if alarm { SLIP } else { fallback });
+            prediction.score.push(score(largest));
+            prediction.fallback.push(fallback);
+        }
+        Ok(prediction)
+    }))
+}
+
+/// The k-of-n rule as a score, so that a threshold can be swept over it: at least `k` of the last `n` margins are
+/// over a threshold exactly where the `k`-th largest of them is.
+#[derive(Clone, Debug)]
+pub(crate) struct KthLargest {
+    k: usize,
+    n: usize,
+    recent: VecDeque<Option<Logit>>,
+    sorted: Vec<Option<Logit>>,
+}
+
+impl KthLargest {
+    pub(crate) fn new(k: u8, n: u8) -> Self {
+        let (k, n) = (usize::from(k), usize::from(n));
+        Self { k, n, recent: VecDeque::with_capacity(n + 1), sorted: Vec::with_capacity(n) }
     }
 
-    fn reset(&mut self) {
-        self.0.reset();
+    /// Take the margin of the next frame. `None`, of a frame and of the result, is below every threshold.
+    pub(crate) fn push(&mut self, margin: Option<Logit>) -> Option<Logit> {
+        self.recent.push_back(margin);
+        if self.recent.len() > self.n {
+            self.recent.pop_front();
+        }
+        self.sorted.clear();
+        self.sorted.extend(&self.recent);
+        self.sorted.sort_unstable_by(|a, b| b.cmp(a));
+        self.sorted.get(self.k - 1).copied().flatten()
+    }
+
+    /// Forget all frames.
+    pub(crate) fn clear(&mut self) {
+        self.recent.clear();
     }
 }
 
@@ -101,11 +170,22 @@ mod tests {
 
     #[test]
     fn the_score_keeps_the_sign_of_the_smallest_and_the_largest_margin() {
-        let of_bits = |bits| score(Some(Logit::from_bits(bits)));
-        assert_eq!(of_bits(1), 1.0 / 1024.0);
-        assert_eq!(of_bits(0), 0.0);
-        assert!(of_bits(i32::MIN).is_finite() && of_bits(i32::MIN) > NEVER);
-        assert!(of_bits(i32::MAX) > 0.0);
+        let score_of = |bits| score(Some(Logit::from_bits(bits)));
+        assert_eq!(score_of(1), 1.0 / 1024.0);
+        assert_eq!(score_of(0), 0.0);
+        assert!(score_of(i32::MIN).is_finite() && score_of(i32::MIN) > NEVER);
+        assert!(score_of(i32::MAX) > 0.0);
         assert_eq!(score(None), NEVER);
+    }
+
+    #[test]
+    fn the_kth_largest_by_hand() {
+        let mut second_of_three = KthLargest::new(2, 3);
+        let margins = [Some(5), Some(-1), None, Some(7), Some(7), Some(9), Some(0), None];
+        let expected = [None, Some(-1), Some(-1), Some(-1), Some(7), Some(7), Some(7), Some(0)];
+        let logit = |bits: Option<i32>| bits.map(Logit::from_bits);
+        assert_eq!(margins.map(|margin| second_of_three.push(logit(margin))), expected.map(logit));
+        second_of_three.clear();
+        assert_eq!(second_of_three.push(logit(Some(9))), None, "one frame is not two");
     }
 }

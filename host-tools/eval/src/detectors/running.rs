@@ -4,22 +4,21 @@
 const KEEP_EVERY: u32 = 8;
 /// Values kept: 8 s. Longer than a slip of the protocol, so that most of what is kept is not slip.
 const KEPT: usize = 240;
-/// Values before which nothing is said: half a second.
+/// Values needed before there is an estimate: half a second.
 const NEEDED: usize = 15;
 /// Smallest spread, as a share of the median: ends division by zero in recorded silence.
 const SPREAD_MIN: f64 = 1e-3;
 
-/// What is normal for a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Normal {
-    pub median: f64,
+struct Normal {
+    median: f64,
     /// Median absolute deviation, at least a thousandth of the median's magnitude and above 0.
-    pub mad: f64,
+    mad: f64,
 }
 
 /// Running median and median absolute deviation.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Running {
+pub(super) struct RunningMedian {
     /// In order of time, a ring once full.
     recent: Vec<f64>,
     oldest: usize,
@@ -28,10 +27,14 @@ pub(super) struct Running {
     normal: Option<Normal>,
 }
 
-impl Running {
-    /// What is normal by the values before this one, which is then taken in. `None` in the first half
-    /// second. Values must be finite.
-    pub(super) fn step(&mut self, value: f64) -> Option<Normal> {
+impl RunningMedian {
+    /// How many spreads a finite value is above the median of the values before it. `None` in the first half
+    /// second.
+    pub(super) fn spreads_above(&mut self, value: f64) -> Option<f64> {
+        self.step(value).map(|normal| (value - normal.median) / normal.mad)
+    }
+
+    fn step(&mut self, value: f64) -> Option<Normal> {
         let normal = self.normal;
         if self.frames.is_multiple_of(KEEP_EVERY) {
             self.keep(value);
@@ -83,8 +86,8 @@ mod tests {
     }
 
     #[test]
-    fn the_window_forgets_and_starts_silent() {
-        let mut running = Running::default();
+    fn the_window_forgets_and_starts_without_an_estimate() {
+        let mut running = RunningMedian::default();
         let first = (0..1000).position(|_| running.step(1.0).is_some()).unwrap();
         assert_eq!(first, 8 * 14 + 1);
         for _ in 0..8 * 121 {
@@ -98,8 +101,8 @@ mod tests {
     }
 
     #[test]
-    fn a_value_does_not_judge_itself() {
-        let mut running = Running::default();
+    fn a_value_is_not_part_of_its_own_median() {
+        let mut running = RunningMedian::default();
         for _ in 0..400 {
             running.step(1.0);
         }

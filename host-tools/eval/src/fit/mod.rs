@@ -5,15 +5,9 @@
 //! same file. Class shares and the clock count every frame. Detectors start anew with each episode here,
 //! which touches the first 16 ms of each.
 
-mod fitted;
-mod irls;
-mod json;
+pub(crate) mod logistic_regression;
 mod sample;
 mod youden;
-
-pub use fitted::{Cut, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, Odds, RigFit};
-pub use irls::logistic;
-pub use youden::{Youden, youden};
 
 use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
@@ -21,10 +15,14 @@ use slipsense::params::CLASSES;
 use slipsense_recording::score::SLIP;
 use slipsense_synth::labels::NO_SLIP;
 
-use crate::detectors::qda::{Gaussian, Scaling};
-use crate::detectors::{ClassOrder, rig_terms};
+use crate::detector::{ClassOrder, NEVER};
+use crate::detectors::rig_only;
+use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, Odds, RigFit};
+use crate::gaussian::{Gaussian, Scaling};
 use crate::source::Handle;
+use logistic_regression::logistic_regression;
 use sample::{Frame, Sample};
+use youden::youden;
 
 /// How to fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,7 +49,7 @@ impl Default for Plan {
 pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync) -> Result<Fitted> {
     ensure!(plan.stride > 0, "the stride must be at least 1");
     let samples = episodes.par_iter().map(|handle| {
-        let sample = Sample::of(&handle.load()?, plan.stride).with_context(|| handle.name())?;
+        let sample = Sample::new(&handle.load()?, plan.stride).with_context(|| handle.name())?;
         done();
         Ok(sample)
     });
@@ -75,8 +73,7 @@ fn from_samples(samples: Vec<Sample>, source: &str, plan: Plan) -> Result<Fitted
     ensure!(frames.iter().any(|f| f.label == SLIP), "no slip among the training frames");
     ensure!(frames.iter().any(|f| f.label != SLIP), "nothing but slip among the training frames");
 
-    let cut =
-        |score: &dyn Fn(&Frame) -> f32| Cut::fit(frames.iter().map(|f| (score(f), *f)), plan.class_order);
+    let cutoff = |score: &dyn Fn(&Frame) -> f32| fit_cutoff(&frames, score, plan.class_order);
     let fitted = Fitted {
         format: FORMAT,
         class_order: plan.class_order,
@@ -90,11 +87,11 @@ fn from_samples(samples: Vec<Sample>, source: &str, plan: Plan) -> Result<Fitted
             frames_used: frames.len() as u64,
         },
         class_frames,
-        entropy: cut(&|f| f.entropy),
+        entropy: cutoff(&|f| f.entropy),
         mfcc: fit_mfcc(&frames, plan.class_order)?,
-        energy: cut(&|f| f.energy),
-        flux_cusum: cut(&|f| f.flux_cusum),
-        band_pass: cut(&|f| f.band_pass),
+        energy: cutoff(&|f| f.energy),
+        flux_cusum: cutoff(&|f| f.flux_cusum),
+        band_pass: cutoff(&|f| f.band_pass),
         logistic: fit_logistic(&frames, plan.class_order)?,
         clock,
         rig_only: fit_rig(&frames)?,
@@ -103,19 +100,34 @@ fn from_samples(samples: Vec<Sample>, source: &str, plan: Plan) -> Result<Fitted
     Ok(fitted)
 }
 
+/// The threshold with the largest Youden index, and the score's standard deviation.
+fn fit_cutoff(frames: &[&Frame], score: &dyn Fn(&Frame) -> f32, order: ClassOrder) -> Cutoff {
+    let scores: Vec<f32> = frames.iter().map(|frame| score(frame)).collect();
+    let n = frames.len().max(1) as f64;
+    let mean = scores.iter().map(|&score| f64::from(score)).sum::<f64>() / n;
+    let variance = scores.iter().map(|&score| (f64::from(score) - mean).powi(2)).sum::<f64>() / n;
+    let labelled = |(&score, frame): (&f32, &&Frame)| {
+        let ruled_out = order == ClassOrder::ContactFirst && !frame.touched;
+        (if ruled_out { NEVER } else { score }, frame.label == SLIP)
+    };
+    let mut labelled: Vec<_> = scores.iter().zip(frames).map(labelled).collect();
+    let threshold = youden(&mut labelled).map_or(f32::MAX, |best| best.threshold);
+    Cutoff { threshold, std: if variance > 0.0 { variance.sqrt() as f32 } else { 1.0 } }
+}
+
 fn fit_mfcc(frames: &[&Frame], order: ClassOrder) -> Result<MfccFit> {
     let all: Vec<_> = frames.iter().flat_map(|f| f.mfcc.iter().copied()).collect();
     let scaling = Scaling::fit(&all);
-    let of = |slip: bool| {
-        let of_class = frames.iter().filter(|f| (f.label == SLIP) == slip);
-        let samples: Vec<_> = of_class.flat_map(|f| f.mfcc.iter().map(|m| scaling.apply(m))).collect();
+    let gaussian = |slip: bool| {
+        let class = frames.iter().filter(|f| (f.label == SLIP) == slip);
+        let samples: Vec<_> = class.flat_map(|f| f.mfcc.iter().map(|m| scaling.apply(m))).collect();
         Gaussian::fit(&samples)
     };
-    let none = Cut { threshold: 0.0, std: 1.0 };
-    let mut fit = MfccFit { slip: of(true)?, not_slip: of(false)?, scaling, cut: none };
-    let ratio = crate::detectors::MfccRatio::new(&fit)?;
-    let score = |f: &Frame| f.mfcc.iter().map(|m| ratio.of(m)).fold(f64::from(f32::MIN), f64::max) as f32;
-    fit.cut = Cut::fit(frames.iter().map(|f| (score(f), *f)), order);
+    let none = Cutoff { threshold: 0.0, std: 1.0 };
+    let mut fit = MfccFit { slip: gaussian(true)?, not_slip: gaussian(false)?, scaling, cut: none };
+    let ratio = fit.ratio()?;
+    let score = |f: &Frame| f.mfcc.iter().map(|m| ratio.ln(m)).fold(f64::from(f32::MIN), f64::max) as f32;
+    fit.cut = fit_cutoff(frames, &score, order);
     Ok(fit)
 }
 
@@ -124,24 +136,24 @@ fn fit_logistic(frames: &[&Frame], order: ClassOrder) -> Result<LogisticFit> {
     let scaling = Scaling::fit(&raw);
     let z: Vec<_> = raw.iter().map(|x| scaling.apply(x)).collect();
     let slip: Vec<bool> = frames.iter().map(|f| f.label == SLIP).collect();
-    let (weights, intercept) = irls::logistic(&z, &slip)?;
-    let cut = Cut { threshold: 0.0, std: 1.0 };
+    let (weights, intercept) = logistic_regression(&z, &slip)?;
+    let cut = Cutoff { threshold: 0.0, std: 1.0 };
     let mut fit = LogisticFit { scaling, weights: weights.to_vec(), intercept, cut };
-    fit.cut = Cut::fit(frames.iter().map(|f| (fit.log_odds(&f.logistic) as f32, *f)), order);
+    fit.cut = fit_cutoff(frames, &|f| fit.log_odds(&f.logistic) as f32, order);
     Ok(fit)
 }
 
-/// `None` if not every episode could be made again with only the rig heard.
+/// `None` if not every episode has a recipe.
 fn fit_rig(frames: &[&Frame]) -> Result<Option<RigFit>> {
-    let Some(heard) = frames.iter().map(|f| f.rig).collect::<Option<Vec<_>>>() else {
+    let Some(features) = frames.iter().map(|f| f.rig).collect::<Option<Vec<_>>>() else {
         return Ok(None);
     };
-    let scaling = Scaling::fit(&heard);
-    let terms: Vec<_> = heard.iter().map(|x| rig_terms(&scaling.apply(x))).collect();
-    let odds = |of: &dyn Fn(&Frame) -> bool, is: u8| {
-        let chosen = frames.iter().zip(&terms).filter(|(f, _)| of(f));
-        let (terms, is): (Vec<_>, Vec<_>) = chosen.map(|(f, terms)| (*terms, f.label == is)).unzip();
-        irls::logistic(&terms, &is).map(|(weights, intercept)| Odds { weights: weights.to_vec(), intercept })
+    let scaling = Scaling::fit(&features);
+    let terms: Vec<_> = features.iter().map(|x| rig_only::terms(&scaling.apply(x))).collect();
+    let odds = |chosen: &dyn Fn(&Frame) -> bool, class: u8| {
+        let chosen = frames.iter().zip(&terms).filter(|(f, _)| chosen(f));
+        let (terms, positive): (Vec<_>, Vec<_>) = chosen.map(|(f, terms)| (*terms, f.label == class)).unzip();
+        logistic_regression(&terms, &positive).map(|(weights, intercept)| Odds { weights: weights.to_vec(), intercept })
     };
     let slip = odds(&|_| true, SLIP)?;
     let held = odds(&|f| f.label != SLIP, NO_SLIP)?;

@@ -5,11 +5,14 @@ use serde_json::Value;
 use slipsense::params::CLASSES;
 use slipsense_recording::{Episode, Meta};
 
-use crate::detectors::mel::COEFFICIENTS;
-use crate::detectors::{
-    BandPassScore, CLOCK_BIN_FRAMES, EnergyScore, EntropyScore, FluxCusumScore, LOGISTIC_FEATURES,
-    LogisticFeatures, Mfccs, RIG_FEATURES, RigFeatures, Score, rig_only_episode, touched,
-};
+use crate::detector::{PerSensor, Score, touched};
+use crate::detectors::limits::CLOCK_BIN_FRAMES;
+use crate::detectors::logistic::LogisticFeatures;
+use crate::detectors::paper::EntropyScore;
+use crate::detectors::rig_only::{RigFeatures, rig_only_episode};
+use crate::detectors::vibration::{BandPassScore, EnergyScore, FluxCusumScore};
+use crate::fitted::{LOGISTIC_FEATURES, RIG_FEATURES};
+use crate::spectrum::{COEFFICIENTS, XlSpectrum};
 
 /// Scores and features of one frame.
 pub(super) struct Frame {
@@ -22,7 +25,7 @@ pub(super) struct Frame {
     /// One per sensor.
     pub mfcc: Vec<[f64; COEFFICIENTS]>,
     pub logistic: [f64; LOGISTIC_FEATURES],
-    /// `None` where the episode cannot be made again.
+    /// `None` where the episode has no recipe.
     pub rig: Option<[f64; RIG_FEATURES]>,
 }
 
@@ -34,22 +37,28 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Of a training episode: frames 0, `stride`, 2 · `stride` and so on.
-    pub(super) fn of(episode: &Episode, stride: usize) -> Result<Self> {
+    /// From a training episode: frames 0, `stride`, 2 · `stride` and so on.
+    pub(super) fn new(episode: &Episode, stride: usize) -> Result<Self> {
         refuse_other_splits(&episode.meta)?;
         let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
         let rig = match episode.meta.other.contains_key("recipe") {
             true => Some(rig_only_episode(episode)?),
             false => None,
         };
-        let (mut entropy, mut energy) = (EntropyScore::new(), EnergyScore::new());
-        let (mut flux_cusum, mut band_pass) = (FluxCusumScore::new(), BandPassScore::new());
-        let (mut mfccs, mut logistic, mut rig_features) =
-            (Mfccs::new(), LogisticFeatures::new(), RigFeatures::new());
+        let mut entropy = PerSensor::new(EntropyScore::default());
+        let mut energy = PerSensor::new(EnergyScore::new());
+        let mut flux_cusum = PerSensor::new(FluxCusumScore::new());
+        let mut band_pass = PerSensor::new(BandPassScore::new());
+        let mut spectra = vec![XlSpectrum::new(); episode.sensors];
+        let (mut logistic, mut rig_features) = (LogisticFeatures::new(), RigFeatures::new());
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
         let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
         for (frame, &label) in label.iter().enumerate() {
             clock[frame / CLOCK_BIN_FRAMES][usize::from(label)] += 1;
+            let mfcc = spectra.iter_mut().enumerate().map(|(sensor, spectrum)| {
+                spectrum.push_frame(episode, frame, sensor);
+                spectrum.mfcc()
+            });
             let sample = Frame {
                 label,
                 touched: touched(episode, frame),
@@ -57,7 +66,7 @@ impl Sample {
                 energy: energy.step(episode, frame),
                 flux_cusum: flux_cusum.step(episode, frame),
                 band_pass: band_pass.step(episode, frame),
-                mfcc: mfccs.step(episode, frame).collect(),
+                mfcc: mfcc.collect(),
                 logistic: logistic.step(episode, frame),
                 rig: rig.as_ref().map(|rig| rig_features.step(rig, frame)),
             };
@@ -69,8 +78,8 @@ impl Sample {
     }
 }
 
-/// What says `split` must say `train`; what does not (files older than the splits, recordings) must not be
-/// of an object that is kept from training.
+/// Metadata with a `split` must hold `train`; without one (files older than the splits, recordings) the object
+/// must not be one that is kept from training.
 fn refuse_other_splits(meta: &Meta) -> Result<()> {
     match meta.other.get("split") {
         Some(split) => ensure!(split == "train", "meta: split is {split}, only \"train\" may be fitted on"),

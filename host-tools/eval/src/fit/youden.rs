@@ -1,18 +1,18 @@
 //! The one rule by which thresholds are fitted: the largest Youden index.
 
-/// A threshold and what it gives.
+/// A threshold and its Youden index.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Youden {
+pub(crate) struct Youden {
     /// Slip where the score is above this.
-    pub threshold: f32,
+    pub(crate) threshold: f32,
     /// Share of the slip frames above it less share of the other frames above it, −1 to 1.
-    pub index: f64,
+    pub(crate) index: f64,
 }
 
 /// The threshold with the largest J = TPR − FPR, FPR among frames that do not slip; midway between two
 /// scores that occur. Of equals the highest threshold, which alarms least. `frames` are (score, is slip),
 /// finite; they come back sorted. `None` without slip or without anything else.
-pub fn youden(frames: &mut [(f32, bool)]) -> Option<Youden> {
+pub(crate) fn youden(frames: &mut [(f32, bool)]) -> Option<Youden> {
     let slips = frames.iter().filter(|(_, slip)| *slip).count() as f64;
     let others = frames.len() as f64 - slips;
     if slips == 0.0 || others == 0.0 {
@@ -51,7 +51,6 @@ mod tests {
         let mut frames =
             [(1.0, false), (6.0, true), (2.0, false), (5.0, true), (3.0, true), (4.0, false), (3.5, false)];
         let found = youden(&mut frames).unwrap();
-        println!("threshold {}, J {}", found.threshold, found.index);
         assert_eq!(found, Youden { threshold: 4.5, index: 2.0 / 3.0 });
     }
 
@@ -66,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_score_that_tells_nothing_never_fires() {
+    fn a_useless_score_never_fires() {
         let mut frames = [(1.0, true), (1.0, false)];
         assert_eq!(youden(&mut frames).unwrap(), Youden { threshold: 1.0, index: 0.0 });
         let mut backwards = [(1.0, true), (2.0, false)];

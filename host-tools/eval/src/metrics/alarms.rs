@@ -3,7 +3,7 @@
 //! A false alarm is a maximal run of flags outside the slip intervals widened by 50 ms; runs less than
 //! 200 ms apart are one. Rates are per hour of *exposure*: the time outside the widened intervals, in
 //! which an alarm can occur. An alarm is put down to the class of its first frame: of the disturbances
-//! active from 150 ms before it, the one of highest precedence ([`crate::disturbance::CLASSES`]). The
+//! active from 150 ms before it, the one of highest precedence ([`crate::truth::DISTURBANCES`]). The
 //! exposure is cut up by the same rule, so that the classes add up to the whole. Bounds are exact
 //! one-sided 95 % bounds of a Poisson rate.
 
@@ -12,29 +12,25 @@ use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::score::{FalseAlarm, near, score_intervals};
 
 use super::statistics::rate_bound_per_hour;
-use crate::disturbance::CLASSES;
-use crate::truth::Truth;
+use crate::truth::{DISTURBANCES, Truth};
 
 /// Alarms and exposure of one episode; they add up.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct AlarmCounts {
-    /// Alarms of each class.
-    pub alarms: [u64; CLASSES.len()],
-    /// Exposure of each class, frames.
-    pub exposure_frames: [u64; CLASSES.len()],
+pub(crate) struct AlarmCounts {
+    pub(crate) alarms: [u64; DISTURBANCES.len()],
+    pub(crate) exposure_frames: [u64; DISTURBANCES.len()],
     /// Alarms in which the contact truly slid, though not by the label; part of `alarms`.
-    pub sliding: u64,
+    pub(crate) sliding: u64,
     /// Whether the interface truth was known everywhere.
-    pub sliding_known: bool,
-    /// Alarms against the interface truth.
-    pub interface_alarms: u64,
+    pub(crate) sliding_known: bool,
+    pub(crate) interface_alarms: u64,
     /// Exposure outside the widened sliding, frames.
-    pub interface_exposure_frames: u64,
+    pub(crate) interface_exposure_frames: u64,
 }
 
 impl AlarmCounts {
-    /// Count the alarms of an episode; `flag` is non-zero where slip is said.
-    pub fn new(truth: &Truth, flag: &[u8]) -> Self {
+    /// Count the alarms of an episode; `flag` is non-zero where slip is predicted.
+    pub(crate) fn new(truth: &Truth, flag: &[u8]) -> Self {
         let alarms = score_intervals(&truth.slip, flag).false_alarms;
         let mut counts = Self { sliding_known: truth.interface.is_some(), ..Self::default() };
         for (f, _) in near(&truth.slip, truth.frames()).iter().enumerate().filter(|(_, near)| !**near) {
@@ -56,8 +52,8 @@ impl AlarmCounts {
     }
 
     /// Add another episode's.
-    pub fn add(&mut self, other: &Self) {
-        for class in 0..CLASSES.len() {
+    pub(crate) fn add(&mut self, other: &Self) {
+        for class in 0..DISTURBANCES.len() {
             self.alarms[class] += other.alarms[class];
             self.exposure_frames[class] += other.exposure_frames[class];
         }
@@ -68,42 +64,37 @@ impl AlarmCounts {
     }
 
     /// What adding starts from.
-    pub fn zero() -> Self {
+    pub(crate) fn zero() -> Self {
         Self { sliding_known: true, ..Self::default() }
     }
 
-    /// Alarms of all classes.
-    pub fn total(&self) -> u64 {
+    pub(crate) fn total(&self) -> u64 {
         self.alarms.iter().sum()
     }
 
-    /// Exposure of all classes, hours.
-    pub fn hours(&self) -> f64 {
+    pub(crate) fn hours(&self) -> f64 {
         hours(self.exposure_frames.iter().sum())
     }
 }
 
 /// Frames in hours.
-pub fn hours(frames: u64) -> f64 {
+pub(crate) fn hours(frames: u64) -> f64 {
     frames as f64 / (3600.0 * f64::from(FRAME_RATE_HZ))
 }
 
 /// A number of alarms in an exposure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Rate {
-    /// Alarms.
-    pub alarms: u64,
+pub(crate) struct Rate {
+    pub(crate) alarms: u64,
     /// Time in which they could occur.
-    pub exposure_hours: f64,
-    /// Alarms per hour; null without exposure.
-    pub alarms_per_hour: Option<f64>,
+    pub(crate) exposure_hours: f64,
+    pub(crate) alarms_per_hour: Option<f64>,
     /// The true rate is below this with 95 % confidence; null without exposure.
-    pub upper_bound_per_hour: Option<f64>,
+    pub(crate) upper_bound_per_hour: Option<f64>,
 }
 
 impl Rate {
-    /// `alarms` in `frames`.
-    pub fn new(alarms: u64, frames: u64) -> Self {
+    pub(crate) fn new(alarms: u64, frames: u64) -> Self {
         let hours = hours(frames);
         Self {
             alarms,
@@ -116,32 +107,30 @@ impl Rate {
 
 /// Figures of any number of alarms.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct AlarmFigures {
+pub(crate) struct AlarmFigures {
     /// Against the encoder truth, all classes.
-    pub all: Rate,
-    /// Of these alarms, those in which the contact truly slid; null where no episode knows.
-    pub of_these_truly_sliding: Option<u64>,
-    /// Against the interface truth; null where not every episode knows.
-    pub against_interface: Option<Rate>,
+    pub(crate) all: Rate,
+    /// Of these alarms, those in which the contact truly slid; null where an episode lacks the interface truth.
+    pub(crate) of_these_truly_sliding: Option<u64>,
+    /// Against the interface truth; null likewise.
+    pub(crate) against_interface: Option<Rate>,
     /// By disturbance class, those with exposure, in order of precedence.
-    pub by_disturbance: Vec<ClassRate>,
+    pub(crate) by_disturbance: Vec<ClassRate>,
 }
 
 /// The rate of one disturbance class.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct ClassRate {
-    /// Class.
-    pub disturbance: &'static str,
-    /// Its alarms and exposure.
+pub(crate) struct ClassRate {
+    pub(crate) disturbance: &'static str,
     #[serde(flatten)]
-    pub rate: Rate,
+    pub(crate) rate: Rate,
 }
 
 impl AlarmFigures {
     /// Figures of the sum of counts.
-    pub fn new(counts: &AlarmCounts) -> Self {
-        let of_class = |class: usize| ClassRate {
-            disturbance: CLASSES[class],
+    pub(crate) fn new(counts: &AlarmCounts) -> Self {
+        let class_rate = |class: usize| ClassRate {
+            disturbance: DISTURBANCES[class],
             rate: Rate::new(counts.alarms[class], counts.exposure_frames[class]),
         };
         let known = counts.sliding_known;
@@ -150,9 +139,9 @@ impl AlarmFigures {
             of_these_truly_sliding: known.then_some(counts.sliding),
             against_interface: known
                 .then(|| Rate::new(counts.interface_alarms, counts.interface_exposure_frames)),
-            by_disturbance: (0..CLASSES.len())
+            by_disturbance: (0..DISTURBANCES.len())
                 .filter(|&class| counts.exposure_frames[class] > 0)
-                .map(of_class)
+                .map(class_rate)
                 .collect(),
         }
     }

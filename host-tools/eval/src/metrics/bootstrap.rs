@@ -1,4 +1,4 @@
-//! Percentile bootstrap over episodes: frames of one episode, and its events, hang together, so whole
+//! Percentile bootstrap over episodes: frames of one episode, and its events, are correlated, so whole
 //! episodes are drawn with replacement. Each draw adds up the episodes' counts; no frame is touched.
 
 use rand::Rng;
@@ -9,33 +9,34 @@ use slipsense_recording::score::{ClassScores, Detection};
 
 use super::alarms::hours;
 use super::events::WITHIN_FRAMES;
-use super::record::Record;
+use super::figures::{EpisodeRecord, Figures};
 use super::statistics::{CONFIDENCE, share};
 
-/// Draws.
-pub const RESAMPLES: usize = 1000;
-/// Seed of the draws.
-pub const SEED: u64 = 1;
+const RESAMPLES: usize = 1000;
+const SEED: u64 = 1;
 /// With fewer episodes than this an interval would say little.
-pub const EPISODES_MIN: usize = 5;
+const EPISODES_MIN: usize = 5;
 
 /// 95 % intervals, `[low, high]`; null where there are too few episodes or a bound is not finite.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Intervals {
-    /// Of the accuracy.
-    pub accuracy_share: Option<[f64; 2]>,
-    /// Of the macro F1.
-    pub macro_f1: Option<[f64; 2]>,
-    /// Of the false slip frames of the frames that do not slip.
-    pub fpr_of_non_slip_share: Option<[f64; 2]>,
-    /// Of the median latency; the upper bound is null where it is infinite.
-    pub latency_median_frames: Option<[Option<f64>; 2]>,
-    /// Of the share of hits and misses within 5 frames.
-    pub within_5_frames_share: Option<[f64; 2]>,
-    /// Of the share of missed events.
-    pub miss_share: Option<[f64; 2]>,
-    /// Of the false alarms per hour of exposure.
-    pub alarms_per_hour: Option<[f64; 2]>,
+pub(crate) struct Intervals {
+    pub(crate) accuracy_share: Option<[f64; 2]>,
+    pub(crate) macro_f1: Option<[f64; 2]>,
+    pub(crate) fpr_of_non_slip_share: Option<[f64; 2]>,
+    /// The upper bound is null where it is infinite.
+    pub(crate) latency_median_frames: Option<[Option<f64>; 2]>,
+    pub(crate) within_5_frames_share: Option<[f64; 2]>,
+    pub(crate) miss_share: Option<[f64; 2]>,
+    pub(crate) alarms_per_hour: Option<[f64; 2]>,
+}
+
+/// One detector on one input.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct InputFigures {
+    pub(crate) input: String,
+    /// At the detector's own threshold.
+    pub(crate) figures: Figures,
+    pub(crate) intervals: Intervals,
 }
 
 /// What a draw needs of an episode.
@@ -51,7 +52,7 @@ struct Counts {
 const MISSED: u32 = u32::MAX;
 
 impl Counts {
-    fn new(record: &Record) -> Self {
+    fn new(record: &EpisodeRecord) -> Self {
         let outcomes = &record.events.encoder;
         let latency = |detection| match detection {
             Detection::Hit { delay } => Some(delay as u32),
@@ -70,7 +71,7 @@ impl Counts {
 
 impl Intervals {
     /// Intervals of the figures of these episodes. The same episodes give the same intervals.
-    pub fn new(records: &[&Record]) -> Self {
+    pub(crate) fn new(records: &[&EpisodeRecord]) -> Self {
         if records.len() < EPISODES_MIN {
             return Self::default();
         }

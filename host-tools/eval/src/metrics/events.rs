@@ -20,36 +20,36 @@ use super::statistics::{median, percentile, share, share_interval};
 use crate::truth::Truth;
 
 /// "Within 5 frames" (20.8 ms): the paper's mark.
-pub const WITHIN_FRAMES: usize = 5;
+pub(crate) const WITHIN_FRAMES: usize = 5;
 
 /// What became of one event.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
+pub(crate) struct Outcome {
     /// First frame of the event, frame after it, and its detection.
-    pub event: EventScore,
+    pub(crate) event: EventScore,
     /// Frames from the onset to the first flagged frame at or after it; none if there is none.
-    pub from_onset: Option<usize>,
+    pub(crate) from_onset: Option<usize>,
     /// The flag was up in the frame before the onset.
-    pub was_up: bool,
+    pub(crate) was_up: bool,
     /// Millimetres between onset and detection of a hit: of the crosshead (encoder truth), or slid by the
     /// interface (interface truth). None for other events and where the episode does not know.
-    pub travel_mm: Option<f64>,
+    pub(crate) travel_mm: Option<f64>,
 }
 
 /// The events of one episode, against both truths.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Outcomes {
+pub(crate) struct Outcomes {
     /// One per labelled event.
-    pub encoder: Vec<Outcome>,
+    pub(crate) encoder: Vec<Outcome>,
     /// One per labelled event in which the contact slid.
-    pub interface: Vec<Outcome>,
-    /// Labelled events in which it did not, or which nobody knows about.
-    pub without_interface: usize,
+    pub(crate) interface: Vec<Outcome>,
+    /// Labelled events in which it did not slide, or whose episode lacks the interface truth.
+    pub(crate) without_interface: usize,
 }
 
 impl Outcomes {
-    /// Match `flag` (non-zero where slip is said) with the events of an episode.
-    pub fn new(truth: &Truth, flag: &[u8]) -> Self {
+    /// Match `flag` (non-zero where slip is predicted) with the events of an episode.
+    pub(crate) fn new(truth: &Truth, flag: &[u8]) -> Self {
         let crosshead = truth.displacement_mm.as_deref();
         let encoder = outcomes(&truth.slip, flag, crosshead);
         let Some(interface) = &truth.interface else {
@@ -88,59 +88,50 @@ fn outcomes(intervals: &[Interval], flag: &[u8], position_mm: Option<&[f32]>) ->
     score_intervals(intervals, flag).events.into_iter().map(outcome).collect()
 }
 
-/// Figures of any number of events. Frames of 4.17 ms; null where infinite or without events.
+/// Figures of any number of events; null where infinite or without events.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct EventFigures {
-    /// Events of this truth.
-    pub events: usize,
+pub(crate) struct EventFigures {
+    pub(crate) events: usize,
     /// Flagged at or after the onset.
-    pub hits: usize,
+    pub(crate) hits: usize,
     /// Flagged up to 50 ms before the onset.
-    pub early: usize,
+    pub(crate) early: usize,
     /// Not flagged in time.
-    pub missed: usize,
-    /// Early events of all.
-    pub early_share: Option<f64>,
-    /// Missed events of all.
-    pub miss_share: Option<f64>,
-    /// Exact 95 % interval of the share, as if events were independent.
-    pub miss_share_interval: Option<[f64; 2]>,
+    pub(crate) missed: usize,
+    pub(crate) early_share: Option<f64>,
+    pub(crate) miss_share: Option<f64>,
+    /// Exact 95 % interval, as if events were independent.
+    pub(crate) miss_share_interval: Option<[f64; 2]>,
     /// Hits within 5 frames, of hits and misses.
-    pub within_5_frames_share: Option<f64>,
-    /// Exact 95 % interval of the share, as if events were independent.
-    pub within_5_frames_share_interval: Option<[f64; 2]>,
-    /// Median latency.
-    pub latency_median_frames: Option<f64>,
-    /// 76 % have at most this latency (the paper's share within 5 frames).
-    pub latency_p76_frames: Option<f64>,
-    /// 90 %.
-    pub latency_p90_frames: Option<f64>,
-    /// 95 %.
-    pub latency_p95_frames: Option<f64>,
-    /// Largest latency of a hit.
-    pub latency_max_of_hits_frames: Option<f64>,
+    pub(crate) within_5_frames_share: Option<f64>,
+    /// Exact 95 % interval, as if events were independent.
+    pub(crate) within_5_frames_share_interval: Option<[f64; 2]>,
+    pub(crate) latency_median_frames: Option<f64>,
+    /// 76 % is the paper's share within 5 frames.
+    pub(crate) latency_p76_frames: Option<f64>,
+    pub(crate) latency_p90_frames: Option<f64>,
+    pub(crate) latency_p95_frames: Option<f64>,
+    pub(crate) latency_max_of_hits_frames: Option<f64>,
     /// Mean latency of the hits; misses cannot count here.
-    pub latency_mean_of_hits_frames: Option<f64>,
+    pub(crate) latency_mean_of_hits_frames: Option<f64>,
     /// Median from the onset to the first flagged frame, flags before it ignored.
-    pub from_onset_median_frames: Option<f64>,
+    pub(crate) from_onset_median_frames: Option<f64>,
     /// Events whose onset frame is flagged, of all.
-    pub at_onset_share: Option<f64>,
+    pub(crate) at_onset_share: Option<f64>,
     /// ... and the frame before is not.
-    pub at_onset_with_transition_share: Option<f64>,
+    pub(crate) at_onset_with_transition_share: Option<f64>,
     /// Flagged early or up to 5 frames after the onset, of all events.
-    pub early_or_within_5_frames_share: Option<f64>,
+    pub(crate) early_or_within_5_frames_share: Option<f64>,
     /// Flagged early or in the onset frame, of all events.
-    pub early_or_at_onset_share: Option<f64>,
+    pub(crate) early_or_at_onset_share: Option<f64>,
     /// Median travel at detection, misses at infinity.
-    pub travel_median_mm: Option<f64>,
-    /// 90 %.
-    pub travel_p90_mm: Option<f64>,
-    /// Largest of a hit.
-    pub travel_max_of_hits_mm: Option<f64>,
+    pub(crate) travel_median_mm: Option<f64>,
+    pub(crate) travel_p90_mm: Option<f64>,
+    pub(crate) travel_max_of_hits_mm: Option<f64>,
 }
 
 /// Latencies of hits and misses (infinite), sorted.
-pub fn latencies<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Vec<f64> {
+pub(crate) fn latencies<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Vec<f64> {
     let latency = |outcome: &Outcome| match outcome.event.detection {
         Detection::Hit { delay } => Some(delay as f64),
         Detection::Missed => Some(f64::INFINITY),
@@ -153,7 +144,7 @@ pub fn latencies<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Vec<f64
 
 impl EventFigures {
     /// Figures of these events.
-    pub fn new(outcomes: &[&Outcome]) -> Self {
+    pub(crate) fn new(outcomes: &[&Outcome]) -> Self {
         let latency = latencies(outcomes.iter().copied());
         let events = outcomes.len();
         let hits = latency.iter().filter(|frames| frames.is_finite()).count();
@@ -165,9 +156,11 @@ impl EventFigures {
             outcomes.iter().map(|o| o.from_onset.map_or(f64::INFINITY, |frames| frames as f64)).collect();
         from_onset.sort_by(f64::total_cmp);
         let at_onset = |o: &&&Outcome| o.from_onset == Some(0);
-        let (mut travel, of_hits) = travels(outcomes);
+        let mut travel: Vec<f64> = outcomes.iter().filter_map(|outcome| outcome.travel_mm).collect();
+        travel.sort_by(f64::total_cmp);
+        let hits_with_travel = travel.len();
         // Misses count only where hits have a travel at all.
-        if hits == of_hits {
+        if hits == hits_with_travel {
             travel.resize(hits + missed, f64::INFINITY);
         }
         Self {
@@ -197,15 +190,46 @@ impl EventFigures {
             early_or_at_onset_share: share(early + at_once, events),
             travel_median_mm: median(&travel),
             travel_p90_mm: percentile(&travel, 0.90),
-            travel_max_of_hits_mm: of_hits.checked_sub(1).map(|last| travel[last]),
+            travel_max_of_hits_mm: hits_with_travel.checked_sub(1).map(|last| travel[last]),
         }
     }
 }
 
-/// Travels of the hits that have one, sorted, and their number.
-fn travels(outcomes: &[&Outcome]) -> (Vec<f64>, usize) {
-    let mut travel: Vec<f64> = outcomes.iter().filter_map(|outcome| outcome.travel_mm).collect();
-    travel.sort_by(f64::total_cmp);
-    let count = travel.len();
-    (travel, count)
+/// Shares of hits and misses that are flagged within `frames[i]` frames of the onset. Misses keep the
+/// shares below 1; early events are not among them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Cdf {
+    /// Hits and misses.
+    pub(crate) events: usize,
+    /// Latencies at which the share changes, and 0.
+    pub(crate) latency_at_most_frames: Vec<u32>,
+    /// Share of the events at each; empty without events.
+    pub(crate) events_share: Vec<f64>,
+}
+
+impl Cdf {
+    /// The distribution of these events' latencies.
+    pub(crate) fn new<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Self {
+        let latencies = latencies(outcomes);
+        let mut cdf = Self { events: latencies.len(), ..Self::default() };
+        let mut latest = None;
+        for (i, &frames) in latencies.iter().enumerate() {
+            if latest.is_none() && frames > 0.0 {
+                cdf.latency_at_most_frames.push(0);
+                cdf.events_share.push(0.0);
+            }
+            if !frames.is_finite() {
+                break;
+            }
+            let share = (i + 1) as f64 / latencies.len() as f64;
+            if latest == Some(frames) {
+                cdf.events_share.pop();
+                cdf.latency_at_most_frames.pop();
+            }
+            cdf.latency_at_most_frames.push(frames as u32);
+            cdf.events_share.push(share);
+            latest = Some(frames);
+        }
+        cdf
+    }
 }

@@ -5,6 +5,8 @@
 //! * *FPR*: frames falsely called slip, as a share of the frames that do not slip (the headline), or of
 //!   all frames. The paper does not say which it means; its Table 1 leaves only the former: an FPR of
 //!   22.98 % of all frames cannot stand beside an accuracy of 79.41 %.
+//! * *False slip*: the FPR by where the frames lie: up to 50 ms before an onset, where a flag is early; up to
+//!   50 ms after an end, where it lasts; or elsewhere, where nothing explains it.
 //! * *Contact only*: precision, recall and F1 of slip among the frames with contact by the label. No
 //!   contact is a rule on the pressure sum that label and detector may share, so it is won for free.
 //! * *Guard band*: the frames up to 2 beside an onset or end of slip are left out; the encoder's steps and
@@ -12,107 +14,113 @@
 
 use serde::Serialize;
 use slipsense::params::CLASSES;
-use slipsense_recording::score::{ClassScores, SLIP};
+use slipsense_recording::score::{ClassScores, MARGIN_FRAMES, SLIP};
 
+use super::statistics::share;
 use crate::truth::Truth;
 
 /// Frames left out on each side of an onset or end.
-pub const GUARD_FRAMES: usize = 2;
+const GUARD_FRAMES: usize = 2;
 
 /// Names of the classes in output.
-pub const CLASS_NAMES: [&str; CLASSES] = ["no_contact", "no_slip", "slip"];
+pub(crate) const CLASS_NAMES: [&str; CLASSES] = ["no_contact", "no_slip", "slip"];
 
 /// Counts of one episode; they add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
-    /// All frames.
-    pub all: ClassScores,
+    pub(crate) all: ClassScores,
     /// Frames outside the guard bands.
-    pub guarded: ClassScores,
+    guarded: ClassScores,
+    /// Frames falsely called slip up to 50 ms before an onset; up to 50 ms after an end, and not before the next
+    /// onset; elsewhere.
+    false_slip: [usize; 3],
 }
 
 impl FrameCounts {
-    /// Count the frames of an episode judged as `class`.
+    /// Count the frames of an episode predicted as `class`.
     pub fn new(truth: &Truth, class: &[u8]) -> Self {
-        let all = ClassScores::new(&truth.label, class);
-        let mut guarded = all;
-        let mut left_out = vec![false; truth.frames()];
-        for boundary in truth.slip.iter().flat_map(|&(onset, end)| [onset, end]) {
-            let to = (boundary + GUARD_FRAMES).min(truth.frames());
-            left_out[boundary.saturating_sub(GUARD_FRAMES)..to].fill(true);
+        let frames = truth.frames();
+        let mut counts = Self { all: ClassScores::new(&truth.label, class), ..Self::default() };
+        counts.guarded = counts.all;
+        let mark = |marked: &mut [bool], from: usize, to: usize| marked[from..to.min(frames)].fill(true);
+        let (mut before, mut after, mut guard) = (vec![false; frames], vec![false; frames], vec![false; frames]);
+        for &(onset, end) in &truth.slip {
+            mark(&mut before, onset.saturating_sub(MARGIN_FRAMES), onset);
+            mark(&mut after, end, end + MARGIN_FRAMES);
+            for boundary in [onset, end] {
+                mark(&mut guard, boundary.saturating_sub(GUARD_FRAMES), boundary + GUARD_FRAMES);
+            }
         }
-        for f in (0..truth.frames()).filter(|&f| left_out[f]) {
-            guarded.confusion[truth.label[f] as usize][class[f] as usize] -= 1;
+        for f in 0..frames {
+            let (label, class) = (truth.label[f], class[f]);
+            if guard[f] {
+                counts.guarded.confusion[label as usize][class as usize] -= 1;
+            }
+            if class == SLIP && label != SLIP {
+                let place = if before[f] { 0 } else if after[f] { 1 } else { 2 };
+                counts.false_slip[place] += 1;
+            }
         }
-        Self { all, guarded }
+        counts
     }
 
     /// Add another episode's.
-    pub fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         self.all.add(&other.all);
         self.guarded.add(&other.guarded);
+        self.false_slip.iter_mut().zip(other.false_slip).for_each(|(sum, frames)| *sum += frames);
     }
 }
 
-/// Figures of any number of frames. Shares are 0 to 1; null where there is nothing to divide by.
+/// Figures of any number of frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FrameFigures {
-    /// `[truth][decided]`, classes no contact, no slip, slip.
-    pub confusion_frames: [[u64; CLASSES]; CLASSES],
-    /// Share of frames whose class is right.
-    pub accuracy_share: Option<f64>,
+    /// `[truth][predicted]`, classes no contact, no slip, slip.
+    pub(crate) confusion_frames: [[u64; CLASSES]; CLASSES],
+    pub(crate) accuracy_share: Option<f64>,
     /// Mean F1 of the classes that occur.
-    pub macro_f1: Option<f64>,
-    /// Of each class.
-    pub classes: Vec<ClassFigures>,
+    pub(crate) macro_f1: Option<f64>,
+    pub(crate) classes: Vec<ClassFigures>,
     /// False slip frames of the frames that do not slip.
-    pub fpr_of_non_slip_share: Option<f64>,
-    /// False slip frames of all frames.
-    pub fpr_of_all_share: Option<f64>,
+    pub(crate) fpr_of_non_slip_share: Option<f64>,
+    pub(crate) fpr_of_all_share: Option<f64>,
     /// Slip among the frames with contact.
-    pub contact_only_slip: ClassFigures,
-    /// Without the frames beside onsets and ends.
-    pub guard_band: GuardFigures,
+    pub(crate) contact_only_slip: ClassFigures,
+    pub(crate) guard_band: GuardFigures,
 }
 
 /// Precision, recall and F1 of one class.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct ClassFigures {
-    /// Name of the class.
-    pub name: &'static str,
-    /// Of the frames decided so, the share that are.
-    pub precision_share: Option<f64>,
-    /// Of the frames that are, the share decided so.
-    pub recall_share: Option<f64>,
-    /// Harmonic mean of the two.
-    pub f1: Option<f64>,
+pub(crate) struct ClassFigures {
+    pub(crate) name: &'static str,
+    pub(crate) precision_share: Option<f64>,
+    pub(crate) recall_share: Option<f64>,
+    pub(crate) f1: Option<f64>,
 }
 
 /// The main figures without the guard bands.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct GuardFigures {
-    /// Frames counted.
-    pub frames: u64,
-    /// As above.
-    pub accuracy_share: Option<f64>,
-    /// As above.
-    pub macro_f1: Option<f64>,
-    /// As above.
-    pub fpr_of_non_slip_share: Option<f64>,
+pub(crate) struct GuardFigures {
+    pub(crate) frames: u64,
+    pub(crate) accuracy_share: Option<f64>,
+    pub(crate) macro_f1: Option<f64>,
+    pub(crate) fpr_of_non_slip_share: Option<f64>,
 }
 
 impl FrameFigures {
     /// Figures of the sum of counts.
     pub fn new(counts: &FrameCounts) -> Self {
         let (all, guarded) = (&counts.all, &counts.guarded);
+        let mut contact = *all;
+        contact.confusion[0] = [0; CLASSES];
         Self {
             confusion_frames: all.confusion,
             accuracy_share: all.accuracy(),
             macro_f1: all.macro_f1(),
-            classes: (0..CLASSES).map(|class| of_class(all, class)).collect(),
+            classes: (0..CLASSES).map(|class| ClassFigures::new(all, class)).collect(),
             fpr_of_non_slip_share: all.fpr_of_non_slip(),
             fpr_of_all_share: all.fpr_of_all(),
-            contact_only_slip: contact_only(all),
+            contact_only_slip: ClassFigures::new(&contact, SLIP as usize),
             guard_band: GuardFigures {
                 frames: guarded.frames(),
                 accuracy_share: guarded.accuracy(),
@@ -123,17 +131,30 @@ impl FrameFigures {
     }
 }
 
-fn of_class(scores: &ClassScores, class: usize) -> ClassFigures {
-    ClassFigures {
-        name: CLASS_NAMES[class],
-        precision_share: scores.precision(class),
-        recall_share: scores.recall(class),
-        f1: scores.f1(class),
+impl ClassFigures {
+    fn new(scores: &ClassScores, class: usize) -> Self {
+        Self {
+            name: CLASS_NAMES[class],
+            precision_share: scores.precision(class),
+            recall_share: scores.recall(class),
+            f1: scores.f1(class),
+        }
     }
 }
 
-fn contact_only(all: &ClassScores) -> ClassFigures {
-    let mut contact = *all;
-    contact.confusion[0] = [0; CLASSES];
-    of_class(&contact, SLIP as usize)
+/// The FPR of the frames that do not slip, by where the frames lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct FalseSlipFigures {
+    pub(crate) fpr_before_slip_share: Option<f64>,
+    pub(crate) fpr_after_slip_share: Option<f64>,
+    pub(crate) fpr_elsewhere_share: Option<f64>,
+}
+
+impl FalseSlipFigures {
+    /// Figures of the sum of counts.
+    pub(crate) fn new(counts: &FrameCounts) -> Self {
+        let non_slip = counts.all.confusion[..SLIP as usize].iter().flatten().sum::<u64>() as usize;
+        let [before, after, elsewhere] = counts.false_slip.map(|frames| share(frames, non_slip));
+        Self { fpr_before_slip_share: before, fpr_after_slip_share: after, fpr_elsewhere_share: elsewhere }
+    }
 }

@@ -2,41 +2,39 @@
 
 use serde::Serialize;
 
-use super::record::{Figures, Record};
-use crate::truth::{Facts, Truth};
+use super::figures::{EpisodeRecord, Figures};
+use crate::truth::{EpisodeInfo, Truth};
 
 /// Figures of the episodes that have something in common.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Group {
+pub(crate) struct Group {
     /// What they have in common, `unknown` where the metadata does not say.
-    pub value: String,
-    /// Their figures.
-    pub figures: Figures,
+    pub(crate) value: String,
+    pub(crate) figures: Figures,
 }
 
 /// The episodes cut up by one of their properties.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Grouping {
-    /// The property.
-    pub by: &'static str,
+pub(crate) struct Grouping {
+    pub(crate) by: &'static str,
     /// In order of the value.
-    pub groups: Vec<Group>,
+    pub(crate) groups: Vec<Group>,
     /// The group of the lowest macro F1.
-    pub worst: Option<String>,
+    pub(crate) worst: Option<String>,
 }
 
 /// Bounds between the terciles of the grip force, N; `None` where no episode states its grip.
-pub fn grip_bounds_n<'a>(truths: impl IntoIterator<Item = &'a Truth>) -> Option<[f64; 2]> {
-    let mut grips: Vec<f64> = truths.into_iter().filter_map(|truth| truth.facts.grip_n).collect();
+pub(crate) fn grip_bounds_n<'a>(truths: impl IntoIterator<Item = &'a Truth>) -> Option<[f64; 2]> {
+    let mut grips: Vec<f64> = truths.into_iter().filter_map(|truth| truth.info.grip_n).collect();
     grips.sort_by(f64::total_cmp);
     (!grips.is_empty()).then(|| [1, 2].map(|third| grips[third * grips.len() / 3]))
 }
 
 /// All groupings of these episodes.
-pub fn groupings(episodes: &[(&Truth, &Record)]) -> Vec<Grouping> {
+pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> {
     let grip = grip_bounds_n(episodes.iter().map(|(truth, _)| *truth));
-    let tercile = |facts: &Facts| {
-        let (n, [low, high]) = (facts.grip_n?, grip?);
+    let tercile = |info: &EpisodeInfo| {
+        let (n, [low, high]) = (info.grip_n?, grip?);
         Some(match n {
             n if n < low => format!("1 below {low:.1} N"),
             n if n < high => format!("2 from {low:.1} to {high:.1} N"),
@@ -44,34 +42,34 @@ pub fn groupings(episodes: &[(&Truth, &Record)]) -> Vec<Grouping> {
         })
     };
     let speed =
-        |facts: &Facts| Some(facts.speed_mm_s.map_or("nothing pulls".to_owned(), |v| format!("{v} mm/s")));
-    type Key<'a> = &'a dyn Fn(&Facts) -> Option<String>;
+        |info: &EpisodeInfo| Some(info.speed_mm_s.map_or("nothing pulls".to_owned(), |v| format!("{v} mm/s")));
+    type Key<'a> = &'a dyn Fn(&EpisodeInfo) -> Option<String>;
     let by: [(&'static str, Key<'_>); 9] = [
-        ("input", &|facts| Some(facts.input.clone())),
+        ("input", &|info| Some(info.input.clone())),
         ("speed", &speed),
-        ("object", &|facts| facts.object.clone()),
-        ("object_kind", &|facts| facts.object_kind.clone()),
+        ("object", &|info| info.object.clone()),
+        ("object_kind", &|info| info.object_kind.clone()),
         ("grip_tercile", &tercile),
-        ("platform", &|facts| facts.platform.clone()),
-        ("sensors", &|facts| Some(facts.sensors.to_string())),
-        ("region", &|facts| facts.region.clone()),
-        ("scenario", &|facts| facts.scenario.clone()),
+        ("platform", &|info| info.platform.clone()),
+        ("sensors", &|info| Some(info.sensors.to_string())),
+        ("region", &|info| info.region.clone()),
+        ("scenario", &|info| info.scenario.clone()),
     ];
     by.into_iter().map(|(by, key)| grouping(by, episodes, key)).collect()
 }
 
 fn grouping(
     by: &'static str,
-    episodes: &[(&Truth, &Record)],
-    key: &dyn Fn(&Facts) -> Option<String>,
+    episodes: &[(&Truth, &EpisodeRecord)],
+    key: &dyn Fn(&EpisodeInfo) -> Option<String>,
 ) -> Grouping {
-    let key = |truth: &Truth| key(&truth.facts).unwrap_or_else(|| "unknown".to_owned());
+    let key = |truth: &Truth| key(&truth.info).unwrap_or_else(|| "unknown".to_owned());
     let mut values: Vec<String> = episodes.iter().map(|(truth, _)| key(truth)).collect();
     values.sort_by(|a, b| number(a).total_cmp(&number(b)).then_with(|| a.cmp(b)));
     values.dedup();
     let group = |value: String| {
-        let of_group = episodes.iter().filter(|(truth, _)| key(truth) == value);
-        Group { figures: Figures::new(of_group.map(|(_, record)| *record)), value }
+        let members = episodes.iter().filter(|(truth, _)| key(truth) == value);
+        Group { figures: Figures::new(members.map(|(_, record)| *record)), value }
     };
     let groups: Vec<Group> = values.into_iter().map(group).collect();
     let f1 = |group: &&Group| group.figures.frame.macro_f1.unwrap_or(f64::INFINITY);

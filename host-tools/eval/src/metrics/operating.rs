@@ -1,7 +1,7 @@
 //! What the threshold trades: false alarms against latency and misses.
 //!
-//! At a threshold, a frame is slip where its score is above the threshold, else it is what the detector
-//! says it is if it is not slip. Thresholds of the curve are quantiles of the scores of the frames that do
+//! At a threshold, a frame is slip where its score is above the threshold, else its
+//! fallback class. Thresholds of the curve are quantiles of the scores of the frames that do
 //! not slip, evenly spaced in the logarithm of the false-positive rate.
 //!
 //! The operating point is fixed on validation data and applied unchanged: the lowest threshold whose FPR
@@ -11,50 +11,38 @@
 use serde::Serialize;
 use slipsense_recording::score::SLIP;
 
-use super::record::{Figures, Record};
-use crate::detectors::Verdict;
+use super::figures::{EpisodeRecord, Figures};
+use crate::detector::Prediction;
 use crate::truth::Truth;
 
 /// FPR that the operating point aims at, of the frames that do not slip: about the paper's.
-pub const TARGET_FPR: f64 = 0.015;
+pub(crate) const TARGET_FPR: f64 = 0.015;
 /// Thresholds of a curve, at most.
-pub const POINTS: usize = 40;
+pub(crate) const POINTS: usize = 40;
 /// Highest and lowest false-positive rate of a curve.
 const FPR_RANGE: [f64; 2] = [0.5, 1e-5];
 
 /// One point of the curve.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct CurvePoint {
+pub(crate) struct CurvePoint {
     /// Threshold, in the detector's unit.
-    pub threshold_score: f64,
-    /// False slip frames of the frames that do not slip.
-    pub fpr_of_non_slip_share: Option<f64>,
-    /// False alarms per hour of exposure.
-    pub alarms_per_hour: Option<f64>,
+    pub(crate) threshold_score: f64,
+    pub(crate) fpr_of_non_slip_share: Option<f64>,
+    pub(crate) alarms_per_hour: Option<f64>,
     /// Median latency against the encoder truth; null where infinite.
-    pub latency_median_frames: Option<f64>,
-    /// Hits within 5 frames, of hits and misses.
-    pub within_5_frames_share: Option<f64>,
-    /// Missed events of all.
-    pub miss_share: Option<f64>,
-    /// Early events of all.
-    pub early_share: Option<f64>,
-    /// The detector's own threshold.
-    pub is_detectors_own: bool,
+    pub(crate) latency_median_frames: Option<f64>,
+    pub(crate) within_5_frames_share: Option<f64>,
+    pub(crate) miss_share: Option<f64>,
+    pub(crate) early_share: Option<f64>,
+    pub(crate) is_detectors_own: bool,
     /// The operating point that was fixed on validation data.
-    pub is_operating_point: bool,
-}
-
-/// Classes of the frames at another threshold.
-pub fn at_threshold(verdict: &Verdict, threshold: f32) -> Vec<u8> {
-    let class = |(&score, &fallback)| if score > threshold { SLIP } else { fallback };
-    verdict.score.iter().zip(&verdict.fallback).map(class).collect()
+    pub(crate) is_operating_point: bool,
 }
 
 /// Scores of all frames that do not slip, highest first.
-pub fn non_slip_scores(episodes: &[(&Truth, &Verdict)]) -> Vec<f32> {
-    let of_episode = |(truth, verdict): &(&Truth, &Verdict)| -> Vec<f32> {
-        let frames = truth.label.iter().zip(&verdict.score);
+pub(crate) fn non_slip_scores(episodes: &[(&Truth, &Prediction)]) -> Vec<f32> {
+    let of_episode = |(truth, prediction): &(&Truth, &Prediction)| -> Vec<f32> {
+        let frames = truth.label.iter().zip(&prediction.score);
         frames.filter(|(label, _)| **label != SLIP).map(|(_, score)| *score).collect()
     };
     let mut scores: Vec<f32> = episodes.iter().flat_map(of_episode).collect();
@@ -64,14 +52,14 @@ pub fn non_slip_scores(episodes: &[(&Truth, &Verdict)]) -> Vec<f32> {
 
 /// The lowest threshold at which at most `target` of these scores (highest first) are slip. `None` where
 /// there are none.
-pub fn threshold_for(descending: &[f32], target: f64) -> Option<f32> {
+pub(crate) fn threshold_for(descending: &[f32], target: f64) -> Option<f32> {
     let allowed = (target * descending.len() as f64) as usize;
     // The first score that must not be slip; those equal to it are not slip either.
     descending.get(allowed.min(descending.len().checked_sub(1)?)).copied()
 }
 
 /// The curve over these episodes. `own` is the detector's threshold, `fixed` the operating point's.
-pub fn curve(episodes: &[(&Truth, &Verdict)], own: f32, fixed: Option<f32>) -> Vec<CurvePoint> {
+pub(crate) fn curve(episodes: &[(&Truth, &Prediction)], own: f32, fixed: Option<f32>) -> Vec<CurvePoint> {
     let scores = non_slip_scores(episodes);
     let [high, low] = FPR_RANGE.map(f64::ln);
     let steps = (POINTS - 2) as f64;
@@ -99,9 +87,9 @@ pub fn curve(episodes: &[(&Truth, &Verdict)], own: f32, fixed: Option<f32>) -> V
 }
 
 /// Figures of these episodes at a threshold.
-pub fn figures_at(episodes: &[(&Truth, &Verdict)], threshold: f32) -> Figures {
+pub(crate) fn figures_at(episodes: &[(&Truth, &Prediction)], threshold: f32) -> Figures {
     let record =
-        |(truth, verdict): &(&Truth, &Verdict)| Record::new(truth, &at_threshold(verdict, threshold));
-    let records: Vec<Record> = episodes.iter().map(record).collect();
+        |(truth, prediction): &(&Truth, &Prediction)| EpisodeRecord::new(truth, &prediction.classes_at(threshold));
+    let records: Vec<EpisodeRecord> = episodes.iter().map(record).collect();
     Figures::new(&records)
 }

@@ -3,7 +3,7 @@
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF};
 
 /// Confidence of all intervals.
-pub const CONFIDENCE: f64 = 0.95;
+pub(crate) const CONFIDENCE: f64 = 0.95;
 
 /// Clopper–Pearson interval of a share: exact, two-sided, 95 %. None without trials.
 pub fn share_interval(hits: u64, trials: u64) -> Option<[f64; 2]> {
@@ -27,14 +27,14 @@ pub fn rate_bound_per_hour(count: u64, hours: f64) -> Option<f64> {
 
 /// The smallest value that at least the share `p` of the sorted values does not exceed (nearest rank).
 /// None where that is infinite, or without values.
-pub fn percentile(sorted: &[f64], p: f64) -> Option<f64> {
+pub(crate) fn percentile(sorted: &[f64], p: f64) -> Option<f64> {
     let rank = (p * sorted.len() as f64 - 1e-9).ceil().max(1.0) as usize;
     sorted.get(rank - 1).copied().filter(|value| value.is_finite())
 }
 
 /// Median of sorted values: the mean of the middle two where their number is even. None where that is
 /// infinite, or without values.
-pub fn median(sorted: &[f64]) -> Option<f64> {
+pub(crate) fn median(sorted: &[f64]) -> Option<f64> {
     let middle = sorted.len() / 2;
     let value = match sorted.len() {
         0 => return None,
@@ -44,20 +44,20 @@ pub fn median(sorted: &[f64]) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// Arithmetic mean; none without values.
-pub fn mean(values: &[f64]) -> Option<f64> {
+/// None without values.
+pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Standard deviation of a sample, with n − 1; none of fewer than two values.
-pub fn standard_deviation(values: &[f64]) -> Option<f64> {
+pub(crate) fn standard_deviation(values: &[f64]) -> Option<f64> {
     let mean = mean(values).filter(|_| values.len() > 1)?;
     let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
 /// A share of `whole`; none where `whole` is 0.
-pub fn share(part: usize, whole: usize) -> Option<f64> {
+pub(crate) fn share(part: usize, whole: usize) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
 }
 
@@ -67,7 +67,6 @@ mod tests {
 
     fn close(found: Option<f64>, expected: f64, within: f64) {
         let found = found.unwrap();
-        println!("{found:.4} against {expected}");
         assert!((found - expected).abs() < within, "{found} against {expected}");
     }
 

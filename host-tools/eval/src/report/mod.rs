@@ -1,9 +1,8 @@
 //! The report: one HTML file with tables and plots, nothing loaded from elsewhere.
 
-mod grids;
-mod page;
-mod parts;
 mod plots;
 mod timeline;
+mod tables;
+mod page;
 
 pub use page::html;

@@ -4,14 +4,15 @@ use anyhow::Result;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use plotters::prelude::SeriesLabelPosition;
 
-use super::grids::grid;
-use super::parts;
 use super::plots::{Axes, Line, linear, logarithmic};
+use super::tables;
 use super::timeline::timeline;
-use crate::metrics::cdf::Cdf;
+use crate::metrics::events::Cdf;
 use crate::metrics::operating::CurvePoint;
+use crate::paper::WITHIN_PERCENT;
 use crate::results::{DetectorResults, Results};
 use crate::run::Run;
+use crate::table::percent;
 
 const STYLE: &str = include_str!("page.css");
 /// Longest latency on the plots' axes: 250 ms.
@@ -37,20 +38,24 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
             body { main {
                 h1 { "Slip detectors compared" }
                 p.origin { (origin(results)) }
-                (parts::headline(results))
+                (tables::headline(results).html())
                 p { "Latency counts from the encoder's onset; missed events are infinitely late, early ones stand apart. Numbers of one "
                     "row belong to one threshold. " a href="#definitions" { "Definitions" } " are at the end; all numbers of this page, and "
                     "more, are in " code { "metrics.json" } "." }
-                (parts::inputs(results))
-                @if !results.paper.is_empty() { h2 { "Beside the paper" } (parts::paper(results)) (parts::paper_speeds(results)) }
-                @for (i, of) in results.grids().iter().enumerate() { @if i == 0 { h2 { "False slip, targets, integers, directions" } } (grid(of)) }
+                (tables::inputs(results).html())
+                @if !results.paper.is_empty() { h2 { "Beside the paper" } (paper(results)) }
+                @for (i, table) in tables::shared(results).iter().enumerate() {
+                    @if i == 0 { h2 { "False slip, targets, integers, directions" } }
+                    (table.html())
+                }
                 h2 { "How soon" }
-                (parts::latencies(results))
+                (latencies(results))
                 div.plots { (plots.encoder) (plots.interface) @for speed in &plots.speed { (speed) } }
                 h2 { "What a threshold trades" }
                 div.plots { (plots.operating) (plots.misses) }
-                @for detector in &results.detectors { (parts::operating_point(detector, kind)) }
-                (parts::pairs_and_seeds(results))
+                @for detector in &results.detectors { (operating_point(detector, kind)) }
+                @if !results.pairs.is_empty() { h2 { "Integers against floating point" } (tables::pairs(results).html()) }
+                @if !results.seeds.is_empty() { h2 { "Seeds" } (tables::seeds(results).html()) }
                 h2 { "Detector by detector" }
                 @for detail in &details { (detail) }
                 (definitions(results))
@@ -178,7 +183,7 @@ fn detail(results: &Results, run: &Run, index: usize, detector: &DetectorResults
     let kind = results.kind_of_data();
     let worst = match (&detector.worst_episode, detector.worst_index) {
         (Some(worst), Some(episode)) => {
-            let svg = timeline(&run.truths[episode], &run.verdicts[index][episode])?;
+            let svg = timeline(&run.truths[episode], &run.predictions[index][episode])?;
             let caption = format!(
                 "Worst episode: {}/{}, {} missed, {} false alarms. Flag against label (encoder) and interface (sliding); grey: other \
                  events; the grey line under the score is the threshold ({kind})",
@@ -191,12 +196,68 @@ fn detail(results: &Results, run: &Run, index: usize, detector: &DetectorResults
     Ok(html! {
         details open[index == 0] {
             summary { (detector.name) }
-            (parts::confusion(detector, kind))
-            (parts::alarms(detector, kind))
-            @for grouping in &detector.groupings { (parts::grouping(grouping, kind)) }
+            (confusion(detector, kind))
+            (alarms(detector, kind))
+            @for grouping in &detector.groupings { (tables::grouping(grouping, kind).html()) }
             (worst)
         }
     })
+}
+
+fn paper(results: &Results) -> Markup {
+    let [onset, within] = WITHIN_PERCENT;
+    html! {
+        (tables::paper(results).html())
+        p { small { "Latency here is the paper's as far as it is stated: the median of the frames from the onset to the first "
+            "flagged frame at or after it, whether the flag was up before or not. The paper does not say of which frames its FPR is "
+            "a share; an FPR of 22.98 % beside an accuracy of 79.41 % can only be of those that do not slip." } }
+        (tables::paper_speeds(results).html())
+        p { small { "Of its 167 events the paper flags " (onset) " % at the onset frame and " (within) " % within 5 frames." } }
+    }
+}
+
+fn latencies(results: &Results) -> Markup {
+    html! {
+        (tables::latencies(results).html())
+        @if let Some(detector) = results.detectors.first() {
+            p { "In " (percent(detector.all.labelled_without_interface_slip_share)) " % of the labelled events ("
+                (detector.all.labelled_without_interface_slip) ") the contact as a whole never slid, or the episodes do not say; "
+                "the interface truth leaves them out." }
+            (tables::compute(results).html())
+        }
+    }
+}
+
+fn operating_point(detector: &DetectorResults, kind: &str) -> Markup {
+    html! {
+        @match &detector.operating_point {
+            None => p { (detector.name) " has no operating point: " (detector.operating_point_missing_because.unwrap_or("not known")) "." },
+            Some(point) => (tables::operating_point(&detector.name, point, kind).html()),
+        }
+    }
+}
+
+fn confusion(detector: &DetectorResults, kind: &str) -> Markup {
+    let frame = &detector.all.frame;
+    let (contact, guard) = (&frame.contact_only_slip, &frame.guard_band);
+    html! {
+        (tables::confusion(detector, kind).html())
+        p { "Slip among frames with contact: precision " (percent(contact.precision_share)) " %, recall "
+            (percent(contact.recall_share)) " %, F1 " (percent(contact.f1)) " %. FPR "
+            (percent(frame.fpr_of_non_slip_share)) " % of the frames that do not slip, " (percent(frame.fpr_of_all_share))
+            " % of all. Without the 2 frames beside every onset and end: accuracy " (percent(guard.accuracy_share))
+            " %, macro F1 " (percent(guard.macro_f1)) " %, FPR " (percent(guard.fpr_of_non_slip_share)) " %." }
+    }
+}
+
+fn alarms(detector: &DetectorResults, kind: &str) -> Markup {
+    let figures = &detector.all.alarms;
+    html! {
+        (tables::alarms(detector, kind).html())
+        @if let Some(sliding) = figures.of_these_truly_sliding {
+            p { "In " (sliding) " of the " (figures.all.alarms) " alarms the contact truly slid, though not by the label." }
+        }
+    }
 }
 
 fn definitions(results: &Results) -> Markup {
@@ -217,7 +278,7 @@ fn definitions(results: &Results) -> Markup {
             dt { "Travel" } dd { "Between onset and detection: of the crosshead (encoder truth; 0.07 mm have passed at the onset), or slid by the "
                 "interface (interface truth)." }
             dt { "False alarm" } dd { "A run of flags more than 50 ms away from all labelled slip; runs less than 200 ms apart are one. Rates are per "
-                "hour of the time outside slip ± 50 ms. It is put down to what went on from 150 ms before its start, short impacts first. "
+                "hour of the time outside slip ± 50 ms. Its cause is what happened from 150 ms before its start, short impacts first. "
                 "Bounds are exact one-sided 95 % bounds of a Poisson rate." }
             dt { "FPR" } dd { "Frames falsely called slip, of the frames that do not slip." }
             dt { "Macro F1" } dd { "Mean of the F1 of the three classes. No contact is a rule on the pressure sum that labels and detectors may share." }

@@ -6,15 +6,15 @@ use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::score::{Interval, SLIP, runs};
 
 use super::plots::{colour, failed, finish, text};
-use crate::detectors::Verdict;
+use crate::detector::{NEVER, Prediction};
 use crate::truth::Truth;
 
 /// Rows of bars, from the top: name, height 1 each.
 const ROWS: [&str; 5] = ["score", "flag", "label", "interface", "others"];
 const SIZE: (u32, u32) = (900, 330);
 
-/// Draw an episode and what a detector said about it.
-pub(super) fn timeline(truth: &Truth, verdict: &Verdict) -> Result<String> {
+/// Draw an episode and what a detector predicted.
+pub(super) fn timeline(truth: &Truth, prediction: &Prediction) -> Result<String> {
     let seconds = |frame: usize| frame as f64 / f64::from(FRAME_RATE_HZ);
     let frames = truth.frames();
     let mut svg = String::new();
@@ -41,7 +41,7 @@ pub(super) fn timeline(truth: &Truth, verdict: &Verdict) -> Result<String> {
             .map_err(failed)?;
         // The score's row is two high and shows the scores around the threshold.
         let top = |row: usize| rows - row as f64 - if row > 0 { 1.0 } else { 0.0 };
-        let flags = runs(frames, |f| verdict.class[f] == SLIP);
+        let flags = runs(frames, |f| prediction.class[f] == SLIP);
         let interface = truth.interface.as_ref().map_or(&[][..], |interface| &interface.slip);
         let bars: [(usize, &[Interval]); 3] = [(1, &flags), (2, &truth.slip), (3, interface)];
         for (row, intervals) in bars {
@@ -60,10 +60,10 @@ pub(super) fn timeline(truth: &Truth, verdict: &Verdict) -> Result<String> {
         let names =
             truth.events.iter().map(|e| Text::new(e.name.clone(), (e.start_s, top(4) - 0.45), text(10)));
         chart.draw_series(names).map_err(failed)?;
-        let place = scale(&verdict.score, verdict.threshold);
-        let score = (0..frames).map(|f| (seconds(f), rows - 1.9 + 1.5 * place(verdict.score[f])));
+        let place = scale(&prediction.score, prediction.threshold);
+        let score = (0..frames).map(|f| (seconds(f), rows - 1.9 + 1.5 * place(prediction.score[f])));
         chart.draw_series(LineSeries::new(score, colour(3).stroke_width(1))).map_err(failed)?;
-        let threshold = rows - 1.9 + 1.5 * place(verdict.threshold);
+        let threshold = rows - 1.9 + 1.5 * place(prediction.threshold);
         let ends = [(0.0, threshold), (seconds(frames), threshold)];
         chart.draw_series(LineSeries::new(ends, RGBColor(128, 128, 128))).map_err(failed)?;
         let name = |(row, name): (usize, &&str)| Text::new((*name).to_owned(), (0.0, top(row)), text(12));
@@ -75,8 +75,7 @@ pub(super) fn timeline(truth: &Truth, verdict: &Verdict) -> Result<String> {
 
 /// Places scores between 0 and 1: their 1st to 99th percentile, and the threshold, fit; others are cut.
 fn scale(score: &[f32], threshold: f32) -> impl Fn(f32) -> f64 + use<> {
-    let never = crate::detectors::NEVER;
-    let mut sorted: Vec<f32> = score.iter().copied().filter(|&score| score > never).collect();
+    let mut sorted: Vec<f32> = score.iter().copied().filter(|&score| score > NEVER).collect();
     sorted.sort_by(f32::total_cmp);
     let at = |p: f64| sorted.get((p * sorted.len() as f64) as usize).copied();
     let low = f64::from(at(0.01).unwrap_or(threshold).min(threshold));

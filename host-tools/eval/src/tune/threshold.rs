@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use slipsense::fixed::Logit;
 use slipsense::net::format::OperatingPoint;
 use slipsense_recording::score::{MERGE_FRAMES, near};
 
@@ -24,7 +25,7 @@ impl Alarms {
             (Some(first), Some(second)) => u64::from(second - (first + 1) < MERGE_FRAMES),
             _ => 0,
         };
-        // Alone it is one more; it may join what is before or behind, which may have been one already.
+        // Alone it is one more alarm; it may join the one before and the one after, which may be the same.
         let frame_itself = Some(frame);
         self.count += 1 + one(before, after);
         self.count -= one(before, frame_itself) + one(frame_itself, after);
@@ -36,9 +37,9 @@ impl Alarms {
 /// `scores` per episode and frame; `None` is below every threshold.
 ///
 /// A lower threshold can raise fewer alarms than a higher one, as it joins several into one long alarm:
-/// that is no way to be quiet, so the search comes from above and stops at the first excess.
-pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<i32>>)], allowed: u64) -> i32 {
-    let mut frames: Vec<(i32, usize)> = Vec::new();
+/// that does not make it quieter, so the search comes from above and stops at the first excess.
+pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<Logit>>)], allowed: u64) -> Logit {
+    let mut frames: Vec<(Logit, usize)> = Vec::new();
     let mut start = 0;
     for (truth, scores) in episodes {
         let near = near(&truth.slip, scores.len());
@@ -55,7 +56,7 @@ pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<i32>>)], allowed:
             return equal[0].0;
         }
     }
-    OperatingPoint::THRESHOLD_MIN.to_bits()
+    OperatingPoint::THRESHOLD_MIN
 }
 
 #[cfg(test)]
@@ -64,15 +65,17 @@ mod tests {
 
     use super::*;
 
-    fn truth(frames: usize, slip: Vec<(usize, usize)>) -> Truth {
-        Truth { label: vec![1; frames], slip, disturbance: vec![0; frames], ..Truth::default() }
+    fn truth(frames: usize, slip: &[(usize, usize)]) -> Truth {
+        let mut label = vec![1; frames];
+        slip.iter().for_each(|&(start, end)| label[start..end].fill(2));
+        Truth::from_labels(label)
     }
 
     /// Counted by the definition, at every threshold from the highest score down.
-    fn naive(episodes: &[(&Truth, Vec<Option<i32>>)], allowed: u64) -> i32 {
+    fn naive(episodes: &[(&Truth, Vec<Option<Logit>>)], allowed: u64) -> i32 {
         let alarms = |threshold: i32| -> usize {
-            let flags = |scores: &[Option<i32>]| -> Vec<u8> {
-                scores.iter().map(|s| s.is_some_and(|s| s > threshold).into()).collect()
+            let flags = |scores: &[Option<Logit>]| -> Vec<u8> {
+                scores.iter().map(|s| s.is_some_and(|s| s.to_bits() > threshold).into()).collect()
             };
             episodes.iter().map(|(t, s)| score_intervals(&t.slip, &flags(s)).false_alarms.len()).sum()
         };
@@ -87,37 +90,31 @@ mod tests {
     fn as_counted_by_the_definition() {
         use rand::{Rng, SeedableRng};
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
-        let (quiet, slips) = (truth(3_000, Vec::new()), truth(2_000, vec![(500, 700), (1_500, 1_505)]));
+        let (quiet, slips) = (truth(3_000, &[]), truth(2_000, &[(500, 700), (1_500, 1_505)]));
         for _ in 0..40 {
             // Rises and falls, so that alarms have lengths and gaps.
             let mut level = 0i32;
-            let mut scores = |frames: usize| -> Vec<Option<i32>> {
+            let mut scores = |frames: usize| -> Vec<Option<Logit>> {
                 let mut walk = || {
                     level = (level + rng.random_range(-2..=2)).clamp(-30, 30);
-                    rng.random_bool(0.9).then_some(level)
+                    rng.random_bool(0.9).then_some(Logit::from_bits(level))
                 };
                 (0..frames).map(|_| walk()).collect()
             };
             let episodes = [(&quiet, scores(3_000)), (&slips, scores(2_000)), (&quiet, scores(3_000))];
             for allowed in [0, 1, 3, 10] {
                 // Below the least score all thresholds are the same.
-                let found = lowest_threshold(&episodes, allowed).max(-31);
+                let found = lowest_threshold(&episodes, allowed).to_bits().max(-31);
                 assert_eq!(found, naive(&episodes, allowed).max(-31), "{allowed} allowed");
             }
         }
     }
 
     #[test]
-    fn silence_needs_no_threshold() {
-        let quiet = truth(100, Vec::new());
-        assert_eq!(
-            lowest_threshold(&[(&quiet, vec![None; 100])], 0),
-            OperatingPoint::THRESHOLD_MIN.to_bits()
-        );
-        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(7); 100])], 0), 7);
-        assert_eq!(
-            lowest_threshold(&[(&quiet, vec![Some(7); 100])], 1),
-            OperatingPoint::THRESHOLD_MIN.to_bits()
-        );
+    fn without_margins_the_threshold_is_the_lowest() {
+        let (quiet, seven) = (truth(100, &[]), Logit::from_bits(7));
+        assert_eq!(lowest_threshold(&[(&quiet, vec![None; 100])], 0), OperatingPoint::THRESHOLD_MIN);
+        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(seven); 100])], 0), seven);
+        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(seven); 100])], 1), OperatingPoint::THRESHOLD_MIN);
     }
 }

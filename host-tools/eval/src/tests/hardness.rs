@@ -1,13 +1,15 @@
 //! The committed world on its frozen test sets: as hard as the paper's, and without a shortcut. Prints ours
-//! beside the paper's, and what knowing the time or hearing the rig gains. All data is synthetic.
+//! beside the paper's, and what the time or the rig's vibration alone gain. All data is synthetic.
 
-use slipsense_eval::detectors::{Setup, by_name};
-use slipsense_eval::fit::Fitted;
-use slipsense_eval::paper::{CLASS_PERCENT, HARDNESS_POINTS};
-use slipsense_eval::results::Results;
-use slipsense_eval::run::{Entrant, run};
-use slipsense_eval::source::Input;
 use slipsense_synth::Split;
+
+use super::*;
+use crate::detectors::{Setup, by_name};
+use crate::fitted::Fitted;
+use crate::paper::{CLASS_PERCENT, HARDNESS_POINTS};
+use crate::results::Results;
+use crate::run::run;
+use crate::source::Input;
 
 /// How far a class's share may be from the paper's, points.
 const SHARE_POINTS: f64 = 2.0;
@@ -17,10 +19,6 @@ const SHORTCUT_POINTS: f64 = 2.0;
 fn results(splits: &[Split], detectors: &[&str]) -> Results {
     let fitted = Fitted::bundled().unwrap();
     let setup = Setup { fitted: &fitted, model: &[], float_weights: None, dead: None };
-    let entrant = |name: &&'static str| {
-        let (setup, name) = (&setup, *name);
-        Entrant { name: name.into(), family: name.into(), make: Box::new(move || by_name(name, setup)) }
-    };
     let inputs: Vec<Input> = splits
         .iter()
         .map(|split| {
@@ -28,10 +26,13 @@ fn results(splits: &[Split], detectors: &[&str]) -> Results {
             Input::recipes(split.name(), episodes.map(|e| (e.name, e.recipe)).collect())
         })
         .collect();
-    let names: Vec<&'static str> = detectors.iter().map(|name| &*String::leak((*name).to_owned())).collect();
-    let entrants: Vec<Entrant<'_>> = names.iter().map(entrant).collect();
-    let judged = run(&inputs, &entrants, &|| {}).unwrap();
-    Results::new(&inputs, &entrants, &judged, &[])
+    let named = |name: &&str| {
+        let (name, setup) = ((*name).to_owned(), &setup);
+        candidate(&name.clone(), &name.clone(), move || by_name(&name, setup))
+    };
+    let candidates: Vec<Candidate<'_>> = detectors.iter().map(named).collect();
+    let predicted = run(&inputs, &candidates, &|| {}).unwrap();
+    Results::new(&inputs, &candidates, &predicted, &[])
 }
 
 #[test]
@@ -54,7 +55,7 @@ fn the_papers_baselines_land_where_they_do_in_the_paper() {
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "makes an hour of sensor data, twice; run with --release")]
-fn neither_the_time_nor_the_rig_tells_slip() {
+fn neither_the_time_nor_the_rig_gives_slip_away() {
     let splits = [Split::UmiId, Split::UmiOod, Split::Palm, Split::Tesollo2, Split::Tesollo3];
     let results = results(&splits, &["majority", "clock", "rig-only"]);
     let f1 = |detector: usize, input: usize| {

@@ -9,12 +9,12 @@ use nalgebra::{DMatrix, DVector};
 const PENALTY: f64 = 1.0;
 /// Newton's method doubles the digits per step; from zero it takes about ten.
 const STEPS_MAX: usize = 100;
-/// Largest change of a weight at which it has arrived.
-const ARRIVED: f64 = 1e-9;
+/// Largest change of a weight at which it has converged.
+const CONVERGED: f64 = 1e-9;
 
 /// Weights and intercept of the log-odds of `true`, by Newton's method with a penalty of ½ Σw². Features
 /// should be standardised.
-pub fn logistic<const N: usize>(features: &[[f64; N]], is: &[bool]) -> Result<([f64; N], f64)> {
+pub(crate) fn logistic_regression<const N: usize>(features: &[[f64; N]], positive: &[bool]) -> Result<([f64; N], f64)> {
     let mut weights = DVector::zeros(N + 1);
     for _ in 0..STEPS_MAX {
         let mut gradient = DVector::zeros(N + 1);
@@ -23,11 +23,11 @@ pub fn logistic<const N: usize>(features: &[[f64; N]], is: &[bool]) -> Result<([
             gradient[i] = PENALTY * weights[i];
             hessian[(i, i)] = PENALTY;
         }
-        for (x, &is) in features.iter().zip(is) {
+        for (x, &positive) in features.iter().zip(positive) {
             let at = |i: usize| if i < N { x[i] } else { 1.0 };
             let odds: f64 = (0..=N).map(|i| weights[i] * at(i)).sum();
             let p = 1.0 / (1.0 + (-odds).exp());
-            let off = p - f64::from(u8::from(is));
+            let off = p - f64::from(u8::from(positive));
             for i in 0..=N {
                 gradient[i] += off * at(i);
                 for j in 0..=i {
@@ -38,11 +38,11 @@ pub fn logistic<const N: usize>(features: &[[f64; N]], is: &[bool]) -> Result<([
         // Cholesky reads the lower triangle only.
         let step = hessian.cholesky().context("logistic regression: singular")?.solve(&gradient);
         weights -= &step;
-        if step.amax() < ARRIVED {
+        if step.amax() < CONVERGED {
             return Ok((std::array::from_fn(|i| weights[i]), weights[N]));
         }
     }
-    bail!("logistic regression has not arrived after {STEPS_MAX} steps")
+    bail!("logistic regression has not converged after {STEPS_MAX} steps")
 }
 
 #[cfg(test)]
@@ -50,10 +50,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn odds_of_a_coin_are_its_counts() {
+    fn log_odds_without_features_are_the_counts() {
         // A constant feature of 0 leaves the intercept alone: ln(3 / 1).
-        let (weights, intercept) = logistic(&[[0.0]; 4], &[true, true, true, false]).unwrap();
-        println!("intercept {intercept}, by hand {}", 3f64.ln());
+        let (weights, intercept) = logistic_regression(&[[0.0]; 4], &[true, true, true, false]).unwrap();
         assert_eq!(weights, [0.0]);
         assert!((intercept - 3f64.ln()).abs() < 1e-9);
     }
@@ -61,9 +60,8 @@ mod tests {
     #[test]
     fn the_gradient_is_zero_where_it_stops() {
         // Symmetric and separable: intercept 0, and w = Σ x (y − p) = 2 · 2 / (1 + e^2w).
-        let (weights, intercept) = logistic(&[[-2.0], [2.0]], &[false, true]).unwrap();
+        let (weights, intercept) = logistic_regression(&[[-2.0], [2.0]], &[false, true]).unwrap();
         let w = weights[0];
-        println!("weight {w}, intercept {intercept}");
         assert!(intercept.abs() < 1e-9);
         assert!((w - 4.0 / (1.0 + (2.0 * w).exp())).abs() < 1e-9);
     }

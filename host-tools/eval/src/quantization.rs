@@ -1,41 +1,39 @@
-//! What the integers cost: the shipped network beside the float network it was made from, split by split and
-//! seed by seed, against the most that they may differ.
+//! What quantization costs: the shipped integer network beside the float network it was made from, split by
+//! split and seed by seed, against the most that they may differ.
 
 use serde::Serialize;
 
-use crate::grid::Grid;
-use crate::metrics::record::Figures;
-use crate::metrics::statistics::mean;
-use crate::results::DetectorResults;
-use crate::table::{latency, number};
+use crate::detector::Prediction;
+use crate::metrics::bootstrap::InputFigures;
+use crate::metrics::figures::Figures;
+use crate::metrics::statistics::{mean, share};
 
 /// Macro F1 may differ by less than this, percentage points.
-pub const MACRO_F1_POINTS: f64 = 0.2;
+pub(crate) const MACRO_F1_POINTS: f64 = 0.2;
 /// FPR of the frames that do not slip may differ by less than this, percentage points.
-pub const FPR_POINTS: f64 = 0.1;
+pub(crate) const FPR_POINTS: f64 = 0.1;
 
 /// One split, one seed or the mean over all.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct QuantizationRow {
-    /// The input.
-    pub input: String,
+pub(crate) struct QuantizationRow {
+    pub(crate) input: String,
     /// The integer detector's name, or what the mean is of.
-    pub seed: String,
+    pub(crate) seed: String,
     /// Integer less float.
-    pub macro_f1_difference_points: Option<f64>,
+    pub(crate) macro_f1_difference_points: Option<f64>,
     /// Integer less float.
-    pub fpr_of_non_slip_difference_points: Option<f64>,
+    pub(crate) fpr_of_non_slip_difference_points: Option<f64>,
     /// Median of hits and misses, integer.
-    pub latency_integer_frames: Option<f64>,
+    pub(crate) latency_integer_frames: Option<f64>,
     /// Median of hits and misses, float.
-    pub latency_float_frames: Option<f64>,
+    pub(crate) latency_float_frames: Option<f64>,
     /// Whether both differences are within their bounds and the latency is the same.
-    pub met: bool,
+    pub(crate) met: bool,
 }
 
 impl QuantizationRow {
     /// Integer against float figures of one seed on one input.
-    pub fn new(input: &str, seed: &str, integer: &Figures, float: &Figures) -> Self {
+    pub(crate) fn new(input: &str, seed: &str, integer: &Figures, float: &Figures) -> Self {
         let points = |of: fn(&Figures) -> Option<f64>| Some(100.0 * (of(integer)? - of(float)?));
         Self {
             macro_f1_difference_points: points(|f| f.frame.macro_f1),
@@ -46,12 +44,12 @@ impl QuantizationRow {
             seed: seed.to_owned(),
             met: false,
         }
-        .judged()
+        .with_verdict()
     }
 
     /// The mean of several seeds' rows of one input, signs kept; none of no rows. Infinite latencies that are
     /// infinite on both sides are the same.
-    pub fn mean(rows: &[Self]) -> Option<Self> {
+    pub(crate) fn mean(rows: &[Self]) -> Option<Self> {
         let of = |value: fn(&Self) -> Option<f64>| {
             mean(&rows.iter().map(value).collect::<Option<Vec<f64>>>().unwrap_or_default())
         };
@@ -64,10 +62,10 @@ impl QuantizationRow {
             latency_float_frames: of(|row| row.latency_float_frames),
             met: false,
         };
-        Some(row.judged())
+        Some(row.with_verdict())
     }
 
-    fn judged(self) -> Self {
+    fn with_verdict(self) -> Self {
         let within = |points: Option<f64>, most: f64| points.is_some_and(|points| points.abs() < most);
         let met = within(self.macro_f1_difference_points, MACRO_F1_POINTS)
             && within(self.fpr_of_non_slip_difference_points, FPR_POINTS)
@@ -76,49 +74,61 @@ impl QuantizationRow {
     }
 }
 
-/// Input by input: each pair of positions of an integer and a float detector, then their mean where there are
-/// several.
-pub(crate) fn rows(detectors: &[DetectorResults], pairs: &[(usize, usize)]) -> Vec<QuantizationRow> {
-    let inputs = detectors.first().map_or(0, |detector| detector.inputs.len());
+/// Input by input: each pair of an integer and a float detector, by name and figures, then their mean where there
+/// are several.
+pub(crate) fn quantization_rows(pairs: &[[(&str, &[InputFigures]); 2]]) -> Vec<QuantizationRow> {
+    let inputs = pairs.first().map_or(0, |[(_, inputs), _]| inputs.len());
     let mut rows = Vec::new();
     for input in 0..inputs {
-        let row = |&(integer, float): &(usize, usize)| {
-            let (a, b) = (&detectors[integer].inputs[input], &detectors[float].inputs[input]);
-            QuantizationRow::new(&a.input, &detectors[integer].name, &a.figures, &b.figures)
+        let row = |[(name, integer), (_, float)]: &[(&str, &[InputFigures]); 2]| {
+            let (integer, float) = (&integer[input], &float[input]);
+            QuantizationRow::new(&integer.input, name, &integer.figures, &float.figures)
         };
-        let of_seeds: Vec<QuantizationRow> = pairs.iter().map(row).collect();
-        let mean = QuantizationRow::mean(&of_seeds).filter(|_| of_seeds.len() > 1);
-        rows.extend(of_seeds);
+        let seeds: Vec<QuantizationRow> = pairs.iter().map(row).collect();
+        let mean = QuantizationRow::mean(&seeds).filter(|_| seeds.len() > 1);
+        rows.extend(seeds);
         rows.extend(mean);
     }
     rows
 }
 
-/// The table for terminal and report; `kind` says what data it is.
-pub(crate) fn grid(rows: &[QuantizationRow], kind: &str) -> Grid {
-    let points = |value: Option<f64>| value.map_or("–".to_owned(), |points| format!("{points:+.3}"));
-    let cells = |row: &QuantizationRow| {
-        vec![
-            row.input.clone(),
-            row.seed.clone(),
-            points(row.macro_f1_difference_points),
-            points(row.fpr_of_non_slip_difference_points),
-            latency(row.latency_integer_frames, 1),
-            latency(row.latency_float_frames, 1),
-            if row.met { "yes" } else { "no" }.to_owned(),
-        ]
-    };
-    Grid {
-        title: format!("integer against float ({kind})"),
-        header: vec!["input", "network", "F1 points", "FPR points", "latency fr", "float", "met"],
-        word_columns: 2,
-        rows: rows.iter().map(cells).collect(),
-        note: format!(
-            "integer less float; met: under {} points of F1, under {} of FPR, same median latency (∞: half of the \
-             events or more are missed, or there are none)",
-            number(Some(MACRO_F1_POINTS), 1),
-            number(Some(FPR_POINTS), 1)
-        ),
+/// How two detectors differ on the same frames; differences are first minus second.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Pair {
+    pub(crate) first: String,
+    pub(crate) second: String,
+    pub(crate) same_class_share: Option<f64>,
+    pub(crate) different_class_frames: usize,
+    pub(crate) macro_f1_difference: Option<f64>,
+    pub(crate) fpr_of_non_slip_difference_share: Option<f64>,
+    /// Difference of the median latencies; null where one is infinite.
+    pub(crate) latency_median_difference_frames: Option<f64>,
+    pub(crate) alarms_difference: i64,
+}
+
+impl Pair {
+    /// Compare two detectors by their predictions on the same episodes, in the same order.
+    pub(crate) fn new<'a>(
+        first: (&str, &Figures),
+        second: (&str, &Figures),
+        predictions: impl IntoIterator<Item = (&'a Prediction, &'a Prediction)>,
+    ) -> Self {
+        let (mut same, mut frames) = (0, 0);
+        for (a, b) in predictions {
+            same += a.class.iter().zip(&b.class).filter(|(a, b)| a == b).count();
+            frames += a.class.len();
+        }
+        let difference = |of: fn(&Figures) -> Option<f64>| Some(of(first.1)? - of(second.1)?);
+        Self {
+            first: first.0.to_owned(),
+            second: second.0.to_owned(),
+            same_class_share: share(same, frames),
+            different_class_frames: frames - same,
+            macro_f1_difference: difference(|f| f.frame.macro_f1),
+            fpr_of_non_slip_difference_share: difference(|f| f.frame.fpr_of_non_slip_share),
+            latency_median_difference_frames: difference(|f| f.encoder_events.latency_median_frames),
+            alarms_difference: first.1.alarms.all.alarms as i64 - second.1.alarms.all.alarms as i64,
+        }
     }
 }
 
@@ -159,7 +169,5 @@ mod tests {
         assert!((mean.macro_f1_difference_points.unwrap() - 0.05).abs() < 1e-9 && mean.met);
         assert_eq!((mean.seed.as_str(), mean.latency_float_frames), ("mean of 2", Some(2.0)));
         assert_eq!(QuantizationRow::mean(&[]), None);
-        let text = grid(&[mean], "synthetic data").to_string();
-        assert!(text.contains("+0.050") && text.contains("synthetic data"), "{text}");
     }
 }

@@ -1,14 +1,15 @@
 //! Slips found, early, late and missed, by hand.
 
+use slipsense_recording::score::Detection;
+
 use super::*;
+use crate::metrics::events::Cdf;
 
 #[test]
 fn hits_early_ones_late_ones_and_misses_by_hand() {
     // Five events of 100 frames, 300 apart: hit at 0, hit at 4, early by 3, late (a miss), missed.
     let slips: Vec<_> = (0..5).map(|i| 300 * i + 100..300 * i + 200).collect();
-    let truth = truth(&episode(1600, &slips));
-    let flags = [100..110, 404..410, 697..720, 1100..1105];
-    let record = Record::new(&truth, &class(1600, &flags));
+    let record = record(&episode(1600, &slips), &[100..110, 404..410, 697..720, 1100..1105]);
     let detections: Vec<_> = record.events.encoder.iter().map(|o| o.event.detection).collect();
     assert_eq!(
         detections,
@@ -47,8 +48,8 @@ fn hits_early_ones_late_ones_and_misses_by_hand() {
 
 #[test]
 fn the_distribution_starts_at_zero() {
-    let truth = truth(&episode(1000, &[100..200, 400..500, 700..800]));
-    let record = Record::new(&truth, &class(1000, &[103..200, 403..500, 707..800]));
+    let episode = episode(1000, &[100..200, 400..500, 700..800]);
+    let record = record(&episode, &[103..200, 403..500, 707..800]);
     let cdf = Cdf::new(&record.events.encoder);
     assert_eq!(cdf.latency_at_most_frames, [0, 3, 7]);
     assert_eq!(cdf.events_share, [0.0, 2.0 / 3.0, 1.0]);
@@ -63,14 +64,12 @@ fn both_truths_by_hand() {
     let truth = truth(&episode);
     let interface = truth.interface.as_ref().unwrap();
     assert_eq!((&interface.slip[..], &interface.of_label[..]), (&[(112, 190)][..], &[Some(0), None][..]));
-    let record = Record::new(&truth, &class(800, &[115..210, 520..530]));
-    let figures = Figures::new([&record]);
+    let figures = figures(&episode, &[115..210, 520..530]);
     assert_eq!(figures.encoder_events.latency_median_frames, Some((15.0 + 20.0) / 2.0));
     assert_eq!(figures.interface_events.latency_median_frames, Some(3.0));
     assert_eq!((figures.interface_events.events, figures.labelled_without_interface_slip), (1, 1));
     // Three frames at 24 mm/s.
     let slid = figures.interface_events.travel_median_mm.unwrap();
-    println!("slid {slid:.6} mm against 0.3 mm");
     assert!((slid - 0.3).abs() < 1e-6);
     // The sliding ends at 190, so the flag up to 210 outlasts its margin, and that at 520 is alone.
     assert_eq!(figures.alarms.all.alarms, 0);
@@ -79,8 +78,7 @@ fn both_truths_by_hand() {
 
 #[test]
 fn a_flag_before_the_sliding_is_early_against_the_interface() {
-    let truth = truth(&sliding(episode(400, &[100..200]), &[110..200], 5.0));
-    let record = Record::new(&truth, &class(400, &[101..200]));
+    let record = record(&sliding(episode(400, &[100..200]), &[110..200], 5.0), &[101..200]);
     assert_eq!(record.events.encoder[0].event.detection, Detection::Hit { delay: 1 });
     assert_eq!(record.events.interface[0].event.detection, Detection::Early { lead: 9 });
 }
@@ -100,13 +98,12 @@ fn sliding_is_closed_sustained_and_near_its_label() {
 fn the_crossheads_travel_by_hand() {
     let mut episode = episode(400, &[100..200]);
     episode.displacement_mm = Some((0..400).map(|f| 0.02 * f as f32).collect());
-    let record = Record::new(&truth(&episode), &class(400, &[105..120]));
-    let figures = Figures::new([&record]).encoder_events;
+    let hit = record(&episode, &[105..120]);
+    let figures = Figures::new([&hit]).encoder_events;
     assert!((figures.travel_median_mm.unwrap() - 0.1).abs() < 1e-6);
     assert!((figures.travel_max_of_hits_mm.unwrap() - 0.1).abs() < 1e-6);
     // A miss is infinitely far.
-    let missed = Record::new(&truth(&episode), &class(400, &[]));
-    let both = Figures::new([&record, &missed]).encoder_events;
+    let both = Figures::new([&hit, &record(&episode, &[])]).encoder_events;
     assert_eq!((both.travel_median_mm, both.travel_p90_mm), (None, None));
     assert!(both.travel_max_of_hits_mm.is_some());
 }

@@ -1,13 +1,17 @@
 //! Directions of slip, targets and integers against float, from hand-made episodes to the tables.
 
-use slipsense_eval::directions::{DirectionClass, by_direction};
+use serde_json::json;
 
 use super::*;
+use crate::directions::{DirectionClass, by_direction};
+use crate::results::Results;
+use crate::run::run;
+use crate::source::Input;
 
 /// An episode of 300 frames that slips and slides from 100 to 200.
 fn slipping(scenario: &str, direction: Option<&str>) -> Episode {
-    let slips = std::slice::from_ref(&(100..200));
-    let episode = with(sliding(episode(300, slips), slips, 5.0), "scenario", json!(scenario));
+    let episode = sliding(episode(300, &[100..200]), &[100..200], 5.0);
+    let episode = with(episode, "scenario", json!(scenario));
     match direction {
         Some(direction) => with(episode, "slip_direction", json!(direction)),
         None => episode,
@@ -15,7 +19,7 @@ fn slipping(scenario: &str, direction: Option<&str>) -> Episode {
 }
 
 #[test]
-fn slips_are_cut_up_by_direction_and_input() {
+fn slips_are_grouped_by_direction_and_input() {
     let rig = slipping("six_step", None);
     let cases = [
         ("umi_ood", rig.clone(), Some(104)),
@@ -26,16 +30,16 @@ fn slips_are_cut_up_by_direction_and_input() {
         ("free", slipping("rotation", Some("rotational")), Some(120)),
         ("free", with(episode(300, &[]), "slip_direction", Value::Null), Some(40)),
     ];
-    let judged: Vec<(Truth, Record)> = cases
+    let records: Vec<(Truth, EpisodeRecord)> = cases
         .iter()
         .map(|(input, episode, flag)| {
             let truth = Truth::new(episode, input, "episode").unwrap();
             let flags: Vec<Range<usize>> = flag.iter().map(|&from| from..200).collect();
-            let record = Record::new(&truth, &class(300, &flags));
+            let record = EpisodeRecord::new(&truth, &class(300, &flags));
             (truth, record)
         })
         .collect();
-    let episodes: Vec<(&Truth, &Record)> = judged.iter().map(|(truth, record)| (truth, record)).collect();
+    let episodes: Vec<(&Truth, &EpisodeRecord)> = records.iter().map(|(truth, record)| (truth, record)).collect();
     let found = by_direction(&episodes);
     let rows: Vec<_> = found
         .iter()
@@ -64,23 +68,6 @@ fn slips_are_cut_up_by_direction_and_input() {
     assert!(error.contains("sideways"), "{error}");
 }
 
-/// Says slip from a frame on, in every episode.
-struct From(usize);
-
-impl Detector for From {
-    fn name(&self) -> &'static str {
-        "from"
-    }
-
-    fn judge(&mut self, episode: &Episode) -> anyhow::Result<Verdict> {
-        let score = |f: usize| if (self.0..200).contains(&f) { 1.0 } else { 0.0 };
-        let frames = episode.frames();
-        Ok(Verdict::new((0..frames).map(score).collect(), 0.5, vec![1; frames]))
-    }
-
-    fn reset(&mut self) {}
-}
-
 #[test]
 fn seeds_stand_beside_their_targets_and_integers_beside_float() {
     let place = tempfile::tempdir().unwrap();
@@ -90,19 +77,17 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
         episode.write(place.path().join(format!("e{i}.npz"))).unwrap();
     }
     let inputs = ["umi_id", "mine"].map(|name| Input::folder(name, place.path()).unwrap());
-    let entrant = |name: &str, family: &str, from: usize| Entrant {
-        name: name.to_owned(),
-        family: family.to_owned(),
-        make: Box::new(move || Ok(Box::new(From(from)))),
+    let from = |name: &str, family: &str, from: usize| {
+        candidate(name, family, move || Ok(flags_in(from..200)))
     };
-    let entrants = [
-        entrant("network#1", "network", 101),
-        entrant("network#2", "network", 104),
-        entrant("float#1", "float", 101),
-        entrant("float#2", "float", 105),
+    let candidates = [
+        from("network#1", "network", 101),
+        from("network#2", "network", 104),
+        from("float#1", "float", 101),
+        from("float#2", "float", 105),
     ];
-    let judged = run(&inputs, &entrants, &|| ()).unwrap();
-    let results = Results::new(&inputs, &entrants, &judged, &[(0, 2), (1, 3)]);
+    let predicted = run(&inputs, &candidates, &|| ()).unwrap();
+    let results = Results::new(&inputs, &candidates, &predicted, &[(0, 2), (1, 3)]);
 
     // The six targets of umi_id, and none of a folder that has another name.
     assert_eq!(results.targets.len(), 6);
@@ -127,12 +112,8 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
     assert_eq!((second.latency_integer_frames, second.latency_float_frames), (Some(4.0), Some(5.0)));
     assert!(second.macro_f1_difference_points.unwrap() > 0.0);
 
-    let mut nulls = Vec::new();
-    collect_nulls(&serde_json::to_value(&results).unwrap(), "", &mut nulls);
-    for key in nulls {
-        assert!(NULL_REASONS.iter().any(|(start, _)| key.starts_with(start)), "{key}");
-    }
-    let html = slipsense_eval::report::html(&results, &judged).unwrap();
+    check_nulls(&results);
+    let html = crate::report::html(&results, &predicted).unwrap();
     for shown in [results.to_string(), html] {
         for words in [
             "network beside its targets (synthetic data): 3 of 6 met",
@@ -140,6 +121,8 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
             "slips by direction (synthetic data)",
             "mean of 2",
             "2.50 ± 2.12",
+            "≥ 96.8",
+            "+0.000",
             "rotational",
         ] {
             assert!(shown.contains(words), "{words}: {shown}");

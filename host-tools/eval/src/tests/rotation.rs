@@ -1,12 +1,11 @@
 //! Turned accelerometer axes, by hand and on a detector that knows its axes.
 
-use anyhow::Result;
 use nalgebra::Matrix3;
-use slipsense_eval::detectors::{Detector, Verdict};
-use slipsense_eval::rotation::{Turn, TurnKind, run};
-use slipsense_eval::source::Input;
-use slipsense_recording::Episode;
 use slipsense_synth::{Recipe, ScenarioChoice};
+
+use super::*;
+use crate::rotation::{KindResults, RotationResults, Turn, TurnKind, run};
+use crate::source::Input;
 
 #[test]
 fn random_turns_are_rotations_and_follow_from_the_seed() {
@@ -14,20 +13,19 @@ fn random_turns_are_rotations_and_follow_from_the_seed() {
     let random: Vec<&Turn> = turns.iter().filter(|turn| turn.kind == TurnKind::Random).collect();
     assert_eq!(random.len(), 20);
     for turn in &random {
-        for matrix in &turn.of_sensor {
+        for matrix in &turn.per_sensor {
             assert!((matrix * matrix.transpose() - Matrix3::identity()).norm() < 1e-12, "{}", turn.name);
             assert!((matrix.determinant() - 1.0).abs() < 1e-12, "no mirror image");
         }
-        assert_ne!(turn.of_sensor[0], turn.of_sensor[1], "each sensor its own");
+        assert_ne!(turn.per_sensor[0], turn.per_sensor[1], "each sensor its own");
     }
     assert_eq!(turns, Turn::all(20, 3));
     assert_ne!(turns[0], Turn::all(20, 4)[0]);
     // Uniform: the mean over many is the zero matrix, and its mean square is a third.
     let many = Turn::all(4000, 1);
     let random: Vec<_> = many.iter().filter(|turn| turn.kind == TurnKind::Random).collect();
-    let mean: Matrix3<f64> = random.iter().map(|turn| turn.of_sensor[0]).sum::<Matrix3<f64>>() / 4000.0;
-    let square = random.iter().map(|turn| turn.of_sensor[0].map(|x| x * x)).sum::<Matrix3<f64>>() / 4000.0;
-    println!("mean {mean:.3} mean square {square:.3}");
+    let mean: Matrix3<f64> = random.iter().map(|turn| turn.per_sensor[0]).sum::<Matrix3<f64>>() / 4000.0;
+    let square = random.iter().map(|turn| turn.per_sensor[0].map(|x| x * x)).sum::<Matrix3<f64>>() / 4000.0;
     assert!(mean.amax() < 0.04 && square.map(|x| x - 1.0 / 3.0).amax() < 0.02);
 }
 
@@ -43,42 +41,26 @@ fn exact_turns_move_samples_without_rounding() {
     assert_eq!(at("-x+y+z").sample(0, [i16::MIN, 0, i16::MIN]), ([i16::MAX, 0, i16::MIN], true));
 }
 
-/// Slip where the first axis of the first sensor is positive, or where the squares sum to an even number.
-struct Axis {
-    first_only: bool,
-}
-
-impl Detector for Axis {
-    fn name(&self) -> &'static str {
-        "axis"
-    }
-
-    fn judge(&mut self, episode: &Episode) -> Result<Verdict> {
-        let score = |frame| {
-            let sample = episode.xl_batch(frame, 0)[0];
-            let square: i64 = sample.iter().map(|&lsb| i64::from(lsb).pow(2)).sum();
-            let slip = if self.first_only { sample[0] > 0 } else { square % 2 == 0 };
-            f32::from(u8::from(slip))
-        };
-        let score: Vec<f32> = (0..episode.frames()).map(score).collect();
-        let fallback = (0..score.len()).map(|frame| u8::from(frame % 2 == 0)).collect();
-        Ok(Verdict::new(score, 0.5, fallback))
-    }
-
-    fn reset(&mut self) {}
+/// Compare a detector whose flag is a function of the first sample of each frame of the first sensor; every second
+/// frame counts as touched.
+fn compare(inputs: &[Input], slip: fn([i16; 3]) -> bool) -> RotationResults {
+    let make = || -> anyhow::Result<Detector<'static>> {
+        Ok(Box::new(move |episode| {
+            let flag = |frame| f32::from(u8::from(slip(episode.xl_batch(frame, 0)[0])));
+            let frames = 0..episode.frames();
+            let fallback = frames.clone().map(|frame| u8::from(frame % 2 == 0)).collect();
+            Ok(Prediction::new(frames.map(flag).collect(), 0.5, fallback))
+        }))
+    };
+    run(inputs, &make, 4, 1, &|| ()).unwrap()
 }
 
 #[test]
-fn what_depends_on_the_axes_is_found_out() {
+fn dependence_on_the_axes_is_measured() {
     let recipe = Recipe { seconds: Some(2.5), scenario: ScenarioChoice::Disturbances, ..Recipe::new(4) };
     let recipes = vec![("a".to_owned(), recipe.clone()), ("b".to_owned(), Recipe { seed: 5, ..recipe })];
     let inputs = [Input::recipes("two", recipes)];
-    let results = |first_only: bool| {
-        let make = || -> Result<Box<dyn Detector>> { Ok(Box::new(Axis { first_only })) };
-        run(&inputs, &make, 4, 1, &|| ()).unwrap()
-    };
-    let axis = results(true);
-    println!("{axis}");
+    let axis = compare(&inputs, |sample| sample[0] > 0);
     assert!(axis.synthetic && !axis.met);
     assert_eq!((axis.episodes, axis.frames, axis.touched_frames), (2, 1200, 600));
     let [random, permutations, flips] = &axis.kinds[..] else { panic!("three kinds") };
@@ -86,14 +68,14 @@ fn what_depends_on_the_axes_is_found_out() {
     assert!(random.agree_share_min.unwrap() < 0.9);
     assert!(random.agree_share_min <= random.agree_share_mean);
     // The first axis stays what it is where only the others are exchanged or reversed.
-    let share = |kind: &slipsense_eval::rotation::KindResults, name: &str| {
+    let share = |kind: &KindResults, name: &str| {
         kind.turns.iter().find(|turn| turn.name == name).unwrap().agree_share.unwrap()
     };
     assert_eq!((share(permutations, "xzy"), share(flips, "+x-y-z")), (1.0, 1.0));
     assert!(share(permutations, "yxz") < 0.95 && share(flips, "-x+y+z") < 0.5);
 
     // What only the power decides stays the same to the frame where nothing is rounded.
-    let power = results(false);
+    let power = compare(&inputs, |sample| sample.iter().map(|&lsb| i64::from(lsb).pow(2)).sum::<i64>() % 2 == 0);
     let [random, permutations, flips] = &power.kinds[..] else { panic!("three kinds") };
     assert_eq!((permutations.agree_share_min, flips.agree_share_min), (Some(1.0), Some(1.0)));
     assert!(random.agree_share_min.unwrap() < 0.9, "rounding changes the last bit of a power");

@@ -1,48 +1,55 @@
-//! The file of fitted numbers.
+//! The numbers that are fitted on the training split, as `fitted.json` holds them.
 
+use std::io::{self, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
+use serde_json::ser::{Formatter, Serializer};
 use slipsense::params::CLASSES;
-use slipsense_recording::score::SLIP;
 
-use super::sample::Frame;
-use super::youden::youden;
-use crate::detectors::qda::{Gaussian, Scaling};
-use crate::detectors::{ClassOrder, LOGISTIC_FEATURES, MfccRatio, NEVER, RIG_FEATURES, RIG_TERMS};
+use crate::detector::ClassOrder;
+use crate::gaussian::{Density, Gaussian, Scaling};
+use crate::spectrum::COEFFICIENTS;
+
+/// Features of `logistic`.
+pub(crate) const LOGISTIC_FEATURES: usize = 12;
+/// Features of `rig-only`: 13 MFCC and the level.
+pub(crate) const RIG_FEATURES: usize = COEFFICIENTS + 1;
+/// The features of `rig-only` and their squares.
+pub(crate) const RIG_TERMS: usize = 2 * RIG_FEATURES;
 
 /// Version of the file's layout and of the meaning of its numbers.
 pub const FORMAT: u32 = 1;
 
-/// Everything that is fitted.
+/// All fitted numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fitted {
     /// [`FORMAT`].
-    pub format: u32,
+    pub(crate) format: u32,
     /// Which rule makes the classes first; the thresholds depend on it.
-    pub class_order: ClassOrder,
+    pub(crate) class_order: ClassOrder,
     /// What it was fitted on.
-    pub data: DataUsed,
+    pub(crate) data: DataUsed,
     /// Training frames of each class, all of them.
-    pub class_frames: [u64; CLASSES],
+    pub(crate) class_frames: [u64; CLASSES],
     /// `entropy`, nat.
-    pub entropy: Cut,
+    pub(crate) entropy: Cutoff,
     /// `mfcc-qda`.
-    pub mfcc: MfccFit,
+    pub(crate) mfcc: MfccFit,
     /// `energy`, spreads.
-    pub energy: Cut,
+    pub(crate) energy: Cutoff,
     /// `flux-cusum`, spreads.
-    pub flux_cusum: Cut,
+    pub(crate) flux_cusum: Cutoff,
     /// `band-pass`, g².
-    pub band_pass: Cut,
+    pub(crate) band_pass: Cutoff,
     /// `logistic`.
-    pub logistic: LogisticFit,
+    pub(crate) logistic: LogisticFit,
     /// `clock`: training frames of each class in each quarter of a second since the episode began.
-    pub clock: Vec<[u64; CLASSES]>,
+    pub(crate) clock: Vec<[u64; CLASSES]>,
     /// `rig-only`; absent if the training episodes were not generated.
-    pub rig_only: Option<RigFit>,
+    pub(crate) rig_only: Option<RigFit>,
 }
 
 /// What was fitted on.
@@ -68,29 +75,14 @@ pub struct DataUsed {
 /// Threshold of a score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cut {
+pub struct Cutoff {
     /// Slip where the score is above this.
-    pub threshold: f32,
+    pub(crate) threshold: f32,
     /// Standard deviation of the score over the used training frames, above 0.
-    pub std: f32,
+    pub(crate) std: f32,
 }
 
-impl Cut {
-    /// By the largest Youden index.
-    pub(super) fn fit<'a>(frames: impl Iterator<Item = (f32, &'a Frame)>, order: ClassOrder) -> Self {
-        let frames: Vec<_> = frames.collect();
-        let n = frames.len().max(1) as f64;
-        let mean = frames.iter().map(|(score, _)| f64::from(*score)).sum::<f64>() / n;
-        let variance = frames.iter().map(|(score, _)| (f64::from(*score) - mean).powi(2)).sum::<f64>() / n;
-        let ruled_out = |frame: &Frame| order == ClassOrder::ContactFirst && !frame.touched;
-        let with_truth = |(score, frame): (f32, &Frame)| {
-            (if ruled_out(frame) { NEVER } else { score }, frame.label == SLIP)
-        };
-        let mut scored: Vec<_> = frames.into_iter().map(with_truth).collect();
-        let threshold = youden(&mut scored).map_or(f32::MAX, |best| best.threshold);
-        Self { threshold, std: if variance > 0.0 { variance.sqrt() as f32 } else { 1.0 } }
-    }
-
+impl Cutoff {
     fn validate(&self) -> Result<()> {
         ensure!(self.threshold.is_finite(), "threshold must be finite");
         ensure!(self.std.is_finite() && self.std > 0.0, "std must be above 0");
@@ -103,13 +95,41 @@ impl Cut {
 #[serde(deny_unknown_fields)]
 pub struct MfccFit {
     /// Of the MFCC, over all sensors' frames.
-    pub scaling: Scaling,
+    pub(crate) scaling: Scaling,
     /// Standardised MFCC of slip frames.
-    pub slip: Gaussian,
+    pub(crate) slip: Gaussian,
     /// Standardised MFCC of all other frames.
-    pub not_slip: Gaussian,
+    pub(crate) not_slip: Gaussian,
     /// Of the largest log-likelihood ratio of the sensors.
-    pub cut: Cut,
+    pub(crate) cut: Cutoff,
+}
+
+impl MfccFit {
+    /// The ratio, ready to evaluate.
+    pub(crate) fn ratio(&self) -> Result<LikelihoodRatio> {
+        self.scaling.validate(COEFFICIENTS).context("mfcc.scaling")?;
+        Ok(LikelihoodRatio {
+            scaling: self.scaling.clone(),
+            slip: self.slip.density().context("mfcc.slip")?,
+            not_slip: self.not_slip.density().context("mfcc.not_slip")?,
+        })
+    }
+}
+
+/// Log-likelihood ratio of slip against not slip, by the MFCC of one sensor.
+#[derive(Clone, Debug)]
+pub(crate) struct LikelihoodRatio {
+    scaling: Scaling,
+    slip: Density<COEFFICIENTS>,
+    not_slip: Density<COEFFICIENTS>,
+}
+
+impl LikelihoodRatio {
+    /// Nat.
+    pub(crate) fn ln(&self, mfcc: &[f64; COEFFICIENTS]) -> f64 {
+        let z = self.scaling.apply(mfcc);
+        self.slip.ln(&z) - self.not_slip.ln(&z)
+    }
 }
 
 /// Logistic regression of slip against not slip.
@@ -117,13 +137,13 @@ pub struct MfccFit {
 #[serde(deny_unknown_fields)]
 pub struct LogisticFit {
     /// Of the features.
-    pub scaling: Scaling,
+    pub(crate) scaling: Scaling,
     /// Log-odds per standard deviation of each feature.
-    pub weights: Vec<f64>,
+    pub(crate) weights: Vec<f64>,
     /// Log-odds at the mean of all features.
-    pub intercept: f64,
+    pub(crate) intercept: f64,
     /// Of the log-odds.
-    pub cut: Cut,
+    pub(crate) cut: Cutoff,
 }
 
 impl LogisticFit {
@@ -134,16 +154,16 @@ impl LogisticFit {
     }
 }
 
-/// Two logistic regressions on the rig's sound, on its features and their squares.
+/// Two logistic regressions on the features of the rig's sound and their squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigFit {
     /// Of the features.
-    pub scaling: Scaling,
+    pub(crate) scaling: Scaling,
     /// Slip against not slip.
-    pub slip: Odds,
+    pub(crate) slip: Odds,
     /// Held against untouched, of the frames that do not slip.
-    pub held: Odds,
+    pub(crate) held: Odds,
 }
 
 /// One logistic regression.
@@ -151,9 +171,9 @@ pub struct RigFit {
 #[serde(deny_unknown_fields)]
 pub struct Odds {
     /// Log-odds per unit of each term.
-    pub weights: Vec<f64>,
+    pub(crate) weights: Vec<f64>,
     /// Log-odds where all terms are 0.
-    pub intercept: f64,
+    pub(crate) intercept: f64,
 }
 
 impl Odds {
@@ -167,7 +187,7 @@ impl Odds {
 impl Fitted {
     /// The numbers that are committed with the code.
     pub fn bundled() -> Result<Self> {
-        Self::from_json(include_str!("../../fitted.json")).context("bundled fitted.json")
+        Self::from_json(include_str!("../fitted.json")).context("bundled fitted.json")
     }
 
     /// Read a file and check it.
@@ -184,13 +204,16 @@ impl Fitted {
         Ok(fitted)
     }
 
-    /// JSON, for people and machines.
+    /// JSON with one line per object member and whole arrays on one line: a matrix is not a page.
     pub fn to_json(&self) -> Result<String> {
-        Ok(super::json::to_text(self)?)
+        let mut bytes = Vec::new();
+        self.serialize(&mut Serializer::with_formatter(&mut bytes, OneLinePerMember::default()))?;
+        bytes.push(b'\n');
+        Ok(String::from_utf8(bytes)?)
     }
 
     /// Check sizes and ranges, and that every covariance is one.
-    pub fn validate(&self) -> Result<()> {
+    pub(crate) fn validate(&self) -> Result<()> {
         ensure!(self.format == FORMAT, "format is {}, this program reads {FORMAT}", self.format);
         ensure!(self.data.split == "train", "data.split is \"{}\", must be \"train\"", self.data.split);
         let clocked: u64 = self.clock.iter().flatten().sum();
@@ -207,7 +230,7 @@ impl Fitted {
         ] {
             cut.validate().context(name)?;
         }
-        MfccRatio::new(&self.mfcc)?;
+        self.mfcc.ratio()?;
         let LogisticFit { scaling, weights, intercept, .. } = &self.logistic;
         scaling.validate(LOGISTIC_FEATURES).context("logistic.scaling")?;
         ensure!(weights.len() == LOGISTIC_FEATURES, "logistic.weights must hold {LOGISTIC_FEATURES}");
@@ -222,5 +245,40 @@ impl Fitted {
             }
         }
         Ok(())
+    }
+}
+
+#[derive(Default)]
+struct OneLinePerMember {
+    depth: usize,
+}
+
+impl OneLinePerMember {
+    fn new_line<W: ?Sized + Write>(&self, writer: &mut W) -> io::Result<()> {
+        write!(writer, "\n{:indent$}", "", indent = 2 * self.depth)
+    }
+}
+
+impl Formatter for OneLinePerMember {
+    fn begin_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.depth += 1;
+        writer.write_all(b"{")
+    }
+
+    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        if !first {
+            writer.write_all(b",")?;
+        }
+        self.new_line(writer)
+    }
+
+    fn begin_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        writer.write_all(b": ")
+    }
+
+    fn end_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.depth -= 1;
+        self.new_line(writer)?;
+        writer.write_all(b"}")
     }
 }

@@ -1,27 +1,26 @@
-//! Gaussian class densities: the quadratic discriminants of the MFCC baseline and of the rig check.
+//! Gaussian class densities for quadratic discriminants, and the scaling of features.
 
 use anyhow::{Context, Result, ensure};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// Share of the identity in a covariance of standardised features: enough to keep it invertible where
-/// features hang together, too little to change a decision (scikit-learn's `reg_param`).
-pub const RIDGE: f64 = 1e-6;
+/// features are correlated, too little to change a decision (scikit-learn's `reg_param`).
+pub(crate) const RIDGE: f64 = 1e-6;
 
 /// Mean and covariance of one class.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gaussian {
-    /// Mean.
-    pub mean: Vec<f64>,
+    pub(crate) mean: Vec<f64>,
     /// Covariance, row by row, the ridge included.
-    pub covariance: Vec<Vec<f64>>,
+    pub(crate) covariance: Vec<Vec<f64>>,
 }
 
 impl Gaussian {
-    /// Of these samples: mean, and (1 − [`RIDGE`]) times the covariance (over n) plus [`RIDGE`] times the
+    /// Mean, and (1 − [`RIDGE`]) times the covariance (over n) plus [`RIDGE`] times the
     /// identity. Needs at least two samples.
-    pub fn fit<const N: usize>(samples: &[[f64; N]]) -> Result<Self> {
+    pub(crate) fn fit<const N: usize>(samples: &[[f64; N]]) -> Result<Self> {
         ensure!(samples.len() >= 2, "{} samples of a class, at least 2 are needed", samples.len());
         let n = samples.len() as f64;
         let mut mean = [0.0; N];
@@ -47,7 +46,7 @@ impl Gaussian {
     }
 
     /// The density, ready to evaluate. Refuses what is not a covariance of this size.
-    pub fn density<const N: usize>(&self) -> Result<Density<N>> {
+    pub(crate) fn density<const N: usize>(&self) -> Result<Density<N>> {
         ensure!(self.mean.len() == N, "mean has {} entries, must have {N}", self.mean.len());
         let square = self.covariance.len() == N && self.covariance.iter().all(|row| row.len() == N);
         ensure!(square, "covariance must be {N} × {N}");
@@ -67,7 +66,7 @@ impl Gaussian {
 
 /// A Gaussian density of `N` dimensions.
 #[derive(Clone, Debug)]
-pub struct Density<const N: usize> {
+pub(crate) struct Density<const N: usize> {
     mean: [f64; N],
     /// Inverse of the covariance's Cholesky factor, lower triangle.
     whiten: [[f64; N]; N],
@@ -76,7 +75,7 @@ pub struct Density<const N: usize> {
 
 impl<const N: usize> Density<N> {
     /// Natural log of the density at `x`, without the constant −N/2 · ln 2π.
-    pub fn ln(&self, x: &[f64; N]) -> f64 {
+    pub(crate) fn ln(&self, x: &[f64; N]) -> f64 {
         let off: [f64; N] = std::array::from_fn(|i| x[i] - self.mean[i]);
         let square = |(i, row): (usize, &[f64; N])| {
             let y: f64 = row[..=i].iter().zip(&off).map(|(w, d)| w * d).sum();
@@ -90,15 +89,14 @@ impl<const N: usize> Density<N> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scaling {
-    /// Means.
-    pub mean: Vec<f64>,
+    pub(crate) mean: Vec<f64>,
     /// Standard deviations, above 0.
-    pub std: Vec<f64>,
+    pub(crate) std: Vec<f64>,
 }
 
 impl Scaling {
-    /// Of these samples; a feature that never changes gets a standard deviation of 1.
-    pub fn fit<const N: usize>(samples: &[[f64; N]]) -> Self {
+    /// Mean and deviation; a feature that never changes gets a standard deviation of 1.
+    pub(crate) fn fit<const N: usize>(samples: &[[f64; N]]) -> Self {
         let n = samples.len().max(1) as f64;
         let mut mean = [0.0; N];
         let mut variance = [0.0; N];
@@ -114,13 +112,12 @@ impl Scaling {
         Self { mean: mean.to_vec(), std: std.to_vec() }
     }
 
-    /// Standardise one sample.
-    pub fn apply<const N: usize>(&self, sample: &[f64; N]) -> [f64; N] {
+    pub(crate) fn apply<const N: usize>(&self, sample: &[f64; N]) -> [f64; N] {
         std::array::from_fn(|i| (sample[i] - self.mean[i]) / self.std[i])
     }
 
     /// Refuse what does not fit `features` features.
-    pub fn validate(&self, features: usize) -> Result<()> {
+    pub(crate) fn validate(&self, features: usize) -> Result<()> {
         ensure!(self.mean.len() == features && self.std.len() == features, "must hold {features} features");
         ensure!(self.mean.iter().all(|m| m.is_finite()), "means must be finite");
         ensure!(self.std.iter().all(|s| s.is_finite() && *s > 0.0), "standard deviations must be above 0");
@@ -139,7 +136,6 @@ mod tests {
         let density = gaussian.density::<2>().unwrap();
         let expected = -0.5 * (3.0 * 4.0 - 2.0 * 2.0 * 2.0 * 1.0 + 4.0 * 1.0) / 8.0 - 0.5 * 8f64.ln();
         let found = density.ln(&[3.0, 0.0]);
-        println!("ln density {found}, by hand {expected}");
         assert!((found - expected).abs() < 1e-12);
     }
 

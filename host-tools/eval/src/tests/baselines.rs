@@ -2,10 +2,10 @@
 //! made the numbers and checks them.
 
 use serde::Deserialize;
-use slipsense_eval::detectors::ear::Ear;
-use slipsense_eval::detectors::mel::{log_mel, mfcc};
-use slipsense_eval::detectors::qda::Gaussian;
-use slipsense_eval::fit::logistic;
+
+use crate::fit::logistic_regression::logistic_regression;
+use crate::gaussian::Gaussian;
+use crate::spectrum::XlSpectrum;
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -25,7 +25,7 @@ struct Origin {
 }
 
 fn vectors() -> Vectors {
-    serde_json::from_str(include_str!("vectors/baselines.json")).unwrap()
+    serde_json::from_str(include_str!("../../tests/vectors/baselines.json")).unwrap()
 }
 
 /// Largest distance; the vectors have nine decimals.
@@ -42,13 +42,13 @@ fn compare(what: &str, pairs: impl Iterator<Item = (f64, f64)>, allowed: f64) {
 #[test]
 fn mfcc_as_librosa_has_them() {
     let vectors = vectors();
-    let mut ear = Ear::new();
-    let mut heard = 0;
+    let mut spectrum = XlSpectrum::new();
+    let mut start = 0;
     let mut found = Vec::new();
     for &end in &vectors.ends {
-        ear.listen(&vectors.samples[heard..end], vectors.origin.lsb_g);
-        heard = end;
-        found.extend(mfcc(&log_mel(&ear.power_g2())));
+        spectrum.push(&vectors.samples[start..end], vectors.origin.lsb_g);
+        start = end;
+        found.extend(spectrum.mfcc());
     }
     compare("MFCC", found.into_iter().zip(vectors.mfcc.into_iter().flatten()), 1e-6);
 }
@@ -66,8 +66,8 @@ fn log_ratios_as_scikit_learn_has_them() {
 #[test]
 fn logistic_regression_as_scikit_learn_has_it() {
     let vectors = vectors();
-    let is: Vec<bool> = (0..vectors.points.len()).map(|i| i >= vectors.points.len() / 2).collect();
-    let (weights, intercept) = logistic(&vectors.points, &is).unwrap();
+    let positive: Vec<bool> = (0..vectors.points.len()).map(|i| i >= vectors.points.len() / 2).collect();
+    let (weights, intercept) = logistic_regression(&vectors.points, &positive).unwrap();
     let found = weights.into_iter().chain([intercept]);
     compare("logistic regression", found.zip(vectors.weights.into_iter().chain(vectors.intercept)), 1e-7);
 }

@@ -11,7 +11,7 @@ fn contact_only_and_guard_band_by_hand() {
     for f in (0..20).filter(|f| !(10..15).contains(f)) {
         class[f] = 0;
     }
-    let frame = Figures::new([&Record::new(&truth(&episode), &class)]).frame;
+    let frame = Figures::new([&EpisodeRecord::new(&truth(&episode), &class)]).frame;
     assert_eq!(frame.confusion_frames, [[15, 0, 5], [0, 59, 1], [0, 1, 19]]);
     assert_eq!(frame.accuracy_share, Some(0.93));
     assert_eq!(frame.fpr_of_non_slip_share, Some(6.0 / 80.0));
@@ -28,13 +28,12 @@ fn contact_only_and_guard_band_by_hand() {
 fn a_false_slip_frame_is_before_after_or_elsewhere() {
     // The 50 ms after the first slip reach into those before the second, which come first.
     let episode = episode(200, &[40..60, 80..90]);
-    let class = class(200, &[10..13, 27..30, 35..62, 66..70, 101..105]);
-    let figures = Figures::new([&Record::new(&truth(&episode), &class)]);
-    let of = |frames: usize| Some(frames as f64 / 170.0);
+    let figures = figures(&episode, &[10..13, 27..30, 35..62, 66..70, 101..105]);
+    let share = |frames: usize| Some(frames as f64 / 170.0);
     let parts = figures.false_slip;
-    assert_eq!(parts.fpr_before_slip_share, of(2 + 5 + 2), "28, 29, 35 to 39, 68, 69");
-    assert_eq!(parts.fpr_after_slip_share, of(2 + 2 + 1), "60, 61, 66, 67, 101");
-    assert_eq!(parts.fpr_elsewhere_share, of(3 + 1 + 3), "10 to 12, 27, 102 to 104");
-    assert_eq!(figures.frame.fpr_of_non_slip_share, of(21));
+    assert_eq!(parts.fpr_before_slip_share, share(2 + 5 + 2), "28, 29, 35 to 39, 68, 69");
+    assert_eq!(parts.fpr_after_slip_share, share(2 + 2 + 1), "60, 61, 66, 67, 101");
+    assert_eq!(parts.fpr_elsewhere_share, share(3 + 1 + 3), "10 to 12, 27, 102 to 104");
+    assert_eq!(figures.frame.fpr_of_non_slip_share, share(21));
     assert_eq!(Figures::new([]).false_slip.fpr_elsewhere_share, None);
 }

@@ -1,0 +1,483 @@
+//! All tables of the terminal and the report.
+
+use std::fmt;
+
+use crate::directions::DirectionFigures;
+use crate::metrics::alarms::Rate;
+use crate::metrics::bootstrap::InputFigures;
+use crate::metrics::events::{EventFigures, WITHIN_FRAMES};
+use crate::metrics::frames::CLASS_NAMES;
+use crate::metrics::groups::{Group, Grouping};
+use crate::metrics::statistics::share;
+use crate::paper::{CLASS_PERCENT, Comparison, LATENCY_BY_SPEED, VALIDATION};
+use crate::quantization::{FPR_POINTS, MACRO_F1_POINTS, Pair, QuantizationRow};
+use crate::results::{DetectorResults, InputInfo, OperatingPoint, PointFigures, Results, Spread};
+use crate::table::{Table, latency, number, percent, yes_or_no};
+use crate::targets::TargetRow;
+
+/// The median latency, infinite where half of hits and misses or more are missed.
+pub(super) fn median_latency(events: &EventFigures) -> String {
+    latency(events.latency_median_frames, events.hits + events.missed)
+}
+
+/// What was evaluated.
+pub(super) fn inputs(results: &Results) -> Table {
+    let mut table = Table::new(results.kind_of_data(), 2, &results.inputs, &[
+        ("input", |input: &&InputInfo| input.name.clone()),
+        ("episodes", |input| input.episodes.to_string()),
+        ("hours", |input| format!("{:.2}", input.duration_hours)),
+        ("slips", |input| input.labelled_events.to_string()),
+        ("no contact %", |input| percent(Some(input.class_shares[0]))),
+        ("no slip %", |input| percent(Some(input.class_shares[1]))),
+        ("slip %", |input| percent(Some(input.class_shares[2]))),
+    ]);
+    if !results.paper.is_empty() {
+        let dashes = ["–"; 3].map(str::to_owned);
+        let shares = CLASS_PERCENT.map(|percent| format!("{percent:.2}"));
+        table.push([["paper, all data".to_owned()].as_slice(), &dashes, &shares].concat());
+    }
+    table
+}
+
+/// A detector on one of its inputs.
+type OnInput<'a> = (&'a DetectorResults, &'a InputFigures);
+
+fn on_inputs(results: &Results) -> impl Iterator<Item = OnInput<'_>> {
+    results.detectors.iter().flat_map(|detector| detector.inputs.iter().map(move |on| (detector, on)))
+}
+
+/// The detectors side by side.
+fn overview(results: &Results) -> Table {
+    Table::new("", 2, on_inputs(results), &[
+        ("detector", |(detector, _): &OnInput<'_>| detector.name.clone()),
+        ("input", |(_, on)| on.input.clone()),
+        ("latency fr", |(_, on)| median_latency(&on.figures.encoder_events)),
+        ("≤5 fr %", |(_, on)| percent(on.figures.encoder_events.within_5_frames_share)),
+        ("missed %", |(_, on)| percent(on.figures.encoder_events.miss_share)),
+        ("early %", |(_, on)| percent(on.figures.encoder_events.early_share)),
+        ("FPR %", |(_, on)| percent(on.figures.frame.fpr_of_non_slip_share)),
+        ("acc %", |(_, on)| percent(on.figures.frame.accuracy_share)),
+        ("F1 %", |(_, on)| percent(on.figures.frame.macro_f1)),
+        ("alarms/h", |(_, on)| number(on.figures.alarms.all.alarms_per_hour, 1)),
+        ("< /h", |(_, on)| number(on.figures.alarms.all.upper_bound_per_hour, 1)),
+    ])
+    .with_note(format!(
+        "{}; latency: median over events, misses infinite, early ones apart; FPR: of the frames that do not slip; \
+         < /h: 95 % bound",
+        results.kind_of_data()
+    ))
+}
+
+/// A value with its 95 % interval in brackets.
+fn interval(value: Option<f64>, interval: Option<[f64; 2]>, factor: f64, decimals: usize) -> String {
+    let value = number(value.map(|value| factor * value), decimals);
+    match interval.map(|bounds| bounds.map(|bound| number(Some(factor * bound), decimals))) {
+        Some([low, high]) => format!("{value} [{low}, {high}]"),
+        None => value,
+    }
+}
+
+/// The detectors side by side with 95 % intervals.
+pub(super) fn headline(results: &Results) -> Table {
+    let title = format!(
+        "Detectors, input by input: {}, 95 % intervals in brackets",
+        results.kind_of_data()
+    );
+    Table::new(title, 2, on_inputs(results), &[
+        ("detector", |(detector, _): &OnInput<'_>| detector.name.clone()),
+        ("input", |(_, on)| on.input.clone()),
+        ("latency fr", |(_, on)| {
+            let median = median_latency(&on.figures.encoder_events);
+            match on.intervals.latency_median_frames {
+                Some([low, high]) => format!("{median} [{}, {}]", latency(low, 1), latency(high, 1)),
+                None => median,
+            }
+        }),
+        ("≤5 fr %", |(_, on)| {
+            let share = on.figures.encoder_events.within_5_frames_share;
+            interval(share, on.intervals.within_5_frames_share, 100.0, 1)
+        }),
+        ("missed %", |(_, on)| {
+            interval(on.figures.encoder_events.miss_share, on.intervals.miss_share, 100.0, 1)
+        }),
+        ("early %", |(_, on)| percent(on.figures.encoder_events.early_share)),
+        ("alarms/h", |(_, on)| {
+            interval(on.figures.alarms.all.alarms_per_hour, on.intervals.alarms_per_hour, 1.0, 1)
+        }),
+        ("FPR %", |(_, on)| {
+            let share = on.figures.frame.fpr_of_non_slip_share;
+            interval(share, on.intervals.fpr_of_non_slip_share, 100.0, 2)
+        }),
+        ("acc %", |(_, on)| {
+            interval(on.figures.frame.accuracy_share, on.intervals.accuracy_share, 100.0, 2)
+        }),
+        ("F1 %", |(_, on)| interval(on.figures.frame.macro_f1, on.intervals.macro_f1, 100.0, 2)),
+    ])
+}
+
+/// False alarms on an input without slip by their cause, and beside them what the same detector misses of the
+/// slips of the other inputs.
+fn causes(results: &Results, quiet: &InputInfo) -> Table {
+    struct Row<'a> {
+        detector: &'a str,
+        cause: &'static str,
+        rate: &'a Rate,
+        missed: String,
+    }
+    let mut rows = Vec::new();
+    for detector in &results.detectors {
+        let others = detector.inputs.iter().filter(|on| on.input != quiet.name && on.input != VALIDATION);
+        let (missed, events) = others.map(|on| &on.figures.encoder_events).fold((0, 0), |(missed, all), on| {
+            (missed + on.missed, all + on.events)
+        });
+        for on in detector.inputs.iter().filter(|on| on.input == quiet.name) {
+            let alarms = &on.figures.alarms;
+            let name = detector.name.as_str();
+            let missed = percent(share(missed, events));
+            rows.push(Row { detector: name, cause: "all", rate: &alarms.all, missed });
+            rows.extend(alarms.by_disturbance.iter().map(|class| Row {
+                detector: name,
+                cause: class.disturbance,
+                rate: &class.rate,
+                missed: String::new(),
+            }));
+        }
+    }
+    let kind = if quiet.synthetic { "synthetic data" } else { "data" };
+    let title = format!("false alarms without slip ({}, {kind}) by what caused them", quiet.name);
+    Table::new(title, 2, rows, &[
+        ("detector", |row| row.detector.to_owned()),
+        ("cause", |row| row.cause.to_owned()),
+        ("alarms", |row| row.rate.alarms.to_string()),
+        ("hours", |row| format!("{:.3}", row.rate.exposure_hours)),
+        ("/h", |row| number(row.rate.alarms_per_hour, 2)),
+        ("< /h", |row| number(row.rate.upper_bound_per_hour, 2)),
+        ("missed %", |row| row.missed.clone()),
+    ])
+    .with_note("hours: time with that cause; < /h: 95 % bound; missed: of the slips of the other inputs")
+}
+
+/// Ours beside the paper's.
+pub(super) fn paper(results: &Results) -> Table {
+    fn beside(ours: Option<f64>, points: Option<f64>) -> String {
+        let ours = number(ours, 1);
+        points.map_or(ours.clone(), |points| format!("{ours} ({points:+.1})"))
+    }
+    let title = format!("ours ({}) beside the paper's (real grippers)", results.kind_of_data());
+    Table::new(title, 2, &results.paper, &[
+        ("input", |row: &&Comparison| row.paper.input.to_owned()),
+        ("detector", |row| row.paper.detector.to_owned()),
+        ("latency fr", |row| latency(row.latency_frames, 1)),
+        ("paper", |row| format!("{:.1}", row.paper.latency_frames)),
+        ("FPR %", |row| beside(row.fpr_of_non_slip_percent, row.fpr_difference_points)),
+        ("paper", |row| format!("{:.1}", row.paper.fpr_percent)),
+        ("acc %", |row| beside(row.accuracy_percent, row.accuracy_difference_points)),
+        ("paper", |row| format!("{:.1}", row.paper.accuracy_percent)),
+        ("F1 %", |row| beside(row.macro_f1_percent, row.macro_f1_difference_points)),
+        ("paper", |row| format!("{:.1}", row.paper.macro_f1_percent)),
+        ("within ±6", |row| yes_or_no(row.within_6_points)),
+    ])
+}
+
+/// Latency by speed beside the paper's network.
+pub(super) fn paper_speeds(results: &Results) -> Table {
+    let title = format!(
+        "Latency by speed, frames: median, mean of the hits, longest hit; ours: {}, all inputs but validation",
+        results.kind_of_data()
+    );
+    let at_speed = |detector: &DetectorResults, mm_s: f64| {
+        let speeds = detector.groupings.iter().find(|grouping| grouping.by == "speed");
+        let group = speeds?.groups.iter().find(|group| group.value == format!("{mm_s} mm/s"))?;
+        let events = &group.figures.encoder_events;
+        let mean = number(events.latency_mean_of_hits_frames, 1);
+        let longest = number(events.latency_max_of_hits_frames, 0);
+        Some(format!("{} / {mean} / {longest} of {}", median_latency(events), events.events))
+    };
+    let mut cells = vec![vec!["the paper's network, UMI".to_owned()]];
+    cells.extend(results.detectors.iter().map(|detector| vec![detector.name.clone()]));
+    for (mm_s, events, median, mean, longest) in LATENCY_BY_SPEED {
+        cells[0].push(format!("{median:.1} / {mean:.1} / {longest:.0} of {events}"));
+        for (row, detector) in cells[1..].iter_mut().zip(&results.detectors) {
+            row.push(at_speed(detector, mm_s).unwrap_or_else(|| "–".to_owned()));
+        }
+    }
+    Table::new(title, 1, cells, &[
+        ("detector", |row: &Vec<String>| row[0].clone()),
+        ("2 mm/s", |row| row[1].clone()),
+        ("5 mm/s", |row| row[2].clone()),
+        ("10 mm/s", |row| row[3].clone()),
+        ("15 mm/s", |row| row[4].clone()),
+        ("18 mm/s", |row| row[5].clone()),
+    ])
+}
+
+/// Where the frames falsely called slip lie, for the inputs with slips.
+fn false_slip(results: &Results) -> Table {
+    let has_slips =
+        |name: &str| results.inputs.iter().any(|input| input.name == name && input.labelled_events > 0);
+    let rows = on_inputs(results).filter(|(_, on)| has_slips(&on.input));
+    let title = format!("false slip frames by where they lie ({})", results.kind_of_data());
+    Table::new(title, 2, rows, &[
+        ("detector", |(detector, _): &OnInput<'_>| detector.name.clone()),
+        ("input", |(_, on)| on.input.clone()),
+        ("FPR %", |(_, on)| percent(on.figures.frame.fpr_of_non_slip_share)),
+        ("before slip %", |(_, on)| percent(on.figures.false_slip.fpr_before_slip_share)),
+        ("after slip %", |(_, on)| percent(on.figures.false_slip.fpr_after_slip_share)),
+        ("elsewhere %", |(_, on)| percent(on.figures.false_slip.fpr_elsewhere_share)),
+    ])
+    .with_note("of the frames that do not slip; before and after: up to 50 ms from an onset or end by the label")
+}
+
+fn targets(results: &Results) -> Table {
+    let rows = &results.targets;
+    let met = rows.iter().filter(|row| row.met).count();
+    let title =
+        format!("network beside its targets ({}): {met} of {} met", results.kind_of_data(), rows.len());
+    let seeds = match rows.first().map_or(0, |row| row.seed_values.len()) {
+        1 => "one seed".to_owned(),
+        n => format!("mean ± standard deviation over {n} seeds"),
+    };
+    Table::new(title, 2, rows, &[
+        ("input", |row: &&TargetRow| row.input.clone()),
+        ("figure", |row| row.measure.to_owned()),
+        ("ours", |row| {
+            let deviation = row.standard_deviation.map_or(String::new(), |sd| format!(" ± {sd:.2}"));
+            number(row.mean, 2) + &deviation
+        }),
+        ("target", |row| format!("{} {}", if row.at_least { "≥" } else { "≤" }, row.bound)),
+        ("met", |row| yes_or_no(row.met)),
+    ])
+    .with_note(format!(
+        "ours: {seeds}; events by the label, early: flagged up to 50 ms before it; within {WITHIN_FRAMES} frames and \
+         at onset: of all events"
+    ))
+}
+
+fn quantization(results: &Results) -> Table {
+    fn points(value: Option<f64>) -> String {
+        value.map_or("–".to_owned(), |points| format!("{points:+.3}"))
+    }
+    let title = format!("integer against float ({})", results.kind_of_data());
+    Table::new(title, 2, &results.integer_against_float, &[
+        ("input", |row: &&QuantizationRow| row.input.clone()),
+        ("network", |row| row.seed.clone()),
+        ("F1 points", |row| points(row.macro_f1_difference_points)),
+        ("FPR points", |row| points(row.fpr_of_non_slip_difference_points)),
+        ("latency fr", |row| latency(row.latency_integer_frames, 1)),
+        ("float", |row| latency(row.latency_float_frames, 1)),
+        ("met", |row| yes_or_no(row.met)),
+    ])
+    .with_note(format!(
+        "integer less float; met: under {MACRO_F1_POINTS:.1} points of F1, under {FPR_POINTS:.1} of FPR, same median \
+         latency (∞: half of the events or more are missed, or there are none)"
+    ))
+}
+
+fn directions(results: &Results) -> Table {
+    let rows = results.detectors.iter().flat_map(|d| d.directions.iter().map(move |of| (d, of)));
+    type Row<'a> = (&'a DetectorResults, &'a DirectionFigures);
+    Table::new(format!("slips by direction ({})", results.kind_of_data()), 3, rows, &[
+        ("detector", |(detector, _): &Row<'_>| detector.name.clone()),
+        ("direction", |(_, row)| row.direction.name().to_owned()),
+        ("input", |(_, row)| row.input.clone()),
+        ("slips", |(_, row)| row.encoder_events.events.to_string()),
+        ("detected %", |(_, row)| percent(row.detected_share)),
+        ("missed", |(_, row)| row.encoder_events.missed.to_string()),
+        ("early %", |(_, row)| percent(row.encoder_events.early_share)),
+        ("latency fr", |(_, row)| median_latency(&row.encoder_events)),
+        ("interface: slips", |(_, row)| row.interface_events.events.to_string()),
+        ("detected %", |(_, row)| percent(row.interface_detected_share)),
+        ("early %", |(_, row)| percent(row.interface_events.early_share)),
+        ("latency fr", |(_, row)| median_latency(&row.interface_events)),
+        ("from onset fr", |(_, row)| {
+            latency(row.interface_events.from_onset_median_frames, row.interface_events.events)
+        }),
+    ])
+    .with_note(
+        "the rig's slips are labelled by its crosshead, those by hand by the interface, short jerks included: what \
+         compares are the last columns, against sustained sliding of the interface",
+    )
+}
+
+/// What terminal and report both show, each where there is something to show.
+pub(super) fn shared(results: &Results) -> Vec<Table> {
+    let tables = [false_slip(results), targets(results), quantization(results), directions(results)];
+    tables.into_iter().filter(|table| !table.is_empty()).collect()
+}
+
+/// Latencies against both truths.
+pub(super) fn latencies(results: &Results) -> Table {
+    let title = format!(
+        "Latency in frames of 4.17 ms and travel in mm, all inputs but validation: {}",
+        results.kind_of_data()
+    );
+    type Row<'a> = (&'a str, &'static str, &'a EventFigures);
+    let rows = results.detectors.iter().flat_map(|detector| {
+        let (name, all) = (detector.name.as_str(), &detector.all);
+        [(name, "encoder", &all.encoder_events), (name, "interface", &all.interface_events)]
+    });
+    fn percentile(value: Option<f64>, events: &EventFigures) -> String {
+        latency(value, events.hits + events.missed)
+    }
+    Table::new(title, 2, rows, &[
+        ("detector", |(name, ..): &Row<'_>| (*name).to_owned()),
+        ("truth", |(_, truth, _)| (*truth).to_owned()),
+        ("events", |(.., events)| events.events.to_string()),
+        ("early", |(.., events)| events.early.to_string()),
+        ("missed", |(.., events)| events.missed.to_string()),
+        ("median", |(.., events)| median_latency(events)),
+        ("76 %", |(.., events)| percentile(events.latency_p76_frames, events)),
+        ("90 %", |(.., events)| percentile(events.latency_p90_frames, events)),
+        ("95 %", |(.., events)| percentile(events.latency_p95_frames, events)),
+        ("longest hit", |(.., events)| number(events.latency_max_of_hits_frames, 0)),
+        ("flag up at onset %", |(.., events)| percent(events.at_onset_share)),
+        ("… newly %", |(.., events)| percent(events.at_onset_with_transition_share)),
+        ("travel, median", |(.., events)| number(events.travel_median_mm, 2)),
+        ("travel, 90 %", |(.., events)| number(events.travel_p90_mm, 2)),
+        ("travel, longest hit", |(.., events)| number(events.travel_max_of_hits_mm, 2)),
+    ])
+}
+
+/// Computing time.
+pub(super) fn compute(results: &Results) -> Table {
+    let title = "Computing time of one core of this computer (loading not included); it is not in the latencies";
+    Table::new(title, 1, &results.detectors, &[
+        ("detector", |detector: &&DetectorResults| detector.name.clone()),
+        ("µs per frame", |detector| number(detector.compute_us_per_frame, 1)),
+        ("median latency with it, ms", |detector| {
+            let frames = detector.all.encoder_events.latency_median_frames;
+            let ms = frames.zip(detector.compute_us_per_frame);
+            number(ms.map(|(frames, us)| frames * 1000.0 / 240.0 + us / 1000.0), 2)
+        }),
+    ])
+}
+
+/// One input at the operating point that validation fixed.
+pub(super) fn operating_point(detector: &str, point: &OperatingPoint, kind: &str) -> Table {
+    let title = format!(
+        "{detector}: threshold {:.4}, fixed on the validation input at an FPR of at most {} %; {kind}",
+        point.threshold_score,
+        percent(Some(point.target_fpr_of_non_slip_share))
+    );
+    Table::new(title, 1, &point.inputs, &[
+        ("input", |on: &&PointFigures| on.input.clone()),
+        ("latency fr", |on| median_latency(&on.figures.encoder_events)),
+        ("≤5 fr %", |on| percent(on.figures.encoder_events.within_5_frames_share)),
+        ("missed %", |on| percent(on.figures.encoder_events.miss_share)),
+        ("alarms/h", |on| number(on.figures.alarms.all.alarms_per_hour, 1)),
+        ("FPR %", |on| percent(on.figures.frame.fpr_of_non_slip_share)),
+        ("F1 %", |on| percent(on.figures.frame.macro_f1)),
+    ])
+}
+
+/// Pairs of detectors that should be the same.
+pub(super) fn pairs(results: &Results) -> Table {
+    fn percent_points(value: Option<f64>) -> String {
+        number(value.map(|share| 100.0 * share), 3)
+    }
+    let title = format!("First minus second, all inputs but validation: {}", results.kind_of_data());
+    Table::new(title, 2, &results.pairs, &[
+        ("first", |pair: &&Pair| pair.first.clone()),
+        ("second", |pair| pair.second.clone()),
+        ("same class %", |pair| percent_points(pair.same_class_share)),
+        ("frames that differ", |pair| pair.different_class_frames.to_string()),
+        ("macro F1, points", |pair| percent_points(pair.macro_f1_difference)),
+        ("FPR, points", |pair| percent_points(pair.fpr_of_non_slip_difference_share)),
+        ("latency, frames", |pair| number(pair.latency_median_difference_frames, 1)),
+        ("alarms", |pair| format!("{:+}", pair.alarms_difference)),
+    ])
+}
+
+/// Spreads over training seeds.
+pub(super) fn seeds(results: &Results) -> Table {
+    fn spread(values: Option<[f64; 3]>, factor: f64) -> String {
+        values.map(|values| values.map(|value| factor * value)).map_or("–".to_owned(), |[low, mean, high]| {
+            format!("{mean:.2} ({low:.2}–{high:.2})")
+        })
+    }
+    let title =
+        format!("Mean over training seeds, lowest and highest in brackets: {}", results.kind_of_data());
+    Table::new(title, 2, &results.seeds, &[
+        ("detector", |of: &&Spread| of.family.clone()),
+        ("input", |of| of.input.clone()),
+        ("seeds", |of| of.seeds.to_string()),
+        ("latency fr", |of| spread(of.latency_median_frames, 1.0)),
+        ("FPR %", |of| spread(of.fpr_of_non_slip_share, 100.0)),
+        ("acc %", |of| spread(of.accuracy_share, 100.0)),
+        ("F1 %", |of| spread(of.macro_f1, 100.0)),
+        ("alarms/h", |of| spread(of.alarms_per_hour, 1.0)),
+    ])
+}
+
+/// Truth against prediction, with shares of the truth.
+pub(super) fn confusion(detector: &DetectorResults, kind: &str) -> Table {
+    type Row<'a> = (usize, &'a DetectorResults);
+    fn count(row: &Row<'_>, class: usize) -> String {
+        let counts = row.1.all.frame.confusion_frames[row.0];
+        let share = counts[class] as f64 / counts.iter().sum::<u64>().max(1) as f64;
+        format!("{} ({} %)", counts[class], percent(Some(share)))
+    }
+    let title = format!("{}: frames by truth (rows) and prediction, {kind}", detector.name);
+    Table::new(title, 1, (0..CLASS_NAMES.len()).map(|class| (class, detector)), &[
+        ("truth", |(class, _): &Row<'_>| CLASS_NAMES[*class].replace('_', " ")),
+        ("no contact", |row| count(row, 0)),
+        ("no slip", |row| count(row, 1)),
+        ("slip", |row| count(row, 2)),
+        ("precision %", |(class, of)| percent(of.all.frame.classes[*class].precision_share)),
+        ("recall %", |(class, of)| percent(of.all.frame.classes[*class].recall_share)),
+        ("F1 %", |(class, of)| percent(of.all.frame.classes[*class].f1)),
+    ])
+}
+
+/// False alarms by what else happened.
+pub(super) fn alarms(detector: &DetectorResults, kind: &str) -> Table {
+    let figures = &detector.all.alarms;
+    let classes = figures.by_disturbance.iter().map(|class| (class.disturbance, &class.rate));
+    let title = format!("{}: false alarms by cause, {kind}", detector.name);
+    Table::new(title, 1, classes.chain([("all", &figures.all)]), &[
+        ("class", |(class, _): &(&str, &Rate)| (*class).to_owned()),
+        ("alarms", |(_, rate)| rate.alarms.to_string()),
+        ("exposure, h", |(_, rate)| format!("{:.3}", rate.exposure_hours)),
+        ("per hour", |(_, rate)| number(rate.alarms_per_hour, 1)),
+        ("95 % bound", |(_, rate)| number(rate.upper_bound_per_hour, 1)),
+    ])
+}
+
+/// The episodes by one of their properties.
+pub(super) fn grouping(grouping: &Grouping, kind: &str) -> Table {
+    let worst = grouping.worst.as_ref().map_or(String::new(), |worst| format!("; worst: {worst}"));
+    let title = format!("By {}: {kind}{worst}", grouping.by.replace('_', " "));
+    Table::new(title, 1, &grouping.groups, &[
+        ("group", |group: &&Group| group.value.clone()),
+        ("episodes", |group| group.figures.episodes.to_string()),
+        ("slips", |group| group.figures.encoder_events.events.to_string()),
+        ("latency fr", |group| median_latency(&group.figures.encoder_events)),
+        ("90 %", |group| {
+            let events = &group.figures.encoder_events;
+            latency(events.latency_p90_frames, events.hits + events.missed)
+        }),
+        ("≤5 fr %", |group| percent(group.figures.encoder_events.within_5_frames_share)),
+        ("missed %", |group| percent(group.figures.encoder_events.miss_share)),
+        ("alarms/h", |group| number(group.figures.alarms.all.alarms_per_hour, 1)),
+        ("FPR %", |group| percent(group.figures.frame.fpr_of_non_slip_share)),
+        ("acc %", |group| percent(group.figures.frame.accuracy_share)),
+        ("F1 %", |group| percent(group.figures.frame.macro_f1)),
+    ])
+}
+
+/// The tables that the terminal shows.
+impl fmt::Display for Results {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}\n{}", inputs(self), overview(self))?;
+        if !self.pairs.is_empty() {
+            write!(f, "\n{}", pairs(self))?;
+        }
+        for quiet in self.inputs.iter().filter(|input| input.labelled_events == 0 && input.frames > 0) {
+            write!(f, "\n{}", causes(self, quiet))?;
+        }
+        if !self.paper.is_empty() {
+            write!(f, "\n{}", paper(self))?;
+        }
+        shared(self).iter().try_for_each(|table| write!(f, "\n{table}"))
+    }
+}

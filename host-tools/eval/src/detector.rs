@@ -98,11 +98,7 @@ pub(crate) trait Score: Send {
 }
 
 /// Slip where the score is above a threshold, the contact rule elsewhere.
-pub(crate) fn thresholded<'a>(
-    mut score: impl Score + 'a,
-    threshold: f32,
-    order: ClassOrder,
-) -> Detector<'a> {
+pub(crate) fn thresholded<'a>(mut score: impl Score + 'a, threshold: f32, order: ClassOrder) -> Detector<'a> {
     Box::new(move |episode| {
         let (score, fallback) = (0..episode.frames())
             .map(|frame| {

@@ -31,7 +31,7 @@ pub struct Fitted {
     /// Which rule makes the classes first; the thresholds depend on it.
     pub(crate) class_order: ClassOrder,
     /// What it was fitted on.
-    pub(crate) data: DataUsed,
+    pub data: DataUsed,
     /// Training frames of each class, all of them.
     pub(crate) class_frames: [u64; CLASSES],
     /// `entropy`, nat.

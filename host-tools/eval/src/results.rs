@@ -199,8 +199,11 @@ impl Results {
             .zip(&run.of_input)
             .map(|(input, range)| InputInfo::new(&input.name, &run.truths[range.clone()]))
             .collect();
-        let detectors: Vec<DetectorResults> =
-            candidates.par_iter().enumerate().map(|(e, candidate)| detector(inputs, candidate, e, run)).collect();
+        let detectors: Vec<DetectorResults> = candidates
+            .par_iter()
+            .enumerate()
+            .map(|(e, candidate)| detector(inputs, candidate, e, run))
+            .collect();
         let pair = |&(a, b): &(usize, usize)| {
             let named = |e: usize| (detectors[e].name.as_str(), &detectors[e].all);
             let tested = tested(inputs, run);
@@ -268,8 +271,12 @@ fn tested(inputs: &[Input], run: &Run) -> Vec<usize> {
 
 fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) -> DetectorResults {
     let predictions = &run.predictions[e];
-    let records: Vec<EpisodeRecord> =
-        run.truths.iter().zip(predictions).map(|(truth, prediction)| EpisodeRecord::new(truth, &prediction.class)).collect();
+    let records: Vec<EpisodeRecord> = run
+        .truths
+        .iter()
+        .zip(predictions)
+        .map(|(truth, prediction)| EpisodeRecord::new(truth, &prediction.class))
+        .collect();
     let tested = tested(inputs, run);
     let of_tested: Vec<&EpisodeRecord> = tested.iter().map(|&i| &records[i]).collect();
     let predicted = |episodes: &mut dyn Iterator<Item = usize>| -> Vec<(&Truth, &Prediction)> {

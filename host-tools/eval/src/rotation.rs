@@ -275,8 +275,8 @@ impl fmt::Display for RotationResults {
             self.frames,
             self.touched_frames
         );
-        let table = Table::new(title, 1, &self.kinds, &[
-            ("axes", |kind: &&KindResults| {
+        let table = Table::rows(title, 1, &self.kinds).columns(&[
+            ("axes", |kind| {
                 let words = match kind.kind {
                     TurnKind::Random => "random rotations",
                     TurnKind::Permutation => "axes exchanged",

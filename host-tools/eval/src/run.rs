@@ -114,7 +114,11 @@ fn predict_stream(
                 what(),
                 truth.frames()
             );
-            ensure!(prediction.score.iter().all(|score| score.is_finite()), "{}: score is not finite", what());
+            ensure!(
+                prediction.score.iter().all(|score| score.is_finite()),
+                "{}: score is not finite",
+                what()
+            );
             predictions.push(prediction);
         }
         stream.episodes.push((truth, predictions));

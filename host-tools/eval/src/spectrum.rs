@@ -12,9 +12,7 @@ use std::sync::{Arc, LazyLock};
 
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
-use slipsense::params::{
-    FFT_BINS, HIGHPASS_HZ, MEL_HIGH_HZ, MEL_LOW_HZ, XL_AXES, XL_RATE_HZ, XL_WINDOW,
-};
+use slipsense::params::{FFT_BINS, HIGHPASS_HZ, MEL_HIGH_HZ, MEL_LOW_HZ, XL_AXES, XL_RATE_HZ, XL_WINDOW};
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 

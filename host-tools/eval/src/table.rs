@@ -19,22 +19,39 @@ pub(crate) struct Table {
 /// Head of a column, and how a row's cell is made.
 pub(crate) type Column<R> = (&'static str, fn(&R) -> String);
 
+/// Rows that lack their columns.
+pub(crate) struct Rows<R> {
+    title: String,
+    word_columns: usize,
+    rows: Vec<R>,
+}
+
+impl<R> Rows<R> {
+    pub(crate) fn columns(self, columns: &[Column<R>]) -> Table {
+        let header = columns.iter().map(|(head, _)| *head).collect();
+        let cells = |row: &R| columns.iter().map(|(_, cell)| cell(row)).collect();
+        Table::new(self.title, self.word_columns, header, self.rows.iter().map(cells).collect())
+    }
+}
+
 impl Table {
-    /// One line of the table for each of `rows`.
-    pub(crate) fn new<R>(
+    /// Row by row, each as long as the header.
+    pub(crate) fn new(
+        title: impl Into<String>,
+        word_columns: usize,
+        header: Vec<&'static str>,
+        rows: Vec<Vec<String>>,
+    ) -> Self {
+        Self { title: title.into(), header, word_columns, rows, note: String::new() }
+    }
+
+    /// A table with one line for each of `rows`.
+    pub(crate) fn rows<R>(
         title: impl Into<String>,
         word_columns: usize,
         rows: impl IntoIterator<Item = R>,
-        columns: &[Column<R>],
-    ) -> Self {
-        let cells = |row: R| columns.iter().map(|(_, cell)| cell(&row)).collect();
-        Self {
-            title: title.into(),
-            header: columns.iter().map(|(head, _)| *head).collect(),
-            word_columns,
-            rows: rows.into_iter().map(cells).collect(),
-            note: String::new(),
-        }
+    ) -> Rows<R> {
+        Rows { title: title.into(), word_columns, rows: rows.into_iter().collect() }
     }
 
     /// The same with a note below: what one must know to read it.
@@ -45,6 +62,11 @@ impl Table {
     /// Append a row as long as the header.
     pub(crate) fn push(&mut self, row: Vec<String>) {
         self.rows.push(row);
+    }
+
+    /// Append text to a cell.
+    pub(crate) fn append(&mut self, row: usize, column: usize, text: &str) {
+        self.rows[row][column] += text;
     }
 
     pub(crate) fn is_empty(&self) -> bool {

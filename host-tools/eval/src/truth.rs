@@ -79,7 +79,9 @@ pub struct EpisodeInfo {
 /// A key of the metadata, or none if it is not there; `episode` names the episode in an error.
 fn meta_value<T: DeserializeOwned>(meta: &Meta, key: &str, episode: &str) -> Result<Option<T>> {
     let value = meta.other.get(key).cloned();
-    let parsed = value.map(|value| serde_json::from_value(value).map_err(|e| anyhow!("{episode}: `meta` key `{key}`: {e}")));
+    let parsed = value.map(|value| {
+        serde_json::from_value(value).map_err(|e| anyhow!("{episode}: `meta` key `{key}`: {e}"))
+    });
     parsed.transpose()
 }
 
@@ -162,7 +164,8 @@ impl Truth {
             (Some(speed), Some(fraction)) => Some(Interface::new(speed, fraction, &labelled.slip)),
             _ => None,
         };
-        let events: Option<Vec<Disturbance>> = meta_value(&episode.meta, "events", &format!("{input}/{name}"))?;
+        let events: Option<Vec<Disturbance>> =
+            meta_value(&episode.meta, "events", &format!("{input}/{name}"))?;
         let events = events.unwrap_or_default();
         Ok(Self {
             info: EpisodeInfo::new(&episode.meta, episode.sensors, input, name)?,

@@ -80,9 +80,7 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
             analytic(PerSensor::new(score), fitted.mfcc.cut.threshold, fitted)
         }
         "entropy-and-mfcc" => analytic(paper::AndScore::new(fitted)?, 0.0, fitted),
-        "energy" => {
-            analytic(PerSensor::new(vibration::EnergyScore::new()), fitted.energy.threshold, fitted)
-        }
+        "energy" => analytic(PerSensor::new(vibration::EnergyScore::new()), fitted.energy.threshold, fitted),
         "flux-cusum" => {
             analytic(PerSensor::new(vibration::FluxCusumScore::new()), fitted.flux_cusum.threshold, fitted)
         }

@@ -115,8 +115,7 @@ pub(super) fn network_alarm(model: &[u8], dead: Option<Modality>) -> Result<Dete
         if !goes_on {
             recent.clear();
         }
-        let mut prediction =
-            Prediction { threshold: score(Some(threshold)), ..Prediction::default() };
+        let mut prediction = Prediction { threshold: score(Some(threshold)), ..Prediction::default() };
         for (frame, (margin, alarm)) in frames.into_iter().enumerate() {
             let largest = recent.push(margin);
             let over = largest.is_some_and(|margin| margin > threshold);

@@ -14,7 +14,10 @@ const CONVERGED: f64 = 1e-9;
 
 /// Weights and intercept of the log-odds of `true`, by Newton's method with a penalty of ½ Σw². Features
 /// should be standardised.
-pub(crate) fn logistic_regression<const N: usize>(features: &[[f64; N]], positive: &[bool]) -> Result<([f64; N], f64)> {
+pub(crate) fn logistic_regression<const N: usize>(
+    features: &[[f64; N]],
+    positive: &[bool],
+) -> Result<([f64; N], f64)> {
     let mut weights = DVector::zeros(N + 1);
     for _ in 0..STEPS_MAX {
         let mut gradient = DVector::zeros(N + 1);

@@ -153,7 +153,8 @@ fn fit_rig(frames: &[&Frame]) -> Result<Option<RigFit>> {
     let odds = |chosen: &dyn Fn(&Frame) -> bool, class: u8| {
         let chosen = frames.iter().zip(&terms).filter(|(f, _)| chosen(f));
         let (terms, positive): (Vec<_>, Vec<_>) = chosen.map(|(f, terms)| (*terms, f.label == class)).unzip();
-        logistic_regression(&terms, &positive).map(|(weights, intercept)| Odds { weights: weights.to_vec(), intercept })
+        logistic_regression(&terms, &positive)
+            .map(|(weights, intercept)| Odds { weights: weights.to_vec(), intercept })
     };
     let slip = odds(&|_| true, SLIP)?;
     let held = odds(&|f| f.label != SLIP, NO_SLIP)?;

@@ -43,7 +43,8 @@ impl FrameCounts {
         let mut counts = Self { all: ClassScores::new(&truth.label, class), ..Self::default() };
         counts.guarded = counts.all;
         let mark = |marked: &mut [bool], from: usize, to: usize| marked[from..to.min(frames)].fill(true);
-        let (mut before, mut after, mut guard) = (vec![false; frames], vec![false; frames], vec![false; frames]);
+        let (mut before, mut after, mut guard) =
+            (vec![false; frames], vec![false; frames], vec![false; frames]);
         for &(onset, end) in &truth.slip {
             mark(&mut before, onset.saturating_sub(MARGIN_FRAMES), onset);
             mark(&mut after, end, end + MARGIN_FRAMES);
@@ -57,7 +58,13 @@ impl FrameCounts {
                 counts.guarded.confusion[label as usize][class as usize] -= 1;
             }
             if class == SLIP && label != SLIP {
-                let place = if before[f] { 0 } else if after[f] { 1 } else { 2 };
+                let place = if before[f] {
+                    0
+                } else if after[f] {
+                    1
+                } else {
+                    2
+                };
                 counts.false_slip[place] += 1;
             }
         }

@@ -41,8 +41,9 @@ pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> 
             _ => format!("3 from {high:.1} N"),
         })
     };
-    let speed =
-        |info: &EpisodeInfo| Some(info.speed_mm_s.map_or("nothing pulls".to_owned(), |v| format!("{v} mm/s")));
+    let speed = |info: &EpisodeInfo| {
+        Some(info.speed_mm_s.map_or("nothing pulls".to_owned(), |v| format!("{v} mm/s")))
+    };
     type Key<'a> = &'a dyn Fn(&EpisodeInfo) -> Option<String>;
     let by: [(&'static str, Key<'_>); 9] = [
         ("input", &|info| Some(info.input.clone())),

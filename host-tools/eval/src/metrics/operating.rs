@@ -88,8 +88,9 @@ pub(crate) fn curve(episodes: &[(&Truth, &Prediction)], own: f32, fixed: Option<
 
 /// Figures of these episodes at a threshold.
 pub(crate) fn figures_at(episodes: &[(&Truth, &Prediction)], threshold: f32) -> Figures {
-    let record =
-        |(truth, prediction): &(&Truth, &Prediction)| EpisodeRecord::new(truth, &prediction.classes_at(threshold));
+    let record = |(truth, prediction): &(&Truth, &Prediction)| {
+        EpisodeRecord::new(truth, &prediction.classes_at(threshold))
+    };
     let records: Vec<EpisodeRecord> = episodes.iter().map(record).collect();
     Figures::new(&records)
 }

@@ -2,18 +2,17 @@
 
 use std::fmt;
 
-use crate::directions::DirectionFigures;
-use crate::metrics::alarms::Rate;
+use crate::metrics::alarms::{AlarmFigures, Rate};
 use crate::metrics::bootstrap::InputFigures;
 use crate::metrics::events::{EventFigures, WITHIN_FRAMES};
+use crate::metrics::figures::Figures;
 use crate::metrics::frames::CLASS_NAMES;
 use crate::metrics::groups::{Group, Grouping};
 use crate::metrics::statistics::share;
-use crate::paper::{CLASS_PERCENT, Comparison, LATENCY_BY_SPEED, VALIDATION};
-use crate::quantization::{FPR_POINTS, MACRO_F1_POINTS, Pair, QuantizationRow};
-use crate::results::{DetectorResults, InputInfo, OperatingPoint, PointFigures, Results, Spread};
+use crate::paper::{CLASS_PERCENT, LATENCY_BY_SPEED, VALIDATION};
+use crate::quantization::{FPR_POINTS, MACRO_F1_POINTS};
+use crate::results::{DetectorResults, InputInfo, OperatingPoint, Results};
 use crate::table::{Table, latency, number, percent, yes_or_no};
-use crate::targets::TargetRow;
 
 /// The median latency, infinite where half of hits and misses or more are missed.
 pub(super) fn median_latency(events: &EventFigures) -> String {
@@ -22,8 +21,8 @@ pub(super) fn median_latency(events: &EventFigures) -> String {
 
 /// What was evaluated.
 pub(super) fn inputs(results: &Results) -> Table {
-    let mut table = Table::new(results.kind_of_data(), 2, &results.inputs, &[
-        ("input", |input: &&InputInfo| input.name.clone()),
+    let mut table = Table::rows(results.kind_of_data(), 2, &results.inputs).columns(&[
+        ("input", |input| input.name.clone()),
         ("episodes", |input| input.episodes.to_string()),
         ("hours", |input| format!("{:.2}", input.duration_hours)),
         ("slips", |input| input.labelled_events.to_string()),
@@ -39,122 +38,112 @@ pub(super) fn inputs(results: &Results) -> Table {
     table
 }
 
-/// A detector on one of its inputs.
-type OnInput<'a> = (&'a DetectorResults, &'a InputFigures);
+/// The figures that most tables show, with the factor and decimals that they are shown with.
+type Measure = (&'static str, fn(&Figures) -> Option<f64>, f64, usize);
+const MEASURES: [Measure; 8] = [
+    ("≤5 fr %", |f| f.encoder_events.within_5_frames_share, 100.0, 2),
+    ("missed %", |f| f.encoder_events.miss_share, 100.0, 2),
+    ("early %", |f| f.encoder_events.early_share, 100.0, 2),
+    ("FPR %", |f| f.frame.fpr_of_non_slip_share, 100.0, 2),
+    ("acc %", |f| f.frame.accuracy_share, 100.0, 2),
+    ("F1 %", |f| f.frame.macro_f1, 100.0, 2),
+    ("alarms/h", |f| f.alarms.all.alarms_per_hour, 1.0, 1),
+    ("< /h", |f| f.alarms.all.upper_bound_per_hour, 1.0, 1),
+];
+
+/// A table of [`MEASURES`]: each row is some cells, the first `word_columns` of which are words, and figures.
+fn figures_table<'a>(
+    title: String,
+    word_columns: usize,
+    heads: &[&'static str],
+    rows: impl Iterator<Item = (Vec<String>, &'a Figures)>,
+) -> Table {
+    let heads = heads.iter().copied().chain(["latency fr"]).chain(MEASURES.map(|(head, ..)| head));
+    let cells = rows.map(|(words, figures)| {
+        let cell =
+            |(_, value, factor, decimals): Measure| number(value(figures).map(|v| factor * v), decimals);
+        words.into_iter().chain([median_latency(&figures.encoder_events)]).chain(MEASURES.map(cell)).collect()
+    });
+    Table::new(title, word_columns, heads.collect(), cells.collect())
+}
 
 fn on_inputs(results: &Results) -> impl Iterator<Item = OnInput<'_>> {
     results.detectors.iter().flat_map(|detector| detector.inputs.iter().map(move |on| (detector, on)))
 }
 
+/// A detector on one of its inputs.
+type OnInput<'a> = (&'a DetectorResults, &'a InputFigures);
+
 /// The detectors side by side.
-fn overview(results: &Results) -> Table {
-    Table::new("", 2, on_inputs(results), &[
-        ("detector", |(detector, _): &OnInput<'_>| detector.name.clone()),
-        ("input", |(_, on)| on.input.clone()),
-        ("latency fr", |(_, on)| median_latency(&on.figures.encoder_events)),
-        ("≤5 fr %", |(_, on)| percent(on.figures.encoder_events.within_5_frames_share)),
-        ("missed %", |(_, on)| percent(on.figures.encoder_events.miss_share)),
-        ("early %", |(_, on)| percent(on.figures.encoder_events.early_share)),
-        ("FPR %", |(_, on)| percent(on.figures.frame.fpr_of_non_slip_share)),
-        ("acc %", |(_, on)| percent(on.figures.frame.accuracy_share)),
-        ("F1 %", |(_, on)| percent(on.figures.frame.macro_f1)),
-        ("alarms/h", |(_, on)| number(on.figures.alarms.all.alarms_per_hour, 1)),
-        ("< /h", |(_, on)| number(on.figures.alarms.all.upper_bound_per_hour, 1)),
-    ])
-    .with_note(format!(
+fn overview(results: &Results, title: String) -> Table {
+    let rows =
+        on_inputs(results).map(|(detector, on)| (vec![detector.name.clone(), on.input.clone()], &on.figures));
+    figures_table(title, 2, &["detector", "input"], rows).with_note(format!(
         "{}; latency: median over events, misses infinite, early ones apart; FPR: of the frames that do not slip; \
          < /h: 95 % bound",
         results.kind_of_data()
     ))
 }
 
-/// A value with its 95 % interval in brackets.
-fn interval(value: Option<f64>, interval: Option<[f64; 2]>, factor: f64, decimals: usize) -> String {
-    let value = number(value.map(|value| factor * value), decimals);
-    match interval.map(|bounds| bounds.map(|bound| number(Some(factor * bound), decimals))) {
-        Some([low, high]) => format!("{value} [{low}, {high}]"),
-        None => value,
-    }
-}
-
 /// The detectors side by side with 95 % intervals.
 pub(super) fn headline(results: &Results) -> Table {
-    let title = format!(
-        "Detectors, input by input: {}, 95 % intervals in brackets",
-        results.kind_of_data()
-    );
-    Table::new(title, 2, on_inputs(results), &[
-        ("detector", |(detector, _): &OnInput<'_>| detector.name.clone()),
-        ("input", |(_, on)| on.input.clone()),
-        ("latency fr", |(_, on)| {
-            let median = median_latency(&on.figures.encoder_events);
-            match on.intervals.latency_median_frames {
-                Some([low, high]) => format!("{median} [{}, {}]", latency(low, 1), latency(high, 1)),
-                None => median,
+    let mut table = overview(results, "Detectors, input by input, 95 % intervals in brackets".to_owned());
+    for (row, (_, on)) in on_inputs(results).enumerate() {
+        let of = &on.intervals;
+        let latency = of.latency_median_frames.map(|bounds| bounds.map(|bound| latency(bound, 1)));
+        let shown = |bounds: Option<[f64; 2]>, factor: f64, decimals: usize| {
+            bounds.map(|bounds| bounds.map(|bound| number(Some(factor * bound), decimals)))
+        };
+        for (column, bounds) in [
+            (2, latency),
+            (3, shown(of.within_5_frames_share, 100.0, 1)),
+            (4, shown(of.miss_share, 100.0, 1)),
+            (6, shown(of.fpr_of_non_slip_share, 100.0, 2)),
+            (7, shown(of.accuracy_share, 100.0, 2)),
+            (8, shown(of.macro_f1, 100.0, 2)),
+            (9, shown(of.alarms_per_hour, 1.0, 1)),
+        ] {
+            if let Some([low, high]) = bounds {
+                table.append(row, column, &format!(" [{low}, {high}]"));
             }
-        }),
-        ("≤5 fr %", |(_, on)| {
-            let share = on.figures.encoder_events.within_5_frames_share;
-            interval(share, on.intervals.within_5_frames_share, 100.0, 1)
-        }),
-        ("missed %", |(_, on)| {
-            interval(on.figures.encoder_events.miss_share, on.intervals.miss_share, 100.0, 1)
-        }),
-        ("early %", |(_, on)| percent(on.figures.encoder_events.early_share)),
-        ("alarms/h", |(_, on)| {
-            interval(on.figures.alarms.all.alarms_per_hour, on.intervals.alarms_per_hour, 1.0, 1)
-        }),
-        ("FPR %", |(_, on)| {
-            let share = on.figures.frame.fpr_of_non_slip_share;
-            interval(share, on.intervals.fpr_of_non_slip_share, 100.0, 2)
-        }),
-        ("acc %", |(_, on)| {
-            interval(on.figures.frame.accuracy_share, on.intervals.accuracy_share, 100.0, 2)
-        }),
-        ("F1 %", |(_, on)| interval(on.figures.frame.macro_f1, on.intervals.macro_f1, 100.0, 2)),
-    ])
+        }
+    }
+    table
 }
 
 /// False alarms on an input without slip by their cause, and beside them what the same detector misses of the
 /// slips of the other inputs.
 fn causes(results: &Results, quiet: &InputInfo) -> Table {
-    struct Row<'a> {
-        detector: &'a str,
-        cause: &'static str,
-        rate: &'a Rate,
-        missed: String,
-    }
-    let mut rows = Vec::new();
-    for detector in &results.detectors {
-        let others = detector.inputs.iter().filter(|on| on.input != quiet.name && on.input != VALIDATION);
-        let (missed, events) = others.map(|on| &on.figures.encoder_events).fold((0, 0), |(missed, all), on| {
-            (missed + on.missed, all + on.events)
-        });
-        for on in detector.inputs.iter().filter(|on| on.input == quiet.name) {
-            let alarms = &on.figures.alarms;
-            let name = detector.name.as_str();
-            let missed = percent(share(missed, events));
-            rows.push(Row { detector: name, cause: "all", rate: &alarms.all, missed });
-            rows.extend(alarms.by_disturbance.iter().map(|class| Row {
-                detector: name,
-                cause: class.disturbance,
-                rate: &class.rate,
-                missed: String::new(),
-            }));
-        }
-    }
     let kind = if quiet.synthetic { "synthetic data" } else { "data" };
     let title = format!("false alarms without slip ({}, {kind}) by what caused them", quiet.name);
-    Table::new(title, 2, rows, &[
-        ("detector", |row| row.detector.to_owned()),
-        ("cause", |row| row.cause.to_owned()),
-        ("alarms", |row| row.rate.alarms.to_string()),
-        ("hours", |row| format!("{:.3}", row.rate.exposure_hours)),
-        ("/h", |row| number(row.rate.alarms_per_hour, 2)),
-        ("< /h", |row| number(row.rate.upper_bound_per_hour, 2)),
-        ("missed %", |row| row.missed.clone()),
-    ])
-    .with_note("hours: time with that cause; < /h: 95 % bound; missed: of the slips of the other inputs")
+    let mut rows = Vec::new();
+    for (detector, on) in on_inputs(results).filter(|(_, on)| on.input == quiet.name) {
+        let others = detector.inputs.iter().filter(|on| on.input != quiet.name && on.input != VALIDATION);
+        let (missed, events) = others
+            .map(|on| &on.figures.encoder_events)
+            .fold((0, 0), |(missed, events), on| (missed + on.missed, events + on.events));
+        let missed = percent(share(missed, events));
+        rows.extend(rates(&on.figures.alarms).enumerate().map(|(i, (cause, rate))| {
+            (&detector.name, cause, rate, if i == 0 { missed.clone() } else { String::new() })
+        }));
+    }
+    Table::rows(title, 2, rows)
+        .columns(&[
+            ("detector", |(detector, ..)| (*detector).clone()),
+            ("cause", |(_, cause, ..)| (*cause).to_owned()),
+            ("alarms", |(_, _, rate, _)| rate.alarms.to_string()),
+            ("hours", |(_, _, rate, _)| format!("{:.3}", rate.exposure_hours)),
+            ("/h", |(_, _, rate, _)| number(rate.alarms_per_hour, 2)),
+            ("< /h", |(_, _, rate, _)| number(rate.upper_bound_per_hour, 2)),
+            ("missed %", |(.., missed)| missed.clone()),
+        ])
+        .with_note("hours: time with that cause; < /h: 95 % bound; missed: of the slips of the other inputs")
+}
+
+/// Alarms of all causes, then of each.
+fn rates(alarms: &AlarmFigures) -> impl Iterator<Item = (&'static str, &Rate)> {
+    let causes = alarms.by_disturbance.iter().map(|class| (class.disturbance, &class.rate));
+    std::iter::once(("all", &alarms.all)).chain(causes)
 }
 
 /// Ours beside the paper's.
@@ -164,8 +153,8 @@ pub(super) fn paper(results: &Results) -> Table {
         points.map_or(ours.clone(), |points| format!("{ours} ({points:+.1})"))
     }
     let title = format!("ours ({}) beside the paper's (real grippers)", results.kind_of_data());
-    Table::new(title, 2, &results.paper, &[
-        ("input", |row: &&Comparison| row.paper.input.to_owned()),
+    Table::rows(title, 2, &results.paper).columns(&[
+        ("input", |row| row.paper.input.to_owned()),
         ("detector", |row| row.paper.detector.to_owned()),
         ("latency fr", |row| latency(row.latency_frames, 1)),
         ("paper", |row| format!("{:.1}", row.paper.latency_frames)),
@@ -201,14 +190,7 @@ pub(super) fn paper_speeds(results: &Results) -> Table {
             row.push(at_speed(detector, mm_s).unwrap_or_else(|| "–".to_owned()));
         }
     }
-    Table::new(title, 1, cells, &[
-        ("detector", |row: &Vec<String>| row[0].clone()),
-        ("2 mm/s", |row| row[1].clone()),
-        ("5 mm/s", |row| row[2].clone()),
-        ("10 mm/s", |row| row[3].clone()),
-        ("15 mm/s", |row| row[4].clone()),
-        ("18 mm/s", |row| row[5].clone()),
-    ])
+    Table::new(title, 1, vec!["detector", "2 mm/s", "5 mm/s", "10 mm/s", "15 mm/s", "18 mm/s"], cells)
 }
 
 /// Where the frames falsely called slip lie, for the inputs with slips.
@@ -217,15 +199,18 @@ fn false_slip(results: &Results) -> Table {
         |name: &str| results.inputs.iter().any(|input| input.name == name && input.labelled_events > 0);
     let rows = on_inputs(results).filter(|(_, on)| has_slips(&on.input));
     let title = format!("false slip frames by where they lie ({})", results.kind_of_data());
-    Table::new(title, 2, rows, &[
-        ("detector", |(detector, _): &OnInput<'_>| detector.name.clone()),
-        ("input", |(_, on)| on.input.clone()),
-        ("FPR %", |(_, on)| percent(on.figures.frame.fpr_of_non_slip_share)),
-        ("before slip %", |(_, on)| percent(on.figures.false_slip.fpr_before_slip_share)),
-        ("after slip %", |(_, on)| percent(on.figures.false_slip.fpr_after_slip_share)),
-        ("elsewhere %", |(_, on)| percent(on.figures.false_slip.fpr_elsewhere_share)),
-    ])
-    .with_note("of the frames that do not slip; before and after: up to 50 ms from an onset or end by the label")
+    Table::rows(title, 2, rows)
+        .columns(&[
+            ("detector", |(detector, _)| detector.name.clone()),
+            ("input", |(_, on)| on.input.clone()),
+            ("FPR %", |(_, on)| percent(on.figures.frame.fpr_of_non_slip_share)),
+            ("before slip %", |(_, on)| percent(on.figures.false_slip.fpr_before_slip_share)),
+            ("after slip %", |(_, on)| percent(on.figures.false_slip.fpr_after_slip_share)),
+            ("elsewhere %", |(_, on)| percent(on.figures.false_slip.fpr_elsewhere_share)),
+        ])
+        .with_note(
+            "of the frames that do not slip; before and after: up to 50 ms from an onset or end by the label",
+        )
 }
 
 fn targets(results: &Results) -> Table {
@@ -237,8 +222,8 @@ fn targets(results: &Results) -> Table {
         1 => "one seed".to_owned(),
         n => format!("mean ± standard deviation over {n} seeds"),
     };
-    Table::new(title, 2, rows, &[
-        ("input", |row: &&TargetRow| row.input.clone()),
+    Table::rows(title, 2, rows).columns(&[
+        ("input", |row| row.input.clone()),
         ("figure", |row| row.measure.to_owned()),
         ("ours", |row| {
             let deviation = row.standard_deviation.map_or(String::new(), |sd| format!(" ± {sd:.2}"));
@@ -258,8 +243,8 @@ fn quantization(results: &Results) -> Table {
         value.map_or("–".to_owned(), |points| format!("{points:+.3}"))
     }
     let title = format!("integer against float ({})", results.kind_of_data());
-    Table::new(title, 2, &results.integer_against_float, &[
-        ("input", |row: &&QuantizationRow| row.input.clone()),
+    Table::rows(title, 2, &results.integer_against_float).columns(&[
+        ("input", |row| row.input.clone()),
         ("network", |row| row.seed.clone()),
         ("F1 points", |row| points(row.macro_f1_difference_points)),
         ("FPR points", |row| points(row.fpr_of_non_slip_difference_points)),
@@ -275,9 +260,8 @@ fn quantization(results: &Results) -> Table {
 
 fn directions(results: &Results) -> Table {
     let rows = results.detectors.iter().flat_map(|d| d.directions.iter().map(move |of| (d, of)));
-    type Row<'a> = (&'a DetectorResults, &'a DirectionFigures);
-    Table::new(format!("slips by direction ({})", results.kind_of_data()), 3, rows, &[
-        ("detector", |(detector, _): &Row<'_>| detector.name.clone()),
+    Table::rows(format!("slips by direction ({})", results.kind_of_data()), 3, rows).columns(&[
+        ("detector", |(detector, _)| detector.name.clone()),
         ("direction", |(_, row)| row.direction.name().to_owned()),
         ("input", |(_, row)| row.input.clone()),
         ("slips", |(_, row)| row.encoder_events.events.to_string()),
@@ -311,7 +295,6 @@ pub(super) fn latencies(results: &Results) -> Table {
         "Latency in frames of 4.17 ms and travel in mm, all inputs but validation: {}",
         results.kind_of_data()
     );
-    type Row<'a> = (&'a str, &'static str, &'a EventFigures);
     let rows = results.detectors.iter().flat_map(|detector| {
         let (name, all) = (detector.name.as_str(), &detector.all);
         [(name, "encoder", &all.encoder_events), (name, "interface", &all.interface_events)]
@@ -319,8 +302,8 @@ pub(super) fn latencies(results: &Results) -> Table {
     fn percentile(value: Option<f64>, events: &EventFigures) -> String {
         latency(value, events.hits + events.missed)
     }
-    Table::new(title, 2, rows, &[
-        ("detector", |(name, ..): &Row<'_>| (*name).to_owned()),
+    Table::rows(title, 2, rows).columns(&[
+        ("detector", |(name, ..)| (*name).to_owned()),
         ("truth", |(_, truth, _)| (*truth).to_owned()),
         ("events", |(.., events)| events.events.to_string()),
         ("early", |(.., events)| events.early.to_string()),
@@ -340,9 +323,10 @@ pub(super) fn latencies(results: &Results) -> Table {
 
 /// Computing time.
 pub(super) fn compute(results: &Results) -> Table {
-    let title = "Computing time of one core of this computer (loading not included); it is not in the latencies";
-    Table::new(title, 1, &results.detectors, &[
-        ("detector", |detector: &&DetectorResults| detector.name.clone()),
+    let title =
+        "Computing time of one core of this computer (loading not included); it is not in the latencies";
+    Table::rows(title, 1, &results.detectors).columns(&[
+        ("detector", |detector| detector.name.clone()),
         ("µs per frame", |detector| number(detector.compute_us_per_frame, 1)),
         ("median latency with it, ms", |detector| {
             let frames = detector.all.encoder_events.latency_median_frames;
@@ -352,22 +336,14 @@ pub(super) fn compute(results: &Results) -> Table {
     ])
 }
 
-/// One input at the operating point that validation fixed.
+/// The operating point that validation fixed, input by input.
 pub(super) fn operating_point(detector: &str, point: &OperatingPoint, kind: &str) -> Table {
     let title = format!(
         "{detector}: threshold {:.4}, fixed on the validation input at an FPR of at most {} %; {kind}",
         point.threshold_score,
         percent(Some(point.target_fpr_of_non_slip_share))
     );
-    Table::new(title, 1, &point.inputs, &[
-        ("input", |on: &&PointFigures| on.input.clone()),
-        ("latency fr", |on| median_latency(&on.figures.encoder_events)),
-        ("≤5 fr %", |on| percent(on.figures.encoder_events.within_5_frames_share)),
-        ("missed %", |on| percent(on.figures.encoder_events.miss_share)),
-        ("alarms/h", |on| number(on.figures.alarms.all.alarms_per_hour, 1)),
-        ("FPR %", |on| percent(on.figures.frame.fpr_of_non_slip_share)),
-        ("F1 %", |on| percent(on.figures.frame.macro_f1)),
-    ])
+    figures_table(title, 1, &["input"], point.inputs.iter().map(|on| (vec![on.input.clone()], &on.figures)))
 }
 
 /// Pairs of detectors that should be the same.
@@ -376,8 +352,8 @@ pub(super) fn pairs(results: &Results) -> Table {
         number(value.map(|share| 100.0 * share), 3)
     }
     let title = format!("First minus second, all inputs but validation: {}", results.kind_of_data());
-    Table::new(title, 2, &results.pairs, &[
-        ("first", |pair: &&Pair| pair.first.clone()),
+    Table::rows(title, 2, &results.pairs).columns(&[
+        ("first", |pair| pair.first.clone()),
         ("second", |pair| pair.second.clone()),
         ("same class %", |pair| percent_points(pair.same_class_share)),
         ("frames that differ", |pair| pair.different_class_frames.to_string()),
@@ -391,14 +367,14 @@ pub(super) fn pairs(results: &Results) -> Table {
 /// Spreads over training seeds.
 pub(super) fn seeds(results: &Results) -> Table {
     fn spread(values: Option<[f64; 3]>, factor: f64) -> String {
-        values.map(|values| values.map(|value| factor * value)).map_or("–".to_owned(), |[low, mean, high]| {
-            format!("{mean:.2} ({low:.2}–{high:.2})")
-        })
+        values
+            .map(|values| values.map(|value| factor * value))
+            .map_or("–".to_owned(), |[low, mean, high]| format!("{mean:.2} ({low:.2}–{high:.2})"))
     }
     let title =
         format!("Mean over training seeds, lowest and highest in brackets: {}", results.kind_of_data());
-    Table::new(title, 2, &results.seeds, &[
-        ("detector", |of: &&Spread| of.family.clone()),
+    Table::rows(title, 2, &results.seeds).columns(&[
+        ("detector", |of| of.family.clone()),
         ("input", |of| of.input.clone()),
         ("seeds", |of| of.seeds.to_string()),
         ("latency fr", |of| spread(of.latency_median_frames, 1.0)),
@@ -411,15 +387,14 @@ pub(super) fn seeds(results: &Results) -> Table {
 
 /// Truth against prediction, with shares of the truth.
 pub(super) fn confusion(detector: &DetectorResults, kind: &str) -> Table {
-    type Row<'a> = (usize, &'a DetectorResults);
     fn count(row: &Row<'_>, class: usize) -> String {
         let counts = row.1.all.frame.confusion_frames[row.0];
         let share = counts[class] as f64 / counts.iter().sum::<u64>().max(1) as f64;
         format!("{} ({} %)", counts[class], percent(Some(share)))
     }
     let title = format!("{}: frames by truth (rows) and prediction, {kind}", detector.name);
-    Table::new(title, 1, (0..CLASS_NAMES.len()).map(|class| (class, detector)), &[
-        ("truth", |(class, _): &Row<'_>| CLASS_NAMES[*class].replace('_', " ")),
+    Table::rows(title, 1, (0..CLASS_NAMES.len()).map(|class| (class, detector))).columns(&[
+        ("truth", |(class, _)| CLASS_NAMES[*class].replace('_', " ")),
         ("no contact", |row| count(row, 0)),
         ("no slip", |row| count(row, 1)),
         ("slip", |row| count(row, 2)),
@@ -431,11 +406,9 @@ pub(super) fn confusion(detector: &DetectorResults, kind: &str) -> Table {
 
 /// False alarms by what else happened.
 pub(super) fn alarms(detector: &DetectorResults, kind: &str) -> Table {
-    let figures = &detector.all.alarms;
-    let classes = figures.by_disturbance.iter().map(|class| (class.disturbance, &class.rate));
     let title = format!("{}: false alarms by cause, {kind}", detector.name);
-    Table::new(title, 1, classes.chain([("all", &figures.all)]), &[
-        ("class", |(class, _): &(&str, &Rate)| (*class).to_owned()),
+    Table::rows(title, 1, rates(&detector.all.alarms)).columns(&[
+        ("cause", |(cause, _)| (*cause).to_owned()),
         ("alarms", |(_, rate)| rate.alarms.to_string()),
         ("exposure, h", |(_, rate)| format!("{:.3}", rate.exposure_hours)),
         ("per hour", |(_, rate)| number(rate.alarms_per_hour, 1)),
@@ -447,28 +420,17 @@ pub(super) fn alarms(detector: &DetectorResults, kind: &str) -> Table {
 pub(super) fn grouping(grouping: &Grouping, kind: &str) -> Table {
     let worst = grouping.worst.as_ref().map_or(String::new(), |worst| format!("; worst: {worst}"));
     let title = format!("By {}: {kind}{worst}", grouping.by.replace('_', " "));
-    Table::new(title, 1, &grouping.groups, &[
-        ("group", |group: &&Group| group.value.clone()),
-        ("episodes", |group| group.figures.episodes.to_string()),
-        ("slips", |group| group.figures.encoder_events.events.to_string()),
-        ("latency fr", |group| median_latency(&group.figures.encoder_events)),
-        ("90 %", |group| {
-            let events = &group.figures.encoder_events;
-            latency(events.latency_p90_frames, events.hits + events.missed)
-        }),
-        ("≤5 fr %", |group| percent(group.figures.encoder_events.within_5_frames_share)),
-        ("missed %", |group| percent(group.figures.encoder_events.miss_share)),
-        ("alarms/h", |group| number(group.figures.alarms.all.alarms_per_hour, 1)),
-        ("FPR %", |group| percent(group.figures.frame.fpr_of_non_slip_share)),
-        ("acc %", |group| percent(group.figures.frame.accuracy_share)),
-        ("F1 %", |group| percent(group.figures.frame.macro_f1)),
-    ])
+    let rows = grouping.groups.iter().map(|Group { value, figures }| {
+        let [episodes, slips] = [figures.episodes, figures.encoder_events.events].map(|n| n.to_string());
+        (vec![value.clone(), episodes, slips], figures)
+    });
+    figures_table(title, 1, &["group", "episodes", "slips"], rows)
 }
 
 /// The tables that the terminal shows.
 impl fmt::Display for Results {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\n{}", inputs(self), overview(self))?;
+        write!(f, "{}\n{}", inputs(self), overview(self, String::new()))?;
         if !self.pairs.is_empty() {
             write!(f, "\n{}", pairs(self))?;
         }

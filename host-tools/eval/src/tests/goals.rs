@@ -39,7 +39,8 @@ fn slips_are_grouped_by_direction_and_input() {
             (truth, record)
         })
         .collect();
-    let episodes: Vec<(&Truth, &EpisodeRecord)> = records.iter().map(|(truth, record)| (truth, record)).collect();
+    let episodes: Vec<(&Truth, &EpisodeRecord)> =
+        records.iter().map(|(truth, record)| (truth, record)).collect();
     let found = by_direction(&episodes);
     let rows: Vec<_> = found
         .iter()
@@ -77,9 +78,8 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
         episode.write(place.path().join(format!("e{i}.npz"))).unwrap();
     }
     let inputs = ["umi_id", "mine"].map(|name| Input::folder(name, place.path()).unwrap());
-    let from = |name: &str, family: &str, from: usize| {
-        candidate(name, family, move || Ok(flags_in(from..200)))
-    };
+    let from =
+        |name: &str, family: &str, from: usize| candidate(name, family, move || Ok(flags_in(from..200)));
     let candidates = [
         from("network#1", "network", 101),
         from("network#2", "network", 104),

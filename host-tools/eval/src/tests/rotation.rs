@@ -75,7 +75,8 @@ fn dependence_on_the_axes_is_measured() {
     assert!(share(permutations, "yxz") < 0.95 && share(flips, "-x+y+z") < 0.5);
 
     // What only the power decides stays the same to the frame where nothing is rounded.
-    let power = compare(&inputs, |sample| sample.iter().map(|&lsb| i64::from(lsb).pow(2)).sum::<i64>() % 2 == 0);
+    let power =
+        compare(&inputs, |sample| sample.iter().map(|&lsb| i64::from(lsb).pow(2)).sum::<i64>() % 2 == 0);
     let [random, permutations, flips] = &power.kinds[..] else { panic!("three kinds") };
     assert_eq!((permutations.agree_share_min, flips.agree_share_min), (Some(1.0), Some(1.0)));
     assert!(random.agree_share_min.unwrap() < 0.9, "rounding changes the last bit of a power");

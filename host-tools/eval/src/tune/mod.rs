@@ -201,14 +201,11 @@ impl Tuning {
 
 impl fmt::Display for Tuning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        type Row<'a> = (bool, &'a Rule);
         let rows = self.rows.iter().enumerate().map(|(i, row)| (i == self.chosen, row));
-        let table = Table::new("", 2, rows, &[
-            ("k of n", |(_, row): &Row<'_>| format!("{} of {}", row.k, row.n)),
+        let table = Table::rows("", 2, rows).columns(&[
+            ("k of n", |(_, row)| format!("{} of {}", row.k, row.n)),
             ("", |(chosen, _)| if *chosen { "chosen" } else { "" }.to_owned()),
-            ("threshold nat", |(_, row)| {
-                format!("{:.3}", Logit::from_bits(row.threshold_q10).to_f64())
-            }),
+            ("threshold nat", |(_, row)| format!("{:.3}", Logit::from_bits(row.threshold_q10).to_f64())),
             ("alarms", |(_, row)| row.disturbances.all.alarms.to_string()),
             ("/h", |(_, row)| number(row.disturbances.all.alarms_per_hour, 2)),
             ("< /h", |(_, row)| number(row.disturbances.all.upper_bound_per_hour, 2)),
@@ -241,7 +238,11 @@ mod tests {
             label[start..end].fill(2);
         }
         let truth = Truth::from_labels(label);
-        Margins { truth, margin: (0..frames).map(|f| Some(Logit::from_bits(margin(f)))).collect(), starts_anew: true }
+        Margins {
+            truth,
+            margin: (0..frames).map(|f| Some(Logit::from_bits(margin(f)))).collect(),
+            starts_anew: true,
+        }
     }
 
     /// Disturbances have large margins for 2 frames, slip smaller ones that last: only a rule of more than 2 frames

@@ -387,7 +387,7 @@ pub(super) fn seeds(results: &Results) -> Table {
 
 /// Truth against prediction, with shares of the truth.
 pub(super) fn confusion(detector: &DetectorResults, kind: &str) -> Table {
-    fn count(row: &Row<'_>, class: usize) -> String {
+    fn count(row: &(usize, &DetectorResults), class: usize) -> String {
         let counts = row.1.all.frame.confusion_frames[row.0];
         let share = counts[class] as f64 / counts.iter().sum::<u64>().max(1) as f64;
         format!("{} ({} %)", counts[class], percent(Some(share)))

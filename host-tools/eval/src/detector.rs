@@ -54,25 +54,13 @@ pub type Detector<'a> = Box<dyn FnMut(&Episode) -> Result<Prediction> + Send + '
 
 /// Which rule decides first where the analytic detectors' three classes are made.
 ///
-/// The paper does not say. Its Table 1 gives each baseline's share of false slip among frames that do
-/// not slip and its accuracy, hence the frames of every kind of error, hence what macro F1 can be at all
-/// (all numbers %, test `the_tables_arithmetic`):
-///
-/// | split | baseline | FPR | accuracy | F1 reported | contact first | slip first, at most |
-/// |---|---|---|---|---|---|---|
-/// | ID | piezo | 21.69 | 72.87 | 74.51 | 54.4 | 70.1 |
-/// | ID | XL | 22.98 | 79.41 | 81.79 | 59.2 | 80.4 |
-/// | ID | both | 9.28 | 81.16 | 79.96 | 70.4 | 75.2 |
-/// | OOD | piezo | 21.08 | 73.84 | 75.29 | 56.0 | 71.2 |
-/// | OOD | XL | 19.31 | 82.99 | 84.55 | 67.9 | 83.7 |
-/// | OOD | both | 7.40 | 83.33 | 82.18 | 73.8 | 77.5 |
-///
-/// The last two columns are for the class shares that the paper states for its whole data set, 57.6 %
-/// no contact, 23.7 % slip, 18.8 % contact without slip. With them contact first is out of the question:
-/// false slip could then fall on the 18.8 % alone and would take nearly all of them. Slip first comes
-/// nearer and falls 1 to 5 points short; the shares of the test splits are not stated. If those two
-/// shares are exchanged (18.8 % no contact, 57.6 % without slip), contact first gives 74.7, 82.1, 80.0
-/// and 75.7, 85.0, 82.1: all six within half a point.
+/// The paper does not say. Its Table 1 gives each baseline's share of false slip among frames that do not slip and
+/// its accuracy, hence the frames of every kind of error, hence the macro F1 that is possible; the test
+/// `the_tables_arithmetic` has the numbers. With the class shares that the paper states for its whole data set,
+/// 57.6 % no contact, 23.7 % slip, 18.8 % contact without slip, contact first is out of the question: false slip
+/// could then fall on the 18.8 % alone and would take nearly all of them. Slip first comes nearer and falls 1 to 5
+/// points short; the shares of the test splits are not stated. If the shares of no contact and contact without slip
+/// are exchanged, contact first fits all six rows within half a point.
 ///
 /// False positives are counted among frames that do not slip: among all frames 22.98 % of them cannot
 /// stand beside an accuracy of 79.41 %, which leaves 20.59 % for errors of all kinds.
@@ -170,7 +158,8 @@ mod tests {
     #[test]
     fn the_tables_arithmetic() {
         let (stated, exchanged): (Shares, Shares) = ([57.6, 18.8, 23.7], [18.8, 57.6, 23.7]);
-        // FPR, accuracy, F1 as reported; F1 contact first, slip first at most, contact first exchanged.
+        // ID piezo, XL, both; OOD piezo, XL, both. FPR, accuracy, F1 as reported; then F1 with contact first, with
+        // slip first at most, with contact first and the shares exchanged.
         let rows = [
             (21.69, 72.87, 74.51, 54.4, 70.1, 74.7),
             (22.98, 79.41, 81.79, 59.2, 80.4, 82.1),

@@ -28,7 +28,6 @@ pub(crate) enum DirectionClass {
 impl DirectionClass {
     const ALL: [Self; 4] = [Self::VerticalRig, Self::VerticalHand, Self::OtherInPlane, Self::Rotational];
 
-    /// Words for tables.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::VerticalRig => "vertical, rig",

@@ -26,7 +26,6 @@ pub const FORMAT: u32 = 1;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fitted {
-    /// [`FORMAT`].
     pub(crate) format: u32,
     /// Which rule makes the classes first; the thresholds depend on it.
     pub(crate) class_order: ClassOrder,
@@ -36,7 +35,6 @@ pub struct Fitted {
     pub(crate) class_frames: [u64; CLASSES],
     /// `entropy`, nat.
     pub(crate) entropy: Cutoff,
-    /// `mfcc-qda`.
     pub(crate) mfcc: MfccFit,
     /// `energy`, spreads.
     pub(crate) energy: Cutoff,
@@ -44,7 +42,6 @@ pub struct Fitted {
     pub(crate) flux_cusum: Cutoff,
     /// `band-pass`, g².
     pub(crate) band_pass: Cutoff,
-    /// `logistic`.
     pub(crate) logistic: LogisticFit,
     /// `clock`: training frames of each class in each quarter of a second since the episode began.
     pub(crate) clock: Vec<[u64; CLASSES]>,
@@ -105,7 +102,6 @@ pub struct MfccFit {
 }
 
 impl MfccFit {
-    /// The ratio, ready to evaluate.
     pub(crate) fn ratio(&self) -> Result<LikelihoodRatio> {
         self.scaling.validate(COEFFICIENTS).context("mfcc.scaling")?;
         Ok(LikelihoodRatio {
@@ -147,7 +143,6 @@ pub struct LogisticFit {
 }
 
 impl LogisticFit {
-    /// Log-odds of slip.
     pub(crate) fn log_odds(&self, features: &[f64; LOGISTIC_FEATURES]) -> f64 {
         let z = self.scaling.apply(features);
         self.intercept + self.weights.iter().zip(z).map(|(w, z)| w * z).sum::<f64>()

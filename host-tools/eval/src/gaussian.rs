@@ -90,7 +90,6 @@ impl<const N: usize> Density<N> {
 #[serde(deny_unknown_fields)]
 pub struct Scaling {
     pub(crate) mean: Vec<f64>,
-    /// Standard deviations, above 0.
     pub(crate) std: Vec<f64>,
 }
 

@@ -25,14 +25,12 @@ pub(crate) struct QuantizationRow {
     pub(crate) fpr_of_non_slip_difference_points: Option<f64>,
     /// Median of hits and misses, integer.
     pub(crate) latency_integer_frames: Option<f64>,
-    /// Median of hits and misses, float.
     pub(crate) latency_float_frames: Option<f64>,
     /// Whether both differences are within their bounds and the latency is the same.
     pub(crate) met: bool,
 }
 
 impl QuantizationRow {
-    /// Integer against float figures of one seed on one input.
     pub(crate) fn new(input: &str, seed: &str, integer: &Figures, float: &Figures) -> Self {
         let points = |of: fn(&Figures) -> Option<f64>| Some(100.0 * (of(integer)? - of(float)?));
         Self {

@@ -19,6 +19,7 @@ use crate::metrics::events::Cdf;
 use crate::metrics::figures::{EpisodeRecord, Figures};
 use crate::metrics::groups::{Grouping, grip_bounds_n, groupings};
 use crate::metrics::operating::{CurvePoint, TARGET_FPR, curve, figures_at, non_slip_scores, threshold_for};
+use crate::metrics::statistics::mean;
 use crate::paper::{Comparison, VALIDATION};
 use crate::quantization::{Pair, QuantizationRow, quantization_rows};
 use crate::run::{Candidate, Run};
@@ -81,7 +82,6 @@ pub struct Results {
     /// Bounds between the terciles of the grip force.
     pub(crate) grip_bounds_n: Option<[f64; 2]>,
     pub(crate) detectors: Vec<DetectorResults>,
-    /// Pairs that should be the same.
     pub(crate) pairs: Vec<Pair>,
     /// Families of more than one seed.
     pub(crate) seeds: Vec<Spread>,
@@ -91,11 +91,9 @@ pub struct Results {
     pub(crate) targets: Vec<TargetRow>,
     /// Integer against float, input by input: each pair, and their mean where there are several.
     pub(crate) integer_against_float: Vec<QuantizationRow>,
-    /// Why a key may be null, by its beginning.
     pub(crate) null_reasons: BTreeMap<&'static str, &'static str>,
 }
 
-/// One input.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct InputInfo {
     pub(crate) name: String,
@@ -110,7 +108,6 @@ pub(crate) struct InputInfo {
     pub(crate) synthetic: bool,
 }
 
-/// One detector.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct DetectorResults {
     pub(crate) name: String,
@@ -134,9 +131,7 @@ pub(crate) struct DetectorResults {
     pub(crate) speed_cdfs: Vec<SpeedCdf>,
     /// Threshold swept, over all inputs but validation.
     pub(crate) curve: Vec<CurvePoint>,
-    /// The point that the validation input fixed.
     pub(crate) operating_point: Option<OperatingPoint>,
-    /// Why there is none.
     pub(crate) operating_point_missing_because: Option<&'static str>,
     /// The episode with most misses and false alarms; none where nothing went wrong.
     pub(crate) worst_episode: Option<WorstEpisode>,
@@ -145,7 +140,6 @@ pub(crate) struct DetectorResults {
     pub(crate) worst_index: Option<usize>,
 }
 
-/// Latencies at one speed.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct SpeedCdf {
     pub(crate) speed_mm_s: f64,
@@ -161,14 +155,12 @@ pub(crate) struct OperatingPoint {
     pub(crate) inputs: Vec<PointFigures>,
 }
 
-/// One input at the operating point.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct PointFigures {
     pub(crate) input: String,
     pub(crate) figures: Figures,
 }
 
-/// Where it went worst.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct WorstEpisode {
     pub(crate) input: String,
@@ -229,7 +221,7 @@ impl Results {
             targets: target_rows(&seeds),
             integer_against_float: quantization_rows(&named_pairs),
             pairs: pairs.iter().map(pair).collect(),
-            seeds: spreads(candidates, &detectors, &info),
+            seeds: spreads(candidates, &detectors),
             paper: detectors.iter().zip(candidates).flat_map(|(d, e)| compare(d, e)).collect(),
             null_reasons: NULL_REASONS.into(),
             inputs: info,
@@ -357,31 +349,24 @@ fn speed_cdfs(tested: &[usize], truths: &[Truth], records: &[EpisodeRecord]) -> 
     speeds.into_iter().map(cdf).collect()
 }
 
-fn spreads(candidates: &[Candidate<'_>], detectors: &[DetectorResults], inputs: &[InputInfo]) -> Vec<Spread> {
-    let mut families: Vec<&str> = candidates.iter().map(|candidate| candidate.family.as_str()).collect();
-    families.dedup();
-    let members = |family: &str| -> Vec<&DetectorResults> {
-        let all = candidates.iter().zip(detectors);
-        all.filter(|(candidate, _)| candidate.family == family).map(|(_, detector)| detector).collect()
-    };
+fn spreads(candidates: &[Candidate<'_>], detectors: &[DetectorResults]) -> Vec<Spread> {
     let mut spreads = Vec::new();
-    for family in families {
-        let members = members(family);
-        if members.len() < 2 {
-            continue;
-        }
-        for (i, input) in inputs.iter().enumerate() {
+    for seeds in
+        candidates.iter().zip(detectors).collect::<Vec<_>>().chunk_by(|a, b| a.0.family == b.0.family)
+    {
+        let [(candidate, first), _, ..] = seeds else { continue };
+        for (i, input) in first.inputs.iter().enumerate() {
             let spread = |value: fn(&Figures) -> Option<f64>| -> Option<[f64; 3]> {
-                let values =
-                    members.iter().map(|m| value(&m.inputs[i].figures)).collect::<Option<Vec<f64>>>()?;
+                let values = seeds.iter().map(|(_, seed)| value(&seed.inputs[i].figures));
+                let values = values.collect::<Option<Vec<f64>>>()?;
                 let low = values.iter().copied().fold(f64::INFINITY, f64::min);
                 let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                Some([low, values.iter().sum::<f64>() / values.len() as f64, high])
+                Some([low, mean(&values)?, high])
             };
             spreads.push(Spread {
-                family: family.to_owned(),
-                input: input.name.clone(),
-                seeds: members.len(),
+                family: candidate.family.clone(),
+                input: input.input.clone(),
+                seeds: seeds.len(),
                 accuracy_share: spread(|f| f.frame.accuracy_share),
                 macro_f1: spread(|f| f.frame.macro_f1),
                 fpr_of_non_slip_share: spread(|f| f.frame.fpr_of_non_slip_share),

@@ -133,11 +133,9 @@ pub struct RotationResults {
     pub(crate) frames: usize,
     /// Frames with a touched pad: the others agree trivially.
     pub(crate) touched_frames: usize,
-    /// Seed of the random turns.
     pub(crate) seed: u64,
     /// Least share of the frames that must agree in every random turn.
     pub(crate) target_agree_share: f64,
-    /// Whether every random turn reaches it.
     pub(crate) met: bool,
     pub(crate) kinds: Vec<KindResults>,
 }

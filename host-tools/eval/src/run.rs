@@ -35,7 +35,6 @@ pub struct Run {
     pub(crate) predictions: Vec<Vec<Prediction>>,
     /// Processor time of each candidate in all.
     pub(crate) compute: Vec<Duration>,
-    /// Time from start to end, loading or generating included.
     pub(crate) wall: Duration,
 }
 

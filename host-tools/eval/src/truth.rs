@@ -57,7 +57,6 @@ pub struct EpisodeInfo {
     /// Name of the input that it came with.
     pub(crate) input: String,
     pub(crate) name: String,
-    /// 1 to 3.
     pub(crate) sensors: usize,
     pub(crate) object: Option<String>,
     pub(crate) object_kind: Option<String>,
@@ -72,7 +71,6 @@ pub struct EpisodeInfo {
     pub(crate) speed_mm_s: Option<f64>,
     /// Base grip of one finger, N.
     pub(crate) grip_n: Option<f64>,
-    /// A generator made it.
     pub(crate) synthetic: bool,
 }
 
@@ -148,7 +146,6 @@ pub(crate) struct Interface {
 pub(crate) struct Disturbance {
     /// Class, such as `tap`.
     pub(crate) name: String,
-    /// From the episode's start.
     pub(crate) start_s: f64,
     pub(crate) end_s: f64,
 }
@@ -183,7 +180,6 @@ impl Truth {
         Self { slip, disturbance: vec![NONE; label.len()], label, ..Self::default() }
     }
 
-    /// Number of frames.
     pub(crate) fn frames(&self) -> usize {
         self.label.len()
     }

@@ -173,7 +173,7 @@ impl Args {
                     let float_weights = seed.weights.as_deref();
                     let setup = Setup { fitted, model: &seed.model, float_weights, dead };
                     let make = move || by_name(family, &setup);
-                    make()?;
+                    drop(make()?);
                     // A name of its own: what is written of the network is not said of half a sensor.
                     let family = format!("{family}{without}");
                     let name = format!("{family}{}", if seeds.len() > 1 { &seed.suffix } else { "" });

@@ -62,7 +62,7 @@ impl Args {
         let make = || by_name(NETWORK, &setup);
         // What is wrong with the model shows before any work is done.
         let shown = self.model.as_ref().map_or("bundled model".to_owned(), |path| path.display().to_string());
-        make().context(shown)?;
+        drop(make().context(shown)?);
         let mut inputs = inputs(&self.inputs, self.data.as_deref(), &[])?;
         for input in &mut inputs {
             input.thin_out(self.episodes as usize);

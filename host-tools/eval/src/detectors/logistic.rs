@@ -67,7 +67,6 @@ impl Sensor {
     }
 }
 
-/// The features, frame by frame.
 pub(crate) struct LogisticFeatures {
     sensors: PerSensor<Sensor>,
 }

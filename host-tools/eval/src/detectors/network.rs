@@ -157,7 +157,6 @@ impl KthLargest {
         self.sorted.get(self.k - 1).copied().flatten()
     }
 
-    /// Forget all frames.
     pub(crate) fn clear(&mut self) {
         self.recent.clear();
     }

@@ -1,5 +1,7 @@
 //! A causal estimate of what is normal: median and spread over the last eight seconds.
 
+use std::collections::VecDeque;
+
 /// Frames between two values that are kept: 30 values per second.
 const KEEP_EVERY: u32 = 8;
 /// Values kept: 8 s. Longer than a slip of the protocol, so that most of what is kept is not slip.
@@ -19,10 +21,7 @@ struct Normal {
 /// Running median and median absolute deviation.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RunningMedian {
-    /// In order of time, a ring once full.
-    recent: Vec<f64>,
-    oldest: usize,
-    sorted: Vec<f64>,
+    recent: VecDeque<f64>,
     frames: u32,
     normal: Option<Normal>,
 }
@@ -37,41 +36,27 @@ impl RunningMedian {
     fn step(&mut self, value: f64) -> Option<Normal> {
         let normal = self.normal;
         if self.frames.is_multiple_of(KEEP_EVERY) {
-            self.keep(value);
-            self.normal = (self.sorted.len() >= NEEDED).then(|| normal_of(&self.sorted));
+            self.recent.push_back(value);
+            if self.recent.len() > KEPT {
+                self.recent.pop_front();
+            }
+            self.normal = (self.recent.len() >= NEEDED).then(|| Normal::new(&self.recent));
         }
         self.frames = (self.frames + 1) % KEEP_EVERY;
         normal
     }
-
-    fn keep(&mut self, value: f64) {
-        if self.recent.len() < KEPT {
-            self.recent.push(value);
-        } else {
-            let gone = std::mem::replace(&mut self.recent[self.oldest], value);
-            self.oldest = (self.oldest + 1) % KEPT;
-            let at = self.sorted.partition_point(|x| *x < gone);
-            self.sorted.remove(at);
-        }
-        let at = self.sorted.partition_point(|x| *x < value);
-        self.sorted.insert(at, value);
-    }
 }
 
-/// Upper median of sorted values and of their distances from it.
-fn normal_of(sorted: &[f64]) -> Normal {
-    let middle = sorted.len() / 2;
-    let median = sorted[middle];
-    // Walk outwards from the median: distances come in order, each side being sorted.
-    let (mut below, mut above) = (middle, middle);
-    let mut distance = 0.0;
-    for _ in 0..=middle {
-        let down = below.checked_sub(1).map_or(f64::INFINITY, |i| median - sorted[i]);
-        let up = sorted.get(above).map_or(f64::INFINITY, |x| x - median);
-        distance = down.min(up);
-        if down < up { below -= 1 } else { above += 1 }
+impl Normal {
+    /// Upper median of the values and of their distances from it.
+    fn new<'a>(values: impl IntoIterator<Item = &'a f64>) -> Self {
+        let upper_median =
+            |values: &mut [f64]| *values.select_nth_unstable_by(values.len() / 2, f64::total_cmp).1;
+        let mut values: Vec<f64> = values.into_iter().copied().collect();
+        let median = upper_median(&mut values);
+        values.iter_mut().for_each(|value| *value = (*value - median).abs());
+        Self { median, mad: upper_median(&mut values).max(SPREAD_MIN * median.abs()).max(f64::MIN_POSITIVE) }
     }
-    Normal { median, mad: distance.max(SPREAD_MIN * median.abs()).max(f64::MIN_POSITIVE) }
 }
 
 #[cfg(test)]
@@ -81,8 +66,8 @@ mod tests {
     #[test]
     fn median_and_spread_by_hand() {
         // Distances from 5: 0, 1, 1, 3, 95; the middle one is 1.
-        assert_eq!(normal_of(&[2.0, 4.0, 5.0, 6.0, 100.0]), Normal { median: 5.0, mad: 1.0 });
-        assert_eq!(normal_of(&[7.0; 9]), Normal { median: 7.0, mad: 7e-3 });
+        assert_eq!(Normal::new(&[2.0, 4.0, 5.0, 6.0, 100.0]), Normal { median: 5.0, mad: 1.0 });
+        assert_eq!(Normal::new(&[7.0; 9]), Normal { median: 7.0, mad: 7e-3 });
     }
 
     #[test]
@@ -97,7 +82,7 @@ mod tests {
         for _ in 0..8 * 240 {
             running.step(3.0);
         }
-        assert_eq!(running.sorted, [3.0; 240]);
+        assert_eq!(running.recent, [3.0; 240]);
     }
 
     #[test]

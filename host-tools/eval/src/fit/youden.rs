@@ -46,37 +46,40 @@ mod tests {
     use super::*;
 
     #[test]
-    fn largest_difference_by_hand() {
-        // Above 4: 2 of 3 slips, 0 of 4 others, J = 2/3. Above 2: 3 of 3 and 2 of 4, J = 1/2.
-        let mut frames =
-            [(1.0, false), (6.0, true), (2.0, false), (5.0, true), (3.0, true), (4.0, false), (3.5, false)];
-        let found = youden(&mut frames).unwrap();
-        assert_eq!(found, Youden { threshold: 4.5, index: 2.0 / 3.0 });
-    }
-
-    #[test]
-    fn ties_are_not_cut_and_of_equals_the_highest_wins() {
-        // The two scores of 2 cannot be told apart. J is 1/2 above 3, and again above 1.
-        let mut frames = [(3.0, true), (2.0, false), (2.0, true), (1.0, false), (1.0, false), (0.0, false)];
-        let found = youden(&mut frames).unwrap();
-        assert_eq!(found, Youden { threshold: 1.5, index: 0.75 });
-        let mut frames = [(4.0, true), (3.0, false), (2.0, true), (1.0, false)];
-        assert_eq!(youden(&mut frames).unwrap(), Youden { threshold: 3.5, index: 0.5 });
-    }
-
-    #[test]
-    fn a_useless_score_never_fires() {
-        let mut frames = [(1.0, true), (1.0, false)];
-        assert_eq!(youden(&mut frames).unwrap(), Youden { threshold: 1.0, index: 0.0 });
-        let mut backwards = [(1.0, true), (2.0, false)];
-        assert_eq!(youden(&mut backwards).unwrap(), Youden { threshold: 2.0, index: 0.0 });
-        assert_eq!(youden(&mut [(1.0, true)]), None);
-    }
-
-    #[test]
-    fn neighbouring_floats_are_told_apart() {
-        let mut frames = [(1.0f32.next_up(), true), (1.0, false)];
-        let found = youden(&mut frames).unwrap();
+    fn thresholds_by_hand() {
+        let (slip, other) = (true, false);
+        let cases: [(&[(f32, bool)], Option<(f32, f64)>); 6] = [
+            // Above 4: 2 of 3 slips, 0 of 4 others, J = 2/3. Above 2: 3 of 3 and 2 of 4, J = 1/2.
+            (
+                &[
+                    (1.0, other),
+                    (6.0, slip),
+                    (2.0, other),
+                    (5.0, slip),
+                    (3.0, slip),
+                    (4.0, other),
+                    (3.5, other),
+                ],
+                Some((4.5, 2.0 / 3.0)),
+            ),
+            // The two scores of 2 cannot be separated. J is 1/2 above 3, and 3/4 above 1.
+            (
+                &[(3.0, slip), (2.0, other), (2.0, slip), (1.0, other), (1.0, other), (0.0, other)],
+                Some((1.5, 0.75)),
+            ),
+            // Of equals the highest threshold.
+            (&[(4.0, slip), (3.0, other), (2.0, slip), (1.0, other)], Some((3.5, 0.5))),
+            // A useless score and a reversed one never fire.
+            (&[(1.0, slip), (1.0, other)], Some((1.0, 0.0))),
+            (&[(1.0, slip), (2.0, other)], Some((2.0, 0.0))),
+            (&[(1.0, slip)], None),
+        ];
+        for (frames, expected) in cases {
+            let found = youden(&mut frames.to_vec()).map(|best| (best.threshold, best.index));
+            assert_eq!(found, expected, "{frames:?}");
+        }
+        // Neighbouring floats are separated.
+        let found = youden(&mut [(1.0f32.next_up(), slip), (1.0, other)]).unwrap();
         assert!(1.0f32.next_up() > found.threshold && 1.0 <= found.threshold);
     }
 }

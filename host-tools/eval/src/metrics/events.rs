@@ -212,23 +212,17 @@ impl Cdf {
     pub(crate) fn new<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Self {
         let latencies = latencies(outcomes);
         let mut cdf = Self { events: latencies.len(), ..Self::default() };
-        let mut latest = None;
-        for (i, &frames) in latencies.iter().enumerate() {
-            if latest.is_none() && frames > 0.0 {
-                cdf.latency_at_most_frames.push(0);
-                cdf.events_share.push(0.0);
-            }
-            if !frames.is_finite() {
-                break;
-            }
-            let share = (i + 1) as f64 / latencies.len() as f64;
-            if latest == Some(frames) {
-                cdf.events_share.pop();
-                cdf.latency_at_most_frames.pop();
-            }
+        let mut push = |frames: f64, events: usize| {
             cdf.latency_at_most_frames.push(frames as u32);
-            cdf.events_share.push(share);
-            latest = Some(frames);
+            cdf.events_share.push(events as f64 / latencies.len() as f64);
+        };
+        if latencies.first().is_some_and(|&frames| frames > 0.0) {
+            push(0.0, 0);
+        }
+        let mut events = 0;
+        for equal in latencies.chunk_by(|a, b| a == b).filter(|equal| equal[0].is_finite()) {
+            events += equal.len();
+            push(equal[0], events);
         }
         cdf
     }

@@ -2,15 +2,15 @@
 
 use anyhow::Result;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use plotters::prelude::SeriesLabelPosition;
+use plotters::prelude::{IntoLogRange, SeriesLabelPosition};
 
-use super::plots::{Axes, Line, linear, logarithmic};
+use super::plots::{Axes, Line, plot};
 use super::tables;
 use super::timeline::timeline;
 use crate::metrics::events::Cdf;
 use crate::metrics::operating::CurvePoint;
 use crate::paper::WITHIN_PERCENT;
-use crate::results::{DetectorResults, Results};
+use crate::results::{DetectorResults, Results, SpeedCdf};
 use crate::run::Run;
 use crate::table::percent;
 
@@ -21,7 +21,7 @@ const CDF_FRAMES: f64 = 60.0;
 /// The report of results, which came from `run`.
 pub fn html(results: &Results, run: &Run) -> Result<String> {
     let kind = results.kind_of_data();
-    let plots = plots(results)?;
+    let (latency_plots, threshold_plots) = (latency_plots(results)?, threshold_plots(results)?);
     let mut details = Vec::new();
     for (i, detector) in results.detectors.iter().enumerate() {
         details.push(detail(results, run, i, detector)?);
@@ -50,9 +50,9 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
                 }
                 h2 { "How soon" }
                 (latencies(results))
-                div.plots { (plots.encoder) (plots.interface) @for speed in &plots.speed { (speed) } }
+                (latency_plots)
                 h2 { "What a threshold trades" }
-                div.plots { (plots.operating) (plots.misses) }
+                (threshold_plots)
                 @for detector in &results.detectors { (operating_point(detector, kind)) }
                 @if !results.pairs.is_empty() { h2 { "Integers against floating point" } (tables::pairs(results).html()) }
                 @if !results.seeds.is_empty() { h2 { "Seeds" } (tables::seeds(results).html()) }
@@ -78,74 +78,58 @@ fn origin(results: &Results) -> Markup {
     }
 }
 
-struct Plots {
-    encoder: Markup,
-    interface: Markup,
-    speed: Vec<Markup>,
-    operating: Markup,
-    misses: Markup,
-}
-
 fn figure(svg: &str, caption: &str) -> Markup {
     html! { figure { (PreEscaped(svg)) figcaption { (caption) } } }
 }
 
-fn plots(results: &Results) -> Result<Plots> {
+fn latency_plots(results: &Results) -> Result<Markup> {
     let kind = results.kind_of_data();
-    let caption = |text: &str| format!("{text} ({kind})");
-    let of_all = |cdf: fn(&DetectorResults) -> &Cdf| -> Vec<Line> {
-        results.detectors.iter().map(|detector| cdf_line(&detector.name, cdf(detector))).collect()
-    };
-    let cdf = |title: &'static str, lines: &[Line]| {
+    let mut plots = Vec::new();
+    let mut plot = |title: &str, lines: Vec<Line>, caption: &str| -> Result<()> {
         let axes = Axes {
             title,
             x: "frames of 4.17 ms after the onset, up to",
             y: "% of hits and misses",
             legend: SeriesLabelPosition::LowerRight,
         };
-        linear(&axes, [0.0, CDF_FRAMES], [0.0, 100.0], lines)
+        let svg = plot(&axes, 0.0..CDF_FRAMES, 0.0..100.0, &lines)?;
+        plots.push(figure(&svg, &format!("{caption} ({kind})")));
+        Ok(())
     };
-    let below = caption("What a line lacks of 100 % at the right is later than 250 ms or missed");
-    let mut speed = Vec::new();
+    let lines = |cdf: fn(&DetectorResults) -> &Cdf| -> Vec<Line> {
+        results.detectors.iter().map(|detector| cdf_line(&detector.name, cdf(detector))).collect()
+    };
+    let below = "What a line lacks of 100 % at the right is later than 250 ms or missed";
+    plot("Latency, encoder truth", lines(|detector| &detector.encoder_cdf), below)?;
+    plot("Latency, interface truth", lines(|detector| &detector.interface_cdf), below)?;
     if let Some(first) = results.detectors.first().filter(|first| !first.speed_cdfs.is_empty()) {
-        let name = |mm_s: f64| format!("{mm_s} mm/s");
-        let lines: Vec<Line> =
-            first.speed_cdfs.iter().map(|of| cdf_line(&name(of.speed_mm_s), &of.encoder_cdf)).collect();
-        let text = caption(&format!("{}, encoder truth, by speed of the pull", first.name));
-        speed.push(figure(&cdf("Latency by speed", &lines)?, &text));
+        let line = |of: &SpeedCdf| cdf_line(&format!("{} mm/s", of.speed_mm_s), &of.encoder_cdf);
+        let caption = format!("{}, encoder truth, by speed of the pull", first.name);
+        plot("Latency by speed", first.speed_cdfs.iter().map(line).collect(), &caption)?;
     }
-    let curve = |title: &'static str, y: &'static str, top: f64, value: fn(&CurvePoint) -> Option<f64>| {
-        let below_top = |line: Line| Line {
-            points: line.points.into_iter().filter(|point| point.1 <= top).collect(),
-            marks: line.marks.into_iter().filter(|(point, _)| point.1 <= top).collect(),
-            ..line
-        };
-        let lines: Vec<Line> = results.detectors.iter().map(|d| below_top(curve_line(d, value))).collect();
+    Ok(html! { div.plots { @for plot in &plots { (plot) } } })
+}
+
+fn threshold_plots(results: &Results) -> Result<Markup> {
+    let curve = |title: &str, y: &str, top: f64, value: fn(&CurvePoint) -> Option<f64>| {
+        let lines: Vec<Line> = results.detectors.iter().map(|d| curve_line(d, top, value)).collect();
         let rates = || lines.iter().flat_map(|line| &line.points).map(|point| point.0);
-        let range = [rates().fold(1.0, f64::min), 1.2 * rates().fold(10.0, f64::max)];
+        let range = rates().fold(1.0, f64::min)..1.2 * rates().fold(10.0, f64::max);
         let legend = SeriesLabelPosition::UpperRight;
-        logarithmic(&Axes { title, x: "false alarms per hour", y, legend }, range, [0.0, top], &lines)
+        plot(&Axes { title, x: "false alarms per hour", y, legend }, range.log_scale(), 0.0..top, &lines)
     };
-    let marks = caption(
-        "Ring: the detector's own threshold; disc: the point fixed on the validation input; what is slower than 250 ms is not drawn",
+    let caption = format!(
+        "Ring: the detector's own threshold; disc: the point fixed on the validation input; what is slower than 250 ms \
+         is not drawn ({})",
+        results.kind_of_data()
     );
-    Ok(Plots {
-        encoder: figure(&cdf("Latency, encoder truth", &of_all(|d| &d.encoder_cdf))?, &below),
-        interface: figure(&cdf("Latency, interface truth", &of_all(|d| &d.interface_cdf))?, &below),
-        speed,
-        operating: figure(
-            &curve("Latency against false alarms", "median latency, frames", CDF_FRAMES, |p| {
-                p.latency_median_frames
-            })?,
-            &marks,
-        ),
-        misses: figure(
-            &curve("Misses against false alarms", "% of the events missed", 100.0, |p| {
-                p.miss_share.map(|s| 100.0 * s)
-            })?,
-            &marks,
-        ),
-    })
+    let latency = curve("Latency against false alarms", "median latency, frames", CDF_FRAMES, |point| {
+        point.latency_median_frames
+    })?;
+    let misses = curve("Misses against false alarms", "% of the events missed", 100.0, |point| {
+        point.miss_share.map(|share| 100.0 * share)
+    })?;
+    Ok(html! { div.plots { (figure(&latency, &caption)) (figure(&misses, &caption)) } })
 }
 
 /// A staircase: the share jumps where a latency occurs.
@@ -169,8 +153,12 @@ fn cdf_line(name: &str, cdf: &Cdf) -> Line {
 /// Least rate on the logarithmic axis; fewer alarms are drawn there.
 const LOWEST_PER_HOUR: f64 = 0.1;
 
-fn curve_line(detector: &DetectorResults, value: fn(&CurvePoint) -> Option<f64>) -> Line {
-    let at = |point: &CurvePoint| Some((point.alarms_per_hour?.max(LOWEST_PER_HOUR), value(point)?));
+/// Points with values up to `top`.
+fn curve_line(detector: &DetectorResults, top: f64, value: fn(&CurvePoint) -> Option<f64>) -> Line {
+    let at = |point: &CurvePoint| {
+        let value = value(point).filter(|value| *value <= top)?;
+        Some((point.alarms_per_hour?.max(LOWEST_PER_HOUR), value))
+    };
     let marked = detector.curve.iter().filter(|p| p.is_detectors_own || p.is_operating_point);
     Line {
         name: detector.name.clone(),

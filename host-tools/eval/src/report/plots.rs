@@ -36,10 +36,10 @@ pub(super) struct Line {
 }
 
 /// What the axes say.
-pub(super) struct Axes {
-    pub(super) title: &'static str,
-    pub(super) x: &'static str,
-    pub(super) y: &'static str,
+pub(super) struct Axes<'a> {
+    pub(super) title: &'a str,
+    pub(super) x: &'a str,
+    pub(super) y: &'a str,
     pub(super) legend: SeriesLabelPosition,
 }
 
@@ -58,17 +58,8 @@ pub(super) fn text(size: u32) -> TextStyle<'static> {
     ("sans-serif", size).into_font().color(&TEXT)
 }
 
-/// Lines over linear axes.
-pub(super) fn linear(axes: &Axes, x: [f64; 2], y: [f64; 2], lines: &[Line]) -> Result<String> {
-    plot(axes, x[0]..x[1], y[0]..y[1], lines)
-}
-
-/// Lines over a logarithmic x axis.
-pub(super) fn logarithmic(axes: &Axes, x: [f64; 2], y: [f64; 2], lines: &[Line]) -> Result<String> {
-    plot(axes, (x[0]..x[1]).log_scale(), y[0]..y[1], lines)
-}
-
-fn plot<X>(axes: &Axes, x: X, y: std::ops::Range<f64>, lines: &[Line]) -> Result<String>
+/// Lines over axes, of which x may be logarithmic.
+pub(super) fn plot<X>(axes: &Axes<'_>, x: X, y: std::ops::Range<f64>, lines: &[Line]) -> Result<String>
 where
     X: AsRangedCoord<Value = f64>,
     X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,

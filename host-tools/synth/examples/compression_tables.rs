@@ -17,7 +17,7 @@ use slipsense_synth::{Split, generate_set};
 
 const SEED: u64 = 8;
 const FRAMES: usize = 40_000;
-/// Of each episode every so manieth frame: neighbours say the same.
+/// Of each episode every third frame: neighbours are alike.
 const EVERY: usize = 3;
 /// What the frequencies of a table sum to.
 const TOTAL: u64 = 4096;

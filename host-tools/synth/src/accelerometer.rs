@@ -47,9 +47,7 @@ pub(crate) struct XlUnit {
     pub matrix: [[f64; 3]; 3],
     pub offset_g: [f64; 3],
     pub noise_g: f64,
-    /// Corner of the part's own low-pass, Hz.
     pub bandwidth_hz: f64,
-    /// Order of the low-pass, 1 or 2.
     pub poles: usize,
     pub resonance_hz: f64,
     /// Share of the upper spectrum that folds back.
@@ -206,7 +204,6 @@ mod tests {
         session
     }
 
-    /// Mean square about the mean, summed over the axes, g².
     fn power(samples: &[XlSample]) -> f64 {
         let axis = |a: usize| variance(&samples.iter().map(|s| f64::from(s[a])).collect::<Vec<_>>());
         (0..3).map(axis).sum::<f64>() * LSB_G * LSB_G

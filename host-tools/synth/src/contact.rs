@@ -34,7 +34,7 @@ pub(crate) use rocking::Rocking;
 
 use crate::draw::{Draw, Rng};
 use crate::field::Field;
-use crate::objects::{Object, gap_mm};
+use crate::objects::{Kind, Object};
 use crate::recipe::Region;
 use spread::Spread;
 
@@ -106,7 +106,6 @@ struct Spot {
     /// Its points among all points: four Gauss points of the element, or its centre where that says the
     /// same.
     points: std::ops::Range<usize>,
-    /// Relative unevenness of the object's face here.
     uneven: f64,
 }
 
@@ -125,7 +124,7 @@ impl Contact {
         let layer = Layer::draw(rng, region);
         let rms = rng.uniform(UNEVEN_RMS);
         let length = rng.log_uniform(UNEVEN_MM);
-        let stretch = if object.kind == crate::objects::Kind::Cable { CABLE_STRETCH } else { 1.0 };
+        let stretch = if object.kind == Kind::Cable { CABLE_STRETCH } else { 1.0 };
         let lengths = [length, length * stretch];
         let uneven = Field::draw(rng, lengths);
         let mut contact = Self::new(object, pose, layer.stiffness_kpa_per_mm(), layer.spread_mm());
@@ -174,7 +173,6 @@ impl Contact {
         self.gaps_mm.extend(self.points.iter().map(|p| p.gap_mm + tilt[0] * p.u_mm + tilt[1] * p.v_mm));
     }
 
-    /// The object's centre in the pad's frame.
     fn centre_mm(&self) -> [f64; 2] {
         [self.pose.x_mm + self.moved[0], self.pose.y_mm + self.moved[1]]
     }
@@ -203,7 +201,7 @@ impl Contact {
                 } else {
                     for (du, dv) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
                         let (u_mm, v_mm) = (u + du * OFF_MM, v + dv * OFF_MM);
-                        let gap_mm = gap_mm(self.object, u_mm, v_mm);
+                        let gap_mm = self.object.gap_mm(u_mm, v_mm);
                         if gap_mm < REACH_MM {
                             self.points.push(Point { gap_mm, u_mm, v_mm, share: 0.25 });
                         }

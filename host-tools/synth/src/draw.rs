@@ -45,11 +45,9 @@ pub(crate) trait Draw {
     fn log_between(&mut self, lo: f64, hi: f64) -> f64 {
         exp(self.between(log(lo), log(hi)))
     }
-    /// [`Draw::between`] the ends of a range.
     fn uniform(&mut self, (lo, hi): Span) -> f64 {
         self.between(lo, hi)
     }
-    /// [`Draw::log_between`] the ends of a range.
     fn log_uniform(&mut self, (lo, hi): Span) -> f64 {
         self.log_between(lo, hi)
     }

@@ -9,28 +9,32 @@
 //! `libm` crate, because the standard library's differ in their last bit from platform to platform,
 //! which can move a count or a sample by one (`clippy.toml` keeps them out).
 
-mod accelerometer;
-#[cfg(test)]
-mod check;
-mod contact;
+// In the order of dependence.
 mod draw;
-mod field;
-mod film;
-mod finger;
-mod friction;
-mod generate;
-mod pulling_hand;
-pub mod labels;
 mod draw_log;
 mod mix;
 pub mod objects;
-pub mod plant;
 mod recipe;
-mod scenario;
-pub mod splits;
+pub mod labels;
+mod field;
+mod contact;
+mod friction;
+mod pulling_hand;
 mod timeline;
-mod unit;
+mod scenario;
+mod film;
 mod vibration;
+mod accelerometer;
+mod unit;
+mod finger;
+mod generate;
+pub mod splits;
+pub mod plant;
+
+#[cfg(test)]
+mod check;
+#[cfg(test)]
+mod tests;
 
 pub use generate::{generate, generate_set, plan_frames};
 pub use mix::ScenarioChoice;
@@ -40,7 +44,3 @@ pub use recipe::{
 };
 pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
 pub use splits::{Split, content_hash};
-pub use timeline::Event;
-
-#[cfg(test)]
-mod tests;

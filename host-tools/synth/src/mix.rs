@@ -45,15 +45,15 @@ impl ScenarioChoice {
 pub(crate) struct Mix(&'static [(ScenarioChoice, usize)]);
 
 /// The paper's protocol on the rig: six steps, its three controls, and two more that it lacks (pulls on a
-/// firm grip and a rig that moves for nothing), without which the sound of the rig alone tells slip. The
+/// firm grip and a rig that moves for nothing), without which the rig's vibration alone would predict slip. The
 /// weights are set so that 57.6 % of the frames have no contact and 23.7 % slip, as in the paper, and so
 /// that no contact stays the likeliest class at any time of a recording and whether or not the crosshead
-/// moves. [`ScenarioChoice::Random`] draws from it, and the splits deal it in rounds.
+/// moves. [`ScenarioChoice::Random`] draws from it, and the splits take turns through it.
 pub(crate) const PROTOCOL: Mix =
     Mix(&[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)]);
 
 /// Away from the rig: pulls by hand in all directions, twists about the pad's normal, and grasps that do not
-/// slip. The split `free` deals it.
+/// slip. The split `free` takes turns through it.
 pub(crate) const FREE: Mix = Mix(&[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)]);
 
 impl Mix {

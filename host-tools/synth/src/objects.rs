@@ -11,7 +11,7 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 pub use check::{ObjectError, PAD_LENGTH_MM, PAD_WIDTH_MM};
-pub use shape::{Form, Relief, Shape, gap_mm};
+pub use shape::{Form, Relief, Shape};
 
 /// What sort of thing it is; the held-out group has at least two of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -128,6 +128,16 @@ pub struct Object {
 }
 
 impl Object {
+    /// Height of the face above its highest point, mm, at `(u, v)` mm from its centre, `u` across and `v`
+    /// along its axis; infinite where there is no object.
+    pub(crate) fn gap_mm(&self, u: f64, v: f64) -> f64 {
+        let bare = self.shape.bare_gap_mm(u, v);
+        match &self.relief {
+            Some(relief) if bare.is_finite() => bare + relief.depth_at(u, v),
+            _ => bare,
+        }
+    }
+
     /// Training must never see it.
     pub fn held_out(&self) -> bool {
         self.group == Group::HeldOut

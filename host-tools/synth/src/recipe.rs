@@ -68,7 +68,7 @@ pub struct Recipe {
     /// Factor on the electrical noise of arrays and accelerometers, 0 to 4.
     #[serde(default = "one")]
     pub noise: f64,
-    /// The crosshead's drive is heard by the accelerometers, as on a real rig.
+    /// The crosshead's drive reaches the accelerometers, as on a real rig.
     #[serde(default = "yes")]
     pub rig_leak: bool,
     /// What reaches the accelerometers.

@@ -1,4 +1,4 @@
-//! The series and impacts a scenario is written into: grip force, crosshead, jaws, knocks.
+//! The series and impacts a scenario is written into: grip force, crosshead, jaws, impacts.
 //!
 //! Times may lie before the start or after the end of the recording: what lies outside is left out.
 
@@ -15,7 +15,7 @@ use crate::scenario::script::Trapezoid;
 
 /// Something that happens, for the manifest in the episode's metadata.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Event {
+pub(crate) struct Event {
     /// `close`, `open`, `grip_change`, `move` (crosshead), `pull` (by hand), `tap`, `drag`, `lift`,
     /// `set_down`, `jaw` (trigger or actuation), `motion` (of the hand), `rolling`, `ambient` or
     /// `electrical` (faults of an array).
@@ -108,7 +108,6 @@ impl Timeline {
         step(from)..step(to).max(step(from))
     }
 
-    /// Steps between two times, with their times.
     pub(crate) fn times(&self, from: f64, to: f64) -> impl Iterator<Item = (usize, f64)> + use<> {
         self.span(from, to).map(|i| (i, i as f64 / STEP_HZ))
     }

@@ -81,7 +81,6 @@ impl Quarter {
         libm::hypot(at(i % self.side), at(i / self.side))
     }
 
-    /// Sum of tractions over the whole grid, newtons.
     fn force_n(&self, t: &[f64]) -> f64 {
         4.0 * t.iter().sum::<f64>() * self.step_mm * self.step_mm
     }

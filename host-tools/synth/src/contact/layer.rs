@@ -68,7 +68,6 @@ impl Layer {
         self.local_stiffening / (1.0 / confined + 1.0 / bonded) / self.thickness_mm
     }
 
-    /// Sigma of the Gaussian that spreads the pressure.
     pub fn spread_mm(&self) -> f64 {
         self.spread_over_thickness * self.thickness_mm
     }

@@ -36,7 +36,6 @@ pub struct PressureMap {
 }
 
 impl PressureMap {
-    /// Nothing touches.
     pub fn empty() -> Self {
         Self { kpa: Box::new([0.0; TAXELS]), loaded: Vec::new(), pivot_mm: [0.0; 2] }
     }
@@ -45,7 +44,6 @@ impl PressureMap {
         self.loaded.iter().map(|&i| self.kpa[i]).sum::<f64>() * CELL_MM2 * 1e-3
     }
 
-    /// Take all pressure away.
     pub(crate) fn clear(&mut self) {
         for &cell in &self.loaded {
             self.kpa[cell] = 0.0;

@@ -4,7 +4,7 @@ use libm::{ceil, exp};
 use slipsense::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::active_cols;
 
-use super::PressureMap;
+use super::map::PressureMap;
 
 /// Cells to each side that a spread reaches at most: 2.1 mm across.
 const REACH: usize = 3;

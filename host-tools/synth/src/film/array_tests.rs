@@ -20,7 +20,7 @@ fn session(seed: u64, noise_factor: f64) -> FilmSession {
 }
 
 /// A session without faults.
-fn sound(seed: u64, noise_factor: f64) -> FilmSession {
+fn faultless(seed: u64, noise_factor: f64) -> FilmSession {
     FilmSession { faults: Vec::new(), ..session(seed, noise_factor) }
 }
 
@@ -50,12 +50,10 @@ fn sums(scans: &[PiezoFrame]) -> Vec<f64> {
     scans.iter().map(|scan| f64::from(scan.sum())).collect()
 }
 
-/// Share of the frames that read as contact.
 fn touched(scans: &[PiezoFrame]) -> f64 {
     scans.iter().filter(|scan| scan.sum() >= CONTACT_SUM_MIN).count() as f64 / scans.len() as f64
 }
 
-/// Counts of one taxel over time.
 fn taxel(scans: &[PiezoFrame], cell: usize) -> Vec<f64> {
     scans.iter().map(|scan| f64::from(scan.counts()[cell])).collect()
 }
@@ -86,7 +84,7 @@ fn idle_mean(unit: &FilmUnit, session: &FilmSession) -> f64 {
 fn an_untouched_pad_of_any_unit_is_no_contact() {
     for seed in 0..60 {
         let unit = unit(seed);
-        let session = sound(seed, 1.0);
+        let session = faultless(seed, 1.0);
         let scans = scans(&mut film(&unit, session.clone(), seed), &PressureMap::empty(), 0..240);
         let counts = mean(&sums(&scans)) / ACTIVE_TAXELS as f64;
         let expected = idle_mean(&unit, &session);
@@ -103,7 +101,7 @@ fn fifty_newtons_stay_in_twelve_bits_and_saturate_softly() {
     let unit = FilmUnit { gain: Box::new([1.0; TAXELS]), ..unit(1) };
     for (force_n, radius_mm) in [(50.0, 6.0), (50.0, 2.0), (500.0, 5.64)] {
         let map = pressed(force_n, radius_mm);
-        let scans = scans(&mut film(&unit, sound(1, 1.0), 1), &map, 0..24);
+        let scans = scans(&mut film(&unit, faultless(1, 1.0), 1), &map, 0..24);
         assert!(scans.iter().flat_map(|s| s.counts()).all(|&c| c <= COUNT_MAX));
         let peak = scans[23].counts().iter().copied().max().unwrap();
         let kpa = map.kpa[map.loaded[0]];
@@ -117,7 +115,7 @@ fn fifty_newtons_stay_in_twelve_bits_and_saturate_softly() {
 fn noise_of_a_loaded_taxel_is_as_drawn() {
     for seed in 0..4 {
         let unit = unit(seed);
-        let session = FilmSession { mains_share: 0.0, ..sound(seed, 1.0) };
+        let session = FilmSession { mains_share: 0.0, ..faultless(seed, 1.0) };
         let own = unit.noise_counts * session.noise_factor;
         let mut film = film(&unit, session, seed);
         let map = pressed(3.0, 5.0);
@@ -136,7 +134,7 @@ fn motors_and_tools_at_their_loudest_leave_an_idle_pad_untouched() {
     let share = |pickup_counts: f64| {
         let units = (0..30).map(|seed| {
             let unit = unit(seed);
-            let mut film = film(&unit, sound(seed, 1.0), seed);
+            let mut film = film(&unit, faultless(seed, 1.0), seed);
             let scan = |f| film.scan(f, &PressureMap::empty(), pickup_counts, |_| 1.0);
             touched(&(0..240).map(scan).collect::<Vec<_>>())
         });
@@ -154,7 +152,7 @@ fn motors_and_tools_at_their_loudest_leave_an_idle_pad_untouched() {
 #[test]
 fn pickup_is_common_to_a_row() {
     let unit = unit(2);
-    let mut film = film(&unit, sound(2, 0.0), 2);
+    let mut film = film(&unit, faultless(2, 0.0), 2);
     let map = pressed(20.0, 9.0);
     scans(&mut film, &map, 0..2400);
     let frames: Vec<_> = (0..480).map(|f| film.scan(2400 + f, &map, 3.0, |_| 1.0)).collect();
@@ -177,7 +175,7 @@ fn an_empty_pad_returns_to_no_contact_after_a_grip() {
     for (force_n, within_s) in [(2.5, 0.1), (8.0, 1.0)] {
         let wait_s = |seed| {
             let unit = unit(seed);
-            let mut film = film(&unit, sound(seed, 1.0), seed);
+            let mut film = film(&unit, faultless(seed, 1.0), seed);
             let idle = scans(&mut film, &PressureMap::empty(), 0..48);
             let held = scans(&mut film, &pressed(force_n, 5.0), 48..768);
             assert!(held.iter().all(|s| s.sum() > 10 * CONTACT_SUM_MIN));
@@ -195,7 +193,7 @@ fn rows_are_read_one_after_another() {
     let unit = FilmUnit { lag_s: 0.5e-3, ..unit(3) };
     let map = pressed(4.0, 9.0);
     let read = |ramp_per_s: f64| {
-        let mut film = film(&unit, sound(3, 0.0), 3);
+        let mut film = film(&unit, faultless(3, 0.0), 3);
         let scan = film.scan(0, &map, 0.0, |age_s| 1.0 - ramp_per_s * age_s);
         [8, 16, 24].map(|row| {
             scan.counts()[row * TAXEL_COLS..][..TAXEL_COLS].iter().map(|&c| f64::from(c)).sum::<f64>()
@@ -220,10 +218,10 @@ fn most_recordings_have_no_fault_and_the_others_show_theirs() {
 
     let unit = unit(5);
     let map = pressed(3.0, 6.0);
-    let clean = scans(&mut film(&unit, sound(5, 1.0), 5), &map, 0..20);
+    let clean = scans(&mut film(&unit, faultless(5, 1.0), 5), &map, 0..20);
     let fault = |kind| {
         let faults = vec![Fault { kind, start_frame: 10, end_frame: 12 }];
-        let session = FilmSession { faults, ..sound(5, 1.0) };
+        let session = FilmSession { faults, ..faultless(5, 1.0) };
         assert_eq!(session.events(11)[0].end_s, 11.0 / 240.0);
         let scans = scans(&mut film(&unit, session, 5), &map, 0..20);
         assert!(scans[..10] == clean[..10] && scans[12..] == clean[12..]);

@@ -39,7 +39,6 @@ const MISSING_FRAMES: (usize, usize) = (1, 2);
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fault {
     pub kind: FaultKind,
-    /// First frame that it touches.
     pub start_frame: usize,
     /// First frame after it.
     pub end_frame: usize,
@@ -118,7 +117,6 @@ impl FilmSession {
     }
 }
 
-/// Faults at random times, one after the other.
 fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
     let end = (SECONDS.1 * FRAME_RATE_HZ as f64) as usize;
     let mut faults = Vec::new();

@@ -72,14 +72,10 @@ pub(crate) struct FilmUnit {
     pub stuck: Vec<[usize; 3]>,
     pub gain_length_mm: f64,
     pub exponent: f64,
-    /// Mean of the idle level, counts.
     pub offset_counts: f64,
     pub noise_counts: f64,
-    /// Mains pick-up at its worst, amplitude in counts.
     pub mains_counts: f64,
-    /// Time constant of a taxel, s.
     pub lag_s: f64,
-    /// Duration of one scan, s.
     pub scan_s: f64,
     pub creep: Creep,
     /// Loop width, share of the excursion.
@@ -152,7 +148,6 @@ fn gain_map(rng: &mut Rng, length_mm: f64) -> Box<[f64; TAXELS]> {
     gain
 }
 
-/// Dead and stuck taxels.
 fn faulty(rng: &mut Rng) -> (Vec<[usize; 2]>, Vec<[usize; 3]>) {
     let (mut dead, mut stuck) = (Vec::new(), Vec::new());
     let share = rng.uniform(FAULTY);

@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Object;
-
 /// Geometry of the face. Lengths are along the object's axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -124,7 +122,7 @@ pub enum Form {
 
 impl Relief {
     /// Depth below the tops at `(u, v)`.
-    fn depth_at(&self, u: f64, v: f64) -> f64 {
+    pub(super) fn depth_at(&self, u: f64, v: f64) -> f64 {
         // 0 on a top, 1 in a valley, straight in between.
         let valley = |mm: f64| {
             // Far to the positive side, where cutting off the fraction is rounding down, and cheap.
@@ -145,15 +143,5 @@ impl Relief {
                 Form::Lanes => smooth(valley(u)),
                 Form::Twist => smooth(valley(left)),
             }
-    }
-}
-
-/// Height of the object's face above its highest point, at `(u, v)` mm from its centre, `u` across and
-/// `v` along its axis; infinite where there is no object.
-pub fn gap_mm(object: &Object, u: f64, v: f64) -> f64 {
-    let bare = object.shape.bare_gap_mm(u, v);
-    match &object.relief {
-        Some(relief) if bare.is_finite() => bare + relief.depth_at(u, v),
-        _ => bare,
     }
 }

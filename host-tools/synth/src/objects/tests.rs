@@ -42,7 +42,7 @@ fn every_object_is_possible_and_typical() {
         }
         // The face touches somewhere at its top, and nowhere above it.
         let heights = (-400..400).flat_map(|i| (-40..40).map(move |j| (f64::from(i), f64::from(j))));
-        let lowest = heights.map(|(i, j)| gap_mm(o, 0.02 * i, 0.17 * j)).fold(f64::INFINITY, f64::min);
+        let lowest = heights.map(|(i, j)| o.gap_mm(0.02 * i, 0.17 * j)).fold(f64::INFINITY, f64::min);
         assert!((0.0..0.02).contains(&lowest), "{}: top at {lowest} mm", o.name);
     }
 }

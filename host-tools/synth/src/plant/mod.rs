@@ -1,19 +1,19 @@
 //! The generator's gripper, object and sensors, frame by frame: for a controller that commands the grip while it
-//! listens to the sensors.
+//! reads the sensors.
 //!
 //! Contact, friction, film and vibration are those of [`generate`](crate::generate), line by line. An episode's
-//! course is known before it is made; here a command may change what is still to come. The plant therefore looks
+//! future is known before it is made; here a command may change what is still to come. The plant therefore looks
 //! ahead under the commands that it has, and looks ahead anew when one more comes. What has been delivered stays
-//! as it was, to the bit: every source streams from a stream of its own in the order of time, and a command acts
+//! as it was, to the bit: every source draws from a stream of its own in the order of time, and a command acts
 //! later than what was delivered.
 //!
-//! What has no part in it is told in the crate's README.
+//! What it leaves out stands in the book's page on the world.
 
 mod trials;
 #[cfg(test)]
 mod tests;
 
-pub use trials::{Direction, Hand, LOST_MM, LOST_TURN_RAD, Objects, Trial, trials};
+pub use trials::{Direction, Hand, Objects, Trial, trials};
 
 use std::ops::Range;
 
@@ -35,6 +35,10 @@ use crate::scenario::{self, Plan};
 use crate::timeline::ramp;
 use crate::vibration;
 
+/// An object that has slid this far is lost: a third of the pad's length, a modelling choice.
+pub const LOST_MM: f64 = 10.0;
+/// One that has turned this far is lost, rad; a modelling choice.
+pub const LOST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_4;
 /// Firmest grip of one finger, newtons.
 pub const GRIP_MAX_N: f64 = GRIP_N.1;
 /// Way of the pulling hand: more than takes an object out of the grip.
@@ -148,7 +152,7 @@ impl Plant {
         else {
             unreachable!("the script of a trial has one grasp with a pull")
         };
-        // A motor holds what it is told: nobody varies the grip.
+        // A motor holds the force commanded: nobody varies the grip.
         let base_n = plan.base_n;
         let steps = plan.timeline.steps();
         plan.timeline.grip_n = (0..steps)

@@ -4,6 +4,7 @@
 use slipsense::params::TAXELS;
 
 use super::*;
+use crate::check::within;
 
 type Delivered = Vec<([u16; TAXELS], Vec<XlSample>)>;
 
@@ -47,14 +48,10 @@ fn what_lies_before_a_command_stays_to_the_bit_and_what_comes_after_is_another()
             let mut commanded = trial.plant().unwrap();
             let with = collect(&mut commanded, Some(command));
             let same = alone.iter().zip(&with).take_while(|(a, b)| a == b).count();
-            println!(
-                "{hand:?}, {:?}: {same} frames alike, command acts after {}",
-                trial.direction,
-                onset + 3
-            );
             // Frames up to the tick at which the force begins to rise, whose last sample may look ahead by one; the
             // force takes a little to show.
-            assert!(same >= onset + 2 && same < onset + 12, "{same} of {}", alone.len());
+            let expected = (onset + 2) as f64..(onset + 12) as f64;
+            within(format!("{hand:?}, {:?}: frames alike", trial.direction), same as f64, expected);
             let again = collect(&mut trial.plant().unwrap(), Some(command));
             assert!(again == with, "the same commands, the same frames");
         }
@@ -66,14 +63,8 @@ fn a_weak_grip_loses_the_object_and_a_firm_one_in_time_holds_it() {
     for trial in &trials(Objects::Val, Hand::Tesollo2, 5, 6) {
         let mut plant = trial.plant().unwrap();
         let slips = plant.slips();
-        assert!(
-            !slips.is_empty() && plant.lost_at().is_some(),
-            "{}: held by {} N",
-            trial.object,
-            plant.target_n()
-        );
-        let slid_mm =
-            |plant: &Plant| plant.slid_mm(plant.pulled().end - 1) - plant.slid_mm(plant.pulled().start);
+        assert!(!slips.is_empty() && plant.lost_at().is_some(), "{}", trial.object);
+        let slid_mm = |p: &Plant| p.slid_mm(p.pulled().end - 1) - p.slid_mm(p.pulled().start);
         let weak_mm = slid_mm(&plant);
         let onset = slips[0].start;
         while plant.earliest_s() < tick_s(onset) {
@@ -81,13 +72,9 @@ fn a_weak_grip_loses_the_object_and_a_firm_one_in_time_holds_it() {
         }
         let (before_n, start_s) = (plant.target_n(), plant.earliest_s());
         plant.command(start_s, start_s + 0.025, GRIP_MAX_N).unwrap();
-        let firm_mm = slid_mm(&plant);
-        println!(
-            "{}, {:?}: {weak_mm:.2} mm at {before_n:.1} N, {firm_mm:.2} mm",
-            trial.object, trial.direction
-        );
         assert_eq!((plant.lost_at(), plant.target_n()), (None, GRIP_MAX_N));
-        assert!(firm_mm < weak_mm && firm_mm < LOST_MM);
+        let what = format!("{}, {:?}: mm, {weak_mm:.2} at {before_n:.1} N", trial.object, trial.direction);
+        within(what, slid_mm(&plant), ..weak_mm.min(LOST_MM));
         // Smooth from the force that there was to the force commanded, at the times commanded.
         let at = |s: f64| plant.grip_n(start_s + s);
         assert!((at(0.0) - before_n).abs() < 1e-9 && (at(0.03) - GRIP_MAX_N).abs() < 1e-9);
@@ -98,9 +85,8 @@ fn a_weak_grip_loses_the_object_and_a_firm_one_in_time_holds_it() {
 #[test]
 fn a_hand_pulls_no_harder_than_it_can() {
     // Friction alone cannot tell: twice the grip, given early, must hold what pulls with less than twice its force.
-    for trial in
-        trials(Objects::Val, Hand::Umi, 8, 8).iter().filter(|trial| trial.recipe.pull_angle_deg.is_some())
-    {
+    let all = trials(Objects::Val, Hand::Umi, 8, 8);
+    for trial in all.iter().filter(|trial| trial.direction != Direction::Twist) {
         let mut plant = trial.plant().unwrap();
         let (held_s, _) = plant.held_s();
         while plant.earliest_s() < held_s {

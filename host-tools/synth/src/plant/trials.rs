@@ -1,6 +1,5 @@
 //! Trials of a re-grasp controller: objects, pulls and grips, from a seed.
 
-use std::f64::consts::FRAC_PI_4;
 use std::str::FromStr;
 use std::sync::LazyLock;
 
@@ -14,11 +13,6 @@ use crate::recipe::SynthError;
 use crate::recipe::{ObjectChoice, Platform, Recipe};
 use crate::splits::hashed;
 
-/// An object that has slid this far is lost: a third of the pad's length, a modelling choice.
-pub const LOST_MM: f64 = 10.0;
-/// One that has turned this far is lost, rad; a modelling choice.
-pub const LOST_TURN_RAD: f64 = FRAC_PI_4;
-
 /// Grip of one finger before anything reacts, newtons.
 const GRIP_N: (f64, f64) = (1.0, 4.0);
 /// Strength of the pulling hand, over what the grip holds: above the spread of friction on a pad, as the paper's
@@ -26,7 +20,7 @@ const GRIP_N: (f64, f64) = (1.0, 4.0);
 const STRENGTH: (f64, f64) = (1.4, 2.0);
 /// How far the pulls by hand stray from the direction they are meant to have, degrees.
 const STRAY_DEG: f64 = 15.0;
-/// Speeds that the operators are told to pull with, mm/s; the paper has two and does not tell them.
+/// Speeds of the pulls, mm/s; the paper has two and does not state them.
 const SPEEDS_MM_S: [f64; 2] = [5.0, 15.0];
 /// Directions in turn: up, down, oblique, sideways, and two twists.
 const DIRECTIONS: [Direction; 10] = [
@@ -60,7 +54,7 @@ pub enum Objects {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hand {
-    /// Parallel jaw with two fingers, driven by a motor that sounds like the hand-driven jaw.
+    /// Parallel jaw with two fingers, driven by a motor that vibrates like the hand-driven jaw.
     Umi,
     /// Motorised hand, two fingers.
     Tesollo2,

@@ -3,7 +3,7 @@
 //! protocol where it states one, modelling ranges elsewhere.
 //!
 //! Some of the modelling ranges were tuned. So that frames have the paper's class shares, and neither time
-//! nor the crosshead's drive tells slip: [`IDLE_UNIFORM_S`], [`IDLE_MEAN_S`], [`VARY_S`], [`SETTLE_S`],
+//! nor the crosshead's drive predicts slip: [`IDLE_UNIFORM_S`], [`IDLE_MEAN_S`], [`VARY_S`], [`SETTLE_S`],
 //! [`PULL_SHARE_KEPT`], [`REPEAT_CHANCE`], [`REPEAT_LONGEST_S`], [`STROKE_MM`], [`PARKING_TRAVEL`], [`SHARED_TABLE`]. So that the
 //! paper's baselines land where they do in the paper: [`RIG_N_PER_MM`], [`AMBIENT_PER_S`],
 //! [`TOOL_PICKUP_COUNTS`]; outside this file, the ranges of the arrays' noise and idle level, of the
@@ -51,7 +51,7 @@ pub(crate) const DISTURBANCES_S: Span = (20.0, 60.0);
 /// Share of a short recording that its pulls may take, of the time that is not jaws in motion.
 pub(crate) const PULL_SHARE_KEPT: f64 = 0.55;
 /// Share of recordings that hold the protocol twice, if both fit into this many seconds: the longest
-/// recordings would else be those of the slowest slips, and their end would tell slip.
+/// recordings would else be those of the slowest slips, and their end would predict slip.
 pub(crate) const REPEAT_CHANCE: f64 = 0.4;
 pub(crate) const REPEAT_LONGEST_S: f64 = 26.0;
 
@@ -84,7 +84,7 @@ pub(crate) const WEIGHT_SHARE: Span = (0.15, 0.5);
 pub(crate) const FIRM_PULL: Span = (0.2, 0.55);
 
 /// Disturbances per second. Each may come at any time, contact or none, slip or none, unless said
-/// otherwise: none of them tells a class. Disturbance recordings have [`DISTURBANCES_FACTOR`] times as many.
+/// otherwise: none of them predicts a class. Disturbance recordings have [`DISTURBANCES_FACTOR`] times as many.
 pub(crate) const TAPS_PER_S: f64 = 0.22;
 pub(crate) const FOOTFALLS_PER_S: f64 = 0.05;
 pub(crate) const AMBIENT_PER_S: f64 = 0.2;

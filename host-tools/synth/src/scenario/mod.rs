@@ -1,7 +1,7 @@
-//! What happens in an episode: when the jaws close, how hard they grip, what pulls, what knocks.
+//! What happens in an episode: when the jaws close, how hard they grip, what pulls, what hits.
 //!
 //! A [`Script`] says what follows what; [`plan`] writes it into series. Recordings are cut out of a longer
-//! course, with durations of their own, so that no clock predicts slip.
+//! sequence, with durations of their own, so that no clock predicts slip.
 
 pub(crate) mod direction;
 pub(crate) mod levels;
@@ -25,7 +25,7 @@ use disturbances::Disturbances;
 use levels::*;
 use script::{Phase, PhaseKind, Script};
 
-/// The course of an episode. Series have [`STEP_HZ`] values per second.
+/// What happens in an episode. Series have [`STEP_HZ`] values per second.
 #[derive(Clone, Serialize)]
 pub(crate) struct Plan {
     pub script: Script,

@@ -1,4 +1,4 @@
-//! The course of a recording as a phases of phases: what follows what and how long it takes. Cheap to
+//! A recording as a sequence of phases: what follows what and how long it takes. Cheap to
 //! draw, and all that is needed to know how long an episode is.
 
 use libm::log;
@@ -98,7 +98,7 @@ pub(crate) struct Script {
 }
 
 impl Script {
-    /// Of the length that the recipe names, or cut out of a longer course at points where nothing touches.
+    /// Of the length that the recipe names, or cut out of a longer sequence at points where nothing touches.
     pub(crate) fn draw(rng: &mut Rng, resolved: &ResolvedRecipe) -> Self {
         let motion = Trapezoid { speed_mm_s: resolved.speed_mm_s, accel_mm_s2: rng.log_uniform(ACCEL_MM_S2) };
         let open = match resolved.scenario {

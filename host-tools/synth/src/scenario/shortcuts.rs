@@ -1,4 +1,4 @@
-//! Does anything but slip itself tell slip? Class shares of the protocol, and the likeliest class given
+//! Does anything but slip itself predict slip? Class shares of the protocol, and the likeliest class given
 //! only the time since the start, or only what the rig does: it must be no contact everywhere, so that
 //! neither is worth more than always answering the most frequent class. From scripts alone: nothing is simulated.
 
@@ -80,7 +80,7 @@ fn macro_f1(all: &[Moment], group: impl Fn(&Moment) -> usize) -> f64 {
 }
 
 #[test]
-fn neither_clock_nor_rig_tells_slip() {
+fn neither_clock_nor_rig_predicts_slip() {
     let all: Vec<Moment> = Recipe::new(0x0c1a55)
         .series(RECORDINGS)
         .iter()

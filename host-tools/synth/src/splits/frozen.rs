@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::set::{check, parse, to_text};
-use super::{EpisodeSet, PlannedEpisode, SetError, Split};
+use super::set::{EpisodeSet, PlannedEpisode, check, parse, to_text};
+use super::split::{SetError, Split};
 use crate::recipe::Recipe;
 
 /// Seed of the frozen sets.

@@ -6,143 +6,15 @@
 
 mod schedule;
 mod frozen;
-mod hash;
 mod hashes;
 mod set;
-mod tuning;
+mod split;
 #[cfg(test)]
 mod tests;
 
 pub use frozen::{FROZEN_SEED, FrozenEpisode, FrozenSet};
-pub use hash::{content_hash, recipe_of, set_hash};
-pub use hashes::{EpisodeHash, SetHashes};
-pub use schedule::episode_seed;
+pub use hashes::{EpisodeHash, SetHashes, content_hash, recipe_of, set_hash};
 pub(crate) use schedule::hashed;
-pub use set::{EpisodeSet, FORMAT, PlannedEpisode, SetError, paper_set};
-pub use tuning::tuning_disturbances;
-
-use std::fmt;
-use std::str::FromStr;
-
-use serde::{Deserialize, Serialize};
-
-/// Version of what the generator makes: raised with every change that changes the content of an episode.
-/// Sets of different versions do not mix; the frozen test sets show a change that was not declared.
-pub const GENERATOR_VERSION: u32 = 1;
-
-/// Frames of the paper-sized set, all splits together (the paper: "more than 1.4 million").
-pub const PAPER_FRAMES: usize = 1_400_000;
-
-/// What the episodes of a set are for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Split {
-    /// Training: training objects on the hand-held gripper.
-    Train,
-    /// Operating points are chosen here: objects of its own, neither trained on nor tested on.
-    Val,
-    /// Test: training objects, new grasps.
-    UmiId,
-    /// Test: objects never trained on.
-    UmiOod,
-    /// The episodes of `umi_id` and `umi_ood` in turn, with the crosshead's drive not heard.
-    UmiQuiet,
-    /// Test: objects never trained on, held towards the palm.
-    Palm,
-    /// Test: another hand with two fingers; objects trained on and never trained on in turn.
-    Tesollo2,
-    /// Test: another hand with three fingers; objects as in `tesollo2`.
-    Tesollo3,
-    /// Test: long episodes of everything but slip, on all hands, for false alarms per hour.
-    Noslip,
-    /// Test: away from the rig. Slips pulled by hand in all directions of the pad's plane, and twists; objects as
-    /// in `tesollo2`.
-    Free,
-}
-
-impl Split {
-    /// Every split.
-    pub const ALL: [Self; 10] = [
-        Self::Train,
-        Self::Val,
-        Self::UmiId,
-        Self::UmiOod,
-        Self::UmiQuiet,
-        Self::Palm,
-        Self::Tesollo2,
-        Self::Tesollo3,
-        Self::Noslip,
-        Self::Free,
-    ];
-
-    /// The splits of the paper-sized set; `umi_quiet` only repeats two of them, and the paper has no `free`.
-    pub const PAPER: [Self; 8] = [
-        Self::Train,
-        Self::Val,
-        Self::UmiId,
-        Self::UmiOod,
-        Self::Palm,
-        Self::Tesollo2,
-        Self::Tesollo3,
-        Self::Noslip,
-    ];
-
-    /// Name, as on the command line and in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Val => "val",
-            Self::UmiId => "umi_id",
-            Self::UmiOod => "umi_ood",
-            Self::UmiQuiet => "umi_quiet",
-            Self::Palm => "palm",
-            Self::Tesollo2 => "tesollo2",
-            Self::Tesollo3 => "tesollo3",
-            Self::Noslip => "noslip",
-            Self::Free => "free",
-        }
-    }
-
-    /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
-    /// ([`PROTOCOL`](crate::mix::PROTOCOL)): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
-    /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
-    /// nine in ten of `free` slip ([`FREE`](crate::mix::FREE)).
-    pub const fn frozen_episodes(self) -> usize {
-        match self {
-            Self::Train => 0,
-            Self::Val => 32,
-            Self::UmiId | Self::UmiOod => 88,
-            Self::UmiQuiet => 176,
-            Self::Palm | Self::Tesollo2 | Self::Tesollo3 => 32,
-            Self::Noslip => 60,
-            Self::Free => 80,
-        }
-    }
-
-    /// Episodes in the paper-sized set: the frozen ones, but only three minutes of `noslip`; 0 for
-    /// `train`, which gets the frames that are left.
-    pub const fn paper_episodes(self) -> usize {
-        match self {
-            Self::Noslip => 3,
-            Self::UmiQuiet | Self::Free => 0,
-            other => other.frozen_episodes(),
-        }
-    }
-}
-
-impl fmt::Display for Split {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
-}
-
-impl FromStr for Split {
-    type Err = SetError;
-
-    fn from_str(name: &str) -> Result<Self, SetError> {
-        Self::ALL.into_iter().find(|split| split.name() == name).ok_or_else(|| {
-            let names = Self::ALL.map(Self::name).join(", ");
-            SetError::new(format!("\"{name}\" is not a split ({names})"))
-        })
-    }
-}
+pub use schedule::{episode_seed, tuning_disturbances};
+pub use set::{EpisodeSet, FORMAT, PlannedEpisode, paper_set};
+pub use split::{GENERATOR_VERSION, PAPER_FRAMES, SetError, Split};

@@ -4,19 +4,19 @@
 use rand::seq::SliceRandom;
 use sha2::{Digest, Sha256};
 
-use super::Split;
+use super::split::Split;
 use crate::draw::{Stream, stream};
 use crate::mix::ScenarioChoice;
 use crate::mix::{FREE, Mix, PROTOCOL};
 use crate::objects::{CATALOGUE, Group, Object};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
 
-pub(super) const NOSLIP_SECONDS: f64 = 60.0;
+const NOSLIP_SECONDS: f64 = 60.0;
 
 const NOSLIP_HANDS: [(Platform, usize); 4] =
     [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
 
-/// Every so manieth pull of `free` goes the rig's way, by hand: what a hand alone changes stands beside what
+/// Every fourth pull of `free` goes the rig's way, by hand: what a hand alone changes stands beside what
 /// the direction changes.
 const VERTICAL_EVERY: usize = 4;
 /// Other directions of pulls in `free`, and the angle from each to the next, degrees: the full circle but
@@ -75,13 +75,13 @@ fn pull_angle_deg(j: usize, objects: usize, object_schedules: usize) -> f64 {
 }
 
 /// Objects and speeds in the order of one split and seed, for one sort of event.
-pub(super) struct ObjectSchedule {
+struct ObjectSchedule {
     objects: Vec<&'static Object>,
     speeds_mm_s: [f64; SPEEDS_MM_S.len()],
 }
 
 impl ObjectSchedule {
-    pub(super) fn shuffled(groups: &[Group], seed: u64) -> Self {
+    fn shuffled(groups: &[Group], seed: u64) -> Self {
         let mut rng = stream(seed, Stream::Recipe, 0);
         let mut objects: Vec<_> = CATALOGUE.iter().filter(|o| groups.contains(&o.group)).collect();
         objects.shuffle(&mut rng);
@@ -90,7 +90,7 @@ impl ObjectSchedule {
         Self { objects, speeds_mm_s }
     }
 
-    pub(super) fn object(&self, j: usize) -> ObjectChoice {
+    fn object(&self, j: usize) -> ObjectChoice {
         ObjectChoice::Named(self.objects[j % self.objects.len()].name.clone())
     }
 
@@ -108,14 +108,14 @@ fn mix(split: Split) -> Mix {
 fn round(mix: Mix) -> Vec<(usize, usize)> {
     let mix = mix.weights();
     let length: usize = mix.iter().map(|(_, weight)| weight).sum();
-    let mut dealt = vec![0; mix.len()];
+    let mut made = vec![0; mix.len()];
     (1..=length)
         .map(|place| {
             // The one that lags most behind its share; the first of equals.
-            let lag = |&kind: &usize| (mix[kind].1 * place) as i64 - (dealt[kind] * length) as i64;
+            let lag = |&kind: &usize| (mix[kind].1 * place) as i64 - (made[kind] * length) as i64;
             let kind = (0..mix.len()).rev().max_by_key(lag).unwrap_or_default();
-            dealt[kind] += 1;
-            (kind, dealt[kind] - 1)
+            made[kind] += 1;
+            (kind, made[kind] - 1)
         })
         .collect()
 }
@@ -202,4 +202,18 @@ impl Schedule {
             ..recipe
         }
     }
+}
+
+/// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of
+/// validation objects on the hand-held gripper only, and with seeds that no split has: what is chosen on
+/// them has seen nothing of a test. A longer list begins with the shorter one.
+pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
+    let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
+    let recipe = |index: usize| Recipe {
+        object: objects.object(index),
+        scenario: ScenarioChoice::Disturbances,
+        seconds: Some(NOSLIP_SECONDS),
+        ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
+    };
+    (0..episodes).map(|index| (format!("tuning-{index:05}"), recipe(index))).collect()
 }

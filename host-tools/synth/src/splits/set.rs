@@ -5,7 +5,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::schedule::Schedule;
-use super::{GENERATOR_VERSION, PAPER_FRAMES, Split};
+use super::split::{GENERATOR_VERSION, PAPER_FRAMES, SetError, Split};
 use crate::generate::plan_frames;
 use crate::recipe::Recipe;
 
@@ -14,17 +14,6 @@ pub const FORMAT: u32 = 1;
 
 /// Recipes planned at a time: enough to share among cores, few to plan in vain at the end.
 const BLOCK: usize = 16;
-
-/// What is wrong with the description of a set.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct SetError(String);
-
-impl SetError {
-    pub(crate) fn new(rule: impl Into<String>) -> Self {
-        Self(rule.into())
-    }
-}
 
 /// One episode of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

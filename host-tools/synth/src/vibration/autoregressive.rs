@@ -1,5 +1,5 @@
 //! A second model of slip vibration, coded without the first one's parts, so that a detector can be
-//! tested on a sound its training never made: autoregressive noise per speed and force, after the
+//! tested on a vibration that its training never had: autoregressive noise per speed and force, after the
 //! HaTT recipe (Culbertson, Unwin, Kuchenbecker 2014), without finger modes, lines or pulses.
 //!
 //! `a[n] = −Σ c_k a[n−k] + e[n]` runs as a lattice whose reflection coefficients are interpolated between
@@ -38,7 +38,7 @@ const FIXED_BANDWIDTH_HZ: (f64, f64) = (150.0, 700.0);
 /// Real poles: one that tilts the spectrum down, one that lifts its upper end.
 const TILT: (f64, f64) = (0.1, 0.6);
 const LIFT: (f64, f64) = (-0.5, -0.1);
-/// Slower than this nothing is heard, mm/s.
+/// Slower than this nothing vibrates, mm/s.
 const SILENT_BELOW_MM_S: f64 = 0.05;
 
 type Reflection = [f64; ORDER];
@@ -48,7 +48,6 @@ pub(crate) struct AutoregressiveNoise {
     level: f64,
     force_exponent: f64,
     axes: [f64; 3],
-    /// Reflection coefficients per speed and force.
     nodes: [[Reflection; FORCES_N.len()]; SPEEDS_MM_S.len()],
 }
 

@@ -23,7 +23,6 @@ const CADENCE_HZ: (f64, f64) = (1.5, 2.1);
 const FOOTFALL_S: (f64, f64) = (0.015, 0.04);
 const FOOTFALL_G: (f64, f64) = (0.03, 0.3);
 
-/// A sine that moves the whole finger.
 #[derive(Clone, Debug, Serialize)]
 struct Sway {
     hz: f64,

@@ -1,4 +1,4 @@
-//! What is heard of a grasp and is not slip: impacts of closing and opening, creaking grip changes, jaws,
+//! Handling noise, the vibration of a grasp that is not slip: impacts of closing and opening, creaking grip changes, jaws,
 //! and the object dragged over something else.
 
 use libm::{exp, log, pow};
@@ -87,7 +87,7 @@ pub(crate) struct HandlingNoise {
     drag_arrives: f64,
     /// Impacts that excite the modes.
     #[serde(skip)]
-    knocks: Vec<Pulse>,
+    impacts: Vec<Pulse>,
     /// Impacts that stop a whole finger.
     #[serde(skip)]
     closings: Vec<Pulse>,
@@ -107,7 +107,7 @@ impl HandlingNoise {
             nearby: Nearby::draw(rng),
             dragged: Surface::table(rng),
             drag_arrives: rng.log_uniform(DRAG_ARRIVES),
-            knocks: scene.timeline.pulses.clone(),
+            impacts: scene.timeline.pulses.clone(),
             closings: Vec::new(),
         };
         for &at_s in &crossings(&scene.timeline.grip_n, TOUCHED_N).0 {
@@ -120,7 +120,7 @@ impl HandlingNoise {
     /// No impacts and no machines nearby.
     #[cfg(test)]
     pub(super) fn quiet(&mut self) {
-        self.knocks.clear();
+        self.impacts.clear();
         self.closings.clear();
         self.nearby = Nearby::default();
     }
@@ -141,14 +141,13 @@ impl HandlingNoise {
         }
     }
 
-    /// Clicks of one start or stop.
     pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
         let (peak, width) = match platform {
             Platform::Umi => (CLICK_G, CLICK_S),
             Platform::Tesollo => (JOINT_G, JOINT_S),
         };
         for _ in 0..rng.count(0, CLICKS) {
-            self.knocks.push(Pulse {
+            self.impacts.push(Pulse {
                 at_s: from_s + rng.between(0.0, 0.05),
                 width_s: rng.log_uniform(width),
                 peak_g: rng.log_uniform(peak),
@@ -160,7 +159,7 @@ impl HandlingNoise {
 
     /// What excites one finger through its modes.
     pub(crate) fn excite(&self, scene: &Scene<'_>, streams: &mut NoiseStreams, force: &mut Motion) {
-        force.add_pulses(&self.knocks, 1.0);
+        force.add_pulses(&self.impacts, 1.0);
         force.add_pulses(&self.closings, CLOSING_MODES);
         self.creak(scene, streams, force);
         if scene.platform == Platform::Umi {

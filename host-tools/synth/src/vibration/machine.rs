@@ -35,7 +35,6 @@ struct Tone {
     direction: [f64; 3],
 }
 
-/// Narrow-band noise that swells.
 #[derive(Clone, Debug, Serialize)]
 struct Tool {
     hz: f64,
@@ -46,7 +45,6 @@ struct Tool {
     direction: [f64; 3],
 }
 
-/// Motors of a jointed hand.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Actuation {
     motor_hz: f64,

@@ -1,4 +1,4 @@
-//! Vibration of one finger: what excites it, and the modes through which the accelerometer feels it.
+//! Vibration of one finger: what excites it, and the modes through which it reaches the accelerometer.
 //!
 //! Excitations are accelerations of the finger's root in its own axes: x across the finger, y along it,
 //! z normal to the pad. All sources write at the accelerometer's own sample times, in two buffers: what
@@ -59,7 +59,6 @@ impl Vibration {
         }
     }
 
-    /// Acceleration of one finger.
     pub(crate) fn motion(
         &self,
         scene: &Scene<'_>,
@@ -88,7 +87,7 @@ impl Vibration {
         motion
     }
 
-    /// What moves the jaws or joints anew from `from_s` on knocks, as every start of theirs does.
+    /// A motion of jaws or joints that starts at `from_s` has impacts, as every start of theirs has.
     pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
         self.handling.moves_again(rng, platform, from_s);
     }

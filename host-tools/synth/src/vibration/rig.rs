@@ -1,4 +1,4 @@
-//! The crosshead's drive as the accelerometers hear it: a comb whose frequency follows the speed, through
+//! The crosshead's drive at the accelerometers: a comb whose frequency follows the speed, through
 //! the clamped object or through the table, and the hum of a stepper that holds its position.
 
 use serde::Serialize;

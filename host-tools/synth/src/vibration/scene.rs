@@ -96,7 +96,6 @@ impl Motion {
         Self { sensor, clock, g: vec![[0.0; 3]; clock.samples] }
     }
 
-    /// Samples with their times, seconds.
     pub(super) fn samples(&mut self) -> impl Iterator<Item = (f64, &mut [f64; 3])> {
         let clock = self.clock;
         self.g.iter_mut().enumerate().map(move |(n, g)| (clock.time(n), g))

@@ -1,4 +1,4 @@
-//! What rubbing sounds like: asperity noise, texture lines and stick-slip pulses, as acceleration at the
+//! The vibration of rubbing: asperity noise, texture lines and stick-slip pulses, as acceleration at the
 //! finger's root before its modes.
 
 use libm::{exp, log, pow};
@@ -35,9 +35,9 @@ const LINE_EXPONENT: (f64, f64) = (1.0, 2.0);
 const LINES: usize = 6;
 /// Lines fade out between these frequencies, Hz: the part's own filter stops them.
 const LINE_FADE_HZ: (f64, f64) = (3_200.0, 3_800.0);
-/// Slower than this nothing is heard; faster than the other nothing changes, mm/s.
+/// Slower than this nothing vibrates; faster than the other nothing changes, mm/s.
 const SPEED_MM_S: (f64, f64) = (0.05, 60.0);
-/// Share of the load that must slip for slip to count as gross.
+/// Share of the load that must slide for slip to count as gross.
 const GROSS: f64 = 0.5;
 
 /// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
@@ -61,11 +61,10 @@ const INCIPIENT_GROWTH: f64 = 0.02;
 /// How strongly noise and lines move along the slip, across it and normal to the pad; unit vectors.
 const NOISE_AXES: [f64; 3] = [0.788, 0.394, 0.473];
 const LINE_AXES: [f64; 3] = [0.693, 0.198, 0.693];
-/// AutoregressiveNoise of tables and floors, mm, and their roughness Ra, µm.
+/// Texture of tables and floors, mm, and their roughness Ra, µm.
 const TABLE_MM: (f64, f64) = (0.05, 2.0);
 const TABLE_UM: (f64, f64) = (0.5, 10.0);
 
-/// One wavelength of texture with its harmonics.
 #[derive(Clone, Debug, Serialize)]
 struct Line {
     wavelength_mm: f64,
@@ -85,7 +84,7 @@ struct Stick {
     jitter: Option<f64>,
 }
 
-/// How one surface sounds when something rubs on it.
+/// Vibration of one surface when something rubs on it.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Surface {
     /// Vector rms of the excitation at the reference, g.

@@ -6,7 +6,6 @@
 
 use crate::draw::Rng;
 
-/// A source of vibration that draws random numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum NoiseSource {
     Rubbing = 1,

@@ -24,7 +24,6 @@ fn clock(seconds: f64) -> Clock {
     Clock { rate_hz: RATE_HZ, drift_per_s: 0.0, start: 0.0, samples: (seconds * RATE_HZ) as usize }
 }
 
-/// A still finger.
 fn still(seconds: f64) -> Motion {
     Motion::still(0, clock(seconds))
 }
@@ -100,7 +99,6 @@ fn rms_above_10_hz(g: &[[f64; 3]]) -> f64 {
     rms(&filtered[800..])
 }
 
-/// Power at a frequency, summed over the axes.
 fn power_at(g: &[[f64; 3]], hz: f64) -> f64 {
     let (sin_step, cos_step) = sincos(TAU * hz / RATE_HZ);
     let (mut c, mut s) = (1.0, 0.0);

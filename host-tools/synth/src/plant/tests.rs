@@ -35,13 +35,16 @@ fn tick_s(frame: usize) -> f64 {
 fn what_lies_before_a_command_stays_to_the_bit_and_what_comes_after_is_another() {
     for hand in [Hand::Umi, Hand::Tesollo3] {
         // The first pull and the first twist that the grip does not hold.
-        let tried = trials(Objects::Val, hand, 3, 10);
-        let slips = |trial: &&Trial| !trial.plant().unwrap().slips().is_empty();
-        let (twists, pulls): (Vec<_>, Vec<_>) =
-            tried.iter().partition(|trial| trial.direction == Direction::Twist);
-        for trial in [pulls, twists].map(|of| of.into_iter().find(slips).expect("one slips")) {
-            let mut plain = trial.plant().unwrap();
-            let onset = plain.slips()[0].start;
+        let (twists, pulls): (Vec<_>, Vec<_>) = trials(Objects::Val, hand, 3, 10)
+            .into_iter()
+            .partition(|trial| trial.direction == Direction::Twist);
+        for of in [pulls, twists] {
+            let slipping = |trial| {
+                let plant = Trial::plant(&trial).unwrap();
+                let onset = plant.slips().first()?.start;
+                Some((trial, plant, onset))
+            };
+            let (trial, mut plain, onset) = of.into_iter().find_map(slipping).expect("one slips");
             let alone = collect(&mut plain, None);
             let start_s = tick_s(onset + 2);
             let command = (onset, start_s, start_s + 0.03, 8.0);

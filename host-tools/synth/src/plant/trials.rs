@@ -91,11 +91,8 @@ impl FromStr for Objects {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let known = [Self::Unseen, Self::Val];
-        known
-            .into_iter()
-            .find(|one| one.name() == name)
-            .ok_or_else(|| format!("\"{name}\" must be unseen or val"))
+        let known = [Self::Unseen, Self::Val].into_iter().find(|one| one.name() == name);
+        known.ok_or_else(|| format!("\"{name}\" must be unseen or val"))
     }
 }
 
@@ -103,9 +100,8 @@ impl FromStr for Hand {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let known = [Self::Umi, Self::Tesollo2, Self::Tesollo3];
-        let rule = || format!("\"{name}\" must be umi, tesollo2 or tesollo3");
-        known.into_iter().find(|one| one.name() == name).ok_or_else(rule)
+        let known = [Self::Umi, Self::Tesollo2, Self::Tesollo3].into_iter().find(|one| one.name() == name);
+        known.ok_or_else(|| format!("\"{name}\" must be umi, tesollo2 or tesollo3"))
     }
 }
 

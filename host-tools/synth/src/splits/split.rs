@@ -52,30 +52,16 @@ pub enum Split {
 
 impl Split {
     /// Every split.
-    pub const ALL: [Self; 10] = [
-        Self::Train,
-        Self::Val,
-        Self::UmiId,
-        Self::UmiOod,
-        Self::UmiQuiet,
-        Self::Palm,
-        Self::Tesollo2,
-        Self::Tesollo3,
-        Self::Noslip,
-        Self::Free,
-    ];
+    pub const ALL: [Self; 10] = {
+        use Split::*;
+        [Train, Val, UmiId, UmiOod, UmiQuiet, Palm, Tesollo2, Tesollo3, Noslip, Free]
+    };
 
     /// The splits of the paper-sized set; `umi_quiet` only repeats two of them, and the paper has no `free`.
-    pub const PAPER: [Self; 8] = [
-        Self::Train,
-        Self::Val,
-        Self::UmiId,
-        Self::UmiOod,
-        Self::Palm,
-        Self::Tesollo2,
-        Self::Tesollo3,
-        Self::Noslip,
-    ];
+    pub const PAPER: [Self; 8] = {
+        use Split::*;
+        [Train, Val, UmiId, UmiOod, Palm, Tesollo2, Tesollo3, Noslip]
+    };
 
     /// Name, as on the command line and in files.
     pub const fn name(self) -> &'static str {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ScenarioChoice {
-    /// One of the scenarios on the rig and its controls, by the shares of [`PROTOCOL`].
+    /// One of the scenarios on the rig and its controls, by the shares of the protocol below.
     #[default]
     Random,
     /// The crosshead comes down and holds, the gripper closes, the operator varies the grip, the crosshead

@@ -289,7 +289,7 @@ impl Plant {
     }
 
     /// Frames of the pull in which the interface slips as a whole
-    /// ([`interface_intervals`](crate::labels::interface_intervals)): past ones, and those to come unless a
+    /// ([`interface_intervals`]): past ones, and those to come unless a
     /// command prevents them.
     pub fn slips(&self) -> Vec<Range<usize>> {
         let series = |of: fn(&Finger) -> &Vec<f64>| -> Vec<f32> {

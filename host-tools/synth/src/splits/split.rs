@@ -80,9 +80,9 @@ impl Split {
     }
 
     /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
-    /// ([`PROTOCOL`](crate::mix::PROTOCOL)): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
+    /// (the protocol of `src/mix.rs`): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
     /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
-    /// nine in ten of `free` slip ([`FREE`](crate::mix::FREE)).
+    /// nine in ten of `free` slip.
     pub const fn frozen_episodes(self) -> usize {
         match self {
             Self::Train => 0,

@@ -139,7 +139,18 @@ impl Definition {
     }
 }
 
-const BIT: &[Rule] = &[Rule::Range(0, 1)];
+/// Off, and what most settings have in common.
+const SWITCH: Definition = Definition {
+    setting: Setting::NodeId,
+    name: "",
+    kind: Kind::Bit,
+    rules: &[Rule::Range(0, 1)],
+    default: &[0],
+    together: None,
+    unit: "",
+    help: "",
+    effect: Effect::AtOnce,
+};
 const SENSOR_LAST: i64 = MAX_SENSORS as i64 - 1;
 const NO_TAXEL: &[i64] = &[0; TAXEL_ROWS];
 const MASK: &[Rule] = &[Rule::Range(0, u32::MAX as i64)];
@@ -151,10 +162,8 @@ const fn mask(setting: Setting, name: &'static str) -> Definition {
         kind: Kind::Natural32,
         rules: MASK,
         default: NO_TAXEL,
-        together: None,
-        unit: "",
         help: "taxels that are ignored: one number a row, bit c is column c",
-        effect: Effect::AtOnce,
+        ..SWITCH
     }
 }
 
@@ -166,10 +175,9 @@ pub static TABLE: [Definition; 14] = [
         kind: Kind::Natural16,
         rules: &[Rule::RangeOr(0, 127, NODE_ID_UNSET)],
         default: &[NodeId::DEFAULT.get() as i64],
-        together: None,
-        unit: "",
         help: "address on the bus; 65535: none, ask for one",
         effect: Effect::AfterRestart,
+        ..SWITCH
     },
     Definition {
         setting: Setting::BitRates,
@@ -177,10 +185,10 @@ pub static TABLE: [Definition; 14] = [
         kind: Kind::Natural32,
         rules: &[Rule::Choice(NOMINAL_BIT_RATES), Rule::Choice(DATA_BIT_RATES)],
         default: &[1_000_000, 8_000_000],
-        together: None,
         unit: "bit/s",
         help: "bit rates of arbitration and data phase",
         effect: Effect::AfterRestart,
+        ..SWITCH
     },
     Definition {
         setting: Setting::Sensors,
@@ -188,10 +196,9 @@ pub static TABLE: [Definition; 14] = [
         kind: Kind::Natural8,
         rules: &[Rule::Range(1, MAX_SENSORS as i64)],
         default: &[1],
-        together: None,
-        unit: "",
         help: "sensors in use",
         effect: Effect::AfterRestart,
+        ..SWITCH
     },
     Definition {
         setting: Setting::RawDivider,
@@ -199,21 +206,15 @@ pub static TABLE: [Definition; 14] = [
         kind: Kind::Natural8,
         rules: &[Rule::Range(0, FRAME_RATE_HZ as i64)],
         default: &[1],
-        together: None,
         unit: "frames",
         help: "every n-th frame is sent raw; 0: none",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
     Definition {
         setting: Setting::PointOverride,
         name: "slipsense.alarm.override",
-        kind: Kind::Bit,
-        rules: BIT,
-        default: &[0],
-        together: None,
-        unit: "",
         help: "the alarm works at slipsense.alarm.point, not at the model's operating point",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
     Definition {
         setting: Setting::OperatingPoint,
@@ -231,7 +232,7 @@ pub static TABLE: [Definition; 14] = [
         together: Some((k_within_n, "element 1 (k) at most element 2 (n)")),
         unit: "1/1024 nat, frames, frames",
         help: "threshold, k and n: the alarm is up when k of the last n frames are over the threshold",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
     Definition {
         setting: Setting::SensorOrder,
@@ -240,9 +241,9 @@ pub static TABLE: [Definition; 14] = [
         rules: &[Rule::Range(0, SENSOR_LAST)],
         default: &[0, 1, 2],
         together: Some((distinct, "each connector once")),
-        unit: "",
         help: "connector of sensors 0, 1 and 2",
         effect: Effect::AfterRestart,
+        ..SWITCH
     },
     Definition {
         setting: Setting::Orientation,
@@ -250,10 +251,8 @@ pub static TABLE: [Definition; 14] = [
         kind: Kind::Natural8,
         rules: &[Rule::Range(0, 3)],
         default: &[0, 0, 0],
-        together: None,
-        unit: "",
         help: "mounting of sensors 0, 1 and 2: 1 rows reversed, 2 columns reversed, 3 both (turned by 180 degrees)",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
     mask(Setting::TaxelMask0, "slipsense.sensor.0.mask"),
     mask(Setting::TaxelMask1, "slipsense.sensor.1.mask"),
@@ -261,35 +260,22 @@ pub static TABLE: [Definition; 14] = [
     Definition {
         setting: Setting::TimeSync,
         name: "slipsense.time.sync",
-        kind: Kind::Bit,
-        rules: BIT,
         default: &[1],
-        together: None,
-        unit: "",
         help: "follow the bus time (uavcan.time.Synchronization)",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
     Definition {
         setting: Setting::PlugAndPlay,
         name: "slipsense.pnp",
-        kind: Kind::Bit,
-        rules: BIT,
         default: &[1],
-        together: None,
-        unit: "",
         help: "ask for an address when uavcan.node.id is 65535",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
     Definition {
         setting: Setting::CompressRaw,
         name: "slipsense.raw.compressed",
-        kind: Kind::Bit,
-        rules: BIT,
-        default: &[0],
-        together: None,
-        unit: "",
         help: "raw frames go as slipsense.RawCompressed: without loss, and less of them where the bus is full",
-        effect: Effect::AtOnce,
+        ..SWITCH
     },
 ];
 

@@ -1,5 +1,5 @@
 //! The compressed raw frame: what goes in comes out, whatever it is; no frame becomes longer than plain by more than 5
-//! bytes. That no bytes make the decoder fail is shown in `host-tools/fuzz`, that a second decoder reads the same in
+//! bytes. That no bytes make the decoder fail is shown in `host-tools/recording`, that a second decoder reads the same in
 //! Python (`tests/python/check_can_log.py`).
 
 use proptest::prelude::*;

@@ -12,29 +12,13 @@ class Episode:
     def read(path: str | PathLike[str]) -> Episode:
         """Raises ValueError that names file, field, index and rule."""
 
-    @property
-    def frames(self) -> int: ...
-    @property
-    def sensors(self) -> int: ...
-    @property
-    def meta(self) -> str:
-        """JSON text."""
-
-    @property
-    def piezo(self) -> NDArray[np.uint16]:
-        """[F, S, 32, 32], counts of 12 bits."""
-
-    @property
-    def xl(self) -> NDArray[np.int16]:
-        """[S, N, 3], in units of `xl_lsb_g` of the metadata."""
-
-    @property
-    def xl_end(self) -> NDArray[np.uint32]:
-        """[F, S], samples available at the tick, exclusive end."""
-
-    @property
-    def label(self) -> NDArray[np.uint8] | None:
-        """[F]: 0 no contact, 1 no slip, 2 slip."""
+    frames: int
+    sensors: int
+    meta: str  #: JSON text.
+    piezo: NDArray[np.uint16]  #: [F, S, 32, 32], counts of 12 bits.
+    xl: NDArray[np.int16]  #: [S, N, 3], in units of `xl_lsb_g` of the metadata.
+    xl_end: NDArray[np.uint32]  #: [F, S], samples available at the tick, exclusive end.
+    label: NDArray[np.uint8] | None  #: [F]: 0 no contact, 1 no slip, 2 slip.
 
 def run(episode: Episode, model: bytes | None = None) -> dict[str, NDArray[Any]]:
     """All frames through the pipeline, as in the predictions.npz of `slipsense run`.
@@ -58,18 +42,12 @@ class Contact:
 class Output:
     """The result of one frame."""
 
-    @property
-    def class_index(self) -> int: ...
-    @property
-    def slip(self) -> bool: ...
-    @property
-    def alarm(self) -> bool: ...
-    @property
-    def logits_q10(self) -> NDArray[np.int32]: ...
-    @property
-    def contact(self) -> list[Contact]: ...
-    @property
-    def logmel_std(self) -> NDArray[np.float32]: ...
+    class_index: int
+    slip: bool
+    alarm: bool
+    logits_q10: NDArray[np.int32]
+    contact: list[Contact]
+    logmel_std: NDArray[np.float32]
 
 class Pipeline:
     """The signal path of one module with 1 to 3 sensors; it remembers what came before."""
@@ -93,48 +71,32 @@ class Pipeline:
 class Slip:
     """The decision of one frame, as sent."""
 
-    @property
-    def timestamp_us(self) -> int: ...
-    @property
-    def sequence(self) -> int: ...
-    @property
-    def class_index(self) -> int: ...
-    @property
-    def slip(self) -> bool: ...
-    @property
-    def alarm(self) -> bool: ...
-    @property
-    def logits_q10(self) -> NDArray[np.int32]: ...
-    @property
-    def late_frames(self) -> int: ...
-    @property
-    def contact(self) -> list[Contact]: ...
+    timestamp_us: int
+    sequence: int
+    class_index: int
+    slip: bool
+    alarm: bool
+    logits_q10: NDArray[np.int32]
+    late_frames: int
+    contact: list[Contact]
 
 class Raw:
     """What one sensor delivered for one frame, as sent."""
 
-    @property
-    def timestamp_us(self) -> int: ...
-    @property
-    def sequence(self) -> int: ...
-    @property
-    def sensor(self) -> int: ...
-    @property
-    def health(self) -> int: ...
-    @property
-    def piezo(self) -> NDArray[np.uint16] | None: ...
-    @property
-    def xl(self) -> NDArray[np.int16] | None: ...
-    @property
-    def xl_end(self) -> int: ...
+    timestamp_us: int
+    sequence: int
+    sensor: int
+    health: int
+    piezo: NDArray[np.uint16] | None
+    xl: NDArray[np.int16] | None
+    xl_end: int
 
 class Receiver:
     """Puts the CAN frames of one module together."""
 
     errors: int  #: frames that fitted nothing, and messages that could not be read
     def __init__(self, node: int = 42) -> None: ...
-    @property
-    def missed(self) -> int: ...
+    missed: int
     def accept(self, can_id: int, data: bytes) -> Slip | Raw | None:
         """The message that this frame completes. Raises ValueError for what is no CAN FD frame of 29 bits."""
 
@@ -142,10 +104,8 @@ class Log(Iterator[tuple[int, Slip | Raw]]):
     """Messages of a candump log: time of the log in microseconds, message."""
 
     def __init__(self, path: str | PathLike[str], node: int = 42) -> None: ...
-    @property
-    def errors(self) -> int: ...
-    @property
-    def missed(self) -> int: ...
+    errors: int
+    missed: int
     def __iter__(self) -> Log: ...
     def __next__(self) -> tuple[int, Slip | Raw]: ...
 

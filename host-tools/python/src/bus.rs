@@ -9,124 +9,86 @@ use pyo3::prelude::*;
 use slipsense::fixed::Q;
 use slipsense::health;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
-use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver as Frames, SlipMessage};
+use slipsense::wire::{CanFrame, NodeId, Received, Receiver as Frames};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
-use crate::pipeline::Contact;
+use crate::pipeline::{Contact, contacts};
 use crate::refused;
 
 /// The decision of one frame, as sent.
-#[pyclass(module = "slipsense", frozen)]
-pub struct Slip(SlipMessage);
+#[pyclass(module = "slipsense", frozen, get_all)]
+pub struct Slip {
+    timestamp_us: u64,
+    sequence: u32,
+    class_index: u8,
+    slip: bool,
+    alarm: bool,
+    logits_q10: Py<PyArray1<i32>>,
+    late_frames: u16,
+    contact: Vec<Contact>,
+}
 
 #[pymethods]
 impl Slip {
-    #[getter]
-    fn timestamp_us(&self) -> u64 {
-        self.0.timestamp_us
-    }
-
-    #[getter]
-    fn sequence(&self) -> u32 {
-        self.0.sequence
-    }
-
-    #[getter]
-    fn class_index(&self) -> u8 {
-        self.0.class
-    }
-
-    #[getter]
-    fn slip(&self) -> bool {
-        self.0.slip
-    }
-
-    #[getter]
-    fn alarm(&self) -> bool {
-        self.0.alarm
-    }
-
-    #[getter]
-    fn logits_q10<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i32>> {
-        self.0.logits.map(Q::to_bits).to_vec().into_pyarray(py)
-    }
-
-    #[getter]
-    fn late_frames(&self) -> u16 {
-        self.0.late_frames
-    }
-
-    #[getter]
-    fn contact(&self) -> Vec<Contact> {
-        self.0.contact.iter().take(usize::from(self.0.sensors)).map(Contact::from).collect()
-    }
-
     fn __repr__(&self) -> String {
-        let Self(m) = self;
-        format!("Slip(sequence={}, class_index={}, slip={}, alarm={})", m.sequence, m.class, m.slip, m.alarm)
+        let Self { sequence, class_index, slip, alarm, .. } = self;
+        format!("Slip(sequence={sequence}, class_index={class_index}, slip={slip}, alarm={alarm})")
     }
 }
 
 /// What one sensor delivered for one frame, as sent.
-#[pyclass(module = "slipsense", frozen)]
-pub struct Raw(RawMessage);
+#[pyclass(module = "slipsense", frozen, get_all)]
+pub struct Raw {
+    timestamp_us: u64,
+    sequence: u32,
+    sensor: u8,
+    health: u8,
+    /// None where the array did not deliver.
+    piezo: Option<Py<PyAny>>,
+    /// None where the accelerometer did not deliver.
+    xl: Option<Py<PyAny>>,
+    xl_end: u32,
+}
 
 #[pymethods]
 impl Raw {
-    #[getter]
-    fn timestamp_us(&self) -> u64 {
-        self.0.timestamp_us
-    }
-
-    #[getter]
-    fn sequence(&self) -> u32 {
-        self.0.sequence
-    }
-
-    #[getter]
-    fn sensor(&self) -> u8 {
-        self.0.sensor
-    }
-
-    #[getter]
-    fn health(&self) -> u8 {
-        self.0.health
-    }
-
-    /// None where the array did not deliver.
-    #[getter]
-    fn piezo<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        if self.0.health & health::PIEZO_MISSING != 0 {
-            return Ok(None);
-        }
-        let counts = self.0.piezo.counts().to_vec().into_pyarray(py);
-        Ok(Some(counts.reshape([TAXEL_ROWS, TAXEL_COLS])?.into_any()))
-    }
-
-    /// None where the accelerometer did not deliver.
-    #[getter]
-    fn xl<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        if self.0.health & health::XL_MISSING != 0 {
-            return Ok(None);
-        }
-        let samples = self.0.xl.concat().into_pyarray(py);
-        Ok(Some(samples.reshape([self.0.xl.len(), XL_AXES])?.into_any()))
-    }
-
-    #[getter]
-    fn xl_end(&self) -> u32 {
-        self.0.xl_end
-    }
-
     fn __repr__(&self) -> String {
-        format!("Raw(sequence={}, sensor={})", self.0.sequence, self.0.sensor)
+        format!("Raw(sequence={}, sensor={})", self.sequence, self.sensor)
     }
 }
 
 fn message(py: Python<'_>, received: Received) -> PyResult<Py<PyAny>> {
     Ok(match received {
-        Received::Slip(slip) => Py::new(py, Slip(slip))?.into_any(),
-        Received::Raw(raw) => Py::new(py, Raw(raw))?.into_any(),
+        Received::Slip(message) => {
+            let slip = Slip {
+                timestamp_us: message.timestamp_us,
+                sequence: message.sequence,
+                class_index: message.class,
+                slip: message.slip,
+                alarm: message.alarm,
+                logits_q10: message.logits.map(Q::to_bits).to_vec().into_pyarray(py).unbind(),
+                late_frames: message.late_frames,
+                contact: contacts(&message),
+            };
+            Py::new(py, slip)?.into_any()
+        }
+        Received::Raw(message) => {
+            let delivered = |missing: u8| message.health & missing == 0;
+            let counts = message.piezo.counts().to_vec().into_pyarray(py);
+            let counts = counts.reshape([TAXEL_ROWS, TAXEL_COLS])?.into_any().unbind();
+            let samples = message.xl.concat().into_pyarray(py);
+            let samples = samples.reshape([message.xl.len(), XL_AXES])?.into_any().unbind();
+            let raw = Raw {
+                timestamp_us: message.timestamp_us,
+                sequence: message.sequence,
+                sensor: message.sensor,
+                health: message.health,
+                piezo: delivered(health::PIEZO_MISSING).then_some(counts),
+                xl: delivered(health::XL_MISSING).then_some(samples),
+                xl_end: message.xl_end,
+            };
+            Py::new(py, raw)?.into_any()
+        }
     })
 }
 

@@ -5,10 +5,10 @@ use pyo3::prelude::*;
 use self_cell::self_cell;
 use slipsense::fixed::Q;
 use slipsense::net::{Aligned, Model};
-use slipsense::params::{MAX_SENSORS, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
-use slipsense::pipeline::Pipeline as Pipe;
+use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense::pipeline::{FrameStamp, Pipeline as Pipe};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::SensorContact;
+use slipsense::wire::SlipMessage;
 use slipsense_recording::logmel_std;
 
 use crate::refused;
@@ -71,7 +71,7 @@ impl Pipeline {
         Ok(Self { running: Running::new(sensors, model)?, sensors, xl_end: [0; MAX_SENSORS] })
     }
 
-    fn step(&mut self, parts: Vec<Part<'_>>) -> PyResult<Output> {
+    fn step(&mut self, py: Python<'_>, parts: Vec<Part<'_>>) -> PyResult<Output> {
         if parts.len() != self.sensors {
             return Err(refused(format!("{} sensors given, the pipeline has {}", parts.len(), self.sensors)));
         }
@@ -96,7 +96,7 @@ impl Pipeline {
             })
             .collect();
         inputs.iter().zip(&mut self.xl_end).for_each(|(input, xl_end)| *xl_end = input.xl_end);
-        Ok(Output(self.running.step(&inputs)))
+        Output::new(py, &self.running.step(&inputs))
     }
 }
 
@@ -132,62 +132,51 @@ pub struct Contact {
     elongation: f64,
 }
 
-impl From<&SensorContact> for Contact {
-    fn from(contact: &SensorContact) -> Self {
-        Self {
-            health: contact.health,
-            sum: contact.sum,
-            area: contact.area,
-            centroid_row: contact.centroid_row.to_f64(),
-            centroid_col: contact.centroid_col.to_f64(),
-            axis_deg: contact.axis_deg,
-            elongation: contact.elongation.to_f64(),
-        }
-    }
+/// The contact on each pad of a message.
+pub(crate) fn contacts(message: &SlipMessage) -> Vec<Contact> {
+    let contacts = message.contact.iter().take(message.sensors.into());
+    let contacts = contacts.map(|contact| Contact {
+        health: contact.health,
+        sum: contact.sum,
+        area: contact.area,
+        centroid_row: contact.centroid_row.to_f64(),
+        centroid_col: contact.centroid_col.to_f64(),
+        axis_deg: contact.axis_deg,
+        elongation: contact.elongation.to_f64(),
+    });
+    contacts.collect()
 }
 
 /// The result of one frame.
-#[pyclass(module = "slipsense", frozen)]
-pub struct Output(slipsense::pipeline::Output);
+#[pyclass(module = "slipsense", frozen, get_all)]
+pub struct Output {
+    class_index: u8,
+    slip: bool,
+    alarm: bool,
+    logits_q10: Py<PyArray1<i32>>,
+    contact: Vec<Contact>,
+    logmel_std: Py<PyArray2<f32>>,
+}
+
+impl Output {
+    fn new(py: Python<'_>, output: &slipsense::pipeline::Output) -> PyResult<Self> {
+        let mel: Vec<Vec<f32>> =
+            output.log_mel.iter().take(output.sensors).map(|mel| logmel_std(mel).to_vec()).collect();
+        Ok(Self {
+            class_index: output.class as u8,
+            slip: output.slip,
+            alarm: output.alarm,
+            logits_q10: output.logits.map(Q::to_bits).to_vec().into_pyarray(py).unbind(),
+            contact: contacts(&output.slip_message(FrameStamp::default(), 0)),
+            logmel_std: PyArray2::from_vec2(py, &mel).map_err(refused)?.unbind(),
+        })
+    }
+}
 
 #[pymethods]
 impl Output {
-    #[getter]
-    fn class_index(&self) -> u8 {
-        self.0.class as u8
-    }
-
-    #[getter]
-    fn slip(&self) -> bool {
-        self.0.slip
-    }
-
-    #[getter]
-    fn alarm(&self) -> bool {
-        self.0.alarm
-    }
-
-    #[getter]
-    fn logits_q10<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i32>> {
-        self.0.logits.map(Q::to_bits).to_vec().into_pyarray(py)
-    }
-
-    #[getter]
-    fn contact(&self) -> Vec<Contact> {
-        let message = self.0.slip_message(slipsense::pipeline::FrameStamp::default(), 0);
-        message.contact.iter().take(self.0.sensors).map(Contact::from).collect()
-    }
-
-    #[getter]
-    fn logmel_std<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let rows: Vec<Vec<f32>> =
-            self.0.log_mel.iter().take(self.0.sensors).map(|mel| logmel_std(mel).to_vec()).collect();
-        debug_assert!(rows.iter().all(|row| row.len() == MEL_BINS));
-        PyArray2::from_vec2(py, &rows).map_err(refused)
-    }
-
     fn __repr__(&self) -> String {
-        let Self(output) = self;
-        format!("Output(class_index={}, slip={}, alarm={})", output.class as u8, output.slip, output.alarm)
+        let Self { class_index, slip, alarm, .. } = self;
+        format!("Output(class_index={class_index}, slip={slip}, alarm={alarm})")
     }
 }

@@ -101,33 +101,22 @@ fn decoder(out: &mut String, definition: &Definition) -> Result<()> {
     let class = class.context("the slip message has a class")?;
     let known = definition.constants.iter().map(|(_, value, _)| *value).max().unwrap_or_default();
     writeln!(out, "    if ({} > {known}U) return -3;", value(class.offset, class.kind.bits()))?;
-    assign(out, definition, "out->", 0)?;
-    writeln!(out, "    return 0;\n}}\n")?;
-    Ok(())
-}
-
-fn assign(out: &mut String, definition: &Definition, to: &str, start: u32) -> Result<()> {
-    for Field { name, offset, count, array, kind, .. } in &definition.fields {
-        for index in 0..*count {
-            let to = if *array { format!("{to}{name}[{index}]") } else { format!("{to}{name}") };
-            let offset = start + offset + index * kind.bits();
-            match kind {
-                Kind::Contact(contact) => assign(out, contact, &format!("{to}."), offset)?,
-                Kind::Bool => writeln!(out, "    {to} = {} != 0U;", value(offset, 1))?,
-                Kind::Unsigned(bits) => {
-                    writeln!(out, "    {to} = (uint{}_t)({});", width(*bits), value(offset, *bits))?;
-                }
-                Kind::Signed(bits) => {
-                    writeln!(
-                        out,
-                        "    {to} = (int{0}_t)(uint{0}_t)({1});",
-                        width(*bits),
-                        value(offset, *bits)
-                    )?;
-                }
-            }
+    for leaf in definition.leaves() {
+        let name = |(field, index): &(&Field, Option<u32>)| match index {
+            Some(index) => format!("{}[{index}]", field.name),
+            None => field.name.clone(),
+        };
+        let path = leaf.path.iter().map(name).collect::<Vec<_>>().join(".");
+        let kind = &leaf.field().kind;
+        let value = value(leaf.offset, kind.bits());
+        let width = width(kind.bits());
+        match kind {
+            Kind::Bool => writeln!(out, "    out->{path} = {value} != 0U;")?,
+            Kind::Signed(_) => writeln!(out, "    out->{path} = (int{width}_t)(uint{width}_t)({value});")?,
+            _ => writeln!(out, "    out->{path} = (uint{width}_t)({value});")?,
         }
     }
+    writeln!(out, "    return 0;\n}}\n")?;
     Ok(())
 }
 

@@ -43,27 +43,20 @@ pub enum Rule {
     /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
-    /// Not three columns.
-    #[error("need '(TIME) INTERFACE ID##FLAGS DATA' in three columns")]
-    Columns,
-    /// Not a time.
-    #[error("time {0:?}: need '(SECONDS.FRACTION)'")]
-    Time(String),
     /// Classic CAN, remote or 11-bit frames are legal on a bus and in a log, but none of ours.
     #[error("not a CAN FD frame with a 29-bit identifier")]
     NotOurs,
-    /// Not an identifier.
-    #[error("identifier {0:?}: need 8 hexadecimal digits, at most 1FFFFFFF")]
-    Id(String),
-    /// The flags are not one digit.
-    #[error("need one hexadecimal digit of flags after '##'")]
-    Flags,
-    /// The data are not bytes.
-    #[error("data: need pairs of hexadecimal digits")]
-    Data,
-    /// A length that CAN FD does not have.
-    #[error(transparent)]
-    Length(#[from] LengthError),
+    /// What a part of the line must be.
+    #[error("{0}")]
+    Format(String),
+}
+
+const COLUMNS: &str = "need '(TIME) INTERFACE ID##FLAGS DATA' in three columns";
+const FLAGS: &str = "need one hexadecimal digit of flags after '##'";
+const DATA: &str = "data: need pairs of hexadecimal digits";
+
+fn malformed(need: impl ToString) -> Rule {
+    Rule::Format(need.to_string())
 }
 
 /// Reads a log line by line. Empty lines are passed over. After an error the next call goes on with
@@ -122,37 +115,43 @@ impl<R: BufRead> Iterator for CandumpReader<R> {
 fn parse(line: &[u8]) -> Result<LogEntry, Rule> {
     let mut columns = line.split(u8::is_ascii_whitespace).filter(|column| !column.is_empty());
     let (Some(time), Some(interface), Some(frame)) = (columns.next(), columns.next(), columns.next()) else {
-        return Err(Rule::Columns);
+        return Err(malformed(COLUMNS));
     };
     // candump's option -x appends the direction, R or T; anything else is damage.
     if columns.next().is_some_and(|direction| !matches!(direction, b"R" | b"T")) || columns.next().is_some() {
-        return Err(Rule::Columns);
+        return Err(malformed(COLUMNS));
     }
-    let timestamp_us = parse_time(time).ok_or_else(|| Rule::Time(text(time)))?;
+    let timestamp_us = parse_time(time)
+        .ok_or_else(|| malformed(format!("time {:?}: need '(SECONDS.FRACTION)'", text(time))))?;
     let mut parts = frame.splitn(3, |&byte| byte == b'#');
     let (Some(id), Some(first)) = (parts.next(), parts.next()) else {
-        return Err(Rule::Columns);
+        return Err(malformed(COLUMNS));
     };
     let rest = match parts.next() {
         Some(rest) if first.is_empty() && id.len() != 3 => rest,
         _ => return Err(Rule::NotOurs),
     };
     let number = if id.len() == 8 { parse_hex(id) } else { None };
-    let number = number.ok_or_else(|| Rule::Id(text(id)))?;
-    let (&flags, digits) = rest.split_first().ok_or(Rule::Flags)?;
-    nibble(flags).ok_or(Rule::Flags)?;
+    let bad_id =
+        || malformed(format!("identifier {:?}: need 8 hexadecimal digits, at most 1FFFFFFF", text(id)));
+    let number = number.ok_or_else(bad_id)?;
+    let (&flags, digits) = rest.split_first().ok_or_else(|| malformed(FLAGS))?;
+    nibble(flags).ok_or_else(|| malformed(FLAGS))?;
     if !digits.len().is_multiple_of(2) {
-        return Err(Rule::Data);
+        return Err(malformed(DATA));
     }
     let mut data = [0; 64];
     let length = digits.len() / 2;
-    let bytes = data.get_mut(..length).ok_or(LengthError::Length { length })?;
+    let bytes = data.get_mut(..length).ok_or_else(|| malformed(LengthError::Length { length }))?;
     for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
-        *byte = nibble(pair[0]).zip(nibble(pair[1])).map(|(high, low)| high << 4 | low).ok_or(Rule::Data)?;
+        *byte = nibble(pair[0])
+            .zip(nibble(pair[1]))
+            .map(|(high, low)| high << 4 | low)
+            .ok_or_else(|| malformed(DATA))?;
     }
     let frame = CanFrame::new(number, bytes).map_err(|error| match error {
-        LengthError::Id { .. } => Rule::Id(text(id)),
-        other => Rule::Length(other),
+        LengthError::Id { .. } => bad_id(),
+        other => malformed(other),
     })?;
     Ok(LogEntry { timestamp_us, interface: text(interface), frame })
 }

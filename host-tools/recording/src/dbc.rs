@@ -6,7 +6,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use slipsense::wire::{NodeId, SlipMessage, Transmitter};
 
-use crate::layout::{self, Definition, Field, Kind};
+use crate::layout::{self, Field, Kind, Leaf};
 
 /// Bit of a DBC identifier that says it has 29 bits.
 const EXTENDED: u32 = 1 << 31;
@@ -27,8 +27,7 @@ struct Signal {
 /// Text of the file for the module at this address.
 pub fn text(node: NodeId) -> Result<String> {
     let definition = layout::slip()?;
-    let mut signals = Vec::new();
-    flatten(&definition, "", 0, &mut signals);
+    let mut signals: Vec<Signal> = definition.leaves().iter().map(signal).collect();
     let frame = Transmitter::new(node).slip(&SlipMessage::default());
     let (id, length) = (frame.id() | EXTENDED, frame.data().len());
     signals.push(Signal {
@@ -78,33 +77,34 @@ fn range(bits: u32, signed: bool) -> (f64, f64) {
     if signed { (-steps / 2.0, steps / 2.0 - 1.0) } else { (0.0, steps - 1.0) }
 }
 
-fn flatten(definition: &Definition, prefix: &str, start: u32, signals: &mut Vec<Signal>) {
-    for Field { name, offset, count, array, kind, comment } in &definition.fields {
-        let (name, factor) = match (name.strip_suffix("_q10"), name.strip_suffix("_q8")) {
-            (Some(name), _) => (name, 1.0 / 1024.0),
-            (_, Some(name)) => (name, 1.0 / 256.0),
-            _ => (name.as_str(), 1.0),
-        };
-        for index in 0..*count {
-            let name = if *array { format!("{prefix}{name}_{index}") } else { format!("{prefix}{name}") };
-            let offset = start + offset + index * kind.bits();
-            let (bits, signed) = match kind {
-                Kind::Contact(contact) => {
-                    flatten(contact, &format!("{name}_"), offset, signals);
-                    continue;
-                }
-                Kind::Bool => (1, false),
-                Kind::Unsigned(bits) => (*bits, false),
-                Kind::Signed(bits) => (*bits, true),
-            };
-            let unit = match name.rsplit_once('_') {
-                Some((_, "us")) => "us",
-                Some((_, "deg")) => "deg",
-                _ => "",
-            };
-            // Once is enough where there are several.
-            let comment = if index == 0 { comment.clone() } else { String::new() };
-            signals.push(Signal { name, offset, bits, signed, factor, unit, comment });
-        }
+fn signal(leaf: &Leaf) -> Signal {
+    let Field { name, kind, comment, .. } = leaf.field();
+    let factor = match name.rsplit_once('_') {
+        Some((_, "q10")) => 1.0 / 1024.0,
+        Some((_, "q8")) => 1.0 / 256.0,
+        _ => 1.0,
+    };
+    let unit = match name.rsplit_once('_') {
+        Some((_, "us")) => "us",
+        Some((_, "deg")) => "deg",
+        _ => "",
+    };
+    let words = leaf.path.iter().map(|(field, index)| {
+        let name = field.name.trim_end_matches("_q10").trim_end_matches("_q8");
+        index.map_or_else(|| name.to_owned(), |index| format!("{name}_{index}"))
+    });
+    Signal {
+        name: words.collect::<Vec<_>>().join("_"),
+        offset: leaf.offset,
+        bits: kind.bits(),
+        signed: matches!(kind, Kind::Signed(_)),
+        factor,
+        unit,
+        // Once is enough where there are several.
+        comment: if leaf.path.last().is_some_and(|(_, index)| index.unwrap_or(0) == 0) {
+            comment.clone()
+        } else {
+            String::new()
+        },
     }
 }

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 
 use slipsense::wire::{
-    COMPRESSED_PORT, CanFrame, MessageId, NodeId, RAW_PORT, RawMessage, Received, Receiver, SLIP_PORT,
-    SlipMessage,
+    COMPRESSED_PORT, CanFrame, MessageId, NodeId, RAW_PORT, Received, Receiver, SLIP_PORT, SlipMessage,
 };
 
 /// A message and who sent it.
@@ -12,7 +11,7 @@ use slipsense::wire::{
 pub struct Decoded {
     /// The sender.
     pub node: NodeId,
-    /// What it said.
+    /// The message.
     pub message: Received,
 }
 
@@ -51,7 +50,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Nobody heard yet.
+    /// No frame yet.
     pub fn new() -> Self {
         Self::default()
     }
@@ -107,14 +106,6 @@ impl Node {
             }
         }
         self.sequence = Some(message.sequence);
-    }
-}
-
-/// The raw message, if it is one.
-pub fn raw(decoded: Decoded) -> Option<(NodeId, RawMessage)> {
-    match decoded.message {
-        Received::Raw(message) => Some((decoded.node, message)),
-        Received::Slip(_) => None,
     }
 }
 

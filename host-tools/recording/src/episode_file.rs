@@ -46,7 +46,7 @@ impl Episode {
 
 fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Episode, Problem> {
     if let Some(array) = ["piezo", "xl", "xl_end", "meta"].into_iter().find(|array| !npz.has(array)) {
-        return Err(Problem::Missing { array });
+        return Err(Problem::missing(array));
     }
     // First what is small: a file with a wrong unit is refused before its frames are unpacked.
     let meta = npz.array::<u8>("meta")?;

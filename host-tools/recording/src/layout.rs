@@ -57,6 +57,42 @@ impl Kind {
     }
 }
 
+/// A single value of a definition.
+pub struct Leaf<'d> {
+    /// The fields that lead to it and, of an array's element, its place there.
+    pub path: Vec<(&'d Field, Option<u32>)>,
+    /// Bits from the start of the definition.
+    pub offset: u32,
+}
+
+impl Leaf<'_> {
+    /// The field that it is, or an element of.
+    pub fn field(&self) -> &Field {
+        self.path.last().expect("a leaf is a field").0
+    }
+}
+
+impl Definition {
+    /// Its values one by one, in order.
+    pub fn leaves(&self) -> Vec<Leaf<'_>> {
+        let mut leaves = Vec::new();
+        for field in &self.fields {
+            for index in 0..field.count {
+                let step = (field, field.array.then_some(index));
+                let start = field.offset + index * field.kind.bits();
+                match &field.kind {
+                    Kind::Contact(contact) => leaves.extend(contact.leaves().into_iter().map(|leaf| Leaf {
+                        path: [vec![step], leaf.path].concat(),
+                        offset: start + leaf.offset,
+                    })),
+                    _ => leaves.push(Leaf { path: vec![step], offset: start }),
+                }
+            }
+        }
+        leaves
+    }
+}
+
 /// The slip message.
 pub fn slip() -> Result<Definition> {
     parse(SLIP).context("6200.Slip.1.0.dsdl")

@@ -8,14 +8,14 @@
 //! | `socketcan:can0` | an interface of Linux |
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Read, Stdout, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crate::candump::{CandumpReader, CandumpWriter, LogEntry, Rule};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use slipsense::wire::CanFrame;
 
 use crate::log_file;
@@ -87,7 +87,8 @@ pub enum Input {
     End,
 }
 
-trait Wire: Read + Write + Send {}
+/// A byte stream in both directions.
+pub trait Wire: Read + Write + Send {}
 impl<T: Read + Write + Send> Wire for T {}
 
 /// An open source.
@@ -99,7 +100,6 @@ pub enum Source {
     /// An slcan adapter.
     Slcan(SlcanSource),
     /// SocketCAN.
-    #[cfg(target_os = "linux")]
     SocketCan(socket_can::Socket),
 }
 
@@ -127,7 +127,7 @@ pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
             let (wire, name) = (slcan_wire(place, data_mbit)?, "slcan0".to_owned());
             Source::Slcan(SlcanSource { wire, name, line: Vec::new(), ready: Default::default() })
         }
-        Place::SocketCan(interface) => socket_source(interface)?,
+        Place::SocketCan(interface) => Source::SocketCan(socket_can::Socket::open(interface)?),
     })
 }
 
@@ -167,7 +167,6 @@ impl Source {
             }),
             Self::Read(entries) => Ok(entries.next().map_or(Input::End, Input::Frame)),
             Self::Slcan(adapter) => adapter.receive(),
-            #[cfg(target_os = "linux")]
             Self::SocketCan(socket) => socket.receive(),
         }
     }
@@ -211,44 +210,41 @@ fn is_timeout(error: &std::io::Error) -> bool {
 
 /// An open sink of frames.
 pub enum Sink {
-    /// A candump log on standard output.
-    Standard(CandumpWriter<Stdout>),
     /// A candump log.
-    File(CandumpWriter<BufWriter<File>>),
+    Log(CandumpWriter<Box<dyn Write>>),
     /// An slcan adapter.
-    Slcan(SlcanSink),
+    Slcan(Box<dyn Wire>),
     /// SocketCAN.
-    #[cfg(target_os = "linux")]
     SocketCan(socket_can::Socket),
 }
-
-/// An slcan adapter.
-pub struct SlcanSink(Box<dyn Wire>);
 
 /// Open a sink; `interface` is what a log calls it.
 pub fn open_sink(place: &Place, interface: &str, data_mbit: u8) -> Result<Sink> {
     Ok(match place {
-        Place::Standard => Sink::Standard(CandumpWriter::new(std::io::stdout(), interface)?),
+        Place::Standard => log_sink(std::io::stdout(), interface)?,
         Place::File(path, Format::Candump) => {
             let file = File::create(path).with_context(|| format!("{}: cannot write", path.display()))?;
-            Sink::File(CandumpWriter::new(BufWriter::new(file), interface)?)
+            log_sink(file, interface)?
         }
         Place::File(path, _) => {
             bail!("{}: `slipsense convert` writes this format, replay writes candump logs", path.display())
         }
-        Place::Serial(_) | Place::Tcp(_) => Sink::Slcan(SlcanSink(slcan_wire(place, data_mbit)?)),
-        Place::SocketCan(interface) => socket_sink(interface)?,
+        Place::Serial(_) | Place::Tcp(_) => Sink::Slcan(slcan_wire(place, data_mbit)?),
+        Place::SocketCan(interface) => Sink::SocketCan(socket_can::Socket::open(interface)?),
     })
+}
+
+fn log_sink(out: impl Write + 'static, interface: &str) -> Result<Sink> {
+    let out: Box<dyn Write> = Box::new(out);
+    Ok(Sink::Log(CandumpWriter::new(out, interface)?))
 }
 
 impl Sink {
     /// Send or write a frame.
     pub fn send(&mut self, timestamp_us: u64, frame: &CanFrame) -> Result<()> {
         match self {
-            Self::Standard(log) => log.write(timestamp_us, frame)?,
-            Self::File(log) => log.write(timestamp_us, frame)?,
-            Self::Slcan(SlcanSink(wire)) => wire.write_all(slcan::command(frame).as_bytes())?,
-            #[cfg(target_os = "linux")]
+            Self::Log(log) => log.write(timestamp_us, frame)?,
+            Self::Slcan(wire) => wire.write_all(slcan::command(frame).as_bytes())?,
             Self::SocketCan(socket) => socket.send(frame)?,
         }
         Ok(())
@@ -257,40 +253,41 @@ impl Sink {
     /// Write out what is buffered.
     pub fn finish(self) -> Result<()> {
         match self {
-            Self::Standard(log) => log.finish()?.flush()?,
-            Self::File(log) => log.finish()?.flush()?,
-            Self::Slcan(SlcanSink(mut wire)) => wire.write_all(slcan::CLOSE.as_bytes())?,
-            #[cfg(target_os = "linux")]
+            Self::Log(log) => log.finish()?.flush()?,
+            Self::Slcan(mut wire) => wire.write_all(slcan::CLOSE.as_bytes())?,
             Self::SocketCan(_) => {}
         }
         Ok(())
     }
 }
 
-#[cfg(target_os = "linux")]
-fn socket_source(interface: &str) -> Result<Source> {
-    socket_can::Socket::open(interface).map(Source::SocketCan)
-}
-
-#[cfg(target_os = "linux")]
-fn socket_sink(interface: &str) -> Result<Sink> {
-    socket_can::Socket::open(interface).map(Sink::SocketCan)
-}
-
 #[cfg(not(target_os = "linux"))]
-fn socket_source(interface: &str) -> Result<Source> {
-    Err(anyhow!("socketcan:{interface}: SocketCAN is Linux'; use slcan: or a candump pipe"))
-}
+mod socket_can {
+    use super::*;
 
-#[cfg(not(target_os = "linux"))]
-fn socket_sink(interface: &str) -> Result<Sink> {
-    Err(anyhow!("socketcan:{interface}: SocketCAN is Linux'; use slcan: or a candump file"))
+    /// There is none.
+    pub enum Socket {}
+
+    impl Socket {
+        pub fn open(interface: &str) -> Result<Self> {
+            bail!("socketcan:{interface}: SocketCAN is Linux'; use slcan: or candump logs")
+        }
+
+        pub fn receive(&mut self) -> Result<Input> {
+            match *self {}
+        }
+
+        pub fn send(&mut self, _: &CanFrame) -> Result<()> {
+            match *self {}
+        }
+    }
 }
 
 /// Linux' own CAN. `cargo xtask linux` runs it on a virtual interface of Debian's kernel; no adapter has been at it.
 #[cfg(target_os = "linux")]
 pub mod socket_can {
     use super::*;
+    use anyhow::anyhow;
     use socketcan::id::FdFlags;
     use socketcan::{
         CanAnyFrame, CanFdFrame, CanFdSocket, EmbeddedFrame, ExtendedId, Frame, Socket as _, SocketOptions,

@@ -92,5 +92,5 @@ impl Meta {
 }
 
 fn problem(key: &str, rule: &str) -> Problem {
-    Problem::Meta { key: key.to_owned(), rule: rule.to_owned() }
+    Problem::Rule(format!("`meta` key `{key}` {rule}"))
 }

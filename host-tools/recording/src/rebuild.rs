@@ -6,9 +6,9 @@ use crate::candump::LogEntry;
 use crate::{Episode, Meta};
 use anyhow::{Result, bail, ensure};
 use slipsense::health;
-use slipsense::wire::{NodeId, RawMessage};
+use slipsense::wire::{NodeId, RawMessage, Received};
 
-use crate::decode::{Decoder, raw};
+use crate::decode::{Decoded, Decoder};
 
 /// An episode and, in words, what of the recording is not in it.
 pub struct Rebuilt {
@@ -28,9 +28,10 @@ pub fn episode(entries: &[LogEntry], node: Option<NodeId>, xl_lsb_g: f64) -> Res
     let mut nodes: BTreeMap<u8, BTreeMap<u32, Vec<RawMessage>>> = BTreeMap::new();
     let mut times = BTreeMap::new();
     for entry in entries {
-        if let Some((from, message)) = decoder.accept(&entry.frame).and_then(raw) {
-            times.entry((from.get(), message.sequence)).or_insert(entry.timestamp_us);
-            nodes.entry(from.get()).or_default().entry(message.sequence).or_default().push(message);
+        let decoded = decoder.accept(&entry.frame);
+        if let Some(Decoded { node, message: Received::Raw(message) }) = decoded {
+            times.entry((node.get(), message.sequence)).or_insert(entry.timestamp_us);
+            nodes.entry(node.get()).or_default().entry(message.sequence).or_default().push(message);
         }
     }
     let node = match (node.map(NodeId::get), nodes.len()) {

@@ -5,34 +5,25 @@ use std::str::FromStr;
 
 use slipsense::params::FRAME_RATE_HZ;
 
+use super::error::LabelError;
+
 /// Slip intervals (start, end) in seconds, in order, not overlapping, none empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Intervals(Vec<(f64, f64)>);
 
-/// What is wrong with which interval.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("interval {number} (\"{text}\") {rule}")]
-pub struct IntervalError {
-    /// Counted from 1.
-    pub number: usize,
-    /// As given.
-    pub text: String,
-    /// What would be right.
-    pub rule: String,
+/// Which interval, from 0, breaks a rule, and which.
+fn wrong(index: usize, text: &str, rule: &str) -> LabelError {
+    LabelError(format!("interval {} (\"{text}\") {rule}", index + 1))
 }
 
 impl FromStr for Intervals {
-    type Err = IntervalError;
+    type Err = LabelError;
 
     /// `START:END[,START:END…]`, such as `3.2:4.75,8:9.5`.
-    fn from_str(text: &str) -> Result<Self, IntervalError> {
+    fn from_str(text: &str) -> Result<Self, LabelError> {
         let mut intervals: Vec<(f64, f64)> = Vec::new();
         for (index, text) in text.split(',').enumerate() {
-            let fail = |rule: &str| IntervalError {
-                number: index + 1,
-                text: text.trim().to_owned(),
-                rule: rule.to_owned(),
-            };
+            let fail = |rule: &str| wrong(index, text.trim(), rule);
             let number = |text: &str| text.trim().parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
             let ends = text.split_once(':').and_then(|(start, end)| number(start).zip(number(end)));
             let (start, end) = ends.ok_or_else(|| fail("must be START:END in seconds, such as 3.2:4.75"))?;
@@ -50,20 +41,17 @@ impl FromStr for Intervals {
 
 impl Intervals {
     /// In frames, ends rounded to the nearest one; an interval beyond the recording is refused.
-    pub fn frames(&self, frames: usize) -> Result<Vec<Range<usize>>, IntervalError> {
+    pub fn frames(&self, frames: usize) -> Result<Vec<Range<usize>>, LabelError> {
         let rate_hz = f64::from(FRAME_RATE_HZ);
         let one = |(index, &(start_s, end_s)): (usize, &(f64, f64))| {
-            let fail =
-                |rule: String| IntervalError { number: index + 1, text: format!("{start_s}:{end_s}"), rule };
+            let fail = |rule: &str| wrong(index, &format!("{start_s}:{end_s}"), rule);
             let (start, end) = ((start_s * rate_hz).round() as usize, (end_s * rate_hz).round() as usize);
             if end > frames {
-                return Err(fail(format!(
-                    "must end within the recording's {:.3} s",
-                    frames as f64 / rate_hz
-                )));
+                let length_s = frames as f64 / rate_hz;
+                return Err(fail(&format!("must end within the recording's {length_s:.3} s")));
             }
             if start == end {
-                return Err(fail("must be at least one frame (1/240 s) long".to_owned()));
+                return Err(fail("must be at least one frame (1/240 s) long"));
             }
             Ok(start..end)
         };

@@ -5,8 +5,9 @@
 
 use slipsense::params::FRAME_RATE_HZ;
 
-use super::StandLog;
+use super::error::LabelError;
 use super::rule::ONSET_MM;
+use super::stand_log::StandLog;
 use crate::Episode;
 
 /// Knocks closer than this are one (s): it rings.
@@ -34,37 +35,6 @@ pub struct Alignment {
     pub confidence: f64,
 }
 
-/// Why no offset was found.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum KnockError {
-    /// The stand's log has no load.
-    #[error("has no load column (such as \"Load [N]\"), needed to see knocks")]
-    NoLoad,
-    /// Not enough knocks fall together.
-    #[error(
-        "no two knocks fall together: the accelerometers have {recorded} in the first seconds, the load has \
-         {logged} before the crosshead moves; give --offset-s instead"
-    )]
-    NoMatch {
-        /// Knocks in the recording.
-        recorded: usize,
-        /// Knocks in the log.
-        logged: usize,
-    },
-    /// Several offsets fit.
-    #[error(
-        "the knocks fit at an offset of {best_s:.3} s and nearly as well at {rival_s:.3} s: ambiguous; give \
-         --offset-s instead"
-    )]
-    Ambiguous {
-        /// Best offset, s.
-        best_s: f64,
-        /// Next best, s.
-        rival_s: f64,
-    },
-}
-
 /// Times of the strongest knocks (s, at most 8, in order) that any accelerometer feels in the first
 /// `within_s` of a recording, on its clock.
 pub fn recorded_knocks(episode: &Episode, within_s: f64) -> Vec<f64> {
@@ -89,8 +59,10 @@ pub fn recorded_knocks(episode: &Episode, within_s: f64) -> Vec<f64> {
 
 /// Times of the strongest knocks (s, at most 8, in order) on the load cell in the first `within_s` of a
 /// log and before its crosshead moves, on its clock.
-pub fn logged_knocks(log: &StandLog, within_s: f64) -> Result<Vec<f64>, KnockError> {
-    let load_n = log.load_n.as_ref().ok_or(KnockError::NoLoad)?;
+pub fn logged_knocks(log: &StandLog, within_s: f64) -> Result<Vec<f64>, LabelError> {
+    let load_n = log.load_n.as_ref().ok_or_else(|| {
+        LabelError("has no load column (such as \"Load [N]\"), needed to see knocks".to_owned())
+    })?;
     let at_rest = |i: usize| {
         (log.travel_mm[i] - log.travel_mm[0]).abs() <= ONSET_MM && log.time_s[i] <= log.time_s[0] + within_s
     };
@@ -106,7 +78,7 @@ pub fn logged_knocks(log: &StandLog, within_s: f64) -> Result<Vec<f64>, KnockErr
 
 /// Offset of the log's clock from the recording's by their knocks, s. `reading_s`: time between two
 /// readings of the log.
-pub fn align(recorded: &[f64], logged: &[f64], reading_s: f64) -> Result<Alignment, KnockError> {
+pub fn align(recorded: &[f64], logged: &[f64], reading_s: f64) -> Result<Alignment, LabelError> {
     let width_s = TOGETHER_S + reading_s / 2.0;
     let differences: Vec<f64> = recorded.iter().flat_map(|r| logged.iter().map(move |l| l - r)).collect();
     let score = |offset_s: f64| -> f64 {
@@ -117,17 +89,27 @@ pub fn align(recorded: &[f64], logged: &[f64], reading_s: f64) -> Result<Alignme
             differences.iter().filter(|d| far_from.is_none_or(|best| (*d - best).abs() > 3.0 * width_s));
         candidates.map(|&d| (score(d), d)).max_by(|a, b| a.0.total_cmp(&b.0))
     };
-    let no_match = KnockError::NoMatch { recorded: recorded.len(), logged: logged.len() };
-    let Some((best, best_s)) = best_of(None) else { return Err(no_match) };
+    let no_match = || {
+        LabelError(format!(
+            "no two knocks fall together: the accelerometers have {} in the first seconds, the load has {} before \
+             the crosshead moves; give --offset-s instead",
+            recorded.len(),
+            logged.len()
+        ))
+    };
+    let (best, best_s) = best_of(None).ok_or_else(no_match)?;
     let together: Vec<f64> =
         differences.iter().copied().filter(|d| (d - best_s).abs() <= 2.0 * width_s).collect();
     if together.len() < MUST_MATCH {
-        return Err(no_match);
+        return Err(no_match());
     }
     let offset_s = together.iter().sum::<f64>() / together.len() as f64;
     let rival = best_of(Some(best_s));
     if let Some((_, rival_s)) = rival.filter(|(rival, _)| *rival > RIVAL_MAX * best) {
-        return Err(KnockError::Ambiguous { best_s: offset_s, rival_s });
+        return Err(LabelError(format!(
+            "the knocks fit at an offset of {offset_s:.3} s and nearly as well at {rival_s:.3} s: ambiguous; give \
+             --offset-s instead"
+        )));
     }
     let confidence = 1.0 - rival.map_or(0.0, |(rival, _)| rival / best);
     Ok(Alignment { offset_s, matched: together.len(), confidence })
@@ -174,11 +156,12 @@ mod tests {
     #[test]
     fn knocks_that_fit_twice_or_never_are_refused() {
         // The same distance occurs twice in the recording.
-        let error = align(&[0.5, 1.3, 3.0, 3.8], &[10.5, 11.3], 0.01).unwrap_err();
-        assert!(matches!(error, KnockError::Ambiguous { .. }), "{error}");
+        let error = align(&[0.5, 1.3, 3.0, 3.8], &[10.5, 11.3], 0.01).unwrap_err().to_string();
+        assert!(error.contains("nearly as well at") && error.contains("ambiguous"), "{error}");
         for (recorded, logged) in [(&[][..], &[1.0][..]), (&[1.0, 2.0], &[1.0]), (&[1.0, 2.0], &[1.0, 3.0])] {
-            let error = align(recorded, logged, 0.01).unwrap_err();
-            assert_eq!(error, KnockError::NoMatch { recorded: recorded.len(), logged: logged.len() });
+            let error = align(recorded, logged, 0.01).unwrap_err().to_string();
+            let counts = (format!("have {} in", recorded.len()), format!("has {} before", logged.len()));
+            assert!(error.contains(&counts.0) && error.contains(&counts.1), "{error}");
         }
     }
 

@@ -5,6 +5,7 @@
 //! which the paper's rule applies ([`slip_interval`]). Without a stand, a person names intervals
 //! ([`Intervals`]). The pads decide contact either way ([`label`]).
 
+mod error;
 mod rule;
 mod header;
 mod stand_log;
@@ -12,10 +13,11 @@ mod pulls;
 mod knocks;
 mod intervals;
 
-pub use intervals::{IntervalError, Intervals};
-pub use knocks::{Alignment, KnockError, align, logged_knocks, recorded_knocks};
+pub use error::LabelError;
+pub use intervals::Intervals;
+pub use knocks::{Alignment, align, logged_knocks, recorded_knocks};
 pub use pulls::{Pull, STAND_FRAMES, pulls};
 pub use rule::{
     ENCODER_STEP_MM, NO_CONTACT, NO_SLIP, ONSET_MM, SLIP, label, slip_interval, slip_without_contact,
 };
-pub use stand_log::{AtFrames, StandLog, StandLogError, StandLogProblem};
+pub use stand_log::{AtFrames, StandLog};

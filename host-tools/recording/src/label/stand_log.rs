@@ -3,12 +3,13 @@
 //! Made for the CSV of Mark-10 stands and tolerant to how programs save it again: lines before the table,
 //! comma, semicolon or tab, decimal comma, units in brackets, in words or in a row of their own.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::fmt::Display;
+use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
 use slipsense::params::FRAME_RATE_HZ;
 
+use super::error::LabelError;
 use super::header::{Column, LOAD, Quantity, TIME, TRAVEL};
 use super::rule::ENCODER_STEP_MM;
 
@@ -18,55 +19,9 @@ const GAP_S: f64 = 0.2;
 const HEADER_LINES: usize = 200;
 const SEPARATORS: [u8; 3] = [b';', b'\t', b','];
 
-/// A log that could not be used, and why.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", path.display())]
-pub struct StandLogError {
-    /// The file.
-    pub path: PathBuf,
-    /// The rule that it breaks.
-    pub problem: StandLogProblem,
+fn wrong_line(line: u64, rule: impl Display) -> LabelError {
+    LabelError(format!("line {line}: {rule}"))
 }
-
-/// The rule that a log breaks, naming line and column where there is one.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum StandLogProblem {
-    /// The operating system refused to read.
-    #[error("cannot read: {0}")]
-    Read(io::Error),
-    /// No table.
-    #[error(
-        "no line of the first {HEADER_LINES} names the columns, must hold one for time and one for travel, \
-         such as \"Reading,Load [N],Travel [mm],Time [sec]\""
-    )]
-    NoHeader,
-    /// A line is wrong as a whole.
-    #[error("line {line}: {rule}")]
-    Line {
-        /// Counted from 1.
-        line: u64,
-        /// What is wrong and what would be right.
-        rule: String,
-    },
-    /// A cell is wrong.
-    #[error("line {line}, column \"{column}\": is \"{value}\", {rule}")]
-    Cell {
-        /// Counted from 1.
-        line: u64,
-        /// Title of the column.
-        column: String,
-        /// What stands there.
-        value: String,
-        /// What would be right.
-        rule: &'static str,
-    },
-    /// The log and the recording do not fit together.
-    #[error("{0}")]
-    Coverage(String),
-}
-
-use StandLogProblem as Problem;
 
 /// Readings of a test stand, at least two, in order of time.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,17 +51,16 @@ pub struct AtFrames {
 
 impl StandLog {
     /// Read a file.
-    pub fn read(path: impl AsRef<Path>) -> Result<Self, StandLogError> {
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, LabelError> {
         let path = path.as_ref();
-        let parsed = std::fs::read(path).map_err(Problem::Read).and_then(|bytes| {
-            // Names in the lines before the table may be in any encoding.
-            Self::parse(&String::from_utf8_lossy(&bytes))
-        });
-        parsed.map_err(|problem| StandLogError { path: path.to_owned(), problem })
+        let named = |rule: String| LabelError(format!("{}: {rule}", path.display()));
+        let bytes = std::fs::read(path).map_err(|error| named(format!("cannot read: {error}")))?;
+        // Names in the lines before the table may be in any encoding.
+        Self::parse(&String::from_utf8_lossy(&bytes)).map_err(|LabelError(rule)| named(rule))
     }
 
     /// Read the text of a file.
-    pub fn parse(text: &str) -> Result<Self, StandLogProblem> {
+    pub fn parse(text: &str) -> Result<Self, LabelError> {
         let text = text.trim_start_matches('\u{feff}');
         let table = Table::find(text)?;
         let mut log = Self {
@@ -118,7 +72,7 @@ impl StandLog {
             lines: Vec::new(),
         };
         for row in rows(table.body, table.separator) {
-            let row = row.map_err(|e| Problem::Line { line: table.first_line, rule: e.to_string() })?;
+            let row = row.map_err(|error| wrong_line(table.first_line, error))?;
             let line = table.line(&row);
             if row.iter().all(|cell| cell.trim().is_empty()) {
                 continue;
@@ -138,7 +92,7 @@ impl StandLog {
         if log.time_s.len() < 2 || log.span_s() <= 0.0 {
             let rule =
                 format!("{} readings follow, must be at least two at different times", log.time_s.len());
-            return Err(Problem::Line { line: table.first_line, rule });
+            return Err(wrong_line(table.first_line, rule));
         }
         log.check_gaps()?;
         Ok(log)
@@ -153,7 +107,7 @@ impl StandLog {
         self.time_s.last().unwrap_or(&0.0) - self.time_s.first().unwrap_or(&0.0)
     }
 
-    fn check_gaps(&self) -> Result<(), StandLogProblem> {
+    fn check_gaps(&self) -> Result<(), LabelError> {
         for i in 1..self.time_s.len() {
             let pause_s = self.time_s[i] - self.time_s[i - 1];
             let moved_mm = (self.travel_mm[i] - self.travel_mm[i - 1]).abs();
@@ -162,7 +116,7 @@ impl StandLog {
                     "{pause_s:.2} s after the reading above, and the crosshead moved {moved_mm:.2} mm: readings \
                      must be at most {GAP_S} s apart while it moves"
                 );
-                return Err(Problem::Line { line: self.lines[i], rule });
+                return Err(wrong_line(self.lines[i], rule));
             }
         }
         Ok(())
@@ -171,7 +125,7 @@ impl StandLog {
     /// Position at the tick of each frame; frame f ends (f + 1) / 240 s after the recording began, when the
     /// stand's clock showed `offset_s`. Where there is no reading the position is held, if the crosshead
     /// stood there or no more than one reading is missing.
-    pub fn at_frames(&self, frames: usize, offset_s: f64) -> Result<AtFrames, StandLogProblem> {
+    pub fn at_frames(&self, frames: usize, offset_s: f64) -> Result<AtFrames, LabelError> {
         let clock_s = |frame: usize| (frame as f64 + 1.0) / f64::from(FRAME_RATE_HZ) + offset_s;
         let (first_s, last_s) = (self.time_s[0], self.time_s[0] + self.span_s());
         let before = (0..frames).take_while(|&f| clock_s(f) < first_s).count();
@@ -179,13 +133,13 @@ impl StandLog {
         let on_clock =
             format!("the recording lasts from {offset_s:.3} s to {:.3} s on its clock", clock_s(frames - 1));
         if before == frames || after == frames {
-            return Err(Problem::Coverage(format!("covers {first_s:.3} s to {last_s:.3} s, but {on_clock}")));
+            return Err(LabelError(format!("covers {first_s:.3} s to {last_s:.3} s, but {on_clock}")));
         }
         for (missing, edge_s, what) in [(before, first_s, "first"), (after, last_s, "last")] {
             // Up to one reading more would have come: that is no further than any frame from the next one.
             let missing_s = missing as f64 / f64::from(FRAME_RATE_HZ);
             if missing_s > 1.0 / self.rate_hz() && self.moves_near(edge_s) {
-                return Err(Problem::Coverage(format!(
+                return Err(LabelError(format!(
                     "the crosshead moves at the {what} reading ({edge_s:.3} s), must stand there: {on_clock}"
                 )));
             }
@@ -227,7 +181,7 @@ struct Table<'t> {
 }
 
 impl<'t> Table<'t> {
-    fn find(text: &'t str) -> Result<Self, StandLogProblem> {
+    fn find(text: &'t str) -> Result<Self, LabelError> {
         let mut rest = text;
         for line in 1..=HEADER_LINES as u64 {
             let Some((header, body)) = rest.split_once('\n') else { break };
@@ -238,16 +192,19 @@ impl<'t> Table<'t> {
             }
             rest = body;
         }
-        Err(Problem::NoHeader)
+        Err(LabelError(format!(
+            "no line of the first {HEADER_LINES} names the columns, must hold one for time and one for travel, such \
+             as \"Reading,Load [N],Travel [mm],Time [sec]\""
+        )))
     }
 
     /// The table under this line, if it names the columns.
-    fn under(header: &str, body: &'t str, separator: u8, line: u64) -> Result<Option<Self>, StandLogProblem> {
+    fn under(header: &str, body: &'t str, separator: u8, line: u64) -> Result<Option<Self>, LabelError> {
         let Some(titles) = one_row(header, separator) else { return Ok(None) };
         let (below, after) = body.split_once('\n').unwrap_or((body, ""));
         let units = one_row(below, separator).filter(|row| row.iter().all(|cell| parse(cell).is_none()));
         let column = |quantity: Quantity| {
-            quantity.find(&titles, units.as_ref()).map_err(|rule| Problem::Line { line, rule })
+            quantity.find(&titles, units.as_ref()).map_err(|rule| wrong_line(line, rule))
         };
         // Only a line that names both is the header; then a unit that is not known is an error.
         let absent = |quantity: Quantity| matches!(quantity.find(&titles, None), Ok(None));
@@ -273,7 +230,7 @@ impl<'t> Table<'t> {
         self.first_line + line - 1 + skipped.count() as u64
     }
 
-    fn check_width(&self, row: &StringRecord, line: u64) -> Result<(), StandLogProblem> {
+    fn check_width(&self, row: &StringRecord, line: u64) -> Result<(), LabelError> {
         let filled = row
             .iter()
             .enumerate()
@@ -288,14 +245,14 @@ impl<'t> Table<'t> {
              separated by semicolons or tabs",
             self.width
         );
-        Err(Problem::Line { line, rule })
+        Err(wrong_line(line, rule))
     }
 }
 
 impl Column {
-    fn refuse(&self, row: &StringRecord, line: u64, rule: &'static str) -> StandLogProblem {
-        let value = row.get(self.at).unwrap_or_default().trim().chars().take(40).collect();
-        Problem::Cell { line, column: self.title.clone(), value, rule }
+    fn refuse(&self, row: &StringRecord, line: u64, rule: &str) -> LabelError {
+        let value: String = row.get(self.at).unwrap_or_default().trim().chars().take(40).collect();
+        LabelError(format!("line {line}, column \"{}\": is \"{value}\", {rule}", self.title))
     }
 }
 
@@ -312,7 +269,7 @@ fn one_row(line: &str, separator: u8) -> Option<StringRecord> {
     rows(line, separator).next().and_then(Result::ok)
 }
 
-fn number(row: &StringRecord, column: &Column, line: u64) -> Result<f64, StandLogProblem> {
+fn number(row: &StringRecord, column: &Column, line: u64) -> Result<f64, LabelError> {
     let value = parse(row.get(column.at).unwrap_or_default());
     value.map(|value| value * column.factor).ok_or_else(|| column.refuse(row, line, "must be a number"))
 }

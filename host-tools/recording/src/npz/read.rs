@@ -24,7 +24,7 @@ impl Reader<BufReader<File>> {
     pub fn open(path: &Path) -> Result<Self, Problem> {
         let file = File::open(path).map_err(Problem::Read)?;
         if file.metadata().map_err(Problem::Read)?.is_dir() {
-            return Err(Problem::Folder);
+            return Err(Problem::Rule("is a folder, must be an .npz file".into()));
         }
         Self::new(BufReader::with_capacity(CHUNK_BYTES, file))
     }
@@ -37,13 +37,13 @@ impl<R: Read + Seek> Reader<R> {
         source.by_ref().take(2).read_to_end(&mut start).map_err(Problem::Read)?;
         let source_bytes = source.seek(SeekFrom::End(0)).map_err(Problem::Read)?;
         match &start[..] {
-            [] => Err(Problem::Archive("is empty, must be an .npz archive".into())),
+            [] => Err(Problem::Rule("is empty, must be an .npz archive".into())),
             b"PK" => {
                 let zip = ZipArchive::new(source)
-                    .map_err(|e| Problem::Archive(format!("is a zip archive cut short or damaged: {e}")))?;
+                    .map_err(|e| Problem::Rule(format!("is a zip archive cut short or damaged: {e}")))?;
                 Ok(Self { zip, source_bytes })
             }
-            _ => Err(Problem::Archive("is not an .npz (zip) archive".into())),
+            _ => Err(Problem::Rule("is not an .npz (zip) archive".into())),
         }
     }
 
@@ -57,7 +57,7 @@ impl<R: Read + Seek> Reader<R> {
         let fail = |rule: String| Problem::array(name, rule);
         let mut entry = match self.zip.by_name(&entry_name(name)) {
             Ok(entry) => entry,
-            Err(ZipError::FileNotFound) => return Err(Problem::Missing { array: name }),
+            Err(ZipError::FileNotFound) => return Err(Problem::missing(name)),
             Err(e) => return Err(fail(format!("cannot be unpacked, must be stored or deflated: {e}"))),
         };
         let header = header::read(&mut entry).map_err(fail)?;

@@ -1,11 +1,9 @@
 //! Damaged archives, the file system's refusals, and what must not be left behind.
 
-mod support;
-
+use crate::support::right;
 use slipsense_recording::{Episode, Problem};
 use std::fs;
 use std::path::Path;
-use support::right;
 use zip::CompressionMethod;
 
 fn message(result: Result<Episode, slipsense_recording::EpisodeError>) -> String {

@@ -2,12 +2,10 @@
 //!
 //! `data/*.npz` were written by NumPy (`data/make.py`); the values below repeat that script's formulas.
 
-mod support;
-
+use crate::support::right;
 use slipsense_recording::{Episode, Meta, Predictions};
 use std::fs;
 use std::path::Path;
-use support::right;
 
 #[test]
 fn numpys_files() {

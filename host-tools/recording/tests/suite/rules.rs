@@ -1,9 +1,7 @@
 //! Every rule of the format has a file that breaks only that rule, and the whole message is compared.
 
-mod support;
-
+use crate::support::{Arrays, Npy, floats, meta, right};
 use slipsense_recording::Episode;
-use support::{Arrays, Npy, floats, meta, right};
 
 /// The message for these arrays, without the file's name, which must lead it.
 fn refusal(arrays: &Arrays) -> String {
@@ -195,12 +193,12 @@ fn meta_numbers() {
         ("240", "0", "`meta` key `frame_rate_hz` is 0: must be positive and finite"),
         ("240", "100", "`meta` key `frame_rate_hz` is 100: must be 240"),
     ] {
-        let json = support::META.replace(from, to);
-        assert_ne!(json, support::META);
+        let json = crate::support::META.replace(from, to);
+        assert_ne!(json, crate::support::META);
         refused(right().with(meta(&json)), message);
     }
     for rate in ["7760", "8240", "8e3"] {
-        let json = support::META.replace("8120", rate);
+        let json = crate::support::META.replace("8120", rate);
         assert!(Episode::from_bytes(&right().with(meta(&json)).npz(), "x").is_ok(), "{rate}");
     }
 }

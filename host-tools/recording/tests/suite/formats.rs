@@ -1,7 +1,6 @@
 //! A recording through every format and back: every frame, every microsecond.
 
 use std::fs;
-use std::path::Path;
 
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
@@ -105,38 +104,4 @@ fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() 
     let rebuilt = rebuild::episode(&recording(|n| n == 12 || n == 35).entries, None, 0.000_488).unwrap();
     assert_eq!((rebuilt.first, rebuilt.episode.frames()), (13, 22));
     assert!(rebuilt.notes[0].contains("32 of 76 raw messages are left out"), "{:?}", rebuilt.notes);
-}
-
-/// A file cut anywhere is refused in words or read up to there; nothing panics.
-#[test]
-fn damaged_files() {
-    let dir = tempfile::tempdir().unwrap();
-    let before = recording(|_| false);
-    for format in ALL {
-        let path = dir.path().join(name(format));
-        write(&path, format, &before).unwrap();
-        let whole = fs::read(&path).unwrap();
-        let mut refused = 0;
-        for step in 0..60 {
-            let mut bytes = whole[..whole.len() * step / 60].to_vec();
-            refused += usize::from(is_refused(&path, format, &bytes));
-            // And one with a byte that is wrong.
-            bytes = whole.clone();
-            bytes[whole.len() * step / 60] ^= 0x20;
-            is_refused(&path, format, &bytes);
-        }
-        assert!(refused > 0, "{format:?}: an empty file at least");
-    }
-}
-
-fn is_refused(path: &Path, format: Format, bytes: &[u8]) -> bool {
-    fs::write(path, bytes).unwrap();
-    match read(path, format) {
-        Ok(_) => false,
-        Err(error) => {
-            let text = format!("{error:#}");
-            assert!(text.starts_with(&path.display().to_string()), "{text}");
-            true
-        }
-    }
 }

@@ -1,5 +1,4 @@
 //! Archives made byte by byte, without the crate's own writer, so that every rule can be broken.
-#![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::io::{Cursor, Write};
 use zip::write::SimpleFileOptions;

@@ -1,0 +1,381 @@
+//! Whatever reads bytes that others wrote, on mutated input. A panic, an input that takes seconds or an input that takes
+//! much memory fails. Each test run takes the same 20,000 inputs; the long run is
+//! `PROPTEST_CASES=10000000 cargo test --release -p slipsense-recording fuzz -- --nocapture`.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use mcap::WriteOptions;
+use mcap::records::MessageHeader;
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::sample::{Index, select};
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+use slipsense::sensor::{PiezoFrame, SensorInput};
+use slipsense::wire::{
+    CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, Sessions, SlipMessage, TransferId,
+    Transmitter, crc16,
+};
+use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
+use slipsense_recording::decode::Decoder;
+use slipsense_recording::mcap_file::{McapSink, parse};
+use slipsense_recording::{Episode, Meta};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+const INPUTS: u32 = 20_000;
+/// One input may take as long, on a computer that does other things too.
+const LONGEST: Duration = Duration::from_secs(5);
+/// Memory that one input may take, bytes.
+const MEMORY_MAX: usize = 256 << 20;
+/// The same of MCAP: the crate reserves, but does not touch, what the 32 bits of a string's length say.
+const MCAP_MEMORY_MAX: usize = MEMORY_MAX + (4 << 30);
+/// Bytes of the transfers that a node takes part in.
+const TRANSFER_MAX: usize = 600;
+/// Numbers at the edges of what a length, a count or an index may be.
+const EDGES: [u64; 12] =
+    [0, 1, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFF_FFFF, 0xFFFF_FFFF, 1 << 32, 1 << 40, i64::MAX as u64, u64::MAX];
+
+/// Counts the memory of each thread.
+struct Counting;
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+thread_local! {
+    /// Bytes in use, and the most since the peak was last set.
+    static USED: Cell<(usize, usize)> = const { Cell::new((0, 0)) };
+}
+
+// SAFETY: passes every call on to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let _ = USED.try_with(|used| {
+            let now = used.get().0.wrapping_add(layout.size());
+            used.set((now, used.get().1.max(now)));
+        });
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // Memory of another thread may be freed here.
+        let _ = USED.try_with(|used| used.set((used.get().0.saturating_sub(layout.size()), used.get().1)));
+        // SAFETY: the caller's promise.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+/// Kind, place, second place, length and number of a change.
+type Change = (u8, Index, Index, usize, u64);
+
+fn change(bytes: &mut Vec<u8>, corpus: &[Vec<u8>], (kind, at, other, length, number): &Change) {
+    if bytes.is_empty() {
+        return;
+    }
+    let at = at.index(bytes.len());
+    let end = (at + length).min(bytes.len());
+    match kind {
+        0 => bytes.truncate(at),
+        1 => drop(bytes.drain(at..end)),
+        2 => bytes.extend_from_within(at..end),
+        3 => {
+            // The end of another, from the same place or near its own end.
+            let other = other.get(corpus);
+            let from =
+                if number % 2 == 0 { at.min(other.len()) } else { other.len().saturating_sub(*length) };
+            bytes.truncate(at);
+            bytes.extend_from_slice(&other[from..]);
+        }
+        4 => bytes.resize(bytes.len() + length, 0),
+        5 | 6 => {
+            let number = number.to_le_bytes();
+            let width = [1, 2, 4, 8][length % 4];
+            bytes[at..].iter_mut().zip(&number[..width]).for_each(|(byte, &number)| *byte = number);
+        }
+        7 => bytes[at] = bytes[at].wrapping_add(if number % 2 == 0 { 1 } else { u8::MAX }),
+        _ => bytes[at] ^= 1 << (length % 8),
+    }
+}
+
+/// One of the corpus with up to five changes, or random bytes.
+fn mutated(corpus: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
+    let number = prop_oneof![select(&EDGES[..]), any::<u64>()];
+    let changes = vec((0..10u8, any::<Index>(), any::<Index>(), 0..64usize, number), 0..=5);
+    let mutated = (any::<Index>(), changes).prop_map(move |(which, changes)| {
+        let mut bytes = which.get(&corpus).clone();
+        changes.iter().for_each(|each| change(&mut bytes, &corpus, each));
+        bytes
+    });
+    prop_oneof![31 => mutated, 1 => vec(any::<u8>(), 0..2000)]
+}
+
+/// Show `target` input after input; it says which it took for valid ones, of which there must be some.
+fn fuzz(inputs: impl Strategy<Value = Vec<u8>>, accepted_percent_min: u32, target: impl Fn(&[u8]) -> bool) {
+    fuzz_within(MEMORY_MAX, inputs, accepted_percent_min, target);
+}
+
+fn fuzz_within(
+    memory_max: usize,
+    inputs: impl Strategy<Value = Vec<u8>>,
+    accepted_percent_min: u32,
+    target: impl Fn(&[u8]) -> bool,
+) {
+    let cases = std::env::var("PROPTEST_CASES").map_or(INPUTS, |text| text.parse().expect("a number"));
+    let config = Config { cases, failure_persistence: None, ..Config::default() };
+    let accepted = Cell::new(0);
+    let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
+    let result = runner.run(&inputs, |bytes| {
+        let (began, before) = (Instant::now(), USED.get().0);
+        USED.set((before, before));
+        accepted.set(accepted.get() + u32::from(target(&bytes)));
+        prop_assert!(began.elapsed() < LONGEST, "took {:?}", began.elapsed());
+        let (after, most) = USED.get();
+        prop_assert!(most - before < memory_max, "took {} bytes", most - before);
+        prop_assert!(after <= before + (1 << 16), "kept {} bytes", after - before);
+        Ok(())
+    });
+    result.unwrap_or_else(|error| panic!("{error}"));
+    let percent = 100 * u64::from(accepted.get()) / u64::from(cases);
+    assert!(percent >= accepted_percent_min.into(), "{percent} % are accepted: almost nothing gets through");
+}
+
+fn assert_one_line(error: &str) {
+    assert!(!error.is_empty() && !error.contains('\n'), "{error:?}");
+}
+
+/// A slip message and one raw message in each form. Few frames, so that inputs are many.
+fn traffic() -> Vec<Vec<CanFrame>> {
+    let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+    let piezo = PiezoFrame::from_scan(std::array::from_fn(|i| (i % 37 * 90) as u16));
+    let xl = [[-3, 1, 2047]; 33];
+    let forms = [RawForm::Compressed(Detail::All), RawForm::Compressed(Detail::Contact), RawForm::Plain];
+    let mut frames = |(sequence, form)| {
+        let mut frames =
+            vec![transmitter.slip(&SlipMessage { sequence, sensors: 2, ..SlipMessage::default() })];
+        let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl), xl_end: 33 };
+        let raw = RawFrame { timestamp_us: 5, sequence, sensor: 1, health: 0, input };
+        frames.extend(transmitter.raw_as(form, &raw, &mut RawBuffer::new()));
+        frames
+    };
+    (0..).zip([forms, forms].concat()).map(&mut frames).collect()
+}
+
+/// Of each frame the identifier, low byte first, its length, its data. A length that CAN FD does not have is cut down.
+fn frames(mut bytes: &[u8]) -> Vec<CanFrame> {
+    let mut frames = Vec::new();
+    while let Some((&[a, b, c, d, length], rest)) = bytes.split_first_chunk() {
+        let (id, length) =
+            (u32::from_le_bytes([a, b, c, d]) & 0x1FFF_FFFF, usize::from(length).min(rest.len()));
+        frames.extend((0..=length).rev().find_map(|length| CanFrame::new(id, &rest[..length]).ok()));
+        bytes = &rest[length..];
+    }
+    frames
+}
+
+#[test]
+fn bus() {
+    let bytes = |frame: &CanFrame| {
+        [&frame.id().to_le_bytes()[..], &[frame.data().len() as u8], frame.data()].concat()
+    };
+    let corpus = traffic().iter().map(|frames| frames.iter().flat_map(bytes).collect()).collect();
+    fuzz(mutated(corpus), 50, |bytes| {
+        let (mut decoder, mut messages) = (Decoder::new(), 0);
+        let mut sessions = Sessions::<4, TRANSFER_MAX>::new();
+        for (index, frame) in frames(bytes).iter().enumerate() {
+            match (decoder.accept(frame), TransferId::from_can(frame.id())) {
+                (Some(_), _) => messages += 1,
+                // As a node does with what it has subscribed to.
+                (None, Ok(id)) => drop(sessions.accept(id, frame, index as u64 * 1000).map(|_| ())),
+                (None, Err(_)) => {}
+            }
+        }
+        messages > 0
+    });
+}
+
+#[test]
+fn candump() {
+    let mut log = CandumpWriter::new(Vec::new(), "can0").unwrap();
+    traffic().concat().iter().take(8).zip(0..).for_each(|(frame, us)| log.write(us * 4_167, frame).unwrap());
+    let mut log = log.finish().unwrap();
+    log.extend_from_slice(b"(1700000000.000001) vcan1 123#0102\n(1.5) can0 1F334455#R\n\n# a comment\n");
+    fuzz(mutated(vec![log]), 50, |bytes| {
+        let mut entries = 0;
+        for line in CandumpReader::new(bytes) {
+            line.map_or_else(|error| assert_one_line(&error.to_string()), |_| entries += 1);
+        }
+        entries > 0
+    });
+}
+
+/// Make the check of a compressed raw message right, else nothing changed would get as far as the coded bytes.
+fn with_check(mut bytes: Vec<u8>) -> Vec<u8> {
+    // The check, and the length of the data behind it: `6202.RawCompressed.1.0.dsdl`.
+    const CHECK_AT: usize = 20;
+    const DATA_AT: usize = CHECK_AT + 4;
+    if let Some(&[_, _, low, high]) = bytes.get(CHECK_AT..DATA_AT) {
+        let end = bytes.len().min(DATA_AT + usize::from(u16::from_le_bytes([low, high])));
+        let checked = [&bytes[..CHECK_AT], &bytes[CHECK_AT + 2..end]].concat();
+        bytes[CHECK_AT..CHECK_AT + 2].copy_from_slice(&crc16(&checked).to_le_bytes());
+    }
+    bytes
+}
+
+/// The decoder ends with a message or an error, and what it takes for a message can be sent again.
+#[test]
+fn compressed() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/wire/corpus");
+    let files = std::fs::read_dir(folder).unwrap();
+    let mut corpus: Vec<_> = files.map(|file| std::fs::read(file.unwrap().path()).unwrap()).collect();
+    corpus.sort();
+    let inputs = (mutated(corpus), any::<bool>());
+    let inputs = inputs.prop_map(|(bytes, right)| if right { with_check(bytes) } else { bytes });
+    fuzz(inputs, 1, |bytes| {
+        let Ok(message) = RawMessage::decompress(bytes) else { return false };
+        let RawMessage { timestamp_us, sequence, sensor, health, xl_end, .. } = message;
+        let input = SensorInput { piezo: Some(&message.piezo), xl: Some(&message.xl), xl_end };
+        let again = RawFrame { timestamp_us, sequence, sensor, health, input };
+        let mut buffer = RawBuffer::new();
+        let again = RawMessage::decompress(again.compress(Detail::All, &mut buffer)).unwrap();
+        assert_eq!((&again.piezo, &again.xl), (&message.piezo, &message.xl));
+        true
+    });
+}
+
+/// Without chunks and checksums, so that changes get further.
+fn plain_mcap(topic: &str, frames: &[CanFrame], time_ns: u64) -> Vec<u8> {
+    let options = WriteOptions::new().compression(None).use_chunks(false).calculate_data_section_crc(false);
+    let mut writer = options.calculate_summary_section_crc(false).create(Cursor::new(Vec::new())).unwrap();
+    let schema = writer.add_schema("slipsense.CanFrame", "jsonschema", b"{}").unwrap();
+    let channel_id = writer.add_channel(schema, topic, "json", &Default::default()).unwrap();
+    for (frame, sequence) in frames.iter().zip(0..) {
+        let text = format!("{{\"id\":{},\"data\":\"{}\"}}", frame.id(), STANDARD.encode(frame.data()));
+        let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };
+        writer.write_to_known_channel(&header, text.as_bytes()).unwrap();
+    }
+    writer.finish().unwrap();
+    writer.into_inner().into_inner()
+}
+
+#[test]
+fn mcap_files() {
+    let frames: Vec<_> = traffic().iter().take(3).map(|frames| frames[0]).collect();
+    let mut sink = McapSink::new(Cursor::new(Vec::new())).unwrap();
+    for (&frame, timestamp_us) in frames.iter().zip(1_000..) {
+        sink.write(&LogEntry { timestamp_us, interface: "can0".to_owned(), frame }).unwrap();
+    }
+    sink.displacement(2_000, 1.5).unwrap();
+    let whole = sink.finish().unwrap().into_inner();
+    let corpus = vec![whole[..whole.len() * 2 / 5].to_vec(), whole, plain_mcap("/can/can0", &frames, 1_000)];
+    assert!(corpus.iter().all(|bytes| !parse(bytes).unwrap().entries.is_empty()));
+    fuzz_within(MCAP_MEMORY_MAX, mutated(corpus), 1, |bytes| {
+        parse(bytes).map_err(|error| assert_one_line(&format!("{error:#}"))).is_ok()
+    });
+}
+
+/// Found by 42,955 inputs, and what it led to: a name that a log could not hold.
+#[test]
+fn a_topic_of_two_lines_is_refused_in_one() {
+    let frame = [CanFrame::new(1, &[2]).unwrap()];
+    assert_eq!(parse(&plain_mcap("/can/can0", &frame, 1_000)).unwrap().entries.len(), 1);
+    for (topic, time_ns, rule) in [
+        ("/can/c\n0", 1_000, "message 0 of /can/c\\n0: an interface needs a name without white space"),
+        ("/can/", 1_000, "message 0 of /can/: an interface needs a name without white space"),
+        ("/can/can0", 1, "message 0 of /can/can0: time is no whole microsecond"),
+    ] {
+        assert_eq!(format!("{:#}", parse(&plain_mcap(topic, &frame, time_ns)).unwrap_err()), rule);
+    }
+}
+
+/// Files with what is required and with all arrays.
+fn episodes() -> Vec<Vec<u8>> {
+    let scan = |k: usize| PiezoFrame::from_scan(std::array::from_fn(|i| (i * k % 90) as u16));
+    let plain = Episode {
+        sensors: 1,
+        piezo: vec![scan(0), scan(3)],
+        xl: vec![(0..5).map(|i| [i, -i, 2_000]).collect()],
+        xl_end: vec![2, 5],
+        label: None,
+        slip_true_mm_s: None,
+        slip_fraction: None,
+        displacement_mm: None,
+        meta: Meta::nominal(0.000_5),
+    };
+    let floats = Some(vec![0.0, 0.5]);
+    let labelled = Episode {
+        label: Some(vec![1, 2]),
+        slip_true_mm_s: floats.clone(),
+        slip_fraction: floats.clone(),
+        displacement_mm: floats,
+        ..plain.clone()
+    };
+    let file = tempfile::NamedTempFile::new().unwrap();
+    [plain, labelled]
+        .map(|episode| episode.write(&file).map(|()| std::fs::read(&file).unwrap()).unwrap())
+        .into()
+}
+
+fn is_read(bytes: &[u8]) -> bool {
+    let read = Episode::from_bytes(bytes, "grasp.npz");
+    read.map_err(|error| {
+        let error = error.to_string();
+        assert!(error.starts_with("grasp.npz"), "{error:?}");
+        assert_one_line(&error);
+    })
+    .is_ok()
+}
+
+/// Changes anywhere: in the directory, in deflated bytes, of which the checksum is wrong afterwards.
+#[test]
+fn npz() {
+    assert!(episodes().iter().all(|bytes| is_read(bytes)));
+    fuzz(mutated(episodes()), 1, is_read);
+}
+
+/// Changes of an array, header or data, in an archive that is right about it.
+#[test]
+fn npz_arrays() {
+    let files: Vec<Vec<(String, Vec<u8>)>> = episodes().iter().map(|bytes| arrays(bytes)).collect();
+    let all: Vec<Vec<u8>> = files.iter().flatten().map(|(_, bytes)| bytes.clone()).collect();
+    // Of thousands of bytes the first say what the others are.
+    let headers: Vec<Vec<u8>> = all.iter().map(|bytes| bytes[..128].to_vec()).collect();
+    let inputs = (any::<Index>(), any::<Index>(), mutated(all), proptest::option::of(mutated(headers)));
+    let inputs = inputs.prop_map(move |(file, array, whole, header)| {
+        let mut arrays = file.get(&files).clone();
+        let (_, bytes) = &mut arrays[array.index(file.get(&files).len())];
+        *bytes = match header {
+            Some(header) => [&header, &bytes[128..]].concat(),
+            None => whole,
+        };
+        archive(&arrays)
+    });
+    fuzz(inputs, 1, is_read);
+}
+
+fn arrays(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let mut zip = ZipArchive::new(Cursor::new(bytes)).unwrap();
+    (0..zip.len())
+        .map(|index| {
+            let mut entry = zip.by_index(index).unwrap();
+            let (name, mut bytes) = (entry.name().unwrap().into_owned(), Vec::new());
+            entry.read_to_end(&mut bytes).unwrap();
+            (name, bytes)
+        })
+        .collect()
+}
+
+fn archive(arrays: &[(String, Vec<u8>)]) -> Vec<u8> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    for (name, bytes) in arrays {
+        zip.start_file(name.as_str(), stored).unwrap();
+        zip.write_all(bytes).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}

@@ -74,82 +74,34 @@ const fn write(register: u8) -> u8 {
 }
 
 /// An ADXL380: 8 kHz, ±4 g, 7500 LSB/g.
-#[derive(Debug)]
-pub struct Adxl380<'b, SPI>(Adxl38x<'b, SPI>);
-
+pub type Adxl380<'b, SPI> = Adxl38x<'b, SPI, false>;
 /// An ADXL382: 16 kHz, ±15 g, 2000 LSB/g.
+pub type Adxl382<'b, SPI> = Adxl38x<'b, SPI, true>;
+
+/// One of the two.
 #[derive(Debug)]
-pub struct Adxl382<'b, SPI>(Adxl38x<'b, SPI>);
-
-impl<'b, SPI: SpiDevice> Adxl380<'b, SPI> {
-    /// SPI mode 0, at most 8 MHz.
-    pub const fn new(spi: SPI, buffer: &'b mut SpiBuffer) -> Self {
-        Self(Adxl38x::new(spi, buffer, 0))
-    }
-}
-
-impl<'b, SPI: SpiDevice> Adxl382<'b, SPI> {
-    /// SPI mode 0, at most 8 MHz.
-    pub const fn new(spi: SPI, buffer: &'b mut SpiBuffer) -> Self {
-        Self(Adxl38x::new(spi, buffer, MISC0_XL382))
-    }
-}
-
-/// What the two have in common.
-const PART: XlPart = XlPart {
-    name: "ADXL38x",
-    native_rate_hz: 8_000,
-    decimation: 1,
-    lsb_per_g: 7_500,
-    reset_ticks: 1,
-    // 50 ms. Linux waits for nothing, Analog Devices' example for 500 ms without saying why.
-    settling_ticks: 12,
-};
-
-impl<SPI: SpiDevice> Accelerometer for Adxl380<'_, SPI> {
-    const PART: XlPart = XlPart { name: "ADXL380", ..PART };
-
-    async fn reset(&mut self) -> Result<(), XlFault> {
-        self.0.reset().await
-    }
-
-    async fn configure(&mut self) -> Result<(), XlFault> {
-        self.0.configure().await
-    }
-
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
-        self.0.drain(samples).await
-    }
-}
-
-impl<SPI: SpiDevice> Accelerometer for Adxl382<'_, SPI> {
-    const PART: XlPart =
-        XlPart { name: "ADXL382", native_rate_hz: 16_000, decimation: 2, lsb_per_g: 2_000, ..PART };
-
-    async fn reset(&mut self) -> Result<(), XlFault> {
-        self.0.reset().await
-    }
-
-    async fn configure(&mut self) -> Result<(), XlFault> {
-        self.0.configure().await
-    }
-
-    async fn drain(&mut self, samples: &mut FifoSamples) -> Result<FifoStatus, XlFault> {
-        self.0.drain(samples).await
-    }
-}
-
-#[derive(Debug)]
-struct Adxl38x<'b, SPI> {
+pub struct Adxl38x<'b, SPI, const IS_382: bool> {
     registers: Registers<'b, SPI>,
     framer: Framer,
-    misc0_variant: u8,
 }
 
-impl<'b, SPI: SpiDevice> Adxl38x<'b, SPI> {
-    const fn new(spi: SPI, buffer: &'b mut SpiBuffer, misc0_variant: u8) -> Self {
-        Self { registers: Registers::new(spi, buffer), framer: Framer::new(), misc0_variant }
+impl<'b, SPI: SpiDevice, const IS_382: bool> Adxl38x<'b, SPI, IS_382> {
+    /// SPI mode 0, at most 8 MHz.
+    pub const fn new(spi: SPI, buffer: &'b mut SpiBuffer) -> Self {
+        Self { registers: Registers::new(spi, buffer), framer: Framer::new() }
     }
+}
+
+impl<SPI: SpiDevice, const IS_382: bool> Accelerometer for Adxl38x<'_, SPI, IS_382> {
+    const PART: XlPart = XlPart {
+        name: if IS_382 { "ADXL382" } else { "ADXL380" },
+        native_rate_hz: if IS_382 { 16_000 } else { 8_000 },
+        decimation: if IS_382 { 2 } else { 1 },
+        lsb_per_g: if IS_382 { 2_000 } else { 7_500 },
+        reset_ticks: 1,
+        // 50 ms. Linux waits for nothing, Analog Devices' example for 500 ms without saying why.
+        settling_ticks: 12,
+    };
 
     async fn reset(&mut self) -> Result<(), XlFault> {
         let mut found = [0; 4];
@@ -163,7 +115,7 @@ impl<'b, SPI: SpiDevice> Adxl38x<'b, SPI> {
         found[2] &= 0xf0;
         found[3] &= MISC0_XL382;
         let [high, low] = (PART_ID << 4).to_be_bytes();
-        let expected = [DEVID_AD, high, low, self.misc0_variant];
+        let expected = [DEVID_AD, high, low, if IS_382 { MISC0_XL382 } else { 0 }];
         if found != expected {
             let [expected, found] = [expected, found].map(u32::from_be_bytes);
             return Err(XlFault::WrongPart { expected, found });

@@ -58,6 +58,16 @@ def main():
         mine = numpy.array([getattr(output, of) for output in outputs])
         require((mine == predictions[name]).all(), f"step: {name} as `slipsense run`")
 
+    # Seven samples missing before frame 8: flagged, and the window starts again, as in the firmware.
+    pipeline, dropped, warming = slipsense.Pipeline(sensors=episode.sensors), 32, 4
+    flags = []
+    for frame in range(12):
+        ends = [int(end) + (7 if frame >= 8 else 0) for end in episode.xl_end[frame]]
+        output = pipeline.step([(*part, end) for part, end in zip(parts(episode, arrays, frame), ends)])
+        flags.append(output.contact[0].health & (dropped | warming))
+    require(flags == 3 * [warming] + 5 * [0] + [dropped | warming] + 2 * [warming] + [0],
+            f"step: missing samples are flagged, {flags}")
+
     log = slipsense.Log(sys.argv[3])
     messages = [message for _, message in log]
     slips = [message for message in messages if isinstance(message, slipsense.Slip)]

@@ -84,7 +84,7 @@ fn a_free_bus_carries_what_the_host_makes() {
         raws.extend(transmitter.raw_as(RawForm::Compressed(Detail::All), &raw, &mut buffer));
     }
     let arrived =
-        ran.arrived.iter().filter(|arrived| arrived.lane == TxSlot::Raw).map(|arrived| arrived.frame);
+        ran.arrived.iter().filter(|arrived| arrived.slot == TxSlot::Raw).map(|arrived| arrived.frame);
     assert!(arrived.eq(raws), "every CAN byte");
     assert_eq!((details(&ran), ran.status.dropped_raw), ([120, 0, 0], 0));
 }

@@ -1,15 +1,13 @@
 //! The frame queue: what slow inference costs, and that it is all accounted for.
 
 use core::cell::{Cell, RefCell};
-use std::rc::Rc;
 
 use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_futures::{block_on, yield_now};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
-use slipsense::board::{CanTransmit, Clock, FrameSource, Observe, SensorFrame, StoppedClock, TxSlot};
-use slipsense::health::CanStatus;
+use slipsense::board::{Clock, FrameSource, Observe, SensorFrame, StoppedClock, TxSlot, UnlimitedBus};
 use slipsense::health::Status;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
@@ -51,33 +49,6 @@ impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
     }
 }
 
-/// Takes everything at once.
-struct Sink(Rc<RefCell<Vec<(TxSlot, CanFrame)>>>);
-
-impl CanTransmit for Sink {
-    fn is_free(&self, _lane: TxSlot) -> bool {
-        true
-    }
-
-    fn transmit(&mut self, lane: TxSlot, frame: &CanFrame) {
-        self.0.borrow_mut().push((lane, *frame));
-    }
-
-    fn withdraw(&mut self, _lane: TxSlot) {}
-
-    fn has_sent(&self, _lane: TxSlot) -> bool {
-        true
-    }
-
-    async fn changed(&mut self) {
-        core::future::pending().await
-    }
-
-    fn status(&mut self) -> CanStatus {
-        CanStatus::default()
-    }
-}
-
 /// What one run leaves behind.
 struct Ran {
     discarded: u32,
@@ -86,8 +57,8 @@ struct Ran {
 }
 
 impl Ran {
-    fn of(&self, lane: TxSlot) -> Vec<CanFrame> {
-        self.sent.iter().filter(|(of, _)| *of == lane).map(|&(_, frame)| frame).collect()
+    fn of(&self, slot: TxSlot) -> Vec<CanFrame> {
+        self.sent.iter().filter(|(of, _)| *of == slot).map(|&(_, frame)| frame).collect()
     }
 
     fn slip_messages(&self) -> Vec<SlipMessage> {
@@ -106,8 +77,9 @@ fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, obse
     let (raw_sender, raw_receiver) = raw_queue.split();
     let mut inference =
         Inference::new(pipeline, Transmitter::new(NODE), clock, observer, &shared, raw_sender);
-    let sent = Rc::default();
-    let mut transmission = Transmission::new(Sink(Rc::clone(&sent)), StoppedClock, &shared, raw_receiver);
+    let sent = RefCell::new(Vec::new());
+    let bus = UnlimitedBus(|slot, frame: &CanFrame| sent.borrow_mut().push((slot, *frame)));
+    let mut transmission = Transmission::new(bus, StoppedClock, &shared, raw_receiver);
     let mut buffers = [const { SensorFrame::new() }; QUEUED_FRAMES];
     let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
     let (sender, mut receiver) = channel.split();

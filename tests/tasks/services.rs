@@ -40,9 +40,9 @@ pub struct Bus {
     pub off: Cell<bool>,
 }
 
-struct Ears<'a>(&'a Bus, &'a Time);
+struct MockRx<'a>(&'a Bus, &'a Time);
 
-impl CanReceive for Ears<'_> {
+impl CanReceive for MockRx<'_> {
     async fn receive(&mut self, until_us: u64) -> Option<(CanFrame, u64)> {
         loop {
             let next = self.0.arriving.borrow().front().map(|(ms, _)| ms * MS);
@@ -63,9 +63,9 @@ impl CanReceive for Ears<'_> {
     }
 }
 
-struct Mouth<'a>(&'a Bus, &'a Time);
+struct MockTx<'a>(&'a Bus, &'a Time);
 
-impl CanTransmit for Mouth<'_> {
+impl CanTransmit for MockTx<'_> {
     fn is_free(&self, _: TxSlot) -> bool {
         !self.0.off.get()
     }
@@ -90,9 +90,9 @@ impl CanTransmit for Mouth<'_> {
     }
 }
 
-/// What the board was told.
+/// What the board was log.
 #[derive(Default)]
-pub struct Told {
+pub struct BoardLog {
     stored: Option<Settings>,
     applied: Vec<[(bool, bool); MAX_SENSORS]>,
     shown: Vec<Condition>,
@@ -102,7 +102,7 @@ pub struct Told {
 
 struct Board<'a> {
     time: &'a Time,
-    told: Rc<RefCell<Told>>,
+    log: Rc<RefCell<BoardLog>>,
     store_ms: u64,
     notices: VecDeque<Notice>,
     trial: Trial,
@@ -110,7 +110,7 @@ struct Board<'a> {
 
 impl StatusLed for Board<'_> {
     fn show(&mut self, condition: Condition) {
-        self.told.borrow_mut().shown.push(condition);
+        self.log.borrow_mut().shown.push(condition);
     }
 }
 
@@ -127,7 +127,7 @@ impl FileSink for Board<'_> {
 impl ServiceBoard for Board<'_> {
     async fn store(&mut self, settings: &Settings) -> Result<(), &'static str> {
         self.time.until(Some(self.time.now_us() * 1000 + self.store_ms * MS)).await;
-        self.told.borrow_mut().stored = Some(settings.clone());
+        self.log.borrow_mut().stored = Some(settings.clone());
         Ok(())
     }
 
@@ -144,11 +144,11 @@ impl ServiceBoard for Board<'_> {
     }
 
     async fn confirm(&mut self) {
-        self.told.borrow_mut().confirmed_ms.push(self.time.now_us() / 1000);
+        self.log.borrow_mut().confirmed_ms.push(self.time.now_us() / 1000);
     }
 
     fn apply(&mut self, settings: &Settings) {
-        self.told.borrow_mut().applied.push(settings.orientation());
+        self.log.borrow_mut().applied.push(settings.orientation());
     }
 
     fn observe(&mut self, status: &mut Status) {
@@ -156,7 +156,7 @@ impl ServiceBoard for Board<'_> {
     }
 
     fn identify(&mut self, lit: bool) {
-        self.told.borrow_mut().lit.push(lit);
+        self.log.borrow_mut().lit.push(lit);
     }
 }
 
@@ -180,7 +180,7 @@ pub type Said = (u64, TransferId, Vec<u8>);
 
 pub struct Ran {
     pub said: Vec<Said>,
-    pub told: Told,
+    pub log: BoardLog,
     pub config: RuntimeConfig,
     filters: usize,
     restarted_ms: Option<u64>,
@@ -197,7 +197,7 @@ impl Run<'_> {
 
     pub fn run(self) -> Ran {
         let (time, bus, shared) = (Time::default(), Bus::default(), Shared::<NoopRawMutex>::new());
-        for (transfer, (ms, port, payload)) in (0u8..).zip(self.requests) {
+        for (transfer, (ms, port, payload)) in (0u8..=31).cycle().zip(self.requests) {
             let id = ServiceId {
                 priority: Priority::Nominal,
                 role: ServiceRole::Request,
@@ -216,15 +216,15 @@ impl Run<'_> {
             model_hash: Some([9; 32]),
             settings: LoadReport { origin: Origin::Stored, damage: Damage::default() },
         };
-        let told = Rc::<RefCell<Told>>::default();
+        let log = Rc::<RefCell<BoardLog>>::default();
         let (notices, trial) = (self.notices.into(), Trial::new(self.run));
-        let board = Board { time: &time, told: told.clone(), store_ms: self.store_ms, notices, trial };
+        let board = Board { time: &time, log: log.clone(), store_ms: self.store_ms, notices, trial };
         let node = Node::new(identity, self.settings);
-        let mut services = Services::new(node, Ears(&bus, &time), &time, &shared, board, self.panic);
+        let mut services = Services::new(node, MockRx(&bus, &time), &time, &shared, board, self.panic);
         let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
         let mut raw_queue = RawQueue::new(&mut raw_buffers);
         let (_, raw) = raw_queue.split();
-        let mut transmission = Transmission::new(Mouth(&bus, &time), &time, &shared, raw);
+        let mut transmission = Transmission::new(MockTx(&bus, &time), &time, &shared, raw);
         let (restarted, unfed_us) = (Cell::new(None), Cell::new(0));
         let life = async {
             services.run().await;
@@ -263,7 +263,7 @@ impl Run<'_> {
         }
         Ran {
             said,
-            told: told.take(),
+            log: log.take(),
             config: shared.config(),
             filters: bus.filters.borrow().len(),
             restarted_ms: restarted.get(),
@@ -314,7 +314,7 @@ fn the_bus_is_served_while_a_store_takes_four_seconds() {
     let stored = ran.answers(COMMAND_PORT);
     assert!((5_000..5_005).contains(&stored[0].0), "answered at {} ms", stored[0].0);
     assert_eq!(stored[0].2[0], 0);
-    assert_eq!(ran.told.stored, Some(Settings::new()));
+    assert_eq!(ran.log.stored, Some(Settings::new()));
     let beats: Vec<_> = ran.messages(HEARTBEAT_PORT).iter().map(|(ms, _, _)| *ms).collect();
     assert_eq!(beats.len(), 7);
     assert!(beats.iter().zip(0..).all(|(ms, n)| ms.abs_diff(n * 1000) <= 2), "{beats:?}");
@@ -341,10 +341,10 @@ fn settings_reach_the_tasks_and_the_board() {
     assert_eq!(ran.config.masks[0].0, [0; 32]);
     assert_eq!(ran.config.point, Some(OperatingPoint { threshold: Logit::from_bits(300), k: 2, n: 5 }));
     assert_eq!((ran.config.node, ran.filters), (Some(NODE), 3));
-    assert_eq!(ran.told.applied.first(), Some(&[(false, false); 3]));
-    assert_eq!(ran.told.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
-    assert!(ran.told.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");
-    assert_eq!(ran.told.shown.last(), Some(&Condition::Nominal));
+    assert_eq!(ran.log.applied.first(), Some(&[(false, false); 3]));
+    assert_eq!(ran.log.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
+    assert!(ran.log.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");
+    assert_eq!(ran.log.shown.last(), Some(&Condition::Nominal));
 }
 
 #[test]
@@ -391,9 +391,8 @@ fn a_panic_is_told_once_and_stays_in_its_register() {
     let panic = PanicRecord::new(None, "index out of bounds", "src/tasks/infer.rs", 77);
     let requests = [(1_500, ACCESS_PORT, access("slipsense.status.last_panic", &[0]))];
     let ran = Run { panic: Some(panic), ..Run::new(&requests, 3_000) }.run();
-    let told: Vec<_> =
-        ran.records().into_iter().filter(|record| record.contains("restarted after")).collect();
-    assert_eq!(told, [format!("restarted after {panic}")]);
+    let log: Vec<_> = ran.records().into_iter().filter(|record| record.contains("restarted after")).collect();
+    assert_eq!(log, [format!("restarted after {panic}")]);
     let answer = &ran.answers(ACCESS_PORT)[0].2;
     assert_eq!(answer[10..14], panic.reason_hash.to_le_bytes());
     // Health and vendor status of the heartbeat: caution, panicked, and the stuck taxel.

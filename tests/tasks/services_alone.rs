@@ -42,26 +42,26 @@ fn a_new_firmware_confirms_once_when_it_has_decided_and_been_heard() {
     let run = update::Run::OnTrial;
     let ran = Run { run, meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
     let due_ms = u64::from(CONFIRM_FRAMES) * 1000 / 240;
-    assert_eq!(ran.told.confirmed_ms.len(), 1);
-    assert!((due_ms..due_ms + 25).contains(&ran.told.confirmed_ms[0]), "{:?}", ran.told.confirmed_ms);
+    assert_eq!(ran.log.confirmed_ms.len(), 1);
+    assert!((due_ms..due_ms + 25).contains(&ran.log.confirmed_ms[0]), "{:?}", ran.log.confirmed_ms);
     let ran = Run { meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
-    assert!(ran.told.confirmed_ms.is_empty(), "it was not on trial");
+    assert!(ran.log.confirmed_ms.is_empty(), "it was not on trial");
 }
 
 #[test]
 fn a_new_firmware_that_decides_nothing_or_is_not_heard_does_not_confirm() {
     let run = update::Run::OnTrial;
     let ran = Run { run, ..Run::new(&[], 14_000) }.run();
-    assert!(ran.told.confirmed_ms.is_empty(), "no frames");
+    assert!(ran.log.confirmed_ms.is_empty(), "no frames");
     // What waits for a bus has not been heard, however many heartbeats that is.
     let off = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
         decide(ms, shared);
         bus.off.set(ms < 30_000);
     };
     let ran = Run { run, meanwhile: &off, ..Run::new(&[], 29_900) }.run();
-    assert!(ran.told.confirmed_ms.is_empty(), "nobody heard");
+    assert!(ran.log.confirmed_ms.is_empty(), "nobody heard");
     let ran = Run { run, meanwhile: &off, ..Run::new(&[], 40_000) }.run();
-    assert!(ran.told.confirmed_ms[0] >= 30_000, "{:?}", ran.told.confirmed_ms);
+    assert!(ran.log.confirmed_ms[0] >= 30_000, "{:?}", ran.log.confirmed_ms);
 }
 
 #[test]

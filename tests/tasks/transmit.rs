@@ -18,8 +18,8 @@ fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
     (0..).zip(world.outputs()).map(|(sequence, output)| output.slip_message(stamp(sequence), 0)).collect()
 }
 
-fn is_of(lane: TxSlot) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
-    move |arrived| arrived.lane == lane
+fn is_of(slot: TxSlot) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
+    move |arrived| arrived.slot == slot
 }
 
 /// Time from each slip message's tick to its last bit, by the order of arrival.
@@ -63,7 +63,7 @@ fn a_free_bus_carries_what_the_host_makes() {
         let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
         raws.extend(transmitter.raw(&raw, &mut buffer));
     }
-    let of = |lane| ran.arrived.iter().filter(is_of(lane)).map(|arrived| arrived.frame).collect::<Vec<_>>();
+    let of = |slot| ran.arrived.iter().filter(is_of(slot)).map(|arrived| arrived.frame).collect::<Vec<_>>();
     assert!(of(TxSlot::Slip) == slips && of(TxSlot::Raw) == raws, "every CAN byte");
     assert_eq!((ran.status.dropped_raw, ran.status.replaced_slips), (0, 0));
 }

@@ -104,28 +104,28 @@ impl Hardware<'_> {
     fn look(&self) -> ([bool; 3], CanStatus) {
         let mut bus = self.bus.borrow_mut();
         bus.advance(self.time.now_ns.get(), |frame| self.arrived.borrow_mut().push(frame));
-        (TxSlot::ALL.map(|lane| bus.is_free(lane)), bus.status())
+        (TxSlot::ALL.map(|slot| bus.is_free(slot)), bus.status())
     }
 }
 
 impl CanTransmit for Hardware<'_> {
-    fn is_free(&self, lane: TxSlot) -> bool {
-        self.look().0[lane as usize]
+    fn is_free(&self, slot: TxSlot) -> bool {
+        self.look().0[slot as usize]
     }
 
-    fn transmit(&mut self, lane: TxSlot, frame: &slipsense::wire::CanFrame) {
-        self.bus.borrow_mut().put(lane, frame, self.time.now_ns.get());
+    fn transmit(&mut self, slot: TxSlot, frame: &slipsense::wire::CanFrame) {
+        self.bus.borrow_mut().put(slot, frame, self.time.now_ns.get());
         self.seen = self.look();
     }
 
-    fn withdraw(&mut self, lane: TxSlot) {
-        self.bus.borrow_mut().withdraw(lane);
+    fn withdraw(&mut self, slot: TxSlot) {
+        self.bus.borrow_mut().withdraw(slot);
         self.seen = self.look();
     }
 
-    fn has_sent(&self, lane: TxSlot) -> bool {
+    fn has_sent(&self, slot: TxSlot) -> bool {
         self.look();
-        self.bus.borrow().has_sent(lane)
+        self.bus.borrow().has_sent(slot)
     }
 
     async fn changed(&mut self) {
@@ -219,8 +219,6 @@ impl FrameSource for Sensors<'_> {
     async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         (self.world.script)(self.next - 1, parts);
     }
-
-    async fn discard(&mut self) {}
 }
 
 /// What a run leaves behind.

@@ -39,8 +39,8 @@ pub struct Arrived {
     pub at_ns: u64,
     /// When it was handed over, nanoseconds.
     pub handed_over_ns: u64,
-    /// The lane it came by.
-    pub lane: TxSlot,
+    /// The slot it came by.
+    pub slot: TxSlot,
     /// The frame.
     pub frame: CanFrame,
 }
@@ -83,7 +83,7 @@ pub struct Bus {
     times: Times,
     disturbance: Disturbance,
     slots: [Option<Slot>; TxSlot::ALL.len()],
-    /// Has the lane's last frame arrived?
+    /// Has the slot's last frame arrived?
     sent: [bool; TxSlot::ALL.len()],
     wire: Option<OnWire>,
     /// Nobody sends before.
@@ -118,28 +118,28 @@ impl Bus {
         }
     }
 
-    /// Has the lane's frame gone?
-    pub const fn is_free(&self, lane: TxSlot) -> bool {
-        self.slots[lane as usize].is_none()
+    /// Has the slot's frame gone?
+    pub const fn is_free(&self, tx_slot: TxSlot) -> bool {
+        self.slots[tx_slot as usize].is_none()
     }
 
-    /// Has the lane's last frame arrived, even if it was to be taken back?
-    pub const fn has_sent(&self, lane: TxSlot) -> bool {
-        self.sent[lane as usize]
+    /// Has the slot's last frame arrived, even if it was to be taken back?
+    pub const fn has_sent(&self, tx_slot: TxSlot) -> bool {
+        self.sent[tx_slot as usize]
     }
 
-    /// Put a frame in; the lane must be free.
-    pub fn put(&mut self, lane: TxSlot, frame: &CanFrame, now_ns: u64) {
-        debug_assert!(self.is_free(lane), "{lane:?} still holds a frame");
-        self.slots[lane as usize] = Some(Slot { frame: *frame, since_ns: now_ns, taken_back: false });
-        self.sent[lane as usize] = false;
+    /// Put a frame in; the slot must be free.
+    pub fn put(&mut self, tx_slot: TxSlot, frame: &CanFrame, now_ns: u64) {
+        debug_assert!(self.is_free(tx_slot), "{tx_slot:?} still holds a frame");
+        self.slots[tx_slot as usize] = Some(Slot { frame: *frame, since_ns: now_ns, taken_back: false });
+        self.sent[tx_slot as usize] = false;
     }
 
     /// Take a frame back: at once, or when its transmission under way has failed.
-    pub fn withdraw(&mut self, lane: TxSlot) {
-        let slot = &mut self.slots[lane as usize];
+    pub fn withdraw(&mut self, tx_slot: TxSlot) {
+        let slot = &mut self.slots[tx_slot as usize];
         match (&self.wire, slot.as_mut()) {
-            (Some(OnWire { sender: Sender::Own(on_wire), .. }), Some(held)) if *on_wire == lane => {
+            (Some(OnWire { sender: Sender::Own(on_wire), .. }), Some(held)) if *on_wire == tx_slot => {
                 held.taken_back = true;
             }
             _ => *slot = None,
@@ -182,8 +182,8 @@ impl Bus {
                 Some(wire) => {
                     self.wire = None;
                     self.free_ns = wire.ends_ns;
-                    if let Sender::Own(lane) = wire.sender {
-                        self.ended(lane, wire, &mut arrived);
+                    if let Sender::Own(tx_slot) = wire.sender {
+                        self.ended(tx_slot, wire, &mut arrived);
                     }
                 }
                 None => {
@@ -235,14 +235,16 @@ impl Bus {
         let ready = |slot: &Slot| slot.since_ns.max(self.free_ns).max(self.off_until_ns.unwrap_or(0));
         let own = self.slots.iter().flatten().map(ready).min();
         let starts_ns = [foreign, own].into_iter().flatten().min()?;
-        let lanes =
-            TxSlot::ALL.iter().zip(&self.slots).filter_map(|(&lane, slot)| Some((lane, slot.as_ref()?)));
-        let waiting = lanes.filter(|(_, slot)| ready(slot) <= starts_ns);
+        let slots = TxSlot::ALL
+            .iter()
+            .zip(&self.slots)
+            .filter_map(|(&tx_slot, slot)| Some((tx_slot, slot.as_ref()?)));
+        let waiting = slots.filter(|(_, slot)| ready(slot) <= starts_ns);
         let first = waiting.min_by_key(|(_, slot)| slot.frame.id());
         let foreign_waits = foreign.is_some_and(|ready| ready <= starts_ns);
         Some(match first {
-            Some((lane, slot)) if !foreign_waits || slot.frame.id() < FOREIGN_ID => {
-                (starts_ns, Sender::Own(lane))
+            Some((tx_slot, slot)) if !foreign_waits || slot.frame.id() < FOREIGN_ID => {
+                (starts_ns, Sender::Own(tx_slot))
             }
             _ => (starts_ns, Sender::Foreign),
         })
@@ -255,7 +257,7 @@ impl Bus {
                 self.foreign_ns = self.foreign_ns.max(starts_ns.saturating_sub(period)) + period;
                 (FOREIGN_BYTES, None)
             }
-            Sender::Own(lane) => {
+            Sender::Own(tx_slot) => {
                 self.transmissions = self.transmissions.wrapping_add(1);
                 let every = self.disturbance.error_every;
                 let fault = if self.disturbance.silent_ns.contains(&starts_ns) {
@@ -263,7 +265,7 @@ impl Bus {
                 } else {
                     self.transmissions.checked_rem(every).filter(|&rest| rest == 0).map(|_| Fault::Destroyed)
                 };
-                let bytes = self.slots[lane as usize].as_ref().map_or(0, |slot| slot.frame.data().len());
+                let bytes = self.slots[tx_slot as usize].as_ref().map_or(0, |slot| slot.frame.data().len());
                 (bytes, fault)
             }
         };
@@ -275,15 +277,15 @@ impl Bus {
         self.wire = Some(OnWire { sender, ends_ns, fault });
     }
 
-    fn ended(&mut self, lane: TxSlot, wire: OnWire, arrived: &mut impl FnMut(Arrived)) {
-        let Some(slot) = self.slots[lane as usize] else { return };
+    fn ended(&mut self, tx_slot: TxSlot, wire: OnWire, arrived: &mut impl FnMut(Arrived)) {
+        let Some(slot) = self.slots[tx_slot as usize] else { return };
         match wire.fault {
             None => {
                 self.confinement.transmitted();
-                self.slots[lane as usize] = None;
-                self.sent[lane as usize] = true;
+                self.slots[tx_slot as usize] = None;
+                self.sent[tx_slot as usize] = true;
                 let Slot { frame, since_ns: handed_over_ns, .. } = slot;
-                arrived(Arrived { at_ns: wire.ends_ns, handed_over_ns, lane, frame });
+                arrived(Arrived { at_ns: wire.ends_ns, handed_over_ns, slot: tx_slot, frame });
             }
             Some(fault) => {
                 match fault {
@@ -291,7 +293,7 @@ impl Bus {
                     Fault::NotAcknowledged => self.confinement.not_acknowledged(),
                 }
                 if slot.taken_back {
-                    self.slots[lane as usize] = None;
+                    self.slots[tx_slot as usize] = None;
                 }
                 if self.confinement.state() == ErrorState::BusOff {
                     self.off_until_ns = Some(wire.ends_ns + self.recovery_ns());

@@ -21,12 +21,11 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_time::Timer;
 use slipsense::board::mailbox::{ANSWER_WORDS, BoardEnd, FRAME_WORDS, Mailbox};
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
-use slipsense::board::{CanTransmit, FrameSource, Observe, StoppedClock, TxSlot};
+use slipsense::board::{FrameSource, Observe, StoppedClock, UnlimitedBus};
 use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, Mutex, RawReceiver, SHARED, frame_queue, raw_queue,
 };
 use slipsense::firmware::{self, model};
-use slipsense::health::CanStatus;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline, State};
@@ -123,7 +122,14 @@ async fn acquire(source: &'static mut Replayed, queue: FrameSender) {
 
 #[embassy_executor::task]
 async fn transmit(raw: RawReceiver) {
-    Transmission::new(Bus, StoppedClock, &SHARED, raw).run().await;
+    Transmission::new(
+        UnlimitedBus(|_, frame: &CanFrame| MAILBOX_END.sent(frame)),
+        StoppedClock,
+        &SHARED,
+        raw,
+    )
+    .run()
+    .await;
 }
 
 #[embassy_executor::task]
@@ -160,35 +166,6 @@ impl FrameSource for Replayed {
             MAILBOX_END.fail(format_args!("frame {}: no frame", self.taken.unwrap_or_default()));
             pending().await
         }
-    }
-
-    async fn discard(&mut self) {}
-}
-
-/// The bus, which takes everything at once.
-struct Bus;
-
-impl CanTransmit for Bus {
-    fn is_free(&self, _lane: TxSlot) -> bool {
-        true
-    }
-
-    fn transmit(&mut self, _lane: TxSlot, frame: &CanFrame) {
-        MAILBOX_END.sent(frame);
-    }
-
-    fn withdraw(&mut self, _lane: TxSlot) {}
-
-    fn has_sent(&self, _lane: TxSlot) -> bool {
-        true
-    }
-
-    async fn changed(&mut self) {
-        pending().await
-    }
-
-    fn status(&mut self) -> CanStatus {
-        CanStatus::default()
     }
 }
 

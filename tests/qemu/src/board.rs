@@ -48,8 +48,6 @@ impl FrameSource for Recording {
         let parts = parts.get_mut(..self.header.sensors as usize).expect("the header was checked");
         decode_parts(&self.record, parts).expect("the input file holds an impossible frame");
     }
-
-    async fn discard(&mut self) {}
 }
 
 /// Gathers everything that one frame leads to and writes it to the output file.
@@ -71,17 +69,17 @@ impl Recorded {
 }
 
 impl CanTransmit for Recorded {
-    fn is_free(&self, _lane: TxSlot) -> bool {
+    fn is_free(&self, _slot: TxSlot) -> bool {
         true
     }
 
-    fn transmit(&mut self, _lane: TxSlot, frame: &CanFrame) {
+    fn transmit(&mut self, _slot: TxSlot, frame: &CanFrame) {
         self.change(|recorder| recorder.record.can.push(*frame)).expect("room for all CAN frames of a frame");
     }
 
-    fn withdraw(&mut self, _lane: TxSlot) {}
+    fn withdraw(&mut self, _slot: TxSlot) {}
 
-    fn has_sent(&self, _lane: TxSlot) -> bool {
+    fn has_sent(&self, _slot: TxSlot) -> bool {
         true
     }
 

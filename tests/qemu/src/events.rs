@@ -45,7 +45,7 @@ pub const EVENT_BYTES_MAX: usize = 8 + 8 + 1 + 4 + 1 + 64;
 /// Write a frame that arrived through `put`.
 pub fn encode_arrived(arrived: &Arrived, mut put: impl FnMut(&[u8])) {
     put(bytemuck::bytes_of(&[arrived.at_ns, arrived.handed_over_ns]));
-    put(&[arrived.lane as u8]);
+    put(&[arrived.slot as u8]);
     put(&arrived.frame.id().to_le_bytes());
     put(&[arrived.frame.data().len() as u8]);
     put(arrived.frame.data());
@@ -55,11 +55,11 @@ pub fn encode_arrived(arrived: &Arrived, mut put: impl FnMut(&[u8])) {
 pub fn decode_arrived(bytes: &mut &[u8]) -> Option<Arrived> {
     let mut reader = Reader(bytes);
     let [at_ns, handed_over_ns] = reader.next()?;
-    let lane = *TxSlot::ALL.get(usize::from(reader.next::<u8>()?))?;
+    let slot = *TxSlot::ALL.get(usize::from(reader.next::<u8>()?))?;
     let (id, length): (u32, u8) = (reader.next()?, reader.next()?);
     let frame = CanFrame::new(id, reader.take(length.into())?).ok()?;
     *bytes = reader.0;
-    Some(Arrived { at_ns, handed_over_ns, lane, frame })
+    Some(Arrived { at_ns, handed_over_ns, slot, frame })
 }
 
 /// A frame that was decided, as in the file.

@@ -237,7 +237,7 @@ impl Arrivals {
         let mut receiver = Receiver::new(NODE);
         let mut message = Vec::new();
         for arrived in arrived {
-            match arrived.lane {
+            match arrived.slot {
                 TxSlot::Slip => bus.slip(arrived, expected, disturbance),
                 TxSlot::Raw => {
                     if starts_transfer(&arrived.frame) {

@@ -1,14 +1,14 @@
 //! FDCAN1 on PD0 (RX) and PD1 (TX): CAN FD frames with bit rate switching, 1 Mbit/s arbitration.
 //!
 //! ```text
-//! tasks::Transmission → a hardware buffer for each lane, smallest identifier first → transceiver
+//! tasks::Transmission → a hardware buffer for each slot, smallest identifier first → transceiver
 //!            ↑ FDCAN1_IT0: a frame has gone, or the node has dropped off the bus
 //! tasks::Services ← [`RECEIVED_FRAMES`] with their times ← [`receive`] ← Rx FIFO 0 ← filters ← transceiver
 //! ```
 //!
 //! The three transmit buffers work as a queue by identifier (RM0433, Tx queue): a slip message does not wait behind
 //! a raw frame that other nodes keep from the bus, as it would in the FIFO. embassy-stm32 0.6 aborts a queued frame
-//! when it writes into a full queue, and loses it if it is longer than 8 bytes; three lanes never overfill three
+//! when it writes into a full queue, and loses it if it is longer than 8 bytes; three slots never overfill three
 //! buffers.
 //!
 //! The filters let the node's own traffic through, so that the FIFO's three places do not fill with the raw frames of
@@ -112,7 +112,7 @@ const _: () = {
 /// Where messages leave.
 pub struct CanBus {
     tx: CanTx<'static>,
-    /// The hardware buffer that each lane's last frame was put into.
+    /// The hardware buffer that each slot's last frame was put into.
     buffers: [Option<u8>; TxSlot::ALL.len()],
     seen: ([bool; TxSlot::ALL.len()], CanStatus),
 }
@@ -157,21 +157,21 @@ impl CanBus {
         (bus, rx, Inbox { properties })
     }
 
-    fn buffer(&self, lane: TxSlot) -> Option<usize> {
-        self.buffers.get(lane as usize).copied().flatten().map(usize::from)
+    fn buffer(&self, slot: TxSlot) -> Option<usize> {
+        self.buffers.get(slot as usize).copied().flatten().map(usize::from)
     }
 
     fn look(&mut self) -> ([bool; TxSlot::ALL.len()], CanStatus) {
-        (TxSlot::ALL.map(|lane| self.is_free(lane)), self.status())
+        (TxSlot::ALL.map(|slot| self.is_free(slot)), self.status())
     }
 }
 
 impl CanTransmit for CanBus {
-    fn is_free(&self, lane: TxSlot) -> bool {
-        self.buffer(lane).is_none_or(|buffer| pac::FDCAN1.txbrp().read().0 & 1 << (buffer % 32) == 0)
+    fn is_free(&self, slot: TxSlot) -> bool {
+        self.buffer(slot).is_none_or(|buffer| pac::FDCAN1.txbrp().read().0 & 1 << (buffer % 32) == 0)
     }
 
-    fn transmit(&mut self, lane: TxSlot, frame: &CanFrame) {
+    fn transmit(&mut self, slot: TxSlot, frame: &CanFrame) {
         // Neither fails for a `CanFrame`: its identifier has 29 bits, its length is one of CAN FD's.
         let Some(id) = ExtendedId::new(frame.id()) else { return };
         let header = Header::new_fd(id.into(), frame.data().len() as u8, false, true);
@@ -179,9 +179,9 @@ impl CanTransmit for CanBus {
         // The driver puts the frame where this points to; there is room, so it does so at once.
         let buffer = pac::FDCAN1.txfqs().read().tfqpi();
         if poll_once(self.tx.write_fd(&frame)).is_ready() {
-            // A free buffer may have been another lane's: whatever happens to it from now on is this lane's.
+            // A free buffer may have been another slot's: whatever happens to it from now on is this slot's.
             for (other, of_lane) in self.buffers.iter_mut().enumerate() {
-                if other == lane as usize {
+                if other == slot as usize {
                     *of_lane = Some(buffer);
                 } else if *of_lane == Some(buffer) {
                     *of_lane = None;
@@ -191,15 +191,15 @@ impl CanTransmit for CanBus {
         self.seen = self.look();
     }
 
-    fn withdraw(&mut self, lane: TxSlot) {
-        if let Some(buffer) = self.buffer(lane) {
+    fn withdraw(&mut self, slot: TxSlot) {
+        if let Some(buffer) = self.buffer(slot) {
             pac::FDCAN1.txbcr().write(|w| w.0 = 1 << (buffer % 32));
         }
     }
 
-    fn has_sent(&self, lane: TxSlot) -> bool {
+    fn has_sent(&self, slot: TxSlot) -> bool {
         // Set when the frame has been acknowledged, also one whose cancellation came too late (RM0433, TXBTO).
-        self.buffer(lane).is_some_and(|buffer| pac::FDCAN1.txbto().read().0 & 1 << (buffer % 32) != 0)
+        self.buffer(slot).is_some_and(|buffer| pac::FDCAN1.txbto().read().0 & 1 << (buffer % 32) != 0)
     }
 
     async fn changed(&mut self) {

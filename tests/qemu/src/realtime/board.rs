@@ -75,8 +75,6 @@ impl FrameSource for Sensors {
             part.xl.extend_from_slice(&samples[..length.min(XL_BATCH_MAX)]).expect("there is room");
         }
     }
-
-    async fn discard(&mut self) {}
 }
 
 /// Bytes that are written to a file when there are many.
@@ -124,27 +122,27 @@ impl Hardware {
             encode_arrived(&arrived, |bytes| log.put(bytes));
             log.flush_if_full();
         });
-        (TxSlot::ALL.map(|lane| self.bus.is_free(lane)), self.bus.status())
+        (TxSlot::ALL.map(|slot| self.bus.is_free(slot)), self.bus.status())
     }
 }
 
 impl CanTransmit for Hardware {
-    fn is_free(&self, lane: TxSlot) -> bool {
-        self.bus.is_free(lane)
+    fn is_free(&self, slot: TxSlot) -> bool {
+        self.bus.is_free(slot)
     }
 
-    fn transmit(&mut self, lane: TxSlot, frame: &CanFrame) {
-        self.bus.put(lane, frame, self.looked_ns);
-        self.seen.0[lane as usize] = false;
+    fn transmit(&mut self, slot: TxSlot, frame: &CanFrame) {
+        self.bus.put(slot, frame, self.looked_ns);
+        self.seen.0[slot as usize] = false;
     }
 
-    fn withdraw(&mut self, lane: TxSlot) {
-        self.bus.withdraw(lane);
-        self.seen.0[lane as usize] = self.bus.is_free(lane);
+    fn withdraw(&mut self, slot: TxSlot) {
+        self.bus.withdraw(slot);
+        self.seen.0[slot as usize] = self.bus.is_free(slot);
     }
 
-    fn has_sent(&self, lane: TxSlot) -> bool {
-        self.bus.has_sent(lane)
+    fn has_sent(&self, slot: TxSlot) -> bool {
+        self.bus.has_sent(slot)
     }
 
     async fn changed(&mut self) {

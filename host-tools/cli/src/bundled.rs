@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use slipsense::net::Aligned;
+use slipsense::net::{Aligned, Model};
+use slipsense_recording::Episode;
 
 /// The model that is used where none is named. Its card lies beside it.
 pub const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
@@ -13,19 +14,33 @@ pub const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipse
 pub const WEIGHTS: &[u8] = include_bytes!("../../../model/weights/slipsense.safetensors");
 
 /// The demo's episode, synthetic, made from `demo/recipe.json`.
-pub const EPISODE: &[u8] = include_bytes!("../demo/episode.npz");
+const EPISODE: &[u8] = include_bytes!("../demo/episode.npz");
 
 /// What the bundled files are called where a path would stand.
 pub const NAME: &str = "bundled";
 
-/// Bytes and name of the model at `path`, of the bundled one if there is none.
-pub(crate) fn model_or(path: Option<&Path>) -> Result<(Vec<u8>, String)> {
-    match path {
-        Some(path) => {
-            let bytes =
-                std::fs::read(path).with_context(|| format!("{}: cannot read the model", path.display()))?;
-            Ok((bytes, path.display().to_string()))
-        }
-        None => Ok((MODEL.to_vec(), NAME.to_owned())),
+/// A model file's bytes, and its name for errors and results.
+pub struct NamedModel {
+    pub bytes: Vec<u8>,
+    /// The path, or `bundled`.
+    pub name: String,
+}
+
+/// The model at `path`, the bundled one if there is none.
+pub fn model(path: Option<&Path>) -> Result<NamedModel> {
+    let Some(path) = path else { return Ok(NamedModel { bytes: MODEL.to_vec(), name: NAME.to_owned() }) };
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).with_context(|| format!("{name}: cannot read the model"))?;
+    Ok(NamedModel { bytes, name })
+}
+
+impl NamedModel {
+    pub fn parse(&self) -> Result<Model<'_>> {
+        Model::parse(&self.bytes).with_context(|| format!("model {}", self.name))
     }
+}
+
+/// The demo's episode.
+pub fn episode() -> Result<Episode> {
+    Ok(Episode::from_bytes(EPISODE, NAME)?)
 }

@@ -1,71 +1,107 @@
-//! The report: one HTML file with picture, table and what one sees, nothing loaded from elsewhere.
+//! The report: one HTML file with picture, tables and explanations, nothing loaded from elsewhere.
 
-use std::fmt::Write;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::picture::CLASS_NAME;
-use crate::summary::{FrameRun, Summary, TruthFacts};
+use crate::summary::{FlagScores, FrameRun, Summary, TruthInfo};
 
-const TEMPLATE: &str = include_str!("report.html");
+const STYLE: &str = include_str!("report.css");
 
-/// Fill the report's template. `timeline` is the picture as SVG text.
+/// The page; `timeline` is the picture as SVG text.
 pub fn html(summary: &Summary, timeline: &str) -> String {
-    let origin = match (summary.episode.synthetic, &summary.episode.source) {
-        (true, _) => "This episode is <strong>synthetic</strong>: a physical model generated it. Nothing \
-                      here is a claim about a real gripper."
-            .to_owned(),
-        (false, Some(source)) => format!("Source of the episode, as its file states: {}.", escape(source)),
-        (false, None) => "The episode's file does not state its source.".to_owned(),
+    let detections = match &summary.truth {
+        Some(truth) => events(&truth.flag),
+        None => html! { p {
+            "The episode has no labels, so there are no delays. The slip flag was raised "
+            strong { (summary.output.flag_runs.len()) } " times" (runs(&summary.output.flag_runs))
+        } },
     };
-    let fields = [
-        ("{{title}}", escape(&summary.episode.words())),
-        ("{{origin}}", origin),
-        ("{{picture}}", timeline.to_owned()),
-        ("{{detections}}", summary.truth.as_ref().map_or_else(|| flags(summary), events)),
-        ("{{scores}}", summary.truth.as_ref().map(scores).unwrap_or_default()),
-        ("{{facts}}", facts(summary)),
-    ];
-    // In this order, and each once: what a field contains is never searched again.
-    let mut html = String::with_capacity(TEMPLATE.len() + timeline.len());
-    let mut rest = TEMPLATE;
-    for (key, value) in &fields {
-        if let Some((before, after)) = rest.split_once(key) {
-            html.push_str(before);
-            html.push_str(value);
-            rest = after;
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "SlipSense report" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body { main {
+                h1 { "SlipSense report" }
+                p { (summary.episode.words()) }
+                p.origin { (origin(summary)) }
+                div.picture { (PreEscaped(timeline)) }
+                h2 { "Slip events" }
+                (detections)
+                p {
+                    "A slip event is a stretch of frames labelled slip: the crosshead has moved more than 0.07 mm. "
+                    "The first flag between 50 ms before the onset and the end of the event belongs to it; before the "
+                    "onset it is early, which is neither a detection of delay 0 nor a false alarm. A false alarm is a "
+                    "flag more than 50 ms away from every event; flags less than 200 ms apart are one alarm. Delays "
+                    "count frames of 4.17 ms and hold no computing time."
+                }
+                @if let Some(truth) = &summary.truth { (scores(truth)) }
+                h2 { "What the picture shows" }
+                (EXPLANATIONS)
+                h2 { "Facts" }
+                (facts(summary))
+                p {
+                    code { "can.log" } " is the bus traffic as candump writes it: in every frame period first the slip "
+                    "message, then the raw frames of each sensor. " code { "predictions.npz" } " holds class, logits, "
+                    "flag and features of every frame for " code { "numpy.load" } "; " code { "summary.json" }
+                    " holds the numbers of this page."
+                }
+            } }
+        }
+    };
+    page.into_string()
+}
+
+/// What the panels of the picture are.
+const EXPLANATIONS: PreEscaped<&str> = PreEscaped(
+    "<ul>
+<li><strong>Pressure</strong>: the sum of the 942 taxels of each pad. It shows closing and opening of the gripper and \
+changes of the grip, but mostly not a slip.</li>
+<li><strong>Vibration</strong>: the accelerometer's power in 16 mel bins, over the last 16 ms of each frame, summed over \
+the three axes so that the direction of the motion does not matter. Sliding makes broadband noise, but so do the gripper's \
+motor and the touch itself, which is why one sense alone is not enough.</li>
+<li><strong>Network</strong>: the three logits of the quantized network, which sees both senses and their recent past.</li>
+<li><strong>Decision and truth</strong>: the slip flag as it is sent on the bus, the class of each frame, and the label \
+where there is one. No contact is decided by the pads alone: every pad's sum is below 942.</li>
+<li><strong>True slip speed</strong>, where the episode holds it: what the simulator knows and the sensors do not. The \
+pad's skin creeps before the whole contact slides, so this and the labels do not start at the same instant.</li>
+</ul>",
+);
+
+fn origin(summary: &Summary) -> Markup {
+    html! {
+        @match (summary.episode.synthetic, &summary.episode.source) {
+            (true, _) => {
+                "This episode is " strong { "synthetic" } ": a physical model generated it. Nothing here is a claim "
+                "about a real gripper."
+            }
+            (false, Some(source)) => { "Source of the episode, as its file states: " (source) "." }
+            (false, None) => { "The episode's file does not state its source." }
         }
     }
-    html + rest
 }
 
-fn events(truth: &TruthFacts) -> String {
-    let mut html = String::from(
-        "<table><thead><tr><th>Event</th><th>Onset</th><th>End</th><th>Slip flag</th></tr></thead><tbody>",
-    );
-    for (i, event) in truth.events.iter().enumerate() {
-        let (number, onset, end, words) = (i + 1, event.onset_s, event.end_s, event.words());
-        let _ = write!(
-            html,
-            "<tr><td>{number}</td><td>{onset:.3} s</td><td>{end:.3} s</td><td>{words}</td></tr>"
-        );
+fn events(flag: &FlagScores) -> Markup {
+    html! {
+        table {
+            thead { tr { th { "Event" } th { "Onset" } th { "End" } th { "Slip flag" } } }
+            tbody {
+                @for (i, event) in flag.events.iter().enumerate() {
+                    tr {
+                        td { (i + 1) }
+                        @for time_s in [event.onset_s, event.end_s] { td { (format!("{time_s:.3} s")) } }
+                        td { (event.words()) }
+                    }
+                }
+                @if flag.events.is_empty() { tr { td colspan="4" { "no slip in this episode" } } }
+            }
+        }
+        p { "False alarms: " strong { (flag.false_alarms.len()) } (runs(&flag.false_alarms)) }
     }
-    if truth.events.is_empty() {
-        html += "<tr><td colspan=\"4\">no slip in this episode</td></tr>";
-    }
-    html += "</tbody></table>";
-    let _ = write!(html, "<p>False alarms: <strong>{}</strong>{}</p>", truth.false_alarms.len(), {
-        runs(&truth.false_alarms)
-    });
-    html
-}
-
-fn flags(summary: &Summary) -> String {
-    let flag_runs = &summary.output.flag_runs;
-    format!(
-        "<p>The episode has no labels, so there are no delays. The slip flag was raised \
-         <strong>{}</strong> times{}</p>",
-        flag_runs.len(),
-        runs(flag_runs)
-    )
 }
 
 fn runs(runs: &[FrameRun]) -> String {
@@ -74,78 +110,46 @@ fn runs(runs: &[FrameRun]) -> String {
     if all.is_empty() { ".".to_owned() } else { format!(": {}.", all.join(", ")) }
 }
 
-fn scores(truth: &TruthFacts) -> String {
+fn scores(truth: &TruthInfo) -> Markup {
     let percent = |share: Option<f64>| share.map_or("–".to_owned(), |s| format!("{:.2} %", 100.0 * s));
-    let mut html = String::from("<h2>Frame by frame</h2><table><thead><tr><th>truth \\ decided</th>");
-    for name in CLASS_NAME {
-        let _ = write!(html, "<th>{name}</th>");
+    let f1 = truth.macro_f1.map_or("–".to_owned(), |f1| format!("{f1:.3}"));
+    html! {
+        h2 { "Frame by frame" }
+        table {
+            thead { tr { th { "truth \\ decided" } @for name in CLASS_NAME { th { (name) } } } }
+            tbody {
+                @for (name, row) in CLASS_NAME.iter().zip(truth.confusion) {
+                    tr { td { (name) } @for count in row { td { (count) } } }
+                }
+            }
+        }
+        p {
+            "Accuracy " (percent(truth.accuracy)) ", macro F1 " (f1) ". False slip decisions: "
+            (percent(truth.fpr_of_non_slip)) " of the frames that do not slip, " (percent(truth.fpr_of_all))
+            " of all frames. Frames of one episode are no benchmark: no contact is decided by a rule on the pressure "
+            "sum that the labels share."
+        }
     }
-    html += "</tr></thead><tbody>";
-    for (name, row) in CLASS_NAME.iter().zip(truth.confusion) {
-        let _ =
-            write!(html, "<tr><td>{name}</td><td>{}</td><td>{}</td><td>{}</td></tr>", row[0], row[1], row[2]);
-    }
-    let _ = write!(
-        html,
-        "</tbody></table><p>Accuracy {}, macro F1 {}. False slip decisions: {} of the frames that do not \
-         slip, {} of all frames. Frames of one episode are no benchmark: no contact is decided by a \
-         rule on the pressure sum that the labels share.</p>",
-        percent(truth.accuracy),
-        truth.macro_f1.map_or("–".to_owned(), |f1| format!("{f1:.3}")),
-        percent(truth.fpr_of_non_slip),
-        percent(truth.fpr_of_all),
-    );
-    html
 }
 
-fn facts(summary: &Summary) -> String {
+fn facts(summary: &Summary) -> Markup {
+    let Summary { episode, model, speed, output, .. } = summary;
     let mut rows = vec![
-        ("Episode", summary.episode.name.clone()),
-        ("Frames", format!("{} at 240 Hz, {} sensors", summary.episode.frames, summary.episode.sensors)),
-        ("Model", format!("{}, hash {}", summary.model.name, summary.model.hash)),
+        ("Episode", episode.name.clone()),
+        ("Frames", format!("{} at 240 Hz, {} sensors", episode.frames, episode.sensors)),
+        ("Model", format!("{}, hash {}", model.name, model.hash)),
         ("Alarm", summary.alarm_words()),
         (
             "Speed",
             format!(
                 "{:.0} frames per second on one core of this computer, {:.0} times real time",
-                summary.speed.frames_per_s, summary.speed.times_real_time
+                speed.frames_per_s, speed.times_real_time
             ),
         ),
-        ("CAN", format!("{} CAN FD frames in can.log", summary.output.can_frames)),
+        ("CAN", format!("{} CAN FD frames in can.log", output.can_frames)),
     ];
-    for count in &summary.output.health_frames {
-        rows.push(("Health", format!("{} in {} frames", count.what, count.frames)));
-    }
-    let mut html = String::from("<table>");
-    for (name, value) in rows {
-        let _ = write!(html, "<tr><th>{name}</th><td>{}</td></tr>", escape(&value));
-    }
-    html + "</table>"
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_template_has_every_field_once_in_order() {
-        let fields = ["title", "origin", "picture", "detections", "scores", "facts"];
-        let places: Vec<usize> = fields
-            .map(|field| {
-                let key = format!("{{{{{field}}}}}");
-                assert_eq!(TEMPLATE.matches(&key).count(), 1, "{key}");
-                TEMPLATE.find(&key).unwrap()
-            })
-            .to_vec();
-        assert!(places.is_sorted());
-    }
-
-    #[test]
-    fn text_from_a_file_cannot_become_markup() {
-        assert_eq!(escape("<b a=\"&\">"), "&lt;b a=&quot;&amp;&quot;&gt;");
-    }
+    rows.extend(
+        output.health_frames.iter().map(|h| ("Health", format!("{} in {} frames", h.what, h.frames))),
+    );
+    html! { table { @for (name, value) in rows { tr { th { (name) } td { (value) } } } } }
 }

@@ -14,7 +14,7 @@ use slipsense_recording::{Episode, EpisodeError};
 use slipsense_synth::content_hash;
 use slipsense_synth::splits::{EpisodeSet, FrozenSet, SetHashes, recipe_of};
 
-use crate::output_dir::{make_folders, remove_folders, write_whole};
+use crate::output::{refuse_file, write_file};
 
 const SET: &str = "set.json";
 const HASHES: &str = "hashes.json";
@@ -23,17 +23,15 @@ const PARTIAL: &str = ".partial-";
 
 /// Part `number` of `of`: every `of`-th episode, beginning with the `number`-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Shard {
+pub struct Shard {
     number: usize,
     of: usize,
 }
 
 impl Shard {
-    /// The only part.
-    pub(crate) const WHOLE: Self = Self { number: 1, of: 1 };
+    pub const WHOLE: Self = Self { number: 1, of: 1 };
 
-    /// Read `I/N`.
-    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, String> {
         let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         match numbers {
             Some((number, of)) if (1..=of).contains(&number) => Ok(Self { number, of }),
@@ -53,23 +51,19 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// The folder of a set.
 #[derive(Debug)]
-pub(crate) struct SetDir {
-    pub(crate) path: PathBuf,
-    pub(crate) set: EpisodeSet,
+pub struct SetDir {
+    pub path: PathBuf,
+    pub set: EpisodeSet,
     hashes: Option<SetHashes>,
-    /// The split's frozen test set, where this is it.
     frozen: Option<FrozenSet>,
 }
 
 impl SetDir {
     /// Check, and touch nothing, that this set can be in this folder: nothing else is there, and what
     /// describes it is not damaged.
-    pub(crate) fn check(path: &Path, set: EpisodeSet) -> Result<Self> {
-        if path.exists() && !path.is_dir() {
-            bail!("{}: is a file, the output must be a folder", path.display());
-        }
+    pub fn check(path: &Path, set: EpisodeSet) -> Result<Self> {
+        refuse_file(path)?;
         if let Some(there) = read_set(path)? {
             if let Some(difference) = there.difference(&set) {
                 let file = path.join(SET);
@@ -82,7 +76,7 @@ impl SetDir {
     }
 
     /// The set that is in this folder, if one is.
-    pub(crate) fn open(path: &Path) -> Result<Option<Self>> {
+    pub fn open(path: &Path) -> Result<Option<Self>> {
         read_set(path)?.map(|set| Self::with_hashes(path, set)).transpose()
     }
 
@@ -99,20 +93,15 @@ impl SetDir {
     }
 
     /// Make the folder and say what it is for.
-    pub(crate) fn begin(&self) -> Result<()> {
-        let mut made = Vec::new();
-        let begun = make_folders(&self.path, &mut made).and_then(|()| {
-            let file = self.path.join(SET);
-            if file.exists() { Ok(()) } else { write_whole(&file, self.set.to_text()) }
-        });
-        begun.with_context(|| {
-            remove_folders(&made);
-            format!("{}: cannot write this folder", self.path.display())
-        })
+    pub fn begin(&self) -> Result<()> {
+        fs::create_dir_all(&self.path)
+            .with_context(|| format!("{}: cannot write this folder", self.path.display()))?;
+        let file = self.path.join(SET);
+        if file.exists() { Ok(()) } else { write_file(&file, self.set.to_text()) }
     }
 
     /// Episodes of a part that are not there, or not whole.
-    pub(crate) fn missing(&self, shard: Shard) -> Vec<usize> {
+    pub fn missing(&self, shard: Shard) -> Vec<usize> {
         (0..self.set.episodes.len()).filter(|&index| shard.has(index) && !self.is_there(index)).collect()
     }
 
@@ -131,7 +120,7 @@ impl SetDir {
     }
 
     /// Where a shard keeps what is not finished.
-    pub(crate) fn staging(&self, shard: Shard) -> Result<Staging> {
+    pub fn staging(&self, shard: Shard) -> Result<Staging> {
         let folder = self.path.join(format!("{PARTIAL}{}-of-{}", shard.number, shard.of));
         let fresh = if folder.exists() { fs::remove_dir_all(&folder) } else { Ok(()) };
         fresh
@@ -141,7 +130,7 @@ impl SetDir {
     }
 
     /// Write one episode; the file appears when it is whole.
-    pub(crate) fn write(&self, index: usize, episode: &Episode, staging: &Staging) -> Result<()> {
+    pub fn write(&self, index: usize, episode: &Episode, staging: &Staging) -> Result<()> {
         let file = self.file(index);
         let partial = staging.0.join(file.file_name().unwrap_or_default());
         // The name that the user knows, not that of the unfinished file.
@@ -152,11 +141,7 @@ impl SetDir {
 
     /// If all episodes are there, write down their hashes, where that is not done, and check those that
     /// are known. `known` holds the hash of each episode that was just made.
-    pub(crate) fn finish(
-        &mut self,
-        mut known: Vec<Option<String>>,
-        each: impl Fn(usize) + Sync,
-    ) -> Result<bool> {
+    pub fn finish(&mut self, mut known: Vec<Option<String>>, each: impl Fn(usize) + Sync) -> Result<bool> {
         if !self.missing(Shard::WHOLE).is_empty() {
             return Ok(false);
         }
@@ -172,9 +157,7 @@ impl SetDir {
                 known[index] = Some(hash);
             }
             let hashes = SetHashes::new(&self.set, known.into_iter().flatten().collect());
-            let file = self.path.join(HASHES);
-            write_whole(&file, hashes.to_text())
-                .with_context(|| format!("{}: cannot write", file.display()))?;
+            write_file(&self.path.join(HASHES), hashes.to_text())?;
             self.hashes = Some(hashes);
             // Left by runs that were cut off. No other shard is at work: everything is there.
             for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
@@ -189,7 +172,7 @@ impl SetDir {
 
     /// Read every episode again and compare it with `hashes.json` and, where this is one, with the frozen
     /// test set.
-    pub(crate) fn verify(&self, each: impl Fn(usize) + Sync) -> Result<()> {
+    pub fn verify(&self, each: impl Fn(usize) + Sync) -> Result<()> {
         if let Some(&index) = self.missing(Shard::WHOLE).first() {
             bail!("{}: is missing or not whole", self.file(index).display());
         }
@@ -231,8 +214,7 @@ impl SetDir {
         hashes.into_iter().collect()
     }
 
-    /// Is this the split's frozen test set?
-    pub(crate) fn is_frozen(&self) -> bool {
+    pub fn is_frozen(&self) -> bool {
         self.frozen.is_some()
     }
 
@@ -247,14 +229,14 @@ impl SetDir {
     }
 
     /// One number that stands for the content of a complete set.
-    pub(crate) fn hash(&self) -> Option<&str> {
+    pub fn hash(&self) -> Option<&str> {
         self.hashes.as_ref().map(|hashes| hashes.set.as_str())
     }
 }
 
 /// A folder of unfinished files, removed in the end.
 #[derive(Debug)]
-pub(crate) struct Staging(PathBuf);
+pub struct Staging(PathBuf);
 
 impl Drop for Staging {
     fn drop(&mut self) {

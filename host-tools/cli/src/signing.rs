@@ -1,4 +1,4 @@
-//! Keys and payloads of signed images: what `sign`, `keygen` and `image info` share.
+//! Keys and payloads of signed images, for `sign`, `keygen` and `image info`.
 
 use std::fs;
 use std::path::Path;
@@ -17,7 +17,6 @@ use slipsense::node::UpdateTarget;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions, TRAILER_BYTES};
 use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
 
-/// A board that images are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum Board {
     /// NUCLEO-H743ZI2
@@ -25,17 +24,11 @@ pub enum Board {
 }
 
 impl Board {
-    /// Its flash.
-    pub const fn partitions(self) -> &'static Partitions {
+    pub fn partitions(self) -> &'static Partitions {
         match self {
             Self::H743 => &NUCLEO_H743ZI2,
         }
     }
-}
-
-/// 64 hexadecimal digits.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn from_hex(text: &str) -> Option<[u8; 32]> {
@@ -54,7 +47,7 @@ pub fn read_key(path: &Path) -> Result<SigningKey> {
     let text =
         fs::read_to_string(path).with_context(|| format!("{}: cannot read the key", path.display()))?;
     let seed = from_hex(text.trim())
-        .ok_or_else(|| anyhow!("{}: is no key, which has 64 hexadecimal digits", path.display()))?;
+        .ok_or_else(|| anyhow!("{}: is not a key: a key has 64 hexadecimal digits", path.display()))?;
     Ok(SigningKey::from_bytes(&seed))
 }
 
@@ -79,8 +72,8 @@ pub fn header_for(
     let is_model = file.starts_with(&MODEL_MAGIC);
     let (target, payload, room) = if is_model {
         Model::parse(file).with_context(|| format!("{name}: refused as a model"))?;
-        let room = board.unwrap_or(Board::H743).partitions().model.bytes();
-        (UpdateTarget::Model, file.to_vec(), room - HEADER_BYTES as u32)
+        let room = board.unwrap_or(Board::H743).partitions().model.bytes() - HEADER_BYTES as u32;
+        (UpdateTarget::Model, file.to_vec(), room)
     } else {
         let Some(board) = board else {
             bail!("{name}: a firmware is for one board: --board says which");
@@ -107,7 +100,7 @@ pub fn header_for(
 /// words in the bootloader's place, and the blank trailer.
 fn flatten(file: &[u8], name: &str, board: &Partitions) -> Result<Vec<u8>> {
     let header = elf::FileHeader32::<LittleEndian>::parse(file)
-        .with_context(|| format!("{name}: is no program of the microcontroller"))?;
+        .with_context(|| format!("{name}: is not a program of the microcontroller"))?;
     let endian = header.endian()?;
     ensure!(header.e_machine(endian) == elf::EM_ARM, "{name}: is a program of another machine");
     let slot = FLASH_BASE + board.active.start..FLASH_BASE + board.active.end - TRAILER_BYTES;
@@ -133,13 +126,13 @@ fn flatten(file: &[u8], name: &str, board: &Partitions) -> Result<Vec<u8>> {
     Ok(payload)
 }
 
-/// Does it begin as a program that is linked for the slot?
+/// Its reset vector must point into the slot.
 fn check_vectors(payload: &[u8], name: &str, board: &Partitions) -> Result<()> {
     let reset = payload.get(4..8).and_then(|bytes| bytes.try_into().ok()).map_or(0, u32::from_le_bytes);
     let begin = FLASH_BASE + board.active.start;
     ensure!(
         (begin..begin + payload.len() as u32).contains(&reset) && reset % 2 == 1,
-        "{name}: is no firmware of the {}: it would begin at {reset:#x}, its slot at {begin:#x}",
+        "{name}: is not a firmware of the {}: it would start at {reset:#x}, its slot at {begin:#x}",
         board.label
     );
     Ok(())

@@ -1,16 +1,16 @@
-//! An episode through the pipeline, frame by frame, as a module on a gripper would see it.
+//! An episode through the pipeline, frame by frame, as a module on a gripper sees it.
 
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
-use slipsense::pipeline::{FrameStamp, Output, Pipeline};
+use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawForm, Transmitter};
 use slipsense_recording::{Episode, Predictions};
 
-/// What the pipeline made of an episode.
+/// The pipeline's output for an episode.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     /// Classes, logits, flags and features.
@@ -34,8 +34,8 @@ pub fn stamp(frame: usize) -> FrameStamp {
     FrameStamp::of_recording(sequence)
 }
 
-/// Run an episode. `send` gets every CAN frame in the order of the bus with the time of its tick in
-/// microseconds, the slip message first in each period, the raw frames as `raw` says; `progress` is called once per frame.
+/// Run an episode. `send` gets every CAN frame in the order of the bus with the time of its tick in microseconds, the
+/// slip message first in each period, then the raw frames in the form `raw`; `progress` is called once per frame.
 pub fn simulate(
     episode: &Episode,
     model: Model<'_>,
@@ -45,8 +45,7 @@ pub fn simulate(
 ) -> Result<Simulation> {
     let (frames, sensors) = (episode.frames(), episode.sensors);
     let mut pipeline = Pipeline::new(model, sensors)?;
-    let transmitter = Transmitter::new(NodeId::DEFAULT);
-    let mut bus = Bus { transmitter, raw, buffer: RawBuffer::new(), sent: 0 };
+    let (mut transmitter, mut buffer) = (Transmitter::new(NodeId::DEFAULT), RawBuffer::new());
     let mut simulation = Simulation {
         predictions: Predictions::with_capacity(frames, sensors),
         pressure: Vec::with_capacity(frames * sensors),
@@ -60,11 +59,23 @@ pub fn simulate(
         let start = Instant::now();
         let output = pipeline.step(inputs);
         simulation.step_time += start.elapsed();
-        simulation.keep(&output, episode.meta.xl_lsb_g);
-        bus.send(frame, inputs, &output, &mut send)?;
+        simulation.predictions.push(&output, episode.meta.xl_lsb_g);
+        simulation.pressure.extend(output.contact[..sensors].iter().map(|contact| contact.sum));
+        simulation.health.extend(output.health[..sensors].iter().map(|health| health.0));
+
+        let stamp = stamp(frame);
+        let mut send = |frame: &CanFrame| {
+            simulation.can_frames += 1;
+            send(stamp.timestamp_us, frame)
+        };
+        // A replay waits for every decision, so none is late.
+        send(&transmitter.slip(&output.slip_message(stamp, 0)))?;
+        for (sensor, &input) in inputs.iter().enumerate() {
+            let message = output.raw_frame(stamp, sensor, input);
+            transmitter.raw_as(raw, &message, &mut buffer).try_for_each(|frame| send(&frame))?;
+        }
         progress();
     }
-    simulation.can_frames = bus.sent;
     Ok(simulation)
 }
 
@@ -81,47 +92,8 @@ pub fn inputs(episode: &Episode, frame: usize) -> [SensorInput<'_>; MAX_SENSORS]
 }
 
 impl Simulation {
-    fn keep(&mut self, output: &Output, xl_lsb_g: f64) {
-        self.predictions.push(output, xl_lsb_g);
-        for sensor in 0..output.sensors {
-            self.pressure.push(output.contact[sensor].sum);
-            self.health.push(output.health[sensor].0);
-        }
-    }
-
     /// Frames through the pipeline per second of its own time.
     pub fn frames_per_s(&self) -> f64 {
         self.predictions.frames() as f64 / self.step_time.as_secs_f64().max(1e-9)
-    }
-}
-
-struct Bus {
-    transmitter: Transmitter,
-    raw: RawForm,
-    buffer: RawBuffer,
-    sent: u64,
-}
-
-impl Bus {
-    fn send(
-        &mut self,
-        frame: usize,
-        inputs: &[SensorInput<'_>],
-        output: &Output,
-        send: &mut impl FnMut(u64, &CanFrame) -> Result<()>,
-    ) -> Result<()> {
-        let stamp = stamp(frame);
-        // A replay waits for every decision, so none is late.
-        let message = output.slip_message(stamp, 0);
-        send(stamp.timestamp_us, &self.transmitter.slip(&message))?;
-        self.sent += 1;
-        for (sensor, &input) in inputs.iter().enumerate() {
-            let raw = output.raw_frame(stamp, sensor, input);
-            for can_frame in self.transmitter.raw_as(self.raw, &raw, &mut self.buffer) {
-                send(stamp.timestamp_us, &can_frame)?;
-                self.sent += 1;
-            }
-        }
-        Ok(())
     }
 }

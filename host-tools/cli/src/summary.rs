@@ -1,10 +1,11 @@
 //! The result of one episode in numbers: what `summary.json` holds and the terminal shows.
 
 use std::borrow::Cow;
-use std::fmt::Write;
+use std::fmt::{self, Write};
 use std::path::Path;
 
 use serde::Serialize;
+use slipsense::health;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::FRAME_RATE_HZ;
@@ -16,78 +17,74 @@ use crate::simulate::Simulation;
 /// Version of the layout of `summary.json`.
 const FORMAT: u32 = 1;
 
-/// The result of one episode. Frames count from 0; frame f stands at f/240 s.
+/// Names of the health bits.
+pub const HEALTH: [(u8, &str); 8] = [
+    (health::PIEZO_MISSING, "array missing"),
+    (health::XL_MISSING, "accelerometer missing"),
+    (health::XL_WARMING_UP, "accelerometer warming up"),
+    (health::XL_CLIPPED, "accelerometer clipped"),
+    (health::TAXELS_SATURATED, "taxels saturated"),
+    (health::XL_SAMPLES_DROPPED, "accelerometer samples dropped"),
+    (health::NO_MODEL, "no model"),
+    (health::TAXELS_MASKED, "taxels masked"),
+];
+
+/// The result of one episode. Frames count from 0; frame f is at f/240 s.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    /// Version of this layout.
     pub format: u32,
-    /// What was run.
-    pub episode: EpisodeFacts,
-    /// By which model.
-    pub model: ModelFacts,
-    /// What came out.
-    pub output: OutputFacts,
-    /// How it compares with the labels; `null` where the episode has none.
-    pub truth: Option<TruthFacts>,
-    /// How fast it went.
-    pub speed: SpeedFacts,
+    pub episode: EpisodeInfo,
+    pub model: ModelInfo,
+    pub output: OutputInfo,
+    /// The comparison with the labels; `null` where the episode has none.
+    pub truth: Option<TruthInfo>,
+    pub speed: SpeedInfo,
 }
 
-/// What was run.
 #[derive(Clone, Debug, Serialize)]
-pub struct EpisodeFacts {
+pub struct EpisodeInfo {
     /// Name of the file, or `bundled`.
     pub name: String,
     /// Does the file say that it was generated?
     pub synthetic: bool,
-    /// Where the file says that it comes from.
+    /// These three as the file says.
     pub source: Option<String>,
-    /// The object, as the file names it.
     pub object: Option<String>,
-    /// Crosshead speed, mm/s, as the file says.
     pub speed_mm_s: Option<f64>,
-    /// Sensors.
     pub sensors: usize,
-    /// Frames.
     pub frames: usize,
-    /// Length, s.
     pub duration_s: f64,
 }
 
-/// Which model decided.
 #[derive(Clone, Debug, Serialize)]
-pub struct ModelFacts {
+pub struct ModelInfo {
     /// Name of the file, or `bundled`.
     pub name: String,
-    /// The hash that ends the model file (SHA-256 of what stands before it): the model's identity.
+    /// The hash at the end of the model file (SHA-256 of what precedes it): the model's identity.
     pub hash: String,
-    /// When the alarm sounds.
-    pub operating_point: PointFacts,
+    pub operating_point: OperatingPointInfo,
     /// How it was made, as the file says.
     pub provenance: serde_json::Value,
 }
 
-/// The model's operating point: the alarm is up while `k` of the last `n` frames are over the threshold.
+/// The alarm is up while `k` of the last `n` frames, the current one included, are over the threshold.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct PointFacts {
+pub struct OperatingPointInfo {
     /// Lead of the slip logit that is not enough yet, nat.
     pub threshold_nat: f64,
-    /// Frames that must be over.
     pub k: u8,
-    /// Frames looked back over, the current one included.
     pub n: u8,
 }
 
-/// What came out of the pipeline.
 #[derive(Clone, Debug, Serialize)]
-pub struct OutputFacts {
+pub struct OutputInfo {
     /// Frames decided as no contact, contact without slip, slip.
     pub class_frames: [u64; 3],
     /// Maximal runs of frames with the slip flag up.
     pub flag_runs: Vec<FrameRun>,
     /// Maximal runs of frames with the alarm up.
     pub alarm_runs: Vec<FrameRun>,
-    /// Frames in which a health bit of any sensor was set, by bit.
+    /// Frames in which any sensor had a health bit set, by bit.
     pub health_frames: Vec<HealthCount>,
     /// CAN frames in `can.log`.
     pub can_frames: u64,
@@ -96,37 +93,26 @@ pub struct OutputFacts {
 /// Frames `start_frame..end_frame`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FrameRun {
-    /// First frame.
     pub start_frame: usize,
-    /// Frame after the last.
     pub end_frame: usize,
-    /// Start, s.
     pub start_s: f64,
-    /// Length, ms.
     pub duration_ms: f64,
 }
 
-/// How often something was wrong.
 #[derive(Clone, Debug, Serialize)]
 pub struct HealthCount {
-    /// What was wrong.
     pub what: &'static str,
-    /// Frames in which any sensor reported it.
     pub frames: usize,
 }
 
-/// Comparison with the labels.
 #[derive(Clone, Debug, Serialize)]
-pub struct TruthFacts {
+pub struct TruthInfo {
     /// Frames labelled no contact, contact without slip, slip.
     pub class_frames: [u64; 3],
-    /// Slip events by the encoder rule.
-    pub events: Vec<EventFacts>,
-    /// Alarms that belong to no event: runs of flags more than 50 ms away from any, merged when less
-    /// than 200 ms apart.
-    pub false_alarms: Vec<FrameRun>,
+    #[serde(flatten)]
+    pub flag: FlagScores,
     /// The same of the alarm at the model's operating point.
-    pub alarm: AlarmFacts,
+    pub alarm: FlagScores,
     /// `confusion[truth][decided]`, frames.
     pub confusion: [[u64; 3]; 3],
     /// Share of frames decided right.
@@ -139,27 +125,22 @@ pub struct TruthFacts {
     pub fpr_of_all: Option<f64>,
 }
 
-/// Events and false alarms by the alarm, as [`TruthFacts`] has them by the slip flag.
 #[derive(Clone, Debug, Serialize)]
-pub struct AlarmFacts {
-    /// Slip events.
-    pub events: Vec<EventFacts>,
-    /// Alarms that belong to no event.
+pub struct FlagScores {
+    /// Slip events by the encoder rule.
+    pub events: Vec<EventInfo>,
+    /// Alarms outside every event: runs of flags more than 50 ms away from any, merged when less than 200 ms apart.
     pub false_alarms: Vec<FrameRun>,
 }
 
 /// One slip event and its detection.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct EventFacts {
-    /// First frame labelled slip.
+pub struct EventInfo {
+    /// First frame labelled slip, and the frame after the last one.
     pub onset_frame: usize,
-    /// Frame after the last one labelled slip.
     pub end_frame: usize,
-    /// Onset, s.
     pub onset_s: f64,
-    /// End, s.
     pub end_s: f64,
-    /// First flag in the event.
     pub outcome: Outcome,
     /// Frames from the onset to the flag: negative if early, `null` if missed.
     pub delay_frames: Option<i64>,
@@ -167,7 +148,6 @@ pub struct EventFacts {
     pub delay_ms: Option<f64>,
 }
 
-/// What became of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
@@ -179,9 +159,8 @@ pub enum Outcome {
     Missed,
 }
 
-/// How fast the pipeline ran.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct SpeedFacts {
+pub struct SpeedInfo {
     /// Frames per second of pipeline time on one core of this computer.
     pub frames_per_s: f64,
     /// The same as a multiple of the sensors' frame rate.
@@ -197,11 +176,6 @@ fn milliseconds(frames: i64) -> f64 {
     frames as f64 * 1000.0 / f64::from(FRAME_RATE_HZ)
 }
 
-fn run(start_frame: usize, end_frame: usize) -> FrameRun {
-    let duration_ms = milliseconds((end_frame - start_frame) as i64);
-    FrameRun { start_frame, end_frame, start_s: seconds(start_frame), duration_ms }
-}
-
 impl Summary {
     /// Score a simulation. The names stand for the files.
     pub fn new(
@@ -215,17 +189,31 @@ impl Summary {
         let times_real_time = frames_per_s / f64::from(FRAME_RATE_HZ);
         Self {
             format: FORMAT,
-            episode: EpisodeFacts::new(episode, episode_name),
-            model: ModelFacts::new(model, model_name),
-            output: OutputFacts::new(simulation),
-            truth: episode.label.as_ref().map(|label| TruthFacts::new(label, simulation)),
-            speed: SpeedFacts { frames_per_s, times_real_time },
+            episode: EpisodeInfo::new(episode, episode_name),
+            model: ModelInfo::new(model, model_name),
+            output: OutputInfo::new(simulation),
+            truth: episode.label.as_ref().map(|label| TruthInfo::new(label, simulation)),
+            speed: SpeedInfo { frames_per_s, times_real_time },
         }
+    }
+
+    /// One line: the operating point, and the alarm's result.
+    pub fn alarm_words(&self) -> String {
+        let OperatingPointInfo { threshold_nat, k, n } = self.model.operating_point;
+        let point = format!("{k} of {n} frame{} over {threshold_nat:.3} nat", plural(n.into()));
+        let Some(TruthInfo { alarm, .. }) = &self.truth else {
+            let raised = self.output.alarm_runs.len();
+            return format!("{point}: raised {raised} time{}", plural(raised));
+        };
+        let found = alarm.events.iter().filter(|event| event.outcome != Outcome::Missed).count();
+        let (slips, alarms) = (alarm.events.len(), alarm.false_alarms.len());
+        let s = [slips, alarms].map(plural);
+        format!("{point}: {found} of {slips} slip{} found, {alarms} false alarm{}", s[0], s[1])
     }
 }
 
-impl EpisodeFacts {
-    pub(crate) fn new(episode: &Episode, name: &str) -> Self {
+impl EpisodeInfo {
+    pub fn new(episode: &Episode, name: &str) -> Self {
         let text = |key: &str| episode.meta.other.get(key).and_then(|v| v.as_str()).map(str::to_owned);
         let says = |key: &str| text(key).is_some_and(|v| v.to_lowercase().contains("synthetic"));
         Self {
@@ -239,61 +227,60 @@ impl EpisodeFacts {
             duration_s: seconds(episode.frames()),
         }
     }
-}
 
-impl ModelFacts {
-    pub(crate) fn new(model: &Model<'_>, name: &str) -> Self {
-        let mut hash = String::new();
-        for byte in model.hash {
-            let _ = write!(hash, "{byte:02x}");
+    /// One line: the episode without its source.
+    pub fn words(&self) -> String {
+        let kind = if self.synthetic { "synthetic episode" } else { "episode" };
+        let mut words = format!("{kind} {}", file_name(&self.name));
+        if let Some(object) = &self.object {
+            let _ = write!(words, ", {object}");
         }
-        // The format does not demand JSON, so other text is passed on as text.
-        let provenance =
-            serde_json::from_str(model.provenance).unwrap_or_else(|_| model.provenance.to_owned().into());
-        let OperatingPoint { threshold, k, n } = model.point;
-        let operating_point = PointFacts { threshold_nat: threshold.to_f64(), k, n };
-        Self { name: name.to_owned(), hash, operating_point, provenance }
+        if let Some(speed) = self.speed_mm_s {
+            let _ = write!(words, ", {speed} mm/s");
+        }
+        let sensors = self.sensors;
+        let _ = write!(words, ", {sensors} sensor{}, {:.2} s", plural(sensors), self.duration_s);
+        words
     }
 }
 
-impl OutputFacts {
+impl ModelInfo {
+    pub fn new(model: &Model<'_>, name: &str) -> Self {
+        // The format does not demand JSON: other text stays text.
+        let provenance =
+            serde_json::from_str(model.provenance).unwrap_or_else(|_| model.provenance.to_owned().into());
+        let OperatingPoint { threshold, k, n } = model.point;
+        let operating_point = OperatingPointInfo { threshold_nat: threshold.to_f64(), k, n };
+        Self { name: name.to_owned(), hash: hex(&model.hash), operating_point, provenance }
+    }
+}
+
+impl OutputInfo {
     fn new(simulation: &Simulation) -> Self {
-        use slipsense::health;
         let predictions = &simulation.predictions;
-        let bits = [
-            ("array missing", health::PIEZO_MISSING),
-            ("accelerometer missing", health::XL_MISSING),
-            ("accelerometer warming up", health::XL_WARMING_UP),
-            ("accelerometer clipped", health::XL_CLIPPED),
-            ("taxels saturated", health::TAXELS_SATURATED),
-            ("accelerometer samples dropped", health::XL_SAMPLES_DROPPED),
-        ];
-        let frames_with = |bit: u8| {
-            let sensors = simulation.health.chunks_exact(predictions.sensors);
-            sensors.filter(|health| health.iter().any(|h| h & bit != 0)).count()
-        };
-        let counts = bits.map(|(what, bit)| HealthCount { what, frames: frames_with(bit) });
+        let health_frames = HEALTH.map(|(bit, what)| {
+            let frames = simulation.health.chunks_exact(predictions.sensors);
+            let frames = frames.filter(|sensors| sensors.iter().any(|health| health & bit != 0)).count();
+            HealthCount { what, frames }
+        });
         Self {
             class_frames: count_classes(&predictions.class),
             flag_runs: flag_runs(&predictions.slip),
             alarm_runs: flag_runs(&predictions.alarm),
-            health_frames: counts.into_iter().filter(|count| count.frames > 0).collect(),
+            health_frames: health_frames.into_iter().filter(|count| count.frames > 0).collect(),
             can_frames: simulation.can_frames,
         }
     }
 }
 
-impl TruthFacts {
+impl TruthInfo {
     fn new(label: &[u8], simulation: &Simulation) -> Self {
         let predictions = &simulation.predictions;
-        let (events, false_alarms) = scored(label, &predictions.slip);
-        let (alarm_events, alarm_false_alarms) = scored(label, &predictions.alarm);
         let classes = ClassScores::new(label, &predictions.class);
         Self {
             class_frames: count_classes(label),
-            events,
-            false_alarms,
-            alarm: AlarmFacts { events: alarm_events, false_alarms: alarm_false_alarms },
+            flag: FlagScores::new(label, &predictions.slip),
+            alarm: FlagScores::new(label, &predictions.alarm),
             confusion: classes.confusion,
             accuracy: classes.accuracy(),
             macro_f1: classes.macro_f1(),
@@ -303,99 +290,124 @@ impl TruthFacts {
     }
 }
 
-/// Events and false alarms of a flag.
-fn scored(label: &[u8], flag: &[u8]) -> (Vec<EventFacts>, Vec<FrameRun>) {
-    let scores = score_events(label, flag);
-    let events = scores.events.iter().map(|event| {
-        let (outcome, delay_frames) = match event.detection {
-            Detection::Hit { delay } => (Outcome::Hit, Some(delay as i64)),
-            Detection::Early { lead } => (Outcome::Early, Some(-(lead as i64))),
-            Detection::Missed => (Outcome::Missed, None),
+impl FlagScores {
+    fn new(label: &[u8], flag: &[u8]) -> Self {
+        let scores = score_events(label, flag);
+        let event = |event: &slipsense_recording::score::EventScore| {
+            let (outcome, delay_frames) = match event.detection {
+                Detection::Hit { delay } => (Outcome::Hit, Some(delay as i64)),
+                Detection::Early { lead } => (Outcome::Early, Some(-(lead as i64))),
+                Detection::Missed => (Outcome::Missed, None),
+            };
+            EventInfo {
+                onset_frame: event.onset,
+                end_frame: event.end,
+                onset_s: seconds(event.onset),
+                end_s: seconds(event.end),
+                outcome,
+                delay_frames,
+                delay_ms: delay_frames.map(milliseconds),
+            }
         };
-        EventFacts {
-            onset_frame: event.onset,
-            end_frame: event.end,
-            onset_s: seconds(event.onset),
-            end_s: seconds(event.end),
-            outcome,
-            delay_frames,
-            delay_ms: delay_frames.map(milliseconds),
-        }
-    });
-    (events.collect(), scores.false_alarms.iter().map(|alarm| run(alarm.start, alarm.end)).collect())
+        let alarms = scores.false_alarms.iter().map(|alarm| FrameRun::new(alarm.start, alarm.end));
+        Self { events: scores.events.iter().map(event).collect(), false_alarms: alarms.collect() }
+    }
+}
+
+impl FrameRun {
+    fn new(start_frame: usize, end_frame: usize) -> Self {
+        let duration_ms = milliseconds((end_frame - start_frame) as i64);
+        Self { start_frame, end_frame, start_s: seconds(start_frame), duration_ms }
+    }
 }
 
 fn count_classes(classes: &[u8]) -> [u64; 3] {
     std::array::from_fn(|c| classes.iter().filter(|&&class| usize::from(class) == c).count() as u64)
 }
 
-fn flag_runs(slip: &[u8]) -> Vec<FrameRun> {
+fn flag_runs(flag: &[u8]) -> Vec<FrameRun> {
     let mut start = 0;
     let mut runs = Vec::new();
-    for same in slip.chunk_by(|a, b| a == b) {
+    for same in flag.chunk_by(|a, b| a == b) {
         if same[0] != 0 {
-            runs.push(run(start, start + same.len()));
+            runs.push(FrameRun::new(start, start + same.len()));
         }
         start += same.len();
     }
     runs
 }
 
-impl Summary {
-    /// One line: the operating point, and what its alarm made of the episode.
-    pub fn alarm_words(&self) -> String {
-        let PointFacts { threshold_nat, k, n } = self.model.operating_point;
-        let point = format!("{k} of {n} frame{} over {threshold_nat:.3} nat", plural(n.into()));
-        let Some(TruthFacts { alarm: AlarmFacts { events, false_alarms }, .. }) = &self.truth else {
-            let raised = self.output.alarm_runs.len();
-            return format!("{point}: raised {raised} time{}", plural(raised as i64));
-        };
-        let found = events.iter().filter(|event| event.outcome != Outcome::Missed).count();
-        let (slips, alarms) = (events.len(), false_alarms.len());
-        let s = [slips, alarms].map(|count| plural(count as i64));
-        format!("{point}: {found} of {slips} slip{} found, {alarms} false alarm{}", s[0], s[1])
-    }
-}
-
-impl EventFacts {
-    /// The outcome in words, such as `hit, 3 frames, 12.5 ms`.
+impl EventInfo {
+    /// The outcome in words, such as `detected after 3 frames, 12.5 ms`.
     pub fn words(&self) -> String {
+        let frames = |count: i64| format!("{count} frame{}", plural(count as usize));
         match (self.outcome, self.delay_frames, self.delay_ms) {
-            (Outcome::Hit, Some(frames), Some(ms)) => {
-                format!("detected after {frames} frame{}, {ms:.1} ms", plural(frames))
-            }
-            (Outcome::Early, Some(frames), Some(ms)) => {
-                format!("early by {} frame{}, {:.1} ms", -frames, plural(-frames), -ms)
-            }
+            (Outcome::Hit, Some(delay), Some(ms)) => format!("detected after {}, {ms:.1} ms", frames(delay)),
+            (Outcome::Early, Some(delay), Some(ms)) => format!("early by {}, {:.1} ms", frames(-delay), -ms),
             _ => "missed".to_owned(),
         }
     }
 }
 
 /// The last part of a path.
-pub(crate) fn file_name(path: &str) -> Cow<'_, str> {
+pub fn file_name(path: &str) -> Cow<'_, str> {
     Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy())
 }
 
-pub(crate) fn plural(count: i64) -> &'static str {
+/// Two hexadecimal digits for each byte.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+pub fn plural(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
 }
 
-impl EpisodeFacts {
-    /// One line: what this episode is, without its source.
-    pub fn words(&self) -> String {
-        let kind = if self.synthetic { "synthetic episode" } else { "episode" };
-        let file = file_name(&self.name);
-        let mut words = format!("{kind} {file}");
-        if let Some(object) = &self.object {
-            let _ = write!(words, ", {object}");
+/// The short table that the terminal shows.
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.episode.words())?;
+        writeln!(f, "source: {}", self.episode.source.as_deref().unwrap_or("not stated"))?;
+        writeln!(f, "model:  {}, hash {}…\n", self.model.name, &self.model.hash[..12])?;
+        match &self.truth {
+            Some(truth) => {
+                let FlagScores { events, false_alarms } = &truth.flag;
+                writeln!(f, "  event     onset       end   slip flag")?;
+                for (i, event) in events.iter().enumerate() {
+                    let EventInfo { onset_s, end_s, .. } = event;
+                    writeln!(f, "  {:>5}  {onset_s:>6.3} s  {end_s:>6.3} s   {}", i + 1, event.words())?;
+                }
+                if events.is_empty() {
+                    writeln!(f, "   none")?;
+                }
+                writeln!(f, "\n  false alarms  {}", false_alarms.len())?;
+                for alarm in false_alarms {
+                    writeln!(f, "                at {:.3} s for {:.0} ms", alarm.start_s, alarm.duration_ms)?;
+                }
+                if let (Some(accuracy), Some(f1)) = (truth.accuracy, truth.macro_f1) {
+                    let kind = if self.episode.synthetic { ", synthetic data" } else { "" };
+                    let percent = 100.0 * accuracy;
+                    writeln!(
+                        f,
+                        "  frames right  {percent:.1} % (macro F1 {f1:.3}, this episode only{kind})"
+                    )?;
+                }
+            }
+            None => {
+                let runs = &self.output.flag_runs;
+                let (count, s) = (runs.len(), plural(runs.len()));
+                writeln!(f, "  no labels, so no delays; slip flag raised {count} time{s}")?;
+                for run in runs {
+                    writeln!(f, "    at {:>7.3} s for {:>6.1} ms", run.start_s, run.duration_ms)?;
+                }
+            }
         }
-        if let Some(speed) = self.speed_mm_s {
-            let _ = write!(words, ", {speed} mm/s");
+        writeln!(f, "  alarm         {}", self.alarm_words())?;
+        for HealthCount { what, frames } in &self.output.health_frames {
+            writeln!(f, "  health        {what} in {frames} frames")?;
         }
-        let sensors = self.sensors;
-        let _ = write!(words, ", {sensors} sensor{}, {:.2} s", plural(sensors as i64), self.duration_s);
-        words
+        let SpeedInfo { frames_per_s, times_real_time } = self.speed;
+        writeln!(f, "  speed         {frames_per_s:.0} frames/s on one core, {times_real_time:.0}× real time")
     }
 }
 
@@ -413,7 +425,7 @@ mod tests {
 
     #[test]
     fn outcomes_read_as_sentences() {
-        let event = |outcome, delay: Option<i64>| EventFacts {
+        let event = |outcome, delay: Option<i64>| EventInfo {
             onset_frame: 10,
             end_frame: 20,
             onset_s: seconds(10),

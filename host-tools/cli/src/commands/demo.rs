@@ -2,21 +2,19 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
-use clap::Args as ClapArgs;
-use slipsense::net::Model;
-use slipsense_recording::Episode;
+use anyhow::Result;
 
-use super::run::{Job, Raw, process};
+use super::Print;
+use super::run::{Job, Raw};
 use crate::bundled;
-use crate::output_dir::OutputDir;
+use crate::output::OutputDir;
 
 /// Detect a slip in the bundled synthetic episode
 ///
 /// A gripper with instrumented fingertips holds an object, the object is pulled and slips. The episode
-/// is generated, its recipe is host-tools/cli/demo/recipe.json. What happens to it is what a module
-/// does: the same code, the same model, the same bits.
-#[derive(ClapArgs)]
+/// is generated, its recipe is host-tools/cli/demo/recipe.json. It goes through the same code and the same
+/// model as on a module, bit for bit.
+#[derive(clap::Args)]
 #[command(after_help = "\
 Writes timeline.svg, report.html, can.log, predictions.npz and summary.json; `slipsense run --help`
 says what each holds.
@@ -25,20 +23,17 @@ Examples:
   slipsense demo
   slipsense demo --out /tmp/demo --json")]
 pub struct Args {
-    /// Folder to write; made if it is not there
+    /// Folder to write; made if it does not exist
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
-    /// Print summary.json to standard output, nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    print: Print,
 }
 
 impl Args {
-    pub(crate) fn run(self) -> Result<()> {
+    pub fn run(self) -> Result<()> {
         let out = OutputDir::prepare(&self.out)?;
-        let episode = Episode::from_bytes(bundled::EPISODE, bundled::NAME)?;
-        let model = Model::parse(bundled::MODEL).context("bundled model")?;
-        let (name, model_name) = (bundled::NAME.to_owned(), bundled::NAME.to_owned());
-        process(&Job { episode, name, model, model_name, raw: Raw::Plain, json: self.json }, out, &self.out)
+        let (name, model) = (bundled::NAME.to_owned(), bundled::model(None)?);
+        Job { episode: bundled::episode()?, name, model, raw: Raw::Plain }.run(out, &self.out, &self.print)
     }
 }

@@ -1,54 +1,75 @@
-//! One file per subcommand, each with its arguments and what they do.
+//! One file per subcommand, each with its arguments and what they do. `full` has those of the full build.
 
-pub mod busload;
-mod live;
-pub mod convert;
-pub mod descriptions;
-pub mod monitor;
-pub mod record;
-pub mod replay;
 pub mod demo;
-pub mod grasp;
-pub mod run;
-pub mod features;
-pub mod fit;
-pub mod label;
-mod inputs;
-pub mod eval;
-pub mod eval_rotation;
-pub mod synth;
-pub mod train;
 pub mod model;
-pub mod tune;
-pub mod view;
-pub mod keygen;
-pub mod sign;
-pub mod image;
-pub mod hil;
+#[cfg(not(feature = "train"))]
+mod not_in_build;
+pub mod run;
+
+#[cfg(feature = "full")]
+pub mod full;
+
+#[cfg(not(feature = "train"))]
+pub use not_in_build::NotInBuild;
 
 use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
 
-/// A progress bar on standard error; hidden for machines and where nobody watches.
-fn progress(length: usize, what: &'static str, json: bool) -> ProgressBar {
-    if json || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
+use crate::bundled::{self, NamedModel};
+
+/// `--json`, and how results are printed.
+#[derive(clap::Args)]
+pub struct Print {
+    /// Print the result as JSON, nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+impl Print {
+    /// To standard output: the value as JSON, or else the text.
+    fn show(&self, value: &impl Serialize, text: impl FnOnce() -> String) -> Result<()> {
+        print(&if self.json { serde_json::to_string_pretty(value)? + "\n" } else { text() })
     }
-    let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {eta}");
-    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(length as u64).with_style(style).with_message(what)
+
+    /// A progress bar on standard error; hidden with `--json` and where standard error is no terminal.
+    fn progress(&self, length: usize, what: &'static str) -> ProgressBar {
+        if self.json || !std::io::stderr().is_terminal() {
+            return ProgressBar::hidden();
+        }
+        let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {eta}");
+        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+        ProgressBar::new(length as u64).with_style(style).with_message(what)
+    }
+}
+
+/// `--model`.
+#[derive(clap::Args)]
+pub struct ModelArg {
+    /// Model file; the bundled one if not given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+}
+
+impl ModelArg {
+    fn read(&self) -> Result<NamedModel> {
+        bundled::model(self.model.as_deref())
+    }
 }
 
 /// Print to standard output; a closed pipe is an error that `main` knows.
-fn print(text: &str) -> Result<()> {
+pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())?;
     out.flush()?;
     Ok(())
 }
 
-fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    print(&format!("{}\n", serde_json::to_string_pretty(value)?))
+/// Names of files in a folder, a line each.
+fn written(folder: &Path, files: &[(&str, &str)]) -> String {
+    let line = |(what, file): &(&str, &str)| format!("  {what:<13} {}\n", folder.join(file).display());
+    files.iter().map(line).collect()
 }

@@ -4,24 +4,25 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use clap::{Args as ClapArgs, ValueEnum};
-use slipsense::net::Model;
+use clap::ValueEnum;
 use slipsense::wire::{Detail, RawForm};
 use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 
-use crate::output_dir::OutputDir;
-use crate::simulate::{Simulation, simulate};
+use super::{ModelArg, Print, written};
+use crate::bundled::NamedModel;
+use crate::output::OutputDir;
+use crate::simulate::simulate;
 use crate::summary::Summary;
-use crate::{bundled, picture, report};
+use crate::{picture, report};
 
 /// Run an episode file: slip flags, picture, report and CAN log
 ///
-/// Runs the firmware's signal path over every frame of an episode and writes what came out. Where the
+/// Runs the firmware's signal path over every frame of an episode and writes the results. Where the
 /// episode has labels, each slip event is matched with the first flag between 50 ms before its onset
-/// and its end; without labels there are no delays. The alarm is the flag at the model's operating point
-/// (see `slipsense tune`), the slip flag what its classes say frame by frame.
-#[derive(ClapArgs)]
+/// and its end; without labels there are no delays. The slip flag is the class of each frame, the alarm is
+/// the flag at the model's operating point (see `slipsense tune`).
+#[derive(clap::Args)]
 #[command(after_help = "\
 Files written to the output folder:
   timeline.svg     pressure, log-mel, logits, slip flag and truth over time
@@ -39,23 +40,22 @@ pub struct Args {
     /// Episode to run, an .npz file
     #[arg(value_name = "EPISODE.npz")]
     episode: PathBuf,
-    /// Folder to write; made if it is not there
+    /// Folder to write; made if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Model file; the bundled one if not given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
-    /// How the raw frames stand in can.log
+    #[command(flatten)]
+    model: ModelArg,
+    /// Form of the raw frames in can.log
     #[arg(long, value_enum, default_value_t = Raw::Plain)]
     raw: Raw,
-    /// Print summary.json to standard output, nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    print: Print,
 }
 
 /// The two raw messages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Raw {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Raw {
     /// slipsense.Raw: any Cyphal client reads it by its definition
     Plain,
     /// slipsense.RawCompressed: the same, shorter, without loss
@@ -63,16 +63,7 @@ pub(crate) enum Raw {
 }
 
 impl Raw {
-    /// As the option names it.
-    pub(crate) const fn word(self) -> &'static str {
-        match self {
-            Self::Plain => "plain",
-            Self::Compressed => "compressed",
-        }
-    }
-
-    /// As the transmitter makes it.
-    pub(crate) const fn form(self) -> RawForm {
+    pub const fn form(self) -> RawForm {
         match self {
             Self::Plain => RawForm::Plain,
             Self::Compressed => RawForm::Compressed(Detail::All),
@@ -81,65 +72,55 @@ impl Raw {
 }
 
 impl Args {
-    pub(crate) fn run(self) -> Result<()> {
-        let (bytes, model_name) = bundled::model_or(self.model.as_deref())?;
-        let model = Model::parse(&bytes).with_context(|| format!("model {model_name}"))?;
+    pub fn run(self) -> Result<()> {
+        let model = self.model.read()?;
+        model.parse()?;
         let out = OutputDir::prepare(&self.out)?;
-        let episode = Episode::read(&self.episode)?;
-        let name = self.episode.display().to_string();
-        process(&Job { episode, name, model, model_name, raw: self.raw, json: self.json }, out, &self.out)
+        let (episode, name) = (Episode::read(&self.episode)?, self.episode.display().to_string());
+        Job { episode, name, model, raw: self.raw }.run(out, &self.out, &self.print)
     }
 }
 
 /// One episode to run, and by which model.
-pub(crate) struct Job<'m> {
-    pub(crate) episode: Episode,
+pub struct Job {
+    pub episode: Episode,
     /// Stands for the episode's file.
-    pub(crate) name: String,
-    pub(crate) model: Model<'m>,
-    /// Stands for the model's file.
-    pub(crate) model_name: String,
-    pub(crate) raw: Raw,
-    pub(crate) json: bool,
+    pub name: String,
+    pub model: NamedModel,
+    pub raw: Raw,
 }
 
-/// Run a job, write all files, print the result.
-pub(crate) fn process(job: &Job<'_>, out: OutputDir, folder: &Path) -> Result<()> {
-    let simulation = run_to_log(job, &out)?;
-    let summary = Summary::new(&job.episode, &job.name, &job.model, &job.model_name, &simulation);
-    simulation.predictions.write(out.path("predictions.npz"))?;
-    let timeline = picture::timeline(&job.episode, &simulation, &summary)?;
-    out.write("timeline.svg", &timeline)?;
-    out.write("report.html", report::html(&summary, &timeline))?;
-    out.write("summary.json", serde_json::to_string_pretty(&summary)? + "\n")?;
-    out.commit()?;
-    if job.json {
-        return super::print_json(&summary);
+impl Job {
+    /// Run it, write all files, print the result.
+    pub fn run(&self, out: OutputDir, folder: &Path, printer: &Print) -> Result<()> {
+        let Self { episode, name, model: file, raw } = self;
+        let model = file.parse()?;
+        let cannot = "can.log: cannot write";
+        let mut log = CandumpWriter::new(File::create(out.path("can.log")).context(cannot)?, "can0")?;
+        let progress = printer.progress(episode.frames(), "frames");
+        let simulation = simulate(
+            episode,
+            model,
+            raw.form(),
+            |timestamp_us, frame| log.write(timestamp_us, frame).context(cannot),
+            || progress.inc(1),
+        )?;
+        log.finish().context(cannot)?;
+        progress.finish_and_clear();
+        let summary = Summary::new(episode, name, &model, &file.name, &simulation);
+        simulation.predictions.write(out.path("predictions.npz"))?;
+        let timeline = picture::timeline(episode, &simulation, &summary)?;
+        out.write("timeline.svg", &timeline)?;
+        out.write("report.html", report::html(&summary, &timeline))?;
+        out.write("summary.json", serde_json::to_string_pretty(&summary)? + "\n")?;
+        out.commit()?;
+        let files = [
+            ("report", "report.html"),
+            ("picture", "timeline.svg"),
+            ("CAN log", "can.log"),
+            ("predictions", "predictions.npz"),
+            ("numbers", "summary.json"),
+        ];
+        printer.show(&summary, || format!("{summary}\n{}", written(folder, &files)))
     }
-    let at = |name: &str| folder.join(name).display().to_string();
-    super::print(&format!(
-        "{summary}\n  report        {}\n  picture       {}\n  CAN log       {}\n  numbers       {}, {}\n",
-        at("report.html"),
-        at("timeline.svg"),
-        at("can.log"),
-        at("predictions.npz"),
-        at("summary.json"),
-    ))
-}
-
-fn run_to_log(job: &Job<'_>, out: &OutputDir) -> Result<Simulation> {
-    let path = out.path("can.log");
-    let file = File::create(&path).context("can.log: cannot write")?;
-    let mut log = CandumpWriter::new(file, "can0")?;
-    let progress = super::progress(job.episode.frames(), "frames", job.json);
-    let simulation = simulate(
-        &job.episode,
-        job.model,
-        job.raw.form(),
-        |timestamp_us, frame| log.write(timestamp_us, frame).context("can.log: cannot write"),
-        || progress.inc(1),
-    )?;
-    log.finish().context("can.log: cannot write")?;
-    progress.finish_and_clear();
-    Ok(simulation)
 }

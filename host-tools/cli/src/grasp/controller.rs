@@ -1,4 +1,4 @@
-//! The re-grasp controller: while slip is said, the fingers move inward, one motion after the other.
+//! The re-grasp controller: while the flag is up, the fingers move inward, one motion after the other.
 
 use slipsense::wire::SlipMessage;
 use slipsense_synth::plant::GRIP_MAX_N;
@@ -15,15 +15,13 @@ pub enum Flag {
 }
 
 impl Flag {
-    /// Is it up?
-    pub const fn of(self, message: &SlipMessage) -> bool {
+    pub const fn is_up(self, message: &SlipMessage) -> bool {
         match self {
             Self::Class => message.slip,
             Self::Alarm => message.alarm,
         }
     }
 
-    /// Name, as on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Class => "class",
@@ -32,14 +30,12 @@ impl Flag {
     }
 }
 
-/// How a controller reacts.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Reaction {
-    /// What it listens to.
     pub flag: Flag,
     /// A motion multiplies the grip by this.
     pub gain: f64,
-    /// After a motion the flag is not believed for this long, milliseconds: joints and skin are still in motion.
+    /// After a motion the flag is ignored for this long, milliseconds: joints and skin are still in motion.
     pub settle_ms: f64,
 }
 
@@ -48,80 +44,62 @@ impl Reaction {
     /// (8 and 12 trials), 2 and 100 ms all kept every object, and the last took the fewest motions. A shorter wait
     /// answers the sound of the motion itself.
     pub const GAIN: f64 = 2.0;
-    /// As [`GAIN`](Self::GAIN).
     pub const SETTLE_MS: f64 = 100.0;
 }
 
-/// A controller in a grasp. It knows what comes over the bus and what it has commanded, nothing else.
+/// A controller in a grasp. It knows the messages from the bus and its own commands, nothing else.
 #[derive(Clone, Debug)]
 pub struct Controller {
     reaction: Reaction,
     target_n: f64,
-    /// No flag is believed before.
-    deaf_until_ns: u64,
+    /// Flags before are ignored.
+    ignore_until_ns: u64,
 }
 
 impl Controller {
     /// Of a gripper that holds with `grip_n` per finger.
     pub const fn new(reaction: Reaction, grip_n: f64) -> Self {
-        Self { reaction, target_n: grip_n, deaf_until_ns: 0 }
+        Self { reaction, target_n: grip_n, ignore_until_ns: 0 }
     }
 
-    /// A message has come: grip with the force that is returned from `actuator_ns` later on.
-    pub fn hear(&mut self, message: &SlipMessage, now_ns: u64, actuator_ns: u64) -> Option<f64> {
-        if !self.reaction.flag.of(message) || now_ns < self.deaf_until_ns || self.target_n >= GRIP_MAX_N {
+    /// A message has arrived: the grip to command, if any, newtons; it is reached `actuator_ns` later.
+    pub fn receive(&mut self, message: &SlipMessage, now_ns: u64, actuator_ns: u64) -> Option<f64> {
+        if !self.reaction.flag.is_up(message) || now_ns < self.ignore_until_ns || self.target_n >= GRIP_MAX_N
+        {
             return None;
         }
         self.target_n = (self.target_n * self.reaction.gain).min(GRIP_MAX_N);
-        self.deaf_until_ns = now_ns + actuator_ns + (self.reaction.settle_ms * 1e6) as u64;
+        self.ignore_until_ns = now_ns + actuator_ns + (self.reaction.settle_ms * 1e6) as u64;
         Some(self.target_n)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use slipsense::fixed::Q;
-
     use super::*;
 
-    const SLIP: SlipMessage = SlipMessage {
-        timestamp_us: 0,
-        sequence: 0,
-        class: 2,
-        slip: true,
-        alarm: false,
-        logits: [Q::from_bits(0); 3],
-        late_frames: 0,
-        sensors: 0,
-        contact: [slipsense::wire::SensorContact {
-            health: 0,
-            sum: 0,
-            area: 0,
-            centroid_row: Q::from_bits(0),
-            centroid_col: Q::from_bits(0),
-            axis_deg: 0,
-            elongation: Q::from_bits(0),
-        }; 3],
-    };
+    fn message(slip: bool, alarm: bool) -> SlipMessage {
+        SlipMessage { slip, alarm, ..SlipMessage::default() }
+    }
 
     #[test]
-    fn it_moves_once_per_motion_and_ends_at_the_gripper_s_force() {
+    fn it_moves_once_per_motion_and_ends_at_the_grippers_force() {
         let reaction = Reaction { flag: Flag::Class, gain: 2.0, settle_ms: 20.0 };
         let mut controller = Controller::new(reaction, 2.0);
         let mut commands = Vec::new();
         for ms in 0..400u64 {
             let now_ns = ms * 1_000_000;
-            commands.extend(controller.hear(&SLIP, now_ns, 30_000_000).map(|n| (ms, n)));
+            commands.extend(controller.receive(&message(true, false), now_ns, 30_000_000).map(|n| (ms, n)));
         }
         assert_eq!(commands, [(0, 4.0), (50, 8.0), (100, 12.0)]);
     }
 
     #[test]
-    fn it_acts_on_the_flag_that_it_is_told_to() {
+    fn it_acts_on_the_configured_flag() {
         let reaction = Reaction { flag: Flag::Alarm, gain: 2.0, settle_ms: 0.0 };
         let mut controller = Controller::new(reaction, 2.0);
-        assert_eq!(controller.hear(&SLIP, 0, 0), None);
-        assert_eq!(controller.hear(&SlipMessage { slip: false, alarm: true, ..SLIP }, 1, 0), Some(4.0));
-        assert_eq!(controller.hear(&SlipMessage { slip: false, alarm: false, ..SLIP }, 2, 0), None);
+        assert_eq!(controller.receive(&message(true, false), 0, 0), None);
+        assert_eq!(controller.receive(&message(false, true), 1, 0), Some(4.0));
+        assert_eq!(controller.receive(&message(false, false), 2, 0), None);
     }
 }

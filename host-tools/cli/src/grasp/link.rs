@@ -1,4 +1,4 @@
-//! The bus from the module to the gripper's controller: the firmware's messages as CAN frames on the modelled bus,
+//! The bus from the module to the gripper's controller: the firmware's messages as CAN frames on the simulated bus,
 //! and the library's receiver at its other end.
 
 use std::collections::VecDeque;
@@ -11,21 +11,18 @@ use slipsense::wire::{
 use slipsense_can_sim::busload::CLOCK_HZ;
 use slipsense_can_sim::controller::{Arrived, Bus, Disturbance, Timing};
 
-/// Bit rates of the bus, bit/s.
 const RATES_BPS: (u32, u32) = (1_000_000, 8_000_000);
 /// In this form three sensors fit on such a bus.
 const RAW_FORM: RawForm = RawForm::Compressed(Detail::All);
 
-/// A slip message that has arrived.
 #[derive(Clone, Copy, Debug)]
-pub struct Heard {
-    /// When the last bit of its frame had gone, nanoseconds since start.
+pub struct ReceivedSlip {
+    /// End of its frame's last bit, nanoseconds since start.
     pub at_ns: u64,
-    /// The message, as decoded.
     pub message: SlipMessage,
 }
 
-/// A module on a bus, and somebody who listens.
+/// A module on a bus, and a receiver.
 pub struct Link {
     bus: Bus,
     transmitter: Transmitter,
@@ -69,8 +66,8 @@ impl Link {
         Ok(())
     }
 
-    /// Let time pass; what arrives meanwhile is added to `heard`.
-    pub fn advance(&mut self, until_ns: u64, heard: &mut Vec<Heard>) -> Result<()> {
+    /// Let time pass; what arrives meanwhile is added to `received`.
+    pub fn advance(&mut self, until_ns: u64, received: &mut Vec<ReceivedSlip>) -> Result<()> {
         let mut arrived: Vec<Arrived> = Vec::new();
         loop {
             self.bus.advance(self.now_ns, |frame| arrived.push(frame));
@@ -88,7 +85,7 @@ impl Link {
         }
         for Arrived { at_ns, frame, .. } in arrived {
             match self.receiver.accept(&frame) {
-                Ok(Some(Received::Slip(message))) => heard.push(Heard { at_ns, message }),
+                Ok(Some(Received::Slip(message))) => received.push(ReceivedSlip { at_ns, message }),
                 Ok(_) => {}
                 Err(error) => return Err(anyhow!("a frame of the module's: {error}")),
             }
@@ -105,22 +102,22 @@ mod tests {
     fn what_is_sent_arrives_as_it_was_and_after_the_time_of_its_frame() {
         for (foreign, most_us) in [(0, 150), (100, 300)] {
             let mut link = Link::new(foreign).unwrap();
-            let mut heard = Vec::new();
+            let mut received = Vec::new();
             let mut sent_ns = Vec::new();
             for sequence in 0..200u32 {
                 let tick_ns = u64::from(sequence) * 4_166_667 + 1_000_000;
-                link.advance(tick_ns, &mut heard).unwrap();
+                link.advance(tick_ns, &mut received).unwrap();
                 let message =
                     SlipMessage { sequence, class: 2, slip: true, sensors: 2, ..SlipMessage::default() };
                 link.send(&message, std::iter::empty()).unwrap();
                 sent_ns.push(tick_ns);
             }
-            link.advance(2_000_000_000, &mut heard).unwrap();
-            assert_eq!(heard.len(), 200);
-            for (heard, (sequence, sent)) in heard.iter().zip((0..).zip(sent_ns)) {
-                assert_eq!(heard.message.sequence, sequence);
-                assert!(heard.message.slip && heard.message.sensors == 2);
-                let delay_us = (heard.at_ns - sent) / 1000;
+            link.advance(2_000_000_000, &mut received).unwrap();
+            assert_eq!(received.len(), 200);
+            for (received, (sequence, sent)) in received.iter().zip((0..).zip(sent_ns)) {
+                assert_eq!(received.message.sequence, sequence);
+                assert!(received.message.slip && received.message.sensors == 2);
+                let delay_us = (received.at_ns - sent) / 1000;
                 assert!((100..=most_us).contains(&delay_us), "{delay_us} us at {foreign} %");
             }
         }

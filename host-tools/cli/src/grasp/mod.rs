@@ -1,4 +1,4 @@
-//! A gripper that grips harder when the module says slip: the generator's plant, the firmware's pipeline, real
+//! A gripper that grips harder when the module reports slip: the generator's plant, the firmware's pipeline, real
 //! messages on a modelled bus, and a re-grasp controller, in one loop. All of it is synthetic.
 //!
 //! ```text
@@ -12,7 +12,6 @@ mod link;
 mod results;
 mod trial;
 
-pub use controller::{Controller, Flag, Reaction};
-pub use link::{Heard, Link};
-pub use results::{Facts, Failure, Spread, Totals};
-pub use trial::{ACTUATOR_MS, Course, Loop, Outcome, inference_us, run};
+pub use controller::{Flag, Reaction};
+pub use results::{Failure, Spread, Totals, TrialResult};
+pub use trial::{ACTUATOR_MS, LoopConfig, TrialSeries, inference_us, run};

@@ -1,4 +1,4 @@
-//! What many trials say together.
+//! Trials as rows, and their totals.
 
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
@@ -20,7 +20,6 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// In words.
     pub const fn words(self) -> &'static str {
         match self {
             Self::NotDetected => "not detected before it was lost",
@@ -33,29 +32,23 @@ impl Failure {
 /// A flag that comes this long before the slip of the whole contact, or later, is on time.
 const EARLY_MS: f64 = MARGIN_FRAMES as f64 * 1e3 / FRAME_RATE_HZ as f64;
 
-/// One trial for tables and machines.
+/// One trial of the result.
 #[derive(Clone, Debug, Serialize)]
-pub struct Facts {
-    /// Number of the trial.
+pub struct TrialResult {
     pub trial: usize,
-    /// The object.
     pub object: String,
     /// Way of the pull, as meant.
     pub direction: Direction,
-    /// Speed of the pull, mm/s.
     pub speed_mm_s: Option<f64>,
     /// From slip to the frame that says so, milliseconds; negative where it is said before.
     pub delay_ms: Option<f64>,
-    /// Why the object was lost.
     pub failure: Option<Failure>,
-    /// What became of it.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
 
-impl Facts {
-    /// Of trial number `trial`.
-    pub fn of(trial: usize, of: &Trial, outcome: Outcome) -> Self {
+impl TrialResult {
+    pub fn new(trial: usize, of: &Trial, outcome: Outcome) -> Self {
         let ms = 1e3 / f64::from(FRAME_RATE_HZ);
         let delay_ms = outcome.onset.zip(outcome.detected).map(|(o, d)| (d as f64 - o as f64) * ms);
         let found = outcome.detected.is_some_and(|d| outcome.lost.is_none_or(|lost| d < lost));
@@ -68,34 +61,29 @@ impl Facts {
         Self { trial, object, direction, speed_mm_s, delay_ms, failure, outcome }
     }
 
-    /// Slip would have come, and its flag came before the object was lost.
+    /// There was a slip, and its flag came before the object was lost.
     pub fn is_detected(&self) -> bool {
         self.outcome.detected.is_some() && self.failure != Some(Failure::NotDetected)
     }
 }
 
-/// Quantiles of a time, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Smallest.
     pub min_ms: f64,
-    /// Half are smaller.
     pub median_ms: f64,
-    /// Nine in ten are smaller.
     pub p90_ms: f64,
-    /// Largest.
     pub max_ms: f64,
 }
 
 impl Spread {
-    /// Of the values there are; none of none.
-    pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+    /// Of the values; `None` of none.
+    pub fn new(values: impl Iterator<Item = f64>) -> Option<Self> {
         let [min_ms, median_ms, p90_ms, max_ms] = quantiles(values, [0.0, 0.5, 0.9, 1.0])?;
         Some(Self { min_ms, median_ms, p90_ms, max_ms })
     }
 }
 
-/// The values nearest to these shares of all; none of none.
+/// The values nearest to these shares of all; `None` of none.
 fn quantiles<const N: usize>(values: impl Iterator<Item = f64>, shares: [f64; N]) -> Option<[f64; N]> {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
@@ -103,10 +91,8 @@ fn quantiles<const N: usize>(values: impl Iterator<Item = f64>, shares: [f64; N]
     Some(shares.map(|share| values[(share * last as f64).round() as usize]))
 }
 
-/// Counts and times over trials.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Totals {
-    /// Trials.
     pub trials: usize,
     /// Trials whose object slips, or would have slipped.
     pub slips: usize,
@@ -114,7 +100,6 @@ pub struct Totals {
     pub detected: usize,
     /// Of these, more than 50 ms before the whole contact would have slipped.
     pub early: usize,
-    /// Objects that are still held at the end.
     pub kept: usize,
     /// Objects that would be without any reaction.
     pub kept_without: usize,
@@ -122,34 +107,30 @@ pub struct Totals {
     pub with_false_motion: usize,
     /// From slip to the tick of the frame that says so.
     pub delay: Option<Spread>,
-    /// From that tick to the message at the controller.
     pub message: Option<Spread>,
-    /// From that tick to the force of the first motion.
     pub first: Option<Spread>,
-    /// From that tick to the largest grip.
     pub peak: Option<Spread>,
     /// Way slid by the objects that were kept, mm: median and largest.
     pub slid_kept_mm: Option<(f64, f64)>,
 }
 
 impl Totals {
-    /// Of these trials.
-    pub fn of(facts: &[Facts]) -> Self {
-        let count = |of: &dyn Fn(&Facts) -> bool| facts.iter().filter(|facts| of(facts)).count();
+    pub fn new(results: &[TrialResult]) -> Self {
+        let count = |of: &dyn Fn(&TrialResult) -> bool| results.iter().filter(|facts| of(facts)).count();
         let ms = |of: fn(&Outcome) -> Option<f64>| {
-            Spread::of(facts.iter().filter_map(|facts| of(&facts.outcome)).map(|s| s * 1e3))
+            Spread::new(results.iter().filter_map(|facts| of(&facts.outcome)).map(|s| s * 1e3))
         };
-        let kept = facts.iter().filter(|facts| facts.outcome.lost.is_none());
+        let kept = results.iter().filter(|facts| facts.outcome.lost.is_none());
         let slid_mm = quantiles(kept.map(|facts| facts.outcome.slid_mm), [0.5, 1.0]);
         Self {
-            trials: facts.len(),
+            trials: results.len(),
             slips: count(&|facts| facts.outcome.onset.is_some()),
-            detected: count(&Facts::is_detected),
+            detected: count(&TrialResult::is_detected),
             early: count(&|facts| facts.delay_ms.is_some_and(|ms| ms < -EARLY_MS)),
             kept: count(&|facts| facts.outcome.lost.is_none()),
             kept_without: count(&|facts| facts.outcome.lost_without.is_none()),
             with_false_motion: count(&|facts| facts.outcome.false_motions > 0),
-            delay: Spread::of(facts.iter().filter_map(|facts| facts.delay_ms)),
+            delay: Spread::new(results.iter().filter_map(|facts| facts.delay_ms)),
             message: ms(|outcome| outcome.message_s),
             first: ms(|outcome| outcome.first_s),
             peak: ms(|outcome| outcome.peak_s),
@@ -164,7 +145,7 @@ mod tests {
     use slipsense_synth::plant::{Hand, Objects, trials};
 
     /// Slips at frame 100, said at `detected`, lost at `lost`.
-    fn facts(detected: Option<usize>, lost: Option<usize>, at_limit: bool) -> Facts {
+    fn result(detected: Option<usize>, lost: Option<usize>, at_limit: bool) -> TrialResult {
         let outcome = Outcome {
             onset: Some(100),
             detected,
@@ -181,34 +162,34 @@ mod tests {
             slid_without_mm: 14.0,
             actuator_ms: 30.0,
         };
-        Facts::of(0, &trials(Objects::Val, Hand::Umi, 1, 1)[0], outcome)
+        TrialResult::new(0, &trials(Objects::Val, Hand::Umi, 1, 1)[0], outcome)
     }
 
     #[test]
     fn a_loss_has_one_reason() {
-        let why = |facts: Facts| facts.failure;
-        assert_eq!(why(facts(Some(101), None, true)), None);
-        assert_eq!(why(facts(None, Some(300), false)), Some(Failure::NotDetected));
+        let why = |facts: TrialResult| facts.failure;
+        assert_eq!(why(result(Some(101), None, true)), None);
+        assert_eq!(why(result(None, Some(300), false)), Some(Failure::NotDetected));
         // Said of what is gone already.
-        assert_eq!(why(facts(Some(310), Some(300), false)), Some(Failure::NotDetected));
-        assert_eq!(why(facts(Some(101), Some(300), true)), Some(Failure::ForceLimit));
-        assert_eq!(why(facts(Some(101), Some(300), false)), Some(Failure::TooLate));
+        assert_eq!(why(result(Some(310), Some(300), false)), Some(Failure::NotDetected));
+        assert_eq!(why(result(Some(101), Some(300), true)), Some(Failure::ForceLimit));
+        assert_eq!(why(result(Some(101), Some(300), false)), Some(Failure::TooLate));
     }
 
     #[test]
     fn totals_count_and_order() {
         let all = [
-            facts(Some(97), None, false),
-            facts(Some(124), None, false),
-            facts(Some(310), Some(300), false),
-            facts(None, Some(300), false),
+            result(Some(97), None, false),
+            result(Some(124), None, false),
+            result(Some(310), Some(300), false),
+            result(None, Some(300), false),
         ];
-        let totals = Totals::of(&all);
+        let totals = Totals::new(&all);
         assert_eq!((totals.slips, totals.detected, totals.kept, totals.kept_without), (4, 2, 2, 0));
         let delay = totals.delay.unwrap();
         assert_eq!(totals.early, 0);
-        assert_eq!(Totals::of(&[facts(Some(87), None, false)]).early, 1);
+        assert_eq!(Totals::new(&[result(Some(87), None, false)]).early, 1);
         assert!((delay.min_ms + 12.5).abs() < 1e-9 && (delay.median_ms - 100.0).abs() < 1e-9);
-        assert_eq!(Spread::of(std::iter::empty()), None);
+        assert_eq!(Spread::new(std::iter::empty()), None);
     }
 }

@@ -8,7 +8,7 @@ use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense_synth::plant::{GRIP_MAX_N, Plant, Trial};
 
 use super::controller::{Controller, Reaction};
-use super::link::Link;
+use super::link::{Link, ReceivedSlip};
 
 /// From a command until the force is there, milliseconds: drawn for each trial.
 pub const ACTUATOR_MS: (f64, f64) = (20.0, 40.0);
@@ -23,10 +23,8 @@ pub const fn inference_us(sensors: usize) -> u64 {
     WORST_US[if sensors > MAX_SENSORS { MAX_SENSORS - 1 } else { sensors.saturating_sub(1) }]
 }
 
-/// What the loop is made of besides the plant.
 #[derive(Clone, Copy, Debug)]
-pub struct Loop {
-    /// The controller.
+pub struct LoopConfig {
     pub reaction: Reaction,
     /// From tick to slip message handed over, microseconds.
     pub inference_us: u64,
@@ -34,22 +32,20 @@ pub struct Loop {
     pub foreign_percent: u8,
 }
 
-/// What became of a trial. Frames are numbered from 0, times are seconds from the start; the tick of frame `f` is at
+/// The outcome of a trial. Frames are numbered from 0, times are seconds from the start; the tick of frame `f` is at
 /// `(f + 1) / 240`.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Outcome {
-    /// Frame at which the object would have begun to slip as a whole, as it was when slip was first said of it;
+    /// Frame at which the object would have begun to slip as a whole, as it was when slip was first flagged of it;
     /// none where it never would have.
     pub onset: Option<usize>,
     /// First frame of the pull whose flag is up before that slip is over.
     pub detected: Option<usize>,
-    /// Frame at which the object was lost.
     pub lost: Option<usize>,
     /// Frame at which it would have been lost without any reaction.
     pub lost_without: Option<usize>,
     /// Motions commanded before that: nothing pulled yet, or nothing was going to slip.
     pub false_motions: usize,
-    /// Motions commanded.
     pub motions: usize,
     /// From the tick of `detected` until the message was at the controller.
     pub message_s: Option<f64>,
@@ -63,24 +59,18 @@ pub struct Outcome {
     pub at_limit: bool,
     /// Way slid from the beginning of the pull until the gripper lets go, mm.
     pub slid_mm: f64,
-    /// The same without any reaction.
     pub slid_without_mm: f64,
-    /// From command to force, milliseconds.
     pub actuator_ms: f64,
 }
 
 /// Series of a trial for its picture, one value per frame.
 #[derive(Clone, Debug, Default)]
-pub struct Course {
+pub struct TrialSeries {
     /// Way slid since the start, mm.
     pub slid_mm: Vec<f64>,
-    /// The same without any reaction.
     pub slid_without_mm: Vec<f64>,
-    /// Grip of one finger, newtons.
     pub grip_n: Vec<f64>,
-    /// Lead of slip's logit, nat.
     pub lead: Vec<f64>,
-    /// The flag that is acted on.
     pub flag: Vec<bool>,
     /// Times at which motions were commanded, s.
     pub commands_s: Vec<f64>,
@@ -94,25 +84,24 @@ fn tick_ns(frame: usize) -> u64 {
     (frame as u64 + 1) * 1_000_000_000 / u64::from(FRAME_RATE_HZ)
 }
 
-fn series(plant: &Plant, of: impl Fn(&Plant, usize) -> f64) -> Vec<f64> {
+fn sample(plant: &Plant, of: impl Fn(&Plant, usize) -> f64) -> Vec<f64> {
     (0..plant.frames()).map(|frame| of(plant, frame)).collect()
 }
 
-/// Run one trial.
-pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Course)> {
+pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outcome, TrialSeries)> {
     let mut plant = trial.plant()?;
     let mut pipeline = Pipeline::new(model, plant.sensors())?;
-    let mut link = Link::new(how.foreign_percent)?;
+    let mut link = Link::new(config.foreign_percent)?;
     let actuator_ms = trial.draw_between(ACTUATOR_MS.0, ACTUATOR_MS.1);
     let actuator_ns = (actuator_ms * 1e6) as u64;
     let first_n = plant.target_n();
-    let mut controller = Controller::new(how.reaction, first_n);
-    let (lost_without, slid_without) = (plant.lost_at(), series(&plant, Plant::slid_mm));
+    let mut controller = Controller::new(config.reaction, first_n);
+    let (lost_without, slid_without) = (plant.lost_at(), sample(&plant, Plant::slid_mm));
     let (held_s, released_s) = plant.held_s();
     let pulled = plant.pulled();
 
-    let mut course = Course::default();
-    let mut heard = Vec::new();
+    let mut series = TrialSeries::default();
+    let mut received = Vec::new();
     let (mut onset, mut detected, mut message_s) = (None, None, None);
     let (mut false_motions, mut motions) = (0, 0);
     let (mut first_at_s, mut peak_at_s) = (None, None);
@@ -121,33 +110,33 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         let output = pipeline.step(read.inputs());
         let stamp = FrameStamp::of_recording(u32::try_from(frame).context("frame number")?);
         // Time passes while the network runs; older messages may arrive meanwhile.
-        link.advance(tick_ns(frame) + 1000 * how.inference_us, &mut heard)?;
+        link.advance(tick_ns(frame) + 1000 * config.inference_us, &mut received)?;
         let raw = read.inputs().iter().enumerate();
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
         link.send(&output.slip_message(stamp, 0), raw)?;
-        course.lead.push(output.margin.map_or(0.0, Logit::to_f64));
-        course.flag.push(how.reaction.flag.of(&output.slip_message(stamp, 0)));
-        link.advance(tick_ns(frame + 1), &mut heard)?;
+        series.lead.push(output.margin.map_or(0.0, Logit::to_f64));
+        series.flag.push(config.reaction.flag.is_up(&output.slip_message(stamp, 0)));
+        link.advance(tick_ns(frame + 1), &mut received)?;
 
-        for heard in heard.drain(..) {
-            let now_s = heard.at_ns as f64 * 1e-9;
-            let said = heard.message.sequence as usize;
+        for ReceivedSlip { at_ns, message } in received.drain(..) {
+            let now_s = at_ns as f64 * 1e-9;
+            let flagged = message.sequence as usize;
             let (start_s, end_s) = (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);
             // The controller is at work from the complete grasp until it lets go.
-            if tick_s(said) < held_s || end_s >= released_s {
+            if tick_s(flagged) < held_s || end_s >= released_s {
                 continue;
             }
-            if how.reaction.flag.of(&heard.message) && detected.is_none() && pulled.contains(&said) {
+            if config.reaction.flag.is_up(&message) && detected.is_none() && pulled.contains(&flagged) {
                 // What lies ahead is what would happen without this message's command.
-                let slip = plant.slips().into_iter().find(|slip| said < slip.end);
+                let slip = plant.slips().into_iter().find(|slip| flagged < slip.end);
                 if let Some(slip) = slip {
-                    (onset, detected) = (Some(slip.start), Some(said));
-                    message_s = Some(now_s - tick_s(said));
+                    (onset, detected) = (Some(slip.start), Some(flagged));
+                    message_s = Some(now_s - tick_s(flagged));
                 }
             }
-            if let Some(grip_n) = controller.hear(&heard.message, heard.at_ns, actuator_ns) {
+            if let Some(grip_n) = controller.receive(&message, at_ns, actuator_ns) {
                 if start_s < plant.earliest_s() {
-                    anyhow::bail!("frame {said}: its command acts in what is past");
+                    anyhow::bail!("frame {flagged}: its command acts in what is past");
                 }
                 plant.command(start_s, end_s, grip_n)?;
                 motions += 1;
@@ -156,17 +145,17 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
                     first_at_s = first_at_s.or(Some(end_s));
                     peak_at_s = Some(end_s);
                 }
-                course.commands_s.push(now_s);
+                series.commands_s.push(now_s);
             }
         }
     }
     if onset.is_none() {
         onset = plant.slips().first().map(|slip| slip.start);
     }
-    course.slid_mm = series(&plant, Plant::slid_mm);
-    course.grip_n = series(&plant, |plant, frame| plant.grip_n(tick_s(frame)));
+    series.slid_mm = sample(&plant, Plant::slid_mm);
+    series.grip_n = sample(&plant, |plant, frame| plant.grip_n(tick_s(frame)));
     let last = pulled.end - 1;
-    let slid = |series: &[f64]| series[last] - series[pulled.start];
+    let slid = |values: &[f64]| values[last] - values[pulled.start];
     let since_detected =
         |at_s: Option<f64>| detected.zip(at_s).map(|(frame, at_s): (usize, f64)| at_s - tick_s(frame));
     let outcome = Outcome {
@@ -181,10 +170,10 @@ pub fn run(trial: &Trial, model: Model<'_>, how: &Loop) -> Result<(Outcome, Cour
         peak_s: since_detected(peak_at_s),
         grip_n: (first_n, plant.target_n()),
         at_limit: plant.target_n() >= GRIP_MAX_N,
-        slid_mm: slid(&course.slid_mm),
+        slid_mm: slid(&series.slid_mm),
         slid_without_mm: slid(&slid_without),
         actuator_ms,
     };
-    course.slid_without_mm = slid_without;
-    Ok((outcome, course))
+    series.slid_without_mm = slid_without;
+    Ok((outcome, series))
 }

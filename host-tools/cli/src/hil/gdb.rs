@@ -14,26 +14,25 @@ use super::Target;
 
 /// Words of one packet: every server takes packets of 2 KB and a little.
 const PACKET_WORDS: usize = 240;
-/// Longest packet that is believed.
+/// Longest packet that is accepted.
 const PACKET_BYTES_MAX: usize = 1 << 16;
 /// What GDB sends to stop a core.
 const INTERRUPT: u8 = 0x03;
 /// Connecting takes no longer on a network that works.
 const CONNECT: Duration = Duration::from_secs(5);
 
-/// The connection.
 pub struct GdbServer {
     name: String,
     stream: TcpStream,
-    patience: Duration,
+    timeout: Duration,
     received: Vec<u8>,
 }
 
 impl GdbServer {
-    /// Connect to `HOST:PORT`. A server that says nothing for `patience` is an error.
-    pub fn connect(address: &str, patience: Duration) -> Result<Self> {
+    /// Connect to `HOST:PORT`. A server that says nothing for `timeout` is an error.
+    pub fn connect(address: &str, timeout: Duration) -> Result<Self> {
         let addresses =
-            address.to_socket_addrs().with_context(|| format!("--gdb {address}: no HOST:PORT"))?;
+            address.to_socket_addrs().with_context(|| format!("--gdb {address}: not HOST:PORT"))?;
         let mut last = None;
         for address in addresses {
             match TcpStream::connect_timeout(&address, CONNECT) {
@@ -47,7 +46,7 @@ impl GdbServer {
         let stream = last.with_context(|| format!("--gdb {address}: no such host"))?;
         let stream = stream.with_context(|| format!("--gdb {address}: nothing serves a debugger there"))?;
         stream.set_nodelay(true)?;
-        let mut server = Self { name: format!("--gdb {address}"), stream, patience, received: Vec::new() };
+        let mut server = Self { name: format!("--gdb {address}"), stream, timeout, received: Vec::new() };
         // Why the core stands still; a server that lets it run stops it for a debugger.
         server.ask("?")?;
         Ok(server)
@@ -59,9 +58,9 @@ impl GdbServer {
         self.stream.write_all(text.as_bytes()).with_context(|| format!("{}: the server is gone", self.name))
     }
 
-    /// The next packet; `None` if none comes for so long.
-    fn packet(&mut self, patience: Duration) -> Result<Option<String>> {
-        self.stream.set_read_timeout(Some(patience))?;
+    /// The next packet; `None` if none comes in that time.
+    fn packet(&mut self, timeout: Duration) -> Result<Option<String>> {
+        self.stream.set_read_timeout(Some(timeout))?;
         loop {
             if let Some(packet) = self.take_packet()? {
                 return Ok(Some(packet));
@@ -100,9 +99,9 @@ impl GdbServer {
     }
 
     fn answer(&mut self, to: &str) -> Result<String> {
-        match self.packet(self.patience)? {
+        match self.packet(self.timeout)? {
             Some(packet) => Ok(packet),
-            None => bail!("{}: no answer to `{to}` for {} s", self.name, self.patience.as_secs_f32()),
+            None => bail!("{}: no answer to `{to}` for {} s", self.name, self.timeout.as_secs_f32()),
         }
     }
 

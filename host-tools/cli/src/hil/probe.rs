@@ -1,8 +1,7 @@
 //! A board on a debug probe of this computer, through the library probe-rs: an ST-LINK, a J-Link, a CMSIS-DAP.
 //!
 //! The probe is chosen, attached to the chip, the chip's identity is read, and only then is anything written. **No
-//! probe has been at the other end yet**: what is above probe-rs runs in `tests/hil_probe.rs` with a probe that is a
-//! program.
+//! probe has been at the other end yet**: the tests run what is above probe-rs with a simulated probe.
 
 use std::path::Path;
 use std::time::Duration;
@@ -25,10 +24,8 @@ const DEVICE: u32 = 0xFFF;
 /// What lets a user open a probe on Linux.
 const RULES: &str = "https://probe.rs/docs/getting-started/probe-setup";
 
-/// The board's chip as probe-rs calls it.
-const CHIP: &str = "STM32H743ZITx";
-/// Its device identity.
-const CHIP_DEVICE: u32 = 0x450;
+/// The board's chip as probe-rs calls it, and its device identity.
+const CHIP: (&str, u32) = ("STM32H743ZITx", 0x450);
 
 /// The probe, attached.
 pub struct UsbProbe {
@@ -42,21 +39,21 @@ impl UsbProbe {
     /// only one that `lister` knows. A chip of another identity is an error, and is left as it is.
     pub fn attach(lister: &Lister, name: Option<&str>) -> Result<Self> {
         let probe = choose(lister, name)?;
+        let (chip, device) = CHIP;
         let opened = lister.open(&probe).with_context(|| {
             format!("{probe}: cannot be opened: does another program, a debugger or OpenOCD, have it?")
         })?;
-        let attached = opened.attach(CHIP, Permissions::default());
+        let attached = opened.attach(chip, Permissions::default());
         let mut session = attached.with_context(|| {
             format!(
-                "{probe}: no {CHIP} answers: is the board powered, and are its debug wires on this probe?"
+                "{probe}: no {chip} answers: is the board powered, and are its debug wires on this probe?"
             )
         })?;
         let identity = session.core(0).and_then(|mut core| core.read_word_32(IDENTITY));
         let found = identity.with_context(|| format!("{probe}: cannot read the chip's identity"))? & DEVICE;
         ensure!(
-            found == CHIP_DEVICE,
-            "{probe}: the chip's identity is {found:#05x}, that of an {CHIP} is {CHIP_DEVICE:#05x}; nothing was \
-             written to it"
+            found == device,
+            "{probe}: the chip's identity is {found:#05x}, that of an {chip} is {device:#05x}; nothing was written to it"
         );
         Ok(Self { session, is_running: false })
     }
@@ -138,5 +135,137 @@ impl Target for UsbProbe {
     fn write(&mut self, address: u32, words: &[u32]) -> Result<()> {
         let written = self.session.core(0).and_then(|mut core| core.write_32(address.into(), words));
         written.with_context(|| format!("{} words at {address:#010x} cannot be written", words.len()))
+    }
+}
+
+/// With probes that are a list and a chip that is probe-rs' mock of a core: its memory is zeros.
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt;
+
+    use probe_rs::integration::FakeProbe;
+    use probe_rs::probe::list::ProbeLister;
+    use probe_rs::probe::{DebugProbe, DebugProbeError, Probe, ProbeCreationError, ProbeFactory};
+
+    /// A NUCLEO's ST-LINK, and its serial numbers.
+    const VENDOR: u16 = 0x0483;
+    const PRODUCT: u16 = 0x374E;
+
+    /// What makes no probe: the list opens them.
+    #[derive(Debug)]
+    struct NoFactory;
+
+    impl fmt::Display for NoFactory {
+        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("fake")
+        }
+    }
+
+    impl ProbeFactory for NoFactory {
+        fn open(&self, _: &DebugProbeSelector) -> Result<Box<dyn DebugProbe>, DebugProbeError> {
+            Err(ProbeCreationError::NotFound.into())
+        }
+
+        fn list_probes(&self) -> Vec<ProbeListItem> {
+            Vec::new()
+        }
+    }
+
+    /// Probes by their serial numbers, all with a core without a chip's identity.
+    #[derive(Debug)]
+    struct Probes {
+        serials: Vec<&'static str>,
+        accessibility: Accessibility,
+        /// Somebody else has them.
+        is_busy: bool,
+    }
+
+    impl ProbeLister for Probes {
+        fn open(&self, selector: &DebugProbeSelector) -> Result<Probe, DebugProbeError> {
+            assert!(self.accessibility == Accessibility::Accessible, "opened without being allowed to");
+            assert_eq!((selector.vendor_id, selector.product_id), (VENDOR, PRODUCT));
+            match self.is_busy {
+                true => Err(ProbeCreationError::CouldNotOpen.into()),
+                false => Ok(FakeProbe::with_mocked_core().into_probe()),
+            }
+        }
+
+        fn list_with_access(&self, selector: Option<&DebugProbeSelector>) -> Vec<ProbeListItem> {
+            let info = |serial: &&str| {
+                let serial = Some((*serial).to_owned());
+                DebugProbeInfo::new("STLink V3", VENDOR, PRODUCT, serial, &NoFactory, None, false)
+            };
+            let infos = self.serials.iter().map(info);
+            let wanted = infos.filter(|info| selector.is_none_or(|selector| selector.matches_probe(info)));
+            wanted.map(|info| ProbeListItem { info, accessibility: self.accessibility }).collect()
+        }
+    }
+
+    fn probes(serials: &[&'static str]) -> Probes {
+        Probes { serials: serials.to_vec(), accessibility: Accessibility::Accessible, is_busy: false }
+    }
+
+    /// The error of attaching, as a user sees it.
+    fn refused(probes: Probes, name: Option<&str>) -> String {
+        let attached = UsbProbe::attach(&Lister::with_lister(Box::new(probes)), name);
+        let error = format!("{:#}", attached.err().expect("no chip of ours is there"));
+        assert!(!error.contains('\n'), "one line: {error}");
+        error
+    }
+
+    #[test]
+    fn no_probe() {
+        let error = refused(probes(&[]), None);
+        assert!(
+            error.starts_with("--probe: no such debug probe is there: is the board's ST-LINK"),
+            "{error}"
+        );
+        let error = refused(probes(&["0034"]), Some("0483:374e:0035"));
+        assert!(error.starts_with("--probe=0483:374e:0035: no such debug probe is there"), "{error}");
+    }
+
+    #[test]
+    fn several_probes() {
+        let error = refused(probes(&["0034", "0035"]), None);
+        assert!(
+            error.starts_with("--probe: 2 debug probes, choose one by VID:PID:SERIAL: STLink V3"),
+            "{error}"
+        );
+        assert!(error.contains("0483:374e:0034") && error.contains("0483:374e:0035"), "{error}");
+        // One of them, by its name: that it is attached to is seen by what its chip says.
+        let error = refused(probes(&["0034", "0035"]), Some("0483:374e:0035"));
+        assert!(error.contains("0483:374e:0035") && error.contains("the chip's identity"), "{error}");
+    }
+
+    #[test]
+    fn names_that_are_none() {
+        for name in ["stlink", "0483", "0483:xyz", ""] {
+            let error = refused(probes(&["0034"]), Some(name));
+            let says = format!("--probe={name}: must be VID:PID or VID:PID:SERIAL");
+            assert!(error.starts_with(&says), "{error}");
+        }
+    }
+
+    #[test]
+    fn no_permission_and_no_room() {
+        let mut forbidden = probes(&["0034"]);
+        forbidden.accessibility = Accessibility::PermissionDenied;
+        let error = refused(forbidden, None);
+        assert!(
+            error.contains("this user may not open it: install probe-rs' udev rule (https://"),
+            "{error}"
+        );
+        let mut busy = probes(&["0034"]);
+        busy.is_busy = true;
+        let error = refused(busy, None);
+        assert!(error.contains("0483:374e:0034") && error.contains("does another program"), "{error}");
+    }
+
+    #[test]
+    fn another_chip_is_left_alone() {
+        let error = refused(probes(&["0034"]), None);
+        assert!(error.contains("the chip's identity is 0x000, that of an STM32H743ZITx is 0x450"), "{error}");
+        assert!(error.ends_with("nothing was written to it"), "{error}");
     }
 }

@@ -10,9 +10,9 @@ use slipsense::board::mailbox::SYMBOL;
 pub fn mailbox(path: &Path) -> Result<u32> {
     let name = path.display();
     let bytes = std::fs::read(path).with_context(|| format!("{name}: cannot read the program"))?;
-    let elf = object::File::parse(&*bytes).with_context(|| format!("{name}: no ELF"))?;
+    let elf = object::File::parse(&*bytes).with_context(|| format!("{name}: not an ELF file"))?;
     let Some(symbol) = elf.symbols().find(|symbol| symbol.name() == Ok(SYMBOL)) else {
-        bail!("{name}: has no {SYMBOL}, so it is not slipsense-hil: `cargo build-hil-h743` makes that");
+        bail!("{name}: has no {SYMBOL}, so it is not slipsense-hil, which `cargo build-hil-h743` builds");
     };
     u32::try_from(symbol.address())
         .ok()

@@ -16,20 +16,19 @@ use slipsense::wire::{CanFrame, RawForm};
 use slipsense_recording::Episode;
 
 use super::Target;
-use crate::signing::hex;
 use crate::simulate::{simulate, stamp};
+use crate::summary::hex;
 
-/// Between two looks at the board at first, and at most.
-const LOOK: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
+/// Pause between two polls of the board, first and longest.
+const POLL: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
 /// Differences that are described one by one.
-const DESCRIBED: usize = 20;
+const DESCRIBED_MAX: usize = 20;
 /// Frames that the pipeline here may be ahead of the board.
-const AHEAD: usize = 64;
+const AHEAD_MAX: usize = 64;
 
 /// A CAN frame that is not the one expected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// Number of the episode's frame.
     pub frame: usize,
     /// Place of the CAN frame among those of the frame: 0 is the slip message.
     pub can_frame: usize,
@@ -39,40 +38,30 @@ pub struct Difference {
     pub found: Option<String>,
 }
 
-/// What came of a run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
-    /// Frames replayed.
     pub frames: usize,
     /// Frames with a difference in any byte of any CAN frame.
     pub differing_frames: usize,
-    /// CAN frames compared.
     pub can_frames: usize,
-    /// The first differences.
     pub first: Vec<Difference>,
     /// Cycles of the board's core that the pipeline took for a frame, at most.
     pub worst_step_cycles: u32,
-    /// The frame that took them.
     pub worst_step_frame: usize,
-    /// Clock of the board's core, Hz.
     pub core_hz: u32,
-    /// The same as time, µs.
     pub worst_step_us: f64,
     /// How long it took here, s.
     pub seconds: f64,
 }
 
-/// What is replayed.
 pub struct Run<'a> {
-    /// Address of the mailbox.
     pub mailbox: u32,
-    /// The frames.
     pub episode: &'a Episode,
-    /// So many of them at most.
+    /// Frames at most.
     pub frames: Option<usize>,
     /// The model that the board should have.
     pub model: Model<'a>,
-    /// How long a board may take for anything.
+    /// How long the board may take for any step.
     pub timeout: Duration,
 }
 
@@ -82,7 +71,7 @@ pub fn replay(target: &mut dyn Target, run: &Run<'_>, progress: impl FnMut()) ->
     let mut board = Board { target, mailbox: run.mailbox, timeout: run.timeout, areas: (0, 0) };
     let core_hz = board.open(run)?;
     let frames = run.frames.unwrap_or(usize::MAX).min(run.episode.frames());
-    let (send, expected) = sync_channel(AHEAD);
+    let (send, expected) = sync_channel(AHEAD_MAX);
     let mut report = std::thread::scope(|scope| {
         let here = scope.spawn(|| send_expected(run, frames, send));
         let report = board.answer_all(run, frames, expected, progress);
@@ -96,7 +85,7 @@ pub fn replay(target: &mut dyn Target, run: &Run<'_>, progress: impl FnMut()) ->
     Ok(report)
 }
 
-/// The CAN frames of each frame, until all are sent or nobody wants more.
+/// The CAN frames of each frame, until all are sent or the receiver is gone.
 fn send_expected(run: &Run<'_>, frames: usize, send: SyncSender<Vec<CanFrame>>) -> Result<()> {
     let ended = AtomicBool::new(false);
     let (mut sent, can) = (0, std::cell::RefCell::new(Vec::new()));
@@ -105,7 +94,7 @@ fn send_expected(run: &Run<'_>, frames: usize, send: SyncSender<Vec<CanFrame>>) 
         run.model,
         RawForm::Plain,
         |_, frame| {
-            ensure!(!ended.load(Ordering::Relaxed), "nobody wants more");
+            ensure!(!ended.load(Ordering::Relaxed), "the receiver is gone");
             can.borrow_mut().push(*frame);
             Ok(())
         },
@@ -148,7 +137,7 @@ impl Board<'_> {
         })?;
         ensure!(
             up,
-            "the board's program does not come up for {} s: is it the one that --elf names?",
+            "the board's program does not come up for {} s: is it the program of --elf?",
             timeout.as_secs_f32()
         );
         self.areas = (words[Word::FrameAt as usize], words[Word::AnswerAt as usize]);
@@ -167,13 +156,13 @@ impl Board<'_> {
         Ok(words[Word::CoreHz as usize])
     }
 
-    /// Let the board run until something is so; `false`: it is not for so long.
-    fn wait(&mut self, mut is_so: impl FnMut(&mut dyn Target) -> Result<bool>) -> Result<bool> {
+    /// Let the board run until a condition holds; `false`: timeout.
+    fn wait(&mut self, mut condition: impl FnMut(&mut dyn Target) -> Result<bool>) -> Result<bool> {
         let begun = Instant::now();
-        let [mut pause, longest] = LOOK;
+        let [mut pause, longest] = POLL;
         while begun.elapsed() < self.timeout {
             self.target.run_for(pause)?;
-            if is_so(self.target)? {
+            if condition(self.target)? {
                 return Ok(true);
             }
             pause = (2 * pause).min(longest);
@@ -187,7 +176,7 @@ impl Board<'_> {
             return Ok(());
         }
         if words[Word::AnswerAt as usize] == 0 {
-            bail!("the board's program gives up before it can say why");
+            bail!("the board's program gave up before it could report why");
         }
         let mut text = [0; 1 + TEXT_BYTES_MAX.div_ceil(4)];
         self.target.read(self.areas.1, &mut text)?;
@@ -201,17 +190,7 @@ impl Board<'_> {
         expected: Receiver<Vec<CanFrame>>,
         mut progress: impl FnMut(),
     ) -> Result<Report> {
-        let mut report = Report {
-            frames,
-            differing_frames: 0,
-            can_frames: 0,
-            first: Vec::new(),
-            worst_step_cycles: 0,
-            worst_step_frame: 0,
-            core_hz: 0,
-            worst_step_us: 0.0,
-            seconds: 0.0,
-        };
+        let mut report = Report { frames, ..Report::default() };
         for frame in 0..frames {
             let answer = self.answer(run, frame)?;
             let expected = expected.recv().context("this computer's pipeline has ended early")?;
@@ -249,7 +228,7 @@ impl Board<'_> {
         })?;
         let mut words = vec![0; length];
         self.target.read(self.areas.1, &mut words)?;
-        Answer::decode(&words).with_context(|| format!("frame {frame}: the board's answer is none"))
+        Answer::decode(&words).with_context(|| format!("frame {frame}: the board's answer is not valid"))
     }
 }
 
@@ -263,7 +242,7 @@ impl Report {
                 continue;
             }
             differs = true;
-            if self.first.len() < DESCRIBED {
+            if self.first.len() < DESCRIBED_MAX {
                 let text = |can: Option<&CanFrame>| can.map(|can| format!("{can:?}"));
                 let (expected, found) = (text(expected), text(found));
                 self.first.push(Difference { frame, can_frame: place, expected, found });

@@ -1,23 +1,91 @@
-//! Shapes of the picture and their colours.
+//! Shapes of the pictures and their colours.
 
+use svg::Document;
 use svg::node::Text as Content;
 use svg::node::element::path::Data;
-use svg::node::element::{Line, Path, Rectangle, TSpan, Text};
+use svg::node::element::{Group, Line, Path, Rectangle, TSpan, Text};
+
+use super::scale::Scale;
+
+const FONT: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif";
 
 /// Text and axes.
 pub(super) const INK: &str = "#1f2933";
-/// Secondary text.
 pub(super) const GREY: &str = "#66727f";
-/// Lines that guide the eye.
+/// Grid lines.
 pub(super) const RULE: &str = "#dfe4ea";
+/// The bottom line of a panel.
+pub(super) const BASE: &str = "#aab4bf";
+/// A line or dot without a class.
+pub(super) const NEUTRAL: &str = "#5b6774";
 /// Classes: no contact, contact without slip, slip. Told apart by the colour-blind too (Okabe and Ito).
 pub(super) const CLASS: [&str; 3] = ["#a3aebb", "#4a9bd4", "#d55e00"];
-/// Names of the classes.
-pub(crate) const CLASS_NAME: [&str; 3] = ["no contact", "no slip", "slip"];
-/// Sensors.
+pub const CLASS_NAME: [&str; 3] = ["no contact", "no slip", "slip"];
 pub(super) const SENSOR: [&str; 3] = ["#2b3a55", "#009e73", "#cc79a7"];
 
-/// Where text stands relative to its point.
+/// A picture in the making.
+pub(super) struct Canvas(Group);
+
+impl Canvas {
+    pub(super) fn new() -> Self {
+        Self(Group::new().set("font-family", FONT))
+    }
+
+    /// A part of another canvas.
+    pub(super) fn group() -> Self {
+        Self(Group::new())
+    }
+
+    pub(super) fn into_group(self) -> Group {
+        self.0
+    }
+
+    pub(super) fn add(&mut self, node: impl Into<Box<dyn svg::Node>>) {
+        self.0 = std::mem::take(&mut self.0).add(node);
+    }
+
+    pub(super) fn text(&mut self, x: f64, y: f64, anchor: Anchor, size: f64, colour: &str, words: &str) {
+        self.add(text(x, y, anchor, size, colour, words));
+    }
+
+    /// Lines at round values of a panel `height` pixels high, with the values left of it, and its bottom line.
+    pub(super) fn grid(&mut self, left: f64, right: f64, bottom: f64, height: f64, scale: Option<&Scale>) {
+        if let Some(scale) = scale {
+            let (ticks, digits) = scale.ticks((height / 30.0) as usize);
+            for tick in ticks {
+                let at = scale.at(tick);
+                self.add(rule(left, at, right, at, RULE));
+                self.text(left - 8.0, at + 4.0, Anchor::End, 11.0, GREY, &format!("{tick:.digits$}"));
+            }
+        }
+        self.add(rule(left, bottom, right, bottom, BASE));
+    }
+
+    /// Round values below a panel, about ten.
+    pub(super) fn axis(&mut self, scale: &Scale, y: f64) {
+        let (ticks, digits) = scale.ticks(10);
+        for tick in ticks {
+            let x = scale.at(tick);
+            self.add(rule(x, y, x, y + 5.0, GREY));
+            self.text(x, y + 19.0, Anchor::Middle, 12.0, GREY, &format!("{tick:.digits$}"));
+        }
+    }
+
+    /// The SVG file; `label` is what a screen reader says.
+    pub(super) fn page(self, width: f64, height: f64, label: &str) -> String {
+        let page = Document::new()
+            .set("viewBox", (0, 0, width, height))
+            .set("width", width)
+            .set("height", height)
+            .set("role", "img")
+            .set("aria-label", label)
+            .add(rect(0.0, 0.0, width, height, "#ffffff"))
+            .add(self.0);
+        format!("{page}\n")
+    }
+}
+
+/// The point of a text that its place names, as SVG calls it.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Anchor {
     Start,
@@ -26,15 +94,10 @@ pub(super) enum Anchor {
 }
 
 pub(super) fn text(x: f64, y: f64, anchor: Anchor, size: f64, colour: &str, words: &str) -> Text {
-    let anchor = match anchor {
-        Anchor::Start => "start",
-        Anchor::Middle => "middle",
-        Anchor::End => "end",
-    };
     Text::new("")
         .set("x", round(x))
         .set("y", round(y))
-        .set("text-anchor", anchor)
+        .set("text-anchor", format!("{anchor:?}").to_lowercase())
         .set("font-size", size)
         .set("fill", colour)
         .add(Content::new(words))

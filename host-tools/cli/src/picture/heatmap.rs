@@ -11,7 +11,6 @@ use super::scale::columns;
 
 /// Pixel rows of one mel bin: viewers that smooth an enlarged image leave the bins' edges sharp.
 const BIN_ROWS: usize = 6;
-/// Widest image, pixels.
 const WIDTH_MAX: usize = 1600;
 
 /// Dark to bright and even to the eye, also in grey (matplotlib's "inferno", every 32nd colour).

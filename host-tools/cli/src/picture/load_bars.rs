@@ -1,9 +1,8 @@
 //! How full a bus is, as bars: one pair for each pair of bit rates.
 
 use slipsense_can_sim::busload::{BusLoad, Load};
-use svg::Document;
 
-use super::draw::{Anchor, CLASS, GREY, INK, RULE, SENSOR, rect, rule, text};
+use super::draw::{Anchor, CLASS, Canvas, GREY, INK, RULE, SENSOR, rect, rule};
 
 const WIDTH: f64 = 880.0;
 /// Left of the bars, for their names.
@@ -17,48 +16,46 @@ const COLOURS: [(&str, &str); 3] =
     [("slip messages", CLASS[2]), ("raw messages", CLASS[1]), ("other nodes", SENSOR[0])];
 
 /// Typical and worst load on each bus, with a line at `limit_percent`.
-pub(crate) fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> String {
+pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> String {
     let bottom = TOP + PAIR * buses.len() as f64;
     let totals = buses.iter().flat_map(|bus| [bus.exact.total_percent, bus.worst.total_percent]);
     let most = totals.fold(100.0, f64::max);
     // Full twenties, so that the axis ends on a number.
     let end = (most / 20.0).ceil() * 20.0;
     let x = |percent: f64| LEFT + (WIDTH - LEFT - RIGHT) * percent / end;
-    let mut page = Document::new()
-        .set("viewBox", (0, 0, WIDTH, bottom + 40.0))
-        .set("font-family", "Helvetica, Arial, sans-serif")
-        .add(rect(0.0, 0.0, WIDTH, bottom + 40.0, "#ffffff"))
-        .add(text(16.0, 24.0, Anchor::Start, 13.0, INK, headline));
+    let mut page = Canvas::new();
+    page.text(16.0, 24.0, Anchor::Start, 13.0, INK, headline);
     for (index, (name, colour)) in COLOURS.into_iter().enumerate() {
         let at = LEFT + 130.0 * index as f64;
-        page = page.add(rect(at, 38.0, 12.0, 12.0, colour));
-        page = page.add(text(at + 18.0, 49.0, Anchor::Start, 12.0, GREY, name));
+        page.add(rect(at, 38.0, 12.0, 12.0, colour));
+        page.text(at + 18.0, 49.0, Anchor::Start, 12.0, GREY, name);
     }
     for step in 0..=(end / 20.0) as u32 {
         let percent = 20.0 * f64::from(step);
-        page = page.add(rule(x(percent), TOP - 6.0, x(percent), bottom, RULE));
+        page.add(rule(x(percent), TOP - 6.0, x(percent), bottom, RULE));
         let label = format!("{percent} %");
-        page = page.add(text(x(percent), bottom + 18.0, Anchor::Middle, 11.0, GREY, &label));
+        page.text(x(percent), bottom + 18.0, Anchor::Middle, 11.0, GREY, &label);
     }
     for (index, bus) in buses.iter().enumerate() {
         let y = TOP + PAIR * index as f64;
         let rates = format!("{}/{} Mbit/s", f64::from(bus.nominal_bps) / 1e6, f64::from(bus.data_bps) / 1e6);
-        page = page.add(text(16.0, y + 14.0, Anchor::Start, 13.0, INK, &rates));
+        page.text(16.0, y + 14.0, Anchor::Start, 13.0, INK, &rates);
         for (row, (what, load)) in [("typical", bus.exact), ("worst case", bus.worst)].into_iter().enumerate()
         {
             let y = y + (BAR + 4.0) * row as f64;
-            page = page.add(text(LEFT - 8.0, y + 14.0, Anchor::End, 12.0, GREY, what));
+            page.text(LEFT - 8.0, y + 14.0, Anchor::End, 12.0, GREY, what);
             let mut from = 0.0;
             for (percent, (_, colour)) in parts(load).into_iter().zip(COLOURS) {
-                page = page.add(rect(x(from), y, x(from + percent) - x(from), BAR, colour));
+                page.add(rect(x(from), y, x(from + percent) - x(from), BAR, colour));
                 from += percent;
             }
             let total = format!("{:.1} %", load.total_percent);
-            page = page.add(text(x(from) + 6.0, y + 14.0, Anchor::Start, 12.0, INK, &total));
+            page.text(x(from) + 6.0, y + 14.0, Anchor::Start, 12.0, INK, &total);
         }
     }
     let limit = x(f64::from(limit_percent));
-    page.add(rule(limit, TOP - 6.0, limit, bottom, "#b00020")).to_string()
+    page.add(rule(limit, TOP - 6.0, limit, bottom, "#b00020"));
+    page.page(WIDTH, bottom + 40.0, headline)
 }
 
 const fn parts(load: Load) -> [f64; 3] {

@@ -3,8 +3,10 @@
 
 mod close_up;
 mod draw;
+#[cfg(feature = "full")]
 mod grasp;
 mod heatmap;
+#[cfg(feature = "full")]
 mod load_bars;
 mod scale;
 
@@ -14,15 +16,16 @@ use anyhow::Result;
 use slipsense::params::{CLASSES, MEL_BINS};
 use slipsense_recording::Episode;
 use slipsense_recording::score::SLIP;
-use svg::Document;
-use svg::node::element::{Group, Image};
+use svg::node::element::Image;
 
 use crate::simulate::Simulation;
-use crate::summary::{EventFacts, Outcome, Summary, file_name, seconds};
-pub(crate) use draw::CLASS_NAME;
-use draw::{Anchor, CLASS, GREY, INK, RULE, SENSOR, area, bold, curve, heading, rect, rule, text};
-pub(crate) use grasp::{latencies as grasp_latencies, trial as grasp_trial};
-pub(crate) use load_bars::load_bars;
+use crate::summary::{EventInfo, Outcome, Summary, TruthInfo, file_name, plural, seconds};
+pub use draw::CLASS_NAME;
+use draw::{Anchor, CLASS, Canvas, GREY, INK, SENSOR, area, bold, curve, heading, rect, rule, text};
+#[cfg(feature = "full")]
+pub use grasp::{latencies as grasp_latencies, trial as grasp_trial};
+#[cfg(feature = "full")]
+pub use load_bars::load_bars;
 use scale::{Scale, columns, line};
 
 const WIDTH: f64 = 1200.0;
@@ -48,7 +51,7 @@ struct Panels<'a> {
     x: Scale,
     /// Top and bottom of each panel so far.
     spans: Vec<(f64, f64)>,
-    group: Group,
+    canvas: Canvas,
 }
 
 /// Draw an episode and what the pipeline made of it.
@@ -61,10 +64,7 @@ pub fn timeline(episode: &Episode, simulation: &Simulation, summary: &Summary) -
         frames,
         x: Scale::new(0.0..frames as f64, LEFT..RIGHT),
         spans: Vec::new(),
-        group: Group::new().set(
-            "font-family",
-            "Inter, 'Helvetica Neue', Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif",
-        ),
+        canvas: Canvas::new(),
     };
     panels.header();
     let mut y = panels.pressure(if summary.truth.is_some() { HEADER } else { MARKS }, 104.0) + GAP;
@@ -74,23 +74,14 @@ pub fn timeline(episode: &Episode, simulation: &Simulation, summary: &Summary) -
     y = panels.slip_speed(y, 64.0);
     panels.events();
     y = panels.time_axis(y) + 26.0;
-    let Panels { group, .. } = panels;
-    let (group, height) = close_up::add(group, episode, simulation, summary, y);
-    let document = Document::new()
-        .set("viewBox", (0, 0, WIDTH, height))
-        .set("width", WIDTH)
-        .set("height", height)
-        .set("role", "img")
-        .set("aria-label", format!("Timeline of {}", summary.episode.words()))
-        .add(rect(0.0, 0.0, WIDTH, height, "#ffffff"))
-        .add(group);
-    Ok(format!("{document}\n"))
+    let mut canvas = panels.canvas;
+    let height = close_up::add(&mut canvas, episode, simulation, summary, y);
+    Ok(canvas.page(WIDTH, height, &format!("Timeline of {}", summary.episode.words())))
 }
 
 impl Panels<'_> {
     fn add(&mut self, node: impl Into<Box<dyn svg::Node>>) {
-        let group = std::mem::take(&mut self.group);
-        self.group = group.add(node);
+        self.canvas.add(node);
     }
 
     fn header(&mut self) {
@@ -102,22 +93,14 @@ impl Panels<'_> {
             file_name(&model.name),
             &model.hash[..8]
         );
-        self.add(text(20.0, 54.0, Anchor::Start, 13.0, GREY, &line));
+        self.canvas.text(20.0, 54.0, Anchor::Start, 13.0, GREY, &line);
     }
 
     /// Title, frame and horizontal lines of a panel.
     fn panel(&mut self, y: f64, height: f64, title: &str, unit: &str, scale: Option<&Scale>) {
         self.spans.push((y, y + height));
         self.add(heading(LEFT, y - 9.0, title, unit));
-        if let Some(scale) = scale {
-            let (ticks, digits) = scale.ticks((height / 30.0) as usize);
-            for tick in ticks {
-                let at = scale.at(tick);
-                self.add(rule(LEFT, at, RIGHT, at, RULE));
-                self.add(text(LEFT - 8.0, at + 4.0, Anchor::End, 11.0, GREY, &format!("{tick:.digits$}")));
-            }
-        }
-        self.add(rule(LEFT, y + height, RIGHT, y + height, "#aab4bf"));
+        self.canvas.grid(LEFT, RIGHT, y + height, height, scale);
     }
 
     /// Names at the right edge, moved apart where they would overlap.
@@ -181,7 +164,7 @@ impl Panels<'_> {
             );
             for (bin, name) in [(0, "0.1"), (8, "1.2"), (15, "3.5 kHz")] {
                 let at = y + height * (1.0 - (f64::from(bin) + 0.5) / MEL_BINS as f64);
-                self.add(text(LEFT - 8.0, at + 4.0, Anchor::End, 11.0, GREY, name));
+                self.canvas.text(LEFT - 8.0, at + 4.0, Anchor::End, 11.0, GREY, name);
             }
             self.colour_bar(y, height, &range);
             y += height + GAP;
@@ -196,10 +179,10 @@ impl Panels<'_> {
             let colour = heatmap::colour((f64::from(i) + 0.5) / f64::from(steps));
             self.add(rect(RIGHT + 10.0, y + height - f64::from(i + 1) * step, 10.0, step + 0.3, &colour));
         }
-        self.add(text(RIGHT + 26.0, y + 9.0, Anchor::Start, 11.0, GREY, &format!("{:.0} dB", range.end)));
-        self.add(text(RIGHT + 26.0, y + height / 2.0 + 4.0, Anchor::Start, 11.0, GREY, "re 1 g²"));
+        self.canvas.text(RIGHT + 26.0, y + 9.0, Anchor::Start, 11.0, GREY, &format!("{:.0} dB", range.end));
+        self.canvas.text(RIGHT + 26.0, y + height / 2.0 + 4.0, Anchor::Start, 11.0, GREY, "re 1 g²");
         let low = format!("{:.0} dB", range.start);
-        self.add(text(RIGHT + 26.0, y + height, Anchor::Start, 11.0, GREY, &low));
+        self.canvas.text(RIGHT + 26.0, y + height, Anchor::Start, 11.0, GREY, &low);
     }
 
     fn logits(&mut self, y: f64, height: f64) -> f64 {
@@ -228,7 +211,7 @@ impl Panels<'_> {
         let mut x = LEFT + 150.0;
         for (colour, name) in CLASS.into_iter().zip(CLASS_NAME) {
             self.add(rect(x, y - 17.0, 10.0, 10.0, colour));
-            self.add(text(x + 15.0, y - 8.0, Anchor::Start, 12.0, GREY, name));
+            self.canvas.text(x + 15.0, y - 8.0, Anchor::Start, 12.0, GREY, name);
             x += 34.0 + 6.6 * name.len() as f64;
         }
         let raised =
@@ -246,7 +229,7 @@ impl Panels<'_> {
         let height = 18.0;
         self.spans.push((y, y + height));
         self.add(rect(LEFT, y, RIGHT - LEFT, height, "#f2f4f7"));
-        self.add(text(LEFT - 8.0, y + 13.0, Anchor::End, 12.0, INK, name));
+        self.canvas.text(LEFT - 8.0, y + 13.0, Anchor::End, 12.0, INK, name);
         // A column shows its highest class: a slip of one frame must not vanish.
         let shown = columns(0..self.frames, COLUMNS * 2);
         let known = |f: usize| Some(class[f]).filter(|c| usize::from(*c) < CLASSES);
@@ -277,10 +260,10 @@ impl Panels<'_> {
 
     /// Onsets and ends across all panels, detections and false alarms above them.
     fn events(&mut self) {
-        let Some(truth) = &self.summary.truth else { return };
+        let Some(TruthInfo { flag, .. }) = &self.summary.truth else { return };
         let spans = std::mem::take(&mut self.spans);
         let mut free = 0.0;
-        for event in &truth.events {
+        for event in &flag.events {
             let (from, to) = (self.x.at(event.onset_frame as f64), self.x.at(event.end_frame as f64));
             for x in [from, to] {
                 for &(top, bottom) in &spans {
@@ -294,13 +277,13 @@ impl Panels<'_> {
             }
         }
         let mut free = 0.0;
-        for alarm in &truth.false_alarms {
+        for alarm in &flag.false_alarms {
             let (from, to) = (self.x.at(alarm.start_frame as f64), self.x.at(alarm.end_frame as f64));
             self.add(rect(from, MARKS + 7.0, (to - from).max(2.0), 4.0, INK));
             // A row of its own: an alarm may be close to an event.
             let words = "false alarm";
             if let Some(middle) = room(words, (from + to) / 2.0, &mut free) {
-                self.add(text(middle, MARKS - 16.0, Anchor::Middle, 11.0, INK, words));
+                self.canvas.text(middle, MARKS - 16.0, Anchor::Middle, 11.0, INK, words);
                 self.add(rule(middle, MARKS - 12.0, middle, MARKS + 6.0, INK));
             }
         }
@@ -308,13 +291,8 @@ impl Panels<'_> {
 
     fn time_axis(&mut self, y: f64) -> f64 {
         let time = Scale::new(0.0..seconds(self.frames), LEFT..RIGHT);
-        let (ticks, digits) = time.ticks(10);
-        for tick in ticks {
-            let x = time.at(tick);
-            self.add(rule(x, y, x, y + 5.0, GREY));
-            self.add(text(x, y + 19.0, Anchor::Middle, 12.0, GREY, &format!("{tick:.digits$}")));
-        }
-        self.add(text(RIGHT + 10.0, y + 19.0, Anchor::Start, 12.0, GREY, "seconds"));
+        self.canvas.axis(&time, y);
+        self.canvas.text(RIGHT + 10.0, y + 19.0, Anchor::Start, 12.0, GREY, "seconds");
         y + 24.0
     }
 }
@@ -330,7 +308,7 @@ fn room(words: &str, middle: f64, free: &mut f64) -> Option<f64> {
 }
 
 /// What is written above an event, as wide as there is room for.
-fn mark(event: &EventFacts, width: f64) -> String {
+fn mark(event: &EventInfo, width: f64) -> String {
     let roomy = width > 220.0;
     match (event.outcome, event.delay_ms) {
         (Outcome::Hit, Some(ms)) if roomy => format!("slip, flagged after {ms:.1} ms"),
@@ -342,16 +320,15 @@ fn mark(event: &EventFacts, width: f64) -> String {
 
 /// What there is to see, in one line.
 fn headline(summary: &Summary) -> String {
-    let Some(truth) = &summary.truth else {
+    let Some(TruthInfo { flag, .. }) = &summary.truth else {
         let runs = summary.output.flag_runs.len();
         let times = if runs == 1 { "once" } else { &format!("{runs} times") };
         return format!("SlipSense: slip flag raised {times} (no labels to compare with)");
     };
-    let count = |outcome| truth.events.iter().filter(|event| event.outcome == outcome).count();
-    let (events, alarms, early) = (truth.events.len(), truth.false_alarms.len(), count(Outcome::Early));
+    let count = |outcome| flag.events.iter().filter(|event| event.outcome == outcome).count();
+    let (events, alarms, early) = (flag.events.len(), flag.false_alarms.len(), count(Outcome::Early));
     let found = count(Outcome::Hit) + early;
     let early = if early > 0 { format!(", {early} of them early") } else { String::new() };
-    let plural = |count: usize| if count == 1 { "" } else { "s" };
     format!(
         "SlipSense: {found} of {events} slip{} flagged{early}, {alarms} false alarm{}",
         plural(events),

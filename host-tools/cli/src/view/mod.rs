@@ -11,6 +11,7 @@
 
 pub mod record;
 pub mod store;
-pub mod episode;
-pub mod bus;
+pub mod source;
 pub mod server;
+#[cfg(test)]
+mod tests;

@@ -6,7 +6,7 @@
 //! | 4 | frames lost right before it |
 //! | 8 | time of its tick, µs, a 64-bit float |
 //! | 1 | class: 0 no contact, 1 contact without slip, 2 slip |
-//! | 1 | flags: 1 slip, 2 alarm, 4 the truth is known, 8 it slips in truth |
+//! | 1 | flags: 1 slip, 2 alarm, 4 the truth is known, 8 slip in truth |
 //! | 1, 1 | sensors in use, unused |
 //! | 12 | logits, 1/1024 nat |
 //! | 2, 2 | late frames so far, unused |
@@ -16,7 +16,7 @@
 //!
 //! | bytes | what |
 //! |---|---|
-//! | 1, 1 | health bits (`slipsense::health`); 1 taxels are there, 2 log-mel is there |
+//! | 1, 1 | health bits (`slipsense::health`); 1 taxels present, 2 log-mel present |
 //! | 2 | taxels in contact |
 //! | 4 | sum of the counts |
 //! | 2, 2 | centre of pressure, row and column, 1/256 taxel |
@@ -36,7 +36,7 @@ pub const HEADER_BYTES: usize = 40;
 /// Bytes of one sensor.
 pub const SENSOR_BYTES: usize = 16 + 2 * MEL_BINS + 2 * 1024;
 
-/// Bytes of a frame of so many sensors.
+/// Bytes of a frame.
 pub const fn bytes(sensors: usize) -> usize {
     HEADER_BYTES + sensors * SENSOR_BYTES
 }
@@ -45,33 +45,31 @@ const SLIP: u8 = 1;
 const ALARM: u8 = 2;
 const TRUTH_KNOWN: u8 = 4;
 const TRUE_SLIP: u8 = 8;
-const TAXELS_THERE: u8 = 1;
-const LOG_MEL_THERE: u8 = 2;
+const TAXELS_PRESENT: u8 = 1;
+const LOG_MEL_PRESENT: u8 = 2;
 
 /// A frame on its way to the page.
 #[derive(Clone, Debug)]
 pub struct Record {
-    /// What the node said of it.
     pub slip: SlipMessage,
     /// Frames lost right before it.
     pub lost: u32,
-    /// Does it slip? `None`: nobody knows.
+    /// Does it slip in truth? `None`: unknown.
     pub truth: Option<bool>,
-    /// Its sensors, as many as `slip` says.
     pub sensors: Vec<SensorRecord>,
 }
 
-/// What one sensor felt and heard.
+/// One sensor's taxels and log-mel.
 #[derive(Clone, Debug, Default)]
 pub struct SensorRecord {
     /// `None`: the raw message did not arrive.
     pub piezo: Option<PiezoFrame>,
-    /// `None`: no samples were heard.
+    /// `None`: no samples arrived.
     pub log_mel: Option<LogMel>,
 }
 
 impl Record {
-    /// Of what the page marks in its timeline: bits of the flags, and the class above them.
+    /// The byte that the page's timeline shows: the flags, and the class above them.
     pub fn mark(&self) -> u8 {
         self.flags() | self.slip.class << 4
     }
@@ -106,8 +104,8 @@ impl Record {
 }
 
 fn encode_sensor(sensor: &SensorRecord, contact: &SensorContact, out: &mut Vec<u8>) {
-    let taxels = if sensor.piezo.is_some() { TAXELS_THERE } else { 0 };
-    let log_mel = if sensor.log_mel.is_some() { LOG_MEL_THERE } else { 0 };
+    let taxels = if sensor.piezo.is_some() { TAXELS_PRESENT } else { 0 };
+    let log_mel = if sensor.log_mel.is_some() { LOG_MEL_PRESENT } else { 0 };
     out.extend([contact.health, taxels | log_mel]);
     out.extend(contact.area.to_le_bytes());
     out.extend(contact.sum.to_le_bytes());

@@ -27,14 +27,14 @@ const SCRIPTS: [(&str, &str); 3] = [
     ("/draw.js", include_str!("page/draw.js")),
     ("/page.js", include_str!("page/page.js")),
 ];
+const BYTES: &str = "application/octet-stream";
 /// Most frames of one answer.
 const COUNT_MAX: usize = 480;
-/// How long an answer waits for the first frame.
-const PATIENCE: Duration = Duration::from_secs(1);
-/// Requests that may wait at once: some pages with two each.
+/// How long an answer waits for its first frame.
+const TIMEOUT: Duration = Duration::from_secs(1);
+/// Requests that may wait at once: two for each page.
 const THREADS: usize = 8;
 
-/// A server that listens.
 pub struct PageServer {
     server: Arc<Server>,
     address: SocketAddr,
@@ -50,12 +50,10 @@ impl PageServer {
         Ok(Self { server: Arc::new(server), address })
     }
 
-    /// Where the page is.
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
     }
 
-    /// Serve for ever.
     pub fn serve(self, store: &Arc<Store>) {
         let serve = || {
             let (server, store) = (Arc::clone(&self.server), Arc::clone(store));
@@ -84,44 +82,33 @@ fn answer(request: Request, store: &Store) -> io::Result<()> {
     };
     let from = number("from").unwrap_or(0);
     if let Some((_, script)) = SCRIPTS.iter().find(|(name, _)| *name == path) {
-        return request.respond(typed(script.as_bytes().to_vec(), "text/javascript; charset=utf-8"));
+        return request.respond(typed((*script).into(), "text/javascript; charset=utf-8", None));
     }
     match path {
-        "/" => request.respond(typed(PAGE.into(), "text/html; charset=utf-8")),
-        "/page.css" => request.respond(typed(STYLE.into(), "text/css; charset=utf-8")),
+        "/" => request.respond(typed(PAGE.into(), "text/html; charset=utf-8", None)),
+        "/page.css" => request.respond(typed(STYLE.into(), "text/css; charset=utf-8", None)),
         "/state" => {
             let state = serde_json::to_vec(&store.state()).map_err(io::Error::other)?;
-            request.respond(typed(state, "application/json"))
+            request.respond(typed(state, "application/json", None))
         }
         "/records" => {
             let count = number("count").map_or(COUNT_MAX, |count: u64| count.min(COUNT_MAX as u64) as usize);
-            let (first, records) = store.records(from, count, PATIENCE);
-            request.respond(numbered(first, records))
+            let (first, records) = store.records(from, count, TIMEOUT);
+            request.respond(typed(records, BYTES, Some(first)))
         }
         "/marks" => {
-            let (first, marks) = store.marks(from, PATIENCE);
-            request.respond(numbered(first, marks))
+            let (first, marks) = store.marks(from, TIMEOUT);
+            request.respond(typed(marks, BYTES, Some(first)))
         }
         _ => request.respond(Response::empty(404)),
     }
 }
 
-fn typed(body: Vec<u8>, content_type: &str) -> Response<io::Cursor<Vec<u8>>> {
-    with_header(Response::from_data(body), "Content-Type", content_type)
-}
-
-fn numbered(first: u64, body: Vec<u8>) -> Response<io::Cursor<Vec<u8>>> {
-    with_header(typed(body, "application/octet-stream"), "First-Frame", &first.to_string())
-}
-
-fn with_header(
-    response: Response<io::Cursor<Vec<u8>>>,
-    name: &str,
-    value: &str,
-) -> Response<io::Cursor<Vec<u8>>> {
-    match Header::from_bytes(name, value) {
-        Ok(header) => response.with_header(header),
-        // Names and values above are plain text.
-        Err(()) => response,
-    }
+/// A body with its type, and where it begins in the session if it is a part.
+fn typed(body: Vec<u8>, content_type: &str, first: Option<u64>) -> Response<io::Cursor<Vec<u8>>> {
+    let first = first.map(|first| ("First-Frame", first.to_string()));
+    let headers = [("Content-Type", content_type.to_owned())].into_iter().chain(first);
+    // Names and values are plain text: none is refused.
+    let headers = headers.filter_map(|(name, value)| Header::from_bytes(name, value).ok());
+    headers.fold(Response::from_data(body), Response::with_header)
 }

@@ -1,4 +1,4 @@
-//! Frames between whoever makes them and whoever looks: the last so many, in order.
+//! The last frames of a session, in order: a source fills it, pages read it.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -12,119 +12,107 @@ use super::record::{self, Record};
 /// What does not change while a source runs.
 #[derive(Clone, Debug, Serialize)]
 pub struct Session {
-    /// Another one after a restart, so that a page knows to begin anew.
+    /// Different after a restart, so that a page knows to start over.
     pub id: u64,
-    /// File or bus.
     pub name: String,
-    /// Are the sensors' data made by a generator? `None`: nobody says.
+    /// Are the data generated? `None`: unknown.
     pub synthetic: Option<bool>,
-    /// Sensors of every record.
     pub sensors: usize,
-    /// Bytes of a record.
     pub record_bytes: usize,
-    /// Frames per second.
     pub frame_rate_hz: u32,
-    /// Does it go on by itself? Then the page shows the newest frame.
+    /// Does it go on by itself? Then the page follows the newest frame.
     pub live: bool,
 }
 
-/// Where a session stands.
 #[derive(Clone, Debug, Serialize)]
 pub struct State {
-    /// What it is.
     #[serde(flatten)]
     pub session: Session,
-    /// Number of the oldest frame that is still there, counted from the first that came.
+    /// Number of the oldest frame still stored, counted from the first received.
     pub first: u64,
-    /// Number of the frame that comes next.
     pub end: u64,
-    /// Will there be no more?
     pub ended: bool,
     /// Frames lost so far, by their sequence numbers.
     pub lost: u64,
-    /// Why the source ended before its end, if it did.
+    /// Why the source stopped early, if it did.
     pub problem: Option<String>,
 }
 
-struct Kept {
+struct Stored {
     records: VecDeque<Vec<u8>>,
-    /// As many as records.
     marks: VecDeque<u8>,
     state: State,
 }
 
-/// The last frames of a session.
 pub struct Store {
-    kept: Mutex<Kept>,
+    stored: Mutex<Stored>,
     changed: Condvar,
     capacity: usize,
 }
 
 impl Store {
-    /// Room for `capacity` frames; after that the oldest goes when a new one comes.
+    /// Keeps the last `capacity` frames.
     pub fn new(session: Session, capacity: usize) -> Self {
         let state = State { session, first: 0, end: 0, ended: false, lost: 0, problem: None };
-        let kept = Kept { records: VecDeque::new(), marks: VecDeque::new(), state };
-        Self { kept: Mutex::new(kept), changed: Condvar::new(), capacity: capacity.max(1) }
+        let stored = Stored { records: VecDeque::new(), marks: VecDeque::new(), state };
+        Self { stored: Mutex::new(stored), changed: Condvar::new(), capacity: capacity.max(1) }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Kept> {
-        // Every change is whole before the lock is let go.
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, Stored> {
+        // Every change is complete before the lock is released.
+        self.stored.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next frame.
     pub fn push(&self, record: &Record) {
-        let mut kept = self.lock();
-        let encoded = record.encode(kept.state.session.sensors);
-        debug_assert_eq!(encoded.len(), record::bytes(kept.state.session.sensors));
-        kept.records.push_back(encoded);
-        kept.marks.push_back(record.mark());
-        kept.state.end += 1;
-        kept.state.lost += u64::from(record.lost);
-        if kept.records.len() > self.capacity {
-            kept.records.pop_front();
-            kept.marks.pop_front();
-            kept.state.first += 1;
+        let mut stored = self.lock();
+        let encoded = record.encode(stored.state.session.sensors);
+        debug_assert_eq!(encoded.len(), record::bytes(stored.state.session.sensors));
+        stored.records.push_back(encoded);
+        stored.marks.push_back(record.mark());
+        stored.state.end += 1;
+        stored.state.lost += u64::from(record.lost);
+        if stored.records.len() > self.capacity {
+            stored.records.pop_front();
+            stored.marks.pop_front();
+            stored.state.first += 1;
         }
-        drop(kept);
+        drop(stored);
         self.changed.notify_all();
     }
 
-    /// There will be no more; `problem`: why, if that is not as it should be.
+    /// There will be no more frames; `problem`: what went wrong.
     pub fn end(&self, problem: Option<String>) {
-        let mut kept = self.lock();
-        kept.state.ended = true;
-        kept.state.problem = problem;
-        drop(kept);
+        let mut stored = self.lock();
+        stored.state.ended = true;
+        stored.state.problem = problem;
+        drop(stored);
         self.changed.notify_all();
     }
 
-    /// Where it stands.
     pub fn state(&self) -> State {
         self.lock().state.clone()
     }
 
-    /// At most `count` frames from number `from` on, or from the oldest that is there: the number of the first, and
-    /// their bytes. Waits up to `patience` for the first.
-    pub fn records(&self, from: u64, count: usize, patience: Duration) -> (u64, Vec<u8>) {
-        let (range, kept) = self.wait(from, count, patience);
-        let first = kept.state.first + range.start as u64;
-        (first, kept.records.range(range).flatten().copied().collect())
+    /// At most `count` frames from number `from` on, or from the oldest stored: the number of the first, and their
+    /// bytes. Waits up to `timeout` for the first.
+    pub fn records(&self, from: u64, count: usize, timeout: Duration) -> (u64, Vec<u8>) {
+        let (range, stored) = self.wait(from, count, timeout);
+        let first = stored.state.first + range.start as u64;
+        (first, stored.records.range(range).flatten().copied().collect())
     }
 
     /// The marks of all frames from number `from` on: the number of the first, and a byte each.
-    pub fn marks(&self, from: u64, patience: Duration) -> (u64, Vec<u8>) {
-        let (range, kept) = self.wait(from, usize::MAX, patience);
-        (kept.state.first + range.start as u64, kept.marks.range(range).copied().collect())
+    pub fn marks(&self, from: u64, timeout: Duration) -> (u64, Vec<u8>) {
+        let (range, stored) = self.wait(from, usize::MAX, timeout);
+        (stored.state.first + range.start as u64, stored.marks.range(range).copied().collect())
     }
 
-    fn wait(&self, from: u64, count: usize, patience: Duration) -> (Range<usize>, MutexGuard<'_, Kept>) {
-        let nothing_yet = |kept: &mut Kept| kept.state.end <= from && !kept.state.ended;
-        let waited = self.changed.wait_timeout_while(self.lock(), patience, nothing_yet);
-        let (kept, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        let start = from.saturating_sub(kept.state.first).min(kept.records.len() as u64) as usize;
-        let end = start.saturating_add(count).min(kept.records.len());
-        (start..end, kept)
+    fn wait(&self, from: u64, count: usize, timeout: Duration) -> (Range<usize>, MutexGuard<'_, Stored>) {
+        let nothing_yet = |stored: &mut Stored| stored.state.end <= from && !stored.state.ended;
+        let waited = self.changed.wait_timeout_while(self.lock(), timeout, nothing_yet);
+        let (stored, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        let start = from.saturating_sub(stored.state.first).min(stored.records.len() as u64) as usize;
+        let end = start.saturating_add(count).min(stored.records.len());
+        (start..end, stored)
     }
 }

@@ -4,23 +4,22 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use clap::Args as ClapArgs;
 use serde::Serialize;
-use slipsense::net::Model;
 use slipsense_model::compare::{ActivationError, LayerComparison, compare_activations};
 use slipsense_model::output::sha256_hex;
 use slipsense_model::weights::Weights;
 use slipsense_recording::Episode;
 
 use crate::bundled;
-use crate::summary::{EpisodeFacts, ModelFacts};
+use crate::commands::Print;
+use crate::summary::{EpisodeInfo, ModelInfo};
 
 /// Compare float and integer network layer by layer over one episode
 ///
 /// Both networks see the same features and run freely, each from its own past; the integers of every layer are
 /// turned into real values by the scales in the model file. An error shown at a layer is what all integers up
 /// to it added up to. The inputs are integers to begin with, so they must be exact.
-#[derive(ClapArgs)]
+#[derive(clap::Args)]
 #[command(after_help = "\
 Columns:
   rms, largest   of the float values, real units
@@ -41,16 +40,15 @@ pub struct Args {
     /// The float weights that the model was quantized from
     #[arg(long, value_name = "FILE", requires = "model")]
     weights: Option<PathBuf>,
-    /// Print JSON to standard output, nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    print: Print,
 }
 
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
-    episode: EpisodeFacts,
-    model: ModelFacts,
+    episode: EpisodeInfo,
+    model: ModelInfo,
     /// Name of the weights' file, or `bundled`.
     weights: String,
     /// Does the model's provenance name these weights? `null` if it names none.
@@ -62,9 +60,9 @@ struct Report {
 }
 
 impl Args {
-    pub(crate) fn run(self) -> Result<()> {
-        let (bytes, model_name) = bundled::model_or(self.model.as_deref())?;
-        let model = Model::parse(&bytes).with_context(|| format!("model {model_name}"))?;
+    pub fn run(self) -> Result<()> {
+        let source = bundled::model(self.model.as_deref())?;
+        let (model, model_name) = (source.parse()?, &source.name);
         let (weights, weights_name) = match &self.weights {
             Some(path) => (Weights::read(path)?, path.display().to_string()),
             None => {
@@ -75,18 +73,18 @@ impl Args {
         let episode = Episode::read(&self.episode)?;
         let comparison = compare_activations(model, &weights, &episode)
             .with_context(|| format!("model {model_name}, weights {weights_name}"))?;
-        let model = ModelFacts::new(&model, &model_name);
+        let model = ModelInfo::new(&model, model_name);
         let made_from = model.provenance.get("weights_sha256").and_then(|hash| hash.as_str());
         let hash = sha256_hex(&weights.to_bytes()?);
         let report = Report {
-            episode: EpisodeFacts::new(&episode, &self.episode.display().to_string()),
+            episode: EpisodeInfo::new(&episode, &self.episode.display().to_string()),
             weights_are_the_models: made_from.map(|made_from| made_from == hash),
             weights: weights_name,
             model,
             same_class_share: comparison.agreement(),
             comparison,
         };
-        if self.json { super::super::print_json(&report) } else { super::super::print(&report.table()) }
+        self.print.show(&report, || report.table())
     }
 }
 

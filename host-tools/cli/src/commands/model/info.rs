@@ -3,8 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
-use clap::Args as ClapArgs;
+use anyhow::Result;
 use serde::Serialize;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
@@ -16,13 +15,14 @@ use slipsense_recording::model_file::cost::{
 };
 
 use crate::bundled;
-use crate::summary::{ModelFacts, PointFacts};
+use crate::commands::Print;
+use crate::summary::{ModelInfo, OperatingPointInfo};
 
 /// Say what is in a model file: layers, cost, accumulator head-room, how it was made
 ///
 /// Multiply-accumulates (MAC) are counted at full contact: every taxel, attention over its full window, scores
 /// and context included; norms, softmax, requantization and the front end are not counted.
-#[derive(ClapArgs)]
+#[derive(clap::Args)]
 #[command(after_help = "\
 Columns:
   shape      outputs × inputs of one output; scores: heads × lags
@@ -39,15 +39,14 @@ pub struct Args {
     /// Model file; the bundled one if not given
     #[arg(value_name = "MODEL")]
     model: Option<PathBuf>,
-    /// Print JSON to standard output, nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    print: Print,
 }
 
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Info {
-    model: ModelFacts,
+    model: ModelInfo,
     /// By the names of the file's header.
     sizes: Vec<Size>,
     layers: Vec<LayerInfo>,
@@ -84,17 +83,16 @@ struct Total {
 }
 
 impl Args {
-    pub(crate) fn run(self) -> Result<()> {
-        let (bytes, name) = bundled::model_or(self.model.as_deref())?;
-        let model = Model::parse(&bytes).with_context(|| format!("model {name}"))?;
-        let info = Info::new(&model, &name, bytes.len());
-        if self.json { super::super::print_json(&info) } else { super::super::print(&info.text()) }
+    pub fn run(self) -> Result<()> {
+        let source = bundled::model(self.model.as_deref())?;
+        let info = Info::new(&source.parse()?, &source.name, source.bytes.len());
+        self.print.show(&info, || info.text())
     }
 }
 
 impl Info {
     fn new(model: &Model<'_>, name: &str, file_bytes: usize) -> Self {
-        let facts = ModelFacts::new(model, name);
+        let facts = ModelInfo::new(model, name);
         let layers = layers(model);
         let unit = |layer: &LayerCost| facts.provenance.get(SCALES_KEY)?.get(layer.gives?)?.as_f64();
         let rows = layers.iter().map(|layer| LayerInfo {
@@ -139,7 +137,7 @@ impl Info {
         for size in &self.sizes {
             let _ = writeln!(text, "  {:24} {:>5}", size.name, size.value);
         }
-        let PointFacts { threshold_nat, k, n } = self.model.operating_point;
+        let OperatingPointInfo { threshold_nat, k, n } = self.model.operating_point;
         let _ = writeln!(text, "  {:24} {k} of {n} frames over {threshold_nat:.3} nat", "alarm");
         text += &self.layer_table();
         for Total { name, value, at_most, fits, note } in &self.totals {

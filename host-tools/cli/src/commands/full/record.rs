@@ -1,0 +1,128 @@
+//! `slipsense record`: a bus into files.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, ensure};
+use serde_json::json;
+use slipsense_recording::decode::{Count, Decoder};
+use slipsense_recording::link::Place;
+use slipsense_recording::recorder::Recorder;
+
+use super::Print;
+use super::live::{Event, Live};
+
+/// What a kill may cost.
+const FLUSH: Duration = Duration::from_secs(1);
+
+/// Record a bus to MCAP and candump, and count what was lost
+///
+/// Everything is written out every second: a recorder that is killed leaves files that can be read, without the
+/// last second. End it with Ctrl-C, and the MCAP file has its index. Times are the kernel's (SocketCAN), this
+/// computer's at the adapter (slcan), or the log's.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Sources:
+  socketcan:can0         an interface of Linux, in CAN FD mode
+  slcan:/dev/ttyACM0     a USB adapter with slcan and CAN FD (CANable 2.0); also slcan:HOST:PORT
+  FILE                   a recording or a pipe; - is a candump log on standard input
+
+  sudo ip link set can0 up type can bitrate 1000000 sample-point 0.8 \\
+       dbitrate 8000000 dsample-point 0.8 fd on
+  sudo ip link add vcan0 mtu 72 type vcan && sudo ip link set vcan0 up    a bus without an adapter
+  sudo sysctl net.core.rmem_max=8388608    the kernel keeps a second of frames for a busy program, not 30 ms
+
+Losses are counted by the numbers in the messages: slip messages exactly; raw messages as long as fewer
+than 32 in a row are missing. SocketCAN was run by its authors on vcan of Debian's kernel, not with an adapter.
+
+Examples:
+  slipsense record socketcan:can0 grasp.mcap
+  slipsense record slcan:/dev/ttyACM0 grasp.mcap grasp.log --seconds 60
+  candump -L can0 | slipsense record - grasp.mcap --json")]
+pub struct Args {
+    /// Where frames come from
+    #[arg(value_name = "SOURCE")]
+    source: Place,
+    /// Files to write, .mcap or .log; none may be there already
+    #[arg(value_name = "OUT", required = true)]
+    out: Vec<PathBuf>,
+    /// Stop after this time; without it at the end of the source or by Ctrl-C
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
+    seconds: Option<u64>,
+    /// Bit rate of the data phase that an slcan adapter is told, Mbit/s
+    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
+    data_mbit: u8,
+    #[command(flatten)]
+    print: Print,
+}
+
+impl Args {
+    pub fn run(self) -> Result<()> {
+        let live = Live::start(&self.source, self.data_mbit)?;
+        let mut files = Vec::new();
+        for out in &self.out {
+            match Recorder::create(out) {
+                Ok(file) => files.push(file),
+                Err(error) => {
+                    self.remove(files.len())?;
+                    return Err(error);
+                }
+            }
+        }
+        let (began, mut flushed) = (Instant::now(), Instant::now());
+        let limit = self.seconds.map(Duration::from_secs);
+        let (mut decoder, mut frames) = (Decoder::new(), 0u64);
+        let mut failure = None;
+        loop {
+            match live.next() {
+                Ok(Event::Frame(entry)) => {
+                    frames += 1;
+                    decoder.accept(&entry.frame);
+                    files.iter_mut().try_for_each(|file| file.write(&entry))?;
+                }
+                Ok(Event::Quiet) => {}
+                Ok(Event::End) => break,
+                Err(error) => {
+                    // Frames so far are kept.
+                    failure = Some(error);
+                    break;
+                }
+            }
+            if flushed.elapsed() >= FLUSH {
+                files.iter_mut().try_for_each(Recorder::flush)?;
+                flushed = Instant::now();
+            }
+            if limit.is_some_and(|limit| began.elapsed() >= limit) {
+                break;
+            }
+        }
+        files.into_iter().try_for_each(Recorder::finish)?;
+        if frames == 0 {
+            self.remove(self.out.len())?;
+        }
+        if let Some(error) = failure {
+            return Err(error.context(format!("stopped after {frames} frames, which are kept")));
+        }
+        ensure!(frames > 0, "no CAN FD frame with a 29-bit identifier came");
+        let counts = decoder.counts();
+        let out: Vec<_> = self.out.iter().map(|out| out.display().to_string()).collect();
+        let result = json!({"out": out, "frames": frames, "other_frames": decoder.others, "nodes": counts});
+        self.print.show(&result, || {
+            let mut text = format!("{frames} frames: {}\n", out.join(", "));
+            for (node, Count { slip, slip_lost, raw, raw_lost, errors, restarts }) in counts {
+                let _ = writeln!(
+                    text,
+                    "  node {node}: {slip} slip messages, {slip_lost} lost; {raw} raw messages, {raw_lost} lost; \
+                     {errors} errors, {restarts} restarts"
+                );
+            }
+            text
+        })
+    }
+
+    /// Take the first files away again: there is nothing in them.
+    fn remove(&self, count: usize) -> Result<()> {
+        Ok(self.out.iter().take(count).try_for_each(std::fs::remove_file)?)
+    }
+}

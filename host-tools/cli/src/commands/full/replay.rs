@@ -1,0 +1,83 @@
+//! `slipsense replay`: a recording back to a bus.
+
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::json;
+use slipsense_recording::link::{Place, open_sink};
+use slipsense_recording::log_file::{self, Format};
+
+use super::Print;
+
+/// Send a recording again: to a bus, a candump log or standard output
+///
+/// Frames go at the distances of the recording, or faster. To a log they keep their times.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  slipsense replay grasp.mcap socketcan:can0
+  slipsense replay grasp.log slcan:/dev/ttyACM0 --speed 0.5
+  slipsense replay grasp.log - | slipsense monitor - --plain
+  slipsense replay grasp.mcap grasp.log --speed max")]
+pub struct Args {
+    /// Recording: .log, .candump or .mcap
+    #[arg(value_name = "IN")]
+    input: PathBuf,
+    /// Where to: socketcan:can0, slcan:/dev/ttyACM0, slcan:HOST:PORT, a candump log, or - for standard output
+    #[arg(value_name = "TO")]
+    to: Place,
+    /// How fast: 1 is real time, `max` without waiting
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = speed)]
+    speed: f64,
+    /// Bit rate of the data phase that an slcan adapter is told, Mbit/s
+    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
+    data_mbit: u8,
+    #[command(flatten)]
+    print: Print,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    match text {
+        "max" => Ok(f64::INFINITY),
+        _ => text.parse().ok().filter(|&s: &f64| s > 0.0).ok_or_else(|| "must be above 0, or max".to_owned()),
+    }
+}
+
+impl Args {
+    pub fn run(self) -> Result<()> {
+        let Some(format) = Format::from_path(&self.input) else {
+            bail!("{}: must end in .log, .candump or .mcap", self.input.display());
+        };
+        ensure!(
+            !(self.print.json && self.to == Place::Standard),
+            "--json: standard output is the bus already"
+        );
+        let recording = log_file::read(&self.input, format)?;
+        let first = recording.entries.first();
+        let first = first.with_context(|| format!("{}: no CAN frame in it", self.input.display()))?;
+        let mut sink = open_sink(&self.to, &first.interface, self.data_mbit)?;
+        let began = Instant::now();
+        let mut late = Duration::ZERO;
+        for entry in &recording.entries {
+            let after_us = entry.timestamp_us.saturating_sub(first.timestamp_us);
+            let due = Duration::from_secs_f64(after_us as f64 / 1e6 / self.speed);
+            match due.checked_sub(began.elapsed()) {
+                Some(wait) if !wait.is_zero() => thread::sleep(wait),
+                _ => late = late.max(began.elapsed().saturating_sub(due)),
+            }
+            sink.send(entry.timestamp_us, &entry.frame)?;
+        }
+        sink.finish()?;
+        let (frames, took_s) = (recording.entries.len(), began.elapsed().as_secs_f64());
+        let late_ms = if self.speed.is_finite() { late.as_secs_f64() * 1e3 } else { 0.0 };
+        if self.to == Place::Standard {
+            return Ok(());
+        }
+        let notes = recording.notes;
+        let result = json!({"frames": frames, "took_s": took_s, "latest_ms": late_ms, "notes": notes});
+        self.print
+            .show(&result, || format!("{frames} frames in {took_s:.3} s, the latest {late_ms:.1} ms late\n"))
+    }
+}

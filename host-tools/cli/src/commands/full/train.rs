@@ -1,0 +1,37 @@
+//! `slipsense train`, `quantize` and `compare-networks`: part of a build with the feature `train`, which compiles tensor
+//! libraries; any other build says how to get them.
+
+#[cfg(feature = "train")]
+pub use slipsense_model::{CompareArgs, QuantizeArgs, TrainArgs, run_compare as compare, run_train as train};
+
+#[cfg(not(feature = "train"))]
+pub use without::{NotInBuild as CompareArgs, NotInBuild as QuantizeArgs, NotInBuild as TrainArgs, *};
+
+/// Turn a trained network into a model file.
+#[cfg(feature = "train")]
+pub fn quantize(args: &QuantizeArgs) -> anyhow::Result<()> {
+    // It works for minutes before it writes.
+    for path in [Some(&args.out), args.report.as_ref()].into_iter().flatten() {
+        crate::output::check_file(path)?;
+    }
+    slipsense_model::run_quantize(args)
+}
+
+#[cfg(not(feature = "train"))]
+mod without {
+    use anyhow::Result;
+
+    pub use crate::commands::NotInBuild;
+
+    pub fn train(args: &NotInBuild) -> Result<()> {
+        args.refuse("train")
+    }
+
+    pub fn quantize(args: &NotInBuild) -> Result<()> {
+        args.refuse("quantize")
+    }
+
+    pub fn compare(args: &NotInBuild) -> Result<()> {
+        args.refuse("compare-networks")
+    }
+}

@@ -1,0 +1,155 @@
+//! Results that appear whole or not at all: written beside their place and moved when they are complete.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use tempfile::{Builder, TempDir};
+
+const PREFIX: &str = ".slipsense-";
+const SUFFIX: &str = ".partial";
+/// Folder inside the temporary one, which is private: this one is as readable as the umask lets it be.
+const FILES: &str = "files";
+
+/// A result folder in the making. Dropped before [`commit`](Self::commit), it leaves nothing.
+#[derive(Debug)]
+pub struct OutputDir {
+    target: PathBuf,
+    staging: TempDir,
+}
+
+impl OutputDir {
+    /// Check that `target` can be written, before any work is done.
+    pub fn prepare(target: &Path) -> Result<Self> {
+        refuse_file(target)?;
+        // In the nearest folder that exists, the target itself if it does: the same file system in any case.
+        let home = target.ancestors().find(|above| above.exists()).unwrap_or(Path::new("."));
+        let staging = Builder::new().prefix(PREFIX).suffix(SUFFIX).tempdir_in(home).and_then(|staging| {
+            fs::create_dir(staging.path().join(FILES))?;
+            Ok(staging)
+        });
+        let staging = staging.with_context(|| format!("{}: cannot write this folder", target.display()))?;
+        Ok(Self { target: target.to_owned(), staging })
+    }
+
+    /// Where to write the file of this name.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.staging.path().join(FILES).join(name)
+    }
+
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<()> {
+        fs::write(self.path(name), content)
+            .with_context(|| format!("{}: cannot write", self.target.join(name).display()))
+    }
+
+    /// Move everything into place; other files of a folder that existed stay.
+    pub fn commit(self) -> Result<()> {
+        self.rename().with_context(|| format!("{}: cannot move the results here", self.target.display()))
+    }
+
+    fn rename(&self) -> io::Result<()> {
+        let files = self.staging.path().join(FILES);
+        if !self.target.is_dir() {
+            fs::create_dir_all(folder_of(&self.target))?;
+            return fs::rename(files, &self.target);
+        }
+        for entry in fs::read_dir(files)? {
+            let entry = entry?;
+            fs::rename(entry.path(), self.target.join(entry.file_name()))?;
+        }
+        Ok(())
+    }
+}
+
+/// A folder cannot be written where a file is.
+pub fn refuse_file(folder: &Path) -> Result<()> {
+    let is_file = folder.exists() && !folder.is_dir();
+    ensure!(!is_file, "{}: is a file, the output must be a folder", folder.display());
+    Ok(())
+}
+
+/// Check, before any work is done, that a file can be written at `path`.
+pub fn check_file(path: &Path) -> Result<()> {
+    ensure!(!path.is_dir(), "{}: is a folder, the output must be a file", path.display());
+    let folder = folder_of(path);
+    let test = Builder::new().prefix(PREFIX).tempfile_in(folder);
+    test.map(drop).with_context(|| format!("{}: cannot write into this folder", folder.display()))
+}
+
+/// Write a file that appears whole or not at all.
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
+    let mut builder = Builder::new();
+    builder.prefix(PREFIX).suffix(SUFFIX);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Temporary files are private by default; a result is as readable as the umask lets it be.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let write = || -> io::Result<()> {
+        let mut partial = builder.tempfile_in(folder_of(path))?;
+        partial.as_file_mut().write_all(content.as_ref())?;
+        partial.persist(path)?;
+        Ok(())
+    };
+    write().with_context(|| format!("{}: cannot write", path.display()))
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_new_folder_appears_at_commit_only() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("a/b/out");
+        let out = OutputDir::prepare(&target).unwrap();
+        out.write("x.txt", "x").unwrap();
+        drop(out);
+        assert!(names(home.path()).is_empty(), "an abandoned folder leaves nothing");
+        let out = OutputDir::prepare(&target).unwrap();
+        out.write("x.txt", "x").unwrap();
+        assert!(!target.exists());
+        out.commit().unwrap();
+        assert_eq!(names(&target), ["x.txt"]);
+        assert_eq!(
+            (names(home.path()), names(&home.path().join("a/b"))),
+            (vec!["a".into()], vec!["out".into()])
+        );
+    }
+
+    #[test]
+    fn an_existing_folder_keeps_its_other_files() {
+        let home = tempfile::tempdir().unwrap();
+        fs::write(home.path().join("mine"), "mine").unwrap();
+        fs::write(home.path().join("x.txt"), "old").unwrap();
+        let out = OutputDir::prepare(home.path()).unwrap();
+        out.write("x.txt", "new").unwrap();
+        assert_eq!(fs::read(home.path().join("x.txt")).unwrap(), b"old");
+        out.commit().unwrap();
+        assert_eq!(names(home.path()), ["mine", "x.txt"]);
+        assert_eq!(fs::read(home.path().join("x.txt")).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_file_where_a_folder_must_be_is_refused() {
+        let home = tempfile::tempdir().unwrap();
+        let file = home.path().join("file");
+        fs::write(&file, "").unwrap();
+        assert!(OutputDir::prepare(&file).is_err());
+        assert!(OutputDir::prepare(&file.join("out")).is_err());
+        assert_eq!(names(home.path()), ["file"]);
+    }
+}

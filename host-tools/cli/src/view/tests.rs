@@ -1,0 +1,159 @@
+//! Frames on their way to the page: the record's bytes, what the store keeps, a log put together again.
+
+use std::io::Cursor;
+use std::time::Duration;
+
+use slipsense::fixed::Logit;
+use slipsense::net::Model;
+use slipsense::net::format::Dims;
+use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+use slipsense::wire::{NodeId, RawBuffer, SlipMessage, Transmitter};
+use slipsense_recording::candump::CandumpWriter;
+use slipsense_recording::model_file::random_model;
+
+use super::record::{HEADER_BYTES, Record, SENSOR_BYTES, SensorRecord, bytes};
+use super::store::{Session, Store};
+use super::{record, source};
+
+const FRAMES: u32 = 20;
+/// Frame whose slip message is lost, and frame of which one raw CAN frame is.
+const LOST: u32 = 7;
+const BROKEN: u32 = 12;
+
+fn store(sensors: usize, capacity: usize) -> Store {
+    let session = Session {
+        id: 1,
+        name: "test".into(),
+        synthetic: None,
+        sensors,
+        record_bytes: record::bytes(sensors),
+        frame_rate_hz: 240,
+        live: false,
+    };
+    Store::new(session, capacity)
+}
+
+fn numbered(sequence: u32) -> Record {
+    let slip = SlipMessage { sequence, sensors: 1, ..SlipMessage::default() };
+    Record { slip, lost: 0, truth: None, sensors: vec![SensorRecord::default()] }
+}
+
+#[test]
+fn a_record_is_laid_out_as_its_table_says() {
+    let mut counts = [0; 1024];
+    counts[16 * 32 + 5] = 0x0abc;
+    let mut slip = SlipMessage {
+        timestamp_us: 1_500_000,
+        sequence: 0x0102_0304,
+        class: 2,
+        slip: true,
+        logits: [-1, 2, 1024].map(Logit::from_bits),
+        late_frames: 7,
+        sensors: 2,
+        ..SlipMessage::default()
+    };
+    slip.contact[1].health = 3;
+    slip.contact[1].sum = 70_000;
+    slip.contact[1].axis_deg = -90;
+    let piezo = Some(PiezoFrame::from_counts(counts).unwrap());
+    let sensors = vec![SensorRecord::default(), SensorRecord { piezo, log_mel: None }];
+    let record = Record { slip, lost: 9, truth: Some(true), sensors };
+    assert_eq!(record.mark(), 1 | 4 | 8 | 2 << 4);
+
+    let out = record.encode(3);
+    assert_eq!(out.len(), bytes(3));
+    assert_eq!(out[..8], [4, 3, 2, 1, 9, 0, 0, 0]);
+    assert_eq!(f64::from_le_bytes(out[8..16].try_into().unwrap()), 1_500_000.0);
+    assert_eq!(out[16..20], [2, 1 | 4 | 8, 2, 0]);
+    assert_eq!(out[28..34], [0, 4, 0, 0, 7, 0]);
+    let second = &out[HEADER_BYTES + SENSOR_BYTES..];
+    assert_eq!((second[0], second[1]), (3, 1));
+    assert_eq!(u32::from_le_bytes(second[4..8].try_into().unwrap()), 70_000);
+    assert_eq!(second[12] as i8, -90);
+    let taxel = 16 + 32 + 2 * (16 * 32 + 5);
+    assert_eq!(second[taxel..taxel + 2], [0xbc, 0x0a]);
+    assert!(out[HEADER_BYTES + 2 * SENSOR_BYTES..].iter().all(|&byte| byte == 0), "no third sensor");
+}
+
+#[test]
+fn the_store_keeps_the_last_frames_and_says_from_where() {
+    let store = store(1, 3);
+    (0..5).for_each(|sequence| store.push(&numbered(sequence)));
+    let state = store.state();
+    assert_eq!((state.first, state.end, state.ended), (2, 5, false));
+    let (first, records) = store.records(0, 2, Duration::ZERO);
+    assert_eq!((first, records.len(), records[0]), (2, 2 * bytes(1), 2));
+    let (first, marks) = store.marks(4, Duration::ZERO);
+    assert_eq!((first, marks.len()), (4, 1));
+    // Nothing there yet, and nothing will be.
+    assert_eq!(store.records(5, 9, Duration::from_millis(1)).1.len(), 0);
+    store.end(None);
+    assert_eq!(store.records(5, 9, Duration::from_secs(3600)).1.len(), 0);
+    assert_eq!(store.records(u64::MAX, usize::MAX, Duration::ZERO).1.len(), 0);
+}
+
+/// A candump log of a module with one sensor, and the pads that were felt.
+fn log() -> (Vec<u8>, Vec<PiezoFrame>) {
+    let file = random_model(Dims::from_fields([4, 8, 16, 32, 5, 32, 4, 60]).unwrap(), 3);
+    let model = file.to_bytes().unwrap();
+    let mut pipeline = Pipeline::new(Model::parse(&model).unwrap(), 1).unwrap();
+    let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+    let (mut raw_buffer, mut pads) = (RawBuffer::new(), Vec::new());
+    let mut out = CandumpWriter::new(Vec::new(), "can0").unwrap();
+    for sequence in 0..FRAMES {
+        let mut counts = [0; 1024];
+        counts[16 * 32 + 8..16 * 32 + 20].fill(100 + sequence as u16);
+        let pad = PiezoFrame::from_counts(counts).unwrap();
+        let xl: Vec<XlSample> = (0..33).map(|i| [i * 100, sequence as i16, -i]).collect();
+        let inputs =
+            [SensorInput { piezo: Some(&pad), xl: Some(&xl), xl_end: (sequence + 1) * xl.len() as u32 }];
+        let output = pipeline.step(&inputs);
+        let stamp = FrameStamp::of_recording(sequence);
+        let slip = transmitter.slip(&output.slip_message(stamp, 0));
+        if sequence != LOST {
+            out.write(stamp.timestamp_us, &slip).unwrap();
+        }
+        let raw = output.raw_frame(stamp, 0, inputs[0]);
+        for (index, frame) in transmitter.raw(&raw, &mut raw_buffer).enumerate() {
+            if sequence != BROKEN || index != 4 {
+                out.write(stamp.timestamp_us, &frame).unwrap();
+            }
+        }
+        pads.push(pad);
+    }
+    (out.finish().unwrap(), pads)
+}
+
+#[test]
+fn a_log_becomes_frames_again_and_damage_costs_its_frame_only() {
+    let (mut log, pads) = log();
+    // Traffic of others is passed over.
+    log.extend(b"(1.000000) can0 123#DEADBEEF\n");
+    let store = store(3, 1000);
+    source::run_log(Cursor::new(log), NodeId::DEFAULT, &store).unwrap();
+    let state = store.state();
+    assert_eq!((state.end, state.lost), (u64::from(FRAMES) - 1, 1));
+    let (_, records) = store.records(0, 1000, Duration::ZERO);
+    for record in records.chunks_exact(bytes(3)) {
+        let sequence = u32::from_le_bytes(record[..4].try_into().unwrap());
+        assert_eq!(record[4], u8::from(sequence == LOST + 1), "lost before frame {sequence}");
+        let sensor = &record[HEADER_BYTES..][..SENSOR_BYTES];
+        assert_eq!(sensor[1], if sequence == BROKEN { 0 } else { 3 }, "frame {sequence}");
+        if sequence != BROKEN {
+            let counts = sensor[16 + 32..].chunks_exact(2).map(|two| u16::from_le_bytes([two[0], two[1]]));
+            assert!(counts.eq(pads[sequence as usize].counts().iter().copied()), "frame {sequence}");
+        }
+    }
+}
+
+#[test]
+fn a_line_that_is_none_ends_the_log_with_its_number() {
+    let (mut log, _) = log();
+    let lines = log.iter().filter(|&&byte| byte == b'\n').count();
+    log.extend(b"what is this\n");
+    let store = store(3, 1000);
+    let error = source::run_log(Cursor::new(log), NodeId::DEFAULT, &store).unwrap_err();
+    assert!(error.to_string().starts_with(&format!("line {}: ", lines + 1)), "{error}");
+    assert_eq!(store.state().end, u64::from(FRAMES) - 1, "what came before is there");
+}

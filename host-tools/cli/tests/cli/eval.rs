@@ -1,0 +1,157 @@
+//! `slipsense eval` and `eval-rotation`: what they write, and what a user can get wrong.
+
+use std::fs;
+
+use serde_json::Value;
+use slipsense_eval::detectors::DETECTORS;
+
+use crate::support::{Arrays, Place, names};
+
+/// A folder `episodes` of three labelled episodes of 40 frames; the last 10 slip.
+fn place() -> Place {
+    let place = Place::new();
+    fs::create_dir(place.path("episodes")).unwrap();
+    for i in 0..3 {
+        Arrays::valid().write(&place.path(&format!("episodes/e{i}.npz")));
+    }
+    place
+}
+
+fn metrics(place: &Place) -> Value {
+    serde_json::from_slice(&fs::read(place.path("out/metrics.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn two_detectors_by_hand() {
+    let place = place();
+    let detectors = "--detector oracle-label --detector majority";
+    let text = place.run(&format!("eval @episodes --out @out {detectors}"));
+    assert!(text.contains("oracle-label") && text.contains("majority") && text.contains("100.00"), "{text}");
+    assert_eq!(names(&place.path("out")), ["metrics.json", "report.html"]);
+    let metrics = metrics(&place);
+    assert_eq!(metrics["schema"], "slipsense-eval/1");
+    let input = &metrics["inputs"][0];
+    assert_eq!((&input["frames"], &input["labelled_events"]), (&120.into(), &3.into()));
+    let (oracle, majority) = (&metrics["detectors"][0]["all"], &metrics["detectors"][1]["all"]);
+    let frame = &oracle["frame"];
+    assert_eq!((&frame["accuracy_share"], &frame["macro_f1"]), (&1.0.into(), &1.0.into()));
+    assert_eq!(oracle["encoder_events"]["latency_median_frames"], 0.0);
+    assert_eq!(oracle["alarms"]["all"]["alarms"], 0);
+    let events = &majority["encoder_events"];
+    assert_eq!((&events["missed"], &events["hits"]), (&3.into(), &0.into()));
+    assert_eq!(events["latency_median_frames"], Value::Null);
+
+    // The same as JSON, of a split looked up by name, but for the time it took.
+    let again = place.json(&format!("eval episodes --out @again --data @ {detectors}"));
+    assert_eq!(again["detectors"][0]["all"], metrics["detectors"][0]["all"]);
+    assert_eq!(again["inputs"], metrics["inputs"]);
+}
+
+#[test]
+fn half_a_sensor_beside_the_whole() {
+    let place = place();
+    let text = place.run("eval @episodes --out @out --drop piezo --drop xl");
+    assert!(text.contains("network-without-piezo") && text.contains("network-without-xl"), "{text}");
+    let metrics = metrics(&place);
+    let names: Vec<_> = metrics["detectors"].as_array().unwrap().iter().map(|d| &d["name"]).collect();
+    assert_eq!(names, ["network", "network-without-piezo", "network-without-xl"]);
+}
+
+#[test]
+fn the_help_names_every_detector() {
+    let help = Place::new().run("eval --help");
+    let words: Vec<&str> = help.split_whitespace().collect();
+    for (name, _) in DETECTORS {
+        assert!(words.contains(&name), "{name}");
+    }
+}
+
+#[test]
+fn what_a_user_can_get_wrong() {
+    let place = place();
+    place.file("file", "mine");
+    let mut unlabelled = Arrays::valid();
+    unlabelled.label.clear();
+    for folder in ["empty", "noslip", "unlabelled", "bad"] {
+        fs::create_dir(place.path(folder)).unwrap();
+    }
+    Arrays::valid().write(&place.path("noslip/e.npz"));
+    unlabelled.write(&place.path("unlabelled/e1.npz"));
+    place.file("bad/e1.npz", "no");
+    let majority = "--out @out --detector majority";
+    for (line, rule) in [
+        ("eval @none", "@none: no such folder"),
+        ("eval umi_id --data /nowhere", "/nowhere: no such folder, looked for umi_id"),
+        ("eval train", "train: no set of this split is frozen"),
+        ("eval @empty", "empty: holds no .npz file"),
+        ("eval @episodes @episodes", "two inputs are called episodes"),
+        ("eval @episodes --model m1 --weights w1 --weights w2", "--weights: 2 files, but 1 models"),
+        ("eval @episodes --drop ears", "piezo, xl"),
+        ("eval @episodes --detector network --drop xl --drop xl", "--drop: xl given twice"),
+        ("eval @episodes --drop xl", "--drop: only network"),
+        ("eval @episodes --frames 9000", "episodes is a folder"),
+        ("eval @episodes --frames noslip=9000", "--frames: noslip is not among the inputs"),
+        ("eval @episodes noslip --frames noslip=9000 --frames noslip=1", "--frames: given twice for noslip"),
+        ("eval noslip --data @ --frames 9000", "noslip is a folder"),
+        ("eval @unlabelled", "unlabelled/e1"),
+        ("eval @unlabelled", "array `label` is missing"),
+        ("eval @bad", "e1.npz"),
+    ] {
+        place.errors([(format!("{line} {majority}"), rule)]);
+    }
+    place.errors([
+        ("eval @episodes --out @file --detector majority", "@file: "),
+        ("eval-rotation nowhere", "nowhere: no such folder, and no split"),
+        ("eval-rotation --rotations 0", "--rotations"),
+    ]);
+    let error = place.error("eval @episodes --out @out --detector crystal-ball");
+    let named = DETECTORS.iter().all(|(name, _)| error.contains(name));
+    assert!(error.contains("crystal-ball") && named, "{error}");
+}
+
+#[test]
+fn a_split_of_any_length_and_what_caused_its_alarms() {
+    let place = place();
+    let text = place.run(
+        "eval @episodes noslip --out @out --frames noslip=20000 --detector majority --detector always-slip",
+    );
+    for words in ["false alarms without slip (noslip, synthetic data)", "cause", "tap", "other inputs"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    let metrics = metrics(&place);
+    let noslip = &metrics["inputs"][1];
+    assert_eq!((&noslip["episodes"], &noslip["frames"]), (&2.into(), &28_800.into()), "two minutes");
+    let all = |detector: usize| {
+        let alarms = &metrics["detectors"][detector]["inputs"][1]["figures"]["alarms"];
+        let classes = alarms["by_disturbance"].as_array().unwrap().iter();
+        let sum: u64 = classes.map(|class| class["alarms"].as_u64().unwrap()).sum();
+        assert_eq!(alarms["all"]["alarms"], sum);
+        sum
+    };
+    assert!(all(0) == 0 && all(1) > 1);
+    // What is missed stands beside the alarms: all three slips by one, none by the other.
+    for (detector, missed) in [("majority", "100.00"), ("always-slip", "0.00")] {
+        let of = |line: &&str| line.trim_start().starts_with(detector) && line.contains(" all ");
+        let row = text.lines().find(of).unwrap();
+        assert_eq!(row.split_whitespace().last(), Some(missed), "{row}");
+    }
+}
+
+#[test]
+fn rotated_accelerometers() {
+    let place = place();
+    place.file("m.slipnet", crate::support::model_bytes());
+    let command = "eval-rotation @episodes --model @m.slipnet --rotations 3 --episodes 2";
+    let text = place.run(command);
+    assert!(text.contains("random rotations") && text.contains("target: at least 99.50 %"), "{text}");
+    let json = place.json(command);
+    assert_eq!(json["schema"], "slipsense-rotation/1");
+    assert_eq!((&json["episodes"], &json["frames"]), (&2.into(), &80.into()));
+    assert_eq!((&json["touched_frames"], &json["synthetic"]), (&40.into(), &false.into()));
+    let kinds = json["kinds"].as_array().unwrap();
+    let turns: Vec<usize> = kinds.iter().map(|kind| kind["turns"].as_array().unwrap().len()).collect();
+    assert_eq!(turns, [3, 5, 7]);
+    // Axes are summed as powers, whatever the model: exchanged ones change no bit.
+    assert_eq!((&kinds[1]["kind"], &kinds[1]["agree_share_min"]), (&"permutation".into(), &1.0.into()));
+    assert_eq!(place.json(command), json, "the same seed, the same result");
+}

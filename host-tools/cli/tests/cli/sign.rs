@@ -1,0 +1,153 @@
+//! Signing: what comes out, what `image info` says of it, and what is refused.
+
+use std::fs;
+
+use crate::support::{Place, model_bytes};
+use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
+use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, PUBLIC_KEY};
+
+/// The least that passes for a firmware: a stack, where it begins, and something.
+fn binary() -> Vec<u8> {
+    let begin = FLASH_BASE + NUCLEO_H743ZI2.active.start;
+    let mut bytes = vec![0x5A; 1000];
+    bytes[..4].copy_from_slice(&0x2000_6000u32.to_le_bytes());
+    bytes[4..8].copy_from_slice(&(begin + 0x299).to_le_bytes());
+    bytes
+}
+
+/// An ELF of 32 bits for ARM with these segments: address in flash and content.
+fn elf(segments: &[(u32, &[u8])]) -> Vec<u8> {
+    let half = |value: u16| value.to_le_bytes().to_vec();
+    let word = |value: u32| value.to_le_bytes().to_vec();
+    let mut header =
+        [b"\x7fELF\x01\x01\x01".to_vec(), vec![0; 9], half(2), half(40), word(1), word(0), word(52)].concat();
+    header.extend(
+        [word(0), word(0), half(52), half(32), half(segments.len() as u16), half(40), half(0), half(0)]
+            .concat(),
+    );
+    let mut offset = 52 + 32 * segments.len() as u32;
+    for (address, data) in segments {
+        let length = data.len() as u32;
+        for value in [1, offset, 0x2000_0000, *address, length, length, 4, 4] {
+            header.extend(word(value));
+        }
+        offset += length;
+    }
+    segments.iter().for_each(|(_, data)| header.extend(*data));
+    header
+}
+
+#[test]
+fn a_firmware_is_signed_and_looked_into() {
+    let place = Place::new();
+    let key = place.json("keygen --out @fleet.key");
+    let public = key["public_key"].as_str().unwrap();
+    place.file("fw.bin", binary());
+    let sign = "sign @fw.bin --board h743 --version 1.2.3 --key @fleet.key --out @fw.slip";
+    assert!(place.run(sign).contains("signature  valid"));
+
+    let image = fs::read(place.path("fw.slip")).unwrap();
+    let key: [u8; 32] = std::array::from_fn(|i| u8::from_str_radix(&public[2 * i..2 * i + 2], 16).unwrap());
+    let header = Header::verify(image.first_chunk::<HEADER_BYTES>().unwrap(), &key).unwrap();
+    assert_eq!((header.board, header.version.to_string().as_str()), (1, "1.2.3"));
+    assert_eq!(image[HEADER_BYTES..], binary());
+
+    let info = |more: &str| place.json(&format!("image info @fw.slip {more}"));
+    assert_eq!((&info("")["signature"], &info("")["whole"]), (&"other key".into(), &true.into()));
+    assert_eq!(info(&format!("--public-key {public}"))["signature"], "valid");
+    assert_eq!((&info("")["kind"], &info("")["board"]), (&"firmware".into(), &"NUCLEO-H743ZI2".into()));
+
+    let mut damaged = image.clone();
+    damaged[HEADER_BYTES + 5] ^= 1;
+    place.file("fw.slip", &damaged);
+    assert_eq!(info("")["whole"], false);
+    assert!(place.run("image info @fw.slip").contains("NOT what the header says"));
+    damaged[64..128].fill(0);
+    place.file("fw.slip", &damaged);
+    assert_eq!(info("")["signature"], "none");
+}
+
+#[test]
+fn an_elf_becomes_the_bytes_of_its_slot() {
+    let place = Place::new();
+    let begin = FLASH_BASE + NUCLEO_H743ZI2.active.start;
+    let end = FLASH_BASE + NUCLEO_H743ZI2.active.end;
+    let binary = binary();
+    // As the linker makes it: out of order, with a gap, the stub for reset and the blank trailer beside it.
+    let segments = [
+        (begin + 1200, &b"behind"[..]),
+        (FLASH_BASE, &[1; 8]),
+        (end - 1024, &[0xFF; 1024]),
+        (begin, &binary),
+        (0x2400_0000, b""),
+    ];
+    place.file("fw.elf", elf(&segments));
+    let text = place.run("sign @fw.elf --board h743 --version 0.1.0 --development-key --out @fw.slip");
+    assert!(text.contains("payload    1206 bytes, whole"), "{text}");
+    let image = fs::read(place.path("fw.slip")).unwrap();
+    assert_eq!(image[HEADER_BYTES..], [&binary[..], &[0xFF; 200], b"behind"].concat());
+
+    place.file("far.elf", elf(&[(begin, &binary), (end - 1030, &[0; 10])]));
+    place.file("host.elf", [&b"\x7fELF\x02\x01\x01"[..], &[0; 60]].concat());
+    place.file("no.elf", elf(&[(FLASH_BASE, &[1; 8])]));
+    for (file, rule) in [
+        ("@far.elf", "far.elf: the program leaves its slot"),
+        ("@host.elf", "host.elf: is not a program of the microcontroller"),
+        ("@no.elf", "nothing of the program lies in the slot of the NUCLEO-H743ZI2"),
+    ] {
+        let line = format!("sign {file} --board h743 --version 0.1.0 --development-key --out @x");
+        place.errors([(line, rule)]);
+    }
+}
+
+#[test]
+fn a_model_is_signed_for_any_board() {
+    let place = Place::new();
+    place.file("m.slipnet", model_bytes());
+    let text = place.run("sign @m.slipnet --version 0.2.0 --development-key --out @m.slip");
+    assert!(text.contains("kind       model\nboard      any\nversion    0.2.0\n"), "{text}");
+    let raw = fs::read(place.path("m.slip")).unwrap();
+    assert!(Header::verify(raw.first_chunk().unwrap(), &DEVELOPMENT_KEY).is_ok());
+    let text = place.run("image info @m.slip");
+    assert!(text.contains("signature  development key"), "{text}");
+    assert_eq!(PUBLIC_KEY, DEVELOPMENT_KEY, "these tests are built without a key");
+}
+
+#[test]
+fn what_cannot_be_signed() {
+    let place = Place::new();
+    place.file("fw.bin", binary());
+    let mut broken = model_bytes();
+    broken[100] ^= 1;
+    place.file("m.slipnet", broken);
+    place.file("bad.key", "0123");
+    place.file("text", "hello");
+    let dev = "--version 1.0.0 --development-key --out @x";
+    let mut long = binary();
+    long.resize(500_000, 0);
+    place.file("long.bin", long);
+    place.errors([
+        (format!("sign @fw.bin {dev}"), "fw.bin: a firmware is for one board: --board says which"),
+        (format!("sign @text --board h743 {dev}"), "text: is not a firmware of the NUCLEO-H743ZI2"),
+        (format!("sign @m.slipnet {dev}"), "m.slipnet: refused as a model: SHA-256 does not match"),
+        (format!("sign @none {dev}"), "none: cannot read"),
+        ("sign @fw.bin --board h743 --version 1.0.0 --key @bad.key --out @x".into(), "bad.key: is not a key"),
+        (format!("sign @fw.bin --board h743 {dev}/y"), "cannot write"),
+        ("image info @text".into(), "text: truncated: shorter than the header of an image"),
+        ("image info @fw.bin".into(), "fw.bin: unsigned: it has no image header"),
+        ("keygen --out @fw.bin".into(), "fw.bin: exists already, and a key is not overwritten"),
+        (
+            format!("sign @long.bin --board h743 {dev}"),
+            "500000 bytes, the slot of a firmware has room for 392192",
+        ),
+    ]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_private_key_is_private() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = Place::new();
+    place.run("keygen --out @k");
+    assert_eq!(fs::metadata(place.path("k")).unwrap().permissions().mode() & 0o777, 0o600);
+}

@@ -1,0 +1,184 @@
+//! The binary, and small inputs for it.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use slipsense::net::format::Dims;
+use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use slipsense_recording::model_file::{ModelFile, random_model};
+use slipsense_recording::npz::write_file;
+use tempfile::TempDir;
+
+/// Run `slipsense`.
+pub fn slipsense(args: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_slipsense")).args(args).output().expect("the binary starts")
+}
+
+/// A folder for one test. In its command lines a word `@NAME` is the path of a file in it.
+pub struct Place(TempDir);
+
+impl Place {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().expect("a temporary folder"))
+    }
+
+    /// With a small valid episode `e.npz` and a small model `m.slipnet`.
+    pub fn with_files() -> Self {
+        let place = Self::new();
+        Arrays::valid().write(&place.path("e.npz"));
+        place.file("m.slipnet", model_bytes());
+        place
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// What is there, sorted.
+    pub fn names(&self) -> Vec<String> {
+        names(self.0.path())
+    }
+
+    pub fn file(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        fs::write(self.path(name), content).expect("a file in a temporary folder");
+        self.path(name)
+    }
+
+    pub fn words(&self, line: &str) -> Vec<String> {
+        let word = |word: &str| match word.strip_prefix('@') {
+            Some(name) => self.path(name).display().to_string(),
+            None => word.to_owned(),
+        };
+        line.split_whitespace().map(word).collect()
+    }
+
+    /// Standard output of a command that must succeed.
+    pub fn run(&self, line: &str) -> String {
+        let output = slipsense(self.words(line));
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{line}: {error}");
+        assert_eq!(error, "", "{line}: nothing on standard error");
+        String::from_utf8(output.stdout).expect("UTF-8")
+    }
+
+    /// What it prints with `--json`.
+    pub fn json(&self, line: &str) -> Value {
+        serde_json::from_str(&self.run(&format!("{line} --json"))).expect("JSON")
+    }
+
+    /// The error of a command that must fail: exit code 2, one line, but for an error in the command line itself.
+    pub fn error(&self, line: &str) -> String {
+        let output = slipsense(self.words(line));
+        let error = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(2), "{line}: {error}");
+        assert_eq!(String::from_utf8_lossy(&output.stdout), "", "{line}: nothing on standard output");
+        let usage = error.contains("For more information, try '--help'");
+        assert!(usage || error.lines().count() == 1, "{line}: one line: {error:?}");
+        let text = error.trim_end().strip_prefix("error: ");
+        text.unwrap_or_else(|| panic!("{line}: error: {error:?}")).to_owned()
+    }
+
+    /// Commands that must fail with a message that contains these words (`@NAME` as in the command), and leave
+    /// nothing behind.
+    pub fn errors<L: AsRef<str>, R: AsRef<str>>(&self, cases: impl IntoIterator<Item = (L, R)>) {
+        let before = self.names();
+        for (line, rule) in cases {
+            let (line, rule) = (line.as_ref(), self.words(rule.as_ref()).join(" "));
+            let error = self.error(line);
+            assert!(error.contains(&rule), "{line}: {error:?} contains {rule:?}");
+            assert_eq!(self.names(), before, "{line}: nothing is left behind");
+        }
+    }
+}
+
+/// Names in a folder, sorted.
+pub fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).expect("a folder");
+    let mut names: Vec<_> =
+        entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8")).collect();
+    names.sort();
+    names
+}
+
+/// The arrays of a small valid episode, to be broken one rule at a time.
+#[derive(Clone)]
+pub struct Arrays {
+    pub frames: usize,
+    pub sensors: usize,
+    pub piezo: Vec<u16>,
+    /// Whether `piezo` is written at all.
+    pub has_piezo: bool,
+    pub xl: Vec<i16>,
+    pub xl_end: Vec<u32>,
+    pub label: Vec<u8>,
+    pub slip_true: Vec<f32>,
+    pub meta: String,
+}
+
+impl Arrays {
+    /// Two sensors, of which the first is pressed from frame 20 on.
+    pub fn valid() -> Self {
+        let (frames, sensors, samples) = (40, 2, 40 * 34);
+        let mut piezo = vec![0; frames * sensors * TAXELS];
+        for frame in 20..frames {
+            for cell in 0..64 {
+                let (row, col) = (12 + cell / 8, 12 + cell % 8);
+                piezo[frame * sensors * TAXELS + row * TAXEL_COLS + col] = (100 + cell + frame) as u16;
+            }
+        }
+        // Any signal will do: a number generator's noise.
+        let mut state = 1u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 20) as i16 - 2048
+        };
+        let label: Vec<u8> =
+            (0..frames).map(|f| [0, 1, 2][usize::from(f >= 20) + usize::from(f >= 30)]).collect();
+        Self {
+            frames,
+            sensors,
+            piezo,
+            has_piezo: true,
+            xl: (0..sensors * samples * 3).map(|_| noise()).collect(),
+            xl_end: (0..frames * sensors).map(|i| ((i / sensors + 1) * 100 / 3) as u32).collect(),
+            slip_true: label.iter().map(|&l| if l == 2 { 5.0 } else { 0.0 }).collect(),
+            label,
+            meta: r#"{"xl_lsb_g": 0.000488, "xl_rate_hz": 8000, "frame_rate_hz": 240}"#.to_owned(),
+        }
+    }
+
+    pub fn write(&self, path: &Path) {
+        let samples = self.xl.len() / 3 / self.sensors;
+        write_file(path, |npz| {
+            if self.has_piezo {
+                let shape = [self.frames, self.sensors, TAXEL_ROWS, TAXEL_COLS];
+                npz.array("piezo", &shape, self.piezo.iter().copied())?;
+            }
+            npz.array("xl", &[self.sensors, samples, 3], self.xl.iter().copied())?;
+            npz.array("xl_end", &[self.frames, self.sensors], self.xl_end.iter().copied())?;
+            if !self.label.is_empty() {
+                npz.array("label", &[self.label.len()], self.label.iter().copied())?;
+            }
+            npz.array("slip_true", &[self.slip_true.len()], self.slip_true.iter().copied())?;
+            npz.array("meta", &[self.meta.len()], self.meta.bytes())
+        })
+        .expect("an archive");
+    }
+}
+
+/// A model that decides nothing, small so that an unoptimised build is fast.
+pub fn model() -> ModelFile {
+    let dims = Dims { conv_channels: [2, 2, 2], embed: 4, xl_kernel: 2, xl_channels: 4, heads: 2, window: 8 };
+    random_model(dims, 1)
+}
+
+pub fn model_bytes() -> Vec<u8> {
+    model().to_bytes().expect("a model")
+}
+
+pub fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is a number"))
+}

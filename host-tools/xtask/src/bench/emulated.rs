@@ -17,20 +17,20 @@ use crate::qemu::frames::Frames;
 use crate::qemu::machine::{Machine, write_input};
 use crate::table::{Table, thousands};
 
-const PROGRAM: &str = "slipsense-qemu-bench";
+pub const PROGRAM: &str = "slipsense-qemu-bench";
 const TIMEOUT: Duration = Duration::from_secs(900);
 
 /// Everything that the program measured.
 #[derive(Debug, Default)]
-struct Measured {
+pub struct Measured {
     /// Instructions of a loop by its code, and as measured: equal, or no number here is valid.
     loop_instructions: [u32; 2],
     /// Name, multiply-accumulates, instructions.
     kernels: Vec<(String, u32, u32)>,
     /// Of each frame: of `Pipeline::step`, and from its result to CAN frames.
-    frames: Vec<[u32; 2]>,
+    pub frames: Vec<[u32; 2]>,
     /// Of each sensor's frame compressed: bytes and instructions.
-    compressed: Vec<[u32; 2]>,
+    pub compressed: Vec<[u32; 2]>,
 }
 
 /// Measure the kernels and, if `frames` is not 0, the path over as many frames of each input.
@@ -105,7 +105,7 @@ fn run(machine: &Machine, dir: &Path) -> Result<Measured> {
 }
 
 /// With the files that the program reads.
-fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
+pub fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
     write_input(&dir.path().join(INPUT_FILE), frames, model).context(INPUT_FILE)?;
     Ok(dir)
@@ -118,7 +118,7 @@ pub fn median_and_worst(mut values: Vec<u32>) -> [u32; 2] {
 
 impl Measured {
     /// What the program left in the folder.
-    fn read(dir: &Path) -> Result<Self> {
+    pub fn read(dir: &Path) -> Result<Self> {
         let text = fs::read_to_string(dir.join(MEASURED_FILE));
         Self::parse(&text.context("the emulated program wrote no output")?)
     }

@@ -8,15 +8,18 @@ use clap::{Args, ValueEnum};
 use crate::qemu::default_model;
 
 mod compression;
+mod cycles;
 mod emulated;
 mod host;
 pub mod inputs;
+mod trace;
 
 /// What to measure.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
 Instructions are counted in QEMU (machine mps2-an500, -icount) and exact: a loop of known length is measured \
-first, every run measures the kernels again, and a difference is an error. They are not cycles.
+first, every run measures the kernels again, and a difference is an error. They are not cycles; what is \
+printed as cycles is an estimate by LLVM's model of the core, over all instructions of one frame.
 What the firmware takes of flash, RAM and stack: cargo xtask stack.
 
 Examples:
@@ -50,6 +53,8 @@ enum Part {
     Kernels,
     /// Instructions of a frame, from samples to CAN frames
     Path,
+    /// Estimate of the cycles of a frame
+    Cycles,
     /// Frames per second on this computer
     Host,
     /// Raw frames compressed: length, load of a bus, instructions
@@ -64,6 +69,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let frames = options.frames as usize;
     if wanted(Part::Kernels) || wanted(Part::Path) {
         emulated::print(&model, if wanted(Part::Path) { frames } else { 0 })?;
+    }
+    if wanted(Part::Cycles) {
+        cycles::print(&model)?;
     }
     if wanted(Part::Host) {
         host::print(&model, options.replay as usize, options.tract)?;

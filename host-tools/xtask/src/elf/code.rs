@@ -53,10 +53,22 @@ impl Instruction {
         self.mnemonic.split('.').next().unwrap_or_default()
     }
 
+    /// How many of the next instructions an `it`, `ite`, … makes conditional; 0 for all others.
+    pub fn governs(&self) -> usize {
+        let letters = self.mnemonic.strip_prefix('i').unwrap_or_default();
+        let is_it = letters.starts_with('t') && letters.chars().all(|letter| matches!(letter, 't' | 'e'));
+        if is_it { letters.len() } else { 0 }
+    }
+
     /// The address that a direct branch or call names.
     fn target(&self) -> Option<u64> {
         let (_, number) = self.operands.rsplit_once('#').unwrap_or(("", &self.operands));
         u64::from_str_radix(number.strip_prefix("0x")?, 16).ok()
+    }
+
+    /// A call, wherever it leads.
+    pub fn calls(&self) -> bool {
+        matches!(self.plain(), "bl" | "blx")
     }
 
     /// A call or branch to a fixed address, conditional ones included.

@@ -24,7 +24,7 @@ fn main() {
 fn main() -> ! {
     use slipsense_qemu::emulated::semihosting::File;
     use slipsense_qemu::emulated::{exit, read_input};
-    use slipsense_qemu::measured::COMPRESSION_FILE;
+    use slipsense_qemu::measured::{COMPRESSION_FILE, TRACE_FILE};
 
     let (mut frames, header, model) = read_input();
     let mut bench = measure::Bench::start();
@@ -32,7 +32,10 @@ fn main() -> ! {
         compression::measure(&mut bench, &mut frames, &header);
         exit(true);
     }
-    kernels::measure(&mut bench, &model);
-    path::measure(&mut bench, &mut frames, &header, model);
+    let traced = File::open(TRACE_FILE).is_some();
+    if !traced {
+        kernels::measure(&mut bench, &model);
+    }
+    path::measure(&mut bench, &mut frames, &header, model, traced);
     exit(true)
 }

@@ -10,13 +10,13 @@ use slipsense::sensor::SensorInput;
 use slipsense::wire::{RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
-use slipsense_qemu::measured::Line;
+use slipsense_qemu::measured::{GO_FILE, Line, READY_FILE};
 
 use crate::counter::Counter;
 use crate::measure::Bench;
 
-/// Measure all frames of the file.
-pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>) {
+/// Measure all frames of the file; `traced`: wait before the last one until the emulator writes down what is done.
+pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>, traced: bool) {
     let sensors = header.sensors as usize;
     let mut pipeline = Pipeline::new(model, sensors).expect("the header was checked");
     let mut wire = Wire { transmitter: Transmitter::new(header.node), raw: RawTransfer::new() };
@@ -24,13 +24,22 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
     let record = &mut record[..frame_bytes(sensors)];
     let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
     let parts = &mut parts[..sensors];
-    for _ in 0..header.frames {
+    for number in 0..header.frames {
         file.read_exact(record).expect("the file holds as many frames as it says");
         let stamp = decode_stamp(record).expect("a frame starts with its stamp");
         decode_parts(record, parts).expect("the file holds possible frames");
+        if traced && number + 1 == header.frames {
+            wait_for_trace();
+        }
         let line = frame(&bench.counter, &mut pipeline, &mut wire, stamp, parts);
         bench.put(line);
     }
+}
+
+/// Until the emulator writes down what is done.
+fn wait_for_trace() {
+    File::create(READY_FILE);
+    while File::open(GO_FILE).is_none() {}
 }
 
 fn frame(

@@ -37,7 +37,7 @@ pub(crate) struct PaperRow {
     pub(crate) detector: &'static str,
     pub(crate) input: &'static str,
     pub(crate) latency_frames: f64,
-    /// "Fraction of frames incorrectly predicted as slip", percent; of which frames is not said, see `metrics::frames`.
+    /// "Fraction of frames incorrectly predicted as slip", percent; the paper does not define of which frames, see `metrics::frames`.
     pub(crate) fpr_percent: f64,
     pub(crate) accuracy_percent: f64,
     pub(crate) macro_f1_percent: f64,

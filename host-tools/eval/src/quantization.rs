@@ -42,7 +42,7 @@ impl QuantizationRow {
             seed: seed.to_owned(),
             met: false,
         }
-        .with_verdict()
+        .with_met()
     }
 
     /// The mean of several seeds' rows of one input, signs kept; none of no rows. Infinite latencies that are
@@ -60,10 +60,10 @@ impl QuantizationRow {
             latency_float_frames: of(|row| row.latency_float_frames),
             met: false,
         };
-        Some(row.with_verdict())
+        Some(row.with_met())
     }
 
-    fn with_verdict(self) -> Self {
+    fn with_met(self) -> Self {
         let within = |points: Option<f64>, most: f64| points.is_some_and(|points| points.abs() < most);
         let met = within(self.macro_f1_difference_points, MACRO_F1_POINTS)
             && within(self.fpr_of_non_slip_difference_points, FPR_POINTS)

@@ -119,7 +119,7 @@ pub(crate) struct DetectorResults {
     pub(crate) all: Figures,
     pub(crate) all_intervals: Intervals,
     pub(crate) inputs: Vec<InputFigures>,
-    /// All inputs but validation, cut up.
+    /// All inputs but validation, by their properties.
     pub(crate) groupings: Vec<Grouping>,
     /// All inputs but validation, by direction of the slips; empty where all are the rig's.
     pub(crate) directions: Vec<DirectionFigures>,

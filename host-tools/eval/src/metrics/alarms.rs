@@ -1,10 +1,10 @@
-//! False alarms as events, in all and by what else went on.
+//! False alarms as events, in all and by cause.
 //!
 //! A false alarm is a maximal run of flags outside the slip intervals widened by 50 ms; runs less than
 //! 200 ms apart are one. Rates are per hour of *exposure*: the time outside the widened intervals, in
-//! which an alarm can occur. An alarm is put down to the class of its first frame: of the disturbances
+//! which an alarm can occur. An alarm is attributed to the class of its first frame: of the disturbances
 //! active from 150 ms before it, the one of highest precedence ([`crate::truth::DISTURBANCES`]). The
-//! exposure is cut up by the same rule, so that the classes add up to the whole. Bounds are exact
+//! exposure is divided by the same rule, so that the classes add up to the whole. Bounds are exact
 //! one-sided 95 % bounds of a Poisson rate.
 
 use serde::Serialize;

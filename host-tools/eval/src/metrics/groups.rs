@@ -13,7 +13,7 @@ pub(crate) struct Group {
     pub(crate) figures: Figures,
 }
 
-/// The episodes cut up by one of their properties.
+/// The episodes grouped by one of their properties.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Grouping {
     pub(crate) by: &'static str,

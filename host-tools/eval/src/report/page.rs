@@ -73,7 +73,7 @@ fn origin(results: &Results) -> Markup {
         } @else if results.partly_synthetic {
             "Part of the data is " strong { "synthetic" } ": made by a physical model, no claim about a real gripper."
         } @else {
-            "The episodes do not say that they are synthetic."
+            "No episode is marked as synthetic."
         }
     }
 }
@@ -209,7 +209,7 @@ fn latencies(results: &Results) -> Markup {
         (tables::latencies(results).html())
         @if let Some(detector) = results.detectors.first() {
             p { "In " (percent(detector.all.labelled_without_interface_slip_share)) " % of the labelled events ("
-                (detector.all.labelled_without_interface_slip) ") the contact as a whole never slid, or the episodes do not say; "
+                (detector.all.labelled_without_interface_slip) ") the contact as a whole never slid, or the episodes lack the interface truth; "
                 "the interface truth leaves them out." }
             (tables::compute(results).html())
         }

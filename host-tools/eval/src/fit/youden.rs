@@ -48,7 +48,8 @@ mod tests {
     #[test]
     fn thresholds_by_hand() {
         let (slip, other) = (true, false);
-        let cases: [(&[(f32, bool)], Option<(f32, f64)>); 6] = [
+        type Case<'a> = (&'a [(f32, bool)], Option<(f32, f64)>);
+        let cases: [Case<'_>; 6] = [
             // Above 4: 2 of 3 slips, 0 of 4 others, J = 2/3. Above 2: 3 of 3 and 2 of 4, J = 1/2.
             (
                 &[

@@ -251,7 +251,8 @@ fn bad_setups_are_refused_in_words() {
 
 #[test]
 fn a_damaged_file_of_fitted_numbers_is_refused() {
-    let damages: [(fn(&mut Fitted), &str); 7] = [
+    type Damage = (fn(&mut Fitted), &'static str);
+    let damages: [Damage; 7] = [
         (|f| f.format += 1, "format"),
         (|f| f.data.split = "val".into(), "split"),
         (|f| f.clock[3][0] += 1, "clock"),

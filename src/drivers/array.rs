@@ -53,7 +53,7 @@ impl Mounting {
 ///
 /// **Stuck** is a taxel that reads exactly the same in [`STUCK_FRAMES`] frames, and would be felt: it reads
 /// [`TAXEL_TOUCH_MIN`] or more. One row is looked at after the other, so it takes up to 10.7 s to be found, and as long
-/// to be believed again once it moves. At full scale a taxel is judged only while nothing else touches the pad,
+/// to count as live again once it moves. At full scale a taxel is judged only while nothing else touches the pad,
 /// because a firm grasp may hold it there for as long.
 #[derive(Clone, Debug)]
 pub struct Array {

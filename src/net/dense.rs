@@ -9,7 +9,7 @@ pub(super) const GROUP: usize = 32;
 /// `out[c] = cut((bias[c] + Σ weight[c][i] · x[i]) · multiplier[c])`.
 ///
 /// `x`: the layer's input in words, zeros behind it. `out`: `layer.outputs` activations. `cut` is one of
-/// [`super::requantize`]'s.
+/// [`crate::fixed`]'s.
 #[inline]
 pub fn dense(layer: &Layer<'_>, x: &[u32], out: &mut [i16], cut: impl Fn(i32) -> i16) {
     let out = out.get_mut(..layer.outputs.min(out.len())).unwrap_or_default();

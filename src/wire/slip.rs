@@ -53,7 +53,7 @@ pub struct SlipMessage {
 /// The contact on one pad, as sent. Rows and columns count taxels from the pad's corner (0, 0).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SensorContact {
-    /// Bits of [`super::health`].
+    /// Bits of [`crate::health`].
     pub health: u8,
     /// Sum of the pad's counts, at most 942 · 4095, below 2^24.
     pub sum: u32,

@@ -6,7 +6,7 @@ use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, fram
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
-use slipsense::sensor::SensorInput;
+use slipsense::sensor::{SensorInput, SensorReadings};
 use slipsense::wire::{RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;

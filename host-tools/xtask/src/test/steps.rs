@@ -269,6 +269,7 @@ fn clippy(context: Context) -> Result<()> {
         return clippy(&["--workspace", "--exclude", "slipsense-model"]);
     }
     clippy(&["--workspace", "--features", "slipsense-cli/train,slipsense-cli/hil"])?;
+    clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
 }
 
@@ -284,7 +285,7 @@ fn host(context: Context) -> Result<()> {
 
 fn small() -> Result<()> {
     let mut small = cargo();
-    small.args(["test", "--quiet", "--release", "--workspace", "--test", "errors", "--test", "model"]);
+    small.args(["test", "--quiet", "--release", "--workspace", "--test", "cli", "--", "errors::", "model::"]);
     run(&mut small)
 }
 

@@ -91,7 +91,7 @@ fn main() -> ! {
     let answers = Answers { began: 0 };
     let inference =
         PIPELINE.init(Inference::new(pipeline, transmitter, StoppedClock, answers, &SHARED, raw_sender));
-    let source = SOURCE.init(Replayed { taken: None, sensors, bytes: [0; FRAME_BYTES_MAX] });
+    let source = SOURCE.init_with(|| Replayed { taken: None, sensors, bytes: [0; FRAME_BYTES_MAX] });
 
     interrupt::CEC.set_priority(Priority::P6);
     let spawner = ACQUISITION.start(interrupt::CEC);

@@ -39,7 +39,7 @@ use slipsense::firmware::clocks::{ADC_HZ, TIMER_HZ};
 use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense::pipeline::FrameStamp;
 use slipsense::tasks::FRAME_PERIOD_US;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
 /// The address lines are the pins of port E from this one on.
@@ -56,7 +56,8 @@ const STEP_SPINS: u32 = 200;
 
 /// Two frames of codes, as many arrays side by side as there are.
 #[unsafe(link_section = ".sram_d2")]
-static RING: StaticCell<[u16; 2 * TAXELS * MAX_SENSORS]> = StaticCell::new();
+static RING: ConstStaticCell<[u16; 2 * TAXELS * MAX_SENSORS]> =
+    ConstStaticCell::new([0; 2 * TAXELS * MAX_SENSORS]);
 /// In RAM, so that a stalled flash cannot delay an address.
 #[unsafe(link_section = ".sram_d2")]
 static ADDRESSES: StaticCell<[u32; TAXELS]> = StaticCell::new();
@@ -110,8 +111,8 @@ unsafe impl Send for AdcScan {}
 impl AdcScan {
     /// Set everything up and start. `arrays`: 1 to 3.
     pub fn start(hardware: Hardware, arrays: usize) -> Self {
-        let ring = RING.init([0; 2 * TAXELS * MAX_SENSORS]).as_ptr();
-        let addresses = ADDRESSES.init(ADDRESS_TABLE).as_ptr();
+        let ring = RING.take().as_ptr();
+        let addresses = ADDRESSES.init_with(|| ADDRESS_TABLE).as_ptr();
         ARRAYS.store(arrays as u32, Ordering::Relaxed);
         for pin in hardware.address {
             // Never dropped: that would release the pin.

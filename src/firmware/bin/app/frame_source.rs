@@ -39,7 +39,7 @@ pub fn start(
     // A part that is fitted and not used stays deselected: a pin that is let go floats, and the part would talk.
     parts.into_iter().flatten().for_each(core::mem::forget);
     let scan = AdcScan::start(scan, sensors);
-    SOURCE.init(Sensors::new(scan, used, &LINK))
+    SOURCE.init_with(|| Sensors::new(scan, used, &LINK))
 }
 
 /// From the next frame on the arrays are mounted so.

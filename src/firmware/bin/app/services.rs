@@ -75,7 +75,7 @@ pub fn build(
     };
     let node = Node::new(identity, settings);
     let station = Station { store, updates, led };
-    SERVICES.init(Services::new(node, inbox, Uptime, &SHARED, station, panic))
+    SERVICES.init_with(|| Services::new(node, inbox, Uptime, &SHARED, station, panic))
 }
 
 impl StatusLed for Station {

@@ -17,6 +17,9 @@ use crate::fdcan::wire::MCU;
 use crate::report::clock_ahead_ns;
 use crate::run::Done;
 
+/// Flags of a frame before whose samples others are missing.
+const GAP: u8 = health::XL_SAMPLES_DROPPED | health::XL_WARMING_UP;
+
 /// The model that the firmware carries.
 const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
 /// 1/240 s.
@@ -154,6 +157,7 @@ impl Comparison {
         let sensors = self.slips.first().map_or(1, |slip| slip.message.sensors.into());
         let mut pipeline = Pipeline::new(model, sensors).map_err(|error| anyhow!("pipeline: {error}"))?;
         let ahead_ns = clock_ahead_ns(done, &self.slips);
+        let mut xl_end = [0u32; MAX_SENSORS];
         let mut next = None;
         for slip in &self.slips {
             let message = &slip.message;
@@ -192,6 +196,10 @@ impl Comparison {
                 self.from_models += usize::from(carried.is_none());
                 input.piezo = (flags & health::PIEZO_MISSING == 0).then_some(piezo);
                 input.xl = (flags & health::XL_MISSING == 0).then_some(xl);
+                // Without its raw message, the flags say whether samples are missing before those of this frame.
+                let counted = xl_end[sensor].wrapping_add(xl.len() as u32 + u32::from(flags & GAP == GAP));
+                input.xl_end = raw.map_or(counted, |raw| raw.xl_end);
+                xl_end[sensor] = input.xl_end;
             }
             let output = pipeline.step(&inputs[..sensors]);
             let stamp = FrameStamp { sequence: message.sequence, timestamp_us: message.timestamp_us };
@@ -266,8 +274,8 @@ impl Comparison {
         {
             let batch = raw.xl.as_slice();
             let next = last.map_or(0, |(_, next)| next);
-            // After messages that the bus did not carry: the first such samples from there on.
-            let follows = last.is_some_and(|(last, _)| sequence == last + 1);
+            // After messages that the bus did not carry, or a gap: the first such samples from there on.
+            let follows = last.is_some_and(|(last, _)| sequence == last + 1) && raw.health & GAP != GAP;
             let from = if follows {
                 next + usize::from(raw.xl_dropped)
             } else if let Some(from) = (next..next + played.len()).find(|from| follow(*from, batch)) {

@@ -23,7 +23,9 @@ const fn expectation(kind: Kind) -> Expectation {
     let (lasts_ms, shows, may_show, every_message) = match kind {
         Kind::ErrorFrames { per_million } if per_million < 1_000_000 => (400, 0, 0, true),
         Kind::Flood => (200, 0, 0, true),
-        Kind::AccelerometerStops | Kind::FifoOverrun => (100, health::XL_MISSING, with_xl, true),
+        Kind::AccelerometerStops => (100, health::XL_MISSING, with_xl, true),
+        // What is left of the samples is delivered; the gap before them is flagged.
+        Kind::FifoOverrun => (100, health::XL_SAMPLES_DROPPED, with_xl, true),
         // All taxels alike for 100 ms make an array dead.
         Kind::AdcStuck => (250, health::PIEZO_MISSING, 0, true),
         // Nobody receives the flag.

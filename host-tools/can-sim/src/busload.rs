@@ -1,11 +1,11 @@
 //! How much of a bus modules take, and how long a slip message waits on it.
 //!
 //! Frames are counted bit by bit by [`crate`], stuff bits included: those of given frames exactly,
-//! and the longest that any data could make. The wait is reckoned (one frame of lower priority that has just begun,
+//! and the longest that any data could make. The wait is calculated (one frame of lower priority that has just begun,
 //! then every slip message of a smaller identifier) and simulated on the same crate's bus.
 //!
 //! Other nodes' frames are full ones whose identifiers lie between the slip and the raw messages'. Traffic above the
-//! slip message, an emergency stop for example, is not reckoned with, nor are heartbeats and service calls.
+//! slip message, an emergency stop for example, is left out, and so are heartbeats and service calls.
 
 use crate::{Bus, Collision, Disturbance, Format, Frame, Id, Timing, dlc_of, worst_case};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, XL_RATE_HZ};
@@ -21,7 +21,7 @@ pub const CLOCK_HZ: u32 = 80_000_000;
 pub const NODES_MAX: usize = 8;
 /// Largest bit rate of the arbitration phase, bit/s (ISO 11898-2:2016).
 pub const NOMINAL_BPS_MAX: u32 = 1_000_000;
-/// Largest bit rate of the data phase that is reckoned with, bit/s: CAN FD SIC transceivers' (CiA 601-4).
+/// Largest bit rate of the data phase in a plan, bit/s: CAN FD SIC transceivers' (CiA 601-4).
 pub const DATA_BPS_MAX: u32 = 8_000_000;
 /// Samples that a frame brings at most from a part whose clock is 3 % fast.
 pub const SAMPLES_TYPICAL_MAX: usize = (XL_RATE_HZ * 103 / 100).div_ceil(FRAME_RATE_HZ) as usize;
@@ -88,7 +88,7 @@ pub struct Load {
 /// The longest time from a slip message's handing over to the end of its frame, microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Latency {
-    /// Reckoned.
+    /// By formula.
     pub calculated_us: f64,
     /// The longest of [`SIMULATED_PERIODS`] frame periods on the modelled bus, always full.
     pub simulated_us: f64,
@@ -114,7 +114,7 @@ pub struct BusLoad {
 /// Frame periods that are simulated.
 pub const SIMULATED_PERIODS: u32 = 1440;
 
-/// Reckon and simulate. `sample` must be [complete](Sample::is_complete).
+/// Calculate and simulate. `sample` must be [complete](Sample::is_complete).
 pub fn plan(
     plan: &Plan,
     sample: &Sample,
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn found_by_trial_is_what_was_reckoned() {
+    fn the_longest_frame_by_trial_is_the_worst_case() {
         let ids = [(slip_id(0), 64), (raw_id(&ONE, 0), 64), (slip_id(3), 64), (raw_id(&COMPRESSED, 7), 48)];
         for (id, bytes) in ids {
             let (timing, dlc) = (timing(8_000_000), dlc_of(bytes, true).unwrap());
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bus_never_waits_longer_than_reckoned_and_nearly_as_long() {
+    fn no_simulated_wait_exceeds_the_calculated_one_and_some_come_near() {
         for (nodes, foreign_percent, raw_every) in [(1, 0, 1), (1, 50, 1), (1, 100, 0), (3, 0, 1), (8, 30, 2)]
         {
             for raw_form in [ONE.raw_form, COMPRESSED.raw_form] {

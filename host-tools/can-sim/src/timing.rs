@@ -91,7 +91,7 @@ impl Timing {
         INTERMISSION as u64 * self.nominal.cycles() as u64
     }
 
-    /// Cycles in nanoseconds, rounded up: an end is never told early.
+    /// Cycles in nanoseconds, rounded up: no end is early.
     pub const fn ns(&self, cycles: u64) -> u64 {
         // Whole seconds apart, so that hours of cycles do not overflow.
         let clock = self.clock_hz as u64;

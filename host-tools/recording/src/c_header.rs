@@ -34,7 +34,7 @@ pub fn text() -> Result<String> {
     let mut out = String::from(HEAD);
     writeln!(out, "\n/* Identifier of the module at this address, 0 to 127. */")?;
     writeln!(out, "#define SLIPSENSE_SLIP_CAN_ID(node) (0x{:08X}UL | (uint32_t)(node))", frame.id())?;
-    writeln!(out, "/* Address that a module has until it is told another. */")?;
+    writeln!(out, "/* Default address of a module. */")?;
     writeln!(out, "#define SLIPSENSE_NODE_DEFAULT {}U", NodeId::DEFAULT.get())?;
     writeln!(out, "/* Bytes of the message, and of its frame. */")?;
     writeln!(out, "#define SLIPSENSE_SLIP_BYTES {}U", definition.bits / 8)?;
@@ -75,7 +75,7 @@ fn members(out: &mut String, definition: &Definition) -> Result<()> {
     Ok(())
 }
 
-/// Bits of the C type that holds so many.
+/// Bits of the smallest C type that holds `bits`.
 const fn width(bits: u32) -> u32 {
     match bits {
         0..=8 => 8,

@@ -111,7 +111,7 @@ pub struct SlcanSource {
     ready: std::collections::VecDeque<LogEntry>,
 }
 
-/// Open a source. `data_mbit` is the bit rate of the data phase that an slcan adapter is told.
+/// Open a source. `data_mbit` is the bit rate of the data phase that an slcan adapter is set to.
 pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
     Ok(match place {
         Place::Standard => Source::Lines(CandumpReader::new(Box::new(BufReader::new(std::io::stdin())))),

@@ -55,7 +55,7 @@ struct NodeArgs {
     /// With a recording: wait so long for the first subscriber, seconds
     #[arg(long, value_name = "S", default_value = "0")]
     wait: u64,
-    /// Bit rate of the data phase that an slcan adapter is told, Mbit/s
+    /// Bit rate of the data phase that an slcan adapter is set to, Mbit/s
     #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
     data_mbit: u8,
     /// Print the counts as JSON

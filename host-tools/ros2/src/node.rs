@@ -44,7 +44,7 @@ pub struct Options {
     pub namespace: String,
     /// The DDS domain.
     pub domain_id: u16,
-    /// A recording's frames come when they came; else as they are heard.
+    /// A recording's frames come when they came; else as they are received.
     pub paced: bool,
     /// With a recording: wait so long for a subscriber of the first topic.
     pub wait: Duration,

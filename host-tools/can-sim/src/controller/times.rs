@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_frame_takes_the_time_that_is_reckoned_with() {
+    fn a_full_frame_takes_the_design_time() {
         // Measured elsewhere: 118 and 169 µs at worst with 11-bit identifiers, which have 18 bits and up to 5 stuff
         // bits less.
         for (data_bps, us) in [(8_000_000, 118), (5_000_000, 169)] {

@@ -12,7 +12,7 @@ use crate::Episode;
 
 /// Knocks closer than this are one (s): it rings.
 const APART_S: f64 = 0.1;
-/// A knock stands out of the signal's median by so many median deviations.
+/// A knock exceeds the signal's median by this number of median deviations.
 const STANDS_OUT: f64 = 8.0;
 /// Only the strongest are looked at: what is left is footsteps and jaws.
 const MOST_KNOCKS: usize = 8;

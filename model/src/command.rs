@@ -9,9 +9,10 @@ use serde_json::json;
 use slipsense::net::Model;
 use slipsense_recording::model_file::SCALES_KEY;
 
-use crate::data::{Features, Source, Use};
+use crate::data::{Features, Source};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::folder::ObjectUses;
+use crate::folder::Use;
 use crate::trace::Ranges;
 use crate::tract::{Graphs, SensorFrame, TractNetwork};
 use crate::train::{manifest_beside, progress};

@@ -8,47 +8,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
-use sha2::{Digest, Sha256};
 use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS};
 use slipsense_recording::Episode;
-use slipsense_synth::objects::{self, Group};
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
 
 use crate::augment::level;
 use crate::float::Sequences;
+use crate::folder::{LabelledFolder, ObjectUses, Use};
 use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
 use crate::tract::log_mel_real;
-
-use crate::folder::{LabelledFolder, ObjectUses};
-
-/// What an episode may be used for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Use {
-    /// Gradients and calibration.
-    Train,
-    /// The curve that a person watches during training, the quantizer's table, operating points.
-    Validation,
-    /// Nothing here.
-    Test,
-}
-
-/// What an object may be used for. The catalogue says it for its objects; others, from someone's own
-/// recordings, go by a hash of their name: one in four to test, one in eight to validation.
-pub fn use_of(object: &str) -> Use {
-    match objects::named(object).map(|known| known.group) {
-        Some(Group::HeldOut) => Use::Test,
-        Some(Group::Val) => Use::Validation,
-        Some(Group::Train) => Use::Train,
-        None => match Sha256::digest(object.as_bytes())[0] {
-            0..64 => Use::Test,
-            64..96 => Use::Validation,
-            _ => Use::Train,
-        },
-    }
-}
 
 /// Where episodes come from.
 #[derive(Clone, Debug)]

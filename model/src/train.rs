@@ -16,10 +16,11 @@ use slipsense_synth::objects::{self, Group};
 
 use crate::batch::Sampler;
 use crate::checkpoint::{Checkpoint, Row, csv};
-use crate::data::{Features, Source, Use};
+use crate::data::{Features, Source};
 use crate::evaluate::{Scores, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::ObjectUses;
+use crate::folder::Use;
 use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
 use crate::{curves, output};

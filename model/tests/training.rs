@@ -5,7 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use slipsense::net::Model;
-use slipsense_model::data::{Use, recipes, use_of};
+use slipsense_model::data::recipes;
+use slipsense_model::folder::{Use, use_of};
 use slipsense_model::weights::{Weights, dims_of_size};
 use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
 use slipsense_synth::ObjectChoice;

@@ -21,6 +21,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals, bind_interrupts};
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_can::ExtendedId;
+use slipsense::firmware::memory;
 use static_cell::StaticCell;
 
 bind_interrupts!(struct Irqs {
@@ -121,6 +122,7 @@ fn main() -> ! {
     // No real-time clock.
     config.rcc.ls = LsConfig::off();
     config.rcc.mux.fdcansel = Fdcansel::HSE;
+    memory::init(&mut unwrap!(cortex_m::Peripherals::take()));
     let chip = embassy_stm32::init(config);
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(run(chip))))
 }

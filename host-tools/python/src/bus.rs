@@ -12,8 +12,8 @@ use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::wire::{CanFrame, NodeId, Received, Receiver as Frames};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
+use crate::error::refused;
 use crate::pipeline::{Contact, contacts};
-use crate::refused;
 
 /// The decision of one frame, as sent.
 #[pyclass(module = "slipsense", frozen, get_all)]

@@ -9,8 +9,8 @@ use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::sensor::SensorInput;
 use slipsense_recording::{Episode as Recording, Predictions};
 
+use crate::error::refused;
 use crate::pipeline::Running;
-use crate::refused;
 
 /// A stretch of sensor data.
 #[pyclass(module = "slipsense", frozen)]

@@ -3,17 +3,10 @@
 
 mod bus;
 mod episode;
+mod error;
 mod pipeline;
 
-use std::fmt::Display;
-
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-/// A rule that the caller broke.
-fn refused(error: impl Display) -> PyErr {
-    PyValueError::new_err(error.to_string())
-}
 
 #[pymodule]
 mod _slipsense {

@@ -11,7 +11,7 @@ use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::SlipMessage;
 use slipsense_recording::logmel_std;
 
-use crate::refused;
+use crate::error::refused;
 
 /// The network that the firmware carries.
 static BUNDLED: &Aligned<[u8]> = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet"));

@@ -6,7 +6,8 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use super::results::{Budget, Comparisons, Finished};
+use super::orderings::Comparisons;
+use super::results::{Budget, Finished};
 use super::sets::Sets;
 use super::train::{TrainedNetwork, train};
 use super::{Making, ROWS, Row, picture, row_named};

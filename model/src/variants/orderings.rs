@@ -1,10 +1,10 @@
-//! The orders that the paper found, each held against what came out here.
+//! All rows together, and the orders that the paper found, each compared with the result here.
 
 use serde::Serialize;
 use slipsense_synth::Split;
 
-use super::BASE_ROW;
-use super::results::{RowResults, Spread};
+use super::results::{Budget, Finished, RowResults, Spread};
+use super::{BASE_ROW, ROWS};
 
 /// Both UMI splits: where the paper compares modalities, fusions, resolutions and windows.
 const UMI: [Split; 2] = [Split::UmiId, Split::UmiOod];
@@ -101,6 +101,30 @@ impl Ordering {
             holds_for_every_seed: both
                 .map(|(better, worse)| in_order(100.0 * (better.lowest - worse.highest))),
         }
+    }
+}
+
+/// The root of `comparisons.json`. Keys carry their units: `_share` from 0 to 1, `_frames` of 1/240 s, `_s`,
+/// `_points` of a hundredth; F1 has none.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparisons {
+    /// All figures are of generated episodes.
+    pub synthetic: bool,
+    /// The command that makes them again.
+    pub command: String,
+    /// What every row got.
+    pub budget: Budget,
+    /// Row by row.
+    pub rows: Vec<RowResults>,
+    /// The paper's orderings.
+    pub orderings: Vec<Ordering>,
+}
+
+impl Comparisons {
+    /// Collect what is finished.
+    pub fn new(command: String, budget: Budget, finished: &[Finished]) -> Self {
+        let rows: Vec<RowResults> = ROWS.iter().filter_map(|row| RowResults::new(row, finished)).collect();
+        Self { synthetic: true, command, budget, orderings: orderings(&rows), rows }
     }
 }
 

@@ -4,7 +4,7 @@ use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 use slipsense_synth::Split;
 
-use super::results::Comparisons;
+use super::orderings::Comparisons;
 
 const WIDTH: u32 = 900;
 /// Height of a row, and of all that is around the rows.

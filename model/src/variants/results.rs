@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 use slipsense_synth::Split;
 use slipsense_synth::splits::GENERATOR_VERSION;
 
-use super::orderings::{Ordering, orderings};
-use super::{ROWS, Row};
+use super::Row;
 use crate::evaluate::Scores;
 use crate::output;
 
@@ -219,29 +218,5 @@ impl RowResults {
             Some(figures.iter().sum::<f64>() / figures.len() as f64)
         };
         Spread::new(self.seeds.iter().map(of_seed))
-    }
-}
-
-/// The root of `comparisons.json`. Keys carry their units: `_share` from 0 to 1, `_frames` of 1/240 s, `_s`,
-/// `_points` of a hundredth; F1 has none.
-#[derive(Clone, Debug, Serialize)]
-pub struct Comparisons {
-    /// All figures are of generated episodes.
-    pub synthetic: bool,
-    /// The command that makes them again.
-    pub command: String,
-    /// What every row got.
-    pub budget: Budget,
-    /// Row by row.
-    pub rows: Vec<RowResults>,
-    /// The paper's orderings.
-    pub orderings: Vec<Ordering>,
-}
-
-impl Comparisons {
-    /// Collect what is finished.
-    pub fn new(command: String, budget: Budget, finished: &[Finished]) -> Self {
-        let rows: Vec<RowResults> = ROWS.iter().filter_map(|row| RowResults::new(row, finished)).collect();
-        Self { synthetic: true, command, budget, orderings: orderings(&rows), rows }
     }
 }

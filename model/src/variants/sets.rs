@@ -7,9 +7,10 @@ use slipsense_synth::{Recipe, Split, generate_set};
 
 use super::results::{Budget, SplitFigures};
 use super::{Making, Row, recomputed};
-use crate::data::{Features, Source, Use};
+use crate::data::{Features, Source};
 use crate::evaluate::{Scores, score_logits};
 use crate::float::FloatNetwork;
+use crate::folder::Use;
 use crate::train::progress;
 use crate::weights::Weights;
 

@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use super::results::{Comparisons, RowSplit, Spread};
+use super::orderings::Comparisons;
+use super::results::{RowSplit, Spread};
 
 /// Width of the first column.
 const NAME: usize = 19;

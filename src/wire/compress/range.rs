@@ -8,8 +8,7 @@
 //! A range coder, not an asymmetric numeral system: it needs no second pass over the symbols, and on the Cortex-M7 a
 //! symbol is one multiplication and one multiply-accumulate to 64 bits, carry included, without a division.
 
-use super::tables::Table;
-use super::value::{DIRECT, SYMBOLS, join, split};
+use super::value::{DIRECT, SYMBOLS, Table, join, split};
 
 /// log2 of the sum of the frequencies of a table.
 const FREQUENCY_BITS: u32 = 12;

@@ -3,10 +3,7 @@
 //! Learnt from 40000 frames of synthetic training episodes by `host-tools/synth/examples/compression_tables.rs`;
 //! its `--check` compares. Not to be edited by hand.
 
-use super::value::SYMBOLS;
-
-/// Of each symbol, the sum of the frequencies before it and its own. All together are 4096.
-pub type Table = [[u16; 2]; SYMBOLS];
+use super::value::{SYMBOLS, Table};
 
 /// Contexts of a taxel.
 pub const TAXEL_CONTEXTS: usize = 20;

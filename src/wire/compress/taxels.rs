@@ -5,8 +5,8 @@
 //! frame costs the frames that refer to it, sender and receiver need the same past, and a listener that joins waits.
 
 use super::range::{Decoder, Sink};
-use super::tables::{TAXEL_TABLES, Table};
-use super::value::{BySize, fold, unfold};
+use super::tables::TAXEL_TABLES;
+use super::value::{BySize, Table, fold, unfold};
 use crate::params::{COUNT_MAX, TAXEL_COLS, TAXELS};
 use crate::wire::region::Region;
 

@@ -1,14 +1,15 @@
 //! Values of up to 16 bits as one of 40 symbols and a few extra bits: 0 to 15 are a symbol each, above that each
 //! half octave is one. So a context has a short table of frequencies whatever the range of the sensor.
 
-use super::tables::Table;
-
 /// Values with a symbol of their own.
 pub(super) const DIRECT: u32 = 16;
 /// log2 of it.
 const DIRECT_BITS: u32 = 4;
 /// Symbols: two for each octave from 16 to 65,535.
 pub const SYMBOLS: usize = DIRECT as usize + 2 * (16 - DIRECT_BITS as usize);
+
+/// Of each symbol in one context, the sum of the frequencies before it and its own. All together are 4096.
+pub type Table = [[u16; 2]; SYMBOLS];
 
 /// Symbol of a value of 16 bits, and how many of its low bits follow.
 #[inline]

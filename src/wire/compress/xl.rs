@@ -2,8 +2,8 @@
 //! frequencies that follow the size of the last differences.
 
 use super::range::{Decoder, Sink};
-use super::tables::{Table, XL_TABLES};
-use super::value::{BySize, fold, unfold};
+use super::tables::XL_TABLES;
+use super::value::{BySize, Table, fold, unfold};
 use crate::params::XL_AXES;
 use crate::sensor::XlSample;
 use crate::wire::raw::RAW_XL_MAX;

@@ -4,8 +4,11 @@ use rigless::device::{Device, DeviceContext, ErasedDevice, RegisterFile, Request
 use rigless::soc::RegisterSpec;
 use rigless::time::{EventId, VirtualNanos};
 
-use crate::arrays::TRIGGER_TOKEN;
-use crate::scan_fast_path::FRAME_TOKEN;
+/// Tokens of our own accesses: the trigger line's write to ADC1, reads of the address table (the index of two words
+/// added), and a frame's writes.
+pub const TRIGGER_TOKEN: u64 = u64::MAX;
+pub const TABLE_TOKEN: u64 = 1 << 32;
+pub const FRAME_TOKEN: u64 = TABLE_TOKEN - 1;
 
 /// What happens around a call.
 pub trait Tap<D> {

@@ -10,11 +10,10 @@ use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage};
-use slipsense_can_sim::{Frame, Id, Outcome};
+use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
 
-use crate::fdcan::wire::MCU;
-use crate::report::clock_ahead_ns;
+use crate::fdcan::wire::{MCU, can_frame};
 use crate::run::Done;
 
 /// Flags of a frame before whose samples others are missing.
@@ -89,14 +88,6 @@ fn readout(readouts: &[(u64, Vec<XlSample>)], tick_ns: u64) -> Option<&[XlSample
     let first = readouts.partition_point(|(at, _)| *at <= tick_ns);
     let (at, samples) = readouts.get(first)?;
     (at - tick_ns < PERIOD_US * 1000).then_some(samples)
-}
-
-/// A frame of the bus as the product's own library knows it.
-pub fn can_frame(frame: &Frame) -> Option<CanFrame> {
-    match frame.id() {
-        Id::Extended(id) => CanFrame::new(id, frame.data()).ok(),
-        Id::Standard(_) => None,
-    }
 }
 
 /// Decode and compare everything.
@@ -325,4 +316,14 @@ impl Comparison {
         ];
         differences.iter().all(|list| list.is_empty()) && self.compared > 0
     }
+}
+
+/// How far the firmware's clock is ahead of virtual time, which began with the reset: its lowest 16 bits are known at
+/// the end of the run, the others by the last message, which is milliseconds old.
+pub fn clock_ahead_ns(done: &Done, slips: &[Slip]) -> i64 {
+    let Some(last) = slips.last() else { return 0 };
+    let about_us = last.message.timestamp_us + (done.virtual_ns - last.start_ns) / 1000;
+    let off = (done.clock_us as i64 - about_us as i64).rem_euclid(1 << 16);
+    let off = if off >= 1 << 15 { off - (1 << 16) } else { off };
+    (about_us as i64 + off) * 1000 - done.virtual_ns as i64
 }

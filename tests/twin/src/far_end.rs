@@ -12,8 +12,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use slipsense::wire::{MessageId, RAW_PORT, SLIP_PORT};
 use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
-use crate::compare::can_frame;
-use crate::fdcan::wire::{MCU, Wire};
+use crate::fdcan::wire::{MCU, Wire, can_frame};
 
 /// Bytes before the data: identifier and length.
 const HEADER: usize = 5;

@@ -19,14 +19,15 @@ use rigless::time::VirtualNanos;
 use slipsense_recording::Episode;
 
 use crate::adxl380::Adxl380;
-use crate::arrays::{AddressLines, Arrays, REFERENCE_MV, Shared, Streams, Trigger, TriggeredInputs, lock};
+use crate::array_taps::{AddressLines, Streams, Trigger, TriggeredInputs};
+use crate::arrays::{Arrays, REFERENCE_MV, Shared, lock};
 use crate::bus_tap::Tapped;
 use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam};
 use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
-use crate::scan_fast_path::Settings;
+use crate::scan_timing::Settings;
 use crate::window::Windowed;
 use crate::xl::{Readouts, Xl};
 

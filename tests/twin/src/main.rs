@@ -4,6 +4,7 @@
 //! and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
 
 mod adxl380;
+mod array_taps;
 mod arrays;
 mod compare;
 mod far_end;
@@ -21,6 +22,7 @@ mod rtt;
 mod run;
 mod settings;
 mod scan_fast_path;
+mod scan_timing;
 mod power_faults;
 mod bus_tap;
 mod diagnostics;
@@ -192,5 +194,6 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     if let Some(expected) = &arguments.says {
         return Ok(report::print_other(&done, expected));
     }
-    report::print(&done, episode.as_deref(), &faults, arguments)
+    let options = report::Options { rtt: arguments.rtt, all_faults: arguments.faults };
+    report::print(&done, episode.as_deref(), &faults, &options)
 }

@@ -9,11 +9,10 @@ use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 
-use crate::Arguments;
-use crate::compare::{Comparison, Slip, can_frame, compare};
+use crate::compare::{Comparison, Slip, clock_ahead_ns, compare};
 use crate::fault_injection::Fault;
 use crate::fault_schedule;
-use crate::fdcan::wire::{Logged, MCU};
+use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::recovery::{self, Recovery};
 use crate::restarts;
 use crate::run::{Done, RATE_HZ};
@@ -50,14 +49,17 @@ pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
     Ok(trace.flush()?)
 }
 
+/// What to print, and what the run was.
+pub struct Options {
+    /// The firmware's log.
+    pub rtt: bool,
+    /// The run injected every fault of the schedule.
+    pub all_faults: bool,
+}
+
 /// Prints everything. `false`: something differs, or the emulator reported something without a known reason.
-pub fn print(
-    done: &Done,
-    episode: Option<&Episode>,
-    faults: &[Fault],
-    arguments: &Arguments,
-) -> Result<bool> {
-    if arguments.rtt {
+pub fn print(done: &Done, episode: Option<&Episode>, faults: &[Fault], options: &Options) -> Result<bool> {
+    if options.rtt {
         done.log.iter().for_each(|line| println!("log  {line}"));
     }
     let comparison = compare(done, episode)?;
@@ -78,7 +80,7 @@ pub fn print(
     }
     // With faults from the command line the reader judges: frames are lost on purpose.
     let mut whole = true;
-    if arguments.faults {
+    if options.all_faults {
         let complaints = fault_schedule::complaints(&recoveries);
         complaints.iter().for_each(|line| println!("FAILED: {line}"));
         whole = complaints.is_empty() && comparison.different.is_empty() && comparison.compared > 0;
@@ -182,16 +184,6 @@ fn print_bus(done: &Done, comparison: &Comparison) {
         "a frame in the FDCAN's queue: at most {:.1} us from its request to its end",
         worst as f64 / 1000.0
     );
-}
-
-/// How far the firmware's clock is ahead of virtual time, which began with the reset: its lowest 16 bits are known at
-/// the end of the run, the others by the last message, which is milliseconds old.
-pub fn clock_ahead_ns(done: &Done, slips: &[Slip]) -> i64 {
-    let Some(last) = slips.last() else { return 0 };
-    let about_us = last.message.timestamp_us + (done.virtual_ns - last.start_ns) / 1000;
-    let off = (done.clock_us as i64 - about_us as i64).rem_euclid(1 << 16);
-    let off = if off >= 1 << 15 { off - (1 << 16) } else { off };
-    (about_us as i64 + off) * 1000 - done.virtual_ns as i64
 }
 
 fn print_comparison(done: &Done, comparison: &Comparison, played: bool) {

@@ -5,8 +5,7 @@ use slipsense::node::{FILE_READ_PORT, HEARTBEAT_PORT};
 use slipsense::wire::{SLIP_PORT, ServiceRole, TransferId};
 use slipsense_can_sim::Outcome;
 
-use crate::compare::can_frame;
-use crate::fdcan::wire::{Logged, MCU};
+use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::run::Done;
 
 /// A pause in its requests that ends a file: longer than the erase of a slot.

@@ -6,8 +6,7 @@ use slipsense_recording::Episode;
 use svg::node::element::Circle;
 
 use super::draw::{Anchor, BASE, CLASS, Canvas, GREY, NEUTRAL, RULE, area, curve, heading, rect, rule};
-use super::scale::{Scale, line};
-use super::{LEFT, RIGHT};
+use super::scale::{LEFT, RIGHT, Scale, line};
 use crate::simulate::Simulation;
 use crate::summary::{EventInfo, Summary};
 

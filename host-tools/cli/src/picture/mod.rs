@@ -26,11 +26,9 @@ use draw::{Anchor, CLASS, Canvas, GREY, INK, SENSOR, area, bold, curve, heading,
 pub use grasp::{latencies as grasp_latencies, trial as grasp_trial};
 #[cfg(feature = "full")]
 pub use load_bars::load_bars;
-use scale::{Scale, columns, line};
+use scale::{LEFT, RIGHT, Scale, columns, line};
 
 const WIDTH: f64 = 1200.0;
-const LEFT: f64 = 104.0;
-const RIGHT: f64 = 1084.0;
 const GAP: f64 = 34.0;
 const HEADER: f64 = 134.0;
 /// Where marks of events and false alarms stand.

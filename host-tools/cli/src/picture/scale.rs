@@ -2,6 +2,10 @@
 
 use std::ops::Range;
 
+/// Where the plots of a picture begin and end.
+pub(super) const LEFT: f64 = 104.0;
+pub(super) const RIGHT: f64 = 1084.0;
+
 /// A linear map from values to pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Scale {

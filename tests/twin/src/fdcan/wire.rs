@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use slipsense::wire::CanFrame;
 use slipsense_can_sim::{
     Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
 };
@@ -25,6 +26,14 @@ pub struct Logged {
     pub end_ns: u64,
     pub outcome: Outcome,
     pub frame: Frame,
+}
+
+/// A frame of the bus as the product's own library knows it.
+pub fn can_frame(frame: &Frame) -> Option<CanFrame> {
+    match frame.id() {
+        Id::Extended(id) => CanFrame::new(id, frame.data()).ok(),
+        Id::Standard(_) => None,
+    }
 }
 
 /// Wires, peer and record.

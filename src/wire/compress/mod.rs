@@ -43,8 +43,8 @@ mod xl;
 
 pub use message::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES, COMPRESSED_PORT, Detail};
 pub use range::Sink;
-pub use tables::{TAXEL_CONTEXTS, TAXEL_TABLES, Table, XL_CONTEXTS, XL_TABLES};
-pub use value::{SYMBOLS, split};
+pub use tables::{TAXEL_CONTEXTS, TAXEL_TABLES, XL_CONTEXTS, XL_TABLES};
+pub use value::{SYMBOLS, Table, split};
 
 use super::region::Region;
 use crate::sensor::{PiezoFrame, XlSample};

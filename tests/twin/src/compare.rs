@@ -9,7 +9,7 @@ use slipsense::net::{Aligned, Model};
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Receiver, SlipMessage};
+use slipsense::wire::{NodeId, RawMessage, Received, Receiver, SlipMessage};
 use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
 

@@ -184,7 +184,7 @@ pub struct RowResults {
 
 impl RowResults {
     /// None without a finished seed.
-    fn new(row: &'static Row, finished: &[Finished]) -> Option<Self> {
+    pub(super) fn new(row: &'static Row, finished: &[Finished]) -> Option<Self> {
         let mut seeds: Vec<Finished> = finished.iter().filter(|done| done.row == row.name).cloned().collect();
         seeds.sort_by_key(|done| done.seed);
         let first = seeds.first()?;

@@ -16,7 +16,7 @@ const SENSORS: usize = 2;
 
 /// Is this part of a sensor there? With `missing`, every third scan and every fourth log-mel frame is not.
 fn is_there(missing: bool, frame: usize, sensor: usize, period: usize) -> bool {
-    !missing || (frame + sensor) % period != 0
+    !missing || !(frame + sensor).is_multiple_of(period)
 }
 
 /// Float logits of random input, and the ranges seen on the way.

@@ -48,12 +48,14 @@ pub(crate) struct PipelineStream<'m> {
     model: Model<'m>,
     dead: Option<Modality>,
     pipeline: Option<Box<Pipeline<'m>>>,
+    /// Samples of each accelerometer before the episode: its first ones follow without a gap.
+    samples: [u32; MAX_SENSORS],
 }
 
 impl<'m> PipelineStream<'m> {
     /// A pipeline whose sensors never deliver the modality `dead`.
     pub(crate) const fn new(model: Model<'m>, dead: Option<Modality>) -> Self {
-        Self { model, dead, pipeline: None }
+        Self { model, dead, pipeline: None, samples: [0; MAX_SENSORS] }
     }
 
     /// Run the frames of the next episode; `each` gets the output of every frame in order. Returns whether the
@@ -71,11 +73,16 @@ impl<'m> PipelineStream<'m> {
                 true => SensorInput {
                     piezo: (self.dead != Some(Modality::Piezo)).then(|| episode.piezo(frame, s)),
                     xl: (self.dead != Some(Modality::Xl)).then(|| episode.xl_batch(frame, s)),
-                    xl_end: episode.xl_end(frame, s),
+                    xl_end: self.samples[s].wrapping_add(episode.xl_end(frame, s)),
                 },
                 false => SensorInput::default(),
             });
             each(&pipeline.step(&inputs[..sensors]));
+        }
+        if let Some(last) = episode.frames().checked_sub(1) {
+            for (sensor, samples) in self.samples.iter_mut().take(sensors).enumerate() {
+                *samples = samples.wrapping_add(episode.xl_end(last, sensor));
+            }
         }
         Ok(goes_on)
     }

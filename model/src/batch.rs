@@ -168,8 +168,8 @@ impl<'e> Sampler<'e> {
         }
         let sensors = piezo.chunks_exact_mut(self.frames * IMAGE);
         let mut present = vec![false; self.sensors];
-        let heard = log_mel.chunks_exact_mut(self.frames * MEL_BINS).zip(level.chunks_exact_mut(self.frames));
-        for ((&sensor, piezo), (log_mel, level)) in order.iter().zip(sensors).zip(heard) {
+        let parts = log_mel.chunks_exact_mut(self.frames * MEL_BINS).zip(level.chunks_exact_mut(self.frames));
+        for ((&sensor, piezo), (log_mel, level)) in order.iter().zip(sensors).zip(parts) {
             present[sensor] = true;
             let (pad, mel) = (PadChange::draw(&mut rng), MelChange::draw(&mut rng));
             let mel = if changes_xl { mel } else { MelChange::NONE };

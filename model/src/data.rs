@@ -91,8 +91,8 @@ impl Source {
     }
 }
 
-/// Every so many training episodes one is of disturbances only: the protocol's have few, and a network that
-/// has not heard them raises alarms.
+/// One training episode in this many holds disturbances only: the protocol's have few, and a network that
+/// was not trained on them raises alarms.
 const DISTURBANCES_EVERY: usize = 8;
 /// Their length, seconds: room for a few grasps.
 const DISTURBANCES_SECONDS: f64 = 20.0;

@@ -56,7 +56,7 @@ pub struct TrainArgs {
     /// With --data: an object to leave alone, for a later `slipsense eval`; may be given several times.
     #[arg(long, value_name = "OBJECT", requires = "data")]
     pub test: Vec<String>,
-    /// Training episodes: so many are generated, or at most so many read.
+    /// Number of training episodes to generate, or the most to read
     #[arg(long, value_name = "N", default_value_t = 640)]
     pub episodes: usize,
     /// Passes over as many frames as the training episodes have.
@@ -110,7 +110,7 @@ pub(crate) fn optimizer() -> ModuleOptimizer {
         .init()
 }
 
-/// Share of the highest learning rate at a step of so many: linear rise, then half a cosine to 0.
+/// Share of the highest learning rate at a step: linear rise, then half a cosine to 0.
 pub(crate) fn schedule(step: usize, steps: usize) -> f64 {
     let total = steps as f64;
     let warm = (total * WARM_UP).max(1.0);

@@ -18,7 +18,7 @@ use slipsense::net::format::{Dims, TensorSpec, layout};
 pub const FIRST_DIMS: Dims =
     Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 32, heads: 4, window: 60 };
 
-/// [`FIRST_DIMS`] with so many times the channels, filters and embeddings.
+/// [`FIRST_DIMS`] with `size` times the channels, filters and embeddings.
 pub const fn dims_of_size(size: usize) -> Dims {
     let [first, second, third] = FIRST_DIMS.conv_channels;
     Dims {

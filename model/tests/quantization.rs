@@ -141,7 +141,7 @@ fn a_ratio_of_a_half_or_more_is_refused_by_name() {
 
 #[test]
 fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
-    // Queries so many times as large as those of a file whose multiplier is known.
+    // Queries larger than those of a file with a known multiplier, by this factor.
     let random = common::random_weights(6);
     let (_, ranges) = run_float(&random, false);
     let file = quantize(&random, &ranges, "{}").unwrap();

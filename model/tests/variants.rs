@@ -25,7 +25,7 @@ use crate::common;
 
 const SENSORS: usize = 2;
 
-/// One sequence whose classes are told by pads and sound alike.
+/// One sequence whose classes follow from pads and sound alike.
 fn sequence(frames: usize, seed: u64) -> Sequences {
     let scans = common::scans(frames, SENSORS, seed);
     let log_mels = common::log_mels(frames, SENSORS, seed + 1);

@@ -4,7 +4,7 @@
 //! ```text
 //! host                                board
 //! all words ← 0, let it run           Version, FrameAt, AnswerAt, CoreHz, ModelHash, then Magic ← MAGIC
-//! Sensors ← 1 to 3                    makes its pipeline for so many
+//! Sensors ← 1 to 3                    makes its pipeline for this number
 //! frame at FrameAt, then Asked ← n    takes the frame; the CAN frames that it leads to go to AnswerAt
 //!                                     Answered ← n
 //! reads the answer, next frame

@@ -169,7 +169,7 @@ impl Clock for StoppedClock {
     }
 }
 
-/// Looks at results beside the bus: a display, a log, a test. Does nothing unless told to.
+/// Looks at results beside the bus: a display, a log, a test. By default it does nothing.
 pub trait Observe {
     /// The pipeline is about to take this frame.
     fn step_begins(&mut self, _stamp: FrameStamp) {}

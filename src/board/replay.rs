@@ -1,7 +1,7 @@
 //! A frame of a recording as bytes, for boards that are given their frames instead of sensing them: the emulated one
 //! reads them from a file, a flashed one from its RAM ([`mailbox`](super::mailbox)).
 //!
-//! Encode and decode stand side by side. All numbers are little-endian. Both take whole frames of so many sensors; a
+//! Encode and decode stand side by side. All numbers are little-endian. Both take whole frames of a given number of sensors; a
 //! frame's bytes are a multiple of four, whatever the number of sensors.
 
 use super::SensorReadings;
@@ -22,7 +22,7 @@ pub const CAN_FRAMES_MAX: usize =
 const PIEZO_ARRIVED: u16 = 1;
 const XL_ARRIVED: u16 = 2;
 
-/// Bytes of a frame of so many sensors.
+/// Bytes of a frame of this number of sensors.
 pub const fn frame_bytes(sensors: usize) -> usize {
     STAMP_BYTES + sensors * PART_BYTES
 }

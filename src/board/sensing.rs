@@ -9,7 +9,7 @@ use crate::sensor::XlSample;
 pub trait TaxelScan {
     /// Wait for the next frame: its number, and the time of the conversion that closed it.
     ///
-    /// Ends whatever happens to the scan: one that stopped is started again, and its frame is told without counts.
+    /// Ends whatever happens to the scan: one that stopped is started again, and its frame is delivered without counts.
     async fn tick(&mut self) -> FrameStamp;
 
     /// The ADC codes of the frame just waited for: slot by slot in the order of [`crate::drivers::scan`], the arrays

@@ -31,11 +31,11 @@ pub struct XlCounters {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// Leave the part alone for so many ticks.
+    /// Leave the part alone for this number of ticks.
     Resting(u32),
-    /// The reset is over in so many ticks.
+    /// The reset is over in this number of ticks.
     Resetting(u32),
-    /// Its samples count for nothing for so many ticks.
+    /// Its samples are ignored for this number of ticks.
     Settling(u32),
     Running,
 }

@@ -67,7 +67,7 @@ pub struct Chunk {
     pub bytes: Vec<u8, CHUNK_BYTES>,
     /// Is the file complete with it?
     pub last: bool,
-    /// Which file since start, so that a late answer for one that was given up is told apart.
+    /// Which file since start, so that a late answer for an abandoned one is recognized.
     pub(super) number: u32,
 }
 

@@ -25,7 +25,7 @@ impl RateControl {
     /// Everything.
     pub(super) const ALL: Self = Self { now: 2 * MAX_SENSORS, allowed: 2 * MAX_SENSORS, calm_frames: 0 };
 
-    /// A frame is to be sent, while so many raw messages wait.
+    /// A frame is to be sent while `waiting` raw messages wait.
     pub(super) const fn frame(&mut self, waiting: usize, sensors: usize) {
         match waiting {
             0 => {

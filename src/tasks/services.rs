@@ -42,7 +42,7 @@ const SELF_TEST_FRAMES: u32 = FRAME_RATE_HZ / 2 * 9 / 10;
 /// How long the light blinks for [`Action::Identify`], and how long it is on or off, µs.
 const IDENTIFY_US: u64 = 5_000_000;
 const BLINK_US: u64 = 125_000;
-/// The light is told how the node is at least this often, µs.
+/// The LED gets the node's status at least this often, µs.
 const SHOW_US: u64 = 1_000_000;
 
 /// What the services need of a board beside the bus. What fails says why, in words for the bus.
@@ -68,7 +68,7 @@ pub trait ServiceBoard: FileSink + StatusLed {
         None
     }
 
-    /// So many frames have been decided and so many heartbeats have left for the bus since start. `true`: that is
+    /// Frames decided, and heartbeats handed to the bus, since start. `true`: that is
     /// enough for a new firmware to be kept, [`confirm`](Self::confirm) now. Asked for again and again.
     fn ready_to_confirm(&mut self, _frames: u32, _heartbeats: u32) -> bool {
         false
@@ -101,7 +101,7 @@ pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static s
 /// The services task.
 pub struct Services<'a, M: RawMutex, R, C, B> {
     node_loop: NodeLoop<'a, M, R, C>,
-    /// What does as it is told.
+    /// The board.
     pub board: B,
     shown: Option<(Condition, u64)>,
     identify_until_us: u64,

@@ -49,7 +49,7 @@ impl Priority {
 pub struct NodeId(u8);
 
 impl NodeId {
-    /// Where the module sits until it is told otherwise.
+    /// The address of a module until it gets another one.
     pub const DEFAULT: Self = Self(42);
 
     /// `None` above 127.

@@ -1,4 +1,4 @@
-//! An array's codes, and when it or a taxel is not to be believed.
+//! An array's codes, and when it or a taxel is invalid.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -95,8 +95,8 @@ fn a_stuck_taxel_is_found_until_it_moves() {
             array.read(&noisy(&mut rng), 0, 1, &mut frame);
             array.stuck().is_empty()
         })
-        .expect("never believed again");
-    println!("stuck: found after {found} frames, believed again after {back}");
+        .expect("never valid again");
+    println!("stuck: found after {found} frames, valid again after {back}");
 }
 
 #[test]

@@ -93,7 +93,7 @@ fn a_node_without_address_asks_until_it_has_one() {
     let gaps: Vec<u64> = asked.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let mean = gaps.iter().sum::<u64>() / gaps.len() as u64;
     assert!((300_000..700_000).contains(&mean), "{mean} µs on average");
-    // It has no address to be called at, and is not told that of another.
+    // It has no address, and learns none from another node.
     for frame in request(GET_INFO_PORT, 0, &[]) {
         node.accept(&frame, now);
     }

@@ -4,7 +4,7 @@
 `bag`: the demo as a bag, by rosbags: every message against `predictions.npz` and the episode; the definitions in the
 bag against the files of slipsense_msgs and those of ROS 2 itself, by their hashes (REP 2011).
 
-`node`: the demo published in real time, heard by Eclipse Cyclone DDS, the middleware of many ROS 2 systems: every slip
+`node`: the demo published in real time, received by Eclipse Cyclone DDS, the middleware of many ROS 2 systems: every slip
 message must arrive. Pressure is best effort: what arrives must be right.
 """
 
@@ -124,11 +124,11 @@ def check_node(checks, arguments):
         decisions, images, quiet = [], [], time.monotonic()
         while node.poll() is None or time.monotonic() - quiet < SILENCE_S:
             # What a reader hears when a writer leaves is no message.
-            heard = [sample for sample in slip.take(N=256) if hasattr(sample, "header")]
+            received = [sample for sample in slip.take(N=256) if hasattr(sample, "header")]
             seen = [sample for sample in pressure.take(N=256) if hasattr(sample, "header")]
-            decisions += heard
+            decisions += received
             images += seen
-            if heard or seen:
+            if received or seen:
                 quiet = time.monotonic()
             time.sleep(0.002)
         print(node.stdout.read(), end="")
@@ -144,7 +144,7 @@ def check_node(checks, arguments):
         sequence = stamps[max(stamp for stamp in order if stamp <= at)]
         scan = np.frombuffer(bytes(image.data), "<u2").reshape(32, 32)
         checks.equal(f"taxels of frame {sequence}", scan, piezo[sequence, 0])
-    checks.equal("is any pressure heard", bool(images), True)
+    checks.equal("is any pressure received", bool(images), True)
     print(
         f"Cyclone DDS: {len(decisions)} of {len(piezo)} slip messages and {len(images)} of {len(piezo)} scans (best "
         f"effort) arrived and were compared: {checks.bad} mismatches"

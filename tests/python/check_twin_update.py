@@ -256,7 +256,7 @@ async def run(checks, args):
     client = UpdateClient(checks, args.folder)
     # Lives as long as the node.
     pycyphal.application.file.FileServer(client.node, [args.folder])
-    # The twin starts when the link is there, so that its first records are heard.
+    # The twin starts when the link is there, so that its first records are received.
     client.link = link_to(args.port)
     await client.started("power-on")
     for notice in (

@@ -182,10 +182,10 @@ def live(browser, slipsense, log):
     require(browser.value("following"), "a live bus is followed")
     view.process.stdin.close()
     connection = "document.getElementById('connection').textContent"
-    until("the end is told", lambda: "ended" in browser.value(connection))
+    until("the end is shown", lambda: "ended" in browser.value(connection))
     require(shown(browser) == 767 and browser.value("panels.length") == 2, "the last frame of the log stays on the page")
     view.close()
-    until("a lost connection is told", lambda: "no connection" in browser.value(connection))
+    until("a lost connection is shown", lambda: "no connection" in browser.value(connection))
     view = View(slipsense, "--port", port)
     until("the page comes back", lambda: browser.value(connection) == "" and browser.value("state.name") == "bundled episode")
     until("and draws", lambda: shown(browser) > 0)

@@ -53,13 +53,13 @@ fn a_new_firmware_that_decides_nothing_or_is_not_heard_does_not_confirm() {
     let run = update::Run::OnTrial;
     let ran = Run { run, ..Run::new(&[], 14_000) }.run();
     assert!(ran.log.confirmed_ms.is_empty(), "no frames");
-    // What waits for a bus has not been heard, however many heartbeats that is.
+    // Heartbeats that wait for a bus have not been received.
     let off = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
         decide(ms, shared);
         bus.off.set(ms < 30_000);
     };
     let ran = Run { run, meanwhile: &off, ..Run::new(&[], 29_900) }.run();
-    assert!(ran.log.confirmed_ms.is_empty(), "nobody heard");
+    assert!(ran.log.confirmed_ms.is_empty(), "nobody received one");
     let ran = Run { run, meanwhile: &off, ..Run::new(&[], 40_000) }.run();
     assert!(ran.log.confirmed_ms[0] >= 30_000, "{:?}", ran.log.confirmed_ms);
 }

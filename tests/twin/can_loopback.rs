@@ -42,7 +42,7 @@ const FRAMES: u8 = 4;
 const TIMEOUT: Duration = Duration::from_millis(10);
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
-/// One frame came back as it was sent. Frames are told apart by their data.
+/// One frame came back as it was sent. Their data distinguish the frames.
 async fn classic(can: &mut Can<'_>, number: u8) -> bool {
     let sent = unwrap!(Frame::new_extended(ID, &[number; 8]).ok());
     can.write(&sent).await;

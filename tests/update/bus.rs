@@ -30,7 +30,7 @@ fn node() -> Node {
     node
 }
 
-/// Serve `file` to a node that was told to update; the texts that it had for the bus.
+/// Serve `file` to a node that updates; the texts that it had for the bus.
 fn update(sink: &mut Sink<'_>, command: u16, file: &[u8]) -> Vec<String> {
     let mut node = node();
     let service = |role, port, destination, source| {

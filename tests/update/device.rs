@@ -175,7 +175,7 @@ impl Device {
         Ok((header.version, place.0[..header.length as usize].to_vec()))
     }
 
-    /// The power fails after so many steps; it comes back with [`Self::power_on`].
+    /// The power fails after this number of steps; it comes back with [`Self::power_on`].
     pub fn power_fails_after(&self, steps: u64) {
         self.cells.borrow_mut().power = steps;
     }

@@ -39,7 +39,7 @@ pub enum Tear {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
     NoPower,
-    /// Told by a flash that is worn.
+    /// The error of a worn flash.
     Worn,
 }
 

@@ -39,7 +39,7 @@ fn slow_shape(amplitude: f32, rng: &mut ChaCha8Rng) -> [f32; MEL_BINS] {
     })
 }
 
-/// Sound from elsewhere, heard by all sensors: bursts such as steps and knocks, or a machine that runs on,
+/// Vibration from elsewhere, the same at all sensors: bursts such as steps and knocks, or a machine that runs on,
 /// such as a hand's own motor.
 #[derive(Clone, Debug, Default)]
 pub struct Sound {

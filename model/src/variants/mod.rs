@@ -29,7 +29,7 @@ pub enum Modality {
     Both,
     /// Pads only.
     Piezo,
-    /// Accelerometers only: what is no contact, too, has to be heard.
+    /// Accelerometers only: no contact, too, has to be decided from them.
     Xl,
 }
 

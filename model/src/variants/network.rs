@@ -72,7 +72,7 @@ impl Variant {
     }
 
     /// Embeddings `[batch · sensor · frame, embed]` of what the accelerometers hear; none if there are none.
-    pub(super) fn hear(&self, graph: &Graph<'_>, input: &Sequences, device: &Device) -> Option<Tensor<2>> {
+    pub(super) fn embed_xl(&self, graph: &Graph<'_>, input: &Sequences, device: &Device) -> Option<Tensor<2>> {
         if self.modality == Modality::Piezo {
             return None;
         }
@@ -187,6 +187,6 @@ impl Architecture for Variant {
     ) -> Tensor<3> {
         let extent = Extent { batch: input.batch, sensors: input.sensors, frames: input.frames };
         let piezo = features.map(|features| graph.dense("piezo.dense", features));
-        self.decide(graph, extent, piezo, self.hear(graph, input, device), device)
+        self.decide(graph, extent, piezo, self.embed_xl(graph, input, device), device)
     }
 }

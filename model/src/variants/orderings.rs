@@ -45,7 +45,7 @@ enum Must {
     Be,
     /// Or as good.
     NotBeWorse,
-    /// By so many points at least.
+    /// Least difference, points.
     By(f64),
 }
 

@@ -35,7 +35,7 @@ pub fn logits(
         let extent = Extent { batch: starts.len(), sensors: input.sensors, frames };
         let rows = rows(input, starts, frames);
         let bins = rows.iter().flat_map(|row| &input.log_mel[row * MEL_BINS..][..MEL_BINS]);
-        let heard = Sequences {
+        let sequences = Sequences {
             batch: extent.batch,
             sensors: extent.sensors,
             frames,
@@ -46,7 +46,7 @@ pub fn logits(
         let indices: Vec<i32> = rows.iter().map(|&row| row as i32).collect();
         let indices = TensorData::new(indices, [rows.len()]);
         let seen = piezo.clone().map(|x| x.select(0, Tensor::from_data(indices, device)));
-        let xl = variant.hear(&graph, &heard, device);
+        let xl = variant.embed_xl(&graph, &sequences, device);
         plain(variant.decide(&graph, extent, seen, xl, device))
     };
     let all: Vec<Vec<[f32; CLASSES]>> = starts.par_chunks(BATCH).map(of_windows).collect();

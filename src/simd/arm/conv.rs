@@ -178,7 +178,7 @@ slipsense_strip_\\side\\()_\\pairs:
     "
 );
 
-/// Direct calls, so that the stack's bound can be told from the program.
+/// Direct calls, so that the stack's bound can be computed from the program.
 macro_rules! shapes {
     ($(($side:literal, $pairs:literal, $border:literal): $combine:ident, $convolve:ident;)*) => {
         unsafe extern "C" {

@@ -42,7 +42,7 @@ const FORM_ALL: u8 = FORM_CODED | FORM_REGION | FORM_NO_TAXELS;
 /// First row, rows, first column, columns.
 const REGION_BYTES: usize = 4;
 
-/// Coding is given up when so many bytes more have come out than packing would have taken so far.
+/// Coding is given up when it is this many bytes longer than packing so far.
 const SLACK_BYTES: usize = 32;
 
 /// How much of a frame a message carries.

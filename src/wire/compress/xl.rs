@@ -8,7 +8,7 @@ use crate::params::XL_AXES;
 use crate::sensor::XlSample;
 use crate::wire::raw::RAW_XL_MAX;
 
-/// A sample is guessed as the one before plus so many halves of the step that led to that one.
+/// A sample is guessed as the one before plus this many halves of the step that led to that one.
 const HALF_STEPS: [i32; 4] = [-1, 0, 1, 2];
 const PREDICTOR_BITS: u32 = 2;
 /// The first samples' scale, half octaves in twos: 15 of them, and one that says something else.

@@ -9,7 +9,7 @@ const MAP: usize = 10 * 10 * 16;
 const WEIGHTS: usize = 12 * 8 * 32;
 /// Words of the largest strip: four rows of 8×8×16.
 const STRIP: usize = 4 * 10 * 8;
-/// Bias and multiplier of so many outputs.
+/// Bias and multiplier of N outputs.
 const OUTPUTS: usize = 32;
 /// Frames of the longest window.
 const ROWS: usize = 60;

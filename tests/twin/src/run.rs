@@ -1,4 +1,4 @@
-//! One run: the ELF in the emulator for so many virtual seconds.
+//! One run: the ELF in the emulator for a number of virtual seconds.
 
 use std::collections::BTreeMap;
 use std::net::TcpListener;

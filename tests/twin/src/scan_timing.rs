@@ -166,7 +166,7 @@ impl FastScan {
         (u128::from(now - since) * u128::from(hz) / 1_000_000_000) as u64
     }
 
-    /// When the timer has made so many cycles since its clock changed.
+    /// When the timer reaches this number of cycles since its clock changed.
     pub(crate) fn instant(&self, cycle: u64) -> u64 {
         let (since, hz) = self.timer;
         since + (u128::from(cycle) * 1_000_000_000).div_ceil(u128::from(hz)) as u64

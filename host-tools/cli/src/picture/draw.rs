@@ -18,7 +18,7 @@ pub(super) const RULE: &str = "#dfe4ea";
 pub(super) const BASE: &str = "#aab4bf";
 /// A line or dot without a class.
 pub(super) const NEUTRAL: &str = "#5b6774";
-/// Classes: no contact, contact without slip, slip. Told apart by the colour-blind too (Okabe and Ito).
+/// Classes: no contact, contact without slip, slip. Colour-blind readers can distinguish them (Okabe and Ito).
 pub(super) const CLASS: [&str; 3] = ["#a3aebb", "#4a9bd4", "#d55e00"];
 pub const CLASS_NAME: [&str; 3] = ["no contact", "no slip", "slip"];
 pub(super) const SENSOR: [&str; 3] = ["#2b3a55", "#009e73", "#cc79a7"];

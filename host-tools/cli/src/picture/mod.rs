@@ -33,7 +33,7 @@ const GAP: f64 = 34.0;
 const HEADER: f64 = 134.0;
 /// Where marks of events and false alarms stand.
 const MARKS: f64 = 96.0;
-/// More points per line than this are not told apart.
+/// More points per line than this cannot be distinguished.
 const COLUMNS: usize = 980;
 /// Fraction of the log-mel values that may be darker than the darkest colour, and brighter than the
 /// brightest: the ramp-in of the filters and single knocks would take all the contrast.

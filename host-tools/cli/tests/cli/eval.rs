@@ -86,7 +86,7 @@ fn what_a_user_can_get_wrong() {
         ("eval @empty", "empty: holds no .npz file"),
         ("eval @episodes @episodes", "two inputs are called episodes"),
         ("eval @episodes --model m1 --weights w1 --weights w2", "--weights: 2 files, but 1 models"),
-        ("eval @episodes --drop ears", "piezo, xl"),
+        ("eval @episodes --drop sound", "piezo, xl"),
         ("eval @episodes --detector network --drop xl --drop xl", "--drop: xl given twice"),
         ("eval @episodes --drop xl", "--drop: only network"),
         ("eval @episodes --frames 9000", "episodes is a folder"),

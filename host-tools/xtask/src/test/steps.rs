@@ -25,7 +25,7 @@ pub enum Size {
     All,
 }
 
-/// What a step is told.
+/// The arguments of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Context {
     pub size: Size,

@@ -19,7 +19,7 @@ const IS_FRESH: u32 = u32::from_le_bytes(*b"new!");
 #[unsafe(link_section = ".uninit.panic_fresh")]
 static mut FRESH: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// Why the chip starts, if a panic is why. Told once.
+/// Why the chip starts, if a panic is why. Reported once.
 pub fn take() -> Option<PanicRecord> {
     // SAFETY: any bits are a word; only the panic handler, after which nothing else runs, and the one start use it.
     let fresh = unsafe {

@@ -46,7 +46,7 @@ pub fn read_input() -> (File, Header, Model<'static>) {
     (file, header, Model::parse(model).expect("the model is valid"))
 }
 
-/// Start the clock, of so many timer ticks per microsecond, and the executor of acquisition and transmission, which
+/// Start the clock, whose timer has `ticks_per_us`, and the executor of acquisition and transmission, which
 /// interrupts thread mode. Once.
 pub fn start(ticks_per_us: u32) -> SendSpawner {
     time().init(ticks_per_us);

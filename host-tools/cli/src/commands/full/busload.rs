@@ -27,7 +27,7 @@ use crate::summary::plural;
 /// The exact load is that of an episode's CAN frames, counted to the bit with stuff bits and pauses; the worst
 /// case has the most stuff bits that any data could need. The flag latency is the time from a slip message's
 /// handing over to the end of its frame on a bus that is always full, for the module with the largest address:
-/// reckoned, and the longest of 1440 periods on the modelled bus. Heartbeats and service calls are not counted.
+/// computed, and the longest of 1440 periods on the modelled bus. Heartbeats and service calls are not counted.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Frames of other nodes are taken as full ones with identifiers between the slip and the raw messages'.
@@ -220,7 +220,7 @@ fn headline(asked: &Plan, name: &str) -> String {
 fn table(asked: &Plan, name: &str, buses: &[BusLoad], warnings: &[String]) -> String {
     let mut text = headline(asked, name) + "\n\n";
     text += "  Mbit/s    load: typical   worst    flag latency, full bus: typical      any data\n";
-    text += "                                                  reckoned    bus   reckoned    bus\n";
+    text += "                                                  computed    bus   computed    bus\n";
     for bus in buses {
         let rates = Rates { nominal_bps: bus.nominal_bps, data_bps: bus.data_bps }.words();
         let (typical, any) = (bus.latency_exact, bus.latency_worst);

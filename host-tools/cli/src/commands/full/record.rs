@@ -50,7 +50,7 @@ pub struct Args {
     /// Stop after this time; without it at the end of the source or by Ctrl-C
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     seconds: Option<u64>,
-    /// Bit rate of the data phase that an slcan adapter is told, Mbit/s
+    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
     #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
     data_mbit: u8,
     #[command(flatten)]

@@ -31,7 +31,7 @@ pub struct Args {
     /// How fast: 1 is real time, `max` without waiting
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = speed)]
     speed: f64,
-    /// Bit rate of the data phase that an slcan adapter is told, Mbit/s
+    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
     #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
     data_mbit: u8,
     #[command(flatten)]

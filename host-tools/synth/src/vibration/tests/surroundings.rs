@@ -37,7 +37,7 @@ fn a_mode_rings_down_by_its_damping_and_rises_with_grip() {
     for (hz, damping) in [(120.0, 0.03), (400.0, 0.08), (1100.0, 0.05)] {
         let silent = mode(2500.0, 0.1, 0.0);
         let modes = Modes { modes: [mode(hz, damping, 1.0), silent, silent, silent], grip_exponent: 0.25 };
-        let rung = |grip_n: f64| {
+        let ringing = |grip_n: f64| {
             let timeline = held(grip_n, 0.0, 0.3);
             let mut motion = still(0.3);
             motion.g[100][2] = 1.0;
@@ -58,10 +58,10 @@ fn a_mode_rings_down_by_its_damping_and_rises_with_grip() {
             let energies: Vec<_> = z.chunks_exact(block).take(8).enumerate().map(energy).collect();
             (hz, -slope(&energies) / 2.0)
         };
-        let (two, decay) = rung(2.0);
+        let (two, decay) = ringing(2.0);
         near(format!("{hz} Hz, ζ {damping}: decay, ζω per second"), decay, TAU * hz * damping, 0.05);
         near("rings at", two, hz, 0.02);
-        within("4 N over 2 N, 2^¼ limited to 1.1", rung(4.0).0 / two - 1.1, -0.02..0.02);
+        within("4 N over 2 N, 2^¼ limited to 1.1", ringing(4.0).0 / two - 1.1, -0.02..0.02);
     }
 }
 

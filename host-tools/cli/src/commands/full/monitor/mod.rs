@@ -37,7 +37,7 @@ pub struct Args {
     /// With --plain: the lines as JSON
     #[arg(long, requires = "plain")]
     json: bool,
-    /// Bit rate of the data phase that an slcan adapter is told, Mbit/s
+    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
     #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
     data_mbit: u8,
 }

@@ -71,8 +71,13 @@ impl Variant {
         self.modality != Modality::Both || self.fusion == Fusion::Late
     }
 
-    /// Embeddings `[batch · sensor · frame, embed]` of what the accelerometers hear; none if there are none.
-    pub(super) fn embed_xl(&self, graph: &Graph<'_>, input: &Sequences, device: &Device) -> Option<Tensor<2>> {
+    /// Embeddings `[batch · sensor · frame, embed]` of the accelerometers; none if there are none.
+    pub(super) fn embed_xl(
+        &self,
+        graph: &Graph<'_>,
+        input: &Sequences,
+        device: &Device,
+    ) -> Option<Tensor<2>> {
         if self.modality == Modality::Piezo {
             return None;
         }

@@ -60,7 +60,7 @@ struct Board {
     mailbox: &'static Mailbox,
     frame: &'static [AtomicU32; FRAME_WORDS],
     answer: &'static [AtomicU32; ANSWER_WORDS],
-    mailbox_host: BoardEnd,
+    host: BoardEnd,
     model: Model<'static>,
     pipeline: Option<Pipeline<'static>>,
     transmitter: Transmitter,
@@ -81,7 +81,7 @@ impl Board {
             mailbox,
             frame,
             answer,
-            mailbox_host: BoardEnd::new(mailbox, frame, answer),
+            host: BoardEnd::new(mailbox, frame, answer),
             model,
             pipeline: None,
             transmitter,
@@ -108,23 +108,23 @@ impl Board {
             return;
         }
         if self.word(Word::Magic).load(Ordering::Relaxed) == 0 {
-            self.mailbox_host.place((FRAME_AT, ANSWER_AT), CORE_HZ);
-            self.mailbox_host.open(&self.model.hash);
+            self.host.place((FRAME_AT, ANSWER_AT), CORE_HZ);
+            self.host.open(&self.model.hash);
             if fault == Fault::Version {
                 self.word(Word::Version).store(99, Ordering::Relaxed);
             }
         }
-        let (Some(sensors), Some(number)) = (self.mailbox_host.sensors(), self.mailbox_host.waiting()) else { return };
+        let (Some(sensors), Some(number)) = (self.host.sensors(), self.host.waiting()) else { return };
         match fault {
             Fault::Stops(at) if at == number => return,
             Fault::GivesUp(at) if at == number => {
-                self.mailbox_host.fail(format_args!("no {} left", "bananas"));
+                self.host.fail(format_args!("no {} left", "bananas"));
                 return;
             }
             _ => {}
         }
         let mut bytes = [0; FRAME_BYTES_MAX];
-        self.mailbox_host.take(&mut bytes);
+        self.host.take(&mut bytes);
         let stamp = decode_stamp(&bytes).expect("a stamp");
         let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         decode_parts(&bytes, &mut parts[..sensors]).expect("a frame");
@@ -141,7 +141,7 @@ impl Board {
         if fault == Fault::LosesFrame(number) {
             can.pop();
         }
-        can.iter().for_each(|frame| self.mailbox_host.sent(frame));
+        can.iter().for_each(|frame| self.host.sent(frame));
         if fault == Fault::FlipsBit(number) {
             // The last byte of the second CAN frame's first word of data.
             self.answer[2 + 18 + 2].fetch_xor(1 << 24, Ordering::Relaxed);
@@ -149,8 +149,8 @@ impl Board {
         if fault == Fault::TooLong {
             self.answer[1].store(u32::MAX, Ordering::Relaxed);
         }
-        self.mailbox_host.took(number + CYCLES);
-        self.mailbox_host.answered();
+        self.host.took(number + CYCLES);
+        self.host.answered();
     }
 }
 

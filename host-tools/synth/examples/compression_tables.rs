@@ -94,7 +94,7 @@ fn source(sum: &Counter) -> String {
 //! Learnt from {FRAMES} frames of synthetic training episodes by `host-tools/synth/examples/compression_tables.rs`;
 //! its `--check` compares. Not to be edited by hand.
 
-use super::value::{SYMBOLS, Table};
+use super::value::{{SYMBOLS, Table}};
 
 /// Contexts of a taxel.
 pub const TAXEL_CONTEXTS: usize = {TAXEL_CONTEXTS};

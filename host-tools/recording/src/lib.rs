@@ -1,5 +1,8 @@
-//! Episode files: recorded or generated stretches of sensor data, as NumPy `.npz` archives that anyone
-//! can write with `numpy.savez`, and the predictions made from them.
+//! Recordings: episodes, labels and predictions, candump logs, model files; with the feature `links` also MCAP, the
+//! links to a bus, and the descriptions of the slip message for DBC and C.
+//!
+//! An episode is a recorded or generated stretch of sensor data, a NumPy `.npz` archive that anyone can write with
+//! `numpy.savez`:
 //!
 //! | array | dtype, shape | meaning |
 //! |---|---|---|

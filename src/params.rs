@@ -19,7 +19,7 @@ pub const ACTIVE_TAXELS: usize = 942;
 pub const COL_PITCH_MM: f32 = 0.7;
 /// Pitch between neighbouring rows, millimetres.
 pub const ROW_PITCH_MM: f32 = 0.92;
-/// Largest count of the 12-bit taxel ADC.
+/// Largest count of a taxel, 12 bits ([`transfer`](crate::transfer)).
 pub const COUNT_MAX: u16 = 4095;
 
 /// Cells cut from the left and from the right of each row, so that 942 of 1024 remain: 20 nearest to

@@ -34,7 +34,7 @@ pub const fn sum_halves(pair: u32) -> u32 {
 const _: () =
     assert!(TAXEL_COLS / 2 * COUNT_MAX as usize <= u16::MAX as usize, "a row's pairs add up in a word");
 
-/// One scan of one array: ADC counts 0–4095, row-major, inactive taxels 0.
+/// One scan of one array: counts 0–4095 ([`transfer`](crate::transfer)), row-major, inactive taxels 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PiezoFrame {
     counts: [u16; TAXELS],
@@ -168,7 +168,7 @@ impl PiezoFrame {
         self.saturated = more & pair([COUNT_MAX + 1; 2]) != 0;
     }
 
-    /// Take a scan as the ADC wrote it: cells off the pad are zeroed, 12 bits are kept.
+    /// Take a scan of which cells off the pad are zeroed and 12 bits are kept.
     pub fn from_scan(counts: [u16; TAXELS]) -> Self {
         let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
         frame.rescan(|_| ());

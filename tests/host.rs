@@ -10,5 +10,6 @@ mod piezo;
 mod sensor;
 mod settings;
 mod tasks;
+mod transfer;
 mod update;
 mod wire;

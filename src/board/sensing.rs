@@ -12,7 +12,7 @@ pub trait TaxelScan {
     /// Ends whatever happens to the scan: one that stopped is started again, and its frame is delivered without counts.
     async fn tick(&mut self) -> FrameStamp;
 
-    /// The ADC codes of the frame just waited for: slot by slot in the order of [`crate::drivers::scan`], the arrays
+    /// The ADC codes, 16 bits, of the frame just waited for: slot by slot in the order of [`crate::drivers::scan`], the arrays
     /// of a slot side by side. `None`: the frame is lost (conversions were missed, or the scan stood still).
     fn codes(&self) -> Option<&[u16]>;
 

@@ -1,14 +1,15 @@
-//! One taxel array: picks its codes out of the scan of all, puts them where they are on the pad, finds the taxels
-//! that are stuck, and detects when the whole array is dead.
+//! One taxel array: picks its codes out of the scan of all, makes counts of them where they are on the pad, finds the
+//! taxels that are stuck, and detects when the whole array is dead.
 
 use crate::params::{
     CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXEL_TOUCH_MIN, TAXELS,
 };
 use crate::sensor::{PiezoFrame, TaxelMask, active_cols};
+use crate::transfer::{self, IDLE_CODE};
 
 /// Frames that all taxels must agree for the array to be dead: 100 ms.
 pub const DEAD_FRAMES: u32 = FRAME_RATE_HZ / 10;
-/// From this code on an input may be at the rail of its amplifier, which need not reach the ADC's.
+/// From this count on an input may be at the rail of its amplifier, which need not reach the ADC's.
 pub const RAIL: u16 = COUNT_MAX - 15;
 /// Equal readings of a taxel in a row after which it is stuck: a third of a second. A live taxel has a noise of 0.5 LSB
 /// rms at least, so it repeats a reading with a probability of 0.68 at most, and 80 times with one of 4e-14.
@@ -108,7 +109,7 @@ impl Array {
                 if let (Some(count), Some(&code)) =
                     (counts.get_mut(self.mounting.place(slot)), codes.get(index))
                 {
-                    *count = code & COUNT_MAX;
+                    *count = transfer::count(code.saturating_sub(IDLE_CODE).into());
                 }
             }
             self.monitor(counts);

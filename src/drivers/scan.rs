@@ -67,8 +67,8 @@ pub const SETTLING_NS: u32 = front_end::DMA_NS
 const LATENCY_HALF_CYCLES: u64 = 2 * 4;
 /// Sampling, 8.5 cycles: the setting that the board makes.
 const SAMPLING_HALF_CYCLES: u64 = 17;
-/// Conversion to 12 bits, 6.5 cycles.
-const CONVERSION_HALF_CYCLES: u64 = 13;
+/// Conversion to 16 bits, 8.5 cycles.
+const CONVERSION_HALF_CYCLES: u64 = 17;
 /// Between the last sampling and the next address.
 const GUARD_NS: u32 = 100;
 

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::drivers::array::{Array, DEAD_FRAMES, Mounting, STUCK_FRAMES};
 use slipsense::params::{COUNT_MAX, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, is_active};
+use slipsense::transfer::adc_code;
 
 /// Frames until every row was looked at once.
 const ROUND: u32 = STUCK_FRAMES * TAXEL_ROWS as u32;
@@ -15,7 +16,7 @@ fn plain() -> Array {
 
 /// A touched pad with noise, one array alone.
 fn noisy(rng: &mut ChaCha8Rng) -> Vec<u16> {
-    (0..TAXELS).map(|i| 40 + (i % 7) as u16 * 10 + rng.random_range(0..3)).collect()
+    (0..TAXELS).map(|i| adc_code(40 + (i % 7) as u16 * 10 + rng.random_range(0..3))).collect()
 }
 
 #[test]
@@ -25,7 +26,8 @@ fn codes_go_where_they_belong_in_any_mounting() {
         let mounting = Mounting::from_bits(bits).expect("three bits");
         let mut places: Vec<usize> = (0..TAXELS).map(|slot| mounting.place(slot)).collect();
         for arrays in 1..=3 {
-            let codes: Vec<u16> = (0..TAXELS * arrays).map(|_| rng.random_range(0..=COUNT_MAX)).collect();
+            let counts: Vec<u16> = (0..TAXELS * arrays).map(|_| rng.random_range(0..=COUNT_MAX)).collect();
+            let codes: Vec<u16> = counts.iter().copied().map(adc_code).collect();
             for index in 0..arrays {
                 let mut frame = PiezoFrame::zeroed();
                 assert!(Array::new(mounting).read(&codes, index, arrays, &mut frame));
@@ -33,7 +35,8 @@ fn codes_go_where_they_belong_in_any_mounting() {
                     let (r, c) = if mounting.transposed { (col, row) } else { (row, col) };
                     let r = if mounting.rows_flipped { 31 - r } else { r };
                     let c = if mounting.cols_flipped { 31 - c } else { c };
-                    let expected = if is_active(r, c) { codes[(row * 32 + col) * arrays + index] } else { 0 };
+                    let expected =
+                        if is_active(r, c) { counts[(row * 32 + col) * arrays + index] } else { 0 };
                     assert_eq!(frame.counts()[r * 32 + c], expected);
                 }
             }
@@ -46,23 +49,24 @@ fn codes_go_where_they_belong_in_any_mounting() {
 
 #[test]
 fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
-    for code in [1, 700, 4_080, COUNT_MAX] {
+    for count in [1, 700, 4_080, COUNT_MAX] {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
-        let uniform = vec![code; TAXELS];
+        let uniform = vec![adc_code(count); TAXELS];
         for n in 1..=3 * DEAD_FRAMES {
-            assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "code {code}, frame {n}");
+            assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "count {count}, frame {n}");
         }
         println!(
-            "code {code} everywhere: dead after {DEAD_FRAMES} frames, alive with the first that differs"
+            "count {count} everywhere: dead after {DEAD_FRAMES} frames, alive with the first that differs"
         );
         assert!(array.read(&noisy(&mut rng), 0, 1, &mut frame));
     }
     // Near the rail, with noise.
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
-    let railed =
-        |rng: &mut ChaCha8Rng| (0..TAXELS).map(|_| COUNT_MAX - rng.random_range(0..3)).collect::<Vec<_>>();
+    let railed = |rng: &mut ChaCha8Rng| {
+        (0..TAXELS).map(|_| adc_code(COUNT_MAX - rng.random_range(0..3))).collect::<Vec<_>>()
+    };
     assert!((0..DEAD_FRAMES).any(|_| !array.read(&railed(&mut rng), 0, 1, &mut frame)));
 }
 
@@ -81,7 +85,7 @@ fn a_stuck_taxel_is_found_until_it_moves() {
     let mut frames_to_find = None;
     for n in 1..=2 * ROUND {
         let mut codes = noisy(&mut rng);
-        codes[stuck] = 900;
+        codes[stuck] = adc_code(900);
         array.read(&codes, 0, 1, &mut frame);
         if array.stuck().masks(stuck / 32, stuck % 32) {
             frames_to_find.get_or_insert(n);
@@ -107,14 +111,14 @@ fn a_firm_grasp_is_not_stuck_and_a_short_is() {
     let mut grasp = |array: &mut Array| {
         for _ in 0..ROUND {
             let mut codes = noisy(&mut rng);
-            codes[full] = COUNT_MAX;
+            codes[full] = adc_code(COUNT_MAX);
             array.read(&codes, 0, 1, &mut frame);
         }
     };
     grasp(&mut array);
     assert!(array.stuck().is_empty(), "held at full scale by a grasp");
     let mut idle = [0; TAXELS];
-    idle[full] = COUNT_MAX;
+    idle[full] = adc_code(COUNT_MAX);
     let mut frame = PiezoFrame::zeroed();
     for _ in 0..ROUND {
         array.read(&idle, 0, 1, &mut frame);

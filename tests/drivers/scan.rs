@@ -127,7 +127,7 @@ fn a_slow_adc_is_refused() {
 #[test]
 #[should_panic(expected = "the frame rate is off")]
 fn a_coarse_timer_is_refused() {
-    SlotTiming::new(3_000_000, 24_000_000);
+    SlotTiming::new(2_900_000, 24_000_000);
 }
 
 #[test]

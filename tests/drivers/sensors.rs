@@ -10,6 +10,7 @@ use slipsense::drivers::array::{Array, Mounting};
 use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, SensorLink, Sensors, XlMonitor};
 use slipsense::params::TAXELS;
 use slipsense::pipeline::FrameStamp;
+use slipsense::transfer::adc_code;
 
 use super::fake::{Kind, Part, Wire, Wires};
 
@@ -22,7 +23,7 @@ struct Faults {
     overwritten: Cell<bool>,
 }
 
-/// A scan of three arrays; each code says its array.
+/// A scan of three arrays; each count says its array.
 struct Scan {
     faults: Rc<Faults>,
     parts: Vec<Rc<RefCell<Part>>>,
@@ -36,8 +37,9 @@ impl TaxelScan for Scan {
         self.stamp.sequence += 1;
         self.stamp.timestamp_us += TICK_US;
         let noise = self.stamp.sequence as u16 % 5;
-        self.codes =
-            (0..SENSORS * TAXELS).map(|i| (i % SENSORS) as u16 * 100 + noise + (i % 2) as u16).collect();
+        self.codes = (0..SENSORS * TAXELS)
+            .map(|i| adc_code((i % SENSORS) as u16 * 100 + noise + (i % 2) as u16))
+            .collect();
         self.stamp
     }
 

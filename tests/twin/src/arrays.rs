@@ -9,15 +9,18 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use slipsense::params::TAXELS;
+use slipsense::transfer::adc_code;
 use slipsense_recording::Episode;
 
 use crate::fault_injection::{self, Fault, Kind};
 use crate::scan_timing::{DEAD_NS, FastScan, SETTLED_NS};
 
-/// The emulator's ADC takes whole millivolts, coarser than a code: its reference is 4,095 V here, a code a volt, and
+/// The emulator's ADC takes whole millivolts, coarser than a code: its reference is 65,535 V here, a code a volt, and
 /// half a volt more so that rounding cannot lose one.
-pub const REFERENCE_MV: u32 = 4_095_000;
+pub const REFERENCE_MV: u32 = 65_535_000;
 const TAU_NS: f64 = 154.0;
+/// Half a count of 4096 of the linear range, codes.
+const SETTLED_CODES: f64 = 8.0;
 
 /// What the three taps share.
 #[derive(Debug)]
@@ -36,7 +39,7 @@ pub struct Arrays {
     pub fast_scan: FastScan,
     /// Triggers that came while a sequence was running.
     pub lost_triggers: u64,
-    /// Conversions whose input had not settled to within half a code.
+    /// Conversions whose input had not settled to within [`SETTLED_CODES`].
     pub unsettled: u64,
 }
 
@@ -61,12 +64,13 @@ impl Arrays {
         }))
     }
 
-    fn count(&self, frame: usize, address: usize, sensor: usize) -> f64 {
-        let Some(episode) = self.episode.as_ref().filter(|episode| sensor < episode.sensors) else {
-            return 0.0;
-        };
+    /// What the driver makes the episode's count of.
+    fn settled(&self, frame: usize, address: usize, sensor: usize) -> f64 {
+        let episode = self.episode.as_ref().filter(|episode| sensor < episode.sensors);
         // Over and over.
-        f64::from(episode.piezo(frame % episode.frames(), sensor).counts()[address])
+        let count =
+            episode.map_or(0, |episode| episode.piezo(frame % episode.frames(), sensor).counts()[address]);
+        f64::from(adc_code(count))
     }
 
     /// The last taxel's address gives way to the first's: the next frame of the episode.
@@ -86,17 +90,17 @@ impl Arrays {
         if fault_injection::active(&self.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;
         }
-        let old = self.count(self.frame_before, self.before, sensor);
+        let old = self.settled(self.frame_before, self.before, sensor);
         if at_ns < self.since_ns + DEAD_NS {
             return old as u32;
         }
-        let new = self.count(self.frame, self.address, sensor);
+        let new = self.settled(self.frame, self.address, sensor);
         if at_ns > self.since_ns + DEAD_NS + SETTLED_NS {
             return new as u32;
         }
         let left = (-((at_ns - self.since_ns - DEAD_NS) as f64) / TAU_NS).exp();
         let value = new + (old - new) * left;
-        if (value - new).abs() > 0.5 {
+        if (value - new).abs() > SETTLED_CODES {
             self.unsettled += 1;
         }
         value.round() as u32

@@ -20,16 +20,16 @@ pub const OUTPUTS: u64 = 0x5555_5555;
 /// Row driver and multiplexer switch: nothing changes before; then two time constants in a row, as one of their sum,
 /// which is slower (`src/drivers/scan.rs`, `front_end`).
 pub const DEAD_NS: u64 = 200;
-/// From then on a full-scale step is within half a code: 9.02 time constants.
+/// From then on a full-scale step is within half a count of 4096: 9.02 time constants.
 pub const SETTLED_NS: u64 = 1390;
-/// RM0433, ADC timing: conversion of 12 bits after the end of sampling, ADC clock cycles, halves.
-pub const CONVERSION_HALF_CYCLES: u64 = 13;
+/// RM0433, ADC timing: conversion of 16 bits after the end of sampling, ADC clock cycles, halves.
+pub const CONVERSION_HALF_CYCLES: u64 = 17;
 const PORT_BSRR: u64 = 0x5802_1018;
 const ADC1_DR: u64 = 0x4002_2040;
 /// RM0433, DMAMUX1: ADC1 and TIM8_UP.
 const ADC1_REQUEST: u64 = 9;
 const TIM8_UP_REQUEST: u64 = 51;
-/// RM0433, ADC sampling times by code, and conversion of 12 bits, half cycles of the ADC clock.
+/// RM0433, ADC sampling times by code, half cycles of the ADC clock.
 const SAMPLING_HALF_CYCLES: [u64; 8] = [3, 5, 17, 33, 65, 129, 775, 1621];
 /// DMA_SxCR: what both streams need apart from EN and priority, and what it must be.
 const STREAM_MASK: u64 = 0x01FC_FFE0;
@@ -69,9 +69,9 @@ impl Settings {
             && one.get(Dma::S0par) == ADC1_DR
             && two.get(Dma::S2par) == PORT_BSRR
             && two.get(Dma::S2ndtr) == TAXELS as u64
-            // DMNGT: circular; OVRMOD: preserved; 12 bits.
+            // DMNGT: circular; OVRMOD: preserved; 16 bits.
             && adc.get(Adc::Cfgr) & (1 << 12 | 0b11) == 0b11
-            && matches!(adc.get(Adc::Cfgr) >> 2 & 7, 0b010 | 0b110);
+            && adc.get(Adc::Cfgr) >> 2 & 7 == 0;
         if !whole {
             return None;
         }

@@ -294,7 +294,7 @@ fn clear(flags: &mut pac::dma::regs::Ixr, stream: usize) {
 
 /// embassy switches it on and calibrates; triggers and circular DMA are not in its driver (0.6).
 fn set_up_adc(adc: Peri<'static, peripherals::ADC1>, arrays: &[AnyAdcChannel<'static, peripherals::ADC1>]) {
-    let config = AdcConfig { resolution: Some(Resolution::BITS12), averaging: None };
+    let config = AdcConfig { resolution: Some(Resolution::BITS16), averaging: None };
     // Never dropped: that might switch it off.
     core::mem::forget(Adc::new_with_config(adc, config));
     let adc = pac::ADC1;

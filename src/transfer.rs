@@ -14,10 +14,11 @@
 
 use crate::params::COUNT_MAX;
 
-/// Code of an untouched taxel, nominal: the circuit's reference lies above 0, so that no offset is cut off.
-pub const IDLE_CODE: u16 = 1_000;
-/// Codes above idle at 5 MPa, full scale. Above it the amplifier has some 80 mV left to its rail.
-pub const FULL_SCALE_CODES: u32 = 62_000;
+/// Code of an untouched taxel, as the circuit is simulated (`cargo xtask front-end`): it lies above 0, so that no offset
+/// is cut off.
+pub const IDLE_CODE: u16 = 2_944;
+/// Codes above idle at 5 MPa, full scale. Some 2,900 codes more and the amplifier ends.
+pub const FULL_SCALE_CODES: u32 = 56_977;
 /// Counts at infinite conductance; the film's 4,940.5 rounded, so that its count at 5 MPa is 4095.
 pub const ASYMPTOTE: u32 = 4_941;
 /// Codes above idle at which the count is half of [`ASYMPTOTE`].

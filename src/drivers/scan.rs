@@ -40,28 +40,18 @@ pub const fn address_table(first_pin: u32) -> [u32; TAXELS] {
     table
 }
 
-/// Times of the analog front end that the wiring page assumes, ns. They are requirements on a board, not measured.
+/// Times of the front end, ns, as its simulation has them (`cargo xtask front-end`): requirements on a board, not
+/// measured.
 pub mod front_end {
     /// From the timer's update to the new address on the pins: DMA at the highest priority on a busy bus.
     pub const DMA_NS: u32 = 200;
-    /// Row driver, address to output.
-    pub const ROW_DRIVER_NS: u32 = 100;
-    /// Column multiplexer, address to switch; an ADG732 takes 23 ns (typical).
-    pub const MUX_NS: u32 = 100;
-    /// Time constant of a row line: 100 Ω of driver and line, 500 pF of array and cable.
-    pub const ROW_TAU_NS: u32 = 50;
-    /// Time constant of the amplifier behind the multiplexer: 4.7 kΩ, 22 pF.
-    pub const AMPLIFIER_TAU_NS: u32 = 104;
-    /// Time constants until an exponential is within half a count of 4096: ln(8192), hundredths, rounded up.
-    pub const TAUS_X100: u32 = 902;
+    /// From the address on the pins until the reading is within half a count of 4096: the slowest transition between
+    /// any two taxels, one at full scale and one untouched, at the worst of its capacitances, rounded up.
+    pub const ANALOG_NS: u32 = 1_750;
 }
 
-/// From the timer's update until every input is within one count, ns: each of the two exponentials leaves half of
-/// one.
-pub const SETTLING_NS: u32 = front_end::DMA_NS
-    + front_end::ROW_DRIVER_NS
-    + front_end::MUX_NS
-    + ((front_end::ROW_TAU_NS + front_end::AMPLIFIER_TAU_NS) * front_end::TAUS_X100).div_ceil(100);
+/// From the timer's update until every input is within half a count, ns.
+pub const SETTLING_NS: u32 = front_end::DMA_NS + front_end::ANALOG_NS;
 
 /// ADC clock cycles, in halves (RM0433, ADC timing): trigger to start of sampling, at most.
 const LATENCY_HALF_CYCLES: u64 = 2 * 4;
@@ -120,10 +110,13 @@ impl SlotTiming {
         (self.trigger_ticks as u64 * 1_000_000_000 / self.timer_hz as u64) as u32
     }
 
-    /// Do the inputs settle at this count of the timer: is the address out, and the ADC not triggered yet?
+    /// Do the inputs settle at this count of the timer: are the address out and the code of the last conversion, which
+    /// ends in the next slot, fetched, and is the ADC not triggered yet?
     pub const fn is_settling(&self, ticks: u32) -> bool {
-        let out_ticks = (front_end::DMA_NS as u64 * self.timer_hz as u64 / 1_000_000_000) as u32;
-        ticks > out_ticks && ticks < self.trigger_ticks
+        let converted_ns = self.trigger_ns() + self.adc_ns(self.sequence_half_cycles());
+        let quiet_ns = converted_ns.saturating_sub(self.slot_ns()) + front_end::DMA_NS;
+        let quiet_ticks = (quiet_ns as u64 * self.timer_hz as u64 / 1_000_000_000) as u32;
+        ticks > quiet_ticks && ticks < self.trigger_ticks
     }
 
     /// From an address to the end of sampling of the last of [`MAX_SENSORS`] inputs, ns.

@@ -8,6 +8,7 @@ mod bench;
 mod cmsis;
 mod elf;
 mod firmware;
+mod front_end;
 #[cfg(test)]
 mod imports;
 mod linux;
@@ -47,6 +48,8 @@ enum Command {
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
     Cmsis(cmsis::Options),
+    /// Check the analog front end: schematic, simulation, the generator's model of it
+    FrontEnd(front_end::Options),
     /// Build and run the ROS 2 node; ROS' own parser and another DDS check its messages
     Ros2,
     /// Make the shipped model from nothing: train, quantize, choose the operating point
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
         Command::Linux(options) => linux::run(&options),
         Command::Stack(options) => stack::run(&options),
         Command::Cmsis(options) => cmsis::print(&options),
+        Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Ros2 => ros2::whole(),
         Command::Retrain(options) => retrain::retrain(&options),
     };

@@ -159,12 +159,17 @@ pub fn script(name: &str) -> Result<Command> {
     Ok(script)
 }
 
-/// `python` in an environment with the packages of [`REQUIREMENTS`]; made anew when they change.
+/// `python` in an environment with the packages of [`REQUIREMENTS`].
 pub fn python() -> Result<Command> {
-    let _lock = lock("venv")?;
-    let venv = target_dir().join("venv");
+    python_with("venv", REQUIREMENTS)
+}
+
+/// `python` in an environment of this name with the packages of a list; made anew when it changes.
+pub fn python_with(name: &str, requirements: &str) -> Result<Command> {
+    let _lock = lock(name)?;
+    let venv = target_dir().join(name);
     let made_from = venv.join("requirements.txt");
-    let wanted = fs::read(root().join(REQUIREMENTS)).context(REQUIREMENTS)?;
+    let wanted = fs::read(root().join(requirements)).with_context(|| requirements.to_owned())?;
     let python = venv.join("bin/python");
     if fs::read(&made_from).ok() != Some(wanted.clone()) {
         if answer(command("python3").args(["-c", "import venv, ensurepip"])).is_none() {
@@ -173,7 +178,7 @@ pub fn python() -> Result<Command> {
         run(command("python3").args(["-m", "venv", "--clear"]).arg(&venv))?;
         run(command(&python)
             .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
-            .args(["-r", REQUIREMENTS]))?;
+            .args(["-r", requirements]))?;
         fs::write(&made_from, wanted).with_context(|| made_from.display().to_string())?;
     }
     Ok(command(python))

@@ -17,11 +17,11 @@ pub const FIRST_PIN: u32 = 2;
 pub const LINES: u64 = 0x3FF << FIRST_PIN;
 pub const LINES_MODER: u64 = 0xF_FFFF << (2 * FIRST_PIN);
 pub const OUTPUTS: u64 = 0x5555_5555;
-/// Row driver and multiplexer switch: nothing changes before; then two time constants in a row, as one of their sum,
-/// which is slower (`src/drivers/scan.rs`, `front_end`).
-pub const DEAD_NS: u64 = 200;
+/// The multiplexer switches: nothing changes before; then one exponential, as slow as the slowest transition of the
+/// circuit (`src/drivers/scan.rs`, `front_end`).
+pub const DEAD_NS: u64 = 45;
 /// From then on a full-scale step is within half a count of 4096: 9.02 time constants.
-pub const SETTLED_NS: u64 = 1390;
+pub const SETTLED_NS: u64 = 1705;
 /// RM0433, ADC timing: conversion of 16 bits after the end of sampling, ADC clock cycles, halves.
 pub const CONVERSION_HALF_CYCLES: u64 = 17;
 const PORT_BSRR: u64 = 0x5802_1018;

@@ -13,7 +13,7 @@ use crate::process::{
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, linux, node, ros2, stack, twin};
+use crate::{cmsis, front_end, linux, node, ros2, stack, twin};
 
 /// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -174,6 +174,11 @@ pub const STEPS: &[Step] = &[
     Step::new("vectors", "the committed log-mel vectors are what librosa and scipy give", |_| {
         run(script("make_logmel_vectors.py")?.arg("--check"))
     }),
+    Step::new(
+        "front-end",
+        "schematic and simulation of the analog front end hold, its model and tables are those committed",
+        |_| front_end::step(),
+    ),
     Step::new(
         "baselines",
         "the committed MFCC, discriminants and regression are what scikit-learn gives",

@@ -80,11 +80,22 @@ pub enum Input {
     /// A frame.
     Frame(LogEntry),
     /// Traffic of others.
-    Other,
+    Other(Foreign),
     /// Nothing for now.
     Idle,
     /// There is no more.
     End,
+}
+
+/// A frame that no fingertip module sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Foreign {
+    /// Classic CAN, or a line of a log that is one.
+    Classic,
+    /// CAN FD with an identifier of 11 bits.
+    Standard,
+    /// An error frame of the kernel: the controller's state, or what went wrong on the bus.
+    Error,
 }
 
 /// A byte stream in both directions.
@@ -162,12 +173,21 @@ impl Source {
             Self::Lines(lines) => Ok(match lines.next() {
                 None => Input::End,
                 Some(Ok(entry)) => Input::Frame(entry),
-                Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Input::Other,
+                Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Input::Other(Foreign::Classic),
                 Some(Err(error)) => return Err(error.into()),
             }),
             Self::Read(entries) => Ok(entries.next().map_or(Input::End, Input::Frame)),
             Self::Slcan(adapter) => adapter.receive(),
             Self::SocketCan(socket) => socket.receive(),
+        }
+    }
+
+    /// Frames that the kernel has dropped since the source was opened, because nobody fetched them in time; 0 where
+    /// no kernel counts.
+    pub fn kernel_drops(&self) -> u32 {
+        match self {
+            Self::SocketCan(socket) => socket.drops(),
+            _ => 0,
         }
     }
 }
@@ -277,6 +297,10 @@ mod socket_can {
             match *self {}
         }
 
+        pub fn drops(&self) -> u32 {
+            match *self {}
+        }
+
         pub fn send(&mut self, _: &CanFrame) -> Result<()> {
             match *self {}
         }
@@ -287,6 +311,8 @@ mod socket_can {
 #[cfg(target_os = "linux")]
 pub mod socket_can {
     use super::*;
+    use std::os::fd::AsRawFd;
+
     use anyhow::anyhow;
     use socketcan::id::FdFlags;
     use socketcan::{
@@ -314,6 +340,7 @@ pub mod socket_can {
             let opened = CanFdSocket::open(interface).and_then(|socket| {
                 socket.set_read_timeout(POLL)?;
                 socket.set_recv_timestamp(true)?;
+                socket.set_error_filter_accept_all()?;
                 // The kernel caps it at net.core.rmem_max; less loses frames sooner, and losses are counted.
                 let _ = socket.as_raw_socket().set_recv_buffer_size(RECEIVE_BUFFER);
                 Ok(socket)
@@ -334,13 +361,34 @@ pub mod socket_can {
                 Err(error) if is_timeout(&error) => return Ok(Input::Idle),
                 Err(error) => return Err(error).with_context(|| format!("socketcan:{}", self.interface)),
             };
-            let CanAnyFrame::Fd(fd) = frame else { return Ok(Input::Other) };
-            if !fd.is_extended() {
-                return Ok(Input::Other);
-            }
+            let fd = match frame {
+                CanAnyFrame::Fd(fd) if fd.is_extended() => fd,
+                CanAnyFrame::Fd(_) => return Ok(Input::Other(Foreign::Standard)),
+                CanAnyFrame::Error(_) => return Ok(Input::Other(Foreign::Error)),
+                _ => return Ok(Input::Other(Foreign::Classic)),
+            };
             let timestamp_us = time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64);
             let frame = CanFrame::new(fd.raw_id(), fd.data())?;
             Ok(Input::Frame(LogEntry { timestamp_us, interface: self.interface.clone(), frame }))
+        }
+
+        /// Frames that the kernel had no room for.
+        pub fn drops(&self) -> u32 {
+            // SO_MEMINFO (linux/sock_diag.h): nine counters, the last of which are the drops.
+            const COUNTERS: usize = 9;
+            let mut counters = [0u32; COUNTERS];
+            let mut length = size_of_val(&counters) as libc::socklen_t;
+            // SAFETY: the kernel writes at most `length` bytes into `counters`, which lives until it returns.
+            let failed = unsafe {
+                libc::getsockopt(
+                    self.socket.as_raw_fd(),
+                    libc::SOL_SOCKET,
+                    libc::SO_MEMINFO,
+                    counters.as_mut_ptr().cast(),
+                    &mut length,
+                )
+            };
+            if failed == 0 { counters[COUNTERS - 1] } else { 0 }
         }
 
         /// Send a frame, waiting while the queue is full.

@@ -10,12 +10,13 @@ use anyhow::{Context, Result};
 use crate::mcap_file::McapSink;
 use crate::recording::Format;
 
-/// Writes frames to a file as they come. Everything before the last [`flush`](Self::flush) is there whatever happens.
+/// Writes frames to a file as they come. Everything before the last [`flush`](Self::flush) is on the disk whatever
+/// happens.
 pub enum Recorder {
     /// A candump log, and its lines since the last flush: a log that is cut has whole lines.
     Candump(File, CandumpWriter<Vec<u8>>),
-    /// MCAP.
-    Mcap(Box<McapSink<BufWriter<File>>>),
+    /// MCAP, and the file once more, to have it written to the disk.
+    Mcap(Box<McapSink<BufWriter<File>>>, File),
 }
 
 impl Recorder {
@@ -26,7 +27,10 @@ impl Recorder {
         let file =
             File::create_new(path).with_context(|| format!("{}: cannot make a new file", path.display()))?;
         Ok(match format {
-            Format::Mcap => Self::Mcap(Box::new(McapSink::new(BufWriter::new(file))?)),
+            Format::Mcap => {
+                let disk = file.try_clone()?;
+                Self::Mcap(Box::new(McapSink::new(BufWriter::new(file))?), disk)
+            }
             Format::Candump => Self::Candump(file, CandumpWriter::new(Vec::new(), "can0")?),
         })
     }
@@ -35,15 +39,21 @@ impl Recorder {
     pub fn write(&mut self, entry: &LogEntry) -> Result<()> {
         match self {
             Self::Candump(_, lines) => Ok(lines.write_entry(entry)?),
-            Self::Mcap(sink) => sink.write(entry),
+            Self::Mcap(sink, _) => sink.write(entry),
         }
     }
 
-    /// Write everything out; to be called every second or so.
+    /// Write everything to the disk; to be called every second or so.
     pub fn flush(&mut self) -> Result<()> {
         match self {
-            Self::Candump(file, lines) => Ok(file.write_all(&std::mem::take(lines.flushed()?))?),
-            Self::Mcap(sink) => sink.flush(),
+            Self::Candump(file, lines) => {
+                file.write_all(&std::mem::take(lines.flushed()?))?;
+                Ok(file.sync_data()?)
+            }
+            Self::Mcap(sink, disk) => {
+                sink.flush()?;
+                Ok(disk.sync_data()?)
+            }
         }
     }
 
@@ -51,7 +61,10 @@ impl Recorder {
     pub fn finish(mut self) -> Result<()> {
         match self {
             Self::Candump(..) => self.flush(),
-            Self::Mcap(sink) => Ok(sink.finish()?.flush()?),
+            Self::Mcap(sink, disk) => {
+                sink.finish()?.flush()?;
+                Ok(disk.sync_data()?)
+            }
         }
     }
 }

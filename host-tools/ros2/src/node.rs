@@ -70,7 +70,7 @@ pub fn run(mut source: Source, options: &Options, stop: &AtomicBool) -> Result<P
     while !stop.load(Ordering::Relaxed) {
         let entry = match source.receive()? {
             Input::Frame(entry) => entry,
-            Input::Other | Input::Idle => continue,
+            Input::Other(_) | Input::Idle => continue,
             Input::End => break,
         };
         let time_us = entry.timestamp_us;

@@ -1,4 +1,5 @@
-//! The server: a page, and the frames that it asks for. For this computer only, and for reading only.
+//! The server: a page, and the frames that it asks for. For this computer only, and for reading only: a request that
+//! names another host is refused, so that no page of the web reads the data through a name that it points here.
 //!
 //! | path | answer |
 //! |---|---|
@@ -56,11 +57,11 @@ impl PageServer {
 
     pub fn serve(self, store: &Arc<Store>) {
         let serve = || {
-            let (server, store) = (Arc::clone(&self.server), Arc::clone(store));
+            let (server, store, port) = (Arc::clone(&self.server), Arc::clone(store), self.address.port());
             thread::spawn(move || {
                 while let Ok(request) = server.recv() {
                     // A page that was closed does not take its answer.
-                    let _ = answer(request, &store);
+                    let _ = answer(request, &store, port);
                 }
             })
         };
@@ -71,7 +72,10 @@ impl PageServer {
     }
 }
 
-fn answer(request: Request, store: &Store) -> io::Result<()> {
+fn answer(request: Request, store: &Store, port: u16) -> io::Result<()> {
+    if !is_own_host(&request, port) {
+        return request.respond(Response::empty(403));
+    }
     if *request.method() != Method::Get {
         return request.respond(Response::empty(405));
     }
@@ -102,6 +106,14 @@ fn answer(request: Request, store: &Store) -> io::Result<()> {
         }
         _ => request.respond(Response::empty(404)),
     }
+}
+
+/// Does the request name this computer?
+fn is_own_host(request: &Request, port: u16) -> bool {
+    let mut hosts = request.headers().iter().filter(|header| header.field.equiv("Host"));
+    let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
+    hosts.next().is_some_and(|host| own.iter().any(|own| host.value.as_str() == own))
+        && hosts.next().is_none()
 }
 
 /// A body with its type, and where it begins in the session if it is a part.

@@ -157,3 +157,26 @@ fn a_line_that_is_none_ends_the_log_with_its_number() {
     assert!(error.to_string().starts_with(&format!("line {}: ", lines + 1)), "{error}");
     assert_eq!(store.state().end, u64::from(FRAMES) - 1, "what came before is there");
 }
+
+#[test]
+fn only_its_own_host_name_is_answered() {
+    use std::io::{Read, Write};
+    let server = super::server::PageServer::bind(0).unwrap();
+    let address = server.url().trim_start_matches("http://").trim_end_matches('/').to_owned();
+    let port = address.rsplit_once(':').unwrap().1.to_owned();
+    std::thread::spawn(move || server.serve(&std::sync::Arc::new(store(1, 10))));
+    let status = |host: &str| {
+        let mut stream = std::net::TcpStream::connect(&address).unwrap();
+        write!(stream, "GET /state HTTP/1.1\r\n{host}Connection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer.split(' ').nth(1).unwrap().to_owned()
+    };
+    for host in [address.clone(), format!("localhost:{port}")] {
+        assert_eq!(status(&format!("Host: {host}\r\n")), "200", "{host}");
+    }
+    for host in ["evil.example", "127.0.0.1", &format!("evil.example:{port}")] {
+        assert_eq!(status(&format!("Host: {host}\r\n")), "403", "{host}");
+    }
+    assert_eq!(status(""), "403");
+}

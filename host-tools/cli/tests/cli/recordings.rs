@@ -136,6 +136,43 @@ fn a_killed_recorder_leaves_readable_files() {
     assert!(place.run("convert @r.mcap @x.log").contains("cut short"));
 }
 
+/// Splits at a size; ended by SIGTERM while the source is quiet, it closes its files.
+#[test]
+#[cfg(unix)]
+fn a_recorder_splits_and_ends_by_sigterm() {
+    let place = Place::new();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
+    command.args(place.words("record - @r.mcap @r.log --split-mb 1 --json"));
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let log = log(480, &[]);
+    let mut input = child.stdin.take().unwrap();
+    input.write_all(&log).unwrap();
+    let size = |part: &str| fs::metadata(place.path(part)).map_or(0, |data| data.len());
+    wait("a flush", || size("r-0001.log") > 1_000_000);
+    thread::sleep(Duration::from_millis(200));
+    let classic = "(1700000009.000000) can0 123#00\n";
+    input.write_all([classic.as_bytes(), &log].concat().as_slice()).unwrap();
+    wait("a flush of the second part", || size("r-0002.log") > 0);
+    let status = Command::new("kill").arg(child.id().to_string()).status().unwrap();
+    assert!(status.success());
+    let ended = child.wait_with_output().unwrap();
+    drop(input);
+    assert!(ended.status.success(), "{:?}", ended.status);
+    let result: Value = serde_json::from_slice(&ended.stdout).unwrap();
+    assert_eq!((&result["frames"], &result["passed_over"]["classic_frames"]), (&25_920.into(), &1.into()));
+    for end in ["log", "mcap"] {
+        let mut frames = 0;
+        for out in result["out"].as_array().unwrap().iter().filter_map(Value::as_str) {
+            let Some((stem, _)) = out.rsplit_once(&format!(".{end}")) else { continue };
+            assert!(stem.contains("r-00"), "{out}");
+            let found = read(Path::new(out), Format::from_path(Path::new(out)).unwrap()).unwrap();
+            frames += found.entries.len();
+            assert!(found.notes.is_empty(), "{out}: {:?}", found.notes);
+        }
+        assert_eq!(frames, 25_920, "{end}");
+    }
+}
+
 /// An slcan adapter behind TCP: what replay sends to one, record hears from another.
 #[test]
 fn frames_go_over_slcan() {

@@ -1,16 +1,18 @@
-//! What record and monitor share: frames from a source, on a thread of their own, until the end or Ctrl-C.
+//! What record and monitor share: frames from a source, on a thread of their own, until the end or a signal.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
+use serde::Serialize;
 use slipsense_recording::candump::LogEntry;
-use slipsense_recording::link::{Input, Place, open};
+use slipsense_recording::link::{Foreign, Input, Place, Source, open};
 
 /// Frames between the source and who takes them: two seconds of a full bus. When there is no room the source waits,
-/// and what a kernel then loses shows in the sequence numbers.
+/// and what a kernel then drops is counted by it.
 const QUEUE: usize = 16_384;
 /// How long a quiet source keeps the others from their work.
 const POLL: Duration = Duration::from_millis(50);
@@ -24,52 +26,123 @@ pub(super) enum Event {
     Frame(LogEntry),
     /// Nothing for a moment.
     Quiet,
-    /// No more: the source has ended, or somebody asked to stop.
+    /// No more: the source has ended, or somebody asked to stop, and every frame that had come has been taken.
     End,
 }
 
+/// What a source delivered beside frames of fingertips.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct PassedOver {
+    /// Classic CAN.
+    pub classic_frames: u32,
+    /// CAN FD with an identifier of 11 bits.
+    pub standard_id_frames: u32,
+    /// Error frames.
+    pub error_frames: u32,
+    /// Frames that the kernel dropped because this program was too slow.
+    pub kernel_drops: u32,
+}
+
+#[derive(Default)]
+struct Counters([AtomicU32; 4]);
+
+impl Counters {
+    fn count(&self, index: usize) {
+        self.0[index].fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 /// A source that is being read.
-pub(super) struct Live(Receiver<Result<LogEntry>>);
+pub(super) struct Live {
+    frames: Receiver<Result<LogEntry>>,
+    counters: Arc<Counters>,
+    stop: &'static AtomicBool,
+}
 
 impl Live {
     /// Open a source and begin to read it.
     pub fn start(place: &Place, data_mbit: u8) -> Result<Self> {
-        let mut source = open(place, data_mbit)?;
+        let source = open(place, data_mbit)?;
         // A second command in one process has the handler of the first.
-        let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
-        let (send, receive) = sync_channel(QUEUE);
+        let _ = ctrlc::set_handler(|| {
+            if STOP.swap(true, Ordering::Relaxed) {
+                // Asked twice.
+                std::process::exit(130);
+            }
+        });
+        let (send, frames) = sync_channel(QUEUE);
+        let counters = Arc::<Counters>::default();
+        let counting = Arc::clone(&counters);
         thread::Builder::new()
             .name("source".to_owned())
-            .spawn(move || {
-                loop {
-                    let sent = match source.receive() {
-                        Ok(Input::Frame(entry)) => send.send(Ok(entry)),
-                        Ok(Input::Other | Input::Idle) => Ok(()),
-                        Ok(Input::End) => return,
-                        Err(error) => {
-                            // Nobody there to hear it: then it does not matter.
-                            let _ = send.send(Err(error));
-                            return;
-                        }
-                    };
-                    if sent.is_err() {
-                        return;
-                    }
-                }
-            })
+            .spawn(move || read(source, &send, &counting))
             .context("cannot start a thread")?;
-        Ok(Self(receive))
+        Ok(Self { frames, counters, stop: &STOP })
     }
 
     /// The next thing that happens.
     pub fn next(&self) -> Result<Event> {
-        if STOP.load(Ordering::Relaxed) {
-            return Ok(Event::End);
-        }
-        match self.0.recv_timeout(POLL) {
+        match self.frames.recv_timeout(POLL) {
             Ok(entry) => entry.map(Event::Frame),
-            Err(RecvTimeoutError::Timeout) => Ok(Event::Quiet),
-            Err(RecvTimeoutError::Disconnected) => Ok(Event::End),
+            Err(RecvTimeoutError::Timeout) if !self.stop.load(Ordering::Relaxed) => Ok(Event::Quiet),
+            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => Ok(Event::End),
         }
+    }
+
+    /// What was passed over or lost so far.
+    pub fn passed_over(&self) -> PassedOver {
+        let [classic_frames, standard_id_frames, error_frames, kernel_drops] =
+            [0, 1, 2, 3].map(|index| self.counters.0[index].load(Ordering::Relaxed));
+        PassedOver { classic_frames, standard_id_frames, error_frames, kernel_drops }
+    }
+}
+
+/// Hand over frames until the source ends, nobody takes them, or a signal comes.
+fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Counters) {
+    while !STOP.load(Ordering::Relaxed) {
+        counters.0[3].store(source.kernel_drops(), Ordering::Relaxed);
+        let sent = match source.receive() {
+            Ok(Input::Frame(entry)) => send.send(Ok(entry)),
+            Ok(Input::Other(kind)) => {
+                counters.count(match kind {
+                    Foreign::Classic => 0,
+                    Foreign::Standard => 1,
+                    Foreign::Error => 2,
+                });
+                Ok(())
+            }
+            Ok(Input::Idle) => Ok(()),
+            Ok(Input::End) => return,
+            Err(error) => {
+                // Nobody there to take it: then it does not matter.
+                let _ = send.send(Err(error));
+                return;
+            }
+        };
+        if sent.is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use slipsense::wire::{NodeId, SlipMessage, Transmitter};
+
+    use super::*;
+
+    #[test]
+    fn what_had_come_before_a_signal_is_taken() {
+        static SIGNALLED: AtomicBool = AtomicBool::new(true);
+        let (send, frames) = sync_channel(QUEUE);
+        let live = Live { frames, counters: Arc::default(), stop: &SIGNALLED };
+        let frame = Transmitter::new(NodeId::DEFAULT).slip(&SlipMessage::default());
+        for timestamp_us in 0..1_000 {
+            send.send(Ok(LogEntry { timestamp_us, interface: "can0".to_owned(), frame })).unwrap();
+        }
+        // The source still blocks in a read, as a pipe's does.
+        let taken = std::iter::from_fn(|| matches!(live.next(), Ok(Event::Frame(_))).then_some(())).count();
+        assert_eq!(taken, 1_000);
+        assert!(matches!(live.next(), Ok(Event::End)));
     }
 }

@@ -11,16 +11,17 @@ use slipsense_recording::link::Place;
 use slipsense_recording::recorder::Recorder;
 
 use super::Print;
-use super::live::{Event, Live};
+use super::live::{Event, Live, PassedOver};
 
 /// What a kill may cost.
 const FLUSH: Duration = Duration::from_secs(1);
 
 /// Record a bus to MCAP and candump, and count what was lost
 ///
-/// Everything is written out every second: a recorder that is killed leaves files that can be read, without the
-/// last second. End it with Ctrl-C, and the MCAP file has its index. Times are the kernel's (SocketCAN), this
-/// computer's at the adapter (slcan), or the log's.
+/// Everything is written to the disk every second: a recorder that is killed leaves files that can be read, without
+/// the last second. Ended by Ctrl-C or SIGTERM it writes what has come, and the MCAP file has its index. Times are the
+/// kernel's (SocketCAN), this computer's at the adapter (slcan), or the log's. With --split the files are grasp-0001,
+/// grasp-0002 and so on.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Sources:
@@ -34,7 +35,7 @@ Sources:
   sudo sysctl net.core.rmem_max=8388608    the kernel keeps a second of frames for a busy program, not 30 ms
 
 Losses are counted by the numbers in the messages: slip messages exactly; raw messages as long as fewer
-than 32 in a row are missing. SocketCAN was run by its authors on vcan of Debian's kernel, not with an adapter.
+than 32 in a row are missing; what the kernel dropped by its own counter. SocketCAN was run by its authors on vcan of Debian's kernel, not with an adapter.
 
 Examples:
   slipsense record socketcan:can0 grasp.mcap
@@ -50,6 +51,12 @@ pub struct Args {
     /// Stop after this time; without it at the end of the source or by Ctrl-C
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     seconds: Option<u64>,
+    /// Begin new files after this time
+    #[arg(long, value_name = "MINUTES", value_parser = clap::value_parser!(u64).range(1..))]
+    split_minutes: Option<u64>,
+    /// Begin new files when one of them has this size, MB (a million bytes)
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
+    split_mb: Option<u64>,
     /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
     #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
     data_mbit: u8,
@@ -60,23 +67,22 @@ pub struct Args {
 impl Args {
     pub fn run(self) -> Result<()> {
         let live = Live::start(&self.source, self.data_mbit)?;
-        let mut files = Vec::new();
-        for out in &self.out {
-            match Recorder::create(out) {
-                Ok(file) => files.push(file),
-                Err(error) => {
-                    self.remove(files.len())?;
-                    return Err(error);
-                }
-            }
-        }
-        let (began, mut flushed) = (Instant::now(), Instant::now());
+        let mut parts = vec![self.names(1)];
+        let mut files = create(&parts[0])?;
+        let (began, mut flushed, mut part_began) = (Instant::now(), Instant::now(), Instant::now());
         let limit = self.seconds.map(Duration::from_secs);
         let (mut decoder, mut frames) = (Decoder::new(), 0u64);
-        let mut failure = None;
+        let (mut failure, mut full) = (None, false);
         loop {
             match live.next() {
                 Ok(Event::Frame(entry)) => {
+                    if std::mem::take(&mut full) {
+                        let names = self.names(parts.len() + 1);
+                        let next = create(&names)?;
+                        std::mem::replace(&mut files, next).into_iter().try_for_each(Recorder::finish)?;
+                        parts.push(names);
+                        part_began = Instant::now();
+                    }
                     frames += 1;
                     decoder.accept(&entry.frame);
                     files.iter_mut().try_for_each(|file| file.write(&entry))?;
@@ -92,6 +98,8 @@ impl Args {
             if flushed.elapsed() >= FLUSH {
                 files.iter_mut().try_for_each(Recorder::flush)?;
                 flushed = Instant::now();
+                // New files come with the next frame, so that none is empty.
+                full = self.is_full(&parts[parts.len() - 1], part_began)?;
             }
             if limit.is_some_and(|limit| began.elapsed() >= limit) {
                 break;
@@ -99,15 +107,18 @@ impl Args {
         }
         files.into_iter().try_for_each(Recorder::finish)?;
         if frames == 0 {
-            self.remove(self.out.len())?;
+            remove(&parts.concat())?;
         }
         if let Some(error) = failure {
             return Err(error.context(format!("stopped after {frames} frames, which are kept")));
         }
         ensure!(frames > 0, "no CAN FD frame with a 29-bit identifier came");
         let counts = decoder.counts();
-        let out: Vec<_> = self.out.iter().map(|out| out.display().to_string()).collect();
-        let result = json!({"out": out, "frames": frames, "other_frames": decoder.others, "nodes": counts});
+        let out: Vec<_> = parts.concat().iter().map(|out| out.display().to_string()).collect();
+        let passed_over = live.passed_over();
+        let result = json!({
+            "out": out, "frames": frames, "other_frames": decoder.others, "passed_over": passed_over, "nodes": counts,
+        });
         self.print.show(&result, || {
             let mut text = format!("{frames} frames: {}\n", out.join(", "));
             for (node, Count { slip, slip_lost, raw, raw_lost, errors, restarts }) in counts {
@@ -117,12 +128,55 @@ impl Args {
                      {errors} errors, {restarts} restarts"
                 );
             }
+            let PassedOver { classic_frames, standard_id_frames, error_frames, kernel_drops } = passed_over;
+            let _ = writeln!(
+                text,
+                "  passed over: {classic_frames} classic, {standard_id_frames} with 11-bit identifiers, {error_frames} \
+                 error frames; the kernel dropped {kernel_drops}"
+            );
             text
         })
     }
 
-    /// Take the first files away again: there is nothing in them.
-    fn remove(&self, count: usize) -> Result<()> {
-        Ok(self.out.iter().take(count).try_for_each(std::fs::remove_file)?)
+    /// The files of part `n`.
+    fn names(&self, part: usize) -> Vec<PathBuf> {
+        if self.split_minutes.is_none() && self.split_mb.is_none() {
+            return self.out.clone();
+        }
+        let name = |out: &PathBuf| {
+            let (stem, end) = (out.file_stem().unwrap_or_default(), out.extension().unwrap_or_default());
+            out.with_file_name(format!("{}-{part:04}.{}", stem.display(), end.display()))
+        };
+        self.out.iter().map(name).collect()
     }
+
+    fn is_full(&self, part: &[PathBuf], began: Instant) -> Result<bool> {
+        if self.split_minutes.is_some_and(|minutes| began.elapsed() >= Duration::from_secs(60 * minutes)) {
+            return Ok(true);
+        }
+        let Some(most) = self.split_mb else { return Ok(false) };
+        let sizes: Vec<u64> =
+            part.iter().map(|file| Ok(std::fs::metadata(file)?.len())).collect::<Result<_>>()?;
+        Ok(sizes.iter().any(|&size| size >= most * 1_000_000))
+    }
+}
+
+/// New files, all or none.
+fn create(names: &[PathBuf]) -> Result<Vec<Recorder>> {
+    let mut files = Vec::new();
+    for name in names {
+        match Recorder::create(name) {
+            Ok(file) => files.push(file),
+            Err(error) => {
+                remove(&names[..files.len()])?;
+                return Err(error);
+            }
+        }
+    }
+    Ok(files)
+}
+
+/// Take files away again: there is nothing in them.
+fn remove(names: &[PathBuf]) -> Result<()> {
+    Ok(names.iter().try_for_each(std::fs::remove_file)?)
 }

@@ -78,6 +78,9 @@ pub struct CanStatus {
     pub receive_errors: u8,
 }
 
+/// Numbers of [`Status::restart`].
+pub const RESTART_NUMBERS: usize = 6;
+
 /// What the node knows about itself, for heartbeat, registers and log. Counters count since start and stay at their
 /// largest value, but for those of frames, which wrap.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -115,8 +118,11 @@ pub struct Status {
     /// Length of the last bus-off, from when it was noticed to the first slip message handed over after it, µs; 0
     /// before the first.
     pub bus_off_us: u32,
-    /// Hash of the panic's reason if a panic caused the last start; else 0.
+    /// Hash of the reason if a panic, a fault or the watchdog caused the last start; else 0.
     pub last_panic: u32,
+    /// How the node came to start: cause of the reset, see `ResetCause` of `board`; where it followed a crash, kind (1
+    /// panic, 2 fault, 3 watchdog), and of a fault PC, LR, CFSR and address, of a watchdog bits of the stalled tasks.
+    pub restart: [u32; RESTART_NUMBERS],
     /// Self tests since start.
     pub self_tests: u32,
     /// Self tests since start that failed.
@@ -144,6 +150,7 @@ impl Status {
             bus_offs: 0,
             bus_off_us: 0,
             last_panic: 0,
+            restart: [0; RESTART_NUMBERS],
             self_tests: 0,
             failed_self_tests: 0,
         }
@@ -152,6 +159,12 @@ impl Status {
     /// Is one of these bits set for a sensor in use?
     pub fn any_sensor(&self, bits: u8) -> bool {
         self.sensor_health.iter().take(self.sensors).any(|health| health.intersects(bits))
+    }
+
+    /// Does no sensor in use deliver anything?
+    pub fn no_sensor_left(&self) -> bool {
+        let dead = PIEZO_MISSING | XL_MISSING;
+        self.sensor_health.iter().take(self.sensors).all(|health| health.contains(dead))
     }
 
     /// How the node is now. What happened once and is over is in the counters.

@@ -8,7 +8,7 @@
 #![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
 
 pub mod mailbox;
-pub mod panic_record;
+pub mod crash_record;
 pub mod replay;
 mod sensing;
 

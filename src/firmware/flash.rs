@@ -31,6 +31,8 @@ use crate::update::partitions::{NUCLEO_H743ZI2 as BOARD, SECTOR_BYTES, Span};
 /// CCR.BFHFNMIGN: bus faults of data accesses are ignored at priority -1 and above.
 const IGNORE_BUS_FAULTS: u32 = 1 << 8;
 const BANKS: usize = 2;
+/// How often a sector is erased before an error that stands is believed.
+const TRIES: u8 = 3;
 
 /// The flash of the one task that uses it.
 type SharedFlash = Mutex<CriticalSectionRawMutex, BoardFlash<Async>>;
@@ -77,8 +79,9 @@ fn check(span: Span, offset: u32, length: usize) -> Result<(), Error> {
     if offset < span.start || end.is_none_or(|end| end > span.end) { Err(Error::Size) } else { Ok(()) }
 }
 
-/// Flags of an error that stand would refuse every later write; embassy-stm32 0.6 means to clear them and writes the
-/// register that only shows them.
+/// Flags of an error that stand fail every later operation; embassy-stm32 0.6 means to clear them and writes the
+/// register that only shows them. RDPERR and RDSERR can be raised by the core's speculation, SNECCERR and DBECCERR by
+/// reading a word that a power failure left (RM0433, FLASH_SR).
 fn clear_errors() {
     for bank in 0..BANKS {
         pac::FLASH.bank(bank).ccr().write(|w| {
@@ -87,7 +90,25 @@ fn clear_errors() {
             w.set_clr_strberr(true);
             w.set_clr_incerr(true);
             w.set_clr_operr(true);
+            w.set_clr_rdperr(true);
+            w.set_clr_rdserr(true);
+            w.set_clr_sneccerr(true);
+            w.set_clr_dbeccerr(true);
         });
+    }
+}
+
+/// After a write that ended with `error`: must this word be written again? An error flag may be another's than the
+/// write's, so the flash itself is asked. A word that holds something else cannot be mended: `error`.
+fn is_missing(offset: u32, word: &[u8; WRITE_SIZE], error: Error) -> Result<bool, Error> {
+    let mut held = [0; WRITE_SIZE];
+    read(offset, &mut held)?;
+    if held == *word {
+        Ok(false)
+    } else if held == [0xFF; WRITE_SIZE] {
+        Ok(true)
+    } else {
+        Err(error)
     }
 }
 
@@ -172,14 +193,28 @@ impl NorFlash for BoardFlash<Async> {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         check(BOARD.written(), from, to.saturating_sub(from) as usize)?;
-        clear_errors();
-        self.0.erase(from, to).await
+        let mut erased = Ok(());
+        for _ in 0..TRIES {
+            clear_errors();
+            erased = self.0.erase(from, to).await;
+            if erased.is_ok() {
+                break;
+            }
+        }
+        erased
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         check(BOARD.written(), offset, bytes.len())?;
         clear_errors();
-        self.0.write(offset, bytes).await
+        let Err(error) = self.0.write(offset, bytes).await else { return Ok(()) };
+        for (at, word) in (offset..).step_by(WRITE_SIZE).zip(bytes.as_chunks::<WRITE_SIZE>().0) {
+            if is_missing(at, word, error)? {
+                clear_errors();
+                self.0.write(at, word).await?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -203,9 +238,16 @@ impl BlockingNorFlash for BoardFlash<Blocking> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         // One by one: the watchdog waits for one.
         for sector in (from..to).step_by(SECTOR_BYTES as usize) {
-            feed_watchdog();
-            clear_errors();
-            self.0.blocking_erase(sector, sector + SECTOR_BYTES)?;
+            let mut erased = Ok(());
+            for _ in 0..TRIES {
+                feed_watchdog();
+                clear_errors();
+                erased = self.0.blocking_erase(sector, sector + SECTOR_BYTES);
+                if erased.is_ok() {
+                    break;
+                }
+            }
+            erased?;
         }
         feed_watchdog();
         Ok(())
@@ -214,6 +256,13 @@ impl BlockingNorFlash for BoardFlash<Blocking> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         feed_watchdog();
         clear_errors();
-        self.0.blocking_write(offset, bytes)
+        let Err(error) = self.0.blocking_write(offset, bytes) else { return Ok(()) };
+        for (at, word) in (offset..).step_by(WRITE_SIZE).zip(bytes.as_chunks::<WRITE_SIZE>().0) {
+            if is_missing(at, word, error)? {
+                clear_errors();
+                self.0.blocking_write(at, word)?;
+            }
+        }
+        Ok(())
     }
 }

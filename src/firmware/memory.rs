@@ -13,8 +13,11 @@ use crate::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2 as BOARD, SECTOR_BYTE
 /// Attributes of an MPU region, ARMv7-M RASR: never executed, full access.
 const EXECUTE_NEVER: u32 = 1 << 28;
 const FULL_ACCESS: u32 = 0b011 << 24;
+const READ_ONLY: u32 = 0b101 << 24;
 /// Normal memory, not cached, shared with other bus masters (TEX 001, C 0, B 0, S 1).
 const NORMAL_UNCACHED: u32 = 0b001 << 19 | 1 << 18;
+/// Device memory, shared (TEX 000, C 0, B 1): never read by speculation.
+const DEVICE: u32 = 1 << 16;
 const ENABLE: u32 = 1;
 /// Exponent field of a region of 2^`bits` bytes.
 const fn size(bits: u32) -> u32 {
@@ -30,12 +33,17 @@ const SECTORS: u32 = BOARD.written().bytes() / SECTOR_BYTES;
 const _: () = assert!(FIRST_SECTOR_REGION + SECTORS <= MPU_REGIONS && SECTOR_BYTES.is_power_of_two());
 
 /// Region number, base address, RASR. A higher number wins where regions overlap.
-const REGIONS: [(u32, u32, u32); 2] = [
+const REGIONS: [(u32, u32, u32); 4] = [
     // Subregions 3 to 6 of the whole 4 GB, 0x6000_0000 to 0xDFFF_FFFF: external memories that this board
     // does not have. No access, so that the core's speculative reads do not go there (AN4838).
     (0, 0x0000_0000, EXECUTE_NEVER | 0b1000_0111 << 8 | size(32) | ENABLE),
     // D2 SRAM: what DMA writes there, the CPU sees, and the other way round.
     (1, 0x3000_0000, EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(18) | ENABLE),
+    // System memory and what is reserved behind it: no access. Reads of the core's own speculation there raise RDPERR
+    // and RDSERR (RM0433, FLASH_SR), which fail the operation of the flash that is under way.
+    (2, 0x1FF0_0000, EXECUTE_NEVER | size(20) | ENABLE),
+    // In there the unique identifier, at 0x1FF1_E800.
+    (3, 0x1FF1_E000, EXECUTE_NEVER | READ_ONLY | DEVICE | size(12) | ENABLE),
 ];
 
 // For the linker, which checks the memory maps by it (`bin/app/board.x`, `bin/boot/board.x`).
@@ -121,11 +129,18 @@ pub fn init(core: &mut cortex_m::Peripherals) {
         zero(&raw mut __axisram_start, &raw mut __axisram_end);
         zero(&raw mut __sram_d2_start, &raw mut __sram_d2_end);
     }
-    // SAFETY: the regions deny only addresses without memory and take the cache from D2 SRAM, which holds zeros,
+    protect(&mut core.MPU);
+    core.SCB.enable_icache();
+    core.SCB.enable_dcache(&mut core.CPUID);
+}
+
+/// Set the MPU up, also for the bootloader, before any cache is on.
+pub fn protect(mpu: &mut cortex_m::peripheral::MPU) {
+    // SAFETY: the regions deny only addresses without memory of ours and take the cache from D2 SRAM, which holds zeros,
     // and from the flash that is written, which nothing has read; everything else keeps the default map (PRIVDEFENA).
     // The MPU is off meanwhile.
     unsafe {
-        core.MPU.ctrl.write(0);
+        mpu.ctrl.write(0);
         let written = (0..SECTORS).map(|sector| {
             let base = FLASH_BASE + BOARD.written().start + sector * SECTOR_BYTES;
             let bits = SECTOR_BYTES.trailing_zeros();
@@ -133,14 +148,12 @@ pub fn init(core: &mut cortex_m::Peripherals) {
             (FIRST_SECTOR_REGION + sector, base, attributes)
         });
         for (number, base, attributes) in REGIONS.into_iter().chain(written) {
-            core.MPU.rnr.write(number);
-            core.MPU.rbar.write(base);
-            core.MPU.rasr.write(attributes);
+            mpu.rnr.write(number);
+            mpu.rbar.write(base);
+            mpu.rasr.write(attributes);
         }
-        core.MPU.ctrl.write(1 << 2 | 1);
+        mpu.ctrl.write(1 << 2 | 1);
     }
     cortex_m::asm::dsb();
     cortex_m::asm::isb();
-    core.SCB.enable_icache();
-    core.SCB.enable_dcache(&mut core.CPUID);
 }

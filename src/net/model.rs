@@ -205,7 +205,8 @@ impl<'a> Model<'a> {
         }
         let length = rest.take(4, "provenance", "length")?;
         let length = length.iter().rev().fold(0usize, |n, &byte| n << 8 | byte as usize);
-        let text = rest.take(length.next_multiple_of(4), "provenance", "text")?;
+        let padded = length.checked_next_multiple_of(4).unwrap_or(usize::MAX);
+        let text = rest.take(padded, "provenance", "text")?;
         let provenance = core::str::from_utf8(text.get(..length).unwrap_or_default())
             .map_err(|_| ModelError::BadProvenance)?;
         let hashed = bytes.get(..bytes.len() - rest.0.len()).unwrap_or_default();

@@ -7,6 +7,7 @@ use heapless::Vec;
 
 use super::fields::Fields;
 use super::file_read::{FilePath, FileRef, PATH_MAX, UpdateTarget};
+use super::lock::SIGNATURE_BYTES;
 use crate::wire::NodeId;
 use crate::wire::bytes::Writer;
 
@@ -26,6 +27,11 @@ pub const IDENTIFY: u16 = 65_529;
 pub const SELF_TEST: u16 = 0;
 /// As [`BEGIN_SOFTWARE_UPDATE`], for the model; a command of our own.
 pub const BEGIN_MODEL_UPDATE: u16 = 1;
+/// Unlock a locked node until its next start: the parameter is the signature of [`UNLOCK_PREFIX`] and the challenge; a
+/// command of our own.
+///
+/// [`UNLOCK_PREFIX`]: super::UNLOCK_PREFIX
+pub const UNLOCK: u16 = 2;
 
 /// Longest answer text: what version 1.3 of the command began with.
 pub(super) const OUTPUT_MAX: usize = 46;
@@ -56,6 +62,7 @@ pub(super) enum Command {
     FactoryReset,
     SelfTest,
     Update(UpdateTarget, FileRef),
+    Unlock([u8; SIGNATURE_BYTES]),
 }
 
 /// Read a request of `client`.
@@ -73,6 +80,7 @@ pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Command, CommandS
         STORE => Command::Store,
         FACTORY_RESET => Command::FactoryReset,
         SELF_TEST => Command::SelfTest,
+        UNLOCK => Command::Unlock(parameter.try_into().map_err(|_| CommandStatus::BadParameter)?),
         BEGIN_SOFTWARE_UPDATE | BEGIN_MODEL_UPDATE => {
             let path: FilePath = Vec::from_slice(parameter).map_err(|_| CommandStatus::BadParameter)?;
             if path.is_empty() {

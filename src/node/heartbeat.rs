@@ -28,9 +28,7 @@ pub enum Mode {
 /// Condition by the bits of the vendor status: no model or no sensor left is the end of the purpose; a missing
 /// part, lost settings or a restart after a panic are major; what was late, dropped or stuck is small.
 pub(super) fn health(status: &Status, flags: u8) -> Condition {
-    let dead = PIEZO_MISSING | XL_MISSING;
-    let none_left = status.sensor_health.iter().take(status.sensors).all(|health| health.contains(dead));
-    status.condition().max(health_by_flags(none_left, flags))
+    status.condition().max(health_by_flags(status.no_sensor_left(), flags))
 }
 
 fn health_by_flags(none_left: bool, flags: u8) -> Condition {
@@ -87,7 +85,7 @@ pub mod vendor_status {
     pub const RAW_DROPPED: u8 = 8;
     /// The controller was bus-off since start.
     pub const BUS_OFF: u8 = 16;
-    /// The last start followed a panic.
+    /// The last start followed a panic, a fault or the watchdog.
     pub const PANICKED: u8 = 32;
     /// Stored settings were damaged; what could not be read is at its default.
     pub const SETTINGS_DAMAGED: u8 = 64;

@@ -70,6 +70,8 @@ pub struct Identity {
     pub model_hash: Option<[u8; HASH_BYTES]>,
     /// How loading the settings went.
     pub settings: LoadReport,
+    /// A random number that no other start has, for the challenge of the lock; `None`: the board has none.
+    pub entropy: Option<u64>,
 }
 
 impl Identity {

@@ -22,6 +22,7 @@ mod file_read;
 mod get_info;
 mod heartbeat;
 mod identity;
+mod lock;
 mod machine;
 mod outbox;
 mod registers;
@@ -30,7 +31,7 @@ mod time_sync;
 pub use allocation::{ALLOCATION_PORT, REQUEST_PERIOD_MAX_US};
 pub use command::{
     BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, COMMAND_PORT, CommandStatus, FACTORY_RESET, IDENTIFY, RESTART,
-    SELF_TEST, STORE,
+    SELF_TEST, STORE, UNLOCK,
 };
 pub use diagnostic::{RECORD_PORT, RECORD_TEXT_MAX, Severity};
 pub use file_read::{
@@ -40,7 +41,8 @@ pub use file_read::{
 pub use get_info::GET_INFO_PORT;
 pub use heartbeat::{HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 pub use identity::{COMMIT, Identity, NODE_NAME, PROTOCOL_VERSION, Version};
-pub use machine::{Action, COMMAND_TIMEOUT_US, Counters, Node};
+pub use lock::{CHALLENGE_BYTES, SIGNATURE_BYTES, UNLOCK_PREFIX};
+pub use machine::{Action, COMMAND_TIMEOUT_US, Counters, Node, SIGNATURE_PAUSE_US};
 pub use outbox::OUTBOX_FRAMES;
 pub use registers::{ACCESS_PORT, LIST_PORT, REGISTERS};
-pub use time_sync::TIME_PORT;
+pub use time_sync::{JUMP_OFFSETS, TIME_PORT};

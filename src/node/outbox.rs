@@ -20,9 +20,19 @@ impl Outbox {
         Self { frames: Deque::new(), dropped: 0 }
     }
 
-    /// Queue a transfer; `false` if it was dropped.
+    /// Queue a transfer; `false` if it was dropped. The last place is the heartbeat's.
     pub fn push(&mut self, transfer: Frames<'_>) -> bool {
-        if transfer.len() > OUTBOX_FRAMES - self.frames.len() {
+        self.push_up_to(OUTBOX_FRAMES - 1, transfer)
+    }
+
+    /// Queue a heartbeat, for which there is a place while answers fill the rest.
+    pub fn push_heartbeat(&mut self, transfer: Frames<'_>) -> bool {
+        self.push_up_to(OUTBOX_FRAMES, transfer)
+    }
+
+    #[inline(never)]
+    fn push_up_to(&mut self, room: usize, transfer: Frames<'_>) -> bool {
+        if transfer.len() > room.saturating_sub(self.frames.len()) {
             self.dropped = self.dropped.saturating_add(1);
             return false;
         }

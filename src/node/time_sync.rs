@@ -3,7 +3,8 @@
 //! A master's message carries the moment at which its *previous* message went out. The node noted when that
 //! one arrived; the difference is the offset. Two consecutive messages make one offset, which errs by as
 //! much as the moment of reception does: the node's user passes the time at which the frame was taken from
-//! the controller. The master with the lowest address is followed, another only after it fell silent.
+//! the controller. The master with the lowest address is followed, another only after it fell silent. An offset that
+//! jumps counts when [`JUMP_OFFSETS`] in a row agree: one false message does not move the clock.
 
 use super::fields::Fields;
 use crate::wire::NodeId;
@@ -14,6 +15,11 @@ pub const TIME_PORT: u16 = 7_168;
 const PERIOD_MAX_US: u64 = 1_000_000;
 /// A master is silent after this many of its own periods.
 const SILENT_PERIODS: u64 = 3;
+
+/// An offset that differs by more from the one in force has jumped, µs.
+const JUMP_US: u64 = 1_000;
+/// So many offsets in a row must agree on a jump.
+pub const JUMP_OFFSETS: u8 = 3;
 
 /// A master's last message.
 #[derive(Clone, Copy, Debug)]
@@ -30,11 +36,13 @@ pub(super) struct TimeSync {
     last: Option<LastMessage>,
     /// Bus time minus local time.
     offset_us: Option<i64>,
+    /// The last offset that has jumped, and how many agree with it.
+    jump: Option<(i64, u8)>,
 }
 
 impl TimeSync {
     pub const fn new() -> Self {
-        Self { last: None, offset_us: None }
+        Self { last: None, offset_us: None, jump: None }
     }
 
     /// A message arrived, at `now_us` of the local clock.
@@ -55,11 +63,24 @@ impl TimeSync {
             if master == last.master && follows && since <= PERIOD_MAX_US {
                 next.period_us = since;
                 if previous_us != 0 {
-                    self.offset_us = Some((previous_us as i64).saturating_sub_unsigned(last.at_us));
+                    self.measured((previous_us as i64).saturating_sub_unsigned(last.at_us));
                 }
             }
         }
         self.last = Some(next);
+    }
+
+    fn measured(&mut self, offset_us: i64) {
+        let agrees = |other: i64| offset_us.abs_diff(other) <= JUMP_US;
+        if self.offset_us.is_some_and(|in_force| !agrees(in_force)) {
+            let before = self.jump.filter(|(jumped, _)| agrees(*jumped)).map_or(0, |(_, count)| count);
+            self.jump = Some((offset_us, before + 1));
+            if before + 1 < JUMP_OFFSETS {
+                return;
+            }
+        }
+        self.offset_us = Some(offset_us);
+        self.jump = None;
     }
 
     /// Bus time minus local time; `None` until two consecutive messages were received.

@@ -197,6 +197,11 @@ impl Settings {
         self.first(Setting::TimeSync) != 0
     }
 
+    /// Does the node start locked?
+    pub fn locks(&self) -> bool {
+        self.first(Setting::Lock) != 0
+    }
+
     /// Does a node without address ask for one?
     pub fn plug_and_play(&self) -> bool {
         self.first(Setting::PlugAndPlay) != 0

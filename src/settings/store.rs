@@ -163,9 +163,15 @@ impl<F: NorFlash> SettingsStore<F> {
         Origin::Blank
     }
 
-    /// Store a whole configuration and read it back. Until it is there, the one before is.
+    /// Store a whole configuration and read it back. Until it is there, the one before is. One that is stored already
+    /// is not written again, so that nobody can wear the flash out by storing.
     pub async fn store(&mut self, settings: &Settings) -> Result<(), StoreError> {
         let encoded = settings.encode();
+        if let Ok(Some(bytes)) = self.map.fetch_item::<&[u8]>(&mut self.buffer, &KEY).await
+            && bytes == encoded
+        {
+            return Ok(());
+        }
         let stored = self.map.store_item(&mut self.buffer, &KEY, &encoded.as_slice()).await;
         match stored {
             Ok(()) => {}

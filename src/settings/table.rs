@@ -38,6 +38,8 @@ pub enum Setting {
     PlugAndPlay = 12,
     /// Whether raw frames go out compressed.
     CompressRaw = 13,
+    /// Whether the node starts locked.
+    Lock = 14,
 }
 
 /// The value of [`Setting::NodeId`] that means: none.
@@ -168,7 +170,7 @@ const fn mask(setting: Setting, name: &'static str) -> Definition {
 }
 
 /// The settings, in the order of their numbers.
-pub static TABLE: [Definition; 14] = [
+pub static TABLE: [Definition; 15] = [
     Definition {
         setting: Setting::NodeId,
         name: "uavcan.node.id",
@@ -275,6 +277,13 @@ pub static TABLE: [Definition; 14] = [
         setting: Setting::CompressRaw,
         name: "slipsense.raw.compressed",
         help: "raw frames go as slipsense.RawCompressed: without loss, and less of them where the bus is full",
+        ..SWITCH
+    },
+    Definition {
+        setting: Setting::Lock,
+        name: "slipsense.lock",
+        help: "settings, commands and updates are refused until the node is unlocked with an update key",
+        effect: Effect::AfterRestart,
         ..SWITCH
     },
 ];

@@ -39,5 +39,5 @@ pub use acquire::{QUEUED_FRAMES, acquire};
 pub use infer::{FRAME_PERIOD_US, Inference};
 pub use services::{ServiceBoard, Services, sensors_deliver};
 pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};
-pub use supervise::{Progress, Supervisor, Task};
+pub use supervise::{Progress, StallWatch, Supervisor, Task};
 pub use transmit::Transmission;

@@ -18,13 +18,15 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
 use super::{RuntimeConfig, SERVICE_FRAMES, Shared, Task};
-use crate::board::panic_record::PanicRecord;
+use crate::board::crash_record::{CrashRecord, ResetCause, Start};
 use crate::board::{CanReceive, Clock, StatusLed};
 use crate::health::{self, CanState, Condition, Status};
-use crate::node::{Action, FileSink, HEARTBEAT_PORT, Node, Severity, UpdateTarget};
+use crate::node::{
+    Action, CHALLENGE_BYTES, FileSink, HEARTBEAT_PORT, Node, SIGNATURE_BYTES, Severity, UpdateTarget,
+};
 use crate::params::FRAME_RATE_HZ;
 use crate::settings::Settings;
-use crate::update::Notice;
+use crate::update::{Evidence, Notice};
 use crate::wire::{MessageId, NodeId};
 
 /// The task moves on at least this often, µs: five times within the watchdog's period.
@@ -68,14 +70,17 @@ pub trait ServiceBoard: FileSink + StatusLed {
         None
     }
 
-    /// Frames decided, and heartbeats handed to the bus, since start. `true`: that is
-    /// enough for a new firmware to be kept, [`confirm`](Self::confirm) now. Asked for again and again.
-    fn ready_to_confirm(&mut self, _frames: u32, _heartbeats: u32) -> bool {
+    /// `true`: that is enough for a new firmware to be kept, [`confirm`](Self::confirm) now. Asked for again and
+    /// again.
+    fn ready_to_confirm(&mut self, _evidence: Evidence) -> bool {
         false
     }
 
     /// Keep the firmware that runs. How that went, a notice says.
     async fn confirm(&mut self) {}
+
+    /// Is this the signature of [`UNLOCK_PREFIX`](crate::node::UNLOCK_PREFIX) and the challenge by an update key?
+    fn unlocks(&mut self, challenge: &[u8; CHALLENGE_BYTES], signature: &[u8; SIGNATURE_BYTES]) -> bool;
 
     /// Judge a self test by what the tasks counted before and after it.
     fn self_test(&mut self, before: &Status, after: &Status) -> Result<(), &'static str> {
@@ -116,7 +121,9 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
     shared: &'a Shared<M>,
     /// The address that filters and controls are set for; `None` before the first time.
     address: Option<Option<NodeId>>,
-    panic: Option<PanicRecord>,
+    start: Start,
+    /// The crash before the start, until it has been reported.
+    crash: Option<CrashRecord>,
     was_off: bool,
     next_us: u64,
     /// Heartbeats handed over to transmission.
@@ -124,22 +131,16 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
 }
 
 impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, R, C, B> {
-    /// Before the first frame. `panic`: why the board started anew, if that is why.
-    pub fn new(
-        node: Node,
-        bus: R,
-        clock: C,
-        shared: &'a Shared<M>,
-        board: B,
-        panic: Option<PanicRecord>,
-    ) -> Self {
+    /// Before the first frame. `start`: how the board came to start.
+    pub fn new(node: Node, bus: R, clock: C, shared: &'a Shared<M>, board: B, start: Start) -> Self {
         let node_loop = NodeLoop {
             node,
             bus,
             clock,
             shared,
             address: None,
-            panic,
+            start,
+            crash: start.crash,
             was_off: false,
             next_us: 0,
             heartbeats: 0,
@@ -149,9 +150,10 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
 
     /// Serve until the board is to start anew, which is the caller's to do.
     pub async fn run(&mut self) {
-        let (panic, sensors) = (self.node_loop.panic, self.node_loop.node.settings().sensors());
+        let (start, sensors) = (self.node_loop.start, self.node_loop.node.settings().sensors());
         self.node_loop.shared.update_status(|status| {
-            status.last_panic = panic.map_or(0, |record| record.reason_hash.max(1));
+            status.last_panic = start.crash.map_or(0, |record| record.reason_hash.max(1));
+            status.restart = start.numbers();
             // Another number counts after the next start.
             status.sensors = sensors;
         });
@@ -172,10 +174,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
         self.update_led();
         self.apply_changes();
         self.publish_notice();
-        if self
-            .board
-            .ready_to_confirm(self.node_loop.shared.status().decided_frames, self.node_loop.heartbeats_gone())
-        {
+        if self.board.ready_to_confirm(self.node_loop.evidence()) {
             self.node_loop.meanwhile(self.board.confirm()).await;
         }
         if let Some(action) = self.node_loop.node.take_action() {
@@ -218,6 +217,11 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
                         status.failed_self_tests.saturating_add(result.is_err().into());
                 });
                 self.node_loop.node.command_done(result);
+            }
+            Action::Unlock(signature) => {
+                let challenge = self.node_loop.node.challenge();
+                let valid = challenge.is_some_and(|challenge| self.board.unlocks(&challenge, &signature));
+                self.node_loop.node.unlock_done(valid);
             }
             Action::BeginUpdate { target, file } => {
                 match self.node_loop.meanwhile(self.board.begin_update(target)).await {
@@ -285,9 +289,12 @@ impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
             self.apply_config();
         }
         if self.node.node_id().is_some()
-            && let Some(record) = self.panic.take()
+            && let Some(record) = self.crash.take()
         {
             self.node.report(Severity::Critical, format_args!("restarted after {record}"));
+        }
+        if self.node.node_id().is_some() && core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
+            self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
         }
         while self.shared.service_room() > 0 {
             let Some(frame) = self.node.next_frame() else { break };
@@ -303,6 +310,16 @@ impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
     fn heartbeats_gone(&self) -> u32 {
         let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
         self.heartbeats.saturating_sub(waiting as u32)
+    }
+
+    fn evidence(&self) -> Evidence {
+        let status = self.shared.status();
+        Evidence {
+            frames: status.decided_frames,
+            heartbeats: self.heartbeats_gone(),
+            requests: self.node.served_requests(),
+            senses: !status.no_sensor_left(),
+        }
     }
 
     fn update_status(&mut self) {

@@ -52,6 +52,29 @@ impl Default for Progress {
     }
 }
 
+/// Notes which tasks stand still, for the record of a restart by the watchdog. Looks from where a task that holds its
+/// executor does not keep it from looking: from an interrupt.
+#[derive(Clone, Debug, Default)]
+pub struct StallWatch {
+    seen: [u32; Task::ALL.len()],
+}
+
+impl StallWatch {
+    /// Before the first look.
+    pub const fn new() -> Self {
+        Self { seen: [0; Task::ALL.len()] }
+    }
+
+    /// Tasks that have not moved on since the last look: bit n for task n.
+    pub fn look(&mut self, progress: &Progress) -> u8 {
+        let counts = progress.counts();
+        let still = counts.iter().zip(&self.seen).enumerate().filter(|(_, (count, seen))| count == seen);
+        let mask = still.fold(0, |mask, (task, _)| mask | 1 << task);
+        self.seen = counts;
+        mask
+    }
+}
+
 /// Feeds the watchdog when all tasks have made progress since the last feed.
 #[derive(Clone, Debug)]
 pub struct Supervisor<'a> {

@@ -9,6 +9,7 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
 use super::Refusal;
 use super::image::ImageVersion;
+use super::key::Keys;
 use super::partitions::{FLASH_BASE, Partitions};
 use super::slot::{WORD, check_firmware, vectors};
 use super::state::{Run, StateError, UpdateState};
@@ -63,18 +64,19 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
     /// whole. `buffer` divides a sector and is aligned as the flash wants it.
     ///
     /// A new one is checked once more before it is swapped in, and again where it will run; if it is not whole there,
-    /// the one before comes back at once.
+    /// the one before comes back at once. If the one that is to run is damaged and the other slot holds a whole signed
+    /// one, that one is copied in.
     pub fn prepare(
         &mut self,
         board: &Partitions,
-        key: &[u8; 32],
+        keys: &Keys,
         buffer: &mut [u8],
     ) -> Result<Firmware, BootFailure> {
         let mut state = UpdateState::new(BlockingAsync::new(&mut self.state));
         let run = block_on(state.run())?;
         let withdraw = match run {
             Run::Pending => {
-                block_on(check_firmware(&mut BlockingAsync::new(&mut self.dfu), board, key)).is_err()
+                block_on(check_firmware(&mut BlockingAsync::new(&mut self.dfu), 0, board, keys)).is_err()
             }
             // Confirming was cut off half way: embassy-boot would call that a rollback.
             Run::Confirmed => true,
@@ -84,14 +86,41 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
             block_on(state.confirm())?;
         }
         self.swap(buffer)?;
-        let found = self.firmware(board, key);
+        let found = self.firmware(board, keys);
         let swapped_in = run == Run::Pending && !withdraw;
         if found.is_err() && swapped_in {
             // It looks to embassy-boot as a firmware that did not confirm.
             self.swap(buffer)?;
-            return self.firmware(board, key).map_err(BootFailure::NoFirmware);
+            return self.firmware(board, keys).map_err(BootFailure::NoFirmware);
         }
-        found.map_err(BootFailure::NoFirmware)
+        let why = match found {
+            Ok(firmware) => return Ok(firmware),
+            Err(why) => why,
+        };
+        self.recover(board, keys, buffer)?;
+        self.firmware(board, keys).map_err(|_| BootFailure::NoFirmware(why))
+    }
+
+    /// What lies in the active slot is damaged: copy a whole signed firmware of the other slot there, if it has one.
+    /// The copy can be cut off: the next start finds the same again.
+    fn recover(&mut self, board: &Partitions, keys: &Keys, buffer: &mut [u8]) -> Result<(), BootFailure> {
+        // A swap leaves the one before behind the first sector; one that came by an update begins in it.
+        let at = [D::ERASE_SIZE as u32, 0].into_iter().find(|&at| {
+            block_on(check_firmware(&mut BlockingAsync::new(&mut self.dfu), at, board, keys)).is_ok()
+        });
+        let Some(at) = at else { return Ok(()) };
+        let bytes = board.active.bytes();
+        self.active.erase(0, bytes).map_err(|_| BootFailure::Flash)?;
+        let mut done = 0;
+        while done < bytes && !buffer.is_empty() {
+            self.dfu.read(at + done, buffer).map_err(|_| BootFailure::Flash)?;
+            // Erased flash stays erased, so that it can be written later.
+            if buffer.iter().any(|&byte| byte != 0xFF) {
+                self.active.write(done, buffer).map_err(|_| BootFailure::Flash)?;
+            }
+            done += buffer.len() as u32;
+        }
+        Ok(())
     }
 
     fn swap(&mut self, buffer: &mut [u8]) -> Result<(), BootFailure> {
@@ -102,8 +131,8 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
     }
 
     /// What lies in the active slot.
-    fn firmware(&mut self, board: &Partitions, key: &[u8; 32]) -> Result<Firmware, Refusal> {
-        match block_on(check_firmware(&mut BlockingAsync::new(&mut self.active), board, key)) {
+    fn firmware(&mut self, board: &Partitions, keys: &Keys) -> Result<Firmware, Refusal> {
+        match block_on(check_firmware(&mut BlockingAsync::new(&mut self.active), 0, board, keys)) {
             Ok(header) => Ok(Firmware::Signed(header.version)),
             Err(Refusal::Blank) => self.has_vectors(board).map(|()| Firmware::Flashed),
             Err(why) => Err(why),

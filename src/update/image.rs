@@ -22,9 +22,8 @@
 use core::fmt;
 use core::str::FromStr;
 
-use ed25519_dalek::{Signature, VerifyingKey};
-
 use super::Refusal;
+use super::key::{self, Keys};
 use super::partitions::Partitions;
 use crate::node::{UpdateTarget, Version};
 use crate::wire::bytes::Writer;
@@ -163,19 +162,16 @@ impl Header {
         bytes
     }
 
-    /// Read a header and prove that the holder of the private half of `key` signed it. Nothing else is looked at
-    /// before that is proved, and everything is part of what is signed.
-    // Once in a firmware: checking a signature is the longest thing that it does with an image.
-    #[inline(never)]
-    pub fn verify(bytes: &[u8; HEADER_BYTES], key: &[u8; 32]) -> Result<Self, Refusal> {
+    /// Read a header and prove that the holder of the private half of one of `keys` signed it. Everything in it is
+    /// part of what is signed.
+    pub fn verify(bytes: &[u8; HEADER_BYTES], keys: &Keys) -> Result<Self, Refusal> {
         let header = Self::read(bytes)?;
         let (signed, signature) = bytes.split_at(SIGNED_BYTES);
         if signature.iter().all(|&byte| byte == 0) {
             return Err(Refusal::Unsigned);
         }
-        let signature = Signature::from_slice(signature).map_err(|_| Refusal::WrongSignature)?;
-        let key = VerifyingKey::from_bytes(key).map_err(|_| Refusal::BadKey)?;
-        key.verify_strict(signed, &signature).map_err(|_| Refusal::WrongSignature)?;
+        let signature = signature.first_chunk().ok_or(Refusal::ShorterThanHeader)?;
+        key::verify(signed, signature, keys)?;
         header.ok_or(Refusal::UnknownFormat)
     }
 

@@ -4,6 +4,7 @@ use embedded_storage_async::nor_flash::ReadNorFlash;
 
 use super::Refusal;
 use super::image::{Header, ImageVersion};
+use super::key::Keys;
 use super::partitions::{FLASH_BASE, Partitions};
 use super::slot::{firmware_header_at, header_bytes, vectors};
 
@@ -25,9 +26,9 @@ pub async fn find_bootloader<F: ReadNorFlash>(boot: &mut F, board: &Partitions) 
 pub async fn running_version<F: ReadNorFlash>(
     active: &mut F,
     board: &Partitions,
-    key: &[u8; 32],
+    keys: &Keys,
 ) -> ImageVersion {
     let header = header_bytes(active, firmware_header_at(board)).await;
-    let header = header.and_then(|bytes| Header::verify(&bytes, key));
+    let header = header.and_then(|bytes| Header::verify(&bytes, keys));
     header.map_or(ImageVersion::SOFTWARE, |header| header.version)
 }

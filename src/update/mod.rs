@@ -32,9 +32,11 @@ mod state;
 
 pub use image::{FORMAT_VERSION, HEADER_BYTES, Header, ImageVersion, MAGIC, SIGNED_BYTES, VersionError};
 pub use installed::{find_bootloader, running_version};
-pub use key::{DEVELOPMENT_KEY, DEVELOPMENT_SEED, IS_DEVELOPMENT_KEY, KEY_NOTICE, PUBLIC_KEY};
+pub use key::{
+    DEVELOPMENT_KEY, DEVELOPMENT_SEED, IS_DEVELOPMENT_KEY, KEY_NOTICE, Keys, PUBLIC_KEYS, unlocks,
+};
 pub use model_slot::{ModelSlot, SlotModel};
 pub use notice::Notice;
 pub use refusal::Refusal;
 pub use sink::{FirmwareSlot, UpdateSink};
-pub use state::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Run, StateError, Trial, UpdateState};
+pub use state::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Evidence, Run, StateError, Trial, UpdateState};

@@ -1,18 +1,23 @@
-//! The slot of a model: its header, then the model file. The header is written last, so that what has one is whole.
+//! The slot of a model: its header, then the model file. A new one is checked in RAM before the slot is erased; its
+//! header is written last, so that what has one is whole.
 
 use core::fmt;
 
+use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
 
 use super::Refusal;
 use super::image::{HEADER_BYTES, Header, ImageVersion};
+use super::key::Keys;
 use super::partitions::Partitions;
-use super::slot::{check_hash, header_bytes};
+use super::slot::{self, PayloadHash, Writer, check_hash, header_bytes};
 use crate::net::Model;
 use crate::node::UpdateTarget;
 
 /// Where the model lies in its slot.
 pub(super) const MODEL_AT: u32 = HEADER_BYTES as u32;
+/// Bytes of a model that are hashed between two chances for other tasks.
+const HASH_AT_ONCE: usize = 4096;
 
 /// Which model runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,18 +42,18 @@ impl fmt::Display for SlotModel {
 pub struct ModelSlot<M> {
     pub(super) flash: M,
     board: &'static Partitions,
-    key: [u8; 32],
+    keys: &'static Keys,
 }
 
 impl<M: ReadNorFlash> ModelSlot<M> {
     /// `flash` holds the slot from its address 0 on, and nothing else.
-    pub const fn new(flash: M, board: &'static Partitions, key: [u8; 32]) -> Self {
-        Self { flash, board, key }
+    pub const fn new(flash: M, board: &'static Partitions, keys: &'static Keys) -> Self {
+        Self { flash, board, keys }
     }
 
     /// What is installed, going by its header: signed, and for this board.
     pub async fn header(&mut self) -> Result<Header, Refusal> {
-        let header = Header::verify(&header_bytes(&mut self.flash, 0).await?, &self.key)?;
+        let header = Header::verify(&header_bytes(&mut self.flash, 0).await?, self.keys)?;
         let room = (self.flash.capacity() as u32).saturating_sub(MODEL_AT);
         header.admit(UpdateTarget::Model, self.board, header.version, room)?;
         Ok(header)
@@ -65,7 +70,7 @@ impl<M: ReadNorFlash> ModelSlot<M> {
     }
 
     /// Is the payload a model that this firmware can run?
-    pub(super) async fn check_model(&mut self, header: &Header, place: &mut [u8]) -> Result<(), Refusal> {
+    async fn check_model(&mut self, header: &Header, place: &mut [u8]) -> Result<(), Refusal> {
         let place = place.get_mut(..header.length as usize).ok_or(Refusal::TooLong)?;
         self.flash.read(MODEL_AT, place).await.map_err(|_| Refusal::Flash)?;
         Model::parse(place).map(|_| ()).map_err(Refusal::Model)
@@ -73,6 +78,35 @@ impl<M: ReadNorFlash> ModelSlot<M> {
 }
 
 impl<M: NorFlash> ModelSlot<M> {
+    /// Write a model with its signed header, unless it is there already. `model` begins at a multiple of four bytes.
+    pub(super) async fn install(
+        &mut self,
+        raw_header: &[u8; HEADER_BYTES],
+        header: &Header,
+        model: &[u8],
+    ) -> Result<(), Refusal> {
+        let mut hash = PayloadHash::new();
+        for part in model.chunks(HASH_AT_ONCE) {
+            hash.update(part);
+            // Whoever decides frames must not wait for the whole of it.
+            yield_now().await;
+        }
+        hash.check(header)?;
+        Model::parse(model).map_err(Refusal::Model)?;
+        let is_there = self.header().await.as_ref() == Ok(header);
+        if is_there && check_hash(&mut self.flash, MODEL_AT, header).await.is_ok() {
+            return Ok(());
+        }
+        let bytes = self.flash.capacity() as u32;
+        slot::erase(&mut self.flash, bytes).await?;
+        let mut writer = Writer::new(MODEL_AT);
+        writer.put(&mut self.flash, model).await?;
+        writer.flush(&mut self.flash).await?;
+        check_hash(&mut self.flash, MODEL_AT, header).await?;
+        Writer::new(0).put(&mut self.flash, raw_header).await?;
+        self.header().await.map(|_| ())
+    }
+
     /// The version that a new one may not be below; 0.0.0 while there is no whole one.
     pub(super) async fn version(&mut self) -> ImageVersion {
         self.header().await.map(|header| header.version).unwrap_or_default()

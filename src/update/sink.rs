@@ -4,6 +4,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Refusal;
 use super::image::{HEADER_BYTES, Header, ImageVersion};
+use super::key::Keys;
 use super::model_slot::{MODEL_AT, ModelSlot};
 use super::partitions::Partitions;
 use super::slot::{self, Writer, check_hash, firmware_header_at, firmware_room};
@@ -20,10 +21,11 @@ pub struct FirmwareSlot<D, S> {
 
 /// Takes the pieces of an image, checks it, and installs it if nothing speaks against it.
 ///
-/// The header is checked before anything is erased, the payload where it lies in flash before anything is marked.
+/// The header is checked before anything is erased. A firmware is checked where it lies in flash, before it is marked;
+/// a model is collected and checked in RAM, so that a transfer that ends early leaves the installed one.
 pub struct UpdateSink<'a, D, S, M> {
     board: &'static Partitions,
-    key: [u8; 32],
+    keys: &'static Keys,
     running: ImageVersion,
     firmware: Result<FirmwareSlot<D, S>, Refusal>,
     model: ModelSlot<M>,
@@ -39,22 +41,23 @@ struct Image {
     raw_header: [u8; HEADER_BYTES],
     /// Once it is complete and has been found good.
     header: Option<Header>,
+    /// Of a firmware.
     writer: Writer,
 }
 
 impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
     /// `running`: the version of the firmware that runs. `firmware`: where a new one goes, or why there is no such
-    /// place. `place`: where a model is tried before it is installed; it begins at a multiple of four bytes and is as
-    /// long as the longest model that the board can run.
+    /// place. `place`: where a model is collected and tried before it is installed; it begins at a multiple of four
+    /// bytes and is as long as the longest model that the board can run.
     pub const fn new(
         board: &'static Partitions,
-        key: [u8; 32],
+        keys: &'static Keys,
         running: ImageVersion,
         firmware: Result<FirmwareSlot<D, S>, Refusal>,
         model: ModelSlot<M>,
         place: &'a mut [u8],
     ) -> Self {
-        Self { board, key, running, firmware, model, place, image: None }
+        Self { board, keys, running, firmware, model, place, image: None }
     }
 
     /// What the bootloader keeps; `None` on a board without one.
@@ -101,11 +104,10 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
         }
         let bytes = image.take_header(bytes);
         if image.header.is_none() && image.arrived as usize >= HEADER_BYTES {
-            let header = Header::verify(&image.raw_header, &self.key)?;
-            self.make_room(target, &header).await?;
-            image.header = Some(header);
+            image.header = Some(self.admit(target, &image.raw_header).await?);
         }
         if let Some(header) = &image.header {
+            let at = image.arrived as usize - HEADER_BYTES;
             image.arrived = image.arrived.saturating_add(bytes.len() as u32);
             if image.arrived - HEADER_BYTES as u32 > header.length {
                 return Err(Refusal::Trailing);
@@ -115,33 +117,40 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
                     let firmware = self.firmware.as_mut().map_err(|why| *why)?;
                     image.writer.put(&mut firmware.dfu, bytes).await?;
                 }
-                UpdateTarget::Model => image.writer.put(&mut self.model.flash, bytes).await?,
+                UpdateTarget::Model => {
+                    let place = self.place.get_mut(at..).and_then(|place| place.get_mut(..bytes.len()));
+                    place.ok_or(Refusal::TooLong)?.copy_from_slice(bytes);
+                }
             }
         }
         self.image = Some(image);
         Ok(())
     }
 
-    /// The header is signed: may its image come in? Then erase.
-    async fn make_room(&mut self, target: UpdateTarget, header: &Header) -> Result<(), Refusal> {
+    /// May the image with this header come in? What costs little is looked at first, the signature last. Then make
+    /// room in flash for a firmware.
+    async fn admit(&mut self, target: UpdateTarget, raw: &[u8; HEADER_BYTES]) -> Result<Header, Refusal> {
         let installed = match target {
             UpdateTarget::Firmware => self.running,
-            UpdateTarget::Model => self.model.version().await,
+            // Known once the signature of what is installed has been checked.
+            UpdateTarget::Model => ImageVersion::default(),
         };
-        header.admit(target, self.board, installed, self.room(target))?;
+        Header::inspect(raw)?.admit(target, self.board, installed, self.room(target))?;
+        let header = Header::verify(raw, self.keys)?;
         match target {
             UpdateTarget::Firmware => {
                 let firmware = self.firmware.as_mut().map_err(|why| *why)?;
                 firmware.is_free().await?;
                 // One that was ready to be swapped in is withdrawn before it is overwritten.
                 firmware.state.confirm().await.map_err(|_| Refusal::Flash)?;
-                slot::erase(&mut firmware.dfu, self.board.active.bytes()).await
+                slot::erase(&mut firmware.dfu, self.board.active.bytes()).await?;
             }
-            UpdateTarget::Model => {
-                let bytes = self.model.flash.capacity() as u32;
-                slot::erase(&mut self.model.flash, bytes).await
+            UpdateTarget::Model if header.version < self.model.version().await => {
+                return Err(Refusal::Older);
             }
+            UpdateTarget::Model => {}
         }
+        Ok(header)
     }
 
     /// All has come: check it where it lies, then say that it is whole.
@@ -162,15 +171,12 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
                 check_hash(&mut firmware.dfu, 0, &header).await?;
                 Writer::new(header_at).put(&mut firmware.dfu, &image.raw_header).await?;
                 // The header too counts only as it can be read.
-                slot::check_firmware(&mut firmware.dfu, self.board, &self.key).await?;
+                slot::check_firmware(&mut firmware.dfu, 0, self.board, self.keys).await?;
                 firmware.state.mark_updated().await.map_err(|_| Refusal::Flash)
             }
             UpdateTarget::Model => {
-                image.writer.flush(&mut self.model.flash).await?;
-                check_hash(&mut self.model.flash, MODEL_AT, &header).await?;
-                self.model.check_model(&header, self.place).await?;
-                Writer::new(0).put(&mut self.model.flash, &image.raw_header).await?;
-                self.model.header().await.map(|_| ())
+                let model = self.place.get(..header.length as usize).ok_or(Refusal::TooLong)?;
+                self.model.install(&image.raw_header, &header, model).await
             }
         }
     }
@@ -189,12 +195,7 @@ impl<D: NorFlash, S: NorFlash> FirmwareSlot<D, S> {
 
 impl Image {
     const fn new(target: UpdateTarget) -> Self {
-        let at = match target {
-            UpdateTarget::Firmware => 0,
-            UpdateTarget::Model => MODEL_AT,
-        };
-        let (raw_header, writer) = ([0; HEADER_BYTES], Writer::new(at));
-        Self { target, arrived: 0, raw_header, header: None, writer }
+        Self { target, arrived: 0, raw_header: [0; HEADER_BYTES], header: None, writer: Writer::new(0) }
     }
 
     /// Fill the header; what is behind it.

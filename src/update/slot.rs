@@ -5,6 +5,7 @@ use sha2::{Digest, Sha256};
 
 use super::Refusal;
 use super::image::{HEADER_BYTES, Header};
+use super::key::Keys;
 use super::partitions::{Partitions, TRAILER_BYTES};
 
 /// Bytes that flash is written in: a word of the STM32H7.
@@ -104,36 +105,58 @@ pub(super) async fn header_bytes<F: ReadNorFlash>(
     if bytes.iter().all(|&byte| byte == 0xFF) { Err(Refusal::Blank) } else { Ok(bytes) }
 }
 
+/// The hash of a payload, piece by piece.
+pub(super) struct PayloadHash(Sha256);
+
+impl PayloadHash {
+    pub fn new() -> Self {
+        Self(Sha256::new())
+    }
+
+    #[inline(never)]
+    pub fn update(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    /// Is it the one that the header says?
+    #[inline(never)]
+    pub fn check(self, header: &Header) -> Result<(), Refusal> {
+        let hash: [u8; 32] = self.0.finalize().into();
+        if hash == header.sha256 { Ok(()) } else { Err(Refusal::WrongHash) }
+    }
+}
+
 /// Is what lies from `at` on in flash what `header` stands before?
 pub(super) async fn check_hash<F: ReadNorFlash>(
     flash: &mut F,
     at: u32,
     header: &Header,
 ) -> Result<(), Refusal> {
-    let mut hash = Sha256::new();
+    let mut hash = PayloadHash::new();
     let mut part = [0; 8 * WORD];
     let mut done = 0;
     while done < header.length {
         let length = (header.length - done).min(part.len() as u32);
         let part = part.get_mut(..length as usize).ok_or(Refusal::TooLong)?;
         flash.read(at.saturating_add(done), part).await.map_err(|_| Refusal::Flash)?;
-        hash.update(&*part);
+        hash.update(part);
         done += length;
     }
-    let hash: [u8; 32] = hash.finalize().into();
-    if hash == header.sha256 { Ok(()) } else { Err(Refusal::WrongHash) }
+    hash.check(header)
 }
 
-/// The firmware in a slot, if it is whole and for this board. How old it is does not matter here: a firmware that is
+/// The firmware that lies from `at` on, if it is whole and for this board. How old it is does not matter here: a firmware that is
 /// rolled back to is older.
 pub(super) async fn check_firmware<F: ReadNorFlash>(
     flash: &mut F,
+    at: u32,
     board: &Partitions,
-    key: &[u8; 32],
+    keys: &Keys,
 ) -> Result<Header, Refusal> {
-    let header = Header::verify(&header_bytes(flash, firmware_header_at(board)).await?, key)?;
+    let header_at = at.saturating_add(firmware_header_at(board));
+    let header = Header::verify(&header_bytes(flash, header_at).await?, keys)?;
     let any_version = header.version;
     header.admit(crate::node::UpdateTarget::Firmware, board, any_version, firmware_room(board))?;
-    check_hash(flash, 0, &header).await?;
+    check_hash(flash, at, &header).await?;
     Ok(header)
 }

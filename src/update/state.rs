@@ -92,8 +92,22 @@ impl<S: NorFlash> UpdateState<S> {
     }
 }
 
-/// A new firmware showing that it works: [`CONFIRM_FRAMES`] decided, [`CONFIRM_HEARTBEATS`] on the bus. Whatever
-/// keeps it from that, the watchdog among it, ends in a restart and the rollback.
+/// What a firmware has shown since it started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Evidence {
+    /// Frames decided.
+    pub frames: u32,
+    /// Heartbeats that have left for the bus.
+    pub heartbeats: u32,
+    /// Requests of other nodes answered: it receives.
+    pub requests: u32,
+    /// Does a sensor in use deliver now?
+    pub senses: bool,
+}
+
+/// A new firmware showing that it works: [`CONFIRM_FRAMES`] decided, [`CONFIRM_HEARTBEATS`] on the bus, a request
+/// answered, a sensor that delivers. Whatever keeps it from that, the watchdog among it, ends in a restart and the
+/// rollback: one that hears nothing could not be updated again.
 #[derive(Clone, Debug)]
 pub struct Trial {
     open: bool,
@@ -105,10 +119,11 @@ impl Trial {
         Self { open: matches!(run, Run::OnTrial) }
     }
 
-    /// Frames decided and heartbeats that have left for the bus, both since start. `true` once: it has shown that it
-    /// works, [`UpdateState::confirm`] now.
-    pub fn observe(&mut self, frames: u32, heartbeats: u32) -> bool {
-        let shown = self.open && frames >= CONFIRM_FRAMES && heartbeats >= CONFIRM_HEARTBEATS;
+    /// `true` once: it has shown that it works, [`UpdateState::confirm`] now.
+    pub fn observe(&mut self, evidence: Evidence) -> bool {
+        let Evidence { frames, heartbeats, requests, senses } = evidence;
+        let works = frames >= CONFIRM_FRAMES && heartbeats >= CONFIRM_HEARTBEATS && requests > 0 && senses;
+        let shown = self.open && works;
         self.open &= !shown;
         shown
     }

@@ -149,7 +149,7 @@ pub enum ServiceRole {
 /// What the 29-bit identifier of a service call says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ServiceId {
-    /// Priority of the transfer; a response has that of its request.
+    /// Priority of the transfer; a response has that of its request, at most [`Priority::Fast`].
     pub priority: Priority,
     /// Request or response.
     pub role: ServiceRole,
@@ -173,11 +173,15 @@ impl ServiceId {
         (self.priority as u32) << 26 | ID_SERVICE | role | port | destination << 7 | source
     }
 
-    /// The identifier of the answer to this request.
+    /// The identifier of the answer to this request: of its priority, but always behind the slip message.
     #[must_use]
     pub const fn response(self) -> Self {
         let (destination, source) = (self.source, self.destination);
-        Self { role: ServiceRole::Response, destination, source, ..self }
+        let priority = match self.priority {
+            Priority::Exceptional | Priority::Immediate => Priority::Fast,
+            priority => priority,
+        };
+        Self { role: ServiceRole::Response, destination, source, priority, ..self }
     }
 }
 

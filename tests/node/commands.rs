@@ -6,9 +6,9 @@ use slipsense::node::{
     NODE_NAME, RESTART, SELF_TEST, STORE, Severity, vendor_status,
 };
 use slipsense::settings::{Setting, Settings};
-use slipsense::wire::TransferId;
+use slipsense::wire::{Frames, Priority, ServiceId, ServiceRole, TransferId};
 
-use super::{NODE, ask, node, records, request, said};
+use super::{NODE, TOOL, ask, node, records, request, said};
 
 pub fn command(number: u16, parameter: &[u8]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &[parameter.len() as u8], parameter].concat()
@@ -124,14 +124,36 @@ fn records_are_cut_at_a_character_and_give_way() {
             node.accept(&frame, u64::from(transfer) * 3_000_000);
         }
     }
-    assert_eq!((said(&mut node).len(), node.counters().dropped_transfers), (32, 8));
-    // What waited while there was no bus.
+    // The last place is the heartbeat's.
     node.poll(200_000_000);
+    assert_eq!((said(&mut node).len(), node.counters().dropped_transfers), (32, 9));
+    // What waited while there was no bus.
+    node.poll(300_000_000);
     for frame in request(GET_INFO_PORT, 5, &[]) {
-        node.accept(&frame, 200_000_000);
+        node.accept(&frame, 300_000_000);
     }
     node.discard_frames();
-    assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 10));
+    assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 11));
+}
+
+#[test]
+fn an_answer_never_goes_before_the_slip_message() {
+    for (asked, answered) in [
+        (Priority::Exceptional, Priority::Fast),
+        (Priority::Immediate, Priority::Fast),
+        (Priority::Fast, Priority::Fast),
+        (Priority::Optional, Priority::Optional),
+    ] {
+        let mut node = node();
+        let (role, port) = (ServiceRole::Request, GET_INFO_PORT);
+        let id = ServiceId { priority: asked, role, port, destination: NODE, source: TOOL };
+        for frame in Frames::new(id, 0, &[]) {
+            node.accept(&frame, 0);
+        }
+        let TransferId::Service(answer) = said(&mut node)[0].0 else { panic!("no answer") };
+        assert_eq!(answer.priority, answered);
+        assert!(answer.priority > slipsense::wire::SLIP_PRIORITY);
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use embassy_futures::block_on;
 use slipsense::node::{
     ANSWER_TIMEOUT_US, Action, BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CHUNK_BYTES, COMMAND_PORT,
-    FILE_READ_PORT, FileSink, Mode, Node, TRIES, UpdateTarget,
+    FILE_READ_PORT, FileSink, Mode, Node, SIGNATURE_PAUSE_US, TRIES, UpdateTarget,
 };
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, TransferId};
 
@@ -183,4 +183,19 @@ fn a_new_file_replaces_the_old_one_and_its_late_pieces() {
     assert_eq!(actions, [Action::UpdateReceived { target: UpdateTarget::Firmware, length: 300 }]);
     assert_eq!(sink.bytes, [2; 300]);
     assert_eq!(Priority::Low, id.priority);
+}
+
+#[test]
+fn after_a_refused_image_no_other_begins_for_a_while() {
+    let (mut node, mut sink) = (node(), Memory::default());
+    begin(&mut node, 0, BEGIN_SOFTWARE_UPDATE, b"firmware.bin", 100_000);
+    let target = UpdateTarget::Firmware;
+    assert_eq!(serve(&mut node, b"bad", &mut sink, usize::MAX), [Action::UpdateFailed { target }]);
+    let again = command(BEGIN_MODEL_UPDATE, b"model.slip");
+    let refused_at = 1_000;
+    let status = |node: &mut Node, call, now| ask(node, COMMAND_PORT, call, &again, now).unwrap()[0];
+    assert_eq!(status(&mut node, 1, refused_at + SIGNATURE_PAUSE_US - 1), 5);
+    assert_eq!(node.take_action(), None);
+    // The first pieces came within a second of the start.
+    assert_eq!(status(&mut node, 2, refused_at + 2 * SIGNATURE_PAUSE_US), 0);
 }

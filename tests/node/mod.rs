@@ -4,6 +4,7 @@
 
 mod commands;
 mod files;
+mod lock;
 mod mutated;
 mod network;
 mod page;
@@ -26,6 +27,7 @@ fn identity() -> Identity {
         unique_id: *b"0123456789abcdef",
         model_hash: Some(std::array::from_fn(|i| i as u8)),
         settings: LoadReport { origin: Origin::Stored, damage: Damage::default() },
+        entropy: None,
     }
 }
 

@@ -106,7 +106,7 @@ fn asked(payload: &[u8]) -> Option<(Setting, Vec<i64>)> {
 }
 
 /// Frames of a valid transfer of any service.
-fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) -> Vec<CanFrame> {
+pub fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) -> Vec<CanFrame> {
     let id = node.node_id().unwrap_or(NODE);
     let to_node = |port, payload: &[u8]| {
         let (priority, role) = (Priority::Nominal, ServiceRole::Request);
@@ -159,7 +159,7 @@ fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) -> Vec
     }
 }
 
-fn mutate(rng: &mut ChaCha8Rng, frame: &CanFrame) -> CanFrame {
+pub fn mutate(rng: &mut ChaCha8Rng, frame: &CanFrame) -> CanFrame {
     let (mut id, mut data) = (frame.id(), frame.data().to_vec());
     match rng.random_range(0..6) {
         0 => id ^= 1 << rng.random_range(0..29),

@@ -1,6 +1,6 @@
 //! Time and address.
 
-use slipsense::node::{ALLOCATION_PORT, GET_INFO_PORT, Node, REQUEST_PERIOD_MAX_US, TIME_PORT};
+use slipsense::node::{ALLOCATION_PORT, GET_INFO_PORT, JUMP_OFFSETS, Node, REQUEST_PERIOD_MAX_US, TIME_PORT};
 use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::wire::{NodeId, TransferId, TransferId::Anonymous};
 
@@ -29,13 +29,29 @@ fn two_messages_of_a_master_give_the_time() {
     // More than a second: the standard's limit.
     sync(&mut node, 10, 5, 4_100_000, Some(3_000_000), 5);
     assert_eq!(node.bus_time_us(2_000_000), Some(2_000_999));
-    // A clock behind ours.
+    // Its clock is set back, behind ours: that counts when it has been said three times.
     sync(&mut node, 10, 6, 4_600_000, None, 0);
-    let payload = 1_000u64.to_le_bytes();
-    for frame in message(NodeId::new(10).unwrap(), TIME_PORT, 7, &payload[..7]) {
-        node.accept(&frame, 5_000_000);
+    for n in 0..JUMP_OFFSETS {
+        assert_eq!(node.bus_time_us(4_600_500), Some(4_601_499));
+        let later = 400_000 * u64::from(n);
+        let (payload, at) = ((1_000 + later).to_le_bytes(), 5_000_000 + later);
+        for frame in message(NodeId::new(10).unwrap(), TIME_PORT, 7 + n, &payload[..7]) {
+            node.accept(&frame, at);
+        }
     }
     assert_eq!((node.bus_time_us(4_600_500), node.bus_time_us(10)), (Some(1_500), None));
+}
+
+#[test]
+fn single_false_times_do_not_move_the_clock() {
+    let mut node = node();
+    sync(&mut node, 10, 0, 1_000_000, None, 0);
+    sync(&mut node, 10, 1, 1_500_000, Some(1_000_000), 777);
+    for n in 2..20u8 {
+        let at = 1_000_000 + 500_000 * u64::from(n);
+        sync(&mut node, 10, n, at, Some(at - 500_000), 10_000 * u64::from(n));
+        assert_eq!(node.bus_time_us(0), Some(777));
+    }
 }
 
 #[test]

@@ -36,8 +36,23 @@ fn page() -> String {
         writeln!(page, "| `{name}` | {kind}[{count}] | {default} | {allowed} | {unit} | {effect} | {help} |")
             .unwrap();
     }
+    page.push_str(LOCK);
     page
 }
+
+const LOCK: &str = "
+## The lock
+
+With `slipsense.lock` stored as 1 a node starts locked: it refuses every write, every command but identify, and every
+update, until it is unlocked. `slipsense.status.locked` shows it. To unlock until the next start:
+
+1. read `slipsense.lock.challenge`, 32 bytes;
+2. sign it with an [update key](../board/updates.md): `slipsense sign --challenge HEX --key fleet.key`;
+3. send the signature, 64 bytes, as the parameter of ExecuteCommand 2.
+
+A challenge counts for one attempt of one start. After a refused signature none is checked for one second. To leave the
+lock, unlock, write 0, and store.
+";
 
 #[test]
 fn the_page_is_the_table() {

@@ -24,6 +24,7 @@ from node_client import NODE, Client, link_to, natural, run_checks
 # real time.
 LONG_S = 600.0
 UPDATE, MODEL, RESTART, STORE = 65533, 1, 65535, 65530
+BAD_STATE = 5
 # What is no frame on the link: at which steps of the flash the supply fails.
 SUPPLY = 1 << 31
 HEADER_BYTES = 128
@@ -81,7 +82,12 @@ class UpdateClient(Client):
 
     async def begin(self, command, path):
         self.forget()
-        status = await self.command(command, path.encode())
+        # After a refused image the node lets a second pass.
+        for _ in range(100):
+            status = await self.command(command, path.encode())
+            if status != BAD_STATE:
+                break
+            await asyncio.sleep(0.1)
         self.checks.equal(f"update {path}", status, 0)
 
     async def update(self, command, path, want):

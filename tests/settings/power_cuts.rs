@@ -153,3 +153,17 @@ fn a_refused_write_is_an_error_and_harmless() {
     assert!(SettingsStore::new(Flash::<SECTOR>::new(3), 1..2 * SECTOR as u32).is_err());
     assert!(SettingsStore::new(Flash::<512>::new(4), 0..2048).is_err());
 }
+
+#[test]
+fn what_is_stored_already_is_not_written_again() {
+    let mut store = store_of(Flash::new(2));
+    block_on(store.store(&configuration(5))).unwrap();
+    let mut flash = store.into_flash();
+    let steps = flash.steps;
+    for _ in 0..100 {
+        let mut store = store_of(flash);
+        block_on(store.store(&configuration(5))).unwrap();
+        flash = store.into_flash();
+    }
+    assert_eq!(flash.steps, steps);
+}

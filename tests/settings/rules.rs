@@ -107,17 +107,17 @@ fn stored_bytes_of_other_versions_are_read_as_far_as_they_go() {
     let mut settings = Settings::new();
     settings.set(Setting::NodeId, &[9]).unwrap();
     settings.set(Setting::PlugAndPlay, &[0]).unwrap();
-    settings.set(Setting::CompressRaw, &[1]).unwrap();
+    settings.set(Setting::Lock, &[1]).unwrap();
     let bytes = settings.encode().to_vec();
     // A later firmware's setting.
     let mut later = bytes.clone();
     later.extend([200, 2, 1, 7, 7]);
     let (found, damage) = Settings::decode(&later);
     assert_eq!((found, damage), (settings.clone(), Damage { unknown: 1, ..Damage::default() }));
-    // An earlier one's, which could not compress.
+    // An earlier one's, which could not lock.
     let (found, damage) = Settings::decode(&bytes[..bytes.len() - 4]);
-    assert_eq!(damage, Damage { settings: 1 << Setting::CompressRaw as u8, ..Damage::default() });
-    let found = (found.node_id().map(|id| id.get()), found.plug_and_play(), found.compress_raw());
+    assert_eq!(damage, Damage { settings: 1 << Setting::Lock as u8, ..Damage::default() });
+    let found = (found.node_id().map(|id| id.get()), found.plug_and_play(), found.locks());
     assert_eq!(found, (Some(9), false, false));
     // A number that is not valid any more: the sensors.
     let at = bytes.windows(4).position(|window| window == [2, 1, 1, 1]).unwrap();

@@ -2,7 +2,7 @@
 
 mod faults;
 mod full_bus;
-mod panic_record;
+mod crash_record;
 mod queue;
 mod services;
 mod services_alone;

@@ -7,21 +7,21 @@ use std::rc::Rc;
 
 use embassy_futures::select::select3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
-use slipsense::board::panic_record::PanicRecord;
+use slipsense::board::crash_record::{CrashRecord, ResetCause, Start};
 use slipsense::board::{CanReceive, CanTransmit, Clock, StatusLed, TxSlot, Watchdog};
 use slipsense::fixed::Logit;
 use slipsense::health::{self, CanState, CanStatus, Condition, SensorHealth, Status};
 use slipsense::net::format::OperatingPoint;
 use slipsense::node::{
-    ACCESS_PORT, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity, Node,
-    RECORD_PORT, RESTART, SELF_TEST, STORE, UpdateTarget, Version,
+    ACCESS_PORT, CHALLENGE_BYTES, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity,
+    Node, RECORD_PORT, RESTART, SELF_TEST, SIGNATURE_BYTES, STORE, UpdateTarget, Version,
 };
 use slipsense::params::MAX_SENSORS;
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::tasks::{
     RAW_MESSAGES, RawQueue, RuntimeConfig, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
 };
-use slipsense::update::{self, Notice, Trial};
+use slipsense::update::{self, Evidence, Notice, Trial};
 use slipsense::wire::{
     CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId,
 };
@@ -139,8 +139,12 @@ impl ServiceBoard for Board<'_> {
         self.notices.pop_front()
     }
 
-    fn ready_to_confirm(&mut self, frames: u32, heartbeats: u32) -> bool {
-        self.trial.observe(frames, heartbeats)
+    fn unlocks(&mut self, challenge: &[u8; CHALLENGE_BYTES], signature: &[u8; SIGNATURE_BYTES]) -> bool {
+        update::unlocks(challenge, signature, &[update::DEVELOPMENT_KEY])
+    }
+
+    fn ready_to_confirm(&mut self, evidence: Evidence) -> bool {
+        self.trial.observe(evidence)
     }
 
     async fn confirm(&mut self) {
@@ -166,7 +170,7 @@ pub struct Run<'a> {
     pub ms: u64,
     pub store_ms: u64,
     pub settings: Settings,
-    pub panic: Option<PanicRecord>,
+    pub start: Start,
     /// What the board says by itself.
     pub notices: Vec<Notice>,
     /// How its firmware came to run.
@@ -192,7 +196,16 @@ impl Run<'_> {
     pub fn new(requests: &[(u64, u16, Vec<u8>)], ms: u64) -> Run<'_> {
         let settings = Settings::new();
         let (notices, run) = (Vec::new(), update::Run::Confirmed);
-        Run { requests, ms, store_ms: 0, settings, panic: None, notices, run, meanwhile: &|_, _, _| {} }
+        Run {
+            requests,
+            ms,
+            store_ms: 0,
+            settings,
+            start: Start::default(),
+            notices,
+            run,
+            meanwhile: &|_, _, _| {},
+        }
     }
 
     pub fn run(self) -> Ran {
@@ -215,12 +228,13 @@ impl Run<'_> {
             unique_id: [7; 16],
             model_hash: Some([9; 32]),
             settings: LoadReport { origin: Origin::Stored, damage: Damage::default() },
+            entropy: Some(4),
         };
         let log = Rc::<RefCell<BoardLog>>::default();
         let (notices, trial) = (self.notices.into(), Trial::new(self.run));
         let board = Board { time: &time, log: log.clone(), store_ms: self.store_ms, notices, trial };
         let node = Node::new(identity, self.settings);
-        let mut services = Services::new(node, MockRx(&bus, &time), &time, &shared, board, self.panic);
+        let mut services = Services::new(node, MockRx(&bus, &time), &time, &shared, board, self.start);
         let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
         let mut raw_queue = RawQueue::new(&mut raw_buffers);
         let (_, raw) = raw_queue.split();
@@ -387,10 +401,21 @@ fn a_self_test_says_what_is_missing() {
 }
 
 #[test]
+fn a_brown_out_is_reported_and_its_cause_stays_in_a_register() {
+    let requests = [(1_500, ACCESS_PORT, access("slipsense.status.restart", &[0]))];
+    let start = Start { cause: ResetCause::BrownOut, crash: None };
+    let ran = Run { start, ..Run::new(&requests, 3_000) }.run();
+    assert_eq!(ran.records(), ["restarted after a brown-out"]);
+    let (_, _, answer) = &ran.answers(ACCESS_PORT)[0];
+    assert_eq!(answer[10..14], 2u32.to_le_bytes());
+}
+
+#[test]
 fn a_panic_is_told_once_and_stays_in_its_register() {
-    let panic = PanicRecord::new(None, "index out of bounds", "src/tasks/infer.rs", 77);
+    let panic = CrashRecord::new(None, "index out of bounds", "src/tasks/infer.rs", 77);
     let requests = [(1_500, ACCESS_PORT, access("slipsense.status.last_panic", &[0]))];
-    let ran = Run { panic: Some(panic), ..Run::new(&requests, 3_000) }.run();
+    let ran =
+        Run { start: Start { crash: Some(panic), ..Start::default() }, ..Run::new(&requests, 3_000) }.run();
     let log: Vec<_> = ran.records().into_iter().filter(|record| record.contains("restarted after")).collect();
     assert_eq!(log, [format!("restarted after {panic}")]);
     let answer = &ran.answers(ACCESS_PORT)[0].2;

@@ -1,6 +1,7 @@
 //! The services task when nobody hears it, and a new firmware that has to show that somebody does.
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use slipsense::health::{self, SensorHealth};
 use slipsense::node::{GET_INFO_PORT, HEARTBEAT_PORT, RECORD_PORT};
 use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::tasks::Shared;
@@ -31,6 +32,11 @@ fn a_node_without_an_address_sends_nothing_of_its_own() {
     assert!(ran.unfed_us <= 25_000);
 }
 
+/// Somebody asks the node something.
+fn asked() -> [(u64, u16, Vec<u8>); 1] {
+    [(1_000, GET_INFO_PORT, Vec::new())]
+}
+
 /// Frames as they are decided at 240 Hz.
 fn decide(ms: u64, shared: &Shared<NoopRawMutex>) {
     shared.update_status(|status| status.decided_frames = (ms * 240 / 1000) as u32);
@@ -40,27 +46,37 @@ fn decide(ms: u64, shared: &Shared<NoopRawMutex>) {
 fn a_new_firmware_confirms_once_when_it_has_decided_and_been_heard() {
     let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| decide(ms, shared);
     let run = update::Run::OnTrial;
-    let ran = Run { run, meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
+    let ran = Run { run, meanwhile: &frames, ..Run::new(&asked(), 14_000) }.run();
     let due_ms = u64::from(CONFIRM_FRAMES) * 1000 / 240;
     assert_eq!(ran.log.confirmed_ms.len(), 1);
     assert!((due_ms..due_ms + 25).contains(&ran.log.confirmed_ms[0]), "{:?}", ran.log.confirmed_ms);
-    let ran = Run { meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
+    let ran = Run { meanwhile: &frames, ..Run::new(&asked(), 14_000) }.run();
     assert!(ran.log.confirmed_ms.is_empty(), "it was not on trial");
 }
 
 #[test]
-fn a_new_firmware_that_decides_nothing_or_is_not_heard_does_not_confirm() {
+fn a_new_firmware_that_decides_receives_or_senses_nothing_or_is_not_received_does_not_confirm() {
     let run = update::Run::OnTrial;
-    let ran = Run { run, ..Run::new(&[], 14_000) }.run();
+    let ran = Run { run, ..Run::new(&asked(), 14_000) }.run();
     assert!(ran.log.confirmed_ms.is_empty(), "no frames");
+    let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| decide(ms, shared);
+    let ran = Run { run, meanwhile: &frames, ..Run::new(&[], 14_000) }.run();
+    assert!(ran.log.confirmed_ms.is_empty(), "it has received nothing");
+    let blind = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        decide(ms, shared);
+        let dead = SensorHealth(health::PIEZO_MISSING | health::XL_MISSING);
+        shared.update_status(|status| status.sensor_health = [dead; 3]);
+    };
+    let ran = Run { run, meanwhile: &blind, ..Run::new(&asked(), 14_000) }.run();
+    assert!(ran.log.confirmed_ms.is_empty(), "no sensor delivers");
     // Heartbeats that wait for a bus have not been received.
     let off = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
         decide(ms, shared);
         bus.off.set(ms < 30_000);
     };
-    let ran = Run { run, meanwhile: &off, ..Run::new(&[], 29_900) }.run();
+    let ran = Run { run, meanwhile: &off, ..Run::new(&asked(), 29_900) }.run();
     assert!(ran.log.confirmed_ms.is_empty(), "nobody received one");
-    let ran = Run { run, meanwhile: &off, ..Run::new(&[], 40_000) }.run();
+    let ran = Run { run, meanwhile: &off, ..Run::new(&asked(), 40_000) }.run();
     assert!(ran.log.confirmed_ms[0] >= 30_000, "{:?}", ran.log.confirmed_ms);
 }
 

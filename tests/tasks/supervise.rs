@@ -1,7 +1,7 @@
 //! The supervisor: any single task that stands still starves the watchdog.
 
 use slipsense::board::Watchdog;
-use slipsense::tasks::{Progress, Supervisor, Task};
+use slipsense::tasks::{Progress, StallWatch, Supervisor, Task};
 
 #[derive(Default)]
 struct Counter(u32);
@@ -54,4 +54,17 @@ fn a_task_that_is_not_watched_may_stand_still() {
         assert_eq!(supervisor.look(&progress, &mut dog), Ok(()));
     }
     assert_eq!(dog.0, 5);
+}
+
+#[test]
+fn tasks_that_stand_still_are_noted() {
+    let (progress, mut watch) = (Progress::new(), StallWatch::new());
+    for task in Task::ALL {
+        progress.made(task);
+    }
+    assert_eq!(watch.look(&progress), 0);
+    progress.made(Task::Acquire);
+    progress.made(Task::Transmit);
+    assert_eq!(watch.look(&progress), 1 << Task::Infer as u8 | 1 << Task::Services as u8);
+    assert_eq!(watch.look(&progress), 0b1111);
 }

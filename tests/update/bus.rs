@@ -6,7 +6,7 @@ use slipsense::node::{
     Node, RECORD_PORT, Severity, UpdateTarget, Version,
 };
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
-use slipsense::update::{ImageVersion, Refusal, Run, Trial};
+use slipsense::update::{Evidence, ImageVersion, Refusal, Run, Trial};
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, Sessions, TransferId};
 
 use super::device::{Device, NEW, OLD, Sink, image, model, model_image};
@@ -23,6 +23,7 @@ fn node() -> Node {
             unique_id: *b"0123456789abcdef",
             model_hash: None,
             settings,
+            entropy: None,
         },
         Settings::new(),
     );
@@ -101,7 +102,8 @@ fn a_firmware_comes_over_the_bus_runs_and_confirms() {
     assert!(said.contains(&text), "{said:?}");
     assert_eq!(device.boots(), NEW);
     let mut trial = Trial::new(device.run());
-    let confirmed = (0u32..20_000).find(|&frame| trial.observe(frame, frame / 240)).unwrap();
+    let evidence = |frames| Evidence { frames, heartbeats: frames / 240, requests: 1, senses: true };
+    let confirmed = (0u32..20_000).find(|&frames| trial.observe(evidence(frames))).unwrap();
     assert_eq!(confirmed, 2_400);
     device.confirm();
     assert_eq!((device.boots(), device.run()), (NEW, Run::Confirmed));

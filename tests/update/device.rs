@@ -121,7 +121,7 @@ impl Device {
     }
 
     pub fn model_slot(&self) -> ModelSlot<Part> {
-        ModelSlot::new(self.part(BOARD.model), &BOARD, DEVELOPMENT_KEY)
+        ModelSlot::new(self.part(BOARD.model), &BOARD, &[DEVELOPMENT_KEY])
     }
 
     /// Do something with a sink, as the firmware of this version would.
@@ -130,7 +130,7 @@ impl Device {
         let firmware = FirmwareSlot { dfu: self.part(BOARD.dfu), state: self.state() };
         act(&mut UpdateSink::new(
             &BOARD,
-            DEVELOPMENT_KEY,
+            &[DEVELOPMENT_KEY],
             running,
             Ok(firmware),
             self.model_slot(),
@@ -152,7 +152,7 @@ impl Device {
     pub fn boot(&self) -> Result<Firmware, BootFailure> {
         let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
         let mut slots = Slots { active, dfu, state };
-        slots.prepare(&BOARD, &DEVELOPMENT_KEY, &mut [0; 64])
+        slots.prepare(&BOARD, &[DEVELOPMENT_KEY], &mut [0; 64])
     }
 
     /// Start, and see that every byte of the firmware is there.

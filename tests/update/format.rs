@@ -4,7 +4,7 @@ use ed25519_dalek::SigningKey;
 use slipsense::node::UpdateTarget;
 use slipsense::update::{
     DEVELOPMENT_KEY, DEVELOPMENT_SEED, HEADER_BYTES, Header, IS_DEVELOPMENT_KEY, ImageVersion, KEY_NOTICE,
-    PUBLIC_KEY, Refusal,
+    PUBLIC_KEYS, Refusal,
 };
 
 /// Made by Python's `struct`, `hashlib` and the package `cryptography` 48 (OpenSSL), from the table in `image.rs`:
@@ -21,7 +21,7 @@ fn bytes() -> [u8; HEADER_BYTES] {
 
 #[test]
 fn a_header_that_another_program_signed() {
-    let header = Header::verify(&bytes(), &DEVELOPMENT_KEY).unwrap();
+    let header = Header::verify(&bytes(), &[DEVELOPMENT_KEY]).unwrap();
     assert_eq!((header.target, header.board), (UpdateTarget::Firmware, 1));
     assert_eq!((header.version.to_string().as_str(), header.length), ("2.7.515", 771));
     assert_eq!(Header::inspect(&bytes()).unwrap(), header);
@@ -39,13 +39,13 @@ fn every_bit_of_a_header_is_signed() {
             8..10 => Refusal::UnknownFormat,
             _ => Refusal::WrongSignature,
         };
-        assert_eq!(Header::verify(&bytes, &DEVELOPMENT_KEY), Err(expected), "bit {bit}");
+        assert_eq!(Header::verify(&bytes, &[DEVELOPMENT_KEY]), Err(expected), "bit {bit}");
     }
     let mut unsigned = bytes();
     unsigned[64..].fill(0);
-    assert_eq!(Header::verify(&unsigned, &DEVELOPMENT_KEY), Err(Refusal::Unsigned));
+    assert_eq!(Header::verify(&unsigned, &[DEVELOPMENT_KEY]), Err(Refusal::Unsigned));
     let other = SigningKey::from_bytes(&[9; 32]).verifying_key().to_bytes();
-    assert_eq!(Header::verify(&bytes(), &other), Err(Refusal::WrongSignature));
+    assert_eq!(Header::verify(&bytes(), &[other]), Err(Refusal::WrongSignature));
 }
 
 #[test]
@@ -66,6 +66,14 @@ fn versions_are_read_and_compared() {
 #[test]
 fn the_development_key_is_known_for_what_it_is() {
     assert_eq!(SigningKey::from_bytes(&DEVELOPMENT_SEED).verifying_key().to_bytes(), DEVELOPMENT_KEY);
-    assert_eq!(IS_DEVELOPMENT_KEY, PUBLIC_KEY == DEVELOPMENT_KEY);
+    assert_eq!(IS_DEVELOPMENT_KEY, PUBLIC_KEYS == [DEVELOPMENT_KEY]);
     assert_eq!(KEY_NOTICE.is_some(), IS_DEVELOPMENT_KEY);
+}
+
+#[test]
+fn while_keys_change_both_are_believed() {
+    let other = SigningKey::from_bytes(&[7; 32]).verifying_key().to_bytes();
+    assert!(Header::verify(&bytes(), &[other, DEVELOPMENT_KEY]).is_ok());
+    assert_eq!(Header::verify(&bytes(), &[other]), Err(Refusal::WrongSignature));
+    assert_eq!(Header::verify(&bytes(), &[]), Err(Refusal::BadKey));
 }

@@ -35,7 +35,7 @@ fn a_bootloader_begins_in_its_own_partition() {
 #[test]
 fn a_firmware_knows_its_version_by_the_signed_header_only() {
     let device = Device::new();
-    let version = || block_on(running_version(&mut device.part(BOARD.active), &BOARD, &DEVELOPMENT_KEY));
+    let version = || block_on(running_version(&mut device.part(BOARD.active), &BOARD, &[DEVELOPMENT_KEY]));
     assert_eq!(version(), OLD);
     let last = BOARD.active.end as usize - 1;
     device.cells.borrow_mut().bytes[last] ^= 1;

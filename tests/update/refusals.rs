@@ -201,13 +201,31 @@ fn models_are_refused_with_a_reason() {
 }
 
 #[test]
+fn a_model_that_does_not_come_whole_leaves_the_installed_one() {
+    let device = Device::new();
+    let (installed, file) = (model(1), model_image(NEW, 1));
+    assert_eq!(device.install(OLD, Model, &file), Ok(()));
+    let steps = device.steps();
+    // The header of the installed model again, and no more of it; another one that is cut off; the same once more.
+    for (file, reason) in [
+        (&file[..HEADER_BYTES], Err(Refusal::Truncated.reason())),
+        (&model_image(NEWEST, 2)[..2 * HEADER_BYTES], Err(Refusal::Truncated.reason())),
+        (&file[..], Ok(())),
+    ] {
+        assert_eq!(device.install(OLD, Model, file), reason);
+        assert_eq!((device.steps(), device.model()), (steps, Ok((NEW, installed.clone()))));
+    }
+    assert_eq!(device.install(OLD, Model, &model_image(OLD, 2)), Err(Refusal::Older.reason()));
+}
+
+#[test]
 fn a_board_without_bootloader_says_so() {
     let device = Device::new();
     let reason = "there is no bootloader on this board: cargo flash-boot-h743";
     let mut place = Box::new(Aligned([0; PLACE]));
     let mut sink = UpdateSink::<Part, Part, Part>::new(
         &BOARD,
-        slipsense::update::DEVELOPMENT_KEY,
+        &[slipsense::update::DEVELOPMENT_KEY],
         OLD,
         Err(Refusal::NoBootloader),
         device.model_slot(),

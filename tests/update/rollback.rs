@@ -2,9 +2,10 @@
 
 use slipsense::node::UpdateTarget::Firmware;
 use slipsense::update::boot::{self, BootFailure};
-use slipsense::update::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, HEADER_BYTES, Refusal, Run, Trial};
+use slipsense::update::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Evidence, HEADER_BYTES, Refusal, Run, Trial};
 
 use super::device::{BOARD, Device, NEW, NEWEST, OLD, image};
+use super::flash::SECTOR;
 
 #[test]
 fn a_firmware_that_confirms_stays() {
@@ -109,13 +110,51 @@ fn a_firmware_from_a_probe_has_vectors_or_is_not_jumped_to() {
 }
 
 #[test]
-fn a_trial_ends_once_and_only_with_frames_and_heartbeats() {
+fn a_trial_ends_once_and_only_with_all_evidence() {
     let mut trial = Trial::new(Run::OnTrial);
-    assert!(!trial.observe(CONFIRM_FRAMES - 1, u32::MAX));
-    assert!(!trial.observe(u32::MAX, CONFIRM_HEARTBEATS - 1));
-    assert!(trial.observe(CONFIRM_FRAMES, CONFIRM_HEARTBEATS));
-    assert!(!trial.observe(CONFIRM_FRAMES + 1, CONFIRM_HEARTBEATS + 1));
+    let least =
+        Evidence { frames: CONFIRM_FRAMES, heartbeats: CONFIRM_HEARTBEATS, requests: 1, senses: true };
+    let most = Evidence { frames: u32::MAX, heartbeats: u32::MAX, requests: u32::MAX, senses: true };
+    assert!(!trial.observe(Evidence { frames: CONFIRM_FRAMES - 1, ..most }));
+    assert!(!trial.observe(Evidence { heartbeats: CONFIRM_HEARTBEATS - 1, ..most }));
+    assert!(!trial.observe(Evidence { requests: 0, ..most }));
+    assert!(!trial.observe(Evidence { senses: false, ..most }));
+    assert!(trial.observe(least));
+    assert!(!trial.observe(most));
     for run in [Run::Confirmed, Run::Pending, Run::RolledBack] {
-        assert!(!Trial::new(run).observe(u32::MAX, u32::MAX));
+        assert!(!Trial::new(run).observe(most));
     }
+}
+
+#[test]
+fn a_damaged_firmware_gives_way_to_the_whole_one_in_the_other_slot() {
+    let device = Device::new();
+    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    assert_eq!(device.boots(), NEW);
+    device.confirm();
+    device.cells.borrow_mut().bytes[BOARD.active.start as usize + 40] ^= 1;
+    let other = device.twin();
+    // The copy is cut off at every step, and made again.
+    let mut cuts = 0;
+    loop {
+        let cut = device.twin();
+        cut.power_fails_after(cuts);
+        let booted = cut.boot().is_ok();
+        cut.power_on();
+        assert_eq!((cut.boots(), cut.run()), (OLD, Run::Confirmed), "cut at step {cuts}");
+        if booted {
+            break;
+        }
+        cuts += 1;
+    }
+    assert!(cuts > 50, "{cuts}");
+    // Neither is whole.
+    other.cells.borrow_mut().bytes[BOARD.dfu.start as usize + 40 + SECTOR] ^= 1;
+    assert_eq!(other.boot(), Err(BootFailure::NoFirmware(Refusal::WrongHash)));
+    // A new one has come whole, and was not marked when the power failed.
+    let pending = Device::new();
+    assert_eq!(pending.install(OLD, Firmware, &image(NEW)), Ok(()));
+    pending.confirm();
+    pending.cells.borrow_mut().bytes[BOARD.active.start as usize + 40] ^= 1;
+    assert_eq!((pending.boots(), pending.run()), (NEW, Run::Confirmed));
 }

@@ -12,6 +12,7 @@ use super::file_read::{FILE_READ_PORT, FileRead, FileRef, UpdateTarget};
 use super::get_info::GET_INFO_PORT;
 use super::heartbeat::{self, HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 use super::identity::Identity;
+use super::lock::{CHALLENGE_BYTES, Lock, SIGNATURE_BYTES};
 use super::outbox::Outbox;
 use super::registers::{ACCESS_PORT, LIST_PORT};
 use super::time_sync::{TIME_PORT, TimeSync};
@@ -30,6 +31,9 @@ const TRANSFER_MAX: usize = (1 + 255 + 1 + 2 + 256 + 2_usize).div_ceil(FRAME_PAY
 /// Time that the board has for a command that is answered when it is done, µs. An erase of a flash sector
 /// takes up to 4 s (STM32H743 data sheet, flash memory programming).
 pub const COMMAND_TIMEOUT_US: u64 = 8_000_000;
+/// Time after an image or a signature that the board refused in which none is looked at, µs: checking a signature takes
+/// milliseconds, and whoever sends forged ones must not have them one after the other.
+pub const SIGNATURE_PAUSE_US: u64 = 1_000_000;
 
 /// What the board must do. Nothing here does it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,6 +48,8 @@ pub enum Action {
     FactoryReset,
     /// Test the sensors, then [`Node::command_done`].
     SelfTest,
+    /// Check this signature of [`Node::challenge`], then [`Node::unlock_done`].
+    Unlock([u8; SIGNATURE_BYTES]),
     /// Make room for an update, then [`Node::begin_download`] or [`Node::report`] why not.
     BeginUpdate {
         /// Firmware or model.
@@ -121,11 +127,17 @@ pub struct Node {
     changed: u32,
     file: Option<FileRead>,
     files: u32,
+    lock: Lock,
+    /// No signature is checked before this time: the board refused one, or an image.
+    signature_pause_until_us: u64,
+    /// Requests served since start.
+    served: u32,
 }
 
 impl Node {
     /// A node with settings as they were loaded. Its address is the one that is set.
     pub fn new(identity: Identity, settings: Settings) -> Self {
+        let lock = Lock::new(settings.locks(), identity.entropy);
         Self {
             allocation: Allocation::new(identity.unique_id),
             id: settings.node_id(),
@@ -146,6 +158,9 @@ impl Node {
             changed: 0,
             file: None,
             files: 0,
+            lock,
+            signature_pause_until_us: 0,
+            served: 0,
         }
     }
 
@@ -168,6 +183,21 @@ impl Node {
     pub fn counters(&self) -> Counters {
         let transfer_errors = self.counters.transfer_errors.saturating_add(self.sessions.displaced);
         Counters { transfer_errors, dropped_transfers: self.outbox.dropped(), ..self.counters }
+    }
+
+    /// Does the node refuse what would change it?
+    pub fn is_locked(&self) -> bool {
+        self.lock.is_closed()
+    }
+
+    /// What must be signed to unlock; `None`: the board has no random number, and stays locked.
+    pub fn challenge(&self) -> Option<[u8; CHALLENGE_BYTES]> {
+        self.lock.challenge(&self.identity.unique_id)
+    }
+
+    /// Requests served since start: a node that served one receives.
+    pub fn served_requests(&self) -> u32 {
+        self.served
     }
 
     /// The tasks are running: from now on the heartbeat says so.
@@ -248,7 +278,8 @@ impl Node {
             let uptime_s = u32::try_from(now_us / 1_000_000).unwrap_or(u32::MAX);
             let payload = heartbeat::encode(uptime_s, self.health(), self.mode(), self.flags());
             let message = MessageId { priority: Priority::Nominal, port: HEARTBEAT_PORT, node: id };
-            self.outbox.push(Frames::new(message, next_transfer(&mut self.transfers.heartbeat), &payload));
+            let transfer = next_transfer(&mut self.transfers.heartbeat);
+            self.outbox.push_heartbeat(Frames::new(message, transfer, &payload));
         }
         let mut next_us = self.heartbeat_us;
         if let Some(pending) = self.pending {

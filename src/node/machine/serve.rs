@@ -5,12 +5,16 @@ use super::super::diagnostic::Severity;
 use super::super::file_read::FileFailure;
 use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
 use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, NodeState};
-use super::{Action, COMMAND_TIMEOUT_US, Node, Pending};
+use super::{Action, COMMAND_TIMEOUT_US, Node, Pending, SIGNATURE_PAUSE_US};
 use crate::settings::Settings;
 use crate::wire::{Frames, ServiceId};
 
+/// Why nothing changes.
+const LOCKED: &str = "locked, see slipsense.lock";
+
 impl Node {
     pub(super) fn serve(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
+        self.served = self.served.saturating_add(1);
         match id.port {
             GET_INFO_PORT => {
                 let mut out = [0; GET_INFO_BYTES];
@@ -42,6 +46,8 @@ impl Node {
             transfer_errors: counters.transfer_errors,
             address_conflicts: counters.address_conflicts,
             time_offset_us: self.time.offset_us(),
+            locked: self.lock.is_closed(),
+            challenge: self.challenge(),
         };
         let mut out = [0; ACCESS_BYTES];
         let served = registers::access(request, &mut self.settings, &state, bus_time_us, &mut out);
@@ -53,6 +59,7 @@ impl Node {
         match effect {
             Effect::Read => {}
             Effect::Changed(setting) => self.changed |= 1 << setting as u8,
+            Effect::Locked(name) => self.report(Severity::Warning, format_args!("{name}: {LOCKED}")),
             Effect::Refused(error) => self.report(Severity::Warning, format_args!("{error}")),
             Effect::NotWritable(name) => {
                 self.report(
@@ -86,9 +93,17 @@ impl Node {
             Command::Store => (Action::Store, true),
             Command::FactoryReset => (Action::FactoryReset, true),
             Command::SelfTest => (Action::SelfTest, true),
+            Command::Unlock(signature) => (Action::Unlock(signature), true),
         };
+        if self.lock.is_closed() && !matches!(action, Action::Identify | Action::Unlock(_)) {
+            return Err(LOCKED);
+        }
         if later && self.pending.is_some() {
             return Err("another command is not done yet");
+        }
+        let wants_signature = matches!(action, Action::BeginUpdate { .. } | Action::Unlock(_));
+        if wants_signature && self.now_us < self.signature_pause_until_us {
+            return Err("wait a second after a refused signature");
         }
         // The last place is for the end of an update.
         if self.actions.len() + 1 >= self.actions.capacity() {
@@ -127,6 +142,18 @@ impl Node {
     pub(super) fn answer_pending(&mut self, status: CommandStatus, output: &str) {
         if let Some(pending) = self.pending.take() {
             self.answer(pending.id, pending.transfer, status, output);
+        }
+    }
+
+    /// The signature of an [`Action::Unlock`] is valid, or not.
+    pub fn unlock_done(&mut self, valid: bool) {
+        self.lock.tried(valid);
+        if valid {
+            self.report(Severity::Notice, format_args!("unlocked until the next start"));
+            self.command_done(Ok(()));
+        } else {
+            self.signature_pause_until_us = self.now_us.saturating_add(SIGNATURE_PAUSE_US);
+            self.command_done(Err("the signature does not unlock"));
         }
     }
 

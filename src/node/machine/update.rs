@@ -4,7 +4,7 @@ use super::super::diagnostic::Severity;
 use super::super::file_read::{
     self, Chunk, FILE_READ_PORT, FileFailure, FileRead, FileRef, Next, UpdateTarget,
 };
-use super::{Action, Node};
+use super::{Action, Node, SIGNATURE_PAUSE_US};
 use crate::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, next_transfer};
 
 impl Node {
@@ -48,6 +48,7 @@ impl Node {
     pub fn chunk_done(&mut self, chunk: &Chunk, result: Result<(), &'static str>) {
         let Some(file) = self.file.as_mut().filter(|file| file.is_taken(chunk)) else { return };
         if let Err(why) = result {
+            self.signature_pause_until_us = self.now_us.saturating_add(SIGNATURE_PAUSE_US);
             self.give_up(FileFailure::Refused(why));
         } else if let Some(length) = file.advance() {
             let target = file.target;

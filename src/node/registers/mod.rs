@@ -91,6 +91,8 @@ pub(super) enum Effect {
     Read,
     /// A setting has a new value.
     Changed(Setting),
+    /// The node is locked, and a setting stays as it is.
+    Locked(&'static str),
     /// A value was refused by its rule.
     Refused(SettingError),
     /// This register cannot be written, or not with such a value.
@@ -116,6 +118,7 @@ pub(super) fn access(
     let register = Register::from_name(name);
     let effect = match (register, written) {
         (_, Written::Nothing) | (None, _) => Effect::Read,
+        (Some(Register::Setting(setting)), _) if state.locked => Effect::Locked(setting.definition().name),
         (Some(Register::Setting(setting)), Written::Numbers(numbers)) => {
             match settings.set(setting, &numbers) {
                 Ok(true) => Effect::Changed(setting),

@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::super::identity::Identity;
+use super::super::lock::CHALLENGE_BYTES;
 use crate::health::Status;
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
@@ -17,6 +18,7 @@ pub(super) enum ReadOnly {
     BusOff,
     SensorHealth,
     LastPanic,
+    Restart,
     Uptime,
     SelfTests,
     TransfersDropped,
@@ -26,10 +28,12 @@ pub(super) enum ReadOnly {
     Stuck(usize),
     ModelHash,
     TimeOffset,
+    Locked,
+    Challenge,
 }
 
 /// Names in the order of the list.
-pub(super) const READ_ONLY: [(&str, ReadOnly); 15 + MAX_SENSORS] = [
+pub(super) const READ_ONLY: [(&str, ReadOnly); 18 + MAX_SENSORS] = [
     ("slipsense.status.late_frames", ReadOnly::LateFrames),
     ("slipsense.status.overruns", ReadOnly::Overruns),
     ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
@@ -37,6 +41,7 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 15 + MAX_SENSORS] = [
     ("slipsense.status.bus_off", ReadOnly::BusOff),
     ("slipsense.status.sensor_health", ReadOnly::SensorHealth),
     ("slipsense.status.last_panic", ReadOnly::LastPanic),
+    ("slipsense.status.restart", ReadOnly::Restart),
     ("slipsense.status.uptime_s", ReadOnly::Uptime),
     ("slipsense.status.self_tests", ReadOnly::SelfTests),
     ("slipsense.status.transfers_dropped", ReadOnly::TransfersDropped),
@@ -48,6 +53,8 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 15 + MAX_SENSORS] = [
     ("slipsense.sensor.2.stuck", ReadOnly::Stuck(2)),
     ("slipsense.model.hash", ReadOnly::ModelHash),
     ("slipsense.time.offset_us", ReadOnly::TimeOffset),
+    ("slipsense.status.locked", ReadOnly::Locked),
+    ("slipsense.lock.challenge", ReadOnly::Challenge),
 ];
 
 const _: () = assert!(TAXEL_ROWS <= ELEMENTS_MAX);
@@ -61,6 +68,9 @@ pub(in crate::node) struct NodeState<'a> {
     pub transfer_errors: u32,
     pub address_conflicts: u32,
     pub time_offset_us: Option<i64>,
+    pub locked: bool,
+    /// `None`: nothing unlocks this board.
+    pub challenge: Option<[u8; CHALLENGE_BYTES]>,
 }
 
 /// A value, numbers or bytes.
@@ -70,7 +80,7 @@ pub(super) enum Answer<'a> {
 }
 
 impl<'a> NodeState<'a> {
-    pub(super) fn answer(&self, what: ReadOnly) -> Answer<'a> {
+    pub(super) fn answer(&'a self, what: ReadOnly) -> Answer<'a> {
         let status = self.status;
         let count = |value: u32| numbers(Kind::Natural32, &[value.into()]);
         match what {
@@ -83,6 +93,7 @@ impl<'a> NodeState<'a> {
                 numbers(Kind::Natural8, &status.sensor_health.map(|health| health.0.into()))
             }
             ReadOnly::LastPanic => count(status.last_panic),
+            ReadOnly::Restart => numbers(Kind::Natural32, &status.restart.map(i64::from)),
             ReadOnly::Uptime => count(self.uptime_s),
             ReadOnly::SelfTests => {
                 numbers(Kind::Natural32, &[status.self_tests.into(), status.failed_self_tests.into()])
@@ -101,6 +112,8 @@ impl<'a> NodeState<'a> {
             }
             // 0 also where no master was received; the timestamp of the answer, 0 then, tells them apart.
             ReadOnly::TimeOffset => numbers(Kind::Integer64, &[self.time_offset_us.unwrap_or(0)]),
+            ReadOnly::Locked => numbers(Kind::Bit, &[self.locked.into()]),
+            ReadOnly::Challenge => Answer::Bytes(self.challenge.as_ref().map_or(&[], |bytes| &bytes[..])),
         }
     }
 }

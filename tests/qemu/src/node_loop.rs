@@ -74,6 +74,7 @@ pub fn serve(link: &mut impl Link, flash: &mut [u8; FLASH_BYTES], unique_id: [u8
         unique_id,
         model_hash: Some(Sha256::digest(b"no model").into()),
         settings: report,
+        entropy: None,
     };
     let mut node = Node::new(identity, settings);
     node.set_operational();
@@ -102,6 +103,8 @@ pub fn serve(link: &mut impl Link, flash: &mut [u8; FLASH_BYTES], unique_id: [u8
                     node.command_done(Ok(()));
                 }
                 Action::BeginUpdate { target, file } => node.begin_download(target, file, FILE_MAX),
+                // This board has no key: nothing unlocks it.
+                Action::Unlock(_) => node.unlock_done(false),
                 Action::Identify | Action::UpdateReceived { .. } | Action::UpdateFailed { .. } => {}
             }
         }

@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::support::{Place, model_bytes};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
-use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, PUBLIC_KEY};
+use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, PUBLIC_KEYS};
 
 /// The least that passes for a firmware: a stack, where it begins, and something.
 fn binary() -> Vec<u8> {
@@ -48,7 +48,7 @@ fn a_firmware_is_signed_and_looked_into() {
 
     let image = fs::read(place.path("fw.slip")).unwrap();
     let key: [u8; 32] = std::array::from_fn(|i| u8::from_str_radix(&public[2 * i..2 * i + 2], 16).unwrap());
-    let header = Header::verify(image.first_chunk::<HEADER_BYTES>().unwrap(), &key).unwrap();
+    let header = Header::verify(image.first_chunk::<HEADER_BYTES>().unwrap(), &[key]).unwrap();
     assert_eq!((header.board, header.version.to_string().as_str()), (1, "1.2.3"));
     assert_eq!(image[HEADER_BYTES..], binary());
 
@@ -107,10 +107,10 @@ fn a_model_is_signed_for_any_board() {
     let text = place.run("sign @m.slipnet --version 0.2.0 --development-key --out @m.slip");
     assert!(text.contains("kind       model\nboard      any\nversion    0.2.0\n"), "{text}");
     let raw = fs::read(place.path("m.slip")).unwrap();
-    assert!(Header::verify(raw.first_chunk().unwrap(), &DEVELOPMENT_KEY).is_ok());
+    assert!(Header::verify(raw.first_chunk().unwrap(), &[DEVELOPMENT_KEY]).is_ok());
     let text = place.run("image info @m.slip");
     assert!(text.contains("signature  development key"), "{text}");
-    assert_eq!(PUBLIC_KEY, DEVELOPMENT_KEY, "these tests are built without a key");
+    assert_eq!(PUBLIC_KEYS, [DEVELOPMENT_KEY], "these tests are built without a key");
 }
 
 #[test]
@@ -150,4 +150,21 @@ fn a_private_key_is_private() {
     let place = Place::new();
     place.run("keygen --out @k");
     assert_eq!(fs::metadata(place.path("k")).unwrap().permissions().mode() & 0o777, 0o600);
+}
+
+#[test]
+fn a_challenge_is_signed_and_unlocks() {
+    let place = Place::new();
+    let challenge = [5; 32];
+    let hex = "05".repeat(32);
+    let text = place.run(&format!("sign --challenge {hex} --development-key"));
+    let signature: Vec<u8> =
+        (0..64).map(|at| u8::from_str_radix(&text.trim()[2 * at..2 * at + 2], 16).unwrap()).collect();
+    let signature = signature.try_into().unwrap();
+    assert!(slipsense::update::unlocks(&challenge, &signature, &[DEVELOPMENT_KEY]));
+    place.errors([
+        ("sign --challenge 05 --development-key".to_owned(), "a challenge has 64 hexadecimal digits"),
+        (format!("sign @m --challenge {hex} --development-key"), "cannot be used with"),
+        ("sign --version 1.0.0 --development-key --out @x".to_owned(), "<FILE>"),
+    ]);
 }

@@ -40,6 +40,7 @@ fn identity() -> Identity {
         unique_id: std::array::from_fn(|i| 100 + i as u8),
         model_hash: Some(std::array::from_fn(|i| 200 + i as u8)),
         settings: LoadReport { origin: Origin::Stored, damage: Damage { settings: 5, ..Damage::default() } },
+        entropy: None,
     }
 }
 

@@ -31,7 +31,7 @@ const TEXTS: [&[&str]; 4] = [
         "SensorCountError as core::fmt::Display>::fmt",
         "LoadReport as core::fmt::Display>::fmt",
         "StoreError as core::fmt::Display>::fmt",
-        "PanicRecord as core::fmt::Display>::fmt",
+        "CrashRecord as core::fmt::Display>::fmt",
         "FileFailure as core::fmt::Display>::fmt",
         "table::Rule as core::fmt::Display>::fmt",
         "Refusal as core::fmt::Display>::fmt",
@@ -51,13 +51,13 @@ const SINKS: [&str; 6] = [
     "<defmt::export::FmtWrite as core::fmt::Write>::write_char",
     "<slipsense::node::diagnostic::TruncatingWriter as core::fmt::Write>::write_str",
     "<slipsense::node::diagnostic::TruncatingWriter as core::fmt::Write>::write_char",
-    "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_str",
-    "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_char",
+    "<slipsense::board::crash_record::Hash as core::fmt::Write>::write_str",
+    "<slipsense::board::crash_record::Hash as core::fmt::Write>::write_char",
 ];
 const WHOLE_SINKS: [&str; 3] = [
     "<defmt::export::FmtWrite as core::fmt::Write>::write_fmt",
     "<slipsense::node::diagnostic::TruncatingWriter as core::fmt::Write>::write_fmt",
-    "<slipsense::board::panic_record::Hash as core::fmt::Write>::write_fmt",
+    "<slipsense::board::crash_record::Hash as core::fmt::Write>::write_fmt",
 ];
 const FORMATTER: &str = "core::fmt::write";
 
@@ -73,6 +73,7 @@ const RULES: &[Rule] = &[
             "__acquire_task_inner_function",
             "__receive_task_inner_function",
             "__transmit_task_inner_function",
+            "__watch_task_inner_function",
         ],
     },
     // Whoever waits or ends a wait: tasks, drivers, queues, the timer.
@@ -94,6 +95,7 @@ const RULES: &[Rule] = &[
             "slipsense::tasks::shared::Shared<",
             "slipsense_firmware::services::load",
             "firmware::flash::BoardFlash",
+            "embassy_stm32::flash::common::Flash>::write",
             "slipsense_firmware::updates::",
             "slipsense::update::",
             "embassy_embedded_hal::flash::",
@@ -140,6 +142,7 @@ const RULES: &[Rule] = &[
             "<&u16 as core::fmt::Display>",
             "<&u32 as core::fmt::Display>",
             "<&u32 as core::fmt::LowerHex>",
+            "<u32 as core::fmt::LowerHex>",
             "<&i64 as core::fmt::Display>",
             "<&usize as core::fmt::Display>",
             "<u64 as core::fmt::Debug>",

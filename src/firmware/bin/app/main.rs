@@ -30,9 +30,9 @@
 mod accelerometers;
 mod adc_scan;
 mod can;
+mod crash;
 mod frame_source;
 mod infer;
-mod panic;
 mod pins;
 mod services;
 mod updates;
@@ -95,6 +95,7 @@ fn run(hardware: Hardware) -> ! {
     spawner.spawn(unwrap!(transmit(can, raw)));
     spawner.spawn(unwrap!(receive(can_rx)));
     spawner.spawn(unwrap!(acquire(source, sender)));
+    spawner.spawn(unwrap!(watch()));
     THREAD.init(Executor::new()).run(|spawner| {
         spawner.spawn(unwrap!(infer(decider, receiver, watchdog)));
         spawner.spawn(unwrap!(serve(services)));
@@ -113,8 +114,8 @@ struct Tasks {
 /// Apart from [`run`], which never ends: what this takes of the stack is given back.
 #[inline(never)]
 fn make(hardware: Hardware) -> Tasks {
-    let panic = panic::take();
-    if let Some(record) = panic {
+    let start = crash::start();
+    if let Some(record) = start.crash {
         error!("restarted after {}", Display2Format(&record));
     }
     let flash = FlashPartitions::new(Flash::new(hardware.flash, Irqs));
@@ -143,7 +144,7 @@ fn make(hardware: Hardware) -> Tasks {
     let source =
         frame_source::start(hardware.scan, hardware.accelerometers, sensors, settings.sensor_order());
     let updates = Updates::find(flash, from);
-    let services = services::build(store, settings, loaded, updates, model_hash, inbox, led, panic);
+    let services = services::build(store, settings, loaded, updates, model_hash, inbox, led, start);
     let watchdog = Watchdog::start(hardware.watchdog);
     Tasks {
         transmit: (can, raw_receiver),
@@ -157,6 +158,11 @@ fn make(hardware: Hardware) -> Tasks {
 #[embassy_executor::task]
 async fn acquire(source: &'static mut BoardSensors, queue: FrameSender) {
     tasks::acquire(source, queue, &SHARED).await;
+}
+
+#[embassy_executor::task]
+async fn watch() {
+    crash::watch().await;
 }
 
 #[embassy_executor::task]

@@ -3,19 +3,21 @@
 use defmt::{Display2Format, unwrap, warn};
 use embassy_futures::block_on;
 use embassy_stm32::gpio::{Level, Output};
-use embassy_stm32::uid;
+use embassy_stm32::{pac, uid};
 use slipsense::board::StatusLed;
-use slipsense::board::panic_record::PanicRecord;
+use slipsense::board::crash_record::Start;
 use slipsense::drivers::array::Mounting;
 use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
 use slipsense::firmware::shared::{Mutex, SHARED, Uptime};
 use slipsense::health::{Condition, Status};
 use slipsense::net::format::HASH_BYTES;
-use slipsense::node::{COMMIT, FileSink, Identity, Node, UpdateTarget, Version};
+use slipsense::node::{
+    CHALLENGE_BYTES, COMMIT, FileSink, Identity, Node, SIGNATURE_BYTES, UpdateTarget, Version,
+};
 use slipsense::settings::{LoadReport, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
-use slipsense::update::Notice;
 use slipsense::update::partitions::NUCLEO_H743ZI2;
+use slipsense::update::{Evidence, Notice, PUBLIC_KEYS, unlocks};
 use static_cell::StaticCell;
 
 use crate::can::Inbox;
@@ -24,6 +26,8 @@ use crate::updates::Updates;
 
 /// What GetInfo reports; the major number is the board's.
 const HARDWARE: Version = Version { major: 1, minor: 0 };
+/// Reads of the random number generator's state until a number must be there: microseconds.
+const RNG_SPINS: u32 = 10_000;
 
 /// The task and all that it remembers.
 pub type BoardServices = Services<'static, Mutex, Inbox, Uptime, Station>;
@@ -61,7 +65,7 @@ pub fn build(
     model_hash: Option<[u8; HASH_BYTES]>,
     inbox: Inbox,
     led: Output<'static>,
-    panic: Option<PanicRecord>,
+    start: Start,
 ) -> &'static mut BoardServices {
     let mut unique_id = [0; 16];
     unique_id.iter_mut().zip(uid::uid()).for_each(|(to, from)| *to = from);
@@ -72,10 +76,23 @@ pub fn build(
         unique_id,
         model_hash,
         settings: loaded,
+        entropy: entropy(),
     };
     let node = Node::new(identity, settings);
     let station = Station { store, updates, led };
-    SERVICES.init_with(|| Services::new(node, inbox, Uptime, &SHARED, station, panic))
+    SERVICES.init_with(|| Services::new(node, inbox, Uptime, &SHARED, station, start))
+}
+
+/// A random number of this start, from the generator (RM0433, RNG); `None` if it does not deliver.
+fn entropy() -> Option<u64> {
+    pac::RCC.ahb2enr().modify(|w| w.set_rngen(true));
+    pac::RNG.cr().modify(|w| w.set_rngen(true));
+    let word = || {
+        let ready = (0..RNG_SPINS).any(|_| pac::RNG.sr().read().drdy());
+        // The generator gives 0 after an error.
+        Some(pac::RNG.dr().read()).filter(|&word| ready && word != 0)
+    };
+    Some(u64::from(word()?) << 32 | u64::from(word()?))
 }
 
 impl StatusLed for Station {
@@ -107,12 +124,16 @@ impl ServiceBoard for Station {
         self.updates.begin(target).await
     }
 
+    fn unlocks(&mut self, challenge: &[u8; CHALLENGE_BYTES], signature: &[u8; SIGNATURE_BYTES]) -> bool {
+        unlocks(challenge, signature, PUBLIC_KEYS)
+    }
+
     fn next_notice(&mut self) -> Option<Notice> {
         self.updates.next_notice()
     }
 
-    fn ready_to_confirm(&mut self, frames: u32, heartbeats: u32) -> bool {
-        self.updates.ready_to_confirm(frames, heartbeats)
+    fn ready_to_confirm(&mut self, evidence: Evidence) -> bool {
+        self.updates.ready_to_confirm(evidence)
     }
 
     async fn confirm(&mut self) {

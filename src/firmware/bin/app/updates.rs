@@ -9,8 +9,8 @@ use slipsense::net::Aligned;
 use slipsense::node::UpdateTarget;
 use slipsense::update::partitions::NUCLEO_H743ZI2 as BOARD;
 use slipsense::update::{
-    FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, ModelSlot, Notice, PUBLIC_KEY, Refusal, Run, SlotModel,
-    Trial, UpdateSink, UpdateState, find_bootloader, running_version,
+    Evidence, FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, ModelSlot, Notice, PUBLIC_KEYS, Refusal, Run,
+    SlotModel, Trial, UpdateSink, UpdateState, find_bootloader, running_version,
 };
 use static_cell::ConstStaticCell;
 
@@ -35,7 +35,7 @@ impl Updates {
     /// What the flash says at the start; `from`: which model runs.
     #[inline(never)]
     pub fn find(flash: FlashPartitions, from: SlotModel) -> Self {
-        let version = block_on(running_version(&mut flash.get(BOARD.active), &BOARD, &PUBLIC_KEY));
+        let version = block_on(running_version(&mut flash.get(BOARD.active), &BOARD, PUBLIC_KEYS));
         let mut firmware = block_on(firmware_slot(flash));
         let run = match &mut firmware {
             Ok(slot) => block_on(slot.state.run()).map_err(|_| Refusal::Flash),
@@ -45,7 +45,7 @@ impl Updates {
         let (model, trial) = (model_slot(flash), &mut TRIAL.take().0[..]);
         let mut updates = Self {
             version,
-            sink: UpdateSink::new(&BOARD, PUBLIC_KEY, version, firmware, model, trial),
+            sink: UpdateSink::new(&BOARD, PUBLIC_KEYS, version, firmware, model, trial),
             trial: Trial::new(run.unwrap_or(Run::Confirmed)),
             notices: Deque::new(),
         };
@@ -66,8 +66,8 @@ impl Updates {
     }
 
     /// See [`Trial::observe`].
-    pub fn ready_to_confirm(&mut self, frames: u32, heartbeats: u32) -> bool {
-        self.trial.observe(frames, heartbeats)
+    pub fn ready_to_confirm(&mut self, evidence: Evidence) -> bool {
+        self.trial.observe(evidence)
     }
 
     /// Keep the firmware that runs.
@@ -102,7 +102,7 @@ async fn firmware_slot(
 }
 
 fn model_slot(flash: FlashPartitions) -> ModelSlot<FlashPartition> {
-    ModelSlot::new(flash.get(BOARD.model), &BOARD, PUBLIC_KEY)
+    ModelSlot::new(flash.get(BOARD.model), &BOARD, PUBLIC_KEYS)
 }
 
 /// The file of the model that runs, in DTCM, and where it is from: the model slot if it may, else the firmware.

@@ -24,9 +24,10 @@ use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_sync::blocking_mutex::NoopMutex;
 use slipsense::firmware::flash::{BoardFlash, feed_watchdog};
+use slipsense::firmware::memory;
 use slipsense::update::boot::{Firmware, Slots};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2 as BOARD, Span};
-use slipsense::update::{KEY_NOTICE, PUBLIC_KEY};
+use slipsense::update::{KEY_NOTICE, PUBLIC_KEYS};
 
 /// Twice the longest erase of a sector (STM32H743 data sheet, flash memory programming). The firmware sets its own.
 const WATCHDOG_US: u32 = 8_000_000;
@@ -44,6 +45,7 @@ fn main() -> ! {
     let (chip, mut core) = unsafe { (embassy_stm32::Peripherals::steal(), cortex_m::Peripherals::steal()) };
     pac::DBGMCU.apb4fzr1().modify(|w| w.set_iwdg1(true));
     IndependentWatchdog::new(chip.IWDG1, WATCHDOG_US).unleash();
+    memory::protect(&mut core.MPU);
     core.SCB.enable_icache();
     info!("slipsense bootloader {=str}", env!("CARGO_PKG_VERSION"));
     if let Some(notice) = KEY_NOTICE {
@@ -54,12 +56,12 @@ fn main() -> ! {
     let partition = |span: Span| BlockingPartition::new(&flash, span.start, span.bytes());
     let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(partition);
     let mut buffer = Buffer([0; BUFFER_BYTES]);
-    match (Slots { active, dfu, state }).prepare(&BOARD, &PUBLIC_KEY, &mut buffer.0) {
+    match (Slots { active, dfu, state }).prepare(&BOARD, PUBLIC_KEYS, &mut buffer.0) {
         Ok(Firmware::Signed(version)) => info!("firmware {}", Display2Format(&version)),
         Ok(Firmware::Flashed) => info!("a firmware that a probe wrote"),
         Err(failure) => {
             error!("{}", Display2Format(&failure));
-            wait_for_a_probe()
+            show_and_restart()
         }
     }
     feed_watchdog();
@@ -73,14 +75,15 @@ fn main() -> ! {
     }
 }
 
-/// Nothing to run: the red LED.
-fn wait_for_a_probe() -> ! {
+/// Nothing to run: the red LED until the watchdog starts the bootloader anew, which finds what a transient error has
+/// hidden. A probe can attach meanwhile.
+fn show_and_restart() -> ! {
     pac::RCC.ahb4enr().modify(|w| w.set_gpioben(true));
     cortex_m::asm::dsb();
     pac::GPIOB.bsrr().write(|w| w.set_bs(FAULT_LED, true));
     pac::GPIOB.moder().modify(|w| w.set_moder(FAULT_LED, Moder::OUTPUT));
     loop {
-        feed_watchdog();
+        cortex_m::asm::nop();
     }
 }
 

@@ -82,7 +82,7 @@ impl ImageInfo {
             .split_first_chunk::<HEADER_BYTES>()
             .ok_or_else(|| anyhow!("{name}: {}", Refusal::ShorterThanHeader))?;
         let header = Header::inspect(raw).with_context(|| name.to_owned())?;
-        let by = |key: [u8; 32]| Header::verify(raw, &key);
+        let by = |key: [u8; 32]| Header::verify(raw, &[key]);
         let signature = match key.map(by) {
             Some(Ok(_)) => "valid",
             _ => match by(DEVELOPMENT_KEY) {

@@ -1,0 +1,246 @@
+//! Why the node restarted: a record in RAM that a reset does not clear.
+//!
+//! The board's handlers of panics and faults write it, and the start after the watchdog does; the next start reads it
+//! and reports it on the bus. After power-on the RAM holds anything; magic and checksum tell a record from that.
+
+use core::fmt::{self, Write};
+
+use crate::health::RESTART_NUMBERS;
+
+/// Words of a [`CrashRecord`] in RAM: magic, count, line, hash of the reason, kind, four of a fault, file, checksum.
+pub const CRASH_WORDS: usize = 10 + FILE_BYTES / 4;
+/// The end of the source file's path that is kept.
+pub const FILE_BYTES: usize = 48;
+
+/// "SLPC": the layout above. Another layout gets another magic.
+const MAGIC: u32 = u32::from_le_bytes(*b"SLPC");
+/// In the order of `Task`.
+const TASK_NAMES: [&str; 4] = ["acquire", "infer", "transmit", "services"];
+// FNV-1a, 32 bits.
+const HASH_START: u32 = 0x811c_9dc5;
+const HASH_PRIME: u32 = 0x0100_0193;
+
+/// What reset the chip, by its reset flags (RM0433, RCC_RSR).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum ResetCause {
+    /// None of the flags.
+    #[default]
+    Unknown = 0,
+    /// The supply came.
+    PowerOn = 1,
+    /// The supply fell below the brown-out level.
+    BrownOut = 2,
+    /// The reset pin alone: a button or a probe.
+    Pin = 3,
+    /// The program, after a command or a crash.
+    Software = 4,
+    /// The watchdog.
+    Watchdog = 5,
+}
+
+impl ResetCause {
+    /// Of the flags in RCC_RSR. Every reset but those of other domains sets the pin's too, and that of the supply all.
+    pub const fn from_flags(rsr: u32) -> Self {
+        const PIN: u32 = 1 << 22;
+        const BROWN_OUT: u32 = 1 << 21;
+        const POWER_ON: u32 = 1 << 23;
+        const SOFTWARE: u32 = 1 << 24;
+        const WATCHDOG: u32 = 1 << 26;
+        if rsr & POWER_ON != 0 {
+            Self::PowerOn
+        } else if rsr & BROWN_OUT != 0 {
+            Self::BrownOut
+        } else if rsr & WATCHDOG != 0 {
+            Self::Watchdog
+        } else if rsr & SOFTWARE != 0 {
+            Self::Software
+        } else if rsr & PIN != 0 {
+            Self::Pin
+        } else {
+            Self::Unknown
+        }
+    }
+}
+
+/// The processor when it faulted (ARMv7-M, exception entry and system control block).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fault {
+    /// Address of the instruction.
+    pub pc: u32,
+    /// Return address of the function it is in.
+    pub lr: u32,
+    /// Configurable fault status register.
+    pub cfsr: u32,
+    /// BFAR or MMFAR where CFSR says that it is valid, else 0.
+    pub address: u32,
+}
+
+/// What ended the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CrashKind {
+    /// A panic.
+    Panic,
+    /// A HardFault.
+    Fault(Fault),
+    /// The watchdog: bit n is set if task n, in the order of `Task`, stood still. None: whoever looks
+    /// stood still too.
+    Stall(u8),
+}
+
+/// What the last crash was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CrashRecord {
+    /// Crashes since power-on; stays at its largest value.
+    pub count: u32,
+    /// What it was.
+    pub kind: CrashKind,
+    /// Line in the source file; 0 if unknown.
+    pub line: u32,
+    /// FNV-1a over the text of a panic's reason, PC and CFSR of a fault, the bits of a stall: the same reason has the
+    /// same hash.
+    pub reason_hash: u32,
+    file: [u8; FILE_BYTES],
+}
+
+impl CrashRecord {
+    /// The record of a panic. `previous` is what the RAM held; `file` and `line` say where the panic was.
+    pub fn new(previous: Option<Self>, reason: impl fmt::Display, file: &str, line: u32) -> Self {
+        let mut kept = [0; FILE_BYTES];
+        let bytes = file.as_bytes();
+        let end = bytes.get(bytes.len().saturating_sub(FILE_BYTES)..).unwrap_or(bytes);
+        kept.iter_mut().zip(end).for_each(|(to, &from)| *to = from);
+        let mut hash = Hash(HASH_START);
+        // Hashing does not fail; a reason that cannot format itself is hashed as far as it gets.
+        let _ = write!(hash, "{reason}");
+        Self { line, file: kept, ..Self::of_kind(previous, CrashKind::Panic, hash) }
+    }
+
+    /// The record of a fault.
+    pub fn fault(previous: Option<Self>, fault: Fault) -> Self {
+        let mut hash = Hash(HASH_START);
+        hash.add(&fault.pc.to_le_bytes());
+        hash.add(&fault.cfsr.to_le_bytes());
+        Self::of_kind(previous, CrashKind::Fault(fault), hash)
+    }
+
+    /// The record of a stall.
+    pub fn stall(previous: Option<Self>, tasks: u8) -> Self {
+        let mut hash = Hash(HASH_START);
+        hash.add(&[tasks]);
+        Self::of_kind(previous, CrashKind::Stall(tasks), hash)
+    }
+
+    fn of_kind(previous: Option<Self>, kind: CrashKind, reason: Hash) -> Self {
+        let count = previous.map_or(0, |previous| previous.count).saturating_add(1);
+        Self { count, kind, line: 0, reason_hash: reason.0, file: [0; FILE_BYTES] }
+    }
+
+    /// The last [`FILE_BYTES`] bytes of the source file's path; empty where they are no text.
+    pub fn file(&self) -> &str {
+        let length = self.file.iter().position(|&byte| byte == 0).unwrap_or(FILE_BYTES);
+        self.file.get(..length).and_then(|bytes| str::from_utf8(bytes).ok()).unwrap_or_default()
+    }
+
+    /// As it lies in RAM.
+    pub fn to_words(&self) -> [u32; CRASH_WORDS] {
+        let mut words = [0; CRASH_WORDS];
+        let (kind, Fault { pc, lr, cfsr, address }) = match self.kind {
+            CrashKind::Panic => (0, Fault::default()),
+            CrashKind::Fault(fault) => (1, fault),
+            CrashKind::Stall(tasks) => (2, Fault { pc: tasks.into(), ..Fault::default() }),
+        };
+        let file = self.file.as_chunks::<4>().0.iter().map(|&bytes| u32::from_le_bytes(bytes));
+        let fields = [MAGIC, self.count, self.line, self.reason_hash, kind, pc, lr, cfsr, address];
+        words.iter_mut().zip(fields.into_iter().chain(file)).for_each(|(word, field)| *word = field);
+        words[CRASH_WORDS - 1] = checksum(&words);
+        words
+    }
+
+    /// Read what the RAM holds; `None` if that is no record.
+    pub fn from_words(words: &[u32; CRASH_WORDS]) -> Option<Self> {
+        let [magic, count, line, reason_hash, kind, pc, lr, cfsr, address, ref file @ .., sum] = *words;
+        if magic != MAGIC || sum != checksum(words) {
+            return None;
+        }
+        let kind = match kind {
+            0 => CrashKind::Panic,
+            1 => CrashKind::Fault(Fault { pc, lr, cfsr, address }),
+            2 => CrashKind::Stall(pc as u8),
+            _ => return None,
+        };
+        let mut kept = [0; FILE_BYTES];
+        for (to, word) in kept.as_chunks_mut::<4>().0.iter_mut().zip(file) {
+            *to = word.to_le_bytes();
+        }
+        Some(Self { count, kind, line, reason_hash, file: kept })
+    }
+}
+
+impl fmt::Display for CrashRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { count, line, reason_hash, .. } = self;
+        match self.kind {
+            CrashKind::Panic => {
+                write!(f, "panic {count} since power-on, at {}:{line}, reason {reason_hash:08x}", self.file())
+            }
+            CrashKind::Fault(Fault { pc, lr, cfsr, address }) => {
+                write!(f, "fault {count} since power-on, pc {pc:08x}, lr {lr:08x}, ")?;
+                write!(f, "cfsr {cfsr:08x}, at {address:08x}")
+            }
+            CrashKind::Stall(tasks) => {
+                write!(f, "watchdog {count} since power-on, stalled:")?;
+                for (bit, name) in TASK_NAMES.into_iter().enumerate() {
+                    if tasks >> bit & 1 != 0 {
+                        write!(f, " {name}")?;
+                    }
+                }
+                if tasks == 0 { f.write_str(" all that look") } else { Ok(()) }
+            }
+        }
+    }
+}
+
+/// How the program came to start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Start {
+    /// What reset the chip.
+    pub cause: ResetCause,
+    /// The crash before, if that is why.
+    pub crash: Option<CrashRecord>,
+}
+
+impl Start {
+    /// For [`Status::restart`](crate::health::Status::restart).
+    pub fn numbers(&self) -> [u32; RESTART_NUMBERS] {
+        let cause = self.cause as u32;
+        match self.crash.map(|crash| crash.kind) {
+            None => [cause, 0, 0, 0, 0, 0],
+            Some(CrashKind::Panic) => [cause, 1, 0, 0, 0, 0],
+            Some(CrashKind::Fault(Fault { pc, lr, cfsr, address })) => [cause, 2, pc, lr, cfsr, address],
+            Some(CrashKind::Stall(tasks)) => [cause, 3, tasks.into(), 0, 0, 0],
+        }
+    }
+}
+
+/// Over all words but the last.
+fn checksum(words: &[u32; CRASH_WORDS]) -> u32 {
+    let mut hash = Hash(HASH_START);
+    words.iter().take(CRASH_WORDS - 1).for_each(|word| hash.add(&word.to_le_bytes()));
+    hash.0
+}
+
+struct Hash(u32);
+
+impl Hash {
+    fn add(&mut self, bytes: &[u8]) {
+        self.0 = bytes.iter().fold(self.0, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(HASH_PRIME));
+    }
+}
+
+impl Write for Hash {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.add(text.as_bytes());
+        Ok(())
+    }
+}

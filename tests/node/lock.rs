@@ -1,0 +1,138 @@
+//! A locked node: what it refuses, who unlocks it, and that nothing else does.
+
+use ed25519_dalek::{Signer, SigningKey};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::node::{
+    ACCESS_PORT, Action, CHALLENGE_BYTES, COMMAND_PORT, IDENTIFY, Identity, Node, RESTART,
+    SIGNATURE_PAUSE_US, STORE, UNLOCK, UNLOCK_PREFIX,
+};
+use slipsense::settings::{Setting, Settings, TABLE};
+use slipsense::update::{DEVELOPMENT_KEY, DEVELOPMENT_SEED, unlocks};
+use slipsense::wire::NodeId;
+
+use super::commands::command;
+use super::mutated::{mutate, valid};
+use super::registers::access;
+use super::{TOOL, ask, identity, records, request};
+
+fn locked_settings() -> Settings {
+    let mut settings = Settings::new();
+    settings.set(Setting::Lock, &[1]).unwrap();
+    settings
+}
+
+fn locked(entropy: Option<u64>) -> Node {
+    let mut node = Node::new(Identity { entropy, ..identity() }, locked_settings());
+    node.set_operational();
+    node
+}
+
+/// The challenge as the bus has it: time, flags, type, length, bytes.
+fn challenge(node: &mut Node, transfer: u8) -> [u8; CHALLENGE_BYTES] {
+    let answer = ask(node, ACCESS_PORT, transfer, &access("slipsense.lock.challenge", &[0]), 0).unwrap();
+    assert_eq!(answer[9..11], (CHALLENGE_BYTES as u16).to_le_bytes());
+    answer[11..11 + CHALLENGE_BYTES].try_into().unwrap()
+}
+
+fn sign(seed: &[u8; 32], challenge: &[u8; CHALLENGE_BYTES]) -> [u8; 64] {
+    SigningKey::from_bytes(seed).sign(&[&UNLOCK_PREFIX[..], challenge].concat()).to_bytes()
+}
+
+/// Send a signature, judge it as a board does; the status of the answer.
+fn unlock(node: &mut Node, transfer: u8, signature: &[u8; 64], now_us: u64) -> u8 {
+    if let Some(answer) = ask(node, COMMAND_PORT, transfer, &command(UNLOCK, signature), now_us) {
+        return answer[0];
+    }
+    let Some(Action::Unlock(signature)) = node.take_action() else { panic!("no attempt") };
+    let valid = node.challenge().is_some_and(|challenge| unlocks(&challenge, &signature, &[DEVELOPMENT_KEY]));
+    node.unlock_done(valid);
+    super::said(node).iter().find_map(|(_, number, bytes)| (*number == transfer).then(|| bytes[0])).unwrap()
+}
+
+#[test]
+fn a_locked_node_keeps_its_settings_and_takes_no_command() {
+    let mut node = locked(Some(1));
+    for (index, definition) in TABLE.iter().enumerate() {
+        // A natural8: unusable for most, and refused before that is looked at.
+        let answer = ask(&mut node, ACCESS_PORT, index as u8, &access(definition.name, &[11, 1, 0, 1]), 0);
+        assert!(answer.is_some(), "{}", definition.name);
+    }
+    for (transfer, number) in [RESTART, STORE, 65_532, 65_533, 0, 1].into_iter().enumerate() {
+        let answer = ask(&mut node, COMMAND_PORT, transfer as u8, &command(number, b"path"), 0).unwrap();
+        assert_eq!((answer[0], &answer[2..8]), (5, &b"locked"[..]), "{number}");
+    }
+    assert_eq!((node.take_action(), node.take_changed(), node.is_locked()), (None, None, true));
+    assert_eq!(node.settings(), &locked_settings());
+    assert_eq!(ask(&mut node, COMMAND_PORT, 9, &command(IDENTIFY, b""), 0).unwrap()[0], 0);
+    assert_eq!(node.take_action(), Some(Action::Identify));
+    for frame in request(ACCESS_PORT, 2, &access("slipsense.raw.divider", &[11, 1, 0, 1])) {
+        node.accept(&frame, 0);
+    }
+    assert_eq!(records(&mut node), ["slipsense.raw.divider: locked, see slipsense.lock"]);
+}
+
+#[test]
+fn an_update_key_unlocks_once_until_the_next_start() {
+    let mut node = locked(Some(7));
+    let asked = challenge(&mut node, 0);
+    assert_eq!(unlock(&mut node, 1, &sign(&[9; 32], &asked), 0), 1);
+    assert!(node.is_locked());
+    // Another attempt has another challenge, and comes after a pause.
+    let valid = sign(&DEVELOPMENT_SEED, &asked);
+    assert_eq!(unlock(&mut node, 2, &valid, SIGNATURE_PAUSE_US - 1), 5);
+    assert_eq!(unlock(&mut node, 3, &valid, SIGNATURE_PAUSE_US), 1);
+    let asked = challenge(&mut node, 4);
+    let valid = sign(&DEVELOPMENT_SEED, &asked);
+    assert_eq!(unlock(&mut node, 5, &valid, 3 * SIGNATURE_PAUSE_US), 0);
+    assert!(!node.is_locked());
+    assert_eq!(ask(&mut node, COMMAND_PORT, 6, &command(RESTART, b""), 0).unwrap()[0], 0);
+    // What was recorded opens no other start, nor a board without random numbers.
+    for entropy in [Some(8), None] {
+        assert_eq!(unlock(&mut locked(entropy), 7, &valid, 0), 1);
+    }
+    assert_eq!(locked(None).challenge(), None);
+}
+
+#[test]
+fn nothing_that_a_hostile_node_sends_changes_a_locked_one() {
+    let transfers: u32 = std::env::var("SLIPSENSE_HOSTILE").map_or(200_000, |text| text.parse().unwrap());
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut node = locked(Some(3));
+    let (mut frames, mut heartbeats, mut unlocks_tried, mut now) = (0u64, 0, 0, 0);
+    for transfer in 0..transfers {
+        let (hostile, number) =
+            (NodeId::new(random.random_range(0..128)).unwrap_or(TOOL), transfer as u8 & 31);
+        let sent = match random.random_range(0..8) {
+            0 => request(COMMAND_PORT, number, &command(UNLOCK, &random.random::<[[u8; 32]; 2]>().concat())),
+            _ => valid(&mut random, hostile, number, &node),
+        };
+        for frame in sent {
+            let damaged = random.random_range(0..4) == 0;
+            node.accept(&if damaged { mutate(&mut random, &frame) } else { frame }, now);
+            frames += 1;
+        }
+        now += 1_000;
+        node.poll(now);
+        while let Some(frame) = node.next_frame() {
+            heartbeats += u32::from(frame.id() >> 8 & 0x1FFF == 7_509);
+        }
+        while let Some(action) = node.take_action() {
+            match action {
+                Action::Identify => {}
+                Action::Unlock(signature) => {
+                    unlocks_tried += 1;
+                    let challenge = node.challenge().unwrap();
+                    node.unlock_done(unlocks(&challenge, &signature, &[DEVELOPMENT_KEY]));
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        assert_eq!(node.take_changed(), None);
+    }
+    assert!(node.is_locked() && node.settings() == &locked_settings());
+    assert!(heartbeats >= transfers / 1_000, "{heartbeats} heartbeats in {transfers} ms");
+    println!(
+        "{frames} hostile frames: no state change, {unlocks_tried} signatures checked, {heartbeats} heartbeats"
+    );
+}

@@ -1,5 +1,6 @@
 //! How the sensors, the bus and the whole node are: health bits, counters, and what follows from them.
 
+use crate::calibration::{Progress, State, Summary};
 use crate::params::MAX_SENSORS;
 use crate::sensor::TaxelMask;
 
@@ -99,8 +100,12 @@ pub struct Status {
     pub sensors: usize,
     /// Health of each sensor at the last frame.
     pub sensor_health: [SensorHealth; MAX_SENSORS],
-    /// Taxels found stuck, by sensor.
+    /// Taxels faulty by calibration or found stuck, by sensor.
     pub stuck_taxels: [TaxelMask; MAX_SENSORS],
+    /// How each array is calibrated.
+    pub calibrations: [Summary; MAX_SENSORS],
+    /// How far the last measurement of an array is.
+    pub measurement: Progress,
     /// Slip messages given up for a newer one. Not one that was withdrawn too late: it was on the wire and has gone.
     pub replaced_slips: u32,
     /// Raw messages given up before their first CAN frame.
@@ -141,6 +146,8 @@ impl Status {
             sensors: 1,
             sensor_health: [SensorHealth(0); MAX_SENSORS],
             stuck_taxels: [TaxelMask::NONE; MAX_SENSORS],
+            calibrations: [Summary { version: 0, id: 0, faulty: 0, noise: 0 }; MAX_SENSORS],
+            measurement: Progress { sensor: 0, state: State::None, frames: 0, wanted: 0, at: (0, 0) },
             replaced_slips: 0,
             dropped_raw: 0,
             broken_raw: 0,

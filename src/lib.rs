@@ -11,6 +11,7 @@ pub mod params;
 pub mod fixed;
 pub mod sensor;
 pub mod transfer;
+pub mod calibration;
 pub mod health;
 pub mod features;
 pub mod simd;

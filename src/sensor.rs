@@ -84,6 +84,12 @@ impl TaxelMask {
         Self(core::array::from_fn(|row| self.0[row] | other.0[row]))
     }
 
+    /// How many taxels it masks, on the pad or not.
+    #[inline(never)]
+    pub fn count(&self) -> u32 {
+        self.0.iter().map(|word| word.count_ones()).sum()
+    }
+
     /// How many taxels of the pad it masks.
     pub fn len(&self) -> u32 {
         self.0.iter().zip(&ON_PAD).map(|(word, on_pad)| (word & on_pad).count_ones()).sum()

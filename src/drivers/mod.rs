@@ -4,7 +4,7 @@
 //! ```text
 //! FIFO ─ adxl38x, icm42688 ─> XlMonitor: restarts a dead part, counts samples, decimates ─┐
 //!                                                                                      ├─> Sensors: FrameSource
-//! ADC ring ─ scan (order) ─> array: de-interleaves, finds dead and stuck     ──────────┘
+//! ADC ring ─ scan (order) ─> array: de-interleaves, trims, finds dead and stuck ───┘
 //! ```
 //!
 //! Nothing waits for a part that does not answer: each tick gives every sensor a bounded number of transfers.
@@ -13,6 +13,7 @@
 
 pub mod adxl38x;
 pub mod array;
+mod commissioning;
 pub mod decimate;
 mod decimate_table;
 pub mod icm42688;
@@ -23,6 +24,7 @@ mod sensors;
 mod xl_monitor;
 
 pub use adxl38x::{Adxl380, Adxl382};
+pub use commissioning::{Bench, Commissioning, Failure};
 pub use icm42688::Icm42688;
 pub use registers::{SPI_BUFFER_BYTES, SpiBuffer};
 pub use sample_count::SampleCount;

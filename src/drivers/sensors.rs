@@ -6,6 +6,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
 use super::array::{Array, Mounting};
+use super::commissioning::{Bench, Job};
 use super::xl_monitor::{XlBatch, XlCounters, XlMonitor};
 use crate::board::{Accelerometer, FifoSamples, FrameSource, TaxelScan};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
@@ -26,21 +27,51 @@ pub struct SensorReport {
     pub lost_scans: u32,
     /// Which arrays are dead.
     pub dead_arrays: [bool; MAX_SENSORS],
-    /// Stuck taxels of each array.
+    /// Faulty and stuck taxels of each array.
     pub stuck_taxels: [TaxelMask; MAX_SENSORS],
 }
 
 /// What other tasks tell the sensors and hear from them.
-pub struct SensorLink<M: RawMutex> {
+pub struct SensorLink<'l, M: RawMutex> {
     report: Mutex<M, Cell<Option<SensorReport>>>,
     mountings: Mutex<M, Cell<[Mounting; MAX_SENSORS]>>,
+    /// To the sensors, and back when it is done.
+    job: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
+    done: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
+    measured: Mutex<M, Cell<u32>>,
 }
 
-impl<M: RawMutex> SensorLink<M> {
+impl<'l, M: RawMutex> SensorLink<'l, M> {
     /// Plain mountings, no report yet.
     pub const fn new() -> Self {
-        const PLAIN: Mounting = Mounting { transposed: false, rows_flipped: false, cols_flipped: false };
-        Self { report: Mutex::new(Cell::new(None)), mountings: Mutex::new(Cell::new([PLAIN; MAX_SENSORS])) }
+        const PLAIN: Mounting = Mounting { rows_flipped: false, cols_flipped: false };
+        Self {
+            report: Mutex::new(Cell::new(None)),
+            mountings: Mutex::new(Cell::new([PLAIN; MAX_SENSORS])),
+            job: Mutex::new(Cell::new(None)),
+            done: Mutex::new(Cell::new(None)),
+            measured: Mutex::new(Cell::new(0)),
+        }
+    }
+
+    /// Let the sensors do this with the bench, which nobody else has; [`take_back`](Self::take_back) it then.
+    pub(super) fn hand_over(&self, job: Job, bench: &'l mut Bench) {
+        self.job.lock(|cell| cell.set(Some((job, bench))));
+    }
+
+    /// What the sensors are done with.
+    pub(super) fn take_back(&self) -> Option<(Job, &'l mut Bench)> {
+        self.done.lock(Cell::take)
+    }
+
+    /// Frames of the measurement that goes on, or went on last.
+    pub(super) fn measured(&self) -> u32 {
+        self.measured.lock(Cell::get)
+    }
+
+    /// How the arrays are mounted.
+    pub(super) fn mountings(&self) -> [Mounting; MAX_SENSORS] {
+        self.mountings.lock(Cell::get)
     }
 
     /// From the next frame on the arrays are mounted so.
@@ -54,7 +85,7 @@ impl<M: RawMutex> SensorLink<M> {
     }
 }
 
-impl<M: RawMutex> Default for SensorLink<M> {
+impl<M: RawMutex> Default for SensorLink<'_, M> {
     fn default() -> Self {
         Self::new()
     }
@@ -63,9 +94,10 @@ impl<M: RawMutex> Default for SensorLink<M> {
 /// The sensors: one scan of all arrays, and an array and an accelerometer each.
 pub struct Sensors<'l, M: RawMutex, T, A> {
     scan: T,
-    link: &'l SensorLink<M>,
+    link: &'l SensorLink<'l, M>,
     frames_until_report: u32,
-    sensors: heapless::Vec<Sensor<A>, MAX_SENSORS>,
+    sensors: heapless::Vec<Sensor<'l, A>, MAX_SENSORS>,
+    work: Option<(Job, &'l mut Bench)>,
     /// Where FIFOs are read to, one after the other.
     fifo: FifoSamples,
     unwanted: XlBatch,
@@ -75,9 +107,9 @@ pub struct Sensors<'l, M: RawMutex, T, A> {
 
 /// One fingertip.
 #[derive(Debug)]
-pub struct Sensor<A> {
+pub struct Sensor<'l, A> {
     /// Its array.
-    pub array: Array,
+    pub array: Array<'l>,
     /// Its accelerometer.
     pub xl: XlMonitor<A>,
 }
@@ -86,14 +118,15 @@ impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
     /// The sensors in the order in which the scan converts their arrays.
     pub const fn new(
         scan: T,
-        sensors: heapless::Vec<Sensor<A>, MAX_SENSORS>,
-        link: &'l SensorLink<M>,
+        sensors: heapless::Vec<Sensor<'l, A>, MAX_SENSORS>,
+        link: &'l SensorLink<'l, M>,
     ) -> Self {
         Self {
             scan,
             link,
             frames_until_report: FRAME_RATE_HZ,
             sensors,
+            work: None,
             fifo: FifoSamples::new(),
             unwanted: XlBatch::new(),
             now_us: 0,
@@ -113,14 +146,41 @@ impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
         }
         report
     }
+
+    /// A frame's part of what the services have to do with an array's calibration.
+    #[inline(never)]
+    fn calibrate(&mut self) {
+        let Some((job, bench)) = self.work.take().or_else(|| self.link.job.lock(Cell::take)) else { return };
+        match job {
+            Job::Measure { sensor, frames } => {
+                if let Some(codes) = self.scan.codes() {
+                    bench.measurement.add(codes, sensor, self.sensors.len());
+                }
+                self.link.measured.lock(|cell| cell.set(bench.measurement.frames()));
+                if frames > 1 {
+                    // Frames whose scan is lost count too: a scan that never runs must not keep the bench.
+                    self.work = Some((Job::Measure { sensor, frames: frames - 1 }, bench));
+                    return;
+                }
+            }
+            Job::Install { sensor, gains_only } => {
+                if let Some(Sensor { array, .. }) = self.sensors.get_mut(sensor) {
+                    array.calibrate(&bench.calibration, gains_only);
+                }
+            }
+        }
+        self.link.done.lock(|cell| cell.set(Some((job, bench))));
+    }
 }
 
 impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M, T, A> {
     const REAL_TIME: bool = true;
 
     async fn tick(&mut self) -> Option<FrameStamp> {
-        for (sensor, mounting) in self.sensors.iter_mut().zip(self.link.mountings.lock(Cell::get)) {
-            sensor.array.mounting = mounting;
+        for (Sensor { array, .. }, mounting) in self.sensors.iter_mut().zip(self.link.mountings()) {
+            if array.mounting() != mounting {
+                array.mount(mounting);
+            }
         }
         self.frames_until_report -= 1;
         if self.frames_until_report == 0 {
@@ -146,6 +206,7 @@ impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M,
                 part.stuck = *sensor.array.stuck();
             }
         }
+        self.calibrate();
         if self.scan.codes().is_none() || !self.scan.is_untouched() {
             self.lost_scans = self.lost_scans.saturating_add(1);
             parts.iter_mut().for_each(|part| part.piezo_arrived = false);

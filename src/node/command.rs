@@ -8,6 +8,7 @@ use heapless::Vec;
 use super::fields::Fields;
 use super::file_read::{FilePath, FileRef, PATH_MAX, UpdateTarget};
 use super::lock::SIGNATURE_BYTES;
+use crate::calibration::{Request, What};
 use crate::wire::NodeId;
 use crate::wire::bytes::Writer;
 
@@ -32,6 +33,13 @@ pub const BEGIN_MODEL_UPDATE: u16 = 1;
 ///
 /// [`UNLOCK_PREFIX`]: super::UNLOCK_PREFIX
 pub const UNLOCK: u16 = 2;
+
+/// Measure an untouched array; a command of our own. The parameter is its number and how many seconds, in decimal:
+/// `0 10`. The answer says that it began, registers how it goes on. With 0 seconds: forget its calibration.
+pub const CALIBRATE: u16 = 3;
+/// Multiply the gains of an array; a command of our own. The parameter is its number and the factor, 1/2048, in
+/// decimal: `0 2150`.
+pub const SCALE_GAIN: u16 = 4;
 
 /// Longest answer text: what version 1.3 of the command began with.
 pub(super) const OUTPUT_MAX: usize = 46;
@@ -63,6 +71,7 @@ pub(super) enum Command {
     SelfTest,
     Update(UpdateTarget, FileRef),
     Unlock([u8; SIGNATURE_BYTES]),
+    Calibrate(Request),
 }
 
 /// Read a request of `client`.
@@ -90,8 +99,31 @@ pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Command, CommandS
                 if command == BEGIN_MODEL_UPDATE { UpdateTarget::Model } else { UpdateTarget::Firmware };
             Command::Update(target, FileRef { server: client, path })
         }
+        CALIBRATE => Command::Calibrate(calibration(parameter, |seconds| match seconds {
+            0 => Some(What::Forget),
+            _ => u8::try_from(seconds).ok().map(What::Measure),
+        })?),
+        SCALE_GAIN => Command::Calibrate(calibration(parameter, |factor| Some(What::Scale(factor)))?),
         _ => return Err(CommandStatus::BadCommand),
     })
+}
+
+/// Two decimal numbers: an array's, and what to do with it.
+fn calibration(parameter: &[u8], what: fn(u16) -> Option<What>) -> Result<Request, CommandStatus> {
+    let (mut sensor, mut number, mut digits) = (None, 0u16, 0);
+    for &byte in parameter {
+        if byte == b' ' && sensor.is_none() && digits > 0 {
+            (sensor, number, digits) = (u8::try_from(number).ok(), 0, 0);
+            continue;
+        }
+        let digit = byte.wrapping_sub(b'0');
+        let next = number.checked_mul(10).and_then(|tens| tens.checked_add(digit.into()));
+        (number, digits) = (next.filter(|_| digit < 10).ok_or(CommandStatus::BadParameter)?, digits + 1);
+    }
+    match (sensor, what(number)) {
+        (Some(sensor), Some(what)) if digits > 0 => Ok(Request { sensor, what }),
+        _ => Err(CommandStatus::BadParameter),
+    }
 }
 
 /// The response; its length. Text beyond [`OUTPUT_MAX`] is cut.

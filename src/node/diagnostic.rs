@@ -10,6 +10,10 @@ pub const RECORD_PORT: u16 = 8_184;
 pub const RECORD_TEXT_MAX: usize = 112;
 pub(super) const RECORD_BYTES: usize = 7 + 1 + 1 + RECORD_TEXT_MAX;
 
+/// How the line begins by which a node says how a sensor's array is calibrated: `calibration 0: 3 1a2b3c4d`, version and
+/// name of the contents, or `calibration 0: none`. One CAN frame.
+pub const CALIBRATION_LINE: &str = "calibration";
+
 /// How much a record matters (uavcan.diagnostic.Severity.1.0).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

@@ -1,27 +1,40 @@
-//! The configuration in flash, in a ring of sectors that the crate `sequential-storage` writes one after the
-//! other.
+//! The configuration and the arrays' calibrations in flash, in a ring of sectors that the crate `sequential-storage`
+//! writes one after the other.
 //!
-//! The whole configuration is one item, which is there whole or not at all. A store appends; only when a
-//! sector is full is the other one erased, after the new item is safe. Flash of the STM32H7 has sectors of
-//! 128 KB and writes 32 bytes at a time, so that one configuration takes 17 writes and a sector holds more
-//! than 200.
+//! The whole configuration is one item, and so is the calibration behind each connector: an item is there whole or not
+//! at all. A store appends; only when a sector is full is the other one erased, after all items are safe. Flash of the
+//! STM32H7 has sectors of 128 KB and writes 32 bytes at a time, so that one configuration takes 17 writes and a sector
+//! holds more than 200; a calibration takes 197, and a sector holds 20.
 
+use core::borrow::BorrowMut;
 use core::fmt;
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::Cache;
 use sequential_storage::cache::Uncached;
-use sequential_storage::map::{MapConfig, MapStorage};
+use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
 use super::encoding::{Damage, ENCODED_MAX};
 use super::{Settings, TABLE};
+use crate::calibration::{Calibration, RECORD_BYTES};
+use crate::params::MAX_SENSORS;
 
-/// The one item's name.
+/// The configuration's name. A calibration's is 1 more than its connector's number.
 const KEY: u8 = 0;
-/// Bytes that one item needs on its way: the configuration and its name, up to whole words of 32 bytes. With
-/// room for a later version's settings.
-const BUFFER_BYTES: usize = (2 * ENCODED_MAX).next_multiple_of(32);
+/// Bytes that a configuration needs, with room for a later version's settings.
+const SETTINGS_BYTES: usize = 2 * ENCODED_MAX;
+/// Bytes that an item needs on its way: the longest and its name, up to whole words of 32 bytes.
+const SCRATCH_BYTES: usize =
+    (if RECORD_BYTES > SETTINGS_BYTES { RECORD_BYTES } else { SETTINGS_BYTES } + 1).next_multiple_of(32);
+
+/// Where items are on their way between flash and RAM.
+pub type Scratch = [u8; SCRATCH_BYTES];
+/// A [`Scratch`] of one's own or of somebody else.
+pub trait ScratchMut: BorrowMut<Scratch> {}
+impl<B: BorrowMut<Scratch>> ScratchMut for B {}
+/// No item yet on its way.
+pub const SCRATCH: Scratch = [0; SCRATCH_BYTES];
 
 /// Where settings came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,31 +121,47 @@ impl fmt::Display for StoreError {
 impl core::error::Error for StoreError {}
 
 /// A configuration's place in flash: at least two sectors.
-pub struct SettingsStore<F: NorFlash> {
+pub struct SettingsStore<F: NorFlash, B> {
     map: MapStorage<u8, F, Cache<Uncached, Uncached, Uncached, u8>>,
-    buffer: [u8; BUFFER_BYTES],
+    scratch: B,
+}
+
+/// A calibration on its way into the flash.
+struct Record<'a>(&'a Calibration);
+
+impl<'a> Value<'a> for Record<'_> {
+    fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
+        // Of an array that was not measured there is nothing to store.
+        let length = if self.0.is_measured() { self.0.encode(buffer) } else { Some(0) };
+        length.ok_or(SerializationError::BufferTooSmall)
+    }
+
+    fn deserialize_from(_: &'a [u8]) -> Result<(Self, usize), SerializationError> {
+        // Read as bytes: see `load_calibration`.
+        Err(SerializationError::InvalidFormat)
+    }
 }
 
 /// A range of flash that cannot hold settings: not whole sectors, fewer than two, or words above 32 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RangeError;
 
-impl<F: NorFlash> SettingsStore<F> {
+impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
     /// Settings live in `range` of the flash, addresses as the flash counts them.
-    pub fn new(flash: F, range: Range<u32>) -> Result<Self, RangeError> {
+    pub fn new(flash: F, range: Range<u32>, scratch: B) -> Result<Self, RangeError> {
         // A sector must hold a configuration beside the marks at its ends, four words of at most 32 bytes.
-        if F::ERASE_SIZE < BUFFER_BYTES + 4 * 32 {
+        if F::ERASE_SIZE < SETTINGS_BYTES.next_multiple_of(32) + 4 * 32 {
             return Err(RangeError);
         }
         let config = MapConfig::try_new(range).map_err(|_| RangeError)?;
         let map = MapStorage::new(flash, config, Cache::new_uncached());
-        Ok(Self { map, buffer: [0; BUFFER_BYTES] })
+        Ok(Self { map, scratch })
     }
 
     /// The stored configuration, or the defaults; and what was wrong. A flash that holds nothing readable is
     /// left as it is, the next store mends it.
     pub async fn load(&mut self) -> (Settings, LoadReport) {
-        let found = match self.map.fetch_item::<&[u8]>(&mut self.buffer, &KEY).await {
+        let found = match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &KEY).await {
             Ok(Some(bytes)) => Ok(Some(Settings::decode(bytes))),
             Ok(None) => Ok(None),
             Err(sequential_storage::Error::Storage { .. }) => Err(Origin::Unreadable),
@@ -149,10 +178,17 @@ impl<F: NorFlash> SettingsStore<F> {
     }
 
     async fn blank_or_damaged(&mut self) -> Origin {
+        // An array may have been calibrated before anything was set.
+        for connector in 0..MAX_SENSORS as u8 {
+            let item = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &(KEY + 1 + connector)).await;
+            if matches!(item, Ok(Some(_))) {
+                return Origin::Blank;
+            }
+        }
         let range = self.map.flash_range();
-        for address in range.step_by(BUFFER_BYTES / 32 * 32) {
+        for address in range.step_by(SCRATCH_BYTES) {
             let left = self.map.flash_range().end.saturating_sub(address) as usize;
-            let Some(part) = self.buffer.get_mut(..left.min(BUFFER_BYTES)) else { continue };
+            let Some(part) = self.scratch.borrow_mut().get_mut(..left.min(SCRATCH_BYTES)) else { continue };
             if self.map.flash().read(address, part).await.is_err() {
                 return Origin::Unreadable;
             }
@@ -167,26 +203,56 @@ impl<F: NorFlash> SettingsStore<F> {
     /// is not written again, so that nobody can wear the flash out by storing.
     pub async fn store(&mut self, settings: &Settings) -> Result<(), StoreError> {
         let encoded = settings.encode();
-        if let Ok(Some(bytes)) = self.map.fetch_item::<&[u8]>(&mut self.buffer, &KEY).await
+        if let Ok(Some(bytes)) = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &KEY).await
             && bytes == encoded
         {
             return Ok(());
         }
-        let stored = self.map.store_item(&mut self.buffer, &KEY, &encoded.as_slice()).await;
-        match stored {
-            Ok(()) => {}
-            Err(sequential_storage::Error::Storage { .. }) => return Err(StoreError::Flash),
+        self.put(KEY, &encoded.as_slice()).await?;
+        match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &KEY).await {
+            Ok(Some(bytes)) if bytes == encoded => Ok(()),
+            _ => Err(StoreError::Verify),
+        }
+    }
+
+    /// Read the calibration of the array behind a connector; nominal values where none is stored, or none that can be
+    /// read. `false`: there was something that could not.
+    pub async fn load_calibration(&mut self, connector: usize, calibration: &mut Calibration) -> bool {
+        calibration.set_nominal();
+        let key = KEY + 1 + connector as u8;
+        match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await {
+            Ok(None | Some([])) => true,
+            Ok(Some(record)) => calibration.decode(record).is_ok(),
+            Err(_) => false,
+        }
+    }
+
+    /// Store the calibration of the array behind a connector and read it back. Until it is there, the one before is.
+    pub async fn store_calibration(
+        &mut self,
+        connector: usize,
+        calibration: &Calibration,
+    ) -> Result<(), StoreError> {
+        let key = KEY + 1 + connector as u8;
+        self.put(key, &Record(calibration)).await?;
+        match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await {
+            Ok(Some(record)) if calibration.is_record(record) => Ok(()),
+            _ => Err(StoreError::Verify),
+        }
+    }
+
+    async fn put<'v>(&mut self, key: u8, item: &impl Value<'v>) -> Result<(), StoreError> {
+        let scratch = self.scratch.borrow_mut();
+        match self.map.store_item(scratch, &key, item).await {
+            Ok(()) => Ok(()),
+            Err(sequential_storage::Error::Storage { .. }) => Err(StoreError::Flash),
+            Err(sequential_storage::Error::ItemTooBig) => Err(StoreError::Verify),
             Err(_) => {
                 // Beyond repair: begin anew. Only here can a power cut lose what was stored, and it was lost
                 // already.
                 self.map.erase_all().await.map_err(|_| StoreError::Flash)?;
-                let again = self.map.store_item(&mut self.buffer, &KEY, &encoded.as_slice()).await;
-                again.map_err(|_| StoreError::Corrupted)?;
+                self.map.store_item(scratch, &key, item).await.map_err(|_| StoreError::Corrupted)
             }
-        }
-        match self.map.fetch_item::<&[u8]>(&mut self.buffer, &KEY).await {
-            Ok(Some(bytes)) if bytes == encoded => Ok(()),
-            _ => Err(StoreError::Verify),
         }
     }
 

@@ -20,9 +20,12 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use super::{RuntimeConfig, SERVICE_FRAMES, Shared, Task};
 use crate::board::crash_record::{CrashRecord, ResetCause, Start};
 use crate::board::{CanReceive, Clock, StatusLed};
+use crate::calibration::{Request, Summary};
+use crate::drivers::Failure;
 use crate::health::{self, CanState, Condition, Status};
 use crate::node::{
-    Action, CHALLENGE_BYTES, FileSink, HEARTBEAT_PORT, Node, SIGNATURE_BYTES, Severity, UpdateTarget,
+    Action, CALIBRATION_LINE, CHALLENGE_BYTES, FileSink, HEARTBEAT_PORT, Node, SIGNATURE_BYTES, Severity,
+    UpdateTarget,
 };
 use crate::params::FRAME_RATE_HZ;
 use crate::settings::Settings;
@@ -44,6 +47,8 @@ const SELF_TEST_FRAMES: u32 = FRAME_RATE_HZ / 2 * 9 / 10;
 /// How long the light blinks for [`Action::Identify`], and how long it is on or off, µs.
 const IDENTIFY_US: u64 = 5_000_000;
 const BLINK_US: u64 = 125_000;
+/// How often the node says by which calibration its arrays are read, µs: so a recording of some seconds knows.
+const CALIBRATIONS_US: u64 = 10_000_000;
 /// The LED gets the node's status at least this often, µs.
 const SHOW_US: u64 = 1_000_000;
 
@@ -81,6 +86,21 @@ pub trait ServiceBoard: FileSink + StatusLed {
 
     /// Is this the signature of [`UNLOCK_PREFIX`](crate::node::UNLOCK_PREFIX) and the challenge by an update key?
     fn unlocks(&mut self, challenge: &[u8; CHALLENGE_BYTES], signature: &[u8; SIGNATURE_BYTES]) -> bool;
+
+    /// Measure an array, or change its calibration: begun when this returns.
+    fn calibrate(&mut self, _request: Request) -> Result<(), &'static str> {
+        Err("there is no array")
+    }
+
+    /// Is there something to [`end_calibration`](Self::end_calibration)? Asked for again and again.
+    fn calibration_ends(&mut self) -> bool {
+        false
+    }
+
+    /// Make the new calibration, store it, apply it: of which array, and how it went.
+    async fn end_calibration(&mut self) -> Option<(u8, Result<Summary, Failure>)> {
+        None
+    }
 
     /// Judge a self test by what the tasks counted before and after it.
     fn self_test(&mut self, before: &Status, after: &Status) -> Result<(), &'static str> {
@@ -126,6 +146,8 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
     crash: Option<CrashRecord>,
     was_off: bool,
     next_us: u64,
+    /// When the calibrations are told next.
+    calibrations_us: u64,
     /// Heartbeats handed over to transmission.
     heartbeats: u32,
 }
@@ -143,6 +165,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
             crash: start.crash,
             was_off: false,
             next_us: 0,
+            calibrations_us: 0,
             heartbeats: 0,
         };
         Self { node_loop, board, shown: None, identify_until_us: 0, restart_at_us: None }
@@ -176,6 +199,18 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
         self.publish_notice();
         if self.board.ready_to_confirm(self.node_loop.evidence()) {
             self.node_loop.meanwhile(self.board.confirm()).await;
+        }
+        if self.board.calibration_ends()
+            && let Some((sensor, result)) = self.node_loop.meanwhile(self.board.end_calibration()).await
+        {
+            match result {
+                // With the lines that say so again and again.
+                Ok(_) => self.node_loop.calibrations_us = 0,
+                Err(why) => {
+                    let line = format_args!("sensor {sensor} not calibrated: {why}");
+                    self.node_loop.node.report(Severity::Error, line);
+                }
+            }
         }
         if let Some(action) = self.node_loop.node.take_action() {
             self.act(action).await;
@@ -222,6 +257,10 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
                 let challenge = self.node_loop.node.challenge();
                 let valid = challenge.is_some_and(|challenge| self.board.unlocks(&challenge, &signature));
                 self.node_loop.node.unlock_done(valid);
+            }
+            Action::Calibrate(request) => {
+                let result = self.board.calibrate(request);
+                self.node_loop.node.command_done(result);
             }
             Action::BeginUpdate { target, file } => {
                 match self.node_loop.meanwhile(self.board.begin_update(target)).await {
@@ -295,6 +334,16 @@ impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
         }
         if self.node.node_id().is_some() && core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
             self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
+        }
+        if self.node.node_id().is_some()
+            && self.clock.now_us() >= self.calibrations_us
+            && self.node.is_drained()
+        {
+            self.calibrations_us = self.clock.now_us().saturating_add(CALIBRATIONS_US);
+            let Status { sensors, calibrations, .. } = self.node.status;
+            for (sensor, summary) in calibrations.iter().enumerate().take(sensors) {
+                self.node.report(Severity::Info, format_args!("{CALIBRATION_LINE} {sensor}: {summary}"));
+            }
         }
         while self.shared.service_room() > 0 {
             let Some(frame) = self.node.next_frame() else { break };

@@ -2,136 +2,153 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use slipsense::calibration::{BLOCK_FRAMES, Calibration, Measurement};
 use slipsense::drivers::array::{Array, DEAD_FRAMES, Mounting, STUCK_FRAMES};
 use slipsense::params::{COUNT_MAX, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, is_active};
-use slipsense::transfer::adc_code;
+use slipsense::transfer::{IDLE_CODE, adc_code};
 
 /// Frames until every row was looked at once.
 const ROUND: u32 = STUCK_FRAMES * TAXEL_ROWS as u32;
 
-fn plain() -> Array {
-    Array::new(Mounting::default())
+fn nominal() -> Calibration {
+    let mut calibration = Calibration::zeroed();
+    calibration.set_nominal();
+    calibration
+}
+
+/// An untouched pad with some noise.
+fn idle(rng: &mut ChaCha8Rng) -> Vec<u16> {
+    (0..TAXELS).map(|_| IDLE_CODE + rng.random_range(0..16)).collect()
 }
 
 /// A touched pad with noise, one array alone.
-fn noisy(rng: &mut ChaCha8Rng) -> Vec<u16> {
-    (0..TAXELS).map(|i| adc_code(40 + (i % 7) as u16 * 10 + rng.random_range(0..3))).collect()
+fn touched(rng: &mut ChaCha8Rng) -> Vec<u16> {
+    (0..TAXELS).map(|i| adc_code(40 + (i % 7) as u16 * 10) + rng.random_range(0..16)).collect()
+}
+
+/// What a second of the untouched pad gives.
+fn calibrated(rng: &mut ChaCha8Rng) -> Calibration {
+    let (mut measurement, mut calibration) = (Measurement::new(), nominal());
+    (0..BLOCK_FRAMES).for_each(|_| measurement.add(&idle(rng), 0, 1));
+    measurement.evaluate(&Mounting::default().pad(), &mut calibration).expect("in order");
+    calibration
 }
 
 #[test]
 fn codes_go_where_they_belong_in_any_mounting() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    for bits in 0..8 {
-        let mounting = Mounting::from_bits(bits).expect("three bits");
+    for (rows_flipped, cols_flipped) in [(false, false), (true, false), (false, true), (true, true)] {
+        let mounting = Mounting { rows_flipped, cols_flipped };
         let mut places: Vec<usize> = (0..TAXELS).map(|slot| mounting.place(slot)).collect();
         for arrays in 1..=3 {
             let counts: Vec<u16> = (0..TAXELS * arrays).map(|_| rng.random_range(0..=COUNT_MAX)).collect();
             let codes: Vec<u16> = counts.iter().copied().map(adc_code).collect();
             for index in 0..arrays {
-                let mut frame = PiezoFrame::zeroed();
-                assert!(Array::new(mounting).read(&codes, index, arrays, &mut frame));
+                let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
+                calibration.faulty = calibration.faulty.with(3, 11);
+                let mut array = Array::new(&mut calibration);
+                array.mount(mounting);
+                assert!(array.read(&codes, index, arrays, &mut frame));
+                let flip = |n: usize, flipped: bool| if flipped { 31 - n } else { n };
                 for (row, col) in (0..32).flat_map(|row| (0..32).map(move |col| (row, col))) {
-                    let (r, c) = if mounting.transposed { (col, row) } else { (row, col) };
-                    let r = if mounting.rows_flipped { 31 - r } else { r };
-                    let c = if mounting.cols_flipped { 31 - c } else { c };
+                    let (r, c) = (flip(row, rows_flipped), flip(col, cols_flipped));
                     let expected =
                         if is_active(r, c) { counts[(row * 32 + col) * arrays + index] } else { 0 };
                     assert_eq!(frame.counts()[r * 32 + c], expected);
+                    assert_eq!(array.stuck().masks(r, c), (row, col) == (3, 11));
                 }
             }
         }
         places.sort_unstable();
         assert!(places.into_iter().eq(0..TAXELS), "a permutation");
     }
-    assert_eq!(Mounting::from_bits(8), None);
 }
 
 #[test]
 fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
-    for count in [1, 700, 4_080, COUNT_MAX] {
+    for code in [0, IDLE_CODE, 30_000, u16::MAX] {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
-        let uniform = vec![adc_code(count); TAXELS];
+        let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
+        let mut array = Array::new(&mut calibration);
+        let uniform = vec![code; TAXELS];
         for n in 1..=3 * DEAD_FRAMES {
-            assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "count {count}, frame {n}");
+            assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "code {code}, frame {n}");
         }
         println!(
-            "count {count} everywhere: dead after {DEAD_FRAMES} frames, alive with the first that differs"
+            "code {code} everywhere: dead after {DEAD_FRAMES} frames, alive with the first that differs"
         );
-        assert!(array.read(&noisy(&mut rng), 0, 1, &mut frame));
+        assert!(array.read(&touched(&mut rng), 0, 1, &mut frame));
     }
-    // Near the rail, with noise.
+    // Near a rail, with noise.
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
-    let railed = |rng: &mut ChaCha8Rng| {
-        (0..TAXELS).map(|_| adc_code(COUNT_MAX - rng.random_range(0..3))).collect::<Vec<_>>()
-    };
-    assert!((0..DEAD_FRAMES).any(|_| !array.read(&railed(&mut rng), 0, 1, &mut frame)));
+    for rail in [0, u16::MAX - 15] {
+        let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
+        let mut array = Array::new(&mut calibration);
+        let mut railed = || (0..TAXELS).map(|_| rail + rng.random_range(0..16)).collect::<Vec<_>>();
+        assert!((0..DEAD_FRAMES).any(|_| !array.read(&railed(), 0, 1, &mut frame)), "rail {rail}");
+    }
 }
 
 #[test]
-fn an_untouched_pad_of_zeros_is_alive() {
-    let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
-    assert!((0..2 * ROUND).all(|_| array.read(&[0; TAXELS], 0, 1, &mut frame)));
-    assert!(array.stuck().is_empty());
-}
-
-#[test]
-fn a_stuck_taxel_is_found_until_it_moves() {
+fn a_stuck_taxel_is_found_until_it_moves_but_only_where_noise_was_measured() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
-    let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
     let stuck = 16 * 32 + 9;
+    let mut frame = PiezoFrame::zeroed();
+    let (mut one, mut other) = (calibrated(&mut rng), nominal());
+    let (mut array, mut unknown) = (Array::new(&mut one), Array::new(&mut other));
     let mut frames_to_find = None;
     for n in 1..=2 * ROUND {
-        let mut codes = noisy(&mut rng);
+        let mut codes = touched(&mut rng);
         codes[stuck] = adc_code(900);
         array.read(&codes, 0, 1, &mut frame);
+        unknown.read(&codes, 0, 1, &mut frame);
         if array.stuck().masks(stuck / 32, stuck % 32) {
             frames_to_find.get_or_insert(n);
         }
     }
     let found = frames_to_find.expect("never found");
     assert!(found <= ROUND);
-    assert_eq!(array.stuck().len(), 1, "no other");
+    assert_eq!((array.stuck().len(), unknown.stuck().len()), (1, 0), "no other");
     let back = (1..=ROUND + STUCK_FRAMES)
         .find(|_| {
-            array.read(&noisy(&mut rng), 0, 1, &mut frame);
+            array.read(&touched(&mut rng), 0, 1, &mut frame);
             array.stuck().is_empty()
         })
         .expect("never valid again");
     println!("stuck: found after {found} frames, valid again after {back}");
+    // A scan that stands still is not the taxels' fault.
+    let codes = touched(&mut rng);
+    (0..2 * ROUND).for_each(|_| _ = array.read(&codes, 0, 1, &mut frame));
+    assert!(array.stuck().is_empty());
 }
 
 #[test]
 fn a_firm_grasp_is_not_stuck_and_a_short_is() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let (mut array, mut frame) = (plain(), PiezoFrame::zeroed());
+    let (mut calibration, mut frame) = (calibrated(&mut rng), PiezoFrame::zeroed());
+    let mut array = Array::new(&mut calibration);
     let full = 10 * 32 + 10;
-    let mut grasp = |array: &mut Array| {
+    let mut run = |array: &mut Array, codes: fn(&mut ChaCha8Rng) -> Vec<u16>| {
         for _ in 0..ROUND {
-            let mut codes = noisy(&mut rng);
-            codes[full] = adc_code(COUNT_MAX);
+            let mut codes = codes(&mut rng);
+            codes[full] = u16::MAX;
             array.read(&codes, 0, 1, &mut frame);
         }
     };
-    grasp(&mut array);
+    run(&mut array, touched);
     assert!(array.stuck().is_empty(), "held at full scale by a grasp");
-    let mut idle = [0; TAXELS];
-    idle[full] = adc_code(COUNT_MAX);
-    let mut frame = PiezoFrame::zeroed();
-    for _ in 0..ROUND {
-        array.read(&idle, 0, 1, &mut frame);
-    }
+    run(&mut array, idle);
     assert!(array.stuck().masks(full / 32, full % 32), "at full scale on an untouched pad");
-    grasp(&mut array);
+    run(&mut array, touched);
     assert!(array.stuck().masks(full / 32, full % 32), "a grasp does not clear it");
 }
 
 #[test]
 fn a_short_scan_or_a_missing_array_does_not_panic() {
-    let mut frame = PiezoFrame::zeroed();
-    plain().read(&[], 0, 0, &mut frame);
-    plain().read(&[9; 100], 5, 3, &mut frame);
-    plain().read(&[9; 10 * TAXELS], 0, 1, &mut frame);
+    let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
+    let mut array = Array::new(&mut calibration);
+    array.read(&[], 0, 0, &mut frame);
+    array.read(&[9; 100], 5, 3, &mut frame);
+    array.read(&[9; 10 * TAXELS], 0, 1, &mut frame);
 }

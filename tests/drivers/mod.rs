@@ -1,6 +1,7 @@
 //! Sensor drivers against parts of registers and bytes, and the arithmetic of the scan against its definition.
 
 mod array;
+mod calibrated;
 mod decimate;
 mod fake;
 mod faults;

@@ -1,5 +1,5 @@
 //! Settings: what may be set, how it is stored, what a power cut and damage do to it.
 
-mod flash;
+pub mod flash;
 mod power_cuts;
 mod rules;

@@ -3,7 +3,8 @@
 use embassy_futures::block_on;
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::settings::{Origin, Setting, Settings, SettingsStore, StoreError};
+use slipsense::calibration::{Calibration, RECORD_BYTES, Trim};
+use slipsense::settings::{Origin, SCRATCH, Scratch, Setting, Settings, SettingsStore, StoreError};
 
 use super::flash::{Failure, Flash};
 
@@ -24,9 +25,11 @@ fn configuration(n: u64) -> Settings {
     settings
 }
 
-fn store_of(flash: Flash<SECTOR>) -> SettingsStore<Flash<SECTOR>> {
+type Store<const BYTES: usize> = SettingsStore<Flash<BYTES>, Box<Scratch>>;
+
+fn store_of<const BYTES: usize>(flash: Flash<BYTES>) -> Store<BYTES> {
     let range = flash.range();
-    SettingsStore::new(flash, range).unwrap()
+    SettingsStore::new(flash, range, Box::new(SCRATCH)).unwrap()
 }
 
 /// Store configurations `from` to [`STORES`]; the number of the last one whose store returned well.
@@ -91,8 +94,7 @@ fn a_power_cut_at_any_step_leaves_the_old_or_the_new_configuration() {
 fn the_sectors_of_the_h7_hold_hundreds_of_configurations() {
     let mut flash = Flash::<{ 128 * 1024 }>::new(2);
     flash.power = u64::MAX;
-    let range = flash.range();
-    let mut store = SettingsStore::new(flash, range).unwrap();
+    let mut store = store_of(flash);
     for n in 0..400 {
         block_on(store.store(&configuration(n % 100))).unwrap();
     }
@@ -103,7 +105,7 @@ fn the_sectors_of_the_h7_hold_hundreds_of_configurations() {
 
 #[test]
 fn damage_is_reported_and_mended() {
-    let mut store = store_of(Flash::new(2));
+    let mut store = store_of(Flash::<SECTOR>::new(2));
     let (settings, report) = block_on(store.load());
     assert_eq!((settings, report.origin, report.is_damaged()), (Settings::new(), Origin::Blank, false));
     block_on(store.store(&configuration(5))).unwrap();
@@ -149,14 +151,104 @@ fn a_refused_write_is_an_error_and_harmless() {
     let mut store = store_of(flash);
     assert_eq!(block_on(store.store(&configuration(1))), Err(StoreError::Flash));
     assert_eq!(Failure::NoPower, Failure::NoPower);
-    assert!(SettingsStore::new(Flash::<SECTOR>::new(1), 0..SECTOR as u32).is_err());
-    assert!(SettingsStore::new(Flash::<SECTOR>::new(3), 1..2 * SECTOR as u32).is_err());
-    assert!(SettingsStore::new(Flash::<512>::new(4), 0..2048).is_err());
+    let scratch = || Box::new(SCRATCH);
+    assert!(SettingsStore::new(Flash::<SECTOR>::new(1), 0..SECTOR as u32, scratch()).is_err());
+    assert!(SettingsStore::new(Flash::<SECTOR>::new(3), 1..2 * SECTOR as u32, scratch()).is_err());
+    assert!(SettingsStore::new(Flash::<512>::new(4), 0..2048, scratch()).is_err());
+}
+
+/// Calibration number `n` of an array, different from all others; number 0 is nominal.
+fn calibration(n: u16) -> Box<Calibration> {
+    let mut calibration = Box::new(Calibration::zeroed());
+    calibration.set_nominal();
+    for step in 0..n {
+        calibration.trims[usize::from(step)] = Trim { gain: 2_000 - step, ..Trim::NOMINAL };
+        calibration.faulty = calibration.faulty.with(usize::from(step), 7);
+        assert!(calibration.scale(2_048), "the same gains, the next version");
+    }
+    // As it comes back: a stored taxel has the gate of its noise.
+    if n > 0 {
+        let mut record = vec![0; RECORD_BYTES];
+        assert_eq!(calibration.encode(&mut record), Some(RECORD_BYTES));
+        assert!(calibration.decode(&record).is_ok());
+    }
+    calibration
+}
+
+fn loaded<const BYTES: usize>(store: &mut Store<BYTES>, connector: usize) -> Box<Calibration> {
+    let mut found = calibration(0);
+    assert!(block_on(store.load_calibration(connector, &mut found)), "connector {connector}");
+    found
+}
+
+#[test]
+fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
+    // Items of 6 KB: four of them and the settings fill a sector, so that there is a cut in each erase too.
+    const LARGE: usize = 32 * 1024;
+    let made: Vec<_> = (0..=7).map(calibration).collect();
+    let stores = |flash: Flash<LARGE>| {
+        let mut store = store_of(flash);
+        let mut done = 0;
+        for n in 1..=6 {
+            if block_on(store.store_calibration(usize::from(n % 2), &made[usize::from(n)])).is_err() {
+                break;
+            }
+            done = n;
+        }
+        (done, store.into_flash())
+    };
+    let mut first = store_of(Flash::<LARGE>::new(2));
+    block_on(first.store(&configuration(5))).unwrap();
+    block_on(first.store_calibration(2, &made[7])).unwrap();
+    let first = first.into_flash();
+    let (done, whole) = stores(first.clone());
+    assert_eq!(done, 6);
+    assert!(whole.erases >= 1, "{} erases", whole.erases);
+    let (mut old, mut new) = (0u32, 0u32);
+    let steps = whole.steps - first.steps;
+    for cut in (0..steps).step_by(1_501) {
+        let mut flash = first.clone();
+        (flash.power, flash.torn) = (cut, (cut % 2 == 0).then(|| ChaCha8Rng::seed_from_u64(cut)));
+        let (done, mut flash) = stores(flash);
+        flash.power = u64::MAX;
+        let mut store = store_of(flash);
+        let last = |connector: u16, upto: u16| (0..=upto).rev().find(|n| *n == 0 || n % 2 == connector);
+        let during = done + 1;
+        for connector in 0..2 {
+            let found = loaded(&mut store, connector.into());
+            let (before, after) = (last(connector, done).unwrap(), last(connector, during).unwrap());
+            if found == made[usize::from(before)] {
+                old += u32::from(before != after);
+            } else {
+                assert_eq!(found, made[usize::from(after)], "cut at {cut}, connector {connector}");
+                new += 1;
+            }
+        }
+        assert_eq!(loaded(&mut store, 2), made[7], "cut at {cut}");
+        assert_eq!(block_on(store.load()).0, configuration(5), "cut at {cut}");
+        block_on(store.store_calibration(1, &made[3])).unwrap();
+        assert_eq!(loaded(&mut store, 1), made[3], "cut at {cut}: the flash still works");
+    }
+    println!(
+        "calibrations: 6 stores, {steps} steps, power cut at every 1,501st: {old} times old, {new} times new"
+    );
+    assert!(old > 20);
+}
+
+#[test]
+fn a_calibration_before_any_setting_is_no_damage_and_can_be_forgotten() {
+    let mut store = store_of(Flash::<{ 16 * 1024 }>::new(2));
+    block_on(store.store_calibration(1, &calibration(2))).unwrap();
+    assert_eq!(block_on(store.load()).1.origin, Origin::Blank);
+    assert_eq!((loaded(&mut store, 0), loaded(&mut store, 1)), (calibration(0), calibration(2)));
+    block_on(store.store_calibration(1, &calibration(0))).unwrap();
+    assert_eq!(loaded(&mut store, 1), calibration(0));
+    assert!(calibration(1).decode(&[1; RECORD_BYTES]).is_err());
 }
 
 #[test]
 fn what_is_stored_already_is_not_written_again() {
-    let mut store = store_of(Flash::new(2));
+    let mut store = store_of(Flash::<SECTOR>::new(2));
     block_on(store.store(&configuration(5))).unwrap();
     let mut flash = store.into_flash();
     let steps = flash.steps;

@@ -88,11 +88,13 @@ fn a_board_says_what_it_has_to_say_once_it_has_an_address() {
         Notice::FirmwareStays(version, Refusal::NoBootloader),
         Notice::Model(SlotModel::BuiltIn(Refusal::WrongHash)),
     ];
-    let said: Vec<_> = notices.iter().map(|notice| notice.to_string()).collect();
+    let mut said: Vec<_> = notices.iter().map(|notice| notice.to_string()).collect();
+    // And by which calibration its array is read.
+    said.push("calibration 0: none".to_owned());
     let ran = Run { notices: notices.clone(), ..Run::new(&[], 1_500) }.run();
     assert_eq!(ran.records(), said);
     let severities: Vec<_> = ran.messages(RECORD_PORT).iter().map(|(_, _, bytes)| bytes[7]).collect();
-    assert_eq!(severities, [3, 3, 4]);
+    assert_eq!(severities, [3, 3, 4, 2]);
     let mut settings = Settings::new();
     settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
     settings.set(Setting::PlugAndPlay, &[0]).unwrap();

@@ -13,9 +13,8 @@ use crate::table::{Table, thousands};
 const FLASH_BYTES_MAX: u64 = 512 * 1024;
 
 /// What has to be left of the region that code is linked to. The same source is 10 KB longer by one compiler than by
-/// another, and CI has but one of those that users have; up to 2 KB lie unused before the code, because the image of
-/// ITCM has a place of its own.
-const FLASH_SPARE_BYTES: u64 = 14 * 1024;
+/// another, and CI has but one of those that users have.
+const FLASH_SPARE_BYTES: u64 = 12 * 1024;
 /// That region.
 const CODE: &str = "FLASH";
 

@@ -16,6 +16,7 @@ use super::lock::{CHALLENGE_BYTES, Lock, SIGNATURE_BYTES};
 use super::outbox::Outbox;
 use super::registers::{ACCESS_PORT, LIST_PORT};
 use super::time_sync::{TIME_PORT, TimeSync};
+use crate::calibration::Request;
 use crate::health::{Condition, Status};
 use crate::settings::{Setting, Settings};
 use crate::wire::{
@@ -50,6 +51,8 @@ pub enum Action {
     SelfTest,
     /// Check this signature of [`Node::challenge`], then [`Node::unlock_done`].
     Unlock([u8; SIGNATURE_BYTES]),
+    /// Measure an array, or change its calibration; then [`Node::command_done`]: with a measurement when it has begun.
+    Calibrate(Request),
     /// Make room for an update, then [`Node::begin_download`] or [`Node::report`] why not.
     BeginUpdate {
         /// Firmware or model.

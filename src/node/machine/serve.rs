@@ -79,7 +79,7 @@ impl Node {
                 Err(why) => (CommandStatus::BadState, why),
             },
             Err(CommandStatus::BadCommand) => (CommandStatus::BadCommand, "no such command"),
-            Err(status) => (status, "parameter cut short, missing or too long"),
+            Err(status) => (status, "parameter cut short, missing or wrong"),
         };
         self.answer(id, transfer, status, why);
     }
@@ -94,6 +94,7 @@ impl Node {
             Command::FactoryReset => (Action::FactoryReset, true),
             Command::SelfTest => (Action::SelfTest, true),
             Command::Unlock(signature) => (Action::Unlock(signature), true),
+            Command::Calibrate(request) => (Action::Calibrate(request), true),
         };
         if self.lock.is_closed() && !matches!(action, Action::Identify | Action::Unlock(_)) {
             return Err(LOCKED);

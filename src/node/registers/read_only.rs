@@ -4,6 +4,7 @@ use heapless::Vec;
 
 use super::super::identity::Identity;
 use super::super::lock::CHALLENGE_BYTES;
+use crate::calibration::{Progress, Summary};
 use crate::health::Status;
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
@@ -26,6 +27,8 @@ pub(super) enum ReadOnly {
     AddressConflicts,
     SettingsDamage,
     Stuck(usize),
+    Calibration(usize),
+    Measurement,
     ModelHash,
     TimeOffset,
     Locked,
@@ -33,7 +36,7 @@ pub(super) enum ReadOnly {
 }
 
 /// Names in the order of the list.
-pub(super) const READ_ONLY: [(&str, ReadOnly); 18 + MAX_SENSORS] = [
+pub(super) const READ_ONLY: [(&str, ReadOnly); 19 + 2 * MAX_SENSORS] = [
     ("slipsense.status.late_frames", ReadOnly::LateFrames),
     ("slipsense.status.overruns", ReadOnly::Overruns),
     ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
@@ -51,6 +54,10 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 18 + MAX_SENSORS] = [
     ("slipsense.sensor.0.stuck", ReadOnly::Stuck(0)),
     ("slipsense.sensor.1.stuck", ReadOnly::Stuck(1)),
     ("slipsense.sensor.2.stuck", ReadOnly::Stuck(2)),
+    ("slipsense.sensor.0.calibration", ReadOnly::Calibration(0)),
+    ("slipsense.sensor.1.calibration", ReadOnly::Calibration(1)),
+    ("slipsense.sensor.2.calibration", ReadOnly::Calibration(2)),
+    ("slipsense.status.measurement", ReadOnly::Measurement),
     ("slipsense.model.hash", ReadOnly::ModelHash),
     ("slipsense.time.offset_us", ReadOnly::TimeOffset),
     ("slipsense.status.locked", ReadOnly::Locked),
@@ -105,6 +112,16 @@ impl<'a> NodeState<'a> {
             ReadOnly::Stuck(sensor) => {
                 let rows = status.stuck_taxels.get(sensor).copied().unwrap_or_default();
                 numbers(Kind::Natural32, &rows.0.map(i64::from))
+            }
+            ReadOnly::Calibration(sensor) => {
+                let Summary { version, id, faulty, noise } =
+                    status.calibrations.get(sensor).copied().unwrap_or_default();
+                numbers(Kind::Natural32, &[version, id, faulty, noise].map(i64::from))
+            }
+            ReadOnly::Measurement => {
+                let Progress { sensor, state, frames, wanted, at: (row, col) } = status.measurement;
+                let [sensor, state, row, col] = [sensor, state as u8, row, col].map(i64::from);
+                numbers(Kind::Natural16, &[sensor, state, frames.into(), wanted.into(), row, col])
             }
             // Empty: there is no readable model.
             ReadOnly::ModelHash => {

@@ -4,7 +4,7 @@
 use embassy_futures::block_on;
 use sha2::{Digest, Sha256};
 use slipsense::node::{Action, FileSink, Identity, Node, Severity, UpdateTarget, Version};
-use slipsense::settings::SettingsStore;
+use slipsense::settings::{SCRATCH, SettingsStore};
 use slipsense::wire::CanFrame;
 
 use crate::ram_flash::{FLASH_BYTES, RamFlash};
@@ -65,7 +65,9 @@ impl FileSink for HashSink {
 
 /// Serve until the node is to start anew. `unique_id` tells the boards apart.
 pub fn serve(link: &mut impl Link, flash: &mut [u8; FLASH_BYTES], unique_id: [u8; 16]) {
-    let mut store = SettingsStore::new(RamFlash(flash), 0..FLASH_BYTES as u32).expect("two whole sectors");
+    let mut scratch = SCRATCH;
+    let mut store =
+        SettingsStore::new(RamFlash(flash), 0..FLASH_BYTES as u32, &mut scratch).expect("two whole sectors");
     let (settings, report) = block_on(store.load());
     let identity = Identity {
         hardware_version: Version { major: 0, minor: 1 },
@@ -98,6 +100,7 @@ pub fn serve(link: &mut impl Link, flash: &mut [u8; FLASH_BYTES], unique_id: [u8
                         Err(_) => node.command_done(Err("the flash refused a write")),
                     }
                 }
+                Action::Calibrate(_) => node.command_done(Err("there is no array")),
                 Action::SelfTest => {
                     node.status.self_tests += 1;
                     node.command_done(Ok(()));

@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow};
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use rigless::image::Image;
-use slipsense::settings::{Setting, Settings, SettingsStore};
+use slipsense::settings::{SCRATCH, Setting, Settings, SettingsStore};
 use slipsense::update::partitions::{FLASH_BASE, SECTOR_BYTES};
 
 use crate::programs::BOARD;
@@ -63,7 +63,8 @@ pub fn with_sensors(sensors: usize) -> Result<Image> {
     settings.set(Setting::Sensors, &[sensors as i64]).map_err(|error| anyhow!("{error:?}"))?;
     let (start, end) = (BOARD.settings.start, BOARD.settings.end);
     let blank = Sectors(vec![ERASED; (end - start) as usize]);
-    let mut store = SettingsStore::new(blank, 0..end - start).map_err(|error| anyhow!("{error:?}"))?;
+    let mut store =
+        SettingsStore::new(blank, 0..end - start, Box::new(SCRATCH)).map_err(|error| anyhow!("{error:?}"))?;
     block_on(store.store(&settings))?;
     let address = u64::from(FLASH_BASE + start);
     Ok(Image::new(Path::new("settings"), store.into_flash().0, Some(address))?)

@@ -36,8 +36,13 @@ const TEXTS: [&[&str]; 4] = [
         "table::Rule as core::fmt::Display>::fmt",
         "Refusal as core::fmt::Display>::fmt",
         "ImageVersion as core::fmt::Display>::fmt",
+        "calibration::Summary as core::fmt::Display>::fmt",
     ],
-    &["SettingError as core::fmt::Display>::fmt", "PanicMessage as core::fmt::Display>::fmt"],
+    &[
+        "SettingError as core::fmt::Display>::fmt",
+        "PanicMessage as core::fmt::Display>::fmt",
+        "commissioning::Failure as core::fmt::Display>::fmt",
+    ],
     &["PanicInfo as core::fmt::Display>::fmt", "SlotModel as core::fmt::Display>::fmt"],
     &["Notice as core::fmt::Display>::fmt"],
 ];
@@ -139,6 +144,7 @@ const RULES: &[Rule] = &[
         targets: &[
             "<&str as core::fmt::Display>",
             "<u8 as core::fmt::Display>",
+            "<&u8 as core::fmt::Display>",
             "<&u16 as core::fmt::Display>",
             "<&u32 as core::fmt::Display>",
             "<&u32 as core::fmt::LowerHex>",
@@ -159,10 +165,13 @@ const RULES: &[Rule] = &[
     Rule { callers: &[FINDING], targets: &["<&sequential_storage::PageState as core::fmt::Debug>"] },
     // What several elements of a setting must be together.
     Rule { callers: &["slipsense::settings::check"], targets: &["table::k_within_n", "table::distinct"] },
-    // What is stored is a string of bytes.
+    // What is stored is a string of bytes, or a calibration.
     Rule {
         callers: &["sequential_storage::map::"],
-        targets: &["<&[u8] as sequential_storage::map::Value>::"],
+        targets: &[
+            "<&[u8] as sequential_storage::map::Value>::",
+            "store::Record as sequential_storage::map::Value>::",
+        ],
     },
 ];
 

@@ -44,7 +44,6 @@ use static_cell::{ConstStaticCell, StaticCell};
 const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
 /// The address lines are the pins of port E from this one on.
 const FIRST_PIN: u32 = 2;
-const ADDRESS_TABLE: [u32; TAXELS] = address_table(FIRST_PIN);
 const TIM8_TRGO: u8 = 7;
 /// Longest wait for a frame.
 const TIMEOUT: Duration = Duration::from_micros(2 * FRAME_PERIOD_US);
@@ -112,7 +111,7 @@ impl AdcScan {
     /// Set everything up and start. `arrays`: 1 to 3.
     pub fn start(hardware: Hardware, arrays: usize) -> Self {
         let ring = RING.take().as_ptr();
-        let addresses = ADDRESSES.init_with(|| ADDRESS_TABLE).as_ptr();
+        let addresses = ADDRESSES.init_with(|| address_table(FIRST_PIN)).as_ptr();
         ARRAYS.store(arrays as u32, Ordering::Relaxed);
         for pin in hardware.address {
             // Never dropped: that would release the pin.

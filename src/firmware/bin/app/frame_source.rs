@@ -1,45 +1,66 @@
 //! The frame source of the board: its scan and accelerometers under the library's [`Sensors`], and their report.
 
 use defmt::{info, unwrap, warn};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_futures::block_on;
+use slipsense::calibration::{Calibration, Summary};
 use slipsense::drivers::array::{Array, Mounting};
-use slipsense::drivers::{Sensor, SensorLink, SensorReport, Sensors, XlMonitor};
+use slipsense::drivers::{Bench, Commissioning, Sensor, SensorLink, SensorReport, Sensors, XlMonitor};
+use slipsense::firmware::shared::Mutex;
 use slipsense::params::MAX_SENSORS;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::accelerometers::{self, Xl};
 use crate::adc_scan::{self, AdcScan};
+use crate::services::Store;
 
 /// What the services tell the sensors and hear from them.
-static LINK: SensorLink<CriticalSectionRawMutex> = SensorLink::new();
+static LINK: SensorLink<'static, Mutex> = SensorLink::new();
 
 /// The board's frame source.
-pub type BoardSensors = Sensors<'static, CriticalSectionRawMutex, AdcScan, Xl>;
+pub type BoardSensors = Sensors<'static, Mutex, AdcScan, Xl>;
+/// What calibrates the board's arrays.
+pub type BoardCommissioning = Commissioning<'static, Mutex>;
 
 /// The drivers and what they remember; DTCM is for the model.
 #[unsafe(link_section = ".axisram")]
 static SOURCE: StaticCell<BoardSensors> = StaticCell::new();
+#[unsafe(link_section = ".axisram")]
+static CALIBRATIONS: ConstStaticCell<[Calibration; MAX_SENSORS]> =
+    ConstStaticCell::new([const { Calibration::zeroed() }; MAX_SENSORS]);
+#[unsafe(link_section = ".axisram")]
+static BENCH: ConstStaticCell<Bench> = ConstStaticCell::new(Bench::new());
 
-/// Start the scan and the accelerometers of `sensors` sensors; `order` holds the connector of each. Apart: what this takes of the
-/// stack is given back.
+/// Start the scan and the accelerometers of `sensors` sensors, with their arrays' calibrations out of the store; `order`
+/// holds the connector of each. Apart: what this takes of the stack is given back.
 #[inline(never)]
 pub fn start(
     mut scan: adc_scan::Hardware,
     accelerometers: accelerometers::Hardware,
     sensors: usize,
     order: [usize; MAX_SENSORS],
-) -> &'static mut BoardSensors {
+    store: &mut Store,
+) -> (&'static mut BoardSensors, BoardCommissioning) {
     let mut parts = accelerometers::start(accelerometers).map(Some);
     let mut arrays = scan.arrays.map(Some);
     // An order names each connector once.
     scan.arrays = order.map(|connector| unwrap!(arrays[connector].take()));
-    let used = order.into_iter().take(sensors).map(|connector| unwrap!(parts[connector].take()));
-    let array = || Array::new(Mounting::default());
-    let used = used.map(|part| Sensor { array: array(), xl: XlMonitor::new(part) }).collect();
+    let mut summaries = [Summary::default(); MAX_SENSORS];
+    let connectors: heapless::Vec<usize, MAX_SENSORS> = order.into_iter().take(sensors).collect();
+    let arrays_of = connectors.iter().zip(CALIBRATIONS.take()).zip(&mut summaries);
+    let used = arrays_of.map(|((&connector, calibration), summary)| {
+        if !block_on(store.load_calibration(connector, calibration)) {
+            warn!("connector {=usize}: the stored calibration is damaged", connector);
+        }
+        *summary = calibration.summary();
+        info!("connector {=usize}: calibration {=u32} {=u32:08x}", connector, summary.version, summary.id);
+        Sensor { array: Array::new(calibration), xl: XlMonitor::new(unwrap!(parts[connector].take())) }
+    });
+    let used = used.collect();
     // A part that is fitted and not used stays deselected: a pin that is let go floats, and the part would talk.
     parts.into_iter().flatten().for_each(core::mem::forget);
     let scan = AdcScan::start(scan, sensors);
-    SOURCE.init_with(|| Sensors::new(scan, used, &LINK))
+    let commissioning = Commissioning::new(&LINK, BENCH.take(), connectors, summaries);
+    (SOURCE.init_with(|| Sensors::new(scan, used, &LINK)), commissioning)
 }
 
 /// From the next frame on the arrays are mounted so.
@@ -70,7 +91,7 @@ pub fn log(sensors: usize) {
         }
         if report.dead_arrays[i] || report.stuck_taxels[i].len() > 0 {
             let (dead, stuck) = (report.dead_arrays[i], report.stuck_taxels[i].len());
-            warn!("sensor {=usize}: array dead {=bool}, {=u32} taxels stuck", i, dead, stuck);
+            warn!("sensor {=usize}: array dead {=bool}, {=u32} taxels masked", i, dead, stuck);
         }
     }
 }

@@ -119,7 +119,7 @@ fn make(hardware: Hardware) -> Tasks {
         error!("restarted after {}", Display2Format(&record));
     }
     let flash = FlashPartitions::new(Flash::new(hardware.flash, Irqs));
-    let (store, settings, loaded) = services::load(flash);
+    let (mut store, settings, loaded) = services::load(flash);
     let sensors = settings.sensors();
     info!(
         "slipsense {=str}, {=str}, {=u32} Hz, {=usize} sensors with {=str}; {}",
@@ -141,10 +141,12 @@ fn make(hardware: Hardware) -> Tasks {
     let led = Output::new(hardware.fault_led, Level::from(model_hash.is_none()), Speed::Low);
 
     let (sender, receiver) = frame_queue();
-    let source =
-        frame_source::start(hardware.scan, hardware.accelerometers, sensors, settings.sensor_order());
+    let order = settings.sensor_order();
+    let (source, commissioning) =
+        frame_source::start(hardware.scan, hardware.accelerometers, sensors, order, &mut store);
     let updates = Updates::find(flash, from);
-    let services = services::build(store, settings, loaded, updates, model_hash, inbox, led, start);
+    let services =
+        services::build(store, commissioning, settings, loaded, updates, model_hash, inbox, led, start);
     let watchdog = Watchdog::start(hardware.watchdog);
     Tasks {
         transmit: (can, raw_receiver),

@@ -6,6 +6,8 @@ use embassy_stm32::gpio::{Level, Output};
 use embassy_stm32::{pac, uid};
 use slipsense::board::StatusLed;
 use slipsense::board::crash_record::Start;
+use slipsense::calibration::{Request, Summary};
+use slipsense::drivers::Failure;
 use slipsense::drivers::array::Mounting;
 use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
 use slipsense::firmware::shared::{Mutex, SHARED, Uptime};
@@ -14,14 +16,14 @@ use slipsense::net::format::HASH_BYTES;
 use slipsense::node::{
     CHALLENGE_BYTES, COMMIT, FileSink, Identity, Node, SIGNATURE_BYTES, UpdateTarget, Version,
 };
-use slipsense::settings::{LoadReport, Settings, SettingsStore, StoreError};
+use slipsense::settings::{LoadReport, SCRATCH, Scratch, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
 use slipsense::update::{Evidence, Notice, PUBLIC_KEYS, unlocks};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::can::Inbox;
-use crate::frame_source;
+use crate::frame_source::{self, BoardCommissioning};
 use crate::updates::Updates;
 
 /// What GetInfo reports; the major number is the board's.
@@ -32,7 +34,9 @@ const RNG_SPINS: u32 = 10_000;
 /// The task and all that it remembers.
 pub type BoardServices = Services<'static, Mutex, Inbox, Uptime, Station>;
 /// Where settings are kept.
-pub type Store = SettingsStore<FlashPartition>;
+pub type Store = SettingsStore<FlashPartition, &'static mut Scratch>;
+#[unsafe(link_section = ".axisram")]
+static STORE_SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(SCRATCH);
 
 /// The node, its queues and the transfers that it puts together.
 #[unsafe(link_section = ".axisram")]
@@ -41,6 +45,7 @@ static SERVICES: StaticCell<BoardServices> = StaticCell::new();
 /// What the services do to the board.
 pub struct Station {
     store: Store,
+    commissioning: BoardCommissioning,
     updates: Updates,
     led: Output<'static>,
 }
@@ -50,7 +55,7 @@ pub struct Station {
 pub fn load(flash: FlashPartitions) -> (Store, Settings, LoadReport) {
     let span = NUCLEO_H743ZI2.settings;
     // It has two sectors.
-    let mut store = unwrap!(SettingsStore::new(flash.get(span), 0..span.bytes()).ok());
+    let mut store = unwrap!(SettingsStore::new(flash.get(span), 0..span.bytes(), STORE_SCRATCH.take()).ok());
     let (settings, report) = block_on(store.load());
     (store, settings, report)
 }
@@ -59,6 +64,7 @@ pub fn load(flash: FlashPartitions) -> (Store, Settings, LoadReport) {
 #[inline(never)]
 pub fn build(
     store: Store,
+    commissioning: BoardCommissioning,
     settings: Settings,
     loaded: LoadReport,
     updates: Updates,
@@ -79,7 +85,7 @@ pub fn build(
         entropy: entropy(),
     };
     let node = Node::new(identity, settings);
-    let station = Station { store, updates, led };
+    let station = Station { store, commissioning, updates, led };
     SERVICES.init_with(|| Services::new(node, inbox, Uptime, &SHARED, station, start))
 }
 
@@ -141,17 +147,28 @@ impl ServiceBoard for Station {
     }
 
     fn apply(&mut self, settings: &Settings) {
-        frame_source::mount(settings.orientation().map(|(rows_flipped, cols_flipped)| Mounting {
-            transposed: false,
-            rows_flipped,
-            cols_flipped,
-        }));
+        let mounting = |(rows_flipped, cols_flipped)| Mounting { rows_flipped, cols_flipped };
+        frame_source::mount(settings.orientation().map(mounting));
     }
 
     fn observe(&mut self, status: &mut Status) {
         if let Some(report) = frame_source::report() {
             status.stuck_taxels = report.stuck_taxels;
         }
+        status.calibrations = *self.commissioning.summaries();
+        status.measurement = self.commissioning.progress();
+    }
+
+    fn calibrate(&mut self, request: Request) -> Result<(), &'static str> {
+        self.commissioning.begin(request)
+    }
+
+    fn calibration_ends(&mut self) -> bool {
+        self.commissioning.is_ready()
+    }
+
+    async fn end_calibration(&mut self) -> Option<(u8, Result<Summary, Failure>)> {
+        self.commissioning.finish(&mut self.store).await
     }
 
     fn identify(&mut self, lit: bool) {

@@ -190,6 +190,15 @@ impl Source {
             _ => 0,
         }
     }
+
+    /// Send a frame to the bus that the source is.
+    pub fn send(&mut self, frame: &CanFrame) -> Result<()> {
+        match self {
+            Self::Lines(_) | Self::Read(_) => bail!("a recording takes no frames: need a bus"),
+            Self::Slcan(adapter) => Ok(adapter.wire.write_all(slcan::command(frame).as_bytes())?),
+            Self::SocketCan(socket) => socket.send(frame),
+        }
+    }
 }
 
 impl SlcanSource {

@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use crate::candump::LogEntry;
 use crate::{Episode, Meta};
 use anyhow::{Result, bail, ensure};
+use serde_json::Value;
 use slipsense::health;
-use slipsense::wire::{NodeId, RawMessage, Received};
+use slipsense::node::{CALIBRATION_LINE, RECORD_PORT};
+use slipsense::wire::{MessageId, NodeId, RawMessage, Received};
 
 use crate::decode::{Decoded, Decoder};
 
@@ -76,12 +78,35 @@ pub fn episode(entries: &[LogEntry], node: Option<NodeId>, xl_lsb_g: f64) -> Res
     notes.push("decisions (class, logits, alarm) are left out: `slipsense run` makes them again".to_owned());
 
     let first = best[0][0].sequence;
-    Ok(Rebuilt {
-        episode: assemble(&best, sensors, xl_lsb_g)?,
-        first,
-        start_us: times.get(&(node, first)).copied().unwrap_or_default(),
-        notes,
-    })
+    let mut episode = assemble(&best, sensors, xl_lsb_g)?;
+    if let Some(calibrations) = calibrations(entries, node) {
+        episode.meta.other.insert("calibration".to_owned(), calibrations);
+    }
+    Ok(Rebuilt { episode, first, start_us: times.get(&(node, first)).copied().unwrap_or_default(), notes })
+}
+
+/// By which calibration each sensor's array was read, as the node said again and again: version and name, or `none`; one
+/// after the other where it changed. `None`: it said nothing.
+fn calibrations(entries: &[LogEntry], node: u8) -> Option<Value> {
+    let mut said: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for LogEntry { frame, .. } in entries {
+        let id = MessageId::from_can(frame.id()).ok();
+        if id.is_none_or(|id| (id.node.get(), id.port) != (node, RECORD_PORT)) {
+            continue;
+        }
+        // Time, severity, length and text of uavcan.diagnostic.Record, in one frame.
+        let text = frame.data().get(8).and_then(|&length| frame.data().get(9..9 + usize::from(length)));
+        let line = text.and_then(|text| std::str::from_utf8(text).ok()?.strip_prefix(CALIBRATION_LINE));
+        let Some((sensor, calibration)) = line.and_then(|line| line.trim_start().split_once(": ")) else {
+            continue;
+        };
+        let of_sensor = said.entry(sensor.to_owned()).or_default();
+        if of_sensor.last().is_none_or(|last| last != calibration) {
+            of_sensor.push(calibration.to_owned());
+        }
+    }
+    let joined = said.into_iter().map(|(sensor, names)| (sensor, Value::from(names.join(", then "))));
+    Some(Value::Object(joined.collect())).filter(|said| said.as_object().is_some_and(|said| !said.is_empty()))
 }
 
 fn longer<'a>(a: Vec<&'a Vec<RawMessage>>, b: Vec<&'a Vec<RawMessage>>) -> Vec<&'a Vec<RawMessage>> {

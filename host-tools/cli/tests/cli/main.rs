@@ -1,6 +1,7 @@
 //! The `slipsense` command, as a user starts it.
 
 mod busload;
+mod calibrate;
 mod errors;
 mod eval;
 mod fake_board;

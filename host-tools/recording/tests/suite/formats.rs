@@ -2,8 +2,9 @@
 
 use std::fs;
 
+use slipsense::node::RECORD_PORT;
 use slipsense::sensor::{PiezoFrame, SensorInput};
-use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
+use slipsense::wire::{Frames, MessageId, NodeId, Priority, RawBuffer, RawFrame, SlipMessage, Transmitter};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::log_file::{Format, Recording, read, write};
 use slipsense_recording::rebuild;
@@ -104,4 +105,29 @@ fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() 
     let rebuilt = rebuild::episode(&recording(|n| n == 12 || n == 35).entries, None, 0.000_488).unwrap();
     assert_eq!((rebuilt.first, rebuilt.episode.frames()), (13, 22));
     assert!(rebuilt.notes[0].contains("32 of 76 raw messages are left out"), "{:?}", rebuilt.notes);
+}
+
+#[test]
+fn an_episode_names_the_calibrations_it_was_read_by() {
+    let mut entries = recording(|_| false).entries;
+    assert_eq!(
+        rebuild::episode(&entries, None, 0.000_488).unwrap().episode.meta.other.get("calibration"),
+        None
+    );
+    let record = |node: u8, text: &str| {
+        let id =
+            MessageId { priority: Priority::Optional, port: RECORD_PORT, node: NodeId::new(node).unwrap() };
+        let head = [0, 0, 0, 0, 0, 0, 0, 2, text.len() as u8];
+        let frame = Frames::new(id, 0, &[&head[..], text.as_bytes()].concat()).next().unwrap();
+        LogEntry { frame, ..entries[0].clone() }
+    };
+    let said =
+        ["calibration 0: none", "calibration 1: 3 1a2b3c4d", "calibration 0: 1 00000007", "model: the one"];
+    let said: Vec<_> = said.map(|text| record(entries[0].frame.id() as u8 & 127, text)).into();
+    let other = record(99, "calibration 0: 9 99999999");
+    entries.extend(said);
+    entries.push(other);
+    let episode = rebuild::episode(&entries, None, 0.000_488).unwrap().episode;
+    let expected = serde_json::json!({"0": "none, then 1 00000007", "1": "3 1a2b3c4d"});
+    assert_eq!(episode.meta.other["calibration"], expected);
 }

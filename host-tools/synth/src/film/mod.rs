@@ -14,6 +14,7 @@ mod crosstalk;
 mod front_end;
 mod hysteresis;
 mod transfer;
+pub use transfer::{EXPONENT, pressure_kpa};
 #[cfg(test)]
 mod array_tests;
 #[cfg(test)]

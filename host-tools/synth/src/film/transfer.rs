@@ -25,6 +25,12 @@ pub fn conductance(kpa: f64, exponent: f64) -> f64 {
     pow(kpa / HALF_KPA, exponent)
 }
 
+/// Pressure that the nominal film takes for a count, kPa; counts of the linear range's end and above as 4095.
+pub fn pressure_kpa(count: f64) -> f64 {
+    let count = count.min(COUNT_MAX.into());
+    HALF_KPA * pow(count / (asymptote_counts() - count), 1.0 / EXPONENT)
+}
+
 /// Counts at infinite conductance: the divider is dimensioned for the nominal film's full scale.
 pub fn asymptote_counts() -> f64 {
     COUNT_MAX as f64 * (1.0 + 1.0 / conductance(FULL_SCALE_KPA, EXPONENT))

@@ -1,6 +1,7 @@
 //! The commands of the full build, besides `demo`, `run` and `model`.
 
 mod busload;
+mod calibrate;
 mod convert;
 mod descriptions;
 mod eval;
@@ -54,6 +55,7 @@ pub enum Command {
     Keygen(keygen::Args),
     Image(image::Args),
     Hil(hil::Args),
+    Calibrate(calibrate::Args),
     Record(record::Args),
     Monitor(monitor::Args),
     Replay(replay::Args),
@@ -86,6 +88,7 @@ impl Command {
             Self::Keygen(args) => args.run(),
             Self::Image(args) => args.run(),
             Self::Hil(args) => args.run(),
+            Self::Calibrate(args) => args.run(),
             Self::Record(args) => args.run(),
             Self::Monitor(args) => args.run(),
             Self::Replay(args) => args.run(),

@@ -58,6 +58,7 @@ fn serve(goes: Goes) -> (String, JoinHandle<Vec<Request>>) {
             unique_id: [7; 16],
             model_hash: None,
             settings: LoadReport { origin: Origin::Blank, damage: Damage::default() },
+            entropy: None,
         };
         let mut node = Node::new(identity, Settings::new());
         let (mut asked, mut text, began) = (Vec::new(), String::new(), Instant::now());

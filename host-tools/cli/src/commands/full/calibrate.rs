@@ -229,7 +229,7 @@ impl Client {
                     }
                 }
                 Input::End => break,
-                Input::Frame(_) | Input::Other | Input::Idle => {}
+                Input::Frame(_) | Input::Other(_) | Input::Idle => {}
             }
         }
         bail!("node {} does not answer", self.node.get())
@@ -278,7 +278,7 @@ impl Client {
                     }
                 }
                 Input::End => break,
-                Input::Other | Input::Idle => {}
+                Input::Other(_) | Input::Idle => {}
             }
             if heard.elapsed() > ANSWER {
                 bail!("no raw frames of sensor {sensor} of node {}", self.node.get());

@@ -176,18 +176,15 @@ impl PiezoFrame {
 
     /// Take a scan of which cells off the pad are zeroed and 12 bits are kept.
     pub fn from_scan(counts: [u16; TAXELS]) -> Self {
-        let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
-        frame.rescan(|_| ());
+        let mut frame = Self::zeroed();
+        frame.rescan(|own| *own = counts.map(|count| count & COUNT_MAX));
         frame
     }
 
-    /// As [`from_scan`](Self::from_scan), in place: `write` changes the counts of the scan before.
+    /// As [`from_scan`](Self::from_scan), in place: `write` changes the counts of the scan before, and to 12 bits.
     pub fn rescan(&mut self, write: impl FnOnce(&mut [u16; TAXELS])) {
         write(&mut self.counts);
         for (row, cells) in self.counts.as_chunks_mut::<TAXEL_COLS>().0.iter_mut().enumerate() {
-            for count in cells.iter_mut() {
-                *count &= COUNT_MAX;
-            }
             let pad = active_cols(row);
             cells.get_mut(..pad.start).unwrap_or_default().fill(0);
             cells.get_mut(pad.end..).unwrap_or_default().fill(0);

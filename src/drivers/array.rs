@@ -155,17 +155,20 @@ impl<'c> Array<'c> {
             let lines = codes.chunks_exact(TAXEL_COLS * arrays);
             for ((row, line), trims) in lines.enumerate().zip(self.calibration.rows_mut()) {
                 let on_pad = row ^ flip_row;
-                let Some(counts) = pad.get_mut(on_pad) else { return };
                 // As many are cut from the left of a row as from the right.
-                let cols = active_cols(on_pad);
-                let slots = line.chunks_exact(arrays).zip(trims).enumerate();
-                for (col, (slot, trim)) in slots.skip(cols.start).take(cols.len()) {
+                let cols = active_cols(on_pad % TAXEL_ROWS);
+                let line = line.get(cols.start * arrays..cols.end * arrays).unwrap_or_default();
+                let trims = trims.get(cols.clone()).unwrap_or_default();
+                let Some(counts) = pad.get_mut(on_pad) else { return };
+                let mut col = cols.start;
+                for (slot, trim) in line.chunks_exact(arrays).zip(trims) {
                     let Some(&code) = slot.get(index) else { return };
                     all &= code;
                     any |= code;
                     if let Some(count) = counts.get_mut(col ^ flip_col) {
                         *count = trim.count(code);
                     }
+                    col += 1;
                 }
             }
         });

@@ -7,8 +7,9 @@ use std::path::Path;
 use std::process::Command;
 
 /// The board's programs, and the folder of `src/firmware/bin` that has the memory map of each.
-const PROGRAMS: [(&str, &str); 4] = [
+const PROGRAMS: [(&str, &str); 5] = [
     ("slipsense-firmware", "app"),
+    ("slipsense-bringup", "app"),
     ("slipsense-hil", "app"),
     ("slipsense-can-loopback", "app"),
     ("slipsense-boot", "boot"),

@@ -26,6 +26,7 @@ pub mod node;
 pub mod update;
 pub mod board;
 pub mod drivers;
+pub mod bringup;
 pub mod tasks;
 /// What the programs of the board share; the programs are in `src/firmware/bin`.
 #[cfg(all(target_os = "none", feature = "h743"))]

@@ -1,5 +1,6 @@
 //! The library's host tests, one binary: `cargo test -p slipsense --test host FOLDER::` runs those of a folder.
 
+mod bringup;
 mod drivers;
 mod features;
 mod features_exact;

@@ -29,7 +29,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 
 /// What the NUCLEO's ST-LINK puts on the HSE pin. A board with a crystal changes this and the mode.
-const HSE_HZ: u32 = 8_000_000;
+pub const HSE_HZ: u32 = 8_000_000;
 /// Clock of the FDCAN bit time quanta.
 pub const FDCAN_KERNEL_HZ: u32 = HSE_HZ / 2 * 240 / 12;
 /// Clock of the timers on APB2: twice that bus.

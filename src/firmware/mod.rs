@@ -5,10 +5,12 @@
 //! |---|---|
 //! | `bin/app` | the firmware |
 //! | `bin/boot` | the bootloader |
+//! | `bin/bringup.rs` | for a new board on the desk: what is wrong with it |
 //! | `bin/hil.rs` | the firmware's tasks with a debug probe in place of sensors and bus |
 //!
 //! **None of it has run on hardware.**
 
+pub mod clock_check;
 pub mod clocks;
 pub mod flash;
 pub mod memory;

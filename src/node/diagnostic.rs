@@ -8,7 +8,8 @@ use crate::wire::bytes::Writer;
 pub const RECORD_PORT: u16 = 8_184;
 /// Bytes of text of one record; what is longer is cut.
 pub const RECORD_TEXT_MAX: usize = 112;
-pub(super) const RECORD_BYTES: usize = 7 + 1 + 1 + RECORD_TEXT_MAX;
+/// Longest message.
+pub const RECORD_BYTES: usize = 7 + 1 + 1 + RECORD_TEXT_MAX;
 
 /// How the line begins by which a node says how a sensor's array is calibrated: `calibration 0: 3 1a2b3c4d`, version and
 /// name of the contents, or `calibration 0: none`. One CAN frame.
@@ -52,7 +53,7 @@ impl Write for TruncatingWriter<'_, '_> {
 }
 
 /// The message; its length. `bus_time_us` is 0 where the bus time is not known.
-pub(super) fn encode(
+pub fn encode(
     bus_time_us: u64,
     severity: Severity,
     text: fmt::Arguments<'_>,

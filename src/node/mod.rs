@@ -33,7 +33,9 @@ pub use command::{
     BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CALIBRATE, COMMAND_PORT, CommandStatus, FACTORY_RESET,
     IDENTIFY, RESTART, SCALE_GAIN, SELF_TEST, STORE, UNLOCK,
 };
-pub use diagnostic::{CALIBRATION_LINE, RECORD_PORT, RECORD_TEXT_MAX, Severity};
+pub use diagnostic::{
+    CALIBRATION_LINE, RECORD_BYTES, RECORD_PORT, RECORD_TEXT_MAX, Severity, encode as encode_record,
+};
 pub use file_read::{
     ANSWER_TIMEOUT_US, CHUNK_BYTES, Chunk, FILE_READ_PORT, FileFailure, FilePath, FileRef, FileSink,
     PATH_MAX, TRIES, UpdateTarget,

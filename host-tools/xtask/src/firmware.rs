@@ -28,6 +28,7 @@ impl Program {
     pub const ICM42688: Self = Self { name: NAME, features: "h743,icm42688" };
     /// What `slipsense hil` talks to: the firmware with a mailbox in place of sensors and bus.
     pub const HIL: Self = Self { name: "slipsense-hil", features: FEATURE };
+    pub const BRINGUP: Self = Self { name: "slipsense-bringup", features: FEATURE };
     pub const BOOTLOADER: Self = Self { name: "slipsense-boot", features: FEATURE };
     /// embassy's CAN driver sends to itself.
     pub const CAN_LOOPBACK: Self = Self { name: "slipsense-can-loopback", features: FEATURE };

@@ -12,6 +12,7 @@ use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
 use slipsense_recording::Episode;
 
+use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
 use crate::xl::{self, Readouts, Xl};
 
@@ -49,6 +50,8 @@ pub struct Adxl380 {
     readouts: Readouts,
     batch: Vec<i16>,
     episode: Option<Arc<Episode>>,
+    /// At rest, in place of the episode.
+    desk: Option<Desk>,
     sensor: usize,
     faults: Vec<Fault>,
     period_ns: f64,
@@ -71,6 +74,7 @@ impl Adxl380 {
     /// Behind the array of index `sensor`; its oscillator faster than nominal by the fraction `error`.
     pub fn new(
         episode: Option<Arc<Episode>>,
+        desk: Option<Desk>,
         sensor: usize,
         error: f64,
         faults: Vec<Fault>,
@@ -80,6 +84,7 @@ impl Adxl380 {
             readouts,
             batch: Vec::new(),
             episode,
+            desk,
             sensor,
             faults,
             period_ns: 1e9 / Xl::Adxl380.rate_hz(error),
@@ -119,7 +124,7 @@ impl Adxl380 {
             self.made += 1;
             let at = since + (self.made as f64 * self.period_ns) as u64;
             let faulted = |what| fault_injection::active(&self.faults, at).any(|kind| kind == what);
-            if faulted(Kind::AccelerometerStops) {
+            if faulted(Kind::AccelerometerStops) || bench::has(self.desk, DeskFault::XlStops) {
                 continue;
             }
             let samples = if faulted(Kind::FifoOverrun) { TOO_FAST } else { 1 };
@@ -128,7 +133,8 @@ impl Adxl380 {
     }
 
     fn make_sample(&mut self) {
-        let sample = xl::true_sample(self.episode.as_deref(), self.sensor, self.played);
+        let played = || xl::true_sample(self.episode.as_deref(), self.sensor, self.played);
+        let sample = self.desk.map_or_else(played, |desk| desk.sample(self.played));
         self.played += 1;
         if self.register(DIG_EN) & FIFO_ENABLE == 0 {
             return;
@@ -152,7 +158,10 @@ impl Adxl380 {
             FIFO_STATUS1 => (self.fifo.len() >> 8) as u8 & 1,
             STATUS0 => u8::from(!self.fifo.is_empty()),
             // Bit 7 is the ADXL382's.
-            MISC0 => self.register(MISC0) & 0x7F,
+            MISC0 => {
+                let is_382 = bench::has(self.desk, DeskFault::XlWrong);
+                self.register(MISC0) & 0x7F | u8::from(is_382) << 7
+            }
             other => self.register(other),
         }
     }
@@ -199,6 +208,9 @@ impl Store for Adxl380 {}
 
 impl Peer for Adxl380 {
     fn transfer(&mut self, mosi: u32, bits: u8, context: &mut Timeline<'_, '_>) -> u32 {
+        if [DeskFault::MisoOpen, DeskFault::SelectOpen].iter().any(|&fault| bench::has(self.desk, fault)) {
+            return 0xFF;
+        }
         let now = context.now().0;
         if now < self.silent_until || bits != 8 {
             return 0;

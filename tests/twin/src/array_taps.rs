@@ -40,6 +40,14 @@ impl Tap<Gpio> for AddressLines {
         scan_fast_path::show_port(&self.0, registers, now.0);
     }
 
+    /// A short between lines, or to ground, as the pins see it.
+    fn read(&mut self, row: usize, value: Option<u64>, registers: &RegisterFile) -> Option<u64> {
+        if row != PortRegister::Idr.index() {
+            return value;
+        }
+        value.map(|levels| lock(&self.0).pins(levels, registers.get(PortRegister::Moder)))
+    }
+
     /// A set/reset of address lines alone stays here: the emulator would tell every edge to thirty models that can
     /// listen to a pin, which takes longer than all the rest of a slot, and none of them listens to these.
     fn write(
@@ -145,12 +153,14 @@ pub struct TriggeredInputs {
     clock_hz: u64,
     external: u64,
     armed: bool,
+    /// A sequence runs: ADSTART after the last call, which a write to CR no longer finds in the register file.
+    converting: bool,
 }
 
 impl TriggeredInputs {
     /// No trigger selected.
     pub const fn new(shared: Shared) -> Self {
-        Self { shared, clock_hz: 0, external: 0, armed: false }
+        Self { shared, clock_hz: 0, external: 0, armed: false, converting: false }
     }
 
     fn start(&mut self, adc: &mut Adc, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
@@ -196,7 +206,7 @@ impl Tap<Adc> for TriggeredInputs {
         } else if row == AdcRegister::Cr.index() && self.external & EXTEN != 0 {
             if value & ADSTP != 0 && self.armed {
                 self.armed = false;
-                if registers.get(AdcRegister::Cr) & ADSTART == 0 {
+                if !self.converting {
                     // Nothing runs that would have to be stopped.
                     value &= !ADSTP;
                 }
@@ -231,13 +241,17 @@ impl Tap<Adc> for TriggeredInputs {
         value
     }
 
+    fn after(&mut self, _: &mut Adc, registers: &mut RegisterFile, _: &mut DeviceContext<'_>) {
+        self.converting = registers.get(AdcRegister::Cr) & ADSTART != 0;
+    }
+
     fn on_clock(&mut self, hz: u64, _now: VirtualNanos) {
         self.clock_hz = hz;
         lock(&self.shared).fast_scan.adc_hz = hz;
     }
 
     fn reset(&mut self) {
-        (self.external, self.armed) = (0, false);
+        (self.external, self.armed, self.converting) = (0, false, false);
     }
 }
 

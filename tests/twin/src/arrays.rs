@@ -12,6 +12,7 @@ use slipsense::params::TAXELS;
 use slipsense::transfer::adc_code;
 use slipsense_recording::Episode;
 
+use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
 use crate::scan_timing::{DEAD_NS, FastScan, SETTLED_NS};
 
@@ -26,6 +27,7 @@ const SETTLED_CODES: f64 = 8.0;
 #[derive(Debug)]
 pub struct Arrays {
     episode: Option<Arc<Episode>>,
+    desk: Option<Desk>,
     faults: Vec<Fault>,
     /// Address now and before, and since when.
     address: usize,
@@ -48,9 +50,10 @@ pub type Shared = Arc<Mutex<Arrays>>;
 
 impl Arrays {
     /// Arrays under the pressure of the episode; none without an episode.
-    pub fn new(episode: Option<Arc<Episode>>, faults: Vec<Fault>) -> Shared {
+    pub fn new(episode: Option<Arc<Episode>>, desk: Option<Desk>, faults: Vec<Fault>) -> Shared {
         Arc::new(Mutex::new(Self {
             episode,
+            desk,
             faults,
             address: 0,
             before: 0,
@@ -66,6 +69,9 @@ impl Arrays {
 
     /// What the driver makes the episode's count of.
     fn settled(&self, frame: usize, address: usize, sensor: usize) -> f64 {
+        if let Some(desk) = self.desk {
+            return desk.code(frame, address, sensor).into();
+        }
         let episode = self.episode.as_ref().filter(|episode| sensor < episode.sensors);
         // Over and over.
         let count =
@@ -73,6 +79,11 @@ impl Arrays {
         // Without noise an untouched array would be a dead one; below idle a code's count is 0 all the same.
         let noise = if count == 0 { (frame * 5 + address * 11) % 8 } else { 0 };
         f64::from(adc_code(count) - noise as u16)
+    }
+
+    /// Levels of the port's pins, as its register is read.
+    pub fn pins(&self, levels: u64, moder: u64) -> u64 {
+        self.desk.map_or(levels, |desk| desk.pins(levels, moder))
     }
 
     /// The last taxel's address gives way to the first's: the next frame of the episode.
@@ -97,10 +108,12 @@ impl Arrays {
             return old as u32;
         }
         let new = self.settled(self.frame, self.address, sensor);
-        if at_ns > self.since_ns + DEAD_NS + SETTLED_NS {
+        let slow = sensor == 0 && bench::has(self.desk, DeskFault::Slow);
+        if at_ns > self.since_ns + DEAD_NS + SETTLED_NS && !slow {
             return new as u32;
         }
-        let left = (-((at_ns - self.since_ns - DEAD_NS) as f64) / TAU_NS).exp();
+        let tau_ns = if slow { bench::SLOW_TAU_NS } else { TAU_NS };
+        let left = (-((at_ns - self.since_ns - DEAD_NS) as f64) / tau_ns).exp();
         let value = new + (old - new) * left;
         if (value - new).abs() > SETTLED_CODES {
             self.unsettled += 1;

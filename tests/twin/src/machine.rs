@@ -21,6 +21,7 @@ use slipsense_recording::Episode;
 use crate::adxl380::Adxl380;
 use crate::array_taps::{AddressLines, Streams, Trigger, TriggeredInputs};
 use crate::arrays::{Arrays, REFERENCE_MV, Shared, lock};
+use crate::bench::{self, Desk, DeskFault};
 use crate::bus_tap::Tapped;
 use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
@@ -48,6 +49,8 @@ const XL_SPI: usize = 0;
 pub struct Fitted {
     /// What the sensors play; none: no accelerometer, and arrays that nothing touches.
     pub episode: Option<Arc<Episode>>,
+    /// Sensors at rest, in place of an episode.
+    pub desk: Option<Desk>,
     /// The accelerometer behind each array.
     pub xl: Xl,
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
@@ -93,7 +96,7 @@ impl Mcu743 {
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
-        let arrays = Arrays::new(fitted.episode.clone(), fitted.faults.clone());
+        let arrays = Arrays::new(fitted.episode.clone(), fitted.desk, fitted.faults.clone());
         lock(&arrays).fast_scan.enabled = !fitted.slow;
         // A second part, for its models of these: the emulator's own are fields that cannot be built from outside.
         let spare = Stm32h743::new()?;
@@ -205,14 +208,21 @@ impl Twin {
     /// Out of reset.
     pub fn new(fitted: &Fitted) -> Result<Self, Error> {
         let mut mcu = Mcu743::new(fitted)?;
-        mcu.part.rcc.attach_crystals(HSE_HZ, 0);
+        let hse_hz = match () {
+            () if bench::has(fitted.desk, DeskFault::HseAbsent) => 0,
+            () if bench::has(fitted.desk, DeskFault::HseOff) => bench::OFF_HZ,
+            () => HSE_HZ,
+        };
+        mcu.part.rcc.attach_crystals(hse_hz, 0);
         mcu.part.set_supply(RAIL_MV);
         mcu.part.set_analog_supply(RAIL_MV);
         for converter in &mut mcu.part.adc {
             converter.set_reference(RAIL_MV);
         }
         mcu.fdcan[0].wire.faults = fitted.faults.clone();
+        mcu.fdcan[0].wire.has_transceiver = !bench::has(fitted.desk, DeskFault::NoTransceiver);
         let sensors = fitted.episode.as_ref().map_or(0, |episode| episode.sensors);
+        let sensors = fitted.desk.map_or(sensors, |desk| desk.sensors);
         let readouts: [Readouts; CHIP_SELECTS.len()] = Default::default();
         for (sensor, (port, pin)) in CHIP_SELECTS.into_iter().enumerate().take(sensors) {
             let pin = Pin::new(pin).expect("a port has sixteen pins");
@@ -221,8 +231,11 @@ impl Twin {
             let spi = &mut mcu.part.spi[XL_SPI];
             match fitted.xl {
                 Xl::Adxl380 => {
+                    let desk = fitted.desk.map(|desk| desk.at(sensor));
+                    let slow = bench::has(desk, DeskFault::XlSlow);
+                    let error = if slow { -0.1 } else { fitted.xl_error };
                     let faults = fitted.faults.clone();
-                    let part = Adxl380::new(episode, sensor, fitted.xl_error, faults, readouts);
+                    let part = Adxl380::new(episode, desk, sensor, error, faults, readouts);
                     spi.attach_selected(part, select);
                 }
                 Xl::Icm42688 => spi.attach_selected(Icm42688::new(episode, sensor, readouts), select),

@@ -5,6 +5,7 @@
 
 mod adxl380;
 mod array_taps;
+mod bench;
 mod arrays;
 mod compare;
 mod far_end;
@@ -35,6 +36,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
+use bench::{Desk, DeskFault};
 use clap::Parser;
 use fault_injection::{Fault, Kind};
 use slipsense_recording::Episode;
@@ -87,9 +89,15 @@ struct Arguments {
     /// Every one of these faults in turn; fails where one does not show what it must, or does not end.
     #[arg(long, requires = "episode", conflicts_with_all = ["fault", "seconds", "far_end"])]
     faults: bool,
-    /// Another firmware than the board's: print its log, which must hold a line with this text.
-    #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "fault", "faults", "far_end"])]
-    says: Option<String>,
+    /// Another firmware than the board's: print its log, which must hold a line with this text; more than once for more.
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "faults", "far_end"])]
+    says: Vec<String>,
+    /// So many sensors lie on the desk, their pads pressed all over: what the bring-up program asks for.
+    #[arg(long, conflicts_with_all = ["episode", "sensors", "faults"], value_parser = clap::value_parser!(u8).range(1..=3))]
+    desk: Option<u8>,
+    /// What is wrong there.
+    #[arg(long, value_enum, requires = "desk")]
+    desk_fault: Option<DeskFault>,
     /// Run every event of the taxel scan one by one, and check every access by the MPU: the same to the nanosecond,
     /// and many times slower.
     #[arg(long)]
@@ -173,6 +181,7 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
         boot: arguments.boot.clone(),
         episode: episode.clone(),
         sensors: arguments.sensors.map(usize::from),
+        desk: arguments.desk.map(|sensors| Desk { sensors: sensors.into(), fault: arguments.desk_fault }),
         xl: arguments.xl,
         xl_error: arguments.xl_error.unwrap_or(XL_ERROR_PERCENT) / 100.0,
         faults: faults.clone(),
@@ -191,8 +200,8 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     if let Some(path) = &arguments.trace {
         report::write_trace(path, &done).with_context(|| format!("{}: cannot write", path.display()))?;
     }
-    if let Some(expected) = &arguments.says {
-        return Ok(report::print_other(&done, expected));
+    if !arguments.says.is_empty() {
+        return Ok(report::print_other(&done, &arguments.says));
     }
     let options = report::Options { rtt: arguments.rtt, all_faults: arguments.faults };
     report::print(&done, episode.as_deref(), &faults, &options)

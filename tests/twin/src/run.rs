@@ -18,6 +18,7 @@ use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
+use crate::bench::Desk;
 use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
 use crate::fault_injection::Fault;
@@ -50,6 +51,8 @@ pub struct Options {
     pub episode: Option<Arc<Episode>>,
     /// Sensors in use, by settings in flash; none: the flash is blank.
     pub sensors: Option<usize>,
+    /// Sensors at rest, in place of an episode.
+    pub desk: Option<Desk>,
     /// The accelerometer behind each array.
     pub xl: Xl,
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
@@ -203,6 +206,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let probe = Symbols::read(&bytes, |value| value & !1)?.get("_SEGGER_RTT").ok().map(Probe::new);
     let fitted = Fitted {
         episode: options.episode.clone(),
+        desk: options.desk,
         xl: options.xl,
         xl_error: options.xl_error,
         faults: options.faults.clone(),
@@ -254,7 +258,12 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
     let resets = finished.session.resets().iter().map(|reset| (reset.at.0, reset.cause)).collect();
-    let diagnostics = diagnostics::collect(&finished.session, options.far_end, options.boot.is_some());
+    let diagnostics = diagnostics::collect(
+        &finished.session,
+        options.far_end,
+        options.boot.is_some(),
+        options.desk.is_some(),
+    );
     let board = finished.session.board_mut();
     let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
     let readouts = board.readouts.iter().map(take).collect();

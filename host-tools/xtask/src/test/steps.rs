@@ -83,7 +83,7 @@ pub const STEPS: &[Step] = &[
     Step::new("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))).daily(),
     Step::new(
         "firmware",
-        "the firmware, `slipsense-hil`, the bootloader and the emulated programs build without a warning",
+        "the firmware, `slipsense-hil`, bootloader, bring-up and the emulated programs build without a warning",
         build_firmware,
     )
     .daily()
@@ -146,6 +146,12 @@ pub const STEPS: &[Step] = &[
         "twin-faults",
         "bus and sensors of the emulated STM32H743 fail in eight ways: flags, slip messages, recovery times",
         |_| twin::faults_step(),
+    )
+    .after(&["firmware", "twin-build"]),
+    Step::new(
+        "twin-bringup",
+        "the bring-up program on the emulated STM32H743 names each of 21 faults of wires and parts",
+        |_| twin::bringup_step(),
     )
     .after(&["firmware", "twin-build"]),
     Step::new(
@@ -301,7 +307,7 @@ fn docs() -> Result<()> {
 }
 
 fn build_firmware(Context { size, .. }: Context) -> Result<()> {
-    let mut programs = vec![Program::FIRMWARE, Program::HIL, Program::BOOTLOADER];
+    let mut programs = vec![Program::FIRMWARE, Program::HIL, Program::BOOTLOADER, Program::BRINGUP];
     if size == Size::All {
         programs.extend([Program::ICM42688, Program::CAN_LOOPBACK]);
     }

@@ -113,6 +113,50 @@ pub fn step() -> Result<()> {
     Ok(())
 }
 
+/// Faults of wires and parts on the desk, as the twin calls them, how many checks of two sensors must fail of each, and
+/// what the first has to say.
+const DESK_FAULTS: [(&str, usize, &str); 21] = [
+    ("hse-absent", 1, "clock: no clock on PH0"),
+    ("hse-off", 1, "clock: PH0 has 8080000 Hz"),
+    ("no-transceiver", 1, "CAN transceiver: RX (PD0) does not follow TX (PD1)"),
+    ("line-at-ground", 1, "address pins: column A3 (PE5) is held at ground"),
+    ("lines-shorted", 1, "address pins: column A1 (PE3) and column A2 (PE4) are shorted"),
+    ("line-open", 2, "array 0: row A2 (PE9) changes nothing"),
+    ("lines-swapped", 2, "array 0: column A2 (PE4) and column A3 (PE5) are swapped"),
+    ("row-open", 1, "array 0: row 11 stays idle"),
+    ("column-high", 1, "array 0: column 20 at full scale"),
+    ("unplugged", 1, "array 0: all codes at full scale"),
+    ("array-shorted", 1, "array 0: all codes at 0"),
+    ("taxel-dead", 1, "array 0: 1 taxels idle among pressed ones, the first at row 9 column 13"),
+    ("taxel-stuck", 1, "array 0: 1 taxels without any noise, the first at row 9 column 13"),
+    ("taxel-noisy", 1, "array 0: 1 taxels noisy"),
+    ("slow", 1, "settling 0: "),
+    ("miso-open", 2, "accelerometer 0: its identifier reads all ones: MISO (PA6)"),
+    ("select-open", 1, "accelerometer 0: its identifier reads all ones: its chip select or supply"),
+    ("xl-wrong", 1, "accelerometer 0: identifier 0xad17c080, expected 0xad17c000"),
+    ("xl-frozen", 1, "accelerometer 0: all samples are equal"),
+    ("xl-slow", 1, "accelerometer 0: 7"),
+    ("xl-stops", 1, "accelerometer 0: answers, but samples nothing"),
+];
+/// The bring-up program is through before.
+const DESK_SECONDS: &str = "0.6";
+
+/// The bring-up program on a sound board, then with one fault of a wire or part after the other.
+pub fn bringup_step() -> Result<()> {
+    let program = Program::BRINGUP.build()?;
+    let sound = [(None, "verdict: OK, 1 not judged".to_owned())];
+    let faults = DESK_FAULTS.map(|(fault, failed, first)| {
+        (Some(fault), format!("verdict: {failed} failed, the first: FAILED {first}"))
+    });
+    for (fault, verdict) in sound.into_iter().chain(faults) {
+        let mut desk = twin_with(&program)?;
+        desk.args(["--desk", "2", "--seconds", DESK_SECONDS]);
+        desk.args(fault.map(|fault| ["--desk-fault", fault]).into_iter().flatten());
+        start(desk.args(["--says", &verdict]))?;
+    }
+    Ok(())
+}
+
 /// Every fault in turn.
 pub fn faults_step() -> Result<()> {
     start(twin(DEFAULT_XL)?.arg(root().join(DEMO_EPISODE)).arg("--faults"))

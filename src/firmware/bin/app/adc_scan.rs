@@ -41,7 +41,8 @@ use slipsense::pipeline::FrameStamp;
 use slipsense::tasks::FRAME_PERIOD_US;
 use static_cell::{ConstStaticCell, StaticCell};
 
-const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
+/// Of the firmware.
+pub const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
 /// The address lines are the pins of port E from this one on.
 const FIRST_PIN: u32 = 2;
 const TIM8_TRGO: u8 = 7;
@@ -78,6 +79,9 @@ static TICK: Signal<CriticalSectionRawMutex, Tick> = Signal::new();
 static TICKS: AtomicU32 = AtomicU32::new(0);
 /// Arrays per slot, for the interrupt.
 static ARRAYS: AtomicU32 = AtomicU32::new(1);
+
+/// When the ADC is triggered, ticks after the address.
+static TRIGGER_TICKS: AtomicU32 = AtomicU32::new(TIMING.trigger_ticks);
 
 /// Pins and peripherals.
 pub struct Hardware {
@@ -190,6 +194,13 @@ impl AdcScan {
         timer.cr1().modify(|w| w.set_cen(true));
     }
 
+    /// From now on trigger the ADC so many ticks after the address, at most those of [`TIMING`].
+    #[allow(dead_code, reason = "the settling curve of the bring-up program")]
+    pub fn trigger_at(&mut self, ticks: u32) {
+        TRIGGER_TICKS.store(ticks.min(TIMING.trigger_ticks), Ordering::Relaxed);
+        self.restart();
+    }
+
     /// Stop, then [`begin`](Self::begin) again.
     fn restart(&self) {
         let timer = pac::TIM8;
@@ -207,6 +218,8 @@ impl AdcScan {
             warn!("the taxel scan does not stop");
         }
         TICK.reset();
+        // While the ADC is not armed: a trigger that moves below the standing counter is an edge at once.
+        pac::TIM8.ccr(0).write(|w| w.set_ccr(TRIGGER_TICKS.load(Ordering::Relaxed) as u16));
         self.begin();
     }
 }
@@ -274,8 +287,10 @@ fn in_step() -> bool {
     let left = || (pac::DMA2.st(2).ndtr().read().ndt(), pac::DMA1.st(0).ndtr().read().ndt());
     for _ in 0..STEP_SPINS {
         let (words, codes) = left();
+        let ticks = pac::TIM8.cnt().read().cnt().into();
+        let triggered = ticks >= TRIGGER_TICKS.load(Ordering::Relaxed);
         // Still settling, so nothing moved since.
-        if TIMING.is_settling(pac::TIM8.cnt().read().cnt().into()) && (words, codes) == left() {
+        if !triggered && TIMING.is_settling(ticks) && (words, codes) == left() {
             return is_in_step(words.into(), codes.into(), ARRAYS.load(Ordering::Relaxed));
         }
     }

@@ -125,6 +125,7 @@ impl CanBus {
         rx: Peri<'static, peripherals::PD0>,
         tx: Peri<'static, peripherals::PD1>,
         data_bit_rate: u32,
+        mode: OperatingMode,
     ) -> (Self, CanRx<'static>, Inbox) {
         let data = data_phase(data_bit_rate);
         // Never zero: the constants say so.
@@ -150,7 +151,7 @@ impl CanBus {
             .set_automatic_bus_off_recovery(true)
             .set_global_filter(GlobalFilter::reject_all());
         configurator.set_config(config);
-        let can = configurator.start(OperatingMode::NormalOperationMode);
+        let can = configurator.start(mode);
         compensate_transceiver_delay(data);
         let (tx, rx, properties) = can.split();
         let bus = Self { tx, buffers: [None; 3], seen: ([true; 3], CanStatus::default()) };

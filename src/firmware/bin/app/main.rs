@@ -42,7 +42,7 @@ use cortex_m_rt::entry;
 use defmt::{Display2Format, error, info, unwrap};
 use defmt_rtt as _;
 use embassy_executor::Executor;
-use embassy_stm32::can::CanRx;
+use embassy_stm32::can::{CanRx, OperatingMode};
 use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -132,7 +132,9 @@ fn make(hardware: Hardware) -> Tasks {
     );
 
     let (_, data_bit_rate) = settings.bit_rates();
-    let (can, can_rx, inbox) = CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate);
+    let mode = OperatingMode::NormalOperationMode;
+    let (can, can_rx, inbox) =
+        CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate, mode);
     let (raw_sender, raw_receiver) = raw_queue();
     SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id()));
     let (model, from) = updates::find_model(flash);

@@ -36,7 +36,7 @@ use rigless::time::EventId;
 use slipsense_can_sim::{Attempt, ErrorState, Frame, Timing};
 
 use message_ram::{MessageRam, TxElement};
-use registers::{LOOPBACK, Rule, cccr, psr, rule};
+use registers::{LOOPBACK, RX, Rule, TX_DOMINANT, cccr, field, psr, rule};
 use wire::Wire;
 
 /// Places of the two interrupt lines in the instance's list.
@@ -192,6 +192,13 @@ impl Device for Fdcan {
     ) -> Option<u64> {
         match register {
             Register::FdcanTscv => Some(self.timestamp(registers, context.now().0).into()),
+            // TX under software's control; a transceiver carries its level to RX.
+            Register::FdcanTest => {
+                let value = registers.get(register);
+                let echoes = self.wire.has_transceiver;
+                let low = echoes && field(value, 5, 2) == TX_DOMINANT;
+                Some(value & !RX | if low { 0 } else { RX })
+            }
             // Reading clears its flags: LEC and DLEC go to "no change", the receive flags and PXE to 0, CEL
             // to 0 (protocol status register, error counter register).
             Register::FdcanPsr => {
@@ -246,8 +253,8 @@ impl Device for Fdcan {
             }
             R::FdcanTest => {
                 let old = self.before(register);
-                let new = if self.before(R::FdcanCccr) & cccr::TEST != 0 { value & 0xF0 } else { old };
-                if new != value & 0xF0 {
+                let new = if self.before(R::FdcanCccr) & cccr::TEST != 0 { value & 0x70 } else { old };
+                if new != value & 0x70 {
                     context.tell("FDCAN_TEST", "written without CCCR.TEST, and is ignored");
                 }
                 registers.set(register, new);

@@ -106,8 +106,10 @@ pub mod cccr {
     pub const PROTECTED_SET: u64 = ASM | MON | TEST;
 }
 
-/// TEST.LBCK.
+/// TEST.LBCK, TEST.RX, and TEST.TX that holds the pin low.
 pub const LOOPBACK: u64 = 1 << 4;
+pub const RX: u64 = 1 << 7;
+pub const TX_DOMINANT: u64 = 0b10;
 
 /// IR, IE and ILS.
 pub mod interrupt {

@@ -42,6 +42,8 @@ pub struct Wire {
     bus: Bus<2>,
     /// What happens to the bus.
     pub faults: Vec<Fault>,
+    /// RX follows TX.
+    pub has_transceiver: bool,
     /// Frames that the peer sends, each not before its time, in order.
     pub peer_queue: VecDeque<(u64, Frame)>,
     /// Everything that was on the bus.
@@ -61,6 +63,7 @@ impl Default for Wire {
         Self {
             bus: Bus::new(UNSET),
             faults: Vec::new(),
+            has_transceiver: true,
             peer_queue: VecDeque::new(),
             log: Vec::new(),
             random: 0x9E37_79B9_7F4A_7C15,

@@ -6,6 +6,9 @@ const TEST: u64 = 0x10;
 const MON: u64 = 1 << 5;
 const TEST_ENABLE: u64 = 1 << 7;
 const LBCK: u64 = 1 << 4;
+/// RX, recessive, and TX held dominant.
+const RX: u64 = 1 << 7;
+const DOMINANT: u64 = 0b10 << 5;
 
 /// On the bus in a loop-back mode, nobody outside acknowledging, and a node outside with something to say.
 fn looped(monitors: bool) -> Bench {
@@ -61,11 +64,14 @@ fn a_monitor_sends_nothing() {
 fn loop_back_ends_with_the_test_mode() {
     let mut bench = Bench::new(Vec::new());
     bench.set(TEST, LBCK);
-    assert_eq!(bench.get(TEST), 0);
+    assert_eq!(bench.get(TEST), RX);
     bench.set(CCCR, INIT | CCE);
     bench.set(CCCR, INIT | CCE | TEST_ENABLE);
     bench.set(TEST, LBCK);
-    assert_eq!(bench.get(TEST), LBCK);
+    assert_eq!(bench.get(TEST), LBCK | RX);
+    // The transceiver carries TX to RX.
+    bench.set(TEST, DOMINANT);
+    assert_eq!(bench.get(TEST), DOMINANT);
     bench.set(CCCR, INIT | CCE);
-    assert_eq!(bench.get(TEST), 0);
+    assert_eq!(bench.get(TEST), RX);
 }

@@ -160,15 +160,13 @@ impl<'c> Array<'c> {
                 let line = line.get(cols.start * arrays..cols.end * arrays).unwrap_or_default();
                 let trims = trims.get(cols.clone()).unwrap_or_default();
                 let Some(counts) = pad.get_mut(on_pad) else { return };
-                let mut col = cols.start;
-                for (slot, trim) in line.chunks_exact(arrays).zip(trims) {
+                for (col, (slot, trim)) in (cols.start..).zip(line.chunks_exact(arrays).zip(trims)) {
                     let Some(&code) = slot.get(index) else { return };
                     all &= code;
                     any |= code;
                     if let Some(count) = counts.get_mut(col ^ flip_col) {
                         *count = trim.count(code);
                     }
-                    col += 1;
                 }
             }
         });

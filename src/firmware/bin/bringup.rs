@@ -136,6 +136,7 @@ async fn run(hardware: Hardware, mut verdicts: Verdicts) {
     let mut scan = AdcScan::start(scan, MAX_SENSORS);
     gather(&mut scan, stats, FRAMES).await;
     let arrays = [0, 1, 2].map(|sensor| judge_array(&stats[sensor]));
+    let settled = settle(&mut scan, stats).await;
     let answer = |sensor: usize| !matches!(samples[sensor], Err(XlFault::WrongPart { .. } | XlFault::Bus(_)));
     let answers = (0..MAX_SENSORS).any(answer);
     let fitted = |sensor: usize| sensor == 0 || arrays[sensor] != Finding::ArrayUnplugged || answer(sensor);
@@ -143,14 +144,14 @@ async fn run(hardware: Hardware, mut verdicts: Verdicts) {
         if fitted(sensor) {
             let finding = judge_xl(samples[sensor], PART, elapsed_us, answers);
             tell(&mut verdicts, "accelerometer", Some(sensor), finding);
-            if lines == Finding::LinesFree {
+            // What is left of the taxel before reads like pressure on the next one.
+            if lines == Finding::LinesFree && !matches!(settled[sensor], Finding::NotSettled { .. }) {
                 tell(&mut verdicts, "array", Some(sensor), arrays[sensor]);
             }
         } else {
             tell(&mut verdicts, "connector", Some(sensor), Finding::NotFitted);
         }
     }
-    let settled = settle(&mut scan, stats).await;
     // Wrong lines would be found here once more, with other reasons.
     let delivers = |sensor: &usize| match arrays[*sensor] {
         Finding::ArrayUnplugged | Finding::ArrayShorted | Finding::ArrayFixed { .. } => false,

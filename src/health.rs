@@ -79,6 +79,49 @@ pub struct CanStatus {
     pub receive_errors: u8,
 }
 
+/// What reset the chip, by its reset flags (RM0433, RCC_RSR).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum ResetCause {
+    /// None of the flags.
+    #[default]
+    Unknown = 0,
+    /// The supply came.
+    PowerOn = 1,
+    /// The supply fell below the brown-out level.
+    BrownOut = 2,
+    /// The reset pin alone: a button or a probe.
+    Pin = 3,
+    /// The program, after a command or a crash.
+    Software = 4,
+    /// The watchdog.
+    Watchdog = 5,
+}
+
+impl ResetCause {
+    /// Of the flags in RCC_RSR. Every reset but those of other domains sets the pin's too, and that of the supply all.
+    pub const fn from_flags(rsr: u32) -> Self {
+        const PIN: u32 = 1 << 22;
+        const BROWN_OUT: u32 = 1 << 21;
+        const POWER_ON: u32 = 1 << 23;
+        const SOFTWARE: u32 = 1 << 24;
+        const WATCHDOG: u32 = 1 << 26;
+        if rsr & POWER_ON != 0 {
+            Self::PowerOn
+        } else if rsr & BROWN_OUT != 0 {
+            Self::BrownOut
+        } else if rsr & WATCHDOG != 0 {
+            Self::Watchdog
+        } else if rsr & SOFTWARE != 0 {
+            Self::Software
+        } else if rsr & PIN != 0 {
+            Self::Pin
+        } else {
+            Self::Unknown
+        }
+    }
+}
+
 /// Numbers of [`Status::restart`].
 pub const RESTART_NUMBERS: usize = 6;
 
@@ -123,10 +166,15 @@ pub struct Status {
     /// Length of the last bus-off, from when it was noticed to the first slip message handed over after it, µs; 0
     /// before the first.
     pub bus_off_us: u32,
+    /// Frames from the bus that were lost: the controller's FIFO or the queue behind it was full.
+    pub lost_received: u32,
+    /// Brown-out level of the option bytes, and whether they protect the bootloader's sector from writes (1: yes).
+    pub option_bytes: [u8; 2],
     /// Hash of the reason if a panic, a fault or the watchdog caused the last start; else 0.
     pub last_panic: u32,
-    /// How the node came to start: cause of the reset, see `ResetCause` of `board`; where it followed a crash, kind (1
-    /// panic, 2 fault, 3 watchdog), and of a fault PC, LR, CFSR and address, of a watchdog bits of the stalled tasks.
+    /// How the node came to start: cause of the reset, see [`ResetCause`]; where it followed a crash, kind (1
+    /// panic, 2 fault, 3 watchdog, 4 no clock), and of a fault PC, LR, CFSR and address, of a watchdog PC, LR and bits of
+    /// the stalled tasks, of a missing clock the frequency found, Hz.
     pub restart: [u32; RESTART_NUMBERS],
     /// Self tests since start.
     pub self_tests: u32,
@@ -156,6 +204,8 @@ impl Status {
             can: CanStatus { state: CanState::ErrorActive, transmit_errors: 0, receive_errors: 0 },
             bus_offs: 0,
             bus_off_us: 0,
+            lost_received: 0,
+            option_bytes: [0; 2],
             last_panic: 0,
             restart: [0; RESTART_NUMBERS],
             self_tests: 0,

@@ -6,62 +6,20 @@
 use core::fmt::{self, Write};
 
 use crate::health::RESTART_NUMBERS;
+pub use crate::health::ResetCause;
 
 /// Words of a [`CrashRecord`] in RAM: magic, count, line, hash of the reason, kind, four of a fault, file, checksum.
 pub const CRASH_WORDS: usize = 10 + FILE_BYTES / 4;
 /// The end of the source file's path that is kept.
 pub const FILE_BYTES: usize = 48;
 
+/// The tasks, in the order of their bits.
+pub const TASK_NAMES: [&str; 4] = ["acquire", "infer", "transmit", "services"];
 /// "SLPC": the layout above. Another layout gets another magic.
 const MAGIC: u32 = u32::from_le_bytes(*b"SLPC");
-/// In the order of `Task`.
-const TASK_NAMES: [&str; 4] = ["acquire", "infer", "transmit", "services"];
 // FNV-1a, 32 bits.
 const HASH_START: u32 = 0x811c_9dc5;
 const HASH_PRIME: u32 = 0x0100_0193;
-
-/// What reset the chip, by its reset flags (RM0433, RCC_RSR).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub enum ResetCause {
-    /// None of the flags.
-    #[default]
-    Unknown = 0,
-    /// The supply came.
-    PowerOn = 1,
-    /// The supply fell below the brown-out level.
-    BrownOut = 2,
-    /// The reset pin alone: a button or a probe.
-    Pin = 3,
-    /// The program, after a command or a crash.
-    Software = 4,
-    /// The watchdog.
-    Watchdog = 5,
-}
-
-impl ResetCause {
-    /// Of the flags in RCC_RSR. Every reset but those of other domains sets the pin's too, and that of the supply all.
-    pub const fn from_flags(rsr: u32) -> Self {
-        const PIN: u32 = 1 << 22;
-        const BROWN_OUT: u32 = 1 << 21;
-        const POWER_ON: u32 = 1 << 23;
-        const SOFTWARE: u32 = 1 << 24;
-        const WATCHDOG: u32 = 1 << 26;
-        if rsr & POWER_ON != 0 {
-            Self::PowerOn
-        } else if rsr & BROWN_OUT != 0 {
-            Self::BrownOut
-        } else if rsr & WATCHDOG != 0 {
-            Self::Watchdog
-        } else if rsr & SOFTWARE != 0 {
-            Self::Software
-        } else if rsr & PIN != 0 {
-            Self::Pin
-        } else {
-            Self::Unknown
-        }
-    }
-}
 
 /// The processor when it faulted (ARMv7-M, exception entry and system control block).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,6 +34,17 @@ pub struct Fault {
     pub address: u32,
 }
 
+/// What was seen at most 35 ms before the watchdog's reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stall {
+    /// Bit n is set if task n, in the order of [`TASK_NAMES`], stood still. None: nobody could look any more.
+    pub tasks: u8,
+    /// Address of the instruction that was next, below the interrupt that looked.
+    pub pc: u32,
+    /// Return address of the function it is in, or what an exception returns to.
+    pub lr: u32,
+}
+
 /// What ended the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CrashKind {
@@ -83,9 +52,10 @@ pub enum CrashKind {
     Panic,
     /// A HardFault.
     Fault(Fault),
-    /// The watchdog: bit n is set if task n, in the order of `Task`, stood still. None: whoever looks
-    /// stood still too.
-    Stall(u8),
+    /// The watchdog.
+    Stall(Stall),
+    /// There was no external clock, or a wrong one, of this frequency, Hz.
+    NoClock(u32),
 }
 
 /// What the last crash was.
@@ -125,10 +95,17 @@ impl CrashRecord {
     }
 
     /// The record of a stall.
-    pub fn stall(previous: Option<Self>, tasks: u8) -> Self {
+    pub fn stall(previous: Option<Self>, stall: Stall) -> Self {
         let mut hash = Hash(HASH_START);
-        hash.add(&[tasks]);
-        Self::of_kind(previous, CrashKind::Stall(tasks), hash)
+        hash.add(&[stall.tasks]);
+        Self::of_kind(previous, CrashKind::Stall(stall), hash)
+    }
+
+    /// The record of a start without its clock.
+    pub fn no_clock(previous: Option<Self>, found_hz: u32) -> Self {
+        let mut hash = Hash(HASH_START);
+        hash.add(&found_hz.to_le_bytes());
+        Self::of_kind(previous, CrashKind::NoClock(found_hz), hash)
     }
 
     fn of_kind(previous: Option<Self>, kind: CrashKind, reason: Hash) -> Self {
@@ -148,7 +125,10 @@ impl CrashRecord {
         let (kind, Fault { pc, lr, cfsr, address }) = match self.kind {
             CrashKind::Panic => (0, Fault::default()),
             CrashKind::Fault(fault) => (1, fault),
-            CrashKind::Stall(tasks) => (2, Fault { pc: tasks.into(), ..Fault::default() }),
+            CrashKind::Stall(Stall { tasks, pc, lr }) => {
+                (2, Fault { pc, lr, cfsr: tasks.into(), address: 0 })
+            }
+            CrashKind::NoClock(found_hz) => (3, Fault { pc: found_hz, ..Fault::default() }),
         };
         let file = self.file.as_chunks::<4>().0.iter().map(|&bytes| u32::from_le_bytes(bytes));
         let fields = [MAGIC, self.count, self.line, self.reason_hash, kind, pc, lr, cfsr, address];
@@ -166,7 +146,8 @@ impl CrashRecord {
         let kind = match kind {
             0 => CrashKind::Panic,
             1 => CrashKind::Fault(Fault { pc, lr, cfsr, address }),
-            2 => CrashKind::Stall(pc as u8),
+            2 => CrashKind::Stall(Stall { tasks: cfsr as u8, pc, lr }),
+            3 => CrashKind::NoClock(pc),
             _ => return None,
         };
         let mut kept = [0; FILE_BYTES];
@@ -188,14 +169,17 @@ impl fmt::Display for CrashRecord {
                 write!(f, "fault {count} since power-on, pc {pc:08x}, lr {lr:08x}, ")?;
                 write!(f, "cfsr {cfsr:08x}, at {address:08x}")
             }
-            CrashKind::Stall(tasks) => {
-                write!(f, "watchdog {count} since power-on, stalled:")?;
+            CrashKind::Stall(Stall { tasks, pc, lr }) => {
+                write!(f, "watchdog {count} since power-on, pc {pc:08x}, lr {lr:08x}, stalled:")?;
                 for (bit, name) in TASK_NAMES.into_iter().enumerate() {
                     if tasks >> bit & 1 != 0 {
                         write!(f, " {name}")?;
                     }
                 }
                 if tasks == 0 { f.write_str(" all that look") } else { Ok(()) }
+            }
+            CrashKind::NoClock(found_hz) => {
+                write!(f, "start {count} since power-on without its clock, {found_hz} Hz found")
             }
         }
     }
@@ -218,7 +202,8 @@ impl Start {
             None => [cause, 0, 0, 0, 0, 0],
             Some(CrashKind::Panic) => [cause, 1, 0, 0, 0, 0],
             Some(CrashKind::Fault(Fault { pc, lr, cfsr, address })) => [cause, 2, pc, lr, cfsr, address],
-            Some(CrashKind::Stall(tasks)) => [cause, 3, tasks.into(), 0, 0, 0],
+            Some(CrashKind::Stall(Stall { tasks, pc, lr })) => [cause, 3, pc, lr, tasks.into(), 0],
+            Some(CrashKind::NoClock(found_hz)) => [cause, 4, found_hz, 0, 0, 0],
         }
     }
 }

@@ -3,8 +3,8 @@
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac;
 
-/// The core's clock after a reset.
-const HSI_HZ: u32 = 64_000_000;
+use super::clocks::HSI_HZ;
+
 /// Until a clock that is there is ready: 10 ms.
 const READY_CYCLES: u32 = HSI_HZ / 100;
 /// 20 ms: one bit time of 1 µs is 50 ppm, and the counter of 16 bits does not wrap.

@@ -1,4 +1,4 @@
-//! The clock tree: 8 MHz from the ST-LINK → PLLs → 480 MHz core, 240 MHz buses, 80 MHz FDCAN kernel.
+//! The clock tree: 8 MHz from the ST-LINK or a crystal → PLLs → 480 MHz core, 240 MHz buses, 80 MHz FDCAN kernel.
 //!
 //! ```text
 //! HSE 8 MHz ─/2─ 4 MHz ─┬─ PLL1 ×240 = 960 MHz ── P/2  480 MHz  core; /2 = 240 MHz AHB; /2 = 120 MHz APB
@@ -21,6 +21,8 @@
 //! the overdrive bit.
 
 use embassy_stm32::Config;
+use embassy_stm32::pac;
+use embassy_stm32::pac::rcc::vals::Usart234578sel;
 use embassy_stm32::rcc::mux::{Adcsel, Fdcansel, Saisel};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, LsConfig, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
@@ -28,8 +30,12 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 
-/// What the NUCLEO's ST-LINK puts on the HSE pin. A board with a crystal changes this and the mode.
+/// On the HSE pins: what the NUCLEO's ST-LINK puts on one, or the crystal between both (feature `crystal`).
 pub const HSE_HZ: u32 = 8_000_000;
+/// A clock from outside bypasses the oscillator that a crystal needs.
+const IS_CRYSTAL: bool = cfg!(feature = "crystal");
+/// The oscillator that the chip starts with, ±1 % (DS12110, HSI oscillator).
+pub const HSI_HZ: u32 = 64_000_000;
 /// Clock of the FDCAN bit time quanta.
 pub const FDCAN_KERNEL_HZ: u32 = HSE_HZ / 2 * 240 / 12;
 /// Clock of the timers on APB2: twice that bus.
@@ -48,10 +54,11 @@ pub fn config() -> Config {
         divq,
         divr,
     };
+    let mode = if IS_CRYSTAL { HseMode::Oscillator } else { HseMode::Bypass };
     let mut config = Config::default();
     let rcc = &mut config.rcc;
     rcc.hsi = None;
-    rcc.hse = Some(Hse { freq: Hertz(HSE_HZ), mode: HseMode::Bypass });
+    rcc.hse = Some(Hse { freq: Hertz(HSE_HZ), mode });
     // The I/O compensation cell runs from it; edges of fast pins are out of specification without.
     rcc.csi = true;
     // No real-time clock. The watchdog switches the LSI on by itself.
@@ -70,4 +77,73 @@ pub fn config() -> Config {
     rcc.mux.adcsel = Adcsel::PLL3_R;
     rcc.mux.spi123sel = Saisel::PLL2_P;
     config
+}
+
+/// How long the clock may take to come, in tries of some 20 cycles of the HSI: 300 ms. A crystal takes 2 ms (DS12110,
+/// HSE oscillator), the ST-LINK as long as its own start.
+const HSE_TRIES: u32 = 1_000_000;
+/// What the measurement may be off: the HSI's 1 %, the polling's 1 %, and as much again. No wrong crystal is as near.
+const TOLERANCE_PERCENT: u32 = 4;
+/// Bit rate of the ruler: a byte of ten bits takes 1 ms.
+const RULER_BAUD: u32 = 10_000;
+/// Tries of some cycles of 4 to 48 MHz for a byte of the ruler, and the idle one before the first: more than ten times
+/// their length.
+const RULER_TRIES: u32 = 400_000;
+
+/// Wait for the external clock, not for ever, and measure it. `Err`: the frequency found, Hz; 0 where none came.
+///
+/// For a chip that runs on its HSI, as after reset: a wrong frequency would keep the PLLs from locking, for which
+/// embassy-stm32 0.6 waits for ever, as it does for a clock that does not come.
+pub fn start_hse() -> Result<u32, u32> {
+    let rcc = pac::RCC;
+    rcc.cr().modify(|w| w.set_hsebyp(!IS_CRYSTAL));
+    rcc.cr().modify(|w| w.set_hseon(true));
+    if !(0..HSE_TRIES).any(|_| rcc.cr().read().hserdy()) {
+        return Err(0);
+    }
+    let found_hz = measure_hse_hz();
+    let off_hz = found_hz.abs_diff(HSE_HZ);
+    if off_hz <= HSE_HZ / 100 * TOLERANCE_PERCENT { Ok(found_hz) } else { Err(found_hz) }
+}
+
+/// The external clock, Hz, by the HSI: good to about 2 %. 0 if it cannot be measured.
+///
+/// For a chip as in [`start_hse`], with that clock ready. For some milliseconds the core runs on it, and TIM7 counts its
+/// cycles during a byte that USART3, on no pin, sends by the HSI.
+pub fn measure_hse_hz() -> u32 {
+    let (rcc, timer, ruler) = (pac::RCC, pac::TIM7, pac::USART3);
+    rcc.apb1lenr().modify(|w| {
+        w.set_tim7en(true);
+        w.set_usart3en(true);
+    });
+    rcc.d2ccip2r().modify(|w| w.set_usart234578sel(Usart234578sel::HSI));
+    cortex_m::asm::dsb();
+    ruler.brr().write(|w| w.set_brr((HSI_HZ / RULER_BAUD) as u16));
+    ruler.cr1().write(|w| {
+        w.set_ue(true);
+        w.set_te(true);
+    });
+    timer.arr().write(|w| w.set_arr(u16::MAX));
+    timer.cr1().write(|w| w.set_cen(true));
+    let on = |clock| {
+        rcc.cfgr().modify(|w| w.set_sw(clock));
+        (0..RULER_TRIES).any(|_| rcc.cfgr().read().sws() == clock)
+    };
+    // Two bytes fill the transmitter; from then on each place in it comes free a byte after the last.
+    let mut stamps = [0; 4];
+    let mut sent = on(Sysclk::HSE);
+    for stamp in &mut stamps {
+        ruler.tdr().write(|w| w.set_dr(0));
+        sent &= (0..RULER_TRIES).any(|_| ruler.isr().read().txe());
+        *stamp = timer.cnt().read().cnt();
+    }
+    sent &= on(Sysclk::HSI);
+    ruler.cr1().write(|_| {});
+    timer.cr1().write(|_| {});
+    rcc.apb1lenr().modify(|w| {
+        w.set_tim7en(false);
+        w.set_usart3en(false);
+    });
+    let [.., before, after] = stamps;
+    if sent { u32::from(after.wrapping_sub(before)) * (RULER_BAUD / 10) } else { 0 }
 }

@@ -31,8 +31,8 @@ use crate::update::partitions::{NUCLEO_H743ZI2 as BOARD, SECTOR_BYTES, Span};
 /// CCR.BFHFNMIGN: bus faults of data accesses are ignored at priority -1 and above.
 const IGNORE_BUS_FAULTS: u32 = 1 << 8;
 const BANKS: usize = 2;
-/// How often a sector is erased before an error that stands is believed.
-const TRIES: u8 = 3;
+/// Tries of a word. Only a flag of a read that comes while it is handed over costs one.
+const TRIES: u32 = 8;
 
 /// The flash of the one task that uses it.
 type SharedFlash = Mutex<CriticalSectionRawMutex, BoardFlash<Async>>;
@@ -68,6 +68,34 @@ impl BoardFlash<Blocking> {
     }
 }
 
+/// What the option bytes say of supply and bootloader, as the book's page on updates demands it. No program here ever
+/// writes them.
+#[derive(Clone, Copy, Debug)]
+pub struct OptionBytes {
+    /// BOR_LEV: 0, no brown-out reset, to 3, 2.7 V.
+    pub brown_out_level: u8,
+    /// Is the sector of the bootloader protected from writes?
+    pub boot_is_protected: bool,
+}
+
+impl OptionBytes {
+    /// 2.7 V: below, core and flash are near the end of their specification, and the ADC's reference is gone.
+    pub const BROWN_OUT_LEVEL: u8 = 3;
+    /// As the last reset loaded them. A bit of WRPSN that is 0 protects its sector (RM0433, FLASH_WPSN_CUR1R).
+    pub fn read() -> Self {
+        let first = BOARD.boot.start / SECTOR_BYTES;
+        Self {
+            brown_out_level: pac::FLASH.optsr_cur().read().bor_lev(),
+            boot_is_protected: pac::FLASH.bank(0).wpsn_curr().read().wrpsn() >> (first % 8) & 1 == 0,
+        }
+    }
+
+    /// Are they as demanded?
+    pub fn are_set(self) -> bool {
+        self.brown_out_level == Self::BROWN_OUT_LEVEL && self.boot_is_protected
+    }
+}
+
 /// Start the period of a watchdog that runs anew.
 pub fn feed_watchdog() {
     pac::IWDG1.kr().write(|w| w.set_key(Key::RESET));
@@ -94,22 +122,53 @@ fn clear_errors() {
             w.set_clr_rdserr(true);
             w.set_clr_sneccerr(true);
             w.set_clr_dbeccerr(true);
+            w.set_clr_crcrderr(true);
         });
     }
 }
 
-/// After a write that ended with `error`: must this word be written again? An error flag may be another's than the
-/// write's, so the flash itself is asked. A word that holds something else cannot be mended: `error`.
-fn is_missing(offset: u32, word: &[u8; WRITE_SIZE], error: Error) -> Result<bool, Error> {
+/// Has an operation failed? Else an error is of a read, whoever made it: RDPERR, RDSERR, SNECCERR and DBECCERR stop no
+/// operation (RM0433, embedded flash memory, error management), and embassy-stm32 0.6 takes them for its own.
+fn operation_failed() -> bool {
+    (0..BANKS).any(|bank| {
+        let flags = pac::FLASH.bank(bank).sr().read();
+        flags.wrperr() || flags.pgserr() || flags.strberr() || flags.incerr() || flags.operr()
+    })
+}
+
+/// What an erase has come to: the driver looks at the flags when it is over.
+fn erased(result: Result<(), Error>) -> Result<(), Error> {
+    let result = if operation_failed() { result } else { Ok(()) };
+    clear_errors();
+    result
+}
+
+/// What a word at `offset` has come to: is it there? `Ok(false)`: a flag of a read made the driver stop before the word
+/// was whole. It has cleared PG, which drops what was handed over (RM0433, FLASH_SRx.WBNE), so another try may follow.
+fn written(result: Result<(), Error>, offset: u32, word: &[u8]) -> Result<bool, Error> {
+    let failed = operation_failed();
+    clear_errors();
     let mut held = [0; WRITE_SIZE];
     read(offset, &mut held)?;
-    if held == *word {
-        Ok(false)
-    } else if held == [0xFF; WRITE_SIZE] {
-        Ok(true)
-    } else {
-        Err(error)
+    match result {
+        _ if held == word => Ok(true),
+        Err(error) if failed => Err(error),
+        Err(_) => Ok(false),
+        // The driver's interrupt handler clears OPERR before anybody has seen it.
+        Ok(()) => Err(Error::Prog),
     }
+}
+
+/// Whole words at their places?
+fn check_words(offset: u32, bytes: &[u8]) -> Result<(), Error> {
+    check(BOARD.flash, offset, bytes.len())?;
+    let is_whole = bytes.len().is_multiple_of(WRITE_SIZE) && (offset as usize).is_multiple_of(WRITE_SIZE);
+    if is_whole { Ok(()) } else { Err(Error::Unaligned) }
+}
+
+/// The words of `bytes` with their offsets.
+fn words(offset: u32, bytes: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
+    (offset..).step_by(WRITE_SIZE).zip(bytes.chunks_exact(WRITE_SIZE))
 }
 
 /// From `offset` of the flash on.
@@ -193,25 +252,24 @@ impl NorFlash for BoardFlash<Async> {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         check(BOARD.written(), from, to.saturating_sub(from) as usize)?;
-        let mut erased = Ok(());
-        for _ in 0..TRIES {
+        for sector in (from..to).step_by(SECTOR_BYTES as usize) {
             clear_errors();
-            erased = self.0.erase(from, to).await;
-            if erased.is_ok() {
-                break;
-            }
+            erased(self.0.erase(sector, sector + SECTOR_BYTES).await)?;
         }
-        erased
+        Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         check(BOARD.written(), offset, bytes.len())?;
-        clear_errors();
-        let Err(error) = self.0.write(offset, bytes).await else { return Ok(()) };
-        for (at, word) in (offset..).step_by(WRITE_SIZE).zip(bytes.as_chunks::<WRITE_SIZE>().0) {
-            if is_missing(at, word, error)? {
+        check_words(offset, bytes)?;
+        for (offset, word) in words(offset, bytes) {
+            let mut tries = 0..TRIES;
+            loop {
+                tries.next().ok_or(Error::Prog)?;
                 clear_errors();
-                self.0.write(at, word).await?;
+                if written(self.0.write(offset, word).await, offset, word)? {
+                    break;
+                }
             }
         }
         Ok(())
@@ -238,16 +296,9 @@ impl BlockingNorFlash for BoardFlash<Blocking> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         // One by one: the watchdog waits for one.
         for sector in (from..to).step_by(SECTOR_BYTES as usize) {
-            let mut erased = Ok(());
-            for _ in 0..TRIES {
-                feed_watchdog();
-                clear_errors();
-                erased = self.0.blocking_erase(sector, sector + SECTOR_BYTES);
-                if erased.is_ok() {
-                    break;
-                }
-            }
-            erased?;
+            feed_watchdog();
+            clear_errors();
+            erased(self.0.blocking_erase(sector, sector + SECTOR_BYTES))?;
         }
         feed_watchdog();
         Ok(())
@@ -255,12 +306,15 @@ impl BlockingNorFlash for BoardFlash<Blocking> {
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         feed_watchdog();
-        clear_errors();
-        let Err(error) = self.0.blocking_write(offset, bytes) else { return Ok(()) };
-        for (at, word) in (offset..).step_by(WRITE_SIZE).zip(bytes.as_chunks::<WRITE_SIZE>().0) {
-            if is_missing(at, word, error)? {
+        check_words(offset, bytes)?;
+        for (offset, word) in words(offset, bytes) {
+            let mut tries = 0..TRIES;
+            loop {
+                tries.next().ok_or(Error::Prog)?;
                 clear_errors();
-                self.0.blocking_write(at, word)?;
+                if written(self.0.blocking_write(offset, word), offset, word)? {
+                    break;
+                }
             }
         }
         Ok(())

@@ -18,11 +18,47 @@ pub mod model;
 pub mod shared;
 
 use cortex_m::Peripherals as Core;
-use defmt::unwrap;
-use embassy_stm32::Peripherals;
+use defmt::{error, unwrap};
+use embassy_stm32::pac::gpio::vals::Moder;
+use embassy_stm32::{Peripherals, pac};
 
-/// Set memories and clocks up. First thing after reset, and once.
-pub fn init() -> Peripherals {
+/// Red, on PB14.
+const FAULT_LED: usize = 14;
+
+/// Set memories and clocks up. First thing after reset, and once. `Err`: there is no external clock, or a wrong one, of
+/// this frequency, Hz; the clocks are as after reset.
+pub fn try_init() -> Result<Peripherals, u32> {
     memory::init(&mut unwrap!(Core::take()));
-    embassy_stm32::init(clocks::config())
+    clocks::start_hse()?;
+    Ok(embassy_stm32::init(clocks::config()))
+}
+
+/// As [`try_init`]; without the clock it does not return.
+pub fn init() -> Peripherals {
+    try_init().unwrap_or_else(|found_hz| wait_for_the_clock(found_hz))
+}
+
+/// Light the red LED, report in the log, and start anew when there is a clock. The node stays off the bus: the internal
+/// oscillator is off by 1 %, more than CAN FD at 8 Mbit/s bears, so that it would disturb the others.
+pub fn wait_for_the_clock(found_hz: u32) -> ! {
+    // The log asks it for the time; it stands at 0.
+    pac::RCC.apb1lenr().modify(|w| w.set_tim2en(true));
+    light_red();
+    loop {
+        error!("external clock: {=u32} Hz found, {=u32} Hz needed; not on the bus", found_hz, clocks::HSE_HZ);
+        // A bootloader may have started it.
+        flash::feed_watchdog();
+        cortex_m::asm::delay(clocks::HSI_HZ);
+        if clocks::start_hse().is_ok() {
+            cortex_m::peripheral::SCB::sys_reset()
+        }
+    }
+}
+
+/// Red on, from the first instruction on.
+pub fn light_red() {
+    pac::RCC.ahb4enr().modify(|w| w.set_gpioben(true));
+    cortex_m::asm::dsb();
+    pac::GPIOB.bsrr().write(|w| w.set_bs(FAULT_LED, true));
+    pac::GPIOB.moder().modify(|w| w.set_moder(FAULT_LED, Moder::OUTPUT));
 }

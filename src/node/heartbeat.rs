@@ -1,6 +1,6 @@
 //! uavcan.node.Heartbeat, subject 7509: alive, how well, doing what. Every node sends one a second.
 
-use crate::health::{Condition, NO_MODEL, PIEZO_MISSING, Status, XL_MISSING};
+use crate::health::{Condition, NO_MODEL, PIEZO_MISSING, ResetCause, Status, XL_MISSING};
 use crate::params::TAXEL_ROWS;
 use crate::wire::bytes::Writer;
 
@@ -62,9 +62,15 @@ pub(super) fn flags(status: &Status) -> u8 {
         (status.any_sensor(PIEZO_MISSING | XL_MISSING), vendor_status::SENSOR_MISSING),
         (status.any_sensor(NO_MODEL), vendor_status::NO_MODEL),
         (status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES),
-        (status.dropped_raw > 0 || status.broken_raw > 0, vendor_status::RAW_DROPPED),
+        (
+            status.dropped_raw > 0 || status.broken_raw > 0 || status.lost_received > 0,
+            vendor_status::RAW_DROPPED,
+        ),
         (status.bus_offs > 0, vendor_status::BUS_OFF),
-        (status.last_panic != 0, vendor_status::PANICKED),
+        (
+            status.last_panic != 0 || status.restart.first() == Some(&(ResetCause::BrownOut as u32)),
+            vendor_status::PANICKED,
+        ),
         (
             status.stuck_taxels.iter().take(sensors).any(|mask| mask.0 != [0; TAXEL_ROWS]),
             vendor_status::STUCK,
@@ -81,11 +87,11 @@ pub mod vendor_status {
     pub const NO_MODEL: u8 = 2;
     /// Frames were late or dropped since start.
     pub const LATE_FRAMES: u8 = 4;
-    /// Raw frames were dropped since start.
+    /// Raw frames were dropped, or frames from the bus lost, since start.
     pub const RAW_DROPPED: u8 = 8;
     /// The controller was bus-off since start.
     pub const BUS_OFF: u8 = 16;
-    /// The last start followed a panic, a fault or the watchdog.
+    /// The last start followed a panic, a fault, the watchdog, a brown-out or a wait for the clock.
     pub const PANICKED: u8 = 32;
     /// Stored settings were damaged; what could not be read is at its default.
     pub const SETTINGS_DAMAGED: u8 = 64;

@@ -1,7 +1,9 @@
 //! The record of a crash survives in RAM, and nothing else is taken for one.
 
 use proptest::prelude::*;
-use slipsense::board::crash_record::{CRASH_WORDS, CrashKind, CrashRecord, FILE_BYTES, Fault, ResetCause};
+use slipsense::board::crash_record::{
+    CRASH_WORDS, CrashKind, CrashRecord, FILE_BYTES, Fault, ResetCause, Stall, Start,
+};
 
 #[test]
 fn a_record_is_read_back_and_counts() {
@@ -60,9 +62,17 @@ fn faults_and_stalls_are_named() {
     assert_eq!((record.kind, record.count), (CrashKind::Fault(fault), 1));
     let text = "fault 1 since power-on, pc 08021234, lr 08020001, cfsr 00008200, at 1ff00000";
     assert_eq!(record.to_string(), text);
-    let stall = |tasks| CrashRecord::from_words(&CrashRecord::stall(Some(record), tasks).to_words()).unwrap();
-    assert_eq!(stall(0b1010).to_string(), "watchdog 2 since power-on, stalled: infer services");
-    assert_eq!(stall(0).to_string(), "watchdog 2 since power-on, stalled: all that look");
+    let stall = |tasks| {
+        let stall = Stall { tasks, pc: 0x0802_1234, lr: 0xFFFF_FFE9 };
+        CrashRecord::from_words(&CrashRecord::stall(Some(record), stall).to_words()).unwrap()
+    };
+    let text = "watchdog 2 since power-on, pc 08021234, lr ffffffe9, stalled:";
+    assert_eq!(stall(0b1010).to_string(), format!("{text} infer services"));
+    assert_eq!(stall(0).to_string(), format!("{text} all that look"));
+    let start = Start { cause: ResetCause::Watchdog, crash: Some(stall(0b1010)) };
+    assert_eq!(start.numbers(), [5, 3, 0x0802_1234, 0xFFFF_FFE9, 0b1010, 0]);
+    let clock = CrashRecord::from_words(&CrashRecord::no_clock(None, 25_000_000).to_words()).unwrap();
+    assert_eq!(clock.to_string(), "start 1 since power-on without its clock, 25000000 Hz found");
 }
 
 #[test]

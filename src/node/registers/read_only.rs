@@ -20,6 +20,8 @@ pub(super) enum ReadOnly {
     SensorHealth,
     LastPanic,
     Restart,
+    OptionBytes,
+    LostReceived,
     Uptime,
     SelfTests,
     TransfersDropped,
@@ -36,7 +38,7 @@ pub(super) enum ReadOnly {
 }
 
 /// Names in the order of the list.
-pub(super) const READ_ONLY: [(&str, ReadOnly); 19 + 2 * MAX_SENSORS] = [
+pub(super) const READ_ONLY: [(&str, ReadOnly); 21 + 2 * MAX_SENSORS] = [
     ("slipsense.status.late_frames", ReadOnly::LateFrames),
     ("slipsense.status.overruns", ReadOnly::Overruns),
     ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
@@ -45,6 +47,8 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 19 + 2 * MAX_SENSORS] = [
     ("slipsense.status.sensor_health", ReadOnly::SensorHealth),
     ("slipsense.status.last_panic", ReadOnly::LastPanic),
     ("slipsense.status.restart", ReadOnly::Restart),
+    ("slipsense.status.option_bytes", ReadOnly::OptionBytes),
+    ("slipsense.status.received_lost", ReadOnly::LostReceived),
     ("slipsense.status.uptime_s", ReadOnly::Uptime),
     ("slipsense.status.self_tests", ReadOnly::SelfTests),
     ("slipsense.status.transfers_dropped", ReadOnly::TransfersDropped),
@@ -101,6 +105,8 @@ impl<'a> NodeState<'a> {
             }
             ReadOnly::LastPanic => count(status.last_panic),
             ReadOnly::Restart => numbers(Kind::Natural32, &status.restart.map(i64::from)),
+            ReadOnly::OptionBytes => numbers(Kind::Natural8, &status.option_bytes.map(i64::from)),
+            ReadOnly::LostReceived => count(status.lost_received),
             ReadOnly::Uptime => count(self.uptime_s),
             ReadOnly::SelfTests => {
                 numbers(Kind::Natural32, &[status.self_tests.into(), status.failed_self_tests.into()])

@@ -3,7 +3,7 @@
 //!
 //! What the program sends goes on the wires at the next virtual millisecond and competes there as any node's frames
 //! do. An identifier that no frame can have, [`SUPPLY`], is no frame: at which steps of the flash the board's supply
-//! fails. What the board sends it gets, but for slip and raw messages: nothing behind the link could keep up with them.
+//! fails; [`ORDER`]: text, what else goes wrong there ([`crate::board_faults`]). What the board sends it gets, but for slip and raw messages: nothing behind the link could keep up with them.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -18,6 +18,8 @@ use crate::fdcan::wire::{MCU, Wire, can_frame};
 const HEADER: usize = 5;
 /// Before steps of eight bytes, lowest first.
 const SUPPLY: u32 = 1 << 31;
+/// Before a text.
+const ORDER: u32 = SUPPLY | 1;
 
 /// The program's end of the link.
 pub struct FarEnd {
@@ -27,6 +29,8 @@ pub struct FarEnd {
     seen: usize,
     /// What the program wants of the supply: see [`PowerFaults::fail_at`](crate::power_faults::PowerFaults::fail_at).
     pub power_fails_at: Option<Vec<u64>>,
+    /// What it wants of the board: see [`BoardFaults::order`](crate::board_faults::BoardFaults::order).
+    pub orders: Vec<String>,
 }
 
 impl FarEnd {
@@ -36,7 +40,7 @@ impl FarEnd {
         println!("{}", listener.local_addr()?.port());
         let (stream, _) = listener.accept()?;
         stream.set_nodelay(true)?;
-        Ok(Self { stream, pending: Vec::new(), seen: 0, power_fails_at: None })
+        Ok(Self { stream, pending: Vec::new(), seen: 0, power_fails_at: None, orders: Vec::new() })
     }
 
     /// Carry frames both ways. `false`: the program is gone.
@@ -54,6 +58,10 @@ impl FarEnd {
                 let (steps, rest) = data.as_chunks();
                 ensure!(rest.is_empty(), "the far end says half a step of the flash");
                 self.power_fails_at = Some(steps.iter().map(|&step| u64::from_le_bytes(step)).collect());
+                continue;
+            }
+            if identifier == ORDER {
+                self.orders.push(String::from_utf8(data).context("the far end's order")?);
                 continue;
             }
             let frame = Frame::new(Id::Extended(identifier), Format::FD, &data);

@@ -8,6 +8,7 @@ use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::generated::rcc::{Register, cr, rsr};
 use rigless::soc::stm32h743::peripherals::adc::Adc;
 use rigless::soc::stm32h743::peripherals::dma::Dma;
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin};
@@ -36,7 +37,7 @@ use crate::xl::{Readouts, Xl};
 /// measurement: the silicon issues up to two, and waits for flash and buses.
 pub const CORE_HZ: NonZeroU64 = NonZeroU64::new(480_000_000).expect("not zero");
 /// HSE of the NUCLEO: the ST-LINK's MCO.
-const HSE_HZ: u64 = 8_000_000;
+pub const HSE_HZ: u64 = 8_000_000;
 const RAIL_MV: u32 = 3300;
 /// Names of the instances, in order.
 const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
@@ -59,6 +60,8 @@ pub struct Fitted {
     pub faults: Vec<Fault>,
     /// Every event of the scan one by one, and every access through the MPU.
     pub slow: bool,
+    /// What comes in at HSE, Hz; 0: nothing.
+    pub hse_hz: u64,
 }
 
 /// The part with its FDCANs and its watchdog.
@@ -80,6 +83,10 @@ pub struct Mcu743 {
     streams: [Tapped<Dma, Streams>; 2],
     tapped_slots: [usize; 5],
     arrays: Shared,
+    rcc_slot: usize,
+    has_hse: bool,
+    /// The next reset is a brown-out's.
+    pub is_brown_out: bool,
 }
 
 impl Mcu743 {
@@ -93,6 +100,7 @@ impl Mcu743 {
             *slot = part.bus().slot(name)?;
         }
         let iwdg_slot = part.bus().slot(IWDG_INSTANCE)?;
+        let rcc_slot = part.bus().slot("RCC")?;
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
@@ -123,6 +131,9 @@ impl Mcu743 {
             streams: [stream(codes, true), stream(addresses, false)],
             tapped_slots,
             arrays,
+            rcc_slot,
+            has_hse: fitted.hse_hz != 0,
+            is_brown_out: false,
         };
         mcu.adc.device.set_reference(REFERENCE_MV);
         mcu.reset_registers();
@@ -147,6 +158,15 @@ impl Mcu for Mcu743 {
 
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         self.part.reset(at, cause);
+        if std::mem::take(&mut self.is_brown_out) {
+            // The emulator has no brown-out. Its flag joins those of the pin, which every reset pulls, and of the core;
+            // those that stood are gone with the supply (RM0433, table of reset sources against flags).
+            let flags = rsr::BORRSTF.mask() | rsr::PINRSTF.mask() | rsr::CPURSTF.mask();
+            let registers = self.part.bus_mut().slot_mut(self.rcc_slot).registers_mut();
+            for register in [Register::Rsr, Register::C1Rsr] {
+                registers.set(register, flags);
+            }
+        }
         for fdcan in &mut self.fdcan {
             Device::reset(fdcan);
         }
@@ -164,6 +184,13 @@ impl Mcu for Mcu743 {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        if slot == self.rcc_slot && !self.has_hse {
+            // In the emulator an oscillator without a crystal is ready at 0 Hz. On the part HSERDY says that the clock
+            // is there and steady (RM0433, RCC_CR), and without one never comes.
+            let registers = self.part.bus_mut().slot_mut(slot).registers_mut();
+            let held = registers.get(Register::Cr);
+            registers.set(Register::Cr, held & !cr::HSERDY.mask());
+        }
         if slot == self.ram_slot {
             return (self.part.bus_mut(), Some(&mut self.ram));
         }
@@ -211,7 +238,7 @@ impl Twin {
         let hse_hz = match () {
             () if bench::has(fitted.desk, DeskFault::HseAbsent) => 0,
             () if bench::has(fitted.desk, DeskFault::HseOff) => bench::OFF_HZ,
-            () => HSE_HZ,
+            () => fitted.hse_hz,
         };
         mcu.part.rcc.attach_crystals(hse_hz, 0);
         mcu.part.set_supply(RAIL_MV);

@@ -7,6 +7,7 @@ mod adxl380;
 mod array_taps;
 mod bench;
 mod arrays;
+mod board_faults;
 mod compare;
 mod far_end;
 mod fault_schedule;
@@ -89,6 +90,9 @@ struct Arguments {
     /// Every one of these faults in turn; fails where one does not show what it must, or does not end.
     #[arg(long, requires = "episode", conflicts_with_all = ["fault", "seconds", "far_end"])]
     faults: bool,
+    /// What comes in at HSE, Hz; 0: nothing.
+    #[arg(long, default_value_t = machine::HSE_HZ)]
+    hse_hz: u64,
     /// Another firmware than the board's: print its log, which must hold a line with this text; more than once for more.
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "faults", "far_end"])]
     says: Vec<String>,
@@ -188,6 +192,7 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
         slow: arguments.slow,
         gdb: arguments.gdb,
         far_end: arguments.far_end,
+        hse_hz: arguments.hse_hz,
     };
     let done = run::run(&arguments.elf, &options)?;
     if let Some(path) = &arguments.can {

@@ -2,7 +2,8 @@
 //!
 //! A step that was cut off is half done: the first half of the word's bytes, or of the sector's words, are as they
 //! should become, the others as they were. What the silicon would add, a word that error correction gives up on and a
-//! bus fault when it is read (RM0433, embedded flash memory), the emulator does not have. RAM keeps what it held.
+//! bus fault when it is read (RM0433, embedded flash memory), the emulator does not have. RAM keeps what it held. The
+//! reset is a brown-out's.
 
 use std::collections::VecDeque;
 
@@ -89,6 +90,7 @@ impl PowerFaults {
             }
         }
         self.failures.push(Failure { at_ns: access.virtual_time.0, step });
+        session.board_mut().mcu.is_brown_out = true;
         session.reset_by_pin(access.virtual_time, access.instruction_count, host);
     }
 }

@@ -122,6 +122,9 @@ pub fn print_far_end(done: &Done, bites: usize) -> bool {
     if bitten != bites {
         println!("FAILED: the watchdog restarted the board {bitten} times, {bites} times were expected");
     }
+    if done.read_flags > 0 {
+        println!("flash: {} flags of reads raised", done.read_flags);
+    }
     let of_others = done.frames.iter().filter(|logged| logged.node != MCU).count();
     println!(
         "bus: {} frames, {of_others} of them from the far end; {:.3} virtual s in {:.2} s",

@@ -19,6 +19,7 @@ use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
 use crate::bench::Desk;
+use crate::board_faults::BoardFaults;
 use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
 use crate::fault_injection::Fault;
@@ -65,6 +66,8 @@ pub struct Options {
     pub gdb: Option<u16>,
     /// Wait for a program that is the far end of the bus; the run ends when it goes.
     pub far_end: bool,
+    /// What comes in at HSE, Hz; 0: nothing.
+    pub hse_hz: u64,
 }
 
 /// What came of it.
@@ -79,6 +82,8 @@ pub struct Done {
     pub xl_rate_hz: f64,
     /// Each time that the supply failed.
     pub failures: Vec<Failure>,
+    /// Flags of reads that the flash raised.
+    pub read_flags: u64,
     /// Each restart: virtual ns, and who asked for it.
     pub resets: Vec<(u64, ResetCause)>,
     /// Lines of the log.
@@ -110,6 +115,8 @@ struct Recorder {
     last: Option<Stop>,
     far_end: Option<FarEnd>,
     supply: PowerFaults,
+    faults: BoardFaults,
+    restarts: usize,
     wait: FlashWait,
     /// What went wrong at the far end.
     broken: Option<anyhow::Error>,
@@ -120,10 +127,17 @@ impl Driver<Twin> for Recorder {
         match settled {
             Settled::Hit(hit) => *self.hits.entry(hit.address).or_default() += 1,
             Settled::Access { access, value } => {
+                self.faults.look(session, access);
                 self.supply.look(session, host, access);
                 self.wait.look(host, access, value);
             }
-            Settled::Stop(stop) => self.wait.settle(session, host, stop.at),
+            Settled::Stop(stop) => {
+                self.wait.settle(session, host, stop.at);
+                if session.resets().len() != self.restarts {
+                    self.restarts = session.resets().len();
+                    self.broken = self.faults.restarted(host).err().map(Into::into).or(self.broken.take());
+                }
+            }
             _ => {}
         }
     }
@@ -145,6 +159,12 @@ impl Driver<Twin> for Recorder {
                     over |= !is_there;
                     if let Some(steps) = far_end.power_fails_at.take() {
                         self.supply.fail_at(steps);
+                    }
+                    for order in std::mem::take(&mut far_end.orders) {
+                        if let Err(error) = self.faults.order(&order, session, host, stop) {
+                            self.broken = Some(error);
+                            over = true;
+                        }
                     }
                 }
                 Err(error) => {
@@ -203,7 +223,8 @@ fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, 
 pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
     let mut images = programs::images(elf, bytes.clone(), options.boot.as_deref())?;
-    let probe = Symbols::read(&bytes, |value| value & !1)?.get("_SEGGER_RTT").ok().map(Probe::new);
+    let symbols = Symbols::read(&bytes, |value| value & !1)?;
+    let probe = symbols.get("_SEGGER_RTT").ok().map(Probe::new);
     let fitted = Fitted {
         episode: options.episode.clone(),
         desk: options.desk,
@@ -211,6 +232,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         xl_error: options.xl_error,
         faults: options.faults.clone(),
         slow: options.slow,
+        hse_hz: options.hse_hz,
     };
     let board = Box::new(Twin::new(&fitted)?);
     let handlers = handlers(&images, &interrupt_names(&board));
@@ -228,6 +250,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         last: None,
         far_end: if options.far_end { Some(FarEnd::wait()?) } else { None },
         supply: PowerFaults::default(),
+        faults: BoardFaults::new(&symbols),
+        restarts: 0,
         wait: FlashWait::default(),
         broken: None,
     };
@@ -274,6 +298,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         readouts,
         xl_rate_hz: options.xl.rate_hz(options.xl_error),
         failures: driver.supply.failures,
+        read_flags: driver.faults.flags,
         resets,
         log,
         diagnostics,

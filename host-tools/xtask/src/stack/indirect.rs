@@ -78,7 +78,6 @@ const RULES: &[Rule] = &[
             "__acquire_task_inner_function",
             "__receive_task_inner_function",
             "__transmit_task_inner_function",
-            "__watch_task_inner_function",
         ],
     },
     // Whoever waits or ends a wait: tasks, drivers, queues, the timer.

@@ -50,6 +50,7 @@ const LEVELS: [(&str, &[(&str, &str)]); 5] = [
             ("FDCAN1_IT0", "FDCAN1_IT0"),
             ("FDCAN1_IT1", "FDCAN1_IT1"),
             ("FLASH", "FLASH"),
+            ("SysTick", "SysTick"),
             ("TIM2", "TIM2"),
             ("DMA2_STREAM0", "DMA2_STREAM0"),
             ("DMA2_STREAM1", "DMA2_STREAM1"),

@@ -144,10 +144,10 @@ pub const STEPS: &[Step] = &[
     .after(&["firmware", "twin-build"]),
     Step::new(
         "twin-faults",
-        "bus and sensors of the emulated STM32H743 fail in eight ways: flags, slip messages, recovery times",
-        |_| twin::faults_step(),
+        "bus and sensors of the emulated STM32H743 fail in eight ways, then core, supply, flash and clock: what it reports",
+        |context| twin::faults_step(&program("slipsense", context)?),
     )
-    .after(&["firmware", "twin-build"]),
+    .after(&["firmware", "twin-build", "host-build"]),
     Step::new(
         "twin-bringup",
         "the bring-up program on the emulated STM32H743 names each of 21 faults of wires and parts",

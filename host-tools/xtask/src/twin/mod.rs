@@ -36,6 +36,7 @@ const LOOPBACK_PASSED: &str = "loop back passed";
   cargo xtask twin EPISODE.npz --faults                    every fault in turn, and a table of flags and recovery
   cargo xtask twin --long                                  20 s each: two sensors, three, two ICM-42688-P
   cargo xtask twin --updates                               updates over the bus, the supply fails again and again
+  cargo xtask twin --flash-flags                           500 stores and updates, flags of reads at random
   cargo xtask twin --gdb 3333                              wait for a debugger on this port
 All options: cargo xtask twin --help, then what `slipsense-twin --help` says")]
 pub struct Options {
@@ -45,6 +46,9 @@ pub struct Options {
     /// The step `twin-update` with more failures of the supply: at every step of a store, and at more of the others
     #[arg(long, exclusive = true)]
     updates: bool,
+    /// 500 stores and updates while the flash raises flags of reads; in the step `twin-faults` there are 26
+    #[arg(long, exclusive = true)]
+    flash_flags: bool,
     /// What the twin is given: episode and options
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
@@ -57,6 +61,9 @@ pub fn run(options: &Options) -> Result<bool> {
     }
     if options.updates {
         return update::step(&small_cli()?, true).map(|()| true);
+    }
+    if options.flash_flags {
+        return update::faults(&small_cli()?, "500").map(|()| true);
     }
     let arguments = &options.arguments;
     let status = twin(accelerometer(arguments))?.args(arguments).status()?;
@@ -157,9 +164,10 @@ pub fn bringup_step() -> Result<()> {
     Ok(())
 }
 
-/// Every fault in turn.
-pub fn faults_step() -> Result<()> {
-    start(twin(DEFAULT_XL)?.arg(root().join(DEMO_EPISODE)).arg("--faults"))
+/// Every fault of bus and sensors in turn, then those of the board itself.
+pub fn faults_step(slipsense: &Path) -> Result<()> {
+    start(twin(DEFAULT_XL)?.arg(root().join(DEMO_EPISODE)).arg("--faults"))?;
+    update::faults(slipsense, "26")
 }
 
 /// pycyphal talks to the node of the firmware, through the modelled bus.

@@ -33,18 +33,16 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     std::fs::write(&hanging, hanging_firmware()).with_context(|| hanging.display().to_string())?;
     let key = folder.join("foreign.key");
     start(command(slipsense).args(["keygen", "--out"]).arg(&key))?;
-    let model = Path::new(MODEL);
-    let board = Some(FEATURE);
+    sign_model(slipsense, folder)?;
     for (name, file, board, version, key) in [
-        ("new.slip", &*new, board, NEW, None),
-        ("older.slip", &firmware, board, OLDER, None),
-        ("hanging.slip", &hanging, board, HANGING, None),
-        ("foreign.slip", &new, board, NEW, Some(&key)),
-        ("model.slip", model, None, "1.0.0", None),
+        ("new.slip", &*new, FEATURE, NEW, None),
+        ("older.slip", &firmware, FEATURE, OLDER, None),
+        ("hanging.slip", &hanging, FEATURE, HANGING, None),
+        ("foreign.slip", &new, FEATURE, NEW, Some(&key)),
     ] {
         let mut sign = command(slipsense);
         sign.arg("sign").arg(file).args(["--version", version, "--out"]).arg(folder.join(name));
-        sign.args(board.map(|board| ["--board", board]).into_iter().flatten());
+        sign.args(["--board", board]);
         match key {
             Some(key) => sign.arg("--key").arg(key),
             None => sign.arg("--development-key"),
@@ -57,6 +55,32 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
         let mut check = script("check_twin_update.py")?;
         check.arg(port).arg("--folder").arg(folder).args(["--model", MODEL]);
         start(check.args(thorough.then_some("--thorough")))
+    })
+}
+
+fn sign_model(slipsense: &Path, folder: &Path) -> Result<()> {
+    let mut sign = command(slipsense);
+    sign.args(["sign", MODEL, "--version", "1.0.0", "--development-key", "--out"]);
+    start(sign.arg(folder.join("model.slip")))
+}
+
+/// What goes wrong on the board itself: pycyphal asks what is left of it, and stores and updates while the flash raises
+/// flags of reads, so often. And the board without its clock, and with a wrong one.
+pub fn faults(slipsense: &Path, operations: &str) -> Result<()> {
+    let firmware = Program::FIRMWARE.build()?;
+    let boot = Program::BOOTLOADER.build()?;
+    for (hse_hz, says) in [("0", "external clock: 0 Hz found"), ("25000000", "external clock: 25")] {
+        let mut twin = twin_with(&firmware)?;
+        start(twin.args(["--seconds", "1", "--hse-hz", hse_hz, "--says", says]))?;
+    }
+    let folder = tempfile::tempdir().context("cannot make a folder for the images")?;
+    sign_model(slipsense, folder.path())?;
+    let mut twin = twin_with(&firmware)?;
+    // The watchdog ends the hang.
+    twin.arg("--boot").arg(boot).args(["--bites", "1"]);
+    with_far_end(twin, |port| {
+        let mut check = script("check_twin_faults.py")?;
+        start(check.arg(port).arg("--folder").arg(folder.path()).args(["--operations", operations]))
     })
 }
 

@@ -1,17 +1,18 @@
 //! A panic, a fault, a task that stands still: the record goes into RAM that a reset does not clear, then the node
 //! restarts and says so.
 
+use core::arch::naked_asm;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::{read_volatile, write_volatile};
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use cortex_m::peripheral::SCB;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_rt::{ExceptionFrame, exception};
 use defmt::{Display2Format, error};
 use embassy_stm32::pac;
-use embassy_time::{Duration, Ticker};
-use slipsense::board::crash_record::{CRASH_WORDS, CrashRecord, Fault, ResetCause, Start};
+use slipsense::board::crash_record::{CRASH_WORDS, CrashRecord, Fault, ResetCause, Stall, Start};
 use slipsense::firmware::shared::SHARED;
 use slipsense::tasks::StallWatch;
 
@@ -25,11 +26,14 @@ const IS_FRESH: u32 = u32::from_le_bytes(*b"new!");
 #[unsafe(link_section = ".uninit.crash_fresh")]
 static mut FRESH: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// Tasks that stood still at the last look.
+/// What the last look saw: tasks, PC, LR.
 #[unsafe(link_section = ".uninit.stalled")]
-static mut STALLED: MaybeUninit<u32> = MaybeUninit::uninit();
-/// Time between two looks: twice within the watchdog's period, and longer than any task rests.
-const LOOK: Duration = Duration::from_millis(30);
+static mut STALLED: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
+/// SysTick's alone.
+static mut WATCH: StallWatch = StallWatch::new();
+/// Cycles between two looks, the most that SysTick counts: 35 ms, twice within the watchdog's period, and longer than any
+/// task rests. It pauses while a debugger halts the core, as the watchdog does.
+const LOOK_CYCLES: u32 = 0x00FF_FFFF;
 
 /// CFSR.BFARVALID and CFSR.MMARVALID.
 const ADDRESS_VALID: u32 = 1 << 15 | 1 << 7;
@@ -37,19 +41,22 @@ const ADDRESS_VALID: u32 = 1 << 15 | 1 << 7;
 /// How the chip came to start. A crash is reported once.
 pub fn start() -> Start {
     let cause = ResetCause::from_flags(pac::RCC.rsr().read().0);
+    // The bit stays set, and its flags cleared, until it is written 0 (RM0433, RCC_RSR).
     pac::RCC.rsr().modify(|w| w.set_rmvf(true));
+    pac::RCC.rsr().modify(|w| w.set_rmvf(false));
     // SAFETY: any bits are a word; only the handlers, after which nothing else runs, the watch, which has not begun, and
     // the one start use them.
     let (fresh, stalled) = unsafe {
         let fresh: *mut u32 = (&raw mut FRESH).cast();
         let was = read_volatile(fresh);
         write_volatile(fresh, 0);
-        (was == IS_FRESH, read_volatile((&raw const STALLED).cast::<u32>()))
+        (was == IS_FRESH, read_volatile((&raw const STALLED).cast::<[u32; 3]>()))
     };
     let crash = match cause {
         _ if fresh => last(),
         ResetCause::Watchdog => {
-            let record = CrashRecord::stall(last(), stalled as u8);
+            let [tasks, pc, lr] = stalled;
+            let record = CrashRecord::stall(last(), Stall { tasks: tasks as u8, pc, lr });
             keep(&record);
             Some(record)
         }
@@ -58,15 +65,39 @@ pub fn start() -> Start {
     Start { cause, crash }
 }
 
-/// Note which tasks stand still, for ever.
-pub async fn watch() {
-    let (mut watch, mut ticker) = (StallWatch::new(), Ticker::every(LOOK));
-    loop {
-        let stalled = watch.look(&SHARED.progress);
-        // SAFETY: nothing else uses the word while this runs.
-        unsafe { write_volatile((&raw mut STALLED).cast(), u32::from(stalled)) };
-        ticker.next().await;
+/// Note from now on, in SysTick, which tasks stand still and where the core is.
+pub fn watch(systick: &mut SYST) {
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload(LOOK_CYCLES);
+    systick.clear_current();
+    systick.enable_counter();
+    systick.enable_interrupt();
+}
+
+/// Not by the macro, which does not give where the core was. Everything runs on the main stack.
+///
+/// # Safety
+/// Called by the hardware only.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn SysTick() {
+    naked_asm!("mrs r0, MSP", "b {look}", look = sym look)
+}
+
+/// # Safety
+/// `frame` is what the exception put on the stack.
+unsafe extern "C" fn look(frame: *const ExceptionFrame) {
+    // SAFETY: as promised; nothing else uses the statics while this runs.
+    unsafe {
+        let stalled = (*(&raw mut WATCH)).look(&SHARED.progress);
+        let seen = [stalled.into(), (*frame).pc(), (*frame).lr()];
+        write_volatile((&raw mut STALLED).cast(), seen);
     }
+}
+
+/// The start found no clock: see [`slipsense::firmware::wait_for_the_clock`]. For the start that follows.
+pub fn no_clock(found_hz: u32) {
+    keep_first(|| CrashRecord::no_clock(last(), found_hz));
 }
 
 /// What the RAM holds; `None` after power-on and where nothing crashed since.

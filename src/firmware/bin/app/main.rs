@@ -18,12 +18,14 @@
 //! | interrupt | priority | who |
 //! |---|---|---|
 //! | FDCAN1_IT0, FDCAN1_IT1, FLASH, TIM2 (time), DMA2_STREAM0, DMA2_STREAM1 (SPI1) | 0 | embassy's drivers |
+//! | SysTick | 0 | which tasks stand still |
 //! | DMA1_STREAM0 (a frame's conversions are complete) | 5 | scan |
 //! | CEC (its peripheral is unused) | 6 | executor of acquisition, transmission and reception |
 //! | thread mode | below all | executor of inference and services |
 //!
 //! Without a readable model the node does not stop: it reports the reason over defmt, lights the red LED
-//! and goes on sending slip messages, flagged NO_MODEL.
+//! and goes on sending slip messages, flagged NO_MODEL. Without its external clock it stays off the bus, reports over
+//! defmt, and lights the red LED until the clock is there.
 #![no_std]
 #![no_main]
 
@@ -39,7 +41,7 @@ mod updates;
 mod watchdog;
 
 use cortex_m_rt::entry;
-use defmt::{Display2Format, error, info, unwrap};
+use defmt::{Display2Format, error, info, unwrap, warn};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::can::{CanRx, OperatingMode};
@@ -47,7 +49,8 @@ use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::{bind_interrupts, interrupt};
-use slipsense::firmware::flash::FlashPartitions;
+use slipsense::firmware;
+use slipsense::firmware::flash::{FlashPartitions, OptionBytes};
 use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, RawReceiver, SHARED, Uptime, frame_queue, raw_queue,
 };
@@ -80,7 +83,10 @@ unsafe fn CEC() {
 
 #[entry]
 fn main() -> ! {
-    let chip = slipsense::firmware::init();
+    let chip = firmware::try_init().unwrap_or_else(|found_hz| {
+        crash::no_clock(found_hz);
+        firmware::wait_for_the_clock(found_hz)
+    });
     run(pins::assign(chip))
 }
 
@@ -95,7 +101,6 @@ fn run(hardware: Hardware) -> ! {
     spawner.spawn(unwrap!(transmit(can, raw)));
     spawner.spawn(unwrap!(receive(can_rx)));
     spawner.spawn(unwrap!(acquire(source, sender)));
-    spawner.spawn(unwrap!(watch()));
     THREAD.init(Executor::new()).run(|spawner| {
         spawner.spawn(unwrap!(infer(decider, receiver, watchdog)));
         spawner.spawn(unwrap!(serve(services)));
@@ -118,6 +123,7 @@ fn make(hardware: Hardware) -> Tasks {
     if let Some(record) = start.crash {
         error!("restarted after {}", Display2Format(&record));
     }
+    option_bytes();
     let flash = FlashPartitions::new(Flash::new(hardware.flash, Irqs));
     let (mut store, settings, loaded) = services::load(flash);
     let sensors = settings.sensors();
@@ -149,6 +155,9 @@ fn make(hardware: Hardware) -> Tasks {
     let updates = Updates::find(flash, from);
     let services =
         services::build(store, commissioning, settings, loaded, updates, model_hash, inbox, led, start);
+    // SAFETY: nobody else uses its SysTick.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    crash::watch(&mut core.SYST);
     let watchdog = Watchdog::start(hardware.watchdog);
     Tasks {
         transmit: (can, raw_receiver),
@@ -159,14 +168,25 @@ fn make(hardware: Hardware) -> Tasks {
     }
 }
 
-#[embassy_executor::task]
-async fn acquire(source: &'static mut BoardSensors, queue: FrameSender) {
-    tasks::acquire(source, queue, &SHARED).await;
+/// What of the option bytes is not as the docs demand goes into the log, and all of it into a register.
+fn option_bytes() {
+    let found = OptionBytes::read();
+    if !found.are_set() {
+        warn!(
+            "option bytes: brown-out level {=u8}, need {=u8}; bootloader write-protected: {=bool}",
+            found.brown_out_level,
+            OptionBytes::BROWN_OUT_LEVEL,
+            found.boot_is_protected
+        );
+    }
+    SHARED.update_status(|status| {
+        status.option_bytes = [found.brown_out_level, found.boot_is_protected.into()];
+    });
 }
 
 #[embassy_executor::task]
-async fn watch() {
-    crash::watch().await;
+async fn acquire(source: &'static mut BoardSensors, queue: FrameSender) {
+    tasks::acquire(source, queue, &SHARED).await;
 }
 
 #[embassy_executor::task]

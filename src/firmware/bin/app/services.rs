@@ -22,7 +22,7 @@ use slipsense::update::partitions::NUCLEO_H743ZI2;
 use slipsense::update::{Evidence, Notice, PUBLIC_KEYS, unlocks};
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::can::Inbox;
+use crate::can::{self, Inbox};
 use crate::frame_source::{self, BoardCommissioning};
 use crate::updates::Updates;
 
@@ -152,6 +152,7 @@ impl ServiceBoard for Station {
     }
 
     fn observe(&mut self, status: &mut Status) {
+        status.lost_received = can::lost_received();
         if let Some(report) = frame_source::report() {
             status.stuck_taxels = report.stuck_taxels;
         }

@@ -20,11 +20,10 @@ use defmt_rtt as _;
 use embassy_embedded_hal::flash::partition::BlockingPartition;
 use embassy_stm32::flash::Flash;
 use embassy_stm32::pac;
-use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_sync::blocking_mutex::NoopMutex;
 use slipsense::firmware::flash::{BoardFlash, feed_watchdog};
-use slipsense::firmware::memory;
+use slipsense::firmware::{self, memory};
 use slipsense::update::boot::{Firmware, Slots};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2 as BOARD, Span};
 use slipsense::update::{KEY_NOTICE, PUBLIC_KEYS};
@@ -33,8 +32,6 @@ use slipsense::update::{KEY_NOTICE, PUBLIC_KEYS};
 const WATCHDOG_US: u32 = 8_000_000;
 /// What is copied at once.
 const BUFFER_BYTES: usize = 1024;
-/// Red, on PB14.
-const FAULT_LED: usize = 14;
 
 #[repr(align(32))]
 struct Buffer([u8; BUFFER_BYTES]);
@@ -78,10 +75,7 @@ fn main() -> ! {
 /// Nothing to run: the red LED until the watchdog starts the bootloader anew, which finds what a transient error has
 /// hidden. A probe can attach meanwhile.
 fn show_and_restart() -> ! {
-    pac::RCC.ahb4enr().modify(|w| w.set_gpioben(true));
-    cortex_m::asm::dsb();
-    pac::GPIOB.bsrr().write(|w| w.set_bs(FAULT_LED, true));
-    pac::GPIOB.moder().modify(|w| w.set_moder(FAULT_LED, Moder::OUTPUT));
+    firmware::light_red();
     loop {
         cortex_m::asm::nop();
     }

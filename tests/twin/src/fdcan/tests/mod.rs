@@ -103,8 +103,15 @@ impl Memory for Nothing {
 
 impl Bench {
     fn new(faults: Vec<Fault>) -> Self {
-        let fitted =
-            Fitted { episode: None, desk: None, xl: Xl::default(), xl_error: 0.0, faults, slow: false };
+        let fitted = Fitted {
+            episode: None,
+            desk: None,
+            xl: Xl::default(),
+            xl_error: 0.0,
+            faults,
+            hse_hz: crate::machine::HSE_HZ,
+            slow: false,
+        };
         let twin = Twin::new(&fitted).expect("the part is described");
         let mut bench = Self { twin, now: 1000 };
         bench.store(RCC_APB1HENR, 1 << 8);

@@ -1,0 +1,133 @@
+//! What goes wrong on the board itself, when the far end asks for it: the core runs into something, the supply dips, the
+//! flash raises flags of reads.
+//!
+//! The firmware stays as it is. To make it fault, hang or panic, the first instructions of its busiest interrupt handler,
+//! [`HANDLER`], are others until the board restarts: as after a bit flip there.
+
+use anyhow::{Result, bail};
+use rigless::emulator::{Access, AccessKind, Error, Host, Stop};
+use rigless::mcu::Mcu;
+use rigless::session::Session;
+use rigless::soc::Width;
+use rigless::soc::stm32h743::generated::flash::{Register, sr1, sr2};
+use rigless::symbols::Symbols;
+use slipsense::update::partitions::FLASH_BASE;
+
+use crate::machine::Twin;
+
+/// The executor of acquisition and transmission.
+const HANDLER: &str = "CEC";
+/// The start of the firmware: taken a second time, it panics.
+const START: &str = "main";
+/// `udf #0`, `b .`, `nop`, and `ldr pc, [pc]`, which takes the word behind it.
+const UNDEFINED: u16 = 0xDE00;
+const BRANCH_TO_ITSELF: u16 = 0xE7FE;
+const NOP: u16 = 0xBF00;
+const JUMP: [u16; 2] = [0xF8DF, 0xF000];
+/// FLASH_CR1 and FLASH_CR2, and the flash itself.
+const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
+const ARRAY: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + (2 << 20);
+/// Flags that a read raises, of whomever (RM0433 4.7.7 to 4.7.9), by speculation too. They stand until CCR clears them,
+/// and stop no operation.
+const READ_FLAGS: [[(Register, u64); 3]; 2] = [
+    [
+        (Register::Sr1, sr1::RDPERR1.mask()),
+        (Register::Sr1, sr1::RDSERR1.mask()),
+        (Register::Sr1, sr1::SNECCERR.mask()),
+    ],
+    [
+        (Register::Sr2, sr2::RDPERR2.mask()),
+        (Register::Sr2, sr2::RDSERR2.mask()),
+        (Register::Sr2, sr2::SNECCERR2.mask()),
+    ],
+];
+
+/// The firmware's handler and start; and what has been changed.
+#[derive(Debug, Default)]
+pub struct BoardFaults {
+    handler: u64,
+    start: u64,
+    /// Halfwords that were at the handler, by address.
+    changed: Vec<(u64, u64)>,
+    /// Of a million writes to the flash and its control registers, how many meet a flag.
+    flags_per_million: u64,
+    random: u64,
+    /// Flags raised.
+    pub flags: u64,
+}
+
+impl BoardFaults {
+    /// For this firmware.
+    pub fn new(symbols: &Symbols) -> Self {
+        let address = |name| symbols.get(name).map_or(0, |address| address & !1);
+        Self { handler: address(HANDLER), start: address(START), random: 0x9E37_79B9, ..Self::default() }
+    }
+
+    /// What the far end asks for: `hard fault`, `hang`, `panic`, `brown-out`, or `flags N`, of a million.
+    pub fn order(
+        &mut self,
+        text: &str,
+        session: &mut Session<Twin>,
+        host: &mut dyn Host,
+        stop: Stop,
+    ) -> Result<()> {
+        match text {
+            "hard fault" => self.change(host, &[UNDEFINED])?,
+            "hang" => self.change(host, &[BRANCH_TO_ITSELF])?,
+            "panic" => {
+                let start = self.start as u32 | 1;
+                let align = if self.handler.is_multiple_of(4) { &[][..] } else { &[NOP] };
+                let target = [start as u16, (start >> 16) as u16];
+                self.change(host, &[align, &JUMP, &target].concat())?;
+            }
+            "brown-out" => {
+                session.board_mut().mcu.is_brown_out = true;
+                session.reset_by_pin(stop.at, stop.instruction_count, host);
+            }
+            _ => match text.strip_prefix("flags ").and_then(|number| number.parse().ok()) {
+                Some(per_million) => self.flags_per_million = per_million,
+                None => bail!("the far end asks for {text:?}"),
+            },
+        }
+        Ok(())
+    }
+
+    fn change(&mut self, host: &mut dyn Host, halfwords: &[u16]) -> Result<()> {
+        if self.handler == 0 || self.start == 0 {
+            bail!("the program has no {HANDLER} or no {START}");
+        }
+        for (address, &halfword) in (self.handler..).step_by(2).zip(halfwords) {
+            self.changed.push((address, host.read(address, Width::W16)?));
+            host.program(address, Width::W16, halfword.into())?;
+        }
+        Ok(())
+    }
+
+    /// After each restart of the board: the handler is as it was.
+    pub fn restarted(&mut self, host: &mut dyn Host) -> Result<(), Error> {
+        self.changed.drain(..).try_for_each(|(address, held)| host.program(address, Width::W16, held))
+    }
+
+    /// After each access of the core.
+    pub fn look(&mut self, session: &mut Session<Twin>, access: Access) {
+        let of_flash = ARRAY.contains(&access.address) || CONTROL.contains(&access.address);
+        if access.kind != AccessKind::Write || !of_flash {
+            return;
+        }
+        // xorshift64: the same flags in every run.
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        if self.random % 1_000_000 >= self.flags_per_million {
+            return;
+        }
+        let [bank, kind] = [self.random >> 32 & 1, (self.random >> 40) % 3].map(|number| number as usize);
+        let (register, flag) = READ_FLAGS[bank][kind];
+        let bus = session.board_mut().mcu.bus_mut();
+        let slot = bus.slot("Flash").expect("the part has a flash");
+        let registers = bus.slot_mut(slot).registers_mut();
+        let held = registers.get(register);
+        registers.set(register, held | flag);
+        self.flags += 1;
+    }
+}

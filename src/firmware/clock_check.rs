@@ -3,7 +3,7 @@
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac;
 
-use super::clocks::HSI_HZ;
+use super::clocks::{HSI_HZ, IS_CRYSTAL};
 
 /// Until a clock that is there is ready: 10 ms.
 const READY_CYCLES: u32 = HSI_HZ / 100;
@@ -33,7 +33,7 @@ pub fn measure_hse(core: &mut cortex_m::Peripherals) -> u32 {
     DWT::unlock();
     core.DWT.enable_cycle_counter();
     let (rcc, can) = (pac::RCC, pac::FDCAN1);
-    rcc.cr().modify(|w| w.set_hsebyp(true));
+    rcc.cr().modify(|w| w.set_hsebyp(!IS_CRYSTAL));
     rcc.cr().modify(|w| w.set_hseon(true));
     let mut bits = 0;
     if wait(READY_CYCLES, || rcc.cr().read().hserdy()) {

@@ -21,8 +21,6 @@
 //! the overdrive bit.
 
 use embassy_stm32::Config;
-use embassy_stm32::pac;
-use embassy_stm32::pac::rcc::vals::Usart234578sel;
 use embassy_stm32::rcc::mux::{Adcsel, Fdcansel, Saisel};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, LsConfig, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
@@ -30,10 +28,12 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 
+use super::clock_check::measure_hse;
+
 /// On the HSE pins: what the NUCLEO's ST-LINK puts on one, or the crystal between both (feature `crystal`).
 pub const HSE_HZ: u32 = 8_000_000;
 /// A clock from outside bypasses the oscillator that a crystal needs.
-const IS_CRYSTAL: bool = cfg!(feature = "crystal");
+pub const IS_CRYSTAL: bool = cfg!(feature = "crystal");
 /// The oscillator that the chip starts with, ±1 % (DS12110, HSI oscillator).
 pub const HSI_HZ: u32 = 64_000_000;
 /// Clock of the FDCAN bit time quanta.
@@ -79,71 +79,19 @@ pub fn config() -> Config {
     config
 }
 
-/// How long the clock may take to come, in tries of some 20 cycles of the HSI: 300 ms. A crystal takes 2 ms (DS12110,
-/// HSE oscillator), the ST-LINK as long as its own start.
-const HSE_TRIES: u32 = 1_000_000;
-/// What the measurement may be off: the HSI's 1 %, the polling's 1 %, and as much again. No wrong crystal is as near.
+/// Measurements until a clock is taken for missing: 0.3 s. A crystal takes 2 ms (DS12110, HSE oscillator), the ST-LINK as
+/// long as its own start.
+const TRIES: u32 = 30;
+/// What a measurement may be off: the HSI's 2 % in the cold, and as much again. No wrong crystal is as near.
 const TOLERANCE_PERCENT: u32 = 4;
-/// Bit rate of the ruler: a byte of ten bits takes 1 ms.
-const RULER_BAUD: u32 = 10_000;
-/// Tries of some cycles of 4 to 48 MHz for a byte of the ruler, and the idle one before the first: more than ten times
-/// their length.
-const RULER_TRIES: u32 = 400_000;
 
 /// Wait for the external clock, not for ever, and measure it. `Err`: the frequency found, Hz; 0 where none came.
 ///
 /// For a chip that runs on its HSI, as after reset: a wrong frequency would keep the PLLs from locking, for which
 /// embassy-stm32 0.6 waits for ever, as it does for a clock that does not come.
-pub fn start_hse() -> Result<u32, u32> {
-    let rcc = pac::RCC;
-    rcc.cr().modify(|w| w.set_hsebyp(!IS_CRYSTAL));
-    rcc.cr().modify(|w| w.set_hseon(true));
-    if !(0..HSE_TRIES).any(|_| rcc.cr().read().hserdy()) {
-        return Err(0);
-    }
-    let found_hz = measure_hse_hz();
+#[inline(never)]
+pub fn check_hse(core: &mut cortex_m::Peripherals) -> Result<u32, u32> {
+    let found_hz = (0..TRIES).map(|_| measure_hse(core)).find(|&hz| hz != 0).unwrap_or(0);
     let off_hz = found_hz.abs_diff(HSE_HZ);
     if off_hz <= HSE_HZ / 100 * TOLERANCE_PERCENT { Ok(found_hz) } else { Err(found_hz) }
-}
-
-/// The external clock, Hz, by the HSI: good to about 2 %. 0 if it cannot be measured.
-///
-/// For a chip as in [`start_hse`], with that clock ready. For some milliseconds the core runs on it, and TIM7 counts its
-/// cycles during a byte that USART3, on no pin, sends by the HSI.
-pub fn measure_hse_hz() -> u32 {
-    let (rcc, timer, ruler) = (pac::RCC, pac::TIM7, pac::USART3);
-    rcc.apb1lenr().modify(|w| {
-        w.set_tim7en(true);
-        w.set_usart3en(true);
-    });
-    rcc.d2ccip2r().modify(|w| w.set_usart234578sel(Usart234578sel::HSI));
-    cortex_m::asm::dsb();
-    ruler.brr().write(|w| w.set_brr((HSI_HZ / RULER_BAUD) as u16));
-    ruler.cr1().write(|w| {
-        w.set_ue(true);
-        w.set_te(true);
-    });
-    timer.arr().write(|w| w.set_arr(u16::MAX));
-    timer.cr1().write(|w| w.set_cen(true));
-    let on = |clock| {
-        rcc.cfgr().modify(|w| w.set_sw(clock));
-        (0..RULER_TRIES).any(|_| rcc.cfgr().read().sws() == clock)
-    };
-    // Two bytes fill the transmitter; from then on each place in it comes free a byte after the last.
-    let mut stamps = [0; 4];
-    let mut sent = on(Sysclk::HSE);
-    for stamp in &mut stamps {
-        ruler.tdr().write(|w| w.set_dr(0));
-        sent &= (0..RULER_TRIES).any(|_| ruler.isr().read().txe());
-        *stamp = timer.cnt().read().cnt();
-    }
-    sent &= on(Sysclk::HSI);
-    ruler.cr1().write(|_| {});
-    timer.cr1().write(|_| {});
-    rcc.apb1lenr().modify(|w| {
-        w.set_tim7en(false);
-        w.set_usart3en(false);
-    });
-    let [.., before, after] = stamps;
-    if sent { u32::from(after.wrapping_sub(before)) * (RULER_BAUD / 10) } else { 0 }
 }

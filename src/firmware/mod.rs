@@ -28,8 +28,9 @@ const FAULT_LED: usize = 14;
 /// Set memories and clocks up. First thing after reset, and once. `Err`: there is no external clock, or a wrong one, of
 /// this frequency, Hz; the clocks are as after reset.
 pub fn try_init() -> Result<Peripherals, u32> {
-    memory::init(&mut unwrap!(Core::take()));
-    clocks::start_hse()?;
+    let mut core = unwrap!(Core::take());
+    memory::init(&mut core);
+    clocks::check_hse(&mut core)?;
     Ok(embassy_stm32::init(clocks::config()))
 }
 
@@ -40,16 +41,19 @@ pub fn init() -> Peripherals {
 
 /// Light the red LED, report in the log, and start anew when there is a clock. The node stays off the bus: the internal
 /// oscillator is off by 1 %, more than CAN FD at 8 Mbit/s bears, so that it would disturb the others.
+#[inline(never)]
 pub fn wait_for_the_clock(found_hz: u32) -> ! {
     // The log asks it for the time; it stands at 0.
     pac::RCC.apb1lenr().modify(|w| w.set_tim2en(true));
     light_red();
+    // SAFETY: interrupts are as after reset, and nothing else runs.
+    let mut core = unsafe { Core::steal() };
     loop {
         error!("external clock: {=u32} Hz found, {=u32} Hz needed; not on the bus", found_hz, clocks::HSE_HZ);
         // A bootloader may have started it.
         flash::feed_watchdog();
         cortex_m::asm::delay(clocks::HSI_HZ);
-        if clocks::start_hse().is_ok() {
+        if clocks::check_hse(&mut core).is_ok() {
             cortex_m::peripheral::SCB::sys_reset()
         }
     }

@@ -11,40 +11,10 @@ use core::fmt;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::sensors::SensorLink;
-use crate::calibration::{
-    BLOCK_FRAMES, Calibration, Measurement, Progress, Refusal, Request, SECONDS_MAX, State, Summary, What,
-};
+use super::sensor_link::{Bench, Job, SensorLink};
+use crate::calibration::{BLOCK_FRAMES, Progress, Refusal, Request, SECONDS_MAX, State, Summary, What};
 use crate::params::MAX_SENSORS;
 use crate::settings::{ScratchMut, SettingsStore, StoreError};
-
-/// Where an array is measured and its new calibration made. Zeros at first.
-pub struct Bench {
-    pub(super) measurement: Measurement,
-    pub(super) calibration: Calibration,
-}
-
-impl Bench {
-    /// Nothing on it.
-    pub const fn new() -> Self {
-        Self { measurement: Measurement::new(), calibration: Calibration::zeroed() }
-    }
-}
-
-impl Default for Bench {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// What the sensors do with the bench.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Job {
-    /// Measure an array for so many frames more.
-    Measure { sensor: usize, frames: u32 },
-    /// Trim an array so from now on.
-    Install { sensor: usize, gains_only: bool },
-}
 
 /// Why a measurement did not become a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -20,13 +20,15 @@ pub mod icm42688;
 mod registers;
 mod sample_count;
 pub mod scan;
+mod sensor_link;
 mod sensors;
 mod xl_monitor;
 
 pub use adxl38x::{Adxl380, Adxl382};
-pub use commissioning::{Bench, Commissioning, Failure};
+pub use commissioning::{Commissioning, Failure};
 pub use icm42688::Icm42688;
 pub use registers::{SPI_BUFFER_BYTES, SpiBuffer};
 pub use sample_count::SampleCount;
-pub use sensors::{Sensor, SensorLink, SensorReport, Sensors};
+pub use sensor_link::{Bench, SensorLink, SensorReport};
+pub use sensors::{Sensor, Sensors};
 pub use xl_monitor::{RETRY_TICKS, XlBatch, XlCounters, XlMonitor};

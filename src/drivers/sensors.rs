@@ -2,94 +2,15 @@
 
 use core::cell::Cell;
 
-use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
-use super::array::{Array, Mounting};
-use super::commissioning::{Bench, Job};
-use super::xl_monitor::{XlBatch, XlCounters, XlMonitor};
+use super::array::Array;
+use super::sensor_link::{Bench, Job, SensorLink, SensorReport};
+use super::xl_monitor::{XlBatch, XlMonitor};
 use crate::board::{Accelerometer, FifoSamples, FrameSource, TaxelScan};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::FrameStamp;
 use crate::sensor::SensorReadings;
-use crate::sensor::TaxelMask;
-
-/// What there is to say about the sensors beside their readings. Entries beyond the sensors in use are zero.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SensorReport {
-    /// Accelerometers.
-    pub xl: [XlCounters; MAX_SENSORS],
-    /// Samples of each accelerometer, at its native rate, that nobody could read.
-    pub xl_lost: [u64; MAX_SENSORS],
-    /// Native rate of each accelerometer by the board's clock, 1/1000 Hz.
-    pub xl_rate_mhz: [u64; MAX_SENSORS],
-    /// Frames whose scan was lost.
-    pub lost_scans: u32,
-    /// Which arrays are dead.
-    pub dead_arrays: [bool; MAX_SENSORS],
-    /// Faulty and stuck taxels of each array.
-    pub stuck_taxels: [TaxelMask; MAX_SENSORS],
-}
-
-/// What other tasks tell the sensors and hear from them.
-pub struct SensorLink<'l, M: RawMutex> {
-    report: Mutex<M, Cell<Option<SensorReport>>>,
-    mountings: Mutex<M, Cell<[Mounting; MAX_SENSORS]>>,
-    /// To the sensors, and back when it is done.
-    job: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
-    done: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
-    measured: Mutex<M, Cell<u32>>,
-}
-
-impl<'l, M: RawMutex> SensorLink<'l, M> {
-    /// Plain mountings, no report yet.
-    pub const fn new() -> Self {
-        const PLAIN: Mounting = Mounting { rows_flipped: false, cols_flipped: false };
-        Self {
-            report: Mutex::new(Cell::new(None)),
-            mountings: Mutex::new(Cell::new([PLAIN; MAX_SENSORS])),
-            job: Mutex::new(Cell::new(None)),
-            done: Mutex::new(Cell::new(None)),
-            measured: Mutex::new(Cell::new(0)),
-        }
-    }
-
-    /// Let the sensors do this with the bench, which nobody else has; [`take_back`](Self::take_back) it then.
-    pub(super) fn hand_over(&self, job: Job, bench: &'l mut Bench) {
-        self.job.lock(|cell| cell.set(Some((job, bench))));
-    }
-
-    /// What the sensors are done with.
-    pub(super) fn take_back(&self) -> Option<(Job, &'l mut Bench)> {
-        self.done.lock(Cell::take)
-    }
-
-    /// Frames of the measurement that goes on, or went on last.
-    pub(super) fn measured(&self) -> u32 {
-        self.measured.lock(Cell::get)
-    }
-
-    /// How the arrays are mounted.
-    pub(super) fn mountings(&self) -> [Mounting; MAX_SENSORS] {
-        self.mountings.lock(Cell::get)
-    }
-
-    /// From the next frame on the arrays are mounted so.
-    pub fn mount(&self, mountings: [Mounting; MAX_SENSORS]) {
-        self.mountings.lock(|own| own.set(mountings));
-    }
-
-    /// The last report, of which there is one a second; `None` in the first second.
-    pub fn report(&self) -> Option<SensorReport> {
-        self.report.lock(Cell::get)
-    }
-}
-
-impl<M: RawMutex> Default for SensorLink<'_, M> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
 
 /// The sensors: one scan of all arrays, and an array and an accelerometer each.
 pub struct Sensors<'l, M: RawMutex, T, A> {

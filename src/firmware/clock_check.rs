@@ -3,7 +3,7 @@
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac;
 
-use super::clocks::{HSI_HZ, IS_CRYSTAL};
+use super::clocks::{HSE_HZ, HSI_HZ, IS_CRYSTAL};
 
 /// Until a clock that is there is ready: 10 ms.
 const READY_CYCLES: u32 = HSI_HZ / 100;
@@ -71,4 +71,21 @@ pub fn measure_hse(core: &mut cortex_m::Peripherals) -> u32 {
     wait(READY_CYCLES, || !rcc.cr().read().hserdy());
     rcc.cr().modify(|w| w.set_hsebyp(false));
     (u64::from(bits) * BIT_CLOCKS * u64::from(HSI_HZ) / u64::from(COUNT_CYCLES)) as u32
+}
+
+/// Measurements until a clock is taken for missing: 0.3 s. A crystal takes 2 ms (DS12110, HSE oscillator), the ST-LINK as
+/// long as its own start.
+const TRIES: u32 = 30;
+/// What a measurement may be off: the HSI's 2 % in the cold, and as much again. No wrong crystal is as near.
+const TOLERANCE_PERCENT: u32 = 4;
+
+/// Wait for the external clock, not for ever, and measure it. `Err`: the frequency found, Hz; 0 where none came.
+///
+/// For a chip that runs on its HSI, as after reset: a wrong frequency would keep the PLLs from locking, for which
+/// embassy-stm32 0.6 waits for ever, as it does for a clock that does not come.
+#[inline(never)]
+pub fn check_hse(core: &mut cortex_m::Peripherals) -> Result<u32, u32> {
+    let found_hz = (0..TRIES).map(|_| measure_hse(core)).find(|&hz| hz != 0).unwrap_or(0);
+    let off_hz = found_hz.abs_diff(HSE_HZ);
+    if off_hz <= HSE_HZ / 100 * TOLERANCE_PERCENT { Ok(found_hz) } else { Err(found_hz) }
 }

@@ -28,8 +28,6 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 
-use super::clock_check::measure_hse;
-
 /// On the HSE pins: what the NUCLEO's ST-LINK puts on one, or the crystal between both (feature `crystal`).
 pub const HSE_HZ: u32 = 8_000_000;
 /// A clock from outside bypasses the oscillator that a crystal needs.
@@ -77,21 +75,4 @@ pub fn config() -> Config {
     rcc.mux.adcsel = Adcsel::PLL3_R;
     rcc.mux.spi123sel = Saisel::PLL2_P;
     config
-}
-
-/// Measurements until a clock is taken for missing: 0.3 s. A crystal takes 2 ms (DS12110, HSE oscillator), the ST-LINK as
-/// long as its own start.
-const TRIES: u32 = 30;
-/// What a measurement may be off: the HSI's 2 % in the cold, and as much again. No wrong crystal is as near.
-const TOLERANCE_PERCENT: u32 = 4;
-
-/// Wait for the external clock, not for ever, and measure it. `Err`: the frequency found, Hz; 0 where none came.
-///
-/// For a chip that runs on its HSI, as after reset: a wrong frequency would keep the PLLs from locking, for which
-/// embassy-stm32 0.6 waits for ever, as it does for a clock that does not come.
-#[inline(never)]
-pub fn check_hse(core: &mut cortex_m::Peripherals) -> Result<u32, u32> {
-    let found_hz = (0..TRIES).map(|_| measure_hse(core)).find(|&hz| hz != 0).unwrap_or(0);
-    let off_hz = found_hz.abs_diff(HSE_HZ);
-    if off_hz <= HSE_HZ / 100 * TOLERANCE_PERCENT { Ok(found_hz) } else { Err(found_hz) }
 }

@@ -30,7 +30,7 @@ const FAULT_LED: usize = 14;
 pub fn try_init() -> Result<Peripherals, u32> {
     let mut core = unwrap!(Core::take());
     memory::init(&mut core);
-    clocks::check_hse(&mut core)?;
+    clock_check::check_hse(&mut core)?;
     Ok(embassy_stm32::init(clocks::config()))
 }
 
@@ -53,7 +53,7 @@ pub fn wait_for_the_clock(found_hz: u32) -> ! {
         // A bootloader may have started it.
         flash::feed_watchdog();
         cortex_m::asm::delay(clocks::HSI_HZ);
-        if clocks::check_hse(&mut core).is_ok() {
+        if clock_check::check_hse(&mut core).is_ok() {
             cortex_m::peripheral::SCB::sys_reset()
         }
     }

@@ -13,7 +13,8 @@ use slipsense_recording::XL_RATE_TOLERANCE;
 use std::f64::consts::TAU;
 
 use crate::draw::{Draw, Rng, unit_vector};
-use crate::vibration::{Clock, sin_turns};
+use crate::families::SensorFamily;
+use crate::vibration::{Biquad, Clock, Noise, add_scaled, blend, blend_rms, sin_turns};
 
 /// Noise density, g/√Hz: the modelling range of a low-noise part, set so that the paper's baselines land
 /// where they do in the paper.
@@ -39,6 +40,22 @@ const RATE_DRIFT_PER_S: f64 = 5e-6;
 const SESSION_OFFSET_G: f64 = 0.005;
 const WANDER_G: (f64, f64) = (0.1e-3, 2e-3);
 const WANDER_HZ: (f64, f64) = (0.005, 0.05);
+
+/// Cross-axis terms, corner, noise in each of four decades and the highest decade's corner of a part that flickers.
+const FLICKER_CROSS_AXIS: f64 = 0.15;
+const FLICKER_BANDWIDTH_HZ: (f64, f64) = (400.0, 2_500.0);
+const FLICKER_G: (f64, f64) = (0.3e-3, 4e-3);
+const FLICKER_TOP_HZ: (f64, f64) = (300.0, 2_500.0);
+/// A resonance inside the band, and a small range.
+const INSIDE_HZ: (f64, f64) = (1_200.0, 3_800.0);
+const INSIDE_DAMPING: (f64, f64) = (0.02, 0.2);
+const INSIDE_GAIN: (f64, f64) = (1.0, 8.0);
+const SMALL_RANGE_G: (f64, f64) = (2.0, 4.0);
+/// Gain that fades, ticks, and steps of a part at its end.
+const WORN_GAIN: (f64, f64) = (0.6, 1.2);
+const TICKS_PER_S: (f64, f64) = (0.05, 1.0);
+const TICK_G: (f64, f64) = (0.02, 0.5);
+const STEP_G: (f64, f64) = (1e-3, 6e-3);
 
 /// One part as built and mounted.
 #[derive(Clone, Debug, Serialize)]
@@ -76,6 +93,81 @@ impl XlUnit {
             resonance_hz: rng.uniform(RESONANCE_HZ),
             alias: rng.log_uniform(ALIAS),
             rate_error: rng.either_sign(RATE_ERROR),
+        }
+    }
+}
+
+/// What another family than the laboratory's part does besides.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) enum Quirk {
+    /// Noise of as much power in every decade below these corners.
+    Flicker { g: f64, corners_hz: [f64; 4] },
+    /// A resonance inside the band, and the end of the range.
+    Resonant { hz: f64, damping: f64, gain: f64, range_g: f64 },
+    /// Gain at the end over that at the start, ticks a second and their size, and the step of the output.
+    Worn { end_gain: f64, ticks_per_s: f64, tick_g: f64, step_g: f64 },
+}
+
+impl Quirk {
+    /// `None` for the laboratory's part; of a part with strong cross-axis terms it changes the matrix too.
+    pub(crate) fn draw(family: SensorFamily, rng: &mut Rng, unit: &mut XlUnit) -> Option<Self> {
+        Some(match family {
+            SensorFamily::Part => return None,
+            SensorFamily::Flicker => {
+                unit.matrix.iter_mut().flatten().for_each(|m| *m += FLICKER_CROSS_AXIS * rng.normal());
+                unit.bandwidth_hz = rng.log_uniform(FLICKER_BANDWIDTH_HZ);
+                let top_hz = rng.log_uniform(FLICKER_TOP_HZ);
+                Self::Flicker {
+                    g: rng.log_uniform(FLICKER_G),
+                    corners_hz: [1.0, 0.3, 0.1, 0.03].map(|share| share * top_hz),
+                }
+            }
+            SensorFamily::Resonant => Self::Resonant {
+                hz: rng.log_uniform(INSIDE_HZ),
+                damping: rng.log_uniform(INSIDE_DAMPING),
+                gain: rng.log_uniform(INSIDE_GAIN),
+                range_g: rng.log_uniform(SMALL_RANGE_G),
+            },
+            SensorFamily::Worn => Self::Worn {
+                end_gain: rng.uniform(WORN_GAIN),
+                ticks_per_s: rng.log_uniform(TICKS_PER_S),
+                tick_g: rng.log_uniform(TICK_G),
+                step_g: rng.log_uniform(STEP_G),
+            },
+        })
+    }
+
+    /// What it makes of a part's output, g; `rng` is this quirk's own.
+    pub(crate) fn apply(&self, output_g: &mut [[f64; 3]], rate_hz: f64, rng: &mut Rng) {
+        match *self {
+            Self::Flicker { g, corners_hz } => {
+                let blends = corners_hz.map(|hz| blend(hz, rate_hz));
+                let mut noises: [Noise; 4] = Default::default();
+                for out in output_g {
+                    for (noise, weight) in noises.iter_mut().zip(blends) {
+                        add_scaled(out, g / blend_rms(weight), noise.next(rng, weight));
+                    }
+                }
+            }
+            Self::Resonant { hz, damping, gain, range_g } => {
+                let mut rings = [Biquad::bandpass(hz, damping, rate_hz); 3];
+                for out in output_g {
+                    for (value, ring) in out.iter_mut().zip(&mut rings) {
+                        *value = (*value + gain * ring.next(*value)).clamp(-range_g, range_g);
+                    }
+                }
+            }
+            Self::Worn { end_gain, ticks_per_s, tick_g, step_g } => {
+                let last = output_g.len().max(1) as f64;
+                for (n, out) in output_g.iter_mut().enumerate() {
+                    let gain = 1.0 + (end_gain - 1.0) * n as f64 / last;
+                    let tick = rng.chance(ticks_per_s / rate_hz);
+                    for value in out {
+                        let ticked = if tick { tick_g * rng.normal() } else { 0.0 };
+                        *value = ((gain * *value + ticked) / step_g).round() * step_g;
+                    }
+                }
+            }
         }
     }
 }
@@ -133,7 +225,24 @@ pub(crate) fn sample(
     lsb_g: f64,
     motion_g: &[[f64; 3]],
     rng: &mut Rng,
+    quirk: Option<(&Quirk, &mut Rng)>,
 ) -> Vec<XlSample> {
+    let mut output_g = output(unit, session, clock, motion_g, rng);
+    if let Some((quirk, rng)) = quirk {
+        quirk.apply(&mut output_g, clock.rate_hz, rng);
+    }
+    let to_lsb = |g: f64| (g / lsb_g).round().clamp(-32768.0, 32767.0) as i16;
+    output_g.into_iter().map(|g| g.map(to_lsb)).collect()
+}
+
+/// What the part delivers before rounding, g.
+fn output(
+    unit: &XlUnit,
+    session: &XlSession,
+    clock: Clock,
+    motion_g: &[[f64; 3]],
+    rng: &mut Rng,
+) -> Vec<[f64; 3]> {
     let blend = 1.0 - exp(-TAU * unit.bandwidth_hz / clock.rate_hz);
     let noise = unit.noise_g * session.noise * (clock.rate_hz / 2.0).sqrt();
     // An undamped resonance at f₀ lifts f by 1/(1 − (f/f₀)²); the taps −a, 1 + 2a, −a lift it by
@@ -160,13 +269,12 @@ pub(crate) fn sample(
                 let lifted = now + lift * (2.0 * now - before - after);
                 state[0][axis] += blend * (lifted - state[0][axis]);
                 state[1][axis] += blend * (state[0][axis] - state[1][axis]);
-                let value = state[unit.poles - 1][axis]
+                state[unit.poles - 1][axis]
                     + mirror * (now - before)
                     + unit.offset_g[axis]
                     + session.offset_g[axis]
                     + wander[axis]
-                    + noise * rng.normal();
-                (value / lsb_g).round().clamp(-32768.0, 32767.0) as i16
+                    + noise * rng.normal()
             });
             (last, seen) = (seen, next);
             sample
@@ -219,7 +327,7 @@ mod tests {
     }
 
     fn sampled(unit: &XlUnit, motion_g: &[[f64; 3]], clock: Clock) -> Vec<XlSample> {
-        sample(unit, &quiet(), clock, LSB_G, motion_g, &mut rng(1))
+        sample(unit, &quiet(), clock, LSB_G, motion_g, &mut rng(1), None)
     }
 
     #[test]
@@ -241,7 +349,7 @@ mod tests {
         let session = XlSession { noise: 1.0, ..quiet() };
         let clock = session.clock(&unit, 5.0);
         let still = vec![[0.0; 3]; clock.samples];
-        let noise = sample(&unit, &session, clock, LSB_G, &still, &mut rng(4));
+        let noise = sample(&unit, &session, clock, LSB_G, &still, &mut rng(4), None);
         let expected = 100e-6 * (clock.rate_hz / 2.0).sqrt();
         near("noise per axis, g rms", (power(&noise) / 3.0).sqrt(), expected, 0.02);
 

@@ -10,6 +10,7 @@
 //! the two compare.
 
 mod asperity;
+mod face;
 mod layer;
 mod map;
 mod rocking;
@@ -27,12 +28,14 @@ use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::active_cols;
 
 pub(crate) use asperity::AsperityNoise;
+use face::Face;
 use layer::Layer;
 pub(crate) use map::cell_mm;
 pub use map::{CELL_MM2, PressureMap};
 pub(crate) use rocking::Rocking;
 
 use crate::draw::{Draw, Rng};
+use crate::families::ContactFamily;
 use crate::field::Field;
 use crate::objects::{Kind, Object};
 use crate::recipe::Region;
@@ -79,6 +82,12 @@ pub struct Contact {
     uneven_rms: f64,
     /// Its correlation length across and along the object's axis.
     uneven_mm: [f64; 2],
+    /// In place of the layer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    face: Option<Face>,
+    /// Slopes of the face now.
+    #[serde(skip)]
+    tilt: [f64; 2],
     #[serde(skip)]
     object: &'static Object,
     #[serde(skip)]
@@ -144,6 +153,8 @@ impl Contact {
             stiffness_kpa_per_mm: 1.0 / (1.0 / layer_kpa_per_mm + 1.0 / own),
             uneven_rms: 0.0,
             uneven_mm: [0.0; 2],
+            face: None,
+            tilt: [0.0; 2],
             object,
             uneven: Field::even(),
             spread: Spread::new(spread_mm),
@@ -158,6 +169,12 @@ impl Contact {
         contact
     }
 
+    /// Let a face of this family press instead of the layer.
+    pub(crate) fn with_face(mut self, family: ContactFamily, rng: &mut Rng) -> Self {
+        self.face = Face::draw(family, rng, self.object);
+        self
+    }
+
     /// Move the object by `shift_mm` in the pad's x and y and by `turn_rad` about its own centre from
     /// where it was gripped, and let it rock by `rock` (slopes across and along its axis).
     pub fn place(&mut self, shift_mm: [f64; 2], turn_rad: f64, rock: [f64; 2]) {
@@ -169,6 +186,7 @@ impl Contact {
             self.sample();
         }
         let tilt = [self.pose.tilt[0] + rock[0], self.pose.tilt[1] + rock[1]];
+        self.tilt = tilt;
         self.gaps_mm.clear();
         self.gaps_mm.extend(self.points.iter().map(|p| p.gap_mm + tilt[0] * p.u_mm + tilt[1] * p.v_mm));
     }
@@ -186,6 +204,9 @@ impl Contact {
         let half = self.object.shape.extent_mm().map(|mm| mm / 2.0 + ELEMENT_MM);
         self.spots.clear();
         self.points.clear();
+        if self.face.is_some() {
+            return;
+        }
         for row in 0..TAXEL_ROWS {
             for col in active_cols(row) {
                 let cell = row * TAXEL_COLS + col;
@@ -251,9 +272,29 @@ impl Contact {
     pub fn pressures(&self, force_n: f64, shear: [f64; 2], out: &mut PressureMap) {
         out.clear();
         out.pivot_mm = self.centre_mm();
-        if !(force_n > 0.0 && force_n.is_finite()) || self.points.is_empty() {
+        if !(force_n > 0.0 && force_n.is_finite()) {
             return;
         }
+        match &self.face {
+            Some(face) => {
+                let turned = sincos(self.pose.yaw_rad + self.moved[2]);
+                face.press(self.object, force_n, (self.centre_mm(), turned, self.tilt), out);
+            }
+            None if self.points.is_empty() => {}
+            None => self.press(force_n, out),
+        }
+        if out.loaded.is_empty() {
+            return;
+        }
+        lean(shear, out);
+        let scale = force_n / out.force_n();
+        for &cell in &out.loaded {
+            out.kpa[cell] *= scale;
+        }
+    }
+
+    /// Relative pressures of the layer.
+    fn press(&self, force_n: f64, out: &mut PressureMap) {
         let depth = self.indent_mm(force_n);
         let mut sharp = [0.0; TAXELS];
         let (mut rows, mut cols) = ((TAXEL_ROWS, 0), (TAXEL_COLS, 0));
@@ -270,11 +311,6 @@ impl Contact {
         self.spread.over(&sharp, rows, cols, out);
         for spot in &self.spots {
             out.kpa[spot.cell] *= (1.0 + spot.uneven).max(0.0);
-        }
-        lean(shear, out);
-        let scale = force_n / out.force_n();
-        for &cell in &out.loaded {
-            out.kpa[cell] *= scale;
         }
     }
 }

@@ -25,6 +25,7 @@ pub(crate) enum Stream {
     Encoder = 112,
     Motion = 128,
     Trial = 144,
+    Families = 160,
 }
 
 /// The draws of one part; `sensor` keeps the sensors apart and is 0 for what they share.

@@ -5,12 +5,12 @@ use serde_json::json;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::sensor::{PiezoFrame, XlSample};
 
-use crate::accelerometer::{self, XlSession};
+use crate::accelerometer::{self, Quirk, XlSession};
 use crate::contact::{AsperityNoise, Contact, Pose, PressureMap, Rocking};
 use crate::draw::{Draw, Rng, Span, Stream, stream};
 use crate::draw_log::DrawLog;
 use crate::film::{Film, FilmSession};
-use crate::friction::{Interface, Pull, STEP_HZ, SlipState};
+use crate::friction::{self, Friction, Pull, STEP_HZ, SlipState};
 use crate::objects::Shape;
 use crate::pulling_hand::PullingHand;
 use crate::recipe::{Platform, Recipe, Region, ResolvedRecipe};
@@ -79,25 +79,39 @@ struct SensorBuild {
     modes: Modes,
     xl: XlSession,
     clock: Clock,
+    quirk: Option<Quirk>,
     /// Goes on to draw the vibration.
     rng: Rng,
+}
+
+/// Draws of what one sensor has of other families than the laboratory's.
+fn of_families(seed: u64, sensor: usize) -> Rng {
+    stream(seed, Stream::Families, 2 + sensor)
 }
 
 impl SensorBuild {
     fn draw(recipe: &Recipe, sensor: usize, id: UnitId, seconds: f64) -> Self {
         let mut rng = stream(recipe.seed, Stream::Vibration, 1 + sensor);
-        let unit = Unit::new(id);
+        let families = recipe.families;
+        let mut unit = if families.is_laboratory() {
+            Unit::new(id)
+        } else {
+            Unit::of_episode(recipe.seed, sensor, id, families.path)
+        };
+        let own = &mut stream(recipe.seed, Stream::Families, 8 + sensor);
+        let quirk = Quirk::draw(families.sensor, own, &mut unit.xl);
         let modes = unit.modes.in_grasp(&mut rng, recipe.region);
         let xl = XlSession::draw(&mut rng, recipe.noise);
         let clock = xl.clock(&unit.xl, seconds);
-        Self { unit, modes, xl, clock, rng }
+        Self { unit, modes, xl, clock, quirk, rng }
     }
 }
 
 fn scene<'a>(resolved: &ResolvedRecipe, plan: &'a Plan) -> Scene<'a> {
     Scene {
         platform: resolved.recipe.platform,
-        model: resolved.recipe.vibration,
+        source: resolved.recipe.vibration,
+        families: resolved.recipe.families,
         content: resolved.recipe.vibration_content,
         rig_leak: resolved.recipe.rig_leak,
         hand_held: plan.hand_held,
@@ -136,7 +150,8 @@ impl<'a> EpisodeSetup<'a> {
         let recipe = &resolved.recipe;
         let mut rng = stream(recipe.seed, Stream::Contact, 0);
         let scene = scene(resolved, plan);
-        let vibration = Vibration::draw(&mut stream(recipe.seed, Stream::Vibration, 0), &scene);
+        let own = &mut stream(recipe.seed, Stream::Families, 1);
+        let vibration = Vibration::draw(&mut stream(recipe.seed, Stream::Vibration, 0), own, &scene);
         let mut mount = stream(recipe.seed, Stream::Mount, 0);
         let units = UnitId::mounted(&mut mount, resolved.recipe.platform, recipe.sensors);
         let seconds = frames as f64 / FRAME_RATE_HZ as f64;
@@ -213,8 +228,11 @@ impl<'a> EpisodeSetup<'a> {
         let build = &self.builds[sensor];
         let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
-        let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.recipe.region);
-        let mut interface = Interface::draw(&mut rng, object);
+        let families = self.resolved.recipe.families;
+        let own = &mut of_families(seed, sensor);
+        let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.recipe.region)
+            .with_face(families.contact, own);
+        let mut interface = friction::draw(families.friction, object, &mut rng, own);
         let mut grain = (AsperityNoise::draw(&mut rng), rng);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.resolved.recipe.noise);
@@ -224,13 +242,17 @@ impl<'a> EpisodeSetup<'a> {
             &json!({
                 "unit": self.units[sensor], "film_unit": build.unit.film, "xl_unit": build.unit.xl,
                 "x_mm": pose.x_mm, "y_mm": pose.y_mm, "yaw_rad": pose.yaw_rad, "tilt": pose.tilt,
-                "contact": contact, "interface": interface, "grain": grain.0,
-                "film": film_session, "modes": build.modes, "xl": build.xl,
+                "contact": contact, "interface": interface.drawn(), "grain": grain.0,
+                "film": film_session, "modes": build.modes, "xl": build.xl, "quirk": build.quirk,
             }),
         );
-        let mut film = Film::new(&build.unit.film, film_session, rng);
+        let (mut film, drawn) =
+            Film::new(&build.unit.film, film_session, rng).with_family(families.film, own);
+        if !drawn.is_null() {
+            log.add(format!("film_{sensor}"), &drawn);
+        }
         let ContactSeries { slip, turn_rad, loaded } =
-            self.contact(sensor, &mut contact, &mut interface, &mut grain, &mut film, piezo);
+            self.contact(sensor, &mut contact, &mut *interface, &mut grain, &mut film, piezo);
         let (xl, xl_end) = self.accelerometer(sensor, &slip);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
             steps.chunks_exact(STEPS).map(|s| s.iter().sum::<f64>() / STEPS as f64).collect()
@@ -253,7 +275,7 @@ impl<'a> EpisodeSetup<'a> {
         &self,
         sensor: usize,
         contact: &mut Contact,
-        interface: &mut Interface,
+        interface: &mut dyn Friction,
         (grain, rng): &mut (AsperityNoise, Rng),
         film: &mut Film<'_>,
         piezo: &mut [PiezoFrame],
@@ -336,7 +358,9 @@ impl<'a> EpisodeSetup<'a> {
         let streams = &mut streams(build.rng.clone());
         let motion = self.vibration.motion(&scene, slip, &build.modes, (sensor, clock), streams);
         let noise = &mut stream(self.resolved.recipe.seed, Stream::Accelerometer, sensor);
-        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion.g, noise);
+        let own = &mut stream(self.resolved.recipe.seed, Stream::Families, 16 + sensor);
+        let quirk = build.quirk.as_ref().map(|quirk| (quirk, own));
+        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion.g, noise, quirk);
         (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))
     }
 }

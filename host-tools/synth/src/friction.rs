@@ -13,6 +13,10 @@
 //!   than the layer is thick; a fingertip's skin on a stiff array is the other one.
 
 mod balance;
+mod bristle;
+mod mass;
+mod patch;
+mod rate_state;
 #[cfg(test)]
 mod tests;
 
@@ -22,9 +26,14 @@ use slipsense::params::TAXELS;
 
 use crate::contact::{CELL_MM2, PressureMap, cell_mm};
 use crate::draw::{Draw, Rng};
+use crate::families::FrictionFamily;
 use crate::field::Field;
 use crate::objects::Object;
 use balance::{Brush, Springs};
+use bristle::Bristle;
+use mass::Mass;
+use patch::Patch;
+use rate_state::RateState;
 
 /// Rate of the quasi-static steps, Hz: ten per frame.
 pub(crate) const STEP_HZ: f64 = 2_400.0;
@@ -45,6 +54,36 @@ const HEALING_S: (f64, f64) = (0.1, 1.0);
 const SLIDING_MM_S: f64 = 0.05;
 /// Newtons per kPa on one cell.
 const CELL_N: f64 = CELL_MM2 * 1e-3;
+
+/// What the contact of one finger does tangentially.
+pub(crate) trait Friction {
+    /// Advance by `dt` seconds under pressures `map` times `scale`.
+    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState;
+    /// Position of the object relative to the finger at this moment.
+    fn position_mm(&self) -> [f64; 2];
+    /// Turn of the object relative to the finger at this moment.
+    fn turn_rad(&self) -> f64;
+    /// Forget the stress of cells that carry no load any more.
+    fn release_unloaded(&mut self, _map: &PressureMap) {}
+    /// What was drawn, for the metadata.
+    fn drawn(&self) -> serde_json::Value;
+}
+
+/// Friction of this family: the laboratory's drawn from `rng`, the others from `own`.
+pub(crate) fn draw(
+    family: FrictionFamily,
+    object: &Object,
+    rng: &mut Rng,
+    own: &mut Rng,
+) -> Box<dyn Friction> {
+    let brush = Interface::draw(rng, object);
+    match family {
+        FrictionFamily::Brush => Box::new(brush),
+        FrictionFamily::Bristle => Box::new(Patch::new(Bristle::draw(own, object))),
+        FrictionFamily::Mass => Box::new(Patch::new(Mass::draw(own, object))),
+        FrictionFamily::RateState => Box::new(Patch::new(RateState::draw(own, object))),
+    }
+}
 
 /// Tangential state of one finger.
 #[derive(Serialize)]
@@ -157,29 +196,6 @@ impl Interface {
         }
     }
 
-    /// Advance by `dt` seconds under pressures `map` times `scale`.
-    pub(crate) fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState {
-        if self.brushes.is_empty() {
-            // A free object jumped to where its springs are slack: that says nothing about this step.
-            self.moved = [0.0; 3];
-        }
-        self.gather(map, scale);
-        let springs = Springs {
-            stretch: [
-                pull.position_mm[0] - self.position_mm[0],
-                pull.position_mm[1] - self.position_mm[1],
-                pull.turn_rad - self.turn_rad,
-            ],
-            position_n_per_mm: pull.stiffness_n_per_mm,
-            turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
-        };
-        self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
-        self.position_mm[0] += self.moved[0];
-        self.position_mm[1] += self.moved[1];
-        self.turn_rad += self.moved[2];
-        self.slide(map, scale, dt)
-    }
-
     /// The loaded cells' stresses, caps and places, in newtons and millimetres.
     fn gather(&mut self, map: &PressureMap, scale: f64) {
         let Self { brushes, stress_kpa, mu, rested, kinetic_share, .. } = self;
@@ -238,24 +254,49 @@ impl Interface {
             direction: self.direction,
         }
     }
+}
 
-    /// Position of the object relative to the finger at this moment.
-    pub(crate) fn position_mm(&self) -> [f64; 2] {
+impl Friction for Interface {
+    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState {
+        if self.brushes.is_empty() {
+            // A free object jumped to where its springs are slack: that says nothing about this step.
+            self.moved = [0.0; 3];
+        }
+        self.gather(map, scale);
+        let springs = Springs {
+            stretch: [
+                pull.position_mm[0] - self.position_mm[0],
+                pull.position_mm[1] - self.position_mm[1],
+                pull.turn_rad - self.turn_rad,
+            ],
+            position_n_per_mm: pull.stiffness_n_per_mm,
+            turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
+        };
+        self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
+        self.position_mm[0] += self.moved[0];
+        self.position_mm[1] += self.moved[1];
+        self.turn_rad += self.moved[2];
+        self.slide(map, scale, dt)
+    }
+
+    fn position_mm(&self) -> [f64; 2] {
         self.position_mm
     }
 
-    /// Turn of the object relative to the finger at this moment.
-    pub(crate) fn turn_rad(&self) -> f64 {
+    fn turn_rad(&self) -> f64 {
         self.turn_rad
     }
 
-    /// Forget the stress of cells that carry no load any more.
-    pub(crate) fn release_unloaded(&mut self, map: &PressureMap) {
+    fn release_unloaded(&mut self, map: &PressureMap) {
         for cell in 0..TAXELS {
             if map.kpa[cell] == 0.0 {
                 self.stress_kpa[cell] = [0.0; 2];
                 self.rested[cell] = 1.0;
             }
         }
+    }
+
+    fn drawn(&self) -> serde_json::Value {
+        serde_json::to_value(self).unwrap_or_default()
     }
 }

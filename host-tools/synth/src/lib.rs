@@ -11,6 +11,7 @@
 
 // In the order of dependence.
 mod draw;
+mod families;
 mod draw_log;
 mod mix;
 pub mod objects;
@@ -37,11 +38,14 @@ mod check;
 #[cfg(test)]
 mod tests;
 
+pub use families::{
+    ContactFamily, DisturbanceFamily, Families, Family, FilmFamily, FrictionFamily, PathFamily, SensorFamily,
+    SourceFamily, Stage,
+};
 pub use generate::{generate, generate_set, plan_frames};
 pub use mix::ScenarioChoice;
 pub use recipe::{
     ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, SynthError, VibrationContent,
-    VibrationModel,
 };
 pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
 pub use splits::{Split, content_hash};

@@ -56,6 +56,17 @@ pub(crate) const PROTOCOL: Mix =
 /// slip. The split `free` takes turns through it.
 pub(crate) const FREE: Mix = Mix(&[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)]);
 
+/// Everything that a hand, an arm or a rig does with an object: for families of physics beside the laboratory's.
+pub(crate) const ANYWHERE: Mix = Mix(&[
+    (SixStep, 5),
+    (FreePull, 6),
+    (Rotation, 4),
+    (HandHeld, 2),
+    (FirmGrip, 1),
+    (Unlinked, 1),
+    (RigMotion, 1),
+]);
+
 impl Mix {
     /// The scenarios and their weights.
     pub(crate) const fn weights(&self) -> &'static [(ScenarioChoice, usize)] {
@@ -82,7 +93,7 @@ mod tests {
 
     #[test]
     fn every_scenario_is_drawn_as_often_as_it_weighs() {
-        for mix in [PROTOCOL, FREE] {
+        for mix in [PROTOCOL, FREE, ANYWHERE] {
             let total: usize = mix.weights().iter().map(|s| s.1).sum();
             for &(scenario, weight) in mix.weights() {
                 let drawn = (0..10_000).filter(|&i| mix.at(i as f64 / 1e4) == scenario).count();

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Span, Stream, stream};
+use crate::families::{Families, Family, SourceFamily, Stage};
 use crate::mix::{PROTOCOL, ScenarioChoice};
 use crate::objects::{self, Group, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
 use crate::scenario::levels::{GRIP_N, HAND_HELD_SLIPS};
@@ -74,9 +75,13 @@ pub struct Recipe {
     /// What reaches the accelerometers.
     #[serde(rename = "heard", default)]
     pub vibration_content: VibrationContent,
-    /// Which model makes the slip vibration.
+    /// Which family makes the slip vibration.
     #[serde(default)]
-    pub vibration: VibrationModel,
+    pub vibration: SourceFamily,
+    /// Which families make everything else; the laboratory's when absent. With another than the laboratory's in any
+    /// stage, arrays and accelerometers are units of this episode alone.
+    #[serde(default, skip_serializing_if = "Families::is_laboratory")]
+    pub families: Families,
 }
 
 /// The hand.
@@ -111,18 +116,6 @@ pub enum VibrationContent {
     /// The crosshead's drive and the parts' own noise, nothing else: for the detector that shows
     /// whether the rig gives slip away.
     RigOnly,
-}
-
-/// Which model makes the slip vibration.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VibrationModel {
-    /// Asperities, texture lines and stick-slip pulses through the finger's modes.
-    #[default]
-    Modal,
-    /// Autoregressive noise whose coefficients depend on speed and force; coded independently, for
-    /// tests only.
-    Autoregressive,
 }
 
 const fn two() -> usize {
@@ -174,7 +167,8 @@ impl Recipe {
             noise: 1.0,
             rig_leak: true,
             vibration_content: VibrationContent::All,
-            vibration: VibrationModel::Modal,
+            vibration: SourceFamily::Asperities,
+            families: Families::default(),
         }
     }
 
@@ -183,6 +177,29 @@ impl Recipe {
         let mut rng = stream(self.seed, Stream::Recipe, 0);
         let seed = |rng: &mut crate::draw::Rng| rand::Rng::random::<u64>(rng) >> 11;
         (0..count).map(|_| Self { seed: seed(&mut rng), ..self.clone() }).collect()
+    }
+
+    /// This one in families that training may see, drawn from its seed.
+    #[must_use]
+    pub fn in_families(self) -> Self {
+        let (families, vibration) = Families::draw(&mut stream(self.seed, Stream::Families, 0));
+        Self { families, vibration, ..self }
+    }
+
+    /// This one with the held-out family of a stage.
+    #[must_use]
+    pub fn holding_out(mut self, stage: Stage) -> Self {
+        let families = &mut self.families;
+        match stage {
+            Stage::Contact => families.contact = Family::HELD_OUT,
+            Stage::Friction => families.friction = Family::HELD_OUT,
+            Stage::Film => families.film = Family::HELD_OUT,
+            Stage::Source => self.vibration = Family::HELD_OUT,
+            Stage::Path => families.path = Family::HELD_OUT,
+            Stage::Disturbance => families.disturbance = Family::HELD_OUT,
+            Stage::Sensor => families.sensor = Family::HELD_OUT,
+        }
+        self
     }
 
     /// Refuse what cannot be generated; the error names the field, its value and what it must be.

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::accelerometer::XlUnit;
 use crate::draw::{Draw, Rng, Stream, stream};
+use crate::families::PathFamily;
 use crate::film::FilmUnit;
 use crate::recipe::Platform;
 use crate::vibration::Modes;
@@ -59,12 +60,19 @@ impl UnitId {
 
 impl Unit {
     pub(crate) fn new(id: UnitId) -> Self {
-        let mut rng = stream(UNITS_SEED, Stream::Unit, id as usize);
-        Self {
-            film: FilmUnit::draw(&mut rng),
-            modes: Modes::draw(&mut rng, id.platform()),
-            xl: XlUnit::draw(&mut rng),
-        }
+        Self::draw(&mut stream(UNITS_SEED, Stream::Unit, id as usize), id)
+    }
+
+    /// One of an episode alone, in the place of `id`.
+    pub(crate) fn of_episode(seed: u64, sensor: usize, id: UnitId, path: PathFamily) -> Self {
+        let mut rng = stream(seed, Stream::Unit, sensor);
+        let unit = Self::draw(&mut rng, id);
+        let modes = if path == PathFamily::FreeModes { Modes::draw_free(&mut rng) } else { unit.modes };
+        Self { modes, ..unit }
+    }
+
+    fn draw(rng: &mut Rng, id: UnitId) -> Self {
+        Self { film: FilmUnit::draw(rng), modes: Modes::draw(rng, id.platform()), xl: XlUnit::draw(rng) }
     }
 }
 

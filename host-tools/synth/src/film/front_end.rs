@@ -13,13 +13,15 @@
 //! `cargo xtask front-end` compares the formula with it over random contact patterns, and the test below compares this
 //! code with samples of it. Settling adds at most [`table::RESIDUAL`] codes, less than half a count.
 
+use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXELS};
 
 #[path = "front_end_table.rs"]
+#[cfg_attr(not(test), expect(dead_code, reason = "the error of settling is for the test"))]
 pub(crate) mod table;
 
 /// One array's electronics.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub(crate) struct FrontEnd {
     /// ρ_r and ρ_c, per taxel at full scale.
     pub row_drop: f64,

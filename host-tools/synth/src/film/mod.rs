@@ -9,11 +9,12 @@ mod session;
 mod unit;
 mod creep;
 mod crosstalk;
-// The generator takes it up with its next version.
-#[cfg_attr(not(test), expect(dead_code))]
 mod front_end;
 mod hysteresis;
 mod transfer;
+mod circuit;
+mod percolating;
+mod relaxing;
 pub use transfer::{EXPONENT, pressure_kpa};
 #[cfg(test)]
 mod array_tests;
@@ -29,9 +30,13 @@ use slipsense::sensor::{PiezoFrame, active_cols};
 
 use crate::contact::PressureMap;
 use crate::draw::{Draw, Rng};
+use crate::families::FilmFamily;
+use circuit::Circuit;
 use creep::Blend;
 use curve::Curve;
 use hysteresis::Hysteresis;
+use percolating::Percolating;
+use relaxing::Relaxing;
 
 /// Pressure below which a taxel shows nothing: less than a milli-count.
 const NOTHING_KPA: f64 = 1e-4;
@@ -43,8 +48,17 @@ struct Taxel {
     follow: f64,
     plays: [f64; hysteresis::PLAYS],
     creep: [f64; creep::TERMS],
+    /// What another family's film remembers.
+    state: [f64; 2],
     /// Still shows something of an earlier load.
     awake: bool,
+}
+
+/// What stands between pressure and counts in place of the laboratory's film or divider.
+enum Other {
+    Circuit(Box<Circuit>),
+    Relaxing(Relaxing),
+    Percolating(Percolating),
 }
 
 /// The array of one sensor over time.
@@ -62,6 +76,7 @@ pub(crate) struct Film<'a> {
     row_phase: [(f64, f64); TAXEL_ROWS],
     /// The scan delivered last.
     before: [u16; TAXELS],
+    other: Option<Other>,
 }
 
 impl<'a> Film<'a> {
@@ -80,10 +95,28 @@ impl<'a> Film<'a> {
                 (cos, sin)
             }),
             before: [0; TAXELS],
+            other: None,
             unit,
             session,
             rng,
         }
+    }
+
+    /// Let a film of this family answer, and log what is drawn of it.
+    pub(crate) fn with_family(mut self, family: FilmFamily, rng: &mut Rng) -> (Self, serde_json::Value) {
+        self.other = match family {
+            FilmFamily::Divider => None,
+            FilmFamily::Circuit => Some(Other::Circuit(Box::new(Circuit::draw(rng)))),
+            FilmFamily::Relaxing => Some(Other::Relaxing(Relaxing::draw(rng))),
+            FilmFamily::Percolating => Some(Other::Percolating(Percolating::draw(rng))),
+        };
+        let drawn = match &self.other {
+            None => Ok(serde_json::Value::Null),
+            Some(Other::Circuit(film)) => serde_json::to_value(film),
+            Some(Other::Relaxing(film)) => serde_json::to_value(film),
+            Some(Other::Percolating(film)) => serde_json::to_value(film),
+        };
+        (self, drawn.unwrap_or_default())
     }
 
     /// Scan number `frame` of the pressures in `map`. `pickup_counts` is the noise that motors running
@@ -99,8 +132,14 @@ impl<'a> Film<'a> {
     ) -> PiezoFrame {
         let asymptote = transfer::asymptote_counts();
         let mut counts = [0.0; TAXELS];
-        if self.conduct(map, asymptote, force_back, &mut counts) {
-            self.unit.crosstalk.apply(&mut counts, asymptote);
+        if let Some(Other::Relaxing(film)) = &mut self.other {
+            film.advance(&mut self.rng);
+        }
+        let any = self.conduct(map, asymptote, force_back, &mut counts);
+        match &mut self.other {
+            None if any => self.unit.crosstalk.apply(&mut counts, asymptote),
+            Some(Other::Circuit(circuit)) => circuit.read(&mut counts),
+            _ => {}
         }
         let mut scan = self.convert(frame, &counts, pickup_counts);
         for &[row, col, level] in &self.unit.stuck {
@@ -113,7 +152,8 @@ impl<'a> Film<'a> {
         PiezoFrame::from_scan(scan)
     }
 
-    /// Counts of every taxel under `map`, each by itself; false where none shows any.
+    /// What every taxel under `map` shows by itself: counts, or conductance where the circuit follows; false where none
+    /// shows any.
     fn conduct(
         &mut self,
         map: &PressureMap,
@@ -140,7 +180,16 @@ impl<'a> Film<'a> {
                 let shown = shown + unit.creep.step(&mut taxel.creep, shown, &self.creep_blend);
                 taxel.awake = shown > NOTHING_KPA;
                 let x = unit.gain[cell] * self.conductance.at(shown);
-                out[cell] = asymptote * x / (1.0 + x);
+                out[cell] = match &self.other {
+                    None => asymptote * x / (1.0 + x),
+                    Some(Other::Circuit(_)) => x,
+                    Some(Other::Relaxing(film)) => {
+                        film.counts(&mut taxel.state, taxel.follow, unit.gain[cell])
+                    }
+                    Some(Other::Percolating(film)) => {
+                        film.counts(&mut taxel.state[0], taxel.follow, unit.gain[cell])
+                    }
+                };
                 any |= taxel.awake;
             }
         }
@@ -165,9 +214,17 @@ impl<'a> Film<'a> {
                 common += shared * self.rng.normal();
             }
             let common = common as f32;
-            for cell in row * TAXEL_COLS..(row + 1) * TAXEL_COLS {
-                let level = counts[cell] as f32 + unit.offset[cell] + common + own * noise[cell];
-                scan[cell] = converted(level);
+            let cells = row * TAXEL_COLS..(row + 1) * TAXEL_COLS;
+            if let Some(Other::Circuit(circuit)) = &self.other {
+                for cell in cells {
+                    let noise = f64::from(noise[cell]) * session.noise_factor;
+                    scan[cell] = circuit.count(cell, counts[cell], noise, common.into());
+                }
+            } else {
+                for cell in cells {
+                    let level = counts[cell] as f32 + unit.offset[cell] + common + own * noise[cell];
+                    scan[cell] = converted(level);
+                }
             }
         }
         scan

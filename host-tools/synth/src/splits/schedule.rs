@@ -7,13 +7,13 @@ use sha2::{Digest, Sha256};
 use super::split::Split;
 use crate::draw::{Stream, stream};
 use crate::mix::ScenarioChoice;
-use crate::mix::{FREE, Mix, PROTOCOL};
+use crate::mix::{ANYWHERE, FREE, Mix, PROTOCOL};
 use crate::objects::{CATALOGUE, Group, Object};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
 
 const NOSLIP_SECONDS: f64 = 60.0;
 
-const NOSLIP_HANDS: [(Platform, usize); 4] =
+const HANDS: [(Platform, usize); 4] =
     [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
 
 /// Every fourth pull of `free` goes the rig's way, by hand: what a hand alone changes stands beside what
@@ -41,6 +41,14 @@ pub fn episode_seed(split: Split, seed: u64, index: usize) -> u64 {
 pub(crate) fn hashed(text: &str) -> u64 {
     let digest = Sha256::digest(text.as_bytes());
     digest.iter().take(8).fold(0, |seed, &byte| seed << 8 | u64::from(byte)) >> 11
+}
+
+/// The families of a split.
+fn in_families(split: Split, recipe: Recipe) -> Recipe {
+    match split.held_out_stages() {
+        None => recipe,
+        Some(stages) => stages.iter().fold(recipe.in_families(), |recipe, &stage| recipe.holding_out(stage)),
+    }
 }
 
 /// Which episode this one of `umi_quiet` repeats.
@@ -101,7 +109,11 @@ impl ObjectSchedule {
 
 /// What happens in the episodes of a split; `noslip` and `umi_quiet` have rules of their own.
 fn mix(split: Split) -> Mix {
-    if split == Split::Free { FREE } else { PROTOCOL }
+    match split {
+        Split::Free => FREE,
+        _ if split.held_out_stages().is_some() => ANYWHERE,
+        _ => PROTOCOL,
+    }
 }
 
 /// What happens, and how many times it happened before, for each place in one round of a mix.
@@ -137,9 +149,14 @@ impl Schedule {
             Split::Train | Split::UmiId => &[&[Group::Train]],
             Split::Val => &[&[Group::Val]],
             Split::UmiOod | Split::Palm => &[&[Group::HeldOut]],
+            Split::TransferNoslip => &[&[Group::Val, Group::HeldOut]],
+            Split::TrainAnywhere => &[&[Group::Train]],
+            Split::ValAnywhere => &[&[Group::Val]],
+            _ if split.held_out_stages().is_some() => &[&[Group::HeldOut]],
             Split::Tesollo2 | Split::Tesollo3 | Split::Free => &[&[Group::HeldOut], &[Group::Train]],
             Split::Noslip => &[&[Group::Val, Group::HeldOut]],
             Split::UmiQuiet => &[],
+            _ => unreachable!("the transfer splits are above"),
         };
         let objects = |kind: usize, turn: usize, groups: &[Group]| {
             ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
@@ -168,6 +185,7 @@ impl Schedule {
                 return Recipe { rig_leak: false, ..schedule.recipe(index / 2) };
             }
             Split::Noslip => return self.noslip(recipe, index),
+            Split::TransferNoslip => return in_families(self.split, self.noslip(recipe, index)),
             _ => {}
         }
         let (kind, before) = self.round[index % self.round.len()];
@@ -176,23 +194,29 @@ impl Schedule {
         let object_schedules = &self.object_schedules[kind];
         let (turn, j) = (j % object_schedules.len(), j / object_schedules.len());
         let objects = &object_schedules[turn];
-        let tesollo = matches!(self.split, Split::Tesollo2 | Split::Tesollo3);
-        Recipe {
+        let (platform, sensors) = match self.split {
+            Split::Tesollo2 => (Platform::Tesollo, 2),
+            Split::Tesollo3 => (Platform::Tesollo, 3),
+            _ if self.split.held_out_stages().is_some() => HANDS[index % HANDS.len()],
+            _ => (Platform::Umi, 2),
+        };
+        let recipe = Recipe {
             object: objects.object(j),
             scenario,
-            platform: if tesollo { Platform::Tesollo } else { Platform::Umi },
+            platform,
             region: if self.split == Split::Palm { Region::Palm } else { Region::Centre },
-            sensors: if self.split == Split::Tesollo3 { 3 } else { 2 },
+            sensors,
             speed_mm_s: (scenario != ScenarioChoice::FreeGrasp).then(|| objects.speed_mm_s(j)),
             pull_angle_deg: (scenario == ScenarioChoice::FreePull)
                 .then(|| pull_angle_deg(j, turn, object_schedules.len())),
             ..recipe
-        }
+        };
+        in_families(self.split, recipe)
     }
 
     fn noslip(&self, recipe: Recipe, index: usize) -> Recipe {
         let objects = &self.object_schedules[0][0];
-        let (platform, sensors) = NOSLIP_HANDS[second_turn(index, objects.objects.len(), NOSLIP_HANDS.len())];
+        let (platform, sensors) = HANDS[second_turn(index, objects.objects.len(), HANDS.len())];
         Recipe {
             object: objects.object(index),
             scenario: ScenarioChoice::Disturbances,
@@ -205,15 +229,19 @@ impl Schedule {
 }
 
 /// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of
-/// validation objects on the hand-held gripper only, and with seeds that no split has: what is chosen on
+/// validation objects on the hand-held gripper only, every second in families of physics that training may see, and with
+/// seeds that no split has: what is chosen on
 /// them has seen nothing of a test. A longer list begins with the shorter one.
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
     let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
-    let recipe = |index: usize| Recipe {
-        object: objects.object(index),
-        scenario: ScenarioChoice::Disturbances,
-        seconds: Some(NOSLIP_SECONDS),
-        ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
+    let recipe = |index: usize| {
+        let recipe = Recipe {
+            object: objects.object(index),
+            scenario: ScenarioChoice::Disturbances,
+            seconds: Some(NOSLIP_SECONDS),
+            ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
+        };
+        if index % 2 == 1 { recipe.in_families() } else { recipe }
     };
     (0..episodes).map(|index| (format!("tuning-{index:05}"), recipe(index))).collect()
 }

@@ -5,6 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::families::Stage;
+
 /// What is wrong with the description of a set.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
@@ -48,13 +50,62 @@ pub enum Split {
     /// Test: away from the rig. Slips pulled by hand in all directions of the pad's plane, and twists; objects as
     /// in `tesollo2`.
     Free,
+    /// Training beside `train`: pulls on the rig and by hand, twists, and carrying, on both hands, in families of physics
+    /// that training may see.
+    TrainAnywhere,
+    /// The same of the objects of `val`.
+    ValAnywhere,
+    /// Test: pulls on the rig and by hand, twists, and carrying, on both hands, in families of physics that training
+    /// may see.
+    TransferKnown,
+    /// The same with the held-out family of one stage: contact.
+    TransferContact,
+    /// Friction.
+    TransferFriction,
+    /// Film and circuit.
+    TransferFilm,
+    /// Source of slip vibration.
+    TransferSource,
+    /// Its path.
+    TransferPath,
+    /// Disturbances.
+    TransferDisturbance,
+    /// Accelerometer.
+    TransferSensor,
+    /// The held-out families of all stages at once.
+    TransferAll,
+    /// Test: half an hour of everything but slip, in the held-out families of all stages, for false alarms per hour.
+    TransferNoslip,
 }
 
 impl Split {
     /// Every split.
-    pub const ALL: [Self; 10] = {
+    pub const ALL: [Self; 22] = {
         use Split::*;
-        [Train, Val, UmiId, UmiOod, UmiQuiet, Palm, Tesollo2, Tesollo3, Noslip, Free]
+        [
+            Train,
+            Val,
+            UmiId,
+            UmiOod,
+            UmiQuiet,
+            Palm,
+            Tesollo2,
+            Tesollo3,
+            Noslip,
+            Free,
+            TrainAnywhere,
+            ValAnywhere,
+            TransferKnown,
+            TransferContact,
+            TransferFriction,
+            TransferFilm,
+            TransferSource,
+            TransferPath,
+            TransferDisturbance,
+            TransferSensor,
+            TransferAll,
+            TransferNoslip,
+        ]
     };
 
     /// The splits of the paper-sized set; `umi_quiet` only repeats two of them, and the paper has no `free`.
@@ -76,22 +127,53 @@ impl Split {
             Self::Tesollo3 => "tesollo3",
             Self::Noslip => "noslip",
             Self::Free => "free",
+            Self::TrainAnywhere => "train_anywhere",
+            Self::ValAnywhere => "val_anywhere",
+            Self::TransferKnown => "transfer_known",
+            Self::TransferContact => "transfer_contact",
+            Self::TransferFriction => "transfer_friction",
+            Self::TransferFilm => "transfer_film",
+            Self::TransferSource => "transfer_source",
+            Self::TransferPath => "transfer_path",
+            Self::TransferDisturbance => "transfer_disturbance",
+            Self::TransferSensor => "transfer_sensor",
+            Self::TransferAll => "transfer_all",
+            Self::TransferNoslip => "transfer_noslip",
         }
+    }
+
+    /// The stages whose held-out families it has; `None` where the laboratory's families make it.
+    pub const fn held_out_stages(self) -> Option<&'static [Stage]> {
+        Some(match self {
+            Self::TrainAnywhere | Self::ValAnywhere | Self::TransferKnown => &[],
+            Self::TransferContact => &[Stage::Contact],
+            Self::TransferFriction => &[Stage::Friction],
+            Self::TransferFilm => &[Stage::Film],
+            Self::TransferSource => &[Stage::Source],
+            Self::TransferPath => &[Stage::Path],
+            Self::TransferDisturbance => &[Stage::Disturbance],
+            Self::TransferSensor => &[Stage::Sensor],
+            Self::TransferAll | Self::TransferNoslip => &Stage::ALL,
+            _ => return None,
+        })
     }
 
     /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
     /// (the protocol of `src/mix.rs`): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
     /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
-    /// nine in ten of `free` slip.
+    /// nine in ten of `free` slip, four in five of the transfer splits. `transfer_noslip` is half an hour.
     pub const fn frozen_episodes(self) -> usize {
         match self {
-            Self::Train => 0,
-            Self::Val => 32,
+            Self::Train | Self::TrainAnywhere => 0,
+            Self::Val | Self::ValAnywhere => 32,
             Self::UmiId | Self::UmiOod => 88,
             Self::UmiQuiet => 176,
             Self::Palm | Self::Tesollo2 | Self::Tesollo3 => 32,
             Self::Noslip => 60,
             Self::Free => 80,
+            Self::TransferAll => 40,
+            Self::TransferNoslip => 30,
+            _ => 20,
         }
     }
 
@@ -101,6 +183,7 @@ impl Split {
         match self {
             Self::Noslip => 3,
             Self::UmiQuiet | Self::Free => 0,
+            other if other.held_out_stages().is_some() => 0,
             other => other.frozen_episodes(),
         }
     }

@@ -76,7 +76,7 @@ fn slip_of_a_surface_of_one_micrometre_meets_the_anchor() {
 #[test]
 fn the_second_model_is_as_loud_and_so_is_the_other_hand() {
     let (recipe, modal) = (slips(10.0), SLIP_MG[2]);
-    let second = slip_mg(&Recipe { vibration: VibrationModel::Autoregressive, ..recipe.clone() });
+    let second = slip_mg(&Recipe { vibration: SourceFamily::Autoregressive, ..recipe.clone() });
     let hand = slip_mg(&Recipe { platform: Platform::Tesollo, ..recipe.clone() });
     let palm = slip_mg(&Recipe { region: Region::Palm, ..recipe });
     println!(

@@ -1,5 +1,6 @@
 //! Whole episodes: what every test of them needs, the demo in git, and the same bits again.
 
+mod families;
 mod levels;
 mod recipe;
 mod scenarios;
@@ -52,7 +53,7 @@ fn the_demo_is_small_held_out_and_holds_slip_grip_change_and_tap() {
 #[test]
 fn the_same_recipe_gives_the_same_episode_and_another_seed_another() {
     for (platform, sensors) in [(Platform::Umi, 2), (Platform::Tesollo, 3)] {
-        for vibration in [VibrationModel::Modal, VibrationModel::Autoregressive] {
+        for vibration in [SourceFamily::Asperities, SourceFamily::Autoregressive] {
             let (scenario, seconds) = (ScenarioChoice::FreeGrasp, Some(3.0));
             let recipe = Recipe { platform, sensors, vibration, scenario, seconds, ..Recipe::new(5) };
             let (a, b) = (generate(&recipe).unwrap(), generate(&recipe).unwrap());

@@ -5,13 +5,18 @@
 //! passes the finger's modes, and what is stated at the accelerometer or moves the finger as a whole.
 
 mod autoregressive;
+mod echoes;
+mod elsewhere;
+mod grains;
 mod hand_motion;
 mod handling;
 mod streams;
 mod machine;
 mod modes;
+mod profile;
 mod rig;
 mod scene;
+mod sections;
 mod signal;
 mod slip;
 #[cfg(test)]
@@ -19,18 +24,25 @@ mod tests;
 
 pub(crate) use modes::Modes;
 pub(crate) use scene::{Clock, Motion, Scene, SlipSeries, at};
-pub(crate) use signal::sin_turns;
+pub(crate) use signal::{Biquad, Noise, add_scaled, blend, blend_rms, sin_turns};
 pub(crate) use streams::NoiseStreams;
 
 use serde::Serialize;
 
 use crate::draw::Rng;
-use crate::recipe::{Platform, VibrationContent, VibrationModel};
+use crate::families::{DisturbanceFamily, Families, PathFamily, SourceFamily};
+use crate::friction::STEP_HZ;
+use crate::recipe::{Platform, VibrationContent};
 use autoregressive::AutoregressiveNoise;
+use echoes::Echoes;
+use elsewhere::Elsewhere;
+use grains::Grains;
 use hand_motion::HandMotion;
 use handling::HandlingNoise;
 use modes::ObjectMode;
+use profile::Profile;
 use rig::Rig;
+use sections::Sections;
 use slip::{Rubbing, Surface};
 use streams::NoiseSource;
 
@@ -45,10 +57,43 @@ pub(crate) struct Vibration {
     rig: Rig,
     #[serde(rename = "carriage")]
     hand_motion: HandMotion,
+    #[serde(flatten)]
+    other: Other,
+}
+
+/// What other families than the laboratory's draw.
+#[derive(Default, Serialize)]
+struct Other {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    profile: Option<Profile>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    grains: Option<Grains>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sections: Option<Sections>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    echoes: Option<Echoes>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elsewhere: Option<Elsewhere>,
+}
+
+impl Other {
+    fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
+        let (source, Families { path, disturbance, .. }) = (scene.source, scene.families);
+        let seconds = scene.timeline.steps() as f64 / STEP_HZ;
+        let elsewhere = Elsewhere::draw(disturbance, rng, seconds);
+        Self {
+            profile: (source == SourceFamily::Profile).then(|| Profile::draw(rng, scene.object)),
+            grains: (source == SourceFamily::Grains).then(|| Grains::draw(rng, scene.object)),
+            sections: (path == PathFamily::Sections).then(|| Sections::draw(rng)),
+            echoes: (path == PathFamily::Echoes).then(|| Echoes::draw(rng)),
+            elsewhere: (disturbance != DisturbanceFamily::Handling).then_some(elsewhere),
+        }
+    }
 }
 
 impl Vibration {
-    pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
+    /// The laboratory's sources from `rng`, the others from `own`.
+    pub(crate) fn draw(rng: &mut Rng, own: &mut Rng, scene: &Scene<'_>) -> Self {
         Self {
             surface: Surface::draw(rng, scene.object),
             texture: AutoregressiveNoise::draw(rng, scene.object),
@@ -56,6 +101,7 @@ impl Vibration {
             rig: Rig::draw(rng),
             hand_motion: HandMotion::draw(rng, scene),
             handling: HandlingNoise::draw(rng, scene),
+            other: Other::draw(own, scene),
         }
     }
 
@@ -69,15 +115,20 @@ impl Vibration {
     ) -> Motion {
         let mut motion = Motion::still(sensor, clock);
         if scene.content == VibrationContent::All {
-            if scene.model == VibrationModel::Modal {
-                self.slip(slip, streams, &mut motion);
-            }
+            self.slip(scene, slip, streams, &mut motion);
             self.handling.excite(scene, streams, &mut motion);
-            modes.respond(scene, self.ring.as_ref(), &mut motion);
-            if scene.model == VibrationModel::Autoregressive {
+            match (&self.other.sections, &self.other.echoes) {
+                (Some(sections), _) => sections.respond(&mut motion),
+                (_, Some(echoes)) => echoes.respond(&mut motion),
+                _ => modes.respond(scene, self.ring.as_ref(), &mut motion),
+            }
+            if scene.source == SourceFamily::Autoregressive {
                 self.texture.add(slip, streams.of(NoiseSource::Autoregressive), &mut motion);
             }
             self.handling.shake(scene, modes, streams, &mut motion);
+            if let Some(elsewhere) = &self.other.elsewhere {
+                elsewhere.add(streams.of(NoiseSource::Elsewhere), &mut motion);
+            }
             self.hand_motion.add(scene, &mut motion);
         }
         if scene.rig_leak {
@@ -92,10 +143,17 @@ impl Vibration {
         self.handling.moves_again(rng, platform, from_s);
     }
 
-    fn slip(&self, slip: &SlipSeries, streams: &mut NoiseStreams, force: &mut Motion) {
+    fn slip(&self, scene: &Scene<'_>, slip: &SlipSeries, streams: &mut NoiseStreams, force: &mut Motion) {
         let rubbing = Rubbing::from_slip(slip);
-        self.surface.add_rubbing(&rubbing, 1.0, streams.of(NoiseSource::Rubbing), force);
-        let pulses = self.surface.pulses(&rubbing, 1.0, streams.of(NoiseSource::StickSlip));
+        let pulses = match (scene.source, &self.other.profile, &self.other.grains) {
+            (SourceFamily::Autoregressive, ..) => return,
+            (_, Some(profile), _) => return profile.add(&rubbing, force),
+            (_, _, Some(grains)) => grains.pulses(&rubbing, streams.of(NoiseSource::Grains)),
+            _ => {
+                self.surface.add_rubbing(&rubbing, 1.0, streams.of(NoiseSource::Rubbing), force);
+                self.surface.pulses(&rubbing, 1.0, streams.of(NoiseSource::StickSlip))
+            }
+        };
         force.add_pulses(&pulses, 1.0);
     }
 }

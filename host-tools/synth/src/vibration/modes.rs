@@ -34,6 +34,11 @@ const GRIP_EXPONENT: (f64, f64) = (1.0 / 6.0, 1.0 / 3.0);
 /// Largest shift by grip, both ways from the frequency at [`REFERENCE_N`].
 const GRIP_SHIFT: f64 = 0.1;
 const REFERENCE_N: f64 = 2.0;
+/// Number, frequency, damping and participation of the modes of any finger.
+const FREE_MODES: (usize, usize) = (3, 9);
+const FREE_HZ: (f64, f64) = (30.0, 3_700.0);
+const FREE_RATIO: (f64, f64) = (0.01, 0.35);
+const FREE_WEIGHT: (f64, f64) = (0.15, 2.0);
 /// Change of frequency, damping and participation from grasp to grasp, logarithmic rms.
 const GRASP_SPREAD: (f64, f64, f64) = (0.015, 0.08, 0.08);
 /// Towards the palm the first mode moves the pad less and the others more, and all are a little stiffer.
@@ -67,7 +72,7 @@ pub(crate) struct Mode {
 /// The modes of one finger, lowest first.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Modes {
-    pub modes: [Mode; 4],
+    pub modes: Vec<Mode>,
     pub grip_exponent: f64,
 }
 
@@ -78,12 +83,25 @@ impl Modes {
             Platform::Tesollo => (TESOLLO_HZ, TESOLLO_DAMPING, TESOLLO_DIRECTION),
         };
         let coupling = exp(COUPLING_SPREAD * rng.normal());
-        let modes = std::array::from_fn(|m| Mode {
+        let mode = |m: usize| Mode {
             hz: rng.log_between(hz[m].0, hz[m].1),
             damping: rng.log_uniform(damping),
             direction: scattered(rng, direction[m], DIRECTION_SCATTER),
             weight: coupling * rng.log_uniform(WEIGHT),
-        });
+        };
+        Self { modes: (0..hz.len()).map(mode).collect(), grip_exponent: rng.uniform(GRIP_EXPONENT) }
+    }
+
+    /// Those of any finger.
+    pub(crate) fn draw_free(rng: &mut Rng) -> Self {
+        let count = rng.count(FREE_MODES.0, FREE_MODES.1);
+        let mode = |_| Mode {
+            hz: rng.log_uniform(FREE_HZ),
+            damping: rng.log_uniform(FREE_RATIO),
+            direction: rng.direction(),
+            weight: rng.log_uniform(FREE_WEIGHT),
+        };
+        let modes = (0..count).map(mode).collect();
         Self { modes, grip_exponent: rng.uniform(GRIP_EXPONENT) }
     }
 
@@ -119,7 +137,7 @@ impl Modes {
             let hz = (mode.hz * self.shift(grip_n)).min(0.48 * rate_hz);
             Biquad::resonant_highpass(hz, damping, rate_hz)
         };
-        let mut filters = self.modes.map(|m| tuned(&m, 0.0));
+        let mut filters: Vec<_> = self.modes.iter().map(|mode| tuned(mode, 0.0)).collect();
         let mut ring = ring.map(|r| Biquad::bandpass(r.hz, r.damping, rate_hz));
         let (mut tuned_n, mut last_step) = (0.0f64, usize::MAX);
         let mut grip = 0.0;

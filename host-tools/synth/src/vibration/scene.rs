@@ -1,9 +1,10 @@
 //! What the sources of vibration are given: what happens, what slips, and the clock to write at.
 
 use super::signal::{add_scaled, cos_turns};
+use crate::families::{Families, SourceFamily};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
-use crate::recipe::{Platform, VibrationContent, VibrationModel};
+use crate::recipe::{Platform, VibrationContent};
 use crate::timeline::{Pulse, Timeline};
 
 pub(super) const TOUCHED_N: f64 = 0.05;
@@ -25,7 +26,8 @@ pub(crate) struct SlipSeries {
 /// What the vibration needs to know of a recording.
 pub(crate) struct Scene<'a> {
     pub platform: Platform,
-    pub model: VibrationModel,
+    pub source: SourceFamily,
+    pub families: Families,
     pub content: VibrationContent,
     /// The crosshead's drive reaches the accelerometers.
     pub rig_leak: bool,

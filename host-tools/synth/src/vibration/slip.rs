@@ -122,7 +122,7 @@ impl Rubbing {
     }
 
     /// From finger axes "along, across, normal" to x, y, z at a step.
-    fn turned(&self, step: usize, v: [f64; 3]) -> [f64; 3] {
+    pub(super) fn turned(&self, step: usize, v: [f64; 3]) -> [f64; 3] {
         let [x, y] = self.direction[step];
         [x * v[0] - y * v[1], y * v[0] + x * v[1], v[2]]
     }

@@ -19,6 +19,8 @@ pub(crate) enum NoiseSource {
     Autoregressive,
     Aftershocks,
     Nearby,
+    Grains,
+    Elsewhere,
 }
 
 pub(crate) struct NoiseStreams {

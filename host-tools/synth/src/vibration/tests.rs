@@ -20,6 +20,10 @@ fn rng(seed: u64) -> Rng {
     stream(seed, Stream::Vibration, 0)
 }
 
+fn rng_of_families() -> Rng {
+    stream(0, Stream::Families, 1)
+}
+
 fn clock(seconds: f64) -> Clock {
     Clock { rate_hz: RATE_HZ, drift_per_s: 0.0, start: 0.0, samples: (seconds * RATE_HZ) as usize }
 }
@@ -67,7 +71,8 @@ fn held(grip_n: f64, crosshead_mm_s: f64, seconds: f64) -> Timeline {
 fn scene(timeline: &Timeline) -> Scene<'_> {
     Scene {
         platform: Platform::Umi,
-        model: VibrationModel::Modal,
+        source: SourceFamily::Asperities,
+        families: Families::default(),
         content: VibrationContent::All,
         rig_leak: true,
         hand_held: false,

@@ -102,10 +102,10 @@ fn through_modes(platform: Platform, speed: f64, streams: u64) -> (f64, Vec<f64>
     let levels = (0..streams)
         .map(|seed| {
             let mut rng = rng(1000 + seed);
-            let vibration = Vibration::draw(&mut rng, &scene);
+            let vibration = Vibration::draw(&mut rng, &mut rng_of_families(), &scene);
             let modes = Modes::draw(&mut rng, platform).in_grasp(&mut rng, Region::Centre);
             let mut motion = still(0.6);
-            vibration.slip(&slip, &mut NoiseStreams::in_turn(rng), &mut motion);
+            vibration.slip(&scene, &slip, &mut NoiseStreams::in_turn(rng), &mut motion);
             modes.respond(&scene, None, &mut motion);
             let g = motion.g;
             mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);

@@ -36,7 +36,8 @@ fn a_mode_rings_down_by_its_damping_and_rises_with_grip() {
     let mode = |hz, damping, weight| Mode { hz, damping, direction: [0.0, 0.0, 1.0], weight };
     for (hz, damping) in [(120.0, 0.03), (400.0, 0.08), (1100.0, 0.05)] {
         let silent = mode(2500.0, 0.1, 0.0);
-        let modes = Modes { modes: [mode(hz, damping, 1.0), silent, silent, silent], grip_exponent: 0.25 };
+        let modes =
+            Modes { modes: vec![mode(hz, damping, 1.0), silent, silent, silent], grip_exponent: 0.25 };
         let ringing = |grip_n: f64| {
             let timeline = held(grip_n, 0.0, 0.3);
             let mut motion = still(0.3);
@@ -103,7 +104,7 @@ fn without_leak_is_a_rig_of_level_zero_to_the_bit() {
     let timeline = held(2.0, 10.0, 0.5);
     let motion = |rig_leak: bool, silent: bool| {
         let scene = Scene { rig_leak, ..scene(&timeline) };
-        let mut vibration = Vibration::draw(&mut rng(8), &scene);
+        let mut vibration = Vibration::draw(&mut rng(8), &mut rng_of_families(), &scene);
         if silent {
             vibration.rig.silence();
         }
@@ -122,7 +123,7 @@ fn a_drag_vibrates_like_slip_but_only_through_a_gripped_object() {
         timeline.drag.fill(0.5);
         let levels = (0..40).map(|seed| {
             let scene = Scene { rig_leak: false, ..scene(&timeline) };
-            let mut vibration = Vibration::draw(&mut rng(seed), &scene);
+            let mut vibration = Vibration::draw(&mut rng(seed), &mut rng_of_families(), &scene);
             vibration.handling.quiet();
             let slip = SlipSeries { fraction: vec![0.0; 2402], ..sliding(0.0, grip_n, 1.0) };
             let modes = Modes::draw(&mut rng(seed), Platform::Umi);
@@ -137,7 +138,7 @@ fn a_drag_vibrates_like_slip_but_only_through_a_gripped_object() {
 
 /// A scene's motion without rig, impacts, machines nearby and modes: gravity and what bypasses the modes.
 fn bare(scene: &Scene<'_>, seed: u64, seconds: f64) -> Vec<[f64; 3]> {
-    let mut vibration = Vibration::draw(&mut rng(seed), scene);
+    let mut vibration = Vibration::draw(&mut rng(seed), &mut rng_of_families(), scene);
     vibration.handling.quiet();
     let mut modes = Modes::draw(&mut rng(seed), scene.platform);
     modes.modes.iter_mut().for_each(|m| m.weight = 0.0);
@@ -205,7 +206,9 @@ fn with_only_the_rigs_vibration_slip_and_impacts_leave_no_trace() {
     let motion = |slip: &SlipSeries| {
         let scene = Scene { content: VibrationContent::RigOnly, ..scene(&timeline) };
         let streams = &mut NoiseStreams::in_turn(rng(10));
-        Vibration::draw(&mut rng(8), &scene).motion(&scene, slip, &modes, (0, clock(0.5)), streams).g
+        Vibration::draw(&mut rng(8), &mut rng_of_families(), &scene)
+            .motion(&scene, slip, &modes, (0, clock(0.5)), streams)
+            .g
     };
     let resting = SlipSeries { fraction: vec![0.0; 1202], ..sliding(0.0, 2.0, 0.5) };
     assert_eq!(motion(&sliding(18.0, 2.0, 0.5)), motion(&resting));

@@ -1,0 +1,161 @@
+//! Pressures of faces that no elastic layer makes: the relative pressure at a place of the object's face under a force.
+//!
+//! Places are `u` across and `v` along the object's axis, mm from its centre; what the pressures sum to is scaled to
+//! the force afterwards.
+
+use libm::{exp, log, pow};
+use serde::Serialize;
+use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use slipsense::sensor::active_cols;
+
+use super::map::{PressureMap, cell_mm};
+use crate::draw::{Draw, Rng};
+use crate::families::ContactFamily;
+use crate::objects::{Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
+
+/// Pressures below this share of the highest are left out.
+const NEGLIGIBLE: f64 = 1e-3;
+/// Force that widths are stated at, N.
+const REFERENCE_N: f64 = 2.0;
+/// Slope of the face at which one edge bears twice the mean.
+const TILT_FULL: f64 = 0.03;
+
+/// Half width of a round thing's plateau at the reference, mm, its growth with force, and the plateau's flatness.
+const PLATEAU_MM: (f64, f64) = (1.2, 5.0);
+const PLATEAU_EXPONENT: (f64, f64) = (0.1, 0.3);
+const FLATNESS: (f64, f64) = (1.5, 6.0);
+
+/// Distance of the summits, their width over it, and the depth of their heights, mm.
+const SUMMITS_MM: (f64, f64) = (1.0, 3.0);
+const SUMMIT_WIDTH: (f64, f64) = (0.25, 0.6);
+const SUMMIT_DEPTH_MM: (f64, f64) = (0.02, 0.15);
+
+/// Half width of a ball's patch and of a rod's at the reference, mm; what rounds the edges of a flat punch.
+const HERTZ_MM: (f64, f64) = (0.8, 3.0);
+const EDGE: (f64, f64) = (0.03, 0.3);
+
+#[derive(Serialize)]
+pub(super) enum Face {
+    Conforming { half_mm: f64, exponent: f64, flatness: f64 },
+    Summits { width_mm: f64, depth_mm: f64, summits: Vec<Summit> },
+    HalfSpace { half_mm: f64, edge: f64 },
+}
+
+#[derive(Serialize)]
+pub(super) struct Summit {
+    u_mm: f64,
+    v_mm: f64,
+    /// Below the highest, mm.
+    below_mm: f64,
+}
+
+impl Face {
+    /// `None` for the foundation.
+    pub fn draw(family: ContactFamily, rng: &mut Rng, object: &Object) -> Option<Self> {
+        Some(match family {
+            ContactFamily::Foundation => return None,
+            ContactFamily::Conforming => Self::Conforming {
+                half_mm: rng.log_uniform(PLATEAU_MM),
+                exponent: rng.uniform(PLATEAU_EXPONENT),
+                flatness: rng.log_uniform(FLATNESS),
+            },
+            ContactFamily::Summits => {
+                let (pitch_mm, depth_mm) = (rng.log_uniform(SUMMITS_MM), rng.log_uniform(SUMMIT_DEPTH_MM));
+                let half = half_mm(object);
+                let summits = (0..(4.0 * half[0] * half[1] / (pitch_mm * pitch_mm)).ceil() as usize + 1)
+                    .map(|_| {
+                        let (u_mm, v_mm) = (rng.between(-half[0], half[0]), rng.between(-half[1], half[1]));
+                        let shape_mm = object.shape.bare_gap_mm(0.98 * u_mm, 0.98 * v_mm);
+                        let below_mm = -depth_mm * log(rng.between(1e-4, 1.0)) + shape_mm;
+                        Summit { u_mm, v_mm, below_mm }
+                    })
+                    .filter(|summit| summit.below_mm.is_finite())
+                    .collect();
+                Self::Summits { width_mm: pitch_mm * rng.uniform(SUMMIT_WIDTH), depth_mm, summits }
+            }
+            ContactFamily::HalfSpace => {
+                Self::HalfSpace { half_mm: rng.log_uniform(HERTZ_MM), edge: rng.log_uniform(EDGE) }
+            }
+        })
+    }
+
+    /// Relative pressures of an object whose centre lies at `centre_mm`, turned by the angle of this sine and cosine.
+    pub fn press(
+        &self,
+        object: &Object,
+        force_n: f64,
+        (centre_mm, (sin, cos), tilt): ([f64; 2], (f64, f64), [f64; 2]),
+        out: &mut PressureMap,
+    ) {
+        let half = half_mm(object);
+        let mut pressures = [0.0; TAXELS];
+        let place = |cell: usize| {
+            let (x, y) = cell_mm(cell);
+            let (dx, dy) = (x - centre_mm[0], y - centre_mm[1]);
+            (dx * cos + dy * sin, dy * cos - dx * sin)
+        };
+        let cells = (0..TAXEL_ROWS).flat_map(|row| active_cols(row).map(move |col| row * TAXEL_COLS + col));
+        for cell in cells.clone() {
+            let (u, v) = place(cell);
+            if u.abs() < half[0] && v.abs() < half[1] {
+                let lean = 1.0 + (tilt[0] * u / half[0] + tilt[1] * v / half[1]) / TILT_FULL;
+                pressures[cell] = self.at(object, force_n, (u, v), half) * lean.clamp(0.0, 2.0);
+            }
+        }
+        let highest = pressures.iter().fold(0.0, |a: f64, &p| a.max(p));
+        for cell in cells.filter(|&cell| pressures[cell] > NEGLIGIBLE * highest) {
+            out.kpa[cell] = pressures[cell];
+            out.loaded.push(cell);
+        }
+    }
+
+    fn at(&self, object: &Object, force_n: f64, (u, v): (f64, f64), half: [f64; 2]) -> f64 {
+        let force = force_n / REFERENCE_N;
+        match self {
+            Self::Conforming { half_mm, exponent, flatness } => {
+                let grown = half_mm * pow(force, *exponent);
+                let [a, b] = match object.shape {
+                    Shape::Flat { .. } => half,
+                    Shape::Cylinder { .. } => [grown.min(half[0]), half[1]],
+                    Shape::Sphere { .. } => [grown.min(half[0]); 2],
+                };
+                let side = |x: f64, a: f64| (1.0 - pow((x / a).abs(), *flatness)).max(0.0);
+                side(u, a) * side(v, b)
+            }
+            Self::Summits { width_mm, depth_mm, summits } => {
+                let depth = depth_mm * (2.0 + log(force.max(1e-3))).max(0.3);
+                let near = summits.iter().filter(|s| {
+                    s.below_mm < depth
+                        && (s.u_mm - u).abs() < 2.5 * width_mm
+                        && (s.v_mm - v).abs() < 2.5 * width_mm
+                });
+                near.map(|s| {
+                    let (du, dv) = ((s.u_mm - u) / width_mm, (s.v_mm - v) / width_mm);
+                    (depth - s.below_mm) * exp(-0.5 * (du * du + dv * dv))
+                })
+                .sum()
+            }
+            Self::HalfSpace { half_mm, edge } => {
+                let punch = |x: f64, a: f64| 1.0 / (1.0 - (x / a) * (x / a) + edge).sqrt();
+                let ellipse = |r2: f64| (1.0 - r2).max(0.0).sqrt();
+                match object.shape {
+                    Shape::Sphere { .. } => {
+                        let a = half_mm * pow(force, 1.0 / 3.0);
+                        ellipse((u * u + v * v) / (a * a))
+                    }
+                    Shape::Cylinder { .. } => {
+                        let a = half_mm * force.sqrt();
+                        ellipse(u * u / (a * a)) * punch(v, half[1])
+                    }
+                    Shape::Flat { .. } => punch(u, half[0]) * punch(v, half[1]),
+                }
+            }
+        }
+    }
+}
+
+/// Half of what can touch the pad, across and along the object's axis.
+fn half_mm(object: &Object) -> [f64; 2] {
+    let [width, length] = object.shape.extent_mm();
+    [width.min(1.4 * PAD_WIDTH_MM) / 2.0, length.min(1.4 * PAD_LENGTH_MM) / 2.0]
+}

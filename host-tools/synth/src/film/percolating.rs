@@ -1,0 +1,48 @@
+//! A film of conducting grains: nothing below a threshold, then counts with the logarithm of pressure; a load leaves the
+//! threshold lower for a while.
+
+use libm::{exp, log};
+use serde::Serialize;
+use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
+
+use super::transfer::FULL_SCALE_KPA;
+use crate::draw::{Draw, Rng};
+
+const THRESHOLD_KPA: (f64, f64) = (0.5, 8.0);
+/// Pressure above the threshold at which the logarithm bends.
+const BEND_KPA: (f64, f64) = (80.0, 500.0);
+/// Share of the threshold that a firm load takes away, the load that takes half of it, and how long that lasts.
+const LOWERED: (f64, f64) = (0.2, 0.7);
+const HALF_LOWERED_KPA: f64 = 30.0;
+const LASTS_S: (f64, f64) = (0.5, 20.0);
+const FULL_SCALE_COUNTS: (f64, f64) = (2_000.0, 4_500.0);
+
+#[derive(Serialize)]
+pub(super) struct Percolating {
+    threshold_kpa: f64,
+    bend_kpa: f64,
+    lowered: f64,
+    forgets: f64,
+    full_scale_counts: f64,
+}
+
+impl Percolating {
+    pub fn draw(rng: &mut Rng) -> Self {
+        Self {
+            threshold_kpa: rng.log_uniform(THRESHOLD_KPA),
+            bend_kpa: rng.log_uniform(BEND_KPA),
+            lowered: rng.uniform(LOWERED),
+            forgets: exp(-1.0 / (rng.log_uniform(LASTS_S) * FRAME_RATE_HZ as f64)),
+            full_scale_counts: rng.log_uniform(FULL_SCALE_COUNTS),
+        }
+    }
+
+    /// Counts of a taxel of this gain after a frame of `kpa`; `peak_kpa` is the load that it remembers.
+    pub fn counts(&self, peak_kpa: &mut f64, kpa: f64, gain: f64) -> f64 {
+        *peak_kpa = (*peak_kpa * self.forgets).max(kpa);
+        let lowered = self.lowered * *peak_kpa / (*peak_kpa + HALF_LOWERED_KPA);
+        let above = (kpa - self.threshold_kpa * (1.0 - lowered)).max(0.0);
+        let share = log(1.0 + above / self.bend_kpa) / log(1.0 + FULL_SCALE_KPA / self.bend_kpa);
+        (gain * self.full_scale_counts * share).min(COUNT_MAX.into())
+    }
+}

@@ -1,0 +1,69 @@
+//! A film whose conductance relaxes: a share follows the pressure at once, two more by time constants that differ for
+//! rise and fall, and the whole fluctuates slowly.
+
+use libm::{exp, pow};
+use serde::Serialize;
+use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
+
+use super::transfer::FULL_SCALE_KPA;
+use crate::draw::{Draw, Rng};
+
+/// Shares of the slower elements, their time constants under load, and how much slower they fall.
+const SHARES: [(f64, f64); 2] = [(0.05, 0.3), (0.01, 0.1)];
+const TAU_S: [(f64, f64); 2] = [(0.02, 0.15), (0.2, 1.0)];
+const SLOWDOWN: (f64, f64) = (1.0, 2.0);
+/// Exponent of the counts over pressure, and counts at full scale.
+const EXPONENT: (f64, f64) = (0.65, 0.9);
+const FULL_SCALE_COUNTS: (f64, f64) = (2_500.0, 5_000.0);
+/// Fluctuation of the gain: relative rms and its pace.
+const FLUCTUATION: (f64, f64) = (0.0, 0.01);
+const PACE_S: (f64, f64) = (0.3, 5.0);
+
+#[derive(Serialize)]
+pub(super) struct Relaxing {
+    shares: [f64; 2],
+    rise: [f64; 2],
+    fall: [f64; 2],
+    exponent: f64,
+    full_scale_counts: f64,
+    fluctuation: f64,
+    pace: f64,
+    #[serde(skip)]
+    gain: f64,
+}
+
+impl Relaxing {
+    pub fn draw(rng: &mut Rng) -> Self {
+        let blend = |tau_s: f64| 1.0 - exp(-1.0 / (tau_s * FRAME_RATE_HZ as f64));
+        let slowdown = rng.uniform(SLOWDOWN);
+        let tau_s = TAU_S.map(|span| rng.log_uniform(span));
+        Self {
+            shares: SHARES.map(|span| rng.uniform(span)),
+            rise: tau_s.map(blend),
+            fall: tau_s.map(|tau| blend(tau * slowdown)),
+            exponent: rng.uniform(EXPONENT),
+            full_scale_counts: rng.log_uniform(FULL_SCALE_COUNTS),
+            fluctuation: rng.uniform(FLUCTUATION),
+            pace: blend(rng.log_uniform(PACE_S)),
+            gain: 0.0,
+        }
+    }
+
+    /// Once a frame, before its taxels.
+    pub fn advance(&mut self, rng: &mut Rng) {
+        self.gain += self.pace * (rng.normal() * (2.0 / self.pace).sqrt() - self.gain);
+    }
+
+    /// Counts of a taxel of this gain after a frame of `kpa`.
+    pub fn counts(&self, state: &mut [f64], kpa: f64, gain: f64) -> f64 {
+        let mut shown = kpa;
+        for (i, state) in state.iter_mut().take(2).enumerate() {
+            let blend = if kpa > *state { self.rise[i] } else { self.fall[i] };
+            *state += blend * (kpa - *state);
+            shown += self.shares[i] * (*state - kpa);
+        }
+        let gain = gain * (1.0 + self.fluctuation * self.gain);
+        let share = shown.max(0.0) * gain / FULL_SCALE_KPA;
+        (self.full_scale_counts * pow(share, self.exponent)).min(COUNT_MAX.into())
+    }
+}

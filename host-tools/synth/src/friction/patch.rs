@@ -1,0 +1,125 @@
+//! Friction of a whole patch in one: shift and turn are three lengths, the turn's at the load's mean distance from where
+//! the object turns, and one law holds in all directions of that space.
+
+use serde::Serialize;
+
+use super::{Friction, Pull, SlipState};
+use crate::contact::{CELL_MM2, PressureMap, cell_mm};
+use crate::draw::{Draw, Rng};
+use crate::objects::Object;
+
+/// What pulls a patch: in x, y and along the turn.
+pub(super) struct Spring {
+    /// N/mm; 0 where nothing pulls and the object keeps its place.
+    pub stiffness: [f64; 3],
+    /// Far ends from the object, mm.
+    pub stretch: [f64; 3],
+}
+
+/// A step of a law.
+#[derive(Default)]
+pub(super) struct Moved {
+    pub by_mm: [f64; 3],
+    /// On the finger.
+    pub force_n: [f64; 3],
+    /// Share of the load that slides.
+    pub sliding: f64,
+}
+
+pub(super) trait Law: Serialize {
+    /// One step of `dt` seconds under a load above 0.
+    fn step(&mut self, spring: &Spring, load_n: f64, dt: f64) -> Moved;
+    /// Nothing touches.
+    fn rest(&mut self);
+}
+
+#[derive(Serialize)]
+pub(super) struct Patch<L> {
+    law: L,
+    #[serde(skip)]
+    position_mm: [f64; 2],
+    #[serde(skip)]
+    turn_rad: f64,
+    #[serde(skip)]
+    path_mm: f64,
+    #[serde(skip)]
+    direction: [f64; 2],
+}
+
+pub(super) fn size(v: [f64; 3]) -> f64 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+/// Static and kinetic friction of a grasp of an object.
+pub(super) fn frictions(rng: &mut Rng, object: &Object) -> (f64, f64) {
+    const SPREAD: f64 = 0.15;
+    let level = libm::exp(SPREAD * rng.normal());
+    (level * object.mu_static, level * object.mu_kinetic)
+}
+
+impl<L: Law> Patch<L> {
+    pub fn new(law: L) -> Self {
+        Self { law, position_mm: [0.0; 2], turn_rad: 0.0, path_mm: 0.0, direction: [0.0, 1.0] }
+    }
+}
+
+impl<L: Law> Friction for Patch<L> {
+    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState {
+        let (mut load_n, mut moment) = (0.0, 0.0);
+        for &cell in &map.loaded {
+            let (x, y) = cell_mm(cell);
+            let (x, y) = (x - map.pivot_mm[0], y - map.pivot_mm[1]);
+            load_n += map.kpa[cell];
+            moment += map.kpa[cell] * (x * x + y * y).sqrt();
+        }
+        let arm_mm = if load_n > 0.0 { (moment / load_n).max(0.5) } else { 1.0 };
+        load_n *= CELL_MM2 * 1e-3 * scale;
+        let stiffness =
+            [pull.stiffness_n_per_mm, pull.stiffness_n_per_mm, pull.twist_n_mm_per_rad / (arm_mm * arm_mm)];
+        let stretch = [
+            pull.position_mm[0] - self.position_mm[0],
+            pull.position_mm[1] - self.position_mm[1],
+            arm_mm * (pull.turn_rad - self.turn_rad),
+        ];
+        let moved = if load_n > 0.0 {
+            self.law.step(&Spring { stiffness, stretch }, load_n, dt)
+        } else {
+            // A free object goes where its springs are slack.
+            self.law.rest();
+            let by_mm = std::array::from_fn(|axis| if stiffness[axis] > 0.0 { stretch[axis] } else { 0.0 });
+            Moved { by_mm, ..Moved::default() }
+        };
+        let [x, y, turn] = moved.by_mm;
+        self.position_mm[0] += x;
+        self.position_mm[1] += y;
+        self.turn_rad += turn / arm_mm;
+        let way_mm = if load_n > 0.0 { size(moved.by_mm) } else { 0.0 };
+        self.path_mm += way_mm;
+        let drift = (x * x + y * y).sqrt();
+        if load_n > 0.0 && drift > 0.02 * way_mm && drift > 1e-7 {
+            self.direction = [x / drift, y / drift];
+        }
+        SlipState {
+            speed_mm_s: way_mm / dt,
+            fraction: moved.sliding,
+            shear_n: [moved.force_n[0], moved.force_n[1]],
+            torque_n_mm: moved.force_n[2] * arm_mm,
+            travel_mm: self.position_mm,
+            turn_rad: self.turn_rad,
+            path_mm: self.path_mm,
+            direction: self.direction,
+        }
+    }
+
+    fn position_mm(&self) -> [f64; 2] {
+        self.position_mm
+    }
+
+    fn turn_rad(&self) -> f64 {
+        self.turn_rad
+    }
+
+    fn drawn(&self) -> serde_json::Value {
+        serde_json::to_value(self).unwrap_or_default()
+    }
+}

@@ -1,0 +1,56 @@
+//! A path of decaying random echoes: each axis is convolved with noise of its own that falls exponentially.
+
+use libm::exp;
+use serde::Serialize;
+
+use super::scene::Motion;
+use crate::draw::{Draw, Rng};
+
+/// Time in which an echo falls to a tenth, and how many of those are kept.
+const DECAY_S: (f64, f64) = (1e-3, 10e-3);
+const KEPT: f64 = 2.0;
+const RATE_HZ: f64 = 8_000.0;
+/// Weight of the echo before in the next: below 0 it is bright, above 0 dull.
+const COLOUR: (f64, f64) = (-0.6, 0.8);
+const LEVEL: (f64, f64) = (0.4, 1.5);
+
+#[derive(Serialize)]
+pub(super) struct Echoes {
+    decay_s: f64,
+    colour: f64,
+    level: f64,
+    #[serde(skip)]
+    taps: [Vec<f64>; 3],
+}
+
+impl Echoes {
+    pub fn draw(rng: &mut Rng) -> Self {
+        let (decay_s, colour) = (rng.log_uniform(DECAY_S), rng.uniform(COLOUR));
+        let level = rng.log_uniform(LEVEL);
+        let fall = exp(-std::f64::consts::LN_10 / (decay_s * RATE_HZ));
+        let taps = std::array::from_fn(|_| {
+            let (mut envelope, mut echo) = (1.0, 0.0);
+            let mut taps: Vec<f64> = (0..(KEPT * decay_s * RATE_HZ) as usize)
+                .map(|_| {
+                    echo = colour * echo + rng.normal();
+                    envelope *= fall;
+                    envelope * echo
+                })
+                .collect();
+            let norm = taps.iter().map(|x| x * x).sum::<f64>().sqrt();
+            taps.iter_mut().for_each(|x| *x *= level / norm);
+            taps
+        });
+        Self { decay_s, colour, level, taps }
+    }
+
+    pub fn respond(&self, motion: &mut Motion) {
+        let source = motion.g.clone();
+        for (n, out) in motion.g.iter_mut().enumerate() {
+            for (axis, taps) in self.taps.iter().enumerate() {
+                let past = source[..=n].iter().rev();
+                out[axis] = taps.iter().zip(past).map(|(tap, g)| tap * g[axis]).sum();
+            }
+        }
+    }
+}

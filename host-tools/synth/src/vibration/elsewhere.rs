@@ -1,0 +1,219 @@
+//! Disturbances beside the scenario's own handling: knocks, machines, and what rubs where no pad is. Their levels are
+//! those at the accelerometer.
+
+use libm::{exp, log, pow};
+use serde::Serialize;
+use slipsense::params::MAX_SENSORS;
+
+use super::scene::Motion;
+use super::signal::{Noise, add_scaled, blend, blend_rms, sin_turns};
+use crate::draw::{Draw, Rng};
+use crate::families::DisturbanceFamily;
+
+/// Knocks a second; peak of each, its ring and how long until that has fallen by e; share of those that are a shake.
+const KNOCKS_PER_S: (f64, f64) = (0.1, 2.0);
+const KNOCK_G: (f64, f64) = (0.02, 3.0);
+const KNOCK_HZ: (f64, f64) = (20.0, 2_500.0);
+const KNOCK_DECAY_S: (f64, f64) = (2e-3, 60e-3);
+const SHAKES: f64 = 0.25;
+const SHAKE_G: (f64, f64) = (0.05, 0.8);
+const SHAKE_HZ: (f64, f64) = (2.0, 18.0);
+const SHAKE_S: (f64, f64) = (0.1, 0.8);
+
+/// Base frequency of a machine, its harmonics and level, how far and how fast it wanders, and its share of noise.
+const BASE_HZ: (f64, f64) = (15.0, 400.0);
+const HARMONICS: (usize, usize) = (3, 16);
+const MACHINE_G: (f64, f64) = (1e-3, 60e-3);
+const WANDER: (f64, f64) = (0.0, 0.15);
+const WANDER_HZ: (f64, f64) = (0.05, 3.0);
+const NOISE_SHARE: (f64, f64) = (0.0, 0.8);
+/// A machine runs so long, and pauses so long.
+const RUNS_S: (f64, f64) = (0.3, 20.0);
+
+/// Strokes of rubbing a second, their length and level, corner of their noise and its bursts.
+const STROKES_PER_S: (f64, f64) = (0.1, 0.8);
+const STROKE_S: (f64, f64) = (0.05, 2.0);
+const STROKE_G: (f64, f64) = (2e-3, 60e-3);
+const STROKE_HZ: (f64, f64) = (40.0, 2_500.0);
+const BURST_HZ: (f64, f64) = (3.0, 60.0);
+
+/// Something that lasts from one time to another, with so much of it at each sensor.
+#[derive(Serialize)]
+struct Stretch {
+    from_s: f64,
+    to_s: f64,
+    share: [f64; MAX_SENSORS],
+}
+
+impl Stretch {
+    fn draw(rng: &mut Rng, from_s: f64, length_s: f64) -> Self {
+        Self { from_s, to_s: from_s + length_s, share: std::array::from_fn(|_| rng.between(0.2, 1.0)) }
+    }
+}
+
+#[derive(Serialize)]
+struct Knock {
+    at: Stretch,
+    peak_g: f64,
+    hz: f64,
+    decay_s: f64,
+    direction: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct Machine {
+    at: Vec<Stretch>,
+    hz: f64,
+    /// Peak of each harmonic, g, with its phase in turns.
+    harmonics: Vec<(f64, f64)>,
+    wander: f64,
+    wander_hz: f64,
+    noise_g: f64,
+    direction: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct Stroke {
+    at: Stretch,
+    rms_g: f64,
+    hz: f64,
+    burst_hz: f64,
+    phase: f64,
+    direction: [f64; 3],
+}
+
+#[derive(Default, Serialize)]
+pub(super) struct Elsewhere {
+    knocks: Vec<Knock>,
+    machine: Option<Machine>,
+    strokes: Vec<Stroke>,
+}
+
+/// Times of a Poisson process of this rate.
+fn times(rng: &mut Rng, per_s: f64, seconds: f64) -> Vec<f64> {
+    let (mut times, mut t) = (Vec::new(), 0.0);
+    loop {
+        t -= log(rng.between(1e-9, 1.0)) / per_s;
+        if t >= seconds {
+            return times;
+        }
+        times.push(t);
+    }
+}
+
+impl Elsewhere {
+    pub fn draw(family: DisturbanceFamily, rng: &mut Rng, seconds: f64) -> Self {
+        let mut all = Self::default();
+        match family {
+            DisturbanceFamily::Handling => {}
+            DisturbanceFamily::Knocks => {
+                let per_s = rng.log_uniform(KNOCKS_PER_S);
+                for at_s in times(rng, per_s, seconds) {
+                    let knock = if rng.chance(SHAKES) {
+                        let decay_s = rng.log_uniform(SHAKE_S);
+                        (rng.log_uniform(SHAKE_G), rng.log_uniform(SHAKE_HZ), decay_s)
+                    } else {
+                        let decay_s = rng.log_uniform(KNOCK_DECAY_S);
+                        (rng.log_uniform(KNOCK_G), rng.log_uniform(KNOCK_HZ), decay_s)
+                    };
+                    let (peak_g, hz, decay_s) = knock;
+                    let at = Stretch::draw(rng, at_s, 6.0 * decay_s);
+                    all.knocks.push(Knock { at, peak_g, hz, decay_s, direction: rng.direction() });
+                }
+            }
+            DisturbanceFamily::Tools => {
+                let rms_g = rng.log_uniform(MACHINE_G);
+                let noise_share = rng.uniform(NOISE_SHARE);
+                let slope = rng.between(-1.0, 1.5);
+                let count = rng.count(HARMONICS.0, HARMONICS.1);
+                let peaks: Vec<f64> =
+                    (1..=count).map(|k| pow(k as f64, -slope) * exp(0.8 * rng.normal())).collect();
+                let norm = (peaks.iter().map(|p| p * p).sum::<f64>() / 2.0).sqrt();
+                let tones_g = rms_g * (1.0 - noise_share).sqrt() / norm;
+                let harmonics = peaks.iter().map(|p| (tones_g * p, rng.between(0.0, 1.0))).collect();
+                let mut at = Vec::new();
+                let mut t = -rng.log_uniform(RUNS_S) * rng.between(0.0, 1.0);
+                while t < seconds {
+                    let (runs_s, pauses_s) = (rng.log_uniform(RUNS_S), rng.log_uniform(RUNS_S));
+                    at.push(Stretch::draw(rng, t, runs_s));
+                    t += runs_s + pauses_s;
+                }
+                all.machine = Some(Machine {
+                    at,
+                    hz: rng.log_uniform(BASE_HZ),
+                    harmonics,
+                    wander: rng.uniform(WANDER),
+                    wander_hz: rng.log_uniform(WANDER_HZ),
+                    noise_g: rms_g * noise_share.sqrt(),
+                    direction: rng.direction(),
+                });
+            }
+            DisturbanceFamily::Rubbing => {
+                let per_s = rng.log_uniform(STROKES_PER_S);
+                for at_s in times(rng, per_s, seconds) {
+                    let length_s = rng.log_uniform(STROKE_S);
+                    all.strokes.push(Stroke {
+                        at: Stretch::draw(rng, at_s, length_s),
+                        rms_g: rng.log_uniform(STROKE_G),
+                        hz: rng.log_uniform(STROKE_HZ),
+                        burst_hz: rng.log_uniform(BURST_HZ),
+                        phase: rng.between(0.0, 1.0),
+                        direction: rng.direction(),
+                    });
+                }
+            }
+        }
+        all
+    }
+
+    pub fn add(&self, rng: &mut Rng, motion: &mut Motion) {
+        let (sensor, clock) = (motion.sensor, motion.clock);
+        let span = |at: &Stretch, len: usize| {
+            let to = clock.sample_at(at.to_s).min(len);
+            (clock.sample_at(at.from_s).min(to)..to, at.share[sensor])
+        };
+        let len = motion.g.len();
+        for knock in &self.knocks {
+            let (samples, share) = span(&knock.at, len);
+            for n in samples {
+                let since = clock.time(n) - knock.at.from_s;
+                let ring = exp(-since / knock.decay_s) * sin_turns(knock.hz * since);
+                add_scaled(&mut motion.g[n], share * knock.peak_g * ring, knock.direction);
+            }
+        }
+        if let Some(machine) = &self.machine {
+            let mut noise = Noise::default();
+            let mut turns = 0.0;
+            for at in &machine.at {
+                let (samples, share) = span(at, len);
+                for n in samples {
+                    let t = clock.time(n);
+                    let wander = machine.wander * sin_turns(machine.wander_hz * t);
+                    turns += machine.hz * (1.0 + wander) / clock.rate_hz;
+                    let tones: f64 = (1u32..)
+                        .zip(&machine.harmonics)
+                        .filter(|(k, _)| f64::from(*k) * machine.hz < 0.45 * clock.rate_hz)
+                        .map(|(k, (peak_g, phase))| peak_g * sin_turns(f64::from(k) * turns + phase))
+                        .sum();
+                    let noise = noise.next(rng, 1.0).map(|x| machine.noise_g * x);
+                    add_scaled(&mut motion.g[n], share * tones, machine.direction);
+                    add_scaled(&mut motion.g[n], share * std::f64::consts::FRAC_1_SQRT_2, noise);
+                }
+            }
+        }
+        for stroke in &self.strokes {
+            let (samples, share) = span(&stroke.at, len);
+            let weight = blend(stroke.hz, clock.rate_hz);
+            let gain = share * stroke.rms_g / blend_rms(weight);
+            let mut noise = Noise::default();
+            for n in samples {
+                let t = clock.time(n);
+                let rise = ((t - stroke.at.from_s) / 0.02).min((stroke.at.to_s - t) / 0.02).clamp(0.0, 1.0);
+                let burst = 0.6 + 0.4 * sin_turns(stroke.burst_hz * t + stroke.phase);
+                let white = noise.next(rng, weight);
+                let along: f64 = white[0];
+                add_scaled(&mut motion.g[n], gain * rise * burst * along, stroke.direction);
+            }
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Vibration of single grains that let go at random slid lengths: an impulse each.
+
+use libm::{exp, log, pow};
+use serde::Serialize;
+use slipsense::params::MAX_SENSORS;
+
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing};
+use crate::draw::{Draw, Rng};
+use crate::friction::STEP_HZ;
+use crate::objects::Object;
+use crate::timeline::Pulse;
+
+/// Mean slid length between two grains, and the most of them in a second.
+const SPACING_MM: (f64, f64) = (0.01, 0.25);
+const MOST_HZ: f64 = 1_500.0;
+const WIDTH_S: (f64, f64) = (0.15e-3, 1.2e-3);
+/// Logarithmic spread of their peaks within a recording, and of the level between recordings.
+const PEAK_SPREAD: (f64, f64) = (0.4, 1.2);
+const LEVEL_SPREAD: f64 = 0.5;
+const SPEED_EXPONENT: (f64, f64) = (0.0, 0.8);
+const FORCE_EXPONENT: (f64, f64) = (0.2, 0.8);
+const ROUGHNESS_EXPONENT: f64 = 0.4;
+/// Slower than this nothing vibrates, mm/s.
+const SILENT_MM_S: f64 = 0.05;
+
+#[derive(Serialize)]
+pub(super) struct Grains {
+    spacing_mm: f64,
+    width_s: f64,
+    peak_g: f64,
+    peak_spread: f64,
+    speed_exponent: f64,
+    force_exponent: f64,
+    direction: [f64; 3],
+}
+
+impl Grains {
+    pub fn draw(rng: &mut Rng, object: &Object) -> Self {
+        let (spacing_mm, width_s) = (rng.log_uniform(SPACING_MM), rng.log_uniform(WIDTH_S));
+        let peak_spread = rng.uniform(PEAK_SPREAD);
+        let level = pow(object.roughness_um, ROUGHNESS_EXPONENT) * exp(LEVEL_SPREAD * rng.normal());
+        // Mean square of half-sines at the reference: rate · peak² · width / 2, the peak's with its spread.
+        let rate = (REFERENCE_MM_S / spacing_mm).min(MOST_HZ);
+        let square = rate * width_s / 2.0 * exp(2.0 * peak_spread * peak_spread);
+        Self {
+            spacing_mm,
+            width_s,
+            peak_g: LEVEL_G * level / square.sqrt(),
+            peak_spread,
+            speed_exponent: rng.uniform(SPEED_EXPONENT),
+            force_exponent: rng.uniform(FORCE_EXPONENT),
+            direction: rng.direction(),
+        }
+    }
+
+    pub fn pulses(&self, rubbing: &Rubbing, rng: &mut Rng) -> Vec<Pulse> {
+        let mut pulses = Vec::new();
+        let mut left_mm = 0.0;
+        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.share).enumerate() {
+            if speed < SILENT_MM_S || share < 1e-3 {
+                continue;
+            }
+            let (moved_mm, mut at_mm) = (speed / STEP_HZ, left_mm);
+            let spacing_mm = self.spacing_mm.max(speed / MOST_HZ);
+            let load = (rubbing.force_n[i] / REFERENCE_N).max(1e-6);
+            let level = share
+                * self.peak_g
+                * pow(speed / REFERENCE_MM_S, self.speed_exponent)
+                * pow(load, self.force_exponent);
+            while at_mm < moved_mm {
+                let scatter = rng.direction();
+                let direction = std::array::from_fn(|axis| self.direction[axis] + 0.6 * scatter[axis]);
+                pulses.push(Pulse {
+                    at_s: (i as f64 + at_mm / moved_mm) / STEP_HZ,
+                    width_s: self.width_s * exp(0.3 * rng.normal()),
+                    peak_g: level * exp(self.peak_spread * rng.normal()),
+                    direction: rubbing.turned(i, direction),
+                    share: [1.0; MAX_SENSORS],
+                });
+                at_mm += -spacing_mm * log(rng.between(1e-6, 1.0));
+            }
+            left_mm = at_mm - moved_mm;
+        }
+        pulses
+    }
+}

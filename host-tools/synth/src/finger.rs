@@ -243,13 +243,14 @@ impl<'a> EpisodeSetup<'a> {
                 "unit": self.units[sensor], "film_unit": build.unit.film, "xl_unit": build.unit.xl,
                 "x_mm": pose.x_mm, "y_mm": pose.y_mm, "yaw_rad": pose.yaw_rad, "tilt": pose.tilt,
                 "contact": contact, "interface": interface.drawn(), "grain": grain.0,
-                "film": film_session, "modes": build.modes, "xl": build.xl, "quirk": build.quirk,
+                "film": film_session, "modes": build.modes, "xl": build.xl,
             }),
         );
         let (mut film, drawn) =
             Film::new(&build.unit.film, film_session, rng).with_family(families.film, own);
-        if !drawn.is_null() {
-            log.add(format!("film_{sensor}"), &drawn);
+        if !families.is_laboratory() {
+            let other = json!({ "film": drawn, "accelerometer": build.quirk });
+            log.add(format!("finger_{sensor}_families"), &other);
         }
         let ContactSeries { slip, turn_rad, loaded } =
             self.contact(sensor, &mut contact, &mut *interface, &mut grain, &mut film, piezo);

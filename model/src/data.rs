@@ -99,22 +99,14 @@ const DISTURBANCES_SECONDS: f64 = 20.0;
 
 /// Recipes of the first generated episodes of the split for this use.
 pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
-    let (splits, seed) = match what {
-        Use::Train => ([Split::Train, Split::TrainAnywhere], seed),
-        Use::Validation => ([Split::Val, Split::ValAnywhere], FROZEN_SEED),
+    let set = match what {
+        Use::Train => EpisodeSet::first(Split::Train, seed, count),
+        Use::Validation => EpisodeSet::first(Split::Val, FROZEN_SEED, count),
         Use::Test => bail!("test splits are for `slipsense eval`"),
     };
-    // The laboratory's protocol and everything else in turns.
-    let [mut laboratory, mut anywhere] =
-        splits.map(|split| EpisodeSet::first(split, seed, count.div_ceil(2)).episodes.into_iter());
-    let disturbed =
-        |index: usize| what == Use::Train && index / 2 % DISTURBANCES_EVERY == DISTURBANCES_EVERY - 1;
-    let recipe = |index: usize| {
-        let turn = if index.is_multiple_of(2) { &mut laboratory } else { &mut anywhere };
-        let recipe = turn.next()?.recipe;
-        Some(if disturbed(index) { disturbances(recipe) } else { recipe })
-    };
-    Ok((0..count).map_while(recipe).collect())
+    let recipes = set.episodes.into_iter().map(|episode| episode.recipe).enumerate();
+    let disturbed = |index: usize| what == Use::Train && index % DISTURBANCES_EVERY == DISTURBANCES_EVERY - 1;
+    Ok(recipes.map(|(index, recipe)| if disturbed(index) { disturbances(recipe) } else { recipe }).collect())
 }
 
 /// The same hand and object, disturbed all the time and never slipping.
@@ -123,7 +115,6 @@ fn disturbances(recipe: Recipe) -> Recipe {
         scenario: ScenarioChoice::Disturbances,
         seconds: Some(DISTURBANCES_SECONDS),
         speed_mm_s: None,
-        pull_angle_deg: None,
         ..recipe
     }
 }

@@ -197,6 +197,8 @@ impl Schedule {
         let (platform, sensors) = match self.split {
             Split::Tesollo2 => (Platform::Tesollo, 2),
             Split::Tesollo3 => (Platform::Tesollo, 3),
+            // The trainer's sequences all have as many sensors.
+            Split::TrainAnywhere => (HANDS[index % HANDS.len()].0, 2),
             _ if self.split.held_out_stages().is_some() => HANDS[index % HANDS.len()],
             _ => (Platform::Umi, 2),
         };
@@ -229,19 +231,15 @@ impl Schedule {
 }
 
 /// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of
-/// validation objects on the hand-held gripper only, every second in families of physics that training may see, and with
-/// seeds that no split has: what is chosen on
+/// validation objects on the hand-held gripper only, and with seeds that no split has: what is chosen on
 /// them has seen nothing of a test. A longer list begins with the shorter one.
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
     let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
-    let recipe = |index: usize| {
-        let recipe = Recipe {
-            object: objects.object(index),
-            scenario: ScenarioChoice::Disturbances,
-            seconds: Some(NOSLIP_SECONDS),
-            ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
-        };
-        if index % 2 == 1 { recipe.in_families() } else { recipe }
+    let recipe = |index: usize| Recipe {
+        object: objects.object(index),
+        scenario: ScenarioChoice::Disturbances,
+        seconds: Some(NOSLIP_SECONDS),
+        ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
     };
     (0..episodes).map(|index| (format!("tuning-{index:05}"), recipe(index))).collect()
 }

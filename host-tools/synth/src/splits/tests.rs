@@ -148,6 +148,7 @@ fn hands_regions_and_sensors() {
             Split::Tesollo2 => assert_eq!((tesollo, sensors), (24, [2].into())),
             Split::Tesollo3 => assert_eq!((tesollo, sensors), (24, [3].into())),
             Split::Noslip => assert_eq!((tesollo, sensors), (12, [2, 3].into())),
+            Split::TrainAnywhere => assert_eq!((tesollo, sensors), (12, [2].into())),
             _ if split.held_out_stages().is_some() => assert_eq!((tesollo, sensors), (12, [2, 3].into())),
             _ => assert_eq!((tesollo, sensors), (0, [2].into())),
         }

@@ -39,6 +39,11 @@ Splits:
   tesollo3   test: another hand, three fingers
   noslip     test: long episodes without slip, for false alarms per hour
   free       test: pulls by hand in all directions and twists, no rig; not part of --all
+  train_anywhere, val_anywhere, transfer_known
+             training, validation and test in other families of physics than the laboratory's: pulls
+             on the rig and by hand, twists and carrying, on both hands; not part of --all
+  transfer_contact, _friction, _film, _source, _path, _disturbance, _sensor, _all, _noslip
+             test: the same, with the families of that stage, or of all, that training never sees
 
 Written to --out: set.json (which set, every recipe), SPLIT-00000.npz and so on, and, when all
 episodes are there, hashes.json (what they hold). The same command again goes on where a run was
@@ -54,6 +59,9 @@ Grip force of one finger in newtons, and an object of its own:
     \"shape\": {\"cylinder\": {\"radius_mm\": 4, \"length_mm\": 90}}, \"surface\": \"hard\",
     \"mu_static\": 0.5, \"mu_kinetic\": 0.43, \"roughness_um\": 0.8, \"texture_mm\": [0.3],
     \"texture_share\": 0.2, \"stick_slip\": 0.3, \"ring_hz\": 1800, \"damping\": 0.02, \"mass_g\": 60}}}
+
+Families of physics, in place of the laboratory's (all of them are in the book's page on the world):
+  {\"seed\": 7, \"vibration\": \"grains\", \"families\": {\"friction\": \"mass\", \"path\": \"free_modes\"}}
 
 Examples:
   slipsense synth --split umi_ood --out out/umi_ood

@@ -1,9 +1,9 @@
-//! From logits to the class of a frame, and to the alarm.
+//! From logits to the class of a frame, and to the flag.
 //!
-//! The *class* is the paper's: the pads decide contact, then the larger of the other two logits wins. The *alarm* is
+//! The *class* is the paper's: the pads decide contact, then the larger of the other two logits wins. The *flag* is
 //! for acting on. It compares slip's margin with a threshold and asks that enough of the last frames agree; both come
 //! from the model file's [`OperatingPoint`], which was fixed on validation data for a rate of false alarms. At
-//! [`OperatingPoint::ARGMAX`] the alarm is up exactly where the class is slip.
+//! [`OperatingPoint::ARGMAX`] the flag is up exactly where the class is slip.
 
 use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;
@@ -46,7 +46,7 @@ pub fn margin(touched: Option<bool>, [no_contact, no_slip, slip]: [Logit; CLASSE
     Some(Logit::from_bits(slip.to_bits().saturating_sub(rival.to_bits())))
 }
 
-/// The alarm and its history: which of the last frames exceeded the threshold.
+/// The flag and its history: which of the last frames exceeded the threshold.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision {
     point: OperatingPoint,
@@ -66,7 +66,7 @@ impl Decision {
         self.point
     }
 
-    /// Add the margin of the next frame: is the alarm up?
+    /// Add the margin of the next frame: is the flag up?
     pub fn step(&mut self, margin: Option<Logit>) -> bool {
         let over = margin.is_some_and(|margin| margin > self.point.threshold);
         let dropped = u32::BITS.saturating_sub(self.point.n as u32).min(u32::BITS - 1);

@@ -176,6 +176,8 @@ pub struct Status {
     /// panic, 2 fault, 3 watchdog, 4 no clock), and of a fault PC, LR, CFSR and address, of a watchdog PC, LR and bits of
     /// the stalled tasks, of a missing clock the frequency found, Hz.
     pub restart: [u32; RESTART_NUMBERS],
+    /// Starts since the supply came, this one not counted; wraps.
+    pub starts: u8,
     /// Self tests since start.
     pub self_tests: u32,
     /// Self tests since start that failed.
@@ -208,6 +210,7 @@ impl Status {
             option_bytes: [0; 2],
             last_panic: 0,
             restart: [0; RESTART_NUMBERS],
+            starts: 0,
             self_tests: 0,
             failed_self_tests: 0,
         }

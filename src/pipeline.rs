@@ -9,13 +9,16 @@ use crate::contact::ContactSummary;
 use crate::decision::{Decision, margin};
 use crate::features::piezo::PiezoFrontEnd;
 use crate::features::{LogMel, XlFrontEnd};
-use crate::fixed::Logit;
+use crate::fixed::{Logit, Q};
 use crate::health::{self, SensorHealth};
 use crate::net::format::OperatingPoint;
 use crate::net::{Model, NetworkState, SensorFeatures};
-use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW};
+use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW, limits::WINDOW};
 use crate::sensor::{SensorInput, SensorReadings, TaxelMask, XlSample};
-use crate::wire::{RAW_XL_MAX, RawFrame, SensorContact, SlipMessage};
+use crate::wire::{
+    CRC_32, DEGRADED_FROZEN, DEGRADED_MISSING, DEGRADED_POINT, INVALID_NO_SENSOR, INVALID_STARTING, Origin,
+    RAW_XL_MAX, RawFrame, SensorContact, SlipMessage, fold, wire_logit,
+};
 
 pub use crate::decision::Class;
 
@@ -43,12 +46,18 @@ pub struct Output {
     pub class: Class,
     /// The network's outputs for the three classes.
     pub logits: [Logit; CLASSES],
-    /// The flag: `class` is [`Class::Slip`].
-    pub slip: bool,
+    /// Slip may begin: `class` is [`Class::Slip`].
+    pub may_begin: bool,
     /// How far slip leads; `None` where no pad is touched. See [`margin`].
     pub margin: Option<Logit>,
-    /// The flag to act on: slip by the model's operating point.
-    pub alarm: bool,
+    /// The flag to act on: slip by the operating point.
+    pub slip: bool,
+    /// Why `slip` must not be believed: bits such as [`INVALID_STARTING`].
+    pub invalid: u8,
+    /// What makes `slip` worse: bits such as [`DEGRADED_MISSING`].
+    pub degraded: u8,
+    /// Hash of model, operating point and masks.
+    pub configuration: u16,
     /// Sensors in use.
     pub sensors: usize,
     /// The contact on each pad; zero for a missing one.
@@ -60,8 +69,8 @@ pub struct Output {
 }
 
 impl Output {
-    /// The message that carries this result. `late_frames` is counted by who calls [`Pipeline::step`].
-    pub fn slip_message(&self, stamp: FrameStamp, late_frames: u16) -> SlipMessage {
+    /// The message that carries this result.
+    pub fn slip_message(&self, stamp: FrameStamp, origin: &Origin) -> SlipMessage {
         let mut contact = [SensorContact::default(); MAX_SENSORS];
         for ((to, from), health) in contact.iter_mut().zip(&self.contact).zip(&self.health) {
             *to = SensorContact {
@@ -74,16 +83,19 @@ impl Output {
                 elongation: from.elongation,
             };
         }
+        let message = origin.message(self.sensors, self.configuration);
         SlipMessage {
             timestamp_us: stamp.timestamp_us,
             sequence: stamp.sequence,
             class: self.class as u8,
             slip: self.slip,
-            alarm: self.alarm,
-            logits: self.logits,
-            late_frames,
-            sensors: self.sensors as u8,
+            may_begin: self.may_begin,
+            invalid: self.invalid,
+            degraded: message.degraded | self.degraded,
+            logits: self.logits.map(wire_logit),
+            log_odds: self.margin.map_or(Q::from_bits(i16::MIN), wire_logit),
             contact,
+            ..message
         }
     }
 
@@ -179,7 +191,11 @@ pub struct Pipeline<'m, S = State> {
     state: S,
     decision: Decision,
     /// Taxels to mask in [`step_readings`](Self::step_readings), by sensor.
-    pub masks: [TaxelMask; MAX_SENSORS],
+    masks: [TaxelMask; MAX_SENSORS],
+    /// Of model, operating point and masks.
+    configuration: u16,
+    /// Frames so far, up to as many as the network looks back.
+    frames: usize,
 }
 
 /// The RAM that a pipeline takes, whatever the model.
@@ -200,7 +216,10 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
             return Err(SensorCountError { sensors });
         }
         let decision = Decision::new(model.point);
-        Ok(Self { sensors, model, state, decision, masks: [TaxelMask::NONE; MAX_SENSORS] })
+        let masks = [TaxelMask::NONE; MAX_SENSORS];
+        let mut pipeline = Self { sensors, model, state, decision, masks, configuration: 0, frames: 0 };
+        pipeline.hash_configuration();
+        Ok(pipeline)
     }
 
     /// Sensors in use.
@@ -213,16 +232,33 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         &self.model
     }
 
-    /// Raise the alarm at this operating point, one that [`OperatingPoint::check`] accepts; `None`: at the model's. A
-    /// new point begins with nothing remembered.
-    pub fn set_operating_point(&mut self, point: Option<OperatingPoint>) {
+    /// Decide at this operating point, one that [`OperatingPoint::check`] accepts; `None`: at the model's. Mask these
+    /// taxels in [`step_readings`](Self::step_readings). A new point begins with nothing remembered.
+    pub fn configure(&mut self, point: Option<OperatingPoint>, masks: &[TaxelMask; MAX_SENSORS]) {
         let point = point.unwrap_or(self.model.point);
-        if self.decision.point() != point {
+        let (new_point, new_masks) = (self.decision.point() != point, self.masks != *masks);
+        if new_point {
             self.decision = Decision::new(point);
+        }
+        if new_masks {
+            self.masks = *masks;
+        }
+        if new_point || new_masks {
+            self.hash_configuration();
         }
     }
 
-    /// Take in one frame as the drivers deliver it. Masked taxels ([`masks`](Self::masks)) and those that the drivers
+    fn hash_configuration(&mut self) {
+        let OperatingPoint { threshold, k, n } = self.decision.point();
+        let mut digest = CRC_32.digest();
+        digest.update(&self.model.hash);
+        digest.update(&threshold.to_bits().to_le_bytes());
+        digest.update(&[k, n]);
+        self.masks.iter().flat_map(|mask| &mask.0).for_each(|row| digest.update(&row.to_le_bytes()));
+        self.configuration = fold(digest.finalize());
+    }
+
+    /// Take in one frame as the drivers deliver it. Masked taxels ([`configure`](Self::configure)) and those that the drivers
     /// found stuck are set to 0 first, in place, so that raw messages carry what the network sees. A recording's scans
     /// are masked already.
     pub fn step_readings(&mut self, readings: &mut [SensorReadings; MAX_SENSORS]) -> Output {
@@ -243,9 +279,12 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         let mut output = Output {
             class: Class::NoContact,
             logits: [Logit::default(); CLASSES],
-            slip: false,
+            may_begin: false,
             margin: None,
-            alarm: false,
+            slip: false,
+            invalid: 0,
+            degraded: 0,
+            configuration: self.configuration,
             sensors: self.sensors,
             contact: [ContactSummary::default(); MAX_SENSORS],
             log_mel: [LogMel::default(); MAX_SENSORS],
@@ -282,11 +321,44 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         );
         let touched = touched(inputs, &output.contact, self.sensors);
         output.class = Class::new(touched, output.logits);
-        output.slip = output.class == Class::Slip;
+        output.may_begin = output.class == Class::Slip;
         output.margin = margin(touched, output.logits);
-        output.alarm = self.decision.step(output.margin);
+        output.slip = self.decision.step(output.margin);
+        self.frames = (self.frames + 1).min(WINDOW);
+        self.doubt(&mut output);
         output
     }
+
+    /// What speaks against the flag.
+    fn doubt(&self, output: &mut Output) {
+        let mut delivers = false;
+        for (health, log_mel) in output.health.iter().zip(&output.log_mel).take(self.sensors) {
+            let frozen = is_frozen(log_mel, *health);
+            delivers |=
+                !(health.contains(health::PIEZO_MISSING) && (frozen || health.contains(health::XL_MISSING)));
+            if frozen {
+                output.degraded |= DEGRADED_FROZEN;
+            }
+            if health.intersects(health::PIEZO_MISSING | health::XL_MISSING) {
+                output.degraded |= DEGRADED_MISSING;
+            }
+        }
+        if self.decision.point() != self.model.point {
+            output.degraded |= DEGRADED_POINT;
+        }
+        if self.frames < WINDOW {
+            output.invalid |= INVALID_STARTING;
+        }
+        if !delivers {
+            output.invalid |= INVALID_NO_SENSOR;
+        }
+    }
+}
+
+/// Do the samples not change? Rounding alone puts more than the logarithm's floor into every bin of a live part.
+fn is_frozen(log_mel: &LogMel, health: SensorHealth) -> bool {
+    !health.intersects(health::XL_MISSING | health::XL_WARMING_UP)
+        && log_mel.ln_power.iter().all(|&ln| ln == 0)
 }
 
 /// What is wrong with a sensor; `gap`: samples are missing before those of this frame.

@@ -128,7 +128,7 @@ impl Dims {
     }
 }
 
-/// When the alarm is raised: fixed on validation data, stored with the network it was fixed for. It is up while the
+/// When the flag is raised: fixed on validation data, stored with the network it was fixed for. It is up while the
 /// margin ([`crate::decision`]) of at least `k` of the last `n` frames exceeds the threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OperatingPoint {
@@ -136,15 +136,15 @@ pub struct OperatingPoint {
     pub threshold: Logit,
     /// Frames that must exceed the threshold, 1 to `n`.
     pub k: u8,
-    /// The last frames that count, the current one included, 1 to [`ALARM_FRAMES_MAX`].
+    /// The last frames that count, the current one included, 1 to [`DECISION_FRAMES_MAX`].
     pub n: u8,
 }
 
-/// Frames that the alarm remembers, at most: the bits of its history.
-pub const ALARM_FRAMES_MAX: u8 = u32::BITS as u8;
+/// Frames that the flag remembers, at most: the bits of its history.
+pub const DECISION_FRAMES_MAX: u8 = u32::BITS as u8;
 
 impl OperatingPoint {
-    /// Alarm where the class is slip.
+    /// The flag is up where the class is slip.
     pub const ARGMAX: Self = Self { threshold: Logit::from_bits(0), k: 1, n: 1 };
     /// Below every margin: logits have 16 bits, so the difference of two is within ±65,535.
     pub const THRESHOLD_MIN: Logit = Logit::from_bits(-(1 << 16));
@@ -153,7 +153,7 @@ impl OperatingPoint {
 
     /// Refuses a field out of range.
     pub fn check(&self) -> Result<(), FieldError> {
-        let n_max = ALARM_FRAMES_MAX as i32;
+        let n_max = DECISION_FRAMES_MAX as i32;
         let thresholds = (Self::THRESHOLD_MIN.to_bits(), Self::THRESHOLD_MAX.to_bits());
         for (field, value, range) in [
             ("operating point n", self.n as i32, (1, n_max)),

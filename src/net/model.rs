@@ -151,7 +151,7 @@ pub struct Attention<'a> {
 pub struct Model<'a> {
     /// Sizes.
     pub dims: Dims,
-    /// When the alarm sounds.
+    /// When the flag is up.
     pub point: OperatingPoint,
     /// The three convolution blocks.
     pub conv: [Layer<'a>; 3],

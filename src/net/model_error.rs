@@ -21,7 +21,7 @@ pub enum ModelError {
     },
     /// A size that this build has no room for.
     BadDimension(FieldError),
-    /// An operating point that the alarm cannot work at.
+    /// An operating point that the flag cannot be decided at.
     BadOperatingPoint(FieldError),
     /// The file ends inside this tensor or section.
     Truncated {

@@ -146,7 +146,7 @@ impl Settings {
         self.first(Setting::CompressRaw) != 0
     }
 
-    /// The alarm's operating point, where it is not the model's.
+    /// The flag's operating point, where it is not the model's.
     pub fn operating_point(&self) -> Option<OperatingPoint> {
         if self.first(Setting::PointOverride) == 0 {
             return None;

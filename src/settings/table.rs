@@ -1,7 +1,7 @@
 //! Every setting, once: what it is called, what it may be, what it is until somebody says otherwise.
 
 use super::value::{ELEMENTS_MAX, Kind};
-use crate::net::format::{ALARM_FRAMES_MAX, OperatingPoint};
+use crate::net::format::{DECISION_FRAMES_MAX, OperatingPoint};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXEL_ROWS};
 use crate::wire::NodeId;
 
@@ -20,7 +20,7 @@ pub enum Setting {
     RawDivider = 3,
     /// Whether [`Setting::OperatingPoint`] replaces the model's.
     PointOverride = 4,
-    /// Threshold, k and n of the alarm.
+    /// Threshold, k and n of the flag.
     OperatingPoint = 5,
     /// Connector of each sensor.
     SensorOrder = 6,
@@ -214,26 +214,26 @@ pub static TABLE: [Definition; 15] = [
     },
     Definition {
         setting: Setting::PointOverride,
-        name: "slipsense.alarm.override",
-        help: "the alarm works at slipsense.alarm.point, not at the model's operating point",
+        name: "slipsense.slip.override",
+        help: "the flag is decided at slipsense.slip.point, not at the model's operating point",
         ..SWITCH
     },
     Definition {
         setting: Setting::OperatingPoint,
-        name: "slipsense.alarm.point",
+        name: "slipsense.slip.point",
         kind: Kind::Integer32,
         rules: &[
             Rule::Range(
                 OperatingPoint::THRESHOLD_MIN.to_bits() as i64,
                 OperatingPoint::THRESHOLD_MAX.to_bits() as i64,
             ),
-            Rule::Range(1, ALARM_FRAMES_MAX as i64),
-            Rule::Range(1, ALARM_FRAMES_MAX as i64),
+            Rule::Range(1, DECISION_FRAMES_MAX as i64),
+            Rule::Range(1, DECISION_FRAMES_MAX as i64),
         ],
         default: &[0, 1, 1],
         together: Some((k_within_n, "element 1 (k) at most element 2 (n)")),
         unit: "1/1024 nat, frames, frames",
-        help: "threshold, k and n: the alarm is up when k of the last n frames are over the threshold",
+        help: "threshold, k and n: the flag is up when k of the last n frames are over the threshold",
         ..SWITCH
     },
     Definition {

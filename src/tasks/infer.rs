@@ -12,7 +12,7 @@ use crate::board::{Clock, Observe, SensorFrame};
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorReadings;
-use crate::wire::{RawForm, RawTransfer, Transmitter};
+use crate::wire::{Origin, RawForm, RawTransfer, Transmitter};
 
 /// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
 pub const FRAME_PERIOD_US: u64 = 1_000_000u64.div_ceil(FRAME_RATE_HZ as u64);
@@ -59,15 +59,14 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         self.shared.progress.made(Task::Infer);
         let stamp = frame.stamp;
         let config = self.shared.config();
-        self.pipeline.set_operating_point(config.point);
-        self.pipeline.masks = config.masks;
+        self.pipeline.configure(config.point, &config.masks);
         if let Some(node) = config.node {
             self.transmitter.set_node_id(node);
         }
         self.observer.step_begins(stamp);
         let output = self.pipeline.step_readings(&mut frame.parts);
         self.observer.step_ends(stamp, &output);
-        self.decided(frame, &output, config.node.is_some());
+        self.decided(frame, &output, &config);
         self.observer.slip_queued(stamp);
         if config.node.is_some() {
             self.offer_raw(frame, &output, &config);
@@ -78,23 +77,23 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         yield_now().await;
     }
 
-    fn decided(&mut self, frame: &SensorFrame, output: &Output, has_address: bool) {
+    fn decided(&mut self, frame: &SensorFrame, output: &Output, config: &RuntimeConfig) {
         let age_us = self.clock.now_us().saturating_sub(frame.stamp.timestamp_us);
-        let mut late_frames = frame.dropped_frames;
+        let late = age_us > FRAME_PERIOD_US;
+        let mut origin = Origin::default();
         self.shared.update_status(|status| {
             status.decided_frames = status.decided_frames.wrapping_add(1);
             status.worst_frame_us = status.worst_frame_us.max(u32::try_from(age_us).unwrap_or(u32::MAX));
-            if age_us > FRAME_PERIOD_US {
+            if late {
                 status.late_frames = status.late_frames.saturating_add(1);
             }
             (status.sensors, status.sensor_health) = (output.sensors, output.health);
-            late_frames = late_frames.saturating_add(status.late_frames);
+            let late_frames = frame.dropped_frames.wrapping_add(status.late_frames);
+            origin = Origin::new(status, late_frames, late, config.locked);
         });
-        if !has_address {
-            return;
+        if config.node.is_some() {
+            self.shared.send_slip(self.transmitter.slip(&output.slip_message(frame.stamp, &origin)));
         }
-        let late_frames = u16::try_from(late_frames).unwrap_or(u16::MAX);
-        self.shared.send_slip(self.transmitter.slip(&output.slip_message(frame.stamp, late_frames)));
     }
 
     /// Queue the raw messages for which there is room, in sensor order. Where there is not room for all, or not for all

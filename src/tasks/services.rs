@@ -257,6 +257,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
                 let challenge = self.node_loop.node.challenge();
                 let valid = challenge.is_some_and(|challenge| self.board.unlocks(&challenge, &signature));
                 self.node_loop.node.unlock_done(valid);
+                self.node_loop.apply_config();
             }
             Action::Calibrate(request) => {
                 let result = self.board.calibrate(request);
@@ -383,7 +384,11 @@ impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
 
     /// Settings that the other tasks look at.
     fn apply_config(&self) {
-        self.shared.set_config(RuntimeConfig::new(self.node.settings(), self.node.node_id()));
+        self.shared.set_config(RuntimeConfig::new(
+            self.node.settings(),
+            self.node.node_id(),
+            self.node.is_locked(),
+        ));
     }
 
     /// Has everything gone, but for a frame that the hardware may hold?

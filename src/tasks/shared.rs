@@ -37,8 +37,10 @@ pub struct RuntimeConfig {
     pub compress_raw: bool,
     /// The node's address; without one nothing may be sent.
     pub node: Option<NodeId>,
-    /// Operating point of the alarm; `None`: the model's own.
+    /// Operating point; `None`: the model's own.
     pub point: Option<OperatingPoint>,
+    /// Settings, commands and updates are refused.
+    pub locked: bool,
 }
 
 impl RuntimeConfig {
@@ -49,10 +51,11 @@ impl RuntimeConfig {
         compress_raw: false,
         node: Some(NodeId::DEFAULT),
         point: None,
+        locked: false,
     };
 
     /// What these settings say, for a node with this address.
-    pub fn new(settings: &Settings, node: Option<NodeId>) -> Self {
+    pub fn new(settings: &Settings, node: Option<NodeId>, locked: bool) -> Self {
         Self {
             masks: core::array::from_fn(|sensor| settings.taxel_mask(sensor)),
             // A frame's rate, so that it fits.
@@ -60,6 +63,7 @@ impl RuntimeConfig {
             compress_raw: settings.compress_raw(),
             node,
             point: settings.operating_point(),
+            locked,
         }
     }
 }

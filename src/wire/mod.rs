@@ -18,6 +18,7 @@ mod region;
 mod receive;
 mod sessions;
 mod slip;
+mod slip_receiver;
 mod transmit;
 
 pub use bytes::DecodeError;
@@ -32,5 +33,11 @@ pub use raw::{RAW_BYTES_MAX, RAW_PORT, RAW_PRIORITY, RAW_XL_MAX, RawBuffer, RawF
 pub use receive::{Reassembler, ReceiveError, Received, Receiver, Transfer, TransferError};
 pub use region::Region;
 pub use sessions::{SessionError, SessionTransfer, Sessions, TRANSFER_TIMEOUT_US};
-pub use slip::{SLIP_BYTES, SLIP_PORT, SLIP_PRIORITY, SensorContact, SlipMessage};
+pub(crate) use slip::{CRC_32, fold};
+pub use slip::{
+    DEGRADED_FROZEN, DEGRADED_LATE, DEGRADED_MISSING, DEGRADED_NOT_CALIBRATED, DEGRADED_POINT,
+    DEGRADED_SELF_TEST, INVALID_NO_MODEL, INVALID_NO_SENSOR, INVALID_STARTING, Origin, SLIP_1_PORT,
+    SLIP_BYTES, SLIP_DATA_ID, SLIP_PORT, SLIP_PRIORITY, SensorContact, SlipMessage, WireLogit, wire_logit,
+};
+pub use slip_receiver::{Check, FlagState, SlipReceiver};
 pub use transmit::{RawForm, RawTransfer, Transmitter};

@@ -15,7 +15,7 @@ use super::cyphal::{
 };
 use super::id::{IdError, MessageId, NodeId};
 use super::raw::{RAW_PORT, RawMessage};
-use super::slip::{SLIP_PORT, SlipMessage};
+use super::slip::{SLIP_1_PORT, SLIP_PORT, SlipMessage};
 
 /// Bytes of the longest raw transfer, plain or compressed, as its frames carry it: with padding and CRC.
 const RAW_TRANSFER_MAX: usize = COMPRESSED_BYTES_MAX + CRC_BYTES + PADDING_MAX;
@@ -212,11 +212,13 @@ pub enum ReceiveError {
     Message(DecodeError),
 }
 
-/// Receives the messages of one module: slip, raw, and raw compressed.
+/// Receives the messages of one module: slip of either version, raw, and raw compressed. For recordings and displays; what
+/// acts on the flag uses a [`SlipReceiver`](super::SlipReceiver).
 #[derive(Clone, Debug)]
 pub struct Receiver {
     node: NodeId,
     slip: Reassembler<FRAME_PAYLOAD>,
+    slip_1: Reassembler<FRAME_PAYLOAD>,
     raw: Reassembler<RAW_TRANSFER_MAX>,
     compressed: Reassembler<RAW_TRANSFER_MAX>,
     missed: u32,
@@ -226,7 +228,14 @@ impl Receiver {
     /// For the messages of `node`.
     pub const fn new(node: NodeId) -> Self {
         let compressed = Reassembler::with_frame_bytes(COMPRESSED_FRAME_BYTES);
-        Self { node, slip: Reassembler::new(), raw: Reassembler::new(), compressed, missed: 0 }
+        Self {
+            node,
+            slip: Reassembler::new(),
+            slip_1: Reassembler::new(),
+            raw: Reassembler::new(),
+            compressed,
+            missed: 0,
+        }
     }
 
     /// Take the next frame of the bus; `Some` when it completes a message. Messages of other nodes
@@ -238,6 +247,7 @@ impl Receiver {
         }
         let transfer = match id.port {
             SLIP_PORT => self.slip.accept(frame.data()),
+            SLIP_1_PORT => self.slip_1.accept(frame.data()),
             RAW_PORT => self.raw.accept(frame.data()),
             COMPRESSED_PORT => self.compressed.accept(frame.data()),
             _ => return Ok(None),
@@ -246,7 +256,8 @@ impl Receiver {
         let Some(Transfer { missed, payload, .. }) = transfer else { return Ok(None) };
         self.missed = self.missed.saturating_add(missed.into());
         let message = match id.port {
-            SLIP_PORT => SlipMessage::decode(payload).map(Received::Slip),
+            SLIP_PORT => SlipMessage::decode(self.node, payload).map(Received::Slip),
+            SLIP_1_PORT => SlipMessage::decode_1(payload).map(Received::Slip),
             COMPRESSED_PORT => RawMessage::decompress(payload).map(Received::Raw),
             _ => RawMessage::decode(payload).map(Received::Raw),
         };

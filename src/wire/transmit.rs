@@ -26,10 +26,10 @@ impl Transmitter {
         self.node = node;
     }
 
-    /// The one frame of a slip message.
+    /// The one frame of a slip message, its CRC computed here.
     pub fn slip(&mut self, message: &SlipMessage) -> CanFrame {
         let id = MessageId { priority: SLIP_PRIORITY, port: SLIP_PORT, node: self.node };
-        CanFrame::single(id, next_transfer(&mut self.slip_transfer), &message.encode())
+        CanFrame::single(id, next_transfer(&mut self.slip_transfer), &message.encode(self.node))
     }
 
     /// The 23 to 29 frames of one sensor's readings, in the order they must be sent; `buffer` holds the encoded message.

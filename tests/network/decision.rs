@@ -1,9 +1,9 @@
-//! The alarm against a naive count, and what an operating point must be.
+//! The flag against a naive count, and what an operating point must be.
 
 use proptest::prelude::*;
 use slipsense::decision::{Class, Decision, margin};
 use slipsense::fixed::Logit;
-use slipsense::net::format::{ALARM_FRAMES_MAX, OperatingPoint};
+use slipsense::net::format::{DECISION_FRAMES_MAX, OperatingPoint};
 
 /// Logits as the network gives them.
 fn logits() -> impl Strategy<Value = [Logit; 3]> {
@@ -17,7 +17,7 @@ fn at(threshold: i32, k: u8, n: u8) -> OperatingPoint {
 
 fn point() -> impl Strategy<Value = OperatingPoint> {
     let threshold = prop_oneof![Just(-65_536), Just(65_535), -3i32..=3, -40_000i32..40_000];
-    (threshold, 1..=ALARM_FRAMES_MAX)
+    (threshold, 1..=DECISION_FRAMES_MAX)
         .prop_flat_map(|(threshold, n)| (Just(threshold), 1..=n, Just(n)))
         .prop_map(|(threshold, k, n)| at(threshold, k, n))
 }
@@ -29,7 +29,7 @@ fn frames() -> impl Strategy<Value = Vec<(Option<bool>, [Logit; 3])>> {
 
 proptest! {
     #[test]
-    fn the_alarm_is_k_of_the_last_n(point in point(), frames in frames()) {
+    fn the_flag_is_k_of_the_last_n(point in point(), frames in frames()) {
         prop_assert_eq!(point.check(), Ok(()));
         let over = |&(touched, logits): &(Option<bool>, [Logit; 3])| {
             let [no_contact, no_slip, slip] = logits.map(Logit::to_bits);
@@ -44,13 +44,13 @@ proptest! {
         for (newest, &(touched, logits)) in frames.iter().enumerate() {
             let first = (newest + 1).saturating_sub(usize::from(point.n));
             let counted = frames[first..=newest].iter().filter(|&frame| over(frame)).count();
-            let alarm = decision.step(margin(touched, logits));
-            prop_assert_eq!(alarm, counted >= usize::from(point.k), "frame {}", newest);
+            let flag = decision.step(margin(touched, logits));
+            prop_assert_eq!(flag, counted >= usize::from(point.k), "frame {}", newest);
         }
     }
 
     #[test]
-    fn at_argmax_the_alarm_is_the_class(frames in frames()) {
+    fn at_argmax_the_flag_is_the_class(frames in frames()) {
         let mut decision = Decision::new(OperatingPoint::ARGMAX);
         for (touched, logits) in frames {
             let class = Class::new(touched, logits);
@@ -71,7 +71,7 @@ fn the_ends_of_the_range_say_always_and_never() {
 }
 
 #[test]
-fn points_that_the_alarm_cannot_work_at() {
+fn points_that_the_flag_cannot_be_decided_at() {
     let refused = |threshold, k, n| at(threshold, k, n).check().expect_err("must be refused").to_string();
     assert_eq!(refused(0, 1, 0), "operating point n is 0, allowed are 1 to 32");
     assert_eq!(refused(0, 1, 33), "operating point n is 33, allowed are 1 to 32");

@@ -1,13 +1,17 @@
 //! The pipeline: what is decided by whom, and what happens when parts are missing.
 
 use super::inputs::SHAPES;
-use slipsense::fixed::Logit;
+use slipsense::fixed::{Logit, Q};
 use slipsense::health;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{Class, FrameStamp, Pipeline};
-use slipsense::sensor::{PiezoFrame, SensorInput};
+use slipsense::sensor::{PiezoFrame, SensorInput, TaxelMask};
+use slipsense::wire::{
+    DEGRADED_FROZEN, DEGRADED_MISSING, DEGRADED_NOT_CALIBRATED, DEGRADED_POINT, INVALID_NO_SENSOR,
+    INVALID_STARTING, Origin,
+};
 use slipsense_recording::model_file::random_model;
 
 /// A model whose head ignores the network: its logits are these.
@@ -38,8 +42,8 @@ fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
     let inputs: Vec<_> = pads.iter().map(|&piezo| SensorInput { piezo, xl: Some(&[]), xl_end: 0 }).collect();
     let output = pipeline.step(&inputs);
     assert_eq!(output.logits, logits.map(Logit::from_bits));
-    assert_eq!(output.slip, output.class == Class::Slip);
-    assert_eq!(output.alarm, output.slip, "at the point of the classes");
+    assert_eq!(output.may_begin, output.class == Class::Slip);
+    assert_eq!(output.slip, output.may_begin, "at the point of the classes");
     output.class
 }
 
@@ -66,8 +70,8 @@ fn without_a_pad_the_network_decides_contact() {
 
 /// Three frames over the threshold of the last five: later than the flag, and over sooner than it began.
 #[test]
-fn the_alarm_follows_the_files_operating_point() {
-    let alarms = |threshold: i32| -> Vec<bool> {
+fn the_flag_follows_the_files_operating_point() {
+    let flags = |threshold: i32| -> Vec<bool> {
         let threshold = Logit::from_bits(threshold);
         let bytes = model_at([0, 100, 600], OperatingPoint { threshold, k: 3, n: 5 });
         let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
@@ -75,16 +79,16 @@ fn the_alarm_follows_the_files_operating_point() {
         let pads = [&held, &idle, &held, &held, &held, &idle, &idle, &idle, &held];
         let step = |piezo| {
             let output = pipeline.step(&[SensorInput { piezo: Some(piezo), xl: Some(&[]), xl_end: 0 }]);
-            let message = output.slip_message(FrameStamp::of_recording(0), 0);
-            assert_eq!((message.slip, message.alarm), (output.slip, output.alarm));
-            assert_eq!(output.margin, output.slip.then_some(Logit::from_bits(500)));
-            output.alarm
+            let message = output.slip_message(FrameStamp::of_recording(0), &Origin::default());
+            assert_eq!((message.slip, message.may_begin), (output.slip, output.may_begin));
+            assert_eq!(output.margin, output.may_begin.then_some(Logit::from_bits(500)));
+            output.slip
         };
         pads.map(step).to_vec()
     };
     let (down, up) = (false, true);
-    assert_eq!(alarms(499), [down, down, down, up, up, up, up, down, down]);
-    assert_eq!(alarms(500), [down; 9], "a lead of just the threshold is not enough");
+    assert_eq!(flags(499), [down, down, down, up, up, up, up, down, down]);
+    assert_eq!(flags(500), [down; 9], "a lead of just the threshold is not enough");
 }
 
 #[test]
@@ -155,10 +159,65 @@ fn the_slip_message_carries_the_output() {
     let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 2).unwrap();
     let pad = pad_with_sum(3000);
     let output = pipeline.step(&[SensorInput { piezo: Some(&pad), ..SensorInput::default() }; 2]);
-    let message = output.slip_message(FrameStamp { sequence: 7, timestamp_us: 29_167 }, 4);
+    let message = output.slip_message(
+        FrameStamp { sequence: 7, timestamp_us: 29_167 },
+        &Origin { late_frames: 4, starts: 9, locked: true, ..Origin::default() },
+    );
     assert_eq!((message.sequence, message.timestamp_us, message.late_frames), (7, 29_167, 4));
     assert_eq!((message.class, message.slip, message.sensors), (2, true, 2));
-    assert_eq!(message.logits, [-700, 20, 3000].map(Logit::from_bits));
+    assert_eq!((message.may_begin, message.locked, message.starts), (true, true, 9));
+    assert_eq!(message.logits, [-175, 5, 750].map(Q::from_bits));
+    assert_eq!(message.log_odds, Q::from_bits(745));
     assert_eq!((message.contact[1].sum, message.contact[1].health), (3000, health::XL_MISSING));
     assert_eq!(message.contact[2], Default::default());
+}
+
+/// Reasons not to believe the flag, and what makes it worse.
+#[test]
+fn doubts_come_and_go_with_their_causes() {
+    let bytes = constant_model([0, 1, 2]);
+    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 2).unwrap();
+    let pad = pad_with_sum(3000);
+    let mut end = 0u32;
+    let mut step = |pipeline: &mut Pipeline<'_>, pads: bool, xl: bool, changes: bool| {
+        end += 33;
+        let sample = |i: u32| [if changes { (i * 7919 % 64) as i16 } else { 5 }; 3];
+        let samples: Vec<_> = (end - 33..end).map(sample).collect();
+        let input = SensorInput { piezo: pads.then_some(&pad), xl: xl.then_some(&samples), xl_end: end };
+        let output = pipeline.step(&[input; 2]);
+        (output.invalid, output.degraded)
+    };
+    for frame in 1..=70 {
+        let invalid = if frame < 60 { INVALID_STARTING } else { 0 };
+        assert_eq!(step(&mut pipeline, true, true, true), (invalid, 0), "frame {frame}");
+    }
+    assert_eq!(step(&mut pipeline, true, false, true), (0, DEGRADED_MISSING));
+    assert_eq!(step(&mut pipeline, false, false, true), (INVALID_NO_SENSOR, DEGRADED_MISSING));
+    let frozen = (0..800).map(|_| step(&mut pipeline, false, true, false)).last().unwrap();
+    assert_eq!(frozen, (INVALID_NO_SENSOR, DEGRADED_MISSING | DEGRADED_FROZEN));
+    assert_eq!(step(&mut pipeline, true, true, false), (0, DEGRADED_FROZEN));
+
+    let model = pipeline.model().hash;
+    let configuration = |pipeline: &mut Pipeline<'_>, calibrations| {
+        let output = pipeline.step(&[]);
+        assert_eq!(pipeline.model().hash, model);
+        let message =
+            output.slip_message(FrameStamp::default(), &Origin { calibrations, ..Origin::default() });
+        (message.configuration, message.degraded & (DEGRADED_NOT_CALIBRATED | DEGRADED_POINT))
+    };
+    let none = configuration(&mut pipeline, [0; 3]);
+    assert_eq!(none.1, DEGRADED_NOT_CALIBRATED);
+    let swapped = [configuration(&mut pipeline, [7, 9, 0]), configuration(&mut pipeline, [9, 7, 0])];
+    assert_eq!(swapped.map(|(_, degraded)| degraded), [0, 0]);
+    let point = Some(OperatingPoint { k: 3, n: 9, ..OperatingPoint::ARGMAX });
+    let masked = [TaxelMask([1; 32]), TaxelMask::NONE, TaxelMask::NONE];
+    pipeline.configure(None, &masked);
+    let masked = configuration(&mut pipeline, [0; 3]);
+    pipeline.configure(point, &[TaxelMask::NONE; MAX_SENSORS]);
+    let pointed = configuration(&mut pipeline, [0; 3]);
+    assert_eq!(pointed.1, DEGRADED_NOT_CALIBRATED | DEGRADED_POINT);
+    let all = [none.0, swapped[0].0, swapped[1].0, masked.0, pointed.0];
+    assert!((0..5).all(|i| (0..i).all(|j| all[i] != all[j])), "{all:?}");
+    pipeline.configure(None, &[TaxelMask::NONE; MAX_SENSORS]);
+    assert_eq!(configuration(&mut pipeline, [0; 3]), none);
 }

@@ -45,12 +45,12 @@ async def check_flags(client, operations):
             await client.update(MODEL, "model.slip", f"model received and accepted, {size} bytes")
             updates += 1
         else:
-            await client.access("slipsense.alarm.point", threshold(number))
+            await client.access("slipsense.slip.point", threshold(number))
             checks.equal(f"store {number}", await client.command(STORE), 0)
     order(client, "flags 0")
-    stored = await client.numbers("slipsense.alarm.point")
+    stored = await client.numbers("slipsense.slip.point")
     await client.restart()
-    checks.equal("what was stored last", await client.numbers("slipsense.alarm.point"), stored)
+    checks.equal("what was stored last", await client.numbers("slipsense.slip.point"), stored)
     checks.true("the model that was sent last", client.has_record("model: version 1.0.0 of the model slot"))
     return f"{operations - updates} stores and {updates} updates of the model with flags of reads"
 

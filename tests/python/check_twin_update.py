@@ -110,13 +110,13 @@ async def check_settings(client, thorough):
     checks = client.checks
     # Without raw messages the emulator has less to do.
     await client.access("slipsense.raw.divider", natural(8, 0))
-    await client.access("slipsense.alarm.point", threshold(0))
+    await client.access("slipsense.slip.point", threshold(0))
     checks.equal("a whole store", await client.command(STORE), 0)
     store = uavcan.node.ExecuteCommand_1.Request(command=STORE)
     old, cut, kept = 0, 0, 0
     for step in range(1, STEPS_MAX) if thorough else STORE_STEPS:
         new = 100 + step
-        await client.access("slipsense.alarm.point", threshold(new))
+        await client.access("slipsense.slip.point", threshold(new))
         client.forget()
         client.supply_fails_at(step)
         answer = asyncio.ensure_future(client.clients[uavcan.node.ExecuteCommand_1, NODE](store))
@@ -127,7 +127,7 @@ async def check_settings(client, thorough):
             old = new
             break
         answer.cancel()
-        found = await client.numbers("slipsense.alarm.point")
+        found = await client.numbers("slipsense.slip.point")
         checks.true(f"cut off at step {step}: {found} is old {old} or new {new}", found in ([old, 1, 1], [new, 1, 1]))
         checks.equal("the other settings", await client.numbers("slipsense.raw.divider"), [0])
         checks.equal("damage", await client.numbers("slipsense.status.settings_damage"), [0])
@@ -276,7 +276,7 @@ async def run(checks, args):
     short = await check_rollback(client, args.thorough)
     update = await check_update(client, args.thorough)
     models = await check_model(client, args.model, args.thorough)
-    checks.equal("settings at the end", await client.numbers("slipsense.alarm.point"), [stored, 1, 1])
+    checks.equal("settings at the end", await client.numbers("slipsense.slip.point"), [stored, 1, 1])
     client.node.close()
     client.link.close()
     return (

@@ -96,7 +96,7 @@ fn refusals_name_register_element_and_rule() {
     assert_eq!(refused(Setting::Sensors, &[]), "slipsense.sensors: 0 elements, need 1");
     assert_eq!(
         refused(Setting::OperatingPoint, &[0, 5, 4]),
-        "slipsense.alarm.point: need element 1 (k) at most element 2 (n)"
+        "slipsense.slip.point: need element 1 (k) at most element 2 (n)"
     );
     assert_eq!(refused(Setting::SensorOrder, &[0, 1, 1]), "slipsense.sensor.order: need each connector once");
     assert!(matches!(check(Setting::Sensors, &[0]), Err(SettingError::Element { .. })));

@@ -16,7 +16,9 @@ use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{
     FRAME_PERIOD_US, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
 };
-use slipsense::wire::{CanFrame, RawBuffer, RawTransfer, SlipMessage, Transmitter};
+use slipsense::wire::{
+    CanFrame, DEGRADED_LATE, NodeId, Origin, RawBuffer, RawTransfer, SlipMessage, Transmitter,
+};
 
 use super::world::{NODE, healthy, model_bytes, scan, stamp};
 
@@ -62,7 +64,9 @@ impl Ran {
     }
 
     fn slip_messages(&self) -> Vec<SlipMessage> {
-        let decode = |frame: &CanFrame| SlipMessage::decode(&frame.data()[..frame.data().len() - 1]).unwrap();
+        let decode = |frame: &CanFrame| {
+            SlipMessage::decode(NodeId::DEFAULT, &frame.data()[..frame.data().len() - 1]).unwrap()
+        };
         self.of(TxSlot::Slip).iter().map(decode).collect()
     }
 }
@@ -117,8 +121,8 @@ fn slow_inference_drops_whole_frames_and_counts_them() {
     for (message, sent_before) in slips.iter().zip(0..) {
         assert_eq!(message.timestamp_us, stamp(message.sequence).timestamp_us);
         assert_eq!(
-            u32::from(message.late_frames),
-            message.sequence - sent_before,
+            message.late_frames,
+            (message.sequence - sent_before) as u8,
             "the gaps in the sequence numbers are the dropped frames"
         );
         assert_eq!(message.contact[1].sum, scan(message.sequence, 1).sum(), "readings of this very frame");
@@ -142,7 +146,7 @@ fn a_recording_waits_and_loses_nothing() {
         healthy(sequence, &mut parts);
         let inputs = parts.each_ref().map(|part| part.input());
         let output = pipeline.step(&inputs[..SENSORS]);
-        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), 0)));
+        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
         for (sensor, &input) in inputs.iter().take(SENSORS).enumerate() {
             let raw = output.raw_frame(stamp(sequence), sensor, input);
             raws.extend(transmitter.raw(&raw, &mut buffer));
@@ -181,5 +185,6 @@ fn a_decision_is_late_after_one_frame_period() {
         assert_eq!(u64::from(ran.status.worst_frame_us), late_us, "to the microsecond");
         let last = ran.slip_messages().pop().unwrap();
         assert_eq!(u32::from(last.late_frames), late, "the slip message tells");
+        assert_eq!(last.degraded & DEGRADED_LATE != 0, late > 0);
     }
 }

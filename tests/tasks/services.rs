@@ -343,8 +343,8 @@ fn settings_reach_the_tasks_and_the_board() {
     let requests = [
         (10, ACCESS_PORT, access("slipsense.raw.divider", &[11, 1, 0, 4])),
         (20, ACCESS_PORT, access("slipsense.sensor.1.mask", &[&[9, 32], &mask[..]].concat())),
-        (30, ACCESS_PORT, access("slipsense.alarm.point", &[&[5, 3], &point[..]].concat())),
-        (40, ACCESS_PORT, access("slipsense.alarm.override", &[3, 1, 0, 1])),
+        (30, ACCESS_PORT, access("slipsense.slip.point", &[&[5, 3], &point[..]].concat())),
+        (40, ACCESS_PORT, access("slipsense.slip.override", &[3, 1, 0, 1])),
         (50, ACCESS_PORT, access("slipsense.sensor.orientation", &[11, 3, 0, 1, 2, 3])),
         (55, ACCESS_PORT, access("slipsense.raw.compressed", &[3, 1, 0, 1])),
         (60, COMMAND_PORT, command(IDENTIFY)),

@@ -5,7 +5,7 @@ use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
-use slipsense::wire::{CanFrame, MessageId, Priority, RawBuffer, SlipMessage, Transmitter};
+use slipsense::wire::{CanFrame, MessageId, Origin, Priority, RawBuffer, SlipMessage, Transmitter};
 use slipsense_can_sim::controller::Disturbance;
 
 use super::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
@@ -15,7 +15,10 @@ const FULL_FRAME_NS: u64 = 142_000;
 const SECOND_NS: u64 = 1_000_000_000;
 
 fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
-    (0..).zip(world.outputs()).map(|(sequence, output)| output.slip_message(stamp(sequence), 0)).collect()
+    (0..)
+        .zip(world.outputs())
+        .map(|(sequence, output)| output.slip_message(stamp(sequence), &Origin::default()))
+        .collect()
 }
 
 fn is_of(slot: TxSlot) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
@@ -59,7 +62,7 @@ fn a_free_bus_carries_what_the_host_makes() {
     for (sequence, output) in (0..).zip(world.outputs()) {
         let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         (world.script)(sequence, &mut parts);
-        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), 0)));
+        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
         let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
         raws.extend(transmitter.raw(&raw, &mut buffer));
     }

@@ -5,15 +5,16 @@ use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, TAXELS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
-    DecodeError, FD_LENGTHS, NodeId, RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage, Received,
-    Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
+    CanFrame, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, MessageId, NodeId, Priority, RAW_BYTES_MAX,
+    RAW_XL_MAX, RawBuffer, RawFrame, RawMessage, Received, Receiver, SLIP_1_PORT, SLIP_BYTES, SensorContact,
+    SlipMessage, Transmitter, wire_logit,
 };
 
 use super::{NODE, expected, frame, raw};
 
 fn contact() -> impl Strategy<Value = SensorContact> {
-    let fields = (any::<u8>(), 0u32..1 << 24, any::<[u16; 3]>(), any::<i8>(), any::<u8>());
-    fields.prop_map(|(health, sum, [area, row, col], axis_deg, elongation)| SensorContact {
+    let fields = (any::<u8>(), 0u32..1 << 22, 0u16..1 << 10, any::<[u16; 2]>(), any::<i8>(), any::<u8>());
+    fields.prop_map(|(health, sum, area, [row, col], axis_deg, elongation)| SensorContact {
         health,
         sum,
         area,
@@ -25,19 +26,31 @@ fn contact() -> impl Strategy<Value = SensorContact> {
 }
 
 fn slip() -> impl Strategy<Value = SlipMessage> {
-    let decision = (0u8..3, any::<[bool; 2]>(), any::<[i32; 3]>(), any::<u16>(), 0u8..4);
+    let decision = (0u8..3, any::<[bool; 3]>(), any::<[i16; 4]>(), any::<[u8; 4]>(), 0u8..4, any::<u16>());
     let contacts = proptest::array::uniform3(contact());
     (0u64..1 << 56, any::<u32>(), decision, contacts).prop_map(
-        |(timestamp_us, sequence, (class, [slip, alarm], logits, late_frames, sensors), contact)| {
+        |(
+            timestamp_us,
+            sequence,
+            (class, flags, [a, b, c, odds], bytes, sensors, configuration),
+            contact,
+        )| {
+            let ([slip, may_begin, locked], [invalid, degraded, starts, late_frames]) = (flags, bytes);
             SlipMessage {
                 timestamp_us,
                 sequence,
                 class,
                 slip,
-                alarm,
-                logits: logits.map(Q::from_bits),
-                late_frames,
+                may_begin,
                 sensors,
+                locked,
+                invalid,
+                degraded,
+                starts,
+                configuration,
+                late_frames,
+                logits: [a, b, c].map(Q::from_bits),
+                log_odds: Q::from_bits(odds),
                 contact,
             }
         },
@@ -49,7 +62,7 @@ proptest! {
 
     #[test]
     fn slip_messages_round_trip(message in slip()) {
-        prop_assert_eq!(SlipMessage::decode(&message.encode()), Ok(message));
+        prop_assert_eq!(SlipMessage::decode(NODE, &message.encode(NODE)), Ok(message));
         let frame = Transmitter::new(NODE).slip(&message);
         prop_assert_eq!(frame.data().len(), 64);
         prop_assert_eq!(Receiver::new(NODE).accept(&frame), Ok(Some(Received::Slip(message))));
@@ -87,20 +100,21 @@ fn fields_saturate() {
         sequence: u32::MAX,
         class: 2,
         slip: true,
-        alarm: false,
-        logits: [i32::MIN, i32::MAX, -1].map(Q::from_bits),
-        late_frames: u16::MAX,
         sensors: 255,
         contact: [contact; 3],
+        ..SlipMessage::default()
     };
-    let contact = SensorContact { sum: (1 << 24) - 1, ..contact };
+    let contact = SensorContact { sum: (1 << 22) - 1, area: 1023, ..contact };
     let sent = SlipMessage { timestamp_us: (1 << 56) - 1, sensors: 3, contact: [contact; 3], ..message };
-    assert_eq!(SlipMessage::decode(&message.encode()), Ok(sent));
+    assert_eq!(SlipMessage::decode(NODE, &message.encode(NODE)), Ok(sent));
+    let logits = [i32::MIN, -131_073, -1, 1, 2, 131_069, 131_070, i32::MAX].map(Q::from_bits);
+    let sent = [-32_768, -32_768, 0, 0, 1, 32_767, 32_767, 32_767].map(Q::from_bits);
+    assert_eq!(logits.map(wire_logit), sent);
 
     let name = "slipsense.Slip";
     let refused = DecodeError::OutOfRange { message: name, field: "class_index", value: 3, max: 2 };
     for class in 3..=255 {
-        assert_eq!(SlipMessage::decode(&SlipMessage { class, ..message }.encode()), Err(refused));
+        assert_eq!(SlipMessage::decode(NODE, &SlipMessage { class, ..message }.encode(NODE)), Err(refused));
     }
 
     let full = PiezoFrame::from_scan([u16::MAX; TAXELS]);
@@ -121,7 +135,7 @@ fn layouts_are_those_of_the_definitions() {
     let contact = |n: u8| SensorContact {
         health: n,
         sum: 0x03_0201 + u32::from(n),
-        area: 0x0504,
+        area: 0x0104,
         centroid_row: Q::from_bits(0x0706),
         centroid_col: Q::from_bits(0x0908),
         axis_deg: -2,
@@ -132,21 +146,54 @@ fn layouts_are_those_of_the_definitions() {
         sequence: 0x0B0A_0908,
         class: 2,
         slip: true,
-        alarm: true,
-        logits: [1, -1, 0x0403_0201].map(Q::from_bits),
-        late_frames: 0x0D0C,
+        may_begin: true,
         sensors: 3,
+        locked: true,
+        invalid: 13,
+        degraded: 14,
+        starts: 15,
+        configuration: 0x1110,
+        late_frames: 18,
+        logits: [1, -1, 0x0201].map(Q::from_bits),
+        log_odds: Q::from_bits(0x0403),
         contact: [contact(0), contact(16), contact(32)],
     };
     #[rustfmt::skip]
     let bytes = [
-        1, 2, 3, 4, 5, 6, 7,  8, 9, 10, 11,  0b0011_1110,  12, 13,
-        1, 0, 0, 0,  255, 255, 255, 255,  1, 2, 3, 4,
-        0,  0x01, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
-        16, 0x11, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
-        32, 0x21, 2, 3,  4, 5,  6, 7,  8, 9,  254,  10,
+        1, 2, 3, 4, 5, 6, 7,  8, 9, 10, 11,  0b0111_1110,  13, 14, 15,  16, 17,  18,
+        1, 0,  255, 255,  1, 2,  3, 4,
+        0,  0x01, 2, 3, 0x41,  6, 7,  8, 9,  254,  10,
+        16, 0x11, 2, 3, 0x41,  6, 7,  8, 9,  254,  10,
+        32, 0x21, 2, 3, 0x41,  6, 7,  8, 9,  254,  10,
     ];
-    assert_eq!(message.encode(), bytes);
+    assert_eq!(message.encode(NODE)[..59], bytes);
+
+    // Version 1.0, as recordings have it: `alarm` is the flag to act on, `slip` the class.
+    #[rustfmt::skip]
+    let bytes = [
+        1, 2, 3, 4, 5, 6, 7,  8, 9, 10, 11,  0b0001_1110,  12, 13,
+        4, 0, 0, 0,  252, 255, 255, 255,  0, 0, 2, 0,
+        0,  0x01, 2, 3,  4, 1,  6, 7,  8, 9,  254,  10,
+        16, 0x11, 2, 3,  4, 1,  6, 7,  8, 9,  254,  10,
+        32, 0x21, 2, 3,  4, 1,  6, 7,  8, 9,  254,  10,
+    ];
+    let old = SlipMessage {
+        timestamp_us: message.timestamp_us,
+        sequence: message.sequence,
+        class: 2,
+        may_begin: true,
+        sensors: 3,
+        late_frames: 12,
+        logits: [1, -1, i16::MAX].map(Q::from_bits),
+        contact: message.contact,
+        ..SlipMessage::default()
+    };
+    let id = MessageId { priority: Priority::Immediate, port: SLIP_1_PORT, node: NODE };
+    let received = Receiver::new(NODE).accept(&CanFrame::single(id, 0, &bytes));
+    assert_eq!(received, Ok(Some(Received::Slip(old))));
+    let no_model =
+        SlipMessage::decode_1(&[&bytes[..11], &[32 | 8], &[0; 14], &[64], &[0; 35]].concat()).unwrap();
+    assert_eq!((no_model.slip, no_model.invalid), (true, INVALID_NO_MODEL));
 
     let mut scan = [0; TAXELS];
     // Row 0 begins at column 5, the last row ends at column 26.
@@ -163,10 +210,12 @@ fn layouts_are_those_of_the_definitions() {
 
 #[test]
 fn short_messages_are_refused() {
-    let bytes = SlipMessage::default().encode();
-    assert_eq!(SLIP_BYTES, 62);
+    let bytes = SlipMessage::default().encode(NODE);
+    assert_eq!(SLIP_BYTES, 63);
+    let damaged = DecodeError::Damaged { message: "slipsense.Slip" };
+    assert_eq!(SlipMessage::decode(NodeId::new(43).unwrap(), &bytes), Err(damaged));
     for length in 0..SLIP_BYTES {
-        match SlipMessage::decode(&bytes[..length]) {
+        match SlipMessage::decode(NODE, &bytes[..length]) {
             Err(DecodeError::Truncated { message: "slipsense.Slip", found, .. }) => assert_eq!(found, length),
             other => panic!("{length} bytes: {other:?}"),
         }

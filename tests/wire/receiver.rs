@@ -150,7 +150,7 @@ fn repeated_frames_are_reported_and_harmless() {
     let slip = Transmitter::new(NODE).slip(&SlipMessage::default());
     assert!(receiver.accept(&slip).unwrap().is_some());
     let error = receiver.accept(&slip).unwrap_err();
-    assert_eq!(error.to_string(), "port 6200, transfer 0 repeated");
+    assert_eq!(error.to_string(), "port 6203, transfer 0 repeated");
 }
 
 #[test]

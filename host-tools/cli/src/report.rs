@@ -10,10 +10,10 @@ const STYLE: &str = include_str!("report.css");
 /// The page; `timeline` is the picture as SVG text.
 pub fn html(summary: &Summary, timeline: &str) -> String {
     let detections = match &summary.truth {
-        Some(truth) => events(&truth.flag),
+        Some(truth) => events(&truth.may_begin),
         None => html! { p {
             "The episode has no labels, so there are no delays. The slip flag was raised "
-            strong { (summary.output.flag_runs.len()) } " times" (runs(&summary.output.flag_runs))
+            strong { (summary.output.may_begin_runs.len()) } " times" (runs(&summary.output.flag_runs))
         } },
     };
     let page = html! {
@@ -88,7 +88,7 @@ fn origin(summary: &Summary) -> Markup {
 fn events(flag: &FlagScores) -> Markup {
     html! {
         table {
-            thead { tr { th { "Event" } th { "Onset" } th { "End" } th { "Slip flag" } } }
+            thead { tr { th { "Event" } th { "Onset" } th { "End" } th { "May begin" } } }
             tbody {
                 @for (i, event) in flag.events.iter().enumerate() {
                     tr {
@@ -138,7 +138,7 @@ fn facts(summary: &Summary) -> Markup {
         ("Episode", episode.name.clone()),
         ("Frames", format!("{} at 240 Hz, {} sensors", episode.frames, episode.sensors)),
         ("Model", format!("{}, hash {}", model.name, model.hash)),
-        ("Alarm", summary.alarm_words()),
+        ("Slip flag", summary.slip_words()),
         (
             "Speed",
             format!(

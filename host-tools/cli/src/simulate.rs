@@ -7,7 +7,7 @@ use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawForm, Transmitter};
+use slipsense::wire::{CanFrame, NodeId, Origin, RawBuffer, RawForm, Transmitter};
 use slipsense_recording::{Episode, Predictions};
 
 /// The pipeline's output for an episode.
@@ -69,7 +69,7 @@ pub fn simulate(
             send(stamp.timestamp_us, frame)
         };
         // A replay waits for every decision, so none is late.
-        send(&transmitter.slip(&output.slip_message(stamp, 0)))?;
+        send(&transmitter.slip(&output.slip_message(stamp, &Origin::default())))?;
         for (sensor, &input) in inputs.iter().enumerate() {
             let message = output.raw_frame(stamp, sensor, input);
             transmitter.raw_as(raw, &message, &mut buffer).try_for_each(|frame| send(&frame))?;

@@ -67,7 +67,7 @@ pub struct ModelInfo {
     pub provenance: serde_json::Value,
 }
 
-/// The alarm is up while `k` of the last `n` frames, the current one included, are over the threshold.
+/// The slip flag is up while `k` of the last `n` frames, the current one included, are over the threshold.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct OperatingPointInfo {
     /// Lead of the slip logit that is not enough yet, nat.
@@ -80,10 +80,10 @@ pub struct OperatingPointInfo {
 pub struct OutputInfo {
     /// Frames decided as no contact, contact without slip, slip.
     pub class_frames: [u64; 3],
+    /// Maximal runs of frames in which slip may begin.
+    pub may_begin_runs: Vec<FrameRun>,
     /// Maximal runs of frames with the slip flag up.
-    pub flag_runs: Vec<FrameRun>,
-    /// Maximal runs of frames with the alarm up.
-    pub alarm_runs: Vec<FrameRun>,
+    pub slip_runs: Vec<FrameRun>,
     /// Frames in which any sensor had a health bit set, by bit.
     pub health_frames: Vec<HealthCount>,
     /// CAN frames in `can.log`.
@@ -110,9 +110,9 @@ pub struct TruthInfo {
     /// Frames labelled no contact, contact without slip, slip.
     pub class_frames: [u64; 3],
     #[serde(flatten)]
-    pub flag: FlagScores,
-    /// The same of the alarm at the model's operating point.
-    pub alarm: FlagScores,
+    pub may_begin: FlagScores,
+    /// The same of the slip flag.
+    pub slip: FlagScores,
     /// `confusion[truth][decided]`, frames.
     pub confusion: [[u64; 3]; 3],
     /// Share of frames decided right.
@@ -197,16 +197,16 @@ impl Summary {
         }
     }
 
-    /// One line: the operating point, and the alarm's result.
-    pub fn alarm_words(&self) -> String {
+    /// One line: the operating point, and the result.
+    pub fn slip_words(&self) -> String {
         let OperatingPointInfo { threshold_nat, k, n } = self.model.operating_point;
         let point = format!("{k} of {n} frame{} over {threshold_nat:.3} nat", plural(n.into()));
-        let Some(TruthInfo { alarm, .. }) = &self.truth else {
-            let raised = self.output.alarm_runs.len();
+        let Some(TruthInfo { slip, .. }) = &self.truth else {
+            let raised = self.output.slip_runs.len();
             return format!("{point}: raised {raised} time{}", plural(raised));
         };
-        let found = alarm.events.iter().filter(|event| event.outcome != Outcome::Missed).count();
-        let (slips, alarms) = (alarm.events.len(), alarm.false_alarms.len());
+        let found = slip.events.iter().filter(|event| event.outcome != Outcome::Missed).count();
+        let (slips, alarms) = (slip.events.len(), slip.false_alarms.len());
         let s = [slips, alarms].map(plural);
         format!("{point}: {found} of {slips} slip{} found, {alarms} false alarm{}", s[0], s[1])
     }
@@ -265,8 +265,8 @@ impl OutputInfo {
         });
         Self {
             class_frames: count_classes(&predictions.class),
-            flag_runs: flag_runs(&predictions.slip),
-            alarm_runs: flag_runs(&predictions.alarm),
+            may_begin_runs: flag_runs(&predictions.may_begin),
+            slip_runs: flag_runs(&predictions.slip),
             health_frames: health_frames.into_iter().filter(|count| count.frames > 0).collect(),
             can_frames: simulation.can_frames,
         }
@@ -279,8 +279,8 @@ impl TruthInfo {
         let classes = ClassScores::new(label, &predictions.class);
         Self {
             class_frames: count_classes(label),
-            flag: FlagScores::new(label, &predictions.slip),
-            alarm: FlagScores::new(label, &predictions.alarm),
+            may_begin: FlagScores::new(label, &predictions.may_begin),
+            slip: FlagScores::new(label, &predictions.slip),
             confusion: classes.confusion,
             accuracy: classes.accuracy(),
             macro_f1: classes.macro_f1(),
@@ -371,8 +371,8 @@ impl fmt::Display for Summary {
         writeln!(f, "model:  {}, hash {}…\n", self.model.name, &self.model.hash[..12])?;
         match &self.truth {
             Some(truth) => {
-                let FlagScores { events, false_alarms } = &truth.flag;
-                writeln!(f, "  event     onset       end   slip flag")?;
+                let FlagScores { events, false_alarms } = &truth.may_begin;
+                writeln!(f, "  event     onset       end   may begin")?;
                 for (i, event) in events.iter().enumerate() {
                     let EventInfo { onset_s, end_s, .. } = event;
                     writeln!(f, "  {:>5}  {onset_s:>6.3} s  {end_s:>6.3} s   {}", i + 1, event.words())?;
@@ -394,15 +394,15 @@ impl fmt::Display for Summary {
                 }
             }
             None => {
-                let runs = &self.output.flag_runs;
+                let runs = &self.output.may_begin_runs;
                 let (count, s) = (runs.len(), plural(runs.len()));
-                writeln!(f, "  no labels, so no delays; slip flag raised {count} time{s}")?;
+                writeln!(f, "  no labels, so no delays; slip may begin {count} time{s}")?;
                 for run in runs {
                     writeln!(f, "    at {:>7.3} s for {:>6.1} ms", run.start_s, run.duration_ms)?;
                 }
             }
         }
-        writeln!(f, "  alarm         {}", self.alarm_words())?;
+        writeln!(f, "  slip flag     {}", self.slip_words())?;
         for HealthCount { what, frames } in &self.output.health_frames {
             writeln!(f, "  health        {what} in {frames} frames")?;
         }

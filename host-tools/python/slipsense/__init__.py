@@ -13,13 +13,13 @@
 
     with can.Bus("can0", interface="socketcan", fd=True) as bus:
         for message in slipsense.live(bus):                 # a bus, through python-can
-            if isinstance(message, slipsense.Slip) and message.alarm:
+            if isinstance(message, slipsense.Slip) and message.slip and not message.invalid:
                 ...
 """
 
-from ._slipsense import Contact, Episode, Log, Output, Pipeline, Raw, Receiver, Slip, run
+from ._slipsense import Contact, Episode, Log, Output, Pipeline, Raw, Receiver, Slip, SlipReceiver, run
 
-__all__ = ["Contact", "Episode", "Log", "Output", "Pipeline", "Raw", "Receiver", "Slip", "live", "run"]
+__all__ = ["Contact", "Episode", "Log", "Output", "Pipeline", "Raw", "Receiver", "Slip", "SlipReceiver", "live", "run"]
 
 
 def live(bus, node=42, timeout=None):

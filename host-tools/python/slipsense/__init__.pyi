@@ -24,7 +24,7 @@ def run(episode: Episode, model: bytes | None = None) -> dict[str, NDArray[Any]]
     """All frames through the pipeline, as in the predictions.npz of `slipsense run`.
 
     Of F frames and S sensors: `class` uint8 [F] (0 no contact, 1 contact without slip, 2 slip), `logits` int32 [F, 3]
-    (1/1024 nat), `slip` and `alarm` uint8 [F], `logmel` (natural log of g²) and `logmel_std` float32 [F, S, 16].
+    (1/1024 nat), `slip` (the flag to act on) and `may_begin` uint8 [F], `logmel` (natural log of g²) and `logmel_std` float32 [F, S, 16].
     `model`: content of a .slipnet file; the bundled one if None.
     """
 
@@ -43,8 +43,10 @@ class Output:
     """The result of one frame."""
 
     class_index: int
-    slip: bool
-    alarm: bool
+    slip: bool  #: the flag to act on
+    may_begin: bool
+    invalid: int  #: bits: why `slip` must not be believed, see slipsense.Slip in src/wire/dsdl
+    degraded: int  #: bits: what makes it worse
     logits_q10: NDArray[np.int32]
     contact: list[Contact]
     logmel_std: NDArray[np.float32]
@@ -74,10 +76,16 @@ class Slip:
     timestamp_us: int
     sequence: int
     class_index: int
-    slip: bool
-    alarm: bool
-    logits_q10: NDArray[np.int32]
+    slip: bool  #: the flag to act on where `invalid` is 0
+    may_begin: bool
+    locked: bool
+    invalid: int  #: bits: why `slip` must not be believed, see slipsense.Slip in src/wire/dsdl
+    degraded: int  #: bits: what makes it worse
+    starts: int
+    configuration: int
     late_frames: int
+    logits_q8: NDArray[np.int16]
+    log_odds_q8: int
     contact: list[Contact]
 
 class Raw:
@@ -99,6 +107,19 @@ class Receiver:
     missed: int
     def accept(self, can_id: int, data: bytes) -> Slip | Raw | None:
         """The message that this frame completes. Raises ValueError for what is no CAN FD frame of 29 bits."""
+
+class SlipReceiver:
+    """Checks the slip messages of one module. Times are microseconds of one clock that never goes back."""
+
+    lost: int
+    message: Slip | None  #: the one accepted last
+    def __init__(self, node: int = 42) -> None: ...
+    def receive(self, data: bytes, now_us: int) -> str:
+        """Data of a slip frame: "ok", "some lost", "repeated", "wrong sequence", "delayed" or "error"."""
+    def state(self, now_us: int) -> str:
+        """May the flag be believed? "no data", "starting", "valid" or "invalid"."""
+    def slip(self, now_us: int) -> bool:
+        """The flag is up and may be believed."""
 
 class Log(Iterator[tuple[int, Slip | Raw]]):
     """Messages of a candump log: time of the log in microseconds, message."""

@@ -9,7 +9,9 @@ use pyo3::prelude::*;
 use slipsense::fixed::Q;
 use slipsense::health;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
-use slipsense::wire::{CanFrame, NodeId, Received, Receiver as Frames};
+use slipsense::wire::{
+    CanFrame, NodeId, Received, Receiver as Frames, SlipMessage, SlipReceiver as Protected,
+};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
 use crate::error::refused;
@@ -22,17 +24,44 @@ pub struct Slip {
     sequence: u32,
     class_index: u8,
     slip: bool,
-    alarm: bool,
-    logits_q10: Py<PyArray1<i32>>,
-    late_frames: u16,
+    may_begin: bool,
+    locked: bool,
+    invalid: u8,
+    degraded: u8,
+    starts: u8,
+    configuration: u16,
+    late_frames: u8,
+    logits_q8: Py<PyArray1<i16>>,
+    log_odds_q8: i16,
     contact: Vec<Contact>,
+}
+
+impl Slip {
+    fn new(py: Python<'_>, message: &SlipMessage) -> Self {
+        Self {
+            timestamp_us: message.timestamp_us,
+            sequence: message.sequence,
+            class_index: message.class,
+            slip: message.slip,
+            may_begin: message.may_begin,
+            locked: message.locked,
+            invalid: message.invalid,
+            degraded: message.degraded,
+            starts: message.starts,
+            configuration: message.configuration,
+            late_frames: message.late_frames,
+            logits_q8: message.logits.map(Q::to_bits).to_vec().into_pyarray(py).unbind(),
+            log_odds_q8: message.log_odds.to_bits(),
+            contact: contacts(message),
+        }
+    }
 }
 
 #[pymethods]
 impl Slip {
     fn __repr__(&self) -> String {
-        let Self { sequence, class_index, slip, alarm, .. } = self;
-        format!("Slip(sequence={sequence}, class_index={class_index}, slip={slip}, alarm={alarm})")
+        let Self { sequence, class_index, slip, invalid, .. } = self;
+        format!("Slip(sequence={sequence}, class_index={class_index}, slip={slip}, invalid={invalid})")
     }
 }
 
@@ -59,19 +88,7 @@ impl Raw {
 
 fn message(py: Python<'_>, received: Received) -> PyResult<Py<PyAny>> {
     Ok(match received {
-        Received::Slip(message) => {
-            let slip = Slip {
-                timestamp_us: message.timestamp_us,
-                sequence: message.sequence,
-                class_index: message.class,
-                slip: message.slip,
-                alarm: message.alarm,
-                logits_q10: message.logits.map(Q::to_bits).to_vec().into_pyarray(py).unbind(),
-                late_frames: message.late_frames,
-                contact: contacts(&message),
-            };
-            Py::new(py, slip)?.into_any()
-        }
+        Received::Slip(message) => Py::new(py, Slip::new(py, &message))?.into_any(),
         Received::Raw(message) => {
             let delivered = |missing: u8| message.health & missing == 0;
             let counts = message.piezo.counts().to_vec().into_pyarray(py);
@@ -92,6 +109,10 @@ fn message(py: Python<'_>, received: Received) -> PyResult<Py<PyAny>> {
     })
 }
 
+fn address(node: u8) -> PyResult<NodeId> {
+    NodeId::new(node).ok_or_else(|| refused(format!("node {node}: must be at most 127")))
+}
+
 /// Puts the CAN frames of one module together.
 #[pyclass(module = "slipsense")]
 pub struct Receiver {
@@ -103,8 +124,7 @@ pub struct Receiver {
 
 impl Receiver {
     fn at(node: u8) -> PyResult<Self> {
-        let node = NodeId::new(node).ok_or_else(|| refused(format!("node {node}: must be at most 127")))?;
-        Ok(Self { frames: Frames::new(node), errors: 0 })
+        Ok(Self { frames: Frames::new(address(node)?), errors: 0 })
     }
 
     fn take(&mut self, frame: &CanFrame) -> Option<Received> {
@@ -132,6 +152,47 @@ impl Receiver {
     fn accept(&mut self, py: Python<'_>, can_id: u32, data: &[u8]) -> PyResult<Option<Py<PyAny>>> {
         let frame = CanFrame::new(can_id, data).map_err(refused)?;
         self.take(&frame).map(|received| message(py, received)).transpose()
+    }
+}
+
+/// Slip messages of one module, checked; what a controller acts on.
+#[pyclass(module = "slipsense")]
+pub struct SlipReceiver(Protected);
+
+#[pymethods]
+impl SlipReceiver {
+    #[new]
+    #[pyo3(signature = (node=NodeId::DEFAULT.get()))]
+    fn new(node: u8) -> PyResult<Self> {
+        Ok(Self(Protected::new(address(node)?)))
+    }
+
+    /// Take the data of a slip frame: "ok", "some lost", "repeated", "wrong sequence", "delayed" or "error".
+    fn receive(&mut self, data: &[u8], now_us: u64) -> &'static str {
+        ["ok", "some lost", "repeated", "wrong sequence", "delayed", "error"]
+            [self.0.receive(data, now_us) as usize]
+    }
+
+    /// "no data", "starting", "valid" or "invalid".
+    fn state(&self, now_us: u64) -> &'static str {
+        ["no data", "starting", "valid", "invalid"][self.0.state(now_us) as usize]
+    }
+
+    /// The flag is up and may be believed.
+    fn slip(&self, now_us: u64) -> bool {
+        self.0.slip(now_us)
+    }
+
+    /// The message accepted last.
+    #[getter]
+    fn message(&self, py: Python<'_>) -> Option<Slip> {
+        self.0.message().map(|message| Slip::new(py, message))
+    }
+
+    /// Messages that are known to be lost.
+    #[getter]
+    fn lost(&self) -> u32 {
+        self.0.lost
     }
 }
 

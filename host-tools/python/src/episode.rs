@@ -92,8 +92,8 @@ pub fn run<'py>(py: Python<'py>, episode: &Episode, model: Option<&[u8]>) -> PyR
     let dict = PyDict::new(py);
     dict.set_item("class", predictions.class.into_pyarray(py))?;
     dict.set_item("logits", predictions.logits.concat().into_pyarray(py).reshape([frames, CLASSES])?)?;
+    dict.set_item("may_begin", predictions.may_begin.into_pyarray(py))?;
     dict.set_item("slip", predictions.slip.into_pyarray(py))?;
-    dict.set_item("alarm", predictions.alarm.into_pyarray(py))?;
     for (name, rows) in [("logmel", predictions.logmel), ("logmel_std", predictions.logmel_std)] {
         dict.set_item(name, rows.concat().into_pyarray(py).reshape([frames, sensors, MEL_BINS])?)?;
     }

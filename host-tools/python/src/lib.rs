@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _slipsense {
     #[pymodule_export]
-    use crate::bus::{Log, Raw, Receiver, Slip};
+    use crate::bus::{Log, Raw, Receiver, Slip, SlipReceiver};
     #[pymodule_export]
     use crate::episode::{Episode, run};
     #[pymodule_export]

@@ -8,7 +8,7 @@ use slipsense::net::{Aligned, Model};
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::pipeline::{FrameStamp, Pipeline as Pipe};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::SlipMessage;
+use slipsense::wire::{Origin, SlipMessage};
 use slipsense_recording::logmel_std;
 
 use crate::error::refused;
@@ -152,7 +152,10 @@ pub(crate) fn contacts(message: &SlipMessage) -> Vec<Contact> {
 pub struct Output {
     class_index: u8,
     slip: bool,
-    alarm: bool,
+    may_begin: bool,
+    /// Bits: why not to believe `slip`, what makes it worse.
+    invalid: u8,
+    degraded: u8,
     logits_q10: Py<PyArray1<i32>>,
     contact: Vec<Contact>,
     logmel_std: Py<PyArray2<f32>>,
@@ -165,9 +168,11 @@ impl Output {
         Ok(Self {
             class_index: output.class as u8,
             slip: output.slip,
-            alarm: output.alarm,
+            may_begin: output.may_begin,
+            invalid: output.invalid,
+            degraded: output.degraded,
             logits_q10: output.logits.map(Q::to_bits).to_vec().into_pyarray(py).unbind(),
-            contact: contacts(&output.slip_message(FrameStamp::default(), 0)),
+            contact: contacts(&output.slip_message(FrameStamp::default(), &Origin::default())),
             logmel_std: PyArray2::from_vec2(py, &mel).map_err(refused)?.unbind(),
         })
     }
@@ -176,7 +181,7 @@ impl Output {
 #[pymethods]
 impl Output {
     fn __repr__(&self) -> String {
-        let Self { class_index, slip, alarm, .. } = self;
-        format!("Output(class_index={class_index}, slip={slip}, alarm={alarm})")
+        let Self { class_index, slip, invalid, .. } = self;
+        format!("Output(class_index={class_index}, slip={slip}, invalid={invalid})")
     }
 }

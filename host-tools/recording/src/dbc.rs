@@ -52,7 +52,7 @@ pub fn text(node: NodeId) -> Result<String> {
             " SG_ {name} : {offset}|{bits}@1{sign} ({factor},0) [{low}|{high}] \"{unit}\" Vector__XXX"
         )?;
     }
-    let about = "The decision of one frame and the contact on each pad, 240 per second. Act on alarm.";
+    let about = "The decision of one frame and the contact on each pad, 240 per second. Act on slip where invalid is 0.";
     writeln!(out, "\nCM_ BO_ {id} \"{about}\";")?;
     for Signal { name, comment, .. } in signals.iter().filter(|signal| !signal.comment.is_empty()) {
         writeln!(out, "CM_ SG_ {id} {name} \"{}\";", comment.replace('"', "'"))?;
@@ -65,7 +65,7 @@ pub fn text(node: NodeId) -> Result<String> {
     writeln!(out, "BA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\nBA_DEF_DEF_ \"GenMsgCycleTime\" 0;")?;
     writeln!(out, "BA_ \"VFrameFormat\" BO_ {id} {EXTENDED_FD};")?;
     write!(out, "VAL_ {id} class_index")?;
-    for (name, value, _) in &definition.constants {
+    for (name, value, _) in definition.constants.iter().filter(|(name, ..)| name.starts_with("CLASS")) {
         write!(out, " {value} \"{name}\"")?;
     }
     writeln!(out, " ;")?;

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use slipsense::wire::{
-    COMPRESSED_PORT, CanFrame, MessageId, NodeId, RAW_PORT, Received, Receiver, SLIP_PORT, SlipMessage,
+    COMPRESSED_PORT, CanFrame, MessageId, NodeId, RAW_PORT, Received, Receiver, SLIP_1_PORT, SLIP_PORT,
+    SlipMessage,
 };
 
 /// A message and who sent it.
@@ -57,7 +58,7 @@ impl Decoder {
 
     /// Take a frame; `Some` when it completes a message.
     pub fn accept(&mut self, frame: &CanFrame) -> Option<Decoded> {
-        let ours = |id: &MessageId| matches!(id.port, SLIP_PORT | RAW_PORT | COMPRESSED_PORT);
+        let ours = |id: &MessageId| matches!(id.port, SLIP_PORT | SLIP_1_PORT | RAW_PORT | COMPRESSED_PORT);
         let id = MessageId::from_can(frame.id()).ok().filter(ours);
         let Some(id) = id else {
             self.others += 1;

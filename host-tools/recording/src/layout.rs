@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, bail};
 
-const SLIP: &str = include_str!("../../../src/wire/dsdl/slipsense/6200.Slip.1.0.dsdl");
-const CONTACT: &str = include_str!("../../../src/wire/dsdl/slipsense/SensorContact.1.0.dsdl");
+const SLIP: &str = include_str!("../../../src/wire/dsdl/slipsense/6203.Slip.2.0.dsdl");
+const CONTACT: &str = include_str!("../../../src/wire/dsdl/slipsense/SensorContact.2.0.dsdl");
 
 /// A definition: its fields in order, each followed by what is said about it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -95,7 +95,7 @@ impl Definition {
 
 /// The slip message.
 pub fn slip() -> Result<Definition> {
-    parse(SLIP).context("6200.Slip.1.0.dsdl")
+    parse(SLIP).context("6203.Slip.2.0.dsdl")
 }
 
 /// Fields, constants and comments of the subset of DSDL that the slip message is written in.
@@ -137,7 +137,7 @@ impl Definition {
         };
         let kind = match kind {
             "bool" => Kind::Bool,
-            "SensorContact.1.0" => Kind::Contact(Box::new(parse(CONTACT).context("SensorContact.1.0.dsdl")?)),
+            "SensorContact.2.0" => Kind::Contact(Box::new(parse(CONTACT).context("SensorContact.2.0.dsdl")?)),
             kind => match (kind.strip_prefix("uint"), kind.strip_prefix("int")) {
                 (Some(bits), _) => Kind::Unsigned(bits.parse()?),
                 (_, Some(bits)) => Kind::Signed(bits.parse()?),
@@ -161,9 +161,9 @@ mod tests {
     fn the_layout_is_as_long_as_the_message() {
         let slip = slip().unwrap();
         assert_eq!(slip.bits as usize, 8 * SLIP_BYTES);
-        let alarm = slip.fields.iter().find(|field| field.name == "alarm").unwrap();
-        assert_eq!((alarm.offset, &alarm.kind), (93, &Kind::Bool));
-        assert!(alarm.comment.starts_with("The flag to act on"), "{}", alarm.comment);
-        assert_eq!(slip.constants.len(), 3);
+        let flag = slip.fields.iter().find(|field| field.name == "slip").unwrap();
+        assert_eq!((flag.offset, &flag.kind), (90, &Kind::Bool));
+        assert!(flag.comment.starts_with("The flag to act on"), "{}", flag.comment);
+        assert_eq!(slip.constants.len(), 12);
     }
 }

@@ -22,9 +22,8 @@ use base64::engine::general_purpose::STANDARD;
 use mcap::records::MessageHeader;
 use mcap::{McapError, Message, MessageStream, WriteOptions, Writer};
 use serde_json::{Value, json};
-use slipsense::fixed::Logit;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
-use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage};
+use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage, WireLogit};
 
 use crate::candump::LogEntry;
 use crate::catch_panic::catch_panic;
@@ -152,8 +151,11 @@ fn slip_json(message: &SlipMessage) -> Value {
     });
     json!({
         "timestamp_us": message.timestamp_us, "sequence": message.sequence, "class_index": message.class,
-        "slip": message.slip, "alarm": message.alarm, "late_frames": message.late_frames,
-        "logits": message.logits.map(Logit::to_f64), "contact": contact.collect::<Vec<_>>(),
+        "slip": message.slip, "may_begin": message.may_begin, "locked": message.locked,
+        "invalid": message.invalid, "degraded": message.degraded, "starts": message.starts,
+        "configuration": message.configuration, "late_frames": message.late_frames,
+        "logits": message.logits.map(WireLogit::to_f64), "log_odds": message.log_odds.to_f64(),
+         "contact": contact.collect::<Vec<_>>(),
     })
 }
 

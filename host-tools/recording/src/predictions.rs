@@ -15,8 +15,8 @@ use std::path::Path;
 /// |---|---|
 /// | `class` | uint8 \[F\] |
 /// | `logits` | int32 \[F, 3\] |
+/// | `may_begin` | uint8 \[F\] |
 /// | `slip` | uint8 \[F\] |
-/// | `alarm` | uint8 \[F\] |
 /// | `logmel` | float32 \[F, S, 16\] |
 /// | `logmel_std` | float32 \[F, S, 16\] |
 #[derive(Clone, Debug, PartialEq)]
@@ -28,9 +28,9 @@ pub struct Predictions {
     /// Logits per frame, Q10.
     pub logits: Vec<[i32; CLASSES]>,
     /// Whether the class is slip, as sent, 0 or 1, per frame.
+    pub may_begin: Vec<u8>,
+    /// The flag to act on, as sent, 0 or 1, per frame.
     pub slip: Vec<u8>,
-    /// The flag of the model's operating point, as sent, 0 or 1, per frame.
-    pub alarm: Vec<u8>,
     /// Natural log of the axis-summed mel power in g², `[frame * sensors + sensor]`, before
     /// standardisation.
     pub logmel: Vec<[f32; MEL_BINS]>,
@@ -56,8 +56,8 @@ impl Predictions {
             sensors,
             class: Vec::with_capacity(frames),
             logits: Vec::with_capacity(frames),
+            may_begin: Vec::with_capacity(frames),
             slip: Vec::with_capacity(frames),
-            alarm: Vec::with_capacity(frames),
             logmel: Vec::with_capacity(frames * sensors),
             logmel_std: Vec::with_capacity(frames * sensors),
         }
@@ -67,8 +67,8 @@ impl Predictions {
     pub fn push(&mut self, output: &Output, xl_lsb_g: f64) {
         self.class.push(output.class as u8);
         self.logits.push(output.logits.map(Logit::to_bits));
+        self.may_begin.push(output.may_begin.into());
         self.slip.push(output.slip.into());
-        self.alarm.push(output.alarm.into());
         for log_mel in output.log_mel.iter().take(self.sensors) {
             self.logmel.push(logmel_g2(log_mel, xl_lsb_g));
             self.logmel_std.push(logmel_std(log_mel));
@@ -95,8 +95,8 @@ impl Predictions {
             self.validate()?;
             npz.array("class", &[frames], self.class.iter().copied())?;
             npz.array("logits", &[frames, CLASSES], self.logits.iter().flatten().copied())?;
+            npz.array("may_begin", &[frames], self.may_begin.iter().copied())?;
             npz.array("slip", &[frames], self.slip.iter().copied())?;
-            npz.array("alarm", &[frames], self.alarm.iter().copied())?;
             npz.array("logmel", &mel, self.logmel.iter().flatten().copied())?;
             npz.array("logmel_std", &mel, self.logmel_std.iter().flatten().copied())
         })
@@ -113,8 +113,8 @@ impl Predictions {
         }
         for (array, len, must) in [
             ("logits", self.logits.len(), frames),
+            ("may_begin", self.may_begin.len(), frames),
             ("slip", self.slip.len(), frames),
-            ("alarm", self.alarm.len(), frames),
             ("logmel", self.logmel.len(), frames * sensors),
             ("logmel_std", self.logmel_std.len(), frames * sensors),
         ] {
@@ -123,9 +123,11 @@ impl Predictions {
                 return Err(Problem::array(array, rule));
             }
         }
-        for (array, values, max) in
-            [("class", &self.class, CLASSES as u8 - 1), ("slip", &self.slip, 1), ("alarm", &self.alarm, 1)]
-        {
+        for (array, values, max) in [
+            ("class", &self.class, CLASSES as u8 - 1),
+            ("may_begin", &self.may_begin, 1),
+            ("slip", &self.slip, 1),
+        ] {
             if let Some(f) = values.iter().position(|&v| v > max) {
                 return Err(Problem::element(array, &[f], values[f], format!("must be at most {max}")));
             }
@@ -155,8 +157,8 @@ fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Predictions, Probl
         sensors,
         class,
         logits: rows(read(&mut npz, "logits", &[frames, CLASSES])?),
+        may_begin: read(&mut npz, "may_begin", &[frames])?,
         slip: read(&mut npz, "slip", &[frames])?,
-        alarm: read(&mut npz, "alarm", &[frames])?,
         logmel,
         logmel_std: rows(read(&mut npz, "logmel_std", &[frames, sensors, MEL_BINS])?),
     };

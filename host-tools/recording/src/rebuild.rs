@@ -75,7 +75,7 @@ pub fn episode(entries: &[LogEntry], node: Option<NodeId>, xl_lsb_g: f64) -> Res
             "{missing} raw messages say that array or accelerometer was missing; an episode cannot"
         ));
     }
-    notes.push("decisions (class, logits, alarm) are left out: `slipsense run` makes them again".to_owned());
+    notes.push("decisions (class, logits, slip) are left out: `slipsense run` makes them again".to_owned());
 
     let first = best[0][0].sequence;
     let mut episode = assemble(&best, sensors, xl_lsb_g)?;

@@ -26,9 +26,9 @@ pub struct Record {
     /// The decision.
     pub class: u8,
     /// The flag of the class.
+    pub may_begin: bool,
+    /// The flag to act on.
     pub slip: bool,
-    /// The flag of the operating point.
-    pub alarm: bool,
     /// Health bits per sensor.
     pub health: [u8; MAX_SENSORS],
     /// What went onto the bus, in order.
@@ -44,8 +44,8 @@ impl Record {
             log_mel: output.log_mel,
             logits: output.logits,
             class: output.class as u8,
+            may_begin: output.may_begin,
             slip: output.slip,
-            alarm: output.alarm,
             health: output.health.map(|health| health.0),
             can: Vec::new(),
         }
@@ -59,7 +59,7 @@ impl Record {
             put(bytes_of(&log_mel.standardised));
         }
         put(bytes_of(&self.logits.map(Logit::to_bits)));
-        put(&[self.class, u8::from(self.slip), u8::from(self.alarm)]);
+        put(&[self.class, u8::from(self.may_begin), u8::from(self.slip)]);
         put(&self.health);
         put(bytes_of(&(self.can.len() as u16)));
         for frame in &self.can {
@@ -78,8 +78,8 @@ impl Record {
             *log_mel = LogMel { ln_power: reader.next()?, standardised: reader.next()? };
         }
         record.logits = reader.next::<[i32; CLASSES]>()?.map(Logit::from_bits);
-        let [class, slip, alarm] = reader.next()?;
-        (record.class, record.slip, record.alarm) = (class, slip != 0, alarm != 0);
+        let [class, may_begin, slip] = reader.next()?;
+        (record.class, record.may_begin, record.slip) = (class, may_begin != 0, slip != 0);
         record.health = reader.next()?;
         for _ in 0..reader.next::<u16>()? {
             let (id, length): (u32, u8) = (reader.next()?, reader.next()?);

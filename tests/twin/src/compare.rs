@@ -9,7 +9,10 @@ use slipsense::net::{Aligned, Model};
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{NodeId, RawMessage, Received, Receiver, SlipMessage};
+use slipsense::wire::{
+    DEGRADED_LATE, DEGRADED_NOT_CALIBRATED, DEGRADED_SELF_TEST, NodeId, Origin, RawMessage, Received, Receiver,
+    SlipMessage,
+};
 use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
 
@@ -194,7 +197,20 @@ impl Comparison {
             }
             let output = pipeline.step(&inputs[..sensors]);
             let stamp = FrameStamp { sequence: message.sequence, timestamp_us: message.timestamp_us };
-            let expected = output.slip_message(stamp, message.late_frames);
+            let origin = Origin {
+                starts: message.starts,
+                late_frames: message.late_frames,
+                late: message.degraded & DEGRADED_LATE != 0,
+                self_test_failed: message.degraded & DEGRADED_SELF_TEST != 0,
+                locked: message.locked,
+                ..Origin::default()
+            };
+            let mut expected = output.slip_message(stamp, &origin);
+            if message.degraded & DEGRADED_NOT_CALIBRATED == 0 {
+                // The names of the calibrations are not known here.
+                expected.degraded &= !DEGRADED_NOT_CALIBRATED;
+                expected.configuration = message.configuration;
+            }
             self.compared += 1;
             if expected != *message {
                 self.different

@@ -5,27 +5,28 @@ use slipsense_synth::plant::GRIP_MAX_N;
 
 /// Which flag of the slip message is acted on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
+#[serde(rename_all = "kebab-case")]
 pub enum Flag {
-    /// `slip`, the class of the frame: what the paper's controller acts on.
+    /// `may_begin`, the class of the frame: what the paper's controller acts on.
     #[default]
-    Class,
-    /// `alarm`, slip by the operating point of the model.
-    Alarm,
+    MayBegin,
+    /// `slip`, the flag to act on.
+    Slip,
 }
 
 impl Flag {
     pub const fn is_up(self, message: &SlipMessage) -> bool {
-        match self {
-            Self::Class => message.slip,
-            Self::Alarm => message.alarm,
-        }
+        message.invalid == 0
+            && match self {
+                Self::MayBegin => message.may_begin,
+                Self::Slip => message.slip,
+            }
     }
 
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Class => "class",
-            Self::Alarm => "alarm",
+            Self::MayBegin => "may-begin",
+            Self::Slip => "slip",
         }
     }
 }
@@ -78,13 +79,13 @@ impl Controller {
 mod tests {
     use super::*;
 
-    fn message(slip: bool, alarm: bool) -> SlipMessage {
-        SlipMessage { slip, alarm, ..SlipMessage::default() }
+    fn message(may_begin: bool, slip: bool) -> SlipMessage {
+        SlipMessage { may_begin, slip, ..SlipMessage::default() }
     }
 
     #[test]
     fn it_moves_once_per_motion_and_ends_at_the_grippers_force() {
-        let reaction = Reaction { flag: Flag::Class, gain: 2.0, settle_ms: 20.0 };
+        let reaction = Reaction { flag: Flag::MayBegin, gain: 2.0, settle_ms: 20.0 };
         let mut controller = Controller::new(reaction, 2.0);
         let mut commands = Vec::new();
         for ms in 0..400u64 {
@@ -96,7 +97,7 @@ mod tests {
 
     #[test]
     fn it_acts_on_the_configured_flag() {
-        let reaction = Reaction { flag: Flag::Alarm, gain: 2.0, settle_ms: 0.0 };
+        let reaction = Reaction { flag: Flag::Slip, gain: 2.0, settle_ms: 0.0 };
         let mut controller = Controller::new(reaction, 2.0);
         assert_eq!(controller.receive(&message(true, false), 0, 0), None);
         assert_eq!(controller.receive(&message(false, true), 1, 0), Some(4.0));

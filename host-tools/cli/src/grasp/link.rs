@@ -108,7 +108,7 @@ mod tests {
                 let tick_ns = u64::from(sequence) * 4_166_667 + 1_000_000;
                 link.advance(tick_ns, &mut received).unwrap();
                 let message =
-                    SlipMessage { sequence, class: 2, slip: true, sensors: 2, ..SlipMessage::default() };
+                    SlipMessage { sequence, class: 2, may_begin: true, sensors: 2, ..SlipMessage::default() };
                 link.send(&message, std::iter::empty()).unwrap();
                 sent_ns.push(tick_ns);
             }
@@ -116,7 +116,7 @@ mod tests {
             assert_eq!(received.len(), 200);
             for (received, (sequence, sent)) in received.iter().zip((0..).zip(sent_ns)) {
                 assert_eq!(received.message.sequence, sequence);
-                assert!(received.message.slip && received.message.sensors == 2);
+                assert!(received.message.may_begin && received.message.sensors == 2);
                 let delay_us = (received.at_ns - sent) / 1000;
                 assert!((100..=most_us).contains(&delay_us), "{delay_us} us at {foreign} %");
             }

@@ -5,6 +5,7 @@ use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense::wire::Origin;
 use slipsense_synth::plant::{GRIP_MAX_N, Plant, Trial};
 
 use super::controller::{Controller, Reaction};
@@ -113,9 +114,9 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
         link.advance(tick_ns(frame) + 1000 * config.inference_us, &mut received)?;
         let raw = read.inputs().iter().enumerate();
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
-        link.send(&output.slip_message(stamp, 0), raw)?;
+        link.send(&output.slip_message(stamp, &Origin::default()), raw)?;
         series.lead.push(output.margin.map_or(0.0, Logit::to_f64));
-        series.flag.push(config.reaction.flag.is_up(&output.slip_message(stamp, 0)));
+        series.flag.push(config.reaction.flag.is_up(&output.slip_message(stamp, &Origin::default())));
         link.advance(tick_ns(frame + 1), &mut received)?;
 
         for ReceivedSlip { at_ns, message } in received.drain(..) {

@@ -26,7 +26,7 @@ pub(super) fn add(
     summary: &Summary,
     y: f64,
 ) -> f64 {
-    let events = summary.truth.iter().flat_map(|truth| &truth.flag.events).take(MOST);
+    let events = summary.truth.iter().flat_map(|truth| &truth.may_begin.events).take(MOST);
     let events: Vec<&EventInfo> = events.collect();
     if events.is_empty() {
         return y;
@@ -83,7 +83,7 @@ fn one(
     group.add(curve(frames.clone().map(at), NEUTRAL));
     for frame in frames.clone() {
         let (cx, cy) = at(frame);
-        let flagged = simulation.predictions.slip[frame] != 0;
+        let flagged = simulation.predictions.may_begin[frame] != 0;
         let (colour, radius) = if flagged { (CLASS[2], 3.4) } else { (NEUTRAL, 2.2) };
         group.add(Circle::new().set("cx", cx).set("cy", cy).set("r", radius).set("fill", colour));
     }

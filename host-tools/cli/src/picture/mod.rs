@@ -201,7 +201,7 @@ impl Panels<'_> {
         y + height
     }
 
-    /// Strips of alarm, class and truth.
+    /// Strips of flags, class and truth.
     fn decisions(&mut self, mut y: f64) -> f64 {
         let simulation = self.simulation;
         let title = if self.episode.label.is_some() { "Decision and truth" } else { "Decision" };
@@ -214,8 +214,8 @@ impl Panels<'_> {
         }
         let raised =
             |up: &[u8]| up.iter().map(|&up| if up != 0 { SLIP } else { u8::MAX }).collect::<Vec<u8>>();
-        y = self.strip(y, "alarm", &raised(&simulation.predictions.alarm));
-        y = self.strip(y, "slip flag", &raised(&simulation.predictions.slip));
+        y = self.strip(y, "slip", &raised(&simulation.predictions.slip));
+        y = self.strip(y, "may begin", &raised(&simulation.predictions.may_begin));
         y = self.strip(y, "class", &simulation.predictions.class);
         if let Some(label) = &self.episode.label {
             y = self.strip(y, "truth", label);
@@ -258,7 +258,7 @@ impl Panels<'_> {
 
     /// Onsets and ends across all panels, detections and false alarms above them.
     fn events(&mut self) {
-        let Some(TruthInfo { flag, .. }) = &self.summary.truth else { return };
+        let Some(TruthInfo { may_begin: flag, .. }) = &self.summary.truth else { return };
         let spans = std::mem::take(&mut self.spans);
         let mut free = 0.0;
         for event in &flag.events {
@@ -318,10 +318,10 @@ fn mark(event: &EventInfo, width: f64) -> String {
 
 /// What there is to see, in one line.
 fn headline(summary: &Summary) -> String {
-    let Some(TruthInfo { flag, .. }) = &summary.truth else {
-        let runs = summary.output.flag_runs.len();
+    let Some(TruthInfo { may_begin: flag, .. }) = &summary.truth else {
+        let runs = summary.output.may_begin_runs.len();
         let times = if runs == 1 { "once" } else { &format!("{runs} times") };
-        return format!("SlipSense: slip flag raised {times} (no labels to compare with)");
+        return format!("SlipSense: slip may begin {times} (no labels to compare with)");
     };
     let count = |outcome| flag.events.iter().filter(|event| event.outcome == outcome).count();
     let (events, alarms, early) = (flag.events.len(), flag.false_alarms.len(), count(Outcome::Early));

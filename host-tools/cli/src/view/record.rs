@@ -6,11 +6,11 @@
 //! | 4 | frames lost right before it |
 //! | 8 | time of its tick, µs, a 64-bit float |
 //! | 1 | class: 0 no contact, 1 contact without slip, 2 slip |
-//! | 1 | flags: 1 slip, 2 alarm, 4 the truth is known, 8 slip in truth |
-//! | 1, 1 | sensors in use, unused |
-//! | 12 | logits, 1/1024 nat |
-//! | 2, 2 | late frames so far, unused |
-//! | 4 | unused |
+//! | 1 | flags: 1 slip, 2 slip may begin, 4 the truth is known, 8 slip in truth |
+//! | 1, 1 | sensors in use; why slip must not be believed |
+//! | 12 | logits, 1/256 nat |
+//! | 1, 1 | late frames so far, modulo 256; what makes slip worse |
+//! | 6 | unused |
 //!
 //! and per sensor of the session, in use or not
 //!
@@ -42,7 +42,7 @@ pub const fn bytes(sensors: usize) -> usize {
 }
 
 const SLIP: u8 = 1;
-const ALARM: u8 = 2;
+const MAY_BEGIN: u8 = 2;
 const TRUTH_KNOWN: u8 = 4;
 const TRUE_SLIP: u8 = 8;
 const TAXELS_PRESENT: u8 = 1;
@@ -81,7 +81,7 @@ impl Record {
             Some(true) => TRUTH_KNOWN | TRUE_SLIP,
         };
         let flag = |set, bit| if set { bit } else { 0 };
-        flag(self.slip.slip, SLIP) | flag(self.slip.alarm, ALARM) | truth
+        flag(self.slip.slip, SLIP) | flag(self.slip.may_begin, MAY_BEGIN) | truth
     }
 
     /// The bytes, [`bytes`] of the session's `sensors`; a frame of fewer has the others empty.
@@ -91,9 +91,9 @@ impl Record {
         out.extend(slip.sequence.to_le_bytes());
         out.extend(self.lost.to_le_bytes());
         out.extend((slip.timestamp_us as f64).to_le_bytes());
-        out.extend([slip.class, self.flags(), slip.sensors, 0]);
-        out.extend(slip.logits.iter().flat_map(|logit| logit.to_bits().to_le_bytes()));
-        out.extend(slip.late_frames.to_le_bytes());
+        out.extend([slip.class, self.flags(), slip.sensors, slip.invalid]);
+        out.extend(slip.logits.iter().flat_map(|logit| i32::from(logit.to_bits()).to_le_bytes()));
+        out.extend([slip.late_frames, slip.degraded]);
         out.resize(HEADER_BYTES, 0);
         let none = SensorRecord::default();
         for (sensor, contact) in (0..sensors).zip(&slip.contact) {

@@ -8,7 +8,7 @@ use slipsense::health;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Pipeline, SensorCountError};
-use slipsense::wire::{NodeId, RawMessage, Received, Receiver, SlipMessage};
+use slipsense::wire::{NodeId, Origin, RawMessage, Received, Receiver, SlipMessage};
 use slipsense_recording::Episode;
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 use slipsense_recording::score::SLIP;
@@ -27,7 +27,7 @@ pub fn run_episode(episode: &Episode, model: Model<'_>, store: &Store) -> Result
             log_mel: Some(output.log_mel[sensor]),
         };
         store.push(&Record {
-            slip: output.slip_message(FrameStamp::of_recording(frame as u32), 0),
+            slip: output.slip_message(FrameStamp::of_recording(frame as u32), &Origin::default()),
             lost: 0,
             truth: episode.label.as_ref().map(|label| label[frame] == SLIP),
             sensors: (0..episode.sensors).map(sensor).collect(),

@@ -3,12 +3,12 @@
 use std::io::Cursor;
 use std::time::Duration;
 
-use slipsense::fixed::Logit;
+use slipsense::fixed::Q;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{NodeId, RawBuffer, SlipMessage, Transmitter};
+use slipsense::wire::{NodeId, Origin, RawBuffer, SlipMessage, Transmitter};
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::model_file::random_model;
 
@@ -48,8 +48,10 @@ fn a_record_is_laid_out_as_its_table_says() {
         sequence: 0x0102_0304,
         class: 2,
         slip: true,
-        logits: [-1, 2, 1024].map(Logit::from_bits),
+        logits: [-1, 2, 1024].map(Q::from_bits),
         late_frames: 7,
+        invalid: 4,
+        degraded: 16,
         sensors: 2,
         ..SlipMessage::default()
     };
@@ -65,8 +67,8 @@ fn a_record_is_laid_out_as_its_table_says() {
     assert_eq!(out.len(), bytes(3));
     assert_eq!(out[..8], [4, 3, 2, 1, 9, 0, 0, 0]);
     assert_eq!(f64::from_le_bytes(out[8..16].try_into().unwrap()), 1_500_000.0);
-    assert_eq!(out[16..20], [2, 1 | 4 | 8, 2, 0]);
-    assert_eq!(out[28..34], [0, 4, 0, 0, 7, 0]);
+    assert_eq!(out[16..20], [2, 1 | 4 | 8, 2, 4]);
+    assert_eq!(out[28..34], [0, 4, 0, 0, 7, 16]);
     let second = &out[HEADER_BYTES + SENSOR_BYTES..];
     assert_eq!((second[0], second[1]), (3, 1));
     assert_eq!(u32::from_le_bytes(second[4..8].try_into().unwrap()), 70_000);
@@ -110,7 +112,7 @@ fn log() -> (Vec<u8>, Vec<PiezoFrame>) {
             [SensorInput { piezo: Some(&pad), xl: Some(&xl), xl_end: (sequence + 1) * xl.len() as u32 }];
         let output = pipeline.step(&inputs);
         let stamp = FrameStamp::of_recording(sequence);
-        let slip = transmitter.slip(&output.slip_message(stamp, 0));
+        let slip = transmitter.slip(&output.slip_message(stamp, &Origin::default()));
         if sequence != LOST {
             out.write(stamp.timestamp_us, &slip).unwrap();
         }

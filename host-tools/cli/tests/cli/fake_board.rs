@@ -12,7 +12,7 @@ use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::Pipeline;
 use slipsense::sensor::SensorReadings;
-use slipsense::wire::{NodeId, RawBuffer, Transmitter};
+use slipsense::wire::{NodeId, Origin, RawBuffer, Transmitter};
 
 /// Where its memory is.
 pub const MAILBOX_AT: u32 = 0x2000_6000;
@@ -132,7 +132,7 @@ impl Board {
             self.pipeline.get_or_insert_with(|| Pipeline::new(self.model, sensors).expect("sensors"));
         let inputs = parts.each_ref().map(|part| part.input());
         let output = pipeline.step(&inputs[..sensors]);
-        let mut can = vec![self.transmitter.slip(&output.slip_message(stamp, 0))];
+        let mut can = vec![self.transmitter.slip(&output.slip_message(stamp, &Origin::default()))];
         let mut buffer = RawBuffer::new();
         for (sensor, part) in parts.iter().enumerate().take(sensors) {
             let raw = output.raw_frame(stamp, sensor, part.input());

@@ -41,9 +41,9 @@ fn the_gripper_reacts_after_inference_bus_and_actuator() {
 #[test]
 fn pictures_numbers_and_table() {
     let place = Place::new();
-    let table = place.run("grasp --trials 2 --hand tesollo2 --flag alarm --out @out");
+    let table = place.run("grasp --trials 2 --hand tesollo2 --flag slip --out @out");
     for words in
-        ["synthetic", "flag alarm", "slips detected", "objects kept without any reaction", "by object"]
+        ["synthetic", "flag slip", "slips detected", "objects kept without any reaction", "by object"]
     {
         assert!(table.contains(words), "{words}: {table}");
     }
@@ -54,7 +54,7 @@ fn pictures_numbers_and_table() {
         assert!(picture.starts_with("<svg") && picture.contains("synthetic"), "{name}");
     }
     let numbers: Value = serde_json::from_str(&read("grasp.json")).unwrap();
-    assert_eq!(numbers["reaction"]["flag"], "alarm");
+    assert_eq!(numbers["reaction"]["flag"], "slip");
     assert_eq!(numbers["totals"]["trials"], 2);
 }
 
@@ -68,7 +68,7 @@ fn what_cannot_be_tried() {
         ("grasp --inference-us 4001", "0..=4000"),
         ("grasp --hand claw", "must be umi, tesollo2 or tesollo3"),
         ("grasp --objects train", "must be unseen or val"),
-        ("grasp --flag both", "class, alarm"),
+        ("grasp --flag both", "may-begin, slip"),
         ("grasp --show 0", "--out"),
     ]);
 }

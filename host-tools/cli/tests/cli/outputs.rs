@@ -7,10 +7,10 @@ use std::path::Path;
 
 use crate::support::{Arrays, Place, names};
 use serde_json::Value;
-use slipsense::fixed::Logit;
+use slipsense::fixed::Q;
 use slipsense::params::CONTACT_SUM_MIN;
 use slipsense::pipeline::FrameStamp;
-use slipsense::wire::{NodeId, Received, Receiver};
+use slipsense::wire::{NodeId, Received, Receiver, wire_logit};
 use slipsense_recording::candump::CandumpReader;
 use slipsense_recording::npz::Reader;
 use slipsense_recording::{Episode, Predictions};
@@ -43,7 +43,7 @@ fn check_summary(summary: &Value, predictions: &Predictions, episode: &Episode) 
     assert_eq!(summary["episode"]["frames"], episode.frames());
     assert_eq!(summary["episode"]["sensors"], episode.sensors);
     assert_eq!(summary["output"]["class_frames"], Value::from(count(&predictions.class)));
-    for (runs, flag) in [("flag_runs", &predictions.slip), ("alarm_runs", &predictions.alarm)] {
+    for (runs, flag) in [("may_begin_runs", &predictions.may_begin), ("slip_runs", &predictions.slip)] {
         let flagged: u64 = summary["output"][runs]
             .as_array()
             .unwrap()
@@ -61,7 +61,7 @@ fn check_summary(summary: &Value, predictions: &Predictions, episode: &Episode) 
         let onset = event["onset_frame"].as_u64().unwrap() as usize;
         assert_eq!((label[onset], label[onset - 1] != 2), (2, true));
         if let Some(delay) = event["delay_frames"].as_i64() {
-            assert_eq!(predictions.slip[(onset as i64 + delay) as usize], 1);
+            assert_eq!(predictions.may_begin[(onset as i64 + delay) as usize], 1);
             assert!((event["delay_ms"].as_f64().unwrap() - delay as f64 / 0.24).abs() < 1e-9);
         }
     }
@@ -94,8 +94,8 @@ fn check_log(path: &Path, predictions: &Predictions, episode: &Episode, summary:
         assert_eq!(messages.len(), 1 + episode.sensors);
         let Received::Slip(slip) = &messages[0] else { panic!("frame {frame}: slip message first") };
         assert_eq!((slip.class, slip.slip), (predictions.class[frame], predictions.slip[frame] != 0));
-        assert_eq!(slip.alarm, predictions.alarm[frame] != 0);
-        assert_eq!(slip.logits.map(Logit::to_bits), predictions.logits[frame]);
+        assert_eq!(slip.may_begin, predictions.may_begin[frame] != 0);
+        assert_eq!(slip.logits, predictions.logits[frame].map(Q::from_bits).map(wire_logit));
         for (sensor, message) in messages[1..].iter().enumerate() {
             let Received::Raw(raw) = message else { panic!("frame {frame}: raw frame") };
             assert_eq!(usize::from(raw.sensor), sensor);

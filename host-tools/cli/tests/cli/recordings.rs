@@ -23,7 +23,7 @@ fn log(frames: u32, lost: &[u32]) -> Vec<u8> {
     let (piezo, xl) = (PiezoFrame::from_scan([7; 1024]), [[1, -2, 3]; 33]);
     for sequence in 0..frames {
         let at_us = 1_700_000_000_000_000 + u64::from(sequence) * 12_500 / 3;
-        let message = SlipMessage { sequence, sensors: 1, alarm: sequence >= 240, ..SlipMessage::default() };
+        let message = SlipMessage { sequence, sensors: 1, slip: sequence >= 240, ..SlipMessage::default() };
         let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl), xl_end: 33 * (sequence + 1) };
         let raw = RawFrame { timestamp_us: at_us, sequence, sensor: 0, health: 0, input };
         let mut sent = vec![transmitter.slip(&message)];
@@ -92,7 +92,7 @@ fn losses_are_counted() {
     assert!(lines[0].contains("236 slip") && text.contains("lost 8"), "slip and raw: {text}");
     let text = place.run("monitor @r.mcap --plain --json");
     let last: Value = text.lines().last().unwrap().parse().unwrap();
-    assert_eq!((&last["alarm_frames"], &last["lost"]), (&60.into(), &0.into()), "{last}");
+    assert_eq!((&last["slip_frames"], &last["lost"]), (&60.into(), &0.into()), "{last}");
 }
 
 /// Until `done`, at most a minute.
@@ -255,6 +255,6 @@ fn descriptions_for_other_programs() {
     place.run("dbc --node-id 43 --out @slip.dbc");
     let dbc = fs::read_to_string(place.path("slip.dbc")).unwrap();
     assert!(dbc.contains("BO_ 2222471211 Slip: 64 SlipSense43"), "{dbc}");
-    assert!(dbc.contains(" SG_ alarm : 93|1@1+ (1,0) [0|1] \"\" Vector__XXX"), "{dbc}");
+    assert!(dbc.contains(" SG_ slip : 90|1@1+ (1,0) [0|1] \"\" Vector__XXX"), "{dbc}");
     assert!(place.run("c-header").contains("static inline int slipsense_slip_decode("));
 }

@@ -118,7 +118,7 @@ pub(super) fn network_alarm(model: &[u8], dead: Option<Modality>) -> Result<Dete
     let mut stream = PipelineStream::new(model, dead);
     Ok(Box::new(move |episode| {
         let mut frames = Vec::with_capacity(episode.frames());
-        let goes_on = stream.run(episode, |output| frames.push((output.margin, output.alarm)))?;
+        let goes_on = stream.run(episode, |output| frames.push((output.margin, output.slip)))?;
         if !goes_on {
             recent.clear();
         }

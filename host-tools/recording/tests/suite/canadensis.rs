@@ -102,7 +102,7 @@ fn messages_are_sent_as_the_oracle_would() {
         let message =
             SlipMessage { timestamp_us: u64::from(step) * 4_167, sequence: step, ..Default::default() };
         let id = MessageId { priority: SLIP_PRIORITY, port: SLIP_PORT, node };
-        assert_eq!(ours([transmitter.slip(&message)]), oracle(id, transfer, &message.encode()));
+        assert_eq!(ours([transmitter.slip(&message)]), oracle(id, transfer, &message.encode(node)));
 
         let input = SensorInput { piezo: Some(&piezo), xl: samples.get(..step as usize * 2), xl_end: 7 };
         let frame = RawFrame { timestamp_us: 9, sequence: step, sensor: 1, health: 0, input };

@@ -10,5 +10,6 @@ mod killed;
 mod regulated_types;
 mod round_trip;
 mod rules;
+mod slip_receiver;
 mod stand_log;
 mod support;

@@ -23,7 +23,8 @@ pub struct Comparison {
 }
 
 /// Parts of a record.
-pub const PARTS: [&str; 8] = ["features", "logits", "class", "slip", "alarm", "health", "CAN", "sequence"];
+pub const PARTS: [&str; 8] =
+    ["features", "logits", "class", "may begin", "slip", "health", "CAN", "sequence"];
 
 /// The values of each part, with what they are, as text.
 fn parts(record: &Record) -> [Vec<String>; PARTS.len()] {
@@ -40,8 +41,8 @@ fn parts(record: &Record) -> [Vec<String>; PARTS.len()] {
         features.collect(),
         named("logit", record.logits),
         named("class", [record.class]),
+        named("may begin", [record.may_begin]),
         named("slip flag", [record.slip]),
-        named("alarm", [record.alarm]),
         named("health", record.health),
         named("CAN frame", &record.can),
         named("sequence", [record.sequence]),
@@ -53,7 +54,7 @@ pub fn compare(host: &[Record], emulated: &[Record]) -> Comparison {
     let mut comparison = Comparison { frames: host.len().abs_diff(emulated.len()), ..Comparison::default() };
     for (frame, (host, emulated)) in host.iter().zip(emulated).enumerate() {
         comparison.can_frames += host.can.len();
-        comparison.slip_frames += usize::from(host.slip);
+        comparison.slip_frames += usize::from(host.may_begin);
         let mut differs = false;
         for (part, (here, there)) in parts(host).iter().zip(&parts(emulated)).enumerate() {
             if here == there {
@@ -111,8 +112,8 @@ mod tests {
             (|r| r.log_mel[0].standardised[0] ^= 1, "features"),
             (|r| r.logits[2] = Logit::from_bits(4), "logits"),
             (|r| r.class = 2, "class"),
+            (|r| r.may_begin = true, "may begin"),
             (|r| r.slip = true, "slip"),
-            (|r| r.alarm = true, "alarm"),
             (|r| r.health[1] = 1, "health"),
             (|r| r.can[0] = CanFrame::new(5, &[1, 2, 4]).unwrap(), "CAN"),
             (|r| r.can.clear(), "CAN"),

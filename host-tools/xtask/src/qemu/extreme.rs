@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::fixed::Logit;
-use slipsense::net::format::{ALARM_FRAMES_MAX, Dims, HEAD_WIDTH_MAX, OperatingPoint};
+use slipsense::net::format::{DECISION_FRAMES_MAX, Dims, HEAD_WIDTH_MAX, OperatingPoint};
 use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXELS, XL_BATCH_MAX, limits};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::SensorReadings;
@@ -49,8 +49,8 @@ pub fn model(seed: u64) -> Result<Vec<u8>> {
         window: rng.random_range(1..=limits::WINDOW),
     };
     let mut file = random_model(dims, seed);
-    let n = rng.random_range(1..=ALARM_FRAMES_MAX);
-    // Near zero, so that the alarm changes.
+    let n = rng.random_range(1..=DECISION_FRAMES_MAX);
+    // Near zero, so that the flag changes.
     let threshold = Logit::from_bits(rng.random_range(-500..500));
     file.point = OperatingPoint { threshold, k: rng.random_range(1..=n), n };
     file.to_bytes().map_err(|error| anyhow!("random model {seed}: {error}"))

@@ -4,7 +4,7 @@ use anyhow::Result;
 use slipsense::net::Model;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{Detail, RawBuffer, RawForm, Transmitter};
+use slipsense::wire::{Detail, Origin, RawBuffer, RawForm, Transmitter};
 use slipsense_qemu::record::Record;
 
 use super::frames::{Frames, NODE};
@@ -23,7 +23,7 @@ pub fn records<'a>(
         let output = pipeline.step(&inputs);
         let mut record = Record::new(stamp.sequence, &output);
         let mut send = |frame| record.can.push(frame).expect("the record has room for every CAN frame");
-        send(transmitter.slip(&output.slip_message(stamp, 0)));
+        send(transmitter.slip(&output.slip_message(stamp, &Origin::default())));
         for (sensor, part) in parts.iter().enumerate() {
             let raw = output.raw_frame(stamp, sensor, part.input());
             transmitter.raw_as(form, &raw, &mut buffer).for_each(&mut send);

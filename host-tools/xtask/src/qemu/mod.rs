@@ -35,7 +35,7 @@ const KERNELS_TIMEOUT: Duration = Duration::from_secs(300);
 #[command(after_help = "\
 Builds the program of tests/qemu for the Cortex-M7, starts it in QEMU (machine mps2-an500), feeds it \
 every frame through a file and compares what comes back with what the same library computes here: \
-log-mel features, logits, class, slip flag, alarm, health and every byte of every CAN frame.
+log-mel features, logits, class, flags, health and every byte of every CAN frame.
 
 Exit code: 0 all equal, 1 something differs, 2 it could not be run.
 

@@ -265,7 +265,8 @@ impl Arrivals {
     }
 
     fn slip(&mut self, arrived: &Arrived, expected: &Expected, disturbance: &Disturbance) {
-        let message = SlipMessage::decode(arrived.frame.data()).ok();
+        let message =
+            arrived.frame.data().split_last().and_then(|(_, fields)| SlipMessage::decode(NODE, fields).ok());
         let sequence = message.map(|message| message.sequence as usize);
         let Some(sequence) = sequence.filter(|&n| expected.slips.get(n) == Some(&arrived.frame)) else {
             self.wrong += 1;

@@ -26,6 +26,10 @@ const IS_FRESH: u32 = u32::from_le_bytes(*b"new!");
 #[unsafe(link_section = ".uninit.crash_fresh")]
 static mut FRESH: MaybeUninit<u32> = MaybeUninit::uninit();
 
+/// Starts since the supply came, this one not counted, and its complement: other bits are what the supply left.
+#[unsafe(link_section = ".uninit.starts")]
+static mut STARTS: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
+
 /// What the last look saw: tasks, PC, LR.
 #[unsafe(link_section = ".uninit.stalled")]
 static mut STALLED: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
@@ -63,6 +67,19 @@ pub fn start() -> Start {
         _ => None,
     };
     Start { cause, crash }
+}
+
+/// Starts since the supply came, this one not counted; wraps. To be called once.
+pub fn count_start() -> u8 {
+    let words: *mut [u32; 2] = (&raw mut STARTS).cast();
+    // SAFETY: any bits are words; nobody else uses them.
+    let starts = match unsafe { read_volatile(words) } {
+        [starts, complement] if starts == !complement => starts.wrapping_add(1),
+        _ => 0,
+    };
+    // SAFETY: as above.
+    unsafe { write_volatile(words, [starts, !starts]) };
+    starts as u8
 }
 
 /// Note from now on, in SysTick, which tasks stand still and where the core is.

@@ -1,15 +1,15 @@
-//! What answers to a frame: the pipeline, or, without a readable model, a slip message flagged NO_MODEL.
+//! What answers to a frame: the pipeline, or, without a readable model, an invalid slip message.
 
 use defmt::{Display2Format, error, info, warn};
 use slipsense::firmware::model;
 use slipsense::firmware::shared::{FrameReceiver, Mutex, RawSender, SHARED, Uptime};
-use slipsense::health::{self, CanState, SensorHealth};
+use slipsense::health::{self, CanState, SensorHealth, Status};
 use slipsense::net::Model;
 use slipsense::net::format::HASH_BYTES;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline, State};
 use slipsense::tasks::{Inference, Supervisor, Task};
-use slipsense::wire::{NodeId, SensorContact, SlipMessage, Transmitter};
+use slipsense::wire::{INVALID_NO_MODEL, NodeId, Origin, SensorContact, SlipMessage, Transmitter};
 use static_cell::StaticCell;
 
 use crate::frame_source;
@@ -73,11 +73,13 @@ impl Decider {
                     let stamp = queue.receive().await.stamp;
                     queue.receive_done();
                     SHARED.progress.made(Task::Infer);
-                    let message = without_model(stamp, sensors);
+                    let config = SHARED.config();
+                    let mut message = SlipMessage::default();
                     SHARED.update_status(|status| {
+                        message = without_model(stamp, sensors, status, config.locked);
                         status.sensor_health = message.contact.map(|contact| SensorHealth(contact.health));
                     });
-                    if let Some(node) = SHARED.config().node {
+                    if let Some(node) = config.node {
                         degraded.set_node_id(node);
                         SHARED.send_slip(degraded.slip(&message));
                     }
@@ -107,7 +109,7 @@ impl Decider {
         let sensors = match self {
             Self::Pipeline(inference) => inference.pipeline.sensors(),
             &Self::WithoutModel { sensors } => {
-                error!("no readable model: slip messages carry NO_MODEL");
+                error!("no readable model: slip messages are invalid");
                 sensors
             }
         };
@@ -119,7 +121,7 @@ impl Decider {
 }
 
 /// What the node can say without a network: the time, and that nothing in it is a decision.
-fn without_model(stamp: FrameStamp, sensors: usize) -> SlipMessage {
+fn without_model(stamp: FrameStamp, sensors: usize, status: &Status, locked: bool) -> SlipMessage {
     let flagged = SensorContact {
         health: health::NO_MODEL | health::PIEZO_MISSING | health::XL_MISSING,
         ..SensorContact::default()
@@ -127,5 +129,6 @@ fn without_model(stamp: FrameStamp, sensors: usize) -> SlipMessage {
     let mut contact = [SensorContact::default(); MAX_SENSORS];
     contact.iter_mut().take(sensors).for_each(|contact| *contact = flagged);
     let FrameStamp { sequence, timestamp_us } = stamp;
-    SlipMessage { timestamp_us, sequence, sensors: sensors as u8, contact, ..SlipMessage::default() }
+    let origin = Origin::new(status, status.late_frames, false, locked);
+    SlipMessage { timestamp_us, sequence, invalid: INVALID_NO_MODEL, contact, ..origin.message(sensors, 0) }
 }

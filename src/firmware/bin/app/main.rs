@@ -123,6 +123,7 @@ fn make(hardware: Hardware) -> Tasks {
     if let Some(record) = start.crash {
         error!("restarted after {}", Display2Format(&record));
     }
+    SHARED.update_status(|status| status.starts = crash::count_start());
     option_bytes();
     let flash = FlashPartitions::new(Flash::new(hardware.flash, Irqs));
     let (mut store, settings, loaded) = services::load(flash);
@@ -142,7 +143,7 @@ fn make(hardware: Hardware) -> Tasks {
     let (can, can_rx, inbox) =
         CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate, mode);
     let (raw_sender, raw_receiver) = raw_queue();
-    SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id()));
+    SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id(), settings.locks()));
     let (model, from) = updates::find_model(flash);
     let decider = Decider::new(model, raw_sender, sensors);
     let model_hash = decider.model_hash();

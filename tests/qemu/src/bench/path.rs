@@ -7,7 +7,7 @@ use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::{SensorInput, SensorReadings};
-use slipsense::wire::{RawForm, RawTransfer, Transmitter};
+use slipsense::wire::{Origin, RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
 use slipsense_qemu::measured::{GO_FILE, Line, READY_FILE};
@@ -69,7 +69,7 @@ struct Wire {
 
 impl Wire {
     fn send(&mut self, stamp: FrameStamp, parts: &[SensorReadings], output: &Output) {
-        black_box(self.transmitter.slip(&output.slip_message(stamp, 0)));
+        black_box(self.transmitter.slip(&output.slip_message(stamp, &Origin::default())));
         for (sensor, part) in parts.iter().enumerate() {
             let raw = output.raw_frame(stamp, sensor, part.input());
             self.transmitter.start_raw(RawForm::Plain, &raw, &mut self.raw);

@@ -39,7 +39,7 @@ Files written to the output folder:
 Examples:
   slipsense grasp                                        100 trials with the three-finger hand
   slipsense grasp --hand tesollo2 --out out/grasp        two fingers; pictures and numbers
-  slipsense grasp --flag alarm                           act on the alarm instead of the class
+  slipsense grasp --flag slip                            act on the slip flag instead of the class
   slipsense grasp --objects val --seed 7 --gain 2        try other parameters, not on the reported objects
   slipsense grasp --trials 20 --json | jq .totals.kept")]
 pub struct Args {
@@ -50,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value = "unseen")]
     objects: Objects,
     /// Flag of the slip message that is acted on
-    #[arg(long, value_enum, default_value = "class")]
+    #[arg(long, value_enum, default_value = "may-begin")]
     flag: Flag,
     /// Number of trials, 1 to 1000
     #[arg(long, value_name = "N", default_value = "100", value_parser = clap::value_parser!(u16).range(1..=1000))]

@@ -114,7 +114,7 @@ function drawLogits(canvas, logitsOf) {
 /** All frames from `first` on: their marks, and where the shown one is. */
 function drawTimeline(canvas, marks, position) {
   const { context, width, height } = fitted(canvas);
-  const rows = [[TRUE_SLIP, "--truth"], [SLIP, "--c2"], [ALARM, "--alarm"]];
+  const rows = [[TRUE_SLIP, "--truth"], [MAY_BEGIN, "--c2"], [SLIP, "--flag"]];
   const perPixel = Math.max(marks.length / width, 1e-9), high = (height - 8) / rows.length;
   rows.forEach(([bit, name], row) => {
     context.fillStyle = colour("--back");

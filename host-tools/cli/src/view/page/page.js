@@ -124,7 +124,7 @@ function seek(frame) {
 
 /** The first frame of the next or previous run of slip frames, by class or by truth. */
 function slipFrom(step) {
-  const bits = SLIP | TRUE_SLIP;
+  const bits = MAY_BEGIN | TRUE_SLIP;
   const slips = (i) => (marks[i] & bits) !== 0 && (i === 0 || (marks[i - 1] & bits) === 0);
   for (let i = Math.floor(position) - marksFirst + step; i >= 0 && i < marks.length; i += step) {
     if (slips(i)) return marksFirst + i;
@@ -151,8 +151,10 @@ function show(frame) {
     panel.drawMel((x) => window[x] && index < window[x].sensors ? window[x].sensor(index).mel : null);
   });
   lamp("class", true, ["no contact", "contact", "slip"][shown.class] || "?", `--c${shown.class}`);
-  lamp("slip", shown.flags & SLIP, "slip", "--c2");
-  lamp("alarm", shown.flags & ALARM, "alarm", "--alarm");
+  lamp("may-begin", shown.flags & MAY_BEGIN, "may begin", "--c2");
+  lamp("slip", shown.flags & SLIP, "slip", "--flag");
+  $("slip").title = `invalid ${shown.invalid}, degraded ${shown.degraded}`;
+  $("slip").style.textDecoration = shown.invalid ? "line-through" : "";
   $("time").textContent = `${(shown.timestampUs / 1e6).toFixed(3)} s · frame ${shown.sequence}`;
   $("counts").textContent = `${state.lost} lost · ${shown.late} late`;
 }

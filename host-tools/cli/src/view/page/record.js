@@ -2,7 +2,7 @@
 "use strict";
 
 const HEADER_BYTES = 40, SENSOR_BYTES = 16 + 2 * 16 + 2 * 1024, MEL_BINS = 16, SIDE = 32;
-const SLIP = 1, ALARM = 2, TRUTH_KNOWN = 4, TRUE_SLIP = 8;
+const SLIP = 1, MAY_BEGIN = 2, TRUTH_KNOWN = 4, TRUE_SLIP = 8;
 const HEALTH = ["array missing", "accelerometer missing", "accelerometer warming up", "accelerometer clipped",
   "taxels saturated", "samples dropped", "no model", "taxels masked"];
 
@@ -17,8 +17,10 @@ function readRecord(buffer, offset) {
     class: view.getUint8(16),
     flags: view.getUint8(17),
     sensors,
-    logits: [20, 24, 28].map((at) => view.getInt32(at, true) / 1024),
-    late: view.getUint16(32, true),
+    logits: [20, 24, 28].map((at) => view.getInt32(at, true) / 256),
+    invalid: view.getUint8(19),
+    late: view.getUint8(32),
+    degraded: view.getUint8(33),
     sensor(index) {
       const at = HEADER_BYTES + index * SENSOR_BYTES, start = offset + at;
       const there = view.getUint8(at + 1);

@@ -32,7 +32,7 @@ pub struct Module {
 #[derive(Clone, Copy, Default)]
 struct Second {
     slip_frames: u32,
-    alarm_frames: u32,
+    may_begin_frames: u32,
     health: [u8; MAX_SENSORS],
 }
 
@@ -54,8 +54,11 @@ pub struct Line {
     slip_messages: u64,
     raw_messages: u64,
     class: Option<u8>,
+    /// Why the last flag must not be believed, what makes it worse: bits.
+    invalid: u8,
+    degraded: u8,
     slip_frames: u32,
-    alarm_frames: u32,
+    may_begin_frames: u32,
     count_sum: Vec<u32>,
     health: Vec<String>,
     /// Messages lost in this second.
@@ -72,7 +75,7 @@ impl Modules {
         match decoded.message {
             Received::Slip(message) => {
                 module.second.slip_frames += u32::from(message.slip);
-                module.second.alarm_frames += u32::from(message.alarm);
+                module.second.may_begin_frames += u32::from(message.may_begin);
                 for (bits, contact) in module.second.health.iter_mut().zip(&message.contact) {
                     *bits |= contact.health;
                 }
@@ -109,8 +112,10 @@ impl Modules {
                 slip_messages: count.slip - before.slip,
                 raw_messages: count.raw - before.raw,
                 class: module.slip.map(|slip| slip.class),
+                invalid: module.slip.map_or(0, |slip| slip.invalid),
+                degraded: module.slip.map_or(0, |slip| slip.degraded),
                 slip_frames: second.slip_frames,
-                alarm_frames: second.alarm_frames,
+                may_begin_frames: second.may_begin_frames,
                 count_sum: contact[..sensors].iter().map(|contact| contact.sum).collect(),
                 health: second.health[..sensors].iter().map(|&bits| health_words(bits)).collect(),
                 lost: (count.slip_lost + count.raw_lost).saturating_sub(before.slip_lost + before.raw_lost),
@@ -123,12 +128,13 @@ impl Modules {
 
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { time_s, node, slip_messages, raw_messages, slip_frames, alarm_frames, .. } = self;
+        let Self { time_s, node, slip_messages, raw_messages, slip_frames, may_begin_frames, .. } = self;
         write!(f, "{time_s:>9.3} s  node {node}  {slip_messages:>3} slip, {raw_messages:>3} raw messages")?;
-        write!(f, "  slip in {slip_frames:>3}, alarm in {alarm_frames:>3} frames")?;
+        write!(f, "  slip in {slip_frames:>3}, may begin in {may_begin_frames:>3} frames")?;
         for (sensor, (sum, health)) in self.count_sum.iter().zip(&self.health).enumerate() {
             write!(f, "  [{sensor}] sum {sum:>7}, {health}")?;
         }
+        write!(f, "  invalid {}, degraded {}", self.invalid, self.degraded)?;
         write!(f, "  lost {}, errors {}", self.lost, self.errors)
     }
 }

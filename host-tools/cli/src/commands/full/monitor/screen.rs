@@ -91,7 +91,12 @@ fn add_module(module: &Module, lines: &mut Vec<String>) {
         let name = format!(" {name} ");
         if on { name.white().on_red().bold() } else { name.dim() }
     };
-    lines.push(format!("{} {}", flag(slip.alarm, "ALARM"), flag(slip.slip, "slip")));
+    lines.push(format!(
+        "{} {} {}",
+        flag(slip.slip && slip.invalid == 0, "SLIP"),
+        flag(slip.may_begin, "may begin"),
+        flag(slip.invalid != 0, "INVALID")
+    ));
     for (class, (name, logit)) in CLASS_NAME.iter().zip(slip.logits).enumerate() {
         let logit = logit.to_f64();
         let bar = "█".repeat((logit.clamp(0.0, LOGIT_MAX) * 3.0) as usize);
@@ -131,7 +136,7 @@ fn map_row(piezo: &PiezoFrame, row: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use slipsense::fixed::Logit;
+    use slipsense::fixed::Q;
     use slipsense::health;
     use slipsense::sensor::SensorInput;
     use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
@@ -142,8 +147,8 @@ mod tests {
         let mut modules = Modules::default();
         let mut transmitter = Transmitter::new(NodeId::DEFAULT);
         let mut message =
-            SlipMessage { sensors: 1, class: 2, slip: true, alarm: true, ..SlipMessage::default() };
-        message.logits = [-2048, 0, 5 * 1024].map(Logit::from_bits);
+            SlipMessage { sensors: 1, class: 2, slip: true, may_begin: true, ..SlipMessage::default() };
+        message.logits = [-512, 0, 5 * 256].map(Q::from_bits);
         message.contact[0].sum = 12_345;
         message.contact[0].health = health::XL_CLIPPED;
         let mut frames = vec![transmitter.slip(&message)];
@@ -159,7 +164,7 @@ mod tests {
         let lines = view(&modules, false);
         let text = lines.join("\n");
         for words in
-            ["node 42", "1 slip messages, 0 lost", "ALARM", "5.00 ███", "12345", "accelerometer clipped"]
+            ["node 42", "1 slip messages, 0 lost", "SLIP", "5.00 ███", "12345", "accelerometer clipped"]
         {
             assert!(text.contains(words), "{words} is in {text}");
         }

@@ -5,9 +5,9 @@ use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, TAXELS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
-    CanFrame, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, MessageId, NodeId, Priority, RAW_BYTES_MAX,
-    RAW_XL_MAX, RawBuffer, RawFrame, RawMessage, Received, Receiver, SLIP_1_PORT, SLIP_BYTES, SensorContact,
-    SlipMessage, Transmitter, wire_logit,
+    CanFrame, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, NodeId, RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer,
+    RawFrame, RawMessage, Received, Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
+    wire_logit,
 };
 
 use super::{NODE, expected, frame, raw};
@@ -188,8 +188,8 @@ fn layouts_are_those_of_the_definitions() {
         contact: message.contact,
         ..SlipMessage::default()
     };
-    let id = MessageId { priority: Priority::Immediate, port: SLIP_1_PORT, node: NODE };
-    let received = Receiver::new(NODE).accept(&CanFrame::single(id, 0, &bytes));
+    let recorded = CanFrame::new(0x0478_382A, &[&bytes[..], &[0, 0xE0]].concat()).unwrap();
+    let received = Receiver::new(NODE).accept(&recorded);
     assert_eq!(received, Ok(Some(Received::Slip(old))));
     let no_model =
         SlipMessage::decode_1(&[&bytes[..11], &[32 | 8], &[0; 14], &[64], &[0; 35]].concat()).unwrap();

@@ -34,7 +34,7 @@ from pycyphal.transport.can.media.candump import CandumpMedia
 
 DSDL = pathlib.Path(__file__).resolve().parents[2] / "src" / "wire" / "dsdl" / "slipsense"
 LINE = re.compile(r"\(\d+\.\d{6}\) \w+ ([0-9A-F]{8})##1(?:[0-9A-F]{2})*([0-9A-F]{2})\n")
-SLIP_PORT, RAW_PORT, COMPRESSED_PORT = 6200, 6201, 6202
+SLIP_PORT, RAW_PORT, COMPRESSED_PORT = 6203, 6201, 6202
 RAW_XL_MAX = 64
 SILENCE_S = 10.0
 # Cells cut from either end of each row, as the comment of Raw.1.0.dsdl gives them.
@@ -96,8 +96,9 @@ def check_slip(messages, predictions, episode, checks):
         checks.equal(f"{at}, sequence", message.sequence, index)
         checks.equal(f"{at}, sensors", message.sensors, sensors)
         checks.equal(f"{at}, class", message.class_index, predictions["class"][index])
-        checks.equal(f"{at}, logits", message.logits_q10, predictions["logits"][index])
-        for flag in ("slip", "alarm"):
+        logits = np.clip((predictions["logits"][index] + 2) >> 2, -32768, 32767)
+        checks.equal(f"{at}, logits", message.logits_q8, logits)
+        for flag in ("slip", "may_begin"):
             checks.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
         for sensor in range(sensors):
             want = episode["piezo"][index, sensor].sum(dtype=np.uint32)
@@ -160,7 +161,7 @@ def main():
     # pycyphal names lost frames, bad checksums and unreadable lines in its log.
     logging.basicConfig(level=logging.WARNING, format="pycyphal: %(message)s")
     with np.load(args.predictions) as file:
-        predictions = {name: file[name] for name in ("class", "logits", "slip", "alarm")}
+        predictions = {name: file[name] for name in ("class", "logits", "slip", "may_begin")}
     with np.load(args.episode) as file:
         episode = {name: file[name] for name in ("piezo", "xl", "xl_end")}
     frames, sensors = episode["piezo"].shape[:2]
@@ -181,7 +182,7 @@ def main():
         sys.path.insert(0, folder)
         import slipsense
 
-        types = (slipsense.Slip_1_0, slipsense.RawCompressed_1_0 if short else slipsense.Raw_1_0)
+        types = (slipsense.Slip_2_0, slipsense.RawCompressed_1_0 if short else slipsense.Raw_1_0)
         checks.equal("subject of Slip", pycyphal.dsdl.get_fixed_port_id(types[0]), SLIP_PORT)
         checks.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), COMPRESSED_PORT if short else RAW_PORT)
         (slip, raw), sessions, counters = asyncio.run(receive(args.log, types, (slips, raws)))

@@ -3,6 +3,7 @@
     check_package.py EPISODE.npz PREDICTIONS.npz CAN.log
 """
 
+import pathlib
 import sys
 import threading
 import time
@@ -53,7 +54,7 @@ def main():
     start = time.perf_counter()
     outputs = [pipeline.step(parts(episode, arrays, frame)) for frame in range(frames)]
     print(f"  step by step: {frames / FRAME_RATE_HZ / (time.perf_counter() - start):.0f} times real time")
-    for name, of in [("class", "class_index"), ("slip", "slip"), ("alarm", "alarm"), ("logits", "logits_q10"),
+    for name, of in [("class", "class_index"), ("slip", "slip"), ("may_begin", "may_begin"), ("logits", "logits_q10"),
                      ("logmel_std", "logmel_std")]:
         mine = numpy.array([getattr(output, of) for output in outputs])
         require((mine == predictions[name]).all(), f"step: {name} as `slipsense run`")
@@ -74,12 +75,13 @@ def main():
     raws = [message for message in messages if isinstance(message, slipsense.Raw)]
     require((log.errors, log.missed, len(slips), len(raws)) == (0, 0, frames, frames * episode.sensors),
           f"the log holds {len(slips)} slip messages and {len(raws)} raw ones, none lost")
-    require(all((slip.logits_q10 == predictions["logits"][i]).all() and slip.slip == predictions["slip"][i]
-              and slip.contact[0].sum == outputs[i].contact[0].sum for i, slip in enumerate(slips)),
+    logits = ((predictions["logits"] + 2) >> 2).clip(-32768, 32767)
+    require(all((slip.logits_q8 == logits[i]).all() and slip.slip == predictions["slip"][i] and slip.contact[0].sum == outputs[i].contact[0].sum for i, slip in enumerate(slips)),
           "its decisions are those of the pipeline")
     require(all((raw.piezo == arrays[0][raw.sequence, raw.sensor]).all() for raw in raws), "its counts are the episode's")
 
     on_a_bus(sys.argv[3], messages)
+    receiver()
 
     counts = numpy.zeros((32, 32), numpy.uint16)
     one = slipsense.Pipeline(1)
@@ -94,6 +96,19 @@ def main():
     refused(lambda: slipsense.Episode.read("none.npz"), "none.npz")
     refused(lambda: slipsense.Receiver(200), "node 200")
     refused(lambda: slipsense.Receiver().accept(5, bytes(65)), "65")
+
+
+def receiver():
+    """The slip receiver against the vectors that Rust and C are held to."""
+    vectors = pathlib.Path(__file__).parents[1] / "vectors" / "slip_receiver.txt"
+    mine, lines = slipsense.SlipReceiver(), vectors.read_text().splitlines()
+    for line in lines:
+        now_us, data, *want = line.split(",")
+        now_us, check = int(now_us), mine.receive(bytes.fromhex(data), int(now_us))
+        found = [check, mine.state(now_us), str(mine.lost), str(int(mine.slip(now_us)))]
+        if found != want:
+            require(False, f"slip receiver: {line}: {found}")
+    require(mine.message.starts == 99 and len(lines) == 38, "slip receiver: every line of the vectors")
 
 
 def on_a_bus(log, expected):

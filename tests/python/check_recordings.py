@@ -23,7 +23,7 @@ from checks import Checks
 from mcap.reader import make_reader
 
 LINE = re.compile(r"\((\d+)\.(\d{6})\) \w+ ([0-9A-F]{8})##1((?:[0-9A-F]{2})*)\n")
-SLIP_PORT = 6200
+SLIP_PORT = 6203
 
 
 def main():
@@ -78,7 +78,7 @@ def main():
         equal("identifier in the DBC", definition.frame_id, identifier)
         got = definition.decode(data, decode_choices=False)
         equal("transfer_id", got["transfer_id"], data[63] & 31)
-        for name in ("timestamp_us", "sequence", "class_index", "slip", "alarm", "late_frames"):
+        for name in ("timestamp_us", "sequence", "class_index", "slip", "may_begin", "invalid", "degraded", "late_frames"):
             equal(name, got[name], want[name])
             fields += 1
         for index, logit in enumerate(want["logits"]):

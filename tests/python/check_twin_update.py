@@ -96,7 +96,7 @@ class UpdateClient(Client):
 
 
 def threshold(value):
-    """Of the alarm, in the register of three numbers that holds it."""
+    """Of the flag, in the register of three numbers that holds it."""
     import uavcan.primitive.array
     import uavcan.register
 

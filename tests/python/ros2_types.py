@@ -44,9 +44,15 @@ class Slip(IdlStruct, typename="slipsense_msgs::msg::dds_::Slip_"):
     sequence: uint32
     class_index: uint8
     slip: bool
-    alarm: bool
-    late_frames: uint16
+    may_begin: bool
+    locked: bool
+    invalid: uint8
+    degraded: uint8
+    starts: uint8
+    configuration: uint16
+    late_frames: uint8
     logits: array[float32, 3]
+    log_odds: float32
     contact: sequence[SensorContact, 3]
 
 

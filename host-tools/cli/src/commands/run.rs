@@ -20,16 +20,16 @@ use crate::{picture, report};
 ///
 /// Runs the firmware's signal path over every frame of an episode and writes the results. Where the
 /// episode has labels, each slip event is matched with the first flag between 50 ms before its onset
-/// and its end; without labels there are no delays. The slip flag is the class of each frame, the alarm is
-/// the flag at the model's operating point (see `slipsense tune`).
+/// and its end; without labels there are no delays. Slip may begin where the class is slip; the slip flag
+/// is the one at the model's operating point (see `slipsense tune`).
 #[derive(clap::Args)]
 #[command(after_help = "\
 Files written to the output folder:
   timeline.svg     pressure, log-mel, logits, slip flag and truth over time
   report.html      the same with a table and explanations, one file to share
   can.log          the CAN FD traffic as a candump log: slip message first, then the raw frames
-  predictions.npz  class, logits, slip, alarm, logmel, logmel_std per frame, for numpy.load
-  summary.json     events, delays, false alarms, the same of the alarm, scores, speed
+  predictions.npz  class, logits, may_begin, slip, logmel, logmel_std per frame, for numpy.load
+  summary.json     events, delays, false alarms of may begin and of slip, scores, speed
 
 Examples:
   slipsense run grasp.npz --out out/grasp

@@ -12,9 +12,9 @@ use super::Print;
 use crate::bundled;
 use crate::output::{check_file, write_file};
 
-/// Choose a model's operating point: threshold and k-of-n of its alarm
+/// Choose a model's operating point: threshold and k-of-n of its flag
 ///
-/// The alarm is up while at least k of the last n frames have a slip logit that leads the others by more
+/// The flag is up while at least k of the last n frames have a slip logit that leads the others by more
 /// than a threshold. For each of a few k of n the threshold is the lowest that keeps to the allowed false
 /// alarms per hour, on generated minutes of disturbances without slip; of these points that one is chosen
 /// that misses least of the slips of the validation split, then the one with the least median latency. All

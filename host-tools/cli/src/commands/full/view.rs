@@ -25,7 +25,7 @@ const STANDARD_INPUT: &str = "-";
 
 /// Show an episode, a CAN log or a live bus on a page of this computer
 ///
-/// Pressure maps, log-mel, logits, slip flag, alarm and health of up to three sensors, with the truth where an
+/// Pressure maps, log-mel, logits, flags and health of up to three sensors, with the truth where an
 /// episode has labels. Opens nothing to the network: the page is served to this computer only, and works without
 /// internet. An episode goes through the pipeline here; of a log or a bus the module's own decisions are shown, and
 /// its samples become log-mel here.

@@ -138,7 +138,7 @@ impl Info {
             let _ = writeln!(text, "  {:24} {:>5}", size.name, size.value);
         }
         let OperatingPointInfo { threshold_nat, k, n } = self.model.operating_point;
-        let _ = writeln!(text, "  {:24} {k} of {n} frames over {threshold_nat:.3} nat", "alarm");
+        let _ = writeln!(text, "  {:24} {k} of {n} frames over {threshold_nat:.3} nat", "slip flag");
         text += &self.layer_table();
         for Total { name, value, at_most, fits, note } in &self.totals {
             let verdict = if *fits { "fits" } else { "TOO MUCH" };

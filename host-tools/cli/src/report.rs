@@ -12,8 +12,8 @@ pub fn html(summary: &Summary, timeline: &str) -> String {
     let detections = match &summary.truth {
         Some(truth) => events(&truth.may_begin),
         None => html! { p {
-            "The episode has no labels, so there are no delays. The slip flag was raised "
-            strong { (summary.output.may_begin_runs.len()) } " times" (runs(&summary.output.flag_runs))
+            "The episode has no labels, so there are no delays. Slip was said to begin "
+            strong { (summary.output.may_begin_runs.len()) } " times" (runs(&summary.output.may_begin_runs))
         } },
     };
     let page = html! {
@@ -65,7 +65,7 @@ changes of the grip, but mostly not a slip.</li>
 the three axes so that the direction of the motion does not matter. Sliding makes broadband noise, but so do the gripper's \
 motor and the touch itself, which is why one sense alone is not enough.</li>
 <li><strong>Network</strong>: the three logits of the quantized network, which sees both senses and their recent past.</li>
-<li><strong>Decision and truth</strong>: the slip flag as it is sent on the bus, the class of each frame, and the label \
+<li><strong>Decision and truth</strong>: the flags as they are sent on the bus, the class of each frame, and the label \
 where there is one. No contact is decided by the pads alone: every pad's sum is below 942.</li>
 <li><strong>True slip speed</strong>, where the episode holds it: what the simulator knows and the sensors do not. The \
 pad's skin creeps before the whole contact slides, so this and the labels do not start at the same instant.</li>

@@ -97,7 +97,10 @@ impl SlipReceiver {
             if restarts == 0 && message.timestamp_us > last.timestamp_us {
                 let least_us = self.least_us.wrapping_add(since_us / 256);
                 late_us = offset_us.wrapping_sub(least_us) as i64;
-                if late_us < -Self::JITTER_US {
+                let before_us = self.arrived_us.wrapping_sub(last.timestamp_us);
+                let slower_us = offset_us.wrapping_sub(before_us) as i64;
+                let starting = accepted < Self::STARTING_MESSAGES && slower_us < -Self::JITTER_US;
+                if starting || late_us < -Self::JITTER_US {
                     // Then those before were delayed: what waited somewhere comes in a burst.
                     accepted = 0;
                 }

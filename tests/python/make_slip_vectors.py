@@ -1,11 +1,13 @@
 """Frames into a receiver of slip messages and what must come of them: tests/vectors/slip_receiver.txt.
 
 The messages are packed from the DSDL definition, the CRC bit by bit from its polynomial, the expectations by hand.
-A line: arrival in microseconds, data of the frame, check, state, messages lost so far, act on slip.
+A line: arrival in microseconds, data of the frame, check, state, messages lost so far, act on slip. With --check the file
+is compared.
 """
 
 import pathlib
 import struct
+import sys
 
 OUT = pathlib.Path(__file__).parents[1] / "vectors" / "slip_receiver.txt"
 NODE = 42
@@ -90,7 +92,10 @@ def main():
     line(401, frame(0xFFFFFFFF, at=2000, starts=99), "ok", "starting", 2)
     line(402, frame(0, at=6167, starts=99), "ok", "starting", 2)
     line(404, frame(2, at=10334 + 4167, starts=99), "some lost", "valid", 3)
-    OUT.write_text("\n".join(lines) + "\n")
+    text = "\n".join(lines) + "\n"
+    if sys.argv[1:] == ["--check"]:
+        sys.exit(0 if OUT.read_text() == text else f"{OUT} is not what this script makes")
+    OUT.write_text(text)
 
 
 if __name__ == "__main__":

@@ -57,8 +57,10 @@ static inline slipsense_check_t slipsense_receive(slipsense_receiver_t *r, const
         /* Without its supply a module forgets its starts, and its clock. */
         if (restarts == 0U && message.timestamp_us > r->message.timestamp_us) {
             late_us = (int64_t)(offset_us - (r->least_us + since_us / 256U));
+            const int64_t slower_us = (int64_t)(offset_us - (r->arrived_us - r->message.timestamp_us));
+            const bool starting = accepted < SLIPSENSE_STARTING_MESSAGES && slower_us < -SLIPSENSE_JITTER_US;
             /* Then those before were delayed: what waited somewhere comes in a burst. */
-            if (late_us < -SLIPSENSE_JITTER_US) accepted = 0U;
+            if (starting || late_us < -SLIPSENSE_JITTER_US) accepted = 0U;
         }
     }
     if (late_us > SLIPSENSE_AGE_MAX_US) return SLIPSENSE_DELAYED;

@@ -89,17 +89,9 @@ impl Draw {
 }
 
 const RESTART: usize = 8;
-const FAULTS: [&str; 9] = [
-    "none",
-    "1 to 3 bits",
-    "random bytes",
-    "lost",
-    "repeated",
-    "reordered",
-    "delayed",
-    "masqueraded",
-    "restart",
-];
+#[rustfmt::skip]
+const FAULTS: [&str; 9] =
+    ["none", "1 to 3 bits", "random bytes", "lost", "repeated", "reordered", "delayed", "masqueraded", "restart"];
 
 /// Every message accepted must be one that was sent; every one believed is later than the one before, and not too old.
 /// What comes first after a silence cannot be told from a start, so it is accepted, and not believed.

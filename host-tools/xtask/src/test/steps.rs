@@ -177,7 +177,8 @@ pub const STEPS: &[Step] = &[
     Step::new("tables", "the committed tables are what their script makes", |_| {
         run(script("make_tables.py")?.arg("--check"))
     }),
-    Step::new("vectors", "the committed log-mel vectors are what librosa and scipy give", |_| {
+    Step::new("vectors", "the committed vectors are what librosa, scipy and the packer of messages give", |_| {
+        run(script("make_slip_vectors.py")?.arg("--check"))?;
         run(script("make_logmel_vectors.py")?.arg("--check"))
     }),
     Step::new(

@@ -254,7 +254,7 @@ fn descriptions_for_other_programs() {
     let place = Place::new();
     place.run("dbc --node-id 43 --out @slip.dbc");
     let dbc = fs::read_to_string(place.path("slip.dbc")).unwrap();
-    assert!(dbc.contains("BO_ 2222471211 Slip: 64 SlipSense43"), "{dbc}");
+    assert!(dbc.contains("BO_ 2222471979 Slip: 64 SlipSense43"), "{dbc}");
     assert!(dbc.contains(" SG_ slip : 90|1@1+ (1,0) [0|1] \"\" Vector__XXX"), "{dbc}");
     assert!(place.run("c-header").contains("static inline int slipsense_slip_decode("));
 }

@@ -217,9 +217,8 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         }
         let decision = Decision::new(model.point);
         let masks = [TaxelMask::NONE; MAX_SENSORS];
-        let mut pipeline = Self { sensors, model, state, decision, masks, configuration: 0, frames: 0 };
-        pipeline.hash_configuration();
-        Ok(pipeline)
+        let configuration = hash(&model, model.point, &masks);
+        Ok(Self { sensors, model, state, decision, masks, configuration, frames: 0 })
     }
 
     /// Sensors in use.
@@ -244,18 +243,8 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
             self.masks = *masks;
         }
         if new_point || new_masks {
-            self.hash_configuration();
+            self.configuration = hash(&self.model, self.decision.point(), &self.masks);
         }
-    }
-
-    fn hash_configuration(&mut self) {
-        let OperatingPoint { threshold, k, n } = self.decision.point();
-        let mut digest = CRC_32.digest();
-        digest.update(&self.model.hash);
-        digest.update(&threshold.to_bits().to_le_bytes());
-        digest.update(&[k, n]);
-        self.masks.iter().flat_map(|mask| &mask.0).for_each(|row| digest.update(&row.to_le_bytes()));
-        self.configuration = fold(digest.finalize());
     }
 
     /// Take in one frame as the drivers deliver it. Masked taxels ([`configure`](Self::configure)) and those that the drivers
@@ -353,6 +342,18 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
             output.invalid |= INVALID_NO_SENSOR;
         }
     }
+}
+
+/// Hash of what decides beside the signals.
+#[inline(never)]
+fn hash(model: &Model<'_>, point: OperatingPoint, masks: &[TaxelMask; MAX_SENSORS]) -> u16 {
+    let OperatingPoint { threshold, k, n } = point;
+    let mut digest = CRC_32.digest();
+    digest.update(&model.hash);
+    digest.update(&threshold.to_bits().to_le_bytes());
+    digest.update(&[k, n]);
+    masks.iter().flat_map(|mask| &mask.0).for_each(|row| digest.update(&row.to_le_bytes()));
+    fold(digest.finalize())
 }
 
 /// Do the samples not change? Rounding alone puts more than the logarithm's floor into every bin of a live part.

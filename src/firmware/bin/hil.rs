@@ -23,7 +23,7 @@ use slipsense::board::mailbox::{ANSWER_WORDS, BoardEnd, FRAME_WORDS, Mailbox};
 use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp};
 use slipsense::board::{FrameSource, Observe, StoppedClock, UnlimitedBus};
 use slipsense::firmware::shared::{
-    ACQUISITION, FrameReceiver, FrameSender, Mutex, RawReceiver, SHARED, frame_queue, raw_queue,
+    ACQUISITION, FrameReceiver, FrameSender, Mutex, RawReceiver, RawSender, SHARED, frame_queue, raw_queue,
 };
 use slipsense::firmware::{self, model};
 use slipsense::net::Model;
@@ -71,26 +71,16 @@ fn main() -> ! {
     let core_hz = embassy_stm32::rcc::clocks(&chip.RCC).sys.to_hertz().map_or(0, |clock| clock.0);
     MAILBOX_END.place((address(&FRAME), address(&ANSWER)), core_hz);
     count_cycles();
-    let model = match Model::parse(model::built_in(model::buffer())) {
-        Ok(model) => model,
-        Err(error) => give_up(format_args!("{}: model: {error}", NUCLEO_H743ZI2.label)),
-    };
+    let model = parsed_model();
     MAILBOX_END.open(&model.hash);
     let sensors = loop {
         if let Some(sensors) = MAILBOX_END.sensors() {
             break sensors;
         }
     };
-    let pipeline = match Pipeline::with_state(model::first_state(), model, sensors) {
-        Ok(pipeline) => pipeline,
-        Err(error) => give_up(format_args!("{}: {error}", NUCLEO_H743ZI2.label)),
-    };
     let (raw_sender, raw_receiver) = raw_queue();
     let (sender, receiver) = frame_queue();
-    let transmitter = Transmitter::new(NodeId::DEFAULT);
-    let answers = Answers { began: 0 };
-    let inference =
-        PIPELINE.init(Inference::new(pipeline, transmitter, StoppedClock, answers, &SHARED, raw_sender));
+    let inference = inference(model, sensors, raw_sender);
     let source = SOURCE.init_with(|| Replayed { taken: None, sensors, bytes: [0; FRAME_BYTES_MAX] });
 
     interrupt::CEC.set_priority(Priority::P6);
@@ -98,6 +88,25 @@ fn main() -> ! {
     spawner.spawn(unwrap!(transmit(raw_receiver)));
     spawner.spawn(unwrap!(acquire(source, sender)));
     THREAD.init(Executor::new()).run(|spawner| spawner.spawn(unwrap!(infer(inference, receiver))))
+}
+
+/// Apart, as what follows: what this takes of the stack is given back.
+#[inline(never)]
+fn parsed_model() -> Model<'static> {
+    match Model::parse(model::built_in(model::buffer())) {
+        Ok(model) => model,
+        Err(error) => give_up(format_args!("{}: model: {error}", NUCLEO_H743ZI2.label)),
+    }
+}
+
+#[inline(never)]
+fn inference(model: Model<'static>, sensors: usize, raw: RawSender) -> &'static mut HilInference {
+    let pipeline = match Pipeline::with_state(model::first_state(), model, sensors) {
+        Ok(pipeline) => pipeline,
+        Err(error) => give_up(format_args!("{}: {error}", NUCLEO_H743ZI2.label)),
+    };
+    let transmitter = Transmitter::new(NodeId::DEFAULT);
+    PIPELINE.init(Inference::new(pipeline, transmitter, StoppedClock, Answers { began: 0 }, &SHARED, raw))
 }
 
 /// Where the host finds it.

@@ -112,7 +112,7 @@ pub fn step() -> Result<()> {
     let traces = [false, true].map(|slow| target_dir().join(if slow { "slow.trace" } else { "fast.trace" }));
     for (trace, slow) in traces.iter().zip([false, true]) {
         let mut run = twin(DEFAULT_XL)?;
-        run.arg(&episode).args(["--seconds", "0.12", "--trace"]).arg(trace);
+        run.arg(&episode).args(["--seconds", "0.16", "--trace"]).arg(trace);
         start(run.args(slow.then_some("--slow")))?;
     }
     let [fast, slow] = traces.map(|path| std::fs::read(&path).with_context(|| path.display().to_string()));

@@ -154,11 +154,17 @@ async def check_files(client):
         # Lives as long as the node.
         pycyphal.application.file.FileServer(client.node, [folder])
 
-        async def update(command, path, want):
+        async def update(command, path, want, pauses=False):
             client.records.clear()
             client.heartbeats.clear()
             began = time.monotonic()
-            checks.equal(f"update {path}", await client.command(command, path.encode()), 0)
+            status = await client.command(command, path.encode())
+            if pauses:
+                checks.equal(f"update {path} in the pause after a wrong one", status, 5)
+                while status == 5 and time.monotonic() < began + 30.0:
+                    await asyncio.sleep(0.2)
+                    status = await client.command(command, path.encode())
+            checks.equal(f"update {path}", status, 0)
             await client.until(f"record: {want}", lambda: client.has_record(want), 60.0)
             return time.monotonic() - began
 
@@ -167,7 +173,7 @@ async def check_files(client):
         checks.true(f"modes seen {modes}", took < 2.5 or 3 in modes)
         await update(1, "good.bin", f"model received and accepted, {FILE_BYTES} bytes")
         await update(1, "bad.bin", "model not taken: hash wrong")
-        await update(65533, "none.bin", "firmware not taken: the server has no such file")
+        await update(65533, "none.bin", "firmware not taken: the server has no such file", pauses=True)
     return took
 
 

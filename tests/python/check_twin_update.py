@@ -82,8 +82,8 @@ class UpdateClient(Client):
 
     async def begin(self, command, path):
         self.forget()
-        # After a refused image the node lets a second pass.
-        for _ in range(100):
+        # After a refused image the node lets a second pass, of its own clock: the twin takes up to a minute for it.
+        for _ in range(1_200):
             status = await self.command(command, path.encode())
             if status != BAD_STATE:
                 break

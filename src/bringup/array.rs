@@ -202,7 +202,7 @@ pub fn judge_settling(settling: Settling, noise_codes: u32) -> Finding {
     }
     // Between two means of some frames; below it an exponential is not told from noise.
     let floor = SETTLED_CODES.max(2 * noise_codes);
-    let left = if d2 <= floor.into() { d2 } else { d2 * d2 / (d1 - d2).max(1) };
+    let left = if d2 <= i64::from(floor) { d2 } else { d2 * d2 / (d1 - d2).max(1) };
     let left_codes = left.clamp(0, i64::from(step_codes)) as u32;
     if left_codes > floor {
         Finding::NotSettled { left_codes, step_codes }

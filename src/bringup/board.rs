@@ -11,7 +11,7 @@ pub fn judge_clock(found_hz: u32, nominal_hz: u32) -> Finding {
     let off_ppm = u64::from(found_hz.abs_diff(nominal_hz)) * 1_000_000 / u64::from(nominal_hz.max(1));
     match found_hz {
         0 => Finding::HseAbsent,
-        hz if off_ppm > HSE_ERROR_MAX_PPM.into() => Finding::HseOff { hz },
+        hz if off_ppm > u64::from(HSE_ERROR_MAX_PPM) => Finding::HseOff { hz },
         hz => Finding::HseAt { hz },
     }
 }

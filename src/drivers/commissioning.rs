@@ -84,7 +84,7 @@ impl<'l, M: RawMutex> Commissioning<'l, M> {
             return Err("no such sensor");
         };
         match request.what {
-            What::Measure(seconds) if !(1..=SECONDS_MAX).contains(&seconds.into()) => {
+            What::Measure(seconds) if !(1..=SECONDS_MAX).contains(&u32::from(seconds)) => {
                 return Err("1 to 60 seconds");
             }
             What::Scale(_) if summary.version == 0 => return Err("measure the untouched pad first"),

@@ -49,6 +49,7 @@ pub fn frame_queue() -> (FrameSender, FrameReceiver) {
 }
 
 /// Time since start.
+#[derive(Clone, Copy, Debug)]
 pub struct Uptime;
 
 impl Clock for Uptime {

@@ -80,6 +80,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
     fn decided(&mut self, frame: &SensorFrame, output: &Output, config: &RuntimeConfig) {
         let age_us = self.clock.now_us().saturating_sub(frame.stamp.timestamp_us);
         let late = age_us > FRAME_PERIOD_US;
+        self.shared.decided(frame.stamp.timestamp_us);
         let mut origin = Origin::default();
         self.shared.update_status(|status| {
             status.decided_frames = status.decided_frames.wrapping_add(1);

@@ -10,8 +10,9 @@
 //! answers meanwhile.
 #![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
 
-use core::future::Future;
+use core::future::{Future, poll_fn};
 use core::pin::pin;
+use core::task::Poll;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
@@ -152,7 +153,7 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
     heartbeats: u32,
 }
 
-impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, R, C, B> {
+impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services<'a, M, R, C, B> {
     /// Before the first frame. `start`: how the board came to start.
     pub fn new(node: Node, bus: R, clock: C, shared: &'a Shared<M>, board: B, start: Start) -> Self {
         let node_loop = NodeLoop {
@@ -255,7 +256,10 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
             }
             Action::Unlock(signature) => {
                 let challenge = self.node_loop.node.challenge();
-                let valid = challenge.is_some_and(|challenge| self.board.unlocks(&challenge, &signature));
+                let board = &mut self.board;
+                let check =
+                    async { challenge.is_some_and(|challenge| board.unlocks(&challenge, &signature)) };
+                let valid = self.node_loop.meanwhile(check).await;
                 self.node_loop.node.unlock_done(valid);
                 self.node_loop.apply_config();
             }
@@ -317,7 +321,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock, B: ServiceBoard> Services<'a, M, 
     }
 }
 
-impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
+impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
     /// Whatever takes no time.
     fn poll(&mut self) {
         self.shared.progress.made(Task::Services);
@@ -410,12 +414,17 @@ impl<M: RawMutex, R: CanReceive, C: Clock> NodeLoop<'_, M, R, C> {
         }
     }
 
-    /// Serve beside this work until it is done.
+    /// Serve beside this work until it is done. It goes on only while the next frame has time: the check of a signature
+    /// takes nearly a frame's, and decisions wait for it.
     async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> T {
         let mut work = pin!(work);
         loop {
             self.poll();
-            match select(work.as_mut(), self.receive(POLL_US)).await {
+            let (shared, clock) = (self.shared, self.clock.clone());
+            let in_time = poll_fn(|context| {
+                if shared.has_time(clock.now_us()) { work.as_mut().poll(context) } else { Poll::Pending }
+            });
+            match select(in_time, self.receive(POLL_FAST_US)).await {
                 Either::First(done) => return done,
                 Either::Second(()) => {}
             }

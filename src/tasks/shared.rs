@@ -9,7 +9,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::zerocopy_channel;
 
-use super::Progress;
+use super::{FRAME_PERIOD_US, Progress};
 use crate::health::Status;
 use crate::net::format::OperatingPoint;
 use crate::params::MAX_SENSORS;
@@ -84,6 +84,8 @@ pub struct Shared<M: RawMutex> {
     tx_ready: Signal<M, ()>,
     config: Mutex<M, Cell<RuntimeConfig>>,
     status: Mutex<M, RefCell<Status>>,
+    /// Tick of the last decided frame, µs.
+    decided_us: Mutex<M, Cell<u64>>,
 }
 
 impl<M: RawMutex> Shared<M> {
@@ -96,6 +98,7 @@ impl<M: RawMutex> Shared<M> {
             tx_ready: Signal::new(),
             config: Mutex::new(Cell::new(RuntimeConfig::DEFAULT)),
             status: Mutex::new(RefCell::new(Status::new())),
+            decided_us: Mutex::new(Cell::new(0)),
         }
     }
 
@@ -107,6 +110,18 @@ impl<M: RawMutex> Shared<M> {
     /// Change the counters, in place; `change` must not use what is shared.
     pub fn update_status(&self, change: impl FnOnce(&mut Status)) {
         self.status.lock(|status| change(&mut status.borrow_mut()));
+    }
+
+    /// The frame of this tick is decided.
+    pub fn decided(&self, tick_us: u64) {
+        self.decided_us.lock(|cell| cell.set(tick_us));
+    }
+
+    /// Work of up to a frame's time may begin: the last frame is decided, and the next one is not late if it is decided
+    /// after the work. Where no frame comes, none can be late.
+    pub fn has_time(&self, now_us: u64) -> bool {
+        let since_us = now_us.saturating_sub(self.decided_us.lock(Cell::get));
+        !(FRAME_PERIOD_US * 3 / 4..2 * FRAME_PERIOD_US).contains(&since_us)
     }
 
     /// The settings in use.

@@ -94,6 +94,7 @@ impl CanTransmit for MockTx<'_> {
 #[derive(Default)]
 pub struct BoardLog {
     stored: Option<Settings>,
+    stored_from_us: u64,
     applied: Vec<[(bool, bool); MAX_SENSORS]>,
     shown: Vec<Condition>,
     lit: Vec<bool>,
@@ -126,6 +127,7 @@ impl FileSink for Board<'_> {
 
 impl ServiceBoard for Board<'_> {
     async fn store(&mut self, settings: &Settings) -> Result<(), &'static str> {
+        self.log.borrow_mut().stored_from_us = self.time.now_us();
         self.time.until(Some(self.time.now_us() * 1000 + self.store_ms * MS)).await;
         self.log.borrow_mut().stored = Some(settings.clone());
         Ok(())
@@ -309,6 +311,24 @@ fn command(number: u16) -> Vec<u8> {
 
 fn access(name: &str, value: &[u8]) -> Vec<u8> {
     [&[name.len() as u8], name.as_bytes(), value].concat()
+}
+
+/// What takes long begins after a decision, so that the next frame is not late: not within the last quarter of a period.
+#[test]
+fn work_begins_where_the_next_frame_has_time() {
+    for asked_ms in 1_000..1_016 {
+        // A decision 1 ms after each tick; ticks every 4 ms from 2 on.
+        let decide = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+            if ms % 4 == 3 {
+                shared.decided((ms - 1) * 1000);
+            }
+        };
+        let requests = [(asked_ms, COMMAND_PORT, command(STORE))];
+        let ran = Run { meanwhile: &decide, ..Run::new(&requests, 1_200) }.run();
+        let from_us = ran.log.stored_from_us;
+        assert!((asked_ms..asked_ms + 3).contains(&(from_us / 1000)), "asked at {asked_ms} ms: {from_us} us");
+        assert!((from_us + 2_000) % 4_000 <= 3_125, "asked at {asked_ms} ms: {from_us} us");
+    }
 }
 
 #[test]

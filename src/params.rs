@@ -39,6 +39,8 @@ pub const ROW_CUT: [u8; TAXEL_ROWS] = {
 
 /// Frames per second: one frame is one array scan and the accelerometer samples up to its tick.
 pub const FRAME_RATE_HZ: u32 = 240;
+/// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
+pub const FRAME_PERIOD_US: u64 = 1_000_000u64.div_ceil(FRAME_RATE_HZ as u64);
 /// Nominal accelerometer rate; a real part's own oscillator is off by 1–3 %, so nothing assumes
 /// 33.33 samples per frame.
 pub const XL_RATE_HZ: u32 = 8_000;

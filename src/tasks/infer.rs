@@ -9,13 +9,10 @@ use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use super::rate_control::RateControl;
 use super::{RAW_MESSAGES, RuntimeConfig, Shared, Task};
 use crate::board::{Clock, Observe, SensorFrame};
-use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use crate::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorReadings;
 use crate::wire::{Origin, RawForm, RawTransfer, Transmitter};
-
-/// Time from a tick to the next, rounded up to microseconds; a decision that takes longer is late.
-pub const FRAME_PERIOD_US: u64 = 1_000_000u64.div_ceil(FRAME_RATE_HZ as u64);
 
 /// Everything between the frame queue and the messages that wait for the bus.
 pub struct Inference<'m, M: RawMutex, C, O, S = State> {

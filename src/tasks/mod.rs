@@ -36,7 +36,7 @@ mod supervise;
 mod transmit;
 
 pub use acquire::{QUEUED_FRAMES, acquire};
-pub use infer::{FRAME_PERIOD_US, Inference};
+pub use infer::Inference;
 pub use services::{ServiceBoard, Services, sensors_deliver};
 pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};
 pub use supervise::{Progress, StallWatch, Supervisor, Task};

@@ -9,10 +9,10 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::zerocopy_channel;
 
-use super::{FRAME_PERIOD_US, Progress};
+use super::Progress;
 use crate::health::Status;
 use crate::net::format::OperatingPoint;
-use crate::params::MAX_SENSORS;
+use crate::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use crate::sensor::TaxelMask;
 use crate::settings::Settings;
 use crate::wire::{CanFrame, NodeId, RawTransfer};

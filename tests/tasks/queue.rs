@@ -10,12 +10,10 @@ use embassy_sync::zerocopy_channel::Channel;
 use slipsense::board::{Clock, FrameSource, Observe, SensorFrame, StoppedClock, TxSlot, UnlimitedBus};
 use slipsense::health::Status;
 use slipsense::net::Model;
-use slipsense::params::MAX_SENSORS;
+use slipsense::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorReadings;
-use slipsense::tasks::{
-    FRAME_PERIOD_US, Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire,
-};
+use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
 use slipsense::wire::{
     CanFrame, DEGRADED_LATE, NodeId, Origin, RawBuffer, RawTransfer, SlipMessage, Transmitter,
 };

@@ -36,9 +36,8 @@ use slipsense::drivers::scan::{
     ADDRESS_LINES, SlotTiming, address_table, address_word, frames_between, is_in_step,
 };
 use slipsense::firmware::clocks::{ADC_HZ, TIMER_HZ};
-use slipsense::params::{MAX_SENSORS, TAXELS};
+use slipsense::params::{FRAME_PERIOD_US, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::FrameStamp;
-use slipsense::tasks::FRAME_PERIOD_US;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Of the firmware.

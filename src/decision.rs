@@ -1,9 +1,9 @@
 //! From logits to the class of a frame, and to the flag.
 //!
 //! The *class* is the paper's: the pads decide contact, then the larger of the other two logits wins. The *flag* is
-//! for acting on. It compares slip's margin with a threshold and asks that enough of the last frames agree; both come
-//! from the model file's [`OperatingPoint`], which was fixed on validation data for a rate of false alarms. At
-//! [`OperatingPoint::ARGMAX`] the flag is up exactly where the class is slip.
+//! for acting on. It compares the detector's log-odds of slip with a threshold and asks that enough of the last frames
+//! agree; both come from the model file's [`OperatingPoint`], which was fixed on validation data for a rate of false
+//! alarms.
 
 use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;
@@ -35,16 +35,6 @@ impl Class {
     }
 }
 
-/// Slip's logit less the largest of those that compete with it: contact without slip, and no contact where it is not
-/// known whether a pad is touched. `None` where no pad is touched: that cannot slip.
-pub fn margin(touched: Option<bool>, [no_contact, no_slip, slip]: [Logit; CLASSES]) -> Option<Logit> {
-    let rival = match touched {
-        Some(false) => return None,
-        Some(true) => no_slip,
-        None => no_slip.max(no_contact),
-    };
-    Some(Logit::from_bits(slip.to_bits().saturating_sub(rival.to_bits())))
-}
 
 /// The flag and its history: which of the last frames exceeded the threshold.
 #[derive(Clone, Copy, Debug)]
@@ -66,9 +56,9 @@ impl Decision {
         self.point
     }
 
-    /// Add the margin of the next frame: is the flag up?
-    pub fn step(&mut self, margin: Option<Logit>) -> bool {
-        let over = margin.is_some_and(|margin| margin > self.point.threshold);
+    /// Add the log-odds of the next frame, `None` where no pad is touched, which cannot slip: is the flag up?
+    pub fn step(&mut self, log_odds: Option<Logit>) -> bool {
+        let over = log_odds.is_some_and(|log_odds| log_odds > self.point.threshold);
         let dropped = u32::BITS.saturating_sub(self.point.n as u32).min(u32::BITS - 1);
         self.over = (self.over << 1 | over as u32) & u32::MAX >> dropped;
         self.over.count_ones() >= self.point.k as u32

@@ -56,6 +56,8 @@ pub const XL_BATCH_MAX: usize = XL_WINDOW;
 pub const FFT_BINS: usize = XL_WINDOW / 2 + 1;
 /// Mel bins per frame (paper: F = 16).
 pub const MEL_BINS: usize = 16;
+/// Features that the network sees of an accelerometer: the standardised bins, and how far each is above its noise floor.
+pub const XL_FEATURES: usize = 2 * MEL_BINS;
 /// Lower edge of the first mel triangle, Hz.
 pub const MEL_LOW_HZ: u32 = 20;
 /// Upper edge of the last mel triangle, Hz.
@@ -82,6 +84,8 @@ pub const CONV_INPUT_MAX: i32 = (1 << 14) - 1;
 
 /// Classes of the network: no contact, contact without slip, slip (paper, section 5).
 pub const CLASSES: usize = 3;
+/// Outputs of the network: the logits of the classes, then the detector's log-odds of slip.
+pub const OUTPUTS: usize = CLASSES + 1;
 
 /// Upper bounds of what a model file may ask for. They fix the size of the network's state.
 pub mod limits {
@@ -92,7 +96,7 @@ pub mod limits {
     /// Hidden channels of the accelerometer encoder.
     pub const XL_CHANNELS: usize = 64;
     /// Taps of the causal convolution over time.
-    pub const XL_KERNEL: usize = 8;
+    pub const XL_KERNEL: usize = 6;
     /// Attention heads.
     pub const HEADS: usize = 8;
     /// Frames an attention layer looks back over, the current one included.

@@ -6,7 +6,7 @@
 use core::borrow::BorrowMut;
 
 use crate::contact::ContactSummary;
-use crate::decision::{Decision, margin};
+use crate::decision::Decision;
 use crate::features::piezo::PiezoFrontEnd;
 use crate::features::{LogMel, XlFrontEnd};
 use crate::fixed::{Logit, Q};
@@ -48,8 +48,8 @@ pub struct Output {
     pub logits: [Logit; CLASSES],
     /// Slip may begin: `class` is [`Class::Slip`].
     pub may_begin: bool,
-    /// How far slip leads; `None` where no pad is touched. See [`margin`].
-    pub margin: Option<Logit>,
+    /// The detector's log-odds of slip; `None` where no pad is touched: that cannot slip.
+    pub log_odds: Option<Logit>,
     /// The flag to act on: slip by the operating point.
     pub slip: bool,
     /// Why `slip` must not be believed: bits such as [`INVALID_STARTING`].
@@ -93,7 +93,7 @@ impl Output {
             invalid: self.invalid,
             degraded: message.degraded | self.degraded,
             logits: self.logits.map(wire_logit),
-            log_odds: self.margin.map_or(Q::from_bits(i16::MIN), wire_logit),
+            log_odds: self.log_odds.map_or(Q::from_bits(i16::MIN), wire_logit),
             contact,
             ..message
         }
@@ -141,13 +141,19 @@ impl XlChannel {
         Self { front_end: XlFrontEnd::new(), samples_seen: 0, next: None }
     }
 
+    /// Samples are missing.
+    fn restart(&mut self) {
+        self.front_end.restart();
+        (self.samples_seen, self.next) = (0, None);
+    }
+
     /// Take in the samples of a frame, up to the index `end`. `true`: samples are missing before them. Then, as after a
-    /// frame without samples, the front end starts again: a jump in the signal would look like a knock.
+    /// frame without samples, the front end [restarts](XlFrontEnd::restart).
     fn push(&mut self, samples: &[XlSample], end: u32) -> bool {
         let first = end.wrapping_sub(samples.len() as u32);
         let gap = self.next.is_some_and(|next| next != first);
         if gap {
-            *self = Self::new();
+            self.restart();
         }
         self.front_end.push(samples);
         self.samples_seen = self.samples_seen.saturating_add(samples.len()).min(XL_WINDOW);
@@ -269,7 +275,7 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
             class: Class::NoContact,
             logits: [Logit::default(); CLASSES],
             may_begin: false,
-            margin: None,
+            log_odds: None,
             slip: false,
             invalid: 0,
             degraded: 0,
@@ -293,26 +299,27 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
                     gap = xl.push(samples, input.xl_end);
                     *log_mel = xl.front_end.log_mel();
                 }
-                None => *xl = XlChannel::new(),
+                None => xl.restart(),
             }
             *health = sensor_health(&input, xl.samples_seen, gap);
         }
 
         let mut seen = [SensorFeatures::default(); MAX_SENSORS];
         for ((seen, input), log_mel) in seen.iter_mut().zip(inputs).zip(&output.log_mel) {
-            *seen = SensorFeatures { piezo: input.piezo, log_mel: input.xl.map(|_| &log_mel.standardised) };
+            *seen = SensorFeatures { piezo: input.piezo, xl: input.xl.map(|_| log_mel.features()) };
         }
-        output.logits = state.network.step(
+        let [no_contact, no_slip, slip, log_odds] = state.network.step(
             &self.model,
             &mut state.piezo,
             seen.get(..self.sensors).unwrap_or_default(),
             &mut (),
         );
+        output.logits = [no_contact, no_slip, slip];
         let touched = touched(inputs, &output.contact, self.sensors);
         output.class = Class::new(touched, output.logits);
         output.may_begin = output.class == Class::Slip;
-        output.margin = margin(touched, output.logits);
-        output.slip = self.decision.step(output.margin);
+        output.log_odds = (touched != Some(false)).then_some(log_odds);
+        output.slip = self.decision.step(output.log_odds);
         self.frames = (self.frames + 1).min(WINDOW);
         self.doubt(&mut output);
         output

@@ -4,8 +4,8 @@
 mod mel;
 mod pad;
 
-pub use mel::{MelChange, Sound, level};
-pub use pad::PadChange;
+pub use mel::{MelChange, Sound};
+pub use pad::{PadChange, SlowArray};
 
 /// Mean 0, variance 1: the sum of four uniform bytes.
 fn almost_normal(rng: &mut impl rand::Rng) -> f32 {

@@ -5,20 +5,22 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXELS};
+use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXELS, XL_FEATURES};
 use slipsense_recording::score::SLIP;
 
-use crate::augment::{MelChange, PadChange, Sound};
+use crate::augment::{MelChange, PadChange, SlowArray, Sound};
 use crate::data::Features;
 use crate::float::Sequences;
 use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
+use crate::target::Target;
 
-/// What a sequence is drawn around: a frame of a class, or one of the first after the onset of a slip.
-const GROUPS: usize = CLASSES + 1;
+/// What a sequence is drawn around: a frame of a class, one of the first after the onset of a slip, or one of a mined
+/// stretch.
+const GROUPS: usize = CLASSES + 2;
 /// How often each is drawn. No contact is the least: the pads decide it by themselves, and sequences
 /// around the others contain it as well.
-const SHARES: [u32; GROUPS] = [1, 2, 2, 2];
+const SHARES: [u32; GROUPS] = [1, 5, 2, 4, 4];
 /// Frames that count as the first of a slip: those that decide how fast it is noticed.
 const ONSET_FRAMES: usize = 30;
 
@@ -78,10 +80,16 @@ impl<'e> Sampler<'e> {
                 "training episode {index} has {} frames, fewer than a sequence of {frames}",
                 episode.frames()
             );
+            if episode.mined {
+                groups[CLASSES + 1].extend((0..episode.frames()).map(|frame| (index as u32, frame as u32)));
+                continue;
+            }
             for (frame, &class) in episode.label.iter().enumerate() {
                 groups[class as usize].push((index as u32, frame as u32));
                 let before = &episode.label[frame.saturating_sub(ONSET_FRAMES)..frame];
-                if class == SLIP && before.iter().any(|&class| class != SLIP) {
+                let slides_anew = episode.target[frame] == Target::Slides
+                    && frame.checked_sub(ONSET_FRAMES).is_none_or(|early| episode.target[early] != Target::Slides);
+                if (class == SLIP && before.iter().any(|&class| class != SLIP)) || slides_anew {
                     groups[CLASSES].push((index as u32, frame as u32));
                 }
             }
@@ -115,8 +123,8 @@ impl<'e> Sampler<'e> {
             sensors,
             frames: self.frames,
             piezo: vec![0; sequences * sensors * self.frames * IMAGE],
-            log_mel: vec![0.0; sequences * sensors * self.frames * MEL_BINS],
-            level: vec![0.0; sequences * sensors * self.frames],
+            xl: vec![0.0; sequences * sensors * self.frames * XL_FEATURES],
+            target: vec![Target::Either; sequences * self.frames],
             label: vec![0; sequences * self.frames],
             weight: vec![0.0; sequences * self.frames],
             taught: Vec::new(),
@@ -124,13 +132,16 @@ impl<'e> Sampler<'e> {
         seeds
             .into_par_iter()
             .zip(batch.piezo.par_chunks_exact_mut(sensors * self.frames * IMAGE))
-            .zip(batch.log_mel.par_chunks_exact_mut(sensors * self.frames * MEL_BINS))
-            .zip(batch.level.par_chunks_exact_mut(sensors * self.frames))
+            .zip(batch.xl.par_chunks_exact_mut(sensors * self.frames * XL_FEATURES))
             .zip(batch.label.par_chunks_exact_mut(self.frames))
+            .zip(batch.target.par_chunks_exact_mut(self.frames))
             .zip(batch.weight.par_chunks_exact_mut(self.frames))
-            .for_each(|(((((seed, piezo), log_mel), level), label), weight)| {
-                let start = self.sequence(seed, piezo, (log_mel, level), label);
+            .for_each(|(((((seed, piezo), xl), label), target), weight)| {
+                let start = self.sequence(seed, piezo, xl, (label, target));
                 weigh(label, start, weight);
+                if start > 0 {
+                    target[..COLD_FRAMES.min(self.frames)].fill(Target::Either);
+                }
             });
         batch
     }
@@ -141,12 +152,13 @@ impl<'e> Sampler<'e> {
         &self,
         seed: u64,
         piezo: &mut [i16],
-        (log_mel, level): (&mut [f32], &mut [f32]),
-        label: &mut [u8],
+        xl: &mut [f32],
+        (label, target): (&mut [u8], &mut [Target]),
     ) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut dice = rng.random_range(0..SHARES.iter().sum());
-        let group = SHARES.iter().position(|&share| match dice.checked_sub(share) {
+        let shares = std::array::from_fn::<u32, GROUPS, _>(|group| SHARES[group] * u32::from(!self.groups[group].is_empty()));
+        let mut dice = rng.random_range(0..shares.iter().sum());
+        let group = shares.iter().position(|&share| match dice.checked_sub(share) {
             Some(rest) => {
                 dice = rest;
                 false
@@ -168,26 +180,30 @@ impl<'e> Sampler<'e> {
         }
         let sensors = piezo.chunks_exact_mut(self.frames * IMAGE);
         let mut present = vec![false; self.sensors];
-        let parts = log_mel.chunks_exact_mut(self.frames * MEL_BINS).zip(level.chunks_exact_mut(self.frames));
-        for ((&sensor, piezo), (log_mel, level)) in order.iter().zip(sensors).zip(parts) {
+        let parts = xl.chunks_exact_mut(self.frames * XL_FEATURES);
+        for ((&sensor, piezo), xl) in order.iter().zip(sensors).zip(parts) {
             present[sensor] = true;
             let (pad, mel) = (PadChange::draw(&mut rng), MelChange::draw(&mut rng));
+            let slow = SlowArray::draw(&mut rng);
             let mel = if changes_xl { mel } else { MelChange::NONE };
             let mut view = self.options.pads.start();
             let mut counts = [0; TAXELS];
             let bins = (start..start + self.frames).flat_map(|t| episode.ln_power(t, sensor));
             let mean = bins.sum::<f32>() / (self.frames * MEL_BINS) as f32;
-            let frames = piezo.chunks_exact_mut(IMAGE).zip(log_mel.chunks_exact_mut(MEL_BINS));
-            for (t, (piezo, log_mel)) in frames.enumerate() {
-                pad.apply(episode.scan(start + t, sensor), &mut counts, &mut rng);
+            let mut floor = mel.floor(episode.floor(start, sensor), (&sound, mean));
+            let frames = piezo.chunks_exact_mut(IMAGE).zip(xl.chunks_exact_mut(XL_FEATURES));
+            for (t, (piezo, xl)) in frames.enumerate() {
+                let scans = slow.scans(t).map(|t| episode.scan((start + t).min(episode.frames() - 1), sensor));
+                pad.apply(scans, slow.between(t), &mut counts, &mut rng);
                 let cells = piezo.as_chunks_mut::<PIEZO_CHANNELS>().0;
                 view.push(&counts, |index, cell| cells[index] = cell);
                 let ln_power = episode.ln_power(start + t, sensor);
-                level[t] = mel.apply(ln_power, (&sound, mean, t), log_mel, &mut rng);
+                mel.apply(ln_power, &mut floor, (&sound, mean, t), xl, &mut rng);
             }
         }
-        for (t, label) in label.iter_mut().enumerate() {
+        for (t, (label, target)) in label.iter_mut().zip(target).enumerate() {
             *label = episode.label_for(start + t, &present);
+            *target = episode.target_for(start + t, &present);
         }
         start
     }

@@ -34,6 +34,10 @@ pub struct Row {
     pub validation_macro_f1: f64,
     /// False slip frames as a share of non-slip frames.
     pub validation_fpr: f64,
+    /// Sliding events that the detector misses at a bound of false alarms.
+    pub validation_missed: f64,
+    /// Its median delay there, frames.
+    pub validation_latency: f64,
     /// Wall time since the start, all sessions together, seconds.
     pub seconds: f64,
 }
@@ -42,11 +46,11 @@ pub struct Row {
 pub fn csv(rows: &[Row]) -> String {
     let mut text = String::from(
         "epoch,step,learning_rate,train_loss,validation_loss,validation_accuracy,\
-         validation_macro_f1,validation_fpr,seconds\n",
+         validation_macro_f1,validation_fpr,validation_missed,validation_latency,seconds\n",
     );
     for r in rows {
         text += &format!(
-            "{},{},{:.3e},{:.4},{:.4},{:.4},{:.4},{:.4},{:.1}\n",
+            "{},{},{:.3e},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.1},{:.1}\n",
             r.epoch,
             r.step,
             r.learning_rate,
@@ -55,6 +59,8 @@ pub fn csv(rows: &[Row]) -> String {
             r.validation_accuracy,
             r.validation_macro_f1,
             r.validation_fpr,
+            r.validation_missed,
+            r.validation_latency,
             r.seconds
         );
     }

@@ -143,7 +143,7 @@ fn measure(graphs: &Graphs, features: &Features) -> Result<Ranges> {
                     let there = only.is_none_or(|only| only == sensor);
                     SensorFrame {
                         piezo: there.then(|| features.scan(frame, sensor)),
-                        log_mel: there.then(|| features.log_mel(frame, sensor)),
+                        xl: there.then(|| features.xl(frame, sensor)),
                     }
                 })
                 .collect();

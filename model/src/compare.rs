@@ -132,22 +132,22 @@ pub fn compare_activations(
         let mut log_mels = Vec::with_capacity(sensors);
         for (sensor, front_end) in front_ends.iter_mut().enumerate() {
             front_end.push(episode.xl_batch(frame, sensor));
-            log_mels.push(front_end.log_mel().standardised);
+            log_mels.push(front_end.log_mel().features());
         }
         let scans: Vec<_> = (0..sensors).map(|sensor| episode.piezo(frame, sensor)).collect();
         let seen = scans.iter().zip(&log_mels);
         let for_integer: Vec<_> = seen
             .clone()
-            .map(|(scan, log_mel)| SensorFeatures { piezo: Some(scan), log_mel: Some(log_mel) })
+            .map(|(scan, xl)| SensorFeatures { piezo: Some(scan), xl: Some(*xl) })
             .collect();
         let for_float: Vec<_> = seen
-            .map(|(scan, log_mel)| SensorFrame { piezo: Some(scan.counts()), log_mel: Some(log_mel) })
+            .map(|(scan, xl)| SensorFrame { piezo: Some(scan.counts()), xl: Some(xl) })
             .collect();
         let from_integer = network.step_observed(&for_integer, &mut integer).map(Logit::to_bits);
         let from_float = float_network.step(&for_float)?;
 
         let touched = scans.iter().any(|scan| scan.sum() >= CONTACT_SUM_MIN);
-        if decide(touched, from_integer) != decide(touched, from_float) {
+        if decide(touched, &from_integer) != decide(touched, &from_float) {
             differing_frames.push(frame);
         }
         let float = &mut float_network.trace;

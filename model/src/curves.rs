@@ -6,9 +6,10 @@ use plotters::prelude::*;
 use crate::checkpoint::Row;
 
 const SIZE: (u32, u32) = (900, 360);
-/// Okabe and Ito's blue and vermilion, which colour-blind readers can tell apart.
+/// Okabe and Ito's blue, vermilion and green, which colour-blind readers can tell apart.
 const BLUE: RGBColor = RGBColor(0, 114, 178);
 const VERMILION: RGBColor = RGBColor(213, 94, 0);
+const GREEN: RGBColor = RGBColor(0, 158, 115);
 
 /// Named values per epoch, with their colour.
 type Line<'a> = (&'a str, RGBColor, Vec<f64>);
@@ -23,6 +24,7 @@ pub fn svg(rows: &[Row]) -> Result<String> {
     let errors = [
         ("1 − macro F1", BLUE, of(|row| 100.0 * (1.0 - row.validation_macro_f1))),
         ("false slip frames", VERMILION, of(|row| 100.0 * row.validation_fpr)),
+        ("slips missed by the detector", GREEN, of(|row| 100.0 * row.validation_missed)),
     ];
     let mut text = String::new();
     {
@@ -88,6 +90,8 @@ mod tests {
             validation_accuracy: 0.9,
             validation_macro_f1: 0.8,
             validation_fpr: 0.01,
+            validation_missed: 0.1,
+            validation_latency: 4.0,
             seconds: 1.0,
         };
         // One epoch must draw as well, and a figure that is not there must not spoil the axis.

@@ -8,18 +8,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
-use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
-use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS};
+use slipsense::features::{LN_FRAC_BITS, XlFeatures, XlFrontEnd};
+use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS, XL_FEATURES};
 use slipsense_recording::Episode;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
 
-use crate::augment::level;
 use crate::float::Sequences;
 use crate::folder::{LabelledFolder, ObjectUses, Use};
 use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
-use crate::tract::log_mel_real;
+use crate::target::{Target, targets};
+use crate::tract::xl_real;
 
 /// Where episodes come from.
 #[derive(Clone, Debug)]
@@ -85,35 +85,60 @@ impl Source {
     /// For the manifest.
     pub fn describe(&self) -> String {
         match self {
-            Self::Generated { seed } => format!("synthetic, split train, seed {seed}"),
+            Self::Generated { seed } => format!("synthetic, splits train and train_anywhere, seed {seed}"),
             Self::Folder(folder) => format!("episodes in {}", folder.path.display()),
         }
     }
 }
 
-/// One training episode in this many holds disturbances only: the protocol's have few, and a network that
-/// was not trained on them raises alarms.
-const DISTURBANCES_EVERY: usize = 8;
-/// Their length, seconds: room for a few grasps.
-const DISTURBANCES_SECONDS: f64 = 20.0;
+/// What training episodes are, in turn: of the laboratory's physics or of other families, and whether they hold
+/// disturbances only. The protocol has few, and a network that was not trained on them raises alarms.
+const TURNS: [(Split, bool); 8] = [
+    (Split::TrainAnywhere, false),
+    (Split::Train, false),
+    (Split::TrainAnywhere, true),
+    (Split::TrainAnywhere, false),
+    (Split::Train, false),
+    (Split::TrainAnywhere, false),
+    (Split::TrainAnywhere, true),
+    (Split::Train, true),
+];
+/// Length of an episode of disturbances, seconds: room for a few grasps.
+pub(crate) const DISTURBANCES_SECONDS: f64 = 20.0;
 
-/// Recipes of the first generated episodes of the split for this use.
+/// Recipes of the first generated episodes for this use.
 pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
-    let set = match what {
-        Use::Train => EpisodeSet::first(Split::Train, seed, count),
-        Use::Validation => EpisodeSet::first(Split::Val, FROZEN_SEED, count),
-        Use::Test => bail!("test splits are for `slipsense eval`"),
+    let first = |split: Split, seed: u64| {
+        let set = EpisodeSet::first(split, seed, count);
+        set.episodes.into_iter().map(|episode| episode.recipe)
     };
-    let recipes = set.episodes.into_iter().map(|episode| episode.recipe).enumerate();
-    let disturbed = |index: usize| what == Use::Train && index % DISTURBANCES_EVERY == DISTURBANCES_EVERY - 1;
-    Ok(recipes.map(|(index, recipe)| if disturbed(index) { disturbances(recipe) } else { recipe }).collect())
+    match what {
+        Use::Train => {
+            let (mut train, mut anywhere) = (first(Split::Train, seed), first(Split::TrainAnywhere, seed));
+            let turns = TURNS.iter().cycle().take(count);
+            let recipe = |&(split, disturbed): &(Split, bool)| {
+                let recipes = if split == Split::Train { &mut train } else { &mut anywhere };
+                recipes.next().map(|recipe| if disturbed { disturbances(recipe) } else { recipe })
+            };
+            Ok(turns.filter_map(recipe).collect())
+        }
+        Use::Validation => {
+            let pairs = first(Split::Val, FROZEN_SEED).zip(first(Split::ValAnywhere, FROZEN_SEED));
+            let three = |(laboratory, anywhere): (Recipe, Recipe)| {
+                [laboratory, anywhere.clone(), disturbances(anywhere)]
+            };
+            Ok(pairs.flat_map(three).take(count).collect())
+        }
+        Use::Test => bail!("test splits are for `slipsense eval`"),
+    }
 }
 
 /// The same hand and object, disturbed all the time and never slipping.
-fn disturbances(recipe: Recipe) -> Recipe {
+pub(crate) fn disturbances(recipe: Recipe) -> Recipe {
     Recipe {
         scenario: ScenarioChoice::Disturbances,
         seconds: Some(DISTURBANCES_SECONDS),
+        pull_angle_deg: None,
         speed_mm_s: None,
         ..recipe
     }
@@ -124,16 +149,24 @@ fn disturbances(recipe: Recipe) -> Recipe {
 pub struct Features {
     /// Sensors.
     pub sensors: usize,
-    /// Counts, `[frame][sensor]`.
-    pub piezo: Vec<[u16; TAXELS]>,
+    /// Counts of the touched pads, in the order of frames and sensors.
+    piezo: Vec<[u16; TAXELS]>,
+    /// Place of each scan in `piezo`, `[frame][sensor]`; none of an untouched pad, which the network sees as zeros.
+    scan: Vec<Option<u32>>,
     /// Natural log of the mel power before standardisation, LSB², `[frame][sensor]`.
     pub ln_power: Vec<[f32; MEL_BINS]>,
-    /// Standardised log-mel, Q2.13, `[frame][sensor]`.
-    pub log_mel: Vec<[i16; MEL_BINS]>,
+    /// The noise floors it is compared with, ln of LSB², `[frame][sensor]`.
+    pub floor: Vec<[f32; MEL_BINS]>,
+    /// What the network sees of the accelerometers, `[frame][sensor]`.
+    pub xl: Vec<XlFeatures>,
     /// Is the pad touched, `[frame][sensor]`.
     pub touched: Vec<bool>,
     /// Classes, `[frame]`.
     pub label: Vec<u8>,
+    /// What the detector is to say, `[frame]`.
+    pub target: Vec<Target>,
+    /// Kept because a trained network took it for slip: see [`crate::mining`].
+    pub mined: bool,
 }
 
 impl Features {
@@ -143,25 +176,67 @@ impl Features {
         let (frames, sensors) = (episode.frames(), episode.sensors);
         let mut features = Self {
             sensors,
-            piezo: Vec::with_capacity(frames * sensors),
+            piezo: Vec::new(),
+            scan: Vec::with_capacity(frames * sensors),
             ln_power: Vec::with_capacity(frames * sensors),
-            log_mel: Vec::with_capacity(frames * sensors),
+            floor: Vec::with_capacity(frames * sensors),
+            xl: Vec::with_capacity(frames * sensors),
             touched: Vec::with_capacity(frames * sensors),
+            target: targets(episode, &label),
             label,
+            mined: false,
         };
         let mut front_ends = vec![XlFrontEnd::new(); sensors];
         for frame in 0..frames {
             for (sensor, front_end) in front_ends.iter_mut().enumerate() {
                 let scan = episode.piezo(frame, sensor);
                 front_end.push(episode.xl_batch(frame, sensor));
+                let floor = *front_end.noise_floor().floor();
                 let log_mel = front_end.log_mel();
-                features.piezo.push(*scan.counts());
-                features.ln_power.push(log_mel.ln_power.map(|q16| q16 as f32 / (1 << LN_FRAC_BITS) as f32));
-                features.log_mel.push(log_mel.standardised);
-                features.touched.push(scan.sum() >= CONTACT_SUM_MIN);
+                let real = |q16: i32| q16 as f32 / (1 << LN_FRAC_BITS) as f32;
+                features.ln_power.push(log_mel.ln_power.map(real));
+                // Before the first frame there is none.
+                features.floor.push((if frame == 0 { log_mel.ln_power } else { floor }).map(real));
+                features.xl.push(log_mel.features());
+                let touched = scan.sum() >= CONTACT_SUM_MIN;
+                features.touched.push(touched);
+                features.scan.push(touched.then_some(features.piezo.len() as u32));
+                if touched {
+                    features.piezo.push(*scan.counts());
+                }
             }
         }
         Ok(features)
+    }
+
+    /// Some of the frames.
+    pub fn cut(&self, frames: std::ops::Range<usize>) -> Self {
+        let rows = frames.start * self.sensors..frames.end * self.sensors;
+        let mut piezo = Vec::new();
+        let mut kept = |place: &Option<u32>| {
+            place.map(|place| {
+                piezo.push(self.piezo[place as usize]);
+                piezo.len() as u32 - 1
+            })
+        };
+        let scan = self.scan[rows.clone()].iter().map(&mut kept).collect();
+        Self {
+            sensors: self.sensors,
+            scan,
+            piezo,
+            ln_power: self.ln_power[rows.clone()].to_vec(),
+            floor: self.floor[rows.clone()].to_vec(),
+            xl: self.xl[rows.clone()].to_vec(),
+            touched: self.touched[rows].to_vec(),
+            label: self.label[frames.clone()].to_vec(),
+            target: self.target[frames].to_vec(),
+            mined: self.mined,
+        }
+    }
+
+    /// The same, kept as hard.
+    pub(crate) fn into_mined(self) -> Self {
+        Self { mined: true, ..self }
     }
 
     /// Frames.
@@ -169,9 +244,9 @@ impl Features {
         self.label.len()
     }
 
-    /// Counts of one scan.
+    /// Counts of one scan; zeros of an untouched pad.
     pub fn scan(&self, frame: usize, sensor: usize) -> &[u16; TAXELS] {
-        &self.piezo[frame * self.sensors + sensor]
+        self.scan[frame * self.sensors + sensor].map_or(&[0; TAXELS], |place| &self.piezo[place as usize])
     }
 
     /// Log of the mel power of one sensor and frame.
@@ -179,9 +254,14 @@ impl Features {
         &self.ln_power[frame * self.sensors + sensor]
     }
 
-    /// Standardised log-mel of one sensor and frame.
-    pub fn log_mel(&self, frame: usize, sensor: usize) -> &[i16; MEL_BINS] {
-        &self.log_mel[frame * self.sensors + sensor]
+    /// The noise floors that it is compared with.
+    pub fn floor(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
+        &self.floor[frame * self.sensors + sensor]
+    }
+
+    /// What the network sees of one accelerometer at one frame.
+    pub fn xl(&self, frame: usize, sensor: usize) -> &XlFeatures {
+        &self.xl[frame * self.sensors + sensor]
     }
 
     /// The whole episode as it is, for the network in float.
@@ -197,18 +277,17 @@ impl Features {
             sensors: self.sensors,
             frames,
             piezo: Vec::with_capacity(frames * self.sensors * IMAGE),
-            log_mel: Vec::with_capacity(frames * self.sensors * MEL_BINS),
-            level: Vec::with_capacity(frames * self.sensors),
+            xl: Vec::with_capacity(frames * self.sensors * XL_FEATURES),
             label: self.label.clone(),
             weight: vec![1.0; frames],
+            target: self.target.clone(),
             taught: Vec::new(),
         };
         for sensor in 0..self.sensors {
             let mut view = pads.start();
             for frame in 0..frames {
                 view.push(self.scan(frame, sensor), |_, cell| all.piezo.extend(cell));
-                all.log_mel.extend(self.log_mel(frame, sensor).map(log_mel_real));
-                all.level.push(level(self.ln_power(frame, sensor)));
+                all.xl.extend(self.xl(frame, sensor).map(xl_real));
             }
         }
         all
@@ -219,5 +298,13 @@ impl Features {
         let touched = &self.touched[frame * self.sensors..][..self.sensors];
         let held = touched.iter().zip(present).any(|(&touched, &present)| touched && present);
         if held { self.label[frame] } else { 0 }
+    }
+
+    /// What the detector is to say when only these sensors are there: nothing slides if none of them is touched.
+    pub fn target_for(&self, frame: usize, present: &[bool]) -> Target {
+        match self.label_for(frame, present) {
+            0 if self.label[frame] != 0 => Target::Either,
+            _ => self.target[frame],
+        }
     }
 }

@@ -5,14 +5,17 @@ use burn::tensor::Device;
 use serde::Serialize;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
-use slipsense::params::{CLASSES, FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::fixed::Logit;
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, OUTPUTS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
-use slipsense_recording::score::{ClassScores, Detection, SLIP, score_events};
+use slipsense_recording::score::{ClassScores, Detection, Interval, SLIP, runs, score_events, score_intervals};
+use slipsense_recording::threshold::lowest_threshold;
 
 use crate::data::Features;
 use crate::float::FloatNetwork;
+use crate::target::Target;
 use crate::tract::{Graphs, SensorFrame, TractNetwork};
 
 /// Scores over any number of episodes.
@@ -169,14 +172,16 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
         }
         let output = pipeline.step(&inputs[..episode.sensors]);
         let mut seen = [SensorFrame::default(); MAX_SENSORS];
-        for ((seen, input), log_mel) in seen.iter_mut().zip(&inputs).zip(&output.log_mel) {
+        let features = output.log_mel.map(|log_mel| log_mel.features());
+        for ((seen, input), log_mel) in seen.iter_mut().zip(&inputs).zip(&features) {
             *seen = SensorFrame {
                 piezo: input.piezo.map(|piezo| piezo.counts()),
-                log_mel: Some(&log_mel.standardised),
+                xl: Some(log_mel),
             };
         }
         let logits = float_network.step(&seen[..episode.sensors])?;
-        for (float, integer) in logits.into_iter().zip(output.logits) {
+        let log_odds = output.log_odds.unwrap_or(Logit::from_bits((logits[OUTPUTS - 1] * 1024.0) as i32));
+        for (float, integer) in logits.into_iter().zip(output.logits.into_iter().chain([log_odds])) {
             let error = f64::from(float) - integer.to_f64();
             result.logit_power[0] += f64::from(float).powi(2);
             result.logit_power[1] += error * error;
@@ -184,7 +189,7 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
         // All pads are there, so the integer pipeline's no-contact is the pads' and not the network's.
         let is_touched = output.class != Class::NoContact;
         integer.push(output.class as u8);
-        float.push(decide(is_touched, logits));
+        float.push(decide(is_touched, &logits));
         touched.push(if is_touched { SLIP } else { 0 });
     }
     result.agreed = integer.iter().zip(&float).filter(|(a, b)| a == b).count() as u64;
@@ -200,24 +205,70 @@ pub fn score_float(
     dims: &Dims,
     features: &Features,
     device: &Device,
-) -> (Scores, Vec<[f32; CLASSES]>) {
-    let logits = network.logits(dims, &features.sequences(), device);
+) -> (Scores, Vec<[f32; OUTPUTS]>) {
+    let logits = network.outputs(dims, &features.sequences(), device);
     (score_logits(features, &logits), logits)
 }
 
-/// An episode's logits under the pipeline's decision.
-pub fn score_logits(features: &Features, logits: &[[f32; CLASSES]]) -> Scores {
+/// An episode's outputs under the pipeline's decision.
+pub fn score_logits(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
     let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
-    let classes: Vec<u8> = touched.zip(logits).map(|(touched, &logits)| decide(touched, logits)).collect();
+    let classes: Vec<u8> = touched.zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect();
     Scores::new(&features.label, &classes)
 }
 
-/// The pipeline's decision on logits, all pads being there.
-pub(crate) fn decide<T: PartialOrd>(touched: bool, [_, no_slip, slip]: [T; CLASSES]) -> u8 {
+/// The pipeline's class of a frame by the network's outputs, all pads being there.
+pub(crate) fn decide<T: PartialOrd>(touched: bool, [_, no_slip, slip, _]: &[T; OUTPUTS]) -> u8 {
     match (touched, slip > no_slip) {
         (false, _) => 0,
         (true, false) => 1,
         (true, true) => SLIP,
+    }
+}
+
+/// What the detector reaches at the threshold that just keeps to a rate of false alarms, frame by frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DetectorFigures {
+    /// Log-odds, nat.
+    pub threshold_nat: f64,
+    /// Sliding events.
+    pub events: usize,
+    /// Share of them that is missed, 0 to 1.
+    pub missed: Option<f64>,
+    /// See [`median_latency`], from the frame on in which the contact slides.
+    pub median_latency_frames: Option<f64>,
+}
+
+/// The detector's figures at `alarms_per_hour`, over episodes with their targets and the log-odds of each frame.
+pub fn detector_figures(episodes: &[(&Features, Vec<[f32; OUTPUTS]>)], alarms_per_hour: f64) -> DetectorFigures {
+    let mut slips: Vec<(Vec<Interval>, Vec<Interval>)> = Vec::new();
+    let mut scores: Vec<Vec<Option<Logit>>> = Vec::new();
+    let mut still = 0;
+    for (features, outputs) in episodes {
+        let of = |is: &dyn Fn(Target) -> bool| runs(features.frames(), |f| is(features.target[f]));
+        // Nothing near sliding is a false alarm.
+        slips.push((of(&|target| target == Target::Slides), of(&|target| target != Target::Still)));
+        still += features.target.iter().filter(|&&target| target == Target::Still).count();
+        let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
+        let log_odds = |outputs: &[f32; OUTPUTS]| {
+            Logit::from_bits((outputs[OUTPUTS - 1] * (1 << Logit::FRAC_BITS) as f32) as i32)
+        };
+        scores.push(touched.zip(outputs).map(|(touched, o)| touched.then(|| log_odds(o))).collect());
+    }
+    let hours = still as f64 / (3600.0 * f64::from(FRAME_RATE_HZ));
+    let all: Vec<_> = slips.iter().map(|(_, near)| &near[..]).zip(scores.iter().cloned()).collect();
+    let threshold = lowest_threshold(&all, (alarms_per_hour * hours) as u64);
+    let mut detections = Vec::new();
+    for ((sliding, _), scores) in slips.iter().zip(&scores) {
+        let flag: Vec<u8> = scores.iter().map(|s| s.is_some_and(|s| s > threshold).into()).collect();
+        detections.extend(score_intervals(sliding, &flag).events.into_iter().map(|event| event.detection));
+    }
+    let missed = detections.iter().filter(|&&d| d == Detection::Missed).count();
+    DetectorFigures {
+        threshold_nat: threshold.to_f64(),
+        events: detections.len(),
+        missed: (!detections.is_empty()).then(|| missed as f64 / detections.len() as f64),
+        median_latency_frames: median_latency(&detections),
     }
 }
 
@@ -256,8 +307,8 @@ mod tests {
 
     #[test]
     fn the_pads_decide_contact_and_a_tie_does_not_slip() {
-        assert_eq!(decide(false, [-9.0, 0.0, 9.0]), 0);
-        assert_eq!(decide(true, [9.0, 0.0, 1.0]), 2);
-        assert_eq!(decide(true, [9.0, 0.5, 0.5]), 1);
+        assert_eq!(decide(false, &[-9.0, 0.0, 9.0, 9.0]), 0);
+        assert_eq!(decide(true, &[9.0, 0.0, 1.0, -9.0]), 2);
+        assert_eq!(decide(true, &[9.0, 0.5, 0.5, 9.0]), 1);
     }
 }

@@ -9,9 +9,11 @@ use burn::tensor::activation::{log_softmax, relu, softmax};
 use burn::tensor::module::layer_norm;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use slipsense::net::format::{Dims, TensorSpec};
-use slipsense::params::{CLASSES, MEL_BINS};
+use slipsense::params::{CLASSES, OUTPUTS, XL_FEATURES};
 
+use crate::detector_loss;
 use crate::piezo::{self, Filters};
+use crate::target::Target;
 use crate::weights::{Weights, specs};
 
 /// Added to the variance in LayerNorm.
@@ -32,7 +34,7 @@ pub trait Architecture {
     /// Heads of every attention block.
     fn heads(&self) -> usize;
 
-    /// Logits of every frame, `[batch, frame, class]`. `features`: of every scan's taxels, `[image, feature]`;
+    /// Outputs of every frame, `[batch, frame, output]`. `features`: of every scan's taxels, `[image, feature]`;
     /// none where the network does not see the pads.
     fn forward(
         &self,
@@ -61,15 +63,15 @@ pub struct Sequences {
     pub frames: usize,
     /// Counts and their change, `[batch, sensor, frame, 32 · 32, 2]`.
     pub piezo: Vec<i16>,
-    /// Standardised log-mel, `[batch, sensor, frame, 16]`.
-    pub log_mel: Vec<f32>,
-    /// What the standardisation takes away, the mean over the bins of the log power, nat of LSB²,
-    /// `[batch, sensor, frame]`. The shipped network does not see it.
-    pub level: Vec<f32>,
+    /// Features of the accelerometers, [`XlFeatures`](slipsense::features::XlFeatures) as real numbers,
+    /// `[batch, sensor, frame, 32]`.
+    pub xl: Vec<f32>,
     /// Classes, `[batch, frame]`.
     pub label: Vec<u8>,
     /// What each frame counts in the loss, `[batch, frame]`.
     pub weight: Vec<f32>,
+    /// What the detector is to say of each frame, `[batch, frame]`.
+    pub target: Vec<Target>,
     /// Probabilities of the classes by a teacher, `[batch, frame, class]`; empty without one.
     pub taught: Vec<f32>,
 }
@@ -106,13 +108,13 @@ impl FloatNetwork {
         Graph { parameters: &self.parameters, specs: architecture.specs(), heads: architecture.heads() }
     }
 
-    /// Logits of every frame, `[batch, frame, class]`, without gradients. `device` is a plain one.
-    pub fn logits(
+    /// Outputs of every frame, `[batch, frame]`, without gradients. `device` is a plain one.
+    pub fn outputs(
         &self,
         architecture: &impl Architecture,
         input: &Sequences,
         device: &Device,
-    ) -> Vec<[f32; CLASSES]> {
+    ) -> Vec<[f32; OUTPUTS]> {
         plain(self.run(architecture, input, device))
     }
 
@@ -123,7 +125,7 @@ impl FloatNetwork {
         input: &Sequences,
         device: &Device,
     ) -> Vec<f32> {
-        softmax(self.run(architecture, input, device), 2).into_data().iter::<f32>().collect()
+        softmax(classes(self.run(architecture, input, device)), 2).into_data().iter::<f32>().collect()
     }
 
     fn run(&self, architecture: &impl Architecture, input: &Sequences, device: &Device) -> Tensor<3> {
@@ -168,8 +170,11 @@ impl FloatNetwork {
         (value, all)
     }
 
-    /// Cross entropy against the labels and the teacher, the weighted mean over all frames, nat.
-    fn loss(logits: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
+    /// Cross entropy of the classes against the labels and the teacher, the weighted mean over all frames, and the
+    /// detector's [loss](detector_loss), nat.
+    fn loss(outputs: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
+        let of_detector = detector_loss::loss(outputs.clone().narrow(2, CLASSES, 1), &input.target, device);
+        let logits = classes(outputs);
         let [b, l, classes] = logits.dims();
         let mut truth = vec![0f32; b * l * classes];
         let total: f32 = input.weight.iter().sum();
@@ -183,7 +188,7 @@ impl FloatNetwork {
             }
         }
         let truth = tensor::<3>(truth, [b, l, classes], device);
-        (log_softmax(logits, 2) * truth).sum().neg()
+        (log_softmax(logits, 2) * truth).sum().neg() + of_detector
     }
 }
 
@@ -216,7 +221,7 @@ impl Architecture for Dims {
         };
         let features = features.expect("the layout has the convolution blocks");
         let piezo = widest(graph.dense("piezo.dense", features));
-        let xl = widest(graph.xl(&input.log_mel, MEL_BINS, l, device));
+        let xl = widest(graph.xl(&input.xl, XL_FEATURES, l, device));
 
         let band = Band::new(l, self.window, device);
         let asks_xl = graph.attention("cross_piezo", piezo.clone(), xl.clone(), &band);
@@ -227,10 +232,15 @@ impl Architecture for Dims {
     }
 }
 
-/// Logits as plain numbers, `[batch, frame]`.
-pub(crate) fn plain(logits: Tensor<3>) -> Vec<[f32; CLASSES]> {
-    let logits: Vec<f32> = logits.into_data().iter::<f32>().collect();
-    logits.as_chunks().0.to_vec()
+/// The logits of the classes, without the detector's output.
+fn classes(outputs: Tensor<3>) -> Tensor<3> {
+    outputs.narrow(2, 0, CLASSES)
+}
+
+/// Outputs as plain numbers, `[batch, frame]`.
+pub(crate) fn plain(outputs: Tensor<3>) -> Vec<[f32; OUTPUTS]> {
+    let outputs: Vec<f32> = outputs.into_data().iter::<f32>().collect();
+    outputs.as_chunks().0.to_vec()
 }
 
 pub(crate) fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
@@ -312,10 +322,10 @@ impl Graph<'_> {
         x.matmul(weight.transpose()) + self.get(layer, "bias", [1, outputs])
     }
 
-    /// Logits `[batch, frame, class]` of hidden vectors `[batch, frame, width]`.
+    /// Outputs `[batch, frame, output]` of hidden vectors `[batch, frame, width]`.
     pub(crate) fn head(&self, layer: &str, hidden: Tensor<3>) -> Tensor<3> {
         let [b, l, width] = hidden.dims();
-        self.dense(layer, hidden.reshape([b * l, width])).reshape([b, l, CLASSES])
+        self.dense(layer, hidden.reshape([b * l, width])).reshape([b, l, OUTPUTS])
     }
 
     /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`, of `values`

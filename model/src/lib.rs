@@ -2,7 +2,7 @@
 //!
 //! Episodes, generated or from a folder ([`folder`]), become features by the microcontroller's own front end
 //! ([`data`]); random stretches of them become batches ([`batch`], [`augment`]). A tensor library trains the network on
-//! whole sequences ([`float`], [`train`], with a [`teacher`] if there is one); the taxel encoder's convolutions are
+//! whole sequences ([`float`], [`train`], with a [`teacher`] if there is one), its detector on events ([`target`]); the taxel encoder's convolutions are
 //! our own ([`piezo`]). Another library runs the [`weights`] frame by frame ([`tract`]) to measure the ranges of all
 //! activations ([`trace`]). They are turned into integers ([`quantize`]) and scored beside the integer pipeline
 //! ([`evaluate`]), activation by activation if need be ([`compare`]). [`variants`] are networks that differ in one thing
@@ -15,14 +15,17 @@ pub mod command;
 pub mod curves;
 pub mod compare;
 pub mod data;
+mod detector_loss;
 pub mod evaluate;
 pub mod export;
 pub mod float;
 pub mod folder;
+pub mod mining;
 pub mod output;
 pub mod pad_view;
 pub mod piezo;
 pub mod quantize;
+pub mod target;
 pub mod teacher;
 pub mod trace;
 pub mod tract;

@@ -22,7 +22,7 @@ use slipsense_recording::model_file::ModelFile;
 use crate::float::NORM_EPSILON;
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
 use crate::trace::{ACTIVATIONS, Ranges};
-use crate::tract::log_mel_real;
+use crate::tract::xl_real;
 use crate::weights::Weights;
 
 /// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads: with
@@ -75,7 +75,7 @@ pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String
     let needs = Scales { ranges };
     let scale = |activation: &str| match activation {
         "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
-        "log_mel" => Ok(f64::from(log_mel_real(1))),
+        "log_mel" => Ok(f64::from(xl_real(1))),
         "logits" => Ok(1.0 / f64::from(1 << Logit::FRAC_BITS)),
         other if other.ends_with(".residual") => needs.of(other, RESIDUAL_MARGIN, RESIDUAL_MAX),
         other if other.ends_with(".query") || other.ends_with(".key") => {

@@ -11,7 +11,8 @@ use std::collections::VecDeque;
 use anyhow::{Context, Result, ensure};
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::net::format::Dims;
-use slipsense::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use slipsense::features::XlFeatures;
+use slipsense::params::{OUTPUTS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_FEATURES};
 use tract_core::prelude::{IntoTValue, TValue, TVec, Tensor, TypedSimpleState, tvec};
 
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
@@ -28,12 +29,12 @@ const UNFILLED: f32 = -10_000.0;
 pub struct SensorFrame<'a> {
     /// ADC counts, row-major.
     pub piezo: Option<&'a [u16; TAXELS]>,
-    /// Standardised log-mel, Q2.13.
-    pub log_mel: Option<&'a [i16; MEL_BINS]>,
+    /// Features of the accelerometer, Q2.13.
+    pub xl: Option<&'a XlFeatures>,
 }
 
 /// Q2.13 to real.
-pub fn log_mel_real(q13: i16) -> f32 {
+pub fn xl_real(q13: i16) -> f32 {
     f32::from(q13) / (1 << slipsense::features::STANDARDISED_FRAC_BITS) as f32
 }
 
@@ -45,8 +46,8 @@ pub struct TractNetwork {
     fuse: Running,
     /// Per sensor what the network sees of the pad, by the microcontroller's own kernel.
     pads: Vec<PiezoFrontEnd>,
-    /// Per sensor the last `xl_kernel` log-mel frames, oldest first.
-    log_mels: Vec<VecDeque<[f32; MEL_BINS]>>,
+    /// Per sensor the last `xl_kernel` frames of the accelerometer, oldest first.
+    xl_frames: Vec<VecDeque<[f32; XL_FEATURES]>>,
     /// Frames seen, up to the window.
     filled: usize,
     /// What is added to the scores of each lag, `[1, window]`.
@@ -76,7 +77,7 @@ impl TractNetwork {
     /// networks.
     pub fn new(graphs: &Graphs, sensors: usize) -> Result<Self> {
         let dims = graphs.dims;
-        let silence = VecDeque::from(vec![[0.0; MEL_BINS]; dims.xl_kernel]);
+        let silence = VecDeque::from(vec![[0.0; XL_FEATURES]; dims.xl_kernel]);
         let caches = Graphs::BLOCKS.iter().flat_map(|block| [block.width(&dims); 2]);
         let caches = caches.map(|width| zeros(&[dims.window, width])).collect::<Result<_>>()?;
         Ok(Self {
@@ -85,7 +86,7 @@ impl TractNetwork {
             xl: Running::new(&graphs.xl)?,
             fuse: Running::new(&graphs.fuse)?,
             pads: vec![PiezoFrontEnd::new(); sensors],
-            log_mels: vec![silence; sensors],
+            xl_frames: vec![silence; sensors],
             filled: 0,
             mask: zeros(&[1, dims.window])?,
             caches,
@@ -94,9 +95,9 @@ impl TractNetwork {
         })
     }
 
-    /// One frame to three logits, nat. `sensors`: as many as the network was made for.
-    pub fn step(&mut self, sensors: &[SensorFrame<'_>]) -> Result<[f32; CLASSES]> {
-        let expected = self.log_mels.len();
+    /// One frame to the network's outputs, nat. `sensors`: as many as the network was made for.
+    pub fn step(&mut self, sensors: &[SensorFrame<'_>]) -> Result<[f32; OUTPUTS]> {
+        let expected = self.xl_frames.len();
         ensure!(sensors.len() == expected, "{} sensors given, {expected} expected", sensors.len());
         let (mut piezo, mut xl): (Option<Vec<f32>>, Option<Vec<f32>>) = (None, None);
         for (index, sensor) in sensors.iter().enumerate() {
@@ -104,13 +105,10 @@ impl TractNetwork {
                 Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)?),
                 None => self.pads[index].reset(),
             }
-            let mut frame = [0.0; MEL_BINS];
-            for (real, &q13) in frame.iter_mut().zip(sensor.log_mel.into_iter().flatten()) {
-                *real = log_mel_real(q13);
-            }
-            self.log_mels[index].pop_front();
-            self.log_mels[index].push_back(frame);
-            if sensor.log_mel.is_some() {
+            let frame = sensor.xl.map_or([0.0; XL_FEATURES], |xl| xl.map(xl_real));
+            self.xl_frames[index].pop_front();
+            self.xl_frames[index].push_back(frame);
+            if sensor.xl.is_some() {
                 keep_max(&mut xl, self.embed_xl(index)?);
             }
         }
@@ -130,14 +128,14 @@ impl TractNetwork {
     }
 
     fn embed_xl(&mut self, sensor: usize) -> Result<Vec<f32>> {
-        let seen: Vec<f32> = self.log_mels[sensor].iter().flatten().copied().collect();
+        let seen: Vec<f32> = self.xl_frames[sensor].iter().flatten().copied().collect();
         let inputs = tvec![tensor(&[1, seen.len()], &seen)?];
         let outputs = run(&mut self.xl, &mut self.ranges, &mut self.trace, inputs)?;
         numbers(outputs.first())
     }
 
-    /// The embeddings of a frame, zeros where no sensor delivered, to its logits.
-    fn fuse(&mut self, piezo: Option<Vec<f32>>, xl: Option<Vec<f32>>) -> Result<[f32; CLASSES]> {
+    /// The embeddings of a frame, zeros where no sensor delivered, to its outputs.
+    fn fuse(&mut self, piezo: Option<Vec<f32>>, xl: Option<Vec<f32>>) -> Result<[f32; OUTPUTS]> {
         let (embed, window) = (self.dims.embed, self.dims.window);
         if self.filled < window {
             self.filled += 1;
@@ -154,7 +152,7 @@ impl TractNetwork {
         let mut outputs = run(&mut self.fuse, &mut self.ranges, &mut self.trace, inputs)?;
         self.caches.extend(outputs.drain(1..));
         let logits = numbers(outputs.first())?;
-        logits.try_into().ok().context("the graph does not end in three logits")
+        logits.try_into().ok().context("the graph does not end in as many outputs as the network has")
     }
 }
 

@@ -11,16 +11,17 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use slipsense::net::format::Dims;
-use slipsense::params::CLASSES;
+use slipsense::params::{CLASSES, OUTPUTS};
 use slipsense_synth::objects::{self, Group};
 
 use crate::batch::Sampler;
 use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source};
-use crate::evaluate::{Scores, score_float};
+use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::ObjectUses;
 use crate::folder::Use;
+use crate::mining::mine;
 use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
 use crate::{curves, output};
@@ -33,6 +34,8 @@ const AVERAGE_DECAY: f64 = 0.998;
 /// Largest norm of one tensor's gradient.
 const GRADIENT_NORM: f32 = 1.0;
 const WEIGHT_DECAY: f32 = 1e-3;
+/// False alarms per hour at which the curves say what the detector misses: what minutes of validation can tell.
+const VALIDATION_ALARMS_PER_HOUR: f64 = 10.0;
 
 /// Train the float network on generated or recorded episodes.
 ///
@@ -86,6 +89,9 @@ pub struct TrainArgs {
     /// about every batch, and the mean of what they say counts as much as the labels.
     #[arg(long, value_name = "FILE")]
     pub teacher: Vec<PathBuf>,
+    /// Hours of disturbances of which --start's network picks what it takes for slip, to train on beside the episodes
+    #[arg(long, value_name = "H", default_value_t = 0.0, requires = "start")]
+    pub mine_hours: f64,
     /// Go on after the last finished epoch of the same run in DIR.
     #[arg(long)]
     pub resume: bool,
@@ -166,8 +172,15 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     };
     let train = load("train", Use::Train, args.episodes)?;
     let validation = load("validation", Use::Validation, args.episodes.div_ceil(12).max(2))?;
-    let sampler = Sampler::new(&train, args.frames)?;
     let total: usize = train.iter().map(Features::frames).sum();
+    let mut train = train;
+    if args.mine_hours > 0.0 {
+        let bar = progress("mine", 0);
+        train.extend(mine(&first, args.seed, args.mine_hours, &bar)?);
+        bar.finish();
+    }
+    let mined = train.iter().filter(|features| features.mined).count();
+    let sampler = Sampler::new(&train, args.frames)?;
     let steps = total.div_ceil(args.batch * args.frames);
     let run = Run { args, teachers, first, steps };
     let recipe = run.recipe(&source)?;
@@ -187,7 +200,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     for epoch in state.rows.len()..args.epochs {
         let started = Instant::now();
         let train_loss = run.epoch(epoch, &sampler, &mut network, &mut optimizer, &mut state, &device)?;
-        let (scores, validation_loss) = validate(&state.average, &validation);
+        let (scores, detector, validation_loss) = validate(&state.average, &validation);
         let figure = |x: Option<f64>| x.unwrap_or(f64::NAN);
         state.rows.push(Row {
             epoch: epoch + 1,
@@ -198,6 +211,8 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
             validation_accuracy: figure(scores.classes.accuracy()),
             validation_macro_f1: figure(scores.classes.macro_f1()),
             validation_fpr: figure(scores.classes.fpr_of_non_slip()),
+            validation_missed: figure(detector.missed),
+            validation_latency: figure(detector.median_latency_frames),
             seconds: state.rows.last().map_or(0.0, |r| r.seconds) + started.elapsed().as_secs_f64(),
         });
         state.write(&args.out, &optimizer)?;
@@ -209,7 +224,8 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         Source::Generated { .. } => objects::of_group(Group::Val).map(|o| o.name.clone()).collect(),
     };
     let made_from = json!({
-        "train_episodes": train.len(),
+        "train_episodes": train.len() - mined,
+        "mined_stretches": mined,
         "train_frames_by_class": sampler.class_frames(),
         "validation_episodes": validation.len(),
         "validation_objects": validation_objects,
@@ -291,6 +307,9 @@ impl Run<'_> {
             recipe["objects"] = json!(args.object_uses());
         }
         let hash = |weights: &Weights| anyhow::Ok(output::sha256_hex(&weights.to_bytes()?));
+        if args.mine_hours > 0.0 {
+            recipe["mine_hours"] = json!(args.mine_hours);
+        }
         if args.start.is_some() {
             recipe["start_sha256"] = json!(hash(&self.first)?);
         }
@@ -336,25 +355,27 @@ impl Run<'_> {
     }
 }
 
-/// Scores and mean cross entropy (nat) over whole episodes.
-fn validate(weights: &Weights, episodes: &[Features]) -> (Scores, f64) {
+/// Classes, detector and mean cross entropy (nat) over whole episodes.
+fn validate(weights: &Weights, episodes: &[Features]) -> (Scores, DetectorFigures, f64) {
     let device = Device::flex();
     let network = FloatNetwork::fixed(weights, &device);
     let score = |features: &Features| score_float(&network, &weights.dims, features, &device);
-    let results: Vec<_> = episodes.iter().map(score).collect();
+    let (each, outputs): (Vec<_>, Vec<_>) = episodes.iter().map(score).unzip();
     let mut scores = Scores::default();
+    each.into_iter().for_each(|score| scores.add(score));
+    let outputs: Vec<_> = episodes.iter().zip(outputs).collect();
     let (mut loss, mut frames) = (0.0, 0.0);
-    for ((score, logits), features) in results.into_iter().zip(episodes) {
-        scores.add(score);
+    for (features, logits) in &outputs {
         for (logits, &class) in logits.iter().zip(&features.label) {
             loss += cross_entropy(logits, class);
             frames += 1.0;
         }
     }
-    (scores, loss / frames)
+    (scores, detector_figures(&outputs, VALIDATION_ALARMS_PER_HOUR), loss / frames)
 }
 
-fn cross_entropy(logits: &[f32; CLASSES], class: u8) -> f64 {
+fn cross_entropy(outputs: &[f32; OUTPUTS], class: u8) -> f64 {
+    let logits = &outputs[..CLASSES];
     let max = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let sum: f32 = logits.iter().map(|x| (x - max).exp()).sum();
     f64::from(max + sum.ln() - logits[class as usize])

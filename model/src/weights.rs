@@ -16,7 +16,7 @@ use slipsense::net::format::{Dims, TensorSpec, layout};
 /// Sizes of the shipped model: three convolution blocks of 4, 8 and 16 channels, embeddings of 32, a
 /// memory of 60 frames (250 ms) in every attention.
 pub const FIRST_DIMS: Dims =
-    Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 32, heads: 4, window: 60 };
+    Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 48, heads: 4, window: 60 };
 
 /// [`FIRST_DIMS`] with `size` times the channels, filters and embeddings.
 pub const fn dims_of_size(size: usize) -> Dims {

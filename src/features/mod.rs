@@ -1,7 +1,7 @@
 //! Front ends, integers only: accelerometer samples to log-mel, taxel counts to count and delta ([`piezo`]).
 //!
 //! Log-mel has one file per step, in the order of the signal: high-pass, ring, window and FFT, power over the
-//! axes, mel triangles, logarithm; then [`crate::fixed::standardise`].
+//! axes, mel triangles, logarithm, noise floor; beside the last [`crate::fixed::standardise`].
 
 #![deny(clippy::float_arithmetic)]
 
@@ -13,17 +13,20 @@ pub mod cmsis;
 pub mod power;
 pub mod mel;
 pub mod log;
+pub mod floor;
 pub mod tables;
 pub mod piezo;
 
 pub use log::LN_FRAC_BITS;
+pub use floor::OVER_FLOOR_FRAC_BITS;
 pub use power::transform;
 
 use core::hint::black_box;
 
 use crate::fixed::standardise;
-use crate::params::{FFT_BINS, MEL_BINS, XL_AXES};
+use crate::params::{FFT_BINS, MEL_BINS, XL_AXES, XL_FEATURES};
 use crate::sensor::XlSample;
+use floor::NoiseFloor;
 use highpass::HighPassState;
 use ring::Ring;
 
@@ -38,14 +41,32 @@ pub const STANDARDISE_EPSILON_Q32: u64 = 429_497;
 pub struct LogMel {
     /// Natural log of the axis-summed mel power in LSB², Q16; at least 0, see [`log::LOG_FLOOR_LSB2`].
     pub ln_power: [i32; MEL_BINS],
-    /// The same, standardised over the 16 bins, Q2.13: what the network sees.
+    /// The same, standardised over the 16 bins, Q2.13.
     pub standardised: [i16; MEL_BINS],
+    /// How far each bin is above its running floor, nat, Q3.12: see [`floor`].
+    pub over_floor: [i16; MEL_BINS],
+}
+
+/// What the network sees of an accelerometer at one frame: 16 standardised bins, then 16 above the floor. The network
+/// takes all of them as Q2.13, so the latter count half.
+pub type XlFeatures = [i16; XL_FEATURES];
+
+impl LogMel {
+    /// For the network.
+    pub fn features(&self) -> XlFeatures {
+        let mut all = [0; XL_FEATURES];
+        let (standardised, over_floor) = all.split_at_mut(MEL_BINS);
+        standardised.copy_from_slice(&self.standardised);
+        over_floor.copy_from_slice(&self.over_floor);
+        all
+    }
 }
 
 /// High-pass, window ring and everything after it, for one sensor.
 #[derive(Clone, Debug)]
 pub struct XlFrontEnd {
     axes: [Axis; XL_AXES],
+    floor: NoiseFloor,
 }
 
 #[derive(Clone, Debug)]
@@ -62,7 +83,7 @@ impl Axis {
 impl XlFrontEnd {
     /// Before the first sample, which will be taken as gravity; the window is zeros.
     pub const fn new() -> Self {
-        Self { axes: [Axis::NEW; XL_AXES] }
+        Self { axes: [Axis::NEW; XL_AXES], floor: NoiseFloor::new() }
     }
 
     /// Filter any number of samples, oldest first. How a signal is split into calls does not matter.
@@ -80,11 +101,11 @@ impl XlFrontEnd {
         }
     }
 
-    /// Features of the latest 128 samples.
+    /// Features of the latest 128 samples, once a frame: the floors move on.
     ///
     /// Within 1e-3 nat of float64 arithmetic wherever the power is 20 dB above the floor, 1e-4 nat in the
     /// mean, whatever else is in the signal (`tests/features.rs`).
-    pub fn log_mel(&self) -> LogMel {
+    pub fn log_mel(&mut self) -> LogMel {
         let (mut power, mut work) = ([0; FFT_BINS], transform::Work::default());
         for axis in &self.axes {
             power::add_power(&mut power, axis.ring.latest(), &mut work);
@@ -92,7 +113,20 @@ impl XlFrontEnd {
         let ln_power = mel::mel_power(&power).map(log::ln_q16);
         let (mut deviations, mut standardised) = (ln_power, [0; MEL_BINS]);
         standardise::<STANDARDISED_FRAC_BITS>(&mut deviations, STANDARDISE_EPSILON_Q32, &mut standardised);
-        LogMel { ln_power, standardised }
+        LogMel { ln_power, standardised, over_floor: self.floor.step(&ln_power) }
+    }
+}
+
+impl XlFrontEnd {
+    /// Samples are missing. All starts again but the noise floors: a jump in the signal would look like a knock.
+    pub fn restart(&mut self) {
+        self.axes = [Axis::NEW; XL_AXES];
+        self.floor.restart();
+    }
+
+    /// The floors that the next frame is compared with.
+    pub const fn noise_floor(&self) -> &NoiseFloor {
+        &self.floor
     }
 }
 

@@ -8,7 +8,8 @@ use super::packing::pairs;
 use crate::features::piezo::PiezoFrontEnd;
 use crate::fixed::{relu_i16, saturate_i16};
 use crate::params::limits::{CONV_CHANNELS, EMBED, XL_CHANNELS, XL_KERNEL};
-use crate::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
+use crate::features::XlFeatures;
+use crate::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, XL_FEATURES};
 use crate::sensor::PiezoFrame;
 use crate::simd::{Map, MapMut, MapShape, conv_relu_pool};
 
@@ -118,10 +119,10 @@ impl Default for PiezoEncoder {
     }
 }
 
-/// Words of one log-mel frame.
-const FRAME_WORDS: usize = MEL_BINS / 2;
+/// Words of the features of one frame.
+const FRAME_WORDS: usize = XL_FEATURES / 2;
 
-/// The standardised log-mel frames of the causal convolution, zeros before the start.
+/// The accelerometer's frames of the causal convolution, zeros before the start.
 #[derive(Clone, Debug)]
 pub struct XlHistory {
     /// Oldest first; the newest is last.
@@ -135,10 +136,10 @@ impl XlHistory {
     }
 
     /// Add the newest frame.
-    pub fn push(&mut self, log_mel: &[i16; MEL_BINS]) {
+    pub fn push(&mut self, features: &XlFeatures) {
         self.frames.rotate_left(1);
         if let Some(newest) = self.frames.last_mut() {
-            newest.values_mut().copy_from_slice(log_mel);
+            newest.values_mut().copy_from_slice(features);
         }
     }
 

@@ -15,12 +15,12 @@ use core::fmt;
 
 use super::packing::{self, Inputs};
 use crate::fixed::Logit;
-use crate::params::{CLASSES, MEL_BINS, PIEZO_CHANNELS, TAXEL_ROWS, limits};
+use crate::params::{OUTPUTS, PIEZO_CHANNELS, TAXEL_ROWS, XL_FEATURES, limits};
 
 /// First bytes of every model file.
 pub const MAGIC: [u8; 8] = *b"SLIPNET\0";
 /// The version this code reads and writes.
-pub const FORMAT_VERSION: u16 = 5;
+pub const FORMAT_VERSION: u16 = 6;
 /// Bytes before the first tensor.
 pub const HEADER_BYTES: usize = 36;
 /// Tensors are padded to four numbers of 32 bits, which kernels take at once; bytes.
@@ -129,10 +129,10 @@ impl Dims {
 }
 
 /// When the flag is raised: fixed on validation data, stored with the network it was fixed for. It is up while the
-/// margin ([`crate::decision`]) of at least `k` of the last `n` frames exceeds the threshold.
+/// log-odds of slip ([`crate::decision`]) of at least `k` of the last `n` frames exceeds the threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OperatingPoint {
-    /// The largest margin that is not enough, [`Self::THRESHOLD_MIN`] to [`Self::THRESHOLD_MAX`].
+    /// The largest log-odds that are not enough, [`Self::THRESHOLD_MIN`] to [`Self::THRESHOLD_MAX`].
     pub threshold: Logit,
     /// Frames that must exceed the threshold, 1 to `n`.
     pub k: u8,
@@ -146,9 +146,9 @@ pub const DECISION_FRAMES_MAX: u8 = u32::BITS as u8;
 impl OperatingPoint {
     /// The flag is up where the class is slip.
     pub const ARGMAX: Self = Self { threshold: Logit::from_bits(0), k: 1, n: 1 };
-    /// Below every margin: logits have 16 bits, so the difference of two is within ±65,535.
+    /// Below all log-odds, which have 16 bits.
     pub const THRESHOLD_MIN: Logit = Logit::from_bits(-(1 << 16));
-    /// At least every margin.
+    /// At least all log-odds.
     pub const THRESHOLD_MAX: Logit = Logit::from_bits((1 << 16) - 1);
 
     /// Refuses a field out of range.
@@ -299,7 +299,8 @@ impl Layout<'_> {
 ///
 /// In a model's terms convolution weights are in output, kernel row, kernel column, input order, the inputs of the first
 /// being count and delta; the dense layer after them takes its inputs in row, column, channel order; the first
-/// accelerometer layer takes frames oldest first, bins within a frame. [`packing`] has their order in the file. Row 0 of a
+/// accelerometer layer takes frames oldest first, [`XlFeatures`](crate::features::XlFeatures) within a frame. The head
+/// has the logits of the classes, then the log-odds of slip. [`packing`] has their order in the file. Row 0 of a
 /// score bias is head 0, column 0 is lag 0.
 pub const fn layout(dims: &Dims) -> [TensorSpec; TENSORS] {
     let mut specs = [TensorSpec::NONE; TENSORS];
@@ -319,11 +320,11 @@ pub(super) const fn lay_out(dims: &Dims, specs: &mut [TensorSpec; TENSORS]) {
         dims.embed,
         Inputs::Map { side: TAXEL_ROWS / 8, channels: c3, pairs: packing::pairs(c3) },
     );
-    all.layer("xl.conv", dims.xl_channels, Inputs::Vector { count: dims.xl_kernel * MEL_BINS });
+    all.layer("xl.conv", dims.xl_channels, Inputs::Vector { count: dims.xl_kernel * XL_FEATURES });
     all.layer("xl.mix1", dims.xl_channels, Inputs::Vector { count: dims.xl_channels });
     all.layer("xl.mix2", dims.embed, Inputs::Vector { count: dims.xl_channels });
     all.attention(&block_names!("cross_piezo"), dims.embed, dims);
     all.attention(&block_names!("cross_xl"), dims.embed, dims);
     all.attention(&block_names!("temporal"), dims.fused(), dims);
-    all.layer("head", CLASSES, Inputs::Vector { count: dims.fused() });
+    all.layer("head", OUTPUTS, Inputs::Vector { count: dims.fused() });
 }

@@ -10,7 +10,8 @@ use crate::features::piezo::PiezoFrontEnd;
 use crate::fixed::Logit;
 use crate::fixed::saturate_i16;
 use crate::params::limits::EMBED;
-use crate::params::{CLASSES, MAX_SENSORS, MEL_BINS};
+use crate::features::XlFeatures;
+use crate::params::{MAX_SENSORS, OUTPUTS, XL_FEATURES};
 use crate::sensor::PiezoFrame;
 
 /// Width of the fused vector, at most.
@@ -24,8 +25,8 @@ const FUSED_WORDS: usize = FUSED / 2;
 pub struct SensorFeatures<'a> {
     /// The array scan.
     pub piezo: Option<&'a PiezoFrame>,
-    /// Standardised log-mel, Q2.13.
-    pub log_mel: Option<&'a [i16; MEL_BINS]>,
+    /// Features of the accelerometer, Q2.13.
+    pub xl: Option<XlFeatures>,
 }
 
 /// Everything that a network keeps from frame to frame, whatever the model. All of it starts as zeros.
@@ -63,8 +64,9 @@ impl<'m> Network<'m> {
         &self.model
     }
 
-    /// One frame of up to [`MAX_SENSORS`] sensors to three logits, whose integers have 16 bits.
-    pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> [Logit; CLASSES] {
+    /// One frame of up to [`MAX_SENSORS`] sensors to the logits of the classes and the log-odds of slip, whose integers
+    /// have 16 bits.
+    pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> [Logit; OUTPUTS] {
         self.step_observed(sensors, &mut ())
     }
 
@@ -73,7 +75,7 @@ impl<'m> Network<'m> {
         &mut self,
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
-    ) -> [Logit; CLASSES] {
+    ) -> [Logit; OUTPUTS] {
         self.state.step(&self.model, &mut self.front_ends, sensors, observer)
     }
 }
@@ -97,7 +99,7 @@ impl NetworkState {
         front_ends: &mut [PiezoFrontEnd],
         sensors: &[SensorFeatures<'_>],
         observer: &mut impl Observer,
-    ) -> [Logit; CLASSES] {
+    ) -> [Logit; OUTPUTS] {
         let (piezo, xl) = self.embed(model, front_ends, sensors, observer);
         let fused = self.fuse(model, &piezo, &xl, observer);
         let (width, window) = (model.dims.fused().min(FUSED), model.dims.window);
@@ -106,7 +108,7 @@ impl NetworkState {
         let mut hidden = Activations::<FUSED_WORDS>::new();
         attend(&model.temporal, &fused, &self.fused_seen, hidden.values_mut(), observer);
         observer.record("hidden", hidden.values().get(..width).unwrap_or_default());
-        let mut logits = [0; CLASSES];
+        let mut logits = [0; OUTPUTS];
         dense(&model.head, hidden.words(), &mut logits, saturate_i16);
         observer.record("logits", &logits);
         logits.map(|logit| Logit::from_bits(logit.into()))
@@ -128,9 +130,9 @@ impl NetworkState {
                 Some(frame) => keep_max(&mut piezo, self.piezo.embed(model, frame, pad, observer)),
                 None => pad.reset(),
             }
-            // A missed frame enters as zeros, the mean of a standardised one: the taps keep their distance in time.
-            history.push(sensor.log_mel.unwrap_or(&[0; MEL_BINS]));
-            if sensor.log_mel.is_some() {
+            // A missed frame enters as zeros, the mean of a standardised one at the floor: the taps keep their distance in time.
+            history.push(&sensor.xl.unwrap_or([0; XL_FEATURES]));
+            if sensor.xl.is_some() {
                 keep_max(&mut xl, history.embed(model, observer));
             }
         }

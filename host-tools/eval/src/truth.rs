@@ -9,17 +9,15 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense_recording::score::{Interval, MARGIN_FRAMES, SLIP, runs};
+use slipsense_recording::score::{Interval, SLIP, runs};
 use slipsense_recording::{Episode, Meta};
 use slipsense_synth::SlipDirection;
+use slipsense_synth::labels::sustained_sliding;
 
 /// The contact slides where the slip speed is above this, mm/s.
 pub(crate) const SLIDING_MM_S: f32 = slipsense_synth::labels::SLIPPING_MM_S as f32;
 /// ... and where this share of the load slips.
 pub(crate) const SLIDING_FRACTION: f32 = slipsense_synth::labels::SLIPPING_SHARE as f32;
-/// Stretches of sliding closer than this are one: 50 ms, as stick-slip interrupts the sliding. What is
-/// shorter than this in the end is not sustained and is no event.
-const SUSTAINED_FRAMES: usize = MARGIN_FRAMES;
 /// The sliding of a labelled event may begin this many frames before its label: 250 ms.
 const BEFORE_LABEL_FRAMES: usize = FRAME_RATE_HZ as usize / 4;
 
@@ -187,15 +185,7 @@ impl Truth {
 
 impl Interface {
     fn new(speed_mm_s: &[f32], fraction: &[f32], labelled: &[Interval]) -> Self {
-        let sliding = |f: usize| speed_mm_s[f] > SLIDING_MM_S && fraction[f] > SLIDING_FRACTION;
-        let mut slip: Vec<Interval> = Vec::new();
-        for (start, end) in runs(speed_mm_s.len(), sliding) {
-            match slip.last_mut() {
-                Some(last) if start - last.1 < SUSTAINED_FRAMES => last.1 = end,
-                _ => slip.push((start, end)),
-            }
-        }
-        slip.retain(|&(start, end)| end - start >= SUSTAINED_FRAMES);
+        let (slip, _) = sustained_sliding(speed_mm_s, fraction);
         let belongs = |&(onset, end): &Interval| {
             let from = onset.saturating_sub(BEFORE_LABEL_FRAMES);
             slip.iter().position(|&(start, _)| (from..end).contains(&start))

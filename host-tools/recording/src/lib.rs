@@ -50,6 +50,7 @@ pub mod recorder;
 #[cfg(feature = "links")]
 mod recording;
 pub mod score;
+pub mod threshold;
 #[cfg(feature = "links")]
 mod slcan;
 mod whole_file;

@@ -5,6 +5,7 @@
 use std::ops::Range;
 
 use serde::Serialize;
+use slipsense_recording::score::runs;
 pub use slipsense_recording::label::{
     ENCODER_STEP_MM, NO_CONTACT, NO_SLIP, ONSET_MM, SLIP, label, slip_interval, slip_without_contact,
 };
@@ -81,6 +82,24 @@ pub fn interface_intervals(speed_mm_s: &[f32], fraction: &[f32], within: Range<u
         }
     }
     found
+}
+
+/// Stretches of frames, first and the one behind the last.
+pub type Intervals = Vec<(usize, usize)>;
+
+/// Where the interface slips as a whole: sustained, 50 ms or longer with stick phases shorter than that closed, and
+/// shorter jerks.
+pub fn sustained_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> (Intervals, Intervals) {
+    let sliding =
+        |f: usize| f64::from(speed_mm_s[f]) > SLIPPING_MM_S && f64::from(fraction[f]) > SLIPPING_SHARE;
+    let mut found: Intervals = Vec::new();
+    for (start, end) in runs(speed_mm_s.len(), sliding) {
+        match found.last_mut() {
+            Some(last) if start - last.1 < GAP_FRAMES => last.1 = end,
+            _ => found.push((start, end)),
+        }
+    }
+    found.into_iter().partition(|(start, end)| end - start >= GAP_FRAMES)
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
-//! Changes of what an accelerometer hears: another sound on top, colour, masked bins, noise; and the
-//! standardisation of each frame after them.
+//! Changes of what an accelerometer measures: another sound on top, colour, masked bins, noise; and the standardisation
+//! and the noise floor after them.
 
 use std::ops::Range;
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+use slipsense::features::floor::{FALL_SHIFT, OVER_FLOOR_FRAC_BITS, RISE_SHIFT};
 use slipsense::features::{STANDARDISE_EPSILON_Q32, STANDARDISED_FRAC_BITS};
 use slipsense::params::MEL_BINS;
 
@@ -19,6 +20,8 @@ const BURST_LEVEL: Range<f32> = -1.0..4.0;
 /// Level of a machine over the mean of the sequence, nat, and of its tones over that.
 const MACHINE_LEVEL: Range<f32> = -3.0..2.0;
 const TONE_LEVEL: Range<f32> = 1.0..5.0;
+/// Frames from which on a sound that is there at the start of a sequence has been there before it.
+const LASTING_FRAMES: usize = 120;
 /// Most tones of a machine.
 const TONES_MAX: usize = 4;
 /// Largest slow change of the response over the bins, nat: units and mounts differ by some tenths, the modes
@@ -88,6 +91,13 @@ impl Sound {
         Self { bursts: bursts.collect() }
     }
 
+    /// The floors of a sequence's first frame with it: a machine that runs then has run before.
+    fn add_to_floor(&self, mean: f32, floor: &mut [f32; MEL_BINS]) {
+        let lasting = self.bursts.iter().filter(|burst| burst.decay == 0.0 && burst.frames.start == 0);
+        Self { bursts: lasting.filter(|burst| burst.frames.len() > LASTING_FRAMES).cloned().collect() }
+            .add(0, mean, floor);
+    }
+
     /// Add it to one frame, ln of power. `mean`: of the sequence.
     fn add(&self, frame: usize, mean: f32, ln_power: &mut [f32; MEL_BINS]) {
         for burst in self.bursts.iter().filter(|burst| burst.frames.contains(&frame)) {
@@ -124,41 +134,61 @@ impl MelChange {
         }
     }
 
+    /// The floors at the start of a sequence, from those of the episode there.
+    pub fn floor(&self, floor: &[f32; MEL_BINS], (sound, mean): (&Sound, f32)) -> Floor {
+        let mut floor = *floor;
+        sound.add_to_floor(mean, &mut floor);
+        floor.iter_mut().zip(&self.colour).for_each(|(floor, colour)| *floor += colour);
+        Floor(floor)
+    }
+
     /// One frame's ln of power to what the network sees; a masked bin becomes 0, the mean of a standardised
-    /// frame. `mean` of the sequence's ln of power, `frame` of the sequence. The mean over the bins that the
-    /// standardisation takes away.
+    /// frame. `mean` of the sequence's ln of power, `frame` of the sequence.
     pub fn apply(
         &self,
         ln_power: &[f32; MEL_BINS],
+        floor: &mut Floor,
         (sound, mean, frame): (&Sound, f32, usize),
         out: &mut [f32],
         rng: &mut ChaCha8Rng,
-    ) -> f32 {
+    ) {
         let mut ln = *ln_power;
         sound.add(frame, mean, &mut ln);
         for (ln, colour) in ln.iter_mut().zip(&self.colour) {
             *ln += colour;
         }
-        let standardised = standardise(&ln);
-        for (bin, (out, value)) in out.iter_mut().zip(standardised).enumerate() {
-            *out = if self.masked.contains(&bin) {
+        let seen = standardise(&ln).into_iter().chain(floor.step(&ln));
+        for (feature, (out, value)) in out.iter_mut().zip(seen).enumerate() {
+            *out = if self.masked.contains(&(feature % MEL_BINS)) {
                 0.0
             } else {
                 value + self.noise * rng.random_range(-1.0..1.0f32)
             };
         }
-        level(&ln)
     }
 }
 
-/// Mean over the bins, nat.
-pub fn level(ln: &[f32; MEL_BINS]) -> f32 {
-    ln.iter().sum::<f32>() / MEL_BINS as f32
+/// The noise floors of one sensor, nat: the front end's, in float.
+#[derive(Clone, Debug)]
+pub struct Floor([f32; MEL_BINS]);
+
+impl Floor {
+    /// How far a frame is above the floors, as the network sees it.
+    fn step(&mut self, ln: &[f32; MEL_BINS]) -> [f32; MEL_BINS] {
+        const _: () = assert!(OVER_FLOOR_FRAC_BITS + 1 == STANDARDISED_FRAC_BITS, "seen as half as much");
+        let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
+        std::array::from_fn(|bin| {
+            let difference = ln[bin] - self.0[bin];
+            let shift = if difference > 0.0 { RISE_SHIFT } else { FALL_SHIFT };
+            self.0[bin] += difference / (1 << shift) as f32;
+            (difference / 2.0).clamp(-largest, largest)
+        })
+    }
 }
 
 /// As the front end's, in float: changed frames are made nowhere else.
 fn standardise(ln: &[f32; MEL_BINS]) -> [f32; MEL_BINS] {
-    let mean = level(ln);
+    let mean = ln.iter().sum::<f32>() / MEL_BINS as f32;
     let variance = ln.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / MEL_BINS as f32;
     let epsilon = STANDARDISE_EPSILON_Q32 as f32 / 2f32.powi(32);
     let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
@@ -170,6 +200,7 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
     use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
+    use slipsense::params::XL_FEATURES;
 
     #[test]
     fn a_mask_hides_at_most_five_bins() {
@@ -177,9 +208,11 @@ mod tests {
         let mut hidden = [0; MASK_MAX + 1];
         let ln: [f32; MEL_BINS] = std::array::from_fn(|bin| bin as f32);
         for _ in 0..200 {
-            let mut out = [0.0; MEL_BINS];
-            MelChange::draw(&mut rng).apply(&ln, (&Sound::default(), 0.0, 0), &mut out, &mut rng);
-            hidden[out.iter().filter(|&&x| x == 0.0).count()] += 1;
+            let mut out = [0.0; XL_FEATURES];
+            let (change, sound) = (MelChange::draw(&mut rng), Sound::default());
+            let mut floor = change.floor(&[-1.0; MEL_BINS], (&sound, 0.0));
+            change.apply(&ln, &mut floor, (&sound, 0.0, 0), &mut out, &mut rng);
+            hidden[out.iter().filter(|&&x| x == 0.0).count() / 2] += 1;
         }
         assert!(hidden.iter().all(|&n| n > 0) && hidden[0] > 60, "{hidden:?}");
     }
@@ -188,15 +221,22 @@ mod tests {
     fn an_unchanged_frame_is_the_front_ends() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut front_end = XlFrontEnd::new();
-        for _ in 0..50 {
+        let mut floor = None;
+        for frame in 0..50 {
             let samples: Vec<[i16; 3]> =
                 (0..33).map(|_| std::array::from_fn(|_| rng.random_range(-900..900))).collect();
             front_end.push(&samples);
+            let real = |q: i32| q as f32 / (1 << LN_FRAC_BITS) as f32;
+            let before = front_end.noise_floor().floor().map(real);
             let log_mel = front_end.log_mel();
-            let ln = log_mel.ln_power.map(|q| q as f32 / (1 << LN_FRAC_BITS) as f32);
-            let mut out = [0.0; MEL_BINS];
-            MelChange::NONE.apply(&ln, (&Sound::default(), 0.0, 0), &mut out, &mut rng);
-            for (ours, theirs) in out.iter().zip(log_mel.standardised) {
+            let ln = log_mel.ln_power.map(real);
+            if frame < 4 {
+                continue;
+            }
+            let (mut out, sound) = ([0.0; XL_FEATURES], Sound::default());
+            let floor = floor.get_or_insert_with(|| MelChange::NONE.floor(&before, (&sound, 0.0)));
+            MelChange::NONE.apply(&ln, floor, (&sound, 0.0, 0), &mut out, &mut rng);
+            for (ours, theirs) in out.iter().zip(log_mel.features()) {
                 let theirs = f32::from(theirs) / (1 << STANDARDISED_FRAC_BITS) as f32;
                 assert!((ours - theirs).abs() < 2e-3, "{ours} {theirs}");
             }

@@ -11,8 +11,12 @@ use super::almost_normal;
 const ROTATED: f64 = 0.3;
 /// Largest roll: 30 % of a side.
 const ROLL_MAX: i32 = (TAXEL_ROWS as i32 * 3) / 10;
-/// Smallest and largest factor on all counts: units differ by as much.
-const GAIN: std::ops::Range<f32> = 0.7..1.3;
+/// Smallest and largest factor on all counts, drawn evenly on a logarithmic scale: films and circuits differ by as much.
+const GAIN: std::ops::Range<f32> = 0.5..2.0;
+/// Share of the arrays that are slow.
+const SLOW: f64 = 0.15;
+/// Frames between two scans of a slow array.
+const SLOW_FRAMES: std::ops::RangeInclusive<usize> = 2..=10;
 /// Largest standard deviation of the noise on loaded taxels, counts (paper: 0.001 of 4096).
 const NOISE_COUNTS: f32 = 4.0;
 
@@ -37,7 +41,7 @@ impl PadChange {
         };
         let angle_rad =
             if rng.random_bool(ROTATED) { rng.random_range(0.0..std::f32::consts::TAU) } else { 0.0 };
-        let gain = rng.random_range(GAIN);
+        let gain = rng.random_range(GAIN.start.ln()..GAIN.end.ln()).exp();
         let noise = rng.random_range(0.0..NOISE_COUNTS);
         Self::new(angle_rad, flip, roll, gain, noise)
     }
@@ -59,18 +63,52 @@ impl PadChange {
         Self { source: source.collect(), gain, noise }
     }
 
-    /// One scan, changed. Noise reaches loaded taxels only: on an empty pad, clipped at 0, it would look
+    /// A scan, so much of the way `between` two of them, changed. Noise reaches loaded taxels only: on an empty pad, clipped at 0, it would look
     /// like contact.
-    pub fn apply(&self, counts: &[u16; TAXELS], out: &mut [u16; TAXELS], rng: &mut ChaCha8Rng) {
+    pub fn apply(
+        &self,
+        [before, after]: [&[u16; TAXELS]; 2],
+        between: f32,
+        out: &mut [u16; TAXELS],
+        rng: &mut ChaCha8Rng,
+    ) {
         for (out, source) in out.iter_mut().zip(&self.source) {
-            let count = source.map_or(0, |source| counts[source]);
-            *out = if count == 0 {
+            let [before, after] = [before, after].map(|scan| source.map_or(0.0, |source| f32::from(scan[source])));
+            let count = before + between * (after - before);
+            *out = if count == 0.0 {
                 0
             } else {
-                let real = f32::from(count) * self.gain + self.noise * almost_normal(rng);
+                let real = count * self.gain + self.noise * almost_normal(rng);
                 real.round().clamp(0.0, f32::from(COUNT_MAX)) as u16
             };
         }
+    }
+}
+
+/// An array that is scanned less often than the frames come: held, or interpolated by who delivers them.
+#[derive(Clone, Copy, Debug)]
+pub struct SlowArray {
+    /// Frames from one scan to the next.
+    step: usize,
+    interpolated: bool,
+}
+
+impl SlowArray {
+    /// Slow in some cases.
+    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+        let step = if rng.random_bool(SLOW) { rng.random_range(SLOW_FRAMES) } else { 1 };
+        Self { step, interpolated: rng.random_bool(0.5) }
+    }
+
+    /// The scans before and after a frame, by their frames.
+    pub fn scans(self, frame: usize) -> [usize; 2] {
+        let before = frame - frame % self.step;
+        [before, if self.interpolated { before + self.step } else { before }]
+    }
+
+    /// How far a frame is from the one to the other, 0 to 1.
+    pub fn between(self, frame: usize) -> f32 {
+        (frame % self.step) as f32 / self.step as f32
     }
 }
 
@@ -100,12 +138,12 @@ mod tests {
         let mut counts = [0u16; TAXELS];
         counts[10 * TAXEL_COLS + 12] = 512;
         let mut out = [0; TAXELS];
-        PadChange::new(0.0, [true, false], [2, -3], 1.0, 0.0).apply(&counts, &mut out, &mut rng);
+        PadChange::new(0.0, [true, false], [2, -3], 1.0, 0.0).apply([&counts; 2], 0.0, &mut out, &mut rng);
         // Row 10 flips to 21 and rolls to 23; column 12 rolls to 9.
         let loaded: Vec<usize> = (0..TAXELS).filter(|&i| out[i] != 0).collect();
         assert_eq!((loaded, out[23 * TAXEL_COLS + 9]), (vec![23 * TAXEL_COLS + 9], 512));
 
-        PadChange::new(0.0, [false, false], [9, 9], 1.2, 4.0).apply(&[4095; TAXELS], &mut out, &mut rng);
+        PadChange::new(0.0, [false, false], [9, 9], 1.2, 4.0).apply([&[4095; TAXELS]; 2], 0.0, &mut out, &mut rng);
         for (index, &value) in out.iter().enumerate() {
             let active = is_active(index / TAXEL_COLS, index % TAXEL_COLS);
             assert_eq!(value > 0, active, "taxel {index}");

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use slipsense::net::format::Dims;
-use slipsense::params::{MEL_BINS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS};
+use slipsense::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, XL_FEATURES};
 use tract_core::ops::array::{Slice, TypedConcat};
 use tract_core::ops::change_axes::AxisOp;
 use tract_core::ops::cnn::{Conv, KernelFormat, MaxPool, PaddingSpec, PoolSpec};
@@ -37,9 +37,9 @@ pub struct Graphs {
     pub(super) dims: Dims,
     /// Count and change `[1, 2, 32, 32]` to the embedding `[1, embed]`.
     pub(super) piezo: Compiled,
-    /// Log-mel frames `[1, xl_kernel · 16]`, oldest first, to the embedding `[1, embed]`.
+    /// Frames of the accelerometer `[1, xl_kernel · 32]`, oldest first, to the embedding `[1, embed]`.
     pub(super) xl: Compiled,
-    /// Both embeddings, the mask `[1, window]` and six caches `[window, width]` to the logits `[1, 3]` and the
+    /// Both embeddings, the mask `[1, window]` and six caches `[window, width]` to the outputs `[1, 4]` and the
     /// six caches of the next frame.
     pub(super) fuse: Compiled,
 }
@@ -109,7 +109,7 @@ impl Graph<'_> {
     }
 
     fn xl(mut self) -> Result<Compiled> {
-        let seen = self.input("log_mel", &[1, self.weights.dims.xl_kernel * MEL_BINS])?;
+        let seen = self.input("log_mel", &[1, self.weights.dims.xl_kernel * XL_FEATURES])?;
         self.trace("log_mel", seen);
         let mut hidden = seen;
         for layer in ["xl.conv", "xl.mix1"] {

@@ -70,8 +70,8 @@ pub struct Variant {
     pub window: usize,
     /// Frames the first accelerometer layer sees; with 1 the encoder is an MLP of one frame.
     pub xl_kernel: usize,
-    /// Is the level a 17th accelerometer input.
-    pub level: bool,
+    /// Does the network see how far each bin is above its noise floor; else the standardised bins alone.
+    pub over_floor: bool,
     /// What there is of the pads.
     pub pads: PadView,
     /// Is what the accelerometers hear changed at random in training.
@@ -86,7 +86,7 @@ pub const BASE: Variant = Variant {
     size: 1,
     window: FIRST_DIMS.window,
     xl_kernel: FIRST_DIMS.xl_kernel,
-    level: false,
+    over_floor: true,
     pads: PadView { side: TAXEL_ROWS, change: true },
     xl_augmentation: true,
 };
@@ -179,7 +179,7 @@ pub const ROWS: [Row; 20] = [
         "no sound, colour, mask or noise on the accelerometers",
         Variant { xl_augmentation: false, ..BASE },
     ),
-    row("level", "XL input", "level as a 17th input", Variant { level: true, ..BASE }),
+    row("no-floor", "XL input", "standardised bins alone", Variant { over_floor: false, ..BASE }),
     row(
         "max-after-fusion",
         "sensors",

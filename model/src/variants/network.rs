@@ -2,16 +2,11 @@
 
 use burn::tensor::{Device, Tensor};
 use slipsense::net::format::{Dims, TensorSpec};
-use slipsense::params::MEL_BINS;
+use slipsense::params::{MEL_BINS, XL_FEATURES};
 
 use super::{Fusion, Modality, Pool, Variant};
 use crate::float::{Architecture, Band, Graph, Sequences};
 use crate::weights::{Weights, dims_of_size, first_values, specs};
-
-/// The level enters as `(level − LEVEL_MIDDLE_NAT) / LEVEL_SPREAD_NAT`: a quiet accelerometer's is about −11,
-/// a knock's 3 nat of LSB².
-const LEVEL_MIDDLE_NAT: f32 = -4.0;
-const LEVEL_SPREAD_NAT: f32 = 4.0;
 
 /// Layers of one modality from its first attention on.
 struct Stack {
@@ -62,10 +57,6 @@ impl Variant {
         self.modality != Modality::Xl
     }
 
-    const fn xl_inputs(&self) -> usize {
-        MEL_BINS + if self.level { 1 } else { 0 }
-    }
-
     /// Do the modalities, or the one there is, reach the head in stacks of their own.
     fn in_stacks(&self) -> bool {
         self.modality != Modality::Both || self.fusion == Fusion::Late
@@ -81,14 +72,13 @@ impl Variant {
         if self.modality == Modality::Piezo {
             return None;
         }
-        let embed = |values: &[f32]| graph.xl(values, self.xl_inputs(), input.frames, device);
-        if !self.level {
-            return Some(embed(&input.log_mel));
+        let embed = |values: &[f32]| graph.xl(values, XL_FEATURES, input.frames, device);
+        if self.over_floor {
+            return Some(embed(&input.xl));
         }
-        let frames = input.log_mel.chunks_exact(MEL_BINS).zip(&input.level);
-        let level = |level: f32| (level - LEVEL_MIDDLE_NAT) / LEVEL_SPREAD_NAT;
-        let values = frames.flat_map(|(bins, &nat)| bins.iter().copied().chain([level(nat)]));
-        Some(embed(&values.collect::<Vec<f32>>()))
+        let mut values = input.xl.clone();
+        values.chunks_exact_mut(XL_FEATURES).for_each(|frame| frame[MEL_BINS..].fill(0.0));
+        Some(embed(&values))
     }
 
     /// Logits `[batch, frame, class]` of the embeddings `[batch · sensor · frame, embed]` that there are.
@@ -163,9 +153,6 @@ impl Architecture for Variant {
             !missing && !skipped
         };
         let mut all: Vec<TensorSpec> = specs(&dims).into_iter().filter(has).collect();
-        for spec in all.iter_mut().filter(|spec| spec.layer == "xl.conv" && spec.part == "weight") {
-            spec.cols = self.xl_kernel * self.xl_inputs();
-        }
         if self.in_stacks() {
             // As wide as one modality: those of a network whose two embeddings are half as wide.
             all.retain(|spec| !deciding(spec));

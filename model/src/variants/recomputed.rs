@@ -7,7 +7,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
-use slipsense::params::{CLASSES, MEL_BINS};
+use slipsense::params::{OUTPUTS, XL_FEATURES};
 
 use super::Variant;
 use super::network::Extent;
@@ -25,7 +25,7 @@ pub fn logits(
     variant: &Variant,
     input: &Sequences,
     device: &Device,
-) -> Vec<[f32; CLASSES]> {
+) -> Vec<[f32; OUTPUTS]> {
     assert!(input.batch == 1 && input.frames > 0, "one sequence");
     let graph = network.graph(variant);
     let piezo = graph.features(&input.piezo, device).map(|features| graph.dense("piezo.dense", features));
@@ -34,13 +34,12 @@ pub fn logits(
     let of_windows = |starts: &[usize]| {
         let extent = Extent { batch: starts.len(), sensors: input.sensors, frames };
         let rows = rows(input, starts, frames);
-        let bins = rows.iter().flat_map(|row| &input.log_mel[row * MEL_BINS..][..MEL_BINS]);
+        let bins = rows.iter().flat_map(|row| &input.xl[row * XL_FEATURES..][..XL_FEATURES]);
         let sequences = Sequences {
             batch: extent.batch,
             sensors: extent.sensors,
             frames,
-            log_mel: bins.copied().collect(),
-            level: rows.iter().map(|&row| input.level[row]).collect(),
+            xl: bins.copied().collect(),
             ..Default::default()
         };
         let indices: Vec<i32> = rows.iter().map(|&row| row as i32).collect();
@@ -49,7 +48,7 @@ pub fn logits(
         let xl = variant.embed_xl(&graph, &sequences, device);
         plain(variant.decide(&graph, extent, seen, xl, device))
     };
-    let all: Vec<Vec<[f32; CLASSES]>> = starts.par_chunks(BATCH).map(of_windows).collect();
+    let all: Vec<Vec<[f32; OUTPUTS]>> = starts.par_chunks(BATCH).map(of_windows).collect();
     let mut windows = all.iter().flat_map(|logits| logits.chunks_exact(frames));
     // The first window is all there is for its frames, any other is for its last one.
     let first = windows.next().unwrap_or_default().iter();

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use burn::tensor::Device;
-use slipsense::params::CLASSES;
+use slipsense::params::{CLASSES, OUTPUTS};
 use slipsense_synth::{Recipe, Split, generate_set};
 
 use super::results::{Budget, SplitFigures};
@@ -62,7 +62,7 @@ impl Sets {
             let logits = if row.making == Making::Recomputed {
                 recomputed::logits(&network, &row.variant, &input, &device)
             } else {
-                network.logits(&row.variant, &input, &device)
+                network.outputs(&row.variant, &input, &device)
             };
             bar.inc(1);
             decided(row, features, &logits)
@@ -80,7 +80,7 @@ impl Sets {
 
 /// Scores under the pipeline's decision, where the pads say what contact is; a network without pads has to
 /// say it itself, by its largest logit.
-fn decided(row: &Row, features: &Features, logits: &[[f32; CLASSES]]) -> Scores {
+fn decided(row: &Row, features: &Features, logits: &[[f32; OUTPUTS]]) -> Scores {
     if row.variant.sees_pads() {
         return score_logits(features, logits);
     }

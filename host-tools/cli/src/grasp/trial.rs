@@ -115,7 +115,7 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
         let raw = read.inputs().iter().enumerate();
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
         link.send(&output.slip_message(stamp, &Origin::default()), raw)?;
-        series.lead.push(output.margin.map_or(0.0, Logit::to_f64));
+        series.lead.push(output.log_odds.map_or(0.0, Logit::to_f64));
         series.flag.push(config.reaction.flag.is_up(&output.slip_message(stamp, &Origin::default())));
         link.advance(tick_ns(frame + 1), &mut received)?;
 

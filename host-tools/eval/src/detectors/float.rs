@@ -31,18 +31,18 @@ pub(super) fn float(weights: Option<&Path>) -> Result<Detector<'static>> {
                 .enumerate()
                 .map(|(sensor, front_end)| {
                     front_end.push(episode.xl_batch(frame, sensor));
-                    front_end.log_mel().standardised
+                    front_end.log_mel().features()
                 })
                 .collect();
             let inputs: Vec<_> = log_mels
                 .iter()
                 .enumerate()
-                .map(|(sensor, log_mel)| SensorFrame {
+                .map(|(sensor, xl)| SensorFrame {
                     piezo: Some(episode.piezo(frame, sensor).counts()),
-                    log_mel: Some(log_mel),
+                    xl: Some(xl),
                 })
                 .collect();
-            let [_, no_slip, slip] = network.step(&inputs)?;
+            let [_, no_slip, slip, _] = network.step(&inputs)?;
             let touched = touched(episode, frame);
             score.push(if touched { slip - no_slip } else { NEVER });
             fallback.push(touched.into());

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use anyhow::{Context, Result, ensure};
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
-use slipsense::params::MAX_SENSORS;
+use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS};
 use slipsense::pipeline::{Output, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
@@ -88,10 +88,20 @@ impl<'m> PipelineStream<'m> {
     }
 }
 
-/// A margin in nat; an untouched pad does not slip. A difference below 2^14 nat is exact in `f32`, and a
-/// larger one keeps its sign.
-fn score(margin: Option<Logit>) -> f32 {
-    margin.map_or(NEVER, |margin| margin.to_f64() as f32)
+/// Log-odds or a difference of logits in nat; an untouched pad does not slip. A number below 2^14 nat is exact in `f32`,
+/// and a larger one keeps its sign.
+fn score(log_odds: Option<Logit>) -> f32 {
+    log_odds.map_or(NEVER, |log_odds| log_odds.to_f64() as f32)
+}
+
+/// By how much slip's logit leads those that compete with it: contact without slip, and no contact where a missing array
+/// leaves open whether a pad is touched.
+fn lead(output: &Output) -> Option<Logit> {
+    let [no_contact, no_slip, slip] = output.logits;
+    let touched = output.contact.iter().any(|pad| pad.sum >= CONTACT_SUM_MIN);
+    let rival = if touched { no_slip } else { no_slip.max(no_contact) };
+    // Log-odds are missing where no pad is touched.
+    output.log_odds.map(|_| Logit::from_bits(slip.to_bits() - rival.to_bits()))
 }
 
 /// The pipeline's rule as a score: on a touched pad, slip is where its logit is above the other's. Nat,
@@ -102,14 +112,14 @@ pub(super) fn network(model: &[u8], dead: Option<Modality>) -> Result<Detector<'
         let mut prediction = Prediction::default();
         stream.run(episode, |output| {
             prediction.class.push(output.class as u8);
-            prediction.score.push(score(output.margin));
-            prediction.fallback.push(output.margin.is_some().into());
+            prediction.score.push(score(lead(output)));
+            prediction.fallback.push(output.log_odds.is_some().into());
         })?;
         Ok(prediction)
     }))
 }
 
-/// Slip where the alarm is up. The score is the `k`-th largest of the last `n` margins, nat; the threshold is
+/// Slip where the alarm is up. The score is the `k`-th largest of the last `n` log-odds, nat; the threshold is
 /// the model's.
 pub(super) fn network_alarm(model: &[u8], dead: Option<Modality>) -> Result<Detector<'_>> {
     let model = Model::parse(model).context("model")?;
@@ -118,7 +128,7 @@ pub(super) fn network_alarm(model: &[u8], dead: Option<Modality>) -> Result<Dete
     let mut stream = PipelineStream::new(model, dead);
     Ok(Box::new(move |episode| {
         let mut frames = Vec::with_capacity(episode.frames());
-        let goes_on = stream.run(episode, |output| frames.push((output.margin, output.slip)))?;
+        let goes_on = stream.run(episode, |output| frames.push((output.log_odds, output.slip)))?;
         if !goes_on {
             recent.clear();
         }

@@ -8,8 +8,6 @@
 //!
 //! Events, false alarms and exposure are the benchmark's ([`crate::metrics`]).
 
-mod threshold;
-
 use std::fmt;
 use std::ops::Range;
 
@@ -20,6 +18,7 @@ use serde_json::{Value, json};
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
+use slipsense_recording::threshold::lowest_threshold;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, tuning_disturbances};
 
@@ -29,7 +28,6 @@ use crate::metrics::events::{EventFigures, Outcome, Outcomes};
 use crate::source::{Handle, Input};
 use crate::table::{Table, latency, number, percent};
 use crate::truth::Truth;
-use threshold::lowest_threshold;
 
 /// The rules tried, k of n: from the first frame over the threshold to 8 of 50 ms.
 pub const RULES: [(u8, u8); 14] = [
@@ -60,11 +58,11 @@ pub fn slips(episodes: usize) -> Input {
     Input::recipes(Split::Val.name(), set.episodes.into_iter().map(|e| (e.name, e.recipe)).collect())
 }
 
-/// The margins of the network's logits in one episode.
+/// The detector's log-odds in one episode.
 #[derive(Clone, Debug)]
 pub struct Margins {
     pub(crate) truth: Truth,
-    /// [`Output::margin`](slipsense::pipeline::Output::margin) of each frame.
+    /// [`Output::log_odds`](slipsense::pipeline::Output::log_odds) of each frame.
     pub(crate) margin: Vec<Option<Logit>>,
     /// The pipeline was new: nothing of the episodes before is remembered.
     pub(crate) starts_anew: bool,
@@ -79,7 +77,7 @@ pub fn margins(input: &Input, model: Model<'_>, done: &(dyn Fn() + Sync)) -> Res
             let episode = handle.load()?;
             let truth = Truth::new(&episode, &input.name, &handle.name())?;
             let mut margin = Vec::with_capacity(episode.frames());
-            let goes_on = pipeline.run(&episode, |output| margin.push(output.margin))?;
+            let goes_on = pipeline.run(&episode, |output| margin.push(output.log_odds))?;
             done();
             Ok(Margins { truth, margin, starts_anew: !goes_on })
         };
@@ -136,7 +134,8 @@ pub fn tune(disturbances: &[Margins], slips: &[Margins], target_alarms_per_hour:
         .into_par_iter()
         .map(|(k, n)| {
             let scored = scores(disturbances, k, n);
-            let threshold = lowest_threshold(&scored, allowed);
+            let of_slip = scored.iter().map(|(truth, scores)| (&truth.slip[..], scores.clone())).collect::<Vec<_>>();
+            let threshold = lowest_threshold(&of_slip, allowed);
             let mut counts = AlarmCounts::zero();
             for (truth, scores) in &scored {
                 counts.add(&AlarmCounts::new(truth, &flags(scores, threshold)));

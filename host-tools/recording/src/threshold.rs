@@ -1,14 +1,13 @@
-//! The lowest threshold that keeps false alarms rare.
+//! The lowest threshold of log-odds that keeps false alarms rare.
 
 use std::collections::BTreeSet;
 
 use slipsense::fixed::Logit;
 use slipsense::net::format::OperatingPoint;
-use slipsense_recording::score::{MERGE_FRAMES, near};
 
-use crate::truth::Truth;
+use crate::score::{Interval, MERGE_FRAMES, near};
 
-/// Alarms made of single flagged frames, by the definition of [`slipsense_recording::score`]: what is less
+/// Alarms made of single flagged frames, by the definition of [`crate::score`]: what is less
 /// than 200 ms apart is one.
 #[derive(Default)]
 struct Alarms {
@@ -34,15 +33,15 @@ impl Alarms {
 }
 
 /// The lowest threshold such that neither it nor any higher one raises more than `allowed` false alarms.
-/// `scores` per episode and frame; `None` is below every threshold.
+/// Per episode: what is slip, and the score of each frame; `None` is below every threshold.
 ///
 /// A lower threshold can raise fewer alarms than a higher one, as it joins several into one long alarm:
 /// that does not make it quieter, so the search comes from above and stops at the first excess.
-pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<Logit>>)], allowed: u64) -> Logit {
+pub fn lowest_threshold(episodes: &[(&[Interval], Vec<Option<Logit>>)], allowed: u64) -> Logit {
     let mut frames: Vec<(Logit, usize)> = Vec::new();
     let mut start = 0;
-    for (truth, scores) in episodes {
-        let near = near(&truth.slip, scores.len());
+    for (slip, scores) in episodes {
+        let near = near(slip, scores.len());
         let countable = scores.iter().zip(near).enumerate().filter(|(_, (_, near))| !near);
         frames.extend(countable.filter_map(|(frame, (score, _))| Some(((*score)?, start + frame))));
         // Alarms of two episodes are two.
@@ -61,23 +60,16 @@ pub(super) fn lowest_threshold(episodes: &[(&Truth, Vec<Option<Logit>>)], allowe
 
 #[cfg(test)]
 mod tests {
-    use slipsense_recording::score::score_intervals;
-
     use super::*;
-
-    fn truth(frames: usize, slip: &[(usize, usize)]) -> Truth {
-        let mut label = vec![1; frames];
-        slip.iter().for_each(|&(start, end)| label[start..end].fill(2));
-        Truth::from_labels(label)
-    }
+    use crate::score::score_intervals;
 
     /// Counted by the definition, at every threshold from the highest score down.
-    fn naive(episodes: &[(&Truth, Vec<Option<Logit>>)], allowed: u64) -> i32 {
+    fn naive(episodes: &[(&[Interval], Vec<Option<Logit>>)], allowed: u64) -> i32 {
         let alarms = |threshold: i32| -> usize {
             let flags = |scores: &[Option<Logit>]| -> Vec<u8> {
                 scores.iter().map(|s| s.is_some_and(|s| s.to_bits() > threshold).into()).collect()
             };
-            episodes.iter().map(|(t, s)| score_intervals(&t.slip, &flags(s)).false_alarms.len()).sum()
+            episodes.iter().map(|(t, s)| score_intervals(t, &flags(s)).false_alarms.len()).sum()
         };
         let mut threshold = 40;
         while threshold > -40 && alarms(threshold - 1) as u64 <= allowed {
@@ -90,7 +82,7 @@ mod tests {
     fn as_counted_by_the_definition() {
         use rand::{Rng, SeedableRng};
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
-        let (quiet, slips) = (truth(3_000, &[]), truth(2_000, &[(500, 700), (1_500, 1_505)]));
+        let (quiet, slips): (&[Interval], &[Interval]) = (&[], &[(500, 700), (1_500, 1_505)]);
         for _ in 0..40 {
             // Rises and falls, so that alarms have lengths and gaps.
             let mut level = 0i32;
@@ -101,7 +93,7 @@ mod tests {
                 };
                 (0..frames).map(|_| walk()).collect()
             };
-            let episodes = [(&quiet, scores(3_000)), (&slips, scores(2_000)), (&quiet, scores(3_000))];
+            let episodes = [(quiet, scores(3_000)), (slips, scores(2_000)), (quiet, scores(3_000))];
             for allowed in [0, 1, 3, 10] {
                 // Below the least score all thresholds are the same.
                 let found = lowest_threshold(&episodes, allowed).to_bits().max(-31);
@@ -112,9 +104,9 @@ mod tests {
 
     #[test]
     fn without_margins_the_threshold_is_the_lowest() {
-        let (quiet, seven) = (truth(100, &[]), Logit::from_bits(7));
-        assert_eq!(lowest_threshold(&[(&quiet, vec![None; 100])], 0), OperatingPoint::THRESHOLD_MIN);
-        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(seven); 100])], 0), seven);
-        assert_eq!(lowest_threshold(&[(&quiet, vec![Some(seven); 100])], 1), OperatingPoint::THRESHOLD_MIN);
+        let (quiet, seven): (&[Interval], _) = (&[], Logit::from_bits(7));
+        assert_eq!(lowest_threshold(&[(quiet, vec![None; 100])], 0), OperatingPoint::THRESHOLD_MIN);
+        assert_eq!(lowest_threshold(&[(quiet, vec![Some(seven); 100])], 0), seven);
+        assert_eq!(lowest_threshold(&[(quiet, vec![Some(seven); 100])], 1), OperatingPoint::THRESHOLD_MIN);
     }
 }

@@ -1,0 +1,64 @@
+//! What the detector is to say of each frame of an episode: not the label of the rig, which calls slip what does not
+//! slide yet, but whether the contact as a whole slides and goes on sliding.
+
+use slipsense_recording::Episode;
+use slipsense_recording::score::{MARGIN_FRAMES, SLIP};
+use slipsense_synth::labels::sustained_sliding;
+
+/// What the detector is to say of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Target {
+    /// Nothing slides.
+    #[default]
+    Still,
+    /// The contact slides, for 50 ms or longer in all.
+    Slides,
+    /// The label says slip and the contact does not slide as a whole yet: to say so is right, not to say so no fault.
+    Begins,
+    /// Does not count: jerks too short to be an event, the frames just before sliding, and what rings on behind it.
+    Either,
+}
+
+/// Frames before sliding that do not count.
+const BEFORE_FRAMES: usize = 4;
+
+/// The targets of an episode's frames. Where the episode does not know the interface, its label is all there is.
+pub fn targets(episode: &Episode, label: &[u8]) -> Vec<Target> {
+    let frames = label.len();
+    let mut targets = vec![Target::Still; frames];
+    let known = episode.slip_true_mm_s.as_ref().zip(episode.slip_fraction.as_ref());
+    let (sliding, jerks) = match known {
+        Some((speed, fraction)) => sustained_sliding(speed, fraction),
+        None => (slipsense_recording::score::runs(frames, |f| label[f] == SLIP), Vec::new()),
+    };
+    for (target, &label) in targets.iter_mut().zip(label) {
+        if label == SLIP {
+            *target = Target::Begins;
+        }
+    }
+    let around = |(start, end): (usize, usize)| {
+        start.saturating_sub(BEFORE_FRAMES)..(end + MARGIN_FRAMES).min(frames)
+    };
+    for interval in jerks.into_iter().chain(sliding.iter().copied()) {
+        for target in &mut targets[around(interval)] {
+            if *target == Target::Still {
+                *target = Target::Either;
+            }
+        }
+    }
+    // A label that outlasts the sliding says nothing of it.
+    let mut slid = false;
+    for frame in 0..frames {
+        if frame > 0 && label[frame - 1] != SLIP {
+            slid = false;
+        }
+        slid |= sliding.iter().any(|&(start, end)| (start..end).contains(&frame));
+        if slid && targets[frame] == Target::Begins {
+            targets[frame] = Target::Either;
+        }
+    }
+    for (start, end) in sliding {
+        targets[start..end].fill(Target::Slides);
+    }
+    targets
+}

@@ -35,7 +35,6 @@ impl Class {
     }
 }
 
-
 /// The flag and its history: which of the last frames exceeded the threshold.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision {

@@ -2,9 +2,9 @@
 use rayon::prelude::*;
 use slipsense::net::Model;
 use slipsense::net::model::Aligned;
+use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::Pipeline;
 use slipsense::sensor::SensorInput;
-use slipsense::params::MAX_SENSORS;
 use slipsense_model::target::targets;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, tuning_disturbances};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
@@ -28,10 +28,22 @@ fn main() {
             recipes.extend(tuning_disturbances(count).into_iter().map(|(_, r)| (name.to_owned(), r)));
         } else if name == "anywhere_disturbed" {
             let set = EpisodeSet::first(Split::ValAnywhere, 77, count);
-            recipes.extend(set.episodes.into_iter().map(|e| (name.to_owned(), Recipe { scenario: ScenarioChoice::Disturbances, seconds: Some(60.0), speed_mm_s: None, pull_angle_deg: None, ..e.recipe })));
+            recipes.extend(set.episodes.into_iter().map(|e| {
+                (
+                    name.to_owned(),
+                    Recipe {
+                        scenario: ScenarioChoice::Disturbances,
+                        seconds: Some(60.0),
+                        speed_mm_s: None,
+                        pull_angle_deg: None,
+                        ..e.recipe
+                    },
+                )
+            }));
         } else {
             let split: Split = name.parse().unwrap();
-            let set = EpisodeSet::first(split, if split.frozen_episodes() > 0 { FROZEN_SEED } else { 9 }, count);
+            let set =
+                EpisodeSet::first(split, if split.frozen_episodes() > 0 { FROZEN_SEED } else { 9 }, count);
             recipes.extend(set.episodes.into_iter().map(|e| (name.to_owned(), e.recipe)));
         }
     }
@@ -45,15 +57,22 @@ fn main() {
         for frame in 0..episode.frames() {
             let mut inputs = [SensorInput::default(); MAX_SENSORS];
             for (s, input) in inputs.iter_mut().take(episode.sensors).enumerate() {
-                *input = SensorInput { piezo: Some(episode.piezo(frame, s)), xl: Some(episode.xl_batch(frame, s)), xl_end: episode.xl_end(frame, s) };
+                *input = SensorInput {
+                    piezo: Some(episode.piezo(frame, s)),
+                    xl: Some(episode.xl_batch(frame, s)),
+                    xl_end: episode.xl_end(frame, s),
+                };
             }
             let o = pipeline.step(&inputs[..episode.sensors]);
             z.push(o.log_odds.map_or(-40000, |l| l.to_bits()));
             class.push(o.class as u8);
         }
-        if index % 20 == 0 { eprintln!("{index}"); }
+        if index % 20 == 0 {
+            eprintln!("{index}");
+        }
         (label, target.iter().map(|t| *t as u8).collect::<Vec<u8>>(), z, class)
-    }).unwrap();
+    })
+    .unwrap();
     let mut file = std::io::BufWriter::new(std::fs::File::create(&args[2]).unwrap());
     for ((name, recipe), (label, target, z, class)) in recipes.iter().zip(out) {
         writeln!(file, "{}", serde_json::json!({"set": name, "scenario": format!("{:?}", recipe.scenario), "label": label, "target": target, "z": z, "class": class})).unwrap();
@@ -61,5 +80,7 @@ fn main() {
     let _ = (0..1).into_par_iter().count();
 }
 fn bytemuck_cast(words: &mut [u32], bytes: &[u8]) {
-    for (i, b) in bytes.iter().enumerate() { words[i / 4] |= u32::from(*b) << (8 * (i % 4)); }
+    for (i, b) in bytes.iter().enumerate() {
+        words[i / 4] |= u32::from(*b) << (8 * (i % 4));
+    }
 }

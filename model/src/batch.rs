@@ -90,7 +90,9 @@ impl<'e> Sampler<'e> {
                 groups[class as usize].push((index as u32, frame as u32));
                 let before = &episode.label[frame.saturating_sub(ONSET_FRAMES)..frame];
                 let slides_anew = episode.target[frame] == Target::Slides
-                    && frame.checked_sub(ONSET_FRAMES).is_none_or(|early| episode.target[early] != Target::Slides);
+                    && frame
+                        .checked_sub(ONSET_FRAMES)
+                        .is_none_or(|early| episode.target[early] != Target::Slides);
                 if (class == SLIP && before.iter().any(|&class| class != SLIP)) || slides_anew {
                     groups[CLASSES].push((index as u32, frame as u32));
                 }
@@ -159,7 +161,9 @@ impl<'e> Sampler<'e> {
         (label, target): (&mut [u8], &mut [Target]),
     ) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let shares = std::array::from_fn::<u32, GROUPS, _>(|group| SHARES[group] * u32::from(!self.groups[group].is_empty()));
+        let shares = std::array::from_fn::<u32, GROUPS, _>(|group| {
+            SHARES[group] * u32::from(!self.groups[group].is_empty())
+        });
         let mut dice = rng.random_range(0..shares.iter().sum());
         let group = shares.iter().position(|&share| match dice.checked_sub(share) {
             Some(rest) => {
@@ -196,7 +200,8 @@ impl<'e> Sampler<'e> {
             let mut floor = mel.floor(episode.floor(start, sensor), (&sound, mean));
             let frames = piezo.chunks_exact_mut(IMAGE).zip(xl.chunks_exact_mut(XL_FEATURES));
             for (t, (piezo, xl)) in frames.enumerate() {
-                let scans = slow.scans(t).map(|t| episode.scan((start + t).min(episode.frames() - 1), sensor));
+                let scans =
+                    slow.scans(t).map(|t| episode.scan((start + t).min(episode.frames() - 1), sensor));
                 pad.apply(scans, slow.between(t), &mut counts, &mut rng);
                 let cells = piezo.as_chunks_mut::<PIEZO_CHANNELS>().0;
                 view.push(&counts, |index, cell| cells[index] = cell);

@@ -136,13 +136,10 @@ pub fn compare_activations(
         }
         let scans: Vec<_> = (0..sensors).map(|sensor| episode.piezo(frame, sensor)).collect();
         let seen = scans.iter().zip(&log_mels);
-        let for_integer: Vec<_> = seen
-            .clone()
-            .map(|(scan, xl)| SensorFeatures { piezo: Some(scan), xl: Some(*xl) })
-            .collect();
-        let for_float: Vec<_> = seen
-            .map(|(scan, xl)| SensorFrame { piezo: Some(scan.counts()), xl: Some(xl) })
-            .collect();
+        let for_integer: Vec<_> =
+            seen.clone().map(|(scan, xl)| SensorFeatures { piezo: Some(scan), xl: Some(*xl) }).collect();
+        let for_float: Vec<_> =
+            seen.map(|(scan, xl)| SensorFrame { piezo: Some(scan.counts()), xl: Some(xl) }).collect();
         let from_integer = network.step_observed(&for_integer, &mut integer).map(Logit::to_bits);
         let from_float = float_network.step(&for_float)?;
 

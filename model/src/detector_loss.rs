@@ -19,11 +19,17 @@ const BEGINS_WEIGHT: f32 = 0.3;
 
 /// Binary cross entropy of log-odds `[batch, frame, 1]` against the targets, nat; the mean over all frames of weights
 /// as above. The surest of an onset and the worst of a stretch count `extreme_weight` in addition.
-pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: f32, device: &Device) -> Tensor<1> {
+pub(crate) fn loss(
+    log_odds: Tensor<3>,
+    targets: &[Target],
+    extreme_weight: f32,
+    device: &Device,
+) -> Tensor<1> {
     let [batch, frames, _] = log_odds.dims();
     let values: Vec<f32> = log_odds.clone().into_data().iter::<f32>().collect();
     let sequences = targets.chunks_exact(frames).zip(values.chunks_exact(frames));
-    let weights: Vec<f32> = sequences.flat_map(|(targets, values)| weights(targets, values, extreme_weight)).collect();
+    let weights: Vec<f32> =
+        sequences.flat_map(|(targets, values)| weights(targets, values, extreme_weight)).collect();
     let truth: Vec<f32> =
         targets.iter().map(|t| f32::from(matches!(t, Target::Slides | Target::Begins) as u8)).collect();
     let tensor = |values| Tensor::<3>::from_data(TensorData::new(values, [batch, frames, 1]), device);

@@ -3,14 +3,16 @@
 use anyhow::{Context, Result};
 use burn::tensor::Device;
 use serde::Serialize;
+use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
-use slipsense::fixed::Logit;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, OUTPUTS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
-use slipsense_recording::score::{ClassScores, Detection, Interval, SLIP, runs, score_events, score_intervals};
+use slipsense_recording::score::{
+    ClassScores, Detection, Interval, SLIP, runs, score_events, score_intervals,
+};
 use slipsense_recording::threshold::lowest_threshold;
 
 use crate::data::Features;
@@ -174,10 +176,7 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
         let mut seen = [SensorFrame::default(); MAX_SENSORS];
         let features = output.log_mel.map(|log_mel| log_mel.features());
         for ((seen, input), log_mel) in seen.iter_mut().zip(&inputs).zip(&features) {
-            *seen = SensorFrame {
-                piezo: input.piezo.map(|piezo| piezo.counts()),
-                xl: Some(log_mel),
-            };
+            *seen = SensorFrame { piezo: input.piezo.map(|piezo| piezo.counts()), xl: Some(log_mel) };
         }
         let logits = float_network.step(&seen[..episode.sensors])?;
         let log_odds = output.log_odds.unwrap_or(Logit::from_bits((logits[OUTPUTS - 1] * 1024.0) as i32));
@@ -240,7 +239,10 @@ pub struct DetectorFigures {
 }
 
 /// The detector's figures at `alarms_per_hour`, over episodes with their targets and the log-odds of each frame.
-pub fn detector_figures(episodes: &[(&Features, Vec<[f32; OUTPUTS]>)], alarms_per_hour: f64) -> DetectorFigures {
+pub fn detector_figures(
+    episodes: &[(&Features, Vec<[f32; OUTPUTS]>)],
+    alarms_per_hour: f64,
+) -> DetectorFigures {
     let mut slips: Vec<(Vec<Interval>, Vec<Interval>)> = Vec::new();
     let mut scores: Vec<Vec<Option<Logit>>> = Vec::new();
     let mut still = 0;

@@ -1,6 +1,7 @@
 //! What the detector is to say of each frame of an episode: not the label of the rig, which calls slip what does not
 //! slide yet, but whether the contact as a whole slides and goes on sliding.
 
+use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::Episode;
 use slipsense_recording::score::{MARGIN_FRAMES, SLIP};
 use slipsense_synth::labels::sustained_sliding;
@@ -11,14 +12,17 @@ pub enum Target {
     /// Nothing slides.
     #[default]
     Still,
-    /// The contact slides, for 50 ms or longer in all.
+    /// The contact slides, for 50 ms or longer in all and by [`TRAVEL_MM`] or more.
     Slides,
     /// The label says slip and the contact does not slide as a whole yet: to say so is right, not to say so no fault.
     Begins,
-    /// Does not count: jerks too short to be an event, the frames just before sliding, and what rings on behind it.
+    /// Does not count: jerks too short or too small to be an event, the frames just before sliding, and what rings on
+    /// behind it.
     Either,
 }
 
+/// Travel of an event, mm: an object creeps by less before it is held again, and nothing can be felt of it.
+const TRAVEL_MM: f32 = 0.2;
 /// Frames before sliding that do not count.
 const BEFORE_FRAMES: usize = 4;
 
@@ -28,7 +32,15 @@ pub fn targets(episode: &Episode, label: &[u8]) -> Vec<Target> {
     let mut targets = vec![Target::Still; frames];
     let known = episode.slip_true_mm_s.as_ref().zip(episode.slip_fraction.as_ref());
     let (sliding, jerks) = match known {
-        Some((speed, fraction)) => sustained_sliding(speed, fraction),
+        Some((speed, fraction)) => {
+            let (sliding, mut jerks) = sustained_sliding(speed, fraction);
+            let travel_mm =
+                |&(start, end): &(usize, usize)| speed[start..end].iter().sum::<f32>() / FRAME_RATE_HZ as f32;
+            let (far, near): (Vec<_>, Vec<_>) =
+                sliding.into_iter().partition(|interval| travel_mm(interval) >= TRAVEL_MM);
+            jerks.extend(near);
+            (far, jerks)
+        }
         None => (slipsense_recording::score::runs(frames, |f| label[f] == SLIP), Vec::new()),
     };
     for (target, &label) in targets.iter_mut().zip(label) {
@@ -36,9 +48,8 @@ pub fn targets(episode: &Episode, label: &[u8]) -> Vec<Target> {
             *target = Target::Begins;
         }
     }
-    let around = |(start, end): (usize, usize)| {
-        start.saturating_sub(BEFORE_FRAMES)..(end + MARGIN_FRAMES).min(frames)
-    };
+    let around =
+        |(start, end): (usize, usize)| start.saturating_sub(BEFORE_FRAMES)..(end + MARGIN_FRAMES).min(frames);
     for interval in jerks.into_iter().chain(sliding.iter().copied()) {
         for target in &mut targets[around(interval)] {
             if *target == Target::Still {

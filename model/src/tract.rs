@@ -9,9 +9,9 @@ mod graphs;
 use std::collections::VecDeque;
 
 use anyhow::{Context, Result, ensure};
+use slipsense::features::XlFeatures;
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::net::format::Dims;
-use slipsense::features::XlFeatures;
 use slipsense::params::{OUTPUTS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_FEATURES};
 use tract_core::prelude::{IntoTValue, TValue, TVec, Tensor, TypedSimpleState, tvec};
 

@@ -20,8 +20,8 @@ use slipsense_model::teacher::Teacher;
 use slipsense_model::tract::xl_real;
 use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
-use slipsense_recording::{Episode, Meta};
 use slipsense_model::{CompareArgs, run_compare};
+use slipsense_recording::{Episode, Meta};
 
 use crate::common;
 
@@ -43,9 +43,11 @@ fn sequence(frames: usize, seed: u64) -> Sequences {
             let counts = scans[at].counts().map(|count| count * u16::from(class) / 2);
             pad.push(&counts, |_, cell| input.piezo.extend(cell));
             let bins = xl_frames[at].iter().enumerate();
-            input.xl.extend(bins.map(|(bin, &q)| {
-                xl_real(q) * 0.3 + if bin % CLASSES == class as usize { 1.0 } else { 0.0 }
-            }));
+            input.xl.extend(
+                bins.map(|(bin, &q)| {
+                    xl_real(q) * 0.3 + if bin % CLASSES == class as usize { 1.0 } else { 0.0 }
+                }),
+            );
         }
     }
     input
@@ -166,7 +168,10 @@ fn what_is_taken_away_is_not_seen() {
     let deaf = Sequences { xl: vec![0.0; input.xl.len()], ..input.clone() };
     let numb = Sequences { piezo: vec![0; input.piezo.len()], ..input.clone() };
     let mut louder = input.clone();
-    louder.xl.chunks_exact_mut(XL_FEATURES).for_each(|frame| frame[MEL_BINS..].iter_mut().for_each(|x| *x += 0.5));
+    louder
+        .xl
+        .chunks_exact_mut(XL_FEATURES)
+        .for_each(|frame| frame[MEL_BINS..].iter_mut().for_each(|x| *x += 0.5));
     for (name, other, same) in [
         ("piezo", &deaf, true),
         ("piezo", &numb, false),
@@ -202,7 +207,8 @@ fn a_recomputed_frame_sees_its_window_and_the_first_ones_are_the_streams() {
         assert!(worst(&alone[window - 1..], &recomputed[last..=last]) < 1e-5, "frame {last}");
     }
     let short = cut(&input, 0, 40);
-    let both = [recomputed::logits(&network, &BASE, &short, &device), network.outputs(&BASE, &short, &device)];
+    let both =
+        [recomputed::logits(&network, &BASE, &short, &device), network.outputs(&BASE, &short, &device)];
     assert!(worst(&both[0], &both[1]) < 1e-5);
 }
 
@@ -210,7 +216,8 @@ fn a_recomputed_frame_sees_its_window_and_the_first_ones_are_the_streams() {
 fn features(frames: usize) -> Features {
     let label: Vec<u8> = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
     let samples = frames * 33;
-    let sample = |n: usize| [(n * 7919 % 601) as i16 - 300, (n * 104_729 % 401) as i16 - 200, (n % 97) as i16];
+    let sample =
+        |n: usize| [(n * 7919 % 601) as i16 - 300, (n * 104_729 % 401) as i16 - 200, (n % 97) as i16];
     Features::from_episode(&Episode {
         sensors: SENSORS,
         piezo: common::scans(frames, SENSORS, 8),

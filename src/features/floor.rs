@@ -8,7 +8,7 @@
 
 use super::log::LN_FRAC_BITS;
 use crate::fixed::{round_shift, saturate_i16};
-use crate::params::{MEL_BINS, XL_RATE_HZ, XL_WINDOW, FRAME_RATE_HZ};
+use crate::params::{FRAME_RATE_HZ, MEL_BINS, XL_RATE_HZ, XL_WINDOW};
 
 /// Fraction bits of [`LogMel::over_floor`](super::LogMel::over_floor): Q3.12, ±8 nat; what is beyond saturates.
 pub const OVER_FLOOR_FRAC_BITS: u32 = 12;

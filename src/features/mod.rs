@@ -17,8 +17,8 @@ pub mod floor;
 pub mod tables;
 pub mod piezo;
 
-pub use log::LN_FRAC_BITS;
 pub use floor::OVER_FLOOR_FRAC_BITS;
+pub use log::LN_FRAC_BITS;
 pub use power::transform;
 
 use core::hint::black_box;

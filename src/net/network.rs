@@ -6,11 +6,11 @@ use super::dense::dense;
 use super::encoder::{Embedding, PiezoEncoder, XlHistory};
 use super::model::Model;
 use super::observer::Observer;
+use crate::features::XlFeatures;
 use crate::features::piezo::PiezoFrontEnd;
 use crate::fixed::Logit;
 use crate::fixed::saturate_i16;
 use crate::params::limits::EMBED;
-use crate::features::XlFeatures;
 use crate::params::{MAX_SENSORS, OUTPUTS, XL_FEATURES};
 use crate::sensor::PiezoFrame;
 

@@ -2,8 +2,8 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::net::format::Dims;
 use slipsense::features::XlFeatures;
+use slipsense::net::format::Dims;
 use slipsense::params::{TAXELS, XL_FEATURES};
 use slipsense::sensor::PiezoFrame;
 

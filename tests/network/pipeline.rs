@@ -139,7 +139,11 @@ fn missing_samples_start_the_front_end_anew_and_are_flagged() {
             assert_eq!(warming, matches!(frame, 0..=2 | 6..=8), "frame {frame}");
             if frame >= 6 {
                 let (ours, fresh) = (output.log_mel[0], after.step(&[input]).log_mel[0]);
-                assert_eq!((ours.ln_power, ours.standardised), (fresh.ln_power, fresh.standardised), "frame {frame}");
+                assert_eq!(
+                    (ours.ln_power, ours.standardised),
+                    (fresh.ln_power, fresh.standardised),
+                    "frame {frame}"
+                );
             }
         }
     }

@@ -4,13 +4,12 @@ use super::batch;
 use super::inputs::{SHAPES, Sensor, random_frames};
 use slipsense::fixed::Logit;
 use slipsense::net::{Model, Network, SensorFeatures};
+use slipsense::params::OUTPUTS;
 use slipsense_recording::model_file::random_model;
 
-fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; 3] {
-    let seen: Vec<SensorFeatures> = frame
-        .iter()
-        .map(|s| SensorFeatures { piezo: s.piezo.as_ref(), xl: s.xl })
-        .collect();
+fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; OUTPUTS] {
+    let seen: Vec<SensorFeatures> =
+        frame.iter().map(|s| SensorFeatures { piezo: s.piezo.as_ref(), xl: s.xl }).collect();
     network.step(&seen).map(Logit::to_bits)
 }
 

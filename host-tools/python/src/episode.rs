@@ -92,6 +92,7 @@ pub fn run<'py>(py: Python<'py>, episode: &Episode, model: Option<&[u8]>) -> PyR
     let dict = PyDict::new(py);
     dict.set_item("class", predictions.class.into_pyarray(py))?;
     dict.set_item("logits", predictions.logits.concat().into_pyarray(py).reshape([frames, CLASSES])?)?;
+    dict.set_item("log_odds", predictions.log_odds.into_pyarray(py))?;
     dict.set_item("may_begin", predictions.may_begin.into_pyarray(py))?;
     dict.set_item("slip", predictions.slip.into_pyarray(py))?;
     for (name, rows) in [("logmel", predictions.logmel), ("logmel_std", predictions.logmel_std)] {

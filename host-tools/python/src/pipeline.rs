@@ -157,6 +157,8 @@ pub struct Output {
     invalid: u8,
     degraded: u8,
     logits_q10: Py<PyArray1<i32>>,
+    /// The detector's log-odds of slip; none where no pad is touched.
+    log_odds_q10: Option<i32>,
     contact: Vec<Contact>,
     logmel_std: Py<PyArray2<f32>>,
 }
@@ -172,6 +174,7 @@ impl Output {
             invalid: output.invalid,
             degraded: output.degraded,
             logits_q10: output.logits.map(Q::to_bits).to_vec().into_pyarray(py).unbind(),
+            log_odds_q10: output.log_odds.map(Q::to_bits),
             contact: contacts(&output.slip_message(FrameStamp::default(), &Origin::default())),
             logmel_std: PyArray2::from_vec2(py, &mel).map_err(refused)?.unbind(),
         })

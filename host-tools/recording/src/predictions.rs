@@ -15,6 +15,7 @@ use std::path::Path;
 /// |---|---|
 /// | `class` | uint8 \[F\] |
 /// | `logits` | int32 \[F, 3\] |
+/// | `log_odds` | int32 \[F\] |
 /// | `may_begin` | uint8 \[F\] |
 /// | `slip` | uint8 \[F\] |
 /// | `logmel` | float32 \[F, S, 16\] |
@@ -27,7 +28,9 @@ pub struct Predictions {
     pub class: Vec<u8>,
     /// Logits per frame, Q10.
     pub logits: Vec<[i32; CLASSES]>,
-    /// Whether the class is slip, as sent, 0 or 1, per frame.
+    /// The detector's log-odds of slip per frame, Q10; the least `i32` where no pad is touched.
+    pub log_odds: Vec<i32>,
+    /// Whether slip may begin, as sent, 0 or 1, per frame.
     pub may_begin: Vec<u8>,
     /// The flag to act on, as sent, 0 or 1, per frame.
     pub slip: Vec<u8>,
@@ -56,6 +59,7 @@ impl Predictions {
             sensors,
             class: Vec::with_capacity(frames),
             logits: Vec::with_capacity(frames),
+            log_odds: Vec::with_capacity(frames),
             may_begin: Vec::with_capacity(frames),
             slip: Vec::with_capacity(frames),
             logmel: Vec::with_capacity(frames * sensors),
@@ -67,6 +71,7 @@ impl Predictions {
     pub fn push(&mut self, output: &Output, xl_lsb_g: f64) {
         self.class.push(output.class as u8);
         self.logits.push(output.logits.map(Logit::to_bits));
+        self.log_odds.push(output.log_odds.map_or(i32::MIN, Logit::to_bits));
         self.may_begin.push(output.may_begin.into());
         self.slip.push(output.slip.into());
         for log_mel in output.log_mel.iter().take(self.sensors) {
@@ -95,6 +100,7 @@ impl Predictions {
             self.validate()?;
             npz.array("class", &[frames], self.class.iter().copied())?;
             npz.array("logits", &[frames, CLASSES], self.logits.iter().flatten().copied())?;
+            npz.array("log_odds", &[frames], self.log_odds.iter().copied())?;
             npz.array("may_begin", &[frames], self.may_begin.iter().copied())?;
             npz.array("slip", &[frames], self.slip.iter().copied())?;
             npz.array("logmel", &mel, self.logmel.iter().flatten().copied())?;
@@ -113,6 +119,7 @@ impl Predictions {
         }
         for (array, len, must) in [
             ("logits", self.logits.len(), frames),
+            ("log_odds", self.log_odds.len(), frames),
             ("may_begin", self.may_begin.len(), frames),
             ("slip", self.slip.len(), frames),
             ("logmel", self.logmel.len(), frames * sensors),
@@ -157,6 +164,7 @@ fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Predictions, Probl
         sensors,
         class,
         logits: rows(read(&mut npz, "logits", &[frames, CLASSES])?),
+        log_odds: read(&mut npz, "log_odds", &[frames])?,
         may_begin: read(&mut npz, "may_begin", &[frames])?,
         slip: read(&mut npz, "slip", &[frames])?,
         logmel,

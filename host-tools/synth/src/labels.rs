@@ -5,10 +5,10 @@
 use std::ops::Range;
 
 use serde::Serialize;
-use slipsense_recording::score::runs;
 pub use slipsense_recording::label::{
     ENCODER_STEP_MM, NO_CONTACT, NO_SLIP, ONSET_MM, SLIP, label, slip_interval, slip_without_contact,
 };
+use slipsense_recording::score::runs;
 
 use crate::draw::{Draw, Rng};
 

@@ -63,7 +63,7 @@ const SHIPPED_SEED: u64 = 1;
 /// From the seed of a network's first training to that of its second, so that it meets other episodes.
 const SECOND_SEED: u64 = 10;
 /// The first training.
-const FIRST_SIZE: [&str; 4] = ["--episodes", "840", "--epochs", "9"];
+const FIRST_SIZE: [&str; 4] = ["--episodes", "760", "--epochs", "9"];
 /// The second training: fewer episodes and steps, a third of the learning rate, more weight on what decides alarms.
 const SECOND_SIZE: [&str; 4] = ["--episodes", "320", "--epochs", "5"];
 const SECOND_RATE: [&str; 4] = ["--learning-rate", "1e-3", "--extreme-weight", "8"];
@@ -97,7 +97,7 @@ pub fn retrain(options: &Options) -> Result<bool> {
     let mut tune = vec!["tune".into(), untuned, "--out".into(), tuned];
     if options.rehearse {
         quantize.extend(arguments(&["--calibration-episodes", "1", "--val-episodes", "1"]));
-        tune.extend(arguments(&["--hours", "0.05", "--episodes", "8", "--alarms-per-hour", "60"]));
+        tune.extend(arguments(&["--hours", "0.05", "--episodes", "8", "--per-hour", "60"]));
     }
     slipsense(&quantize)?;
     slipsense(&tune)?;

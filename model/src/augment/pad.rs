@@ -73,7 +73,8 @@ impl PadChange {
         rng: &mut ChaCha8Rng,
     ) {
         for (out, source) in out.iter_mut().zip(&self.source) {
-            let [before, after] = [before, after].map(|scan| source.map_or(0.0, |source| f32::from(scan[source])));
+            let [before, after] =
+                [before, after].map(|scan| source.map_or(0.0, |source| f32::from(scan[source])));
             let count = before + between * (after - before);
             *out = if count == 0.0 {
                 0
@@ -143,7 +144,12 @@ mod tests {
         let loaded: Vec<usize> = (0..TAXELS).filter(|&i| out[i] != 0).collect();
         assert_eq!((loaded, out[23 * TAXEL_COLS + 9]), (vec![23 * TAXEL_COLS + 9], 512));
 
-        PadChange::new(0.0, [false, false], [9, 9], 1.2, 4.0).apply([&[4095; TAXELS]; 2], 0.0, &mut out, &mut rng);
+        PadChange::new(0.0, [false, false], [9, 9], 1.2, 4.0).apply(
+            [&[4095; TAXELS]; 2],
+            0.0,
+            &mut out,
+            &mut rng,
+        );
         for (index, &value) in out.iter().enumerate() {
             let active = is_active(index / TAXEL_COLS, index % TAXEL_COLS);
             assert_eq!(value > 0, active, "taxel {index}");
@@ -162,8 +168,12 @@ mod tests {
         }
         let mut out = [0; TAXELS];
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        PadChange::new(std::f32::consts::FRAC_PI_2, [false; 2], [0; 2], 1.0, 0.0)
-            .apply([&counts; 2], 0.0, &mut out, &mut rng);
+        PadChange::new(std::f32::consts::FRAC_PI_2, [false; 2], [0; 2], 1.0, 0.0).apply(
+            [&counts; 2],
+            0.0,
+            &mut out,
+            &mut rng,
+        );
         let at: Vec<(usize, usize)> =
             (0..TAXELS).filter(|&i| out[i] != 0).map(|i| (i / TAXEL_COLS, i % TAXEL_COLS)).collect();
         let mean = |f: fn(&(usize, usize)) -> usize| {

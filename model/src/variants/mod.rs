@@ -29,7 +29,7 @@ pub enum Modality {
     Both,
     /// Pads only.
     Piezo,
-    /// Accelerometers only: no contact, too, has to be decided from them.
+    /// Accelerometers only; the pads say what contact is.
     Xl,
 }
 

@@ -52,11 +52,6 @@ impl Variant {
         Weights { dims: self.dims(), tensors: first_values(&self.specs(), seed) }
     }
 
-    /// Does the network see the pads.
-    pub fn sees_pads(&self) -> bool {
-        self.modality != Modality::Xl
-    }
-
     /// Do the modalities, or the one there is, reach the head in stacks of their own.
     fn in_stacks(&self) -> bool {
         self.modality != Modality::Both || self.fusion == Fusion::Late

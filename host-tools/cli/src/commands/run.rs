@@ -28,7 +28,7 @@ Files written to the output folder:
   timeline.svg     pressure, log-mel, logits, slip flag and truth over time
   report.html      the same with a table and explanations, one file to share
   can.log          the CAN FD traffic as a candump log: slip message first, then the raw frames
-  predictions.npz  class, logits, may_begin, slip, logmel, logmel_std per frame, for numpy.load
+  predictions.npz  class, logits, log_odds, may_begin, slip, logmel, logmel_std per frame, for numpy.load
   summary.json     events, delays, false alarms of may begin and of slip, scores, speed
 
 Examples:

@@ -111,7 +111,7 @@ fn models_that_cannot_be_used() {
         ("tune @none.slipnet --out @t.slipnet", missing),
         ("view - --model @none.slipnet", missing),
         ("tune @m.slipnet --out @t.slipnet --hours 0", "--hours is 0, must be 1/60 to 100"),
-        ("tune @m.slipnet --out @t --alarms-per-hour -1", "--alarms-per-hour is -1, must be 0 or more"),
+        ("tune @m.slipnet --out @t --per-hour -1", "--per-hour is -1, must be 0 or more"),
     ]);
 }
 

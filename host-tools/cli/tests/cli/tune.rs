@@ -11,11 +11,13 @@ use crate::support::{Place, model, number};
 #[test]
 fn the_same_network_with_another_point() {
     let place = Place::with_files();
-    let options = "--out @t.slipnet --hours 0.03 --episodes 4 --alarms-per-hour 60";
+    let options = "--out @t.slipnet --curve @c.svg --hours 0.03 --episodes 4 --per-hour 60";
     let text = place.run(&format!("tune @m.slipnet {options}"));
-    for words in ["k of n", "chosen", "8 of 12", "synthetic", "h of disturbances without slip"] {
+    for words in ["k of n", "chosen", "8 of 12", "curve", "synthetic", "h without slip"] {
         assert!(text.contains(words), "{words}: {text}");
     }
+    let curve = fs::read_to_string(place.path("c.svg")).unwrap();
+    assert!(curve.starts_with("<svg") && curve.contains("false alarms per hour"));
     let tuned = fs::read(place.path("t.slipnet")).unwrap();
     let mut file = ModelFile::from_bytes(&tuned).unwrap();
     assert_ne!(file.point, OperatingPoint::EVEN);

@@ -1,6 +1,6 @@
 //! The report: one HTML file with tables and plots, nothing loaded from elsewhere.
 
-mod plots;
+pub(crate) mod plots;
 mod timeline;
 mod tables;
 mod page;

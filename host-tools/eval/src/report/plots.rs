@@ -28,19 +28,19 @@ pub(super) fn colour(n: usize) -> RGBColor {
 }
 
 /// A line of a plot.
-pub(super) struct Line {
-    pub(super) name: String,
-    pub(super) points: Vec<(f64, f64)>,
+pub(crate) struct Line {
+    pub(crate) name: String,
+    pub(crate) points: Vec<(f64, f64)>,
     /// Marked points and whether they are filled.
-    pub(super) marks: Vec<((f64, f64), bool)>,
+    pub(crate) marks: Vec<((f64, f64), bool)>,
 }
 
 /// What the axes say.
-pub(super) struct Axes<'a> {
-    pub(super) title: &'a str,
-    pub(super) x: &'a str,
-    pub(super) y: &'a str,
-    pub(super) legend: SeriesLabelPosition,
+pub(crate) struct Axes<'a> {
+    pub(crate) title: &'a str,
+    pub(crate) x: &'a str,
+    pub(crate) y: &'a str,
+    pub(crate) legend: SeriesLabelPosition,
 }
 
 /// An error of the drawing library as ours.
@@ -59,7 +59,7 @@ pub(super) fn text(size: u32) -> TextStyle<'static> {
 }
 
 /// Lines over axes, of which x may be logarithmic.
-pub(super) fn plot<X>(axes: &Axes<'_>, x: X, y: std::ops::Range<f64>, lines: &[Line]) -> Result<String>
+pub(crate) fn plot<X>(axes: &Axes<'_>, x: X, y: std::ops::Range<f64>, lines: &[Line]) -> Result<String>
 where
     X: AsRangedCoord<Value = f64>,
     X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,

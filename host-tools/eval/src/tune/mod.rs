@@ -12,6 +12,7 @@ use std::fmt;
 use std::ops::Range;
 
 use anyhow::{Result, ensure};
+use plotters::prelude::{IntoLogRange, SeriesLabelPosition};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -25,6 +26,7 @@ use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, tuning_disturbances};
 use crate::detectors::network::{KthLargest, PipelineStream};
 use crate::metrics::alarms::{AlarmCounts, AlarmFigures};
 use crate::metrics::events::{EventFigures, Outcome, Outcomes};
+use crate::report::plots::{Axes, Line, plot};
 use crate::source::{Handle, Input};
 use crate::table::{Table, latency, number, percent};
 use crate::truth::Truth;
@@ -46,6 +48,9 @@ pub const RULES: [(u8, u8); 14] = [
     (10, 16),
     (16, 24),
 ];
+
+/// False alarms per hour at which the chosen rule is shown.
+const CURVE_PER_HOUR: [f64; 9] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
 
 /// Disturbances without slip, generated while they are used; each episode is a minute.
 pub fn disturbances(hours: f64) -> Input {
@@ -120,6 +125,8 @@ pub struct Tuning {
     pub(crate) rows: Vec<Rule>,
     /// Index into `rows`.
     pub(crate) chosen: usize,
+    /// The chosen rule at the rates of [`CURVE_PER_HOUR`].
+    pub(crate) curve: Vec<Rule>,
 }
 
 /// Try every rule. `disturbances` must hold exposure, `slips` a labelled slip.
@@ -129,30 +136,13 @@ pub fn tune(disturbances: &[Margins], slips: &[Margins], target_alarms_per_hour:
         exposure.add(&AlarmCounts::new(&episode.truth, &vec![0; episode.truth.frames()]));
     }
     // A product that should be whole may fall just short of it.
-    let allowed = (target_alarms_per_hour * exposure.hours() + 1e-9) as u64;
+    let of_rate = |per_hour: f64| (per_hour * exposure.hours() + 1e-9) as u64;
+    let allowed = of_rate(target_alarms_per_hour);
     ensure!(!disturbances.is_empty(), "there are no disturbances");
     ensure!(exposure.hours() > 0.0, "the episodes hold no frame in which an alarm would be false");
     ensure!(slips.iter().any(|episode| !episode.truth.slip.is_empty()), "the slip episodes hold no slip");
-    let rows: Vec<Rule> = RULES
-        .into_par_iter()
-        .map(|(k, n)| {
-            let (quiet, slipping) = (scores(disturbances, k, n), scores(slips, k, n));
-            let scored: Vec<_> = quiet.into_iter().chain(slipping.iter().cloned()).collect();
-            let of_slip = scored.iter().map(|(truth, scores)| (&truth.slip[..], scores.clone())).collect::<Vec<_>>();
-            let threshold = lowest_threshold(&of_slip, allowed);
-            let mut counts = AlarmCounts::zero();
-            for (truth, scores) in &scored {
-                counts.add(&AlarmCounts::new(truth, &flags(scores, threshold)));
-            }
-            let mut outcomes: Vec<Outcome> = Vec::new();
-            for (truth, scores) in slipping {
-                let found = Outcomes::new(truth, &flags(&scores, threshold));
-                outcomes.extend(if truth.interface.is_some() { found.interface } else { found.encoder });
-            }
-            let slips = EventFigures::new(&outcomes.iter().collect::<Vec<_>>());
-            Rule { threshold_q10: threshold.to_bits(), k, n, disturbances: AlarmFigures::new(&counts), slips }
-        })
-        .collect();
+    let rows: Vec<Rule> =
+        RULES.into_par_iter().map(|rule| at_most(disturbances, slips, rule, allowed)).collect();
     let rank =
         |row: &Rule| (row.slips.missed, row.slips.latency_median_frames.unwrap_or(f64::INFINITY), row.n);
     let better = |a: &Rule, b: &Rule| {
@@ -160,7 +150,29 @@ pub fn tune(disturbances: &[Margins], slips: &[Margins], target_alarms_per_hour:
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2))
     };
     let chosen = (0..rows.len()).min_by(|&a, &b| better(&rows[a], &rows[b])).unwrap_or_default();
-    Ok(Tuning { target_alarms_per_hour, rows, chosen })
+    let rule = (rows[chosen].k, rows[chosen].n);
+    let curve = CURVE_PER_HOUR.into_par_iter();
+    let curve = curve.map(|rate| at_most(disturbances, slips, rule, of_rate(rate))).collect();
+    Ok(Tuning { target_alarms_per_hour, rows, chosen, curve })
+}
+
+/// A rule at the lowest threshold that raises no more than `allowed` false alarms.
+fn at_most(disturbances: &[Margins], slips: &[Margins], (k, n): (u8, u8), allowed: u64) -> Rule {
+    let (quiet, slipping) = (scores(disturbances, k, n), scores(slips, k, n));
+    let scored: Vec<_> = quiet.into_iter().chain(slipping.iter().cloned()).collect();
+    let of_slip: Vec<_> = scored.iter().map(|(truth, scores)| (&truth.slip[..], scores.clone())).collect();
+    let threshold = lowest_threshold(&of_slip, allowed);
+    let mut counts = AlarmCounts::zero();
+    for (truth, scores) in &scored {
+        counts.add(&AlarmCounts::new(truth, &flags(scores, threshold)));
+    }
+    let mut outcomes: Vec<Outcome> = Vec::new();
+    for (truth, scores) in slipping {
+        let found = Outcomes::new(truth, &flags(&scores, threshold));
+        outcomes.extend(if truth.interface.is_some() { found.interface } else { found.encoder });
+    }
+    let slips = EventFigures::new(&outcomes.iter().collect::<Vec<_>>());
+    Rule { threshold_q10: threshold.to_bits(), k, n, disturbances: AlarmFigures::new(&counts), slips }
 }
 
 /// The k-th largest margins, frame by frame, remembered from episode to episode as the alarm does.
@@ -203,12 +215,43 @@ impl Tuning {
     }
 }
 
+impl Tuning {
+    /// The operating curve as a picture, SVG: what is missed and how late the rest is found, by false alarms per hour.
+    pub fn curve_svg(&self) -> Result<String> {
+        let line = |name: &str, value: &dyn Fn(&EventFigures) -> Option<f64>| {
+            let at = |rule: &Rule| {
+                let rate = rule.disturbances.all.alarms_per_hour?.max(CURVE_PER_HOUR[0]);
+                Some((rate, value(&rule.slips).filter(|value| *value <= CURVE_TOP)?))
+            };
+            let marks = at(self.best()).map(|point| (point, true)).into_iter().collect();
+            Line { name: name.to_owned(), points: self.curve.iter().filter_map(at).collect(), marks }
+        };
+        let axes = Axes {
+            title: "Operating curve, synthetic validation data",
+            x: "false alarms per hour",
+            y: "% missed, frames of delay",
+            legend: SeriesLabelPosition::UpperRight,
+        };
+        let lines = [
+            line("missed, %", &|slips| slips.miss_share.map(|share| 100.0 * share)),
+            line("median delay, frames", &|slips| slips.latency_median_frames),
+        ];
+        let rates = CURVE_PER_HOUR[0]..CURVE_PER_HOUR[CURVE_PER_HOUR.len() - 1];
+        plot(&axes, rates.log_scale(), 0.0..CURVE_TOP, &lines)
+    }
+}
+
+/// Largest value of the operating curve's axis.
+const CURVE_TOP: f64 = 100.0;
+
 impl fmt::Display for Tuning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rows = self.rows.iter().enumerate().map(|(i, row)| (i == self.chosen, row));
+        let chosen =
+            self.rows.iter().enumerate().map(|(i, row)| (if i == self.chosen { "chosen" } else { "" }, row));
+        let rows = chosen.chain(self.curve.iter().map(|row| ("curve", row)));
         let table = Table::rows("", 2, rows).columns(&[
             ("k of n", |(_, row)| format!("{} of {}", row.k, row.n)),
-            ("", |(chosen, _)| if *chosen { "chosen" } else { "" }.to_owned()),
+            ("", |(mark, _)| (*mark).to_owned()),
             ("threshold nat", |(_, row)| format!("{:.3}", Logit::from_bits(row.threshold_q10).to_f64())),
             ("alarms", |(_, row)| row.disturbances.all.alarms.to_string()),
             ("/h", |(_, row)| number(row.disturbances.all.alarms_per_hour, 2)),

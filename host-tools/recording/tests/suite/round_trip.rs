@@ -93,6 +93,7 @@ fn predictions() -> Predictions {
         sensors: 3,
         class: vec![0, 2],
         logits: vec![[1, -2, i32::MAX], [i32::MIN, 0, 7]],
+        log_odds: vec![i32::MIN, 900],
         may_begin: vec![0, 1],
         slip: vec![1, 0],
         logmel: (0..6).map(row).collect(),

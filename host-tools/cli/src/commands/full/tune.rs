@@ -27,8 +27,8 @@ The figures are of the data that the point was chosen on. What it is worth, test
 
 Examples:
   slipsense tune model.slipnet --out tuned.slipnet
-  slipsense tune model.slipnet --out tuned.slipnet --hours 12 --alarms-per-hour 0.5
-  slipsense tune model.slipnet --out quick.slipnet --hours 0.25 --episodes 16 --alarms-per-hour 8")]
+  slipsense tune model.slipnet --out tuned.slipnet --hours 12 --per-hour 0.5 --curve curve.svg
+  slipsense tune model.slipnet --out quick.slipnet --hours 0.25 --episodes 16 --per-hour 8")]
 pub struct Args {
     /// Model file whose point is chosen
     #[arg(value_name = "MODEL")]
@@ -42,9 +42,12 @@ pub struct Args {
     /// Episodes of the validation splits to generate
     #[arg(long, value_name = "N", default_value_t = 160, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     episodes: u32,
-    /// False alarms per hour of disturbances that are allowed
+    /// False alarms per hour that are allowed: fewer cost delay and misses
     #[arg(long, value_name = "R", default_value_t = 1.0, allow_negative_numbers = true)]
-    alarms_per_hour: f64,
+    per_hour: f64,
+    /// Draw delay and misses against false alarms per hour
+    #[arg(long, value_name = "FILE.svg")]
+    curve: Option<PathBuf>,
     #[command(flatten)]
     print: Print,
 }
@@ -52,13 +55,14 @@ pub struct Args {
 impl Args {
     pub fn run(self) -> Result<()> {
         ensure!((1.0 / 60.0..=100.0).contains(&self.hours), "--hours is {}, must be 1/60 to 100", self.hours);
-        let rate = self.alarms_per_hour;
-        ensure!(rate.is_finite() && rate >= 0.0, "--alarms-per-hour is {rate}, must be 0 or more");
+        let rate = self.per_hour;
+        ensure!(rate.is_finite() && rate >= 0.0, "--per-hour is {rate}, must be 0 or more");
         let source = bundled::model(Some(&self.model))?;
         let model = source.parse()?;
         let mut file =
             ModelFile::from_bytes(&source.bytes).with_context(|| format!("model {}", source.name))?;
         check_file(&self.out)?;
+        self.curve.as_deref().map(check_file).transpose()?;
 
         let inputs = [disturbances(self.hours), slips(self.episodes as usize)];
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
@@ -72,6 +76,9 @@ impl Args {
         let tuned = file.to_bytes().map_err(|error| anyhow!("the tuned model: {error}"))?;
         Model::parse(&tuned).context("the tuned model")?;
         write_file(&self.out, &tuned)?;
+        if let Some(path) = &self.curve {
+            write_file(path, tuning.curve_svg()?.as_bytes())?;
+        }
         self.print.show(&tuning, || format!("{tuning}\n  model         {}\n", self.out.display()))
     }
 

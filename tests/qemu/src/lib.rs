@@ -10,10 +10,7 @@ pub mod equality;
 pub mod emulated;
 pub mod events;
 pub mod input;
-pub mod link;
 pub mod measured;
-pub mod node_loop;
-pub mod ram_flash;
 pub mod record;
 #[cfg(feature = "cmsis-dsp")]
 pub mod spectra;

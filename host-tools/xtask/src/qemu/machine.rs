@@ -17,8 +17,7 @@ use crate::toolchain::Toolchain;
 const EMULATOR: &str = "qemu-system-arm";
 pub const PACKAGE: &str = "slipsense-qemu";
 /// Its programs without features.
-pub const PROGRAMS: &[&str] =
-    &["slipsense-qemu", "slipsense-qemu-kernels", "slipsense-qemu-realtime", "slipsense-qemu-node"];
+pub const PROGRAMS: &[&str] = &["slipsense-qemu", "slipsense-qemu-kernels", "slipsense-qemu-realtime"];
 /// One instruction takes 2^7 ns of the emulated clock: with this, runs repeat exactly and times count
 /// instructions.
 pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
@@ -80,22 +79,11 @@ impl Machine {
 
     /// The emulator, with a monitor on `monitor`.
     pub fn command(&self, dir: &Path, monitor: &str) -> Command {
-        let mut command = self.start(dir, monitor, "none");
-        command.args(["-icount", &self.icount]);
-        command
-    }
-
-    /// The emulator in the computer's own time, with the board's first serial port on `serial`.
-    pub fn command_with_serial(&self, dir: &Path, serial: &str) -> Command {
-        self.start(dir, "none", serial)
-    }
-
-    fn start(&self, dir: &Path, monitor: &str, serial: &str) -> Command {
         let mut command = command(&self.emulator);
         command
             .current_dir(dir)
             .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
-            .args(["-monitor", monitor, "-serial", serial])
+            .args(["-monitor", monitor, "-serial", "none", "-icount", &self.icount])
             .args(["-semihosting-config", "enable=on,target=native"])
             .arg("-kernel")
             .arg(&self.program)

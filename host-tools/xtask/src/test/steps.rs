@@ -13,7 +13,7 @@ use crate::process::{
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, front_end, linux, node, ros2, stack, twin};
+use crate::{cmsis, front_end, linux, ros2, stack, twin};
 
 /// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -156,7 +156,7 @@ pub const STEPS: &[Step] = &[
     .after(&["firmware", "twin-build"]),
     Step::new(
         "twin-node",
-        "pycyphal and the node of the emulated STM32H743: identity, registers, settings, time",
+        "pycyphal and the node of the emulated STM32H743: identity, registers, settings, time, an address",
         |_| twin::node_step(),
     )
     .after(&["firmware", "twin-build"]),
@@ -172,8 +172,6 @@ pub const STEPS: &[Step] = &[
         |context| twin::hil_step(&program("slipsense", context)?),
     )
     .after(&["firmware", "twin-build", "host-build"]),
-    Step::new("qemu-node", "pycyphal and the Cyphal node on the emulated Cortex-M7", |_| node::emulated())
-        .after(&["firmware"]),
     Step::new("tables", "the committed tables are what their script makes", |_| {
         run(script("make_tables.py")?.arg("--check"))
     }),
@@ -200,12 +198,6 @@ pub const STEPS: &[Step] = &[
         |_| cmsis::step(),
     )
     .compiles(),
-    Step::new(
-        "node",
-        "pycyphal and the Cyphal node: services, registers, storage, an update; on the host",
-        |context| node::host(&program("slipsense-qemu-node", context)?),
-    )
-    .after(&["host-build"]),
     Step::new(
         "can-bits",
         "the CAN model's frames, bit by bit, are what an encoder in Python gives",
@@ -249,8 +241,8 @@ fn selection(size: Size) -> &'static [&'static str] {
 }
 
 /// Programs and examples that steps run.
-const PROGRAMS: [&str; 5] =
-    ["slipsense", "slipsense-ros2", "slipsense-qemu-node", "examples/random_frames", "examples/metric_cases"];
+const PROGRAMS: [&str; 4] =
+    ["slipsense", "slipsense-ros2", "examples/random_frames", "examples/metric_cases"];
 
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {

@@ -33,7 +33,6 @@ impl OutputDir {
         Ok(Self { target: target.to_owned(), staging })
     }
 
-    /// Where to write the file of this name.
     pub fn path(&self, name: &str) -> PathBuf {
         self.staging.path().join(FILES).join(name)
     }

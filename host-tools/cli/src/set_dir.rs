@@ -92,7 +92,6 @@ impl SetDir {
         Ok(Self { path: path.to_owned(), set, hashes, frozen })
     }
 
-    /// Make the folder and say what it is for.
     pub fn begin(&self) -> Result<()> {
         fs::create_dir_all(&self.path)
             .with_context(|| format!("{}: cannot write this folder", self.path.display()))?;
@@ -250,7 +249,6 @@ fn read_set(folder: &Path) -> Result<Option<EpisodeSet>> {
     read(&file)?.map(|text| EpisodeSet::parse(&text).with_context(|| file.display().to_string())).transpose()
 }
 
-/// The text of a file, if there is one.
 fn read(file: &Path) -> Result<Option<String>> {
     match fs::read_to_string(file) {
         Ok(text) => Ok(Some(text)),

@@ -119,7 +119,6 @@ impl<T: Clone> PerSensor<T> {
     }
 }
 
-/// A score of one sensor alone.
 pub(crate) trait SensorScore: Clone + Send {
     /// The next frame's score of this sensor.
     fn step(&mut self, episode: &Episode, frame: usize, sensor: usize) -> f64;

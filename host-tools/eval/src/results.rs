@@ -77,7 +77,6 @@ pub struct Results {
     pub(crate) streams: usize,
     /// From start to end, loading or generating the episodes included.
     pub wall_s: f64,
-    /// Threads that worked.
     pub threads: usize,
     /// Bounds between the terciles of the grip force.
     pub(crate) grip_bounds_n: Option<[f64; 2]>,
@@ -135,7 +134,6 @@ pub(crate) struct DetectorResults {
     pub(crate) operating_point_missing_because: Option<&'static str>,
     /// The episode with most misses and false alarms; none where nothing went wrong.
     pub(crate) worst_episode: Option<WorstEpisode>,
-    /// Its position among all episodes.
     #[serde(skip)]
     pub(crate) worst_index: Option<usize>,
 }

@@ -52,7 +52,6 @@ const LOOK_BACK_FRAMES: usize = FRAME_RATE_HZ as usize * 150 / 1000;
 /// What an episode's metadata says about it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EpisodeInfo {
-    /// Name of the input that it came with.
     pub(crate) input: String,
     pub(crate) name: String,
     pub(crate) sensors: usize,
@@ -172,7 +171,6 @@ impl Truth {
         })
     }
 
-    /// What labels alone say.
     pub fn from_labels(label: Vec<u8>) -> Self {
         let slip = runs(label.len(), |f| label[f] == SLIP);
         Self { slip, disturbance: vec![NONE; label.len()], label, ..Self::default() }

@@ -17,6 +17,7 @@
 //!
 //! F frames at 240 Hz, S sensors (1 to 3), N accelerometer samples. Arrays of other names are ignored.
 //! What breaks a rule is refused with the array, the index and the rule named.
+#![warn(missing_docs)]
 
 #[cfg(feature = "links")]
 pub mod c_header;

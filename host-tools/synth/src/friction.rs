@@ -85,7 +85,6 @@ pub(crate) fn draw(
     }
 }
 
-/// Tangential state of one finger.
 #[derive(Serialize)]
 pub(crate) struct Interface {
     /// Bristles of the finger and the object's own surface in series.
@@ -116,7 +115,6 @@ pub(crate) struct Interface {
     /// Last step's move: where the next search starts.
     #[serde(skip)]
     moved: [f64; 3],
-    /// Loaded cells of this step.
     #[serde(skip)]
     brushes: Vec<Brush>,
 }

@@ -57,7 +57,6 @@ fn expand(prefix: &str, tree: &str, push: &mut dyn FnMut(String)) {
     }
 }
 
-/// Its files by module.
 struct Crate(BTreeMap<Module, Source>);
 
 impl Crate {

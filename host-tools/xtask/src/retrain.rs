@@ -56,14 +56,12 @@ pub struct Options {
     install: bool,
 }
 
-/// Seed of the shipped model.
 const SHIPPED_SEED: u64 = 2;
 /// From the seed of a network's first training to that of its second, so that it meets other episodes.
 const SECOND_SEED: u64 = 10;
 /// The second training: half as many episodes, three tenths of the steps, a third of the learning rate.
 const SECOND_SIZE: [&str; 4] = ["--episodes", "320", "--epochs", "6"];
 const SECOND_RATE: [&str; 2] = ["--learning-rate", "1e-3"];
-/// A training of a rehearsal.
 const REHEARSAL_SIZE: [&str; 4] = ["--episodes", "8", "--epochs", "1"];
 
 /// Train, learn on, quantize, tune; what is not said here are the commands' own defaults.

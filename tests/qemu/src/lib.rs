@@ -17,5 +17,4 @@ pub mod spectra;
 
 /// Name of the file that the emulated board reads, in the emulator's working directory.
 pub const INPUT_FILE: &str = "frames.in";
-/// Name of the file that it writes.
 pub const OUTPUT_FILE: &str = "frames.out";

@@ -16,7 +16,6 @@ pub const MEASURED_FILE: &str = "measured.txt";
 /// Frames after which every window is full: their numbers are not measurements of a running stream.
 pub const WARM_UP_FRAMES: usize = 60;
 
-/// One line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line<'a> {
     /// A loop of `expected` instructions was measured to take `measured`.
@@ -26,16 +25,13 @@ pub enum Line<'a> {
         /// By the counter.
         measured: u32,
     },
-    /// One call of a kernel.
     Kernel {
         /// Multiply-accumulates; 0 where there are none to speak of.
         macs: u32,
-        /// Of the call.
         instructions: u32,
         /// Shape included.
         name: &'a str,
     },
-    /// One frame.
     Frame {
         /// `Pipeline::step`.
         step: u32,
@@ -44,7 +40,6 @@ pub enum Line<'a> {
     },
     /// One sensor's frame compressed.
     Compressed {
-        /// Of the message.
         bytes: u32,
         /// From readings to message.
         instructions: u32,

@@ -23,7 +23,6 @@ const TAU_NS: f64 = 154.0;
 /// Half a count of 4096 of the linear range, codes.
 const SETTLED_CODES: f64 = 8.0;
 
-/// What the three taps share.
 #[derive(Debug)]
 pub struct Arrays {
     episode: Option<Arc<Episode>>,
@@ -45,7 +44,6 @@ pub struct Arrays {
     pub unsettled: u64,
 }
 
-/// Shared among models.
 pub type Shared = Arc<Mutex<Arrays>>;
 
 impl Arrays {
@@ -122,7 +120,6 @@ impl Arrays {
     }
 }
 
-/// The arrays.
 pub fn lock(shared: &Shared) -> MutexGuard<'_, Arrays> {
     shared.lock().expect("no holder of the arrays panics")
 }

@@ -74,16 +74,12 @@ pub enum DeskFault {
     XlStops,
 }
 
-/// What lies there.
 #[derive(Clone, Copy, Debug)]
 pub struct Desk {
-    /// Sensors that are plugged in.
     pub sensors: usize,
-    /// What is wrong.
     pub fault: Option<DeskFault>,
 }
 
-/// Is this fault there, on a desk?
 pub fn has(desk: Option<Desk>, fault: DeskFault) -> bool {
     desk.is_some_and(|desk| desk.fault == Some(fault))
 }
@@ -104,7 +100,6 @@ fn mix(number: u64) -> u64 {
 }
 
 impl Desk {
-    /// The address behind the lines.
     fn selected(self, address: usize) -> usize {
         match self.fault {
             Some(DeskFault::LineOpen) => address & !(1 << (COLUMN_LINES + 2)),

@@ -7,7 +7,6 @@ use slipsense_synth::plant::{Direction, Trial};
 
 use super::trial::Outcome;
 
-/// Why an object was lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Failure {
@@ -32,7 +31,6 @@ impl Failure {
 /// A flag that comes this long before the slip of the whole contact, or later, is on time.
 const EARLY_MS: f64 = MARGIN_FRAMES as f64 * 1e3 / FRAME_RATE_HZ as f64;
 
-/// One trial of the result.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrialResult {
     pub trial: usize,

@@ -18,7 +18,6 @@ const STYLE: &str = include_str!("page.css");
 /// Longest latency on the plots' axes: 250 ms.
 const CDF_FRAMES: f64 = 60.0;
 
-/// The report of results, which came from `run`.
 pub fn html(results: &Results, run: &Run) -> Result<String> {
     let kind = results.kind_of_data();
     let (latency_plots, threshold_plots) = (latency_plots(results)?, threshold_plots(results)?);

@@ -86,7 +86,6 @@ pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
         .collect()
 }
 
-/// Write a script into series.
 pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> Plan {
     use ScenarioChoice as S;
     let on_rig = resolved.scenario.on_rig();

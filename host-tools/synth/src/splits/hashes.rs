@@ -73,7 +73,6 @@ fn hex(digest: &[u8]) -> String {
     })
 }
 
-/// Content hash of one episode.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeHash {
@@ -83,13 +82,11 @@ pub struct EpisodeHash {
     pub hash: String,
 }
 
-/// Content hashes of a set.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetHashes {
     /// [`FORMAT`].
     pub format: u32,
-    /// Split.
     pub split: Split,
     /// [`set_hash`] of them all: one number to compare.
     pub set: String,

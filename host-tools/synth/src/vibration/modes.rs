@@ -92,7 +92,6 @@ impl Modes {
         Self { modes: (0..hz.len()).map(mode).collect(), grip_exponent: rng.uniform(GRIP_EXPONENT) }
     }
 
-    /// Those of any finger.
     pub(crate) fn draw_free(rng: &mut Rng) -> Self {
         let count = rng.count(FREE_MODES.0, FREE_MODES.1);
         let mode = |_| Mode {

@@ -18,7 +18,6 @@ use crate::table::{Table, thousands};
 
 /// Runs of the same work; the median counts.
 const RUNS: usize = 5;
-/// Passes over the demo episode in one run.
 const PASSES: usize = 5;
 
 /// `tract`: also the float network, which takes minutes to build.

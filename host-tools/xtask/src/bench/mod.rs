@@ -61,7 +61,6 @@ enum Part {
     Compression,
 }
 
-/// Measure and print.
 pub fn run(options: &Options) -> Result<bool> {
     let wanted = |part| options.only.is_empty() || options.only.contains(&part);
     let model = std::fs::read(&options.model)

@@ -137,7 +137,6 @@ impl Checks<'_> {
         Ok(())
     }
 
-    /// The monitor beside it.
     fn watched(&mut self, seconds: u32) -> Result<()> {
         let (slip, lost, lines) = self.seconds("live")?;
         let least = u64::from(seconds / 2) * slipsense::params::FRAME_RATE_HZ as u64;

@@ -22,10 +22,8 @@ pub const PROGRAMS: &[&str] = &["slipsense-qemu", "slipsense-qemu-kernels", "sli
 /// instructions.
 pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
 
-/// A built program and an emulator to run it.
 pub struct Machine {
     emulator: PathBuf,
-    /// The ELF that runs.
     pub program: PathBuf,
     icount: String,
 }
@@ -36,7 +34,6 @@ impl Machine {
         Self::build_with(program, &[])
     }
 
-    /// With more arguments for cargo.
     pub fn build_with(program: &str, arguments: &[String]) -> Result<Self> {
         if find(EMULATOR).is_none() {
             apt_install(&[EMULATOR], "emulating the microcontroller")?;

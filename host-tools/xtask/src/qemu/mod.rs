@@ -82,13 +82,11 @@ pub struct Options {
 
 const EXTREME_FRAMES: u32 = 2000;
 
-/// The model of the repository.
 pub fn default_model() -> PathBuf {
     root().join("model/weights/slipsense.slipnet")
 }
 
 impl Options {
-    /// Run episodes on the model of the repository.
     pub fn episodes(episodes: Vec<PathBuf>) -> Self {
         Self {
             episodes,
@@ -104,7 +102,6 @@ impl Options {
         }
     }
 
-    /// Run an episode against the clock.
     pub fn in_real_time(episode: PathBuf, seconds: u32) -> Self {
         Self { real_time: true, seconds, ..Self::episodes(vec![episode]) }
     }

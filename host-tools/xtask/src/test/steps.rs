@@ -25,7 +25,6 @@ pub enum Size {
     All,
 }
 
-/// The arguments of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Context {
     pub size: Size,
@@ -33,7 +32,6 @@ pub struct Context {
     pub is_built: bool,
 }
 
-/// One step of the test command.
 pub struct Step {
     pub name: &'static str,
     pub what: &'static str,
@@ -78,7 +76,6 @@ const BROWSER: &str = "chromium";
 /// Recordings that cannot be part of the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";
 
-/// All steps.
 pub const STEPS: &[Step] = &[
     Step::new("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))).daily(),
     Step::new(
@@ -240,7 +237,6 @@ fn selection(size: Size) -> &'static [&'static str] {
     }
 }
 
-/// Programs and examples that steps run.
 const PROGRAMS: [&str; 4] =
     ["slipsense", "slipsense-ros2", "examples/random_frames", "examples/metric_cases"];
 
@@ -255,7 +251,6 @@ fn build_programs(size: Size) -> Result<()> {
     Ok(())
 }
 
-/// One of [`PROGRAMS`], built.
 fn program(name: &str, context: Context) -> Result<PathBuf> {
     if !context.is_built {
         build_programs(context.size)?;

@@ -240,7 +240,6 @@ impl Args {
     }
 }
 
-/// What a run made.
 struct Made {
     frames: usize,
     /// `[set][episode]`, of those that were made.

@@ -44,7 +44,6 @@ pub struct Args {
     print: Print,
 }
 
-/// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
     episode: EpisodeInfo,

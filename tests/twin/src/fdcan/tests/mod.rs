@@ -174,7 +174,6 @@ impl Bench {
         self.store(RAM + 4 * word, value);
     }
 
-    /// Lets time pass.
     fn wait(&mut self, ns: u64) {
         let end = self.now + ns;
         while let Some(at) = self.twin.mcu.next_event().filter(|at| at.0 <= end) {

@@ -25,6 +25,7 @@ pub mod output;
 pub mod pad_view;
 pub mod piezo;
 pub mod quantize;
+pub mod real_parts;
 pub mod target;
 pub mod teacher;
 pub mod trace;

@@ -12,6 +12,7 @@ use slipsense_synth::{Recipe, Split, generate_set};
 use crate::data::{DISTURBANCES_SECONDS, Features, disturbances};
 use crate::evaluate::score_float;
 use crate::float::FloatNetwork;
+use crate::real_parts::Motion;
 use crate::target::Target;
 use crate::weights::Weights;
 
@@ -22,8 +23,15 @@ const HARD_NAT: f32 = -1.0;
 /// Added to the seed of a run, so that its other episodes do not occur here.
 const SEED_OFFSET: u64 = 1_000;
 
-/// Mine `hours` of disturbances, of the laboratory's physics and of other families in turn. `bar` moves once an episode.
-pub fn mine(weights: &Weights, seed: u64, hours: f64, bar: &ProgressBar) -> Result<Vec<Features>> {
+/// Mine `hours` of disturbances, of the laboratory's physics and of other families in turn, some with recorded motion.
+/// `bar` moves once an episode.
+pub fn mine(
+    weights: &Weights,
+    seed: u64,
+    hours: f64,
+    motion: Option<&Motion>,
+    bar: &ProgressBar,
+) -> Result<Vec<Features>> {
     let count = (hours * 3600.0 / DISTURBANCES_SECONDS).ceil() as usize;
     bar.set_length(count as u64);
     let first = |split: Split| EpisodeSet::first(split, seed + SEED_OFFSET, count.div_ceil(2)).episodes;
@@ -32,7 +40,10 @@ pub fn mine(weights: &Weights, seed: u64, hours: f64, bar: &ProgressBar) -> Resu
         pairs.flat_map(|(a, b)| [a, b]).map(|episode| disturbances(episode.recipe)).take(count).collect();
     let device = Device::flex();
     let network = FloatNetwork::fixed(weights, &device);
-    let kept = generate_set(&recipes, |_, episode| {
+    let kept = generate_set(&recipes, |_, mut episode| {
+        if let Some(motion) = motion {
+            motion.add(&mut episode);
+        }
         let features = Features::from_episode(&episode)?;
         let (_, outputs) = score_float(&network, &weights.dims, &features, &device);
         bar.inc(1);

@@ -22,6 +22,7 @@ use crate::float::FloatNetwork;
 use crate::folder::ObjectUses;
 use crate::folder::Use;
 use crate::mining::mine;
+use crate::real_parts::Motion;
 use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
 use crate::{curves, output};
@@ -92,6 +93,9 @@ pub struct TrainArgs {
     /// Hours of disturbances of which --start's network picks what it takes for slip, to train on beside the episodes
     #[arg(long, value_name = "H", default_value_t = 0.0, requires = "start")]
     pub mine_hours: f64,
+    /// Folder with motion.npz, recorded motion that is added to some of the generated episodes
+    #[arg(long, value_name = "DIR", conflicts_with = "data")]
+    pub real_parts: Option<PathBuf>,
     /// Go on after the last finished epoch of the same run in DIR.
     #[arg(long)]
     pub resume: bool,
@@ -155,11 +159,15 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     if let Source::Folder(folder) = &source {
         println!("{}", folder.describe()?);
     }
+    let motion = args.real_parts.as_deref().map(Motion::read).transpose()?;
     output::folder(&args.out)?;
     let load = |name, what, count| {
         let bar = progress(name, count as u64);
-        let loaded = source.map(what, count, &bar, |episode| {
+        let loaded = source.map(what, count, &bar, |mut episode| {
             let frames = episode.frames();
+            if let (Use::Train, Some(motion)) = (what, &motion) {
+                motion.add(&mut episode);
+            }
             ensure!(
                 what != Use::Train || frames >= args.frames,
                 "{frames} frames are fewer than a training sequence has: --frames is {}",
@@ -176,7 +184,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let mut train = train;
     if args.mine_hours > 0.0 {
         let bar = progress("mine", 0);
-        train.extend(mine(&first, args.seed, args.mine_hours, &bar)?);
+        train.extend(mine(&first, args.seed, args.mine_hours, motion.as_ref(), &bar)?);
         bar.finish();
     }
     let mined = train.iter().filter(|features| features.mined).count();
@@ -307,6 +315,9 @@ impl Run<'_> {
             recipe["objects"] = json!(args.object_uses());
         }
         let hash = |weights: &Weights| anyhow::Ok(output::sha256_hex(&weights.to_bytes()?));
+        if args.real_parts.is_some() {
+            recipe["recorded_motion"] = json!(true);
+        }
         if args.mine_hours > 0.0 {
             recipe["mine_hours"] = json!(args.mine_hours);
         }

@@ -2,7 +2,8 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::params::{MEL_BINS, TAXELS};
+use slipsense::features::XlFeatures;
+use slipsense::params::TAXELS;
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::weights::{FIRST_DIMS, Weights};
 
@@ -32,8 +33,8 @@ pub fn scans(frames: usize, sensors: usize, seed: u64) -> Vec<PiezoFrame> {
     (0..frames * sensors).map(scan).collect()
 }
 
-/// Standardised log-mel frames, Q2.13, `[frame][sensor]`.
-pub fn log_mels(frames: usize, sensors: usize, seed: u64) -> Vec<[i16; MEL_BINS]> {
+/// Frames of accelerometers, Q2.13, `[frame][sensor]`.
+pub fn xl_frames(frames: usize, sensors: usize, seed: u64) -> Vec<XlFeatures> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..frames * sensors).map(|_| std::array::from_fn(|_| rng.random_range(-14_000..14_000))).collect()
 }

@@ -26,10 +26,10 @@ fn episode() -> Episode {
 /// Ranges of the weights' activations on random input.
 fn measured(weights: &Weights) -> Ranges {
     const FRAMES: usize = 100;
-    let (scans, log_mels) = (common::scans(FRAMES, 1, 3), common::log_mels(FRAMES, 1, 4));
+    let (scans, xl_frames) = (common::scans(FRAMES, 1, 3), common::xl_frames(FRAMES, 1, 4));
     let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), 1).unwrap();
-    for (scan, log_mel) in scans.iter().zip(&log_mels) {
-        network.step(&[SensorFrame { piezo: Some(scan.counts()), log_mel: Some(log_mel) }]).unwrap();
+    for (scan, log_mel) in scans.iter().zip(&xl_frames) {
+        network.step(&[SensorFrame { piezo: Some(scan.counts()), xl: Some(log_mel) }]).unwrap();
     }
     network.ranges
 }
@@ -56,7 +56,7 @@ fn every_activation_is_compared_at_its_own_scale() {
             "piezo.conv1" => sensors * 16 * 16 * 4,
             "piezo.conv2" => sensors * 8 * 8 * 8,
             "piezo.conv3" => sensors * 4 * 4 * 16,
-            "log_mel" => sensors * 5 * 16,
+            "log_mel" => sensors * 5 * 32,
             "piezo" | "xl" | "xl.conv" | "xl.mix1" => sensors * 32,
             "fused" | "hidden" => 64,
             "logits" => 3,

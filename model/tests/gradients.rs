@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::piezo::{self, Filters};
-use slipsense_model::tract::log_mel_real;
+use slipsense_model::target::Target;
+use slipsense_model::tract::xl_real;
 use slipsense_model::weights::{Weights, name, specs};
 
 use crate::common;
@@ -22,18 +23,20 @@ fn sequences() -> Sequences {
     let mut input = Sequences { batch: 3, sensors: SENSORS, frames: FRAMES, ..Default::default() };
     for sequence in 0..input.batch as u64 {
         let scans = common::scans(FRAMES, SENSORS, 20 + sequence);
-        let log_mels = common::log_mels(FRAMES, SENSORS, 30 + sequence);
+        let xl_frames = common::xl_frames(FRAMES, SENSORS, 30 + sequence);
         for sensor in 0..SENSORS {
             let mut pad = PiezoFrontEnd::new();
             for frame in 0..FRAMES {
                 let counts = scans[frame * SENSORS + sensor].counts();
                 pad.push(counts, |_, cell| input.piezo.extend(cell));
-                input.log_mel.extend(log_mels[frame * SENSORS + sensor].map(log_mel_real));
+                input.xl.extend(xl_frames[frame * SENSORS + sensor].map(xl_real));
             }
         }
     }
     let frames = input.batch * FRAMES;
     input.label = (0..frames).map(|t| (t / 7 % 3) as u8).collect();
+    let targets = [Target::Still, Target::Begins, Target::Slides, Target::Either];
+    input.target = (0..frames).map(|t| targets[t / 5 % 4]).collect();
     input.weight = (0..frames).map(|t| [0.0, 1.0, 3.0, 0.3][t % 4]).collect();
     input
 }

@@ -20,13 +20,13 @@ fn is_there(missing: bool, frame: usize, sensor: usize, period: usize) -> bool {
 }
 
 /// Float logits of random input, and the ranges seen on the way.
-fn run_float(weights: &Weights, missing: bool) -> (Vec<[f32; 3]>, Ranges) {
-    let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
+fn run_float(weights: &Weights, missing: bool) -> (Vec<[f32; OUTPUTS]>, Ranges) {
+    let (scans, xl_frames) = (common::scans(FRAMES, SENSORS, 3), common::xl_frames(FRAMES, SENSORS, 4));
     let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), SENSORS).unwrap();
     let step = |frame: usize| {
         let sensor = |s: usize| SensorFrame {
             piezo: is_there(missing, frame, s, 3).then(|| scans[frame * SENSORS + s].counts()),
-            log_mel: is_there(missing, frame, s, 4).then(|| &log_mels[frame * SENSORS + s]),
+            xl: is_there(missing, frame, s, 4).then(|| &xl_frames[frame * SENSORS + s]),
         };
         network.step(&[sensor(0), sensor(1)]).unwrap()
     };
@@ -34,13 +34,13 @@ fn run_float(weights: &Weights, missing: bool) -> (Vec<[f32; 3]>, Ranges) {
     (logits, network.ranges)
 }
 
-fn run_integer(bytes: &[u8], missing: bool) -> Vec<[i32; 3]> {
-    let (scans, log_mels) = (common::scans(FRAMES, SENSORS, 3), common::log_mels(FRAMES, SENSORS, 4));
+fn run_integer(bytes: &[u8], missing: bool) -> Vec<[i32; OUTPUTS]> {
+    let (scans, xl_frames) = (common::scans(FRAMES, SENSORS, 3), common::xl_frames(FRAMES, SENSORS, 4));
     let mut network = Network::new(Model::parse(bytes).unwrap());
     let step = |frame: usize| {
         let sensor = |s: usize| SensorFeatures {
             piezo: is_there(missing, frame, s, 3).then(|| &scans[frame * SENSORS + s]),
-            log_mel: is_there(missing, frame, s, 4).then(|| &log_mels[frame * SENSORS + s]),
+            xl: is_there(missing, frame, s, 4).then(|| xl_frames[frame * SENSORS + s]),
         };
         network.step(&[sensor(0), sensor(1)]).map(Logit::to_bits)
     };
@@ -48,7 +48,7 @@ fn run_integer(bytes: &[u8], missing: bool) -> Vec<[i32; 3]> {
 }
 
 /// Power of the float logits over that of the integers' differences from them, dB.
-fn snr_db(float: &[[f32; 3]], integer: &[[i32; 3]]) -> f64 {
+fn snr_db(float: &[[f32; OUTPUTS]], integer: &[[i32; OUTPUTS]]) -> f64 {
     let (mut power, mut error) = (0.0, 0.0);
     for (float, integer) in float.iter().flatten().zip(integer.iter().flatten()) {
         power += f64::from(*float).powi(2);

@@ -3,7 +3,7 @@
 use burn::tensor::Device;
 use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
-use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork, log_mel_real};
+use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork, xl_real};
 
 use crate::common;
 
@@ -14,7 +14,7 @@ const TOLERANCE: f32 = 1e-4;
 fn worst_difference(sensors: usize) -> f32 {
     let weights = common::random_weights(7);
     let scans = common::scans(FRAMES, sensors, 8);
-    let log_mels = common::log_mels(FRAMES, sensors, 9);
+    let xl_frames = common::xl_frames(FRAMES, sensors, 9);
     let mut input = Sequences { batch: 1, sensors, frames: FRAMES, ..Default::default() };
     for sensor in 0..sensors {
         let mut pad = PiezoFrontEnd::new();
@@ -22,12 +22,12 @@ fn worst_difference(sensors: usize) -> f32 {
             let at = frame * sensors + sensor;
             let counts = scans[at].counts();
             pad.push(counts, |_, cell| input.piezo.extend(cell));
-            input.log_mel.extend(log_mels[at].iter().map(|&q| log_mel_real(q)));
+            input.xl.extend(xl_frames[at].iter().map(|&q| xl_real(q)));
         }
     }
 
     let device = Device::flex();
-    let batched = FloatNetwork::fixed(&weights, &device).logits(&weights.dims, &input, &device);
+    let batched = FloatNetwork::fixed(&weights, &device).outputs(&weights.dims, &input, &device);
     assert_eq!(batched.len(), FRAMES);
 
     let mut stream = TractNetwork::new(&Graphs::new(&weights).unwrap(), sensors).unwrap();
@@ -36,7 +36,7 @@ fn worst_difference(sensors: usize) -> f32 {
         let seen: Vec<SensorFrame<'_>> = (0..sensors)
             .map(|sensor| {
                 let at = frame * sensors + sensor;
-                SensorFrame { piezo: Some(scans[at].counts()), log_mel: Some(&log_mels[at]) }
+                SensorFrame { piezo: Some(scans[at].counts()), xl: Some(&xl_frames[at]) }
             })
             .collect();
         for (logit, batched) in stream.step(&seen).unwrap().iter().zip(batched) {
@@ -61,8 +61,8 @@ fn a_single_changed_weight_shows() {
     let weights = common::random_weights(20);
     let mut changed = weights.clone();
     changed.tensors[0][0] += 1.0;
-    let (scans, log_mels) = (common::scans(1, 1, 21), common::log_mels(1, 1, 22));
-    let seen = [SensorFrame { piezo: Some(scans[0].counts()), log_mel: Some(&log_mels[0]) }];
+    let (scans, xl_frames) = (common::scans(1, 1, 21), common::xl_frames(1, 1, 22));
+    let seen = [SensorFrame { piezo: Some(scans[0].counts()), xl: Some(&xl_frames[0]) }];
     let logits = |weights| TractNetwork::new(&Graphs::new(weights).unwrap(), 1).unwrap().step(&seen).unwrap();
     let pairs = logits(&weights).into_iter().zip(logits(&changed));
     assert!(pairs.into_iter().any(|(a, b)| (a - b).abs() > 10.0 * TOLERANCE));

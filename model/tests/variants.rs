@@ -8,15 +8,15 @@ use burn::module::ParamId;
 use burn::optim::AdamWConfig;
 use burn::tensor::Device;
 use slipsense::features::piezo::PiezoFrontEnd;
-use slipsense::params::{CLASSES, MEL_BINS, TAXELS};
-use slipsense_model::augment::level;
+use slipsense::params::{CLASSES, MEL_BINS, TAXELS, XL_FEATURES};
+use slipsense_model::target::Target;
 use slipsense_model::batch::{Options, Sampler};
 use slipsense_model::data::Features;
 use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
 use slipsense_model::pad_view::PadView;
 use slipsense_model::piezo::IMAGE;
 use slipsense_model::teacher::Teacher;
-use slipsense_model::tract::log_mel_real;
+use slipsense_model::tract::xl_real;
 use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{CompareArgs, run_compare};
@@ -28,10 +28,11 @@ const SENSORS: usize = 2;
 /// One sequence whose classes follow from pads and sound alike.
 fn sequence(frames: usize, seed: u64) -> Sequences {
     let scans = common::scans(frames, SENSORS, seed);
-    let log_mels = common::log_mels(frames, SENSORS, seed + 1);
+    let xl_frames = common::xl_frames(frames, SENSORS, seed + 1);
     let mut input = Sequences { batch: 1, sensors: SENSORS, frames, ..Default::default() };
     input.label = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
     input.weight = vec![1.0; frames];
+    input.target = vec![Target::Either; frames];
     for sensor in 0..SENSORS {
         let mut pad = PiezoFrontEnd::new();
         for frame in 0..frames {
@@ -39,11 +40,10 @@ fn sequence(frames: usize, seed: u64) -> Sequences {
             let class = input.label[frame];
             let counts = scans[at].counts().map(|count| count * u16::from(class) / 2);
             pad.push(&counts, |_, cell| input.piezo.extend(cell));
-            let bins = log_mels[at].iter().enumerate();
-            input.log_mel.extend(bins.map(|(bin, &q)| {
-                log_mel_real(q) * 0.3 + if bin % CLASSES == class as usize { 1.0 } else { 0.0 }
+            let bins = xl_frames[at].iter().enumerate();
+            input.xl.extend(bins.map(|(bin, &q)| {
+                xl_real(q) * 0.3 + if bin % CLASSES == class as usize { 1.0 } else { 0.0 }
             }));
-            input.level.push(f32::from(class) - 5.0);
         }
     }
     input
@@ -60,15 +60,15 @@ fn cut(input: &Sequences, from: usize, to: usize) -> Sequences {
         sensors: input.sensors,
         frames: to - from,
         piezo: rows(&input.piezo, IMAGE, input, (from, to)),
-        log_mel: rows(&input.log_mel, MEL_BINS, input, (from, to)),
-        level: rows(&input.level, 1, input, (from, to)),
+        xl: rows(&input.xl, XL_FEATURES, input, (from, to)),
         label: input.label[from..to].to_vec(),
         weight: input.weight[from..to].to_vec(),
+        target: input.target[from..to].to_vec(),
         taught: Vec::new(),
     }
 }
 
-fn worst(a: &[[f32; CLASSES]], b: &[[f32; CLASSES]]) -> f32 {
+fn worst(a: &[[f32; OUTPUTS]], b: &[[f32; OUTPUTS]]) -> f32 {
     assert_eq!(a.len(), b.len());
     a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
@@ -80,7 +80,7 @@ fn the_base_is_the_shipped_network() {
     let device = Device::flex();
     let network = FloatNetwork::fixed(&weights, &device);
     let input = sequence(70, 1);
-    assert_eq!(network.logits(&BASE, &input, &device), network.logits(&FIRST_DIMS, &input, &device));
+    assert_eq!(network.outputs(&BASE, &input, &device), network.outputs(&FIRST_DIMS, &input, &device));
 }
 
 #[test]
@@ -157,12 +157,13 @@ fn what_is_taken_away_is_not_seen() {
     let device = Device::flex();
     let logits = |name: &str, input: &Sequences| {
         let variant = row_named(name).unwrap().variant;
-        FloatNetwork::fixed(&variant.first_weights(3), &device).logits(&variant, input, &device)
+        FloatNetwork::fixed(&variant.first_weights(3), &device).outputs(&variant, input, &device)
     };
     let input = sequence(70, 3);
-    let deaf = Sequences { log_mel: vec![0.0; input.log_mel.len()], ..input.clone() };
+    let deaf = Sequences { xl: vec![0.0; input.xl.len()], ..input.clone() };
     let numb = Sequences { piezo: vec![0; input.piezo.len()], ..input.clone() };
-    let louder = Sequences { level: input.level.iter().map(|nat| nat + 1.0).collect(), ..input.clone() };
+    let mut louder = input.clone();
+    louder.xl.chunks_exact_mut(XL_FEATURES).for_each(|frame| frame[MEL_BINS..].iter_mut().for_each(|x| *x += 0.5));
     for (name, other, same) in [
         ("piezo", &deaf, true),
         ("piezo", &numb, false),
@@ -170,8 +171,8 @@ fn what_is_taken_away_is_not_seen() {
         ("xl", &deaf, false),
         ("late", &numb, false),
         ("late", &deaf, false),
-        ("base", &louder, true),
-        ("level", &louder, false),
+        ("no-floor", &louder, true),
+        ("base", &louder, false),
     ] {
         assert_eq!(worst(&logits(name, &input), &logits(name, other)) == 0.0, same, "{name}");
     }
@@ -188,32 +189,37 @@ fn a_recomputed_frame_sees_its_window_and_the_first_ones_are_the_streams() {
     let device = Device::flex();
     let network = FloatNetwork::fixed(&weights, &device);
     let input = sequence(130, 4);
-    let stream = network.logits(&BASE, &input, &device);
+    let stream = network.outputs(&BASE, &input, &device);
     let recomputed = recomputed::logits(&network, &BASE, &input, &device);
     let window = BASE.window;
     assert!(worst(&stream[..window], &recomputed[..window]) < 1e-5);
     assert!(worst(&stream[window..], &recomputed[window..]) > 1e-3, "the stream remembers more");
     for last in [window, 101, 129] {
-        let alone = network.logits(&BASE, &cut(&input, last + 1 - window, last + 1), &device);
+        let alone = network.outputs(&BASE, &cut(&input, last + 1 - window, last + 1), &device);
         assert!(worst(&alone[window - 1..], &recomputed[last..=last]) < 1e-5, "frame {last}");
     }
     let short = cut(&input, 0, 40);
-    let both = [recomputed::logits(&network, &BASE, &short, &device), network.logits(&BASE, &short, &device)];
+    let both = [recomputed::logits(&network, &BASE, &short, &device), network.outputs(&BASE, &short, &device)];
     assert!(worst(&both[0], &both[1]) < 1e-5);
 }
 
-/// One episode by hand, of all classes.
+/// One episode of all classes.
 fn features(frames: usize) -> Features {
-    let log_mel = common::log_mels(frames, SENSORS, 9);
     let label: Vec<u8> = (0..frames).map(|t| (t / 20 % CLASSES) as u8).collect();
-    Features {
+    let samples = frames * 33;
+    let sample = |n: usize| [(n * 7919 % 601) as i16 - 300, (n * 104_729 % 401) as i16 - 200, (n % 97) as i16];
+    Features::from_episode(&Episode {
         sensors: SENSORS,
-        piezo: common::scans(frames, SENSORS, 8).iter().map(|scan| *scan.counts()).collect(),
-        ln_power: log_mel.iter().map(|bins| bins.map(|q| f32::from(q) / 3000.0)).collect(),
-        log_mel,
-        touched: label.iter().flat_map(|&class| [class != 0; SENSORS]).collect(),
-        label,
-    }
+        piezo: common::scans(frames, SENSORS, 8),
+        xl: (0..SENSORS).map(|_| (0..samples).map(sample).collect()).collect(),
+        xl_end: (0..frames * SENSORS).map(|at| (at / SENSORS + 1) as u32 * 33).collect(),
+        label: Some(label),
+        slip_true_mm_s: None,
+        slip_fraction: None,
+        displacement_mm: None,
+        meta: Meta::nominal(1e-3),
+    })
+    .unwrap()
 }
 
 #[test]
@@ -223,9 +229,13 @@ fn a_batch_holds_what_its_options_say() {
     let usual = batch(Options::default());
     let plain = batch(Options { xl_augmentation: false, ..Options::default() });
     assert_eq!(usual.label, plain.label);
-    let known: Vec<f32> = episodes[0].ln_power.iter().map(level).collect();
-    assert!(plain.level.iter().all(|nat| known.contains(nat)));
-    assert!(!usual.level.iter().all(|nat| known.contains(nat)));
+    // In float, to the rounding of the integers.
+    let near = |seen: &[f32], known: &XlFeatures| {
+        seen.iter().zip(known).all(|(seen, &known)| (seen - xl_real(known)).abs() < 2e-3)
+    };
+    let known = |seen: &[f32]| episodes[0].xl.iter().any(|known| near(seen, known));
+    assert!(plain.xl.chunks_exact(XL_FEATURES).all(known));
+    assert!(!usual.xl.chunks_exact(XL_FEATURES).all(known));
 
     let coarse = batch(Options { pads: PadView { side: 8, change: false }, ..Options::default() });
     for image in coarse.piezo.chunks_exact(IMAGE) {

@@ -144,8 +144,8 @@ pub struct OperatingPoint {
 pub const DECISION_FRAMES_MAX: u8 = u32::BITS as u8;
 
 impl OperatingPoint {
-    /// The flag is up where the class is slip.
-    pub const ARGMAX: Self = Self { threshold: Logit::from_bits(0), k: 1, n: 1 };
+    /// The flag is up where slip is likelier than not.
+    pub const EVEN: Self = Self { threshold: Logit::from_bits(0), k: 1, n: 1 };
     /// Below all log-odds, which have 16 bits.
     pub const THRESHOLD_MIN: Logit = Logit::from_bits(-(1 << 16));
     /// At least all log-odds.

@@ -3,7 +3,7 @@
 
 use super::inputs::Sensor;
 use slipsense::net::format::Dims;
-use slipsense::params::MEL_BINS;
+use slipsense::params::{OUTPUTS, XL_FEATURES};
 use slipsense_recording::model_file::ModelFile;
 
 fn scale(acc: i64, multiplier: i32) -> i64 {
@@ -115,10 +115,10 @@ impl Oracle<'_> {
 
     /// `frames`: the sequence of one sensor, `t` the frame asked for.
     fn xl(&self, frames: &[&Sensor], t: usize) -> Option<Vec<i64>> {
-        frames[t].log_mel?;
+        frames[t].xl?;
         let mut x = Vec::new();
         for back in (0..self.file.dims().xl_kernel).rev() {
-            let seen = t.checked_sub(back).and_then(|u| frames[u].log_mel).unwrap_or([0; MEL_BINS]);
+            let seen = t.checked_sub(back).and_then(|u| frames[u].xl).unwrap_or([0; XL_FEATURES]);
             x.extend(seen.map(i64::from));
         }
         let hidden = self.dense("xl.conv", &x, 0, 32767);
@@ -214,8 +214,8 @@ fn maximum(embeddings: impl Iterator<Item = Option<Vec<i64>>>, width: usize) -> 
     embeddings.flatten().reduce(max).unwrap_or(vec![0; width])
 }
 
-/// Logits of every frame of a sequence.
-pub fn logits(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; 3]> {
+/// Outputs of every frame of a sequence.
+pub fn outputs(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; OUTPUTS]> {
     let oracle = Oracle { file };
     let width = file.dims().embed;
     let by_sensor: Vec<Vec<&Sensor>> =
@@ -234,8 +234,8 @@ pub fn logits(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; 3]> {
     hidden
         .iter()
         .map(|x| {
-            let logits = oracle.dense("head", x, -32768, 32767);
-            [logits[0] as i32, logits[1] as i32, logits[2] as i32]
+            let outputs = oracle.dense("head", x, -32768, 32767);
+            std::array::from_fn(|output| outputs[output] as i32)
         })
         .collect()
 }

@@ -3,7 +3,8 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::Dims;
-use slipsense::params::{MEL_BINS, TAXELS};
+use slipsense::features::XlFeatures;
+use slipsense::params::{TAXELS, XL_FEATURES};
 use slipsense::sensor::PiezoFrame;
 
 /// The shapes the kernels are tested at: the shipped one, the smallest, odd ones, the largest.
@@ -11,7 +12,7 @@ pub const SHAPES: [Dims; 4] = [
     Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 32, heads: 4, window: 60 },
     Dims { conv_channels: [1, 1, 1], embed: 1, xl_kernel: 1, xl_channels: 1, heads: 1, window: 1 },
     Dims { conv_channels: [3, 5, 7], embed: 15, xl_kernel: 3, xl_channels: 11, heads: 3, window: 7 },
-    Dims { conv_channels: [8, 16, 32], embed: 64, xl_kernel: 8, xl_channels: 64, heads: 8, window: 60 },
+    Dims { conv_channels: [8, 16, 32], embed: 64, xl_kernel: 6, xl_channels: 64, heads: 8, window: 60 },
 ];
 
 /// One sensor's input to the network.
@@ -19,8 +20,8 @@ pub const SHAPES: [Dims; 4] = [
 pub struct Sensor {
     /// Array scan, if it came.
     pub piezo: Option<PiezoFrame>,
-    /// Standardised log-mel, if it came.
-    pub log_mel: Option<[i16; MEL_BINS]>,
+    /// Features of the accelerometer, if they came.
+    pub xl: Option<XlFeatures>,
 }
 
 /// Frames of `sensors` sensors: idle pads, light and full contact, extremes, and parts missing.
@@ -41,12 +42,12 @@ fn random_sensor(rng: &mut ChaCha8Rng) -> Sensor {
             _ => 0,
         };
     }
-    let mut log_mel = [0i16; MEL_BINS];
-    for value in &mut log_mel {
+    let mut xl = [0i16; XL_FEATURES];
+    for value in &mut xl {
         *value = if kind == 3 { [i16::MIN, i16::MAX][rng.random_range(0..2)] } else { rng.random() };
     }
     Sensor {
         piezo: rng.random_bool(0.95).then(|| PiezoFrame::from_scan(counts)),
-        log_mel: rng.random_bool(0.95).then_some(log_mel),
+        xl: rng.random_bool(0.95).then_some(xl),
     }
 }

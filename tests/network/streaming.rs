@@ -9,7 +9,7 @@ use slipsense_recording::model_file::random_model;
 fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; 3] {
     let seen: Vec<SensorFeatures> = frame
         .iter()
-        .map(|s| SensorFeatures { piezo: s.piezo.as_ref(), log_mel: s.log_mel.as_ref() })
+        .map(|s| SensorFeatures { piezo: s.piezo.as_ref(), xl: s.xl })
         .collect();
     network.step(&seen).map(Logit::to_bits)
 }
@@ -19,7 +19,7 @@ fn compare(shape: usize, frames: usize, sensors: usize) {
     let bytes = file.to_bytes().unwrap();
     let mut network = Network::new(Model::parse(&bytes).unwrap());
     let frames = random_frames(frames, sensors, 100 + shape as u64);
-    let batch = batch::logits(&file, &frames);
+    let batch = batch::outputs(&file, &frames);
     let mut distinct = std::collections::HashSet::new();
     for (t, frame) in frames.iter().enumerate() {
         let streamed = stream(&mut network, frame);

@@ -20,7 +20,7 @@ pub const SCALES_KEY: &str = "scales";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelFile {
     dims: Dims,
-    /// When the alarm sounds; [`OperatingPoint::ARGMAX`] if not set.
+    /// When the alarm sounds; [`OperatingPoint::EVEN`] if not set.
     pub point: OperatingPoint,
     /// How the model was made: JSON text.
     pub provenance: String,
@@ -31,7 +31,7 @@ impl ModelFile {
     /// All tensors zero; `provenance` is JSON text.
     pub fn new(dims: Dims, provenance: impl Into<String>) -> Self {
         let tensors = layout(&dims).iter().map(|spec| vec![0; spec.len()]).collect();
-        Self { dims, point: OperatingPoint::ARGMAX, provenance: provenance.into(), tensors }
+        Self { dims, point: OperatingPoint::EVEN, provenance: provenance.into(), tensors }
     }
 
     /// Read a file that [`Model::parse`] accepts; [`to_bytes`](Self::to_bytes) gives the same bytes again.

@@ -163,7 +163,7 @@ mod tests {
         let mut out = [0; TAXELS];
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         PadChange::new(std::f32::consts::FRAC_PI_2, [false; 2], [0; 2], 1.0, 0.0)
-            .apply(&counts, &mut out, &mut rng);
+            .apply([&counts; 2], 0.0, &mut out, &mut rng);
         let at: Vec<(usize, usize)> =
             (0..TAXELS).filter(|&i| out[i] != 0).map(|i| (i / TAXEL_COLS, i % TAXEL_COLS)).collect();
         let mean = |f: fn(&(usize, usize)) -> usize| {
@@ -180,7 +180,7 @@ mod tests {
     fn noise_leaves_an_empty_pad_empty() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let mut out = [1; TAXELS];
-        PadChange::new(0.3, [false; 2], [0; 2], 1.0, 4.0).apply(&[0; TAXELS], &mut out, &mut rng);
+        PadChange::new(0.3, [false; 2], [0; 2], 1.0, 4.0).apply([&[0; TAXELS]; 2], 0.0, &mut out, &mut rng);
         assert!(out.iter().all(|&x| x == 0));
     }
 }

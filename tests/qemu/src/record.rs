@@ -57,6 +57,7 @@ impl Record {
         for log_mel in &self.log_mel {
             put(bytes_of(&log_mel.ln_power));
             put(bytes_of(&log_mel.standardised));
+            put(bytes_of(&log_mel.over_floor));
         }
         put(bytes_of(&self.logits.map(Logit::to_bits)));
         put(&[self.class, u8::from(self.may_begin), u8::from(self.slip)]);
@@ -75,7 +76,8 @@ impl Record {
         let [sequence, step_us] = reader.next()?;
         let mut record = Self { sequence, step_us, ..Self::default() };
         for log_mel in &mut record.log_mel {
-            *log_mel = LogMel { ln_power: reader.next()?, standardised: reader.next()? };
+            let (ln_power, standardised) = (reader.next()?, reader.next()?);
+            *log_mel = LogMel { ln_power, standardised, over_floor: reader.next()? };
         }
         record.logits = reader.next::<[i32; CLASSES]>()?.map(Logit::from_bits);
         let [class, may_begin, slip] = reader.next()?;

@@ -34,7 +34,7 @@ fn info_counts_layers_and_totals() {
 #[cfg(feature = "train")]
 mod with_float_network {
     use serde_json::json;
-    use slipsense::params::MEL_BINS;
+    use slipsense::params::XL_FEATURES;
     use slipsense_model::quantize::{activation_scales, quantize};
     use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
     use slipsense_model::weights::{FIRST_DIMS, Weights};
@@ -50,9 +50,9 @@ mod with_float_network {
         let mut network = TractNetwork::new(&Graphs::traced(&weights).unwrap(), 1).unwrap();
         for frame in 0..40i16 {
             let scan = std::array::from_fn(|taxel| (taxel % 97 + frame as usize) as u16 * 9);
-            let log_mel: [i16; MEL_BINS] =
-                std::array::from_fn(|bin| (bin as i16 - 8) * 100 * (frame % 7 + 1));
-            network.step(&[SensorFrame { piezo: Some(&scan), log_mel: Some(&log_mel) }]).unwrap();
+            let xl: [i16; XL_FEATURES] =
+                std::array::from_fn(|bin| (bin as i16 - 16) * 50 * (frame % 7 + 1));
+            network.step(&[SensorFrame { piezo: Some(&scan), xl: Some(&xl) }]).unwrap();
         }
         let provenance = json!({
             "weights_sha256": output::sha256_hex(&weights.to_bytes().unwrap()),

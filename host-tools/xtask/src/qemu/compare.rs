@@ -35,6 +35,7 @@ fn parts(record: &Record) -> [Vec<String>; PARTS.len()] {
     let features = record.log_mel.iter().enumerate().flat_map(|(sensor, log_mel)| {
         let mut values = named(&format!("sensor {sensor}, ln_power"), log_mel.ln_power);
         values.extend(named(&format!("sensor {sensor}, standardised"), log_mel.standardised));
+        values.extend(named(&format!("sensor {sensor}, over the floor"), log_mel.over_floor));
         values
     });
     [
@@ -110,6 +111,7 @@ mod tests {
         let changes: [(Change, &str); 10] = [
             (|r| r.log_mel[2].ln_power[15] ^= 1, "features"),
             (|r| r.log_mel[0].standardised[0] ^= 1, "features"),
+            (|r| r.log_mel[1].over_floor[3] ^= 1, "features"),
             (|r| r.logits[2] = Logit::from_bits(4), "logits"),
             (|r| r.class = 2, "class"),
             (|r| r.may_begin = true, "may begin"),

@@ -34,7 +34,6 @@ const FAULTY: f64 = 0.02;
 const DRIFT_ALL: f64 = 8.0;
 const DRIFT_OWN: f64 = 2.0;
 
-/// What is wrong with a taxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     None,

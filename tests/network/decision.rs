@@ -5,7 +5,6 @@ use slipsense::decision::{Class, Decision, margin};
 use slipsense::fixed::Logit;
 use slipsense::net::format::{DECISION_FRAMES_MAX, OperatingPoint};
 
-/// Logits as the network gives them.
 fn logits() -> impl Strategy<Value = [Logit; 3]> {
     let edges = prop_oneof![Just(i16::MIN), Just(i16::MAX), Just(0), any::<i16>(), -3i16..=3];
     proptest::array::uniform3(edges).prop_map(|logits| logits.map(|logit| Logit::from_bits(logit.into())))

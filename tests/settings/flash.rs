@@ -20,7 +20,6 @@ pub struct Flash<const SECTOR: usize> {
     words: Vec<Option<([u8; WORD], bool)>>,
     /// Steps until the power fails.
     pub power: u64,
-    /// Steps taken since the flash was made.
     pub steps: u64,
     pub erases: u32,
     /// Chance for bits that the power fails on.

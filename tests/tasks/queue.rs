@@ -49,7 +49,6 @@ impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
     }
 }
 
-/// What one run leaves behind.
 struct Ran {
     discarded: u32,
     status: Status,

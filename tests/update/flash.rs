@@ -56,7 +56,6 @@ pub struct Cells {
     words: Vec<Option<([u8; WORD], bool)>>,
     /// Steps until the power fails.
     pub power: u64,
-    /// Steps taken.
     pub steps: u64,
     pub tear: Tear,
     /// Does an erase begin at the sector's end?

@@ -38,7 +38,6 @@ const WAIT_POLL: Duration = Duration::from_millis(20);
 /// A subscriber that we know of may need as long to know of us; what is published before does not reach it.
 const SETTLE: Duration = Duration::from_millis(500);
 
-/// How to publish.
 pub struct Options {
     /// Before every topic, such as `/slipsense`.
     pub namespace: String,
@@ -50,7 +49,6 @@ pub struct Options {
     pub wait: Duration,
 }
 
-/// What was published.
 #[derive(Debug, serde::Serialize)]
 pub struct Published {
     /// Messages of all topics.
@@ -97,7 +95,6 @@ struct Topics {
     messages: u64,
 }
 
-/// Publishers of one kind of message, by topic.
 type Publishers<M> = HashMap<String, Publisher<M>>;
 
 impl Topics {

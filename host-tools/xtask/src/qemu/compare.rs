@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn every_part_is_compared() {
         type Change = fn(&mut Record);
-        let changes: [(Change, &str); 10] = [
+        let changes: [(Change, &str); 11] = [
             (|r| r.log_mel[2].ln_power[15] ^= 1, "features"),
             (|r| r.log_mel[0].standardised[0] ^= 1, "features"),
             (|r| r.log_mel[1].over_floor[3] ^= 1, "features"),

@@ -53,7 +53,6 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
                 h2 { "What a threshold trades" }
                 (threshold_plots)
                 @for detector in &results.detectors { (operating_point(detector, kind)) }
-                @if !results.pairs.is_empty() { h2 { "Integers against floating point" } (tables::pairs(results).html()) }
                 @if !results.seeds.is_empty() { h2 { "Seeds" } (tables::seeds(results).html()) }
                 h2 { "Detector by detector" }
                 @for detail in &details { (detail) }

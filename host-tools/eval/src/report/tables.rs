@@ -241,6 +241,7 @@ fn quantization(results: &Results) -> Table {
     Table::rows(title, 2, &results.integer_against_float).columns(&[
         ("input", |row| row.input.clone()),
         ("network", |row| row.seed.clone()),
+        ("same class %", |row| number(row.same_class_share.map(|share| 100.0 * share), 3)),
         ("F1 points", |row| points(row.macro_f1_difference_points)),
         ("FPR points", |row| points(row.fpr_of_non_slip_difference_points)),
         ("latency fr", |row| latency(row.latency_integer_frames, 1)),
@@ -339,23 +340,6 @@ pub(super) fn operating_point(detector: &str, point: &OperatingPoint, kind: &str
     figures_table(title, 1, &["input"], point.inputs.iter().map(|on| (vec![on.input.clone()], &on.figures)))
 }
 
-pub(super) fn pairs(results: &Results) -> Table {
-    fn percent_points(value: Option<f64>) -> String {
-        number(value.map(|share| 100.0 * share), 3)
-    }
-    let title = format!("First minus second, all inputs but validation: {}", results.kind_of_data());
-    Table::rows(title, 2, &results.pairs).columns(&[
-        ("first", |pair| pair.first.clone()),
-        ("second", |pair| pair.second.clone()),
-        ("same class %", |pair| percent_points(pair.same_class_share)),
-        ("frames that differ", |pair| pair.different_class_frames.to_string()),
-        ("macro F1, points", |pair| percent_points(pair.macro_f1_difference)),
-        ("FPR, points", |pair| percent_points(pair.fpr_of_non_slip_difference_share)),
-        ("latency, frames", |pair| number(pair.latency_median_difference_frames, 1)),
-        ("alarms", |pair| format!("{:+}", pair.alarms_difference)),
-    ])
-}
-
 pub(super) fn seeds(results: &Results) -> Table {
     fn spread(values: Option<[f64; 3]>, factor: f64) -> String {
         values
@@ -420,9 +404,6 @@ pub(super) fn grouping(grouping: &Grouping, kind: &str) -> Table {
 impl fmt::Display for Results {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}\n{}", inputs(self), overview(self, String::new()))?;
-        if !self.pairs.is_empty() {
-            write!(f, "\n{}", pairs(self))?;
-        }
         for quiet in self.inputs.iter().filter(|input| input.labelled_events == 0 && input.frames > 0) {
             write!(f, "\n{}", causes(self, quiet))?;
         }

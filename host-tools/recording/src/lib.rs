@@ -17,7 +17,6 @@
 //!
 //! F frames at 240 Hz, S sensors (1 to 3), N accelerometer samples. Arrays of other names are ignored.
 //! What breaks a rule is refused with the array, the index and the rule named.
-#![warn(missing_docs)]
 
 #[cfg(feature = "links")]
 pub mod c_header;
@@ -60,3 +59,4 @@ pub use episode::Episode;
 pub use error::{EpisodeError, Problem};
 pub use meta::{Meta, XL_RATE_TOLERANCE};
 pub use predictions::{Predictions, logmel_g2, logmel_std};
+pub use whole_file::write_whole;

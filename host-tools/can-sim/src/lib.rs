@@ -16,7 +16,6 @@
 //! Python that shares no code with this one is the oracle of the rest (`tests/python/check_can_bits.py`).
 #![cfg_attr(not(feature = "busload"), no_std)]
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod bus;
 #[cfg(feature = "busload")]

@@ -78,7 +78,6 @@ pub struct OperatingPointInfo {
 pub struct OutputInfo {
     /// Frames decided as no contact, contact without slip, slip.
     pub class_frames: [u64; 3],
-    /// Maximal runs of frames in which slip may begin.
     pub may_begin_runs: Vec<FrameRun>,
     /// Maximal runs of frames with the slip flag up.
     pub slip_runs: Vec<FrameRun>,

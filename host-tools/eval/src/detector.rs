@@ -124,7 +124,6 @@ pub(crate) trait SensorScore: Clone + Send {
     fn step(&mut self, episode: &Episode, frame: usize, sensor: usize) -> f64;
 }
 
-/// The largest score of all sensors.
 impl<S: SensorScore> Score for PerSensor<S> {
     fn step(&mut self, episode: &Episode, frame: usize) -> f32 {
         let sensors = self.get(episode.sensors).iter_mut().enumerate();

@@ -60,7 +60,6 @@ pub struct DataUsed {
     pub frames: u64,
     /// Of how many frames one was used for the rest.
     pub stride: u64,
-    /// Frames used for the rest.
     pub frames_used: u64,
 }
 
@@ -87,7 +86,6 @@ impl Cutoff {
 pub struct MfccFit {
     /// Of the MFCC, over all sensors' frames.
     pub(crate) scaling: Scaling,
-    /// Standardised MFCC of slip frames.
     pub(crate) slip: Gaussian,
     /// Standardised MFCC of all other frames.
     pub(crate) not_slip: Gaussian,

@@ -90,7 +90,6 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    /// The comparison of a detector on an input, where the paper has one.
     pub(crate) fn find(detector: &str, input: &str, figures: &Figures) -> Option<Self> {
         let paper = *ROWS.iter().find(|row| row.detector == detector && row.input == input)?;
         let percent = |share: Option<f64>| share.map(|share| 100.0 * share);

@@ -66,7 +66,6 @@ pub struct EpisodeInfo {
     pub(crate) region: Option<String>,
     /// Speed of the pull, mm/s; none where nothing pulls.
     pub(crate) speed_mm_s: Option<f64>,
-    /// Base grip of one finger, N.
     pub(crate) grip_n: Option<f64>,
     pub(crate) synthetic: bool,
 }
@@ -148,7 +147,6 @@ pub(crate) struct Disturbance {
 }
 
 impl Truth {
-    /// The truth of an episode, which must have labels.
     pub fn new(episode: &Episode, input: &str, name: &str) -> Result<Self> {
         let Some(label) = &episode.label else {
             bail!("{input}/{name}: array `label` is missing, an evaluation needs it");

@@ -75,7 +75,6 @@ impl Predictions {
         }
     }
 
-    /// Number of frames.
     pub fn frames(&self) -> usize {
         self.class.len()
     }

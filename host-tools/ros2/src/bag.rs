@@ -28,7 +28,6 @@ const BAG_FILE: &str = "bag_0.mcap";
 
 #[derive(Debug, serde::Serialize)]
 pub struct Written {
-    /// Messages, by topic.
     pub messages: BTreeMap<String, u64>,
     /// What was on the bus, by node.
     pub nodes: BTreeMap<u8, Count>,

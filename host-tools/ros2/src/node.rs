@@ -41,7 +41,6 @@ const SETTLE: Duration = Duration::from_millis(500);
 pub struct Options {
     /// Before every topic, such as `/slipsense`.
     pub namespace: String,
-    /// The DDS domain.
     pub domain_id: u16,
     /// A recording's frames come when they came; else as they are received.
     pub paced: bool,
@@ -51,7 +50,6 @@ pub struct Options {
 
 #[derive(Debug, serde::Serialize)]
 pub struct Published {
-    /// Messages of all topics.
     pub messages: u64,
     /// What was on the bus, by node.
     pub nodes: BTreeMap<u8, Count>,

@@ -3,7 +3,6 @@
 use std::fmt::{Debug, Display};
 use std::ops::RangeBounds;
 
-/// Off by less than `share` of what is expected.
 #[track_caller]
 pub(crate) fn near(what: impl Display, measured: f64, expected: f64, share: f64) {
     let off = measured / expected - 1.0;

@@ -57,7 +57,6 @@ pub fn target_dir() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), |dir| root().join(dir))
 }
 
-/// A folder of this name below [`target_dir`], empty.
 pub fn empty_dir(name: &str) -> Result<PathBuf> {
     let dir = target_dir().join(name);
     if dir.exists() {

@@ -12,7 +12,6 @@ use super::trial::Outcome;
 pub enum Failure {
     /// The flag did not come before the object was lost.
     NotDetected,
-    /// The gripper has no more force.
     ForceLimit,
     /// Detected, but the object was gone before the grip held it.
     TooLate,

@@ -72,7 +72,6 @@ pub struct TrialSeries {
     pub grip_n: Vec<f64>,
     pub lead: Vec<f64>,
     pub flag: Vec<bool>,
-    /// Times at which motions were commanded, s.
     pub commands_s: Vec<f64>,
 }
 

@@ -40,7 +40,6 @@ pub struct Difference {
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     pub frames: usize,
-    /// Frames with a difference in any byte of any CAN frame.
     pub differing_frames: usize,
     pub can_frames: usize,
     pub first: Vec<Difference>,

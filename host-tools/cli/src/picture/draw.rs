@@ -141,7 +141,6 @@ pub(super) fn curve(points: impl Iterator<Item = (f64, f64)>, colour: &str) -> P
         .set("stroke-linejoin", "round")
 }
 
-/// The area between points and a level, in pixels.
 pub(super) fn area(points: &[(f64, f64)], level: f64, colour: &str) -> Path {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return Path::new();

@@ -28,7 +28,6 @@ pub(crate) const CLASS_NAMES: [&str; CLASSES] = ["no_contact", "no_slip", "slip"
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
     pub(crate) all: ClassScores,
-    /// Frames outside the guard bands.
     guarded: ClassScores,
     /// Frames falsely called slip up to 50 ms before an onset; up to 50 ms after an end, and not before the next
     /// onset; elsewhere.

@@ -91,7 +91,6 @@ pub struct Relief {
     pub form: Form,
     /// Distance between two tops.
     pub pitch_mm: f64,
-    /// Depth of the valleys.
     pub depth_mm: f64,
 }
 

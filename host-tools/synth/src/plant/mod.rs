@@ -59,7 +59,6 @@ pub enum CommandError {
         "command: from {start_s} to {end_s} s, must start and end in order within the grasp, {from_s} to {to_s} s"
     )]
     Outside { start_s: f64, end_s: f64, from_s: f64, to_s: f64 },
-    /// A force that the gripper does not have.
     #[error("command: grip of {0} N, must be {low} to {high}", low = GRIP_N.0, high = GRIP_N.1)]
     Grip(f64),
 }
@@ -306,7 +305,6 @@ const CLICKS_WORD: u128 = 1 << 16;
 
 const _: () = assert!(STEPS as f64 * FRAME_RATE_HZ as f64 == STEP_HZ);
 
-/// Samples of one frame.
 fn batch(finger: &Finger, frame: usize) -> &[XlSample] {
     let end = |frame: usize| finger.xl_end[frame] as usize;
     &finger.xl[frame.checked_sub(1).map_or(0, end)..end(frame)]

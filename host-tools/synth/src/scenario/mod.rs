@@ -69,7 +69,6 @@ pub(crate) struct Grasp {
     open: f64,
 }
 
-/// Grasps of a script. A script never cuts through one.
 pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
     let ends = script.phases_of(PhaseKind::Fall).zip(script.phases_of(PhaseKind::Open));
     let starts = script.phases_of(PhaseKind::Close).zip(script.phases_of(PhaseKind::Rise));

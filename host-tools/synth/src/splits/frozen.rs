@@ -14,7 +14,6 @@ pub struct FrozenEpisode {
     /// As in [`PlannedEpisode`].
     pub name: String,
     pub frames: usize,
-    /// [`content_hash`](super::content_hash) of the episode.
     pub hash: String,
     pub recipe: Recipe,
 }
@@ -23,7 +22,6 @@ pub struct FrozenEpisode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrozenSet {
-    /// [`FORMAT`](super::FORMAT).
     pub format: u32,
     /// [`GENERATOR_VERSION`](super::GENERATOR_VERSION) that made it.
     pub generator: u32,

@@ -66,11 +66,7 @@ pub fn recipe_of(episode: &Episode) -> Option<Recipe> {
 }
 
 fn hex(digest: &[u8]) -> String {
-    use std::fmt::Write;
-    digest.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,14 +74,12 @@ fn hex(digest: &[u8]) -> String {
 pub struct EpisodeHash {
     /// As in [`PlannedEpisode`](super::PlannedEpisode).
     pub name: String,
-    /// [`content_hash`](super::content_hash) of the episode.
     pub hash: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetHashes {
-    /// [`FORMAT`].
     pub format: u32,
     pub split: Split,
     /// [`set_hash`] of them all: one number to compare.

@@ -28,7 +28,6 @@ pub struct PlannedEpisode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeSet {
-    /// [`FORMAT`].
     pub format: u32,
     /// [`GENERATOR_VERSION`] that made it.
     pub generator: u32,

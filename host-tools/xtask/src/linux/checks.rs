@@ -11,7 +11,6 @@ use serde_json::Value;
 use crate::process::{command, run as start};
 use crate::table::Table;
 
-/// The candump log that is sent.
 pub const SENT: &str = "sent.log";
 /// What a recorder writes out at once: what a kill may cost, s, and as much again as the kill itself may take to come.
 const FLUSH_S: f64 = 1.0;

@@ -22,7 +22,6 @@ impl Frames {
         Self { compress_raw: false, sensors, stamps: Vec::new(), parts: Vec::new() }
     }
 
-    /// The first `limit` frames of an episode.
     pub fn from_episode(episode: &Episode, limit: Option<u32>) -> Result<Self> {
         let mut frames = Self::new(episode.sensors);
         let limit = limit.map_or(usize::MAX, |limit| limit as usize);

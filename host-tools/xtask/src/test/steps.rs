@@ -348,7 +348,6 @@ fn metrics(context: Context) -> Result<()> {
     run(script("check_metrics.py")?.arg(cases))
 }
 
-/// What the demo writes, in a folder for this step.
 fn demo_files(context: Context, step: &str) -> Result<PathBuf> {
     let out = target_dir().join(format!("demo-{step}"));
     run(command(program("slipsense", context)?).args(["demo", "--out"]).arg(&out))?;

@@ -42,7 +42,6 @@ pub struct Modules {
     last_us: u64,
 }
 
-/// A second of one module.
 #[derive(Serialize)]
 pub struct Line {
     /// Since the first frame.

@@ -106,7 +106,6 @@ fn each(test: impl Fn(&mut dyn Driven)) {
     }
 }
 
-/// A [`Bench`] of any driver.
 trait Driven {
     fn warm_up(&mut self);
     fn part(&self) -> &Rc<RefCell<Part>>;

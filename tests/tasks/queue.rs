@@ -68,7 +68,6 @@ impl Ran {
     }
 }
 
-/// Run; a decision takes `polls`.
 fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, observer: impl Observe) -> Ran {
     let model = model_bytes();
     let pipeline = Pipeline::new(Model::parse(&model).unwrap(), SENSORS).unwrap();

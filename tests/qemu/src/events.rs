@@ -23,7 +23,6 @@ pub const START_US: u64 = 100_000;
 /// Emulated instructions per microsecond: one per cycle of a core at 480 MHz.
 pub const INSTRUCTIONS_PER_US: u64 = 480;
 
-/// Bytes of a [`Disturbance`].
 pub const DISTURBANCE_BYTES: usize = 6 * 8;
 
 pub fn encode_disturbance(disturbance: &Disturbance) -> [u8; DISTURBANCE_BYTES] {
@@ -37,7 +36,6 @@ pub fn decode_disturbance(bytes: [u8; DISTURBANCE_BYTES]) -> Disturbance {
     Disturbance { foreign_load_percent, error_every: error_every as u32, silent_ns: a..b, dominant_ns: c..d }
 }
 
-/// Bytes of the longest event.
 pub const EVENT_BYTES_MAX: usize = 8 + 8 + 1 + 4 + 1 + 64;
 
 /// Write a frame that arrived through `put`.

@@ -6,7 +6,6 @@ use slipsense::wire::NodeId;
 use crate::bytes::Reader;
 
 const MAGIC: [u8; 8] = *b"SLIPQEMU";
-/// Bytes of a [`Header`].
 pub const HEADER_BYTES: usize = 8 + 5 * 4;
 /// Bytes that a model file may have here.
 pub const MODEL_BYTES_MAX: usize = 1 << 20;
@@ -15,7 +14,6 @@ pub const MODEL_BYTES_MAX: usize = 1 << 20;
 pub struct Header {
     /// Length of the model file that follows, bytes.
     pub model_bytes: u32,
-    /// Sensors, 1 to [`MAX_SENSORS`].
     pub sensors: u32,
     pub frames: u32,
     pub node: NodeId,

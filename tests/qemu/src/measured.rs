@@ -7,7 +7,6 @@ use core::str::SplitAsciiWhitespace;
 pub const TRACE_FILE: &str = "trace.in";
 /// Name of the file that it then makes before the last frame, waiting for the next.
 pub const READY_FILE: &str = "ready.out";
-/// Name of the file that lets it go on.
 pub const GO_FILE: &str = "go.in";
 /// Name of a file whose presence asks for the compression alone, of every frame and sensor.
 pub const COMPRESSION_FILE: &str = "compress.in";

@@ -96,7 +96,6 @@ impl Arrays {
         (self.address, self.since_ns) = (address, now_ns);
     }
 
-    /// Code at the input of a sensor's array at an instant.
     pub fn code(&mut self, sensor: usize, at_ns: u64) -> u32 {
         if fault_injection::active(&self.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;

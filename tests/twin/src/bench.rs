@@ -114,7 +114,6 @@ impl Desk {
         }
     }
 
-    /// Code of a taxel of the array of this sensor in this frame.
     pub fn code(self, frame: usize, address: usize, sensor: usize) -> u16 {
         if sensor >= self.sensors {
             return FULL_SCALE as u16;
@@ -160,7 +159,6 @@ impl Desk {
         }
     }
 
-    /// Sample `index` of an accelerometer at rest.
     pub fn sample(self, index: usize) -> XlSample {
         if self.fault == Some(DeskFault::XlFrozen) {
             return REST;

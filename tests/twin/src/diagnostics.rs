@@ -35,7 +35,6 @@ const EXPECTED_OF_FAR_END: [(&str, &str); 2] = [
     ),
 ];
 
-/// The same with a bootloader.
 const EXPECTED_OF_BOOTLOADER: [(&str, &str); 1] = [(
     "refused at 0x40000024: TIM2.CNT is gated",
     "the bootloader's log asks embassy's clock for the time, which only the firmware starts: it reads 0",

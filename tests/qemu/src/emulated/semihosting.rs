@@ -9,7 +9,6 @@ const FAILED: usize = usize::MAX;
 const NAME_MAX: usize = 32;
 
 impl File {
-    /// Open a file for reading; `None` if it is not there.
     pub fn open(name: &str) -> Option<Self> {
         Self::open_as(name, nr::open::R_BINARY)
     }

@@ -71,7 +71,6 @@ impl Timer {
     }
 }
 
-/// The driver; start it with [`Mps2Time::init`].
 pub struct Mps2Time {
     wraps: AtomicU32,
     ticks_per_us: AtomicU32,

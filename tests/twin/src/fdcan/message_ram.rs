@@ -120,7 +120,6 @@ impl TxElement {
         Some(Self { frame, marker: (t1 >> 24) as u8, event: t1 & STORE_EVENT != 0 })
     }
 
-    /// Words of an element with `bytes` of data.
     pub const fn words(bytes: usize) -> usize {
         2 + bytes / 4
     }

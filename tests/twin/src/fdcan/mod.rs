@@ -63,7 +63,6 @@ pub struct Fdcan {
     in_flight: Option<InFlight>,
     start: Option<(EventId, u64)>,
     recovery: Option<EventId>,
-    /// Elements as they were when their transmission was requested.
     requested: [Option<TxElement>; 32],
     requested_at: [u64; 32],
     /// Next of the Tx FIFO to send, as an offset into it.

@@ -27,7 +27,6 @@ pub fn reset(registers: &mut RegisterFile) {
     }
 }
 
-/// Every register after a reset, in the order of the table.
 pub fn after_reset() -> Vec<u64> {
     let value = |register: Register| {
         RESET.iter().find(|(other, _)| other.index() == register.index()).map_or(0, |(_, value)| *value)

@@ -130,7 +130,6 @@ impl Wire {
         [mine, due, flood].into_iter().flatten().min()
     }
 
-    /// The frame that starts at this instant, the FDCAN offering `mine`.
     pub fn start(&mut self, now_ns: u64, mine: Option<&Frame>) -> Option<(Attempt, Frame)> {
         let theirs = self.peer_frame(now_ns);
         let now = self.cycles(now_ns);

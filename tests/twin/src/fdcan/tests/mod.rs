@@ -128,7 +128,6 @@ impl Bench {
         bench
     }
 
-    /// Everything that the tests use, in configuration mode.
     fn configure(&mut self, mode: u64) {
         self.set(CCCR, INIT);
         self.set(CCCR, INIT | CCE);

@@ -2,6 +2,7 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use slipsense::features::floor::NoiseFloor;
 use slipsense::features::highpass::{FILTERED_FRAC_BITS, HighPassState};
 use slipsense::features::mel::mel_power;
 use slipsense::features::ring::Ring;
@@ -80,5 +81,36 @@ fn mel_triangles_are_their_weights_and_three_quarters() {
             (bin, below) = (bin + count as usize, rising);
         }
         assert_eq!(mel_power(&power), expected);
+    }
+}
+
+#[test]
+fn the_floor_follows_slowly_upwards_and_fast_downwards() {
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    let mut front = NoiseFloor::new();
+    // `floor(x / 2^n + 1/2)`, the rounding rule.
+    let rounded = |x: i64, shift: u32| (2 * x + (1 << shift)).div_euclid(2 << shift);
+    let mut floor = [0i64; MEL_BINS];
+    let mut since_gap = 0;
+    for frame in 0..4_000 {
+        if frame % 1_500 == 1_499 {
+            front.restart();
+            since_gap = 0;
+        }
+        since_gap += 1;
+        let most = [34 << 16, 3 << 16, 200][frame / 100 % 3];
+        let ln: [i32; MEL_BINS] = core::array::from_fn(|_| rng.random_range(0..most));
+        if frame < 4 {
+            floor = ln.map(i64::from);
+        }
+        let expected: [i64; MEL_BINS] = core::array::from_fn(|bin| {
+            let above = i64::from(ln[bin]) - floor[bin];
+            if since_gap > 4 {
+                floor[bin] += rounded(above, if above > 0 { 9 } else { 5 });
+            }
+            rounded(above, 4).clamp(-32_768, 32_767) * i64::from(since_gap > 4)
+        });
+        assert_eq!(front.step(&ln).map(i64::from), expected, "frame {frame}");
+        assert_eq!(front.floor().map(i64::from), floor, "frame {frame}");
     }
 }

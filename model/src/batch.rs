@@ -44,11 +44,13 @@ pub struct Options {
     pub pads: PadView,
     /// Whether what the accelerometers hear is changed at random.
     pub xl_augmentation: bool,
+    /// See [`Sequences::extreme_weight`].
+    pub extreme_weight: f32,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { pads: PadView::default(), xl_augmentation: true }
+        Self { pads: PadView::default(), xl_augmentation: true, extreme_weight: 2.0 }
     }
 }
 
@@ -125,6 +127,7 @@ impl<'e> Sampler<'e> {
             piezo: vec![0; sequences * sensors * self.frames * IMAGE],
             xl: vec![0.0; sequences * sensors * self.frames * XL_FEATURES],
             target: vec![Target::Either; sequences * self.frames],
+            extreme_weight: self.options.extreme_weight,
             label: vec![0; sequences * self.frames],
             weight: vec![0.0; sequences * self.frames],
             taught: Vec::new(),

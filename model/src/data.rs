@@ -281,6 +281,7 @@ impl Features {
             label: self.label.clone(),
             weight: vec![1.0; frames],
             target: self.target.clone(),
+            extreme_weight: 0.0,
             taught: Vec::new(),
         };
         for sensor in 0..self.sensors {

@@ -9,27 +9,21 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::target::Target;
 
-/// What a frame without slip counts, and in addition the worst of [`STRETCH_FRAMES`].
-const STILL_WEIGHT: f32 = 0.5;
-const WORST_WEIGHT: f32 = 12.0;
 /// Frames without slip of which the worst counts more: alarms closer than this are one.
 const STRETCH_FRAMES: usize = 48;
-/// What a sliding frame counts, one of the first [`ONSET_FRAMES`], and in addition the surest of those.
-const SLIDES_WEIGHT: f32 = 1.0;
-const ONSET_WEIGHT: f32 = 3.0;
-const SUREST_WEIGHT: f32 = 10.0;
-/// Frames from the onset on within which slip is to be found.
+/// Frames from the onset on within which slip is to be found, and what one of them counts.
 const ONSET_FRAMES: usize = 10;
+const ONSET_WEIGHT: f32 = 4.0;
 /// What a frame counts in which slip may be found already.
-const BEGINS_WEIGHT: f32 = 0.2;
+const BEGINS_WEIGHT: f32 = 0.3;
 
 /// Binary cross entropy of log-odds `[batch, frame, 1]` against the targets, nat; the mean over all frames of weights
-/// as above.
-pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], device: &Device) -> Tensor<1> {
+/// as above. The surest of an onset and the worst of a stretch count `extreme_weight` in addition.
+pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: f32, device: &Device) -> Tensor<1> {
     let [batch, frames, _] = log_odds.dims();
     let values: Vec<f32> = log_odds.clone().into_data().iter::<f32>().collect();
     let sequences = targets.chunks_exact(frames).zip(values.chunks_exact(frames));
-    let weights: Vec<f32> = sequences.flat_map(|(targets, values)| weights(targets, values)).collect();
+    let weights: Vec<f32> = sequences.flat_map(|(targets, values)| weights(targets, values, extreme_weight)).collect();
     let truth: Vec<f32> =
         targets.iter().map(|t| f32::from(matches!(t, Target::Slides | Target::Begins) as u8)).collect();
     let tensor = |values| Tensor::<3>::from_data(TensorData::new(values, [batch, frames, 1]), device);
@@ -41,12 +35,11 @@ pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], device: &Device) -> 
 }
 
 /// What the frames of one sequence count, by their targets and what the network says of them.
-fn weights(targets: &[Target], log_odds: &[f32]) -> Vec<f32> {
+fn weights(targets: &[Target], log_odds: &[f32], extreme_weight: f32) -> Vec<f32> {
     let mut weights: Vec<f32> = targets
         .iter()
         .map(|target| match target {
-            Target::Still => STILL_WEIGHT,
-            Target::Slides => SLIDES_WEIGHT,
+            Target::Still | Target::Slides => 1.0,
             Target::Begins => BEGINS_WEIGHT,
             Target::Either => 0.0,
         })
@@ -60,14 +53,14 @@ fn weights(targets: &[Target], log_odds: &[f32]) -> Vec<f32> {
                 let onset = start..if start > 0 { end.min(start + ONSET_FRAMES) } else { start };
                 weights[onset.clone()].fill(ONSET_WEIGHT);
                 if let Some(surest) = largest(log_odds, onset) {
-                    weights[surest] += SUREST_WEIGHT;
+                    weights[surest] += extreme_weight;
                 }
             }
             Target::Still => {
                 for from in (start..end).step_by(STRETCH_FRAMES) {
                     let to = end.min(from + STRETCH_FRAMES);
                     if let Some(worst) = largest(log_odds, from..to) {
-                        weights[worst] += WORST_WEIGHT * (to - from) as f32 / STRETCH_FRAMES as f32;
+                        weights[worst] += extreme_weight * (to - from) as f32 / STRETCH_FRAMES as f32;
                     }
                 }
             }
@@ -94,11 +87,11 @@ mod tests {
         targets[115..].fill(Target::Either);
         let mut log_odds = vec![-5.0; 120];
         (log_odds[7], log_odds[60], log_odds[104], log_odds[114]) = (-1.0, 2.0, 1.0, 9.0);
-        let weights = weights(&targets, &log_odds);
-        assert_eq!((weights[7], weights[60]), (12.5, 12.5));
-        assert_eq!((weights[104], weights[103], weights[114]), (13.0, 3.0, 1.0));
+        let weights = weights(&targets, &log_odds, 12.0);
+        assert_eq!((weights[7], weights[60]), (13.0, 13.0));
+        assert_eq!((weights[104], weights[103], weights[114]), (16.0, 4.0, 1.0));
         // The last stretch has 4 of 48 frames.
-        assert_eq!(weights[96..100].iter().sum::<f32>(), 4.0 * 0.5 + 1.0);
+        assert_eq!(weights[96..100].iter().sum::<f32>(), 4.0 + 1.0);
         assert_eq!(weights[117], 0.0);
     }
 
@@ -108,9 +101,9 @@ mod tests {
         let targets = [Target::Still, Target::Slides, Target::Either, Target::Begins];
         let log_odds = TensorData::new(vec![200.0f32, -200.0, 7.0, 0.0], [1, 4, 1]);
         let log_odds = Tensor::from_data(log_odds, &device);
-        let loss = f64::from(loss(log_odds, &targets, &device).into_scalar::<f32>());
+        let loss = f64::from(loss(log_odds, &targets, 12.0, &device).into_scalar::<f32>());
         // A stretch of one frame; the sliding does not begin at the start of the sequence.
-        let expected = (200.0 * (0.5 + 12.0 / 48.0) + 200.0 * 13.0 + 0.2 * 2f64.ln()) / 4.0;
+        let expected = (200.0 * (1.0 + 12.0 / 48.0) + 200.0 * 16.0 + 0.3 * 2f64.ln()) / 4.0;
         assert!((loss - expected).abs() < 1e-3, "{loss} {expected}");
     }
 }

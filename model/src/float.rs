@@ -72,6 +72,8 @@ pub struct Sequences {
     pub weight: Vec<f32>,
     /// What the detector is to say of each frame, `[batch, frame]`.
     pub target: Vec<Target>,
+    /// What the surest frame of an onset and the worst of a stretch without slip count in addition.
+    pub extreme_weight: f32,
     /// Probabilities of the classes by a teacher, `[batch, frame, class]`; empty without one.
     pub taught: Vec<f32>,
 }
@@ -173,7 +175,12 @@ impl FloatNetwork {
     /// Cross entropy of the classes against the labels and the teacher, the weighted mean over all frames, and the
     /// detector's [loss](detector_loss), nat.
     fn loss(outputs: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
-        let of_detector = detector_loss::loss(outputs.clone().narrow(2, CLASSES, 1), &input.target, device);
+        let of_detector = detector_loss::loss(
+            outputs.clone().narrow(2, CLASSES, 1),
+            &input.target,
+            input.extreme_weight,
+            device,
+        );
         let logits = classes(outputs);
         let [b, l, classes] = logits.dims();
         let mut truth = vec![0f32; b * l * classes];

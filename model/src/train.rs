@@ -14,7 +14,7 @@ use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, OUTPUTS};
 use slipsense_synth::objects::{self, Group};
 
-use crate::batch::Sampler;
+use crate::batch::{Options, Sampler};
 use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source};
 use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
@@ -93,6 +93,9 @@ pub struct TrainArgs {
     /// Hours of disturbances of which --start's network picks what it takes for slip, to train on beside the episodes
     #[arg(long, value_name = "H", default_value_t = 0.0, requires = "start")]
     pub mine_hours: f64,
+    /// What the surest frame of a slip's onset and the worst of 200 ms without slip count beside all others
+    #[arg(long, value_name = "W", default_value_t = 2.0)]
+    pub extreme_weight: f32,
     /// Folder with motion.npz, recorded motion that is added to some of the generated episodes
     #[arg(long, value_name = "DIR", conflicts_with = "data")]
     pub real_parts: Option<PathBuf>,
@@ -188,7 +191,8 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         bar.finish();
     }
     let mined = train.iter().filter(|features| features.mined).count();
-    let sampler = Sampler::new(&train, args.frames)?;
+    let options = Options { extreme_weight: args.extreme_weight, ..Options::default() };
+    let sampler = Sampler::new(&train, args.frames)?.with_options(options);
     let steps = total.div_ceil(args.batch * args.frames);
     let run = Run { args, teachers, first, steps };
     let recipe = run.recipe(&source)?;
@@ -306,6 +310,7 @@ impl Run<'_> {
             "batch": args.batch,
             "frames": args.frames,
             "learning_rate": args.learning_rate,
+            "extreme_weight": args.extreme_weight,
             "warm_up": WARM_UP,
             "weight_decay": WEIGHT_DECAY,
             "average_decay": AVERAGE_DECAY,

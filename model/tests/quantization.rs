@@ -3,6 +3,7 @@
 use slipsense::fixed::Logit;
 use slipsense::net::format::Dims;
 use slipsense::net::{Model, Network, SensorFeatures};
+use slipsense::params::OUTPUTS;
 use slipsense_model::quantize::quantize;
 use slipsense_model::trace::Ranges;
 use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};

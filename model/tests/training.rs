@@ -26,6 +26,9 @@ fn train_args(out: &Path) -> TrainArgs {
         size: 1,
         start: None,
         teacher: Vec::new(),
+        mine_hours: 0.0,
+        extreme_weight: 2.0,
+        real_parts: None,
         resume: false,
     }
 }

@@ -7,18 +7,20 @@ use std::path::Path;
 use burn::module::ParamId;
 use burn::optim::AdamWConfig;
 use burn::tensor::Device;
+use slipsense::features::XlFeatures;
 use slipsense::features::piezo::PiezoFrontEnd;
-use slipsense::params::{CLASSES, MEL_BINS, TAXELS, XL_FEATURES};
-use slipsense_model::target::Target;
+use slipsense::params::{CLASSES, MEL_BINS, OUTPUTS, TAXELS, XL_FEATURES};
 use slipsense_model::batch::{Options, Sampler};
 use slipsense_model::data::Features;
 use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
 use slipsense_model::pad_view::PadView;
 use slipsense_model::piezo::IMAGE;
+use slipsense_model::target::Target;
 use slipsense_model::teacher::Teacher;
 use slipsense_model::tract::xl_real;
 use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
+use slipsense_recording::{Episode, Meta};
 use slipsense_model::{CompareArgs, run_compare};
 
 use crate::common;
@@ -64,6 +66,7 @@ fn cut(input: &Sequences, from: usize, to: usize) -> Sequences {
         label: input.label[from..to].to_vec(),
         weight: input.weight[from..to].to_vec(),
         target: input.target[from..to].to_vec(),
+        extreme_weight: 0.0,
         taught: Vec::new(),
     }
 }

@@ -214,6 +214,7 @@ fn maximum(embeddings: impl Iterator<Item = Option<Vec<i64>>>, width: usize) -> 
     embeddings.flatten().reduce(max).unwrap_or(vec![0; width])
 }
 
+/// Outputs of every frame of a sequence.
 pub fn outputs(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; OUTPUTS]> {
     let oracle = Oracle { file };
     let width = file.dims().embed;

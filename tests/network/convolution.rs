@@ -6,6 +6,7 @@ use slipsense::net::packing::{self, Inputs};
 use slipsense::params::CONV_INPUT_MAX;
 use slipsense::simd::{LayerParams, Map, MapMut, MapShape, conv_relu_pool, halves, portable};
 
+/// How the numbers of a case are drawn.
 #[derive(Clone, Copy, Debug)]
 enum Draw {
     /// Anywhere in their range.
@@ -28,6 +29,7 @@ impl Draw {
     }
 }
 
+/// A convolution in a model's terms.
 struct Case {
     channels: usize,
     side: usize,
@@ -96,6 +98,7 @@ impl Case {
         [32_767, 16_383][self.border]
     }
 
+    /// The map by a kernel.
     fn run(&self, kernel: impl FnOnce(LayerParams<'_>, Map<'_>, MapMut<'_>)) -> Vec<u32> {
         let (inputs, from, to) = (self.inputs(), self.from(), self.to());
         let put = |words: &mut [u32], place: usize, value: i64| {

@@ -10,7 +10,7 @@ use super::orderings::Comparisons;
 use super::results::{Budget, Finished};
 use super::sets::Sets;
 use super::train::{TrainedNetwork, train};
-use super::{Making, ROWS, Row, picture, row_named};
+use super::{Making, ROWS, Row, Variant, picture, row_named};
 use crate::batch::{Options, Sampler};
 use crate::output;
 use crate::train::progress;
@@ -140,7 +140,8 @@ fn run_row(
     let (weights, loss) = if let (Making::Recomputed, Some(base)) = (row.making, &needed) {
         (base.weights.clone(), None)
     } else {
-        let options = Options { pads: row.variant.pads, xl_augmentation: row.variant.xl_augmentation };
+        let Variant { pads, xl_augmentation, .. } = row.variant;
+        let options = Options { pads, xl_augmentation, ..Options::default() };
         let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
         let bar = progress("", budget.steps as u64).with_prefix(place);
         let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &bar)

@@ -179,7 +179,7 @@ fn features(bench: &mut Bench) {
     bench.kernel("XlFrontEnd::push, 33 samples", 0, &mut || {
         black_box(&mut front_end).push(black_box(&samples))
     });
-    bench.kernel("XlFrontEnd::log_mel", 0, &mut || _ = black_box(black_box(&front_end).log_mel()));
+    bench.kernel("XlFrontEnd::log_mel", 0, &mut || _ = black_box(black_box(&mut front_end).log_mel()));
     let mut window = [0; XL_WINDOW];
     window.iter_mut().zip(noise()).for_each(|(x, noise)| *x = i32::from(noise));
     let mut work = Work::default();

@@ -5,6 +5,7 @@
 #![no_std]
 // The exceptions are assembly and vector instructions, in `simd`, and registers, in `firmware`.
 #![deny(unsafe_code)]
+#![warn(missing_docs)]
 #![deny(clippy::float_arithmetic)]
 
 pub mod params;

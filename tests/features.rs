@@ -83,7 +83,6 @@ fn hann_f64(n: usize) -> f64 {
     0.5 - 0.5 * (2.0 * PI * n as f64 / XL_WINDOW as f64).cos()
 }
 
-/// Log-mel of the last 128 samples.
 fn log_mel_f64(samples: &[[f64; 3]]) -> [f64; MEL_BINS] {
     let mut power = [0.0; FFT_BINS];
     for axis in 0..3 {

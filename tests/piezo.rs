@@ -15,7 +15,6 @@ fn scan_of(count: impl Fn(usize) -> u16) -> PiezoFrame {
     PiezoFrame::from_scan(std::array::from_fn(count))
 }
 
-/// Counts and deltas of a scan.
 fn cells(delta: &mut TaxelDelta, scan: &PiezoFrame) -> Cells {
     let mut rows = [[[i16::MIN; PIEZO_CHANNELS]; TAXEL_COLS]; TAXEL_ROWS];
     delta.push_rows(scan.counts(), rows.iter_mut());

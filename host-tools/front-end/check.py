@@ -21,7 +21,7 @@ import spice  # noqa: E402
 from spice import LINES, parameters  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
-TABLE = ROOT / "host-tools/synth/src/film/front_end_table.rs"
+TABLE = ROOT / "host-tools/synth/src/film/front_end/table.rs"
 CASES = ROOT / "host-tools/synth/src/film/front_end_cases.json"
 WIRING = ROOT / "docs/src/board/wiring.md"
 EXPONENT, FULL_SCALE_KPA = 0.92, 5000.0

@@ -43,109 +43,51 @@ pub enum Grade {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum Finding {
-    /// The clock on PH0.
-    HseAt {
-        hz: u32,
-    },
+    // The clock on PH0.
+    HseAt { hz: u32 },
     HseAbsent,
-    HseOff {
-        hz: u32,
-    },
-    /// The CAN controller hears itself, inside.
+    HseOff { hz: u32 },
+    // The CAN controller hears itself, inside.
     CanInside,
     CanInsideSilent,
-    /// RX follows TX.
+    // RX follows TX.
     Transceiver,
     NoTransceiver,
     BusDominant,
-    /// Another node acknowledges.
+    // Another node acknowledges.
     Acknowledged,
     NotAcknowledged,
-    /// The address pins of the chip.
+    // The address pins of the chip.
     LinesFree,
-    LineHeld {
-        line: u8,
-        high: bool,
-    },
-    LinesShorted {
-        lines: (u8, u8),
-    },
-    /// Nothing at this connector.
+    LineHeld { line: u8, high: bool },
+    LinesShorted { lines: (u8, u8) },
+    // Nothing at this connector.
     NotFitted,
-    XlAt {
-        rate_hz: u32,
-        milli_g: u32,
-    },
-    XlNoAnswer {
-        all_ones: bool,
-        only_one: bool,
-    },
-    XlWrong {
-        expected: u32,
-        found: u32,
-    },
+    XlAt { rate_hz: u32, milli_g: u32 },
+    XlNoAnswer { all_ones: bool, only_one: bool },
+    XlWrong { expected: u32, found: u32 },
     XlFault(XlFault),
     XlDead,
     XlFrozen,
-    XlRate {
-        found_hz: u32,
-        nominal_hz: u32,
-    },
-    XlGravity {
-        milli_g: u32,
-    },
-    ArrayAt {
-        pressed: u32,
-        noise_codes: u32,
-    },
+    XlRate { found_hz: u32, nominal_hz: u32 },
+    XlGravity { milli_g: u32 },
+    ArrayAt { pressed: u32, noise_codes: u32 },
     ArrayUnplugged,
     ArrayShorted,
-    ArrayFixed {
-        code: u16,
-    },
+    ArrayFixed { code: u16 },
     NotPressed,
-    RowSilent {
-        row: u8,
-    },
-    RowHigh {
-        row: u8,
-    },
-    ColSilent {
-        col: u8,
-    },
-    ColHigh {
-        col: u8,
-    },
-    AddressOpen {
-        line: u8,
-    },
-    AddressSwapped {
-        lines: (u8, u8),
-    },
-    OutsidePad {
-        taxels: u32,
-    },
-    TaxelsStuck {
-        taxels: u32,
-        first: u16,
-    },
-    TaxelsDead {
-        taxels: u32,
-        first: u16,
-    },
-    TaxelsNoisy {
-        taxels: u32,
-        first: u16,
-        codes: u32,
-    },
-    Settled {
-        left_codes: u32,
-        step_codes: u32,
-    },
-    NotSettled {
-        left_codes: u32,
-        step_codes: u32,
-    },
+    RowSilent { row: u8 },
+    RowHigh { row: u8 },
+    ColSilent { col: u8 },
+    ColHigh { col: u8 },
+    AddressOpen { line: u8 },
+    AddressSwapped { lines: (u8, u8) },
+    OutsidePad { taxels: u32 },
+    TaxelsStuck { taxels: u32, first: u16 },
+    TaxelsDead { taxels: u32, first: u16 },
+    TaxelsNoisy { taxels: u32, first: u16, codes: u32 },
+    Settled { left_codes: u32, step_codes: u32 },
+    NotSettled { left_codes: u32, step_codes: u32 },
 }
 
 impl Finding {

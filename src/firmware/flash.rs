@@ -159,7 +159,6 @@ fn written(result: Result<(), Error>, offset: u32, word: &[u8]) -> Result<bool, 
     }
 }
 
-/// Whole words at their places?
 fn check_words(offset: u32, bytes: &[u8]) -> Result<(), Error> {
     check(BOARD.flash, offset, bytes.len())?;
     let is_whole = bytes.len().is_multiple_of(WRITE_SIZE) && (offset as usize).is_multiple_of(WRITE_SIZE);

@@ -154,12 +154,6 @@ impl<M: RawMutex> Shared<M> {
         sent
     }
 
-    /// As [`send_service`](Self::send_service), but wait for room: until the bus takes frames again.
-    pub async fn send_service_when_room(&self, frame: CanFrame) {
-        self.services.send(frame).await;
-        self.tx_ready.signal(());
-    }
-
     /// Service frames for which there is room.
     pub fn service_room(&self) -> usize {
         self.services.free_capacity()

@@ -21,7 +21,7 @@ use slipsense::settings::{SCRATCH, SettingsStore};
 use slipsense::transfer::{HALF_CODE, IDLE_CODE};
 
 use super::fake::{Kind, Part, Wire};
-use crate::settings::flash::Flash;
+use crate::update::flash::Flash;
 
 /// Codes of one of the 4096 steps of the linear range.
 const LSB: f64 = 16.0;
@@ -34,7 +34,6 @@ const FAULTY: f64 = 0.02;
 const DRIFT_ALL: f64 = 8.0;
 const DRIFT_OWN: f64 = 2.0;
 
-/// What is wrong with a taxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     None,

@@ -8,7 +8,6 @@ use std::rc::Rc;
 use embedded_hal_async::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use slipsense::sensor::XlSample;
 
-/// Which part a [`Part`] is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Adxl380,
@@ -16,11 +15,9 @@ pub enum Kind {
     Icm42688,
 }
 
-/// What is wrong with the wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wires {
     Fine,
-    /// Every transfer fails.
     Error,
     /// MISO reads this byte, and nothing reaches the part.
     Stuck(u8),

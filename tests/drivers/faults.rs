@@ -106,7 +106,6 @@ fn each(test: impl Fn(&mut dyn Driven)) {
     }
 }
 
-/// A [`Bench`] of any driver.
 trait Driven {
     fn warm_up(&mut self);
     fn part(&self) -> &Rc<RefCell<Part>>;
@@ -158,7 +157,6 @@ fn samples(delivered: Vec<Delivered>) -> Vec<XlSample> {
     delivered.into_iter().flatten().flat_map(|(samples, _)| samples).collect()
 }
 
-/// The samples are consecutive.
 fn assert_joined(samples: &[XlSample]) {
     let first = (0..).find(|&n| numbered(n) == samples[0]).expect("a sample of the part");
     for (n, &sample) in (first..).zip(samples) {

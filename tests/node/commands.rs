@@ -157,7 +157,7 @@ fn an_answer_never_goes_before_the_slip_message() {
 }
 
 #[test]
-fn damaged_settings_are_told_when_the_node_starts() {
+fn damaged_settings_are_reported_when_the_node_starts() {
     let mut identity = super::identity();
     identity.settings.damage.settings = 1 << Setting::Sensors as u8 | 1 << Setting::PlugAndPlay as u8;
     let mut node = slipsense::node::Node::new(identity, Settings::new());

@@ -37,14 +37,12 @@ fn node() -> Node {
     node
 }
 
-/// The frames of a request of [`TOOL`].
 fn request(port: u16, transfer: u8, payload: &[u8]) -> Vec<CanFrame> {
     let (priority, role) = (Priority::Nominal, ServiceRole::Request);
     Frames::new(ServiceId { priority, role, port, destination: NODE, source: TOOL }, transfer, payload)
         .collect()
 }
 
-/// The frames of a message of `source`.
 fn message(source: NodeId, port: u16, transfer: u8, payload: &[u8]) -> Vec<CanFrame> {
     Frames::new(MessageId { priority: Priority::Nominal, port, node: source }, transfer, payload).collect()
 }

@@ -6,7 +6,6 @@ use slipsense::settings::{Setting, TABLE};
 
 use super::{ask, node, records, request};
 
-/// An Access request: name, then a value as bytes.
 pub fn access(name: &str, value: &[u8]) -> Vec<u8> {
     [&[name.len() as u8], name.as_bytes(), value].concat()
 }

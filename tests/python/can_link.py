@@ -1,7 +1,7 @@
 """Carries CAN FD frames between a TCP port and a python-can bus, one to one, until it is closed.
 
 A frame on the TCP side: 4 bytes of identifier, 1 of length, the data; low byte first. The other end is
-`tests/qemu/src/link.rs`.
+`tests/twin/src/far_end.rs`.
 """
 
 import socket

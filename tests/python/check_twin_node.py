@@ -12,11 +12,11 @@ import argparse
 import asyncio
 import hashlib
 import pathlib
+import random
 import subprocess
 import sys
 
-from check_node import check_registers
-from node_client import Client, frame_counts, link_to, natural, numbers, run_checks
+from node_client import NODE, TOOL, Client, frame_counts, link_to, natural, numbers, run_checks
 
 # Of this computer, seconds; the twin may run at a twentieth of real time.
 TIMEOUT_S = 120.0
@@ -49,6 +49,55 @@ async def check_heartbeat(client):
     client.checks.equal("vendor status", second.vendor_specific_status_code & SENSOR_MISSING, SENSOR_MISSING)
 
 
+async def check_registers(client):
+    import uavcan.primitive
+    import uavcan.register
+
+    checks = client.checks
+    names = []
+    while True:
+        request = uavcan.register.List_1.Request(index=len(names))
+        answer = await client.call(uavcan.register.List_1, request)
+        name = bytes(answer.name.name).decode()
+        if not name:
+            break
+        names.append(name)
+    checks.equal("registers are named once", len(set(names)), len(names))
+    for wanted in ("uavcan.node.id", "uavcan.can.bitrate", "slipsense.sensors", "slipsense.status.bus_off"):
+        checks.true(f"register {wanted}", wanted in names)
+    values = {}
+    for name in names:
+        answer = await client.access(name)
+        checks.true(f"{name} has a value", answer.value.empty is None)
+        values[name] = (answer, numbers(answer.value))
+    for name in names:
+        if f"{name}=" not in values:
+            continue
+        kind, default = values[f"{name}="][1]
+        checks.equal(f"{name}: default", values[name][1], (kind, default))
+        checks.true(f"{name}: mutable, persistent", values[name][0].mutable and values[name][0].persistent)
+        for low, number, high in zip(values[f"{name}>"][1][1], default, values[f"{name}<"][1][1]):
+            checks.true(f"{name}: {low} <= {number} <= {high}", low <= number <= high)
+    checks.equal("no such register", (await client.access("no.such.register")).value.empty is None, False)
+
+    async def write(name, value, want):
+        checks.equal(f"{name} after a write", await client.numbers(name, value), want)
+        checks.equal(f"{name} read again", await client.numbers(name), want)
+
+    await write("slipsense.sensors", natural(8, 3), [3])
+    await write("slipsense.sensors", natural(8, 4), [3])
+    await write("uavcan.can.bitrate", natural(32, 1_000_000, 5_000_000), [1_000_000, 5_000_000])
+    await write("uavcan.can.bitrate", natural(32, 1_000_000, 4_000_000), [1_000_000, 5_000_000])
+    text = uavcan.register.Value_1(string=uavcan.primitive.String_1(list(b"2")))
+    await write("slipsense.sensors", text, [3])
+    mask = [random.getrandbits(32) for _ in range(32)]
+    await write("slipsense.sensor.1.mask", natural(32, *mask), mask)
+    await write("slipsense.status.bus_off", natural(32, 7), [0])
+    refusal = "slipsense.sensors: element 0 is 4, allowed are 1 to 3"
+    await client.until("a record names the refusal", lambda: client.has_record(refusal))
+    return len(names)
+
+
 async def check_storage(client):
     checks = client.checks
     await client.restart()
@@ -68,6 +117,7 @@ async def check_storage(client):
     checks.equal("factory reset", await client.command(65532), 0)
     await client.restart()
     checks.equal("factory reset, default", await client.numbers("slipsense.sensors"), [1])
+    checks.equal("update without path", await client.command(65533), 4)
     checks.equal("update", await client.command(65533, b"x.bin"), 0)
     checks.equal("unknown command", await client.command(1234), 3)
 
@@ -93,6 +143,45 @@ async def check_time(client):
     checks.equal("uptime by the bus time and the offset", uptime_us // 1_000_000, uptime_s)
 
 
+async def check_allocation(client):
+    """Without an address of its own the node is silent but for asking, and takes the one that it is given."""
+    import pycyphal.application.plug_and_play
+    import uavcan.node
+    import uavcan.pnp
+
+    checks = client.checks
+    # The update that nobody serves is over with this.
+    await client.restart()
+    unique_id = (await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())).unique_id
+    requests = []
+
+    async def note(_, transfer):
+        if transfer.source_node_id is None:
+            requests.append(transfer)
+
+    client.node.make_subscriber(uavcan.pnp.NodeIDAllocationData_2).receive_in_background(note)
+    await client.access("uavcan.node.id", natural(16, 65535))
+    checks.equal("store", await client.command(65530), 0)
+    checks.equal("restart", await client.command(65535), 0)
+    await client.until("a request for an address", lambda: requests)
+    others = lambda: [node for node, *_ in client.heartbeats if node != TOOL]
+    client.heartbeats.clear()
+    # Half a second apart on the average, a heartbeat would be a second.
+    await client.until("more requests", lambda: len(requests) >= 5)
+    checks.equal("a node without address is silent", others(), [])
+    allocator = pycyphal.application.plug_and_play.CentralizedAllocator(client.node)
+    allocator.register_node(TOOL, None)
+    await client.until("a heartbeat with an allocated address", others)
+    address = others()[0]
+    checks.true(f"address {address} is a free one", address not in (NODE, TOOL) and 0 <= address <= 125)
+    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), address)
+    checks.equal("unique id after allocation", list(info.unique_id), list(unique_id))
+    # Back to where it was.
+    checks.equal("factory reset", await client.command(65532, server=address), 0)
+    await client.restart(address)
+    return address
+
+
 async def run(checks, port, model):
     link = link_to(port)
     client = Client(checks, TIMEOUT_S)
@@ -102,9 +191,10 @@ async def run(checks, port, model):
     registers = await check_registers(client)
     await check_storage(client)
     await check_time(client)
+    address = await check_allocation(client)
     client.node.close()
     link.close()
-    return f"{registers} registers; {frame_counts(link)}"
+    return f"{registers} registers, address {address} allocated; {frame_counts(link)}"
 
 
 def main():

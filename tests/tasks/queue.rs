@@ -49,7 +49,6 @@ impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
     }
 }
 
-/// What one run leaves behind.
 struct Ran {
     discarded: u32,
     status: Status,
@@ -69,7 +68,6 @@ impl Ran {
     }
 }
 
-/// Run; a decision takes `polls`.
 fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, observer: impl Observe) -> Ran {
     let model = model_bytes();
     let pipeline = Pipeline::new(Model::parse(&model).unwrap(), SENSORS).unwrap();

@@ -90,7 +90,7 @@ impl CanTransmit for MockTx<'_> {
     }
 }
 
-/// What the board was log.
+/// What the tasks asked of the board, and when.
 #[derive(Default)]
 pub struct BoardLog {
     stored: Option<Settings>,

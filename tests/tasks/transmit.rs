@@ -5,9 +5,12 @@ use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
-use slipsense::wire::{CanFrame, MessageId, Origin, Priority, RawBuffer, SlipMessage, Transmitter};
+use slipsense::wire::{
+    CanFrame, Detail, MessageId, Origin, Priority, RawBuffer, RawForm, Region, SlipMessage, Transmitter,
+};
 use slipsense_can_sim::controller::Disturbance;
 
+use super::full_bus::compress;
 use super::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
 
 /// Longest full frame at 1 and 8 Mbit/s with its intermission, worst stuffing, rounded up.
@@ -54,21 +57,28 @@ fn raw_is_whole_or_counted(world: &World<'_>, ran: &Ran, broken: u32) {
 
 #[test]
 fn a_free_bus_carries_what_the_host_makes() {
-    let world = World::new(120, 1);
-    let ran = world.run();
-    let mut transmitter = Transmitter::new(NODE);
-    let mut buffer = RawBuffer::new();
-    let (mut slips, mut raws) = (Vec::new(), Vec::new());
-    for (sequence, output) in (0..).zip(world.outputs()) {
-        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
-        (world.script)(sequence, &mut parts);
-        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
-        let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
-        raws.extend(transmitter.raw(&raw, &mut buffer));
+    for form in [RawForm::Plain, RawForm::Compressed(Detail::All)] {
+        let mut world = World::new(120, 1);
+        if form != RawForm::Plain {
+            world.before_tick = &compress;
+        }
+        let ran = world.run();
+        let mut transmitter = Transmitter::new(NODE);
+        let mut buffer = RawBuffer::new();
+        let (mut slips, mut raws) = (Vec::new(), Vec::new());
+        for (sequence, output) in (0..).zip(world.outputs()) {
+            let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
+            (world.script)(sequence, &mut parts);
+            slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
+            let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
+            raws.extend(transmitter.raw_as(form, &raw, &mut buffer));
+        }
+        let of =
+            |slot| ran.arrived.iter().filter(is_of(slot)).map(|arrived| arrived.frame).collect::<Vec<_>>();
+        assert!(of(TxSlot::Slip) == slips && of(TxSlot::Raw) == raws, "every CAN byte");
+        assert!(ran.raw.iter().all(|message| message.region == Region::ALL));
+        assert_eq!((ran.raw.len(), ran.status.dropped_raw, ran.status.replaced_slips), (120, 0, 0));
     }
-    let of = |slot| ran.arrived.iter().filter(is_of(slot)).map(|arrived| arrived.frame).collect::<Vec<_>>();
-    assert!(of(TxSlot::Slip) == slips && of(TxSlot::Raw) == raws, "every CAN byte");
-    assert_eq!((ran.status.dropped_raw, ran.status.replaced_slips), (0, 0));
 }
 
 #[test]

@@ -74,7 +74,6 @@ impl Time {
         .await;
     }
 
-    /// Run to the end.
     pub fn run<T>(&self, future: impl Future<Output = T>) -> T {
         let mut future = pin!(future);
         let woken = Arc::new(Woken(AtomicBool::new(false)));
@@ -92,7 +91,6 @@ impl Time {
     }
 }
 
-/// The modelled bus as hardware.
 pub struct Hardware<'a> {
     time: &'a Time,
     bus: Rc<RefCell<Bus>>,
@@ -148,7 +146,6 @@ impl CanTransmit for Hardware<'_> {
 /// What the sensors of one frame deliver, by its number.
 pub type Script<'a> = dyn Fn(u32, &mut [SensorReadings; MAX_SENSORS]) + 'a;
 
-/// A run.
 pub struct World<'a> {
     pub frames: u32,
     pub sensors: usize,
@@ -221,7 +218,6 @@ impl FrameSource for Sensors<'_> {
     }
 }
 
-/// What a run leaves behind.
 pub struct Ran {
     pub arrived: Vec<Arrived>,
     pub status: Status,

@@ -53,12 +53,10 @@ pub fn payload(seed: u64, length: usize) -> Vec<u8> {
     bytes
 }
 
-/// The firmware of a version.
 pub fn firmware(version: ImageVersion) -> Vec<u8> {
     payload(version.minor.into(), 1500 + usize::from(version.patch) * 7)
 }
 
-/// The smallest model that there can be.
 pub fn model(seed: u64) -> Vec<u8> {
     let dims = Dims { conv_channels: [1; 3], embed: 1, xl_kernel: 1, xl_channels: 1, heads: 1, window: 1 };
     slipsense_recording::model_file::random_model(dims, seed).to_bytes().unwrap()
@@ -74,13 +72,11 @@ pub fn sign(header: &Header, payload: &[u8]) -> Vec<u8> {
     [&header.encode(&signature.to_bytes())[..], payload].concat()
 }
 
-/// The signed image of a firmware.
 pub fn image(version: ImageVersion) -> Vec<u8> {
     let payload = firmware(version);
     sign(&header(UpdateTarget::Firmware, version, &payload), &payload)
 }
 
-/// The signed image of a model.
 pub fn model_image(version: ImageVersion, seed: u64) -> Vec<u8> {
     let payload = model(seed);
     sign(&header(UpdateTarget::Model, version, &payload), &payload)
@@ -138,7 +134,6 @@ impl Device {
         ))
     }
 
-    /// Send a file as the node does.
     pub fn install(
         &self,
         running: ImageVersion,
@@ -148,7 +143,6 @@ impl Device {
         self.sink(running, |sink| feed(sink, target, file))
     }
 
-    /// Start: what the bootloader finds.
     pub fn boot(&self) -> Result<Firmware, BootFailure> {
         let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
         let mut slots = Slots { active, dfu, state };
@@ -190,7 +184,6 @@ impl Device {
     }
 }
 
-/// Hand a file over in pieces.
 pub fn feed(sink: &mut Sink<'_>, target: UpdateTarget, file: &[u8]) -> Result<(), &'static str> {
     let room = block_on(sink.begin(target)).map_err(Refusal::reason)?;
     assert!(room > HEADER_BYTES as u32);

@@ -1,11 +1,12 @@
-//! A NOR flash in memory, in partitions, that loses its power after a given number of steps: a word that is written
-//! and a sixteenth of a sector that is erased are a step each. The step that the power fails in leaves its word or
-//! sixteenth as [`Tear`] says.
+//! A NOR flash in memory, whole or in partitions, that loses its power after a given number of steps: a word that is
+//! written, or each byte of it, and a sixteenth of a sector that is erased are a step each. The step that the power
+//! fails in leaves its word or sixteenth as [`Tear`] says.
 //!
 //! It checks what real flash asks for: whole words, written once after an erase; a word whose write was cut short may
 //! be written again with the same bytes, which leaves the same bits and check bits behind.
 
 use std::cell::RefCell;
+use std::ops::{Deref, DerefMut, Range};
 use std::rc::Rc;
 
 use embedded_storage::nor_flash as blocking;
@@ -20,8 +21,8 @@ use slipsense::update::partitions::Span;
 pub const WORD: usize = 32;
 /// Small, so that all steps can be tried.
 pub const SECTOR: usize = 1024;
-/// What is erased in one step.
-const PART: usize = SECTOR / 16;
+/// Of a sector, each erased in one step.
+const PARTS: usize = 16;
 
 /// What the power cut leaves of the word or the sixteenth of a sector.
 #[derive(Clone, Debug)]
@@ -54,10 +55,13 @@ pub struct Cells {
     pub bytes: Vec<u8>,
     /// What each word was meant to hold, since the last erase; `true`: the write ended.
     words: Vec<Option<([u8; WORD], bool)>>,
+    sector: usize,
+    /// Bytes that a step writes: 1 or [`WORD`].
+    grain: usize,
     /// Steps until the power fails.
     pub power: u64,
-    /// Steps taken.
     pub steps: u64,
+    pub erases: u32,
     pub tear: Tear,
     /// Does an erase begin at the sector's end?
     pub backwards: bool,
@@ -70,22 +74,29 @@ impl Cells {
         Self {
             bytes: vec![0xFF; bytes],
             words: vec![None; bytes / WORD],
+            sector: SECTOR,
+            grain: WORD,
             power: u64::MAX,
             steps: 0,
+            erases: 0,
             tear: Tear::Nothing,
             backwards: false,
             stuck: None,
         }
     }
 
-    /// One step from `old` to `new`.
-    fn step(&mut self, at: usize, new: &[u8]) -> Result<(), Failure> {
+    /// One step: `part` of what becomes `new` at `at`. Without power, all of it is torn.
+    fn step(&mut self, at: usize, new: &[u8], part: Range<usize>) -> Result<(), Failure> {
         let cells = &mut self.bytes[at..at + new.len()];
         if let Some(left) = self.power.checked_sub(1) {
             self.power = left;
             self.steps += 1;
-            cells.copy_from_slice(new);
+            cells[part.clone()].copy_from_slice(&new[part]);
             return Ok(());
+        }
+        if part.start == 0 && part.len() < new.len() {
+            // Not begun yet.
+            return Err(Failure::NoPower);
         }
         match &mut self.tear {
             Tear::Nothing => {}
@@ -101,13 +112,18 @@ impl Cells {
     }
 
     fn erase(&mut self, from: usize, to: usize) -> Result<(), Failure> {
-        assert!(from.is_multiple_of(SECTOR) && to.is_multiple_of(SECTOR), "erase of parts of sectors");
-        for sector in (from..to).step_by(SECTOR) {
-            for part in 0..SECTOR / PART {
-                let part = if self.backwards { SECTOR / PART - 1 - part } else { part };
-                let at = sector + part * PART;
-                self.step(at, &[0xFF; PART])?;
-                self.words[at / WORD..(at + PART) / WORD].fill(None);
+        let size = self.sector / PARTS;
+        assert!(
+            from.is_multiple_of(self.sector) && to.is_multiple_of(self.sector),
+            "erase of parts of sectors"
+        );
+        self.erases += 1;
+        for sector in (from..to).step_by(self.sector) {
+            for part in 0..PARTS {
+                let part = if self.backwards { PARTS - 1 - part } else { part };
+                let at = sector + part * size;
+                self.step(at, &vec![0xFF; size], 0..size)?;
+                self.words[at / WORD..(at + size) / WORD].fill(None);
             }
         }
         Ok(())
@@ -127,11 +143,73 @@ impl Cells {
             if self.stuck == Some(at) {
                 return Err(Failure::Worn);
             }
-            self.words[at / WORD] = Some((word, false));
-            self.step(at, &word)?;
+            for from in (0..WORD).step_by(self.grain) {
+                if from > 0 || self.grain == WORD {
+                    self.words[at / WORD] = Some((word, false));
+                }
+                self.step(at, &word, from..from + self.grain)?;
+            }
             self.words[at / WORD] = Some((word, true));
         }
         Ok(())
+    }
+}
+
+/// A whole flash of such sectors, written byte by byte.
+#[derive(Clone)]
+pub struct Flash<const SECTOR: usize>(Cells);
+
+impl<const SECTOR: usize> Flash<SECTOR> {
+    pub fn new(sectors: usize) -> Self {
+        Self(Cells { sector: SECTOR, grain: 1, ..Cells::new(SECTOR * sectors) })
+    }
+
+    pub fn range(&self) -> Range<u32> {
+        0..self.bytes.len() as u32
+    }
+}
+
+impl<const SECTOR: usize> Deref for Flash<SECTOR> {
+    type Target = Cells;
+
+    fn deref(&self) -> &Cells {
+        &self.0
+    }
+}
+
+impl<const SECTOR: usize> DerefMut for Flash<SECTOR> {
+    fn deref_mut(&mut self) -> &mut Cells {
+        &mut self.0
+    }
+}
+
+impl<const SECTOR: usize> ErrorType for Flash<SECTOR> {
+    type Error = Failure;
+}
+
+impl<const SECTOR: usize> ReadNorFlash for Flash<SECTOR> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, out: &mut [u8]) -> Result<(), Failure> {
+        out.copy_from_slice(&self.bytes[offset as usize..offset as usize + out.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = SECTOR;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failure> {
+        self.0.erase(from as usize, to as usize)
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failure> {
+        self.0.write(offset as usize, bytes)
     }
 }
 

@@ -2,7 +2,7 @@
 
 mod bus;
 mod device;
-mod flash;
+pub mod flash;
 mod format;
 mod installed;
 mod power_cuts;

@@ -5,7 +5,6 @@ use crate::frame::Frame;
 use crate::timing::Timing;
 use crate::wire_bits::{Field, Rate, WireBits};
 
-/// Bits of an error flag.
 const ERROR_FLAG: u32 = 6;
 /// The others' flags start at the sixth bit of the first at the latest.
 const ECHOED_FLAG: u32 = 6;
@@ -49,7 +48,6 @@ pub struct Disturbance {
     /// Bit of the frame, counted from start of frame with stuff bits, that arrives wrong everywhere. Beyond the
     /// end of the frame nothing happens.
     pub wrong_bit: Option<u32>,
-    /// Nobody acknowledges.
     pub no_acknowledge: bool,
 }
 
@@ -58,7 +56,6 @@ pub struct Disturbance {
 pub enum Outcome {
     /// Every other node on the bus has the frame.
     Sent,
-    /// Nobody acknowledged.
     NotAcknowledged,
     /// Stopped by an error flag in this field.
     Error(Field),
@@ -67,13 +64,10 @@ pub enum Outcome {
 /// An attempt to send a frame, in cycles of the bus's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attempt {
-    /// Who sent.
     pub node: usize,
-    /// Start of frame.
     pub start: u64,
     /// End of frame, or of the error delimiter.
     pub end: u64,
-    /// What became of it.
     pub outcome: Outcome,
 }
 
@@ -102,7 +96,6 @@ impl<const N: usize> Bus<N> {
         }
     }
 
-    /// Bit timings.
     pub const fn timing(&self) -> &Timing {
         &self.timing
     }
@@ -128,7 +121,6 @@ impl<const N: usize> Bus<N> {
         }
     }
 
-    /// Error counters of a node.
     pub const fn node(&self, node: usize) -> &FaultConfinement {
         &self.nodes[node]
     }
@@ -183,7 +175,6 @@ impl<const N: usize> Bus<N> {
         Ok(Some(self.send(node, start, frame, disturbance)))
     }
 
-    /// Node `node` sends `frame` from `start` on.
     fn send(&mut self, node: usize, start: u64, frame: &Frame, disturbance: Disturbance) -> Attempt {
         let hears = |other: usize| other != node && self.ready(other).is_some();
         let acknowledged = !disturbance.no_acknowledge && (0..N).any(hears);

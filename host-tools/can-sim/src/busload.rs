@@ -75,13 +75,9 @@ impl Sample {
 /// Shares of the bus's time, percent. Above 100 together the raw messages lose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Load {
-    /// Slip messages.
     pub slip_percent: f64,
-    /// Raw messages.
     pub raw_percent: f64,
-    /// Other nodes.
     pub foreign_percent: f64,
-    /// All.
     pub total_percent: f64,
 }
 
@@ -97,9 +93,7 @@ pub struct Latency {
 /// What a plan means at one pair of bit rates.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct BusLoad {
-    /// Bit rate of the arbitration phase, bit/s.
     pub nominal_bps: u32,
-    /// Bit rate of the data phase, bit/s.
     pub data_bps: u32,
     /// With the sample's frames, to the bit.
     pub exact: Load,
@@ -111,7 +105,6 @@ pub struct BusLoad {
     pub latency_worst: Latency,
 }
 
-/// Frame periods that are simulated.
 pub const SIMULATED_PERIODS: u32 = 1440;
 
 /// Calculate and simulate. `sample` must be [complete](Sample::is_complete).

@@ -11,7 +11,6 @@ const ACTIVE_MAX: u16 = 127;
 /// The transmit counter above this: off.
 const OFF_ABOVE: u16 = 255;
 
-/// How much a node may say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorState {
     /// Takes part; its error flag is dominant and stops everybody.
@@ -22,7 +21,6 @@ pub enum ErrorState {
     BusOff,
 }
 
-/// Error counters of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultConfinement {
     tec: u16,
@@ -31,7 +29,6 @@ pub struct FaultConfinement {
 }
 
 impl FaultConfinement {
-    /// No error yet.
     pub const fn new() -> Self {
         Self { tec: 0, rec: 0, off: false }
     }
@@ -41,12 +38,10 @@ impl FaultConfinement {
         self.tec
     }
 
-    /// Receive error counter.
     pub const fn receive_errors(&self) -> u16 {
         self.rec
     }
 
-    /// State by the counters.
     pub const fn state(&self) -> ErrorState {
         if self.off {
             ErrorState::BusOff

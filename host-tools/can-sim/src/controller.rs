@@ -37,11 +37,8 @@ pub struct Disturbance {
 pub struct Arrived {
     /// When its last bit had gone, nanoseconds.
     pub at_ns: u64,
-    /// When it was handed over, nanoseconds.
     pub handed_over_ns: u64,
-    /// The slot it came by.
     pub slot: TxSlot,
-    /// The frame.
     pub frame: CanFrame,
 }
 
@@ -118,7 +115,6 @@ impl Bus {
         }
     }
 
-    /// Has the slot's frame gone?
     pub const fn is_free(&self, tx_slot: TxSlot) -> bool {
         self.slots[tx_slot as usize].is_none()
     }
@@ -146,7 +142,6 @@ impl Bus {
         }
     }
 
-    /// State and error counters.
     pub fn status(&self) -> CanStatus {
         let state = match self.confinement.state() {
             _ if self.off_until_ns.is_some() => CanState::BusOff,
@@ -229,7 +224,6 @@ impl Bus {
         self.times.recovery(self.disturbance.foreign_load_percent, FOREIGN_BYTES)
     }
 
-    /// Who sends next, and from when on.
     fn next_start(&self) -> Option<(u64, Sender)> {
         let foreign = (self.disturbance.foreign_load_percent > 0).then(|| self.foreign_ns.max(self.free_ns));
         let ready = |slot: &Slot| slot.since_ns.max(self.free_ns).max(self.off_until_ns.unwrap_or(0));

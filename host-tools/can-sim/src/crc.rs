@@ -3,7 +3,6 @@
 /// A polynomial and where its register starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crc {
-    /// Bits.
     pub width: u32,
     /// Without the leading one.
     pub polynomial: u32,

@@ -1,9 +1,7 @@
 //! A frame as a node hands it to its controller.
 
-/// Bytes of the longest data field.
 pub const MAX_DATA: usize = 64;
 
-/// Identifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Id {
     /// 11 bits.
@@ -22,7 +20,6 @@ impl Id {
     }
 }
 
-/// What kind of frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Classical CAN, up to 8 bytes.
@@ -42,7 +39,6 @@ impl Format {
     /// CAN FD with bit rate switching of an error-active node: what this project sends.
     pub const FD: Self = Self::Fd { bit_rate_switch: true, error_passive: false };
 
-    /// Is it CAN FD's format?
     pub const fn is_fd(self) -> bool {
         matches!(self, Self::Fd { .. })
     }
@@ -53,7 +49,6 @@ impl Format {
     }
 }
 
-/// Why a frame cannot be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameError {
     /// The identifier has more than 11 or 29 bits.
@@ -72,7 +67,6 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A data frame.
     pub fn new(id: Id, format: Format, data: &[u8]) -> Result<Self, FrameError> {
         let dlc = dlc_of(data.len(), format.is_fd()).ok_or(FrameError::Length(data.len()))?;
         if format == Format::Remote && !data.is_empty() {
@@ -99,12 +93,10 @@ impl Frame {
         Ok(Self { id, format, dlc, data: [0; MAX_DATA] })
     }
 
-    /// Identifier.
     pub const fn id(&self) -> Id {
         self.id
     }
 
-    /// Kind of frame.
     pub const fn format(&self) -> Format {
         self.format
     }
@@ -114,12 +106,10 @@ impl Frame {
         self.dlc
     }
 
-    /// The data field.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.data_len()]
     }
 
-    /// The data field, to be filled.
     pub fn data_mut(&mut self) -> &mut [u8] {
         let len = self.data_len();
         &mut self.data[..len]

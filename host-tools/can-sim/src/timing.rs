@@ -37,11 +37,8 @@ impl BitTiming {
 /// Both bit timings of a bus and the clock they count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
-    /// CAN kernel clock in Hz.
     pub clock_hz: u32,
-    /// Arbitration phase.
     pub nominal: BitTiming,
-    /// Data phase.
     pub data: BitTiming,
 }
 
@@ -71,7 +68,6 @@ impl Timing {
         if bits.switched { even + (nominal + data) as u64 } else { even }
     }
 
-    /// Cycles of one bit.
     pub const fn bit(&self, rate: Rate) -> u32 {
         match rate {
             Rate::Nominal => self.nominal.cycles(),

@@ -6,47 +6,37 @@ use crate::frame::{Format, Frame, Id};
 /// Which part of the frame a bit belongs to; a stuff bit belongs to the bit before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Field {
-    /// Start of frame.
     Start,
     /// Identifier, RTR/SRR/RRS and IDE: what arbitration compares.
     Arbitration,
     /// From FDF to the data length code.
     Control,
-    /// Data field.
     Data,
     /// CAN FD's count of stuff bits, its parity, checksum and fixed stuff bits; in a classic frame the checksum.
     Crc,
-    /// CRC delimiter.
     CrcDelimiter,
     /// Where receivers answer.
     AckSlot,
-    /// ACK delimiter.
     AckDelimiter,
-    /// End of frame.
     End,
 }
 
-/// Which bit timing a bit has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rate {
     /// Arbitration's.
     Nominal,
     /// BRS: nominal up to its sample point, then data.
     ToData,
-    /// The data phase's.
     Data,
     /// CRC delimiter after a switch: data up to its sample point, then nominal.
     ToNominal,
 }
 
-/// One bit as the transmitter sends it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WireBit {
     /// `true`: recessive.
     pub level: bool,
-    /// Part of the frame.
     pub field: Field,
-    /// Bit timing.
     pub rate: Rate,
     /// Is it a stuff bit, dynamic or fixed?
     pub stuff: bool,
@@ -55,15 +45,11 @@ pub struct WireBit {
 /// How many bits of each kind. The intermission after the frame is not among them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameBits {
-    /// At the nominal rate.
     pub nominal: u32,
-    /// At the data rate.
     pub data: u32,
     /// Was the rate switched? Then two more bits, BRS and CRC delimiter, are each split at their sample point.
     pub switched: bool,
-    /// Of all these: dynamic stuff bits.
     pub dynamic_stuff: u32,
-    /// Of all these: fixed stuff bits.
     pub fixed_stuff: u32,
 }
 
@@ -73,7 +59,6 @@ impl FrameBits {
         self.nominal + self.data + 2 * self.switched as u32
     }
 
-    /// One bit more.
     pub(crate) const fn count(&mut self, rate: Rate) {
         match rate {
             Rate::Nominal => self.nominal += 1,
@@ -83,7 +68,6 @@ impl FrameBits {
         }
     }
 
-    /// Of a frame.
     pub fn of(frame: &Frame) -> Self {
         let mut bits = Self::default();
         for bit in WireBits::new(frame) {
@@ -221,7 +205,6 @@ pub struct WireBits<'a> {
 }
 
 impl<'a> WireBits<'a> {
-    /// From the start of frame on.
     pub fn new(frame: &'a Frame) -> Self {
         let crc = crc_of(frame.format(), frame.data().len());
         Self {

@@ -40,7 +40,6 @@ impl NamedModel {
     }
 }
 
-/// The demo's episode.
 pub fn episode() -> Result<Episode> {
     Ok(Episode::from_bytes(EPISODE, NAME)?)
 }

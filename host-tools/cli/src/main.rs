@@ -29,7 +29,6 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 /// Exit code of every error, the command line's own included.
 const EXIT_ERROR: u8 = 2;
-/// Widest help text, columns.
 const HELP_COLUMNS: usize = 100;
 
 const ABOUT: &str = "Slip sensing for robot fingertips: run the firmware's signal path on a computer";
@@ -83,7 +82,6 @@ enum Command {
     HelpMarkdown,
 }
 
-/// Parse the command line, do what it says, and report an error in one line.
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Demo(args) => args.run(),

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use slipsense_recording::write_whole;
 use tempfile::{Builder, TempDir};
 
 const PREFIX: &str = ".slipsense-";
@@ -33,7 +34,6 @@ impl OutputDir {
         Ok(Self { target: target.to_owned(), staging })
     }
 
-    /// Where to write the file of this name.
     pub fn path(&self, name: &str) -> PathBuf {
         self.staging.path().join(FILES).join(name)
     }
@@ -77,23 +77,9 @@ pub fn check_file(path: &Path) -> Result<()> {
     test.map(drop).with_context(|| format!("{}: cannot write into this folder", folder.display()))
 }
 
-/// Write a file that appears whole or not at all.
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
-    let mut builder = Builder::new();
-    builder.prefix(PREFIX).suffix(SUFFIX);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private by default; a result is as readable as the umask lets it be.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let write = || -> io::Result<()> {
-        let mut partial = builder.tempfile_in(folder_of(path))?;
-        partial.as_file_mut().write_all(content.as_ref())?;
-        partial.persist(path)?;
-        Ok(())
-    };
-    write().with_context(|| format!("{}: cannot write", path.display()))
+    write_whole(path, |file| file.write_all(content.as_ref()))
+        .with_context(|| format!("{}: cannot write", path.display()))
 }
 
 fn folder_of(path: &Path) -> &Path {

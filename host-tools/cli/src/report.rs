@@ -56,7 +56,6 @@ pub fn html(summary: &Summary, timeline: &str) -> String {
     page.into_string()
 }
 
-/// What the panels of the picture are.
 const EXPLANATIONS: PreEscaped<&str> = PreEscaped(
     "<ul>
 <li><strong>Pressure</strong>: the sum of the 942 taxels of each pad. It shows closing and opening of the gripper and \

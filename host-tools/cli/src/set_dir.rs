@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
+use slipsense_recording::Episode;
 use slipsense_recording::npz::Reader;
-use slipsense_recording::{Episode, EpisodeError};
 use slipsense_synth::content_hash;
 use slipsense_synth::splits::{EpisodeSet, FrozenSet, SetHashes, recipe_of};
 
@@ -18,8 +18,8 @@ use crate::output::{refuse_file, write_file};
 
 const SET: &str = "set.json";
 const HASHES: &str = "hashes.json";
-/// Folders of files that are not finished begin so; each shard has its own.
-const PARTIAL: &str = ".partial-";
+/// Files that a run that was cut off did not finish end so.
+const PARTIAL: &str = ".partial";
 
 /// Part `number` of `of`: every `of`-th episode, beginning with the `number`-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,7 +75,6 @@ impl SetDir {
         Self::with_hashes(path, set)
     }
 
-    /// The set that is in this folder, if one is.
     pub fn open(path: &Path) -> Result<Option<Self>> {
         read_set(path)?.map(|set| Self::with_hashes(path, set)).transpose()
     }
@@ -92,7 +91,6 @@ impl SetDir {
         Ok(Self { path: path.to_owned(), set, hashes, frozen })
     }
 
-    /// Make the folder and say what it is for.
     pub fn begin(&self) -> Result<()> {
         fs::create_dir_all(&self.path)
             .with_context(|| format!("{}: cannot write this folder", self.path.display()))?;
@@ -119,24 +117,9 @@ impl SetDir {
         self.path.join(format!("{}.npz", self.set.episodes[index].name))
     }
 
-    /// Where a shard keeps what is not finished.
-    pub fn staging(&self, shard: Shard) -> Result<Staging> {
-        let folder = self.path.join(format!("{PARTIAL}{}-of-{}", shard.number, shard.of));
-        let fresh = if folder.exists() { fs::remove_dir_all(&folder) } else { Ok(()) };
-        fresh
-            .and_then(|()| fs::create_dir(&folder))
-            .with_context(|| format!("{}: cannot write this folder", self.path.display()))?;
-        Ok(Staging(folder))
-    }
-
     /// Write one episode; the file appears when it is whole.
-    pub fn write(&self, index: usize, episode: &Episode, staging: &Staging) -> Result<()> {
-        let file = self.file(index);
-        let partial = staging.0.join(file.file_name().unwrap_or_default());
-        // The name that the user knows, not that of the unfinished file.
-        let error = |EpisodeError { problem, .. }| EpisodeError { path: file.clone(), problem };
-        episode.write(&partial).map_err(error)?;
-        fs::rename(&partial, &file).with_context(|| format!("{}: cannot write", file.display()))
+    pub fn write(&self, index: usize, episode: &Episode) -> Result<()> {
+        Ok(episode.write(self.file(index))?)
     }
 
     /// If all episodes are there, write down their hashes, where that is not done, and check those that
@@ -161,8 +144,8 @@ impl SetDir {
             self.hashes = Some(hashes);
             // Left by runs that were cut off. No other shard is at work: everything is there.
             for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
-                if entry.file_name().to_string_lossy().starts_with(PARTIAL) {
-                    let _ = fs::remove_dir_all(entry.path());
+                if entry.file_name().to_string_lossy().ends_with(PARTIAL) {
+                    let _ = fs::remove_file(entry.path());
                 }
             }
         }
@@ -234,23 +217,11 @@ impl SetDir {
     }
 }
 
-/// A folder of unfinished files, removed in the end.
-#[derive(Debug)]
-pub struct Staging(PathBuf);
-
-impl Drop for Staging {
-    fn drop(&mut self) {
-        // What cannot be removed here is removed when the set is complete.
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
-
 fn read_set(folder: &Path) -> Result<Option<EpisodeSet>> {
     let file = folder.join(SET);
     read(&file)?.map(|text| EpisodeSet::parse(&text).with_context(|| file.display().to_string())).transpose()
 }
 
-/// The text of a file, if there is one.
 fn read(file: &Path) -> Result<Option<String>> {
     match fs::read_to_string(file) {
         Ok(text) => Ok(Some(text)),

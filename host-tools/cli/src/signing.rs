@@ -43,7 +43,6 @@ pub fn from_hex(text: &str) -> Option<[u8; 32]> {
     Some(bytes)
 }
 
-/// Read a file of `slipsense keygen`.
 pub fn read_key(path: &Path) -> Result<SigningKey> {
     let text =
         fs::read_to_string(path).with_context(|| format!("{}: cannot read the key", path.display()))?;
@@ -52,12 +51,10 @@ pub fn read_key(path: &Path) -> Result<SigningKey> {
     Ok(SigningKey::from_bytes(&seed))
 }
 
-/// Read a public key from the command line.
 pub fn public_key(text: &str) -> Result<[u8; 32], String> {
     from_hex(text).ok_or_else(|| "a public key has 64 hexadecimal digits".to_owned())
 }
 
-/// Header and payload.
 pub fn sign(key: &SigningKey, header: &Header, payload: &[u8]) -> Vec<u8> {
     let signature = key.sign(&header.signed_bytes()).to_bytes();
     [&header.encode(&signature)[..], payload].concat()

@@ -13,13 +13,11 @@ use slipsense_recording::{Episode, Predictions};
 /// The pipeline's output for an episode.
 #[derive(Clone, Debug)]
 pub struct Simulation {
-    /// Classes, logits, flags and features.
     pub predictions: Predictions,
     /// Sum of each pad, counts, `[frame * sensors + sensor]`.
     pub pressure: Vec<u32>,
     /// Health bits (`slipsense::health`) of each sensor, `[frame * sensors + sensor]`.
     pub health: Vec<u8>,
-    /// CAN frames sent.
     pub can_frames: u64,
     /// Time spent in the pipeline alone, on one core.
     pub step_time: Duration,

@@ -17,7 +17,6 @@ use crate::simulate::Simulation;
 /// Version of the layout of `summary.json`.
 const FORMAT: u32 = 1;
 
-/// Names of the health bits.
 pub const HEALTH: [(u8, &str); 8] = [
     (health::PIEZO_MISSING, "array missing"),
     (health::XL_MISSING, "accelerometer missing"),
@@ -63,7 +62,6 @@ pub struct ModelInfo {
     /// The hash at the end of the model file (SHA-256 of what precedes it): the model's identity.
     pub hash: String,
     pub operating_point: OperatingPointInfo,
-    /// How it was made, as the file says.
     pub provenance: serde_json::Value,
 }
 
@@ -80,13 +78,11 @@ pub struct OperatingPointInfo {
 pub struct OutputInfo {
     /// Frames decided as no contact, contact without slip, slip.
     pub class_frames: [u64; 3],
-    /// Maximal runs of frames in which slip may begin.
     pub may_begin_runs: Vec<FrameRun>,
     /// Maximal runs of frames with the slip flag up.
     pub slip_runs: Vec<FrameRun>,
     /// Frames in which any sensor had a health bit set, by bit.
     pub health_frames: Vec<HealthCount>,
-    /// CAN frames in `can.log`.
     pub can_frames: u64,
 }
 
@@ -111,7 +107,6 @@ pub struct TruthInfo {
     pub class_frames: [u64; 3],
     #[serde(flatten)]
     pub may_begin: FlagScores,
-    /// The same of the slip flag.
     pub slip: FlagScores,
     /// `confusion[truth][decided]`, frames.
     pub confusion: [[u64; 3]; 3],
@@ -133,7 +128,6 @@ pub struct FlagScores {
     pub false_alarms: Vec<FrameRun>,
 }
 
-/// One slip event and its detection.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct EventInfo {
     /// First frame labelled slip, and the frame after the last one.
@@ -167,7 +161,6 @@ pub struct SpeedInfo {
     pub times_real_time: f64,
 }
 
-/// Seconds from frame 0 to this frame.
 pub fn seconds(frame: usize) -> f64 {
     frame as f64 / f64::from(FRAME_RATE_HZ)
 }
@@ -228,7 +221,6 @@ impl EpisodeInfo {
         }
     }
 
-    /// One line: the episode without its source.
     pub fn words(&self) -> String {
         let kind = if self.synthetic { "synthetic episode" } else { "episode" };
         let mut words = format!("{kind} {}", file_name(&self.name));
@@ -349,12 +341,10 @@ impl EventInfo {
     }
 }
 
-/// The last part of a path.
 pub fn file_name(path: &str) -> Cow<'_, str> {
     Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy())
 }
 
-/// Two hexadecimal digits for each byte.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -363,7 +353,6 @@ pub fn plural(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
 }
 
-/// The short table that the terminal shows.
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.episode.words())?;

@@ -119,13 +119,11 @@ impl<T: Clone> PerSensor<T> {
     }
 }
 
-/// A score of one sensor alone.
 pub(crate) trait SensorScore: Clone + Send {
     /// The next frame's score of this sensor.
     fn step(&mut self, episode: &Episode, frame: usize, sensor: usize) -> f64;
 }
 
-/// The largest score of all sensors.
 impl<S: SensorScore> Score for PerSensor<S> {
     fn step(&mut self, episode: &Episode, frame: usize) -> f32 {
         let sensors = self.get(episode.sensors).iter_mut().enumerate();

@@ -50,7 +50,6 @@ impl DirectionClass {
     }
 }
 
-/// Slips of one direction in one input.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct DirectionFigures {
     pub(crate) direction: DirectionClass,

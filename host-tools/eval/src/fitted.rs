@@ -22,14 +22,12 @@ pub(crate) const RIG_TERMS: usize = 2 * RIG_FEATURES;
 /// Version of the file's layout and of the meaning of its numbers.
 pub const FORMAT: u32 = 1;
 
-/// All fitted numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fitted {
     pub(crate) format: u32,
     /// Which rule makes the classes first; the thresholds depend on it.
     pub(crate) class_order: ClassOrder,
-    /// What it was fitted on.
     pub data: DataUsed,
     /// Training frames of each class, all of them.
     pub(crate) class_frames: [u64; CLASSES],
@@ -49,7 +47,6 @@ pub struct Fitted {
     pub(crate) rig_only: Option<RigFit>,
 }
 
-/// What was fitted on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DataUsed {
@@ -57,19 +54,15 @@ pub struct DataUsed {
     pub source: String,
     /// Always `train`.
     pub split: String,
-    /// Name and version of the generator.
     pub generator: String,
-    /// Episodes.
     pub episodes: u64,
     /// Frames in all; classes and clock count these.
     pub frames: u64,
     /// Of how many frames one was used for the rest.
     pub stride: u64,
-    /// Frames used for the rest.
     pub frames_used: u64,
 }
 
-/// Threshold of a score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cutoff {
@@ -93,7 +86,6 @@ impl Cutoff {
 pub struct MfccFit {
     /// Of the MFCC, over all sensors' frames.
     pub(crate) scaling: Scaling,
-    /// Standardised MFCC of slip frames.
     pub(crate) slip: Gaussian,
     /// Standardised MFCC of all other frames.
     pub(crate) not_slip: Gaussian,
@@ -132,13 +124,11 @@ impl LikelihoodRatio {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LogisticFit {
-    /// Of the features.
     pub(crate) scaling: Scaling,
     /// Log-odds per standard deviation of each feature.
     pub(crate) weights: Vec<f64>,
     /// Log-odds at the mean of all features.
     pub(crate) intercept: f64,
-    /// Of the log-odds.
     pub(crate) cut: Cutoff,
 }
 
@@ -153,7 +143,6 @@ impl LogisticFit {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigFit {
-    /// Of the features.
     pub(crate) scaling: Scaling,
     /// Slip against not slip.
     pub(crate) slip: Odds,
@@ -161,7 +150,6 @@ pub struct RigFit {
     pub(crate) held: Odds,
 }
 
-/// One logistic regression.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Odds {
@@ -172,7 +160,6 @@ pub struct Odds {
 }
 
 impl Odds {
-    /// Probability at these terms.
     pub(crate) fn probability(&self, terms: &[f64]) -> f64 {
         let odds = self.intercept + self.weights.iter().zip(terms).map(|(w, x)| w * x).sum::<f64>();
         1.0 / (1.0 + (-odds).exp())
@@ -185,14 +172,12 @@ impl Fitted {
         Self::from_json(include_str!("../fitted.json")).context("bundled fitted.json")
     }
 
-    /// Read a file and check it.
     pub fn read(path: &Path) -> Result<Self> {
         let name = || path.display().to_string();
         let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot read", name()))?;
         Self::from_json(&text).with_context(name)
     }
 
-    /// Read JSON and check it.
     pub fn from_json(text: &str) -> Result<Self> {
         let fitted: Self = serde_json::from_str(text).context("not a file of fitted detectors")?;
         fitted.validate()?;

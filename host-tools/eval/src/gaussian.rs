@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 /// features are correlated, too little to change a decision (scikit-learn's `reg_param`).
 pub(crate) const RIDGE: f64 = 1e-6;
 
-/// Mean and covariance of one class.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gaussian {

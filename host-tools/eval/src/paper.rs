@@ -27,13 +27,10 @@ pub(crate) const LATENCY_BY_SPEED: [(f64, u32, f64, f64, f64); 5] = [
 /// The paper's latency distribution: percent of the events at the onset frame and within 5 frames.
 pub(crate) const WITHIN_PERCENT: [f64; 2] = [43.0, 76.0];
 
-/// One row of a table of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct PaperRow {
     pub(crate) table: &'static str,
-    /// Method, as the paper calls it.
     pub(crate) method: &'static str,
-    /// The detector here that does the same.
     pub(crate) detector: &'static str,
     pub(crate) input: &'static str,
     pub(crate) latency_frames: f64,
@@ -93,7 +90,6 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    /// The comparison of a detector on an input, where the paper has one.
     pub(crate) fn find(detector: &str, input: &str, figures: &Figures) -> Option<Self> {
         let paper = *ROWS.iter().find(|row| row.detector == detector && row.input == input)?;
         let percent = |share: Option<f64>| share.map(|share| 100.0 * share);

@@ -19,9 +19,9 @@ use crate::metrics::events::Cdf;
 use crate::metrics::figures::{EpisodeRecord, Figures};
 use crate::metrics::groups::{Grouping, grip_bounds_n, groupings};
 use crate::metrics::operating::{CurvePoint, TARGET_FPR, curve, figures_at, non_slip_scores, threshold_for};
-use crate::metrics::statistics::mean;
+use crate::metrics::statistics::{mean, share};
 use crate::paper::{Comparison, VALIDATION};
-use crate::quantization::{Pair, QuantizationRow, quantization_rows};
+use crate::quantization::{QuantizationRow, quantization_rows};
 use crate::run::{Candidate, Run};
 use crate::source::{Input, STREAMS};
 use crate::targets::{TargetRow, target_rows};
@@ -77,12 +77,10 @@ pub struct Results {
     pub(crate) streams: usize,
     /// From start to end, loading or generating the episodes included.
     pub wall_s: f64,
-    /// Threads that worked.
     pub threads: usize,
     /// Bounds between the terciles of the grip force.
     pub(crate) grip_bounds_n: Option<[f64; 2]>,
     pub(crate) detectors: Vec<DetectorResults>,
-    pub(crate) pairs: Vec<Pair>,
     /// Families of more than one seed.
     pub(crate) seeds: Vec<Spread>,
     /// Ours beside the paper's, where inputs and detectors have the names of its tables.
@@ -135,7 +133,6 @@ pub(crate) struct DetectorResults {
     pub(crate) operating_point_missing_because: Option<&'static str>,
     /// The episode with most misses and false alarms; none where nothing went wrong.
     pub(crate) worst_episode: Option<WorstEpisode>,
-    /// Its position among all episodes.
     #[serde(skip)]
     pub(crate) worst_index: Option<usize>,
 }
@@ -196,11 +193,11 @@ impl Results {
             .enumerate()
             .map(|(e, candidate)| detector(inputs, candidate, e, run))
             .collect();
-        let pair = |&(a, b): &(usize, usize)| {
-            let named = |e: usize| (detectors[e].name.as_str(), &detectors[e].all);
-            let tested = tested(inputs, run);
-            let predictions = tested.iter().map(|&i| (&run.predictions[a][i], &run.predictions[b][i]));
-            Pair::new(named(a), named(b), predictions)
+        let same = |pair: usize, input: usize| {
+            let episodes = run.of_input[input].clone();
+            let [a, b] = [pairs[pair].0, pairs[pair].1].map(|e| &run.predictions[e][episodes.clone()]);
+            let classes = a.iter().flat_map(|of| &of.class).zip(b.iter().flat_map(|of| &of.class));
+            share(classes.clone().filter(|(a, b)| a == b).count(), classes.count())
         };
         let compare = |detector: &DetectorResults, candidate: &Candidate<'_>| -> Vec<Comparison> {
             let find = |on: &InputFigures| Comparison::find(&candidate.family, &on.input, &on.figures);
@@ -219,8 +216,7 @@ impl Results {
             threads: rayon::current_num_threads(),
             grip_bounds_n: grip_bounds_n(&run.truths),
             targets: target_rows(&seeds),
-            integer_against_float: quantization_rows(&named_pairs),
-            pairs: pairs.iter().map(pair).collect(),
+            integer_against_float: quantization_rows(&named_pairs, same),
             seeds: spreads(candidates, &detectors),
             paper: detectors.iter().zip(candidates).flat_map(|(d, e)| compare(d, e)).collect(),
             null_reasons: NULL_REASONS.into(),
@@ -379,7 +375,6 @@ fn spreads(candidates: &[Candidate<'_>], detectors: &[DetectorResults]) -> Vec<S
 }
 
 impl Results {
-    /// What the data is, in words: "synthetic data", "partly synthetic data" or "data".
     pub(crate) fn kind_of_data(&self) -> &'static str {
         match (self.synthetic, self.partly_synthetic) {
             (true, _) => "synthetic data",

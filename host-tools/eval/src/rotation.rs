@@ -33,9 +33,7 @@ pub(crate) const SCHEMA: &str = "slipsense-rotation/1";
 pub(crate) enum TurnKind {
     /// Uniform over all rotations.
     Random,
-    /// Axes exchanged.
     Permutation,
-    /// Axes reversed.
     SignFlip,
 }
 
@@ -140,7 +138,6 @@ pub struct RotationResults {
     pub(crate) kinds: Vec<KindResults>,
 }
 
-/// The turns of one kind.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct KindResults {
     pub(crate) kind: TurnKind,
@@ -152,7 +149,6 @@ pub(crate) struct KindResults {
     pub(crate) turns: Vec<TurnResults>,
 }
 
-/// One turn.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct TurnResults {
     pub(crate) name: String,

@@ -14,9 +14,7 @@ use crate::detector::{Detector, Prediction};
 use crate::source::Input;
 use crate::truth::Truth;
 
-/// A detector to evaluate.
 pub struct Candidate<'a> {
-    /// Name in the report.
     pub name: String,
     /// Candidates of the same family differ by their training seed only; the report gives their spread.
     pub family: String,
@@ -24,7 +22,6 @@ pub struct Candidate<'a> {
     pub make: Box<dyn Fn() -> Result<Detector<'a>> + Sync + 'a>,
 }
 
-/// All truths and predictions.
 #[derive(Clone, Debug, Default)]
 pub struct Run {
     /// Truth of each episode, input by input, in the order of the streams.

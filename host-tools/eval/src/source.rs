@@ -24,15 +24,8 @@ pub struct Input {
 /// One episode that is not in memory yet.
 #[derive(Clone, Debug)]
 pub enum Handle {
-    /// An `.npz` file.
     File(PathBuf),
-    /// To be generated.
-    Recipe {
-        /// Stands for the file.
-        name: String,
-        /// What to generate.
-        recipe: Box<Recipe>,
-    },
+    Recipe { name: String, recipe: Box<Recipe> },
 }
 
 impl Handle {
@@ -44,7 +37,6 @@ impl Handle {
         }
     }
 
-    /// Read or generate.
     pub fn load(&self) -> Result<Episode> {
         match self {
             Self::File(path) => Ok(Episode::read(path)?),

@@ -16,7 +16,6 @@ use slipsense::params::{FFT_BINS, HIGHPASS_HZ, MEL_HIGH_HZ, MEL_LOW_HZ, XL_AXES,
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
-/// Mel filters.
 pub(crate) const FILTERS: usize = 26;
 /// Cepstral coefficients kept, the 0th (level) included.
 pub(crate) const COEFFICIENTS: usize = 13;
@@ -59,7 +58,6 @@ impl XlSpectrum {
         }
     }
 
-    /// Take what this sensor delivered for a frame.
     pub(crate) fn push_frame(&mut self, episode: &Episode, frame: usize, sensor: usize) {
         self.push(episode.xl_batch(frame, sensor), episode.meta.xl_lsb_g);
     }
@@ -140,7 +138,6 @@ impl HighPass {
     }
 }
 
-/// Weights of one triangle.
 struct Filter {
     first_bin: usize,
     weights: Vec<f64>,

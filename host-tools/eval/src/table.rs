@@ -64,7 +64,6 @@ impl Table {
         self.rows.push(row);
     }
 
-    /// Append text to a cell.
     pub(crate) fn append(&mut self, row: usize, column: usize, text: &str) {
         self.rows[row][column] += text;
     }
@@ -73,7 +72,6 @@ impl Table {
         self.rows.is_empty()
     }
 
-    /// The table for the report.
     pub(crate) fn html(&self) -> Markup {
         let words = |column: usize| column < self.word_columns;
         html! {

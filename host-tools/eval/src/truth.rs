@@ -52,7 +52,6 @@ const LOOK_BACK_FRAMES: usize = FRAME_RATE_HZ as usize * 150 / 1000;
 /// What an episode's metadata says about it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EpisodeInfo {
-    /// Name of the input that it came with.
     pub(crate) input: String,
     pub(crate) name: String,
     pub(crate) sensors: usize,
@@ -67,7 +66,6 @@ pub struct EpisodeInfo {
     pub(crate) region: Option<String>,
     /// Speed of the pull, mm/s; none where nothing pulls.
     pub(crate) speed_mm_s: Option<f64>,
-    /// Base grip of one finger, N.
     pub(crate) grip_n: Option<f64>,
     pub(crate) synthetic: bool,
 }
@@ -149,7 +147,6 @@ pub(crate) struct Disturbance {
 }
 
 impl Truth {
-    /// The truth of an episode, which must have labels.
     pub fn new(episode: &Episode, input: &str, name: &str) -> Result<Self> {
         let Some(label) = &episode.label else {
             bail!("{input}/{name}: array `label` is missing, an evaluation needs it");
@@ -172,7 +169,6 @@ impl Truth {
         })
     }
 
-    /// What labels alone say.
     pub fn from_labels(label: Vec<u8>) -> Self {
         let slip = runs(label.len(), |f| label[f] == SLIP);
         Self { slip, disturbance: vec![NONE; label.len()], label, ..Self::default() }

@@ -38,7 +38,6 @@ static inline uint32_t slipsense_crc(uint32_t crc, const uint8_t *bytes, size_t 
 
 const RECEIVER: &str = include_str!("slip_receiver.h");
 
-/// Text of the header.
 pub fn text() -> Result<String> {
     let definition = layout::slip()?;
     let first = NodeId::new(0).context("address 0 is one")?;
@@ -89,7 +88,6 @@ fn members(out: &mut String, definition: &Definition) -> Result<()> {
     Ok(())
 }
 
-/// Bits of the smallest C type that holds `bits`.
 const fn width(bits: u32) -> u32 {
     match bits {
         0..=8 => 8,

@@ -16,14 +16,11 @@ use thiserror::Error;
 /// Most digits of a fraction that count: microseconds.
 const FRACTION_DIGITS: usize = 6;
 
-/// One line of a log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LogEntry {
     /// Microseconds since 1970; finer digits are dropped.
     pub timestamp_us: u64,
-    /// Interface that the frame was seen on.
     pub interface: String,
-    /// The frame.
     pub frame: CanFrame,
 }
 
@@ -33,14 +30,12 @@ pub struct LogEntry {
 pub struct CandumpError {
     /// Number of the line, from 1.
     pub line: usize,
-    /// What is wrong.
     pub rule: Rule,
 }
 
 /// What a line of a log must be.
 #[derive(Debug, Error)]
 pub enum Rule {
-    /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
     /// Classic CAN, remote or 11-bit frames are legal on a bus and in a log, but none of ours.
@@ -70,7 +65,6 @@ pub struct CandumpReader<R> {
 }
 
 impl<R: BufRead> CandumpReader<R> {
-    /// A reader from the start of a log.
     pub fn new(input: R) -> Self {
         Self { input, line: 0, buffer: Vec::new(), broken: false }
     }

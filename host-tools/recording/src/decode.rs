@@ -7,23 +7,18 @@ use slipsense::wire::{
     SlipMessage,
 };
 
-/// A message and who sent it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Decoded {
-    /// The sender.
     pub node: NodeId,
-    /// The message.
     pub message: Received,
 }
 
 /// What came from one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Count {
-    /// Slip messages.
     pub slip: u64,
     /// Slip messages that did not come, by the numbers of those that did.
     pub slip_lost: u64,
-    /// Raw messages.
     pub raw: u64,
     /// Raw messages that did not come, by their transfer identifiers: right while fewer than 32 in a row are lost.
     /// One that the module itself gave up on a full bus is among them.
@@ -51,7 +46,6 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// No frame yet.
     pub fn new() -> Self {
         Self::default()
     }

@@ -8,13 +8,10 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct EpisodeError {
-    /// The file.
     pub path: PathBuf,
-    /// The rule that it breaks.
     pub problem: Problem,
 }
 
-/// What is wrong with it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Problem {

@@ -12,28 +12,21 @@ pub struct Definition {
     pub fields: Vec<Field>,
     /// Named values: name, value, what they mean.
     pub constants: Vec<(String, u32, String)>,
-    /// Bits in all.
     pub bits: u32,
 }
 
-/// A field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Name as in the definition.
     pub name: String,
     /// Bits from the start of the definition.
     pub offset: u32,
     /// How many, 1 for a single one.
     pub count: u32,
-    /// Is it an array?
     pub array: bool,
-    /// What each is.
     pub kind: Kind,
-    /// What the definition says about it.
     pub comment: String,
 }
 
-/// Type of a field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// One bit.
@@ -42,12 +35,10 @@ pub enum Kind {
     Unsigned(u32),
     /// Bits, two's complement.
     Signed(u32),
-    /// The contact on one pad.
     Contact(Box<Definition>),
 }
 
 impl Kind {
-    /// Bits of one.
     pub fn bits(&self) -> u32 {
         match self {
             Self::Bool => 1,
@@ -93,7 +84,6 @@ impl Definition {
     }
 }
 
-/// The slip message.
 pub fn slip() -> Result<Definition> {
     parse(SLIP).context("6203.Slip.2.0.dsdl")
 }

@@ -59,3 +59,4 @@ pub use episode::Episode;
 pub use error::{EpisodeError, Problem};
 pub use meta::{Meta, XL_RATE_TOLERANCE};
 pub use predictions::{Predictions, logmel_g2, logmel_std};
+pub use whole_file::write_whole;

@@ -32,11 +32,9 @@ pub enum Place {
     Standard,
     /// A recording.
     File(PathBuf, Format),
-    /// A serial device.
     Serial(String),
     /// An slcan adapter behind TCP.
     Tcp(String),
-    /// A SocketCAN interface.
     SocketCan(String),
 }
 
@@ -75,13 +73,10 @@ impl Place {
     }
 }
 
-/// What a source gave.
 pub enum Input {
-    /// A frame.
     Frame(LogEntry),
     /// Traffic of others.
     Other(Foreign),
-    /// Nothing for now.
     Idle,
     /// There is no more.
     End,
@@ -102,15 +97,11 @@ pub enum Foreign {
 pub trait Wire: Read + Write + Send {}
 impl<T: Read + Write + Send> Wire for T {}
 
-/// An open source.
 pub enum Source {
     /// Lines of a candump log as they come.
     Lines(CandumpReader<Box<dyn BufRead + Send>>),
-    /// A recording that was read.
     Read(std::vec::IntoIter<LogEntry>),
-    /// An slcan adapter.
     Slcan(SlcanSource),
-    /// SocketCAN.
     SocketCan(socket_can::Socket),
 }
 
@@ -191,7 +182,6 @@ impl Source {
         }
     }
 
-    /// Send a frame to the bus that the source is.
     pub fn send(&mut self, frame: &CanFrame) -> Result<()> {
         match self {
             Self::Lines(_) | Self::Read(_) => bail!("a recording takes no frames: need a bus"),
@@ -239,11 +229,8 @@ fn is_timeout(error: &std::io::Error) -> bool {
 
 /// An open sink of frames.
 pub enum Sink {
-    /// A candump log.
     Log(CandumpWriter<Box<dyn Write>>),
-    /// An slcan adapter.
     Slcan(Box<dyn Wire>),
-    /// SocketCAN.
     SocketCan(socket_can::Socket),
 }
 
@@ -269,7 +256,6 @@ fn log_sink(out: impl Write + 'static, interface: &str) -> Result<Sink> {
 }
 
 impl Sink {
-    /// Send or write a frame.
     pub fn send(&mut self, timestamp_us: u64, frame: &CanFrame) -> Result<()> {
         match self {
             Self::Log(log) => log.write(timestamp_us, frame)?,
@@ -344,7 +330,6 @@ pub mod socket_can {
     }
 
     impl Socket {
-        /// Open the interface of this name.
         pub fn open(interface: &str) -> Result<Self> {
             let opened = CanFdSocket::open(interface).and_then(|socket| {
                 socket.set_read_timeout(POLL)?;

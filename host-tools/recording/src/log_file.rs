@@ -11,7 +11,6 @@ use crate::mcap_file;
 pub use crate::recording::{Format, Recording};
 use crate::whole_file::write_whole;
 
-/// Read a recording.
 pub fn read(path: &Path, format: Format) -> Result<Recording> {
     let read = match format {
         Format::Candump => read_candump(path),

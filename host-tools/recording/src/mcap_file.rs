@@ -56,7 +56,6 @@ struct Channel {
 }
 
 impl<W: Write + Seek> McapSink<W> {
-    /// An empty recording.
     pub fn new(out: W) -> Result<Self> {
         let options = WriteOptions::new()
             .compression(None)
@@ -188,7 +187,6 @@ fn schema(value: &Value) -> Value {
     }
 }
 
-/// Write a recording.
 pub(crate) fn write(file: &mut File, recording: &Recording) -> Result<()> {
     let mut sink = McapSink::new(BufWriter::new(file))?;
     for entry in &recording.entries {

@@ -25,7 +25,6 @@ pub struct Meta {
 }
 
 impl Meta {
-    /// Nominal rates and nothing else known; `xl_lsb_g` in g.
     pub fn nominal(xl_lsb_g: f64) -> Self {
         Self {
             xl_lsb_g,
@@ -65,7 +64,6 @@ impl Meta {
         Value::Object(object).to_string()
     }
 
-    /// Check ranges.
     pub fn validate(&self) -> Result<(), Problem> {
         for (key, value) in KEYS.into_iter().zip([self.xl_lsb_g, self.xl_rate_hz, self.frame_rate_hz]) {
             if !(value.is_finite() && value > 0.0) {

@@ -48,7 +48,6 @@ impl ModelFile {
         Ok(file)
     }
 
-    /// Sizes of the network.
     pub fn dims(&self) -> &Dims {
         &self.dims
     }

@@ -80,7 +80,6 @@ impl Predictions {
         }
     }
 
-    /// Number of frames.
     pub fn frames(&self) -> usize {
         self.class.len()
     }

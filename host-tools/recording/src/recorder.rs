@@ -35,7 +35,6 @@ impl Recorder {
         })
     }
 
-    /// Append a frame.
     pub fn write(&mut self, entry: &LogEntry) -> Result<()> {
         match self {
             Self::Candump(_, lines) => Ok(lines.write_entry(entry)?),

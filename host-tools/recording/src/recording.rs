@@ -24,7 +24,6 @@ impl Format {
     }
 }
 
-/// Contents of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
     /// Frames, in the order of the file.

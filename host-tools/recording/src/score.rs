@@ -17,7 +17,6 @@ pub const MERGE_FRAMES: usize = (FRAME_RATE_HZ as usize * 200) / 1000;
 pub const CLASSES: usize = slipsense::params::CLASSES;
 pub use crate::label::SLIP;
 
-/// What became of one slip event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detection {
     /// Flagged at or after the onset.
@@ -34,14 +33,12 @@ pub enum Detection {
     Missed,
 }
 
-/// One slip event and its detection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EventScore {
     /// First frame labelled slip.
     pub onset: usize,
     /// First frame after the event.
     pub end: usize,
-    /// What became of it.
     pub detection: Detection,
 }
 
@@ -163,7 +160,6 @@ impl ClassScores {
         Self { confusion }
     }
 
-    /// Add another episode's counts.
     pub fn add(&mut self, other: &Self) {
         for (row, other) in self.confusion.iter_mut().zip(&other.confusion) {
             for (count, other) in row.iter_mut().zip(other) {
@@ -172,7 +168,6 @@ impl ClassScores {
         }
     }
 
-    /// Frames counted.
     pub fn frames(&self) -> u64 {
         self.confusion.iter().flatten().sum()
     }

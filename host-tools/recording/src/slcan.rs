@@ -10,7 +10,6 @@ pub(crate) fn open_commands(data_mbit: u8) -> String {
 
 pub(crate) const CLOSE: &str = "C\r";
 
-/// The command that sends a frame.
 pub(crate) fn command(frame: &CanFrame) -> String {
     let dlc = FD_LENGTHS.iter().position(|&length| usize::from(length) == frame.data().len()).unwrap_or(0);
     let mut line = format!("B{:08X}{dlc:X}", frame.id());

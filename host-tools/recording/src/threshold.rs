@@ -16,7 +16,6 @@ struct Alarms {
 }
 
 impl Alarms {
-    /// Flag one more frame.
     fn flag(&mut self, frame: usize) {
         let before = self.flagged.range(..frame).next_back().copied();
         let after = self.flagged.range(frame..).next().copied();

@@ -6,7 +6,7 @@ use std::path::Path;
 
 /// Let `fill` write a temporary file in the same folder and rename it to `path` when it is complete, so that an error
 /// leaves neither half a file nor a damaged old one.
-pub(crate) fn write_whole<T, E: From<io::Error>>(
+pub fn write_whole<T, E: From<io::Error>>(
     path: &Path,
     fill: impl FnOnce(&mut File) -> Result<T, E>,
 ) -> Result<T, E> {

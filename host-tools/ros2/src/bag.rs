@@ -26,10 +26,8 @@ const CHUNK_BYTES: u64 = 1 << 20;
 const METADATA_VERSION: u32 = 5;
 const BAG_FILE: &str = "bag_0.mcap";
 
-/// What a bag holds.
 #[derive(Debug, serde::Serialize)]
 pub struct Written {
-    /// Messages, by topic.
     pub messages: BTreeMap<String, u64>,
     /// What was on the bus, by node.
     pub nodes: BTreeMap<u8, Count>,

@@ -5,11 +5,8 @@ use serde::Serialize;
 use slipsense::params::{CLASSES, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::wire::{NodeId, RawMessage, SlipMessage};
 
-/// One kind of message.
 pub trait RosMessage: Serialize + Clone + 'static {
-    /// The package that defines it.
     const PACKAGE: &'static str;
-    /// Its name there.
     const NAME: &'static str;
     /// Its definition and, marked as ROS' bags do, those of all that it is made of.
     fn definition() -> String;

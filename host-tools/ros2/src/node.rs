@@ -38,11 +38,9 @@ const WAIT_POLL: Duration = Duration::from_millis(20);
 /// A subscriber that we know of may need as long to know of us; what is published before does not reach it.
 const SETTLE: Duration = Duration::from_millis(500);
 
-/// How to publish.
 pub struct Options {
     /// Before every topic, such as `/slipsense`.
     pub namespace: String,
-    /// The DDS domain.
     pub domain_id: u16,
     /// A recording's frames come when they came; else as they are received.
     pub paced: bool,
@@ -50,10 +48,8 @@ pub struct Options {
     pub wait: Duration,
 }
 
-/// What was published.
 #[derive(Debug, serde::Serialize)]
 pub struct Published {
-    /// Messages of all topics.
     pub messages: u64,
     /// What was on the bus, by node.
     pub nodes: BTreeMap<u8, Count>,
@@ -97,7 +93,6 @@ struct Topics {
     messages: u64,
 }
 
-/// Publishers of one kind of message, by topic.
 type Publishers<M> = HashMap<String, Publisher<M>>;
 
 impl Topics {

@@ -57,7 +57,6 @@ const TICKS_PER_S: (f64, f64) = (0.05, 1.0);
 const TICK_G: (f64, f64) = (0.02, 0.5);
 const STEP_G: (f64, f64) = (1e-3, 6e-3);
 
-/// One part as built and mounted.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct XlUnit {
     /// From finger axes to sensor axes: mounting rotation, gain errors and cross-axis terms together.

@@ -3,7 +3,6 @@
 use std::fmt::{Debug, Display};
 use std::ops::RangeBounds;
 
-/// Off by less than `share` of what is expected.
 #[track_caller]
 pub(crate) fn near(what: impl Display, measured: f64, expected: f64, share: f64) {
     let off = measured / expected - 1.0;
@@ -21,13 +20,11 @@ pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Mean square about the mean.
 pub(crate) fn variance(values: &[f64]) -> f64 {
     let mean = mean(values);
     values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / values.len() as f64
 }
 
-/// The value that this share of all lies below.
 pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() as f64 * share) as usize).min(values.len() - 1)]

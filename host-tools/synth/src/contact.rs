@@ -109,7 +109,6 @@ pub struct Contact {
     depth_mm: Cell<f64>,
 }
 
-/// A cell under the object.
 struct Spot {
     cell: usize,
     /// Its points among all points: four Gauss points of the element, or its centre where that says the
@@ -293,7 +292,6 @@ impl Contact {
         }
     }
 
-    /// Relative pressures of the layer.
     fn press(&self, force_n: f64, out: &mut PressureMap) {
         let depth = self.indent_mm(force_n);
         let mut sharp = [0.0; TAXELS];

@@ -35,14 +35,11 @@ pub(crate) fn stream(seed: u64, part: Stream, sensor: usize) -> Rng {
     rng
 }
 
-/// Lower and upper end of a draw.
 pub(crate) type Span = (f64, f64);
 
-/// The distributions the physics asks for.
 pub(crate) trait Draw {
     /// Uniform in `lo..hi`.
     fn between(&mut self, lo: f64, hi: f64) -> f64;
-    /// Uniform in the logarithm.
     fn log_between(&mut self, lo: f64, hi: f64) -> f64 {
         exp(self.between(log(lo), log(hi)))
     }
@@ -68,7 +65,6 @@ pub(crate) trait Draw {
     fn direction(&mut self) -> [f64; 3] {
         unit_vector([self.normal(), self.normal(), self.normal()])
     }
-    /// Phase of an oscillation, radians.
     fn phase(&mut self) -> f64 {
         self.between(0.0, std::f64::consts::TAU)
     }

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::draw::{Draw, Rng};
 
-/// The forms of one stage.
 pub trait Family: Copy + PartialEq + 'static {
     /// All of them, the laboratory's first.
     const ALL: &'static [Self];
@@ -16,7 +15,6 @@ pub trait Family: Copy + PartialEq + 'static {
     const HELD_OUT: Self;
 }
 
-/// One that training may see.
 fn any<F: Family>(rng: &mut Rng) -> F {
     F::ALL[rng.count(0, F::ALL.len() - 2)]
 }
@@ -155,24 +153,16 @@ family! {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Families {
-    /// Contact pressure.
     pub contact: ContactFamily,
-    /// Friction.
     pub friction: FrictionFamily,
-    /// Film and circuit.
     pub film: FilmFamily,
-    /// Path of vibration.
     pub path: PathFamily,
-    /// Disturbances.
     pub disturbance: DisturbanceFamily,
-    /// Accelerometer.
     pub sensor: SensorFamily,
 }
 
-/// A stage of the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the fields of `Families` say it")]
 pub enum Stage {
     Contact,
     Friction,
@@ -184,7 +174,6 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All of them.
     pub const ALL: [Self; 7] = [
         Self::Contact,
         Self::Friction,

@@ -11,7 +11,6 @@ const PERIOD_MM: f64 = 16.0;
 /// Points of the table along one side.
 const SIDE: usize = 96;
 const STEP_MM: f64 = PERIOD_MM / SIDE as f64;
-/// Plane waves that make it up.
 const WAVES: usize = 24;
 
 /// Values of zero mean and unit variance with correlation `exp(−½ (Δu²/ℓu² + Δv²/ℓv²))`.

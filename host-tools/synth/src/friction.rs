@@ -65,7 +65,6 @@ pub(crate) trait Friction {
     fn turn_rad(&self) -> f64;
     /// Forget the stress of cells that carry no load any more.
     fn release_unloaded(&mut self, _map: &PressureMap) {}
-    /// What was drawn, for the metadata.
     fn drawn(&self) -> serde_json::Value;
 }
 
@@ -85,12 +84,10 @@ pub(crate) fn draw(
     }
 }
 
-/// Tangential state of one finger.
 #[derive(Serialize)]
 pub(crate) struct Interface {
     /// Bristles of the finger and the object's own surface in series.
     brush_kpa_per_mm: f64,
-    /// Mean static friction of this grasp.
     mu_static: f64,
     /// Deviation of its logarithm over the pad.
     mu_spread: f64,
@@ -116,7 +113,6 @@ pub(crate) struct Interface {
     /// Last step's move: where the next search starts.
     #[serde(skip)]
     moved: [f64; 3],
-    /// Loaded cells of this step.
     #[serde(skip)]
     brushes: Vec<Brush>,
 }

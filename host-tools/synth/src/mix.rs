@@ -3,7 +3,6 @@
 use ScenarioChoice::*;
 use serde::{Deserialize, Serialize};
 
-/// What happens in an episode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ScenarioChoice {
@@ -68,7 +67,6 @@ pub(crate) const ANYWHERE: Mix = Mix(&[
 ]);
 
 impl Mix {
-    /// The scenarios and their weights.
     pub(crate) const fn weights(&self) -> &'static [(ScenarioChoice, usize)] {
         self.0
     }

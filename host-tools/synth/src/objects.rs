@@ -27,7 +27,6 @@ pub enum Kind {
     Tool,
 }
 
-/// Who may see episodes of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Group {
@@ -95,9 +94,7 @@ pub fn gent_mpa(shore_a: f64) -> f64 {
 pub struct Object {
     /// Name, as in recipes and in the metadata of episodes.
     pub name: String,
-    /// Sort of thing.
     pub kind: Kind,
-    /// Who may see it.
     pub group: Group,
     /// Face that meets the finger.
     pub shape: Shape,
@@ -149,7 +146,6 @@ impl Object {
 pub static CATALOGUE: LazyLock<Vec<Object>> =
     LazyLock::new(|| serde_json::from_str(include_str!("../catalogue.json")).expect("catalogue.json"));
 
-/// The object of this name.
 pub fn named(name: &str) -> Option<&'static Object> {
     CATALOGUE.iter().find(|o| o.name == name)
 }

@@ -3,7 +3,6 @@
 
 use crate::friction::Pull;
 
-/// The most that a hand pulls and twists with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PullLimit {
     pub pull_n: f64,

@@ -22,7 +22,6 @@ pub const SECONDS: (f64, f64) = (2.5, 600.0);
 pub struct SynthError(pub(crate) String);
 
 impl SynthError {
-    /// What is wrong with the recipe.
     pub(crate) fn new(rule: impl std::fmt::Display) -> Self {
         Self(format!("recipe: {rule}"))
     }
@@ -32,15 +31,11 @@ impl SynthError {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// Seed of every draw.
     pub seed: u64,
-    /// Which object is gripped.
     #[serde(default)]
     pub object: ObjectChoice,
-    /// What happens.
     #[serde(default)]
     pub scenario: ScenarioChoice,
-    /// Which hand holds it.
     #[serde(default)]
     pub platform: Platform,
     /// Where on the finger the object lies.
@@ -72,10 +67,8 @@ pub struct Recipe {
     /// The crosshead's drive reaches the accelerometers, as on a real rig.
     #[serde(default = "yes")]
     pub rig_leak: bool,
-    /// What reaches the accelerometers.
     #[serde(rename = "heard", default)]
     pub vibration_content: VibrationContent,
-    /// Which family makes the slip vibration.
     #[serde(default)]
     pub vibration: SourceFamily,
     /// Which families make everything else; the laboratory's when absent. With another than the laboratory's in any
@@ -84,7 +77,6 @@ pub struct Recipe {
     pub families: Families,
 }
 
-/// The hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Platform {
@@ -99,18 +91,15 @@ pub enum Platform {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
-    /// The middle of the pad.
     #[default]
     Centre,
     /// 8–12 mm towards the palm, where the pad is stiffer and the finger rings otherwise.
     Palm,
 }
 
-/// What reaches the accelerometers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VibrationContent {
-    /// Everything.
     #[default]
     All,
     /// The crosshead's drive and the parts' own noise, nothing else: for the detector that shows
@@ -304,7 +293,6 @@ pub(crate) struct ResolvedRecipe {
 }
 
 impl ResolvedRecipe {
-    /// The object slips in this scenario.
     pub(crate) fn slips(&self) -> bool {
         match self.scenario {
             ScenarioChoice::SixStep | ScenarioChoice::FreePull | ScenarioChoice::Rotation => true,

@@ -22,7 +22,6 @@ pub(crate) struct Event {
     pub name: &'static str,
     /// Start, seconds from the start of the episode.
     pub start_s: f64,
-    /// End, seconds.
     pub end_s: f64,
 }
 
@@ -102,7 +101,6 @@ impl Timeline {
         self.grip_n.len()
     }
 
-    /// Steps between two times.
     pub(crate) fn span(&self, from: f64, to: f64) -> Range<usize> {
         let step = |t: f64| ((t * STEP_HZ).max(0.0).ceil() as usize).min(self.steps());
         step(from)..step(to).max(step(from))

@@ -11,11 +11,9 @@ use crate::toolchain::Toolchain;
 pub const BOARD: &str = "NUCLEO-H743ZI2";
 /// Its feature of the package, and its name in `slipsense sign --board`.
 pub const FEATURE: &str = "h743";
-/// Its memory regions.
 pub const MEMORY_MAP: &str = "src/firmware/bin/app/board.x";
 pub const NAME: &str = "slipsense-firmware";
 
-/// A program of the board.
 #[derive(Clone, Copy, Debug)]
 pub struct Program {
     name: &'static str,

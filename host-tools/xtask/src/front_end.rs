@@ -36,7 +36,6 @@ pub fn check(options: &Options) -> Result<()> {
     run(&mut check)
 }
 
-/// The step of the test command.
 pub fn step() -> Result<()> {
     check(&Options { write: false })
 }

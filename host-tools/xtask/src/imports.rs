@@ -17,7 +17,6 @@ type Module = String;
 struct Source {
     /// The paths of its `use` items, one for each name, and whether they are re-exports.
     uses: Vec<(bool, String)>,
-    /// The paths of its expressions.
     paths: Vec<String>,
 }
 
@@ -57,7 +56,6 @@ fn expand(prefix: &str, tree: &str, push: &mut dyn FnMut(String)) {
     }
 }
 
-/// Its files by module.
 struct Crate(BTreeMap<Module, Source>);
 
 impl Crate {

@@ -12,7 +12,6 @@ mod front_end;
 #[cfg(test)]
 mod imports;
 mod linux;
-mod node;
 mod process;
 mod qemu;
 mod regions;

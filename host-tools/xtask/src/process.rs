@@ -14,11 +14,9 @@ use anyhow::{Context, Result, bail};
 const OURS: [&str; 7] =
     ["CARGO", "RUSTUP_TOOLCHAIN", "RUST_RECURSION_COUNT", "RUSTC", "RUSTDOC", "LD_LIBRARY_PATH", "OUT_DIR"];
 const OURS_PREFIX: [&str; 4] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_CRATE_"];
-/// The bundled episode, from the root.
 pub const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 const REQUIREMENTS: &str = "tests/python/requirements.txt";
 
-/// The repository.
 pub fn root() -> &'static Path {
     // This package lies two folders below it.
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
@@ -59,7 +57,6 @@ pub fn target_dir() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), |dir| root().join(dir))
 }
 
-/// A folder of this name below [`target_dir`], empty.
 pub fn empty_dir(name: &str) -> Result<PathBuf> {
     let dir = target_dir().join(name);
     if dir.exists() {
@@ -124,13 +121,11 @@ impl Drop for Running {
     }
 }
 
-/// Is there a program of this name on the PATH?
 pub fn find(program: &str) -> Option<PathBuf> {
     let path = env::var_os("PATH")?;
     env::split_paths(&path).map(|dir| dir.join(program)).find(|candidate| candidate.is_file())
 }
 
-/// May we install packages?
 pub fn is_root() -> bool {
     answer(command("id").arg("-u")).is_some_and(|id| id == "0")
 }
@@ -152,7 +147,6 @@ pub fn apt_install(packages: &[&str], why: &str) -> Result<()> {
     run(apt(&["install", "--yes", "--quiet", "--no-install-recommends"]).args(packages))
 }
 
-/// A script of `tests/python`.
 pub fn script(name: &str) -> Result<Command> {
     let mut script = python()?;
     script.arg(format!("tests/python/{name}"));

@@ -15,7 +15,6 @@ const FLASH_BYTES_MAX: u64 = 512 * 1024;
 /// What has to be left of the region that code is linked to. Of the compilers that users have, rustup's makes it longest:
 /// Debian's 11 KB shorter.
 const FLASH_SPARE_BYTES: u64 = 4 * 1024;
-/// That region.
 const CODE: &str = "FLASH";
 
 /// A region of `board.x`.
@@ -27,7 +26,6 @@ struct Region {
     used_bytes: u64,
 }
 
-/// All regions.
 pub struct Regions {
     regions: Vec<Region>,
     /// Everything that is programmed into flash.

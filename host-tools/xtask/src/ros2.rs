@@ -40,7 +40,6 @@ pub fn whole() -> Result<bool> {
     Ok(true)
 }
 
-/// The demo as a bag.
 pub fn bag(program: &Path, demo: &Path) -> Result<()> {
     let bag = target_dir().join("demo-bag");
     if bag.exists() {

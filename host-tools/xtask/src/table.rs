@@ -4,7 +4,6 @@ use std::fmt;
 
 use comfy_table::{CellAlignment, presets};
 
-/// Title, columns, rows.
 pub struct Table {
     title: String,
     table: comfy_table::Table,
@@ -18,7 +17,6 @@ impl Table {
         Self { title: title.into(), table }
     }
 
-    /// Append a row with a cell for each column.
     pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
         self.table.add_row(cells.into_iter().map(Into::into));
     }

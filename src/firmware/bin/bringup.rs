@@ -71,7 +71,6 @@ static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static STATS: ConstStaticCell<[ArrayStats; MAX_SENSORS]> =
     ConstStaticCell::new([const { ArrayStats::new() }; MAX_SENSORS]);
 
-/// All lines so far.
 type Verdicts = heapless::Vec<Verdict, 32>;
 
 fn tell(verdicts: &mut Verdicts, check: &'static str, sensor: Option<usize>, finding: Finding) {

@@ -41,7 +41,7 @@ const LOOK_US: u64 = 100;
 
 type HilInference = Inference<'static, Mutex, StoppedClock, Answers, &'static mut State>;
 
-/// Under the name [`slipsense::board::mailbox::SYMBOL`]. In DTCM, which is never cached and has its clock after reset,
+/// Under the name [`slipsense::board::mailbox::SYMBOL`]. In DTCM, which is never cached and has its clock after reset.
 #[unsafe(export_name = "SLIPSENSE_MAILBOX")]
 static MAILBOX: Mailbox = Mailbox::new();
 // In D2 SRAM, which is not cached: what the probe writes there, the core sees, and the other way round.
@@ -53,7 +53,6 @@ static MAILBOX_END: BoardEnd = BoardEnd::new(&MAILBOX, &FRAME, &ANSWER);
 
 static THREAD: StaticCell<Executor> = StaticCell::new();
 static PIPELINE: StaticCell<HilInference> = StaticCell::new();
-/// Where frames come from.
 #[unsafe(link_section = ".axisram")]
 static SOURCE: StaticCell<Replayed> = StaticCell::new();
 /// # Safety
@@ -146,7 +145,6 @@ async fn infer(inference: &'static mut HilInference, queue: FrameReceiver) {
     inference.run(queue).await;
 }
 
-/// Frames from the mailbox.
 struct Replayed {
     /// Number of the last one.
     taken: Option<u32>,

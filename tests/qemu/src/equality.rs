@@ -14,10 +14,8 @@ const OUTPUTS: usize = 32;
 /// Frames of the longest window.
 const ROWS: usize = 60;
 
-/// How often each kernel and shape is compared.
 pub const ROUNDS: u32 = 400;
 
-/// The four kernels of one instruction set.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernels {
     /// As [`portable::conv_relu_pool`].
@@ -49,13 +47,11 @@ impl Kernels {
 pub struct Compared {
     /// Of `simd`.
     pub kernel: &'static str,
-    /// Calls.
     pub calls: u32,
     /// Calls with a result that differs in any bit.
     pub differing: u32,
 }
 
-/// Room for the inputs and both outputs.
 #[derive(Debug)]
 pub struct Scratch {
     x: [u32; MAP],
@@ -68,7 +64,6 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// Zeros.
     pub const fn new() -> Self {
         Self {
             x: [0; MAP],

@@ -23,23 +23,19 @@ pub const START_US: u64 = 100_000;
 /// Emulated instructions per microsecond: one per cycle of a core at 480 MHz.
 pub const INSTRUCTIONS_PER_US: u64 = 480;
 
-/// Bytes of a [`Disturbance`].
 pub const DISTURBANCE_BYTES: usize = 6 * 8;
 
-/// As written to the file.
 pub fn encode_disturbance(disturbance: &Disturbance) -> [u8; DISTURBANCE_BYTES] {
     let Disturbance { foreign_load_percent, error_every, silent_ns, dominant_ns } = disturbance;
     let [silent, dominant] = [silent_ns, dominant_ns].map(|range| [range.start, range.end]);
     bytemuck::must_cast([[*foreign_load_percent, (*error_every).into()], silent, dominant])
 }
 
-/// The reverse.
 pub fn decode_disturbance(bytes: [u8; DISTURBANCE_BYTES]) -> Disturbance {
     let [foreign_load_percent, error_every, a, b, c, d]: [u64; 6] = bytemuck::pod_read_unaligned(&bytes);
     Disturbance { foreign_load_percent, error_every: error_every as u32, silent_ns: a..b, dominant_ns: c..d }
 }
 
-/// Bytes of the longest event.
 pub const EVENT_BYTES_MAX: usize = 8 + 8 + 1 + 4 + 1 + 64;
 
 /// Write a frame that arrived through `put`.
@@ -62,11 +58,9 @@ pub fn decode_arrived(bytes: &mut &[u8]) -> Option<Arrived> {
     Some(Arrived { at_ns, handed_over_ns, slot, frame })
 }
 
-/// A frame that was decided, as in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Decided {
-    /// Number of the frame.
     pub sequence: u32,
     /// Time from its tick to the slip message in the queue, µs.
     pub queued_us: u32,
@@ -74,7 +68,6 @@ pub struct Decided {
     pub done_us: u32,
 }
 
-/// What a file of them holds.
 pub fn decode_decided(bytes: &[u8]) -> impl Iterator<Item = Decided> {
     bytes.chunks_exact(size_of::<Decided>()).map(bytemuck::pod_read_unaligned)
 }
@@ -82,7 +75,6 @@ pub fn decode_decided(bytes: &[u8]) -> impl Iterator<Item = Decided> {
 /// The counters of a [`Status`] that the run reports, as in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[expect(missing_docs, reason = "as in Status")]
 pub struct Counters {
     pub dropped_frames: u32,
     pub late_frames: u32,
@@ -91,7 +83,6 @@ pub struct Counters {
     pub broken_raw: u32,
     pub bus_offs: u32,
     pub bus_off_us: u32,
-    /// Raw messages that still waited for the bus.
     pub waiting_raw: u32,
 }
 
@@ -101,7 +92,6 @@ impl Counters {
         bytemuck::try_pod_read_unaligned(bytes).ok()
     }
 
-    /// Those of a node.
     pub fn new(status: &Status, waiting_raw: usize) -> Self {
         Self {
             dropped_frames: status.dropped_frames,

@@ -6,28 +6,21 @@ use slipsense::wire::NodeId;
 use crate::bytes::Reader;
 
 const MAGIC: [u8; 8] = *b"SLIPQEMU";
-/// Bytes of a [`Header`].
 pub const HEADER_BYTES: usize = 8 + 5 * 4;
 /// Bytes that a model file may have here.
 pub const MODEL_BYTES_MAX: usize = 1 << 20;
 
-/// What the file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// Length of the model file that follows, bytes.
     pub model_bytes: u32,
-    /// Sensors, 1 to [`MAX_SENSORS`].
     pub sensors: u32,
-    /// Frames.
     pub frames: u32,
-    /// Address on the bus.
     pub node: NodeId,
-    /// Do raw messages go compressed?
     pub compress_raw: bool,
 }
 
 impl Header {
-    /// As written to the file.
     pub fn encode(&self) -> [u8; HEADER_BYTES] {
         let node = u32::from(self.node.get());
         let numbers = [self.model_bytes, self.sensors, self.frames, node, u32::from(self.compress_raw)];

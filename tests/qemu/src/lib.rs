@@ -10,15 +10,11 @@ pub mod equality;
 pub mod emulated;
 pub mod events;
 pub mod input;
-pub mod link;
 pub mod measured;
-pub mod node_loop;
-pub mod ram_flash;
 pub mod record;
 #[cfg(feature = "cmsis-dsp")]
 pub mod spectra;
 
 /// Name of the file that the emulated board reads, in the emulator's working directory.
 pub const INPUT_FILE: &str = "frames.in";
-/// Name of the file that it writes.
 pub const OUTPUT_FILE: &str = "frames.out";

@@ -7,7 +7,6 @@ use core::str::SplitAsciiWhitespace;
 pub const TRACE_FILE: &str = "trace.in";
 /// Name of the file that it then makes before the last frame, waiting for the next.
 pub const READY_FILE: &str = "ready.out";
-/// Name of the file that lets it go on.
 pub const GO_FILE: &str = "go.in";
 /// Name of a file whose presence asks for the compression alone, of every frame and sensor.
 pub const COMPRESSION_FILE: &str = "compress.in";
@@ -16,7 +15,6 @@ pub const MEASURED_FILE: &str = "measured.txt";
 /// Frames after which every window is full: their numbers are not measurements of a running stream.
 pub const WARM_UP_FRAMES: usize = 60;
 
-/// One line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line<'a> {
     /// A loop of `expected` instructions was measured to take `measured`.
@@ -26,16 +24,13 @@ pub enum Line<'a> {
         /// By the counter.
         measured: u32,
     },
-    /// One call of a kernel.
     Kernel {
         /// Multiply-accumulates; 0 where there are none to speak of.
         macs: u32,
-        /// Of the call.
         instructions: u32,
         /// Shape included.
         name: &'a str,
     },
-    /// One frame.
     Frame {
         /// `Pipeline::step`.
         step: u32,
@@ -44,7 +39,6 @@ pub enum Line<'a> {
     },
     /// One sensor's frame compressed.
     Compressed {
-        /// Of the message.
         bytes: u32,
         /// From readings to message.
         instructions: u32,

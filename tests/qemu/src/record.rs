@@ -51,7 +51,6 @@ impl Record {
         }
     }
 
-    /// Write the record through `put`.
     pub fn encode(&self, mut put: impl FnMut(&[u8])) {
         put(bytes_of(&[self.sequence, self.step_us]));
         for log_mel in &self.log_mel {

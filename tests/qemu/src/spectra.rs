@@ -17,7 +17,6 @@ const ROUNDS: u32 = 2500;
 const BATCH: usize = 33;
 
 type Samples = [i32; XL_WINDOW];
-/// Throws one window.
 type Make = fn(&mut Dice, &mut Samples);
 
 /// Windows as the library takes them: Q31, within what it can transform without overflow.
@@ -51,7 +50,6 @@ pub struct Spectra {
 pub struct Hash(u64);
 
 impl Spectra {
-    /// Transform everything.
     pub fn compare() -> Self {
         let mut dice = Dice(1);
         let mut hash = Hash::NEW;

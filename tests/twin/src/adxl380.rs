@@ -43,7 +43,6 @@ const ENTRIES: usize = 315;
 /// Samples that it makes in the time of one while its oscillator is in fault: 133 in a frame, and the FIFO holds 105.
 const TOO_FAST: usize = 4;
 
-/// The part.
 #[derive(Debug)]
 pub struct Adxl380 {
     /// For the comparison, where the bus did not carry the samples.

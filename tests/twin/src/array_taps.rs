@@ -158,7 +158,6 @@ pub struct TriggeredInputs {
 }
 
 impl TriggeredInputs {
-    /// No trigger selected.
     pub const fn new(shared: Shared) -> Self {
         Self { shared, clock_hz: 0, external: 0, armed: false, converting: false }
     }

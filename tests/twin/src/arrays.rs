@@ -23,7 +23,6 @@ const TAU_NS: f64 = 154.0;
 /// Half a count of 4096 of the linear range, codes.
 const SETTLED_CODES: f64 = 8.0;
 
-/// What the three taps share.
 #[derive(Debug)]
 pub struct Arrays {
     episode: Option<Arc<Episode>>,
@@ -45,7 +44,6 @@ pub struct Arrays {
     pub unsettled: u64,
 }
 
-/// Shared among models.
 pub type Shared = Arc<Mutex<Arrays>>;
 
 impl Arrays {
@@ -98,7 +96,6 @@ impl Arrays {
         (self.address, self.since_ns) = (address, now_ns);
     }
 
-    /// Code at the input of a sensor's array at an instant.
     pub fn code(&mut self, sensor: usize, at_ns: u64) -> u32 {
         if fault_injection::active(&self.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;
@@ -122,7 +119,6 @@ impl Arrays {
     }
 }
 
-/// The arrays.
 pub fn lock(shared: &Shared) -> MutexGuard<'_, Arrays> {
     shared.lock().expect("no holder of the arrays panics")
 }

@@ -74,16 +74,12 @@ pub enum DeskFault {
     XlStops,
 }
 
-/// What lies there.
 #[derive(Clone, Copy, Debug)]
 pub struct Desk {
-    /// Sensors that are plugged in.
     pub sensors: usize,
-    /// What is wrong.
     pub fault: Option<DeskFault>,
 }
 
-/// Is this fault there, on a desk?
 pub fn has(desk: Option<Desk>, fault: DeskFault) -> bool {
     desk.is_some_and(|desk| desk.fault == Some(fault))
 }
@@ -104,7 +100,6 @@ fn mix(number: u64) -> u64 {
 }
 
 impl Desk {
-    /// The address behind the lines.
     fn selected(self, address: usize) -> usize {
         match self.fault {
             Some(DeskFault::LineOpen) => address & !(1 << (COLUMN_LINES + 2)),
@@ -119,7 +114,6 @@ impl Desk {
         }
     }
 
-    /// Code of a taxel of the array of this sensor in this frame.
     pub fn code(self, frame: usize, address: usize, sensor: usize) -> u16 {
         if sensor >= self.sensors {
             return FULL_SCALE as u16;
@@ -165,7 +159,6 @@ impl Desk {
         }
     }
 
-    /// Sample `index` of an accelerometer at rest.
     pub fn sample(self, index: usize) -> XlSample {
         if self.fault == Some(DeskFault::XlFrozen) {
             return REST;

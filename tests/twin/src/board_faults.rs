@@ -52,12 +52,10 @@ pub struct BoardFaults {
     /// Of a million writes to the flash and its control registers, how many meet a flag.
     flags_per_million: u64,
     random: u64,
-    /// Flags raised.
     pub flags: u64,
 }
 
 impl BoardFaults {
-    /// For this firmware.
     pub fn new(symbols: &Symbols) -> Self {
         let address = |name| symbols.get(name).map_or(0, |address| address & !1);
         Self { handler: address(HANDLER), start: address(START), random: 0x9E37_79B9, ..Self::default() }

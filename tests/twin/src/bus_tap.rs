@@ -10,7 +10,6 @@ pub const TRIGGER_TOKEN: u64 = u64::MAX;
 pub const TABLE_TOKEN: u64 = 1 << 32;
 pub const FRAME_TOKEN: u64 = TABLE_TOKEN - 1;
 
-/// What happens around a call.
 pub trait Tap<D> {
     /// Before an access, an event or a request reaches the model.
     fn before(&mut self, _device: &mut D, _now: VirtualNanos) {}
@@ -50,17 +49,13 @@ pub trait Tap<D> {
         value
     }
 
-    /// After each call.
     fn after(&mut self, _device: &mut D, _registers: &mut RegisterFile, _context: &mut DeviceContext<'_>) {}
 
-    /// The clock of the instance.
     fn on_clock(&mut self, _hz: u64, _now: VirtualNanos) {}
 
-    /// After a reset of the part.
     fn reset(&mut self) {}
 }
 
-/// A model and its tap.
 #[derive(Debug)]
 pub struct Tapped<D, T> {
     pub device: D,

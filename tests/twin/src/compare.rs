@@ -22,7 +22,6 @@ use crate::run::Done;
 /// Flags of a frame before whose samples others are missing.
 const GAP: u8 = health::XL_SAMPLES_DROPPED | health::XL_WARMING_UP;
 
-/// The model that the firmware carries.
 const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet")).0;
 /// 1/240 s.
 const PERIOD_US: u64 = 4_166;
@@ -43,14 +42,12 @@ pub struct Slip {
     pub end_ns: u64,
 }
 
-/// What came out.
 #[derive(Debug, Default)]
 pub struct Comparison {
     pub slips: Vec<Slip>,
     pub raws: usize,
     /// Frames of the bus that were no message.
     pub undecoded: Vec<String>,
-    /// Transfers that a receiver missed.
     pub missed_transfers: u32,
     /// Slip messages compared with the host's, and those that differ.
     pub compared: usize,
@@ -76,7 +73,6 @@ pub struct Comparison {
     pub uneven: Vec<String>,
 }
 
-/// How two scans differ.
 fn difference(expected: &PiezoFrame, found: &PiezoFrame) -> String {
     let pairs =
         || expected.counts().iter().zip(found.counts()).enumerate().filter(|(_, (one, two))| one != two);
@@ -93,7 +89,6 @@ fn readout(readouts: &[(u64, Vec<XlSample>)], tick_ns: u64) -> Option<&[XlSample
     (at - tick_ns < PERIOD_US * 1000).then_some(samples)
 }
 
-/// Decode and compare everything.
 pub fn compare(done: &Done, episode: Option<&Episode>) -> Result<Comparison> {
     let frames = &done.frames;
     let mut comparison = Comparison::default();

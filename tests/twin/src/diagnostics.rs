@@ -8,9 +8,7 @@ use crate::machine::Twin;
 /// One line, and why it is no mistake of the firmware's, if it is not.
 #[derive(Clone, Debug)]
 pub struct Diagnostic {
-    /// As the emulator says it.
     pub line: String,
-    /// The reason.
     pub reason: Option<&'static str>,
 }
 
@@ -37,7 +35,6 @@ const EXPECTED_OF_FAR_END: [(&str, &str); 2] = [
     ),
 ];
 
-/// The same with a bootloader.
 const EXPECTED_OF_BOOTLOADER: [(&str, &str); 1] = [(
     "refused at 0x40000024: TIM2.CNT is gated",
     "the bootloader's log asks embassy's clock for the time, which only the firmware starts: it reads 0",
@@ -52,7 +49,6 @@ const EXPECTED_ON_DESK: [(&str, &str); 2] = [
     ("RCC PLLCFGR: RM0433 rev 9 8.7.13 and DS12110 rev 11 tables 137, 138", "a clock that is 1 % fast"),
 ];
 
-/// All reports of a run.
 pub fn collect(session: &Session<Twin>, far_end: bool, boot: bool, desk: bool) -> Vec<Diagnostic> {
     let mut lines: Vec<String> =
         session.told().map(|told| format!("{} {}: {}", told.instance, told.register, told.reason)).collect();

@@ -1,5 +1,5 @@
 //! The far end of the bus as a stream of bytes, for a program that is a node: `tests/python/can_link.py` and whatever
-//! is behind it. The format is `tests/qemu/src/link.rs`'s.
+//! is behind it. A frame is 4 bytes of identifier, 1 of length, the data; low byte first.
 //!
 //! What the program sends goes on the wires at the next virtual millisecond and competes there as any node's frames
 //! do. An identifier that no frame can have, [`SUPPLY`], is no frame: at which steps of the flash the board's supply

@@ -14,7 +14,6 @@ pub const NAMES: [(&str, Kind); 8] = [
     ("adc-stuck", Kind::AdcStuck),
 ];
 
-/// One kind of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Nobody acknowledges: cable off, or no other node.
@@ -37,9 +36,7 @@ pub enum Kind {
 /// A fault and when, in virtual nanoseconds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// As on the command line.
     pub name: &'static str,
-    /// What.
     pub kind: Kind,
     /// From and to.
     pub when: Range<u64>,
@@ -63,7 +60,6 @@ pub fn parse(text: &str) -> Result<Fault, String> {
     Ok(Fault { name, kind, when })
 }
 
-/// Does one of this kind hold at this instant?
 pub fn active(faults: &[Fault], now_ns: u64) -> impl Iterator<Item = Kind> + '_ {
     faults.iter().filter(move |fault| fault.when.contains(&now_ns)).map(|fault| fault.kind)
 }

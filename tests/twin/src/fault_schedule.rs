@@ -85,7 +85,6 @@ pub fn complaints(recoveries: &[Recovery]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// A run that is as it must be.
     fn sound() -> Vec<Recovery> {
         let recovery = |fault: Fault| {
             let expectation = expectation(fault.kind);

@@ -45,7 +45,6 @@ const LSB_PER_G: i64 = 8192;
 /// temperature.
 const PACKET: usize = 8;
 
-/// A transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transaction {
     /// Selected, and no byte came yet.
@@ -58,7 +57,6 @@ enum Transaction {
     Written,
 }
 
-/// The part.
 #[derive(Debug)]
 pub struct Icm42688 {
     part: Icm42688p,

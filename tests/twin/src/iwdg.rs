@@ -50,7 +50,6 @@ impl Values {
     }
 }
 
-/// The watchdog.
 #[derive(Debug)]
 pub struct Iwdg {
     open: bool,

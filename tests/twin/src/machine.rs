@@ -39,7 +39,6 @@ pub const CORE_HZ: NonZeroU64 = NonZeroU64::new(480_000_000).expect("not zero");
 /// HSE of the NUCLEO: the ST-LINK's MCO.
 pub const HSE_HZ: u64 = 8_000_000;
 const RAIL_MV: u32 = 3300;
-/// Names of the instances, in order.
 const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
 
 /// Chip selects of the accelerometers on SPI1 (`src/firmware/bin/app/pins.rs`).
@@ -52,11 +51,9 @@ pub struct Fitted {
     pub episode: Option<Arc<Episode>>,
     /// Sensors at rest, in place of an episode.
     pub desk: Option<Desk>,
-    /// The accelerometer behind each array.
     pub xl: Xl,
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
     pub xl_error: f64,
-    /// What happens.
     pub faults: Vec<Fault>,
     /// Every event of the scan one by one, and every access through the MPU.
     pub slow: bool,
@@ -69,7 +66,6 @@ pub struct Fitted {
 pub struct Mcu743 {
     /// All but these.
     pub part: Stm32h743,
-    /// FDCAN1 and FDCAN2.
     pub fdcan: [Fdcan; 2],
     fdcan_slots: [usize; 2],
     iwdg: Iwdg,
@@ -218,12 +214,9 @@ impl Mcu for Mcu743 {
     }
 }
 
-/// The board.
 #[derive(Debug)]
 pub struct Twin {
-    /// The microcontroller.
     pub mcu: Mcu743,
-    /// What was read of each accelerometer.
     pub readouts: [Readouts; CHIP_SELECTS.len()],
     slow: bool,
 }
@@ -232,7 +225,6 @@ pub struct Twin {
 pub const NAME: &str = "slipsense-h743";
 
 impl Twin {
-    /// Out of reset.
     pub fn new(fitted: &Fitted) -> Result<Self, Error> {
         let mut mcu = Mcu743::new(fitted)?;
         let hse_hz = match () {

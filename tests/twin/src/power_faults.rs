@@ -19,19 +19,15 @@ const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
 const START_AND_SECTOR: u64 = 1 << 7 | 1 << 2;
 const BANK_BYTES: u64 = 1 << 20;
 const FLASH: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + 2 * BANK_BYTES;
-/// What flash is programmed in.
 const WORD: u64 = 32;
 
 /// When it failed, at what.
 #[derive(Clone, Debug)]
 pub struct Failure {
-    /// Virtual nanoseconds.
     pub at_ns: u64,
-    /// What was cut off.
     pub step: String,
 }
 
-/// The supply.
 #[derive(Debug, Default)]
 pub struct PowerFaults {
     /// The steps at which it will fail, each counted from the one before.
@@ -40,7 +36,6 @@ pub struct PowerFaults {
     done: u64,
     /// The word that is being handed over, piece by piece.
     word: Vec<(u64, Width, u64)>,
-    /// Each time that it failed.
     pub failures: Vec<Failure>,
 }
 

@@ -7,7 +7,6 @@ use anyhow::{Context, Result, ensure};
 use rigless::image::Image;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions};
 
-/// Of this board.
 pub const BOARD: &Partitions = &NUCLEO_H743ZI2;
 /// Where the firmware's vector table is.
 pub const VECTORS: u64 = (FLASH_BASE + BOARD.active.start) as u64;

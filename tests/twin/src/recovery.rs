@@ -7,7 +7,6 @@ use crate::compare::Slip;
 use crate::fault_injection::Fault;
 use crate::run::Done;
 
-/// What came of one fault.
 #[derive(Clone, Debug)]
 pub struct Recovery {
     pub fault: Fault,

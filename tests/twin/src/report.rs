@@ -49,9 +49,7 @@ pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
     Ok(trace.flush()?)
 }
 
-/// What to print, and what the run was.
 pub struct Options {
-    /// The firmware's log.
     pub rtt: bool,
     /// The run injected every fault of the schedule.
     pub all_faults: bool,

@@ -36,7 +36,6 @@ pub fn bites(done: &Done) -> usize {
     done.resets.iter().filter(|(_, cause)| matches!(cause, ResetCause::Model("IWDG"))).count()
 }
 
-/// Print each restart and each file.
 pub fn print(done: &Done) {
     let sent = done.frames.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent);
     let sent: Vec<(Kind, &Logged)> = sent.filter_map(|logged| Some((kind(logged)?, logged))).collect();

@@ -16,7 +16,6 @@ const READ: u64 = CHANNEL + 16;
 #[derive(Debug)]
 pub struct Probe {
     block: u64,
-    /// All bytes so far.
     pub bytes: Vec<u8>,
 }
 
@@ -45,7 +44,6 @@ impl Probe {
     }
 }
 
-/// The lines of a log.
 pub fn lines(elf: &[u8], bytes: &[u8]) -> Result<Vec<String>> {
     let table = Table::parse(elf)?.ok_or_else(|| anyhow!("the firmware has no defmt section"))?;
     let mut decoder = table.new_stream_decoder();

@@ -42,27 +42,20 @@ const TIM2_CNT: u64 = 0x4000_0024;
 /// SYSCFG_PWRCR, whose lowest bit is ODEN: voltage scale 0.
 const SYSCFG_PWRCR: u64 = 0x5800_042C;
 
-/// What to run.
 pub struct Options {
-    /// Virtual seconds.
     pub seconds: f64,
-    /// A bootloader before the firmware.
     pub boot: Option<PathBuf>,
     /// What the sensors play; none: no sensors.
     pub episode: Option<Arc<Episode>>,
     /// Sensors in use, by settings in flash; none: the flash is blank.
     pub sensors: Option<usize>,
-    /// Sensors at rest, in place of an episode.
     pub desk: Option<Desk>,
-    /// The accelerometer behind each array.
     pub xl: Xl,
     /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
     pub xl_error: f64,
-    /// What happens meanwhile.
     pub faults: Vec<Fault>,
     /// Every event of the scan one by one.
     pub slow: bool,
-    /// Port of a debugger.
     pub gdb: Option<u16>,
     /// Wait for a program that is the far end of the bus; the run ends when it goes.
     pub far_end: bool,
@@ -70,7 +63,6 @@ pub struct Options {
     pub hse_hz: u64,
 }
 
-/// What came of it.
 pub struct Done {
     /// Everything on FDCAN1's wires.
     pub frames: Vec<Logged>,
@@ -80,15 +72,11 @@ pub struct Done {
     pub readouts: Vec<Vec<(u64, Vec<XlSample>)>>,
     /// Samples per second that each accelerometer makes.
     pub xl_rate_hz: f64,
-    /// Each time that the supply failed.
     pub failures: Vec<Failure>,
-    /// Flags of reads that the flash raised.
     pub read_flags: u64,
     /// Each restart: virtual ns, and who asked for it.
     pub resets: Vec<(u64, ResetCause)>,
-    /// Lines of the log.
     pub log: Vec<String>,
-    /// What the emulator reported.
     pub diagnostics: Vec<Diagnostic>,
     /// Voltage scale 0 was asked for, as 480 MHz needs.
     pub overdrive: bool,
@@ -96,11 +84,8 @@ pub struct Done {
     pub interrupts: BTreeMap<String, u64>,
     /// The lowest 16 bits of embassy's clock at the end, microseconds.
     pub clock_us: u64,
-    /// Virtual time that passed, ns.
     pub virtual_ns: u64,
-    /// Instructions executed.
     pub instructions: u64,
-    /// Time that it took here.
     pub wall: Duration,
 }
 
@@ -118,7 +103,6 @@ struct Recorder {
     faults: BoardFaults,
     restarts: usize,
     wait: FlashWait,
-    /// What went wrong at the far end.
     broken: Option<anyhow::Error>,
 }
 
@@ -219,7 +203,6 @@ fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, 
         .collect()
 }
 
-/// Run `elf`.
 pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
     let mut images = programs::images(elf, bytes.clone(), options.boot.as_deref())?;

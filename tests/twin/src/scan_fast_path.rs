@@ -75,7 +75,6 @@ pub fn stop(shared: &Shared, now: u64) {
     }
 }
 
-/// After a reset of the part.
 pub fn reset(shared: &Shared) {
     let fast_scan = &mut lock(shared).fast_scan;
     (fast_scan.scan, fast_scan.settings, fast_scan.fresh, fast_scan.armed) = (None, None, false, false);

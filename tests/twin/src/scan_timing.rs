@@ -138,7 +138,6 @@ pub struct Scan {
     pub(crate) stopped: Option<(u64, u64)>,
 }
 
-/// What the taps share of it.
 #[derive(Debug, Default)]
 pub struct FastScan {
     /// Not with `--slow`.
@@ -156,7 +155,6 @@ pub struct FastScan {
 }
 
 impl FastScan {
-    /// Does the timer run here?
     pub fn runs(&self) -> bool {
         self.scan.as_ref().is_some_and(|scan| scan.stopped.is_none())
     }

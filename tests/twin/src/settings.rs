@@ -15,7 +15,6 @@ use crate::programs::BOARD;
 const WORD: usize = 32;
 const ERASED: u8 = 0xFF;
 
-/// The settings' sectors.
 struct Sectors(Vec<u8>);
 
 impl Sectors {

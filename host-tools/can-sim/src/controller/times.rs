@@ -6,7 +6,6 @@ use slipsense::wire::FD_LENGTHS;
 /// What an error adds to a frame, at most: flags of both sides and the delimiter, bits.
 const ERROR_BITS: u64 = 6 + 6 + 8;
 
-/// Times on a bus of given rates.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Times {
     /// By data length code.

@@ -68,7 +68,6 @@ pub fn print(text: &str) -> Result<()> {
     Ok(())
 }
 
-/// Names of files in a folder, a line each.
 fn written(folder: &Path, files: &[(&str, &str)]) -> String {
     let line = |(what, file): &(&str, &str)| format!("  {what:<13} {}\n", folder.join(file).display());
     files.iter().map(line).collect()

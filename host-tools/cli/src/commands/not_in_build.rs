@@ -13,7 +13,6 @@ pub struct NotInBuild {
 }
 
 impl NotInBuild {
-    /// Say which build has it.
     pub fn refuse(&self, command: &str) -> Result<()> {
         let line = [&[command.to_owned()], &self.rest[..]].concat().join(" ");
         bail!(

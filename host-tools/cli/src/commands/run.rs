@@ -81,17 +81,14 @@ impl Args {
     }
 }
 
-/// One episode to run, and by which model.
 pub struct Job {
     pub episode: Episode,
-    /// Stands for the episode's file.
     pub name: String,
     pub model: NamedModel,
     pub raw: Raw,
 }
 
 impl Job {
-    /// Run it, write all files, print the result.
     pub fn run(&self, out: OutputDir, folder: &Path, printer: &Print) -> Result<()> {
         let Self { episode, name, model: file, raw } = self;
         let model = file.parse()?;

@@ -7,13 +7,11 @@ use slipsense_synth::plant::{Direction, Trial};
 
 use super::trial::Outcome;
 
-/// Why an object was lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Failure {
     /// The flag did not come before the object was lost.
     NotDetected,
-    /// The gripper has no more force.
     ForceLimit,
     /// Detected, but the object was gone before the grip held it.
     TooLate,
@@ -32,7 +30,6 @@ impl Failure {
 /// A flag that comes this long before the slip of the whole contact, or later, is on time.
 const EARLY_MS: f64 = MARGIN_FRAMES as f64 * 1e3 / FRAME_RATE_HZ as f64;
 
-/// One trial of the result.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrialResult {
     pub trial: usize,

@@ -56,7 +56,6 @@ pub struct Outcome {
     pub peak_s: Option<f64>,
     /// Grip of one finger at the start and at its largest, newtons.
     pub grip_n: (f64, f64),
-    /// The grip reached what the gripper can.
     pub at_limit: bool,
     /// Way slid from the beginning of the pull until the gripper lets go, mm.
     pub slid_mm: f64,
@@ -73,7 +72,6 @@ pub struct TrialSeries {
     pub grip_n: Vec<f64>,
     pub lead: Vec<f64>,
     pub flag: Vec<bool>,
-    /// Times at which motions were commanded, s.
     pub commands_s: Vec<f64>,
 }
 

@@ -14,7 +14,6 @@ use super::Target;
 
 /// Words of one packet: every server takes packets of 2 KB and a little.
 const PACKET_WORDS: usize = 240;
-/// Longest packet that is accepted.
 const PACKET_BYTES_MAX: usize = 1 << 16;
 /// What GDB sends to stop a core.
 const INTERRUPT: u8 = 0x03;

@@ -27,7 +27,6 @@ const RULES: &str = "https://probe.rs/docs/getting-started/probe-setup";
 /// The board's chip as probe-rs calls it, and its device identity.
 const CHIP: (&str, u32) = ("STM32H743ZITx", 0x450);
 
-/// The probe, attached.
 pub struct UsbProbe {
     session: Session,
     /// It was let run since the last reset.
@@ -206,7 +205,6 @@ mod tests {
         Probes { serials: serials.to_vec(), accessibility: Accessibility::Accessible, is_busy: false }
     }
 
-    /// The error of attaching, as a user sees it.
     fn refused(probes: Probes, name: Option<&str>) -> String {
         let attached = UsbProbe::attach(&Lister::with_lister(Box::new(probes)), name);
         let error = format!("{:#}", attached.err().expect("no chip of ours is there"));

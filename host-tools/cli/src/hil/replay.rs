@@ -21,7 +21,6 @@ use crate::summary::hex;
 
 /// Pause between two polls of the board, first and longest.
 const POLL: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
-/// Differences that are described one by one.
 const DESCRIBED_MAX: usize = 20;
 /// Frames that the pipeline here may be ahead of the board.
 const AHEAD_MAX: usize = 64;
@@ -41,7 +40,6 @@ pub struct Difference {
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     pub frames: usize,
-    /// Frames with a difference in any byte of any CAN frame.
     pub differing_frames: usize,
     pub can_frames: usize,
     pub first: Vec<Difference>,
@@ -57,9 +55,7 @@ pub struct Report {
 pub struct Run<'a> {
     pub mailbox: u32,
     pub episode: &'a Episode,
-    /// Frames at most.
     pub frames: Option<usize>,
-    /// The model that the board should have.
     pub model: Model<'a>,
     /// How long the board may take for any step.
     pub timeout: Duration,
@@ -170,7 +166,6 @@ impl Board<'_> {
         Ok(false)
     }
 
-    /// An error, if the board has given up.
     fn refuse_failed(&mut self, words: &[u32; MAILBOX_WORDS]) -> Result<()> {
         if words[Word::Failed as usize] != 1 {
             return Ok(());

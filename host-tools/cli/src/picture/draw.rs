@@ -23,7 +23,6 @@ pub(super) const CLASS: [&str; 3] = ["#a3aebb", "#4a9bd4", "#d55e00"];
 pub const CLASS_NAME: [&str; 3] = ["no contact", "no slip", "slip"];
 pub(super) const SENSOR: [&str; 3] = ["#2b3a55", "#009e73", "#cc79a7"];
 
-/// A picture in the making.
 pub(super) struct Canvas(Group);
 
 impl Canvas {
@@ -31,7 +30,6 @@ impl Canvas {
         Self(Group::new().set("font-family", FONT))
     }
 
-    /// A part of another canvas.
     pub(super) fn group() -> Self {
         Self(Group::new())
     }
@@ -143,7 +141,6 @@ pub(super) fn curve(points: impl Iterator<Item = (f64, f64)>, colour: &str) -> P
         .set("stroke-linejoin", "round")
 }
 
-/// The area between points and a level, in pixels.
 pub(super) fn area(points: &[(f64, f64)], level: f64, colour: &str) -> Path {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return Path::new();

@@ -19,7 +19,6 @@ const BEFORE_S: f64 = 0.2;
 const AFTER_S: f64 = 0.8;
 const FRAME_S: f64 = 1.0 / FRAME_RATE_HZ as f64;
 
-/// What a trial is, in words.
 fn words(result: &TrialResult) -> String {
     let speed = result.speed_mm_s.unwrap_or_default();
     let way = match result.direction {
@@ -29,7 +28,6 @@ fn words(result: &TrialResult) -> String {
     format!("{}, {way}", result.object)
 }
 
-/// A trial around its slip.
 pub fn trial(result: &TrialResult, series: &TrialSeries, headline: &str) -> String {
     let frames = series.slid_mm.len();
     let outcome = &result.outcome;

@@ -39,7 +39,6 @@ const COLUMNS: usize = 980;
 /// brightest: the ramp-in of the filters and single knocks would take all the contrast.
 const OUTLIERS: (f64, f64) = (0.02, 0.002);
 
-/// What all panels of the picture share.
 struct Panels<'a> {
     episode: &'a Episode,
     simulation: &'a Simulation,
@@ -52,7 +51,6 @@ struct Panels<'a> {
     canvas: Canvas,
 }
 
-/// Draw an episode and what the pipeline made of it.
 pub fn timeline(episode: &Episode, simulation: &Simulation, summary: &Summary) -> Result<String> {
     let frames = episode.frames();
     let mut panels = Panels {
@@ -94,7 +92,6 @@ impl Panels<'_> {
         self.canvas.text(20.0, 54.0, Anchor::Start, 13.0, GREY, &line);
     }
 
-    /// Title, frame and horizontal lines of a panel.
     fn panel(&mut self, y: f64, height: f64, title: &str, unit: &str, scale: Option<&Scale>) {
         self.spans.push((y, y + height));
         self.add(heading(LEFT, y - 9.0, title, unit));
@@ -201,7 +198,6 @@ impl Panels<'_> {
         y + height
     }
 
-    /// Strips of flags, class and truth.
     fn decisions(&mut self, mut y: f64) -> f64 {
         let simulation = self.simulation;
         let title = if self.episode.label.is_some() { "Decision and truth" } else { "Decision" };
@@ -316,7 +312,6 @@ fn mark(event: &EventInfo, width: f64) -> String {
     }
 }
 
-/// What there is to see, in one line.
 fn headline(summary: &Summary) -> String {
     let Some(TruthInfo { may_begin: flag, .. }) = &summary.truth else {
         let runs = summary.output.may_begin_runs.len();

@@ -25,7 +25,6 @@ impl Scale {
         self.to.start + share * (self.to.end - self.to.start)
     }
 
-    /// The same, kept inside.
     pub(super) fn clamp(&self, value: f64) -> f64 {
         self.at(value.clamp(self.from.start, self.from.end))
     }

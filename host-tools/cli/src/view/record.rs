@@ -33,10 +33,8 @@ use slipsense::wire::{SensorContact, SlipMessage};
 
 /// Bytes before the sensors.
 pub const HEADER_BYTES: usize = 40;
-/// Bytes of one sensor.
 pub const SENSOR_BYTES: usize = 16 + 2 * MEL_BINS + 2 * 1024;
 
-/// Bytes of a frame.
 pub const fn bytes(sensors: usize) -> usize {
     HEADER_BYTES + sensors * SENSOR_BYTES
 }
@@ -48,11 +46,9 @@ const TRUE_SLIP: u8 = 8;
 const TAXELS_PRESENT: u8 = 1;
 const LOG_MEL_PRESENT: u8 = 2;
 
-/// A frame on its way to the page.
 #[derive(Clone, Debug)]
 pub struct Record {
     pub slip: SlipMessage,
-    /// Frames lost right before it.
     pub lost: u32,
     /// Does it slip in truth? `None`: unknown.
     pub truth: Option<bool>,

@@ -29,7 +29,6 @@ const SCRIPTS: [(&str, &str); 3] = [
     ("/page.js", include_str!("page/page.js")),
 ];
 const BYTES: &str = "application/octet-stream";
-/// Most frames of one answer.
 const COUNT_MAX: usize = 480;
 /// How long an answer waits for its first frame.
 const TIMEOUT: Duration = Duration::from_secs(1);
@@ -108,7 +107,6 @@ fn answer(request: Request, store: &Store, port: u16) -> io::Result<()> {
     }
 }
 
-/// Does the request name this computer?
 fn is_own_host(request: &Request, port: u16) -> bool {
     let mut hosts = request.headers().iter().filter(|header| header.field.equiv("Host"));
     let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];

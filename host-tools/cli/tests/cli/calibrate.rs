@@ -14,7 +14,6 @@ use slipsense::wire::{CanFrame, FD_LENGTHS, NodeId, RawBuffer, RawFrame, Transmi
 
 use super::support::Place;
 
-/// How its measurement goes.
 #[derive(Clone, Copy, PartialEq)]
 enum Goes {
     Well,

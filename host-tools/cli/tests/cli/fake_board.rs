@@ -18,22 +18,17 @@ use slipsense::wire::{NodeId, Origin, RawBuffer, Transmitter};
 pub const MAILBOX_AT: u32 = 0x2000_6000;
 const FRAME_AT: u32 = 0x3000_0000;
 const ANSWER_AT: u32 = 0x3001_0000;
-/// What it says of itself.
 pub const CORE_HZ: u32 = 480_000_000;
 /// Cycles that it claims for frame n: n + this.
 pub const CYCLES: u32 = 1000;
 
-/// What is wrong with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     None,
     /// Another program, which writes nothing.
     OtherProgram,
-    /// It speaks another version.
     Version,
-    /// It stands still at the frame of this number.
     Stops(u32),
-    /// It gives up at the frame of this number.
     GivesUp(u32),
     /// A bit of a raw CAN frame differs in the frame of this number.
     FlipsBit(u32),
@@ -102,7 +97,6 @@ impl Board {
         &self.mailbox.words()[word as usize]
     }
 
-    /// As far as it comes without the host.
     fn run(&mut self, fault: Fault) {
         if fault == Fault::OtherProgram {
             return;

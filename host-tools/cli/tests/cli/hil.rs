@@ -19,7 +19,6 @@ fn place() -> Place {
     place
 }
 
-/// The command line for a board with this fault.
 fn command(board_model: &ModelFile, fault: Fault, more: &str) -> String {
     let port = serve(board_model.to_bytes().unwrap(), fault);
     format!("hil @e.npz --elf @hil --model @m.slipnet --gdb 127.0.0.1:{port} --frames {FRAMES} {more}")

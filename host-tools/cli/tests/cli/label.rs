@@ -30,7 +30,6 @@ struct Stand<'a> {
     /// What its clock showed when the recording began.
     offset_s: f64,
     noise_mm: f64,
-    /// Knocks on the recording's clock.
     knocks_s: &'a [f64],
 }
 

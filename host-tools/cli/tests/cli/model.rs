@@ -108,6 +108,6 @@ mod with_float_network {
         let both = "--detector network --detector float --weights @w.safetensors";
         let results = place.json(&format!("eval @episodes --model @q.slipnet {both} --out @out"));
         assert_eq!(results["detectors"].as_array().unwrap().len(), 2);
-        assert_eq!(results["pairs"].as_array().unwrap().len(), 1, "the two are compared");
+        assert_eq!(results["integer_against_float"].as_array().unwrap().len(), 1, "the two are compared");
     }
 }

@@ -17,7 +17,6 @@ use slipsense_recording::{Episode, Predictions};
 
 const FILES: [&str; 5] = ["can.log", "predictions.npz", "report.html", "summary.json", "timeline.svg"];
 
-/// Check one output folder against the episode it was made from.
 fn check(folder: &Path, episode: &Episode) -> (Predictions, Value) {
     assert_eq!(names(folder), FILES);
     let predictions = Predictions::read(folder.join("predictions.npz")).unwrap();

@@ -16,7 +16,6 @@ use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::log_file::{Format, read};
 
-/// A log of one sensor; the frames numbered in `lost` are not in it.
 fn log(frames: u32, lost: &[u32]) -> Vec<u8> {
     let mut transmitter = Transmitter::new(NodeId::DEFAULT);
     let mut log = CandumpWriter::new(Vec::new(), "can0").unwrap();

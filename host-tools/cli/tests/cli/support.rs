@@ -12,7 +12,6 @@ use slipsense_recording::model_file::{ModelFile, random_model};
 use slipsense_recording::npz::write_file;
 use tempfile::TempDir;
 
-/// Run `slipsense`.
 pub fn slipsense(args: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Output {
     Command::new(env!("CARGO_BIN_EXE_slipsense")).args(args).output().expect("the binary starts")
 }
@@ -64,7 +63,6 @@ impl Place {
         String::from_utf8(output.stdout).expect("UTF-8")
     }
 
-    /// What it prints with `--json`.
     pub fn json(&self, line: &str) -> Value {
         serde_json::from_str(&self.run(&format!("{line} --json"))).expect("JSON")
     }

@@ -88,7 +88,7 @@ fn shards_and_interrupted_runs_make_the_same_bytes() {
     assert!(there.iter().all(|name| fs::read(cut.join(name)).unwrap() == expected[name]), "whole or absent");
     let first = cut.join(&there[0]);
     fs::write(&first, &expected[&there[0]][..10_000]).unwrap();
-    fs::create_dir_all(cut.join(".partial-2-of-9")).unwrap();
+    fs::write(cut.join(".slipsense-x.partial"), "half").unwrap();
     place.run(&make_cut);
     assert!(content(&cut) == expected, "the resumed run makes the same files, and nothing else is left");
 

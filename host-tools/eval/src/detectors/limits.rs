@@ -9,7 +9,6 @@ use slipsense_recording::score::SLIP;
 use crate::detector::{NEVER, Prediction, touched};
 use crate::truth::{SLIDING_FRACTION, SLIDING_MM_S};
 
-/// One score and fallback per frame.
 fn predict(episode: &Episode, threshold: f32, frame: impl Fn(usize) -> (f32, u8)) -> Prediction {
     let (score, fallback) = (0..episode.frames()).map(frame).unzip();
     Prediction::new(score, threshold, fallback)

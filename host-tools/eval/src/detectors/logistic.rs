@@ -20,7 +20,6 @@ use crate::detector::{PerSensor, Score};
 use crate::fitted::{LOGISTIC_FEATURES as FEATURES, LogisticFit};
 use crate::spectrum::{FILTERS, XlSpectrum};
 
-/// Filters of each group of mel bands.
 const GROUPS: [std::ops::Range<usize>; 6] = [0..4, 4..8, 8..13, 13..18, 18..22, 22..26];
 /// Frames after which two analysis windows share no sample.
 const APART: usize = 4;

@@ -23,15 +23,12 @@ pub use network::Modality;
 pub const NETWORK: &str = "network";
 /// The float network that it is made from and compared with.
 pub const FLOAT: &str = "float";
-/// The firmware's alarm.
 pub const NETWORK_ALARM: &str = "network-alarm";
 
-/// What the detectors are made of.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup<'a> {
     /// Thresholds and tables fitted on the training split.
     pub fitted: &'a Fitted,
-    /// The model file of the integer network.
     pub model: &'a [u8],
     /// Weights file of the float network, needed for `float` only.
     pub float_weights: Option<&'a Path>,
@@ -59,7 +56,6 @@ pub const DETECTORS: [(&str, &str); 16] = [
     ("oracle-label", "the encoder label itself: the ceiling of every figure"),
 ];
 
-/// The detector of this name.
 pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
     fn analytic<'a>(score: impl Score + 'a, threshold: f32, fitted: &Fitted) -> Detector<'a> {
         thresholded(score, threshold, fitted.class_order)

@@ -24,7 +24,6 @@ use logistic_regression::logistic_regression;
 use sample::{Frame, Sample};
 use youden::youden;
 
-/// How to fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// Of how many frames one is used, at least 1.

@@ -14,7 +14,6 @@ use crate::detectors::vibration::{BandPassScore, EnergyScore, FluxCusumScore};
 use crate::fitted::{LOGISTIC_FEATURES, RIG_FEATURES};
 use crate::spectrum::{COEFFICIENTS, XlSpectrum};
 
-/// Scores and features of one frame.
 pub(super) struct Frame {
     pub label: u8,
     pub touched: bool,

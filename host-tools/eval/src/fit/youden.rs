@@ -1,6 +1,5 @@
 //! The one rule by which thresholds are fitted: the largest Youden index.
 
-/// A threshold and its Youden index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Youden {
     /// Slip where the score is above this.

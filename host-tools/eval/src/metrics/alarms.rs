@@ -51,7 +51,6 @@ impl AlarmCounts {
         counts
     }
 
-    /// Add another episode's.
     pub(crate) fn add(&mut self, other: &Self) {
         for class in 0..DISTURBANCES.len() {
             self.alarms[class] += other.alarms[class];
@@ -63,7 +62,6 @@ impl AlarmCounts {
         self.interface_exposure_frames += other.interface_exposure_frames;
     }
 
-    /// What adding starts from.
     pub(crate) fn zero() -> Self {
         Self { sliding_known: true, ..Self::default() }
     }
@@ -77,16 +75,13 @@ impl AlarmCounts {
     }
 }
 
-/// Frames in hours.
 pub(crate) fn hours(frames: u64) -> f64 {
     frames as f64 / (3600.0 * f64::from(FRAME_RATE_HZ))
 }
 
-/// A number of alarms in an exposure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Rate {
     pub(crate) alarms: u64,
-    /// Time in which they could occur.
     pub(crate) exposure_hours: f64,
     pub(crate) alarms_per_hour: Option<f64>,
     /// The true rate is below this with 95 % confidence; null without exposure.
@@ -105,7 +100,6 @@ impl Rate {
     }
 }
 
-/// Figures of any number of alarms.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct AlarmFigures {
     /// Against the encoder truth, all classes.
@@ -118,7 +112,6 @@ pub(crate) struct AlarmFigures {
     pub(crate) by_disturbance: Vec<ClassRate>,
 }
 
-/// The rate of one disturbance class.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct ClassRate {
     pub(crate) disturbance: &'static str,
@@ -127,7 +120,6 @@ pub(crate) struct ClassRate {
 }
 
 impl AlarmFigures {
-    /// Figures of the sum of counts.
     pub(crate) fn new(counts: &AlarmCounts) -> Self {
         let class_rate = |class: usize| ClassRate {
             disturbance: DISTURBANCES[class],

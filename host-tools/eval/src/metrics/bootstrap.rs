@@ -30,7 +30,6 @@ pub(crate) struct Intervals {
     pub(crate) alarms_per_hour: Option<[f64; 2]>,
 }
 
-/// One detector on one input.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct InputFigures {
     pub(crate) input: String,
@@ -39,7 +38,6 @@ pub(crate) struct InputFigures {
     pub(crate) intervals: Intervals,
 }
 
-/// What a draw needs of an episode.
 struct Counts {
     classes: ClassScores,
     /// Latency of hits, [`MISSED`] for misses.

@@ -22,7 +22,6 @@ use crate::truth::Truth;
 /// "Within 5 frames" (20.8 ms): the paper's mark.
 pub(crate) const WITHIN_FRAMES: usize = 5;
 
-/// What became of one event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Outcome {
     /// First frame of the event, frame after it, and its detection.
@@ -143,7 +142,6 @@ pub(crate) fn latencies<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> 
 }
 
 impl EventFigures {
-    /// Figures of these events.
     pub(crate) fn new(outcomes: &[&Outcome]) -> Self {
         let latency = latencies(outcomes.iter().copied());
         let events = outcomes.len();
@@ -208,7 +206,6 @@ pub(crate) struct Cdf {
 }
 
 impl Cdf {
-    /// The distribution of these events' latencies.
     pub(crate) fn new<'a>(outcomes: impl IntoIterator<Item = &'a Outcome>) -> Self {
         let latencies = latencies(outcomes);
         let mut cdf = Self { events: latencies.len(), ..Self::default() };

@@ -38,7 +38,6 @@ impl EpisodeRecord {
     }
 }
 
-/// All figures of a group of episodes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Figures {
     pub(crate) episodes: usize,
@@ -46,9 +45,7 @@ pub(crate) struct Figures {
     pub(crate) frame: FrameFigures,
     /// The false positive rate by where the frames lie.
     pub(crate) false_slip: FalseSlipFigures,
-    /// Events against the encoder truth.
     pub(crate) encoder_events: EventFigures,
-    /// Events against the interface truth.
     pub(crate) interface_events: EventFigures,
     /// Labelled events without sliding of the interface, which `interface_events` lacks.
     pub(crate) labelled_without_interface_slip: usize,
@@ -58,7 +55,6 @@ pub(crate) struct Figures {
 }
 
 impl Figures {
-    /// Figures of these episodes together.
     pub(crate) fn new<'a>(records: impl IntoIterator<Item = &'a EpisodeRecord>) -> Self {
         let (mut frames, mut alarms) = (FrameCounts::default(), AlarmCounts::zero());
         let (mut encoder, mut interface, mut without, mut episodes) = (Vec::new(), Vec::new(), 0, 0);

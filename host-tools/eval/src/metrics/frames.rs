@@ -22,14 +22,12 @@ use crate::truth::Truth;
 /// Frames left out on each side of an onset or end.
 const GUARD_FRAMES: usize = 2;
 
-/// Names of the classes in output.
 pub(crate) const CLASS_NAMES: [&str; CLASSES] = ["no_contact", "no_slip", "slip"];
 
 /// Counts of one episode; they add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
     pub(crate) all: ClassScores,
-    /// Frames outside the guard bands.
     guarded: ClassScores,
     /// Frames falsely called slip up to 50 ms before an onset; up to 50 ms after an end, and not before the next
     /// onset; elsewhere.
@@ -37,7 +35,6 @@ pub struct FrameCounts {
 }
 
 impl FrameCounts {
-    /// Count the frames of an episode predicted as `class`.
     pub fn new(truth: &Truth, class: &[u8]) -> Self {
         let frames = truth.frames();
         let mut counts = Self { all: ClassScores::new(&truth.label, class), ..Self::default() };
@@ -71,7 +68,6 @@ impl FrameCounts {
         counts
     }
 
-    /// Add another episode's.
     pub(crate) fn add(&mut self, other: &Self) {
         self.all.add(&other.all);
         self.guarded.add(&other.guarded);
@@ -79,7 +75,6 @@ impl FrameCounts {
     }
 }
 
-/// Figures of any number of frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FrameFigures {
     /// `[truth][predicted]`, classes no contact, no slip, slip.
@@ -105,7 +100,6 @@ pub(crate) struct ClassFigures {
     pub(crate) f1: Option<f64>,
 }
 
-/// The main figures without the guard bands.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct GuardFigures {
     pub(crate) frames: u64,
@@ -115,7 +109,6 @@ pub(crate) struct GuardFigures {
 }
 
 impl FrameFigures {
-    /// Figures of the sum of counts.
     pub fn new(counts: &FrameCounts) -> Self {
         let (all, guarded) = (&counts.all, &counts.guarded);
         let mut contact = *all;
@@ -158,7 +151,6 @@ pub(crate) struct FalseSlipFigures {
 }
 
 impl FalseSlipFigures {
-    /// Figures of the sum of counts.
     pub(crate) fn new(counts: &FrameCounts) -> Self {
         let non_slip = counts.all.confusion[..SLIP as usize].iter().flatten().sum::<u64>() as usize;
         let [before, after, elsewhere] = counts.false_slip.map(|frames| share(frames, non_slip));

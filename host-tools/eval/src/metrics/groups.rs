@@ -17,7 +17,6 @@ pub(crate) struct Group {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Grouping {
     pub(crate) by: &'static str,
-    /// In order of the value.
     pub(crate) groups: Vec<Group>,
     /// The group of the lowest macro F1.
     pub(crate) worst: Option<String>,
@@ -30,7 +29,6 @@ pub(crate) fn grip_bounds_n<'a>(truths: impl IntoIterator<Item = &'a Truth>) -> 
     (!grips.is_empty()).then(|| [1, 2].map(|third| grips[third * grips.len() / 3]))
 }
 
-/// All groupings of these episodes.
 pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> {
     let grip = grip_bounds_n(episodes.iter().map(|(truth, _)| *truth));
     let tercile = |info: &EpisodeInfo| {

@@ -22,7 +22,6 @@ pub(crate) const POINTS: usize = 40;
 /// Highest and lowest false-positive rate of a curve.
 const FPR_RANGE: [f64; 2] = [0.5, 1e-5];
 
-/// One point of the curve.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct CurvePoint {
     /// Threshold, in the detector's unit.
@@ -86,7 +85,6 @@ pub(crate) fn curve(episodes: &[(&Truth, &Prediction)], own: f32, fixed: Option<
     thresholds.into_iter().map(point).collect()
 }
 
-/// Figures of these episodes at a threshold.
 pub(crate) fn figures_at(episodes: &[(&Truth, &Prediction)], threshold: f32) -> Figures {
     let record = |(truth, prediction): &(&Truth, &Prediction)| {
         EpisodeRecord::new(truth, &prediction.classes_at(threshold))

@@ -18,7 +18,6 @@ const STYLE: &str = include_str!("page.css");
 /// Longest latency on the plots' axes: 250 ms.
 const CDF_FRAMES: f64 = 60.0;
 
-/// The report of results, which came from `run`.
 pub fn html(results: &Results, run: &Run) -> Result<String> {
     let kind = results.kind_of_data();
     let (latency_plots, threshold_plots) = (latency_plots(results)?, threshold_plots(results)?);
@@ -54,7 +53,6 @@ pub fn html(results: &Results, run: &Run) -> Result<String> {
                 h2 { "What a threshold trades" }
                 (threshold_plots)
                 @for detector in &results.detectors { (operating_point(detector, kind)) }
-                @if !results.pairs.is_empty() { h2 { "Integers against floating point" } (tables::pairs(results).html()) }
                 @if !results.seeds.is_empty() { h2 { "Seeds" } (tables::seeds(results).html()) }
                 h2 { "Detector by detector" }
                 @for detail in &details { (detail) }

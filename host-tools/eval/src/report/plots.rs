@@ -22,12 +22,10 @@ const COLOURS: [RGBColor; 9] = [
 ];
 const SIZE: (u32, u32) = (640, 380);
 
-/// Colour of the n-th line.
 pub(super) fn colour(n: usize) -> RGBColor {
     COLOURS[n % COLOURS.len()]
 }
 
-/// A line of a plot.
 pub(crate) struct Line {
     pub(crate) name: String,
     pub(crate) points: Vec<(f64, f64)>,
@@ -35,7 +33,6 @@ pub(crate) struct Line {
     pub(crate) marks: Vec<((f64, f64), bool)>,
 }
 
-/// What the axes say.
 pub(crate) struct Axes<'a> {
     pub(crate) title: &'a str,
     pub(crate) x: &'a str,
@@ -43,7 +40,6 @@ pub(crate) struct Axes<'a> {
     pub(crate) legend: SeriesLabelPosition,
 }
 
-/// An error of the drawing library as ours.
 pub(super) fn failed(error: impl std::fmt::Display) -> anyhow::Error {
     anyhow!("cannot draw: {error}")
 }

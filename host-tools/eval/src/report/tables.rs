@@ -19,7 +19,6 @@ pub(super) fn median_latency(events: &EventFigures) -> String {
     latency(events.latency_median_frames, events.hits + events.missed)
 }
 
-/// What was evaluated.
 pub(super) fn inputs(results: &Results) -> Table {
     let mut table = Table::rows(results.kind_of_data(), 2, &results.inputs).columns(&[
         ("input", |input| input.name.clone()),
@@ -71,10 +70,8 @@ fn on_inputs(results: &Results) -> impl Iterator<Item = OnInput<'_>> {
     results.detectors.iter().flat_map(|detector| detector.inputs.iter().map(move |on| (detector, on)))
 }
 
-/// A detector on one of its inputs.
 type OnInput<'a> = (&'a DetectorResults, &'a InputFigures);
 
-/// The detectors side by side.
 fn overview(results: &Results, title: String) -> Table {
     let rows =
         on_inputs(results).map(|(detector, on)| (vec![detector.name.clone(), on.input.clone()], &on.figures));
@@ -140,13 +137,11 @@ fn causes(results: &Results, quiet: &InputInfo) -> Table {
         .with_note("hours: time with that cause; < /h: 95 % bound; missed: of the slips of the other inputs")
 }
 
-/// Alarms of all causes, then of each.
 fn rates(alarms: &AlarmFigures) -> impl Iterator<Item = (&'static str, &Rate)> {
     let causes = alarms.by_disturbance.iter().map(|class| (class.disturbance, &class.rate));
     std::iter::once(("all", &alarms.all)).chain(causes)
 }
 
-/// Ours beside the paper's.
 pub(super) fn paper(results: &Results) -> Table {
     fn beside(ours: Option<f64>, points: Option<f64>) -> String {
         let ours = number(ours, 1);
@@ -246,6 +241,7 @@ fn quantization(results: &Results) -> Table {
     Table::rows(title, 2, &results.integer_against_float).columns(&[
         ("input", |row| row.input.clone()),
         ("network", |row| row.seed.clone()),
+        ("same class %", |row| number(row.same_class_share.map(|share| 100.0 * share), 3)),
         ("F1 points", |row| points(row.macro_f1_difference_points)),
         ("FPR points", |row| points(row.fpr_of_non_slip_difference_points)),
         ("latency fr", |row| latency(row.latency_integer_frames, 1)),
@@ -289,7 +285,6 @@ pub(super) fn shared(results: &Results) -> Vec<Table> {
     tables.into_iter().filter(|table| !table.is_empty()).collect()
 }
 
-/// Latencies against both truths.
 pub(super) fn latencies(results: &Results) -> Table {
     let title = format!(
         "Latency in frames of 4.17 ms and travel in mm, all inputs but validation: {}",
@@ -321,7 +316,6 @@ pub(super) fn latencies(results: &Results) -> Table {
     ])
 }
 
-/// Computing time.
 pub(super) fn compute(results: &Results) -> Table {
     let title =
         "Computing time of one core of this computer (loading not included); it is not in the latencies";
@@ -346,25 +340,6 @@ pub(super) fn operating_point(detector: &str, point: &OperatingPoint, kind: &str
     figures_table(title, 1, &["input"], point.inputs.iter().map(|on| (vec![on.input.clone()], &on.figures)))
 }
 
-/// Pairs of detectors that should be the same.
-pub(super) fn pairs(results: &Results) -> Table {
-    fn percent_points(value: Option<f64>) -> String {
-        number(value.map(|share| 100.0 * share), 3)
-    }
-    let title = format!("First minus second, all inputs but validation: {}", results.kind_of_data());
-    Table::rows(title, 2, &results.pairs).columns(&[
-        ("first", |pair| pair.first.clone()),
-        ("second", |pair| pair.second.clone()),
-        ("same class %", |pair| percent_points(pair.same_class_share)),
-        ("frames that differ", |pair| pair.different_class_frames.to_string()),
-        ("macro F1, points", |pair| percent_points(pair.macro_f1_difference)),
-        ("FPR, points", |pair| percent_points(pair.fpr_of_non_slip_difference_share)),
-        ("latency, frames", |pair| number(pair.latency_median_difference_frames, 1)),
-        ("alarms", |pair| format!("{:+}", pair.alarms_difference)),
-    ])
-}
-
-/// Spreads over training seeds.
 pub(super) fn seeds(results: &Results) -> Table {
     fn spread(values: Option<[f64; 3]>, factor: f64) -> String {
         values
@@ -416,7 +391,6 @@ pub(super) fn alarms(detector: &DetectorResults, kind: &str) -> Table {
     ])
 }
 
-/// The episodes by one of their properties.
 pub(super) fn grouping(grouping: &Grouping, kind: &str) -> Table {
     let worst = grouping.worst.as_ref().map_or(String::new(), |worst| format!("; worst: {worst}"));
     let title = format!("By {}: {kind}{worst}", grouping.by.replace('_', " "));
@@ -427,13 +401,9 @@ pub(super) fn grouping(grouping: &Grouping, kind: &str) -> Table {
     figures_table(title, 1, &["group", "episodes", "slips"], rows)
 }
 
-/// The tables that the terminal shows.
 impl fmt::Display for Results {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}\n{}", inputs(self), overview(self, String::new()))?;
-        if !self.pairs.is_empty() {
-            write!(f, "\n{}", pairs(self))?;
-        }
         for quiet in self.inputs.iter().filter(|input| input.labelled_events == 0 && input.frames > 0) {
             write!(f, "\n{}", causes(self, quiet))?;
         }

@@ -13,7 +13,6 @@ use crate::truth::Truth;
 const ROWS: [&str; 5] = ["score", "flag", "label", "interface", "others"];
 const SIZE: (u32, u32) = (900, 330);
 
-/// Draw an episode and what a detector predicted.
 pub(super) fn timeline(truth: &Truth, prediction: &Prediction) -> Result<String> {
     let seconds = |frame: usize| frame as f64 / f64::from(FRAME_RATE_HZ);
     let frames = truth.frames();

@@ -4,7 +4,6 @@ use serde_json::json;
 
 use super::*;
 
-/// Frames per hour.
 const HOUR: f64 = 240.0 * 3600.0;
 
 /// Alarms and exposure of a disturbance, frames.

@@ -111,6 +111,8 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
     let second = &results.integer_against_float[1];
     assert_eq!((second.latency_integer_frames, second.latency_float_frames), (Some(4.0), Some(5.0)));
     assert!(second.macro_f1_difference_points.unwrap() > 0.0);
+    // One frame of 300 in each of the six episodes.
+    assert_eq!(second.same_class_share, Some(299.0 / 300.0));
 
     check_nulls(&results);
     let html = crate::report::html(&results, &predicted).unwrap();

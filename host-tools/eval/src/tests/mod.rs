@@ -65,7 +65,6 @@ fn truth(episode: &Episode) -> Truth {
     Truth::new(episode, "input", "episode").unwrap()
 }
 
-/// Class 2 in the given frames, else 1.
 fn class(frames: usize, flags: &[Range<usize>]) -> Vec<u8> {
     let mut class = vec![1; frames];
     flags.iter().for_each(|range| class[range.clone()].fill(2));

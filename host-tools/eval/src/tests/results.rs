@@ -1,24 +1,12 @@
-//! From inputs to results: streams, operating point, what is missing and why, paper's rows, pairs.
+//! From inputs to results: streams, operating point, what is missing and why, paper's rows.
 
 use serde_json::json;
 
 use super::*;
 use crate::paper::Comparison;
-use crate::quantization::Pair;
 use crate::results::Results;
 use crate::run::{Run, run};
 use crate::source::Input;
-
-#[test]
-fn pairs_by_hand() {
-    let episode = episode(1000, &[100..200]);
-    let [a, b] = [102, 107].map(|from| flags_in(from..200)(&episode).unwrap());
-    let figures = |of: &Prediction| Figures::new([&EpisodeRecord::new(&truth(&episode), &of.class)]);
-    let pair = Pair::new(("a", &figures(&a)), ("b", &figures(&b)), [(&a, &b)]);
-    assert_eq!((pair.different_class_frames, pair.same_class_share), (5, Some(0.995)));
-    assert_eq!((pair.latency_median_difference_frames, pair.alarms_difference), (Some(-5.0), 0));
-    assert!(pair.macro_f1_difference.unwrap() > 0.0);
-}
 
 #[test]
 fn the_papers_rows_are_found_and_compared() {

@@ -42,7 +42,6 @@ pub(super) const LOAD: Quantity = Quantity {
     ],
 };
 
-/// A column that was found.
 #[derive(Clone, Debug)]
 pub(super) struct Column {
     pub at: usize,

@@ -15,9 +15,7 @@ pub const STAND_FRAMES: usize = (FRAME_RATE_HZ as usize * 200) / 1000;
 pub struct Pull {
     /// Slip by the encoder rule, if the crosshead moved what the gripper held. Not empty.
     pub slip: Range<usize>,
-    /// Position before, mm.
     pub from_mm: f32,
-    /// Position after, mm.
     pub to_mm: f32,
     /// It moves in the first frame already or in the last one still, so that `slip` starts late or ends
     /// early.

@@ -50,7 +50,6 @@ pub struct AtFrames {
 }
 
 impl StandLog {
-    /// Read a file.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, LabelError> {
         let path = path.as_ref();
         let named = |rule: String| LabelError(format!("{}: {rule}", path.display()));
@@ -59,7 +58,6 @@ impl StandLog {
         Self::parse(&String::from_utf8_lossy(&bytes)).map_err(|LabelError(rule)| named(rule))
     }
 
-    /// Read the text of a file.
     pub fn parse(text: &str) -> Result<Self, LabelError> {
         let text = text.trim_start_matches('\u{feff}');
         let table = Table::find(text)?;
@@ -98,7 +96,6 @@ impl StandLog {
         Ok(log)
     }
 
-    /// Mean readings per second.
     pub fn rate_hz(&self) -> f64 {
         (self.time_s.len() - 1) as f64 / self.span_s()
     }
@@ -148,7 +145,6 @@ impl StandLog {
         Ok(AtFrames { displacement_mm, held_frames: before + after })
     }
 
-    /// Does the crosshead move within [`GAP_S`] of a time?
     fn moves_near(&self, time_s: f64) -> bool {
         let near = self.time_s.iter().zip(&self.travel_mm).filter(|(t, _)| (**t - time_s).abs() <= GAP_S);
         let (low, high) =

@@ -8,7 +8,6 @@ const TEXT_BYTES_MAX: usize = 10_000;
 const ALIGN: usize = 64;
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
 
-/// What a header says.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Header {
     /// Type string such as `<u2`; for a structured type, its whole literal.

@@ -13,14 +13,12 @@ use zip::{CompressionMethod, ZipArchive};
 /// Most bytes that one deflated byte can stand for: 258 bytes per two bits.
 const DEFLATE_RATIO_MAX: u64 = 1032;
 
-/// An open archive.
 pub struct Reader<R> {
     zip: ZipArchive<R>,
     source_bytes: u64,
 }
 
 impl Reader<BufReader<File>> {
-    /// Open a file.
     pub fn open(path: &Path) -> Result<Self, Problem> {
         let file = File::open(path).map_err(Problem::Read)?;
         if file.metadata().map_err(Problem::Read)?.is_dir() {
@@ -31,7 +29,6 @@ impl Reader<BufReader<File>> {
 }
 
 impl<R: Read + Seek> Reader<R> {
-    /// Read the archive's directory.
     pub fn new(mut source: R) -> Result<Self, Problem> {
         let mut start = Vec::new();
         source.by_ref().take(2).read_to_end(&mut start).map_err(Problem::Read)?;
@@ -47,7 +44,6 @@ impl<R: Read + Seek> Reader<R> {
         }
     }
 
-    /// Is there an array of this name?
     pub fn has(&self, name: &str) -> bool {
         self.zip.index_for_name(&entry_name(name)).is_some()
     }

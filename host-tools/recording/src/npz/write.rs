@@ -15,13 +15,11 @@ const LARGE_BYTES: u64 = 4_000_000_000;
 /// 22 ms for 209 kB, level 1 5 ms for 381 kB.
 const LEVEL: i64 = 3;
 
-/// An archive being written.
 pub struct Writer<W: Write + Seek> {
     zip: ZipWriter<W>,
 }
 
 impl<W: Write + Seek> Writer<W> {
-    /// Start an archive.
     pub fn new(to: W) -> Self {
         Self { zip: ZipWriter::new(to) }
     }

@@ -76,7 +76,6 @@ fn words(message: &SlipMessage, id: u32) -> String {
     words.join(" ")
 }
 
-/// The program, compiled into this folder.
 pub fn compile(folder: &Path) -> PathBuf {
     fs::write(folder.join("slip.h"), slipsense_recording::c_header::text().unwrap()).unwrap();
     fs::write(folder.join("main.c"), PROGRAM).unwrap();

@@ -24,7 +24,6 @@ impl Clock for ZeroClock {
     }
 }
 
-/// Keeps what it is given to send.
 #[derive(Default)]
 struct Sent(Vec<Frame>);
 

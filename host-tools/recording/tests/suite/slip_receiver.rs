@@ -12,7 +12,6 @@ use super::c_header::compile;
 /// Check, state, act, lost.
 type Found = (u8, u8, bool, u32);
 
-/// Both receivers. They must agree.
 struct Receivers {
     rust: SlipReceiver,
     c: Child,

@@ -9,7 +9,6 @@ pub const SENSORS: usize = 2;
 pub const SAMPLES: usize = 100;
 pub const META: &str = r#"{"xl_lsb_g": 0.00049, "xl_rate_hz": 8120, "frame_rate_hz": 240, "object": "mug"}"#;
 
-/// One `.npy` file.
 #[derive(Clone)]
 pub struct Npy {
     pub name: &'static str,
@@ -85,7 +84,6 @@ impl Arrays {
         arrays
     }
 
-    /// Change one array.
     pub fn edit(mut self, name: &str, edit: impl FnOnce(&mut Npy)) -> Self {
         edit(self.at(name));
         self

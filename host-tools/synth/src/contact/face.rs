@@ -45,7 +45,6 @@ pub(super) enum Face {
 pub(super) struct Summit {
     u_mm: f64,
     v_mm: f64,
-    /// Below the highest, mm.
     below_mm: f64,
 }
 

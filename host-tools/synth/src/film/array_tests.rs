@@ -19,7 +19,6 @@ fn session(seed: u64, noise_factor: f64) -> FilmSession {
     FilmSession::draw(&mut stream(seed, Stream::Film, 0), noise_factor)
 }
 
-/// A session without faults.
 fn faultless(seed: u64, noise_factor: f64) -> FilmSession {
     FilmSession { faults: Vec::new(), ..session(seed, noise_factor) }
 }

@@ -18,7 +18,6 @@
 use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
-/// Lines and switches of one readout.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Crosstalk {
     /// Resistance of a closed switch with its line, times the reference conductance of the divider.

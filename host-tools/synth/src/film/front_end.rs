@@ -16,7 +16,6 @@
 use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXELS};
 
-#[path = "front_end_table.rs"]
 #[cfg_attr(not(test), expect(dead_code, reason = "the error of settling is for the test"))]
 pub(crate) mod table;
 

@@ -61,7 +61,6 @@ enum Other {
     Percolating(Percolating),
 }
 
-/// The array of one sensor over time.
 pub(crate) struct Film<'a> {
     unit: &'a FilmUnit,
     session: FilmSession,
@@ -74,7 +73,6 @@ pub(crate) struct Film<'a> {
     creep_blend: Blend,
     /// Phase of the mains at each row against the tick, as cosine and sine.
     row_phase: [(f64, f64); TAXEL_ROWS],
-    /// The scan delivered last.
     before: [u16; TAXELS],
     other: Option<Other>,
 }

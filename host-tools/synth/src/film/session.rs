@@ -44,7 +44,6 @@ pub(crate) struct Fault {
     pub end_frame: usize,
 }
 
-/// What an electrical fault does to a scan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum FaultKind {

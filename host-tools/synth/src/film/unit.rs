@@ -33,7 +33,6 @@ const GAIN_OWN: f64 = 0.05;
 /// Share of taxels that are dead or stuck, and how many of those are stuck at a level instead of dead.
 const FAULTY: (f64, f64) = (0.0, 0.01);
 const STUCK_OF_FAULTY: f64 = 0.1;
-/// Level of a stuck taxel, counts.
 const STUCK_COUNTS: (f64, f64) = (3.0, 25.0);
 /// Deviation of the exponent from the nominal film's.
 const EXPONENT_SPREAD: f64 = 0.05;

@@ -16,7 +16,6 @@ pub(super) struct Spring {
     pub stretch: [f64; 3],
 }
 
-/// A step of a law.
 #[derive(Default)]
 pub(super) struct Moved {
     pub by_mm: [f64; 3],
@@ -29,7 +28,6 @@ pub(super) struct Moved {
 pub(super) trait Law: Serialize {
     /// One step of `dt` seconds under a load above 0.
     fn step(&mut self, spring: &Spring, load_n: f64, dt: f64) -> Moved;
-    /// Nothing touches.
     fn rest(&mut self);
 }
 

@@ -9,17 +9,12 @@ pub const PAD_WIDTH_MM: f64 = COL_PITCH_MM as f64 * TAXEL_COLS as f64;
 /// The pad along the finger: rows times their pitch, 29.44 mm.
 pub const PAD_LENGTH_MM: f64 = ROW_PITCH_MM as f64 * TAXEL_ROWS as f64;
 
-/// Physics that cannot be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("object \"{object}\": {field} is {value}, must be {rule}")]
 pub struct ObjectError {
-    /// Name of the object.
     pub object: String,
-    /// Field at fault.
     pub field: &'static str,
-    /// What it holds.
     pub value: f64,
-    /// What it must be.
     pub rule: &'static str,
 }
 

@@ -10,14 +10,10 @@ pub enum Shape {
     Cylinder {
         /// Radius; 1–6 mm for cables.
         radius_mm: f64,
-        /// Length.
         length_mm: f64,
     },
     /// Ball or knob.
-    Sphere {
-        /// Radius.
-        radius_mm: f64,
-    },
+    Sphere { radius_mm: f64 },
     /// Flat face with rounded edges: a box, a block, a strip.
     Flat {
         /// Across the axis.
@@ -92,15 +88,12 @@ impl Shape {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Relief {
-    /// What it looks like.
     pub form: Form,
     /// Distance between two tops.
     pub pitch_mm: f64,
-    /// Depth of the valleys.
     pub depth_mm: f64,
 }
 
-/// Course of a relief.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {

@@ -39,7 +39,6 @@ use crate::vibration;
 pub const LOST_MM: f64 = 10.0;
 /// One that has turned this far is lost, rad; a modelling choice.
 pub const LOST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_4;
-/// Firmest grip of one finger, newtons.
 pub const GRIP_MAX_N: f64 = GRIP_N.1;
 /// Way of the pulling hand: more than takes an object out of the grip.
 const PULL_MM: f64 = 16.0;
@@ -51,37 +50,19 @@ const NOT_BEFORE_S: f64 = 2.0 / STEP_HZ;
 /// How loud joints or jaws are that move inward once more, against closing.
 const INWARD_VIGOUR: (f64, f64) = (0.3, 0.8);
 
-/// A command that the gripper cannot follow.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CommandError {
     /// It would change what was delivered.
     #[error("command: starts at {start_s} s, what comes before {earliest_s} s is past")]
-    Past {
-        /// Start of the motion.
-        start_s: f64,
-        /// Earliest start that is possible.
-        earliest_s: f64,
-    },
-    /// Outside the grasp.
+    Past { start_s: f64, earliest_s: f64 },
     #[error(
         "command: from {start_s} to {end_s} s, must start and end in order within the grasp, {from_s} to {to_s} s"
     )]
-    Outside {
-        /// Start of the motion.
-        start_s: f64,
-        /// Its end.
-        end_s: f64,
-        /// The grasp is complete.
-        from_s: f64,
-        /// The gripper lets go.
-        to_s: f64,
-    },
-    /// A force that the gripper does not have.
+    Outside { start_s: f64, end_s: f64, from_s: f64, to_s: f64 },
     #[error("command: grip of {0} N, must be {low} to {high}", low = GRIP_N.0, high = GRIP_N.1)]
     Grip(f64),
 }
 
-/// What the sensors deliver at one tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// Number of the frame; its tick is at `(index + 1) / 240` s.
@@ -262,7 +243,6 @@ impl Plant {
         self.target_n
     }
 
-    /// Grip of one finger at a time, newtons.
     pub fn grip_n(&self, t_s: f64) -> f64 {
         vibration::at(&self.plan.timeline.grip_n, t_s)
     }
@@ -325,7 +305,6 @@ const CLICKS_WORD: u128 = 1 << 16;
 
 const _: () = assert!(STEPS as f64 * FRAME_RATE_HZ as f64 == STEP_HZ);
 
-/// Samples of one frame.
 fn batch(finger: &Finger, frame: usize) -> &[XlSample] {
     let end = |frame: usize| finger.xl_end[frame] as usize;
     &finger.xl[frame.checked_sub(1).map_or(0, end)..end(frame)]

@@ -40,7 +40,6 @@ const DIRECTIONS: [Direction; 10] = [
 static TENTH: LazyLock<Object> =
     LazyLock::new(|| serde_json::from_str(include_str!("tenth_object.json")).expect("tenth_object.json"));
 
-/// Which objects are gripped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Objects {
@@ -50,7 +49,6 @@ pub enum Objects {
     Val,
 }
 
-/// The hand that grips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hand {
@@ -72,12 +70,9 @@ pub enum Direction {
     Twist,
 }
 
-/// One trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
-    /// Object, hand, grip, speed.
     pub recipe: Recipe,
-    /// Name of the object.
     pub object: String,
     /// Way of the pull, as meant.
     pub direction: Direction,
@@ -106,7 +101,6 @@ impl FromStr for Hand {
 }
 
 impl Objects {
-    /// Name, as on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Unseen => "unseen",
@@ -124,7 +118,6 @@ impl Objects {
 }
 
 impl Hand {
-    /// Name, as on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Umi => "umi",

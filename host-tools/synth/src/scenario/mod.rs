@@ -69,7 +69,6 @@ pub(crate) struct Grasp {
     open: f64,
 }
 
-/// Grasps of a script. A script never cuts through one.
 pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
     let ends = script.phases_of(PhaseKind::Fall).zip(script.phases_of(PhaseKind::Open));
     let starts = script.phases_of(PhaseKind::Close).zip(script.phases_of(PhaseKind::Rise));
@@ -86,7 +85,6 @@ pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
         .collect()
 }
 
-/// Write a script into series.
 pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> Plan {
     use ScenarioChoice as S;
     let on_rig = resolved.scenario.on_rig();

@@ -16,7 +16,6 @@ pub(crate) enum PhaseKind {
     Idle,
     /// Jaws open, the crosshead moves.
     Jog,
-    /// Jaws close.
     Close,
     /// Jaws have met the object, the force builds up.
     Rise,
@@ -28,12 +27,10 @@ pub(crate) enum PhaseKind {
     Settle,
     /// The force falls to nothing.
     Fall,
-    /// Jaws open.
     Open,
 }
 
 impl PhaseKind {
-    /// Jaws at rest and open.
     fn is_idle(self) -> bool {
         matches!(self, Self::Idle | Self::Jog)
     }

@@ -6,20 +6,15 @@ use super::set::{EpisodeSet, PlannedEpisode, check, parse, to_text};
 use super::split::{SetError, Split};
 use crate::recipe::Recipe;
 
-/// Seed of the frozen sets.
 pub const FROZEN_SEED: u64 = 0;
 
-/// One episode of a frozen set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrozenEpisode {
     /// As in [`PlannedEpisode`].
     pub name: String,
-    /// Frames.
     pub frames: usize,
-    /// [`content_hash`](super::content_hash) of the episode.
     pub hash: String,
-    /// What makes it.
     pub recipe: Recipe,
 }
 
@@ -27,13 +22,10 @@ pub struct FrozenEpisode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrozenSet {
-    /// [`FORMAT`](super::FORMAT).
     pub format: u32,
     /// [`GENERATOR_VERSION`](super::GENERATOR_VERSION) that made it.
     pub generator: u32,
-    /// Split.
     pub split: Split,
-    /// Seed of the set.
     pub seed: u64,
     /// Frames of all episodes together.
     pub frames: usize,

@@ -66,30 +66,21 @@ pub fn recipe_of(episode: &Episode) -> Option<Recipe> {
 }
 
 fn hex(digest: &[u8]) -> String {
-    use std::fmt::Write;
-    digest.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Content hash of one episode.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeHash {
     /// As in [`PlannedEpisode`](super::PlannedEpisode).
     pub name: String,
-    /// [`content_hash`](super::content_hash) of the episode.
     pub hash: String,
 }
 
-/// Content hashes of a set.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetHashes {
-    /// [`FORMAT`].
     pub format: u32,
-    /// Split.
     pub split: Split,
     /// [`set_hash`] of them all: one number to compare.
     pub set: String,

@@ -43,7 +43,6 @@ pub(crate) fn hashed(text: &str) -> u64 {
     digest.iter().take(8).fold(0, |seed, &byte| seed << 8 | u64::from(byte)) >> 11
 }
 
-/// The families of a split.
 fn in_families(split: Split, recipe: Recipe) -> Recipe {
     match split.held_out_stages() {
         None => recipe,
@@ -132,7 +131,6 @@ fn round(mix: Mix) -> Vec<(usize, usize)> {
         .collect()
 }
 
-/// All recipes of one split and seed, by index.
 pub(crate) struct Schedule {
     split: Split,
     seed: u64,

@@ -15,15 +15,12 @@ pub const FORMAT: u32 = 1;
 /// Recipes planned at a time: enough to share among cores, few to plan in vain at the end.
 const BLOCK: usize = 16;
 
-/// One episode of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedEpisode {
     /// Split and index, `umi_id-00042`; the file is called so with `.npz` behind.
     pub name: String,
-    /// Frames.
     pub frames: usize,
-    /// What makes it.
     pub recipe: Recipe,
 }
 
@@ -31,13 +28,10 @@ pub struct PlannedEpisode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeSet {
-    /// [`FORMAT`].
     pub format: u32,
     /// [`GENERATOR_VERSION`] that made it.
     pub generator: u32,
-    /// Split.
     pub split: Split,
-    /// Seed of the set.
     pub seed: u64,
     /// Frames asked for; the set ends with the episode that reaches them.
     pub frames: usize,

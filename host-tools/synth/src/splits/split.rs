@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::families::Stage;
 
-/// What is wrong with the description of a set.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct SetError(String);
@@ -25,7 +24,6 @@ pub const GENERATOR_VERSION: u32 = 1;
 /// Frames of the paper-sized set, all splits together (the paper: "more than 1.4 million").
 pub const PAPER_FRAMES: usize = 1_400_000;
 
-/// What the episodes of a set are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
@@ -60,17 +58,11 @@ pub enum Split {
     TransferKnown,
     /// The same with the held-out family of one stage: contact.
     TransferContact,
-    /// Friction.
     TransferFriction,
-    /// Film and circuit.
     TransferFilm,
-    /// Source of slip vibration.
     TransferSource,
-    /// Its path.
     TransferPath,
-    /// Disturbances.
     TransferDisturbance,
-    /// Accelerometer.
     TransferSensor,
     /// The held-out families of all stages at once.
     TransferAll,
@@ -79,7 +71,6 @@ pub enum Split {
 }
 
 impl Split {
-    /// Every split.
     pub const ALL: [Self; 22] = {
         use Split::*;
         [
@@ -114,7 +105,6 @@ impl Split {
         [Train, Val, UmiId, UmiOod, Palm, Tesollo2, Tesollo3, Noslip]
     };
 
-    /// Name, as on the command line and in files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Train => "train",

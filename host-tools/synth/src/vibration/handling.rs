@@ -117,7 +117,6 @@ impl HandlingNoise {
         drawn
     }
 
-    /// No impacts and no machines nearby.
     #[cfg(test)]
     pub(super) fn quiet(&mut self) {
         self.impacts.clear();
@@ -157,7 +156,6 @@ impl HandlingNoise {
         }
     }
 
-    /// What excites one finger through its modes.
     pub(crate) fn excite(&self, scene: &Scene<'_>, streams: &mut NoiseStreams, force: &mut Motion) {
         force.add_pulses(&self.impacts, 1.0);
         force.add_pulses(&self.closings, CLOSING_MODES);

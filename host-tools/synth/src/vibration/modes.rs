@@ -49,7 +49,6 @@ const PALM_SCATTER: f64 = 0.3;
 /// Share of the damping that is left when nothing is held, and the grip at which all of it is there.
 const FREE_DAMPING: f64 = 0.5;
 const DAMPED_FROM_N: f64 = 1.0;
-/// Factor on damping when a cable is held.
 const CABLE_DAMPING: f64 = 1.4;
 /// Damping ratio of an object that rings, spread of its frequency, and how loud it rings: factor on the
 /// force along the slip and normal to it.
@@ -92,7 +91,6 @@ impl Modes {
         Self { modes: (0..hz.len()).map(mode).collect(), grip_exponent: rng.uniform(GRIP_EXPONENT) }
     }
 
-    /// Those of any finger.
     pub(crate) fn draw_free(rng: &mut Rng) -> Self {
         let count = rng.count(FREE_MODES.0, FREE_MODES.1);
         let mode = |_| Mode {

@@ -61,7 +61,6 @@ impl Clock {
         2.0 * x / (1.0 + (1.0 + 2.0 * self.drift_per_s * x).sqrt())
     }
 
-    /// Sample periods up to a time.
     pub(super) fn periods(&self, t: f64) -> f64 {
         t * (1.0 + self.drift_per_s * t / 2.0) * self.rate_hz - self.start
     }

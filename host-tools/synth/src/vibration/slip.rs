@@ -84,7 +84,6 @@ struct Stick {
     jitter: Option<f64>,
 }
 
-/// Vibration of one surface when something rubs on it.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Surface {
     /// Vector rms of the excitation at the reference, g.

@@ -33,12 +33,10 @@ pub(crate) struct NoiseStreams {
 const SOURCE_SHIFT: u32 = 32;
 
 impl NoiseStreams {
-    /// One source after the other.
     pub(crate) fn in_turn(rng: Rng) -> Self {
         Self { rng, apart: None }
     }
 
-    /// Every source by itself.
     pub(crate) fn apart(rng: Rng) -> Self {
         let stream = rng.get_stream();
         Self { rng, apart: Some(stream) }

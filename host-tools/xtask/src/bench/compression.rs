@@ -25,7 +25,6 @@ const NOMINAL_BPS: u32 = 1_000_000;
 const DATA_BPS: [u32; 2] = [5_000_000, 8_000_000];
 /// One frame in this many is taken: neighbours are alike.
 const STRIDE: usize = 7;
-/// Episodes of each frozen set.
 const EPISODES: usize = 4;
 /// Recordings that cannot be part of the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";

@@ -17,9 +17,7 @@ use crate::table::{Table, thousands};
 
 const PROGRAM: &str = "llvm-mca";
 const PACKAGE: &str = "llvm";
-/// What a step is estimated with.
 const INPUT: Input = Input::Typical;
-/// Clock of the board.
 const CLOCK_HZ: u32 = 480_000_000;
 
 /// Trace a step with full windows for each number of sensors, and print the estimates.
@@ -59,7 +57,6 @@ pub fn print(model: &[u8]) -> Result<()> {
     Ok(())
 }
 
-/// Cycles of these instructions.
 fn cycles(instructions: &[Instruction]) -> Result<u64> {
     let mut unknown = BTreeSet::new();
     loop {

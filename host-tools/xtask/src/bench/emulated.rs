@@ -20,7 +20,6 @@ use crate::table::{Table, thousands};
 pub const PROGRAM: &str = "slipsense-qemu-bench";
 const TIMEOUT: Duration = Duration::from_secs(900);
 
-/// Everything that the program measured.
 #[derive(Debug, Default)]
 pub struct Measured {
     /// Instructions of a loop by its code, and as measured: equal, or no number here is valid.
@@ -104,7 +103,6 @@ fn run(machine: &Machine, dir: &Path) -> Result<Measured> {
     Measured::read(dir)
 }
 
-/// With the files that the program reads.
 pub fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
     write_input(&dir.path().join(INPUT_FILE), frames, model).context(INPUT_FILE)?;
@@ -117,7 +115,6 @@ pub fn median_and_worst(mut values: Vec<u32>) -> [u32; 2] {
 }
 
 impl Measured {
-    /// What the program left in the folder.
     pub fn read(dir: &Path) -> Result<Self> {
         let text = fs::read_to_string(dir.join(MEASURED_FILE));
         Self::parse(&text.context("the emulated program wrote no output")?)

@@ -1,5 +1,4 @@
-//! Frames per second on this computer: the pipeline alone on one core, a data set over all cores, and the float
-//! network on another library.
+//! Frames per second on this computer: the pipeline alone on one core, a data set over all cores.
 
 use std::num::NonZero;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,16 +12,13 @@ use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
 
 use super::inputs::demo;
-use crate::process::{answer, cargo};
 use crate::table::{Table, thousands};
 
 /// Runs of the same work; the median counts.
 const RUNS: usize = 5;
-/// Passes over the demo episode in one run.
 const PASSES: usize = 5;
 
-/// `tract`: also the float network, which takes minutes to build.
-pub fn print(model: &[u8], replay_frames: usize, tract: bool) -> Result<()> {
+pub fn print(model: &[u8], replay_frames: usize) -> Result<()> {
     let model = Model::parse(model).context("the model to measure")?;
     let demo = demo()?;
     let mut rates = Vec::new();
@@ -38,9 +34,6 @@ pub fn print(model: &[u8], replay_frames: usize, tract: bool) -> Result<()> {
     let mut table = Table::new(format!("This computer, {cores} cores"), &["what", "measured"]);
     let rate = |frames_per_s: f64| format!("{} frames/s", thousands(frames_per_s as i64));
     table.row(["pipeline, one sensor, one core".to_owned(), rate(rates[RUNS / 2])]);
-    if tract {
-        table.row(["float network on tract, one sensor, one core".to_owned(), rate(float()?)]);
-    }
     eprintln!("{replay_frames} frames of {} sensors on {cores} cores", demo.sensors);
     let what = format!("{} frames of {} sensors, all cores", thousands(replay_frames as u64), demo.sensors);
     table.row([what, format!("{:.1} s", replay(model, &demo, replay_frames, cores)?)]);
@@ -81,15 +74,4 @@ fn replay(model: Model<'_>, episode: &Episode, frames: usize, cores: usize) -> R
         threads.into_iter().try_for_each(|thread| thread.join().expect("a replay does not panic"))
     })?;
     Ok(start.elapsed().as_secs_f64())
-}
-
-/// From another program, because its libraries take minutes to build.
-fn float() -> Result<f64> {
-    eprintln!("building the float network on tract");
-    let mut example = cargo();
-    example.args(["run", "--release", "--quiet", "--package", "slipsense-eval", "--features", "float"]);
-    let answer = answer(example.args(["--example", "float_speed"]));
-    let answer = answer
-        .context("`cargo run --release -p slipsense-eval --features float --example float_speed` failed")?;
-    answer.parse().with_context(|| format!("float_speed printed `{answer}`, which is no number"))
 }

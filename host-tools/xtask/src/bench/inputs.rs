@@ -19,7 +19,6 @@ use crate::qemu::frames::Frames;
 const GRAVITY_LSB: i16 = 2_000;
 const SEED: u64 = 1;
 
-/// A kind of input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     /// Untouched pads and a quiet accelerometer.
@@ -30,14 +29,11 @@ pub enum Input {
     Full,
     /// Nothing at all: every count and every sample is 0.
     Zero,
-    /// Random bits.
     Random,
 }
 
 impl Input {
-    /// What the path is measured with.
     pub const ALL: [Self; 3] = [Self::Idle, Self::Typical, Self::Full];
-    /// What the compression is measured with.
     pub const COMPRESSED: [Self; 5] = [Self::Zero, Self::Idle, Self::Typical, Self::Full, Self::Random];
 
     pub fn name(self) -> &'static str {
@@ -100,7 +96,6 @@ fn generate(
     frames
 }
 
-/// The demo episode.
 pub fn demo() -> Result<Episode> {
     Episode::read(root().join(DEMO_EPISODE)).context("the demo episode")
 }

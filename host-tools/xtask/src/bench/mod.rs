@@ -26,7 +26,7 @@ Examples:
   cargo xtask bench                                 everything
   cargo xtask bench --only kernels                  seconds: the kernels alone, after a change to one
   cargo xtask bench --only path --frames 60         a frame from samples to CAN frames
-  cargo xtask bench --only host --tract             frames per second here, beside the float network on tract
+  cargo xtask bench --only host                     frames per second here
   cargo xtask bench --only compression              raw frames on the bus")]
 pub struct Options {
     /// Only these parts; may be given several times
@@ -41,9 +41,6 @@ pub struct Options {
     /// Frames to replay over all cores of this computer
     #[arg(long, value_name = "FRAMES", default_value_t = 1_400_000)]
     replay: u32,
-    /// Also the float network on tract on this computer: needs a tensor library, minutes to build
-    #[arg(long)]
-    tract: bool,
 }
 
 /// A part of the benchmark.
@@ -61,7 +58,6 @@ enum Part {
     Compression,
 }
 
-/// Measure and print.
 pub fn run(options: &Options) -> Result<bool> {
     let wanted = |part| options.only.is_empty() || options.only.contains(&part);
     let model = std::fs::read(&options.model)
@@ -74,7 +70,7 @@ pub fn run(options: &Options) -> Result<bool> {
         cycles::print(&model)?;
     }
     if wanted(Part::Host) {
-        host::print(&model, options.replay as usize, options.tract)?;
+        host::print(&model, options.replay as usize)?;
     }
     if wanted(Part::Compression) {
         compression::print(&model, frames)?;

@@ -121,7 +121,6 @@ enum State {
 }
 
 impl Recorder {
-    /// For this program.
     fn new(image: Image) -> Result<Self> {
         let step = image.functions.iter().position(|function| function.name.ends_with(STEP));
         let step = step.with_context(|| format!("the program has no function `{STEP}`"))?;
@@ -145,7 +144,6 @@ impl Recorder {
         }
     }
 
-    /// The instructions themselves.
     fn trace(self) -> Result<Trace> {
         ensure!(self.state == State::After, "the emulated program did not come back from `{STEP}`");
         let code = Code::new()?;

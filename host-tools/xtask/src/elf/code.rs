@@ -17,7 +17,6 @@ pub struct Instruction {
     pub operands: String,
 }
 
-/// Disassembles functions.
 pub struct Code(Capstone);
 
 impl Code {
@@ -27,7 +26,6 @@ impl Code {
         capstone.map(Self).map_err(|error| anyhow!("the disassembler does not start: {error}"))
     }
 
-    /// All instructions of a function.
     pub fn disassemble(&self, image: &Image, function: &Function) -> Result<Vec<Instruction>> {
         let mut all = Vec::new();
         for (address, bytes) in image.code(function) {

@@ -11,7 +11,6 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 /// Where LLVM lists what each function takes of the stack (`-Z emit-stack-sizes`).
 const STACK_SIZES: &str = ".stack_sizes";
 
-/// A function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Function {
     /// Demangled, without the hash; the first in the alphabet of those that lie here.
@@ -38,7 +37,6 @@ pub enum Kind {
     Zeroed,
 }
 
-/// A section that takes memory on the board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Section {
     pub name: String,
@@ -47,7 +45,6 @@ pub struct Section {
     pub kind: Kind,
 }
 
-/// An ELF file.
 pub struct Image {
     /// By address.
     pub functions: Vec<Function>,
@@ -61,7 +58,6 @@ pub struct Image {
 }
 
 impl Image {
-    /// Read a file.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         Self::parse(&bytes).with_context(|| path.display().to_string())

@@ -11,7 +11,6 @@ use serde_json::Value;
 use crate::process::{command, run as start};
 use crate::table::Table;
 
-/// The candump log that is sent.
 pub const SENT: &str = "sent.log";
 /// What a recorder writes out at once: what a kill may cost, s, and as much again as the kill itself may take to come.
 const FLUSH_S: f64 = 1.0;
@@ -137,7 +136,6 @@ impl Checks<'_> {
         Ok(())
     }
 
-    /// The monitor beside it.
     fn watched(&mut self, seconds: u32) -> Result<()> {
         let (slip, lost, lines) = self.seconds("live")?;
         let least = u64::from(seconds / 2) * slipsense::params::FRAME_RATE_HZ as u64;

@@ -118,7 +118,6 @@ fn unpack(path: &Path) -> Result<Vec<u8>> {
     Ok(output.stdout)
 }
 
-/// What a module says that it needs.
 fn depends(module: &[u8]) -> Result<Vec<String>> {
     let elf = object::File::parse(module).context("no ELF")?;
     let info = elf.section_by_name(".modinfo").context("has no .modinfo")?.data()?;

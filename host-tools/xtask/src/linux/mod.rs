@@ -22,7 +22,6 @@ use packages::EMULATOR;
 
 /// Traffic in the test command, s.
 const STEP_SECONDS: u32 = 4;
-/// Sensors on the bus.
 const SENSORS: usize = 3;
 /// Memory of the emulated computer, MB: its files are in it.
 const MEMORY_MB: u64 = 3072;

@@ -14,7 +14,6 @@ pub struct Comparison {
     pub by_part: [usize; PARTS.len()],
     /// Frames in which any part differs, and missing ones.
     pub frames: usize,
-    /// CAN frames compared.
     pub can_frames: usize,
     /// Frames whose decision here is slip: what the comparison had to see.
     pub slip_frames: usize,
@@ -22,7 +21,6 @@ pub struct Comparison {
     pub first: Vec<String>,
 }
 
-/// Parts of a record.
 pub const PARTS: [&str; 8] =
     ["features", "logits", "class", "may begin", "slip", "health", "CAN", "sequence"];
 

@@ -20,7 +20,6 @@ const BEFORE_WRAP: u32 = 100;
 /// A stretch of one kind of input lasts up to this many frames.
 const STRETCH_MAX: u32 = 40;
 
-/// Extreme frames.
 pub fn frames(count: u32, sensors: usize, seed: u64) -> Frames {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (sensors as u64) << 32);
     let mut generators: Vec<Sensor> = (0..sensors).map(|_| Sensor::new(&mut rng)).collect();

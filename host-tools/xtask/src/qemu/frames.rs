@@ -9,9 +9,7 @@ use slipsense_recording::Episode;
 /// The emulated node's identifier.
 pub const NODE: NodeId = NodeId::DEFAULT;
 
-/// One stretch of input.
 pub struct Frames {
-    /// Are their raw messages sent compressed?
     pub compress_raw: bool,
     sensors: usize,
     stamps: Vec<FrameStamp>,
@@ -24,7 +22,6 @@ impl Frames {
         Self { compress_raw: false, sensors, stamps: Vec::new(), parts: Vec::new() }
     }
 
-    /// The first `limit` frames of an episode.
     pub fn from_episode(episode: &Episode, limit: Option<u32>) -> Result<Self> {
         let mut frames = Self::new(episode.sensors);
         let limit = limit.map_or(usize::MAX, |limit| limit as usize);
@@ -36,7 +33,6 @@ impl Frames {
         Ok(frames)
     }
 
-    /// Append a frame with one part per sensor.
     pub fn push(&mut self, stamp: FrameStamp, parts: Vec<SensorReadings>) {
         assert_eq!(parts.len(), self.sensors, "one part per sensor");
         self.stamps.push(stamp);
@@ -55,7 +51,6 @@ impl Frames {
         self.stamps.is_empty()
     }
 
-    /// Stamps and parts in order.
     pub fn iter(&self) -> impl Iterator<Item = (FrameStamp, &[SensorReadings])> {
         self.stamps.iter().copied().zip(self.parts.chunks_exact(self.sensors))
     }

@@ -9,7 +9,6 @@ use slipsense_qemu::record::Record;
 
 use super::frames::{Frames, NODE};
 
-/// The record of every frame, in order.
 pub fn records<'a>(
     frames: &'a Frames,
     model: &'a [u8],

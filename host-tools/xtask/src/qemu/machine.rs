@@ -17,16 +17,13 @@ use crate::toolchain::Toolchain;
 const EMULATOR: &str = "qemu-system-arm";
 pub const PACKAGE: &str = "slipsense-qemu";
 /// Its programs without features.
-pub const PROGRAMS: &[&str] =
-    &["slipsense-qemu", "slipsense-qemu-kernels", "slipsense-qemu-realtime", "slipsense-qemu-node"];
+pub const PROGRAMS: &[&str] = &["slipsense-qemu", "slipsense-qemu-kernels", "slipsense-qemu-realtime"];
 /// One instruction takes 2^7 ns of the emulated clock: with this, runs repeat exactly and times count
 /// instructions.
 pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
 
-/// A built program and an emulator to run it.
 pub struct Machine {
     emulator: PathBuf,
-    /// The ELF that runs.
     pub program: PathBuf,
     icount: String,
 }
@@ -37,7 +34,6 @@ impl Machine {
         Self::build_with(program, &[])
     }
 
-    /// With more arguments for cargo.
     pub fn build_with(program: &str, arguments: &[String]) -> Result<Self> {
         if find(EMULATOR).is_none() {
             apt_install(&[EMULATOR], "emulating the microcontroller")?;
@@ -80,22 +76,11 @@ impl Machine {
 
     /// The emulator, with a monitor on `monitor`.
     pub fn command(&self, dir: &Path, monitor: &str) -> Command {
-        let mut command = self.start(dir, monitor, "none");
-        command.args(["-icount", &self.icount]);
-        command
-    }
-
-    /// The emulator in the computer's own time, with the board's first serial port on `serial`.
-    pub fn command_with_serial(&self, dir: &Path, serial: &str) -> Command {
-        self.start(dir, "none", serial)
-    }
-
-    fn start(&self, dir: &Path, monitor: &str, serial: &str) -> Command {
         let mut command = command(&self.emulator);
         command
             .current_dir(dir)
             .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
-            .args(["-monitor", monitor, "-serial", serial])
+            .args(["-monitor", monitor, "-serial", "none", "-icount", &self.icount])
             .args(["-semihosting-config", "enable=on,target=native"])
             .arg("-kernel")
             .arg(&self.program)

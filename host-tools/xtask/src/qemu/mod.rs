@@ -82,13 +82,11 @@ pub struct Options {
 
 const EXTREME_FRAMES: u32 = 2000;
 
-/// The model of the repository.
 pub fn default_model() -> PathBuf {
     root().join("model/weights/slipsense.slipnet")
 }
 
 impl Options {
-    /// Run episodes on the model of the repository.
     pub fn episodes(episodes: Vec<PathBuf>) -> Self {
         Self {
             episodes,
@@ -104,12 +102,10 @@ impl Options {
         }
     }
 
-    /// Run an episode against the clock.
     pub fn in_real_time(episode: PathBuf, seconds: u32) -> Self {
         Self { real_time: true, seconds, ..Self::episodes(vec![episode]) }
     }
 
-    /// Run extreme input, on the model of the repository or a random one.
     pub fn extreme(frames: u32, random_model: Option<u64>) -> Self {
         Self { extreme: true, frames: Some(frames), random_model, ..Self::episodes(Vec::new()) }
     }
@@ -209,7 +205,6 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(differing == 0)
 }
 
-/// All frames through the emulated board.
 fn emulate(machine: &Machine, frames: &Frames, model: &[u8], timeout: Duration) -> Result<Vec<Record>> {
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
     write_input(&dir.path().join(INPUT_FILE), frames, model).context("cannot write the input file")?;

@@ -34,7 +34,6 @@ const PROGRAM: &str = "slipsense-qemu-realtime";
 const BARS_US: [(usize, u32); 2] = [(1, 1300), (3, 3400)];
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// What the bus does in a run.
 struct Scenario {
     name: &'static str,
     disturbance: fn(seconds: u64) -> Disturbance,
@@ -65,7 +64,6 @@ const SCENARIOS: [Scenario; 3] = [
     },
 ];
 
-/// What one run came to.
 struct Outcome {
     bus: &'static str,
     sensors: usize,

@@ -16,7 +16,6 @@ pub struct Node {
     pub points_to: BTreeSet<usize>,
 }
 
-/// All functions of a program.
 #[derive(Clone, Debug, Default)]
 pub struct Graph {
     pub nodes: Vec<Node>,

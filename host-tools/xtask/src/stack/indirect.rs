@@ -16,7 +16,6 @@ struct Rule {
     targets: &'static [&'static str],
 }
 
-/// The wakers of embassy's executors.
 const WAKERS: &str = "embassy_executor::raw::waker::";
 /// The waker of who polls once, or has nothing else to do.
 const NO_WAKER: &str = "embassy_futures::block_on::VTABLE";

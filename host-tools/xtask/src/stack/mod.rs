@@ -82,7 +82,6 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(report.fits())
 }
 
-/// The step of the test command.
 pub fn step() -> Result<()> {
     ensure!(run(&Options { ways: false })?, "the firmware can outgrow its memory");
     Ok(())

@@ -38,7 +38,6 @@ pub struct FramePath {
     pub may_panic: Vec<String>,
 }
 
-/// Everything about the stack.
 pub struct Report {
     pub regions: Regions,
     /// What the memory map gives.
@@ -60,7 +59,6 @@ impl Report {
         self.levels.len().saturating_sub(1) as u64 * self.exception_bytes
     }
 
-    /// All levels and the preemptions between them.
     fn bound_bytes(&self) -> u64 {
         self.levels.iter().map(Level::bytes).sum::<u64>() + self.saved_bytes()
     }

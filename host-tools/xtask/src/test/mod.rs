@@ -119,7 +119,6 @@ struct Done {
     passed: bool,
 }
 
-/// Steps that wait, run, and are done.
 struct Schedule<'s> {
     state: Mutex<State<'s>>,
     changed: Condvar,

@@ -13,7 +13,7 @@ use crate::process::{
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, front_end, linux, node, ros2, stack, twin};
+use crate::{cmsis, front_end, linux, ros2, stack, twin};
 
 /// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -25,7 +25,6 @@ pub enum Size {
     All,
 }
 
-/// The arguments of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Context {
     pub size: Size,
@@ -33,7 +32,6 @@ pub struct Context {
     pub is_built: bool,
 }
 
-/// One step of the test command.
 pub struct Step {
     pub name: &'static str,
     pub what: &'static str,
@@ -78,7 +76,6 @@ const BROWSER: &str = "chromium";
 /// Recordings that cannot be part of the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";
 
-/// All steps.
 pub const STEPS: &[Step] = &[
     Step::new("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))).daily(),
     Step::new(
@@ -156,7 +153,7 @@ pub const STEPS: &[Step] = &[
     .after(&["firmware", "twin-build"]),
     Step::new(
         "twin-node",
-        "pycyphal and the node of the emulated STM32H743: identity, registers, settings, time",
+        "pycyphal and the node of the emulated STM32H743: identity, registers, settings, time, an address",
         |_| twin::node_step(),
     )
     .after(&["firmware", "twin-build"]),
@@ -172,8 +169,6 @@ pub const STEPS: &[Step] = &[
         |context| twin::hil_step(&program("slipsense", context)?),
     )
     .after(&["firmware", "twin-build", "host-build"]),
-    Step::new("qemu-node", "pycyphal and the Cyphal node on the emulated Cortex-M7", |_| node::emulated())
-        .after(&["firmware"]),
     Step::new("tables", "the committed tables are what their script makes", |_| {
         run(script("make_tables.py")?.arg("--check"))
     }),
@@ -200,12 +195,6 @@ pub const STEPS: &[Step] = &[
         |_| cmsis::step(),
     )
     .compiles(),
-    Step::new(
-        "node",
-        "pycyphal and the Cyphal node: services, registers, storage, an update; on the host",
-        |context| node::host(&program("slipsense-qemu-node", context)?),
-    )
-    .after(&["host-build"]),
     Step::new(
         "can-bits",
         "the CAN model's frames, bit by bit, are what an encoder in Python gives",
@@ -248,9 +237,8 @@ fn selection(size: Size) -> &'static [&'static str] {
     }
 }
 
-/// Programs and examples that steps run.
-const PROGRAMS: [&str; 5] =
-    ["slipsense", "slipsense-ros2", "slipsense-qemu-node", "examples/random_frames", "examples/metric_cases"];
+const PROGRAMS: [&str; 4] =
+    ["slipsense", "slipsense-ros2", "examples/random_frames", "examples/metric_cases"];
 
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
@@ -263,7 +251,6 @@ fn build_programs(size: Size) -> Result<()> {
     Ok(())
 }
 
-/// One of [`PROGRAMS`], built.
 fn program(name: &str, context: Context) -> Result<PathBuf> {
     if !context.is_built {
         build_programs(context.size)?;
@@ -314,9 +301,10 @@ fn build_firmware(Context { size, .. }: Context) -> Result<()> {
     }
     programs.into_iter().try_for_each(|program| program.build().map(|_| ()))?;
     if size == Size::All {
-        // Nothing runs this one.
+        // Nothing runs this one: another accelerometer, another clock.
         let mut check = Toolchain::get()?.cargo("check");
-        run(check.args(["--package", "slipsense", "--bin", firmware::NAME, "--features", "h743,adxl382"]))?;
+        let features = "h743,adxl382,crystal";
+        run(check.args(["--package", "slipsense", "--bin", firmware::NAME, "--features", features]))?;
     }
     let emulated: &[&str] = match size {
         Size::Daily => &["slipsense-qemu", "slipsense-qemu-kernels"],
@@ -360,7 +348,6 @@ fn metrics(context: Context) -> Result<()> {
     run(script("check_metrics.py")?.arg(cases))
 }
 
-/// What the demo writes, in a folder for this step.
 fn demo_files(context: Context, step: &str) -> Result<PathBuf> {
     let out = target_dir().join(format!("demo-{step}"));
     run(command(program("slipsense", context)?).args(["demo", "--out"]).arg(&out))?;

@@ -19,7 +19,6 @@ pub const MODEL: &str = "model/weights/slipsense.slipnet";
 /// Virtual time after which a run with pycyphal ends anyway.
 const FAR_END_SECONDS: &str = "3600";
 
-/// The twin with this program of the board.
 pub fn twin_with(elf: &Path) -> Result<Command> {
     start(cargo_for("build")?.arg("--quiet"))?;
     let mut twin = command(target_dir().join("twin/release/slipsense-twin"));
@@ -27,7 +26,6 @@ pub fn twin_with(elf: &Path) -> Result<Command> {
     Ok(twin)
 }
 
-/// The program, and its own tests.
 pub fn build_and_test() -> Result<()> {
     start(cargo_for("build")?.arg("--quiet"))?;
     start(cargo_for("test")?.arg("--quiet"))

@@ -54,7 +54,6 @@ pub struct Options {
     arguments: Vec<String>,
 }
 
-/// Build both and run.
 pub fn run(options: &Options) -> Result<bool> {
     if options.long {
         return long();
@@ -70,7 +69,6 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(status.success())
 }
 
-/// The accelerometer that the arguments name.
 fn accelerometer(arguments: &[String]) -> &str {
     let after = arguments.iter().skip_while(|argument| *argument != "--xl").nth(1);
     let within = arguments.iter().find_map(|argument| argument.strip_prefix("--xl="));

@@ -37,13 +37,10 @@ const SPI_HZ: Hertz = Hertz::mhz(8);
 type Bus = Mutex<CriticalSectionRawMutex, Spi<'static, Async, Master>>;
 type Device = SpiDevice<'static, CriticalSectionRawMutex, Spi<'static, Async, Master>, Output<'static>>;
 
-/// The accelerometer behind every array.
 #[cfg(feature = "adxl382")]
 pub type Xl = slipsense::drivers::Adxl382<'static, Device>;
-/// The accelerometer behind every array.
 #[cfg(feature = "icm42688")]
 pub type Xl = slipsense::drivers::Icm42688<'static, Device>;
-/// The accelerometer behind every array.
 #[cfg(not(any(feature = "adxl382", feature = "icm42688")))]
 pub type Xl = slipsense::drivers::Adxl380<'static, Device>;
 /// What is particular about it.
@@ -55,19 +52,12 @@ static BUS: StaticCell<Bus> = StaticCell::new();
 static BUFFERS: ConstStaticCell<[SpiBuffer; MAX_SENSORS]> =
     ConstStaticCell::new([[0; SPI_BUFFER_BYTES]; MAX_SENSORS]);
 
-/// Pins and peripherals.
 pub struct Hardware {
-    /// The bus.
     pub spi: Peri<'static, peripherals::SPI1>,
-    /// Its clock.
     pub sck: Peri<'static, peripherals::PA5>,
-    /// From the parts.
     pub miso: Peri<'static, peripherals::PA6>,
-    /// To the parts.
     pub mosi: Peri<'static, peripherals::PB5>,
-    /// To the bus.
     pub tx_dma: Peri<'static, peripherals::DMA2_CH1>,
-    /// From the bus.
     pub rx_dma: Peri<'static, peripherals::DMA2_CH0>,
     /// Low selects.
     pub chip_selects: [Peri<'static, AnyPin>; MAX_SENSORS],

@@ -82,7 +82,6 @@ static ARRAYS: AtomicU32 = AtomicU32::new(1);
 /// When the ADC is triggered, ticks after the address.
 static TRIGGER_TICKS: AtomicU32 = AtomicU32::new(TIMING.trigger_ticks);
 
-/// Pins and peripherals.
 pub struct Hardware {
     /// Slots.
     pub timer: Peri<'static, peripherals::TIM8>,
@@ -98,7 +97,6 @@ pub struct Hardware {
     pub arrays: [AnyAdcChannel<'static, peripherals::ADC1>; MAX_SENSORS],
 }
 
-/// The running scan.
 pub struct AdcScan {
     arrays: usize,
     ring: *const u16,

@@ -61,7 +61,6 @@ static LOST: AtomicU32 = AtomicU32::new(0);
 const FIFO_FRAMES: usize = 6;
 /// Its three transmit buffers, a bit each.
 const TX_BUFFERS: u32 = 0b111;
-/// The filters that the driver lays out.
 const FILTERS: [ExtendedFilterSlot; 4] =
     [ExtendedFilterSlot::_0, ExtendedFilterSlot::_1, ExtendedFilterSlot::_2, ExtendedFilterSlot::_3];
 
@@ -191,11 +190,11 @@ impl CanTransmit for CanBus {
         let buffer = pac::FDCAN1.txfqs().read().tfqpi();
         if poll_once(self.tx.write_fd(&frame)).is_ready() {
             // A free buffer may have been another slot's: whatever happens to it from now on is this slot's.
-            for (other, of_lane) in self.buffers.iter_mut().enumerate() {
+            for (other, of_slot) in self.buffers.iter_mut().enumerate() {
                 if other == slot as usize {
-                    *of_lane = Some(buffer);
-                } else if *of_lane == Some(buffer) {
-                    *of_lane = None;
+                    *of_slot = Some(buffer);
+                } else if *of_slot == Some(buffer) {
+                    *of_slot = None;
                 }
             }
         }
@@ -280,7 +279,6 @@ pub fn lost_received() -> u32 {
     LOST.load(Ordering::Relaxed)
 }
 
-/// What has arrived.
 pub struct Inbox {
     properties: Properties,
 }

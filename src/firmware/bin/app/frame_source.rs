@@ -16,9 +16,7 @@ use crate::services::Store;
 /// What the services tell the sensors and hear from them.
 static LINK: SensorLink<'static, Mutex> = SensorLink::new();
 
-/// The board's frame source.
 pub type BoardSensors = Sensors<'static, Mutex, AdcScan, Xl>;
-/// What calibrates the board's arrays.
 pub type BoardCommissioning = Commissioning<'static, Mutex>;
 
 /// The drivers and what they remember; DTCM is for the model.

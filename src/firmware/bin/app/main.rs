@@ -107,7 +107,6 @@ fn run(hardware: Hardware) -> ! {
     })
 }
 
-/// What each task starts with.
 struct Tasks {
     transmit: (CanBus, RawReceiver),
     receive: CanRx<'static>,

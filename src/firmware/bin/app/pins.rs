@@ -10,19 +10,13 @@ use crate::{accelerometers, adc_scan};
 pub struct Hardware {
     /// Red.
     pub fault_led: Peri<'static, AnyPin>,
-    /// The bus.
     pub fdcan: Peri<'static, peripherals::FDCAN1>,
-    /// From the transceiver.
     pub can_rx: Peri<'static, peripherals::PD0>,
-    /// To the transceiver.
     pub can_tx: Peri<'static, peripherals::PD1>,
-    /// Settings and updates.
     pub flash: Peri<'static, peripherals::FLASH>,
     /// Resets the node when it is not fed.
     pub watchdog: Peri<'static, peripherals::IWDG1>,
-    /// Taxels.
     pub scan: adc_scan::Hardware,
-    /// Accelerometers.
     pub accelerometers: accelerometers::Hardware,
 }
 

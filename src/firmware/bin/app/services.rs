@@ -42,7 +42,6 @@ static STORE_SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(SCRATCH);
 #[unsafe(link_section = ".axisram")]
 static SERVICES: StaticCell<BoardServices> = StaticCell::new();
 
-/// What the services do to the board.
 pub struct Station {
     store: Store,
     commissioning: BoardCommissioning,

@@ -21,9 +21,7 @@ const NOTICES: usize = 4;
 #[unsafe(link_section = ".axisram")]
 static TRIAL: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
 
-/// What the services know of updates.
 pub struct Updates {
-    /// The version of the firmware that runs.
     pub version: ImageVersion,
     /// Where the pieces of a file go.
     pub sink: UpdateSink<'static, FlashPartition, FlashPartition, FlashPartition>,

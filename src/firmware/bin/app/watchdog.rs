@@ -9,7 +9,6 @@ use embassy_stm32::{Peri, pac, peripherals};
 /// 24 frames. The LSI is off by some percent, and defmt may block while the probe drains it.
 const TIMEOUT_US: u32 = 100_000;
 
-/// The hardware.
 pub struct Watchdog(IndependentWatchdog<'static, peripherals::IWDG1>);
 
 impl Watchdog {

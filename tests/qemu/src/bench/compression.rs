@@ -12,7 +12,6 @@ use slipsense_qemu::measured::Line;
 
 use crate::measure::Bench;
 
-/// Measure all frames of the file.
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
     let sensors = header.sensors as usize;
     let mut record = [0; FRAME_BYTES_MAX];

@@ -46,7 +46,6 @@ struct Memory {
     numbers: &'static [u32; WEIGHTS],
 }
 
-/// Measure everything.
 pub fn measure(bench: &mut Bench, model: &Model<'static>) {
     let (x, numbers) = (X.take(), NUMBERS.take());
     x.iter_mut().chain(numbers.iter_mut()).zip(words()).for_each(|(to, word)| *to = word);
@@ -219,7 +218,6 @@ fn frame() -> PiezoFrame {
     PiezoFrame::from_scan(counts)
 }
 
-/// A frame of an accelerometer.
 fn samples() -> [XlSample; BATCH] {
     let mut samples = [[0; 3]; BATCH];
     samples.as_flattened_mut().iter_mut().zip(noise()).for_each(|(sample, x)| *sample = x);

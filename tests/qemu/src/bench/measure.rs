@@ -22,13 +22,11 @@ impl Bench {
         bench
     }
 
-    /// Measure one call of a kernel.
     pub fn kernel(&mut self, name: &str, macs: usize, work: &mut dyn FnMut()) {
         let instructions = self.counter.of(work);
         self.put(Line::Kernel { macs: macs as u32, instructions, name });
     }
 
-    /// Write one line.
     pub fn put(&mut self, line: Line<'_>) {
         let mut text = String::<256>::new();
         write!(text, "{line}").expect("a line is short");

@@ -35,7 +35,6 @@ unsafe fn DefaultHandler(irq: i16) {
     }
 }
 
-/// Read the input file up to its frames. Once.
 pub fn read_input() -> (File, Header, Model<'static>) {
     let mut file = File::open(INPUT_FILE).expect("the input file is there");
     let mut header = [0; HEADER_BYTES];

@@ -2,7 +2,6 @@
 
 use cortex_m_semihosting::{nr, syscall};
 
-/// An open file.
 pub struct File(usize);
 
 /// The host's answer when a call fails.
@@ -10,12 +9,10 @@ const FAILED: usize = usize::MAX;
 const NAME_MAX: usize = 32;
 
 impl File {
-    /// Open a file for reading; `None` if it is not there.
     pub fn open(name: &str) -> Option<Self> {
         Self::open_as(name, nr::open::R_BINARY)
     }
 
-    /// Create or empty a file.
     pub fn create(name: &str) -> Self {
         Self::open_as(name, nr::open::W_TRUNC_BINARY).unwrap_or_else(|| panic!("cannot create {name}"))
     }
@@ -37,7 +34,6 @@ impl File {
         (missing == 0).then_some(())
     }
 
-    /// Append `bytes`.
     pub fn write_all(&mut self, bytes: &[u8]) {
         // SAFETY: the host reads `len` bytes at the pointer, which live through the call.
         let missing = unsafe { syscall!(WRITE, self.0, bytes.as_ptr(), bytes.len()) };

@@ -15,7 +15,6 @@ use embassy_time_queue_utils::Queue;
 
 const ENABLE_WITH_INTERRUPT: u32 = 0b1001;
 
-/// An interrupt line of the board.
 #[derive(Clone, Copy)]
 pub struct Irq(pub u16);
 
@@ -26,9 +25,7 @@ unsafe impl InterruptNumber for Irq {
     }
 }
 
-/// Interrupt of the free-running timer.
 pub const COUNTER_IRQ: Irq = Irq(8);
-/// Interrupt of the alarm timer.
 pub const ALARM_IRQ: Irq = Irq(9);
 
 /// One CMSDK APB timer: its base address.
@@ -74,9 +71,7 @@ impl Timer {
     }
 }
 
-/// The driver; start it with [`Mps2Time::init`].
 pub struct Mps2Time {
-    /// Times the counter has wrapped.
     wraps: AtomicU32,
     ticks_per_us: AtomicU32,
     queue: Mutex<RefCell<Queue>>,
@@ -88,7 +83,6 @@ embassy_time_driver::time_driver_impl!(static TIME: Mps2Time = Mps2Time {
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
-/// The one driver.
 pub fn time() -> &'static Mps2Time {
     &TIME
 }
@@ -106,7 +100,6 @@ impl Mps2Time {
         }
     }
 
-    /// Handler of [`COUNTER_IRQ`].
     pub fn on_counter(&self) {
         critical_section::with(|_| {
             self.wraps.fetch_add(1, Ordering::Relaxed);
@@ -114,7 +107,6 @@ impl Mps2Time {
         });
     }
 
-    /// Handler of [`ALARM_IRQ`].
     pub fn on_alarm(&self) {
         critical_section::with(|cs| {
             ALARM.stop();

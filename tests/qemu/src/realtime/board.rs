@@ -104,7 +104,6 @@ impl Log {
     }
 }
 
-/// The modelled bus as hardware.
 pub struct Hardware {
     pub bus: Bus,
     pub log: Log,

@@ -12,7 +12,6 @@ use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 use slipsense_can_sim::{Format, Frame, Id, len_of};
 
-/// Its address.
 pub const BASE: u64 = 0x4000_AC00;
 /// Words of 32 bits.
 pub const WORDS: usize = 2560;
@@ -78,7 +77,6 @@ pub const fn element_bytes(code: u64) -> usize {
     [8, 12, 16, 20, 24, 32, 48, 64][(code & 7) as usize]
 }
 
-/// A Tx buffer element.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TxElement {
     pub frame: Frame,
@@ -122,7 +120,6 @@ impl TxElement {
         Some(Self { frame, marker: (t1 >> 24) as u8, event: t1 & STORE_EVENT != 0 })
     }
 
-    /// Words of an element with `bytes` of data.
     pub const fn words(bytes: usize) -> usize {
         2 + bytes / 4
     }

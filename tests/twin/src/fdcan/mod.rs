@@ -42,7 +42,6 @@ use wire::Wire;
 /// Places of the two interrupt lines in the instance's list.
 const LINES: [usize; 2] = [0, 1];
 
-/// A frame on the wires.
 #[derive(Debug)]
 struct InFlight {
     attempt: Attempt,
@@ -53,21 +52,17 @@ struct InFlight {
     event: EventId,
 }
 
-/// One instance.
 #[derive(Debug)]
 pub struct Fdcan {
     ram: MessageRam,
-    /// What it is connected to.
     pub wire: Wire,
     /// The wire in a loop-back mode: its own frames.
     inside: Wire,
-    /// Kernel clock.
     clock_hz: u64,
     timing: Option<Timing>,
     in_flight: Option<InFlight>,
     start: Option<(EventId, u64)>,
     recovery: Option<EventId>,
-    /// Elements as they were when their transmission was requested.
     requested: [Option<TxElement>; 32],
     requested_at: [u64; 32],
     /// Next of the Tx FIFO to send, as an offset into it.
@@ -152,7 +147,6 @@ impl Fdcan {
             && registers.get(Register::FdcanTest) & LOOPBACK != 0
     }
 
-    /// The wire that its receiver reads.
     fn wire_at_rx(&self, registers: &RegisterFile) -> &Wire {
         if Self::loops(registers) { &self.inside } else { &self.wire }
     }

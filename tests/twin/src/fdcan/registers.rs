@@ -8,7 +8,6 @@ use rigless::device::RegisterFile;
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 
-/// What the registers hold after a reset.
 const RESET: &[(Register, u64)] = &[
     (Register::FdcanCrel, 0x3214_1218),
     (Register::FdcanEndn, 0x8765_4321),
@@ -28,7 +27,6 @@ pub fn reset(registers: &mut RegisterFile) {
     }
 }
 
-/// Every register after a reset, in the order of the table.
 pub fn after_reset() -> Vec<u64> {
     let value = |register: Register| {
         RESET.iter().find(|(other, _)| other.index() == register.index()).map_or(0, |(_, value)| *value)
@@ -87,7 +85,6 @@ pub fn rule(register: Register) -> Option<Rule> {
     })
 }
 
-/// CCCR.
 pub mod cccr {
     pub const INIT: u64 = 1 << 0;
     pub const CCE: u64 = 1 << 1;
@@ -133,7 +130,6 @@ pub mod interrupt {
     pub const PED: u64 = 1 << 28;
 }
 
-/// PSR.
 pub mod psr {
     pub const LEC: u64 = 0b111;
     pub const EP: u64 = 1 << 5;

@@ -16,10 +16,8 @@ const FLOOD_ID: u32 = 0x0C00_0001;
 /// Everybody else, as one node.
 pub const PEER: usize = 1;
 
-/// A frame that was on the bus.
 #[derive(Clone, Debug)]
 pub struct Logged {
-    /// Node that sent.
     pub node: usize,
     /// Start of frame and end of frame or error delimiter, virtual nanoseconds.
     pub start_ns: u64,
@@ -36,17 +34,14 @@ pub fn can_frame(frame: &Frame) -> Option<CanFrame> {
     }
 }
 
-/// Wires, peer and record.
 #[derive(Debug)]
 pub struct Wire {
     bus: Bus<2>,
-    /// What happens to the bus.
     pub faults: Vec<Fault>,
     /// RX follows TX.
     pub has_transceiver: bool,
     /// Frames that the peer sends, each not before its time, in order.
     pub peer_queue: VecDeque<(u64, Frame)>,
-    /// Everything that was on the bus.
     pub log: Vec<Logged>,
     random: u64,
 }
@@ -115,7 +110,6 @@ impl Wire {
         })
     }
 
-    /// What the peer has to send at this instant.
     fn peer_frame(&self, now_ns: u64) -> Option<Frame> {
         let due = self.peer_queue.front().filter(|(at, _)| *at <= now_ns).map(|(_, frame)| *frame);
         due.or_else(|| self.flooded(now_ns))
@@ -136,7 +130,6 @@ impl Wire {
         [mine, due, flood].into_iter().flatten().min()
     }
 
-    /// The frame that starts at this instant, the FDCAN offering `mine`.
     pub fn start(&mut self, now_ns: u64, mine: Option<&Frame>) -> Option<(Attempt, Frame)> {
         let theirs = self.peer_frame(now_ns);
         let now = self.cycles(now_ns);

@@ -176,7 +176,6 @@ impl Args {
         self.print.show(&result, || table(&asked, &name, &buses, &warnings))
     }
 
-    /// What does not fit.
     fn warnings(&self, buses: &[BusLoad]) -> Vec<String> {
         let limit = f64::from(self.limit);
         buses

@@ -16,7 +16,6 @@ use slipsense_synth::{EXPONENT, pressure_kpa};
 use super::Print;
 use super::convert::node_id;
 
-/// Address of this computer's requests.
 const TOOL: NodeId = NodeId::new(126).unwrap();
 /// A node answers within this time; a store may take an erase of its flash.
 const ANSWER: Duration = Duration::from_secs(10);
@@ -195,7 +194,6 @@ fn gain(press: &[PiezoFrame], newton: f64) -> Result<(f64, u16)> {
     Ok((mean, factor.round() as u16))
 }
 
-/// Requests to one node.
 struct Client {
     source: Source,
     node: NodeId,
@@ -208,7 +206,6 @@ impl Client {
         Self { source, node, transfer: 0, decoder: Decoder::new() }
     }
 
-    /// The payload of the answer.
     fn request(&mut self, port: u16, payload: &[u8]) -> Result<Vec<u8>> {
         let (priority, role) = (Priority::Nominal, ServiceRole::Request);
         let id = ServiceId { priority, role, port, destination: self.node, source: TOOL };
@@ -263,7 +260,6 @@ impl Client {
         Ok(elements.chunks(bytes).map(number).collect())
     }
 
-    /// So many raw frames of a sensor, or those that there are.
     fn press(&mut self, sensor: u8, frames: usize) -> Result<Vec<PiezoFrame>> {
         let (mut press, mut heard) = (Vec::new(), Instant::now());
         while press.len() < frames {

@@ -57,7 +57,6 @@ pub struct Args {
     print: Print,
 }
 
-/// Read a node's address.
 pub fn node_id(text: &str) -> Result<NodeId, String> {
     text.parse().ok().and_then(NodeId::new).ok_or_else(|| "must be 0 to 127".to_owned())
 }
@@ -133,7 +132,6 @@ impl Args {
         })
     }
 
-    /// What a module would have sent.
     fn read_episode(&self) -> Result<Recording> {
         let episode = Episode::read(&self.input)?;
         let mut entries = Vec::new();

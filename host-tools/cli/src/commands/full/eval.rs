@@ -82,7 +82,6 @@ pub struct Args {
     print: Print,
 }
 
-/// A network's files.
 struct Seed {
     /// Behind the detector's name where there are several, else empty.
     suffix: String,

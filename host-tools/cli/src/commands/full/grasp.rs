@@ -192,7 +192,6 @@ impl Args {
     }
 }
 
-/// One lost object, explained.
 fn lost(result: &TrialResult, failure: Failure) -> String {
     let outcome = &result.outcome;
     format!(

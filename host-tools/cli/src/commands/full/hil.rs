@@ -70,7 +70,6 @@ pub struct Args {
 /// Exit code where board and computer differ.
 const EXIT_DIFFERENT: i32 = 1;
 
-/// What `--json` prints.
 #[derive(Serialize)]
 struct Json<'a> {
     episode: &'a str,

@@ -8,7 +8,6 @@ use slipsense_eval::source::Input;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 
-/// How much of a split to generate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Frames {
     /// Of which split; of all that have none of their own if `None`.

@@ -322,7 +322,6 @@ impl Stand {
     }
 }
 
-/// What the labels are, in figures.
 #[derive(serde::Serialize)]
 struct Facts {
     /// No contact, no slip, slip.

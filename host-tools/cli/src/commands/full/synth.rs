@@ -182,21 +182,18 @@ impl Args {
         let mut made = Made::none(dirs);
         made.frames = jobs.iter().map(frames).sum();
         let progress = self.print.progress(made.frames, "frames");
-        {
-            let staging = dirs.iter().map(|dir| dir.staging(shard)).collect::<Result<Vec<_>>>()?;
-            let hashes = Mutex::new(&mut made.hashes);
-            jobs.into_iter().par_bridge().try_for_each(|(at, index)| {
-                let dir = &dirs[at];
-                let planned = &dir.set.episodes[index];
-                let episode = generate(&planned.recipe).with_context(|| planned.name.clone())?;
-                dir.write(index, &episode, &staging[at])?;
-                let hash = content_hash(&episode);
-                // A poisoned lock means that another worker panicked, which ends this run anyway.
-                hashes.lock().unwrap_or_else(|poisoned| poisoned.into_inner())[at][index] = Some(hash);
-                progress.inc(planned.frames as u64);
-                anyhow::Ok(())
-            })?;
-        }
+        let hashes = Mutex::new(&mut made.hashes);
+        jobs.into_iter().par_bridge().try_for_each(|(at, index)| {
+            let dir = &dirs[at];
+            let planned = &dir.set.episodes[index];
+            let episode = generate(&planned.recipe).with_context(|| planned.name.clone())?;
+            dir.write(index, &episode)?;
+            let hash = content_hash(&episode);
+            // A poisoned lock means that another worker panicked, which ends this run anyway.
+            hashes.lock().unwrap_or_else(|poisoned| poisoned.into_inner())[at][index] = Some(hash);
+            progress.inc(planned.frames as u64);
+            anyhow::Ok(())
+        })?;
         progress.finish_and_clear();
         for (dir, hashes) in dirs.iter_mut().zip(&made.hashes) {
             let frames = dir.set.total_frames();
@@ -240,7 +237,6 @@ impl Args {
     }
 }
 
-/// What a run made.
 struct Made {
     frames: usize,
     /// `[set][episode]`, of those that were made.

@@ -20,7 +20,6 @@ use crate::view::server::PageServer;
 use crate::view::store::{Session, Store};
 use crate::view::{record, source};
 
-/// Where a command line means standard input.
 const STANDARD_INPUT: &str = "-";
 
 /// Show an episode, a CAN log or a live bus on a page of this computer

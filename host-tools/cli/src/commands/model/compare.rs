@@ -44,7 +44,6 @@ pub struct Args {
     print: Print,
 }
 
-/// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
     episode: EpisodeInfo,
@@ -53,7 +52,6 @@ struct Report {
     weights: String,
     /// Does the model's provenance name these weights? `null` if it names none.
     weights_are_the_models: Option<bool>,
-    /// Share of frames with the same class, 0 to 1.
     same_class_share: Option<f64>,
     #[serde(flatten)]
     comparison: LayerComparison,

@@ -43,7 +43,6 @@ pub struct Args {
     print: Print,
 }
 
-/// What `--json` prints.
 #[derive(Serialize)]
 struct Info {
     model: ModelInfo,

@@ -128,7 +128,6 @@ impl Bench {
         bench
     }
 
-    /// Everything that the tests use, in configuration mode.
     fn configure(&mut self, mode: u64) {
         self.set(CCCR, INIT);
         self.set(CCCR, INIT | CCE);
@@ -174,7 +173,6 @@ impl Bench {
         self.store(RAM + 4 * word, value);
     }
 
-    /// Lets time pass.
     fn wait(&mut self, ns: u64) {
         let end = self.now + ns;
         while let Some(at) = self.twin.mcu.next_event().filter(|at| at.0 <= end) {

@@ -42,7 +42,6 @@ pub struct Args {
     data_mbit: u8,
 }
 
-/// Between two pictures.
 const PICTURE: Duration = Duration::from_millis(33);
 const SECOND_US: u64 = 1_000_000;
 

@@ -12,13 +12,11 @@ use slipsense_recording::decode::{Count, Decoder};
 
 use crate::summary::HEALTH;
 
-/// The bits that are set, in words.
 pub fn health_words(bits: u8) -> String {
     let set: Vec<_> = HEALTH.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, name)| name).collect();
     if set.is_empty() { "ok".to_owned() } else { set.join(", ") }
 }
 
-/// One module.
 #[derive(Default)]
 pub struct Module {
     pub slip: Option<SlipMessage>,
@@ -36,7 +34,6 @@ struct Second {
     health: [u8; MAX_SENSORS],
 }
 
-/// All modules, by address.
 #[derive(Default)]
 pub struct Modules {
     decoder: Decoder,
@@ -45,7 +42,6 @@ pub struct Modules {
     last_us: u64,
 }
 
-/// A second of one module.
 #[derive(Serialize)]
 pub struct Line {
     /// Since the first frame.
@@ -61,7 +57,6 @@ pub struct Line {
     may_begin_frames: u32,
     count_sum: Vec<u32>,
     health: Vec<String>,
-    /// Messages lost in this second.
     lost: u64,
     errors: u64,
 }

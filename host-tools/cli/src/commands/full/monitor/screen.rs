@@ -67,7 +67,6 @@ impl Drop for Screen {
     }
 }
 
-/// The lines of the screen.
 fn view(modules: &Modules, ended: bool) -> Vec<String> {
     let state = if ended { "the recording has ended" } else { "q quits, p pauses" };
     let mut lines = vec![format!(" {:.1} s  {state}", modules.time_s()).dim().to_string()];

@@ -2,6 +2,9 @@
 
 use std::fmt::Write;
 
+use slipsense::node::{
+    BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CALIBRATE, FACTORY_RESET, SCALE_GAIN, STORE, UNLOCK,
+};
 use slipsense::settings::{Effect, TABLE};
 
 /// `docs/src/bus/settings.md`, from the table.
@@ -66,4 +69,21 @@ fn the_page_is_the_table() {
         page(),
         "make it anew: SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test host node::page"
     );
+}
+
+/// The numbers of the commands that the other pages name.
+#[test]
+fn the_pages_name_the_commands() {
+    let messages = include_str!("../../docs/src/bus/messages.md");
+    let updates = include_str!("../../docs/src/board/updates.md").replace('\n', " ");
+    for (page, row) in [
+        (messages, format!("| {CALIBRATE} | `0 10` | measures")),
+        (messages, format!("| {SCALE_GAIN} | `0 2150` | multiplies")),
+        (&updates, format!("{BEGIN_SOFTWARE_UPDATE} for the firmware, {BEGIN_MODEL_UPDATE} for the model")),
+        (LOCK, format!("ExecuteCommand {UNLOCK}.")),
+        (&self::page(), format!("(ExecuteCommand {STORE})")),
+        (&self::page(), format!("a factory reset ({FACTORY_RESET})")),
+    ] {
+        assert!(page.contains(&row), "{row}");
+    }
 }

@@ -53,6 +53,25 @@ fn firmware_is_refused_with_a_reason() {
     assert_eq!(device.install(OLD, Model, &image(NEW)), Err("firmware and model mistaken for each other"));
 }
 
+/// Headers that are wrong and forged too: what is wrong is found, and no signature is checked for it.
+#[test]
+fn a_signature_is_checked_last() {
+    let device = Device::new();
+    for (change, reason) in [
+        ((|header| header.target = Model) as fn(&mut Header), Refusal::WrongKind),
+        (|header| header.board += 1, Refusal::WrongBoard),
+        (|header| header.version = OLD_ER, Refusal::Older),
+        (|header| header.length = 0, Refusal::Empty),
+        (|header| header.length = u32::MAX, Refusal::TooLong),
+        (|_| {}, Refusal::WrongSignature),
+    ] {
+        let mut header = header(Firmware, NEW, &firmware(NEW));
+        change(&mut header);
+        let forged = header.encode(&[1; 64]);
+        assert_eq!(device.install(OLD, Firmware, &forged), Err(reason.reason()));
+    }
+}
+
 #[test]
 fn nothing_is_erased_before_the_header_is_good() {
     let device = Device::new();

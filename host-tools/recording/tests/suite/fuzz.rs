@@ -3,8 +3,10 @@
 //! `PROPTEST_CASES=10000000 cargo test --release -p slipsense-recording fuzz -- --nocapture`.
 
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::HashSet;
 use std::io::{Cursor, Read, Write};
+use std::mem::discriminant;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -16,6 +18,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+use sha2::{Digest, Sha256};
+use slipsense::net::format::{Dims, HASH_BYTES};
+use slipsense::net::{Aligned, Model, ModelError};
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, Sessions, SlipMessage, TransferId,
@@ -24,6 +29,7 @@ use slipsense::wire::{
 use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
 use slipsense_recording::decode::Decoder;
 use slipsense_recording::mcap_file::{McapSink, parse};
+use slipsense_recording::model_file::random_model;
 use slipsense_recording::{Episode, Meta};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -378,4 +384,33 @@ fn archive(arrays: &[(String, Vec<u8>)]) -> Vec<u8> {
         zip.write_all(bytes).unwrap();
     }
     zip.finish().unwrap().into_inner()
+}
+
+/// With the hash made right in every second input, else nothing changed would get as far as the checks behind it.
+#[test]
+fn models() {
+    let dims = Dims { conv_channels: [2; 3], embed: 4, xl_kernel: 2, xl_channels: 3, heads: 2, window: 3 };
+    let good = random_model(dims, 1).to_bytes().unwrap();
+    let inputs = (mutated(vec![good]), any::<bool>()).prop_map(|(mut bytes, right)| {
+        if let Some((hashed, hash)) = bytes.split_last_chunk_mut::<HASH_BYTES>().filter(|_| right) {
+            *hash = Sha256::digest(hashed).into();
+        }
+        bytes
+    });
+    let refused = RefCell::new(HashSet::new());
+    fuzz(inputs, 10, |bytes| {
+        // Where a microcontroller can read them.
+        let mut place = Box::new(Aligned([0; 1 << 16]));
+        place.0[..bytes.len()].copy_from_slice(bytes);
+        let parsed = Model::parse(&place.0[..bytes.len()]);
+        parsed.map_err(|error| refused.borrow_mut().insert(discriminant(&error))).is_ok()
+    });
+    for behind in [
+        ModelError::BadKernel { layer: "", channel: 0 },
+        ModelError::AccumulatorOverflow { layer: "", channel: 0, bound: 0 },
+        ModelError::BadScale { layer: "", part: "", channel: 0, value: 0 },
+        ModelError::BadPadding { layer: "" },
+    ] {
+        assert!(refused.borrow().contains(&discriminant(&behind)), "{behind:?} was never reached");
+    }
 }

@@ -104,7 +104,7 @@ impl Node {
         }
         let wants_signature = matches!(action, Action::BeginUpdate { .. } | Action::Unlock(_));
         if wants_signature && self.now_us < self.signature_pause_until_us {
-            return Err("wait a second after a refused signature");
+            return Err("wait a second after one that failed");
         }
         // The last place is for the end of an update.
         if self.actions.len() + 1 >= self.actions.capacity() {

@@ -56,7 +56,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         self.shared.progress.made(Task::Infer);
         let stamp = frame.stamp;
         let config = self.shared.config();
-        self.pipeline.configure(config.point, &config.masks);
+        self.pipeline.configure(config.point, &config.masks, config.mountings);
         if let Some(node) = config.node {
             self.transmitter.set_node_id(node);
         }

@@ -375,6 +375,7 @@ fn settings_reach_the_tasks_and_the_board() {
     assert_eq!(ran.config.masks[0].0, [0; 32]);
     assert_eq!(ran.config.point, Some(OperatingPoint { threshold: Logit::from_bits(300), k: 2, n: 5 }));
     assert_eq!((ran.config.node, ran.filters), (Some(NODE), 3));
+    assert_eq!(ran.config.mountings, [(true, false), (false, true), (true, true)]);
     assert_eq!(ran.log.applied.first(), Some(&[(false, false); 3]));
     assert_eq!(ran.log.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
     assert!(ran.log.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");

@@ -179,7 +179,7 @@ fn nothing_that_a_hostile_node_sends_changes_a_locked_one() {
     );
     // The same traffic changes a node that is not locked, in every way.
     let mut open = Node::new(Identity { entropy: Some(3), ..identity() }, Settings::new());
-    let met = meet_hostile(&mut open, transfers.min(20_000));
+    let met = meet_hostile(&mut open, transfers.min(200_000));
     assert!(met.changed > 1_000, "{} settings", met.changed);
     // Restart, store, factory reset, self test, calibrate, update.
     assert_eq!(met.actions.difference(&harmless.into()).count(), 6);

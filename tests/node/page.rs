@@ -11,8 +11,8 @@ use slipsense::settings::{Effect, TABLE};
 fn page() -> String {
     let mut page = String::from(
         "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent. `store` \
-         (ExecuteCommand 65530) writes all\nof them to flash, a factory reset (65532) restores the defaults; calibrations stay. The \
-         registers\nNAME`<`, NAME`>` and NAME`=` hold the largest, smallest and default value. This page is \
+         (ExecuteCommand 65530) writes all\nof them to flash, a factory reset (65532) restores the defaults; calibrations stay. One of \
+         them in ten seconds is taken.\nThe registers NAME`<`, NAME`>` and NAME`=` hold the largest, smallest and default value. This page is \
          generated from `src/settings/table.rs`; a test compares.\n\n\
          | register | type | default | allowed | unit | effective | meaning |\n|---|---|---|---|---|---|---|\n",
     );

@@ -36,6 +36,10 @@ pub const COMMAND_TIMEOUT_US: u64 = 8_000_000;
 /// checking a signature takes milliseconds, an erase wears the flash, and nobody must have them one after the other.
 pub const SIGNATURE_PAUSE_US: u64 = 1_000_000;
 
+/// Time after a store in which there is no other, µs, and so with calibrations: whoever floods the bus with them must not
+/// wear the flash out.
+pub const STORE_PAUSE_US: u64 = 10_000_000;
+
 /// What the board must do. Nothing here does it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
@@ -133,6 +137,8 @@ pub struct Node {
     lock: Lock,
     /// No signature is checked before this time: the board refused one, or an update was not finished.
     signature_pause_until_us: u64,
+    /// Nothing is stored before this time; no array is calibrated before the other.
+    store_pauses_until_us: [u64; 2],
     /// Requests served since start.
     served: u32,
 }
@@ -163,6 +169,7 @@ impl Node {
             files: 0,
             lock,
             signature_pause_until_us: 0,
+            store_pauses_until_us: [0; 2],
             served: 0,
         }
     }

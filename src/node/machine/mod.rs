@@ -37,7 +37,7 @@ pub const COMMAND_TIMEOUT_US: u64 = 8_000_000;
 pub const SIGNATURE_PAUSE_US: u64 = 1_000_000;
 
 /// Time after a store in which there is no other, µs, and so with calibrations: whoever floods the bus with them must not
-/// wear the flash out.
+/// wear the flash out. A restart, which takes longer than a store, ends it.
 pub const STORE_PAUSE_US: u64 = 10_000_000;
 
 /// What the board must do. Nothing here does it.

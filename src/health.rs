@@ -143,6 +143,8 @@ pub struct Status {
     pub sensors: usize,
     /// Health of each sensor at the last frame.
     pub sensor_health: [SensorHealth; MAX_SENSORS],
+    /// The samples of an accelerometer in use do not change.
+    pub frozen: bool,
     /// Taxels faulty by calibration or found stuck, by sensor.
     pub stuck_taxels: [TaxelMask; MAX_SENSORS],
     /// How each array is calibrated.
@@ -195,6 +197,7 @@ impl Status {
             worst_frame_us: 0,
             sensors: 1,
             sensor_health: [SensorHealth(0); MAX_SENSORS],
+            frozen: false,
             stuck_taxels: [TaxelMask::NONE; MAX_SENSORS],
             calibrations: [Summary { version: 0, id: 0, faulty: 0, noise: 0 }; MAX_SENSORS],
             measurement: Progress { sensor: 0, state: State::None, frames: 0, wanted: 0, at: (0, 0) },
@@ -232,7 +235,8 @@ impl Status {
         let can = self.can.state;
         if self.any_sensor(NO_MODEL) || can == CanState::BusOff {
             Condition::Warning
-        } else if self.any_sensor(PIEZO_MISSING | XL_MISSING) || can == CanState::ErrorPassive {
+        } else if self.any_sensor(PIEZO_MISSING | XL_MISSING) || self.frozen || can == CanState::ErrorPassive
+        {
             Condition::Caution
         } else if self.any_sensor(u8::MAX) || can == CanState::Warning {
             Condition::Advisory

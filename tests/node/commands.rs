@@ -124,6 +124,8 @@ fn the_heartbeat_says_how_the_board_is() {
     node.status.sensors = 2;
     node.status.sensor_health = [0, health::XL_MISSING, 255].map(SensorHealth);
     assert_eq!((node.health(), beat(&mut node, 8_600_000)[6]), (Condition::Caution, 1 | 4));
+    (node.status.sensor_health, node.status.frozen) = ([SensorHealth(0); 3], true);
+    assert_eq!((node.health(), beat(&mut node, 9_600_000)[6]), (Condition::Caution, 1 | 4));
     node.status.sensor_health = [SensorHealth(health::PIEZO_MISSING | health::XL_MISSING); 3];
     assert_eq!(node.health(), Condition::Warning);
     node.status.sensor_health = [SensorHealth(health::NO_MODEL); 3];

@@ -415,6 +415,14 @@ fn a_self_test_says_what_is_missing() {
     let why = "self test: an accelerometer does not deliver";
     assert_eq!(&answers[1].2[2..2 + why.len()], why.as_bytes());
     assert!(ran.records().iter().any(|record| record == why));
+    // One that delivers the same sample for ever.
+    let frozen = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        shared.update_status(|status| {
+            (status.decided_frames, status.frozen) = ((ms * 240 / 1000) as u32, true)
+        });
+    };
+    let ran = Run { meanwhile: &frozen, ..Run::new(&requests[..1], 700) }.run();
+    assert!(ran.records().iter().any(|record| record == "self test: an accelerometer is frozen"));
     // No frames, no success.
     let ran = Run::new(&requests[..1], 700).run();
     assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1);

@@ -143,6 +143,8 @@ pub struct Status {
     pub sensors: usize,
     /// Health of each sensor at the last frame.
     pub sensor_health: [SensorHealth; MAX_SENSORS],
+    /// The samples of an accelerometer in use do not change.
+    pub frozen: bool,
     /// Taxels faulty by calibration or found stuck, by sensor.
     pub stuck_taxels: [TaxelMask; MAX_SENSORS],
     /// How each array is calibrated.
@@ -168,6 +170,8 @@ pub struct Status {
     pub bus_off_us: u32,
     /// Frames from the bus that were lost: the controller's FIFO or the queue behind it was full.
     pub lost_received: u32,
+    /// Errors that the flash's error correction has found: of one bit, mended; of two, lost.
+    pub flash_errors: [u32; 2],
     /// Brown-out level of the option bytes, and whether they protect the bootloader's sector from writes (1: yes).
     pub option_bytes: [u8; 2],
     /// Hash of the reason if a panic, a fault or the watchdog caused the last start; else 0.
@@ -195,6 +199,7 @@ impl Status {
             worst_frame_us: 0,
             sensors: 1,
             sensor_health: [SensorHealth(0); MAX_SENSORS],
+            frozen: false,
             stuck_taxels: [TaxelMask::NONE; MAX_SENSORS],
             calibrations: [Summary { version: 0, id: 0, faulty: 0, noise: 0 }; MAX_SENSORS],
             measurement: Progress { sensor: 0, state: State::None, frames: 0, wanted: 0, at: (0, 0) },
@@ -207,6 +212,7 @@ impl Status {
             bus_offs: 0,
             bus_off_us: 0,
             lost_received: 0,
+            flash_errors: [0; 2],
             option_bytes: [0; 2],
             last_panic: 0,
             restart: [0; RESTART_NUMBERS],
@@ -232,7 +238,8 @@ impl Status {
         let can = self.can.state;
         if self.any_sensor(NO_MODEL) || can == CanState::BusOff {
             Condition::Warning
-        } else if self.any_sensor(PIEZO_MISSING | XL_MISSING) || can == CanState::ErrorPassive {
+        } else if self.any_sensor(PIEZO_MISSING | XL_MISSING) || self.frozen || can == CanState::ErrorPassive
+        {
             Condition::Caution
         } else if self.any_sensor(u8::MAX) || can == CanState::Warning {
             Condition::Advisory

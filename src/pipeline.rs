@@ -56,7 +56,7 @@ pub struct Output {
     pub invalid: u8,
     /// What makes `slip` worse: bits such as [`DEGRADED_MISSING`].
     pub degraded: u8,
-    /// Hash of model, operating point and masks.
+    /// Hash of model, operating point, masks and mountings.
     pub configuration: u16,
     /// Sensors in use.
     pub sensors: usize,
@@ -189,6 +189,9 @@ impl Default for State {
     }
 }
 
+/// Of each sensor: are its rows reversed, are its columns?
+pub type Mountings = [(bool, bool); MAX_SENSORS];
+
 /// The signal path of one module. It owns its state, or works on one that lies elsewhere.
 #[derive(Clone, Debug)]
 pub struct Pipeline<'m, S = State> {
@@ -198,7 +201,8 @@ pub struct Pipeline<'m, S = State> {
     decision: Decision,
     /// Taxels to mask in [`step_readings`](Self::step_readings), by sensor.
     masks: [TaxelMask; MAX_SENSORS],
-    /// Of model, operating point and masks.
+    mountings: Mountings,
+    /// Of model, operating point, masks and mountings.
     configuration: u16,
     /// Frames so far, up to as many as the network looks back.
     frames: usize,
@@ -223,8 +227,9 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         }
         let decision = Decision::new(model.point);
         let masks = [TaxelMask::NONE; MAX_SENSORS];
-        let configuration = hash(&model, model.point, &masks);
-        Ok(Self { sensors, model, state, decision, masks, configuration, frames: 0 })
+        let mountings = Mountings::default();
+        let configuration = hash(&model, model.point, &masks, mountings);
+        Ok(Self { sensors, model, state, decision, masks, mountings, configuration, frames: 0 })
     }
 
     /// Sensors in use.
@@ -238,8 +243,14 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
     }
 
     /// Decide at this operating point, one that [`OperatingPoint::check`] accepts; `None`: at the model's. Mask these
-    /// taxels in [`step_readings`](Self::step_readings). A new point begins with nothing remembered.
-    pub fn configure(&mut self, point: Option<OperatingPoint>, masks: &[TaxelMask; MAX_SENSORS]) {
+    /// taxels in [`step_readings`](Self::step_readings). A new point begins with nothing remembered. `mountings`: how
+    /// the drivers turn the arrays, for [`Output::configuration`] only.
+    pub fn configure(
+        &mut self,
+        point: Option<OperatingPoint>,
+        masks: &[TaxelMask; MAX_SENSORS],
+        mountings: Mountings,
+    ) {
         let point = point.unwrap_or(self.model.point);
         let (new_point, new_masks) = (self.decision.point() != point, self.masks != *masks);
         if new_point {
@@ -248,8 +259,9 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         if new_masks {
             self.masks = *masks;
         }
-        if new_point || new_masks {
-            self.configuration = hash(&self.model, self.decision.point(), &self.masks);
+        if new_point || new_masks || self.mountings != mountings {
+            self.mountings = mountings;
+            self.configuration = hash(&self.model, self.decision.point(), &self.masks, mountings);
         }
     }
 
@@ -353,13 +365,19 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
 
 /// Hash of what decides beside the signals.
 #[inline(never)]
-fn hash(model: &Model<'_>, point: OperatingPoint, masks: &[TaxelMask; MAX_SENSORS]) -> u16 {
+fn hash(
+    model: &Model<'_>,
+    point: OperatingPoint,
+    masks: &[TaxelMask; MAX_SENSORS],
+    mountings: Mountings,
+) -> u16 {
     let OperatingPoint { threshold, k, n } = point;
     let mut digest = CRC_32.digest();
     digest.update(&model.hash);
     digest.update(&threshold.to_bits().to_le_bytes());
     digest.update(&[k, n]);
     masks.iter().flat_map(|mask| &mask.0).for_each(|row| digest.update(&row.to_le_bytes()));
+    digest.update(&mountings.map(|(rows, cols)| u8::from(rows) | u8::from(cols) << 1));
     fold(digest.finalize())
 }
 

@@ -11,6 +11,7 @@
 
 use core::arch::asm;
 use core::ptr::read_volatile;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 use embassy_embedded_hal::flash::partition::Partition;
@@ -107,10 +108,33 @@ fn check(span: Span, offset: u32, length: usize) -> Result<(), Error> {
     if offset < span.start || end.is_none_or(|end| end > span.end) { Err(Error::Size) } else { Ok(()) }
 }
 
+/// What error correction has found since start: errors of one bit, of two.
+static ECC_ERRORS: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
+
+/// Count what error correction has found since the last call, once in each bank, and clear its flags: SNECCERR for an
+/// error of one bit, which it mended, DBECCERR for one of two. Counts since start.
+pub fn count_ecc_errors() -> [u32; 2] {
+    for bank in 0..BANKS {
+        let flags = pac::FLASH.bank(bank).sr().read();
+        let found = [flags.sneccerr1(), flags.dbeccerr()];
+        if found != [false; 2] {
+            pac::FLASH.bank(bank).ccr().write(|w| {
+                w.set_clr_sneccerr(true);
+                w.set_clr_dbeccerr(true);
+            });
+        }
+        for (count, found) in ECC_ERRORS.iter().zip(found) {
+            count.fetch_add(found.into(), Ordering::Relaxed);
+        }
+    }
+    ECC_ERRORS.each_ref().map(|count| count.load(Ordering::Relaxed))
+}
+
 /// Flags of an error that stand fail every later operation; embassy-stm32 0.6 means to clear them and writes the
 /// register that only shows them. RDPERR and RDSERR can be raised by the core's speculation, SNECCERR and DBECCERR by
 /// reading a word that a power failure left (RM0433, FLASH_SR).
 fn clear_errors() {
+    count_ecc_errors();
     for bank in 0..BANKS {
         pac::FLASH.bank(bank).ccr().write(|w| {
             w.set_clr_wrperr(true);
@@ -120,8 +144,6 @@ fn clear_errors() {
             w.set_clr_operr(true);
             w.set_clr_rdperr(true);
             w.set_clr_rdserr(true);
-            w.set_clr_sneccerr(true);
-            w.set_clr_dbeccerr(true);
             w.set_clr_crcrderr(true);
         });
     }
@@ -194,13 +216,7 @@ fn read(offset: u32, out: &mut [u8]) -> Result<(), Error> {
 /// `address` is that of a word in flash.
 unsafe fn read_word(address: u32) -> [u8; WRITE_SIZE] {
     let mut words = [0u32; WRITE_SIZE / 4];
-    let failed = || (0..BANKS).any(|bank| pac::FLASH.bank(bank).sr().read().dbeccerr());
-    let clear = || {
-        for bank in 0..BANKS {
-            pac::FLASH.bank(bank).ccr().write(|w| w.set_clr_dbeccerr(true));
-        }
-    };
-    clear();
+    let [_, lost_before] = count_ecc_errors();
     cortex_m::interrupt::free(|_| {
         // SAFETY: nothing else runs until FAULTMASK is clear again: it raises the priority to -1, at which the bus
         // fault of the read is ignored. Whoever sets CCR meanwhile is us.
@@ -215,8 +231,8 @@ unsafe fn read_word(address: u32) -> [u8; WRITE_SIZE] {
             (*SCB::PTR).ccr.write(control);
         }
     });
-    if failed() {
-        clear();
+    let [_, lost] = count_ecc_errors();
+    if lost != lost_before {
         words = [0; WRITE_SIZE / 4];
     }
     let mut bytes = [0; WRITE_SIZE];

@@ -59,7 +59,7 @@ pub(super) fn encode(uptime_s: u32, health: Condition, mode: Mode, flags: u8) ->
 pub(super) fn flags(status: &Status) -> u8 {
     let sensors = status.sensors;
     let flags = [
-        (status.any_sensor(PIEZO_MISSING | XL_MISSING), vendor_status::SENSOR_MISSING),
+        (status.any_sensor(PIEZO_MISSING | XL_MISSING) || status.frozen, vendor_status::SENSOR_MISSING),
         (status.any_sensor(NO_MODEL), vendor_status::NO_MODEL),
         (status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES),
         (
@@ -81,7 +81,7 @@ pub(super) fn flags(status: &Status) -> u8 {
 
 /// Bits of the vendor-specific status code in the heartbeat. Counters behind them are registers.
 pub mod vendor_status {
-    /// An array or an accelerometer of a sensor in use delivers nothing.
+    /// An array or an accelerometer of a sensor in use delivers nothing, or an accelerometer nothing that changes.
     pub const SENSOR_MISSING: u8 = 1;
     /// There is no readable model: class, flag and logits mean nothing.
     pub const NO_MODEL: u8 = 2;

@@ -227,17 +227,26 @@ impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
         }
     }
 
-    /// Store the calibration of the array behind a connector and read it back. Until it is there, the one before is.
+    /// Store the calibration of the array behind a connector and read it back. Until it is there, the one before is. As
+    /// with [`store`](Self::store), one that is stored already is not written again.
     pub async fn store_calibration(
         &mut self,
         connector: usize,
         calibration: &Calibration,
     ) -> Result<(), StoreError> {
         let key = KEY + 1 + connector as u8;
+        if self.holds(key, calibration).await {
+            return Ok(());
+        }
         self.put(key, &Record(calibration)).await?;
+        if self.holds(key, calibration).await { Ok(()) } else { Err(StoreError::Verify) }
+    }
+
+    /// Is this the calibration that is stored?
+    async fn holds(&mut self, key: u8, calibration: &Calibration) -> bool {
         match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await {
-            Ok(Some(record)) if calibration.is_record(record) => Ok(()),
-            _ => Err(StoreError::Verify),
+            Ok(record) => calibration.is_record(record.unwrap_or_default()),
+            Err(_) => false,
         }
     }
 

@@ -12,7 +12,7 @@ use crate::board::{Clock, Observe, SensorFrame};
 use crate::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorReadings;
-use crate::wire::{Origin, RawForm, RawTransfer, Transmitter};
+use crate::wire::{DEGRADED_FROZEN, Origin, RawForm, RawTransfer, Transmitter};
 
 /// Everything between the frame queue and the messages that wait for the bus.
 pub struct Inference<'m, M: RawMutex, C, O, S = State> {
@@ -56,7 +56,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         self.shared.progress.made(Task::Infer);
         let stamp = frame.stamp;
         let config = self.shared.config();
-        self.pipeline.configure(config.point, &config.masks);
+        self.pipeline.configure(config.point, &config.masks, config.mountings);
         if let Some(node) = config.node {
             self.transmitter.set_node_id(node);
         }
@@ -86,6 +86,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
                 status.late_frames = status.late_frames.saturating_add(1);
             }
             (status.sensors, status.sensor_health) = (output.sensors, output.health);
+            status.frozen = output.degraded & DEGRADED_FROZEN != 0;
             let late_frames = frame.dropped_frames.wrapping_add(status.late_frames);
             origin = Origin::new(status, late_frames, late, config.locked);
         });

@@ -119,6 +119,8 @@ pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static s
         Err("self test: an array does not deliver")
     } else if after.any_sensor(health::XL_MISSING) {
         Err("self test: an accelerometer does not deliver")
+    } else if after.frozen {
+        Err("self test: an accelerometer is frozen")
     } else {
         Ok(())
     }

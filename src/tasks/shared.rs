@@ -13,6 +13,7 @@ use super::Progress;
 use crate::health::Status;
 use crate::net::format::OperatingPoint;
 use crate::params::{FRAME_PERIOD_US, MAX_SENSORS};
+use crate::pipeline::Mountings;
 use crate::sensor::TaxelMask;
 use crate::settings::Settings;
 use crate::wire::{CanFrame, NodeId, RawTransfer};
@@ -31,6 +32,8 @@ pub type RawQueue<'a, M> = zerocopy_channel::Channel<'a, M, RawTransfer>;
 pub struct RuntimeConfig {
     /// Masked taxels, by sensor.
     pub masks: [TaxelMask; MAX_SENSORS],
+    /// How the arrays are mounted, by sensor.
+    pub mountings: Mountings,
     /// Raw messages of every n-th frame; 0: of none.
     pub raw_every: u8,
     /// Raw messages go compressed, and shorter still where the bus is behind; else plain.
@@ -47,6 +50,7 @@ impl RuntimeConfig {
     /// All taxels, plain raw messages of every frame, the default address, the model's operating point.
     pub const DEFAULT: Self = Self {
         masks: [TaxelMask::NONE; MAX_SENSORS],
+        mountings: [(false, false); MAX_SENSORS],
         raw_every: 1,
         compress_raw: false,
         node: Some(NodeId::DEFAULT),
@@ -58,6 +62,7 @@ impl RuntimeConfig {
     pub fn new(settings: &Settings, node: Option<NodeId>, locked: bool) -> Self {
         Self {
             masks: core::array::from_fn(|sensor| settings.taxel_mask(sensor)),
+            mountings: settings.orientation(),
             // A frame's rate, so that it fits.
             raw_every: settings.raw_divider() as u8,
             compress_raw: settings.compress_raw(),

@@ -3,7 +3,7 @@
 use embedded_storage_async::nor_flash::ReadNorFlash;
 
 use super::Refusal;
-use super::image::{Header, ImageVersion};
+use super::image::Header;
 use super::key::Keys;
 use super::partitions::{FLASH_BASE, Partitions};
 use super::slot::{firmware_header_at, header_bytes, vectors};
@@ -21,14 +21,13 @@ pub async fn find_bootloader<F: ReadNorFlash>(boot: &mut F, board: &Partitions) 
     if is_there { Ok(()) } else { Err(Refusal::NoBootloader) }
 }
 
-/// The version of the firmware that runs: that of its signed header, which the bootloader has held against the rest of
-/// it; [`ImageVersion::SOFTWARE`] where a probe wrote it. `active` is its slot, from its address 0 on.
-pub async fn running_version<F: ReadNorFlash>(
+/// The signed header of the firmware that runs, which the bootloader has held against the rest of it; `None` where a probe
+/// wrote it. `active` is its slot, from its address 0 on.
+pub async fn running_header<F: ReadNorFlash>(
     active: &mut F,
     board: &Partitions,
     keys: &Keys,
-) -> ImageVersion {
-    let header = header_bytes(active, firmware_header_at(board)).await;
-    let header = header.and_then(|bytes| Header::verify(&bytes, keys));
-    header.map_or(ImageVersion::SOFTWARE, |header| header.version)
+) -> Option<Header> {
+    let bytes = header_bytes(active, firmware_header_at(board)).await.ok()?;
+    Header::verify(&bytes, keys).ok()
 }

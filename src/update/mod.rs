@@ -16,7 +16,7 @@
 //!
 //! **What is refused, and why**, [`Refusal`] names; the same words go onto the bus. **An older image**: the version of
 //! a firmware may not be below that of the one that runs, nor the version of a model below that of the model in the
-//! slot. The same version may come again. Rolling back a firmware that did not confirm is no update and always works.
+//! slot. The same version may come again, but not the image that runs or waits for the restart. Rolling back a firmware that did not confirm is no update and always works.
 
 pub mod boot;
 mod image;
@@ -31,7 +31,7 @@ mod slot;
 mod state;
 
 pub use image::{FORMAT_VERSION, HEADER_BYTES, Header, ImageVersion, MAGIC, SIGNED_BYTES, VersionError};
-pub use installed::{find_bootloader, running_version};
+pub use installed::{find_bootloader, running_header};
 pub use key::{
     DEVELOPMENT_KEY, DEVELOPMENT_SEED, IS_DEVELOPMENT_KEY, KEY_NOTICE, Keys, PUBLIC_KEYS, unlocks,
 };

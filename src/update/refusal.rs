@@ -25,6 +25,8 @@ pub enum Refusal {
     WrongBoard,
     /// Its version is below that of what is installed.
     Older,
+    /// It runs, or waits for the restart.
+    Held,
     /// No payload.
     Empty,
     /// More than there is room for.
@@ -62,6 +64,7 @@ impl Refusal {
             Self::WrongKind => "firmware and model mistaken for each other",
             Self::WrongBoard => "for another board",
             Self::Older => "older than what is installed",
+            Self::Held => "installed already",
             Self::Empty => "empty",
             Self::TooLong => "longer than its slot",
             Self::Truncated => "truncated: it ends before its payload does",

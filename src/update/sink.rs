@@ -26,7 +26,9 @@ pub struct FirmwareSlot<D, S> {
 pub struct UpdateSink<'a, D, S, M> {
     board: &'static Partitions,
     keys: &'static Keys,
-    running: ImageVersion,
+    running: Option<Header>,
+    /// The firmware that the next restart swaps in.
+    ready: Option<Header>,
     firmware: Result<FirmwareSlot<D, S>, Refusal>,
     model: ModelSlot<M>,
     place: &'a mut [u8],
@@ -46,18 +48,18 @@ struct Image {
 }
 
 impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
-    /// `running`: the version of the firmware that runs. `firmware`: where a new one goes, or why there is no such
+    /// `running`: the header of the firmware that runs, if it has one. `firmware`: where a new one goes, or why there is no such
     /// place. `place`: where a model is collected and tried before it is installed; it begins at a multiple of four
     /// bytes and is as long as the longest model that the board can run.
     pub const fn new(
         board: &'static Partitions,
         keys: &'static Keys,
-        running: ImageVersion,
+        running: Option<Header>,
         firmware: Result<FirmwareSlot<D, S>, Refusal>,
         model: ModelSlot<M>,
         place: &'a mut [u8],
     ) -> Self {
-        Self { board, keys, running, firmware, model, place, image: None }
+        Self { board, keys, running, ready: None, firmware, model, place, image: None }
     }
 
     /// What the bootloader keeps; `None` on a board without one.
@@ -131,17 +133,25 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
     /// room in flash for a firmware.
     async fn admit(&mut self, target: UpdateTarget, raw: &[u8; HEADER_BYTES]) -> Result<Header, Refusal> {
         let installed = match target {
-            UpdateTarget::Firmware => self.running,
+            UpdateTarget::Firmware => {
+                self.running.as_ref().map_or(ImageVersion::SOFTWARE, |header| header.version)
+            }
             // Known once the signature of what is installed has been checked.
             UpdateTarget::Model => ImageVersion::default(),
         };
-        Header::inspect(raw)?.admit(target, self.board, installed, self.room(target))?;
+        let claimed = Header::inspect(raw)?;
+        claimed.admit(target, self.board, installed, self.room(target))?;
+        // Whoever recorded this header on the bus must not have the other slot erased by it.
+        if [&self.running, &self.ready].into_iter().flatten().any(|held| *held == claimed) {
+            return Err(Refusal::Held);
+        }
         let header = Header::verify(raw, self.keys)?;
         match target {
             UpdateTarget::Firmware => {
                 let firmware = self.firmware.as_mut().map_err(|why| *why)?;
                 firmware.is_free().await?;
                 // One that was ready to be swapped in is withdrawn before it is overwritten.
+                self.ready = None;
                 firmware.state.confirm().await.map_err(|_| Refusal::Flash)?;
                 slot::erase(&mut firmware.dfu, self.board.active.bytes()).await?;
             }
@@ -172,7 +182,9 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
                 Writer::new(header_at).put(&mut firmware.dfu, &image.raw_header).await?;
                 // The header too counts only as it can be read.
                 slot::check_firmware(&mut firmware.dfu, 0, self.board, self.keys).await?;
-                firmware.state.mark_updated().await.map_err(|_| Refusal::Flash)
+                firmware.state.mark_updated().await.map_err(|_| Refusal::Flash)?;
+                self.ready = Some(header);
+                Ok(())
             }
             UpdateTarget::Model => {
                 let model = self.place.get(..header.length as usize).ok_or(Refusal::TooLong)?;

@@ -96,7 +96,7 @@ pub struct SlipMessage {
     pub degraded: u8,
     /// Starts of the sender since its supply came, wraps.
     pub starts: u8,
-    /// Hash of model, operating point, masks and calibrations: changes when one of them does.
+    /// Hash of model, operating point, masks, orientation and calibrations: changes when one of them does.
     pub configuration: u16,
     /// Frames whose decision came after the next tick, since start; wraps.
     pub late_frames: u8,
@@ -158,7 +158,7 @@ impl Origin {
         }
     }
 
-    /// A message without a decision. `configuration`: the hash of model, operating point and masks.
+    /// A message without a decision. `configuration`: the hash of model, operating point, masks and mountings.
     pub fn message(&self, sensors: usize, configuration: u16) -> SlipMessage {
         let used = self.calibrations.iter().take(sensors);
         let missing = used.clone().any(|&name| name == 0);

@@ -217,13 +217,18 @@ fn doubts_come_and_go_with_their_causes() {
     assert_eq!(swapped.map(|(_, degraded)| degraded), [0, 0]);
     let point = Some(OperatingPoint { k: 3, n: 9, ..OperatingPoint::EVEN });
     let masked = [TaxelMask([1; 32]), TaxelMask::NONE, TaxelMask::NONE];
-    pipeline.configure(None, &masked);
+    pipeline.configure(None, &masked, Default::default());
     let masked = configuration(&mut pipeline, [0; 3]);
-    pipeline.configure(point, &[TaxelMask::NONE; MAX_SENSORS]);
+    pipeline.configure(point, &[TaxelMask::NONE; MAX_SENSORS], Default::default());
     let pointed = configuration(&mut pipeline, [0; 3]);
     assert_eq!(pointed.1, DEGRADED_NOT_CALIBRATED | DEGRADED_POINT);
-    let all = [none.0, swapped[0].0, swapped[1].0, masked.0, pointed.0];
-    assert!((0..5).all(|i| (0..i).all(|j| all[i] != all[j])), "{all:?}");
-    pipeline.configure(None, &[TaxelMask::NONE; MAX_SENSORS]);
+    let [rows, cols] = [(true, false), (false, true)].map(|mounting| {
+        let mountings = [(false, false), mounting, (false, false)];
+        pipeline.configure(None, &[TaxelMask::NONE; MAX_SENSORS], mountings);
+        configuration(&mut pipeline, [0; 3]).0
+    });
+    let all = [none.0, swapped[0].0, swapped[1].0, masked.0, pointed.0, rows, cols];
+    assert!((0..7).all(|i| (0..i).all(|j| all[i] != all[j])), "{all:?}");
+    pipeline.configure(None, &[TaxelMask::NONE; MAX_SENSORS], Default::default());
     assert_eq!(configuration(&mut pipeline, [0; 3]), none);
 }

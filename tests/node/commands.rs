@@ -2,8 +2,9 @@
 
 use slipsense::health::{self, Condition, SensorHealth};
 use slipsense::node::{
-    Action, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Mode,
-    NODE_NAME, RESTART, SELF_TEST, STORE, Severity, vendor_status,
+    Action, CALIBRATE, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT,
+    IDENTIFY, Mode, NODE_NAME, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US, Severity,
+    vendor_status,
 };
 use slipsense::settings::{Setting, Settings};
 use slipsense::wire::{Frames, Priority, ServiceId, ServiceRole, TransferId};
@@ -56,9 +57,31 @@ fn a_store_is_answered_when_it_is_done() {
     assert_eq!((text[0], &text[2..2 + usize::from(text[1])]), (1, &b"sensor 1: no accelerometer"[..]));
 
     // A board that never says.
-    assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(STORE, b""), 1_000), None);
-    node.poll(1_000 + COMMAND_TIMEOUT_US);
+    assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(STORE, b""), STORE_PAUSE_US), None);
+    node.poll(STORE_PAUSE_US + COMMAND_TIMEOUT_US);
     assert!(said(&mut node).iter().any(|(_, transfer, bytes)| *transfer == 3 && bytes[0] == 1));
+}
+
+#[test]
+fn stores_and_calibrations_come_ten_seconds_apart() {
+    let mut node = node();
+    let mut status = |transfer: u8, number, parameter: &[u8], now_us| {
+        let payload = command(number, parameter);
+        let answer = ask(&mut node, COMMAND_PORT, transfer, &payload, now_us);
+        let action = node.take_action();
+        assert_eq!(action.is_some(), answer.is_none());
+        node.command_done(Ok(()));
+        said(&mut node);
+        answer.map(|answer| String::from_utf8_lossy(&answer[2..]).trim_end_matches('\0').to_owned())
+    };
+    let (store, calibration) = ("wait ten seconds after a store", "wait ten seconds after a calibration");
+    assert_eq!(status(0, STORE, b"", 0), None);
+    assert_eq!(status(1, CALIBRATE, b"0 1", 1), None);
+    assert_eq!(status(2, FACTORY_RESET, b"", STORE_PAUSE_US - 1).as_deref(), Some(store));
+    assert_eq!(status(3, SCALE_GAIN, b"0 2000", STORE_PAUSE_US).as_deref(), Some(calibration));
+    assert_eq!(status(4, FACTORY_RESET, b"", STORE_PAUSE_US), None);
+    assert_eq!(status(5, SCALE_GAIN, b"0 2000", STORE_PAUSE_US + 1), None);
+    assert_eq!(status(6, STORE, b"", STORE_PAUSE_US + 2).as_deref(), Some(store));
 }
 
 #[test]
@@ -101,6 +124,8 @@ fn the_heartbeat_says_how_the_board_is() {
     node.status.sensors = 2;
     node.status.sensor_health = [0, health::XL_MISSING, 255].map(SensorHealth);
     assert_eq!((node.health(), beat(&mut node, 8_600_000)[6]), (Condition::Caution, 1 | 4));
+    (node.status.sensor_health, node.status.frozen) = ([SensorHealth(0); 3], true);
+    assert_eq!((node.health(), beat(&mut node, 9_600_000)[6]), (Condition::Caution, 1 | 4));
     node.status.sensor_health = [SensorHealth(health::PIEZO_MISSING | health::XL_MISSING); 3];
     assert_eq!(node.health(), Condition::Warning);
     node.status.sensor_health = [SensorHealth(health::NO_MODEL); 3];

@@ -1,15 +1,18 @@
 //! A locked node: what it refuses, who unlocks it, and that nothing else does.
 
+use std::collections::HashSet;
+use std::mem::{Discriminant, discriminant};
+
 use ed25519_dalek::{Signer, SigningKey};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::node::{
-    ACCESS_PORT, Action, CHALLENGE_BYTES, COMMAND_PORT, IDENTIFY, Identity, Node, RESTART,
-    SIGNATURE_PAUSE_US, STORE, UNLOCK, UNLOCK_PREFIX,
+    ACCESS_PORT, Action, CALIBRATE, CHALLENGE_BYTES, COMMAND_PORT, HEARTBEAT_PORT, IDENTIFY, Identity, Node,
+    OUTBOX_FRAMES, RESTART, SCALE_GAIN, SIGNATURE_PAUSE_US, STORE, UNLOCK, UNLOCK_PREFIX,
 };
 use slipsense::settings::{Setting, Settings, TABLE};
 use slipsense::update::{DEVELOPMENT_KEY, DEVELOPMENT_SEED, unlocks};
-use slipsense::wire::NodeId;
+use slipsense::wire::{MessageId, NodeId};
 
 use super::commands::command;
 use super::mutated::{mutate, valid};
@@ -58,8 +61,10 @@ fn a_locked_node_keeps_its_settings_and_takes_no_command() {
         let answer = ask(&mut node, ACCESS_PORT, index as u8, &access(definition.name, &[11, 1, 0, 1]), 0);
         assert!(answer.is_some(), "{}", definition.name);
     }
-    for (transfer, number) in [RESTART, STORE, 65_532, 65_533, 0, 1].into_iter().enumerate() {
-        let answer = ask(&mut node, COMMAND_PORT, transfer as u8, &command(number, b"path"), 0).unwrap();
+    for (transfer, number) in
+        [RESTART, STORE, 65_532, 65_533, 0, 1, CALIBRATE, SCALE_GAIN].into_iter().enumerate()
+    {
+        let answer = ask(&mut node, COMMAND_PORT, transfer as u8, &command(number, b"0 10"), 0).unwrap();
         assert_eq!((answer[0], &answer[2..8]), (5, &b"locked"[..]), "{number}");
     }
     assert_eq!((node.take_action(), node.take_changed(), node.is_locked()), (None, None, true));
@@ -94,45 +99,88 @@ fn an_update_key_unlocks_once_until_the_next_start() {
     assert_eq!(locked(None).challenge(), None);
 }
 
-#[test]
-fn nothing_that_a_hostile_node_sends_changes_a_locked_one() {
-    let transfers: u32 = std::env::var("SLIPSENSE_HOSTILE").map_or(200_000, |text| text.parse().unwrap());
+/// What a node did while hostile ones sent.
+#[derive(Default)]
+struct Met {
+    frames: u64,
+    /// When they left.
+    heartbeats_ms: Vec<u64>,
+    unlocks: u32,
+    actions: HashSet<Discriminant<Action>>,
+    changed: u32,
+}
+
+/// The bus takes a frame of the node in so many milliseconds: its answers fill the outbox.
+const BUSY_MS: u32 = 3;
+
+fn meet_hostile(node: &mut Node, transfers: u32) -> Met {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let mut node = locked(Some(3));
-    let (mut frames, mut heartbeats, mut unlocks_tried, mut now) = (0u64, 0, 0, 0);
+    let mut met = Met::default();
     for transfer in 0..transfers {
+        let now_us = u64::from(transfer) * 1_000;
         let (hostile, number) =
             (NodeId::new(random.random_range(0..128)).unwrap_or(TOOL), transfer as u8 & 31);
         let sent = match random.random_range(0..8) {
             0 => request(COMMAND_PORT, number, &command(UNLOCK, &random.random::<[[u8; 32]; 2]>().concat())),
-            _ => valid(&mut random, hostile, number, &node),
+            _ => valid(&mut random, hostile, number, node),
         };
         for frame in sent {
             let damaged = random.random_range(0..4) == 0;
-            node.accept(&if damaged { mutate(&mut random, &frame) } else { frame }, now);
-            frames += 1;
+            node.accept(&if damaged { mutate(&mut random, &frame) } else { frame }, now_us);
+            met.frames += 1;
         }
-        now += 1_000;
-        node.poll(now);
-        while let Some(frame) = node.next_frame() {
-            heartbeats += u32::from(frame.id() >> 8 & 0x1FFF == 7_509);
+        node.poll(now_us);
+        let left = if transfer % BUSY_MS == 0 { node.next_frame() } else { None };
+        if left.is_some_and(|frame| MessageId::from_can(frame.id()).is_ok_and(|id| id.port == HEARTBEAT_PORT))
+        {
+            met.heartbeats_ms.push(transfer.into());
         }
         while let Some(action) = node.take_action() {
+            met.actions.insert(discriminant(&action));
             match action {
-                Action::Identify => {}
                 Action::Unlock(signature) => {
-                    unlocks_tried += 1;
+                    met.unlocks += 1;
                     let challenge = node.challenge().unwrap();
                     node.unlock_done(unlocks(&challenge, &signature, &[DEVELOPMENT_KEY]));
                 }
-                other => panic!("{other:?}"),
+                Action::Store | Action::FactoryReset | Action::SelfTest | Action::Calibrate(_) => {
+                    node.command_done(Ok(()));
+                }
+                _ => {}
             }
         }
-        assert_eq!(node.take_changed(), None);
+        met.changed += std::iter::from_fn(|| node.take_changed()).count() as u32;
     }
+    met
+}
+
+#[test]
+fn nothing_that_a_hostile_node_sends_changes_a_locked_one() {
+    let transfers: u32 = std::env::var("SLIPSENSE_HOSTILE").map_or(200_000, |text| text.parse().unwrap());
+    let mut node = locked(Some(3));
+    let met = meet_hostile(&mut node, transfers);
+    let harmless = [discriminant(&Action::Unlock([0; 64])), discriminant(&Action::Identify)];
+    assert_eq!((met.changed, met.actions.difference(&harmless.into()).count()), (0, 0));
     assert!(node.is_locked() && node.settings() == &locked_settings());
-    assert!(heartbeats >= transfers / 1_000, "{heartbeats} heartbeats in {transfers} ms");
+    // One signature a second, and nearly that many are tried.
+    let seconds = transfers / 1_000;
+    assert!((seconds * 9 / 10..=seconds + 1).contains(&met.unlocks), "{} signatures", met.unlocks);
+    // One heartbeat a second, however many answers wait for the bus.
+    let beats = &met.heartbeats_ms;
+    assert_eq!(beats.len(), transfers.div_ceil(1_000) as usize);
+    let late = (0..).zip(beats).map(|(n, ms)| ms - n * 1_000).max().unwrap();
+    assert!(late <= OUTBOX_FRAMES as u64 * u64::from(BUSY_MS), "a heartbeat {late} ms late");
+    assert!(node.counters().dropped_transfers > transfers / 10, "the outbox was never full");
     println!(
-        "{frames} hostile frames: no state change, {unlocks_tried} signatures checked, {heartbeats} heartbeats"
+        "{} hostile frames: no state change, {} signatures checked, {} heartbeats, none missing, {late} ms late at most",
+        met.frames,
+        met.unlocks,
+        beats.len()
     );
+    // The same traffic changes a node that is not locked, in every way.
+    let mut open = Node::new(Identity { entropy: Some(3), ..identity() }, Settings::new());
+    let met = meet_hostile(&mut open, transfers.min(200_000));
+    assert!(met.changed > 1_000, "{} settings", met.changed);
+    // Restart, store, factory reset, self test, calibrate, update.
+    assert_eq!(met.actions.difference(&harmless.into()).count(), 6);
 }

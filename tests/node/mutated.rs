@@ -8,8 +8,8 @@ use rand::seq::IndexedRandom;
 use rand::{Rng, RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::node::{
-    ACCESS_PORT, ALLOCATION_PORT, Action, BEGIN_SOFTWARE_UPDATE, COMMAND_PORT, FACTORY_RESET, FILE_READ_PORT,
-    GET_INFO_PORT, LIST_PORT, Node, RESTART, SELF_TEST, STORE, TIME_PORT,
+    ACCESS_PORT, ALLOCATION_PORT, Action, BEGIN_SOFTWARE_UPDATE, CALIBRATE, COMMAND_PORT, FACTORY_RESET,
+    FILE_READ_PORT, GET_INFO_PORT, LIST_PORT, Node, RESTART, SCALE_GAIN, SELF_TEST, STORE, TIME_PORT,
 };
 use slipsense::settings::{Setting, Settings, TABLE, check};
 use slipsense::wire::{CAN_ID_MAX, CanFrame, FD_LENGTHS, Frames, NodeId, Priority, ServiceId, ServiceRole};
@@ -143,9 +143,10 @@ pub fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) ->
             to_node(ACCESS_PORT, &access(definition.name, &value))
         }
         4 => {
-            let number =
-                *[RESTART, STORE, FACTORY_RESET, SELF_TEST, BEGIN_SOFTWARE_UPDATE].choose(rng).unwrap();
-            to_node(COMMAND_PORT, &command(number, b"a/path"))
+            let numbers =
+                [RESTART, STORE, FACTORY_RESET, SELF_TEST, BEGIN_SOFTWARE_UPDATE, CALIBRATE, SCALE_GAIN];
+            // Also a path.
+            to_node(COMMAND_PORT, &command(*numbers.choose(rng).unwrap(), b"0 10"))
         }
         5 => {
             let bytes: Vec<u8> = (0..rng.random_range(0..=256)).map(|_| rng.random()).collect();
@@ -259,7 +260,9 @@ fn a_million_mutated_frames_change_nothing_they_should_not() {
                     restarts += 1;
                 }
                 Action::BeginUpdate { target, file } => node.begin_download(target, file, 10_000),
-                Action::Store | Action::FactoryReset | Action::SelfTest => node.command_done(Ok(())),
+                Action::Store | Action::FactoryReset | Action::SelfTest | Action::Calibrate(_) => {
+                    node.command_done(Ok(()))
+                }
                 _ => {}
             }
         }

@@ -2,14 +2,17 @@
 
 use std::fmt::Write;
 
+use slipsense::node::{
+    BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CALIBRATE, FACTORY_RESET, SCALE_GAIN, STORE, UNLOCK,
+};
 use slipsense::settings::{Effect, TABLE};
 
 /// `docs/src/bus/settings.md`, from the table.
 fn page() -> String {
     let mut page = String::from(
         "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent. `store` \
-         (ExecuteCommand 65530) writes all\nof them to flash, a factory reset (65532) restores the defaults; calibrations stay. The \
-         registers\nNAME`<`, NAME`>` and NAME`=` hold the largest, smallest and default value. This page is \
+         (ExecuteCommand 65530) writes all\nof them to flash, a factory reset (65532) restores the defaults; calibrations stay. One of \
+         them in ten seconds is taken.\nThe registers NAME`<`, NAME`>` and NAME`=` hold the largest, smallest and default value. This page is \
          generated from `src/settings/table.rs`; a test compares.\n\n\
          | register | type | default | allowed | unit | effective | meaning |\n|---|---|---|---|---|---|---|\n",
     );
@@ -66,4 +69,21 @@ fn the_page_is_the_table() {
         page(),
         "make it anew: SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test host node::page"
     );
+}
+
+/// The numbers of the commands that the other pages name.
+#[test]
+fn the_pages_name_the_commands() {
+    let messages = include_str!("../../docs/src/bus/messages.md");
+    let updates = include_str!("../../docs/src/board/updates.md").replace('\n', " ");
+    for (page, row) in [
+        (messages, format!("| {CALIBRATE} | `0 10` | measures")),
+        (messages, format!("| {SCALE_GAIN} | `0 2150` | multiplies")),
+        (&updates, format!("{BEGIN_SOFTWARE_UPDATE} for the firmware, {BEGIN_MODEL_UPDATE} for the model")),
+        (LOCK, format!("ExecuteCommand {UNLOCK}.")),
+        (&self::page(), format!("(ExecuteCommand {STORE})")),
+        (&self::page(), format!("a factory reset ({FACTORY_RESET})")),
+    ] {
+        assert!(page.contains(&row), "{row}");
+    }
 }

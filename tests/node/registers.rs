@@ -54,6 +54,14 @@ fn the_list_has_every_register_once_and_each_answers() {
 }
 
 #[test]
+fn errors_of_the_flash_are_a_register() {
+    let mut node = node();
+    node.status.flash_errors = [300, 1];
+    let answer = ask(&mut node, ACCESS_PORT, 0, &access("slipsense.status.flash_errors", &[0]), 0).unwrap();
+    assert_eq!(answer[8..18], natural32(&[300, 1]));
+}
+
+#[test]
 fn writing_changes_the_setting_and_says_so() {
     let mut node = node();
     assert_eq!(node.take_changed(), None);

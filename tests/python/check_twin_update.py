@@ -112,6 +112,8 @@ async def check_settings(client, thorough):
     await client.access("slipsense.raw.divider", natural(8, 0))
     await client.access("slipsense.slip.point", threshold(0))
     checks.equal("a whole store", await client.command(STORE), 0)
+    # There is a pause of ten seconds between stores, of the twin's clock; a start ends it.
+    await client.restart()
     store = uavcan.node.ExecuteCommand_1.Request(command=STORE)
     old, cut, kept = 0, 0, 0
     for step in range(1, STEPS_MAX) if thorough else STORE_STEPS:

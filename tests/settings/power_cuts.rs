@@ -251,13 +251,17 @@ fn a_calibration_before_any_setting_is_no_damage_and_can_be_forgotten() {
 
 #[test]
 fn what_is_stored_already_is_not_written_again() {
-    let mut store = store_of(Flash::<SECTOR>::new(2));
+    let mut store = store_of(Flash::<{ 16 * 1024 }>::new(2));
     block_on(store.store(&configuration(5))).unwrap();
+    block_on(store.store_calibration(1, &calibration(2))).unwrap();
     let mut flash = store.into_flash();
     let steps = flash.steps;
     for _ in 0..100 {
         let mut store = store_of(flash);
         block_on(store.store(&configuration(5))).unwrap();
+        block_on(store.store_calibration(1, &calibration(2))).unwrap();
+        // Forgotten, and never measured.
+        block_on(store.store_calibration(0, &calibration(0))).unwrap();
         flash = store.into_flash();
     }
     assert_eq!(flash.steps, steps);

@@ -10,7 +10,7 @@ use slipsense::health::{
 use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXELS};
 use slipsense::sensor::SensorReadings;
 use slipsense::sensor::{PiezoFrame, TaxelMask};
-use slipsense::wire::wire_logit;
+use slipsense::wire::{DEGRADED_FROZEN, wire_logit};
 
 use super::world::{BATCH, Ran, World, healthy, scan};
 
@@ -84,6 +84,13 @@ fn a_dead_accelerometer() {
     for (slip, healthy) in ran.slips.iter().zip(&healthy.slips) {
         assert_eq!(slip.contact[FAULTY].sum, healthy.contact[FAULTY].sum, "its array goes on");
     }
+}
+
+#[test]
+fn a_frozen_accelerometer() {
+    let ran = with_fault(|_, part| part.xl.fill([7, -5, 2_000]));
+    assert!(ran.slips.iter().skip(WARM_UP as usize).all(|slip| slip.degraded & DEGRADED_FROZEN != 0));
+    assert_eq!((ran.status.frozen, ran.status.condition()), (true, Condition::Caution));
 }
 
 #[test]

@@ -375,6 +375,7 @@ fn settings_reach_the_tasks_and_the_board() {
     assert_eq!(ran.config.masks[0].0, [0; 32]);
     assert_eq!(ran.config.point, Some(OperatingPoint { threshold: Logit::from_bits(300), k: 2, n: 5 }));
     assert_eq!((ran.config.node, ran.filters), (Some(NODE), 3));
+    assert_eq!(ran.config.mountings, [(true, false), (false, true), (true, true)]);
     assert_eq!(ran.log.applied.first(), Some(&[(false, false); 3]));
     assert_eq!(ran.log.applied.last(), Some(&[(true, false), (false, true), (true, true)]));
     assert!(ran.log.lit.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 30, "it blinks");
@@ -414,6 +415,14 @@ fn a_self_test_says_what_is_missing() {
     let why = "self test: an accelerometer does not deliver";
     assert_eq!(&answers[1].2[2..2 + why.len()], why.as_bytes());
     assert!(ran.records().iter().any(|record| record == why));
+    // One that delivers the same sample for ever.
+    let frozen = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        shared.update_status(|status| {
+            (status.decided_frames, status.frozen) = ((ms * 240 / 1000) as u32, true)
+        });
+    };
+    let ran = Run { meanwhile: &frozen, ..Run::new(&requests[..1], 700) }.run();
+    assert!(ran.records().iter().any(|record| record == "self test: an accelerometer is frozen"));
     // No frames, no success.
     let ran = Run::new(&requests[..1], 700).run();
     assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1);

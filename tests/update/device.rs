@@ -123,12 +123,12 @@ impl Device {
     /// Do something with a sink, as the firmware of this version would.
     pub fn sink<R>(&self, running: ImageVersion, act: impl FnOnce(&mut Sink<'_>) -> R) -> R {
         let mut place = Box::new(Aligned([0; PLACE]));
-        let firmware = FirmwareSlot { dfu: self.part(BOARD.dfu), state: self.state() };
+        let slot = FirmwareSlot { dfu: self.part(BOARD.dfu), state: self.state() };
         act(&mut UpdateSink::new(
             &BOARD,
             &[DEVELOPMENT_KEY],
-            running,
-            Ok(firmware),
+            Some(header(UpdateTarget::Firmware, running, &firmware(running))),
+            Ok(slot),
             self.model_slot(),
             &mut place.0,
         ))

@@ -53,6 +53,25 @@ fn firmware_is_refused_with_a_reason() {
     assert_eq!(device.install(OLD, Model, &image(NEW)), Err("firmware and model mistaken for each other"));
 }
 
+/// Headers that are wrong and forged too: what is wrong is found, and no signature is checked for it.
+#[test]
+fn a_signature_is_checked_last() {
+    let device = Device::new();
+    for (change, reason) in [
+        ((|header| header.target = Model) as fn(&mut Header), Refusal::WrongKind),
+        (|header| header.board += 1, Refusal::WrongBoard),
+        (|header| header.version = OLD_ER, Refusal::Older),
+        (|header| header.length = 0, Refusal::Empty),
+        (|header| header.length = u32::MAX, Refusal::TooLong),
+        (|_| {}, Refusal::WrongSignature),
+    ] {
+        let mut header = header(Firmware, NEW, &firmware(NEW));
+        change(&mut header);
+        let forged = header.encode(&[1; 64]);
+        assert_eq!(device.install(OLD, Firmware, &forged), Err(reason.reason()));
+    }
+}
+
 #[test]
 fn nothing_is_erased_before_the_header_is_good() {
     let device = Device::new();
@@ -70,13 +89,35 @@ fn nothing_is_erased_before_the_header_is_good() {
     }
 }
 
+/// A header that somebody recorded on the bus costs neither the firmware to roll back to nor the one that waits.
+#[test]
+fn what_is_held_already_erases_nothing() {
+    let device = Device::new();
+    let steps = device.steps();
+    for file in [&image(OLD)[..], &image(OLD)[..HEADER_BYTES]] {
+        assert_eq!(device.install(OLD, Firmware, file), Err(Refusal::Held.reason()));
+        assert_eq!(device.steps(), steps);
+    }
+    device.sink(OLD, |sink| {
+        assert_eq!(feed(sink, Firmware, &image(NEW)), Ok(()));
+        let steps = device.steps();
+        assert_eq!(feed(sink, Firmware, &image(NEW)[..HEADER_BYTES]), Err(Refusal::Held.reason()));
+        assert_eq!(device.steps(), steps);
+        // Another one takes its place, and then it may come again.
+        assert_eq!(feed(sink, Firmware, &image(NEWEST)), Ok(()));
+        assert_eq!(feed(sink, Firmware, &image(NEW)), Ok(()));
+    });
+    assert_eq!(device.boots(), NEW);
+}
+
 const OLD_ER: slipsense::update::ImageVersion =
     slipsense::update::ImageVersion { patch: OLD.patch - 1, ..OLD };
 
 #[test]
 fn the_same_version_may_come_again_and_the_longest_fits() {
     let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(OLD)), Ok(()));
+    let another = payload(3, 1_000);
+    assert_eq!(device.install(OLD, Firmware, &sign(&header(Firmware, OLD, &another), &another)), Ok(()));
     let payload = payload(5, (BOARD.active.bytes() - TRAILER_BYTES) as usize);
     let longest = sign(&header(Firmware, NEW, &payload), &payload);
     assert_eq!(device.install(OLD, Firmware, &longest), Ok(()));
@@ -146,14 +187,17 @@ fn pieces_out_of_order() {
         assert_eq!((write(sink, 0), write(sink, 256), write(sink, 0)), (Ok(()), Ok(()), Ok(())));
         assert_eq!(block_on(sink.write(Model, 256, &file[256..512])), out_of_order);
         assert_eq!(block_on(sink.finish(Firmware, 256)), out_of_order);
-        for step in [1, 7, 31, 100, 1000] {
+    });
+    for step in [1, 7, 31, 100, 1000] {
+        device.sink(OLD, |sink| {
             for (index, piece) in file.chunks(step).enumerate() {
                 block_on(sink.write(Firmware, (index * step) as u32, piece)).unwrap();
             }
-            assert_eq!(block_on(sink.finish(Firmware, file.len() as u32 - 1)), out_of_order);
+            let finished = block_on(sink.finish(Firmware, file.len() as u32 - 1));
+            assert_eq!(finished, Err(Refusal::OutOfOrder.reason()));
             assert_eq!(feed(sink, Firmware, &file), Ok(()));
-        }
-    });
+        });
+    }
     assert_eq!(device.boots(), NEW);
 }
 
@@ -226,7 +270,7 @@ fn a_board_without_bootloader_says_so() {
     let mut sink = UpdateSink::<Part, Part, Part>::new(
         &BOARD,
         &[slipsense::update::DEVELOPMENT_KEY],
-        OLD,
+        None,
         Err(Refusal::NoBootloader),
         device.model_slot(),
         &mut place.0,

@@ -52,7 +52,7 @@ mod recording;
 pub mod score;
 pub mod threshold;
 #[cfg(feature = "links")]
-mod slcan;
+pub mod slcan;
 mod whole_file;
 
 pub use episode::Episode;

@@ -91,6 +91,8 @@ pub enum Foreign {
     Standard,
     /// An error frame of the kernel: the controller's state, or what went wrong on the bus.
     Error,
+    /// A line of an slcan adapter that makes no sense: bytes were lost.
+    Unreadable,
 }
 
 /// A byte stream in both directions.
@@ -110,7 +112,7 @@ pub struct SlcanSource {
     wire: Box<dyn Wire>,
     name: String,
     line: Vec<u8>,
-    ready: std::collections::VecDeque<LogEntry>,
+    ready: std::collections::VecDeque<Input>,
 }
 
 /// Open a source. `data_mbit` is the bit rate of the data phase that an slcan adapter is set to.
@@ -153,7 +155,8 @@ fn slcan_wire(place: &Place, data_mbit: u8) -> Result<Box<dyn Wire>> {
     Ok(wire)
 }
 
-fn now_us() -> u64 {
+/// Microseconds since 1970.
+pub fn now_us() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
 }
 
@@ -193,8 +196,8 @@ impl Source {
 
 impl SlcanSource {
     fn receive(&mut self) -> Result<Input> {
-        if let Some(entry) = self.ready.pop_front() {
-            return Ok(Input::Frame(entry));
+        if let Some(input) = self.ready.pop_front() {
+            return Ok(input);
         }
         let mut buffer = [0; 4096];
         let length = match self.wire.read(&mut buffer) {
@@ -208,10 +211,11 @@ impl SlcanSource {
             match byte {
                 // BEL: the adapter refused something.
                 b'\r' | b'\n' | 7 => {
-                    if let Some(frame) = std::str::from_utf8(&self.line).ok().and_then(slcan::parse) {
-                        let interface = self.name.clone();
-                        self.ready.push_back(LogEntry { timestamp_us, interface, frame });
-                    }
+                    let interface = self.name.clone();
+                    self.ready.extend(slcan::parse(&self.line).map(|line| match line {
+                        Ok(frame) => Input::Frame(LogEntry { timestamp_us, interface, frame }),
+                        Err(foreign) => Input::Other(foreign),
+                    }));
                     self.line.clear();
                 }
                 // No line is longer: what is without end is no slcan.
@@ -219,7 +223,7 @@ impl SlcanSource {
                 _ => {}
             }
         }
-        Ok(self.ready.pop_front().map_or(Input::Idle, Input::Frame))
+        Ok(self.ready.pop_front().unwrap_or(Input::Idle))
     }
 }
 

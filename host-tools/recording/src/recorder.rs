@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::candump::{CandumpWriter, LogEntry};
 use anyhow::{Context, Result};
@@ -11,12 +11,17 @@ use crate::mcap_file::McapSink;
 use crate::recording::Format;
 
 /// Writes frames to a file as they come. Everything before the last [`flush`](Self::flush) is on the disk whatever
-/// happens.
-pub enum Recorder {
-    /// A candump log, and its lines since the last flush: a log that is cut has whole lines.
-    Candump(File, CandumpWriter<Vec<u8>>),
-    /// MCAP, and the file once more, to have it written to the disk.
-    Mcap(Box<McapSink<BufWriter<File>>>, File),
+/// happens, a full disk included.
+pub struct Recorder {
+    path: PathBuf,
+    file: File,
+    form: Form,
+}
+
+enum Form {
+    /// Lines since the last flush, and the file's length then: a log that is cut has whole lines.
+    Candump(CandumpWriter<Vec<u8>>, u64),
+    Mcap(Box<McapSink<BufWriter<File>>>),
 }
 
 impl Recorder {
@@ -26,44 +31,49 @@ impl Recorder {
             .with_context(|| format!("{}: must end in .mcap or .log", path.display()))?;
         let file =
             File::create_new(path).with_context(|| format!("{}: cannot make a new file", path.display()))?;
-        Ok(match format {
-            Format::Mcap => {
-                let disk = file.try_clone()?;
-                Self::Mcap(Box::new(McapSink::new(BufWriter::new(file))?), disk)
-            }
-            Format::Candump => Self::Candump(file, CandumpWriter::new(Vec::new(), "can0")?),
-        })
+        let form = match format {
+            Format::Mcap => Form::Mcap(Box::new(McapSink::new(BufWriter::new(file.try_clone()?))?)),
+            Format::Candump => Form::Candump(CandumpWriter::new(Vec::new(), "can0")?, 0),
+        };
+        Ok(Self { path: path.to_owned(), file, form })
     }
 
     pub fn write(&mut self, entry: &LogEntry) -> Result<()> {
-        match self {
-            Self::Candump(_, lines) => Ok(lines.write_entry(entry)?),
-            Self::Mcap(sink, _) => sink.write(entry),
-        }
+        let written = match &mut self.form {
+            Form::Candump(lines, _) => lines.write_entry(entry).map_err(Into::into),
+            Form::Mcap(sink) => sink.write(entry),
+        };
+        written.with_context(|| cannot_write(&self.path))
     }
 
     /// Write everything to the disk; to be called every second or so.
     pub fn flush(&mut self) -> Result<()> {
-        match self {
-            Self::Candump(file, lines) => {
-                file.write_all(&std::mem::take(lines.flushed()?))?;
-                Ok(file.sync_data()?)
-            }
-            Self::Mcap(sink, disk) => {
-                sink.flush()?;
-                Ok(disk.sync_data()?)
-            }
-        }
+        let flushed = match &mut self.form {
+            Form::Candump(lines, length) => append(&mut self.file, lines, length).map_err(Into::into),
+            Form::Mcap(sink) => sink.flush(),
+        };
+        flushed.and_then(|()| Ok(self.file.sync_data()?)).with_context(|| cannot_write(&self.path))
     }
 
     /// Write everything out and end the file as its format asks.
     pub fn finish(mut self) -> Result<()> {
-        match self {
-            Self::Candump(..) => self.flush(),
-            Self::Mcap(sink, disk) => {
-                sink.finish()?.flush()?;
-                Ok(disk.sync_data()?)
-            }
-        }
+        let Form::Mcap(sink) = self.form else { return self.flush() };
+        let finished = sink.finish().and_then(|mut out| Ok(out.flush()?));
+        finished.and_then(|()| Ok(self.file.sync_data()?)).with_context(|| cannot_write(&self.path))
     }
+}
+
+fn append(file: &mut File, lines: &mut CandumpWriter<Vec<u8>>, length: &mut u64) -> std::io::Result<()> {
+    let lines = std::mem::take(lines.flushed()?);
+    let written = file.write_all(&lines);
+    match written {
+        Ok(()) => *length += lines.len() as u64,
+        // Half of a line could not be read.
+        Err(_) => file.set_len(*length)?,
+    }
+    written
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!("{}: cannot write", path.display())
 }

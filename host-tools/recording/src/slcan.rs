@@ -3,14 +3,18 @@
 
 use slipsense::wire::{CanFrame, FD_LENGTHS};
 
+use crate::link::Foreign;
+
 /// Close, set the bit rates, open. Arbitration is 1 Mbit/s.
-pub(crate) fn open_commands(data_mbit: u8) -> String {
+pub fn open_commands(data_mbit: u8) -> String {
     format!("C\rS8\rY{data_mbit}\rO\r")
 }
 
-pub(crate) const CLOSE: &str = "C\r";
+/// The command that closes the channel.
+pub const CLOSE: &str = "C\r";
 
-pub(crate) fn command(frame: &CanFrame) -> String {
+/// The command that sends a frame.
+pub fn command(frame: &CanFrame) -> String {
     let dlc = FD_LENGTHS.iter().position(|&length| usize::from(length) == frame.data().len()).unwrap_or(0);
     let mut line = format!("B{:08X}{dlc:X}", frame.id());
     frame.data().iter().for_each(|byte| line += &format!("{byte:02X}"));
@@ -18,13 +22,26 @@ pub(crate) fn command(frame: &CanFrame) -> String {
     line
 }
 
-/// What a line says; `None`: no FD frame with a 29-bit identifier (an answer, other traffic). Digits after the data
-/// are the adapter's own clock, milliseconds modulo a minute, which is not used.
-pub(crate) fn parse(line: &str) -> Option<CanFrame> {
-    let rest = line.strip_prefix(['B', 'D'])?;
+/// What a line says; `None`: it is an answer.
+pub fn parse(line: &[u8]) -> Option<Result<CanFrame, Foreign>> {
+    match line.first()? {
+        b'z' | b'Z' => None,
+        b't' | b'T' | b'r' | b'R' => Some(Err(Foreign::Classic)),
+        b'b' | b'd' => Some(Err(Foreign::Standard)),
+        _ => Some(frame(line).ok_or(Foreign::Unreadable)),
+    }
+}
+
+/// An FD frame with a 29-bit identifier. Up to eight digits after the data are the adapter's own clock, which is not used;
+/// more are another line whose beginning was lost.
+fn frame(line: &[u8]) -> Option<CanFrame> {
+    let rest = std::str::from_utf8(line).ok()?.strip_prefix(['B', 'D'])?;
     let id = u32::from_str_radix(rest.get(..8)?, 16).ok()?;
     let dlc = usize::from_str_radix(rest.get(8..9)?, 16).ok()?;
-    let digits = rest.get(9..9 + 2 * usize::from(*FD_LENGTHS.get(dlc)?))?;
+    let (digits, clock) = rest.get(9..)?.split_at_checked(2 * usize::from(*FD_LENGTHS.get(dlc)?))?;
+    if clock.len() > 8 || !clock.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
     let bytes = (0..digits.len() / 2).map(|i| u8::from_str_radix(digits.get(2 * i..2 * i + 2)?, 16).ok());
     CanFrame::new(id, &bytes.collect::<Option<Vec<u8>>>()?).ok()
 }
@@ -39,13 +56,23 @@ mod tests {
             let data: Vec<u8> = (0..length).map(|i| i.wrapping_mul(37)).collect();
             let frame = CanFrame::new(0x0478_382A, &data).unwrap();
             let line = command(&frame);
-            assert_eq!(parse(line.trim_end()), Some(frame));
-            assert_eq!(parse(&format!("{}12AB", line.trim_end())), Some(frame), "with a time stamp");
+            let line = line.trim_end();
+            assert_eq!(parse(line.as_bytes()), Some(Ok(frame)));
+            assert_eq!(parse(format!("{line}12AB").as_bytes()), Some(Ok(frame)), "with a time stamp");
+            let merged = format!("{line}{line}");
+            assert_eq!(parse(merged.as_bytes()), Some(Err(Foreign::Unreadable)), "an end was lost");
         }
-        for line in
-            ["", "B", "T0478382A80011223344556677", "B0478382A9001122", "z", "B2478382A0", "Bü478382A0é"]
-        {
-            assert_eq!(parse(line), None, "{line}");
+        assert_eq!((parse(b""), parse(b"z")), (None, None));
+        for (line, foreign) in [
+            ("T0478382A80011223344556677", Foreign::Classic),
+            ("b7FF0", Foreign::Standard),
+            ("B", Foreign::Unreadable),
+            ("B0478382A9001122", Foreign::Unreadable),
+            ("B2478382A0", Foreign::Unreadable),
+            ("Bü478382A0é", Foreign::Unreadable),
+            ("78382A0", Foreign::Unreadable),
+        ] {
+            assert_eq!(parse(line.as_bytes()), Some(Err(foreign)), "{line}");
         }
     }
 }

@@ -32,9 +32,13 @@ const TRANSFER_MAX: usize = (1 + 255 + 1 + 2 + 256 + 2_usize).div_ceil(FRAME_PAY
 /// Time that the board has for a command that is answered when it is done, µs. An erase of a flash sector
 /// takes up to 4 s (STM32H743 data sheet, flash memory programming).
 pub const COMMAND_TIMEOUT_US: u64 = 8_000_000;
-/// Time after an image or a signature that the board refused in which none is looked at, µs: checking a signature takes
-/// milliseconds, and whoever sends forged ones must not have them one after the other.
+/// Time after an update that was not finished, or a signature that the board refused, in which none is looked at, µs:
+/// checking a signature takes milliseconds, an erase wears the flash, and nobody must have them one after the other.
 pub const SIGNATURE_PAUSE_US: u64 = 1_000_000;
+
+/// Time after a store in which there is no other, µs, and so with calibrations: whoever floods the bus with them must not
+/// wear the flash out. A restart, which takes longer than a store, ends it.
+pub const STORE_PAUSE_US: u64 = 10_000_000;
 
 /// What the board must do. Nothing here does it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -131,8 +135,10 @@ pub struct Node {
     file: Option<FileRead>,
     files: u32,
     lock: Lock,
-    /// No signature is checked before this time: the board refused one, or an image.
+    /// No signature is checked before this time: the board refused one, or an update was not finished.
     signature_pause_until_us: u64,
+    /// Nothing is stored before this time; no array is calibrated before the other.
+    store_pauses_until_us: [u64; 2],
     /// Requests served since start.
     served: u32,
 }
@@ -163,6 +169,7 @@ impl Node {
             files: 0,
             lock,
             signature_pause_until_us: 0,
+            store_pauses_until_us: [0; 2],
             served: 0,
         }
     }

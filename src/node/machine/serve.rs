@@ -5,7 +5,7 @@ use super::super::diagnostic::Severity;
 use super::super::file_read::FileFailure;
 use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
 use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, NodeState};
-use super::{Action, COMMAND_TIMEOUT_US, Node, Pending, SIGNATURE_PAUSE_US};
+use super::{Action, COMMAND_TIMEOUT_US, Node, Pending, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
 use crate::settings::Settings;
 use crate::wire::{Frames, ServiceId};
 
@@ -102,13 +102,27 @@ impl Node {
         if later && self.pending.is_some() {
             return Err("another command is not done yet");
         }
-        let wants_signature = matches!(action, Action::BeginUpdate { .. } | Action::Unlock(_));
-        if wants_signature && self.now_us < self.signature_pause_until_us {
-            return Err("wait a second after a refused signature");
+        let [store, calibration] = self.store_pauses_until_us;
+        let (pause_until_us, why) = match action {
+            Action::BeginUpdate { .. } | Action::Unlock(_) => {
+                (self.signature_pause_until_us, "wait a second after one that failed")
+            }
+            Action::Store | Action::FactoryReset => (store, "wait ten seconds after a store"),
+            Action::Calibrate(_) => (calibration, "wait ten seconds after a calibration"),
+            _ => (0, ""),
+        };
+        if self.now_us < pause_until_us {
+            return Err(why);
         }
         // The last place is for the end of an update.
         if self.actions.len() + 1 >= self.actions.capacity() {
             return Err("too many commands at once");
+        }
+        let [store, calibration] = &mut self.store_pauses_until_us;
+        match action {
+            Action::Store | Action::FactoryReset => *store = self.now_us.saturating_add(STORE_PAUSE_US),
+            Action::Calibrate(_) => *calibration = self.now_us.saturating_add(STORE_PAUSE_US),
+            _ => {}
         }
         match action {
             Action::FactoryReset => {

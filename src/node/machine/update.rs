@@ -48,7 +48,6 @@ impl Node {
     pub fn chunk_done(&mut self, chunk: &Chunk, result: Result<(), &'static str>) {
         let Some(file) = self.file.as_mut().filter(|file| file.is_taken(chunk)) else { return };
         if let Err(why) = result {
-            self.signature_pause_until_us = self.now_us.saturating_add(SIGNATURE_PAUSE_US);
             self.give_up(FileFailure::Refused(why));
         } else if let Some(length) = file.advance() {
             let target = file.target;
@@ -67,6 +66,8 @@ impl Node {
 
     pub(super) fn give_up_quietly(&mut self, failure: FileFailure) -> Option<UpdateTarget> {
         let target = self.file.take()?.target;
+        // What has come may have cost a signature's check and an erase.
+        self.signature_pause_until_us = self.now_us.saturating_add(SIGNATURE_PAUSE_US);
         self.report(Severity::Error, format_args!("{} not taken: {failure}", target.name()));
         Some(target)
     }

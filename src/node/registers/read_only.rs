@@ -21,6 +21,7 @@ pub(super) enum ReadOnly {
     LastPanic,
     Restart,
     OptionBytes,
+    FlashErrors,
     LostReceived,
     Uptime,
     SelfTests,
@@ -38,7 +39,7 @@ pub(super) enum ReadOnly {
 }
 
 /// Names in the order of the list.
-pub(super) const READ_ONLY: [(&str, ReadOnly); 21 + 2 * MAX_SENSORS] = [
+pub(super) const READ_ONLY: [(&str, ReadOnly); 22 + 2 * MAX_SENSORS] = [
     ("slipsense.status.late_frames", ReadOnly::LateFrames),
     ("slipsense.status.overruns", ReadOnly::Overruns),
     ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
@@ -48,6 +49,7 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 21 + 2 * MAX_SENSORS] = [
     ("slipsense.status.last_panic", ReadOnly::LastPanic),
     ("slipsense.status.restart", ReadOnly::Restart),
     ("slipsense.status.option_bytes", ReadOnly::OptionBytes),
+    ("slipsense.status.flash_errors", ReadOnly::FlashErrors),
     ("slipsense.status.received_lost", ReadOnly::LostReceived),
     ("slipsense.status.uptime_s", ReadOnly::Uptime),
     ("slipsense.status.self_tests", ReadOnly::SelfTests),
@@ -106,6 +108,7 @@ impl<'a> NodeState<'a> {
             ReadOnly::LastPanic => count(status.last_panic),
             ReadOnly::Restart => numbers(Kind::Natural32, &status.restart.map(i64::from)),
             ReadOnly::OptionBytes => numbers(Kind::Natural8, &status.option_bytes.map(i64::from)),
+            ReadOnly::FlashErrors => numbers(Kind::Natural32, &status.flash_errors.map(i64::from)),
             ReadOnly::LostReceived => count(status.lost_received),
             ReadOnly::Uptime => count(self.uptime_s),
             ReadOnly::SelfTests => {

@@ -172,6 +172,44 @@ fn a_recorder_splits_and_ends_by_sigterm() {
     }
 }
 
+/// A disk that is full ends the recording with the file's name and the counts; what was written can be read.
+#[test]
+#[cfg(unix)]
+fn a_full_disk_ends_a_recorder_and_is_said() {
+    let place = Place::new();
+    let program = env!("CARGO_BIN_EXE_slipsense");
+    for out in ["r.log", "r.mcap"] {
+        // No file may be longer than a megabyte: a write fails as on a full disk.
+        let limited = format!("trap '' XFSZ; ulimit -f 2048; exec {program} record - {out} --json");
+        let mut command = Command::new("sh");
+        command.args(["-c", &limited]).current_dir(place.path("."));
+        let mut child =
+            command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut input = child.stdin.take().unwrap();
+        input.write_all(&log(12, &[])).unwrap();
+        wait("a flush", || fs::metadata(place.path(out)).is_ok_and(|data| data.len() > 1000));
+        // The recorder ends before it has taken all.
+        let _ = input.write_all(&log(480, &[]));
+        drop(input);
+        let ended = child.wait_with_output().unwrap();
+        let error = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(2), "{error}");
+        assert!(
+            error.contains(&format!("{out}: cannot write: ")) && error.contains("File too large"),
+            "{error}"
+        );
+        let result: Value = serde_json::from_slice(&ended.stdout).unwrap();
+        assert!(result["nodes"]["42"]["slip"].as_u64() > Some(12), "{result}");
+        let said: Vec<usize> = error.split([' ', ':']).filter_map(|word| word.parse().ok()).collect();
+        let path = place.path(out);
+        let found = read(&path, Format::from_path(&path).unwrap()).unwrap().entries.len();
+        assert!(
+            said.len() >= 2 && said[0] > said[1] && found >= said[1] && said[1] >= 324,
+            "{found}: {error}"
+        );
+    }
+}
+
 /// An slcan adapter behind TCP: what replay sends to one, record hears from another.
 #[test]
 fn frames_go_over_slcan() {

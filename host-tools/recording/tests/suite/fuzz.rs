@@ -3,8 +3,10 @@
 //! `PROPTEST_CASES=10000000 cargo test --release -p slipsense-recording fuzz -- --nocapture`.
 
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::HashSet;
 use std::io::{Cursor, Read, Write};
+use std::mem::discriminant;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -16,7 +18,16 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+use sha2::{Digest, Sha256};
+use slipsense::board::crash_record::{CRASH_WORDS, CrashRecord, Fault};
+use slipsense::calibration::{Calibration, GAIN_MAX, RECORD_BYTES, Trim};
+use slipsense::net::format::{Dims, HASH_BYTES};
+use slipsense::net::{Aligned, Model, ModelError};
+use slipsense::node::UpdateTarget;
+use slipsense::params::TAXELS;
 use slipsense::sensor::{PiezoFrame, SensorInput};
+use slipsense::settings::{Damage, Setting, Settings, TABLE, check};
+use slipsense::update::{DEVELOPMENT_KEY, Header, ImageVersion, SIGNED_BYTES};
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, Sessions, SlipMessage, TransferId,
     Transmitter, crc16,
@@ -24,7 +35,8 @@ use slipsense::wire::{
 use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
 use slipsense_recording::decode::Decoder;
 use slipsense_recording::mcap_file::{McapSink, parse};
-use slipsense_recording::{Episode, Meta};
+use slipsense_recording::model_file::random_model;
+use slipsense_recording::{Episode, Meta, slcan};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -378,4 +390,131 @@ fn archive(arrays: &[(String, Vec<u8>)]) -> Vec<u8> {
         zip.write_all(bytes).unwrap();
     }
     zip.finish().unwrap().into_inner()
+}
+
+/// Where the first bytes of the end of a file are a check of the rest: made right in every second input, else nothing
+/// changed would get behind it.
+fn checked<const N: usize>(
+    corpus: Vec<Vec<u8>>,
+    check: impl Fn(&[u8]) -> [u8; N],
+) -> impl Strategy<Value = Vec<u8>> {
+    (mutated(corpus), any::<bool>()).prop_map(move |(mut bytes, right)| {
+        if let Some((checked, stored)) = bytes.split_last_chunk_mut::<N>().filter(|_| right) {
+            *stored = check(checked);
+        }
+        bytes
+    })
+}
+
+fn sha256<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    *Sha256::digest(bytes).first_chunk().unwrap()
+}
+
+#[test]
+fn slcan_lines() {
+    let lines: String = traffic().concat().iter().take(8).map(slcan::command).collect();
+    fuzz(mutated(vec![lines.into_bytes()]), 50, |bytes| {
+        let frames: Vec<_> =
+            bytes.split(|&byte| byte == b'\r').filter_map(|line| slcan::parse(line)?.ok()).collect();
+        for frame in &frames {
+            let again = slcan::command(frame);
+            assert_eq!(slcan::parse(again.trim_end().as_bytes()), Some(Ok(*frame)));
+        }
+        !frames.is_empty()
+    });
+}
+
+/// A header is taken for what it says, and nothing without a signature is believed.
+#[test]
+fn image_headers() {
+    let header = |target| {
+        let version = ImageVersion { major: 1, minor: 2, patch: 3 };
+        Header { target, board: 1, version, length: 5, sha256: [6; 32] }.encode(&[1; 64]).to_vec()
+    };
+    let corpus = [UpdateTarget::Firmware, UpdateTarget::Model].map(header).to_vec();
+    fuzz(mutated(corpus), 30, |bytes| {
+        let Some(bytes) = bytes.first_chunk() else { return false };
+        assert!(Header::verify(bytes, &[DEVELOPMENT_KEY]).is_err());
+        let header = Header::inspect(bytes);
+        header.is_ok_and(|header| header.signed_bytes() == bytes[..SIGNED_BYTES])
+    });
+}
+
+/// What is read is valid, whatever was stored, and is read again.
+#[test]
+fn settings() {
+    let mut settings = Settings::new();
+    settings.set(Setting::Sensors, &[3]).unwrap();
+    let corpus = vec![Settings::new().encode().to_vec(), settings.encode().to_vec()];
+    fuzz(mutated(corpus), 10, |bytes| {
+        let (settings, damage) = Settings::decode(bytes);
+        for definition in &TABLE {
+            assert_eq!(check(definition.setting, settings.get(definition.setting)), Ok(()));
+        }
+        assert!(Settings::decode(&settings.encode()) == (settings, Damage::default()));
+        damage == Damage::default()
+    });
+}
+
+/// A calibration that is read has gains that the arithmetic is made for; one that is not is nominal.
+#[test]
+fn calibrations() {
+    let mut good = Calibration::zeroed();
+    good.set_nominal();
+    let mut record = vec![0; RECORD_BYTES];
+    good.encode(&mut record);
+    fuzz(checked(vec![record], sha256::<4>), 10, |bytes| {
+        let mut calibration = Calibration::zeroed();
+        let taken = calibration.decode(bytes).is_ok();
+        assert!(calibration.trims.iter().all(|trim| (1..=GAIN_MAX).contains(&trim.gain)));
+        assert!(taken || calibration.trims == [Trim::NOMINAL; TAXELS]);
+        taken
+    });
+}
+
+/// RAM that a reset left: a record that is believed is written as it was read, and can be told.
+#[test]
+fn crash_records() {
+    let panic = CrashRecord::new(None, "a reason", "src/tasks/infer.rs", 7);
+    let records = [panic, CrashRecord::fault(Some(panic), Fault::default()), CrashRecord::no_clock(None, 8)];
+    let corpus = records.map(|record| record.to_words().iter().flat_map(|word| word.to_le_bytes()).collect());
+    // FNV-1a.
+    let fnv = |bytes: &[u8]| {
+        let add = |hash: u32, &byte: &u8| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+        bytes.iter().fold(0x811c_9dc5, add).to_le_bytes()
+    };
+    fuzz(checked(corpus.to_vec(), fnv), 10, |bytes| {
+        let (words, rest) = bytes.as_chunks::<4>();
+        let Ok(words) = <[u32; CRASH_WORDS]>::try_from(
+            words.iter().map(|&word| u32::from_le_bytes(word)).collect::<Vec<_>>(),
+        ) else {
+            return false;
+        };
+        let Some(record) = CrashRecord::from_words(&words).filter(|_| rest.is_empty()) else { return false };
+        assert_eq!(CrashRecord::from_words(&record.to_words()), Some(record));
+        assert!(!record.to_string().is_empty());
+        true
+    });
+}
+
+#[test]
+fn models() {
+    let dims = Dims { conv_channels: [2; 3], embed: 4, xl_kernel: 2, xl_channels: 3, heads: 2, window: 3 };
+    let good = random_model(dims, 1).to_bytes().unwrap();
+    let refused = RefCell::new(HashSet::new());
+    fuzz(checked(vec![good], sha256::<HASH_BYTES>), 10, |bytes| {
+        // Where a microcontroller can read them.
+        let mut place = Box::new(Aligned([0; 1 << 16]));
+        place.0[..bytes.len()].copy_from_slice(bytes);
+        let parsed = Model::parse(&place.0[..bytes.len()]);
+        parsed.map_err(|error| refused.borrow_mut().insert(discriminant(&error))).is_ok()
+    });
+    for behind in [
+        ModelError::BadKernel { layer: "", channel: 0 },
+        ModelError::AccumulatorOverflow { layer: "", channel: 0, bound: 0 },
+        ModelError::BadScale { layer: "", part: "", channel: 0, value: 0 },
+        ModelError::BadPadding { layer: "" },
+    ] {
+        assert!(refused.borrow().contains(&discriminant(&behind)), "{behind:?} was never reached");
+    }
 }

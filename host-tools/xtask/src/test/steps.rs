@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 use clap::ValueEnum;
 
 use crate::bench::inputs::episodes_in;
@@ -71,6 +71,8 @@ const RANDOM_MODEL_FRAMES: u32 = 150;
 const CAN_FRAMES: &str = "20000";
 /// Emulated seconds of each real-time run.
 const REAL_TIME_S: u32 = 6;
+/// Public key of the first test in RFC 8032, 7.1.
+const RFC_8032_KEY: &str = "d75a980182b10ab7d54bfed3c964073a0ee172f3daa62325af021a68f707511a";
 /// Name of the program and of Debian's package.
 const BROWSER: &str = "chromium";
 /// Recordings that cannot be part of the repository, where someone has them.
@@ -188,6 +190,8 @@ pub const STEPS: &[Step] = &[
     ),
     Step::new("deny", "licences, sources and bans of all dependencies", |_| deny()),
     Step::new("docs", "documentation of the library builds without a warning", |_| docs()).compiles(),
+    Step::new("release", "a release build refuses the development key, and takes another", |_| release())
+        .compiles(),
     Step::new("small", "what the command says where it is built without the trainer", |_| small()).compiles(),
     Step::new(
         "qemu-cmsis",
@@ -286,6 +290,25 @@ fn small() -> Result<()> {
     let mut small = cargo();
     small.args(["test", "--quiet", "--release", "--workspace", "--test", "cli", "--", "errors::", "model::"]);
     run(&mut small)
+}
+
+fn release() -> Result<()> {
+    let check = |key: Option<&str>| {
+        let mut check = cargo();
+        check.args(["check", "--quiet", "--release", "--package", "slipsense", "--lib", "--target-dir"]);
+        check.arg(target_dir().join("release-key")).env("SLIPSENSE_RELEASE", "1");
+        check.env_remove("SLIPSENSE_UPDATE_KEY").env_remove("SLIPSENSE_UPDATE_KEY_NEXT");
+        check.envs(key.map(|key| ("SLIPSENSE_UPDATE_KEY", key)));
+        check.output()
+    };
+    let refused = check(None)?;
+    let said = String::from_utf8_lossy(&refused.stderr);
+    ensure!(
+        !refused.status.success() && said.contains("a release needs a key of its own"),
+        "a release takes the development key: {said}"
+    );
+    ensure!(check(Some(RFC_8032_KEY))?.status.success(), "a release does not take a key of its own");
+    Ok(())
 }
 
 fn docs() -> Result<()> {

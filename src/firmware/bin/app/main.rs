@@ -10,8 +10,8 @@
 //! ```
 //!
 //! The services share the thread executor with inference: one begins only when the other waits. So a request delays a
-//! decision by at most what the services do between two waits, which is one frame taken in and answered, and a frame
-//! delays an answer by at most one step of the pipeline.
+//! decision by at most what the services do between two waits, and a frame delays an answer by at most one step of the
+//! pipeline. What takes long, such as the check of a signature, begins only where the next frame has time.
 //!
 //! **Nothing of it has run on hardware.**
 //!

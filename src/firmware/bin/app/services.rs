@@ -9,7 +9,7 @@ use slipsense::board::crash_record::Start;
 use slipsense::calibration::{Request, Summary};
 use slipsense::drivers::Failure;
 use slipsense::drivers::array::Mounting;
-use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
+use slipsense::firmware::flash::{FlashPartition, FlashPartitions, count_ecc_errors};
 use slipsense::firmware::shared::{Mutex, SHARED, Uptime};
 use slipsense::health::{Condition, Status};
 use slipsense::net::format::HASH_BYTES;
@@ -152,6 +152,7 @@ impl ServiceBoard for Station {
 
     fn observe(&mut self, status: &mut Status) {
         status.lost_received = can::lost_received();
+        status.flash_errors = count_ecc_errors();
         if let Some(report) = frame_source::report() {
             status.stuck_taxels = report.stuck_taxels;
         }

@@ -10,7 +10,7 @@ use slipsense::node::UpdateTarget;
 use slipsense::update::partitions::NUCLEO_H743ZI2 as BOARD;
 use slipsense::update::{
     Evidence, FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, ModelSlot, Notice, PUBLIC_KEYS, Refusal, Run,
-    SlotModel, Trial, UpdateSink, UpdateState, find_bootloader, running_version,
+    SlotModel, Trial, UpdateSink, UpdateState, find_bootloader, running_header,
 };
 use static_cell::ConstStaticCell;
 
@@ -33,7 +33,8 @@ impl Updates {
     /// What the flash says at the start; `from`: which model runs.
     #[inline(never)]
     pub fn find(flash: FlashPartitions, from: SlotModel) -> Self {
-        let version = block_on(running_version(&mut flash.get(BOARD.active), &BOARD, PUBLIC_KEYS));
+        let running = block_on(running_header(&mut flash.get(BOARD.active), &BOARD, PUBLIC_KEYS));
+        let version = running.as_ref().map_or(ImageVersion::SOFTWARE, |header| header.version);
         let mut firmware = block_on(firmware_slot(flash));
         let run = match &mut firmware {
             Ok(slot) => block_on(slot.state.run()).map_err(|_| Refusal::Flash),
@@ -43,7 +44,7 @@ impl Updates {
         let (model, trial) = (model_slot(flash), &mut TRIAL.take().0[..]);
         let mut updates = Self {
             version,
-            sink: UpdateSink::new(&BOARD, PUBLIC_KEYS, version, firmware, model, trial),
+            sink: UpdateSink::new(&BOARD, PUBLIC_KEYS, running, firmware, model, trial),
             trial: Trial::new(run.unwrap_or(Run::Confirmed)),
             notices: Deque::new(),
         };

@@ -4,18 +4,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use serde::Serialize;
 use slipsense_recording::candump::LogEntry;
-use slipsense_recording::link::{Foreign, Input, Place, Source, open};
+use slipsense_recording::link::{Foreign, Input, Place, Source, now_us, open};
 
 /// Frames between the source and who takes them: two seconds of a full bus. When there is no room the source waits,
 /// and what a kernel then drops is counted by it.
 const QUEUE: usize = 16_384;
 /// How long a quiet source keeps the others from their work.
 const POLL: Duration = Duration::from_millis(50);
+/// How long a source may take after the end to deliver what had come before it: its buffers hold less.
+const DRAIN: Duration = Duration::from_secs(1);
 
 /// Ctrl-C was pressed, or the process was asked to end.
 static STOP: AtomicBool = AtomicBool::new(false);
@@ -39,12 +41,14 @@ pub(super) struct PassedOver {
     pub standard_id_frames: u32,
     /// Error frames.
     pub error_frames: u32,
+    /// Lines of an slcan adapter that make no sense.
+    pub unreadable_lines: u32,
     /// Frames that the kernel dropped because this program was too slow.
     pub kernel_drops: u32,
 }
 
 #[derive(Default)]
-struct Counters([AtomicU32; 4]);
+struct Counters([AtomicU32; 5]);
 
 impl Counters {
     fn count(&self, index: usize) {
@@ -63,6 +67,7 @@ impl Live {
     /// Open a source and begin to read it.
     pub fn start(place: &Place, data_mbit: u8) -> Result<Self> {
         let source = open(place, data_mbit)?;
+        STOP.store(false, Ordering::Relaxed);
         // A second command in one process has the handler of the first.
         let _ = ctrlc::set_handler(|| {
             if STOP.swap(true, Ordering::Relaxed) {
@@ -75,7 +80,7 @@ impl Live {
         let counting = Arc::clone(&counters);
         thread::Builder::new()
             .name("source".to_owned())
-            .spawn(move || read(source, &send, &counting))
+            .spawn(move || read(source, &send, &counting, &STOP))
             .context("cannot start a thread")?;
         Ok(Self { frames, counters, stop: &STOP })
     }
@@ -91,26 +96,43 @@ impl Live {
 
     /// What was passed over or lost so far.
     pub fn passed_over(&self) -> PassedOver {
-        let [classic_frames, standard_id_frames, error_frames, kernel_drops] =
-            [0, 1, 2, 3].map(|index| self.counters.0[index].load(Ordering::Relaxed));
-        PassedOver { classic_frames, standard_id_frames, error_frames, kernel_drops }
+        let [kernel_drops, classic_frames, standard_id_frames, error_frames, unreadable_lines] =
+            self.counters.0.each_ref().map(|count| count.load(Ordering::Relaxed));
+        PassedOver { classic_frames, standard_id_frames, error_frames, unreadable_lines, kernel_drops }
+    }
+
+    /// Take no more than what has come by now.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
     }
 }
 
-/// Hand over frames until the source ends, nobody takes them, or a signal comes.
-fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Counters) {
-    while !STOP.load(Ordering::Relaxed) {
-        counters.0[3].store(source.kernel_drops(), Ordering::Relaxed);
-        let sent = match source.receive() {
+/// Hand over frames until the source ends or nobody takes them; after a signal, those that had come before it.
+fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Counters, stop: &AtomicBool) {
+    let mut stopped: Option<(Instant, u64)> = None;
+    let dated = matches!(source, Source::SocketCan(_));
+    while stopped.is_none_or(|(at, _)| at.elapsed() < DRAIN) {
+        if stopped.is_none() && stop.load(Ordering::Relaxed) {
+            stopped = Some((Instant::now(), now_us()));
+        }
+        let received = source.receive();
+        counters.0[0].store(source.kernel_drops(), Ordering::Relaxed);
+        let sent = match received {
+            // The kernel's time: it came afterwards.
+            Ok(Input::Frame(entry)) if dated && stopped.is_some_and(|(_, us)| entry.timestamp_us > us) => {
+                return;
+            }
             Ok(Input::Frame(entry)) => send.send(Ok(entry)),
             Ok(Input::Other(kind)) => {
                 counters.count(match kind {
-                    Foreign::Classic => 0,
-                    Foreign::Standard => 1,
-                    Foreign::Error => 2,
+                    Foreign::Classic => 1,
+                    Foreign::Standard => 2,
+                    Foreign::Error => 3,
+                    Foreign::Unreadable => 4,
                 });
                 Ok(())
             }
+            Ok(Input::Idle) if stopped.is_some() => return,
             Ok(Input::Idle) => Ok(()),
             Ok(Input::End) => return,
             Err(error) => {
@@ -127,7 +149,11 @@ fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Coun
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+    use std::net::TcpListener;
+
     use slipsense::wire::{NodeId, SlipMessage, Transmitter};
+    use slipsense_recording::slcan;
 
     use super::*;
 
@@ -144,5 +170,22 @@ mod tests {
         let taken = std::iter::from_fn(|| matches!(live.next(), Ok(Event::Frame(_))).then_some(())).count();
         assert_eq!(taken, 1_000);
         assert!(matches!(live.next(), Ok(Event::End)));
+    }
+    /// And so is what waits in the kernel, in several reads; what makes no sense is counted.
+    #[test]
+    fn a_source_is_drained_after_a_signal() {
+        let frame = Transmitter::new(NodeId::DEFAULT).slip(&SlipMessage::default());
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let source = open(&Place::Tcp(listener.local_addr().unwrap().to_string()), 8).unwrap();
+        let mut adapter = listener.accept().unwrap().0;
+        let lines = slcan::command(&frame).repeat(200) + "B0478\rt1230\r\x07z\r" + &slcan::command(&frame);
+        adapter.write_all(lines.as_bytes()).unwrap();
+        let ((send, frames), counters) = (sync_channel(QUEUE), Arc::<Counters>::default());
+        read(source, &send, &counters, &AtomicBool::new(true));
+        drop(send);
+        let live = Live { frames, counters, stop: &STOP };
+        assert_eq!(live.frames.iter().filter(Result::is_ok).count(), 201);
+        let PassedOver { unreadable_lines, classic_frames, .. } = live.passed_over();
+        assert_eq!((unreadable_lines, classic_frames), (1, 1));
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow};
 use serde_json::json;
 use slipsense_recording::decode::{Count, Decoder};
 use slipsense_recording::link::Place;
@@ -72,47 +72,64 @@ impl Args {
         let (began, mut flushed, mut part_began) = (Instant::now(), Instant::now(), Instant::now());
         let limit = self.seconds.map(Duration::from_secs);
         let (mut decoder, mut frames) = (Decoder::new(), 0u64);
-        let (mut failure, mut full) = (None, false);
+        let (mut failure, mut full, mut stopped, mut kept) = (None, false, false, 0);
         loop {
-            match live.next() {
+            let taken = match live.next() {
                 Ok(Event::Frame(entry)) => {
-                    if std::mem::take(&mut full) {
-                        let names = self.names(parts.len() + 1);
-                        let next = create(&names)?;
-                        std::mem::replace(&mut files, next).into_iter().try_for_each(Recorder::finish)?;
-                        parts.push(names);
-                        part_began = Instant::now();
-                    }
-                    frames += 1;
-                    decoder.accept(&entry.frame);
-                    files.iter_mut().try_for_each(|file| file.write(&entry))?;
+                    let mut take = || {
+                        if std::mem::take(&mut full) {
+                            let names = self.names(parts.len() + 1);
+                            let next = create(&names)?;
+                            finish(std::mem::replace(&mut files, next))?;
+                            parts.push(names);
+                            part_began = Instant::now();
+                        }
+                        frames += 1;
+                        decoder.accept(&entry.frame);
+                        files.iter_mut().try_for_each(|file| file.write(&entry))
+                    };
+                    take()
                 }
-                Ok(Event::Quiet) => {}
+                Ok(Event::Quiet) => Ok(()),
                 Ok(Event::End) => break,
-                Err(error) => {
-                    // Frames so far are kept.
-                    failure = Some(error);
-                    break;
+                Err(error) => Err(error),
+            };
+            let flushed_now = taken.and_then(|()| {
+                if flushed.elapsed() < FLUSH {
+                    return Ok(());
                 }
-            }
-            if flushed.elapsed() >= FLUSH {
                 files.iter_mut().try_for_each(Recorder::flush)?;
-                flushed = Instant::now();
+                (flushed, kept) = (Instant::now(), frames);
                 // New files come with the next frame, so that none is empty.
                 full = self.is_full(&parts[parts.len() - 1], part_began)?;
-            }
-            if limit.is_some_and(|limit| began.elapsed() >= limit) {
+                Ok(())
+            });
+            // Frames so far are kept.
+            if let Err(error) = flushed_now {
+                failure = Some(error);
                 break;
             }
+            if !stopped && limit.is_some_and(|limit| began.elapsed() >= limit) {
+                stopped = true;
+                live.stop();
+            }
         }
-        files.into_iter().try_for_each(Recorder::finish)?;
+        match finish(files) {
+            Ok(()) => kept = frames,
+            Err(error) => failure = failure.or(Some(error)),
+        }
         if frames == 0 {
             remove(&parts.concat())?;
         }
-        if let Some(error) = failure {
-            return Err(error.context(format!("stopped after {frames} frames, which are kept")));
+        let failure = failure.map(|error| {
+            error.context(match kept == frames {
+                true => format!("stopped after {frames} frames, which are kept"),
+                false => format!("stopped after {frames} frames, of which {kept} are kept"),
+            })
+        });
+        if frames == 0 {
+            return Err(failure.unwrap_or_else(|| anyhow!("no CAN FD frame with a 29-bit identifier came")));
         }
-        ensure!(frames > 0, "no CAN FD frame with a 29-bit identifier came");
         let counts = decoder.counts();
         let out: Vec<_> = parts.concat().iter().map(|out| out.display().to_string()).collect();
         let passed_over = live.passed_over();
@@ -128,14 +145,16 @@ impl Args {
                      {errors} errors, {restarts} restarts"
                 );
             }
-            let PassedOver { classic_frames, standard_id_frames, error_frames, kernel_drops } = passed_over;
+            let PassedOver { classic_frames, standard_id_frames, error_frames, unreadable_lines, kernel_drops } =
+                passed_over;
             let _ = writeln!(
                 text,
                 "  passed over: {classic_frames} classic, {standard_id_frames} with 11-bit identifiers, {error_frames} \
-                 error frames; the kernel dropped {kernel_drops}"
+                 error frames, {unreadable_lines} unreadable lines; the kernel dropped {kernel_drops}"
             );
             text
-        })
+        })?;
+        failure.map_or(Ok(()), Err)
     }
 
     /// The files of part `n`.
@@ -159,6 +178,11 @@ impl Args {
             part.iter().map(|file| Ok(std::fs::metadata(file)?.len())).collect::<Result<_>>()?;
         Ok(sizes.iter().any(|&size| size >= most * 1_000_000))
     }
+}
+
+/// End all files, whatever becomes of one.
+fn finish(files: Vec<Recorder>) -> Result<()> {
+    files.into_iter().map(Recorder::finish).fold(Ok(()), Result::and)
 }
 
 /// New files, all or none.

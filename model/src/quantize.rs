@@ -33,8 +33,9 @@ const PRESSURE_MARGIN: f64 = 4.0;
 const BOUNDED_MARGIN: f64 = 2.0;
 /// The same for sums before LayerNorm, which have bits to spare.
 const RESIDUAL_MARGIN: f64 = 8.0;
-/// The same for queries and keys, or what the scores' multiplier leaves of it ([`MULTIPLIER_RATIO_MAX`]): the product of
-/// their scales is that of the scores.
+/// The same for queries and keys, or what the scores' multiplier leaves ([`MULTIPLIER_RATIO_MAX`]), as the product of
+/// their scales is that of the scores. Where it leaves less than was seen, the largest are cut: down to half of them,
+/// because scores of that size leave one frame all the weight, cut or not.
 const QUERY_KEY_MARGIN: f64 = 2.0;
 /// Largest real ratio that a multiplier takes.
 const MULTIPLIER_RATIO_MAX: f64 = i32::MAX as f64 / TWO_32;
@@ -92,8 +93,8 @@ pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String
     for (block, width) in [("cross_piezo", 1), ("cross_xl", 1), ("temporal", 2)] {
         let parts = ["query", "key"].map(|part| format!("{block}.{part}"));
         let ratio = score_ratio(parts.each_ref().map(|part| scales[part]), width * dims.embed / dims.heads);
-        // Both give up the same share of their room; what they were seen to reach stays.
-        let share = (MULTIPLIER_RATIO_MAX / ratio).sqrt().clamp(1.0 / QUERY_KEY_MARGIN, 1.0);
+        // Both give up the same share of their room.
+        let share = (MULTIPLIER_RATIO_MAX / ratio).sqrt().clamp(0.5 / QUERY_KEY_MARGIN, 1.0);
         for (_, scale) in scales.iter_mut().filter(|(name, _)| parts.contains(name)) {
             *scale *= share;
         }

@@ -1,4 +1,5 @@
-//! The network and what its pipeline remembers, each where the core reaches it fastest.
+//! The network and what its pipeline remembers, both in AXI SRAM behind the data cache: DTCM has no room for either
+//! beside the rest.
 
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -8,14 +9,16 @@ use crate::pipeline::State;
 /// The network, as trained and quantized.
 static BUILT_IN: &[u8] =
     include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
-/// Bytes of the longest model that is run: what DTCM has beside the rest.
-pub const MODEL_BYTES_MAX: usize = 88 * 1024;
+/// Bytes of the longest model that is run: two of them, one that runs and one that is tried, and all else fill nine tenths
+/// of AXI SRAM.
+pub const MODEL_BYTES_MAX: usize = 120 * 1024;
 const _: () = assert!(BUILT_IN.len() <= MODEL_BYTES_MAX);
 
 /// Room for a model.
 pub type ModelBuffer = Aligned<[u8; MODEL_BYTES_MAX]>;
-/// In DTCM, where the inner loops read it without waiting.
-static IN_DTCM: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
+/// The model that runs.
+#[unsafe(link_section = ".axisram")]
+static RUNNING: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
 
 /// All that the pipeline remembers.
 #[unsafe(link_section = ".axisram")]
@@ -23,9 +26,9 @@ static STATE: StaticCell<State> = StaticCell::new();
 /// What it remembers at first.
 static FIRST_STATE: State = State::new();
 
-/// Room in DTCM for the model that runs. To be called once.
+/// Room for the model that runs. To be called once.
 pub fn buffer() -> &'static mut [u8] {
-    &mut IN_DTCM.take().0
+    &mut RUNNING.take().0
 }
 
 /// The network of this program, copied to the start of `buffer`.

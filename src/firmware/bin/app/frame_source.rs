@@ -19,7 +19,7 @@ static LINK: SensorLink<'static, Mutex> = SensorLink::new();
 pub type BoardSensors = Sensors<'static, Mutex, AdcScan, Xl>;
 pub type BoardCommissioning = Commissioning<'static, Mutex>;
 
-/// The drivers and what they remember; DTCM is for the model.
+/// The drivers and what they remember.
 #[unsafe(link_section = ".axisram")]
 static SOURCE: StaticCell<BoardSensors> = StaticCell::new();
 #[unsafe(link_section = ".axisram")]

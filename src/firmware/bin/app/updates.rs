@@ -104,7 +104,7 @@ fn model_slot(flash: FlashPartitions) -> ModelSlot<FlashPartition> {
     ModelSlot::new(flash.get(BOARD.model), &BOARD, PUBLIC_KEYS)
 }
 
-/// The file of the model that runs, in DTCM, and where it is from: the model slot if it may, else the firmware.
+/// The file of the model that runs, in RAM, and where it is from: the model slot if it may, else the firmware.
 #[inline(never)]
 pub fn find_model(flash: FlashPartitions) -> (&'static [u8], SlotModel) {
     let buffer = model::buffer();

@@ -94,7 +94,7 @@ pub mod limits {
     /// Width of one modality's embedding.
     pub const EMBED: usize = 64;
     /// Hidden channels of the accelerometer encoder.
-    pub const XL_CHANNELS: usize = 64;
+    pub const XL_CHANNELS: usize = 96;
     /// Taps of the causal convolution over time.
     pub const XL_KERNEL: usize = 6;
     /// Attention heads.

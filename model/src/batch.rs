@@ -197,7 +197,8 @@ impl<'e> Sampler<'e> {
             let mut counts = [0; TAXELS];
             let bins = (start..start + self.frames).flat_map(|t| episode.ln_power(t, sensor));
             let mean = bins.sum::<f32>() / (self.frames * MEL_BINS) as f32;
-            let mut floor = mel.floor(episode.floor(start, sensor), (&sound, mean));
+            let passed = if episode.mined { usize::MAX } else { start };
+            let mut floor = mel.floor(episode.floor(start, sensor), passed, (&sound, mean));
             let frames = piezo.chunks_exact_mut(IMAGE).zip(xl.chunks_exact_mut(XL_FEATURES));
             for (t, (piezo, xl)) in frames.enumerate() {
                 let scans =

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use burn::optim::ModuleOptimizer;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::weights::Weights;
 
@@ -27,19 +27,30 @@ pub struct Row {
     /// Mean over the epoch's batches (augmented, balanced), nat.
     pub train_loss: f64,
     /// Validation objects, whole episodes, averaged weights, nat.
+    #[serde(deserialize_with = "number_or_nan")]
     pub validation_loss: f64,
     /// Share of frames.
+    #[serde(deserialize_with = "number_or_nan")]
     pub validation_accuracy: f64,
     /// Unweighted mean of the classes' F1.
+    #[serde(deserialize_with = "number_or_nan")]
     pub validation_macro_f1: f64,
     /// False slip frames as a share of non-slip frames.
+    #[serde(deserialize_with = "number_or_nan")]
     pub validation_fpr: f64,
     /// Sliding events that the detector misses at a bound of false alarms.
+    #[serde(deserialize_with = "number_or_nan")]
     pub validation_missed: f64,
     /// Its median delay there, frames.
+    #[serde(deserialize_with = "number_or_nan")]
     pub validation_latency: f64,
     /// Wall time since the start, all sessions together, seconds.
     pub seconds: f64,
+}
+
+/// JSON has no NaN: a figure that is not there is written as null.
+fn number_or_nan<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(from)?.unwrap_or(f64::NAN))
 }
 
 /// Curves as CSV.

@@ -195,8 +195,7 @@ impl Features {
                 let log_mel = front_end.log_mel();
                 let real = |q16: i32| q16 as f32 / (1 << LN_FRAC_BITS) as f32;
                 features.ln_power.push(log_mel.ln_power.map(real));
-                // Before the first frame there is none.
-                features.floor.push((if frame == 0 { log_mel.ln_power } else { floor }).map(real));
+                features.floor.push(floor.map(real));
                 features.xl.push(log_mel.features());
                 let touched = scan.sum() >= CONTACT_SUM_MIN;
                 features.touched.push(touched);

@@ -1,6 +1,7 @@
 //! The two commands from end to end, on a handful of episodes: they make what they say, and a run that
 //! is resumed is the run that was begun.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -135,10 +136,12 @@ fn training_and_validation_share_no_object_and_no_seed() {
             assert_eq!(use_of(name), what, "{name}");
         }
     }
-    let mut seeds: Vec<u64> = all.iter().flatten().map(|recipe| recipe.seed).collect();
-    seeds.sort_unstable();
-    seeds.dedup();
-    assert_eq!(seeds.len(), 120);
+    let [train, validation] =
+        all.map(|recipes| recipes.iter().map(|recipe| recipe.seed).collect::<BTreeSet<_>>());
+    assert_eq!(train.len(), 60);
+    // Every third one is the one before, disturbed instead of pulled.
+    assert_eq!(validation.len(), 40);
+    assert!(train.is_disjoint(&validation));
     // The validation episodes do not depend on the training seed, and there are no test episodes here.
     assert_eq!(recipes(Use::Validation, 1, 5).unwrap(), recipes(Use::Validation, 2, 5).unwrap());
     assert!(recipes(Use::Test, 1, 5).is_err());

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
-use slipsense::features::floor::{FALL_SHIFT, OVER_FLOOR_FRAC_BITS, RISE_SHIFT};
+use slipsense::features::floor::{FALL_SHIFT, FIRST_FRAMES, OVER_FLOOR_FRAC_BITS, RISE_SHIFT};
 use slipsense::features::{STANDARDISE_EPSILON_Q32, STANDARDISED_FRAC_BITS};
 use slipsense::params::MEL_BINS;
 
@@ -134,12 +134,12 @@ impl MelChange {
         }
     }
 
-    /// The floors at the start of a sequence, from those of the episode there.
-    pub fn floor(&self, floor: &[f32; MEL_BINS], (sound, mean): (&Sound, f32)) -> Floor {
+    /// The floors at the start of a sequence, from those of the episode there, of which `frame` frames have passed.
+    pub fn floor(&self, floor: &[f32; MEL_BINS], frame: usize, (sound, mean): (&Sound, f32)) -> Floor {
         let mut floor = *floor;
         sound.add_to_floor(mean, &mut floor);
         floor.iter_mut().zip(&self.colour).for_each(|(floor, colour)| *floor += colour);
-        Floor(floor)
+        Floor { floor, warm_up_frames: (FIRST_FRAMES as usize).saturating_sub(frame) }
     }
 
     /// One frame's ln of power to what the network sees; a masked bin becomes 0, the mean of a standardised
@@ -170,17 +170,25 @@ impl MelChange {
 
 /// The noise floors of one sensor, nat: the front end's, in float.
 #[derive(Clone, Debug)]
-pub struct Floor([f32; MEL_BINS]);
+pub struct Floor {
+    floor: [f32; MEL_BINS],
+    /// Frames until the window holds nothing but samples.
+    warm_up_frames: usize,
+}
 
 impl Floor {
     /// How far a frame is above the floors, as the network sees it.
     fn step(&mut self, ln: &[f32; MEL_BINS]) -> [f32; MEL_BINS] {
         const _: () = assert!(OVER_FLOOR_FRAC_BITS + 1 == STANDARDISED_FRAC_BITS, "seen as half as much");
+        if let Some(left) = self.warm_up_frames.checked_sub(1) {
+            *self = Self { floor: *ln, warm_up_frames: left };
+            return [0.0; MEL_BINS];
+        }
         let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
         std::array::from_fn(|bin| {
-            let difference = ln[bin] - self.0[bin];
+            let difference = ln[bin] - self.floor[bin];
             let shift = if difference > 0.0 { RISE_SHIFT } else { FALL_SHIFT };
-            self.0[bin] += difference / (1 << shift) as f32;
+            self.floor[bin] += difference / (1 << shift) as f32;
             (difference / 2.0).clamp(-largest, largest)
         })
     }
@@ -210,7 +218,7 @@ mod tests {
         for _ in 0..200 {
             let mut out = [0.0; XL_FEATURES];
             let (change, sound) = (MelChange::draw(&mut rng), Sound::default());
-            let mut floor = change.floor(&[-1.0; MEL_BINS], (&sound, 0.0));
+            let mut floor = change.floor(&[-1.0; MEL_BINS], 4, (&sound, 0.0));
             change.apply(&ln, &mut floor, (&sound, 0.0, 0), &mut out, &mut rng);
             hidden[out.iter().filter(|&&x| x == 0.0).count() / 2] += 1;
         }
@@ -230,11 +238,8 @@ mod tests {
             let before = front_end.noise_floor().floor().map(real);
             let log_mel = front_end.log_mel();
             let ln = log_mel.ln_power.map(real);
-            if frame < 4 {
-                continue;
-            }
             let (mut out, sound) = ([0.0; XL_FEATURES], Sound::default());
-            let floor = floor.get_or_insert_with(|| MelChange::NONE.floor(&before, (&sound, 0.0)));
+            let floor = floor.get_or_insert_with(|| MelChange::NONE.floor(&before, frame, (&sound, 0.0)));
             MelChange::NONE.apply(&ln, floor, (&sound, 0.0, 0), &mut out, &mut rng);
             for (ours, theirs) in out.iter().zip(log_mel.features()) {
                 let theirs = f32::from(theirs) / (1 << STANDARDISED_FRAC_BITS) as f32;

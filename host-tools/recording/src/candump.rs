@@ -16,6 +16,19 @@ use thiserror::Error;
 /// Most digits of a fraction that count: microseconds.
 const FRACTION_DIGITS: usize = 6;
 
+/// A frame that no fingertip module sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Foreign {
+    /// Classic CAN, or a line of a log that is one.
+    Classic,
+    /// CAN FD with an identifier of 11 bits.
+    Standard,
+    /// An error frame of the kernel: the controller's state, or what went wrong on the bus.
+    Error,
+    /// A line of an slcan adapter that makes no sense: bytes were lost.
+    Unreadable,
+}
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LogEntry {
     /// Microseconds since 1970; finer digits are dropped.

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use crate::candump::{CandumpReader, CandumpWriter, LogEntry, Rule};
+use crate::candump::{CandumpReader, CandumpWriter, Foreign, LogEntry, Rule};
 use anyhow::{Context, Result, bail};
 use slipsense::wire::CanFrame;
 
@@ -80,19 +80,6 @@ pub enum Input {
     Idle,
     /// There is no more.
     End,
-}
-
-/// A frame that no fingertip module sends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Foreign {
-    /// Classic CAN, or a line of a log that is one.
-    Classic,
-    /// CAN FD with an identifier of 11 bits.
-    Standard,
-    /// An error frame of the kernel: the controller's state, or what went wrong on the bus.
-    Error,
-    /// A line of an slcan adapter that makes no sense: bytes were lost.
-    Unreadable,
 }
 
 /// A byte stream in both directions.

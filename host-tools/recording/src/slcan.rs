@@ -3,7 +3,7 @@
 
 use slipsense::wire::{CanFrame, FD_LENGTHS};
 
-use crate::link::Foreign;
+use crate::candump::Foreign;
 
 /// Close, set the bit rates, open. Arbitration is 1 Mbit/s.
 pub fn open_commands(data_mbit: u8) -> String {

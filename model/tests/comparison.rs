@@ -1,6 +1,7 @@
 //! The comparison of float and integer, activation by activation, on random weights.
 
 use slipsense::net::Model;
+use slipsense::params::OUTPUTS;
 use slipsense_model::compare::{compare_activations, scales};
 use slipsense_model::export;
 use slipsense_model::quantize::{activation_scales, quantize};
@@ -57,9 +58,10 @@ fn every_activation_is_compared_at_its_own_scale() {
             "piezo.conv2" => sensors * 8 * 8 * 8,
             "piezo.conv3" => sensors * 4 * 4 * 16,
             "log_mel" => sensors * 5 * 32,
-            "piezo" | "xl" | "xl.conv" | "xl.mix1" => sensors * 32,
+            "xl.conv" | "xl.mix1" => sensors * FIRST_DIMS.xl_channels as u64,
+            "piezo" | "xl" => sensors * 32,
             "fused" | "hidden" => 64,
-            "logits" => 3,
+            "logits" => OUTPUTS as u64,
             other => {
                 if other.starts_with("temporal") {
                     64

@@ -24,7 +24,8 @@ def run(episode: Episode, model: bytes | None = None) -> dict[str, NDArray[Any]]
     """All frames through the pipeline, as in the predictions.npz of `slipsense run`.
 
     Of F frames and S sensors: `class` uint8 [F] (0 no contact, 1 contact without slip, 2 slip), `logits` int32 [F, 3]
-    (1/1024 nat), `slip` (the flag to act on) and `may_begin` uint8 [F], `logmel` (natural log of g²) and `logmel_std` float32 [F, S, 16].
+    (1/1024 nat), `log_odds` int32 [F] (of slip, 1/1024 nat; the least number where no pad is touched), `slip` (the flag to
+    act on) and `may_begin` uint8 [F], `logmel` (natural log of g²) and `logmel_std` float32 [F, S, 16].
     `model`: content of a .slipnet file; the bundled one if None.
     """
 
@@ -48,6 +49,7 @@ class Output:
     invalid: int  #: bits: why `slip` must not be believed, see slipsense.Slip in src/wire/dsdl
     degraded: int  #: bits: what makes it worse
     logits_q10: NDArray[np.int32]
+    log_odds_q10: int | None  #: of slip, what `slip` is decided on; None where no pad is touched
     contact: list[Contact]
     logmel_std: NDArray[np.float32]
 

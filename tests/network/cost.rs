@@ -33,7 +33,7 @@ fn macs_and_bytes_by_hand() {
         ("piezo.conv2", [2, 9], 16 * 16 * 18, 4 * 24 * 4 + 16 + 16),
         ("piezo.conv3", [3, 18], 8 * 8 * 54, 4 * 24 * 4 + 16 + 16),
         ("piezo.dense", [4, 48], 192, 4 * 32 * 4 + 16 + 16),
-        ("xl.conv", [5, 32], 160, 8 * 16 * 4 + 32 + 32),
+        ("xl.conv", [5, 64], 320, 8 * 32 * 4 + 32 + 32),
         // Inputs come by sixteens.
         ("xl.mix1", [5, 5], 25, 8 * 8 * 4 + 32 + 32),
         ("xl.mix2", [4, 5], 20, 4 * 8 * 4 + 16 + 16),
@@ -42,15 +42,15 @@ fn macs_and_bytes_by_hand() {
         ("cross_xl.score", [2, 7], 2 * 2 * 2 * 7, 16 + 32),
         ("temporal.score", [2, 7], 2 * 2 * 4 * 7, 16 + 32),
         ("temporal.norm", [1, 8], 0, 16 + 16 + 32 + 16 + 16),
-        ("head", [3, 8], 24, 4 * 8 * 4 + 16 + 16),
+        ("head", [4, 8], 32, 4 * 8 * 4 + 16 + 16),
     ];
     for (name, shape, macs, bytes) in expected {
         let layer = of(&layers, name);
         assert_eq!((layer.shape, layer.macs, layer.bytes), (shape, macs, bytes), "{name}");
     }
-    // Encoders: 18432 + 4608 + 3456 + 192 + 160 + 25 + 20. The rest, once: 2 · (64 + 56) + 256 + 112 + 24.
-    assert_eq!(macs_per_frame(&layers, 1), 26_893 + 632);
-    assert_eq!(macs_per_frame(&layers, 3), 3 * 26_893 + 632);
+    // Encoders: 18432 + 4608 + 3456 + 192 + 320 + 25 + 20. The rest, once: 2 · (64 + 56) + 256 + 112 + 32.
+    assert_eq!(macs_per_frame(&layers, 1), 27_053 + 640);
+    assert_eq!(macs_per_frame(&layers, 3), 3 * 27_053 + 640);
     // What is not a layer: header, length and text of the provenance, hash.
     let of_layers: usize = layers.iter().map(|layer| layer.bytes).sum();
     assert_eq!(bytes.len() - of_layers, 36 + 4 + 4 + 32);

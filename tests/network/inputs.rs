@@ -9,10 +9,10 @@ use slipsense::sensor::PiezoFrame;
 
 /// The shapes the kernels are tested at: the shipped one, the smallest, odd ones, the largest.
 pub const SHAPES: [Dims; 4] = [
-    Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 32, heads: 4, window: 60 },
+    Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 48, heads: 4, window: 60 },
     Dims { conv_channels: [1, 1, 1], embed: 1, xl_kernel: 1, xl_channels: 1, heads: 1, window: 1 },
     Dims { conv_channels: [3, 5, 7], embed: 15, xl_kernel: 3, xl_channels: 11, heads: 3, window: 7 },
-    Dims { conv_channels: [8, 16, 32], embed: 64, xl_kernel: 6, xl_channels: 64, heads: 8, window: 60 },
+    Dims { conv_channels: [8, 16, 32], embed: 64, xl_kernel: 6, xl_channels: 96, heads: 8, window: 60 },
 ];
 
 /// One sensor's input to the network.

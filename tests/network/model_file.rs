@@ -67,7 +67,7 @@ fn unknown_version() {
     let mut bytes = good().to_bytes().unwrap();
     for other in [4, 9] {
         bytes[8] = other;
-        let expected = format!("model format version {other} is unknown; this build reads version 5");
+        let expected = format!("model format version {other} is unknown; this build reads version 6");
         assert_eq!(refusal(&bytes).to_string(), expected);
     }
 }
@@ -95,21 +95,20 @@ fn an_odd_address() {
 
 #[test]
 fn numbers_that_belong_to_nothing() {
-    // Of the head's four outputs side by side the last one does not exist.
-    let file = good();
+    // Outputs lie side by side in fours; this layer has eleven.
+    let file = random_model(SHAPES[2], 1);
     let bytes = file.to_bytes().unwrap();
-    let behind: usize = file.specs().iter().rev().take(3).map(|spec| spec.padded_bytes()).sum();
+    let specs = file.specs();
+    let at = specs.iter().position(|spec| (spec.layer, spec.part) == ("xl.mix1", "weight")).unwrap();
+    let start = HEADER_BYTES + specs[..at].iter().map(|spec| spec.padded_bytes()).sum::<usize>();
+    let (weights, biases) = (specs[at].padded_bytes(), specs[at + 1].padded_bytes());
     let hashed = bytes.len() - 32;
-    let provenance = 4 + file.provenance.len().next_multiple_of(4);
-    let head = hashed - provenance - behind;
-    for (offset, what) in
-        [(12, "a weight"), (file.specs()[file.specs().len() - 3].padded_bytes() + 12, "a bias")]
-    {
+    for (offset, what) in [(weights / 3 * 2 + 12, "a weight"), (weights + biases - 4, "a bias")] {
         let mut bytes = bytes.clone();
-        bytes[head + offset] = 1;
+        bytes[start + offset] = 1;
         let hash = Sha256::digest(&bytes[..hashed]);
         bytes[hashed..].copy_from_slice(&hash);
-        assert_eq!(refusal(&bytes).to_string(), "head: the padding is not zero", "{what}");
+        assert_eq!(refusal(&bytes).to_string(), "xl.mix1: the padding is not zero", "{what}");
     }
 }
 
@@ -142,7 +141,7 @@ fn sizes_beyond_the_limits() {
     };
     assert_eq!(refused(|d| d.conv_channels[1] = 17), "conv2 channels is 17, allowed are 1 to 16");
     assert_eq!(refused(|d| d.window = 61), "window is 61, allowed are 1 to 60");
-    assert_eq!(refused(|d| d.xl_kernel = 0), "accelerometer kernel is 0, allowed are 1 to 8");
+    assert_eq!(refused(|d| d.xl_kernel = 0), "accelerometer kernel is 0, allowed are 1 to 6");
     assert!(refused(|d| d.heads = 5).starts_with("heads (must divide"));
     assert!(refused(|d| d.heads = 1).contains("could overflow"));
 }

@@ -50,7 +50,7 @@ mod with_float_network {
         let mut network = TractNetwork::new(&Graphs::traced(&weights).unwrap(), 1).unwrap();
         for frame in 0..40i16 {
             let scan = std::array::from_fn(|taxel| (taxel % 97 + frame as usize) as u16 * 9);
-            let xl: [i16; XL_FEATURES] = std::array::from_fn(|bin| (bin as i16 - 16) * 50 * (frame % 7 + 1));
+            let xl: [i16; XL_FEATURES] = std::array::from_fn(|bin| (bin as i16 - 16) * 250 * (frame % 7 + 1));
             network.step(&[SensorFrame { piezo: Some(&scan), xl: Some(&xl) }]).unwrap();
         }
         let provenance = json!({

@@ -24,7 +24,8 @@ pub fn add_and_norm<const WIDTH_MAX: usize>(
     let mut standard = [0i16; WIDTH_MAX];
     let width = x.len().min(WIDTH_MAX);
     let sum = &mut sum[..width];
-    for (group, (sum, x)) in sum.chunks_mut(GROUP).zip(x.chunks(GROUP)).enumerate() {
+    for (group, sum) in sum.chunks_mut(GROUP).enumerate() {
+        let x = x.get(group * GROUP..).unwrap_or_default();
         let mut values = [0; GROUP];
         scaled(layer, context, group * GROUP, &mut values);
         for ((sum, &x), &value) in sum.iter_mut().zip(x).zip(&values) {

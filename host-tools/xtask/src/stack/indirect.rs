@@ -103,6 +103,9 @@ const RULES: &[Rule] = &[
             "slipsense::update::",
             "embassy_embedded_hal::flash::",
             "embassy_sync::mutex::",
+            "embassy_sync::waitqueue::",
+            "embassy_sync::zerocopy_channel::",
+            "embassy_time_queue_utils::Queue>::next_expiration",
             "FLASH",
         ],
         targets: &[WAKERS, NO_WAKER],
@@ -148,6 +151,7 @@ const RULES: &[Rule] = &[
             "<&u32 as core::fmt::LowerHex>",
             "<u32 as core::fmt::LowerHex>",
             "<&i64 as core::fmt::Display>",
+            "<usize as core::fmt::Display>",
             "<&usize as core::fmt::Display>",
             "<u64 as core::fmt::Debug>",
             "BorrowError as core::fmt::Display>",
@@ -162,7 +166,10 @@ const RULES: &[Rule] = &[
     },
     Rule { callers: &[FINDING], targets: &["<&sequential_storage::PageState as core::fmt::Debug>"] },
     // What several elements of a setting must be together.
-    Rule { callers: &["slipsense::settings::check"], targets: &["table::k_within_n", "table::distinct"] },
+    Rule {
+        callers: &["slipsense::settings::check", "slipsense::settings::Settings>::set"],
+        targets: &["table::k_within_n", "table::distinct"],
+    },
     // What is stored is a string of bytes, or a calibration.
     Rule {
         callers: &["sequential_storage::map::"],

@@ -92,6 +92,8 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         });
         if config.node.is_some() {
             self.shared.send_slip(self.transmitter.slip(&output.slip_message(frame.stamp, &origin)));
+        } else {
+            self.shared.send_no_slip();
         }
     }
 

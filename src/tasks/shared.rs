@@ -147,6 +147,12 @@ impl<M: RawMutex> Shared<M> {
         self.tx_ready.signal(());
     }
 
+    /// There is no slip message for a frame, as the node has no address. Transmission is woken as at every frame: what
+    /// stands still starves the watchdog.
+    pub fn send_no_slip(&self) {
+        self.tx_ready.signal(());
+    }
+
     /// Send this frame of a service, after those that wait already. `false`: there is no room; it is not sent, and
     /// counted. A transfer of several frames is refused whole by asking [`service_room`](Self::service_room) first.
     pub fn send_service(&self, frame: CanFrame) -> bool {

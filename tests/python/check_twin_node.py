@@ -19,7 +19,7 @@ import sys
 from node_client import NODE, TOOL, Client, frame_counts, link_to, natural, numbers, run_checks
 
 # Of this computer, seconds; the twin may run at a twentieth of real time.
-TIMEOUT_S = 400.0
+TIMEOUT_S = 120.0
 CAUTION, OPERATIONAL, SENSOR_MISSING = 2, 0, 1
 MASTER_EPOCH_US = 1_700_000_000_000_000
 
@@ -143,6 +143,45 @@ async def check_time(client):
     checks.equal("uptime by the bus time and the offset", uptime_us // 1_000_000, uptime_s)
 
 
+async def check_allocation(client):
+    """Without an address of its own the node is silent but for asking, and takes the one that it is given."""
+    import pycyphal.application.plug_and_play
+    import uavcan.node
+    import uavcan.pnp
+
+    checks = client.checks
+    # The update that nobody serves is over with this.
+    await client.restart()
+    unique_id = (await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())).unique_id
+    requests = []
+
+    async def note(_, transfer):
+        if transfer.source_node_id is None:
+            requests.append(transfer)
+
+    client.node.make_subscriber(uavcan.pnp.NodeIDAllocationData_2).receive_in_background(note)
+    await client.access("uavcan.node.id", natural(16, 65535))
+    checks.equal("store", await client.command(65530), 0)
+    checks.equal("restart", await client.command(65535), 0)
+    await client.until("a request for an address", lambda: requests)
+    others = lambda: [node for node, *_ in client.heartbeats if node != TOOL]
+    client.heartbeats.clear()
+    # Half a second apart on the average, a heartbeat would be a second.
+    await client.until("more requests", lambda: len(requests) >= 5)
+    checks.equal("a node without address is silent", others(), [])
+    allocator = pycyphal.application.plug_and_play.CentralizedAllocator(client.node)
+    allocator.register_node(TOOL, None)
+    await client.until("a heartbeat with an allocated address", others)
+    address = others()[0]
+    checks.true(f"address {address} is a free one", address not in (NODE, TOOL) and 0 <= address <= 125)
+    info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request(), address)
+    checks.equal("unique id after allocation", list(info.unique_id), list(unique_id))
+    # Back to where it was.
+    checks.equal("factory reset", await client.command(65532, server=address), 0)
+    await client.restart(address)
+    return address
+
+
 async def run(checks, port, model):
     link = link_to(port)
     client = Client(checks, TIMEOUT_S)
@@ -152,9 +191,10 @@ async def run(checks, port, model):
     registers = await check_registers(client)
     await check_storage(client)
     await check_time(client)
+    address = await check_allocation(client)
     client.node.close()
     link.close()
-    return f"{registers} registers; {frame_counts(link)}"
+    return f"{registers} registers, address {address} allocated; {frame_counts(link)}"
 
 
 def main():

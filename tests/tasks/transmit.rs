@@ -1,10 +1,12 @@
 //! The transmit scheduler: what a bus that is full, disturbed, silent or gone costs.
 
-use slipsense::board::TxSlot;
+use std::cell::RefCell;
+
+use slipsense::board::{TxSlot, Watchdog};
 use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::SensorReadings;
-use slipsense::tasks::{RAW_MESSAGES, SERVICE_FRAMES};
+use slipsense::tasks::{RAW_MESSAGES, RuntimeConfig, SERVICE_FRAMES, Shared, Supervisor, Task};
 use slipsense::wire::{
     CanFrame, Detail, MessageId, Origin, Priority, RawBuffer, RawForm, Region, SlipMessage, Transmitter,
 };
@@ -254,5 +256,32 @@ fn raw_messages_of_every_third_frame_or_of_none() {
         let ran = world.run();
         assert_eq!(ran.raw.len(), expected);
         assert_eq!((ran.slips.len(), ran.status.dropped_raw), (240, 0));
+    }
+}
+
+#[test]
+fn without_an_address_nothing_is_sent_and_no_task_stands_still() {
+    let watched = [Task::Acquire, Task::Infer, Task::Transmit];
+    let watch = RefCell::new((Supervisor::new(&watched), Fed(0)));
+    let mut world = World::new(240, 1);
+    let look = |shared: &Shared<_>, tick| {
+        if tick == 0 {
+            shared.set_config(RuntimeConfig { node: None, ..shared.config() });
+        } else if tick % 2 == 0 {
+            // Inference and transmission of the frame before come after this.
+            let (supervisor, watchdog) = &mut *watch.borrow_mut();
+            assert_eq!(supervisor.look(&shared.progress, watchdog), Ok(()), "before frame {tick}");
+        }
+    };
+    world.before_tick = &look;
+    assert!(world.run().arrived.is_empty());
+    assert_eq!(watch.borrow().1.0, 119);
+}
+
+struct Fed(u32);
+
+impl Watchdog for Fed {
+    fn feed(&mut self) {
+        self.0 += 1;
     }
 }

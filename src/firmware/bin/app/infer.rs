@@ -82,6 +82,8 @@ impl Decider {
                     if let Some(node) = config.node {
                         degraded.set_node_id(node);
                         SHARED.send_slip(degraded.slip(&message));
+                    } else {
+                        SHARED.send_no_slip();
                     }
                 }
             }

@@ -289,6 +289,8 @@ fn host(context: Context) -> Result<()> {
 fn small() -> Result<()> {
     let mut small = cargo();
     small.args(["test", "--quiet", "--release", "--workspace", "--test", "cli", "--", "errors::", "model::"]);
+    // The page of the book is of a build without the trainer, and not tested in one with it.
+    small.arg("outputs::the_books_page_of_commands_is_the_help");
     run(&mut small)
 }
 

@@ -8,8 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use serde::Serialize;
-use slipsense_recording::candump::Foreign;
-use slipsense_recording::candump::LogEntry;
+use slipsense_recording::candump::{Foreign, LogEntry};
 use slipsense_recording::link::{Input, Place, Source, now_us, open};
 
 /// Frames between the source and who takes them: two seconds of a full bus. When there is no room the source waits,

@@ -8,15 +8,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::draw::{Draw, Rng};
 
+/// Families of every stage.
+pub const FAMILIES: usize = 4;
+
 pub trait Family: Copy + PartialEq + 'static {
     /// All of them, the laboratory's first.
-    const ALL: &'static [Self];
+    const ALL: [Self; FAMILIES];
     /// The one that training never sees, the last.
-    const HELD_OUT: Self;
+    const HELD_OUT: Self = Self::ALL[FAMILIES - 1];
 }
 
 fn any<F: Family>(rng: &mut Rng) -> F {
-    F::ALL[rng.count(0, F::ALL.len() - 2)]
+    F::ALL[rng.count(0, FAMILIES - 2)]
 }
 
 macro_rules! family {
@@ -31,8 +34,7 @@ macro_rules! family {
         }
 
         impl Family for $stage {
-            const ALL: &'static [Self] = &[$(Self::$name,)* Self::$held];
-            const HELD_OUT: Self = Self::$held;
+            const ALL: [Self; FAMILIES] = [$(Self::$name,)* Self::$held];
         }
 
         impl Default for $stage {

@@ -39,8 +39,8 @@ mod check;
 mod tests;
 
 pub use families::{
-    ContactFamily, DisturbanceFamily, Families, Family, FilmFamily, FrictionFamily, PathFamily, SensorFamily,
-    SourceFamily, Stage,
+    ContactFamily, DisturbanceFamily, FAMILIES, Families, Family, FilmFamily, FrictionFamily, PathFamily,
+    SensorFamily, SourceFamily, Stage,
 };
 pub use generate::{generate, generate_set, plan_frames};
 pub use mix::ScenarioChoice;

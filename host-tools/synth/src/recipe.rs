@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Span, Stream, stream};
-use crate::families::{Families, Family, SourceFamily, Stage};
+use crate::families::{FAMILIES, Families, Family, SourceFamily, Stage};
 use crate::mix::{PROTOCOL, ScenarioChoice};
 use crate::objects::{self, Group, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
 use crate::scenario::levels::{GRIP_N, HAND_HELD_SLIPS};
@@ -177,16 +177,22 @@ impl Recipe {
 
     /// This one with the held-out family of a stage.
     #[must_use]
-    pub fn holding_out(mut self, stage: Stage) -> Self {
+    pub fn holding_out(self, stage: Stage) -> Self {
+        self.with_family(stage, FAMILIES - 1)
+    }
+
+    /// This one with another family of a stage, by its place in [`Family::ALL`].
+    #[must_use]
+    pub fn with_family(mut self, stage: Stage, place: usize) -> Self {
         let families = &mut self.families;
         match stage {
-            Stage::Contact => families.contact = Family::HELD_OUT,
-            Stage::Friction => families.friction = Family::HELD_OUT,
-            Stage::Film => families.film = Family::HELD_OUT,
-            Stage::Source => self.vibration = Family::HELD_OUT,
-            Stage::Path => families.path = Family::HELD_OUT,
-            Stage::Disturbance => families.disturbance = Family::HELD_OUT,
-            Stage::Sensor => families.sensor = Family::HELD_OUT,
+            Stage::Contact => families.contact = Family::ALL[place],
+            Stage::Friction => families.friction = Family::ALL[place],
+            Stage::Film => families.film = Family::ALL[place],
+            Stage::Source => self.vibration = Family::ALL[place],
+            Stage::Path => families.path = Family::ALL[place],
+            Stage::Disturbance => families.disturbance = Family::ALL[place],
+            Stage::Sensor => families.sensor = Family::ALL[place],
         }
         self
     }

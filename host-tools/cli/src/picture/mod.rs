@@ -4,6 +4,8 @@
 mod close_up;
 mod draw;
 #[cfg(feature = "full")]
+mod families;
+#[cfg(feature = "full")]
 mod grasp;
 mod heatmap;
 #[cfg(feature = "full")]
@@ -22,6 +24,8 @@ use crate::simulate::Simulation;
 use crate::summary::{EventInfo, Outcome, Summary, TruthInfo, file_name, plural, seconds};
 pub use draw::CLASS_NAME;
 use draw::{Anchor, CLASS, Canvas, GREY, INK, SENSOR, area, bold, curve, heading, rect, rule, text};
+#[cfg(feature = "full")]
+pub use families::families;
 #[cfg(feature = "full")]
 pub use grasp::{latencies as grasp_latencies, trial as grasp_trial};
 #[cfg(feature = "full")]

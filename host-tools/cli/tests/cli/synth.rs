@@ -8,7 +8,8 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use crate::support::{Place, names};
+use crate::support::{Arrays, Place, names};
+use serde_json::Value;
 use slipsense_recording::Episode;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, SetHashes, content_hash};
@@ -253,4 +254,27 @@ fn a_full_disk_leaves_no_half_episode() {
     assert_eq!(names(&out), ["set.json"]);
     place.run("synth --split val --frames 1 --out @out");
     assert_eq!(names(&out), ["hashes.json", "set.json", "val-00000.npz"]);
+}
+
+#[test]
+fn families_are_shown_beside_a_labelled_recording() {
+    let place = Place::new();
+    place.file("r.json", r#"{"seed": 5, "scenario": "six_step"}"#);
+    place.run("synth --recipe @r.json --out @mine.npz");
+    let gallery = place.json("families --episodes 1 --seed 5 --real @mine.npz --out @out");
+    assert_eq!(names(&place.path("out")), ["families.json", "families.svg"]);
+    let panels = gallery["synthetic"].as_array().unwrap();
+    let of = |stage: &str| panels.iter().filter(|panel| panel["stage"] == stage).collect::<Vec<_>>();
+    for stage in ["contact", "friction", "film", "source", "path", "disturbance", "sensor"] {
+        assert_eq!(of(stage).len(), 4, "{stage}");
+    }
+    // The recording is the laboratory's own episode, so the first family of a stage is the recording.
+    let distance = |panel: &Value| panel["from_recordings_nat"].as_f64().unwrap();
+    assert_eq!((of("path")[0]["name"].as_str(), distance(of("path")[0])), (Some("modes"), 0.0));
+    assert!(of("path")[1..].iter().all(|panel| distance(panel) > 0.1), "{gallery}");
+    assert_eq!(of("contact")[0]["hold_counts"], gallery["recorded"]["hold_counts"]);
+
+    Arrays { label: Vec::new(), ..Arrays::valid() }.write(&place.path("unlabelled.npz"));
+    let error = place.error("families --episodes 1 --real @unlabelled.npz --out @none");
+    assert!(error.contains("array `label` is missing") && !place.path("none").exists(), "{error}");
 }

@@ -6,6 +6,7 @@ mod convert;
 mod descriptions;
 mod eval;
 mod eval_rotation;
+mod families;
 mod features;
 mod fit;
 mod grasp;
@@ -36,6 +37,7 @@ pub enum Command {
     Synth(synth::Args),
     Eval(eval::Args),
     EvalRotation(eval_rotation::Args),
+    Families(families::Args),
     Fit(fit::Args),
     Label(label::Args),
     #[cfg_attr(
@@ -77,6 +79,7 @@ impl Command {
             Self::Synth(args) => args.run(),
             Self::Eval(args) => args.run(),
             Self::EvalRotation(args) => args.run(),
+            Self::Families(args) => args.run(),
             Self::Fit(args) => args.run(),
             Self::Label(args) => args.run(),
             Self::Train(args) => train::train(&args),

@@ -132,13 +132,13 @@ impl Mcu743 {
             is_brown_out: false,
         };
         mcu.adc.device.set_reference(REFERENCE_MV);
-        mcu.reset_registers();
+        mcu.show_fdcans();
         Ok(mcu)
     }
 
-    fn reset_registers(&mut self) {
-        for slot in self.fdcan_slots {
-            Fdcan::reset_registers(self.part.bus_mut().slot_mut(slot).registers_mut());
+    fn show_fdcans(&mut self) {
+        for (fdcan, slot) in self.fdcan.iter().zip(self.fdcan_slots) {
+            fdcan.show(self.part.bus_mut().slot_mut(slot).registers_mut());
         }
     }
 }
@@ -171,7 +171,7 @@ impl Mcu for Mcu743 {
         ErasedDevice::reset(&mut self.timer);
         ErasedDevice::reset(&mut self.adc);
         self.streams.iter_mut().for_each(ErasedDevice::reset);
-        self.reset_registers();
+        self.show_fdcans();
     }
 
     fn poll(&mut self, _now: VirtualNanos) {

@@ -32,6 +32,7 @@ mod fault_injection;
 mod window;
 mod xl;
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -40,6 +41,7 @@ use anyhow::{Context, Result, bail};
 use bench::{Desk, DeskFault};
 use clap::Parser;
 use fault_injection::{Fault, Kind};
+use machine::Fitted;
 use slipsense_recording::Episode;
 use xl::Xl;
 
@@ -65,7 +67,7 @@ struct Arguments {
     #[arg(long, requires = "far_end")]
     boot: Option<PathBuf>,
     /// Virtual time to run, in seconds.
-    #[arg(long, default_value_t = 1.0, value_parser = seconds)]
+    #[arg(long, default_value_t = 1.0, value_parser = |text: &str| number(text, 0.001..=36_000.0))]
     seconds: f64,
     /// Write what is on the bus as a candump log.
     #[arg(long)]
@@ -80,7 +82,7 @@ struct Arguments {
     #[arg(long, value_enum, default_value_t)]
     xl: Xl,
     /// Deviation of the ADXL380s' oscillators, per cent, 0.7 if not given. The emulator's ICM-42688-P has none.
-    #[arg(long, allow_negative_numbers = true, value_parser = percent)]
+    #[arg(long, allow_negative_numbers = true, value_parser = |text: &str| number(text, -50.0..=50.0))]
     xl_error: Option<f64>,
     /// What happens to bus and sensors, as NAME:FROM-TO in virtual seconds; more than once for more. Bus: off (no
     /// acknowledge), jam (every frame), errors1, errors10 (per cent of the frames), flood (another node's full
@@ -120,18 +122,9 @@ struct Arguments {
     bites: usize,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(seconds) if seconds > 0.0 && seconds <= 36_000.0 => Ok(seconds),
-        _ => Err("need a number above 0 and at most 36000".to_owned()),
-    }
-}
-
-fn percent(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(percent) if (-50.0..=50.0).contains(&percent) => Ok(percent),
-        _ => Err("need a number from -50 to 50".to_owned()),
-    }
+fn number(text: &str, range: RangeInclusive<f64>) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("need a number from {} to {}", range.start(), range.end()))
 }
 
 fn main() -> ExitCode {
@@ -180,21 +173,17 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     {
         bail!("--sensors {sensors}: the episode has {}", episode.sensors);
     }
-    let options = run::Options {
-        seconds: if arguments.faults { fault_schedule::seconds(&faults) } else { arguments.seconds },
-        boot: arguments.boot.clone(),
+    let seconds = if arguments.faults { fault_schedule::seconds(&faults) } else { arguments.seconds };
+    let fitted = Fitted {
         episode: episode.clone(),
-        sensors: arguments.sensors.map(usize::from),
         desk: arguments.desk.map(|sensors| Desk { sensors: sensors.into(), fault: arguments.desk_fault }),
         xl: arguments.xl,
         xl_error: arguments.xl_error.unwrap_or(XL_ERROR_PERCENT) / 100.0,
         faults: faults.clone(),
         slow: arguments.slow,
-        gdb: arguments.gdb,
-        far_end: arguments.far_end,
         hse_hz: arguments.hse_hz,
     };
-    let done = run::run(&arguments.elf, &options)?;
+    let done = run::run(arguments, &fitted, seconds)?;
     if let Some(path) = &arguments.can {
         report::write_candump(path, &done.frames)
             .with_context(|| format!("{}: cannot write", path.display()))?;
@@ -208,6 +197,5 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     if !arguments.says.is_empty() {
         return Ok(report::print_other(&done, &arguments.says));
     }
-    let options = report::Options { rtt: arguments.rtt, all_faults: arguments.faults };
-    report::print(&done, episode.as_deref(), &faults, &options)
+    report::print(&done, episode.as_deref(), &faults, arguments)
 }

@@ -8,7 +8,6 @@ use slipsense::sensor::SensorReadings;
 use slipsense::wire::{Detail, RawBuffer, RawFrame};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
-use slipsense_qemu::measured::Line;
 
 use crate::measure::Bench;
 
@@ -35,7 +34,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
             let instructions = bench.counter.of(&mut || {
                 bytes = black_box(&raw).compress(Detail::All, black_box(&mut buffer)).len();
             });
-            bench.put(Line::Compressed { bytes: bytes as u32, instructions });
+            bench.put(format_args!("compressed {bytes} {instructions}\n"));
         }
     }
 }

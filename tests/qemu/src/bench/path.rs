@@ -10,9 +10,8 @@ use slipsense::sensor::{SensorInput, SensorReadings};
 use slipsense::wire::{Origin, RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
-use slipsense_qemu::measured::{GO_FILE, Line, READY_FILE};
+use slipsense_qemu::measured::{GO_FILE, READY_FILE};
 
-use crate::counter::Counter;
 use crate::measure::Bench;
 
 /// Measure all frames of the file; `traced`: wait before the last one until the emulator writes down what is done.
@@ -31,8 +30,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
         if traced && number + 1 == header.frames {
             wait_for_trace();
         }
-        let line = frame(&bench.counter, &mut pipeline, &mut wire, stamp, parts);
-        bench.put(line);
+        frame(bench, &mut pipeline, &mut wire, stamp, parts);
     }
 }
 
@@ -43,22 +41,22 @@ fn wait_for_trace() {
 }
 
 fn frame(
-    counter: &Counter,
+    bench: &mut Bench,
     pipeline: &mut Pipeline<'_>,
     wire: &mut Wire,
     stamp: FrameStamp,
     parts: &[SensorReadings],
-) -> Line<'static> {
+) {
     let mut inputs = [SensorInput::default(); MAX_SENSORS];
     for (input, part) in inputs.iter_mut().zip(parts) {
         *input = part.input();
     }
     let inputs = &inputs[..parts.len()];
     let mut output = None;
-    let step = counter.of(&mut || output = Some(pipeline.step(black_box(inputs))));
+    let step = bench.counter.of(&mut || output = Some(pipeline.step(black_box(inputs))));
     let output = output.expect("the step was called");
-    let wire = counter.of(&mut || wire.send(stamp, parts, &output));
-    Line::Frame { step, wire }
+    let wire = bench.counter.of(&mut || wire.send(stamp, parts, &output));
+    bench.put(format_args!("frame {step} {wire}\n"));
 }
 
 /// What the inference task does with a result, a bus apart.

@@ -8,14 +8,10 @@ use slipsense::params::{COUNT_MAX, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, is_active};
 use slipsense::transfer::{IDLE_CODE, adc_code};
 
+use super::fake::nominal;
+
 /// Frames until every row was looked at once.
 const ROUND: u32 = STUCK_FRAMES * TAXEL_ROWS as u32;
-
-fn nominal() -> Calibration {
-    let mut calibration = Calibration::zeroed();
-    calibration.set_nominal();
-    calibration
-}
 
 /// An untouched pad with some noise.
 fn idle(rng: &mut ChaCha8Rng) -> Vec<u16> {
@@ -28,7 +24,7 @@ fn touched(rng: &mut ChaCha8Rng) -> Vec<u16> {
 }
 
 /// What a second of the untouched pad gives.
-fn calibrated(rng: &mut ChaCha8Rng) -> Calibration {
+fn calibrated(rng: &mut ChaCha8Rng) -> Box<Calibration> {
     let (mut measurement, mut calibration) = (Measurement::new(), nominal());
     (0..BLOCK_FRAMES).for_each(|_| measurement.add(&idle(rng), 0, 1));
     measurement.evaluate(&Mounting::default().pad(), &mut calibration).expect("in order");

@@ -42,17 +42,19 @@ fn requests(node: &mut Node) -> Vec<(ServiceId, u8, usize, Vec<u8>)> {
     requests
         .map(|(id, transfer, payload)| {
             assert_eq!((id.role, id.destination, id.source), (ServiceRole::Request, TOOL, NODE));
-            let offset = payload[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte));
-            (id, transfer, offset, payload[6..6 + usize::from(payload[5])].to_vec())
+            (id, transfer, offset(&payload), payload[6..6 + usize::from(payload[5])].to_vec())
         })
         .collect()
 }
 
-fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
+/// Of a request to read.
+pub fn offset(request: &[u8]) -> usize {
+    request[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte))
+}
+
+pub fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
     let payload = [&error.to_le_bytes()[..], &(bytes.len() as u16).to_le_bytes(), bytes].concat();
-    let response =
-        ServiceId { role: ServiceRole::Response, destination: id.source, source: id.destination, ..id };
-    for frame in Frames::new(response, transfer, &payload) {
+    for frame in Frames::new(id.response(), transfer, &payload) {
         node.accept(&frame, now);
     }
 }

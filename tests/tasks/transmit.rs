@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 
-use slipsense::board::{TxSlot, Watchdog};
+use slipsense::board::TxSlot;
 use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::SensorReadings;
@@ -13,7 +13,7 @@ use slipsense::wire::{
 use slipsense_can_sim::controller::Disturbance;
 
 use super::full_bus::compress;
-use super::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
+use super::world::{BATCH, FRAME_NS, Fed, NODE, Ran, World, stamp, tick_ns};
 
 /// Longest full frame at 1 and 8 Mbit/s with its intermission, worst stuffing, rounded up.
 const FULL_FRAME_NS: u64 = 142_000;
@@ -276,12 +276,4 @@ fn without_an_address_nothing_is_sent_and_no_task_stands_still() {
     world.before_tick = &look;
     assert!(world.run().arrived.is_empty());
     assert_eq!(watch.borrow().1.0, 119);
-}
-
-struct Fed(u32);
-
-impl Watchdog for Fed {
-    fn feed(&mut self) {
-        self.0 += 1;
-    }
 }

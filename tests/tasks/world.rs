@@ -14,7 +14,7 @@ use embassy_futures::join::join3;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
-use slipsense::board::{CanTransmit, Clock, FrameSource, SensorFrame, TxSlot};
+use slipsense::board::{CanTransmit, Clock, FrameSource, SensorFrame, TxSlot, Watchdog};
 use slipsense::health::CanStatus;
 use slipsense::health::Status;
 use slipsense::net::Model;
@@ -88,6 +88,15 @@ impl Time {
             let next = self.alarms.borrow_mut().pop_first().expect("nobody waits for a time: a deadlock");
             self.now_ns.set(next.max(self.now_ns.get()));
         }
+    }
+}
+
+/// A watchdog, and how often it was fed.
+pub struct Fed(pub u32);
+
+impl Watchdog for Fed {
+    fn feed(&mut self) {
+        self.0 += 1;
     }
 }
 

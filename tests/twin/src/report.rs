@@ -9,7 +9,7 @@ use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 
-use crate::Arguments;
+use crate::arguments::Arguments;
 use crate::compare::{Comparison, Slip, clock_ahead_ns, compare};
 use crate::fault_injection::Fault;
 use crate::fault_schedule;

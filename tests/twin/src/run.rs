@@ -15,7 +15,7 @@ use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
 
-use crate::Arguments;
+use crate::arguments::Arguments;
 use crate::board_faults::BoardFaults;
 use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;

@@ -4,7 +4,6 @@ mod bringup;
 mod drivers;
 mod features;
 mod features_exact;
-mod module_order;
 mod network;
 mod node;
 mod piezo;

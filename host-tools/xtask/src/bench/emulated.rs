@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use slipsense::net::Model;
@@ -18,7 +17,6 @@ use crate::qemu::machine::{Machine, write_input};
 use crate::table::{Table, thousands};
 
 pub const PROGRAM: &str = "slipsense-qemu-bench";
-const TIMEOUT: Duration = Duration::from_secs(900);
 
 #[derive(Debug, Default)]
 pub struct Measured {
@@ -99,7 +97,7 @@ pub fn compressed(model: &[u8], frames: &Frames) -> Result<Vec<[u32; 2]>> {
 }
 
 fn run(machine: &Machine, dir: &Path) -> Result<Measured> {
-    machine.run(dir, TIMEOUT)?;
+    machine.run(dir)?;
     Measured::read(dir)
 }
 

@@ -113,7 +113,6 @@ fn icm42688(part: &Rc<RefCell<Part>>) -> Icm42688<'static, Wire> {
 }
 
 fn fast(kind: Kind) -> Rc<RefCell<Part>> {
-    println!("{kind:?}");
     let part = Part::new(kind);
     part.borrow_mut().rate_hz = 8_216.0;
     part
@@ -174,7 +173,6 @@ fn a_full_fifo_shows_as_a_gap_and_the_count_stays_right() {
         assert_eq!(arrived(&after), "|#########");
         assert_joined(&samples(after));
         assert_eq!((bench.counters().overruns, bench.counters().faults), (1, 0));
-        println!("  a gap after an overrun, {} samples lost", bench.lost());
     });
 }
 
@@ -225,9 +223,8 @@ fn a_failed_transfer_costs_one_frame() {
 
 #[test]
 fn a_dead_part_is_restarted_when_it_answers_again() {
-    for (wires, name) in
-        [(Wires::Error, "refused"), (Wires::Stuck(0), "MISO low"), (Wires::Stuck(0xff), "MISO high")]
-    {
+    // Refused, MISO low, MISO high.
+    for wires in [Wires::Error, Wires::Stuck(0), Wires::Stuck(0xff)] {
         each!(bench, {
             bench.warm_up();
             bench.part.borrow_mut().wires = wires;
@@ -237,7 +234,6 @@ fn a_dead_part_is_restarted_when_it_answers_again() {
             assert!(bench.part.borrow().transfers < 3 * 1_700, "{}", bench.part.borrow().transfers);
             bench.part.borrow_mut().wires = Wires::Fine;
             let ticks = bench.recovery();
-            println!("  {name}: delivers {ticks} ticks ({:.0} ms) after it answers", ticks as f64 / 0.24);
             assert!(ticks <= 24 + 1 + START_TICKS, "{ticks}");
             let after = bench.run(50);
             assert_eq!(arrived(&after), "#".repeat(50));
@@ -254,7 +250,6 @@ fn a_part_that_lost_its_settings_is_restarted() {
         bench.part.borrow_mut().power_on();
         assert_eq!(arrived(&bench.run(1)), ".");
         let ticks = 1 + bench.recovery();
-        println!("  after a brown-out: delivers {ticks} ticks later");
         assert!(ticks <= 5 + START_TICKS, "{ticks}");
         assert_eq!(bench.counters().last_fault, Some(XlFault::Silent));
         assert_eq!(arrived(&bench.run(20)), "#".repeat(20));

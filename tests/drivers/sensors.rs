@@ -92,8 +92,7 @@ fn a_fault_is_the_faulty_parts_only() {
     parts[1].borrow_mut().wires = Wires::Error;
     (0..100).for_each(|_| assert_eq!(next(&mut sensors), "pppx-x"));
     parts[1].borrow_mut().wires = Wires::Fine;
-    let ticks = (1..100).find(|_| next(&mut sensors) == "pppxxx").expect("recovered");
-    println!("accelerometer: delivers {ticks} frames after it answers again");
+    assert!((1..100).any(|_| next(&mut sensors) == "pppxxx"), "recovered");
 
     faults.lost.set(true);
     assert_eq!(next(&mut sensors), "---xxx");

@@ -8,7 +8,7 @@ use slipsense::node::{
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, TransferId};
 
 use super::commands::command;
-use super::{NODE, TOOL, ask, node, records, said};
+use super::{NODE, TOOL, ask, hear, node, records, said};
 
 #[derive(Default)]
 struct Memory {
@@ -54,9 +54,7 @@ pub fn offset(request: &[u8]) -> usize {
 
 pub fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
     let payload = [&error.to_le_bytes()[..], &(bytes.len() as u16).to_le_bytes(), bytes].concat();
-    for frame in Frames::new(id.response(), transfer, &payload) {
-        node.accept(&frame, now);
-    }
+    hear(node, Frames::new(id.response(), transfer, &payload), now);
 }
 
 fn begin(node: &mut Node, call: u8, number: u16, path: &[u8], length_max: u32) {

@@ -47,6 +47,11 @@ fn message(source: NodeId, port: u16, transfer: u8, payload: &[u8]) -> Vec<CanFr
     Frames::new(MessageId { priority: Priority::Nominal, port, node: source }, transfer, payload).collect()
 }
 
+/// The node receives these frames.
+pub fn hear(node: &mut Node, frames: impl IntoIterator<Item = CanFrame>, now_us: u64) {
+    frames.into_iter().for_each(|frame| node.accept(&frame, now_us));
+}
+
 /// Everything that the node has to say: identifiers, transfer identifiers and payloads.
 pub fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
     let mut sessions = Box::new(Sessions::<16, 640>::new());
@@ -66,9 +71,7 @@ pub fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
 
 /// The node's answer to a request; records and heartbeats are passed over.
 fn ask(node: &mut Node, port: u16, transfer: u8, payload: &[u8], now_us: u64) -> Option<Vec<u8>> {
-    for frame in request(port, transfer, payload) {
-        node.accept(&frame, now_us);
-    }
+    hear(node, request(port, transfer, payload), now_us);
     let mut answers = said(node).into_iter().filter_map(|(id, number, payload)| match id {
         TransferId::Service(id) if id.role == ServiceRole::Response => {
             assert_eq!((id.port, id.source, id.destination, number), (port, NODE, TOOL, transfer));

@@ -91,13 +91,6 @@ fn the_slip_message_waits_for_the_frame_on_the_wire_and_no_longer() {
         let ran = world.run();
         assert_eq!(ran.slips, expected_slips(&world));
         let worst = slip_times_ns(&ran).into_iter().max().unwrap();
-        println!(
-            "{sensors} sensors, {foreign_load_percent} % foreign load: slip message through at most {} µs after it \
-             was there; {} of {} raw messages dropped whole",
-            worst / 1000,
-            ran.status.dropped_raw,
-            240 * sensors
-        );
         assert!(worst <= 2 * FULL_FRAME_NS, "{worst} ns");
         raw_is_whole_or_counted(&world, &ran, 0);
     }
@@ -194,15 +187,6 @@ fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
         ran.arrived.iter().filter(is_of(TxSlot::Slip)).position(|slip| slip.at_ns > dominant_ns.end).unwrap();
     let first = ran.arrived.iter().filter(is_of(TxSlot::Slip)).nth(back).unwrap();
     let age_ns = first.at_ns - tick_ns(ran.slips[back].sequence);
-    println!(
-        "bus-off for 2 s: first slip message {} µs after its end, {} µs old; the status says {} µs off; {} raw \
-         messages dropped, {} broken",
-        (first.at_ns - dominant_ns.end) / 1000,
-        age_ns / 1000,
-        ran.status.bus_off_us,
-        ran.status.dropped_raw,
-        ran.status.broken_raw
-    );
     // 128 times 11 bits, and the message itself.
     assert!(first.at_ns - dominant_ns.end <= 1_408_000 + FULL_FRAME_NS + 1000);
     assert!(age_ns <= FRAME_NS + FULL_FRAME_NS, "the newest, not the first of two seconds");

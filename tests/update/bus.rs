@@ -12,14 +12,12 @@ use slipsense::wire::TransferId;
 use super::device::{Device, NEW, OLD, Sink, image, model, model_image};
 use crate::node::commands::command;
 use crate::node::files::{answer, offset};
-use crate::node::{node, request, said, text};
+use crate::node::{hear, node, request, said, text};
 
 /// Serve `file` to a node that updates; the texts that it had for the bus.
 fn update(sink: &mut Sink<'_>, begin: u16, file: &[u8]) -> Vec<String> {
     let mut node = node();
-    for frame in request(COMMAND_PORT, 0, &command(begin, b"image.slip")) {
-        node.accept(&frame, 0);
-    }
+    hear(&mut node, request(COMMAND_PORT, 0, &command(begin, b"image.slip")), 0);
     let (mut texts, mut ended) = (Vec::new(), false);
     for now in (1_000..).step_by(1_000).take(20_000) {
         node.poll(now);

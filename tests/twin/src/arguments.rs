@@ -43,9 +43,6 @@ pub struct Arguments {
     /// Accelerometer behind each array, for which the firmware must be built.
     #[arg(long, value_enum, default_value_t)]
     pub xl: Xl,
-    /// Deviation of the ADXL380s' oscillators, per cent, 0.7 if not given. The emulator's ICM-42688-P has none.
-    #[arg(long, allow_negative_numbers = true, value_parser = |text: &str| number(text, -50.0..=50.0))]
-    pub xl_error: Option<f64>,
     /// What happens to bus and sensors, as NAME:FROM-TO in virtual seconds; more than once for more. Bus: off (no
     /// acknowledge), jam (every frame), errors1, errors10 (per cent of the frames), flood (another node's full
     /// frames); sensors: xl-stops, xl-overrun (its FIFO; both the ADXL380's), adc-stuck.

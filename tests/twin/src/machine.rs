@@ -31,7 +31,7 @@ use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
 use crate::scan_timing::Settings;
 use crate::window::Windowed;
-use crate::xl::{Readouts, Xl};
+use crate::xl::{self, Readouts, Xl};
 
 /// The core's clock that `clocks.rs` sets, and with one instruction per cycle its rate. A choice, not a
 /// measurement: the silicon issues up to two, and waits for flash and buses.
@@ -52,8 +52,6 @@ pub struct Fitted {
     /// Sensors at rest, in place of an episode.
     pub desk: Option<Desk>,
     pub xl: Xl,
-    /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
-    pub xl_error: f64,
     pub faults: Vec<Fault>,
     /// Every event of the scan one by one, and every access through the MPU.
     pub slow: bool,
@@ -252,7 +250,7 @@ impl Twin {
                 Xl::Adxl380 => {
                     let desk = fitted.desk.map(|desk| desk.at(sensor));
                     let slow = bench::has(desk, DeskFault::XlSlow);
-                    let error = if slow { -0.1 } else { fitted.xl_error };
+                    let error = if slow { -0.1 } else { xl::OSCILLATOR_ERROR };
                     let faults = fitted.faults.clone();
                     let part = Adxl380::new(episode, desk, sensor, error, faults, readouts);
                     spi.attach_selected(part, select);

@@ -46,9 +46,6 @@ use machine::Fitted;
 use slipsense_recording::Episode;
 use xl::Xl;
 
-/// Of an ADXL380's oscillator, if nothing else is asked for.
-const XL_ERROR_PERCENT: f64 = 0.7;
-
 fn main() -> ExitCode {
     match real_main(&Arguments::parse()) {
         Ok(true) => ExitCode::SUCCESS,
@@ -64,9 +61,6 @@ fn main() -> ExitCode {
 fn check_xl(arguments: &Arguments, faults: &[Fault]) -> Result<()> {
     if arguments.xl != Xl::Icm42688 {
         return Ok(());
-    }
-    if arguments.xl_error.is_some() {
-        bail!("--xl-error: the emulator's ICM-42688-P has no oscillator of its own");
     }
     let ours = |fault: &&Fault| matches!(fault.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
     match faults.iter().find(ours) {
@@ -100,7 +94,6 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
         episode: episode.clone(),
         desk: arguments.desk.map(|sensors| Desk { sensors: sensors.into(), fault: arguments.desk_fault }),
         xl: arguments.xl,
-        xl_error: arguments.xl_error.unwrap_or(XL_ERROR_PERCENT) / 100.0,
         faults: faults.clone(),
         slow: arguments.slow,
         hse_hz: arguments.hse_hz,

@@ -26,7 +26,7 @@ use crate::power_faults::{Failure, PowerFaults};
 use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
 use crate::settings;
-use crate::xl::Readouts;
+use crate::xl::{self, Readouts};
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
@@ -243,7 +243,7 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
         frames: std::mem::take(&mut fdcan.wire.log),
         requests: std::mem::take(&mut fdcan.requests),
         readouts,
-        xl_rate_hz: fitted.xl.rate_hz(fitted.xl_error),
+        xl_rate_hz: fitted.xl.rate_hz(xl::OSCILLATOR_ERROR),
         failures: driver.supply.failures,
         read_flags: driver.faults.flags,
         resets,

@@ -100,7 +100,6 @@ impl Bench {
             episode: None,
             desk: None,
             xl: Xl::default(),
-            xl_error: 0.0,
             faults,
             hse_hz: crate::machine::HSE_HZ,
             slow: false,

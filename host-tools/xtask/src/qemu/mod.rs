@@ -15,6 +15,7 @@ use slipsense_recording::Episode;
 
 use crate::process::root;
 use crate::table::{Table, thousands};
+use crate::twin::machine::MODEL;
 
 mod compare;
 mod extreme;
@@ -72,8 +73,8 @@ const EXTREME_FRAMES: u32 = 2000;
 /// Of the extreme input.
 const SEED: u64 = 1;
 
-pub fn default_model() -> PathBuf {
-    root().join("model/weights/slipsense.slipnet")
+pub fn shipped_model() -> Result<Vec<u8>> {
+    fs::read(root().join(MODEL)).with_context(|| format!("{MODEL}: cannot read the model"))
 }
 
 impl Options {
@@ -92,11 +93,7 @@ impl Options {
     fn model(&self) -> Result<(String, Vec<u8>)> {
         let (name, bytes) = match self.random_model {
             Some(seed) => (format!("random {seed}"), extreme::model(seed)?),
-            None => {
-                let name = default_model().display().to_string();
-                let bytes = fs::read(&name).with_context(|| format!("{name}: cannot read the model"))?;
-                (name, bytes)
-            }
+            None => (MODEL.to_owned(), shipped_model()?),
         };
         if bytes.len() > MODEL_BYTES_MAX {
             bail!("{name}: {} bytes, the emulated board takes {MODEL_BYTES_MAX}", bytes.len());

@@ -113,24 +113,8 @@ fn a_refusal_is_reported_with_its_reason() {
     let refused = |file: &[u8], refuse_at, length_max| {
         let (mut node, mut sink) = (node(), Memory { refuse_at, ..Memory::default() });
         begin(&mut node, 1, BEGIN_MODEL_UPDATE, b"firmware.bin", length_max);
-        // The records come between the requests, so the last turn is looked at by hand.
-        let (mut texts, mut now) = (Vec::new(), 1_000);
-        while node.mode() == Mode::SoftwareUpdate {
-            node.poll(now);
-            for (id, transfer, offset, _) in requests(&mut node) {
-                answer(&mut node, id, transfer, 0, &file[offset..file.len().min(offset + 256)], now);
-            }
-            if let Some(chunk) = node.take_chunk() {
-                let result = block_on(chunk.deliver(&mut sink));
-                node.chunk_done(&chunk, result);
-            }
-            if node.mode() != Mode::SoftwareUpdate {
-                texts = records(&mut node);
-            }
-            now += 1_000;
-        }
-        assert_eq!(node.take_action().as_slice(), failed);
-        texts
+        assert_eq!(serve(&mut node, file, &mut sink, usize::MAX), failed);
+        records(&mut node)
     };
     assert_eq!(refused(b"bad image", None, 1_000), ["model not taken: wrong signature"]);
     assert_eq!(refused(&[1; 600], Some(512), 1_000), ["model not taken: the flash refused a write"]);

@@ -4,7 +4,6 @@ mod bringup;
 mod drivers;
 mod features;
 mod features_exact;
-mod module_order;
 mod network;
 mod node;
 mod piezo;
@@ -14,3 +13,9 @@ mod tasks;
 mod transfer;
 mod update;
 mod wire;
+
+/// Is the cell of this index on the pad?
+fn on_pad(index: usize) -> bool {
+    use slipsense::params::TAXEL_COLS;
+    slipsense::sensor::is_active(index / TAXEL_COLS, index % TAXEL_COLS)
+}

@@ -3,13 +3,11 @@
 
 use slipsense::features::piezo::{DELTA_GAIN, PiezoFrontEnd, TaxelDelta};
 use slipsense::params::{CONTACT_SUM_MIN, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
-use slipsense::sensor::{PiezoFrame, is_active};
+use slipsense::sensor::PiezoFrame;
+
+use crate::on_pad;
 
 type Cells = Vec<[i16; PIEZO_CHANNELS]>;
-
-fn on_pad(index: usize) -> bool {
-    is_active(index / TAXEL_COLS, index % TAXEL_COLS)
-}
 
 fn scan_of(count: impl Fn(usize) -> u16) -> PiezoFrame {
     PiezoFrame::from_scan(std::array::from_fn(count))

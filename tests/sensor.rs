@@ -5,11 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::contact::ContactSummary;
 use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, COUNT_MAX, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
-use slipsense::sensor::{PiezoFrame, TaxelMask, is_active};
+use slipsense::sensor::{PiezoFrame, TaxelMask};
 
-fn on_pad(index: usize) -> bool {
-    is_active(index / TAXEL_COLS, index % TAXEL_COLS)
-}
+use crate::on_pad;
 
 /// Scans as an ADC might write them, of all kinds.
 fn scans() -> impl Iterator<Item = [u16; TAXELS]> {

@@ -21,11 +21,6 @@ fn no_count_is_left_out_and_each_has_its_fewest_codes() {
     assert_eq!(before, COUNT_MAX);
     assert_eq!((code(0), code(u16::MAX)), (0, code(COUNT_MAX)));
     assert!((0..=COUNT_MAX).all(|n| count(u32::from(adc_code(n) - IDLE_CODE)) == n));
-    println!(
-        "counts 1, 8, 100, 4095 from {:?} codes on; 1 of 4096 of the linear range reads {} counts",
-        [1, 8, 100, COUNT_MAX].map(code),
-        count(16)
-    );
 }
 
 proptest! {

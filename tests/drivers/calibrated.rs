@@ -16,11 +16,12 @@ use slipsense::drivers::{
 };
 use slipsense::params::{ACTIVE_TAXELS, CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXEL_COLS, TAXELS};
 use slipsense::pipeline::FrameStamp;
-use slipsense::sensor::{PiezoFrame, is_active};
+use slipsense::sensor::PiezoFrame;
 use slipsense::settings::{SCRATCH, SettingsStore};
 use slipsense::transfer::{HALF_CODE, IDLE_CODE};
 
-use super::fake::{Kind, Part, Wire};
+use super::fake::{Kind, Part, Wire, nominal};
+use crate::on_pad;
 use crate::update::flash::Flash;
 
 /// Codes of one of the 4096 steps of the linear range.
@@ -66,7 +67,7 @@ impl Pad {
         let noises = each(&mut |rng| LSB * NOISE.0 * (NOISE.1 / NOISE.0).powf(rng.random::<f64>()));
         let drifts = each(&mut |rng| LSB * (DRIFT_ALL + rng.random_range(-DRIFT_OWN..DRIFT_OWN)) / 600.0);
         let faults = (0..TAXELS).map(|slot| match rng.random_range(0..3) {
-            _ if !is_active(slot / TAXEL_COLS, slot % TAXEL_COLS) || !rng.random_bool(FAULTY) => Fault::None,
+            _ if !on_pad(slot) || !rng.random_bool(FAULTY) => Fault::None,
             0 => Fault::Stuck(rng.random_range(IDLE_CODE..20_000)),
             1 => Fault::Shorted,
             _ => Fault::Open,
@@ -104,16 +105,6 @@ impl Pad {
         measurement.evaluate(&Mounting::default().pad(), &mut calibration).expect("untouched");
         calibration
     }
-}
-
-fn on_pad(slot: usize) -> bool {
-    is_active(slot / TAXEL_COLS, slot % TAXEL_COLS)
-}
-
-fn nominal() -> Box<Calibration> {
-    let mut calibration = Box::new(Calibration::zeroed());
-    calibration.set_nominal();
-    calibration
 }
 
 /// A round contact in the middle, its conductance in codes: this peak, kPa, and this radius, taxels.

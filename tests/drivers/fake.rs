@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use embedded_hal_async::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
+use slipsense::calibration::Calibration;
 use slipsense::sensor::XlSample;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +38,12 @@ pub struct Part {
     /// What a sample is, by its number.
     pub signal: fn(u64) -> XlSample,
     pub transfers: u32,
+}
+
+pub fn nominal() -> Box<Calibration> {
+    let mut calibration = Box::new(Calibration::zeroed());
+    calibration.set_nominal();
+    calibration
 }
 
 /// A sample that says its number: no two within 2^15 are alike.

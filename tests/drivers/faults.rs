@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use embassy_futures::block_on;
 use slipsense::board::{Accelerometer, FifoSamples, XlFault};
-use slipsense::drivers::{Adxl380, Adxl382, Icm42688, SPI_BUFFER_BYTES, XlBatch, XlMonitor};
+use slipsense::drivers::{Adxl380, Adxl382, Icm42688, SPI_BUFFER_BYTES, XlBatch, XlCounters, XlMonitor};
 use slipsense::sensor::XlSample;
 
 use super::fake::{Kind, Part, Wire, Wires, numbered};
@@ -74,6 +74,26 @@ impl<A: Accelerometer> Bench<A> {
         (0..ticks).map(|_| self.tick()).collect()
     }
 
+    fn warm_up(&mut self) {
+        self.run(600);
+        (self.begin, self.measured) = (None, true);
+    }
+
+    fn counters(&self) -> XlCounters {
+        self.monitor.counters()
+    }
+
+    fn lost(&self) -> u64 {
+        self.monitor.count().lost()
+    }
+
+    /// A tick whose samples nobody takes.
+    fn discard(&mut self) {
+        let next = self.next;
+        self.tick();
+        self.next = next;
+    }
+
     /// Ticks until the next that delivers.
     fn recovery(&mut self) -> usize {
         (1..200).find(|_| self.tick().is_some()).expect("it never recovers")
@@ -92,59 +112,22 @@ fn icm42688(part: &Rc<RefCell<Part>>) -> Icm42688<'static, Wire> {
     Icm42688::new(Wire(part.clone()), leak())
 }
 
+fn fast(kind: Kind) -> Rc<RefCell<Part>> {
+    let part = Part::new(kind);
+    part.borrow_mut().rate_hz = 8_216.0;
+    part
+}
+
 /// The same test for both parts that deliver their native samples. Started, and its rate measured, 2.7 % too fast.
-fn each(test: impl Fn(&mut dyn Driven)) {
-    for kind in [Kind::Adxl380, Kind::Icm42688] {
-        let part = Part::new(kind);
-        part.borrow_mut().rate_hz = 8_216.0;
-        println!("{kind:?}");
-        if kind == Kind::Adxl380 {
-            test(&mut Bench::new(part.clone(), adxl380(&part)));
-        } else {
-            test(&mut Bench::new(part.clone(), icm42688(&part)));
-        }
-    }
-}
-
-trait Driven {
-    fn warm_up(&mut self);
-    fn part(&self) -> &Rc<RefCell<Part>>;
-    fn run(&mut self, ticks: usize) -> Vec<Delivered>;
-    fn pass(&mut self, us: u64);
-    fn recovery(&mut self) -> usize;
-    fn counters(&self) -> slipsense::drivers::XlCounters;
-    fn lost(&self) -> u64;
-    fn discard(&mut self);
-}
-
-impl<A: Accelerometer> Driven for Bench<A> {
-    fn warm_up(&mut self) {
-        Bench::run(self, 600);
-        (self.begin, self.measured) = (None, true);
-    }
-    fn part(&self) -> &Rc<RefCell<Part>> {
-        &self.part
-    }
-    fn run(&mut self, ticks: usize) -> Vec<Delivered> {
-        Bench::run(self, ticks)
-    }
-    fn pass(&mut self, us: u64) {
-        Bench::pass(self, us);
-    }
-    fn recovery(&mut self) -> usize {
-        Bench::recovery(self)
-    }
-    fn counters(&self) -> slipsense::drivers::XlCounters {
-        self.monitor.counters()
-    }
-    fn lost(&self) -> u64 {
-        self.monitor.count().lost()
-    }
-    fn discard(&mut self) {
-        let next = self.next;
-        self.tick();
-        self.next = next;
-    }
+macro_rules! each {
+    ($bench:ident, $test:block) => {
+        let part = fast(Kind::Adxl380);
+        let mut $bench = Bench::new(part.clone(), adxl380(&part));
+        $test
+        let part = fast(Kind::Icm42688);
+        let mut $bench = Bench::new(part.clone(), icm42688(&part));
+        $test
+    };
 }
 
 /// `#`: delivered, `|`: delivered after a gap, `.`: not delivered.
@@ -166,7 +149,7 @@ fn assert_joined(samples: &[XlSample]) {
 
 #[test]
 fn every_sample_arrives_once_in_order() {
-    each(|bench| {
+    each!(bench, {
         let started = bench.run(START_TICKS);
         assert!(started[0].is_none() && started[START_TICKS - 1].is_some(), "{}", arrived(&started));
         bench.warm_up();
@@ -182,7 +165,7 @@ fn every_sample_arrives_once_in_order() {
 
 #[test]
 fn a_full_fifo_shows_as_a_gap_and_the_count_stays_right() {
-    each(|bench| {
+    each!(bench, {
         bench.warm_up();
         // Nobody reads for 80 ms: 657 samples, of which a FIFO holds 105 or 255.
         bench.pass(80_000);
@@ -190,13 +173,12 @@ fn a_full_fifo_shows_as_a_gap_and_the_count_stays_right() {
         assert_eq!(arrived(&after), "|#########");
         assert_joined(&samples(after));
         assert_eq!((bench.counters().overruns, bench.counters().faults), (1, 0));
-        println!("  a gap after an overrun, {} samples lost", bench.lost());
     });
 }
 
 #[test]
 fn a_late_reader_loses_nothing_while_the_fifo_holds() {
-    each(|bench| {
+    each!(bench, {
         bench.warm_up();
         let before = bench.lost();
         bench.pass(5_000);
@@ -209,15 +191,15 @@ fn a_late_reader_loses_nothing_while_the_fifo_holds() {
 
 #[test]
 fn lost_sync_shows_as_a_gap_or_costs_one_frame() {
-    each(|bench| {
+    each!(bench, {
         bench.warm_up();
         bench.pass(1_000);
         // One byte too few, or one entry: whatever follows is out of step.
-        let (cut, expected) = match bench.part().borrow().kind {
+        let (cut, expected) = match bench.part.borrow().kind {
             Kind::Icm42688 => (1, ".#########"),
             _ => (3, "|#########"),
         };
-        bench.part().borrow_mut().fifo.drain(..cut);
+        bench.part.borrow_mut().fifo.drain(..cut);
         let after = bench.run(10);
         assert_eq!(arrived(&after), expected);
         assert_joined(&samples(after));
@@ -227,11 +209,11 @@ fn lost_sync_shows_as_a_gap_or_costs_one_frame() {
 
 #[test]
 fn a_failed_transfer_costs_one_frame() {
-    each(|bench| {
+    each!(bench, {
         bench.warm_up();
-        bench.part().borrow_mut().wires = Wires::Error;
+        bench.part.borrow_mut().wires = Wires::Error;
         assert_eq!(arrived(&bench.run(1)), ".");
-        bench.part().borrow_mut().wires = Wires::Fine;
+        bench.part.borrow_mut().wires = Wires::Fine;
         assert_eq!(arrived(&bench.run(5)), "#####");
         let counters = bench.counters();
         assert_eq!((counters.faults, counters.starts), (1, 1));
@@ -241,19 +223,17 @@ fn a_failed_transfer_costs_one_frame() {
 
 #[test]
 fn a_dead_part_is_restarted_when_it_answers_again() {
-    for (wires, name) in
-        [(Wires::Error, "refused"), (Wires::Stuck(0), "MISO low"), (Wires::Stuck(0xff), "MISO high")]
-    {
-        each(|bench| {
+    // Refused, MISO low, MISO high.
+    for wires in [Wires::Error, Wires::Stuck(0), Wires::Stuck(0xff)] {
+        each!(bench, {
             bench.warm_up();
-            bench.part().borrow_mut().wires = wires;
+            bench.part.borrow_mut().wires = wires;
             let dead = bench.run(1_000);
             assert_eq!(arrived(&dead[3..]), ".".repeat(997));
             // At most five transfers a tick, so that the other sensors have their time.
-            assert!(bench.part().borrow().transfers < 3 * 1_700, "{}", bench.part().borrow().transfers);
-            bench.part().borrow_mut().wires = Wires::Fine;
+            assert!(bench.part.borrow().transfers < 3 * 1_700, "{}", bench.part.borrow().transfers);
+            bench.part.borrow_mut().wires = Wires::Fine;
             let ticks = bench.recovery();
-            println!("  {name}: delivers {ticks} ticks ({:.0} ms) after it answers", ticks as f64 / 0.24);
             assert!(ticks <= 24 + 1 + START_TICKS, "{ticks}");
             let after = bench.run(50);
             assert_eq!(arrived(&after), "#".repeat(50));
@@ -265,12 +245,11 @@ fn a_dead_part_is_restarted_when_it_answers_again() {
 
 #[test]
 fn a_part_that_lost_its_settings_is_restarted() {
-    each(|bench| {
+    each!(bench, {
         bench.warm_up();
-        bench.part().borrow_mut().power_on();
+        bench.part.borrow_mut().power_on();
         assert_eq!(arrived(&bench.run(1)), ".");
         let ticks = 1 + bench.recovery();
-        println!("  after a brown-out: delivers {ticks} ticks later");
         assert!(ticks <= 5 + START_TICKS, "{ticks}");
         assert_eq!(bench.counters().last_fault, Some(XlFault::Silent));
         assert_eq!(arrived(&bench.run(20)), "#".repeat(20));
@@ -294,7 +273,7 @@ fn another_part_is_refused_by_name() {
 
 #[test]
 fn what_nobody_takes_shows_as_a_gap() {
-    each(|bench| {
+    each!(bench, {
         bench.warm_up();
         let before = bench.lost();
         (0..5).for_each(|_| bench.discard());

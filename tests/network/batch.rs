@@ -51,34 +51,19 @@ impl Oracle<'_> {
             let inside = row >= 0 && col >= 0 && row < side as isize && col < side as isize;
             if inside { x[row as usize][col as usize][channel] } else { 0 }
         };
-        let full: Vec<Vec<Vec<i64>>> = (0..side as isize)
-            .map(|row| {
-                (0..side as isize)
-                    .map(|col| {
-                        let mut patch = Vec::new();
-                        for (ky, kx) in (-1..=1).flat_map(|ky| (-1..=1).map(move |kx| (ky, kx))) {
-                            patch.extend((0..channels).map(|channel| at(row + ky, col + kx, channel)));
-                        }
-                        self.convolution(layer, &patch)
-                    })
-                    .collect()
-            })
-            .collect();
-        (0..side / 2)
-            .map(|row| {
-                (0..side / 2)
-                    .map(|col| {
-                        (0..full[0][0].len())
-                            .map(|c| {
-                                let cells = [(0, 0), (0, 1), (1, 0), (1, 1)];
-                                cells.map(|(dy, dx)| full[2 * row + dy][2 * col + dx][c]).into_iter().max()
-                            })
-                            .map(Option::unwrap)
-                            .collect()
-                    })
-                    .collect()
-            })
-            .collect()
+        let mut pooled = vec![vec![Vec::new(); side / 2]; side / 2];
+        for (row, col) in (0..side).flat_map(|row| (0..side).map(move |col| (row, col))) {
+            let mut patch = Vec::new();
+            for (ky, kx) in (-1..=1).flat_map(|ky| (-1..=1).map(move |kx| (ky, kx))) {
+                patch.extend((0..channels).map(|c| at(row as isize + ky, col as isize + kx, c)));
+            }
+            let outputs = self.convolution(layer, &patch);
+            let most: &mut Vec<i64> = &mut pooled[row / 2][col / 2];
+            // No output is negative.
+            most.resize(outputs.len(), 0);
+            most.iter_mut().zip(outputs).for_each(|(most, output)| *most = output.max(*most));
+        }
+        pooled
     }
 
     /// One sensor's embeddings over its whole sequence.

@@ -15,6 +15,13 @@ fn refusal(bytes: &[u8]) -> ModelError {
     Model::parse(bytes).expect_err("must be refused")
 }
 
+/// With the hash at the end made anew.
+fn hashed(mut bytes: Vec<u8>) -> Vec<u8> {
+    let (content, hash) = bytes.split_last_chunk_mut::<32>().unwrap();
+    *hash = Sha256::digest(content).into();
+    bytes
+}
+
 #[test]
 fn a_written_file_is_read_back() {
     let mut file = good();
@@ -102,13 +109,10 @@ fn numbers_that_belong_to_nothing() {
     let at = specs.iter().position(|spec| (spec.layer, spec.part) == ("xl.mix1", "weight")).unwrap();
     let start = HEADER_BYTES + specs[..at].iter().map(|spec| spec.padded_bytes()).sum::<usize>();
     let (weights, biases) = (specs[at].padded_bytes(), specs[at + 1].padded_bytes());
-    let hashed = bytes.len() - 32;
     for (offset, what) in [(weights / 3 * 2 + 12, "a weight"), (weights + biases - 4, "a bias")] {
         let mut bytes = bytes.clone();
         bytes[start + offset] = 1;
-        let hash = Sha256::digest(&bytes[..hashed]);
-        bytes[hashed..].copy_from_slice(&hash);
-        assert_eq!(refusal(&bytes).to_string(), "xl.mix1: the padding is not zero", "{what}");
+        assert_eq!(refusal(&hashed(bytes)).to_string(), "xl.mix1: the padding is not zero", "{what}");
     }
 }
 
@@ -118,16 +122,13 @@ fn numbers_that_no_kernel_gives() {
     let bytes = file.to_bytes().unwrap();
     let conv1 = file.specs()[0];
     assert_eq!((conv1.layer, conv1.part), ("piezo.conv1", "weight"));
-    let hashed = bytes.len() - 32;
     // Output 1's first column: a sum, and behind the planes of sums and alternating sums twice an upper weight.
     for word in [1, 6 * 4 + 1] {
         let mut bytes = bytes.clone();
         bytes[HEADER_BYTES + 4 * word] ^= 1;
-        let hash = Sha256::digest(&bytes[..hashed]);
-        bytes[hashed..].copy_from_slice(&hash);
         let expected =
             "piezo.conv1 channel 1: the numbers are not sums and differences of a kernel's weights";
-        assert_eq!(refusal(&bytes).to_string(), expected);
+        assert_eq!(refusal(&hashed(bytes)).to_string(), expected);
     }
 }
 
@@ -152,33 +153,25 @@ fn accumulators_that_could_overflow() {
     // 127 · 256 · 32768 is half of what fits; a bias takes the rest.
     file.tensor_mut("piezo.dense", "weight")[256..512].fill(-127);
     file.tensor_mut("piezo.dense", "bias")[1] = i32::MIN + 1;
-    let bytes = file.to_bytes().unwrap();
-    let error = refusal(&bytes);
-    assert_eq!(
-        error.to_string(),
-        "piezo.dense channel 1: accumulator can reach 3212836863, more than 2147483647"
-    );
+    let expected = "piezo.dense channel 1: accumulator can reach 3212836863, more than 2147483647";
+    assert_eq!(refusal(&file.to_bytes().unwrap()).to_string(), expected);
 
     let mut file = good();
     file.tensor_mut("temporal.norm", "gamma")[3] = 32767;
     file.tensor_mut("temporal.norm", "beta")[3] = 1 << 30 | 1 << 20;
-    let bytes = file.to_bytes().unwrap();
-    assert!(matches!(
-        refusal(&bytes),
-        ModelError::AccumulatorOverflow { layer: "temporal.norm", channel: 3, .. }
-    ));
+    let error = refusal(&file.to_bytes().unwrap());
+    assert!(matches!(error, ModelError::AccumulatorOverflow { layer: "temporal.norm", channel: 3, .. }));
 }
 
 #[test]
 fn scales_out_of_range() {
-    let mut file = good();
-    file.tensor_mut("xl.mix1", "multiplier")[7] = -1;
-    let bytes = file.to_bytes().unwrap();
-    assert_eq!(refusal(&bytes).to_string(), "xl.mix1 multiplier 7 is -1, out of range");
-    let mut file = good();
-    file.tensor_mut("cross_xl.norm", "epsilon")[0] = 0;
-    let bytes = file.to_bytes().unwrap();
-    assert_eq!(refusal(&bytes).to_string(), "cross_xl.norm epsilon 0 is 0, out of range");
+    for (layer, part, index, value) in [("xl.mix1", "multiplier", 7, -1), ("cross_xl.norm", "epsilon", 0, 0)]
+    {
+        let mut file = good();
+        file.tensor_mut(layer, part)[index] = value;
+        let expected = format!("{layer} {part} {index} is {value}, out of range");
+        assert_eq!(refusal(&file.to_bytes().unwrap()).to_string(), expected);
+    }
 }
 
 #[test]

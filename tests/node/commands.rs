@@ -9,7 +9,7 @@ use slipsense::node::{
 use slipsense::settings::{Setting, Settings};
 use slipsense::wire::{Frames, Priority, ServiceId, ServiceRole, TransferId};
 
-use super::{NODE, TOOL, ask, node, records, request, said};
+use super::{NODE, TOOL, ask, hear, node, records, request, said};
 
 pub fn command(number: u16, parameter: &[u8]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &[parameter.len() as u8], parameter].concat()
@@ -89,9 +89,7 @@ fn a_factory_reset_gives_the_defaults_and_tells_the_tasks() {
     let mut settings = Settings::new();
     settings.set(Setting::Sensors, &[3]).unwrap();
     let mut node = slipsense::node::Node::new(super::identity(), settings);
-    for frame in request(COMMAND_PORT, 0, &command(FACTORY_RESET, b"")) {
-        node.accept(&frame, 0);
-    }
+    hear(&mut node, request(COMMAND_PORT, 0, &command(FACTORY_RESET, b"")), 0);
     assert_eq!(
         (node.take_action(), node.take_changed()),
         (Some(Action::FactoryReset), Some(Setting::Sensors))
@@ -145,18 +143,14 @@ fn records_are_cut_at_a_character_and_give_way() {
     assert_eq!(node.counters().dropped_transfers, 0);
     // Answers are dropped whole and counted when nobody takes frames.
     for transfer in 0..40 {
-        for frame in request(GET_INFO_PORT, transfer % 32, &[]) {
-            node.accept(&frame, u64::from(transfer) * 3_000_000);
-        }
+        hear(&mut node, request(GET_INFO_PORT, transfer % 32, &[]), u64::from(transfer) * 3_000_000);
     }
     // The last place is the heartbeat's.
     node.poll(200_000_000);
     assert_eq!((said(&mut node).len(), node.counters().dropped_transfers), (32, 9));
     // What waited while there was no bus.
     node.poll(300_000_000);
-    for frame in request(GET_INFO_PORT, 5, &[]) {
-        node.accept(&frame, 300_000_000);
-    }
+    hear(&mut node, request(GET_INFO_PORT, 5, &[]), 300_000_000);
     node.discard_frames();
     assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 11));
 }
@@ -172,9 +166,7 @@ fn an_answer_never_goes_before_the_slip_message() {
         let mut node = node();
         let (role, port) = (ServiceRole::Request, GET_INFO_PORT);
         let id = ServiceId { priority: asked, role, port, destination: NODE, source: TOOL };
-        for frame in Frames::new(id, 0, &[]) {
-            node.accept(&frame, 0);
-        }
+        hear(&mut node, Frames::new(id, 0, &[]), 0);
         let TransferId::Service(answer) = said(&mut node)[0].0 else { panic!("no answer") };
         assert_eq!(answer.priority, answered);
         assert!(answer.priority > slipsense::wire::SLIP_PRIORITY);

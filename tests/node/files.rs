@@ -8,7 +8,7 @@ use slipsense::node::{
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, TransferId};
 
 use super::commands::command;
-use super::{NODE, TOOL, ask, node, records, said};
+use super::{NODE, TOOL, ask, hear, node, records, said};
 
 #[derive(Default)]
 struct Memory {
@@ -42,19 +42,19 @@ fn requests(node: &mut Node) -> Vec<(ServiceId, u8, usize, Vec<u8>)> {
     requests
         .map(|(id, transfer, payload)| {
             assert_eq!((id.role, id.destination, id.source), (ServiceRole::Request, TOOL, NODE));
-            let offset = payload[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte));
-            (id, transfer, offset, payload[6..6 + usize::from(payload[5])].to_vec())
+            (id, transfer, offset(&payload), payload[6..6 + usize::from(payload[5])].to_vec())
         })
         .collect()
 }
 
-fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
+/// Of a request to read.
+pub fn offset(request: &[u8]) -> usize {
+    request[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte))
+}
+
+pub fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
     let payload = [&error.to_le_bytes()[..], &(bytes.len() as u16).to_le_bytes(), bytes].concat();
-    let response =
-        ServiceId { role: ServiceRole::Response, destination: id.source, source: id.destination, ..id };
-    for frame in Frames::new(response, transfer, &payload) {
-        node.accept(&frame, now);
-    }
+    hear(node, Frames::new(id.response(), transfer, &payload), now);
 }
 
 fn begin(node: &mut Node, call: u8, number: u16, path: &[u8], length_max: u32) {
@@ -113,24 +113,8 @@ fn a_refusal_is_reported_with_its_reason() {
     let refused = |file: &[u8], refuse_at, length_max| {
         let (mut node, mut sink) = (node(), Memory { refuse_at, ..Memory::default() });
         begin(&mut node, 1, BEGIN_MODEL_UPDATE, b"firmware.bin", length_max);
-        // The records come between the requests, so the last turn is looked at by hand.
-        let (mut texts, mut now) = (Vec::new(), 1_000);
-        while node.mode() == Mode::SoftwareUpdate {
-            node.poll(now);
-            for (id, transfer, offset, _) in requests(&mut node) {
-                answer(&mut node, id, transfer, 0, &file[offset..file.len().min(offset + 256)], now);
-            }
-            if let Some(chunk) = node.take_chunk() {
-                let result = block_on(chunk.deliver(&mut sink));
-                node.chunk_done(&chunk, result);
-            }
-            if node.mode() != Mode::SoftwareUpdate {
-                texts = records(&mut node);
-            }
-            now += 1_000;
-        }
-        assert_eq!(node.take_action().as_slice(), failed);
-        texts
+        assert_eq!(serve(&mut node, file, &mut sink, usize::MAX), failed);
+        records(&mut node)
     };
     assert_eq!(refused(b"bad image", None, 1_000), ["model not taken: wrong signature"]);
     assert_eq!(refused(&[1; 600], Some(512), 1_000), ["model not taken: the flash refused a write"]);

@@ -17,7 +17,7 @@ use slipsense::wire::{MessageId, NodeId};
 use super::commands::command;
 use super::mutated::{mutate, valid};
 use super::registers::access;
-use super::{TOOL, ask, identity, records, request};
+use super::{TOOL, ask, hear, identity, records, request};
 
 fn locked_settings() -> Settings {
     let mut settings = Settings::new();
@@ -71,9 +71,7 @@ fn a_locked_node_keeps_its_settings_and_takes_no_command() {
     assert_eq!(node.settings(), &locked_settings());
     assert_eq!(ask(&mut node, COMMAND_PORT, 9, &command(IDENTIFY, b""), 0).unwrap()[0], 0);
     assert_eq!(node.take_action(), Some(Action::Identify));
-    for frame in request(ACCESS_PORT, 2, &access("slipsense.raw.divider", &[11, 1, 0, 1])) {
-        node.accept(&frame, 0);
-    }
+    hear(&mut node, request(ACCESS_PORT, 2, &access("slipsense.raw.divider", &[11, 1, 0, 1])), 0);
     assert_eq!(records(&mut node), ["slipsense.raw.divider: locked, see slipsense.lock"]);
 }
 

@@ -2,24 +2,24 @@
 //! types are compared with pycyphal by `cargo xtask test --only node` and with canadensis in
 //! `slipsense-recording`.
 
-mod commands;
-mod files;
+pub mod commands;
+pub mod files;
 mod lock;
 mod mutated;
 mod network;
 mod page;
-mod registers;
+pub mod registers;
 
-use slipsense::node::{Identity, Node, Version};
+use slipsense::node::{Identity, Node, RECORD_PORT, Version};
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::wire::{
     CanFrame, Frames, MessageId, NodeId, Priority, ServiceId, ServiceRole, Sessions, TransferId,
 };
 
-const NODE: NodeId = NodeId::DEFAULT;
-const TOOL: NodeId = NodeId::new(120).unwrap();
+pub const NODE: NodeId = NodeId::DEFAULT;
+pub const TOOL: NodeId = NodeId::new(120).unwrap();
 
-fn identity() -> Identity {
+pub fn identity() -> Identity {
     Identity {
         hardware_version: Version { major: 1, minor: 2 },
         software_version: Version::SOFTWARE,
@@ -31,13 +31,13 @@ fn identity() -> Identity {
     }
 }
 
-fn node() -> Node {
+pub fn node() -> Node {
     let mut node = Node::new(identity(), Settings::new());
     node.set_operational();
     node
 }
 
-fn request(port: u16, transfer: u8, payload: &[u8]) -> Vec<CanFrame> {
+pub fn request(port: u16, transfer: u8, payload: &[u8]) -> Vec<CanFrame> {
     let (priority, role) = (Priority::Nominal, ServiceRole::Request);
     Frames::new(ServiceId { priority, role, port, destination: NODE, source: TOOL }, transfer, payload)
         .collect()
@@ -47,8 +47,13 @@ fn message(source: NodeId, port: u16, transfer: u8, payload: &[u8]) -> Vec<CanFr
     Frames::new(MessageId { priority: Priority::Nominal, port, node: source }, transfer, payload).collect()
 }
 
+/// The node receives these frames.
+pub fn hear(node: &mut Node, frames: impl IntoIterator<Item = CanFrame>, now_us: u64) {
+    frames.into_iter().for_each(|frame| node.accept(&frame, now_us));
+}
+
 /// Everything that the node has to say: identifiers, transfer identifiers and payloads.
-fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
+pub fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
     let mut sessions = Box::new(Sessions::<16, 640>::new());
     let mut said = Vec::new();
     while let Some(frame) = node.next_frame() {
@@ -66,9 +71,7 @@ fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
 
 /// The node's answer to a request; records and heartbeats are passed over.
 fn ask(node: &mut Node, port: u16, transfer: u8, payload: &[u8], now_us: u64) -> Option<Vec<u8>> {
-    for frame in request(port, transfer, payload) {
-        node.accept(&frame, now_us);
-    }
+    hear(node, request(port, transfer, payload), now_us);
     let mut answers = said(node).into_iter().filter_map(|(id, number, payload)| match id {
         TransferId::Service(id) if id.role == ServiceRole::Response => {
             assert_eq!((id.port, id.source, id.destination, number), (port, NODE, TOOL, transfer));
@@ -82,14 +85,13 @@ fn ask(node: &mut Node, port: u16, transfer: u8, payload: &[u8], now_us: u64) ->
     answer
 }
 
+/// The text of a diagnostic record.
+pub fn text(record: &[u8]) -> String {
+    String::from_utf8(record[9..9 + usize::from(record[8])].to_vec()).unwrap()
+}
+
 /// The texts of the diagnostic records that the node has to say.
 fn records(node: &mut Node) -> Vec<String> {
-    let port_of = |id| match id {
-        TransferId::Message(id) => id.port,
-        _ => 0,
-    };
-    let records = said(node).into_iter().filter(|(id, _, _)| port_of(*id) == slipsense::node::RECORD_PORT);
-    records
-        .map(|(_, _, bytes)| String::from_utf8(bytes[9..9 + usize::from(bytes[8])].to_vec()).unwrap())
-        .collect()
+    let is_record = |id: &TransferId| matches!(id, TransferId::Message(id) if id.port == RECORD_PORT);
+    said(node).iter().filter(|(id, ..)| is_record(id)).map(|(.., bytes)| text(bytes)).collect()
 }

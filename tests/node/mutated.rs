@@ -16,7 +16,7 @@ use slipsense::wire::{CAN_ID_MAX, CanFrame, FD_LENGTHS, Frames, NodeId, Priority
 
 use super::commands::command;
 use super::registers::access;
-use super::{NODE, TOOL, identity, message, request};
+use super::{NODE, TOOL, hear, identity, message, request};
 
 const FRAMES: u32 = 1_000_000;
 
@@ -278,9 +278,7 @@ fn a_million_mutated_frames_change_nothing_they_should_not() {
         assert_eq!(node.node_id(), Some(NODE));
     }
     // It still works.
-    for frame in request(GET_INFO_PORT, 0, &[]) {
-        node.accept(&frame, now + 3_000_000);
-    }
+    hear(&mut node, request(GET_INFO_PORT, 0, &[]), now + 3_000_000);
     assert!(node.next_frame().is_some());
     println!(
         "node: {FRAMES} frames, mutated or of chance: {writes} valid writes, {commands} commands, {restarts} of \

@@ -4,14 +4,12 @@ use slipsense::node::{ALLOCATION_PORT, GET_INFO_PORT, JUMP_OFFSETS, Node, REQUES
 use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::wire::{NodeId, TransferId, TransferId::Anonymous};
 
-use super::{NODE, identity, message, node, records, request, said};
+use super::{NODE, hear, identity, message, node, records, request, said};
 
 /// A master whose clock is `ahead_us` of the node's sends its n-th message at `at_us`.
 fn sync(node: &mut Node, master: u8, n: u8, at_us: u64, previous: Option<u64>, ahead_us: u64) {
     let previous = previous.map_or(0, |at| at + ahead_us);
-    for frame in message(NodeId::new(master).unwrap(), TIME_PORT, n % 32, &previous.to_le_bytes()[..7]) {
-        node.accept(&frame, at_us);
-    }
+    hear(node, message(NodeId::new(master).unwrap(), TIME_PORT, n % 32, &previous.to_le_bytes()[..7]), at_us);
 }
 
 #[test]
@@ -35,9 +33,7 @@ fn two_messages_of_a_master_give_the_time() {
         assert_eq!(node.bus_time_us(4_600_500), Some(4_601_499));
         let later = 400_000 * u64::from(n);
         let (payload, at) = ((1_000 + later).to_le_bytes(), 5_000_000 + later);
-        for frame in message(NodeId::new(10).unwrap(), TIME_PORT, 7 + n, &payload[..7]) {
-            node.accept(&frame, at);
-        }
+        hear(&mut node, message(NodeId::new(10).unwrap(), TIME_PORT, 7 + n, &payload[..7]), at);
     }
     assert_eq!((node.bus_time_us(4_600_500), node.bus_time_us(10)), (Some(1_500), None));
 }
@@ -110,17 +106,11 @@ fn a_node_without_address_asks_until_it_has_one() {
     let mean = gaps.iter().sum::<u64>() / gaps.len() as u64;
     assert!((300_000..700_000).contains(&mean), "{mean} µs on average");
     // It has no address, and learns none from another node.
-    for frame in request(GET_INFO_PORT, 0, &[]) {
-        node.accept(&frame, now);
-    }
+    hear(&mut node, request(GET_INFO_PORT, 0, &[]), now);
     let allocator = NodeId::new(1).unwrap();
-    for frame in message(allocator, ALLOCATION_PORT, 0, b"\x63\x00another unique.") {
-        node.accept(&frame, now);
-    }
+    hear(&mut node, message(allocator, ALLOCATION_PORT, 0, b"\x63\x00another unique."), now);
     assert_eq!((node.node_id(), node.is_drained()), (None, true));
-    for frame in message(allocator, ALLOCATION_PORT, 1, b"\x63\x000123456789abcdef") {
-        node.accept(&frame, now);
-    }
+    hear(&mut node, message(allocator, ALLOCATION_PORT, 1, b"\x63\x000123456789abcdef"), now);
     assert_eq!(node.node_id(), NodeId::new(99));
     node.poll(now);
     assert!(
@@ -139,9 +129,7 @@ fn a_node_without_address_asks_until_it_has_one() {
 fn a_second_node_with_the_same_address_is_noticed() {
     let mut node = node();
     for n in 0..3 {
-        for frame in message(NODE, 1_000, n, b"not ours") {
-            node.accept(&frame, 0);
-        }
+        hear(&mut node, message(NODE, 1_000, n, b"not ours"), 0);
     }
     assert_eq!(node.counters().address_conflicts, 3);
     assert_eq!(records(&mut node), ["another node has this address"]);

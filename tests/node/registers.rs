@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use slipsense::node::{ACCESS_PORT, LIST_PORT, REGISTERS};
 use slipsense::settings::{Setting, TABLE};
 
-use super::{ask, node, records, request};
+use super::{ask, hear, node, records, request};
 
 pub fn access(name: &str, value: &[u8]) -> Vec<u8> {
     [&[name.len() as u8], name.as_bytes(), value].concat()
@@ -48,7 +48,6 @@ fn the_list_has_every_register_once_and_each_answers() {
         let writable = TABLE.iter().any(|definition| definition.name == name);
         assert_eq!(answer[7] & 1 != 0, writable, "{name}");
     }
-    println!("node: {REGISTERS} registers, {} of them settings", TABLE.len());
     let nothing = ask(&mut node, ACCESS_PORT, 0, &access("no.such.register", &[0]), 0).unwrap();
     assert_eq!(nothing[7..9], [0, 0]);
 }
@@ -117,9 +116,7 @@ fn what_is_refused_stays_and_is_named() {
     .enumerate()
     {
         let before = node.settings().clone();
-        for frame in request(ACCESS_PORT, transfer as u8, &access(name, &value)) {
-            node.accept(&frame, 0);
-        }
+        hear(&mut node, request(ACCESS_PORT, transfer as u8, &access(name, &value)), 0);
         assert_eq!(records(&mut node), [text]);
         assert_eq!((node.take_changed(), node.settings()), (None, &before));
     }

@@ -10,7 +10,6 @@ of the predictions; from the raw frames, counts, accelerometer samples and xl_en
 come out again. Any mismatch, lost transfer or transport error is printed; the exit status is then 1.
 """
 
-import argparse
 import asyncio
 import collections
 import logging
@@ -153,24 +152,20 @@ def check_raw(messages, slip_messages, episode, checks):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("log", type=pathlib.Path)
-    parser.add_argument("predictions", type=pathlib.Path)
-    parser.add_argument("episode", type=pathlib.Path)
-    args = parser.parse_args()
+    log, predictions, episode = sys.argv[1:]
     # pycyphal names lost frames, bad checksums and unreadable lines in its log.
     logging.basicConfig(level=logging.WARNING, format="pycyphal: %(message)s")
-    with np.load(args.predictions) as file:
+    with np.load(predictions) as file:
         predictions = {name: file[name] for name in ("class", "logits", "slip", "may_begin")}
-    with np.load(args.episode) as file:
+    with np.load(episode) as file:
         episode = {name: file[name] for name in ("piezo", "xl", "xl_end")}
     frames, sensors = episode["piezo"].shape[:2]
 
     checks = Checks()
-    lines, slips, plain, short = scan_log(args.log, sensors, checks)
+    lines, slips, plain, short = scan_log(log, sensors, checks)
     raws = plain + short
     checks.true(f"{plain} raw transfers and {short} compressed ones, need one kind", not (plain and short))
-    checks.true(f"{args.episode}: no frames", frames > 0)
+    checks.true(f"{sys.argv[3]}: no frames", frames > 0)
     checks.equal("rows of the predictions", len(predictions["class"]), frames)
     checks.equal("slip messages", slips, frames)
     checks.equal("raw transfers", raws, frames * sensors)
@@ -185,7 +180,7 @@ def main():
         types = (slipsense.Slip_2_0, slipsense.RawCompressed_1_0 if short else slipsense.Raw_1_0)
         checks.equal("subject of Slip", pycyphal.dsdl.get_fixed_port_id(types[0]), SLIP_PORT)
         checks.equal("subject of Raw", pycyphal.dsdl.get_fixed_port_id(types[1]), COMPRESSED_PORT if short else RAW_PORT)
-        (slip, raw), sessions, counters = asyncio.run(receive(args.log, types, (slips, raws)))
+        (slip, raw), sessions, counters = asyncio.run(receive(log, types, (slips, raws)))
 
     checks.equal("slip messages decoded", len(slip), slips)
     checks.equal("raw frames decoded", len(raw), raws)
@@ -199,7 +194,7 @@ def main():
     compared, left_out = check_raw(raw, slip, episode, checks)
 
     print(
-        f"{args.log}: {lines} CAN frames, {len(slip)} slip messages, {len(raw)} raw frames, "
+        f"{log}: {lines} CAN frames, {len(slip)} slip messages, {len(raw)} raw frames, "
         f"{len(raw) * int(ACTIVE.sum())} taxel counts and {compared} accelerometer samples compared "
         f"({left_out} reported as left out): {checks.bad} mismatches"
     )

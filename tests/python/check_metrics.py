@@ -10,7 +10,6 @@ are worked out again. The largest differences are printed; the exit status is 1 
 (intervals: 1e-6).
 """
 
-import argparse
 import json
 import sys
 
@@ -69,9 +68,7 @@ def check(case, differences):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases")
-    with open(parser.parse_args().cases, encoding="utf-8") as file:
+    with open(sys.argv[1], encoding="utf-8") as file:
         cases = json.load(file)
     differences = {}
     for case in cases:

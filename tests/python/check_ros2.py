@@ -8,7 +8,6 @@ bag against the files of slipsense_msgs and those of ROS 2 itself, by their hash
 message must arrive. Pressure is best effort: what arrives must be right.
 """
 
-import argparse
 import pathlib
 import subprocess
 import sys
@@ -55,15 +54,15 @@ def check_definitions(checks, reader):
     return len(kinds), len([kind for kind in kinds if kind in standard])
 
 
-def check_bag(checks, arguments):
+def check_bag(checks, bag, predictions, episode):
     """The bag's messages, all of them."""
     from rosbags.highlevel import AnyReader
 
-    predictions, episode = np.load(arguments.predictions), np.load(arguments.episode)
+    predictions, episode = np.load(predictions), np.load(episode)
     piezo, xl, xl_end = episode["piezo"], episode["xl"], episode["xl_end"].astype(np.int64)
     frames, sensors = piezo.shape[:2]
     slip, raw, pressure = [], [[] for _ in range(sensors)], [[] for _ in range(sensors)]
-    with AnyReader([arguments.bag]) as reader:
+    with AnyReader([bag]) as reader:
         kinds, standard = check_definitions(checks, reader)
         topics = {f"{NODE}/slip": slip}
         for sensor in range(sensors):
@@ -92,7 +91,7 @@ def check_bag(checks, arguments):
             checks.equal(f"{at}, shape", (image.height, image.width, image.step, image.encoding), (32, 32, 64, "mono16"))
             samples += len(message.xl)
     print(
-        f"{arguments.bag}: {len(slip)} slip messages, {frames * sensors} scans and {samples} accelerometer samples "
+        f"{bag}: {len(slip)} slip messages, {frames * sensors} scans and {samples} accelerometer samples "
         f"compared, {kinds} definitions ({standard} of them ROS' own): {checks.bad} mismatches"
     )
 
@@ -115,11 +114,11 @@ def readers():
     return slip, DataReader(participant, topic, qos=effort)
 
 
-def check_node(checks, arguments):
+def check_node(checks, program, log, predictions, episode):
     """The node's messages, as another DDS hears them."""
-    predictions, piezo = np.load(arguments.predictions), np.load(arguments.episode)["piezo"]
+    predictions, piezo = np.load(predictions), np.load(episode)["piezo"]
     slip, pressure = readers()
-    command = [arguments.program, "node", arguments.log, "--wait", str(JOIN_S), "--domain-id", str(DOMAIN)]
+    command = [program, "node", log, "--wait", str(JOIN_S), "--domain-id", str(DOMAIN)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
         decisions, images, quiet = [], [], time.monotonic()
         while node.poll() is None or time.monotonic() - quiet < SILENCE_S:
@@ -153,21 +152,10 @@ def check_node(checks, arguments):
 
 def main():
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(required=True)
-    bag = commands.add_parser("bag")
-    bag.add_argument("bag", type=pathlib.Path)
-    node = commands.add_parser("node")
-    node.add_argument("program")
-    node.add_argument("log")
-    for command, check in ((bag, check_bag), (node, check_node)):
-        command.add_argument("predictions", type=pathlib.Path)
-        command.add_argument("episode", type=pathlib.Path)
-        command.set_defaults(check=check)
-    arguments = parser.parse_args()
+    check = {"bag": check_bag, "node": check_node}[sys.argv[1]]
     np.set_printoptions(threshold=20)
     checks = Checks()
-    arguments.check(checks, arguments)
+    check(checks, *map(pathlib.Path, sys.argv[2:]))
     return 1 if checks.bad else 0
 
 

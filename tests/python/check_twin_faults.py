@@ -2,20 +2,18 @@
 """What the firmware in the board twin does where its flash raises flags of reads, and what it reports after it faulted,
 hung, panicked, or its supply dipped: asked by pycyphal.
 
-  check_twin_faults.py PORT --folder IMAGES [--operations N]
+  check_twin_faults.py PORT IMAGES N
 
 IMAGES holds model.slip, a model that is taken. N stores of the settings, each 25th a transfer of that model instead.
 The twin changes the first instructions of the firmware's handler CEC for each fault. Any mismatch is printed; the exit
 status is then 1.
 """
 
-import argparse
 import pathlib
 import struct
-import sys
 
 from check_twin_update import MODEL, STORE, UpdateClient, threshold
-from node_client import link_to, natural, run_checks
+from node_client import natural, run_checks
 
 # What is no frame on the link: text that the twin follows.
 ORDER = (1 << 31) | 1
@@ -73,14 +71,9 @@ async def check_restart(client, what, cause, kind):
     return numbers, (texts or [""])[0]
 
 
-async def run(checks, args):
-    import pycyphal.application.file
-
-    client = UpdateClient(checks, args.folder)
-    # Lives as long as the node.
-    pycyphal.application.file.FileServer(client.node, [args.folder])
-    client.link = link_to(args.port)
-    await client.started("power-on")
+async def run(checks, port, folder, operations):
+    client = UpdateClient(checks, pathlib.Path(folder))
+    await client.power_on(port)
     checks.equal("power-on", (await client.numbers("slipsense.status.restart"))[:2], [1, NONE])
     # Without raw messages the emulator has less to do.
     await client.access("slipsense.raw.divider", natural(8, 0))
@@ -102,20 +95,10 @@ async def run(checks, args):
     checks.equal("a restart that was asked for", (await client.numbers("slipsense.status.restart"))[:2], [SOFTWARE, NONE])
     # As the chip is delivered.
     checks.equal("option bytes", await client.numbers("slipsense.status.option_bytes"), [0, 0])
-    figures = await check_flags(client, args.operations)
-    client.node.close()
-    client.link.close()
+    figures = await check_flags(client, int(operations))
+    client.close()
     return f"hard fault, hang, panic and brown-out named; {figures}"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("port", type=int)
-    parser.add_argument("--folder", type=pathlib.Path, required=True)
-    parser.add_argument("--operations", type=int, default=26)
-    args = parser.parse_args()
-    return run_checks("faults of the board twin", lambda checks: run(checks, args))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    run_checks("faults of the board twin", run)

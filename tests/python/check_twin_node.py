@@ -1,20 +1,18 @@
 #!/usr/bin/env python3
 """Let pycyphal talk to the firmware in the board twin: what the release ELF answers through the modelled bus.
 
-  check_twin_node.py PORT --model FILE
+  check_twin_node.py PORT MODEL_FILE
 
 The board has no accelerometers here, so its health is Caution and its self test fails. Virtual time is neither
 faster nor slower than the clock of this computer by a known factor: nothing here measures a time of the board by it.
 Any mismatch is printed; the exit status is then 1.
 """
 
-import argparse
 import asyncio
 import hashlib
 import pathlib
 import random
 import subprocess
-import sys
 
 from node_client import NODE, TOOL, Client, frame_counts, link_to, natural, numbers, run_checks
 
@@ -186,7 +184,7 @@ async def run(checks, port, model):
     link = link_to(port)
     client = Client(checks, TIMEOUT_S)
     await client.until("a first heartbeat", client.beats)
-    await check_identity(client, model)
+    await check_identity(client, pathlib.Path(model))
     await check_heartbeat(client)
     registers = await check_registers(client)
     await check_storage(client)
@@ -197,13 +195,5 @@ async def run(checks, port, model):
     return f"{registers} registers, address {address} allocated; {frame_counts(link)}"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("port", type=int)
-    parser.add_argument("--model", type=pathlib.Path, required=True)
-    args = parser.parse_args()
-    return run_checks("node of the board twin", lambda checks: run(checks, args.port, args.model))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    run_checks("node of the board twin", run)

@@ -2,20 +2,18 @@
 """Update the board twin over the bus with pycyphal's file server, as a user's tool would: what is refused, what runs
 after a restart, what rolls back, and what a supply that fails in between leaves.
 
-  check_twin_update.py PORT --folder IMAGES --model FILE [--thorough]
+  check_twin_update.py PORT IMAGES MODEL_FILE [--thorough]
 
 IMAGES holds what `cargo xtask test --only twin-update` signs: new.slip (firmware 0.2.0), hanging.slip (0.1.1, which
 does nothing for ever), older.slip (0.0.1), foreign.slip (0.2.0 by another key) and model.slip (model 1.0.0 of any
-board); FILE is the model that is in the firmware. With --thorough the supply fails at more steps of the flash. Any
+board); MODEL_FILE is the model that is in the firmware. With --thorough the supply fails at more steps of the flash. Any
 mismatch is printed; the exit status is then 1. Times are virtual and the twin's to print.
 """
 
-import argparse
 import asyncio
 import hashlib
 import pathlib
 import struct
-import sys
 
 from check_twin_node import TIMEOUT_S
 from node_client import NODE, Client, link_to, natural, run_checks
@@ -50,6 +48,19 @@ class UpdateClient(Client):
         super().__init__(checks, TIMEOUT_S)
         self.folder = folder
         self.link = None
+
+    async def power_on(self, port):
+        """The twin starts when the link is there, so that its first records are received."""
+        import pycyphal.application.file
+
+        # Lives as long as the node.
+        pycyphal.application.file.FileServer(self.node, [self.folder])
+        self.link = link_to(port)
+        await self.started("power-on")
+
+    def close(self):
+        self.node.close()
+        self.link.close()
 
     def supply_fails_at(self, *steps):
         """At none, if none is named; each counts from the failure before."""
@@ -258,44 +269,27 @@ async def check_model(client, model, thorough):
     return len(steps)
 
 
-async def run(checks, args):
-    import pycyphal.application.file
-
-    client = UpdateClient(checks, args.folder)
-    # Lives as long as the node.
-    pycyphal.application.file.FileServer(client.node, [args.folder])
-    # The twin starts when the link is there, so that its first records are received.
-    client.link = link_to(args.port)
-    await client.started("power-on")
+async def run(checks, port, folder, model, *thorough):
+    client = UpdateClient(checks, pathlib.Path(folder))
+    await client.power_on(port)
     for notice in (
         "updates: development key built in, anybody can sign; SLIPSENSE_UPDATE_KEY sets another",
         "firmware 0.1.0, confirmed",
         "model: the one in the firmware",
     ):
         await client.recorded(notice)
-    stored, settings = await check_settings(client, args.thorough)
+    stored, settings = await check_settings(client, thorough)
     refused = await check_refusals(client)
-    short = await check_rollback(client, args.thorough)
-    update = await check_update(client, args.thorough)
-    models = await check_model(client, args.model, args.thorough)
+    short = await check_rollback(client, thorough)
+    update = await check_update(client, thorough)
+    models = await check_model(client, pathlib.Path(model), thorough)
     checks.equal("settings at the end", await client.numbers("slipsense.slip.point"), [stored, 1, 1])
-    client.node.close()
-    client.link.close()
+    client.close()
     return (
         f"{refused} images refused; {settings}; {short} short updates cut off; {update}; "
         f"{models} transfers of a model cut off"
     )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("port", type=int)
-    parser.add_argument("--folder", type=pathlib.Path, required=True)
-    parser.add_argument("--model", type=pathlib.Path, required=True)
-    parser.add_argument("--thorough", action="store_true")
-    args = parser.parse_args()
-    return run_checks("updates of the board twin", lambda checks: run(checks, args))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    run_checks("updates of the board twin", run)

@@ -9,7 +9,6 @@ point has a say in it. Needs mpmath (tests/python/requirements.txt) and rustfmt.
   make_tables.py --check   compare with the committed files; exit 1 and name each that differs
 """
 
-import argparse
 import pathlib
 import subprocess
 import sys
@@ -209,9 +208,6 @@ def rustfmt(source):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="compare instead of writing")
-    check = parser.parse_args().check
     failed = False
     for name, make in (
         ("src/features/tables.rs", features_tables),
@@ -220,7 +216,7 @@ def main():
         ("src/drivers/decimate_table.rs", decimate_table),
     ):
         path, text = ROOT / name, rustfmt(make())
-        if not check:
+        if "--check" not in sys.argv:
             path.write_text(text)
             print(f"{name}: written")
         elif not path.exists() or path.read_text() != text:

@@ -130,7 +130,8 @@ def frame_counts(link):
 
 
 def run_checks(what, run):
-    """Let `run(checks)` talk to the node, print what it returns beside the count, and give the exit status."""
+    """Let `run(checks, *arguments of the command line)` talk to the node; print what it returns beside the count, and end
+    with the exit status."""
     # pycyphal names transport errors in its log.
     logging.basicConfig(level=logging.ERROR, format="pycyphal: %(message)s")
     for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
@@ -142,6 +143,6 @@ def run_checks(what, run):
         sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
         pycyphal.dsdl.compile_all([regulated_types.write(sources)], compiled)
         sys.path.insert(0, str(compiled))
-        figures = asyncio.run(run(checks))
+        figures = asyncio.run(run(checks, *sys.argv[1:]))
     print(f"{what}: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}")
-    return 1 if checks.bad else 0
+    sys.exit(1 if checks.bad else 0)

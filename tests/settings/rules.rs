@@ -77,7 +77,6 @@ fn the_table_is_sound() {
         }
     }
     assert_eq!(Settings::new().encode().len(), ENCODED_MAX);
-    println!("settings: {} settings, {ENCODED_MAX} bytes in flash", TABLE.len());
 }
 
 #[test]

@@ -62,9 +62,8 @@ fn expect(ran: &Ran, name: &str, fault: Range<u32>, during: u8, behind: (u32, u8
             n if (fault.end..fault.end + behind.0).contains(&n) => behind.1,
             _ => 0,
         };
-        assert_eq!(found, expected, "frame {sequence}");
+        assert_eq!(found, expected, "{name}, frame {sequence}");
     }
-    println!("{name}: flags {during:#04x}; as before {} frames after its end", behind.0);
     assert_eq!(ran.status.condition(), Condition::Nominal, "and it is over");
 }
 
@@ -154,7 +153,6 @@ fn a_stuck_taxel_is_masked() {
     let without = World { script: &in_order, ..World::new(FRAMES, 2) }.run();
     is_masked(&World { script: &in_order, before_tick: &set, ..World::new(FRAMES, 2) }.run(), &without);
     is_masked(&World { script: &found, ..World::new(FRAMES, 2) }.run(), &without);
-    println!("stuck taxel: flags {TAXELS_MASKED:#04x} while masked; as before 0 frames after");
 }
 
 /// A mask of the settings and a taxel that the driver found stuck have the same effect.

@@ -81,12 +81,6 @@ fn what_a_full_bus_loses_is_in_the_declared_order() {
             World { disturbance, script: &noise, before_tick: &compress, ..World::new(FRAMES, MAX_SENSORS) };
         let ran = run(&world);
         let [all, contact, accelerometer] = details(&ran);
-        println!(
-            "random bits of 3 sensors, {foreign_load_percent} % of the bus taken by others: of {} raw messages {all} \
-             whole, {contact} with the contact, {accelerometer} with the accelerometer alone, {} dropped",
-            FRAMES as usize * MAX_SENSORS,
-            ran.status.dropped_raw,
-        );
         // A message more than the bus takes fills the queue before the node has noticed: at the start above all.
         assert!(ran.status.dropped_raw * 50 <= FRAMES * MAX_SENSORS as u32, "{:?}", ran.status);
         assert!(contact > 0, "{ran:?}", ran = ran.status);

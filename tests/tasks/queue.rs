@@ -2,6 +2,7 @@
 
 use core::cell::{Cell, RefCell};
 
+use super::world::{NODE, World, healthy, model_bytes, scan, stamp};
 use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_futures::{block_on, yield_now};
@@ -14,11 +15,7 @@ use slipsense::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
-use slipsense::wire::{
-    CanFrame, DEGRADED_LATE, NodeId, Origin, RawBuffer, RawTransfer, SlipMessage, Transmitter,
-};
-
-use super::world::{NODE, healthy, model_bytes, scan, stamp};
+use slipsense::wire::{CanFrame, DEGRADED_LATE, NodeId, RawForm, RawTransfer, SlipMessage, Transmitter};
 
 const SENSORS: usize = 2;
 
@@ -132,24 +129,9 @@ fn a_recording_waits_and_loses_nothing() {
     assert_eq!((ran.status.acquired_frames, ran.status.dropped_frames, ran.discarded), (frames, 0, 0));
     assert_eq!((ran.status.late_frames, ran.status.dropped_raw), (0, 0));
 
-    let model = model_bytes();
-    let mut pipeline = Pipeline::new(Model::parse(&model).unwrap(), SENSORS).unwrap();
-    let mut transmitter = Transmitter::new(NODE);
-    let mut buffer = RawBuffer::new();
-    let (mut slips, mut raws) = (Vec::new(), Vec::new());
-    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
-    for sequence in 0..frames {
-        healthy(sequence, &mut parts);
-        let inputs = parts.each_ref().map(|part| part.input());
-        let output = pipeline.step(&inputs[..SENSORS]);
-        slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
-        for (sensor, &input) in inputs.iter().take(SENSORS).enumerate() {
-            let raw = output.raw_frame(stamp(sequence), sensor, input);
-            raws.extend(transmitter.raw(&raw, &mut buffer));
-        }
-    }
-    assert!(ran.of(TxSlot::Slip) == slips, "the tasks send what the pipeline and the wire make");
-    assert!(ran.of(TxSlot::Raw) == raws);
+    let sent = [TxSlot::Slip, TxSlot::Raw].map(|slot| ran.of(slot));
+    let made = World::new(frames, SENSORS).can_frames(RawForm::Plain);
+    assert!(sent == made, "the tasks send what the pipeline and the wire make");
 }
 
 /// Late by `late_us` at every frame.

@@ -8,27 +8,27 @@ use std::rc::Rc;
 use embassy_futures::select::select3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::board::crash_record::{CrashRecord, ResetCause, Start};
-use slipsense::board::{CanReceive, CanTransmit, Clock, StatusLed, TxSlot, Watchdog};
+use slipsense::board::{CanReceive, CanTransmit, Clock, StatusLed, TxSlot};
 use slipsense::fixed::Logit;
 use slipsense::health::{self, CanState, CanStatus, Condition, SensorHealth, Status};
 use slipsense::net::format::OperatingPoint;
 use slipsense::node::{
     ACCESS_PORT, CHALLENGE_BYTES, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity,
-    Node, RECORD_PORT, RESTART, SELF_TEST, SIGNATURE_BYTES, STORE, UpdateTarget, Version,
+    Node, RECORD_PORT, RESTART, SELF_TEST, SIGNATURE_BYTES, STORE, UpdateTarget,
 };
 use slipsense::params::MAX_SENSORS;
-use slipsense::settings::{Damage, LoadReport, Origin, Settings};
+use slipsense::settings::Settings;
 use slipsense::tasks::{
     RAW_MESSAGES, RawQueue, RuntimeConfig, ServiceBoard, Services, Shared, Supervisor, Task, Transmission,
 };
 use slipsense::update::{self, Evidence, Notice, Trial};
-use slipsense::wire::{
-    CanFrame, Frames, NodeId, Priority, RawTransfer, ServiceId, ServiceRole, Sessions, TransferId,
-};
+use slipsense::wire::{CanFrame, RawTransfer, Sessions, TransferId};
 
-use super::world::{NODE, Time};
+use super::world::{Fed, NODE, Time};
+use crate::node::commands::command;
+use crate::node::registers::access;
+use crate::node::{identity, request, text};
 
-const TOOL: NodeId = NodeId::new(120).unwrap();
 const MS: u64 = 1_000_000;
 
 /// The bus: what arrives when, what was sent when.
@@ -196,16 +196,14 @@ pub struct Ran {
 
 impl Run<'_> {
     pub fn new(requests: &[(u64, u16, Vec<u8>)], ms: u64) -> Run<'_> {
-        let settings = Settings::new();
-        let (notices, run) = (Vec::new(), update::Run::Confirmed);
         Run {
             requests,
             ms,
             store_ms: 0,
-            settings,
+            settings: Settings::new(),
             start: Start::default(),
-            notices,
-            run,
+            notices: Vec::new(),
+            run: update::Run::Confirmed,
             meanwhile: &|_, _, _| {},
         }
     }
@@ -213,25 +211,10 @@ impl Run<'_> {
     pub fn run(self) -> Ran {
         let (time, bus, shared) = (Time::default(), Bus::default(), Shared::<NoopRawMutex>::new());
         for (transfer, (ms, port, payload)) in (0u8..=31).cycle().zip(self.requests) {
-            let id = ServiceId {
-                priority: Priority::Nominal,
-                role: ServiceRole::Request,
-                port: *port,
-                destination: NODE,
-                source: TOOL,
-            };
-            let frames = Frames::new(id, transfer % 32, payload).map(|frame| (*ms, frame));
+            let frames = request(*port, transfer, payload).into_iter().map(|frame| (*ms, frame));
             bus.arriving.borrow_mut().extend(frames);
         }
-        let identity = Identity {
-            hardware_version: Version { major: 1, minor: 0 },
-            software_version: Version::SOFTWARE,
-            vcs_revision: 1,
-            unique_id: [7; 16],
-            model_hash: Some([9; 32]),
-            settings: LoadReport { origin: Origin::Stored, damage: Damage::default() },
-            entropy: Some(4),
-        };
+        let identity = Identity { entropy: Some(4), ..identity() };
         let log = Rc::<RefCell<BoardLog>>::default();
         let (notices, trial) = (self.notices.into(), Trial::new(self.run));
         let board = Board { time: &time, log: log.clone(), store_ms: self.store_ms, notices, trial };
@@ -249,20 +232,14 @@ impl Run<'_> {
             time.until(Some(time.now_us() * 1000 + 5 * MS)).await;
         };
         let watch = async {
-            struct Fed(bool);
-            impl Watchdog for Fed {
-                fn feed(&mut self) {
-                    self.0 = true;
-                }
-            }
             let mut supervisor = Supervisor::new(&[Task::Services]);
             let mut fed_us = 0;
             for ms in 0..self.ms {
                 time.until(Some(ms * MS)).await;
                 (self.meanwhile)(ms, &shared, &bus);
-                let mut fed = Fed(false);
+                let mut fed = Fed(0);
                 let _ = supervisor.look(&shared.progress, &mut fed);
-                if fed.0 {
+                if fed.0 > 0 {
                     fed_us = time.now_us();
                 }
                 unfed_us.set(unfed_us.get().max(time.now_us() - fed_us));
@@ -300,17 +277,8 @@ impl Ran {
     }
 
     pub fn records(&self) -> Vec<String> {
-        let text = |bytes: &[u8]| String::from_utf8(bytes[9..9 + usize::from(bytes[8])].to_vec()).unwrap();
-        self.messages(RECORD_PORT).iter().map(|(_, _, bytes)| text(bytes)).collect()
+        self.messages(RECORD_PORT).iter().map(|(.., bytes)| text(bytes)).collect()
     }
-}
-
-fn command(number: u16) -> Vec<u8> {
-    [&number.to_le_bytes()[..], &[0]].concat()
-}
-
-fn access(name: &str, value: &[u8]) -> Vec<u8> {
-    [&[name.len() as u8], name.as_bytes(), value].concat()
 }
 
 /// What takes long begins after a decision, so that the next frame is not late: not within the last quarter of a period.
@@ -323,7 +291,7 @@ fn work_begins_where_the_next_frame_has_time() {
                 shared.decided((ms - 1) * 1000);
             }
         };
-        let requests = [(asked_ms, COMMAND_PORT, command(STORE))];
+        let requests = [(asked_ms, COMMAND_PORT, command(STORE, b""))];
         let ran = Run { meanwhile: &decide, ..Run::new(&requests, 1_200) }.run();
         let from_us = ran.log.stored_from_us;
         assert!((asked_ms..asked_ms + 3).contains(&(from_us / 1000)), "asked at {asked_ms} ms: {from_us} us");
@@ -333,7 +301,7 @@ fn work_begins_where_the_next_frame_has_time() {
 
 #[test]
 fn the_bus_is_served_while_a_store_takes_four_seconds() {
-    let mut requests = vec![(1_000, COMMAND_PORT, command(STORE))];
+    let mut requests = vec![(1_000, COMMAND_PORT, command(STORE, b""))];
     requests.extend((0..40).map(|n| (1_010 + 100 * n, GET_INFO_PORT, Vec::new())));
     let ran = Run { store_ms: 4_000, ..Run::new(&requests, 6_500) }.run();
     let infos = ran.answers(GET_INFO_PORT);
@@ -352,7 +320,6 @@ fn the_bus_is_served_while_a_store_takes_four_seconds() {
     let beats: Vec<_> = ran.messages(HEARTBEAT_PORT).iter().map(|(ms, _, _)| *ms).collect();
     assert_eq!(beats.len(), 7);
     assert!(beats.iter().zip(0..).all(|(ms, n)| ms.abs_diff(n * 1000) <= 2), "{beats:?}");
-    println!("services: the watchdog waited {} us at most, also during a store of 4 s", ran.unfed_us);
     assert!(ran.unfed_us <= 25_000);
 }
 
@@ -367,7 +334,7 @@ fn settings_reach_the_tasks_and_the_board() {
         (40, ACCESS_PORT, access("slipsense.slip.override", &[3, 1, 0, 1])),
         (50, ACCESS_PORT, access("slipsense.sensor.orientation", &[11, 3, 0, 1, 2, 3])),
         (55, ACCESS_PORT, access("slipsense.raw.compressed", &[3, 1, 0, 1])),
-        (60, COMMAND_PORT, command(IDENTIFY)),
+        (60, COMMAND_PORT, command(IDENTIFY, b"")),
     ];
     let ran = Run::new(&requests, 5_200).run();
     assert_eq!((ran.config.raw_every, ran.config.compress_raw), (4, true));
@@ -384,7 +351,7 @@ fn settings_reach_the_tasks_and_the_board() {
 
 #[test]
 fn a_restart_comes_after_its_answer_also_off_the_bus() {
-    let requests = [(500, COMMAND_PORT, command(RESTART))];
+    let requests = [(500, COMMAND_PORT, command(RESTART, b""))];
     let ran = Run::new(&requests, 2_000).run();
     let answer = ran.answers(COMMAND_PORT);
     assert_eq!((answer.len(), answer[0].2[0]), (1, 0));
@@ -398,7 +365,8 @@ fn a_restart_comes_after_its_answer_also_off_the_bus() {
 
 #[test]
 fn a_self_test_says_what_is_missing() {
-    let requests = [(100, COMMAND_PORT, command(SELF_TEST)), (1_000, COMMAND_PORT, command(SELF_TEST))];
+    let requests =
+        [(100, COMMAND_PORT, command(SELF_TEST, b"")), (1_000, COMMAND_PORT, command(SELF_TEST, b""))];
     let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
         shared.update_status(|status| {
             status.decided_frames = (ms * 240 / 1000) as u32;

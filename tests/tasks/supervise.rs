@@ -1,22 +1,13 @@
 //! The supervisor: any single task that stands still starves the watchdog.
 
-use slipsense::board::Watchdog;
 use slipsense::tasks::{Progress, StallWatch, Supervisor, Task};
 
-#[derive(Default)]
-struct Counter(u32);
-
-impl Watchdog for Counter {
-    fn feed(&mut self) {
-        self.0 += 1;
-    }
-}
+use super::world::Fed;
 
 #[test]
 fn each_single_stalled_task_starves_the_watchdog() {
     for stalled in Task::ALL {
-        let (progress, mut supervisor, mut dog) =
-            (Progress::new(), Supervisor::new(&Task::ALL), Counter::default());
+        let (progress, mut supervisor, mut dog) = (Progress::new(), Supervisor::new(&Task::ALL), Fed(0));
         for round in 1..=50 {
             for task in Task::ALL {
                 if task != stalled || round <= 10 {
@@ -34,8 +25,7 @@ fn each_single_stalled_task_starves_the_watchdog() {
 
 #[test]
 fn nobody_is_fed_before_everybody_has_begun() {
-    let (progress, mut supervisor, mut dog) =
-        (Progress::new(), Supervisor::new(&Task::ALL), Counter::default());
+    let (progress, mut supervisor, mut dog) = (Progress::new(), Supervisor::new(&Task::ALL), Fed(0));
     for task in Task::ALL {
         assert_eq!(supervisor.look(&progress, &mut dog), Err(task));
         progress.made(task);
@@ -47,8 +37,7 @@ fn nobody_is_fed_before_everybody_has_begun() {
 #[test]
 fn a_task_that_is_not_watched_may_stand_still() {
     let watched = [Task::Acquire, Task::Infer];
-    let (progress, mut supervisor, mut dog) =
-        (Progress::new(), Supervisor::new(&watched), Counter::default());
+    let (progress, mut supervisor, mut dog) = (Progress::new(), Supervisor::new(&watched), Fed(0));
     for _ in 0..5 {
         watched.iter().for_each(|&task| progress.made(task));
         assert_eq!(supervisor.look(&progress, &mut dog), Ok(()));

@@ -2,18 +2,16 @@
 
 use std::cell::RefCell;
 
-use slipsense::board::{TxSlot, Watchdog};
+use slipsense::board::TxSlot;
 use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, RuntimeConfig, SERVICE_FRAMES, Shared, Supervisor, Task};
-use slipsense::wire::{
-    CanFrame, Detail, MessageId, Origin, Priority, RawBuffer, RawForm, Region, SlipMessage, Transmitter,
-};
+use slipsense::wire::{CanFrame, Detail, MessageId, Origin, Priority, RawForm, Region, SlipMessage};
 use slipsense_can_sim::controller::Disturbance;
 
 use super::full_bus::compress;
-use super::world::{BATCH, FRAME_NS, NODE, Ran, World, stamp, tick_ns};
+use super::world::{BATCH, FRAME_NS, Fed, NODE, Ran, World, stamp, tick_ns};
 
 /// Longest full frame at 1 and 8 Mbit/s with its intermission, worst stuffing, rounded up.
 const FULL_FRAME_NS: u64 = 142_000;
@@ -24,6 +22,12 @@ fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
         .zip(world.outputs())
         .map(|(sequence, output)| output.slip_message(stamp(sequence), &Origin::default()))
         .collect()
+}
+
+fn slips_are_right_or_replaced(world: &World<'_>, ran: &Ran) {
+    let expected = expected_slips(world);
+    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip));
+    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, world.frames);
 }
 
 fn is_of(slot: TxSlot) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
@@ -65,19 +69,9 @@ fn a_free_bus_carries_what_the_host_makes() {
             world.before_tick = &compress;
         }
         let ran = world.run();
-        let mut transmitter = Transmitter::new(NODE);
-        let mut buffer = RawBuffer::new();
-        let (mut slips, mut raws) = (Vec::new(), Vec::new());
-        for (sequence, output) in (0..).zip(world.outputs()) {
-            let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
-            (world.script)(sequence, &mut parts);
-            slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
-            let raw = output.raw_frame(stamp(sequence), 0, parts[0].input());
-            raws.extend(transmitter.raw_as(form, &raw, &mut buffer));
-        }
         let of =
             |slot| ran.arrived.iter().filter(is_of(slot)).map(|arrived| arrived.frame).collect::<Vec<_>>();
-        assert!(of(TxSlot::Slip) == slips && of(TxSlot::Raw) == raws, "every CAN byte");
+        assert!([TxSlot::Slip, TxSlot::Raw].map(of) == world.can_frames(form), "every CAN byte");
         assert!(ran.raw.iter().all(|message| message.region == Region::ALL));
         assert_eq!((ran.raw.len(), ran.status.dropped_raw, ran.status.replaced_slips), (120, 0, 0));
     }
@@ -91,13 +85,6 @@ fn the_slip_message_waits_for_the_frame_on_the_wire_and_no_longer() {
         let ran = world.run();
         assert_eq!(ran.slips, expected_slips(&world));
         let worst = slip_times_ns(&ran).into_iter().max().unwrap();
-        println!(
-            "{sensors} sensors, {foreign_load_percent} % foreign load: slip message through at most {} µs after it \
-             was there; {} of {} raw messages dropped whole",
-            worst / 1000,
-            ran.status.dropped_raw,
-            240 * sensors
-        );
         assert!(worst <= 2 * FULL_FRAME_NS, "{worst} ns");
         raw_is_whole_or_counted(&world, &ran, 0);
     }
@@ -144,10 +131,8 @@ fn too_many_errors_end_in_bus_off_and_recovery_again_and_again() {
     let mut world = World::new(480, 1);
     world.disturbance.error_every = 2;
     let ran = world.run();
-    let expected = expected_slips(&world);
     assert!(ran.status.bus_offs > 3, "{:?}", ran.status);
-    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip), "what arrives is right");
-    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 480);
+    slips_are_right_or_replaced(&world, &ran);
     assert!(ran.errors as u32 <= ran.status.broken_raw);
 }
 
@@ -164,11 +149,9 @@ fn without_acknowledge_the_newest_slip_message_waits_and_no_old_one_is_delivered
     let ran = world.run();
     assert!(seen_passive.get());
     assert_eq!(ran.status.bus_offs, 0, "a node that nobody acknowledges stays on the bus");
-    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 480);
+    slips_are_right_or_replaced(&world, &ran);
     let oldest = slip_times_ns(&ran).into_iter().max().unwrap();
     assert!(oldest <= FRAME_NS + 3 * FULL_FRAME_NS, "{oldest} ns old");
-    let expected = expected_slips(&world);
-    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip));
     raw_is_whole_or_counted(&world, &ran, 0);
 }
 
@@ -183,26 +166,15 @@ fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
     };
     world.before_tick = &look;
     let ran = world.run();
-    let expected = expected_slips(&world);
     assert_eq!(ran.status.bus_offs, 1);
     assert_eq!(ran.status.can.state, CanState::ErrorActive, "and that is over");
     assert!((479..=481).contains(&off.get()), "the status says it all the while: {} frames", off.get());
-    assert!(ran.slips.iter().all(|slip| expected[slip.sequence as usize] == *slip));
-    assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 960);
+    slips_are_right_or_replaced(&world, &ran);
 
     let back =
         ran.arrived.iter().filter(is_of(TxSlot::Slip)).position(|slip| slip.at_ns > dominant_ns.end).unwrap();
     let first = ran.arrived.iter().filter(is_of(TxSlot::Slip)).nth(back).unwrap();
     let age_ns = first.at_ns - tick_ns(ran.slips[back].sequence);
-    println!(
-        "bus-off for 2 s: first slip message {} µs after its end, {} µs old; the status says {} µs off; {} raw \
-         messages dropped, {} broken",
-        (first.at_ns - dominant_ns.end) / 1000,
-        age_ns / 1000,
-        ran.status.bus_off_us,
-        ran.status.dropped_raw,
-        ran.status.broken_raw
-    );
     // 128 times 11 bits, and the message itself.
     assert!(first.at_ns - dominant_ns.end <= 1_408_000 + FULL_FRAME_NS + 1000);
     assert!(age_ns <= FRAME_NS + FULL_FRAME_NS, "the newest, not the first of two seconds");
@@ -276,12 +248,4 @@ fn without_an_address_nothing_is_sent_and_no_task_stands_still() {
     world.before_tick = &look;
     assert!(world.run().arrived.is_empty());
     assert_eq!(watch.borrow().1.0, 119);
-}
-
-struct Fed(u32);
-
-impl Watchdog for Fed {
-    fn feed(&mut self) {
-        self.0 += 1;
-    }
 }

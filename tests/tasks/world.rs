@@ -14,17 +14,18 @@ use embassy_futures::join::join3;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
-use slipsense::board::{CanTransmit, Clock, FrameSource, SensorFrame, TxSlot};
-use slipsense::health::CanStatus;
-use slipsense::health::Status;
+use slipsense::board::{CanTransmit, Clock, FrameSource, SensorFrame, TxSlot, Watchdog};
+use slipsense::health::{CanStatus, Status};
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::{MAX_SENSORS, TAXELS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
-use slipsense::sensor::SensorReadings;
-use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense::sensor::{PiezoFrame, SensorReadings, XlSample};
 use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
-use slipsense::wire::{NodeId, RawMessage, RawTransfer, Received, Receiver, SlipMessage, Transmitter};
+use slipsense::wire::{
+    CanFrame, NodeId, Origin, RawBuffer, RawForm, RawMessage, RawTransfer, Received, Receiver, SlipMessage,
+    Transmitter,
+};
 use slipsense_can_sim::controller::{Arrived, Bus, Disturbance, Timing};
 use slipsense_recording::model_file::random_model;
 
@@ -91,6 +92,15 @@ impl Time {
     }
 }
 
+/// A watchdog, and how often it was fed.
+pub struct Fed(pub u32);
+
+impl Watchdog for Fed {
+    fn feed(&mut self) {
+        self.0 += 1;
+    }
+}
+
 pub struct Hardware<'a> {
     time: &'a Time,
     bus: Rc<RefCell<Bus>>,
@@ -111,7 +121,7 @@ impl CanTransmit for Hardware<'_> {
         self.look().0[slot as usize]
     }
 
-    fn transmit(&mut self, slot: TxSlot, frame: &slipsense::wire::CanFrame) {
+    fn transmit(&mut self, slot: TxSlot, frame: &CanFrame) {
         self.bus.borrow_mut().put(slot, frame, self.time.now_ns.get());
         self.seen = self.look();
     }
@@ -284,6 +294,22 @@ impl World<'_> {
             }
         }
         ran
+    }
+
+    /// Slip and raw CAN frames that the pipeline and the wire make of the script, called directly.
+    pub fn can_frames(&self, form: RawForm) -> [Vec<CanFrame>; 2] {
+        let (mut transmitter, mut buffer) = (Transmitter::new(NODE), RawBuffer::new());
+        let (mut slips, mut raws) = (Vec::new(), Vec::new());
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
+        for (sequence, output) in (0..).zip(self.outputs()) {
+            (self.script)(sequence, &mut parts);
+            slips.push(transmitter.slip(&output.slip_message(stamp(sequence), &Origin::default())));
+            for (sensor, part) in parts.iter().enumerate().take(self.sensors) {
+                let raw = output.raw_frame(stamp(sequence), sensor, part.input());
+                raws.extend(transmitter.raw_as(form, &raw, &mut buffer));
+            }
+        }
+        [slips, raws]
     }
 
     /// What the pipeline makes of the script, called directly.

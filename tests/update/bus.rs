@@ -1,51 +1,24 @@
 //! From the command on the bus to the swapped firmware: node, file client, sink, bootloader.
 
 use embassy_futures::block_on;
+
 use slipsense::node::{
-    Action, BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CHUNK_BYTES, COMMAND_PORT, FILE_READ_PORT, Identity,
-    Node, RECORD_PORT, Severity, UpdateTarget, Version,
+    Action, BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CHUNK_BYTES, COMMAND_PORT, FILE_READ_PORT,
+    RECORD_PORT, Severity, UpdateTarget,
 };
-use slipsense::settings::{Damage, LoadReport, Origin, Settings};
 use slipsense::update::{Evidence, ImageVersion, Refusal, Run, Trial};
-use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, Sessions, TransferId};
+use slipsense::wire::TransferId;
 
 use super::device::{Device, NEW, OLD, Sink, image, model, model_image};
-
-const TOOL: NodeId = NodeId::new(120).unwrap();
-
-fn node() -> Node {
-    let settings = LoadReport { origin: Origin::Stored, damage: Damage::default() };
-    let mut node = Node::new(
-        Identity {
-            hardware_version: Version { major: 1, minor: 0 },
-            software_version: Version::SOFTWARE,
-            vcs_revision: 0,
-            unique_id: *b"0123456789abcdef",
-            model_hash: None,
-            settings,
-            entropy: None,
-        },
-        Settings::new(),
-    );
-    node.set_operational();
-    node
-}
+use crate::node::commands::command;
+use crate::node::files::{answer, offset};
+use crate::node::{hear, node, request, said, text};
 
 /// Serve `file` to a node that updates; the texts that it had for the bus.
-fn update(sink: &mut Sink<'_>, command: u16, file: &[u8]) -> Vec<String> {
+fn update(sink: &mut Sink<'_>, begin: u16, file: &[u8]) -> Vec<String> {
     let mut node = node();
-    let service = |role, port, destination, source| {
-        let priority = Priority::Nominal;
-        ServiceId { priority, role, port, destination, source }
-    };
-    let path = b"image.slip";
-    let request = [&command.to_le_bytes()[..], &[path.len() as u8], path].concat();
-    let id = service(ServiceRole::Request, COMMAND_PORT, NodeId::DEFAULT, TOOL);
-    for frame in Frames::new(id, 0, &request) {
-        node.accept(&frame, 0);
-    }
-    let (mut said, mut ended) = (Vec::new(), false);
-    let mut sessions = Box::new(Sessions::<16, 640>::new());
+    hear(&mut node, request(COMMAND_PORT, 0, &command(begin, b"image.slip")), 0);
+    let (mut texts, mut ended) = (Vec::new(), false);
     for now in (1_000..).step_by(1_000).take(20_000) {
         node.poll(now);
         while let Some(action) = node.take_action() {
@@ -65,29 +38,19 @@ fn update(sink: &mut Sink<'_>, command: u16, file: &[u8]) -> Vec<String> {
             let result = block_on(chunk.deliver(sink));
             node.chunk_done(&chunk, result);
         }
-        while let Some(frame) = node.next_frame() {
-            let id = TransferId::from_can(frame.id()).unwrap();
-            let Some(arrived) = sessions.accept(id, &frame, now).unwrap() else { continue };
+        for (id, transfer, payload) in said(&mut node) {
             match id {
-                TransferId::Message(id) if id.port == RECORD_PORT => {
-                    let text = &arrived.payload[9..9 + usize::from(arrived.payload[8])];
-                    said.push(String::from_utf8(text.to_vec()).unwrap());
-                }
+                TransferId::Message(id) if id.port == RECORD_PORT => texts.push(text(&payload)),
                 TransferId::Service(id) if id.port == FILE_READ_PORT => {
-                    let offset =
-                        arrived.payload[..5].iter().rev().fold(0, |sum, &byte| sum << 8 | usize::from(byte));
+                    let offset = offset(&payload);
                     let piece = &file[offset.min(file.len())..file.len().min(offset + CHUNK_BYTES)];
-                    let answer = [&[0, 0], &(piece.len() as u16).to_le_bytes()[..], piece].concat();
-                    let back = service(ServiceRole::Response, FILE_READ_PORT, id.source, id.destination);
-                    for frame in Frames::new(back, arrived.transfer, &answer) {
-                        node.accept(&frame, now);
-                    }
+                    answer(&mut node, id, transfer, 0, piece, now);
                 }
                 _ => {}
             }
         }
         if ended && node.is_drained() {
-            return said;
+            return texts;
         }
     }
     panic!("the update does not end");

@@ -14,6 +14,12 @@ fn tears(seed: u64) -> [(Tear, bool); 5] {
     [(Tear::Nothing, false), (Tear::Half, false), (chance(), false), (chance(), true), (Tear::Zeros, true)]
 }
 
+/// The power fails after this number of steps, and leaves this.
+fn cut(device: &Device, tear: Tear, backwards: bool, steps: u64) {
+    let mut cells = device.cells.borrow_mut();
+    (cells.tear, cells.backwards, cells.power) = (tear, backwards, steps);
+}
+
 /// Whatever happened, the device runs one firmware whole, keeps it once it has confirmed, and takes another.
 fn is_well(device: &Device, what: &str) {
     let version = device.boots();
@@ -35,12 +41,7 @@ fn cut_everywhere(begin: &Device, act: impl Fn(&Device)) -> (u64, u64) {
         for (tear, backwards) in tears(step) {
             let what = format!("cut at {step} of {steps}, {tear:?}, backwards {backwards}");
             let device = begin.twin();
-            let cells = |device: &Device| {
-                let mut cells = device.cells.borrow_mut();
-                (cells.tear, cells.backwards) = (tear.clone(), backwards);
-            };
-            cells(&device);
-            device.power_fails_after(step);
+            cut(&device, tear.clone(), backwards, step);
             act(&device);
             assert!(device.power_on(), "{what}");
             // Again, while the bootloader puts it right.
@@ -50,8 +51,7 @@ fn cut_everywhere(begin: &Device, act: impl Fn(&Device)) -> (u64, u64) {
             let needed = right.steps() - before;
             for again in (0..needed).filter(|again| (again + step) % 41 == 0) {
                 let device = device.twin();
-                cells(&device);
-                device.power_fails_after(again);
+                cut(&device, tear.clone(), backwards, again);
                 let _ = device.boot();
                 assert!(device.power_on(), "{what}");
                 is_well(&device, &format!("{what}, again at {again}"));
@@ -116,11 +116,7 @@ fn a_model_update_is_cut_anywhere() {
     for step in 0..steps {
         for (tear, backwards) in tears(step) {
             let device = begin.twin();
-            {
-                let mut cells = device.cells.borrow_mut();
-                (cells.tear, cells.backwards) = (tear, backwards);
-            }
-            device.power_fails_after(step);
+            cut(&device, tear, backwards, step);
             assert!(device.install(OLD, Model, &file).is_err());
             assert!(device.power_on());
             match device.model() {

@@ -1,7 +1,8 @@
 //! No file of a crate imports another that imports it, directly or through others.
 //!
 //! An import is a path of a `use` or of an expression that leads to another file of the crate. A parent that lists its
-//! children and re-exports what they hold imports nothing; neither do tests within a file.
+//! children and re-exports what they hold imports nothing; neither do tests within a file. And the modules of the library
+//! stand in the order of dependence.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -161,6 +162,27 @@ fn no_crate_holds_a_circle() {
     let top = crate::process::root();
     let circles: Vec<_> = roots(top).into_iter().filter_map(circle).collect();
     assert!(circles.is_empty(), "files import each other:\n{}", circles.join("\n"));
+}
+
+#[test]
+fn no_module_of_the_library_imports_one_that_stands_below_it() {
+    let root = crate::process::root().join("src/lib.rs");
+    let text = fs::read_to_string(&root).unwrap();
+    let order: Vec<_> =
+        text.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';')).collect();
+    assert!(order.contains(&"params") && order.contains(&"tasks"), "{order:?}");
+    let place = |path: &str| order.iter().position(|module| path.split("::").next() == Some(module));
+    let files = Crate::read(&root).0;
+    let listed: Vec<_> =
+        files.iter().filter_map(|(name, source)| Some((name, source, place(name)?))).collect();
+    let found: BTreeSet<_> = listed.iter().map(|(.., place)| place).collect();
+    assert_eq!(found.len(), order.len(), "every module has files");
+    for (module, source, own) in listed {
+        for path in source.uses.iter().map(|(_, path)| path).chain(&source.paths) {
+            let target = path.strip_prefix("crate::").and_then(place);
+            assert!(target.is_none_or(|target| target <= own), "{module} imports {path}");
+        }
+    }
 }
 
 #[test]

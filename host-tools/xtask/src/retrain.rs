@@ -1,8 +1,8 @@
 //! `cargo xtask retrain`: the shipped model from nothing.
 
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -79,31 +79,26 @@ const REHEARSAL_SIZE: [&str; 4] = ["--episodes", "8", "--epochs", "1"];
 pub fn retrain(options: &Options) -> Result<bool> {
     let out = std::path::absolute(&options.out)?;
     let started = Instant::now();
-    let seed = options.seed;
-    let first = out.join("first");
-    let mut motion = Vec::new();
-    if let Some(folder) = &options.real_parts {
-        motion.extend(["--real-parts".into(), std::path::absolute(folder)?.into()]);
-    }
-    train(options, &first, seed, &FIRST_SIZE, &motion)?;
-    let mut second = arguments(&SECOND_RATE);
-    second.extend(["--start".into(), first.join("weights.safetensors").into()]);
-    second.extend(arguments(&["--mine-hours", if options.rehearse { "0.05" } else { MINE_HOURS }]));
-    second.extend(motion);
-    train(options, &out, seed + SECOND_SEED, &SECOND_SIZE, &second)?;
+    let (seed, first) = (options.seed, out.join("first"));
+    let second_seed = seed + SECOND_SEED;
+    timed("train", &mut train(options, &first, seed, &FIRST_SIZE)?)?;
+    let mut second = train(options, &out, second_seed, &SECOND_SIZE)?;
+    second.args(SECOND_RATE).arg("--start").arg(first.join("weights.safetensors"));
+    second.args(["--mine-hours", if options.rehearse { "0.05" } else { MINE_HOURS }]);
+    timed("train", &mut second)?;
 
-    let at = |name: &str| out.join(name).into_os_string();
-    let (untuned, tuned) = (at("untuned.slipnet"), at("slipsense.slipnet"));
-    let mut quantize = arguments(&["quantize", "--seed", &(seed + SECOND_SEED).to_string()]);
-    quantize.extend(["--weights".into(), at("weights.safetensors"), "--out".into(), untuned.clone()]);
-    quantize.extend(["--report".into(), at("manifest.json")]);
-    let mut tune = vec!["tune".into(), untuned, "--out".into(), tuned, "--curve".into(), at(CURVE)];
+    let at = |name: &str| out.join(name);
+    let mut quantize = slipsense("quantize", second_seed);
+    quantize.arg("--weights").arg(at("weights.safetensors")).arg("--out").arg(at("untuned.slipnet"));
+    quantize.arg("--report").arg(at("manifest.json"));
+    let mut tune = slipsense("tune", None::<u64>);
+    tune.arg(at("untuned.slipnet")).arg("--out").arg(at("slipsense.slipnet")).arg("--curve").arg(at(CURVE));
     if options.rehearse {
-        quantize.extend(arguments(&["--calibration-episodes", "1", "--val-episodes", "1"]));
-        tune.extend(arguments(&["--hours", "0.05", "--episodes", "8", "--per-hour", "60"]));
+        quantize.args(["--calibration-episodes", "1", "--val-episodes", "1"]);
+        tune.args(["--hours", "0.05", "--episodes", "8", "--per-hour", "60"]);
     }
-    slipsense(&quantize)?;
-    slipsense(&tune)?;
+    timed("quantize", &mut quantize)?;
+    timed("tune", &mut tune)?;
     let minutes = started.elapsed().as_secs_f64() / 60.0;
     eprintln!("{} made in {minutes:.0} minutes", out.join("slipsense.slipnet").display());
     if options.install {
@@ -121,29 +116,33 @@ pub fn retrain(options: &Options) -> Result<bool> {
     Ok(true)
 }
 
-/// One training of a size, the trainer's own if none is said, with what else differs from its defaults.
-fn train(options: &Options, folder: &Path, seed: u64, size: &[&str], different: &[OsString]) -> Result<()> {
-    let mut train = arguments(&["train", "--seed", &seed.to_string(), "--out"]);
-    train.push(folder.into());
-    train.extend(arguments(if options.rehearse { &REHEARSAL_SIZE } else { size }));
-    train.extend_from_slice(different);
-    if options.resume && folder.join("checkpoint").exists() {
-        train.push("--resume".into());
+/// One training of a size.
+fn train(options: &Options, folder: &Path, seed: u64, size: &[&str]) -> Result<Command> {
+    let mut train = slipsense("train", seed);
+    let size = if options.rehearse { &REHEARSAL_SIZE[..] } else { size };
+    train.arg("--out").arg(folder).args(size);
+    if let Some(parts) = &options.real_parts {
+        train.arg("--real-parts").arg(std::path::absolute(parts)?);
     }
-    slipsense(&train)
+    if options.resume && folder.join("checkpoint").exists() {
+        train.arg("--resume");
+    }
+    Ok(train)
 }
 
-fn arguments(texts: &[&str]) -> Vec<OsString> {
-    texts.iter().map(OsString::from).collect()
-}
-
-/// Run a command of `slipsense`, built with the trainer, and say how long it took.
-fn slipsense(arguments: &[OsString]) -> Result<()> {
-    let begun = Instant::now();
+/// A command of `slipsense`, built with the trainer.
+fn slipsense(name: &str, seed: impl Into<Option<u64>>) -> Command {
     let mut slipsense = cargo();
-    slipsense.args(["run", "--release", "--quiet", "--features", "train", "--"]).args(arguments);
-    run(&mut slipsense)?;
-    eprintln!("{} took {:.0} s", arguments[0].display(), begun.elapsed().as_secs_f64());
+    slipsense.args(["run", "--release", "--quiet", "--features", "train", "--", name]);
+    slipsense.args(seed.into().into_iter().flat_map(|seed| ["--seed".to_owned(), seed.to_string()]));
+    slipsense
+}
+
+/// Run it, and say how long it took.
+fn timed(name: &str, command: &mut Command) -> Result<()> {
+    let begun = Instant::now();
+    run(command)?;
+    eprintln!("{name} took {:.0} s", begun.elapsed().as_secs_f64());
     Ok(())
 }
 

@@ -1,14 +1,12 @@
 //! The emulated board: frames come from a file, results go to one.
 
 use core::cell::RefCell;
-use core::future::pending;
 
 use critical_section::{Mutex, with};
 use embassy_time::{Instant, Timer};
 use heapless::Vec;
 use slipsense::board::replay::{CAN_FRAMES_MAX, FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
-use slipsense::board::{CanTransmit, FrameSource, Observe, TxSlot};
-use slipsense::health::CanStatus;
+use slipsense::board::{FrameSource, Observe};
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output};
 use slipsense::sensor::SensorReadings;
@@ -58,7 +56,7 @@ pub struct Recorder {
     pub encoded: Vec<u8, { 512 + CAN_FRAMES_MAX * 69 }>,
 }
 
-/// The recorder as bus, which takes everything at once, and as observer of the inference task.
+/// The recorder: it takes what is sent, and observes the inference task.
 #[derive(Clone, Copy)]
 pub struct Recorded(pub &'static Mutex<RefCell<Recorder>>);
 
@@ -66,29 +64,9 @@ impl Recorded {
     fn change<T>(&self, change: impl FnOnce(&mut Recorder) -> T) -> T {
         with(|cs| change(&mut self.0.borrow_ref_mut(cs)))
     }
-}
 
-impl CanTransmit for Recorded {
-    fn is_free(&self, _slot: TxSlot) -> bool {
-        true
-    }
-
-    fn transmit(&mut self, _slot: TxSlot, frame: &CanFrame) {
+    pub fn send(&self, frame: &CanFrame) {
         self.change(|recorder| recorder.record.can.push(*frame)).expect("room for all CAN frames of a frame");
-    }
-
-    fn withdraw(&mut self, _slot: TxSlot) {}
-
-    fn has_sent(&self, _slot: TxSlot) -> bool {
-        true
-    }
-
-    async fn changed(&mut self) {
-        pending().await
-    }
-
-    fn status(&mut self) -> CanStatus {
-        CanStatus::default()
     }
 }
 

@@ -89,36 +89,33 @@ const MAPS: [(usize, usize); 8] = [(32, 1), (16, 2), (16, 4), (8, 2), (8, 4), (8
 /// Compare each of `kernels` and every shape so often.
 pub fn compare(kernels: Kernels, rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
     let mut dice = Dice(1);
-    let mut count = |kernel, calls: &mut dyn FnMut(u32) -> (u32, u32)| {
-        let (calls, differing) = (0..rounds).fold((0, 0), |(all, bad), round| {
-            let (more, worse) = calls(round);
-            (all + more, bad + worse)
-        });
-        report(Compared { kernel, calls, differing });
-    };
-    count("conv_relu_pool", &mut |round| {
-        let results = MAPS.map(|map| u32::from(!conv_is_equal(kernels, scratch, &mut dice, round, map)));
-        (results.len() as u32, results.iter().sum())
+    let report = &mut report;
+    count(report, "conv_relu_pool", rounds, |round| {
+        MAPS.map(|map| conv_is_equal(kernels, scratch, &mut dice, round, map))
     });
-    count("dense", &mut |round| {
+    count(report, "dense", rounds, |round| {
         // Whole rounds of the assembly, its longest, and what it leaves to the portable form.
-        let lengths = [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260];
-        let results =
-            lengths.map(|words| u32::from(!dense_is_equal(kernels, scratch, &mut dice, round, words)));
-        (results.len() as u32, results.iter().sum())
+        [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260]
+            .map(|words| dense_is_equal(kernels, scratch, &mut dice, round, words))
     });
-    count("dots", &mut |round| {
-        let shapes = [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)];
-        let results =
-            shapes.map(|shape| u32::from(!dots_are_equal(kernels, scratch, &mut dice, round, shape)));
-        (results.len() as u32, results.iter().sum())
+    count(report, "dots", rounds, |round| {
+        [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)]
+            .map(|shape| dots_are_equal(kernels, scratch, &mut dice, round, shape))
     });
-    count("weighted_sums", &mut |round| {
-        let strides = [5, 16, 32, 64];
-        let results =
-            strides.map(|stride| u32::from(!sums_are_equal(kernels, scratch, &mut dice, round, stride)));
-        (results.len() as u32, results.iter().sum())
+    count(report, "weighted_sums", rounds, |round| {
+        [5, 16, 32, 64].map(|stride| sums_are_equal(kernels, scratch, &mut dice, round, stride))
     });
+}
+
+/// Report a kernel whose calls were equal, or were not, in each of the rounds.
+fn count<const N: usize>(
+    report: &mut dyn FnMut(Compared),
+    kernel: &'static str,
+    rounds: u32,
+    are_equal: impl FnMut(u32) -> [bool; N],
+) {
+    let differing = (0..rounds).flat_map(are_equal).filter(|is_equal| !is_equal).count() as u32;
+    report(Compared { kernel, calls: rounds * N as u32, differing });
 }
 
 fn conv_is_equal(

@@ -4,41 +4,28 @@ use core::cell::RefCell;
 
 use cortex_m_rt::entry;
 use embassy_executor::Executor;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::Instant;
 use heapless::Vec;
 use slipsense::board::replay::FRAME_BYTES_MAX;
-use slipsense::board::{SensorFrame, StoppedClock};
-use slipsense::pipeline::Pipeline;
-use slipsense::tasks::{
-    Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, RuntimeConfig, Shared, Transmission, acquire,
-};
-use slipsense::wire::{RawTransfer, Transmitter};
+use slipsense::board::{SensorFrame, StoppedClock, UnlimitedBus};
+use slipsense::tasks::{Inference, Transmission, acquire};
+use slipsense::wire::{CanFrame, RawTransfer, Transmitter};
 use slipsense_qemu::OUTPUT_FILE;
 use slipsense_qemu::emulated::semihosting::File;
-use slipsense_qemu::emulated::{exit, read_input, start};
+use slipsense_qemu::emulated::{Mutex, SHARED, exit, pipeline, queues, read_input, start};
 use slipsense_qemu::record::Record;
 
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::StaticCell;
 
 use crate::board::{Recorded, Recorder, Recording};
 
 /// Cycles of the board's timers per microsecond.
 const TIMER_TICKS_PER_US: u32 = 25;
 
-type Mutex = CriticalSectionRawMutex;
-type FrameQueue = Channel<'static, Mutex, SensorFrame>;
 type EmulatedInference = Inference<'static, Mutex, StoppedClock, Recorded>;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-static BUFFERS: ConstStaticCell<[SensorFrame; QUEUED_FRAMES]> =
-    ConstStaticCell::new([const { SensorFrame::new() }; QUEUED_FRAMES]);
-static QUEUE: StaticCell<FrameQueue> = StaticCell::new();
-static SHARED: Shared<Mutex> = Shared::new();
-static RAW_BUFFERS: ConstStaticCell<[RawTransfer; RAW_MESSAGES]> =
-    ConstStaticCell::new([const { RawTransfer::new() }; RAW_MESSAGES]);
-static RAW_QUEUE: StaticCell<RawQueue<'static, Mutex>> = StaticCell::new();
 static RECORDING: StaticCell<Recording> = StaticCell::new();
 static RECORDER: StaticCell<critical_section::Mutex<RefCell<Recorder>>> = StaticCell::new();
 static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
@@ -49,7 +36,8 @@ async fn acquisition(recording: &'static mut Recording, queue: Sender<'static, M
 }
 
 #[embassy_executor::task]
-async fn transmission(bus: Recorded, raw: Receiver<'static, Mutex, RawTransfer>) {
+async fn transmission(recorded: Recorded, raw: Receiver<'static, Mutex, RawTransfer>) {
+    let bus = UnlimitedBus(|_, frame: &CanFrame| recorded.send(frame));
     Transmission::new(bus, StoppedClock, &SHARED, raw).run().await;
 }
 
@@ -68,18 +56,15 @@ async fn inference(
 #[entry]
 fn main() -> ! {
     let (file, header, model) = read_input();
-    let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
-
-    SHARED.set_config(RuntimeConfig { compress_raw: header.compress_raw, ..RuntimeConfig::DEFAULT });
     let recorder = Recorded(RECORDER.init(critical_section::Mutex::new(RefCell::new(Recorder {
         file: File::create(OUTPUT_FILE),
         began: Instant::MIN,
         record: Record::default(),
         encoded: Vec::new(),
     }))));
-    let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(RAW_BUFFERS.take())).split();
+    let ((sender, receiver), (raw_sender, raw_receiver)) = queues();
     let infer = INFERENCE.init(Inference::new(
-        pipeline,
+        pipeline(&header, model),
         Transmitter::new(header.node),
         StoppedClock,
         recorder,
@@ -88,8 +73,6 @@ fn main() -> ! {
     ));
     let recording = Recording { file, header, read: 0, record: [0; FRAME_BYTES_MAX] };
     let recording = RECORDING.init(recording);
-    let (sender, receiver) = QUEUE.init(Channel::new(BUFFERS.take())).split();
-
     let frames = header.frames;
     let spawner = start(TIMER_TICKS_PER_US);
     spawner.spawn(transmission(recorder, raw_receiver).expect("spawned once"));

@@ -1,6 +1,6 @@
 //! The taxel arrays at the emulator's peripherals: address lines, trigger, ADC inputs and DMA streams.
 
-use rigless::device::{DeviceContext, ErasedDevice, Level, RegisterFile};
+use rigless::device::{DeviceContext as Context, ErasedDevice, Level, RegisterFile};
 use rigless::soc::stm32h743::generated::adc3::Register as AdcRegister;
 use rigless::soc::stm32h743::generated::gpioa::Register as PortRegister;
 use rigless::soc::stm32h743::generated::tim1::Register;
@@ -52,23 +52,22 @@ impl Tap<Gpio> for AddressLines {
     /// listen to a pin, which takes longer than all the rest of a slot, and none of them listens to these.
     fn write(
         &mut self,
-        port: &mut Gpio,
         row: usize,
         value: u64,
         registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+        _: &mut Context<'_>,
+    ) -> Option<u64> {
         let outputs = registers.get(PortRegister::Moder) & LINES_MODER == LINES_MODER & OUTPUTS;
         if row == PortRegister::Bsrr.index() && outputs && value & !(LINES | LINES << 16) == 0 {
             // BSRR: the low half sets, the high half clears, setting wins (RM0433, GPIO bit set/reset register).
             let lines = registers.get(PortRegister::Odr) & !(value >> 16) | value & 0xFFFF;
             registers.set(PortRegister::Odr, lines);
-        } else {
-            ErasedDevice::write(port, row, value, registers, context);
+            return None;
         }
+        Some(value)
     }
 
-    fn after(&mut self, _: &mut Gpio, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn after(&mut self, _: &mut Gpio, registers: &mut RegisterFile, context: &mut Context<'_>) {
         let lines = registers.get(PortRegister::Odr) >> FIRST_PIN;
         let mut arrays = lock(&self.0);
         if !arrays.fast_scan.runs() {
@@ -94,16 +93,15 @@ impl Tap<Tim<Advanced>> for Trigger {
 
     fn write(
         &mut self,
-        timer: &mut Tim<Advanced>,
         row: usize,
         value: u64,
         registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+        context: &mut Context<'_>,
+    ) -> Option<u64> {
         let runs = lock(&self.shared).fast_scan.runs();
         let starts = row == Register::Cr1.index() && value & CEN != 0;
         if !runs && starts && scan_fast_path::start(&self.shared, context) {
-            return;
+            return None;
         }
         if runs && (starts || row != Register::Cr1.index()) {
             context.tell("CR1", "a write to the timer of a scan that runs: needs --slow");
@@ -114,14 +112,14 @@ impl Tap<Tim<Advanced>> for Trigger {
         if row == Register::Egr.index() {
             lock(&self.shared).fast_scan.fresh = value & UG != 0 && registers.get(Register::Cr1) & CEN == 0;
         }
-        ErasedDevice::write(timer, row, value, registers, context);
+        Some(value)
     }
 
-    fn event_instead(&mut self, event: EventId, context: &mut DeviceContext<'_>) -> bool {
+    fn event_instead(&mut self, event: EventId, context: &mut Context<'_>) -> bool {
         scan_fast_path::frame_ended(&self.shared, event, context)
     }
 
-    fn answered(&mut self, token: u64, value: u64, context: &mut DeviceContext<'_>) {
+    fn answered(&mut self, token: u64, value: u64, context: &mut Context<'_>) {
         scan_fast_path::answered(&self.shared, token, value, context);
     }
 
@@ -133,7 +131,7 @@ impl Tap<Tim<Advanced>> for Trigger {
         scan_fast_path::reset(&self.shared);
     }
 
-    fn after(&mut self, timer: &mut Tim<Advanced>, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn after(&mut self, timer: &mut Tim<Advanced>, _: &mut RegisterFile, context: &mut Context<'_>) {
         let (level, pulses) = timer.trigger_output();
         let high = level == Level::High;
         if high && !self.high || pulses != self.pulses {
@@ -153,16 +151,18 @@ pub struct TriggeredInputs {
     clock_hz: u64,
     external: u64,
     armed: bool,
+    /// A trigger came with this write.
+    starts: bool,
     /// A sequence runs: ADSTART after the last call, which a write to CR no longer finds in the register file.
     converting: bool,
 }
 
 impl TriggeredInputs {
     pub const fn new(shared: Shared) -> Self {
-        Self { shared, clock_hz: 0, external: 0, armed: false, converting: false }
+        Self { shared, clock_hz: 0, external: 0, armed: false, starts: false, converting: false }
     }
 
-    fn start(&mut self, adc: &mut Adc, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn start(&mut self, adc: &mut Adc, registers: &mut RegisterFile, context: &mut Context<'_>) {
         if registers.get(AdcRegister::Cr) & ADSTART != 0 {
             lock(&self.shared).lost_triggers += 1;
             context.tell("ADC_CR", "a trigger while the sequence before still runs is lost");
@@ -188,13 +188,11 @@ impl Tap<Adc> for TriggeredInputs {
 
     fn write(
         &mut self,
-        adc: &mut Adc,
         row: usize,
-        value: u64,
+        mut value: u64,
         registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
-        let mut value = value;
+        context: &mut Context<'_>,
+    ) -> Option<u64> {
         if row == AdcRegister::Cfgr.index() {
             self.external = value & (EXTEN | EXTSEL);
             value &= !(EXTEN | EXTSEL);
@@ -216,18 +214,15 @@ impl Tap<Adc> for TriggeredInputs {
             registers
                 .set(AdcRegister::Cr, registers.get(AdcRegister::Cr) & !(ADSTART | ADSTP) | value & ADSTP);
         }
-        {
-            let fast_scan = &mut lock(&self.shared).fast_scan;
-            fast_scan.armed = self.armed && self.external == EXTEN_RISING | TIM8_TRGO;
-            if fast_scan.runs() && row != AdcRegister::Isr.index() {
-                context.tell("CR", "a write to the ADC of a scan that runs: needs --slow");
-            }
+        let arrays = &mut lock(&self.shared);
+        arrays.fast_scan.armed = self.armed && self.external == EXTEN_RISING | TIM8_TRGO;
+        if row == AdcRegister::Isr.index() {
+            let triggered = std::mem::take(&mut arrays.triggered);
+            self.starts = triggered && self.armed && self.external & EXTEN == EXTEN_RISING;
+        } else if arrays.fast_scan.runs() {
+            context.tell("CR", "a write to the ADC of a scan that runs: needs --slow");
         }
-        ErasedDevice::write(adc, row, value, registers, context);
-        let triggered = row == AdcRegister::Isr.index() && std::mem::take(&mut lock(&self.shared).triggered);
-        if triggered && self.armed && self.external & EXTEN == EXTEN_RISING {
-            self.start(adc, registers, context);
-        }
+        Some(value)
     }
 
     fn read(&mut self, row: usize, value: Option<u64>, registers: &RegisterFile) -> Option<u64> {
@@ -240,7 +235,10 @@ impl Tap<Adc> for TriggeredInputs {
         value
     }
 
-    fn after(&mut self, _: &mut Adc, registers: &mut RegisterFile, _: &mut DeviceContext<'_>) {
+    fn after(&mut self, adc: &mut Adc, registers: &mut RegisterFile, context: &mut Context<'_>) {
+        if std::mem::take(&mut self.starts) {
+            self.start(adc, registers, context);
+        }
         self.converting = registers.get(AdcRegister::Cr) & ADSTART != 0;
     }
 
@@ -269,16 +267,18 @@ impl Tap<Dma> for Streams {
 
     fn write(
         &mut self,
-        dma: &mut Dma,
         row: usize,
         value: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+        _: &mut RegisterFile,
+        context: &mut Context<'_>,
+    ) -> Option<u64> {
         if scan_fast_path::is_in_use(&self.shared, self.codes, row) {
             context.tell("CR", "a write to a stream of a scan that runs: needs --slow");
         }
-        ErasedDevice::write(dma, row, value, registers, context);
+        Some(value)
+    }
+
+    fn after(&mut self, _: &mut Dma, registers: &mut RegisterFile, _: &mut Context<'_>) {
         scan_fast_path::stream_written(&self.shared, self.codes, registers);
     }
 }

@@ -1,6 +1,6 @@
 //! A model of the emulator with something of ours before and after each of its calls.
 
-use rigless::device::{Device, DeviceContext, ErasedDevice, RegisterFile, RequestChange};
+use rigless::device::{Device, DeviceContext as Context, ErasedDevice, RegisterFile, RequestChange};
 use rigless::soc::RegisterSpec;
 use rigless::time::{EventId, VirtualNanos};
 
@@ -14,18 +14,9 @@ pub trait Tap<D> {
     /// Before an access, an event or a request reaches the model.
     fn before(&mut self, _device: &mut D, _now: VirtualNanos) {}
 
-    /// In place of the model's own write. By default the model's.
-    fn write(
-        &mut self,
-        device: &mut D,
-        row: usize,
-        value: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) where
-        D: Device + 'static,
-    {
-        ErasedDevice::write(device, row, value, registers, context);
+    /// What reaches the model of a write; `None`: nothing.
+    fn write(&mut self, _: usize, value: u64, _: &mut RegisterFile, _: &mut Context<'_>) -> Option<u64> {
+        Some(value)
     }
 
     /// Puts what the model does not know of into the registers, before an access or a request.
@@ -37,19 +28,19 @@ pub trait Tap<D> {
     }
 
     /// An event of ours. `true`: the model must not see it.
-    fn event_instead(&mut self, _event: EventId, _context: &mut DeviceContext<'_>) -> bool {
+    fn event_instead(&mut self, _event: EventId, _context: &mut Context<'_>) -> bool {
         false
     }
 
     /// The answer to an access of ours.
-    fn answered(&mut self, _token: u64, _value: u64, _context: &mut DeviceContext<'_>) {}
+    fn answered(&mut self, _token: u64, _value: u64, _context: &mut Context<'_>) {}
 
     /// What is read of what the model answers, or the register file where it does not.
     fn read(&mut self, _row: usize, value: Option<u64>, _registers: &RegisterFile) -> Option<u64> {
         value
     }
 
-    fn after(&mut self, _device: &mut D, _registers: &mut RegisterFile, _context: &mut DeviceContext<'_>) {}
+    fn after(&mut self, _device: &mut D, _registers: &mut RegisterFile, _context: &mut Context<'_>) {}
 
     fn on_clock(&mut self, _hz: u64, _now: VirtualNanos) {}
 
@@ -67,12 +58,7 @@ impl<D: Device + 'static, T: Tap<D>> ErasedDevice for Tapped<D, T> {
         ErasedDevice::layout(&self.device)
     }
 
-    fn read(
-        &mut self,
-        row: usize,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) -> Option<u64> {
+    fn read(&mut self, row: usize, registers: &mut RegisterFile, context: &mut Context<'_>) -> Option<u64> {
         self.tap.before(&mut self.device, context.now());
         self.tap.show(registers, context.now());
         if let Some(value) = self.tap.read_instead(row, registers, context.now()) {
@@ -88,20 +74,16 @@ impl<D: Device + 'static, T: Tap<D>> ErasedDevice for Tapped<D, T> {
         ErasedDevice::peek(&self.device, row, registers, now)
     }
 
-    fn write(
-        &mut self,
-        row: usize,
-        value: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+    fn write(&mut self, row: usize, value: u64, registers: &mut RegisterFile, context: &mut Context<'_>) {
         self.tap.before(&mut self.device, context.now());
         self.tap.show(registers, context.now());
-        self.tap.write(&mut self.device, row, value, registers, context);
+        if let Some(value) = self.tap.write(row, value, registers, context) {
+            ErasedDevice::write(&mut self.device, row, value, registers, context);
+        }
         self.tap.after(&mut self.device, registers, context);
     }
 
-    fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut Context<'_>) {
         if self.tap.event_instead(event, context) {
             return;
         }
@@ -110,17 +92,12 @@ impl<D: Device + 'static, T: Tap<D>> ErasedDevice for Tapped<D, T> {
         self.tap.after(&mut self.device, registers, context);
     }
 
-    fn on_request(
-        &mut self,
-        change: RequestChange,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+    fn on_request(&mut self, change: RequestChange, registers: &mut RegisterFile, context: &mut Context<'_>) {
         ErasedDevice::on_request(&mut self.device, change, registers, context);
         self.tap.after(&mut self.device, registers, context);
     }
 
-    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut Context<'_>) {
         ErasedDevice::on_clock(&mut self.device, hz, registers, context);
     }
 
@@ -129,14 +106,14 @@ impl<D: Device + 'static, T: Tap<D>> ErasedDevice for Tapped<D, T> {
         input: usize,
         hz: u64,
         registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
+        context: &mut Context<'_>,
     ) {
         self.tap.on_clock(hz, context.now());
         ErasedDevice::on_clock_input(&mut self.device, input, hz, registers, context);
         self.tap.after(&mut self.device, registers, context);
     }
 
-    fn poll(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn poll(&mut self, registers: &mut RegisterFile, context: &mut Context<'_>) {
         ErasedDevice::poll(&mut self.device, registers, context);
     }
 
@@ -145,18 +122,12 @@ impl<D: Device + 'static, T: Tap<D>> ErasedDevice for Tapped<D, T> {
         self.tap.reset();
     }
 
-    fn reset_line(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn reset_line(&mut self, registers: &mut RegisterFile, context: &mut Context<'_>) {
         ErasedDevice::reset_line(&mut self.device, registers, context);
         self.tap.reset();
     }
 
-    fn on_access(
-        &mut self,
-        token: u64,
-        value: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+    fn on_access(&mut self, token: u64, value: u64, registers: &mut RegisterFile, context: &mut Context<'_>) {
         match token {
             TRIGGER_TOKEN => {}
             FRAME_TOKEN.. => self.tap.answered(token, value, context),
@@ -164,7 +135,7 @@ impl<D: Device + 'static, T: Tap<D>> ErasedDevice for Tapped<D, T> {
         }
     }
 
-    fn on_refused(&mut self, token: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_refused(&mut self, token: u64, registers: &mut RegisterFile, context: &mut Context<'_>) {
         if token < FRAME_TOKEN {
             ErasedDevice::on_refused(&mut self.device, token, registers, context);
         }

@@ -12,7 +12,7 @@
 //! Not here: the hardware option (the option bytes are as delivered, which is software), low-power modes, and the
 //! freeze by a debugger: a halted core halts virtual time.
 
-use rigless::device::{Device, DeviceContext, Level, RegisterFile};
+use rigless::device::{Device, DeviceContext as Context, Level, RegisterFile};
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::iwdg::{Register, sr};
 use rigless::soc::stm32h743::peripherals::rcc::IWDG_STARTED;
@@ -103,7 +103,7 @@ impl Iwdg {
     }
 
     /// The reset, at the end of the count.
-    fn arm(&mut self, context: &mut DeviceContext<'_>) {
+    fn arm(&mut self, context: &mut Context<'_>) {
         self.end = (self.started && self.clock_hz != 0).then(|| {
             let (since, counter, cycles) = self.counter;
             let left = (counter + 1) * self.values.divider() - cycles;
@@ -111,7 +111,7 @@ impl Iwdg {
         });
     }
 
-    fn reload(&mut self, context: &mut DeviceContext<'_>) {
+    fn reload(&mut self, context: &mut Context<'_>) {
         self.count(context.now());
         if self.counter.1 > self.values.window() {
             context.request_reset();
@@ -121,7 +121,7 @@ impl Iwdg {
         self.arm(context);
     }
 
-    fn take_key(&mut self, key: u64, context: &mut DeviceContext<'_>) {
+    fn take_key(&mut self, key: u64, context: &mut Context<'_>) {
         self.open = key == KEY_OPEN;
         match key {
             KEY_START if !self.started => {
@@ -137,14 +137,14 @@ impl Iwdg {
     }
 
     /// Let `index` arrive after its cycles, once there is a clock.
-    fn send(&mut self, index: usize, context: &mut DeviceContext<'_>) {
+    fn send(&mut self, index: usize, context: &mut Context<'_>) {
         self.arrivals[index] = (self.clock_hz != 0).then(|| {
             let at = context.now().0 + self.cycles_ns(CROSSING_CYCLES);
             context.schedule(VirtualNanos(at))
         });
     }
 
-    fn take_value(&mut self, index: usize, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn take_value(&mut self, index: usize, registers: &mut RegisterFile, context: &mut Context<'_>) {
         let (register, flag) = CROSSING[index];
         let status = registers.get(Register::Sr);
         if !self.open || status & flag != 0 {
@@ -159,7 +159,7 @@ impl Iwdg {
         self.send(index, context);
     }
 
-    fn arrive(&mut self, index: usize, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn arrive(&mut self, index: usize, registers: &mut RegisterFile, context: &mut Context<'_>) {
         self.arrivals[index] = None;
         self.count(context.now());
         self.values.0[index] = self.written.0[index];
@@ -178,10 +178,10 @@ impl Device for Iwdg {
     fn read(
         &mut self,
         register: Register,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
+        file: &mut RegisterFile,
+        context: &mut Context<'_>,
     ) -> Option<u64> {
-        self.peek(register, registers, context.now())
+        self.peek(register, file, context.now())
     }
 
     fn peek(&self, register: Register, _: &RegisterFile, _: VirtualNanos) -> Option<u64> {
@@ -190,36 +190,30 @@ impl Device for Iwdg {
         Some(self.values.0[index])
     }
 
-    fn write(
-        &mut self,
-        register: Register,
-        value: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+    fn write(&mut self, register: Register, value: u64, file: &mut RegisterFile, context: &mut Context<'_>) {
         match CROSSING.iter().position(|&(crossing, _)| crossing == register) {
-            Some(index) => self.take_value(index, registers, context),
+            Some(index) => self.take_value(index, file, context),
             None if register == Register::Kr => self.take_key(value & 0xFFFF, context),
             None => {}
         }
     }
 
-    fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_event(&mut self, event: EventId, file: &mut RegisterFile, context: &mut Context<'_>) {
         if self.end == Some(event) {
             context.request_reset();
         }
         for index in 0..CROSSING.len() {
             if self.arrivals[index] == Some(event) {
-                self.arrive(index, registers, context);
+                self.arrive(index, file, context);
             }
         }
     }
 
-    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_clock(&mut self, hz: u64, file: &mut RegisterFile, context: &mut Context<'_>) {
         self.count(context.now());
         self.clock_hz = hz;
         for (index, (_, flag)) in CROSSING.into_iter().enumerate() {
-            if registers.get(Register::Sr) & flag != 0 {
+            if file.get(Register::Sr) & flag != 0 {
                 self.send(index, context);
             }
         }

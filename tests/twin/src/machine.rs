@@ -31,7 +31,7 @@ use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
 use crate::scan_timing::Settings;
 use crate::window::Windowed;
-use crate::xl::{Readouts, Xl};
+use crate::xl::{self, Readouts, Xl};
 
 /// The core's clock that `clocks.rs` sets, and with one instruction per cycle its rate. A choice, not a
 /// measurement: the silicon issues up to two, and waits for flash and buses.
@@ -52,8 +52,6 @@ pub struct Fitted {
     /// Sensors at rest, in place of an episode.
     pub desk: Option<Desk>,
     pub xl: Xl,
-    /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
-    pub xl_error: f64,
     pub faults: Vec<Fault>,
     /// Every event of the scan one by one, and every access through the MPU.
     pub slow: bool,
@@ -132,13 +130,13 @@ impl Mcu743 {
             is_brown_out: false,
         };
         mcu.adc.device.set_reference(REFERENCE_MV);
-        mcu.reset_registers();
+        mcu.show_fdcans();
         Ok(mcu)
     }
 
-    fn reset_registers(&mut self) {
-        for slot in self.fdcan_slots {
-            Fdcan::reset_registers(self.part.bus_mut().slot_mut(slot).registers_mut());
+    fn show_fdcans(&mut self) {
+        for (fdcan, slot) in self.fdcan.iter().zip(self.fdcan_slots) {
+            fdcan.show(self.part.bus_mut().slot_mut(slot).registers_mut());
         }
     }
 }
@@ -171,7 +169,7 @@ impl Mcu for Mcu743 {
         ErasedDevice::reset(&mut self.timer);
         ErasedDevice::reset(&mut self.adc);
         self.streams.iter_mut().for_each(ErasedDevice::reset);
-        self.reset_registers();
+        self.show_fdcans();
     }
 
     fn poll(&mut self, _now: VirtualNanos) {
@@ -252,7 +250,7 @@ impl Twin {
                 Xl::Adxl380 => {
                     let desk = fitted.desk.map(|desk| desk.at(sensor));
                     let slow = bench::has(desk, DeskFault::XlSlow);
-                    let error = if slow { -0.1 } else { fitted.xl_error };
+                    let error = if slow { -0.1 } else { xl::OSCILLATOR_ERROR };
                     let faults = fitted.faults.clone();
                     let part = Adxl380::new(episode, desk, sensor, error, faults, readouts);
                     spi.attach_selected(part, select);

@@ -9,6 +9,7 @@ use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 
+use crate::arguments::Arguments;
 use crate::compare::{Comparison, Slip, clock_ahead_ns, compare};
 use crate::fault_injection::Fault;
 use crate::fault_schedule;
@@ -49,15 +50,14 @@ pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
     Ok(trace.flush()?)
 }
 
-pub struct Options {
-    pub rtt: bool,
-    /// The run injected every fault of the schedule.
-    pub all_faults: bool,
-}
-
 /// Prints everything. `false`: something differs, or the emulator reported something without a known reason.
-pub fn print(done: &Done, episode: Option<&Episode>, faults: &[Fault], options: &Options) -> Result<bool> {
-    if options.rtt {
+pub fn print(
+    done: &Done,
+    episode: Option<&Episode>,
+    faults: &[Fault],
+    arguments: &Arguments,
+) -> Result<bool> {
+    if arguments.rtt {
         done.log.iter().for_each(|line| println!("log  {line}"));
     }
     let comparison = compare(done, episode)?;
@@ -78,7 +78,7 @@ pub fn print(done: &Done, episode: Option<&Episode>, faults: &[Fault], options: 
     }
     // With faults from the command line the reader judges: frames are lost on purpose.
     let mut whole = true;
-    if options.all_faults {
+    if arguments.faults {
         let complaints = fault_schedule::complaints(&recoveries);
         complaints.iter().for_each(|line| println!("FAILED: {line}"));
         whole = complaints.is_empty() && comparison.different.is_empty() && comparison.compared > 0;

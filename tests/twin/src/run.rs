@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::net::TcpListener;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -16,13 +14,11 @@ use rigless::soc::Width;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
-use slipsense_recording::Episode;
 
-use crate::bench::Desk;
+use crate::arguments::Arguments;
 use crate::board_faults::BoardFaults;
 use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
-use crate::fault_injection::Fault;
 use crate::fdcan::wire::Logged;
 use crate::flash_wait::FlashWait;
 use crate::machine::{self, Fitted, Twin};
@@ -30,7 +26,7 @@ use crate::power_faults::{Failure, PowerFaults};
 use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
 use crate::settings;
-use crate::xl::{Readouts, Xl};
+use crate::xl::{self, Readouts};
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
@@ -41,27 +37,6 @@ const INTERRUPTS: usize = 150;
 const TIM2_CNT: u64 = 0x4000_0024;
 /// SYSCFG_PWRCR, whose lowest bit is ODEN: voltage scale 0.
 const SYSCFG_PWRCR: u64 = 0x5800_042C;
-
-pub struct Options {
-    pub seconds: f64,
-    pub boot: Option<PathBuf>,
-    /// What the sensors play; none: no sensors.
-    pub episode: Option<Arc<Episode>>,
-    /// Sensors in use, by settings in flash; none: the flash is blank.
-    pub sensors: Option<usize>,
-    pub desk: Option<Desk>,
-    pub xl: Xl,
-    /// How much faster than nominal the ADXL380s' oscillators are, as a fraction.
-    pub xl_error: f64,
-    pub faults: Vec<Fault>,
-    /// Every event of the scan one by one.
-    pub slow: bool,
-    pub gdb: Option<u16>,
-    /// Wait for a program that is the far end of the bus; the run ends when it goes.
-    pub far_end: bool,
-    /// What comes in at HSE, Hz; 0: nothing.
-    pub hse_hz: u64,
-}
 
 pub struct Done {
     /// Everything on FDCAN1's wires.
@@ -203,46 +178,39 @@ fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, 
         .collect()
 }
 
-pub fn run(elf: &Path, options: &Options) -> Result<Done> {
+/// Run for so many virtual seconds.
+pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done> {
+    let elf = &arguments.elf;
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
-    let mut images = programs::images(elf, bytes.clone(), options.boot.as_deref())?;
+    let mut images = programs::images(elf, bytes.clone(), arguments.boot.as_deref())?;
     let symbols = Symbols::read(&bytes, |value| value & !1)?;
     let probe = symbols.get("_SEGGER_RTT").ok().map(Probe::new);
-    let fitted = Fitted {
-        episode: options.episode.clone(),
-        desk: options.desk,
-        xl: options.xl,
-        xl_error: options.xl_error,
-        faults: options.faults.clone(),
-        slow: options.slow,
-        hse_hz: options.hse_hz,
-    };
-    let board = Box::new(Twin::new(&fitted)?);
+    let board = Box::new(Twin::new(fitted)?);
     let handlers = handlers(&images, &interrupt_names(&board));
     let mut session = Session::new(board, 0, VirtualNanos(STEP_NS))?;
     for &address in handlers.keys() {
         session.watch(Watch::Instruction(address));
     }
     let recorder = Recorder {
-        end: (options.seconds * 1e9) as u64,
+        end: (seconds * 1e9) as u64,
         probe,
         handlers,
         hits: BTreeMap::new(),
         clock_us: 0,
         overdrive: false,
         last: None,
-        far_end: if options.far_end { Some(FarEnd::wait()?) } else { None },
+        far_end: if arguments.far_end { Some(FarEnd::wait()?) } else { None },
         supply: PowerFaults::default(),
         faults: BoardFaults::new(&symbols),
         restarts: 0,
         wait: FlashWait::default(),
         broken: None,
     };
-    let listener = options.gdb.map(|port| TcpListener::bind(("127.0.0.1", port))).transpose()?;
+    let listener = arguments.gdb.map(|port| TcpListener::bind(("127.0.0.1", port))).transpose()?;
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    images.extend(options.sensors.map(settings::with_sensors).transpose()?);
+    images.extend(arguments.sensors.map(|sensors| settings::with_sensors(sensors.into())).transpose()?);
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
     start.wait_for_debugger = listener.is_some();
@@ -265,12 +233,8 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
     let resets = finished.session.resets().iter().map(|reset| (reset.at.0, reset.cause)).collect();
-    let diagnostics = diagnostics::collect(
-        &finished.session,
-        options.far_end,
-        options.boot.is_some(),
-        options.desk.is_some(),
-    );
+    let (boots, desk) = (arguments.boot.is_some(), arguments.desk.is_some());
+    let diagnostics = diagnostics::collect(&finished.session, arguments.far_end, boots, desk);
     let board = finished.session.board_mut();
     let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
     let readouts = board.readouts.iter().map(take).collect();
@@ -279,7 +243,7 @@ pub fn run(elf: &Path, options: &Options) -> Result<Done> {
         frames: std::mem::take(&mut fdcan.wire.log),
         requests: std::mem::take(&mut fdcan.requests),
         readouts,
-        xl_rate_hz: options.xl.rate_hz(options.xl_error),
+        xl_rate_hz: fitted.xl.rate_hz(xl::OSCILLATOR_ERROR),
         failures: driver.supply.failures,
         read_flags: driver.faults.flags,
         resets,

@@ -10,7 +10,7 @@
 //! What the firmware's set-up does not need is not here: such a set-up runs event by event, and a write to what runs
 //! here is reported.
 
-use rigless::device::{DeviceContext, RegisterFile};
+use rigless::device::{DeviceContext as Context, RegisterFile};
 use rigless::soc::stm32h743::generated::dma1::Register as Dma;
 use rigless::soc::stm32h743::generated::gpioa::Register as Port;
 use rigless::soc::{Layout, Width};
@@ -26,14 +26,14 @@ const HTIF: [u64; 2] = [1 << 4, 1 << 20];
 const TCIF: [u64; 2] = [1 << 5, 1 << 21];
 
 /// The words of the address table, two at a time.
-fn ask_for_table(table: u64, context: &mut DeviceContext<'_>) {
+fn ask_for_table(table: u64, context: &mut Context<'_>) {
     for pair in 0..TAXELS as u64 / 2 {
         context.read_from(table + 8 * pair, Width::W64, TABLE_TOKEN + pair);
     }
 }
 
 /// TIM8 begins to count. `true`: here, and the emulator's model must not know.
-pub fn start(shared: &Shared, context: &mut DeviceContext<'_>) -> bool {
+pub fn start(shared: &Shared, context: &mut Context<'_>) -> bool {
     let fast_scan = &mut lock(shared).fast_scan;
     let now = context.now().0;
     let fresh = std::mem::take(&mut fast_scan.fresh);
@@ -134,7 +134,7 @@ pub fn is_in_use(shared: &Shared, codes: bool, row: usize) -> bool {
 }
 
 /// An event of TIM8: if the frame has ended, its codes go to the ring and DMA1 gets its flag.
-pub fn frame_ended(shared: &Shared, event: EventId, context: &mut DeviceContext<'_>) -> bool {
+pub fn frame_ended(shared: &Shared, event: EventId, context: &mut Context<'_>) -> bool {
     let mut arrays = lock(shared);
     let Some(scan) = arrays.fast_scan.scan.as_ref().filter(|scan| scan.event == Some(event)) else {
         return false;
@@ -164,7 +164,7 @@ pub fn frame_ended(shared: &Shared, event: EventId, context: &mut DeviceContext<
 }
 
 /// Two words of the table.
-pub fn answered(shared: &Shared, token: u64, value: u64, context: &mut DeviceContext<'_>) {
+pub fn answered(shared: &Shared, token: u64, value: u64, context: &mut Context<'_>) {
     let fast_scan = &mut lock(shared).fast_scan;
     let (Some(scan), Some(pair)) = (fast_scan.scan.as_mut(), token.checked_sub(TABLE_TOKEN)) else { return };
     for (half, word) in [value as u32, (value >> 32) as u32].into_iter().enumerate() {

@@ -1,7 +1,7 @@
 //! A chip in a window of the part's addresses, as a model of a slot of its own.
 
 use rigless::chip::parallel::Peer;
-use rigless::device::{DeviceContext, ErasedDevice, RegisterFile, RequestChange};
+use rigless::device::{DeviceContext as Context, ErasedDevice, RegisterFile, RequestChange};
 use rigless::soc::{RegisterSpec, Width};
 use rigless::time::{EventId, VirtualNanos};
 
@@ -18,21 +18,21 @@ impl<P: Peer> ErasedDevice for Windowed<P> {
         self.table
     }
 
-    fn read(&mut self, _: usize, _: &mut RegisterFile, _: &mut DeviceContext<'_>) -> Option<u64> {
+    fn read(&mut self, _: usize, _: &mut RegisterFile, _: &mut Context<'_>) -> Option<u64> {
         None
     }
 
-    fn write(&mut self, _: usize, _: u64, _: &mut RegisterFile, _: &mut DeviceContext<'_>) {}
+    fn write(&mut self, _: usize, _: u64, _: &mut RegisterFile, _: &mut Context<'_>) {}
 
-    fn on_event(&mut self, event: EventId, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_event(&mut self, event: EventId, _: &mut RegisterFile, context: &mut Context<'_>) {
         self.chip.on_event(event, context);
     }
 
-    fn on_request(&mut self, _: RequestChange, _: &mut RegisterFile, _: &mut DeviceContext<'_>) {}
+    fn on_request(&mut self, _: RequestChange, _: &mut RegisterFile, _: &mut Context<'_>) {}
 
-    fn on_clock(&mut self, _: u64, _: &mut RegisterFile, _: &mut DeviceContext<'_>) {}
+    fn on_clock(&mut self, _: u64, _: &mut RegisterFile, _: &mut Context<'_>) {}
 
-    fn poll(&mut self, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn poll(&mut self, _: &mut RegisterFile, context: &mut Context<'_>) {
         self.chip.poll(context);
     }
 
@@ -40,15 +40,15 @@ impl<P: Peer> ErasedDevice for Windowed<P> {
         self.chip.reset();
     }
 
-    fn on_access(&mut self, _: u64, _: u64, _: &mut RegisterFile, _: &mut DeviceContext<'_>) {}
+    fn on_access(&mut self, _: u64, _: u64, _: &mut RegisterFile, _: &mut Context<'_>) {}
 
-    fn on_refused(&mut self, _: u64, _: &mut RegisterFile, _: &mut DeviceContext<'_>) {}
+    fn on_refused(&mut self, _: u64, _: &mut RegisterFile, _: &mut Context<'_>) {}
 
-    fn read_window(&mut self, offset: u64, width: Width, context: &mut DeviceContext<'_>) -> u64 {
+    fn read_window(&mut self, offset: u64, width: Width, context: &mut Context<'_>) -> u64 {
         self.chip.read(offset, width, context)
     }
 
-    fn write_window(&mut self, offset: u64, width: Width, value: u64, context: &mut DeviceContext<'_>) {
+    fn write_window(&mut self, offset: u64, width: Width, value: u64, context: &mut Context<'_>) {
         self.chip.write(offset, width, value, context);
     }
 

@@ -6,6 +6,8 @@ use clap::ValueEnum;
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
+/// By which fraction an ADXL380's oscillator is faster than nominal; the emulator's ICM-42688-P has none of its own.
+pub const OSCILLATOR_ERROR: f64 = 0.7 / 100.0;
 /// Both parts' rate, as the firmware sets it.
 const NOMINAL_HZ: f64 = 8000.0;
 

@@ -1,10 +1,7 @@
 //! The raw frames compressed: how long they become, what that is of a bus, and what it costs on the Cortex-M7.
 
-use std::path::Path;
-
 use anyhow::{Context, Result, anyhow, ensure};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
-use slipsense::sensor::SensorInput;
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, SlipMessage, Transmitter,
 };
@@ -14,7 +11,7 @@ use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Split, generate};
 
 use super::emulated::{self, median_and_worst};
-use super::inputs::{Input, demo, episodes_in};
+use super::inputs::{Input, demo, input, real_episodes};
 use crate::qemu::frames::Frames;
 use crate::table::{Table, thousands};
 
@@ -26,9 +23,6 @@ const DATA_BPS: [u32; 2] = [5_000_000, 8_000_000];
 /// One frame in this many is taken: neighbours are alike.
 const STRIDE: usize = 7;
 const EPISODES: usize = 4;
-/// Recordings that cannot be part of the repository, where someone has them.
-const REAL_EPISODES: &str = "../shared/real";
-
 /// Measure everything; `frames` of each input on the emulated core.
 pub fn print(model: &[u8], frames: usize) -> Result<()> {
     let mut lengths = Table::new(
@@ -51,12 +45,9 @@ pub fn print(model: &[u8], frames: usize) -> Result<()> {
             set.episodes.iter().map(|planned| generate(&planned.recipe)).collect();
         print(&format!("first {EPISODES} episodes of the frozen set {split}, synthetic"), &episodes?)?;
     }
-    let real = episodes_in(Path::new(REAL_EPISODES))?;
-    match real.iter().map(|path| Ok(Episode::read(path)?)).collect::<Result<Vec<_>>>()? {
-        episodes if episodes.is_empty() => {
-            eprintln!("no episodes of real recordings in {REAL_EPISODES}: not measured")
-        }
-        episodes => print("composed from real recordings", &episodes)?,
+    let real = real_episodes()?.iter().map(|path| Ok(Episode::read(path)?)).collect::<Result<Vec<_>>>()?;
+    if !real.is_empty() {
+        print("composed from real recordings", &real)?;
     }
     let mut costs = Table::new(
         "Instructions to compress a sensor's frame, exact, emulated Cortex-M7",
@@ -150,11 +141,7 @@ fn measure_loads(name: &str, episodes: &[Episode], table: &mut Table) -> Result<
 }
 
 fn raw_frame(episode: &Episode, frame: usize, sensor: usize) -> RawFrame<'_> {
-    let input = SensorInput {
-        piezo: Some(episode.piezo(frame, sensor)),
-        xl: Some(episode.xl_batch(frame, sensor)),
-        xl_end: episode.xl_end(frame, sensor),
-    };
+    let input = input(episode, frame, sensor);
     let timestamp_us = frame as u64 * 1_000_000 / u64::from(FRAME_RATE_HZ);
     RawFrame { timestamp_us, sequence: frame as u32, sensor: sensor as u8, health: 0, input }
 }

@@ -8,10 +8,9 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use slipsense::net::Model;
 use slipsense::pipeline::Pipeline;
-use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
 
-use super::inputs::demo;
+use super::inputs::{demo, input};
 use crate::table::{Table, thousands};
 
 /// Runs of the same work; the median counts.
@@ -45,12 +44,7 @@ pub fn print(model: &[u8], replay_frames: usize) -> Result<()> {
 fn pass(model: Model<'_>, episode: &Episode, sensors: usize, limit: usize) -> Result<()> {
     let mut pipeline = Pipeline::new(model, sensors)?;
     for frame in 0..episode.frames().min(limit) {
-        let input = |sensor| SensorInput {
-            piezo: Some(episode.piezo(frame, sensor)),
-            xl: Some(episode.xl_batch(frame, sensor)),
-            xl_end: episode.xl_end(frame, sensor),
-        };
-        let inputs: Vec<_> = (0..sensors).map(input).collect();
+        let inputs: Vec<_> = (0..sensors).map(|sensor| input(episode, frame, sensor)).collect();
         std::hint::black_box(pipeline.step(&inputs));
     }
     Ok(())

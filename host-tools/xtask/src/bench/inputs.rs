@@ -1,16 +1,14 @@
 //! What the path is measured with: nothing on the pads, the contact of the demo episode, and all that the
 //! sensors can deliver.
 
-use std::path::{Path, PathBuf};
-
 use anyhow::{Context, Result, bail};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::{CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXELS, XL_AXES, XL_RATE_HZ};
 use slipsense::pipeline::FrameStamp;
-use slipsense::sensor::PiezoFrame;
-use slipsense::sensor::{SensorReadings, TaxelMask};
+use slipsense::sensor::{PiezoFrame, SensorInput, SensorReadings, TaxelMask};
 use slipsense_recording::Episode;
+use std::path::PathBuf;
 
 use crate::process::{DEMO_EPISODE, root};
 use crate::qemu::frames::Frames;
@@ -18,7 +16,7 @@ use crate::qemu::frames::Frames;
 /// LSB of an accelerometer at 1 g, about.
 const GRAVITY_LSB: i16 = 2_000;
 const SEED: u64 = 1;
-
+const REAL_EPISODES: &str = "../shared/real";
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     /// Untouched pads and a quiet accelerometer.
@@ -119,11 +117,20 @@ fn typical(sensors: usize, count: usize) -> Result<Frames> {
     Ok(frames)
 }
 
-/// The episode files of a folder, none where there is no folder.
-pub fn episodes_in(folder: &Path) -> Result<Vec<PathBuf>> {
-    let Ok(dir) = root().join(folder).read_dir() else { return Ok(Vec::new()) };
+/// What a sensor delivered for a frame.
+pub fn input(episode: &Episode, frame: usize, sensor: usize) -> SensorInput<'_> {
+    let (piezo, xl) = (Some(episode.piezo(frame, sensor)), Some(episode.xl_batch(frame, sensor)));
+    SensorInput { piezo, xl, xl_end: episode.xl_end(frame, sensor) }
+}
+
+/// The files of episodes composed from real recordings, where someone has them: they cannot be part of the repository.
+pub fn real_episodes() -> Result<Vec<PathBuf>> {
+    let Ok(dir) = root().join(REAL_EPISODES).read_dir() else { return Ok(Vec::new()) };
     let mut paths = dir.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "npz"));
     paths.sort();
+    if paths.is_empty() {
+        eprintln!("no episodes of real recordings in {REAL_EPISODES}");
+    }
     Ok(paths)
 }

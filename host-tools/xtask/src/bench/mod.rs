@@ -1,11 +1,9 @@
 //! `cargo xtask bench`: what the signal path costs.
 
-use std::path::PathBuf;
-
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 
-use crate::qemu::default_model;
+use crate::qemu::shipped_model;
 
 mod compression;
 mod cycles;
@@ -35,13 +33,10 @@ pub struct Options {
     /// Frames to measure of each input, after those that fill the windows
     #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
-    /// Model file
-    #[arg(long, default_value_os_t = default_model(), hide_default_value = true)]
-    model: PathBuf,
-    /// Frames to replay over all cores of this computer
-    #[arg(long, value_name = "FRAMES", default_value_t = 1_400_000)]
-    replay: u32,
 }
+
+/// Replayed over all cores of this computer.
+const REPLAYED_FRAMES: usize = 1_400_000;
 
 /// A part of the benchmark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -60,8 +55,7 @@ enum Part {
 
 pub fn run(options: &Options) -> Result<bool> {
     let wanted = |part| options.only.is_empty() || options.only.contains(&part);
-    let model = std::fs::read(&options.model)
-        .with_context(|| format!("{}: cannot read the model", options.model.display()))?;
+    let model = shipped_model()?;
     let frames = options.frames as usize;
     if wanted(Part::Kernels) || wanted(Part::Path) {
         emulated::print(&model, if wanted(Part::Path) { frames } else { 0 })?;
@@ -70,7 +64,7 @@ pub fn run(options: &Options) -> Result<bool> {
         cycles::print(&model)?;
     }
     if wanted(Part::Host) {
-        host::print(&model, options.replay as usize)?;
+        host::print(&model, REPLAYED_FRAMES)?;
     }
     if wanted(Part::Compression) {
         compression::print(&model, frames)?;

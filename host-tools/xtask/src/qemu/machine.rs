@@ -22,6 +22,9 @@ pub const PROGRAMS: &[&str] = &["slipsense-qemu", "slipsense-qemu-kernels", "sli
 /// instructions.
 pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
 
+/// A run that takes longer hangs.
+const LIMIT: Duration = Duration::from_secs(900);
+
 pub struct Machine {
     emulator: PathBuf,
     pub program: PathBuf,
@@ -52,15 +55,15 @@ impl Machine {
     }
 
     /// Run to the end, with `dir` as the folder of the program's files; what it prints.
-    pub fn run(&self, dir: &Path, timeout: Duration) -> Result<String> {
+    pub fn run(&self, dir: &Path) -> Result<String> {
         let path = dir.join("log");
         let log = File::create(&path)?;
         let child = self.command(dir, "none").stdout(log.try_clone()?).stderr(log).spawn();
         let mut child = Running(child.with_context(|| format!("cannot start {}", self.emulator.display()))?);
-        let status = child.wait(timeout)?;
+        let status = child.wait(LIMIT)?;
         let log = fs::read_to_string(&path).unwrap_or_default();
         let Some(status) = status else {
-            bail!("the emulated program did not end within {} s\n{log}", timeout.as_secs());
+            bail!("the emulated program did not end within {} s\n{log}", LIMIT.as_secs());
         };
         if !status.success() {
             bail!("the emulated program failed, {status}\n{log}");
@@ -69,9 +72,9 @@ impl Machine {
     }
 
     /// What a program prints that reads and writes no files.
-    pub fn print(&self, timeout: Duration) -> Result<String> {
+    pub fn print(&self) -> Result<String> {
         let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
-        self.run(dir.path(), timeout)
+        self.run(dir.path())
     }
 
     /// The emulator, with a monitor on `monitor`.

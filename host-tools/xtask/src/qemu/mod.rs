@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -15,6 +15,7 @@ use slipsense_recording::Episode;
 
 use crate::process::root;
 use crate::table::{Table, thousands};
+use crate::twin::machine::MODEL;
 
 mod compare;
 mod extreme;
@@ -27,11 +28,8 @@ use compare::{PARTS, compare};
 use frames::Frames;
 use machine::{Machine, NS_PER_INSTRUCTION_LOG2, write_input};
 
-/// Comparing the kernels takes seconds.
-const KERNELS_TIMEOUT: Duration = Duration::from_secs(300);
-
 /// What to run, on which model.
-#[derive(Args, Clone, Debug)]
+#[derive(Args, Clone, Debug, Default)]
 #[command(after_help = "\
 Builds the program of tests/qemu for the Cortex-M7, starts it in QEMU (machine mps2-an500), feeds it \
 every frame through a file and compares what comes back with what the same library computes here: \
@@ -56,13 +54,7 @@ pub struct Options {
     /// Frames to run: of each episode at most (default: all), of extreme input in total (default: 2000)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
-    /// Seed of the extreme input
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Model file
-    #[arg(long, default_value_os_t = default_model(), hide_default_value = true, conflicts_with = "random_model")]
-    pub model: PathBuf,
-    /// Instead of a model file: a random network of random shape, made from this seed
+    /// Instead of the shipped model: a random network of random shape, made from this seed
     #[arg(long, value_name = "SEED")]
     pub random_model: Option<u64>,
     /// Loop the episode against the clock instead: frames at 240 Hz that nobody waits for, with one and with three
@@ -75,31 +67,19 @@ pub struct Options {
     /// Send the raw messages compressed (register slipsense.raw.compressed); against the clock both ways are run
     #[arg(long, conflicts_with = "real_time")]
     pub compress_raw: bool,
-    /// Seconds that one run may take
-    #[arg(long, default_value_t = 900)]
-    pub timeout_s: u64,
 }
 
 const EXTREME_FRAMES: u32 = 2000;
+/// Of the extreme input.
+const SEED: u64 = 1;
 
-pub fn default_model() -> PathBuf {
-    root().join("model/weights/slipsense.slipnet")
+pub fn shipped_model() -> Result<Vec<u8>> {
+    fs::read(root().join(MODEL)).with_context(|| format!("{MODEL}: cannot read the model"))
 }
 
 impl Options {
     pub fn episodes(episodes: Vec<PathBuf>) -> Self {
-        Self {
-            episodes,
-            extreme: false,
-            frames: None,
-            seed: 1,
-            model: default_model(),
-            random_model: None,
-            real_time: false,
-            seconds: 60,
-            compress_raw: false,
-            timeout_s: 900,
-        }
+        Self { episodes, ..Self::default() }
     }
 
     pub fn in_real_time(episode: PathBuf, seconds: u32) -> Self {
@@ -107,17 +87,13 @@ impl Options {
     }
 
     pub fn extreme(frames: u32, random_model: Option<u64>) -> Self {
-        Self { extreme: true, frames: Some(frames), random_model, ..Self::episodes(Vec::new()) }
+        Self { extreme: true, frames: Some(frames), random_model, ..Self::default() }
     }
 
     fn model(&self) -> Result<(String, Vec<u8>)> {
         let (name, bytes) = match self.random_model {
             Some(seed) => (format!("random {seed}"), extreme::model(seed)?),
-            None => {
-                let bytes = fs::read(&self.model)
-                    .with_context(|| format!("{}: cannot read the model", self.model.display()))?;
-                (self.model.display().to_string(), bytes)
-            }
+            None => (MODEL.to_owned(), shipped_model()?),
         };
         if bytes.len() > MODEL_BYTES_MAX {
             bail!("{name}: {} bytes, the emulated board takes {MODEL_BYTES_MAX}", bytes.len());
@@ -126,28 +102,29 @@ impl Options {
         Ok((name, bytes))
     }
 
-    /// Input of run `index` with its name; `None` after the last.
-    fn run(&self, index: usize) -> Result<Option<(String, Frames)>> {
-        if let Some(path) = self.episodes.get(index) {
+    /// What is run, each with its name.
+    fn inputs(&self) -> Result<Vec<(String, Frames)>> {
+        let mut inputs = Vec::new();
+        for path in &self.episodes {
             let name = path.display().to_string();
             let frames = Frames::from_episode(&Episode::read(path)?, self.frames).context(name.clone())?;
-            return Ok(Some((name, frames)));
+            inputs.push((name, frames));
         }
-        let sensors = index - self.episodes.len() + 1;
-        if !self.extreme || sensors > MAX_SENSORS {
-            return Ok(None);
+        for sensors in (1..=MAX_SENSORS).filter(|_| self.extreme) {
+            // The first runs take what does not divide evenly.
+            let total = self.frames.unwrap_or(EXTREME_FRAMES) as usize;
+            let count = (total + MAX_SENSORS - sensors) / MAX_SENSORS;
+            let frames = extreme::frames(count as u32, sensors, SEED);
+            inputs.push((format!("extreme input, {sensors} sensors"), frames));
         }
-        // The first runs take what does not divide evenly.
-        let total = self.frames.unwrap_or(EXTREME_FRAMES) as usize;
-        let count = (total + MAX_SENSORS - sensors) / MAX_SENSORS;
-        let frames = extreme::frames(count as u32, sensors, self.seed);
-        Ok(Some((format!("extreme input, {sensors} sensors"), frames)))
+        inputs.retain(|(_, frames)| !frames.is_empty());
+        Ok(inputs)
     }
 }
 
 /// Compare the kernels of the Cortex-M7 with the portable ones; fails where a call differs.
 pub fn kernels() -> Result<()> {
-    let text = Machine::build("slipsense-qemu-kernels")?.print(KERNELS_TIMEOUT)?;
+    let text = Machine::build("slipsense-qemu-kernels")?.print()?;
     if !text.contains("conv_relu_pool: 0 of") {
         bail!("the emulated program did not compare the kernels:\n{text}");
     }
@@ -158,12 +135,11 @@ pub fn kernels() -> Result<()> {
 /// Run and report; `false` if something differed.
 pub fn run(options: &Options) -> Result<bool> {
     let (model_name, model) = options.model()?;
-    let timeout = Duration::from_secs(options.timeout_s);
     if options.real_time {
         let [episode] = options.episodes.as_slice() else {
             bail!("--real-time: {} episodes given, it loops one", options.episodes.len());
         };
-        return real_time::run(episode, &model, options.seconds, timeout);
+        return real_time::run(episode, &model, options.seconds);
     }
     let machine = Machine::build("slipsense-qemu")?;
     let title = format!(
@@ -174,16 +150,12 @@ pub fn run(options: &Options) -> Result<bool> {
     columns.extend(PARTS);
     columns.extend(["any", "instructions, median", "worst"]);
     let mut table = Table::new(title, &columns);
-    let (mut differing, mut compared, mut index) = (0, 0, 0);
-    while let Some((name, mut frames)) = options.run(index)? {
-        index += 1;
-        if frames.is_empty() {
-            continue;
-        }
+    let (mut differing, mut compared) = (0, 0);
+    for (name, mut frames) in options.inputs()? {
         frames.compress_raw = options.compress_raw;
         eprintln!("{name}: {} frames on the emulated Cortex-M7", frames.len());
         let expected: Vec<Record> = host::records(&frames, &model)?.map(|(_, record)| record).collect();
-        let records = emulate(&machine, &frames, &model, timeout)?;
+        let records = emulate(&machine, &frames, &model)?;
         let comparison = compare(&expected, &records);
         comparison.first.iter().for_each(|mismatch| eprintln!("  {mismatch}"));
         let instructions = |record: &Record| (u64::from(record.step_us) * 1000) >> NS_PER_INSTRUCTION_LOG2;
@@ -205,11 +177,11 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(differing == 0)
 }
 
-fn emulate(machine: &Machine, frames: &Frames, model: &[u8], timeout: Duration) -> Result<Vec<Record>> {
+fn emulate(machine: &Machine, frames: &Frames, model: &[u8]) -> Result<Vec<Record>> {
     let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
     write_input(&dir.path().join(INPUT_FILE), frames, model).context("cannot write the input file")?;
     let start = Instant::now();
-    machine.run(dir.path(), timeout)?;
+    machine.run(dir.path())?;
     eprintln!("  {:.1} s", start.elapsed().as_secs_f64());
     let records = read_output(&dir.path().join(OUTPUT_FILE))?;
     if records.len() != frames.len() {

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use slipsense::board::TxSlot;
@@ -34,10 +34,8 @@ const PROGRAM: &str = "slipsense-qemu-realtime";
 const BARS_US: [(usize, u32); 2] = [(1, 1300), (3, 3400)];
 const NS_PER_S: u64 = 1_000_000_000;
 
-struct Scenario {
-    name: &'static str,
-    disturbance: fn(seconds: u64) -> Disturbance,
-}
+/// Its name, and what happens on the bus in a run of so many seconds.
+type Scenario = (&'static str, fn(u64) -> Disturbance);
 
 /// Bus-off lasts this long, less in a run that is shorter than three times that.
 fn off_ns(seconds: u64) -> std::ops::Range<u64> {
@@ -45,23 +43,13 @@ fn off_ns(seconds: u64) -> std::ops::Range<u64> {
     start..start + (2 * NS_PER_S).min(seconds * NS_PER_S / 3)
 }
 
-const QUIET: Scenario = Scenario { name: "free bus", disturbance: |_| Disturbance::default() };
+const QUIET: Scenario = ("free bus", |_| Disturbance::default());
 /// Three sensors whose raw messages go compressed: the bus carries them all.
-const COMPRESSED: Scenario =
-    Scenario { name: "free bus, compressed", disturbance: |_| Disturbance::default() };
+const COMPRESSED: Scenario = ("free bus, compressed", |_| Disturbance::default());
 const SCENARIOS: [Scenario; 3] = [
-    Scenario {
-        name: "100 % foreign load",
-        disturbance: |_| Disturbance { foreign_load_percent: 100, ..Disturbance::default() },
-    },
-    Scenario {
-        name: "1 in 10 frames destroyed",
-        disturbance: |_| Disturbance { error_every: 10, ..Disturbance::default() },
-    },
-    Scenario {
-        name: "bus-off",
-        disturbance: |seconds| Disturbance { dominant_ns: off_ns(seconds), ..Disturbance::default() },
-    },
+    ("100 % foreign load", |_| Disturbance { foreign_load_percent: 100, ..Disturbance::default() }),
+    ("1 in 10 frames destroyed", |_| Disturbance { error_every: 10, ..Disturbance::default() }),
+    ("bus-off", |seconds| Disturbance { dominant_ns: off_ns(seconds), ..Disturbance::default() }),
 ];
 
 struct Outcome {
@@ -80,7 +68,7 @@ struct Outcome {
 }
 
 /// Run all scenarios; `false` if one of them is not as it should be.
-pub fn run(episode: &Path, model: &[u8], seconds: u32, timeout: Duration) -> Result<bool> {
+pub fn run(episode: &Path, model: &[u8], seconds: u32) -> Result<bool> {
     let episode = Episode::read(episode)?;
     let machine = Machine::build(PROGRAM)?.in_real_time();
     let mut outcomes = Vec::new();
@@ -95,8 +83,8 @@ pub fn run(episode: &Path, model: &[u8], seconds: u32, timeout: Duration) -> Res
             let (quiet, others): (_, &[_]) =
                 if compress_raw { (&COMPRESSED, &[]) } else { (&QUIET, &SCENARIOS) };
             for scenario in std::iter::once(quiet).chain(others.iter().filter(|_| sensors == 3)) {
-                eprintln!("{sensors} sensors, {}: {} frames in real time", scenario.name, frames.len());
-                outcomes.push(one(&machine, dir.path(), scenario, seconds, &expected, timeout)?);
+                eprintln!("{sensors} sensors, {}: {} frames in real time", scenario.0, frames.len());
+                outcomes.push(one(&machine, dir.path(), scenario, seconds, &expected)?);
             }
         }
     }
@@ -181,12 +169,11 @@ fn one(
     scenario: &Scenario,
     seconds: u32,
     expected: &Expected,
-    timeout: Duration,
 ) -> Result<Outcome> {
-    let disturbance = (scenario.disturbance)(seconds.into());
+    let disturbance = scenario.1(seconds.into());
     fs::write(dir.join(BUS_FILE), encode_disturbance(&disturbance)).context(BUS_FILE)?;
     let start = Instant::now();
-    machine.run(dir, timeout)?;
+    machine.run(dir)?;
     let wall_s = start.elapsed().as_secs_f64();
     let read =
         |name| fs::read(dir.join(name)).with_context(|| format!("the emulated program wrote no {name}"));
@@ -201,7 +188,7 @@ fn one(
     queued.sort_unstable();
     let [median, most] = [queued.len() / 2, queued.len().saturating_sub(1)];
     let mut outcome = Outcome {
-        bus: scenario.name,
+        bus: scenario.0,
         sensors: expected.sensors,
         frames: expected.slips.len(),
         counters,
@@ -288,7 +275,7 @@ impl Outcome {
         let slips = arrivals.slips + counters.replaced_slips as usize;
         let raw = arrivals.raw + (counters.dropped_raw + counters.broken_raw + counters.waiting_raw) as usize;
         let made = frames * self.sensors;
-        let fits = self.bus != COMPRESSED.name || counters.dropped_raw == 0;
+        let fits = self.bus != COMPRESSED.0 || counters.dropped_raw == 0;
         let rules = [
             (counters.dropped_frames == 0, format!("{} scans missed", counters.dropped_frames)),
             (counters.late_frames == 0, format!("{} frames late", counters.late_frames)),
@@ -314,50 +301,33 @@ impl Outcome {
 }
 
 fn print(outcomes: &[Outcome]) {
+    let cells = |outcome: &Outcome| {
+        let Outcome { counters, arrivals, queued_us: [median, most], .. } = outcome;
+        [
+            ("bus", outcome.bus.to_owned()),
+            ("sensors", thousands(outcome.sensors)),
+            ("frames", thousands(outcome.frames)),
+            ("missed", thousands(counters.dropped_frames)),
+            ("late", thousands(counters.late_frames)),
+            ("queued, median", thousands(*median)),
+            ("worst", thousands(*most)),
+            ("on the bus", thousands(arrivals.worst_us)),
+            ("all done", thousands(outcome.busy_max_us)),
+            ("slips", thousands(arrivals.slips)),
+            ("replaced", thousands(counters.replaced_slips)),
+            ("raw", thousands(arrivals.raw)),
+            ("dropped", thousands(counters.dropped_raw + counters.broken_raw)),
+            ("differ", thousands(arrivals.wrong)),
+        ]
+    };
+    let rows: Vec<_> = outcomes.iter().map(cells).collect();
     let mut table = Table::new(
         "Real time on the emulated Cortex-M7: 480 instructions are a microsecond (480 MHz at one per cycle, which no \
          core reaches), CAN FD at 1 and 8 Mbit/s with worst stuffing. Times from the frame's tick, µs: slip message \
          queued, its last bit on the bus (worst), inference through with the frame (worst)",
-        &[
-            "bus",
-            "sensors",
-            "frames",
-            "missed",
-            "late",
-            "queued, median",
-            "worst",
-            "on the bus",
-            "all done",
-            "slips",
-            "replaced",
-            "raw",
-            "dropped",
-            "differ",
-        ],
+        &rows[0].each_ref().map(|(column, _)| *column),
     );
-    for outcome in outcomes {
-        let Outcome { counters, arrivals, .. } = outcome;
-        let mut row = vec![outcome.bus.to_owned()];
-        row.extend(
-            [
-                outcome.sensors as u64,
-                outcome.frames as u64,
-                counters.dropped_frames.into(),
-                counters.late_frames.into(),
-                outcome.queued_us[0].into(),
-                outcome.queued_us[1].into(),
-                arrivals.worst_us,
-                outcome.busy_max_us.into(),
-                arrivals.slips as u64,
-                counters.replaced_slips.into(),
-                arrivals.raw as u64,
-                (counters.dropped_raw + counters.broken_raw).into(),
-                arrivals.wrong as u64,
-            ]
-            .map(thousands),
-        );
-        table.row(row);
-    }
+    rows.into_iter().for_each(|row| table.row(row.map(|(_, cell)| cell)));
     print!("{table}");
     for outcome in outcomes {
         if let Some(us) = outcome.arrivals.recovery_us {

@@ -4,21 +4,23 @@
 //! Frames come from the compiler, calls from the disassembly, and [`indirect`] says where calls through
 //! registers lead. What interrupts preempt each other is said here.
 
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::elf::Image;
-use crate::firmware::Program as Firmware;
+use crate::firmware::{BOARD, Program as Firmware};
 use crate::regions::Regions;
+use crate::table::{Table, thousands};
 
 mod graph;
 mod indirect;
 mod panicking;
 mod program;
-mod report;
 
 use program::{PANIC, Program};
-use report::{FramePath, Level, Report};
 
 /// What an exception puts on the stack: 26 words with the registers of the FPU, and one for the alignment.
 const EXCEPTION_BYTES: u64 = 27 * 4;
@@ -76,10 +78,55 @@ pub struct Options {
 
 /// `false` if the bound is above what the memory map gives.
 pub fn run(options: &Options) -> Result<bool> {
-    let report = measure()?;
-    print!("{}", report.text(options.ways));
-    report.holds_no_new_panic()?;
-    Ok(report.fits())
+    let image = Image::read(&Firmware::FIRMWARE.build()?)?;
+    let regions = Regions::new(&image)?;
+    let mut program = Program::new(image)?;
+    let functions = program.graph.nodes.len();
+    ensure!(
+        program.read_off * 2 < functions,
+        "the compiler says of few functions what their frames take: is -Zemit-stack-sizes given?"
+    );
+    indirect::resolve(&mut program)?;
+    handlers_are_known(&program)?;
+    let (step_functions, step_bytes, may_panic) = frame_path(&program)?;
+    let tasks = FRAME_TASKS.iter().map(|task| program.function(task)).collect::<Result<Vec<_>>>()?;
+    let panicking::Tasks { functions: task_functions, known, unknown } =
+        panicking::Tasks::new(&program, &tasks);
+    let (fits, bounds, ways) = bounds(&program)?;
+    print!("{}{bounds}", regions.table());
+    println!(
+        "\nPipeline::step: {} bytes, {step_functions} functions, no recursion, no call through a register; {} of them \
+         hold a check that may panic",
+        thousands(step_bytes),
+        may_panic.len()
+    );
+    println!(
+        "Tasks of a frame: {task_functions} functions; {} branches that may panic, never taken for a reason that \
+         stack/panicking.rs gives; {} without a reason",
+        known.len(),
+        unknown.len()
+    );
+    let indirect = program.graph.nodes.iter().filter(|node| node.indirect_calls > 0);
+    let indirect: BTreeMap<_, _> = indirect.map(|node| (&node.name, node.indirect_calls)).collect();
+    println!(
+        "{functions} functions, {} of them assembly whose frame was read off the instructions; {} call through registers \
+         at {} places, all resolved by name",
+        program.read_off,
+        indirect.len(),
+        indirect.values().sum::<usize>()
+    );
+    if options.ways {
+        println!("{ways}\nBranches of the tasks of a frame that may panic, and why none is taken");
+        known.iter().for_each(|(branch, reason)| println!("  {branch}: {reason}"));
+        println!("\nFunctions that call through registers");
+        indirect.iter().for_each(|(name, places)| println!("  {places:>7}  {name}"));
+    }
+    let new: Vec<_> = may_panic.iter().chain(&unknown).collect();
+    ensure!(
+        new.is_empty(),
+        "a frame may end in a panic, and stack/panicking.rs does not say why not: {new:?}"
+    );
+    Ok(fits && regions.fits())
 }
 
 pub fn step() -> Result<()> {
@@ -87,49 +134,31 @@ pub fn step() -> Result<()> {
     Ok(())
 }
 
-fn measure() -> Result<Report> {
-    let image = Image::read(&Firmware::FIRMWARE.build()?)?;
-    let regions = Regions::new(&image)?;
-    let mut program = Program::new(image)?;
-    ensure!(
-        program.read_off * 2 < program.graph.nodes.len(),
-        "the compiler says of few functions what their frames take: is -Zemit-stack-sizes given?"
-    );
-    indirect::resolve(&mut program)?;
-    handlers_are_known(&program)?;
-    let (start, end) = (program.image.value("_stack_start")?, program.image.value("_stack_end")?);
-    let levels = LEVELS.iter().map(|&(name, handlers)| level(&program, name, handlers));
-    let nodes = &program.graph.nodes;
-    let indirect = nodes.iter().filter(|node| node.indirect_calls > 0);
-    Ok(Report {
-        regions,
-        region_bytes: start - end,
-        exception_bytes: EXCEPTION_BYTES,
-        levels: levels.collect::<Result<_>>()?,
-        frame_path: frame_path(&program)?,
-        frame_tasks: frame_tasks(&program)?,
-        functions: nodes.len(),
-        read_off: program.read_off,
-        indirect: indirect.map(|node| (node.name.clone(), node.indirect_calls)).collect(),
-    })
-}
-
-fn level(program: &Program, name: &'static str, handlers: &[(&str, &str)]) -> Result<Level> {
-    let mut roots = Vec::new();
-    for (name, function) in handlers {
-        let root = program.function(function)?;
-        let bound = program.graph.bound(root, &|_| false).with_context(|| format!("below {function}"))?;
-        let frame = |&function: &usize| {
-            let node = &program.graph.nodes[function];
-            (node.name.clone(), node.frame_bytes)
-        };
-        roots.push(report::Root {
-            name: (*name).to_owned(),
-            bytes: bound.bytes,
-            way: bound.way.iter().map(frame).collect(),
-        });
+/// Is the stack's region large enough? The bounds as a table, and the deepest way below each handler.
+fn bounds(program: &Program) -> Result<(bool, Table, String)> {
+    let title = format!("Stack of the firmware, bytes: bounds over the linked program ({BOARD})");
+    let mut table = Table::new(title, &["level", "starts at", "bound"]);
+    let saved = (LEVELS.len() as u64 - 1) * EXCEPTION_BYTES;
+    let (mut together, mut ways) = (saved, String::new());
+    for (level, handlers) in LEVELS {
+        let mut deepest = 0;
+        for (index, &(name, function)) in handlers.iter().enumerate() {
+            let root = program.function(function)?;
+            let bound = program.graph.bound(root, &|_| false).with_context(|| format!("below {function}"))?;
+            table.row([if index == 0 { level } else { "" }, name, &thousands(bound.bytes)]);
+            deepest = deepest.max(bound.bytes);
+            _ = writeln!(ways, "\n{name}");
+            for node in bound.way.into_iter().map(|node| &program.graph.nodes[node]) {
+                _ = writeln!(ways, "  {:>7}  {}", thousands(node.frame_bytes), node.name);
+            }
+        }
+        together += deepest;
     }
-    Ok(Level { name, roots })
+    let region = program.image.value("_stack_start")? - program.image.value("_stack_end")?;
+    table.row([format!("saved at {} preemptions", LEVELS.len() - 1), String::new(), thousands(saved)]);
+    table.row(["deepest of each level, together", "", &thousands(together)]);
+    table.row(["region of the memory map", "", &thousands(region)]);
+    Ok((together <= region, table, ways))
 }
 
 /// Every handler in the vector table must have its place in [`LEVELS`].
@@ -148,8 +177,10 @@ fn handlers_are_known(program: &Program) -> Result<()> {
     Ok(())
 }
 
-/// The signal path calls nothing through registers; recursion has no bound, so it fails here too.
-fn frame_path(program: &Program) -> Result<FramePath> {
+/// The signal path, without what a panic would print: how many functions, their bytes, and those with a check that may
+/// end in a panic, as far as the calls say. It calls nothing through registers; recursion has no bound, so it fails
+/// here too.
+fn frame_path(program: &Program) -> Result<(usize, u64, Vec<String>)> {
     let root = program.function(FRAME_PATH)?;
     let panics = |node: &graph::Node| node.name.contains(PANIC);
     let reach = program.graph.reach(root, &panics);
@@ -157,11 +188,5 @@ fn frame_path(program: &Program) -> Result<FramePath> {
         ensure!(node.indirect_calls == 0, "{} is on the frame path and calls through a register", node.name);
     }
     let bytes = program.graph.bound(root, &panics).context("on the frame path")?.bytes;
-    Ok(FramePath { functions: reach.len(), bytes, may_panic: panicking::branches(program, &[root]) })
-}
-
-/// All that a frame wakes: who acquires, transmits, receives, decides.
-fn frame_tasks(program: &Program) -> Result<panicking::Tasks> {
-    let roots = FRAME_TASKS.iter().map(|task| program.function(task)).collect::<Result<Vec<_>>>()?;
-    Ok(panicking::Tasks::new(program, &roots))
+    Ok((reach.len(), bytes, panicking::branches(program, &[root])))
 }

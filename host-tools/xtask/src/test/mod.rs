@@ -14,7 +14,7 @@ use crate::process::{empty_dir, root};
 
 mod steps;
 
-use steps::{Context, STEPS, Size, Step};
+use steps::{Context, DAILY, STEPS, Size, Step};
 
 /// Which steps to run.
 #[derive(Args, Clone, Debug)]
@@ -53,7 +53,8 @@ const WORKERS: usize = 2;
 /// Run the steps; `false` if one failed.
 pub fn run(options: &Options) -> Result<bool> {
     let size = options.size.unwrap_or(Size::Daily);
-    let mut steps: Vec<&Step> = STEPS.iter().filter(|step| size == Size::All || step.daily).collect();
+    let mut steps: Vec<&Step> =
+        STEPS.iter().filter(|step| size == Size::All || DAILY.contains(&step.name)).collect();
     if !options.only.is_empty() {
         let named = |name: &String| {
             STEPS.iter().find(|step| step.name == *name).with_context(|| {
@@ -88,10 +89,10 @@ pub fn run(options: &Options) -> Result<bool> {
     });
     let done = schedule.state.into_inner().expect("no worker panics").done;
     println!();
-    for Done { name, time, passed } in &done {
+    for (name, time, passed) in &done {
         println!("{:<6} {:>8}  {name}", if *passed { "passed" } else { "FAILED" }, seconds(*time));
     }
-    let failed = done.iter().filter(|done| !done.passed).count();
+    let failed = done.iter().filter(|(.., passed)| !passed).count();
     println!("{} passed, {failed} failed, {} in all", done.len() - failed, seconds(started.elapsed()));
     ensure!(done.len() == steps.len(), "{} of {} steps ran", done.len(), steps.len());
     Ok(failed == 0)
@@ -113,12 +114,6 @@ fn one(program: &Path, logs: &Path, step: &Step, size: Size) -> Result<()> {
     Ok(())
 }
 
-struct Done {
-    name: &'static str,
-    time: Duration,
-    passed: bool,
-}
-
 struct Schedule<'s> {
     state: Mutex<State<'s>>,
     changed: Condvar,
@@ -127,7 +122,8 @@ struct Schedule<'s> {
 struct State<'s> {
     waiting: Vec<&'s Step>,
     running: BTreeSet<&'static str>,
-    done: Vec<Done>,
+    /// Name, time, and whether it passed.
+    done: Vec<(&'static str, Duration, bool)>,
 }
 
 impl<'s> Schedule<'s> {
@@ -160,7 +156,7 @@ impl<'s> Schedule<'s> {
             }
             state = self.state();
             state.running.remove(step.name);
-            state.done.push(Done { name: step.name, time, passed: result.is_ok() });
+            state.done.push((step.name, time, result.is_ok()));
             self.changed.notify_all();
         }
     }
@@ -196,7 +192,7 @@ mod tests {
         });
         let done = schedule.state.into_inner().unwrap().done;
         assert_eq!(done.len(), STEPS.len());
-        let place = |name: &str| done.iter().position(|done| done.name == name).unwrap();
+        let place = |name: &str| done.iter().position(|(done, ..)| *done == name).unwrap();
         for step in STEPS {
             for before in step.after {
                 assert!(place(before) < place(step.name), "{} before {}", step.name, before);

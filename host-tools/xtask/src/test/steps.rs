@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::ValueEnum;
 
-use crate::bench::inputs::episodes_in;
+use crate::bench::inputs::real_episodes;
 use crate::firmware::{self, Program};
 use crate::process::{
     DEMO_EPISODE, apt_install, cargo, command, empty_dir, find, python, root, run, script, target_dir,
@@ -35,8 +35,6 @@ pub struct Context {
 pub struct Step {
     pub name: &'static str,
     pub what: &'static str,
-    /// Part of the daily loop, too.
-    pub daily: bool,
     /// Compiles for long, on all cores.
     pub compiles: bool,
     /// Steps that build what this one runs.
@@ -45,20 +43,8 @@ pub struct Step {
 }
 
 impl Step {
-    const fn new(name: &'static str, what: &'static str, run: fn(Context) -> Result<()>) -> Self {
-        Self { name, what, daily: false, compiles: false, after: &[], run }
-    }
-
-    const fn daily(self) -> Self {
-        Self { daily: true, ..self }
-    }
-
-    const fn compiles(self) -> Self {
-        Self { compiles: true, ..self }
-    }
-
-    const fn after(self, after: &'static [&'static str]) -> Self {
-        Self { after, ..self }
+    const fn step(self, name: &'static str, what: &'static str, run: fn(Context) -> Result<()>) -> Self {
+        Self { name, what, run, ..self }
     }
 }
 
@@ -75,27 +61,31 @@ const REAL_TIME_S: u32 = 6;
 const RFC_8032_KEY: &str = "d75a980182b10ab7d54bfed3c964073a0ee172f3daa62325af021a68f707511a";
 /// Name of the program and of Debian's package.
 const BROWSER: &str = "chromium";
-/// Recordings that cannot be part of the repository, where someone has them.
-const REAL_EPISODES: &str = "../shared/real";
+/// A step before it has its name; what it waits for is built by the steps named there.
+const PLAIN: Step = Step { name: "", what: "", compiles: false, after: &[], run: |_| Ok(()) };
+const COMPILES: Step = Step { compiles: true, ..PLAIN };
+const FIRMWARE: Step = Step { after: &["firmware"], ..PLAIN };
+const TWIN: Step = Step { after: &["firmware", "twin-build"], ..PLAIN };
+const TWIN_HOST: Step = Step { after: &["firmware", "twin-build", "host-build"], ..PLAIN };
+const HOST: Step = Step { after: &["host-build"], ..PLAIN };
+
+/// The steps of the daily loop.
+pub const DAILY: [&str; 8] =
+    ["fmt", "firmware", "clippy", "host-build", "host", "documents", "qemu-demo", "qemu-kernels"];
 
 pub const STEPS: &[Step] = &[
-    Step::new("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))).daily(),
-    Step::new(
+    PLAIN.step("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))),
+    COMPILES.step(
         "firmware",
         "the firmware, `slipsense-hil`, bootloader, bring-up and the emulated programs build without a warning",
         build_firmware,
-    )
-    .daily()
-    .compiles(),
-    Step::new("twin-build", "the board twin and its own tests", |_| twin::machine::build_and_test())
-        .compiles(),
-    Step::new("clippy", "lints of the whole workspace, warnings denied", clippy).daily().compiles(),
-    Step::new("host-build", "host programs and tests of the whole workspace", host_build).daily().compiles(),
-    Step::new("host", "host tests of the whole workspace", host).daily().after(&["host-build"]),
-    Step::new("documents", "links, commands and sizes of the documents are right", documents)
-        .daily()
-        .after(&["host-build"]),
-    Step::new(
+    ),
+    COMPILES.step("twin-build", "the board twin and its own tests", |_| twin::machine::build_and_test()),
+    COMPILES.step("clippy", "lints of the whole workspace, warnings denied", clippy),
+    COMPILES.step("host-build", "host programs and tests of the whole workspace", host_build),
+    HOST.step("host", "host tests of the whole workspace", host),
+    HOST.step("documents", "links, commands and sizes of the documents are right", documents),
+    FIRMWARE.step(
         "qemu-demo",
         "the demo episode on the emulated Cortex-M7, raw frames plain and compressed",
         |_| {
@@ -103,132 +93,98 @@ pub const STEPS: &[Step] = &[
             equal(&demo)?;
             equal(&qemu::Options { compress_raw: true, ..demo })
         },
-    )
-    .daily()
-    .after(&["firmware"]),
-    Step::new(
+    ),
+    FIRMWARE.step(
         "qemu-kernels",
         "the Cortex-M7's kernels against the portable ones, random and extreme input",
         |_| qemu::kernels(),
-    )
-    .daily()
-    .after(&["firmware"]),
-    Step::new("stack", "the firmware cannot outgrow its stack, its memories, 512 KB of flash", |_| {
-        stack::step()
-    })
-    .after(&["firmware"]),
-    Step::new(
+    ),
+    FIRMWARE.step("stack", "the firmware cannot outgrow its stack, its memories, 512 KB of flash", |_| stack::step()),
+    FIRMWARE.step(
         "qemu-real-time",
         "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
         |_| equal(&qemu::Options::in_real_time(root().join(DEMO_EPISODE), REAL_TIME_S)),
-    )
-    .after(&["firmware"]),
-    Step::new("qemu-extreme", "extreme input on the emulated Cortex-M7, 1 to 3 sensors", |_| {
+    ),
+    FIRMWARE.step("qemu-extreme", "extreme input on the emulated Cortex-M7, 1 to 3 sensors", |_| {
         equal(&qemu::Options::extreme(EXTREME_FRAMES, None))
-    })
-    .after(&["firmware"]),
-    Step::new("qemu-random", "extreme input on networks of random shape and weights", |_| {
-        RANDOM_MODELS
-            .into_iter()
-            .try_for_each(|seed| equal(&qemu::Options::extreme(RANDOM_MODEL_FRAMES, Some(seed))))
-    })
-    .after(&["firmware"]),
-    Step::new("qemu-real", "episodes of real recordings on the emulated Cortex-M7, where present", real)
-        .after(&["firmware"]),
-    Step::new(
+    }),
+    FIRMWARE.step("qemu-random", "extreme input on networks of random shape and weights", |_| {
+        let mut models = RANDOM_MODELS;
+        models.try_for_each(|seed| equal(&qemu::Options::extreme(RANDOM_MODEL_FRAMES, Some(seed))))
+    }),
+    FIRMWARE.step("qemu-real", "episodes of real recordings on the emulated Cortex-M7, where present", real),
+    TWIN.step(
         "twin",
         "the firmware's ELF on an emulated STM32H743 decides as the host does; with the ICM-42688-P too",
         |_| twin::step(),
-    )
-    .after(&["firmware", "twin-build"]),
-    Step::new(
+    ),
+    TWIN_HOST.step(
         "twin-faults",
         "bus and sensors of the emulated STM32H743 fail in eight ways, then core, supply, flash and clock: what it reports",
         |context| twin::faults_step(&program("slipsense", context)?),
-    )
-    .after(&["firmware", "twin-build", "host-build"]),
-    Step::new(
+    ),
+    TWIN.step(
         "twin-bringup",
         "the bring-up program on the emulated STM32H743 names each of 21 faults of wires and parts",
         |_| twin::bringup_step(),
-    )
-    .after(&["firmware", "twin-build"]),
-    Step::new(
+    ),
+    TWIN.step(
         "twin-node",
         "pycyphal and the node of the emulated STM32H743: identity, registers, settings, time, an address",
         |_| twin::node_step(),
-    )
-    .after(&["firmware", "twin-build"]),
-    Step::new(
+    ),
+    TWIN_HOST.step(
         "twin-update",
         "pycyphal updates the emulated STM32H743 over the bus: refusals, swap, rollback, failing supply",
         |context| twin::update::step(&program("slipsense", context)?, false),
-    )
-    .after(&["firmware", "twin-build", "host-build"]),
-    Step::new(
+    ),
+    TWIN_HOST.step(
         "hil",
         "`slipsense hil` replays the demo into its program on the emulated STM32H743",
         |context| twin::hil_step(&program("slipsense", context)?),
-    )
-    .after(&["firmware", "twin-build", "host-build"]),
-    Step::new("tables", "the committed tables are what their script makes", |_| {
+    ),
+    PLAIN.step("tables", "the committed tables are what their script makes", |_| {
         run(script("make_tables.py")?.arg("--check"))
     }),
-    Step::new("vectors", "the committed vectors are what librosa, scipy and the packer of messages give", |_| {
+    PLAIN.step("vectors", "the committed vectors are what librosa, scipy and the packer of messages give", |_| {
         run(script("make_slip_vectors.py")?.arg("--check"))?;
         run(script("make_logmel_vectors.py")?.arg("--check"))
     }),
-    Step::new(
+    PLAIN.step(
         "front-end",
         "schematic and simulation of the analog front end hold, its model and tables are those committed",
         |_| front_end::step(),
     ),
-    Step::new(
+    PLAIN.step(
         "baselines",
         "the committed MFCC, discriminants and regression are what scikit-learn gives",
         |_| run(&mut script("check_baselines.py")?),
     ),
-    Step::new("deny", "licences, sources and bans of all dependencies", |_| deny()),
-    Step::new("docs", "documentation of the library builds without a warning", |_| docs()).compiles(),
-    Step::new("release", "a release build refuses the development key, and takes another", |_| release())
-        .compiles(),
-    Step::new("small", "what the command says where it is built without the trainer", |_| small()).compiles(),
-    Step::new(
-        "qemu-cmsis",
-        "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit",
-        |_| cmsis::step(),
-    )
-    .compiles(),
-    Step::new(
-        "can-bits",
-        "the CAN model's frames, bit by bit, are what an encoder in Python gives",
-        can_bits,
-    )
-    .after(&["host-build"]),
-    Step::new("metrics", "the benchmark's metrics are what scikit-learn and scipy give", metrics)
-        .after(&["host-build"]),
-    Step::new("demo", "pycyphal decodes the demo's CAN log, raw frames plain and compressed", demo)
-        .after(&["host-build"]),
-    Step::new("recordings", "mcap, python-can, cantools and pycyphal read what is recorded", recordings)
-        .after(&["host-build"]),
-    Step::new("ros2", "the demo as a bag of ROS 2: rosbags reads every message", |context| {
+    PLAIN.step("deny", "licences, sources and bans of all dependencies", |_| deny()),
+    COMPILES.step("docs", "documentation of the library builds without a warning", |_| docs()),
+    COMPILES.step("release", "a release build refuses the development key, and takes another", |_| release()),
+    COMPILES.step("small", "what the command says where it is built without the trainer", |_| small()),
+    COMPILES.step("qemu-cmsis", "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit", |_| {
+        cmsis::step()
+    }),
+    HOST.step("can-bits", "the CAN model's frames, bit by bit, are what an encoder in Python gives", can_bits),
+    HOST.step("metrics", "the benchmark's metrics are what scikit-learn and scipy give", metrics),
+    HOST.step("demo", "pycyphal decodes the demo's CAN log, raw frames plain and compressed", demo),
+    HOST.step("recordings", "mcap, python-can, cantools and pycyphal read what is recorded", recordings),
+    HOST.step("ros2", "the demo as a bag of ROS 2: rosbags reads every message", |context| {
         ros2::bag(&program("slipsense-ros2", context)?, &demo_files(context, "ros2")?)
-    })
-    .after(&["host-build"]),
-    Step::new(
+    }),
+    Step { compiles: true, ..HOST }.step(
         "python",
         "the Python package: its wheel in an empty environment, bit for bit as the command",
         package,
-    )
-    .compiles()
-    .after(&["host-build"]),
-    Step::new("view", "the page of `slipsense view` in a headless Chromium", view).after(&["host-build"]),
-    Step::new(
+    ),
+    HOST.step("view", "the page of `slipsense view` in a headless Chromium", view),
+    HOST.step(
         "linux",
         "record, replay and monitor on SocketCAN of Debian's kernel in QEMU: no frame lost",
         |context| linux::step(&program("slipsense", context)?),
-    )
-    .after(&["host-build"]),
+    ),
 ];
 
 /// What all host builds select. Cargo gives shared dependencies the features of all that is selected: with another
@@ -355,14 +311,11 @@ fn equal(options: &qemu::Options) -> Result<()> {
 }
 
 fn real(_: Context) -> Result<()> {
-    let episodes = episodes_in(Path::new(REAL_EPISODES))?;
-    if episodes.is_empty() {
-        eprintln!("no episodes of real recordings in {REAL_EPISODES}: nothing compared");
-        return Ok(());
+    match real_episodes()? {
+        episodes if episodes.is_empty() => Ok(()),
+        episodes => equal(&qemu::Options::episodes(episodes)),
     }
-    equal(&qemu::Options::episodes(episodes))
 }
-
 fn can_bits(context: Context) -> Result<()> {
     let frames = target_dir().join("can_frames.txt");
     run(command(program("examples/random_frames", context)?).arg(CAN_FRAMES).arg(&frames))?;

@@ -107,14 +107,14 @@ pub fn step() -> Result<()> {
     for xl in [DEFAULT_XL, OTHER_XL] {
         start(twin(xl)?.arg(&episode).args(["--xl", xl, "--seconds", "1"]))?;
     }
-    let traces = [false, true].map(|slow| target_dir().join(if slow { "slow.trace" } else { "fast.trace" }));
-    for (trace, slow) in traces.iter().zip([false, true]) {
+    let traced = |name: &str, slow: Option<&str>| {
+        let path = target_dir().join(name);
         let mut run = twin(DEFAULT_XL)?;
-        run.arg(&episode).args(["--seconds", "0.16", "--trace"]).arg(trace);
-        start(run.args(slow.then_some("--slow")))?;
-    }
-    let [fast, slow] = traces.map(|path| std::fs::read(&path).with_context(|| path.display().to_string()));
-    ensure!(fast? == slow?, "the twin with --slow does not do what it does without");
+        start(run.arg(&episode).args(["--seconds", "0.16", "--trace"]).arg(&path).args(slow))?;
+        std::fs::read(&path).with_context(|| path.display().to_string())
+    };
+    let (fast, slow) = (traced("fast.trace", None)?, traced("slow.trace", Some("--slow"))?);
+    ensure!(fast == slow, "the twin with --slow does not do what it does without");
     Ok(())
 }
 
@@ -171,7 +171,7 @@ pub fn faults_step(slipsense: &Path) -> Result<()> {
 /// pycyphal talks to the node of the firmware, through the modelled bus.
 pub fn node_step() -> Result<()> {
     let twin = twin_with(&Program::FIRMWARE.build()?)?;
-    with_far_end(twin, |port| start(script("check_twin_node.py")?.arg(port).args(["--model", MODEL])))
+    with_far_end(twin, |port| start(script("check_twin_node.py")?.arg(port).arg(MODEL)))
 }
 
 /// `slipsense hil`, with the program that it has on a board on the emulated STM32H743.

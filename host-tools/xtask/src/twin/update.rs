@@ -34,15 +34,17 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     let key = folder.join("foreign.key");
     start(command(slipsense).args(["keygen", "--out"]).arg(&key))?;
     sign_model(slipsense, folder)?;
-    for (name, file, board, version, key) in [
-        ("new.slip", &*new, FEATURE, NEW, None),
-        ("older.slip", &firmware, FEATURE, OLDER, None),
-        ("hanging.slip", &hanging, FEATURE, HANGING, None),
-        ("foreign.slip", &new, FEATURE, NEW, Some(&key)),
+    for (name, file, version, key) in [
+        ("new.slip", &new, NEW, None),
+        ("older.slip", &firmware, OLDER, None),
+        ("hanging.slip", &hanging, HANGING, None),
+        ("foreign.slip", &new, NEW, Some(&key)),
     ] {
         let mut sign = command(slipsense);
-        sign.arg("sign").arg(file).args(["--version", version, "--out"]).arg(folder.join(name));
-        sign.args(["--board", board]);
+        sign.arg("sign")
+            .arg(file)
+            .args(["--version", version, "--board", FEATURE, "--out"])
+            .arg(folder.join(name));
         match key {
             Some(key) => sign.arg("--key").arg(key),
             None => sign.arg("--development-key"),
@@ -53,8 +55,7 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     twin.arg("--boot").arg(boot).args(["--bites", BITES]);
     with_far_end(twin, |port| {
         let mut check = script("check_twin_update.py")?;
-        check.arg(port).arg("--folder").arg(folder).args(["--model", MODEL]);
-        start(check.args(thorough.then_some("--thorough")))
+        start(check.arg(port).arg(folder).arg(MODEL).args(thorough.then_some("--thorough")))
     })
 }
 
@@ -79,8 +80,7 @@ pub fn faults(slipsense: &Path, operations: &str) -> Result<()> {
     // The watchdog ends the hang.
     twin.arg("--boot").arg(boot).args(["--bites", "1"]);
     with_far_end(twin, |port| {
-        let mut check = script("check_twin_faults.py")?;
-        start(check.arg(port).arg("--folder").arg(folder.path()).args(["--operations", operations]))
+        start(script("check_twin_faults.py")?.arg(port).arg(folder.path()).arg(operations))
     })
 }
 

@@ -2,27 +2,14 @@
 
 use core::hint::black_box;
 
-use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
-use slipsense::params::MAX_SENSORS;
-use slipsense::sensor::SensorReadings;
 use slipsense::wire::{Detail, RawBuffer, RawFrame};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
-use slipsense_qemu::measured::Line;
 
-use crate::measure::Bench;
-
+use crate::measure::{Bench, each_frame};
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
-    let sensors = header.sensors as usize;
-    let mut record = [0; FRAME_BYTES_MAX];
-    let record = &mut record[..frame_bytes(sensors)];
-    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
-    let parts = &mut parts[..sensors];
     let mut buffer = RawBuffer::new();
-    for _ in 0..header.frames {
-        file.read_exact(record).expect("the file holds as many frames as it says");
-        let stamp = decode_stamp(record).expect("a frame starts with its stamp");
-        decode_parts(record, parts).expect("the file holds possible frames");
+    each_frame(file, header, |_, stamp, parts| {
         for (sensor, part) in parts.iter().enumerate() {
             let raw = RawFrame {
                 timestamp_us: stamp.timestamp_us,
@@ -35,7 +22,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
             let instructions = bench.counter.of(&mut || {
                 bytes = black_box(&raw).compress(Detail::All, black_box(&mut buffer)).len();
             });
-            bench.put(Line::Compressed { bytes: bytes as u32, instructions });
+            bench.put(format_args!("compressed {bytes} {instructions}\n"));
         }
-    }
+    });
 }

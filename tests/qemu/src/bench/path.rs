@@ -2,7 +2,6 @@
 
 use core::hint::black_box;
 
-use slipsense::board::replay::{FRAME_BYTES_MAX, decode_parts, decode_stamp, frame_bytes};
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
@@ -10,30 +9,20 @@ use slipsense::sensor::{SensorInput, SensorReadings};
 use slipsense::wire::{Origin, RawForm, RawTransfer, Transmitter};
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
-use slipsense_qemu::measured::{GO_FILE, Line, READY_FILE};
+use slipsense_qemu::measured::{GO_FILE, READY_FILE};
 
-use crate::counter::Counter;
-use crate::measure::Bench;
+use crate::measure::{Bench, each_frame};
 
 /// Measure all frames of the file; `traced`: wait before the last one until the emulator writes down what is done.
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>, traced: bool) {
-    let sensors = header.sensors as usize;
-    let mut pipeline = Pipeline::new(model, sensors).expect("the header was checked");
+    let mut pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
     let mut wire = Wire { transmitter: Transmitter::new(header.node), raw: RawTransfer::new() };
-    let mut record = [0; FRAME_BYTES_MAX];
-    let record = &mut record[..frame_bytes(sensors)];
-    let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
-    let parts = &mut parts[..sensors];
-    for number in 0..header.frames {
-        file.read_exact(record).expect("the file holds as many frames as it says");
-        let stamp = decode_stamp(record).expect("a frame starts with its stamp");
-        decode_parts(record, parts).expect("the file holds possible frames");
+    each_frame(file, header, |number, stamp, parts| {
         if traced && number + 1 == header.frames {
             wait_for_trace();
         }
-        let line = frame(&bench.counter, &mut pipeline, &mut wire, stamp, parts);
-        bench.put(line);
-    }
+        frame(bench, &mut pipeline, &mut wire, stamp, parts);
+    });
 }
 
 /// Until the emulator writes down what is done.
@@ -43,22 +32,22 @@ fn wait_for_trace() {
 }
 
 fn frame(
-    counter: &Counter,
+    bench: &mut Bench,
     pipeline: &mut Pipeline<'_>,
     wire: &mut Wire,
     stamp: FrameStamp,
     parts: &[SensorReadings],
-) -> Line<'static> {
+) {
     let mut inputs = [SensorInput::default(); MAX_SENSORS];
     for (input, part) in inputs.iter_mut().zip(parts) {
         *input = part.input();
     }
     let inputs = &inputs[..parts.len()];
     let mut output = None;
-    let step = counter.of(&mut || output = Some(pipeline.step(black_box(inputs))));
+    let step = bench.counter.of(&mut || output = Some(pipeline.step(black_box(inputs))));
     let output = output.expect("the step was called");
-    let wire = counter.of(&mut || wire.send(stamp, parts, &output));
-    Line::Frame { step, wire }
+    let wire = bench.counter.of(&mut || wire.send(stamp, parts, &output));
+    bench.put(format_args!("frame {step} {wire}\n"));
 }
 
 /// What the inference task does with a result, a bus apart.

@@ -2,25 +2,21 @@
 
 use cortex_m_rt::entry;
 use embassy_executor::Executor;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::{Instant, Timer};
 use slipsense::board::SensorFrame;
 use slipsense::board::replay::FRAME_BYTES_MAX;
 use slipsense::health::CanStatus;
-use slipsense::pipeline::Pipeline;
-use slipsense::tasks::{
-    Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, RuntimeConfig, Shared, Transmission, acquire,
-};
-use slipsense::wire::{RawTransfer, Transmitter};
+use slipsense::tasks::{Inference, Transmission, acquire};
+use slipsense::wire::Transmitter;
 use slipsense_can_sim::controller::{Bus, Timing};
 use slipsense_qemu::emulated::semihosting::File;
-use slipsense_qemu::emulated::{exit, read_input, start};
+use slipsense_qemu::emulated::{Mutex, SHARED, exit, pipeline, queues, read_input, start};
 use slipsense_qemu::events::{
     ARRIVED_FILE, BUS_FILE, Counters, DECIDED_FILE, DISTURBANCE_BYTES, INSTRUCTIONS_PER_US, START_US,
     STATUS_FILE, decode_disturbance,
 };
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::StaticCell;
 
 use crate::board::{FrameBuffer, Frames, Hardware, Log, Sensors, Uptime};
 
@@ -32,18 +28,10 @@ const IDLE_CYCLES: u32 = 900;
 /// After the last tick: time for what is under way.
 const AFTERWARDS_MS: u64 = 50;
 
-type Mutex = CriticalSectionRawMutex;
 type EmulatedInference = Inference<'static, Mutex, Uptime, Frames>;
 type EmulatedTransmission = Transmission<'static, Mutex, Hardware, Uptime>;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-static SHARED: Shared<Mutex> = Shared::new();
-static BUFFERS: ConstStaticCell<[SensorFrame; QUEUED_FRAMES]> =
-    ConstStaticCell::new([const { SensorFrame::new() }; QUEUED_FRAMES]);
-static QUEUE: StaticCell<Channel<'static, Mutex, SensorFrame>> = StaticCell::new();
-static RAW_BUFFERS: ConstStaticCell<[RawTransfer; RAW_MESSAGES]> =
-    ConstStaticCell::new([const { RawTransfer::new() }; RAW_MESSAGES]);
-static RAW_QUEUE: StaticCell<RawQueue<'static, Mutex>> = StaticCell::new();
 static SENSORS: StaticCell<Sensors> = StaticCell::new();
 static INFERENCE: StaticCell<EmulatedInference> = StaticCell::new();
 static TRANSMISSION: StaticCell<EmulatedTransmission> = StaticCell::new();
@@ -86,16 +74,14 @@ async fn idle() {
 #[entry]
 fn main() -> ! {
     let (file, header, model) = read_input();
-    let pipeline = Pipeline::new(model, header.sensors as usize).expect("the header was checked");
-    SHARED.set_config(RuntimeConfig { compress_raw: header.compress_raw, ..RuntimeConfig::DEFAULT });
+    let pipeline = pipeline(&header, model);
     let mut disturbance = [0; DISTURBANCE_BYTES];
     File::open(BUS_FILE).and_then(|mut file| file.read_exact(&mut disturbance)).expect("a disturbance");
     let disturbance = decode_disturbance(disturbance);
     // Kernel clock of the boards' FDCAN, 1 and 8 Mbit/s.
     let timing = Timing::new(80_000_000, 1_000_000, 8_000_000).expect("whole quanta");
 
-    let (sender, receiver) = QUEUE.init(Channel::new(BUFFERS.take())).split();
-    let (raw_sender, raw_receiver) = RAW_QUEUE.init(RawQueue::new(RAW_BUFFERS.take())).split();
+    let ((sender, receiver), (raw_sender, raw_receiver)) = queues();
     let frames = Frames { log: Log::new(File::create(DECIDED_FILE)), queued_us: 0 };
     let transmitter = Transmitter::new(header.node);
     let infer = INFERENCE.init(Inference::new(pipeline, transmitter, Uptime, frames, &SHARED, raw_sender));

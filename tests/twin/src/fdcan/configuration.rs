@@ -1,7 +1,7 @@
 //! From INIT to the bus: what may be written when, bit timings, and the time stamp that counts them (RM0433, software
 //! initialization, operating modes, timestamp generation).
 
-use rigless::device::{DeviceContext, RegisterFile};
+use rigless::device::DeviceContext as Context;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::VirtualNanos;
 use slipsense_can_sim::{BitTiming, Timing};
@@ -10,13 +10,7 @@ use super::Fdcan;
 use super::registers::{cccr, field};
 
 impl Fdcan {
-    pub(super) fn write_cccr(
-        &mut self,
-        value: u64,
-        old: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+    pub(super) fn write_cccr(&mut self, value: u64, old: u64, context: &mut Context<'_>) {
         let configurable = old & (cccr::INIT | cccr::CCE) == cccr::INIT | cccr::CCE;
         let mut new = value & 0xF3FF & !cccr::CSA;
         if !configurable {
@@ -41,13 +35,13 @@ impl Fdcan {
             // Clock stop request: acknowledged once the bus is idle, here at once, with INIT set.
             new |= cccr::CSA | cccr::INIT;
         }
-        registers.set(Register::FdcanCccr, new);
+        self.set(Register::FdcanCccr, new);
         if new & cccr::TEST == 0 {
             // Test register: its functions fall back when CCCR.TEST falls.
-            registers.set(Register::FdcanTest, 0);
+            self.set(Register::FdcanTest, 0);
         }
         if new & cccr::CCE != 0 && old & cccr::CCE == 0 {
-            self.configuration_begins(registers);
+            self.configuration_begins();
         }
         if new & cccr::INIT != 0 && old & cccr::INIT == 0 {
             if self.in_flight.take().is_some() {
@@ -56,28 +50,31 @@ impl Fdcan {
             self.start = None;
         }
         if new & cccr::INIT == 0 && old & cccr::INIT != 0 {
-            self.join(registers, context);
+            self.join(context);
         }
     }
 
     /// Software initialization: setting CCE resets these.
-    fn configuration_begins(&mut self, registers: &mut RegisterFile) {
+    fn configuration_begins(&mut self) {
         use Register as R;
-        for register in
-            [R::FdcanHpms, R::FdcanRxf0s, R::FdcanRxf1s, R::FdcanTxbrp, R::FdcanTxbto, R::FdcanTxbcf]
-        {
-            registers.set(register, 0);
+        for register in [
+            R::FdcanHpms,
+            R::FdcanRxf0s,
+            R::FdcanRxf1s,
+            R::FdcanTxbrp,
+            R::FdcanTxbto,
+            R::FdcanTxbcf,
+            R::FdcanTxfqs,
+        ] {
+            self.set(register, 0);
         }
-        registers.set(R::FdcanTxfqs, 0);
-        registers.set(R::FdcanTxefs, 0);
-        self.requested = [const { None }; 32];
-        (self.tx_get, self.event_get, self.event_put, self.cancelled) = (0, 0, 0, 0);
+        (self.requested, self.cancelled) = ([None; 32], 0);
         (self.rx_get, self.rx_put) = ([0; 2], [0; 2]);
     }
 
     /// INIT was cleared: bit timings are taken, and the node joins after 11 recessive bits, or after its recovery.
-    fn join(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        let (nominal, data) = (registers.get(Register::FdcanNbtp), registers.get(Register::FdcanDbtp));
+    fn join(&mut self, context: &mut Context<'_>) {
+        let (nominal, data) = (self.get(Register::FdcanNbtp), self.get(Register::FdcanDbtp));
         let nominal = BitTiming {
             prescaler: field(nominal, 16, 9) as u32 + 1,
             seg1: field(nominal, 8, 8) as u32 + 1,
@@ -89,7 +86,7 @@ impl Fdcan {
             seg1: field(data, 8, 5) as u32 + 1,
             seg2: field(data, 4, 4) as u32 + 1,
         };
-        self.check_timing(&nominal, &data, delay_compensation, registers, context);
+        self.check_timing(&nominal, &data, delay_compensation, context);
         let Ok(clock_hz) = u32::try_from(self.clock_hz) else { return };
         if clock_hz == 0 {
             context.tell("FDCAN_CCCR", "INIT was cleared while the kernel clock stands still");
@@ -98,11 +95,11 @@ impl Fdcan {
         let timing = Timing { clock_hz, nominal, data };
         self.timing = Some(timing);
         self.timestamp_from = context.now().0;
-        if let Some(at) = self.heard_mut(registers).join(context.now().0, timing) {
+        if let Some(at) = self.wire_at_rx_mut().join(context.now().0, timing) {
             self.recovery = Some(context.schedule(VirtualNanos(at)));
         }
-        self.update_fifo(registers);
-        self.schedule_start(registers, context);
+        self.update_queue();
+        self.schedule_start(context);
     }
 
     /// Nominal and data bit time: at least 4 quanta, jump width within segment 2, and above 1 Mbit/s compensation
@@ -112,16 +109,14 @@ impl Fdcan {
         nominal: &BitTiming,
         data: &BitTiming,
         compensated: bool,
-        registers: &RegisterFile,
-        context: &mut DeviceContext<'_>,
+        context: &mut Context<'_>,
     ) {
-        let nsjw = field(registers.get(Register::FdcanNbtp), 25, 7) as u32 + 1;
-        let dsjw = field(registers.get(Register::FdcanDbtp), 0, 4) as u32 + 1;
+        let nsjw = field(self.get(Register::FdcanNbtp), 25, 7) as u32 + 1;
+        let dsjw = field(self.get(Register::FdcanDbtp), 0, 4) as u32 + 1;
         if nsjw > nominal.seg2 {
             context.tell("FDCAN_NBTP", "the jump width is wider than the segment after the sample point");
         }
-        let control = registers.get(Register::FdcanCccr);
-        if control & cccr::FDOE == 0 || control & cccr::BRSE == 0 {
+        if !self.has(cccr::FDOE | cccr::BRSE) {
             return;
         }
         if dsjw > data.seg2 {
@@ -134,15 +129,15 @@ impl Fdcan {
         if compensated && data.prescaler > 2 {
             context.tell("FDCAN_DBTP", "delay compensation needs a prescaler of 1 or 2");
         }
-        if compensated && registers.get(Register::FdcanTdcr) >> 8 & 0x7F == 0 {
+        if compensated && self.get(Register::FdcanTdcr) >> 8 & 0x7F == 0 {
             context
                 .tell("FDCAN_TDCR", "delay compensation with an offset of 0 samples before the sample point");
         }
     }
 
     /// Timestamp generation: nominal bit times over TCP + 1, 16 bits.
-    pub(super) fn timestamp(&self, registers: &RegisterFile, now_ns: u64) -> u16 {
-        let tscc = registers.get(Register::FdcanTscc);
+    pub(super) fn timestamp(&self, now_ns: u64) -> u16 {
+        let tscc = self.get(Register::FdcanTscc);
         let Some(timing) = self.timing.filter(|_| tscc & 3 == 1) else { return 0 };
         let step = u64::from(timing.nominal.cycles()) * (field(tscc, 16, 4) + 1);
         let elapsed = u128::from(now_ns - self.timestamp_from) * u128::from(timing.clock_hz) / 1_000_000_000;

@@ -1,10 +1,9 @@
 //! Acceptance filtering: RM0433, acceptance filter, and the filter elements of the message RAM.
 
-use rigless::device::RegisterFile;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use slipsense_can_sim::{Format, Frame, Id};
 
-use super::message_ram::MessageRam;
+use super::Fdcan;
 use super::registers::field;
 
 /// Where a frame goes.
@@ -13,19 +12,19 @@ pub enum Accepted {
     Rejected,
     /// FIFO 0 or 1, and the index of the filter that matched, or none.
     Fifo(usize, Option<u8>),
-    /// Dedicated Rx buffer of this index.
-    Buffer(u8, u8),
+    /// A dedicated Rx buffer.
+    Buffer,
 }
 
 /// What a filter element's SFEC/EFEC says.
-fn configured(code: u32, index: u8, id2: u32) -> Option<Accepted> {
+fn configured(code: u32, index: u8) -> Option<Accepted> {
     match code {
         1 | 5 => Some(Accepted::Fifo(0, Some(index))),
         2 | 6 => Some(Accepted::Fifo(1, Some(index))),
-        3 => Some(Accepted::Rejected),
-        7 => Some(Accepted::Buffer((id2 & 0x3F) as u8, index)),
-        // 0: disabled. 4: priority only, stored nowhere, and filtering ends.
-        4 => Some(Accepted::Rejected),
+        // 4: priority only, stored nowhere, and filtering ends.
+        3 | 4 => Some(Accepted::Rejected),
+        7 => Some(Accepted::Buffer),
+        // Disabled.
         _ => None,
     }
 }
@@ -40,48 +39,53 @@ fn matches(kind: u32, id: u32, id1: u32, id2: u32) -> bool {
     }
 }
 
-/// Runs a frame through the filters that the registers and the message RAM describe.
-pub fn accept(frame: &Frame, registers: &RegisterFile, ram: &MessageRam) -> Accepted {
-    let global = registers.get(Register::FdcanGfc);
-    let remote = frame.format() == Format::Remote;
-    let (found, reject_remote, unmatched) = match frame.id() {
-        Id::Standard(id) => {
-            let sidfc = registers.get(Register::FdcanSidfc);
-            let start = field(sidfc, 2, 14) as usize;
-            let found = (0..field(sidfc, 16, 8).min(128) as usize).find_map(|index| {
-                let word = ram.read(start + index)?;
-                let (id1, id2, code) = (word >> 16 & 0x7FF, word & 0x7FF, word >> 27 & 7);
-                // A dedicated buffer's element matches SFID1 exactly.
-                let hit =
-                    if code == 7 { u32::from(id) == id1 } else { matches(word >> 30, id.into(), id1, id2) };
-                if hit { configured(code, index as u8, id2) } else { None }
-            });
-            (found, field(global, 1, 1), field(global, 4, 2))
+impl Fdcan {
+    /// Runs a frame through the filters that the registers and the message RAM describe.
+    pub(super) fn accept(&self, frame: &Frame) -> Accepted {
+        let global = self.get(Register::FdcanGfc);
+        let remote = frame.format() == Format::Remote;
+        let (found, reject_remote, unmatched) = match frame.id() {
+            Id::Standard(id) => {
+                let sidfc = self.get(Register::FdcanSidfc);
+                let start = field(sidfc, 2, 14) as usize;
+                let found = (0..field(sidfc, 16, 8).min(128) as usize).find_map(|index| {
+                    let word = self.ram.read(start + index)?;
+                    let (id1, id2, code) = (word >> 16 & 0x7FF, word & 0x7FF, word >> 27 & 7);
+                    // A dedicated buffer's element matches SFID1 exactly.
+                    let hit = if code == 7 {
+                        u32::from(id) == id1
+                    } else {
+                        matches(word >> 30, id.into(), id1, id2)
+                    };
+                    if hit { configured(code, index as u8) } else { None }
+                });
+                (found, field(global, 1, 1), field(global, 4, 2))
+            }
+            Id::Extended(id) => {
+                let xidfc = self.get(Register::FdcanXidfc);
+                let start = field(xidfc, 2, 14) as usize;
+                let mask = self.get(Register::FdcanXidam) as u32;
+                let found = (0..field(xidfc, 16, 7).min(64) as usize).find_map(|index| {
+                    let (f0, f1) = (self.ram.read(start + 2 * index)?, self.ram.read(start + 2 * index + 1)?);
+                    let (id1, id2, code, kind) = (f0 & 0x1FFF_FFFF, f1 & 0x1FFF_FFFF, f0 >> 29, f1 >> 30);
+                    let hit = match (code, kind) {
+                        (7, _) => id & mask == id1,
+                        // Range without XIDAM.
+                        (_, 3) => (id1..=id2).contains(&id),
+                        _ => matches(kind, id & mask, id1, id2),
+                    };
+                    if hit { configured(code, index as u8) } else { None }
+                });
+                (found, field(global, 0, 1), field(global, 2, 2))
+            }
+        };
+        if remote && reject_remote != 0 {
+            return Accepted::Rejected;
         }
-        Id::Extended(id) => {
-            let xidfc = registers.get(Register::FdcanXidfc);
-            let start = field(xidfc, 2, 14) as usize;
-            let mask = registers.get(Register::FdcanXidam) as u32;
-            let found = (0..field(xidfc, 16, 7).min(64) as usize).find_map(|index| {
-                let (f0, f1) = (ram.read(start + 2 * index)?, ram.read(start + 2 * index + 1)?);
-                let (id1, id2, code, kind) = (f0 & 0x1FFF_FFFF, f1 & 0x1FFF_FFFF, f0 >> 29, f1 >> 30);
-                let hit = match (code, kind) {
-                    (7, _) => id & mask == id1,
-                    // Range without XIDAM.
-                    (_, 3) => (id1..=id2).contains(&id),
-                    _ => matches(kind, id & mask, id1, id2),
-                };
-                if hit { configured(code, index as u8, id2) } else { None }
-            });
-            (found, field(global, 0, 1), field(global, 2, 2))
-        }
-    };
-    if remote && reject_remote != 0 {
-        return Accepted::Rejected;
+        found.unwrap_or(match unmatched {
+            0 => Accepted::Fifo(0, None),
+            1 => Accepted::Fifo(1, None),
+            _ => Accepted::Rejected,
+        })
     }
-    found.unwrap_or(match unmatched {
-        0 => Accepted::Fifo(0, None),
-        1 => Accepted::Fifo(1, None),
-        _ => Accepted::Rejected,
-    })
 }

@@ -1,71 +1,65 @@
 //! A frame on the wires, from its start to what the error counters make of its end (RM0433, error management).
 
-use rigless::device::{DeviceContext, RegisterFile};
+use rigless::device::DeviceContext as Context;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::VirtualNanos;
-use slipsense_can_sim::{ErrorState, Field, Outcome};
+use slipsense_can_sim::{ErrorState, Field, Frame, Outcome};
 
 use super::registers::{cccr, interrupt, psr};
 use super::wire::{MCU, PEER};
 use super::{Fdcan, InFlight};
 
 impl Fdcan {
-    pub(super) fn schedule_start(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
-        if !self.running(registers) || self.in_flight.is_some() {
+    pub(super) fn schedule_start(&mut self, context: &mut Context<'_>) {
+        if !self.running() || self.in_flight.is_some() {
             return;
         }
-        let offered = self.offer(registers).is_some();
-        let Some(at) = self.wire_at_rx(registers).next_start(context.now().0, offered) else { return };
+        let offered = self.offer().is_some();
+        let Some(at) = self.wire_at_rx().next_start(context.now().0, offered) else { return };
         if self.start.is_none_or(|(_, planned)| at < planned) {
             self.start = Some((context.schedule(VirtualNanos(at)), at));
         }
     }
 
-    pub(super) fn start_frame(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        let mine = self.offer(registers);
-        let timestamp = self.timestamp(registers, context.now().0);
+    pub(super) fn start_frame(&mut self, context: &mut Context<'_>) {
+        let mine = self.offer();
+        let timestamp = self.timestamp(context.now().0);
         let offered = mine.as_ref().map(|(_, frame)| frame);
-        let Some((attempt, frame)) = self.heard_mut(registers).start(context.now().0, offered) else {
-            self.schedule_start(registers, context);
+        let Some((attempt, frame)) = self.wire_at_rx_mut().start(context.now().0, offered) else {
+            self.schedule_start(context);
             return;
         };
         let buffer = mine.map(|(buffer, _)| buffer).filter(|_| attempt.node == MCU);
         if let Some(buffer) = buffer
-            && self.requested[buffer as usize].as_ref().map(|element| element.frame.data())
-                != Some(frame.data())
+            && self.requested[buffer as usize].as_ref().map(Frame::data) != Some(frame.data())
         {
             context.tell("FDCAN_TXBRP", "a Tx buffer was changed after its transmission was requested");
         }
-        let end_ns = self.wire_at_rx(registers).end_ns(&attempt);
+        let end_ns = self.wire_at_rx().end_ns(&attempt);
         let event = context.schedule(VirtualNanos(end_ns));
         self.in_flight = Some(InFlight { attempt, frame, buffer, timestamp, event });
     }
 
-    pub(super) fn end_frame(
-        &mut self,
-        flight: InFlight,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
-        let looped = Self::loops(registers);
+    pub(super) fn end_frame(&mut self, flight: InFlight, context: &mut Context<'_>) {
+        let looped = self.loops();
         let sent = flight.attempt.outcome == Outcome::Sent;
-        if looped && registers.get(Register::FdcanCccr) & cccr::MON == 0 {
+        if looped && !self.has(cccr::MON) {
             // External loop back: others see what it sends, and it takes no notice of them. That they may send at the
             // same time is not modelled.
             self.wire.log.extend(self.inside.log.last().cloned());
         }
         if let Some(buffer) = flight.buffer {
-            self.end_own(buffer, sent, &flight, registers, context);
+            self.end_own(buffer, sent, context);
         }
         if sent && (flight.attempt.node == PEER || looped) {
-            self.receive(&flight.frame, flight.timestamp, registers);
+            self.receive(&flight.frame, flight.timestamp, context);
         }
-        self.update_status(&flight, registers);
-        self.schedule_start(registers, context);
+        self.update_status(&flight);
+        self.schedule_start(context);
     }
 
-    fn update_status(&mut self, flight: &InFlight, registers: &mut RegisterFile) {
-        let mut status = registers.get(Register::FdcanPsr);
+    fn update_status(&mut self, flight: &InFlight) {
+        let mut status = self.get(Register::FdcanPsr);
         let code = match flight.attempt.outcome {
             Outcome::Sent => 0,
             Outcome::NotAcknowledged => psr::ACK_ERROR,
@@ -80,52 +74,52 @@ impl Fdcan {
             status = status & !psr::LEC | code;
         }
         if code != 0 {
-            self.raise(if in_data { interrupt::PED } else { interrupt::PEA }, registers);
+            self.raise(if in_data { interrupt::PED } else { interrupt::PEA });
         }
-        if (flight.attempt.node == PEER || Self::loops(registers)) && format.is_fd() {
+        if (flight.attempt.node == PEER || self.loops()) && format.is_fd() {
             status |= psr::RFDF | if format.switches() { psr::RBRS } else { 0 };
         }
-        registers.set(Register::FdcanPsr, status);
-        self.update_counters(registers);
+        self.set(Register::FdcanPsr, status);
+        self.update_counters();
     }
 
     /// ECR, and the flags of PSR and IR that follow the counters.
-    fn update_counters(&mut self, registers: &mut RegisterFile) {
-        let node = *self.wire_at_rx(registers).bus().node(MCU);
+    fn update_counters(&mut self) {
+        let node = *self.wire_at_rx().bus().node(MCU);
         let state = node.state();
         let passive_receiver = node.receive_errors() > 127;
         let counters = u64::from(node.transmit_errors().min(255))
             | u64::from(node.receive_errors().min(127)) << 8
             | u64::from(passive_receiver) << 15;
-        registers.set(Register::FdcanEcr, counters);
-        let before = registers.get(Register::FdcanPsr);
+        self.set(Register::FdcanEcr, counters);
+        let before = self.get(Register::FdcanPsr);
         let bit = |set: bool, bit: u64| if set { bit } else { 0 };
         let flags = bit(state != ErrorState::Active, psr::EP)
             | bit(node.warns(), psr::EW)
             | bit(state == ErrorState::BusOff, psr::BO);
         let after = before & !(psr::EP | psr::EW | psr::BO) | flags;
-        registers.set(Register::FdcanPsr, after);
+        self.set(Register::FdcanPsr, after);
         let changed = before ^ after;
         let raised = bit(changed & psr::EP != 0, interrupt::EP)
             | bit(changed & psr::EW != 0, interrupt::EW)
             | bit(changed & psr::BO != 0, interrupt::BO);
-        self.raise(raised, registers);
+        self.raise(raised);
         if state == ErrorState::BusOff && self.was != ErrorState::BusOff {
             // Bus-off: INIT is set by hardware, and the node stays silent until software clears it.
-            registers.set(Register::FdcanCccr, registers.get(Register::FdcanCccr) | cccr::INIT);
+            self.set_bits(Register::FdcanCccr, cccr::INIT);
             self.start = None;
         }
         self.was = state;
     }
 
-    pub(super) fn recovery_due(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        self.heard_mut(registers).advance(context.now().0);
-        if let Some(at) = self.wire_at_rx(registers).returns() {
+    pub(super) fn recovery_due(&mut self, context: &mut Context<'_>) {
+        self.wire_at_rx_mut().advance(context.now().0);
+        if let Some(at) = self.wire_at_rx().returns() {
             self.recovery = Some(context.schedule(VirtualNanos(at)));
             return;
         }
         self.recovery = None;
-        self.update_counters(registers);
-        self.schedule_start(registers, context);
+        self.update_counters();
+        self.schedule_start(context);
     }
 }

@@ -7,16 +7,17 @@
 //! | covered | section |
 //! |---|---|
 //! | INIT, CCE, protected registers; what CCE resets | software initialization |
-//! | bit timings, FDOE, BRSE, DAR, MON, ASM, both loop-back modes | operating modes, test modes |
-//! | Tx FIFO and queue, dedicated buffers, cancellation, Tx events | Tx handling |
-//! | filters, Rx FIFOs, dedicated Rx buffers | Rx handling |
+//! | bit timings, FDOE, BRSE, MON, ASM, both loop-back modes | operating modes, test modes |
+//! | Tx queue, cancellation | Tx handling |
+//! | filters, Rx FIFOs | Rx handling |
 //! | IR, IE, ILS, ILE, TXBTIE, TXBCIE | interrupt registers |
 //! | ECR, PSR, bus-off and recovery | error management |
 //! | TSCV from nominal bit times | timestamp generation |
 //!
-//! Not covered: timeout counter, high-priority status, message RAM watchdog, clock stop's handshake time, restricted
-//! mode's receive path, time-triggered operation, the clock calibration unit, transceiver delay (the wires have
-//! none). An access to those is reported.
+//! Not covered, because no program of ours and not embassy's driver uses them: Tx FIFO, dedicated buffers, Tx events,
+//! DAR, timeout counter, high-priority status, message RAM watchdog, clock stop's handshake time, restricted mode's
+//! receive path, time-triggered operation, the clock calibration unit, transceiver delay (the wires have none). An
+//! access to those is reported.
 
 mod configuration;
 mod filters;
@@ -29,14 +30,14 @@ mod tests;
 mod tx;
 pub mod wire;
 
-use rigless::device::{Device, DeviceContext, Level, RegisterFile};
+use rigless::device::{Device, DeviceContext as Context, Level, RegisterFile};
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::EventId;
 use slipsense_can_sim::{Attempt, ErrorState, Frame, Timing};
 
-use message_ram::{MessageRam, TxElement};
-use registers::{LOOPBACK, RX, Rule, TX_DOMINANT, cccr, field, psr, rule};
+use message_ram::MessageRam;
+use registers::{LOOPBACK, RX, Rule, TX_DOMINANT, after_reset, cccr, field, psr, rule};
 use wire::Wire;
 
 /// Places of the two interrupt lines in the instance's list.
@@ -63,22 +64,19 @@ pub struct Fdcan {
     in_flight: Option<InFlight>,
     start: Option<(EventId, u64)>,
     recovery: Option<EventId>,
-    requested: [Option<TxElement>; 32],
+    /// What each buffer held when its transmission was requested, and when that was.
+    requested: [Option<Frame>; 32],
     requested_at: [u64; 32],
-    /// Next of the Tx FIFO to send, as an offset into it.
-    tx_get: u32,
     rx_get: [u32; 2],
     rx_put: [u32; 2],
-    event_get: u32,
-    event_put: u32,
     /// Cancellations asked for while the frame was on the wires.
-    cancelled: u32,
+    cancelled: u64,
     was: ErrorState,
     /// When TSCV was last 0.
     timestamp_from: u64,
     lines: [bool; 2],
-    /// Every register as the last call left it: the bus lets a write land before the model sees it.
-    kept: Vec<u64>,
+    /// Every register. The bus reads copies, and lets a write land in them before it comes here.
+    registers: Vec<u64>,
     /// Interrupts raised: rising edges of either line.
     pub interrupts: u64,
     /// For every frame sent: virtual time of its request.
@@ -97,72 +95,76 @@ impl Fdcan {
             in_flight: None,
             start: None,
             recovery: None,
-            requested: [const { None }; 32],
+            requested: [None; 32],
             requested_at: [0; 32],
-            tx_get: 0,
             rx_get: [0; 2],
             rx_put: [0; 2],
-            event_get: 0,
-            event_put: 0,
             cancelled: 0,
             was: ErrorState::Active,
             timestamp_from: 0,
             lines: [false; 2],
-            kept: registers::after_reset(),
+            registers: after_reset(),
             interrupts: 0,
             requests: Vec::new(),
         }
     }
 
-    /// Puts reset values into the instance's registers, after the part's own reset.
-    pub fn reset_registers(registers: &mut RegisterFile) {
-        registers::reset(registers);
+    fn get(&self, register: Register) -> u64 {
+        self.registers[register.index()]
     }
 
-    /// What a register held before the write that is being handled.
-    fn before(&self, register: Register) -> u64 {
-        self.kept[register.index()]
+    fn set(&mut self, register: Register, value: u64) {
+        self.registers[register.index()] = value;
+    }
+
+    fn set_bits(&mut self, register: Register, bits: u64) {
+        self.set(register, self.get(register) | bits);
+    }
+
+    fn clear_bits(&mut self, register: Register, bits: u64) {
+        self.set(register, self.get(register) & !bits);
+    }
+
+    /// Gives the bus its copies.
+    pub fn show(&self, registers: &mut RegisterFile) {
+        Register::ALL.into_iter().for_each(|register| registers.set(register, self.get(register)));
     }
 
     /// The end of every call.
-    fn settle(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
-        self.drive_lines(registers, context);
-        for register in Register::ALL {
-            self.kept[register.index()] = registers.get(register);
-        }
+    fn settle(&mut self, registers: &mut RegisterFile, context: &mut Context<'_>) {
+        self.drive_lines(context);
+        self.show(registers);
     }
 
-    fn may_configure(registers: &RegisterFile) -> bool {
-        let both = cccr::INIT | cccr::CCE;
-        registers.get(Register::FdcanCccr) & both == both
+    fn has(&self, control: u64) -> bool {
+        self.get(Register::FdcanCccr) & control == control
     }
 
-    fn running(&self, registers: &RegisterFile) -> bool {
-        registers.get(Register::FdcanCccr) & (cccr::INIT | cccr::CSA) == 0 && self.timing.is_some()
+    fn running(&self) -> bool {
+        self.get(Register::FdcanCccr) & (cccr::INIT | cccr::CSA) == 0 && self.timing.is_some()
     }
 
     /// Test modes: in loop back RX is fed from TX inside the instance, and the pin is not read.
-    fn loops(registers: &RegisterFile) -> bool {
-        registers.get(Register::FdcanCccr) & cccr::TEST != 0
-            && registers.get(Register::FdcanTest) & LOOPBACK != 0
+    fn loops(&self) -> bool {
+        self.has(cccr::TEST) && self.get(Register::FdcanTest) & LOOPBACK != 0
     }
 
-    fn wire_at_rx(&self, registers: &RegisterFile) -> &Wire {
-        if Self::loops(registers) { &self.inside } else { &self.wire }
+    fn wire_at_rx(&self) -> &Wire {
+        if self.loops() { &self.inside } else { &self.wire }
     }
 
-    fn heard_mut(&mut self, registers: &RegisterFile) -> &mut Wire {
-        if Self::loops(registers) { &mut self.inside } else { &mut self.wire }
+    fn wire_at_rx_mut(&mut self) -> &mut Wire {
+        if self.loops() { &mut self.inside } else { &mut self.wire }
     }
 
-    fn raise(&self, bits: u64, registers: &mut RegisterFile) {
-        registers.set(Register::FdcanIr, registers.get(Register::FdcanIr) | bits);
+    fn raise(&mut self, bits: u64) {
+        self.set_bits(Register::FdcanIr, bits);
     }
 
     /// Interrupt registers: a line is high while a flag stands that is enabled and selected for it.
-    fn drive_lines(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
-        let pending = registers.get(Register::FdcanIr) & registers.get(Register::FdcanIe);
-        let (select, enable) = (registers.get(Register::FdcanIls), registers.get(Register::FdcanIle));
+    fn drive_lines(&mut self, context: &mut Context<'_>) {
+        let pending = self.get(Register::FdcanIr) & self.get(Register::FdcanIe);
+        let (select, enable) = (self.get(Register::FdcanIls), self.get(Register::FdcanIle));
         for (line, place) in LINES.into_iter().enumerate() {
             let mine = if line == 0 { pending & !select } else { pending & select };
             let high = mine != 0 && enable >> line & 1 != 0;
@@ -181,25 +183,23 @@ impl Device for Fdcan {
     fn read(
         &mut self,
         register: Register,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
+        file: &mut RegisterFile,
+        context: &mut Context<'_>,
     ) -> Option<u64> {
+        let value = self.get(register);
         match register {
-            Register::FdcanTscv => Some(self.timestamp(registers, context.now().0).into()),
+            Register::FdcanTscv => Some(self.timestamp(context.now().0).into()),
             // TX under software's control; a transceiver carries its level to RX.
             Register::FdcanTest => {
-                let value = registers.get(register);
-                let echoes = self.wire.has_transceiver;
-                let low = echoes && field(value, 5, 2) == TX_DOMINANT;
+                let low = self.wire.has_transceiver && field(value, 5, 2) == TX_DOMINANT;
                 Some(value & !RX | if low { 0 } else { RX })
             }
             // Reading clears its flags: LEC and DLEC go to "no change", the receive flags and PXE to 0, CEL
             // to 0 (protocol status register, error counter register).
             Register::FdcanPsr => {
-                let value = registers.get(register);
                 let cleared = value & !(psr::RESI | psr::RBRS | psr::RFDF | psr::PXE);
-                registers.set(register, cleared | psr::UNCHANGED | psr::UNCHANGED << 8);
-                self.settle(registers, context);
+                self.set(register, cleared | psr::UNCHANGED | psr::UNCHANGED << 8);
+                self.settle(file, context);
                 Some(value)
             }
             _ => {
@@ -212,88 +212,57 @@ impl Device for Fdcan {
         }
     }
 
-    fn write(
-        &mut self,
-        register: Register,
-        value: u64,
-        registers: &mut RegisterFile,
-        context: &mut DeviceContext<'_>,
-    ) {
+    fn write(&mut self, register: Register, value: u64, file: &mut RegisterFile, context: &mut Context<'_>) {
         use Register as R;
+        let old = self.get(register);
         match rule(register) {
             None => {
-                context.tell("FDCAN_TT", "a time-triggered register is written, and there is no model of it")
+                context.tell("FDCAN_TT", "a time-triggered register is written, and there is no model of it");
             }
-            Some(Rule::Special) => {}
-            Some(Rule::ReadOnly) => registers.set(register, self.before(register)),
-            Some(Rule::Bits(mask)) => registers.set(register, value & mask),
+            Some(Rule::Special | Rule::ReadOnly) => {}
+            Some(Rule::Bits(mask)) => self.set(register, value & mask),
             Some(Rule::Protected(mask)) => {
-                let old = self.before(register);
-                if Self::may_configure(registers) {
-                    registers.set(register, value & mask);
-                } else {
-                    if value & mask != old {
-                        context.tell(register.spec().name, "written without CCE and INIT, and is ignored");
-                    }
-                    registers.set(register, old);
+                if self.has(cccr::INIT | cccr::CCE) {
+                    self.set(register, value & mask);
+                } else if value & mask != old {
+                    context.tell(register.spec().name, "written without CCE and INIT, and is ignored");
                 }
             }
         }
         match register {
-            R::FdcanCccr => {
-                let old = self.before(register);
-                registers.set(R::FdcanCccr, old);
-                self.write_cccr(value, old, registers, context);
-            }
+            R::FdcanCccr => self.write_cccr(value, old, context),
             R::FdcanTest => {
-                let old = self.before(register);
-                let new = if self.before(R::FdcanCccr) & cccr::TEST != 0 { value & 0x70 } else { old };
+                let new = if self.has(cccr::TEST) { value & 0x70 } else { old };
                 if new != value & 0x70 {
                     context.tell("FDCAN_TEST", "written without CCCR.TEST, and is ignored");
                 }
-                registers.set(register, new);
+                self.set(register, new);
             }
-            R::FdcanIr => {
-                let left = self.before(register) & !value;
-                registers.set(register, left);
-            }
+            R::FdcanIr => self.clear_bits(register, value),
             R::FdcanTscv => self.timestamp_from = context.now().0,
-            R::FdcanNdat1 | R::FdcanNdat2 => {
-                let old = self.before(register);
-                registers.set(register, old & !value);
-            }
-            R::FdcanRxf0a => self.acknowledge_rx(0, value, registers, context),
-            R::FdcanRxf1a => self.acknowledge_rx(1, value, registers, context),
-            R::FdcanTxefa => self.acknowledge_events(value, registers, context),
-            R::FdcanTxbar => {
-                registers.set(register, 0);
-                self.request(value, registers, context);
-            }
-            R::FdcanTxbcr => {
-                registers.set(register, 0);
-                self.cancel(value, registers);
-            }
+            R::FdcanRxf0a => self.acknowledge_rx(0, value, context),
+            R::FdcanRxf1a => self.acknowledge_rx(1, value, context),
+            R::FdcanTxbar => self.request(value, context),
+            R::FdcanTxbcr => self.cancel(value),
             _ => {}
         }
-        self.settle(registers, context);
+        self.settle(file, context);
     }
 
-    fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn on_event(&mut self, event: EventId, file: &mut RegisterFile, context: &mut Context<'_>) {
         if self.start.is_some_and(|(planned, _)| planned == event) {
             self.start = None;
-            self.start_frame(registers, context);
-        } else if self.in_flight.as_ref().is_some_and(|flight| flight.event == event) {
-            if let Some(flight) = self.in_flight.take() {
-                self.end_frame(flight, registers, context);
-            }
+            self.start_frame(context);
+        } else if let Some(flight) = self.in_flight.take_if(|flight| flight.event == event) {
+            self.end_frame(flight, context);
         } else if self.recovery == Some(event) {
-            self.recovery_due(registers, context);
+            self.recovery_due(context);
         }
-        self.settle(registers, context);
+        self.settle(file, context);
     }
 
-    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        if hz != self.clock_hz && self.running(registers) {
+    fn on_clock(&mut self, hz: u64, _: &mut RegisterFile, context: &mut Context<'_>) {
+        if hz != self.clock_hz && self.running() {
             context.tell("FDCAN_CCCR", "the kernel clock changes while the node is on the bus");
         }
         self.clock_hz = hz;
@@ -305,9 +274,8 @@ impl Device for Fdcan {
         *self = Self { wire, clock_hz, interrupts, requests, ..Self::new(ram) };
     }
 
-    fn reset_line(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+    fn reset_line(&mut self, file: &mut RegisterFile, context: &mut Context<'_>) {
         Device::reset(self);
-        registers::reset(registers);
-        self.settle(registers, context);
+        self.settle(file, context);
     }
 }

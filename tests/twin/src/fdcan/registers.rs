@@ -4,7 +4,6 @@
 //! registers are marked read-only that are not (DBTP, TEST, RWD, TDCR, IR, IE, ILS), so what a register takes is
 //! said here. The values are those of RM0433 as remembered; embassy's driver checks CREL and ENDN.
 
-use rigless::device::RegisterFile;
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 
@@ -19,13 +18,6 @@ const RESET: &[(Register, u64)] = &[
     (Register::FdcanPsr, 0x0000_0707),
     (Register::FdcanXidam, 0x1FFF_FFFF),
 ];
-
-/// Puts the reset values into a register file of zeros.
-pub fn reset(registers: &mut RegisterFile) {
-    for &(register, value) in RESET {
-        registers.set(register, value);
-    }
-}
 
 pub fn after_reset() -> Vec<u64> {
     let value = |register: Register| {
@@ -46,16 +38,22 @@ pub enum Rule {
     Special,
 }
 
-/// The rule of a register. Not listed: the time-triggered ones, whose access is reported.
+/// The rule of a register. Not listed: what there is no model of, time-triggered operation above all, whose access is
+/// reported.
 pub fn rule(register: Register) -> Option<Rule> {
     use Register as R;
     Some(match register {
-        R::FdcanCrel | R::FdcanEndn | R::FdcanHpms | R::FdcanTxfqs | R::FdcanTxbrp | R::FdcanTxbto => {
-            Rule::ReadOnly
-        }
-        R::FdcanTxbcf | R::FdcanTxefs | R::FdcanRxf0s | R::FdcanRxf1s | R::FdcanEcr | R::FdcanPsr => {
-            Rule::ReadOnly
-        }
+        R::FdcanCrel
+        | R::FdcanEndn
+        | R::FdcanHpms
+        | R::FdcanTxfqs
+        | R::FdcanTxbrp
+        | R::FdcanTxbto
+        | R::FdcanTxbcf
+        | R::FdcanRxf0s
+        | R::FdcanRxf1s
+        | R::FdcanEcr
+        | R::FdcanPsr => Rule::ReadOnly,
         R::FdcanDbtp => Rule::Protected(0x009F_1FFF),
         R::FdcanNbtp => Rule::Protected(0xFFFF_FF7F),
         R::FdcanRwd => Rule::Protected(0x0000_00FF),
@@ -75,12 +73,15 @@ pub fn rule(register: Register) -> Option<Rule> {
         R::FdcanIe | R::FdcanIls => Rule::Bits(0x3FFF_FFFF),
         R::FdcanIle => Rule::Bits(0b11),
         R::FdcanTxbtie | R::FdcanTxbcie => Rule::Bits(0xFFFF_FFFF),
-        R::FdcanCccr | R::FdcanTest | R::FdcanIr | R::FdcanTscv | R::FdcanTocv | R::FdcanNdat1 => {
-            Rule::Special
-        }
-        R::FdcanNdat2 | R::FdcanRxf0a | R::FdcanRxf1a | R::FdcanTxbar | R::FdcanTxbcr | R::FdcanTxefa => {
-            Rule::Special
-        }
+        R::FdcanCccr
+        | R::FdcanTest
+        | R::FdcanIr
+        | R::FdcanTscv
+        | R::FdcanTocv
+        | R::FdcanRxf0a
+        | R::FdcanRxf1a
+        | R::FdcanTxbar
+        | R::FdcanTxbcr => Rule::Special,
         _ => return None,
     })
 }
@@ -117,12 +118,6 @@ pub mod interrupt {
     pub const RF0L: u64 = 1 << 3;
     pub const TC: u64 = 1 << 9;
     pub const TCF: u64 = 1 << 10;
-    pub const TFE: u64 = 1 << 11;
-    pub const TEFN: u64 = 1 << 12;
-    pub const TEFW: u64 = 1 << 13;
-    pub const TEFF: u64 = 1 << 14;
-    pub const TEFL: u64 = 1 << 15;
-    pub const DRX: u64 = 1 << 19;
     pub const EP: u64 = 1 << 23;
     pub const EW: u64 = 1 << 24;
     pub const BO: u64 = 1 << 25;

@@ -13,16 +13,14 @@ const DOMINANT: u64 = 0b10 << 5;
 /// On the bus in a loop-back mode, nobody outside acknowledging, and a node outside with something to say.
 fn looped(monitors: bool) -> Bench {
     let off = Fault { name: "off", kind: Kind::NoAcknowledge, when: 0..u64::MAX };
-    let mut bench = Bench::new(vec![off]);
-    bench.configure(0);
+    let mut bench = Bench::configured(vec![off]);
     let mode = INIT | CCE | FDOE | BRSE | TEST_ENABLE | if monitors { MON } else { 0 };
     bench.set(CCCR, mode);
     bench.set(TEST, LBCK);
     bench.peer(&[standard(0x7FF)]);
     bench.set(CCCR, mode & !(INIT | CCE));
     bench.wait(20 * BIT_NS);
-    bench.fill(0, 0x123, false);
-    bench.set(TXBAR, 1);
+    bench.send(0, 0x123);
     bench.wait(1_000_000);
     bench
 }
@@ -49,12 +47,10 @@ fn the_wires_outside_see_it_in_external_mode_only() {
 /// Bus monitoring without loop back: nothing is sent.
 #[test]
 fn a_monitor_sends_nothing() {
-    let mut bench = Bench::new(Vec::new());
-    bench.configure(0);
+    let mut bench = Bench::configured(Vec::new());
     bench.set(CCCR, INIT | CCE | FDOE | BRSE | MON);
     bench.set(CCCR, FDOE | BRSE | MON);
-    bench.fill(0, 0x123, false);
-    bench.set(TXBAR, 1);
+    bench.send(0, 0x123);
     bench.wait(1_000_000);
     assert_eq!((bench.sent(), bench.get(RXF0S) & 0x7F), (Vec::new(), 0));
 }

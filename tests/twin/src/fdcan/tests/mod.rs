@@ -38,11 +38,9 @@ const GFC: u64 = 0x80;
 const SIDFC: u64 = 0x84;
 const XIDFC: u64 = 0x88;
 const XIDAM: u64 = 0x90;
-const NDAT1: u64 = 0x98;
 const RXF0C: u64 = 0xA0;
 const RXF0S: u64 = 0xA4;
 const RXF0A: u64 = 0xA8;
-const RXBC: u64 = 0xAC;
 const RXF1C: u64 = 0xB0;
 const RXF1S: u64 = 0xB4;
 const RXESC: u64 = 0xBC;
@@ -56,9 +54,6 @@ const TXBTO: u64 = 0xD8;
 const TXBCF: u64 = 0xDC;
 const TXBTIE: u64 = 0xE0;
 const TXBCIE: u64 = 0xE4;
-const TXEFC: u64 = 0xF0;
-const TXEFS: u64 = 0xF4;
-const TXEFA: u64 = 0xF8;
 
 const INIT: u64 = 1 << 0;
 const CCE: u64 = 1 << 1;
@@ -71,8 +66,6 @@ const STANDARD: u64 = 0;
 const EXTENDED: u64 = 32;
 const FIFO0: u64 = 64;
 const FIFO1: u64 = 164;
-const BUFFERS: u64 = 264;
-const EVENTS: u64 = 400;
 const TX: u64 = 500;
 const ELEMENT: u64 = 18;
 const FULL: u64 = 0b111;
@@ -107,7 +100,6 @@ impl Bench {
             episode: None,
             desk: None,
             xl: Xl::default(),
-            xl_error: 0.0,
             faults,
             hse_hz: crate::machine::HSE_HZ,
             slow: false,
@@ -119,16 +111,21 @@ impl Bench {
         bench
     }
 
-    /// Configured and on the bus; `queue` for TXBC's mode.
-    fn started(mode: u64, faults: Vec<Fault>) -> Self {
-        let mut bench = Self::new(faults);
-        bench.configure(mode);
+    /// Configured and on the bus.
+    fn started(faults: Vec<Fault>) -> Self {
+        let mut bench = Self::configured(faults);
         bench.set(CCCR, FDOE | BRSE);
         bench.wait(20 * BIT_NS);
         bench
     }
 
-    fn configure(&mut self, mode: u64) {
+    fn configured(faults: Vec<Fault>) -> Self {
+        let mut bench = Self::new(faults);
+        bench.configure();
+        bench
+    }
+
+    fn configure(&mut self) {
         self.set(CCCR, INIT);
         self.set(CCCR, INIT | CCE);
         self.set(CCCR, INIT | CCE | FDOE | BRSE);
@@ -137,11 +134,9 @@ impl Bench {
         self.set(TDCR, 8 << 8);
         self.set(RXESC, FULL << 8 | FULL << 4 | FULL);
         self.set(TXESC, FULL);
-        self.set(TXBC, mode | 3 << 24 | TX << 2);
-        self.set(TXEFC, 1 << 24 | 2 << 16 | EVENTS << 2);
+        self.set(TXBC, QUEUE | 3 << 24 | TX << 2);
         self.set(RXF0C, 2 << 24 | 3 << 16 | FIFO0 << 2);
         self.set(RXF1C, 3 << 16 | FIFO1 << 2);
-        self.set(RXBC, BUFFERS << 2);
         self.set(TXBTIE, 0b111);
         self.set(TXBCIE, 0b111);
     }
@@ -183,12 +178,15 @@ impl Bench {
     }
 
     /// A frame of 8 bytes into a Tx buffer: classic, standard identifier.
-    fn fill(&mut self, buffer: u64, id: u64, event: bool) {
-        let at = TX + ELEMENT * buffer;
-        self.put_word(at, id << 18);
-        self.put_word(at + 1, buffer << 24 | u64::from(event) << 23 | 8 << 16);
-        self.put_word(at + 2, 0x5555_5555);
-        self.put_word(at + 3, 0x5555_5555);
+    fn fill(&mut self, buffer: u64, id: u64) {
+        let words = [id << 18, 8 << 16, 0x5555_5555, 0x5555_5555];
+        (TX + ELEMENT * buffer..).zip(words).for_each(|(at, word)| self.put_word(at, word));
+    }
+
+    /// Such a frame, requested.
+    fn send(&mut self, buffer: u64, id: u64) {
+        self.fill(buffer, id);
+        self.set(TXBAR, 1 << buffer);
     }
 
     fn told(&mut self) -> Vec<&'static str> {

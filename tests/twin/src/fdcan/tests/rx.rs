@@ -5,8 +5,7 @@ use super::*;
 /// Standard filters: range, dual, mask, reject, and the global filter for the rest.
 #[test]
 fn standard_filters_in_their_order() {
-    let mut bench = Bench::new(Vec::new());
-    bench.configure(0);
+    let mut bench = Bench::configured(Vec::new());
     let filter = |kind: u64, to: u64, one: u64, two: u64| kind << 30 | to << 27 | one << 16 | two;
     let filters = [
         filter(0, 1, 0x100, 0x1FF), // range to FIFO 0
@@ -15,7 +14,7 @@ fn standard_filters_in_their_order() {
         filter(2, 1, 0x400, 0x700), // 0x400 to 0x4FF, if the one before has not matched
         filter(3, 1, 0x500, 0x500), // switched off
         filter(1, 0, 0x600, 0x600), // switched off
-        filter(0, 7, 0x700, 5),     // Rx buffer 5
+        filter(0, 7, 0x700, 5),     // Rx buffer 5: no model
     ];
     for (index, word) in filters.into_iter().enumerate() {
         bench.put_word(STANDARD + index as u64, word);
@@ -36,16 +35,13 @@ fn standard_filters_in_their_order() {
     assert_eq!(bench.word(FIFO0 + 2), 0x5555_5555);
     let found: Vec<u64> = (0..2).map(|element| bench.word(FIFO1 + ELEMENT * element) >> 18).collect();
     assert_eq!((found.as_slice(), bench.get(RXF1S) & 0x7F), (&[0x200, 0x300][..], 2));
-    assert_eq!((bench.get(NDAT1), bench.word(BUFFERS + 5 * ELEMENT) >> 18), (1 << 5, 0x700));
-    bench.set(NDAT1, 1 << 5);
-    assert_eq!(bench.get(NDAT1), 0);
+    assert!(bench.told().iter().any(|line| line.contains("no model")));
 }
 
 /// Extended filters: range with and without the XIDAM mask; unmatched ones to FIFO 1.
 #[test]
 fn extended_filters_with_the_and_mask() {
-    let mut bench = Bench::new(Vec::new());
-    bench.configure(0);
+    let mut bench = Bench::configured(Vec::new());
     bench.put_word(EXTENDED, 1 << 29 | 0x100);
     bench.put_word(EXTENDED + 1, 0x1FF);
     bench.put_word(EXTENDED + 2, 1 << 29 | 0x1000_0200);
@@ -66,8 +62,7 @@ fn extended_filters_with_the_and_mask() {
 #[test]
 fn a_full_fifo_blocks_or_overwrites() {
     for overwrite in [false, true] {
-        let mut bench = Bench::new(Vec::new());
-        bench.configure(0);
+        let mut bench = Bench::configured(Vec::new());
         bench.set(RXF0C, u64::from(overwrite) << 31 | 2 << 24 | 3 << 16 | FIFO0 << 2);
         bench.peer(&[1, 2, 3, 4].map(standard));
         bench.set(CCCR, FDOE | BRSE);

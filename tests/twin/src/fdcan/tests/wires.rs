@@ -8,9 +8,8 @@ use super::*;
 fn errors_lead_to_bus_off_and_back() {
     let end = 20_000_000;
     let jam = Fault { name: "jam", kind: Kind::ErrorFrames { per_million: 1_000_000 }, when: 0..end };
-    let mut bench = Bench::started(0, vec![jam]);
-    bench.fill(0, 0x10, false);
-    bench.set(TXBAR, 1);
+    let mut bench = Bench::started(vec![jam]);
+    bench.send(0, 0x10);
     bench.wait(end);
     let attempts = bench.twin.mcu.fdcan[0].wire.log.len();
     assert_eq!(attempts, 32, "256 / 8");
@@ -33,9 +32,8 @@ fn errors_lead_to_bus_off_and_back() {
 #[test]
 fn a_missing_acknowledge_never_leads_to_bus_off() {
     let off = Fault { name: "off", kind: Kind::NoAcknowledge, when: 0..50_000_000 };
-    let mut bench = Bench::started(0, vec![off]);
-    bench.fill(0, 0x10, false);
-    bench.set(TXBAR, 1);
+    let mut bench = Bench::started(vec![off]);
+    bench.send(0, 0x10);
     bench.wait(49_000_000);
     assert_eq!(bench.get(ECR) & 0xFF, 128);
     assert_eq!(bench.get(PSR) & 0b111, 3, "LEC: acknowledge error");
@@ -49,7 +47,7 @@ fn a_missing_acknowledge_never_leads_to_bus_off() {
 /// data rate (ESI, DLC, data, stuff count, CRC-21, 7 fixed stuff bits), CRC delimiter, 9 bits.
 #[test]
 fn an_fd_frame_takes_the_time_of_its_bits() {
-    let mut bench = Bench::started(0, Vec::new());
+    let mut bench = Bench::started(Vec::new());
     bench.put_word(TX, 0x555 << 18);
     bench.put_word(TX + 1, 1 << 21 | 1 << 20 | 0xF << 16);
     (0..16).for_each(|word| bench.put_word(TX + 2 + word, 0x5555_5555));
@@ -64,9 +62,8 @@ fn an_fd_frame_takes_the_time_of_its_bits() {
 /// A classic frame against its bits, CRC-15 and stuffing counted here.
 #[test]
 fn a_classic_frame_takes_the_time_of_its_bits() {
-    let mut bench = Bench::started(0, Vec::new());
-    bench.fill(0, 0x555, false);
-    bench.set(TXBAR, 1);
+    let mut bench = Bench::started(Vec::new());
+    bench.send(0, 0x555);
     bench.wait(1_000_000);
     let mut bits = vec![0];
     let mut push = |value: u64, width: u32| bits.extend((0..width).rev().map(|bit| value >> bit & 1));

@@ -143,7 +143,9 @@ fn make(hardware: Hardware) -> Tasks {
         CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate, mode);
     let (raw_sender, raw_receiver) = raw_queue();
     SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id(), settings.locks()));
-    let (model, from) = updates::find_model(flash);
+    let floor = services::model_floor(&mut store);
+    let (model, from) = updates::find_model(flash, floor);
+    let updates = Updates::find(flash, from, floor);
     let decider = Decider::new(model, raw_sender, sensors);
     let model_hash = decider.model_hash();
     let led = Output::new(hardware.fault_led, Level::from(model_hash.is_none()), Speed::Low);
@@ -152,7 +154,6 @@ fn make(hardware: Hardware) -> Tasks {
     let order = settings.sensor_order();
     let (source, commissioning) =
         frame_source::start(hardware.scan, hardware.accelerometers, sensors, order, &mut store);
-    let updates = Updates::find(flash, from);
     let services =
         services::build(store, commissioning, settings, loaded, updates, model_hash, inbox, led, start);
     // SAFETY: nobody else uses its SysTick.

@@ -40,4 +40,5 @@ pub use model_slot::{ModelSlot, SlotModel};
 pub use notice::Notice;
 pub use refusal::Refusal;
 pub use sink::{FirmwareSlot, UpdateSink};
+pub use slot::PayloadHash;
 pub use state::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Evidence, Run, StateError, Trial, UpdateState};

@@ -70,6 +70,11 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
         }
     }
 
+    /// The signed header of the firmware that runs.
+    pub const fn running(&self) -> Option<&Header> {
+        self.running.as_ref()
+    }
+
     /// The model's slot.
     pub const fn model(&mut self) -> &mut ModelSlot<M> {
         &mut self.model

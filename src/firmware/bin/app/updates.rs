@@ -7,7 +7,8 @@ use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
 use slipsense::firmware::model::{self, MODEL_BYTES_MAX, ModelBuffer};
 use slipsense::net::Aligned;
 use slipsense::node::UpdateTarget;
-use slipsense::update::partitions::NUCLEO_H743ZI2 as BOARD;
+use slipsense::tasks::Reference;
+use slipsense::update::partitions::{NUCLEO_H743ZI2 as BOARD, TRAILER_BYTES};
 use slipsense::update::{
     Evidence, FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, ModelSlot, Notice, PUBLIC_KEYS, Refusal, Run,
     SlotModel, Trial, UpdateSink, UpdateState, find_bootloader, running_header,
@@ -70,6 +71,12 @@ impl Updates {
         });
         updates.note(Notice::Model(from));
         updates
+    }
+
+    /// The firmware that runs: its bytes in flash and their hash, where it has a signed header; else all of its slot.
+    pub fn firmware(&self) -> Reference {
+        let slot = BOARD.active.bytes() - TRAILER_BYTES;
+        self.sink.running().map_or((slot, None), |header| (header.length.min(slot), Some(header.sha256)))
     }
 
     /// Bytes of the longest file that is taken now, or why none is.

@@ -125,6 +125,23 @@ impl ResetCause {
 /// Numbers of [`Status::restart`].
 pub const RESTART_NUMBERS: usize = 6;
 
+/// What the node checks of itself, each a bit of [`SelfChecks::failed`] in this order.
+pub const SELF_CHECKS: [&str; 4] =
+    ["the model in RAM", "the inner loops in ITCM", "the firmware in flash", "the golden inference"];
+/// The bits of code and model; the one behind them is the golden inference's.
+pub const MEMORY_CHECKS: u8 = 7;
+
+/// What the node has found out about itself since start: [`crate::tasks::SelfCheck`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SelfChecks {
+    /// Times that code and model were hashed, wraps.
+    pub passes: u32,
+    /// Golden inferences, wraps.
+    pub inferences: u32,
+    /// What has failed since start: bits of [`SELF_CHECKS`].
+    pub failed: u8,
+}
+
 /// What the node knows about itself, for heartbeat, registers and log. Counters count since start and stay at their
 /// largest value, but for those of frames, which wrap.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -186,6 +203,8 @@ pub struct Status {
     pub self_tests: u32,
     /// Self tests since start that failed.
     pub failed_self_tests: u32,
+    /// What the node checks by itself.
+    pub self_checks: SelfChecks,
 }
 
 impl Status {
@@ -219,6 +238,7 @@ impl Status {
             starts: 0,
             self_tests: 0,
             failed_self_tests: 0,
+            self_checks: SelfChecks { passes: 0, inferences: 0, failed: 0 },
         }
     }
 
@@ -236,7 +256,7 @@ impl Status {
     /// How the node is now. What happened once and is over is in the counters.
     pub fn condition(&self) -> Condition {
         let can = self.can.state;
-        if self.any_sensor(NO_MODEL) || can == CanState::BusOff {
+        if self.any_sensor(NO_MODEL) || self.self_checks.failed != 0 || can == CanState::BusOff {
             Condition::Warning
         } else if self.any_sensor(PIEZO_MISSING | XL_MISSING) || self.frozen || can == CanState::ErrorPassive
         {

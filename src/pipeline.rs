@@ -90,7 +90,7 @@ impl Output {
             class: self.class as u8,
             slip: self.slip,
             may_begin: self.may_begin,
-            invalid: self.invalid,
+            invalid: message.invalid | self.invalid,
             degraded: message.degraded | self.degraded,
             logits: self.logits.map(wire_logit),
             log_odds: self.log_odds.map_or(Q::from_bits(i16::MIN), wire_logit),
@@ -235,6 +235,11 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
     /// Sensors in use.
     pub const fn sensors(&self) -> usize {
         self.sensors
+    }
+
+    /// All that is remembered from frame to frame but the decision's history.
+    pub fn state_mut(&mut self) -> &mut State {
+        self.state.borrow_mut()
     }
 
     /// The model in use.

@@ -192,8 +192,8 @@ fn words(offset: u32, bytes: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
     (offset..).step_by(WRITE_SIZE).zip(bytes.chunks_exact(WRITE_SIZE))
 }
 
-/// From `offset` of the flash on.
-fn read(offset: u32, out: &mut [u8]) -> Result<(), Error> {
+/// From `offset` of the flash on; zeros where error correction gave up.
+pub fn read(offset: u32, out: &mut [u8]) -> Result<(), Error> {
     check(BOARD.flash, offset, out.len())?;
     let mut address = FLASH_BASE as u32 + offset;
     let mut out = out.iter_mut();

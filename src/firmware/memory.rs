@@ -1,7 +1,7 @@
 //! Memory attributes, caches, and the RAMs that cortex-m-rt does not know: what `board.x` promises is made true here.
 //!
-//! A static goes to AXI SRAM, for the CPU, by `#[unsafe(link_section = ".axisram")]`, and to D2 SRAM, for the CPU and
-//! DMA1 and DMA2, never cached, by `".sram_d2"`. Both are zeroed by [`init`] whatever its initial value says, so it is
+//! A static goes to AXI SRAM, for the CPU, by `#[unsafe(link_section = ".axisram")]`, to D2 SRAM 2, for the CPU too, by
+//! `".sram2"`, and to D2 SRAM 1, for the CPU and DMA1 and DMA2, never cached, by `".sram_d2"`. All are zeroed by [`init`] whatever its initial value says, so it is
 //! one whose bytes are zeros, such as an empty `StaticCell`.
 
 use core::arch::{asm, global_asm};
@@ -37,8 +37,8 @@ const REGIONS: [(u32, u32, u32); 4] = [
     // Subregions 3 to 6 of the whole 4 GB, 0x6000_0000 to 0xDFFF_FFFF: external memories that this board
     // does not have. No access, so that the core's speculative reads do not go there (AN4838).
     (0, 0x0000_0000, EXECUTE_NEVER | 0b1000_0111 << 8 | size(32) | ENABLE),
-    // D2 SRAM: what DMA writes there, the CPU sees, and the other way round.
-    (1, 0x3000_0000, EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(18) | ENABLE),
+    // D2 SRAM 1: what DMA writes there, the CPU sees, and the other way round.
+    (1, 0x3000_0000, EXECUTE_NEVER | FULL_ACCESS | NORMAL_UNCACHED | size(17) | ENABLE),
     // System memory and what is reserved behind it: no access. Reads of the core's own speculation there raise RDPERR
     // and RDSERR (RM0433, FLASH_SR), which fail the operation of the flash that is under way.
     (2, 0x1FF0_0000, EXECUTE_NEVER | size(20) | ENABLE),
@@ -68,6 +68,8 @@ unsafe extern "C" {
     static mut __axisram_end: u32;
     static mut __sram_d2_start: u32;
     static mut __sram_d2_end: u32;
+    static mut __sram2_start: u32;
+    static mut __sram2_end: u32;
 }
 
 /// Bring the inner loops to ITCM, whose address is where the linker put their calls.
@@ -115,6 +117,14 @@ unsafe fn zero(start: *mut u32, end: *mut u32) {
     }
 }
 
+/// Where the inner loops run, and their image in flash.
+pub fn inner_loops() -> [&'static [u8]; 2] {
+    let (start, end) = (&raw const __itcm_start, &raw const __itcm_end);
+    let bytes = end as usize - start as usize;
+    // SAFETY: the linker gives the bounds of the section and its image, which nothing writes after `fill_itcm`.
+    [start, &raw const __itcm_image].map(|at| unsafe { core::slice::from_raw_parts(at.cast(), bytes) })
+}
+
 /// Fill ITCM, zero AXI and D2 SRAM, switch on the D2 SRAM clocks, the MPU and both caches. First thing after reset, before any DMA.
 pub fn init(core: &mut cortex_m::Peripherals) {
     fill_itcm();
@@ -124,10 +134,11 @@ pub fn init(core: &mut cortex_m::Peripherals) {
         w.set_sram2en(true);
     });
     cortex_m::asm::dsb();
-    // SAFETY: the linker gives the bounds of both sections; `main` begins here, so nothing uses a static there yet.
+    // SAFETY: the linker gives the bounds of the sections; `main` begins here, so nothing uses a static there yet.
     unsafe {
         zero(&raw mut __axisram_start, &raw mut __axisram_end);
         zero(&raw mut __sram_d2_start, &raw mut __sram_d2_end);
+        zero(&raw mut __sram2_start, &raw mut __sram2_end);
     }
     protect(&mut core.MPU);
     core.SCB.enable_icache();

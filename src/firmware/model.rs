@@ -20,9 +20,11 @@ pub type ModelBuffer = Aligned<[u8; MODEL_BYTES_MAX]>;
 #[unsafe(link_section = ".axisram")]
 static RUNNING: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
 
-/// All that the pipeline remembers.
+/// All that the pipeline remembers, and the golden inference's own.
 #[unsafe(link_section = ".axisram")]
 static STATE: StaticCell<State> = StaticCell::new();
+#[unsafe(link_section = ".sram2")]
+static GOLDEN_STATE: StaticCell<State> = StaticCell::new();
 /// What it remembers at first.
 static FIRST_STATE: State = State::new();
 
@@ -42,11 +44,26 @@ pub fn built_in(buffer: &'static mut [u8]) -> &'static [u8] {
 
 /// A state as it is before the first frame, made where it stays. To be called once.
 pub fn first_state() -> &'static mut State {
-    let state = STATE.uninit();
+    make(&STATE)
+}
+
+/// Another, for the golden inference. To be called once.
+pub fn golden_state() -> &'static mut State {
+    make(&GOLDEN_STATE)
+}
+
+fn make(cell: &'static StaticCell<State>) -> &'static mut State {
+    let state = cell.uninit();
     // SAFETY: a state is plain numbers, so a copy of the bytes of one is another. Written as a value it would, with
     // some compilers, be made on the stack first.
     unsafe {
         state.as_mut_ptr().copy_from_nonoverlapping(&raw const FIRST_STATE, 1);
         state.assume_init_mut()
     }
+}
+
+/// Make a state what it is before the first frame.
+pub fn clear(state: &mut State) {
+    // SAFETY: as in `make`.
+    unsafe { core::ptr::from_mut(state).copy_from_nonoverlapping(&raw const FIRST_STATE, 1) }
 }

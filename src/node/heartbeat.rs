@@ -60,7 +60,7 @@ pub(super) fn flags(status: &Status) -> u8 {
     let sensors = status.sensors;
     let flags = [
         (status.any_sensor(PIEZO_MISSING | XL_MISSING) || status.frozen, vendor_status::SENSOR_MISSING),
-        (status.any_sensor(NO_MODEL), vendor_status::NO_MODEL),
+        (status.any_sensor(NO_MODEL) || status.self_checks.failed != 0, vendor_status::NO_MODEL),
         (status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES),
         (
             status.dropped_raw > 0 || status.broken_raw > 0 || status.lost_received > 0,
@@ -83,7 +83,7 @@ pub(super) fn flags(status: &Status) -> u8 {
 pub mod vendor_status {
     /// An array or an accelerometer of a sensor in use delivers nothing, or an accelerometer nothing that changes.
     pub const SENSOR_MISSING: u8 = 1;
-    /// There is no readable model: class, flag and logits mean nothing.
+    /// There is no readable model, or the node's checks of itself have failed: class, flag and logits mean nothing.
     pub const NO_MODEL: u8 = 2;
     /// Frames were late or dropped since start.
     pub const LATE_FRAMES: u8 = 4;

@@ -20,8 +20,9 @@ use super::{Settings, TABLE};
 use crate::calibration::{Calibration, RECORD_BYTES};
 use crate::params::MAX_SENSORS;
 
-/// The configuration's name. A calibration's is 1 more than its connector's number.
+/// The configuration's name. A calibration's is 1 more than its connector's number; behind them is the model floor's.
 const KEY: u8 = 0;
+const FLOOR_KEY: u8 = KEY + 1 + MAX_SENSORS as u8;
 /// Bytes that a configuration needs, with room for a later version's settings.
 const SETTINGS_BYTES: usize = 2 * ENCODED_MAX;
 /// Bytes that an item needs on its way: the longest and its name, up to whole words of 32 bytes.
@@ -178,9 +179,9 @@ impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
     }
 
     async fn blank_or_damaged(&mut self) -> Origin {
-        // An array may have been calibrated before anything was set.
-        for connector in 0..MAX_SENSORS as u8 {
-            let item = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &(KEY + 1 + connector)).await;
+        // An array may have been calibrated, or a model confirmed, before anything was set.
+        for key in KEY + 1..=FLOOR_KEY {
+            let item = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await;
             if matches!(item, Ok(Some(_))) {
                 return Origin::Blank;
             }
@@ -202,17 +203,32 @@ impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
     /// Store a whole configuration and read it back. Until it is there, the one before is. One that is stored already
     /// is not written again, so that nobody can wear the flash out by storing.
     pub async fn store(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        let encoded = settings.encode();
-        if let Ok(Some(bytes)) = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &KEY).await
-            && bytes == encoded
-        {
+        self.store_bytes(KEY, &settings.encode()).await
+    }
+
+    async fn store_bytes(&mut self, key: u8, bytes: &[u8]) -> Result<(), StoreError> {
+        if self.holds_bytes(key, bytes).await {
             return Ok(());
         }
-        self.put(KEY, &encoded.as_slice()).await?;
-        match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &KEY).await {
-            Ok(Some(bytes)) if bytes == encoded => Ok(()),
-            _ => Err(StoreError::Verify),
-        }
+        self.put(key, &bytes).await?;
+        if self.holds_bytes(key, bytes).await { Ok(()) } else { Err(StoreError::Verify) }
+    }
+
+    async fn holds_bytes(&mut self, key: u8, bytes: &[u8]) -> bool {
+        let held = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await;
+        held.is_ok_and(|held| held == Some(bytes))
+    }
+
+    /// The version that no model may be below, as [`store_model_floor`](Self::store_model_floor) was given it; zeros
+    /// before the first time.
+    pub async fn model_floor(&mut self) -> [u8; 4] {
+        let held = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &FLOOR_KEY).await;
+        held.ok().flatten().and_then(|held| held.try_into().ok()).unwrap_or_default()
+    }
+
+    /// Store it; a factory reset leaves it. As with [`store`](Self::store), what is stored already is not written again.
+    pub async fn store_model_floor(&mut self, version: [u8; 4]) -> Result<(), StoreError> {
+        self.store_bytes(FLOOR_KEY, &version).await
     }
 
     /// Read the calibration of the array behind a connector; nominal values where none is stored, or none that can be

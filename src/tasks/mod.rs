@@ -30,6 +30,7 @@
 mod acquire;
 mod infer;
 mod rate_control;
+mod self_check;
 mod services;
 mod shared;
 mod supervise;
@@ -37,6 +38,10 @@ mod transmit;
 
 pub use acquire::{QUEUED_FRAMES, acquire};
 pub use infer::Inference;
+pub use self_check::{
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, Reference, SHIPPED_GOLDEN, SLICE_BYTES,
+    SelfCheck,
+};
 pub use services::{ServiceBoard, Services, sensors_deliver};
 pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};
 pub use supervise::{Progress, StallWatch, Supervisor, Task};

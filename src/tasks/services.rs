@@ -23,7 +23,7 @@ use crate::board::crash_record::{CrashRecord, ResetCause, Start};
 use crate::board::{CanReceive, Clock, StatusLed};
 use crate::calibration::{Request, Summary};
 use crate::drivers::Failure;
-use crate::health::{self, CanState, Condition, Status};
+use crate::health::{self, CanState, Condition, SELF_CHECKS, Status};
 use crate::node::{
     Action, CALIBRATION_LINE, CHALLENGE_BYTES, FileSink, HEARTBEAT_PORT, Node, SIGNATURE_BYTES, Severity,
     UpdateTarget,
@@ -119,6 +119,8 @@ pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static s
         Err("self test: an array does not deliver")
     } else if after.any_sensor(health::XL_MISSING) {
         Err("self test: an accelerometer does not deliver")
+    } else if after.self_checks.failed != 0 {
+        Err("self test: code, model or network is not what it was at start")
     } else if after.frozen {
         Err("self test: an accelerometer is frozen")
     } else {
@@ -153,6 +155,8 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
     calibrations_us: u64,
     /// Heartbeats handed over to transmission.
     heartbeats: u32,
+    /// Failed checks that have been reported.
+    told: u8,
 }
 
 impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services<'a, M, R, C, B> {
@@ -170,6 +174,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
             next_us: 0,
             calibrations_us: 0,
             heartbeats: 0,
+            told: 0,
         };
         Self { node_loop, board, shown: None, identify_until_us: 0, restart_at_us: None }
     }
@@ -342,6 +347,13 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         if self.node.node_id().is_some() && core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
             self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
         }
+        let failed = self.node.status.self_checks.failed & !self.told;
+        if self.node.node_id().is_some() && failed != 0 {
+            self.told |= failed;
+            for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
+                self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
+            }
+        }
         if self.node.node_id().is_some()
             && self.clock.now_us() >= self.calibrations_us
             && self.node.is_drained()
@@ -374,7 +386,7 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
             frames: status.decided_frames,
             heartbeats: self.heartbeats_gone(),
             requests: self.node.served_requests(),
-            senses: !status.no_sensor_left(),
+            senses: !status.no_sensor_left() && status.self_checks.failed == 0,
         }
     }
 

@@ -88,6 +88,20 @@ impl ImageVersion {
     }
 }
 
+/// As it is stored: minor and patch last, as in the header.
+impl From<[u8; 4]> for ImageVersion {
+    fn from([major, minor, low, high]: [u8; 4]) -> Self {
+        Self { major, minor, patch: u16::from_le_bytes([low, high]) }
+    }
+}
+
+impl From<ImageVersion> for [u8; 4] {
+    fn from(version: ImageVersion) -> Self {
+        let [low, high] = version.patch.to_le_bytes();
+        [version.major, version.minor, low, high]
+    }
+}
+
 /// As GetInfo has it: no patch.
 impl From<ImageVersion> for Version {
     fn from(version: ImageVersion) -> Self {
@@ -145,8 +159,7 @@ impl Header {
         writer.put(&FORMAT_VERSION.to_le_bytes());
         writer.put(&self.board.to_le_bytes());
         writer.put(&[kind(self.target), 0]);
-        writer.put(&[self.version.major, self.version.minor]);
-        writer.put(&self.version.patch.to_le_bytes());
+        writer.put(&<[u8; 4]>::from(self.version));
         writer.put(&[0; 2]);
         writer.put(&self.length.to_le_bytes());
         writer.put(&self.sha256);
@@ -186,8 +199,7 @@ impl Header {
         }
         let board = u16::from_le_bytes(take(&mut rest));
         let [kind, zero] = take(&mut rest);
-        let [major, minor] = take(&mut rest);
-        let patch = u16::from_le_bytes(take(&mut rest));
+        let version = ImageVersion::from(take::<4>(&mut rest));
         let zeros: [u8; 2] = take(&mut rest);
         let length = u32::from_le_bytes(take(&mut rest));
         let sha256 = take(&mut rest);
@@ -200,7 +212,6 @@ impl Header {
             2 => UpdateTarget::Model,
             _ => return Ok(None),
         };
-        let version = ImageVersion { major, minor, patch };
         Ok(Some(Self { target, board, version, length, sha256 }))
     }
 
@@ -209,13 +220,13 @@ impl Header {
         Self::read(bytes)?.ok_or(Refusal::UnknownFormat)
     }
 
-    /// May this image be installed as `target` on `board`, where `installed` is the version there now and there is
-    /// room for `room` bytes?
+    /// May this image be installed as `target` on `board`, where `floor` is the version that it may not be below and there
+    /// is room for `room` bytes?
     pub fn admit(
         &self,
         target: UpdateTarget,
         board: &Partitions,
-        installed: ImageVersion,
+        floor: ImageVersion,
         room: u32,
     ) -> Result<(), Refusal> {
         if self.target != target {
@@ -224,7 +235,7 @@ impl Header {
         if self.board != board.id && (self.board != ANY_BOARD || target == UpdateTarget::Firmware) {
             return Err(Refusal::WrongBoard);
         }
-        if self.version < installed {
+        if self.version < floor {
             return Err(Refusal::Older);
         }
         if self.length == 0 {

@@ -16,7 +16,8 @@
 //!
 //! **What is refused, and why**, [`Refusal`] names; the same words go onto the bus. **An older image**: the version of
 //! a firmware may not be below that of the one that runs, nor the version of a model below that of the model in the
-//! slot. The same version may come again, but not the image that runs or waits for the restart. Rolling back a firmware that did not confirm is no update and always works.
+//! slot, nor below the newest that has confirmed, which is stored with the settings and outlives a slot that was cut off
+//! half way. A firmware and a model confirm by the same [`Trial`]. The same version may come again, but not the image that runs or waits for the restart. Rolling back a firmware that did not confirm is no update and always works.
 
 pub mod boot;
 mod image;
@@ -39,4 +40,5 @@ pub use model_slot::{ModelSlot, SlotModel};
 pub use notice::Notice;
 pub use refusal::Refusal;
 pub use sink::{FirmwareSlot, UpdateSink};
+pub use slot::PayloadHash;
 pub use state::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Evidence, Run, StateError, Trial, UpdateState};

@@ -43,19 +43,25 @@ pub struct ModelSlot<M> {
     pub(super) flash: M,
     board: &'static Partitions,
     keys: &'static Keys,
+    pub(super) floor: ImageVersion,
 }
 
 impl<M: ReadNorFlash> ModelSlot<M> {
-    /// `flash` holds the slot from its address 0 on, and nothing else.
-    pub const fn new(flash: M, board: &'static Partitions, keys: &'static Keys) -> Self {
-        Self { flash, board, keys }
+    /// `flash` holds the slot from its address 0 on, and nothing else. `floor`: the newest version that has confirmed.
+    pub const fn new(flash: M, board: &'static Partitions, keys: &'static Keys, floor: ImageVersion) -> Self {
+        Self { flash, board, keys, floor }
     }
 
-    /// What is installed, going by its header: signed, and for this board.
+    /// From now on none below this version is taken.
+    pub const fn raise_floor(&mut self, version: ImageVersion) {
+        self.floor = version;
+    }
+
+    /// What is installed, going by its header: signed, for this board, and not below the floor.
     pub async fn header(&mut self) -> Result<Header, Refusal> {
         let header = Header::verify(&header_bytes(&mut self.flash, 0).await?, self.keys)?;
         let room = (self.flash.capacity() as u32).saturating_sub(MODEL_AT);
-        header.admit(UpdateTarget::Model, self.board, header.version, room)?;
+        header.admit(UpdateTarget::Model, self.board, self.floor, room)?;
         Ok(header)
     }
 
@@ -107,8 +113,8 @@ impl<M: NorFlash> ModelSlot<M> {
         self.header().await.map(|_| ())
     }
 
-    /// The version that a new one may not be below; 0.0.0 while there is no whole one.
+    /// The version that a new one may not be below: the installed one's, and the floor while there is no whole one.
     pub(super) async fn version(&mut self) -> ImageVersion {
-        self.header().await.map(|header| header.version).unwrap_or_default()
+        self.header().await.map_or(self.floor, |header| header.version)
     }
 }

@@ -7,7 +7,7 @@ use super::image::ImageVersion;
 use super::key::KEY_NOTICE;
 use super::model_slot::SlotModel;
 use super::state::Run;
-use crate::node::Severity;
+use crate::node::{Severity, UpdateTarget};
 
 /// A line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,10 +20,10 @@ pub enum Notice {
     FirmwareStays(ImageVersion, Refusal),
     /// The model that runs.
     Model(SlotModel),
-    /// The firmware that runs has confirmed.
-    Confirmed(ImageVersion),
+    /// What runs has confirmed: nothing older is taken any more.
+    Confirmed(UpdateTarget, ImageVersion),
     /// It could not, because of the flash.
-    NotConfirmed(ImageVersion),
+    NotConfirmed(UpdateTarget, ImageVersion),
 }
 
 impl Notice {
@@ -35,9 +35,9 @@ impl Notice {
             Self::DevelopmentKey
             | Self::Firmware(_, Run::Pending | Run::OnTrial)
             | Self::FirmwareStays(..)
-            | Self::Confirmed(_) => Severity::Notice,
+            | Self::Confirmed(..) => Severity::Notice,
             Self::Firmware(_, Run::RolledBack) | Self::Model(SlotModel::BuiltIn(_)) => Severity::Warning,
-            Self::NotConfirmed(_) => Severity::Error,
+            Self::NotConfirmed(..) => Severity::Error,
         }
     }
 }
@@ -57,9 +57,9 @@ impl fmt::Display for Notice {
             }
             Self::FirmwareStays(version, why) => write!(f, "firmware {version}; no update of it: {why}"),
             Self::Model(model) => model.fmt(f),
-            Self::Confirmed(version) => write!(f, "firmware {version} has confirmed"),
-            Self::NotConfirmed(version) => {
-                write!(f, "firmware {version} cannot confirm: {}", Refusal::Flash)
+            Self::Confirmed(target, version) => write!(f, "{} {version} has confirmed", target.name()),
+            Self::NotConfirmed(target, version) => {
+                write!(f, "{} {version} cannot confirm: {}", target.name(), Refusal::Flash)
             }
         }
     }

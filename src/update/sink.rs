@@ -70,6 +70,11 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
         }
     }
 
+    /// The signed header of the firmware that runs.
+    pub const fn running(&self) -> Option<&Header> {
+        self.running.as_ref()
+    }
+
     /// The model's slot.
     pub const fn model(&mut self) -> &mut ModelSlot<M> {
         &mut self.model
@@ -132,15 +137,15 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
     /// May the image with this header come in? What costs little is looked at first, the signature last. Then make
     /// room in flash for a firmware.
     async fn admit(&mut self, target: UpdateTarget, raw: &[u8; HEADER_BYTES]) -> Result<Header, Refusal> {
-        let installed = match target {
+        let floor = match target {
             UpdateTarget::Firmware => {
                 self.running.as_ref().map_or(ImageVersion::SOFTWARE, |header| header.version)
             }
-            // Known once the signature of what is installed has been checked.
-            UpdateTarget::Model => ImageVersion::default(),
+            // A newer one may be installed: known once its signature has been checked.
+            UpdateTarget::Model => self.model.floor,
         };
         let claimed = Header::inspect(raw)?;
-        claimed.admit(target, self.board, installed, self.room(target))?;
+        claimed.admit(target, self.board, floor, self.room(target))?;
         // Whoever recorded this header on the bus must not have the other slot erased by it.
         if [&self.running, &self.ready].into_iter().flatten().any(|held| *held == claimed) {
             return Err(Refusal::Held);

@@ -105,24 +105,31 @@ pub(super) async fn header_bytes<F: ReadNorFlash>(
     if bytes.iter().all(|&byte| byte == 0xFF) { Err(Refusal::Blank) } else { Ok(bytes) }
 }
 
-/// The hash of a payload, piece by piece.
-pub(super) struct PayloadHash(Sha256);
+/// The SHA-256 of a payload, piece by piece. Once in a firmware.
+pub struct PayloadHash(Sha256);
 
 impl PayloadHash {
+    /// Of nothing yet.
+    #[expect(clippy::new_without_default, reason = "nobody asks for a default")]
     pub fn new() -> Self {
         Self(Sha256::new())
     }
 
+    /// The next piece.
     #[inline(never)]
     pub fn update(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
 
-    /// Is it the one that the header says?
+    /// The hash; the next piece begins another.
     #[inline(never)]
-    pub fn check(self, header: &Header) -> Result<(), Refusal> {
-        let hash: [u8; 32] = self.0.finalize().into();
-        if hash == header.sha256 { Ok(()) } else { Err(Refusal::WrongHash) }
+    pub fn finish(&mut self) -> [u8; 32] {
+        self.0.finalize_reset().into()
+    }
+
+    /// Is it the one that the header says?
+    pub(super) fn check(mut self, header: &Header) -> Result<(), Refusal> {
+        if self.finish() == header.sha256 { Ok(()) } else { Err(Refusal::WrongHash) }
     }
 }
 

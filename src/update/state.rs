@@ -101,7 +101,7 @@ pub struct Evidence {
     pub heartbeats: u32,
     /// Requests of other nodes answered: it receives.
     pub requests: u32,
-    /// Does a sensor in use deliver now?
+    /// Does a sensor in use deliver now, and has no check of the node by itself failed?
     pub senses: bool,
 }
 

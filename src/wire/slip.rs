@@ -7,7 +7,7 @@ use super::bytes::{DecodeError, Reader, Writer};
 use super::cyphal::FRAME_PAYLOAD;
 use super::id::{NodeId, Priority};
 use crate::fixed::{Logit, Q, round_shift, saturate_i16};
-use crate::health::{self, Status};
+use crate::health::{self, MEMORY_CHECKS, Status};
 use crate::params::{CLASSES, MAX_SENSORS};
 
 /// Subject identifier of [`SlipMessage`]: `slipsense.Slip.2.0`. 6144 to 7167 is the range that Cyphal
@@ -38,6 +38,10 @@ pub const INVALID_NO_MODEL: u8 = 1;
 pub const INVALID_STARTING: u8 = 2;
 /// The flag means nothing: no sensor delivers anything that changes.
 pub const INVALID_NO_SENSOR: u8 = 4;
+/// Code or model are not what they were at start.
+pub const INVALID_MEMORY: u8 = 8;
+/// The network does not give the outputs of its golden inference.
+pub const INVALID_NETWORK: u8 = 16;
 
 /// An array or an accelerometer delivered nothing.
 pub const DEGRADED_MISSING: u8 = 1;
@@ -139,6 +143,8 @@ pub struct Origin {
     pub late: bool,
     /// A self test has failed.
     pub self_test_failed: bool,
+    /// What the sender's checks of itself say against the flag: bits such as [`INVALID_MEMORY`].
+    pub invalid: u8,
     /// See [`SlipMessage::locked`].
     pub locked: bool,
     /// Name of each array's calibration; 0: none.
@@ -153,6 +159,12 @@ impl Origin {
             late_frames: late_frames as u8,
             late,
             self_test_failed: status.failed_self_tests > 0,
+            invalid: match status.self_checks.failed {
+                0 => 0,
+                1..=MEMORY_CHECKS => INVALID_MEMORY,
+                failed if failed & MEMORY_CHECKS == 0 => INVALID_NETWORK,
+                _ => INVALID_MEMORY | INVALID_NETWORK,
+            },
             locked,
             calibrations: status.calibrations.each_ref().map(|of| if of.version > 0 { of.id } else { 0 }),
         }
@@ -167,6 +179,7 @@ impl Origin {
         SlipMessage {
             sensors: sensors as u8,
             locked: self.locked,
+            invalid: self.invalid,
             degraded: bit(missing, DEGRADED_NOT_CALIBRATED)
                 | bit(self.late, DEGRADED_LATE)
                 | bit(self.self_test_failed, DEGRADED_SELF_TEST),

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """What the firmware in the board twin does where its flash raises flags of reads, and what it reports after it faulted,
-hung, panicked, or its supply dipped: asked by pycyphal.
+hung, panicked, its supply dipped, or a bit of its model flipped: asked by pycyphal.
 
   check_twin_faults.py PORT IMAGES N
 
@@ -25,6 +25,8 @@ BROWN_OUT, SOFTWARE, WATCHDOG = 2, 4, 5
 NONE, PANIC, HARD_FAULT, STALL = 0, 1, 2, 3
 UNDEFINED_INSTRUCTION = 1 << 16
 FAILED = 32
+NO_DECISION = 2
+SELF_TEST = 0
 CODE = range(0x0802_0000, 0x0808_0000)
 
 
@@ -71,6 +73,24 @@ async def check_restart(client, what, cause, kind):
     return numbers, (texts or [""])[0]
 
 
+async def check_memory(client):
+    """A bit of the model that runs flips: found in the pass of this start, and told."""
+    checks = client.checks
+    await client.restart()
+    order(client, "model bit")
+    await client.recorded("self check failed: the model in RAM")
+    client.heartbeats.clear()
+    await client.until("a heartbeat", client.beats)
+    beat = client.beats()[-1][0]
+    checks.equal("model bit: warning", (beat.health.value, beat.vendor_specific_status_code & NO_DECISION), (3, NO_DECISION))
+    _, inferences, failed = await client.numbers("slipsense.status.self_checks")
+    # A golden inference, at the start, may have met the flipped bit.
+    checks.equal("golden inferences, failed checks", (inferences, failed & 7), (1, 1))
+    checks.equal("model bit: self test", await client.command(SELF_TEST), 1)
+    await client.restart()
+    checks.equal("failed checks after a restart", (await client.numbers("slipsense.status.self_checks"))[2], 0)
+
+
 async def run(checks, port, folder, operations):
     client = UpdateClient(checks, pathlib.Path(folder))
     await client.power_on(port)
@@ -79,6 +99,7 @@ async def run(checks, port, folder, operations):
     await client.access("slipsense.raw.divider", natural(8, 0))
     checks.equal("store", await client.command(STORE), 0)
 
+    await check_memory(client)
     numbers, text = await check_restart(client, "hard fault", SOFTWARE, HARD_FAULT)
     handler, status = numbers[2], numbers[4]
     checks.equal("hard fault: status", status, UNDEFINED_INSTRUCTION)
@@ -97,7 +118,7 @@ async def run(checks, port, folder, operations):
     checks.equal("option bytes", await client.numbers("slipsense.status.option_bytes"), [0, 0])
     figures = await check_flags(client, int(operations))
     client.close()
-    return f"hard fault, hang, panic and brown-out named; {figures}"
+    return f"flipped bit, hard fault, hang, panic and brown-out named; {figures}"
 
 
 if __name__ == "__main__":

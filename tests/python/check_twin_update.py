@@ -5,9 +5,10 @@ after a restart, what rolls back, and what a supply that fails in between leaves
   check_twin_update.py PORT IMAGES MODEL_FILE [--thorough]
 
 IMAGES holds what `cargo xtask test --only twin-update` signs: new.slip (firmware 0.2.0), hanging.slip (0.1.1, which
-does nothing for ever), older.slip (0.0.1), foreign.slip (0.2.0 by another key) and model.slip (model 1.0.0 of any
-board); MODEL_FILE is the model that is in the firmware. With --thorough the supply fails at more steps of the flash. Any
-mismatch is printed; the exit status is then 1. Times are virtual and the twin's to print.
+does nothing for ever), older.slip (0.0.1), foreign.slip (0.2.0 by another key) and, of any board, model.slip (1.0.0),
+older-model.slip (0.9.0) and newer-model.slip (1.1.0); MODEL_FILE is the model that is in the firmware. With --thorough the
+supply fails at more steps of the flash. Any mismatch is printed; the exit status is then 1. Times are virtual and the
+twin's to print.
 """
 
 import asyncio
@@ -266,7 +267,13 @@ async def check_model(client, model, thorough):
     info = await client.version((0, 2))
     digest = hashlib.sha256(model.read_bytes()[:-32]).digest()
     checks.equal("model", [int(crc) for crc in info.software_image_crc], [int.from_bytes(digest[:8], "big")])
-    return len(steps)
+    await client.until("the model's confirmation", lambda: client.has_record("model 1.0.0 has confirmed"), LONG_S)
+    # A newer one that is cut off leaves no model in the slot, and the floor.
+    client.supply_fails_at(*MODEL_STEPS)
+    await client.begin(MODEL, "newer-model.slip")
+    await client.started("a newer model that was cut off")
+    await client.update(MODEL, "older-model.slip", "model not taken: older than what is installed")
+    return len(steps) + 1
 
 
 async def run(checks, port, folder, model, *thorough):

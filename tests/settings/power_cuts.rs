@@ -203,6 +203,8 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
     let mut first = store_of(Flash::<LARGE>::new(2));
     block_on(first.store(&configuration(5))).unwrap();
     block_on(first.store_calibration(2, &made[7])).unwrap();
+    assert_eq!(block_on(first.model_floor()), [0; 4]);
+    block_on(first.store_model_floor([1, 2, 3, 4])).unwrap();
     let first = first.into_flash();
     let (done, whole) = stores(first.clone());
     assert_eq!(done, 6);
@@ -228,6 +230,7 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
             }
         }
         assert_eq!(loaded(&mut store, 2), made[7], "cut at {cut}");
+        assert_eq!(block_on(store.model_floor()), [1, 2, 3, 4], "cut at {cut}");
         assert_eq!(block_on(store.load()).0, configuration(5), "cut at {cut}");
         block_on(store.store_calibration(1, &made[3])).unwrap();
         assert_eq!(loaded(&mut store, 1), made[3], "cut at {cut}: the flash still works");

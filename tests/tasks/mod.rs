@@ -4,6 +4,7 @@ mod faults;
 mod full_bus;
 mod crash_record;
 mod queue;
+mod self_check;
 mod services;
 mod services_alone;
 mod supervise;

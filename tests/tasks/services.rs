@@ -10,7 +10,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::board::crash_record::{CrashRecord, ResetCause, Start};
 use slipsense::board::{CanReceive, CanTransmit, Clock, StatusLed, TxSlot};
 use slipsense::fixed::Logit;
-use slipsense::health::{self, CanState, CanStatus, Condition, SensorHealth, Status};
+use slipsense::health::{self, CanState, CanStatus, Condition, SelfChecks, SensorHealth, Status};
 use slipsense::net::format::OperatingPoint;
 use slipsense::node::{
     ACCESS_PORT, CHALLENGE_BYTES, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity,
@@ -405,6 +405,28 @@ fn a_brown_out_is_reported_and_its_cause_stays_in_a_register() {
     assert_eq!(ran.records()[0], "restarted after a brown-out");
     let (_, _, answer) = &ran.answers(ACCESS_PORT)[0];
     assert_eq!(answer[10..14], 2u32.to_le_bytes());
+}
+
+#[test]
+fn what_the_node_finds_wrong_with_itself_is_told_once_and_in_every_heartbeat() {
+    let register = access("slipsense.status.self_checks", &[0]);
+    let requests = [(100, COMMAND_PORT, command(SELF_TEST)), (1_500, ACCESS_PORT, register)];
+    let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        shared.update_status(|status| {
+            status.decided_frames = (ms * 240 / 1000) as u32;
+            status.self_checks = SelfChecks { passes: 2, inferences: 1, failed: 9 };
+        });
+    };
+    let ran = Run { meanwhile: &found, ..Run::new(&requests, 3_000) }.run();
+    let told: Vec<_> = ran.records().into_iter().filter(|record| record.starts_with("self check")).collect();
+    assert_eq!(told, ["self check failed: the model in RAM", "self check failed: the golden inference"]);
+    assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1, "self test");
+    let numbers = [2u32, 1, 9].map(u32::to_le_bytes);
+    assert_eq!(ran.answers(ACCESS_PORT)[0].2[10..22], *numbers.as_flattened());
+    // A warning; no decision to be believed, and the stuck taxel.
+    let beat = &ran.messages(HEARTBEAT_PORT)[1].2;
+    assert_eq!((beat[4], beat[6]), (3, 2 | 128));
+    assert_eq!(ran.log.shown.last(), Some(&Condition::Warning));
 }
 
 #[test]

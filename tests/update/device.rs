@@ -84,6 +84,8 @@ pub fn model_image(version: ImageVersion, seed: u64) -> Vec<u8> {
 
 pub struct Device {
     pub cells: Rc<RefCell<Cells>>,
+    /// As the settings' store has it.
+    pub floor: ImageVersion,
 }
 
 impl Device {
@@ -96,12 +98,12 @@ impl Device {
         active[..firmware.len()].copy_from_slice(firmware);
         let end = active.len();
         active[end - HEADER_BYTES..].copy_from_slice(header);
-        Self { cells: Rc::new(RefCell::new(cells)) }
+        Self { cells: Rc::new(RefCell::new(cells)), floor: ImageVersion::default() }
     }
 
     /// A device with the same flash.
     pub fn twin(&self) -> Self {
-        Self { cells: Rc::new(RefCell::new(self.cells.borrow().clone())) }
+        Self { cells: Rc::new(RefCell::new(self.cells.borrow().clone())), floor: self.floor }
     }
 
     pub fn part(&self, span: Span) -> Part {
@@ -117,7 +119,7 @@ impl Device {
     }
 
     pub fn model_slot(&self) -> ModelSlot<Part> {
-        ModelSlot::new(self.part(BOARD.model), &BOARD, &[DEVELOPMENT_KEY])
+        ModelSlot::new(self.part(BOARD.model), &BOARD, &[DEVELOPMENT_KEY], self.floor)
     }
 
     /// Do something with a sink, as the firmware of this version would.

@@ -1,6 +1,7 @@
 //! What a firmware finds out about itself when it starts, and what it says of it.
 
 use embassy_futures::block_on;
+use slipsense::node::UpdateTarget::{Firmware, Model};
 use slipsense::node::{Severity, Version};
 use slipsense::update::partitions::FLASH_BASE;
 use slipsense::update::{
@@ -73,8 +74,8 @@ fn notices_fit_a_record_and_say_what_matters() {
             Severity::Warning,
             "model: the one in the firmware; that of the slot: the payload's SHA-256 does not match",
         ),
-        (Notice::Confirmed(OLD), Severity::Notice, "firmware 1.0.3 has confirmed"),
-        (Notice::NotConfirmed(OLD), Severity::Error, "firmware 1.0.3 cannot confirm: the flash refused"),
+        (Notice::Confirmed(Firmware, OLD), Severity::Notice, "firmware 1.0.3 has confirmed"),
+        (Notice::NotConfirmed(Model, OLD), Severity::Error, "model 1.0.3 cannot confirm: the flash refused"),
     ] {
         assert_eq!((notice.to_string().as_str(), notice.severity()), (text, severity));
         assert!(text.len() <= slipsense::node::RECORD_TEXT_MAX, "{text}");

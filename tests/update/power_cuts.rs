@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use slipsense::node::UpdateTarget::{Firmware, Model};
-use slipsense::update::{Refusal, Run};
+use slipsense::update::{ImageVersion, Refusal, Run};
 
 use super::device::{Device, NEW, NEWEST, OLD, image, model, model_image};
 use super::flash::Tear;
@@ -106,7 +106,8 @@ fn a_rollback_is_cut_anywhere() {
 
 #[test]
 fn a_model_update_is_cut_anywhere() {
-    let begin = Device::new();
+    let begin = Device { floor: OLD, ..Device::new() };
+    let older = model_image(ImageVersion { patch: 0, ..OLD }, 3);
     assert_eq!(begin.install(OLD, Model, &model_image(OLD, 1)), Ok(()));
     let whole = begin.twin();
     let file = model_image(NEW, 2);
@@ -128,6 +129,8 @@ fn a_model_update_is_cut_anywhere() {
                 }
             }
             assert_eq!(device.boots(), OLD);
+            // The one that has confirmed is the floor, whatever is left of the slot.
+            assert_eq!(device.install(OLD, Model, &older), Err(Refusal::Older.reason()), "cut at {step}");
             assert_eq!(device.install(OLD, Model, &file), Ok(()), "cut at {step}");
             assert_eq!(device.model(), Ok((NEW, model(2))));
         }

@@ -6,7 +6,7 @@ use slipsense::net::Aligned;
 use slipsense::node::FileSink;
 use slipsense::node::UpdateTarget::{Firmware, Model};
 use slipsense::update::partitions::TRAILER_BYTES;
-use slipsense::update::{HEADER_BYTES, Header, Refusal, Run, UpdateSink};
+use slipsense::update::{HEADER_BYTES, Header, ImageVersion, Refusal, Run, UpdateSink};
 
 use super::device::{
     BOARD, Device, NEW, NEWEST, OLD, PLACE, feed, firmware, header, image, model, model_image, payload, sign,
@@ -110,8 +110,7 @@ fn what_is_held_already_erases_nothing() {
     assert_eq!(device.boots(), NEW);
 }
 
-const OLD_ER: slipsense::update::ImageVersion =
-    slipsense::update::ImageVersion { patch: OLD.patch - 1, ..OLD };
+const OLD_ER: ImageVersion = ImageVersion { patch: OLD.patch - 1, ..OLD };
 
 #[test]
 fn the_same_version_may_come_again_and_the_longest_fits() {
@@ -239,6 +238,9 @@ fn models_are_refused_with_a_reason() {
     assert_eq!(device.model(), Ok((NEW, good)));
     assert_eq!(device.install(OLD, Model, &model_image(NEWEST, 2)), Ok(()));
     assert_eq!(device.model(), Ok((NEWEST, model(2))));
+    // Written by a probe perhaps: an older one does not run.
+    let raised = Device { floor: ImageVersion { patch: NEWEST.patch + 1, ..NEWEST }, ..device.twin() };
+    assert_eq!(raised.model(), Err(Refusal::Older));
     // Damage in flash: found at every start.
     device.cells.borrow_mut().bytes[BOARD.model.start as usize + 500] ^= 4;
     assert_eq!(device.model(), Err(Refusal::WrongHash));

@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::super::identity::Identity;
 use super::super::lock::CHALLENGE_BYTES;
 use crate::calibration::{Progress, Summary};
-use crate::health::Status;
+use crate::health::{SelfChecks, Status};
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
 
@@ -25,6 +25,7 @@ pub(super) enum ReadOnly {
     LostReceived,
     Uptime,
     SelfTests,
+    SelfChecks,
     TransfersDropped,
     TransferErrors,
     AddressConflicts,
@@ -39,7 +40,7 @@ pub(super) enum ReadOnly {
 }
 
 /// Names in the order of the list.
-pub(super) const READ_ONLY: [(&str, ReadOnly); 22 + 2 * MAX_SENSORS] = [
+pub(super) const READ_ONLY: [(&str, ReadOnly); 23 + 2 * MAX_SENSORS] = [
     ("slipsense.status.late_frames", ReadOnly::LateFrames),
     ("slipsense.status.overruns", ReadOnly::Overruns),
     ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
@@ -53,6 +54,7 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 22 + 2 * MAX_SENSORS] = [
     ("slipsense.status.received_lost", ReadOnly::LostReceived),
     ("slipsense.status.uptime_s", ReadOnly::Uptime),
     ("slipsense.status.self_tests", ReadOnly::SelfTests),
+    ("slipsense.status.self_checks", ReadOnly::SelfChecks),
     ("slipsense.status.transfers_dropped", ReadOnly::TransfersDropped),
     ("slipsense.status.transfer_errors", ReadOnly::TransferErrors),
     ("slipsense.status.address_conflicts", ReadOnly::AddressConflicts),
@@ -113,6 +115,10 @@ impl<'a> NodeState<'a> {
             ReadOnly::Uptime => count(self.uptime_s),
             ReadOnly::SelfTests => {
                 numbers(Kind::Natural32, &[status.self_tests.into(), status.failed_self_tests.into()])
+            }
+            ReadOnly::SelfChecks => {
+                let SelfChecks { passes, inferences, failed } = status.self_checks;
+                numbers(Kind::Natural32, &[passes, inferences, failed.into()].map(i64::from))
             }
             ReadOnly::TransfersDropped => count(self.transfers_dropped),
             ReadOnly::TransferErrors => count(self.transfer_errors),

@@ -1,5 +1,5 @@
 //! What goes wrong on the board itself, when the far end asks for it: the core runs into something, the supply dips, the
-//! flash raises flags of reads.
+//! flash raises flags of reads, a bit of the model that runs flips.
 //!
 //! The firmware stays as it is. To make it fault, hang or panic, the first instructions of its busiest interrupt handler,
 //! [`HANDLER`], are others until the board restarts: as after a bit flip there.
@@ -11,6 +11,7 @@ use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::flash::{Register, sr1, sr2};
 use rigless::symbols::Symbols;
+use slipsense::net::format::MAGIC;
 use slipsense::update::partitions::FLASH_BASE;
 
 use crate::machine::Twin;
@@ -27,6 +28,9 @@ const JUMP: [u16; 2] = [0xF8DF, 0xF000];
 /// FLASH_CR1 and FLASH_CR2, and the flash itself.
 const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
 const ARRAY: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + (2 << 20);
+/// Where the model that runs is searched, and the byte of it whose bits flip: a weight's.
+const AXI_SRAM: std::ops::Range<u64> = 0x2400_0000..0x2408_0000;
+const FLIPPED_AT: u64 = 90_000;
 /// Flags that a read raises, of whomever (RM0433 4.7.7 to 4.7.9), by speculation too. They stand until CCR clears them,
 /// and stop no operation.
 const READ_FLAGS: [[(Register, u64); 3]; 2] = [
@@ -61,7 +65,7 @@ impl BoardFaults {
         Self { handler: address(HANDLER), start: address(START), random: 0x9E37_79B9, ..Self::default() }
     }
 
-    /// What the far end asks for: `hard fault`, `hang`, `panic`, `brown-out`, or `flags N`, of a million.
+    /// What the far end asks for: `hard fault`, `hang`, `panic`, `brown-out`, `model bit`, or `flags N`, of a million.
     pub fn order(
         &mut self,
         text: &str,
@@ -81,6 +85,15 @@ impl BoardFaults {
             "brown-out" => {
                 session.board_mut().mcu.is_brown_out = true;
                 session.reset_by_pin(stop.at, stop.instruction_count, host);
+            }
+            "model bit" => {
+                let begins = |&at: &u64| {
+                    let [first, second] = [at, at + 4].map(|at| host.read(at, Width::W32).unwrap_or(0));
+                    (first | second << 32).to_le_bytes() == MAGIC
+                };
+                let Some(model) = AXI_SRAM.step_by(4).find(begins) else { bail!("there is no model in RAM") };
+                let held = host.read(model + FLIPPED_AT, Width::W8)?;
+                host.write(model + FLIPPED_AT, Width::W8, held ^ 1)?;
             }
             _ => match text.strip_prefix("flags ").and_then(|number| number.parse().ok()) {
                 Some(per_million) => self.flags_per_million = per_million,

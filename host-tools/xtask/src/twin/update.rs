@@ -33,7 +33,11 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     std::fs::write(&hanging, hanging_firmware()).with_context(|| hanging.display().to_string())?;
     let key = folder.join("foreign.key");
     start(command(slipsense).args(["keygen", "--out"]).arg(&key))?;
-    sign_model(slipsense, folder)?;
+    for (name, version) in
+        [("model.slip", "1.0.0"), ("older-model.slip", "0.9.0"), ("newer-model.slip", "1.1.0")]
+    {
+        sign_model(slipsense, &folder.join(name), version)?;
+    }
     for (name, file, version, key) in [
         ("new.slip", &new, NEW, None),
         ("older.slip", &firmware, OLDER, None),
@@ -59,10 +63,10 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     })
 }
 
-fn sign_model(slipsense: &Path, folder: &Path) -> Result<()> {
+fn sign_model(slipsense: &Path, out: &Path, version: &str) -> Result<()> {
     let mut sign = command(slipsense);
-    sign.args(["sign", MODEL, "--version", "1.0.0", "--development-key", "--out"]);
-    start(sign.arg(folder.join("model.slip")))
+    sign.args(["sign", MODEL, "--version", version, "--development-key", "--out"]);
+    start(sign.arg(out))
 }
 
 /// What goes wrong on the board itself: pycyphal asks what is left of it, and stores and updates while the flash raises
@@ -75,7 +79,7 @@ pub fn faults(slipsense: &Path, operations: &str) -> Result<()> {
         start(twin.args(["--seconds", "1", "--hse-hz", hse_hz, "--says", says]))?;
     }
     let folder = tempfile::tempdir().context("cannot make a folder for the images")?;
-    sign_model(slipsense, folder.path())?;
+    sign_model(slipsense, &folder.path().join("model.slip"), "1.0.0")?;
     let mut twin = twin_with(&firmware)?;
     // The watchdog ends the hang.
     twin.arg("--boot").arg(boot).args(["--bites", "1"]);

@@ -1,18 +1,20 @@
 //! What answers to a frame: the pipeline, or, without a readable model, an invalid slip message.
 
 use defmt::{Display2Format, error, info, warn};
+use slipsense::board::Clock;
 use slipsense::firmware::model;
 use slipsense::firmware::shared::{FrameReceiver, Mutex, RawSender, SHARED, Uptime};
 use slipsense::health::{self, CanState, SensorHealth, Status};
 use slipsense::net::Model;
 use slipsense::net::format::HASH_BYTES;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
-use slipsense::pipeline::{FrameStamp, Pipeline, State};
-use slipsense::tasks::{Inference, Supervisor, Task};
+use slipsense::pipeline::{FrameStamp, Pipeline, SensorCountError, State};
+use slipsense::tasks::{Inference, Reference, Supervisor, Task};
 use slipsense::wire::{INVALID_NO_MODEL, NodeId, Origin, SensorContact, SlipMessage, Transmitter};
 use static_cell::StaticCell;
 
 use crate::frame_source;
+use crate::self_check::{self, BoardCheck};
 use crate::watchdog::Watchdog;
 
 type BoardInference = Inference<'static, Mutex, Uptime, (), &'static mut State>;
@@ -20,7 +22,7 @@ static INFERENCE: StaticCell<BoardInference> = StaticCell::new();
 
 /// With a model or without.
 pub enum Decider {
-    Pipeline(&'static mut BoardInference),
+    Pipeline(&'static mut BoardInference, &'static mut BoardCheck),
     WithoutModel { sensors: usize },
 }
 
@@ -29,9 +31,18 @@ impl Decider {
     ///
     /// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline is made.
     #[inline(never)]
-    pub fn new(model: &'static [u8], raw: RawSender, sensors: usize) -> Self {
-        match Model::parse(model) {
-            Ok(model) => Self::with(model, raw, sensors),
+    pub fn new(
+        bytes: &'static [u8],
+        raw: RawSender,
+        sensors: usize,
+        firmware: Reference,
+        golden: Option<u32>,
+    ) -> Self {
+        match Model::parse(bytes) {
+            Ok(model) => {
+                let check = self_check::build(bytes, &model, firmware, golden);
+                Self::with(model, raw, sensors, check)
+            }
             Err(error) => {
                 error!("model: {}", Display2Format(&error));
                 Self::WithoutModel { sensors }
@@ -41,34 +52,47 @@ impl Decider {
 
     /// On a state that is made where it stays, in AXI SRAM.
     #[inline(never)]
-    fn with(model: Model<'static>, raw: RawSender, sensors: usize) -> Self {
-        let pipeline = match Pipeline::with_state(model::first_state(), model, sensors) {
-            Ok(pipeline) => pipeline,
+    fn with(
+        model: Model<'static>,
+        raw: RawSender,
+        sensors: usize,
+        check: Result<&'static mut BoardCheck, SensorCountError>,
+    ) -> Self {
+        let pipeline = Pipeline::with_state(model::first_state(), model, sensors);
+        let (pipeline, check) = match pipeline.and_then(|pipeline| Ok((pipeline, check?))) {
+            Ok(made) => made,
             Err(error) => {
                 error!("pipeline: {}", Display2Format(&error));
                 return Self::WithoutModel { sensors };
             }
         };
         let transmitter = Transmitter::new(NodeId::DEFAULT);
-        Self::Pipeline(INFERENCE.init(Inference::new(pipeline, transmitter, Uptime, (), &SHARED, raw)))
+        let inference = Inference::new(pipeline, transmitter, Uptime, (), &SHARED, raw);
+        Self::Pipeline(INFERENCE.init(inference), check)
     }
 
     /// Of the model that runs.
     pub fn model_hash(&self) -> Option<[u8; HASH_BYTES]> {
         match self {
-            Self::Pipeline(inference) => Some(inference.pipeline.model().hash),
+            Self::Pipeline(inference, _) => Some(inference.pipeline.model().hash),
             Self::WithoutModel { .. } => None,
         }
     }
 
-    /// Decide frames, for ever, and feed the watchdog while every task moves on.
+    /// Decide frames, check a piece of the node after each, for ever, and feed the watchdog while every task moves on.
     pub async fn run(&mut self, mut queue: FrameReceiver, mut watchdog: Watchdog) {
         let mut degraded = Transmitter::new(NodeId::DEFAULT);
         let mut supervisor = Supervisor::new(&Task::ALL);
         let mut frames_until_report = FRAME_RATE_HZ;
         loop {
             match self {
-                Self::Pipeline(inference) => inference.serve(&mut queue).await,
+                Self::Pipeline(inference, check) => {
+                    inference.serve(&mut queue).await;
+                    if SHARED.has_time(Uptime.now_us()) {
+                        let found = check.step();
+                        SHARED.update_status(|status| status.self_checks = found);
+                    }
+                }
                 &mut Self::WithoutModel { sensors } => {
                     let stamp = queue.receive().await.stamp;
                     queue.receive_done();
@@ -109,7 +133,7 @@ impl Decider {
             status.replaced_slips
         );
         let sensors = match self {
-            Self::Pipeline(inference) => inference.pipeline.sensors(),
+            Self::Pipeline(inference, _) => inference.pipeline.sensors(),
             &Self::WithoutModel { sensors } => {
                 error!("no readable model: slip messages are invalid");
                 sensors

@@ -36,6 +36,7 @@ mod crash;
 mod frame_source;
 mod infer;
 mod pins;
+mod self_check;
 mod services;
 mod updates;
 mod watchdog;
@@ -55,7 +56,8 @@ use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, RawReceiver, SHARED, Uptime, frame_queue, raw_queue,
 };
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense::tasks::{self, RuntimeConfig, Transmission};
+use slipsense::tasks::{self, RuntimeConfig, SHIPPED_GOLDEN, Transmission};
+use slipsense::update::SlotModel;
 use slipsense::update::partitions::NUCLEO_H743ZI2;
 use static_cell::StaticCell;
 
@@ -143,8 +145,11 @@ fn make(hardware: Hardware) -> Tasks {
         CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate, mode);
     let (raw_sender, raw_receiver) = raw_queue();
     SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id(), settings.locks()));
-    let (model, from) = updates::find_model(flash);
-    let decider = Decider::new(model, raw_sender, sensors);
+    let floor = services::model_floor(&mut store);
+    let (model, from) = updates::find_model(flash, floor);
+    let golden = SHIPPED_GOLDEN.filter(|_| matches!(from, SlotModel::BuiltIn(_)));
+    let updates = Updates::find(flash, from, floor);
+    let decider = Decider::new(model, raw_sender, sensors, updates.firmware(), golden);
     let model_hash = decider.model_hash();
     let led = Output::new(hardware.fault_led, Level::from(model_hash.is_none()), Speed::Low);
 
@@ -152,7 +157,6 @@ fn make(hardware: Hardware) -> Tasks {
     let order = settings.sensor_order();
     let (source, commissioning) =
         frame_source::start(hardware.scan, hardware.accelerometers, sensors, order, &mut store);
-    let updates = Updates::find(flash, from);
     let services =
         services::build(store, commissioning, settings, loaded, updates, model_hash, inbox, led, start);
     // SAFETY: nobody else uses its SysTick.

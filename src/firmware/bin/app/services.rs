@@ -19,7 +19,7 @@ use slipsense::node::{
 use slipsense::settings::{LoadReport, SCRATCH, Scratch, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
-use slipsense::update::{Evidence, Notice, PUBLIC_KEYS, unlocks};
+use slipsense::update::{Evidence, ImageVersion, Notice, PUBLIC_KEYS, unlocks};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::can::{self, Inbox};
@@ -57,6 +57,12 @@ pub fn load(flash: FlashPartitions) -> (Store, Settings, LoadReport) {
     let mut store = unwrap!(SettingsStore::new(flash.get(span), 0..span.bytes(), STORE_SCRATCH.take()).ok());
     let (settings, report) = block_on(store.load());
     (store, settings, report)
+}
+
+/// The version that no model may be below.
+#[inline(never)]
+pub fn model_floor(store: &mut Store) -> ImageVersion {
+    block_on(store.model_floor()).into()
 }
 
 /// The task, in AXI SRAM.
@@ -142,7 +148,7 @@ impl ServiceBoard for Station {
     }
 
     async fn confirm(&mut self) {
-        self.updates.confirm().await;
+        self.updates.confirm(&mut self.store).await;
     }
 
     fn apply(&mut self, settings: &Settings) {

@@ -7,15 +7,18 @@ use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
 use slipsense::firmware::model::{self, MODEL_BYTES_MAX, ModelBuffer};
 use slipsense::net::Aligned;
 use slipsense::node::UpdateTarget;
-use slipsense::update::partitions::NUCLEO_H743ZI2 as BOARD;
+use slipsense::tasks::Reference;
+use slipsense::update::partitions::{NUCLEO_H743ZI2 as BOARD, TRAILER_BYTES};
 use slipsense::update::{
     Evidence, FirmwareSlot, IS_DEVELOPMENT_KEY, ImageVersion, ModelSlot, Notice, PUBLIC_KEYS, Refusal, Run,
     SlotModel, Trial, UpdateSink, UpdateState, find_bootloader, running_header,
 };
 use static_cell::ConstStaticCell;
 
-/// At the start three, at the end of a trial one.
-const NOTICES: usize = 4;
+use crate::services::Store;
+
+/// At the start three, at the end of the trials of firmware and model one each.
+const NOTICES: usize = 5;
 
 /// Where a model that comes over the bus is tried, apart from the one that runs.
 #[unsafe(link_section = ".axisram")]
@@ -26,13 +29,17 @@ pub struct Updates {
     /// Where the pieces of a file go.
     pub sink: UpdateSink<'static, FlashPartition, FlashPartition, FlashPartition>,
     trial: Trial,
+    /// Of a model that is newer than the floor.
+    model_trial: Trial,
+    model: ImageVersion,
+    confirms: [bool; 2],
     notices: Deque<Notice, NOTICES>,
 }
 
 impl Updates {
-    /// What the flash says at the start; `from`: which model runs.
+    /// What the flash says at the start; `from`: which model runs. `floor`: see [`ModelSlot::new`].
     #[inline(never)]
-    pub fn find(flash: FlashPartitions, from: SlotModel) -> Self {
+    pub fn find(flash: FlashPartitions, from: SlotModel, floor: ImageVersion) -> Self {
         let running = block_on(running_header(&mut flash.get(BOARD.active), &BOARD, PUBLIC_KEYS));
         let version = running.as_ref().map_or(ImageVersion::SOFTWARE, |header| header.version);
         let mut firmware = block_on(firmware_slot(flash));
@@ -41,11 +48,18 @@ impl Updates {
             Err(why) => Err(*why),
         };
         let firmware = run.and(firmware);
-        let (model, trial) = (model_slot(flash), &mut TRIAL.take().0[..]);
+        let (slot, place) = (model_slot(flash, floor), &mut TRIAL.take().0[..]);
+        let model = match from {
+            SlotModel::Slot(version) => version,
+            SlotModel::BuiltIn(_) => floor,
+        };
         let mut updates = Self {
             version,
-            sink: UpdateSink::new(&BOARD, PUBLIC_KEYS, running, firmware, model, trial),
+            sink: UpdateSink::new(&BOARD, PUBLIC_KEYS, running, firmware, slot, place),
             trial: Trial::new(run.unwrap_or(Run::Confirmed)),
+            model_trial: Trial::new(if model > floor { Run::OnTrial } else { Run::Confirmed }),
+            model,
+            confirms: [false; 2],
             notices: Deque::new(),
         };
         if IS_DEVELOPMENT_KEY {
@@ -59,25 +73,42 @@ impl Updates {
         updates
     }
 
+    /// The firmware that runs: its bytes in flash and their hash, where it has a signed header; else all of its slot.
+    pub fn firmware(&self) -> Reference {
+        let slot = BOARD.active.bytes() - TRAILER_BYTES;
+        self.sink.running().map_or((slot, None), |header| (header.length.min(slot), Some(header.sha256)))
+    }
+
     /// Bytes of the longest file that is taken now, or why none is.
     pub async fn begin(&mut self, target: UpdateTarget) -> Result<u32, &'static str> {
         self.sink.begin(target).await.map_err(Refusal::reason)
     }
 
-    /// See [`Trial::observe`].
+    /// See [`Trial::observe`]: of the firmware, of the model.
     pub fn ready_to_confirm(&mut self, evidence: Evidence) -> bool {
-        self.trial.observe(evidence)
+        self.confirms = [self.trial.observe(evidence), self.model_trial.observe(evidence)];
+        self.confirms != [false; 2]
     }
 
-    /// Keep the firmware that runs.
-    pub async fn confirm(&mut self) {
+    /// Keep what runs, firmware or model, and take nothing older from now on.
+    pub async fn confirm(&mut self, store: &mut Store) {
+        let [firmware, model] = core::mem::take(&mut self.confirms);
         // Only a board that swaps has a trial.
-        let Some(state) = self.sink.state() else { return };
-        let confirmed = state.confirm().await;
-        let version = self.version;
+        if let Some(state) = self.sink.state().filter(|_| firmware) {
+            let confirmed = state.confirm().await.is_ok();
+            self.note_trial(UpdateTarget::Firmware, self.version, confirmed);
+        }
+        if model {
+            let confirmed = store.store_model_floor(self.model.into()).await.is_ok();
+            self.sink.model().raise_floor(self.model);
+            self.note_trial(UpdateTarget::Model, self.model, confirmed);
+        }
+    }
+
+    fn note_trial(&mut self, target: UpdateTarget, version: ImageVersion, confirmed: bool) {
         self.note(match confirmed {
-            Ok(()) => Notice::Confirmed(version),
-            Err(_) => Notice::NotConfirmed(version),
+            true => Notice::Confirmed(target, version),
+            false => Notice::NotConfirmed(target, version),
         });
     }
 
@@ -100,15 +131,15 @@ async fn firmware_slot(
     Ok(FirmwareSlot { dfu: flash.get(BOARD.dfu), state: UpdateState::new(flash.get(BOARD.state)) })
 }
 
-fn model_slot(flash: FlashPartitions) -> ModelSlot<FlashPartition> {
-    ModelSlot::new(flash.get(BOARD.model), &BOARD, PUBLIC_KEYS)
+fn model_slot(flash: FlashPartitions, floor: ImageVersion) -> ModelSlot<FlashPartition> {
+    ModelSlot::new(flash.get(BOARD.model), &BOARD, PUBLIC_KEYS, floor)
 }
 
 /// The file of the model that runs, in RAM, and where it is from: the model slot if it may, else the firmware.
 #[inline(never)]
-pub fn find_model(flash: FlashPartitions) -> (&'static [u8], SlotModel) {
+pub fn find_model(flash: FlashPartitions, floor: ImageVersion) -> (&'static [u8], SlotModel) {
     let buffer = model::buffer();
-    match block_on(model_slot(flash).load(buffer)) {
+    match block_on(model_slot(flash, floor).load(buffer)) {
         Ok(header) => {
             let whole: &'static [u8] = buffer;
             (whole.get(..header.length as usize).unwrap_or(&[]), SlotModel::Slot(header.version))

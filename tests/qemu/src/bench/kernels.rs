@@ -17,8 +17,10 @@ use slipsense::net::packing::{self, Inputs};
 use slipsense::net::softmax::softmax_base2;
 use slipsense::params::limits::{EMBED, WINDOW};
 use slipsense::params::{PIEZO_CHANNELS, TAXELS, XL_WINDOW};
+use slipsense::pipeline::{Pipeline, State};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::simd::{Map, MapMut, MapShape, conv_relu_pool, pair};
+use slipsense::tasks::{CheckedMemory, GOLDEN_FRAMES, Part, SelfCheck};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
 use static_cell::ConstStaticCell;
 
@@ -54,6 +56,27 @@ pub fn measure(bench: &mut Bench, model: &Model<'static>) {
     shipped(bench, &mut memory, model);
     features(bench);
     wire(bench);
+    self_check(bench, model);
+}
+
+/// Memory of any length that costs nothing to read, and a state that is cleared for the first time.
+struct NoMemory;
+
+impl CheckedMemory for NoMemory {
+    fn read(&mut self, _: Part, _: u32, _: &mut [u8]) {}
+
+    fn clear(&mut self, _: &mut State) {}
+}
+
+fn self_check(bench: &mut Bench, model: &Model<'static>) {
+    let pipeline = Pipeline::new(*model, 1).expect("one sensor");
+    let mut check = SelfCheck::new(NoMemory, [(u32::MAX, None); 3], pipeline, None);
+    // The state is cleared; then the golden inference.
+    (0..GOLDEN_FRAMES).for_each(|_| _ = black_box(check.step()));
+    bench.kernel("self check: 256 bytes, a frame of the golden inference", 0, &mut || {
+        black_box(black_box(&mut check).step());
+    });
+    bench.kernel("self check: 256 bytes", 0, &mut || _ = black_box(black_box(&mut check).step()));
 }
 
 /// The shapes that the literature and the others are measured at.

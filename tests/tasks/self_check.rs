@@ -1,0 +1,119 @@
+//! The node's checks of itself: what they find, when, and that the shipped model gives its golden number.
+
+use std::cell::RefCell;
+
+use sha2::{Digest, Sha256};
+use slipsense::health::{SelfChecks, Status};
+use slipsense::net::{Aligned, Model};
+use slipsense::pipeline::{FrameStamp, Pipeline, State};
+use slipsense::tasks::{
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, SHIPPED_GOLDEN, SLICE_BYTES, SelfCheck,
+};
+use slipsense::wire::{INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_SENSOR, INVALID_STARTING, Origin};
+
+static MODEL: &Aligned<[u8]> = &Aligned(*include_bytes!("../../model/weights/slipsense.slipnet"));
+
+/// By part; and whether the state of a golden inference keeps what it holds.
+struct Memory<'a>(&'a RefCell<[Vec<u8>; 3]>, &'a RefCell<bool>);
+
+impl CheckedMemory for Memory<'_> {
+    fn read(&mut self, part: Part, at: u32, out: &mut [u8]) {
+        out.copy_from_slice(&self.0.borrow()[part as usize][at as usize..][..out.len()]);
+    }
+
+    fn clear(&mut self, state: &mut State) {
+        if !*self.1.borrow() {
+            *state = State::new();
+        }
+    }
+}
+
+/// 700 and 256 bytes of which the hash is known, and 10 of which it is not.
+fn check<'a>(
+    parts: &'a RefCell<[Vec<u8>; 3]>,
+    stuck: &'a RefCell<bool>,
+    golden: Option<u32>,
+) -> SelfCheck<'static, Memory<'a>> {
+    *parts.borrow_mut() = [vec![1; 700], vec![2; 256], vec![3; 10]];
+    let [model, loops, firmware] = parts.borrow().each_ref().map(|bytes| {
+        let hash: [u8; 32] = Sha256::digest(bytes).into();
+        (bytes.len() as u32, Some(hash))
+    });
+    let pipeline = Pipeline::new(Model::parse(&MODEL.0).unwrap(), 1).unwrap();
+    SelfCheck::new(Memory(parts, stuck), [model, loops, (firmware.0, None)], pipeline, golden)
+}
+
+/// Pieces of a pass: 3, 1 and 1 slices, and the end.
+const PASS: u32 = 6;
+const _: () = assert!(SLICE_BYTES == 256);
+
+#[test]
+fn a_changed_byte_of_code_or_model_is_found_within_a_pass() {
+    let (parts, stuck) = Default::default();
+    for part in 0..3 {
+        let mut check = check(&parts, &stuck, None);
+        let found = (0..PASS).map(|_| check.step()).last().unwrap();
+        assert_eq!((found.passes, found.failed), (1, 0));
+        let last = parts.borrow()[part].len() - 1;
+        parts.borrow_mut()[part][last] ^= 0x40;
+        let found = (0..PASS).map(|_| check.step()).last().unwrap();
+        assert_eq!((found.passes, found.failed), (2, 1 << part));
+        // For good: it may have decided in between.
+        parts.borrow_mut()[part][last] ^= 0x40;
+        let found = (0..PASS).map(|_| check.step()).last().unwrap();
+        assert_eq!((found.passes, found.failed), (3, 1 << part));
+    }
+    // Wrong from the start on, where the hash is known.
+    let mut check = check(&parts, &stuck, None);
+    parts.borrow_mut()[1][0] = 0;
+    assert_eq!((0..PASS).map(|_| check.step()).last().unwrap().failed, 2);
+}
+
+#[test]
+fn a_golden_inference_each_minute_finds_a_state_that_does_not_forget() {
+    let (parts, stuck) = Default::default();
+    let mut check = check(&parts, &stuck, None);
+    let mut run = |frames: u32| {
+        let SelfChecks { inferences, failed, .. } = (0..frames).map(|_| check.step()).last().unwrap();
+        (inferences, failed)
+    };
+    assert_eq!(run(GOLDEN_FRAMES), (0, 0));
+    assert_eq!(run(1), (1, 0));
+    assert_eq!(run(GOLDEN_PERIOD_FRAMES - 1), (1, 0));
+    assert_eq!(run(1), (2, 0));
+    *stuck.borrow_mut() = true;
+    assert_eq!(run(GOLDEN_PERIOD_FRAMES), (3, 8));
+}
+
+#[test]
+fn every_slip_message_says_what_has_failed() {
+    let mut pipeline = Pipeline::new(Model::parse(&MODEL.0).unwrap(), 1).unwrap();
+    for (failed, invalid) in [
+        (0, 0),
+        (1, INVALID_MEMORY),
+        (6, INVALID_MEMORY),
+        (8, INVALID_NETWORK),
+        (9, INVALID_MEMORY | INVALID_NETWORK),
+    ] {
+        let mut status = Status::new();
+        status.self_checks.failed = failed;
+        let origin = Origin::new(&status, 0, false, false);
+        assert_eq!(origin.message(1, 0).invalid, invalid);
+        let message = pipeline.step(&[]).slip_message(FrameStamp::default(), &origin);
+        assert_eq!(message.invalid, invalid | INVALID_STARTING | INVALID_NO_SENSOR);
+    }
+}
+
+/// If the model is a new one, `SHIPPED_GOLDEN` becomes the number that this prints.
+#[test]
+fn the_shipped_model_gives_its_golden_number() {
+    let (parts, stuck) = Default::default();
+    let failed = |golden| {
+        let mut check = check(&parts, &stuck, golden);
+        let found = (0..=GOLDEN_FRAMES).map(|_| check.step()).last().unwrap();
+        println!("golden inference of the shipped model: {:#010x}", check.digest());
+        found.failed
+    };
+    assert_eq!(failed(SHIPPED_GOLDEN), 0);
+    assert_eq!(failed(SHIPPED_GOLDEN.map(|golden| golden ^ 1)), if SHIPPED_GOLDEN.is_some() { 8 } else { 0 });
+}

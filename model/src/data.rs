@@ -147,7 +147,6 @@ pub(crate) fn disturbances(recipe: Recipe) -> Recipe {
 /// One episode as the network sees it.
 #[derive(Clone, Debug)]
 pub struct Features {
-    /// Sensors.
     pub sensors: usize,
     /// Counts of the touched pads, in the order of frames and sensors.
     piezo: Vec<[u16; TAXELS]>,
@@ -238,7 +237,6 @@ impl Features {
         Self { mined: true, ..self }
     }
 
-    /// Frames.
     pub fn frames(&self) -> usize {
         self.label.len()
     }
@@ -248,12 +246,10 @@ impl Features {
         self.scan[frame * self.sensors + sensor].map_or(&[0; TAXELS], |place| &self.piezo[place as usize])
     }
 
-    /// Log of the mel power of one sensor and frame.
     pub fn ln_power(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
         &self.ln_power[frame * self.sensors + sensor]
     }
 
-    /// The noise floors that it is compared with.
     pub fn floor(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
         &self.floor[frame * self.sensors + sensor]
     }

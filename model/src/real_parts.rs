@@ -19,14 +19,12 @@ const MOVED: f64 = 0.3;
 /// Smallest and largest factor on it: how near it happens.
 const GAIN: std::ops::Range<f64> = 0.05..1.5;
 
-/// Recorded motion.
 #[derive(Clone, Debug)]
 pub struct Motion {
     recordings: Vec<Vec<[f32; 3]>>,
 }
 
 impl Motion {
-    /// Read `motion.npz` of a folder.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join("motion.npz");
         let read = || -> Result<_> {

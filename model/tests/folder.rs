@@ -6,8 +6,7 @@ use std::path::Path;
 use clap::Parser;
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::data::recipes;
-use slipsense_model::folder::ObjectUses;
-use slipsense_model::folder::{Use, use_of};
+use slipsense_model::folder::{ObjectUses, Use, use_of};
 use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
 use slipsense_recording::{Episode, Meta};
 

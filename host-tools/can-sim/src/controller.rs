@@ -83,7 +83,6 @@ pub struct Bus {
     /// Has the slot's last frame arrived?
     sent: [bool; TxSlot::ALL.len()],
     wire: Option<OnWire>,
-    /// Nobody sends before.
     free_ns: u64,
     /// When the next frame of another node is there to be sent.
     foreign_ns: u64,

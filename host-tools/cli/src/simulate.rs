@@ -4,9 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use slipsense::net::Model;
-use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Pipeline};
-use slipsense::sensor::SensorInput;
 use slipsense::wire::{CanFrame, NodeId, Origin, RawBuffer, RawForm, Transmitter};
 use slipsense_recording::{Episode, Predictions};
 
@@ -52,7 +50,7 @@ pub fn simulate(
         step_time: Duration::ZERO,
     };
     for frame in 0..frames {
-        let inputs = inputs(episode, frame);
+        let inputs = episode.inputs(frame);
         let inputs = &inputs[..sensors];
         let start = Instant::now();
         let output = pipeline.step(inputs);
@@ -75,18 +73,6 @@ pub fn simulate(
         progress();
     }
     Ok(simulation)
-}
-
-/// What each sensor delivered for one frame; entries beyond the episode's sensors are empty.
-pub fn inputs(episode: &Episode, frame: usize) -> [SensorInput<'_>; MAX_SENSORS] {
-    std::array::from_fn(|sensor| match sensor < episode.sensors {
-        true => SensorInput {
-            piezo: Some(episode.piezo(frame, sensor)),
-            xl: Some(episode.xl_batch(frame, sensor)),
-            xl_end: episode.xl_end(frame, sensor),
-        },
-        false => SensorInput::default(),
-    })
 }
 
 impl Simulation {

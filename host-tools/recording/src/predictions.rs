@@ -107,7 +107,6 @@ impl Predictions {
         })
     }
 
-    /// Check lengths and ranges.
     pub fn validate(&self) -> Result<(), Problem> {
         let (frames, sensors) = (self.frames(), self.sensors);
         if !(1..=MAX_SENSORS).contains(&sensors) {

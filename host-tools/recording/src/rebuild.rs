@@ -20,7 +20,6 @@ pub struct Rebuilt {
     pub first: u32,
     /// Microseconds of the recording at its first frame.
     pub start_us: u64,
-    /// What is left out.
     pub notes: Vec<String>,
 }
 

@@ -80,7 +80,6 @@ impl EventScores {
         self.events.iter().filter(|e| matches!(e.detection, Detection::Early { .. })).count()
     }
 
-    /// Events not flagged in time.
     pub fn missed(&self) -> usize {
         self.events.iter().filter(|e| e.detection == Detection::Missed).count()
     }

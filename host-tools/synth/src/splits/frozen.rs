@@ -27,7 +27,6 @@ pub struct FrozenSet {
     pub generator: u32,
     pub split: Split,
     pub seed: u64,
-    /// Frames of all episodes together.
     pub frames: usize,
     /// Slip events by the encoder's label.
     pub slip_events: usize,

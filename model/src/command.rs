@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use slipsense::net::Model;
+use slipsense_recording::hex;
 use slipsense_recording::model_file::SCALES_KEY;
 
 use crate::data::{Features, Source};
@@ -105,7 +106,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
             "command": command_line(args),
             "model_bytes": bytes.len(),
             "model_sha256": output::sha256_hex(&bytes),
-            "model_hash": model.hash.iter().map(|byte| format!("{byte:02x}")).collect::<String>(),
+            "model_hash": hex(&model.hash),
             "weights_sha256": provenance["weights_sha256"],
             "calibration_episodes": seen.len(),
             "training": training,

@@ -145,7 +145,7 @@ pub(crate) fn disturbances(recipe: Recipe) -> Recipe {
 }
 
 /// One episode as the network sees it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Features {
     pub sensors: usize,
     /// Counts of the touched pads, in the order of frames and sensors.
@@ -173,18 +173,8 @@ impl Features {
     pub fn from_episode(episode: &Episode) -> Result<Self> {
         let label = episode.label.clone().context("array label is missing, needed for training")?;
         let (frames, sensors) = (episode.frames(), episode.sensors);
-        let mut features = Self {
-            sensors,
-            piezo: Vec::new(),
-            scan: Vec::with_capacity(frames * sensors),
-            ln_power: Vec::with_capacity(frames * sensors),
-            floor: Vec::with_capacity(frames * sensors),
-            xl: Vec::with_capacity(frames * sensors),
-            touched: Vec::with_capacity(frames * sensors),
-            target: targets(episode, &label),
-            label,
-            mined: false,
-        };
+        let target = targets(episode, &label);
+        let mut features = Self { sensors, target, label, ..Self::default() };
         let mut front_ends = vec![XlFrontEnd::new(); sensors];
         for frame in 0..frames {
             for (sensor, front_end) in front_ends.iter_mut().enumerate() {
@@ -276,8 +266,7 @@ impl Features {
             label: self.label.clone(),
             weight: vec![1.0; frames],
             target: self.target.clone(),
-            extreme_weight: 0.0,
-            taught: Vec::new(),
+            ..Sequences::default()
         };
         for sensor in 0..self.sensors {
             let mut view = pads.start();

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
-use slipsense_recording::write_whole;
+use sha2::{Digest, Sha256};
+use slipsense_recording::{hex, write_whole};
 
 /// Write a file: into a temporary one beside it, then renamed over the target.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -29,6 +30,5 @@ pub fn folder(path: &Path) -> Result<()> {
 }
 
 pub fn sha256_hex(bytes: &[u8]) -> String {
-    use sha2::{Digest, Sha256};
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&Sha256::digest(bytes))
 }

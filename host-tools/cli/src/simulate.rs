@@ -9,7 +9,7 @@ use slipsense::wire::{CanFrame, NodeId, Origin, RawBuffer, RawForm, Transmitter}
 use slipsense_recording::{Episode, Predictions};
 
 /// The pipeline's output for an episode.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Simulation {
     pub predictions: Predictions,
     /// Sum of each pad, counts, `[frame * sensors + sensor]`.
@@ -42,13 +42,7 @@ pub fn simulate(
     let (frames, sensors) = (episode.frames(), episode.sensors);
     let mut pipeline = Pipeline::new(model, sensors)?;
     let (mut transmitter, mut buffer) = (Transmitter::new(NodeId::DEFAULT), RawBuffer::new());
-    let mut simulation = Simulation {
-        predictions: Predictions::with_capacity(frames, sensors),
-        pressure: Vec::with_capacity(frames * sensors),
-        health: Vec::with_capacity(frames * sensors),
-        can_frames: 0,
-        step_time: Duration::ZERO,
-    };
+    let mut simulation = Simulation { predictions: Predictions::new(sensors), ..Simulation::default() };
     for frame in 0..frames {
         let inputs = episode.inputs(frame);
         let inputs = &inputs[..sensors];

@@ -75,7 +75,7 @@ pub fn run<'py>(py: Python<'py>, episode: &Episode, model: Option<&[u8]>) -> PyR
     let mut pipeline = Running::new(sensors, model)?;
     let frames = episode.frames();
     let predictions = py.detach(|| {
-        let mut predictions = Predictions::with_capacity(frames, sensors);
+        let mut predictions = Predictions::new(sensors);
         for frame in 0..frames {
             let output = pipeline.step(&episode.inputs(frame)[..sensors]);
             predictions.push(&output, episode.meta.xl_lsb_g);

@@ -8,7 +8,7 @@ use slipsense::sensor::{PiezoFrame, SensorInput, SensorReadings, XlSample};
 ///
 /// Fields are public so that generators can fill them; [`Episode::validate`] checks the rules, and
 /// [`Episode::write`] does so before it writes. [`Episode::read`] hands out only what follows the rules.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Episode {
     /// Sensors, 1 to 3.
     pub sensors: usize,

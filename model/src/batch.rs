@@ -40,7 +40,6 @@ const COLD_FRAMES: usize = 20;
 /// What the sequences hold; the default is what the shipped network is trained on.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// What there is of the pads.
     pub pads: PadView,
     /// Whether what the accelerometers hear is changed at random.
     pub xl_augmentation: bool,
@@ -110,7 +109,6 @@ impl<'e> Sampler<'e> {
         Self { options, ..self }
     }
 
-    /// Frames of each class.
     pub fn class_frames(&self) -> [usize; CLASSES] {
         std::array::from_fn(|class| self.groups[class].len())
     }

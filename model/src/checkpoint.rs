@@ -18,9 +18,7 @@ const STATE: &str = "state.json";
 /// One line of the curves.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
-    /// Epochs done.
     pub epoch: usize,
-    /// Optimizer steps done.
     pub step: usize,
     /// Learning rate of the last step.
     pub learning_rate: f64,
@@ -53,7 +51,6 @@ fn number_or_nan<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(from)?.unwrap_or(f64::NAN))
 }
 
-/// Curves as CSV.
 pub fn csv(rows: &[Row]) -> String {
     let mut text = String::from(
         "epoch,step,learning_rate,train_loss,validation_loss,validation_accuracy,\
@@ -78,7 +75,6 @@ pub fn csv(rows: &[Row]) -> String {
     text
 }
 
-/// Where a run stands.
 #[derive(Debug)]
 pub struct Checkpoint {
     /// Weights of the optimizer.

@@ -5,17 +5,17 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 use slipsense::net::Model;
+use slipsense_recording::hex;
 use slipsense_recording::model_file::SCALES_KEY;
 
 use crate::data::{Features, Source};
 use crate::evaluate::{Comparison, Figures, compare};
-use crate::folder::ObjectUses;
-use crate::folder::Use;
+use crate::folder::{ObjectUses, Use};
 use crate::trace::Ranges;
 use crate::tract::{Graphs, SensorFrame, TractNetwork};
-use crate::train::{manifest_beside, progress};
+use crate::train::progress;
 use crate::weights::Weights;
 use crate::{
     export, output,
@@ -58,7 +58,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     ensure!(args.calibration_episodes > 0, "--calibration-episodes must be at least 1");
     ensure!(args.val_episodes > 0, "--val-episodes must be at least 1");
     let weights = Weights::read(&args.weights)?;
-    let training = manifest_beside(&args.weights)?;
+    let training: Option<Value> = output::read_json(&args.weights.with_file_name("train.json"))?;
     // What training left out is left out here too.
     let uses = match training.as_ref().and_then(|training| training["recipe"].get("objects")) {
         Some(objects) => ObjectUses::deserialize(objects).context("train.json: recipe.objects")?,
@@ -106,7 +106,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
             "command": command_line(args),
             "model_bytes": bytes.len(),
             "model_sha256": output::sha256_hex(&bytes),
-            "model_hash": model.hash.iter().map(|byte| format!("{byte:02x}")).collect::<String>(),
+            "model_hash": hex(&model.hash),
             "weights_sha256": provenance["weights_sha256"],
             "calibration_episodes": seen.len(),
             "training": training,
@@ -170,24 +170,23 @@ fn command_line(args: &QuantizeArgs) -> String {
 /// The figures side by side.
 fn table(total: &Comparison) -> String {
     let columns = [total.integer.figures(), total.float.figures(), total.always_slip.figures()];
-    let percent = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{:.2} %", 100.0 * x));
-    type Show<'a> = Box<dyn Fn(&Figures) -> String + 'a>;
-    let rows: [(&str, Show<'_>); 9] = [
-        ("accuracy, 3 classes", Box::new(|f| percent(f.accuracy))),
-        ("macro F1", Box::new(|f| percent(f.macro_f1))),
-        ("slip F1", Box::new(|f| percent(f.slip_f1))),
-        ("false slip frames / non-slip", Box::new(|f| percent(f.fpr_of_non_slip))),
-        ("events flagged / all", Box::new(|f| format!("{} / {}", f.hits, f.events))),
-        ("flagged up to 50 ms early", Box::new(|f| f.early.to_string())),
-        ("missed", Box::new(|f| f.missed.to_string())),
-        (
-            "median delay, misses infinite",
-            Box::new(|f| f.median_latency_frames.map_or("infinite".into(), |m| format!("{m} frames"))),
-        ),
-        (
-            "false alarms (per hour)",
-            Box::new(|f| format!("{} ({:.0})", f.false_alarms, f.false_alarms_per_hour.unwrap_or(f64::NAN))),
-        ),
+    fn percent(x: Option<f64>) -> String {
+        x.map_or("–".to_owned(), |x| format!("{:.2} %", 100.0 * x))
+    }
+    let rows: [(&str, fn(&Figures) -> String); 9] = [
+        ("accuracy, 3 classes", |f| percent(f.accuracy)),
+        ("macro F1", |f| percent(f.macro_f1)),
+        ("slip F1", |f| percent(f.slip_f1)),
+        ("false slip frames / non-slip", |f| percent(f.fpr_of_non_slip)),
+        ("events flagged / all", |f| format!("{} / {}", f.hits, f.events)),
+        ("flagged up to 50 ms early", |f| f.early.to_string()),
+        ("missed", |f| f.missed.to_string()),
+        ("median delay, misses infinite", |f| {
+            f.median_latency_frames.map_or("infinite".into(), |m| format!("{m} frames"))
+        }),
+        ("false alarms (per hour)", |f| {
+            format!("{} ({:.0})", f.false_alarms, f.false_alarms_per_hour.unwrap_or(f64::NAN))
+        }),
     ];
     let mut text = format!("{:30} {:>14} {:>14} {:>14}\n", "", "integer", "float", "always slip");
     for (name, show) in &rows {

@@ -44,7 +44,6 @@ pub struct ActivationError {
 pub struct LayerComparison {
     /// In the order of [`ACTIVATIONS`].
     pub activations: Vec<ActivationError>,
-    /// Frames.
     pub frames: usize,
     /// Frames with the same class, under the same no-contact rule.
     pub agreed: usize,
@@ -58,7 +57,6 @@ impl LayerComparison {
         (self.frames > 0).then(|| self.agreed as f64 / self.frames as f64)
     }
 
-    /// The activation of this name.
     pub fn activation(&self, name: &str) -> Option<&ActivationError> {
         self.activations.iter().find(|a| a.activation == name)
     }

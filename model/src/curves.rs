@@ -6,10 +6,18 @@ use plotters::prelude::*;
 use crate::checkpoint::Row;
 
 const SIZE: (u32, u32) = (900, 360);
-/// Okabe and Ito's blue, vermilion and green, which colour-blind readers can tell apart.
-const BLUE: RGBColor = RGBColor(0, 114, 178);
-const VERMILION: RGBColor = RGBColor(213, 94, 0);
-const GREEN: RGBColor = RGBColor(0, 158, 115);
+/// Okabe and Ito's colours, which colour-blind readers can tell apart.
+pub(crate) const COLOURS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+];
+const BLUE: RGBColor = COLOURS[0];
+const VERMILION: RGBColor = COLOURS[1];
+const GREEN: RGBColor = COLOURS[2];
 
 /// Named values per epoch, with their colour.
 type Line<'a> = (&'a str, RGBColor, Vec<f64>);

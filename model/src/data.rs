@@ -145,9 +145,8 @@ pub(crate) fn disturbances(recipe: Recipe) -> Recipe {
 }
 
 /// One episode as the network sees it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Features {
-    /// Sensors.
     pub sensors: usize,
     /// Counts of the touched pads, in the order of frames and sensors.
     piezo: Vec<[u16; TAXELS]>,
@@ -174,18 +173,8 @@ impl Features {
     pub fn from_episode(episode: &Episode) -> Result<Self> {
         let label = episode.label.clone().context("array label is missing, needed for training")?;
         let (frames, sensors) = (episode.frames(), episode.sensors);
-        let mut features = Self {
-            sensors,
-            piezo: Vec::new(),
-            scan: Vec::with_capacity(frames * sensors),
-            ln_power: Vec::with_capacity(frames * sensors),
-            floor: Vec::with_capacity(frames * sensors),
-            xl: Vec::with_capacity(frames * sensors),
-            touched: Vec::with_capacity(frames * sensors),
-            target: targets(episode, &label),
-            label,
-            mined: false,
-        };
+        let target = targets(episode, &label);
+        let mut features = Self { sensors, target, label, ..Self::default() };
         let mut front_ends = vec![XlFrontEnd::new(); sensors];
         for frame in 0..frames {
             for (sensor, front_end) in front_ends.iter_mut().enumerate() {
@@ -238,7 +227,6 @@ impl Features {
         Self { mined: true, ..self }
     }
 
-    /// Frames.
     pub fn frames(&self) -> usize {
         self.label.len()
     }
@@ -248,12 +236,10 @@ impl Features {
         self.scan[frame * self.sensors + sensor].map_or(&[0; TAXELS], |place| &self.piezo[place as usize])
     }
 
-    /// Log of the mel power of one sensor and frame.
     pub fn ln_power(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
         &self.ln_power[frame * self.sensors + sensor]
     }
 
-    /// The noise floors that it is compared with.
     pub fn floor(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
         &self.floor[frame * self.sensors + sensor]
     }
@@ -280,8 +266,7 @@ impl Features {
             label: self.label.clone(),
             weight: vec![1.0; frames],
             target: self.target.clone(),
-            extreme_weight: 0.0,
-            taught: Vec::new(),
+            ..Sequences::default()
         };
         for sensor in 0..self.sensors {
             let mut view = pads.start();

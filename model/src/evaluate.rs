@@ -8,7 +8,6 @@ use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, OUTPUTS};
 use slipsense::pipeline::{Class, Pipeline};
-use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
 use slipsense_recording::score::{
     ClassScores, Detection, Interval, SLIP, runs, score_events, score_intervals,
@@ -27,7 +26,6 @@ pub struct Scores {
     pub classes: ClassScores,
     /// What became of each slip event, in order.
     pub detections: Vec<Detection>,
-    /// False alarms, events.
     pub false_alarms: usize,
 }
 
@@ -50,7 +48,6 @@ impl Scores {
         self.false_alarms += other.false_alarms;
     }
 
-    /// The figures of a table row.
     pub fn figures(&self) -> Figures {
         let count = |is: fn(&Detection) -> bool| self.detections.iter().filter(|d| is(d)).count();
         let slip_truth: u64 = self.classes.confusion[SLIP as usize].iter().sum();
@@ -93,31 +90,25 @@ pub fn median_latency(detections: &[Detection]) -> Option<f64> {
 /// One row of the table. Shares are 0 to 1; `None` where nothing can be counted.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figures {
-    /// Frames scored.
     pub frames: u64,
     /// Share of frames whose class is right.
     pub accuracy: Option<f64>,
     /// Unweighted mean of the classes' F1.
     pub macro_f1: Option<f64>,
-    /// F1 of slip.
     pub slip_f1: Option<f64>,
     /// False slip frames as a share of the frames that do not slip.
     pub fpr_of_non_slip: Option<f64>,
-    /// Share of frames labelled slip.
     pub slip_frame_share: Option<f64>,
-    /// Slip events.
     pub events: usize,
     /// Flagged from the onset on.
     pub hits: usize,
     /// Flagged in the 50 ms before.
     pub early: usize,
-    /// Not flagged.
     pub missed: usize,
     /// See [`median_latency`], frames of 1/240 s.
     pub median_latency_frames: Option<f64>,
     /// Alarms outside slip ± 50 ms, merged below 200 ms.
     pub false_alarms: usize,
-    /// The same per hour of data.
     pub false_alarms_per_hour: Option<f64>,
 }
 
@@ -167,11 +158,7 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
     let (mut integer, mut float, mut touched) = (Vec::new(), Vec::new(), Vec::new());
     let mut result = Comparison::default();
     for frame in 0..episode.frames() {
-        let mut inputs = [SensorInput::default(); MAX_SENSORS];
-        for (sensor, input) in inputs.iter_mut().take(episode.sensors).enumerate() {
-            let (piezo, xl) = (episode.piezo(frame, sensor), episode.xl_batch(frame, sensor));
-            *input = SensorInput { piezo: Some(piezo), xl: Some(xl), xl_end: episode.xl_end(frame, sensor) };
-        }
+        let inputs = episode.inputs(frame);
         let output = pipeline.step(&inputs[..episode.sensors]);
         let mut seen = [SensorFrame::default(); MAX_SENSORS];
         let features = output.log_mel.map(|log_mel| log_mel.features());

@@ -15,7 +15,6 @@ pub fn to_bytes(file: &ModelFile) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Write a checked model file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     crate::output::write(path, bytes).context("the model was not written")
 }

@@ -31,7 +31,6 @@ pub trait Architecture {
     /// does not see the pads.
     fn specs(&self) -> Vec<TensorSpec>;
 
-    /// Heads of every attention block.
     fn heads(&self) -> usize;
 
     /// Outputs of every frame, `[batch, frame, output]`. `features`: of every scan's taxels, `[image, feature]`;
@@ -45,7 +44,6 @@ pub trait Architecture {
     ) -> Tensor<3>;
 }
 
-/// The trainable network.
 #[derive(Module, Debug)]
 pub struct FloatNetwork {
     /// One flat run per entry of [`Architecture::specs`]; shaped where it is used.
@@ -55,11 +53,8 @@ pub struct FloatNetwork {
 /// A batch of sequences of equal length, plain numbers.
 #[derive(Clone, Debug, Default)]
 pub struct Sequences {
-    /// Sequences.
     pub batch: usize,
-    /// Sensors of every sequence.
     pub sensors: usize,
-    /// Frames of every sequence.
     pub frames: usize,
     /// Counts and their change, `[batch, sensor, frame, 32 · 32, 2]`.
     pub piezo: Vec<i16>,

@@ -41,9 +41,7 @@ pub fn use_of(object: &str) -> Use {
 /// Where a person says it: objects for validation and for test. Empty: [`use_of`] says it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ObjectUses {
-    /// Objects for validation.
     pub validation: Vec<String>,
-    /// Objects that are kept for test.
     pub test: Vec<String>,
 }
 
@@ -63,7 +61,6 @@ impl ObjectUses {
         }
     }
 
-    /// Does nobody say anything?
     pub fn is_empty(&self) -> bool {
         self.validation.is_empty() && self.test.is_empty()
     }
@@ -72,9 +69,7 @@ impl ObjectUses {
 /// A folder of labelled episodes.
 #[derive(Clone, Debug)]
 pub struct LabelledFolder {
-    /// The folder.
     pub path: PathBuf,
-    /// What its objects are for.
     pub uses: ObjectUses,
 }
 
@@ -114,7 +109,6 @@ impl LabelledFolder {
         Ok(self.words(&self.entries()?))
     }
 
-    /// Names of the objects for a use.
     pub fn objects(&self, what: Use) -> Result<Vec<String>> {
         let entries = self.entries()?;
         let names: BTreeSet<String> = entries

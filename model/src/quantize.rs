@@ -8,9 +8,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
-use slipsense::fixed::Logit;
-use slipsense::fixed::QUERY_KEY_MAX;
-use slipsense::fixed::STANDARD_FRAC_BITS;
+use slipsense::fixed::{Logit, QUERY_KEY_MAX, STANDARD_FRAC_BITS};
 use slipsense::net::format::Dims;
 use slipsense::net::layer_norm::{RESIDUAL_BITS, RESIDUAL_FACTOR_BITS};
 use slipsense::net::model::ACTIVATION_MAX;

@@ -19,14 +19,12 @@ const MOVED: f64 = 0.3;
 /// Smallest and largest factor on it: how near it happens.
 const GAIN: std::ops::Range<f64> = 0.05..1.5;
 
-/// Recorded motion.
 #[derive(Clone, Debug)]
 pub struct Motion {
     recordings: Vec<Vec<[f32; 3]>>,
 }
 
 impl Motion {
-    /// Read `motion.npz` of a folder.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join("motion.npz");
         let read = || -> Result<_> {
@@ -81,14 +79,9 @@ mod tests {
         let motion = Motion { recordings: vec![vec![[1.0, -2.0, 0.5], [40.0, -40.0, 0.0]]] };
         let still = Episode {
             sensors: 2,
-            piezo: Vec::new(),
             xl: vec![vec![[0; 3]; 100]; 2],
-            xl_end: Vec::new(),
-            label: None,
-            slip_true_mm_s: None,
-            slip_fraction: None,
-            displacement_mm: None,
             meta: Meta::nominal(1e-3),
+            ..Episode::default()
         };
         let mut moved = 0;
         for seed in 0..200 {

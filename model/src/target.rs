@@ -9,7 +9,6 @@ use slipsense_synth::labels::sustained_sliding;
 /// What the detector is to say of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Target {
-    /// Nothing slides.
     #[default]
     Still,
     /// The contact slides, for 50 ms or longer in all and by [`TRAVEL_MM`] or more.

@@ -98,7 +98,6 @@ pub struct IntegerTrace<'s> {
     /// Real value of one unit of each activation, as
     /// [`activation_scales`](crate::quantize::activation_scales) gives them; all are there.
     pub scales: &'s BTreeMap<String, f64>,
-    /// The values so far.
     pub trace: Trace,
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use burn::grad_clipping::GradientClippingConfig;
 use burn::optim::{AdamWConfig, ModuleOptimizer};
 use burn::tensor::Device;
@@ -19,8 +19,7 @@ use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source};
 use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
 use crate::float::FloatNetwork;
-use crate::folder::ObjectUses;
-use crate::folder::Use;
+use crate::folder::{ObjectUses, Use};
 use crate::mining::mine;
 use crate::real_parts::Motion;
 use crate::teacher::Teacher;
@@ -146,7 +145,6 @@ pub(crate) fn progress(what: &'static str, length: u64) -> ProgressBar {
     bar
 }
 
-/// Run the training that `args` describe.
 pub fn run_train(args: &TrainArgs) -> Result<()> {
     ensure!(args.episodes > 0, "--episodes must be at least 1");
     ensure!(args.epochs > 0, "--epochs must be at least 1");
@@ -272,7 +270,6 @@ fn last_line(text: &str) -> String {
     text.lines().last().map(|line| format!("{line}\n")).unwrap_or_default()
 }
 
-/// Write the result and what it was made from.
 fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) -> Result<()> {
     let path = args.out.join("weights.safetensors");
     state.average.write(&path)?;
@@ -395,14 +392,4 @@ fn cross_entropy(outputs: &[f32; OUTPUTS], class: u8) -> f64 {
     let max = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let sum: f32 = logits.iter().map(|x| (x - max).exp()).sum();
     f64::from(max + sum.ln() - logits[class as usize])
-}
-
-/// Read what a training run says about itself, if it lies beside its weights.
-pub(crate) fn manifest_beside(weights: &Path) -> Result<Option<serde_json::Value>> {
-    let path = weights.with_file_name("train.json");
-    if !path.exists() {
-        return Ok(None);
-    }
-    let text = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    serde_json::from_slice(&text).map(Some).with_context(|| format!("cannot use {}", path.display()))
 }

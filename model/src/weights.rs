@@ -79,7 +79,6 @@ pub fn first_values(specs: &[TensorSpec], seed: u64) -> Vec<Vec<f32>> {
 /// All parameters of one network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
-    /// Sizes.
     pub dims: Dims,
     /// One run of numbers per entry of [`specs`], row by row.
     pub tensors: Vec<Vec<f32>>,
@@ -157,13 +156,11 @@ impl Weights {
         Ok(Self { dims, tensors })
     }
 
-    /// Read a weights file.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         Self::from_bytes(&bytes).with_context(|| format!("cannot use {}", path.display()))
     }
 
-    /// Write a weights file.
     pub fn write(&self, path: &Path) -> Result<()> {
         crate::output::write(path, &self.to_bytes()?)
     }

@@ -6,8 +6,7 @@ use std::path::Path;
 use clap::Parser;
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::data::recipes;
-use slipsense_model::folder::ObjectUses;
-use slipsense_model::folder::{Use, use_of};
+use slipsense_model::folder::{ObjectUses, Use, use_of};
 use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
 use slipsense_recording::{Episode, Meta};
 
@@ -45,10 +44,8 @@ fn write_episode(path: &Path, object: Option<&str>, label: Option<&[u8]>, sensor
         xl: vec![vec![[0; 3]; frames * 34]; sensors],
         xl_end: (0..frames * sensors).map(|i| ((i / sensors + 1) * 100 / 3) as u32).collect(),
         label: label.map(|label| (0..frames).map(|f| label[f * label.len() / frames]).collect()),
-        slip_true_mm_s: None,
-        slip_fraction: None,
-        displacement_mm: None,
         meta,
+        ..Episode::default()
     };
     episode.write(path).unwrap();
 }

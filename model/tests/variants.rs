@@ -224,10 +224,8 @@ fn features(frames: usize) -> Features {
         xl: (0..SENSORS).map(|_| (0..samples).map(sample).collect()).collect(),
         xl_end: (0..frames * SENSORS).map(|at| (at / SENSORS + 1) as u32 * 33).collect(),
         label: Some(label),
-        slip_true_mm_s: None,
-        slip_fraction: None,
-        displacement_mm: None,
         meta: Meta::nominal(1e-3),
+        ..Episode::default()
     })
     .unwrap()
 }

@@ -19,29 +19,6 @@ pub struct Collision {
     pub nodes: (usize, usize),
 }
 
-/// Who wins among nodes that start together: the lowest arbitration field. `None`: nobody offers.
-pub fn arbitrate<'a>(
-    offered: impl IntoIterator<Item = (usize, &'a Frame)>,
-) -> Result<Option<usize>, Collision> {
-    let mut best: Option<(u32, usize)> = None;
-    let mut clash = None;
-    for (node, frame) in offered {
-        let field = frame.arbitration_field();
-        match best {
-            Some((lowest, _)) if field > lowest => {}
-            Some((lowest, other)) if field == lowest => clash = Some(Collision { nodes: (other, node) }),
-            _ => {
-                best = Some((field, node));
-                clash = None;
-            }
-        }
-    }
-    match clash {
-        Some(collision) => Err(collision),
-        None => Ok(best.map(|(_, node)| node)),
-    }
-}
-
 /// What is done to one attempt to send.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Disturbance {
@@ -169,8 +146,12 @@ impl<const N: usize> Bus<N> {
         let able = |node: usize| offered[node].and(self.ready(node)).map(|ready| ready.max(now));
         let Some(start) = (0..N).filter_map(able).min() else { return Ok(None) };
         let competing = (0..N).filter(|&node| able(node) == Some(start));
-        let frames = competing.filter_map(|node| offered[node].map(|frame| (node, frame)));
-        let Some(node) = arbitrate(frames)? else { return Ok(None) };
+        let mut fields = competing.filter_map(|node| Some((offered[node]?.arbitration_field(), node)));
+        // The lowest arbitration field goes on.
+        let Some((field, node)) = fields.clone().min() else { return Ok(None) };
+        if let Some((_, other)) = fields.find(|&(equal, other)| equal == field && other != node) {
+            return Err(Collision { nodes: (node, other) });
+        }
         let Some(frame) = offered[node] else { return Ok(None) };
         Ok(Some(self.send(node, start, frame, disturbance)))
     }

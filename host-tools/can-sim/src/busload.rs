@@ -26,7 +26,6 @@ pub const DATA_BPS_MAX: u32 = 8_000_000;
 /// Samples that a frame brings at most from a part whose clock is 3 % fast.
 pub const SAMPLES_TYPICAL_MAX: usize = (XL_RATE_HZ * 103 / 100).div_ceil(FRAME_RATE_HZ) as usize;
 
-/// Who sends what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// Modules on the bus, 1 to [`NODES_MAX`], at addresses from the default one up.

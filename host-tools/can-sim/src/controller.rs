@@ -83,7 +83,6 @@ pub struct Bus {
     /// Has the slot's last frame arrived?
     sent: [bool; TxSlot::ALL.len()],
     wire: Option<OnWire>,
-    /// Nobody sends before.
     free_ns: u64,
     /// When the next frame of another node is there to be sent.
     foreign_ns: u64,
@@ -92,8 +91,6 @@ pub struct Bus {
     /// The node takes no part before.
     off_until_ns: Option<u64>,
     was_dominant: bool,
-    /// Time of our frames on the wire, nanoseconds.
-    busy_ns: u64,
 }
 
 impl Bus {
@@ -111,7 +108,6 @@ impl Bus {
             confinement: FaultConfinement::new(),
             off_until_ns: None,
             was_dominant: false,
-            busy_ns: 0,
         }
     }
 
@@ -156,11 +152,6 @@ impl Bus {
             transmit_errors: counter(self.confinement.transmit_errors()),
             receive_errors: counter(self.confinement.receive_errors()),
         }
-    }
-
-    /// Time that our frames have been on the wire, nanoseconds.
-    pub const fn busy_ns(&self) -> u64 {
-        self.busy_ns
     }
 
     /// Let time pass; `arrived` gets every frame of ours that arrives meanwhile.
@@ -265,9 +256,6 @@ impl Bus {
         };
         let error_ns = if fault.is_some() { self.times.error() } else { 0 };
         let ends_ns = starts_ns + self.times.frame(bytes) + error_ns;
-        if matches!(sender, Sender::Own(_)) {
-            self.busy_ns += ends_ns - starts_ns;
-        }
         self.wire = Some(OnWire { sender, ends_ns, fault });
     }
 

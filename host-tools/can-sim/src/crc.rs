@@ -11,7 +11,6 @@ pub struct Crc {
     pub start: u32,
 }
 
-/// Classical CAN.
 pub const CRC_15: Crc = Crc { width: 15, polynomial: 0x4599, start: 0 };
 /// CAN FD up to 16 bytes.
 pub const CRC_17: Crc = Crc { width: 17, polynomial: 0x1_685B, start: 1 << 16 };

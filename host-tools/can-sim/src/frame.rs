@@ -1,5 +1,7 @@
 //! A frame as a node hands it to its controller.
 
+use slipsense::wire::FD_LENGTHS;
+
 pub const MAX_DATA: usize = 64;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,28 +138,13 @@ impl Frame {
     }
 }
 
-/// Lengths of CAN FD's data length codes 9 to 15.
-const FD_LENGTHS: [usize; 7] = [12, 16, 20, 24, 32, 48, 64];
-
 /// Bytes that a data length code (0 to 15) means.
 pub const fn len_of(dlc: u8, fd: bool) -> usize {
-    match dlc {
-        0..=8 => dlc as usize,
-        _ if fd => FD_LENGTHS[(dlc as usize - 9) % FD_LENGTHS.len()],
-        _ => 8,
-    }
+    let len = FD_LENGTHS[dlc as usize % FD_LENGTHS.len()] as usize;
+    if fd || len < 8 { len } else { 8 }
 }
 
 /// The data length code that means exactly `len` bytes.
 pub fn dlc_of(len: usize, fd: bool) -> Option<u8> {
-    match len {
-        0..=8 => Some(len as u8),
-        _ if fd => (9..=15).find(|&dlc| len_of(dlc, true) == len),
-        _ => None,
-    }
-}
-
-/// The shortest length of CAN FD that holds `len` bytes; `None` beyond 64.
-pub fn padded_len(len: usize) -> Option<usize> {
-    (0..=15).map(|dlc| len_of(dlc, true)).find(|&fits| fits >= len)
+    (0..if fd { 16 } else { 9 }).find(|&dlc| len_of(dlc, fd) == len)
 }

@@ -7,8 +7,9 @@
 //!           every bit    how many      clock cycles
 //! ```
 //!
-//! No allocation, no floating point, no dependency: emulated peripheral, scheduler tests and bus planner use the
-//! same arithmetic. Times are whole cycles of the CAN kernel clock, so nothing is rounded until someone asks for
+//! No allocation, no floating point: emulated peripheral, scheduler tests and bus planner use the same arithmetic.
+//! [`controller`] has a bus of its own: on the emulated core, to walk all bits of a frame would take longer than the
+//! tasks that it times, so there a frame of a length always takes that length's worst case. Times are whole cycles of the CAN kernel clock, so nothing is rounded until someone asks for
 //! nanoseconds.
 //!
 //! The rules are ISO 11898-1:2015's, cited by the names of its fields and written from memory of the standard and
@@ -28,10 +29,10 @@ mod timing;
 mod wire_bits;
 mod worst_case;
 
-pub use bus::{Attempt, Bus, Collision, Disturbance, Outcome, arbitrate};
+pub use bus::{Attempt, Bus, Collision, Disturbance, Outcome};
 pub use confinement::{ErrorState, FaultConfinement, RECOVERY_BITS};
 pub use crc::{CRC_15, CRC_17, CRC_21, Crc};
-pub use frame::{Format, Frame, FrameError, Id, MAX_DATA, dlc_of, len_of, padded_len};
+pub use frame::{Format, Frame, FrameError, Id, MAX_DATA, dlc_of, len_of};
 pub use timing::{BitTiming, INTERMISSION, Timing, TimingError};
 pub use wire_bits::{Field, FrameBits, Rate, WireBit, WireBits};
 pub use worst_case::worst_case;

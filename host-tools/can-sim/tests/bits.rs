@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use slipsense_can_sim::{
     CRC_15, CRC_17, CRC_21, Crc, Field, Format, Frame, FrameBits, Id, Rate, Timing, WireBit, WireBits,
-    dlc_of, len_of, padded_len, worst_case,
+    dlc_of, len_of, worst_case,
 };
 
 const CLASSIC: Format = Format::Classic;
@@ -60,10 +60,6 @@ fn lengths_and_codes_belong_together() {
         assert_eq!(dlc_of(len_of(dlc, true), true), Some(dlc));
     }
     assert_eq!((dlc_of(9, true), dlc_of(9, false), len_of(12, false)), (None, None, 8));
-    assert_eq!(
-        (padded_len(0), padded_len(9), padded_len(64), padded_len(65)),
-        (Some(0), Some(12), Some(64), None)
-    );
     assert!(Frame::new(Id::Standard(1 << 11), CLASSIC, &[]).is_err());
     assert!(Frame::new(Id::Extended(1 << 29), CLASSIC, &[]).is_err());
     assert!(Frame::new(Id::Standard(0), CLASSIC, &[0; 9]).is_err());

@@ -3,9 +3,8 @@
 //! `set.json` says which set it is and is written first. Episodes appear whole, so that a run that was
 //! cut off goes on with those that are missing. When all are there, `hashes.json` says what they hold.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;

@@ -4,14 +4,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use slipsense::net::Model;
-use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Pipeline};
-use slipsense::sensor::SensorInput;
 use slipsense::wire::{CanFrame, NodeId, Origin, RawBuffer, RawForm, Transmitter};
 use slipsense_recording::{Episode, Predictions};
 
 /// The pipeline's output for an episode.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Simulation {
     pub predictions: Predictions,
     /// Sum of each pad, counts, `[frame * sensors + sensor]`.
@@ -44,15 +42,9 @@ pub fn simulate(
     let (frames, sensors) = (episode.frames(), episode.sensors);
     let mut pipeline = Pipeline::new(model, sensors)?;
     let (mut transmitter, mut buffer) = (Transmitter::new(NodeId::DEFAULT), RawBuffer::new());
-    let mut simulation = Simulation {
-        predictions: Predictions::with_capacity(frames, sensors),
-        pressure: Vec::with_capacity(frames * sensors),
-        health: Vec::with_capacity(frames * sensors),
-        can_frames: 0,
-        step_time: Duration::ZERO,
-    };
+    let mut simulation = Simulation { predictions: Predictions::new(sensors), ..Simulation::default() };
     for frame in 0..frames {
-        let inputs = inputs(episode, frame);
+        let inputs = episode.inputs(frame);
         let inputs = &inputs[..sensors];
         let start = Instant::now();
         let output = pipeline.step(inputs);
@@ -75,18 +67,6 @@ pub fn simulate(
         progress();
     }
     Ok(simulation)
-}
-
-/// What each sensor delivered for one frame; entries beyond the episode's sensors are empty.
-pub fn inputs(episode: &Episode, frame: usize) -> [SensorInput<'_>; MAX_SENSORS] {
-    std::array::from_fn(|sensor| match sensor < episode.sensors {
-        true => SensorInput {
-            piezo: Some(episode.piezo(frame, sensor)),
-            xl: Some(episode.xl_batch(frame, sensor)),
-            xl_end: episode.xl_end(frame, sensor),
-        },
-        false => SensorInput::default(),
-    })
 }
 
 impl Simulation {

@@ -10,6 +10,7 @@ use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::Episode;
+pub use slipsense_recording::hex;
 use slipsense_recording::score::{ClassScores, Detection, score_events};
 
 use crate::simulate::Simulation;
@@ -343,10 +344,6 @@ impl EventInfo {
 
 pub fn file_name(path: &str) -> Cow<'_, str> {
     Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy())
-}
-
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 pub fn plural(count: usize) -> &'static str {

@@ -100,7 +100,7 @@ pub(crate) fn thresholded<'a>(mut score: impl Score + 'a, threshold: f32, order:
 }
 
 /// State of each sensor; starts anew when the number of sensors changes, which a module in use cannot do.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct PerSensor<T> {
     initial: T,
     states: Vec<T>,

@@ -37,9 +37,9 @@ pub(crate) struct XlSpectrum {
     hann: Arc<[f64]>,
 }
 
-impl XlSpectrum {
-    /// An empty window; the first sample will be taken as gravity.
-    pub(crate) fn new() -> Self {
+/// An empty window; the first sample will be taken as gravity.
+impl Default for XlSpectrum {
+    fn default() -> Self {
         let hann = |n: usize| 0.5 - 0.5 * (2.0 * PI * n as f64 / XL_WINDOW as f64).cos();
         Self {
             highpass: HighPass::new(HIGHPASS_HZ.into(), XL_RATE_HZ.into()),
@@ -49,7 +49,9 @@ impl XlSpectrum {
             hann: (0..XL_WINDOW).map(hann).collect(),
         }
     }
+}
 
+impl XlSpectrum {
     /// Take samples, oldest first; `lsb_g` is the acceleration of one LSB, g.
     pub(crate) fn push(&mut self, samples: &[XlSample], lsb_g: f64) {
         for sample in samples {

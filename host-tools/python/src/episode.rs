@@ -6,7 +6,6 @@ use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
-use slipsense::sensor::SensorInput;
 use slipsense_recording::{Episode as Recording, Predictions};
 
 use crate::error::refused;
@@ -76,16 +75,10 @@ pub fn run<'py>(py: Python<'py>, episode: &Episode, model: Option<&[u8]>) -> PyR
     let mut pipeline = Running::new(sensors, model)?;
     let frames = episode.frames();
     let predictions = py.detach(|| {
-        let mut predictions = Predictions::with_capacity(frames, sensors);
+        let mut predictions = Predictions::new(sensors);
         for frame in 0..frames {
-            let inputs: Vec<SensorInput<'_>> = (0..sensors)
-                .map(|sensor| SensorInput {
-                    piezo: Some(episode.piezo(frame, sensor)),
-                    xl: Some(episode.xl_batch(frame, sensor)),
-                    xl_end: episode.xl_end(frame, sensor),
-                })
-                .collect();
-            predictions.push(&pipeline.step(&inputs), episode.meta.xl_lsb_g);
+            let output = pipeline.step(&episode.inputs(frame)[..sensors]);
+            predictions.push(&output, episode.meta.xl_lsb_g);
         }
         predictions
     });

@@ -2,14 +2,13 @@
 
 use crate::{Meta, Problem};
 use slipsense::params::{MAX_SENSORS, XL_BATCH_MAX};
-use slipsense::sensor::SensorReadings;
-use slipsense::sensor::{PiezoFrame, XlSample};
+use slipsense::sensor::{PiezoFrame, SensorInput, SensorReadings, XlSample};
 
 /// One stretch of sensor data, with labels where someone knows them.
 ///
 /// Fields are public so that generators can fill them; [`Episode::validate`] checks the rules, and
 /// [`Episode::write`] does so before it writes. [`Episode::read`] hands out only what follows the rules.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Episode {
     /// Sensors, 1 to 3.
     pub sensors: usize,
@@ -67,6 +66,18 @@ impl Episode {
         part.piezo = self.piezo(frame, sensor).clone();
         (part.piezo_arrived, part.xl_arrived, part.xl_end) = (true, true, self.xl_end(frame, sensor));
         Ok(part)
+    }
+
+    /// What each sensor delivered for one frame; entries beyond the episode's sensors are empty.
+    pub fn inputs(&self, frame: usize) -> [SensorInput<'_>; MAX_SENSORS] {
+        std::array::from_fn(|sensor| match sensor < self.sensors {
+            true => SensorInput {
+                piezo: Some(self.piezo(frame, sensor)),
+                xl: Some(self.xl_batch(frame, sensor)),
+                xl_end: self.xl_end(frame, sensor),
+            },
+            false => SensorInput::default(),
+        })
     }
 
     fn at(&self, frame: usize, sensor: usize) -> usize {

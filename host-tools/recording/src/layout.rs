@@ -29,9 +29,7 @@ pub struct Field {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// One bit.
     Bool,
-    /// Bits.
     Unsigned(u32),
     /// Bits, two's complement.
     Signed(u32),

@@ -60,3 +60,8 @@ pub use error::{EpisodeError, Problem};
 pub use meta::{Meta, XL_RATE_TOLERANCE};
 pub use predictions::{Predictions, logmel_g2, logmel_std};
 pub use whole_file::write_whole;
+
+/// Bytes in hexadecimal, two small digits each.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -30,7 +30,6 @@ const POLL: Duration = Duration::from_millis(100);
 pub enum Place {
     /// Standard input or output.
     Standard,
-    /// A recording.
     File(PathBuf, Format),
     Serial(String),
     /// An slcan adapter behind TCP.
@@ -78,7 +77,6 @@ pub enum Input {
     /// Traffic of others.
     Other(Foreign),
     Idle,
-    /// There is no more.
     End,
 }
 
@@ -271,7 +269,6 @@ impl Sink {
 mod socket_can {
     use super::*;
 
-    /// There is none.
     pub enum Socket {}
 
     impl Socket {

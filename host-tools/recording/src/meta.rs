@@ -11,7 +11,7 @@ pub const XL_RATE_TOLERANCE: f64 = 0.03;
 const KEYS: [&str; 3] = ["xl_lsb_g", "xl_rate_hz", "frame_rate_hz"];
 
 /// Units, rates and origin of an episode.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
     /// Acceleration of one LSB of `xl`, g; positive.
     pub xl_lsb_g: f64,

@@ -20,7 +20,7 @@ use std::path::Path;
 /// | `slip` | uint8 \[F\] |
 /// | `logmel` | float32 \[F, S, 16\] |
 /// | `logmel_std` | float32 \[F, S, 16\] |
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Predictions {
     /// Sensors, 1 to 3.
     pub sensors: usize,
@@ -53,18 +53,9 @@ pub fn logmel_std(log_mel: &LogMel) -> [f32; MEL_BINS] {
 }
 
 impl Predictions {
-    /// Of no frame yet, with room for some.
-    pub fn with_capacity(frames: usize, sensors: usize) -> Self {
-        Self {
-            sensors,
-            class: Vec::with_capacity(frames),
-            logits: Vec::with_capacity(frames),
-            log_odds: Vec::with_capacity(frames),
-            may_begin: Vec::with_capacity(frames),
-            slip: Vec::with_capacity(frames),
-            logmel: Vec::with_capacity(frames * sensors),
-            logmel_std: Vec::with_capacity(frames * sensors),
-        }
+    /// Of no frame yet.
+    pub fn new(sensors: usize) -> Self {
+        Self { sensors, ..Self::default() }
     }
 
     /// What the pipeline said about the next frame; `xl_lsb_g`: unit of the samples.
@@ -107,7 +98,6 @@ impl Predictions {
         })
     }
 
-    /// Check lengths and ranges.
     pub fn validate(&self) -> Result<(), Problem> {
         let (frames, sensors) = (self.frames(), self.sensors);
         if !(1..=MAX_SENSORS).contains(&sensors) {

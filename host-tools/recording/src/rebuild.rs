@@ -20,7 +20,6 @@ pub struct Rebuilt {
     pub first: u32,
     /// Microseconds of the recording at its first frame.
     pub start_us: u64,
-    /// What is left out.
     pub notes: Vec<String>,
 }
 
@@ -138,17 +137,7 @@ fn assemble(frames: &[&Vec<RawMessage>], sensors: usize, xl_lsb_g: f64) -> Resul
     xl.iter_mut().for_each(|xl| xl.resize(longest, [0; 3]));
     let mut meta = Meta::nominal(xl_lsb_g);
     meta.other.insert("source".to_owned(), "rebuilt from a recording of the bus".into());
-    let episode = Episode {
-        sensors,
-        piezo,
-        xl,
-        xl_end,
-        label: None,
-        slip_true_mm_s: None,
-        slip_fraction: None,
-        displacement_mm: None,
-        meta,
-    };
+    let episode = Episode { sensors, piezo, xl, xl_end, meta, ..Episode::default() };
     episode.validate()?;
     Ok(episode)
 }

@@ -9,7 +9,6 @@ use crate::candump::LogEntry;
 pub enum Format {
     /// can-utils' text, `.log` or `.candump`.
     Candump,
-    /// MCAP, `.mcap`.
     Mcap,
 }
 

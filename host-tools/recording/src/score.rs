@@ -60,32 +60,6 @@ pub struct EventScores {
     pub false_alarms: Vec<FalseAlarm>,
 }
 
-impl EventScores {
-    /// Delays of the hits, frames, in order of time.
-    pub fn delays(&self) -> Vec<usize> {
-        let delay = |e: &EventScore| match e.detection {
-            Detection::Hit { delay } => Some(delay),
-            _ => None,
-        };
-        self.events.iter().filter_map(delay).collect()
-    }
-
-    /// Events flagged at or after their onset.
-    pub fn hits(&self) -> usize {
-        self.delays().len()
-    }
-
-    /// Events flagged before their onset.
-    pub fn early(&self) -> usize {
-        self.events.iter().filter(|e| matches!(e.detection, Detection::Early { .. })).count()
-    }
-
-    /// Events not flagged in time.
-    pub fn missed(&self) -> usize {
-        self.events.iter().filter(|e| e.detection == Detection::Missed).count()
-    }
-}
-
 /// Frames `start..end`, not empty.
 pub type Interval = (usize, usize);
 
@@ -264,60 +238,36 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_in_the_event_is_a_hit_with_its_delay() {
-        let at = |first: usize| score(&[100..200], &[first..210]);
-        assert_eq!(at(100).events[0].detection, Detection::Hit { delay: 0 });
-        assert_eq!(
-            at(103).events,
-            [EventScore { onset: 100, end: 200, detection: Detection::Hit { delay: 3 } }]
-        );
-        assert_eq!(at(199).events[0].detection, Detection::Hit { delay: 99 });
-        assert!(at(103).false_alarms.is_empty());
-    }
-
-    #[test]
-    fn an_early_flag_is_neither_hit_nor_alarm() {
-        for lead in [1, 12] {
-            let s = score(&[100..200], &[100 - lead..150]);
-            assert_eq!(s.events[0].detection, Detection::Early { lead });
-            assert_eq!((s.hits(), s.early(), s.missed(), s.false_alarms.len()), (0, 1, 0, 0));
+    fn events_and_alarms_by_hand() {
+        use Detection::Missed;
+        let (hit, early) = (|delay| Detection::Hit { delay }, |lead| Detection::Early { lead });
+        type Ranges<'a> = &'a [std::ops::Range<usize>];
+        let cases: [(&str, Ranges<'_>, Ranges<'_>, &[Detection], Ranges<'_>); 13] = [
+            ("at the onset", &[100..200], &[100..210], &[hit(0)], &[]),
+            ("behind the onset", &[100..200], &[103..210], &[hit(3)], &[]),
+            ("in the last frame", &[100..200], &[199..210], &[hit(99)], &[]),
+            ("early is neither hit nor alarm", &[100..200], &[99..150], &[early(1)], &[]),
+            ("as early as can be", &[100..200], &[88..150], &[early(12)], &[]),
+            ("too early and too late", &[100..200], &[80..88, 200..205], &[Missed], &[80..88]),
+            ("up to the end of the margin", &[100..200], &[110..212], &[hit(10)], &[]),
+            ("past the margin", &[100..200], &[110..213], &[hit(10)], &[212..213]),
+            ("less than 200 ms apart", &[], &[300..310, 357..360], &[], &[300..360]),
+            ("200 ms apart", &[], &[300..310, 358..360], &[], &[300..310, 358..360]),
+            ("a tail is not early", &[100..200, 206..300], &[150..200, 230..240], &[hit(50), hit(24)], &[]),
+            ("both ends of an episode", &[0..50, 950..1000], &[0..5], &[hit(0), Missed], &[]),
+            ("nothing", &[], &[], &[], &[]),
+        ];
+        for (what, slip, flags, detections, alarms) in cases {
+            let found = score(slip, flags);
+            let event = |(range, &detection): (&std::ops::Range<usize>, &Detection)| EventScore {
+                onset: range.start,
+                end: range.end,
+                detection,
+            };
+            assert_eq!(found.events, slip.iter().zip(detections).map(event).collect::<Vec<_>>(), "{what}");
+            let alarm = |range: &std::ops::Range<usize>| FalseAlarm { start: range.start, end: range.end };
+            assert_eq!(found.false_alarms, alarms.iter().map(alarm).collect::<Vec<_>>(), "{what}");
         }
-    }
-
-    #[test]
-    fn a_flag_too_early_or_too_late_misses() {
-        let s = score(&[100..200], &[80..88, 200..205]);
-        assert_eq!(s.events[0].detection, Detection::Missed);
-        assert_eq!(s.false_alarms, [FalseAlarm { start: 80, end: 88 }]);
-    }
-
-    #[test]
-    fn a_flag_that_stays_up_past_the_margin_is_an_alarm_there() {
-        assert!(score(&[100..200], &[110..212]).false_alarms.is_empty());
-        let s = score(&[100..200], &[110..213]);
-        assert_eq!(s.false_alarms, [FalseAlarm { start: 212, end: 213 }]);
-        assert_eq!(s.hits(), 1);
-    }
-
-    #[test]
-    fn alarms_less_than_200_ms_apart_are_one() {
-        let merged = score(&[], &[300..310, 357..360]);
-        assert_eq!(merged.false_alarms, [FalseAlarm { start: 300, end: 360 }]);
-        let apart = score(&[], &[300..310, 358..360]);
-        assert_eq!(apart.false_alarms.len(), 2);
-    }
-
-    #[test]
-    fn the_tail_of_one_event_is_not_the_early_flag_of_the_next() {
-        let s = score(&[100..200, 206..300], &[150..200, 230..240]);
-        assert_eq!(s.delays(), [50, 24]);
-    }
-
-    #[test]
-    fn events_touch_both_ends_of_an_episode() {
-        let s = score(&[0..50, 950..1000], &[0..5]);
-        assert_eq!(s.events[0].detection, Detection::Hit { delay: 0 });
-        assert_eq!((s.events[1].end, s.events[1].detection), (1000, Detection::Missed));
     }
 
     #[test]

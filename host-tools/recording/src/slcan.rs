@@ -10,10 +10,8 @@ pub fn open_commands(data_mbit: u8) -> String {
     format!("C\rS8\rY{data_mbit}\rO\r")
 }
 
-/// The command that closes the channel.
 pub const CLOSE: &str = "C\r";
 
-/// The command that sends a frame.
 pub fn command(frame: &CanFrame) -> String {
     let dlc = FD_LENGTHS.iter().position(|&length| usize::from(length) == frame.data().len()).unwrap_or(0);
     let mut line = format!("B{:08X}{dlc:X}", frame.id());

@@ -87,7 +87,6 @@ pub enum Platform {
     Tesollo,
 }
 
-/// Where on the finger the object lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {

@@ -11,9 +11,7 @@ use slipsense::params::MEL_BINS;
 
 /// Share of sequences in which something else sounds.
 const WITH_SOUND: f64 = 0.6;
-/// Most bursts of it.
 const BURSTS_MAX: usize = 3;
-/// Frames of a burst.
 const BURST_FRAMES: Range<usize> = 2..120;
 /// Level of a burst over the mean of the sequence, nat of power.
 const BURST_LEVEL: Range<f32> = -1.0..4.0;
@@ -22,7 +20,6 @@ const MACHINE_LEVEL: Range<f32> = -3.0..2.0;
 const TONE_LEVEL: Range<f32> = 1.0..5.0;
 /// Frames from which on a sound that is there at the start of a sequence has been there before it.
 const LASTING_FRAMES: usize = 120;
-/// Most tones of a machine.
 const TONES_MAX: usize = 4;
 /// Largest slow change of the response over the bins, nat: units and mounts differ by some tenths, the modes
 /// of another hand's fingers by more.

@@ -95,7 +95,6 @@ pub struct SlowArray {
 }
 
 impl SlowArray {
-    /// Slow in some cases.
     pub fn draw(rng: &mut ChaCha8Rng) -> Self {
         let step = if rng.random_bool(SLOW) { rng.random_range(SLOW_FRAMES) } else { 1 };
         Self { step, interpolated: rng.random_bool(0.5) }

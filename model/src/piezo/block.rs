@@ -13,14 +13,11 @@ pub type Winner = [i32; LANES];
 /// No gradient passes.
 const NONE: i32 = 4;
 
-/// Sizes of a block.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     /// Cells along one side of the input, border not counted.
     pub side: usize,
-    /// Channels of the input.
     pub inputs: usize,
-    /// Channels of the output.
     pub outputs: usize,
     /// Cells of zeros around the output: 1 before another block, else 0.
     pub border: usize,
@@ -118,9 +115,7 @@ pub fn forward(
 
 /// Gradients of a block. Each is added to what is there.
 pub struct Gradients<'g> {
-    /// Of the filters.
     pub weight: &'g mut [Lanes],
-    /// Of the biases.
     pub bias: &'g mut [Lanes],
     /// Of the input, as its map; `None` where nobody asks.
     pub x: Option<&'g mut [Lanes]>,

@@ -58,7 +58,6 @@ impl Graphs {
         Block { name: "temporal", fused: true },
     ];
 
-    /// Build and compile.
     pub fn new(weights: &Weights) -> Result<Self> {
         Self::compile(weights, false)
     }

@@ -74,7 +74,6 @@ fn rows_help() -> String {
     )
 }
 
-/// Do what `args` say.
 pub fn run_compare(args: &CompareArgs) -> Result<()> {
     let rows = args.chosen()?;
     let budget = args.budget()?;

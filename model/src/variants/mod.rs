@@ -25,9 +25,7 @@ use crate::weights::FIRST_DIMS;
 /// Which sensors a network has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Modality {
-    /// Pads and accelerometers.
     Both,
-    /// Pads only.
     Piezo,
     /// Accelerometers only; the pads say what contact is.
     Xl,
@@ -58,9 +56,7 @@ pub enum Pool {
 /// A network and what it is trained on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variant {
-    /// Sensors.
     pub modality: Modality,
-    /// How they become one.
     pub fusion: Fusion,
     /// Where the maximum over fingers is taken.
     pub pool: Pool,
@@ -72,7 +68,6 @@ pub struct Variant {
     pub xl_kernel: usize,
     /// Does the network see how far each bin is above its noise floor; else the standardised bins alone.
     pub over_floor: bool,
-    /// What there is of the pads.
     pub pads: PadView,
     /// Is what the accelerometers hear changed at random in training.
     pub xl_augmentation: bool,
@@ -109,11 +104,8 @@ pub struct Row {
     pub name: &'static str,
     /// What is compared.
     pub group: &'static str,
-    /// What it is.
     pub about: &'static str,
-    /// The network.
     pub variant: Variant,
-    /// Where its weights come from.
     pub making: Making,
 }
 
@@ -158,7 +150,6 @@ const fn modality(modality: Modality) -> Variant {
     Variant { modality, ..BASE }
 }
 
-/// All rows.
 pub const ROWS: [Row; 20] = [
     row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
     row("piezo", "modality", "pads only", modality(Modality::Piezo)),
@@ -203,7 +194,6 @@ pub const ROWS: [Row; 20] = [
     },
 ];
 
-/// The row of a name.
 pub fn row_named(name: &str) -> Option<&'static Row> {
     ROWS.iter().find(|row| row.name == name)
 }

@@ -20,13 +20,10 @@ pub struct Ordering {
     pub rule: String,
     /// The mean of the macro F1 on these splits is compared.
     pub splits: Vec<Split>,
-    /// Row expected to be better.
     pub better: &'static str,
-    /// Row expected to be worse.
     pub worse: &'static str,
     /// Macro F1 of the better row; null where it is missing.
     pub better_macro_f1: Option<Spread>,
-    /// Macro F1 of the worse row.
     pub worse_macro_f1: Option<Spread>,
     /// Better less worse, means of the seeds.
     pub difference_points: Option<f64>,
@@ -41,9 +38,7 @@ pub struct Ordering {
 /// How one row must be better than another.
 #[derive(Clone, Copy)]
 enum Must {
-    /// At all.
     Be,
-    /// Or as good.
     NotBeWorse,
     /// Least difference, points.
     By(f64),
@@ -114,9 +109,7 @@ pub struct Comparisons {
     pub command: String,
     /// What every row got.
     pub budget: Budget,
-    /// Row by row.
     pub rows: Vec<RowResults>,
-    /// The paper's orderings.
     pub orderings: Vec<Ordering>,
 }
 

@@ -5,20 +5,12 @@ use plotters::prelude::*;
 use slipsense_synth::Split;
 
 use super::orderings::Comparisons;
+use crate::curves::COLOURS;
 
 const WIDTH: u32 = 900;
 /// Height of a row, and of all that is around the rows.
 const ROW_HEIGHT: u32 = 26;
 const AROUND_HEIGHT: u32 = 150;
-/// Okabe and Ito's colours, which colour-blind readers can tell apart.
-const COLOURS: [RGBColor; 6] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-];
 /// Distance of two splits within a row, rows.
 const APART: f64 = 0.12;
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 use slipsense_synth::Split;
 use slipsense_synth::splits::GENERATOR_VERSION;
@@ -14,19 +14,16 @@ use crate::output;
 /// What every row gets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
-    /// Training episodes.
     pub episodes: usize,
     /// Seed of the training episodes, the same for all rows and seeds.
     pub data_seed: u64,
     /// Version of what made the episodes.
     pub generator: u32,
-    /// Optimizer steps.
     pub steps: usize,
     /// Sequences per step.
     pub batch: usize,
     /// Frames per sequence.
     pub frames: usize,
-    /// Highest learning rate.
     pub learning_rate: f64,
     /// First episodes of each frozen split that are scored.
     pub test_episodes: usize,
@@ -44,13 +41,9 @@ impl Budget {
 /// Figures of one row and seed on one split; null where there is nothing to divide by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SplitFigures {
-    /// Split.
     pub split: Split,
-    /// Episodes scored.
     pub episodes: usize,
-    /// Frames scored.
     pub frames: u64,
-    /// Slip events.
     pub events: usize,
     /// Mean F1 of the three classes.
     pub macro_f1: Option<f64>,
@@ -79,7 +72,6 @@ impl SplitFigures {
 /// A row and seed that is done, as in `DIR/ROW-SEED.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finished {
-    /// Name of the row.
     pub row: String,
     /// Seed of first weights and draws.
     pub seed: u64,
@@ -93,7 +85,6 @@ pub struct Finished {
     pub loss: Option<f64>,
     /// Training and scoring, seconds.
     pub wall_s: f64,
-    /// Split by split.
     pub splits: Vec<SplitFigures>,
 }
 
@@ -106,12 +97,7 @@ impl Finished {
     /// What an earlier run left; none if there is nothing. Refuses what had another budget.
     pub fn read(out: &Path, row: &str, seed: u64, budget: &Budget) -> Result<Option<Self>> {
         let path = Self::path(out, row, seed);
-        if !path.exists() {
-            return Ok(None);
-        }
-        let text = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let done: Self =
-            serde_json::from_slice(&text).with_context(|| format!("cannot use {}", path.display()))?;
+        let Some(done) = output::read_json::<Self>(&path)? else { return Ok(None) };
         ensure!(
             done.budget == *budget,
             "{}: budget is {}, now asked for {}; rows of different budgets do not compare, use another --out",
@@ -122,7 +108,6 @@ impl Finished {
         Ok(Some(done))
     }
 
-    /// Keep it.
     pub fn write(&self, out: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self)? + "\n";
         output::write(&Self::path(out, &self.row, self.seed), text.as_bytes())
@@ -134,9 +119,7 @@ impl Finished {
 pub struct Spread {
     /// Mean of the seeds.
     pub mean: f64,
-    /// Lowest.
     pub lowest: f64,
-    /// Highest.
     pub highest: f64,
 }
 
@@ -153,13 +136,9 @@ impl Spread {
 /// One row over all its seeds, on one split.
 #[derive(Clone, Debug, Serialize)]
 pub struct RowSplit {
-    /// Split.
     pub split: Split,
-    /// Slip events.
     pub events: usize,
-    /// See [`SplitFigures`].
     pub macro_f1: Option<Spread>,
-    /// See [`SplitFigures`].
     pub fpr_of_non_slip_share: Option<Spread>,
     /// See [`SplitFigures`]; null where a seed's is.
     pub latency_median_frames: Option<Spread>,
@@ -168,17 +147,13 @@ pub struct RowSplit {
 /// One row over all its seeds.
 #[derive(Clone, Debug, Serialize)]
 pub struct RowResults {
-    /// Name.
     pub row: &'static str,
     /// What is compared.
     pub group: &'static str,
-    /// What it is.
     pub about: &'static str,
     /// Trained numbers.
     pub parameters: usize,
-    /// Split by split.
     pub splits: Vec<RowSplit>,
-    /// Seed by seed.
     pub seeds: Vec<Finished>,
 }
 

@@ -17,10 +17,8 @@ use crate::weights::Weights;
 pub const SPLITS: [Split; 6] =
     [Split::Val, Split::UmiId, Split::UmiOod, Split::Palm, Split::Tesollo2, Split::Tesollo3];
 
-/// Training episodes and those of every split.
 #[derive(Debug)]
 pub struct Sets {
-    /// Drawn from for gradients.
     pub train: Vec<Features>,
     /// In the order of [`SPLITS`].
     pub splits: Vec<(Split, Vec<Features>)>,

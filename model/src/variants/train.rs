@@ -15,7 +15,6 @@ use crate::weights::Weights;
 /// Share of the steps, the last ones, over which the loss is averaged.
 const LAST_SHARE: usize = 10;
 
-/// A trained variant.
 #[derive(Clone, Debug)]
 pub struct Trained {
     /// Running average of the weights.
@@ -24,12 +23,9 @@ pub struct Trained {
     pub loss: f64,
 }
 
-/// A network that is trained.
 #[derive(Clone, Debug)]
 pub struct TrainedNetwork {
-    /// What it computes.
     pub variant: Variant,
-    /// Of what.
     pub weights: Weights,
 }
 

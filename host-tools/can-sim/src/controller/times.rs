@@ -1,6 +1,6 @@
 //! How long things keep the bus, nanoseconds: [`crate`]'s bits, of the longest frame of each length.
 
-use crate::{Format, INTERMISSION, RECOVERY_BITS, Timing, worst_case};
+use crate::{Format, INTERMISSION, RECOVERY_BITS, Timing, dlc_of, worst_case};
 use slipsense::wire::FD_LENGTHS;
 
 /// What an error adds to a frame, at most: flags of both sides and the delimiter, bits.
@@ -29,8 +29,7 @@ impl Times {
     /// A frame of `bytes` of data with the most stuff bits that its length can have, and the intermission behind it.
     /// A length that CAN FD does not have takes the time of the longest.
     pub fn frame(&self, bytes: usize) -> u64 {
-        let dlc = FD_LENGTHS.iter().position(|&length| usize::from(length) == bytes);
-        dlc.and_then(|dlc| self.frames.get(dlc)).or(self.frames.last()).copied().unwrap_or_default()
+        self.frames[dlc_of(bytes, true).map_or(self.frames.len() - 1, usize::from)]
     }
 
     /// What an error adds to the frame that it destroys.

@@ -15,13 +15,12 @@ use slipsense_recording::score::SLIP;
 
 use super::record::{Record, SensorRecord};
 use super::store::Store;
-use crate::simulate::inputs;
 
 /// Put all frames into the store, as fast as they come.
 pub fn run_episode(episode: &Episode, model: Model<'_>, store: &Store) -> Result<(), SensorCountError> {
     let mut pipeline = Pipeline::new(model, episode.sensors)?;
     for frame in 0..episode.frames() {
-        let output = pipeline.step(&inputs(episode, frame)[..episode.sensors]);
+        let output = pipeline.step(&episode.inputs(frame)[..episode.sensors]);
         let sensor = |sensor: usize| SensorRecord {
             piezo: Some(episode.piezo(frame, sensor).clone()),
             log_mel: Some(output.log_mel[sensor]),

@@ -24,7 +24,7 @@ const GROUPS: [std::ops::Range<usize>; 6] = [0..4, 4..8, 8..13, 13..18, 18..22, 
 /// Frames after which two analysis windows share no sample.
 const APART: usize = 4;
 
-#[derive(Clone)]
+#[derive(Clone, Default)]
 struct Sensor {
     spectrum: XlSpectrum,
     before: Option<PiezoFrame>,
@@ -34,10 +34,6 @@ struct Sensor {
 }
 
 impl Sensor {
-    fn new() -> Self {
-        Self { spectrum: XlSpectrum::new(), before: None, spectra: None, oldest: 0 }
-    }
-
     fn step(&mut self, now: &PiezoFrame) -> [f64; FEATURES] {
         let before = self.before.as_ref().unwrap_or(now);
         let (sum, sum_before) = (f64::from(now.sum()), f64::from(before.sum()));
@@ -66,15 +62,12 @@ impl Sensor {
     }
 }
 
+#[derive(Default)]
 pub(crate) struct LogisticFeatures {
     sensors: PerSensor<Sensor>,
 }
 
 impl LogisticFeatures {
-    pub(crate) fn new() -> Self {
-        Self { sensors: PerSensor::new(Sensor::new()) }
-    }
-
     pub(crate) fn step(&mut self, episode: &Episode, frame: usize) -> [f64; FEATURES] {
         let mut largest = [f64::MIN; FEATURES];
         for (index, sensor) in self.sensors.get(episode.sensors).iter_mut().enumerate() {
@@ -93,7 +86,7 @@ pub(super) struct LogisticScore {
 
 impl LogisticScore {
     pub(super) fn new(fit: &LogisticFit) -> Self {
-        Self { features: LogisticFeatures::new(), fit: fit.clone() }
+        Self { features: LogisticFeatures::default(), fit: fit.clone() }
     }
 }
 

@@ -15,9 +15,12 @@ use std::path::Path;
 use anyhow::{Result, bail};
 
 use crate::detector::{Detector, PerSensor, Score, thresholded};
-use crate::fitted::Fitted;
+use crate::fitted::{Cutoff, Fitted};
 
+use logistic::LogisticScore;
 pub use network::Modality;
+use paper::{AndScore, EntropyScore, MfccQdaScore};
+use vibration::{BandPassScore, EnergyScore, FluxCusumScore};
 
 /// The integer network, the one that ships.
 pub const NETWORK: &str = "network";
@@ -57,8 +60,8 @@ pub const DETECTORS: [(&str, &str); 16] = [
 ];
 
 pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
-    fn analytic<'a>(score: impl Score + 'a, threshold: f32, fitted: &Fitted) -> Detector<'a> {
-        thresholded(score, threshold, fitted.class_order)
+    fn analytic<'a>(score: impl Score + 'a, cut: Cutoff, fitted: &Fitted) -> Detector<'a> {
+        thresholded(score, cut.threshold, fitted.class_order)
     }
     let fitted = setup.fitted;
     Ok(match name {
@@ -68,25 +71,13 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
         FLOAT => float::float(setup.float_weights)?,
         #[cfg(not(feature = "float"))]
         FLOAT => bail!("{FLOAT} is not in this build; build with `--features train`"),
-        "entropy" => {
-            analytic(PerSensor::new(paper::EntropyScore::default()), fitted.entropy.threshold, fitted)
-        }
-        "mfcc-qda" => {
-            let score = paper::MfccQdaScore::new(&fitted.mfcc)?;
-            analytic(PerSensor::new(score), fitted.mfcc.cut.threshold, fitted)
-        }
-        "entropy-and-mfcc" => analytic(paper::AndScore::new(fitted)?, 0.0, fitted),
-        "energy" => analytic(PerSensor::new(vibration::EnergyScore::new()), fitted.energy.threshold, fitted),
-        "flux-cusum" => {
-            analytic(PerSensor::new(vibration::FluxCusumScore::new()), fitted.flux_cusum.threshold, fitted)
-        }
-        "band-pass" => {
-            analytic(PerSensor::new(vibration::BandPassScore::new()), fitted.band_pass.threshold, fitted)
-        }
-        "logistic" => {
-            let score = logistic::LogisticScore::new(&fitted.logistic);
-            analytic(score, fitted.logistic.cut.threshold, fitted)
-        }
+        "entropy" => analytic(PerSensor::<EntropyScore>::default(), fitted.entropy, fitted),
+        "mfcc-qda" => analytic(PerSensor::new(MfccQdaScore::new(&fitted.mfcc)?), fitted.mfcc.cut, fitted),
+        "entropy-and-mfcc" => thresholded(AndScore::new(fitted)?, 0.0, fitted.class_order),
+        "energy" => analytic(PerSensor::<EnergyScore>::default(), fitted.energy, fitted),
+        "flux-cusum" => analytic(PerSensor::<FluxCusumScore>::default(), fitted.flux_cusum, fitted),
+        "band-pass" => analytic(PerSensor::<BandPassScore>::default(), fitted.band_pass, fitted),
+        "logistic" => analytic(LogisticScore::new(&fitted.logistic), fitted.logistic.cut, fitted),
         "majority" => Box::new(|episode| Ok(limits::majority(episode, fitted.class_frames))),
         "always-slip" => Box::new(|episode| Ok(limits::always_slip(episode))),
         "clock" => {

@@ -8,7 +8,6 @@ use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::{CONTACT_SUM_MIN, MAX_SENSORS};
 use slipsense::pipeline::{Output, Pipeline};
-use slipsense::sensor::SensorInput;
 use slipsense_recording::Episode;
 use slipsense_recording::score::SLIP;
 
@@ -17,9 +16,7 @@ use crate::detector::{Detector, NEVER, Prediction};
 /// Half of a fingertip, as `--drop` names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Modality {
-    /// The taxel array.
     Piezo,
-    /// The accelerometer.
     Xl,
 }
 
@@ -69,14 +66,12 @@ impl<'m> PipelineStream<'m> {
             None => self.pipeline.insert(Box::new(Pipeline::new(self.model, sensors)?)),
         };
         for frame in 0..episode.frames() {
-            let inputs: [SensorInput<'_>; MAX_SENSORS] = std::array::from_fn(|s| match s < sensors {
-                true => SensorInput {
-                    piezo: (self.dead != Some(Modality::Piezo)).then(|| episode.piezo(frame, s)),
-                    xl: (self.dead != Some(Modality::Xl)).then(|| episode.xl_batch(frame, s)),
-                    xl_end: self.samples[s].wrapping_add(episode.xl_end(frame, s)),
-                },
-                false => SensorInput::default(),
-            });
+            let mut inputs = episode.inputs(frame);
+            for (input, samples) in inputs.iter_mut().zip(self.samples) {
+                input.piezo = input.piezo.filter(|_| self.dead != Some(Modality::Piezo));
+                input.xl = input.xl.filter(|_| self.dead != Some(Modality::Xl));
+                input.xl_end = input.xl_end.wrapping_add(samples);
+            }
             each(&pipeline.step(&inputs[..sensors]));
         }
         if let Some(last) = episode.frames().checked_sub(1) {

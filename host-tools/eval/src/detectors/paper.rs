@@ -70,7 +70,7 @@ pub(crate) struct MfccQdaScore {
 
 impl MfccQdaScore {
     pub(crate) fn new(fit: &MfccFit) -> Result<Self> {
-        Ok(Self { spectrum: XlSpectrum::new(), ratio: fit.ratio()? })
+        Ok(Self { spectrum: XlSpectrum::default(), ratio: fit.ratio()? })
     }
 }
 
@@ -91,7 +91,7 @@ pub(super) struct AndScore {
 impl AndScore {
     pub(super) fn new(fitted: &Fitted) -> Result<Self> {
         Ok(Self {
-            entropy: PerSensor::new(EntropyScore::default()),
+            entropy: PerSensor::default(),
             mfcc: PerSensor::new(MfccQdaScore::new(&fitted.mfcc)?),
             cutoffs: [fitted.entropy, fitted.mfcc.cut],
         })

@@ -31,15 +31,12 @@ pub(crate) fn rig_only_episode(episode: &Episode) -> Result<Episode> {
 }
 
 /// Features of an episode with the rig's vibration alone, frame by frame.
+#[derive(Default)]
 pub(crate) struct RigFeatures {
     sensors: PerSensor<XlSpectrum>,
 }
 
 impl RigFeatures {
-    pub(crate) fn new() -> Self {
-        Self { sensors: PerSensor::new(XlSpectrum::new()) }
-    }
-
     pub(crate) fn step(&mut self, rig: &Episode, frame: usize) -> [f64; FEATURES] {
         let mut mean = [0.0; FEATURES];
         for (sensor, spectrum) in self.sensors.get(rig.sensors).iter_mut().enumerate() {
@@ -60,7 +57,7 @@ pub(crate) fn terms(z: &[f64; FEATURES]) -> [f64; TERMS] {
 /// The score is slip's probability less the larger of the other two; threshold 0.
 pub(super) fn rig_only(fit: Option<&RigFit>) -> Result<Detector<'static>> {
     let fit = fit.context("rig-only was not fitted: the training episodes carried no recipe")?.clone();
-    let mut features = RigFeatures::new();
+    let mut features = RigFeatures::default();
     Ok(Box::new(move |episode| {
         let rig = rig_only_episode(episode)?;
         let (score, fallback) = (0..rig.frames())

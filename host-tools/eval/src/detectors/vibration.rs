@@ -10,16 +10,10 @@ use crate::spectrum::{FILTERS, XlSpectrum};
 /// `energy`: how many spreads the vibration energy is above its running median, the plain threshold rule of
 /// vibration-based slip detection. Energy is the mean square of the last 128 high-passed samples over all axes;
 /// the score is (energy − median) / MAD.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(crate) struct EnergyScore {
     spectrum: XlSpectrum,
     normal: RunningMedian,
-}
-
-impl EnergyScore {
-    pub(crate) fn new() -> Self {
-        Self { spectrum: XlSpectrum::new(), normal: RunningMedian::default() }
-    }
 }
 
 impl SensorScore for EnergyScore {
@@ -43,18 +37,12 @@ const SUM_MAX: f64 = 50.0;
 /// lasts as long as the slip does. It is measured in spreads z of its running median; the sum grows by z − 1 per
 /// frame, z held to at most 10, and stays between 0 and 50, so that it is back within a quarter of a second after
 /// the vibration ends. The score is the sum.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(crate) struct FluxCusumScore {
     spectrum: XlSpectrum,
     reference: Option<[f64; FILTERS]>,
     normal: RunningMedian,
     sum: f64,
-}
-
-impl FluxCusumScore {
-    pub(crate) fn new() -> Self {
-        Self { spectrum: XlSpectrum::new(), reference: None, normal: RunningMedian::default(), sum: 0.0 }
-    }
 }
 
 impl SensorScore for FluxCusumScore {
@@ -88,17 +76,11 @@ const HYSTERESIS: f64 = 2.0;
 /// was above θ at some time and has stayed at θ/2 or more since. The largest such θ is
 /// `score = max(power, min(score before, 2 · power))`, so comparing this score with θ is the hysteresis
 /// detector of threshold θ, for every θ at once.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(crate) struct BandPassScore {
     spectrum: XlSpectrum,
     envelope: f64,
     score: f64,
-}
-
-impl BandPassScore {
-    pub(crate) fn new() -> Self {
-        Self { spectrum: XlSpectrum::new(), envelope: 0.0, score: 0.0 }
-    }
 }
 
 impl SensorScore for BandPassScore {

@@ -44,12 +44,12 @@ impl Sample {
             true => Some(rig_only_episode(episode)?),
             false => None,
         };
-        let mut entropy = PerSensor::new(EntropyScore::default());
-        let mut energy = PerSensor::new(EnergyScore::new());
-        let mut flux_cusum = PerSensor::new(FluxCusumScore::new());
-        let mut band_pass = PerSensor::new(BandPassScore::new());
-        let mut spectra = vec![XlSpectrum::new(); episode.sensors];
-        let (mut logistic, mut rig_features) = (LogisticFeatures::new(), RigFeatures::new());
+        let mut entropy = PerSensor::<EntropyScore>::default();
+        let mut energy = PerSensor::<EnergyScore>::default();
+        let mut flux_cusum = PerSensor::<FluxCusumScore>::default();
+        let mut band_pass = PerSensor::<BandPassScore>::default();
+        let mut spectra = vec![XlSpectrum::default(); episode.sensors];
+        let (mut logistic, mut rig_features) = (LogisticFeatures::default(), RigFeatures::default());
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
         let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
         for (frame, &label) in label.iter().enumerate() {

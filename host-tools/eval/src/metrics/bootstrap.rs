@@ -1,8 +1,7 @@
 //! Percentile bootstrap over episodes: frames of one episode, and its events, are correlated, so whole
 //! episodes are drawn with replacement. Each draw adds up the episodes' counts; no frame is touched.
 
-use rand::Rng;
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use slipsense_recording::score::{ClassScores, Detection};

@@ -42,7 +42,7 @@ fn compare(what: &str, pairs: impl Iterator<Item = (f64, f64)>, allowed: f64) {
 #[test]
 fn mfcc_as_librosa_has_them() {
     let vectors = vectors();
-    let mut spectrum = XlSpectrum::new();
+    let mut spectrum = XlSpectrum::default();
     let mut start = 0;
     let mut found = Vec::new();
     for &end in &vectors.ends {

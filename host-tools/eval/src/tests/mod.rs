@@ -37,10 +37,8 @@ fn episode(frames: usize, slip: &[Range<usize>]) -> Episode {
         xl: vec![vec![Default::default(); frames * per_frame]],
         xl_end: (1..=frames).map(|f| (f * per_frame) as u32).collect(),
         label: Some(class(frames, slip)),
-        slip_true_mm_s: None,
-        slip_fraction: None,
-        displacement_mm: None,
         meta: Meta::nominal(0.000488),
+        ..Episode::default()
     }
 }
 

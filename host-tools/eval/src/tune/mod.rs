@@ -193,7 +193,6 @@ fn flags(scores: &[Option<Logit>], threshold: Logit) -> Vec<u8> {
 }
 
 impl Tuning {
-    /// The chosen rule.
     pub fn best(&self) -> &Rule {
         &self.rows[self.chosen]
     }

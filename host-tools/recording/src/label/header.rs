@@ -10,7 +10,6 @@ pub(super) struct Quantity {
     units: &'static [(&'static str, f64)],
 }
 
-/// Seconds.
 pub(super) const TIME: Quantity = Quantity {
     names: &["time", "elapsed time", "test time", "elapsed"],
     units: &[
@@ -23,12 +22,10 @@ pub(super) const TIME: Quantity = Quantity {
         ("min", 60.0),
     ],
 };
-/// Millimetres.
 pub(super) const TRAVEL: Quantity = Quantity {
     names: &["travel", "displacement", "distance", "position", "extension", "deflection"],
     units: &[("mm", 1.0), ("cm", 10.0), ("m", 1e3), ("um", 1e-3), ("µm", 1e-3), ("in", 25.4), ("inch", 25.4)],
 };
-/// Newtons.
 pub(super) const LOAD: Quantity = Quantity {
     names: &["load", "force"],
     units: &[

@@ -313,11 +313,8 @@ fn episodes() -> Vec<Vec<u8>> {
         piezo: vec![scan(0), scan(3)],
         xl: vec![(0..5).map(|i| [i, -i, 2_000]).collect()],
         xl_end: vec![2, 5],
-        label: None,
-        slip_true_mm_s: None,
-        slip_fraction: None,
-        displacement_mm: None,
         meta: Meta::nominal(0.000_5),
+        ..Episode::default()
     };
     let floats = Some(vec![0.0, 0.5]);
     let labelled = Episode {

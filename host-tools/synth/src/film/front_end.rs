@@ -19,7 +19,6 @@ use slipsense::params::{TAXEL_COLS, TAXELS};
 #[cfg_attr(not(test), expect(dead_code, reason = "the error of settling is for the test"))]
 pub(crate) mod table;
 
-/// One array's electronics.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct FrontEnd {
     /// ρ_r and ρ_c, per taxel at full scale.

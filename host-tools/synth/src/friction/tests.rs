@@ -6,9 +6,8 @@ use libm::{asin, cos, hypot, pow, sin};
 
 use super::*;
 use crate::check::{largest, near, quantile, within};
-use crate::contact::Contact;
-use crate::contact::Pose;
 use crate::contact::tests::{CENTRED, hard};
+use crate::contact::{Contact, Pose};
 use crate::draw::{Stream, stream};
 use crate::objects::{CATALOGUE, Shape, group, named};
 use crate::recipe::{Region, SPEEDS_MM_S};

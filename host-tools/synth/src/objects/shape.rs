@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Shape {
-    /// Cylinder lying on the pad.
     Cylinder {
         /// Radius; 1–6 mm for cables.
         radius_mm: f64,

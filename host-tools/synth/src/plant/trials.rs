@@ -9,8 +9,7 @@ use super::Plant;
 use crate::draw::{Draw, Rng, Stream, stream};
 use crate::mix::ScenarioChoice;
 use crate::objects::{self, Group, Object};
-use crate::recipe::SynthError;
-use crate::recipe::{ObjectChoice, Platform, Recipe};
+use crate::recipe::{ObjectChoice, Platform, Recipe, SynthError};
 use crate::splits::hashed;
 
 /// Grip of one finger before anything reacts, newtons.

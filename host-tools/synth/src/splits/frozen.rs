@@ -27,7 +27,6 @@ pub struct FrozenSet {
     pub generator: u32,
     pub split: Split,
     pub seed: u64,
-    /// Frames of all episodes together.
     pub frames: usize,
     /// Slip events by the encoder's label.
     pub slip_events: usize,
@@ -96,31 +95,8 @@ impl FrozenSet {
 impl Split {
     /// The split's frozen set, compiled in; `train` has none. The error names the damaged manifest.
     pub fn frozen(self) -> Result<FrozenSet, SetError> {
-        let text = match self {
-            Self::Train | Self::TrainAnywhere => {
-                return Err(SetError::new(format!("{self}: no set of this split is frozen")));
-            }
-            Self::Val => include_str!("../../frozen/val.json"),
-            Self::UmiId => include_str!("../../frozen/umi_id.json"),
-            Self::UmiOod => include_str!("../../frozen/umi_ood.json"),
-            Self::UmiQuiet => include_str!("../../frozen/umi_quiet.json"),
-            Self::Palm => include_str!("../../frozen/palm.json"),
-            Self::Tesollo2 => include_str!("../../frozen/tesollo2.json"),
-            Self::Tesollo3 => include_str!("../../frozen/tesollo3.json"),
-            Self::Noslip => include_str!("../../frozen/noslip.json"),
-            Self::Free => include_str!("../../frozen/free.json"),
-            Self::ValAnywhere => include_str!("../../frozen/val_anywhere.json"),
-            Self::TransferKnown => include_str!("../../frozen/transfer_known.json"),
-            Self::TransferContact => include_str!("../../frozen/transfer_contact.json"),
-            Self::TransferFriction => include_str!("../../frozen/transfer_friction.json"),
-            Self::TransferFilm => include_str!("../../frozen/transfer_film.json"),
-            Self::TransferSource => include_str!("../../frozen/transfer_source.json"),
-            Self::TransferPath => include_str!("../../frozen/transfer_path.json"),
-            Self::TransferDisturbance => include_str!("../../frozen/transfer_disturbance.json"),
-            Self::TransferSensor => include_str!("../../frozen/transfer_sensor.json"),
-            Self::TransferAll => include_str!("../../frozen/transfer_all.json"),
-            Self::TransferNoslip => include_str!("../../frozen/transfer_noslip.json"),
-        };
+        let text = self.manifest();
+        let text = text.ok_or_else(|| SetError::new(format!("{self}: no set of this split is frozen")))?;
         let manifest = |rule: String| SetError::new(format!("host-tools/synth/frozen/{self}.json: {rule}"));
         let frozen = FrozenSet::parse(text).map_err(|error| manifest(error.to_string()))?;
         if frozen.split != self {

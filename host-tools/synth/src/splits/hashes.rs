@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use slipsense_recording::Episode;
+use slipsense_recording::{Episode, hex};
 
 use super::set::{EpisodeSet, FORMAT, check, parse, to_text};
 use super::split::{SetError, Split};
@@ -63,10 +63,6 @@ pub fn set_hash<'a>(hashes: impl IntoIterator<Item = &'a str>) -> String {
 /// The recipe that an episode's metadata carries, if one does.
 pub fn recipe_of(episode: &Episode) -> Option<Recipe> {
     episode.meta.other.get("recipe").and_then(|recipe| serde_json::from_value(recipe.clone()).ok())
-}
-
-fn hex(digest: &[u8]) -> String {
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

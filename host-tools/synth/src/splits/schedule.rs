@@ -6,8 +6,7 @@ use sha2::{Digest, Sha256};
 
 use super::split::Split;
 use crate::draw::{Stream, stream};
-use crate::mix::ScenarioChoice;
-use crate::mix::{ANYWHERE, FREE, Mix, PROTOCOL};
+use crate::mix::{ANYWHERE, FREE, Mix, PROTOCOL, ScenarioChoice};
 use crate::objects::{CATALOGUE, Group, Object};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
 

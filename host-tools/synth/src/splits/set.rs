@@ -80,7 +80,6 @@ impl EpisodeSet {
         }
     }
 
-    /// Frames of all episodes together.
     pub fn total_frames(&self) -> usize {
         self.episodes.iter().map(|episode| episode.frames).sum()
     }

@@ -24,113 +24,90 @@ pub const GENERATOR_VERSION: u32 = 1;
 /// Frames of the paper-sized set, all splits together (the paper: "more than 1.4 million").
 pub const PAPER_FRAMES: usize = 1_400_000;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Split {
+/// The enumeration from a table: variant, name, and the episodes of its frozen set.
+macro_rules! splits {
+    (@text $name:literal 0) => { None };
+    (@text $name:literal $episodes:tt) => {
+        Some(include_str!(concat!("../../frozen/", $name, ".json")))
+    };
+    ($($(#[$doc:meta])* $split:ident $name:literal $episodes:tt,)*) => {
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum Split { $($(#[$doc])* $split,)* }
+
+        impl Split {
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$split),*];
+
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$split => $name,)* }
+            }
+
+            /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
+            /// (the protocol of `src/mix.rs`): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
+            /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
+            /// nine in ten of `free` slip, four in five of the transfer splits. `transfer_noslip` is half an hour.
+            pub const fn frozen_episodes(self) -> usize {
+                match self { $(Self::$split => $episodes,)* }
+            }
+
+            /// The manifest of the frozen set; none where none is frozen.
+            pub(super) const fn manifest(self) -> Option<&'static str> {
+                match self { $(Self::$split => splits!(@text $name $episodes),)* }
+            }
+        }
+    };
+}
+
+splits! {
     /// Training: training objects on the hand-held gripper.
-    Train,
+    Train "train" 0,
     /// Operating points are chosen here: objects of its own, neither trained on nor tested on.
-    Val,
+    Val "val" 32,
     /// Test: training objects, new grasps.
-    UmiId,
+    UmiId "umi_id" 88,
     /// Test: objects never trained on.
-    UmiOod,
+    UmiOod "umi_ood" 88,
     /// The episodes of `umi_id` and `umi_ood` in turn, without the crosshead's vibration.
-    UmiQuiet,
+    UmiQuiet "umi_quiet" 176,
     /// Test: objects never trained on, held towards the palm.
-    Palm,
+    Palm "palm" 32,
     /// Test: another hand with two fingers; objects trained on and never trained on in turn.
-    Tesollo2,
+    Tesollo2 "tesollo2" 32,
     /// Test: another hand with three fingers; objects as in `tesollo2`.
-    Tesollo3,
+    Tesollo3 "tesollo3" 32,
     /// Test: long episodes of everything but slip, on all hands, for false alarms per hour.
-    Noslip,
+    Noslip "noslip" 60,
     /// Test: away from the rig. Slips pulled by hand in all directions of the pad's plane, and twists; objects as
     /// in `tesollo2`.
-    Free,
+    Free "free" 80,
     /// Training beside `train`: pulls on the rig and by hand, twists, and carrying, on both hands, in families of physics
     /// that training may see.
-    TrainAnywhere,
+    TrainAnywhere "train_anywhere" 0,
     /// The same of the objects of `val`.
-    ValAnywhere,
+    ValAnywhere "val_anywhere" 32,
     /// Test: pulls on the rig and by hand, twists, and carrying, on both hands, in families of physics that training
     /// may see.
-    TransferKnown,
+    TransferKnown "transfer_known" 20,
     /// The same with the held-out family of one stage: contact.
-    TransferContact,
-    TransferFriction,
-    TransferFilm,
-    TransferSource,
-    TransferPath,
-    TransferDisturbance,
-    TransferSensor,
+    TransferContact "transfer_contact" 20,
+    TransferFriction "transfer_friction" 20,
+    TransferFilm "transfer_film" 20,
+    TransferSource "transfer_source" 20,
+    TransferPath "transfer_path" 20,
+    TransferDisturbance "transfer_disturbance" 20,
+    TransferSensor "transfer_sensor" 20,
     /// The held-out families of all stages at once.
-    TransferAll,
+    TransferAll "transfer_all" 40,
     /// Test: half an hour of everything but slip, in the held-out families of all stages, for false alarms per hour.
-    TransferNoslip,
+    TransferNoslip "transfer_noslip" 30,
 }
 
 impl Split {
-    pub const ALL: [Self; 22] = {
-        use Split::*;
-        [
-            Train,
-            Val,
-            UmiId,
-            UmiOod,
-            UmiQuiet,
-            Palm,
-            Tesollo2,
-            Tesollo3,
-            Noslip,
-            Free,
-            TrainAnywhere,
-            ValAnywhere,
-            TransferKnown,
-            TransferContact,
-            TransferFriction,
-            TransferFilm,
-            TransferSource,
-            TransferPath,
-            TransferDisturbance,
-            TransferSensor,
-            TransferAll,
-            TransferNoslip,
-        ]
-    };
-
     /// The splits of the paper-sized set; `umi_quiet` only repeats two of them, and the paper has no `free`.
     pub const PAPER: [Self; 8] = {
         use Split::*;
         [Train, Val, UmiId, UmiOod, Palm, Tesollo2, Tesollo3, Noslip]
     };
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Val => "val",
-            Self::UmiId => "umi_id",
-            Self::UmiOod => "umi_ood",
-            Self::UmiQuiet => "umi_quiet",
-            Self::Palm => "palm",
-            Self::Tesollo2 => "tesollo2",
-            Self::Tesollo3 => "tesollo3",
-            Self::Noslip => "noslip",
-            Self::Free => "free",
-            Self::TrainAnywhere => "train_anywhere",
-            Self::ValAnywhere => "val_anywhere",
-            Self::TransferKnown => "transfer_known",
-            Self::TransferContact => "transfer_contact",
-            Self::TransferFriction => "transfer_friction",
-            Self::TransferFilm => "transfer_film",
-            Self::TransferSource => "transfer_source",
-            Self::TransferPath => "transfer_path",
-            Self::TransferDisturbance => "transfer_disturbance",
-            Self::TransferSensor => "transfer_sensor",
-            Self::TransferAll => "transfer_all",
-            Self::TransferNoslip => "transfer_noslip",
-        }
-    }
 
     /// The stages whose held-out families it has; `None` where the laboratory's families make it.
     pub const fn held_out_stages(self) -> Option<&'static [Stage]> {
@@ -146,25 +123,6 @@ impl Split {
             Self::TransferAll | Self::TransferNoslip => &Stage::ALL,
             _ => return None,
         })
-    }
-
-    /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
-    /// (the protocol of `src/mix.rs`): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
-    /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
-    /// nine in ten of `free` slip, four in five of the transfer splits. `transfer_noslip` is half an hour.
-    pub const fn frozen_episodes(self) -> usize {
-        match self {
-            Self::Train | Self::TrainAnywhere => 0,
-            Self::Val | Self::ValAnywhere => 32,
-            Self::UmiId | Self::UmiOod => 88,
-            Self::UmiQuiet => 176,
-            Self::Palm | Self::Tesollo2 | Self::Tesollo3 => 32,
-            Self::Noslip => 60,
-            Self::Free => 80,
-            Self::TransferAll => 40,
-            Self::TransferNoslip => 30,
-            _ => 20,
-        }
     }
 
     /// Episodes in the paper-sized set: the frozen ones, but only three minutes of `noslip`; 0 for

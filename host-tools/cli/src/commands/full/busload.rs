@@ -14,8 +14,7 @@ use slipsense_can_sim::busload::{
 };
 use slipsense_recording::Episode;
 
-use super::Print;
-use super::Raw;
+use super::{Print, Raw};
 use crate::bundled;
 use crate::output::{check_file, write_file};
 use crate::picture::load_bars;

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::json;
-use slipsense::wire::NodeId;
-use slipsense::wire::RawForm;
+use slipsense::wire::{NodeId, RawForm};
 use slipsense_recording::Episode;
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::label::StandLog;

@@ -22,9 +22,7 @@ const DRAIN: Duration = Duration::from_secs(1);
 /// Ctrl-C was pressed, or the process was asked to end.
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// What came.
 pub(super) enum Event {
-    /// A frame.
     Frame(LogEntry),
     /// Nothing for a moment.
     Quiet,
@@ -35,11 +33,9 @@ pub(super) enum Event {
 /// What a source delivered beside frames of fingertips.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub(super) struct PassedOver {
-    /// Classic CAN.
     pub classic_frames: u32,
     /// CAN FD with an identifier of 11 bits.
     pub standard_id_frames: u32,
-    /// Error frames.
     pub error_frames: u32,
     /// Lines of an slcan adapter that make no sense.
     pub unreadable_lines: u32,
@@ -85,7 +81,6 @@ impl Live {
         Ok(Self { frames, counters, stop: &STOP })
     }
 
-    /// The next thing that happens.
     pub fn next(&self) -> Result<Event> {
         match self.frames.recv_timeout(POLL) {
             Ok(entry) => entry.map(Event::Frame),

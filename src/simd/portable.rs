@@ -157,15 +157,17 @@ pub fn combine_rows(x: &[u32], from: MapShape, strip: &mut [u32]) {
         return;
     };
     let Some((inner, outer)) = strip.split_at_mut_checked(2 * from.row()) else { return };
-    let [d0, d1, d2, d3] = [d0, d1, d2, d3].map(|row| row.chunks_exact(plane));
     let two = (2 * plane).max(1);
     let planes = inner.chunks_exact_mut(two).zip(outer.chunks_exact_mut(two));
-    for (((inner, outer), (d0, d1)), (d2, d3)) in planes.zip(d0.zip(d1)).zip(d2.zip(d3)) {
+    for (index, (inner, outer)) in planes.enumerate() {
         let (Some((sum, difference)), Some((upper, lower))) =
             (inner.split_at_mut_checked(plane), outer.split_at_mut_checked(plane))
         else {
             return;
         };
+        // Not zipped chunks, whose division the compiler may leave with a check for 0.
+        let [d0, d1, d2, d3] =
+            [d0, d1, d2, d3].map(|row| row.get(index * plane..(index + 1) * plane).unwrap_or_default());
         combine(sum, d1, d2, i16::wrapping_add);
         combine(difference, d2, d1, i16::wrapping_sub);
         combine(upper, d0, d2, i16::wrapping_sub);

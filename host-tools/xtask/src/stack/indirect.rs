@@ -102,6 +102,7 @@ const RULES: &[Rule] = &[
             "slipsense_firmware::updates::",
             "slipsense::update::",
             "embassy_embedded_hal::flash::",
+            "embassy_sync::blocking_mutex::",
             "embassy_sync::mutex::",
             "embassy_sync::waitqueue::",
             "embassy_sync::zerocopy_channel::",

@@ -39,8 +39,7 @@ mod transmit;
 pub use acquire::{QUEUED_FRAMES, acquire};
 pub use infer::Inference;
 pub use self_check::{
-    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, Reference, SHIPPED_GOLDEN, SLICE_BYTES,
-    SelfCheck,
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, Reference, SLICE_BYTES, SelfCheck, known_golden,
 };
 pub use services::{ServiceBoard, Services, sensors_deliver};
 pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};

@@ -7,7 +7,7 @@ use slipsense::health::{SelfChecks, Status};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::{FrameStamp, Pipeline, State};
 use slipsense::tasks::{
-    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, SHIPPED_GOLDEN, SLICE_BYTES, SelfCheck,
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, SLICE_BYTES, SelfCheck, known_golden,
 };
 use slipsense::wire::{INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_SENSOR, INVALID_STARTING, Origin};
 
@@ -104,16 +104,20 @@ fn every_slip_message_says_what_has_failed() {
     }
 }
 
-/// If the model is a new one, `SHIPPED_GOLDEN` becomes the number that this prints.
+/// If the model is a new one, `SHIPPED_MODEL` and `SHIPPED_GOLDEN` become what this prints.
 #[test]
 fn the_shipped_model_gives_its_golden_number() {
     let (parts, stuck) = Default::default();
     let failed = |golden| {
         let mut check = check(&parts, &stuck, golden);
         let found = (0..=GOLDEN_FRAMES).map(|_| check.step()).last().unwrap();
-        println!("golden inference of the shipped model: {:#010x}", check.digest());
-        found.failed
+        (check.digest(), found.failed)
     };
-    assert_eq!(failed(SHIPPED_GOLDEN), 0);
-    assert_eq!(failed(SHIPPED_GOLDEN.map(|golden| golden ^ 1)), if SHIPPED_GOLDEN.is_some() { 8 } else { 0 });
+    let hash = Model::parse(&MODEL.0).unwrap().hash;
+    println!("shipped model: hash {:02x?}, golden inference {:#010x}", &hash[..8], failed(None).0);
+    let golden = known_golden(&hash);
+    assert_eq!(golden.is_some(), !cfg!(feature = "cmsis-dsp"));
+    assert_eq!(failed(golden).1, 0);
+    assert_eq!(failed(golden.map(|golden| golden ^ 1)).1, if golden.is_some() { 8 } else { 0 });
+    assert_eq!(known_golden(&[0; 32]), None, "a model of one's own");
 }

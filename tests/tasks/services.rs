@@ -410,7 +410,7 @@ fn a_brown_out_is_reported_and_its_cause_stays_in_a_register() {
 #[test]
 fn what_the_node_finds_wrong_with_itself_is_told_once_and_in_every_heartbeat() {
     let register = access("slipsense.status.self_checks", &[0]);
-    let requests = [(100, COMMAND_PORT, command(SELF_TEST)), (1_500, ACCESS_PORT, register)];
+    let requests = [(100, COMMAND_PORT, command(SELF_TEST, b"")), (1_500, ACCESS_PORT, register)];
     let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
         shared.update_status(|status| {
             status.decided_frames = (ms * 240 / 1000) as u32;

@@ -31,16 +31,10 @@ impl Decider {
     ///
     /// In two steps, one after the other, so that what parsing takes of the stack is gone when the pipeline is made.
     #[inline(never)]
-    pub fn new(
-        bytes: &'static [u8],
-        raw: RawSender,
-        sensors: usize,
-        firmware: Reference,
-        golden: Option<u32>,
-    ) -> Self {
+    pub fn new(bytes: &'static [u8], raw: RawSender, sensors: usize, firmware: Reference) -> Self {
         match Model::parse(bytes) {
             Ok(model) => {
-                let check = self_check::build(bytes, &model, firmware, golden);
+                let check = self_check::build(bytes, &model, firmware);
                 Self::with(model, raw, sensors, check)
             }
             Err(error) => {

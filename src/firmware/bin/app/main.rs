@@ -56,8 +56,7 @@ use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, RawReceiver, SHARED, Uptime, frame_queue, raw_queue,
 };
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense::tasks::{self, RuntimeConfig, SHIPPED_GOLDEN, Transmission};
-use slipsense::update::SlotModel;
+use slipsense::tasks::{self, RuntimeConfig, Transmission};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
 use static_cell::StaticCell;
 
@@ -147,9 +146,8 @@ fn make(hardware: Hardware) -> Tasks {
     SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id(), settings.locks()));
     let floor = services::model_floor(&mut store);
     let (model, from) = updates::find_model(flash, floor);
-    let golden = SHIPPED_GOLDEN.filter(|_| matches!(from, SlotModel::BuiltIn(_)));
     let updates = Updates::find(flash, from, floor);
-    let decider = Decider::new(model, raw_sender, sensors, updates.firmware(), golden);
+    let decider = Decider::new(model, raw_sender, sensors, updates.firmware());
     let model_hash = decider.model_hash();
     let led = Output::new(hardware.fault_led, Level::from(model_hash.is_none()), Speed::Low);
 

@@ -6,7 +6,7 @@ use slipsense::firmware::{flash, memory, model};
 use slipsense::net::Model;
 use slipsense::net::format::HASH_BYTES;
 use slipsense::pipeline::{Pipeline, SensorCountError, State};
-use slipsense::tasks::{CheckedMemory, Part, Reference, SelfCheck};
+use slipsense::tasks::{CheckedMemory, Part, Reference, SelfCheck, known_golden};
 use slipsense::update::PayloadHash;
 use slipsense::update::partitions::NUCLEO_H743ZI2 as BOARD;
 use static_cell::StaticCell;
@@ -43,13 +43,12 @@ impl CheckedMemory for BoardMemory {
     }
 }
 
-/// `bytes`: the file of `model`. `golden`: what it has to give, where that is known.
+/// `bytes`: the file of `model`.
 #[inline(never)]
 pub fn build(
     bytes: &'static [u8],
     model: &Model<'static>,
     firmware: Reference,
-    golden: Option<u32>,
 ) -> Result<&'static mut BoardCheck, SensorCountError> {
     let [loops, image] = memory::inner_loops();
     let mut hash = PayloadHash::new();
@@ -61,5 +60,10 @@ pub fn build(
         firmware,
     ];
     let pipeline = Pipeline::with_state(model::golden_state(), *model, 1)?;
-    Ok(CHECK.init(SelfCheck::new(BoardMemory { model: bytes }, references, pipeline, golden)))
+    Ok(CHECK.init(SelfCheck::new(
+        BoardMemory { model: bytes },
+        references,
+        pipeline,
+        known_golden(&model.hash),
+    )))
 }

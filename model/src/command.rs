@@ -167,13 +167,16 @@ fn command_line(args: &QuantizeArgs) -> String {
     )
 }
 
+/// Name of a row, and how its cell is made.
+type Row = (&'static str, fn(&Figures) -> String);
+
 /// The figures side by side.
 fn table(total: &Comparison) -> String {
     let columns = [total.integer.figures(), total.float.figures(), total.always_slip.figures()];
     fn percent(x: Option<f64>) -> String {
         x.map_or("–".to_owned(), |x| format!("{:.2} %", 100.0 * x))
     }
-    let rows: [(&str, fn(&Figures) -> String); 9] = [
+    let rows: [Row; 9] = [
         ("accuracy, 3 classes", |f| percent(f.accuracy)),
         ("macro F1", |f| percent(f.macro_f1)),
         ("slip F1", |f| percent(f.slip_f1)),

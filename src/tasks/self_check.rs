@@ -58,7 +58,7 @@ pub trait CheckedMemory {
     fn clear(&mut self, state: &mut State);
 }
 
-/// See the [module](self).
+/// The checks and what they have found, as the module describes.
 pub struct SelfCheck<'m, B, S = State> {
     memory: B,
     references: [Reference; PARTS],

@@ -11,7 +11,7 @@ use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Split, generate};
 
 use super::emulated::{self, median_and_worst};
-use super::inputs::{Input, demo, input, real_episodes};
+use super::inputs::{Input, demo, real_episodes};
 use crate::qemu::frames::Frames;
 use crate::table::{Table, thousands};
 
@@ -141,7 +141,7 @@ fn measure_loads(name: &str, episodes: &[Episode], table: &mut Table) -> Result<
 }
 
 fn raw_frame(episode: &Episode, frame: usize, sensor: usize) -> RawFrame<'_> {
-    let input = input(episode, frame, sensor);
+    let input = episode.inputs(frame)[sensor];
     let timestamp_us = frame as u64 * 1_000_000 / u64::from(FRAME_RATE_HZ);
     RawFrame { timestamp_us, sequence: frame as u32, sensor: sensor as u8, health: 0, input }
 }

@@ -10,7 +10,7 @@ use slipsense::net::Model;
 use slipsense::pipeline::Pipeline;
 use slipsense_recording::Episode;
 
-use super::inputs::{demo, input};
+use super::inputs::demo;
 use crate::table::{Table, thousands};
 
 /// Runs of the same work; the median counts.
@@ -44,8 +44,7 @@ pub fn print(model: &[u8], replay_frames: usize) -> Result<()> {
 fn pass(model: Model<'_>, episode: &Episode, sensors: usize, limit: usize) -> Result<()> {
     let mut pipeline = Pipeline::new(model, sensors)?;
     for frame in 0..episode.frames().min(limit) {
-        let inputs: Vec<_> = (0..sensors).map(|sensor| input(episode, frame, sensor)).collect();
-        std::hint::black_box(pipeline.step(&inputs));
+        std::hint::black_box(pipeline.step(&episode.inputs(frame)[..sensors]));
     }
     Ok(())
 }

@@ -1,14 +1,15 @@
 //! What the path is measured with: nothing on the pads, the contact of the demo episode, and all that the
 //! sensors can deliver.
 
+use std::path::PathBuf;
+
 use anyhow::{Context, Result, bail};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::{CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXELS, XL_AXES, XL_RATE_HZ};
 use slipsense::pipeline::FrameStamp;
-use slipsense::sensor::{PiezoFrame, SensorInput, SensorReadings, TaxelMask};
+use slipsense::sensor::{PiezoFrame, SensorReadings, TaxelMask};
 use slipsense_recording::Episode;
-use std::path::PathBuf;
 
 use crate::process::{DEMO_EPISODE, root};
 use crate::qemu::frames::Frames;
@@ -16,7 +17,9 @@ use crate::qemu::frames::Frames;
 /// LSB of an accelerometer at 1 g, about.
 const GRAVITY_LSB: i16 = 2_000;
 const SEED: u64 = 1;
+/// Beside the repository, where someone has them.
 const REAL_EPISODES: &str = "../shared/real";
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     /// Untouched pads and a quiet accelerometer.
@@ -115,12 +118,6 @@ fn typical(sensors: usize, count: usize) -> Result<Frames> {
         frames.push(stamp, parts.iter().cycle().take(sensors).cloned().collect());
     }
     Ok(frames)
-}
-
-/// What a sensor delivered for a frame.
-pub fn input(episode: &Episode, frame: usize, sensor: usize) -> SensorInput<'_> {
-    let (piezo, xl) = (Some(episode.piezo(frame, sensor)), Some(episode.xl_batch(frame, sensor)));
-    SensorInput { piezo, xl, xl_end: episode.xl_end(frame, sensor) }
 }
 
 /// The files of episodes composed from real recordings, where someone has them: they cannot be part of the repository.

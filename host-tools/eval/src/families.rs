@@ -23,7 +23,7 @@ use crate::table::{Table, number};
 pub const AROUND_ONSET: usize = FRAME_RATE_HZ as usize / 2;
 /// Counts from which a taxel bears something.
 const LOADED_COUNTS: f64 = 20.0;
-/// Where nothing slips, the loudest of so many frames stand for a disturbance.
+/// Where nothing slips, the loudest frames stand for a disturbance: one of 20.
 const LOUDEST_OF: usize = 20;
 
 /// One family of a stage, or recordings.
@@ -129,7 +129,7 @@ fn name(recipe: &Recipe, stage: Stage) -> Result<String> {
 }
 
 fn seen(episode: &Episode) -> Result<Seen> {
-    let label = episode.label.as_ref().context("array `label` is missing, a gallery needs it")?;
+    let label = episode.label.as_ref().context("array `label` is missing, the comparison needs it")?;
     let mut front_end = XlFrontEnd::new();
     let (mut seen, mut sums) = (Seen { counts: vec![0.0; TAXELS], ..Seen::default() }, Vec::new());
     for (frame, &class) in label.iter().enumerate() {
@@ -202,9 +202,7 @@ impl Panel {
         let over_episodes = |value: &dyn Fn(&Seen) -> f64| mean(&seen.iter().map(value).collect::<Vec<_>>());
         let varies = |seen: &Seen| {
             let sums: Vec<f64> = seen.hold.iter().map(|frame| frame.sum).collect();
-            let middle = mean(&sums);
-            let squares: Vec<f64> = sums.iter().map(|sum| (sum - middle).powi(2)).collect();
-            100.0 * mean(&squares).sqrt() / middle.max(1.0)
+            100.0 * statistics::standard_deviation(&sums).unwrap_or_default() / mean(&sums).max(1.0)
         };
         let loaded = |seen: &Seen| seen.counts.iter().filter(|&&c| c >= LOADED_COUNTS).count() as f64;
         let (hold_nat, event_nat) = (spectrum(&hold), spectrum(&event));

@@ -21,7 +21,7 @@ pub mod results;
 mod table;
 pub mod report;
 pub mod rotation;
-pub mod gallery;
+pub mod families;
 pub mod tune;
 #[cfg(test)]
 mod tests;

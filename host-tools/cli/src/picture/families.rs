@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use slipsense::params::{MEL_BINS, TAXEL_COLS};
-use slipsense_eval::gallery::{AROUND_ONSET, Gallery, Panel};
+use slipsense_eval::families::{AROUND_ONSET, Gallery, Panel};
 use slipsense_synth::Stage;
 
 use super::draw::{Anchor, CLASS, Canvas, GREY, INK, bold, curve, rect, rule, text};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use slipsense_eval::gallery::gallery;
+use slipsense_eval::families::gallery;
 use slipsense_recording::Episode;
 use slipsense_synth::{FAMILIES, Stage};
 

@@ -1,8 +1,8 @@
 //! Memory attributes, caches, and the RAMs that cortex-m-rt does not know: what `board.x` promises is made true here.
 //!
 //! A static goes to AXI SRAM, for the CPU, by `#[unsafe(link_section = ".axisram")]`, to D2 SRAM 2, for the CPU too, by
-//! `".sram2"`, and to D2 SRAM 1, for the CPU and DMA1 and DMA2, never cached, by `".sram_d2"`. All are zeroed by [`init`] whatever its initial value says, so it is
-//! one whose bytes are zeros, such as an empty `StaticCell`.
+//! `".sram2"`, and to D2 SRAM 1, for the CPU and DMA1 and DMA2, never cached, by `".sram_d2"`. All are zeroed by [`init`]
+//! whatever their initial value says, so it is one whose bytes are zeros, such as an empty `StaticCell`.
 
 use core::arch::{asm, global_asm};
 

@@ -32,7 +32,7 @@ pub(super) fn health(status: &Status, flags: u8) -> Condition {
 }
 
 fn health_by_flags(none_left: bool, flags: u8) -> Condition {
-    if none_left || flags & vendor_status::NO_MODEL != 0 {
+    if none_left || flags & vendor_status::NO_DECISION != 0 {
         Condition::Warning
     } else if flags
         & (vendor_status::SENSOR_MISSING | vendor_status::SETTINGS_DAMAGED | vendor_status::PANICKED)
@@ -60,7 +60,7 @@ pub(super) fn flags(status: &Status) -> u8 {
     let sensors = status.sensors;
     let flags = [
         (status.any_sensor(PIEZO_MISSING | XL_MISSING) || status.frozen, vendor_status::SENSOR_MISSING),
-        (status.any_sensor(NO_MODEL) || status.self_checks.failed != 0, vendor_status::NO_MODEL),
+        (status.any_sensor(NO_MODEL) || status.self_checks.failed != 0, vendor_status::NO_DECISION),
         (status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES),
         (
             status.dropped_raw > 0 || status.broken_raw > 0 || status.lost_received > 0,
@@ -84,7 +84,7 @@ pub mod vendor_status {
     /// An array or an accelerometer of a sensor in use delivers nothing, or an accelerometer nothing that changes.
     pub const SENSOR_MISSING: u8 = 1;
     /// There is no readable model, or the node's checks of itself have failed: class, flag and logits mean nothing.
-    pub const NO_MODEL: u8 = 2;
+    pub const NO_DECISION: u8 = 2;
     /// Frames were late or dropped since start.
     pub const LATE_FRAMES: u8 = 4;
     /// Raw frames were dropped, or frames from the bus lost, since start.

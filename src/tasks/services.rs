@@ -156,7 +156,7 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
     /// Heartbeats handed over to transmission.
     heartbeats: u32,
     /// Failed checks that have been reported.
-    told: u8,
+    reported: u8,
 }
 
 impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services<'a, M, R, C, B> {
@@ -174,7 +174,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
             next_us: 0,
             calibrations_us: 0,
             heartbeats: 0,
-            told: 0,
+            reported: 0,
         };
         Self { node_loop, board, shown: None, identify_until_us: 0, restart_at_us: None }
     }
@@ -347,9 +347,9 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         if self.node.node_id().is_some() && core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
             self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
         }
-        let failed = self.node.status.self_checks.failed & !self.told;
+        let failed = self.node.status.self_checks.failed & !self.reported;
         if self.node.node_id().is_some() && failed != 0 {
-            self.told |= failed;
+            self.reported |= failed;
             for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
                 self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
             }

@@ -74,7 +74,7 @@ async def check_restart(client, what, cause, kind):
 
 
 async def check_memory(client):
-    """A bit of the model that runs flips: found in the pass of this start, and told."""
+    """A bit of the model that runs flips: found in the first pass, and reported."""
     checks = client.checks
     await client.restart()
     order(client, "model bit")

@@ -408,7 +408,7 @@ fn a_brown_out_is_reported_and_its_cause_stays_in_a_register() {
 }
 
 #[test]
-fn what_the_node_finds_wrong_with_itself_is_told_once_and_in_every_heartbeat() {
+fn a_failed_self_check_is_recorded_once_and_is_in_every_heartbeat() {
     let register = access("slipsense.status.self_checks", &[0]);
     let requests = [(100, COMMAND_PORT, command(SELF_TEST, b"")), (1_500, ACCESS_PORT, register)];
     let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
@@ -418,8 +418,9 @@ fn what_the_node_finds_wrong_with_itself_is_told_once_and_in_every_heartbeat() {
         });
     };
     let ran = Run { meanwhile: &found, ..Run::new(&requests, 3_000) }.run();
-    let told: Vec<_> = ran.records().into_iter().filter(|record| record.starts_with("self check")).collect();
-    assert_eq!(told, ["self check failed: the model in RAM", "self check failed: the golden inference"]);
+    let records: Vec<_> =
+        ran.records().into_iter().filter(|record| record.starts_with("self check")).collect();
+    assert_eq!(records, ["self check failed: the model in RAM", "self check failed: the golden inference"]);
     assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1, "self test");
     let numbers = [2u32, 1, 9].map(u32::to_le_bytes);
     assert_eq!(ran.answers(ACCESS_PORT)[0].2[10..22], *numbers.as_flattened());

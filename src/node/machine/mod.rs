@@ -237,8 +237,8 @@ impl Node {
 
     fn flags(&self) -> u8 {
         let damaged = if self.identity.settings.is_damaged() { vendor_status::SETTINGS_DAMAGED } else { 0 };
-        let no_model = if self.identity.model_hash.is_none() { vendor_status::NO_MODEL } else { 0 };
-        heartbeat::flags(&self.status) | damaged | no_model
+        let no_decision = if self.identity.model_hash.is_none() { vendor_status::NO_DECISION } else { 0 };
+        heartbeat::flags(&self.status) | damaged | no_decision
     }
 
     /// The next frame for the bus. Frames of equal identifier must stay in order.

@@ -57,7 +57,7 @@ pub struct Arguments {
     /// Another firmware than the board's: print its log, which must hold a line with this text; more than once for more.
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["episode", "faults", "far_end"])]
     pub says: Vec<String>,
-    /// So many sensors lie on the desk, their pads pressed all over: what the bring-up program asks for.
+    /// Number of sensors on the desk, their pads pressed all over: what the bring-up program asks for.
     #[arg(long, conflicts_with_all = ["episode", "sensors", "faults"], value_parser = clap::value_parser!(u8).range(1..=3))]
     pub desk: Option<u8>,
     /// What is wrong there.

@@ -43,7 +43,8 @@ pub fn step(demo: &Path) -> Result<()> {
     let check = python_beside("package-venv", "tests/python/package-requirements.txt", &wheel)?;
     let [predictions, log] = ["predictions.npz", "can.log"].map(|file| demo.join(file));
     run(check("check_package.py").arg(DEMO_EPISODE).arg(predictions).arg(log))?;
-    run(check("check_notebook.py").arg(NOTEBOOK))
+    run(check("check_notebook.py").arg(NOTEBOOK))?;
+    run(check("check_cluster.py").arg(empty_dir("cluster")?))
 }
 
 /// lerobot writes our episodes and reads them.

@@ -176,7 +176,7 @@ pub const STEPS: &[Step] = &[
     }),
     Step { compiles: true, ..HOST }.step(
         "python",
-        "the Python package: its wheel in an empty environment, bit for bit as the command; a notebook",
+        "the Python package: its wheel in an empty environment, bit for bit as the command; a notebook, a cluster of two",
         |context| package::step(&demo_files(context, "python")?),
     ),
     HOST.step("view", "the page of `slipsense view` in a headless Chromium", view),

@@ -3,18 +3,24 @@
     check_package.py EPISODE.npz PREDICTIONS.npz CAN.log
 """
 
+import ast
+import inspect
+import json
 import pathlib
 import sys
+import tempfile
 import threading
 import time
 
 import can
 import numpy
 import slipsense
+from slipsense import lerobot
 
 from checks import require
 
 FRAME_RATE_HZ = 240
+EPISODE_ARRAYS = ["piezo", "xl", "xl_end", "label", "slip_true", "slip_fraction", "displacement_mm"]
 
 
 def refused(call, *words):
@@ -80,6 +86,9 @@ def main():
           "its decisions are those of the pipeline")
     require(all((raw.piezo == arrays[0][raw.sequence, raw.sensor]).all() for raw in raws), "its counts are the episode's")
 
+    stubs()
+    views(episode, arrays)
+    rows_of_a_learning_set(episode)
     on_a_bus(sys.argv[3], messages)
     receiver()
 
@@ -94,8 +103,75 @@ def main():
     refused(lambda: slipsense.Pipeline(4), "4 sensors")
     refused(lambda: slipsense.Pipeline(1, b"no model"), "model")
     refused(lambda: slipsense.Episode.read("none.npz"), "none.npz")
+    refused(lambda: slipsense.Episode.from_bytes(b"no file", "mine"), "mine", "npz")
+    refused(lambda: slipsense.command("run", "none.npz", "--out", "x"), "none.npz")
+    refused(lambda: slipsense.command("run", pathlib.Path("x"), "--wrong"), "--wrong")
+    refused(lambda: lerobot.features(episode, 1, fps=25), "fps 25", "240")
     refused(lambda: slipsense.Receiver(200), "node 200")
     refused(lambda: slipsense.Receiver().accept(5, bytes(65)), "65")
+
+
+def stubs():
+    """The stubs name what there is, with its arguments."""
+    def public(names):
+        return {name for name in names if not name.startswith("_")}
+
+    def arguments(node, skip):
+        given = node.args
+        plain = [argument.arg for argument in given.args[skip:]]
+        return plain + ([given.vararg.arg] if given.vararg else [])
+
+    tree = ast.parse(pathlib.Path(slipsense.__file__).with_suffix(".pyi").read_text())
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    require(sorted([*functions, *classes]) == sorted(slipsense.__all__), "stubs: every name of the package")
+    for name, node in functions.items():
+        found = list(inspect.signature(getattr(slipsense, name)).parameters)
+        require(arguments(node, 0) == found, f"stubs: {name}({', '.join(found)})")
+    for name, node in classes.items():
+        there, declared = getattr(slipsense, name), {getattr(part, "name", None) or part.target.id: part for part in node.body
+                                                     if isinstance(part, (ast.FunctionDef, ast.AnnAssign))}
+        methods = {key: part for key, part in declared.items() if isinstance(part, ast.FunctionDef) and key in public(declared)}
+        static = {key for key, part in methods.items() if part.decorator_list}
+        same = all(arguments(part, key not in static) == [of for of in inspect.signature(getattr(there, key)).parameters
+                                                          if of != "self"] for key, part in methods.items())
+        require(same and public(declared) == public(vars(there)), f"stubs: {name}, {len(declared)} members")
+
+
+def views(episode, arrays):
+    """xarray, and the episode written again."""
+    named, (piezo, xl, _) = episode.to_xarray(), arrays
+    lsb_g, table = json.loads(episode.meta)["xl_lsb_g"], slipsense.pressure_table_kpa()
+    require((named.pressure.attrs["units"], named.acceleration.attrs["units"]) == ("kPa", "g"), "xarray: units")
+    require(dict(named.sizes) == {"frame": 768, "sensor": 2, "row": 32, "col": 32, "sample": 26370, "axis": 3},
+            "xarray: named axes")
+    require(float(named.time[240]) == 1 and float(named.sample_time[8000]) == 1 and abs(float(named.row_mm[31]) - 28.52) < 1e-5,
+            "xarray: coordinates in s and mm")
+    require(table.shape == (4096,) and table[0] == 0 and abs(table[4095] - 5000) < 1 and (numpy.diff(table) > 0).all()
+            and (named.pressure == table[piezo]).all(), "xarray: 0 to 5000 kPa, each count another")
+    require(abs(named.acceleration - xl * lsb_g).max() < 1e-6, "xarray: g")
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / "again.npz"
+        episode.write(file)
+        again = slipsense.Episode.from_bytes(file.read_bytes())
+        require(all((getattr(again, name) == getattr(episode, name)).all() for name in EPISODE_ARRAYS)
+                and again.meta == episode.meta, "written and read: the same episode")
+
+
+def rows_of_a_learning_set(episode):
+    """What goes into a LeRobot dataset; `cargo xtask lerobot` lets lerobot itself write and read it."""
+    for fps in (16, 30, 240):
+        rows = list(lerobot.rows(episode, lerobot.chunk(episode, fps), fps))
+        again = lerobot.episode(rows, episode.meta)
+        require(all((getattr(again, name) == getattr(episode, name)).all() for name in EPISODE_ARRAYS)
+                and again.meta == episode.meta, f"{len(rows)} rows at {fps} a second, and back: every bit")
+    flags = numpy.concatenate([row["tactile.slip"] for row in rows])
+    require((flags == slipsense.run(episode)["slip"]).all() and rows[0]["observation.tactile"].dtype == numpy.float32,
+            "rows: kPa and the flag")
+    health = [row["tactile.health"][0, 0] for row in rows[:5]]
+    require(health[:3] == [4, 4, 4] and health[3] == 0, "rows: health")
+    rows[3]["observation.tactile"][0, 1, 9, 9] += 0.01
+    refused(lambda: lerobot.episode(rows, episode.meta, "set"), "set", "observation.tactile", "[3, 1, 9, 9]", "count")
 
 
 def receiver():
@@ -121,8 +197,19 @@ def on_a_bus(log, expected):
                 sender.send(frame)
         thread = threading.Thread(target=send)
         thread.start()
-        received = list(slipsense.live(receiver, timeout=5))
+        module = slipsense.live(receiver, timeout=5)
+        received = [next(module) for _ in expected]
         thread.join()
+        # Traffic of others is no sign of life.
+        for _ in range(20):
+            sender.send(can.Message(arbitration_id=0x123, is_extended_id=False, data=b"other"))
+        start = time.monotonic()
+        try:
+            next(slipsense.live(receiver, timeout=0.2))
+        except TimeoutError as error:
+            require("node 42" in str(error) and time.monotonic() - start < 2, f"live: {error}")
+        else:
+            require(False, "live: a timeout")
     same = len(received) == len(expected) and all(
         type(a) is type(b) and a.sequence == b.sequence and a.timestamp_us == b.timestamp_us
         for a, b in zip(received, expected))

@@ -28,6 +28,16 @@ pub struct Shard {
 }
 
 impl Shard {
+    /// `I-of-N`, as in the name of a file.
+    pub fn file_part(self) -> String {
+        format!("{}-of-{}", self.number, self.of)
+    }
+
+    /// All parts of the whole.
+    pub fn all(self) -> impl Iterator<Item = Self> {
+        (1..=self.of).map(move |number| Self { number, of: self.of })
+    }
+
     pub const WHOLE: Self = Self { number: 1, of: 1 };
 
     pub fn parse(text: &str) -> Result<Self, String> {
@@ -39,7 +49,7 @@ impl Shard {
         }
     }
 
-    fn has(self, index: usize) -> bool {
+    pub fn has(self, index: usize) -> bool {
         index % self.of == self.number - 1
     }
 }
@@ -139,7 +149,13 @@ impl SetDir {
                 known[index] = Some(hash);
             }
             let hashes = SetHashes::new(&self.set, known.into_iter().flatten().collect());
-            write_file(&self.path.join(HASHES), hashes.to_text())?;
+            let file = self.path.join(HASHES);
+            // Another shard that ended at the same time may have written it, and removed our temporary file.
+            if let Err(error) = write_file(&file, hashes.to_text())
+                && !file.exists()
+            {
+                return Err(error);
+            }
             self.hashes = Some(hashes);
             // Left by runs that were cut off. No other shard is at work: everything is there.
             for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {

@@ -13,7 +13,7 @@ use slipsense_recording::Episode;
 use slipsense_recording::score::SLIP;
 
 /// What a detector predicts for one episode, frame by frame.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Prediction {
     /// 0 no contact, 1 contact without slip, 2 slip: 2 where the score is above the threshold, else the fallback.
     pub class: Vec<u8>,

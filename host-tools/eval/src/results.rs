@@ -75,7 +75,7 @@ pub struct Results {
     pub(crate) partly_synthetic: bool,
     pub(crate) inputs: Vec<InputInfo>,
     pub(crate) streams: usize,
-    /// From start to end, loading or generating the episodes included.
+    /// From start to end, loading or generating the episodes included; of parts, their sum.
     pub wall_s: f64,
     pub threads: usize,
     /// Bounds between the terciles of the grip force.

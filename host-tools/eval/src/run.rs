@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::detector::{Detector, Prediction};
 use crate::source::Input;
@@ -32,6 +33,7 @@ pub struct Run {
     pub(crate) predictions: Vec<Vec<Prediction>>,
     /// Processor time of each candidate in all.
     pub(crate) compute: Vec<Duration>,
+    /// Of parts: their sum.
     pub(crate) wall: Duration,
 }
 
@@ -43,6 +45,26 @@ impl Run {
     }
 }
 
+/// What some of the streams gave, to be [joined](join) with the others.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Part {
+    /// Number of the stream, over all inputs, and what it gave.
+    streams: Vec<(usize, Stream)>,
+    wall: Duration,
+}
+
+impl Part {
+    /// Written by [`Self::to_bytes`]; `None`: these are no such bytes.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        postcard::from_bytes(bytes).ok()
+    }
+
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        Ok(postcard::to_allocvec(self)?)
+    }
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Stream {
     episodes: Vec<(Truth, Vec<Prediction>)>,
     compute: Vec<Duration>,
@@ -50,26 +72,56 @@ struct Stream {
 
 /// Run all candidates over all inputs, streams in parallel. `done` is called after each episode.
 pub fn run(inputs: &[Input], candidates: &[Candidate<'_>], done: &(dyn Fn() + Sync)) -> Result<Run> {
-    let start = Instant::now();
-    let streams: Vec<(&Input, Range<usize>)> = inputs
-        .iter()
-        .flat_map(|input| input.streams().into_iter().map(move |stream| (input, stream)))
-        .collect();
-    let predicted = streams
-        .into_par_iter()
-        .map(|(input, stream)| predict_stream(input, stream, candidates, done))
-        .collect::<Result<Vec<Stream>>>()?;
+    let part = run_part(inputs, candidates, |_| true, done)?;
+    Ok(join(inputs, candidates.len(), vec![part]))
+}
 
+fn streams(inputs: &[Input]) -> impl Iterator<Item = (&Input, Range<usize>)> {
+    inputs.iter().flat_map(|input| input.streams().into_iter().map(move |stream| (input, stream)))
+}
+
+/// Episodes of the streams that `has` names by number.
+pub fn episodes_of(inputs: &[Input], has: impl Fn(usize) -> bool) -> usize {
+    streams(inputs).enumerate().filter(|(number, _)| has(*number)).map(|(_, (_, stream))| stream.len()).sum()
+}
+
+/// Run all candidates over the streams that `has` names by number.
+pub fn run_part(
+    inputs: &[Input],
+    candidates: &[Candidate<'_>],
+    has: impl Fn(usize) -> bool,
+    done: &(dyn Fn() + Sync),
+) -> Result<Part> {
+    let start = Instant::now();
+    let streams: Vec<_> = streams(inputs).enumerate().filter(|(number, _)| has(*number)).collect();
+    let streams = streams
+        .into_par_iter()
+        .map(|(number, (input, stream))| Ok((number, predict_stream(input, stream, candidates, done)?)))
+        .collect::<Result<_>>()?;
+    Ok(Part { streams, wall: start.elapsed() })
+}
+
+/// The whole run from all its parts.
+///
+/// # Panics
+/// If a stream is missing, or there twice.
+pub fn join(inputs: &[Input], candidates: usize, parts: Vec<Part>) -> Run {
+    let wall = parts.iter().map(|part| part.wall).sum();
+    let mut predicted: Vec<(usize, Stream)> = parts.into_iter().flat_map(|part| part.streams).collect();
+    predicted.sort_by_key(|(number, _)| *number);
+    let numbers = predicted.iter().map(|(number, _)| *number);
+    assert!(numbers.eq(0..streams(inputs).count()), "every stream once");
     let mut run = Run {
-        compute: vec![Duration::ZERO; candidates.len()],
-        predictions: candidates.iter().map(|_| Vec::new()).collect(),
+        compute: vec![Duration::ZERO; candidates],
+        predictions: vec![Vec::new(); candidates],
+        wall,
         ..Run::default()
     };
     for input in inputs {
         let first = run.of_input.last().map_or(0, |range| range.end);
         run.of_input.push(first..first + input.episodes.len());
     }
-    for stream in predicted {
+    for (_, stream) in predicted {
         for (truth, predictions) in stream.episodes {
             run.truths.push(truth);
             for (all, prediction) in run.predictions.iter_mut().zip(predictions) {
@@ -80,8 +132,7 @@ pub fn run(inputs: &[Input], candidates: &[Candidate<'_>], done: &(dyn Fn() + Sy
             *sum += time;
         }
     }
-    run.wall = start.elapsed();
-    Ok(run)
+    run
 }
 
 fn predict_stream(

@@ -5,8 +5,8 @@
 //! finger and fixture give way before that, so the label starts earlier, at slow speeds by many frames.
 
 use anyhow::{Result, anyhow, bail};
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::score::{Interval, SLIP, runs};
@@ -50,7 +50,7 @@ const NONE: u8 = 15;
 const LOOK_BACK_FRAMES: usize = FRAME_RATE_HZ as usize * 150 / 1000;
 
 /// What an episode's metadata says about it.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeInfo {
     pub(crate) input: String,
     pub(crate) name: String,
@@ -108,7 +108,7 @@ pub(crate) fn is_synthetic(meta: &Meta) -> bool {
 }
 
 /// One episode's truth: all that the metrics need of it.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     pub(crate) info: EpisodeInfo,
     /// 0 no contact, 1 contact without slip, 2 slip, one per frame.
@@ -126,7 +126,7 @@ pub struct Truth {
 }
 
 /// The sliding of the contact.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Interface {
     /// Sustained sliding, in order of time.
     pub(crate) slip: Vec<Interval>,
@@ -138,7 +138,7 @@ pub(crate) struct Interface {
 }
 
 /// Something other than slip that a detector may take for it.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Disturbance {
     /// Class, such as `tap`.
     pub(crate) name: String,

@@ -11,25 +11,48 @@
     for time_us, message in slipsense.Log("can.log"):       # a candump log
         ...
 
+    episode.to_xarray().pressure.sum(["row", "col"])         # named axes and units: kPa, g, seconds
+    slipsense.command("synth", "--split", "umi_ood", "--out", "out/umi_ood")   # the command `slipsense`
+
     with can.Bus("can0", interface="socketcan", fd=True) as bus:
         for message in slipsense.live(bus):                 # a bus, through python-can
             if isinstance(message, slipsense.Slip) and message.slip and not message.invalid:
                 ...
 """
 
-from ._slipsense import Contact, Episode, Log, Output, Pipeline, Raw, Receiver, Slip, SlipReceiver, run
+import signal
+import sys
+import time
 
-__all__ = ["Contact", "Episode", "Log", "Output", "Pipeline", "Raw", "Receiver", "Slip", "SlipReceiver", "live", "run"]
+from . import _slipsense
+from ._slipsense import (
+    Contact, Episode, Log, Output, Pipeline, Raw, Receiver, Slip, SlipReceiver, command, pressure_table_kpa, run,
+)
+
+__all__ = ["Contact", "Episode", "Log", "Output", "Pipeline", "Raw", "Receiver", "Slip", "SlipReceiver", "command",
+           "live", "pressure_table_kpa", "run"]
 
 
 def live(bus, node=42, timeout=None):
-    """Messages of the module at address `node`, as they come from a python-can bus.
+    """Messages of the module at address `node`, as they come from a python-can bus; it does not end.
 
-    Ends when nothing was received for `timeout` seconds; None: never. Traffic of others is passed over.
+    Raises TimeoutError when the module sent no message for `timeout` seconds; None: never. Traffic of others is passed
+    over.
     """
-    receiver = Receiver(node)
-    while (frame := bus.recv(timeout)) is not None:
-        ours = frame.is_fd and frame.is_extended_id and not frame.is_error_frame
+    receiver, heard = Receiver(node), time.monotonic()
+    while True:
+        left = None if timeout is None else max(0.0, heard + timeout - time.monotonic())
+        frame = bus.recv(left)
+        ours = frame is not None and frame.is_fd and frame.is_extended_id and not frame.is_error_frame
         message = receiver.accept(frame.arbitration_id, bytes(frame.data)) if ours else None
         if message is not None:
             yield message
+            heard = time.monotonic()
+        elif left is not None and heard + timeout <= time.monotonic():
+            raise TimeoutError(f"node {node}: no message for {timeout} s")
+
+
+def _main():
+    """The command. Python would not pass an interrupt on before the command ends."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return _slipsense.main(["slipsense", *sys.argv[1:]])

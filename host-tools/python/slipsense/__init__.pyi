@@ -1,9 +1,13 @@
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from typing import Any
 
 import numpy as np
+import xarray
 from numpy.typing import NDArray
+
+__all__ = ["Contact", "Episode", "Log", "Output", "Pipeline", "Raw", "Receiver", "Slip", "SlipReceiver", "command",
+           "live", "pressure_table_kpa", "run"]
 
 class Episode:
     """A stretch of sensor data in an .npz file."""
@@ -11,6 +15,16 @@ class Episode:
     @staticmethod
     def read(path: str | PathLike[str]) -> Episode:
         """Raises ValueError that names file, field, index and rule."""
+    @staticmethod
+    def from_bytes(data: bytes, name: str = "episode") -> Episode:
+        """The content of an .npz file, as `numpy.savez` makes it; errors call it `name`."""
+    def write(self, path: str | PathLike[str]) -> None:
+        """The same episode gives the same bytes."""
+    def to_xarray(self) -> xarray.Dataset:
+        """Named axes, units and coordinates: `pressure` in kPa, `acceleration` in g, what is known of the truth.
+
+        Needs xarray: pip install slipsense[xarray].
+        """
 
     frames: int
     sensors: int
@@ -19,6 +33,18 @@ class Episode:
     xl: NDArray[np.int16]  #: [S, N, 3], in units of `xl_lsb_g` of the metadata.
     xl_end: NDArray[np.uint32]  #: [F, S], samples available at the tick, exclusive end.
     label: NDArray[np.uint8] | None  #: [F]: 0 no contact, 1 no slip, 2 slip.
+    slip_true: NDArray[np.float32] | None  #: [F], slip speed in mm/s, of a simulator.
+    slip_fraction: NDArray[np.float32] | None  #: [F], share of the load that slips, of a simulator.
+    displacement_mm: NDArray[np.float32] | None  #: [F], of a test stand.
+
+def pressure_table_kpa() -> NDArray[np.float32]:
+    """Pressure of each of the 4096 counts by the nominal film, kPa: `pressure_table_kpa()[episode.piezo]`.
+
+    A pad whose gain was measured (`slipsense calibrate --newton`) reads right by it.
+    """
+
+def command(*arguments: str | PathLike[str]) -> None:
+    """Run the command `slipsense`; results go to standard output. Raises ValueError with its line of error."""
 
 def run(episode: Episode, model: bytes | None = None) -> dict[str, NDArray[Any]]:
     """All frames through the pipeline, as in the predictions.npz of `slipsense run`.
@@ -60,7 +86,7 @@ class Pipeline:
     def __init__(self, sensors: int, model: bytes | None = None) -> None: ...
     def step(
         self,
-        parts: list[
+        parts: Sequence[
             tuple[NDArray[np.uint16] | None, NDArray[np.int16] | None]
             | tuple[NDArray[np.uint16] | None, NDArray[np.int16] | None, int]
         ],
@@ -133,4 +159,7 @@ class Log(Iterator[tuple[int, Slip | Raw]]):
     def __next__(self) -> tuple[int, Slip | Raw]: ...
 
 def live(bus: Any, node: int = 42, timeout: float | None = None) -> Iterator[Slip | Raw]:
-    """Messages of a module, as they come from a python-can bus."""
+    """Messages of a module, as they come from a python-can bus.
+
+    Raises TimeoutError when the module sent none for `timeout` seconds.
+    """

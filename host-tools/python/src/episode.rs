@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense::params::{CLASSES, COUNT_MAX, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense_recording::{Episode as Recording, Predictions};
+use slipsense_synth::pressure_kpa;
 
 use crate::error::refused;
 use crate::pipeline::Running;
@@ -20,6 +21,20 @@ impl Episode {
     #[staticmethod]
     fn read(path: PathBuf) -> PyResult<Self> {
         Recording::read(path).map(Self).map_err(refused)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (data, name="episode"))]
+    fn from_bytes(data: &[u8], name: &str) -> PyResult<Self> {
+        Recording::from_bytes(data, name).map(Self).map_err(refused)
+    }
+
+    fn write(&self, path: PathBuf) -> PyResult<()> {
+        self.0.write(path).map_err(refused)
+    }
+
+    fn to_xarray<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        this.py().import("slipsense._xarray")?.call_method1("dataset", (this,))
     }
 
     #[getter]
@@ -62,9 +77,30 @@ impl Episode {
         self.0.label.as_ref().map(|label| label.clone().into_pyarray(py))
     }
 
+    #[getter]
+    fn slip_true<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f32>>> {
+        self.0.slip_true_mm_s.as_ref().map(|speed| speed.clone().into_pyarray(py))
+    }
+
+    #[getter]
+    fn slip_fraction<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f32>>> {
+        self.0.slip_fraction.as_ref().map(|share| share.clone().into_pyarray(py))
+    }
+
+    #[getter]
+    fn displacement_mm<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f32>>> {
+        self.0.displacement_mm.as_ref().map(|mm| mm.clone().into_pyarray(py))
+    }
+
     fn __repr__(&self) -> String {
         format!("Episode(frames={}, sensors={})", self.0.frames(), self.0.sensors)
     }
+}
+
+/// Pressure of each count, kPa.
+#[pyfunction]
+pub fn pressure_table_kpa(py: Python<'_>) -> Bound<'_, PyArray1<f32>> {
+    (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect::<Vec<_>>().into_pyarray(py)
 }
 
 /// All frames of an episode through the pipeline, without the interpreter in between.

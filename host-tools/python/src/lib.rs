@@ -2,6 +2,7 @@
 //! here turns numpy arrays into the library's types and back; `slipsense/__init__.pyi` says what a user sees.
 
 mod bus;
+mod command;
 mod episode;
 mod error;
 mod pipeline;
@@ -13,7 +14,13 @@ mod _slipsense {
     #[pymodule_export]
     use crate::bus::{Log, Raw, Receiver, Slip, SlipReceiver};
     #[pymodule_export]
-    use crate::episode::{Episode, run};
+    use crate::command::{command, main};
+    #[pymodule_export]
+    use crate::episode::{Episode, pressure_table_kpa, run};
     #[pymodule_export]
     use crate::pipeline::{Contact, Output, Pipeline};
+    #[pymodule_export]
+    const COL_PITCH_MM: f32 = slipsense::params::COL_PITCH_MM;
+    #[pymodule_export]
+    const ROW_PITCH_MM: f32 = slipsense::params::ROW_PITCH_MM;
 }

@@ -12,6 +12,7 @@ mod front_end;
 #[cfg(test)]
 mod imports;
 mod linux;
+mod package;
 mod process;
 mod qemu;
 mod regions;
@@ -51,6 +52,8 @@ enum Command {
     FrontEnd(front_end::Options),
     /// Build and run the ROS 2 node; ROS' own parser and another DDS check its messages
     Ros2,
+    /// Let lerobot write our episodes as a data set and read them; downloads 3 GB, PyTorch
+    Lerobot,
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -66,6 +69,7 @@ fn main() -> ExitCode {
         Command::Cmsis(options) => cmsis::print(&options),
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Ros2 => ros2::whole(),
+        Command::Lerobot => package::lerobot(),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

@@ -48,6 +48,30 @@ fn two_detectors_by_hand() {
 }
 
 #[test]
+fn parts_give_the_figures_of_the_whole() {
+    let place = place();
+    let what =
+        "eval @episodes umi_id --frames umi_id=3000 --detector network --detector energy --detector majority";
+    let mut whole = place.json(&format!("{what} --out @whole"));
+    for part in ["2/3", "3/3", "2/3"] {
+        let text = place.run(&format!("{what} --out @out --shard {part}"));
+        assert_eq!(text, format!("part {part} evaluated, others missing\n"));
+    }
+    // A part of another evaluation does not count, whatever its name says.
+    place.run("eval @episodes --out @out --shard 1/3");
+    assert_eq!(names(&place.path("out")), ["part-1-of-3.bin", "part-2-of-3.bin", "part-3-of-3.bin"]);
+    let mut parts = place.json(&format!("{what} --out @out --shard 1/3"));
+    assert_eq!(names(&place.path("out")), ["metrics.json", "report.html"]);
+    for all in [&mut whole, &mut parts] {
+        all["wall_s"] = Value::Null;
+        for detector in all["detectors"].as_array_mut().unwrap() {
+            assert!(detector["compute_us_per_frame"].take().is_number());
+        }
+    }
+    assert!(whole == parts, "the figures differ");
+}
+
+#[test]
 fn half_a_sensor_beside_the_whole() {
     let place = place();
     let text = place.run("eval @episodes --out @out --drop piezo --drop xl");

@@ -13,7 +13,7 @@ use crate::process::{
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, front_end, linux, ros2, stack, twin};
+use crate::{cmsis, front_end, linux, package, ros2, stack, twin};
 
 /// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -176,8 +176,8 @@ pub const STEPS: &[Step] = &[
     }),
     Step { compiles: true, ..HOST }.step(
         "python",
-        "the Python package: its wheel in an empty environment, bit for bit as the command",
-        package,
+        "the Python package: its wheel in an empty environment, bit for bit as the command; a notebook, a cluster of two",
+        |context| package::step(&demo_files(context, "python")?),
     ),
     HOST.step("view", "the page of `slipsense view` in a headless Chromium", view),
     HOST.step(
@@ -347,22 +347,6 @@ fn demo(context: Context) -> Result<()> {
     let mut compressed: Command = command(program("slipsense", context)?);
     run(compressed.args(["run", DEMO_EPISODE, "--raw", "compressed", "--out"]).arg(&out))?;
     check_log(&out.join("can.log"), &out)
-}
-
-fn package(context: Context) -> Result<()> {
-    let out = demo_files(context, "python")?;
-    let (wheels, venv) = (empty_dir("wheels")?, target_dir().join("wheel-venv"));
-    let mut build = python()?;
-    build.args(["-m", "maturin", "build", "--release", "--quiet", "--out"]).arg(&wheels);
-    run(build.args(["--manifest-path", "host-tools/python/Cargo.toml"]))?;
-    run(python()?.args(["-m", "venv", "--clear"]).arg(&venv))?;
-    let empty = || command(venv.join("bin/python"));
-    let mut install = empty();
-    install.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--find-links"]);
-    run(install.arg(&wheels).args(["slipsense[can]"]))?;
-    let mut check = empty();
-    check.arg("tests/python/check_package.py").arg(DEMO_EPISODE);
-    run(check.arg(out.join("predictions.npz")).arg(out.join("can.log")))
 }
 
 fn view(context: Context) -> Result<()> {

@@ -1,18 +1,24 @@
 //! `slipsense eval`: detectors compared on labelled episodes.
 
-use std::path::PathBuf;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::json;
+use sha2::{Digest, Sha256};
 use slipsense_eval::detectors::{FLOAT, Modality, NETWORK, NETWORK_ALARM, Setup, by_name};
 use slipsense_eval::fitted::Fitted;
 use slipsense_eval::report;
 use slipsense_eval::results::Results;
-use slipsense_eval::run::{Candidate, run};
+use slipsense_eval::run::{Candidate, Part, episodes_of, join, run_part};
+use slipsense_eval::source::{Handle, Input};
 
 use super::inputs::{Frames, inputs};
 use super::{Print, written};
 use crate::bundled;
-use crate::output::OutputDir;
+use crate::output::{OutputDir, write_file};
+use crate::set_dir::Shard;
 
 /// Compare slip detectors on labelled episodes
 ///
@@ -29,6 +35,10 @@ Detectors:
 Files written to the output folder:
   metrics.json  every number; units are in the keys
   report.html   tables, plots and definitions, one file to share
+
+Parts made by several processes or machines (--shard, same command else) meet in one output folder as
+part-I-of-N.bin; the last one writes the result of the whole and removes them. An input is eight
+streams, which the parts share out: more parts than streams find nothing to do.
 
 Where inputs and detectors have the names of the paper's tables (umi_id, umi_ood, palm, tesollo2,
 tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's. Printed where
@@ -47,6 +57,7 @@ Examples:
   slipsense eval umi_ood --model m.slipnet --detector network --detector float \\
       --weights weights.safetensors --out out/eval
   slipsense eval umi_id umi_ood noslip --frames noslip=8640000 --detector network-alarm --out out/eval
+  slipsense eval umi_id umi_ood --out out/eval --shard 2/4
   slipsense eval out/episodes --model seed1.slipnet --model seed2.slipnet --out out/eval --json")]
 pub struct Args {
     /// Folders of .npz episodes with labels, or names of splits, whose frozen sets are then generated
@@ -78,6 +89,9 @@ pub struct Args {
     /// twice
     #[arg(long, value_name = "MODALITY")]
     drop: Vec<Modality>,
+    /// Evaluate only part I of N of the streams
+    #[arg(long, value_name = "I/N", value_parser = Shard::parse)]
+    shard: Option<Shard>,
     #[command(flatten)]
     print: Print,
 }
@@ -98,21 +112,60 @@ impl Args {
         let seeds = self.seeds()?;
         let candidates = self.candidates(&fitted, &seeds)?;
         let inputs = inputs(&self.inputs, self.data.as_deref(), &self.frames)?;
-        let out = OutputDir::prepare(&self.out)?;
+        // Looked at only: where this process is killed meanwhile, it leaves nothing.
+        drop(OutputDir::prepare(&self.out)?);
 
-        let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
-        let progress = self.print.progress(episodes, "episodes");
-        let predicted = run(&inputs, &candidates, &|| progress.inc(1))?;
+        let shard = self.shard.unwrap_or(Shard::WHOLE);
+        let has = |stream| shard.has(stream);
+        let progress = self.print.progress(episodes_of(&inputs, has), "episodes");
+        let part = run_part(&inputs, &candidates, has, &|| progress.inc(1))?;
         progress.finish_and_clear();
+        let files = PartFiles { folder: &self.out, shard, key: self.key(&inputs, &candidates, &seeds)? };
+        let parts = match self.shard {
+            None => vec![part],
+            Some(_) => match files.add(&part)? {
+                Some(parts) => parts,
+                None => {
+                    let made = json!({"part": shard.to_string(), "complete": false});
+                    return self.print.show(&made, || format!("part {shard} evaluated, others missing\n"));
+                }
+            },
+        };
+        let predicted = join(&inputs, candidates.len(), parts);
         let results = Results::new(&inputs, &candidates, &predicted, &pairs(&candidates, &seeds));
+        let out = OutputDir::prepare(&self.out)?;
         out.write("metrics.json", serde_json::to_string_pretty(&results)? + "\n")?;
         out.write("report.html", report::html(&results, &predicted)?)?;
         out.commit()?;
+        if self.shard.is_some() {
+            files.remove()?;
+        }
         self.print.show(&results, || {
             let files = written(&self.out, &[("report", "report.html"), ("numbers", "metrics.json")]);
             let (wall_s, threads) = (results.wall_s, results.threads);
             format!("{results}\n{files}  evaluated in  {wall_s:.1} s on {threads} threads\n")
         })
+    }
+
+    /// What parts of one evaluation have in common.
+    fn key(&self, inputs: &[Input], candidates: &[Candidate<'_>], seeds: &[Seed]) -> Result<[u8; 32]> {
+        let mut key = Sha256::new_with_prefix(env!("CARGO_PKG_VERSION"));
+        for input in inputs {
+            key.update(format!("{:?}", (&input.name, input.episodes.len())));
+            for episode in &input.episodes {
+                let bytes = match episode {
+                    Handle::File(path) => fs::metadata(path).map_or(0, |file| file.len()),
+                    Handle::Recipe { .. } => 0,
+                };
+                key.update(format!("{:?}", (episode.name(), bytes)));
+            }
+        }
+        candidates.iter().for_each(|candidate| key.update(format!("{:?}", candidate.name)));
+        seeds.iter().for_each(|seed| key.update(&seed.model));
+        for file in self.fit.iter().chain(&self.weights) {
+            key.update(fs::read(file).with_context(|| file.display().to_string())?);
+        }
+        Ok(key.finalize().into())
     }
 
     fn seeds(&self) -> Result<Vec<Seed>> {
@@ -171,6 +224,42 @@ impl Args {
             }
         }
         Ok(candidates)
+    }
+}
+
+/// The parts of one evaluation as files: its key, then what the streams gave.
+struct PartFiles<'a> {
+    folder: &'a Path,
+    shard: Shard,
+    key: [u8; 32],
+}
+
+impl PartFiles<'_> {
+    fn file(&self, shard: Shard) -> PathBuf {
+        self.folder.join(format!("part-{}.bin", shard.file_part()))
+    }
+
+    /// Write ours, and read all if they are there. One of another evaluation counts as missing.
+    fn add(&self, part: &Part) -> Result<Option<Vec<Part>>> {
+        fs::create_dir_all(self.folder)
+            .with_context(|| format!("{}: cannot write this folder", self.folder.display()))?;
+        write_file(&self.file(self.shard), [&self.key[..], &part.to_bytes()?].concat())?;
+        let read = |shard| match fs::read(self.file(shard)) {
+            Ok(bytes) => Ok(bytes.strip_prefix(&self.key[..]).and_then(Part::from_bytes)),
+            // Another part's process that ended at the same time may have written the result already.
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error).with_context(|| format!("{}: cannot read", self.file(shard).display())),
+        };
+        self.shard.all().map(read).collect()
+    }
+
+    fn remove(&self) -> Result<()> {
+        self.shard.all().map(|shard| self.file(shard)).try_for_each(|file| match fs::remove_file(&file) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("{}: cannot remove", file.display()))
+            }
+            _ => Ok(()),
+        })
     }
 }
 

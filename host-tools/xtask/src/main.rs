@@ -15,6 +15,7 @@ mod linux;
 mod process;
 mod qemu;
 mod regions;
+mod release;
 mod retrain;
 mod ros2;
 mod stack;
@@ -51,6 +52,7 @@ enum Command {
     FrontEnd(front_end::Options),
     /// Build and run the ROS 2 node; ROS' own parser and another DDS check its messages
     Ros2,
+    Release(release::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -66,6 +68,7 @@ fn main() -> ExitCode {
         Command::Cmsis(options) => cmsis::print(&options),
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Ros2 => ros2::whole(),
+        Command::Release(options) => release::make(&options),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

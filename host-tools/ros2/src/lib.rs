@@ -1,5 +1,8 @@
 //! The module in ROS 2: its messages, a node that publishes them, and recordings as bags.
 
 pub mod bag;
-pub mod messages;
+mod diagnostics;
+mod messages;
 pub mod node;
+mod services;
+mod topics;

@@ -1,36 +1,26 @@
-//! The node: what is on the bus, published.
-//!
-//! | topic | type | how |
-//! |---|---|---|
-//! | `NAMESPACE/node42/slip` | `slipsense_msgs/Slip` | reliable, the last 10 |
-//! | `NAMESPACE/node42/sensor0/raw` | `slipsense_msgs/Raw` | best effort, the last 5 |
-//! | `NAMESPACE/node42/sensor0/pressure` | `sensor_msgs/Image` | best effort, the last 5 |
+//! The node: what is on the bus, published, and a service that tares an array.
 //!
 //! A topic begins with the first message that belongs to it. The middleware is RustDDS through ros2-client: it speaks
 //! with every DDS implementation that ROS 2 has, and needs no ROS to build or to run.
 
-use std::collections::hash_map::Entry;
+use std::any::Any;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use futures::executor::block_on;
-use ros2_client::qos::{Durability, History, WhenFull};
+use ros2_client::qos::{Durability, History, Reliability, WhenFull};
 use ros2_client::{
     Context as Ros, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile,
 };
-use slipsense::wire::{NodeId, Received};
-use slipsense_recording::decode::{Count, Decoder};
-use slipsense_recording::link::{Input, Source};
+use slipsense_recording::decode::Count;
+use slipsense_recording::link::{Input, Source, now_us};
 
-use crate::messages::{Image, Raw, RosMessage, Slip, sensor_topic, slip_topic};
-
-/// Slip messages that wait for a slow subscriber; then the oldest goes.
-const SLIP_DEPTH: u32 = 10;
-/// The same of raw messages and pressure.
-const RAW_DEPTH: u32 = 5;
+use crate::messages::{Qos, RosMessage, Slip};
+use crate::services::Services;
+use crate::topics::{Sink, Topics};
 
 /// How often a waiting node looks for a subscriber.
 const WAIT_POLL: Duration = Duration::from_millis(20);
@@ -46,6 +36,8 @@ pub struct Options {
     pub paced: bool,
     /// With a recording: wait so long for a subscriber of the first topic.
     pub wait: Duration,
+    /// How long a service measures an array; `None`: nothing is sent on the bus.
+    pub tare_seconds: Option<u8>,
 }
 
 #[derive(Debug, serde::Serialize)]
@@ -60,43 +52,36 @@ pub struct Published {
 /// # Errors
 /// If the source fails, or the middleware.
 pub fn run(mut source: Source, options: &Options, stop: &AtomicBool) -> Result<Published> {
-    let mut topics = Topics::new(options)?;
-    let mut decoder = Decoder::new();
-    let mut pace: Option<(Instant, u64)> = None;
+    let mut topics = Topics::new(&options.namespace);
+    let mut ros = Middleware::new(options, stop)?;
+    let mut services = options.tare_seconds.map(Services::new);
     while !stop.load(Ordering::Relaxed) {
-        let entry = match source.receive()? {
-            Input::Frame(entry) => entry,
-            Input::Other(_) | Input::Idle => continue,
+        match source.receive()? {
+            Input::Frame(entry) => topics.entry(&entry, &mut ros)?,
+            Input::Idle if !options.paced => topics.tick(now_us(), &mut ros)?,
+            Input::Idle | Input::Other(_) => {}
             Input::End => break,
-        };
-        let time_us = entry.timestamp_us;
-        let Some(decoded) = decoder.accept(&entry.frame) else { continue };
-        if options.paced {
-            if pace.is_none() {
-                topics.wait_for_subscriber(decoded.node, options.wait, stop)?;
-            }
-            let &mut (began, first_us) = pace.get_or_insert((Instant::now(), time_us));
-            let due = began + Duration::from_micros(time_us.saturating_sub(first_us));
-            thread::sleep(due.saturating_duration_since(Instant::now()));
         }
-        topics.publish(decoded.node, &decoded.message, time_us)?;
+        if let Some(services) = &mut services {
+            services.serve(&mut source, &mut topics, &mut ros)?;
+        }
     }
-    Ok(Published { messages: topics.messages, nodes: decoder.counts() })
+    Ok(Published { messages: ros.messages, nodes: topics.decoder.counts() })
 }
 
-struct Topics {
-    node: Node,
-    namespace: String,
-    slip: Publishers<Slip>,
-    raw: Publishers<Raw>,
-    pressure: Publishers<Image>,
+pub struct Middleware<'o> {
+    options: &'o Options,
+    pub stop: &'o AtomicBool,
+    pub node: Node,
+    /// By topic: a `Publisher` of its type.
+    publishers: HashMap<String, Box<dyn Any>>,
+    /// When a recording began, and the time of its first message there.
+    began: Option<(Instant, u64)>,
     messages: u64,
 }
 
-type Publishers<M> = HashMap<String, Publisher<M>>;
-
-impl Topics {
-    fn new(options: &Options) -> Result<Self> {
+impl<'o> Middleware<'o> {
+    fn new(options: &'o Options, stop: &'o AtomicBool) -> Result<Self> {
         let ros = Ros::with_options(ContextOptions::new().domain_id(options.domain_id));
         let ros = ros.map_err(|error| anyhow!("cannot join DDS domain {}: {error}", options.domain_id))?;
         let name = NodeName::new("/", "slipsense").map_err(|error| anyhow!("{error:?}"))?;
@@ -104,85 +89,76 @@ impl Topics {
         let mut node = node.map_err(|error| anyhow!("cannot make a node: {error:?}"))?;
         let spinner = node.spinner().map_err(|error| anyhow!("cannot run the node: {error}"))?;
         thread::Builder::new().name("discovery".to_owned()).spawn(move || block_on(spinner.spin()))?;
-        let namespace = options.namespace.clone();
-        let (slip, raw, pressure) = Default::default();
-        Ok(Self { node, namespace, slip, raw, pressure, messages: 0 })
+        Ok(Self { options, stop, node, publishers: HashMap::new(), began: None, messages: 0 })
     }
 
-    fn publish(&mut self, node: NodeId, message: &Received, time_us: u64) -> Result<()> {
-        let Self { node: ros, namespace, slip, raw, pressure, messages } = self;
-        let full = |topic: String| format!("{namespace}/{topic}");
-        match message {
-            Received::Slip(message) => {
-                let topic = publisher(slip, ros, full(slip_topic(node)), slip_qos())?;
-                put(topic, Slip::new(node, message, time_us), messages)
-            }
-            Received::Raw(message) => {
-                let topic = |what| full(sensor_topic(node, message.sensor, what));
-                let samples = publisher(raw, ros, topic("raw"), raw_qos())?;
-                put(samples, Raw::new(node, message, time_us), messages)?;
-                let taxels = publisher(pressure, ros, topic("pressure"), raw_qos())?;
-                put(taxels, Image::new(node, message, time_us), messages)
-            }
+    /// Make the publisher of a topic where there is none.
+    fn publisher<M: RosMessage>(&mut self, topic: &str) -> Result<&Publisher<M>> {
+        if !self.publishers.contains_key(topic) {
+            let (name, kind) = (name(topic)?, MessageTypeName::new(M::PACKAGE, M::NAME));
+            let dds = self.node.create_topic(&name, kind, &profile(M::QOS));
+            let dds = dds.map_err(|error| anyhow!("topic {topic}: {error}"))?;
+            let publisher = self.node.create_publisher::<M>(&dds, None);
+            let publisher = publisher.map_err(|error| anyhow!("topic {topic}: {error}"))?;
+            self.publishers.insert(topic.to_owned(), Box::new(publisher));
         }
+        let publisher = self.publishers.get(topic).and_then(|publisher| publisher.downcast_ref());
+        publisher.with_context(|| format!("topic {topic}: has two types"))
     }
 
-    /// Make a node's slip topic and wait until somebody listens to it, `wait` at most.
-    fn wait_for_subscriber(&mut self, node: NodeId, wait: Duration, stop: &AtomicBool) -> Result<()> {
-        let topic = format!("{}/{}", self.namespace, slip_topic(node));
-        let slip = publisher(&mut self.slip, &mut self.node, topic, slip_qos())?;
-        let until = Instant::now() + wait;
-        while slip.get_subscription_count(&self.node) == 0
-            && Instant::now() < until
-            && !stop.load(Ordering::Relaxed)
-        {
-            thread::sleep(WAIT_POLL);
+    /// Until a recording's message is due. The first slip message waits for somebody who listens.
+    fn pace<M: RosMessage>(&mut self, topic: &str, time_us: u64) -> Result<()> {
+        if self.began.is_none() && M::NAME == Slip::NAME {
+            let until = Instant::now() + self.options.wait;
+            self.publisher::<M>(topic)?;
+            let is_heard = |ros: &mut Self| {
+                let (node, publisher) = (&ros.node, ros.publishers.get(topic));
+                publisher
+                    .and_then(|publisher| publisher.downcast_ref::<Publisher<M>>())
+                    .is_some_and(|publisher| publisher.get_subscription_count(node) > 0)
+            };
+            while !is_heard(self) && Instant::now() < until && !self.stop.load(Ordering::Relaxed) {
+                thread::sleep(WAIT_POLL);
+            }
+            if is_heard(self) {
+                thread::sleep(SETTLE);
+            }
+            self.began = Some((Instant::now(), time_us));
         }
-        if slip.get_subscription_count(&self.node) > 0 {
-            thread::sleep(SETTLE);
+        if let Some((began, first_us)) = self.began {
+            let due = began + Duration::from_micros(time_us.saturating_sub(first_us));
+            thread::sleep(due.saturating_duration_since(Instant::now()));
         }
         Ok(())
     }
 }
 
-fn slip_qos() -> QosProfile {
-    QosProfile::publisher_default()
-        .reliability_reliable(WhenFull::DEFAULT)
-        .durability(Durability::Volatile)
-        .history(History::KeepLast { depth: SLIP_DEPTH as _ })
-}
-
-fn raw_qos() -> QosProfile {
-    QosProfile::publisher_default()
-        .reliability_best_effort()
-        .durability(Durability::Volatile)
-        .history(History::KeepLast { depth: RAW_DEPTH as _ })
-}
-
-/// The publisher of a topic, made when it is first asked for.
-fn publisher<'a, M: RosMessage>(
-    publishers: &'a mut Publishers<M>,
-    ros: &mut Node,
-    topic: String,
-    qos: QosProfile,
-) -> Result<&'a Publisher<M>> {
-    Ok(match publishers.entry(topic) {
-        Entry::Occupied(publisher) => publisher.into_mut(),
-        Entry::Vacant(vacant) => {
-            let topic = vacant.key();
-            let (space, base) = topic.rsplit_once('/').unwrap_or(("", topic));
-            let name = Name::new(space, base).map_err(|error| anyhow!("topic {topic}: {error:?}"))?;
-            let dds = ros.create_topic(&name, MessageTypeName::new(M::PACKAGE, M::NAME), &qos);
-            let dds = dds.map_err(|error| anyhow!("topic {topic}: {error}"))?;
-            let publisher = ros.create_publisher(&dds, None);
-            let publisher = publisher.map_err(|error| anyhow!("topic {topic}: {error}"))?;
-            vacant.insert(publisher)
+impl Sink for Middleware<'_> {
+    fn put<M: RosMessage>(&mut self, topic: &str, message: &M, time_us: u64) -> Result<()> {
+        if self.options.paced {
+            self.pace::<M>(topic, time_us)?;
         }
-    })
+        let publisher = self.publisher::<M>(topic)?;
+        publisher.publish(message.clone()).map_err(|error| anyhow!("cannot publish: {error}"))?;
+        self.messages += 1;
+        Ok(())
+    }
 }
 
-fn put<M: RosMessage>(publisher: &Publisher<M>, message: M, messages: &mut u64) -> Result<()> {
-    publisher.publish(message).map_err(|error| anyhow!("cannot publish: {error}"))?;
-    *messages += 1;
-    Ok(())
+/// A topic or a service, from the root on.
+pub fn name(topic: &str) -> Result<Name> {
+    let (space, base) = topic.rsplit_once('/').unwrap_or(("", topic));
+    let space = if space.is_empty() { "/" } else { space };
+    Name::new(space, base).map_err(|error| anyhow!("topic {topic}: {error:?}"))
+}
+
+pub fn profile(qos: Qos) -> QosProfile {
+    let reliability = match qos.reliable {
+        true => Reliability::Reliable { when_full: WhenFull::DEFAULT },
+        false => Reliability::BestEffort,
+    };
+    QosProfile::publisher_default()
+        .reliability(reliability)
+        .durability(if qos.latched { Durability::TransientLocal } else { Durability::Volatile })
+        .history(History::KeepLast { depth: qos.depth as _ })
 }

@@ -13,7 +13,7 @@ use slipsense_recording::decode::Count;
 use slipsense_recording::{HEALTH, words};
 
 use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, frame_of, sensor_frame_of};
-use crate::topics::Module;
+use crate::module::Module;
 
 const INVALID: [(u8, &str); 5] = [
     (INVALID_NO_MODEL, "no model"),

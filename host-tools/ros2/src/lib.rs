@@ -3,6 +3,8 @@
 pub mod bag;
 mod diagnostics;
 mod messages;
+mod middleware;
+mod module;
 pub mod node;
 mod services;
 mod topics;

@@ -136,10 +136,9 @@ impl NodeArgs {
         };
         let source = open(&self.source, self.data_mbit)?;
         ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).context("cannot listen for Ctrl-C")?;
-        let paced = matches!(self.source, Place::File(..));
-        let wait = Duration::from_secs(self.wait);
+        let wait = matches!(self.source, Place::File(..)).then_some(Duration::from_secs(self.wait));
         let tare_seconds = (self.source.is_live() && !self.listen).then_some(self.tare_seconds);
-        let options = node::Options { namespace: self.namespace, domain_id, paced, wait, tare_seconds };
+        let options = node::Options { namespace: self.namespace, domain_id, wait, tare_seconds };
         let published = node::run(source, &options, &STOP)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&published)?);

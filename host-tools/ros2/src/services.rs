@@ -14,8 +14,9 @@ use slipsense_recording::client::{Bus, Client};
 use slipsense_recording::link::{Source, now_us};
 
 use crate::messages::Qos;
-use crate::node::{Middleware, name, profile};
-use crate::topics::{Topics, mask_register};
+use crate::middleware::{Middleware, name, profile};
+use crate::module::mask_register;
+use crate::topics::Topics;
 
 /// The node's address on the bus. `slipsense calibrate` has 126.
 const OWN: NodeId = NodeId::new(125).unwrap();

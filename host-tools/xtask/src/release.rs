@@ -11,14 +11,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, anyhow, ensure};
+use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use ed25519_dalek::SigningKey;
 use slipsense::update::DEVELOPMENT_SEED;
 use slipsense_recording::{from_hex, hex};
 
 use crate::firmware::{FEATURE, NAME};
-use crate::process::{answer, cargo, command, empty_dir, python, root, run, target_dir};
+use crate::process::{answer, cargo, command, empty_dir, git, python, root, run, target_dir};
 use crate::toolchain::{TARGET, Toolchain};
 
 /// Everybody's version: the workspace's.
@@ -127,12 +127,6 @@ fn check_tree(status: &str) -> Result<()> {
         status.lines().next().unwrap_or("")
     );
     Ok(())
-}
-
-fn git(arguments: &[&str]) -> Result<String> {
-    let mut git = command("git");
-    git.env("TZ", "UTC0").args(arguments);
-    answer(&mut git).ok_or_else(|| anyhow!("git {}: needs git and its repository", arguments.join(" ")))
 }
 
 /// Write `SHA256SUMS` over the folder's files; how many there are.

@@ -7,9 +7,8 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
-use super::{VERSION, git};
 use crate::firmware::FEATURE;
-use crate::process::{answer, cargo, python, root, run};
+use crate::process::{answer, cargo, git, python, root, run};
 use crate::toolchain::{TARGET, Toolchain};
 
 /// What is built, and how `cargo tree` selects it.
@@ -74,7 +73,7 @@ fn bill() -> Result<Value> {
         "metadata": {
             "timestamp": git(&["log", "-1", "--date=iso-strict-local", "--format=%cd"])?,
             "tools": {"components": compilers},
-            "component": {"type": "application", "name": "slipsense", "version": VERSION},
+            "component": {"type": "application", "name": "slipsense", "version": env!("CARGO_PKG_VERSION")},
             "properties": [{"name": "slipsense:commit", "value": git(&["rev-parse", "HEAD"])?}],
         },
         "components": components.collect::<Vec<_>>(),

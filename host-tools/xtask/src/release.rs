@@ -63,8 +63,10 @@ pub fn make(options: &Options) -> Result<bool> {
     let made = tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(parent)?;
     let build = Build::new(hex(key.verifying_key().as_bytes()), made.path())?;
 
+    let bill = made.path().join(format!("slipsense-{VERSION}.cdx.json"));
+    sbom::write(&bill)?;
     let slipsense = build.command()?;
-    build.wheel()?;
+    build.wheel(&bill)?;
     let key = std::path::absolute(&options.key)?;
     let sign = |file: &Path, image: &str, board: &[&str]| {
         let mut sign = command(&slipsense);
@@ -79,7 +81,6 @@ pub fn make(options: &Options) -> Result<bool> {
     }
     build.keep(&build.program(BOOTLOADER, FEATURE)?, &format!("{BOOTLOADER}-{VERSION}.elf"))?;
     build.keep(&root().join(CHANGELOG), CHANGELOG)?;
-    sbom::write(&made.path().join(format!("slipsense-{VERSION}.cdx.json")))?;
     let names = sums(made.path())?;
 
     if out.exists() {
@@ -195,11 +196,14 @@ impl<'r> Build<'r> {
         Ok(folder.join("slipsense"))
     }
 
-    fn wheel(&self) -> Result<()> {
+    fn wheel(&self, bill: &Path) -> Result<()> {
         let mut maturin = python()?;
-        maturin.args(["-m", "maturin", "build", "--release", "--locked", "--quiet"]);
+        maturin
+            .args(["-m", "maturin", "build", "--release", "--locked", "--quiet", "--sbom-include"])
+            .arg(bill);
         maturin.args(["--manifest-path", "host-tools/python/Cargo.toml", "--out"]).arg(self.release);
-        run(self.environment(&mut maturin))
+        run(self.environment(&mut maturin))?;
+        self.check(&self.target_dir.join("release/lib_slipsense.so"))
     }
 
     /// A program of the board, which believes the release's key.

@@ -81,13 +81,12 @@ pub fn make(options: &Options) -> Result<bool> {
     }
     build.keep(&build.program(BOOTLOADER, FEATURE)?, &format!("{BOOTLOADER}-{VERSION}.elf"))?;
     build.keep(&root().join(CHANGELOG), CHANGELOG)?;
-    let names = sums(made.path())?;
-
+    let files = sums(made.path())?;
     if out.exists() {
         fs::remove_dir(&out)?;
     }
-    fs::rename(made.keep(), &out).with_context(|| format!("{}: cannot write", out.display()))?;
-    println!("{}: {} files in {:.0} s", out.display(), names, begun.elapsed().as_secs_f64());
+    fs::rename(made.path(), &out).with_context(|| format!("{}: cannot write", out.display()))?;
+    println!("{}: {files} files in {:.0} s", out.display(), begun.elapsed().as_secs_f64());
     Ok(true)
 }
 
@@ -96,6 +95,7 @@ pub fn step() -> Result<()> {
     check_changelog(&fs::read_to_string(root().join(CHANGELOG)).context(CHANGELOG)?)?;
     sbom::write(&empty_dir("release-bill")?.join("slipsense.cdx.json"))?;
     let mut lint = command(target_dir().join("venv/bin/zizmor"));
+    // In the environment that has just checked the bill.
     run(lint.args(["--offline", "--quiet", "--strict-collection", ".github/workflows"]))
 }
 
@@ -121,12 +121,8 @@ fn check_changelog(text: &str) -> Result<()> {
 
 /// What `git status` says.
 fn check_tree(status: &str) -> Result<()> {
-    let changes = status.lines().count();
-    ensure!(
-        changes == 0,
-        "{changes} changes are not committed, such as `{}`",
-        status.lines().next().unwrap_or("")
-    );
+    let first = status.lines().next();
+    ensure!(first.is_none(), "not committed: {}", first.unwrap_or_default());
     Ok(())
 }
 
@@ -208,11 +204,13 @@ impl<'r> Build<'r> {
 
     /// A program of the board, which believes the release's key.
     fn program(&self, name: &str, features: &str) -> Result<PathBuf> {
-        let mut build = Toolchain::get()?.cargo_in("build", &self.target_dir, &self.flags);
+        // Its compiler may be another one.
+        let target_dir = self.target_dir.join("board");
+        let mut build = Toolchain::get()?.cargo_in("build", &target_dir, &self.flags);
         build.args(["--locked", "--package", "slipsense", "--bin", name, "--features", features]);
         build.env("SLIPSENSE_RELEASE", "1").env("SLIPSENSE_UPDATE_KEY", &self.public_key);
         run(build.env_remove("SLIPSENSE_UPDATE_KEY_NEXT"))?;
-        Ok(self.target_dir.join(TARGET).join("firmware").join(name))
+        Ok(target_dir.join(TARGET).join("firmware").join(name))
     }
 
     fn keep(&self, file: &Path, name: &str) -> Result<()> {
@@ -259,10 +257,7 @@ mod tests {
         assert!(refusal(check_folder(&key)).contains("is there already"));
         assert!(check_folder(&dir.path().join("new")).is_ok());
 
-        assert_eq!(
-            refusal(check_tree(" M src/lib.rs\n?? new")),
-            "2 changes are not committed, such as ` M src/lib.rs`"
-        );
+        assert_eq!(refusal(check_tree("M src/lib.rs\n?? new")), "not committed: M src/lib.rs");
         assert!(check_tree("").is_ok());
         assert!(refusal(check_changelog("## 0.0.1\n")).contains(CHANGELOG));
         assert!(check_changelog(include_str!("../../../CHANGELOG.md")).is_ok(), "no entry of {VERSION}");

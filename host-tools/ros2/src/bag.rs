@@ -117,7 +117,7 @@ impl<W: Write + Seek> Bag<W> {
 }
 
 impl<W: Write + Seek> Sink for Bag<W> {
-    fn put<M: RosMessage>(&mut self, name: &str, message: &M, time_us: u64) -> Result<()> {
+    fn put<M: RosMessage>(&mut self, name: &str, message: M, time_us: u64) -> Result<()> {
         let topic = match self.topics.get_mut(name) {
             Some(topic) => topic,
             None => {
@@ -134,7 +134,7 @@ impl<W: Write + Seek> Sink for Bag<W> {
         topic.messages += 1;
         let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
         let mut bytes = ENCAPSULATION.to_vec();
-        bytes.extend(to_vec::<M, byteorder::LittleEndian>(message)?);
+        bytes.extend(to_vec::<M, byteorder::LittleEndian>(&message)?);
         self.writer.write_to_known_channel(&header, &bytes)?;
         let (first, last) = self.span.unwrap_or((log_time, log_time));
         self.span = Some((first.min(log_time), last.max(log_time)));

@@ -89,12 +89,12 @@ impl<'o> Middleware<'o> {
 }
 
 impl Sink for Middleware<'_> {
-    fn put<M: RosMessage>(&mut self, topic: &str, message: &M, time_us: u64) -> Result<()> {
+    fn put<M: RosMessage>(&mut self, topic: &str, message: M, time_us: u64) -> Result<()> {
         if let Some(wait) = self.wait {
             self.pace::<M>(topic, time_us, wait)?;
         }
         let publisher = self.publisher::<M>(topic)?;
-        publisher.publish(message.clone()).map_err(|error| anyhow!("cannot publish: {error}"))?;
+        publisher.publish(message).map_err(|error| anyhow!("cannot publish: {error}"))?;
         self.messages += 1;
         Ok(())
     }

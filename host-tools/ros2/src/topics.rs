@@ -20,7 +20,7 @@ const DIAGNOSTICS_PERIOD_US: u64 = 1_000_000;
 pub trait Sink {
     /// # Errors
     /// If the message cannot be written.
-    fn put<M: RosMessage>(&mut self, topic: &str, message: &M, time_us: u64) -> Result<()>;
+    fn put<M: RosMessage>(&mut self, topic: &str, message: M, time_us: u64) -> Result<()>;
 }
 
 pub struct Topics {
@@ -83,11 +83,11 @@ impl Topics {
         let module = self.modules.entry(node).or_default();
         module.accept(message);
         let news = module.news();
-        sink.put(&self.topic(node, "slip"), &Slip::new(node, message, time_us), time_us)?;
+        sink.put(&self.topic(node, "slip"), Slip::new(node, message, time_us), time_us)?;
         match news {
             Some((configuration, sensors)) => {
                 let info = Info::new(node, configuration, sensors, time_us);
-                sink.put(&self.topic(node, "info"), &info, time_us)
+                sink.put(&self.topic(node, "info"), info, time_us)
             }
             None => Ok(()),
         }
@@ -95,13 +95,13 @@ impl Topics {
 
     fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64, sink: &mut impl Sink) -> Result<()> {
         let topic = |what| self.sensor_topic(node, message.sensor, what);
-        sink.put(&topic("raw"), &Raw::new(node, message, time_us), time_us)?;
-        sink.put(&topic("counts"), &Image::counts(node, message, time_us), time_us)?;
+        sink.put(&topic("raw"), Raw::new(node, message, time_us), time_us)?;
+        sink.put(&topic("counts"), Image::counts(node, message, time_us), time_us)?;
         let topic = topic("pressure");
         let (module, sensor) = (self.modules.entry(node).or_default(), usize::from(message.sensor));
         module.second.raw_messages[sensor] += 1;
         match module.mask(sensor).filter(|_| module.is_calibrated(sensor)) {
-            Some(mask) => sink.put(&topic, &Image::pressure(node, message, &mask, time_us), time_us),
+            Some(mask) => sink.put(&topic, Image::pressure(node, message, &mask, time_us), time_us),
             None => Ok(()),
         }
     }
@@ -118,6 +118,6 @@ impl Topics {
         self.diagnostics_us = Some(time_us);
         let array = diagnostics::array(&self.modules, &self.decoder.counts(), time_us);
         self.modules.values_mut().for_each(|module| module.second = Second::default());
-        sink.put(DIAGNOSTICS, &array, time_us)
+        sink.put(DIAGNOSTICS, array, time_us)
     }
 }

@@ -87,6 +87,7 @@ pub fn make(options: &Options) -> Result<bool> {
     }
     fs::rename(made.path(), &out).with_context(|| format!("{}: cannot write", out.display()))?;
     println!("{}: {files} files in {:.0} s", out.display(), begun.elapsed().as_secs_f64());
+    println!("public key {}", build.public_key);
     Ok(true)
 }
 

@@ -265,6 +265,26 @@ mod tests {
     }
 
     #[test]
+    fn a_path_of_this_computer_is_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let paths = vec!["/home/me/slipsense".to_owned()];
+        let (flags, target_dir) = (Vec::new(), PathBuf::new());
+        let build = Build {
+            public_key: String::new(),
+            epoch_s: String::new(),
+            flags,
+            paths,
+            target_dir,
+            release: dir.path(),
+        };
+        let file = dir.path().join("program");
+        fs::write(&file, b"\x7fELF\0/slipsense/src/lib.rs\0").unwrap();
+        assert!(build.check(&file).is_ok());
+        fs::write(&file, b"\x7fELF\0/home/me/slipsense/src/lib.rs\0").unwrap();
+        assert!(refusal(build.check(&file)).contains("program: holds the path /home/me/slipsense"));
+    }
+
+    #[test]
     fn sums_are_of_all_files_by_name() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("b"), "abc").unwrap();

@@ -64,7 +64,8 @@ pub fn make(options: &Options) -> Result<bool> {
     let build = Build::new(hex(key.verifying_key().as_bytes()), made.path())?;
 
     let bill = made.path().join(format!("slipsense-{VERSION}.cdx.json"));
-    sbom::write(&bill)?;
+    let time = git(&["log", "-1", "--date=iso-strict-local", "--format=%cd"])?;
+    sbom::write(&bill, &git(&["rev-parse", "HEAD"])?, &time)?;
     let slipsense = build.command()?;
     build.wheel(&bill)?;
     let key = std::path::absolute(&options.key)?;
@@ -91,10 +92,11 @@ pub fn make(options: &Options) -> Result<bool> {
     Ok(true)
 }
 
-/// The part of the test command: what needs no build.
+/// The part of the test command: what needs no build, and no repository of git.
 pub fn step() -> Result<()> {
     check_changelog(&fs::read_to_string(root().join(CHANGELOG)).context(CHANGELOG)?)?;
-    sbom::write(&empty_dir("release-bill")?.join("slipsense.cdx.json"))?;
+    let bill = empty_dir("release-bill")?.join("slipsense.cdx.json");
+    sbom::write(&bill, "none", "1970-01-01T00:00:00+00:00")?;
     let mut lint = command(target_dir().join("venv/bin/zizmor"));
     // In the environment that has just checked the bill.
     run(lint.args(["--offline", "--quiet", "--strict-collection", ".github/workflows"]))

@@ -8,7 +8,7 @@ use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
 use crate::firmware::FEATURE;
-use crate::process::{answer, cargo, git, python, root, run};
+use crate::process::{answer, cargo, python, root, run};
 use crate::toolchain::{TARGET, Toolchain};
 
 /// What is built, and how `cargo tree` selects it.
@@ -30,13 +30,13 @@ sys.exit(error and f'{sys.argv[1]}: {error}')
 type Crates = BTreeMap<(String, String), (String, BTreeSet<&'static str>)>;
 
 /// Write it, and let CycloneDX' own library check it.
-pub fn write(path: &Path) -> Result<()> {
-    let text = serde_json::to_string_pretty(&bill()?)? + "\n";
+pub fn write(path: &Path, commit: &str, timestamp: &str) -> Result<()> {
+    let text = serde_json::to_string_pretty(&bill(commit, timestamp)?)? + "\n";
     fs::write(path, text).with_context(|| path.display().to_string())?;
     run(python()?.args(["-c", VALIDATE]).arg(path))
 }
 
-fn bill() -> Result<Value> {
+fn bill(commit: &str, timestamp: &str) -> Result<Value> {
     let lock = fs::read_to_string(root().join("Cargo.lock")).context("Cargo.lock")?;
     let mut crates = Crates::new();
     for (part, selection) in PARTS {
@@ -71,10 +71,10 @@ fn bill() -> Result<Value> {
     Ok(json!({
         "bomFormat": "CycloneDX", "specVersion": "1.6", "version": 1,
         "metadata": {
-            "timestamp": git(&["log", "-1", "--date=iso-strict-local", "--format=%cd"])?,
+            "timestamp": timestamp,
             "tools": {"components": compilers},
             "component": {"type": "application", "name": "slipsense", "version": env!("CARGO_PKG_VERSION")},
-            "properties": [{"name": "slipsense:commit", "value": git(&["rev-parse", "HEAD"])?}],
+            "properties": [{"name": "slipsense:commit", "value": commit}],
         },
         "components": components.collect::<Vec<_>>(),
     }))

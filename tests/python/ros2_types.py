@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float32, int8, int32, sequence, uint8, uint16, uint32, uint64
+from cyclonedds.idl.types import array, float32, int8, int16, int32, int64, sequence, uint8, uint16, uint32, uint64
 
 
 @dataclass
@@ -67,3 +67,37 @@ class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
     is_bigendian: uint8
     step: uint32
     data: sequence[uint8]
+
+
+@dataclass
+class Info(IdlStruct, typename="slipsense_msgs::msg::dds_::Info_"):
+    """slipsense_msgs/Info."""
+
+    header: Header
+    frame_rate_hz: float32
+    rows: uint16
+    cols: uint16
+    row_pitch_mm: float32
+    col_pitch_mm: float32
+    configuration: uint16
+    calibration: sequence[str, 3]
+    masked_taxels: sequence[int16, 3]
+
+
+@dataclass
+class TriggerRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
+    """std_srvs/Trigger, as rmw_cyclonedds calls it: a header of its own before the fields."""
+
+    guid: uint64
+    sequence: int64
+    structure_needs_at_least_one_member: uint8
+
+
+@dataclass
+class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
+    """And answers."""
+
+    guid: uint64
+    sequence: int64
+    success: bool
+    message: str

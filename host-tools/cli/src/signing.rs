@@ -16,6 +16,7 @@ use slipsense::net::format::MAGIC as MODEL_MAGIC;
 use slipsense::node::UpdateTarget;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions, TRAILER_BYTES};
 use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
+use slipsense_recording::from_hex;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum Board {
@@ -29,18 +30,6 @@ impl Board {
             Self::H743 => &NUCLEO_H743ZI2,
         }
     }
-}
-
-/// 32 bytes of 64 hexadecimal digits.
-pub fn from_hex(text: &str) -> Option<[u8; 32]> {
-    if text.len() != 64 || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
-        return None;
-    }
-    let mut bytes = [0; 32];
-    for (byte, at) in bytes.iter_mut().zip((0..).step_by(2)) {
-        *byte = u8::from_str_radix(text.get(at..at + 2)?, 16).ok()?;
-    }
-    Some(bytes)
 }
 
 pub fn read_key(path: &Path) -> Result<SigningKey> {

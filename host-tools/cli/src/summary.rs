@@ -5,29 +5,17 @@ use std::fmt::{self, Write};
 use std::path::Path;
 
 use serde::Serialize;
-use slipsense::health;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::Episode;
-pub use slipsense_recording::hex;
 use slipsense_recording::score::{ClassScores, Detection, score_events};
+pub use slipsense_recording::{HEALTH, hex};
 
 use crate::simulate::Simulation;
 
 /// Version of the layout of `summary.json`.
 const FORMAT: u32 = 1;
-
-pub const HEALTH: [(u8, &str); 8] = [
-    (health::PIEZO_MISSING, "array missing"),
-    (health::XL_MISSING, "accelerometer missing"),
-    (health::XL_WARMING_UP, "accelerometer warming up"),
-    (health::XL_CLIPPED, "accelerometer clipped"),
-    (health::TAXELS_SATURATED, "taxels saturated"),
-    (health::XL_SAMPLES_DROPPED, "accelerometer samples dropped"),
-    (health::NO_MODEL, "no model"),
-    (health::TAXELS_MASKED, "taxels masked"),
-];
 
 /// The result of one episode. Frames count from 0; frame f is at f/240 s.
 #[derive(Clone, Debug, Serialize)]

@@ -2,10 +2,43 @@
 
 use std::collections::BTreeMap;
 
+use slipsense::node::{CALIBRATION_LINE, HEARTBEAT_PORT, RECORD_PORT};
+use slipsense::params::MAX_SENSORS;
 use slipsense::wire::{
     COMPRESSED_PORT, CanFrame, MessageId, NodeId, RAW_PORT, Received, Receiver, SLIP_1_PORT, SLIP_PORT,
     SlipMessage,
 };
+
+/// `uavcan.node.Heartbeat`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Heartbeat {
+    pub uptime_s: u32,
+    /// As [`slipsense::health::Condition`].
+    pub health: u8,
+    /// As [`slipsense::node::Mode`].
+    pub mode: u8,
+    /// Bits of [`slipsense::node::vendor_status`].
+    pub flags: u8,
+}
+
+/// A heartbeat and its node.
+pub fn heartbeat(frame: &CanFrame) -> Option<(NodeId, Heartbeat)> {
+    let id = MessageId::from_can(frame.id()).ok().filter(|id| id.port == HEARTBEAT_PORT)?;
+    let (uptime, rest) = frame.data().split_first_chunk()?;
+    let &[health, mode, flags, _tail, ..] = rest else { return None };
+    Some((id.node, Heartbeat { uptime_s: u32::from_le_bytes(*uptime), health, mode, flags }))
+}
+
+/// By which calibration a sensor's array is read, as its node says again and again: node, sensor, and version and name of
+/// the calibration, or `none`.
+pub fn calibration(frame: &CanFrame) -> Option<(NodeId, usize, &str)> {
+    let id = MessageId::from_can(frame.id()).ok().filter(|id| id.port == RECORD_PORT)?;
+    // Time, severity, length and text of uavcan.diagnostic.Record, in one frame.
+    let text = frame.data().get(9..9 + usize::from(*frame.data().get(8)?))?;
+    let line = std::str::from_utf8(text).ok()?.strip_prefix(CALIBRATION_LINE)?;
+    let (sensor, calibration) = line.trim_start().split_once(": ")?;
+    Some((id.node, sensor.parse().ok().filter(|&sensor| sensor < MAX_SENSORS)?, calibration))
+}
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Decoded {

@@ -22,6 +22,8 @@
 pub mod c_header;
 pub mod candump;
 #[cfg(feature = "links")]
+pub mod client;
+#[cfg(feature = "links")]
 mod catch_panic;
 #[cfg(feature = "links")]
 pub mod dbc;
@@ -30,6 +32,7 @@ pub mod decode;
 mod episode;
 mod episode_file;
 mod error;
+mod health;
 pub mod label;
 #[cfg(feature = "links")]
 pub mod layout;
@@ -57,6 +60,7 @@ mod whole_file;
 
 pub use episode::Episode;
 pub use error::{EpisodeError, Problem};
+pub use health::{HEALTH, words};
 pub use meta::{Meta, XL_RATE_TOLERANCE};
 pub use predictions::{Predictions, logmel_g2, logmel_std};
 pub use whole_file::write_whole;
@@ -64,4 +68,16 @@ pub use whole_file::write_whole;
 /// Bytes in hexadecimal, two small digits each.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// 32 bytes of 64 hexadecimal digits.
+pub fn from_hex(text: &str) -> Option<[u8; 32]> {
+    if text.len() != 64 || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
+    let mut bytes = [0; 32];
+    for (byte, at) in bytes.iter_mut().zip((0..).step_by(2)) {
+        *byte = u8::from_str_radix(text.get(at..at + 2)?, 16).ok()?;
+    }
+    Some(bytes)
 }

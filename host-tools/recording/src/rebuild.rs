@@ -7,10 +7,9 @@ use crate::{Episode, Meta};
 use anyhow::{Result, bail, ensure};
 use serde_json::Value;
 use slipsense::health;
-use slipsense::node::{CALIBRATION_LINE, RECORD_PORT};
-use slipsense::wire::{MessageId, NodeId, RawMessage, Received};
+use slipsense::wire::{NodeId, RawMessage, Received};
 
-use crate::decode::{Decoded, Decoder};
+use crate::decode::{Decoded, Decoder, calibration};
 
 /// An episode and, in words, what of the recording is not in it.
 pub struct Rebuilt {
@@ -88,18 +87,9 @@ pub fn episode(entries: &[LogEntry], node: Option<NodeId>, xl_lsb_g: f64) -> Res
 /// after the other where it changed. `None`: it said nothing.
 fn calibrations(entries: &[LogEntry], node: u8) -> Option<Value> {
     let mut said: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for LogEntry { frame, .. } in entries {
-        let id = MessageId::from_can(frame.id()).ok();
-        if id.is_none_or(|id| (id.node.get(), id.port) != (node, RECORD_PORT)) {
-            continue;
-        }
-        // Time, severity, length and text of uavcan.diagnostic.Record, in one frame.
-        let text = frame.data().get(8).and_then(|&length| frame.data().get(9..9 + usize::from(length)));
-        let line = text.and_then(|text| std::str::from_utf8(text).ok()?.strip_prefix(CALIBRATION_LINE));
-        let Some((sensor, calibration)) = line.and_then(|line| line.trim_start().split_once(": ")) else {
-            continue;
-        };
-        let of_sensor = said.entry(sensor.to_owned()).or_default();
+    let lines = entries.iter().filter_map(|entry| calibration(&entry.frame));
+    for (_, sensor, calibration) in lines.filter(|(from, ..)| from.get() == node) {
+        let of_sensor = said.entry(sensor.to_string()).or_default();
         if of_sensor.last().is_none_or(|last| last != calibration) {
             of_sensor.push(calibration.to_owned());
         }

@@ -12,11 +12,11 @@ use cdr_encoding::to_vec;
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use serde_json::json;
-use slipsense::wire::Received;
 use slipsense_recording::candump::LogEntry;
-use slipsense_recording::decode::{Count, Decoder};
+use slipsense_recording::decode::Count;
 
-use crate::messages::{Image, Raw, RosMessage, Slip, sensor_topic, slip_topic};
+use crate::messages::{Qos, RosMessage};
+use crate::topics::{Sink, Topics};
 
 /// CDR, low byte first, no options.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -43,11 +43,11 @@ pub fn write(out: &Path, entries: &[LogEntry], namespace: &str) -> Result<Writte
     let made = tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(parent);
     let partial = made.with_context(|| format!("{}: cannot write", parent.display()))?;
     let file = File::create(partial.path().join(BAG_FILE))?;
-    let mut bag = Bag::new(BufWriter::new(file), namespace)?;
+    let (mut bag, mut topics) = (Bag::new(BufWriter::new(file))?, Topics::new(namespace));
     for entry in entries {
-        bag.entry(entry)?;
+        topics.entry(entry, &mut bag)?;
     }
-    let (written, metadata) = bag.finish()?;
+    let (written, metadata) = bag.finish(topics.decoder.counts())?;
     std::fs::write(partial.path().join("metadata.yaml"), metadata)?;
     let kept = partial.keep();
     std::fs::rename(&kept, out).with_context(|| format!("{}: cannot write", out.display()))?;
@@ -57,75 +57,29 @@ pub fn write(out: &Path, entries: &[LogEntry], namespace: &str) -> Result<Writte
 struct Topic {
     channel: u16,
     kind: String,
+    /// As `rosbag2` writes it.
+    qos: String,
     messages: u64,
 }
 
 struct Bag<W: Write + Seek> {
     writer: Writer<W>,
-    namespace: String,
     topics: BTreeMap<String, Topic>,
-    decoder: Decoder,
     /// Nanoseconds of the first and last message.
     span: Option<(u64, u64)>,
 }
 
 impl<W: Write + Seek> Bag<W> {
-    fn new(out: W, namespace: &str) -> Result<Self> {
+    fn new(out: W) -> Result<Self> {
         let options = WriteOptions::new()
             .profile("ros2")
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
             .library(concat!("slipsense ", env!("CARGO_PKG_VERSION")));
-        Ok(Self {
-            writer: options.create(out)?,
-            namespace: namespace.to_owned(),
-            topics: BTreeMap::new(),
-            decoder: Decoder::new(),
-            span: None,
-        })
+        Ok(Self { writer: options.create(out)?, topics: BTreeMap::new(), span: None })
     }
 
-    fn entry(&mut self, entry: &LogEntry) -> Result<()> {
-        let time_us = entry.timestamp_us;
-        let Some(decoded) = self.decoder.accept(&entry.frame) else { return Ok(()) };
-        let node = decoded.node;
-        match decoded.message {
-            Received::Slip(message) => {
-                self.put(&slip_topic(node), &Slip::new(node, &message, time_us), time_us)
-            }
-            Received::Raw(message) => {
-                let topic = |what| sensor_topic(node, message.sensor, what);
-                self.put(&topic("raw"), &Raw::new(node, &message, time_us), time_us)?;
-                self.put(&topic("pressure"), &Image::new(node, &message, time_us), time_us)
-            }
-        }
-    }
-
-    fn put<M: RosMessage>(&mut self, name: &str, message: &M, time_us: u64) -> Result<()> {
-        let name = format!("{}/{name}", self.namespace);
-        let topic = match self.topics.get_mut(&name) {
-            Some(topic) => topic,
-            None => {
-                let kind = format!("{}/msg/{}", M::PACKAGE, M::NAME);
-                let schema = self.writer.add_schema(&kind, "ros2msg", M::definition().as_bytes())?;
-                let qos = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
-                let channel = self.writer.add_channel(schema, &name, "cdr", &qos)?;
-                self.topics.entry(name).or_insert(Topic { channel, kind, messages: 0 })
-            }
-        };
-        let log_time = time_us.checked_mul(1000).context("time beyond the year 2554")?;
-        let (channel_id, sequence) = (topic.channel, topic.messages as u32);
-        topic.messages += 1;
-        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
-        let mut bytes = ENCAPSULATION.to_vec();
-        bytes.extend(to_vec::<M, byteorder::LittleEndian>(message)?);
-        self.writer.write_to_known_channel(&header, &bytes)?;
-        let (first, last) = self.span.unwrap_or((log_time, log_time));
-        self.span = Some((first.min(log_time), last.max(log_time)));
-        Ok(())
-    }
-
-    fn finish(mut self) -> Result<(Written, String)> {
+    fn finish(mut self, nodes: BTreeMap<u8, Count>) -> Result<(Written, String)> {
         let Some((first, last)) = self.span else { bail!("no slip or raw message in the recording") };
         self.writer.finish()?;
         self.writer.into_inner().flush()?;
@@ -133,7 +87,8 @@ impl<W: Write + Seek> Bag<W> {
         let topics = self.topics.iter().map(|(name, topic)| {
             json!({
                 "topic_metadata": {
-                    "name": name, "type": topic.kind, "serialization_format": "cdr", "offered_qos_profiles": "",
+                    "name": name, "type": topic.kind, "serialization_format": "cdr",
+                    "offered_qos_profiles": topic.qos,
                 },
                 "message_count": topic.messages,
             })
@@ -156,7 +111,46 @@ impl<W: Write + Seek> Bag<W> {
             }],
         }});
         let messages = self.topics.into_iter().map(|(name, topic)| (name, topic.messages)).collect();
-        let written = Written { messages, nodes: self.decoder.counts() };
+        let written = Written { messages, nodes };
         Ok((written, serde_json::to_string_pretty(&metadata)? + "\n"))
     }
+}
+
+impl<W: Write + Seek> Sink for Bag<W> {
+    fn put<M: RosMessage>(&mut self, name: &str, message: M, time_us: u64) -> Result<()> {
+        let topic = match self.topics.get_mut(name) {
+            Some(topic) => topic,
+            None => {
+                let kind = format!("{}/msg/{}", M::PACKAGE, M::NAME);
+                let schema = self.writer.add_schema(&kind, "ros2msg", M::definition().as_bytes())?;
+                let qos = profiles(M::QOS);
+                let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), qos.clone())]);
+                let channel = self.writer.add_channel(schema, name, "cdr", &metadata)?;
+                self.topics.entry(name.to_owned()).or_insert(Topic { channel, kind, qos, messages: 0 })
+            }
+        };
+        let log_time = time_us.checked_mul(1000).context("time beyond the year 2554")?;
+        let (channel_id, sequence) = (topic.channel, topic.messages as u32);
+        topic.messages += 1;
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        let mut bytes = ENCAPSULATION.to_vec();
+        bytes.extend(to_vec::<M, byteorder::LittleEndian>(&message)?);
+        self.writer.write_to_known_channel(&header, &bytes)?;
+        let (first, last) = self.span.unwrap_or((log_time, log_time));
+        self.span = Some((first.min(log_time), last.max(log_time)));
+        Ok(())
+    }
+}
+
+/// With what `ros2 bag play` offers a topic again: YAML, which JSON is, with the numbers of `rmw`.
+fn profiles(qos: Qos) -> String {
+    let forever = json!({"sec": i32::MAX, "nsec": 999_999_999});
+    json!([{
+        "history": 1, "depth": qos.depth,
+        "reliability": if qos.reliable { 1 } else { 2 },
+        "durability": if qos.latched { 1 } else { 2 },
+        "deadline": forever, "lifespan": forever, "liveliness": 1, "liveliness_lease_duration": forever,
+        "avoid_ros_namespace_conventions": false,
+    }])
+    .to_string()
 }

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use slipsense::calibration::SECONDS_MAX;
 use slipsense_recording::link::{Place, open};
 use slipsense_recording::log_file::{self, Format};
 use slipsense_ros2::{bag, node};
@@ -27,16 +28,23 @@ enum Command {
     Bag(BagArgs),
 }
 
-/// Publish slip messages, accelerometer samples and pressure of every module on the bus
+/// Publish slip messages, accelerometer samples, pressure and diagnostics of every module on the bus
 ///
 /// Ends with the source or by Ctrl-C. A recording is published at the pace at which it was recorded, one in a file
-/// as one through a pipe.
+/// as one through a pipe. On a live bus the node asks modules, from address 125, for the taxels that they leave out,
+/// and offers the service `tare`, which measures an untouched array as `slipsense calibrate` does.
 #[derive(Args)]
 #[command(after_help = "\
 Topics, with the address of each module:
   /slipsense/node42/slip              slipsense_msgs/Slip, 240 Hz, reliable
+  /slipsense/node42/info              slipsense_msgs/Info, after a change, reliable, latched
   /slipsense/node42/sensor0/raw       slipsense_msgs/Raw, best effort
-  /slipsense/node42/sensor0/pressure  sensor_msgs/Image, 32 x 32 mono16, best effort
+  /slipsense/node42/sensor0/counts    sensor_msgs/Image, 32 x 32 mono16, best effort
+  /slipsense/node42/sensor0/pressure  sensor_msgs/Image, 32 x 32 32FC1, kPa, best effort, once calibrated
+  /diagnostics                        diagnostic_msgs/DiagnosticArray, once a second, reliable
+
+Service:
+  /slipsense/node42/sensor0/tare      std_srvs/Trigger
 
 Examples:
   slipsense-ros2 node socketcan:can0
@@ -55,6 +63,12 @@ struct NodeArgs {
     /// With a recording: wait so long for the first subscriber, seconds
     #[arg(long, value_name = "S", default_value = "0")]
     wait: u64,
+    /// Send nothing on the bus: no tare, and no pressure where taxels are masked
+    #[arg(long)]
+    listen: bool,
+    /// How long a tare measures, seconds
+    #[arg(long, value_name = "S", default_value = "10", value_parser = clap::value_parser!(u8).range(1..=SECONDS_MAX as i64))]
+    tare_seconds: u8,
     /// Bit rate of the data phase that an slcan adapter is set to, Mbit/s
     #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
     data_mbit: u8,
@@ -122,9 +136,9 @@ impl NodeArgs {
         };
         let source = open(&self.source, self.data_mbit)?;
         ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).context("cannot listen for Ctrl-C")?;
-        let paced = matches!(self.source, Place::File(..));
-        let wait = Duration::from_secs(self.wait);
-        let options = node::Options { namespace: self.namespace, domain_id, paced, wait };
+        let wait = matches!(self.source, Place::File(..)).then_some(Duration::from_secs(self.wait));
+        let tare_seconds = (self.source.is_live() && !self.listen).then_some(self.tare_seconds);
+        let options = node::Options { namespace: self.namespace, domain_id, wait, tare_seconds };
         let published = node::run(source, &options, &STOP)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&published)?);

@@ -1,13 +1,32 @@
 //! What is published, field by field as in `slipsense_msgs/msg` and in ROS' own packages: the order of the fields is
 //! the order of the bytes (CDR).
 
+use std::sync::LazyLock;
+
 use serde::Serialize;
-use slipsense::params::{CLASSES, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense::health::PIEZO_MISSING;
+use slipsense::params::{
+    CLASSES, COL_PITCH_MM, COUNT_MAX, FRAME_RATE_HZ, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES,
+};
+use slipsense::sensor::{TaxelMask, is_active};
 use slipsense::wire::{NodeId, RawMessage, SlipMessage};
+use slipsense_synth::pressure_kpa;
+
+/// How a topic is offered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Qos {
+    /// Lost messages are sent again; else a subscriber must be content with best effort, as RViz is.
+    pub reliable: bool,
+    /// A subscriber that comes late gets the last one.
+    pub latched: bool,
+    /// Messages that wait for a slow subscriber; then the oldest goes.
+    pub depth: u32,
+}
 
 pub trait RosMessage: Serialize + Clone + 'static {
     const PACKAGE: &'static str;
     const NAME: &'static str;
+    const QOS: Qos;
     /// Its definition and, marked as ROS' bags do, those of all that it is made of.
     fn definition() -> String;
 }
@@ -27,7 +46,7 @@ pub struct Header {
 }
 
 impl Header {
-    fn new(time_us: u64, frame_id: String) -> Self {
+    pub fn new(time_us: u64, frame_id: String) -> Self {
         // Seconds of ROS have 32 bits with a sign; what is beyond stays at the end.
         let sec = i32::try_from(time_us / 1_000_000).unwrap_or(i32::MAX);
         let nanosec = (time_us % 1_000_000) as u32 * 1000;
@@ -141,38 +160,104 @@ pub struct Image {
     data: Vec<u8>,
 }
 
+/// Of each count, kPa, by the nominal film.
+static KPA: LazyLock<Vec<f32>> =
+    LazyLock::new(|| (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect());
+
 impl Image {
-    /// The taxels, 32 × 32 counts as `mono16`.
-    pub fn new(node: NodeId, message: &RawMessage, time_us: u64) -> Self {
-        let counts = message.piezo.counts().iter();
+    fn new(node: NodeId, message: &RawMessage, time_us: u64, encoding: &str, data: Vec<u8>) -> Self {
         Self {
             header: Header::new(time_us, sensor_frame_of(node, message.sensor)),
             height: TAXEL_ROWS as u32,
             width: TAXEL_COLS as u32,
-            encoding: "mono16".to_owned(),
+            encoding: encoding.to_owned(),
             is_bigendian: 0,
-            step: 2 * TAXEL_COLS as u32,
-            data: counts.flat_map(|count| count.to_le_bytes()).collect(),
+            step: (data.len() / TAXEL_ROWS) as u32,
+            data,
+        }
+    }
+
+    /// The taxels, 32 × 32 counts as `mono16`.
+    pub fn counts(node: NodeId, message: &RawMessage, time_us: u64) -> Self {
+        let counts = message.piezo.counts().iter();
+        Self::new(node, message, time_us, "mono16", counts.flat_map(|count| count.to_le_bytes()).collect())
+    }
+
+    /// The taxels, 32 × 32 kPa as `32FC1`; not a number where there is no taxel, a masked one, or no scan.
+    pub fn pressure(node: NodeId, message: &RawMessage, mask: &TaxelMask, time_us: u64) -> Self {
+        let is_missing = message.health & PIEZO_MISSING != 0;
+        let kpa = (0..TAXELS).zip(message.piezo.counts()).map(|(at, &count)| {
+            let (row, col) = (at / TAXEL_COLS, at % TAXEL_COLS);
+            let is_read = is_active(row, col) && !mask.masks(row, col) && !is_missing;
+            if is_read { KPA[usize::from(count)] } else { f32::NAN }
+        });
+        Self::new(node, message, time_us, "32FC1", kpa.flat_map(f32::to_le_bytes).collect())
+    }
+}
+
+/// `slipsense_msgs/Info`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Info {
+    header: Header,
+    frame_rate_hz: f32,
+    rows: u16,
+    cols: u16,
+    row_pitch_mm: f32,
+    col_pitch_mm: f32,
+    configuration: u16,
+    calibration: Vec<String>,
+    masked_taxels: Vec<i16>,
+}
+
+impl Info {
+    /// `sensors`: of each, its calibration, and how many taxels are masked; empty and −1 where that is not known.
+    pub fn new(node: NodeId, configuration: u16, sensors: Vec<(String, i16)>, time_us: u64) -> Self {
+        let (calibration, masked_taxels) = sensors.into_iter().unzip();
+        Self {
+            header: Header::new(time_us, frame_of(node)),
+            frame_rate_hz: FRAME_RATE_HZ as f32,
+            rows: TAXEL_ROWS as u16,
+            cols: TAXEL_COLS as u16,
+            row_pitch_mm: ROW_PITCH_MM,
+            col_pitch_mm: COL_PITCH_MM,
+            configuration,
+            calibration,
+            masked_taxels,
         }
     }
 }
 
-fn frame_of(node: NodeId) -> String {
+/// `diagnostic_msgs/KeyValue`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeyValue {
+    pub key: String,
+    pub value: String,
+}
+
+/// `diagnostic_msgs/DiagnosticStatus`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct DiagnosticStatus {
+    /// 0 well, 1 warning, 2 error, 3 stale.
+    pub level: u8,
+    pub name: String,
+    pub message: String,
+    pub hardware_id: String,
+    pub values: Vec<KeyValue>,
+}
+
+/// `diagnostic_msgs/DiagnosticArray`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct DiagnosticArray {
+    pub header: Header,
+    pub status: Vec<DiagnosticStatus>,
+}
+
+pub fn frame_of(node: NodeId) -> String {
     format!("node{}", node.get())
 }
 
-fn sensor_frame_of(node: NodeId, sensor: u8) -> String {
+pub fn sensor_frame_of(node: NodeId, sensor: u8) -> String {
     format!("node{}_sensor{sensor}", node.get())
-}
-
-/// The topic of a node's slip messages, in the namespace.
-pub fn slip_topic(node: NodeId) -> String {
-    format!("node{}/slip", node.get())
-}
-
-/// The topic of a sensor's raw messages or of its pressure, in the namespace.
-pub fn sensor_topic(node: NodeId, sensor: u8, what: &str) -> String {
-    format!("node{}/sensor{sensor}/{what}", node.get())
 }
 
 const HEADER: (&str, &str) = (
@@ -195,6 +280,31 @@ uint8 is_bigendian
 uint32 step
 uint8[] data
 ";
+const DIAGNOSTICS: &str = "std_msgs/Header header
+diagnostic_msgs/DiagnosticStatus[] status
+";
+const STATUS: (&str, &str) = (
+    "diagnostic_msgs/DiagnosticStatus",
+    "byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+diagnostic_msgs/KeyValue[] values
+",
+);
+const KEY_VALUE: (&str, &str) = (
+    "diagnostic_msgs/KeyValue",
+    "string key
+string value
+",
+);
+/// For what is looked at and recorded: newest first, none twice.
+const SENSOR_DATA: Qos = Qos { reliable: false, latched: false, depth: 5 };
+const RELIABLE: Qos = Qos { reliable: true, latched: false, depth: 10 };
 
 fn with_parts(definition: &str, parts: &[(&str, &str)]) -> String {
     let mut all = definition.to_owned();
@@ -207,6 +317,7 @@ fn with_parts(definition: &str, parts: &[(&str, &str)]) -> String {
 impl RosMessage for Slip {
     const PACKAGE: &'static str = "slipsense_msgs";
     const NAME: &'static str = "Slip";
+    const QOS: Qos = RELIABLE;
 
     fn definition() -> String {
         let contact =
@@ -218,6 +329,7 @@ impl RosMessage for Slip {
 impl RosMessage for Raw {
     const PACKAGE: &'static str = "slipsense_msgs";
     const NAME: &'static str = "Raw";
+    const QOS: Qos = SENSOR_DATA;
 
     fn definition() -> String {
         let sample = ("slipsense_msgs/XlSample", include_str!("../slipsense_msgs/msg/XlSample.msg"));
@@ -228,8 +340,29 @@ impl RosMessage for Raw {
 impl RosMessage for Image {
     const PACKAGE: &'static str = "sensor_msgs";
     const NAME: &'static str = "Image";
+    const QOS: Qos = SENSOR_DATA;
 
     fn definition() -> String {
         with_parts(IMAGE, &[HEADER, TIME])
+    }
+}
+
+impl RosMessage for Info {
+    const PACKAGE: &'static str = "slipsense_msgs";
+    const NAME: &'static str = "Info";
+    const QOS: Qos = Qos { reliable: true, latched: true, depth: 1 };
+
+    fn definition() -> String {
+        with_parts(include_str!("../slipsense_msgs/msg/Info.msg"), &[HEADER, TIME])
+    }
+}
+
+impl RosMessage for DiagnosticArray {
+    const PACKAGE: &'static str = "diagnostic_msgs";
+    const NAME: &'static str = "DiagnosticArray";
+    const QOS: Qos = RELIABLE;
+
+    fn definition() -> String {
+        with_parts(DIAGNOSTICS, &[STATUS, KEY_VALUE, HEADER, TIME])
     }
 }

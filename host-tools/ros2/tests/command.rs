@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use slipsense::health;
+use slipsense::{health, wire};
 
 /// A frame of a message that is none of the module's.
 const NOTHING_OF_OURS: &str = "(0000000000.000000) can0 1BFFFFFF##100\n";
@@ -66,18 +66,16 @@ fn a_domain_is_0_to_232() {
     assert_refused(&output.unwrap(), &["ROS_DOMAIN_ID", "\"x\""]);
 }
 
-/// The bits of health are written a second time for ROS.
+/// The bits are written a second time for ROS.
 #[test]
-fn health_has_the_bits_of_the_wire() {
-    let text = include_str!("../slipsense_msgs/msg/SensorContact.msg");
-    let constants = text.lines().filter_map(|line| line.strip_prefix("uint8 HEALTH_"));
-    let constants: Vec<(&str, u8)> = constants
-        .map(|line| {
-            let (name, value) = line.split_whitespace().next().unwrap().split_once('=').unwrap();
-            (name, value.parse().unwrap())
-        })
-        .collect();
-    let wire = [
+fn the_messages_have_the_bits_of_the_wire() {
+    let constants = |text: &'static str, prefix: &str| -> Vec<(&str, u8)> {
+        let of_line = |line: &'static str| line.strip_prefix("uint8 ")?.strip_prefix(prefix)?.split_once('=');
+        let number = |text: &str| text.split_whitespace().next().unwrap().parse().unwrap();
+        text.lines().filter_map(of_line).map(|(name, value)| (name, number(value))).collect()
+    };
+    let contact = include_str!("../slipsense_msgs/msg/SensorContact.msg");
+    let health = [
         ("PIEZO_MISSING", health::PIEZO_MISSING),
         ("XL_MISSING", health::XL_MISSING),
         ("XL_WARMING_UP", health::XL_WARMING_UP),
@@ -87,5 +85,23 @@ fn health_has_the_bits_of_the_wire() {
         ("NO_MODEL", health::NO_MODEL),
         ("TAXELS_MASKED", health::TAXELS_MASKED),
     ];
-    assert_eq!(constants, wire);
+    assert_eq!(constants(contact, "HEALTH_"), health);
+    let slip = include_str!("../slipsense_msgs/msg/Slip.msg");
+    let invalid = [
+        ("NO_MODEL", wire::INVALID_NO_MODEL),
+        ("STARTING", wire::INVALID_STARTING),
+        ("NO_SENSOR", wire::INVALID_NO_SENSOR),
+        ("MEMORY", wire::INVALID_MEMORY),
+        ("NETWORK", wire::INVALID_NETWORK),
+    ];
+    assert_eq!(constants(slip, "INVALID_"), invalid);
+    let degraded = [
+        ("MISSING", wire::DEGRADED_MISSING),
+        ("FROZEN", wire::DEGRADED_FROZEN),
+        ("NOT_CALIBRATED", wire::DEGRADED_NOT_CALIBRATED),
+        ("POINT", wire::DEGRADED_POINT),
+        ("LATE", wire::DEGRADED_LATE),
+        ("SELF_TEST", wire::DEGRADED_SELF_TEST),
+    ];
+    assert_eq!(constants(slip, "DEGRADED_"), degraded);
 }

@@ -16,6 +16,7 @@ mod package;
 mod process;
 mod qemu;
 mod regions;
+mod release;
 mod retrain;
 mod ros2;
 mod stack;
@@ -54,6 +55,7 @@ enum Command {
     Ros2,
     /// Let lerobot write our episodes as a data set and read them; downloads 3 GB, PyTorch
     Lerobot,
+    Release(release::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -70,6 +72,7 @@ fn main() -> ExitCode {
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Ros2 => ros2::whole(),
         Command::Lerobot => package::lerobot(),
+        Command::Release(options) => release::make(&options),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

@@ -96,6 +96,12 @@ pub fn answer(command: &mut Command) -> Option<String> {
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
+/// What git answers; times are UTC.
+pub fn git(arguments: &[&str]) -> Result<String> {
+    let answer = answer(command("git").env("TZ", "UTC0").args(arguments));
+    answer.with_context(|| format!("git {}: needs git and its repository", arguments.join(" ")))
+}
+
 /// A program that is stopped when it is not needed any more.
 pub struct Running(pub Child);
 

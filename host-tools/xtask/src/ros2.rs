@@ -35,17 +35,19 @@ pub fn whole() -> Result<bool> {
     }
     run(command(SYSTEM_PYTHON).args(["-c", PARSE]).arg(root().join(MESSAGES)))?;
     let mut check = script("check_ros2.py")?;
-    check.arg("node").arg(program).arg(demo.join("can.log"));
+    check.arg("node").arg(&program).arg(demo.join("can.log"));
     run(check.arg(demo.join("predictions.npz")).arg(DEMO_EPISODE))?;
+    run(script("check_ros2.py")?.arg("tare").arg(program).arg(demo.join("can.log")))?;
     Ok(true)
 }
 
 pub fn bag(program: &Path, demo: &Path) -> Result<()> {
-    let bag = target_dir().join("demo-bag");
+    let (bag, log) = (target_dir().join("demo-bag"), demo.join("calibrated.log"));
     if bag.exists() {
         std::fs::remove_dir_all(&bag)?;
     }
-    run(command(program).arg("bag").arg(demo.join("can.log")).arg(&bag))?;
+    run(script("check_ros2.py")?.arg("log").arg(demo.join("can.log")).arg(&log))?;
+    run(command(program).arg("bag").arg(log).arg(&bag))?;
     let mut check = script("check_ros2.py")?;
     run(check.arg("bag").arg(&bag).arg(demo.join("predictions.npz")).arg(DEMO_EPISODE))
 }

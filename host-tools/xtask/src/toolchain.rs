@@ -42,22 +42,33 @@ impl Toolchain {
     /// compiler lists what each function takes of the stack, which leaves the code as it is; it calls the option
     /// unstable, hence the permission. All builds have the same flags, so that they share their dependencies.
     pub fn cargo(self, subcommand: &str) -> Command {
+        self.cargo_in(subcommand, &self.target_dir(), &[])
+    }
+
+    /// The same into another folder, with more flags of the compiler.
+    pub fn cargo_in(self, subcommand: &str, target_dir: &Path, flags: &[String]) -> Command {
         let mut build = match self {
             Self::Host => cargo(),
             Self::Debian => command("/usr/bin/cargo"),
         };
         build.env("RUSTC_BOOTSTRAP", "1");
         build.args([subcommand, "--profile", "firmware", "--target", TARGET, "--target-dir"]);
-        build.arg(self.target_dir());
+        build.arg(target_dir);
         // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them. Names of functions
         // are looked up in the program, so every compiler has to write them the same way.
-        let flags = "['-Dwarnings', '-Csymbol-mangling-version=v0', '-Zemit-stack-sizes']";
-        build.args(["--config", &format!("target.{TARGET}.rustflags={flags}")]);
+        let ours = ["-Dwarnings", "-Csymbol-mangling-version=v0", "-Zemit-stack-sizes"].map(str::to_owned);
+        build.args(["--config", &format!("target.{TARGET}.rustflags={:?}", [&ours, flags].concat())]);
         if self == Self::Debian {
             build.env("RUSTC", "/usr/bin/rustc").env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
             build.arg("-Zbuild-std=core");
         }
         build
+    }
+
+    /// What its compiler calls itself.
+    pub fn version(self) -> Option<String> {
+        let mut rustc = if self == Self::Host { host_rustc() } else { command("/usr/bin/rustc") };
+        answer(rustc.arg("--version"))
     }
 
     /// The program of this name that `cargo build` made.
@@ -99,12 +110,16 @@ fn decide() -> Result<Toolchain> {
     debian("the target is not installed and rustup cannot add it")
 }
 
-fn is_installed() -> bool {
+fn host_rustc() -> Command {
     let mut rustc = command("rustc");
     if let Some(toolchain) = std::env::var_os("RUSTUP_TOOLCHAIN") {
         rustc.env("RUSTUP_TOOLCHAIN", toolchain);
     }
-    let libdir = answer(rustc.args(["--print", "target-libdir", "--target", TARGET]));
+    rustc
+}
+
+fn is_installed() -> bool {
+    let libdir = answer(host_rustc().args(["--print", "target-libdir", "--target", TARGET]));
     let holds_core = |dir: &Path| {
         let names = dir.read_dir().into_iter().flatten().flatten();
         names.map(|entry| entry.file_name()).any(|name| name.to_string_lossy().starts_with("libcore-"))
@@ -122,7 +137,7 @@ fn debian(why: &str) -> Result<Toolchain> {
             DEBIAN_PACKAGES.join(" ")
         );
     }
-    let version = answer(command("/usr/bin/rustc").arg("--version")).unwrap_or_default();
+    let version = Toolchain::Debian.version().unwrap_or_default();
     eprintln!("ARM compiler: Debian's {version}, {why}");
     Ok(Toolchain::Debian)
 }

@@ -13,7 +13,7 @@ use crate::process::{
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, front_end, linux, package, ros2, stack, twin};
+use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin};
 
 /// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -162,7 +162,11 @@ pub const STEPS: &[Step] = &[
     ),
     PLAIN.step("deny", "licences, sources and bans of all dependencies", |_| deny()),
     COMPILES.step("docs", "documentation of the library builds without a warning", |_| docs()),
-    COMPILES.step("release", "a release build refuses the development key, and takes another", |_| release()),
+    COMPILES.step(
+        "release",
+        "a release build refuses the development key, and takes another; changelog, bill of materials, workflows",
+        |_| release_keys().and_then(|()| release::step()),
+    ),
     COMPILES.step("small", "what the command says where it is built without the trainer", |_| small()),
     COMPILES.step("qemu-cmsis", "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit", |_| {
         cmsis::step()
@@ -250,7 +254,7 @@ fn small() -> Result<()> {
     run(&mut small)
 }
 
-fn release() -> Result<()> {
+fn release_keys() -> Result<()> {
     let check = |key: Option<&str>| {
         let mut check = cargo();
         check.args(["check", "--quiet", "--release", "--package", "slipsense", "--lib", "--target-dir"]);

@@ -1,14 +1,15 @@
 //! `slipsense calibrate`: a module measures its untouched arrays; a known weight gives their gain.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use serde_json::json;
-use slipsense::calibration::{GAIN_MAX, GAIN_ONE, SECONDS_MAX, State};
-use slipsense::node::{ACCESS_PORT, CALIBRATE, COMMAND_PORT, SCALE_GAIN};
+use slipsense::calibration::{GAIN_MAX, GAIN_ONE, SECONDS_MAX};
+use slipsense::node::{CALIBRATE, SCALE_GAIN};
 use slipsense::params::{COL_PITCH_MM, CONTACT_SUM_MIN, COUNT_MAX, MAX_SENSORS, ROW_PITCH_MM};
 use slipsense::sensor::PiezoFrame;
-use slipsense::wire::{Frames, NodeId, Priority, Received, ServiceId, ServiceRole, Sessions, TransferId};
+use slipsense::wire::{NodeId, Received};
+use slipsense_recording::client::{ANSWER, Bus, Client};
 use slipsense_recording::decode::Decoder;
 use slipsense_recording::link::{Input, Place, Source, open};
 use slipsense_synth::{EXPONENT, pressure_kpa};
@@ -17,10 +18,6 @@ use super::Print;
 use super::convert::node_id;
 
 const TOOL: NodeId = NodeId::new(126).unwrap();
-/// A node answers within this time; a store may take an erase of its flash.
-const ANSWER: Duration = Duration::from_secs(10);
-/// How often a measurement that goes on is looked at.
-const LOOK: Duration = Duration::from_millis(500);
 /// Frames of a press, at least: a second.
 const PRESS_FRAMES: usize = 240;
 /// Spread of the force over the frames of a press, share of it, standard deviation.
@@ -82,27 +79,31 @@ impl Args {
                 place_name(&self.source)
             );
         }
-        let mut client = Client::new(open(&self.source, self.data_mbit)?, self.node_id);
+        let (mut source, mut client) = (open(&self.source, self.data_mbit)?, Client::new(TOOL, self.node_id));
+        let press = match self.newton {
+            Some(_) => self.press(&mut source, usize::from(self.seconds.unwrap_or(2)) * PRESS_FRAMES)?,
+            None => Vec::new(),
+        };
+        let mut bus = Bus { source: &mut source, others: &mut |_| Ok(()) };
         let factor = match self.newton {
             Some(newton) => {
-                let frames = usize::from(self.seconds.unwrap_or(2)) * PRESS_FRAMES;
-                let (found, factor) = gain(&client.press(self.sensor, frames)?, newton)?;
+                let (found, factor) = gain(&press, newton)?;
                 if self.source.is_live() {
-                    self.change(&mut client, SCALE_GAIN, factor)?;
+                    self.change(&mut client, &mut bus, SCALE_GAIN, factor)?;
                 }
                 Some((found, factor))
             }
             None if self.forget => {
-                self.change(&mut client, CALIBRATE, 0)?;
+                self.change(&mut client, &mut bus, CALIBRATE, 0)?;
                 None
             }
             None => {
-                self.change(&mut client, CALIBRATE, self.seconds.unwrap_or(10).into())?;
+                self.change(&mut client, &mut bus, CALIBRATE, self.seconds.unwrap_or(10).into())?;
                 None
             }
         };
         let numbers = match self.source.is_live() {
-            true => client.register(&format!("slipsense.sensor.{}.calibration", self.sensor))?,
+            true => client.register(&mut bus, &format!("slipsense.sensor.{}.calibration", self.sensor))?,
             false => Vec::new(),
         };
         let gain = factor.map(|(found, factor)| {
@@ -130,34 +131,36 @@ impl Args {
     }
 
     /// Let the module measure, or change its calibration, and wait.
-    fn change(&self, client: &mut Client, command: u16, number: u16) -> Result<()> {
-        client.command(command, &format!("{} {number}", self.sensor))?;
+    fn change(&self, client: &mut Client, bus: &mut Bus<'_>, command: u16, number: u16) -> Result<()> {
         let seconds = if command == CALIBRATE { number } else { 0 };
         let bar = self.print.progress(usize::from(seconds) * 240, "hands off");
-        let deadline = Instant::now() + Duration::from_secs(seconds.into()) + ANSWER;
-        loop {
-            std::thread::sleep(LOOK);
-            let numbers = client.register("slipsense.status.measurement")?;
-            let &[_, state, frames, wanted, row, col] = &numbers[..] else {
-                bail!("node {}: no such measurement: {numbers:?}", client.node.get());
-            };
-            bar.set_position(frames);
-            let is = |other: State| state == other as u64;
-            if is(State::Done) {
-                bar.finish_and_clear();
-                return Ok(());
+        client.calibrate(bus, self.sensor, (command, number), &mut |frames| bar.set_position(frames))?;
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Raw frames of the sensor.
+    fn press(&self, source: &mut Source, frames: usize) -> Result<Vec<PiezoFrame>> {
+        let (mut decoder, mut press, mut heard) = (Decoder::new(), Vec::new(), Instant::now());
+        while press.len() < frames {
+            match source.receive()? {
+                Input::Frame(entry) => {
+                    if let Some(decoded) = decoder.accept(&entry.frame)
+                        && let Received::Raw(message) = decoded.message
+                        && (decoded.node, message.sensor) == (self.node_id, self.sensor)
+                    {
+                        press.push(message.piezo);
+                        heard = Instant::now();
+                    }
+                }
+                Input::End => break,
+                Input::Other(_) | Input::Idle => {}
             }
-            let at = format!("sensor {}, row {row}, column {col}", self.sensor);
-            ensure!(
-                !is(State::Touched),
-                "{at} of the scan: touched while it was measured; lift everything off"
-            );
-            ensure!(!is(State::Faulty), "{at} of the scan is the first of too many taxels out of order");
-            ensure!(!is(State::TooShort), "sensor {}: no whole second of scans came", self.sensor);
-            ensure!(!is(State::NotStored), "sensor {}: the flash refused the calibration", self.sensor);
-            ensure!(!is(State::Gain), "sensor {}: a gain would be 0, or 2 and more", self.sensor);
-            ensure!(Instant::now() < deadline, "{frames} of {wanted} frames, then nothing more");
+            if heard.elapsed() > ANSWER {
+                bail!("no raw frames of sensor {} of node {}", self.sensor, self.node_id.get());
+            }
         }
+        Ok(press)
     }
 }
 
@@ -192,94 +195,4 @@ fn gain(press: &[PiezoFrame], newton: f64) -> Result<(f64, u16)> {
         factor / f64::from(GAIN_ONE)
     );
     Ok((mean, factor.round() as u16))
-}
-
-struct Client {
-    source: Source,
-    node: NodeId,
-    transfer: u8,
-    decoder: Decoder,
-}
-
-impl Client {
-    fn new(source: Source, node: NodeId) -> Self {
-        Self { source, node, transfer: 0, decoder: Decoder::new() }
-    }
-
-    fn request(&mut self, port: u16, payload: &[u8]) -> Result<Vec<u8>> {
-        let (priority, role) = (Priority::Nominal, ServiceRole::Request);
-        let id = ServiceId { priority, role, port, destination: self.node, source: TOOL };
-        self.transfer = (self.transfer + 1) % 32;
-        for frame in Frames::new(id, self.transfer, payload) {
-            self.source.send(&frame)?;
-        }
-        let mut sessions = Box::new(Sessions::<1, 640>::new());
-        let (wanted, deadline) = (TransferId::Service(id.response()).to_can(), Instant::now() + ANSWER);
-        while Instant::now() < deadline {
-            match self.source.receive()? {
-                Input::Frame(entry) if entry.frame.id() == wanted => {
-                    let id = TransferId::from_can(wanted).context("an identifier of our own")?;
-                    if let Ok(Some(arrived)) = sessions.accept(id, &entry.frame, 0)
-                        && arrived.transfer == self.transfer
-                    {
-                        return Ok(arrived.payload.to_vec());
-                    }
-                }
-                Input::End => break,
-                Input::Frame(_) | Input::Other(_) | Input::Idle => {}
-            }
-        }
-        bail!("node {} does not answer", self.node.get())
-    }
-
-    fn command(&mut self, command: u16, parameter: &str) -> Result<()> {
-        let payload = [&command.to_le_bytes()[..], &[parameter.len() as u8], parameter.as_bytes()].concat();
-        let answer = self.request(COMMAND_PORT, &payload)?;
-        let why = answer.get(2..).map(String::from_utf8_lossy).unwrap_or_default();
-        ensure!(
-            answer.first() == Some(&0),
-            "node {} refuses: {}",
-            self.node.get(),
-            why.trim_end_matches('\0')
-        );
-        Ok(())
-    }
-
-    /// The numbers in a register of natural16 or natural32.
-    fn register(&mut self, name: &str) -> Result<Vec<u64>> {
-        let payload = [&[name.len() as u8], name.as_bytes(), &[0]].concat();
-        let answer = self.request(ACCESS_PORT, &payload)?;
-        let (bytes, elements) = match answer.get(8..) {
-            Some([9, count, rest @ ..]) => (4, rest.get(..4 * usize::from(*count))),
-            Some([10, count, rest @ ..]) => (2, rest.get(..2 * usize::from(*count))),
-            _ => (1, None),
-        };
-        let elements = elements
-            .with_context(|| format!("node {}: {name} is not there: an older firmware?", self.node.get()))?;
-        let number = |bytes: &[u8]| bytes.iter().rev().fold(0, |number, &byte| number << 8 | u64::from(byte));
-        Ok(elements.chunks(bytes).map(number).collect())
-    }
-
-    fn press(&mut self, sensor: u8, frames: usize) -> Result<Vec<PiezoFrame>> {
-        let (mut press, mut heard) = (Vec::new(), Instant::now());
-        while press.len() < frames {
-            match self.source.receive()? {
-                Input::Frame(entry) => {
-                    if let Some(decoded) = self.decoder.accept(&entry.frame)
-                        && let Received::Raw(message) = decoded.message
-                        && (decoded.node, message.sensor) == (self.node, sensor)
-                    {
-                        press.push(message.piezo);
-                        heard = Instant::now();
-                    }
-                }
-                Input::End => break,
-                Input::Other(_) | Input::Idle => {}
-            }
-            if heard.elapsed() > ANSWER {
-                bail!("no raw frames of sensor {sensor} of node {}", self.node.get());
-            }
-        }
-        Ok(press)
-    }
 }

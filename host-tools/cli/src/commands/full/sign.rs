@@ -6,11 +6,12 @@ use anyhow::{Context, Result};
 use ed25519_dalek::{Signer, SigningKey};
 use slipsense::node::{CHALLENGE_BYTES, UNLOCK_PREFIX};
 use slipsense::update::{DEVELOPMENT_SEED, ImageVersion};
+use slipsense_recording::from_hex;
 
 use super::Print;
 use super::image::ImageInfo;
 use crate::output::{check_file, write_file};
-use crate::signing::{Board, from_hex, header_for, read_key, sign};
+use crate::signing::{Board, header_for, read_key, sign};
 use crate::summary::hex;
 
 /// Sign a firmware or a model, so that boards take it over the bus

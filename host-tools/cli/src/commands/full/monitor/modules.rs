@@ -9,12 +9,10 @@ use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{Received, SlipMessage};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::decode::{Count, Decoder};
-
-use crate::summary::HEALTH;
+use slipsense_recording::{HEALTH, words};
 
 pub fn health_words(bits: u8) -> String {
-    let set: Vec<_> = HEALTH.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, name)| name).collect();
-    if set.is_empty() { "ok".to_owned() } else { set.join(", ") }
+    words(&HEALTH, bits)
 }
 
 #[derive(Default)]

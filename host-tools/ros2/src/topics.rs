@@ -1,0 +1,123 @@
+//! What is published of the traffic on a bus; node and bags publish the same.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use slipsense::wire::{NodeId, RawMessage, Received, SlipMessage};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::client::Reads;
+use slipsense_recording::decode::{Decoder, calibration, heartbeat};
+
+use crate::diagnostics;
+use crate::messages::{Image, Info, Raw, RosMessage, Slip};
+use crate::module::{Module, Second, mask_of};
+
+pub const DIAGNOSTICS: &str = "/diagnostics";
+/// Time between two arrays of diagnostics.
+const DIAGNOSTICS_PERIOD_US: u64 = 1_000_000;
+
+/// Where messages go.
+pub trait Sink {
+    /// # Errors
+    /// If the message cannot be written.
+    fn put<M: RosMessage>(&mut self, topic: &str, message: M, time_us: u64) -> Result<()>;
+}
+
+pub struct Topics {
+    namespace: String,
+    pub decoder: Decoder,
+    reads: Reads,
+    pub modules: BTreeMap<NodeId, Module>,
+    /// When diagnostics were last published.
+    diagnostics_us: Option<u64>,
+}
+
+impl Topics {
+    pub fn new(namespace: &str) -> Self {
+        let (decoder, reads) = (Decoder::new(), Reads::default());
+        let namespace = namespace.to_owned();
+        Self { namespace, decoder, reads, modules: BTreeMap::new(), diagnostics_us: None }
+    }
+
+    /// The topic of a module.
+    pub fn topic(&self, node: NodeId, what: &str) -> String {
+        format!("{}/node{}/{what}", self.namespace, node.get())
+    }
+
+    /// The topic of a sensor.
+    pub fn sensor_topic(&self, node: NodeId, sensor: u8, what: &str) -> String {
+        self.topic(node, &format!("sensor{sensor}/{what}"))
+    }
+
+    /// Take a frame, and publish what it completes.
+    ///
+    /// # Errors
+    /// If the sink fails.
+    pub fn entry(&mut self, entry: &LogEntry, sink: &mut impl Sink) -> Result<()> {
+        let LogEntry { frame, timestamp_us, .. } = entry;
+        let time_us = *timestamp_us;
+        if let Some((node, said)) = heartbeat(frame) {
+            self.modules.entry(node).or_default().heartbeat = Some(said);
+        } else if let Some((node, sensor, said)) = calibration(frame) {
+            self.modules.entry(node).or_default().sensors[sensor].calibration = Some(said.to_owned());
+        } else if let Some((node, register, rows)) = self.reads.accept(frame, time_us) {
+            if let Some((sensor, mask)) = mask_of(&register, &rows) {
+                self.modules.entry(node).or_default().sensors[sensor].mask = Some(mask);
+            }
+        } else if let Some(decoded) = self.decoder.accept(frame) {
+            match decoded.message {
+                Received::Slip(message) => self.slip(decoded.node, &message, time_us, sink)?,
+                Received::Raw(message) => self.raw(decoded.node, &message, time_us, sink)?,
+            }
+        }
+        self.tick(time_us, sink)
+    }
+
+    fn slip(
+        &mut self,
+        node: NodeId,
+        message: &SlipMessage,
+        time_us: u64,
+        sink: &mut impl Sink,
+    ) -> Result<()> {
+        let module = self.modules.entry(node).or_default();
+        module.accept(message);
+        let news = module.news();
+        sink.put(&self.topic(node, "slip"), Slip::new(node, message, time_us), time_us)?;
+        match news {
+            Some((configuration, sensors)) => {
+                let info = Info::new(node, configuration, sensors, time_us);
+                sink.put(&self.topic(node, "info"), info, time_us)
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64, sink: &mut impl Sink) -> Result<()> {
+        let topic = |what| self.sensor_topic(node, message.sensor, what);
+        sink.put(&topic("raw"), Raw::new(node, message, time_us), time_us)?;
+        sink.put(&topic("counts"), Image::counts(node, message, time_us), time_us)?;
+        let topic = topic("pressure");
+        let (module, sensor) = (self.modules.entry(node).or_default(), usize::from(message.sensor));
+        module.second.raw_messages[sensor] += 1;
+        match module.mask(sensor).filter(|_| module.is_calibrated(sensor)) {
+            Some(mask) => sink.put(&topic, Image::pressure(node, message, &mask, time_us), time_us),
+            None => Ok(()),
+        }
+    }
+
+    /// Publish diagnostics where a second has passed.
+    ///
+    /// # Errors
+    /// If the sink fails.
+    pub fn tick(&mut self, time_us: u64, sink: &mut impl Sink) -> Result<()> {
+        let since = time_us.saturating_sub(*self.diagnostics_us.get_or_insert(time_us));
+        if since < DIAGNOSTICS_PERIOD_US || self.modules.is_empty() {
+            return Ok(());
+        }
+        self.diagnostics_us = Some(time_us);
+        let array = diagnostics::array(&self.modules, &self.decoder.counts(), time_us);
+        self.modules.values_mut().for_each(|module| module.second = Second::default());
+        sink.put(DIAGNOSTICS, array, time_us)
+    }
+}

@@ -37,4 +37,4 @@ pub mod weights;
 
 pub use command::{QuantizeArgs, run_quantize};
 pub use train::{TrainArgs, run_train};
-pub use variants::{CompareArgs, run_compare};
+pub use variants::{BudgetName, ReproduceArgs, run_reproduce};

@@ -50,6 +50,7 @@ impl PadEncoder {
     }
 }
 
+#[expect(clippy::large_enum_variant, reason = "there is one of it in a network")]
 #[derive(Module, Debug)]
 pub enum PadModule {
     Cnn(CustomCnn),

@@ -129,20 +129,14 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Named> {
     file.tensors().into_iter().map(tensor).collect()
 }
 
-/// The module with a file's numbers; refuses a file that is not of exactly such a module.
-pub fn read<M: Module>(module: M, path: &Path) -> Result<M> {
+/// A file's numbers; refuses a file that is not of exactly such a module.
+pub fn read(path: &Path, module: &impl Module) -> Result<Named> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let named = from_bytes(&bytes).with_context(|| format!("cannot use {}", path.display()))?;
-    for (name, numbers) in get(&module) {
+    for (name, Numbers { shape, .. }) in get(module) {
         let place = || format!("{}: tensor {name}", path.display());
-        let theirs = named.get(&name).with_context(|| format!("{} is missing", place()))?;
-        ensure!(
-            theirs.shape == numbers.shape,
-            "{} has shape {:?}, must be {:?}",
-            place(),
-            theirs.shape,
-            numbers.shape
-        );
+        let theirs = &named.get(&name).with_context(|| format!("{} is missing", place()))?.shape;
+        ensure!(*theirs == shape, "{} has shape {theirs:?}, must be {shape:?}", place());
     }
-    Ok(put(module, &named))
+    Ok(named)
 }

@@ -177,8 +177,8 @@ pub const ROWS: [Row; 27] = [
     row("t15", "memory", "T = 15 frames", window(15)),
     row("t30", "memory", "T = 30 frames", window(30)),
     row("t120", "memory", "T = 120 frames", window(120)),
-    row("side16", "resolution", "16×16 means of 2×2 taxels", side(16)),
-    row("side8", "resolution", "8×8 means of 4×4 taxels", side(8)),
+    row("side16", "resolution", "every second taxel of rows and columns", side(16)),
+    row("side8", "resolution", "every fourth", side(8)),
     row(
         "no-xl-augmentation",
         "augmentation",

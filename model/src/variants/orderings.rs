@@ -20,6 +20,9 @@ type Confusion = [[u64; CLASSES]; CLASSES];
 /// Least difference of both modalities from one alone, points.
 const BOTH_POINTS: f64 = 10.0;
 
+/// Fewest seeds, and episodes of each split, that anything is told from.
+const LEAST_SEEDS: usize = 3;
+const LEAST_EPISODES: usize = 4;
 /// Resamples of an interval.
 const RESAMPLES: usize = 1000;
 
@@ -58,10 +61,13 @@ pub struct Ordering {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Difference {
     pub points: f64,
-    /// 95 % interval over episodes and seeds, both drawn again with replacement.
+    /// 95 % interval over episodes and seeds, both drawn again with replacement; wider by √(n / (n − 1)) for n seeds,
+    /// which resampling so few takes for nearer than they are.
     pub low_points: f64,
     pub high_points: f64,
     pub seeds: usize,
+    /// Of the split with the fewest.
+    pub episodes: usize,
 }
 
 impl Difference {
@@ -99,17 +105,23 @@ impl Difference {
         let mut drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
         drawn.sort_by(f64::total_cmp);
         let whole: Vec<_> = (0..splits.len()).map(all).collect();
+        let points = points(&(0..pairs.len()).collect::<Vec<_>>(), &whole);
+        let seeds = pairs.len();
+        let wider = (seeds as f64 / (seeds as f64 - 1.0).max(1.0)).sqrt();
         Some(Self {
-            points: points(&(0..pairs.len()).collect::<Vec<_>>(), &whole),
-            low_points: drawn[RESAMPLES / 40],
-            high_points: drawn[RESAMPLES - 1 - RESAMPLES / 40],
-            seeds: pairs.len(),
+            points,
+            low_points: points + wider * (drawn[RESAMPLES / 40] - points),
+            high_points: points + wider * (drawn[RESAMPLES - 1 - RESAMPLES / 40] - points),
+            seeds,
+            episodes: whole.iter().map(Vec::len).min()?,
         })
     }
 
     /// Held against what is asked for.
     fn verdict(&self, least_points: f64) -> Verdict {
-        if self.low_points > least_points {
+        if self.seeds < LEAST_SEEDS || self.episodes < LEAST_EPISODES {
+            Verdict::CannotBeTold
+        } else if self.low_points > least_points {
             Verdict::Holds
         } else if self.high_points < least_points {
             Verdict::DoesNotHold
@@ -190,7 +202,7 @@ mod tests {
     use super::*;
 
     /// A row of four episodes on both splits with so many of 100 slip frames missed in each.
-    fn row(name: &'static str, missed: [[u64; 4]; 2]) -> RowResults {
+    fn row(name: &'static str, missed: &[[u64; 4]]) -> RowResults {
         let finished: Vec<Finished> = missed.iter().zip(1..).map(|(missed, seed)| {
             let confusion = missed.map(|n| [[50, 0, 0], [0, 100, 0], [0, n, 100 - n]]).to_vec();
             let split = |split| serde_json::json!({"split": split, "episodes": 4, "frames": 1000, "events": 4, "confusion": confusion});
@@ -204,14 +216,14 @@ mod tests {
 
     #[test]
     fn an_order_holds_where_all_of_its_interval_does() {
-        let verdict = |better: [[u64; 4]; 2], worse: [[u64; 4]; 2]| {
+        let verdict = |better: &[[u64; 4]], worse: &[[u64; 4]]| {
             let orderings = orderings(&[row("side16", better), row("side8", worse)]);
             let order = orderings.into_iter().find(|order| order.better == "side16").unwrap();
             (order.verdict, order.difference.unwrap())
         };
-        let (few, many) = ([[1, 2, 3, 2]; 2], [[9, 30, 20, 15]; 2]);
-        let (holds, difference) = verdict(few, many);
-        assert_eq!((holds, difference.seeds), (Some(Verdict::Holds), 2));
+        let (few, many) = ([1, 2, 3, 2], [9, 30, 20, 15]);
+        let (holds, difference) = verdict(&[few; 3], &[many; 3]);
+        assert_eq!((holds, difference.seeds), (Some(Verdict::Holds), 3));
         // All eight slip frames missed of 400 and 74 of 400: macro F1 by hand.
         let f1 = |missed: f64| {
             let hit = 400.0 - missed;
@@ -219,10 +231,12 @@ mod tests {
         };
         assert!((difference.points - 100.0 * (f1(8.0) - f1(74.0))).abs() < 1e-9, "{difference:?}");
         assert!(difference.low_points < difference.points && difference.points < difference.high_points);
-        assert_eq!(verdict(many, few).0, Some(Verdict::DoesNotHold));
+        assert_eq!(verdict(&[many; 3], &[few; 3]).0, Some(Verdict::DoesNotHold));
         // One seed says this and one that.
-        assert_eq!(verdict([few[0], many[0]], [many[0], few[0]]).0, Some(Verdict::CannotBeTold));
-        assert_eq!(verdict(few, few).0, Some(Verdict::CannotBeTold));
-        assert!(orderings(&[row("side16", few)]).iter().all(|order| order.verdict.is_none()));
+        assert_eq!(verdict(&[few, many, few], &[many, few, many]).0, Some(Verdict::CannotBeTold));
+        assert_eq!(verdict(&[few; 3], &[few; 3]).0, Some(Verdict::CannotBeTold));
+        // Too few seeds.
+        assert_eq!(verdict(&[few; 2], &[many; 2]).0, Some(Verdict::CannotBeTold));
+        assert!(orderings(&[row("side16", &[few; 3])]).iter().all(|order| order.verdict.is_none()));
     }
 }

@@ -8,7 +8,7 @@ use super::results::{RowSplit, Spread};
 /// Width of the first column.
 const NAME: usize = 19;
 /// Width of the others.
-const CELL: usize = 18;
+const CELL: usize = 20;
 
 /// Mean and, in brackets, lowest and highest; `scale` times the figure.
 fn cell(spread: Option<Spread>, scale: f64, decimals: usize, missing: &str) -> String {
@@ -63,10 +63,10 @@ impl fmt::Display for Comparisons {
                 writeln!(f)?;
             }
         }
-        writeln!(f, "\n{:NAME$}{:>12}{:>CELL$}  what", "row", "parameters", "one window, ms")?;
+        writeln!(f, "\n{:NAME$}{:>12}{:>24}  what", "row", "parameters", "one window, ms")?;
         for row in &self.rows {
             let time = cell(row.window_ms, 1.0, 1, "–");
-            writeln!(f, "{:NAME$}{:>12}{time:>CELL$}  {}", row.row, row.parameters, row.about)?;
+            writeln!(f, "{:NAME$}{:>12}{time:>24}  {}", row.row, row.parameters, row.about)?;
         }
         writeln!(
             f,

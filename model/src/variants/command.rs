@@ -114,8 +114,9 @@ fn rows_help() -> String {
          report.txt             what the command prints\n  \
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n\n\
-         On two cores a row and seed is trained in about three minutes and scored in one, `recomputed` in several;\n\
-         `wide` takes four times as long. The features of all episodes are held in memory, about 6 GB.\n\n\
+         At the small budget a row and seed with our encoders is trained in about two minutes on two cores and scored\n\
+         in half of one, `recomputed` in a few; `wide` takes four times as long. Vision transformers take half an hour.\n\
+         The features of all episodes are held in memory, about 5 GB.\n\n\
          Examples:\n  \
          slipsense reproduce --out out/paper\n  \
          slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \

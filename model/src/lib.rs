@@ -6,7 +6,7 @@
 //! our own ([`piezo`]). Another library runs the [`weights`] frame by frame ([`tract`]) to measure the ranges of all
 //! activations ([`trace`]). They are turned into integers ([`quantize`]) and scored beside the integer pipeline
 //! ([`evaluate`]), activation by activation if need be ([`compare`]). [`variants`] are networks that differ in one thing
-//! each.
+//! each, and the paper's own with its [`encoders`].
 
 pub mod augment;
 pub mod batch;

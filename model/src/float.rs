@@ -169,7 +169,7 @@ impl FloatNetwork {
 
     /// Cross entropy of the classes against the labels and the teacher, the weighted mean over all frames, and the
     /// detector's [loss](detector_loss), nat.
-    fn loss(outputs: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
+    pub(crate) fn loss(outputs: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
         let of_detector = detector_loss::loss(
             outputs.clone().narrow(2, CLASSES, 1),
             &input.target,

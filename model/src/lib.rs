@@ -6,7 +6,7 @@
 //! our own ([`piezo`]). Another library runs the [`weights`] frame by frame ([`tract`]) to measure the ranges of all
 //! activations ([`trace`]). They are turned into integers ([`quantize`]) and scored beside the integer pipeline
 //! ([`evaluate`]), activation by activation if need be ([`compare`]). [`variants`] are networks that differ in one thing
-//! each.
+//! each, and the paper's own with its [`encoders`].
 
 pub mod augment;
 pub mod batch;
@@ -16,6 +16,7 @@ pub mod curves;
 pub mod compare;
 pub mod data;
 mod detector_loss;
+pub mod encoders;
 pub mod evaluate;
 pub mod export;
 pub mod float;
@@ -36,4 +37,4 @@ pub mod weights;
 
 pub use command::{QuantizeArgs, run_quantize};
 pub use train::{TrainArgs, run_train};
-pub use variants::{CompareArgs, run_compare};
+pub use variants::{BudgetName, ReproduceArgs, run_reproduce};

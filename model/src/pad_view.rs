@@ -1,4 +1,4 @@
-//! How much of a pad a network gets to see: all taxels or averages over blocks of them, with or without the
+//! How much of a pad a network gets to see: all taxels or every second or fourth, with or without the
 //! change channel. The shipped network sees everything; the comparisons take away.
 
 use slipsense::features::piezo::PiezoFrontEnd;
@@ -7,7 +7,7 @@ use slipsense::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 /// What a network sees of every scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PadView {
-    /// Cells along a side: [`TAXEL_ROWS`], or a divisor of it, each cell then the mean of a block of taxels.
+    /// Cells along a side: [`TAXEL_ROWS`], or a divisor of it, each cell then the first of a block of taxels.
     pub side: usize,
     /// Is the change there; else it is 0 everywhere.
     pub change: bool,
@@ -35,28 +35,22 @@ pub struct Viewed {
 
 impl Viewed {
     /// Take a scan in and hand count and change of every taxel to `take`, row-major. A block's taxels all
-    /// have its mean, so any network takes any view.
+    /// have its first one's count, so any network takes any view.
     pub fn push(&mut self, counts: &[u16; TAXELS], mut take: impl FnMut(usize, [i16; PIEZO_CHANNELS])) {
         let PadView { side, change: has_change } = self.view;
-        let averaged = (side < TAXEL_ROWS).then(|| block_means(counts, side));
-        let counts = averaged.as_ref().unwrap_or(counts);
+        let strided = (side < TAXEL_ROWS).then(|| strided(counts, side));
+        let counts = strided.as_ref().unwrap_or(counts);
         self.pad.push(counts, |index, [count, change]| {
             take(index, [count, if has_change { change } else { 0 }]);
         });
     }
 }
 
-/// Every taxel replaced by the mean of its block, rounded; `side` blocks along a side.
-fn block_means(counts: &[u16; TAXELS], side: usize) -> [u16; TAXELS] {
+/// Every taxel replaced by the first of its block: `side` rows and columns of the pad, strided as in the paper.
+fn strided(counts: &[u16; TAXELS], side: usize) -> [u16; TAXELS] {
     const { assert!(TAXEL_ROWS == TAXEL_COLS, "blocks are square") };
-    let taxels = TAXEL_ROWS / side;
-    let block = |index: usize| index / TAXEL_COLS / taxels * side + index % TAXEL_COLS / taxels;
-    let mut sums = vec![0u32; side * side];
-    for (index, &count) in counts.iter().enumerate() {
-        sums[block(index)] += u32::from(count);
-    }
-    let cells = (taxels * taxels) as u32;
-    std::array::from_fn(|index| ((sums[block(index)] + cells / 2) / cells) as u16)
+    let first = |at: usize| at - at % (TAXEL_ROWS / side);
+    std::array::from_fn(|index| counts[first(index / TAXEL_COLS) * TAXEL_COLS + first(index % TAXEL_COLS)])
 }
 
 #[cfg(test)]
@@ -64,11 +58,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_block_has_the_mean_of_its_taxels_and_changes_as_one() {
+    fn a_block_has_its_first_taxels_count_and_changes_as_one() {
         let mut counts = [0u16; TAXELS];
-        // Two taxels of the block of rows 4 to 7, columns 8 to 11.
-        counts[5 * TAXEL_COLS + 9] = 1000;
-        counts[7 * TAXEL_COLS + 11] = 600;
+        // The first taxel of the block of rows 4 to 7, columns 8 to 11, and another that is not seen.
+        counts[4 * TAXEL_COLS + 8] = 100;
+        counts[7 * TAXEL_COLS + 11] = 900;
         let mut view = PadView { side: 8, change: true }.start();
         view.push(&[0; TAXELS], |_, cell| assert_eq!(cell, [0, 0]));
         view.push(&counts, |index, cell| {

@@ -3,6 +3,7 @@
 mod common;
 mod comparison;
 mod folder;
+mod encoders;
 mod gradients;
 mod quantization;
 mod streaming;

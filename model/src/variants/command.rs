@@ -1,30 +1,63 @@
-//! `slipsense compare-networks`: train what is missing, score it, and put all rows side by side.
+//! `slipsense reproduce`: train what is missing, score it, and put all rows side by side.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use burn::tensor::Device;
+use clap::{Args, ValueEnum};
 
 use super::orderings::Comparisons;
+use super::orderings::UMI;
+use super::paper::{PaperNetwork, Pretrained, Training, kept};
 use super::results::{Budget, Finished};
-use super::sets::Sets;
+use super::sets::{SPLITS, Sets};
 use super::train::{TrainedNetwork, train};
-use super::{Making, ROWS, Row, Variant, picture, row_named};
+use super::{Making, ROWS, Row, Variant, picture, recomputed, row_named};
 use crate::batch::{Options, Sampler};
+use crate::data::Features;
+use crate::encoders::{Ssast, Vit, XlEncoder, named};
+use crate::float::FloatNetwork;
 use crate::output;
 use crate::train::progress;
 use crate::weights::Weights;
 
-/// Compare the shipped network with others that differ in one thing each
+/// How much every row is trained and scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BudgetName {
+    /// Hours on two cores for ours; none is trained to the end
+    Small,
+    /// Days: 640 episodes, 6,680 steps, all test episodes
+    Full,
+}
+
+impl BudgetName {
+    fn budget(self) -> Budget {
+        match self {
+            Self::Small => Budget::default(),
+            Self::Full => Budget {
+                episodes: 640,
+                steps: 6680,
+                encoder_steps: 6680,
+                encoder_batch: 12,
+                encoder_frames: 240,
+                test_episodes: 88,
+                encoder_test_episodes: 88,
+                ..Budget::default()
+            },
+        }
+    }
+}
+
+/// Run the paper's comparisons: networks beside the shipped one, and the paper's own
 ///
-/// Trains every row on the same synthetic episodes with the same number of steps, in float, and scores it on
-/// the first episodes of the frozen splits: modality, fusion, accelerometer encoder, memory, resolution,
-/// augmentation, and what else the paper compares; besides, a network twice the size, and one taught by it. A
-/// row and seed that is finished stays in DIR: the command, given again, goes on with what is missing.
+/// Trains every row on the same synthetic episodes, in float, and scores it on the first episodes of the frozen
+/// splits: modality, fusion, memory, resolution, augmentation; the paper's network with each of its encoders; a
+/// network twice the size, and one taught by it. A row and seed that is finished stays in DIR: the command, given
+/// again, goes on with what is missing.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = rows_help())]
-pub struct CompareArgs {
+pub struct ReproduceArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -34,22 +67,37 @@ pub struct CompareArgs {
     /// Seeds of first weights and draws; each row is trained once per seed
     #[arg(long, value_name = "K,…", value_delimiter = ',', default_values_t = [1, 2, 3])]
     pub seeds: Vec<u64>,
+    /// Episodes, steps and test episodes, which the options below change one by one
+    #[arg(long, value_enum, value_name = "NAME", default_value = "small")]
+    pub budget: BudgetName,
     /// Training episodes, the same for all rows and seeds
-    #[arg(long, value_name = "N", default_value_t = 240)]
-    pub episodes: usize,
-    /// Optimizer steps of every row, 12 sequences of 240 frames each
-    #[arg(long, value_name = "N", default_value_t = 700)]
-    pub steps: usize,
+    #[arg(long, value_name = "N")]
+    pub episodes: Option<usize>,
+    /// Optimizer steps of every row with our encoders, 12 sequences of 240 frames each
+    #[arg(long, value_name = "N")]
+    pub steps: Option<usize>,
+    /// Optimizer steps of every row with the paper's encoders, and of their pretraining
+    #[arg(long, value_name = "N")]
+    pub encoder_steps: Option<usize>,
     /// First episodes of each frozen split to score
-    #[arg(long, value_name = "N", default_value_t = 32)]
-    pub test_episodes: usize,
+    #[arg(long, value_name = "N")]
+    pub test_episodes: Option<usize>,
+    /// First episodes of each UMI split to score the rows with the paper's encoders on, which are slow
+    #[arg(long, value_name = "N")]
+    pub encoder_test_episodes: Option<usize>,
     /// Highest learning rate; it rises over the first steps and falls along a half cosine
-    #[arg(long, value_name = "LR", default_value_t = 3e-3)]
-    pub learning_rate: f64,
+    #[arg(long, value_name = "LR")]
+    pub learning_rate: Option<f64>,
+    /// The authors' SSAST-Tiny as safetensors, to begin with instead of pretraining on our log-mel
+    #[arg(long, value_name = "FILE")]
+    pub ssast: Option<PathBuf>,
     /// Print comparisons.json to standard output instead of the tables
     #[arg(long)]
     pub json: bool,
 }
+
+/// Runs of a window, of which the median counts.
+const WINDOW_RUNS: usize = 5;
 
 /// The end of `--help`.
 fn rows_help() -> String {
@@ -61,20 +109,24 @@ fn rows_help() -> String {
          ROW-SEED.json          figures of one row and seed, as soon as it is finished\n  \
          base-SEED.safetensors  weights of the base, which the row `recomputed` runs again\n  \
          wide-SEED.safetensors  weights of the larger network, which teaches the row `distilled`\n  \
+         vit-mae-SEED.safetensors, ssast-SEED.safetensors  pretrained encoders\n  \
+         budget.json            what every row gets\n  \
+         report.txt             what the command prints\n  \
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n\n\
-         On two cores a row and seed is trained in about three minutes and scored in one, `recomputed` in several;\n\
-         `wide` takes four times as long. The features of all episodes are held in memory, about 6 GB.\n\n\
+         At the small budget a row and seed with our encoders is trained in about two minutes on two cores and scored\n\
+         in half of one, `recomputed` in a few; `wide` takes four times as long. Vision transformers take half an hour.\n\
+         The features of all episodes are held in memory, about 5 GB.\n\n\
          Examples:\n  \
-         slipsense compare-networks --out out/compare\n  \
-         slipsense compare-networks --out out/fusion --rows base,late,concatenation --seeds 1\n  \
-         slipsense compare-networks --out out/try --rows base,xl --seeds 1 --episodes 8 --steps 20 \\\n      \
-         --test-episodes 2",
+         slipsense reproduce --out out/paper\n  \
+         slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \
+         slipsense reproduce --out out/try --rows base,paper-cnn --seeds 1 --episodes 8 --steps 20 \\\n      \
+         --encoder-steps 4 --test-episodes 2",
         rows.join("\n")
     )
 }
 
-pub fn run_compare(args: &CompareArgs) -> Result<()> {
+pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
     let rows = args.chosen()?;
     let budget = args.budget()?;
     let mut finished = Vec::new();
@@ -104,19 +156,30 @@ pub fn run_compare(args: &CompareArgs) -> Result<()> {
         bail!("{} is missing, which row {} needs: {remedy}", path.display(), row.name);
     }
     output::folder(&args.out)?;
+    // Pretrained encoders there are of this budget as well.
+    let path = args.out.join("budget.json");
+    match output::read_json::<Budget>(&path)? {
+        Some(other) => other.must_be(&budget, &path)?,
+        None => output::write(&path, (serde_json::to_string_pretty(&budget)? + "\n").as_bytes())?,
+    }
     if !missing.is_empty() {
         let sets = Sets::generate(&budget)?;
         for (number, &(row, seed)) in missing.iter().enumerate() {
             let place = format!("{}/{} {} {seed}", number + 1, missing.len(), row.name);
-            let done = run_row(&args.out, row, seed, &budget, &sets, place)?;
+            let done = if row.encoders.is_some() {
+                run_paper(args, row, seed, &budget, &sets, place)?
+            } else {
+                run_row(&args.out, row, seed, &budget, &sets, place)?
+            };
             done.write(&args.out)?;
             finished.push(done);
         }
     }
-    let results = Comparisons::new(args.command_line(), budget, &finished);
+    let results = Comparisons::new(args.command_line(&budget), budget, &finished);
     let json = serde_json::to_string_pretty(&results)? + "\n";
     output::write(&args.out.join("comparisons.svg"), picture::svg(&results)?.as_bytes())?;
     output::write(&args.out.join("comparisons.json"), json.as_bytes())?;
+    output::write(&args.out.join("report.txt"), results.to_string().as_bytes())?;
     if args.json {
         print!("{json}");
     } else {
@@ -151,7 +214,17 @@ fn run_row(
         }
         (trained.weights, Some(trained.loss))
     };
-    let splits = sets.score(row, &weights);
+    let device = Device::flex();
+    let network = FloatNetwork::fixed(&weights, &device);
+    let outputs = |features: &Features| {
+        let input = features.sequences_of(row.variant.pads);
+        if row.making == Making::Recomputed {
+            recomputed::logits(&network, &row.variant, &input, &device)
+        } else {
+            network.outputs(&row.variant, &input, &device)
+        }
+    };
+    let splits = sets.score(row, &SPLITS, budget.test_episodes, outputs);
     Ok(Finished {
         row: row.name.to_owned(),
         seed,
@@ -160,8 +233,86 @@ fn run_row(
         parameters: weights.count(),
         loss,
         wall_s: started.elapsed().as_secs_f64(),
+        window_ms: window_ms(sets, outputs),
         splits,
     })
+}
+
+/// Median of some runs of one window, which is in memory.
+fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> f64 {
+    let Some(window) = sets.window() else { return f64::NAN };
+    let run = |_| {
+        let started = Instant::now();
+        std::hint::black_box(outputs(&window));
+        1e3 * started.elapsed().as_secs_f64()
+    };
+    let mut times: Vec<f64> = (0..WINDOW_RUNS).map(run).collect();
+    times.sort_by(f64::total_cmp);
+    times[WINDOW_RUNS / 2]
+}
+
+/// The same for a row with the paper's encoders; pretrains those it needs that no earlier row has needed.
+fn run_paper(
+    args: &ReproduceArgs,
+    row: &Row,
+    seed: u64,
+    budget: &Budget,
+    sets: &Sets,
+    place: String,
+) -> Result<Finished> {
+    let started = Instant::now();
+    let encoders = row.encoders.context("the row has encoders")?;
+    let options = Options { pads: row.variant.pads, ..Options::default() };
+    let sampler = Sampler::new(&sets.train, budget.encoder_frames)?.with_options(options);
+    let bar = progress("", budget.encoder_steps as u64).with_prefix(place.clone());
+    let training = Training { sampler: &sampler, budget, seed, bar: &bar };
+    let again = |what: &str| {
+        bar.reset();
+        bar.set_prefix(format!("{place}{what}"));
+    };
+    let device = Device::flex();
+    let mut pretrained = Pretrained::default();
+    if encoders.pads.is_pretrained() {
+        again(", ViT-MAE");
+        let path = args.out.join(format!("vit-mae-{seed}.safetensors"));
+        pretrained.vit = Some(kept(&path, &Vit::new(&device), || training.pretrain_vit())?);
+    }
+    if encoders.xl == XlEncoder::Ssast {
+        again(", SSAST");
+        let authors = || args.ssast.as_deref().map(authors_ssast).transpose();
+        let path = args.out.join(format!("ssast-{seed}.safetensors"));
+        pretrained.ssast = Some(match authors()? {
+            Some(numbers) => numbers,
+            None => kept(&path, &Ssast::new(&device), || training.pretrain_ssast())?,
+        });
+    }
+    again("");
+    let (numbers, loss) = training
+        .train(&row.variant, encoders, &pretrained)
+        .with_context(|| format!("row {}, seed {seed}", row.name))?;
+    bar.finish_and_clear();
+    let network = PaperNetwork::fixed(&row.variant, encoders, &numbers, &device);
+    let outputs = |features: &Features| {
+        network.outputs(&row.variant, &features.sequences_of(row.variant.pads), &device)
+    };
+    let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
+    Ok(Finished {
+        row: row.name.to_owned(),
+        seed,
+        synthetic: true,
+        budget: budget.clone(),
+        parameters: trained.map(|(_, numbers)| numbers.values.len()).sum(),
+        loss: Some(loss),
+        splits: sets.score(row, &UMI, budget.encoder_test_episodes, outputs),
+        wall_s: started.elapsed().as_secs_f64(),
+        window_ms: window_ms(sets, outputs),
+    })
+}
+
+/// The authors' transformer by our names.
+fn authors_ssast(path: &Path) -> Result<named::Named> {
+    let ssast = named::first(Ssast::new(&Device::flex()), 1).with_authors(path)?;
+    Ok(named::get(&ssast))
 }
 
 /// Where the weights of a row are kept that others need.
@@ -176,7 +327,7 @@ fn read_kept(out: &Path, row: &Row, seed: u64) -> Result<TrainedNetwork> {
     Ok(TrainedNetwork { variant: row.variant, weights })
 }
 
-impl CompareArgs {
+impl ReproduceArgs {
     /// The rows asked for, in the order of [`ROWS`]: the base comes before what runs its weights.
     fn chosen(&self) -> Result<Vec<&'static Row>> {
         for name in &self.rows {
@@ -192,29 +343,47 @@ impl CompareArgs {
         for (index, seed) in self.seeds.iter().enumerate() {
             ensure!(!self.seeds[..index].contains(seed), "--seeds: {seed} is there twice");
         }
-        ensure!(self.episodes > 0, "--episodes must be at least 1");
-        ensure!(self.steps > 0, "--steps must be at least 1");
-        ensure!(self.test_episodes > 0, "--test-episodes must be at least 1");
+        let mut budget = self.budget.budget();
+        for (option, given, number) in [
+            ("--episodes", self.episodes, &mut budget.episodes),
+            ("--steps", self.steps, &mut budget.steps),
+            ("--encoder-steps", self.encoder_steps, &mut budget.encoder_steps),
+            ("--test-episodes", self.test_episodes, &mut budget.test_episodes),
+            ("--encoder-test-episodes", self.encoder_test_episodes, &mut budget.encoder_test_episodes),
+        ] {
+            *number = given.unwrap_or(*number);
+            ensure!(*number > 0, "{option} must be at least 1");
+        }
+        budget.learning_rate = self.learning_rate.unwrap_or(budget.learning_rate);
         ensure!(
-            self.learning_rate > 0.0 && self.learning_rate <= 1.0,
+            budget.learning_rate > 0.0 && budget.learning_rate <= 1.0,
             "--learning-rate must be above 0 and at most 1"
         );
-        Ok(Budget::new(self.episodes, self.steps, self.learning_rate, self.test_episodes))
+        if let Some(path) = &self.ssast {
+            // Refused before an hour of other rows.
+            authors_ssast(path)?;
+            budget.ssast_sha256 = Some(output::sha256_hex(&std::fs::read(path)?));
+        }
+        Ok(budget)
     }
 
-    fn command_line(&self) -> String {
+    fn command_line(&self, budget: &Budget) -> String {
         let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
         let rows =
             if self.rows.is_empty() { String::new() } else { format!(" --rows {}", self.rows.join(",")) };
+        let ssast = self.ssast.as_ref().map_or(String::new(), |path| format!(" --ssast {}", path.display()));
         format!(
-            "slipsense compare-networks --out {}{rows} --seeds {} --episodes {} --steps {} --test-episodes {} \
-             --learning-rate {}",
+            "slipsense reproduce --out {}{rows}{ssast} --seeds {} --episodes {} --steps {} --encoder-steps {} \
+             --test-episodes {} --encoder-test-episodes {} --learning-rate {}{}",
             self.out.display(),
             seeds.join(","),
-            self.episodes,
-            self.steps,
-            self.test_episodes,
-            self.learning_rate
+            budget.episodes,
+            budget.steps,
+            budget.encoder_steps,
+            budget.test_episodes,
+            budget.encoder_test_episodes,
+            budget.learning_rate,
+            if self.budget == BudgetName::Full { " --budget full" } else { "" }
         )
     }
 }

@@ -8,6 +8,7 @@
 mod command;
 pub mod network;
 pub mod orderings;
+pub mod paper;
 mod picture;
 pub mod recomputed;
 pub mod results;
@@ -15,10 +16,12 @@ pub mod sets;
 mod table;
 pub mod train;
 
-pub use command::{CompareArgs, run_compare};
+pub use command::{BudgetName, ReproduceArgs, run_reproduce};
 
 use slipsense::params::TAXEL_ROWS;
 
+use self::paper::Encoders;
+use crate::encoders::{PadEncoder, XlEncoder};
 use crate::pad_view::PadView;
 use crate::weights::FIRST_DIMS;
 
@@ -106,6 +109,8 @@ pub struct Row {
     pub group: &'static str,
     pub about: &'static str,
     pub variant: Variant,
+    /// The paper's encoders instead of ours.
+    pub encoders: Option<Encoders>,
     pub making: Making,
 }
 
@@ -127,11 +132,13 @@ impl Row {
 
 /// Name of the row that the others differ from.
 pub const BASE_ROW: &str = "base";
+/// Name of the paper's network.
+const PAPER_ROW: &str = "paper";
 /// Name of the larger network that teaches.
 const TEACHER_ROW: &str = "wide";
 
 const fn row(name: &'static str, group: &'static str, about: &'static str, variant: Variant) -> Row {
-    Row { name, group, about, variant, making: Making::Trained }
+    Row { name, group, about, variant, encoders: None, making: Making::Trained }
 }
 
 const fn side(side: usize) -> Variant {
@@ -150,7 +157,15 @@ const fn modality(modality: Modality) -> Variant {
     Variant { modality, ..BASE }
 }
 
-pub const ROWS: [Row; 20] = [
+/// The paper's network but for its encoders: embeddings of 128, of counts and standardised bins alone.
+const PAPER: Variant =
+    Variant { size: 4, over_floor: false, pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE };
+
+const fn encoders(name: &'static str, about: &'static str, pads: PadEncoder, xl: XlEncoder) -> Row {
+    Row { encoders: Some(Encoders { pads, xl }), ..row(name, "paper's network", about, PAPER) }
+}
+
+pub const ROWS: [Row; 27] = [
     row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
     row("piezo", "modality", "pads only", modality(Modality::Piezo)),
     row("xl", "modality", "accelerometers only, contact included", modality(Modality::Xl)),
@@ -162,8 +177,8 @@ pub const ROWS: [Row; 20] = [
     row("t15", "memory", "T = 15 frames", window(15)),
     row("t30", "memory", "T = 30 frames", window(30)),
     row("t120", "memory", "T = 120 frames", window(120)),
-    row("side16", "resolution", "16×16 means of 2×2 taxels", side(16)),
-    row("side8", "resolution", "8×8 means of 4×4 taxels", side(8)),
+    row("side16", "resolution", "every second taxel of rows and columns", side(16)),
+    row("side8", "resolution", "every fourth", side(8)),
     row(
         "no-xl-augmentation",
         "augmentation",
@@ -192,6 +207,13 @@ pub const ROWS: [Row; 20] = [
         making: Making::TaughtBy(TEACHER_ROW),
         ..row("distilled", "size", "the base's network, taught by wide and the labels in equal parts", BASE)
     },
+    encoders(PAPER_ROW, "custom CNN, SSAST-Tiny: the paper's own", PadEncoder::Cnn, XlEncoder::Ssast),
+    encoders("resnet18", "ResNet-18, SSAST-Tiny", PadEncoder::ResNet18, XlEncoder::Ssast),
+    encoders("vit-scratch", "ViT from random weights, SSAST-Tiny", PadEncoder::Vit, XlEncoder::Ssast),
+    encoders("vit-frozen", "ViT-MAE, kept, SSAST-Tiny", PadEncoder::VitFrozen, XlEncoder::Ssast),
+    encoders("vit-finetuned", "ViT-MAE, trained on, SSAST-Tiny", PadEncoder::VitFinetuned, XlEncoder::Ssast),
+    encoders("paper-mlp", "custom CNN, MLP", PadEncoder::Cnn, XlEncoder::Mlp),
+    encoders("paper-cnn", "custom CNN, 1-D CNN", PadEncoder::Cnn, XlEncoder::Cnn),
 ];
 
 pub fn row_named(name: &str) -> Option<&'static Row> {

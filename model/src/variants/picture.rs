@@ -21,8 +21,8 @@ fn failed(error: impl std::fmt::Display) -> anyhow::Error {
 /// SVG: a dot per row and split at the mean of the seeds, a line from the lowest to the highest.
 pub(super) fn svg(results: &Comparisons) -> Result<String> {
     let rows = &results.rows;
-    let splits: Vec<Split> =
-        rows.first().map_or(Vec::new(), |row| row.splits.iter().map(|s| s.split).collect());
+    let most = rows.iter().max_by_key(|row| row.splits.len());
+    let splits: Vec<Split> = most.map_or(Vec::new(), |row| row.splits.iter().map(|s| s.split).collect());
     let all = rows.iter().flat_map(|row| &row.splits).filter_map(|split| split.macro_f1);
     let lowest = all.map(|spread| 100.0 * spread.lowest).fold(100.0, f64::min);
     let from = (lowest / 10.0).floor() * 10.0;

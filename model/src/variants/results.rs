@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
+use slipsense::params::CLASSES;
 use slipsense_synth::Split;
 use slipsense_synth::splits::GENERATOR_VERSION;
 
@@ -25,16 +26,50 @@ pub struct Budget {
     /// Frames per sequence.
     pub frames: usize,
     pub learning_rate: f64,
+    /// Steps, sequences and frames of a row with the paper's encoders, and of the encoders' pretraining.
+    pub encoder_steps: usize,
+    pub encoder_batch: usize,
+    pub encoder_frames: usize,
+    /// Hash of the authors' SSAST-Tiny; null where it is pretrained here.
+    pub ssast_sha256: Option<String>,
     /// First episodes of each frozen split that are scored.
     pub test_episodes: usize,
+    /// The same for rows with the paper's encoders, of the two UMI splits alone.
+    pub encoder_test_episodes: usize,
+}
+
+/// Of episodes of the generator as it is, seed 1: the small budget.
+impl Default for Budget {
+    fn default() -> Self {
+        Self {
+            episodes: 240,
+            data_seed: 1,
+            generator: GENERATOR_VERSION,
+            steps: 400,
+            batch: 12,
+            frames: 240,
+            learning_rate: 3e-3,
+            encoder_steps: 60,
+            encoder_batch: 2,
+            encoder_frames: 120,
+            ssast_sha256: None,
+            test_episodes: 16,
+            encoder_test_episodes: 4,
+        }
+    }
 }
 
 impl Budget {
-    /// Of episodes of the generator as it is, seed 1.
-    pub fn new(episodes: usize, steps: usize, learning_rate: f64, test_episodes: usize) -> Self {
-        let (batch, frames) = (12, 240);
-        let generator = GENERATOR_VERSION;
-        Self { episodes, data_seed: 1, generator, steps, batch, frames, learning_rate, test_episodes }
+    /// Refuses a file that another budget made.
+    pub(super) fn must_be(&self, asked: &Self, path: &Path) -> Result<()> {
+        ensure!(
+            self == asked,
+            "{}: budget is {}, now asked for {}; rows of different budgets do not compare, use another --out",
+            path.display(),
+            serde_json::to_string(self)?,
+            serde_json::to_string(asked)?
+        );
+        Ok(())
     }
 }
 
@@ -47,24 +82,33 @@ pub struct SplitFigures {
     pub events: usize,
     /// Mean F1 of the three classes.
     pub macro_f1: Option<f64>,
+    /// Share of frames whose class is right.
+    pub accuracy: Option<f64>,
     /// False slip frames of the frames that do not slip.
     pub fpr_of_non_slip_share: Option<f64>,
     /// Median over hits and misses (infinite); null where infinite or without events.
     pub latency_median_frames: Option<f64>,
+    /// Frames of every episode, `[episode][truth][predicted]`.
+    pub confusion: Vec<[[u64; CLASSES]; CLASSES]>,
 }
 
 impl SplitFigures {
     /// Of all episodes' scores together.
-    pub fn new(split: Split, episodes: usize, scores: &Scores) -> Self {
+    pub fn new(split: Split, episodes: Vec<Scores>) -> Self {
+        let confusion: Vec<_> = episodes.iter().map(|scores| scores.classes.confusion).collect();
+        let mut scores = Scores::default();
+        episodes.into_iter().for_each(|episode| scores.add(episode));
         let figures = scores.figures();
         Self {
             split,
-            episodes,
+            episodes: confusion.len(),
             frames: figures.frames,
             events: figures.events,
             macro_f1: figures.macro_f1,
+            accuracy: figures.accuracy,
             fpr_of_non_slip_share: figures.fpr_of_non_slip,
             latency_median_frames: figures.median_latency_frames,
+            confusion,
         }
     }
 }
@@ -85,6 +129,8 @@ pub struct Finished {
     pub loss: Option<f64>,
     /// Training and scoring, seconds.
     pub wall_s: f64,
+    /// The whole network on one window of two sensors in contact, on this computer, milliseconds.
+    pub window_ms: f64,
     pub splits: Vec<SplitFigures>,
 }
 
@@ -98,13 +144,7 @@ impl Finished {
     pub fn read(out: &Path, row: &str, seed: u64, budget: &Budget) -> Result<Option<Self>> {
         let path = Self::path(out, row, seed);
         let Some(done) = output::read_json::<Self>(&path)? else { return Ok(None) };
-        ensure!(
-            done.budget == *budget,
-            "{}: budget is {}, now asked for {}; rows of different budgets do not compare, use another --out",
-            path.display(),
-            serde_json::to_string(&done.budget)?,
-            serde_json::to_string(budget)?
-        );
+        done.budget.must_be(budget, &path)?;
         Ok(Some(done))
     }
 
@@ -139,6 +179,7 @@ pub struct RowSplit {
     pub split: Split,
     pub events: usize,
     pub macro_f1: Option<Spread>,
+    pub accuracy: Option<Spread>,
     pub fpr_of_non_slip_share: Option<Spread>,
     /// See [`SplitFigures`]; null where a seed's is.
     pub latency_median_frames: Option<Spread>,
@@ -153,6 +194,8 @@ pub struct RowResults {
     pub about: &'static str,
     /// Trained numbers.
     pub parameters: usize,
+    /// See [`Finished`].
+    pub window_ms: Option<Spread>,
     pub splits: Vec<RowSplit>,
     pub seeds: Vec<Finished>,
 }
@@ -171,6 +214,7 @@ impl RowResults {
                 split: figures.split,
                 events: figures.events,
                 macro_f1: of(|f| f.macro_f1),
+                accuracy: of(|f| f.accuracy),
                 fpr_of_non_slip_share: of(|f| f.fpr_of_non_slip_share),
                 latency_median_frames: of(|f| f.latency_median_frames),
             }
@@ -180,6 +224,7 @@ impl RowResults {
             group: row.group,
             about: row.about,
             parameters: first.parameters,
+            window_ms: Spread::new(seeds.iter().map(|seed| Some(seed.window_ms))),
             splits: first.splits.iter().enumerate().map(split).collect(),
             seeds,
         })

@@ -1,17 +1,16 @@
 //! The episodes of the comparisons, their features computed once for all rows.
 
 use anyhow::Result;
-use burn::tensor::Device;
+use slipsense::params::OUTPUTS;
+use slipsense_recording::score::SLIP;
 use slipsense_synth::{Recipe, Split, generate_set};
 
 use super::results::{Budget, SplitFigures};
-use super::{Making, Row, recomputed};
+use super::{BASE, Row};
 use crate::data::{Features, Source};
-use crate::evaluate::{Scores, score_logits};
-use crate::float::FloatNetwork;
+use crate::evaluate::score_logits;
 use crate::folder::Use;
 use crate::train::progress;
-use crate::weights::Weights;
 
 /// Splits that every row is scored on.
 pub const SPLITS: [Split; 6] =
@@ -34,7 +33,7 @@ impl Sets {
         bar.finish_and_clear();
         let split = |split: Split| {
             let mut episodes = split.frozen()?.episodes;
-            episodes.truncate(budget.test_episodes);
+            episodes.truncate(budget.test_episodes.max(budget.encoder_test_episodes));
             let recipes: Vec<Recipe> = episodes.into_iter().map(|episode| episode.recipe).collect();
             let bar = progress(split.name(), recipes.len() as u64);
             let features = generate_set(&recipes, |_, episode| {
@@ -47,31 +46,38 @@ impl Sets {
         Ok(Self { train, splits: SPLITS.into_iter().map(split).collect::<Result<_>>()? })
     }
 
-    /// What a row's weights reach on every split.
-    pub fn score(&self, row: &Row, weights: &Weights) -> Vec<SplitFigures> {
-        let device = Device::flex();
-        let network = FloatNetwork::fixed(weights, &device);
-        let total: usize = self.splits.iter().map(|(_, episodes)| episodes.len()).sum();
+    /// What a row reaches on the first episodes of some splits by these outputs of an episode.
+    pub fn score(
+        &self,
+        row: &Row,
+        splits: &[Split],
+        episodes: usize,
+        outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
+    ) -> Vec<SplitFigures> {
+        let chosen = || self.splits.iter().filter(|(split, _)| splits.contains(split));
+        let total: usize = chosen().map(|(_, all)| all.len().min(episodes)).sum();
         let bar = progress("score", total as u64);
         bar.set_prefix(format!("score {}", row.name));
         let one = |features: &Features| {
-            let input = features.sequences_of(row.variant.pads);
-            let logits = if row.making == Making::Recomputed {
-                recomputed::logits(&network, &row.variant, &input, &device)
-            } else {
-                network.outputs(&row.variant, &input, &device)
-            };
             bar.inc(1);
             // As the paper's row with accelerometers alone must have had it, the pads say what contact is in every row.
-            score_logits(features, &logits)
+            score_logits(features, &outputs(features))
         };
-        let figures = |(split, episodes): &(Split, Vec<Features>)| {
-            let mut scores = Scores::default();
-            episodes.iter().for_each(|features| scores.add(one(features)));
-            SplitFigures::new(*split, episodes.len(), &scores)
+        let figures = |(split, all): &(Split, Vec<Features>)| {
+            SplitFigures::new(*split, all.iter().take(episodes).map(one).collect())
         };
-        let all = self.splits.iter().map(figures).collect();
+        let all = chosen().map(figures).collect();
         bar.finish_and_clear();
         all
+    }
+
+    /// A window that ends with the first frame of a slip.
+    pub fn window(&self) -> Option<Features> {
+        let episodes = self.splits.iter().flat_map(|(_, episodes)| episodes);
+        let cut = |features: &Features| {
+            let end = features.label.iter().position(|&class| class == SLIP)? + 1;
+            Some(features.cut(end.checked_sub(BASE.window)?..end))
+        };
+        episodes.filter_map(cut).next()
     }
 }

@@ -2,13 +2,13 @@
 
 use std::fmt;
 
-use super::orderings::Comparisons;
+use super::orderings::{Comparisons, Verdict};
 use super::results::{RowSplit, Spread};
 
 /// Width of the first column.
 const NAME: usize = 19;
 /// Width of the others.
-const CELL: usize = 18;
+const CELL: usize = 20;
 
 /// Mean and, in brackets, lowest and highest; `scale` times the figure.
 fn cell(spread: Option<Spread>, scale: f64, decimals: usize, missing: &str) -> String {
@@ -21,8 +21,9 @@ fn cell(spread: Option<Spread>, scale: f64, decimals: usize, missing: &str) -> S
 /// How a figure of a row and split is written.
 type Show = fn(&RowSplit) -> String;
 
-const FIGURES: [(&str, Show); 3] = [
+const FIGURES: [(&str, Show); 4] = [
     ("macro F1, %", |split| cell(split.macro_f1, 100.0, 1, "–")),
+    ("accuracy, %", |split| cell(split.accuracy, 100.0, 1, "–")),
     ("false slip frames of non-slip, %", |split| cell(split.fpr_of_non_slip_share, 100.0, 2, "–")),
     ("median latency, frames", |split| {
         cell(split.latency_median_frames, 1.0, 1, if split.events > 0 { "∞" } else { "–" })
@@ -31,46 +32,57 @@ const FIGURES: [(&str, Show); 3] = [
 
 impl fmt::Display for Comparisons {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some(first) = self.rows.first() else { return writeln!(f, "no row is finished") };
+        let Some(most) = self.rows.iter().max_by_key(|row| row.splits.len()) else {
+            return writeln!(f, "no row is finished");
+        };
         let seeds = self.rows.iter().map(|row| row.seeds.len()).max().unwrap_or(0);
         writeln!(
             f,
-            "Synthetic data, float networks; {} training episodes, {} steps, first {} episodes of each frozen \
-             split; mean (lowest–highest) of up to {seeds} seeds",
-            self.budget.episodes, self.budget.steps, self.budget.test_episodes
+            "Synthetic data, float networks; {} training episodes, {} steps of {} frames ({} of {} with the paper's \
+             encoders), first {} ({}) episodes of each frozen split; mean (lowest–highest) of up to {seeds} seeds",
+            self.budget.episodes,
+            self.budget.steps,
+            self.budget.batch * self.budget.frames,
+            self.budget.encoder_steps,
+            self.budget.encoder_batch * self.budget.encoder_frames,
+            self.budget.test_episodes,
+            self.budget.encoder_test_episodes
         )?;
         for (figure, show) in FIGURES {
             write!(f, "\n{figure}\n{:NAME$}", "row")?;
-            for split in &first.splits {
+            for split in &most.splits {
                 write!(f, "{:>CELL$}", split.split.name())?;
             }
             writeln!(f)?;
             for row in &self.rows {
                 write!(f, "{:NAME$}", row.row)?;
-                for split in &row.splits {
-                    write!(f, "{:>CELL$}", show(split))?;
+                for RowSplit { split, .. } in &most.splits {
+                    let own = row.splits.iter().find(|own| own.split == *split);
+                    write!(f, "{:>CELL$}", own.map_or_else(String::new, show))?;
                 }
                 writeln!(f)?;
             }
         }
-        writeln!(f, "\nthe paper's orderings, macro F1 in %, mean over the splits named")?;
+        writeln!(f, "\n{:NAME$}{:>12}{:>24}  what", "row", "parameters", "one window, ms")?;
+        for row in &self.rows {
+            let time = cell(row.window_ms, 1.0, 1, "–");
+            writeln!(f, "{:NAME$}{:>12}{time:>24}  {}", row.row, row.parameters, row.about)?;
+        }
+        writeln!(
+            f,
+            "\nthe paper's orderings: macro F1, mean over the splits named; difference in points, 95 % interval over \
+             episodes and seeds"
+        )?;
         for order in &self.orderings {
-            let holds = match (order.holds, order.holds_for_every_seed) {
-                (None, _) => "not run",
-                (Some(false), _) => "no",
-                (Some(true), Some(true)) => "yes, every seed",
-                (Some(true), _) => "yes, the means",
+            let (Some(verdict), Some(d)) = (order.verdict, order.difference) else { continue };
+            let verdict = match verdict {
+                Verdict::Holds => "holds",
+                Verdict::DoesNotHold => "does not hold",
+                Verdict::CannotBeTold => "cannot be told",
             };
-            let of = |spread| cell(spread, 100.0, 1, "–");
+            let difference = format!("{:+.1} ({:+.1} to {:+.1})", d.points, d.low_points, d.high_points);
             let splits: Vec<&str> = order.splits.iter().map(|split| split.name()).collect();
-            writeln!(
-                f,
-                "{holds:16} {:44} {:18} against {:18} {}",
-                order.rule,
-                of(order.better_macro_f1),
-                of(order.worse_macro_f1),
-                splits.join(", ")
-            )?;
+            writeln!(f, "{verdict:15} {:36} {difference:24} {}", order.rule, splits.join(", "))?;
         }
         Ok(())
     }

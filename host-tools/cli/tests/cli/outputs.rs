@@ -189,7 +189,7 @@ fn help_teaches() {
     let place = Place::new();
     let help = place.run("--help");
     let commands =
-        ["demo", "run", "features", "label", "synth", "train", "quantize", "compare-networks", "Examples:"];
+        ["demo", "run", "features", "label", "synth", "train", "quantize", "reproduce", "Examples:"];
     for command in commands {
         assert!(help.contains(command), "{command}");
     }

@@ -66,9 +66,9 @@ pub enum Command {
     CHeader(descriptions::CHeaderArgs),
     #[cfg_attr(
         not(feature = "train"),
-        doc = "Compare the shipped network with others that differ in one thing each (needs the feature `train`)"
+        doc = "Run the paper's comparisons: networks beside the shipped one, and the paper's own (needs the feature `train`)"
     )]
-    CompareNetworks(train::CompareArgs),
+    Reproduce(train::ReproduceArgs),
 }
 
 impl Command {
@@ -98,7 +98,7 @@ impl Command {
             Self::Convert(args) => args.run(),
             Self::Dbc(args) => args.run(),
             Self::CHeader(args) => args.run(),
-            Self::CompareNetworks(args) => train::compare(&args),
+            Self::Reproduce(args) => train::reproduce(&args),
         }
     }
 }

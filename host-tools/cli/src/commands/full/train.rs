@@ -1,11 +1,13 @@
-//! `slipsense train`, `quantize` and `compare-networks`: part of a build with the feature `train`, which compiles tensor
+//! `slipsense train`, `quantize` and `reproduce`: part of a build with the feature `train`, which compiles tensor
 //! libraries; any other build says how to get them.
 
 #[cfg(feature = "train")]
-pub use slipsense_model::{CompareArgs, QuantizeArgs, TrainArgs, run_compare as compare, run_train as train};
+pub use slipsense_model::{
+    QuantizeArgs, ReproduceArgs, TrainArgs, run_reproduce as reproduce, run_train as train,
+};
 
 #[cfg(not(feature = "train"))]
-pub use without::{NotInBuild as CompareArgs, NotInBuild as QuantizeArgs, NotInBuild as TrainArgs, *};
+pub use without::{NotInBuild as QuantizeArgs, NotInBuild as ReproduceArgs, NotInBuild as TrainArgs, *};
 
 /// Turn a trained network into a model file.
 #[cfg(feature = "train")]
@@ -31,7 +33,7 @@ mod without {
         args.refuse("quantize")
     }
 
-    pub fn compare(args: &NotInBuild) -> Result<()> {
-        args.refuse("compare-networks")
+    pub fn reproduce(args: &NotInBuild) -> Result<()> {
+        args.refuse("reproduce")
     }
 }

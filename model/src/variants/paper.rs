@@ -1,0 +1,364 @@
+//! The paper's networks: encoders of its own, and the fusion that ours has as well, with embeddings of 128.
+//!
+//! What is not stated there is as in ours: the bias by lag, the four heads, the loss of every frame instead of the
+//! last one's, the detector's output beside the logits. A network sees counts and standardised bins, nothing else.
+
+use anyhow::{Result, ensure};
+use burn::module::Module;
+use burn::optim::{GradientsAccumulator, GradientsParams};
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use indicatif::ProgressBar;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use slipsense::net::format::TensorSpec;
+use slipsense::params::{MEL_BINS, OUTPUTS, PIEZO_CHANNELS, XL_FEATURES};
+use std::path::Path;
+
+use super::Variant;
+use super::network::Extent;
+use super::results::Budget;
+use crate::batch::Sampler;
+use crate::encoders::named::{self, Named};
+use crate::encoders::{
+    EMBED, Encode, MaskedPatches, PadEncoder, PadModule, SsastPretraining, VitMae, XlEncoder, XlModule,
+};
+use crate::float::{Architecture, FloatNetwork, Graph, Sequences, plain, tensor};
+use crate::piezo::{IMAGE, PIEZO_INPUT_SCALE};
+use crate::train::{average_decay, optimizer, schedule};
+use crate::weights::{Weights, first_values};
+
+/// Scans of a step of the masked autoencoder's pretraining, and windows of a step of SSAST's.
+const PRETRAINING_SCANS: usize = 64;
+const PRETRAINING_WINDOWS: usize = 16;
+/// Frames of those windows.
+const WINDOW: usize = super::BASE.window;
+/// Highest learning rate of an encoder, as a share of the fusion's: transformers do not bear more.
+const RATE_SHARE: f64 = 0.1;
+
+/// Encoders of pads and accelerometers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Encoders {
+    pub pads: PadEncoder,
+    pub xl: XlEncoder,
+}
+
+/// The fusion of a variant, its encoders left out. Features are both embeddings side by side.
+struct Fusion(Variant);
+
+impl Architecture for Fusion {
+    fn specs(&self) -> Vec<TensorSpec> {
+        let is_encoder =
+            |spec: &TensorSpec| spec.layer.starts_with("piezo.") || spec.layer.starts_with("xl.");
+        self.0.specs().into_iter().filter(|spec| !is_encoder(spec)).collect()
+    }
+
+    fn heads(&self) -> usize {
+        self.0.heads()
+    }
+
+    fn forward(
+        &self,
+        graph: &Graph<'_>,
+        input: &Sequences,
+        features: Option<Tensor<2>>,
+        device: &Device,
+    ) -> Tensor<3> {
+        let extent = Extent { batch: input.batch, sensors: input.sensors, frames: input.frames };
+        let part = |at: usize| features.clone().map(|both| both.narrow(1, at * EMBED, EMBED));
+        self.0.decide(graph, extent, part(0), part(1), device)
+    }
+}
+
+/// Scans that differ: untouched pads are all alike, and are embedded once.
+struct Scans {
+    /// Counts as they enter, the untouched pad first.
+    rows: Vec<f32>,
+    /// Row of every scan of the batch.
+    row: Vec<i32>,
+}
+
+impl Scans {
+    fn new(input: &Sequences) -> Self {
+        let taxels = IMAGE / PIEZO_CHANNELS;
+        let mut scans = Self { rows: vec![0.0; taxels], row: Vec::new() };
+        for image in input.piezo.chunks_exact(IMAGE) {
+            let counts = || image.iter().step_by(PIEZO_CHANNELS);
+            if counts().all(|&count| count == 0) {
+                scans.row.push(0);
+                continue;
+            }
+            scans.row.push((scans.rows.len() / taxels) as i32);
+            scans.rows.extend(counts().map(|&count| f32::from(count) * PIEZO_INPUT_SCALE));
+        }
+        scans
+    }
+}
+
+/// Standardised bins of every frame, `[sequence and sensor, frame, bin]`.
+fn bins(input: &Sequences) -> Vec<f32> {
+    input.xl.chunks_exact(XL_FEATURES).flat_map(|frame| &frame[..MEL_BINS]).copied().collect()
+}
+
+/// Embeddings of all rows, a few at a time, without a tape. `seed`: of what is dropped.
+fn embed<E: Encode>(encoder: &E, rows: &[f32], width: usize, seed: u64, device: &Device) -> Vec<f32> {
+    let some = |(part, rows): (usize, &[f32])| {
+        device.seed(seed + part as u64);
+        let rows = tensor::<2>(rows.to_vec(), [rows.len() / width, width], device);
+        encoder.embed(rows).into_data().iter::<f32>().collect::<Vec<_>>()
+    };
+    rows.chunks(E::ROWS * width).enumerate().flat_map(some).collect()
+}
+
+#[derive(Module, Debug)]
+pub struct PaperNetwork {
+    pads: PadModule,
+    xl: XlModule,
+    fusion: FloatNetwork,
+}
+
+impl PaperNetwork {
+    /// Before training. `device` is one with automatic gradients.
+    pub fn new(variant: &Variant, encoders: Encoders, seed: u64, device: &Device) -> Self {
+        let fusion = Weights { dims: variant.dims(), tensors: first_values(&Fusion(*variant).specs(), seed) };
+        Self {
+            pads: named::first(PadModule::new(encoders.pads, device), seed),
+            xl: named::first(XlModule::new(encoders.xl, device), seed + 1),
+            fusion: FloatNetwork::new(&fusion, device),
+        }
+    }
+
+    /// To be run, with these numbers. `device` is a plain one.
+    pub fn fixed(variant: &Variant, encoders: Encoders, numbers: &Named, device: &Device) -> Self {
+        let fusion = Weights { dims: variant.dims(), tensors: first_values(&Fusion(*variant).specs(), 0) };
+        let network = Self {
+            pads: PadModule::new(encoders.pads, device),
+            xl: XlModule::new(encoders.xl, device),
+            fusion: FloatNetwork::fixed(&fusion, device),
+        };
+        named::put(network, numbers)
+    }
+
+    /// With pretrained encoders where they are there; a frozen one is not trained on.
+    fn with_pretrained(mut self, pretrained: &Pretrained, is_frozen: bool) -> Self {
+        if let (PadModule::Vit(vit), Some(numbers)) = (&self.pads, &pretrained.vit) {
+            self.pads = PadModule::Vit(named::put(vit.clone(), numbers));
+        }
+        if let (XlModule::Ssast(ssast), Some(numbers)) = (&self.xl, &pretrained.ssast) {
+            self.xl = XlModule::Ssast(named::put(ssast.clone(), numbers));
+        }
+        if is_frozen {
+            self.pads = self.pads.freeze();
+        }
+        self
+    }
+
+    /// Outputs of every frame, `[batch, frame]`, without gradients. `device` is a plain one.
+    pub fn outputs(&self, variant: &Variant, input: &Sequences, device: &Device) -> Vec<[f32; OUTPUTS]> {
+        let scans = Scans::new(input);
+        let pads = embed(&self.pads, &scans.rows, IMAGE / PIEZO_CHANNELS, 0, device);
+        let xl = embed(&self.xl, &bins(input), input.frames * MEL_BINS, 0, device);
+        let features = features(tensor_of(pads, device), tensor_of(xl, device), scans.row, device);
+        let fusion = Fusion(*variant);
+        plain(fusion.forward(&self.fusion.graph(&fusion), input, Some(features), device))
+    }
+
+    /// Loss of a batch and the gradients of all parameters. The encoders run twice, a few rows at a time: their
+    /// activations would fill the memory.
+    pub fn gradients(
+        &self,
+        variant: &Variant,
+        is_frozen: bool,
+        input: &Sequences,
+        seed: u64,
+        device: &Device,
+    ) -> (f64, GradientsParams) {
+        let (scans, bins, taxels) = (Scans::new(input), bins(input), IMAGE / PIEZO_CHANNELS);
+        let frames = input.frames * MEL_BINS;
+        let leaf = |values| tensor_of(values, device).require_grad();
+        let pads = leaf(embed(&self.pads, &scans.rows, taxels, seed, device));
+        let xl = leaf(embed(&self.xl, &bins, frames, seed, device));
+        let fusion = Fusion(*variant);
+        let seen = features(pads.clone(), xl.clone(), scans.row, device);
+        let outputs = fusion.forward(&self.fusion.graph(&fusion), input, Some(seen), device);
+        let loss = FloatNetwork::loss(outputs, input, device);
+        let value = f64::from(loss.clone().into_scalar::<f32>());
+        let mut gradients = loss.backward();
+        let mut of = |leaf: &Tensor<2>| {
+            let gradient = leaf.grad_remove(&mut gradients).expect("the loss depends on every embedding");
+            gradient.into_data().iter::<f32>().collect::<Vec<_>>()
+        };
+        let (of_pads, of_xl) = (of(&pads), of(&xl));
+        let mut sum = GradientsAccumulator::new();
+        sum.accumulate(self, GradientsParams::from_grads(gradients, self));
+        if !is_frozen {
+            self.backward(&self.pads, (&scans.rows, taxels), &of_pads, seed, device, &mut sum);
+        }
+        self.backward(&self.xl, (&bins, frames), &of_xl, seed, device, &mut sum);
+        (value, sum.grads())
+    }
+
+    /// Add an encoder's gradients, from those of its embeddings.
+    fn backward<E: Encode>(
+        &self,
+        encoder: &E,
+        (rows, width): (&[f32], usize),
+        gradient: &[f32],
+        seed: u64,
+        device: &Device,
+        sum: &mut GradientsAccumulator<Self>,
+    ) {
+        let out = gradient.len() / (rows.len() / width);
+        let parts = rows.chunks(E::ROWS * width).zip(gradient.chunks(E::ROWS * out));
+        for (part, (rows, gradient)) in parts.enumerate() {
+            device.seed(seed + part as u64);
+            let count = rows.len() / width;
+            let embedded = encoder.embed(tensor(rows.to_vec(), [count, width], device));
+            let gradients = (embedded * tensor(gradient.to_vec(), [count, out], device)).sum().backward();
+            sum.accumulate(self, GradientsParams::from_grads(gradients, self));
+        }
+    }
+}
+
+/// Embeddings, one a row.
+fn tensor_of(values: Vec<f32>, device: &Device) -> Tensor<2> {
+    let rows = values.len() / EMBED;
+    tensor(values, [rows, EMBED], device)
+}
+
+/// Both embeddings of every scan side by side.
+fn features(pads: Tensor<2>, xl: Tensor<2>, row: Vec<i32>, device: &Device) -> Tensor<2> {
+    let count = row.len();
+    let row = Tensor::<1, Int>::from_data(TensorData::new(row, [count]), device);
+    Tensor::cat(vec![pads.select(0, row), xl], 1)
+}
+
+/// Encoders that were trained without labels.
+#[derive(Clone, Debug, Default)]
+pub struct Pretrained {
+    pub vit: Option<Named>,
+    pub ssast: Option<Named>,
+}
+
+/// What does not change while a network is trained.
+#[derive(Clone, Copy, Debug)]
+pub struct Training<'a> {
+    pub sampler: &'a Sampler<'a>,
+    pub budget: &'a Budget,
+    pub seed: u64,
+    pub bar: &'a ProgressBar,
+}
+
+impl Training<'_> {
+    fn batch(&self, step: usize) -> Sequences {
+        self.sampler.batch(self.budget.encoder_batch, self.step_seed(step))
+    }
+
+    fn step_seed(&self, step: usize) -> u64 {
+        self.seed.wrapping_add((step as u64) << 32)
+    }
+
+    fn rate(&self, step: usize) -> f64 {
+        RATE_SHARE * self.budget.learning_rate * schedule(step, self.budget.encoder_steps)
+    }
+
+    /// Steps that all networks take alike: the running average of the numbers and the last tenth's mean loss.
+    fn run<M: Module>(
+        &self,
+        mut module: M,
+        mut gradients: impl FnMut(&M, usize) -> (f64, GradientsParams),
+    ) -> Result<(Named, f64)> {
+        let (mut optimizer, mut average) = (optimizer(), named::get(&module));
+        let steps = self.budget.encoder_steps;
+        let mut losses = Vec::with_capacity(steps);
+        for step in 0..steps {
+            let (loss, gradients) = gradients(&module, step);
+            ensure!(loss.is_finite(), "the loss is {loss} at step {step}: try a lower --learning-rate");
+            module = optimizer.step(self.rate(step), module, gradients);
+            named::average(&mut average, &named::get(&module), average_decay(step));
+            losses.push(loss);
+            self.bar.set_message(format!("loss {loss:.3}"));
+            self.bar.inc(1);
+        }
+        let last = &losses[steps - steps.div_ceil(10)..];
+        Ok((average, last.iter().sum::<f64>() / last.len() as f64))
+    }
+
+    /// Train a network on the labels.
+    pub fn train(
+        &self,
+        variant: &Variant,
+        encoders: Encoders,
+        pretrained: &Pretrained,
+    ) -> Result<(Named, f64)> {
+        let device = Device::flex().autodiff();
+        let is_frozen = encoders.pads == PadEncoder::VitFrozen;
+        let mut pretrained = pretrained.clone();
+        if !encoders.pads.is_pretrained() {
+            pretrained.vit = None;
+        }
+        let network = PaperNetwork::new(variant, encoders, self.seed, &device);
+        let network = network.with_pretrained(&pretrained, is_frozen);
+        self.run(network, |network, step| {
+            network.gradients(variant, is_frozen, &self.batch(step), self.step_seed(step), &device)
+        })
+    }
+
+    /// The vision transformer as a masked autoencoder of the training episodes' touched pads.
+    pub fn pretrain_vit(&self) -> Result<Named> {
+        let device = Device::flex().autodiff();
+        let mae = named::first(VitMae::new(&device), self.seed);
+        let taxels = IMAGE / PIEZO_CHANNELS;
+        let (numbers, _) = self.run(mae, |mae, step| {
+            let mut rng = ChaCha8Rng::seed_from_u64(self.step_seed(step));
+            let scans = Scans::new(&self.batch(step)).rows;
+            // Spread over the batch; the untouched pad is the first.
+            let apart = (scans.len() / taxels).div_ceil(PRETRAINING_SCANS).max(1);
+            let some = scans.chunks_exact(taxels).skip(1).step_by(apart);
+            let some: Vec<f32> =
+                some.filter(|_| MaskedPatches::has_any(&mut rng)).flatten().copied().collect();
+            let count = some.len() / taxels;
+            if count == 0 {
+                return (0.0, GradientsParams::new());
+            }
+            let masked = MaskedPatches::draw(count, &mut rng);
+            let loss = mae.loss(tensor(some, [count, taxels], &device), &masked);
+            let value = f64::from(loss.clone().into_scalar::<f32>());
+            (value, GradientsParams::from_grads(loss.backward(), mae))
+        })?;
+        Ok(part(numbers, "vit."))
+    }
+
+    /// SSAST on masked frames of the training episodes' log-mel.
+    pub fn pretrain_ssast(&self) -> Result<Named> {
+        let device = Device::flex().autodiff();
+        let ssast = named::first(SsastPretraining::new(&device), self.seed);
+        let (numbers, _) = self.run(ssast, |ssast, step| {
+            let mut rng = ChaCha8Rng::seed_from_u64(self.step_seed(step));
+            let bins = bins(&self.batch(step));
+            let window = WINDOW.min(self.budget.encoder_frames);
+            let windows: Vec<f32> =
+                bins.chunks_exact(window * MEL_BINS).take(PRETRAINING_WINDOWS).flatten().copied().collect();
+            let count = windows.len() / (window * MEL_BINS);
+            let loss = ssast.loss(tensor(windows, [count, window, MEL_BINS], &device), &mut rng);
+            let value = f64::from(loss.clone().into_scalar::<f32>());
+            (value, GradientsParams::from_grads(loss.backward(), ssast))
+        })?;
+        Ok(part(numbers, "ssast."))
+    }
+}
+
+/// The numbers of one part of a module.
+fn part(numbers: Named, prefix: &str) -> Named {
+    let own = |(name, numbers): (String, _)| Some((name.strip_prefix(prefix)?.to_owned(), numbers));
+    numbers.into_iter().filter_map(own).collect()
+}
+
+/// The numbers of such a module that an earlier run kept in a file; made, and kept, where there is none.
+pub fn kept(path: &Path, module: &impl Module, make: impl FnOnce() -> Result<Named>) -> Result<Named> {
+    if path.exists() {
+        return named::read(path, module);
+    }
+    let made = make()?;
+    crate::output::write(path, &named::to_bytes(&made)?)?;
+    Ok(made)
+}

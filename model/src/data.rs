@@ -3,6 +3,8 @@
 //! The split is by object as well as by episode: training never sees an object of the validation group,
 //! nor a held-out one. Test splits do not occur here: `slipsense eval` runs them.
 
+pub mod stretches_file;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -145,7 +147,7 @@ pub(crate) fn disturbances(recipe: Recipe) -> Recipe {
 }
 
 /// One episode as the network sees it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Features {
     pub sensors: usize,
     /// Counts of the touched pads, in the order of frames and sensors.

@@ -36,5 +36,6 @@ pub mod variants;
 pub mod weights;
 
 pub use command::{QuantizeArgs, run_quantize};
+pub use mining::{MineArgs, run_mine};
 pub use train::{TrainArgs, run_train};
 pub use variants::{BudgetName, ReproduceArgs, run_reproduce};

@@ -2,18 +2,24 @@
 //!
 //! Always-on detectors are trained on what they get wrong, as most of any hour teaches nothing more.
 
-use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
 use burn::tensor::Device;
+use clap::Args;
 use indicatif::ProgressBar;
+use serde_json::json;
 use slipsense::params::OUTPUTS;
 use slipsense_synth::splits::EpisodeSet;
-use slipsense_synth::{Recipe, Split, generate_set};
+use slipsense_synth::{Recipe, Shard, Split, generate_set};
 
-use crate::data::{DISTURBANCES_SECONDS, Features, disturbances};
+use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, stretches_file};
 use crate::evaluate::score_float;
 use crate::float::FloatNetwork;
+use crate::output;
 use crate::real_parts::Motion;
 use crate::target::Target;
+use crate::train::progress;
 use crate::weights::Weights;
 
 /// Frames of a stretch that is kept or not: two seconds.
@@ -23,8 +29,87 @@ const HARD_NAT: f32 = -1.0;
 /// Added to the seed of a run, so that its other episodes do not occur here.
 const SEED_OFFSET: u64 = 1_000;
 
-/// Mine `hours` of disturbances, of the laboratory's physics and of other families in turn, some with recorded motion.
-/// `bar` moves once an episode.
+/// Find hard examples: generated disturbances that a trained network takes for slip, or nearly
+///
+/// Writes a file of stretches of two seconds for every 20 s of disturbances; `slipsense train --mined DIR`
+/// trains on them, like `train --mine-hours` on those that it finds itself. Files that are there are not made
+/// again. Several processes can share the work with --shard, as `python -m slipsense.ray` does.
+#[derive(Args, Clone, Debug)]
+pub struct MineArgs {
+    /// Float weights of the network, from `slipsense train`
+    #[arg(value_name = "WEIGHTS")]
+    pub weights: PathBuf,
+    /// Folder for the stretches; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Hours of disturbances to search
+    #[arg(long, value_name = "H", default_value_t = 1.0)]
+    pub hours: f64,
+    /// Seed of the run that will train on them: its other episodes do not occur here
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder with motion.npz, recorded motion that is added to some of the episodes
+    #[arg(long, value_name = "DIR")]
+    pub real_parts: Option<PathBuf>,
+    /// Search only part I of N: every N-th episode
+    #[arg(long, value_name = "I/N", value_parser = Shard::parse)]
+    pub shard: Option<Shard>,
+}
+
+/// Do what `args` say.
+pub fn run_mine(args: &MineArgs) -> Result<()> {
+    ensure!(args.hours > 0.0 && args.hours <= 1000.0, "--hours must be above 0 and at most 1000");
+    let weights = Weights::read(&args.weights)?;
+    let motion = args.real_parts.as_deref().map(Motion::read).transpose()?;
+    output::folder(&args.out)?;
+    let settings = json!({
+        "weights_sha256": output::sha256_hex(&weights.to_bytes()?),
+        "hours": args.hours,
+        "seed": args.seed,
+        "recorded_motion": motion.is_some(),
+    });
+    let (settings, file) = (settings.to_string(), args.out.join("mine.json"));
+    let same = !file.exists() || std::fs::read_to_string(&file).is_ok_and(|found| found == settings);
+    ensure!(same, "{}: other weights, --hours, --seed or --real-parts; give another --out", file.display());
+    output::write(&file, settings.as_bytes())?;
+    let recipes = recipes(args.seed, args.hours);
+    let shard = args.shard.unwrap_or(Shard::WHOLE);
+    let path = |index: usize| args.out.join(format!("{:05}-of-{:05}.safetensors", index + 1, recipes.len()));
+    let wanted = (0..recipes.len()).filter(|&index| shard.has(index) && !path(index).exists());
+    let (paths, wanted): (Vec<_>, Vec<_>) = wanted.map(|index| (path(index), recipes[index].clone())).unzip();
+    let bar = progress("mine", 0);
+    search(&weights, &wanted, motion.as_ref(), &bar, |index, stretches| {
+        output::write(&paths[index], &stretches_file::to_bytes(&stretches)?)
+    })?;
+    bar.finish();
+    println!("{}: {} of {} episodes searched", args.out.display(), wanted.len(), recipes.len());
+    Ok(())
+}
+
+/// The stretches of a folder that [`run_mine`] filled, in the order of the episodes.
+pub fn read(folder: &Path) -> Result<Vec<Features>> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
+    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "safetensors"));
+    paths.sort();
+    let name =
+        |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let all = paths.last().and_then(|path| Some(name(path).get(9..14)?.parse::<usize>().ok())).flatten();
+    let all =
+        all.with_context(|| format!("{} holds nothing that `slipsense mine` wrote", folder.display()))?;
+    for (index, path) in paths.iter().enumerate() {
+        let wanted = format!("{:05}-of-{all:05}.safetensors", index + 1);
+        ensure!(name(path) == wanted, "{}: {wanted} is missing", folder.display());
+    }
+    ensure!(paths.len() == all, "{}: {} of {all} files are missing", folder.display(), all - paths.len());
+    let read = |path: &PathBuf| {
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        stretches_file::from_bytes(&bytes).with_context(|| path.display().to_string())
+    };
+    Ok(paths.iter().map(read).collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+}
+
+/// The hard stretches of `hours` of disturbances, for a training with this seed.
 pub fn mine(
     weights: &Weights,
     seed: u64,
@@ -32,24 +117,40 @@ pub fn mine(
     motion: Option<&Motion>,
     bar: &ProgressBar,
 ) -> Result<Vec<Features>> {
+    let found = search(weights, &recipes(seed, hours), motion, bar, |_, stretches| Ok(stretches))?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Disturbances of the laboratory's physics and of other families in turn.
+fn recipes(seed: u64, hours: f64) -> Vec<Recipe> {
     let count = (hours * 3600.0 / DISTURBANCES_SECONDS).ceil() as usize;
-    bar.set_length(count as u64);
     let first = |split: Split| EpisodeSet::first(split, seed + SEED_OFFSET, count.div_ceil(2)).episodes;
     let pairs = first(Split::TrainAnywhere).into_iter().zip(first(Split::Train));
-    let recipes: Vec<Recipe> =
-        pairs.flat_map(|(a, b)| [a, b]).map(|episode| disturbances(episode.recipe)).take(count).collect();
+    pairs.flat_map(|(a, b)| [a, b]).map(|episode| disturbances(episode.recipe)).take(count).collect()
+}
+
+/// Search the episodes of some recipes, some with recorded motion; `each` gets the stretches of one and its position.
+/// `bar` moves once an episode.
+fn search<T: Send>(
+    weights: &Weights,
+    recipes: &[Recipe],
+    motion: Option<&Motion>,
+    bar: &ProgressBar,
+    each: impl Fn(usize, Vec<Features>) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    bar.set_length(recipes.len() as u64);
     let device = Device::flex();
     let network = FloatNetwork::fixed(weights, &device);
-    let kept = generate_set(&recipes, |_, mut episode| {
+    let found = generate_set(recipes, |index, mut episode| {
         if let Some(motion) = motion {
             motion.add(&mut episode);
         }
         let features = Features::from_episode(&episode)?;
         let (_, outputs) = score_float(&network, &weights.dims, &features, &device);
         bar.inc(1);
-        anyhow::Ok(hard(&features, &outputs))
+        each(index, hard(&features, &outputs))
     })?;
-    Ok(kept.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+    found.into_iter().collect()
 }
 
 /// The hard stretches of an episode.

@@ -20,7 +20,7 @@ use crate::data::{Features, Source};
 use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::{ObjectUses, Use};
-use crate::mining::mine;
+use crate::mining::{self, mine};
 use crate::real_parts::Motion;
 use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
@@ -92,6 +92,9 @@ pub struct TrainArgs {
     /// Hours of disturbances of which --start's network picks what it takes for slip, to train on beside the episodes
     #[arg(long, value_name = "H", default_value_t = 0.0, requires = "start")]
     pub mine_hours: f64,
+    /// Folder of stretches that `slipsense mine` found, to train on beside the episodes
+    #[arg(long, value_name = "DIR")]
+    pub mined: Option<PathBuf>,
     /// What the surest frame of a slip's onset and the worst of 200 ms without slip count beside all others
     #[arg(long, value_name = "W", default_value_t = 2.0)]
     pub extreme_weight: f32,
@@ -187,6 +190,9 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         let bar = progress("mine", 0);
         train.extend(mine(&first, args.seed, args.mine_hours, motion.as_ref(), &bar)?);
         bar.finish();
+    }
+    if let Some(folder) = &args.mined {
+        train.extend(mining::read(folder)?);
     }
     let mined = train.iter().filter(|features| features.mined).count();
     let options = Options { extreme_weight: args.extreme_weight, ..Options::default() };
@@ -322,6 +328,9 @@ impl Run<'_> {
         }
         if args.mine_hours > 0.0 {
             recipe["mine_hours"] = json!(args.mine_hours);
+        }
+        if let Some(folder) = &args.mined {
+            recipe["mined"] = json!(folder);
         }
         if args.start.is_some() {
             recipe["start_sha256"] = json!(hash(&self.first)?);

@@ -9,8 +9,8 @@ use slipsense::net::Model;
 use slipsense_model::data::recipes;
 use slipsense_model::folder::{Use, use_of};
 use slipsense_model::weights::{Weights, dims_of_size};
-use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
-use slipsense_synth::ObjectChoice;
+use slipsense_model::{MineArgs, QuantizeArgs, TrainArgs, mining, run_mine, run_quantize, run_train};
+use slipsense_synth::{ObjectChoice, Shard};
 
 fn train_args(out: &Path) -> TrainArgs {
     TrainArgs {
@@ -28,6 +28,7 @@ fn train_args(out: &Path) -> TrainArgs {
         start: None,
         teacher: Vec::new(),
         mine_hours: 0.0,
+        mined: None,
         extreme_weight: 2.0,
         real_parts: None,
         resume: false,
@@ -164,4 +165,39 @@ fn a_folder_without_episodes_or_a_command_without_sense_is_refused() {
     fs::write(&blocked, "").unwrap();
     let message = error(TrainArgs { out: blocked.join("x"), ..args });
     assert!(message.starts_with("cannot make the folder"), "{message}");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
+fn parts_mine_what_one_run_mines() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("mined");
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights/slipsense.safetensors");
+    let args = MineArgs {
+        weights: shipped.clone(),
+        out: out.clone(),
+        hours: 0.02,
+        seed: 1,
+        real_parts: None,
+        shard: None,
+    };
+    let part = |text| run_mine(&MineArgs { shard: Some(Shard::parse(text).unwrap()), ..args.clone() });
+    let error = |error: anyhow::Error| format!("{error:#}");
+
+    part("2/2").unwrap();
+    let missing = error(mining::read(&out).unwrap_err());
+    assert!(missing.ends_with("00001-of-00004.safetensors is missing"), "{missing}");
+    part("1/2").unwrap();
+    let bar = indicatif::ProgressBar::hidden();
+    let whole = mining::mine(&Weights::read(&shipped).unwrap(), 1, 0.02, None, &bar).unwrap();
+    assert!(!whole.is_empty());
+    assert_eq!(mining::read(&out).unwrap(), whole);
+
+    let other = error(run_mine(&MineArgs { seed: 2, ..args }).unwrap_err());
+    assert!(other.contains("mine.json: other weights"), "{other}");
+    let second = out.join("00002-of-00004.safetensors");
+    let bytes = fs::read(&second).unwrap();
+    fs::write(&second, &bytes[..bytes.len() - 1]).unwrap();
+    let damaged = error(mining::read(&out).unwrap_err());
+    assert!(damaged.contains("00002-of-00004") && !damaged.contains('\n'), "{damaged}");
 }

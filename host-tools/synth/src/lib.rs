@@ -16,6 +16,7 @@ mod draw_log;
 mod mix;
 pub mod objects;
 mod recipe;
+mod shard;
 pub mod labels;
 mod field;
 mod contact;
@@ -48,4 +49,5 @@ pub use recipe::{
     ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, SynthError, VibrationContent,
 };
 pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
+pub use shard::Shard;
 pub use splits::{Split, content_hash};

@@ -13,12 +13,12 @@ use slipsense_eval::report;
 use slipsense_eval::results::Results;
 use slipsense_eval::run::{Candidate, Part, episodes_of, join, run_part};
 use slipsense_eval::source::{Handle, Input};
+use slipsense_synth::Shard;
 
 use super::inputs::{Frames, inputs};
 use super::{Print, written};
 use crate::bundled;
 use crate::output::{OutputDir, write_file};
-use crate::set_dir::Shard;
 
 /// Compare slip detectors on labelled episodes
 ///

@@ -50,6 +50,11 @@ pub enum Command {
         doc = "Turn a trained network into a model file (needs the feature `train`)"
     )]
     Quantize(train::QuantizeArgs),
+    #[cfg_attr(
+        not(feature = "train"),
+        doc = "Find hard examples that a trained network takes for slip (needs the feature `train`)"
+    )]
+    Mine(train::MineArgs),
     Tune(tune::Args),
     Grasp(grasp::Args),
     Busload(busload::Args),
@@ -84,6 +89,7 @@ impl Command {
             Self::Label(args) => args.run(),
             Self::Train(args) => train::train(&args),
             Self::Quantize(args) => train::quantize(&args),
+            Self::Mine(args) => train::mine(&args),
             Self::Tune(args) => args.run(),
             Self::Grasp(args) => args.run(),
             Self::Busload(args) => args.run(),

@@ -13,11 +13,11 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, PAPER_FRAMES, paper_set};
-use slipsense_synth::{Recipe, Split, content_hash, generate};
+use slipsense_synth::{Recipe, Shard, Split, content_hash, generate};
 
 use super::Print;
 use crate::output::{check_file, refuse_file};
-use crate::set_dir::{SetDir, Shard};
+use crate::set_dir::SetDir;
 use crate::summary::plural;
 
 /// Generate labelled synthetic episodes

@@ -1,13 +1,17 @@
-//! `slipsense train`, `quantize` and `reproduce`: part of a build with the feature `train`, which compiles tensor
+//! `slipsense train`, `mine`, `quantize` and `reproduce`: part of a build with the feature `train`, which compiles tensor
 //! libraries; any other build says how to get them.
 
 #[cfg(feature = "train")]
 pub use slipsense_model::{
-    QuantizeArgs, ReproduceArgs, TrainArgs, run_reproduce as reproduce, run_train as train,
+    MineArgs, QuantizeArgs, ReproduceArgs, TrainArgs, run_mine as mine, run_reproduce as reproduce,
+    run_train as train,
 };
 
 #[cfg(not(feature = "train"))]
-pub use without::{NotInBuild as QuantizeArgs, NotInBuild as ReproduceArgs, NotInBuild as TrainArgs, *};
+pub use without::{
+    NotInBuild as MineArgs, NotInBuild as QuantizeArgs, NotInBuild as ReproduceArgs, NotInBuild as TrainArgs,
+    *,
+};
 
 /// Turn a trained network into a model file.
 #[cfg(feature = "train")]
@@ -27,6 +31,10 @@ mod without {
 
     pub fn train(args: &NotInBuild) -> Result<()> {
         args.refuse("train")
+    }
+
+    pub fn mine(args: &NotInBuild) -> Result<()> {
+        args.refuse("mine")
     }
 
     pub fn quantize(args: &NotInBuild) -> Result<()> {

@@ -56,6 +56,7 @@ pub mod slcan;
 mod whole_file;
 
 pub use episode::Episode;
+pub use episode_file::EpisodeReader;
 pub use error::{EpisodeError, Problem};
 pub use meta::{Meta, XL_RATE_TOLERANCE};
 pub use predictions::{Predictions, logmel_g2, logmel_std};

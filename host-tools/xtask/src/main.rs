@@ -22,6 +22,7 @@ mod table;
 mod test;
 mod toolchain;
 mod twin;
+mod web;
 
 /// Developer commands of SlipSense.
 #[derive(Parser)]
@@ -51,6 +52,8 @@ enum Command {
     FrontEnd(front_end::Options),
     /// Build and run the ROS 2 node; ROS' own parser and another DDS check its messages
     Ros2,
+    /// Make the live page as one file that needs no server: the pipeline in it as WebAssembly
+    Web(web::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -66,6 +69,7 @@ fn main() -> ExitCode {
         Command::Cmsis(options) => cmsis::print(&options),
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Ros2 => ros2::whole(),
+        Command::Web(options) => web::make(&options).map(|()| true),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

@@ -219,6 +219,7 @@ def figures(browser, slipsense, episode, out):
     browser.value("document.getElementById('fps').textContent = ''")
     rate = until("the rate is shown", lambda: browser.value("document.getElementById('fps').textContent"))
     print(f"  three sensors: {rate}, drawn without a graphics card")
+    browser.picture(out / "three.png")
     view.close()
     frames = repeated(path, episode, 1, 3600)
     start = time.monotonic()
@@ -227,6 +228,11 @@ def figures(browser, slipsense, episode, out):
     until("the first picture", lambda: shown(browser) > 0)
     print(f"  an hour of one sensor, {path.stat().st_size / 1e6:.0f} MB: {time.monotonic() - start:.2f} s from the command to a "
           f"picture that moves, {browser.value('sessions[0].marks.length')} of {frames} frames decided by then")
+    until("more than a minute is known", lambda: browser.value("sessions[0].marks.length") > 90 * FRAME_RATE_HZ)
+    go_to(browser, 70 * FRAME_RATE_HZ)
+    require(not browser.value("sessions[0].$('minute').parentElement.hidden")
+            and browser.value(BRIGHT.format("canvas.minute", 0)) > 1000, "the last minute has its strip")
+    browser.picture(out / "hour.png")
     view.close()
     path.unlink()
 

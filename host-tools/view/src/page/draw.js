@@ -34,7 +34,7 @@ class SensorPanel {
     this.state = state;
     // Power relative to 1 g², or to 1 LSB² where nobody says what a step of the accelerometer is.
     this.unitDb = state.xl_lsb_g ? 20 * Math.log10(state.xl_lsb_g) : 0;
-    this.dbName = state.xl_lsb_g ? "dB of 1 g²" : "dB of 1 LSB²";
+    this.dbName = state.xl_lsb_g ? "dB re 1 g²" : "dB re 1 LSB²";
     this.element = document.createElement("div");
     this.element.className = "sensor";
     const [low, high] = MEL_RANGE.map((nat) => this.db(256 * nat).toFixed(0)), hz = state.mel_hz.map((hz) => hz.toFixed(0));
@@ -83,8 +83,8 @@ class SensorPanel {
       this.pad.stroke();
     }
     // kPa times mm² is mN.
-    const force = `${((sum * this.state.taxel_mm2) / 1000).toFixed(1)} N · peak ${peak.toFixed(0)} kPa by the nominal film`;
-    this.numbers.textContent = (sensor.taxels ? force : "no raw data") + ` · sum ${sensor.sum} · ${sensor.area} taxels · ` +
+    const force = `${((sum * this.state.taxel_mm2) / 1000).toFixed(1)} N, peak ${peak.toFixed(0)} kPa (nominal film)`;
+    this.numbers.textContent = (sensor.taxels ? force : `no raw data · sum ${sensor.sum}`) + ` · ${sensor.area} taxels · ` +
       (sensor.area > 0 ? `centre ${sensor.row.toFixed(1)}, ${sensor.col.toFixed(1)}` : "no contact");
     this.health.textContent = named(HEALTH, sensor.health) || "healthy";
     this.health.classList.toggle("bad", (sensor.health & ~NO_FAULT) !== 0);

@@ -133,7 +133,7 @@ class Session {
           event = new Option(`${time(first + i)} s  ${name}`, first + i);
           options.append(event);
         } else if (!isSet && event) {
-          event.text += ` · ${time(first + i - Number(event.value))} s`;
+          event.text += ` for ${time(first + i - Number(event.value))} s`;
           event = undefined;
         }
       }
@@ -216,7 +216,7 @@ class Session {
       panel.drawPad(shown.sensor(index));
       panel.drawMel(parts, low, index);
     });
-    this.lamp("class", true, ["no contact", "contact", "slip"][shown.class] || "?", `--c${shown.class}`);
+    this.lamp("class", true, `class: ${["no contact", "contact", "slip"][shown.class] || "?"}`, `--c${shown.class}`);
     this.lamp("may-begin", shown.flags & MAY_BEGIN, "may begin", "--c2");
     this.lamp("slip", shown.flags & SLIP, "slip", "--flag");
     this.$("slip").style.textDecoration = shown.invalid ? "line-through" : "";

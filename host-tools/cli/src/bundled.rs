@@ -14,7 +14,7 @@ pub const MODEL: &[u8] = &Aligned(*include_bytes!("../../../model/weights/slipse
 pub const WEIGHTS: &[u8] = include_bytes!("../../../model/weights/slipsense.safetensors");
 
 /// The demo's episode, synthetic, made from `demo/recipe.json`.
-const EPISODE: &[u8] = include_bytes!("../demo/episode.npz");
+pub const EPISODE: &[u8] = include_bytes!("../demo/episode.npz");
 
 /// What the bundled files are called where a path would stand.
 pub const NAME: &str = "bundled";

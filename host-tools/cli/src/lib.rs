@@ -20,7 +20,7 @@ mod grasp;
 #[cfg(feature = "full")]
 mod hil;
 #[cfg(feature = "full")]
-mod view;
+mod page_server;
 mod commands;
 
 use std::ffi::OsString;

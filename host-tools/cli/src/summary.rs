@@ -197,10 +197,9 @@ impl Summary {
 impl EpisodeInfo {
     pub fn new(episode: &Episode, name: &str) -> Self {
         let text = |key: &str| episode.meta.other.get(key).and_then(|v| v.as_str()).map(str::to_owned);
-        let says = |key: &str| text(key).is_some_and(|v| v.to_lowercase().contains("synthetic"));
         Self {
             name: name.to_owned(),
-            synthetic: says("source") || says("platform"),
+            synthetic: episode.meta.is_synthetic(),
             source: text("source"),
             object: text("object"),
             speed_mm_s: episode.meta.other.get("speed_mm_s").and_then(|v| v.as_f64()),

@@ -88,10 +88,15 @@ impl Episode {
     /// Check every rule of the format that the types do not enforce. The counts are not among them:
     /// a [`PiezoFrame`] cannot hold a wrong one.
     pub fn validate(&self) -> Result<(), Problem> {
+        self.validate_beside(self.piezo.len())
+    }
+
+    /// The same where the scans, so many, are not here.
+    pub(crate) fn validate_beside(&self, scans: usize) -> Result<(), Problem> {
         self.meta.validate()?;
-        self.validate_lengths()?;
+        self.validate_lengths(scans)?;
         self.validate_xl_end()?;
-        let frames = 0..self.frames();
+        let frames = 0..scans / self.sensors;
         if let Some(label) = &self.label
             && let Some(f) = frames.clone().find(|&f| label[f] > 2)
         {
@@ -122,7 +127,7 @@ impl Episode {
         ]
     }
 
-    fn validate_lengths(&self) -> Result<(), Problem> {
+    fn validate_lengths(&self, scans: usize) -> Result<(), Problem> {
         let sensors = self.sensors;
         if !(1..=MAX_SENSORS).contains(&sensors) {
             return Err(Problem::array(
@@ -130,11 +135,10 @@ impl Episode {
                 format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}"),
             ));
         }
-        if self.piezo.is_empty() {
+        if scans == 0 {
             return Err(Problem::array("piezo", "holds no frame, must hold at least one"));
         }
-        if !self.piezo.len().is_multiple_of(sensors) {
-            let scans = self.piezo.len();
+        if !scans.is_multiple_of(sensors) {
             return Err(Problem::array(
                 "piezo",
                 format!("{scans} scans are not a multiple of {sensors} sensors"),
@@ -148,7 +152,7 @@ impl Episode {
             let rule = format!("sensor {s} has {} samples, must be {samples} as sensor 0", self.xl[s].len());
             return Err(Problem::array("xl", rule));
         }
-        let frames = self.frames();
+        let frames = scans / sensors;
         let of_frames = |array, len, must| match len == must {
             true => Ok(()),
             false => {

@@ -59,6 +59,7 @@ pub mod slcan;
 mod whole_file;
 
 pub use episode::Episode;
+pub use episode_file::EpisodeReader;
 pub use error::{EpisodeError, Problem};
 pub use health::{HEALTH, words};
 pub use meta::{Meta, XL_RATE_TOLERANCE};

@@ -34,6 +34,12 @@ impl Meta {
         }
     }
 
+    /// Does the writer say that the data were generated?
+    pub fn is_synthetic(&self) -> bool {
+        let says = |key| self.other.get(key).and_then(Value::as_str).map(str::to_lowercase);
+        ["source", "platform"].into_iter().filter_map(says).any(|text| text.contains("synthetic"))
+    }
+
     /// Read UTF-8 JSON: one object, as in the `meta` array.
     pub fn from_json(json: &[u8]) -> Result<Self, Problem> {
         let text = std::str::from_utf8(json).map_err(|e| {

@@ -24,6 +24,7 @@ mod table;
 mod test;
 mod toolchain;
 mod twin;
+mod web;
 
 /// Developer commands of SlipSense.
 #[derive(Parser)]
@@ -56,6 +57,8 @@ enum Command {
     /// Let lerobot write our episodes as a data set and read them; downloads 3 GB, PyTorch
     Lerobot,
     Release(release::Options),
+    /// Make the live page as one file that needs no server: the pipeline in it as WebAssembly
+    Web(web::Options),
     /// Make the shipped model from nothing: train, quantize, choose the operating point
     Retrain(retrain::Options),
 }
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Command::Ros2 => ros2::whole(),
         Command::Lerobot => package::lerobot(),
         Command::Release(options) => release::make(&options),
+        Command::Web(options) => web::make(&options).map(|()| true),
         Command::Retrain(options) => retrain::retrain(&options),
     };
     match result {

@@ -1,14 +1,15 @@
-//! Which compiler builds for the Cortex-M7.
+//! Which compiler builds for the Cortex-M7, and for WebAssembly.
 //!
 //! 1. The target of the compiler in use, if it is installed.
 //! 2. Else rustup installs it.
 //! 3. Else, or where the environment variable `SLIPSENSE_TOOLCHAIN` is `debian`: Debian's compiler, which
-//!    builds the `core` library from Debian's sources. It has a target directory of its own, because its
+//!    builds the standard library from Debian's sources. It has a target directory of its own, because its
 //!    version differs.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::OnceLock;
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, bail};
 
@@ -16,10 +17,11 @@ use crate::process::{answer, apt_install, cargo, command, find, lock, run, targe
 
 /// The Cortex-M7 with double-precision FPU.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
+pub const WEB_TARGET: &str = "wasm32-unknown-unknown";
 const VARIABLE: &str = "SLIPSENSE_TOOLCHAIN";
 const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld"];
 
-/// A compiler for [`TARGET`].
+/// A compiler for a target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Toolchain {
     /// The one that built this program.
@@ -29,38 +31,68 @@ pub enum Toolchain {
 }
 
 impl Toolchain {
-    /// Find or install one. Decided once per run.
+    /// Find or install one for the Cortex-M7.
     pub fn get() -> Result<Self> {
-        static DECIDED: OnceLock<Toolchain> = OnceLock::new();
-        match DECIDED.get() {
-            Some(&toolchain) => Ok(toolchain),
-            None => decide().map(|toolchain| *DECIDED.get_or_init(|| toolchain)),
-        }
+        Self::of(TARGET)
     }
 
-    /// `cargo build` or another command for the target, with the profile for the board and warnings denied. The
-    /// compiler lists what each function takes of the stack, which leaves the code as it is; it calls the option
-    /// unstable, hence the permission. All builds have the same flags, so that they share their dependencies.
+    /// Find or install one for a target. Decided once per run.
+    pub fn of(target: &'static str) -> Result<Self> {
+        static DECIDED: Mutex<BTreeMap<&str, Toolchain>> = Mutex::new(BTreeMap::new());
+        let mut decided = DECIDED.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(&toolchain) = decided.get(target) {
+            return Ok(toolchain);
+        }
+        let toolchain = decide(target)?;
+        decided.insert(target, toolchain);
+        Ok(toolchain)
+    }
+
+    /// `cargo build` or another command for the Cortex-M7, with the profile for the board and warnings denied. The
+    /// compiler lists what each function takes of the stack, which leaves the code as it is. All builds have the same
+    /// flags, so that they share their dependencies. Names of functions are looked up in the program, so every compiler
+    /// has to write them the same way.
     pub fn cargo(self, subcommand: &str) -> Command {
-        self.cargo_in(subcommand, &self.target_dir(), &[])
+        self.cargo_in(subcommand, &self.target_dir(TARGET), &[])
     }
 
     /// The same into another folder, with more flags of the compiler.
     pub fn cargo_in(self, subcommand: &str, target_dir: &Path, flags: &[String]) -> Command {
+        let ours = ["-Dwarnings", "-Csymbol-mangling-version=v0", "-Zemit-stack-sizes"].map(str::to_owned);
+        let flags = [&ours, flags].concat();
+        self.cargo_for(subcommand, TARGET, "firmware", target_dir, &flags, ("core", "ld.lld"))
+    }
+
+    /// `cargo` for WebAssembly, with the vector instructions that every browser of today has.
+    pub fn web_cargo(self, subcommand: &str, profile: &str) -> Command {
+        let flags = ["-Dwarnings", "-Ctarget-feature=+simd128"].map(str::to_owned);
+        let libraries = ("std,panic_abort", "wasm-ld");
+        self.cargo_for(subcommand, WEB_TARGET, profile, &self.target_dir(WEB_TARGET), &flags, libraries)
+    }
+
+    fn cargo_for(
+        self,
+        subcommand: &str,
+        target: &str,
+        profile: &str,
+        target_dir: &Path,
+        flags: &[String],
+        (libraries, linker): (&str, &str),
+    ) -> Command {
         let mut build = match self {
             Self::Host => cargo(),
             Self::Debian => command("/usr/bin/cargo"),
         };
+        // The compiler calls some options unstable, hence the permission.
         build.env("RUSTC_BOOTSTRAP", "1");
-        build.args([subcommand, "--profile", "firmware", "--target", TARGET, "--target-dir"]);
+        build.args([subcommand, "--profile", profile, "--target", target, "--target-dir"]);
         build.arg(target_dir);
-        // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them. Names of functions
-        // are looked up in the program, so every compiler has to write them the same way.
-        let ours = ["-Dwarnings", "-Csymbol-mangling-version=v0", "-Zemit-stack-sizes"].map(str::to_owned);
-        build.args(["--config", &format!("target.{TARGET}.rustflags={:?}", [&ours, flags].concat())]);
+        // Adds to the flags in .cargo/config.toml; the variable RUSTFLAGS would replace them.
+        build.args(["--config", &format!("target.{target}.rustflags={flags:?}")]);
         if self == Self::Debian {
-            build.env("RUSTC", "/usr/bin/rustc").env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
-            build.arg("-Zbuild-std=core");
+            let variable = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace('-', "_"));
+            build.env("RUSTC", "/usr/bin/rustc").env(variable, linker);
+            build.arg(format!("-Zbuild-std={libraries}"));
         }
         build
     }
@@ -73,32 +105,37 @@ impl Toolchain {
 
     /// The program of this name that `cargo build` made.
     pub fn program(self, name: &str) -> PathBuf {
-        self.target_dir().join(TARGET).join("firmware").join(name)
+        self.output(TARGET, "firmware").join(name)
     }
 
-    fn target_dir(self) -> PathBuf {
+    /// Where a build for this target with this profile lies.
+    pub fn output(self, target: &str, profile: &str) -> PathBuf {
+        self.target_dir(target).join(target).join(profile)
+    }
+
+    fn target_dir(self, target: &str) -> PathBuf {
         match self {
             Self::Host => target_dir(),
-            Self::Debian => target_dir().join("debian-thumb"),
+            Self::Debian => target_dir().join(if target == TARGET { "debian-thumb" } else { "debian-wasm" }),
         }
     }
 }
 
-fn decide() -> Result<Toolchain> {
+fn decide(target: &str) -> Result<Toolchain> {
     // Steps of the test command would install the same at the same time.
     let _lock = lock("toolchain")?;
     match std::env::var(VARIABLE).as_deref() {
         Err(_) | Ok("") => {}
-        Ok("debian") => return debian(&format!("{VARIABLE} asks for it")),
+        Ok("debian") => return debian(target, &format!("{VARIABLE} asks for it")),
         Ok(other) => bail!("{VARIABLE} is `{other}`; it may be `debian` or unset"),
     }
-    if is_installed() {
+    if is_installed(target) {
         return Ok(Toolchain::Host);
     }
     if find("rustup").is_some() {
-        eprintln!("ARM compiler: rustup adds the target {TARGET}");
+        eprintln!("rustup adds the target {target}");
         let mut rustup = command("rustup");
-        rustup.args(["target", "add", TARGET]);
+        rustup.args(["target", "add", target]);
         if let Some(toolchain) = std::env::var_os("RUSTUP_TOOLCHAIN") {
             rustup.env("RUSTUP_TOOLCHAIN", toolchain);
         }
@@ -107,7 +144,7 @@ fn decide() -> Result<Toolchain> {
             Err(error) => eprintln!("rustup cannot: {error}"),
         }
     }
-    debian("the target is not installed and rustup cannot add it")
+    debian(target, "the target is not installed and rustup cannot add it")
 }
 
 fn host_rustc() -> Command {
@@ -118,8 +155,8 @@ fn host_rustc() -> Command {
     rustc
 }
 
-fn is_installed() -> bool {
-    let libdir = answer(host_rustc().args(["--print", "target-libdir", "--target", TARGET]));
+fn is_installed(target: &str) -> bool {
+    let libdir = answer(host_rustc().args(["--print", "target-libdir", "--target", target]));
     let holds_core = |dir: &Path| {
         let names = dir.read_dir().into_iter().flatten().flatten();
         names.map(|entry| entry.file_name()).any(|name| name.to_string_lossy().starts_with("libcore-"))
@@ -127,9 +164,9 @@ fn is_installed() -> bool {
     libdir.is_some_and(|dir| holds_core(Path::new(&dir)))
 }
 
-fn debian(why: &str) -> Result<Toolchain> {
+fn debian(target: &str, why: &str) -> Result<Toolchain> {
     if !debian_is_complete() {
-        apt_install(&DEBIAN_PACKAGES, "building for the Cortex-M7 with Debian's compiler")?;
+        apt_install(&DEBIAN_PACKAGES, &format!("building for {target} with Debian's compiler"))?;
     }
     if !debian_is_complete() {
         bail!(
@@ -138,7 +175,7 @@ fn debian(why: &str) -> Result<Toolchain> {
         );
     }
     let version = Toolchain::Debian.version().unwrap_or_default();
-    eprintln!("ARM compiler: Debian's {version}, {why}");
+    eprintln!("compiler for {target}: Debian's {version}, {why}");
     Ok(Toolchain::Debian)
 }
 

@@ -122,25 +122,41 @@ impl<T: Scalar, R: Read + Seek> Array<'_, T, R> {
     }
 
     /// Read all elements, C order. The archive's checksum is verified.
-    pub fn read(mut self) -> Result<Vec<T>, Problem> {
-        let name = self.name;
-        let damaged = |e: std::io::Error| Problem::array(name, format!("data is cut short or damaged: {e}"));
+    pub fn read(self) -> Result<Vec<T>, Problem> {
         let mut values = Vec::new();
         values.try_reserve_exact(self.elements).map_err(|_| {
-            Problem::array(name, format!("shape is {:?}, more than memory holds", self.shape))
+            Problem::array(self.name, format!("shape is {:?}, more than memory holds", self.shape))
         })?;
-        let mut chunk = vec![0; CHUNK_BYTES];
-        let mut bytes_left = self.elements * T::BYTES;
-        while bytes_left > 0 {
-            let part = &mut chunk[..bytes_left.min(CHUNK_BYTES)];
-            self.entry.read_exact(part).map_err(damaged)?;
-            values.extend(part.chunks_exact(T::BYTES).map(T::from_le));
-            bytes_left -= part.len();
-        }
-        // Reading past the end is what makes the zip reader compare the checksum.
-        if self.entry.read(&mut chunk[..1]).map_err(damaged)? != 0 {
+        self.blocks(CHUNK_BYTES / T::BYTES).try_for_each(|block| block.map(|block| values.extend(block)))?;
+        Ok(values)
+    }
+
+    /// The same in blocks of so many elements, each read when it is asked for; the last may be shorter. The checksum
+    /// is compared after it.
+    pub fn blocks(mut self, elements: usize) -> impl Iterator<Item = Result<Vec<T>, Problem>> {
+        let mut left = Some(self.elements);
+        std::iter::from_fn(move || {
+            let now = left?.min(elements);
+            left = left.map(|left| left - now);
+            let block = self.block(now);
+            if now == 0 || block.is_err() {
+                left = None;
+            }
+            if now == 0 { block.err().map(Err) } else { Some(block) }
+        })
+    }
+
+    /// So many elements; with 0 the end is checked.
+    fn block(&mut self, elements: usize) -> Result<Vec<T>, Problem> {
+        let name = self.name;
+        let damaged = |e: std::io::Error| Problem::array(name, format!("data is cut short or damaged: {e}"));
+        let mut bytes = vec![0; (elements * T::BYTES).max(1)];
+        if elements > 0 {
+            self.entry.read_exact(&mut bytes).map_err(damaged)?;
+        } else if self.entry.read(&mut bytes).map_err(damaged)? != 0 {
+            // Reading past the end is what makes the zip reader compare the checksum.
             return Err(Problem::array(name, format!("shape is {:?}, but more data follows", self.shape)));
         }
-        Ok(values)
+        Ok(bytes.chunks_exact(T::BYTES).take(elements).map(T::from_le).collect())
     }
 }

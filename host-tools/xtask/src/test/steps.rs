@@ -13,7 +13,7 @@ use crate::process::{
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
-use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin};
+use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin, web};
 
 /// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -183,7 +183,11 @@ pub const STEPS: &[Step] = &[
         "the Python package: its wheel in an empty environment, bit for bit as the command; a notebook, a cluster of two",
         |context| package::step(&demo_files(context, "python")?),
     ),
-    HOST.step("view", "the page of `slipsense view` in a headless Chromium", view),
+    Step { compiles: true, ..HOST }.step(
+        "view",
+        "the live page in a headless Chromium, served and as one file with the pipeline as WebAssembly",
+        view,
+    ),
     HOST.step(
         "linux",
         "record, replay and monitor on SocketCAN of Debian's kernel in QEMU: no frame lost",
@@ -358,9 +362,11 @@ fn view(context: Context) -> Result<()> {
         apt_install(&[BROWSER], "looking at the page of `slipsense view`")?;
     }
     let out = demo_files(context, "view")?;
+    let page = web::Options { out: out.join("page.html") };
+    web::make(&page)?;
     let mut check = script("check_view.py")?;
-    check.arg(program("slipsense", context)?);
-    run(check.arg(out.join("predictions.npz")).arg(out.join("can.log")).arg(&out))
+    check.arg(program("slipsense", context)?).arg(page.out).arg(DEMO_EPISODE).arg(out.join("can.log"));
+    run(check.arg("model/weights/slipsense.slipnet").arg(out))
 }
 
 /// The demo's traffic recorded, converted and read by the programs that people have.

@@ -1,7 +1,7 @@
-//! `slipsense view`: a recording or a live bus on a page of this computer.
+//! `slipsense view`: recordings or a live bus on a page of this computer.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, stdin};
+use std::io::{BufRead, BufReader, Cursor, Read, Seek, stdin};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
@@ -10,120 +10,195 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::{Context, Result, ensure};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::wire::NodeId;
-use slipsense_recording::Episode;
+use slipsense_recording::EpisodeReader;
+use slipsense_view::frames::{Frames, Session};
+use slipsense_view::source;
 
 use super::convert::node_id;
-use super::{ModelArg, print};
+use super::print;
 use crate::bundled::{self, NamedModel};
-use crate::summary::EpisodeInfo;
-use crate::view::server::PageServer;
-use crate::view::store::{Session, Store};
-use crate::view::{record, source};
+use crate::page_server::{PageServer, Shared};
 
 const STANDARD_INPUT: &str = "-";
+/// Columns of the page.
+const SESSIONS_MAX: usize = 4;
 
-/// Show an episode, a CAN log or a live bus on a page of this computer
+/// Show recordings or a live bus on a page of this computer
 ///
-/// Pressure maps, log-mel, logits, flags and health of up to three sensors, with the truth where an
+/// Pressure maps, log-mel, logits, flags, events and health of up to three sensors, with the truth where an
 /// episode has labels. Opens nothing to the network: the page is served to this computer only, and works without
-/// internet. An episode goes through the pipeline here; of a log or a bus the module's own decisions are shown, and
-/// its samples become log-mel here.
+/// internet. An episode goes through the pipeline here, and is shown while the rest of it is read; of a log or a bus
+/// the module's own decisions are shown, and its samples become log-mel here. Several recordings, or several models,
+/// are shown side by side.
 #[derive(clap::Args)]
 #[command(after_help = "\
 On the page: space plays and pauses, the arrows step a frame (with shift a second), n and p go to the next and
-previous slip, home and end to the ends; the strip at the bottom is the whole recording, click it.
+previous event, home and end to the ends; the strip at the bottom is the whole recording, click it.
 
 Examples:
   slipsense view                                  the bundled synthetic episode
   slipsense view grasp.npz --port 8421
+  slipsense view before.npz after.npz             two recordings side by side
+  slipsense view grasp.npz --model bundled --model mine.slipnet    two models
   slipsense view out/demo/can.log                 a candump log
   candump -L can0 | slipsense view - --node 42    a live bus
   slipsense view - < can.log                      a log as if it were live
 
 Ends with Ctrl-C.")]
 pub struct Args {
-    /// An episode (.npz), a candump log, or - for a candump log on standard input, which may be a live bus; the
-    /// bundled episode if not given
+    /// Episodes (.npz), candump logs, or - for a candump log on standard input, which may be a live bus; the
+    /// bundled episode if none is given
     #[arg(value_name = "FILE")]
-    file: Option<PathBuf>,
+    files: Vec<PathBuf>,
     /// Port of this computer to serve the page on; 0 takes any that is free
     #[arg(long, value_name = "PORT", default_value_t = 8420)]
     port: u16,
     /// Address of the module on the bus, for logs
     #[arg(long, value_name = "ID", default_value = "42", value_parser = node_id)]
     node: NodeId,
-    #[command(flatten)]
-    model: ModelArg,
-    /// Keep this many seconds; older frames are dropped. A second of three sensors takes 1.5 MB
-    #[arg(long, value_name = "S", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    /// Model file, or `bundled`; may be given several times
+    #[arg(long, value_name = "FILE", default_value = bundled::NAME)]
+    model: Vec<PathBuf>,
+    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes some KEEP_GB GB
+    #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=86400))]
     keep_s: u32,
 }
 
+/// What an episode is read from.
+trait Input: Read + Seek + Send {}
+impl<T: Read + Seek + Send> Input for T {}
+
 enum Source {
-    Episode(Box<Episode>, NamedModel),
-    Log(Box<dyn BufRead + Send>),
+    Episode(Box<EpisodeReader<Box<dyn Input>>>, NamedModel),
+    Log(Box<dyn BufRead + Send>, NodeId),
+}
+
+impl Source {
+    /// Take all frames; why there are no more, where that is a fault.
+    fn run(self, to: &Shared) -> Option<String> {
+        match self {
+            Self::Episode(mut file, model) => match model.parse() {
+                Ok(model) => match source::episode(&mut file, model) {
+                    Ok(records) => to.fill(records),
+                    Err(problem) => Some(problem.to_string()),
+                },
+                Err(error) => Some(format!("{error:#}")),
+            },
+            Self::Log(log, node) => to.fill(source::log(log, node)),
+        }
+    }
 }
 
 impl Args {
     pub fn run(self) -> Result<()> {
-        let (name, source, live) = self.source()?;
-        let (sensors, synthetic) = match &source {
-            Source::Episode(episode, _) => {
-                (episode.sensors, Some(EpisodeInfo::new(episode, &name).synthetic))
-            }
-            // The number of sensors is in the module's first message.
-            Source::Log(_) => (MAX_SENSORS, None),
-        };
-        let session = Session {
-            id: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64),
-            name,
-            synthetic,
-            sensors,
-            record_bytes: record::bytes(sensors),
-            frame_rate_hz: FRAME_RATE_HZ,
-            live,
-        };
+        let sources = self.sources()?;
+        let count = sources.len();
+        ensure!(
+            count <= SESSIONS_MAX,
+            "{count} recordings and models: the page shows at most {SESSIONS_MAX}"
+        );
         let server = PageServer::bind(self.port)?;
-        let store = Arc::new(Store::new(session, self.keep_s as usize * FRAME_RATE_HZ as usize));
-        let (filled, node) = (Arc::clone(&store), self.node);
-        thread::spawn(move || {
-            let done = match source {
-                Source::Episode(episode, model) => {
-                    model.parse().and_then(|model| Ok(source::run_episode(&episode, model, &filled)?))
-                }
-                Source::Log(log) => source::run_log(log, node, &filled).map_err(anyhow::Error::from),
-            };
-            let problem = done.err().map(|error| format!("{error:#}"));
-            problem.iter().for_each(|problem| eprintln!("error: {problem}"));
-            filled.end(problem);
-        });
+        let keep = self.keep_s as usize * FRAME_RATE_HZ as usize;
+        let (sessions, sources): (Vec<_>, Vec<_>) = sources
+            .into_iter()
+            .map(|(session, source)| (Shared::new(Frames::new(session, keep)), source))
+            .unzip();
+        let sessions = Arc::new(sessions);
+        for (index, source) in sources.into_iter().enumerate() {
+            let sessions = Arc::clone(&sessions);
+            thread::spawn(move || {
+                let problem = source.run(&sessions[index]);
+                problem.iter().for_each(|problem| eprintln!("error: {problem}"));
+                sessions[index].end(problem);
+            });
+        }
         print(&format!("{}\n", server.url()))?;
-        server.serve(&store);
+        server.serve(&sessions);
         Ok(())
     }
 
-    /// Name, source, and whether its frames come in real time.
-    fn source(&self) -> Result<(String, Source, bool)> {
-        let model = self.model.read()?;
-        model.parse()?;
-        let Some(path) = &self.file else {
-            let episode = Box::new(bundled::episode()?);
-            return Ok(("bundled episode".to_owned(), Source::Episode(episode, model), false));
-        };
-        let name =
-            path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into());
-        if path.extension().is_some_and(|extension| extension == "npz") {
-            return Ok((name, Source::Episode(Box::new(Episode::read(path)?), model), false));
+    /// Each recording with each model; a log, which holds its module's decisions, once.
+    fn sources(&self) -> Result<Vec<(Session, Source)>> {
+        let standard_input = self.files.iter().filter(|path| *path == Path::new(STANDARD_INPUT)).count();
+        ensure!(standard_input <= 1, "-: standard input can be read once, not {standard_input} times");
+        for model in &self.model {
+            named_model(model)?;
         }
-        ensure!(
-            self.model.model.is_none(),
-            "--model: a log holds the module's own decisions; a model is for episodes"
-        );
-        if path == Path::new(STANDARD_INPUT) {
-            let log = Box::new(BufReader::new(stdin()));
-            return Ok(("standard input".to_owned(), Source::Log(log), true));
+        let bundled = [PathBuf::from(bundled::NAME)];
+        let files = if self.files.is_empty() { &bundled[..] } else { &self.files };
+        let mut sources = Vec::new();
+        for path in files {
+            let is_episode =
+                self.files.is_empty() || path.extension().is_some_and(|extension| extension == "npz");
+            if !is_episode {
+                let own_model = self.model.iter().find(|model| *model != Path::new(bundled::NAME));
+                ensure!(
+                    own_model.is_none(),
+                    "--model: a log holds the module's own decisions; a model is for episodes"
+                );
+                sources.push(self.log(path)?);
+                continue;
+            }
+            for model in &self.model {
+                sources.push(self.episode(path, model)?);
+            }
         }
-        let file = File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
-        Ok((name, Source::Log(Box::new(BufReader::new(file))), false))
+        Ok(sources)
     }
+
+    fn session(&self, path: &Path, live: bool) -> Session {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        let name =
+            path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into());
+        Session {
+            id: since.map_or(0, |since| since.as_millis() as u64),
+            name,
+            model: None,
+            synthetic: None,
+            xl_lsb_g: None,
+            // Of a log: the number of sensors is in the module's first message.
+            sensors: MAX_SENSORS,
+            live,
+        }
+    }
+
+    fn episode(&self, path: &Path, model: &Path) -> Result<(Session, Source)> {
+        let mut session = self.session(path, false);
+        let (input, name): (Box<dyn Input>, _) = if self.files.is_empty() {
+            session.name = "bundled episode".to_owned();
+            (Box::new(Cursor::new(bundled::EPISODE)), Path::new(bundled::NAME))
+        } else {
+            let file = File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
+            (Box::new(BufReader::with_capacity(1 << 16, file)), path)
+        };
+        let file = EpisodeReader::new(input, name)?;
+        let model = named_model(model)?;
+        let episode = file.episode();
+        session.model = Some(model.name.clone());
+        session.synthetic = Some(episode.meta.is_synthetic());
+        session.xl_lsb_g = Some(episode.meta.xl_lsb_g);
+        session.sensors = episode.sensors;
+        Ok((session, Source::Episode(Box::new(file), model)))
+    }
+
+    fn log(&self, path: &Path) -> Result<(Session, Source)> {
+        let is_live = path == Path::new(STANDARD_INPUT);
+        let mut session = self.session(path, is_live);
+        let log: Box<dyn BufRead + Send> = if is_live {
+            session.name = "standard input".to_owned();
+            Box::new(BufReader::new(stdin()))
+        } else {
+            let file =
+                File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
+            Box::new(BufReader::with_capacity(1 << 16, file))
+        };
+        Ok((session, Source::Log(log, self.node)))
+    }
+}
+
+/// A model that can be used.
+fn named_model(path: &Path) -> Result<NamedModel> {
+    let model = bundled::model(Some(path).filter(|path| *path != Path::new(bundled::NAME)))?;
+    model.parse()?;
+    Ok(model)
 }

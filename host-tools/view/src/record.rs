@@ -8,7 +8,7 @@
 //! | 1 | class: 0 no contact, 1 contact without slip, 2 slip |
 //! | 1 | flags: 1 slip, 2 slip may begin, 4 the truth is known, 8 slip in truth |
 //! | 1, 1 | sensors in use; why slip must not be believed |
-//! | 12 | logits, 1/256 nat |
+//! | 12 | logits, 1/1024 nat; of a log in steps of 1/256 |
 //! | 1, 1 | late frames so far, modulo 256; what makes slip worse |
 //! | 6 | unused |
 //!
@@ -24,10 +24,11 @@
 //! | 32 | log-mel power of the 16 bins, natural log of LSB², 1/256 nat |
 //! | 2048 | counts of the 32 × 32 taxels, row by row |
 //!
-//! `page/record.js` reads it.
+//! `page/source.js` reads it.
 
 use slipsense::features::{LN_FRAC_BITS, LogMel};
-use slipsense::params::MEL_BINS;
+use slipsense::health;
+use slipsense::params::{CLASSES, MEL_BINS};
 use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{SensorContact, SlipMessage};
 
@@ -43,12 +44,20 @@ const SLIP: u8 = 1;
 const MAY_BEGIN: u8 = 2;
 const TRUTH_KNOWN: u8 = 4;
 const TRUE_SLIP: u8 = 8;
+/// Of a mark only: a sensor or the way to here has a fault.
+const FAULT: u8 = 64;
+/// Of a mark only: slip must not be believed.
+const INVALID: u8 = 128;
+/// What belongs to a pad for good, or to its start.
+const NO_FAULT: u8 = health::TAXELS_MASKED | health::XL_WARMING_UP;
 const TAXELS_PRESENT: u8 = 1;
 const LOG_MEL_PRESENT: u8 = 2;
 
 #[derive(Clone, Debug)]
 pub struct Record {
     pub slip: SlipMessage,
+    /// 1/1024 nat.
+    pub logits: [i32; CLASSES],
     pub lost: u32,
     /// Does it slip in truth? `None`: unknown.
     pub truth: Option<bool>,
@@ -65,9 +74,20 @@ pub struct SensorRecord {
 }
 
 impl Record {
-    /// The byte that the page's timeline shows: the flags, and the class above them.
+    /// What a module says of a frame; nothing is known of its truth, and nothing of the sensors has come yet.
+    pub fn of_message(slip: SlipMessage) -> Self {
+        let logits = slip.logits.map(|logit| i32::from(logit.to_bits()) << 2);
+        let sensors = vec![SensorRecord::default(); slip.sensors.into()];
+        Self { slip, logits, lost: 0, truth: None, sensors }
+    }
+
+    /// The byte that the page's timelines and events show: the flags, the class above them, 64 a fault, 128 a slip
+    /// that must not be believed.
     pub fn mark(&self) -> u8 {
-        self.flags() | self.slip.class << 4
+        let contacts = self.slip.contact.iter().take(self.slip.sensors.into());
+        let fault = self.lost > 0 || contacts.fold(0, |all, contact| all | contact.health) & !NO_FAULT != 0;
+        let bit = |is_set, bit| if is_set { bit } else { 0 };
+        self.flags() | self.slip.class << 4 | bit(fault, FAULT) | bit(self.slip.invalid != 0, INVALID)
     }
 
     fn flags(&self) -> u8 {
@@ -80,22 +100,22 @@ impl Record {
         flag(self.slip.slip, SLIP) | flag(self.slip.may_begin, MAY_BEGIN) | truth
     }
 
-    /// The bytes, [`bytes`] of the session's `sensors`; a frame of fewer has the others empty.
-    pub fn encode(&self, sensors: usize) -> Vec<u8> {
-        let slip = &self.slip;
-        let mut out = Vec::with_capacity(bytes(sensors));
+    /// Appends the bytes, [`bytes`] of the session's `sensors`; a frame of fewer has the others empty.
+    pub fn encode(&self, sensors: usize, out: &mut Vec<u8>) {
+        let (slip, start) = (&self.slip, out.len());
+        out.reserve(bytes(sensors));
         out.extend(slip.sequence.to_le_bytes());
         out.extend(self.lost.to_le_bytes());
         out.extend((slip.timestamp_us as f64).to_le_bytes());
         out.extend([slip.class, self.flags(), slip.sensors, slip.invalid]);
-        out.extend(slip.logits.iter().flat_map(|logit| i32::from(logit.to_bits()).to_le_bytes()));
+        out.extend(self.logits.iter().flat_map(|logit| logit.to_le_bytes()));
         out.extend([slip.late_frames, slip.degraded]);
-        out.resize(HEADER_BYTES, 0);
+        out.resize(start + HEADER_BYTES, 0);
         let none = SensorRecord::default();
         for (sensor, contact) in (0..sensors).zip(&slip.contact) {
-            encode_sensor(self.sensors.get(sensor).unwrap_or(&none), contact, &mut out);
+            encode_sensor(self.sensors.get(sensor).unwrap_or(&none), contact, out);
         }
-        out
+        debug_assert_eq!(out.len(), start + bytes(sensors));
     }
 }
 

@@ -1,7 +1,6 @@
 //! Frames on their way to the page: the record's bytes, what the store keeps, a log put together again.
 
 use std::io::Cursor;
-use std::time::Duration;
 
 use slipsense::fixed::Q;
 use slipsense::net::Model;
@@ -12,31 +11,30 @@ use slipsense::wire::{NodeId, Origin, RawBuffer, SlipMessage, Transmitter};
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::model_file::random_model;
 
+use super::frames::{CHUNK, Frames, Session};
 use super::record::{HEADER_BYTES, Record, SENSOR_BYTES, SensorRecord, bytes};
-use super::store::{Session, Store};
-use super::{record, source};
+use super::source;
 
 const FRAMES: u32 = 20;
 /// Frame whose slip message is lost, and frame of which one raw CAN frame is.
 const LOST: u32 = 7;
 const BROKEN: u32 = 12;
 
-fn store(sensors: usize, capacity: usize) -> Store {
+fn frames(sensors: usize, capacity: usize) -> Frames {
     let session = Session {
         id: 1,
         name: "test".into(),
+        model: None,
         synthetic: None,
+        xl_lsb_g: None,
         sensors,
-        record_bytes: record::bytes(sensors),
-        frame_rate_hz: 240,
         live: false,
     };
-    Store::new(session, capacity)
+    Frames::new(session, capacity)
 }
 
 fn numbered(sequence: u32) -> Record {
-    let slip = SlipMessage { sequence, sensors: 1, ..SlipMessage::default() };
-    Record { slip, lost: 0, truth: None, sensors: vec![SensorRecord::default()] }
+    Record::of_message(SlipMessage { sequence, sensors: 1, ..SlipMessage::default() })
 }
 
 #[test]
@@ -60,15 +58,17 @@ fn a_record_is_laid_out_as_its_table_says() {
     slip.contact[1].axis_deg = -90;
     let piezo = Some(PiezoFrame::from_counts(counts).unwrap());
     let sensors = vec![SensorRecord::default(), SensorRecord { piezo, log_mel: None }];
-    let record = Record { slip, lost: 9, truth: Some(true), sensors };
-    assert_eq!(record.mark(), 1 | 4 | 8 | 2 << 4);
+    let record = Record { lost: 9, truth: Some(true), sensors, ..Record::of_message(slip) };
+    assert_eq!(record.mark(), 1 | 4 | 8 | 2 << 4 | 64 | 128);
 
-    let out = record.encode(3);
+    let mut out = Vec::new();
+    record.encode(3, &mut out);
     assert_eq!(out.len(), bytes(3));
+    assert_eq!(out[20..24], (-4i32).to_le_bytes());
     assert_eq!(out[..8], [4, 3, 2, 1, 9, 0, 0, 0]);
     assert_eq!(f64::from_le_bytes(out[8..16].try_into().unwrap()), 1_500_000.0);
     assert_eq!(out[16..20], [2, 1 | 4 | 8, 2, 4]);
-    assert_eq!(out[28..34], [0, 4, 0, 0, 7, 16]);
+    assert_eq!(out[28..34], [0, 16, 0, 0, 7, 16]);
     let second = &out[HEADER_BYTES + SENSOR_BYTES..];
     assert_eq!((second[0], second[1]), (3, 1));
     assert_eq!(u32::from_le_bytes(second[4..8].try_into().unwrap()), 70_000);
@@ -79,20 +79,30 @@ fn a_record_is_laid_out_as_its_table_says() {
 }
 
 #[test]
-fn the_store_keeps_the_last_frames_and_says_from_where() {
-    let store = store(1, 3);
-    (0..5).for_each(|sequence| store.push(&numbered(sequence)));
-    let state = store.state();
-    assert_eq!((state.first, state.end, state.ended), (2, 5, false));
-    let (first, records) = store.records(0, 2, Duration::ZERO);
-    assert_eq!((first, records.len(), records[0]), (2, 2 * bytes(1), 2));
-    let (first, marks) = store.marks(4, Duration::ZERO);
-    assert_eq!((first, marks.len()), (4, 1));
-    // Nothing there yet, and nothing will be.
-    assert_eq!(store.records(5, 9, Duration::from_millis(1)).1.len(), 0);
-    store.end(None);
-    assert_eq!(store.records(5, 9, Duration::from_secs(3600)).1.len(), 0);
-    assert_eq!(store.records(u64::MAX, usize::MAX, Duration::ZERO).1.len(), 0);
+fn the_last_seconds_are_kept_packed_and_said_from_where() {
+    let mut frames = frames(1, 2 * CHUNK);
+    let end = 3 * CHUNK + 5;
+    (0..end).for_each(|sequence| frames.push(&numbered(sequence as u32)));
+    let (state, first) = (frames.state(), CHUNK as u64);
+    assert_eq!((state.first, state.end, state.ended), (first, end as u64, false));
+    let records = |request: &str| {
+        let answer = frames.answer(request).unwrap();
+        let sequences =
+            answer.body.chunks_exact(bytes(1)).map(|one| u32::from_le_bytes(one[..4].try_into().unwrap()));
+        (answer.first.unwrap(), sequences.collect::<Vec<_>>())
+    };
+    let numbers = |range: std::ops::Range<usize>| range.map(|number| number as u32).collect::<Vec<_>>();
+    assert_eq!(records("records?from=0"), (first, numbers(CHUNK..2 * CHUNK)));
+    assert_eq!(records("records?from=250"), (250, numbers(250..2 * CHUNK)));
+    assert_eq!(records("records?from=722"), (722, numbers(722..end)));
+    assert_eq!(records("records?from=9999"), (end as u64, vec![]));
+    let marks = frames.answer("marks?from=724").unwrap();
+    assert_eq!((marks.first, marks.body), (Some(724), vec![0]));
+    for request in ["", "records", "records?from=", "records?from=-1", "other?from=0"] {
+        assert!(frames.answer(request).is_none(), "{request}");
+    }
+    let kpa = frames.answer("kpa").unwrap().body;
+    assert_eq!((kpa.len(), &kpa[..4]), (4 * 4096, &[0; 4][..]));
 }
 
 /// A candump log of a module with one sensor, and the pads that were felt.
@@ -132,12 +142,11 @@ fn a_log_becomes_frames_again_and_damage_costs_its_frame_only() {
     let (mut log, pads) = log();
     // Traffic of others is passed over.
     log.extend(b"(1.000000) can0 123#DEADBEEF\n");
-    let store = store(3, 1000);
-    source::run_log(Cursor::new(log), NodeId::DEFAULT, &store).unwrap();
-    let state = store.state();
+    let mut frames = frames(3, 1000);
+    source::log(Cursor::new(log), NodeId::DEFAULT).for_each(|record| frames.push(&record.unwrap()));
+    let state = frames.state();
     assert_eq!((state.end, state.lost), (u64::from(FRAMES) - 1, 1));
-    let (_, records) = store.records(0, 1000, Duration::ZERO);
-    for record in records.chunks_exact(bytes(3)) {
+    for record in frames.answer("records?from=0").unwrap().body.chunks_exact(bytes(3)) {
         let sequence = u32::from_le_bytes(record[..4].try_into().unwrap());
         assert_eq!(record[4], u8::from(sequence == LOST + 1), "lost before frame {sequence}");
         let sensor = &record[HEADER_BYTES..][..SENSOR_BYTES];
@@ -154,31 +163,11 @@ fn a_line_that_is_none_ends_the_log_with_its_number() {
     let (mut log, _) = log();
     let lines = log.iter().filter(|&&byte| byte == b'\n').count();
     log.extend(b"what is this\n");
-    let store = store(3, 1000);
-    let error = source::run_log(Cursor::new(log), NodeId::DEFAULT, &store).unwrap_err();
+    let mut records: Vec<_> = source::log(Cursor::new(log), NodeId::DEFAULT).collect();
+    let error = records.pop().unwrap().unwrap_err();
     assert!(error.to_string().starts_with(&format!("line {}: ", lines + 1)), "{error}");
-    assert_eq!(store.state().end, u64::from(FRAMES) - 1, "what came before is there");
-}
-
-#[test]
-fn only_its_own_host_name_is_answered() {
-    use std::io::{Read, Write};
-    let server = super::server::PageServer::bind(0).unwrap();
-    let address = server.url().trim_start_matches("http://").trim_end_matches('/').to_owned();
-    let port = address.rsplit_once(':').unwrap().1.to_owned();
-    std::thread::spawn(move || server.serve(&std::sync::Arc::new(store(1, 10))));
-    let status = |host: &str| {
-        let mut stream = std::net::TcpStream::connect(&address).unwrap();
-        write!(stream, "GET /state HTTP/1.1\r\n{host}Connection: close\r\n\r\n").unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        answer.split(' ').nth(1).unwrap().to_owned()
-    };
-    for host in [address.clone(), format!("localhost:{port}")] {
-        assert_eq!(status(&format!("Host: {host}\r\n")), "200", "{host}");
-    }
-    for host in ["evil.example", "127.0.0.1", &format!("evil.example:{port}")] {
-        assert_eq!(status(&format!("Host: {host}\r\n")), "403", "{host}");
-    }
-    assert_eq!(status(""), "403");
+    assert_eq!(records.len(), FRAMES as usize - 1, "what came before is there");
+    let mut empty = frames(1, 1);
+    empty.end(None);
+    assert!(empty.state().problem.as_ref().unwrap().contains("no frame"));
 }

@@ -1,7 +1,7 @@
 """`python -m slipsense.ray` on a local cluster of two workers, one of which is killed in the middle: the same bytes and
 figures as one process of the command `slipsense`.
 
-    check_cluster.py FOLDER [FRAMES]
+    check_cluster.py FOLDER WEIGHTS [FRAMES]
 """
 
 import itertools
@@ -43,13 +43,13 @@ def alone(*words):
     return time.perf_counter() - start
 
 
-def cluster(*words, kill_after):
-    """Run on two workers and kill one when `kill_after` tasks are done."""
+def cluster(*words, kill_after=None):
+    """Run on two workers; kill one when `kill_after` tasks are done."""
     start = time.perf_counter()
     name, value = OURS.split("=")
     command = [sys.executable, "-m", "slipsense.ray", "--workers", "2", "--parts", str(PARTS), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, name: value}) as process:
-        done, noted = 0, False
+        done, noted, kills = 0, False, kill_after is not None
         for line in process.stdout:
             # Ray itself notes here that a worker died at its task.
             noted |= "A worker died or was killed while executing a task" in line
@@ -58,8 +58,14 @@ def cluster(*words, kill_after):
                 kill_a_busy_worker()
                 kill_after = None
     require((process.returncode, done) == (0, PARTS), f"{words[0]}: {PARTS} parts on two workers")
-    require(noted, f"{words[0]}: a worker died at its task")
+    require(noted or not kills, f"{words[0]}: a worker died at its task")
     return time.perf_counter() - start
+
+
+def same_files(what, one, many):
+    names = sorted(path.name for path in one.iterdir())
+    require(names == sorted(path.name for path in many.iterdir()), f"{what}: the same {len(names)} files")
+    require(all((one / name).read_bytes() == (many / name).read_bytes() for name in names), f"{what}: every byte of them")
 
 
 def metrics(folder):
@@ -72,14 +78,15 @@ def metrics(folder):
 
 
 def main():
-    folder, frames = pathlib.Path(sys.argv[1]), (sys.argv[2:] or ["50000"])[0]
+    folder, weights, frames = pathlib.Path(sys.argv[1]), sys.argv[2], (sys.argv[3:] or ["50000"])[0]
     one, many = folder / "one", folder / "many"
     made = ["synth", "--split", "umi_ood", "--seed", "5", "--frames", frames, "--out"]
     times = [alone(*made, one / "set"), cluster(*made, many / "set", kill_after=2)]
-    names = sorted(path.name for path in (one / "set").iterdir())
-    require(names == sorted(path.name for path in (many / "set").iterdir()), f"synth: the same {len(names)} files")
-    require(all((one / "set" / name).read_bytes() == (many / "set" / name).read_bytes() for name in names),
-            "synth: every byte of them")
+    same_files("synth", one / "set", many / "set")
+    mined = ["mine", weights, "--hours", "0.04", "--out"]
+    alone(*mined, one / "mined")
+    cluster(*mined, many / "mined")
+    same_files("mine", one / "mined", many / "mined")
     detectors = ["network", "energy", "entropy", "mfcc-qda"]
     judged = [*itertools.chain.from_iterable(("--detector", name) for name in detectors), "--out"]
     times += [alone("eval", one / "set", *judged, one / "eval"),

@@ -20,6 +20,7 @@ use slipsense_recording::{from_hex, hex};
 use crate::firmware::{FEATURE, NAME};
 use crate::process::{answer, cargo, command, empty_dir, git, python, root, run, target_dir};
 use crate::toolchain::{TARGET, Toolchain};
+use crate::web;
 
 /// Everybody's version: the workspace's.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -33,7 +34,7 @@ const ACCELEROMETERS: [(&str, &str); 3] =
 /// Make what a release holds, from a clean commit
 #[derive(Args)]
 #[command(after_help = "\
-DIR gets the command for Linux, the Python wheel, signed images of firmware and model, the ELF files that a debug
+DIR gets the command for Linux, the Python wheel, the live page as one file, signed images of firmware and model, the ELF files that a debug
 probe writes, a bill of materials (CycloneDX), the changelog, and SHA256SUMS of all. The same commit and compilers
 give the same bytes in any folder; the bill of materials names both.
 
@@ -68,6 +69,7 @@ pub fn make(options: &Options) -> Result<bool> {
     sbom::write(&bill, &git(&["rev-parse", "HEAD"])?, &time)?;
     let slipsense = build.command()?;
     build.wheel(&bill)?;
+    build.page()?;
     let key = std::path::absolute(&options.key)?;
     let sign = |file: &Path, image: &str, board: &[&str]| {
         let mut sign = command(&slipsense);
@@ -182,7 +184,16 @@ impl<'r> Build<'r> {
     /// `slipsense` for this computer's kind, and the archive with it.
     fn command(&self) -> Result<PathBuf> {
         let mut build = cargo();
-        build.args(["build", "--quiet", "--locked", "--release", "--package", "slipsense-cli"]);
+        build.args([
+            "build",
+            "--quiet",
+            "--locked",
+            "--release",
+            "--package",
+            "slipsense-cli",
+            "--features",
+            "train",
+        ]);
         run(self.environment(&mut build).env("CARGO_PROFILE_RELEASE_STRIP", "symbols"))?;
         let folder = self.target_dir.join("release");
         self.check(&folder.join("slipsense"))?;
@@ -203,6 +214,13 @@ impl<'r> Build<'r> {
         maturin.args(["--manifest-path", "host-tools/python/Cargo.toml", "--out"]).arg(self.release);
         run(self.environment(&mut maturin))?;
         self.check(&self.target_dir.join("release/lib_slipsense.so"))
+    }
+
+    /// The live page that needs no server.
+    fn page(&self) -> Result<()> {
+        let page = self.release.join(format!("slipsense-{VERSION}.html"));
+        web::make_in(&page, &self.target_dir.join("web"), &self.flags)?;
+        self.check(&page)
     }
 
     /// A program of the board, which believes the release's key.

@@ -64,10 +64,16 @@ impl Toolchain {
     }
 
     /// `cargo` for WebAssembly, with the vector instructions that every browser of today has.
-    pub fn web_cargo(self, subcommand: &str, profile: &str) -> Command {
-        let flags = ["-Dwarnings", "-Ctarget-feature=+simd128"].map(str::to_owned);
+    pub fn web_cargo_in(
+        self,
+        subcommand: &str,
+        profile: &str,
+        target_dir: &Path,
+        flags: &[String],
+    ) -> Command {
+        let ours = ["-Dwarnings", "-Ctarget-feature=+simd128"].map(str::to_owned);
         let libraries = ("std,panic_abort", "wasm-ld");
-        self.cargo_for(subcommand, WEB_TARGET, profile, &self.target_dir(WEB_TARGET), &flags, libraries)
+        self.cargo_for(subcommand, WEB_TARGET, profile, target_dir, &[&ours, flags].concat(), libraries)
     }
 
     fn cargo_for(
@@ -105,15 +111,10 @@ impl Toolchain {
 
     /// The program of this name that `cargo build` made.
     pub fn program(self, name: &str) -> PathBuf {
-        self.output(TARGET, "firmware").join(name)
+        self.target_dir(TARGET).join(TARGET).join("firmware").join(name)
     }
 
-    /// Where a build for this target with this profile lies.
-    pub fn output(self, target: &str, profile: &str) -> PathBuf {
-        self.target_dir(target).join(target).join(profile)
-    }
-
-    fn target_dir(self, target: &str) -> PathBuf {
+    pub fn target_dir(self, target: &str) -> PathBuf {
         match self {
             Self::Host => target_dir(),
             Self::Debian => target_dir().join(if target == TARGET { "debian-thumb" } else { "debian-wasm" }),

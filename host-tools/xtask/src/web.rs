@@ -1,7 +1,7 @@
 //! The live page as one file that needs no server: the pipeline in it as WebAssembly.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use base64::Engine;
@@ -29,27 +29,32 @@ pub struct Options {
 }
 
 pub fn make(Options { out }: &Options) -> Result<()> {
+    let target_dir = Toolchain::of(WEB_TARGET)?.target_dir(WEB_TARGET);
+    let (page, module) = make_in(out, &target_dir, &[])?;
+    eprintln!(
+        "{}: {:.2} MB, {:.2} MB of them the module",
+        out.display(),
+        page as f64 / 1e6,
+        module as f64 / 1e6
+    );
+    Ok(())
+}
+
+/// The same, compiled into this folder with more flags of the compiler; bytes of the page, and of the module in it.
+pub fn make_in(out: &Path, target_dir: &Path, flags: &[String]) -> Result<(usize, usize)> {
     let name = || out.display().to_string();
-    let module = STANDARD.encode(fs::read(build()?).context("the module of WebAssembly")?);
+    {
+        let _lock = lock(PROFILE)?;
+        let mut build = Toolchain::of(WEB_TARGET)?.web_cargo_in("rustc", PROFILE, target_dir, flags);
+        run(build.args(["--quiet", "--locked", "--package", PACKAGE, "--crate-type", "cdylib"]))?;
+    }
+    let module = target_dir.join(WEB_TARGET).join(PROFILE).join("slipsense_view.wasm");
+    let module = STANDARD.encode(fs::read(module).context("the module of WebAssembly")?);
     let page = page(Some(&module));
     if let Some(folder) = out.parent() {
         fs::create_dir_all(folder).with_context(name)?;
     }
     let unfinished = out.with_extension("unfinished");
     fs::write(&unfinished, &page).and_then(|()| fs::rename(&unfinished, out)).with_context(name)?;
-    eprintln!(
-        "{}: {:.2} MB, {:.2} MB of them the module",
-        name(),
-        page.len() as f64 / 1e6,
-        module.len() as f64 / 1e6
-    );
-    Ok(())
-}
-
-fn build() -> Result<PathBuf> {
-    let _lock = lock(PROFILE)?;
-    let toolchain = Toolchain::of(WEB_TARGET)?;
-    let mut build = toolchain.web_cargo("rustc", PROFILE);
-    run(build.args(["--quiet", "--package", PACKAGE, "--crate-type", "cdylib"]))?;
-    Ok(toolchain.output(WEB_TARGET, PROFILE).join("slipsense_view.wasm"))
+    Ok((page.len(), module.len()))
 }

@@ -32,8 +32,8 @@ const SESSIONS_MAX: usize = 4;
 /// are shown side by side.
 #[derive(clap::Args)]
 #[command(after_help = "\
-On the page: space plays and pauses, the arrows step a frame (with shift a second), n and p go to the next and
-previous event, home and end to the ends; the strip at the bottom is the whole recording, click it.
+On the page: space plays and pauses, the arrows step a frame (with shift a second), n and p go to the
+next and previous event, home and end to the ends; the strip at the bottom is the whole recording, click it.
 
 Examples:
   slipsense view                                  the bundled synthetic episode
@@ -59,7 +59,7 @@ pub struct Args {
     /// Model file, or `bundled`; may be given several times
     #[arg(long, value_name = "FILE", default_value = bundled::NAME)]
     model: Vec<PathBuf>,
-    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes some KEEP_GB GB
+    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes 5.5 GB
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=86400))]
     keep_s: u32,
 }

@@ -166,7 +166,8 @@ pub(super) fn paper(results: &Results) -> Table {
 /// Latency by speed beside the paper's network.
 pub(super) fn paper_speeds(results: &Results) -> Table {
     let title = format!(
-        "Latency by speed, frames: median, mean of the hits, longest hit; ours: {}, all inputs but validation",
+        "Latency by speed, frames: median from the onset on, mean and longest of those after it, early or within 5 frames; \
+         ours: {}, all inputs but validation",
         results.kind_of_data()
     );
     let at_speed = |detector: &DetectorResults, mm_s: f64| {
@@ -175,12 +176,14 @@ pub(super) fn paper_speeds(results: &Results) -> Table {
         let events = &group.figures.encoder_events;
         let mean = number(events.latency_mean_of_hits_frames, 1);
         let longest = number(events.latency_max_of_hits_frames, 0);
-        Some(format!("{} / {mean} / {longest} of {}", median_latency(events), events.events))
+        let median = number(events.from_onset_median_frames, 1);
+        let within = percent(events.early_or_within_5_frames_share);
+        Some(format!("{median} / {mean} / {longest} / {within} % of {}", events.events))
     };
     let mut cells = vec![vec!["the paper's network, UMI".to_owned()]];
     cells.extend(results.detectors.iter().map(|detector| vec![detector.name.clone()]));
     for (mm_s, events, median, mean, longest) in LATENCY_BY_SPEED {
-        cells[0].push(format!("{median:.1} / {mean:.1} / {longest:.0} of {events}"));
+        cells[0].push(format!("{median:.1} / {mean:.1} / {longest:.0} / – of {events}"));
         for (row, detector) in cells[1..].iter_mut().zip(&results.detectors) {
             row.push(at_speed(detector, mm_s).unwrap_or_else(|| "–".to_owned()));
         }

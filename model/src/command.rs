@@ -13,9 +13,9 @@ use slipsense_recording::model_file::SCALES_KEY;
 use crate::data::{Features, Source};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::folder::{ObjectUses, Use};
+use crate::progress::progress;
 use crate::trace::Ranges;
 use crate::tract::{Graphs, SensorFrame, TractNetwork};
-use crate::train::progress;
 use crate::weights::Weights;
 use crate::{
     export, output,

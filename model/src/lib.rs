@@ -25,6 +25,7 @@ pub mod mining;
 pub mod output;
 pub mod pad_view;
 pub mod piezo;
+mod progress;
 pub mod quantize;
 pub mod real_parts;
 pub mod target;

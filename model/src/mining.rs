@@ -17,9 +17,9 @@ use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, stretches_file};
 use crate::evaluate::score_float;
 use crate::float::FloatNetwork;
 use crate::output;
+use crate::progress::progress;
 use crate::real_parts::Motion;
 use crate::target::Target;
-use crate::train::progress;
 use crate::weights::Weights;
 
 /// Frames of a stretch that is kept or not: two seconds.

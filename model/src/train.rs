@@ -1,14 +1,13 @@
 //! The trainer.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use burn::grad_clipping::GradientClippingConfig;
 use burn::optim::{AdamWConfig, ModuleOptimizer};
 use burn::tensor::Device;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use slipsense::net::format::Dims;
 use slipsense::params::{CLASSES, OUTPUTS};
@@ -21,6 +20,7 @@ use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::{ObjectUses, Use};
 use crate::mining::{self, mine};
+use crate::progress::progress;
 use crate::real_parts::Motion;
 use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
@@ -137,15 +137,6 @@ pub(crate) fn schedule(step: usize, steps: usize) -> f64 {
 /// Decay of the weights' running average at a step: less at first, so that the first weights are forgotten.
 pub(crate) fn average_decay(step: usize) -> f32 {
     AVERAGE_DECAY.min((1.0 + step as f64) / (10.0 + step as f64)) as f32
-}
-
-/// A progress bar in the house's style.
-pub(crate) fn progress(what: &'static str, length: u64) -> ProgressBar {
-    let style = ProgressStyle::with_template("{prefix:10} {bar:30} {pos}/{len} {elapsed}<{eta} {msg}");
-    let bar = ProgressBar::new(length).with_prefix(what);
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.enable_steady_tick(Duration::from_millis(500));
-    bar
 }
 
 pub fn run_train(args: &TrainArgs) -> Result<()> {

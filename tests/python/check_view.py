@@ -7,6 +7,7 @@ about it. Pictures of the page go into OUT_DIR. The browser is driven by its own
 not checked: they belong to the computer.
 """
 
+import atexit
 import base64
 import json
 import pathlib
@@ -107,6 +108,7 @@ class View:
 
     def __init__(self, slipsense, *arguments, **options):
         self.process = subprocess.Popen([slipsense, "view", *arguments], stdout=subprocess.PIPE, text=True, **options)
+        atexit.register(self.process.kill)
         self.url = self.process.stdout.readline().strip()
         if not self.url.startswith("http://127.0.0.1:"):
             sys.exit(f"error: slipsense view said {self.url!r}")

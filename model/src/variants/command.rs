@@ -19,7 +19,7 @@ use crate::data::Features;
 use crate::encoders::{Ssast, Vit, XlEncoder, named};
 use crate::float::FloatNetwork;
 use crate::output;
-use crate::train::progress;
+use crate::progress::progress;
 use crate::weights::Weights;
 
 /// How much every row is trained and scored.

@@ -10,7 +10,7 @@ use super::{BASE, Row};
 use crate::data::{Features, Source};
 use crate::evaluate::score_logits;
 use crate::folder::Use;
-use crate::train::progress;
+use crate::progress::progress;
 
 /// Splits that every row is scored on.
 pub const SPLITS: [Split; 6] =

@@ -14,11 +14,20 @@ const WHY_DEGRADED = ["a sensor is missing", "samples do not change", "not calib
 const named = (names, bits) => names.filter((_, bit) => bits >> bit & 1).join(", ");
 
 /** The frames of one session of `slipsense view`: a function from a request to the number of a frame, and bytes. */
-const fromServer = (number) => async (request) => {
+const fromServer = (number) => (request) => {
+  const answer = lastAnswer.then(() => asked(number, request));
+  lastAnswer = answer.catch(() => {});
+  return answer;
+};
+
+/** One request at a time: of connections opened at once, the server's threads may leave one waiting for ever. */
+let lastAnswer = Promise.resolve();
+
+async function asked(number, request) {
   const response = await fetch(`${number}/${request}`, { cache: "no-store" });
   if (!response.ok) throw new Error(`${request}: ${response.status}`);
   return { first: Number(response.headers.get("First-Frame")), buffer: await response.arrayBuffer() };
-};
+}
 
 /** How long the pipeline runs before the page draws again. */
 const SLICE_MS = 25;

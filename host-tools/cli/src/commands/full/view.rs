@@ -59,7 +59,7 @@ pub struct Args {
     /// Model file, or `bundled`; may be given several times
     #[arg(long, value_name = "FILE", default_value = bundled::NAME)]
     model: Vec<PathBuf>,
-    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes 5.5 GB
+    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes 1 to 3 GB of memory, by what they feel
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=86400))]
     keep_s: u32,
 }

@@ -20,7 +20,6 @@ pub use command::{BudgetName, ReproduceArgs, run_reproduce};
 
 use slipsense::params::TAXEL_ROWS;
 
-use self::paper::Encoders;
 use crate::encoders::{PadEncoder, XlEncoder};
 use crate::pad_view::PadView;
 use crate::weights::FIRST_DIMS;
@@ -54,6 +53,13 @@ pub enum Pool {
     BeforeFusion,
     /// Of the fused vector: each sensor's modalities ask each other only.
     AfterFusion,
+}
+
+/// The paper's encoders of pads and accelerometers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Encoders {
+    pub pads: PadEncoder,
+    pub xl: XlEncoder,
 }
 
 /// A network and what it is trained on.

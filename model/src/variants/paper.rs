@@ -14,13 +14,13 @@ use slipsense::net::format::TensorSpec;
 use slipsense::params::{MEL_BINS, OUTPUTS, PIEZO_CHANNELS, XL_FEATURES};
 use std::path::Path;
 
-use super::Variant;
 use super::network::Extent;
 use super::results::Budget;
+use super::{Encoders, Variant};
 use crate::batch::Sampler;
 use crate::encoders::named::{self, Named};
 use crate::encoders::{
-    EMBED, Encode, MaskedPatches, PadEncoder, PadModule, SsastPretraining, VitMae, XlEncoder, XlModule,
+    EMBED, Encode, MaskedPatches, PadEncoder, PadModule, SsastPretraining, VitMae, XlModule,
 };
 use crate::float::{Architecture, FloatNetwork, Graph, Sequences, plain, tensor};
 use crate::piezo::{IMAGE, PIEZO_INPUT_SCALE};
@@ -34,13 +34,6 @@ const PRETRAINING_WINDOWS: usize = 16;
 const WINDOW: usize = super::BASE.window;
 /// Highest learning rate of an encoder, as a share of the fusion's: transformers do not bear more.
 const RATE_SHARE: f64 = 0.1;
-
-/// Encoders of pads and accelerometers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Encoders {
-    pub pads: PadEncoder,
-    pub xl: XlEncoder,
-}
 
 /// The fusion of a variant, its encoders left out. Features are both embeddings side by side.
 struct Fusion(Variant);

@@ -37,7 +37,7 @@ def until(what, answer):
         found = answer()
         if found:
             return found
-        time.sleep(0.1)
+        time.sleep(0.02)
     sys.exit(f"error: {what}: not within {TIMEOUT_S} s")
 
 

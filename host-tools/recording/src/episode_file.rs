@@ -108,10 +108,7 @@ impl<R: Read + Seek> EpisodeReader<R> {
             &[Some(sensors), None, Some(XL_AXES)],
             &format!("[S, N, {XL_AXES}] with S = {sensors} as in `piezo`"),
         )?;
-        let samples = xl.shape()[1];
-        let values = xl.read()?;
-        let (values, _) = values.as_chunks::<XL_AXES>();
-        let xl = (0..sensors).map(|s| values[s * samples..][..samples].to_vec()).collect();
+        let xl = xl.read_rows()?;
 
         let xl_end = npz.array::<u32>("xl_end")?;
         let words = format!("[F, S] = [{frames}, {sensors}] as in `piezo`");

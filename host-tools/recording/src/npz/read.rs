@@ -131,6 +131,29 @@ impl<T: Scalar, R: Read + Seek> Array<'_, T, R> {
         Ok(values)
     }
 
+    /// The same of an array `[rows, groups, N]`, without a second copy: an hour's samples are half a gigabyte.
+    pub fn read_rows<const N: usize>(self) -> Result<Vec<Vec<[T; N]>>, Problem> {
+        let (rows, groups) = (self.shape[0], self.shape[1]);
+        let memory = Problem::array(self.name, format!("shape is {:?}, more than memory holds", self.shape));
+        let mut all: Vec<Vec<[T; N]>> = (0..rows).map(|_| Vec::new()).collect();
+        let mut number = 0;
+        for block in self.blocks(CHUNK_BYTES / T::BYTES / N * N) {
+            let block = block?;
+            let (mut rest, _) = block.as_chunks();
+            while let (Some(row), false) = (all.get_mut(number), rest.is_empty()) {
+                let missing = groups - row.len();
+                if row.try_reserve_exact(missing).is_err() {
+                    return Err(memory);
+                }
+                let (now, later) = rest.split_at(rest.len().min(missing));
+                row.extend_from_slice(now);
+                number += usize::from(row.len() == groups);
+                rest = later;
+            }
+        }
+        Ok(all)
+    }
+
     /// The same in blocks of so many elements, each read when it is asked for; the last may be shorter. The checksum
     /// is compared after it.
     pub fn blocks(mut self, elements: usize) -> impl Iterator<Item = Result<Vec<T>, Problem>> {

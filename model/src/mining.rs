@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use burn::tensor::Device;
 use clap::Args;
 use indicatif::ProgressBar;
-use serde_json::json;
+use serde_json::{Value, json};
 use slipsense::params::OUTPUTS;
 use slipsense_synth::splits::EpisodeSet;
 use slipsense_synth::{Recipe, Shard, Split, generate_set};
@@ -28,6 +28,9 @@ const STRETCH_FRAMES: usize = 480;
 const HARD_NAT: f32 = -1.0;
 /// Added to the seed of a run, so that its other episodes do not occur here.
 const SEED_OFFSET: u64 = 1_000;
+
+/// File of a folder that says what it was mined with.
+const SETTINGS: &str = "mine.json";
 
 /// Find hard examples: generated disturbances that a trained network takes for slip, or nearly
 ///
@@ -68,7 +71,7 @@ pub fn run_mine(args: &MineArgs) -> Result<()> {
         "seed": args.seed,
         "recorded_motion": motion.is_some(),
     });
-    let (settings, file) = (settings.to_string(), args.out.join("mine.json"));
+    let (settings, file) = (settings.to_string(), args.out.join(SETTINGS));
     let same = !file.exists() || std::fs::read_to_string(&file).is_ok_and(|found| found == settings);
     ensure!(same, "{}: other weights, --hours, --seed or --real-parts; give another --out", file.display());
     output::write(&file, settings.as_bytes())?;
@@ -84,6 +87,13 @@ pub fn run_mine(args: &MineArgs) -> Result<()> {
     bar.finish();
     println!("{}: {} of {} episodes searched", args.out.display(), wanted.len(), recipes.len());
     Ok(())
+}
+
+/// What a folder was mined with, for the record of a training.
+pub fn settings(folder: &Path) -> Result<Value> {
+    let path = folder.join(SETTINGS);
+    output::read_json(&path)?
+        .with_context(|| format!("{} is missing: `slipsense mine` writes it", path.display()))
 }
 
 /// The stretches of a folder that [`run_mine`] filled, in the order of the episodes.

@@ -321,7 +321,7 @@ impl Run<'_> {
             recipe["mine_hours"] = json!(args.mine_hours);
         }
         if let Some(folder) = &args.mined {
-            recipe["mined"] = json!(folder);
+            recipe["mined"] = mining::settings(folder)?;
         }
         if args.start.is_some() {
             recipe["start_sha256"] = json!(hash(&self.first)?);

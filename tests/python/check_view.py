@@ -192,7 +192,7 @@ def recording(browser, slipsense, predictions, out):
 
 
 def repeated(path, episode, sensors, seconds):
-    """An episode again and again, with so many sensors of its first one."""
+    """An episode repeated for `seconds`, its first sensor as all of `sensors`."""
     arrays = numpy.load(episode)
     piezo, xl, xl_end = (numpy.take(arrays[name], [0] * sensors, axis) for name, axis in [("piezo", 1), ("xl", 0), ("xl_end", 1)])
     times = -(-seconds * FRAME_RATE_HZ // len(piezo))

@@ -12,9 +12,10 @@ use std::sync::{Arc, LazyLock};
 
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
-use slipsense::params::{FFT_BINS, HIGHPASS_HZ, MEL_HIGH_HZ, MEL_LOW_HZ, XL_AXES, XL_RATE_HZ, XL_WINDOW};
+use slipsense::params::{FFT_BINS, HIGHPASS_HZ, XL_AXES, XL_RATE_HZ, XL_WINDOW};
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
+use slipsense_recording::mel_point_hz;
 
 pub(crate) const FILTERS: usize = 26;
 /// Cepstral coefficients kept, the 0th (level) included.
@@ -146,12 +147,7 @@ struct Filter {
 }
 
 static BANK: LazyLock<Vec<Filter>> = LazyLock::new(|| {
-    let mel = |hz: f64| 2595.0 * (1.0 + hz / 700.0).log10();
-    let (low, high) = (mel(MEL_LOW_HZ.into()), mel(MEL_HIGH_HZ.into()));
-    let edge = |i: usize| {
-        let mel = low + (high - low) * i as f64 / (FILTERS + 1) as f64;
-        700.0 * (10f64.powf(mel / 2595.0) - 1.0)
-    };
+    let edge = |i: usize| mel_point_hz(i, FILTERS);
     let bin_hz = f64::from(XL_RATE_HZ) / XL_WINDOW as f64;
     (0..FILTERS)
         .map(|i| {

@@ -59,7 +59,7 @@ def chunk(episode: Episode, fps: int = 30) -> int:
 
 
 def features(episode: Episode, samples: int, fps: int = 30) -> dict[str, dict[str, Any]]:
-    """The dataset's features: of this episode's arrays, and so many samples a row."""
+    """The dataset's features: of this episode's arrays, with `samples` samples a row."""
     scans, sensors = _scans(fps, json.loads(episode.meta)["frame_rate_hz"]), episode.sensors
     shapes = {
         "observation.tactile": ("float32", (scans, *episode.piezo.shape[1:]), ["scan", "sensor", "row", "col"], "kPa"),

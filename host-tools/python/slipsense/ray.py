@@ -24,7 +24,7 @@ RETRIES = 5
 def lines(command: Iterable[str], parts: int | None = None,
           sweep: Iterable[tuple[str, Sequence[str]]] = ()) -> list[list[str]]:
     """The command lines of all tasks: `command` with each value of `sweep`, [(name, [value, ...]), ...], for {name},
-    and each of them in so many parts."""
+    and each of them in `parts` parts."""
     found, sweep = [], list(sweep)
     for values in itertools.product(*(values for _, values in sweep)):
         line = list(command)

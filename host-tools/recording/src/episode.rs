@@ -91,7 +91,7 @@ impl Episode {
         self.validate_beside(self.piezo.len())
     }
 
-    /// The same where the scans, so many, are not here.
+    /// The same without the scans, of which there are `scans`.
     pub(crate) fn validate_beside(&self, scans: usize) -> Result<(), Problem> {
         self.meta.validate()?;
         self.validate_lengths(scans)?;

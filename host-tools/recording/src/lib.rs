@@ -33,6 +33,7 @@ mod episode;
 mod episode_file;
 mod error;
 mod health;
+mod mel;
 pub mod label;
 #[cfg(feature = "links")]
 pub mod layout;
@@ -61,7 +62,8 @@ mod whole_file;
 pub use episode::Episode;
 pub use episode_file::EpisodeReader;
 pub use error::{EpisodeError, Problem};
-pub use health::{HEALTH, words};
+pub use health::{DEGRADED, HEALTH, INVALID, words};
+pub use mel::mel_point_hz;
 pub use meta::{Meta, XL_RATE_TOLERANCE};
 pub use predictions::{Predictions, logmel_g2, logmel_std};
 pub use whole_file::write_whole;

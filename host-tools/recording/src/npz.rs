@@ -12,7 +12,7 @@ pub use read::{Array, Reader};
 pub use write::{Writer, write_file};
 
 /// A scalar type of an array.
-pub trait Scalar: Copy + private::Sealed {
+pub trait Scalar: bytemuck::Pod + private::Sealed {
     /// NumPy's name, for messages.
     const NAME: &'static str;
     /// NumPy's type string, little-endian.

@@ -4,32 +4,13 @@ use std::collections::BTreeMap;
 
 use slipsense::health::{self, Condition};
 use slipsense::node::{Mode, vendor_status};
-use slipsense::wire::{
-    DEGRADED_FROZEN, DEGRADED_LATE, DEGRADED_MISSING, DEGRADED_NOT_CALIBRATED, DEGRADED_POINT,
-    DEGRADED_SELF_TEST, INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_MODEL, INVALID_NO_SENSOR,
-    INVALID_STARTING, NodeId,
-};
+use slipsense::wire::NodeId;
 use slipsense_recording::decode::Count;
-use slipsense_recording::{HEALTH, words};
+use slipsense_recording::{DEGRADED, HEALTH, INVALID, words};
 
 use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, frame_of, sensor_frame_of};
 use crate::module::Module;
 
-const INVALID: [(u8, &str); 5] = [
-    (INVALID_NO_MODEL, "no model"),
-    (INVALID_STARTING, "starting"),
-    (INVALID_NO_SENSOR, "no sensor"),
-    (INVALID_MEMORY, "memory check failed"),
-    (INVALID_NETWORK, "network check failed"),
-];
-const DEGRADED: [(u8, &str); 6] = [
-    (DEGRADED_MISSING, "a sensor is missing"),
-    (DEGRADED_FROZEN, "an accelerometer is frozen"),
-    (DEGRADED_NOT_CALIBRATED, "an array is not calibrated"),
-    (DEGRADED_POINT, "operating point by setting"),
-    (DEGRADED_LATE, "late decisions"),
-    (DEGRADED_SELF_TEST, "a self test failed"),
-];
 const VENDOR: [(u8, &str); 8] = [
     (vendor_status::SENSOR_MISSING, "a sensor is missing"),
     (vendor_status::NO_DECISION, "no decisions"),

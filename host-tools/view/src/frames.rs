@@ -8,9 +8,8 @@ use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use serde::Serialize;
-use slipsense::params::{
-    COL_PITCH_MM, COUNT_MAX, FRAME_RATE_HZ, MEL_BINS, MEL_HIGH_HZ, MEL_LOW_HZ, ROW_PITCH_MM,
-};
+use slipsense::params::{COL_PITCH_MM, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS, ROW_PITCH_MM};
+use slipsense_recording::{DEGRADED, Episode, HEALTH, INVALID, mel_point_hz};
 use slipsense_synth::pressure_kpa;
 
 use super::record::{self, Record};
@@ -39,6 +38,24 @@ pub struct Session {
     pub live: bool,
 }
 
+impl Session {
+    /// Of a log, whose first message says how many sensors there are.
+    pub fn of_log(name: String, live: bool) -> Self {
+        Self { id: 0, name, model: None, synthetic: None, xl_lsb_g: None, sensors: MAX_SENSORS, live }
+    }
+
+    /// Of an episode through a model of this name.
+    pub fn of_episode(name: String, model: String, episode: &Episode) -> Self {
+        Self {
+            model: Some(model),
+            synthetic: Some(episode.meta.is_synthetic()),
+            xl_lsb_g: Some(episode.meta.xl_lsb_g),
+            sensors: episode.sensors,
+            ..Self::of_log(name, false)
+        }
+    }
+}
+
 #[derive(Clone, Debug, Serialize)]
 pub struct State {
     #[serde(flatten)]
@@ -57,6 +74,12 @@ pub struct State {
     pub lost: u64,
     /// Why the source stopped early, if it did.
     pub problem: Option<String>,
+    /// Names of the bits of a sensor's health, of what makes slip invalid, of what makes it worse.
+    pub health: [(u8, &'static str); HEALTH.len()],
+    pub invalid: [(u8, &'static str); INVALID.len()],
+    pub degraded: [(u8, &'static str); DEGRADED.len()],
+    /// Bits of health that are no fault.
+    pub no_fault: u8,
 }
 
 /// An answer to the page.
@@ -79,21 +102,21 @@ pub struct Frames {
 impl Frames {
     /// Keeps the last `capacity` frames, in whole seconds.
     pub fn new(session: Session, capacity: usize) -> Self {
-        // The grid of src/features/mel.rs.
-        let mel = |hz: f64| (1.0 + hz / 700.0).ln();
-        let (low, high) = (mel(MEL_LOW_HZ.into()), mel(MEL_HIGH_HZ.into()));
-        let step = (high - low) / (MEL_BINS + 1) as f64;
         let state = State {
             record_bytes: record::bytes(session.sensors),
             frame_rate_hz: FRAME_RATE_HZ,
             chunk: CHUNK,
-            mel_hz: std::array::from_fn(|bin| 700.0 * ((low + step * (bin + 1) as f64).exp() - 1.0)),
+            mel_hz: std::array::from_fn(|bin| mel_point_hz(bin + 1, MEL_BINS)),
             taxel_mm2: COL_PITCH_MM * ROW_PITCH_MM,
             first: 0,
             end: 0,
             ended: false,
             lost: 0,
             problem: None,
+            health: HEALTH,
+            invalid: INVALID,
+            degraded: DEGRADED,
+            no_fault: record::NO_FAULT,
             session,
         };
         let chunks_max = capacity.div_ceil(CHUNK).max(1);

@@ -49,7 +49,7 @@ const FAULT: u8 = 64;
 /// Of a mark only: slip must not be believed.
 const INVALID: u8 = 128;
 /// What belongs to a pad for good, or to its start.
-const NO_FAULT: u8 = health::TAXELS_MASKED | health::XL_WARMING_UP;
+pub const NO_FAULT: u8 = health::TAXELS_MASKED | health::XL_WARMING_UP;
 const TAXELS_PRESENT: u8 = 1;
 const LOG_MEL_PRESENT: u8 = 2;
 

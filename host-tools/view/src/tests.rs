@@ -21,16 +21,7 @@ const LOST: u32 = 7;
 const BROKEN: u32 = 12;
 
 fn frames(sensors: usize, capacity: usize) -> Frames {
-    let session = Session {
-        id: 1,
-        name: "test".into(),
-        model: None,
-        synthetic: None,
-        xl_lsb_g: None,
-        sensors,
-        live: false,
-    };
-    Frames::new(session, capacity)
+    Frames::new(Session { sensors, ..Session::of_log("test".into(), false) }, capacity)
 }
 
 fn numbered(sequence: u32) -> Record {

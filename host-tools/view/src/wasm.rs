@@ -7,7 +7,6 @@ use std::cell::RefCell;
 use std::io::Cursor;
 
 use slipsense::net::{Aligned, Model};
-use slipsense::params::MAX_SENSORS;
 use slipsense::wire::NodeId;
 use slipsense_recording::EpisodeReader;
 
@@ -77,15 +76,7 @@ fn view([name, bytes, model_name, model_bytes]: [Vec<u8>; 4], node: u8) -> Resul
     if name.is_empty() {
         name = "bundled episode".into();
     }
-    let mut session = Session {
-        id: 0,
-        name: name.clone(),
-        model: None,
-        synthetic: None,
-        xl_lsb_g: None,
-        sensors: MAX_SENSORS,
-        live: false,
-    };
+    let session;
     let records: Box<dyn Iterator<Item = _>> = if bytes.starts_with(ZIP) {
         // An instance lives as long as its recording: nothing is freed before.
         let file = EpisodeReader::new(Cursor::new(bytes), &name).map_err(|error| error.to_string())?;
@@ -96,10 +87,7 @@ fn view([name, bytes, model_name, model_bytes]: [Vec<u8>; 4], node: u8) -> Resul
             model_name = BUNDLED.into();
         }
         let model = Model::parse(model).map_err(|error| format!("model {model_name}: {error}"))?;
-        session.model = Some(model_name);
-        session.synthetic = Some(file.episode().meta.is_synthetic());
-        session.xl_lsb_g = Some(file.episode().meta.xl_lsb_g);
-        session.sensors = file.episode().sensors;
+        session = Session::of_episode(name.clone(), model_name, file.episode());
         let records = source::episode(file, model).map_err(|problem| format!("{name}: {problem}"))?;
         Box::new(records.map(|record| record.map_err(|problem| problem.to_string())))
     } else if bytes.starts_with(MCAP) {
@@ -108,6 +96,7 @@ fn view([name, bytes, model_name, model_bytes]: [Vec<u8>; 4], node: u8) -> Resul
         ));
     } else {
         let node = NodeId::new(node).ok_or_else(|| format!("node {node}: no address of a module"))?;
+        session = Session::of_log(name.clone(), false);
         let records = source::log(Cursor::new(bytes), node);
         Box::new(
             records.map(|record| record.map_err(|error| format!("no episode (.npz), and as a log: {error}"))),
@@ -121,7 +110,7 @@ fn view([name, bytes, model_name, model_bytes]: [Vec<u8>; 4], node: u8) -> Resul
     }
 }
 
-/// Take so many frames; 0: there are no more.
+/// Take `count` frames; 0: there are no more.
 // SAFETY: see `input`.
 #[unsafe(no_mangle)]
 pub extern "C" fn advance(count: u32) -> u32 {

@@ -2,8 +2,9 @@
 
 use super::{CHUNK_BYTES, Scalar, header};
 use crate::Problem;
+use bytemuck::Pod;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::marker::PhantomData;
 use std::path::Path;
 use zip::read::ZipFile;
@@ -122,64 +123,66 @@ impl<T: Scalar, R: Read + Seek> Array<'_, T, R> {
     }
 
     /// Read all elements, C order. The archive's checksum is verified.
-    pub fn read(self) -> Result<Vec<T>, Problem> {
-        let mut values = Vec::new();
-        values.try_reserve_exact(self.elements).map_err(|_| {
-            Problem::array(self.name, format!("shape is {:?}, more than memory holds", self.shape))
-        })?;
-        self.blocks(CHUNK_BYTES / T::BYTES).try_for_each(|block| block.map(|block| values.extend(block)))?;
-        Ok(values)
-    }
-
-    /// The same of an array `[rows, groups, N]`, without a second copy: an hour's samples are half a gigabyte.
-    pub fn read_rows<const N: usize>(self) -> Result<Vec<Vec<[T; N]>>, Problem> {
-        let (rows, groups) = (self.shape[0], self.shape[1]);
-        let memory = Problem::array(self.name, format!("shape is {:?}, more than memory holds", self.shape));
-        let mut all: Vec<Vec<[T; N]>> = (0..rows).map(|_| Vec::new()).collect();
-        let mut number = 0;
-        for block in self.blocks(CHUNK_BYTES / T::BYTES / N * N) {
-            let block = block?;
-            let (mut rest, _) = block.as_chunks();
-            while let (Some(row), false) = (all.get_mut(number), rest.is_empty()) {
-                let missing = groups - row.len();
-                if row.try_reserve_exact(missing).is_err() {
-                    return Err(memory);
-                }
-                let (now, later) = rest.split_at(rest.len().min(missing));
-                row.extend_from_slice(now);
-                number += usize::from(row.len() == groups);
-                rest = later;
-            }
-        }
+    pub fn read(mut self) -> Result<Vec<T>, Problem> {
+        let all = self.next(self.elements)?;
+        self.end()?;
         Ok(all)
     }
 
-    /// The same in blocks of so many elements, each read when it is asked for; the last may be shorter. The checksum
+    /// The same of an array `[rows, groups, N]`, each row for itself.
+    pub fn read_rows<const N: usize>(mut self) -> Result<Vec<Vec<[T; N]>>, Problem>
+    where
+        [T; N]: Pod,
+    {
+        let groups = self.shape[1];
+        let rows = (0..self.shape[0]).map(|_| self.next(groups)).collect::<Result<_, _>>()?;
+        self.end()?;
+        Ok(rows)
+    }
+
+    /// The same in blocks of `elements`, each read when it is asked for; the last may be shorter. The checksum
     /// is compared after it.
     pub fn blocks(mut self, elements: usize) -> impl Iterator<Item = Result<Vec<T>, Problem>> {
         let mut left = Some(self.elements);
         std::iter::from_fn(move || {
             let now = left?.min(elements);
             left = left.map(|left| left - now);
-            let block = self.block(now);
-            if now == 0 || block.is_err() {
+            let block = if now > 0 { self.next(now).map(Some) } else { self.end().map(|()| None) };
+            if !matches!(block, Ok(Some(_))) {
                 left = None;
             }
-            if now == 0 { block.err().map(Err) } else { Some(block) }
+            block.transpose()
         })
     }
 
-    /// So many elements; with 0 the end is checked.
-    fn block(&mut self, elements: usize) -> Result<Vec<T>, Problem> {
-        let name = self.name;
-        let damaged = |e: std::io::Error| Problem::array(name, format!("data is cut short or damaged: {e}"));
-        let mut bytes = vec![0; (elements * T::BYTES).max(1)];
-        if elements > 0 {
-            self.entry.read_exact(&mut bytes).map_err(damaged)?;
-        } else if self.entry.read(&mut bytes).map_err(damaged)? != 0 {
-            // Reading past the end is what makes the zip reader compare the checksum.
-            return Err(Problem::array(name, format!("shape is {:?}, but more data follows", self.shape)));
+    /// The next `count` elements, or groups of elements, read in place: an hour's samples are half a gigabyte. Memory is
+    /// touched as data come, whatever the shape says.
+    fn next<V: Pod>(&mut self, count: usize) -> Result<Vec<V>, Problem> {
+        let mut values = Vec::new();
+        values.try_reserve_exact(count).map_err(|_| {
+            Problem::array(self.name, format!("shape is {:?}, more than memory holds", self.shape))
+        })?;
+        while values.len() < count {
+            let start = values.len();
+            values.resize(count.min(start + (CHUNK_BYTES / size_of::<V>()).max(1)), V::zeroed());
+            let new = &mut values[start..];
+            self.entry.read_exact(bytemuck::cast_slice_mut(new)).map_err(|e| self.damaged(&e))?;
+            for value in bytemuck::cast_slice_mut::<V, T>(new) {
+                *value = T::from_le(bytemuck::bytes_of(value));
+            }
         }
-        Ok(bytes.chunks_exact(T::BYTES).take(elements).map(T::from_le).collect())
+        Ok(values)
+    }
+
+    /// Nothing follows. Reading past the end is what makes the zip reader compare the checksum.
+    fn end(&mut self) -> Result<(), Problem> {
+        match self.entry.read(&mut [0]).map_err(|e| self.damaged(&e))? {
+            0 => Ok(()),
+            _ => Err(Problem::array(self.name, format!("shape is {:?}, but more data follows", self.shape))),
+        }
+    }
+
+    fn damaged(&self, error: &io::Error) -> Problem {
+        Problem::array(self.name, format!("data is cut short or damaged: {error}"))
     }
 }

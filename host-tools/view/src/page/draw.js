@@ -86,8 +86,8 @@ class SensorPanel {
     const force = `${((sum * this.state.taxel_mm2) / 1000).toFixed(1)} N, peak ${peak.toFixed(0)} kPa (nominal film)`;
     this.numbers.textContent = (sensor.taxels ? force : `no raw data · sum ${sensor.sum}`) + ` · ${sensor.area} taxels · ` +
       (sensor.area > 0 ? `centre ${sensor.row.toFixed(1)}, ${sensor.col.toFixed(1)}` : "no contact");
-    this.health.textContent = named(HEALTH, sensor.health) || "healthy";
-    this.health.classList.toggle("bad", (sensor.health & ~NO_FAULT) !== 0);
+    this.health.textContent = named(this.state.health, sensor.health) || "healthy";
+    this.health.classList.toggle("bad", (sensor.health & ~this.state.no_fault) !== 0);
     const bin = sensor.mel ? sensor.mel.indexOf(Math.max(...sensor.mel)) : -1;
     this.loudest.textContent = bin < 0 ? "no samples"
       : `loudest: ${this.state.mel_hz[bin].toFixed(0)} Hz, ${this.db(sensor.mel[bin]).toFixed(0)} ${this.dbName}`;

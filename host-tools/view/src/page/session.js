@@ -220,8 +220,8 @@ class Session {
     this.lamp("may-begin", shown.flags & MAY_BEGIN, "may begin", "--c2");
     this.lamp("slip", shown.flags & SLIP, "slip", "--flag");
     this.$("slip").style.textDecoration = shown.invalid ? "line-through" : "";
-    this.$("invalid").textContent = shown.invalid ? `do not believe it: ${named(WHY_INVALID, shown.invalid)}` : "";
-    this.$("degraded").textContent = named(WHY_DEGRADED, shown.degraded);
+    this.$("invalid").textContent = shown.invalid ? `do not believe it: ${named(this.state.invalid, shown.invalid)}` : "";
+    this.$("degraded").textContent = named(this.state.degraded, shown.degraded);
     this.$("time").textContent = `${(shown.timestampUs / 1e6).toFixed(3)} s · frame ${shown.sequence}`;
     this.$("counts").textContent = `${this.state.lost} lost · ${shown.late} late`;
     return true;

@@ -3,15 +3,9 @@
 
 const HEADER_BYTES = 40, SENSOR_BYTES = 16 + 2 * 16 + 2 * 1024, MEL_BINS = 16, SIDE = 32, LOGIT_ONE = 1024;
 const SLIP = 1, MAY_BEGIN = 2, TRUTH_KNOWN = 4, TRUE_SLIP = 8, IN_CONTACT = 48, FAULT = 64, INVALID = 128;
-const HEALTH = ["array missing", "accelerometer missing", "accelerometer warming up", "accelerometer clipped",
-  "taxels saturated", "samples dropped", "no model", "taxels masked"];
-/** Bits of `HEALTH` that belong to a pad for good, or to its start. */
-const NO_FAULT = 4 | 128;
-const WHY_INVALID = ["no model", "starting", "no sensor changes", "memory check failed", "network check failed"];
-const WHY_DEGRADED = ["a sensor is missing", "samples do not change", "not calibrated", "operating point set", "late",
-  "self test failed"];
 
-const named = (names, bits) => names.filter((_, bit) => bits >> bit & 1).join(", ");
+/** The names of the bits that are set; `table`: [bit, name] of each. */
+const named = (table, bits) => table.filter(([bit]) => bits & bit).map(([, name]) => name).join(", ");
 
 /** The frames of one session of `slipsense view`: a function from a request to the number of a frame, and bytes. */
 const fromServer = (number) => (request) => {

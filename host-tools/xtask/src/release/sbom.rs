@@ -9,12 +9,13 @@ use serde_json::{Value, json};
 
 use crate::firmware::FEATURE;
 use crate::process::{answer, cargo, python, root, run};
-use crate::toolchain::{TARGET, Toolchain};
+use crate::toolchain::{TARGET, Toolchain, WEB_TARGET};
 
 /// What is built, and how `cargo tree` selects it.
-const PARTS: [(&str, &[&str]); 3] = [
-    ("command", &["--package", "slipsense-cli"]),
+const PARTS: [(&str, &[&str]); 4] = [
+    ("command", &["--package", "slipsense-cli", "--features", "train"]),
     ("wheel", &["--package", "slipsense-python"]),
+    ("page", &["--package", "slipsense-view", "--target", WEB_TARGET]),
     ("firmware", &["--package", "slipsense", "--features", FEATURE, "--target", TARGET]),
 ];
 /// Of CycloneDX' own library.

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, ensure};
-use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::params::FRAME_RATE_HZ;
 use slipsense::wire::NodeId;
 use slipsense_recording::EpisodeReader;
 use slipsense_view::frames::{Frames, Session};
@@ -59,7 +59,7 @@ pub struct Args {
     /// Model file, or `bundled`; may be given several times
     #[arg(long, value_name = "FILE", default_value = bundled::NAME)]
     model: Vec<PathBuf>,
-    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes 1 to 3 GB of memory, by what they feel
+    /// Keep this many seconds; older frames are dropped. An hour of three sensors takes gigabytes of memory
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=86400))]
     keep_s: u32,
 }
@@ -99,9 +99,11 @@ impl Args {
         );
         let server = PageServer::bind(self.port)?;
         let keep = self.keep_s as usize * FRAME_RATE_HZ as usize;
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        let id = since.map_or(0, |since| since.as_millis() as u64);
         let (sessions, sources): (Vec<_>, Vec<_>) = sources
             .into_iter()
-            .map(|(session, source)| (Shared::new(Frames::new(session, keep)), source))
+            .map(|(session, source)| (Shared::new(Frames::new(Session { id, ..session }, keep)), source))
             .unzip();
         let sessions = Arc::new(sessions);
         for (index, source) in sources.into_iter().enumerate() {
@@ -146,54 +148,34 @@ impl Args {
         Ok(sources)
     }
 
-    fn session(&self, path: &Path, live: bool) -> Session {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH);
-        let name =
-            path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into());
-        Session {
-            id: since.map_or(0, |since| since.as_millis() as u64),
-            name,
-            model: None,
-            synthetic: None,
-            xl_lsb_g: None,
-            // Of a log: the number of sensors is in the module's first message.
-            sensors: MAX_SENSORS,
-            live,
-        }
-    }
-
     fn episode(&self, path: &Path, model: &Path) -> Result<(Session, Source)> {
-        let mut session = self.session(path, false);
-        let (input, name): (Box<dyn Input>, _) = if self.files.is_empty() {
-            session.name = "bundled episode".to_owned();
-            (Box::new(Cursor::new(bundled::EPISODE)), Path::new(bundled::NAME))
+        let (input, path): (Box<dyn Input>, _) = if self.files.is_empty() {
+            (Box::new(Cursor::new(bundled::EPISODE)), Path::new("bundled episode"))
         } else {
             let file = File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
             (Box::new(BufReader::with_capacity(1 << 16, file)), path)
         };
-        let file = EpisodeReader::new(input, name)?;
+        let file = EpisodeReader::new(input, path)?;
         let model = named_model(model)?;
-        let episode = file.episode();
-        session.model = Some(model.name.clone());
-        session.synthetic = Some(episode.meta.is_synthetic());
-        session.xl_lsb_g = Some(episode.meta.xl_lsb_g);
-        session.sensors = episode.sensors;
+        let session = Session::of_episode(file_name(path), model.name.clone(), file.episode());
         Ok((session, Source::Episode(Box::new(file), model)))
     }
 
     fn log(&self, path: &Path) -> Result<(Session, Source)> {
         let is_live = path == Path::new(STANDARD_INPUT);
-        let mut session = self.session(path, is_live);
-        let log: Box<dyn BufRead + Send> = if is_live {
-            session.name = "standard input".to_owned();
-            Box::new(BufReader::new(stdin()))
+        let (log, name): (Box<dyn BufRead + Send>, _) = if is_live {
+            (Box::new(BufReader::new(stdin())), "standard input".to_owned())
         } else {
             let file =
                 File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
-            Box::new(BufReader::with_capacity(1 << 16, file))
+            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path))
         };
-        Ok((session, Source::Log(log, self.node)))
+        Ok((Session::of_log(name, is_live), Source::Log(log, self.node)))
     }
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into())
 }
 
 /// A model that can be used.

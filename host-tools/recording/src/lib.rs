@@ -24,8 +24,6 @@ pub mod candump;
 #[cfg(feature = "links")]
 pub mod client;
 #[cfg(feature = "links")]
-mod catch_panic;
-#[cfg(feature = "links")]
 pub mod dbc;
 #[cfg(feature = "links")]
 pub mod decode;

@@ -19,7 +19,7 @@ use anyhow::{Context, Result, bail};
 use slipsense::wire::CanFrame;
 
 use crate::log_file;
-use crate::recording::Format;
+use crate::recording::{Format, Record};
 use crate::slcan;
 
 /// How long a source that is quiet keeps its reader waiting.
@@ -87,7 +87,7 @@ impl<T: Read + Write + Send> Wire for T {}
 pub enum Source {
     /// Lines of a candump log as they come.
     Lines(CandumpReader<Box<dyn BufRead + Send>>),
-    Read(std::vec::IntoIter<LogEntry>),
+    File(Box<log_file::Reader>),
     Slcan(SlcanSource),
     SocketCan(socket_can::Socket),
 }
@@ -111,7 +111,7 @@ pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
             }
             Source::Lines(CandumpReader::new(Box::new(BufReader::new(file))))
         }
-        Place::File(path, format) => Source::Read(log_file::read(path, *format)?.entries.into_iter()),
+        Place::File(path, format) => Source::File(Box::new(log_file::open(path, *format)?)),
         Place::Serial(_) | Place::Tcp(_) => {
             let (wire, name) = (slcan_wire(place, data_mbit)?, "slcan0".to_owned());
             Source::Slcan(SlcanSource { wire, name, line: Vec::new(), ready: Default::default() })
@@ -155,7 +155,13 @@ impl Source {
                 Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Input::Other(Foreign::Classic),
                 Some(Err(error)) => return Err(error.into()),
             }),
-            Self::Read(entries) => Ok(entries.next().map_or(Input::End, Input::Frame)),
+            Self::File(records) => loop {
+                match records.next().transpose()? {
+                    None => break Ok(Input::End),
+                    Some(Record::Frame(entry)) => break Ok(Input::Frame(entry)),
+                    Some(Record::Displacement { .. }) => {}
+                }
+            },
             Self::Slcan(adapter) => adapter.receive(),
             Self::SocketCan(socket) => socket.receive(),
         }
@@ -172,7 +178,7 @@ impl Source {
 
     pub fn send(&mut self, frame: &CanFrame) -> Result<()> {
         match self {
-            Self::Lines(_) | Self::Read(_) => bail!("a recording takes no frames: need a bus"),
+            Self::Lines(_) | Self::File(_) => bail!("a recording takes no frames: need a bus"),
             Self::Slcan(adapter) => Ok(adapter.wire.write_all(slcan::command(frame).as_bytes())?),
             Self::SocketCan(socket) => socket.send(frame),
         }

@@ -12,23 +12,22 @@
 //! Times are those of the recording, nanoseconds; the module's own clock is in the messages.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
-use std::io::{BufWriter, Seek, Write};
-use std::path::Path;
+use std::io::{Read, Seek, Write};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use mcap::io::MessageReader;
 use mcap::records::MessageHeader;
-use mcap::{McapError, Message, MessageStream, WriteOptions, Writer};
+use mcap::sans_io::LinearReaderOptions;
+use mcap::{McapError, Message, WriteOptions, Writer};
 use serde_json::{Value, json};
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage, WireLogit};
 
 use crate::candump::LogEntry;
-use crate::catch_panic::catch_panic;
 use crate::decode::Decoder;
-use crate::recording::Recording;
+use crate::recording::{Record, Recording};
 
 const CAN_TOPIC: &str = "/can/";
 const DISPLACEMENT_TOPIC: &str = "/displacement";
@@ -187,32 +186,6 @@ fn schema(value: &Value) -> Value {
     }
 }
 
-pub(crate) fn write(file: &mut File, recording: &Recording) -> Result<()> {
-    let mut sink = McapSink::new(BufWriter::new(file))?;
-    for entry in &recording.entries {
-        sink.write(entry)?;
-    }
-    for &(time_us, mm) in &recording.displacement {
-        sink.displacement(time_us, mm)?;
-    }
-    Ok(sink.finish()?.flush()?)
-}
-
-/// Read a recording, also one that was cut short when its recorder was killed.
-pub(crate) fn read(path: &Path) -> Result<Recording> {
-    parse(&std::fs::read(path).context("cannot read")?)
-}
-
-/// The next message, or what is wrong with it. mcap 0.26 panics at a record in a chunk that says it is almost 2^64
-/// bytes long; a file that someone else wrote must not end this program.
-fn next_message(
-    messages: &mut MessageStream<'_>,
-    index: u64,
-) -> Result<Option<Result<Message<'static>, McapError>>> {
-    catch_panic(|| messages.next())
-        .ok_or_else(|| anyhow!("after message {index}: a record of impossible length"))
-}
-
 /// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.
 fn one_line(error: &McapError) -> String {
     let text = error.to_string();
@@ -222,27 +195,61 @@ fn one_line(error: &McapError) -> String {
     colours.iter().fold(what.to_owned(), |plain, colour| plain.replace(colour, ""))
 }
 
-/// Read a recording held in memory.
-pub fn parse(bytes: &[u8]) -> Result<Recording> {
-    let mut recording = Recording::default();
-    let mut skipped: BTreeMap<String, u64> = BTreeMap::new();
-    let mut messages = MessageStream::new(bytes).context("not an MCAP file")?;
-    for index in 0.. {
-        let Some(message) = next_message(&mut messages, index)? else { break };
-        let message = match message {
-            Ok(message) => message,
-            Err(McapError::UnexpectedEof) if index > 0 => {
-                recording.notes.push("the file was cut short; everything up to there is read".to_owned());
-                break;
+/// Reads a recording entry by entry, also one that was cut short when its recorder was killed. Nothing comes after an
+/// error.
+pub struct McapSource<R: Read> {
+    messages: MessageReader<R>,
+    /// Messages so far.
+    index: u64,
+    /// Messages of other topics, by topic.
+    skipped: BTreeMap<String, u64>,
+    cut_short: bool,
+    done: bool,
+}
+
+impl<R: Read> McapSource<R> {
+    /// Of a file of `length` bytes: no record of it is longer.
+    pub fn new(input: R, length: u64) -> Self {
+        let limit = usize::try_from(length).unwrap_or(usize::MAX);
+        let options = LinearReaderOptions::default().with_record_length_limit(limit);
+        let messages = MessageReader::new_with_options(input, options);
+        Self { messages, index: 0, skipped: BTreeMap::new(), cut_short: false, done: false }
+    }
+
+    /// What is left out so far, in words.
+    pub fn notes(&self) -> Vec<String> {
+        let cut = self.cut_short.then(|| "the file was cut short; everything up to there is read".to_owned());
+        let skipped = self.skipped.iter();
+        let skipped = skipped.map(|(topic, count)| format!("{count} messages of {topic} are left out"));
+        cut.into_iter().chain(skipped).collect()
+    }
+
+    /// The next message, or what is wrong with it.
+    fn message(&mut self) -> Result<Option<Message<'static>>> {
+        let index = self.index;
+        let next = self.messages.next();
+        self.index += 1;
+        match next {
+            None => Ok(None),
+            Some(Ok(message)) => Ok(Some(message)),
+            Some(Err(McapError::UnexpectedEof)) if index > 0 => {
+                self.cut_short = true;
+                Ok(None)
             }
-            Err(error) => bail!("after message {index}: {}", one_line(&error)),
-        };
+            Some(Err(error @ McapError::BadMagic)) => Err(anyhow!("not an MCAP file: {}", one_line(&error))),
+            Some(Err(error)) => bail!("after message {index}: {}", one_line(&error)),
+        }
+    }
+
+    /// The entry that a message is; `None` if it says again what CAN frames say, or is of another topic.
+    fn entry(&mut self, message: &Message<'_>) -> Result<Option<Record>> {
         // Whatever stands in a topic, an error stays one line.
         let topic = message.channel.topic.escape_debug().to_string();
-        let at = || format!("message {index} of {topic}");
+        let at = || format!("message {} of {topic}", self.index - 1);
         let value =
             || serde_json::from_slice::<Value>(&message.data).with_context(|| format!("{}: not JSON", at()));
         let schema = message.channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
+        let timestamp_us = message.log_time / 1000;
         let interface = message.channel.topic.strip_prefix(CAN_TOPIC);
         if let Some(interface) = interface.filter(|_| schema == CAN_FRAME) {
             let is_name = |c: char| !c.is_whitespace() && !c.is_control();
@@ -252,20 +259,53 @@ pub fn parse(bytes: &[u8]) -> Result<Recording> {
                 at()
             );
             let frame = can_frame(&value()?).with_context(at)?;
-            ensure!(message.log_time % 1000 == 0, "{}: time is no whole microsecond", at());
-            let (timestamp_us, interface) = (message.log_time / 1000, interface.to_owned());
-            recording.entries.push(LogEntry { timestamp_us, interface, frame });
-        } else if schema == DISPLACEMENT {
+            ensure!(message.log_time.is_multiple_of(1000), "{}: time is no whole microsecond", at());
+            return Ok(Some(Record::Frame(LogEntry {
+                timestamp_us,
+                interface: interface.to_owned(),
+                frame,
+            })));
+        }
+        if schema == DISPLACEMENT {
             let mm = value()?["displacement_mm"].as_f64();
             let mm = mm.with_context(|| format!("{}: `displacement_mm` must be a number", at()))?;
-            recording.displacement.push((message.log_time / 1000, mm));
-        } else if ![SLIP, RAW, IMAGE].contains(&schema) {
-            *skipped.entry(topic).or_default() += 1;
+            return Ok(Some(Record::Displacement { timestamp_us, mm }));
         }
+        if ![SLIP, RAW, IMAGE].contains(&schema) {
+            *self.skipped.entry(topic).or_default() += 1;
+        }
+        Ok(None)
     }
-    for (topic, count) in skipped {
-        recording.notes.push(format!("{count} messages of {topic} are left out"));
+}
+
+impl<R: Read> Iterator for McapSource<R> {
+    type Item = Result<Record>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while !self.done {
+            let next = self.message().and_then(|message| match message {
+                Some(message) => self.entry(&message),
+                None => {
+                    self.done = true;
+                    Ok(None)
+                }
+            });
+            self.done |= next.is_err();
+            if let Some(record) = next.transpose() {
+                return Some(record);
+            }
+        }
+        None
     }
+}
+
+/// Read a recording held in memory.
+pub fn parse(bytes: &[u8]) -> Result<Recording> {
+    let (mut recording, mut source) = (Recording::default(), McapSource::new(bytes, bytes.len() as u64));
+    for record in &mut source {
+        recording.push(record?);
+    }
+    recording.notes = source.notes();
     Ok(recording)
 }
 

@@ -23,6 +23,18 @@ impl Format {
     }
 }
 
+/// One entry of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Record {
+    Frame(LogEntry),
+    /// Position of a test stand's crosshead.
+    Displacement {
+        timestamp_us: u64,
+        mm: f64,
+    },
+}
+
+/// A recording in memory: for short ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
     /// Frames, in the order of the file.
@@ -31,4 +43,20 @@ pub struct Recording {
     pub displacement: Vec<(u64, f64)>,
     /// What the file has and this cannot hold, or what is wrong with it, in words.
     pub notes: Vec<String>,
+}
+
+impl Recording {
+    pub fn push(&mut self, record: Record) {
+        match record {
+            Record::Frame(entry) => self.entries.push(entry),
+            Record::Displacement { timestamp_us, mm } => self.displacement.push((timestamp_us, mm)),
+        }
+    }
+
+    /// Frames, then positions.
+    pub fn records(&self) -> impl Iterator<Item = Record> {
+        let frames = self.entries.iter().cloned().map(Record::Frame);
+        let positions = self.displacement.iter();
+        frames.chain(positions.map(|&(timestamp_us, mm)| Record::Displacement { timestamp_us, mm }))
+    }
 }

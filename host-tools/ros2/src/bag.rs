@@ -12,8 +12,8 @@ use cdr_encoding::to_vec;
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use serde_json::json;
-use slipsense_recording::candump::LogEntry;
 use slipsense_recording::decode::Count;
+use slipsense_recording::log_file::{self, Format, Record};
 
 use crate::messages::{Qos, RosMessage};
 use crate::topics::{Sink, Topics};
@@ -33,21 +33,24 @@ pub struct Written {
     pub nodes: BTreeMap<u8, Count>,
 }
 
-/// Write a bag into the new folder `out`, with all topics in `namespace`. What fails leaves nothing behind.
+/// Write a bag of a recording into the new folder `out`, with all topics in `namespace`. What fails leaves nothing behind.
 ///
 /// # Errors
 /// If `out` is there, cannot be written, or no message is in the recording.
-pub fn write(out: &Path, entries: &[LogEntry], namespace: &str) -> Result<Written> {
+pub fn write(out: &Path, recording: &Path, format: Format, namespace: &str) -> Result<Written> {
     ensure!(!out.exists(), "{}: is there already; a bag is a new folder", out.display());
     let parent = out.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let made = tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(parent);
     let partial = made.with_context(|| format!("{}: cannot write", parent.display()))?;
     let file = File::create(partial.path().join(BAG_FILE))?;
     let (mut bag, mut topics) = (Bag::new(BufWriter::new(file))?, Topics::new(namespace));
-    for entry in entries {
-        topics.entry(entry, &mut bag)?;
+    for record in log_file::open(recording, format)? {
+        if let Record::Frame(entry) = record? {
+            topics.entry(&entry, &mut bag)?;
+        }
     }
-    let (written, metadata) = bag.finish(topics.decoder.counts())?;
+    let (written, metadata) =
+        bag.finish(topics.decoder.counts()).with_context(|| recording.display().to_string())?;
     std::fs::write(partial.path().join("metadata.yaml"), metadata)?;
     let kept = partial.keep();
     std::fs::rename(&kept, out).with_context(|| format!("{}: cannot write", out.display()))?;

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use slipsense::calibration::SECONDS_MAX;
 use slipsense_recording::link::{Place, open};
-use slipsense_recording::log_file::{self, Format};
+use slipsense_recording::log_file::Format;
 use slipsense_ros2::{bag, node};
 
 static STOP: AtomicBool = AtomicBool::new(false);
@@ -171,9 +171,7 @@ impl BagArgs {
         let Some(format) = Format::from_path(&self.recording) else {
             anyhow::bail!("{}: must end in .mcap or .log", self.recording.display())
         };
-        let recording = log_file::read(&self.recording, format)?;
-        let written = bag::write(&self.out, &recording.entries, &self.namespace)
-            .with_context(|| self.recording.display().to_string())?;
+        let written = bag::write(&self.out, &self.recording, format, &self.namespace)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&written)?);
             return Ok(());

@@ -269,7 +269,10 @@ fn what_cannot_be_recorded_converted_or_replayed() {
     place.file("x.txt", "");
     place.file("long.mcap", mcap_with_a_record_of_impossible_length());
     place.errors([
-        ("convert @long.mcap @y.log", "long.mcap: after message 0: a record of imposs"),
+        (
+            "convert @long.mcap @y.log",
+            "long.mcap: after message 0: record with opcode 05 length exceeds limit",
+        ),
         ("convert @a.log @x.wav", "must end in"),
         ("convert @x.txt @out.mcap", "must end in"),
         ("convert @bad.log @out.mcap", "line 1: identifier \"wxyzwxyz\""),

@@ -7,7 +7,7 @@ use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{Frames, MessageId, NodeId, Priority, RawBuffer, RawFrame, SlipMessage, Transmitter};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::log_file::{Format, Recording, read, write};
-use slipsense_recording::rebuild;
+use slipsense_recording::rebuild::{Rebuilder, Rebuilt};
 
 const FRAMES: u32 = 40;
 const XL: [[i16; 3]; 34] = {
@@ -57,6 +57,12 @@ fn recording(skip: impl Fn(u32) -> bool) -> Recording {
     Recording { entries, displacement: vec![(1_700_000_000_004_168, 1.25)], notes: Vec::new() }
 }
 
+fn rebuilt(entries: &[LogEntry]) -> anyhow::Result<Rebuilt> {
+    let mut rebuilder = Rebuilder::new();
+    entries.iter().for_each(|entry| rebuilder.accept(entry));
+    rebuilder.episode(None, 0.000_488)
+}
+
 fn name(format: Format) -> &'static str {
     match format {
         Format::Candump => "r.log",
@@ -73,7 +79,8 @@ fn nothing_is_lost_on_the_way_and_back() {
     for format in ALL {
         let path = dir.path().join(name(format));
         assert_eq!(Format::from_path(&path), Some(format));
-        let notes = write(&path, format, &before).unwrap();
+        let notes =
+            write(&path, format, |sink| before.records().try_for_each(|record| sink.put(&record))).unwrap();
         let after = read(&path, format).unwrap();
         assert_eq!(after.entries.len(), before.entries.len());
         for (i, (after, before)) in after.entries.iter().zip(&before.entries).enumerate() {
@@ -88,7 +95,7 @@ fn nothing_is_lost_on_the_way_and_back() {
 
 #[test]
 fn an_episode_comes_back_from_the_bus() {
-    let rebuilt = rebuild::episode(&recording(|_| false).entries, None, 0.000_488).unwrap();
+    let rebuilt = rebuilt(&recording(|_| false).entries).unwrap();
     let episode = rebuilt.episode;
     assert_eq!((episode.frames(), episode.sensors, rebuilt.first), (FRAMES as usize, 2, 0));
     for sequence in 0..FRAMES {
@@ -102,7 +109,7 @@ fn an_episode_comes_back_from_the_bus() {
 
 #[test]
 fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() {
-    let rebuilt = rebuild::episode(&recording(|n| n == 12 || n == 35).entries, None, 0.000_488).unwrap();
+    let rebuilt = rebuilt(&recording(|n| n == 12 || n == 35).entries).unwrap();
     assert_eq!((rebuilt.first, rebuilt.episode.frames()), (13, 22));
     assert!(rebuilt.notes[0].contains("32 of 76 raw messages are left out"), "{:?}", rebuilt.notes);
 }
@@ -110,10 +117,7 @@ fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() 
 #[test]
 fn an_episode_names_the_calibrations_it_was_read_by() {
     let mut entries = recording(|_| false).entries;
-    assert_eq!(
-        rebuild::episode(&entries, None, 0.000_488).unwrap().episode.meta.other.get("calibration"),
-        None
-    );
+    assert_eq!(rebuilt(&entries).unwrap().episode.meta.other.get("calibration"), None);
     let record = |node: u8, text: &str| {
         let id =
             MessageId { priority: Priority::Optional, port: RECORD_PORT, node: NodeId::new(node).unwrap() };
@@ -127,7 +131,7 @@ fn an_episode_names_the_calibrations_it_was_read_by() {
     let other = record(99, "calibration 0: 9 99999999");
     entries.extend(said);
     entries.push(other);
-    let episode = rebuild::episode(&entries, None, 0.000_488).unwrap().episode;
+    let episode = rebuilt(&entries).unwrap().episode;
     let expected = serde_json::json!({"0": "none, then 1 00000007", "1": "3 1a2b3c4d"});
     assert_eq!(episode.meta.other["calibration"], expected);
 }

@@ -9,8 +9,8 @@ use slipsense::wire::{NodeId, RawForm};
 use slipsense_recording::Episode;
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::label::StandLog;
-use slipsense_recording::log_file::{self, Format, Recording};
-use slipsense_recording::rebuild;
+use slipsense_recording::log_file::{self, Format, Record};
+use slipsense_recording::rebuild::Rebuilder;
 
 use super::Print;
 use crate::output::{check_file, write_file};
@@ -81,47 +81,41 @@ impl Args {
     pub fn run(self) -> Result<()> {
         let (from, to) = (kind(&self.input)?, kind(&self.out)?);
         check_file(&self.out)?;
-        let recording = match from {
-            Kind::Frames(format) => log_file::read(&self.input, format)?,
-            Kind::Episode => self.read_episode()?,
-            Kind::Csv => self.read_stand()?,
-        };
-        let mut notes = recording.notes.clone();
         let name = self.input.display();
-        let what = match to {
+        let mut frames = 0_u64;
+        let (what, notes) = match to {
             Kind::Frames(format) => {
-                let carries = !recording.entries.is_empty() || format == Format::Mcap;
-                ensure!(
-                    carries,
-                    "{name}: no CAN frame in it; a crosshead's displacement goes to .mcap or .csv"
-                );
-                notes.extend(log_file::write(&self.out, format, &recording)?);
-                format!("{} CAN frames", recording.entries.len())
-            }
-            Kind::Episode => {
-                let lsb = self
-                    .xl_lsb_g
-                    .context("--xl-lsb-g is missing: an episode needs it (0.000488 at ±16 g)")?;
-                ensure!(lsb.is_finite() && lsb > 0.0, "--xl-lsb-g is {lsb}, must be above 0");
-                let rebuilt = rebuild::episode(&recording.entries, self.node_id, lsb)
-                    .with_context(|| name.to_string())?;
-                rebuilt.episode.write(&self.out)?;
-                if !recording.displacement.is_empty() {
-                    notes.push(
-                        "the crosshead's displacement is left out: `slipsense label` adds it".to_owned(),
+                let mut notes = Vec::new();
+                let left_out = log_file::write(&self.out, format, |sink| {
+                    notes = self.records(&from, |record| {
+                        frames += u64::from(matches!(record, Record::Frame(_)));
+                        sink.put(&record)
+                    })?;
+                    ensure!(
+                        frames > 0 || format == Format::Mcap,
+                        "{name}: no CAN frame in it; a crosshead's displacement goes to .mcap or .csv"
                     );
-                }
-                notes.extend(rebuilt.notes);
-                let (frames, sensors) = (rebuilt.episode.frames(), rebuilt.episode.sensors);
-                format!("{frames} frames of {sensors} sensor{}", summary::plural(sensors))
+                    Ok(())
+                })?;
+                notes.extend(left_out);
+                (format!("{frames} CAN frames"), notes)
             }
+            Kind::Episode => self.rebuild(&from)?,
             Kind::Csv => {
-                ensure!(!recording.displacement.is_empty(), "{name}: no crosshead's displacement in it");
-                write_file(&self.out, csv(&recording.displacement))?;
-                if !recording.entries.is_empty() {
-                    notes.push(format!("{} CAN frames are left out", recording.entries.len()));
+                let mut displacement = Vec::new();
+                let mut notes = self.records(&from, |record| {
+                    match record {
+                        Record::Displacement { timestamp_us, mm } => displacement.push((timestamp_us, mm)),
+                        Record::Frame(_) => frames += 1,
+                    }
+                    Ok(())
+                })?;
+                ensure!(!displacement.is_empty(), "{name}: no crosshead's displacement in it");
+                write_file(&self.out, csv(&displacement))?;
+                if frames > 0 {
+                    notes.push(format!("{frames} CAN frames are left out"));
                 }
-                format!("{} positions", recording.displacement.len())
+                (format!("{} positions", displacement.len()), notes)
             }
         };
         let out = self.out.display().to_string();
@@ -131,40 +125,71 @@ impl Args {
         })
     }
 
-    fn read_episode(&self) -> Result<Recording> {
+    /// Hand over what is in the recording, entry by entry. Returns what is left out.
+    fn records(&self, from: &Kind, mut put: impl FnMut(Record) -> Result<()>) -> Result<Vec<String>> {
+        match from {
+            Kind::Frames(format) => {
+                let mut reader = log_file::open(&self.input, *format)?;
+                reader.by_ref().try_for_each(|record| put(record?))?;
+                Ok(reader.notes())
+            }
+            Kind::Episode => self.episode(put),
+            Kind::Csv => self.stand(put),
+        }
+    }
+
+    fn rebuild(&self, from: &Kind) -> Result<(String, Vec<String>)> {
+        let lsb = self.xl_lsb_g.context("--xl-lsb-g is missing: an episode needs it (0.000488 at ±16 g)")?;
+        ensure!(lsb.is_finite() && lsb > 0.0, "--xl-lsb-g is {lsb}, must be above 0");
+        let (mut rebuilder, mut displacement) = (Rebuilder::new(), false);
+        let mut notes = self.records(from, |record| {
+            match record {
+                Record::Frame(entry) => rebuilder.accept(&entry),
+                Record::Displacement { .. } => displacement = true,
+            }
+            Ok(())
+        })?;
+        let rebuilt =
+            rebuilder.episode(self.node_id, lsb).with_context(|| self.input.display().to_string())?;
+        rebuilt.episode.write(&self.out)?;
+        if displacement {
+            notes.push("the crosshead's displacement is left out: `slipsense label` adds it".to_owned());
+        }
+        notes.extend(rebuilt.notes);
+        let (frames, sensors) = (rebuilt.episode.frames(), rebuilt.episode.sensors);
+        Ok((format!("{frames} frames of {sensors} sensor{}", summary::plural(sensors)), notes))
+    }
+
+    fn episode(&self, mut put: impl FnMut(Record) -> Result<()>) -> Result<Vec<String>> {
         let episode = Episode::read(&self.input)?;
-        let mut entries = Vec::new();
         let progress = self.print.progress(episode.frames(), "frames");
         simulate(
             &episode,
             bundled::model(None)?.parse()?,
             RawForm::Plain,
             |timestamp_us, &frame| {
-                entries.push(LogEntry { timestamp_us, interface: "can0".to_owned(), frame });
-                Ok(())
+                put(Record::Frame(LogEntry { timestamp_us, interface: "can0".to_owned(), frame }))
             },
             || progress.inc(1),
         )?;
         progress.finish_and_clear();
-        let displacement = episode.displacement_mm.iter().flatten().enumerate();
-        let displacement = displacement.map(|(f, &mm)| (stamp(f).timestamp_us, f64::from(mm))).collect();
+        for (frame, &mm) in episode.displacement_mm.iter().flatten().enumerate() {
+            put(Record::Displacement { timestamp_us: stamp(frame).timestamp_us, mm: f64::from(mm) })?;
+        }
         let mut lost = vec!["what meta says of units and origin"];
         lost.extend(episode.label.is_some().then_some("labels"));
         lost.extend(episode.slip_true_mm_s.is_some().then_some("true slip speed"));
         lost.extend(episode.slip_fraction.is_some().then_some("slip fraction"));
-        let notes = vec![format!("left out: {}", lost.join(", "))];
-        Ok(Recording { entries, displacement, notes })
+        Ok(vec![format!("left out: {}", lost.join(", "))])
     }
 
-    fn read_stand(&self) -> Result<Recording> {
+    fn stand(&self, mut put: impl FnMut(Record) -> Result<()>) -> Result<Vec<String>> {
         let log = StandLog::read(&self.input)?;
-        let mut displacement = Vec::new();
         for (&time_s, &mm) in log.time_s.iter().zip(&log.travel_mm) {
             ensure!(time_s >= 0.0, "{}: time {time_s} s is below 0", self.input.display());
-            displacement.push(((time_s * 1e6).round() as u64, mm));
+            put(Record::Displacement { timestamp_us: (time_s * 1e6).round() as u64, mm })?;
         }
-        let notes = log.load_n.iter().map(|_| "the load is left out".to_owned()).collect();
-        Ok(Recording { entries: Vec::new(), displacement, notes })
+        Ok(log.load_n.iter().map(|_| "the load is left out".to_owned()).collect())
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::json;
 use slipsense_recording::link::{Place, open_sink};
-use slipsense_recording::log_file::{self, Format};
+use slipsense_recording::log_file::{self, Format, Record};
 
 use super::Print;
 
@@ -54,28 +54,35 @@ impl Args {
             !(self.print.json && self.to == Place::Standard),
             "--json: standard output is the bus already"
         );
-        let recording = log_file::read(&self.input, format)?;
-        let first = recording.entries.first();
-        let first = first.with_context(|| format!("{}: no CAN frame in it", self.input.display()))?;
+        let mut recording = log_file::open(&self.input, format)?;
+        let mut entries = recording.by_ref().filter_map(|record| match record {
+            Ok(Record::Frame(entry)) => Some(Ok(entry)),
+            Ok(Record::Displacement { .. }) => None,
+            Err(error) => Some(Err(error)),
+        });
+        let first =
+            entries.next().with_context(|| format!("{}: no CAN frame in it", self.input.display()))??;
         let mut sink = open_sink(&self.to, &first.interface, self.data_mbit)?;
         let began = Instant::now();
-        let mut late = Duration::ZERO;
-        for entry in &recording.entries {
-            let after_us = entry.timestamp_us.saturating_sub(first.timestamp_us);
+        let (mut late, mut frames, first_us) = (Duration::ZERO, 0, first.timestamp_us);
+        for entry in std::iter::once(Ok(first)).chain(entries) {
+            let entry = entry?;
+            let after_us = entry.timestamp_us.saturating_sub(first_us);
             let due = Duration::from_secs_f64(after_us as f64 / 1e6 / self.speed);
             match due.checked_sub(began.elapsed()) {
                 Some(wait) if !wait.is_zero() => thread::sleep(wait),
                 _ => late = late.max(began.elapsed().saturating_sub(due)),
             }
             sink.send(entry.timestamp_us, &entry.frame)?;
+            frames += 1;
         }
         sink.finish()?;
-        let (frames, took_s) = (recording.entries.len(), began.elapsed().as_secs_f64());
+        let took_s = began.elapsed().as_secs_f64();
         let late_ms = if self.speed.is_finite() { late.as_secs_f64() * 1e3 } else { 0.0 };
         if self.to == Place::Standard {
             return Ok(());
         }
-        let notes = recording.notes;
+        let notes = recording.notes();
         let result = json!({"frames": frames, "took_s": took_s, "latest_ms": late_ms, "notes": notes});
         self.print
             .show(&result, || format!("{frames} frames in {took_s:.3} s, the latest {late_ms:.1} ms late\n"))

@@ -16,6 +16,7 @@ use crate::folder::{ObjectUses, Use};
 use crate::progress::progress;
 use crate::trace::Ranges;
 use crate::tract::{Graphs, SensorFrame, TractNetwork};
+use crate::train::RECORD;
 use crate::weights::Weights;
 use crate::{
     export, output,
@@ -58,7 +59,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     ensure!(args.calibration_episodes > 0, "--calibration-episodes must be at least 1");
     ensure!(args.val_episodes > 0, "--val-episodes must be at least 1");
     let weights = Weights::read(&args.weights)?;
-    let training: Option<Value> = output::read_json(&args.weights.with_file_name("train.json"))?;
+    let training: Option<Value> = output::read_json(&args.weights.with_file_name(RECORD))?;
     // What training left out is left out here too.
     let uses = match training.as_ref().and_then(|training| training["recipe"].get("objects")) {
         Some(objects) => ObjectUses::deserialize(objects).context("train.json: recipe.objects")?,

@@ -102,7 +102,7 @@ const TURNS: [(Split, bool); 8] = [
     (Split::TrainAnywhere, false),
     (Split::Train, false),
     (Split::TrainAnywhere, false),
-    (Split::TrainAnywhere, true),
+    (Split::Train, true),
     (Split::Train, true),
 ];
 /// Length of an episode of disturbances, seconds: room for a few grasps.

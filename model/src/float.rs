@@ -3,6 +3,8 @@
 //! A frame's keys and values depend on that frame alone and every attention sees the last `window`
 //! frames, so this computes what the streaming network computes frame by frame (`tests/streaming.rs`).
 
+use std::sync::Mutex;
+
 use burn::module::{Module, Param, ParamId};
 use burn::optim::GradientsParams;
 use burn::tensor::activation::{log_softmax, relu, softmax};
@@ -21,6 +23,12 @@ pub const NORM_EPSILON: f64 = 1e-5;
 
 /// Added to the score of a frame that must not be seen.
 const UNSEEN: f32 = -1e9;
+
+/// Scores of the attentions above this count in the loss, and what a nat of their mean excess counts. Scores of thousands
+/// of nats give one frame all the weight: nothing more is learned from the others, and the smallest rounding chooses
+/// another (Zhai et al., arXiv 2303.06296).
+const SCORE_NAT: f32 = 20.0;
+const SCORE_EXCESS_WEIGHT: f32 = 2e-3;
 
 /// What a teacher's probabilities count in the loss where there is one; the labels count the rest.
 const TAUGHT_SHARE: f32 = 0.5;
@@ -102,7 +110,12 @@ impl FloatNetwork {
 
     /// The parameters with their names.
     pub(crate) fn graph(&self, architecture: &impl Architecture) -> Graph<'_> {
-        Graph { parameters: &self.parameters, specs: architecture.specs(), heads: architecture.heads() }
+        Graph {
+            parameters: &self.parameters,
+            specs: architecture.specs(),
+            heads: architecture.heads(),
+            score_excess: Mutex::default(),
+        }
     }
 
     /// Outputs of every frame, `[batch, frame]`, without gradients. `device` is a plain one.
@@ -145,7 +158,11 @@ impl FloatNetwork {
             (filters, tape, features.require_grad())
         });
         let features = seen.as_ref().map(|(_, _, features)| features.clone());
-        let loss = Self::loss(architecture.forward(&graph, input, features, device), input, device);
+        let outputs = architecture.forward(&graph, input, features, device);
+        let excess = std::mem::take(&mut *graph.score_excess.lock().expect("no attention panics"));
+        let loss = excess.into_iter().fold(Self::loss(outputs, input, device), |loss, excess| {
+            loss + excess.mul_scalar(SCORE_EXCESS_WEIGHT)
+        });
         let value = f64::from(loss.clone().into_scalar::<f32>());
         let mut gradients = loss.backward();
         let Some((filters, tape, features)) = seen else {
@@ -284,6 +301,8 @@ pub struct Graph<'a> {
     parameters: &'a [Param<Tensor<1>>],
     specs: Vec<TensorSpec>,
     heads: usize,
+    /// Mean excess of each attention's scores over [`SCORE_NAT`].
+    score_excess: Mutex<Vec<Tensor<1>>>,
 }
 
 impl Graph<'_> {
@@ -382,7 +401,12 @@ impl Graph<'_> {
         let by_lag = self.get(&format!("{block}.score"), "bias", [heads, window]);
         let bias = by_lag.select(1, band.lag.clone()).reshape([1, heads, 1, window, 2 * window]);
         let scale = 1.0 / (head_width as f32).sqrt();
-        let scores = query.matmul(key.swap_dims(3, 4)).mul_scalar(scale) + bias + band.mask.clone();
+        let product = query.matmul(key.swap_dims(3, 4)).mul_scalar(scale);
+        self.score_excess
+            .lock()
+            .expect("no attention panics")
+            .push(relu(product.clone().abs() - SCORE_NAT).mean());
+        let scores = product + bias + band.mask.clone();
         let context = softmax(scores, 4).matmul(value).reshape([b, heads, chunks * window, head_width]);
         let context = context.narrow(2, 0, l).swap_dims(1, 2).reshape([b * l, width]);
         let sum = x.reshape([b * l, width]) + self.dense(&format!("{block}.out"), context);

@@ -21,6 +21,7 @@ pub mod evaluate;
 pub mod export;
 pub mod float;
 pub mod folder;
+pub mod mean;
 pub mod mining;
 pub mod output;
 pub mod pad_view;

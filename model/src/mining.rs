@@ -25,7 +25,7 @@ use crate::weights::Weights;
 /// Frames of a stretch that is kept or not: two seconds.
 const STRETCH_FRAMES: usize = 480;
 /// A stretch is kept if the log-odds of a touched frame without slip are above this, nat.
-const HARD_NAT: f32 = -1.0;
+const HARD_NAT: f32 = 1.0;
 /// Added to the seed of a run, so that its other episodes do not occur here.
 const SEED_OFFSET: u64 = 1_000;
 

@@ -37,6 +37,10 @@ const WEIGHT_DECAY: f32 = 1e-3;
 /// False alarms per hour at which the curves say what the detector misses: what minutes of validation can tell.
 const VALIDATION_ALARMS_PER_HOUR: f64 = 10.0;
 
+/// What a training leaves: its weights, and what they were trained on and how.
+pub(crate) const WEIGHTS: &str = "weights.safetensors";
+pub(crate) const RECORD: &str = "train.json";
+
 /// Train the float network on generated or recorded episodes.
 ///
 /// Writes DIR/weights.safetensors (the running average of the weights), curves.csv (one line per epoch),
@@ -268,7 +272,7 @@ fn last_line(text: &str) -> String {
 }
 
 fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) -> Result<()> {
-    let path = args.out.join("weights.safetensors");
+    let path = args.out.join(WEIGHTS);
     state.average.write(&path)?;
     write_curves(&args.out, &state.rows)?;
     let mut manifest = made_from;
@@ -277,7 +281,7 @@ fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) ->
     manifest["last_epoch"] = json!(state.rows.last());
     manifest["weights_sha256"] = json!(output::sha256_hex(&state.average.to_bytes()?));
     let text = serde_json::to_string_pretty(&manifest)? + "\n";
-    output::write(&args.out.join("train.json"), text.as_bytes())?;
+    output::write(&args.out.join(RECORD), text.as_bytes())?;
     println!("{}", path.display());
     Ok(())
 }

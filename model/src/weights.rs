@@ -113,6 +113,21 @@ impl Weights {
         }
     }
 
+    /// The mean of networks of the same sizes, summed in double precision.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn mean(all: &[Self]) -> Self {
+        let mut mean = all[0].clone();
+        for (tensor, values) in mean.tensors.iter_mut().enumerate() {
+            for (index, value) in values.iter_mut().enumerate() {
+                let sum: f64 = all.iter().map(|one| f64::from(one.tensors[tensor][index])).sum();
+                *value = (sum / all.len() as f64) as f32;
+            }
+        }
+        mean
+    }
+
     /// The bytes of a safetensors file: f32, shape `[rows, cols]`, sizes in the metadata.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let specs = specs(&self.dims);

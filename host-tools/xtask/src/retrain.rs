@@ -13,26 +13,22 @@ use crate::process::{cargo, command, root, run, small_cli, target_dir};
 /// Where the repository keeps the shipped model, and what is kept of its making.
 const WEIGHTS: &str = "model/weights";
 /// Names in the folder of a run, and in [`WEIGHTS`].
-const FILES: [(&str, &str); 7] = [
-    ("weights.safetensors", "slipsense.safetensors"),
+const FILES: [(&str, &str); 4] = [
+    ("mean/weights.safetensors", "slipsense.safetensors"),
     ("slipsense.slipnet", "slipsense.slipnet"),
-    ("train.json", "train.json"),
-    ("curves.csv", "curves.csv"),
-    ("curves.svg", "curves.svg"),
     ("manifest.json", "manifest.json"),
     (CURVE, CURVE),
 ];
 /// Delay and misses of the flag against its false alarms.
 const CURVE: &str = "operating-curve.svg";
-/// What stays of the first training: its record, not its weights.
-const FIRST_FILES: [&str; 3] = ["train.json", "curves.csv", "curves.svg"];
 /// The picture of the README, drawn by the model.
 const PICTURE: &str = "host-tools/cli/demo/timeline.svg";
 
 #[derive(Args)]
 #[command(after_help = "\
-The network is trained on generated episodes, then a second time on others and on
-what it takes for slip in hours of disturbances.
+The network is trained on generated episodes, then again on others and on what it takes
+for slip in hours of disturbances: once for long, and in six short rounds. The result is
+the mean of the last four.
 
 Examples:
   cargo xtask retrain --out out/rehearsal --rehearse    every step on a handful of episodes: minutes
@@ -67,11 +63,19 @@ const SHIPPED_SEED: u64 = 1;
 const SECOND_SEED: u64 = 10;
 /// The first training.
 const FIRST_SIZE: [&str; 4] = ["--episodes", "760", "--epochs", "9"];
-/// The second training: half of the learning rate, more weight on what decides alarms.
+/// The second training: half of the learning rate.
 const SECOND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "12"];
-const SECOND_RATE: [&str; 4] = ["--learning-rate", "1.5e-3", "--extreme-weight", "4"];
-/// Hours of disturbances that the second training picks from.
-const MINE_HOURS: &str = "3";
+const SECOND_RATE: &str = "1.5e-3";
+/// After the first training, what decides alarms counts more.
+const EXTREME_WEIGHT: &str = "4";
+/// Hours of disturbances that the second training picks from, and each round.
+const MINE_HOURS: [&str; 2] = ["3", "2"];
+/// The rounds: from the seed of the first training to theirs, and their learning rate.
+const ROUND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "3"];
+const ROUNDS: [(u64, &str); 6] =
+    [(50, "1.5e-3"), (51, "1.5e-3"), (52, "1.2e-3"), (60, "1.2e-3"), (61, "1e-3"), (62, "8e-4")];
+/// Rounds in the mean, the last ones.
+const MEAN_OF: usize = 4;
 /// A training of a rehearsal.
 const REHEARSAL_SIZE: [&str; 4] = ["--episodes", "8", "--epochs", "1"];
 
@@ -80,16 +84,27 @@ pub fn retrain(options: &Options) -> Result<bool> {
     let out = std::path::absolute(&options.out)?;
     let started = Instant::now();
     let (seed, first) = (options.seed, out.join("first"));
-    let second_seed = seed + SECOND_SEED;
     timed("train", &mut train(options, &first, seed, &FIRST_SIZE)?)?;
-    let mut second = train(options, &out, second_seed, &SECOND_SIZE)?;
-    second.args(SECOND_RATE).arg("--start").arg(first.join("weights.safetensors"));
-    second.args(["--mine-hours", if options.rehearse { "0.05" } else { MINE_HOURS }]);
-    timed("train", &mut second)?;
+    let mut last = out.join("second");
+    train_on(options, &first, &last, seed + SECOND_SEED, &SECOND_SIZE, SECOND_RATE, MINE_HOURS[0])?;
+    let mut rounds = Vec::new();
+    for (round, (from_seed, rate)) in ROUNDS.into_iter().enumerate() {
+        let next = out.join(format!("round{}", round + 1));
+        train_on(options, &last, &next, seed + from_seed, &ROUND_SIZE, rate, MINE_HOURS[1])?;
+        rounds.push(next.clone());
+        last = next;
+    }
+    let mut mean = slipsense("model", None::<u64>);
+    mean.arg("mean").args(&rounds[ROUNDS.len() - MEAN_OF..]).arg("--out").arg(out.join("mean"));
+    timed("mean", &mut mean)?;
 
     let at = |name: &str| out.join(name);
-    let mut quantize = slipsense("quantize", second_seed);
-    quantize.arg("--weights").arg(at("weights.safetensors")).arg("--out").arg(at("untuned.slipnet"));
+    let mut quantize = slipsense("quantize", None::<u64>);
+    quantize
+        .arg("--weights")
+        .arg(at("mean").join("weights.safetensors"))
+        .arg("--out")
+        .arg(at("untuned.slipnet"));
     quantize.arg("--report").arg(at("manifest.json"));
     let mut tune = slipsense("tune", None::<u64>);
     tune.arg(at("untuned.slipnet")).arg("--out").arg(at("slipsense.slipnet")).arg("--curve").arg(at(CURVE));
@@ -105,9 +120,6 @@ pub fn retrain(options: &Options) -> Result<bool> {
         let kept = root().join(WEIGHTS);
         for (made, name) in FILES {
             copy(&out.join(made), &kept.join(name))?;
-        }
-        for name in FIRST_FILES {
-            copy(&first.join(name), &kept.join(format!("first-{name}")))?;
         }
         let demo = target_dir().join("demo");
         run(command(small_cli()?).args(["demo", "--out"]).arg(&demo))?;
@@ -128,6 +140,23 @@ fn train(options: &Options, folder: &Path, seed: u64, size: &[&str]) -> Result<C
         train.arg("--resume");
     }
     Ok(train)
+}
+
+/// A training that continues the one in the folder `start`, with hard stretches of disturbances.
+fn train_on(
+    options: &Options,
+    start: &Path,
+    folder: &Path,
+    seed: u64,
+    size: &[&str],
+    rate: &str,
+    hours: &str,
+) -> Result<()> {
+    let mut train = train(options, folder, seed, size)?;
+    train.arg("--start").arg(start.join("weights.safetensors")).args(["--learning-rate", rate]);
+    train.args(["--extreme-weight", EXTREME_WEIGHT]);
+    train.args(["--mine-hours", if options.rehearse { "0.05" } else { hours }]);
+    timed("train", &mut train)
 }
 
 /// A command of `slipsense`, built with the trainer.

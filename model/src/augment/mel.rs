@@ -24,6 +24,11 @@ const TONES_MAX: usize = 4;
 /// Largest slow change of the response over the bins, nat: units and mounts differ by some tenths, the modes
 /// of another hand's fingers by more.
 const COLOUR: f32 = 1.5;
+/// Share of sensors whose vibration comes by another path; its level, and its largest slow change over the bins, nat.
+/// Recorded sliding differs from the families' by 2 to 3 nat RMS (`slipsense families`).
+const OTHER_PATH: f64 = 0.6;
+const PATH_LEVEL: Range<f32> = -1.5..1.0;
+const PATH_SHAPE: f32 = 4.0;
 /// Most mel bins masked.
 const MASK_MAX: usize = 5;
 /// Largest amplitude of the uniform noise on standardised log-mel.
@@ -112,20 +117,29 @@ impl Sound {
 #[derive(Clone, Debug)]
 pub struct MelChange {
     colour: [f32; MEL_BINS],
+    /// Gain of what is above the noise floor, nat.
+    path: [f32; MEL_BINS],
     masked: Range<usize>,
     noise: f32,
 }
 
 impl MelChange {
     /// None: the frames as the front end has them.
-    pub const NONE: Self = Self { colour: [0.0; MEL_BINS], masked: 0..0, noise: 0.0 };
+    pub const NONE: Self = Self { colour: [0.0; MEL_BINS], path: [0.0; MEL_BINS], masked: 0..0, noise: 0.0 };
 
-    /// A colour, one to five neighbouring bins masked in half of the cases, and some noise.
+    /// A colour, often another path, one to five neighbouring bins masked in half of the cases, and some noise.
     pub fn draw(rng: &mut ChaCha8Rng) -> Self {
         let width = if rng.random_bool(0.5) { rng.random_range(1..=MASK_MAX) } else { 0 };
         let from = rng.random_range(0..=MEL_BINS - width);
+        let path = if rng.random_bool(OTHER_PATH) {
+            let level = rng.random_range(PATH_LEVEL);
+            slow_shape(rng.random_range(0.0..PATH_SHAPE), rng).map(|shape| level + shape)
+        } else {
+            [0.0; MEL_BINS]
+        };
         Self {
             colour: slow_shape(rng.random_range(0.0..COLOUR), rng),
+            path,
             masked: from..from + width,
             noise: rng.random_range(0.0..NOISE_LOG_MEL),
         }
@@ -153,6 +167,12 @@ impl MelChange {
         sound.add(frame, mean, &mut ln);
         for (ln, colour) in ln.iter_mut().zip(&self.colour) {
             *ln += colour;
+        }
+        for ((ln, floor), path) in ln.iter_mut().zip(&floor.floor).zip(&self.path) {
+            let above = (*ln - floor).exp_m1();
+            if above > 0.0 {
+                *ln = floor + (above * path.exp()).ln_1p();
+            }
         }
         let seen = standardise(&ln).into_iter().chain(floor.step(&ln));
         for (feature, (out, value)) in out.iter_mut().zip(seen).enumerate() {

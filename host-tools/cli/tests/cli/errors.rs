@@ -201,7 +201,8 @@ fn the_trainer_is_in_another_build() {
         let line = format!("{name} --epochs 3");
         (line.clone(), format!("cargo run --release --features train -- {line}"))
     };
-    Place::new().errors(["train", "quantize", "reproduce", "model compare e.npz"].map(command));
+    Place::new()
+        .errors(["train", "quantize", "reproduce", "model compare e.npz", "model mean a b"].map(command));
 }
 
 #[test]

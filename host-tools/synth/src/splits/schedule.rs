@@ -229,13 +229,14 @@ impl Schedule {
 
 /// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of validation
 /// objects only, with seeds that no split has: what is chosen on them has seen nothing of a test. By turns of the
-/// laboratory on the hand-held gripper, and of families of physics that training may see on both hands. A longer list
-/// begins with the shorter one.
+/// laboratory on the hand-held gripper, and of families of physics that training may see on both hands; each has every
+/// object as often. A longer list begins with the shorter one.
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
     let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
     let recipe = |index: usize| {
+        let turn = index / 2;
         let recipe = Recipe {
-            object: objects.object(index),
+            object: objects.object(turn),
             scenario: ScenarioChoice::Disturbances,
             seconds: Some(NOSLIP_SECONDS),
             ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
@@ -243,7 +244,7 @@ pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
         if index.is_multiple_of(2) {
             return recipe;
         }
-        let (platform, sensors) = HANDS[index / 2 % HANDS.len()];
+        let (platform, sensors) = HANDS[second_turn(turn, objects.objects.len(), HANDS.len())];
         in_families(Split::ValAnywhere, Recipe { platform, sensors, ..recipe })
     };
     (0..episodes).map(|index| (format!("tuning-{index:05}"), recipe(index))).collect()

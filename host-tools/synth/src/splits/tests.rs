@@ -72,6 +72,18 @@ fn tuning_sees_nothing_of_a_test() {
         assert!(tested.iter().all(|recipe| !seeds.contains(&recipe.seed)), "{split}");
     }
     assert_eq!(tuning_disturbances(3), tuning_disturbances(80)[..3]);
+    for physics in 0..2 {
+        let recipes: Vec<Recipe> = tuning.iter().skip(physics).step_by(2).cloned().collect();
+        let objects = objects_of(&recipes);
+        assert_eq!(
+            objects.len(),
+            objects::of_group(Group::Val).count(),
+            "the laboratory and the families have all"
+        );
+        for name in objects {
+            assert_eq!(recipes.iter().filter(|recipe| object(recipe) == name).count(), recipes.len() / 4);
+        }
+    }
     assert_eq!(plan_frames(&tuning[0]).unwrap(), 60 * 240);
 }
 

@@ -1,5 +1,6 @@
 //! `slipsense replay`: a recording back to a bus.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -38,6 +39,10 @@ pub struct Args {
     print: Print,
 }
 
+/// Frames that are read before the first is sent, and kept ahead from then on: five seconds of three sensors, so that a
+/// slow disk delays none, and what is shorter is checked as a whole beforehand.
+const READ_AHEAD: usize = 100_000;
+
 fn speed(text: &str) -> Result<f64, String> {
     match text {
         "max" => Ok(f64::INFINITY),
@@ -60,13 +65,12 @@ impl Args {
             Ok(Record::Displacement { .. }) => None,
             Err(error) => Some(Err(error)),
         });
-        let first =
-            entries.next().with_context(|| format!("{}: no CAN frame in it", self.input.display()))??;
+        let mut ahead = entries.by_ref().take(READ_AHEAD).collect::<Result<VecDeque<_>>>()?;
+        let first = ahead.front().with_context(|| format!("{}: no CAN frame in it", self.input.display()))?;
         let mut sink = open_sink(&self.to, &first.interface, self.data_mbit)?;
         let began = Instant::now();
         let (mut late, mut frames, first_us) = (Duration::ZERO, 0, first.timestamp_us);
-        for entry in std::iter::once(Ok(first)).chain(entries) {
-            let entry = entry?;
+        while let Some(entry) = ahead.pop_front() {
             let after_us = entry.timestamp_us.saturating_sub(first_us);
             let due = Duration::from_secs_f64(after_us as f64 / 1e6 / self.speed);
             match due.checked_sub(began.elapsed()) {
@@ -75,6 +79,7 @@ impl Args {
             }
             sink.send(entry.timestamp_us, &entry.frame)?;
             frames += 1;
+            ahead.extend(entries.next().transpose()?);
         }
         sink.finish()?;
         let took_s = began.elapsed().as_secs_f64();

@@ -46,7 +46,7 @@ pub fn report(share: &Path, slipsense: &Path, seconds: u32, took: Duration) -> R
     checks.recorded("first", &sent, slipsense)?;
     checks.recorded("second", &sent, slipsense)?;
     checks.killed(&sent, f64::from(seconds))?;
-    checks.watched(seconds)?;
+    checks.watched(&sent, seconds)?;
     checks.errors()?;
     println!("{}", checks.table);
     let uptime = checks.text("end")?;
@@ -112,7 +112,7 @@ impl Checks<'_> {
 
     /// A recorder that was killed: what was on the bus until a second before is in its files.
     fn killed(&mut self, sent: &Frames, seconds: f64) -> Result<()> {
-        let at_kill: usize = self.text("at-kill")?.trim().parse().context("at-kill")?;
+        let at_kill = self.at_kill()?;
         let a_second = sent.data.len() as f64 / seconds;
         let floor = at_kill as f64 - (FLUSH_S + SLACK_S) * a_second;
         ensure!(floor > 0.0, "killed after {at_kill} frames, before there was anything in the file");
@@ -136,9 +136,16 @@ impl Checks<'_> {
         Ok(())
     }
 
-    fn watched(&mut self, seconds: u32) -> Result<()> {
+    /// CAN frames on the bus until the recorder was killed.
+    fn at_kill(&self) -> Result<usize> {
+        self.text("at-kill")?.trim().parse().context("at-kill")
+    }
+
+    /// A monitor of the bus: it has seen every slip message that was sent until the recorder beside it was killed.
+    fn watched(&mut self, sent: &Frames, seconds: u32) -> Result<()> {
         let (slip, lost, lines) = self.seconds("live")?;
-        let least = u64::from(seconds / 2) * slipsense::params::FRAME_RATE_HZ as u64;
+        let all = u64::from(seconds) * slipsense::params::FRAME_RATE_HZ as u64;
+        let least = self.at_kill()? as u64 * all / sent.data.len() as u64;
         let is_good = self.ended("live")? && slip >= least && lost == 0 && lines >= seconds as usize / 2;
         self.row("monitor of the interface", watched(slip, lost, lines), is_good);
         Ok(())

@@ -185,16 +185,19 @@ impl<'r> Build<'r> {
     fn command(&self) -> Result<PathBuf> {
         let mut build = cargo();
         build.args([
-            "build",
+            "rustc",
             "--quiet",
             "--locked",
             "--release",
             "--package",
             "slipsense-cli",
-            "--features",
-            "train",
+            "--bin",
+            "slipsense",
         ]);
-        run(self.environment(&mut build).env("CARGO_PROFILE_RELEASE_STRIP", "symbols"))?;
+        // Names of symbols differ between two builds. The profile cannot strip them: cargo drops that setting where a
+        // package has a profile of its own, as this one has.
+        build.args(["--features", "train", "--", "-Cstrip=symbols"]);
+        run(self.environment(&mut build))?;
         let folder = self.target_dir.join("release");
         self.check(&folder.join("slipsense"))?;
         let name = format!("slipsense-{VERSION}-{}-linux.tar.gz", env::consts::ARCH);

@@ -97,6 +97,7 @@ fn next_line(lines: &mut CandumpReader<BufReader<File>>, skipped: &mut u64) -> O
 
 /// A file in the making.
 pub struct Sink<'f> {
+    path: &'f Path,
     form: Form<'f>,
     /// Entries that the format does not have.
     left_out: u64,
@@ -109,8 +110,8 @@ enum Form<'f> {
 
 impl Sink<'_> {
     pub fn put(&mut self, record: &Record) -> Result<()> {
-        match (&mut self.form, record) {
-            (Form::Candump(log), Record::Frame(entry)) => Ok(log.write_entry(entry)?),
+        let put = match (&mut self.form, record) {
+            (Form::Candump(log), Record::Frame(entry)) => log.write_entry(entry).map_err(Into::into),
             (Form::Candump(_), Record::Displacement { .. }) => {
                 self.left_out += 1;
                 Ok(())
@@ -119,7 +120,8 @@ impl Sink<'_> {
             (Form::Mcap(sink), Record::Displacement { timestamp_us, mm }) => {
                 sink.displacement(*timestamp_us, *mm)
             }
-        }
+        };
+        put.with_context(|| cannot_write(self.path))
     }
 }
 
@@ -130,14 +132,14 @@ pub fn write(
     format: Format,
     fill: impl FnOnce(&mut Sink<'_>) -> Result<()>,
 ) -> Result<Vec<String>> {
-    // What fails while it is filled is not the fault of this file.
+    // What `fill` reads may fail as well, which is not the fault of this file.
     let mut filled = Ok(());
     let written = write_whole(path, |file| -> Result<u64> {
         let form = match format {
             Format::Candump => Form::Candump(CandumpWriter::new(file, "can0")?),
             Format::Mcap => Form::Mcap(Box::new(McapSink::new(BufWriter::new(file))?)),
         };
-        let mut sink = Sink { form, left_out: 0 };
+        let mut sink = Sink { path, form, left_out: 0 };
         filled = fill(&mut sink);
         ensure!(filled.is_ok());
         match sink.form {
@@ -147,6 +149,10 @@ pub fn write(
         Ok(sink.left_out)
     });
     filled?;
-    let left_out = written.with_context(|| format!("{}: cannot write", path.display()))?;
+    let left_out = written.with_context(|| cannot_write(path))?;
     Ok((left_out > 0).then(|| "the crosshead's displacement is left out".to_owned()).into_iter().collect())
+}
+
+pub(crate) fn cannot_write(path: &Path) -> String {
+    format!("{}: cannot write", path.display())
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::candump::{CandumpWriter, LogEntry};
 use anyhow::{Context, Result};
 
+use crate::log_file::cannot_write;
 use crate::mcap_file::McapSink;
 use crate::recording::Format;
 
@@ -72,8 +73,4 @@ fn append(file: &mut File, lines: &mut CandumpWriter<Vec<u8>>, length: &mut u64)
         Err(_) => file.set_len(*length)?,
     }
     written
-}
-
-fn cannot_write(path: &Path) -> String {
-    format!("{}: cannot write", path.display())
 }

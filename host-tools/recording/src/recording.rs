@@ -52,11 +52,4 @@ impl Recording {
             Record::Displacement { timestamp_us, mm } => self.displacement.push((timestamp_us, mm)),
         }
     }
-
-    /// Frames, then positions.
-    pub fn records(&self) -> impl Iterator<Item = Record> {
-        let frames = self.entries.iter().cloned().map(Record::Frame);
-        let positions = self.displacement.iter();
-        frames.chain(positions.map(|&(timestamp_us, mm)| Record::Displacement { timestamp_us, mm }))
-    }
 }

@@ -27,8 +27,8 @@ const PICTURE: &str = "host-tools/cli/demo/timeline.svg";
 #[derive(Args)]
 #[command(after_help = "\
 The network is trained on generated episodes, then again on others and on what it takes
-for slip in hours of disturbances: once for long, and in six short rounds. The result is
-the mean of the last four.
+for slip in hours of disturbances: once for 12 passes, then in six rounds of 3. The result
+is the mean of the last four rounds.
 
 Examples:
   cargo xtask retrain --out out/rehearsal --rehearse    every step on a handful of episodes: minutes

@@ -198,9 +198,13 @@ pub fn score_float(
 
 /// An episode's outputs under the pipeline's decision.
 pub fn score_logits(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
+    Scores::new(&features.label, &classes(features, outputs))
+}
+
+/// The pipeline's class of every frame by the network's outputs, all pads being there.
+pub(crate) fn classes(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Vec<u8> {
     let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
-    let classes: Vec<u8> = touched.zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect();
-    Scores::new(&features.label, &classes)
+    touched.zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect()
 }
 
 /// The pipeline's class of a frame by the network's outputs, all pads being there.

@@ -330,6 +330,13 @@ fn a_comparison_goes_on_with_what_is_missing() {
     let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
     assert_eq!(rows, ["base", "xl", "recomputed", "wide", "distilled"]);
     assert!(read("report.txt").contains("does not hold") || read("report.txt").contains("cannot be told"));
+    assert!(read("example.svg").contains("accelerometers"));
+    // The paper's figures beside ours: of the whole network, and of accelerometers alone.
+    let published: Vec<_> = results["published"].as_array().unwrap().iter().collect();
+    let beside = |row: &str| published.iter().filter(|pair| pair["row"] == row).collect::<Vec<_>>();
+    assert_eq!((beside("base").len(), beside("xl").len(), beside("wide").len()), (5, 2, 0));
+    assert_eq!(beside("xl")[1]["paper"]["macro_f1_percent"], 81.33);
+    assert_eq!(beside("xl")[1]["ours"]["split"], "umi_ood");
     assert!(read("distilled-1.json") != base && out.join("wide-1.safetensors").exists());
 
     let error = |args: ReproduceArgs| format!("{:#}", run_reproduce(&args).unwrap_err());

@@ -1,5 +1,5 @@
 //! From what the bring-up program measures to a verdict with a reason and the wire to look at. No hardware: the program
-//! is `src/firmware/bin/bringup.rs`, the page that begins with it "First slip".
+//! is `src/firmware/bin/app/bringup.rs`, the page that begins with it "First slip".
 
 mod array;
 mod board;

@@ -3,9 +3,9 @@
 //!
 //! | program | what it does |
 //! |---|---|
-//! | `bin/app` | the firmware |
+//! | `bin/app/main.rs` | the firmware |
 //! | `bin/boot` | the bootloader |
-//! | `bin/bringup.rs` | for a new board on the desk: what is wrong with it |
+//! | `bin/app/bringup.rs` | for a new board on the desk: what is wrong with it; same pins, scan, accelerometers and bus |
 //! | `bin/hil.rs` | the firmware's tasks with a debug probe in place of sensors and bus |
 //!
 //! **None of it has run on hardware.**

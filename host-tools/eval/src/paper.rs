@@ -2,6 +2,7 @@
 //! ours of whatever was evaluated.
 
 use serde::Serialize;
+use slipsense_synth::paper::{PaperRow, row};
 
 use crate::metrics::figures::Figures;
 
@@ -27,50 +28,6 @@ pub(crate) const LATENCY_BY_SPEED: [(f64, u32, f64, f64, f64); 5] = [
 /// The paper's latency distribution: percent of the events at the onset frame and within 5 frames.
 pub(crate) const WITHIN_PERCENT: [f64; 2] = [43.0, 76.0];
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct PaperRow {
-    pub(crate) table: &'static str,
-    pub(crate) method: &'static str,
-    pub(crate) detector: &'static str,
-    pub(crate) input: &'static str,
-    pub(crate) latency_frames: f64,
-    /// "Fraction of frames incorrectly predicted as slip", percent; the paper does not define of which frames, see `metrics::frames`.
-    pub(crate) fpr_percent: f64,
-    pub(crate) accuracy_percent: f64,
-    pub(crate) macro_f1_percent: f64,
-}
-
-type Entry = (&'static str, &'static str, &'static str, &'static str, [f64; 4]);
-
-const fn row((table, method, detector, input, of): Entry) -> PaperRow {
-    let [latency_frames, fpr_percent, accuracy_percent, macro_f1_percent] = of;
-    PaperRow {
-        table,
-        method,
-        detector,
-        input,
-        latency_frames,
-        fpr_percent,
-        accuracy_percent,
-        macro_f1_percent,
-    }
-}
-
-/// Tables 1 (modalities) and 2 (zero-shot transfer), the rows that detectors here can be compared with.
-pub(crate) const ROWS: [PaperRow; 11] = [
-    row(("1", "Baseline Piezo", "entropy", "umi_id", [1.0, 21.69, 72.87, 74.51])),
-    row(("1", "Baseline XL", "mfcc-qda", "umi_id", [1.0, 22.98, 79.41, 81.79])),
-    row(("1", "Baseline AND", "entropy-and-mfcc", "umi_id", [1.0, 9.28, 81.16, 79.96])),
-    row(("1", "SlipSense", "network", "umi_id", [2.0, 1.33, 96.98, 96.77])),
-    row(("1", "Baseline Piezo", "entropy", "umi_ood", [2.0, 21.08, 73.84, 75.29])),
-    row(("1", "Baseline XL", "mfcc-qda", "umi_ood", [2.0, 19.31, 82.99, 84.55])),
-    row(("1", "Baseline AND", "entropy-and-mfcc", "umi_ood", [2.0, 7.40, 83.33, 82.18])),
-    row(("1", "SlipSense", "network", "umi_ood", [1.5, 1.57, 95.99, 95.75])),
-    row(("2", "SlipSense", "network", "palm", [3.0, 1.99, 94.83, 94.56])),
-    row(("2", "SlipSense", "network", "tesollo2", [3.0, 1.14, 95.89, 94.39])),
-    row(("2", "SlipSense", "network", "tesollo3", [5.0, 3.12, 90.85, 87.24])),
-];
-
 /// Ours beside the paper's; differences are ours minus theirs, percentage points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Comparison {
@@ -91,7 +48,7 @@ pub(crate) struct Comparison {
 
 impl Comparison {
     pub(crate) fn find(detector: &str, input: &str, figures: &Figures) -> Option<Self> {
-        let paper = *ROWS.iter().find(|row| row.detector == detector && row.input == input)?;
+        let paper = *row(detector, input)?;
         let percent = |share: Option<f64>| share.map(|share| 100.0 * share);
         let frame = &figures.frame;
         let fpr = percent(frame.fpr_of_non_slip_share);

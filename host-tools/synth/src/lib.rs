@@ -32,6 +32,7 @@ mod unit;
 mod finger;
 mod generate;
 pub mod splits;
+pub mod paper;
 pub mod plant;
 
 #[cfg(test)]

@@ -67,8 +67,11 @@ pub enum XlModule {
 
 /// What makes embeddings of rows: of scans one by one, or of a sensor's whole sequence of log-mel frames.
 pub trait Encode: Module {
-    /// Rows that are embedded at once in training; their activations are what fills the memory.
-    const ROWS: usize;
+    /// Rows that are embedded at once: their activations should stay in the cache.
+    fn rows_at_once(&self) -> usize;
+
+    /// Whether parts of the rows can be embedded at once: nothing is dropped at random, no statistics are kept.
+    fn is_parallel(&self) -> bool;
 
     /// `[row, number]` to `[row, embedding]`.
     fn embed(&self, rows: Tensor<2>) -> Tensor<2>;
@@ -85,7 +88,14 @@ impl PadModule {
 }
 
 impl Encode for PadModule {
-    const ROWS: usize = 128;
+    fn rows_at_once(&self) -> usize {
+        // The convolutions' normalization takes its statistics from them.
+        if self.is_parallel() { 8 } else { 64 }
+    }
+
+    fn is_parallel(&self) -> bool {
+        matches!(self, Self::Vit(_))
+    }
 
     /// Of pads, [`TAXELS`] numbers each.
     fn embed(&self, rows: Tensor<2>) -> Tensor<2> {
@@ -110,7 +120,13 @@ impl XlModule {
 }
 
 impl Encode for XlModule {
-    const ROWS: usize = 8;
+    fn rows_at_once(&self) -> usize {
+        if self.is_parallel() { 2 } else { 8 }
+    }
+
+    fn is_parallel(&self) -> bool {
+        matches!(self, Self::Ssast(_))
+    }
 
     /// Of sequences, [`MEL_BINS`] numbers for each frame, to [`EMBED`] for each frame.
     fn embed(&self, rows: Tensor<2>) -> Tensor<2> {

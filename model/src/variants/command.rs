@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
 use clap::{Args, ValueEnum};
 
+use super::example;
 use super::orderings::Comparisons;
 use super::orderings::UMI;
 use super::paper::{PaperNetwork, Pretrained, Training, kept};
@@ -25,7 +26,7 @@ use crate::weights::Weights;
 /// How much every row is trained and scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum BudgetName {
-    /// Hours on two cores for ours; none is trained to the end
+    /// Hours on two cores; no row is trained to the end
     Small,
     /// Days: 640 episodes, 6,680 steps, all test episodes
     Full,
@@ -38,6 +39,7 @@ impl BudgetName {
             Self::Full => Budget {
                 episodes: 640,
                 steps: 6680,
+                batch: 12,
                 encoder_steps: 6680,
                 encoder_batch: 12,
                 encoder_frames: 240,
@@ -113,10 +115,12 @@ fn rows_help() -> String {
          budget.json            what every row gets\n  \
          report.txt             what the command prints\n  \
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
-         comparisons.svg        macro F1 of every row and split\n\n\
-         At the small budget a row and seed with our encoders is trained in about two minutes on two cores and scored\n\
-         in half of one, `recomputed` in a few; `wide` takes four times as long. Vision transformers take half an hour.\n\
-         The features of all episodes are held in memory, about 5 GB.\n\n\
+         comparisons.svg        macro F1 of every row and split\n  \
+         example.svg            one episode as pads alone, accelerometers alone and both see it\n\n\
+         At the small budget a row and seed with our encoders takes about a minute on two cores, `wide` and\n\
+         `recomputed` a few, vision transformers five. Commands with other --rows or --seeds may run at once in the\n\
+         same DIR; one with all of them collects what they leave. Each holds the features of all episodes in memory,\n\
+         about 4 GB.\n\n\
          Examples:\n  \
          slipsense reproduce --out out/paper\n  \
          slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \
@@ -178,6 +182,9 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
     let results = Comparisons::new(args.command_line(&budget), budget, &finished);
     let json = serde_json::to_string_pretty(&results)? + "\n";
     output::write(&args.out.join("comparisons.svg"), picture::svg(&results)?.as_bytes())?;
+    if let Some(svg) = example::svg(&results.rows)? {
+        output::write(&args.out.join("example.svg"), svg.as_bytes())?;
+    }
     output::write(&args.out.join("comparisons.json"), json.as_bytes())?;
     output::write(&args.out.join("report.txt"), results.to_string().as_bytes())?;
     if args.json {
@@ -235,6 +242,7 @@ fn run_row(
         wall_s: started.elapsed().as_secs_f64(),
         window_ms: window_ms(sets, outputs),
         splits,
+        example: example::of(row.name, sets, outputs),
     })
 }
 
@@ -306,6 +314,7 @@ fn run_paper(
         splits: sets.score(row, &UMI, budget.encoder_test_episodes, outputs),
         wall_s: started.elapsed().as_secs_f64(),
         window_ms: window_ms(sets, outputs),
+        example: None,
     })
 }
 

@@ -2,14 +2,17 @@
 //! episodes with the same budget and scored on the same frozen splits.
 //!
 //! [`ROWS`] lists them, [`network`] says what each computes, [`train`] trains one, alone or with another as its
-//! teacher, [`recomputed`] runs the shipped one without its memory, [`results`] collects what they reach and
-//! [`orderings`] holds it against the order that the paper found. All networks are in float: what integers cost is `slipsense eval`'s business.
+//! teacher, [`recomputed`] runs the shipped one without its memory, [`results`] collects what they reach,
+//! [`published`] puts the paper's tables beside it and [`orderings`] holds it against the order that the paper found.
+//! All networks are in float: what integers cost is `slipsense eval`'s business.
 
 mod command;
+mod example;
 pub mod network;
 pub mod orderings;
 pub mod paper;
 mod picture;
+mod published;
 pub mod recomputed;
 pub mod results;
 pub mod sets;

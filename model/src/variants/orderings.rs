@@ -7,6 +7,7 @@ use slipsense::params::CLASSES;
 use slipsense_recording::score::ClassScores;
 use slipsense_synth::Split;
 
+use super::published::Beside;
 use super::results::{Budget, Finished, RowResults, Spread};
 use super::{BASE_ROW, PAPER_ROW, ROWS};
 
@@ -186,6 +187,8 @@ pub struct Comparisons {
     /// What every row got.
     pub budget: Budget,
     pub rows: Vec<RowResults>,
+    /// The paper's tables beside ours.
+    pub published: Vec<Beside>,
     pub orderings: Vec<Ordering>,
 }
 
@@ -193,7 +196,14 @@ impl Comparisons {
     /// Collect what is finished.
     pub fn new(command: String, budget: Budget, finished: &[Finished]) -> Self {
         let rows: Vec<RowResults> = ROWS.iter().filter_map(|row| RowResults::new(row, finished)).collect();
-        Self { synthetic: true, command, budget, orderings: orderings(&rows), rows }
+        Self {
+            synthetic: true,
+            command,
+            budget,
+            orderings: orderings(&rows),
+            published: Beside::all(&rows),
+            rows,
+        }
     }
 }
 

@@ -45,13 +45,13 @@ impl Default for Budget {
             episodes: 240,
             data_seed: 1,
             generator: GENERATOR_VERSION,
-            steps: 400,
-            batch: 12,
+            steps: 240,
+            batch: 6,
             frames: 240,
             learning_rate: 3e-3,
-            encoder_steps: 60,
+            encoder_steps: 30,
             encoder_batch: 2,
-            encoder_frames: 120,
+            encoder_frames: 60,
             ssast_sha256: None,
             test_episodes: 16,
             encoder_test_episodes: 4,
@@ -113,6 +113,16 @@ impl SplitFigures {
     }
 }
 
+/// What a network says of every frame of the first episode of `umi_ood`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Example {
+    pub label: Vec<u8>,
+    /// By the pipeline's decision.
+    pub class: Vec<u8>,
+    /// Of the three classes, 0 to 1.
+    pub slip_probability: Vec<f32>,
+}
+
 /// A row and seed that is done, as in `DIR/ROW-SEED.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finished {
@@ -132,6 +142,8 @@ pub struct Finished {
     /// The whole network on one window of two sensors in contact, on this computer, milliseconds.
     pub window_ms: f64,
     pub splits: Vec<SplitFigures>,
+    /// Of the rows that the picture of an episode shows.
+    pub example: Option<Example>,
 }
 
 impl Finished {

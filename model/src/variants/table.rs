@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::orderings::{Comparisons, Verdict};
+use super::published;
 use super::results::{RowSplit, Spread};
 
 /// Width of the first column.
@@ -67,6 +68,10 @@ impl fmt::Display for Comparisons {
         for row in &self.rows {
             let time = cell(row.window_ms, 1.0, 1, "–");
             writeln!(f, "{:NAME$}{:>12}{time:>24}  {}", row.row, row.parameters, row.about)?;
+        }
+        writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;
+        for beside in &self.published {
+            writeln!(f, "{beside}")?;
         }
         writeln!(
             f,

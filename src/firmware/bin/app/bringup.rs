@@ -7,13 +7,9 @@
 #![no_std]
 #![no_main]
 
-#[path = "app/accelerometers.rs"]
 mod accelerometers;
-#[path = "app/adc_scan.rs"]
 mod adc_scan;
-#[path = "app/can.rs"]
 mod can;
-#[path = "app/pins.rs"]
 mod pins;
 
 use core::panic::PanicInfo;

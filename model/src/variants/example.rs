@@ -4,7 +4,7 @@ use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use slipsense::params::{CLASSES, FRAME_RATE_HZ, OUTPUTS};
-use slipsense_recording::score::SLIP;
+use slipsense_recording::score::{SLIP, runs};
 use slipsense_synth::Split;
 
 use super::BASE_ROW;
@@ -80,9 +80,8 @@ fn panel(area: &DrawingArea<SVGBackend<'_>, Shift>, title: &str, example: &Examp
         .build_cartesian_2d(0.0..time_s(example.label.len()), 0.0..1.1)
         .map_err(failed)?;
     let slips = |class: &[u8], from: f64, to: f64, style: ShapeStyle| {
-        let is_slip = class.iter().enumerate().filter(|&(_, &class)| class == SLIP);
-        let bar = |(frame, _)| Rectangle::new([(time_s(frame), from), (time_s(frame + 1), to)], style);
-        is_slip.map(bar).collect::<Vec<_>>()
+        let slips = runs(class.len(), |frame| class[frame] == SLIP).into_iter();
+        slips.map(move |(first, end)| Rectangle::new([(time_s(first), from), (time_s(end), to)], style))
     };
     let [line, flagged] = [COLOURS[0], COLOURS[1]];
     chart.draw_series(slips(&example.label, 0.0, 1.1, BLACK.mix(0.15).filled())).map_err(failed)?;

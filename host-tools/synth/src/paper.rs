@@ -17,7 +17,7 @@ pub struct PaperRow {
     pub fpr_percent: f64,
     pub accuracy_percent: f64,
     pub macro_f1_percent: f64,
-    /// Whole network on the authors' RTX A4500, milliseconds; of the encoders' table alone.
+    /// Whole network on the authors' RTX A4500, milliseconds; where the table of encoders has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_ms: Option<f64>,
 }

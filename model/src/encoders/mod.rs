@@ -67,11 +67,9 @@ pub enum XlModule {
 
 /// What makes embeddings of rows: of scans one by one, or of a sensor's whole sequence of log-mel frames.
 pub trait Encode: Module {
-    /// Rows that are embedded at once: their activations should stay in the cache.
+    /// Rows that are embedded at once: the size of their activations, and what batch normalization takes its
+    /// statistics from.
     fn rows_at_once(&self) -> usize;
-
-    /// Whether parts of the rows can be embedded at once: nothing is dropped at random, no statistics are kept.
-    fn is_parallel(&self) -> bool;
 
     /// `[row, number]` to `[row, embedding]`.
     fn embed(&self, rows: Tensor<2>) -> Tensor<2>;
@@ -89,12 +87,7 @@ impl PadModule {
 
 impl Encode for PadModule {
     fn rows_at_once(&self) -> usize {
-        // The convolutions' normalization takes its statistics from them.
-        if self.is_parallel() { 8 } else { 64 }
-    }
-
-    fn is_parallel(&self) -> bool {
-        matches!(self, Self::Vit(_))
+        if matches!(self, Self::Vit(_)) { 8 } else { 64 }
     }
 
     /// Of pads, [`TAXELS`] numbers each.
@@ -121,11 +114,7 @@ impl XlModule {
 
 impl Encode for XlModule {
     fn rows_at_once(&self) -> usize {
-        if self.is_parallel() { 2 } else { 8 }
-    }
-
-    fn is_parallel(&self) -> bool {
-        matches!(self, Self::Ssast(_))
+        if matches!(self, Self::Ssast(_)) { 2 } else { 8 }
     }
 
     /// Of sequences, [`MEL_BINS`] numbers for each frame, to [`EMBED`] for each frame.

@@ -117,10 +117,10 @@ fn rows_help() -> String {
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n  \
          example.svg            one episode as pads alone, accelerometers alone and both see it\n\n\
-         At the small budget a row and seed with our encoders takes about a minute on two cores, `wide` and\n\
-         `recomputed` a few, vision transformers five. Commands with other --rows or --seeds may run at once in the\n\
+         At the small budget a row and seed with our encoders takes about a minute on two cores, `wide`,\n\
+         `recomputed` and vision transformers several. Commands with other --rows or --seeds may run at once in the\n\
          same DIR; one with all of them collects what they leave. Each holds the features of all episodes in memory,\n\
-         about 4 GB.\n\n\
+         about 5 GB.\n\n\
          Examples:\n  \
          slipsense reproduce --out out/paper\n  \
          slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \

@@ -1,6 +1,6 @@
 //! One episode as pads alone, accelerometers alone and both see it: the paper's qualitative picture.
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use slipsense::params::{CLASSES, FRAME_RATE_HZ, OUTPUTS};
@@ -8,6 +8,7 @@ use slipsense_recording::score::{SLIP, runs};
 use slipsense_synth::Split;
 
 use super::BASE_ROW;
+use super::picture::failed;
 use super::results::{Example, RowResults};
 use super::sets::Sets;
 use crate::curves::COLOURS;
@@ -36,10 +37,6 @@ pub(super) fn of(
         class: classes(features, &outputs),
         slip_probability: outputs.iter().map(probability).collect(),
     })
-}
-
-fn failed(error: impl std::fmt::Display) -> anyhow::Error {
-    anyhow!("cannot draw: {error}")
 }
 
 /// SVG, a panel for each of the rows that are there, of its first seed. None if none is.

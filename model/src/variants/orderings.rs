@@ -7,7 +7,7 @@ use slipsense::params::CLASSES;
 use slipsense_recording::score::ClassScores;
 use slipsense_synth::Split;
 
-use super::published::Beside;
+use super::published::PaperComparison;
 use super::results::{Budget, Finished, RowResults, Spread};
 use super::{BASE_ROW, PAPER_ROW, ROWS};
 
@@ -188,7 +188,7 @@ pub struct Comparisons {
     pub budget: Budget,
     pub rows: Vec<RowResults>,
     /// The paper's tables beside ours.
-    pub published: Vec<Beside>,
+    pub published: Vec<PaperComparison>,
     pub orderings: Vec<Ordering>,
 }
 
@@ -201,7 +201,7 @@ impl Comparisons {
             command,
             budget,
             orderings: orderings(&rows),
-            published: Beside::all(&rows),
+            published: PaperComparison::all(&rows),
             rows,
         }
     }

@@ -94,43 +94,12 @@ fn bins(input: &Sequences) -> Vec<f32> {
 
 /// Embeddings of all rows, a few at a time, without a tape. `seed`: of what is dropped.
 fn embed<E: Encode>(encoder: &E, rows: &[f32], width: usize, seed: u64, device: &Device) -> Vec<f32> {
-    let some = |encoder: &E, part: usize, rows: &[f32]| {
+    let some = |(part, rows): (usize, &[f32])| {
         device.seed(seed + part as u64);
         let rows = tensor::<2>(rows.to_vec(), [rows.len() / width, width], device);
         encoder.embed(rows).into_data().iter::<f32>().collect::<Vec<_>>()
     };
-    each(encoder, 0, rows.chunks(encoder.rows_at_once() * width).collect(), some).concat()
-}
-
-/// What comes of each part, in order; `first` is the number of the first. On all cores where the encoder allows it.
-fn each<E: Encode, P: Send, R: Send>(
-    encoder: &E,
-    first: usize,
-    parts: Vec<P>,
-    of: impl Fn(&E, usize, P) -> R + Sync,
-) -> Vec<R> {
-    let (parts, of) = (parts.into_iter().zip(first..), &of);
-    if !encoder.is_parallel() {
-        return parts.map(|(part, number)| of(encoder, number, part)).collect();
-    }
-    // A module can be sent to a thread but not shared with one; its clone has the same tensors.
-    // Parameters of its own for each part: the tensor library locks what graphs share, and not always in one order.
-    // Threads of their own as well: one of its pool's that waits would take up a second part with the first one's locks.
-    let numbers = named::get(encoder);
-    let mut own = parts.map(|(part, number)| (named::put(encoder.clone(), &numbers), number, part));
-    let mut all = Vec::new();
-    loop {
-        let group: Vec<_> = own.by_ref().take(rayon::current_num_threads()).collect();
-        if group.is_empty() {
-            return all;
-        }
-        std::thread::scope(|scope| {
-            let run =
-                |(encoder, number, part): (E, usize, P)| scope.spawn(move || of(&encoder, number, part));
-            let running: Vec<_> = group.into_iter().map(run).collect();
-            all.extend(running.into_iter().map(|thread| thread.join().expect("a part does not panic")));
-        });
-    }
+    rows.chunks(encoder.rows_at_once() * width).enumerate().flat_map(some).collect()
 }
 
 #[derive(Module, Debug)]
@@ -232,22 +201,14 @@ impl PaperNetwork {
         sum: &mut GradientsAccumulator<Self>,
     ) {
         let out = gradient.len() / (rows.len() / width);
-        let parts: Vec<_> = rows
-            .chunks(encoder.rows_at_once() * width)
-            .zip(gradient.chunks(encoder.rows_at_once() * out))
-            .collect();
-        // A few at a time: each has gradients of all parameters.
-        let at_once = rayon::current_num_threads();
-        for (group, parts) in parts.chunks(at_once).enumerate() {
-            let gradients =
-                each(encoder, group * at_once, parts.to_vec(), |encoder, part, (rows, gradient)| {
-                    device.seed(seed + part as u64);
-                    let count = rows.len() / width;
-                    let embedded = encoder.embed(tensor(rows.to_vec(), [count, width], device));
-                    let sum = (embedded * tensor(gradient.to_vec(), [count, out], device)).sum();
-                    GradientsParams::from_grads(sum.backward(), encoder)
-                });
-            gradients.into_iter().for_each(|gradients| sum.accumulate(self, gradients));
+        let at_once = encoder.rows_at_once();
+        let parts = rows.chunks(at_once * width).zip(gradient.chunks(at_once * out));
+        for (part, (rows, gradient)) in parts.enumerate() {
+            device.seed(seed + part as u64);
+            let count = rows.len() / width;
+            let embedded = encoder.embed(tensor(rows.to_vec(), [count, width], device));
+            let gradients = (embedded * tensor(gradient.to_vec(), [count, out], device)).sum().backward();
+            sum.accumulate(self, GradientsParams::from_grads(gradients, self));
         }
     }
 }

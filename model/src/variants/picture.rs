@@ -14,7 +14,7 @@ const AROUND_HEIGHT: u32 = 150;
 /// Distance of two splits within a row, rows.
 const APART: f64 = 0.12;
 
-fn failed(error: impl std::fmt::Display) -> anyhow::Error {
+pub(super) fn failed(error: impl std::fmt::Display) -> anyhow::Error {
     anyhow!("cannot draw: {error}")
 }
 

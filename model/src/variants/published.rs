@@ -10,7 +10,7 @@ use super::{BASE_ROW, PAPER_ROW};
 
 /// A row of the paper's, and what compares with it here.
 #[derive(Clone, Debug, Serialize)]
-pub struct Beside {
+pub struct PaperComparison {
     pub paper: &'static PaperRow,
     pub row: &'static str,
     pub ours: RowSplit,
@@ -18,7 +18,7 @@ pub struct Beside {
     pub window_ms: Option<Spread>,
 }
 
-impl Beside {
+impl PaperComparison {
     /// Every pair there is, in the order of the paper's tables. The paper's whole network stands beside two of ours.
     pub(super) fn all(rows: &[RowResults]) -> Vec<Self> {
         let of = |paper: &'static PaperRow| {
@@ -35,8 +35,7 @@ impl Beside {
     }
 }
 
-pub(super) const HEADING: &str =
-    "the paper's tables, of real grippers | ours: mean of the seeds, synthetic; times of other computers";
+pub(super) const HEADING: &str = "the paper's tables, of real grippers | ours: mean of the seeds, synthetic; each time on its own computer";
 
 pub(super) fn header() -> String {
     format!(
@@ -52,7 +51,7 @@ pub(super) fn header() -> String {
     )
 }
 
-impl fmt::Display for Beside {
+impl fmt::Display for PaperComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { paper, row, ours, window_ms } = self;
         write!(f, "{:13}{row:20}{:10}", paper.table, paper.input)?;

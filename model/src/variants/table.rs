@@ -69,9 +69,11 @@ impl fmt::Display for Comparisons {
             let time = cell(row.window_ms, 1.0, 1, "–");
             writeln!(f, "{:NAME$}{:>12}{time:>24}  {}", row.row, row.parameters, row.about)?;
         }
-        writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;
-        for beside in &self.published {
-            writeln!(f, "{beside}")?;
+        if !self.published.is_empty() {
+            writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;
+        }
+        for comparison in &self.published {
+            writeln!(f, "{comparison}")?;
         }
         writeln!(
             f,

@@ -16,6 +16,7 @@ pub mod curves;
 pub mod compare;
 pub mod data;
 mod detector_loss;
+pub mod device;
 pub mod encoders;
 pub mod evaluate;
 pub mod export;

@@ -14,9 +14,8 @@ pub struct Teacher<A> {
 }
 
 impl<A: Architecture> Teacher<A> {
-    /// Of trained weights, each those of its architecture.
-    pub fn new<'w>(networks: impl IntoIterator<Item = (A, &'w Weights)>) -> Self {
-        let device = Device::flex();
+    /// Of trained weights, each those of its architecture. `device` is a plain one.
+    pub fn new<'w>(networks: impl IntoIterator<Item = (A, &'w Weights)>, device: Device) -> Self {
         let ready = |(architecture, weights)| (architecture, FloatNetwork::fixed(weights, &device));
         Self { networks: networks.into_iter().map(ready).collect(), device }
     }

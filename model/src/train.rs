@@ -16,6 +16,7 @@ use slipsense_synth::objects::{self, Group};
 use crate::batch::{Options, Sampler};
 use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source};
+use crate::device::DeviceName;
 use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
 use crate::float::FloatNetwork;
 use crate::folder::{ObjectUses, Use};
@@ -105,6 +106,9 @@ pub struct TrainArgs {
     /// Folder with motion.npz, recorded motion that is added to some of the generated episodes
     #[arg(long, value_name = "DIR", conflicts_with = "data")]
     pub real_parts: Option<PathBuf>,
+    /// What trains; the same recipe on another device ends with other roundings
+    #[arg(long, value_enum, value_name = "NAME", default_value_t)]
+    pub device: DeviceName,
     /// Go on after the last finished epoch of the same run in DIR.
     #[arg(long)]
     pub resume: bool,
@@ -152,6 +156,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         args.learning_rate > 0.0 && args.learning_rate <= 1.0,
         "--learning-rate must be above 0 and at most 1"
     );
+    let device = args.device.open()?.autodiff();
     let teachers = args.teacher.iter().map(|path| Weights::read(path)).collect::<Result<Vec<_>>>()?;
     let first = first_weights(args)?;
     let source = Source::new(args.data.as_deref(), args.seed).with_uses(args.object_uses());
@@ -196,7 +201,6 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let run = Run { args, teachers, first, steps };
     let recipe = run.recipe(&source)?;
 
-    let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
     let mut state = if args.resume {
         let (state, restored) = Checkpoint::read(&args.out, &recipe, optimizer)?;
@@ -327,6 +331,9 @@ impl Run<'_> {
         if let Some(folder) = &args.mined {
             recipe["mined"] = mining::settings(folder)?;
         }
+        if args.device != DeviceName::Cpu {
+            recipe["device"] = json!(args.device);
+        }
         if args.start.is_some() {
             recipe["start_sha256"] = json!(hash(&self.first)?);
         }
@@ -353,7 +360,8 @@ impl Run<'_> {
         let bar = progress("epoch", self.steps as u64);
         bar.set_prefix(format!("epoch {}/{}", epoch + 1, self.args.epochs));
         let (mut sum, mut recent) = (0.0, None);
-        let teacher = Teacher::new(self.teachers.iter().map(|weights| (weights.dims, weights)));
+        let teachers = self.teachers.iter().map(|weights| (weights.dims, weights));
+        let teacher = Teacher::new(teachers, device.clone().inner());
         for step in epoch * self.steps..(epoch + 1) * self.steps {
             let mut batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
             teacher.teach(&mut batch);

@@ -116,7 +116,7 @@ fn no_encoder_of_frames_sees_what_is_still_to_come() {
     let (ssast, cnn, mlp) =
         (filled(Ssast::new(&device)), filled(CausalCnn::new(&device)), filled(Mlp::new(&device)));
     let encoders: [(&str, &dyn Fn(Tensor<3>) -> Tensor<3>); 3] =
-        [("SSAST", &|x| ssast.stream(x)), ("CNN", &|x| cnn.forward(x)), ("MLP", &|x| mlp.forward(x))];
+        [("SSAST", &|x| ssast.stream(x)), ("CNN", &|x| cnn.forward(x)), ("MLP", &|x| mlp.forward(x, 0))];
     let frames = value("frames", 100 * MEL_BINS);
     let all = |values: &[f32]| tensor(values.to_vec(), [1, values.len() / MEL_BINS, MEL_BINS]);
     for (name, embed) in encoders {

@@ -4,6 +4,8 @@ mod common;
 mod comparison;
 mod folder;
 mod encoders;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod gradients;
 mod quantization;
 mod streaming;

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use slipsense::net::Model;
 use slipsense_model::data::recipes;
+use slipsense_model::device::DeviceName;
 use slipsense_model::folder::{Use, use_of};
 use slipsense_model::weights::{Weights, dims_of_size};
 use slipsense_model::{MineArgs, QuantizeArgs, TrainArgs, mining, run_mine, run_quantize, run_train};
@@ -31,6 +32,7 @@ fn train_args(out: &Path) -> TrainArgs {
         mined: None,
         extreme_weight: 2.0,
         real_parts: None,
+        device: DeviceName::Cpu,
         resume: false,
     }
 }

@@ -12,6 +12,7 @@ use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::params::{CLASSES, MEL_BINS, OUTPUTS, TAXELS, XL_FEATURES};
 use slipsense_model::batch::{Options, Sampler};
 use slipsense_model::data::Features;
+use slipsense_model::device::DeviceName;
 use slipsense_model::encoders::{PadEncoder, named};
 use slipsense_model::float::{Architecture, FloatNetwork, Sequences};
 use slipsense_model::pad_view::PadView;
@@ -30,7 +31,7 @@ use crate::common;
 const SENSORS: usize = 2;
 
 /// One sequence whose classes follow from pads and sound alike.
-fn sequence(frames: usize, seed: u64) -> Sequences {
+pub fn sequence(frames: usize, seed: u64) -> Sequences {
     let scans = common::scans(frames, SENSORS, seed);
     let xl_frames = common::xl_frames(frames, SENSORS, seed + 1);
     let mut input = Sequences { batch: 1, sensors: SENSORS, frames, ..Default::default() };
@@ -152,7 +153,7 @@ fn several_teachers_say_their_mean() {
     let networks = [1, 2].map(|seed| BASE.first_weights(seed));
     let said = |networks: &[&Weights]| {
         let mut batch = sequence(70, 6);
-        Teacher::new(networks.iter().map(|weights| (BASE, *weights))).teach(&mut batch);
+        Teacher::new(networks.iter().map(|weights| (BASE, *weights)), Device::flex()).teach(&mut batch);
         batch.taught
     };
     let [one, two] = [&networks[0], &networks[1]].map(|network| said(&[network]));
@@ -290,7 +291,7 @@ fn a_batch_holds_what_its_options_say() {
     assert!(coarse.piezo.iter().any(|&count| count > 0));
 }
 
-fn reproduce_args(out: &Path, rows: &[&str]) -> ReproduceArgs {
+pub fn reproduce_args(out: &Path, rows: &[&str]) -> ReproduceArgs {
     ReproduceArgs {
         out: out.to_owned(),
         rows: rows.iter().map(|&row| row.to_owned()).collect(),
@@ -303,6 +304,8 @@ fn reproduce_args(out: &Path, rows: &[&str]) -> ReproduceArgs {
         encoder_test_episodes: Some(1),
         learning_rate: Some(1e-3),
         ssast: None,
+        device: DeviceName::Cpu,
+        jobs: Some(2),
         json: false,
     }
 }

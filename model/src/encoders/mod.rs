@@ -13,6 +13,8 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use slipsense::params::{MEL_BINS, TAXELS};
 
+use crate::device::is_cpu;
+
 pub use resnet::ResNet18;
 pub use small::{CausalCnn, CustomCnn, Mlp};
 pub use ssast::{Ssast, SsastPretraining};
@@ -58,6 +60,7 @@ pub enum PadModule {
     Vit(Vit),
 }
 
+#[expect(clippy::large_enum_variant, reason = "there is one of it in a network")]
 #[derive(Module, Debug)]
 pub enum XlModule {
     Mlp(Mlp),
@@ -67,12 +70,12 @@ pub enum XlModule {
 
 /// What makes embeddings of rows: of scans one by one, or of a sensor's whole sequence of log-mel frames.
 pub trait Encode: Module {
-    /// Rows that are embedded at once: the size of their activations, and what batch normalization takes its
-    /// statistics from.
-    fn rows_at_once(&self) -> usize;
+    /// Rows that are embedded at once: the size of their activations, which is to fit a CPU's caches, and what batch
+    /// normalization takes its statistics from.
+    fn rows_at_once(&self, device: &Device) -> usize;
 
-    /// `[row, number]` to `[row, embedding]`.
-    fn embed(&self, rows: Tensor<2>) -> Tensor<2>;
+    /// `[row, number]` to `[row, embedding]`. `seed`: of what is dropped in training.
+    fn embed(&self, rows: Tensor<2>, seed: u64) -> Tensor<2>;
 }
 
 impl PadModule {
@@ -86,12 +89,16 @@ impl PadModule {
 }
 
 impl Encode for PadModule {
-    fn rows_at_once(&self) -> usize {
-        if matches!(self, Self::Vit(_)) { 8 } else { 64 }
+    fn rows_at_once(&self, device: &Device) -> usize {
+        match self {
+            Self::Vit(_) if is_cpu(device) => 8,
+            Self::Vit(_) => 512,
+            Self::Cnn(_) | Self::ResNet18(_) => 64,
+        }
     }
 
     /// Of pads, [`TAXELS`] numbers each.
-    fn embed(&self, rows: Tensor<2>) -> Tensor<2> {
+    fn embed(&self, rows: Tensor<2>, _seed: u64) -> Tensor<2> {
         let [scans, taxels] = rows.dims();
         debug_assert_eq!(taxels, TAXELS);
         match self {
@@ -113,17 +120,17 @@ impl XlModule {
 }
 
 impl Encode for XlModule {
-    fn rows_at_once(&self) -> usize {
-        if matches!(self, Self::Ssast(_)) { 2 } else { 8 }
+    fn rows_at_once(&self, device: &Device) -> usize {
+        if matches!(self, Self::Ssast(_)) && is_cpu(device) { 2 } else { 8 }
     }
 
     /// Of sequences, [`MEL_BINS`] numbers for each frame, to [`EMBED`] for each frame.
-    fn embed(&self, rows: Tensor<2>) -> Tensor<2> {
+    fn embed(&self, rows: Tensor<2>, seed: u64) -> Tensor<2> {
         let [sequences, numbers] = rows.dims();
         let frames = numbers / MEL_BINS;
         let rows = rows.reshape([sequences, frames, MEL_BINS]);
         let embedded = match self {
-            Self::Mlp(mlp) => mlp.forward(rows),
+            Self::Mlp(mlp) => mlp.forward(rows, seed),
             Self::Cnn(cnn) => cnn.forward(rows),
             Self::Ssast(ssast) => ssast.stream(rows),
         };

@@ -3,15 +3,15 @@
 use burn::module::Module;
 use burn::nn::conv::{Conv1d, Conv1dConfig, Conv2d, Conv2dConfig};
 use burn::nn::pool::{MaxPool2d, MaxPool2dConfig};
-use burn::nn::{
-    BatchNorm, BatchNormConfig, Dropout, DropoutConfig, Linear, LinearConfig, PaddingConfig1d,
-    PaddingConfig2d,
-};
+use burn::nn::{BatchNorm, BatchNormConfig, Linear, LinearConfig, PaddingConfig1d, PaddingConfig2d};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use slipsense::params::{MEL_BINS, TAXELS};
 
 use super::EMBED;
+use crate::float::tensor;
 use crate::weights::FIRST_DIMS;
 
 /// Channels of the three blocks. The paper names none; these make as many features as ours has taxels.
@@ -68,7 +68,6 @@ fn causal(channels: [usize; 2], kernel: usize, device: &Device) -> Conv1d {
 #[derive(Module, Debug)]
 pub struct Mlp {
     hidden: Conv1d,
-    dropout: Dropout,
     out: Conv1d,
 }
 
@@ -76,14 +75,27 @@ impl Mlp {
     pub fn new(device: &Device) -> Self {
         Self {
             hidden: causal([MEL_BINS, HIDDEN], FIRST_DIMS.window, device),
-            dropout: DropoutConfig::new(DROPPED).init(),
             out: causal([HIDDEN, EMBED], 1, device),
         }
     }
 
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        of_frames(x, |x| self.out.forward(self.dropout.forward(relu(self.hidden.forward(x)))))
+    /// In training units are dropped, the same ones for the same seed: the tensor library draws from one generator for
+    /// all threads, and networks are trained at once.
+    pub fn forward(&self, x: Tensor<3>, seed: u64) -> Tensor<3> {
+        of_frames(x, |x| {
+            let hidden = relu(self.hidden.forward(x));
+            self.out.forward(if hidden.device().is_autodiff() { dropped(hidden, seed) } else { hidden })
+        })
     }
+}
+
+/// Some numbers become 0, the others grow by as much as keeps the mean.
+fn dropped(x: Tensor<3>, seed: u64) -> Tensor<3> {
+    let (shape, mut rng) = (x.dims(), ChaCha8Rng::seed_from_u64(seed));
+    let kept = 1.0 / (1.0 - DROPPED) as f32;
+    let factors = (0..shape.iter().product()).map(|_| if rng.random_bool(DROPPED) { 0.0 } else { kept });
+    let factors = tensor(factors.collect(), shape, &x.device());
+    x * factors
 }
 
 /// A convolution over the last frames and two over one, each with batch norm and ReLU.

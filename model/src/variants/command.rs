@@ -1,22 +1,27 @@
 //! `slipsense reproduce`: train what is missing, score it, and put all rows side by side.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
 use clap::{Args, ValueEnum};
+use indicatif::{MultiProgress, ProgressBar};
+use slipsense::params::OUTPUTS;
+use slipsense_synth::Split;
 
 use super::example;
 use super::orderings::Comparisons;
 use super::orderings::UMI;
 use super::paper::{PaperNetwork, Pretrained, Training, kept};
-use super::results::{Budget, Finished};
+use super::results::{Budget, Finished, SplitFigures};
 use super::sets::{SPLITS, Sets};
 use super::train::{TrainedNetwork, train};
-use super::{Making, ROWS, Row, Variant, picture, recomputed, row_named};
+use super::{Making, ROWS, Row, Variant, jobs, picture, recomputed, row_named};
 use crate::batch::{Options, Sampler};
 use crate::data::Features;
+use crate::device::DeviceName;
 use crate::encoders::{Ssast, Vit, XlEncoder, named};
 use crate::float::FloatNetwork;
 use crate::output;
@@ -75,7 +80,7 @@ pub struct ReproduceArgs {
     /// Training episodes, the same for all rows and seeds
     #[arg(long, value_name = "N")]
     pub episodes: Option<usize>,
-    /// Optimizer steps of every row with our encoders, 12 sequences of 240 frames each
+    /// Optimizer steps of every row with our encoders
     #[arg(long, value_name = "N")]
     pub steps: Option<usize>,
     /// Optimizer steps of every row with the paper's encoders, and of their pretraining
@@ -93,6 +98,12 @@ pub struct ReproduceArgs {
     /// The authors' SSAST-Tiny as safetensors, to begin with instead of pretraining on our log-mel
     #[arg(long, value_name = "FILE")]
     pub ssast: Option<PathBuf>,
+    /// What trains and runs the rows; the report says which device made which row
+    #[arg(long, value_enum, value_name = "NAME", default_value_t)]
+    pub device: DeviceName,
+    /// Rows that run at once, each on one core; if not given as many as there are cores, one on a GPU
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<usize>,
     /// Print comparisons.json to standard output instead of the tables
     #[arg(long)]
     pub json: bool,
@@ -117,10 +128,10 @@ fn rows_help() -> String {
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n  \
          example.svg            one episode as pads alone, accelerometers alone and both see it\n\n\
-         At the small budget a row and seed with our encoders takes about a minute on two cores, `wide`,\n\
-         `recomputed` and vision transformers several. Commands with other --rows or --seeds may run at once in the\n\
-         same DIR; one with all of them collects what they leave. Each holds the features of all episodes in memory,\n\
-         about 5 GB.\n\n\
+         At the small budget a row and seed with our encoders takes about a minute on one core, `wide`,\n\
+         `recomputed` and vision transformers several. The figures do not depend on --jobs. Commands with other --rows\n\
+         or --seeds may run at once in the same DIR; one with all of them collects what they leave. Each holds the\n\
+         features of all episodes in memory, about 5 GB.\n\n\
          Examples:\n  \
          slipsense reproduce --out out/paper\n  \
          slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \
@@ -159,6 +170,7 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
         };
         bail!("{} is missing, which row {} needs: {remedy}", path.display(), row.name);
     }
+    let device = args.device.open()?;
     output::folder(&args.out)?;
     // Pretrained encoders there are of this budget as well.
     let path = args.out.join("budget.json");
@@ -167,17 +179,17 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
         None => output::write(&path, (serde_json::to_string_pretty(&budget)? + "\n").as_bytes())?,
     }
     if !missing.is_empty() {
-        let sets = Sets::generate(&budget)?;
-        for (number, &(row, seed)) in missing.iter().enumerate() {
-            let place = format!("{}/{} {} {seed}", number + 1, missing.len(), row.name);
-            let done = if row.encoders.is_some() {
-                run_paper(args, row, seed, &budget, &sets, place)?
-            } else {
-                run_row(&args.out, row, seed, &budget, &sets, place)?
-            };
+        let (sets, bars) = (Sets::generate(&budget)?, MultiProgress::new());
+        let total = bars.add(progress("rows", missing.len() as u64));
+        let run =
+            Run { args, budget: &budget, sets: &sets, device, bars: &bars, pretraining: Mutex::default() };
+        finished.extend(jobs::run(jobs::chains(&missing), args.jobs(), |(row, seed)| {
+            let done = if row.encoders.is_some() { run.paper(row, seed)? } else { run.ours(row, seed)? };
             done.write(&args.out)?;
-            finished.push(done);
-        }
+            total.inc(1);
+            Ok(done)
+        })?);
+        total.finish_and_clear();
     }
     let results = Comparisons::new(args.command_line(&budget), budget, &finished);
     let json = serde_json::to_string_pretty(&results)? + "\n";
@@ -195,55 +207,137 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
     Ok(())
 }
 
-/// Train, where the row is trained, and score.
-fn run_row(
-    out: &Path,
-    row: &Row,
-    seed: u64,
-    budget: &Budget,
-    sets: &Sets,
-    place: String,
-) -> Result<Finished> {
-    let started = Instant::now();
-    let needed = row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
-    let (weights, loss) = if let (Making::Recomputed, Some(base)) = (row.making, &needed) {
-        (base.weights.clone(), None)
-    } else {
-        let Variant { pads, xl_augmentation, .. } = row.variant;
-        let options = Options { pads, xl_augmentation, ..Options::default() };
-        let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
-        let bar = progress("", budget.steps as u64).with_prefix(place);
-        let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &bar)
+/// What all rows share.
+struct Run<'a> {
+    args: &'a ReproduceArgs,
+    budget: &'a Budget,
+    sets: &'a Sets,
+    /// A plain one.
+    device: Device,
+    bars: &'a MultiProgress,
+    /// Held by the row that pretrains an encoder, which others may need too.
+    pretraining: Mutex<()>,
+}
+
+impl Run<'_> {
+    /// Train, where the row is trained, and score.
+    fn ours(&self, row: &Row, seed: u64) -> Result<Finished> {
+        let Self { args: ReproduceArgs { out, .. }, budget, sets, .. } = self;
+        let started = Instant::now();
+        let needed =
+            row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
+        let (weights, loss) = if let (Making::Recomputed, Some(base)) = (row.making, &needed) {
+            (base.weights.clone(), None)
+        } else {
+            let Variant { pads, xl_augmentation, .. } = row.variant;
+            let options = Options { pads, xl_augmentation, ..Options::default() };
+            let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
+            let bar = self.bar(row, seed, budget.steps);
+            let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &self.device, &bar)
+                .with_context(|| format!("row {}, seed {seed}", row.name))?;
+            bar.finish_and_clear();
+            if row.is_needed() {
+                trained.weights.write(&kept_weights(out, row.name, seed))?;
+            }
+            (trained.weights, Some(trained.loss))
+        };
+        let device = &self.device;
+        let network = FloatNetwork::fixed(&weights, device);
+        let outputs = |features: &Features| {
+            let input = features.sequences_of(row.variant.pads);
+            if row.making == Making::Recomputed {
+                recomputed::logits(&network, &row.variant, &input, device)
+            } else {
+                network.outputs(&row.variant, &input, device)
+            }
+        };
+        let splits = self.score(row, seed, &SPLITS, budget.test_episodes, outputs);
+        Ok(Finished {
+            row: row.name.to_owned(),
+            seed,
+            synthetic: true,
+            budget: (*budget).clone(),
+            device: self.args.device,
+            parameters: weights.count(),
+            loss,
+            wall_s: started.elapsed().as_secs_f64(),
+            window_ms: window_ms(sets, outputs),
+            splits,
+            example: example::of(row.name, sets, outputs),
+        })
+    }
+
+    /// The same for a row with the paper's encoders; pretrains those it needs that no earlier row has needed.
+    fn paper(&self, row: &Row, seed: u64) -> Result<Finished> {
+        let Self { args, budget, sets, .. } = self;
+        let started = Instant::now();
+        let encoders = row.encoders.context("the row has encoders")?;
+        let options = Options { pads: row.variant.pads, ..Options::default() };
+        let sampler = Sampler::new(&sets.train, budget.encoder_frames)?.with_options(options);
+        let bar = self.bar(row, seed, budget.encoder_steps);
+        let device = &self.device;
+        let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
+        let mut pretrained = Pretrained::default();
+        let pretraining = self.pretraining.lock().expect("no row panics with the lock");
+        if encoders.pads.is_pretrained() {
+            bar.set_message("ViT-MAE");
+            let path = args.out.join(format!("vit-mae-{seed}.safetensors"));
+            pretrained.vit = Some(kept(&path, &Vit::new(device), || training.pretrain_vit())?);
+            bar.reset();
+        }
+        if encoders.xl == XlEncoder::Ssast {
+            bar.set_message("SSAST");
+            let authors = || args.ssast.as_deref().map(authors_ssast).transpose();
+            let path = args.out.join(format!("ssast-{seed}.safetensors"));
+            pretrained.ssast = Some(match authors()? {
+                Some(numbers) => numbers,
+                None => kept(&path, &Ssast::new(device), || training.pretrain_ssast())?,
+            });
+            bar.reset();
+        }
+        drop(pretraining);
+        let (numbers, loss) = training
+            .train(&row.variant, encoders, &pretrained)
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
-        if row.is_needed() {
-            trained.weights.write(&kept_weights(out, row.name, seed))?;
-        }
-        (trained.weights, Some(trained.loss))
-    };
-    let device = Device::flex();
-    let network = FloatNetwork::fixed(&weights, &device);
-    let outputs = |features: &Features| {
-        let input = features.sequences_of(row.variant.pads);
-        if row.making == Making::Recomputed {
-            recomputed::logits(&network, &row.variant, &input, &device)
-        } else {
-            network.outputs(&row.variant, &input, &device)
-        }
-    };
-    let splits = sets.score(row, &SPLITS, budget.test_episodes, outputs);
-    Ok(Finished {
-        row: row.name.to_owned(),
-        seed,
-        synthetic: true,
-        budget: budget.clone(),
-        parameters: weights.count(),
-        loss,
-        wall_s: started.elapsed().as_secs_f64(),
-        window_ms: window_ms(sets, outputs),
-        splits,
-        example: example::of(row.name, sets, outputs),
-    })
+        let network = PaperNetwork::fixed(&row.variant, encoders, &numbers, device);
+        let outputs = |features: &Features| {
+            network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
+        };
+        let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
+        Ok(Finished {
+            row: row.name.to_owned(),
+            seed,
+            synthetic: true,
+            budget: (*budget).clone(),
+            device: self.args.device,
+            parameters: trained.map(|(_, numbers)| numbers.values.len()).sum(),
+            loss: Some(loss),
+            splits: self.score(row, seed, &UMI, budget.encoder_test_episodes, outputs),
+            wall_s: started.elapsed().as_secs_f64(),
+            window_ms: window_ms(sets, outputs),
+            example: None,
+        })
+    }
+
+    fn score(
+        &self,
+        row: &Row,
+        seed: u64,
+        splits: &[Split],
+        episodes: usize,
+        outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
+    ) -> Vec<SplitFigures> {
+        let bar = self.bar(row, seed, 0);
+        bar.set_message("score");
+        let figures = self.sets.score(splits, episodes, &bar, outputs);
+        bar.finish_and_clear();
+        figures
+    }
+
+    fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {
+        self.bars.add(progress("", steps as u64).with_prefix(format!("{} {seed}", row.name)))
+    }
 }
 
 /// Median of some runs of one window, which is in memory.
@@ -257,65 +351,6 @@ fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> f64 {
     let mut times: Vec<f64> = (0..WINDOW_RUNS).map(run).collect();
     times.sort_by(f64::total_cmp);
     times[WINDOW_RUNS / 2]
-}
-
-/// The same for a row with the paper's encoders; pretrains those it needs that no earlier row has needed.
-fn run_paper(
-    args: &ReproduceArgs,
-    row: &Row,
-    seed: u64,
-    budget: &Budget,
-    sets: &Sets,
-    place: String,
-) -> Result<Finished> {
-    let started = Instant::now();
-    let encoders = row.encoders.context("the row has encoders")?;
-    let options = Options { pads: row.variant.pads, ..Options::default() };
-    let sampler = Sampler::new(&sets.train, budget.encoder_frames)?.with_options(options);
-    let bar = progress("", budget.encoder_steps as u64).with_prefix(place.clone());
-    let training = Training { sampler: &sampler, budget, seed, bar: &bar };
-    let again = |what: &str| {
-        bar.reset();
-        bar.set_prefix(format!("{place}{what}"));
-    };
-    let device = Device::flex();
-    let mut pretrained = Pretrained::default();
-    if encoders.pads.is_pretrained() {
-        again(", ViT-MAE");
-        let path = args.out.join(format!("vit-mae-{seed}.safetensors"));
-        pretrained.vit = Some(kept(&path, &Vit::new(&device), || training.pretrain_vit())?);
-    }
-    if encoders.xl == XlEncoder::Ssast {
-        again(", SSAST");
-        let authors = || args.ssast.as_deref().map(authors_ssast).transpose();
-        let path = args.out.join(format!("ssast-{seed}.safetensors"));
-        pretrained.ssast = Some(match authors()? {
-            Some(numbers) => numbers,
-            None => kept(&path, &Ssast::new(&device), || training.pretrain_ssast())?,
-        });
-    }
-    again("");
-    let (numbers, loss) = training
-        .train(&row.variant, encoders, &pretrained)
-        .with_context(|| format!("row {}, seed {seed}", row.name))?;
-    bar.finish_and_clear();
-    let network = PaperNetwork::fixed(&row.variant, encoders, &numbers, &device);
-    let outputs = |features: &Features| {
-        network.outputs(&row.variant, &features.sequences_of(row.variant.pads), &device)
-    };
-    let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
-    Ok(Finished {
-        row: row.name.to_owned(),
-        seed,
-        synthetic: true,
-        budget: budget.clone(),
-        parameters: trained.map(|(_, numbers)| numbers.values.len()).sum(),
-        loss: Some(loss),
-        splits: sets.score(row, &UMI, budget.encoder_test_episodes, outputs),
-        wall_s: started.elapsed().as_secs_f64(),
-        window_ms: window_ms(sets, outputs),
-        example: None,
-    })
 }
 
 /// The authors' transformer by our names.
@@ -347,7 +382,15 @@ impl ReproduceArgs {
         Ok(ROWS.iter().filter(wanted).collect())
     }
 
+    fn jobs(&self) -> usize {
+        self.jobs.unwrap_or_else(|| match self.device {
+            DeviceName::Cpu => std::thread::available_parallelism().map_or(1, usize::from),
+            DeviceName::Gpu => 1,
+        })
+    }
+
     fn budget(&self) -> Result<Budget> {
+        ensure!(self.jobs() > 0, "--jobs must be at least 1");
         ensure!(!self.seeds.is_empty(), "--seeds must name at least one");
         for (index, seed) in self.seeds.iter().enumerate() {
             ensure!(!self.seeds[..index].contains(seed), "--seeds: {seed} is there twice");
@@ -381,9 +424,11 @@ impl ReproduceArgs {
         let rows =
             if self.rows.is_empty() { String::new() } else { format!(" --rows {}", self.rows.join(",")) };
         let ssast = self.ssast.as_ref().map_or(String::new(), |path| format!(" --ssast {}", path.display()));
+        let full = if self.budget == BudgetName::Full { " --budget full" } else { "" };
+        let gpu = if self.device == DeviceName::Gpu { " --device gpu" } else { "" };
         format!(
             "slipsense reproduce --out {}{rows}{ssast} --seeds {} --episodes {} --steps {} --encoder-steps {} \
-             --test-episodes {} --encoder-test-episodes {} --learning-rate {}{}",
+             --test-episodes {} --encoder-test-episodes {} --learning-rate {}{full}{gpu}",
             self.out.display(),
             seeds.join(","),
             budget.episodes,
@@ -391,8 +436,7 @@ impl ReproduceArgs {
             budget.encoder_steps,
             budget.test_episodes,
             budget.encoder_test_episodes,
-            budget.learning_rate,
-            if self.budget == BudgetName::Full { " --budget full" } else { "" }
+            budget.learning_rate
         )
     }
 }

@@ -8,6 +8,7 @@
 
 mod command;
 mod example;
+mod jobs;
 pub mod network;
 pub mod orderings;
 pub mod paper;

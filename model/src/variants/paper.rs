@@ -95,11 +95,10 @@ fn bins(input: &Sequences) -> Vec<f32> {
 /// Embeddings of all rows, a few at a time, without a tape. `seed`: of what is dropped.
 fn embed<E: Encode>(encoder: &E, rows: &[f32], width: usize, seed: u64, device: &Device) -> Vec<f32> {
     let some = |(part, rows): (usize, &[f32])| {
-        device.seed(seed + part as u64);
         let rows = tensor::<2>(rows.to_vec(), [rows.len() / width, width], device);
-        encoder.embed(rows).into_data().iter::<f32>().collect::<Vec<_>>()
+        encoder.embed(rows, seed + part as u64).into_data().iter::<f32>().collect::<Vec<_>>()
     };
-    rows.chunks(encoder.rows_at_once() * width).enumerate().flat_map(some).collect()
+    rows.chunks(encoder.rows_at_once(device) * width).enumerate().flat_map(some).collect()
 }
 
 #[derive(Module, Debug)]
@@ -201,12 +200,12 @@ impl PaperNetwork {
         sum: &mut GradientsAccumulator<Self>,
     ) {
         let out = gradient.len() / (rows.len() / width);
-        let at_once = encoder.rows_at_once();
+        let at_once = encoder.rows_at_once(device);
         let parts = rows.chunks(at_once * width).zip(gradient.chunks(at_once * out));
         for (part, (rows, gradient)) in parts.enumerate() {
-            device.seed(seed + part as u64);
             let count = rows.len() / width;
-            let embedded = encoder.embed(tensor(rows.to_vec(), [count, width], device));
+            let rows = tensor(rows.to_vec(), [count, width], device);
+            let embedded = encoder.embed(rows, seed + part as u64);
             let gradients = (embedded * tensor(gradient.to_vec(), [count, out], device)).sum().backward();
             sum.accumulate(self, GradientsParams::from_grads(gradients, self));
         }
@@ -239,6 +238,8 @@ pub struct Training<'a> {
     pub sampler: &'a Sampler<'a>,
     pub budget: &'a Budget,
     pub seed: u64,
+    /// A plain one.
+    pub device: &'a Device,
     pub bar: &'a ProgressBar,
 }
 
@@ -284,7 +285,7 @@ impl Training<'_> {
         encoders: Encoders,
         pretrained: &Pretrained,
     ) -> Result<(Named, f64)> {
-        let device = Device::flex().autodiff();
+        let device = self.device.clone().autodiff();
         let is_frozen = encoders.pads == PadEncoder::VitFrozen;
         let mut pretrained = pretrained.clone();
         if !encoders.pads.is_pretrained() {
@@ -299,7 +300,7 @@ impl Training<'_> {
 
     /// The vision transformer as a masked autoencoder of the training episodes' touched pads.
     pub fn pretrain_vit(&self) -> Result<Named> {
-        let device = Device::flex().autodiff();
+        let device = self.device.clone().autodiff();
         let mae = named::first(VitMae::new(&device), self.seed);
         let taxels = IMAGE / PIEZO_CHANNELS;
         let (numbers, _) = self.run(mae, |mae, step| {
@@ -324,7 +325,7 @@ impl Training<'_> {
 
     /// SSAST on masked frames of the training episodes' log-mel.
     pub fn pretrain_ssast(&self) -> Result<Named> {
-        let device = Device::flex().autodiff();
+        let device = self.device.clone().autodiff();
         let ssast = named::first(SsastPretraining::new(&device), self.seed);
         let (numbers, _) = self.run(ssast, |ssast, step| {
             let mut rng = ChaCha8Rng::seed_from_u64(self.step_seed(step));

@@ -9,6 +9,7 @@ use slipsense_synth::Split;
 use slipsense_synth::splits::GENERATOR_VERSION;
 
 use super::Row;
+use crate::device::DeviceName;
 use crate::evaluate::Scores;
 use crate::output;
 
@@ -45,7 +46,7 @@ impl Default for Budget {
             episodes: 240,
             data_seed: 1,
             generator: GENERATOR_VERSION,
-            steps: 240,
+            steps: 480,
             batch: 6,
             frames: 240,
             learning_rate: 3e-3,
@@ -133,6 +134,9 @@ pub struct Finished {
     pub synthetic: bool,
     /// What it was given.
     pub budget: Budget,
+    /// What trained and ran it.
+    #[serde(default)]
+    pub device: DeviceName,
     /// Trained numbers.
     pub parameters: usize,
     /// Training loss at the end, nat; null for a row that is not trained.
@@ -208,6 +212,8 @@ pub struct RowResults {
     pub parameters: usize,
     /// See [`Finished`].
     pub window_ms: Option<Spread>,
+    /// Of all seeds.
+    pub devices: Vec<DeviceName>,
     pub splits: Vec<RowSplit>,
     pub seeds: Vec<Finished>,
 }
@@ -237,6 +243,10 @@ impl RowResults {
             about: row.about,
             parameters: first.parameters,
             window_ms: Spread::new(seeds.iter().map(|seed| Some(seed.window_ms))),
+            devices: [DeviceName::Cpu, DeviceName::Gpu]
+                .into_iter()
+                .filter(|device| seeds.iter().any(|seed| seed.device == *device))
+                .collect(),
             splits: first.splits.iter().enumerate().map(split).collect(),
             seeds,
         })

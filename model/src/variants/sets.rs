@@ -1,12 +1,13 @@
 //! The episodes of the comparisons, their features computed once for all rows.
 
 use anyhow::Result;
+use indicatif::ProgressBar;
 use slipsense::params::OUTPUTS;
 use slipsense_recording::score::SLIP;
 use slipsense_synth::{Recipe, Split, generate_set};
 
+use super::BASE;
 use super::results::{Budget, SplitFigures};
-use super::{BASE, Row};
 use crate::data::{Features, Source};
 use crate::evaluate::score_logits;
 use crate::folder::Use;
@@ -46,18 +47,18 @@ impl Sets {
         Ok(Self { train, splits: SPLITS.into_iter().map(split).collect::<Result<_>>()? })
     }
 
-    /// What a row reaches on the first episodes of some splits by these outputs of an episode.
+    /// What a network reaches on the first episodes of some splits by these outputs of an episode; `bar` moves once an
+    /// episode.
     pub fn score(
         &self,
-        row: &Row,
         splits: &[Split],
         episodes: usize,
+        bar: &ProgressBar,
         outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
     ) -> Vec<SplitFigures> {
         let chosen = || self.splits.iter().filter(|(split, _)| splits.contains(split));
         let total: usize = chosen().map(|(_, all)| all.len().min(episodes)).sum();
-        let bar = progress("score", total as u64);
-        bar.set_prefix(format!("score {}", row.name));
+        bar.set_length(total as u64);
         let one = |features: &Features| {
             bar.inc(1);
             // As the paper's row with accelerometers alone must have had it, the pads say what contact is in every row.
@@ -66,9 +67,7 @@ impl Sets {
         let figures = |(split, all): &(Split, Vec<Features>)| {
             SplitFigures::new(*split, all.iter().take(episodes).map(one).collect())
         };
-        let all = chosen().map(figures).collect();
-        bar.finish_and_clear();
-        all
+        chosen().map(figures).collect()
     }
 
     /// A window that ends with the first frame of a slip.

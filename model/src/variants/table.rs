@@ -5,6 +5,7 @@ use std::fmt;
 use super::orderings::{Comparisons, Verdict};
 use super::published;
 use super::results::{RowSplit, Spread};
+use crate::device::DeviceName;
 
 /// Width of the first column.
 const NAME: usize = 19;
@@ -64,10 +65,12 @@ impl fmt::Display for Comparisons {
                 writeln!(f)?;
             }
         }
-        writeln!(f, "\n{:NAME$}{:>12}{:>24}  what", "row", "parameters", "one window, ms")?;
+        writeln!(f, "\n{:NAME$}{:>12}{:>24}  {:10}what", "row", "parameters", "one window, ms", "by")?;
         for row in &self.rows {
             let time = cell(row.window_ms, 1.0, 1, "–");
-            writeln!(f, "{:NAME$}{:>12}{time:>24}  {}", row.row, row.parameters, row.about)?;
+            let by: Vec<String> = row.devices.iter().map(DeviceName::to_string).collect();
+            let by = by.join(", ");
+            writeln!(f, "{:NAME$}{:>12}{time:>24}  {by:10}{}", row.row, row.parameters, row.about)?;
         }
         if !self.published.is_empty() {
             writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;

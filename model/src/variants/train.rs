@@ -29,19 +29,20 @@ pub struct TrainedNetwork {
     pub weights: Weights,
 }
 
-/// Train from first weights and draws that follow from `seed`; `sampler` has the variant's options. `bar` moves
-/// once a step. A teacher sees the batches as they are drawn.
+/// Train from first weights and draws that follow from `seed`; `sampler` has the variant's options, `device` is a plain
+/// one. `bar` moves once a step. A teacher sees the batches as they are drawn.
 pub fn train(
     variant: &Variant,
     sampler: &Sampler<'_>,
     teacher: Option<&TrainedNetwork>,
     budget: &Budget,
     seed: u64,
+    device: &Device,
     bar: &ProgressBar,
 ) -> Result<Trained> {
-    let device = Device::flex().autodiff();
     let mut optimizer = optimizer();
-    let teacher = Teacher::new(teacher.map(|of| (of.variant, &of.weights)));
+    let teacher = Teacher::new(teacher.map(|of| (of.variant, &of.weights)), device.clone());
+    let device = device.clone().autodiff();
     let first = variant.first_weights(seed);
     let mut network = FloatNetwork::new(&first, &device);
     let mut average = first;

@@ -235,7 +235,7 @@ fn clippy(context: Context) -> Result<()> {
     if context.size == Size::Daily {
         return clippy(&["--workspace", "--exclude", "slipsense-model"]);
     }
-    clippy(&["--workspace", "--features", "slipsense-cli/train,slipsense-cli/hil"])?;
+    clippy(&["--workspace", "--features", "slipsense-cli/gpu,slipsense-cli/hil"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
 }

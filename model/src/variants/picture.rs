@@ -11,6 +11,8 @@ const WIDTH: u32 = 900;
 /// Height of a row, and of all that is around the rows.
 const ROW_HEIGHT: u32 = 26;
 const AROUND_HEIGHT: u32 = 150;
+/// Width of the names of the splits, right of the chart.
+const RIGHT: u32 = 110;
 /// Distance of two splits within a row, rows.
 const APART: f64 = 0.12;
 
@@ -35,7 +37,7 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
         let mut chart = ChartBuilder::on(&root)
             .caption("Macro F1 on frozen splits, synthetic data, float networks", ("sans-serif", 18))
             .margin(12)
-            .margin_right(30)
+            .margin_right(RIGHT)
             .x_label_area_size(44)
             .y_label_area_size(150)
             .build_cartesian_2d(from..100.0, -0.5..count - 0.5)
@@ -71,19 +73,13 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
             chart.draw_series(lines).map_err(failed)?;
             let dots =
                 figures.iter().map(|&(y, spread)| Circle::new((100.0 * spread.mean, y), 4, colour.filled()));
-            chart
-                .draw_series(dots)
-                .map_err(failed)?
-                .label(split.name())
-                .legend(move |at| Circle::new(at, 4, colour.filled()));
+            chart.draw_series(dots).map_err(failed)?;
+            // Beside the chart, where no dot can be.
+            let (x, y) = ((WIDTH - RIGHT) as i32, 56 + 20 * n as i32);
+            root.draw(&Circle::new((x + 14, y), 4, colour.filled())).map_err(failed)?;
+            let name = Text::new(split.name(), (x + 24, y - 7), ("sans-serif", 13));
+            root.draw(&name).map_err(failed)?;
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::LowerLeft)
-            .background_style(WHITE.mix(0.8))
-            .label_font(("sans-serif", 13))
-            .draw()
-            .map_err(failed)?;
         root.present().map_err(failed)?;
     }
     Ok(svg)

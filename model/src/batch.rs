@@ -68,9 +68,14 @@ impl<'e> Sampler<'e> {
     /// Stretches of `frames` frames. All episodes must have the same number of sensors and be at least
     /// that long, and every class must occur.
     pub fn new(episodes: &'e [Features], frames: usize) -> Result<Self> {
+        Self::of_some(episodes, frames, |_| true)
+    }
+
+    /// Of those episodes whose number `keep` takes.
+    pub fn of_some(episodes: &'e [Features], frames: usize, keep: impl Fn(usize) -> bool) -> Result<Self> {
         let sensors = episodes.first().map_or(0, |e| e.sensors);
         let mut groups: [Vec<(u32, u32)>; GROUPS] = Default::default();
-        for (index, episode) in episodes.iter().enumerate() {
+        for (index, episode) in episodes.iter().enumerate().filter(|(index, _)| keep(*index)) {
             ensure!(
                 episode.sensors == sensors,
                 "training episode {index} has {} sensors, the first has {sensors}",

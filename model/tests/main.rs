@@ -7,6 +7,7 @@ mod encoders;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod gradients;
+mod leave_out;
 mod quantization;
 mod streaming;
 mod training;

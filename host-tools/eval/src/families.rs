@@ -100,7 +100,7 @@ pub fn gallery(
         let recipe = |seed| of_family(seed, stage, place);
         let seen = (seed..).take(episodes).map(|seed| seen(&generate(&recipe(seed))?));
         let mut panel =
-            Panel::new(Some(stage), name(&recipe(seed), stage)?, &seen.collect::<Result<Vec<_>>>()?);
+            Panel::new(Some(stage), recipe(seed).family(stage), &seen.collect::<Result<Vec<_>>>()?);
         panel.from_recordings_nat = recorded.as_ref().map(|recorded| shape_distance(&panel, recorded));
         done();
         anyhow::Ok(panel)
@@ -116,16 +116,6 @@ fn of_family(seed: u64, stage: Stage, place: usize) -> Recipe {
         _ => ScenarioChoice::SixStep,
     };
     Recipe { scenario, ..Recipe::new(seed) }.with_family(stage, place)
-}
-
-/// The family's name, as recipes have it.
-fn name(recipe: &Recipe, stage: Stage) -> Result<String> {
-    let families = serde_json::to_value(recipe.families)?;
-    let name = match stage {
-        Stage::Source => serde_json::to_value(recipe.vibration)?,
-        _ => families[serde_json::to_value(stage)?.as_str().unwrap_or_default()].clone(),
-    };
-    Ok(name.as_str().context("a family's name is text")?.to_owned())
 }
 
 fn seen(episode: &Episode) -> Result<Seen> {

@@ -196,6 +196,23 @@ impl Recipe {
         self
     }
 
+    /// Name of a stage's family, as recipes have it.
+    pub fn family(&self, stage: Stage) -> String {
+        let text = |value: serde_json::Result<serde_json::Value>| {
+            value.ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
+        };
+        let Families { contact, friction, film, path, disturbance, sensor } = self.families;
+        text(match stage {
+            Stage::Contact => serde_json::to_value(contact),
+            Stage::Friction => serde_json::to_value(friction),
+            Stage::Film => serde_json::to_value(film),
+            Stage::Source => serde_json::to_value(self.vibration),
+            Stage::Path => serde_json::to_value(path),
+            Stage::Disturbance => serde_json::to_value(disturbance),
+            Stage::Sensor => serde_json::to_value(sensor),
+        })
+    }
+
     /// Refuse what cannot be generated; the error names the field, its value and what it must be.
     pub fn check(&self) -> Result<(), SynthError> {
         let rule = |holds: bool, field: &str, value: f64, rule: &str| match holds {

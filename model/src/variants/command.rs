@@ -353,6 +353,15 @@ fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> f64 {
     times[WINDOW_RUNS / 2]
 }
 
+/// Refuses none, and one that is there twice.
+pub(super) fn check_seeds(seeds: &[u64]) -> Result<()> {
+    ensure!(!seeds.is_empty(), "--seeds must name at least one");
+    for (index, seed) in seeds.iter().enumerate() {
+        ensure!(!seeds[..index].contains(seed), "--seeds: {seed} is there twice");
+    }
+    Ok(())
+}
+
 /// The authors' transformer by our names.
 fn authors_ssast(path: &Path) -> Result<named::Named> {
     let ssast = named::first(Ssast::new(&Device::flex()), 1).with_authors(path)?;
@@ -384,17 +393,14 @@ impl ReproduceArgs {
 
     fn jobs(&self) -> usize {
         self.jobs.unwrap_or_else(|| match self.device {
-            DeviceName::Cpu => std::thread::available_parallelism().map_or(1, usize::from),
+            DeviceName::Cpu => jobs::cores(),
             DeviceName::Gpu => 1,
         })
     }
 
     fn budget(&self) -> Result<Budget> {
         ensure!(self.jobs() > 0, "--jobs must be at least 1");
-        ensure!(!self.seeds.is_empty(), "--seeds must name at least one");
-        for (index, seed) in self.seeds.iter().enumerate() {
-            ensure!(!self.seeds[..index].contains(seed), "--seeds: {seed} is there twice");
-        }
+        check_seeds(&self.seeds)?;
         let mut budget = self.budget.budget();
         for (option, given, number) in [
             ("--episodes", self.episodes, &mut budget.episodes),

@@ -7,6 +7,11 @@ use anyhow::{Context, Result, anyhow};
 
 use super::Row;
 
+/// How many run at once where nobody says so: one on each core.
+pub(super) fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// A row to train and score, and the seed of its first weights and draws.
 pub(super) type Job = (&'static Row, u64);
 
@@ -25,10 +30,10 @@ pub(super) fn chains(missing: &[Job]) -> VecDeque<Vec<Job>> {
 
 /// Run all chains, `at_once` of them at a time, each on one thread. After an error the others finish the row that they
 /// are at.
-pub(super) fn run<T: Send>(
-    chains: VecDeque<Vec<Job>>,
+pub(super) fn run<J: Send, T: Send>(
+    chains: VecDeque<Vec<J>>,
     at_once: usize,
-    run_job: impl Fn(Job) -> Result<T> + Sync,
+    run_job: impl Fn(J) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     let waiting = Mutex::new(chains);
     let next = || waiting.lock().expect("no worker panics with the lock").pop_front();

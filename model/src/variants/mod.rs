@@ -9,6 +9,7 @@
 mod command;
 mod example;
 mod jobs;
+mod leave_out;
 pub mod network;
 pub mod orderings;
 pub mod paper;
@@ -21,6 +22,7 @@ mod table;
 pub mod train;
 
 pub use command::{BudgetName, ReproduceArgs, run_reproduce};
+pub use leave_out::{LeaveOutArgs, run_leave_out};
 
 use slipsense::params::TAXEL_ROWS;
 

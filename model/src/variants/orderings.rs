@@ -16,7 +16,7 @@ pub(super) const UMI: [Split; 2] = [Split::UmiId, Split::UmiOod];
 /// The other hand: where the paper compares augmentations.
 const TESOLLO: [Split; 2] = [Split::Tesollo2, Split::Tesollo3];
 /// Frames by truth and prediction.
-type Confusion = [[u64; CLASSES]; CLASSES];
+pub(super) type Confusion = [[u64; CLASSES]; CLASSES];
 
 /// Least difference of both modalities from one alone, points.
 const BOTH_POINTS: f64 = 10.0;
@@ -81,8 +81,13 @@ impl Difference {
         };
         let pairs =
             better.seeds.iter().filter_map(|done| Some([of(better, done.seed)?, of(worse, done.seed)?]));
-        let pairs: Vec<[Vec<Vec<Confusion>>; 2]> = pairs.collect();
+        Self::of_pairs(&pairs.collect::<Vec<_>>())
+    }
+
+    /// Of frames by truth and prediction, `[seed][better, worse][split][episode]`; none without a seed.
+    pub(super) fn of_pairs(pairs: &[[Vec<Vec<Confusion>>; 2]]) -> Option<Self> {
         let first = pairs.first()?;
+        let splits = first[0].len();
         let all = |split: usize| (0..first[0][split].len()).collect::<Vec<_>>();
         // Points of a choice of seeds, and of episodes of every split.
         let points = |seeds: &[usize], episodes: &[Vec<usize>]| {
@@ -92,7 +97,7 @@ impl Difference {
                     chosen.iter().for_each(|&at| sum.add(&ClassScores { confusion: all[at] }));
                     sum.macro_f1().unwrap_or(0.0)
                 });
-                per_split.sum::<f64>() / splits.len() as f64
+                per_split.sum::<f64>() / splits as f64
             };
             100.0 * seeds.iter().map(|&seed| of(seed, 0) - of(seed, 1)).sum::<f64>() / seeds.len() as f64
         };
@@ -100,12 +105,12 @@ impl Difference {
         let mut again = |count: usize| (0..count).map(|_| rng.random_range(0..count)).collect::<Vec<_>>();
         let resample = |_| {
             let seeds = again(pairs.len());
-            let episodes: Vec<_> = (0..splits.len()).map(|split| again(all(split).len())).collect();
+            let episodes: Vec<_> = (0..splits).map(|split| again(all(split).len())).collect();
             points(&seeds, &episodes)
         };
         let mut drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
         drawn.sort_by(f64::total_cmp);
-        let whole: Vec<_> = (0..splits.len()).map(all).collect();
+        let whole: Vec<_> = (0..splits).map(all).collect();
         let points = points(&(0..pairs.len()).collect::<Vec<_>>(), &whole);
         let seeds = pairs.len();
         let wider = (seeds as f64 / (seeds as f64 - 1.0).max(1.0)).sqrt();

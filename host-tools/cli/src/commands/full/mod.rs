@@ -74,6 +74,11 @@ pub enum Command {
         doc = "Run the paper's comparisons: networks beside the shipped one, and the paper's own (needs the feature `train`)"
     )]
     Reproduce(train::ReproduceArgs),
+    #[cfg_attr(
+        not(feature = "train"),
+        doc = "Train without one family of physics after the other (needs the feature `train`)"
+    )]
+    LeaveOut(train::LeaveOutArgs),
 }
 
 impl Command {
@@ -105,6 +110,7 @@ impl Command {
             Self::Dbc(args) => args.run(),
             Self::CHeader(args) => args.run(),
             Self::Reproduce(args) => train::reproduce(&args),
+            Self::LeaveOut(args) => train::leave_out(&args),
         }
     }
 }

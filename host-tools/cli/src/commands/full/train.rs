@@ -1,16 +1,16 @@
-//! `slipsense train`, `mine`, `quantize` and `reproduce`: part of a build with the feature `train`, which compiles tensor
+//! `slipsense train`, `mine`, `quantize`, `reproduce` and `leave-out`: part of a build with the feature `train`, which compiles tensor
 //! libraries; any other build says how to get them.
 
 #[cfg(feature = "train")]
 pub use slipsense_model::{
-    MineArgs, QuantizeArgs, ReproduceArgs, TrainArgs, run_mine as mine, run_reproduce as reproduce,
-    run_train as train,
+    LeaveOutArgs, MineArgs, QuantizeArgs, ReproduceArgs, TrainArgs, run_leave_out as leave_out,
+    run_mine as mine, run_reproduce as reproduce, run_train as train,
 };
 
 #[cfg(not(feature = "train"))]
 pub use without::{
-    NotInBuild as MineArgs, NotInBuild as QuantizeArgs, NotInBuild as ReproduceArgs, NotInBuild as TrainArgs,
-    *,
+    NotInBuild as LeaveOutArgs, NotInBuild as MineArgs, NotInBuild as QuantizeArgs,
+    NotInBuild as ReproduceArgs, NotInBuild as TrainArgs, *,
 };
 
 /// Turn a trained network into a model file.
@@ -43,5 +43,9 @@ mod without {
 
     pub fn reproduce(args: &NotInBuild) -> Result<()> {
         args.refuse("reproduce")
+    }
+
+    pub fn leave_out(args: &NotInBuild) -> Result<()> {
+        args.refuse("leave-out")
     }
 }

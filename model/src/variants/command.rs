@@ -1,32 +1,20 @@
 //! `slipsense reproduce`: train what is missing, score it, and put all rows side by side.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
-use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
-use burn::tensor::Device;
+use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use indicatif::{MultiProgress, ProgressBar};
-use slipsense::params::OUTPUTS;
-use slipsense_synth::Split;
+use indicatif::MultiProgress;
 
-use super::example;
 use super::orderings::Comparisons;
-use super::orderings::UMI;
-use super::paper::{PaperNetwork, Pretrained, Training, kept};
-use super::results::{Budget, Finished, SplitFigures};
-use super::sets::{SPLITS, Sets};
-use super::train::{TrainedNetwork, train};
-use super::{Making, ROWS, Row, Variant, jobs, picture, recomputed, row_named};
-use crate::batch::{Options, Sampler};
-use crate::data::Features;
+use super::results::{Budget, Finished};
+use super::run::{Run, authors_ssast, kept_weights};
+use super::sets::Sets;
+use super::{ROWS, Row, example, jobs, picture, row_named};
 use crate::device::DeviceName;
-use crate::encoders::{Ssast, Vit, XlEncoder, named};
-use crate::float::FloatNetwork;
 use crate::output;
 use crate::progress::progress;
-use crate::weights::Weights;
 
 /// How much every row is trained and scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -109,9 +97,6 @@ pub struct ReproduceArgs {
     pub json: bool,
 }
 
-/// Runs of a window, of which the median counts.
-const WINDOW_RUNS: usize = 5;
-
 /// The end of `--help`.
 fn rows_help() -> String {
     let rows: Vec<String> =
@@ -181,8 +166,16 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
     if !missing.is_empty() {
         let (sets, bars) = (Sets::generate(&budget)?, MultiProgress::new());
         let total = bars.add(progress("rows", missing.len() as u64));
-        let run =
-            Run { args, budget: &budget, sets: &sets, device, bars: &bars, pretraining: Mutex::default() };
+        let run = Run {
+            out: &args.out,
+            budget: &budget,
+            sets: &sets,
+            device_name: args.device,
+            device,
+            ssast: args.ssast.as_deref(),
+            bars: &bars,
+            pretraining: Mutex::default(),
+        };
         finished.extend(jobs::run(jobs::chains(&missing), args.jobs(), |(row, seed)| {
             let done = if row.encoders.is_some() { run.paper(row, seed)? } else { run.ours(row, seed)? };
             done.write(&args.out)?;
@@ -207,152 +200,6 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
     Ok(())
 }
 
-/// What all rows share.
-struct Run<'a> {
-    args: &'a ReproduceArgs,
-    budget: &'a Budget,
-    sets: &'a Sets,
-    /// A plain one.
-    device: Device,
-    bars: &'a MultiProgress,
-    /// Held by the row that pretrains an encoder, which others may need too.
-    pretraining: Mutex<()>,
-}
-
-impl Run<'_> {
-    /// Train, where the row is trained, and score.
-    fn ours(&self, row: &Row, seed: u64) -> Result<Finished> {
-        let Self { args: ReproduceArgs { out, .. }, budget, sets, .. } = self;
-        let started = Instant::now();
-        let needed =
-            row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
-        let (weights, loss) = if let (Making::Recomputed, Some(base)) = (row.making, &needed) {
-            (base.weights.clone(), None)
-        } else {
-            let Variant { pads, xl_augmentation, .. } = row.variant;
-            let options = Options { pads, xl_augmentation, ..Options::default() };
-            let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
-            let bar = self.bar(row, seed, budget.steps);
-            let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &self.device, &bar)
-                .with_context(|| format!("row {}, seed {seed}", row.name))?;
-            bar.finish_and_clear();
-            if row.is_needed() {
-                trained.weights.write(&kept_weights(out, row.name, seed))?;
-            }
-            (trained.weights, Some(trained.loss))
-        };
-        let device = &self.device;
-        let network = FloatNetwork::fixed(&weights, device);
-        let outputs = |features: &Features| {
-            let input = features.sequences_of(row.variant.pads);
-            if row.making == Making::Recomputed {
-                recomputed::logits(&network, &row.variant, &input, device)
-            } else {
-                network.outputs(&row.variant, &input, device)
-            }
-        };
-        let splits = self.score(row, seed, &SPLITS, budget.test_episodes, outputs);
-        Ok(Finished {
-            row: row.name.to_owned(),
-            seed,
-            synthetic: true,
-            budget: (*budget).clone(),
-            device: self.args.device,
-            parameters: weights.count(),
-            loss,
-            wall_s: started.elapsed().as_secs_f64(),
-            window_ms: window_ms(sets, outputs),
-            splits,
-            example: example::of(row.name, sets, outputs),
-        })
-    }
-
-    /// The same for a row with the paper's encoders; pretrains those it needs that no earlier row has needed.
-    fn paper(&self, row: &Row, seed: u64) -> Result<Finished> {
-        let Self { args, budget, sets, .. } = self;
-        let started = Instant::now();
-        let encoders = row.encoders.context("the row has encoders")?;
-        let options = Options { pads: row.variant.pads, ..Options::default() };
-        let sampler = Sampler::new(&sets.train, budget.encoder_frames)?.with_options(options);
-        let bar = self.bar(row, seed, budget.encoder_steps);
-        let device = &self.device;
-        let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
-        let mut pretrained = Pretrained::default();
-        let pretraining = self.pretraining.lock().expect("no row panics with the lock");
-        if encoders.pads.is_pretrained() {
-            bar.set_message("ViT-MAE");
-            let path = args.out.join(format!("vit-mae-{seed}.safetensors"));
-            pretrained.vit = Some(kept(&path, &Vit::new(device), || training.pretrain_vit())?);
-            bar.reset();
-        }
-        if encoders.xl == XlEncoder::Ssast {
-            bar.set_message("SSAST");
-            let authors = || args.ssast.as_deref().map(authors_ssast).transpose();
-            let path = args.out.join(format!("ssast-{seed}.safetensors"));
-            pretrained.ssast = Some(match authors()? {
-                Some(numbers) => numbers,
-                None => kept(&path, &Ssast::new(device), || training.pretrain_ssast())?,
-            });
-            bar.reset();
-        }
-        drop(pretraining);
-        let (numbers, loss) = training
-            .train(&row.variant, encoders, &pretrained)
-            .with_context(|| format!("row {}, seed {seed}", row.name))?;
-        bar.finish_and_clear();
-        let network = PaperNetwork::fixed(&row.variant, encoders, &numbers, device);
-        let outputs = |features: &Features| {
-            network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
-        };
-        let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
-        Ok(Finished {
-            row: row.name.to_owned(),
-            seed,
-            synthetic: true,
-            budget: (*budget).clone(),
-            device: self.args.device,
-            parameters: trained.map(|(_, numbers)| numbers.values.len()).sum(),
-            loss: Some(loss),
-            splits: self.score(row, seed, &UMI, budget.encoder_test_episodes, outputs),
-            wall_s: started.elapsed().as_secs_f64(),
-            window_ms: window_ms(sets, outputs),
-            example: None,
-        })
-    }
-
-    fn score(
-        &self,
-        row: &Row,
-        seed: u64,
-        splits: &[Split],
-        episodes: usize,
-        outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
-    ) -> Vec<SplitFigures> {
-        let bar = self.bar(row, seed, 0);
-        bar.set_message("score");
-        let figures = self.sets.score(splits, episodes, &bar, outputs);
-        bar.finish_and_clear();
-        figures
-    }
-
-    fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {
-        self.bars.add(progress("", steps as u64).with_prefix(format!("{} {seed}", row.name)))
-    }
-}
-
-/// Median of some runs of one window, which is in memory.
-fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> f64 {
-    let Some(window) = sets.window() else { return f64::NAN };
-    let run = |_| {
-        let started = Instant::now();
-        std::hint::black_box(outputs(&window));
-        1e3 * started.elapsed().as_secs_f64()
-    };
-    let mut times: Vec<f64> = (0..WINDOW_RUNS).map(run).collect();
-    times.sort_by(f64::total_cmp);
-    times[WINDOW_RUNS / 2]
-}
-
 /// Refuses none, and one that is there twice.
 pub(super) fn check_seeds(seeds: &[u64]) -> Result<()> {
     ensure!(!seeds.is_empty(), "--seeds must name at least one");
@@ -360,24 +207,6 @@ pub(super) fn check_seeds(seeds: &[u64]) -> Result<()> {
         ensure!(!seeds[..index].contains(seed), "--seeds: {seed} is there twice");
     }
     Ok(())
-}
-
-/// The authors' transformer by our names.
-fn authors_ssast(path: &Path) -> Result<named::Named> {
-    let ssast = named::first(Ssast::new(&Device::flex()), 1).with_authors(path)?;
-    Ok(named::get(&ssast))
-}
-
-/// Where the weights of a row are kept that others need.
-fn kept_weights(out: &Path, row: &str, seed: u64) -> PathBuf {
-    out.join(format!("{row}-{seed}.safetensors"))
-}
-
-fn read_kept(out: &Path, row: &Row, seed: u64) -> Result<TrainedNetwork> {
-    let path = kept_weights(out, row.name, seed);
-    let weights = Weights::read(&path)?;
-    ensure!(weights.dims == row.variant.dims(), "{}: not the dimensions of row {}", path.display(), row.name);
-    Ok(TrainedNetwork { variant: row.variant, weights })
 }
 
 impl ReproduceArgs {

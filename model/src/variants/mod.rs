@@ -17,6 +17,7 @@ mod picture;
 mod published;
 pub mod recomputed;
 pub mod results;
+mod run;
 pub mod sets;
 mod table;
 pub mod train;

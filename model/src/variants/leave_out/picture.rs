@@ -4,7 +4,7 @@ use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::{KNOWN, Results, lower};
+use super::results::{KNOWN, Results, lower};
 use crate::variants::picture::failed;
 use slipsense_synth::FAMILIES;
 

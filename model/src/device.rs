@@ -14,7 +14,7 @@ pub enum DeviceName {
     /// The cores of this computer
     #[default]
     Cpu,
-    /// A graphics processor, by Vulkan, Metal or DirectX 12; in a build with the feature `gpu`
+    /// A graphics processor, by Vulkan, Metal, DirectX 12 or OpenGL; in a build with the feature `gpu`
     Gpu,
 }
 

@@ -67,6 +67,22 @@ fn vectors(of: &str) -> Value {
 }
 
 #[test]
+fn the_mlp_drops_in_training_alone_and_by_its_seed() {
+    let named = named::get(&filled(Mlp::new(&Device::flex())));
+    let run = |device: Device, seed: u64| {
+        let frames = TensorData::new(value("frames", 8 * MEL_BINS), [1, 8, MEL_BINS]);
+        let embedded =
+            named::put(Mlp::new(&device), &named).forward(Tensor::from_data(frames, &device), seed);
+        embedded.into_data().iter::<f32>().collect::<Vec<_>>()
+    };
+    let training = |seed| run(Device::flex().autodiff(), seed);
+    assert_eq!(training(1), training(1));
+    assert_ne!(training(1), training(2));
+    assert_ne!(training(1), run(Device::flex(), 1));
+    assert_eq!(run(Device::flex(), 1), run(Device::flex(), 2));
+}
+
+#[test]
 fn resnet18_is_torchvisions_of_one_channel() {
     let expected = vectors("resnet18");
     let resnet = filled(ResNet18::new(&Device::flex()));

@@ -198,11 +198,8 @@ impl Recipe {
 
     /// Name of a stage's family, as recipes have it.
     pub fn family(&self, stage: Stage) -> String {
-        let text = |value: serde_json::Result<serde_json::Value>| {
-            value.ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
-        };
         let Families { contact, friction, film, path, disturbance, sensor } = self.families;
-        text(match stage {
+        let name = match stage {
             Stage::Contact => serde_json::to_value(contact),
             Stage::Friction => serde_json::to_value(friction),
             Stage::Film => serde_json::to_value(film),
@@ -210,7 +207,9 @@ impl Recipe {
             Stage::Path => serde_json::to_value(path),
             Stage::Disturbance => serde_json::to_value(disturbance),
             Stage::Sensor => serde_json::to_value(sensor),
-        })
+        };
+        let name = name.ok().and_then(|name| name.as_str().map(str::to_owned));
+        name.expect("a family is written as its name")
     }
 
     /// Refuse what cannot be generated; the error names the field, its value and what it must be.

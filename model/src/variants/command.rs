@@ -158,11 +158,7 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
     let device = args.device.open()?;
     output::folder(&args.out)?;
     // Pretrained encoders there are of this budget as well.
-    let path = args.out.join("budget.json");
-    match output::read_json::<Budget>(&path)? {
-        Some(other) => other.must_be(&budget, &path)?,
-        None => output::write(&path, (serde_json::to_string_pretty(&budget)? + "\n").as_bytes())?,
-    }
+    budget.mark(&args.out)?;
     if !missing.is_empty() {
         let (sets, bars) = (Sets::generate(&budget)?, MultiProgress::new());
         let total = bars.add(progress("rows", missing.len() as u64));

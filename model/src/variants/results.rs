@@ -61,8 +61,17 @@ impl Default for Budget {
 }
 
 impl Budget {
+    /// Refuses a folder of another budget; a new one is marked with this.
+    pub(super) fn mark(&self, out: &Path) -> Result<()> {
+        let path = out.join("budget.json");
+        match output::read_json::<Self>(&path)? {
+            Some(other) => other.must_be(self, &path),
+            None => output::write(&path, (serde_json::to_string_pretty(self)? + "\n").as_bytes()),
+        }
+    }
+
     /// Refuses a file that another budget made.
-    pub(super) fn must_be(&self, asked: &Self, path: &Path) -> Result<()> {
+    fn must_be(&self, asked: &Self, path: &Path) -> Result<()> {
         ensure!(
             self == asked,
             "{}: budget is {}, now asked for {}; rows of different budgets do not compare, use another --out",

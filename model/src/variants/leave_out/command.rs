@@ -106,11 +106,7 @@ pub fn run_leave_out(args: &LeaveOutArgs) -> Result<()> {
         ..Budget::default()
     };
     output::folder(&args.out)?;
-    let path = args.out.join("budget.json");
-    match output::read_json::<Budget>(&path)? {
-        Some(other) => other.must_be(&budget, &path)?,
-        None => output::write(&path, (serde_json::to_string_pretty(&budget)? + "\n").as_bytes())?,
-    }
+    budget.mark(&args.out)?;
     let (mut finished, mut missing) = (Vec::new(), Vec::new());
     for &seed in &args.seeds {
         for without in networks(stages) {
@@ -221,5 +217,5 @@ impl Sets {
 }
 
 fn is_kept(recipe: &Recipe, without: Option<FamilyAt>) -> bool {
-    without.is_none_or(|at| recipe.family(at.0) != family(at))
+    without.is_none_or(|(stage, place)| recipe.clone().with_family(stage, place) != *recipe)
 }

@@ -64,8 +64,9 @@ pub(super) fn svg(results: &Results) -> Result<String> {
                     let (x, points) = (middle(column + 1), cost.difference.points);
                     let corners = [(x - COLUMN / 2, y - ROW / 2), (x + COLUMN / 2, y + ROW / 2)];
                     root.draw(&Rectangle::new(corners, colour(points).filled())).map_err(failed)?;
-                    let is_told = cost.difference.low_points > 0.0 || cost.difference.high_points < 0.0;
-                    let mark = if is_told { " !" } else { "" };
+                    let is_significant =
+                        cost.difference.low_points > 0.0 || cost.difference.high_points < 0.0;
+                    let mark = if is_significant { " !" } else { "" };
                     write(&format!("{points:+.1}{mark}"), x, y, HPos::Center)?;
                 }
             }

@@ -121,6 +121,22 @@ impl Results {
     }
 }
 
+impl Results {
+    /// Mean difference on the family that was left out, and on the others of its stage, points.
+    fn mean_points(&self) -> [f64; 2] {
+        let costs = self.tested.iter().enumerate().flat_map(|(at, tested)| {
+            let costs = tested.without.iter().enumerate();
+            costs.filter_map(move |(left_out, cost)| Some((left_out == at % FAMILIES, cost.as_ref()?)))
+        });
+        let costs: Vec<_> = costs.collect();
+        [true, false].map(|own| {
+            let points =
+                costs.iter().filter(|(is_own, _)| *is_own == own).map(|(_, cost)| cost.difference.points);
+            points.clone().sum::<f64>() / points.count() as f64
+        })
+    }
+}
+
 impl fmt::Display for Results {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
@@ -152,6 +168,7 @@ impl fmt::Display for Results {
                 writeln!(f, "{}", if tested.is_held_out { "  held out" } else { "" })?;
             }
         }
-        Ok(())
+        let [own, others] = self.mean_points();
+        writeln!(f, "\nmean: {own:+.1} on the family left out, {others:+.1} on the others of its stage")
     }
 }

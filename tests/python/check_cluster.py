@@ -87,7 +87,7 @@ def main():
     alone(*mined, one / "mined")
     cluster(*mined, many / "mined")
     same_files("mine", one / "mined", many / "mined")
-    detectors = ["network", "energy", "entropy", "mfcc-qda"]
+    detectors = ["network", "entropy", "mfcc-qda", "entropy-and-mfcc"]
     judged = [*itertools.chain.from_iterable(("--detector", name) for name in detectors), "--out"]
     times += [alone("eval", one / "set", *judged, one / "eval"),
               cluster("eval", many / "set", *judged, many / "eval", kill_after=1)]

@@ -12,15 +12,13 @@ use crate::detector::ClassOrder;
 use crate::gaussian::{Density, Gaussian, Scaling};
 use crate::spectrum::COEFFICIENTS;
 
-/// Features of `logistic`.
-pub(crate) const LOGISTIC_FEATURES: usize = 12;
 /// Features of `rig-only`: 13 MFCC and the level.
 pub(crate) const RIG_FEATURES: usize = COEFFICIENTS + 1;
 /// The features of `rig-only` and their squares.
 pub(crate) const RIG_TERMS: usize = 2 * RIG_FEATURES;
 
 /// Version of the file's layout and of the meaning of its numbers.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -34,13 +32,6 @@ pub struct Fitted {
     /// `entropy`, nat.
     pub(crate) entropy: Cutoff,
     pub(crate) mfcc: MfccFit,
-    /// `energy`, spreads.
-    pub(crate) energy: Cutoff,
-    /// `flux-cusum`, spreads.
-    pub(crate) flux_cusum: Cutoff,
-    /// `band-pass`, g².
-    pub(crate) band_pass: Cutoff,
-    pub(crate) logistic: LogisticFit,
     /// `clock`: training frames of each class in each quarter of a second since the episode began.
     pub(crate) clock: Vec<[u64; CLASSES]>,
     /// `rig-only`; absent if the training episodes were not generated.
@@ -120,25 +111,6 @@ impl LikelihoodRatio {
     }
 }
 
-/// Logistic regression of slip against not slip.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LogisticFit {
-    pub(crate) scaling: Scaling,
-    /// Log-odds per standard deviation of each feature.
-    pub(crate) weights: Vec<f64>,
-    /// Log-odds at the mean of all features.
-    pub(crate) intercept: f64,
-    pub(crate) cut: Cutoff,
-}
-
-impl LogisticFit {
-    pub(crate) fn log_odds(&self, features: &[f64; LOGISTIC_FEATURES]) -> f64 {
-        let z = self.scaling.apply(features);
-        self.intercept + self.weights.iter().zip(z).map(|(w, z)| w * z).sum::<f64>()
-    }
-}
-
 /// Two logistic regressions on the features of the rig's sound and their squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -200,22 +172,9 @@ impl Fitted {
         let counted: u64 = self.class_frames.iter().sum();
         ensure!(counted > 0 && counted == self.data.frames, "class_frames must add up to data.frames");
         ensure!(clocked == counted, "clock must add up to data.frames");
-        for (name, cut) in [
-            ("entropy", &self.entropy),
-            ("mfcc.cut", &self.mfcc.cut),
-            ("energy", &self.energy),
-            ("flux_cusum", &self.flux_cusum),
-            ("band_pass", &self.band_pass),
-            ("logistic.cut", &self.logistic.cut),
-        ] {
-            cut.validate().context(name)?;
-        }
+        self.entropy.validate().context("entropy")?;
+        self.mfcc.cut.validate().context("mfcc.cut")?;
         self.mfcc.ratio()?;
-        let LogisticFit { scaling, weights, intercept, .. } = &self.logistic;
-        scaling.validate(LOGISTIC_FEATURES).context("logistic.scaling")?;
-        ensure!(weights.len() == LOGISTIC_FEATURES, "logistic.weights must hold {LOGISTIC_FEATURES}");
-        let finite = weights.iter().chain([intercept]).all(|w| w.is_finite());
-        ensure!(finite, "logistic.weights and intercept must be finite");
         if let Some(rig) = &self.rig_only {
             rig.scaling.validate(RIG_FEATURES).context("rig_only.scaling")?;
             for (name, odds) in [("slip", &rig.slip), ("held", &rig.held)] {

@@ -1,12 +1,9 @@
 //! The detectors that are compared, by name.
 
-pub(crate) mod running;
 pub(crate) mod network;
 #[cfg(feature = "float")]
 mod float;
 pub(crate) mod paper;
-pub(crate) mod vibration;
-pub(crate) mod logistic;
 pub(crate) mod limits;
 pub(crate) mod rig_only;
 
@@ -17,10 +14,8 @@ use anyhow::{Result, bail};
 use crate::detector::{Detector, PerSensor, Score, thresholded};
 use crate::fitted::{Cutoff, Fitted};
 
-use logistic::LogisticScore;
 pub use network::Modality;
 use paper::{AndScore, EntropyScore, MfccQdaScore};
-use vibration::{BandPassScore, EnergyScore, FluxCusumScore};
 
 /// The integer network, the one that ships.
 pub const NETWORK: &str = "network";
@@ -40,17 +35,13 @@ pub struct Setup<'a> {
 }
 
 /// Names on the command line with what they are, in the order of the report.
-pub const DETECTORS: [(&str, &str); 16] = [
+pub const DETECTORS: [(&str, &str); 12] = [
     (NETWORK, "the firmware's pipeline, integers, by its classes"),
     (NETWORK_ALARM, "the same by its alarm, at the model's operating point"),
     (FLOAT, "the network before quantization, run by tract (needs the feature `train`)"),
     ("entropy", "entropy of the pressure changes; the paper's piezo baseline"),
     ("mfcc-qda", "13 MFCC with quadratic discriminants; the paper's accelerometer baseline"),
     ("entropy-and-mfcc", "slip where both are above their thresholds; the paper's baseline of both sensors"),
-    ("energy", "vibration energy above a running noise estimate"),
-    ("flux-cusum", "accumulated rise of the vibration spectrum"),
-    ("band-pass", "power in a band, ON/OFF with hysteresis"),
-    ("logistic", "logistic regression on pooled features of both sensors"),
     ("majority", "always the most frequent class"),
     ("always-slip", "slip whenever something is held"),
     ("clock", "knows the time since the episode began, nothing else"),
@@ -74,10 +65,6 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
         "entropy" => analytic(PerSensor::<EntropyScore>::default(), fitted.entropy, fitted),
         "mfcc-qda" => analytic(PerSensor::new(MfccQdaScore::new(&fitted.mfcc)?), fitted.mfcc.cut, fitted),
         "entropy-and-mfcc" => thresholded(AndScore::new(fitted)?, 0.0, fitted.class_order),
-        "energy" => analytic(PerSensor::<EnergyScore>::default(), fitted.energy, fitted),
-        "flux-cusum" => analytic(PerSensor::<FluxCusumScore>::default(), fitted.flux_cusum, fitted),
-        "band-pass" => analytic(PerSensor::<BandPassScore>::default(), fitted.band_pass, fitted),
-        "logistic" => analytic(LogisticScore::new(&fitted.logistic), fitted.logistic.cut, fitted),
         "majority" => Box::new(|episode| Ok(limits::majority(episode, fitted.class_frames))),
         "always-slip" => Box::new(|episode| Ok(limits::always_slip(episode))),
         "clock" => {

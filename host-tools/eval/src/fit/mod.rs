@@ -17,7 +17,7 @@ use slipsense_synth::labels::NO_SLIP;
 
 use crate::detector::{ClassOrder, NEVER};
 use crate::detectors::rig_only;
-use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, LogisticFit, MfccFit, Odds, RigFit};
+use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, MfccFit, Odds, RigFit};
 use crate::gaussian::{Gaussian, Scaling};
 use crate::source::Handle;
 use logistic_regression::logistic_regression;
@@ -72,7 +72,6 @@ fn from_samples(samples: Vec<Sample>, source: &str, plan: Plan) -> Result<Fitted
     ensure!(frames.iter().any(|f| f.label == SLIP), "no slip among the training frames");
     ensure!(frames.iter().any(|f| f.label != SLIP), "nothing but slip among the training frames");
 
-    let cutoff = |score: &dyn Fn(&Frame) -> f32| fit_cutoff(&frames, score, plan.class_order);
     let fitted = Fitted {
         format: FORMAT,
         class_order: plan.class_order,
@@ -86,12 +85,8 @@ fn from_samples(samples: Vec<Sample>, source: &str, plan: Plan) -> Result<Fitted
             frames_used: frames.len() as u64,
         },
         class_frames,
-        entropy: cutoff(&|f| f.entropy),
+        entropy: fit_cutoff(&frames, &|f| f.entropy, plan.class_order),
         mfcc: fit_mfcc(&frames, plan.class_order)?,
-        energy: cutoff(&|f| f.energy),
-        flux_cusum: cutoff(&|f| f.flux_cusum),
-        band_pass: cutoff(&|f| f.band_pass),
-        logistic: fit_logistic(&frames, plan.class_order)?,
         clock,
         rig_only: fit_rig(&frames)?,
     };
@@ -127,18 +122,6 @@ fn fit_mfcc(frames: &[&Frame], order: ClassOrder) -> Result<MfccFit> {
     let ratio = fit.ratio()?;
     let score = |f: &Frame| f.mfcc.iter().map(|m| ratio.ln(m)).fold(f64::from(f32::MIN), f64::max) as f32;
     fit.cut = fit_cutoff(frames, &score, order);
-    Ok(fit)
-}
-
-fn fit_logistic(frames: &[&Frame], order: ClassOrder) -> Result<LogisticFit> {
-    let raw: Vec<_> = frames.iter().map(|f| f.logistic).collect();
-    let scaling = Scaling::fit(&raw);
-    let z: Vec<_> = raw.iter().map(|x| scaling.apply(x)).collect();
-    let slip: Vec<bool> = frames.iter().map(|f| f.label == SLIP).collect();
-    let (weights, intercept) = logistic_regression(&z, &slip)?;
-    let cut = Cutoff { threshold: 0.0, std: 1.0 };
-    let mut fit = LogisticFit { scaling, weights: weights.to_vec(), intercept, cut };
-    fit.cut = fit_cutoff(frames, &|f| fit.log_odds(&f.logistic) as f32, order);
     Ok(fit)
 }
 

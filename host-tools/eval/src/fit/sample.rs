@@ -7,23 +7,17 @@ use slipsense_recording::{Episode, Meta};
 
 use crate::detector::{PerSensor, Score, touched};
 use crate::detectors::limits::CLOCK_BIN_FRAMES;
-use crate::detectors::logistic::LogisticFeatures;
 use crate::detectors::paper::EntropyScore;
 use crate::detectors::rig_only::{RigFeatures, rig_only_episode};
-use crate::detectors::vibration::{BandPassScore, EnergyScore, FluxCusumScore};
-use crate::fitted::{LOGISTIC_FEATURES, RIG_FEATURES};
+use crate::fitted::RIG_FEATURES;
 use crate::spectrum::{COEFFICIENTS, XlSpectrum};
 
 pub(super) struct Frame {
     pub label: u8,
     pub touched: bool,
     pub entropy: f32,
-    pub energy: f32,
-    pub flux_cusum: f32,
-    pub band_pass: f32,
     /// One per sensor.
     pub mfcc: Vec<[f64; COEFFICIENTS]>,
-    pub logistic: [f64; LOGISTIC_FEATURES],
     /// `None` where the episode has no recipe.
     pub rig: Option<[f64; RIG_FEATURES]>,
 }
@@ -45,11 +39,8 @@ impl Sample {
             false => None,
         };
         let mut entropy = PerSensor::<EntropyScore>::default();
-        let mut energy = PerSensor::<EnergyScore>::default();
-        let mut flux_cusum = PerSensor::<FluxCusumScore>::default();
-        let mut band_pass = PerSensor::<BandPassScore>::default();
         let mut spectra = vec![XlSpectrum::default(); episode.sensors];
-        let (mut logistic, mut rig_features) = (LogisticFeatures::default(), RigFeatures::default());
+        let mut rig_features = RigFeatures::default();
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
         let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
         for (frame, &label) in label.iter().enumerate() {
@@ -62,11 +53,7 @@ impl Sample {
                 label,
                 touched: touched(episode, frame),
                 entropy: entropy.step(episode, frame),
-                energy: energy.step(episode, frame),
-                flux_cusum: flux_cusum.step(episode, frame),
-                band_pass: band_pass.step(episode, frame),
                 mfcc: mfcc.collect(),
-                logistic: logistic.step(episode, frame),
                 rig: rig.as_ref().map(|rig| rig_features.step(rig, frame)),
             };
             if frame.is_multiple_of(stride) {

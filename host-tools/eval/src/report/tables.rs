@@ -411,7 +411,7 @@ impl fmt::Display for Results {
             write!(f, "\n{}", causes(self, quiet))?;
         }
         if !self.paper.is_empty() {
-            write!(f, "\n{}", paper(self))?;
+            write!(f, "\n{}\n{}", paper(self), paper_speeds(self))?;
         }
         shared(self).iter().try_for_each(|table| write!(f, "\n{table}"))
     }

@@ -128,17 +128,7 @@ fn state_goes_on_from_episode_to_episode() {
             carries.push(name);
         }
     }
-    let expected = [
-        "network",
-        "network-alarm",
-        "entropy",
-        "mfcc-qda",
-        "entropy-and-mfcc",
-        "energy",
-        "flux-cusum",
-        "band-pass",
-        "logistic",
-    ];
+    let expected = ["network", "network-alarm", "entropy", "mfcc-qda", "entropy-and-mfcc"];
     assert_eq!(carries, expected, "whose prediction depends on the episode before");
 }
 
@@ -249,14 +239,13 @@ fn bad_setups_are_refused_in_words() {
 #[test]
 fn a_damaged_file_of_fitted_numbers_is_refused() {
     type Damage = (fn(&mut Fitted), &'static str);
-    let damages: [Damage; 7] = [
+    let damages: [Damage; 6] = [
         (|f| f.format += 1, "format"),
         (|f| f.data.split = "val".into(), "split"),
         (|f| f.clock[3][0] += 1, "clock"),
-        (|f| f.energy.std = 0.0, "energy"),
+        (|f| f.entropy.std = 0.0, "entropy"),
         (|f| f.mfcc.scaling.std[2] = 0.0, "mfcc.scaling"),
         (|f| f.mfcc.slip.covariance[0][0] = -1.0, "positive definite"),
-        (|f| f.logistic.weights.truncate(11), "logistic.weights"),
     ];
     for (damage, words) in damages {
         let mut damaged = FITTED.clone();

@@ -29,8 +29,8 @@ use crate::output::{OutputDir, write_file};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Detectors:
-  network  network-alarm  float  entropy  mfcc-qda  entropy-and-mfcc  energy  flux-cusum  band-pass
-  logistic  majority  always-slip  clock  rig-only  oracle  oracle-label
+  network  network-alarm  float  entropy  mfcc-qda  entropy-and-mfcc  majority  always-slip  clock
+  rig-only  oracle  oracle-label
 
 Files written to the output folder:
   metrics.json  every number; units are in the keys
@@ -105,6 +105,18 @@ struct Seed {
 
 impl Args {
     pub fn run(self) -> Result<()> {
+        match self.evaluate()? {
+            Some(results) => self.print.show(&results, || self.text(&results)),
+            None => {
+                let part = self.shard.unwrap_or(Shard::WHOLE).to_string();
+                let made = json!({"part": part, "complete": false});
+                self.print.show(&made, || format!("part {part} evaluated, others missing\n"))
+            }
+        }
+    }
+
+    /// Results, written to the folder; none where other parts are missing.
+    pub fn evaluate(&self) -> Result<Option<Results>> {
         let fitted = match &self.fit {
             Some(path) => Fitted::read(path)?,
             None => Fitted::bundled()?,
@@ -125,10 +137,7 @@ impl Args {
             None => vec![part],
             Some(_) => match files.add(&part)? {
                 Some(parts) => parts,
-                None => {
-                    let made = json!({"part": shard.to_string(), "complete": false});
-                    return self.print.show(&made, || format!("part {shard} evaluated, others missing\n"));
-                }
+                None => return Ok(None),
             },
         };
         let predicted = join(&inputs, candidates.len(), parts);
@@ -140,11 +149,13 @@ impl Args {
         if self.shard.is_some() {
             files.remove()?;
         }
-        self.print.show(&results, || {
-            let files = written(&self.out, &[("report", "report.html"), ("numbers", "metrics.json")]);
-            let (wall_s, threads) = (results.wall_s, results.threads);
-            format!("{results}\n{files}  evaluated in  {wall_s:.1} s on {threads} threads\n")
-        })
+        Ok(Some(results))
+    }
+
+    fn text(&self, results: &Results) -> String {
+        let files = written(&self.out, &[("report", "report.html"), ("numbers", "metrics.json")]);
+        let (wall_s, threads) = (results.wall_s, results.threads);
+        format!("{results}\n{files}  evaluated in  {wall_s:.1} s on {threads} threads\n")
     }
 
     /// What parts of one evaluation have in common.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
-use serde_json::json;
+use serde_json::{Value, json};
 use slipsense_synth::plant::{Hand, LOST_MM, LOST_TURN_RAD, Objects, trials};
 
 use super::{ModelArg, Print, written};
@@ -94,6 +94,16 @@ fn settle_ms(text: &str) -> Result<f64, String> {
 
 impl Args {
     pub fn run(self) -> Result<()> {
+        let (json, text) = self.close_loop()?;
+        self.print.show(&json, || {
+            let files = [("picture", "trial.svg"), ("histograms", "latency.svg"), ("numbers", "grasp.json")];
+            let files = self.out.as_ref().map(|folder| format!("\n{}", written(folder, &files)));
+            text + &files.unwrap_or_default()
+        })
+    }
+
+    /// All trials, written to the folder if there is one: as JSON and as text.
+    pub fn close_loop(&self) -> Result<(Value, String)> {
         let count = usize::from(self.trials);
         if let Some(show) = self.show.filter(|&show| show >= count) {
             bail!("--show {show}: there are {count} trials, numbered from 0");
@@ -133,11 +143,7 @@ impl Args {
             out.write("grasp.json", serde_json::to_string_pretty(&json)? + "\n")?;
             out.commit()?;
         }
-        self.print.show(&json, || {
-            let files = [("picture", "trial.svg"), ("histograms", "latency.svg"), ("numbers", "grasp.json")];
-            let files = self.out.as_ref().map(|folder| format!("\n{}", written(folder, &files)));
-            self.table(&results, &totals) + &files.unwrap_or_default()
-        })
+        Ok((json, self.table(&results, &totals)))
     }
 
     fn headline(&self) -> String {

@@ -133,7 +133,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
 }
 
 /// Largest magnitudes of all activations over one episode: with all sensors, and with each alone.
-fn measure(graphs: &Graphs, features: &Features) -> Result<Ranges> {
+pub(crate) fn measure(graphs: &Graphs, features: &Features) -> Result<Ranges> {
     let mut ranges = Ranges::default();
     let alone = (0..features.sensors).filter(|_| features.sensors > 1).map(Some);
     for only in std::iter::once(None).chain(alone) {

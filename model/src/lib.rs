@@ -41,4 +41,4 @@ pub mod weights;
 pub use command::{QuantizeArgs, run_quantize};
 pub use mining::{MineArgs, run_mine};
 pub use train::{TrainArgs, run_train};
-pub use variants::{BudgetName, LeaveOutArgs, ReproduceArgs, run_leave_out, run_reproduce};
+pub use variants::{BudgetName, LeaveOutArgs, REPORT_FILE, ReproduceArgs, run_leave_out, run_reproduce};

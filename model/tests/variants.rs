@@ -1,5 +1,5 @@
-//! The networks that the shipped one is compared with: the base is it, every one learns, the one without
-//! memory sees its window only, and a comparison that is begun again does only what is missing.
+//! The networks that the shipped one is compared with: the base is it, every one learns, integers are near their
+//! floats, and a comparison that is begun again does only what is missing.
 
 use std::fs;
 use std::path::Path;
@@ -9,6 +9,7 @@ use burn::optim::AdamWConfig;
 use burn::tensor::Device;
 use slipsense::features::XlFeatures;
 use slipsense::features::piezo::PiezoFrontEnd;
+use slipsense::net::Model;
 use slipsense::params::{CLASSES, MEL_BINS, OUTPUTS, TAXELS, XL_FEATURES};
 use slipsense_model::batch::{Options, Sampler};
 use slipsense_model::data::Features;
@@ -21,7 +22,7 @@ use slipsense_model::target::Target;
 use slipsense_model::teacher::Teacher;
 use slipsense_model::tract::xl_real;
 use slipsense_model::variants::paper::PaperNetwork;
-use slipsense_model::variants::{BASE, Making, ROWS, Row, recomputed, row_named};
+use slipsense_model::variants::{BASE, Making, ROWS, Row, integers, row_named};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{BudgetName, ReproduceArgs, run_reproduce};
 use slipsense_recording::{Episode, Meta};
@@ -229,24 +230,19 @@ fn what_is_taken_away_is_not_seen() {
 }
 
 #[test]
-fn a_recomputed_frame_sees_its_window_and_the_first_ones_are_the_streams() {
-    let weights = common::random_weights(6);
-    let device = Device::flex();
-    let network = FloatNetwork::fixed(&weights, &device);
-    let input = sequence(130, 4);
-    let stream = network.outputs(&BASE, &input, &device);
-    let recomputed = recomputed::logits(&network, &BASE, &input, &device);
-    let window = BASE.window;
-    assert!(worst(&stream[..window], &recomputed[..window]) < 1e-5);
-    assert!(worst(&stream[window..], &recomputed[window..]) > 1e-3, "the stream remembers more");
-    for last in [window, 101, 129] {
-        let alone = network.outputs(&BASE, &cut(&input, last + 1 - window, last + 1), &device);
-        assert!(worst(&alone[window - 1..], &recomputed[last..=last]) < 1e-5, "frame {last}");
-    }
-    let short = cut(&input, 0, 40);
-    let both =
-        [recomputed::logits(&network, &BASE, &short, &device), network.outputs(&BASE, &short, &device)];
-    assert!(worst(&both[0], &both[1]) < 1e-5);
+fn integers_are_near_the_floats_that_they_were_made_of() {
+    let (weights, device) = (common::random_weights(6), Device::flex());
+    let episodes = [features(200)];
+    let model = integers::model(&weights, &episodes).unwrap();
+    let integers = integers::outputs(Model::parse(&model).unwrap(), &episodes[0]);
+    let float = FloatNetwork::fixed(&weights, &device).outputs(&BASE, &episodes[0].sequences(), &device);
+    let power = |of: &dyn Fn(usize, usize) -> f32| -> f32 {
+        (0..float.len()).flat_map(|t| (0..OUTPUTS).map(move |o| of(t, o).powi(2))).sum()
+    };
+    let (error, signal) = (power(&|t, o| float[t][o] - integers[t][o]), power(&|t, o| float[t][o]));
+    let db = 10.0 * (signal / error).log10();
+    println!("integers are {db:.1} dB from the floats");
+    assert!(db > 20.0 && integers != float, "{db}");
 }
 
 /// One episode of all classes.
@@ -316,7 +312,7 @@ fn a_comparison_goes_on_with_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap();
-    run_reproduce(&reproduce_args(&out, &["recomputed", "base"])).unwrap();
+    run_reproduce(&reproduce_args(&out, &["integers", "base"])).unwrap();
     let base = read("base-1.json");
     let results: serde_json::Value = serde_json::from_str(&read("comparisons.json")).unwrap();
     assert_eq!(results["synthetic"], true);
@@ -326,12 +322,12 @@ fn a_comparison_goes_on_with_what_is_missing() {
     assert!(read("comparisons.svg").contains("umi_ood"));
 
     // These are done: their files, the time it took included, stay.
-    let recomputed = read("recomputed-1.json");
-    run_reproduce(&reproduce_args(&out, &["base", "xl", "recomputed", "wide", "distilled"])).unwrap();
-    assert_eq!([read("base-1.json"), read("recomputed-1.json")], [base.clone(), recomputed]);
+    let integers = read("integers-1.json");
+    run_reproduce(&reproduce_args(&out, &["base", "xl", "integers", "wide", "distilled"])).unwrap();
+    assert_eq!([read("base-1.json"), read("integers-1.json")], [base.clone(), integers]);
     let results: serde_json::Value = serde_json::from_str(&read("comparisons.json")).unwrap();
     let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
-    assert_eq!(rows, ["base", "xl", "recomputed", "wide", "distilled"]);
+    assert_eq!(rows, ["base", "xl", "integers", "wide", "distilled"]);
     assert!(read("report.txt").contains("does not hold") || read("report.txt").contains("cannot be told"));
     assert!(read("example.svg").contains("accelerometers"));
     // The paper's figures beside ours: of the whole network, and of accelerometers alone.
@@ -349,12 +345,9 @@ fn a_comparison_goes_on_with_what_is_missing() {
 
     // Figures alone do not make a row that others can go on from.
     fs::remove_file(out.join("base-1.safetensors")).unwrap();
-    fs::remove_file(out.join("recomputed-1.json")).unwrap();
-    let message = error(reproduce_args(&out, &["base", "recomputed"]));
-    assert!(
-        message.contains("base-1.safetensors is missing, which row recomputed needs: delete"),
-        "{message}"
-    );
+    fs::remove_file(out.join("integers-1.json")).unwrap();
+    let message = error(reproduce_args(&out, &["base", "integers"]));
+    assert!(message.contains("base-1.safetensors is missing, which row integers needs: delete"), "{message}");
     assert!(message.ends_with("base-1.json and add base to --rows, to train it again"), "{message}");
     assert_eq!(read("base-1.json"), base);
 }
@@ -403,8 +396,8 @@ fn a_comparison_without_sense_is_refused_before_anything_is_written() {
     let out = folder.path().join("out");
     let error = |args: ReproduceArgs| format!("{:#}", run_reproduce(&args).unwrap_err());
     assert!(error(reproduce_args(&out, &["bass"])).starts_with("--rows: bass is not a row (base, "));
-    let alone = error(reproduce_args(&out, &["recomputed"]));
-    assert!(alone.ends_with("which row recomputed needs: add base to --rows"), "{alone}");
+    let alone = error(reproduce_args(&out, &["integers"]));
+    assert!(alone.ends_with("which row integers needs: add base to --rows"), "{alone}");
     let untaught = error(reproduce_args(&out, &["base", "distilled"]));
     assert!(
         untaught.ends_with("wide-1.safetensors is missing, which row distilled needs: add wide to --rows")

@@ -16,6 +16,9 @@ use crate::device::DeviceName;
 use crate::output;
 use crate::progress::progress;
 
+/// What the command prints, in the folder of results.
+pub const REPORT_FILE: &str = "report.txt";
+
 /// How much every row is trained and scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum BudgetName {
@@ -47,9 +50,10 @@ impl BudgetName {
 /// Run the paper's comparisons: networks beside the shipped one, and the paper's own
 ///
 /// Trains every row on the same synthetic episodes, in float, and scores it on the first episodes of the frozen
-/// splits: modality, fusion, memory, resolution, augmentation; the paper's network with each of its encoders; a
-/// network twice the size, and one taught by it. A row and seed that is finished stays in DIR: the command, given
-/// again, goes on with what is missing.
+/// splits: modality, fusion, memory, resolution, augmentation, integers; the paper's network with each of its
+/// encoders; a network twice the size, and one taught by it. Without --rows the shipped network is shown as well, by
+/// speed and object and in the closed loop. A row and seed that is finished stays in DIR: the command, given again,
+/// goes on with what is missing.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = rows_help())]
 pub struct ReproduceArgs {
@@ -105,16 +109,17 @@ fn rows_help() -> String {
         "Rows:\n{}\n\n\
          Files written to DIR:\n  \
          ROW-SEED.json          figures of one row and seed, as soon as it is finished\n  \
-         base-SEED.safetensors  weights of the base, which the row `recomputed` runs again\n  \
+         base-SEED.safetensors  weights of the base, which the row `integers` quantizes\n  \
          wide-SEED.safetensors  weights of the larger network, which teaches the row `distilled`\n  \
          vit-mae-SEED.safetensors, ssast-SEED.safetensors  pretrained encoders\n  \
          budget.json            what every row gets\n  \
          report.txt             what the command prints\n  \
          comparisons.json       all rows, and which of the paper's orderings hold\n  \
          comparisons.svg        macro F1 of every row and split\n  \
-         example.svg            one episode as pads alone, accelerometers alone and both see it\n\n\
-         At the small budget a row and seed with our encoders takes about a minute on one core, `wide`,\n\
-         `recomputed` and vision transformers several. The figures do not depend on --jobs. Commands with other --rows\n\
+         example.svg            one episode as pads alone, accelerometers alone and both see it\n  \
+         shipped/               with all rows: the shipped network by speed and object, and in the closed loop\n\n\
+         At the small budget a row and seed with our encoders takes about a minute on one core, `wide`\n\
+         and vision transformers several. The figures do not depend on --jobs. Commands with other --rows\n\
          or --seeds may run at once in the same DIR; one with all of them collects what they leave. Each holds the\n\
          features of all episodes: 8 GB of memory with two jobs.\n\n\
          Examples:\n  \
@@ -170,7 +175,7 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
             device,
             ssast: args.ssast.as_deref(),
             bars: &bars,
-            pretraining: Mutex::default(),
+            pretraining: args.seeds.iter().map(|&seed| (seed, Mutex::default())).collect(),
         };
         finished.extend(jobs::run(jobs::chains(&missing), args.jobs(), |(row, seed)| {
             let done = if row.encoders.is_some() { run.paper(row, seed)? } else { run.ours(row, seed)? };
@@ -187,7 +192,7 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
         output::write(&args.out.join("example.svg"), svg.as_bytes())?;
     }
     output::write(&args.out.join("comparisons.json"), json.as_bytes())?;
-    output::write(&args.out.join("report.txt"), results.to_string().as_bytes())?;
+    output::write(&args.out.join(REPORT_FILE), results.to_string().as_bytes())?;
     if args.json {
         print!("{json}");
     } else {

@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn every_row_runs_once_and_behind_what_it_needs() {
-        let missing = jobs(&["base", "xl", "wide", "distilled", "recomputed", "paper"], &[1, 2]);
+        let missing = jobs(&["base", "xl", "wide", "distilled", "integers", "paper"], &[1, 2]);
         let chains = chains(&missing);
         assert_eq!(chains[0][0].0.name, "paper");
         let done = Mutex::new(Vec::new());
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn what_needs_weights_of_an_earlier_run_stands_alone() {
-        assert_eq!(chains(&jobs(&["distilled", "recomputed"], &[1])).len(), 2);
+        assert_eq!(chains(&jobs(&["distilled", "integers"], &[1])).len(), 2);
     }
 
     #[test]

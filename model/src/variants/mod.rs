@@ -2,12 +2,13 @@
 //! episodes with the same budget and scored on the same frozen splits.
 //!
 //! [`ROWS`] lists them, [`network`] says what each computes, [`train`] trains one, alone or with another as its
-//! teacher, [`recomputed`] runs the shipped one without its memory, [`results`] collects what they reach,
+//! teacher, [`integers`] runs it on the microcontroller's kernels, [`results`] collects what they reach,
 //! [`published`] puts the paper's tables beside it and [`orderings`] holds it against the order that the paper found.
-//! All networks are in float: what integers cost is `slipsense eval`'s business.
+//! All networks but one are in float.
 
 mod command;
 mod example;
+pub mod integers;
 mod jobs;
 mod leave_out;
 pub mod network;
@@ -15,14 +16,13 @@ pub mod orderings;
 pub mod paper;
 mod picture;
 mod published;
-pub mod recomputed;
 pub mod results;
 mod run;
 pub mod sets;
 mod table;
 pub mod train;
 
-pub use command::{BudgetName, ReproduceArgs, run_reproduce};
+pub use command::{BudgetName, REPORT_FILE, ReproduceArgs, run_reproduce};
 pub use leave_out::{LeaveOutArgs, run_leave_out};
 
 use slipsense::params::TAXEL_ROWS;
@@ -109,8 +109,8 @@ pub enum Making {
     Trained,
     /// Trained on the labels and on what a trained row of this name says of the same frames, in equal parts.
     TaughtBy(&'static str),
-    /// Not trained: the weights of [`BASE_ROW`], every frame from its window alone.
-    Recomputed,
+    /// Not trained: the weights of [`BASE_ROW`] in integers.
+    Quantized,
 }
 
 /// One row of the comparisons.
@@ -133,7 +133,7 @@ impl Row {
         match self.making {
             Making::Trained => None,
             Making::TaughtBy(teacher) => Some(teacher),
-            Making::Recomputed => Some(BASE_ROW),
+            Making::Quantized => Some(BASE_ROW),
         }
     }
 
@@ -145,6 +145,8 @@ impl Row {
 
 /// Name of the row that the others differ from.
 pub const BASE_ROW: &str = "base";
+/// Name of the base in integers.
+const INTEGERS_ROW: &str = "integers";
 /// Name of the paper's network.
 const PAPER_ROW: &str = "paper";
 /// Name of the larger network that teaches.
@@ -206,8 +208,13 @@ pub const ROWS: [Row; 27] = [
         Variant { pool: Pool::AfterFusion, ..BASE },
     ),
     Row {
-        making: Making::Recomputed,
-        ..row("recomputed", "cache", "the base's weights, each frame from its own 60 frames alone", BASE)
+        making: Making::Quantized,
+        ..row(
+            INTEGERS_ROW,
+            "integers",
+            "the base's weights in integers, as the microcontroller runs them",
+            BASE,
+        )
     },
     row(
         "no-change",

@@ -1,5 +1,7 @@
 //! All rows together, and the orders that the paper found, each compared with the result here.
 
+use std::fmt;
+
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -9,7 +11,7 @@ use slipsense_synth::Split;
 
 use super::published::PaperComparison;
 use super::results::{Budget, Finished, RowResults, Spread};
-use super::{BASE_ROW, PAPER_ROW, ROWS};
+use super::{BASE_ROW, INTEGERS_ROW, PAPER_ROW, ROWS};
 
 /// Both UMI splits: where the paper compares modalities, fusions, resolutions and windows.
 pub(super) const UMI: [Split; 2] = [Split::UmiId, Split::UmiOod];
@@ -81,7 +83,16 @@ impl Difference {
         };
         let pairs =
             better.seeds.iter().filter_map(|done| Some([of(better, done.seed)?, of(worse, done.seed)?]));
-        Self::of_pairs(&pairs.collect::<Vec<_>>())
+        let mut pairs: Vec<_> = pairs.collect();
+        // Rows with the paper's encoders have the first of the others' episodes.
+        for [better, worse] in &mut pairs {
+            for (better, worse) in better.iter_mut().zip(worse) {
+                let both = better.len().min(worse.len());
+                better.truncate(both);
+                worse.truncate(both);
+            }
+        }
+        Self::of_pairs(&pairs)
     }
 
     /// Of frames by truth and prediction, `[seed][better, worse][split][episode]`; none without a seed.
@@ -135,6 +146,34 @@ impl Difference {
             Verdict::CannotBeTold
         }
     }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { points, low_points, high_points, .. } = self;
+        write!(f, "{points:+.1} ({low_points:+.1} to {high_points:+.1})")
+    }
+}
+
+/// What the shipped network's size and integers cost.
+#[derive(Clone, Debug, Serialize)]
+pub struct Cost {
+    pub what: &'static str,
+    /// The row without it less the row with it, on both UMI splits.
+    pub difference: Difference,
+}
+
+fn costs(rows: &[RowResults]) -> Vec<Cost> {
+    let row = |name: &str| rows.iter().find(|row| row.row == name);
+    let cost = |(what, without, with)| {
+        let difference = Difference::new(row(without)?, row(with)?, &UMI)?;
+        Some(Cost { what, difference })
+    };
+    let both = [
+        ("our encoders and embeddings of 32 instead of the paper's", PAPER_ROW, BASE_ROW),
+        ("integers instead of floats", BASE_ROW, INTEGERS_ROW),
+    ];
+    both.into_iter().filter_map(cost).collect()
 }
 
 /// Every expected order, in that of the paper.
@@ -195,6 +234,7 @@ pub struct Comparisons {
     /// The paper's tables beside ours.
     pub published: Vec<PaperComparison>,
     pub orderings: Vec<Ordering>,
+    pub costs: Vec<Cost>,
 }
 
 impl Comparisons {
@@ -206,6 +246,7 @@ impl Comparisons {
             command,
             budget,
             orderings: orderings(&rows),
+            costs: costs(&rows),
             published: PaperComparison::all(&rows),
             rows,
         }
@@ -223,7 +264,7 @@ mod tests {
             let split = |split| serde_json::json!({"split": split, "episodes": 4, "frames": 1000, "events": 4, "confusion": confusion});
             serde_json::from_value(serde_json::json!({
                 "row": name, "seed": seed, "synthetic": true, "budget": Budget::default(), "parameters": 1,
-                "wall_s": 1.0, "window_ms": 1.0, "splits": UMI.map(split),
+                "wall_s": 1.0, "window_ms": null, "splits": UMI.map(split),
             })).unwrap()
         }).collect();
         RowResults::new(super::super::row_named(name).unwrap(), &finished).unwrap()

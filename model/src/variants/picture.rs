@@ -35,7 +35,7 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
         let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
         root.fill(&WHITE).map_err(failed)?;
         let mut chart = ChartBuilder::on(&root)
-            .caption("Macro F1 on frozen splits, synthetic data, float networks", ("sans-serif", 18))
+            .caption("Macro F1 on frozen splits, synthetic data", ("sans-serif", 18))
             .margin(12)
             .margin_right(RIGHT)
             .x_label_area_size(44)

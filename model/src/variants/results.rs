@@ -61,6 +61,16 @@ impl Default for Budget {
 }
 
 impl Budget {
+    /// Frames that a row with our encoders is trained on in all.
+    pub(super) fn all_frames(&self) -> usize {
+        self.steps * self.batch * self.frames
+    }
+
+    /// The same for a row with the paper's encoders.
+    pub(super) fn all_encoder_frames(&self) -> usize {
+        self.encoder_steps * self.encoder_batch * self.encoder_frames
+    }
+
     /// Refuses a folder of another budget; a new one is marked with this.
     pub(super) fn mark(&self, out: &Path) -> Result<()> {
         let path = out.join("budget.json");
@@ -152,8 +162,9 @@ pub struct Finished {
     pub loss: Option<f64>,
     /// Training and scoring, seconds.
     pub wall_s: f64,
-    /// The whole network on one window of two sensors in contact, on this computer, milliseconds.
-    pub window_ms: f64,
+    /// The whole network on one window of two sensors in contact, on this computer, milliseconds; null where no scored episode
+    /// slips.
+    pub window_ms: Option<f64>,
     pub splits: Vec<SplitFigures>,
     /// Of the rows that the picture of an episode shows.
     pub example: Option<Example>,
@@ -251,7 +262,7 @@ impl RowResults {
             group: row.group,
             about: row.about,
             parameters: first.parameters,
-            window_ms: Spread::new(seeds.iter().map(|seed| Some(seed.window_ms))),
+            window_ms: Spread::new(seeds.iter().map(|seed| seed.window_ms)),
             devices: [DeviceName::Cpu, DeviceName::Gpu]
                 .into_iter()
                 .filter(|device| seeds.iter().any(|seed| seed.device == *device))

@@ -1,21 +1,23 @@
 //! One row and seed of `slipsense reproduce`, trained and scored.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use burn::tensor::Device;
 use indicatif::{MultiProgress, ProgressBar};
+use slipsense::net::Model;
 use slipsense::params::OUTPUTS;
 use slipsense_synth::Split;
 
 use super::orderings::UMI;
 use super::paper::{PaperNetwork, Pretrained, Training, kept};
-use super::results::{Budget, Finished, SplitFigures};
+use super::results::{Budget, Finished};
 use super::sets::{SPLITS, Sets};
 use super::train::{TrainedNetwork, train};
-use super::{Making, Row, Variant, example, recomputed, row_named};
+use super::{Making, Row, Variant, example, integers, row_named};
 use crate::batch::{Options, Sampler};
 use crate::data::Features;
 use crate::device::DeviceName;
@@ -38,8 +40,8 @@ pub(super) struct Run<'a> {
     /// The authors' SSAST-Tiny.
     pub ssast: Option<&'a Path>,
     pub bars: &'a MultiProgress,
-    /// Held by the row that pretrains an encoder, which others may need too.
-    pub pretraining: Mutex<()>,
+    /// By seed: held by the row that pretrains an encoder, which others of this seed may need too.
+    pub pretraining: BTreeMap<u64, Mutex<()>>,
 }
 
 impl Run<'_> {
@@ -49,45 +51,71 @@ impl Run<'_> {
         let started = Instant::now();
         let needed =
             row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
-        let (weights, loss) = if let (Making::Recomputed, Some(base)) = (row.making, &needed) {
-            (base.weights.clone(), None)
-        } else {
-            let Variant { pads, xl_augmentation, .. } = row.variant;
-            let options = Options { pads, xl_augmentation, ..Options::default() };
-            let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
-            let bar = self.bar(row, seed, budget.steps);
-            let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &self.device, &bar)
-                .with_context(|| format!("row {}, seed {seed}", row.name))?;
-            bar.finish_and_clear();
-            if row.is_needed() {
-                trained.weights.write(&kept_weights(out, row.name, seed))?;
-            }
-            (trained.weights, Some(trained.loss))
-        };
+        if let (Making::Quantized, Some(base)) = (row.making, &needed) {
+            return self.integers(row, seed, &base.weights, started);
+        }
+        let Variant { pads, xl_augmentation, .. } = row.variant;
+        let options = Options { pads, xl_augmentation, ..Options::default() };
+        let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
+        let bar = self.bar(row, seed, budget.steps);
+        let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &self.device, &bar)
+            .with_context(|| format!("row {}, seed {seed}", row.name))?;
+        bar.finish_and_clear();
+        if row.is_needed() {
+            trained.weights.write(&kept_weights(out, row.name, seed))?;
+        }
         let device = &self.device;
-        let network = FloatNetwork::fixed(&weights, device);
+        let network = FloatNetwork::fixed(&trained.weights, device);
         let outputs = |features: &Features| {
-            let input = features.sequences_of(row.variant.pads);
-            if row.making == Making::Recomputed {
-                recomputed::logits(&network, &row.variant, &input, device)
-            } else {
-                network.outputs(&row.variant, &input, device)
-            }
+            network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
         };
-        let splits = self.score(row, seed, &SPLITS, budget.test_episodes, outputs);
         Ok(Finished {
+            parameters: trained.weights.count(),
+            loss: Some(trained.loss),
+            example: example::of(row.name, sets, outputs),
+            ..self.finished(row, seed, (&SPLITS, budget.test_episodes), started, outputs)
+        })
+    }
+
+    /// A row's trained weights on the microcontroller's kernels.
+    fn integers(&self, row: &Row, seed: u64, weights: &Weights, started: Instant) -> Result<Finished> {
+        let bytes = integers::model(weights, &self.sets.train)
+            .with_context(|| format!("row {}, seed {seed}", row.name))?;
+        let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
+        let outputs = |features: &Features| integers::outputs(model, features);
+        Ok(Finished {
+            device: DeviceName::Cpu,
+            parameters: weights.count(),
+            ..self.finished(row, seed, (&SPLITS, self.budget.test_episodes), started, outputs)
+        })
+    }
+
+    /// What a network reaches by its outputs on the first episodes of some splits.
+    fn finished(
+        &self,
+        row: &Row,
+        seed: u64,
+        (splits, episodes): (&[Split], usize),
+        started: Instant,
+        outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
+    ) -> Finished {
+        let bar = self.bar(row, seed, 0);
+        bar.set_message("score");
+        let splits = self.sets.score(splits, episodes, &bar, &outputs);
+        bar.finish_and_clear();
+        Finished {
             row: row.name.to_owned(),
             seed,
             synthetic: true,
-            budget: (*budget).clone(),
+            budget: self.budget.clone(),
             device: self.device_name,
-            parameters: weights.count(),
-            loss,
+            parameters: 0,
+            loss: None,
+            window_ms: window_ms(self.sets, outputs),
             wall_s: started.elapsed().as_secs_f64(),
-            window_ms: window_ms(sets, outputs),
             splits,
-            example: example::of(row.name, sets, outputs),
-        })
+            example: None,
+        }
     }
 
     /// The same for a row with the paper's encoders; pretrains those it needs that no earlier row has needed.
@@ -100,7 +128,7 @@ impl Run<'_> {
         let bar = self.bar(row, seed, budget.encoder_steps);
         let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
         let mut pretrained = Pretrained::default();
-        let pretraining = self.pretraining.lock().expect("no row panics with the lock");
+        let pretraining = self.pretraining[&seed].lock().expect("no row panics with the lock");
         if encoders.pads.is_pretrained() {
             bar.set_message("ViT-MAE");
             let path = out.join(format!("vit-mae-{seed}.safetensors"));
@@ -128,33 +156,10 @@ impl Run<'_> {
         };
         let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
         Ok(Finished {
-            row: row.name.to_owned(),
-            seed,
-            synthetic: true,
-            budget: (*budget).clone(),
-            device: self.device_name,
             parameters: trained.map(|(_, numbers)| numbers.values.len()).sum(),
             loss: Some(loss),
-            splits: self.score(row, seed, &UMI, budget.encoder_test_episodes, outputs),
-            wall_s: started.elapsed().as_secs_f64(),
-            window_ms: window_ms(sets, outputs),
-            example: None,
+            ..self.finished(row, seed, (&UMI, budget.encoder_test_episodes), started, outputs)
         })
-    }
-
-    fn score(
-        &self,
-        row: &Row,
-        seed: u64,
-        splits: &[Split],
-        episodes: usize,
-        outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
-    ) -> Vec<SplitFigures> {
-        let bar = self.bar(row, seed, 0);
-        bar.set_message("score");
-        let figures = self.sets.score(splits, episodes, &bar, outputs);
-        bar.finish_and_clear();
-        figures
     }
 
     fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {
@@ -162,9 +167,9 @@ impl Run<'_> {
     }
 }
 
-/// Median of some runs of one window, which is in memory.
-fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> f64 {
-    let Some(window) = sets.window() else { return f64::NAN };
+/// Median of some runs of one window, which is in memory; none where no episode slips.
+fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> Option<f64> {
+    let window = sets.window()?;
     let run = |_| {
         let started = Instant::now();
         std::hint::black_box(outputs(&window));
@@ -172,7 +177,7 @@ fn window_ms<T>(sets: &Sets, outputs: impl Fn(&Features) -> T) -> f64 {
     };
     let mut times: Vec<f64> = (0..WINDOW_RUNS).map(run).collect();
     times.sort_by(f64::total_cmp);
-    times[WINDOW_RUNS / 2]
+    Some(times[WINDOW_RUNS / 2])
 }
 
 /// The authors' transformer by our names.

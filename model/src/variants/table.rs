@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::orderings::{Comparisons, Verdict};
+use super::orderings::{Comparisons, Cost, Verdict};
 use super::published;
 use super::results::{RowSplit, Spread};
 use crate::device::DeviceName;
@@ -40,7 +40,7 @@ impl fmt::Display for Comparisons {
         let seeds = self.rows.iter().map(|row| row.seeds.len()).max().unwrap_or(0);
         writeln!(
             f,
-            "Synthetic data, float networks; {} training episodes, {} steps of {} frames ({} of {} with the paper's \
+            "Synthetic data, float networks but for integers; {} training episodes, {} steps of {} frames ({} of {} with the paper's \
              encoders), first {} ({}) episodes of each frozen split; mean (lowest–highest) of up to {seeds} seeds",
             self.budget.episodes,
             self.budget.steps,
@@ -90,9 +90,19 @@ impl fmt::Display for Comparisons {
                 Verdict::DoesNotHold => "does not hold",
                 Verdict::CannotBeTold => "cannot be told",
             };
-            let difference = format!("{:+.1} ({:+.1} to {:+.1})", d.points, d.low_points, d.high_points);
             let splits: Vec<&str> = order.splits.iter().map(|split| split.name()).collect();
-            writeln!(f, "{verdict:15} {:36} {difference:24} {}", order.rule, splits.join(", "))?;
+            writeln!(f, "{verdict:15} {:36} {:24} {}", order.rule, d.to_string(), splits.join(", "))?;
+        }
+        if !self.costs.is_empty() {
+            let (ours, paper) = (self.budget.all_frames(), self.budget.all_encoder_frames());
+            writeln!(
+                f,
+                "\nwhat the microcontroller's network costs: points of macro F1 on both UMI splits; rows with our \
+                 encoders saw {ours} frames, those with the paper's {paper}"
+            )?;
+        }
+        for Cost { what, difference } in &self.costs {
+            writeln!(f, "{what:58} {difference}")?;
         }
         Ok(())
     }

@@ -42,10 +42,7 @@ pub fn print(model: &[u8], frames: usize) -> Result<()> {
     for sensors in 1..=MAX_SENSORS {
         for input in Input::ALL {
             let count = if frames == 0 { 0 } else { WARM_UP_FRAMES + frames };
-            let dir = folder(&input.frames(sensors, count)?, model)?;
-            eprintln!("{sensors} sensors, {}: {count} frames on the emulated Cortex-M7", input.name());
-            let measured = run(&machine, dir.path())?;
-            ensure!(measured.frames.len() == count, "{} frames of {count} measured", measured.frames.len());
+            let measured = path(&machine, model, input, sensors, count)?;
             ensure!(
                 *kernels.get_or_insert_with(|| measured.kernels.clone()) == measured.kernels,
                 "two runs of the emulator disagree about a kernel: is it started with -icount?"
@@ -53,8 +50,7 @@ pub fn print(model: &[u8], frames: usize) -> Result<()> {
             if count == 0 {
                 return print_kernels(&measured.kernels);
             }
-            let path = measured.frames[WARM_UP_FRAMES..].iter().map(|[step, wire]| step + wire);
-            let [median, worst] = median_and_worst(path.collect());
+            let [median, worst] = measured.median_and_worst_path();
             let macs = cost::macs_per_frame(&layers, sensors);
             table.row([
                 sensors.to_string(),
@@ -70,6 +66,15 @@ pub fn print(model: &[u8], frames: usize) -> Result<()> {
     print_kernels(&kernels.unwrap_or_default())?;
     print!("{table}");
     Ok(())
+}
+
+/// Measure the path over `count` frames of an input.
+pub fn path(machine: &Machine, model: &[u8], input: Input, sensors: usize, count: usize) -> Result<Measured> {
+    let dir = folder(&input.frames(sensors, count)?, model)?;
+    eprintln!("{sensors} sensors, {}: {count} frames on the emulated Cortex-M7", input.name());
+    let measured = run(machine, dir.path())?;
+    ensure!(measured.frames.len() == count, "{} frames of {count} measured", measured.frames.len());
+    Ok(measured)
 }
 
 fn print_kernels(kernels: &[(String, u32, u32)]) -> Result<()> {
@@ -116,6 +121,12 @@ impl Measured {
     pub fn read(dir: &Path) -> Result<Self> {
         let text = fs::read_to_string(dir.join(MEASURED_FILE));
         Self::parse(&text.context("the emulated program wrote no output")?)
+    }
+
+    /// Instructions of a frame from samples to CAN frames, once the windows are full.
+    pub fn median_and_worst_path(&self) -> [u32; 2] {
+        let path = self.frames[WARM_UP_FRAMES..].iter().map(|[step, wire]| step + wire);
+        median_and_worst(path.collect())
     }
 
     fn parse(text: &str) -> Result<Self> {

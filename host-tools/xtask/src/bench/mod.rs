@@ -9,6 +9,7 @@ mod compression;
 mod cycles;
 mod emulated;
 mod host;
+mod layouts;
 pub mod inputs;
 mod trace;
 
@@ -24,6 +25,7 @@ Examples:
   cargo xtask bench                                 everything
   cargo xtask bench --only kernels                  seconds: the kernels alone, after a change to one
   cargo xtask bench --only path --frames 60         a frame from samples to CAN frames
+  cargo xtask bench --only layouts                  the same for rows of slipsense reproduce that fit
   cargo xtask bench --only host                     frames per second here
   cargo xtask bench --only compression              raw frames on the bus")]
 pub struct Options {
@@ -45,6 +47,8 @@ enum Part {
     Kernels,
     /// Instructions of a frame, from samples to CAN frames
     Path,
+    /// Instructions of a frame for the rows of `slipsense reproduce` that fit the microcontroller
+    Layouts,
     /// Estimate of the cycles of a frame
     Cycles,
     /// Frames per second on this computer
@@ -59,6 +63,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let frames = options.frames as usize;
     if wanted(Part::Kernels) || wanted(Part::Path) {
         emulated::print(&model, if wanted(Part::Path) { frames } else { 0 })?;
+    }
+    if wanted(Part::Layouts) {
+        layouts::print(&model, frames)?;
     }
     if wanted(Part::Cycles) {
         cycles::print(&model)?;

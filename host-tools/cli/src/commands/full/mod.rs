@@ -19,6 +19,8 @@ mod live;
 mod monitor;
 mod record;
 mod replay;
+#[cfg(feature = "train")]
+mod shipped;
 mod sign;
 mod synth;
 mod train;

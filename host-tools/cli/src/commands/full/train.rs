@@ -1,10 +1,12 @@
-//! `slipsense train`, `mine`, `quantize`, `reproduce` and `leave-out`: part of a build with the feature `train`, which compiles tensor
-//! libraries; any other build says how to get them.
+//! `slipsense train`, `mine`, `quantize`, `reproduce` and `leave-out`: part of a build with the feature `train`, which
+//! compiles tensor libraries; any other build says how to get them.
 
+#[cfg(feature = "train")]
+use anyhow::Context;
 #[cfg(feature = "train")]
 pub use slipsense_model::{
     LeaveOutArgs, MineArgs, QuantizeArgs, ReproduceArgs, TrainArgs, run_leave_out as leave_out,
-    run_mine as mine, run_reproduce as reproduce, run_train as train,
+    run_mine as mine, run_train as train,
 };
 
 #[cfg(not(feature = "train"))]
@@ -12,6 +14,22 @@ pub use without::{
     NotInBuild as LeaveOutArgs, NotInBuild as MineArgs, NotInBuild as QuantizeArgs,
     NotInBuild as ReproduceArgs, NotInBuild as TrainArgs, *,
 };
+
+/// Run the paper's comparisons; with all rows, show what the shipped network does as well.
+#[cfg(feature = "train")]
+pub fn reproduce(args: &ReproduceArgs) -> anyhow::Result<()> {
+    slipsense_model::run_reproduce(args)?;
+    if args.rows.is_empty() {
+        let text = super::shipped::report(&args.out.join("shipped"))?;
+        let path = args.out.join(slipsense_model::REPORT_FILE);
+        let rows = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        crate::output::write_file(&path, format!("{rows}\n{text}"))?;
+        if !args.json {
+            super::print(&text)?;
+        }
+    }
+    Ok(())
+}
 
 /// Turn a trained network into a model file.
 #[cfg(feature = "train")]

@@ -132,7 +132,13 @@ impl Info {
     }
 
     fn text(&self) -> String {
-        let mut text = format!("model {}\nhash  {}\n\n", self.model.name, self.model.hash);
+        let hash = &self.model.hash;
+        let number = |at: usize| hash.get(at..at + 8).and_then(|hex| u32::from_str_radix(hex, 16).ok());
+        let expected = [0, 8].map(|at| number(at).unwrap_or_default());
+        let mut text = format!(
+            "model {}\nhash  {hash}\nfor the setting slipsense.model.expected: {}, {}\n\n",
+            self.model.name, expected[0], expected[1]
+        );
         for size in &self.sizes {
             let _ = writeln!(text, "  {:24} {:>5}", size.name, size.value);
         }

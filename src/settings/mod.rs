@@ -202,6 +202,15 @@ impl Settings {
         self.first(Setting::Lock) != 0
     }
 
+    /// First bytes of the hash of the model that must run; `None`: any may.
+    pub fn expected_model(&self) -> Option<[u8; 8]> {
+        match *self.get(Setting::ExpectedModel) {
+            [0, 0] => None,
+            [first, second] => Some(((first as u64) << 32 | second as u64).to_be_bytes()),
+            _ => None,
+        }
+    }
+
     /// Does a node without address ask for one?
     pub fn plug_and_play(&self) -> bool {
         self.first(Setting::PlugAndPlay) != 0

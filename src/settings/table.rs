@@ -40,6 +40,8 @@ pub enum Setting {
     CompressRaw = 13,
     /// Whether the node starts locked.
     Lock = 14,
+    /// Hash of the model that must run.
+    ExpectedModel = 15,
 }
 
 /// The value of [`Setting::NodeId`] that means: none.
@@ -170,7 +172,7 @@ const fn mask(setting: Setting, name: &'static str) -> Definition {
 }
 
 /// The settings, in the order of their numbers.
-pub static TABLE: [Definition; 15] = [
+pub static TABLE: [Definition; 16] = [
     Definition {
         setting: Setting::NodeId,
         name: "uavcan.node.id",
@@ -284,6 +286,15 @@ pub static TABLE: [Definition; 15] = [
         name: "slipsense.lock",
         help: "settings, commands and updates are refused until the node is unlocked with an update key",
         effect: Effect::AfterRestart,
+        ..SWITCH
+    },
+    Definition {
+        setting: Setting::ExpectedModel,
+        name: "slipsense.model.expected",
+        kind: Kind::Natural32,
+        rules: MASK,
+        default: &[0, 0],
+        help: "first 8 bytes of slipsense.model.hash as two big-endian numbers: with another model every slip message is invalid; 0, 0: any model",
         ..SWITCH
     },
 ];

@@ -42,6 +42,8 @@ pub struct RuntimeConfig {
     pub node: Option<NodeId>,
     /// Operating point; `None`: the model's own.
     pub point: Option<OperatingPoint>,
+    /// First bytes of the hash of the model that must run; `None`: any may.
+    pub expected_model: Option<[u8; 8]>,
     /// Settings, commands and updates are refused.
     pub locked: bool,
 }
@@ -55,6 +57,7 @@ impl RuntimeConfig {
         compress_raw: false,
         node: Some(NodeId::DEFAULT),
         point: None,
+        expected_model: None,
         locked: false,
     };
 
@@ -68,6 +71,7 @@ impl RuntimeConfig {
             compress_raw: settings.compress_raw(),
             node,
             point: settings.operating_point(),
+            expected_model: settings.expected_model(),
             locked,
         }
     }

@@ -37,8 +37,8 @@ pub(crate) use slip::{CRC_32, fold};
 pub use slip::{
     DEGRADED_FROZEN, DEGRADED_LATE, DEGRADED_MISSING, DEGRADED_NOT_CALIBRATED, DEGRADED_POINT,
     DEGRADED_SELF_TEST, INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_MODEL, INVALID_NO_SENSOR,
-    INVALID_STARTING, Origin, SLIP_1_PORT, SLIP_BYTES, SLIP_DATA_ID, SLIP_PORT, SLIP_PRIORITY, SensorContact,
-    SlipMessage, WireLogit, wire_logit,
+    INVALID_OTHER_MODEL, INVALID_STARTING, Origin, SLIP_1_PORT, SLIP_BYTES, SLIP_DATA_ID, SLIP_PORT,
+    SLIP_PRIORITY, SensorContact, SlipMessage, WireLogit, wire_logit,
 };
 pub use slip_receiver::{Check, FlagState, SlipReceiver};
 pub use transmit::{RawForm, RawTransfer, Transmitter};

@@ -42,6 +42,8 @@ pub const INVALID_NO_SENSOR: u8 = 4;
 pub const INVALID_MEMORY: u8 = 8;
 /// The network does not give the outputs of its golden inference.
 pub const INVALID_NETWORK: u8 = 16;
+/// The model is not the one that the settings expect.
+pub const INVALID_OTHER_MODEL: u8 = 32;
 
 /// An array or an accelerometer delivered nothing.
 pub const DEGRADED_MISSING: u8 = 1;

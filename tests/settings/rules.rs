@@ -113,11 +113,12 @@ fn stored_bytes_of_other_versions_are_read_as_far_as_they_go() {
     later.extend([200, 2, 1, 7, 7]);
     let (found, damage) = Settings::decode(&later);
     assert_eq!((found, damage), (settings.clone(), Damage { unknown: 1, ..Damage::default() }));
-    // An earlier one's, which could not lock.
-    let (found, damage) = Settings::decode(&bytes[..bytes.len() - 4]);
-    assert_eq!(damage, Damage { settings: 1 << Setting::Lock as u8, ..Damage::default() });
+    // An earlier one's, which could not expect a model: a number, a kind, a length and 8 bytes less.
+    let (found, damage) = Settings::decode(&bytes[..bytes.len() - 11]);
+    assert_eq!(damage, Damage { settings: 1 << Setting::ExpectedModel as u8, ..Damage::default() });
+    assert_eq!(found.expected_model(), None);
     let found = (found.node_id().map(|id| id.get()), found.plug_and_play(), found.locks());
-    assert_eq!(found, (Some(9), false, false));
+    assert_eq!(found, (Some(9), false, true));
     // A number that is not valid any more: the sensors.
     let at = bytes.windows(4).position(|window| window == [2, 1, 1, 1]).unwrap();
     let mut invalid = bytes.clone();

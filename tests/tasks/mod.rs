@@ -1,5 +1,6 @@
 //! Tasks above the seam on a modelled bus, in virtual time: what is lost, what never is, and that it is all counted.
 
+mod fault_plan;
 mod faults;
 mod full_bus;
 mod crash_record;
@@ -7,6 +8,7 @@ mod queue;
 mod self_check;
 mod services;
 mod services_alone;
+mod soak;
 mod supervise;
 mod transmit;
 mod world;

@@ -6,10 +6,17 @@ use sha2::{Digest, Sha256};
 use slipsense::health::{SelfChecks, Status};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::{FrameStamp, Pipeline, State};
+use slipsense::settings::{Setting, Settings};
 use slipsense::tasks::{
-    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, SLICE_BYTES, SelfCheck, known_golden,
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, RuntimeConfig, SLICE_BYTES, SelfCheck,
+    known_golden,
 };
-use slipsense::wire::{INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_SENSOR, INVALID_STARTING, Origin};
+use slipsense::wire::{
+    INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_SENSOR, INVALID_OTHER_MODEL, INVALID_STARTING, Origin,
+    SlipMessage,
+};
+
+use super::world::{NODE, World, model_bytes};
 
 static MODEL: &Aligned<[u8]> = &Aligned(*include_bytes!("../../model/weights/slipsense.slipnet"));
 
@@ -102,6 +109,26 @@ fn every_slip_message_says_what_has_failed() {
         let message = pipeline.step(&[]).slip_message(FrameStamp::default(), &origin);
         assert_eq!(message.invalid, invalid | INVALID_STARTING | INVALID_NO_SENSOR);
     }
+}
+
+#[test]
+fn another_model_than_the_expected_one_makes_every_message_invalid() {
+    let model = model_bytes();
+    let hash = Model::parse(&model).unwrap().hash;
+    let mut settings = Settings::default();
+    let mut invalid = |expected: [u8; 8]| {
+        let [first, second] =
+            [0, 4].map(|at| i64::from(u32::from_be_bytes(*expected[at..].first_chunk().unwrap())));
+        settings.set(Setting::ExpectedModel, &[first, second]).unwrap();
+        let config = RuntimeConfig::new(&settings, Some(NODE), false);
+        let ran = World { before_tick: &|shared, _| shared.set_config(config), ..World::new(9, 1) }.run();
+        let bits = |slip: &SlipMessage| slip.invalid & INVALID_OTHER_MODEL != 0;
+        (ran.slips.iter().all(bits), ran.slips.iter().any(bits))
+    };
+    let right = *hash.first_chunk().unwrap();
+    assert_eq!(invalid(right), (false, false));
+    assert_eq!(invalid(right.map(|byte| byte ^ 1)), (true, true));
+    assert_eq!(invalid([0; 8]), (false, false), "any model");
 }
 
 /// If the model is a new one, `SHIPPED_MODEL` and `SHIPPED_GOLDEN` become what this prints.

@@ -163,6 +163,14 @@ pub struct World<'a> {
     pub script: &'a Script<'a>,
     /// Called with what the tasks share before the first frame, then before every tick.
     pub before_tick: &'a (dyn Fn(&Shared<NoopRawMutex>, u32) + 'a),
+    /// Sequence number of frame 0; the script and the time count from 0.
+    pub first_sequence: u32,
+    /// How long reading the sensors of a frame takes.
+    pub read_ns: &'a dyn Fn(u32) -> u64,
+    /// Called with the bus before every tick: for what changes on it while the tasks run.
+    pub on_bus: &'a dyn Fn(u32, &mut Bus),
+    /// Gets every frame at the tick after its arrival, and none is kept in [`Ran`].
+    pub sink: Option<&'a dyn Fn(Arrived)>,
 }
 
 /// All sensors deliver what [`deliver`] says.
@@ -199,6 +207,8 @@ struct Sensors<'a> {
     time: &'a Time,
     world: &'a World<'a>,
     shared: &'a Shared<NoopRawMutex>,
+    bus: Rc<RefCell<Bus>>,
+    arrived: Rc<RefCell<Vec<Arrived>>>,
     next: u32,
 }
 
@@ -218,13 +228,20 @@ impl FrameSource for Sensors<'_> {
             return None;
         }
         (self.world.before_tick)(self.shared, self.next);
+        (self.world.on_bus)(self.next, &mut self.bus.borrow_mut());
+        if let Some(sink) = self.world.sink {
+            self.arrived.borrow_mut().drain(..).for_each(sink);
+        }
         self.time.until(Some(tick_ns(self.next))).await;
+        let stamp = stamp(self.next);
         self.next += 1;
-        Some(stamp(self.next - 1))
+        Some(FrameStamp { sequence: self.world.first_sequence.wrapping_add(stamp.sequence), ..stamp })
     }
 
     async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
-        (self.world.script)(self.next - 1, parts);
+        let frame = self.next - 1;
+        self.time.until(Some(self.time.now_ns.get() + (self.world.read_ns)(frame))).await;
+        (self.world.script)(frame, parts);
     }
 }
 
@@ -250,6 +267,10 @@ impl World<'_> {
             disturbance: Disturbance::default(),
             script: &healthy,
             before_tick: &|_, _| {},
+            first_sequence: 0,
+            read_ns: &|_| 0,
+            on_bus: &|_, _| {},
+            sink: None,
         }
     }
 
@@ -264,11 +285,18 @@ impl World<'_> {
         let mut buffers = [const { SensorFrame::new() }; QUEUED_FRAMES];
         let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
         let (sender, receiver) = channel.split();
-        let mut source = Sensors { time: &time, world: self, shared: &shared, next: 0 };
         let mut inference = Inference::new(pipeline, Transmitter::new(NODE), &time, (), &shared, raw_sender);
         let arrived = Rc::<RefCell<Vec<Arrived>>>::default();
         let bus = Rc::new(RefCell::new(Bus::new(&fast(), self.disturbance.clone())));
         let seen = ([true; 3], CanStatus::default());
+        let mut source = Sensors {
+            time: &time,
+            world: self,
+            shared: &shared,
+            bus: bus.clone(),
+            arrived: arrived.clone(),
+            next: 0,
+        };
         let hardware = Hardware { time: &time, bus, arrived: arrived.clone(), seen };
         let mut transmission = Transmission::new(hardware, &time, &shared, raw_receiver);
         let source = async {
@@ -277,6 +305,9 @@ impl World<'_> {
         };
         let forever = join3(std::future::pending::<()>(), inference.run(receiver), transmission.run());
         time.run(select(source, forever));
+        if let Some(sink) = self.sink {
+            arrived.borrow_mut().drain(..).for_each(sink);
+        }
         let mut ran = Ran {
             arrived: arrived.take(),
             status: shared.status(),

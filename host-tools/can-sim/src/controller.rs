@@ -111,6 +111,12 @@ impl Bus {
         }
     }
 
+    /// From now on this goes on besides our frames, instead of what did.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbance = disturbance;
+        self.was_dominant = false;
+    }
+
     pub const fn is_free(&self, tx_slot: TxSlot) -> bool {
         self.slots[tx_slot as usize].is_none()
     }

@@ -4,7 +4,7 @@ use slipsense::health;
 use slipsense::wire::{
     DEGRADED_FROZEN, DEGRADED_LATE, DEGRADED_MISSING, DEGRADED_NOT_CALIBRATED, DEGRADED_POINT,
     DEGRADED_SELF_TEST, INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_MODEL, INVALID_NO_SENSOR,
-    INVALID_STARTING,
+    INVALID_OTHER_MODEL, INVALID_STARTING,
 };
 
 pub const HEALTH: [(u8, &str); 8] = [
@@ -18,12 +18,13 @@ pub const HEALTH: [(u8, &str); 8] = [
     (health::TAXELS_MASKED, "taxels masked"),
 ];
 
-pub const INVALID: [(u8, &str); 5] = [
+pub const INVALID: [(u8, &str); 6] = [
     (INVALID_NO_MODEL, "no model"),
     (INVALID_STARTING, "starting"),
     (INVALID_NO_SENSOR, "no sensor"),
     (INVALID_MEMORY, "memory check failed"),
     (INVALID_NETWORK, "network check failed"),
+    (INVALID_OTHER_MODEL, "not the expected model"),
 ];
 pub const DEGRADED: [(u8, &str); 6] = [
     (DEGRADED_MISSING, "a sensor is missing"),

@@ -93,6 +93,7 @@ fn the_messages_have_the_bits_of_the_wire() {
         ("NO_SENSOR", wire::INVALID_NO_SENSOR),
         ("MEMORY", wire::INVALID_MEMORY),
         ("NETWORK", wire::INVALID_NETWORK),
+        ("OTHER_MODEL", wire::INVALID_OTHER_MODEL),
     ];
     assert_eq!(constants(slip, "INVALID_"), invalid);
     let degraded = [

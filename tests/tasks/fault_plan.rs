@@ -1,0 +1,176 @@
+//! Faults of sensors, bus, settings and time, and which of them are active at a frame.
+
+use std::ops::Range;
+
+use slipsense::fixed::Logit;
+use slipsense::net::format::OperatingPoint;
+use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXEL_COLS, XL_BATCH_MAX};
+use slipsense::sensor::{PiezoFrame, SensorReadings, TaxelMask};
+use slipsense::tasks::RuntimeConfig;
+use slipsense_can_sim::controller::Disturbance;
+
+use super::world::healthy;
+
+/// A reading that ends after the next tick.
+const SLOW_NS: u64 = 6_000_000;
+
+/// What a fault does. `age`: frames since its begin.
+#[derive(Clone, Copy)]
+pub enum Effect {
+    Sensor(fn(&mut SensorReadings, u32)),
+    AllSensors(fn(&mut SensorReadings, u32)),
+    /// Samples that the accelerometer's count skips at the begin.
+    Skip(u32),
+    Bus(fn(Range<u64>) -> Disturbance),
+    Setting(fn(&mut RuntimeConfig, usize)),
+    SlowRead,
+}
+
+fn counts(part: &mut SensorReadings, change: impl Fn(usize, u16) -> u16) {
+    let mut counts = *part.piezo.counts();
+    counts.iter_mut().enumerate().for_each(|(index, count)| *count = change(index, *count));
+    part.piezo = PiezoFrame::from_scan(counts);
+}
+
+fn silent(part: &mut SensorReadings, _: u32) {
+    (part.piezo_arrived, part.xl_arrived) = (false, false);
+}
+
+pub fn plain() -> Disturbance {
+    Disturbance::default()
+}
+
+pub const FAULTS: [(&str, Effect); 32] = [
+    ("array silent", Effect::Sensor(|part, _| part.piezo_arrived = false)),
+    ("accelerometer silent", Effect::Sensor(|part, _| part.xl_arrived = false)),
+    ("sensor silent", Effect::Sensor(silent)),
+    ("all sensors silent", Effect::AllSensors(silent)),
+    ("accelerometer frozen", Effect::Sensor(|part, _| part.xl.fill([7, -5, 2_000]))),
+    ("sample clipped", Effect::Sensor(|part, _| part.xl[5][1] = i16::MAX)),
+    (
+        "samples at both ends",
+        Effect::Sensor(|part, _| {
+            part.xl.iter_mut().enumerate().for_each(|(i, s)| *s = [[i16::MIN, i16::MAX][i % 2]; 3]);
+        }),
+    ),
+    ("no samples", Effect::Sensor(|part, _| part.xl.clear())),
+    ("samples missing at the end", Effect::Sensor(|part, _| part.xl.truncate(20))),
+    (
+        "as many samples as fit",
+        Effect::Sensor(|part, _| {
+            while part.xl.len() < XL_BATCH_MAX {
+                part.xl.push([3, 1, 4]).unwrap()
+            }
+        }),
+    ),
+    ("FIFO overrun", Effect::Skip(7)),
+    ("samples of a second missing", Effect::Skip(8_000)),
+    ("accelerometer restarted", Effect::Skip(0x8000_0000)),
+    ("array shorted", Effect::Sensor(|part, _| counts(part, |_, _| 0))),
+    ("array at full scale", Effect::Sensor(|part, _| counts(part, |_, _| COUNT_MAX))),
+    ("row open", Effect::Sensor(|part, _| counts(part, |i, n| if i / TAXEL_COLS == 9 { 0 } else { n }))),
+    (
+        "column at full scale",
+        Effect::Sensor(|part, _| counts(part, |i, n| if i % TAXEL_COLS == 20 { COUNT_MAX } else { n })),
+    ),
+    (
+        "taxels noisy",
+        Effect::Sensor(|part, age| {
+            counts(part, |i, n| n ^ ((i as u32 + age).wrapping_mul(2_654_435_761) >> 22) as u16)
+        }),
+    ),
+    ("taxel found stuck", Effect::Sensor(|part, _| part.stuck = TaxelMask::NONE.with(10, 20))),
+    ("every 10th frame destroyed", Effect::Bus(|_| Disturbance { error_every: 10, ..plain() })),
+    ("every 3rd frame destroyed", Effect::Bus(|_| Disturbance { error_every: 3, ..plain() })),
+    ("bus half full", Effect::Bus(|_| Disturbance { foreign_load_percent: 50, ..plain() })),
+    ("bus full", Effect::Bus(|_| Disturbance { foreign_load_percent: 100, ..plain() })),
+    ("no acknowledgement", Effect::Bus(|ns| Disturbance { silent_ns: ns, ..plain() })),
+    ("bus held dominant", Effect::Bus(|ns| Disturbance { dominant_ns: ns, ..plain() })),
+    (
+        "taxels masked",
+        Effect::Setting(|config, sensor| config.masks[sensor] = TaxelMask::NONE.with(3, 14).with(20, 9)),
+    ),
+    (
+        "operating point",
+        Effect::Setting(|config, _| {
+            config.point = Some(OperatingPoint { threshold: Logit::from_bits(77), k: 2, n: 5 });
+        }),
+    ),
+    ("another model expected", Effect::Setting(|config, _| config.expected_model = Some([1; 8]))),
+    ("raw messages compressed", Effect::Setting(|config, _| config.compress_raw = true)),
+    ("raw messages of one frame in four", Effect::Setting(|config, _| config.raw_every = 4)),
+    (
+        "locked, array turned",
+        Effect::Setting(|config, sensor| (config.locked, config.mountings[sensor]) = (true, (true, false))),
+    ),
+    ("slow reading", Effect::SlowRead),
+];
+
+pub struct Fault {
+    /// Place in [`FAULTS`].
+    pub kind: usize,
+    pub sensor: usize,
+    pub frames: Range<u32>,
+}
+
+/// Faults in the order of their begin, those that are active, and what those that are over have left.
+pub struct Plan<'a> {
+    coming: std::slice::Iter<'a, Fault>,
+    active: Vec<&'a Fault>,
+    skipped: [u32; MAX_SENSORS],
+    first_sample: u32,
+}
+
+impl<'a> Plan<'a> {
+    /// `first_sample`: what the accelerometers have counted at the start.
+    pub fn new(faults: &'a [Fault], first_sample: u32) -> Self {
+        Self { coming: faults.iter(), active: Vec::new(), skipped: [0; MAX_SENSORS], first_sample }
+    }
+
+    /// What is active at a frame and does something. Frames must come in order, each as often as one likes.
+    pub fn at(&mut self, frame: u32) -> impl Iterator<Item = (&'a Fault, Effect)> {
+        while let Some(fault) = self.coming.as_slice().first().filter(|fault| fault.frames.start <= frame) {
+            self.coming.next();
+            self.active.push(fault);
+            if let Effect::Skip(samples) = FAULTS[fault.kind].1 {
+                let skipped = &mut self.skipped[fault.sensor];
+                *skipped = skipped.wrapping_add(samples);
+            }
+        }
+        self.active.retain(|fault| fault.frames.contains(&frame));
+        self.active.iter().map(|&fault| (fault, FAULTS[fault.kind].1))
+    }
+
+    pub fn readings(&mut self, frame: u32, parts: &mut [SensorReadings; MAX_SENSORS]) {
+        healthy(frame, parts);
+        parts.iter_mut().for_each(|part| part.stuck = TaxelMask::NONE);
+        for (fault, effect) in self.at(frame) {
+            let age = frame - fault.frames.start;
+            match effect {
+                Effect::Sensor(change) => change(&mut parts[fault.sensor], age),
+                Effect::AllSensors(change) => parts.iter_mut().for_each(|part| change(part, age)),
+                _ => {}
+            }
+        }
+        for (part, skipped) in parts.iter_mut().zip(self.skipped) {
+            part.xl_end = part.xl_end.wrapping_add(self.first_sample).wrapping_add(skipped);
+        }
+    }
+
+    pub fn config(&mut self, frame: u32) -> RuntimeConfig {
+        let mut config = RuntimeConfig::DEFAULT;
+        for (fault, effect) in self.at(frame) {
+            if let Effect::Setting(change) = effect {
+                change(&mut config, fault.sensor);
+            }
+        }
+        config
+    }
+
+    pub fn read_ns(&mut self, frame: u32) -> u64 {
+        let slow = self
+            .at(frame)
+            .any(|(fault, effect)| matches!(effect, Effect::SlowRead) && frame == fault.frames.start);
+        if slow { SLOW_NS } else { 0 }
+    }
+}

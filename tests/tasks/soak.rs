@@ -1,0 +1,256 @@
+//! Hours in a row with faults of sensors, bus, settings and time: every slip message is the host's, byte for byte, and
+//! arrives or is counted; every raw message that arrives is what the sensors gave; a receiver knows of every loss.
+//!
+//! A day: `SLIPSENSE_SOAK_HOURS=24 cargo test --release -p slipsense --test host soak -- --nocapture`
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use slipsense::board::TxSlot;
+use slipsense::health::Status;
+use slipsense::net::Model;
+use slipsense::params::{FRAME_PERIOD_US, FRAME_RATE_HZ, MAX_SENSORS, TAXEL_COLS};
+use slipsense::pipeline::{FrameStamp, Pipeline};
+use slipsense::sensor::SensorReadings;
+use slipsense::wire::{
+    CanFrame, Check, FlagState, INVALID_OTHER_MODEL, Origin, RawMessage, Received, Receiver, SlipMessage,
+    SlipReceiver, Transmitter,
+};
+use slipsense_can_sim::controller::{Arrived, Bus};
+
+use super::fault_plan::{Effect, FAULTS, Fault, Plan, plain};
+use super::world::{BATCH, NODE, World, model_bytes, stamp, tick_ns};
+
+/// Counters begin so long before they wrap.
+const BEFORE_WRAP: u32 = 60 * FRAME_RATE_HZ;
+/// Frames between the beginnings of two faults, and that a fault lasts.
+const GAP: Range<u32> = FRAME_RATE_HZ..15 * FRAME_RATE_HZ;
+const LENGTH: Range<u32> = 1..3 * FRAME_RATE_HZ;
+/// Frames behind the last fault, so that the last slip message arrives.
+const QUIET: u32 = 5 * FRAME_RATE_HZ;
+/// Frames whose raw messages may still arrive: the one that was begun waits until the bus is no longer full.
+const KEPT: usize = 2 * LENGTH.end as usize;
+
+/// The same frames through the pipeline and the wire, called directly, and the receivers at the other end of the bus.
+struct Host<'a> {
+    plan: Plan<'a>,
+    settings: Plan<'a>,
+    pipeline: Pipeline<'a>,
+    transmitter: Transmitter,
+    status: Status,
+    read_until_ns: u64,
+    /// Slip messages that have not arrived yet.
+    slips: VecDeque<(SlipMessage, CanFrame)>,
+    kept: VecDeque<(u32, [SensorReadings; MAX_SENSORS])>,
+    receiver: Receiver,
+    guard: SlipReceiver,
+    last: Option<u32>,
+    arrived_slips: u32,
+    raw: [u32; 3],
+    errors: u32,
+    silences: u32,
+}
+
+const MADE: usize = 0;
+const ARRIVED: usize = 1;
+const COMPRESSED: usize = 2;
+
+impl Host<'_> {
+    /// Frame as the tasks take it: the settings are those that are there when it is decided.
+    fn frame(&mut self, first_sequence: u32, frame: u32) {
+        let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
+        self.plan.readings(frame, &mut parts);
+        let config = self.settings.config(frame + 1);
+        self.pipeline.configure(config.point, &config.masks, config.mountings);
+        let output = self.pipeline.step_readings(&mut parts);
+        let stamp = stamp(frame);
+        let sequence = first_sequence.wrapping_add(frame);
+        self.read_until_ns = self.read_until_ns.max(tick_ns(frame)) + self.plan.read_ns(frame);
+        let late = self.read_until_ns / 1000 - stamp.timestamp_us > FRAME_PERIOD_US;
+        self.status.late_frames += u32::from(late);
+        let mut origin = Origin::new(&self.status, self.status.late_frames, late, config.locked);
+        origin.invalid = if config.expected_model.is_some() { INVALID_OTHER_MODEL } else { 0 };
+        let message = output.slip_message(FrameStamp { sequence, ..stamp }, &origin);
+        self.slips.push_back((message, self.transmitter.slip(&message)));
+        if sequence % u32::from(config.raw_every) == 0 {
+            let delivered = parts.iter().filter(|part| part.piezo_arrived || part.xl_arrived);
+            self.raw[MADE] += delivered.count() as u32;
+        }
+        self.kept.push_back((sequence, parts));
+        if self.kept.len() > KEPT {
+            self.kept.pop_front();
+        }
+        assert!(self.slips.len() < 2 * LENGTH.end as usize, "the newest slip message waits, no others");
+    }
+
+    fn arrived(&mut self, arrived: Arrived) {
+        match self.receiver.accept(&arrived.frame) {
+            Ok(None) => {}
+            Ok(Some(Received::Slip(slip))) => {
+                assert_eq!(arrived.slot, TxSlot::Slip);
+                let host = loop {
+                    let (host, frame) = self.slips.pop_front().expect("no slip message but the host's");
+                    if host.sequence == slip.sequence {
+                        assert_eq!(slip, host);
+                        break frame;
+                    }
+                };
+                assert_eq!(arrived.frame, host);
+                self.arrived_slips += 1;
+                self.believe(slip.sequence, arrived.frame.data(), arrived.at_ns / 1000);
+            }
+            Ok(Some(Received::Raw(message))) => self.raw_message(&message),
+            Err(_) => self.errors += 1,
+        }
+    }
+
+    /// A gap in what a receiver accepts is one that it counts, or falls into a silence that it notices.
+    fn believe(&mut self, sequence: u32, data: &[u8], now_us: u64) {
+        let silent = self.guard.state(now_us) == FlagState::NoData;
+        let lost = self.guard.lost;
+        let check = self.guard.receive(data, now_us);
+        if !matches!(check, Check::Ok | Check::SomeLost) {
+            return;
+        }
+        let gap = self.last.replace(sequence).map_or(0, |last| sequence.wrapping_sub(last) - 1);
+        self.silences += u32::from(silent);
+        assert!(
+            silent || self.guard.lost.wrapping_sub(lost) == gap,
+            "{gap} messages lost unseen before {sequence}"
+        );
+    }
+
+    fn raw_message(&mut self, message: &RawMessage) {
+        self.raw[ARRIVED] += 1;
+        self.raw[COMPRESSED] += u32::from(message.region != slipsense::wire::Region::ALL);
+        let age = message.sequence.wrapping_sub(self.kept[0].0);
+        let (_, parts) = &self.kept[age as usize];
+        let part = &parts[usize::from(message.sensor)];
+        if part.xl_arrived {
+            let (sent, dropped) = (message.xl.len(), usize::from(message.xl_dropped));
+            assert_eq!(sent + dropped, part.xl.len());
+            assert_eq!((message.xl.as_slice(), message.xl_end), (&part.xl[dropped..], part.xl_end));
+        }
+        for (index, (&got, &count)) in message.piezo.counts().iter().zip(part.piezo.counts()).enumerate() {
+            let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
+            assert_eq!(got, if sent && part.piezo_arrived { count } else { 0 });
+        }
+    }
+}
+
+/// Memory of this process, bytes; 0 where there is no such file.
+fn resident_bytes() -> u64 {
+    let text = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    text.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).map_or(0, |pages| 4096 * pages)
+}
+
+#[test]
+fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
+    let asked = std::env::var("SLIPSENSE_SOAK_HOURS").ok();
+    let hours =
+        asked.as_ref().map_or(0.08, |hours| hours.parse::<f64>().expect("SLIPSENSE_SOAK_HOURS is a number"));
+    let frames = (hours * 3600.0 * f64::from(FRAME_RATE_HZ)) as u32;
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let (mut faults, mut kinds) = (Vec::new(), Vec::new());
+    let mut begin = rng.random_range(GAP);
+    while begin + LENGTH.end + QUIET < frames {
+        // Each kind once before any comes again.
+        if kinds.is_empty() {
+            kinds.extend(0..FAULTS.len());
+        }
+        let (kind, sensor) =
+            (kinds.swap_remove(rng.random_range(0..kinds.len())), rng.random_range(0..MAX_SENSORS));
+        faults.push(Fault { kind, sensor, frames: begin..begin + rng.random_range(LENGTH) });
+        begin += rng.random_range(GAP);
+    }
+    let model = model_bytes();
+    let first_sequence = BEFORE_WRAP.wrapping_neg();
+    let plan = || Plan::new(&faults, (BEFORE_WRAP * BATCH).wrapping_neg());
+    let host = RefCell::new(Host {
+        plan: plan(),
+        settings: plan(),
+        pipeline: Pipeline::new(Model::parse(&model).unwrap(), MAX_SENSORS).unwrap(),
+        transmitter: Transmitter::new(NODE),
+        status: Status::new(),
+        read_until_ns: 0,
+        slips: VecDeque::new(),
+        kept: VecDeque::new(),
+        receiver: Receiver::new(NODE),
+        guard: SlipReceiver::new(NODE),
+        last: None,
+        arrived_slips: 0,
+        raw: [0; 3],
+        errors: 0,
+        silences: 0,
+    });
+    let (sensors, settings) = (RefCell::new(plan()), RefCell::new(plan()));
+    let (bus, disturbed) = (RefCell::new(plan()), RefCell::new(None));
+    let memory = RefCell::new(0);
+    let ran = World {
+        first_sequence,
+        script: &|frame, parts| sensors.borrow_mut().readings(frame, parts),
+        read_ns: &|frame| sensors.borrow_mut().read_ns(frame),
+        before_tick: &|shared, frame| {
+            shared.set_config(settings.borrow_mut().config(frame));
+            host.borrow_mut().frame(first_sequence, frame);
+            if frame == frames / 2 {
+                *memory.borrow_mut() = resident_bytes();
+            }
+        },
+        on_bus: &|frame, controller: &mut Bus| {
+            let last =
+                bus.borrow_mut().at(frame).filter(|(_, effect)| matches!(effect, Effect::Bus(_))).last();
+            let begin = last.map(|(fault, _)| fault.frames.start);
+            if disturbed.replace(begin) != begin {
+                controller.disturb(match last {
+                    Some((fault, Effect::Bus(make))) => make(tick_ns(frame)..tick_ns(fault.frames.end)),
+                    _ => plain(),
+                });
+            }
+        },
+        sink: Some(&|arrived| host.borrow_mut().arrived(arrived)),
+        ..World::new(frames, MAX_SENSORS)
+    }
+    .run();
+    let host = host.into_inner();
+    let status = ran.status;
+    let mut kinds: BTreeMap<&str, u32> = BTreeMap::new();
+    faults.iter().for_each(|fault| *kinds.entry(FAULTS[fault.kind].0).or_default() += 1);
+    println!(
+        "{frames} frames of {MAX_SENSORS} sensors ({:.2} h), {} faults of {} kinds: {} slip messages equal to the \
+         host's, {} counted as replaced; {} raw messages equal ({} in part), {} counted as dropped, {} as cut off; {} \
+         times off the bus, {} late frames, {} silences that the receiver noticed, {} losses that it counted",
+        f64::from(frames) / 3600.0 / f64::from(FRAME_RATE_HZ),
+        faults.len(),
+        kinds.len(),
+        host.arrived_slips,
+        status.replaced_slips,
+        host.raw[ARRIVED],
+        host.raw[COMPRESSED],
+        status.dropped_raw,
+        status.broken_raw,
+        status.bus_offs,
+        status.late_frames,
+        host.silences,
+        host.guard.lost
+    );
+    println!("{kinds:?}");
+    assert_eq!(
+        host.arrived_slips + status.replaced_slips,
+        frames,
+        "every slip message arrives or is counted"
+    );
+    assert_eq!((status.dropped_frames, status.late_frames), (0, host.status.late_frames));
+    assert_eq!(host.errors, 0, "no part of a message");
+    let under_way = host.raw[MADE] - host.raw[ARRIVED] - status.dropped_raw - status.broken_raw;
+    assert!(under_way <= 8, "{under_way} raw messages are neither here nor counted");
+    if asked.is_some() {
+        // Alone in this process.
+        let grown = resident_bytes().saturating_sub(memory.into_inner());
+        println!("{grown} bytes more than after half of the time");
+        assert!(grown < 1 << 20);
+    }
+}

@@ -189,6 +189,8 @@ pub struct Status {
     pub lost_received: u32,
     /// Errors that the flash's error correction has found: of one bit, mended; of two, lost.
     pub flash_errors: [u32; 2],
+    /// The same of the RAMs'.
+    pub ram_errors: [u32; 2],
     /// Brown-out level of the option bytes, and whether they protect the bootloader's sector from writes (1: yes).
     pub option_bytes: [u8; 2],
     /// Hash of the reason if a panic, a fault or the watchdog caused the last start; else 0.
@@ -232,6 +234,7 @@ impl Status {
             bus_off_us: 0,
             lost_received: 0,
             flash_errors: [0; 2],
+            ram_errors: [0; 2],
             option_bytes: [0; 2],
             last_panic: 0,
             restart: [0; RESTART_NUMBERS],

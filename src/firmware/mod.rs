@@ -15,6 +15,7 @@ pub mod clocks;
 pub mod flash;
 pub mod memory;
 pub mod model;
+pub mod ram_errors;
 pub mod shared;
 
 use cortex_m::Peripherals as Core;
@@ -30,6 +31,7 @@ const FAULT_LED: usize = 14;
 pub fn try_init() -> Result<Peripherals, u32> {
     let mut core = unwrap!(Core::take());
     memory::init(&mut core);
+    ram_errors::forget();
     clock_check::check_hse(&mut core)?;
     Ok(embassy_stm32::init(clocks::config()))
 }

@@ -53,11 +53,14 @@ fn the_list_has_every_register_once_and_each_answers() {
 }
 
 #[test]
-fn errors_of_the_flash_are_a_register() {
+fn errors_of_the_memories_are_registers() {
     let mut node = node();
-    node.status.flash_errors = [300, 1];
-    let answer = ask(&mut node, ACCESS_PORT, 0, &access("slipsense.status.flash_errors", &[0]), 0).unwrap();
-    assert_eq!(answer[8..18], natural32(&[300, 1]));
+    (node.status.flash_errors, node.status.ram_errors) = ([300, 1], [2, 70_000]);
+    for (id, name, errors) in [(0, "flash_errors", [300, 1]), (1, "ram_errors", [2, 70_000])] {
+        let name = format!("slipsense.status.{name}");
+        let answer = ask(&mut node, ACCESS_PORT, id, &access(&name, &[0]), 0).unwrap();
+        assert_eq!(answer[8..18], natural32(&errors));
+    }
 }
 
 #[test]

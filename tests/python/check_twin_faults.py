@@ -86,6 +86,7 @@ async def check_memory(client):
     _, inferences, failed = await client.numbers("slipsense.status.self_checks")
     # A golden inference, at the start, may have met the flipped bit.
     checks.equal("golden inferences, failed checks", (inferences, failed & 7), (1, 1))
+    checks.equal("model bit: errors of the RAMs", await client.numbers("slipsense.status.ram_errors"), [0, 1])
     checks.equal("model bit: self test", await client.command(SELF_TEST), 1)
     await client.restart()
     checks.equal("failed checks after a restart", (await client.numbers("slipsense.status.self_checks"))[2], 0)

@@ -22,6 +22,7 @@ pub(super) enum ReadOnly {
     Restart,
     OptionBytes,
     FlashErrors,
+    RamErrors,
     LostReceived,
     Uptime,
     SelfTests,
@@ -40,7 +41,7 @@ pub(super) enum ReadOnly {
 }
 
 /// Names in the order of the list.
-pub(super) const READ_ONLY: [(&str, ReadOnly); 23 + 2 * MAX_SENSORS] = [
+pub(super) const READ_ONLY: [(&str, ReadOnly); 24 + 2 * MAX_SENSORS] = [
     ("slipsense.status.late_frames", ReadOnly::LateFrames),
     ("slipsense.status.overruns", ReadOnly::Overruns),
     ("slipsense.status.worst_frame_us", ReadOnly::WorstFrame),
@@ -51,6 +52,7 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 23 + 2 * MAX_SENSORS] = [
     ("slipsense.status.restart", ReadOnly::Restart),
     ("slipsense.status.option_bytes", ReadOnly::OptionBytes),
     ("slipsense.status.flash_errors", ReadOnly::FlashErrors),
+    ("slipsense.status.ram_errors", ReadOnly::RamErrors),
     ("slipsense.status.received_lost", ReadOnly::LostReceived),
     ("slipsense.status.uptime_s", ReadOnly::Uptime),
     ("slipsense.status.self_tests", ReadOnly::SelfTests),
@@ -111,6 +113,7 @@ impl<'a> NodeState<'a> {
             ReadOnly::Restart => numbers(Kind::Natural32, &status.restart.map(i64::from)),
             ReadOnly::OptionBytes => numbers(Kind::Natural8, &status.option_bytes.map(i64::from)),
             ReadOnly::FlashErrors => numbers(Kind::Natural32, &status.flash_errors.map(i64::from)),
+            ReadOnly::RamErrors => numbers(Kind::Natural32, &status.ram_errors.map(i64::from)),
             ReadOnly::LostReceived => count(status.lost_received),
             ReadOnly::Uptime => count(self.uptime_s),
             ReadOnly::SelfTests => {

@@ -10,6 +10,7 @@ use rigless::mcu::Mcu;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::flash::{Register, sr1, sr2};
+use rigless::soc::stm32h743::generated::ramecc1::{self, m1sr};
 use rigless::symbols::Symbols;
 use slipsense::net::format::MAGIC;
 use slipsense::update::partitions::FLASH_BASE;
@@ -94,6 +95,10 @@ impl BoardFaults {
                 let Some(model) = AXI_SRAM.step_by(4).find(begins) else { bail!("there is no model in RAM") };
                 let held = host.read(model + FLIPPED_AT, Width::W8)?;
                 host.write(model + FLIPPED_AT, Width::W8, held ^ 1)?;
+                // The emulator has the registers of the monitors, and no error correction.
+                let bus = session.board_mut().mcu.part.bus_mut();
+                let monitor = bus.slot("RAMECC1")?;
+                bus.slot_mut(monitor).registers_mut().set(ramecc1::Register::M1sr, m1sr::DEDF.mask());
             }
             _ => match text.strip_prefix("flags ").and_then(|number| number.parse().ok()) {
                 Some(per_million) => self.flags_per_million = per_million,

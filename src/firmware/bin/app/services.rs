@@ -10,6 +10,7 @@ use slipsense::calibration::{Request, Summary};
 use slipsense::drivers::Failure;
 use slipsense::drivers::array::Mounting;
 use slipsense::firmware::flash::{FlashPartition, FlashPartitions, count_ecc_errors};
+use slipsense::firmware::ram_errors;
 use slipsense::firmware::shared::{Mutex, SHARED, Uptime};
 use slipsense::health::{Condition, Status};
 use slipsense::net::format::HASH_BYTES;
@@ -159,6 +160,7 @@ impl ServiceBoard for Station {
     fn observe(&mut self, status: &mut Status) {
         status.lost_received = can::lost_received();
         status.flash_errors = count_ecc_errors();
+        status.ram_errors = ram_errors::count();
         if let Some(report) = frame_source::report() {
             status.stuck_taxels = report.stuck_taxels;
         }

@@ -72,6 +72,11 @@ impl fmt::Display for Comparisons {
             let by = by.join(", ");
             writeln!(f, "{:NAME$}{:>12}{time:>24}  {by:10}{}", row.row, row.parameters, row.about)?;
         }
+        writeln!(
+            f,
+            "instructions of the rows that fit the microcontroller (base, t6, t15, t30, xl-mlp): cargo xtask bench --only \
+             layouts"
+        )?;
         if !self.published.is_empty() {
             writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;
         }

@@ -75,7 +75,7 @@ impl Host<'_> {
         origin.invalid = if config.expected_model.is_some() { INVALID_OTHER_MODEL } else { 0 };
         let message = output.slip_message(FrameStamp { sequence, ..stamp }, &origin);
         self.slips.push_back((message, self.transmitter.slip(&message)));
-        if sequence % u32::from(config.raw_every) == 0 {
+        if sequence.is_multiple_of(u32::from(config.raw_every)) {
             let delivered = parts.iter().filter(|part| part.piezo_arrived || part.xl_arrived);
             self.raw[MADE] += delivered.count() as u32;
         }

@@ -152,6 +152,6 @@ mod tests {
         let flag = slip.fields.iter().find(|field| field.name == "slip").unwrap();
         assert_eq!((flag.offset, &flag.kind), (90, &Kind::Bool));
         assert!(flag.comment.starts_with("The flag to act on"), "{}", flag.comment);
-        assert_eq!(slip.constants.len(), 14);
+        assert_eq!(slip.constants.len(), 15);
     }
 }

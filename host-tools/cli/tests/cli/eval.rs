@@ -50,8 +50,7 @@ fn two_detectors_by_hand() {
 #[test]
 fn parts_give_the_figures_of_the_whole() {
     let place = place();
-    let what =
-        "eval @episodes umi_id --frames umi_id=3000 --detector network --detector entropy --detector majority";
+    let what = "eval @episodes umi_id --frames umi_id=3000 --detector network --detector entropy --detector majority";
     let mut whole = place.json(&format!("{what} --out @whole"));
     for part in ["2/3", "3/3", "2/3"] {
         let text = place.run(&format!("{what} --out @out --shard {part}"));

@@ -126,7 +126,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
         let toggle = tail & TAIL_TOGGLE != 0;
         let end = tail & TAIL_END != 0;
         if tail & TAIL_START != 0 {
-            self.start(transfer, toggle)?;
+            self.start(transfer, toggle, payload)?;
         } else {
             match self.open {
                 Some((open, expected)) if open == transfer => {
@@ -150,7 +150,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
     }
 
     /// A first frame. It ends a transfer under way, which counts as missed.
-    fn start(&mut self, transfer: u8, toggle: bool) -> Result<(), TransferError> {
+    fn start(&mut self, transfer: u8, toggle: bool, payload: &[u8]) -> Result<(), TransferError> {
         if !toggle {
             return Err(TransferError::Version);
         }
@@ -159,7 +159,8 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
             self.bytes.clear();
             return Ok(());
         }
-        if self.last == Some(transfer) {
+        // The same identifier with another content comes where 32 transfers, or a multiple, are lost.
+        if self.last == Some(transfer) && (self.open.is_some() || self.bytes.starts_with(payload)) {
             return Err(TransferError::Repeated { transfer });
         }
         self.bytes.clear();
@@ -264,8 +265,8 @@ impl Receiver {
         message.map(Some).map_err(ReceiveError::Message)
     }
 
-    /// Transfers lost so far, as far as their 5-bit identifiers tell: a gap of 32 is not seen here,
-    /// but in the sequence numbers of the messages.
+    /// Transfers lost so far, as far as their 5-bit identifiers tell: 32 or more count as fewer here, but show in the
+    /// sequence numbers of the messages.
     pub const fn missed(&self) -> u32 {
         self.missed
     }

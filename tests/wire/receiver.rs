@@ -190,8 +190,11 @@ fn lost_transfers_are_counted() {
     let (arrived, errors) = receive(&mut receiver, kept.iter().flat_map(|&index| &sent[index]));
     assert_eq!((arrived, errors), (vec![0, 1, 5, 6, 37, 40, 69], vec![]));
     assert_eq!(receiver.missed(), 3 + 30 + 2 + 28);
-    // 32 transfers later the identifier is the same again, which only the sequence number can tell.
-    let (arrived, errors) = receive(&mut Receiver::new(NODE), sent[0].iter().chain(&sent[32]));
+    // 32 transfers later the identifier is the same again: no repetition, as the content is another.
+    let mut receiver = Receiver::new(NODE);
+    assert_eq!(receive(&mut receiver, sent[0].iter().chain(&sent[32])), (vec![0, 32], vec![]));
+    assert_eq!(receiver.missed(), 31);
+    let (arrived, errors) = receive(&mut Receiver::new(NODE), sent[0].iter().chain(&sent[0]));
     assert_eq!((arrived, errors[0]), (vec![0], TransferError::Repeated { transfer: 0 }));
 }
 

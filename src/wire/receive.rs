@@ -160,7 +160,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
             return Ok(());
         }
         // The same identifier with another content comes where 32 transfers, or a multiple, are lost.
-        if self.last == Some(transfer) && (self.open.is_some() || self.bytes.starts_with(payload)) {
+        if self.last == Some(transfer) && self.bytes.starts_with(payload) {
             return Err(TransferError::Repeated { transfer });
         }
         self.bytes.clear();

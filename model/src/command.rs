@@ -23,6 +23,9 @@ use crate::{
     quantize::{activation_scales, quantize},
 };
 
+/// Training episodes on which ranges are measured, where nobody says how many.
+pub(crate) const CALIBRATION_EPISODES: usize = 24;
+
 /// Turn trained weights into the model file that host and microcontroller run.
 ///
 /// Ranges are measured on training episodes; the model is refused if any accumulator could overflow.
@@ -44,7 +47,7 @@ pub struct QuantizeArgs {
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub seed: u64,
     /// Training episodes on which ranges are measured.
-    #[arg(long, value_name = "N", default_value_t = 24)]
+    #[arg(long, value_name = "N", default_value_t = CALIBRATION_EPISODES)]
     pub calibration_episodes: usize,
     /// Validation episodes for the table.
     #[arg(long, value_name = "N", default_value_t = 40)]

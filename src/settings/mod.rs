@@ -19,7 +19,7 @@ pub use table::{
 pub use value::{ELEMENTS_MAX, Kind};
 
 use crate::fixed::Logit;
-use crate::net::format::OperatingPoint;
+use crate::net::format::{HASH_BYTES, OperatingPoint};
 use crate::params::MAX_SENSORS;
 use crate::sensor::TaxelMask;
 use crate::wire::NodeId;
@@ -82,6 +82,12 @@ impl Default for Settings {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// The numbers of [`Setting::ExpectedModel`] for a model of this hash: its first eight bytes, big-endian.
+pub fn model_numbers(hash: &[u8; HASH_BYTES]) -> [u32; 2] {
+    let &[a, b, c, d, e, f, g, h, ..] = hash;
+    [u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes([e, f, g, h])]
 }
 
 impl Settings {
@@ -202,11 +208,10 @@ impl Settings {
         self.first(Setting::Lock) != 0
     }
 
-    /// First bytes of the hash of the model that must run; `None`: any may.
-    pub fn expected_model(&self) -> Option<[u8; 8]> {
+    /// As [`model_numbers`] gives them: the model that must run; `None`: any may.
+    pub fn expected_model(&self) -> Option<[u32; 2]> {
         match *self.get(Setting::ExpectedModel) {
-            [0, 0] => None,
-            [first, second] => Some(((first as u64) << 32 | second as u64).to_be_bytes()),
+            [first, second] if [first, second] != [0, 0] => Some([first as u32, second as u32]),
             _ => None,
         }
     }

@@ -12,6 +12,7 @@ use crate::board::{Clock, Observe, SensorFrame};
 use crate::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use crate::pipeline::{Output, Pipeline, State};
 use crate::sensor::SensorReadings;
+use crate::settings::model_numbers;
 use crate::wire::{DEGRADED_FROZEN, INVALID_OTHER_MODEL, Origin, RawForm, RawTransfer, Transmitter};
 
 /// Everything between the frame queue and the messages that wait for the bus.
@@ -90,7 +91,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
             let late_frames = frame.dropped_frames.wrapping_add(status.late_frames);
             origin = Origin::new(status, late_frames, late, config.locked);
         });
-        if config.expected_model.is_some_and(|expected| !self.pipeline.model().hash.starts_with(&expected)) {
+        if config.expected_model.is_some_and(|model| model != model_numbers(&self.pipeline.model().hash)) {
             origin.invalid |= INVALID_OTHER_MODEL;
         }
         if config.node.is_some() {

@@ -42,8 +42,8 @@ pub struct RuntimeConfig {
     pub node: Option<NodeId>,
     /// Operating point; `None`: the model's own.
     pub point: Option<OperatingPoint>,
-    /// First bytes of the hash of the model that must run; `None`: any may.
-    pub expected_model: Option<[u8; 8]>,
+    /// The model that must run, by [`model_numbers`](crate::settings::model_numbers); `None`: any may.
+    pub expected_model: Option<[u32; 2]>,
     /// Settings, commands and updates are refused.
     pub locked: bool,
 }

@@ -14,12 +14,12 @@ use super::world::healthy;
 /// A reading that ends after the next tick.
 const SLOW_NS: u64 = 6_000_000;
 
-/// What a fault does. `age`: frames since its begin.
+/// What a fault does. The number beside the readings: frames since it started.
 #[derive(Clone, Copy)]
 pub enum Effect {
     Sensor(fn(&mut SensorReadings, u32)),
     AllSensors(fn(&mut SensorReadings, u32)),
-    /// Samples that the accelerometer's count skips at the begin.
+    /// Samples that the accelerometer's count skips at the start.
     Skip(u32),
     Bus(fn(Range<u64>) -> Disturbance),
     Setting(fn(&mut RuntimeConfig, usize)),
@@ -96,7 +96,7 @@ pub const FAULTS: [(&str, Effect); 32] = [
             config.point = Some(OperatingPoint { threshold: Logit::from_bits(77), k: 2, n: 5 });
         }),
     ),
-    ("another model expected", Effect::Setting(|config, _| config.expected_model = Some([1; 8]))),
+    ("another model expected", Effect::Setting(|config, _| config.expected_model = Some([1; 2]))),
     ("raw messages compressed", Effect::Setting(|config, _| config.compress_raw = true)),
     ("raw messages of one frame in four", Effect::Setting(|config, _| config.raw_every = 4)),
     (
@@ -113,7 +113,7 @@ pub struct Fault {
     pub frames: Range<u32>,
 }
 
-/// Faults in the order of their begin, those that are active, and what those that are over have left.
+/// The faults that are still to come, in order, those that are active, and the samples skipped so far.
 pub struct Plan<'a> {
     coming: std::slice::Iter<'a, Fault>,
     active: Vec<&'a Fault>,
@@ -122,12 +122,12 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// `first_sample`: what the accelerometers have counted at the start.
+    /// `first_sample`: how many samples the accelerometers have counted before the first frame.
     pub fn new(faults: &'a [Fault], first_sample: u32) -> Self {
         Self { coming: faults.iter(), active: Vec::new(), skipped: [0; MAX_SENSORS], first_sample }
     }
 
-    /// What is active at a frame and does something. Frames must come in order, each as often as one likes.
+    /// What is active at a frame. Frames must come in order; the same one may come again.
     pub fn at(&mut self, frame: u32) -> impl Iterator<Item = (&'a Fault, Effect)> {
         while let Some(fault) = self.coming.as_slice().first().filter(|fault| fault.frames.start <= frame) {
             self.coming.next();

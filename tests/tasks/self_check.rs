@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use slipsense::health::{SelfChecks, Status};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::{FrameStamp, Pipeline, State};
-use slipsense::settings::{Setting, Settings};
+use slipsense::settings::{Setting, Settings, model_numbers};
 use slipsense::tasks::{
     CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, RuntimeConfig, SLICE_BYTES, SelfCheck,
     known_golden,
@@ -114,21 +114,21 @@ fn every_slip_message_says_what_has_failed() {
 #[test]
 fn another_model_than_the_expected_one_makes_every_message_invalid() {
     let model = model_bytes();
-    let hash = Model::parse(&model).unwrap().hash;
+    let mut hash = Model::parse(&model).unwrap().hash;
     let mut settings = Settings::default();
-    let mut invalid = |expected: [u8; 8]| {
-        let [first, second] =
-            [0, 4].map(|at| i64::from(u32::from_be_bytes(*expected[at..].first_chunk().unwrap())));
-        settings.set(Setting::ExpectedModel, &[first, second]).unwrap();
+    let mut invalid = |expected: [u32; 2]| {
+        settings.set(Setting::ExpectedModel, &expected.map(i64::from)).unwrap();
         let config = RuntimeConfig::new(&settings, Some(NODE), false);
         let ran = World { before_tick: &|shared, _| shared.set_config(config), ..World::new(9, 1) }.run();
         let bits = |slip: &SlipMessage| slip.invalid & INVALID_OTHER_MODEL != 0;
         (ran.slips.iter().all(bits), ran.slips.iter().any(bits))
     };
-    let right = *hash.first_chunk().unwrap();
-    assert_eq!(invalid(right), (false, false));
-    assert_eq!(invalid(right.map(|byte| byte ^ 1)), (true, true));
-    assert_eq!(invalid([0; 8]), (false, false), "any model");
+    assert_eq!(invalid(model_numbers(&hash)), (false, false));
+    hash[7] ^= 1;
+    assert_eq!(invalid(model_numbers(&hash)), (true, true));
+    assert_eq!(invalid([0; 2]), (false, false), "any model");
+    hash[..8].copy_from_slice(&[0x1C, 0xF6, 0x4A, 0x2C, 0, 0, 1, 2]);
+    assert_eq!(model_numbers(&hash), [0x1CF6_4A2C, 0x102]);
 }
 
 /// If the model is a new one, `SHIPPED_MODEL` and `SHIPPED_GOLDEN` become what this prints.

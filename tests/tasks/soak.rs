@@ -16,22 +16,23 @@ use slipsense::params::{FRAME_PERIOD_US, FRAME_RATE_HZ, MAX_SENSORS, TAXEL_COLS}
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorReadings;
 use slipsense::wire::{
-    CanFrame, Check, FlagState, INVALID_OTHER_MODEL, Origin, RawMessage, Received, Receiver, SlipMessage,
-    SlipReceiver, Transmitter,
+    CanFrame, Check, FlagState, INVALID_OTHER_MODEL, Origin, RawMessage, Received, Receiver, Region,
+    SlipMessage, SlipReceiver, Transmitter,
 };
 use slipsense_can_sim::controller::{Arrived, Bus};
 
 use super::fault_plan::{Effect, FAULTS, Fault, Plan, plain};
 use super::world::{BATCH, NODE, World, model_bytes, stamp, tick_ns};
 
-/// Counters begin so long before they wrap.
+/// Counters start so many frames before they wrap.
 const BEFORE_WRAP: u32 = 60 * FRAME_RATE_HZ;
-/// Frames between the beginnings of two faults, and that a fault lasts.
+/// Frames from the start of a fault to the start of the next.
 const GAP: Range<u32> = FRAME_RATE_HZ..15 * FRAME_RATE_HZ;
+/// Frames that a fault lasts.
 const LENGTH: Range<u32> = 1..3 * FRAME_RATE_HZ;
-/// Frames behind the last fault, so that the last slip message arrives.
+/// Frames after the last fault, so that the last slip message arrives.
 const QUIET: u32 = 5 * FRAME_RATE_HZ;
-/// Frames whose raw messages may still arrive: the one that was begun waits until the bus is no longer full.
+/// Frames whose raw messages may still arrive: one that has started waits while the bus is full.
 const KEPT: usize = 2 * LENGTH.end as usize;
 
 /// The same frames through the pipeline and the wire, called directly, and the receivers at the other end of the bus.
@@ -46,9 +47,11 @@ struct Host<'a> {
     slips: VecDeque<(SlipMessage, CanFrame)>,
     kept: VecDeque<(u32, [SensorReadings; MAX_SENSORS])>,
     receiver: Receiver,
-    guard: SlipReceiver,
+    slip_receiver: SlipReceiver,
+    /// Sequence number that it accepted last.
     last: Option<u32>,
     arrived_slips: u32,
+    /// Raw messages [made](MADE), [arrived](ARRIVED), [in part](IN_PART).
     raw: [u32; 3],
     errors: u32,
     silences: u32,
@@ -56,10 +59,10 @@ struct Host<'a> {
 
 const MADE: usize = 0;
 const ARRIVED: usize = 1;
-const COMPRESSED: usize = 2;
+const IN_PART: usize = 2;
 
 impl Host<'_> {
-    /// Frame as the tasks take it: the settings are those that are there when it is decided.
+    /// Decide a frame as the tasks do, with the settings at the time of the decision: those of the next tick.
     fn frame(&mut self, first_sequence: u32, frame: u32) {
         let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
         self.plan.readings(frame, &mut parts);
@@ -83,7 +86,7 @@ impl Host<'_> {
         if self.kept.len() > KEPT {
             self.kept.pop_front();
         }
-        assert!(self.slips.len() < 2 * LENGTH.end as usize, "the newest slip message waits, no others");
+        assert!(self.slips.len() < 2 * LENGTH.end as usize, "no slip message has arrived for seconds");
     }
 
     fn arrived(&mut self, arrived: Arrived) {
@@ -100,32 +103,32 @@ impl Host<'_> {
                 };
                 assert_eq!(arrived.frame, host);
                 self.arrived_slips += 1;
-                self.believe(slip.sequence, arrived.frame.data(), arrived.at_ns / 1000);
+                self.check_losses(slip.sequence, arrived.frame.data(), arrived.at_ns / 1000);
             }
             Ok(Some(Received::Raw(message))) => self.raw_message(&message),
             Err(_) => self.errors += 1,
         }
     }
 
-    /// A gap in what a receiver accepts is one that it counts, or falls into a silence that it notices.
-    fn believe(&mut self, sequence: u32, data: &[u8], now_us: u64) {
-        let silent = self.guard.state(now_us) == FlagState::NoData;
-        let lost = self.guard.lost;
-        let check = self.guard.receive(data, now_us);
+    /// The receiver counts every lost message, or it notices a silence.
+    fn check_losses(&mut self, sequence: u32, data: &[u8], now_us: u64) {
+        let silent = self.slip_receiver.state(now_us) == FlagState::NoData;
+        let lost = self.slip_receiver.lost;
+        let check = self.slip_receiver.receive(data, now_us);
         if !matches!(check, Check::Ok | Check::SomeLost) {
             return;
         }
         let gap = self.last.replace(sequence).map_or(0, |last| sequence.wrapping_sub(last) - 1);
         self.silences += u32::from(silent);
         assert!(
-            silent || self.guard.lost.wrapping_sub(lost) == gap,
+            silent || self.slip_receiver.lost.wrapping_sub(lost) == gap,
             "{gap} messages lost unseen before {sequence}"
         );
     }
 
     fn raw_message(&mut self, message: &RawMessage) {
         self.raw[ARRIVED] += 1;
-        self.raw[COMPRESSED] += u32::from(message.region != slipsense::wire::Region::ALL);
+        self.raw[IN_PART] += u32::from(message.region != Region::ALL);
         let age = message.sequence.wrapping_sub(self.kept[0].0);
         let (_, parts) = &self.kept[age as usize];
         let part = &parts[usize::from(message.sensor)];
@@ -155,16 +158,16 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
     let frames = (hours * 3600.0 * f64::from(FRAME_RATE_HZ)) as u32;
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (mut faults, mut kinds) = (Vec::new(), Vec::new());
-    let mut begin = rng.random_range(GAP);
-    while begin + LENGTH.end + QUIET < frames {
+    let mut start = rng.random_range(GAP);
+    while start + LENGTH.end + QUIET < frames {
         // Each kind once before any comes again.
         if kinds.is_empty() {
             kinds.extend(0..FAULTS.len());
         }
         let (kind, sensor) =
             (kinds.swap_remove(rng.random_range(0..kinds.len())), rng.random_range(0..MAX_SENSORS));
-        faults.push(Fault { kind, sensor, frames: begin..begin + rng.random_range(LENGTH) });
-        begin += rng.random_range(GAP);
+        faults.push(Fault { kind, sensor, frames: start..start + rng.random_range(LENGTH) });
+        start += rng.random_range(GAP);
     }
     let model = model_bytes();
     let first_sequence = BEFORE_WRAP.wrapping_neg();
@@ -179,7 +182,7 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
         slips: VecDeque::new(),
         kept: VecDeque::new(),
         receiver: Receiver::new(NODE),
-        guard: SlipReceiver::new(NODE),
+        slip_receiver: SlipReceiver::new(NODE),
         last: None,
         arrived_slips: 0,
         raw: [0; 3],
@@ -203,8 +206,8 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
         on_bus: &|frame, controller: &mut Bus| {
             let last =
                 bus.borrow_mut().at(frame).filter(|(_, effect)| matches!(effect, Effect::Bus(_))).last();
-            let begin = last.map(|(fault, _)| fault.frames.start);
-            if disturbed.replace(begin) != begin {
+            let start = last.map(|(fault, _)| fault.frames.start);
+            if disturbed.replace(start) != start {
                 controller.disturb(match last {
                     Some((fault, Effect::Bus(make))) => make(tick_ns(frame)..tick_ns(fault.frames.end)),
                     _ => plain(),
@@ -229,13 +232,13 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
         host.arrived_slips,
         status.replaced_slips,
         host.raw[ARRIVED],
-        host.raw[COMPRESSED],
+        host.raw[IN_PART],
         status.dropped_raw,
         status.broken_raw,
         status.bus_offs,
         status.late_frames,
         host.silences,
-        host.guard.lost
+        host.slip_receiver.lost
     );
     println!("{kinds:?}");
     assert_eq!(

@@ -194,6 +194,9 @@ fn lost_transfers_are_counted() {
     let mut receiver = Receiver::new(NODE);
     assert_eq!(receive(&mut receiver, sent[0].iter().chain(&sent[32])), (vec![0, 32], vec![]));
     assert_eq!(receiver.missed(), 31);
+    // Also where a transfer between was cut off.
+    let cut_off = sent[0].iter().chain(&sent[1][..2]).chain(&sent[32]);
+    assert_eq!(receive(&mut Receiver::new(NODE), cut_off), (vec![0, 32], vec![]));
     let (arrived, errors) = receive(&mut Receiver::new(NODE), sent[0].iter().chain(&sent[0]));
     assert_eq!((arrived, errors[0]), (vec![0], TransferError::Repeated { transfer: 0 }));
 }

@@ -6,16 +6,13 @@ use slipsense::net::network::{Network, SensorFeatures};
 use slipsense::params::OUTPUTS;
 use slipsense::sensor::PiezoFrame;
 
-use crate::command::measure;
+use crate::command::{CALIBRATION_EPISODES, measure};
 use crate::data::Features;
 use crate::export;
 use crate::quantize::quantize;
 use crate::trace::Ranges;
 use crate::tract::Graphs;
 use crate::weights::Weights;
-
-/// Training episodes on which ranges are measured, as by `slipsense quantize` where nobody says how many.
-const CALIBRATION_EPISODES: usize = 24;
 
 /// A model file of weights that have the shipped network's layout.
 pub fn model(weights: &Weights, training: &[Features]) -> Result<Vec<u8>> {

@@ -70,10 +70,16 @@ impl Run<'_> {
             network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
         };
         Ok(Finished {
-            parameters: trained.weights.count(),
             loss: Some(trained.loss),
             example: example::of(row.name, sets, outputs),
-            ..self.finished(row, seed, (&SPLITS, budget.test_episodes), started, outputs)
+            ..self.finished(
+                row,
+                seed,
+                started,
+                (&SPLITS, budget.test_episodes),
+                trained.weights.count(),
+                outputs,
+            )
         })
     }
 
@@ -85,18 +91,25 @@ impl Run<'_> {
         let outputs = |features: &Features| integers::outputs(model, features);
         Ok(Finished {
             device: DeviceName::Cpu,
-            parameters: weights.count(),
-            ..self.finished(row, seed, (&SPLITS, self.budget.test_episodes), started, outputs)
+            ..self.finished(
+                row,
+                seed,
+                started,
+                (&SPLITS, self.budget.test_episodes),
+                weights.count(),
+                outputs,
+            )
         })
     }
 
-    /// What a network reaches by its outputs on the first episodes of some splits.
+    /// What a network reaches by its outputs on the first episodes of some splits, without loss and example.
     fn finished(
         &self,
         row: &Row,
         seed: u64,
-        (splits, episodes): (&[Split], usize),
         started: Instant,
+        (splits, episodes): (&[Split], usize),
+        parameters: usize,
         outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
     ) -> Finished {
         let bar = self.bar(row, seed, 0);
@@ -109,7 +122,7 @@ impl Run<'_> {
             synthetic: true,
             budget: self.budget.clone(),
             device: self.device_name,
-            parameters: 0,
+            parameters,
             loss: None,
             window_ms: window_ms(self.sets, outputs),
             wall_s: started.elapsed().as_secs_f64(),
@@ -155,10 +168,10 @@ impl Run<'_> {
             network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
         };
         let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
+        let parameters = trained.map(|(_, numbers)| numbers.values.len()).sum();
         Ok(Finished {
-            parameters: trained.map(|(_, numbers)| numbers.values.len()).sum(),
             loss: Some(loss),
-            ..self.finished(row, seed, (&UMI, budget.encoder_test_episodes), started, outputs)
+            ..self.finished(row, seed, started, (&UMI, budget.encoder_test_episodes), parameters, outputs)
         })
     }
 

@@ -74,8 +74,7 @@ impl fmt::Display for Comparisons {
         }
         writeln!(
             f,
-            "instructions of the rows that fit the microcontroller (base, t6, t15, t30, xl-mlp): cargo xtask bench --only \
-             layouts"
+            "instructions of the rows that fit the microcontroller: cargo xtask bench --only layouts"
         )?;
         if !self.published.is_empty() {
             writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;
@@ -102,8 +101,8 @@ impl fmt::Display for Comparisons {
             let (ours, paper) = (self.budget.all_frames(), self.budget.all_encoder_frames());
             writeln!(
                 f,
-                "\nwhat the microcontroller's network costs: points of macro F1 on both UMI splits; rows with our \
-                 encoders saw {ours} frames, those with the paper's {paper}"
+                "\nwhat the microcontroller's network costs: points of macro F1 lost on both UMI splits, negative ones \
+                 gained; rows with our encoders saw {ours} frames, those with the paper's {paper}"
             )?;
         }
         for Cost { what, difference } in &self.costs {

@@ -25,7 +25,11 @@ fn info_counts_layers_and_totals() {
 
     let text = place.run("model info @m.slipnet");
     let hash = info["model"]["hash"].as_str().unwrap();
-    for part in [hash, "piezo.conv1", "2 × 18", "36,864", "head-room", "fits", "\"random\": true"] {
+    let [first, second] = [0, 1].map(|at| info["model_expected"][at].as_u64().unwrap());
+    assert_eq!(format!("{first:08x}{second:08x}"), hash[..16]);
+    let expected = format!("slipsense.model.expected: {first}, {second}");
+    for part in [hash, &expected, "piezo.conv1", "2 × 18", "36,864", "head-room", "fits", "\"random\": true"]
+    {
         assert!(text.contains(part), "{part} is missing in\n{text}");
     }
     assert!(!text.contains("TOO MUCH"), "{text}");

@@ -166,29 +166,39 @@ pub(super) fn paper(results: &Results) -> Table {
 /// Latency by speed beside the paper's network.
 pub(super) fn paper_speeds(results: &Results) -> Table {
     let title = format!(
-        "Latency by speed, frames: median from the onset on, mean and longest of those after it, early or within 5 frames; \
-         ours: {}, all inputs but validation",
+        "Latency by speed, frames: median from the onset on, mean and longest of those after it; ours: {}, all inputs but \
+         validation",
         results.kind_of_data()
     );
-    let at_speed = |detector: &DetectorResults, mm_s: f64| {
-        let speeds = detector.groupings.iter().find(|grouping| grouping.by == "speed");
-        let group = speeds?.groups.iter().find(|group| group.value == format!("{mm_s} mm/s"))?;
-        let events = &group.figures.encoder_events;
-        let mean = number(events.latency_mean_of_hits_frames, 1);
-        let longest = number(events.latency_max_of_hits_frames, 0);
-        let median = number(events.from_onset_median_frames, 1);
-        let within = percent(events.early_or_within_5_frames_share);
-        Some(format!("{median} / {mean} / {longest} / {within} % of {}", events.events))
-    };
-    let mut cells = vec![vec!["the paper's network, UMI".to_owned()]];
-    cells.extend(results.detectors.iter().map(|detector| vec![detector.name.clone()]));
+    let heads = ["speed", "detector", "median", "mean", "longest", "early or ≤5 fr %", "slips"];
+    let mut table = Table::new(title, 2, heads.into(), Vec::new());
     for (mm_s, events, median, mean, longest) in LATENCY_BY_SPEED {
-        cells[0].push(format!("{median:.1} / {mean:.1} / {longest:.0} / – of {events}"));
-        for (row, detector) in cells[1..].iter_mut().zip(&results.detectors) {
-            row.push(at_speed(detector, mm_s).unwrap_or_else(|| "–".to_owned()));
+        let speed = format!("{mm_s} mm/s");
+        let paper = [format!("{median:.1}"), format!("{mean:.1}"), format!("{longest:.0}")];
+        table.push(
+            [
+                &[speed.clone(), "the paper's, UMI".to_owned()],
+                &paper[..],
+                &["–".to_owned(), events.to_string()],
+            ]
+            .concat(),
+        );
+        for detector in &results.detectors {
+            let speeds = detector.groupings.iter().find(|grouping| grouping.by == "speed");
+            let group = speeds.and_then(|speeds| speeds.groups.iter().find(|group| group.value == speed));
+            let Some(events) = group.map(|group| &group.figures.encoder_events) else { continue };
+            table.push(vec![
+                speed.clone(),
+                detector.name.clone(),
+                number(events.from_onset_median_frames, 1),
+                number(events.latency_mean_of_hits_frames, 1),
+                number(events.latency_max_of_hits_frames, 0),
+                percent(events.early_or_within_5_frames_share),
+                events.events.to_string(),
+            ]);
         }
     }
-    Table::new(title, 1, vec!["detector", "2 mm/s", "5 mm/s", "10 mm/s", "15 mm/s", "18 mm/s"], cells)
+    table
 }
 
 /// Where the frames falsely called slip lie, for the inputs with slips.

@@ -9,6 +9,7 @@ use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{PIPELINE_BYTES_MAX, Pipeline};
+use slipsense::settings::model_numbers;
 use slipsense_recording::model_file::SCALES_KEY;
 use slipsense_recording::model_file::cost::{
     FILE_BYTES_MAX, LayerCost, MACS_MAX_ONE_SENSOR, MACS_MAX_THREE_SENSORS, layers, macs_per_frame,
@@ -46,6 +47,8 @@ pub struct Args {
 #[derive(Serialize)]
 struct Info {
     model: ModelInfo,
+    /// For the setting `slipsense.model.expected`.
+    model_expected: [u32; 2],
     /// By the names of the file's header.
     sizes: Vec<Size>,
     layers: Vec<LayerInfo>,
@@ -109,6 +112,7 @@ impl Info {
         let total = |name, value, at_most, note| Total { name, value, at_most, fits: value <= at_most, note };
         Self {
             model: facts,
+            model_expected: model_numbers(&model.hash),
             sizes: sizes.map(|(name, value)| Size { name, value }).collect(),
             layers: rows,
             totals: vec![
@@ -132,12 +136,10 @@ impl Info {
     }
 
     fn text(&self) -> String {
-        let hash = &self.model.hash;
-        let number = |at: usize| hash.get(at..at + 8).and_then(|hex| u32::from_str_radix(hex, 16).ok());
-        let expected = [0, 8].map(|at| number(at).unwrap_or_default());
+        let [first, second] = self.model_expected;
         let mut text = format!(
-            "model {}\nhash  {hash}\nfor the setting slipsense.model.expected: {}, {}\n\n",
-            self.model.name, expected[0], expected[1]
+            "model {}\nhash  {}\nfor the setting slipsense.model.expected: {first}, {second}\n\n",
+            self.model.name, self.model.hash
         );
         for size in &self.sizes {
             let _ = writeln!(text, "  {:24} {:>5}", size.name, size.value);

@@ -8,17 +8,22 @@ use embassy_futures::block_on;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
 use super::Refusal;
-use super::image::ImageVersion;
+use super::image::{Header, ImageVersion};
 use super::key::Keys;
 use super::partitions::{FLASH_BASE, Partitions};
-use super::slot::{WORD, check_firmware, vectors};
+use super::slot::{WORD, check_firmware, firmware_header_at, header_bytes, vectors};
 use super::state::{Run, StateError, UpdateState};
 
 /// The firmware to jump to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Firmware {
-    /// It came by an update, of this version.
-    Signed(ImageVersion),
+    /// It came by an update.
+    Signed {
+        /// Its version.
+        version: ImageVersion,
+        /// The hash of what lies in the slot.
+        hash: [u8; 32],
+    },
     /// Nothing vouches for it: a debug probe wrote it.
     Flashed,
 }
@@ -101,6 +106,26 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
         self.firmware(board, keys).map_err(|_| BootFailure::NoFirmware(why))
     }
 
+    /// Once more what vouches for the firmware that [`prepare`](Self::prepare) found: its signature, and that the hash
+    /// found is the signed one. Both must hold before the jump, so that no one skipped instruction starts another firmware.
+    pub fn check_again(
+        &mut self,
+        firmware: &Firmware,
+        board: &Partitions,
+        keys: &Keys,
+    ) -> Result<(), BootFailure> {
+        let at = firmware_header_at(board);
+        let header = block_on(header_bytes(&mut BlockingAsync::new(&mut self.active), at));
+        let checked = match (firmware, header) {
+            (Firmware::Signed { hash, .. }, Ok(bytes)) => Header::verify(&bytes, keys)
+                .and_then(|header| if header.sha256 == *hash { Ok(()) } else { Err(Refusal::WrongHash) }),
+            (Firmware::Flashed, Err(Refusal::Blank)) => self.has_vectors(board),
+            (Firmware::Flashed, Ok(_)) => Err(Refusal::WrongSignature),
+            (_, Err(why)) => Err(why),
+        };
+        checked.map_err(BootFailure::NoFirmware)
+    }
+
     /// What lies in the active slot is damaged: copy a whole signed firmware of the other slot there, if it has one.
     /// The copy can be cut off: the next start finds the same again.
     fn recover(&mut self, board: &Partitions, keys: &Keys, buffer: &mut [u8]) -> Result<(), BootFailure> {
@@ -133,7 +158,7 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
     /// What lies in the active slot.
     fn firmware(&mut self, board: &Partitions, keys: &Keys) -> Result<Firmware, Refusal> {
         match block_on(check_firmware(&mut BlockingAsync::new(&mut self.active), 0, board, keys)) {
-            Ok(header) => Ok(Firmware::Signed(header.version)),
+            Ok((header, hash)) => Ok(Firmware::Signed { version: header.version, hash }),
             Err(Refusal::Blank) => self.has_vectors(board).map(|()| Firmware::Flashed),
             Err(why) => Err(why),
         }

@@ -127,18 +127,19 @@ impl PayloadHash {
         self.0.finalize_reset().into()
     }
 
-    /// Is it the one that the header says?
-    pub(super) fn check(mut self, header: &Header) -> Result<(), Refusal> {
-        if self.finish() == header.sha256 { Ok(()) } else { Err(Refusal::WrongHash) }
+    /// The hash, if it is the one that the header says.
+    pub(super) fn check(mut self, header: &Header) -> Result<[u8; 32], Refusal> {
+        let hash = self.finish();
+        if hash == header.sha256 { Ok(hash) } else { Err(Refusal::WrongHash) }
     }
 }
 
-/// Is what lies from `at` on in flash what `header` stands before?
+/// The hash of what lies from `at` on in flash, if it is what `header` stands before.
 pub(super) async fn check_hash<F: ReadNorFlash>(
     flash: &mut F,
     at: u32,
     header: &Header,
-) -> Result<(), Refusal> {
+) -> Result<[u8; 32], Refusal> {
     let mut hash = PayloadHash::new();
     let mut part = [0; 8 * WORD];
     let mut done = 0;
@@ -152,18 +153,18 @@ pub(super) async fn check_hash<F: ReadNorFlash>(
     hash.check(header)
 }
 
-/// The firmware that lies from `at` on, if it is whole and for this board. How old it is does not matter here: a firmware that is
+/// Header and hash of the firmware that lies from `at` on, if it is whole and for this board. How old it is does not matter here: a firmware that is
 /// rolled back to is older.
 pub(super) async fn check_firmware<F: ReadNorFlash>(
     flash: &mut F,
     at: u32,
     board: &Partitions,
     keys: &Keys,
-) -> Result<Header, Refusal> {
+) -> Result<(Header, [u8; 32]), Refusal> {
     let header_at = at.saturating_add(firmware_header_at(board));
     let header = Header::verify(&header_bytes(flash, header_at).await?, keys)?;
     let any_version = header.version;
     header.admit(crate::node::UpdateTarget::Firmware, board, any_version, firmware_room(board))?;
-    check_hash(flash, at, &header).await?;
-    Ok(header)
+    let hash = check_hash(flash, at, &header).await?;
+    Ok((header, hash))
 }

@@ -148,12 +148,20 @@ impl Device {
     pub fn boot(&self) -> Result<Firmware, BootFailure> {
         let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
         let mut slots = Slots { active, dfu, state };
-        slots.prepare(&BOARD, &[DEVELOPMENT_KEY], &mut [0; 64])
+        let firmware = slots.prepare(&BOARD, &[DEVELOPMENT_KEY], &mut [0; 64])?;
+        slots.check_again(&firmware, &BOARD, &[DEVELOPMENT_KEY])?;
+        Ok(firmware)
+    }
+
+    /// What the bootloader's second look says, if the first had found this.
+    pub fn check_again(&self, found: &Firmware) -> Result<(), BootFailure> {
+        let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
+        Slots { active, dfu, state }.check_again(found, &BOARD, &[DEVELOPMENT_KEY])
     }
 
     /// Start, and see that every byte of the firmware is there.
     pub fn boots(&self) -> ImageVersion {
-        let Ok(Firmware::Signed(version)) = self.boot() else { panic!("{:?}", self.boot()) };
+        let Ok(Firmware::Signed { version, .. }) = self.boot() else { panic!("{:?}", self.boot()) };
         let at = BOARD.active.start as usize;
         let firmware = firmware(version);
         assert_eq!(self.cells.borrow().bytes[at..at + firmware.len()], firmware, "{version}");

@@ -109,6 +109,28 @@ fn a_firmware_from_a_probe_has_vectors_or_is_not_jumped_to() {
     assert_eq!(device.boot(), Err(BootFailure::NoFirmware(Refusal::WrongHash)));
 }
 
+/// As if an instruction had been skipped in the first look.
+#[test]
+fn the_second_look_refuses_what_the_first_may_have_passed() {
+    let device = Device::new();
+    let found = device.boot().unwrap();
+    let boot::Firmware::Signed { version, hash } = found else { panic!("{found:?}") };
+    let refused = |why| Err(BootFailure::NoFirmware(why));
+    let mut other = hash;
+    other[31] ^= 1;
+    let damaged = boot::Firmware::Signed { version, hash: other };
+    assert_eq!(device.check_again(&damaged), refused(Refusal::WrongHash));
+    // There is a header.
+    assert_eq!(device.check_again(&boot::Firmware::Flashed), refused(Refusal::WrongSignature));
+    let header = BOARD.active.end as usize - HEADER_BYTES;
+    let write = |byte: u8| device.cells.borrow_mut().bytes[header + 64..][..64].fill(byte);
+    write(1);
+    assert_eq!(device.check_again(&found), refused(Refusal::WrongSignature));
+    device.cells.borrow_mut().bytes[header..][..HEADER_BYTES].fill(0xFF);
+    assert_eq!(device.check_again(&found), refused(Refusal::Blank));
+    assert_eq!(device.check_again(&boot::Firmware::Flashed), refused(Refusal::Blank), "no vectors");
+}
+
 #[test]
 fn a_trial_ends_once_and_only_with_all_evidence() {
     let mut trial = Trial::new(Run::OnTrial);

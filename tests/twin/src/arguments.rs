@@ -26,7 +26,7 @@ pub struct Arguments {
     #[arg(long)]
     pub elf: PathBuf,
     /// A bootloader before it; none: the firmware starts itself, and takes no update of itself.
-    #[arg(long, requires = "far_end")]
+    #[arg(long)]
     pub boot: Option<PathBuf>,
     /// Virtual time to run, in seconds.
     #[arg(long, default_value_t = 1.0, value_parser = |text: &str| number(text, 0.001..=36_000.0))]
@@ -76,6 +76,16 @@ pub struct Arguments {
     /// Print a port of this computer, wait for a program there that is another node of the bus, and run until it goes.
     #[arg(long)]
     pub far_end: bool,
+    /// So many runs with one bit of a register or of the RAM in use flipped: what the receiver of the slip message finds.
+    #[arg(long, value_name = "RUNS", requires = "episode", conflicts_with_all = ["faults", "far_end", "desk"])]
+    pub bit_flips: Option<usize>,
+    /// Start the bootloader with each --slot so many times, and skip another one of its instructions each time: it must
+    /// never start one. With more than there are instructions, all of them, at their first and at their last time.
+    #[arg(long, value_name = "RUNS", requires_all = ["boot", "slot"], conflicts_with_all = ["episode", "faults", "desk"])]
+    pub boot_skips: Option<usize>,
+    /// An image that must not be started, to lie in the slot of the firmware.
+    #[arg(long, value_name = "IMAGE", requires = "boot_skips")]
+    pub slot: Vec<PathBuf>,
     /// How often that program lets the watchdog restart the board; any other number fails the run.
     #[arg(long, requires = "far_end", default_value_t = 0)]
     pub bites: usize,

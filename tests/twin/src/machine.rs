@@ -24,12 +24,13 @@ use crate::array_taps::{AddressLines, Streams, Trigger, TriggeredInputs};
 use crate::arrays::{Arrays, REFERENCE_MV, Shared, lock};
 use crate::bench::{self, Desk, DeskFault};
 use crate::bus_tap::Tapped;
+use crate::campaign::core::{Handle, disturbed};
 use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam};
 use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
-use crate::scan_timing::Settings;
+use crate::scan_timing::{PERIPHERALS, Settings};
 use crate::window::Windowed;
 use crate::xl::{self, Readouts, Xl};
 
@@ -76,6 +77,7 @@ pub struct Mcu743 {
     adc: Tapped<Adc, TriggeredInputs>,
     streams: [Tapped<Dma, Streams>; 2],
     tapped_slots: [usize; 5],
+    scan_slots: [usize; PERIPHERALS.len()],
     arrays: Shared,
     rcc_slot: usize,
     has_hse: bool,
@@ -110,6 +112,10 @@ impl Mcu743 {
         for (slot, name) in tapped_slots.iter_mut().zip(["GPIOE", "TIM8", "ADC1", "DMA1", "DMA2"]) {
             *slot = part.bus().slot(name)?;
         }
+        let mut scan_slots = [0; PERIPHERALS.len()];
+        for (slot, name) in scan_slots.iter_mut().zip(PERIPHERALS) {
+            *slot = part.bus().slot(name)?;
+        }
         let stream = |device, codes| Tapped { device, tap: Streams { shared: arrays.clone(), codes } };
         let mut mcu = Self {
             part,
@@ -124,6 +130,7 @@ impl Mcu743 {
             adc: Tapped { device: adc, tap: TriggeredInputs::new(arrays.clone()) },
             streams: [stream(codes, true), stream(addresses, false)],
             tapped_slots,
+            scan_slots,
             arrays,
             rcc_slot,
             has_hse: fitted.hse_hz != 0,
@@ -198,7 +205,7 @@ impl Mcu for Mcu743 {
         if slot == timer {
             let fast_scan = &mut lock(&self.arrays).fast_scan;
             if fast_scan.enabled && !fast_scan.runs() {
-                fast_scan.settings = Settings::read(self.part.bus());
+                fast_scan.settings = Settings::read(self.part.bus(), &self.scan_slots);
             }
         }
         match slot {
@@ -217,6 +224,8 @@ pub struct Twin {
     pub mcu: Mcu743,
     pub readouts: [Readouts; CHIP_SELECTS.len()],
     slow: bool,
+    /// The other end of the core, where somebody changes its registers.
+    pub exchange: Option<Handle>,
 }
 
 /// Name of the machine and of its one target.
@@ -258,7 +267,7 @@ impl Twin {
                 Xl::Icm42688 => spi.attach_selected(Icm42688::new(episode, sensor, readouts), select),
             }
         }
-        Ok(Self { mcu, readouts, slow: fitted.slow })
+        Ok(Self { mcu, readouts, slow: fitted.slow, exchange: None })
     }
 }
 
@@ -278,7 +287,10 @@ impl Board for Twin {
     }
 
     fn targets(&mut self) -> Vec<Target<'_>> {
-        let core = core(&self.mcu, self.slow).spec();
+        let mut core = core(&self.mcu, self.slow).spec();
+        if let Some(exchange) = &self.exchange {
+            core = disturbed(core, exchange);
+        }
         vec![Target::new(NAME, &mut self.mcu, core)]
     }
 }

@@ -9,6 +9,7 @@ mod array_taps;
 mod bench;
 mod arrays;
 mod board_faults;
+mod campaign;
 mod compare;
 mod far_end;
 mod fault_schedule;
@@ -98,6 +99,12 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
         slow: arguments.slow,
         hse_hz: arguments.hse_hz,
     };
+    if let Some(count) = arguments.bit_flips {
+        return campaign::bit_flips::run(arguments, &fitted, count);
+    }
+    if let Some(count) = arguments.boot_skips {
+        return campaign::boot_skips::run(arguments, &fitted, count);
+    }
     let done = run::run(arguments, &fitted, seconds)?;
     if let Some(path) = &arguments.can {
         report::write_candump(path, &done.frames)

@@ -14,6 +14,7 @@ use rigless::soc::Width;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 use slipsense::sensor::XlSample;
+use slipsense::settings::Setting;
 
 use crate::arguments::Arguments;
 use crate::board_faults::BoardFaults;
@@ -210,7 +211,8 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    images.extend(arguments.sensors.map(|sensors| settings::with_sensors(sensors.into())).transpose()?);
+    let sensors = arguments.sensors.map(|sensors| settings::stored(&[(Setting::Sensors, sensors.into())]));
+    images.extend(sensors.transpose()?);
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
     start.wait_for_debugger = listener.is_some();

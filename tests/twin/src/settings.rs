@@ -56,10 +56,12 @@ impl NorFlash for Sectors {
     }
 }
 
-/// What the flash holds of a board with this many sensors in use, all else as delivered.
-pub fn with_sensors(sensors: usize) -> Result<Image> {
+/// What the flash holds of a board with these settings, all else as delivered.
+pub fn stored(changed: &[(Setting, i64)]) -> Result<Image> {
     let mut settings = Settings::new();
-    settings.set(Setting::Sensors, &[sensors as i64]).map_err(|error| anyhow!("{error:?}"))?;
+    for &(setting, value) in changed {
+        settings.set(setting, &[value]).map_err(|error| anyhow!("{error:?}"))?;
+    }
     let (start, end) = (BOARD.settings.start, BOARD.settings.end);
     let blank = Sectors(vec![ERASED; (end - start) as usize]);
     let mut store =

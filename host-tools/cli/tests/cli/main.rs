@@ -10,6 +10,7 @@ mod hil;
 mod label;
 mod model;
 mod outputs;
+mod recorder;
 mod recordings;
 mod sign;
 mod support;

@@ -3,8 +3,7 @@
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -16,22 +15,46 @@ use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::log_file::{Format, read};
 
-fn log(frames: u32, lost: &[u32]) -> Vec<u8> {
-    let mut transmitter = Transmitter::new(NodeId::DEFAULT);
-    let mut log = CandumpWriter::new(Vec::new(), "can0").unwrap();
-    let (piezo, xl) = (PiezoFrame::from_scan([7; 1024]), [[1, -2, 3]; 33]);
-    for sequence in 0..frames {
-        let at_us = 1_700_000_000_000_000 + u64::from(sequence) * 12_500 / 3;
-        let message = SlipMessage { sequence, sensors: 1, slip: sequence >= 240, ..SlipMessage::default() };
-        let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl), xl_end: 33 * (sequence + 1) };
-        let raw = RawFrame { timestamp_us: at_us, sequence, sensor: 0, health: 0, input };
-        let mut sent = vec![transmitter.slip(&message)];
-        sent.extend(transmitter.raw(&raw, &mut RawBuffer::new()));
-        if !lost.contains(&sequence) {
-            sent.iter().for_each(|frame| log.write(at_us, frame).unwrap());
-        }
+/// What a fingertip sends, as lines of candump.
+pub struct Log {
+    transmitter: Transmitter,
+    lines: CandumpWriter<Vec<u8>>,
+    piezo: PiezoFrame,
+    sequence: u32,
+}
+
+impl Log {
+    pub fn new() -> Self {
+        let lines = CandumpWriter::new(Vec::new(), "can0").unwrap();
+        let transmitter = Transmitter::new(NodeId::DEFAULT);
+        Self { transmitter, lines, piezo: PiezoFrame::from_scan([7; 1024]), sequence: 0 }
     }
-    log.finish().unwrap()
+
+    /// Of the next frame.
+    pub fn frame(&mut self, at_us: u64, with_raw: bool) -> Vec<u8> {
+        let (sequence, xl) = (self.sequence, [[1, -2, 3]; 33]);
+        self.sequence += 1;
+        let message = SlipMessage { sequence, sensors: 1, slip: sequence >= 240, ..SlipMessage::default() };
+        let mut sent = vec![self.transmitter.slip(&message)];
+        if with_raw {
+            let xl_end = 33 * (sequence + 1);
+            let input = SensorInput { piezo: Some(&self.piezo), xl: Some(&xl), xl_end };
+            let raw = RawFrame { timestamp_us: at_us, sequence, sensor: 0, health: 0, input };
+            sent.extend(self.transmitter.raw(&raw, &mut RawBuffer::new()));
+        }
+        sent.iter().for_each(|frame| self.lines.write(at_us, frame).unwrap());
+        std::mem::take(self.lines.flushed().unwrap())
+    }
+}
+
+pub fn log(frames: u32, lost: &[u32]) -> Vec<u8> {
+    let mut log = Log::new();
+    let at_us = |frame: u32| 1_700_000_000_000_000 + u64::from(frame) * 12_500 / 3;
+    let kept = |frame: u32| {
+        let lines = log.frame(at_us(frame), true);
+        if lost.contains(&frame) { Vec::new() } else { lines }
+    };
+    (0..frames).flat_map(kept).collect()
 }
 
 #[test]
@@ -92,122 +115,6 @@ fn losses_are_counted() {
     let text = place.run("monitor @r.mcap --plain --json");
     let last: Value = text.lines().last().unwrap().parse().unwrap();
     assert_eq!((&last["slip_frames"], &last["lost"]), (&60.into(), &0.into()), "{last}");
-}
-
-/// Until `done`, at most a minute.
-fn wait(what: &str, mut done: impl FnMut() -> bool) {
-    let began = Instant::now();
-    while !done() {
-        assert!(began.elapsed() < Duration::from_secs(60), "{what}");
-        thread::sleep(Duration::from_millis(20));
-    }
-}
-
-/// SIGKILL in the middle: what was written out can be read.
-#[test]
-#[cfg(unix)]
-fn a_killed_recorder_leaves_readable_files() {
-    use std::os::unix::process::ExitStatusExt;
-    let place = Place::new();
-    let (mcap, candump) = (place.path("r.mcap"), place.path("r.log"));
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
-    command.args(place.words("record - @r.mcap @r.log"));
-    let mut child =
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let log = log(480, &[]);
-    let mut input = child.stdin.take().unwrap();
-    // The pipe stays open, so that nothing ends by itself.
-    input.write_all(&log[..log.len() / 2]).unwrap();
-    let size = |path: &PathBuf| fs::metadata(path).map_or(0, |data| data.len());
-    wait("the second of a flush", || size(&candump) > 0 && size(&mcap) > 1000);
-    let seen = size(&candump);
-    input.write_all(&log[log.len() / 2..]).unwrap();
-    wait("the next flush", || size(&candump) > seen);
-    child.kill().unwrap();
-    assert_eq!(child.wait().unwrap().signal(), Some(9));
-    drop(input);
-    for (path, format) in [(&mcap, Format::Mcap), (&candump, Format::Candump)] {
-        let found = read(path, format).unwrap();
-        assert!(found.entries.len() > 1000, "{format:?}: {} frames", found.entries.len());
-        assert_eq!(found.entries[0].timestamp_us, 1_700_000_000_000_000);
-        println!("{format:?}: {} of 12960 frames after SIGKILL, {:?}", found.entries.len(), found.notes);
-    }
-    assert!(place.run("convert @r.mcap @x.log").contains("cut short"));
-}
-
-/// Splits at a size; ended by SIGTERM while the source is quiet, it closes its files.
-#[test]
-#[cfg(unix)]
-fn a_recorder_splits_and_ends_by_sigterm() {
-    let place = Place::new();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
-    command.args(place.words("record - @r.mcap @r.log --split-mb 1 --json"));
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let log = log(480, &[]);
-    let mut input = child.stdin.take().unwrap();
-    input.write_all(&log).unwrap();
-    let size = |part: &str| fs::metadata(place.path(part)).map_or(0, |data| data.len());
-    wait("a flush", || size("r-0001.log") > 1_000_000);
-    thread::sleep(Duration::from_millis(200));
-    let classic = "(1700000009.000000) can0 123#00\n";
-    input.write_all([classic.as_bytes(), &log].concat().as_slice()).unwrap();
-    wait("a flush of the second part", || size("r-0002.log") > 0);
-    let status = Command::new("kill").arg(child.id().to_string()).status().unwrap();
-    assert!(status.success());
-    let ended = child.wait_with_output().unwrap();
-    drop(input);
-    assert!(ended.status.success(), "{:?}", ended.status);
-    let result: Value = serde_json::from_slice(&ended.stdout).unwrap();
-    assert_eq!((&result["frames"], &result["passed_over"]["classic_frames"]), (&25_920.into(), &1.into()));
-    for end in ["log", "mcap"] {
-        let mut frames = 0;
-        for out in result["out"].as_array().unwrap().iter().filter_map(Value::as_str) {
-            let Some((stem, _)) = out.rsplit_once(&format!(".{end}")) else { continue };
-            assert!(stem.contains("r-00"), "{out}");
-            let found = read(Path::new(out), Format::from_path(Path::new(out)).unwrap()).unwrap();
-            frames += found.entries.len();
-            assert!(found.notes.is_empty(), "{out}: {:?}", found.notes);
-        }
-        assert_eq!(frames, 25_920, "{end}");
-    }
-}
-
-/// A disk that is full ends the recording with the file's name and the counts; what was written can be read.
-#[test]
-#[cfg(unix)]
-fn a_full_disk_ends_a_recorder_and_is_said() {
-    let place = Place::new();
-    let program = env!("CARGO_BIN_EXE_slipsense");
-    for out in ["r.log", "r.mcap"] {
-        // No file may be longer than a megabyte: a write fails as on a full disk.
-        let limited = format!("trap '' XFSZ; ulimit -f 2048; exec {program} record - {out} --json");
-        let mut command = Command::new("sh");
-        command.args(["-c", &limited]).current_dir(place.path("."));
-        let mut child =
-            command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut input = child.stdin.take().unwrap();
-        input.write_all(&log(12, &[])).unwrap();
-        wait("a flush", || fs::metadata(place.path(out)).is_ok_and(|data| data.len() > 1000));
-        // The recorder ends before it has taken all.
-        let _ = input.write_all(&log(480, &[]));
-        drop(input);
-        let ended = child.wait_with_output().unwrap();
-        let error = String::from_utf8(ended.stderr).unwrap();
-        assert_eq!(ended.status.code(), Some(2), "{error}");
-        assert!(
-            error.contains(&format!("{out}: cannot write: ")) && error.contains("File too large"),
-            "{error}"
-        );
-        let result: Value = serde_json::from_slice(&ended.stdout).unwrap();
-        assert!(result["nodes"]["42"]["slip"].as_u64() > Some(12), "{result}");
-        let said: Vec<usize> = error.split([' ', ':']).filter_map(|word| word.parse().ok()).collect();
-        let path = place.path(out);
-        let found = read(&path, Format::from_path(&path).unwrap()).unwrap().entries.len();
-        assert!(
-            said.len() >= 2 && said[0] > said[1] && found >= said[1] && said[1] >= 324,
-            "{found}: {error}"
-        );
-    }
 }
 
 /// An slcan adapter behind TCP: what replay sends to one, record hears from another.

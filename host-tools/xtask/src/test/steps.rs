@@ -135,8 +135,12 @@ pub const STEPS: &[Step] = &[
     ),
     TWIN_HOST.step(
         "twin-update",
-        "pycyphal updates the emulated STM32H743 over the bus: refusals, swap, rollback, failing supply",
-        |context| twin::update::step(&program("slipsense", context)?, false),
+        "pycyphal updates the emulated STM32H743 over the bus: refusals, swap, rollback, failing supply; skipped instructions",
+        |context| {
+            let slipsense = program("slipsense", context)?;
+            twin::update::step(&slipsense, false)?;
+            twin::update::boot_skips(&slipsense, 50)
+        },
     ),
     TWIN_HOST.step(
         "hil",

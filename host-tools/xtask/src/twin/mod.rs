@@ -37,6 +37,8 @@ const LOOPBACK_PASSED: &str = "loop back passed";
   cargo xtask twin --long                                  20 s each: two sensors, three, two ICM-42688-P
   cargo xtask twin --updates                               updates over the bus, the supply fails again and again
   cargo xtask twin --flash-flags                           500 stores and updates, flags of reads at random
+  cargo xtask twin EPISODE.npz --bit-flips 1000            a bit of a register or of RAM flips: what the receiver finds
+  cargo xtask twin --boot-skips 5000                       the bootloader, with one instruction skipped
   cargo xtask twin --gdb 3333                              wait for a debugger on this port
 All options: cargo xtask twin --help, then what `slipsense-twin --help` says")]
 pub struct Options {
@@ -49,6 +51,10 @@ pub struct Options {
     /// 500 stores and updates while the flash raises flags of reads; in the step `twin-faults` there are 26
     #[arg(long, exclusive = true)]
     flash_flags: bool,
+    /// The bootloader must refuse two images; so many times for each it skips one of its instructions. In the step
+    /// `twin-update` 50 times; 20000 is every instruction
+    #[arg(long, value_name = "RUNS", exclusive = true)]
+    boot_skips: Option<u32>,
     /// What the twin is given: episode and options
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
@@ -63,6 +69,9 @@ pub fn run(options: &Options) -> Result<bool> {
     }
     if options.flash_flags {
         return update::faults(&small_cli()?, "500").map(|()| true);
+    }
+    if let Some(count) = options.boot_skips {
+        return update::boot_skips(&small_cli()?, count).map(|()| true);
     }
     let arguments = &options.arguments;
     let status = twin(accelerometer(arguments))?.args(arguments).status()?;

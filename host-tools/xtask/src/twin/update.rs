@@ -1,6 +1,6 @@
 //! Updates over the bus in the board twin, and a supply that fails in between.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
@@ -44,16 +44,7 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
         ("hanging.slip", &hanging, HANGING, None),
         ("foreign.slip", &new, NEW, Some(&key)),
     ] {
-        let mut sign = command(slipsense);
-        sign.arg("sign")
-            .arg(file)
-            .args(["--version", version, "--board", FEATURE, "--out"])
-            .arg(folder.join(name));
-        match key {
-            Some(key) => sign.arg("--key").arg(key),
-            None => sign.arg("--development-key"),
-        };
-        start(&mut sign)?;
+        sign_firmware(slipsense, file, &folder.join(name), version, key)?;
     }
     let mut twin = twin_with(&firmware)?;
     twin.arg("--boot").arg(boot).args(["--bites", BITES]);
@@ -63,10 +54,45 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     })
 }
 
+/// By the development key, if no other is given.
+fn sign_firmware(
+    slipsense: &Path,
+    file: &Path,
+    out: &Path,
+    version: &str,
+    key: Option<&PathBuf>,
+) -> Result<()> {
+    let mut sign = command(slipsense);
+    sign.arg("sign").arg(file).args(["--version", version, "--board", FEATURE, "--out"]).arg(out);
+    match key {
+        Some(key) => sign.arg("--key").arg(key),
+        None => sign.arg("--development-key"),
+    };
+    start(&mut sign)
+}
+
 fn sign_model(slipsense: &Path, out: &Path, version: &str) -> Result<()> {
     let mut sign = command(slipsense);
     sign.args(["sign", MODEL, "--version", version, "--development-key", "--out"]);
     start(sign.arg(out))
+}
+
+/// The bootloader on firmwares that it must refuse, of a foreign key and with a damaged payload, while so many of its
+/// instructions are skipped, one in each run.
+pub fn boot_skips(slipsense: &Path, count: u32) -> Result<()> {
+    let folder = tempfile::tempdir().context("cannot make a folder for the images")?;
+    let [program, key, foreign, damaged] =
+        ["hanging.bin", "foreign.key", "foreign.slip", "damaged.slip"].map(|name| folder.path().join(name));
+    std::fs::write(&program, hanging_firmware()).with_context(|| program.display().to_string())?;
+    start(command(slipsense).args(["keygen", "--out"]).arg(&key))?;
+    sign_firmware(slipsense, &program, &foreign, HANGING, Some(&key))?;
+    sign_firmware(slipsense, &program, &damaged, HANGING, None)?;
+    let mut image = std::fs::read(&damaged)?;
+    *image.last_mut().context("an image has a payload")? ^= 1;
+    std::fs::write(&damaged, image)?;
+    let mut twin = twin_with(&Program::FIRMWARE.build()?)?;
+    twin.arg("--boot").arg(Program::BOOTLOADER.build()?).args(["--boot-skips", &count.to_string()]);
+    start(twin.arg("--slot").arg(foreign).arg("--slot").arg(damaged))
 }
 
 /// What goes wrong on the board itself: pycyphal asks what is left of it, and stores and updates while the flash raises

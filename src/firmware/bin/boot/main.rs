@@ -11,6 +11,7 @@
 #![no_main]
 
 use core::cell::RefCell;
+use core::hint::black_box;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
@@ -24,7 +25,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_sync::blocking_mutex::NoopMutex;
 use slipsense::firmware::flash::{BoardFlash, feed_watchdog};
 use slipsense::firmware::{self, memory};
-use slipsense::update::boot::{Firmware, Slots};
+use slipsense::update::boot::{BootFailure, Firmware, Slots};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2 as BOARD, Span};
 use slipsense::update::{KEY_NOTICE, PUBLIC_KEYS};
 
@@ -53,13 +54,18 @@ fn main() -> ! {
     let partition = |span: Span| BlockingPartition::new(&flash, span.start, span.bytes());
     let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(partition);
     let mut buffer = Buffer([0; BUFFER_BYTES]);
-    match (Slots { active, dfu, state }).prepare(&BOARD, PUBLIC_KEYS, &mut buffer.0) {
-        Ok(Firmware::Signed(version)) => info!("firmware {}", Display2Format(&version)),
-        Ok(Firmware::Flashed) => info!("a firmware that a probe wrote"),
-        Err(failure) => {
-            error!("{}", Display2Format(&failure));
-            show_and_restart()
-        }
+    let mut slots = Slots { active, dfu, state };
+    let firmware = match slots.prepare(&BOARD, PUBLIC_KEYS, &mut buffer.0) {
+        Ok(firmware) => firmware,
+        Err(failure) => show_and_restart(&failure),
+    };
+    // The compiler does not know that it is the same, and so checks.
+    if let Err(failure) = slots.check_again(black_box(&firmware), black_box(&BOARD), black_box(PUBLIC_KEYS)) {
+        show_and_restart(&failure)
+    }
+    match firmware {
+        Firmware::Signed { version, .. } => info!("firmware {}", Display2Format(&version)),
+        Firmware::Flashed => info!("a firmware that a probe wrote"),
     }
     feed_watchdog();
     core.SCB.disable_icache();
@@ -74,7 +80,8 @@ fn main() -> ! {
 
 /// Nothing to run: the red LED until the watchdog starts the bootloader anew, which finds what a transient error has
 /// hidden. A probe can attach meanwhile.
-fn show_and_restart() -> ! {
+fn show_and_restart(failure: &BootFailure) -> ! {
+    error!("{}", Display2Format(failure));
     firmware::light_red();
     loop {
         cortex_m::asm::nop();

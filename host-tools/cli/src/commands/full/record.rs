@@ -13,8 +13,8 @@ use slipsense_recording::recorder::Recorder;
 use super::Print;
 use super::live::{Event, Live, PassedOver};
 
-/// What a kill may cost.
-const FLUSH: Duration = Duration::from_secs(1);
+/// A kill costs a second at most: less, for writing takes time.
+const FLUSH: Duration = Duration::from_millis(800);
 
 /// Record a bus to MCAP and candump, and count what was lost
 ///
@@ -73,6 +73,7 @@ impl Args {
         let limit = self.seconds.map(Duration::from_secs);
         let (mut decoder, mut frames) = (Decoder::new(), 0u64);
         let (mut failure, mut full, mut stopped, mut kept) = (None, false, false, 0);
+        let (mut before_us, mut clock_back) = (0, 0u32);
         loop {
             let taken = match live.next() {
                 Ok(Event::Frame(entry)) => {
@@ -85,6 +86,8 @@ impl Args {
                             part_began = Instant::now();
                         }
                         frames += 1;
+                        clock_back += u32::from(entry.timestamp_us < before_us);
+                        before_us = entry.timestamp_us;
                         decoder.accept(&entry.frame);
                         files.iter_mut().try_for_each(|file| file.write(&entry))
                     };
@@ -135,6 +138,7 @@ impl Args {
         let passed_over = live.passed_over();
         let result = json!({
             "out": out, "frames": frames, "other_frames": decoder.others, "passed_over": passed_over, "nodes": counts,
+            "clock_back": clock_back,
         });
         self.print.show(&result, || {
             let mut text = format!("{frames} frames: {}\n", out.join(", "));
@@ -152,6 +156,9 @@ impl Args {
                 "  passed over: {classic_frames} classic, {standard_id_frames} with 11-bit identifiers, {error_frames} \
                  error frames, {unreadable_lines} unreadable lines; the kernel dropped {kernel_drops}"
             );
+            if clock_back > 0 {
+                let _ = writeln!(text, "  the clock of the times went back {clock_back} times");
+            }
             text
         })?;
         failure.map_or(Ok(()), Err)

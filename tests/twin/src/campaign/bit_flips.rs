@@ -1,0 +1,200 @@
+//! One bit of a register or of the RAM in use flips while the firmware decides: what becomes of the flag at a receiver
+//! that checks each slip message.
+//!
+//! Silicon corrects a flipped bit of a RAM, by its error correction; the emulator has none. So a flip here is one behind
+//! it: in a register, a bus, or the logic.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result, ensure};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rigless::emulator::{self, Start, Stop};
+use rigless::symbols::Symbols;
+use rigless::time::VirtualNanos;
+use slipsense::settings::Setting;
+use slipsense::wire::{FlagState, NodeId, SLIP_PORT, SlipMessage, SlipReceiver, TransferId};
+use slipsense_can_sim::Outcome;
+
+use super::core::{Handle, REGISTERS};
+use super::{Campaign, Change, Judge, NO_VERDICT, Planned, session};
+use crate::arguments::Arguments;
+use crate::fdcan::wire::{Logged, MCU, can_frame};
+use crate::machine::Fitted;
+use crate::{programs, settings};
+
+/// Of the choice of bits and times.
+const SEED: u64 = 25;
+/// Bits flip between these, virtual ns; the board has its flag after 0.4 s.
+const FROM_NS: u64 = 500_000_000;
+const UNTIL_NS: u64 = 1_500_000_000;
+/// How long a flag may be wrong, and how long a copy is looked at.
+const WRONG_NS: u64 = 150_000_000;
+const WATCHED_NS: u64 = 200_000_000;
+
+/// What became of the flag, worse the further down: statuses of a process.
+const EQUAL: u8 = 1;
+const VALUES: u8 = 2;
+const REFUSED: u8 = 3;
+const RESTART: u8 = 4;
+const WRONG: u8 = 5;
+const LONG_WRONG: u8 = 6;
+const VERDICTS: [(u8, &str); 7] = [
+    (EQUAL, "no slip message differs"),
+    (VALUES, "other values, the same flag"),
+    (REFUSED, "messages that the receiver refuses, finds invalid or misses"),
+    (RESTART, "a restart"),
+    (WRONG, "a wrong flag for 150 ms at most"),
+    (LONG_WRONG, "a wrong flag for longer"),
+    (NO_VERDICT, "the emulator gave up"),
+];
+
+/// Slip messages, by their sequence number.
+type Messages = BTreeMap<u32, SlipMessage>;
+
+/// Bytes of RAM that the firmware uses, by its linker's symbols: statics of each memory, and the stack.
+fn used(symbols: &Symbols) -> Result<Vec<std::ops::Range<u64>>> {
+    let at = |name| symbols.get(name).with_context(|| format!("the firmware has no symbol {name}"));
+    let spans = [
+        ("_stack_end", "_stack_start"),
+        ("__sdata", "__ebss"),
+        ("__axisram_start", "__axisram_end"),
+        ("__sram_d2_start", "__sram_d2_end"),
+        ("__sram2_start", "__sram2_end"),
+    ];
+    spans.into_iter().map(|(start, end)| Ok(at(start)?..at(end)?)).collect()
+}
+
+/// Half of them in registers.
+fn plan(count: usize, used: &[std::ops::Range<u64>]) -> Vec<Planned> {
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    let bytes: u64 = used.iter().map(|span| span.end - span.start).sum();
+    let memory = |random: &mut ChaCha8Rng| {
+        let mut nth = random.random_range(0..bytes);
+        let span = used.iter().find(|span| {
+            let length = span.end - span.start;
+            let found = nth < length;
+            nth -= if found { 0 } else { length };
+            found
+        });
+        Change::Memory { address: span.map_or(0, |span| span.start) + nth, bit: random.random_range(0..8) }
+    };
+    let one = |_| {
+        let at_ns = random.random_range(FROM_NS..UNTIL_NS);
+        let change = if random.random() {
+            let number = random.random_range(0..REGISTERS);
+            let bits = if number > 16 { 64 } else { 32 };
+            Change::Register { number, bit: random.random_range(0..bits) }
+        } else {
+            memory(&mut random)
+        };
+        Planned { at_ns, change }
+    };
+    (0..count).map(one).collect()
+}
+
+/// The board's slip messages, when each was there, and its bytes.
+fn slips(log: &[Logged]) -> impl Iterator<Item = (u64, Vec<u8>)> + '_ {
+    log.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent).filter_map(|logged| {
+        let frame = can_frame(&logged.frame)?;
+        match TransferId::from_can(frame.id()).ok()? {
+            TransferId::Message(id) if id.port == SLIP_PORT && id.node == NodeId::DEFAULT => {
+                Some((logged.end_ns, frame.data().to_vec()))
+            }
+            _ => None,
+        }
+    })
+}
+
+/// What a receiver has of these messages that differs from `expected`, after a change at `changed_ns`.
+fn judge(log: &[Logged], restarts: bool, changed_ns: u64, expected: &Messages) -> u8 {
+    let mut receiver = SlipReceiver::new(NodeId::DEFAULT);
+    let (mut believed, mut values, mut wrong_ns) = (0, false, None);
+    for (at_ns, data) in slips(log) {
+        let now_us = at_ns / 1000;
+        receiver.receive(&data, now_us);
+        let Some(message) = receiver.message().filter(|_| receiver.state(now_us) == FlagState::Valid) else {
+            continue;
+        };
+        if at_ns < changed_ns || message.starts != 0 {
+            continue;
+        }
+        believed += 1;
+        let expected = expected.get(&message.sequence);
+        values |= expected != Some(message);
+        if expected.map(|expected| expected.slip) != Some(message.slip) {
+            wrong_ns = Some(at_ns - changed_ns);
+        }
+    }
+    let periods = WATCHED_NS * 240 / 1_000_000_000;
+    match wrong_ns {
+        Some(after_ns) if after_ns > WRONG_NS => LONG_WRONG,
+        Some(_) => WRONG,
+        None if restarts => RESTART,
+        None if believed < periods - 1 => REFUSED,
+        None if values => VALUES,
+        None => EQUAL,
+    }
+}
+
+/// So many copies; `false` if a wrong flag lasted, or one could not be judged.
+pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool> {
+    let bytes = std::fs::read(&arguments.elf)?;
+    let mut images = programs::images(&arguments.elf, bytes.clone(), None)?;
+    // Without raw messages the emulator has less to do.
+    let sensors = arguments.sensors.unwrap_or(1).into();
+    images.push(settings::stored(&[(Setting::Sensors, sensors), (Setting::RawDivider, 0)])?);
+    let symbols = Symbols::read(&bytes, |value| value & !1)?;
+    let start = Start::new(&images);
+
+    // Once without a change.
+    let exchange = Handle::default();
+    let campaign = Campaign::new(Vec::new(), exchange.clone(), WATCHED_NS, Box::new(|_, _, _| None));
+    let mut first = session(fitted, &exchange)?;
+    first.run_until(VirtualNanos(UNTIL_NS + 2 * WATCHED_NS));
+    let mut finished = emulator::run(first, &start, campaign)?;
+    let log = std::mem::take(&mut finished.session.board_mut().mcu.fdcan[0].wire.log);
+    let decoded = slips(&log).map(|(_, data)| {
+        let fields = data.split_last().map(|(_, fields)| fields).unwrap_or(&[]);
+        SlipMessage::decode(NodeId::DEFAULT, fields).map(|message| (message.sequence, message))
+    });
+    let messages: Messages =
+        decoded.collect::<Result<_, _>>().map_err(|error| anyhow::anyhow!("a slip message: {error:?}"))?;
+    ensure!(messages.values().any(|message| message.slip), "the flag is never up in this episode");
+
+    let judge: Judge = Box::new(move |session, stop: Stop, planned| {
+        (stop.at.0 >= planned.at_ns + WATCHED_NS).then(|| {
+            let restarts = !session.resets().is_empty();
+            judge(&session.board().mcu.fdcan[0].wire.log, restarts, planned.at_ns, &messages)
+        })
+    });
+    let exchange = Handle::default();
+    let campaign = Campaign::new(plan(count, &used(&symbols)?), exchange.clone(), WATCHED_NS, judge);
+    let session = session(fitted, &exchange)?;
+    let verdicts = emulator::run(session, &start, campaign)?.driver.finish()?;
+    Ok(report(&verdicts))
+}
+
+fn report(verdicts: &[(Planned, u8)]) -> bool {
+    let kinds: [(&str, fn(&Change) -> bool); 2] = [
+        ("registers", |change| matches!(change, Change::Register { .. })),
+        ("RAM", |change| matches!(change, Change::Memory { .. })),
+    ];
+    let number = |verdict: u8, kind: fn(&Change) -> bool| {
+        verdicts.iter().filter(|(planned, found)| *found == verdict && kind(&planned.change)).count()
+    };
+    println!("{:62} {:>9} {:>9}", "one flipped bit of", kinds[0].0, kinds[1].0);
+    for (verdict, text) in VERDICTS {
+        let [registers, ram] = kinds.map(|(_, kind)| number(verdict, kind));
+        println!("{text:62} {registers:>9} {ram:>9}");
+    }
+    for (planned, verdict) in
+        verdicts.iter().filter(|(_, verdict)| [WRONG, LONG_WRONG, NO_VERDICT].contains(verdict))
+    {
+        println!("verdict {verdict}: {planned:x?}");
+    }
+    let ends = number(REFUSED, |_| true) + number(RESTART, |_| true) + number(WRONG, |_| true);
+    let lasts = number(LONG_WRONG, |_| true);
+    println!("of {} flips that reach the flag, {ends} are found or over within 150 ms", ends + lasts);
+    ends * 100 >= (ends + lasts) * 99
+}

@@ -1,0 +1,197 @@
+//! A core whose registers somebody changes between two instructions, and which can note what it runs.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+
+use rigless::emulator::{
+    BitAlias, CoreBus, CoreSpec, DataModel, Error, Exit, HaltReason, HostCall, Processor, Queued,
+};
+use rigless::soc::{Endian, Width};
+use rigless::time::VirtualNanos;
+
+/// What GDB numbers `pc`.
+pub const PC: usize = 15;
+/// r0 to r12, sp, lr, pc, xPSR, and then d0 to d15.
+pub const REGISTERS: usize = 33;
+
+/// What is exchanged with the core.
+#[derive(Debug, Default)]
+pub struct Exchange {
+    /// What becomes of a register before the next instruction: its number, and bits to change.
+    pub flip: Option<(usize, u64)>,
+    /// Where the program goes on, instead of at the next instruction.
+    pub go_on_at: Option<u64>,
+    /// The next instruction.
+    pub pc: u64,
+    /// By address of an instruction, how many had run before it did for the first and for the last time; none: nobody
+    /// asks, and the core is many times faster.
+    pub trace: Option<BTreeMap<u64, [u64; 2]>>,
+}
+
+pub type Handle = Arc<Mutex<Exchange>>;
+
+pub fn lock(handle: &Handle) -> std::sync::MutexGuard<'_, Exchange> {
+    handle.lock().expect("nobody panics meanwhile")
+}
+
+#[derive(Debug)]
+struct Disturbed {
+    core: Box<dyn Processor>,
+    exchange: Handle,
+}
+
+/// This core, with the other end in `exchange`.
+pub fn disturbed(mut spec: CoreSpec, exchange: &Handle) -> CoreSpec {
+    let (make, exchange) = (spec.processor.clone(), exchange.clone());
+    spec.processor = Arc::new(move |endian| {
+        Ok(Box::new(Disturbed { core: make(endian)?, exchange: exchange.clone() }) as Box<dyn Processor>)
+    });
+    spec
+}
+
+impl Disturbed {
+    fn change(&mut self) -> Option<BTreeMap<u64, [u64; 2]>> {
+        let mut exchange = lock(&self.exchange);
+        if let Some((register, bits)) = exchange.flip.take() {
+            let mut held = self.core.gdb_register(register).expect("a register of the core");
+            held.iter_mut().zip(bits.to_le_bytes()).for_each(|(held, bits)| *held ^= bits);
+            assert!(self.core.set_gdb_register(register, &held), "register {register} can be set");
+        }
+        if let Some(at) = exchange.go_on_at.take() {
+            assert!(self.core.set_gdb_register(PC, &(at as u32).to_le_bytes()), "pc can be set");
+        }
+        exchange.trace.take()
+    }
+
+    fn step(
+        &mut self,
+        budget: u32,
+        bus: &mut dyn CoreBus,
+        trace: &mut BTreeMap<u64, [u64; 2]>,
+    ) -> (Exit, u64) {
+        let mut all = 0;
+        loop {
+            let (pc, before) = (self.core.pc(), self.core.retired());
+            let (exit, done) = self.core.run(1, bus);
+            if done > 0 {
+                trace.entry(pc).or_insert([before, before])[1] = before;
+            }
+            all += done;
+            if exit != Exit::Budget || all >= u64::from(budget) {
+                return (exit, all);
+            }
+        }
+    }
+}
+
+impl Processor for Disturbed {
+    fn run(&mut self, budget: u32, bus: &mut dyn CoreBus) -> (Exit, u64) {
+        let ran = match self.change() {
+            Some(mut trace) => {
+                let ran = self.step(budget, bus, &mut trace);
+                lock(&self.exchange).trace = Some(trace);
+                ran
+            }
+            None => self.core.run(budget, bus),
+        };
+        lock(&self.exchange).pc = self.core.pc();
+        ran
+    }
+
+    // The rest is the core's.
+    fn retired(&self) -> u64 {
+        self.core.retired()
+    }
+    fn ask(&mut self, queued: Queued) {
+        self.core.ask(queued);
+    }
+    fn maps(&self, start: u64, length: u64) -> bool {
+        self.core.maps(start, length)
+    }
+    fn page_size(&self) -> u64 {
+        self.core.page_size()
+    }
+    unsafe fn map(&mut self, start: u64, length: u64, host: *mut u8, writable: bool) {
+        // SAFETY: the caller promises the same to us.
+        unsafe { self.core.map(start, length, host, writable) }
+    }
+    fn boot(&mut self, table: u64, read: &dyn Fn(u64, Width) -> Option<u64>) {
+        self.core.boot(table, read);
+    }
+    fn reset(&mut self) {
+        self.core.reset();
+    }
+    fn take_reset_request(&mut self) -> bool {
+        self.core.take_reset_request()
+    }
+    fn next_event(&self) -> Option<VirtualNanos> {
+        self.core.next_event()
+    }
+    fn on_event(&mut self, now: VirtualNanos) {
+        self.core.on_event(now);
+    }
+    fn waiting(&self) -> bool {
+        self.core.waiting()
+    }
+    fn pc(&self) -> u64 {
+        self.core.pc()
+    }
+    fn add_breakpoint(&mut self, address: u64) -> bool {
+        self.core.add_breakpoint(address)
+    }
+    fn remove_breakpoint(&mut self, address: u64) {
+        self.core.remove_breakpoint(address);
+    }
+    fn pass_breakpoint(&mut self, address: u64) {
+        self.core.pass_breakpoint(address);
+    }
+    fn hold_interrupts(&mut self, held: bool) {
+        self.core.hold_interrupts(held);
+    }
+    fn gdb_register(&self, number: usize) -> Option<Vec<u8>> {
+        self.core.gdb_register(number)
+    }
+    fn debugger_access(
+        &mut self,
+        write: Option<u64>,
+        address: u64,
+        width: Width,
+        now: VirtualNanos,
+    ) -> Option<u64> {
+        self.core.debugger_access(write, address, width, now)
+    }
+    fn data_model(&self) -> DataModel {
+        self.core.data_model()
+    }
+    fn byte_order(&self, address: u64) -> Endian {
+        self.core.byte_order(address)
+    }
+    fn save(&self) -> Vec<u8> {
+        self.core.save()
+    }
+    fn load(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        self.core.load(bytes)
+    }
+    fn debugger_halted(&mut self, why: HaltReason) -> bool {
+        self.core.debugger_halted(why)
+    }
+    fn bit_alias(&self, address: u64, width: Width) -> Option<BitAlias> {
+        self.core.bit_alias(address, width)
+    }
+    fn own_ranges(&self) -> Vec<Range<u64>> {
+        self.core.own_ranges()
+    }
+    fn check_reads(&mut self, every: bool) {
+        self.core.check_reads(every);
+    }
+    fn check_words(&mut self, words: &[u64]) {
+        self.core.check_words(words);
+    }
+    fn host_call(&self, read: &mut dyn FnMut(u64, Width) -> Option<u64>) -> Option<HostCall> {
+        self.core.host_call(read)
+    }
+    fn answer_host_call(&mut self, answer: Option<u64>) {
+        self.core.answer_host_call(answer);
+    }
+}

@@ -82,6 +82,7 @@ mod tests {
                 rate.frame(waiting, sensors);
                 assert!((0..sensors).all(|turn| rate.detail(turn, sensors) == Detail::All));
             }
+            assert_eq!((rate.now, rate.allowed), (2 * sensors, 2 * sensors), "no more than there are steps");
         }
     }
 

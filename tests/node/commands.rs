@@ -1,6 +1,6 @@
 //! ExecuteCommand, GetInfo, heartbeat, records.
 
-use slipsense::health::{self, Condition, SensorHealth};
+use slipsense::health::{self, Condition, SensorHealth, Status};
 use slipsense::node::{
     Action, CALIBRATE, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT,
     IDENTIFY, Mode, NODE_NAME, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US, Severity,
@@ -128,6 +128,20 @@ fn the_heartbeat_says_how_the_board_is() {
     assert_eq!(node.health(), Condition::Warning);
     node.status.sensor_health = [SensorHealth(health::NO_MODEL); 3];
     assert_eq!(node.health(), Condition::Warning);
+    // Each counter by itself.
+    let counters: [(fn(&mut Status) -> &mut u32, u8); 6] = [
+        (|status: &mut Status| &mut status.dropped_frames, vendor_status::LATE_FRAMES),
+        (|status| &mut status.dropped_raw, vendor_status::RAW_DROPPED),
+        (|status| &mut status.broken_raw, vendor_status::RAW_DROPPED),
+        (|status| &mut status.lost_received, vendor_status::RAW_DROPPED),
+        (|status| &mut status.bus_offs, vendor_status::BUS_OFF),
+        (|status| &mut status.last_panic, vendor_status::PANICKED),
+    ];
+    for (index, (count, flag)) in counters.into_iter().enumerate() {
+        node.status = Status { sensors: 1, ..Status::default() };
+        *count(&mut node.status) = 1;
+        assert_eq!(beat(&mut node, 20_000_000 + 1_000_000 * index as u64)[6], flag, "{index}");
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use slipsense::health::{
 use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXELS};
 use slipsense::sensor::SensorReadings;
 use slipsense::sensor::{PiezoFrame, TaxelMask};
-use slipsense::wire::{DEGRADED_FROZEN, wire_logit};
+use slipsense::wire::{DEGRADED_FROZEN, RawMessage, wire_logit};
 
 use super::world::{BATCH, Ran, World, healthy, scan};
 
@@ -73,11 +73,19 @@ fn a_dead_array() {
     expect(&ran, "dead array", FAULT, PIEZO_MISSING, (0, 0));
     let during = &ran.slips[70].contact[FAULTY];
     assert_eq!((during.sum, during.area), (0, 0));
+    raw_goes_on(&ran);
+}
+
+/// What the other part gives is sent, every second time or more: two sensors are more than the bus carries.
+fn raw_goes_on(ran: &Ran) {
+    let during = |raw: &&RawMessage| usize::from(raw.sensor) == FAULTY && FAULT.contains(&raw.sequence);
+    assert!(ran.raw.iter().filter(during).count() as u32 >= (FAULT.end - FAULT.start) / 2);
 }
 
 #[test]
 fn a_dead_accelerometer() {
     let ran = with_fault(|sequence, part| part.xl_arrived = !FAULT.contains(&sequence));
+    raw_goes_on(&ran);
     expect(&ran, "dead accelerometer", FAULT, XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
     let healthy = World::new(FRAMES, 2).run();
     for (slip, healthy) in ran.slips.iter().zip(&healthy.slips) {

@@ -1,6 +1,6 @@
 //! The image format, against bytes that another program made, and the keys.
 
-use ed25519_dalek::SigningKey;
+use ed25519_dalek::{Signer, SigningKey};
 use slipsense::node::UpdateTarget;
 use slipsense::update::{
     DEVELOPMENT_KEY, DEVELOPMENT_SEED, HEADER_BYTES, Header, IS_DEVELOPMENT_KEY, ImageVersion, KEY_NOTICE,
@@ -40,6 +40,18 @@ fn every_bit_of_a_header_is_signed() {
             _ => Refusal::WrongSignature,
         };
         assert_eq!(Header::verify(&bytes, &[DEVELOPMENT_KEY]), Err(expected), "bit {bit}");
+    }
+    // What this version does not know is refused, also if it is signed.
+    for reserved in [13, 18, 19].into_iter().chain(56..64) {
+        let mut bytes = bytes();
+        bytes[reserved] = 1;
+        let signature = SigningKey::from_bytes(&DEVELOPMENT_SEED).sign(&bytes[..64]).to_bytes();
+        bytes[64..].copy_from_slice(&signature);
+        assert_eq!(
+            Header::verify(&bytes, &[DEVELOPMENT_KEY]),
+            Err(Refusal::UnknownFormat),
+            "byte {reserved}"
+        );
     }
     let mut unsigned = bytes();
     unsigned[64..].fill(0);

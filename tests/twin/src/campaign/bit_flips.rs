@@ -126,6 +126,7 @@ fn judge(log: &[Logged], restarts: bool, changed_ns: u64, expected: &Messages) -
             wrong_ns = Some(at_ns - changed_ns);
         }
     }
+    // Where the first and the last message lie in their periods is open.
     let periods = WATCHED_NS * 240 / 1_000_000_000;
     match wrong_ns {
         Some(after_ns) if after_ns > WRONG_NS => LONG_WRONG,
@@ -197,4 +198,54 @@ fn report(verdicts: &[(Planned, u8)]) -> bool {
     let lasts = number(LONG_WRONG, |_| true);
     println!("of {} flips that reach the flag, {ends} are found or over within 150 ms", ends + lasts);
     ends * 100 >= (ends + lasts) * 99
+}
+
+#[cfg(test)]
+mod tests {
+    use slipsense::wire::Transmitter;
+    use slipsense_can_sim::{Format, Frame, Id};
+
+    use super::*;
+
+    const PERIOD_NS: u64 = 4_166_667;
+    /// When something changes, the 100th message.
+    const CHANGED_NS: u64 = 100 * PERIOD_NS;
+
+    /// Messages as the board sends them, but for what `change` makes of one; `None`: it is not sent.
+    fn sent(change: impl Fn(u32, &mut SlipMessage) -> Option<()>) -> (Vec<Logged>, Messages) {
+        let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+        let (mut log, mut messages) = (Vec::new(), Messages::new());
+        for sequence in 0..148 {
+            let end_ns = u64::from(sequence) * PERIOD_NS;
+            let timestamp_us = end_ns / 1000;
+            let mut message = SlipMessage { sequence, timestamp_us, sensors: 1, ..SlipMessage::default() };
+            messages.insert(sequence, message);
+            if change(sequence, &mut message).is_some() {
+                let frame = transmitter.slip(&message);
+                let frame = Frame::new(Id::Extended(frame.id()), Format::FD, frame.data()).unwrap();
+                log.push(Logged { node: MCU, start_ns: end_ns, end_ns, outcome: Outcome::Sent, frame });
+            }
+        }
+        (log, messages)
+    }
+
+    fn verdict(restarts: bool, change: impl Fn(u32, &mut SlipMessage) -> Option<()>) -> u8 {
+        let (log, messages) = sent(change);
+        judge(&log, restarts, CHANGED_NS, &messages)
+    }
+
+    #[test]
+    fn each_verdict_is_given() {
+        assert_eq!(verdict(false, |_, _| Some(())), EQUAL);
+        let logit = |n, message: &mut SlipMessage| message.late_frames = u8::from(n > 120);
+        assert_eq!(verdict(false, |n, message| Some(logit(n, message))), VALUES);
+        assert_eq!(verdict(false, |n, _| (n / 2 != 60).then_some(())), REFUSED);
+        assert_eq!(verdict(false, |n, message| Some(message.invalid = u8::from(n / 2 == 60))), REFUSED);
+        assert_eq!(verdict(true, |n, _| (n < 120).then_some(())), RESTART);
+        assert_eq!(verdict(false, |n, message| Some(message.slip = n == 120)), WRONG);
+        assert_eq!(verdict(true, |n, message| Some(message.slip = n == 120)), WRONG);
+        assert_eq!(verdict(false, |n, message| Some(message.slip = n >= 120)), LONG_WRONG);
+        // Before the change, and of a restarted board, nothing is compared.
+        assert_eq!(verdict(false, |n, message| Some(message.slip = n == 99)), EQUAL);
+    }
 }

@@ -3,8 +3,9 @@
 use proptest::prelude::*;
 use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{
-    CanFrame, FD_LENGTHS, Frames, IdError, MessageId, NodeId, Priority, RAW_PORT, RawBuffer, Reassembler,
-    ReceiveError, Received, Receiver, SLIP_PORT, SlipMessage, Transfer, TransferError, Transmitter,
+    CanFrame, Check, FD_LENGTHS, FlagState, Frames, IdError, MessageId, NodeId, Priority, RAW_PORT,
+    RawBuffer, Reassembler, ReceiveError, Received, Receiver, SLIP_PORT, SlipMessage, SlipReceiver, Transfer,
+    TransferError, Transmitter,
 };
 
 use super::{NODE, expected, frame, raw};
@@ -239,4 +240,20 @@ fn the_reassembler_names_what_is_wrong() {
     assert_eq!(session.accept(frames[0].data()), Ok(None));
     let whole = Transfer { transfer: 12, missed: 2, payload: &payload };
     assert_eq!(session.accept(frames[1].data()), Ok(Some(whole)));
+}
+
+/// Silence begins behind the timeout: up to it a message of the same number is one that was there already.
+#[test]
+fn a_slip_message_at_the_timeout_is_not_yet_after_silence() {
+    let data = SlipMessage { sequence: 7, ..SlipMessage::default() };
+    let frame = Transmitter::new(NODE).slip(&data);
+    for (after_us, check) in [(0, Check::Repeated), (1, Check::Ok)] {
+        let mut receiver = SlipReceiver::new(NODE);
+        assert_eq!(receiver.receive(frame.data(), 1_000), Check::Ok);
+        let now_us = 1_000 + SlipReceiver::TIMEOUT_US + after_us;
+        assert_eq!(
+            (receiver.state(now_us) == FlagState::NoData, receiver.receive(frame.data(), now_us)),
+            (after_us > 0, check)
+        );
+    }
 }

@@ -129,7 +129,8 @@ fn the_heartbeat_says_how_the_board_is() {
     node.status.sensor_health = [SensorHealth(health::NO_MODEL); 3];
     assert_eq!(node.health(), Condition::Warning);
     // Each counter by itself.
-    let counters: [(fn(&mut Status) -> &mut u32, u8); 6] = [
+    type Counter = fn(&mut Status) -> &mut u32;
+    let counters: [(Counter, u8); 6] = [
         (|status: &mut Status| &mut status.dropped_frames, vendor_status::LATE_FRAMES),
         (|status| &mut status.dropped_raw, vendor_status::RAW_DROPPED),
         (|status| &mut status.broken_raw, vendor_status::RAW_DROPPED),

@@ -101,8 +101,10 @@ impl Args {
                 if flushed.elapsed() < FLUSH {
                     return Ok(());
                 }
+                // From its start: what comes while the disk takes its time is as old as that.
+                flushed = Instant::now();
                 files.iter_mut().try_for_each(Recorder::flush)?;
-                (flushed, kept) = (Instant::now(), frames);
+                kept = frames;
                 // New files come with the next frame, so that none is empty.
                 full = self.is_full(&parts[parts.len() - 1], part_began)?;
                 Ok(())

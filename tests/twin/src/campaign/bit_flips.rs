@@ -1,5 +1,5 @@
-//! One bit of a register or of the RAM in use flips while the firmware decides: what becomes of the flag at a receiver
-//! that checks each slip message.
+//! One bit of a register or of the RAM in use flips at a random instant: what becomes of the flag at a receiver that
+//! checks each slip message.
 //!
 //! Silicon corrects a flipped bit of a RAM, by its error correction; the emulator has none. So a flip here is one behind
 //! it: in a register, a bus, or the logic.

@@ -13,7 +13,7 @@ use slipsense_recording::recorder::Recorder;
 use super::Print;
 use super::live::{Event, Live, PassedOver};
 
-/// A kill costs a second at most: less, for writing takes time.
+/// What a kill may cost is this and the time that writing takes: a second.
 const FLUSH: Duration = Duration::from_millis(800);
 
 /// Record a bus to MCAP and candump, and count what was lost

@@ -106,8 +106,8 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
         self.firmware(board, keys).map_err(|_| BootFailure::NoFirmware(why))
     }
 
-    /// Once more what vouches for the firmware that [`prepare`](Self::prepare) found: its signature, and that the hash
-    /// found is the signed one. Both must hold before the jump, so that no one skipped instruction starts another firmware.
+    /// Check once more the signature of the firmware that [`prepare`](Self::prepare) found, and its hash against the signed
+    /// one. A skipped instruction, in this check or in the one before, then does not start a firmware that must not run.
     pub fn check_again(
         &mut self,
         firmware: &Firmware,

@@ -59,7 +59,7 @@ fn main() -> ! {
         Ok(firmware) => firmware,
         Err(failure) => show_and_restart(&failure),
     };
-    // The compiler does not know that it is the same, and so checks.
+    // Against a skipped instruction. Without `black_box` the compiler could leave it out as a repetition.
     if let Err(failure) = slots.check_again(black_box(&firmware), black_box(&BOARD), black_box(PUBLIC_KEYS)) {
         show_and_restart(&failure)
     }

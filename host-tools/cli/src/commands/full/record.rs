@@ -13,7 +13,7 @@ use slipsense_recording::recorder::Recorder;
 use super::Print;
 use super::live::{Event, Live, PassedOver};
 
-/// What a kill may cost is this and the time that writing takes: a second.
+/// Time between flushes. A kill costs this and the time that writing takes, about a second.
 const FLUSH: Duration = Duration::from_millis(800);
 
 /// Record a bus to MCAP and candump, and count what was lost
@@ -101,7 +101,7 @@ impl Args {
                 if flushed.elapsed() < FLUSH {
                     return Ok(());
                 }
-                // From its start: what comes while the disk takes its time is as old as that.
+                // From the start of the flush: frames wait while it writes.
                 flushed = Instant::now();
                 files.iter_mut().try_for_each(Recorder::flush)?;
                 kept = frames;
@@ -159,7 +159,7 @@ impl Args {
                  error frames, {unreadable_lines} unreadable lines; the kernel dropped {kernel_drops}"
             );
             if clock_back > 0 {
-                let _ = writeln!(text, "  the clock of the times went back {clock_back} times");
+                let _ = writeln!(text, "  the clock of the timestamps went back {clock_back} times");
             }
             text
         })?;

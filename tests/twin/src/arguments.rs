@@ -76,11 +76,11 @@ pub struct Arguments {
     /// Print a port of this computer, wait for a program there that is another node of the bus, and run until it goes.
     #[arg(long)]
     pub far_end: bool,
-    /// So many runs with one bit of a register or of the RAM in use flipped: what the receiver of the slip message finds.
+    /// Number of runs with one flipped bit in a register or in the RAM in use, and what a receiver then believes.
     #[arg(long, value_name = "RUNS", requires = "episode", conflicts_with_all = ["faults", "far_end", "desk"])]
     pub bit_flips: Option<usize>,
-    /// Start the bootloader with each --slot so many times, and skip another one of its instructions each time: it must
-    /// never start one. With more than there are instructions, all of them, at their first and at their last time.
+    /// Number of runs of the bootloader for each --slot, each with another one of its instructions skipped: it must never
+    /// start the image. A large number skips each instruction, at its first and at its last time.
     #[arg(long, value_name = "RUNS", requires_all = ["boot", "slot"], conflicts_with_all = ["episode", "faults", "desk"])]
     pub boot_skips: Option<usize>,
     /// An image that must not be started, to lie in the slot of the firmware.

@@ -24,7 +24,7 @@ use crate::array_taps::{AddressLines, Streams, Trigger, TriggeredInputs};
 use crate::arrays::{Arrays, REFERENCE_MV, Shared, lock};
 use crate::bench::{self, Desk, DeskFault};
 use crate::bus_tap::Tapped;
-use crate::campaign::core::{Handle, disturbed};
+use crate::campaign::processor::{Handle, injected};
 use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam};
@@ -76,7 +76,7 @@ pub struct Mcu743 {
     timer: Tapped<Tim<Advanced>, Trigger>,
     adc: Tapped<Adc, TriggeredInputs>,
     streams: [Tapped<Dma, Streams>; 2],
-    tapped_slots: [usize; 5],
+    /// Of [`PERIPHERALS`]; the first five are tapped.
     scan_slots: [usize; PERIPHERALS.len()],
     arrays: Shared,
     rcc_slot: usize,
@@ -108,10 +108,6 @@ impl Mcu743 {
         let [_, timer] = spare.advanced;
         let [adc, ..] = spare.adc;
         let [codes, addresses] = spare.dma;
-        let mut tapped_slots = [0; 5];
-        for (slot, name) in tapped_slots.iter_mut().zip(["GPIOE", "TIM8", "ADC1", "DMA1", "DMA2"]) {
-            *slot = part.bus().slot(name)?;
-        }
         let mut scan_slots = [0; PERIPHERALS.len()];
         for (slot, name) in scan_slots.iter_mut().zip(PERIPHERALS) {
             *slot = part.bus().slot(name)?;
@@ -129,7 +125,6 @@ impl Mcu743 {
             timer: Tapped { device: timer, tap: Trigger { shared: arrays.clone(), high: false, pulses: 0 } },
             adc: Tapped { device: adc, tap: TriggeredInputs::new(arrays.clone()) },
             streams: [stream(codes, true), stream(addresses, false)],
-            tapped_slots,
             scan_slots,
             arrays,
             rcc_slot,
@@ -201,7 +196,7 @@ impl Mcu for Mcu743 {
         if slot == self.iwdg_slot {
             return (self.part.bus_mut(), Some(&mut self.iwdg));
         }
-        let [port, timer, adc, codes, addresses] = self.tapped_slots;
+        let [port, timer, adc, codes, addresses, _] = self.scan_slots;
         if slot == timer {
             let fast_scan = &mut lock(&self.arrays).fast_scan;
             if fast_scan.enabled && !fast_scan.runs() {
@@ -224,8 +219,8 @@ pub struct Twin {
     pub mcu: Mcu743,
     pub readouts: [Readouts; CHIP_SELECTS.len()],
     slow: bool,
-    /// The other end of the core, where somebody changes its registers.
-    pub exchange: Option<Handle>,
+    /// Faults of the processor.
+    pub injection: Option<Handle>,
 }
 
 /// Name of the machine and of its one target.
@@ -267,7 +262,7 @@ impl Twin {
                 Xl::Icm42688 => spi.attach_selected(Icm42688::new(episode, sensor, readouts), select),
             }
         }
-        Ok(Self { mcu, readouts, slow: fitted.slow, exchange: None })
+        Ok(Self { mcu, readouts, slow: fitted.slow, injection: None })
     }
 }
 
@@ -288,8 +283,8 @@ impl Board for Twin {
 
     fn targets(&mut self) -> Vec<Target<'_>> {
         let mut core = core(&self.mcu, self.slow).spec();
-        if let Some(exchange) = &self.exchange {
-            core = disturbed(core, exchange);
+        if let Some(injection) = &self.injection {
+            core = injected(core, injection);
         }
         vec![Target::new(NAME, &mut self.mcu, core)]
     }

@@ -48,13 +48,13 @@ pub struct Settings {
     pub(crate) table: u64,
 }
 
-/// Whose registers these are.
-pub const PERIPHERALS: [&str; 6] = ["TIM8", "ADC1", "DMA1", "DMA2", "DMAMUX1", "GPIOE"];
+/// The peripherals of a scan.
+pub const PERIPHERALS: [&str; 6] = ["GPIOE", "TIM8", "ADC1", "DMA1", "DMA2", "DMAMUX1"];
 
 impl Settings {
     /// As the registers of [`PERIPHERALS`] stand, which are in these slots; `None`: not a scan of this kind.
     pub fn read(bus: &Bus, slots: &[usize; PERIPHERALS.len()]) -> Option<Self> {
-        let [timer, adc, one, two, mux, port] = slots.map(|slot| bus.slots()[slot].registers());
+        let [port, timer, adc, one, two, mux] = slots.map(|slot| bus.slots()[slot].registers());
         let whole = timer.get(Tim::Dier) == 1 << 8
             && timer.get(Tim::Cr2) == 0b100 << 4
             && timer.get(Tim::Psc) == 0

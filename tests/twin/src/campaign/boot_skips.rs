@@ -1,5 +1,5 @@
-//! The bootloader on a firmware that nobody has signed, and any one of its instructions is skipped: as by a dip of the
-//! supply at the right moment. It must not start the firmware.
+//! The bootloader must not start a firmware that it has to refuse, also where one of its instructions is skipped, as by a
+//! dip of the supply.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,40 +14,50 @@ use rigless::time::VirtualNanos;
 use slipsense::update::HEADER_BYTES;
 use slipsense::update::partitions::FLASH_BASE;
 
-use super::core::{Handle, lock};
-use super::{Campaign, Change, Judge, NO_VERDICT, Planned, session};
+use super::processor::{Handle, lock};
+use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
 use crate::arguments::Arguments;
 use crate::machine::{CORE_HZ, Fitted, Twin};
 use crate::programs::BOARD;
 
-/// How often a copy is looked at, and for how long: three times what the bootloader needs. What takes longer hangs; the
-/// watchdog ends it, and the bootloader starts undisturbed.
+/// How often a child is judged, and for how long: three times what the bootloader needs. The watchdog ends what takes 8 s.
 const STEP_NS: u64 = 1_000_000;
 const WATCHED_NS: u64 = 40_000_000;
+/// `b .`, as in the handlers of faults; and where the core is when it is locked up (ARM DDI 0403, B1.5.15).
+const BRANCH_TO_ITSELF: u64 = 0xE7FE;
+const LOCKUP: u64 = 0xEFFF_FFFE;
 /// GPIOB_ODR and the red LED's pin.
 const GPIOB_ODR: u64 = 0x5802_0414;
 const RED: u64 = 1 << 14;
 
-/// What became of a copy: statuses of a process.
+/// Verdicts: exit statuses of a child.
 const REFUSED: u8 = 1;
 const STARTED: u8 = 2;
-const HANGS: u8 = 3;
-const MISSED: u8 = 4;
-const VERDICTS: [(u8, &str); 5] = [
+const LOOPS: u8 = 3;
+const BUSY: u8 = 4;
+const MISSED: u8 = 5;
+const VERDICTS: [(u8, &str); 6] = [
     (REFUSED, "refused: the red LED"),
     (STARTED, "started"),
-    (HANGS, "hangs until the watchdog restarts it"),
+    (LOOPS, "in an endless loop"),
+    (BUSY, "busy after 40 ms"),
     (MISSED, "another instruction was next"),
-    (NO_VERDICT, "the emulator gave up"),
+    (NO_VERDICT, "no verdict"),
 ];
 
 fn is_refused(session: &mut Session<Twin>, at: VirtualNanos) -> bool {
     session.mcu().peek(at, GPIOB_ODR, Width::W32).is_ok_and(|levels| levels & RED != 0)
 }
 
-fn is_started(exchange: &Handle) -> bool {
+fn is_started(injection: &Handle) -> bool {
     let slot = u64::from(FLASH_BASE + BOARD.active.start)..u64::from(FLASH_BASE + BOARD.active.end);
-    slot.contains(&lock(exchange).pc)
+    slot.contains(&lock(injection).pc)
+}
+
+/// Only the watchdog ends it: the bootloader has no interrupts.
+fn is_endless(injection: &Handle, host: &mut dyn Host) -> bool {
+    let pc = lock(injection).pc;
+    pc == LOCKUP || host.read(pc, Width::W16).is_ok_and(|instruction| instruction == BRANCH_TO_ITSELF)
 }
 
 /// Runs until the bootloader has refused.
@@ -72,7 +82,7 @@ fn slot(path: &Path) -> Result<Vec<Image>> {
     ])
 }
 
-/// So many skips for each image; `false` if one was started, or a copy could not be judged.
+/// About `count` skips for each image. `false`: one was started, or a child has no verdict.
 pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool> {
     let boot = arguments.boot.as_deref().context("no bootloader")?;
     let mut good = true;
@@ -81,39 +91,39 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool>
         images.extend(slot(path)?);
         let start = Start::new(&images);
 
-        let exchange = Handle::default();
-        lock(&exchange).trace = Some(BTreeMap::new());
-        let finished = emulator::run(session(fitted, &exchange)?, &start, UntilRefused)?;
-        ensure!(!is_started(&exchange), "{}: started without a skip", path.display());
+        let injection = Handle::default();
+        lock(&injection).trace = Some(BTreeMap::new());
+        let finished = emulator::run(session(fitted, &injection)?, &start, UntilRefused)?;
+        ensure!(!is_started(&injection), "{}: started without a skip", path.display());
         ensure!(
             finished.stop.is_some_and(|stop| stop.at.0 < WATCHED_NS),
             "{}: not refused without a skip",
             path.display()
         );
-        let trace = lock(&exchange).trace.take().unwrap_or_default();
+        let trace = lock(&injection).trace.take().unwrap_or_default();
         let mut planned = Vec::new();
         for (&pc, &[first, last]) in &trace {
             let times = if first == last { &[first][..] } else { &[first, last] };
             planned.extend(times.iter().map(|count| Planned {
                 at_ns: (u128::from(*count) * 1_000_000_000 / u128::from(CORE_HZ.get())) as u64,
-                change: Change::Skip { pc },
+                fault: InjectedFault::Skip { pc },
             }));
         }
         planned.sort_by_key(|planned| planned.at_ns);
         let all = planned.len();
         let planned: Vec<Planned> = planned.into_iter().step_by((all / count.max(1)).max(1)).collect();
         println!(
-            "{}: the bootloader runs {} instructions, which makes {all} skips; {} of them:",
+            "{}: the bootloader runs {} instructions, that is {all} skips; {} of them:",
             path.display(),
             trace.len(),
             planned.len()
         );
 
-        let exchange = Handle::default();
-        let core = exchange.clone();
+        let injection = Handle::default();
+        let core = injection.clone();
         let mut misses = false;
-        let judge: Judge = Box::new(move |session, stop, planned| {
-            let Change::Skip { pc } = planned.change else { return Some(NO_VERDICT) };
+        let judge: Judge = Box::new(move |session, host, stop, planned| {
+            let InjectedFault::Skip { pc } = planned.fault else { return Some(NO_VERDICT) };
             if stop.at.0 == planned.at_ns {
                 misses = lock(&core).pc != pc;
             }
@@ -121,19 +131,20 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool>
                 () if misses => Some(MISSED),
                 () if is_started(&core) => Some(STARTED),
                 () if is_refused(session, stop.at) => Some(REFUSED),
-                () if stop.at.0 > planned.at_ns + WATCHED_NS => Some(HANGS),
-                () => None,
+                () if stop.at.0 <= planned.at_ns + WATCHED_NS => None,
+                () if is_endless(&core, host) => Some(LOOPS),
+                () => Some(BUSY),
             }
         });
-        let campaign = Campaign::new(planned, exchange.clone(), STEP_NS, judge);
-        let verdicts = emulator::run(session(fitted, &exchange)?, &start, campaign)?.driver.finish()?;
+        let campaign = Campaign::new(planned, injection.clone(), STEP_NS, judge);
+        let verdicts = emulator::run(session(fitted, &injection)?, &start, campaign)?.driver.finish()?;
         for (verdict, text) in VERDICTS {
             let count = verdicts.iter().filter(|(_, found)| *found == verdict).count();
             println!("{text:38} {count:>7}");
         }
-        let wrong = verdicts.iter().filter(|(_, verdict)| !matches!(*verdict, REFUSED | HANGS));
+        let wrong = verdicts.iter().filter(|(_, verdict)| !matches!(*verdict, REFUSED | LOOPS | BUSY));
         for (planned, verdict) in wrong {
-            println!("{verdict}: {:x?} at {} ns", planned.change, planned.at_ns);
+            println!("{verdict}: {:x?} at {} ns", planned.fault, planned.at_ns);
             good = false;
         }
     }

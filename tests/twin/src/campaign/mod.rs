@@ -1,9 +1,9 @@
-//! Many runs that are one until something changes in the core or in RAM: the process is copied there, the copy goes on
-//! with the change and judges what became of it, and the process goes on without.
+//! Fault-injection campaigns. The process runs without a fault and forks at chosen instants; each child injects one fault,
+//! goes on, and its exit status is the verdict.
 
 pub mod bit_flips;
 pub mod boot_skips;
-pub mod core;
+pub mod processor;
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -18,16 +18,16 @@ use rigless::time::VirtualNanos;
 
 use crate::flash_wait::FlashWait;
 use crate::machine::{Fitted, Twin};
-use core::{Handle, lock};
+use processor::{Handle, lock};
 
-/// A copy that takes longer, seconds of this computer, is ended.
+/// A child that takes longer, seconds of this computer, is ended.
 const LIMIT_S: u32 = 300;
-/// The status of a copy that was ended, or ended by itself: the emulator gave up.
+/// Exit status of a child without a verdict: it took too long, or the emulator failed.
 pub const NO_VERDICT: u8 = 0;
 
-/// One bit, or one instruction.
+/// One flipped bit, or one skipped instruction.
 #[derive(Clone, Copy, Debug)]
-pub enum Change {
+pub enum InjectedFault {
     Register { number: usize, bit: u32 },
     Memory { address: u64, bit: u32 },
     Skip { pc: u64 },
@@ -36,16 +36,16 @@ pub enum Change {
 #[derive(Clone, Copy, Debug)]
 pub struct Planned {
     pub at_ns: u64,
-    pub change: Change,
+    pub fault: InjectedFault,
 }
 
-/// What a copy says of itself after each step; nothing: it goes on.
-pub type Judge = Box<dyn FnMut(&mut Session<Twin>, Stop, &Planned) -> Option<u8> + Send>;
+/// The verdict of a child after each step; `None`: it goes on.
+pub type Judge = Box<dyn FnMut(&mut Session<Twin>, &mut dyn Host, Stop, &Planned) -> Option<u8> + Send>;
 
-/// The board, with the other end of its core in `exchange`; the first stop is at once.
-fn session(fitted: &Fitted, exchange: &Handle) -> Result<Session<Twin>> {
+/// A board whose processor takes its faults from `injection`; the first stop is at once.
+fn session(fitted: &Fitted, injection: &Handle) -> Result<Session<Twin>> {
     let mut board = Box::new(Twin::new(fitted)?);
-    board.exchange = Some(exchange.clone());
+    board.injection = Some(injection.clone());
     Ok(Session::new(board, 0, VirtualNanos(1))?)
 }
 
@@ -55,8 +55,8 @@ pub struct Campaign {
     core: Handle,
     judge: Judge,
     step_ns: u64,
-    /// In a copy, what changed there.
-    changed: Option<Planned>,
+    /// In a child, its fault.
+    injected: Option<Planned>,
     running: BTreeMap<Pid, Planned>,
     parallel: usize,
     verdicts: Vec<(Planned, u8)>,
@@ -65,22 +65,22 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Each copy is judged every `step_ns`.
+    /// Each child is judged every `step_ns`.
     pub fn new(mut planned: Vec<Planned>, core: Handle, step_ns: u64, judge: Judge) -> Self {
         planned.sort_by_key(|planned| planned.at_ns);
         let parallel = std::thread::available_parallelism().map_or(1, usize::from);
         let (running, verdicts) = (BTreeMap::new(), Vec::new());
-        let (planned, changed, wait, broken) = (planned.into(), None, FlashWait::default(), None);
-        Self { planned, core, judge, step_ns, changed, running, parallel, verdicts, wait, broken }
+        let (planned, injected, wait, broken) = (planned.into(), None, FlashWait::default(), None);
+        Self { planned, core, judge, step_ns, injected, running, parallel, verdicts, wait, broken }
     }
 
-    /// What became of each, once the run is over.
+    /// The verdict of each child, after the run.
     pub fn finish(self) -> Result<Vec<(Planned, u8)>> {
         self.broken.map_or(Ok(self.verdicts), Err)
     }
 
     fn collect(&mut self) -> Result<()> {
-        let (pid, verdict) = match wait().context("waiting for a copy of the twin")? {
+        let (pid, verdict) = match wait().context("waiting for a child")? {
             WaitStatus::Exited(pid, status) => (pid, status as u8),
             WaitStatus::Signaled(pid, ..) => (pid, NO_VERDICT),
             _ => return Ok(()),
@@ -94,21 +94,21 @@ impl Campaign {
         Ok(())
     }
 
-    /// Copies the process here, for each that is due. `true` in a copy.
-    fn copy(&mut self, stop: Stop, host: &mut dyn Host) -> Result<bool> {
+    /// Fork for each fault that is due. `true` in a child.
+    fn fork(&mut self, stop: Stop, host: &mut dyn Host) -> Result<bool> {
         while let Some(planned) = self.planned.pop_front_if(|planned| planned.at_ns <= stop.at.0) {
             while self.running.len() >= self.parallel {
                 self.collect()?;
             }
-            // SAFETY: the other threads of this process wait for this one, and hold nothing that a copy needs.
-            match unsafe { fork() }.context("copying the twin")? {
+            // SAFETY: the other threads of this process wait for this one, and hold nothing that a child needs.
+            match unsafe { fork() }.context("cannot fork")? {
                 ForkResult::Parent { child } => {
                     self.running.insert(child, planned);
                 }
                 ForkResult::Child => {
                     alarm::set(LIMIT_S);
-                    self.changed = Some(planned);
-                    change(planned.change, &self.core, host)?;
+                    self.injected = Some(planned);
+                    inject(planned.fault, &self.core, host)?;
                     return Ok(true);
                 }
             }
@@ -117,17 +117,17 @@ impl Campaign {
     }
 }
 
-fn change(change: Change, core: &Handle, host: &mut dyn Host) -> Result<()> {
-    match change {
-        Change::Register { number, bit } => lock(core).flip = Some((number, 1 << bit)),
-        Change::Memory { address, bit } => {
+fn inject(fault: InjectedFault, core: &Handle, host: &mut dyn Host) -> Result<()> {
+    match fault {
+        InjectedFault::Register { number, bit } => lock(core).flip = Some((number, 1 << bit)),
+        InjectedFault::Memory { address, bit } => {
             let held = host.read(address, Width::W8)?;
             host.write(address, Width::W8, held ^ 1 << bit)?;
         }
-        Change::Skip { pc } => {
+        InjectedFault::Skip { pc } => {
             // The first halfword of a long instruction begins with 0b11101 or above (ARM DDI 0403, A5.1).
             let long = host.read(pc, Width::W16)? >> 11 >= 0b11101;
-            lock(core).go_on_at = Some(pc + if long { 4 } else { 2 });
+            lock(core).jump_to = Some(pc + if long { 4 } else { 2 });
         }
     }
     Ok(())
@@ -148,18 +148,18 @@ impl Driver<Twin> for Campaign {
         stop: Stop,
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
-        let is_copy = self.changed.is_some()
-            || match self.copy(stop, host) {
-                Ok(is_copy) => is_copy,
+        let is_child = self.injected.is_some()
+            || match self.fork(stop, host) {
+                Ok(is_child) => is_child,
                 Err(error) => {
                     self.broken = Some(error);
                     return None;
                 }
             };
-        if is_copy {
-            let verdict = self.changed.and_then(|changed| (self.judge)(session, stop, &changed));
+        if is_child {
+            let verdict = self.injected.and_then(|injected| (self.judge)(session, host, stop, &injected));
             if let Some(verdict) = verdict {
-                // SAFETY: nothing of a copy needs to be taken down.
+                // SAFETY: a child has nothing to clean up.
                 unsafe { libc::_exit(verdict.into()) }
             }
             return Some(VirtualNanos(stop.at.0 + self.step_ns));

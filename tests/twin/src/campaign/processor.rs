@@ -1,4 +1,4 @@
-//! A core whose registers somebody changes between two instructions, and which can note what it runs.
+//! The emulated processor with faults injected between two instructions, and with a trace of what it executes.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,53 +15,56 @@ pub const PC: usize = 15;
 /// r0 to r12, sp, lr, pc, xPSR, and then d0 to d15.
 pub const REGISTERS: usize = 33;
 
-/// What is exchanged with the core.
+/// Faults for the processor, and what it reports.
 #[derive(Debug, Default)]
-pub struct Exchange {
-    /// What becomes of a register before the next instruction: its number, and bits to change.
+pub struct Injection {
+    /// Before the next instruction: number of a register, and the bits of it to flip.
     pub flip: Option<(usize, u64)>,
-    /// Where the program goes on, instead of at the next instruction.
-    pub go_on_at: Option<u64>,
-    /// The next instruction.
+    /// Address to go to in place of the next instruction.
+    pub jump_to: Option<u64>,
+    /// Address of the next instruction.
     pub pc: u64,
-    /// By address of an instruction, how many had run before it did for the first and for the last time; none: nobody
-    /// asks, and the core is many times faster.
+    /// By address, how many instructions were executed before it was for the first and for the last time. `None`: no trace,
+    /// which is many times faster.
     pub trace: Option<BTreeMap<u64, [u64; 2]>>,
 }
 
-pub type Handle = Arc<Mutex<Exchange>>;
+/// Shared with the processor.
+pub type Handle = Arc<Mutex<Injection>>;
 
-pub fn lock(handle: &Handle) -> std::sync::MutexGuard<'_, Exchange> {
+pub fn lock(handle: &Handle) -> std::sync::MutexGuard<'_, Injection> {
     handle.lock().expect("nobody panics meanwhile")
 }
 
 #[derive(Debug)]
-struct Disturbed {
+struct FaultyProcessor {
     core: Box<dyn Processor>,
-    exchange: Handle,
+    injection: Handle,
 }
 
-/// This core, with the other end in `exchange`.
-pub fn disturbed(mut spec: CoreSpec, exchange: &Handle) -> CoreSpec {
-    let (make, exchange) = (spec.processor.clone(), exchange.clone());
+/// This core, which takes its faults from `injection`.
+pub fn injected(mut spec: CoreSpec, injection: &Handle) -> CoreSpec {
+    let (make, injection) = (spec.processor.clone(), injection.clone());
     spec.processor = Arc::new(move |endian| {
-        Ok(Box::new(Disturbed { core: make(endian)?, exchange: exchange.clone() }) as Box<dyn Processor>)
+        Ok(Box::new(FaultyProcessor { core: make(endian)?, injection: injection.clone() })
+            as Box<dyn Processor>)
     });
     spec
 }
 
-impl Disturbed {
-    fn change(&mut self) -> Option<BTreeMap<u64, [u64; 2]>> {
-        let mut exchange = lock(&self.exchange);
-        if let Some((register, bits)) = exchange.flip.take() {
+impl FaultyProcessor {
+    /// Inject what is due; take the trace out.
+    fn inject(&mut self) -> Option<BTreeMap<u64, [u64; 2]>> {
+        let mut injection = lock(&self.injection);
+        if let Some((register, bits)) = injection.flip.take() {
             let mut held = self.core.gdb_register(register).expect("a register of the core");
             held.iter_mut().zip(bits.to_le_bytes()).for_each(|(held, bits)| *held ^= bits);
             assert!(self.core.set_gdb_register(register, &held), "register {register} can be set");
         }
-        if let Some(at) = exchange.go_on_at.take() {
+        if let Some(at) = injection.jump_to.take() {
             assert!(self.core.set_gdb_register(PC, &(at as u32).to_le_bytes()), "pc can be set");
         }
-        exchange.trace.take()
+        injection.trace.take()
     }
 
     fn step(
@@ -85,21 +88,21 @@ impl Disturbed {
     }
 }
 
-impl Processor for Disturbed {
+impl Processor for FaultyProcessor {
     fn run(&mut self, budget: u32, bus: &mut dyn CoreBus) -> (Exit, u64) {
-        let ran = match self.change() {
+        let ran = match self.inject() {
             Some(mut trace) => {
                 let ran = self.step(budget, bus, &mut trace);
-                lock(&self.exchange).trace = Some(trace);
+                lock(&self.injection).trace = Some(trace);
                 ran
             }
             None => self.core.run(budget, bus),
         };
-        lock(&self.exchange).pc = self.core.pc();
+        lock(&self.injection).pc = self.core.pc();
         ran
     }
 
-    // The rest is the core's.
+    // The rest is the core's own.
     fn retired(&self) -> u64 {
         self.core.retired()
     }

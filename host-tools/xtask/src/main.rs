@@ -9,6 +9,7 @@ mod cmsis;
 mod elf;
 mod firmware;
 mod front_end;
+mod fuzz;
 #[cfg(test)]
 mod imports;
 mod linux;
@@ -52,6 +53,8 @@ enum Command {
     Cmsis(cmsis::Options),
     /// Check the analog front end: schematic, simulation, the generator's model of it
     FrontEnd(front_end::Options),
+    /// Mutated input for every parser, chosen by libFuzzer
+    Fuzz(fuzz::Options),
     /// Build and run the ROS 2 node; ROS' own parser and another DDS check its messages
     Ros2,
     /// Let lerobot write our episodes as a data set and read them; downloads 3 GB, PyTorch
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Command::Stack(options) => stack::run(&options),
         Command::Cmsis(options) => cmsis::print(&options),
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
+        Command::Fuzz(options) => fuzz::run(&options),
         Command::Ros2 => ros2::whole(),
         Command::Lerobot => package::lerobot(),
         Command::Release(options) => release::make(&options),

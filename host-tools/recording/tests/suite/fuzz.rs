@@ -1,6 +1,5 @@
 //! Whatever reads bytes that others wrote, on mutated input. A panic, an input that takes seconds or an input that takes
-//! much memory fails. Each test run takes the same 20,000 inputs; the long run is
-//! `PROPTEST_CASES=10000000 cargo test --release -p slipsense-recording fuzz -- --nocapture`.
+//! much memory fails. Each test run takes the same 20,000 inputs; `cargo xtask fuzz` lets libFuzzer choose many more.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::{Cell, RefCell};
@@ -138,23 +137,86 @@ fn fuzz_within(
     accepted_percent_min: u32,
     target: impl Fn(&[u8]) -> bool,
 ) {
-    let cases = std::env::var("PROPTEST_CASES").map_or(INPUTS, |text| text.parse().expect("a number"));
-    let config = Config { cases, failure_persistence: None, ..Config::default() };
     let accepted = Cell::new(0);
-    let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
-    let result = runner.run(&inputs, |bytes| {
+    let check = |bytes: &[u8]| {
         let (began, before) = (Instant::now(), USED.get().0);
         USED.set((before, before));
-        accepted.set(accepted.get() + u32::from(target(&bytes)));
+        accepted.set(accepted.get() + u32::from(target(bytes)));
         prop_assert!(began.elapsed() < LONGEST, "took {:?}", began.elapsed());
         let (after, most) = USED.get();
         prop_assert!(most - before < memory_max, "took {} bytes", most - before);
         prop_assert!(after <= before + (1 << 16), "kept {} bytes", after - before);
         Ok(())
-    });
-    result.unwrap_or_else(|error| panic!("{error}"));
-    let percent = 100 * u64::from(accepted.get()) / u64::from(cases);
-    assert!(percent >= accepted_percent_min.into(), "{percent} % are accepted: almost nothing gets through");
+    };
+    #[cfg(feature = "fuzz")]
+    {
+        // Of zeros a strategy may never accept one, so others follow.
+        let mut others = vec![0; 1 << 15];
+        TestRng::deterministic_rng(RngAlgorithm::ChaCha).fill_bytes(&mut others);
+        guided::run(&|chosen| {
+            let random = TestRng::from_seed(RngAlgorithm::PassThrough, &[chosen, &others].concat());
+            let mut runner = TestRunner::new_with_rng(Config::default(), random);
+            let bytes = inputs.new_tree(&mut runner).expect("none is filtered out");
+            let bytes = proptest::strategy::ValueTree::current(&bytes);
+            check(&bytes).unwrap_or_else(|error| panic!("{error}: {bytes:?}"));
+        });
+    }
+    let config = Config { cases: INPUTS, failure_persistence: None, ..Config::default() };
+    let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
+    runner.run(&inputs, |bytes| check(&bytes)).unwrap_or_else(|error| panic!("{error}"));
+    let percent = 100 * accepted.get() / INPUTS;
+    assert!(percent >= accepted_percent_min, "{percent} % are accepted: almost nothing gets through");
+}
+
+/// libFuzzer chooses the bytes that a strategy takes for random ones, by the branches that those before have reached.
+#[cfg(feature = "fuzz")]
+mod guided {
+    use std::cell::Cell;
+    use std::ffi::{CString, c_char, c_int};
+
+    use libfuzzer_sys as _;
+
+    type Target = dyn Fn(&[u8]);
+
+    thread_local! {
+        static TARGET: Cell<Option<&'static Target>> = const { Cell::new(None) };
+    }
+
+    unsafe extern "C" {
+        /// Does not return.
+        fn LLVMFuzzerRunDriver(
+            count: *mut c_int,
+            arguments: *mut *mut *mut c_char,
+            target: extern "C" fn(*const u8, usize) -> c_int,
+        ) -> c_int;
+    }
+
+    /// What a program of libfuzzer-sys has; nothing calls it here.
+    #[unsafe(no_mangle)]
+    extern "C" fn rust_fuzzer_test_input() {}
+
+    extern "C" fn one(bytes: *const u8, length: usize) -> c_int {
+        // SAFETY: libFuzzer's promise, but for a pointer where there are none.
+        let bytes = if length == 0 { &[] } else { unsafe { std::slice::from_raw_parts(bytes, length) } };
+        // A panic here ends the process: libFuzzer says with which input.
+        TARGET.get().expect("is set before the first")(bytes);
+        0
+    }
+
+    /// Does not return where the environment has libFuzzer's arguments: `cargo xtask fuzz`.
+    pub fn run(target: &(dyn Fn(&[u8]) + '_)) {
+        let Ok(arguments) = std::env::var("SLIPSENSE_LIBFUZZER") else { return };
+        // SAFETY: libFuzzer ends the process, so that `target` lives as long as it.
+        let target = unsafe { std::mem::transmute::<&(dyn Fn(&[u8]) + '_), &'static Target>(target) };
+        TARGET.set(Some(target));
+        let words = ["fuzz"].into_iter().chain(arguments.split_whitespace());
+        let words: Vec<_> = words.map(|word| CString::new(word).expect("no zero bytes")).collect();
+        let mut pointers: Vec<_> = words.iter().map(|word| word.as_ptr().cast_mut()).collect();
+        let (mut count, mut first) = (pointers.len() as c_int, pointers.as_mut_ptr());
+        // SAFETY: arguments as those of `main`.
+        unsafe { LLVMFuzzerRunDriver(&mut count, &mut first, one) };
+        unreachable!("libFuzzer ends the process");
+    }
 }
 
 fn assert_one_line(error: &str) {

@@ -1,0 +1,143 @@
+//! `cargo xtask fuzz`: mutated input for whatever reads bytes that others wrote, chosen by the branches that it reaches.
+
+use std::collections::VecDeque;
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, ensure};
+use clap::Args;
+
+use crate::process::{answer, cargo, command, target_dir};
+use crate::table::Table;
+
+/// The tests of `host-tools/recording/tests/suite/fuzz.rs`.
+const MODULE: &str = "fuzz::";
+/// Counts each branch taken, as libFuzzer wants it.
+const COVERAGE: &str = "-Ccodegen-units=1 -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+    -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table";
+
+#[derive(Args)]
+#[command(after_help = "\
+Inputs that reach something new are kept in target/fuzz/inputs, and a later run begins with them. An input that fails
+is printed and kept there as well.
+
+Examples:
+  cargo xtask fuzz --only npz --runs 100000
+  cargo xtask fuzz --runs 10000000            every parser, all cores: hours")]
+pub struct Options {
+    /// Inputs for each parser
+    #[arg(long, value_name = "N", default_value_t = 1_000_000)]
+    runs: u64,
+    /// Only this parser; may be given several times
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+}
+
+struct Outcome {
+    name: String,
+    inputs: u64,
+    per_second: f64,
+    branches: String,
+    kept: String,
+}
+
+/// Fuzz them, as many at a time as there are cores; `false` if an input failed.
+pub fn run(options: &Options) -> Result<bool> {
+    let program = build()?;
+    let list = answer(command(&program).args([MODULE, "--list"])).context("the tests cannot be listed")?;
+    let names = list.lines().filter_map(|line| line.strip_prefix(MODULE)?.strip_suffix(": test"));
+    let wanted = names.filter(|name| options.only.is_empty() || options.only.iter().any(|only| only == name));
+    let waiting: Mutex<VecDeque<String>> = Mutex::new(wanted.map(str::to_owned).collect());
+    ensure!(
+        !waiting.lock().expect("no worker panics").is_empty(),
+        "no parser is called so; there are:\n{list}"
+    );
+    let outcomes = Mutex::new(Vec::new());
+    let work = || -> Result<()> {
+        loop {
+            let Some(name) = waiting.lock().expect("no worker panics").pop_front() else { return Ok(()) };
+            if let Some(outcome) = one(&program, &name, options.runs)? {
+                outcomes.lock().expect("no worker panics").push(outcome);
+            }
+        }
+    };
+    let results: Vec<Result<()>> = std::thread::scope(|scope| {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().map(|worker| worker.join().expect("no worker panics")).collect()
+    });
+    results.into_iter().collect::<Result<()>>()?;
+    let mut outcomes = outcomes.into_inner().expect("no worker panics");
+    outcomes.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut table =
+        Table::new("inputs by libFuzzer", &["parser", "inputs", "per second", "branches reached", "kept"]);
+    let passed = outcomes.iter().all(|outcome| outcome.inputs >= options.runs);
+    for Outcome { name, inputs, per_second, branches, kept } in outcomes {
+        let verdict = if inputs < options.runs { " FAILED" } else { "" };
+        table.row([name + verdict, inputs.to_string(), format!("{per_second:.0}"), branches, kept]);
+    }
+    print!("{table}");
+    Ok(passed)
+}
+
+/// The tests with counted branches, apart from other builds.
+fn build() -> Result<PathBuf> {
+    let host = answer(command("rustc").arg("-vV")).context("rustc does not answer")?;
+    let host = host.lines().find_map(|line| line.strip_prefix("host: ")).context("rustc names no host")?;
+    let mut build = cargo();
+    // With a target named, build scripts and procedural macros are built without.
+    build.args([
+        "test",
+        "--release",
+        "--quiet",
+        "--no-run",
+        "--message-format",
+        "json-render-diagnostics",
+        "--target",
+        host,
+    ]);
+    build.arg("--target-dir").arg(target_dir().join("fuzz"));
+    build.args(["--package", "slipsense-recording", "--test", "suite", "--features", "fuzz"]);
+    let built =
+        build.env("RUSTFLAGS", COVERAGE).stderr(Stdio::inherit()).output().context("cannot start cargo")?;
+    ensure!(built.status.success(), "the tests cannot be built for libFuzzer");
+    let lines = String::from_utf8_lossy(&built.stdout);
+    let program = lines.rsplit("\"executable\":\"").next().and_then(|rest| rest.split('"').next());
+    Ok(program.context("cargo names no program")?.into())
+}
+
+/// `None`: a test without inputs.
+fn one(program: &PathBuf, name: &str, runs: u64) -> Result<Option<Outcome>> {
+    let inputs = target_dir().join("fuzz/inputs").join(name);
+    fs::create_dir_all(&inputs).with_context(|| inputs.display().to_string())?;
+    let place = inputs.display();
+    // No longer than its own random bytes: five changes.
+    let arguments = format!(
+        "-runs={runs} -max_len=512 -timeout=5 -rss_limit_mb=0 -artifact_prefix={place}/failed- {place}"
+    );
+    let mut test: Command = command(program);
+    test.args(["--exact", &format!("{MODULE}{name}"), "--nocapture"]).env("SLIPSENSE_LIBFUZZER", arguments);
+    let began = Instant::now();
+    let output = test.output().context("cannot start the tests")?;
+    let text = String::from_utf8_lossy(&output.stderr);
+    // `#1000  DONE   cov: 812 ft: 2301 corp: 210/9Kb ...`
+    let Some(last) = text.lines().rfind(|line| line.starts_with('#') && line.contains(" cov: ")) else {
+        ensure!(output.status.success(), "{name}: {text}");
+        return Ok(None);
+    };
+    let mut words = last.split_whitespace();
+    let done = words.next().and_then(|word| word[1..].parse().ok()).unwrap_or(0);
+    let mut value =
+        |key| words.by_ref().skip_while(|word| *word != key).nth(1).unwrap_or_default().to_owned();
+    let (branches, kept) = (value("cov:"), value("corp:"));
+    if !output.status.success() {
+        eprintln!("{name}: {text}");
+    }
+    let inputs = if output.status.success() { done } else { done.min(runs - 1) };
+    let per_second = done as f64 / began.elapsed().as_secs_f64();
+    eprintln!("{name}: {done} inputs, {branches} branches");
+    Ok(Some(Outcome { name: name.to_owned(), inputs, per_second, branches, kept }))
+}

@@ -199,14 +199,28 @@ pub const STEPS: &[Step] = &[
     ),
 ];
 
-/// What all host builds select. Cargo gives shared dependencies the features of all that is selected: with another
-/// selection it would build them anew.
-fn selection(size: Size) -> &'static [&'static str] {
-    match size {
-        // The tensor library of the trainer alone takes minutes to build.
-        Size::Daily => &["--release", "--workspace", "--exclude", "slipsense-model"],
-        Size::All => &["--release", "--workspace", "--features", "slipsense-cli/train"],
+/// What the host builds select, one build after the other. Cargo gives shared dependencies the features of all that is
+/// selected: with another selection it would build them anew.
+fn selections(size: Size) -> Vec<Vec<&'static str>> {
+    let of = |words: &[&'static str]| [&["--release"], words].concat();
+    // The tensor library of the trainer takes minutes to build; the Python package has the trainer.
+    let small = ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
+    if size == Size::Daily {
+        return vec![of(&small)];
     }
+    // What has to do with the trainer: with the features that the wheel of the Python package is built with.
+    const TRAINER: [&str; 6] = [
+        "slipsense-cli",
+        "slipsense-model",
+        "slipsense-python",
+        "slipsense-eval",
+        "slipsense-synth",
+        "slipsense-view",
+    ];
+    let with = |word: &'static str| TRAINER.into_iter().flat_map(move |package| [word, package]);
+    let trainer: Vec<_> = with("--package").chain(["--features", "slipsense-cli/train"]).collect();
+    let others: Vec<_> = ["--workspace"].into_iter().chain(with("--exclude")).collect();
+    vec![of(&trainer), of(&others)]
 }
 
 const PROGRAMS: [&str; 4] =
@@ -214,7 +228,9 @@ const PROGRAMS: [&str; 4] =
 
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
-    run(cargo().args(["build", "--quiet", "--bins", "--examples"]).args(selection(size)))?;
+    for selection in selections(size) {
+        run(cargo().args(["build", "--quiet", "--bins", "--examples"]).args(selection))?;
+    }
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
     for name in PROGRAMS {
@@ -237,7 +253,7 @@ fn clippy(context: Context) -> Result<()> {
         run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
     };
     if context.size == Size::Daily {
-        return clippy(&["--workspace", "--exclude", "slipsense-model"]);
+        return clippy(&["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"]);
     }
     clippy(&["--workspace", "--features", "slipsense-cli/gpu,slipsense-cli/hil"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
@@ -245,21 +261,24 @@ fn clippy(context: Context) -> Result<()> {
 }
 
 fn host_build(context: Context) -> Result<()> {
-    run(cargo().args(["test", "--quiet", "--no-run"]).args(selection(context.size)))?;
+    for selection in selections(context.size) {
+        run(cargo().args(["test", "--quiet", "--no-run"]).args(selection))?;
+    }
     build_programs(context.size)
 }
 
 fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    run(cargo().args(["test", "--quiet", "--no-fail-fast"]).args(selection(context.size)))
+    let test = |selection| run(cargo().args(["test", "--quiet", "--no-fail-fast"]).args(selection));
+    let results: Vec<_> = selections(context.size).into_iter().map(test).collect();
+    results.into_iter().collect()
 }
 
 fn small() -> Result<()> {
     let mut small = cargo();
-    small.args(["test", "--quiet", "--release", "--workspace", "--test", "cli", "--", "errors::", "model::"]);
+    small.args(["test", "--quiet", "--release", "--package", "slipsense-cli", "--test", "cli", "--"]);
     // The page of the book is of a build without the trainer, and not tested in one with it.
-    small.arg("outputs::the_books_page_of_commands_is_the_help");
-    run(&mut small)
+    run(small.args(["errors::", "model::", "outputs::the_books_page_of_commands_is_the_help"]))
 }
 
 fn release_keys() -> Result<()> {

@@ -18,6 +18,8 @@ use slipsense_synth::labels::sustained_sliding;
 pub(crate) const SLIDING_MM_S: f32 = slipsense_synth::labels::SLIPPING_MM_S as f32;
 /// ... and where this share of the load slips.
 pub(crate) const SLIDING_FRACTION: f32 = slipsense_synth::labels::SLIPPING_SHARE as f32;
+/// ... and most of it slides where more than this share does.
+const MOST: f32 = 0.5;
 /// The sliding of a labelled event may begin this many frames before its label: 250 ms.
 const BEFORE_LABEL_FRAMES: usize = FRAME_RATE_HZ as usize / 4;
 
@@ -130,6 +132,9 @@ pub struct Truth {
 pub(crate) struct Interface {
     /// Sustained sliding, in order of time.
     pub(crate) slip: Vec<Interval>,
+    /// Frames in which most of the contact slides, sustained sliding or not: a twisted object slides around a centre that
+    /// still sticks, and not all of the contact stops at once.
+    pub(crate) mostly: Vec<Interval>,
     /// Sliding that belongs to each labelled event, index into `slip`: the first that begins between
     /// 250 ms before the label and its end. None where the contact never slid as a whole.
     pub(crate) of_label: Vec<Option<usize>>,
@@ -177,6 +182,14 @@ impl Truth {
     pub(crate) fn frames(&self) -> usize {
         self.label.len()
     }
+
+    /// Slip by the labels, and what else is no false alarm to whoever acts on the flag: most of the contact slides.
+    pub(crate) fn slips_or_mostly(&self) -> Vec<Interval> {
+        let mostly = self.interface.iter().flat_map(|interface| &interface.mostly);
+        let mut slides = vec![false; self.frames()];
+        self.slip.iter().chain(mostly).for_each(|&(start, end)| slides[start..end].fill(true));
+        runs(slides.len(), |f| slides[f])
+    }
 }
 
 impl Interface {
@@ -195,7 +208,8 @@ impl Interface {
                 slid as f32
             })
             .collect();
-        Self { slip, of_label, slid_mm }
+        let slides = |f: usize| speed_mm_s[f] > SLIDING_MM_S && fraction[f] > MOST;
+        Self { slip, mostly: runs(speed_mm_s.len(), slides), of_label, slid_mm }
     }
 }
 
@@ -221,6 +235,17 @@ mod tests {
 
     fn event(name: &str, start_s: f64, end_s: f64) -> Disturbance {
         Disturbance { name: name.to_owned(), start_s, end_s }
+    }
+
+    #[test]
+    fn most_of_the_contact_slides_before_and_after_a_slip() {
+        let label = [1, 1, 1, 2, 2, 1, 1, 1];
+        let slipping = [0.0, 0.09, 0.2, 0.2, 0.2, 0.2, 0.2, 0.0];
+        let share = [0.9, 0.9, 0.51, 0.96, 0.96, 0.9, 0.5, 0.9];
+        let truth = Truth::from_labels(label.to_vec());
+        assert_eq!(truth.slips_or_mostly(), [(3, 5)]);
+        let interface = Some(Interface::new(&slipping, &share, &truth.slip));
+        assert_eq!(Truth { interface, ..truth }.slips_or_mostly(), [(2, 6)]);
     }
 
     #[test]

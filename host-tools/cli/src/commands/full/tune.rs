@@ -16,10 +16,11 @@ use crate::output::{check_file, write_file};
 ///
 /// The flag is up while the log-odds of slip of at least k of the last n frames are over a threshold. For
 /// each of a few k of n the threshold is the lowest that keeps to the allowed false alarms per hour, on
-/// generated minutes of disturbances and between the slips of the validation splits; of these points that
-/// one is chosen that misses least of the sustained sliding, then the one with the least median latency. All
-/// episodes are of validation objects, in the laboratory's physics and in others: neither training nor any
-/// test has them. The weights stay as they are; the same model gives the same point.
+/// generated minutes of disturbances and between the slips of the validation splits; an alarm while most of
+/// the contact slides is not false. Of these points that one is chosen that misses least of the sustained
+/// sliding, then the one with the least median latency. All episodes are of validation objects, in the
+/// laboratory's physics and in others: neither training nor any test has them. The weights stay as they are;
+/// the same model gives the same point.
 #[derive(clap::Args)]
 #[command(after_help = "\
 The figures are of the data that the point was chosen on. What it is worth, tests say:

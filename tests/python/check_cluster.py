@@ -44,27 +44,32 @@ def alone(*words):
 
 
 def cluster(*words, kill_after=None):
-    """Run on two workers; kill one when `kill_after` tasks are done."""
+    """Run on two workers; kill one when `kill_after` tasks are done, and again after the next ones while none has died at
+    its task: a worker can end its task between our look at it and the signal."""
     start = time.perf_counter()
     name, value = OURS.split("=")
     command = [sys.executable, "-m", "slipsense.ray", "--workers", "2", "--parts", str(PARTS), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, name: value}) as process:
-        done, noted, kills = 0, False, kill_after is not None
+        done, died, output = 0, False, []
         for line in process.stdout:
+            output.append(line)
             # Ray itself notes here that a worker died at its task.
-            noted |= "A worker died or was killed while executing a task" in line
-            done += "slipsense " + words[0] in line
-            if done == kill_after:
-                kill_a_busy_worker()
-                kill_after = None
+            died |= "A worker died or was killed while executing a task" in line
+            if f"slipsense {words[0]}" in line:
+                done += 1
+                if kill_after is not None and kill_after <= done < PARTS and not died:
+                    kill_a_busy_worker()
+    if (process.returncode, done) != (0, PARTS) or not (died or kill_after is None):
+        print("".join(output))
     require((process.returncode, done) == (0, PARTS), f"{words[0]}: {PARTS} parts on two workers")
-    require(noted or not kills, f"{words[0]}: a worker died at its task")
+    require(died or kill_after is None, f"{words[0]}: a worker died at its task")
     return time.perf_counter() - start
 
 
 def same_files(what, one, many):
     names = sorted(path.name for path in one.iterdir())
-    require(names == sorted(path.name for path in many.iterdir()), f"{what}: the same {len(names)} files")
+    others = sorted(path.name for path in many.iterdir())
+    require(names == others, f"{what}: the same {len(names)} files, others: {set(names) ^ set(others)}")
     require(all((one / name).read_bytes() == (many / name).read_bytes() for name in names), f"{what}: every byte of them")
 
 
@@ -92,16 +97,16 @@ def main():
     times += [alone("eval", one / "set", *judged, one / "eval"),
               cluster("eval", many / "set", *judged, many / "eval", kill_after=1)]
     require(metrics(one / "eval") == metrics(many / "eval"), "eval: every figure")
-    require(sorted(path.name for path in (many / "eval").iterdir()) == ["metrics.json", "report.html"],
-            "eval: no part is left")
+    left = sorted(path.name for path in (many / "eval").iterdir())
+    require(left == ["metrics.json", "report.html"], f"eval: no part is left: {', '.join(left)}")
     frames = metrics(one / "eval")["inputs"][0]["frames"]
     print(f"  {frames} frames: synth {times[0]:.0f} s alone, {times[1]:.0f} s on the cluster; "
           f"eval {times[2]:.0f} s, {times[3]:.0f} s")
 
     wrong = subprocess.run([sys.executable, "-m", "slipsense.ray", "--workers", "1", "--parts", "2", "eval", folder / "none",
                             "--out", folder / "x"], capture_output=True, text=True, check=False)
-    require(wrong.returncode == 2 and wrong.stderr.splitlines()[-1].startswith("error: eval ")
-            and "none: no such folder" in wrong.stderr, f"an error is one line: {wrong.stderr.splitlines()[-1]}")
+    require(wrong.returncode == 2 and wrong.stderr.rstrip().rpartition("\n")[2].startswith("error: eval ")
+            and "none: no such folder" in wrong.stderr, f"an error is the last line: {wrong.returncode}, {wrong.stderr.rstrip()}")
 
 
 if __name__ == "__main__":

@@ -82,6 +82,11 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
         .with_context(|| format!("{}: cannot write", path.display()))
 }
 
+/// What a process that was killed left of a file or folder in the making.
+pub fn is_partial(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| SUFFIX[1..] == *extension)
+}
+
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."))
 }

@@ -13,12 +13,10 @@ use slipsense_recording::npz::Reader;
 use slipsense_synth::splits::{EpisodeSet, FrozenSet, SetHashes, recipe_of};
 use slipsense_synth::{Shard, content_hash};
 
-use crate::output::{refuse_file, write_file};
+use crate::output::{is_partial, refuse_file, write_file};
 
 const SET: &str = "set.json";
 const HASHES: &str = "hashes.json";
-/// Files that a run that was cut off did not finish end so.
-const PARTIAL: &str = ".partial";
 
 #[derive(Debug)]
 pub struct SetDir {
@@ -119,7 +117,7 @@ impl SetDir {
             self.hashes = Some(hashes);
             // Left by runs that were cut off. No other shard is at work: everything is there.
             for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
-                if entry.file_name().to_string_lossy().ends_with(PARTIAL) {
+                if is_partial(&entry.path()) {
                     let _ = fs::remove_file(entry.path());
                 }
             }

@@ -97,6 +97,8 @@ def _main():
     try:
         run(tasks, options.retries, done)
     except ValueError as error:
+        # What Ray has to say when it ends comes before the error, the last line.
+        ray.shutdown()
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0

@@ -58,7 +58,10 @@ fn parts_give_the_figures_of_the_whole() {
     }
     // A part of another evaluation does not count, whatever its name says.
     place.run("eval @episodes --out @out --shard 1/3");
-    assert_eq!(names(&place.path("out")), ["part-1-of-3.bin", "part-2-of-3.bin", "part-3-of-3.bin"]);
+    let parts = place.path("out/parts");
+    assert_eq!(names(&parts), ["part-1-of-3.bin", "part-2-of-3.bin", "part-3-of-3.bin"]);
+    // A process that was killed while it wrote.
+    place.file("out/parts/.slipsense-x.partial", "");
     let mut parts = place.json(&format!("{what} --out @out --shard 1/3"));
     assert_eq!(names(&place.path("out")), ["metrics.json", "report.html"]);
     for all in [&mut whole, &mut parts] {

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::json;
@@ -18,7 +18,7 @@ use slipsense_synth::Shard;
 use super::inputs::{Frames, inputs};
 use super::{Print, written};
 use crate::bundled;
-use crate::output::{OutputDir, write_file};
+use crate::output::{OutputDir, is_partial, refuse_file, write_file};
 
 /// Compare slip detectors on labelled episodes
 ///
@@ -37,8 +37,8 @@ Files written to the output folder:
   report.html   tables, plots and definitions, one file to share
 
 Parts made by several processes or machines (--shard, same command else) meet in one output folder as
-part-I-of-N.bin; the last one writes the result of the whole and removes them. An input is eight
-streams, which the parts share out: more parts than streams find nothing to do.
+parts/part-I-of-N.bin; the last one writes the result of the whole and removes them. An input is
+eight streams, which the parts share out: more parts than streams find nothing to do.
 
 Where inputs and detectors have the names of the paper's tables (umi_id, umi_ood, palm, tesollo2,
 tesollo3; entropy, mfcc-qda, entropy-and-mfcc, network), ours stand beside the paper's. Printed where
@@ -124,15 +124,18 @@ impl Args {
         let seeds = self.seeds()?;
         let candidates = self.candidates(&fitted, &seeds)?;
         let inputs = inputs(&self.inputs, self.data.as_deref(), &self.frames)?;
-        // Looked at only: where this process is killed meanwhile, it leaves nothing.
-        drop(OutputDir::prepare(&self.out)?);
-
         let shard = self.shard.unwrap_or(Shard::WHOLE);
+        let files =
+            PartFiles { folder: self.out.join(PARTS), shard, key: self.key(&inputs, &candidates, &seeds)? };
+        // That the output can be written, before any work is done.
+        match self.shard {
+            None => drop(OutputDir::prepare(&self.out)?),
+            Some(_) => files.begin()?,
+        }
         let has = |stream| shard.has(stream);
         let progress = self.print.progress(episodes_of(&inputs, has), "episodes");
         let part = run_part(&inputs, &candidates, has, &|| progress.inc(1))?;
         progress.finish_and_clear();
-        let files = PartFiles { folder: &self.out, shard, key: self.key(&inputs, &candidates, &seeds)? };
         let parts = match self.shard {
             None => vec![part],
             Some(_) => match files.add(&part)? {
@@ -238,22 +241,32 @@ impl Args {
     }
 }
 
+/// Folder of the parts inside that of the results.
+const PARTS: &str = "parts";
+
 /// The parts of one evaluation as files: its key, then what the streams gave.
-struct PartFiles<'a> {
-    folder: &'a Path,
+struct PartFiles {
+    /// Holds nothing else, so that what a killed process left can be removed.
+    folder: PathBuf,
     shard: Shard,
     key: [u8; 32],
 }
 
-impl PartFiles<'_> {
+impl PartFiles {
+    /// Make the folder, which shows that results can be written.
+    fn begin(&self) -> Result<()> {
+        self.folder.parent().map_or(Ok(()), refuse_file)?;
+        fs::create_dir_all(&self.folder)
+            .with_context(|| format!("{}: cannot write this folder", self.folder.display()))
+    }
+
     fn file(&self, shard: Shard) -> PathBuf {
         self.folder.join(format!("part-{}.bin", shard.file_part()))
     }
 
     /// Write ours, and read all if they are there. One of another evaluation counts as missing.
     fn add(&self, part: &Part) -> Result<Option<Vec<Part>>> {
-        fs::create_dir_all(self.folder)
-            .with_context(|| format!("{}: cannot write this folder", self.folder.display()))?;
+        self.begin()?;
         write_file(&self.file(self.shard), [&self.key[..], &part.to_bytes()?].concat())?;
         let read = |shard| match fs::read(self.file(shard)) {
             Ok(bytes) => Ok(bytes.strip_prefix(&self.key[..]).and_then(Part::from_bytes)),
@@ -264,13 +277,20 @@ impl PartFiles<'_> {
         self.shard.all().map(read).collect()
     }
 
+    /// The parts, and what killed processes left of theirs. All parts are there: no other process writes one.
     fn remove(&self) -> Result<()> {
-        self.shard.all().map(|shard| self.file(shard)).try_for_each(|file| match fs::remove_file(&file) {
+        let left = fs::read_dir(&self.folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let mut files =
+            self.shard.all().map(|shard| self.file(shard)).chain(left.filter(|path| is_partial(path)));
+        files.try_for_each(|file| match fs::remove_file(&file) {
             Err(error) if error.kind() != ErrorKind::NotFound => {
                 Err(error).with_context(|| format!("{}: cannot remove", file.display()))
             }
             _ => Ok(()),
-        })
+        })?;
+        // Parts of another evaluation keep it.
+        let _ = fs::remove_dir(&self.folder);
+        Ok(())
     }
 }
 

@@ -17,6 +17,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
 use sha2::{Digest, Sha256};
 use slipsense::board::crash_record::{CRASH_WORDS, CrashRecord, Fault};
 use slipsense::calibration::{Calibration, GAIN_MAX, RECORD_BYTES, Trim};
@@ -114,16 +116,23 @@ fn change(bytes: &mut Vec<u8>, corpus: &[Vec<u8>], (kind, at, other, length, num
     }
 }
 
-/// One of the corpus with up to five changes, or random bytes.
+/// One of the corpus with up to five changes, or random bytes. No `prop_oneof`: it leaves each option half of the bytes
+/// that libFuzzer chose.
 fn mutated(corpus: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
-    let number = prop_oneof![select(&EDGES[..]), any::<u64>()];
+    let number = (any::<bool>(), select(&EDGES[..]), any::<u64>());
+    let number = number.prop_map(|(is_edge, edge, any)| if is_edge { edge } else { any });
     let changes = vec((0..10u8, any::<Index>(), any::<Index>(), 0..64usize, number), 0..=5);
-    let mutated = (any::<Index>(), changes).prop_map(move |(which, changes)| {
+    let random = (0..32u8, 0..2000usize, any::<u64>());
+    (any::<Index>(), changes, random).prop_map(move |(which, changes, (dice, length, seed))| {
+        if dice == 31 {
+            let mut bytes = [0].repeat(length);
+            ChaCha8Rng::seed_from_u64(seed).fill_bytes(&mut bytes);
+            return bytes;
+        }
         let mut bytes = which.get(&corpus).clone();
         changes.iter().for_each(|each| change(&mut bytes, &corpus, each));
         bytes
-    });
-    prop_oneof![31 => mutated, 1 => vec(any::<u8>(), 0..2000)]
+    })
 }
 
 /// Show `target` input after input; it says which it took for valid ones, of which there must be some.
@@ -151,10 +160,10 @@ fn fuzz_within(
     #[cfg(feature = "fuzz")]
     {
         // Of zeros a strategy may never accept one, so others follow.
-        let mut others = vec![0; 1 << 15];
+        let mut others = [0; 1 << 12];
         TestRng::deterministic_rng(RngAlgorithm::ChaCha).fill_bytes(&mut others);
-        guided::run(&|chosen| {
-            let random = TestRng::from_seed(RngAlgorithm::PassThrough, &[chosen, &others].concat());
+        guided::run(&|chosen: &[u8]| {
+            let random = TestRng::from_seed(RngAlgorithm::PassThrough, &[chosen, &others[..]].concat());
             let mut runner = TestRunner::new_with_rng(Config::default(), random);
             let bytes = inputs.new_tree(&mut runner).expect("none is filtered out");
             let bytes = proptest::strategy::ValueTree::current(&bytes);
@@ -173,8 +182,14 @@ fn fuzz_within(
 mod guided {
     use std::cell::Cell;
     use std::ffi::{CString, c_char, c_int};
+    use std::sync::atomic::{AtomicU64, Ordering};
 
     use libfuzzer_sys as _;
+
+    use super::LONGEST;
+
+    /// Inputs shown so far.
+    static SHOWN: AtomicU64 = AtomicU64::new(0);
 
     type Target = dyn Fn(&[u8]);
 
@@ -198,6 +213,7 @@ mod guided {
     extern "C" fn one(bytes: *const u8, length: usize) -> c_int {
         // SAFETY: libFuzzer's promise, but for a pointer where there are none.
         let bytes = if length == 0 { &[] } else { unsafe { std::slice::from_raw_parts(bytes, length) } };
+        SHOWN.fetch_add(1, Ordering::Relaxed);
         // A panic here ends the process: libFuzzer says with which input.
         TARGET.get().expect("is set before the first")(bytes);
         0
@@ -209,6 +225,17 @@ mod guided {
         // SAFETY: libFuzzer ends the process, so that `target` lives as long as it.
         let target = unsafe { std::mem::transmute::<&(dyn Fn(&[u8]) + '_), &'static Target>(target) };
         TARGET.set(Some(target));
+        // libFuzzer's own time limit works in the main thread only, which is not this one.
+        std::thread::spawn(|| {
+            loop {
+                let before = SHOWN.load(Ordering::Relaxed);
+                std::thread::sleep(2 * LONGEST);
+                if SHOWN.load(Ordering::Relaxed) == before {
+                    eprintln!("an input takes more than {LONGEST:?}");
+                    std::process::abort();
+                }
+            }
+        });
         let words = ["fuzz"].into_iter().chain(arguments.split_whitespace());
         let words: Vec<_> = words.map(|word| CString::new(word).expect("no zero bytes")).collect();
         let mut pointers: Vec<_> = words.iter().map(|word| word.as_ptr().cast_mut()).collect();
@@ -416,14 +443,11 @@ fn npz_arrays() {
     let all: Vec<Vec<u8>> = files.iter().flatten().map(|(_, bytes)| bytes.clone()).collect();
     // Of thousands of bytes the first say what the others are.
     let headers: Vec<Vec<u8>> = all.iter().map(|bytes| bytes[..128].to_vec()).collect();
-    let inputs = (any::<Index>(), any::<Index>(), mutated(all), proptest::option::of(mutated(headers)));
-    let inputs = inputs.prop_map(move |(file, array, whole, header)| {
+    let inputs = (any::<Index>(), any::<Index>(), any::<bool>(), mutated(all), mutated(headers));
+    let inputs = inputs.prop_map(move |(file, array, of_header, whole, header)| {
         let mut arrays = file.get(&files).clone();
         let (_, bytes) = &mut arrays[array.index(file.get(&files).len())];
-        *bytes = match header {
-            Some(header) => [&header, &bytes[128..]].concat(),
-            None => whole,
-        };
+        *bytes = if of_header { [&header, &bytes[128..]].concat() } else { whole };
         archive(&arrays)
     });
     fuzz(inputs, 1, is_read);

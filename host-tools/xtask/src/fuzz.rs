@@ -26,7 +26,7 @@ is printed and kept there as well.
 
 Examples:
   cargo xtask fuzz --only npz --runs 100000
-  cargo xtask fuzz --runs 10000000            every parser, all cores: hours")]
+  cargo xtask fuzz --runs 10000000            every parser: a quarter of an hour on two cores")]
 pub struct Options {
     /// Inputs for each parser
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]

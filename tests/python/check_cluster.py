@@ -59,10 +59,11 @@ def cluster(*words, kill_after=None):
                 done += 1
                 if kill_after is not None and kill_after <= done < PARTS and not died:
                     kill_a_busy_worker()
-    if (process.returncode, done) != (0, PARTS) or not (died or kill_after is None):
+    is_whole, is_killed = (process.returncode, done) == (0, PARTS), died or kill_after is None
+    if not (is_whole and is_killed):
         print("".join(output))
-    require((process.returncode, done) == (0, PARTS), f"{words[0]}: {PARTS} parts on two workers")
-    require(died or kill_after is None, f"{words[0]}: a worker died at its task")
+    require(is_whole, f"{words[0]}: {PARTS} parts on two workers")
+    require(is_killed, f"{words[0]}: a worker died at its task")
     return time.perf_counter() - start
 
 

@@ -18,7 +18,7 @@ use slipsense_synth::labels::sustained_sliding;
 pub(crate) const SLIDING_MM_S: f32 = slipsense_synth::labels::SLIPPING_MM_S as f32;
 /// ... and where this share of the load slips.
 pub(crate) const SLIDING_FRACTION: f32 = slipsense_synth::labels::SLIPPING_SHARE as f32;
-/// ... and most of it slides where more than this share does.
+/// Most of the contact slides where more than this share of the load slips.
 const MOST: f32 = 0.5;
 /// The sliding of a labelled event may begin this many frames before its label: 250 ms.
 const BEFORE_LABEL_FRAMES: usize = FRAME_RATE_HZ as usize / 4;
@@ -134,7 +134,7 @@ pub(crate) struct Interface {
     pub(crate) slip: Vec<Interval>,
     /// Frames in which most of the contact slides, sustained sliding or not: a twisted object slides around a centre that
     /// still sticks, and not all of the contact stops at once.
-    pub(crate) mostly: Vec<Interval>,
+    pub(crate) mostly_sliding: Vec<Interval>,
     /// Sliding that belongs to each labelled event, index into `slip`: the first that begins between
     /// 250 ms before the label and its end. None where the contact never slid as a whole.
     pub(crate) of_label: Vec<Option<usize>>,
@@ -183,9 +183,9 @@ impl Truth {
         self.label.len()
     }
 
-    /// Slip by the labels, and what else is no false alarm to whoever acts on the flag: most of the contact slides.
-    pub(crate) fn slips_or_mostly(&self) -> Vec<Interval> {
-        let mostly = self.interface.iter().flat_map(|interface| &interface.mostly);
+    /// Slip by the labels, and where most of the contact slides.
+    pub(crate) fn slip_or_mostly_sliding(&self) -> Vec<Interval> {
+        let mostly = self.interface.iter().flat_map(|interface| &interface.mostly_sliding);
         let mut slides = vec![false; self.frames()];
         self.slip.iter().chain(mostly).for_each(|&(start, end)| slides[start..end].fill(true));
         runs(slides.len(), |f| slides[f])
@@ -209,7 +209,7 @@ impl Interface {
             })
             .collect();
         let slides = |f: usize| speed_mm_s[f] > SLIDING_MM_S && fraction[f] > MOST;
-        Self { slip, mostly: runs(speed_mm_s.len(), slides), of_label, slid_mm }
+        Self { slip, mostly_sliding: runs(speed_mm_s.len(), slides), of_label, slid_mm }
     }
 }
 
@@ -243,9 +243,9 @@ mod tests {
         let slipping = [0.0, 0.09, 0.2, 0.2, 0.2, 0.2, 0.2, 0.0];
         let share = [0.9, 0.9, 0.51, 0.96, 0.96, 0.9, 0.5, 0.9];
         let truth = Truth::from_labels(label.to_vec());
-        assert_eq!(truth.slips_or_mostly(), [(3, 5)]);
+        assert_eq!(truth.slip_or_mostly_sliding(), [(3, 5)]);
         let interface = Some(Interface::new(&slipping, &share, &truth.slip));
-        assert_eq!(Truth { interface, ..truth }.slips_or_mostly(), [(2, 6)]);
+        assert_eq!(Truth { interface, ..truth }.slip_or_mostly_sliding(), [(2, 6)]);
     }
 
     #[test]

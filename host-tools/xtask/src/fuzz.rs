@@ -13,7 +13,7 @@ use clap::Args;
 use crate::process::{answer, cargo, command, target_dir};
 use crate::table::Table;
 
-/// The tests of `host-tools/recording/tests/suite/fuzz.rs`.
+/// The tests of `host-tools/recording/tests/suite/fuzz/`.
 const MODULE: &str = "fuzz::";
 /// Counts each branch taken, as libFuzzer wants it.
 const COVERAGE: &str = "-Ccodegen-units=1 -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \

@@ -266,6 +266,7 @@ impl PartFiles {
 
     /// Write ours, and read all if they are there. One of another evaluation counts as missing.
     fn add(&self, part: &Part) -> Result<Option<Vec<Part>>> {
+        // Another part's process may have removed it with the others' parts.
         self.begin()?;
         write_file(&self.file(self.shard), [&self.key[..], &part.to_bytes()?].concat())?;
         let read = |shard| match fs::read(self.file(shard)) {

@@ -59,18 +59,19 @@ def cluster(*words, kill_after=None):
                 done += 1
                 if kill_after is not None and kill_after <= done < PARTS and not died:
                     kill_a_busy_worker()
-    is_whole, is_killed = (process.returncode, done) == (0, PARTS), died or kill_after is None
-    if not (is_whole and is_killed):
+    is_whole = (process.returncode, done) == (0, PARTS)
+    if not is_whole or (kill_after is not None and not died):
         print("".join(output))
     require(is_whole, f"{words[0]}: {PARTS} parts on two workers")
-    require(is_killed, f"{words[0]}: a worker died at its task")
+    if kill_after is not None:
+        require(died, f"{words[0]}: a worker died at its task")
     return time.perf_counter() - start
 
 
 def same_files(what, one, many):
     names = sorted(path.name for path in one.iterdir())
     others = sorted(path.name for path in many.iterdir())
-    require(names == others, f"{what}: the same {len(names)} files, others: {set(names) ^ set(others)}")
+    require(names == others, f"{what}: the same files: {', '.join(others)}")
     require(all((one / name).read_bytes() == (many / name).read_bytes() for name in names), f"{what}: every byte of them")
 
 

@@ -12,14 +12,12 @@ use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::score::{Interval, SLIP, runs};
 use slipsense_recording::{Episode, Meta};
 use slipsense_synth::SlipDirection;
-use slipsense_synth::labels::sustained_sliding;
+use slipsense_synth::labels::{mostly_sliding, sustained_sliding};
 
 /// The contact slides where the slip speed is above this, mm/s.
 pub(crate) const SLIDING_MM_S: f32 = slipsense_synth::labels::SLIPPING_MM_S as f32;
 /// ... and where this share of the load slips.
 pub(crate) const SLIDING_FRACTION: f32 = slipsense_synth::labels::SLIPPING_SHARE as f32;
-/// Most of the contact slides where more than this share of the load slips.
-const MOST: f32 = 0.5;
 /// The sliding of a labelled event may begin this many frames before its label: 250 ms.
 const BEFORE_LABEL_FRAMES: usize = FRAME_RATE_HZ as usize / 4;
 
@@ -208,8 +206,7 @@ impl Interface {
                 slid as f32
             })
             .collect();
-        let slides = |f: usize| speed_mm_s[f] > SLIDING_MM_S && fraction[f] > MOST;
-        Self { slip, mostly_sliding: runs(speed_mm_s.len(), slides), of_label, slid_mm }
+        Self { slip, mostly_sliding: mostly_sliding(speed_mm_s, fraction), of_label, slid_mm }
     }
 }
 

@@ -16,6 +16,8 @@ use crate::draw::{Draw, Rng};
 pub const SLIPPING_MM_S: f64 = 0.1;
 /// Share of the load on sliding cells above which the interface slips as a whole.
 pub const SLIPPING_SHARE: f64 = 0.95;
+/// Share of the load on sliding cells above which most of the contact slides.
+const MOST: f32 = 0.5;
 /// Interruptions of interface slip of up to this many frames (50 ms) belong to it: a stick phase.
 pub const GAP_FRAMES: usize = 12;
 
@@ -100,6 +102,12 @@ pub fn sustained_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> (Intervals, In
         }
     }
     found.into_iter().partition(|(start, end)| end - start >= GAP_FRAMES)
+}
+
+/// Where most of the contact slides, for however short: the interface slips as a whole there, is about to or comes to
+/// rest, or turns around a centre that sticks.
+pub fn mostly_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> Intervals {
+    runs(speed_mm_s.len(), |f| f64::from(speed_mm_s[f]) > SLIPPING_MM_S && fraction[f] > MOST)
 }
 
 #[cfg(test)]

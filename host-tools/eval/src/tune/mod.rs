@@ -3,13 +3,16 @@
 //! Two inputs: disturbances without slip, and the validation splits, which give what is missed and how late the rest is
 //! found; both give false alarms. They are of validation objects, in the laboratory's physics and in families that
 //! training may see; the test splits, their objects and their seeds are never used. For every rule of [`RULES`] the
-//! threshold is the lowest that keeps to the rate of false alarms; of the rules that one is chosen that misses least of
-//! the interface's sustained sliding, then the one whose median latency is least, then the one that remembers least.
+//! threshold is the lowest that keeps to the rate of false alarms; of the rules that one is chosen that finds most of the
+//! interface's sustained sliding [in time](IN_TIME_FRAMES), then the one that misses least, then the one that remembers
+//! least. In time first: what is found later helps a controller little, and a rule of many frames trades the one for the
+//! other.
 //!
 //! Events, false alarms and exposure are the benchmark's ([`crate::metrics`]), with one exception: an alarm while most of
 //! the contact slides is not false here. By the labels it is where an object turns around a centre that sticks, or comes
 //! to rest, and of the few false alarms that are allowed most would be such ones.
 
+use std::cmp::Reverse;
 use std::fmt;
 use std::ops::Range;
 
@@ -21,6 +24,7 @@ use serde_json::{Value, json};
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
+use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::threshold::lowest_threshold;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, tuning_disturbances};
@@ -28,6 +32,7 @@ use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, tuning_disturbances};
 use crate::detectors::network::{KthLargest, PipelineStream};
 use crate::metrics::alarms::{AlarmCounts, AlarmFigures};
 use crate::metrics::events::{EventFigures, Outcome, Outcomes};
+use crate::metrics::statistics::share;
 use crate::report::plots::{Axes, Line, plot};
 use crate::source::{Handle, Input};
 use crate::table::{Table, latency, number, percent};
@@ -50,6 +55,9 @@ pub const RULES: [(u8, u8); 14] = [
     (10, 16),
     (16, 24),
 ];
+
+/// Frames from the onset within which a slip is found in time: 50 ms.
+const IN_TIME_FRAMES: usize = FRAME_RATE_HZ as usize / 20;
 
 /// False alarms per hour at which the chosen rule is shown.
 const CURVE_PER_HOUR: [f64; 9] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
@@ -118,6 +126,8 @@ pub struct Rule {
     pub(crate) disturbances: AlarmFigures,
     /// Sustained sliding of the interface; labelled events where an episode does not know it.
     pub(crate) slips: EventFigures,
+    /// Of `slips`, those with the flag up within [`IN_TIME_FRAMES`] of the onset.
+    pub(crate) in_time: usize,
 }
 
 impl Rule {
@@ -154,13 +164,8 @@ pub fn tune(disturbances: &[Margins], slips: &[Margins], target_alarms_per_hour:
     ensure!(slips.iter().any(|episode| !episode.truth.slip.is_empty()), "the slip episodes hold no slip");
     let rows: Vec<Rule> =
         RULES.into_par_iter().map(|rule| at_most(disturbances, slips, rule, allowed)).collect();
-    let rank =
-        |row: &Rule| (row.slips.missed, row.slips.latency_median_frames.unwrap_or(f64::INFINITY), row.n);
-    let better = |a: &Rule, b: &Rule| {
-        let (a, b) = (rank(a), rank(b));
-        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2))
-    };
-    let chosen = (0..rows.len()).min_by(|&a, &b| better(&rows[a], &rows[b])).unwrap_or_default();
+    let rank = |&row: &usize| (Reverse(rows[row].in_time), rows[row].slips.missed, rows[row].n);
+    let chosen = (0..rows.len()).min_by_key(rank).unwrap_or_default();
     let rule = (rows[chosen].k, rows[chosen].n);
     let curve = CURVE_PER_HOUR.into_par_iter();
     let curve = curve.map(|rate| at_most(disturbances, slips, rule, of_rate(rate))).collect();
@@ -184,7 +189,16 @@ fn at_most(disturbances: &[Margins], slips: &[Margins], (k, n): (u8, u8), allowe
         outcomes.extend(if truth.interface.is_some() { found.interface } else { found.encoder });
     }
     let slips = EventFigures::new(&outcomes.iter().collect::<Vec<_>>());
-    Rule { threshold_q10: threshold.to_bits(), k, n, disturbances: AlarmFigures::new(&counts), slips }
+    let found = outcomes.iter().filter_map(|outcome| outcome.from_onset);
+    let in_time = found.filter(|&delay| delay <= IN_TIME_FRAMES).count();
+    Rule {
+        threshold_q10: threshold.to_bits(),
+        k,
+        n,
+        disturbances: AlarmFigures::new(&counts),
+        slips,
+        in_time,
+    }
 }
 
 /// The k-th largest margins, frame by frame, remembered from episode to episode as the alarm does.
@@ -220,6 +234,7 @@ impl Tuning {
             "episodes": episodes,
             "slips": best.slips.events,
             "missed": best.slips.missed,
+            "in_time": best.in_time,
             "early": best.slips.early,
             "latency_median_frames": best.slips.latency_median_frames,
         })
@@ -268,7 +283,7 @@ impl fmt::Display for Tuning {
             ("/h", |(_, row)| number(row.disturbances.all.alarms_per_hour, 2)),
             ("< /h", |(_, row)| number(row.disturbances.all.upper_bound_per_hour, 2)),
             ("missed %", |(_, row)| percent(row.slips.miss_share)),
-            ("early %", |(_, row)| percent(row.slips.early_share)),
+            ("≤50 ms %", |(_, row)| percent(share(row.in_time, row.slips.events))),
             ("latency fr", |(_, row)| {
                 latency(row.slips.latency_median_frames, row.slips.hits + row.slips.missed)
             }),

@@ -183,12 +183,6 @@ impl State {
     }
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Of each sensor: are its rows reversed, are its columns?
 pub type Mountings = [(bool, bool); MAX_SENSORS];
 

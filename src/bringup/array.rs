@@ -84,12 +84,6 @@ impl ArrayStats {
     }
 }
 
-impl Default for ArrayStats {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 const fn on_pad(slot: usize) -> bool {
     is_active(slot / TAXEL_COLS, slot % TAXEL_COLS)
 }

@@ -32,23 +32,12 @@ const DEVIATION_MAX: i32 = 8_191;
 
 /// Why there is no calibration. Rows and columns are those of the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Refusal {
-    /// Neighbouring taxels moved: somebody touched the pad.
-    Touched {
-        /// Row of one of them.
-        row: u8,
-        /// Column of one of them.
-        col: u8,
-    },
-    /// More taxels are faulty than a pad may have.
-    Faulty {
-        /// How many.
-        count: u16,
-        /// Row of the first.
-        row: u8,
-        /// Column of the first.
-        col: u8,
-    },
+    /// Neighbouring taxels moved, this one among them: somebody touched the pad.
+    Touched { row: u8, col: u8 },
+    /// More taxels are faulty than a pad may have, this one first.
+    Faulty { count: u16, row: u8, col: u8 },
     /// No whole second was measured.
     TooShort,
 }
@@ -180,12 +169,6 @@ impl Measurement {
         calibration.faulty = faulty;
         calibration.seal();
         Ok(())
-    }
-}
-
-impl Default for Measurement {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

@@ -82,12 +82,6 @@ impl<'l, M: RawMutex> SensorLink<'l, M> {
     }
 }
 
-impl<M: RawMutex> Default for SensorLink<'_, M> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Where an array is measured and its new calibration made. Zeros at first.
 pub struct Bench {
     pub(super) measurement: Measurement,
@@ -98,12 +92,6 @@ impl Bench {
     /// Nothing on it.
     pub const fn new() -> Self {
         Self { measurement: Measurement::new(), calibration: Calibration::zeroed() }
-    }
-}
-
-impl Default for Bench {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

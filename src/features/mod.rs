@@ -129,9 +129,3 @@ impl XlFrontEnd {
         &self.floor
     }
 }
-
-impl Default for XlFrontEnd {
-    fn default() -> Self {
-        Self::new()
-    }
-}

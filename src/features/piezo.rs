@@ -135,9 +135,3 @@ fn update(average: &mut u16, count: u16) -> i16 {
     *average = (*average as i32 + ((difference + ROUND) >> AVERAGE_SHIFT)) as u16;
     (difference >> 1).clamp(-CONV_INPUT_MAX - 1, CONV_INPUT_MAX) as i16
 }
-
-impl Default for TaxelDelta {
-    fn default() -> Self {
-        Self::new()
-    }
-}

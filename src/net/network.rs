@@ -39,12 +39,6 @@ pub struct NetworkState {
     fused_seen: KeyValueCache<FUSED_WORDS>,
 }
 
-impl Default for NetworkState {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// A model with its state.
 #[derive(Clone, Debug)]
 pub struct Network<'m> {

@@ -30,36 +30,16 @@ pub struct Settings {
     elements: [i64; table::ELEMENTS],
 }
 
-/// Why a value was not taken.
+/// Why a value was not taken: the setting's register, what was found, what is allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum SettingError {
     /// Another number of elements.
-    Elements {
-        /// Register of the setting.
-        name: &'static str,
-        /// Elements needed.
-        expected: usize,
-        /// Elements given.
-        found: usize,
-    },
-    /// An element is out of its range.
-    Element {
-        /// Register of the setting.
-        name: &'static str,
-        /// Which element, from 0.
-        index: usize,
-        /// The number given.
-        value: i64,
-        /// What is allowed.
-        rule: Rule,
-    },
+    Elements { name: &'static str, expected: usize, found: usize },
+    /// An element, counted from 0, is out of its range.
+    Element { name: &'static str, index: usize, value: i64, rule: Rule },
     /// Each element is allowed, all together are not.
-    Together {
-        /// Register of the setting.
-        name: &'static str,
-        /// What they must be.
-        rule: &'static str,
-    },
+    Together { name: &'static str, rule: &'static str },
 }
 
 impl fmt::Display for SettingError {

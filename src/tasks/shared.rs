@@ -77,12 +77,6 @@ impl RuntimeConfig {
     }
 }
 
-impl Default for RuntimeConfig {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// One per node, usually a `static`.
 pub struct Shared<M: RawMutex> {
     /// What each task has done, for the supervisor.
@@ -199,11 +193,5 @@ impl<M: RawMutex> Shared<M> {
     /// Wait until there is something new to send.
     pub(super) async fn wait_tx(&self) {
         self.tx_ready.wait().await;
-    }
-}
-
-impl<M: RawMutex> Default for Shared<M> {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -16,14 +16,10 @@ use super::state::{Run, StateError, UpdateState};
 
 /// The firmware to jump to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Firmware {
-    /// It came by an update.
-    Signed {
-        /// Its version.
-        version: ImageVersion,
-        /// The hash of what lies in the slot.
-        hash: [u8; 32],
-    },
+    /// It came by an update; the hash is that of what lies in the slot.
+    Signed { version: ImageVersion, hash: [u8; 32] },
     /// Nothing vouches for it: a debug probe wrote it.
     Flashed,
 }

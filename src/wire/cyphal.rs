@@ -88,17 +88,12 @@ pub struct CanFrame {
 
 /// Why a [`CanFrame`] cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum LengthError {
     /// More than 29 bits of identifier.
-    Id {
-        /// The identifier found.
-        id: u32,
-    },
-    /// A data length that CAN FD does not have.
-    Length {
-        /// The length found, bytes.
-        length: usize,
-    },
+    Id { id: u32 },
+    /// A data length that CAN FD does not have, bytes.
+    Length { length: usize },
 }
 
 impl CanFrame {

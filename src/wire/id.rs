@@ -81,12 +81,10 @@ pub struct MessageId {
 
 /// Why an identifier is not that of a message with a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum IdError {
     /// More than 29 bits.
-    TooLarge {
-        /// The identifier found.
-        id: u32,
-    },
+    TooLarge { id: u32 },
     /// A service call, not a message.
     Service,
     /// A message of a node without an address.

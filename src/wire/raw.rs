@@ -88,12 +88,6 @@ impl RawBuffer {
     }
 }
 
-impl Default for RawBuffer {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl RawFrame<'_> {
     /// Is there anything to send?
     pub const fn delivers(&self) -> bool {

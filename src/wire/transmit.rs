@@ -139,9 +139,3 @@ impl RawTransfer {
         self.segmenter.as_mut()?.next(self.buffer.bytes(self.length))
     }
 }
-
-impl Default for RawTransfer {
-    fn default() -> Self {
-        Self::new()
-    }
-}

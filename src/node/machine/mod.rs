@@ -42,6 +42,7 @@ pub const STORE_PAUSE_US: u64 = 10_000_000;
 
 /// What the board must do. Nothing here does it.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Action {
     /// Start anew, after [`Node::next_frame`] has given its last frame and that has gone out.
     Restart,
@@ -58,25 +59,12 @@ pub enum Action {
     /// Measure an array, or change its calibration; then [`Node::command_done`]: with a measurement when it has begun.
     Calibrate(Request),
     /// Make room for an update, then [`Node::begin_download`] or [`Node::report`] why not.
-    BeginUpdate {
-        /// Firmware or model.
-        target: UpdateTarget,
-        /// Where it is.
-        file: FileRef,
-    },
-    /// The file is complete and the sink has accepted it. A firmware wants a restart; a model too, unless
-    /// the board changes models while it runs.
-    UpdateReceived {
-        /// Firmware or model.
-        target: UpdateTarget,
-        /// Bytes.
-        length: u32,
-    },
+    BeginUpdate { target: UpdateTarget, file: FileRef },
+    /// The file is complete, so many bytes, and the sink has accepted it. A firmware wants a restart; a model too,
+    /// unless the board changes models while it runs.
+    UpdateReceived { target: UpdateTarget, length: u32 },
     /// The file was given up; a diagnostic record has said why.
-    UpdateFailed {
-        /// Firmware or model.
-        target: UpdateTarget,
-    },
+    UpdateFailed { target: UpdateTarget },
 }
 
 /// What the node's own traffic met with, since start.

@@ -144,14 +144,9 @@ impl PiezoFrame {
                 return Err(TaxelError::Inactive { index, count });
             }
         }
-        Ok(Self::from_valid(counts))
-    }
-
-    /// `counts` that keep to the rules.
-    fn from_valid(counts: [u16; TAXELS]) -> Self {
         let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
         frame.update_totals();
-        frame
+        Ok(frame)
     }
 
     /// Recompute sum and saturation.

@@ -6,7 +6,6 @@
 use core::fmt;
 
 use super::{CODE_BITS, Calibration, Trim};
-use crate::fixed::isqrt;
 use crate::params::{ACTIVE_TAXELS, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use crate::sensor::TaxelMask;
 use crate::transfer::IDLE_CODE;
@@ -193,7 +192,7 @@ impl Sums {
         let frames = i64::from(blocks.max(1)) * i64::from(BLOCK_FRAMES);
         let mean = ((i64::from(self.total) << CODE_BITS) * 2 + frames).div_euclid(2 * frames) as i32;
         let offset = (i32::from(self.first) << CODE_BITS) + mean;
-        (offset, isqrt(self.variances.checked_div(blocks).unwrap_or(0).into()))
+        (offset, self.variances.checked_div(blocks).unwrap_or(0).isqrt())
     }
 }
 

@@ -28,7 +28,7 @@ const _: () = assert!((COUNT_MAX as u32) << AVERAGE_FRAC_BITS <= u16::MAX as u32
 pub type TaxelRow = [[i16; PIEZO_CHANNELS]; TAXEL_COLS];
 
 /// The front end of one array.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct PiezoFrontEnd {
     delta: TaxelDelta,
 }

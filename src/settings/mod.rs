@@ -156,26 +156,14 @@ impl Settings {
     }
 
     fn per_sensor(&self, setting: Setting) -> [i64; MAX_SENSORS] {
-        let mut out = [0; MAX_SENSORS];
-        for (out, &element) in out.iter_mut().zip(self.get(setting)) {
-            *out = element;
-        }
-        out
+        self.get(setting).first_chunk().copied().unwrap_or_default()
     }
 
     /// Taxels of a sensor that are ignored; none of a sensor that does not exist.
     pub fn taxel_mask(&self, sensor: usize) -> TaxelMask {
-        let mut mask = TaxelMask::NONE;
-        let setting = match sensor {
-            0 => Setting::TaxelMask0,
-            1 => Setting::TaxelMask1,
-            2 => Setting::TaxelMask2,
-            _ => return mask,
-        };
-        for (row, &element) in mask.0.iter_mut().zip(self.get(setting)) {
-            *row = element as u32;
-        }
-        mask
+        let settings = [Setting::TaxelMask0, Setting::TaxelMask1, Setting::TaxelMask2];
+        let rows = settings.get(sensor).map_or(&[][..], |&setting| self.get(setting));
+        TaxelMask(core::array::from_fn(|row| rows.get(row).map_or(0, |&element| element as u32)))
     }
 
     /// Does the node follow the bus time?

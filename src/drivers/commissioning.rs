@@ -6,6 +6,7 @@
 //!
 //! The bench, on which sums and tables are, is handed over, never copied: whoever has it may write.
 
+use core::cell::Cell;
 use core::fmt;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -63,7 +64,7 @@ impl<'l, M: RawMutex> Commissioning<'l, M> {
 
     /// How far the last measurement is.
     pub fn progress(&self) -> Progress {
-        let measured = self.link.measured() as u16;
+        let measured = self.link.measured.lock(Cell::get) as u16;
         match self.progress.state {
             State::Measuring => Progress { frames: measured, ..self.progress },
             _ => self.progress,
@@ -107,7 +108,7 @@ impl<'l, M: RawMutex> Commissioning<'l, M> {
 
     /// Is there something to [`finish`](Self::finish)?
     pub fn is_ready(&mut self) -> bool {
-        if let Some((_, bench)) = self.link.take_back() {
+        if let Some((_, bench)) = self.link.done.lock(Cell::take) {
             self.bench = Some(bench);
         }
         self.request.is_some() && self.bench.is_some()

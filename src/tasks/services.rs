@@ -102,30 +102,21 @@ pub trait ServiceBoard: FileSink + StatusLed {
     async fn end_calibration(&mut self) -> Option<(u8, Result<Summary, Failure>)> {
         None
     }
-
-    /// Judge a self test by what the tasks counted before and after it.
-    fn self_test(&mut self, before: &Status, after: &Status) -> Result<(), &'static str> {
-        sensors_deliver(before, after)
-    }
 }
 
-/// Did frames come, and does every sensor deliver both parts?
-pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static str> {
-    if after.decided_frames.wrapping_sub(before.decided_frames) < SELF_TEST_FRAMES {
-        Err("self test: frames are missing")
-    } else if after.any_sensor(health::NO_MODEL) {
-        Err("self test: no readable model")
-    } else if after.any_sensor(health::PIEZO_MISSING) {
-        Err("self test: an array does not deliver")
-    } else if after.any_sensor(health::XL_MISSING) {
-        Err("self test: an accelerometer does not deliver")
-    } else if after.self_checks.failed != 0 {
-        Err("self test: code, model or network is not what it was at start")
-    } else if after.frozen {
-        Err("self test: an accelerometer is frozen")
-    } else {
-        Ok(())
-    }
+/// Judge a self test by what the tasks counted before and after it: did frames come, and does every sensor deliver both
+/// parts?
+fn self_test(before: &Status, after: &Status) -> Result<(), &'static str> {
+    let frames = after.decided_frames.wrapping_sub(before.decided_frames);
+    let faults = [
+        (frames < SELF_TEST_FRAMES, "self test: frames are missing"),
+        (after.any_sensor(health::NO_MODEL), "self test: no readable model"),
+        (after.any_sensor(health::PIEZO_MISSING), "self test: an array does not deliver"),
+        (after.any_sensor(health::XL_MISSING), "self test: an accelerometer does not deliver"),
+        (after.self_checks.failed != 0, "self test: code, model or network is not what it was at start"),
+        (after.frozen, "self test: an accelerometer is frozen"),
+    ];
+    faults.into_iter().find(|(is_there, _)| *is_there).map_or(Ok(()), |(_, why)| Err(why))
 }
 
 /// The services task.
@@ -253,7 +244,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
             Action::SelfTest => {
                 let before = self.node_loop.shared.status();
                 self.node_loop.pause(SELF_TEST_US).await;
-                let result = self.board.self_test(&before, &self.node_loop.shared.status());
+                let result = self_test(&before, &self.node_loop.shared.status());
                 self.node_loop.shared.update_status(|status| {
                     status.self_tests = status.self_tests.saturating_add(1);
                     status.failed_self_tests =
@@ -292,9 +283,8 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
         let mut any = false;
         while let Some(setting) = self.node_loop.node.take_changed() {
             any = true;
-            self.node_loop
-                .node
-                .report(Severity::Debug, format_args!("{} changed", setting.definition().name));
+            let name = setting.definition().name;
+            self.node_loop.node.report(Severity::Debug, format_args!("{name} changed"));
         }
         if any {
             self.node_loop.apply_config();
@@ -339,36 +329,36 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
             self.bus.accept_only(&self.node.filters());
             self.apply_config();
         }
-        if self.node.node_id().is_some()
-            && let Some(record) = self.crash.take()
-        {
-            self.node.report(Severity::Critical, format_args!("restarted after {record}"));
-        }
-        if self.node.node_id().is_some() && core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
-            self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
-        }
-        let failed = self.node.status.self_checks.failed & !self.reported;
-        if self.node.node_id().is_some() && failed != 0 {
-            self.reported |= failed;
-            for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
-                self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
-            }
-        }
-        if self.node.node_id().is_some()
-            && self.clock.now_us() >= self.calibrations_us
-            && self.node.is_drained()
-        {
-            self.calibrations_us = self.clock.now_us().saturating_add(CALIBRATIONS_US);
-            let Status { sensors, calibrations, .. } = self.node.status;
-            for (sensor, summary) in calibrations.iter().enumerate().take(sensors) {
-                self.node.report(Severity::Info, format_args!("{CALIBRATION_LINE} {sensor}: {summary}"));
-            }
+        if self.node.node_id().is_some() {
+            self.report();
         }
         while self.shared.service_room() > 0 {
             let Some(frame) = self.node.next_frame() else { break };
             let is_heartbeat = MessageId::from_can(frame.id()).is_ok_and(|id| id.port == HEARTBEAT_PORT);
             if self.shared.send_service(frame) && is_heartbeat {
                 self.heartbeats = self.heartbeats.saturating_add(1);
+            }
+        }
+    }
+
+    /// What the node says of itself, once it has an address.
+    fn report(&mut self) {
+        if let Some(record) = self.crash.take() {
+            self.node.report(Severity::Critical, format_args!("restarted after {record}"));
+        }
+        if core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
+            self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
+        }
+        let failed = self.node.status.self_checks.failed & !self.reported;
+        self.reported |= failed;
+        for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
+            self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
+        }
+        if self.clock.now_us() >= self.calibrations_us && self.node.is_drained() {
+            self.calibrations_us = self.clock.now_us().saturating_add(CALIBRATIONS_US);
+            let Status { sensors, calibrations, .. } = self.node.status;
+            for (sensor, summary) in calibrations.iter().enumerate().take(sensors) {
+                self.node.report(Severity::Info, format_args!("{CALIBRATION_LINE} {sensor}: {summary}"));
             }
         }
     }
@@ -402,11 +392,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
 
     /// Settings that the other tasks look at.
     fn apply_config(&self) {
-        self.shared.set_config(RuntimeConfig::new(
-            self.node.settings(),
-            self.node.node_id(),
-            self.node.is_locked(),
-        ));
+        let Self { node, shared, .. } = self;
+        shared.set_config(RuntimeConfig::new(node.settings(), node.node_id(), node.is_locked()));
     }
 
     /// Has everything gone, but for a frame that the hardware may hold?

@@ -145,9 +145,9 @@ impl<M: RawMutex> Shared<M> {
         self.tx_ready.signal(());
     }
 
-    /// There is no slip message for a frame, as the node has no address. Transmission is woken as at every frame: what
-    /// stands still starves the watchdog.
-    pub fn send_no_slip(&self) {
+    /// Wake transmission: a raw message has been put into the [`RawQueue`]; or there is no slip message for a frame, as
+    /// the node has no address, and what stands still starves the watchdog.
+    pub fn wake_transmission(&self) {
         self.tx_ready.signal(());
     }
 
@@ -168,22 +168,12 @@ impl<M: RawMutex> Shared<M> {
         self.services.free_capacity()
     }
 
-    /// A raw message has been put into the [`RawQueue`].
-    pub(super) fn signal_raw(&self) {
-        self.tx_ready.signal(());
-    }
-
     pub(super) fn take_slip(&self) -> Option<CanFrame> {
         self.slip.lock(Cell::take)
     }
 
     pub(super) fn slip_waits(&self) -> bool {
-        self.slip.lock(|cell| {
-            let slip = cell.take();
-            let waits = slip.is_some();
-            cell.set(slip);
-            waits
-        })
+        self.slip.lock(Cell::get).is_some()
     }
 
     pub(super) fn take_service(&self) -> Option<CanFrame> {

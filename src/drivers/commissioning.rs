@@ -6,6 +6,7 @@
 //!
 //! The bench, on which sums and tables are, is handed over, never copied: whoever has it may write.
 
+use core::borrow::BorrowMut;
 use core::cell::Cell;
 use core::fmt;
 
@@ -15,7 +16,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use super::sensor_link::{Bench, Job, SensorLink};
 use crate::calibration::{BLOCK_FRAMES, Progress, Refusal, Request, SECONDS_MAX, State, Summary, What};
 use crate::params::MAX_SENSORS;
-use crate::settings::{ScratchMut, SettingsStore, StoreError};
+use crate::settings::{Scratch, SettingsStore, StoreError};
 
 /// Why a measurement did not become a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,7 +116,7 @@ impl<'l, M: RawMutex> Commissioning<'l, M> {
     }
 
     /// Make the new calibration, store it, apply it. `None`: there was nothing to do.
-    pub async fn finish<F: NorFlash, B: ScratchMut>(
+    pub async fn finish<F: NorFlash, B: BorrowMut<Scratch>>(
         &mut self,
         store: &mut SettingsStore<F, B>,
     ) -> Option<(u8, Result<Summary, Failure>)> {

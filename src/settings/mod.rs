@@ -12,7 +12,7 @@ mod value;
 use core::fmt;
 
 pub use encoding::{Damage, ENCODED_MAX};
-pub use store::{LoadReport, Origin, RangeError, SCRATCH, Scratch, ScratchMut, SettingsStore, StoreError};
+pub use store::{LoadReport, Origin, RangeError, SCRATCH, Scratch, SettingsStore, StoreError};
 pub use table::{
     DATA_BIT_RATES, Definition, Effect, NODE_ID_UNSET, NOMINAL_BIT_RATES, Rule, Setting, TABLE, Together,
 };

@@ -28,11 +28,8 @@ const SETTINGS_BYTES: usize = 2 * ENCODED_MAX;
 const SCRATCH_BYTES: usize =
     (if RECORD_BYTES > SETTINGS_BYTES { RECORD_BYTES } else { SETTINGS_BYTES } + 1).next_multiple_of(32);
 
-/// Where items are on their way between flash and RAM.
+/// Where items are on their way between flash and RAM, of the store's own or of somebody else.
 pub type Scratch = [u8; SCRATCH_BYTES];
-/// A [`Scratch`] of one's own or of somebody else.
-pub trait ScratchMut: BorrowMut<Scratch> {}
-impl<B: BorrowMut<Scratch>> ScratchMut for B {}
 /// No item yet on its way.
 pub const SCRATCH: Scratch = [0; SCRATCH_BYTES];
 
@@ -146,7 +143,7 @@ impl<'a> Value<'a> for Record<'_> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RangeError;
 
-impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
+impl<F: NorFlash, B: BorrowMut<Scratch>> SettingsStore<F, B> {
     /// Settings live in `range` of the flash, addresses as the flash counts them.
     pub fn new(flash: F, range: Range<u32>, scratch: B) -> Result<Self, RangeError> {
         // A sector must hold a configuration beside the marks at its ends, four words of at most 32 bytes.

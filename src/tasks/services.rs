@@ -181,13 +181,9 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
         });
         self.board.apply(self.node_loop.node.settings());
         self.node_loop.node.set_operational();
-        while !self.is_over() {
+        while self.restart_at_us.is_none_or(|at| self.node_loop.clock.now_us() < at) {
             self.serve().await;
         }
-    }
-
-    fn is_over(&self) -> bool {
-        self.restart_at_us.is_some_and(|at| self.node_loop.clock.now_us() >= at)
     }
 
     async fn serve(&mut self) {
@@ -363,18 +359,13 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         }
     }
 
-    /// Heartbeats that have been on the bus, at least: any frame that waits for it may be one, and so may the one that
-    /// the hardware holds.
-    fn heartbeats_gone(&self) -> u32 {
-        let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
-        self.heartbeats.saturating_sub(waiting as u32)
-    }
-
     fn evidence(&self) -> Evidence {
         let status = self.shared.status();
+        // Any frame that waits for the bus may be a heartbeat, and so may the one that the hardware holds.
+        let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
         Evidence {
             frames: status.decided_frames,
-            heartbeats: self.heartbeats_gone(),
+            heartbeats: self.heartbeats.saturating_sub(waiting as u32),
             requests: self.node.served_requests(),
             senses: !status.no_sensor_left() && status.self_checks.failed == 0,
         }

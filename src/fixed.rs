@@ -109,7 +109,7 @@ pub fn standardise<const FRAC: u32>(x: &mut [i32], epsilon: u64, out: &mut [i16]
     }
     let variance = squares / n as u64 + epsilon;
     // variance < 2^47: 16 more bits give the root 8 fraction bits and keep it below 2^32.
-    let sigma_q8 = isqrt(variance << 16);
+    let sigma_q8 = (variance << 16).isqrt() as u32;
     // A variance of at least 1 makes the root at least 256; max() lets the compiler see it is not 0. Shifted up to
     // its 32 bits its reciprocal is 2^62 / root: 31 bits, but for a root of 2^31, which would give one more.
     let zeros = sigma_q8.max(1).leading_zeros();
@@ -126,9 +126,4 @@ pub fn standardise<const FRAC: u32>(x: &mut [i32], epsilon: u64, out: &mut [i16]
 /// `round(x / d)` for positive `d`, ties towards plus infinity.
 pub const fn round_div(x: i32, d: i32) -> i32 {
     ((2 * x as i64 + d as i64).div_euclid(2 * d as i64)) as i32
-}
-
-/// Floor of the square root; the result is below 2^32.
-pub const fn isqrt(x: u64) -> u32 {
-    x.isqrt() as u32
 }

@@ -21,6 +21,12 @@ pub const NO_MODEL: u8 = 64;
 /// Taxels are masked by a setting of the node: they read 0 here and for the network.
 pub const TAXELS_MASKED: u8 = 128;
 
+/// These bits where it is so, else none.
+#[inline]
+pub(crate) const fn bits_if(is_so: bool, bits: u8) -> u8 {
+    if is_so { bits } else { 0 }
+}
+
 /// Health byte of one sensor at one frame: any of the bits above; 0 is a healthy sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SensorHealth(pub u8);
@@ -100,25 +106,15 @@ pub enum ResetCause {
 
 impl ResetCause {
     /// Of the flags in RCC_RSR. Every reset but those of other domains sets the pin's too, and that of the supply all.
-    pub const fn from_flags(rsr: u32) -> Self {
-        const PIN: u32 = 1 << 22;
-        const BROWN_OUT: u32 = 1 << 21;
-        const POWER_ON: u32 = 1 << 23;
-        const SOFTWARE: u32 = 1 << 24;
-        const WATCHDOG: u32 = 1 << 26;
-        if rsr & POWER_ON != 0 {
-            Self::PowerOn
-        } else if rsr & BROWN_OUT != 0 {
-            Self::BrownOut
-        } else if rsr & WATCHDOG != 0 {
-            Self::Watchdog
-        } else if rsr & SOFTWARE != 0 {
-            Self::Software
-        } else if rsr & PIN != 0 {
-            Self::Pin
-        } else {
-            Self::Unknown
-        }
+    pub fn from_flags(rsr: u32) -> Self {
+        let by_weight = [
+            (1 << 23, Self::PowerOn),
+            (1 << 21, Self::BrownOut),
+            (1 << 26, Self::Watchdog),
+            (1 << 24, Self::Software),
+            (1 << 22, Self::Pin),
+        ];
+        by_weight.into_iter().find(|(flag, _)| rsr & flag != 0).map_or(Self::Unknown, |(_, cause)| cause)
     }
 }
 

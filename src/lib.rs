@@ -6,6 +6,7 @@
 // The exceptions are assembly and vector instructions, in `simd`, and registers, in `firmware`.
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
+#![allow(clippy::new_without_default, clippy::len_without_is_empty, reason = "nobody asks for them")]
 #![deny(clippy::float_arithmetic)]
 
 pub mod params;

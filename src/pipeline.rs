@@ -10,7 +10,7 @@ use crate::decision::Decision;
 use crate::features::piezo::PiezoFrontEnd;
 use crate::features::{LogMel, XlFrontEnd};
 use crate::fixed::{Logit, Q};
-use crate::health::{self, SensorHealth};
+use crate::health::{self, SensorHealth, bits_if};
 use crate::net::format::OperatingPoint;
 use crate::net::{Model, NetworkState, SensorFeatures};
 use crate::params::{CLASSES, CONTACT_SUM_MIN, FRAME_RATE_HZ, MAX_SENSORS, XL_WINDOW, limits::WINDOW};
@@ -183,12 +183,6 @@ impl State {
     }
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Of each sensor: are its rows reversed, are its columns?
 pub type Mountings = [(bool, bool); MAX_SENSORS];
 
@@ -349,22 +343,12 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
             let frozen = is_frozen(log_mel, *health);
             delivers |=
                 !(health.contains(health::PIEZO_MISSING) && (frozen || health.contains(health::XL_MISSING)));
-            if frozen {
-                output.degraded |= DEGRADED_FROZEN;
-            }
-            if health.intersects(health::PIEZO_MISSING | health::XL_MISSING) {
-                output.degraded |= DEGRADED_MISSING;
-            }
+            let missing = health.intersects(health::PIEZO_MISSING | health::XL_MISSING);
+            output.degraded |= bits_if(frozen, DEGRADED_FROZEN) | bits_if(missing, DEGRADED_MISSING);
         }
-        if self.decision.point() != self.model.point {
-            output.degraded |= DEGRADED_POINT;
-        }
-        if self.frames < WINDOW {
-            output.invalid |= INVALID_STARTING;
-        }
-        if !delivers {
-            output.invalid |= INVALID_NO_SENSOR;
-        }
+        output.degraded |= bits_if(self.decision.point() != self.model.point, DEGRADED_POINT);
+        output.invalid |=
+            bits_if(self.frames < WINDOW, INVALID_STARTING) | bits_if(!delivers, INVALID_NO_SENSOR);
     }
 }
 
@@ -394,33 +378,23 @@ fn is_frozen(log_mel: &LogMel, health: SensorHealth) -> bool {
 
 /// What is wrong with a sensor; `gap`: samples are missing before those of this frame.
 fn sensor_health(input: &SensorInput<'_>, samples_seen: usize, gap: bool) -> SensorHealth {
-    let mut bits = 0;
-    match input.piezo {
-        None => bits |= health::PIEZO_MISSING,
+    let piezo = match input.piezo {
+        None => health::PIEZO_MISSING,
         Some(frame) => {
-            if frame.is_saturated() {
-                bits |= health::TAXELS_SATURATED;
-            }
-            if frame.is_masked() {
-                bits |= health::TAXELS_MASKED;
-            }
+            bits_if(frame.is_saturated(), health::TAXELS_SATURATED)
+                | bits_if(frame.is_masked(), health::TAXELS_MASKED)
         }
-    }
-    match input.xl {
-        None => bits |= health::XL_MISSING,
+    };
+    let xl = match input.xl {
+        None => health::XL_MISSING,
         Some(samples) => {
-            if samples_seen < XL_WINDOW {
-                bits |= health::XL_WARMING_UP;
-            }
-            if samples.as_flattened().iter().any(|&x| x == i16::MAX || x == i16::MIN) {
-                bits |= health::XL_CLIPPED;
-            }
-            if gap || samples.len() > RAW_XL_MAX {
-                bits |= health::XL_SAMPLES_DROPPED;
-            }
+            let clipped = samples.as_flattened().iter().any(|&x| x == i16::MAX || x == i16::MIN);
+            bits_if(samples_seen < XL_WINDOW, health::XL_WARMING_UP)
+                | bits_if(clipped, health::XL_CLIPPED)
+                | bits_if(gap || samples.len() > RAW_XL_MAX, health::XL_SAMPLES_DROPPED)
         }
-    }
-    SensorHealth(bits)
+    };
+    SensorHealth(piezo | xl)
 }
 
 /// Is anything held? `None` if a missing array leaves it open. Per-unit rule: no contact only if

@@ -106,23 +106,14 @@ impl TaxelMask {
     }
 }
 
-/// A count that a [`PiezoFrame`] cannot hold.
+/// A count that a [`PiezoFrame`] cannot hold; `index` is its position, row-major.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum TaxelError {
     /// More than 12 bits.
-    OutOfRange {
-        /// Position, row-major.
-        index: usize,
-        /// The count found.
-        count: u16,
-    },
+    OutOfRange { index: usize, count: u16 },
     /// A reading where the pad has no taxel.
-    Inactive {
-        /// Position, row-major.
-        index: usize,
-        /// The count found.
-        count: u16,
-    },
+    Inactive { index: usize, count: u16 },
 }
 
 impl core::fmt::Display for TaxelError {
@@ -153,14 +144,9 @@ impl PiezoFrame {
                 return Err(TaxelError::Inactive { index, count });
             }
         }
-        Ok(Self::from_valid(counts))
-    }
-
-    /// `counts` that keep to the rules.
-    fn from_valid(counts: [u16; TAXELS]) -> Self {
         let mut frame = Self { counts, sum: 0, saturated: false, masked: false };
         frame.update_totals();
-        frame
+        Ok(frame)
     }
 
     /// Recompute sum and saturation.
@@ -302,11 +288,5 @@ impl SensorReadings {
             xl: self.xl_arrived.then_some(self.xl.as_slice()),
             xl_end: self.xl_end,
         }
-    }
-}
-
-impl Default for SensorReadings {
-    fn default() -> Self {
-        Self::new()
     }
 }

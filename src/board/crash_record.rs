@@ -58,6 +58,18 @@ pub enum CrashKind {
     NoClock(u32),
 }
 
+impl CrashKind {
+    /// Which, and what is known of it, in the places of a fault's.
+    fn numbers(self) -> [u32; 5] {
+        match self {
+            Self::Panic => [0; 5],
+            Self::Fault(Fault { pc, lr, cfsr, address }) => [1, pc, lr, cfsr, address],
+            Self::Stall(Stall { tasks, pc, lr }) => [2, pc, lr, tasks.into(), 0],
+            Self::NoClock(found_hz) => [3, found_hz, 0, 0, 0],
+        }
+    }
+}
+
 /// What the last crash was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrashRecord {
@@ -122,14 +134,7 @@ impl CrashRecord {
     /// As it lies in RAM.
     pub fn to_words(&self) -> [u32; CRASH_WORDS] {
         let mut words = [0; CRASH_WORDS];
-        let (kind, Fault { pc, lr, cfsr, address }) = match self.kind {
-            CrashKind::Panic => (0, Fault::default()),
-            CrashKind::Fault(fault) => (1, fault),
-            CrashKind::Stall(Stall { tasks, pc, lr }) => {
-                (2, Fault { pc, lr, cfsr: tasks.into(), address: 0 })
-            }
-            CrashKind::NoClock(found_hz) => (3, Fault { pc: found_hz, ..Fault::default() }),
-        };
+        let [kind, pc, lr, cfsr, address] = self.kind.numbers();
         let file = self.file.as_chunks::<4>().0.iter().map(|&bytes| u32::from_le_bytes(bytes));
         let fields = [MAGIC, self.count, self.line, self.reason_hash, kind, pc, lr, cfsr, address];
         words.iter_mut().zip(fields.into_iter().chain(file)).for_each(|(word, field)| *word = field);
@@ -198,13 +203,9 @@ impl Start {
     /// For [`Status::restart`](crate::health::Status::restart).
     pub fn numbers(&self) -> [u32; RESTART_NUMBERS] {
         let cause = self.cause as u32;
-        match self.crash.map(|crash| crash.kind) {
-            None => [cause, 0, 0, 0, 0, 0],
-            Some(CrashKind::Panic) => [cause, 1, 0, 0, 0, 0],
-            Some(CrashKind::Fault(Fault { pc, lr, cfsr, address })) => [cause, 2, pc, lr, cfsr, address],
-            Some(CrashKind::Stall(Stall { tasks, pc, lr })) => [cause, 3, pc, lr, tasks.into(), 0],
-            Some(CrashKind::NoClock(found_hz)) => [cause, 4, found_hz, 0, 0, 0],
-        }
+        let Some(crash) = self.crash else { return [cause, 0, 0, 0, 0, 0] };
+        let [kind, pc, lr, cfsr, address] = crash.kind.numbers();
+        [cause, kind + 1, pc, lr, cfsr, address]
     }
 }
 

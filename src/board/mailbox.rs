@@ -170,11 +170,7 @@ impl BoardEnd {
         if let Some([id, length, data @ ..]) = frames.as_chunks::<CAN_WORDS>().0.get(number as usize) {
             id.store(frame.id(), Ordering::Relaxed);
             length.store(frame.data().len() as u32, Ordering::Relaxed);
-            for (word, bytes) in data.iter().zip(frame.data().chunks(WORD)) {
-                let mut padded = [0; WORD];
-                padded.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-                word.store(u32::from_le_bytes(padded), Ordering::Relaxed);
-            }
+            store(data, frame.data());
         }
         count.store(number.saturating_add(1), Ordering::Relaxed);
     }
@@ -193,50 +189,35 @@ impl BoardEnd {
 
     /// Nothing more will come, because of this.
     pub fn fail(&self, why: fmt::Arguments<'_>) {
-        let mut text = Text { words: self.answer, bytes: 0, filling: 0 };
+        let mut text = Text(heapless::Vec::new());
         // What does not fit is cut off.
         let _ = fmt::write(&mut text, why);
-        text.end();
+        if let Some((length, words)) = self.answer.split_first() {
+            length.store(text.0.len() as u32, Ordering::Relaxed);
+            store(words, &text.0);
+        }
         self.mailbox.set(Word::Failed, 1);
+    }
+}
+
+/// Bytes in words, the last one filled up with zeros.
+fn store(words: &[AtomicU32], bytes: &[u8]) {
+    for (word, bytes) in words.iter().zip(bytes.chunks(WORD)) {
+        let mut padded = [0; WORD];
+        padded.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        word.store(u32::from_le_bytes(padded), Ordering::Relaxed);
     }
 }
 
 /// Bytes of a reason at most.
 pub const TEXT_BYTES_MAX: usize = 400;
 
-/// Writes a reason.
-struct Text {
-    words: &'static [AtomicU32],
-    bytes: usize,
-    filling: u32,
-}
-
-impl Text {
-    fn put(&mut self, byte: u8) {
-        let place = self.bytes % WORD;
-        self.filling = if place == 0 { 0 } else { self.filling } | u32::from(byte) << (8 * place);
-        if let Some(word) = self.words.get(1 + self.bytes / WORD) {
-            word.store(self.filling, Ordering::Relaxed);
-        }
-        self.bytes += 1;
-    }
-
-    fn end(&self) {
-        if let Some(length) = self.words.first() {
-            length.store(self.bytes as u32, Ordering::Relaxed);
-        }
-    }
-}
+/// A reason, cut after so many bytes, even inside a character.
+struct Text(heapless::Vec<u8, TEXT_BYTES_MAX>);
 
 impl fmt::Write for Text {
     fn write_str(&mut self, text: &str) -> fmt::Result {
-        for byte in text.bytes() {
-            if self.bytes == TEXT_BYTES_MAX {
-                return Err(fmt::Error);
-            }
-            self.put(byte);
-        }
-        Ok(())
+        text.bytes().try_for_each(|byte| self.0.push(byte)).map_err(|_| fmt::Error)
     }
 }
 

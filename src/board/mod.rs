@@ -42,12 +42,6 @@ impl SensorFrame {
     }
 }
 
-impl Default for SensorFrame {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Where frames come from.
 pub trait FrameSource {
     /// What the source does when nobody has room for a frame. `true`: it lives in real time, its frames

@@ -5,6 +5,7 @@
 //! frame's bytes are a multiple of four, whatever the number of sensors.
 
 use super::SensorReadings;
+use crate::health::bits_if;
 use crate::params::{MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MAX};
 use crate::pipeline::FrameStamp;
 use crate::sensor::PiezoFrame;
@@ -19,8 +20,8 @@ pub const FRAME_BYTES_MAX: usize = frame_bytes(MAX_SENSORS);
 pub const CAN_FRAMES_MAX: usize =
     1 + MAX_SENSORS * (COMPRESSED_BYTES_MAX + 2).div_ceil(COMPRESSED_FRAME_BYTES - 1);
 
-const PIEZO_ARRIVED: u16 = 1;
-const XL_ARRIVED: u16 = 2;
+const PIEZO_ARRIVED: u8 = 1;
+const XL_ARRIVED: u8 = 2;
 
 /// Bytes of a frame of this number of sensors.
 pub const fn frame_bytes(sensors: usize) -> usize {
@@ -32,9 +33,8 @@ pub fn encode_frame(stamp: FrameStamp, parts: &[SensorReadings], mut put: impl F
     put(&stamp.sequence.to_le_bytes());
     put(&stamp.timestamp_us.to_le_bytes());
     for part in parts {
-        let piezo = if part.piezo_arrived { PIEZO_ARRIVED } else { 0 };
-        let xl = if part.xl_arrived { XL_ARRIVED } else { 0 };
-        put(&(piezo | xl).to_le_bytes());
+        let arrived = bits_if(part.piezo_arrived, PIEZO_ARRIVED) | bits_if(part.xl_arrived, XL_ARRIVED);
+        put(&u16::from(arrived).to_le_bytes());
         put(&(part.xl.len() as u16).to_le_bytes());
         put(&part.xl_end.to_le_bytes());
         for count in part.piezo.counts() {
@@ -57,7 +57,7 @@ pub fn decode_stamp(frame: &[u8]) -> Option<FrameStamp> {
 pub fn decode_parts(frame: &[u8], parts: &mut [SensorReadings]) -> Option<()> {
     let mut reader = Reader(frame.get(STAMP_BYTES..)?);
     for part in parts {
-        let arrived = reader.u16()?;
+        let [arrived, _] = reader.array()?;
         part.piezo_arrived = arrived & PIEZO_ARRIVED != 0;
         part.xl_arrived = arrived & XL_ARRIVED != 0;
         let samples = usize::from(reader.u16()?);

@@ -60,26 +60,16 @@ impl FifoStatus {
 
 /// Why an accelerometer does not deliver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum XlFault {
     /// The bus refused a transfer.
     Bus(ErrorKind),
     /// Another part answers, or none does: identifiers of all zeros or all ones are an open line.
-    WrongPart {
-        /// What the identifier should be.
-        expected: u32,
-        /// What it is.
-        found: u32,
-    },
+    WrongPart { expected: u32, found: u32 },
     /// A register does not hold what was written.
-    Refused {
-        /// Its address.
-        register: u8,
-    },
-    /// The FIFO claims more than it can hold.
-    Level {
-        /// Entries or bytes.
-        level: u16,
-    },
+    Refused { register: u8 },
+    /// The FIFO claims more entries, or bytes, than it can hold.
+    Level { level: u16 },
     /// The axes were out of step more often than one overrun explains.
     Unframed,
     /// No sample for several ticks.

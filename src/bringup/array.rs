@@ -84,12 +84,6 @@ impl ArrayStats {
     }
 }
 
-impl Default for ArrayStats {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 const fn on_pad(slot: usize) -> bool {
     is_active(slot / TAXEL_COLS, slot % TAXEL_COLS)
 }
@@ -109,8 +103,7 @@ pub fn judge_array(stats: &ArrayStats) -> Finding {
     if count(|slot| stats.spread(slot) == 0) > TAXELS * 9 / 10 {
         return Finding::ArrayFixed { code: stats.mean(0) as u16 };
     }
-    if let Some(finding) = first_of(|slot| stats.noise(slot) > NOISE_MAX_CODES) {
-        let (taxels, first) = finding;
+    if let Some((taxels, first)) = first_of(|slot| stats.noise(slot) > NOISE_MAX_CODES) {
         return Finding::TaxelsNoisy { taxels, first, codes: stats.noise(first.into()) };
     }
     let high = |slot: usize| stats.mean(slot) >= HIGH_CODE;

@@ -6,7 +6,6 @@
 use core::fmt;
 
 use super::{CODE_BITS, Calibration, Trim};
-use crate::fixed::isqrt;
 use crate::params::{ACTIVE_TAXELS, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use crate::sensor::TaxelMask;
 use crate::transfer::IDLE_CODE;
@@ -32,23 +31,12 @@ const DEVIATION_MAX: i32 = 8_191;
 
 /// Why there is no calibration. Rows and columns are those of the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Refusal {
-    /// Neighbouring taxels moved: somebody touched the pad.
-    Touched {
-        /// Row of one of them.
-        row: u8,
-        /// Column of one of them.
-        col: u8,
-    },
-    /// More taxels are faulty than a pad may have.
-    Faulty {
-        /// How many.
-        count: u16,
-        /// Row of the first.
-        row: u8,
-        /// Column of the first.
-        col: u8,
-    },
+    /// Neighbouring taxels moved, this one among them: somebody touched the pad.
+    Touched { row: u8, col: u8 },
+    /// More taxels are faulty than a pad may have, this one first.
+    Faulty { count: u16, row: u8, col: u8 },
     /// No whole second was measured.
     TooShort,
 }
@@ -183,12 +171,6 @@ impl Measurement {
     }
 }
 
-impl Default for Measurement {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Sums {
     #[inline(never)]
     fn end_block(&mut self, is_first: bool) {
@@ -210,7 +192,7 @@ impl Sums {
         let frames = i64::from(blocks.max(1)) * i64::from(BLOCK_FRAMES);
         let mean = ((i64::from(self.total) << CODE_BITS) * 2 + frames).div_euclid(2 * frames) as i32;
         let offset = (i32::from(self.first) << CODE_BITS) + mean;
-        (offset, isqrt(self.variances.checked_div(blocks).unwrap_or(0).into()))
+        (offset, self.variances.checked_div(blocks).unwrap_or(0).isqrt())
     }
 }
 

@@ -70,12 +70,8 @@ impl Trim {
     }
 
     /// A measured offset and noise, 1/8 code, and the gate that follows from them.
-    const fn set_measured(&mut self, offset: u16, noise: u16) {
-        let gate = GATE_SIGMAS * noise as u32;
-        self.gate = if gate > u16::MAX as u32 { u16::MAX } else { gate as u16 };
-        if self.gate < GATE_MIN {
-            self.gate = GATE_MIN;
-        }
+    fn set_measured(&mut self, offset: u16, noise: u16) {
+        self.gate = noise.saturating_mul(GATE_SIGMAS as u16).max(GATE_MIN);
         (self.offset, self.noise) = (offset, noise);
     }
 }

@@ -131,10 +131,7 @@ impl<SPI: SpiDevice, const IS_382: bool> Accelerometer for Adxl38x<'_, SPI, IS_3
             (register::FIFO_CFG0, FIFO_CFG0_STREAM),
             (register::OP_MODE, OP_MODE_HIGH_PERFORMANCE),
         ] {
-            self.registers.write(write(register), value).await?;
-            if self.registers.read(read(register), 1).await? != [value] {
-                return Err(XlFault::Refused { register });
-            }
+            self.registers.set(register, [write(register), read(register)], value).await?;
         }
         Ok(())
     }

@@ -6,6 +6,8 @@
 //!
 //! The bench, on which sums and tables are, is handed over, never copied: whoever has it may write.
 
+use core::borrow::BorrowMut;
+use core::cell::Cell;
 use core::fmt;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -14,7 +16,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use super::sensor_link::{Bench, Job, SensorLink};
 use crate::calibration::{BLOCK_FRAMES, Progress, Refusal, Request, SECONDS_MAX, State, Summary, What};
 use crate::params::MAX_SENSORS;
-use crate::settings::{ScratchMut, SettingsStore, StoreError};
+use crate::settings::{Scratch, SettingsStore, StoreError};
 
 /// Why a measurement did not become a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +65,7 @@ impl<'l, M: RawMutex> Commissioning<'l, M> {
 
     /// How far the last measurement is.
     pub fn progress(&self) -> Progress {
-        let measured = self.link.measured() as u16;
+        let measured = self.link.measured.lock(Cell::get) as u16;
         match self.progress.state {
             State::Measuring => Progress { frames: measured, ..self.progress },
             _ => self.progress,
@@ -107,14 +109,14 @@ impl<'l, M: RawMutex> Commissioning<'l, M> {
 
     /// Is there something to [`finish`](Self::finish)?
     pub fn is_ready(&mut self) -> bool {
-        if let Some((_, bench)) = self.link.take_back() {
+        if let Some((_, bench)) = self.link.done.lock(Cell::take) {
             self.bench = Some(bench);
         }
         self.request.is_some() && self.bench.is_some()
     }
 
     /// Make the new calibration, store it, apply it. `None`: there was nothing to do.
-    pub async fn finish<F: NorFlash, B: ScratchMut>(
+    pub async fn finish<F: NorFlash, B: BorrowMut<Scratch>>(
         &mut self,
         store: &mut SettingsStore<F, B>,
     ) -> Option<(u8, Result<Summary, Failure>)> {

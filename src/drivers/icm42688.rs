@@ -100,11 +100,7 @@ impl<'b, SPI: SpiDevice> Icm42688<'b, SPI> {
     }
 
     async fn set(&mut self, register: u8, value: u8) -> Result<(), XlFault> {
-        self.registers.write(register, value).await?;
-        match *self.registers.read(read(register), 1).await? {
-            [kept] if kept == value => Ok(()),
-            _ => Err(XlFault::Refused { register }),
-        }
+        self.registers.set(register, [register, read(register)], value).await
     }
 }
 

@@ -34,6 +34,13 @@ impl<'b, SPI: SpiDevice> Registers<'b, SPI> {
         Ok(bytes.get(1..).unwrap_or_default())
     }
 
+    /// Write `register` and see that it keeps the value; `commands`: how it is written, how it is read.
+    pub async fn set(&mut self, register: u8, commands: [u8; 2], value: u8) -> Result<(), XlFault> {
+        let [write, read] = commands;
+        self.write(write, value).await?;
+        if self.read(read, 1).await? == [value] { Ok(()) } else { Err(XlFault::Refused { register }) }
+    }
+
     /// Send `command` and one byte.
     pub async fn write(&mut self, command: u8, value: u8) -> Result<(), XlFault> {
         // It is longer.

@@ -53,7 +53,7 @@ impl SampleCount {
     }
 
     /// `samples` were read at `now_us`, the ones that follow those of the read before.
-    pub const fn read(&mut self, now_us: u64, samples: u32) {
+    pub fn read(&mut self, now_us: u64, samples: u32) {
         let begins = self.anchor.is_none();
         self.total += samples as u64;
         self.delivered += samples as u64;
@@ -73,41 +73,26 @@ impl SampleCount {
     }
 
     /// Nothing was read at `now_us`, or it does not follow what was read before.
-    pub const fn missed(&mut self, now_us: u64) {
-        let (anchor_us, anchor) = match self.anchor {
-            Some(anchor) => anchor,
-            None => {
-                self.anchor = Some((now_us, self.total));
-                (now_us, self.total)
-            }
-        };
+    pub fn missed(&mut self, now_us: u64) {
+        let (anchor_us, anchor) = *self.anchor.get_or_insert((now_us, self.total));
         // Within 2^64 for gaps of more than a month.
         let elapsed_us = now_us.saturating_sub(anchor_us);
         let passed = (elapsed_us as u128 * self.rate_mhz as u128 + 500_000_000) / 1_000_000_000;
-        let total = anchor + passed as u64;
-        if total > self.total {
-            self.total = total;
-        }
+        self.total = self.total.max(anchor + passed as u64);
         self.window = (now_us, self.total);
     }
 
     /// `samples` were read at `now_us`, the first after a gap: the last of them is the newest that the part has made,
     /// and at least `lost` were made between them and the read before.
-    pub const fn resume(&mut self, now_us: u64, samples: u32, lost: u32) {
-        let before = match self.anchor {
-            Some((_, count)) => count,
-            None => 0,
-        };
+    pub fn resume(&mut self, now_us: u64, samples: u32, lost: u32) {
+        let before = self.anchor.map_or(0, |(_, count)| count);
         self.missed(now_us);
-        let least = before + samples as u64 + lost as u64;
-        if lost > 0 && least > self.total {
-            self.total = least;
+        if lost > 0 {
+            self.total = self.total.max(before + samples as u64 + lost as u64);
         }
         // Some may have been made before a tick that could not read them.
         self.delivered += samples as u64;
-        if self.delivered > self.total {
-            self.total = self.delivered;
-        }
+        self.total = self.total.max(self.delivered);
         self.anchor = Some((now_us, self.total));
         self.window = (now_us, self.total);
     }

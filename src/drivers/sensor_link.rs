@@ -35,6 +35,7 @@ pub struct SensorLink<'l, M: RawMutex> {
     /// To the sensors, and back when it is done.
     pub(super) job: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
     pub(super) done: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
+    /// Frames of the measurement that goes on, or went on last.
     pub(super) measured: Mutex<M, Cell<u32>>,
 }
 
@@ -51,19 +52,9 @@ impl<'l, M: RawMutex> SensorLink<'l, M> {
         }
     }
 
-    /// Let the sensors do this with the bench, which nobody else has; [`take_back`](Self::take_back) it then.
+    /// Let the sensors do this with the bench, which nobody else has; `done` gives it back.
     pub(super) fn hand_over(&self, job: Job, bench: &'l mut Bench) {
         self.job.lock(|cell| cell.set(Some((job, bench))));
-    }
-
-    /// What the sensors are done with.
-    pub(super) fn take_back(&self) -> Option<(Job, &'l mut Bench)> {
-        self.done.lock(Cell::take)
-    }
-
-    /// Frames of the measurement that goes on, or went on last.
-    pub(super) fn measured(&self) -> u32 {
-        self.measured.lock(Cell::get)
     }
 
     /// How the arrays are mounted.
@@ -79,12 +70,6 @@ impl<'l, M: RawMutex> SensorLink<'l, M> {
     /// The last report, of which there is one a second; `None` in the first second.
     pub fn report(&self) -> Option<SensorReport> {
         self.report.lock(Cell::get)
-    }
-}
-
-impl<M: RawMutex> Default for SensorLink<'_, M> {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

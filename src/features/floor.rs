@@ -67,9 +67,3 @@ impl NoiseFloor {
         over
     }
 }
-
-impl Default for NoiseFloor {
-    fn default() -> Self {
-        Self::new()
-    }
-}

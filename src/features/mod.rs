@@ -115,9 +115,7 @@ impl XlFrontEnd {
         standardise::<STANDARDISED_FRAC_BITS>(&mut deviations, STANDARDISE_EPSILON_Q32, &mut standardised);
         LogMel { ln_power, standardised, over_floor: self.floor.step(&ln_power) }
     }
-}
 
-impl XlFrontEnd {
     /// Samples are missing. All starts again but the noise floors: a jump in the signal would look like a knock.
     pub fn restart(&mut self) {
         self.axes = [Axis::NEW; XL_AXES];
@@ -127,11 +125,5 @@ impl XlFrontEnd {
     /// The floors that the next frame is compared with.
     pub const fn noise_floor(&self) -> &NoiseFloor {
         &self.floor
-    }
-}
-
-impl Default for XlFrontEnd {
-    fn default() -> Self {
-        Self::new()
     }
 }

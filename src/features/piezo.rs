@@ -28,7 +28,7 @@ const _: () = assert!((COUNT_MAX as u32) << AVERAGE_FRAC_BITS <= u16::MAX as u32
 pub type TaxelRow = [[i16; PIEZO_CHANNELS]; TAXEL_COLS];
 
 /// The front end of one array.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct PiezoFrontEnd {
     delta: TaxelDelta,
 }
@@ -134,10 +134,4 @@ fn update(average: &mut u16, count: u16) -> i16 {
     // Between the old average and x, so within u16.
     *average = (*average as i32 + ((difference + ROUND) >> AVERAGE_SHIFT)) as u16;
     (difference >> 1).clamp(-CONV_INPUT_MAX - 1, CONV_INPUT_MAX) as i16
-}
-
-impl Default for TaxelDelta {
-    fn default() -> Self {
-        Self::new()
-    }
 }

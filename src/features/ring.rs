@@ -36,9 +36,3 @@ impl Ring {
         latest.first_chunk().unwrap_or(&self.samples[0])
     }
 }
-
-impl Default for Ring {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -15,7 +15,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 use embassy_embedded_hal::flash::partition::Partition;
-use embassy_futures::yield_now;
+use embassy_futures::{block_on, yield_now};
 use embassy_stm32::flash::{Async, Blocking, Error, FLASH_BASE, Flash, WRITE_SIZE};
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::Key;
@@ -181,15 +181,27 @@ fn written(result: Result<(), Error>, offset: u32, word: &[u8]) -> Result<bool, 
     }
 }
 
-fn check_words(offset: u32, bytes: &[u8]) -> Result<(), Error> {
+/// Write whole words by `write`, a word at a time.
+async fn write_words(
+    offset: u32,
+    bytes: &[u8],
+    mut write: impl AsyncFnMut(u32, &[u8]) -> Result<(), Error>,
+) -> Result<(), Error> {
     check(BOARD.flash, offset, bytes.len())?;
-    let is_whole = bytes.len().is_multiple_of(WRITE_SIZE) && (offset as usize).is_multiple_of(WRITE_SIZE);
-    if is_whole { Ok(()) } else { Err(Error::Unaligned) }
-}
-
-/// The words of `bytes` with their offsets.
-fn words(offset: u32, bytes: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
-    (offset..).step_by(WRITE_SIZE).zip(bytes.chunks_exact(WRITE_SIZE))
+    if !bytes.len().is_multiple_of(WRITE_SIZE) || !(offset as usize).is_multiple_of(WRITE_SIZE) {
+        return Err(Error::Unaligned);
+    }
+    for (offset, word) in (offset..).step_by(WRITE_SIZE).zip(bytes.chunks_exact(WRITE_SIZE)) {
+        let mut tries = 0..TRIES;
+        loop {
+            tries.next().ok_or(Error::Prog)?;
+            clear_errors();
+            if written(write(offset, word).await, offset, word)? {
+                break;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// From `offset` of the flash on; zeros where error correction gave up.
@@ -276,18 +288,7 @@ impl NorFlash for BoardFlash<Async> {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         check(BOARD.written(), offset, bytes.len())?;
-        check_words(offset, bytes)?;
-        for (offset, word) in words(offset, bytes) {
-            let mut tries = 0..TRIES;
-            loop {
-                tries.next().ok_or(Error::Prog)?;
-                clear_errors();
-                if written(self.0.write(offset, word).await, offset, word)? {
-                    break;
-                }
-            }
-        }
-        Ok(())
+        write_words(offset, bytes, async |offset, word| self.0.write(offset, word).await).await
     }
 }
 
@@ -321,17 +322,6 @@ impl BlockingNorFlash for BoardFlash<Blocking> {
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         feed_watchdog();
-        check_words(offset, bytes)?;
-        for (offset, word) in words(offset, bytes) {
-            let mut tries = 0..TRIES;
-            loop {
-                tries.next().ok_or(Error::Prog)?;
-                clear_errors();
-                if written(self.0.blocking_write(offset, word), offset, word)? {
-                    break;
-                }
-            }
-        }
-        Ok(())
+        block_on(write_words(offset, bytes, async |offset, word| self.0.blocking_write(offset, word)))
     }
 }

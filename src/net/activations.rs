@@ -28,9 +28,3 @@ impl<const WORDS: usize> Activations<WORDS> {
         bytemuck::must_cast_slice_mut(&mut self.0)
     }
 }
-
-impl<const WORDS: usize> Default for Activations<WORDS> {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -64,12 +64,6 @@ impl<const W: usize> KeyValueCache<W> {
     }
 }
 
-impl<const W: usize> Default for KeyValueCache<W> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// `LayerNorm(x + Wo · context)`, where the context is the softmax-weighted sum of the values of the frames in
 /// `cache`.
 ///

@@ -113,12 +113,6 @@ fn record_outputs(name: &'static str, layer: &Layer<'_>, values: &[i16], observe
     observer.record(name, values.get(..layer.outputs).unwrap_or_default());
 }
 
-impl Default for PiezoEncoder {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Words of the features of one frame.
 const FRAME_WORDS: usize = XL_FEATURES / 2;
 
@@ -163,11 +157,5 @@ impl XlHistory {
         dense(mix2, hidden2.words(), out.values_mut(), saturate_i16);
         record_outputs("xl", mix2, out.values(), observer);
         out
-    }
-}
-
-impl Default for XlHistory {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -218,11 +218,6 @@ impl TensorSpec {
         self.rows * self.cols
     }
 
-    /// Does it hold no numbers?
-    pub const fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Bytes in the file, padding behind them left out.
     pub const fn bytes(&self) -> usize {
         let count = match self.kind {

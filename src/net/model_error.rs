@@ -4,19 +4,16 @@ use core::fmt;
 
 use super::format::{FORMAT_VERSION, FieldError, HEADER_BYTES};
 
-/// Why a model file is refused.
+/// Why a model file is refused: a layer or section, the tensor of it, the output channel, what the file says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the texts below say it")]
 pub enum ModelError {
-    /// Not a model file.
     BadMagic,
     /// Made for other code.
     UnknownVersion {
-        /// What the file says.
         found: u16,
     },
-    /// The header's length is not the one of this version.
     BadHeader {
-        /// What the file says.
         bytes: u16,
     },
     /// A size that this build has no room for.
@@ -25,52 +22,36 @@ pub enum ModelError {
     BadOperatingPoint(FieldError),
     /// The file ends inside this tensor or section.
     Truncated {
-        /// Layer or section.
         layer: &'static str,
-        /// Tensor of the layer.
         part: &'static str,
     },
     /// The bytes do not start at a multiple of four, as the kernels that read them in place need it.
     Misaligned,
     /// Numbers that no output or input belongs to, and that are not zero.
     BadPadding {
-        /// Layer.
         layer: &'static str,
     },
     /// Four numbers of a convolution that no three weights give.
     BadKernel {
-        /// Layer.
         layer: &'static str,
-        /// Output channel.
         channel: usize,
     },
-    /// Bytes after the end.
     TrailingBytes {
-        /// How many.
         count: usize,
     },
-    /// The content is not what was written.
     HashMismatch,
-    /// The provenance is not UTF-8.
     BadProvenance,
-    /// Some input could overflow the 32-bit accumulator of this channel.
+    /// Some input could bring the 32-bit accumulator of this channel up to `bound`.
     AccumulatorOverflow {
-        /// Layer.
         layer: &'static str,
-        /// Output channel.
         channel: usize,
-        /// Largest magnitude reachable.
         bound: i64,
     },
-    /// A multiplier below 0, or an epsilon below 1.
+    /// A multiplier below 0, or an epsilon below 1; `channel` is its position in the tensor.
     BadScale {
-        /// Layer.
         layer: &'static str,
-        /// Tensor of the layer.
         part: &'static str,
-        /// Position in the tensor.
         channel: usize,
-        /// What the file says.
         value: i32,
     },
 }

@@ -39,12 +39,6 @@ pub struct NetworkState {
     fused_seen: KeyValueCache<FUSED_WORDS>,
 }
 
-impl Default for NetworkState {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// A model with its state.
 #[derive(Clone, Debug)]
 pub struct Network<'m> {
@@ -136,7 +130,7 @@ impl NetworkState {
                 keep_max(&mut xl, history.embed(model, observer));
             }
         }
-        (piezo.unwrap_or_default(), xl.unwrap_or_default())
+        (piezo.unwrap_or(Embedding::new()), xl.unwrap_or(Embedding::new()))
     }
 
     /// Both cross-attentions, side by side: piezo first.

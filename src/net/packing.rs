@@ -17,30 +17,16 @@ use crate::simd::LANES;
 /// Inputs that the dense kernel takes at once.
 const DENSE_STEP: usize = 16;
 
-/// The inputs of a layer.
+/// The inputs of a layer. Of a map: cells along one side, channels, words per cell as it lies in memory (`pairs`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Inputs {
     /// A vector, in order.
-    Vector {
-        /// Its values.
-        count: usize,
-    },
+    Vector { count: usize },
     /// A 3×3 patch; in a model's terms in row, column, channel order.
-    Patch {
-        /// Channels of the map.
-        channels: usize,
-        /// Words per cell of the map as it lies in memory.
-        pairs: usize,
-    },
+    Patch { channels: usize, pairs: usize },
     /// A whole map without border; in a model's terms in row, column, channel order.
-    Map {
-        /// Cells along one side.
-        side: usize,
-        /// Channels of the map.
-        channels: usize,
-        /// Words per cell of the map as it lies in memory.
-        pairs: usize,
-    },
+    Map { side: usize, channels: usize, pairs: usize },
 }
 
 impl Inputs {

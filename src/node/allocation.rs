@@ -21,7 +21,8 @@ const BYTES: usize = 18;
 pub(super) struct Allocation {
     unique_id: [u8; 16],
     chance: u64,
-    next_us: Option<u64>,
+    /// When the next request is due.
+    pub next_us: Option<u64>,
     pub transfer: u8,
 }
 
@@ -31,11 +32,6 @@ impl Allocation {
         // Not 0, from which xorshift never leaves.
         let chance = u64::from(a) << 32 | u64::from(b) << 8 | 1;
         Self { unique_id, chance, next_us: None, transfer: 0 }
-    }
-
-    /// When the next request is due.
-    pub fn next_us(&self) -> Option<u64> {
-        self.next_us
     }
 
     /// The request, if it is due, and its identifier.

@@ -7,7 +7,7 @@ use heapless::Vec;
 
 use super::fields::Fields;
 use super::file_read::{FilePath, FileRef, PATH_MAX, UpdateTarget};
-use super::lock::SIGNATURE_BYTES;
+use super::machine::Action;
 use crate::calibration::{Request, What};
 use crate::wire::NodeId;
 use crate::wire::bytes::Writer;
@@ -61,21 +61,8 @@ pub enum CommandStatus {
     BadState = 5,
 }
 
-/// What a request asks for.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Command {
-    Restart,
-    Identify,
-    Store,
-    FactoryReset,
-    SelfTest,
-    Update(UpdateTarget, FileRef),
-    Unlock([u8; SIGNATURE_BYTES]),
-    Calibrate(Request),
-}
-
-/// Read a request of `client`.
-pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Command, CommandStatus> {
+/// What a request of `client` asks for.
+pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Action, CommandStatus> {
     let mut fields = Fields::new(request);
     let command = fields.unsigned::<2>() as u16;
     let length = fields.unsigned::<1>() as usize;
@@ -84,12 +71,12 @@ pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Command, CommandS
         return Err(CommandStatus::BadParameter);
     }
     Ok(match command {
-        RESTART => Command::Restart,
-        IDENTIFY => Command::Identify,
-        STORE => Command::Store,
-        FACTORY_RESET => Command::FactoryReset,
-        SELF_TEST => Command::SelfTest,
-        UNLOCK => Command::Unlock(parameter.try_into().map_err(|_| CommandStatus::BadParameter)?),
+        RESTART => Action::Restart,
+        IDENTIFY => Action::Identify,
+        STORE => Action::Store,
+        FACTORY_RESET => Action::FactoryReset,
+        SELF_TEST => Action::SelfTest,
+        UNLOCK => Action::Unlock(parameter.try_into().map_err(|_| CommandStatus::BadParameter)?),
         BEGIN_SOFTWARE_UPDATE | BEGIN_MODEL_UPDATE => {
             let path: FilePath = Vec::from_slice(parameter).map_err(|_| CommandStatus::BadParameter)?;
             if path.is_empty() {
@@ -97,33 +84,26 @@ pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Command, CommandS
             }
             let target =
                 if command == BEGIN_MODEL_UPDATE { UpdateTarget::Model } else { UpdateTarget::Firmware };
-            Command::Update(target, FileRef { server: client, path })
+            Action::BeginUpdate { target, file: FileRef { server: client, path } }
         }
-        CALIBRATE => Command::Calibrate(calibration(parameter, |seconds| match seconds {
+        CALIBRATE => Action::Calibrate(calibration(parameter, |seconds| match seconds {
             0 => Some(What::Forget),
             _ => u8::try_from(seconds).ok().map(What::Measure),
         })?),
-        SCALE_GAIN => Command::Calibrate(calibration(parameter, |factor| Some(What::Scale(factor)))?),
+        SCALE_GAIN => Action::Calibrate(calibration(parameter, |factor| Some(What::Scale(factor)))?),
         _ => return Err(CommandStatus::BadCommand),
     })
 }
 
 /// Two decimal numbers: an array's, and what to do with it.
 fn calibration(parameter: &[u8], what: fn(u16) -> Option<What>) -> Result<Request, CommandStatus> {
-    let (mut sensor, mut number, mut digits) = (None, 0u16, 0);
-    for &byte in parameter {
-        if byte == b' ' && sensor.is_none() && digits > 0 {
-            (sensor, number, digits) = (u8::try_from(number).ok(), 0, 0);
-            continue;
-        }
-        let digit = byte.wrapping_sub(b'0');
-        let next = number.checked_mul(10).and_then(|tens| tens.checked_add(digit.into()));
-        (number, digits) = (next.filter(|_| digit < 10).ok_or(CommandStatus::BadParameter)?, digits + 1);
-    }
-    match (sensor, what(number)) {
-        (Some(sensor), Some(what)) if digits > 0 => Ok(Request { sensor, what }),
-        _ => Err(CommandStatus::BadParameter),
-    }
+    let read = || {
+        // Without a sign, which `parse` would take.
+        let text = str::from_utf8(parameter).ok().filter(|text| !text.contains('+'))?;
+        let (sensor, number) = text.split_once(' ')?;
+        Some(Request { sensor: sensor.parse().ok()?, what: what(number.parse().ok()?)? })
+    };
+    read().ok_or(CommandStatus::BadParameter)
 }
 
 /// The response; its length. Text beyond [`OUTPUT_MAX`] is cut.

@@ -1,6 +1,6 @@
 //! uavcan.node.Heartbeat, subject 7509: alive, how well, doing what. Every node sends one a second.
 
-use crate::health::{Condition, NO_MODEL, PIEZO_MISSING, ResetCause, Status, XL_MISSING};
+use crate::health::{Condition, NO_MODEL, PIEZO_MISSING, ResetCause, Status, XL_MISSING, bits_if};
 use crate::params::TAXEL_ROWS;
 use crate::wire::bytes::Writer;
 
@@ -28,22 +28,18 @@ pub enum Mode {
 /// Condition by the bits of the vendor status: no model or no sensor left is the end of the purpose; a missing
 /// part, lost settings or a restart after a panic are major; what was late, dropped or stuck is small.
 pub(super) fn health(status: &Status, flags: u8) -> Condition {
-    status.condition().max(health_by_flags(status.no_sensor_left(), flags))
-}
-
-fn health_by_flags(none_left: bool, flags: u8) -> Condition {
-    if none_left || flags & vendor_status::NO_DECISION != 0 {
+    const MAJOR: u8 =
+        vendor_status::SENSOR_MISSING | vendor_status::SETTINGS_DAMAGED | vendor_status::PANICKED;
+    let by_flags = if status.no_sensor_left() || flags & vendor_status::NO_DECISION != 0 {
         Condition::Warning
-    } else if flags
-        & (vendor_status::SENSOR_MISSING | vendor_status::SETTINGS_DAMAGED | vendor_status::PANICKED)
-        != 0
-    {
+    } else if flags & MAJOR != 0 {
         Condition::Caution
     } else if flags != 0 {
         Condition::Advisory
     } else {
         Condition::Nominal
-    }
+    };
+    status.condition().max(by_flags)
 }
 
 /// The message.
@@ -57,26 +53,18 @@ pub(super) fn encode(uptime_s: u32, health: Condition, mode: Mode, flags: u8) ->
 
 /// Bits of [`vendor_status`] that this status shows.
 pub(super) fn flags(status: &Status) -> u8 {
-    let sensors = status.sensors;
-    let flags = [
-        (status.any_sensor(PIEZO_MISSING | XL_MISSING) || status.frozen, vendor_status::SENSOR_MISSING),
-        (status.any_sensor(NO_MODEL) || status.self_checks.failed != 0, vendor_status::NO_DECISION),
-        (status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES),
-        (
-            status.dropped_raw > 0 || status.broken_raw > 0 || status.lost_received > 0,
-            vendor_status::RAW_DROPPED,
-        ),
-        (status.bus_offs > 0, vendor_status::BUS_OFF),
-        (
-            status.last_panic != 0 || status.restart.first() == Some(&(ResetCause::BrownOut as u32)),
-            vendor_status::PANICKED,
-        ),
-        (
-            status.stuck_taxels.iter().take(sensors).any(|mask| mask.0 != [0; TAXEL_ROWS]),
-            vendor_status::STUCK,
-        ),
-    ];
-    flags.into_iter().filter(|&(is_set, _)| is_set).fold(0, |flags, (_, flag)| flags | flag)
+    let missing = status.any_sensor(PIEZO_MISSING | XL_MISSING) || status.frozen;
+    let undecided = status.any_sensor(NO_MODEL) || status.self_checks.failed != 0;
+    let dropped = status.dropped_raw > 0 || status.broken_raw > 0 || status.lost_received > 0;
+    let panicked = status.last_panic != 0 || status.restart[0] == ResetCause::BrownOut as u32;
+    let stuck = status.stuck_taxels.iter().take(status.sensors).any(|mask| mask.0 != [0; TAXEL_ROWS]);
+    bits_if(missing, vendor_status::SENSOR_MISSING)
+        | bits_if(undecided, vendor_status::NO_DECISION)
+        | bits_if(status.late_frames > 0 || status.dropped_frames > 0, vendor_status::LATE_FRAMES)
+        | bits_if(dropped, vendor_status::RAW_DROPPED)
+        | bits_if(status.bus_offs > 0, vendor_status::BUS_OFF)
+        | bits_if(panicked, vendor_status::PANICKED)
+        | bits_if(stuck, vendor_status::STUCK)
 }
 
 /// Bits of the vendor-specific status code in the heartbeat. Counters behind them are registers.

@@ -11,22 +11,12 @@ pub const PROTOCOL_VERSION: Version = Version { major: 1, minor: 0 };
 /// The first 64 bits of the git commit that the firmware is built from; 0 where the build does not know it: on a
 /// computer, or from sources without repository.
 pub const COMMIT: u64 = match option_env!("SLIPSENSE_COMMIT") {
-    Some(hex) => leading_hex(hex.as_bytes()),
+    Some(hex) => match u64::from_str_radix(hex.split_at(16).0, 16) {
+        Ok(leading) => leading,
+        Err(_) => panic!("a commit is hexadecimal"),
+    },
     None => 0,
 };
-
-const fn leading_hex(digits: &[u8]) -> u64 {
-    let (mut value, mut index) = (0, 0);
-    while index < 16 && index < digits.len() {
-        let digit = match digits[index] {
-            digit @ b'0'..=b'9' => digit - b'0',
-            digit => digit - b'a' + 10,
-        };
-        value = value << 4 | digit as u64;
-        index += 1;
-    }
-    value
-}
 
 /// A version, as Cyphal counts them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,19 +30,16 @@ pub struct Version {
 impl Version {
     /// The version of this library, and with it of the firmware.
     pub const SOFTWARE: Self = Self {
-        major: digits(env!("CARGO_PKG_VERSION_MAJOR")),
-        minor: digits(env!("CARGO_PKG_VERSION_MINOR")),
+        major: decimal(env!("CARGO_PKG_VERSION_MAJOR")),
+        minor: decimal(env!("CARGO_PKG_VERSION_MINOR")),
     };
 }
 
-const fn digits(text: &str) -> u8 {
-    let bytes = text.as_bytes();
-    let (mut value, mut index) = (0, 0);
-    while index < bytes.len() {
-        value = value * 10 + (bytes[index] - b'0');
-        index += 1;
+const fn decimal(text: &str) -> u8 {
+    match u8::from_str_radix(text, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("the package's version does not fit a Cyphal version"),
     }
-    value
 }
 
 /// What a node is.

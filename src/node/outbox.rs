@@ -12,35 +12,31 @@ pub const OUTBOX_FRAMES: usize = 32;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox {
     frames: Deque<CanFrame, OUTBOX_FRAMES>,
-    dropped: u32,
+    /// Transfers dropped since start.
+    pub dropped: u32,
 }
 
 impl Outbox {
-    pub const fn new() -> Self {
-        Self { frames: Deque::new(), dropped: 0 }
-    }
-
-    /// Queue a transfer; `false` if it was dropped. The last place is the heartbeat's.
-    pub fn push(&mut self, transfer: Frames<'_>) -> bool {
-        self.push_up_to(OUTBOX_FRAMES - 1, transfer)
+    /// Queue a transfer. The last place is the heartbeat's.
+    pub fn push(&mut self, transfer: Frames<'_>) {
+        self.push_up_to(OUTBOX_FRAMES - 1, transfer);
     }
 
     /// Queue a heartbeat, for which there is a place while answers fill the rest.
-    pub fn push_heartbeat(&mut self, transfer: Frames<'_>) -> bool {
-        self.push_up_to(OUTBOX_FRAMES, transfer)
+    pub fn push_heartbeat(&mut self, transfer: Frames<'_>) {
+        self.push_up_to(OUTBOX_FRAMES, transfer);
     }
 
     #[inline(never)]
-    fn push_up_to(&mut self, room: usize, transfer: Frames<'_>) -> bool {
+    fn push_up_to(&mut self, room: usize, transfer: Frames<'_>) {
         if transfer.len() > room.saturating_sub(self.frames.len()) {
             self.dropped = self.dropped.saturating_add(1);
-            return false;
+            return;
         }
         for frame in transfer {
             // There is room: counted above.
             let _ = self.frames.push_back(frame);
         }
-        true
     }
 
     pub fn pop(&mut self) -> Option<CanFrame> {
@@ -61,10 +57,5 @@ impl Outbox {
     /// Is half of the queue free? What is only nice to know asks first.
     pub fn is_half_free(&self) -> bool {
         self.frames.len() <= OUTBOX_FRAMES / 2
-    }
-
-    /// Transfers dropped since start.
-    pub const fn dropped(&self) -> u32 {
-        self.dropped
     }
 }

@@ -34,17 +34,13 @@ struct LastMessage {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TimeSync {
     last: Option<LastMessage>,
-    /// Bus time minus local time.
-    offset_us: Option<i64>,
+    /// Bus time minus local time; `None` until two consecutive messages were received.
+    pub offset_us: Option<i64>,
     /// The last offset that has jumped, and how many agree with it.
     jump: Option<(i64, u8)>,
 }
 
 impl TimeSync {
-    pub const fn new() -> Self {
-        Self { last: None, offset_us: None, jump: None }
-    }
-
     /// A message arrived, at `now_us` of the local clock.
     pub fn accept(&mut self, master: NodeId, transfer: u8, payload: &[u8], now_us: u64) {
         let mut fields = Fields::new(payload);
@@ -81,10 +77,5 @@ impl TimeSync {
         }
         self.offset_us = Some(offset_us);
         self.jump = None;
-    }
-
-    /// Bus time minus local time; `None` until two consecutive messages were received.
-    pub fn offset_us(&self) -> Option<i64> {
-        self.offset_us
     }
 }

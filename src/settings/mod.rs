@@ -12,7 +12,7 @@ mod value;
 use core::fmt;
 
 pub use encoding::{Damage, ENCODED_MAX};
-pub use store::{LoadReport, Origin, RangeError, SCRATCH, Scratch, ScratchMut, SettingsStore, StoreError};
+pub use store::{LoadReport, Origin, RangeError, SCRATCH, Scratch, SettingsStore, StoreError};
 pub use table::{
     DATA_BIT_RATES, Definition, Effect, NODE_ID_UNSET, NOMINAL_BIT_RATES, Rule, Setting, TABLE, Together,
 };
@@ -30,36 +30,16 @@ pub struct Settings {
     elements: [i64; table::ELEMENTS],
 }
 
-/// Why a value was not taken.
+/// Why a value was not taken: the setting's register, what was found, what is allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum SettingError {
     /// Another number of elements.
-    Elements {
-        /// Register of the setting.
-        name: &'static str,
-        /// Elements needed.
-        expected: usize,
-        /// Elements given.
-        found: usize,
-    },
-    /// An element is out of its range.
-    Element {
-        /// Register of the setting.
-        name: &'static str,
-        /// Which element, from 0.
-        index: usize,
-        /// The number given.
-        value: i64,
-        /// What is allowed.
-        rule: Rule,
-    },
+    Elements { name: &'static str, expected: usize, found: usize },
+    /// An element, counted from 0, is out of its range.
+    Element { name: &'static str, index: usize, value: i64, rule: Rule },
     /// Each element is allowed, all together are not.
-    Together {
-        /// Register of the setting.
-        name: &'static str,
-        /// What they must be.
-        rule: &'static str,
-    },
+    Together { name: &'static str, rule: &'static str },
 }
 
 impl fmt::Display for SettingError {
@@ -176,26 +156,14 @@ impl Settings {
     }
 
     fn per_sensor(&self, setting: Setting) -> [i64; MAX_SENSORS] {
-        let mut out = [0; MAX_SENSORS];
-        for (out, &element) in out.iter_mut().zip(self.get(setting)) {
-            *out = element;
-        }
-        out
+        self.get(setting).first_chunk().copied().unwrap_or_default()
     }
 
     /// Taxels of a sensor that are ignored; none of a sensor that does not exist.
     pub fn taxel_mask(&self, sensor: usize) -> TaxelMask {
-        let mut mask = TaxelMask::NONE;
-        let setting = match sensor {
-            0 => Setting::TaxelMask0,
-            1 => Setting::TaxelMask1,
-            2 => Setting::TaxelMask2,
-            _ => return mask,
-        };
-        for (row, &element) in mask.0.iter_mut().zip(self.get(setting)) {
-            *row = element as u32;
-        }
-        mask
+        let settings = [Setting::TaxelMask0, Setting::TaxelMask1, Setting::TaxelMask2];
+        let rows = settings.get(sensor).map_or(&[][..], |&setting| self.get(setting));
+        TaxelMask(core::array::from_fn(|row| rows.get(row).map_or(0, |&element| element as u32)))
     }
 
     /// Does the node follow the bus time?

@@ -11,8 +11,7 @@ use core::fmt;
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use sequential_storage::cache::Cache;
-use sequential_storage::cache::Uncached;
+use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
 use super::encoding::{Damage, ENCODED_MAX};
@@ -29,11 +28,8 @@ const SETTINGS_BYTES: usize = 2 * ENCODED_MAX;
 const SCRATCH_BYTES: usize =
     (if RECORD_BYTES > SETTINGS_BYTES { RECORD_BYTES } else { SETTINGS_BYTES } + 1).next_multiple_of(32);
 
-/// Where items are on their way between flash and RAM.
+/// Where items are on their way between flash and RAM, of the store's own or of somebody else.
 pub type Scratch = [u8; SCRATCH_BYTES];
-/// A [`Scratch`] of one's own or of somebody else.
-pub trait ScratchMut: BorrowMut<Scratch> {}
-impl<B: BorrowMut<Scratch>> ScratchMut for B {}
 /// No item yet on its way.
 pub const SCRATCH: Scratch = [0; SCRATCH_BYTES];
 
@@ -147,7 +143,7 @@ impl<'a> Value<'a> for Record<'_> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RangeError;
 
-impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
+impl<F: NorFlash, B: BorrowMut<Scratch>> SettingsStore<F, B> {
     /// Settings live in `range` of the flash, addresses as the flash counts them.
     pub fn new(flash: F, range: Range<u32>, scratch: B) -> Result<Self, RangeError> {
         // A sector must hold a configuration beside the marks at its ends, four words of at most 32 bytes.
@@ -203,20 +199,25 @@ impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
     /// Store a whole configuration and read it back. Until it is there, the one before is. One that is stored already
     /// is not written again, so that nobody can wear the flash out by storing.
     pub async fn store(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        self.store_bytes(KEY, &settings.encode()).await
+        let bytes = &settings.encode()[..];
+        self.store_item(KEY, &bytes, |held| held == Some(bytes)).await
     }
 
-    async fn store_bytes(&mut self, key: u8, bytes: &[u8]) -> Result<(), StoreError> {
-        if self.holds_bytes(key, bytes).await {
+    async fn store_item<'v>(
+        &mut self,
+        key: u8,
+        item: &impl Value<'v>,
+        is_item: impl Fn(Option<&[u8]>) -> bool,
+    ) -> Result<(), StoreError> {
+        if self.holds(key, &is_item).await {
             return Ok(());
         }
-        self.put(key, &bytes).await?;
-        if self.holds_bytes(key, bytes).await { Ok(()) } else { Err(StoreError::Verify) }
+        self.put(key, item).await?;
+        if self.holds(key, is_item).await { Ok(()) } else { Err(StoreError::Verify) }
     }
 
-    async fn holds_bytes(&mut self, key: u8, bytes: &[u8]) -> bool {
-        let held = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await;
-        held.is_ok_and(|held| held == Some(bytes))
+    async fn holds(&mut self, key: u8, is_item: impl Fn(Option<&[u8]>) -> bool) -> bool {
+        self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await.is_ok_and(is_item)
     }
 
     /// The version that no model may be below, as [`store_model_floor`](Self::store_model_floor) was given it; zeros
@@ -228,7 +229,8 @@ impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
 
     /// Store it; a factory reset leaves it. As with [`store`](Self::store), what is stored already is not written again.
     pub async fn store_model_floor(&mut self, version: [u8; 4]) -> Result<(), StoreError> {
-        self.store_bytes(FLOOR_KEY, &version).await
+        let bytes = &version[..];
+        self.store_item(FLOOR_KEY, &bytes, |held| held == Some(bytes)).await
     }
 
     /// Read the calibration of the array behind a connector; nominal values where none is stored, or none that can be
@@ -251,19 +253,8 @@ impl<F: NorFlash, B: ScratchMut> SettingsStore<F, B> {
         calibration: &Calibration,
     ) -> Result<(), StoreError> {
         let key = KEY + 1 + connector as u8;
-        if self.holds(key, calibration).await {
-            return Ok(());
-        }
-        self.put(key, &Record(calibration)).await?;
-        if self.holds(key, calibration).await { Ok(()) } else { Err(StoreError::Verify) }
-    }
-
-    /// Is this the calibration that is stored?
-    async fn holds(&mut self, key: u8, calibration: &Calibration) -> bool {
-        match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await {
-            Ok(record) => calibration.is_record(record.unwrap_or_default()),
-            Err(_) => false,
-        }
+        let is_it = |record: Option<&[u8]>| calibration.is_record(record.unwrap_or_default());
+        self.store_item(key, &Record(calibration), is_it).await
     }
 
     async fn put<'v>(&mut self, key: u8, item: &impl Value<'v>) -> Result<(), StoreError> {

@@ -9,38 +9,23 @@ use crate::wire::NodeId;
 /// one that is gone is never used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "what each is for is in the table")]
 pub enum Setting {
-    /// Address on the bus, or [`NODE_ID_UNSET`].
     NodeId = 0,
-    /// Bit rates of arbitration and data phase.
     BitRates = 1,
-    /// Sensors in use.
     Sensors = 2,
-    /// Which frames go out raw.
     RawDivider = 3,
-    /// Whether [`Setting::OperatingPoint`] replaces the model's.
     PointOverride = 4,
-    /// Threshold, k and n of the flag.
     OperatingPoint = 5,
-    /// Connector of each sensor.
     SensorOrder = 6,
-    /// How each array is mounted.
     Orientation = 7,
-    /// Taxels of sensor 0 that are ignored.
     TaxelMask0 = 8,
-    /// Taxels of sensor 1 that are ignored.
     TaxelMask1 = 9,
-    /// Taxels of sensor 2 that are ignored.
     TaxelMask2 = 10,
-    /// Whether the node follows the bus time.
     TimeSync = 11,
-    /// Whether a node without address asks for one.
     PlugAndPlay = 12,
-    /// Whether raw frames go out compressed.
     CompressRaw = 13,
-    /// Whether the node starts locked.
     Lock = 14,
-    /// Hash of the model that must run.
     ExpectedModel = 15,
 }
 
@@ -326,13 +311,16 @@ impl Setting {
 }
 
 /// Elements of all settings.
-pub(super) const ELEMENTS: usize = START[TABLE_LENGTHS.len()];
+pub(super) const ELEMENTS: usize = START[TABLE.len()];
 /// Where each setting's elements begin among all, and where the last ones end.
-pub(super) const START: [usize; TABLE_LENGTHS.len() + 1] = {
-    let mut start = [0; TABLE_LENGTHS.len() + 1];
+pub(super) const START: [usize; TABLE.len() + 1] = {
+    let mut start = [0; TABLE.len() + 1];
     let mut index = 0;
-    while index < TABLE_LENGTHS.len() {
-        start[index + 1] = start[index] + TABLE_LENGTHS[index];
+    while index < TABLE.len() {
+        let length = TABLE[index].default.len();
+        assert!(length <= ELEMENTS_MAX);
+        assert!(TABLE[index].setting as usize == index, "the table is in the order of the numbers");
+        start[index + 1] = start[index] + length;
         index += 1;
     }
     start
@@ -346,15 +334,4 @@ pub(super) const ELEMENT_BYTES: usize = {
         index += 1;
     }
     bytes
-};
-const TABLE_LENGTHS: [usize; TABLE.len()] = {
-    let mut lengths = [0; TABLE.len()];
-    let mut index = 0;
-    while index < TABLE.len() {
-        lengths[index] = TABLE[index].default.len();
-        assert!(lengths[index] <= ELEMENTS_MAX);
-        assert!(TABLE[index].setting as usize == index, "the table is in the order of the numbers");
-        index += 1;
-    }
-    lengths
 };

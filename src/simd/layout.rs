@@ -94,11 +94,6 @@ impl MapShape {
         4 * self.row()
     }
 
-    /// Has the map no cells?
-    pub const fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Word of a cell; row and column count from the first cell inside the border.
     #[inline]
     pub const fn at(&self, row: usize, pair: usize, col: usize) -> usize {

@@ -97,7 +97,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         if config.node.is_some() {
             self.shared.send_slip(self.transmitter.slip(&output.slip_message(frame.stamp, &origin)));
         } else {
-            self.shared.send_no_slip();
+            self.shared.wake_transmission();
         }
     }
 
@@ -105,11 +105,10 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
     /// of each, the sensors take turns, so that none is always the one left out.
     fn offer_raw(&mut self, frame: &SensorFrame, output: &Output, config: &RuntimeConfig) {
         let stamp = frame.stamp;
-        let inputs = frame.parts.each_ref().map(SensorReadings::input);
-        let wanted = stamp.sequence.checked_rem(config.raw_every.into()) == Some(0);
-        if !wanted {
+        if stamp.sequence.checked_rem(config.raw_every.into()) != Some(0) {
             return;
         }
+        let inputs = frame.parts.each_ref().map(SensorReadings::input);
         let first = stamp.sequence.checked_rem(output.sensors as u32).unwrap_or(0) as usize;
         self.rate.frame(self.raw.len(), output.sensors);
         let mut room = RAW_MESSAGES.saturating_sub(self.raw.len());
@@ -136,7 +135,7 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
                 Some(buffer) => {
                     if self.transmitter.start_raw(form, &raw, buffer) {
                         self.raw.send_done();
-                        self.shared.signal_raw();
+                        self.shared.wake_transmission();
                     }
                 }
                 None => dropped += u32::from(self.transmitter.skip_raw(form, &raw)),

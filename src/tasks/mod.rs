@@ -41,7 +41,7 @@ pub use infer::Inference;
 pub use self_check::{
     CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, Reference, SLICE_BYTES, SelfCheck, known_golden,
 };
-pub use services::{ServiceBoard, Services, sensors_deliver};
+pub use services::{ServiceBoard, Services};
 pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};
 pub use supervise::{Progress, StallWatch, Supervisor, Task};
 pub use transmit::Transmission;

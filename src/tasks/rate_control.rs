@@ -10,7 +10,7 @@
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use crate::wire::Detail;
 
-/// RateControl of detail that the sensors share: with none all send the accelerometer alone, with one for each all add the
+/// Steps of detail that the sensors share: with none all send the accelerometer alone, with one for each all add the
 /// contact, with two for each everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct RateControl {
@@ -26,7 +26,7 @@ impl RateControl {
     pub(super) const ALL: Self = Self { now: 2 * MAX_SENSORS, allowed: 2 * MAX_SENSORS, calm_frames: 0 };
 
     /// A frame is to be sent while `waiting` raw messages wait.
-    pub(super) const fn frame(&mut self, waiting: usize, sensors: usize) {
+    pub(super) fn frame(&mut self, waiting: usize, sensors: usize) {
         match waiting {
             0 => {
                 self.calm_frames += 1;
@@ -46,12 +46,8 @@ impl RateControl {
                 self.calm_frames = 0;
             }
         }
-        if self.allowed > 2 * sensors {
-            self.allowed = 2 * sensors;
-        }
-        if self.now > self.allowed {
-            self.now = self.allowed;
-        }
+        self.allowed = self.allowed.min(2 * sensors);
+        self.now = self.now.min(self.allowed);
     }
 
     /// What the sensor whose turn is the `turn`-th in this frame sends.

@@ -102,30 +102,21 @@ pub trait ServiceBoard: FileSink + StatusLed {
     async fn end_calibration(&mut self) -> Option<(u8, Result<Summary, Failure>)> {
         None
     }
-
-    /// Judge a self test by what the tasks counted before and after it.
-    fn self_test(&mut self, before: &Status, after: &Status) -> Result<(), &'static str> {
-        sensors_deliver(before, after)
-    }
 }
 
-/// Did frames come, and does every sensor deliver both parts?
-pub fn sensors_deliver(before: &Status, after: &Status) -> Result<(), &'static str> {
-    if after.decided_frames.wrapping_sub(before.decided_frames) < SELF_TEST_FRAMES {
-        Err("self test: frames are missing")
-    } else if after.any_sensor(health::NO_MODEL) {
-        Err("self test: no readable model")
-    } else if after.any_sensor(health::PIEZO_MISSING) {
-        Err("self test: an array does not deliver")
-    } else if after.any_sensor(health::XL_MISSING) {
-        Err("self test: an accelerometer does not deliver")
-    } else if after.self_checks.failed != 0 {
-        Err("self test: code, model or network is not what it was at start")
-    } else if after.frozen {
-        Err("self test: an accelerometer is frozen")
-    } else {
-        Ok(())
-    }
+/// Judge a self test by what the tasks counted before and after it: did frames come, and does every sensor deliver both
+/// parts?
+fn self_test(before: &Status, after: &Status) -> Result<(), &'static str> {
+    let frames = after.decided_frames.wrapping_sub(before.decided_frames);
+    let faults = [
+        (frames < SELF_TEST_FRAMES, "self test: frames are missing"),
+        (after.any_sensor(health::NO_MODEL), "self test: no readable model"),
+        (after.any_sensor(health::PIEZO_MISSING), "self test: an array does not deliver"),
+        (after.any_sensor(health::XL_MISSING), "self test: an accelerometer does not deliver"),
+        (after.self_checks.failed != 0, "self test: code, model or network is not what it was at start"),
+        (after.frozen, "self test: an accelerometer is frozen"),
+    ];
+    faults.into_iter().find(|(is_there, _)| *is_there).map_or(Ok(()), |(_, why)| Err(why))
 }
 
 /// The services task.
@@ -190,13 +181,9 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
         });
         self.board.apply(self.node_loop.node.settings());
         self.node_loop.node.set_operational();
-        while !self.is_over() {
+        while self.restart_at_us.is_none_or(|at| self.node_loop.clock.now_us() < at) {
             self.serve().await;
         }
-    }
-
-    fn is_over(&self) -> bool {
-        self.restart_at_us.is_some_and(|at| self.node_loop.clock.now_us() >= at)
     }
 
     async fn serve(&mut self) {
@@ -253,7 +240,7 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
             Action::SelfTest => {
                 let before = self.node_loop.shared.status();
                 self.node_loop.pause(SELF_TEST_US).await;
-                let result = self.board.self_test(&before, &self.node_loop.shared.status());
+                let result = self_test(&before, &self.node_loop.shared.status());
                 self.node_loop.shared.update_status(|status| {
                     status.self_tests = status.self_tests.saturating_add(1);
                     status.failed_self_tests =
@@ -292,9 +279,8 @@ impl<'a, M: RawMutex, R: CanReceive, C: Clock + Clone, B: ServiceBoard> Services
         let mut any = false;
         while let Some(setting) = self.node_loop.node.take_changed() {
             any = true;
-            self.node_loop
-                .node
-                .report(Severity::Debug, format_args!("{} changed", setting.definition().name));
+            let name = setting.definition().name;
+            self.node_loop.node.report(Severity::Debug, format_args!("{name} changed"));
         }
         if any {
             self.node_loop.apply_config();
@@ -339,30 +325,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
             self.bus.accept_only(&self.node.filters());
             self.apply_config();
         }
-        if self.node.node_id().is_some()
-            && let Some(record) = self.crash.take()
-        {
-            self.node.report(Severity::Critical, format_args!("restarted after {record}"));
-        }
-        if self.node.node_id().is_some() && core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
-            self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
-        }
-        let failed = self.node.status.self_checks.failed & !self.reported;
-        if self.node.node_id().is_some() && failed != 0 {
-            self.reported |= failed;
-            for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
-                self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
-            }
-        }
-        if self.node.node_id().is_some()
-            && self.clock.now_us() >= self.calibrations_us
-            && self.node.is_drained()
-        {
-            self.calibrations_us = self.clock.now_us().saturating_add(CALIBRATIONS_US);
-            let Status { sensors, calibrations, .. } = self.node.status;
-            for (sensor, summary) in calibrations.iter().enumerate().take(sensors) {
-                self.node.report(Severity::Info, format_args!("{CALIBRATION_LINE} {sensor}: {summary}"));
-            }
+        if self.node.node_id().is_some() {
+            self.report();
         }
         while self.shared.service_room() > 0 {
             let Some(frame) = self.node.next_frame() else { break };
@@ -373,18 +337,35 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         }
     }
 
-    /// Heartbeats that have been on the bus, at least: any frame that waits for it may be one, and so may the one that
-    /// the hardware holds.
-    fn heartbeats_gone(&self) -> u32 {
-        let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
-        self.heartbeats.saturating_sub(waiting as u32)
+    /// What the node says of itself, once it has an address.
+    fn report(&mut self) {
+        if let Some(record) = self.crash.take() {
+            self.node.report(Severity::Critical, format_args!("restarted after {record}"));
+        }
+        if core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
+            self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
+        }
+        let failed = self.node.status.self_checks.failed & !self.reported;
+        self.reported |= failed;
+        for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
+            self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
+        }
+        if self.clock.now_us() >= self.calibrations_us && self.node.is_drained() {
+            self.calibrations_us = self.clock.now_us().saturating_add(CALIBRATIONS_US);
+            let Status { sensors, calibrations, .. } = self.node.status;
+            for (sensor, summary) in calibrations.iter().enumerate().take(sensors) {
+                self.node.report(Severity::Info, format_args!("{CALIBRATION_LINE} {sensor}: {summary}"));
+            }
+        }
     }
 
     fn evidence(&self) -> Evidence {
         let status = self.shared.status();
+        // Any frame that waits for the bus may be a heartbeat, and so may the one that the hardware holds.
+        let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
         Evidence {
             frames: status.decided_frames,
-            heartbeats: self.heartbeats_gone(),
+            heartbeats: self.heartbeats.saturating_sub(waiting as u32),
             requests: self.node.served_requests(),
             senses: !status.no_sensor_left() && status.self_checks.failed == 0,
         }
@@ -402,11 +383,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
 
     /// Settings that the other tasks look at.
     fn apply_config(&self) {
-        self.shared.set_config(RuntimeConfig::new(
-            self.node.settings(),
-            self.node.node_id(),
-            self.node.is_locked(),
-        ));
+        let Self { node, shared, .. } = self;
+        shared.set_config(RuntimeConfig::new(node.settings(), node.node_id(), node.is_locked()));
     }
 
     /// Has everything gone, but for a frame that the hardware may hold?

@@ -77,12 +77,6 @@ impl RuntimeConfig {
     }
 }
 
-impl Default for RuntimeConfig {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// One per node, usually a `static`.
 pub struct Shared<M: RawMutex> {
     /// What each task has done, for the supervisor.
@@ -151,9 +145,9 @@ impl<M: RawMutex> Shared<M> {
         self.tx_ready.signal(());
     }
 
-    /// There is no slip message for a frame, as the node has no address. Transmission is woken as at every frame: what
-    /// stands still starves the watchdog.
-    pub fn send_no_slip(&self) {
+    /// Wake transmission: a raw message has been put into the [`RawQueue`]; or there is no slip message for a frame, as
+    /// the node has no address, and what stands still starves the watchdog.
+    pub fn wake_transmission(&self) {
         self.tx_ready.signal(());
     }
 
@@ -174,22 +168,12 @@ impl<M: RawMutex> Shared<M> {
         self.services.free_capacity()
     }
 
-    /// A raw message has been put into the [`RawQueue`].
-    pub(super) fn signal_raw(&self) {
-        self.tx_ready.signal(());
-    }
-
     pub(super) fn take_slip(&self) -> Option<CanFrame> {
         self.slip.lock(Cell::take)
     }
 
     pub(super) fn slip_waits(&self) -> bool {
-        self.slip.lock(|cell| {
-            let slip = cell.take();
-            let waits = slip.is_some();
-            cell.set(slip);
-            waits
-        })
+        self.slip.lock(Cell::get).is_some()
     }
 
     pub(super) fn take_service(&self) -> Option<CanFrame> {
@@ -199,11 +183,5 @@ impl<M: RawMutex> Shared<M> {
     /// Wait until there is something new to send.
     pub(super) async fn wait_tx(&self) {
         self.tx_ready.wait().await;
-    }
-}
-
-impl<M: RawMutex> Default for Shared<M> {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -46,15 +46,9 @@ impl Progress {
     }
 }
 
-impl Default for Progress {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Notes which tasks stand still, for the record of a restart by the watchdog. Looks from where a task that holds its
 /// executor does not keep it from looking: from an interrupt.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct StallWatch {
     seen: [u32; Task::ALL.len()],
 }

@@ -153,19 +153,12 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
 
     /// Give up all raw messages that wait.
     fn drop_raw(&mut self) {
-        let (mut dropped, mut broken) = (0u32, 0u32);
-        for _ in 0..self.raw.len() {
-            if self.begun {
-                broken += 1
-            } else {
-                dropped += 1
-            }
-            self.begun = false;
-            self.raw.receive_done();
-        }
-        if dropped + broken > 0 {
+        let waiting = self.raw.len() as u32;
+        if waiting > 0 {
+            let broken = u32::from(core::mem::take(&mut self.begun));
+            (0..waiting).for_each(|_| self.raw.receive_done());
             self.shared.update_status(|status| {
-                status.dropped_raw = status.dropped_raw.saturating_add(dropped);
+                status.dropped_raw = status.dropped_raw.saturating_add(waiting - broken);
                 status.broken_raw = status.broken_raw.saturating_add(broken);
             });
         }

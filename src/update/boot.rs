@@ -12,18 +12,14 @@ use super::image::{Header, ImageVersion};
 use super::key::Keys;
 use super::partitions::{FLASH_BASE, Partitions};
 use super::slot::{WORD, check_firmware, firmware_header_at, header_bytes, vectors};
-use super::state::{Run, StateError, UpdateState};
+use super::state::{Run, UpdateState};
 
 /// The firmware to jump to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Firmware {
-    /// It came by an update.
-    Signed {
-        /// Its version.
-        version: ImageVersion,
-        /// The hash of what lies in the slot.
-        hash: [u8; 32],
-    },
+    /// It came by an update; the hash is that of what lies in the slot.
+    Signed { version: ImageVersion, hash: [u8; 32] },
     /// Nothing vouches for it: a debug probe wrote it.
     Flashed,
 }
@@ -47,12 +43,6 @@ impl fmt::Display for BootFailure {
 }
 
 impl core::error::Error for BootFailure {}
-
-impl From<StateError> for BootFailure {
-    fn from(_: StateError) -> Self {
-        Self::Flash
-    }
-}
 
 /// The three partitions, each from its address 0 on.
 pub struct Slots<A, D, S> {
@@ -78,7 +68,7 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
         buffer: &mut [u8],
     ) -> Result<Firmware, BootFailure> {
         let mut state = UpdateState::new(BlockingAsync::new(&mut self.state));
-        let run = block_on(state.run())?;
+        let run = block_on(state.run()).map_err(|_| BootFailure::Flash)?;
         let withdraw = match run {
             Run::Pending => {
                 block_on(check_firmware(&mut BlockingAsync::new(&mut self.dfu), 0, board, keys)).is_err()
@@ -88,7 +78,7 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
             Run::OnTrial | Run::RolledBack => false,
         };
         if withdraw {
-            block_on(state.confirm())?;
+            block_on(state.confirm()).map_err(|_| BootFailure::Flash)?;
         }
         self.swap(buffer)?;
         let found = self.firmware(board, keys);

@@ -41,4 +41,4 @@ pub use notice::Notice;
 pub use refusal::Refusal;
 pub use sink::{FirmwareSlot, UpdateSink};
 pub use slot::PayloadHash;
-pub use state::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Evidence, Run, StateError, Trial, UpdateState};
+pub use state::{CONFIRM_FRAMES, CONFIRM_HEARTBEATS, Evidence, Run, Trial, UpdateState};

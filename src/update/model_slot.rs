@@ -71,15 +71,10 @@ impl<M: ReadNorFlash> ModelSlot<M> {
     pub async fn load(&mut self, place: &mut [u8]) -> Result<Header, Refusal> {
         let header = self.header().await?;
         check_hash(&mut self.flash, MODEL_AT, &header).await?;
-        self.check_model(&header, place).await?;
-        Ok(header)
-    }
-
-    /// Is the payload a model that this firmware can run?
-    async fn check_model(&mut self, header: &Header, place: &mut [u8]) -> Result<(), Refusal> {
         let place = place.get_mut(..header.length as usize).ok_or(Refusal::TooLong)?;
         self.flash.read(MODEL_AT, place).await.map_err(|_| Refusal::Flash)?;
-        Model::parse(place).map(|_| ()).map_err(Refusal::Model)
+        Model::parse(place).map_err(Refusal::Model)?;
+        Ok(header)
     }
 }
 

@@ -63,11 +63,8 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
     }
 
     /// What the bootloader keeps; `None` on a board without one.
-    pub const fn state(&mut self) -> Option<&mut UpdateState<S>> {
-        match &mut self.firmware {
-            Ok(firmware) => Some(&mut firmware.state),
-            Err(_) => None,
-        }
+    pub fn state(&mut self) -> Option<&mut UpdateState<S>> {
+        self.firmware.as_mut().ok().map(|firmware| &mut firmware.state)
     }
 
     /// The signed header of the firmware that runs.
@@ -157,7 +154,7 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
                 firmware.is_free().await?;
                 // One that was ready to be swapped in is withdrawn before it is overwritten.
                 self.ready = None;
-                firmware.state.confirm().await.map_err(|_| Refusal::Flash)?;
+                firmware.state.confirm().await?;
                 slot::erase(&mut firmware.dfu, self.board.active.bytes()).await?;
             }
             UpdateTarget::Model if header.version < self.model.version().await => {
@@ -187,7 +184,7 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
                 Writer::new(header_at).put(&mut firmware.dfu, &image.raw_header).await?;
                 // The header too counts only as it can be read.
                 slot::check_firmware(&mut firmware.dfu, 0, self.board, self.keys).await?;
-                firmware.state.mark_updated().await.map_err(|_| Refusal::Flash)?;
+                firmware.state.mark_updated().await?;
                 self.ready = Some(header);
                 Ok(())
             }
@@ -202,10 +199,9 @@ impl<'a, D: NorFlash, S: NorFlash, M: NorFlash> UpdateSink<'a, D, S, M> {
 impl<D: NorFlash, S: NorFlash> FirmwareSlot<D, S> {
     /// May the slot be written?
     async fn is_free(&mut self) -> Result<(), Refusal> {
-        match self.state.run().await {
-            Ok(Run::OnTrial) => Err(Refusal::OnTrial),
-            Ok(Run::Confirmed | Run::Pending | Run::RolledBack) => Ok(()),
-            Err(_) => Err(Refusal::Flash),
+        match self.state.run().await? {
+            Run::OnTrial => Err(Refusal::OnTrial),
+            Run::Confirmed | Run::Pending | Run::RolledBack => Ok(()),
         }
     }
 }

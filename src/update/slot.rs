@@ -110,7 +110,6 @@ pub struct PayloadHash(Sha256);
 
 impl PayloadHash {
     /// Of nothing yet.
-    #[expect(clippy::new_without_default, reason = "nobody asks for a default")]
     pub fn new() -> Self {
         Self(Sha256::new())
     }

@@ -1,10 +1,9 @@
 //! What embassy-boot's state says of the firmware that runs, and when a new one has shown that it works.
 
-use core::fmt;
-
 use embassy_boot::{FirmwareState, State};
 use embedded_storage_async::nor_flash::NorFlash;
 
+use super::Refusal;
 use super::slot::WORD;
 use crate::params::FRAME_RATE_HZ;
 
@@ -26,19 +25,7 @@ pub enum Run {
     RolledBack,
 }
 
-/// The state could not be read or written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StateError;
-
-impl fmt::Display for StateError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the flash refused the state of the update")
-    }
-}
-
-impl core::error::Error for StateError {}
-
-/// embassy-boot's state, in a sector of its own.
+/// embassy-boot's state, in a sector of its own. The one error is [`Refusal::Flash`].
 pub struct UpdateState<S>(S);
 
 impl<S: NorFlash> UpdateState<S> {
@@ -48,47 +35,47 @@ impl<S: NorFlash> UpdateState<S> {
     }
 
     /// How the firmware came to run.
-    pub async fn run(&mut self) -> Result<Run, StateError> {
+    pub async fn run(&mut self) -> Result<Run, Refusal> {
         let mut word = [0; WORD];
-        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
-        Ok(match Self::magic(&mut self.0).await? {
+        let state = self.state(&mut word)?.get_state().await.map_err(|_| Refusal::Flash)?;
+        Ok(match state {
             State::Boot | State::DfuDetach => Run::Confirmed,
             State::Revert => Run::RolledBack,
             // embassy-boot's layout: magic, validity of the progress, progress; one word each, blank at first. An
             // invalid progress is the first thing that confirming writes: it was cut off there.
-            State::Swap if !self.is_blank(1, word).await? => Run::Confirmed,
-            State::Swap if self.is_blank(2, word).await? => Run::Pending,
+            State::Swap if !self.is_blank(1).await? => Run::Confirmed,
+            State::Swap if self.is_blank(2).await? => Run::Pending,
             State::Swap => Run::OnTrial,
         })
     }
 
-    async fn is_blank(&mut self, index: u32, word: &mut [u8]) -> Result<bool, StateError> {
-        self.0.read(index * S::WRITE_SIZE as u32, word).await.map_err(|_| StateError)?;
+    async fn is_blank(&mut self, index: u32) -> Result<bool, Refusal> {
+        let mut word = [0; WORD];
+        let word = word.get_mut(..S::WRITE_SIZE).ok_or(Refusal::Flash)?;
+        self.0.read(index * S::WRITE_SIZE as u32, word).await.map_err(|_| Refusal::Flash)?;
         Ok(word.iter().all(|&byte| byte == 0xFF))
     }
 
-    async fn magic(flash: &mut S) -> Result<State, StateError> {
-        let mut word = [0; WORD];
-        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
-        FirmwareState::new(flash, word).get_state().await.map_err(|_| StateError)
+    /// To read or to write it, by way of a word.
+    fn state<'w>(&'w mut self, word: &'w mut [u8; WORD]) -> Result<FirmwareState<'w, &'w mut S>, Refusal> {
+        let word = word.get_mut(..S::WRITE_SIZE).ok_or(Refusal::Flash)?;
+        Ok(FirmwareState::new(&mut self.0, word))
     }
 
     /// The firmware that runs stays: no rollback. Also withdraws a firmware that is [`Run::Pending`], and forgets that
     /// one was rolled back. Nothing is written if that is so already.
-    pub async fn confirm(&mut self) -> Result<(), StateError> {
-        if Self::magic(&mut self.0).await? == State::Boot {
+    pub async fn confirm(&mut self) -> Result<(), Refusal> {
+        let mut word = [0; WORD];
+        let mut state = self.state(&mut word)?;
+        if state.get_state().await.map_err(|_| Refusal::Flash)? == State::Boot {
             return Ok(());
         }
-        let mut word = [0; WORD];
-        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
-        FirmwareState::new(&mut self.0, word).mark_booted().await.map_err(|_| StateError)
+        state.mark_booted().await.map_err(|_| Refusal::Flash)
     }
 
     /// Swap at the next restart. Only for what has been checked where it lies.
-    pub(super) async fn mark_updated(&mut self) -> Result<(), StateError> {
-        let mut word = [0; WORD];
-        let word = word.get_mut(..S::WRITE_SIZE).ok_or(StateError)?;
-        FirmwareState::new(&mut self.0, word).mark_updated().await.map_err(|_| StateError)
+    pub(super) async fn mark_updated(&mut self) -> Result<(), Refusal> {
+        self.state(&mut [0; WORD])?.mark_updated().await.map_err(|_| Refusal::Flash)
     }
 }
 

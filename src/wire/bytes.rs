@@ -4,33 +4,15 @@ use core::fmt;
 
 /// Why bytes are not the message they should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum DecodeError {
-    /// The message ends too early. DSDL would read the missing bytes as zeros, and zeros in these
+    /// The message ends too early, bytes. DSDL would read the missing bytes as zeros, and zeros in these
     /// messages mean "no slip", so that is refused.
-    Truncated {
-        /// Name of the message.
-        message: &'static str,
-        /// Bytes needed.
-        expected: usize,
-        /// Bytes there.
-        found: usize,
-    },
-    /// A field holds a value that has no meaning.
-    OutOfRange {
-        /// Name of the message.
-        message: &'static str,
-        /// Name of the field, as in the DSDL definition.
-        field: &'static str,
-        /// The value found.
-        value: u32,
-        /// The largest value allowed.
-        max: u32,
-    },
+    Truncated { message: &'static str, expected: usize, found: usize },
+    /// A field, named as in the DSDL definition, holds a value that has no meaning.
+    OutOfRange { message: &'static str, field: &'static str, value: u32, max: u32 },
     /// The data do not give what their check says, or cannot be data of this message.
-    Damaged {
-        /// Name of the message.
-        message: &'static str,
-    },
+    Damaged { message: &'static str },
 }
 
 impl fmt::Display for DecodeError {

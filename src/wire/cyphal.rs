@@ -5,6 +5,7 @@
 use core::fmt;
 
 use super::id::{CAN_ID_MAX, MessageId, TransferId};
+use crate::health::bits_if;
 
 /// Data lengths that a CAN FD frame can have, bytes, by data length code.
 pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
@@ -88,17 +89,10 @@ pub struct CanFrame {
 
 /// Why a [`CanFrame`] cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the texts below say it")]
 pub enum LengthError {
-    /// More than 29 bits of identifier.
-    Id {
-        /// The identifier found.
-        id: u32,
-    },
-    /// A data length that CAN FD does not have.
-    Length {
-        /// The length found, bytes.
-        length: usize,
-    },
+    Id { id: u32 },
+    Length { length: usize },
 }
 
 impl CanFrame {
@@ -275,18 +269,11 @@ impl Segmenter {
                 }
             }
         }
-        let mut tail = self.transfer;
-        if self.at == 0 {
-            tail |= TAIL_START;
-        }
-        if self.left == 0 {
-            tail |= TAIL_END;
-        }
-        if self.toggle {
-            tail |= TAIL_TOGGLE;
-        }
-        if let Some(last) = data.get_mut(bytes) {
-            *last = tail;
+        if let Some(tail) = data.get_mut(bytes) {
+            *tail = self.transfer
+                | bits_if(self.at == 0, TAIL_START)
+                | bits_if(self.left == 0, TAIL_END)
+                | bits_if(self.toggle, TAIL_TOGGLE);
         }
         self.toggle = !self.toggle;
         self.at += bytes;

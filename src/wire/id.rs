@@ -31,16 +31,8 @@ pub enum Priority {
 impl Priority {
     /// Of an identifier of 29 bits.
     const fn from_can(id: u32) -> Self {
-        match id >> 26 & 7 {
-            0 => Self::Exceptional,
-            1 => Self::Immediate,
-            2 => Self::Fast,
-            3 => Self::High,
-            4 => Self::Nominal,
-            5 => Self::Low,
-            6 => Self::Slow,
-            _ => Self::Optional,
-        }
+        use Priority::{Exceptional, Fast, High, Immediate, Low, Nominal, Optional, Slow};
+        [Exceptional, Immediate, Fast, High, Nominal, Low, Slow, Optional][(id >> 26 & 7) as usize]
     }
 }
 
@@ -81,17 +73,11 @@ pub struct MessageId {
 
 /// Why an identifier is not that of a message with a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the texts below say it")]
 pub enum IdError {
-    /// More than 29 bits.
-    TooLarge {
-        /// The identifier found.
-        id: u32,
-    },
-    /// A service call, not a message.
+    TooLarge { id: u32 },
     Service,
-    /// A message of a node without an address.
     Anonymous,
-    /// A reserved bit that must be 0 is set.
     Reserved,
 }
 

@@ -32,7 +32,7 @@ pub use id::{
 pub use raw::{RAW_BYTES_MAX, RAW_PORT, RAW_PRIORITY, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage};
 pub use receive::{Reassembler, ReceiveError, Received, Receiver, Transfer, TransferError};
 pub use region::Region;
-pub use sessions::{SessionError, SessionTransfer, Sessions, TRANSFER_TIMEOUT_US};
+pub use sessions::{SessionError, Sessions, TRANSFER_TIMEOUT_US};
 pub(crate) use slip::{CRC_32, fold};
 pub use slip::{
     DEGRADED_FROZEN, DEGRADED_LATE, DEGRADED_MISSING, DEGRADED_NOT_CALIBRATED, DEGRADED_POINT,

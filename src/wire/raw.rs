@@ -6,7 +6,7 @@ use heapless::Vec;
 use super::bytes::{DecodeError, Reader, Writer};
 use super::id::Priority;
 use super::region::Region;
-use crate::health;
+use crate::health::{self, bits_if};
 use crate::params::{ACTIVE_TAXELS, COUNT_MAX, MAX_SENSORS, TAXEL_COLS, TAXELS, XL_AXES};
 use crate::sensor::{PiezoFrame, SensorInput, XlSample};
 
@@ -88,12 +88,6 @@ impl RawBuffer {
     }
 }
 
-impl Default for RawBuffer {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl RawFrame<'_> {
     /// Is there anything to send?
     pub const fn delivers(&self) -> bool {
@@ -102,14 +96,9 @@ impl RawFrame<'_> {
 
     /// The health bits, with those of the parts that are not there.
     pub(super) const fn full_health(&self) -> u8 {
-        let mut health = self.health;
-        if self.input.piezo.is_none() {
-            health |= health::PIEZO_MISSING;
-        }
-        if self.input.xl.is_none() {
-            health |= health::XL_MISSING;
-        }
-        health
+        self.health
+            | bits_if(self.input.piezo.is_none(), health::PIEZO_MISSING)
+            | bits_if(self.input.xl.is_none(), health::XL_MISSING)
     }
 
     /// The samples that a message takes, and how many older ones it does not.

@@ -22,48 +22,27 @@ const RAW_TRANSFER_MAX: usize = COMPRESSED_BYTES_MAX + CRC_BYTES + PADDING_MAX;
 /// From 49 bytes to the next length of CAN FD.
 const PADDING_MAX: usize = MTU - 49;
 
-/// Why a frame did not continue or complete a transfer.
+/// Why a frame did not continue or complete a transfer, and the identifier of that transfer, 0 to 31.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum TransferError {
     /// No data, so no tail byte.
     NoTail,
     /// The first frame of a transfer has toggle 0: another version of the protocol.
     Version,
     /// The transfer that was received last, once more.
-    Repeated {
-        /// Its transfer identifier.
-        transfer: u8,
-    },
+    Repeated { transfer: u8 },
     /// The middle or end of a transfer whose start was not received.
-    NotStarted {
-        /// Its transfer identifier.
-        transfer: u8,
-    },
+    NotStarted { transfer: u8 },
     /// A frame that is not the next one: repeated, or an odd number before it is missing. It is
     /// skipped; whether one is missing shows in the CRC at the end.
-    Toggle {
-        /// Transfer identifier.
-        transfer: u8,
-    },
-    /// A frame before the last that is not full.
-    ShortFrame {
-        /// Transfer identifier.
-        transfer: u8,
-        /// Its data, bytes.
-        length: usize,
-    },
-    /// More bytes than any message of this port has.
-    TooLong {
-        /// Transfer identifier.
-        transfer: u8,
-        /// Bytes that there is room for.
-        capacity: usize,
-    },
+    Toggle { transfer: u8 },
+    /// A frame before the last that is not full; its data, bytes.
+    ShortFrame { transfer: u8, length: usize },
+    /// More bytes than any message of this port has, for which there is room.
+    TooLong { transfer: u8, capacity: usize },
     /// Frames are missing, out of order or damaged.
-    Crc {
-        /// Transfer identifier.
-        transfer: u8,
-    },
+    Crc { transfer: u8 },
 }
 
 /// A complete transfer.
@@ -88,12 +67,6 @@ pub struct Reassembler<const CAPACITY: usize> {
     open: Option<(u8, bool)>,
     /// The last complete transfer.
     last: Option<u8>,
-}
-
-impl<const CAPACITY: usize> Default for Reassembler<CAPACITY> {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl<const CAPACITY: usize> Reassembler<CAPACITY> {
@@ -199,16 +172,12 @@ pub enum Received {
 
 /// Why a frame did not lead to a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum ReceiveError {
     /// Not the identifier of a message.
     Id(IdError),
-    /// The transfer is damaged.
-    Transfer {
-        /// Subject identifier.
-        port: u16,
-        /// What is wrong.
-        error: TransferError,
-    },
+    /// The transfer of this subject is damaged.
+    Transfer { port: u16, error: TransferError },
     /// The transfer is whole, the message makes no sense.
     Message(DecodeError),
 }

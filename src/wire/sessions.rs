@@ -4,7 +4,7 @@
 
 use super::cyphal::CanFrame;
 use super::id::{NodeId, ServiceRole, TransferId};
-use super::receive::{Reassembler, TransferError};
+use super::receive::{Reassembler, Transfer, TransferError};
 
 /// After this time without a transfer a sender may begin its transfer identifiers anew (OpenCyphal
 /// specification 1.0, section 4.1.2.4: 2 s).
@@ -33,17 +33,6 @@ pub struct Sessions<const N: usize, const CAPACITY: usize> {
     pub displaced: u32,
 }
 
-/// A complete transfer and its sender.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SessionTransfer<'a> {
-    /// Identifier of its frames.
-    pub id: TransferId,
-    /// Transfer identifier, 0 to 31.
-    pub transfer: u8,
-    /// The message and the zeros it was padded with.
-    pub payload: &'a [u8],
-}
-
 /// Why a frame did not continue or complete a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SessionError {
@@ -51,12 +40,6 @@ pub enum SessionError {
     Transfer(TransferError),
     /// A message without a sender.
     Anonymous,
-}
-
-impl<const N: usize, const CAPACITY: usize> Default for Sessions<N, CAPACITY> {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl<const N: usize, const CAPACITY: usize> Sessions<N, CAPACITY> {
@@ -73,7 +56,7 @@ impl<const N: usize, const CAPACITY: usize> Sessions<N, CAPACITY> {
         id: TransferId,
         frame: &CanFrame,
         now_us: u64,
-    ) -> Result<Option<SessionTransfer<'a>>, SessionError> {
+    ) -> Result<Option<Transfer<'a>>, SessionError> {
         let stream = match id {
             TransferId::Message(id) => Stream { source: id.node, port: id.port, role: None },
             TransferId::Service(id) => Stream { source: id.source, port: id.port, role: Some(id.role) },
@@ -86,7 +69,7 @@ impl<const N: usize, const CAPACITY: usize> Sessions<N, CAPACITY> {
         let arrived = session.reassembler.accept(frame.data()).map_err(SessionError::Transfer)?;
         // A refused frame does not keep a session alive.
         session.last_us = now_us;
-        Ok(arrived.map(|whole| SessionTransfer { id, transfer: whole.transfer, payload: whole.payload }))
+        Ok(arrived)
     }
 
     /// The stream's own session, or another's. `None` only if `N` is 0.

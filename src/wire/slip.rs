@@ -7,7 +7,7 @@ use super::bytes::{DecodeError, Reader, Writer};
 use super::cyphal::FRAME_PAYLOAD;
 use super::id::{NodeId, Priority};
 use crate::fixed::{Logit, Q, round_shift, saturate_i16};
-use crate::health::{self, MEMORY_CHECKS, Status};
+use crate::health::{self, MEMORY_CHECKS, Status, bits_if};
 use crate::params::{CLASSES, MAX_SENSORS};
 
 /// Subject identifier of [`SlipMessage`]: `slipsense.Slip.2.0`. 6144 to 7167 is the range that Cyphal
@@ -177,14 +177,13 @@ impl Origin {
         let used = self.calibrations.iter().take(sensors);
         let missing = used.clone().any(|&name| name == 0);
         let named = used.fold(0u32, |hash, &name| hash.rotate_left(9) ^ name);
-        let bit = |set, bit| if set { bit } else { 0 };
         SlipMessage {
             sensors: sensors as u8,
             locked: self.locked,
             invalid: self.invalid,
-            degraded: bit(missing, DEGRADED_NOT_CALIBRATED)
-                | bit(self.late, DEGRADED_LATE)
-                | bit(self.self_test_failed, DEGRADED_SELF_TEST),
+            degraded: bits_if(missing, DEGRADED_NOT_CALIBRATED)
+                | bits_if(self.late, DEGRADED_LATE)
+                | bits_if(self.self_test_failed, DEGRADED_SELF_TEST),
             starts: self.starts,
             configuration: configuration ^ fold(named),
             late_frames: self.late_frames,
@@ -214,10 +213,9 @@ impl SlipMessage {
         let mut writer = Writer::new(&mut out);
         writer.put_saturated::<7>(self.timestamp_us);
         writer.put(&self.sequence.to_le_bytes());
-        let bit = |set, bit| if set { bit } else { 0 };
-        let flags = bit(self.slip, SLIP_BIT)
-            | bit(self.may_begin, MAY_BEGIN_BIT)
-            | bit(self.locked, LOCKED_BIT)
+        let flags = bits_if(self.slip, SLIP_BIT)
+            | bits_if(self.may_begin, MAY_BEGIN_BIT)
+            | bits_if(self.locked, LOCKED_BIT)
             | self.sensors.min(SENSORS_MASK) << SENSORS_SHIFT;
         writer.put(&[self.class.min(CLASS_MASK) | flags, self.invalid, self.degraded, self.starts]);
         writer.put(&self.configuration.to_le_bytes());
@@ -314,7 +312,7 @@ impl SlipMessage {
             slip: flags & 32 != 0,
             may_begin: flags & 4 != 0,
             sensors: flags >> 3 & SENSORS_MASK,
-            invalid: if no_model { INVALID_NO_MODEL } else { 0 },
+            invalid: bits_if(no_model, INVALID_NO_MODEL),
             late_frames,
             logits,
             contact,

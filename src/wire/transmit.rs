@@ -62,7 +62,9 @@ impl Transmitter {
         let delivered = frame.delivers();
         if delivered {
             let (id, transfer) = self.next_raw(form);
-            into.fill(id, transfer, form, frame);
+            let encoded = form.encode(frame, &mut into.buffer);
+            into.length = encoded.len();
+            into.segmenter = Some(Segmenter::new(id, transfer, encoded, form.frame_payload()));
         }
         delivered
     }
@@ -128,20 +130,8 @@ impl RawTransfer {
         Self { buffer: RawBuffer::new(), length: 0, segmenter: None }
     }
 
-    pub(super) fn fill(&mut self, id: MessageId, transfer: u8, form: RawForm, frame: &RawFrame<'_>) {
-        let encoded = form.encode(frame, &mut self.buffer);
-        self.length = encoded.len();
-        self.segmenter = Some(Segmenter::new(id, transfer, encoded, form.frame_payload()));
-    }
-
     /// The next CAN frame, 39 in all at most; `None` when all have been taken.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
         self.segmenter.as_mut()?.next(self.buffer.bytes(self.length))
-    }
-}
-
-impl Default for RawTransfer {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -69,7 +69,6 @@ fn main() -> ! {
     let chip = firmware::init();
     let core_hz = embassy_stm32::rcc::clocks(&chip.RCC).sys.to_hertz().map_or(0, |clock| clock.0);
     MAILBOX_END.place((address(&FRAME), address(&ANSWER)), core_hz);
-    count_cycles();
     let model = parsed_model();
     MAILBOX_END.open(&model.hash);
     let sensors = loop {
@@ -113,16 +112,6 @@ fn address<const N: usize>(words: &'static [AtomicU32; N]) -> u32 {
     words.as_ptr().addr() as u32
 }
 
-/// Let the core count its cycles.
-fn count_cycles() {
-    // SAFETY: the board's entry point is through with its own, and interrupts are not on yet.
-    let mut core = unsafe { cortex_m::Peripherals::steal() };
-    core.DCB.enable_trace();
-    // Closed after power-on on this core: the counter would not start.
-    DWT::unlock();
-    core.DWT.enable_cycle_counter();
-}
-
 #[embassy_executor::task]
 async fn acquire(source: &'static mut Replayed, queue: FrameSender) {
     tasks::acquire(source, queue, &SHARED).await;
@@ -130,14 +119,8 @@ async fn acquire(source: &'static mut Replayed, queue: FrameSender) {
 
 #[embassy_executor::task]
 async fn transmit(raw: RawReceiver) {
-    Transmission::new(
-        UnlimitedBus(|_, frame: &CanFrame| MAILBOX_END.sent(frame)),
-        StoppedClock,
-        &SHARED,
-        raw,
-    )
-    .run()
-    .await;
+    let bus = UnlimitedBus(|_, frame: &CanFrame| MAILBOX_END.sent(frame));
+    Transmission::new(bus, StoppedClock, &SHARED, raw).run().await;
 }
 
 #[embassy_executor::task]
@@ -178,7 +161,7 @@ impl FrameSource for Replayed {
 
 /// Ends each frame's answer.
 struct Answers {
-    /// The cycle in which the pipeline took the frame.
+    /// The cycle in which the pipeline took the frame. The core counts them since the check of its clock.
     began: u32,
 }
 

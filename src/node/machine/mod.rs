@@ -17,7 +17,7 @@ use super::outbox::Outbox;
 use super::registers::{ACCESS_PORT, LIST_PORT};
 use super::time_sync::{TIME_PORT, TimeSync};
 use crate::calibration::Request;
-use crate::health::{Condition, Status};
+use crate::health::{Condition, Status, bits_if};
 use crate::settings::{Setting, Settings};
 use crate::wire::{
     CanFrame, FRAME_PAYLOAD, Frames, MessageId, NodeId, Priority, ServiceId, ServiceRole, Sessions,
@@ -42,6 +42,7 @@ pub const STORE_PAUSE_US: u64 = 10_000_000;
 
 /// What the board must do. Nothing here does it.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum Action {
     /// Start anew, after [`Node::next_frame`] has given its last frame and that has gone out.
     Restart,
@@ -58,25 +59,12 @@ pub enum Action {
     /// Measure an array, or change its calibration; then [`Node::command_done`]: with a measurement when it has begun.
     Calibrate(Request),
     /// Make room for an update, then [`Node::begin_download`] or [`Node::report`] why not.
-    BeginUpdate {
-        /// Firmware or model.
-        target: UpdateTarget,
-        /// Where it is.
-        file: FileRef,
-    },
-    /// The file is complete and the sink has accepted it. A firmware wants a restart; a model too, unless
-    /// the board changes models while it runs.
-    UpdateReceived {
-        /// Firmware or model.
-        target: UpdateTarget,
-        /// Bytes.
-        length: u32,
-    },
+    BeginUpdate { target: UpdateTarget, file: FileRef },
+    /// The file is complete, so many bytes, and the sink has accepted it. A firmware wants a restart; a model too,
+    /// unless the board changes models while it runs.
+    UpdateReceived { target: UpdateTarget, length: u32 },
     /// The file was given up; a diagnostic record has said why.
-    UpdateFailed {
-        /// Firmware or model.
-        target: UpdateTarget,
-    },
+    UpdateFailed { target: UpdateTarget },
 }
 
 /// What the node's own traffic met with, since start.
@@ -154,10 +142,10 @@ impl Node {
             settings,
             status: Status::new(),
             sessions: Sessions::new(),
-            outbox: Outbox::new(),
+            outbox: Outbox::default(),
             counters: Counters::default(),
             transfers: TransferIds::default(),
-            time: TimeSync::new(),
+            time: TimeSync::default(),
             heartbeat_us: 0,
             now_us: 0,
             operational: false,
@@ -192,7 +180,7 @@ impl Node {
     /// What the node's own traffic met with.
     pub fn counters(&self) -> Counters {
         let transfer_errors = self.counters.transfer_errors.saturating_add(self.sessions.displaced);
-        Counters { transfer_errors, dropped_transfers: self.outbox.dropped(), ..self.counters }
+        Counters { transfer_errors, dropped_transfers: self.outbox.dropped, ..self.counters }
     }
 
     /// Does the node refuse what would change it?
@@ -217,7 +205,7 @@ impl Node {
 
     /// Bus time at a moment of the local clock; `None` where no master was received, or the node does not follow.
     pub fn bus_time_us(&self, local_us: u64) -> Option<u64> {
-        let offset = self.time.offset_us().filter(|_| self.settings.time_sync())?;
+        let offset = self.time.offset_us.filter(|_| self.settings.time_sync())?;
         local_us.checked_add_signed(offset)
     }
 
@@ -236,9 +224,9 @@ impl Node {
     }
 
     fn flags(&self) -> u8 {
-        let damaged = if self.identity.settings.is_damaged() { vendor_status::SETTINGS_DAMAGED } else { 0 };
-        let no_decision = if self.identity.model_hash.is_none() { vendor_status::NO_DECISION } else { 0 };
-        heartbeat::flags(&self.status) | damaged | no_decision
+        heartbeat::flags(&self.status)
+            | bits_if(self.identity.settings.is_damaged(), vendor_status::SETTINGS_DAMAGED)
+            | bits_if(self.identity.model_hash.is_none(), vendor_status::NO_DECISION)
     }
 
     /// The next frame for the bus. Frames of equal identifier must stay in order.
@@ -309,7 +297,7 @@ impl Node {
         if let Some((id, payload)) = self.allocation.poll(now_us) {
             self.outbox.push(Frames::new(id, next_transfer(&mut self.allocation.transfer), &payload));
         }
-        self.allocation.next_us().unwrap_or(now_us)
+        self.allocation.next_us.unwrap_or(now_us)
     }
 
     /// What a controller's acceptance filters may let through and keep the raw frames of other fingertips away:
@@ -321,20 +309,16 @@ impl Node {
         const PORT: u32 = 0x1FFF << 8;
         const NODE: u32 = 0x7F;
         let subject = |port: u16| (u32::from(port) << 8, SERVICE | ANONYMOUS | PORT);
-        let mut filters = heapless::Vec::new();
-        // There is room for all four.
-        let _ = filters.push(subject(TIME_PORT));
-        match self.id.map(|id| u32::from(id.get())) {
-            None => {
-                let _ = filters.push(subject(ALLOCATION_PORT));
-            }
+        let time = subject(TIME_PORT);
+        let filters = match self.id.map(|id| u32::from(id.get())) {
+            None => heapless::Vec::from_slice(&[time, subject(ALLOCATION_PORT)]),
             Some(id) => {
-                let _ = filters.push((SERVICE | id << 7, SERVICE | NODE << 7));
-                // Another node with this address.
-                let _ = filters.push((id, SERVICE | ANONYMOUS | NODE));
+                let same_address = (id, SERVICE | ANONYMOUS | NODE);
+                heapless::Vec::from_slice(&[time, (SERVICE | id << 7, SERVICE | NODE << 7), same_address])
             }
-        }
-        filters
+        };
+        // There is room for four.
+        filters.unwrap_or_default()
     }
 
     /// Take a frame of the bus that arrived at `now_us`, as exactly as the board knows: the bus time is as

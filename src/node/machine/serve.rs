@@ -1,6 +1,6 @@
 //! Requests of other nodes and their answers.
 
-use super::super::command::{self, Command, CommandStatus};
+use super::super::command::{self, CommandStatus};
 use super::super::diagnostic::Severity;
 use super::super::file_read::FileFailure;
 use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
@@ -37,15 +37,12 @@ impl Node {
 
     fn serve_access(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
         let bus_time_us = self.bus_time_us(self.now_us).unwrap_or(0);
-        let counters = self.counters();
         let state = NodeState {
             status: &self.status,
             identity: &self.identity,
             uptime_s: u32::try_from(self.now_us / 1_000_000).unwrap_or(u32::MAX),
-            transfers_dropped: counters.dropped_transfers,
-            transfer_errors: counters.transfer_errors,
-            address_conflicts: counters.address_conflicts,
-            time_offset_us: self.time.offset_us(),
+            counters: self.counters(),
+            time_offset_us: self.time.offset_us,
             locked: self.lock.is_closed(),
             challenge: self.challenge(),
         };
@@ -62,17 +59,15 @@ impl Node {
             Effect::Locked(name) => self.report(Severity::Warning, format_args!("{name}: {LOCKED}")),
             Effect::Refused(error) => self.report(Severity::Warning, format_args!("{error}")),
             Effect::NotWritable(name) => {
-                self.report(
-                    Severity::Warning,
-                    format_args!("{name}: cannot be written, or not with this type"),
-                );
+                let what = "cannot be written, or not with this type";
+                self.report(Severity::Warning, format_args!("{name}: {what}"));
             }
         }
     }
 
     fn serve_command(&mut self, id: ServiceId, transfer: u8, request: &[u8]) {
         let (status, why) = match command::decode(request, id.source) {
-            Ok(command) => match self.begin(command, id, transfer) {
+            Ok(action) => match self.begin(action, id, transfer) {
                 // Answered when it is done.
                 Ok(true) => return,
                 Ok(false) => (CommandStatus::Success, ""),
@@ -85,44 +80,33 @@ impl Node {
     }
 
     /// `true`: it is answered later.
-    fn begin(&mut self, command: Command, id: ServiceId, transfer: u8) -> Result<bool, &'static str> {
-        let (action, later) = match command {
-            Command::Restart => (Action::Restart, false),
-            Command::Identify => (Action::Identify, false),
-            Command::Update(target, file) => (Action::BeginUpdate { target, file }, false),
-            Command::Store => (Action::Store, true),
-            Command::FactoryReset => (Action::FactoryReset, true),
-            Command::SelfTest => (Action::SelfTest, true),
-            Command::Unlock(signature) => (Action::Unlock(signature), true),
-            Command::Calibrate(request) => (Action::Calibrate(request), true),
-        };
+    fn begin(&mut self, action: Action, id: ServiceId, transfer: u8) -> Result<bool, &'static str> {
+        let later = !matches!(action, Action::Restart | Action::Identify | Action::BeginUpdate { .. });
         if self.lock.is_closed() && !matches!(action, Action::Identify | Action::Unlock(_)) {
             return Err(LOCKED);
         }
         if later && self.pending.is_some() {
             return Err("another command is not done yet");
         }
-        let [store, calibration] = self.store_pauses_until_us;
+        let mut none = 0;
+        let [store, calibration] = &mut self.store_pauses_until_us;
         let (pause_until_us, why) = match action {
             Action::BeginUpdate { .. } | Action::Unlock(_) => {
-                (self.signature_pause_until_us, "wait a second after one that failed")
+                (&mut self.signature_pause_until_us, "wait a second after one that failed")
             }
             Action::Store | Action::FactoryReset => (store, "wait ten seconds after a store"),
             Action::Calibrate(_) => (calibration, "wait ten seconds after a calibration"),
-            _ => (0, ""),
+            _ => (&mut none, ""),
         };
-        if self.now_us < pause_until_us {
+        if self.now_us < *pause_until_us {
             return Err(why);
         }
         // The last place is for the end of an update.
         if self.actions.len() + 1 >= self.actions.capacity() {
             return Err("too many commands at once");
         }
-        let [store, calibration] = &mut self.store_pauses_until_us;
-        match action {
-            Action::Store | Action::FactoryReset => *store = self.now_us.saturating_add(STORE_PAUSE_US),
-            Action::Calibrate(_) => *calibration = self.now_us.saturating_add(STORE_PAUSE_US),
-            _ => {}
+        if matches!(action, Action::Store | Action::FactoryReset | Action::Calibrate(_)) {
+            *pause_until_us = self.now_us.saturating_add(STORE_PAUSE_US);
         }
         match action {
             Action::FactoryReset => {

@@ -37,7 +37,7 @@ enum Register {
     Setting(Setting),
     /// One of the three that the standard derives from a setting.
     Derived(Setting, u8),
-    ReadOnly(ReadOnly),
+    ReadOnly(&'static str, ReadOnly),
 }
 
 const SUFFIXES: [u8; 3] = *b"<>=";
@@ -47,8 +47,8 @@ impl Register {
         if let Some(setting) = Setting::from_name(name) {
             return Some(Self::Setting(setting));
         }
-        if let Some((_, what)) = READ_ONLY.iter().find(|(other, _)| other.as_bytes() == name) {
-            return Some(Self::ReadOnly(*what));
+        if let Some(&(name, what)) = READ_ONLY.iter().find(|(other, _)| other.as_bytes() == name) {
+            return Some(Self::ReadOnly(name, what));
         }
         let (&suffix, name) = name.split_last()?;
         let setting = Setting::from_name(name).filter(|_| SUFFIXES.contains(&suffix))?;
@@ -126,21 +126,15 @@ pub(super) fn access(
                 Err(error) => Effect::Refused(error),
             }
         }
-        (Some(Register::Setting(setting)), Written::Unusable) => {
+        (Some(Register::Setting(setting)), Written::Unusable) | (Some(Register::Derived(setting, _)), _) => {
             Effect::NotWritable(setting.definition().name)
         }
-        (Some(Register::Derived(setting, _)), _) => Effect::NotWritable(setting.definition().name),
-        (Some(Register::ReadOnly(what)), _) => Effect::NotWritable(
-            READ_ONLY.iter().find(|(_, other)| *other == what).map_or("", |(name, _)| name),
-        ),
+        (Some(Register::ReadOnly(name, _)), _) => Effect::NotWritable(name),
     };
     let mut writer = Writer::new(out);
     writer.put_saturated::<7>(bus_time_us);
     match register {
-        None => {
-            writer.put(&[0]);
-            value::put_empty(&mut writer);
-        }
+        None => writer.put(&[0, value::TAG_EMPTY]),
         Some(Register::Setting(setting)) => {
             writer.put(&[MUTABLE | PERSISTENT]);
             value::put_numbers(&mut writer, setting.definition().kind, settings.get(setting));
@@ -150,7 +144,7 @@ pub(super) fn access(
             let definition = setting.definition();
             value::put_numbers(&mut writer, definition.kind, &derived(definition, suffix));
         }
-        Some(Register::ReadOnly(what)) => {
+        Some(Register::ReadOnly(_, what)) => {
             writer.put(&[0]);
             match state.answer(what) {
                 Answer::Numbers(kind, numbers) => value::put_numbers(&mut writer, kind, &numbers),

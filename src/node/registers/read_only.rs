@@ -4,13 +4,14 @@ use heapless::Vec;
 
 use super::super::identity::Identity;
 use super::super::lock::CHALLENGE_BYTES;
+use super::super::machine::Counters;
 use crate::calibration::{Progress, Summary};
 use crate::health::{SelfChecks, Status};
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
 
 /// Which register.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub(super) enum ReadOnly {
     LateFrames,
     Overruns,
@@ -81,9 +82,7 @@ pub(in crate::node) struct NodeState<'a> {
     pub status: &'a Status,
     pub identity: &'a Identity,
     pub uptime_s: u32,
-    pub transfers_dropped: u32,
-    pub transfer_errors: u32,
-    pub address_conflicts: u32,
+    pub counters: Counters,
     pub time_offset_us: Option<i64>,
     pub locked: bool,
     /// `None`: nothing unlocks this board.
@@ -123,9 +122,9 @@ impl<'a> NodeState<'a> {
                 let SelfChecks { passes, inferences, failed } = status.self_checks;
                 numbers(Kind::Natural32, &[passes, inferences, failed.into()].map(i64::from))
             }
-            ReadOnly::TransfersDropped => count(self.transfers_dropped),
-            ReadOnly::TransferErrors => count(self.transfer_errors),
-            ReadOnly::AddressConflicts => count(self.address_conflicts),
+            ReadOnly::TransfersDropped => count(self.counters.dropped_transfers),
+            ReadOnly::TransferErrors => count(self.counters.transfer_errors),
+            ReadOnly::AddressConflicts => count(self.counters.address_conflicts),
             ReadOnly::SettingsDamage => count(self.identity.settings.damage.settings),
             ReadOnly::Stuck(sensor) => {
                 let rows = status.stuck_taxels.get(sensor).copied().unwrap_or_default();

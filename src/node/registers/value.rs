@@ -6,7 +6,8 @@ use super::super::fields::Fields;
 use crate::settings::{ELEMENTS_MAX, Kind};
 use crate::wire::bytes::Writer;
 
-const TAG_EMPTY: u8 = 0;
+/// No value: there is no such register, or nothing is written.
+pub(super) const TAG_EMPTY: u8 = 0;
 const TAG_UNSTRUCTURED: u8 = 2;
 /// The kinds of numbers in the order of their tags, from 3 on.
 const KINDS: [Kind; 9] = [
@@ -92,9 +93,4 @@ pub(super) fn put_bytes(writer: &mut Writer<'_>, bytes: &[u8]) {
     writer.put(&[TAG_UNSTRUCTURED]);
     writer.put(&(bytes.len() as u16).to_le_bytes());
     writer.put(bytes);
-}
-
-/// Write nothing: there is no such register.
-pub(super) fn put_empty(writer: &mut Writer<'_>) {
-    writer.put(&[TAG_EMPTY]);
 }

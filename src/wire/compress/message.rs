@@ -59,114 +59,104 @@ pub enum Detail {
 impl RawFrame<'_> {
     /// As [`encode`](Self::encode), compressed: see [`compress`](crate::wire::compress).
     pub fn compress<'b>(&self, detail: Detail, buffer: &'b mut RawBuffer) -> &'b [u8] {
-        encode(self, detail, buffer)
+        let (newest, dropped) = self.newest_samples();
+        let region = match (self.input.piezo, detail) {
+            (None, _) | (_, Detail::Accelerometer) => Region::NONE,
+            (Some(piezo), Detail::Contact) => Region::around_contact(piezo),
+            (Some(_), Detail::All) => Region::ALL,
+        };
+        let mut form = match region {
+            Region::ALL => 0,
+            Region::NONE => FORM_NO_TAXELS,
+            _ => FORM_REGION,
+        };
+        let masked;
+        let counts = match self.input.piezo {
+            Some(piezo) if region == Region::ALL => piezo.counts(),
+            piezo => {
+                masked = counts_in(piezo, &region);
+                &masked
+            }
+        };
+
+        let (header, data) = buffer.0.split_at_mut(HEADER_BYTES);
+        let start = if form == FORM_REGION { REGION_BYTES } else { 0 };
+        let (region_bytes, body) = data.split_at_mut(start);
+        for (out, byte) in region_bytes.iter_mut().zip(region.to_bytes()) {
+            *out = byte;
+        }
+        let length = match code(newest, &region, counts, body) {
+            Some(length) => {
+                form |= FORM_CODED;
+                length
+            }
+            None => pack(newest, &region, counts, body),
+        };
+        let length = start + length;
+
+        let mut writer = Writer::new(header);
+        writer.put_saturated::<7>(self.timestamp_us);
+        writer.put(&self.sequence.to_le_bytes());
+        writer.put(&[self.sensor, self.full_health()]);
+        writer.put(&self.input.xl_end.to_le_bytes());
+        writer.put(&[dropped.min(255) as u8, newest.len() as u8, form]);
+        writer.put(&[0; CHECK_BYTES]);
+        writer.put(&(length as u16).to_le_bytes());
+        let check = check(buffer.bytes(HEADER_BYTES + length));
+        let mut writer = Writer::new(buffer.0.get_mut(CHECK_AT..).unwrap_or_default());
+        writer.put(&check.to_le_bytes());
+        buffer.bytes(HEADER_BYTES + length)
     }
 }
 
 impl RawMessage {
     /// Read a compressed message; bytes after it are padding and ignored.
     pub fn decompress(bytes: &[u8]) -> Result<Self, DecodeError> {
-        decode(bytes)
-    }
-}
+        let mut reader = Reader::new(NAME, bytes);
+        let timestamp_us = reader.unsigned::<7>()?;
+        let sequence = u32::from_le_bytes(reader.take()?);
+        let [sensor, health] = reader.take()?;
+        reader.at_most("sensor", sensor, MAX_SENSORS - 1)?;
+        let xl_end = u32::from_le_bytes(reader.take()?);
+        let [xl_dropped, count, form] = reader.take()?;
+        reader.at_most("xl_count", count, RAW_XL_MAX)?;
+        reader.at_most("form", form, FORM_ALL.into())?;
+        let expected = u16::from_le_bytes(reader.take()?);
+        let length = u16::from_le_bytes(reader.take()?);
+        let mut data = reader.slice(length.into())?;
 
-/// Write the message into `buffer` and return its bytes.
-fn encode<'b>(frame: &RawFrame<'_>, detail: Detail, buffer: &'b mut RawBuffer) -> &'b [u8] {
-    let (newest, dropped) = frame.newest_samples();
-    let region = match (frame.input.piezo, detail) {
-        (None, _) | (_, Detail::Accelerometer) => Region::NONE,
-        (Some(piezo), Detail::Contact) => Region::around_contact(piezo),
-        (Some(_), Detail::All) => Region::ALL,
-    };
-    let mut form = match region {
-        Region::ALL => 0,
-        Region::NONE => FORM_NO_TAXELS,
-        _ => FORM_REGION,
-    };
-    let masked;
-    let counts = match frame.input.piezo {
-        Some(piezo) if region == Region::ALL => piezo.counts(),
-        piezo => {
-            masked = counts_in(piezo, &region);
-            &masked
+        let damaged = DecodeError::Damaged { message: NAME };
+        if check(bytes.get(..HEADER_BYTES + data.len()).unwrap_or_default()) != expected {
+            return Err(damaged);
         }
-    };
-
-    let (header, data) = buffer.0.split_at_mut(HEADER_BYTES);
-    let start = if form == FORM_REGION { REGION_BYTES } else { 0 };
-    let (region_bytes, body) = data.split_at_mut(start);
-    for (out, byte) in region_bytes.iter_mut().zip(region.to_bytes()) {
-        *out = byte;
-    }
-    let length = match code(newest, &region, counts, body) {
-        Some(length) => {
-            form |= FORM_CODED;
-            length
+        let region = match form & (FORM_REGION | FORM_NO_TAXELS) {
+            0 => Region::ALL,
+            FORM_REGION => {
+                let (region, rest) = data.split_first_chunk::<REGION_BYTES>().ok_or(damaged)?;
+                data = rest;
+                Region::from_bytes(*region).ok_or(damaged)?
+            }
+            FORM_NO_TAXELS => Region::NONE,
+            _ => return Err(damaged),
+        };
+        let mut counts = [0; TAXELS];
+        let mut xl: Vec<XlSample, RAW_XL_MAX> = Vec::new();
+        // There is room: `count` is at most the capacity.
+        let _ = xl.resize_default(count.into());
+        let whole = match form & FORM_CODED {
+            0 => unpack(data, &mut xl, &region, &mut counts),
+            _ => {
+                let mut decoder = Decoder::new(data);
+                xl::decode(&mut decoder, &mut xl);
+                taxels::decode(&mut decoder, &region, &mut counts) && decoder.is_at_end()
+            }
+        };
+        if !whole {
+            return Err(damaged);
         }
-        None => pack(newest, &region, counts, body),
-    };
-    let length = start + length;
-
-    let mut writer = Writer::new(header);
-    writer.put_saturated::<7>(frame.timestamp_us);
-    writer.put(&frame.sequence.to_le_bytes());
-    writer.put(&[frame.sensor, frame.full_health()]);
-    writer.put(&frame.input.xl_end.to_le_bytes());
-    writer.put(&[dropped.min(255) as u8, newest.len() as u8, form]);
-    writer.put(&[0; CHECK_BYTES]);
-    writer.put(&(length as u16).to_le_bytes());
-    let check = check(buffer.bytes(HEADER_BYTES + length));
-    let mut writer = Writer::new(buffer.0.get_mut(CHECK_AT..).unwrap_or_default());
-    writer.put(&check.to_le_bytes());
-    buffer.bytes(HEADER_BYTES + length)
-}
-
-/// Read a message; bytes after it are padding and ignored.
-fn decode(bytes: &[u8]) -> Result<RawMessage, DecodeError> {
-    let mut reader = Reader::new(NAME, bytes);
-    let timestamp_us = reader.unsigned::<7>()?;
-    let sequence = u32::from_le_bytes(reader.take()?);
-    let [sensor, health] = reader.take()?;
-    reader.at_most("sensor", sensor, MAX_SENSORS - 1)?;
-    let xl_end = u32::from_le_bytes(reader.take()?);
-    let [xl_dropped, count, form] = reader.take()?;
-    reader.at_most("xl_count", count, RAW_XL_MAX)?;
-    reader.at_most("form", form, FORM_ALL.into())?;
-    let expected = u16::from_le_bytes(reader.take()?);
-    let length = u16::from_le_bytes(reader.take()?);
-    let mut data = reader.slice(length.into())?;
-
-    let damaged = DecodeError::Damaged { message: NAME };
-    if check(bytes.get(..HEADER_BYTES + data.len()).unwrap_or_default()) != expected {
-        return Err(damaged);
+        let piezo = PiezoFrame::from_scan(counts);
+        Ok(Self { timestamp_us, sequence, sensor, health, piezo, region, xl, xl_end, xl_dropped })
     }
-    let region = match form & (FORM_REGION | FORM_NO_TAXELS) {
-        0 => Region::ALL,
-        FORM_REGION => {
-            let (region, rest) = data.split_first_chunk::<REGION_BYTES>().ok_or(damaged)?;
-            data = rest;
-            Region::from_bytes(*region).ok_or(damaged)?
-        }
-        FORM_NO_TAXELS => Region::NONE,
-        _ => return Err(damaged),
-    };
-    let mut counts = [0; TAXELS];
-    let mut xl: Vec<XlSample, RAW_XL_MAX> = Vec::new();
-    // There is room: `count` is at most the capacity.
-    let _ = xl.resize_default(count.into());
-    let whole = match form & FORM_CODED {
-        0 => unpack(data, &mut xl, &region, &mut counts),
-        _ => {
-            let mut decoder = Decoder::new(data);
-            xl::decode(&mut decoder, &mut xl);
-            taxels::decode(&mut decoder, &region, &mut counts) && decoder.is_at_end()
-        }
-    };
-    if !whole {
-        return Err(damaged);
-    }
-    let piezo = PiezoFrame::from_scan(counts);
-    Ok(RawMessage { timestamp_us, sequence, sensor, health, piezo, region, xl, xl_end, xl_dropped })
 }
 
 /// The counts in the region, 0 elsewhere.

@@ -291,9 +291,7 @@ async fn read_accelerometers(
 ) -> ([Result<XlReadings, XlFault>; MAX_SENSORS], u64) {
     let mut readings = [Ok(XlReadings::default()); MAX_SENSORS];
     for (part, reading) in parts.iter_mut().zip(&mut readings) {
-        if let Err(fault) = part.reset().await {
-            *reading = Err(fault);
-        }
+        *reading = part.reset().await.map(|()| XlReadings::default());
     }
     Timer::after_millis(XL_READ_MS * u64::from(PART.reset_ticks)).await;
     for (part, reading) in parts.iter_mut().zip(&mut readings).filter(|(_, reading)| reading.is_ok()) {

@@ -3,8 +3,8 @@
 use defmt::{info, unwrap, warn};
 use embassy_futures::block_on;
 use slipsense::calibration::{Calibration, Summary};
-use slipsense::drivers::array::{Array, Mounting};
-use slipsense::drivers::{Bench, Commissioning, Sensor, SensorLink, SensorReport, Sensors, XlMonitor};
+use slipsense::drivers::array::Array;
+use slipsense::drivers::{Bench, Commissioning, Sensor, SensorLink, Sensors, XlMonitor};
 use slipsense::firmware::shared::Mutex;
 use slipsense::params::MAX_SENSORS;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -14,7 +14,7 @@ use crate::adc_scan::{self, AdcScan};
 use crate::services::Store;
 
 /// What the services tell the sensors and hear from them.
-static LINK: SensorLink<'static, Mutex> = SensorLink::new();
+pub static LINK: SensorLink<'static, Mutex> = SensorLink::new();
 
 pub type BoardSensors = Sensors<'static, Mutex, AdcScan, Xl>;
 pub type BoardCommissioning = Commissioning<'static, Mutex>;
@@ -61,19 +61,9 @@ pub fn start(
     (SOURCE.init_with(|| Sensors::new(scan, used, &LINK)), commissioning)
 }
 
-/// From the next frame on the arrays are mounted so.
-pub fn mount(mountings: [Mounting; MAX_SENSORS]) {
-    LINK.mount(mountings);
-}
-
-/// The last report; `None` in the first second.
-pub fn report() -> Option<SensorReport> {
-    LINK.report()
-}
-
 /// Into the log.
 pub fn log(sensors: usize) {
-    let Some(report) = report() else { return };
+    let Some(report) = LINK.report() else { return };
     if report.lost_scans > 0 {
         warn!("{=u32} scans lost", report.lost_scans);
     }

@@ -101,7 +101,7 @@ impl Decider {
                         degraded.set_node_id(node);
                         SHARED.send_slip(degraded.slip(&message));
                     } else {
-                        SHARED.send_no_slip();
+                        SHARED.wake_transmission();
                     }
                 }
             }

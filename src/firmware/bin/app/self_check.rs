@@ -60,10 +60,6 @@ pub fn build(
         firmware,
     ];
     let pipeline = Pipeline::with_state(model::golden_state(), *model, 1)?;
-    Ok(CHECK.init(SelfCheck::new(
-        BoardMemory { model: bytes },
-        references,
-        pipeline,
-        known_golden(&model.hash),
-    )))
+    let memory = BoardMemory { model: bytes };
+    Ok(CHECK.init(SelfCheck::new(memory, references, pipeline, known_golden(&model.hash))))
 }

@@ -20,11 +20,11 @@ use slipsense::node::{
 use slipsense::settings::{LoadReport, SCRATCH, Scratch, Settings, SettingsStore, StoreError};
 use slipsense::tasks::{ServiceBoard, Services};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
-use slipsense::update::{Evidence, ImageVersion, Notice, PUBLIC_KEYS, unlocks};
+use slipsense::update::{Evidence, ImageVersion, Notice, PUBLIC_KEYS, Refusal, unlocks};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::can::{self, Inbox};
-use crate::frame_source::{self, BoardCommissioning};
+use crate::frame_source::{BoardCommissioning, LINK};
 use crate::updates::Updates;
 
 /// What GetInfo reports; the major number is the board's.
@@ -133,7 +133,7 @@ impl ServiceBoard for Station {
     }
 
     async fn begin_update(&mut self, target: UpdateTarget) -> Result<u32, &'static str> {
-        self.updates.begin(target).await
+        self.updates.sink.begin(target).await.map_err(Refusal::reason)
     }
 
     fn unlocks(&mut self, challenge: &[u8; CHALLENGE_BYTES], signature: &[u8; SIGNATURE_BYTES]) -> bool {
@@ -141,7 +141,7 @@ impl ServiceBoard for Station {
     }
 
     fn next_notice(&mut self) -> Option<Notice> {
-        self.updates.next_notice()
+        self.updates.notices.pop_front()
     }
 
     fn ready_to_confirm(&mut self, evidence: Evidence) -> bool {
@@ -154,14 +154,14 @@ impl ServiceBoard for Station {
 
     fn apply(&mut self, settings: &Settings) {
         let mounting = |(rows_flipped, cols_flipped)| Mounting { rows_flipped, cols_flipped };
-        frame_source::mount(settings.orientation().map(mounting));
+        LINK.mount(settings.orientation().map(mounting));
     }
 
     fn observe(&mut self, status: &mut Status) {
         status.lost_received = can::lost_received();
         status.flash_errors = count_ecc_errors();
         status.ram_errors = ram_errors::count();
-        if let Some(report) = frame_source::report() {
+        if let Some(report) = LINK.report() {
             status.stuck_taxels = report.stuck_taxels;
         }
         status.calibrations = *self.commissioning.summaries();

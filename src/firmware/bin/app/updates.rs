@@ -33,7 +33,8 @@ pub struct Updates {
     model_trial: Trial,
     model: ImageVersion,
     confirms: [bool; 2],
-    notices: Deque<Notice, NOTICES>,
+    /// Lines for the bus.
+    pub notices: Deque<Notice, NOTICES>,
 }
 
 impl Updates {
@@ -44,7 +45,7 @@ impl Updates {
         let version = running.as_ref().map_or(ImageVersion::SOFTWARE, |header| header.version);
         let mut firmware = block_on(firmware_slot(flash));
         let run = match &mut firmware {
-            Ok(slot) => block_on(slot.state.run()).map_err(|_| Refusal::Flash),
+            Ok(slot) => block_on(slot.state.run()),
             Err(why) => Err(*why),
         };
         let firmware = run.and(firmware);
@@ -79,11 +80,6 @@ impl Updates {
         self.sink.running().map_or((slot, None), |header| (header.length.min(slot), Some(header.sha256)))
     }
 
-    /// Bytes of the longest file that is taken now, or why none is.
-    pub async fn begin(&mut self, target: UpdateTarget) -> Result<u32, &'static str> {
-        self.sink.begin(target).await.map_err(Refusal::reason)
-    }
-
     /// See [`Trial::observe`]: of the firmware, of the model.
     pub fn ready_to_confirm(&mut self, evidence: Evidence) -> bool {
         self.confirms = [self.trial.observe(evidence), self.model_trial.observe(evidence)];
@@ -110,11 +106,6 @@ impl Updates {
             true => Notice::Confirmed(target, version),
             false => Notice::NotConfirmed(target, version),
         });
-    }
-
-    /// The next line for the bus.
-    pub fn next_notice(&mut self) -> Option<Notice> {
-        self.notices.pop_front()
     }
 
     fn note(&mut self, notice: Notice) {

@@ -5,44 +5,28 @@ use slipsense::bringup::{
     ArrayStats, Finding, Settling, XlReadings, judge_array, judge_clock, judge_lines, judge_settling,
     judge_xl,
 };
+use slipsense::drivers::Adxl380;
 use slipsense::drivers::scan::ADDRESS_LINES;
-use slipsense::params::{TAXEL_COLS, TAXELS};
-use slipsense::sensor::is_active;
+use slipsense::params::TAXELS;
 use slipsense::transfer::IDLE_CODE;
 
-const PART: XlPart = <slipsense::drivers::Adxl380<'static, NoBus> as Accelerometer>::PART;
+use crate::drivers::fake::Wire;
+use crate::on_pad;
 
-/// Nobody transfers anything here.
-enum NoBus {}
-
-impl embedded_hal_async::spi::ErrorType for NoBus {
-    type Error = core::convert::Infallible;
-}
-
-impl embedded_hal_async::spi::SpiDevice for NoBus {
-    async fn transaction(
-        &mut self,
-        _: &mut [embedded_hal_async::spi::Operation<'_, u8>],
-    ) -> Result<(), Self::Error> {
-        match *self {}
-    }
-}
+const PART: XlPart = <Adxl380<'static, Wire> as Accelerometer>::PART;
 
 /// A pad that is pressed unevenly all over, with noise, scanned through lines that select another address.
 fn pressed(select: impl Fn(usize) -> usize) -> ArrayStats {
     let mut stats = ArrayStats::new();
     for frame in 0..16 {
-        let codes: Vec<u16> = (0..TAXELS)
-            .map(|slot| {
-                let taxel = select(slot);
-                let uneven = (taxel as u32).wrapping_mul(2_654_435_761) >> 18;
-                let press =
-                    if is_active(taxel / TAXEL_COLS, taxel % TAXEL_COLS) { 6_000 + uneven } else { 0 };
-                let noise = (slot * 7 + frame * 13) % 21;
-                (u32::from(IDLE_CODE) + press + noise as u32) as u16
-            })
-            .collect();
-        stats.add(&codes, 0, 1);
+        let code = |slot: usize| {
+            let taxel = select(slot);
+            let uneven = (taxel as u32).wrapping_mul(2_654_435_761) >> 18;
+            let press = if on_pad(taxel) { 6_000 + uneven } else { 0 };
+            let noise = (slot * 7 + frame * 13) % 21;
+            (u32::from(IDLE_CODE) + press + noise as u32) as u16
+        };
+        stats.add(&std::array::from_fn::<u16, TAXELS, _>(code), 0, 1);
     }
     stats
 }

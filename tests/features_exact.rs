@@ -5,10 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::features::floor::NoiseFloor;
 use slipsense::features::highpass::{FILTERED_FRAC_BITS, HighPassState};
 use slipsense::features::mel::mel_power;
-use slipsense::features::ring::Ring;
 use slipsense::features::tables::{HIGHPASS, MEL_RISING_Q24, MEL_SEGMENT_BINS};
 use slipsense::fixed::mean;
-use slipsense::params::{FFT_BINS, MEL_BINS, XL_WINDOW};
+use slipsense::params::{FFT_BINS, MEL_BINS};
 
 #[test]
 fn high_pass_is_the_formula_with_one_rounding_and_what_it_dropped() {
@@ -33,17 +32,6 @@ fn high_pass_is_the_formula_with_one_rounding_and_what_it_dropped() {
                 assert_eq!(i128::from(HIGHPASS.step(&mut state, level)), rounded);
             }
         }
-    }
-}
-
-#[test]
-fn the_latest_samples_are_the_last_128_in_order() {
-    let mut ring = Ring::new();
-    let mut all = vec![0; XL_WINDOW];
-    for sample in 1..1000 {
-        ring.push(sample);
-        all.push(sample);
-        assert_eq!(ring.latest()[..], all[all.len() - XL_WINDOW..]);
     }
 }
 

@@ -1,7 +1,8 @@
-//! What the network sees of a pad: the delta against its formula, the rule for untouched pads. On the microcontroller:
+//! What the network sees of a pad: the delta against its formula, the rule for untouched pads; the first scan and one
+//! behind a gap: `network::streaming`. On the microcontroller:
 //! `cargo xtask qemu`.
 
-use slipsense::features::piezo::{DELTA_GAIN, PiezoFrontEnd, TaxelDelta};
+use slipsense::features::piezo::{PiezoFrontEnd, TaxelDelta};
 use slipsense::params::{CONTACT_SUM_MIN, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::PiezoFrame;
 
@@ -9,19 +10,11 @@ use crate::on_pad;
 
 type Cells = Vec<[i16; PIEZO_CHANNELS]>;
 
-fn scan_of(count: impl Fn(usize) -> u16) -> PiezoFrame {
-    PiezoFrame::from_scan(std::array::from_fn(count))
-}
-
 fn cells(delta: &mut TaxelDelta, scan: &PiezoFrame) -> Cells {
     let mut rows = [[[i16::MIN; PIEZO_CHANNELS]; TAXEL_COLS]; TAXEL_ROWS];
     delta.push_rows(scan.counts(), rows.iter_mut());
     assert!(rows.as_flattened().iter().zip(scan.counts()).all(|(cell, &count)| cell[0] == count as i16));
     rows.as_flattened().to_vec()
-}
-
-fn deltas(delta: &mut TaxelDelta, scan: &PiezoFrame) -> Vec<i16> {
-    cells(delta, scan).into_iter().map(|[_, delta]| delta).collect()
 }
 
 fn front_end_cells(pad: &mut PiezoFrontEnd, scan: &PiezoFrame) -> (bool, Cells) {
@@ -51,7 +44,7 @@ fn the_delta_of_a_taxel_follows_its_formula_at_every_extreme() {
         let mut average = f64::NAN;
         for t in 0..60 {
             let count = steps[(t * (offset + 1) + offset) % steps.len()];
-            let found = deltas(&mut delta, &scan_of(|_| count));
+            let found = cells(&mut delta, &PiezoFrame::from_scan([count; TAXELS]));
             let x = 16.0 * f64::from(count);
             if t == 0 {
                 average = x;
@@ -59,31 +52,11 @@ fn the_delta_of_a_taxel_follows_its_formula_at_every_extreme() {
             let expected = ((x - average) / 2.0).floor().clamp(-16384.0, 16383.0);
             average += ((x - average) / 8.0 + 0.5).floor();
             assert!((0.0..=65535.0).contains(&average));
-            for (index, &found) in found.iter().enumerate() {
+            for (index, &[_, found]) in found.iter().enumerate() {
                 let expected = if on_pad(index) { expected } else { 0.0 };
                 assert!(f64::from(found) == expected, "frame {t}, taxel {index}: {found}");
             }
         }
-    }
-}
-
-#[test]
-fn a_first_scan_and_one_behind_a_gap_have_no_delta() {
-    let loaded = scan_of(|index| (index % 4096) as u16);
-    let mut delta = TaxelDelta::new();
-    assert!(deltas(&mut delta, &loaded).iter().all(|&x| x == 0));
-    assert!(deltas(&mut delta, &PiezoFrame::zeroed()).iter().any(|&x| x < -4000));
-    delta.reset();
-    assert!(deltas(&mut delta, &loaded).iter().all(|&x| x == 0));
-    // And a load that stays stops being a delta: a count more decays to less than half of one.
-    let [less, more] = [0, 1].map(|more| scan_of(move |index| (index % 4000) as u16 + more));
-    let mut delta = TaxelDelta::new();
-    deltas(&mut delta, &less);
-    let first = deltas(&mut delta, &more);
-    let last = (0..40).fold(Vec::new(), |_, _| deltas(&mut delta, &more));
-    for index in (0..TAXELS).filter(|&index| on_pad(index)) {
-        let (first, last) = (first[index], last[index]);
-        assert!(first == DELTA_GAIN as i16 && last.abs() <= 2, "{first} {last}");
     }
 }
 

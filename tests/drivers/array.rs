@@ -47,10 +47,10 @@ fn codes_go_where_they_belong_in_any_mounting() {
                 array.mount(mounting);
                 assert!(array.read(&codes, index, arrays, &mut frame));
                 let flip = |n: usize, flipped: bool| if flipped { 31 - n } else { n };
-                for (row, col) in (0..32).flat_map(|row| (0..32).map(move |col| (row, col))) {
+                for slot in 0..TAXELS {
+                    let (row, col) = (slot / 32, slot % 32);
                     let (r, c) = (flip(row, rows_flipped), flip(col, cols_flipped));
-                    let expected =
-                        if is_active(r, c) { counts[(row * 32 + col) * arrays + index] } else { 0 };
+                    let expected = if is_active(r, c) { counts[slot * arrays + index] } else { 0 };
                     assert_eq!(frame.counts()[r * 32 + c], expected);
                     assert_eq!(array.stuck().masks(r, c), (row, col) == (3, 11));
                 }
@@ -63,10 +63,10 @@ fn codes_go_where_they_belong_in_any_mounting() {
 
 #[test]
 fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
+    let mut frame = PiezoFrame::zeroed();
     for code in [0, IDLE_CODE, 30_000, u16::MAX] {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
-        let mut array = Array::new(&mut calibration);
+        let mut array = Array::new(Box::leak(nominal()));
         let uniform = vec![code; TAXELS];
         for n in 1..=3 * DEAD_FRAMES {
             assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "code {code}, frame {n}");
@@ -76,8 +76,7 @@ fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
     // Near a rail, with noise.
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for rail in [0, u16::MAX - 15] {
-        let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
-        let mut array = Array::new(&mut calibration);
+        let mut array = Array::new(Box::leak(nominal()));
         let mut railed = || (0..TAXELS).map(|_| rail + rng.random_range(0..16)).collect::<Vec<_>>();
         assert!((0..DEAD_FRAMES).any(|_| !array.read(&railed(), 0, 1, &mut frame)), "rail {rail}");
     }
@@ -88,8 +87,8 @@ fn a_stuck_taxel_is_found_until_it_moves_but_only_where_noise_was_measured() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let stuck = 16 * 32 + 9;
     let mut frame = PiezoFrame::zeroed();
-    let (mut one, mut other) = (calibrated(&mut rng), nominal());
-    let (mut array, mut unknown) = (Array::new(&mut one), Array::new(&mut other));
+    let [mut array, mut unknown] =
+        [calibrated(&mut rng), nominal()].map(|known| Array::new(Box::leak(known)));
     let mut frames_to_find = None;
     for n in 1..=2 * ROUND {
         let mut codes = touched(&mut rng);
@@ -137,8 +136,7 @@ fn a_firm_grasp_is_not_stuck_and_a_short_is() {
 
 #[test]
 fn a_short_scan_or_a_missing_array_does_not_panic() {
-    let (mut calibration, mut frame) = (nominal(), PiezoFrame::zeroed());
-    let mut array = Array::new(&mut calibration);
+    let (mut array, mut frame) = (Array::new(Box::leak(nominal())), PiezoFrame::zeroed());
     array.read(&[], 0, 0, &mut frame);
     array.read(&[9; 100], 5, 3, &mut frame);
     array.read(&[9; 10 * TAXELS], 0, 1, &mut frame);

@@ -11,18 +11,16 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
 use slipsense::calibration::{BLOCK_FRAMES, Calibration, Measurement, Refusal, Request, State, What};
 use slipsense::drivers::array::{Array, Mounting};
-use slipsense::drivers::{
-    Adxl380, Commissioning, Failure, SPI_BUFFER_BYTES, Sensor, SensorLink, Sensors, XlMonitor,
-};
+use slipsense::drivers::{Commissioning, Failure, SensorLink, Sensors};
 use slipsense::params::{ACTIVE_TAXELS, CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXEL_COLS, TAXELS};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
 use slipsense::settings::{SCRATCH, SettingsStore};
 use slipsense::transfer::{HALF_CODE, IDLE_CODE};
 
-use super::fake::{Kind, Part, Wire, nominal};
+use super::fake::{Kind, Part, nominal, sensor};
 use crate::on_pad;
-use crate::update::flash::Flash;
+use crate::update::flash::Cells;
 
 /// Codes of one of the 4096 steps of the linear range.
 const LSB: f64 = 16.0;
@@ -66,16 +64,16 @@ impl Pad {
         let offsets = each(&mut |rng| f64::from(IDLE_CODE) + LSB * rng.random_range(OFFSETS.0..OFFSETS.1));
         let noises = each(&mut |rng| LSB * NOISE.0 * (NOISE.1 / NOISE.0).powf(rng.random::<f64>()));
         let drifts = each(&mut |rng| LSB * (DRIFT_ALL + rng.random_range(-DRIFT_OWN..DRIFT_OWN)) / 600.0);
-        let faults = (0..TAXELS).map(|slot| match rng.random_range(0..3) {
+        let fault = |slot| match rng.random_range(0..3) {
             _ if !on_pad(slot) || !rng.random_bool(FAULTY) => Fault::None,
             0 => Fault::Stuck(rng.random_range(IDLE_CODE..20_000)),
             1 => Fault::Shorted,
             _ => Fault::Open,
-        });
-        let faults = faults.collect();
+        };
+        let faults = (0..TAXELS).map(fault).collect();
         // Twelve uniform draws have unit variance together.
-        let gaussian = (0..32 * TAXELS).map(|_| (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0);
-        let gaussian = gaussian.collect();
+        let draw = |_| (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+        let gaussian = (0..32 * TAXELS).map(draw).collect();
         Self { rng, offsets, noises, drifts, faults, gaussian, codes: vec![0; TAXELS] }
     }
 
@@ -116,25 +114,26 @@ fn press(peak_kpa: f64, radius: f64) -> Vec<f64> {
     (0..TAXELS).map(|slot| f64::from(HALF_CODE) * (kpa(slot) / 900.0).powf(0.92)).collect()
 }
 
-/// Contact as the pipeline decides, after masks.
-fn in_contact(array: &mut Array<'_>, codes: &[u16], frame: &mut PiezoFrame) -> bool {
-    array.read(codes, 0, 1, frame);
-    frame.mask(array.stuck());
-    frame.sum() >= CONTACT_SUM_MIN
-}
-
-#[derive(Default)]
+/// Frames, those whose contact is wrong, and all of their counts.
+#[derive(Clone, Copy, Default)]
 struct Tally {
     frames: u32,
     wrong: u32,
+    counts: u64,
 }
 
 impl Tally {
-    fn add(&mut self, found: bool, truth: bool) {
+    /// What an array makes of these codes; contact as the pipeline decides, after masks.
+    fn add(&mut self, array: &mut Array<'_>, codes: &[u16], pressed: bool) {
+        let mut frame = PiezoFrame::zeroed();
+        array.read(codes, 0, 1, &mut frame);
+        frame.mask(array.stuck());
         self.frames += 1;
-        self.wrong += u32::from(found != truth);
+        self.wrong += u32::from((frame.sum() >= CONTACT_SUM_MIN) != pressed);
+        self.counts += u64::from(frame.sum());
     }
 
+    /// % of the frames.
     fn right(&self) -> f64 {
         100.0 - 100.0 * f64::from(self.wrong) / f64::from(self.frames)
     }
@@ -157,11 +156,9 @@ fn contact_is_right_after_calibration_for_ten_minutes_of_drift() {
 
     let mut without = nominal();
     let (mut before, mut after) = (Array::new(&mut without), Array::new(&mut calibration));
-    let mut frame = PiezoFrame::zeroed();
-    // Counts: [without, with calibration][untouched, pressed, grasp].
-    let mut tallies: [[Tally; 3]; 2] = Default::default();
+    // [without, with calibration][untouched, pressed, grasp].
+    let mut tallies = [[Tally::default(); 3]; 2];
     let (light, grasp) = (press(40.0, 7.0), press(60.0, 8.0));
-    let mut idle_counts = [0u64; 2];
     for number in 0..600 * FRAME_RATE_HZ {
         let time_s = f64::from(SECONDS) + f64::from(number) / 240.0;
         let second = number / FRAME_RATE_HZ;
@@ -171,12 +168,10 @@ fn contact_is_right_after_calibration_for_ten_minutes_of_drift() {
             _ => (None, 0),
         };
         let codes = pad.scan(time_s, load);
-        tallies[1][phase].add(in_contact(&mut after, codes, &mut frame), load.is_some());
-        idle_counts[1] += if phase == 0 { u64::from(frame.sum()) } else { 0 };
+        tallies[1][phase].add(&mut after, codes, load.is_some());
         // Without calibration nothing follows, so one frame in 60 tells as much.
         if number % 60 == 0 {
-            tallies[0][phase].add(in_contact(&mut before, codes, &mut frame), load.is_some());
-            idle_counts[0] += if phase == 0 { u64::from(frame.sum()) } else { 0 };
+            tallies[0][phase].add(&mut before, codes, load.is_some());
         }
     }
     println!(
@@ -189,16 +184,12 @@ fn contact_is_right_after_calibration_for_ten_minutes_of_drift() {
         "| contact right in % of the frames | untouched | pressed | 60 s grasp | all | idle pad, counts |"
     );
     println!("|---|---:|---:|---:|---:|---:|");
-    for (name, tally, idle) in
-        [("not calibrated", &tallies[0], idle_counts[0]), ("calibrated", &tallies[1], idle_counts[1])]
-    {
-        let all = tally.iter().fold(Tally::default(), |all, one| Tally {
-            frames: all.frames + one.frames,
-            wrong: all.wrong + one.wrong,
-        });
+    for (name, tally) in ["not calibrated", "calibrated"].into_iter().zip(&tallies) {
+        let sum = |of: fn(&Tally) -> u32| tally.iter().map(of).sum();
+        let all = Tally { frames: sum(|one| one.frames), wrong: sum(|one| one.wrong), counts: 0 }.right();
         let [untouched, pressed, grasp] = tally.each_ref().map(Tally::right);
-        let idle = idle as f64 / f64::from(tally[0].frames);
-        println!("| {name} | {untouched:.3} | {pressed:.3} | {grasp:.3} | {:.3} | {idle:.0} |", all.right());
+        let idle = tally[0].counts as f64 / f64::from(tally[0].frames);
+        println!("| {name} | {untouched:.3} | {pressed:.3} | {grasp:.3} | {all:.3} | {idle:.0} |");
     }
     let [[idle_before, ..], after] = &tallies;
     assert!(idle_before.right() < 1.0, "an untrimmed pad reads touched");
@@ -216,19 +207,14 @@ fn a_touched_pad_is_refused_and_the_taxel_named() {
             let load = (700..1_000).contains(&frame).then_some(&touch[..]);
             measurement.add(pad.scan(0.0, load), 0, 1);
         }
-        match measurement.evaluate(&Mounting::default().pad(), &mut calibration) {
-            Err(Refusal::Touched { row, col }) => {
-                assert!((12..20).contains(&row) && (12..20).contains(&col), "row {row}, column {col}");
-            }
-            other => panic!("{other:?}"),
-        }
+        let found = measurement.evaluate(&Mounting::default().pad(), &mut calibration);
+        let Err(Refusal::Touched { row, col }) = found else { panic!("{found:?}") };
+        assert!((12..20).contains(&row) && (12..20).contains(&col), "row {row}, column {col}");
         assert_eq!(calibration, nominal(), "unchanged");
     }
     let mut calibration = nominal();
-    assert_eq!(
-        Measurement::new().evaluate(&Mounting::default().pad(), &mut calibration),
-        Err(Refusal::TooShort)
-    );
+    let found = Measurement::new().evaluate(&Mounting::default().pad(), &mut calibration);
+    assert_eq!(found, Err(Refusal::TooShort));
     let mut dead = Box::new(Measurement::new());
     (0..BLOCK_FRAMES).for_each(|_| dead.add(&[IDLE_CODE; TAXELS], 0, 1));
     let all = Refusal::Faulty { count: ACTIVE_TAXELS as u16, row: 0, col: 5 };
@@ -247,10 +233,8 @@ fn offsets_and_noise_are_those_of_the_pad() {
         worst_offset = worst_offset.max(of_noise);
         worst_noise = worst_noise.max((f64::from(trim.noise) / 8.0 / noise - 1.0).abs());
     }
-    println!(
-        "10 s: offsets within {worst_offset:.3} of their noise, noise within {:.1} %",
-        100.0 * worst_noise
-    );
+    let noise = 100.0 * worst_noise;
+    println!("10 s: offsets within {worst_offset:.3} of their noise, noise within {noise:.1} %");
     assert!(worst_offset < 0.15 && worst_noise < 0.1);
 }
 
@@ -303,20 +287,13 @@ fn run<A: slipsense::board::Accelerometer>(
 #[test]
 fn the_board_measures_stores_and_applies_while_it_senses() {
     let link = Box::leak(Box::new(SensorLink::<NoopRawMutex>::new()));
-    let sensor = |_| Sensor {
-        array: Array::new(Box::leak(nominal())),
-        xl: XlMonitor::new(Adxl380::new(
-            Wire(Part::new(Kind::Adxl380)),
-            Box::leak(Box::new([0; SPI_BUFFER_BYTES])),
-        )),
-    };
     let load = Rc::<RefCell<Option<Vec<f64>>>>::default();
     let pads = [Pad::new(21), Pad::new(22)];
     let scan = Scan { pads, load: load.clone(), frames: 0, codes: Vec::new() };
-    let mut sensors = Sensors::new(scan, (0..2).map(sensor).collect(), link);
+    let mut sensors = Sensors::new(scan, (0..2).map(|_| sensor(&Part::new(Kind::Adxl380))).collect(), link);
     let connectors = heapless::Vec::from_slice(&[2, 0]).expect("room");
     let mut board = Commissioning::new(link, Box::leak(Box::default()), connectors, Default::default());
-    let flash = Flash::<{ 64 * 1024 }>::new(2);
+    let flash = Cells::<{ 64 * 1024 }>::new(2, 1);
     let range = flash.range();
     let mut store = SettingsStore::new(flash, range, Box::new(SCRATCH)).expect("whole sectors");
     let of = |sensor, what| Request { sensor, what };

@@ -9,16 +9,12 @@ use slipsense::sensor::XlSample;
 
 const RATE_HZ: f64 = 16_000.0;
 
-/// The taps, Q15, read out of the filter by impulses: 2^14 gives each to half a unit.
-fn taps() -> Vec<f64> {
-    let impulse = |position: usize| {
+/// What an impulse of this height gives at each place of the filter, the latest first.
+fn impulses(height: i16) -> Vec<i16> {
+    let impulse = |back: usize| {
         let mut filter = Decimator::primed([0; 3]);
-        let mut output = 0;
-        for n in 0..TAPS {
-            let sample = if n == position { [1 << 14, 0, 0] } else { [0; 3] };
-            output = filter.push(sample, true).expect("kept")[0];
-        }
-        f64::from(output) / f64::from(1 << 14)
+        let samples = (0..TAPS).map(|n| if n + back + 1 == TAPS { [height, 0, 0] } else { [0; 3] });
+        samples.map(|sample| filter.push(sample, true).expect("kept")[0]).last().expect("taps")
     };
     (0..TAPS).map(impulse).collect()
 }
@@ -31,7 +27,9 @@ fn gain_db(taps: &[f64], hz: f64) -> f64 {
 
 #[test]
 fn the_response_is_what_its_documentation_says() {
-    let taps = taps();
+    // Read out of the filter by impulses: 2^14 gives each to half a unit.
+    let taps: Vec<f64> =
+        impulses(1 << 14).into_iter().map(|tap| f64::from(tap) / f64::from(1 << 14)).collect();
     assert!(taps.iter().eq(taps.iter().rev()), "linear phase");
     let over = |from: f64, to: f64| (0..=2_000).map(move |i| from + (to - from) * f64::from(i) / 2_000.0);
     let worst = |range: &mut dyn Iterator<Item = f64>| range.fold(f64::MIN, f64::max);
@@ -45,11 +43,8 @@ fn the_response_is_what_its_documentation_says() {
 
 /// The definition, in 64 bits, with the coefficients rounded to Q15.
 fn direct(input: &[XlSample], at: usize, axis: usize, taps_q15: &[i64]) -> i16 {
-    let sum: i64 = taps_q15
-        .iter()
-        .enumerate()
-        .map(|(n, tap)| tap * i64::from(input[(at as isize - n as isize).max(0) as usize][axis]))
-        .sum();
+    let product = |(n, tap): (usize, &i64)| tap * i64::from(input[at.saturating_sub(n)][axis]);
+    let sum: i64 = taps_q15.iter().enumerate().map(product).sum();
     (sum + (1 << 14)).div_euclid(1 << 15).clamp(-32_768, 32_767) as i16
 }
 
@@ -57,31 +52,18 @@ fn direct(input: &[XlSample], at: usize, axis: usize, taps_q15: &[i64]) -> i16 {
 fn streaming_is_the_definition_for_any_cuts_and_for_extreme_input() {
     // Exact: twice what an impulse of 2^14 gives is a coefficient to one unit, and all coefficients are even there or
     // read by an impulse of −2^15, which is the coefficient itself.
-    let taps_q15: Vec<i64> = (0..TAPS)
-        .map(|position| {
-            let mut filter = Decimator::primed([0; 3]);
-            let mut output = 0;
-            for n in 0..TAPS {
-                let sample = if n == TAPS - 1 - position { [i16::MIN, 0, 0] } else { [0; 3] };
-                output = filter.push(sample, true).expect("kept")[0];
-            }
-            -i64::from(output)
-        })
-        .collect();
+    let taps_q15: Vec<i64> = impulses(i16::MIN).into_iter().map(|output| -i64::from(output)).collect();
     assert_eq!(taps_q15.iter().sum::<i64>(), 1 << 15, "gravity passes unchanged");
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for kind in 0..4 {
-        let input: Vec<XlSample> = (0..600)
-            .map(|n| {
-                std::array::from_fn(|_| match kind {
-                    0 => rng.random(),
-                    1 => [i16::MIN, i16::MAX][rng.random_range(0..2)],
-                    // The signs of the coefficients: the largest sum there is.
-                    2 => [i16::MAX, i16::MIN][usize::from(taps_q15[n % TAPS] < 0)],
-                    _ => rng.random_range(-100..100),
-                })
-            })
-            .collect();
+        let mut value = |n: usize| match kind {
+            0 => rng.random(),
+            1 => [i16::MIN, i16::MAX][rng.random_range(0..2)],
+            // The signs of the coefficients: the largest sum there is.
+            2 => [i16::MAX, i16::MIN][usize::from(taps_q15[n % TAPS] < 0)],
+            _ => rng.random_range(-100..100),
+        };
+        let input: Vec<XlSample> = (0..600).map(|n| std::array::from_fn(|_| value(n))).collect();
         let mut filter = Decimator::primed(input[0]);
         for (n, &sample) in input.iter().enumerate() {
             let keep = n % 2 == 1;

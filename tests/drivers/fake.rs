@@ -7,6 +7,8 @@ use std::rc::Rc;
 
 use embedded_hal_async::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use slipsense::calibration::Calibration;
+use slipsense::drivers::array::Array;
+use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, XlMonitor};
 use slipsense::sensor::XlSample;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +40,15 @@ pub struct Part {
     /// What a sample is, by its number.
     pub signal: fn(u64) -> XlSample,
     pub transfers: u32,
+}
+
+pub fn adxl380(part: &Rc<RefCell<Part>>) -> Adxl380<'static, Wire> {
+    Adxl380::new(Wire(part.clone()), Box::leak(Box::new([0; SPI_BUFFER_BYTES])))
+}
+
+/// A fingertip that is not calibrated, with this accelerometer.
+pub fn sensor(part: &Rc<RefCell<Part>>) -> Sensor<'static, Adxl380<'static, Wire>> {
+    Sensor { array: Array::new(Box::leak(nominal())), xl: XlMonitor::new(adxl380(part)) }
 }
 
 pub fn nominal() -> Box<Calibration> {
@@ -85,15 +96,10 @@ impl Part {
     }
 
     fn runs(&self) -> bool {
+        let r = &self.registers;
         match self.kind {
-            Kind::Icm42688 => {
-                let r = &self.registers;
-                r[0x4e] & 3 == 3 && r[0x50] == 0x43 && r[0x5f] & 1 != 0 && r[0x16] >> 6 == 1
-            }
-            _ => {
-                let r = &self.registers;
-                r[0x26] == 12 && r[0x27] == 0x78 && r[0x30] == 0x60
-            }
+            Kind::Icm42688 => r[0x4e] & 3 == 3 && r[0x50] == 0x43 && r[0x5f] & 1 != 0 && r[0x16] >> 6 == 1,
+            _ => r[0x26] == 12 && r[0x27] == 0x78 && r[0x30] == 0x60,
         }
     }
 

@@ -8,18 +8,9 @@ use slipsense::drivers::icm42688::parse;
 /// Samples of a stream of entries by definition: x, y and z right after each other, where z is not followed back.
 fn definition(entries: &[[u8; 3]]) -> Vec<[i16; 3]> {
     let value = |[_, high, low]: [u8; 3]| i16::from_be_bytes([high, low]);
-    let mut samples = Vec::new();
-    let mut i = 0;
-    while i + 2 < entries.len() {
-        let axes = [entries[i][0] & 3, entries[i + 1][0] & 3, entries[i + 2][0] & 3];
-        if axes == [0, 1, 2] {
-            samples.push([value(entries[i]), value(entries[i + 1]), value(entries[i + 2])]);
-            i += 3;
-        } else {
-            i += 1;
-        }
-    }
-    samples
+    // Three in the right order overlap no others in it.
+    let samples = entries.array_windows::<3>().filter(|three| three.map(|[axis, ..]| axis & 3) == [0, 1, 2]);
+    samples.map(|three| three.map(value)).collect()
 }
 
 proptest! {

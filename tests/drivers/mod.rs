@@ -3,7 +3,7 @@
 mod array;
 mod calibrated;
 mod decimate;
-mod fake;
+pub mod fake;
 mod faults;
 mod first_slip;
 mod framing;

@@ -6,13 +6,12 @@ use std::rc::Rc;
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
-use slipsense::drivers::array::Array;
-use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, SensorLink, Sensors, XlMonitor};
+use slipsense::drivers::{Adxl380, SensorLink, Sensors};
 use slipsense::params::TAXELS;
 use slipsense::pipeline::FrameStamp;
 use slipsense::transfer::adc_code;
 
-use super::fake::{Kind, Part, Wire, Wires, nominal};
+use super::fake::{Kind, Part, Wire, Wires, sensor};
 
 const SENSORS: usize = 3;
 const TICK_US: u64 = 4_168;
@@ -58,16 +57,8 @@ type Bench = (Fingertips, Vec<Rc<RefCell<Part>>>, Rc<Faults>);
 fn bench() -> Bench {
     let parts: Vec<_> = (0..SENSORS).map(|_| Part::new(Kind::Adxl380)).collect();
     let faults = Rc::new(Faults::default());
-    let scan = Scan {
-        faults: faults.clone(),
-        parts: parts.clone(),
-        stamp: FrameStamp::default(),
-        codes: Vec::new(),
-    };
-    let sensor = |part: &Rc<RefCell<Part>>| Sensor {
-        array: Array::new(Box::leak(nominal())),
-        xl: XlMonitor::new(Adxl380::new(Wire(part.clone()), Box::leak(Box::new([0; SPI_BUFFER_BYTES])))),
-    };
+    let (stamp, codes) = (FrameStamp::default(), Vec::new());
+    let scan = Scan { faults: faults.clone(), parts: parts.clone(), stamp, codes };
     let link = Box::leak(Box::new(SensorLink::new()));
     (Sensors::new(scan, parts.iter().map(sensor).collect(), link), parts, faults)
 }

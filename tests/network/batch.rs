@@ -20,13 +20,8 @@ impl Oracle<'_> {
     fn accumulators(&self, layer: &str, x: &[i64]) -> Vec<i64> {
         let bias = self.file.tensor(layer, "bias");
         let weight = self.file.tensor(layer, "weight");
-        bias.iter()
-            .enumerate()
-            .map(|(out, &bias)| {
-                i64::from(bias)
-                    + (0..x.len()).map(|i| i64::from(weight[out * x.len() + i]) * x[i]).sum::<i64>()
-            })
-            .collect()
+        let dot = |row: &[i32]| row.iter().zip(x).map(|(&w, &x)| i64::from(w) * x).sum::<i64>();
+        bias.iter().zip(weight.chunks(x.len())).map(|(&bias, row)| i64::from(bias) + dot(row)).collect()
     }
 
     fn dense(&self, layer: &str, x: &[i64], low: i64, high: i64) -> Vec<i64> {
@@ -127,13 +122,11 @@ impl Oracle<'_> {
             let mut context = vec![0i64; width];
             for h in 0..heads {
                 let columns = h * head..(h + 1) * head;
-                let scores: Vec<i64> = seen
-                    .clone()
-                    .map(|u| {
-                        let acc = columns.clone().map(|i| query[i] * keys[u][i]).sum();
-                        scale(acc, score) + i64::from(bias[h * window + t - u])
-                    })
-                    .collect();
+                let score = |u: usize| {
+                    let acc = columns.clone().map(|i| query[i] * keys[u][i]).sum();
+                    scale(acc, score) + i64::from(bias[h * window + t - u])
+                };
+                let scores: Vec<i64> = seen.clone().map(score).collect();
                 for (weight, u) in softmax(&scores).into_iter().zip(seen.clone()) {
                     for i in columns.clone() {
                         context[i] += weight * values[u][i];
@@ -167,29 +160,25 @@ impl Oracle<'_> {
         let reciprocal = i128::from((1u64 << 62) / (root << zeros)).min((1 << 31) - 1);
         let (unit, half) = (1i128 << (43 - zeros), 1i128 << (42 - zeros));
         let scale_out = self.file.tensor(norm, "multiplier")[0];
-        (0..x.len())
-            .map(|i| {
-                let standard = (i128::from(sum[i] - mean) * reciprocal + half).div_euclid(unit);
-                let standard = standard.clamp(-32768, 32767) as i64;
-                let acc = standard * i64::from(self.file.tensor(norm, "gamma")[i])
-                    + i64::from(self.file.tensor(norm, "beta")[i]);
-                scale(acc, scale_out).clamp(-32768, 32767)
-            })
-            .collect()
+        let (gamma, beta) = (self.file.tensor(norm, "gamma"), self.file.tensor(norm, "beta"));
+        let output = |i: usize| {
+            let standard = (i128::from(sum[i] - mean) * reciprocal + half).div_euclid(unit);
+            let standard = standard.clamp(-32768, 32767) as i64;
+            scale(standard * i64::from(gamma[i]) + i64::from(beta[i]), scale_out).clamp(-32768, 32767)
+        };
+        (0..x.len()).map(output).collect()
     }
 }
 
 /// 2^(s − max) from the definition of the table, not from the table.
 fn softmax(scores: &[i64]) -> Vec<i64> {
     let max = *scores.iter().max().unwrap();
-    let powers: Vec<i64> = scores
-        .iter()
-        .map(|s| {
-            let below = max - s;
-            let fraction = (2f64.powf(15.0 - (below & 1023) as f64 / 1024.0) + 0.5).floor() as i64;
-            fraction >> (below >> 10).min(31)
-        })
-        .collect();
+    let power = |s: &i64| {
+        let below = max - s;
+        let fraction = (2f64.powf(15.0 - (below & 1023) as f64 / 1024.0) + 0.5).floor() as i64;
+        fraction >> (below >> 10).min(31)
+    };
+    let powers: Vec<i64> = scores.iter().map(power).collect();
     let reciprocal = (1i64 << 31) / powers.iter().sum::<i64>();
     powers.iter().map(|p| ((p * reciprocal + (1 << 15)) >> 16).min(32767)).collect()
 }
@@ -205,22 +194,18 @@ pub fn outputs(file: &ModelFile, frames: &[Vec<Sensor>]) -> Vec<[i32; OUTPUTS]> 
     let width = file.dims().embed;
     let by_sensor: Vec<Vec<&Sensor>> =
         (0..frames[0].len()).map(|s| frames.iter().map(|frame| &frame[s]).collect()).collect();
-    let pads: Vec<Vec<Option<Vec<i64>>>> = by_sensor.iter().map(|sequence| oracle.piezo(sequence)).collect();
-    let piezo: Vec<Vec<i64>> = (0..frames.len())
-        .map(|t| maximum(pads.iter().map(|embeddings| embeddings[t].clone()), width))
-        .collect();
-    let xl: Vec<Vec<i64>> = (0..frames.len())
-        .map(|t| maximum(by_sensor.iter().map(|sequence| oracle.xl(sequence, t)), width))
-        .collect();
+    let pads: Vec<_> = by_sensor.iter().map(|sequence| oracle.piezo(sequence)).collect();
+    let piezo = |t: usize| maximum(pads.iter().map(|embeddings| embeddings[t].clone()), width);
+    let xl = |t: usize| maximum(by_sensor.iter().map(|sequence| oracle.xl(sequence, t)), width);
+    let piezo: Vec<Vec<i64>> = (0..frames.len()).map(piezo).collect();
+    let xl: Vec<Vec<i64>> = (0..frames.len()).map(xl).collect();
     let first = oracle.attention("cross_piezo", &piezo, &xl);
     let second = oracle.attention("cross_xl", &xl, &piezo);
     let fused: Vec<Vec<i64>> = first.into_iter().zip(second).map(|(a, b)| [a, b].concat()).collect();
     let hidden = oracle.attention("temporal", &fused, &fused);
-    hidden
-        .iter()
-        .map(|x| {
-            let outputs = oracle.dense("head", x, -32768, 32767);
-            std::array::from_fn(|output| outputs[output] as i32)
-        })
-        .collect()
+    let outputs = |x: &Vec<i64>| {
+        let outputs = oracle.dense("head", x, -32768, 32767);
+        std::array::from_fn(|output| outputs[output] as i32)
+    };
+    hidden.iter().map(outputs).collect()
 }

@@ -1,7 +1,7 @@
 //! The flag against a naive count, and what an operating point must be.
 
 use proptest::prelude::*;
-use slipsense::decision::{Class, Decision};
+use slipsense::decision::Decision;
 use slipsense::fixed::Logit;
 use slipsense::net::format::{DECISION_FRAMES_MAX, OperatingPoint};
 
@@ -36,27 +36,6 @@ proptest! {
             prop_assert_eq!(decision.step(log_odds), counted >= usize::from(point.k), "frame {}", newest);
         }
     }
-}
-
-#[test]
-fn the_class_is_the_larger_logit_on_a_touched_pad() {
-    let class = |touched, logits: [i32; 3]| Class::new(touched, logits.map(Logit::from_bits));
-    assert_eq!(class(Some(false), [0, 0, 9]), Class::NoContact);
-    assert_eq!(class(Some(true), [9, 1, 1]), Class::NoSlip, "a tie is no slip");
-    assert_eq!(class(Some(true), [9, 0, 1]), Class::Slip);
-    assert_eq!(class(None, [9, 0, 1]), Class::NoContact);
-    assert_eq!(class(None, [0, -1, 1]), Class::Slip);
-}
-
-#[test]
-fn the_ends_of_the_range_say_always_and_never() {
-    let (always, never) = (OperatingPoint::THRESHOLD_MIN, OperatingPoint::THRESHOLD_MAX);
-    let [least, most] = [i16::MIN, i16::MAX].map(|end| Logit::from_bits(end.into()));
-    let mut decision = Decision::new(OperatingPoint { threshold: always, k: 1, n: 1 });
-    assert!(decision.step(Some(least)));
-    assert!(!decision.step(None), "an untouched pad cannot slip");
-    let mut decision = Decision::new(OperatingPoint { threshold: never, k: 1, n: 32 });
-    assert!(!decision.step(Some(most)));
 }
 
 #[test]

@@ -67,10 +67,8 @@ fn softmax_of_equal_scores_is_even() {
     for n in 1..=64 {
         let mut weights = vec![-7; n];
         softmax_base2(&mut weights);
-        assert!(
-            weights.iter().all(|&w| (f64::from(w) - 32768.0 / n as f64).abs() <= 1.0),
-            "{n}: {weights:?}"
-        );
+        let even = |&weight: &i32| (f64::from(weight) - 32768.0 / n as f64).abs() <= 1.0;
+        assert!(weights.iter().all(even), "{n}: {weights:?}");
     }
 }
 

@@ -46,19 +46,6 @@ fn a_written_file_is_read_back() {
 }
 
 #[test]
-fn an_operating_point_out_of_range() {
-    let refused = |threshold, k, n| {
-        let mut file = good();
-        file.point = OperatingPoint { threshold: Logit::from_bits(threshold), k, n };
-        refusal(&file.to_bytes().unwrap()).to_string()
-    };
-    assert_eq!(refused(0, 4, 3), "operating point k is 4, allowed are 1 to 3");
-    assert_eq!(refused(0, 1, 33), "operating point n is 33, allowed are 1 to 32");
-    let threshold = "operating point threshold is 70000, allowed are -65536 to 65535";
-    assert_eq!(refused(70_000, 1, 1), threshold);
-}
-
-#[test]
 fn every_truncation_is_refused() {
     let bytes = good().to_bytes().unwrap();
     for length in (0..bytes.len()).step_by(97).chain([bytes.len() - 1]) {
@@ -70,24 +57,17 @@ fn every_truncation_is_refused() {
 }
 
 #[test]
-fn unknown_version() {
+fn other_files_and_damage() {
+    assert_eq!(refusal(b"PK\x03\x04 not a model at all"), ModelError::BadMagic);
     let mut bytes = good().to_bytes().unwrap();
+    assert_eq!(refusal(&[&bytes[..], &[0]].concat()), ModelError::TrailingBytes { count: 1 });
+    bytes[200] ^= 1;
+    assert_eq!(refusal(&bytes), ModelError::HashMismatch);
     for other in [4, 9] {
         bytes[8] = other;
         let expected = format!("model format version {other} is unknown; this build reads version 6");
         assert_eq!(refusal(&bytes).to_string(), expected);
     }
-}
-
-#[test]
-fn other_files_and_damage() {
-    assert_eq!(refusal(b"PK\x03\x04 not a model at all"), ModelError::BadMagic);
-    let mut bytes = good().to_bytes().unwrap();
-    bytes[200] ^= 1;
-    assert_eq!(refusal(&bytes), ModelError::HashMismatch);
-    let mut bytes = good().to_bytes().unwrap();
-    bytes.push(0);
-    assert_eq!(refusal(&bytes), ModelError::TrailingBytes { count: 1 });
 }
 
 #[test]
@@ -147,42 +127,40 @@ fn sizes_beyond_the_limits() {
     assert!(refused(|d| d.heads = 1).contains("could overflow"));
 }
 
+/// What is said of the good file after a change, by the writer or the reader.
+fn refused(change: impl FnOnce(&mut ModelFile)) -> String {
+    let mut file = good();
+    change(&mut file);
+    file.to_bytes().map_or_else(|error| error, |bytes| refusal(&bytes).to_string())
+}
+
+/// Of all rules of an operating point: `decision`.
+#[test]
+fn numbers_out_of_range() {
+    assert_eq!(refused(|file| file.point.k = 2), "operating point k is 2, allowed are 1 to 1");
+    let set = |layer, part, index: usize, to| refused(|file| file.tensor_mut(layer, part)[index] = to);
+    assert_eq!(set("xl.mix1", "multiplier", 7, -1), "xl.mix1 multiplier 7 is -1, out of range");
+    assert_eq!(set("cross_xl.norm", "epsilon", 0, 0), "cross_xl.norm epsilon 0 is 0, out of range");
+    assert_eq!(set("head", "weight", 4, 32_768), "head weight 4 is 32768, does not fit 16 bits");
+    let coefficient = refused(|file| {
+        // Twice the first weight of output 1; conv1 has four numbers for three weights of 18.
+        file.tensor_mut("piezo.conv1", "weight")[18..36].fill(0);
+        file.tensor_mut("piezo.conv1", "weight")[18] = 16_384;
+    });
+    assert_eq!(coefficient, "piezo.conv1 weight coefficient 36 is 32768, does not fit 16 bits");
+}
+
 #[test]
 fn accumulators_that_could_overflow() {
-    let mut file = good();
-    // 127 · 256 · 32768 is half of what fits; a bias takes the rest.
-    file.tensor_mut("piezo.dense", "weight")[256..512].fill(-127);
-    file.tensor_mut("piezo.dense", "bias")[1] = i32::MIN + 1;
-    let expected = "piezo.dense channel 1: accumulator can reach 3212836863, more than 2147483647";
-    assert_eq!(refusal(&file.to_bytes().unwrap()).to_string(), expected);
-
-    let mut file = good();
-    file.tensor_mut("temporal.norm", "gamma")[3] = 32767;
-    file.tensor_mut("temporal.norm", "beta")[3] = 1 << 30 | 1 << 20;
-    let error = refusal(&file.to_bytes().unwrap());
-    assert!(matches!(error, ModelError::AccumulatorOverflow { layer: "temporal.norm", channel: 3, .. }));
-}
-
-#[test]
-fn scales_out_of_range() {
-    for (layer, part, index, value) in [("xl.mix1", "multiplier", 7, -1), ("cross_xl.norm", "epsilon", 0, 0)]
-    {
-        let mut file = good();
-        file.tensor_mut(layer, part)[index] = value;
-        let expected = format!("{layer} {part} {index} is {value}, out of range");
-        assert_eq!(refusal(&file.to_bytes().unwrap()).to_string(), expected);
-    }
-}
-
-#[test]
-fn the_writer_names_what_does_not_fit() {
-    let mut file = good();
-    file.tensor_mut("head", "weight")[4] = 32_768;
-    assert_eq!(file.to_bytes().map(drop).unwrap_err(), "head weight 4 is 32768, does not fit 16 bits");
-    let mut file = good();
-    // Twice the first weight of output 1; conv1 has four numbers for three weights of 18.
-    file.tensor_mut("piezo.conv1", "weight")[18..36].fill(0);
-    file.tensor_mut("piezo.conv1", "weight")[18] = 16_384;
-    let expected = "piezo.conv1 weight coefficient 36 is 32768, does not fit 16 bits";
-    assert_eq!(file.to_bytes().map(drop).unwrap_err(), expected);
+    let reached = refused(|file| {
+        // 127 · 256 · 32768 is half of what fits; a bias takes the rest.
+        file.tensor_mut("piezo.dense", "weight")[256..512].fill(-127);
+        file.tensor_mut("piezo.dense", "bias")[1] = i32::MIN + 1;
+    });
+    assert_eq!(reached, "piezo.dense channel 1: accumulator can reach 3212836863, more than 2147483647");
+    let reached = refused(|file| {
+        file.tensor_mut("temporal.norm", "gamma")[3] = 32767;
+        file.tensor_mut("temporal.norm", "beta")[3] = 1 << 30 | 1 << 20;
+    });
+    assert!(reached.starts_with("temporal.norm channel 3: accumulator can reach"), "{reached}");
 }

@@ -14,11 +14,11 @@ use slipsense::wire::{
 };
 use slipsense_recording::model_file::random_model;
 
-/// A model whose head ignores the network: its logits are these, and slip's lead over contact the log-odds.
 fn constant_model(logits: [i32; 3]) -> Vec<u8> {
     model_at(logits, OperatingPoint::EVEN)
 }
 
+/// A model whose head ignores the network: its logits are these, and slip's lead over contact the log-odds.
 fn model_at(logits: [i32; 3], point: OperatingPoint) -> Vec<u8> {
     let [no_contact, no_slip, slip] = logits;
     let outputs = [no_contact, no_slip, slip, slip - no_slip];
@@ -103,21 +103,18 @@ fn health_tells_what_is_missing_and_the_rest_goes_on() {
     let good = |frame: u32| SensorInput { piezo: Some(&pad), xl: Some(&samples), xl_end: 64 * frame };
     let dead = SensorInput::default();
 
-    let first = pipeline.step(&[good(1), dead]);
+    let mut step = |inputs: &[SensorInput<'_>]| pipeline.step(inputs).health.map(|health| health.0);
     let warming = health::XL_WARMING_UP | health::TAXELS_SATURATED;
     let gone = health::PIEZO_MISSING | health::XL_MISSING;
-    assert_eq!(first.health.map(|h| h.0), [warming, gone, gone], "a sensor not given is missing");
-    let second =
-        pipeline.step(&[good(2), good(2), SensorInput { piezo: None, xl: Some(&clipped), xl_end: 64 }]);
+    assert_eq!(step(&[good(1), dead]), [warming, gone, gone], "a sensor not given is missing");
+    let deaf = SensorInput { piezo: None, xl: Some(&clipped), xl_end: 64 };
     let third = health::PIEZO_MISSING | health::XL_WARMING_UP | health::XL_CLIPPED;
-    assert_eq!(second.health.map(|h| h.0), [health::TAXELS_SATURATED, warming, third]);
+    assert_eq!(step(&[good(2), good(2), deaf]), [health::TAXELS_SATURATED, warming, third]);
     // A frame without samples starts the front end anew.
-    pipeline.step(&[SensorInput { xl: None, ..good(3) }, good(3), dead]);
-    assert!(pipeline.step(&[good(4), good(4), dead]).health[0].contains(health::XL_WARMING_UP));
-    let long = [[1i16; 3]; 65];
-    let long = SensorInput { xl: Some(&long), xl_end: 64 * 4 + 65, ..good(5) };
-    let output = pipeline.step(&[long, good(5), dead]);
-    assert!(output.health[0].contains(health::XL_SAMPLES_DROPPED));
+    step(&[SensorInput { xl: None, ..good(3) }, good(3), dead]);
+    assert!(step(&[good(4), good(4), dead])[0] & health::XL_WARMING_UP != 0);
+    let long = SensorInput { xl: Some(&[[1; 3]; 65]), xl_end: 64 * 4 + 65, ..good(5) };
+    assert!(step(&[long, good(5), dead])[0] & health::XL_SAMPLES_DROPPED != 0);
 }
 
 /// What comes after missing samples is what a front end gives that starts there, but for the noise floors, which stay.
@@ -139,11 +136,8 @@ fn missing_samples_start_the_front_end_anew_and_are_flagged() {
             assert_eq!(warming, matches!(frame, 0..=2 | 6..=8), "frame {frame}");
             if frame >= 6 {
                 let (ours, fresh) = (output.log_mel[0], after.step(&[input]).log_mel[0]);
-                assert_eq!(
-                    (ours.ln_power, ours.standardised),
-                    (fresh.ln_power, fresh.standardised),
-                    "frame {frame}"
-                );
+                assert_eq!(ours.ln_power, fresh.ln_power, "frame {frame}");
+                assert_eq!(ours.standardised, fresh.standardised, "frame {frame}");
             }
         }
     }
@@ -207,8 +201,8 @@ fn doubts_come_and_go_with_their_causes() {
     let configuration = |pipeline: &mut Pipeline<'_>, calibrations| {
         let output = pipeline.step(&[]);
         assert_eq!(pipeline.model().hash, model);
-        let message =
-            output.slip_message(FrameStamp::default(), &Origin { calibrations, ..Origin::default() });
+        let origin = Origin { calibrations, ..Origin::default() };
+        let message = output.slip_message(FrameStamp::default(), &origin);
         (message.configuration, message.degraded & (DEGRADED_NOT_CALIBRATED | DEGRADED_POINT))
     };
     let none = configuration(&mut pipeline, [0; 3]);

@@ -28,23 +28,14 @@ fn compare(shape: usize, frames: usize, sensors: usize) {
     assert!(distinct.len() > frames.len() / 2 || SHAPES[shape].embed == 1, "the oracle saw no signal");
 }
 
-/// Issue "the whole path", shows 4: 1,000 frames of the shipped shape.
 #[test]
 fn streaming_equals_batch_over_1000_frames() {
     compare(0, 1000, 2);
 }
 
 #[test]
-fn smallest_shape() {
-    compare(1, 50, 1);
-}
-
-#[test]
-fn odd_shape() {
-    compare(2, 150, 3);
-}
-
-#[test]
-fn largest_shape() {
-    compare(3, 100, 3);
+fn streaming_equals_batch_in_the_smallest_an_odd_and_the_largest_shape() {
+    for (shape, frames, sensors) in [(1, 50, 1), (2, 150, 3), (3, 100, 3)] {
+        compare(shape, frames, sensors);
+    }
 }

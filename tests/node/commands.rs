@@ -3,13 +3,18 @@
 use slipsense::health::{self, Condition, SensorHealth, Status};
 use slipsense::node::{
     Action, CALIBRATE, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT,
-    IDENTIFY, Mode, NODE_NAME, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US, Severity,
+    IDENTIFY, Mode, NODE_NAME, Node, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US, Severity,
     vendor_status,
 };
 use slipsense::settings::{Setting, Settings};
 use slipsense::wire::{Frames, Priority, ServiceId, ServiceRole, TransferId};
 
-use super::{NODE, TOOL, ask, hear, node, records, request, said};
+use super::{NODE, TOOL, ask, hear, identity, node, records, request, said};
+
+/// Status and text of an answer to a command.
+fn reply(answer: &[u8]) -> (u8, &str) {
+    (answer[0], std::str::from_utf8(&answer[2..2 + usize::from(answer[1])]).unwrap())
+}
 
 pub fn command(number: u16, parameter: &[u8]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &[parameter.len() as u8], parameter].concat()
@@ -35,7 +40,7 @@ fn commands_become_actions_and_answers() {
     assert_eq!((node.take_action(), node.take_action()), (Some(Action::Restart), Some(Action::Identify)));
     // Power off is not for us; a path is missing.
     let answer = ask(&mut node, COMMAND_PORT, 2, &command(65_534, b""), 0).unwrap();
-    assert_eq!((answer[0], &answer[2..2 + usize::from(answer[1])]), (3, &b"no such command"[..]));
+    assert_eq!(reply(&answer), (3, "no such command"));
     assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(65_533, b""), 0).unwrap()[0], 4);
     assert_eq!(node.take_action(), None);
 }
@@ -53,8 +58,7 @@ fn a_store_is_answered_when_it_is_done() {
 
     assert_eq!(ask(&mut node, COMMAND_PORT, 2, &command(SELF_TEST, b""), 0), None);
     node.command_done(Err("sensor 1: no accelerometer"));
-    let text = &said(&mut node)[0].2;
-    assert_eq!((text[0], &text[2..2 + usize::from(text[1])]), (1, &b"sensor 1: no accelerometer"[..]));
+    assert_eq!(reply(&said(&mut node)[0].2), (1, "sensor 1: no accelerometer"));
 
     // A board that never says.
     assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(STORE, b""), STORE_PAUSE_US), None);
@@ -72,7 +76,7 @@ fn stores_and_calibrations_come_ten_seconds_apart() {
         assert_eq!(action.is_some(), answer.is_none());
         node.command_done(Ok(()));
         said(&mut node);
-        answer.map(|answer| String::from_utf8_lossy(&answer[2..]).trim_end_matches('\0').to_owned())
+        answer.map(|answer| reply(&answer).1.to_owned())
     };
     let (store, calibration) = ("wait ten seconds after a store", "wait ten seconds after a calibration");
     assert_eq!(status(0, STORE, b"", 0), None);
@@ -86,28 +90,22 @@ fn stores_and_calibrations_come_ten_seconds_apart() {
 
 #[test]
 fn a_factory_reset_gives_the_defaults_and_tells_the_tasks() {
-    let mut settings = Settings::new();
-    settings.set(Setting::Sensors, &[3]).unwrap();
-    let mut node = slipsense::node::Node::new(super::identity(), settings);
+    let mut node = Node::new(identity(), crate::settings(&[(Setting::Sensors, &[3])]));
     hear(&mut node, request(COMMAND_PORT, 0, &command(FACTORY_RESET, b"")), 0);
-    assert_eq!(
-        (node.take_action(), node.take_changed()),
-        (Some(Action::FactoryReset), Some(Setting::Sensors))
-    );
+    assert_eq!(node.take_action(), Some(Action::FactoryReset));
+    assert_eq!(node.take_changed(), Some(Setting::Sensors));
     assert_eq!((node.take_changed(), node.settings()), (None, &Settings::new()));
 }
 
 #[test]
 fn the_heartbeat_says_how_the_board_is() {
-    let mut node = slipsense::node::Node::new(super::identity(), Settings::new());
-    let beat = |node: &mut slipsense::node::Node, now: u64| {
+    let mut node = Node::new(identity(), Settings::new());
+    let beat = |node: &mut Node, now: u64| {
         node.poll(now);
         let said = said(node);
         assert_eq!(said.len(), 1, "one heartbeat");
-        match said[0].0 {
-            TransferId::Message(id) => assert_eq!((id.port, id.node), (HEARTBEAT_PORT, NODE)),
-            other => panic!("{other:?}"),
-        }
+        let TransferId::Message(id) = said[0].0 else { panic!("{:?}", said[0]) };
+        assert_eq!((id.port, id.node), (HEARTBEAT_PORT, NODE));
         <[u8; 7]>::try_from(&said[0].2[..7]).unwrap()
     };
     assert_eq!(beat(&mut node, 0), [0, 0, 0, 0, 0, Mode::Initialization as u8, 0]);
@@ -190,9 +188,9 @@ fn an_answer_never_goes_before_the_slip_message() {
 
 #[test]
 fn damaged_settings_are_reported_when_the_node_starts() {
-    let mut identity = super::identity();
+    let mut identity = identity();
     identity.settings.damage.settings = 1 << Setting::Sensors as u8 | 1 << Setting::PlugAndPlay as u8;
-    let mut node = slipsense::node::Node::new(identity, Settings::new());
+    let mut node = Node::new(identity, Settings::new());
     node.poll(0);
     assert_eq!(records(&mut node), ["settings damaged, default for slipsense.sensors slipsense.pnp"]);
     assert_eq!(node.health(), Condition::Caution);

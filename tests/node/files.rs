@@ -35,24 +35,22 @@ impl FileSink for Memory {
 
 /// The path and offset of a request that the node sends, if any.
 fn requests(node: &mut Node) -> Vec<(ServiceId, u8, usize, Vec<u8>)> {
-    let requests = said(node).into_iter().filter_map(|(id, transfer, payload)| match id {
-        TransferId::Service(id) if id.port == FILE_READ_PORT => Some((id, transfer, payload)),
-        _ => None,
-    });
-    requests
-        .map(|(id, transfer, payload)| {
+    let request = |(id, transfer, payload): (_, _, Vec<u8>)| match id {
+        TransferId::Service(id) if id.port == FILE_READ_PORT => {
             assert_eq!((id.role, id.destination, id.source), (ServiceRole::Request, TOOL, NODE));
-            (id, transfer, offset(&payload), payload[6..6 + usize::from(payload[5])].to_vec())
-        })
-        .collect()
+            Some((id, transfer, offset(&payload), payload[6..6 + usize::from(payload[5])].to_vec()))
+        }
+        _ => None,
+    };
+    said(node).into_iter().filter_map(request).collect()
 }
 
 /// Of a request to read.
-pub fn offset(request: &[u8]) -> usize {
+fn offset(request: &[u8]) -> usize {
     request[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte))
 }
 
-pub fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
+fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {
     let payload = [&error.to_le_bytes()[..], &(bytes.len() as u16).to_le_bytes(), bytes].concat();
     hear(node, Frames::new(id.response(), transfer, &payload), now);
 }
@@ -65,7 +63,7 @@ fn begin(node: &mut Node, call: u8, number: u16, path: &[u8], length_max: u32) {
 }
 
 /// Serve `file` until the node asks no more; every `lose`-th request is lost. Actions that came of it.
-fn serve(node: &mut Node, file: &[u8], sink: &mut Memory, lose: usize) -> Vec<Action> {
+pub fn serve(node: &mut Node, file: &[u8], sink: &mut impl FileSink, lose: usize) -> Vec<Action> {
     let (mut now, mut count, mut actions) = (1_000, 0, Vec::new());
     for _ in 0..10_000 {
         node.poll(now);
@@ -142,10 +140,8 @@ fn a_server_that_refuses_or_falls_silent_ends_it() {
         node.poll(3_000_000 + tenth * ANSWER_TIMEOUT_US / 10);
         if node.mode() != Mode::SoftwareUpdate {
             assert_eq!(tenth, 10 * u64::from(TRIES));
-            assert!(
-                records(&mut node)
-                    .contains(&format!("firmware not taken: the server did not answer {TRIES} requests"))
-            );
+            let record = format!("firmware not taken: the server did not answer {TRIES} requests");
+            assert!(records(&mut node).contains(&record));
             break;
         }
         asked += requests(&mut node).len();

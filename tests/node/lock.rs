@@ -20,9 +20,7 @@ use super::registers::access;
 use super::{TOOL, ask, hear, identity, records, request};
 
 fn locked_settings() -> Settings {
-    let mut settings = Settings::new();
-    settings.set(Setting::Lock, &[1]).unwrap();
-    settings
+    crate::settings(&[(Setting::Lock, &[1])])
 }
 
 fn locked(entropy: Option<u64>) -> Node {
@@ -61,10 +59,9 @@ fn a_locked_node_keeps_its_settings_and_takes_no_command() {
         let answer = ask(&mut node, ACCESS_PORT, index as u8, &access(definition.name, &[11, 1, 0, 1]), 0);
         assert!(answer.is_some(), "{}", definition.name);
     }
-    for (transfer, number) in
-        [RESTART, STORE, 65_532, 65_533, 0, 1, CALIBRATE, SCALE_GAIN].into_iter().enumerate()
-    {
-        let answer = ask(&mut node, COMMAND_PORT, transfer as u8, &command(number, b"0 10"), 0).unwrap();
+    let numbers = [RESTART, STORE, 65_532, 65_533, 0, 1, CALIBRATE, SCALE_GAIN];
+    for (transfer, number) in (0..).zip(numbers) {
+        let answer = ask(&mut node, COMMAND_PORT, transfer, &command(number, b"0 10"), 0).unwrap();
         assert_eq!((answer[0], &answer[2..8]), (5, &b"locked"[..]), "{number}");
     }
     assert_eq!((node.take_action(), node.take_changed(), node.is_locked()), (None, None, true));

@@ -53,7 +53,7 @@ pub fn hear(node: &mut Node, frames: impl IntoIterator<Item = CanFrame>, now_us:
 }
 
 /// Everything that the node has to say: identifiers, transfer identifiers and payloads.
-pub fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
+fn said(node: &mut Node) -> Vec<(TransferId, u8, Vec<u8>)> {
     let mut sessions = Box::new(Sessions::<16, 640>::new());
     let mut said = Vec::new();
     while let Some(frame) = node.next_frame() {
@@ -91,7 +91,7 @@ pub fn text(record: &[u8]) -> String {
 }
 
 /// The texts of the diagnostic records that the node has to say.
-fn records(node: &mut Node) -> Vec<String> {
+pub fn records(node: &mut Node) -> Vec<String> {
     let is_record = |id: &TransferId| matches!(id, TransferId::Message(id) if id.port == RECORD_PORT);
     said(node).iter().filter(|(id, ..)| is_record(id)).map(|(.., bytes)| text(bytes)).collect()
 }

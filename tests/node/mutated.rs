@@ -17,6 +17,7 @@ use slipsense::wire::{CAN_ID_MAX, CanFrame, FD_LENGTHS, Frames, NodeId, Priority
 use super::commands::command;
 use super::registers::access;
 use super::{NODE, TOOL, hear, identity, message, request};
+use crate::crc;
 
 const FRAMES: u32 = 1_000_000;
 
@@ -26,16 +27,6 @@ struct Oracle {
     /// By identifier without priority and transfer identifier: bytes, next toggle. A start that repeats an old
     /// transfer must not end another one that is under way.
     open: std::collections::HashMap<(u32, u8), (Vec<u8>, bool)>,
-}
-
-/// The check value of a transfer, bit by bit.
-fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, &byte| {
-        (0..8).fold(
-            crc ^ u16::from(byte) << 8,
-            |crc, _| if crc & 0x8000 != 0 { crc << 1 ^ 0x1021 } else { crc << 1 },
-        )
-    })
 }
 
 impl Oracle {
@@ -109,7 +100,10 @@ fn asked(payload: &[u8]) -> Option<(Setting, Vec<i64>)> {
 pub fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) -> Vec<CanFrame> {
     let id = node.node_id().unwrap_or(NODE);
     let to_node = |port, payload: &[u8]| {
-        let (priority, role) = (Priority::Nominal, ServiceRole::Request);
+        let (priority, role) = match port {
+            FILE_READ_PORT => (Priority::Low, ServiceRole::Response),
+            _ => (Priority::Nominal, ServiceRole::Request),
+        };
         let service = ServiceId { priority, role, port, destination: id, source };
         Frames::new(service, transfer, payload).collect()
     };
@@ -124,14 +118,7 @@ pub fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) ->
                 slipsense::settings::Kind::Bit => value.extend([3, 1, 0, rng.random_range(0..2)]),
                 kind => {
                     let bytes = kind.bytes();
-                    value.push(if bytes == 1 {
-                        11
-                    } else if bytes == 2 {
-                        10
-                    } else {
-                        9
-                    });
-                    value.push(count as u8);
+                    value.extend([[0, 11, 10, 9, 9][bytes], count as u8]);
                     value.extend((bytes == 1).then_some(0));
                     for element in 0..count {
                         let (min, max) = definition.rule(element).bounds();
@@ -150,10 +137,7 @@ pub fn valid(rng: &mut ChaCha8Rng, source: NodeId, transfer: u8, node: &Node) ->
         }
         5 => {
             let bytes: Vec<u8> = (0..rng.random_range(0..=256)).map(|_| rng.random()).collect();
-            let payload = [&[0, 0][..], &(bytes.len() as u16).to_le_bytes(), &bytes].concat();
-            let (priority, role) = (Priority::Low, ServiceRole::Response);
-            let service = ServiceId { priority, role, port: FILE_READ_PORT, destination: id, source };
-            Frames::new(service, transfer, &payload).collect()
+            to_node(FILE_READ_PORT, &[&[0, 0][..], &(bytes.len() as u16).to_le_bytes(), &bytes].concat())
         }
         6 => message(source, TIME_PORT, transfer, &rng.next_u64().to_le_bytes()[..7]),
         _ => message(source, ALLOCATION_PORT, transfer, b"\x2A\x000123456789abcdef"),

@@ -2,9 +2,10 @@
 
 use slipsense::node::{ALLOCATION_PORT, GET_INFO_PORT, JUMP_OFFSETS, Node, REQUEST_PERIOD_MAX_US, TIME_PORT};
 use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
-use slipsense::wire::{NodeId, TransferId, TransferId::Anonymous};
+use slipsense::wire::{CanFrame, NodeId, RAW_PORT, SLIP_PORT, TransferId, TransferId::Anonymous};
 
 use super::{NODE, hear, identity, message, node, records, request, said};
+use crate::{nameless, settings};
 
 /// A master whose clock is `ahead_us` of the node's sends its n-th message at `at_us`.
 fn sync(node: &mut Node, master: u8, n: u8, at_us: u64, previous: Option<u64>, ahead_us: u64) {
@@ -75,9 +76,7 @@ fn the_master_with_the_lowest_address_counts() {
 
 #[test]
 fn time_is_not_followed_where_it_is_switched_off() {
-    let mut settings = Settings::new();
-    settings.set(Setting::TimeSync, &[0]).unwrap();
-    let mut node = Node::new(identity(), settings);
+    let mut node = Node::new(identity(), settings(&[(Setting::TimeSync, &[0])]));
     sync(&mut node, 10, 0, 1_000_000, None, 0);
     sync(&mut node, 10, 1, 1_500_000, Some(1_000_000), 777);
     assert_eq!(node.bus_time_us(2_000_000), None);
@@ -85,9 +84,7 @@ fn time_is_not_followed_where_it_is_switched_off() {
 
 #[test]
 fn a_node_without_address_asks_until_it_has_one() {
-    let mut settings = Settings::new();
-    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
-    let mut node = Node::new(identity(), settings.clone());
+    let mut node = Node::new(identity(), settings(&[(Setting::NodeId, &[NODE_ID_UNSET])]));
     let mut asked = Vec::new();
     let mut now = 0;
     while asked.len() < 50 {
@@ -113,15 +110,11 @@ fn a_node_without_address_asks_until_it_has_one() {
     hear(&mut node, message(allocator, ALLOCATION_PORT, 1, b"\x63\x000123456789abcdef"), now);
     assert_eq!(node.node_id(), NodeId::new(99));
     node.poll(now);
-    assert!(
-        said(&mut node).iter().all(|(id, _, _)| matches!(id, TransferId::Message(id) if id.node.get() == 99))
-    );
+    let from_99 = |id: &TransferId| matches!(id, TransferId::Message(id) if id.node.get() == 99);
+    assert!(said(&mut node).iter().all(|(id, ..)| from_99(id)));
 
-    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
-    let mut silent = Node::new(identity(), settings);
-    for now in 0..100 {
-        silent.poll(now * 100_000);
-    }
+    let mut silent = Node::new(identity(), nameless());
+    (0..100).for_each(|now| _ = silent.poll(now * 100_000));
     assert!(silent.is_drained());
 }
 
@@ -137,12 +130,9 @@ fn a_second_node_with_the_same_address_is_noticed() {
 
 #[test]
 fn the_filters_let_through_what_the_node_looks_at_and_little_else() {
-    let mut settings = Settings::new();
-    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
-    let nameless = Node::new(identity(), settings);
-    let passes = |node: &Node, frame: &slipsense::wire::CanFrame| {
-        node.filters().iter().any(|(id, mask)| frame.id() & mask == *id)
-    };
+    let nameless = Node::new(identity(), settings(&[(Setting::NodeId, &[NODE_ID_UNSET])]));
+    let passes =
+        |node: &Node, frame: &CanFrame| node.filters().iter().any(|(id, mask)| frame.id() & mask == *id);
     let node = node();
     let other = NodeId::new(43).unwrap();
     let time = &message(other, TIME_PORT, 0, b"1234567")[0];
@@ -150,7 +140,7 @@ fn the_filters_let_through_what_the_node_looks_at_and_little_else() {
     let call = &request(GET_INFO_PORT, 0, &[])[0];
     assert_eq!([time, allocation, call].map(|frame| passes(&node, frame)), [true, false, true]);
     assert_eq!([time, allocation, call].map(|frame| passes(&nameless, frame)), [true, true, false]);
-    for port in [slipsense::wire::SLIP_PORT, slipsense::wire::RAW_PORT, 7_509] {
+    for port in [SLIP_PORT, RAW_PORT, 7_509] {
         assert!(!passes(&node, &message(other, port, 0, b"1")[0]));
         assert!(passes(&node, &message(NODE, port, 0, b"1")[0]), "address conflict");
     }
@@ -159,7 +149,7 @@ fn the_filters_let_through_what_the_node_looks_at_and_little_else() {
     let (before, mut held_back) = (looked.counters(), 0);
     for step in 0..200_000u32 {
         let id = step.wrapping_mul(2_654_435_761) >> 3 & !(1 << 23);
-        let frame = slipsense::wire::CanFrame::new(id, &[0xE0]).unwrap();
+        let frame = CanFrame::new(id, &[0xE0]).unwrap();
         if !passes(&looked, &frame) && TransferId::from_can(id).is_ok() {
             looked.accept(&frame, 0);
             held_back += 1;

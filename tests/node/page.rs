@@ -64,11 +64,8 @@ fn the_page_is_the_table() {
         std::fs::write(path, page()).unwrap();
     }
     let found = std::fs::read_to_string(path).unwrap();
-    assert_eq!(
-        found,
-        page(),
-        "make it anew: SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test host node::page"
-    );
+    let command = "SLIPSENSE_WRITE_PAGES=1 cargo test -p slipsense --test host node::page";
+    assert_eq!(found, page(), "make it anew: {command}");
 }
 
 /// The numbers of the commands that the other pages name.

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::calibration::{Calibration, RECORD_BYTES, Trim};
 use slipsense::settings::{Origin, SCRATCH, Scratch, Setting, Settings, SettingsStore, StoreError};
 
-use crate::update::flash::{Flash, Tear};
+use crate::update::flash::{Cells, Tear};
 
 /// A small sector, so that a few stores fill both.
 const SECTOR: usize = 2048;
@@ -25,9 +25,9 @@ fn configuration(n: u64) -> Settings {
     settings
 }
 
-type Store<const BYTES: usize> = SettingsStore<Flash<BYTES>, Box<Scratch>>;
+type Store<const BYTES: usize> = SettingsStore<Cells<BYTES>, Box<Scratch>>;
 
-fn store_of<const BYTES: usize>(flash: Flash<BYTES>) -> Store<BYTES> {
+fn store_of<const BYTES: usize>(flash: Cells<BYTES>) -> Store<BYTES> {
     let range = flash.range();
     SettingsStore::new(flash, range, Box::new(SCRATCH)).unwrap()
 }
@@ -37,7 +37,7 @@ fn tear(torn: bool, cut: u64) -> Tear {
 }
 
 /// Store configurations `from` to [`STORES`]; the number of the last one whose store returned well.
-fn stores(flash: Flash<SECTOR>, from: u64) -> (u64, Option<StoreError>, Flash<SECTOR>) {
+fn stores(flash: Cells<SECTOR>, from: u64) -> (u64, Option<StoreError>, Cells<SECTOR>) {
     let mut store = store_of(flash);
     for n in from..=STORES {
         if let Err(error) = block_on(store.store(&configuration(n))) {
@@ -49,22 +49,18 @@ fn stores(flash: Flash<SECTOR>, from: u64) -> (u64, Option<StoreError>, Flash<SE
 
 #[test]
 fn a_power_cut_at_any_step_leaves_the_old_or_the_new_configuration() {
-    let (last, error, whole) = stores(Flash::new(2), 1);
+    let (last, error, whole) = stores(Cells::new(2, 1), 1);
     assert_eq!((last, error), (STORES, None));
     let (steps, erases) = (whole.steps, whole.erases);
     assert!(erases >= 3, "both sectors are filled and erased: {erases} erases");
     let (mut old, mut new) = (0u32, 0u32);
     for (cut, torn) in (0..steps).flat_map(|cut| [(cut, false), (cut, true)]) {
-        let mut flash = Flash::new(2);
-        flash.power = cut;
-        flash.tear = tear(torn, cut);
-        let (done, error, mut flash) = stores(flash, 1);
+        let (done, error, mut flash) =
+            stores(Cells { power: cut, tear: tear(torn, cut), ..Cells::new(2, 1) }, 1);
         assert!(error.is_some() && done < STORES, "cut at {cut}");
         // The second power cut comes while what the first one left is being looked at and mended.
         for second in [u64::MAX, cut % 97] {
-            let mut again = flash.clone();
-            again.power = second;
-            let mut store = store_of(again);
+            let mut store = store_of(Cells { power: second, ..flash });
             let _ = block_on(store.load());
             flash = store.into_flash();
             flash.power = u64::MAX;
@@ -96,9 +92,7 @@ fn a_power_cut_at_any_step_leaves_the_old_or_the_new_configuration() {
 
 #[test]
 fn the_sectors_of_the_h7_hold_hundreds_of_configurations() {
-    let mut flash = Flash::<{ 128 * 1024 }>::new(2);
-    flash.power = u64::MAX;
-    let mut store = store_of(flash);
+    let mut store = store_of(Cells::<{ 128 * 1024 }>::new(2, 1));
     for n in 0..400 {
         block_on(store.store(&configuration(n % 100))).unwrap();
     }
@@ -109,7 +103,7 @@ fn the_sectors_of_the_h7_hold_hundreds_of_configurations() {
 
 #[test]
 fn damage_is_reported_and_mended() {
-    let mut store = store_of(Flash::<SECTOR>::new(2));
+    let mut store = store_of(Cells::<SECTOR>::new(2, 1));
     let (settings, report) = block_on(store.load());
     assert_eq!((settings, report.origin, report.is_damaged()), (Settings::new(), Origin::Blank, false));
     block_on(store.store(&configuration(5))).unwrap();
@@ -132,16 +126,14 @@ fn damage_is_reported_and_mended() {
         block_on(store.store(&configuration(6))).unwrap_or_else(|error| panic!("byte {at}: {error}"));
         assert_eq!(block_on(store.load()).0, configuration(6), "byte {at}");
     }
+    let bytes = used + 1;
     println!(
-        "settings: one damaged byte of {}: {kept} times harmless, {lost} times defaults and a report",
-        used + 1
+        "settings: one damaged byte of {bytes}: {kept} times harmless, {lost} times defaults and a report"
     );
     assert!(lost > 400);
 
     // Nothing but zeros.
-    let mut zeros = good.clone();
-    zeros.bytes.fill(0);
-    let mut store = store_of(zeros);
+    let mut store = store_of(Cells { bytes: vec![0; good.bytes.len()], ..good });
     let (found, report) = block_on(store.load());
     assert_eq!((found, report.is_damaged()), (Settings::new(), true));
     block_on(store.store(&configuration(7))).unwrap();
@@ -150,14 +142,12 @@ fn damage_is_reported_and_mended() {
 
 #[test]
 fn a_refused_write_is_an_error_and_harmless() {
-    let mut flash = Flash::<SECTOR>::new(2);
-    flash.power = 0;
-    let mut store = store_of(flash);
+    let mut store = store_of(Cells::<SECTOR> { power: 0, ..Cells::new(2, 1) });
     assert_eq!(block_on(store.store(&configuration(1))), Err(StoreError::Flash));
     let scratch = || Box::new(SCRATCH);
-    assert!(SettingsStore::new(Flash::<SECTOR>::new(1), 0..SECTOR as u32, scratch()).is_err());
-    assert!(SettingsStore::new(Flash::<SECTOR>::new(3), 1..2 * SECTOR as u32, scratch()).is_err());
-    assert!(SettingsStore::new(Flash::<512>::new(4), 0..2048, scratch()).is_err());
+    assert!(SettingsStore::new(Cells::<SECTOR>::new(1, 1), 0..SECTOR as u32, scratch()).is_err());
+    assert!(SettingsStore::new(Cells::<SECTOR>::new(3, 1), 1..2 * SECTOR as u32, scratch()).is_err());
+    assert!(SettingsStore::new(Cells::<512>::new(4, 1), 0..2048, scratch()).is_err());
 }
 
 /// Calibration number `n` of an array, different from all others; number 0 is nominal.
@@ -189,7 +179,7 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
     // Items of 6 KB: four of them and the settings fill a sector, so that there is a cut in each erase too.
     const LARGE: usize = 32 * 1024;
     let made: Vec<_> = (0..=7).map(calibration).collect();
-    let stores = |flash: Flash<LARGE>| {
+    let stores = |flash: Cells<LARGE>| {
         let mut store = store_of(flash);
         let mut done = 0;
         for n in 1..=6 {
@@ -200,7 +190,7 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
         }
         (done, store.into_flash())
     };
-    let mut first = store_of(Flash::<LARGE>::new(2));
+    let mut first = store_of(Cells::<LARGE>::new(2, 1));
     block_on(first.store(&configuration(5))).unwrap();
     block_on(first.store_calibration(2, &made[7])).unwrap();
     assert_eq!(block_on(first.model_floor()), [0; 4]);
@@ -212,9 +202,7 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
     let (mut old, mut new) = (0u32, 0u32);
     let steps = whole.steps - first.steps;
     for cut in (0..steps).step_by(1_501) {
-        let mut flash = first.clone();
-        (flash.power, flash.tear) = (cut, tear(cut % 2 == 0, cut));
-        let (done, mut flash) = stores(flash);
+        let (done, mut flash) = stores(Cells { power: cut, tear: tear(cut % 2 == 0, cut), ..first.clone() });
         flash.power = u64::MAX;
         let mut store = store_of(flash);
         let last = |connector: u16, upto: u16| (0..=upto).rev().find(|n| *n == 0 || n % 2 == connector);
@@ -243,7 +231,7 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
 
 #[test]
 fn a_calibration_before_any_setting_is_no_damage_and_can_be_forgotten() {
-    let mut store = store_of(Flash::<{ 16 * 1024 }>::new(2));
+    let mut store = store_of(Cells::<{ 16 * 1024 }>::new(2, 1));
     block_on(store.store_calibration(1, &calibration(2))).unwrap();
     assert_eq!(block_on(store.load()).1.origin, Origin::Blank);
     assert_eq!((loaded(&mut store, 0), loaded(&mut store, 1)), (calibration(0), calibration(2)));
@@ -254,7 +242,7 @@ fn a_calibration_before_any_setting_is_no_damage_and_can_be_forgotten() {
 
 #[test]
 fn what_is_stored_already_is_not_written_again() {
-    let mut store = store_of(Flash::<{ 16 * 1024 }>::new(2));
+    let mut store = store_of(Cells::<{ 16 * 1024 }>::new(2, 1));
     block_on(store.store(&configuration(5))).unwrap();
     block_on(store.store_calibration(1, &calibration(2))).unwrap();
     let mut flash = store.into_flash();

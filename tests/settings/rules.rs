@@ -9,12 +9,11 @@ use slipsense::settings::{
 fn valid() -> impl Strategy<Value = (Setting, Vec<i64>)> {
     (0..TABLE.len(), proptest::collection::vec(any::<u64>(), ELEMENTS_MAX)).prop_map(|(index, random)| {
         let definition = &TABLE[index];
-        let mut elements: Vec<i64> = (0..definition.default.len())
-            .map(|element| {
-                let (min, max) = definition.rule(element).bounds();
-                min + (random[element] % (max - min + 1) as u64) as i64
-            })
-            .collect();
+        let any_of = |element: usize| {
+            let (min, max) = definition.rule(element).bounds();
+            min + (random[element] % (max - min + 1) as u64) as i64
+        };
+        let mut elements: Vec<i64> = (0..definition.default.len()).map(any_of).collect();
         if check(definition.setting, &elements).is_err() {
             elements = definition.default.to_vec();
         }
@@ -81,32 +80,31 @@ fn the_table_is_sound() {
 
 #[test]
 fn refusals_name_register_element_and_rule() {
-    let mut settings = Settings::new();
-    let mut refused = |setting, elements: &[i64]| settings.set(setting, elements).unwrap_err().to_string();
-    assert_eq!(refused(Setting::Sensors, &[7]), "slipsense.sensors: element 0 is 7, allowed are 1 to 3");
-    assert_eq!(
-        refused(Setting::NodeId, &[128]),
-        "uavcan.node.id: element 0 is 128, allowed are 0 to 127 and 65535"
-    );
-    assert_eq!(
-        refused(Setting::BitRates, &[1_000_000, 4_000_000]),
-        "uavcan.can.bitrate: element 1 is 4000000, allowed are 5000000 and 8000000"
-    );
-    assert_eq!(refused(Setting::Sensors, &[]), "slipsense.sensors: 0 elements, need 1");
-    assert_eq!(
-        refused(Setting::OperatingPoint, &[0, 5, 4]),
-        "slipsense.slip.point: need element 1 (k) at most element 2 (n)"
-    );
-    assert_eq!(refused(Setting::SensorOrder, &[0, 1, 1]), "slipsense.sensor.order: need each connector once");
+    for (setting, elements, refusal) in [
+        (Setting::Sensors, &[7][..], "slipsense.sensors: element 0 is 7, allowed are 1 to 3"),
+        (Setting::NodeId, &[128], "uavcan.node.id: element 0 is 128, allowed are 0 to 127 and 65535"),
+        (
+            Setting::BitRates,
+            &[1_000_000, 4_000_000],
+            "uavcan.can.bitrate: element 1 is 4000000, allowed are 5000000 and 8000000",
+        ),
+        (Setting::Sensors, &[], "slipsense.sensors: 0 elements, need 1"),
+        (
+            Setting::OperatingPoint,
+            &[0, 5, 4],
+            "slipsense.slip.point: need element 1 (k) at most element 2 (n)",
+        ),
+        (Setting::SensorOrder, &[0, 1, 1], "slipsense.sensor.order: need each connector once"),
+    ] {
+        assert_eq!(Settings::new().set(setting, elements).unwrap_err().to_string(), refusal);
+    }
     assert!(matches!(check(Setting::Sensors, &[0]), Err(SettingError::Element { .. })));
 }
 
 #[test]
 fn stored_bytes_of_other_versions_are_read_as_far_as_they_go() {
-    let mut settings = Settings::new();
-    settings.set(Setting::NodeId, &[9]).unwrap();
-    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
-    settings.set(Setting::Lock, &[1]).unwrap();
+    let settings =
+        crate::settings(&[(Setting::NodeId, &[9]), (Setting::PlugAndPlay, &[0]), (Setting::Lock, &[1])]);
     let bytes = settings.encode().to_vec();
     // A later firmware's setting.
     let mut later = bytes.clone();

@@ -24,21 +24,12 @@ fn a_record_is_read_back_and_counts() {
 }
 
 #[test]
-fn of_a_long_path_the_end_is_kept() {
+fn the_end_of_a_long_path_and_the_largest_count_are_kept_and_empty_ram_is_no_record() {
     let path = format!("{}/src/a.rs", "long".repeat(20));
-    let record = CrashRecord::new(None, "", &path, 1);
+    let mut record = CrashRecord::new(None, "", &path, 1);
     assert_eq!(record.file(), &path[path.len() - FILE_BYTES..]);
-}
-
-#[test]
-fn the_count_stays_at_its_largest_value() {
-    let mut first = CrashRecord::new(None, "", "f", 1);
-    first.count = u32::MAX;
-    assert_eq!(CrashRecord::new(Some(first), "", "f", 1).count, u32::MAX);
-}
-
-#[test]
-fn empty_ram_is_no_record() {
+    record.count = u32::MAX;
+    assert_eq!(CrashRecord::new(Some(record), "", "f", 1).count, u32::MAX);
     for word in [0, u32::MAX, 0x5555_5555] {
         assert_eq!(CrashRecord::from_words(&[word; CRASH_WORDS]), None);
     }
@@ -57,21 +48,19 @@ proptest! {
 #[test]
 fn faults_and_stalls_are_named() {
     let fault = Fault { pc: 0x0802_1234, lr: 0x0802_0001, cfsr: 0x8200, address: 0x1FF0_0000 };
-    let words = CrashRecord::fault(None, fault).to_words();
-    let record = CrashRecord::from_words(&words).unwrap();
+    let stored = |record: CrashRecord| CrashRecord::from_words(&record.to_words()).unwrap();
+    let record = stored(CrashRecord::fault(None, fault));
     assert_eq!((record.kind, record.count), (CrashKind::Fault(fault), 1));
     let text = "fault 1 since power-on, pc 08021234, lr 08020001, cfsr 00008200, at 1ff00000";
     assert_eq!(record.to_string(), text);
-    let stall = |tasks| {
-        let stall = Stall { tasks, pc: 0x0802_1234, lr: 0xFFFF_FFE9 };
-        CrashRecord::from_words(&CrashRecord::stall(Some(record), stall).to_words()).unwrap()
-    };
+    let stall = |tasks| Stall { tasks, pc: 0x0802_1234, lr: 0xFFFF_FFE9 };
+    let stall = |tasks| stored(CrashRecord::stall(Some(record), stall(tasks)));
     let text = "watchdog 2 since power-on, pc 08021234, lr ffffffe9, stalled:";
     assert_eq!(stall(0b1010).to_string(), format!("{text} infer services"));
     assert_eq!(stall(0).to_string(), format!("{text} all that look"));
     let start = Start { cause: ResetCause::Watchdog, crash: Some(stall(0b1010)) };
     assert_eq!(start.numbers(), [5, 3, 0x0802_1234, 0xFFFF_FFE9, 0b1010, 0]);
-    let clock = CrashRecord::from_words(&CrashRecord::no_clock(None, 25_000_000).to_words()).unwrap();
+    let clock = stored(CrashRecord::no_clock(None, 25_000_000));
     assert_eq!(clock.to_string(), "start 1 since power-on without its clock, 25000000 Hz found");
 }
 

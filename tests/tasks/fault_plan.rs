@@ -9,10 +9,14 @@ use slipsense::sensor::{PiezoFrame, SensorReadings, TaxelMask};
 use slipsense::tasks::RuntimeConfig;
 use slipsense_can_sim::controller::Disturbance;
 
+use self::Effect::{AllSensors, Bus, Sensor, Setting, Skip, SlowRead};
 use super::world::healthy;
 
 /// A reading that ends after the next tick.
 const SLOW_NS: u64 = 6_000_000;
+
+const MASK: TaxelMask = TaxelMask::NONE.with(3, 14).with(20, 9);
+const POINT: OperatingPoint = OperatingPoint { threshold: Logit::from_bits(77), k: 2, n: 5 };
 
 /// What a fault does. The number beside the readings: frames since it started.
 #[derive(Clone, Copy)]
@@ -26,7 +30,8 @@ pub enum Effect {
     SlowRead,
 }
 
-fn counts(part: &mut SensorReadings, change: impl Fn(usize, u16) -> u16) {
+/// Put another count, of its index and itself, in the place of every one.
+pub fn counts(part: &mut SensorReadings, change: impl Fn(usize, u16) -> u16) {
     let mut counts = *part.piezo.counts();
     counts.iter_mut().enumerate().for_each(|(index, count)| *count = change(index, *count));
     part.piezo = PiezoFrame::from_scan(counts);
@@ -36,74 +41,59 @@ fn silent(part: &mut SensorReadings, _: u32) {
     (part.piezo_arrived, part.xl_arrived) = (false, false);
 }
 
+fn both_ends(part: &mut SensorReadings, _: u32) {
+    part.xl.iter_mut().enumerate().for_each(|(i, s)| *s = [[i16::MIN, i16::MAX][i % 2]; 3]);
+}
+
+fn full_column(part: &mut SensorReadings, _: u32) {
+    counts(part, |i, n| if i % TAXEL_COLS == 20 { COUNT_MAX } else { n });
+}
+
+fn noisy(part: &mut SensorReadings, age: u32) {
+    counts(part, |i, n| n ^ ((i as u32 + age).wrapping_mul(2_654_435_761) >> 22) as u16);
+}
+
+fn locked_and_turned(config: &mut RuntimeConfig, sensor: usize) {
+    (config.locked, config.mountings[sensor]) = (true, (true, false));
+}
+
 pub fn plain() -> Disturbance {
     Disturbance::default()
 }
 
 pub const FAULTS: [(&str, Effect); 32] = [
-    ("array silent", Effect::Sensor(|part, _| part.piezo_arrived = false)),
-    ("accelerometer silent", Effect::Sensor(|part, _| part.xl_arrived = false)),
-    ("sensor silent", Effect::Sensor(silent)),
-    ("all sensors silent", Effect::AllSensors(silent)),
-    ("accelerometer frozen", Effect::Sensor(|part, _| part.xl.fill([7, -5, 2_000]))),
-    ("sample clipped", Effect::Sensor(|part, _| part.xl[5][1] = i16::MAX)),
-    (
-        "samples at both ends",
-        Effect::Sensor(|part, _| {
-            part.xl.iter_mut().enumerate().for_each(|(i, s)| *s = [[i16::MIN, i16::MAX][i % 2]; 3]);
-        }),
-    ),
-    ("no samples", Effect::Sensor(|part, _| part.xl.clear())),
-    ("samples missing at the end", Effect::Sensor(|part, _| part.xl.truncate(20))),
-    (
-        "as many samples as fit",
-        Effect::Sensor(|part, _| {
-            while part.xl.len() < XL_BATCH_MAX {
-                part.xl.push([3, 1, 4]).unwrap()
-            }
-        }),
-    ),
-    ("FIFO overrun", Effect::Skip(7)),
-    ("samples of a second missing", Effect::Skip(8_000)),
-    ("accelerometer restarted", Effect::Skip(0x8000_0000)),
-    ("array shorted", Effect::Sensor(|part, _| counts(part, |_, _| 0))),
-    ("array at full scale", Effect::Sensor(|part, _| counts(part, |_, _| COUNT_MAX))),
-    ("row open", Effect::Sensor(|part, _| counts(part, |i, n| if i / TAXEL_COLS == 9 { 0 } else { n }))),
-    (
-        "column at full scale",
-        Effect::Sensor(|part, _| counts(part, |i, n| if i % TAXEL_COLS == 20 { COUNT_MAX } else { n })),
-    ),
-    (
-        "taxels noisy",
-        Effect::Sensor(|part, age| {
-            counts(part, |i, n| n ^ ((i as u32 + age).wrapping_mul(2_654_435_761) >> 22) as u16)
-        }),
-    ),
-    ("taxel found stuck", Effect::Sensor(|part, _| part.stuck = TaxelMask::NONE.with(10, 20))),
-    ("every 10th frame destroyed", Effect::Bus(|_| Disturbance { error_every: 10, ..plain() })),
-    ("every 3rd frame destroyed", Effect::Bus(|_| Disturbance { error_every: 3, ..plain() })),
-    ("bus half full", Effect::Bus(|_| Disturbance { foreign_load_percent: 50, ..plain() })),
-    ("bus full", Effect::Bus(|_| Disturbance { foreign_load_percent: 100, ..plain() })),
-    ("no acknowledgement", Effect::Bus(|ns| Disturbance { silent_ns: ns, ..plain() })),
-    ("bus held dominant", Effect::Bus(|ns| Disturbance { dominant_ns: ns, ..plain() })),
-    (
-        "taxels masked",
-        Effect::Setting(|config, sensor| config.masks[sensor] = TaxelMask::NONE.with(3, 14).with(20, 9)),
-    ),
-    (
-        "operating point",
-        Effect::Setting(|config, _| {
-            config.point = Some(OperatingPoint { threshold: Logit::from_bits(77), k: 2, n: 5 });
-        }),
-    ),
-    ("another model expected", Effect::Setting(|config, _| config.expected_model = Some([1; 2]))),
-    ("raw messages compressed", Effect::Setting(|config, _| config.compress_raw = true)),
-    ("raw messages of one frame in four", Effect::Setting(|config, _| config.raw_every = 4)),
-    (
-        "locked, array turned",
-        Effect::Setting(|config, sensor| (config.locked, config.mountings[sensor]) = (true, (true, false))),
-    ),
-    ("slow reading", Effect::SlowRead),
+    ("array silent", Sensor(|part, _| part.piezo_arrived = false)),
+    ("accelerometer silent", Sensor(|part, _| part.xl_arrived = false)),
+    ("sensor silent", Sensor(silent)),
+    ("all sensors silent", AllSensors(silent)),
+    ("accelerometer frozen", Sensor(|part, _| part.xl.fill([7, -5, 2_000]))),
+    ("sample clipped", Sensor(|part, _| part.xl[5][1] = i16::MAX)),
+    ("samples at both ends", Sensor(both_ends)),
+    ("no samples", Sensor(|part, _| part.xl.clear())),
+    ("samples missing at the end", Sensor(|part, _| part.xl.truncate(20))),
+    ("as many samples as fit", Sensor(|part, _| part.xl.resize(XL_BATCH_MAX, [3, 1, 4]).unwrap())),
+    ("FIFO overrun", Skip(7)),
+    ("samples of a second missing", Skip(8_000)),
+    ("accelerometer restarted", Skip(0x8000_0000)),
+    ("array shorted", Sensor(|part, _| counts(part, |_, _| 0))),
+    ("array at full scale", Sensor(|part, _| counts(part, |_, _| COUNT_MAX))),
+    ("row open", Sensor(|part, _| counts(part, |i, n| if i / TAXEL_COLS == 9 { 0 } else { n }))),
+    ("column at full scale", Sensor(full_column)),
+    ("taxels noisy", Sensor(noisy)),
+    ("taxel found stuck", Sensor(|part, _| part.stuck = TaxelMask::NONE.with(10, 20))),
+    ("every 10th frame destroyed", Bus(|_| Disturbance { error_every: 10, ..plain() })),
+    ("every 3rd frame destroyed", Bus(|_| Disturbance { error_every: 3, ..plain() })),
+    ("bus half full", Bus(|_| Disturbance { foreign_load_percent: 50, ..plain() })),
+    ("bus full", Bus(|_| Disturbance { foreign_load_percent: 100, ..plain() })),
+    ("no acknowledgement", Bus(|ns| Disturbance { silent_ns: ns, ..plain() })),
+    ("bus held dominant", Bus(|ns| Disturbance { dominant_ns: ns, ..plain() })),
+    ("taxels masked", Setting(|config, sensor| config.masks[sensor] = MASK)),
+    ("operating point", Setting(|config, _| config.point = Some(POINT))),
+    ("another model expected", Setting(|config, _| config.expected_model = Some([1; 2]))),
+    ("raw messages compressed", Setting(|config, _| config.compress_raw = true)),
+    ("raw messages of one frame in four", Setting(|config, _| config.raw_every = 4)),
+    ("locked, array turned", Setting(locked_and_turned)),
+    ("slow reading", SlowRead),
 ];
 
 pub struct Fault {
@@ -132,7 +122,7 @@ impl<'a> Plan<'a> {
         while let Some(fault) = self.coming.as_slice().first().filter(|fault| fault.frames.start <= frame) {
             self.coming.next();
             self.active.push(fault);
-            if let Effect::Skip(samples) = FAULTS[fault.kind].1 {
+            if let Skip(samples) = FAULTS[fault.kind].1 {
                 let skipped = &mut self.skipped[fault.sensor];
                 *skipped = skipped.wrapping_add(samples);
             }
@@ -147,8 +137,8 @@ impl<'a> Plan<'a> {
         for (fault, effect) in self.at(frame) {
             let age = frame - fault.frames.start;
             match effect {
-                Effect::Sensor(change) => change(&mut parts[fault.sensor], age),
-                Effect::AllSensors(change) => parts.iter_mut().for_each(|part| change(part, age)),
+                Sensor(change) => change(&mut parts[fault.sensor], age),
+                AllSensors(change) => parts.iter_mut().for_each(|part| change(part, age)),
                 _ => {}
             }
         }
@@ -160,7 +150,7 @@ impl<'a> Plan<'a> {
     pub fn config(&mut self, frame: u32) -> RuntimeConfig {
         let mut config = RuntimeConfig::DEFAULT;
         for (fault, effect) in self.at(frame) {
-            if let Effect::Setting(change) = effect {
+            if let Setting(change) = effect {
                 change(&mut config, fault.sensor);
             }
         }
@@ -168,9 +158,7 @@ impl<'a> Plan<'a> {
     }
 
     pub fn read_ns(&mut self, frame: u32) -> u64 {
-        let slow = self
-            .at(frame)
-            .any(|(fault, effect)| matches!(effect, Effect::SlowRead) && frame == fault.frames.start);
-        if slow { SLOW_NS } else { 0 }
+        let begins = |(fault, effect): (&Fault, _)| matches!(effect, SlowRead) && frame == fault.frames.start;
+        if self.at(frame).any(begins) { SLOW_NS } else { 0 }
     }
 }

@@ -3,16 +3,17 @@
 
 use std::ops::Range;
 
-use slipsense::health::Condition;
 use slipsense::health::{
-    PIEZO_MISSING, TAXELS_MASKED, TAXELS_SATURATED, XL_CLIPPED, XL_MISSING, XL_SAMPLES_DROPPED, XL_WARMING_UP,
+    Condition, PIEZO_MISSING, TAXELS_MASKED, TAXELS_SATURATED, XL_CLIPPED, XL_MISSING, XL_SAMPLES_DROPPED,
+    XL_WARMING_UP,
 };
-use slipsense::params::{COUNT_MAX, MAX_SENSORS, TAXELS};
-use slipsense::sensor::SensorReadings;
-use slipsense::sensor::{PiezoFrame, TaxelMask};
-use slipsense::wire::{DEGRADED_FROZEN, RawMessage, wire_logit};
+use slipsense::params::{COUNT_MAX, MAX_SENSORS};
+use slipsense::sensor::{SensorReadings, TaxelMask};
+use slipsense::tasks::Shared;
+use slipsense::wire::{DEGRADED_FROZEN, RawMessage, SlipMessage, wire_logit};
 
-use super::world::{BATCH, Ran, World, healthy, scan};
+use super::fault_plan::counts;
+use super::world::{BATCH, Ran, World, healthy};
 
 const FRAMES: u32 = 240;
 /// The fault lasts this long.
@@ -28,12 +29,20 @@ fn with_fault(fault: impl Fn(u32, &mut SensorReadings)) -> Ran {
         healthy(sequence, parts);
         fault(sequence, &mut parts[FAULTY]);
     };
-    let mut world = World::new(FRAMES, 2);
     // One raw message per frame has room at 8 Mbit/s.
-    world.script = &script;
-    let ran = world.run();
-    let without = World::new(FRAMES, 2).run();
-    nothing_else(&ran, &without);
+    let ran = World { script: &script, ..World::new(FRAMES, 2) }.run();
+    nothing_else(&ran, &World::new(FRAMES, 2).run());
+    ran
+}
+
+/// Run with this fault in sensor 1 for [`FAULT`]: these flags are up during it, those behind it.
+fn during(fault: fn(&mut SensorReadings), flags: u8, behind: (u32, u8)) -> Ran {
+    let ran = with_fault(|sequence, part| {
+        if FAULT.contains(&sequence) {
+            fault(part);
+        }
+    });
+    expect(&ran, FAULT, flags, behind);
     ran
 }
 
@@ -49,28 +58,27 @@ fn nothing_else(ran: &Ran, without: &Ran) {
 
 /// Health of the faulty sensor by frame, without what a start brings.
 fn flags(ran: &Ran) -> Vec<u8> {
-    let bits = |slip: &slipsense::wire::SlipMessage| slip.contact[FAULTY].health;
+    let bits = |slip: &SlipMessage| slip.contact[FAULTY].health;
     let warming = |sequence: u32| if sequence < WARM_UP - 1 { XL_WARMING_UP } else { 0 };
     ran.slips.iter().map(|slip| bits(slip) & !warming(slip.sequence)).collect()
 }
 
 /// The flags that are up during the fault and behind it.
-fn expect(ran: &Ran, name: &str, fault: Range<u32>, during: u8, behind: (u32, u8)) {
+fn expect(ran: &Ran, fault: Range<u32>, during: u8, behind: (u32, u8)) {
     for (sequence, found) in (0..).zip(flags(ran)) {
         let expected = match sequence {
             n if fault.contains(&n) => during,
             n if (fault.end..fault.end + behind.0).contains(&n) => behind.1,
             _ => 0,
         };
-        assert_eq!(found, expected, "{name}, frame {sequence}");
+        assert_eq!(found, expected, "frame {sequence}");
     }
     assert_eq!(ran.status.condition(), Condition::Nominal, "and it is over");
 }
 
 #[test]
 fn a_dead_array() {
-    let ran = with_fault(|sequence, part| part.piezo_arrived = !FAULT.contains(&sequence));
-    expect(&ran, "dead array", FAULT, PIEZO_MISSING, (0, 0));
+    let ran = during(|part| part.piezo_arrived = false, PIEZO_MISSING, (0, 0));
     let during = &ran.slips[70].contact[FAULTY];
     assert_eq!((during.sum, during.area), (0, 0));
     raw_goes_on(&ran);
@@ -78,15 +86,19 @@ fn a_dead_array() {
 
 /// What the other part gives is sent, every second time or more: two sensors are more than the bus carries.
 fn raw_goes_on(ran: &Ran) {
+    assert!(raw_during(ran) >= FAULT.len() / 2);
+}
+
+/// Raw messages of the faulty sensor during the fault.
+fn raw_during(ran: &Ran) -> usize {
     let during = |raw: &&RawMessage| usize::from(raw.sensor) == FAULTY && FAULT.contains(&raw.sequence);
-    assert!(ran.raw.iter().filter(during).count() as u32 >= (FAULT.end - FAULT.start) / 2);
+    ran.raw.iter().filter(during).count()
 }
 
 #[test]
 fn a_dead_accelerometer() {
-    let ran = with_fault(|sequence, part| part.xl_arrived = !FAULT.contains(&sequence));
+    let ran = during(|part| part.xl_arrived = false, XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
     raw_goes_on(&ran);
-    expect(&ran, "dead accelerometer", FAULT, XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
     let healthy = World::new(FRAMES, 2).run();
     for (slip, healthy) in ran.slips.iter().zip(&healthy.slips) {
         assert_eq!(slip.contact[FAULTY].sum, healthy.contact[FAULTY].sum, "its array goes on");
@@ -102,64 +114,41 @@ fn a_frozen_accelerometer() {
 
 #[test]
 fn a_dead_sensor() {
-    let ran = with_fault(|sequence, part| {
-        part.piezo_arrived = !FAULT.contains(&sequence);
-        part.xl_arrived = part.piezo_arrived;
-    });
-    expect(&ran, "dead sensor", FAULT, PIEZO_MISSING | XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
-    let none =
-        ran.raw.iter().filter(|raw| usize::from(raw.sensor) == FAULTY && FAULT.contains(&raw.sequence));
-    assert_eq!(none.count(), 0, "nothing to send");
+    let dead: fn(&mut SensorReadings) = |part| (part.piezo_arrived, part.xl_arrived) = (false, false);
+    let ran = during(dead, PIEZO_MISSING | XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
+    assert_eq!(raw_during(&ran), 0, "nothing to send");
 }
 
 #[test]
-fn a_saturated_taxel() {
-    let ran = with_fault(|sequence, part| {
-        if FAULT.contains(&sequence) {
-            let mut counts: [u16; TAXELS] = *scan(sequence, FAULTY as u32).counts();
-            counts[16 * 32 + 16] = COUNT_MAX;
-            part.piezo = PiezoFrame::from_scan(counts);
-        }
-    });
-    expect(&ran, "saturated taxel", FAULT, TAXELS_SATURATED, (0, 0));
+fn a_saturated_taxel_and_a_clipped_sample() {
+    during(|part| full_scale(part, 16 * 32 + 16), TAXELS_SATURATED, (0, 0));
+    during(|part| part.xl[5][1] = i16::MAX, XL_CLIPPED, (0, 0));
 }
 
-#[test]
-fn a_clipped_accelerometer() {
-    let ran = with_fault(|sequence, part| {
-        if FAULT.contains(&sequence) {
-            part.xl[5][1] = i16::MAX;
-        }
-    });
-    expect(&ran, "clipped accelerometer", FAULT, XL_CLIPPED, (0, 0));
+fn full_scale(part: &mut SensorReadings, taxel: usize) {
+    counts(part, |index, count| if index == taxel { COUNT_MAX } else { count });
 }
 
 #[test]
 fn a_stuck_taxel_is_masked() {
-    let stuck = |_: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
+    let mask = |tick: u32| if FAULT.contains(&tick) { TaxelMask::NONE.with(10, 20) } else { TaxelMask::NONE };
+    let stuck = |sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
         healthy(0, parts);
-        let mut counts = *parts[FAULTY].piezo.counts();
-        counts[10 * 32 + 20] = COUNT_MAX;
-        parts[FAULTY].piezo = PiezoFrame::from_scan(counts);
-    };
-    let in_order = |sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
-        stuck(sequence, parts);
+        full_scale(&mut parts[FAULTY], 10 * 32 + 20);
         parts.iter_mut().for_each(|part| part.xl_end = (sequence + 1) * BATCH);
     };
-    let set = |shared: &slipsense::tasks::Shared<_>, tick: u32| {
+    let set = |shared: &Shared<_>, tick: u32| {
         let mut controls = shared.config();
-        let mask = if FAULT.contains(&tick) { TaxelMask::NONE.with(10, 20) } else { TaxelMask::NONE };
-        controls.masks[FAULTY] = mask;
+        controls.masks[FAULTY] = mask(tick);
         shared.set_config(controls);
     };
     let found = |sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]| {
-        in_order(sequence, parts);
+        stuck(sequence, parts);
         // As the driver says it, one frame later than the setting.
-        let is_stuck = FAULT.contains(&(sequence + 1));
-        parts[FAULTY].stuck = if is_stuck { TaxelMask::NONE.with(10, 20) } else { TaxelMask::NONE };
+        parts[FAULTY].stuck = mask(sequence + 1);
     };
-    let without = World { script: &in_order, ..World::new(FRAMES, 2) }.run();
-    is_masked(&World { script: &in_order, before_tick: &set, ..World::new(FRAMES, 2) }.run(), &without);
+    let without = World { script: &stuck, ..World::new(FRAMES, 2) }.run();
+    is_masked(&World { script: &stuck, before_tick: &set, ..World::new(FRAMES, 2) }.run(), &without);
     is_masked(&World { script: &found, ..World::new(FRAMES, 2) }.run(), &without);
 }
 
@@ -170,15 +159,11 @@ fn is_masked(ran: &Ran, without: &Ran) {
     for (sequence, flags) in (0..).zip(flags(ran)) {
         let contact = ran.slips[sequence as usize].contact[FAULTY];
         // Set while the frame before waits for its decision.
-        let masked = FAULT.contains(&(sequence + 1));
-        if masked {
-            assert_eq!((flags, contact.sum), (TAXELS_MASKED, sum - u32::from(COUNT_MAX)));
-        } else {
-            assert_eq!((flags, contact.sum), (TAXELS_SATURATED, sum));
-        }
+        let masked = (TAXELS_MASKED, sum - u32::from(COUNT_MAX));
+        let expected = if FAULT.contains(&(sequence + 1)) { masked } else { (TAXELS_SATURATED, sum) };
+        assert_eq!((flags, contact.sum), expected);
     }
-    let masked = ran.raw.iter().find(|raw| usize::from(raw.sensor) == FAULTY && raw.sequence == 80);
-    if let Some(raw) = masked {
+    if let Some(raw) = ran.raw.iter().find(|raw| usize::from(raw.sensor) == FAULTY && raw.sequence == 80) {
         assert_eq!((raw.piezo.counts()[10 * 32 + 20], raw.health), (0, TAXELS_MASKED));
     }
 }
@@ -203,7 +188,7 @@ fn missing_samples() {
         assert_eq!(slip.contact.map(|contact| contact.health), output.health.map(|health| health.0));
     }
     let fault = FAULT.start..FAULT.start + 1;
-    expect(&ran, "missing samples", fault, XL_SAMPLES_DROPPED | XL_WARMING_UP, (WARM_UP - 2, XL_WARMING_UP));
+    expect(&ran, fault, XL_SAMPLES_DROPPED | XL_WARMING_UP, (WARM_UP - 2, XL_WARMING_UP));
 }
 
 #[test]
@@ -214,7 +199,7 @@ fn samples_that_are_missing_while_the_part_is_silent_are_one_fault() {
             part.xl_end += 500;
         }
     });
-    expect(&ran, "silent accelerometer", FAULT, XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
+    expect(&ran, FAULT, XL_MISSING, (WARM_UP - 1, XL_WARMING_UP));
 }
 
 #[test]
@@ -223,9 +208,7 @@ fn all_parts_of_all_sensors_dead() {
         healthy(sequence, parts);
         parts.iter_mut().for_each(|part| (part.piezo_arrived, part.xl_arrived) = (false, false));
     };
-    let mut world = World::new(FRAMES, 3);
-    world.script = &script;
-    let ran = world.run();
+    let ran = World { script: &script, ..World::new(FRAMES, 3) }.run();
     assert_eq!(ran.slips.len() as u32, FRAMES);
     let bits = PIEZO_MISSING | XL_MISSING;
     assert!(ran.slips.iter().all(|slip| slip.contact.iter().all(|contact| contact.health == bits)));

@@ -4,13 +4,12 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXEL_TOUCH_MIN, TAXELS};
-use slipsense::sensor::PiezoFrame;
-use slipsense::sensor::SensorReadings;
-use slipsense::tasks::{RAW_MESSAGES, Shared};
+use slipsense::sensor::{PiezoFrame, SensorReadings};
+use slipsense::tasks::{RAW_MESSAGES, RuntimeConfig, Shared};
 use slipsense::wire::{RawMessage, Region};
 use slipsense_can_sim::controller::Disturbance;
 
-use super::world::{BATCH, Ran, World, healthy};
+use super::world::{BATCH, Ran, World, assert_taxels, healthy};
 
 const FRAMES: u32 = 480;
 /// The contact of [`noise`].
@@ -18,9 +17,7 @@ const CONTACT: Region = Region { first_row: 10, rows: 6, first_col: 12, cols: 8 
 
 pub fn compress(shared: &Shared<embassy_sync::blocking_mutex::raw::NoopRawMutex>, tick: u32) {
     if tick == 0 {
-        let mut controls = shared.config();
-        controls.compress_raw = true;
-        shared.set_config(controls);
+        shared.set_config(RuntimeConfig { compress_raw: true, ..shared.config() });
     }
 }
 
@@ -42,15 +39,12 @@ fn noise(sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]) {
 }
 
 /// What arrived is what the sensors gave, as far as the message says that it holds it.
-fn assert_true(world: &World<'_>, message: &RawMessage) {
+fn assert_true(message: &RawMessage) {
     let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];
-    (world.script)(message.sequence, &mut parts);
+    noise(message.sequence, &mut parts);
     let part = &parts[usize::from(message.sensor)];
     assert_eq!((message.xl.as_slice(), message.xl_end), (part.xl.as_slice(), (message.sequence + 1) * BATCH));
-    for (index, (&got, &count)) in message.piezo.counts().iter().zip(part.piezo.counts()).enumerate() {
-        let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
-        assert_eq!(got, if sent { count } else { 0 }, "taxel {index} of frame {}", message.sequence);
-    }
+    assert_taxels(message, &part.piezo);
 }
 
 /// Messages with all taxels, with those of the contact, without.
@@ -59,10 +53,14 @@ fn details(ran: &Ran) -> [usize; 3] {
         .map(|region| ran.raw.iter().filter(|message| message.region == region).count())
 }
 
-fn run(world: &World<'_>) -> Ran {
+/// [`noise`] of all sensors, compressed, on a bus with so much of others.
+fn run(foreign_load_percent: u64) -> Ran {
+    let disturbance = Disturbance { foreign_load_percent, ..Disturbance::default() };
+    let world =
+        World { disturbance, script: &noise, before_tick: &compress, ..World::new(FRAMES, MAX_SENSORS) };
     let ran = world.run();
     assert_eq!((ran.slips.len() as u32, ran.status.replaced_slips, ran.errors), (world.frames, 0, 0));
-    ran.raw.iter().for_each(|message| assert_true(world, message));
+    ran.raw.iter().for_each(|message| assert_true(message));
     assert_eq!(details(&ran).iter().sum::<usize>(), ran.raw.len());
     let made = world.frames * world.sensors as u32;
     let accounted = ran.raw.len() as u32 + ran.status.dropped_raw;
@@ -76,10 +74,7 @@ fn run(world: &World<'_>) -> Ran {
 fn what_a_full_bus_loses_is_in_the_declared_order() {
     let mut before = [usize::MAX; 3];
     for foreign_load_percent in [0, 30, 50] {
-        let disturbance = Disturbance { foreign_load_percent, ..Disturbance::default() };
-        let world =
-            World { disturbance, script: &noise, before_tick: &compress, ..World::new(FRAMES, MAX_SENSORS) };
-        let ran = run(&world);
+        let ran = run(foreign_load_percent);
         let [all, contact, accelerometer] = details(&ran);
         // A message more than the bus takes fills the queue before the node has noticed: at the start above all.
         assert!(ran.status.dropped_raw * 50 <= FRAMES * MAX_SENSORS as u32, "{:?}", ran.status);
@@ -91,14 +86,10 @@ fn what_a_full_bus_loses_is_in_the_declared_order() {
 
 #[test]
 fn when_nothing_goes_the_rest_is_dropped_in_turn_and_counted() {
-    let disturbance = Disturbance { foreign_load_percent: 85, ..Disturbance::default() };
-    let world =
-        World { disturbance, script: &noise, before_tick: &compress, ..World::new(FRAMES, MAX_SENSORS) };
-    let ran = run(&world);
+    let ran = run(85);
     assert!(ran.status.dropped_raw > 100, "{:?}", ran.status);
     let [_, _, accelerometer] = details(&ran);
     assert!(accelerometer * 10 > ran.raw.len() * 9, "{accelerometer} of {}", ran.raw.len());
-    let of = |sensor| ran.raw.iter().filter(|message| message.sensor == sensor).count();
-    let (fewest, most) = ([of(0), of(1), of(2)].into_iter().min(), [of(0), of(1), of(2)].into_iter().max());
-    assert!(fewest.unwrap() * 4 > most.unwrap() * 3, "{fewest:?} to {most:?}");
+    let shares = ran.shares();
+    assert!(shares.iter().min().unwrap() * 4 > shares.iter().max().unwrap() * 3, "{shares:?}");
 }

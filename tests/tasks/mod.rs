@@ -11,4 +11,4 @@ mod services_alone;
 mod soak;
 mod supervise;
 mod transmit;
-mod world;
+pub mod world;

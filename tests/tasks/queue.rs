@@ -3,8 +3,7 @@
 use core::cell::{Cell, RefCell};
 
 use super::world::{NODE, World, healthy, model_bytes, scan, stamp};
-use embassy_futures::join::join;
-use embassy_futures::select::select;
+use embassy_futures::select::select3;
 use embassy_futures::{block_on, yield_now};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
@@ -96,7 +95,7 @@ fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, obse
             }
         }
     };
-    block_on(select(acquisition, join(deciding, transmission.run())));
+    block_on(select3(acquisition, deciding, transmission.run()));
     Ran { discarded: source.discarded, status: shared.status(), sent: sent.take() }
 }
 
@@ -113,11 +112,8 @@ fn slow_inference_drops_whole_frames_and_counts_them() {
     assert_eq!(slips.len() as u32, ran.status.acquired_frames, "what was queued was decided");
     for (message, sent_before) in slips.iter().zip(0..) {
         assert_eq!(message.timestamp_us, stamp(message.sequence).timestamp_us);
-        assert_eq!(
-            message.late_frames,
-            (message.sequence - sent_before) as u8,
-            "the gaps in the sequence numbers are the dropped frames"
-        );
+        let dropped = (message.sequence - sent_before) as u8;
+        assert_eq!(message.late_frames, dropped, "the gaps in the sequence numbers are the dropped frames");
         assert_eq!(message.contact[1].sum, scan(message.sequence, 1).sum(), "readings of this very frame");
     }
 }
@@ -134,21 +130,17 @@ fn a_recording_waits_and_loses_nothing() {
     assert!(sent == made, "the tasks send what the pipeline and the wire make");
 }
 
-/// Late by `late_us` at every frame.
-struct Behind<'a> {
-    frame: &'a Cell<u64>,
-    late_us: u64,
-}
+/// The time of the last frame, and how late every frame is, µs.
+#[derive(Clone, Copy)]
+struct Behind<'a>(&'a Cell<u64>, u64);
 
 impl Clock for Behind<'_> {
     fn now_us(&self) -> u64 {
-        self.frame.get() + self.late_us
+        self.0.get() + self.1
     }
 }
 
-struct SetClock<'a>(&'a Cell<u64>);
-
-impl Observe for SetClock<'_> {
+impl Observe for Behind<'_> {
     fn step_ends(&mut self, stamp: FrameStamp, _output: &Output) {
         self.0.set(stamp.timestamp_us);
     }
@@ -158,7 +150,8 @@ impl Observe for SetClock<'_> {
 fn a_decision_is_late_after_one_frame_period() {
     for (late_us, late) in [(0, 0), (FRAME_PERIOD_US, 0), (FRAME_PERIOD_US + 1, 20)] {
         let frame = Cell::new(0);
-        let ran = run::<false>(20, 0, Behind { frame: &frame, late_us }, SetClock(&frame));
+        let behind = Behind(&frame, late_us);
+        let ran = run::<false>(20, 0, behind, behind);
         assert_eq!(ran.status.late_frames, late, "{late_us} µs after the tick");
         assert_eq!(u64::from(ran.status.worst_frame_us), late_us, "to the microsecond");
         let last = ran.slip_messages().pop().unwrap();

@@ -3,7 +3,6 @@
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
-use std::rc::Rc;
 
 use embassy_futures::select::select3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -40,9 +39,10 @@ pub struct Bus {
     pub off: Cell<bool>,
 }
 
-struct MockRx<'a>(&'a Bus, &'a Time);
+/// The board's end of it.
+struct Wire<'a>(&'a Bus, &'a Time);
 
-impl CanReceive for MockRx<'_> {
+impl CanReceive for Wire<'_> {
     async fn receive(&mut self, until_us: u64) -> Option<(CanFrame, u64)> {
         loop {
             let next = self.0.arriving.borrow().front().map(|(ms, _)| ms * MS);
@@ -63,9 +63,7 @@ impl CanReceive for MockRx<'_> {
     }
 }
 
-struct MockTx<'a>(&'a Bus, &'a Time);
-
-impl CanTransmit for MockTx<'_> {
+impl CanTransmit for Wire<'_> {
     fn is_free(&self, _: TxSlot) -> bool {
         !self.0.off.get()
     }
@@ -103,7 +101,7 @@ pub struct BoardLog {
 
 struct Board<'a> {
     time: &'a Time,
-    log: Rc<RefCell<BoardLog>>,
+    log: &'a RefCell<BoardLog>,
     store_ms: u64,
     notices: VecDeque<Notice>,
     trial: Trial,
@@ -215,15 +213,15 @@ impl Run<'_> {
             bus.arriving.borrow_mut().extend(frames);
         }
         let identity = Identity { entropy: Some(4), ..identity() };
-        let log = Rc::<RefCell<BoardLog>>::default();
+        let log = RefCell::<BoardLog>::default();
         let (notices, trial) = (self.notices.into(), Trial::new(self.run));
-        let board = Board { time: &time, log: log.clone(), store_ms: self.store_ms, notices, trial };
+        let board = Board { time: &time, log: &log, store_ms: self.store_ms, notices, trial };
         let node = Node::new(identity, self.settings);
-        let mut services = Services::new(node, MockRx(&bus, &time), &time, &shared, board, self.start);
+        let mut services = Services::new(node, Wire(&bus, &time), &time, &shared, board, self.start);
         let mut raw_buffers = [const { RawTransfer::new() }; RAW_MESSAGES];
         let mut raw_queue = RawQueue::new(&mut raw_buffers);
         let (_, raw) = raw_queue.split();
-        let mut transmission = Transmission::new(MockTx(&bus, &time), &time, &shared, raw);
+        let mut transmission = Transmission::new(Wire(&bus, &time), &time, &shared, raw);
         let (restarted, unfed_us) = (Cell::new(None), Cell::new(0));
         let life = async {
             services.run().await;
@@ -281,6 +279,11 @@ impl Ran {
     }
 }
 
+/// Frames that are decided in so many milliseconds.
+pub fn decided(ms: u64) -> u32 {
+    (ms * 240 / 1000) as u32
+}
+
 /// What takes long begins after a decision, so that the next frame is not late: not within the last quarter of a period.
 #[test]
 fn work_begins_where_the_next_frame_has_time() {
@@ -308,12 +311,8 @@ fn the_bus_is_served_while_a_store_takes_four_seconds() {
     let ran = Run { store_ms: 4_000, ..Run::new(&requests, 6_500) }.run();
     let infos = ran.answers(GET_INFO_PORT);
     assert_eq!(infos.len(), 40);
-    for (n, (ms, _, _)) in (0..).zip(&infos) {
-        assert!(
-            (1_010 + 100 * n..1_015 + 100 * n).contains(ms),
-            "asked at {}, answered at {ms}",
-            1_010 + 100 * n
-        );
+    for (asked, (ms, _, _)) in (1_010..).step_by(100).zip(&infos) {
+        assert!((asked..asked + 5).contains(ms), "asked at {asked}, answered at {ms}");
     }
     let stored = ran.answers(COMMAND_PORT);
     assert!((5_000..5_005).contains(&stored[0].0), "answered at {} ms", stored[0].0);
@@ -367,11 +366,10 @@ fn a_restart_comes_after_its_answer_also_off_the_bus() {
 
 #[test]
 fn a_self_test_says_what_is_missing() {
-    let requests =
-        [(100, COMMAND_PORT, command(SELF_TEST, b"")), (1_000, COMMAND_PORT, command(SELF_TEST, b""))];
+    let requests = [100, 1_000].map(|ms| (ms, COMMAND_PORT, command(SELF_TEST, b"")));
     let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
         shared.update_status(|status| {
-            status.decided_frames = (ms * 240 / 1000) as u32;
+            status.decided_frames = decided(ms);
             // Of the two sensors that are not in use nothing is asked.
             status.sensor_health = [0, 3, 3].map(SensorHealth);
             if ms > 900 {
@@ -387,9 +385,7 @@ fn a_self_test_says_what_is_missing() {
     assert!(ran.records().iter().any(|record| record == why));
     // One that delivers the same sample for ever.
     let frozen = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| {
-            (status.decided_frames, status.frozen) = ((ms * 240 / 1000) as u32, true)
-        });
+        shared.update_status(|status| (status.decided_frames, status.frozen) = (decided(ms), true));
     };
     let ran = Run { meanwhile: &frozen, ..Run::new(&requests[..1], 700) }.run();
     assert!(ran.records().iter().any(|record| record == "self test: an accelerometer is frozen"));
@@ -415,7 +411,7 @@ fn a_failed_self_check_is_recorded_once_and_is_in_every_heartbeat() {
     let requests = [(100, COMMAND_PORT, command(SELF_TEST, b"")), (1_500, ACCESS_PORT, register)];
     let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
         shared.update_status(|status| {
-            status.decided_frames = (ms * 240 / 1000) as u32;
+            status.decided_frames = decided(ms);
             status.self_checks = SelfChecks { passes: 2, inferences: 1, failed: 9 };
         });
     };
@@ -436,8 +432,8 @@ fn a_failed_self_check_is_recorded_once_and_is_in_every_heartbeat() {
 fn a_panic_is_told_once_and_stays_in_its_register() {
     let panic = CrashRecord::new(None, "index out of bounds", "src/tasks/infer.rs", 77);
     let requests = [(1_500, ACCESS_PORT, access("slipsense.status.last_panic", &[0]))];
-    let ran =
-        Run { start: Start { crash: Some(panic), ..Start::default() }, ..Run::new(&requests, 3_000) }.run();
+    let start = Start { crash: Some(panic), ..Start::default() };
+    let ran = Run { start, ..Run::new(&requests, 3_000) }.run();
     let log: Vec<_> = ran.records().into_iter().filter(|record| record.contains("restarted after")).collect();
     assert_eq!(log, [format!("restarted after {panic}")]);
     let answer = &ran.answers(ACCESS_PORT)[0].2;

@@ -3,11 +3,11 @@
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::health::{self, SensorHealth};
 use slipsense::node::{GET_INFO_PORT, HEARTBEAT_PORT, RECORD_PORT};
-use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::tasks::Shared;
 use slipsense::update::{self, CONFIRM_FRAMES, ImageVersion, Notice, Refusal, SlotModel};
 
-use super::services::{Bus, Run, Said};
+use super::services::{Bus, Run, Said, decided};
+use crate::nameless;
 
 #[test]
 fn off_the_bus_nothing_piles_up() {
@@ -23,10 +23,7 @@ fn off_the_bus_nothing_piles_up() {
 
 #[test]
 fn a_node_without_an_address_sends_nothing_of_its_own() {
-    let mut settings = Settings::new();
-    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
-    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
-    let ran = Run { settings, ..Run::new(&[], 3_000) }.run();
+    let ran = Run { settings: nameless(), ..Run::new(&[], 3_000) }.run();
     assert_eq!(ran.said, []);
     assert_eq!(ran.config.node, None);
     assert!(ran.unfed_us <= 25_000);
@@ -38,13 +35,12 @@ fn asked() -> [(u64, u16, Vec<u8>); 1] {
 }
 
 /// Frames as they are decided at 240 Hz.
-fn decide(ms: u64, shared: &Shared<NoopRawMutex>) {
-    shared.update_status(|status| status.decided_frames = (ms * 240 / 1000) as u32);
+fn frames(ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus) {
+    shared.update_status(|status| status.decided_frames = decided(ms));
 }
 
 #[test]
 fn a_new_firmware_confirms_once_when_it_has_decided_and_been_heard() {
-    let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| decide(ms, shared);
     let run = update::Run::OnTrial;
     let ran = Run { run, meanwhile: &frames, ..Run::new(&asked(), 14_000) }.run();
     let due_ms = u64::from(CONFIRM_FRAMES) * 1000 / 240;
@@ -57,15 +53,14 @@ fn a_new_firmware_confirms_once_when_it_has_decided_and_been_heard() {
 #[test]
 fn a_new_firmware_that_decides_receives_or_senses_nothing_or_is_not_received_does_not_confirm() {
     let run = update::Run::OnTrial;
-    let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| decide(ms, shared);
-    let blind = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        decide(ms, shared);
+    let blind = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
+        frames(ms, shared, bus);
         let dead = SensorHealth(health::PIEZO_MISSING | health::XL_MISSING);
         shared.update_status(|status| status.sensor_health = [dead; 3]);
     };
     // Heartbeats that wait for a bus have not been received.
     let off = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
-        decide(ms, shared);
+        frames(ms, shared, bus);
         bus.off.set(ms < 30_000);
     };
     for (run, why) in [
@@ -95,9 +90,6 @@ fn a_board_says_what_it_has_to_say_once_it_has_an_address() {
     assert_eq!(ran.records(), said);
     let severities: Vec<_> = ran.messages(RECORD_PORT).iter().map(|(_, _, bytes)| bytes[7]).collect();
     assert_eq!(severities, [3, 3, 4, 2]);
-    let mut settings = Settings::new();
-    settings.set(Setting::NodeId, &[NODE_ID_UNSET]).unwrap();
-    settings.set(Setting::PlugAndPlay, &[0]).unwrap();
-    let ran = Run { notices, settings, ..Run::new(&[], 1_500) }.run();
+    let ran = Run { notices, settings: nameless(), ..Run::new(&[], 1_500) }.run();
     assert_eq!(ran.records(), Vec::<String>::new());
 }

@@ -12,9 +12,9 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::board::TxSlot;
 use slipsense::health::Status;
 use slipsense::net::Model;
-use slipsense::params::{FRAME_PERIOD_US, FRAME_RATE_HZ, MAX_SENSORS, TAXEL_COLS};
+use slipsense::params::{FRAME_PERIOD_US, FRAME_RATE_HZ, MAX_SENSORS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
-use slipsense::sensor::SensorReadings;
+use slipsense::sensor::{PiezoFrame, SensorReadings};
 use slipsense::wire::{
     CanFrame, Check, FlagState, INVALID_OTHER_MODEL, Origin, RawMessage, Received, Receiver, Region,
     SlipMessage, SlipReceiver, Transmitter,
@@ -22,7 +22,7 @@ use slipsense::wire::{
 use slipsense_can_sim::controller::{Arrived, Bus};
 
 use super::fault_plan::{Effect, FAULTS, Fault, Plan, plain};
-use super::world::{BATCH, NODE, World, model_bytes, stamp, tick_ns};
+use super::world::{BATCH, NODE, World, assert_taxels, model_bytes, stamp, tick_ns};
 
 /// Counters start so many frames before they wrap.
 const BEFORE_WRAP: u32 = 60 * FRAME_RATE_HZ;
@@ -120,10 +120,8 @@ impl Host<'_> {
         }
         let gap = self.last.replace(sequence).map_or(0, |last| sequence.wrapping_sub(last) - 1);
         self.silences += u32::from(silent);
-        assert!(
-            silent || self.slip_receiver.lost.wrapping_sub(lost) == gap,
-            "{gap} messages lost unseen before {sequence}"
-        );
+        let counted = self.slip_receiver.lost.wrapping_sub(lost);
+        assert!(silent || counted == gap, "{gap} messages lost unseen before {sequence}");
     }
 
     fn raw_message(&mut self, message: &RawMessage) {
@@ -137,10 +135,10 @@ impl Host<'_> {
             assert_eq!(sent + dropped, part.xl.len());
             assert_eq!((message.xl.as_slice(), message.xl_end), (&part.xl[dropped..], part.xl_end));
         }
-        for (index, (&got, &count)) in message.piezo.counts().iter().zip(part.piezo.counts()).enumerate() {
-            let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
-            assert_eq!(got, if sent && part.piezo_arrived { count } else { 0 });
-        }
+        assert_taxels(
+            message,
+            if part.piezo_arrived { &part.piezo } else { &const { PiezoFrame::zeroed() } },
+        );
     }
 }
 
@@ -153,8 +151,8 @@ fn resident_bytes() -> u64 {
 #[test]
 fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
     let asked = std::env::var("SLIPSENSE_SOAK_HOURS").ok();
-    let hours =
-        asked.as_ref().map_or(0.08, |hours| hours.parse::<f64>().expect("SLIPSENSE_SOAK_HOURS is a number"));
+    let number = |hours: &String| hours.parse::<f64>().expect("SLIPSENSE_SOAK_HOURS is a number");
+    let hours = asked.as_ref().map_or(0.08, number);
     let frames = (hours * 3600.0 * f64::from(FRAME_RATE_HZ)) as u32;
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (mut faults, mut kinds) = (Vec::new(), Vec::new());
@@ -164,8 +162,8 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
         if kinds.is_empty() {
             kinds.extend(0..FAULTS.len());
         }
-        let (kind, sensor) =
-            (kinds.swap_remove(rng.random_range(0..kinds.len())), rng.random_range(0..MAX_SENSORS));
+        let kind = kinds.swap_remove(rng.random_range(0..kinds.len()));
+        let sensor = rng.random_range(0..MAX_SENSORS);
         faults.push(Fault { kind, sensor, frames: start..start + rng.random_range(LENGTH) });
         start += rng.random_range(GAP);
     }
@@ -241,11 +239,8 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
         host.slip_receiver.lost
     );
     println!("{kinds:?}");
-    assert_eq!(
-        host.arrived_slips + status.replaced_slips,
-        frames,
-        "every slip message arrives or is counted"
-    );
+    let accounted = host.arrived_slips + status.replaced_slips;
+    assert_eq!(accounted, frames, "every slip message arrives or is counted");
     assert_eq!((status.dropped_frames, status.late_frames), (0, host.status.late_frames));
     assert_eq!(host.errors, 0, "no part of a message");
     let under_way = host.raw[MADE] - host.raw[ARRIVED] - status.dropped_raw - status.broken_raw;

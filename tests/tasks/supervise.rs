@@ -35,17 +35,6 @@ fn nobody_is_fed_before_everybody_has_begun() {
 }
 
 #[test]
-fn a_task_that_is_not_watched_may_stand_still() {
-    let watched = [Task::Acquire, Task::Infer];
-    let (progress, mut supervisor, mut dog) = (Progress::new(), Supervisor::new(&watched), Fed(0));
-    for _ in 0..5 {
-        watched.iter().for_each(|&task| progress.made(task));
-        assert_eq!(supervisor.look(&progress, &mut dog), Ok(()));
-    }
-    assert_eq!(dog.0, 5);
-}
-
-#[test]
 fn tasks_that_stand_still_are_noted() {
     let (progress, mut watch) = (Progress::new(), StallWatch::new());
     for task in Task::ALL {

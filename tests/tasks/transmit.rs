@@ -1,14 +1,15 @@
 //! The transmit scheduler: what a bus that is full, disturbed, silent or gone costs.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 
 use slipsense::board::TxSlot;
 use slipsense::health::CanState;
 use slipsense::params::MAX_SENSORS;
+use slipsense::pipeline::Output;
 use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, RuntimeConfig, SERVICE_FRAMES, Shared, Supervisor, Task};
 use slipsense::wire::{CanFrame, Detail, MessageId, Origin, Priority, RawForm, Region, SlipMessage};
-use slipsense_can_sim::controller::Disturbance;
+use slipsense_can_sim::controller::{Arrived, Disturbance};
 
 use super::full_bus::compress;
 use super::world::{BATCH, FRAME_NS, Fed, NODE, Ran, World, stamp, tick_ns};
@@ -18,10 +19,9 @@ const FULL_FRAME_NS: u64 = 142_000;
 const SECOND_NS: u64 = 1_000_000_000;
 
 fn expected_slips(world: &World<'_>) -> Vec<SlipMessage> {
-    (0..)
-        .zip(world.outputs())
-        .map(|(sequence, output)| output.slip_message(stamp(sequence), &Origin::default()))
-        .collect()
+    let message =
+        |(sequence, output): (u32, Output)| output.slip_message(stamp(sequence), &Origin::default());
+    (0..).zip(world.outputs()).map(message).collect()
 }
 
 fn slips_are_right_or_replaced(world: &World<'_>, ran: &Ran) {
@@ -30,7 +30,7 @@ fn slips_are_right_or_replaced(world: &World<'_>, ran: &Ran) {
     assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, world.frames);
 }
 
-fn is_of(slot: TxSlot) -> impl Fn(&&slipsense_can_sim::controller::Arrived) -> bool {
+fn is_of(slot: TxSlot) -> impl Fn(&&Arrived) -> bool {
     move |arrived| arrived.slot == slot
 }
 
@@ -43,11 +43,8 @@ fn slip_times_ns(ran: &Ran) -> Vec<u64> {
 /// No raw message arrives in part, each arrives as the sensor gave it, and what did not arrive was counted or, at the
 /// end, waits.
 fn raw_is_whole_or_counted(world: &World<'_>, ran: &Ran, broken: u32) {
-    assert_eq!(
-        (ran.status.broken_raw, ran.errors as u32),
-        (broken, 0),
-        "no part of a message but over bus-off"
-    );
+    let parts = (ran.status.broken_raw, ran.errors);
+    assert_eq!(parts, (broken, 0), "no part of a message but over bus-off");
     let made = world.frames * world.sensors as u32;
     let waiting = if world.disturbance.foreign_load_percent == 100 { RAW_MESSAGES } else { 0 };
     assert_eq!((ran.raw.len() + waiting) as u32 + ran.status.dropped_raw + ran.status.broken_raw, made);
@@ -69,9 +66,9 @@ fn a_free_bus_carries_what_the_host_makes() {
             world.before_tick = &compress;
         }
         let ran = world.run();
-        let of =
-            |slot| ran.arrived.iter().filter(is_of(slot)).map(|arrived| arrived.frame).collect::<Vec<_>>();
-        assert!([TxSlot::Slip, TxSlot::Raw].map(of) == world.can_frames(form), "every CAN byte");
+        let frames = |slot| ran.arrived.iter().filter(is_of(slot)).map(|arrived| arrived.frame);
+        let sent = [TxSlot::Slip, TxSlot::Raw].map(|slot| frames(slot).collect::<Vec<_>>());
+        assert!(sent == world.can_frames(form), "every CAN byte");
         assert!(ran.raw.iter().all(|message| message.region == Region::ALL));
         assert_eq!((ran.raw.len(), ran.status.dropped_raw, ran.status.replaced_slips), (120, 0, 0));
     }
@@ -95,13 +92,10 @@ fn a_bus_too_small_drops_whole_messages_of_all_sensors_in_turn() {
     let world = World::new(480, 3);
     let ran = world.run();
     raw_is_whole_or_counted(&world, &ran, 0);
-    let of = |sensor| ran.raw.iter().filter(|message| message.sensor == sensor).count();
-    let shares = [of(0), of(1), of(2)];
+    let shares = ran.shares();
     assert!(ran.status.dropped_raw > 600 && shares.iter().all(|&n| (150..250).contains(&n)), "{shares:?}");
-    assert!(
-        ran.raw.is_sorted_by_key(|message| (message.sequence, message.sensor)),
-        "the sensors' order within a frame stays"
-    );
+    let in_order = ran.raw.is_sorted_by_key(|message| (message.sequence, message.sensor));
+    assert!(in_order, "the sensors' order within a frame stays");
 }
 
 #[test]
@@ -139,10 +133,9 @@ fn too_many_errors_end_in_bus_off_and_recovery_again_and_again() {
 #[test]
 fn without_acknowledge_the_newest_slip_message_waits_and_no_old_one_is_delivered() {
     let mut world = World::new(480, 1);
-    let silent_ns = SECOND_NS / 2..SECOND_NS * 3 / 2;
-    world.disturbance.silent_ns = silent_ns.clone();
-    let seen_passive = std::cell::Cell::new(false);
-    let look = |shared: &slipsense::tasks::Shared<_>, _| {
+    world.disturbance.silent_ns = SECOND_NS / 2..SECOND_NS * 3 / 2;
+    let seen_passive = Cell::new(false);
+    let look = |shared: &Shared<_>, _| {
         seen_passive.set(seen_passive.get() | (shared.status().can.state == CanState::ErrorPassive));
     };
     world.before_tick = &look;
@@ -160,8 +153,8 @@ fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
     let mut world = World::new(960, 1);
     let dominant_ns = SECOND_NS..3 * SECOND_NS;
     world.disturbance.dominant_ns = dominant_ns.clone();
-    let off = std::cell::Cell::new(0);
-    let look = |shared: &slipsense::tasks::Shared<_>, _| {
+    let off = Cell::new(0);
+    let look = |shared: &Shared<_>, _| {
         off.set(off.get() + u32::from(shared.status().can.state == CanState::BusOff));
     };
     world.before_tick = &look;
@@ -171,18 +164,16 @@ fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
     assert!((479..=481).contains(&off.get()), "the status says it all the while: {} frames", off.get());
     slips_are_right_or_replaced(&world, &ran);
 
-    let back =
-        ran.arrived.iter().filter(is_of(TxSlot::Slip)).position(|slip| slip.at_ns > dominant_ns.end).unwrap();
-    let first = ran.arrived.iter().filter(is_of(TxSlot::Slip)).nth(back).unwrap();
-    let age_ns = first.at_ns - tick_ns(ran.slips[back].sequence);
+    let mut slips = ran.arrived.iter().filter(is_of(TxSlot::Slip)).zip(&ran.slips);
+    let (first, message) = slips.find(|(slip, _)| slip.at_ns > dominant_ns.end).unwrap();
+    let age_ns = first.at_ns - tick_ns(message.sequence);
     // 128 times 11 bits, and the message itself.
     assert!(first.at_ns - dominant_ns.end <= 1_408_000 + FULL_FRAME_NS + 1000);
     assert!(age_ns <= FRAME_NS + FULL_FRAME_NS, "the newest, not the first of two seconds");
     assert!((2_001_408..2_001_600).contains(&ran.status.bus_off_us), "{}", ran.status.bus_off_us);
     raw_is_whole_or_counted(&world, &ran, ran.status.broken_raw);
     assert!(ran.status.broken_raw <= 1);
-    let last = ran.raw.last().unwrap();
-    assert_eq!(last.sequence, 959, "raw messages go on");
+    assert_eq!(ran.raw.last().unwrap().sequence, 959, "raw messages go on");
 }
 
 #[test]
@@ -191,8 +182,7 @@ fn service_frames_go_in_order_and_one_too_many_is_refused() {
         let id = MessageId { priority: Priority::Nominal, port: 7509, node: NODE };
         CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
     };
-    let mut world = World::new(240, 3);
-    let push = |shared: &slipsense::tasks::Shared<_>, tick: u32| {
+    let push = |shared: &Shared<_>, tick: u32| {
         // At tick 100 more than there is room for.
         let count = if tick == 100 { SERVICE_FRAMES as u32 + 5 } else { 1 };
         for n in 0..count {
@@ -200,14 +190,9 @@ fn service_frames_go_in_order_and_one_too_many_is_refused() {
             assert_eq!(shared.send_service(frame(tick * 100 + n)), room > 0);
         }
     };
-    world.before_tick = &push;
-    let ran = world.run();
-    let numbers: Vec<u32> = ran
-        .arrived
-        .iter()
-        .filter(is_of(TxSlot::Service))
-        .map(|arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap()))
-        .collect();
+    let ran = World { before_tick: &push, ..World::new(240, 3) }.run();
+    let number = |arrived: &Arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap());
+    let numbers: Vec<u32> = ran.arrived.iter().filter(is_of(TxSlot::Service)).map(number).collect();
     assert!(numbers.is_sorted());
     let refused = ran.status.refused_services;
     assert!((4..=5).contains(&refused), "{refused}");
@@ -218,14 +203,8 @@ fn service_frames_go_in_order_and_one_too_many_is_refused() {
 #[test]
 fn raw_messages_of_every_third_frame_or_of_none() {
     for (raw_every, expected) in [(0, 0), (1, 240), (3, 80)] {
-        let mut world = World::new(240, 1);
-        let set = move |shared: &slipsense::tasks::Shared<_>, _| {
-            let mut controls = shared.config();
-            controls.raw_every = raw_every;
-            shared.set_config(controls);
-        };
-        world.before_tick = &set;
-        let ran = world.run();
+        let set = |shared: &Shared<_>, _| shared.set_config(RuntimeConfig { raw_every, ..shared.config() });
+        let ran = World { before_tick: &set, ..World::new(240, 1) }.run();
         assert_eq!(ran.raw.len(), expected);
         assert_eq!((ran.slips.len(), ran.status.dropped_raw), (240, 0));
     }
@@ -235,7 +214,6 @@ fn raw_messages_of_every_third_frame_or_of_none() {
 fn without_an_address_nothing_is_sent_and_no_task_stands_still() {
     let watched = [Task::Acquire, Task::Infer, Task::Transmit];
     let watch = RefCell::new((Supervisor::new(&watched), Fed(0)));
-    let mut world = World::new(240, 1);
     let look = |shared: &Shared<_>, tick| {
         if tick == 0 {
             shared.set_config(RuntimeConfig { node: None, ..shared.config() });
@@ -245,7 +223,6 @@ fn without_an_address_nothing_is_sent_and_no_task_stands_still() {
             assert_eq!(supervisor.look(&shared.progress, watchdog), Ok(()), "before frame {tick}");
         }
     };
-    world.before_tick = &look;
-    assert!(world.run().arrived.is_empty());
+    assert!(World { before_tick: &look, ..World::new(240, 1) }.run().arrived.is_empty());
     assert_eq!(watch.borrow().1.0, 119);
 }

@@ -5,22 +5,20 @@ use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
-use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
 
-use embassy_futures::join::join3;
-use embassy_futures::select::select;
+use embassy_futures::select::select3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
 use slipsense::board::{CanTransmit, Clock, FrameSource, SensorFrame, TxSlot, Watchdog};
 use slipsense::health::{CanStatus, Status};
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
-use slipsense::params::{MAX_SENSORS, TAXELS};
+use slipsense::params::{MAX_SENSORS, TAXEL_COLS, TAXELS};
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
-use slipsense::sensor::{PiezoFrame, SensorReadings, XlSample};
+use slipsense::sensor::{PiezoFrame, SensorReadings};
 use slipsense::tasks::{Inference, QUEUED_FRAMES, RAW_MESSAGES, RawQueue, Shared, Transmission, acquire};
 use slipsense::wire::{
     CanFrame, NodeId, Origin, RawBuffer, RawForm, RawMessage, RawTransfer, Received, Receiver, SlipMessage,
@@ -35,11 +33,6 @@ pub const FRAME_NS: u64 = 1_000_000_000 / 240;
 pub const BATCH: u32 = 33;
 /// After the last tick, before everything is looked at.
 const AFTERWARDS_NS: u64 = 200_000_000;
-
-/// 1 and 8 Mbit/s.
-pub fn fast() -> Timing {
-    Timing::new(80_000_000, 1_000_000, 8_000_000).unwrap()
-}
 
 /// Time that stands still until all tasks wait, then moves on to the next alarm.
 #[derive(Default)]
@@ -101,10 +94,10 @@ impl Watchdog for Fed {
     }
 }
 
-pub struct Hardware<'a> {
+struct Hardware<'a> {
     time: &'a Time,
-    bus: Rc<RefCell<Bus>>,
-    arrived: Rc<RefCell<Vec<Arrived>>>,
+    bus: &'a RefCell<Bus>,
+    arrived: &'a RefCell<Vec<Arrived>>,
     seen: ([bool; 3], CanStatus),
 }
 
@@ -153,14 +146,12 @@ impl CanTransmit for Hardware<'_> {
     }
 }
 
-/// What the sensors of one frame deliver, by its number.
-pub type Script<'a> = dyn Fn(u32, &mut [SensorReadings; MAX_SENSORS]) + 'a;
-
 pub struct World<'a> {
     pub frames: u32,
     pub sensors: usize,
     pub disturbance: Disturbance,
-    pub script: &'a Script<'a>,
+    /// What the sensors of one frame deliver, by its number.
+    pub script: &'a (dyn Fn(u32, &mut [SensorReadings; MAX_SENSORS]) + 'a),
     /// Called with what the tasks share before the first frame, then before every tick.
     pub before_tick: &'a (dyn Fn(&Shared<NoopRawMutex>, u32) + 'a),
     /// Sequence number of frame 0; the script and the time count from 0.
@@ -173,10 +164,18 @@ pub struct World<'a> {
     pub sink: Option<&'a dyn Fn(Arrived)>,
 }
 
-/// All sensors deliver what [`deliver`] says.
+/// All sensors deliver all of a frame.
 pub fn healthy(sequence: u32, parts: &mut [SensorReadings; MAX_SENSORS]) {
     for (sensor, part) in (0..).zip(parts) {
-        deliver(sequence, sensor, part);
+        part.piezo = scan(sequence, sensor);
+        let sample = |i: u32| {
+            let n = (sequence * BATCH + i).wrapping_mul(2_654_435_761 + sensor);
+            [(n >> 18) as i16 - 8192, (n >> 20) as i16, -((n >> 19) as i16 >> 2)]
+        };
+        part.xl.clear();
+        part.xl.extend((0..BATCH).map(sample));
+        (part.piezo_arrived, part.xl_arrived) = (true, true);
+        part.xl_end = (sequence + 1) * BATCH;
     }
 }
 
@@ -186,20 +185,12 @@ pub fn scan(sequence: u32, sensor: u32) -> PiezoFrame {
     }))
 }
 
-pub fn samples(sequence: u32, sensor: u32) -> [XlSample; BATCH as usize] {
-    std::array::from_fn(|i| {
-        let n = (sequence * BATCH + i as u32).wrapping_mul(2_654_435_761 + sensor);
-        [(n >> 18) as i16 - 8192, (n >> 20) as i16, -((n >> 19) as i16 >> 2)]
-    })
-}
-
-pub fn deliver(sequence: u32, sensor: u32, part: &mut SensorReadings) {
-    part.piezo = scan(sequence, sensor);
-    part.piezo_arrived = true;
-    part.xl.clear();
-    part.xl.extend_from_slice(&samples(sequence, sensor)).unwrap();
-    part.xl_arrived = true;
-    part.xl_end = (sequence + 1) * BATCH;
+/// The message holds these counts in its region, and nothing elsewhere.
+pub fn assert_taxels(message: &RawMessage, scan: &PiezoFrame) {
+    for (index, (&got, &count)) in message.piezo.counts().iter().zip(scan.counts()).enumerate() {
+        let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
+        assert_eq!(got, if sent { count } else { 0 }, "taxel {index} of frame {}", message.sequence);
+    }
 }
 
 /// Ticks on time; frame 0 closes a period after the start.
@@ -207,8 +198,8 @@ struct Sensors<'a> {
     time: &'a Time,
     world: &'a World<'a>,
     shared: &'a Shared<NoopRawMutex>,
-    bus: Rc<RefCell<Bus>>,
-    arrived: Rc<RefCell<Vec<Arrived>>>,
+    bus: &'a RefCell<Bus>,
+    arrived: &'a RefCell<Vec<Arrived>>,
     next: u32,
 }
 
@@ -254,6 +245,13 @@ pub struct Ran {
     pub errors: usize,
 }
 
+impl Ran {
+    /// Raw messages of each sensor.
+    pub fn shares(&self) -> [usize; MAX_SENSORS] {
+        [0, 1, 2].map(|sensor| self.raw.iter().filter(|message| message.sensor == sensor).count())
+    }
+}
+
 pub fn model_bytes() -> Vec<u8> {
     let dims = Dims { conv_channels: [1, 2, 3], embed: 4, xl_kernel: 2, xl_channels: 3, heads: 2, window: 5 };
     random_model(dims, 1).to_bytes().unwrap()
@@ -286,35 +284,23 @@ impl World<'_> {
         let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
         let (sender, receiver) = channel.split();
         let mut inference = Inference::new(pipeline, Transmitter::new(NODE), &time, (), &shared, raw_sender);
-        let arrived = Rc::<RefCell<Vec<Arrived>>>::default();
-        let bus = Rc::new(RefCell::new(Bus::new(&fast(), self.disturbance.clone())));
+        let fast = Timing::new(80_000_000, 1_000_000, 8_000_000).unwrap();
+        let (bus, arrived) = (RefCell::new(Bus::new(&fast, self.disturbance.clone())), RefCell::default());
         let seen = ([true; 3], CanStatus::default());
-        let mut source = Sensors {
-            time: &time,
-            world: self,
-            shared: &shared,
-            bus: bus.clone(),
-            arrived: arrived.clone(),
-            next: 0,
-        };
-        let hardware = Hardware { time: &time, bus, arrived: arrived.clone(), seen };
+        let mut source =
+            Sensors { time: &time, world: self, shared: &shared, bus: &bus, arrived: &arrived, next: 0 };
+        let hardware = Hardware { time: &time, bus: &bus, arrived: &arrived, seen };
         let mut transmission = Transmission::new(hardware, &time, &shared, raw_receiver);
         let source = async {
             acquire(&mut source, sender, &shared).await;
             time.until(Some(tick_ns(self.frames) + AFTERWARDS_NS)).await;
         };
-        let forever = join3(std::future::pending::<()>(), inference.run(receiver), transmission.run());
-        time.run(select(source, forever));
+        time.run(select3(source, inference.run(receiver), transmission.run()));
         if let Some(sink) = self.sink {
             arrived.borrow_mut().drain(..).for_each(sink);
         }
-        let mut ran = Ran {
-            arrived: arrived.take(),
-            status: shared.status(),
-            slips: Vec::new(),
-            raw: Vec::new(),
-            errors: 0,
-        };
+        let (slips, raw) = (Vec::new(), Vec::new());
+        let mut ran = Ran { arrived: arrived.take(), status: shared.status(), slips, raw, errors: 0 };
         let mut receiver = Receiver::new(NODE);
         for arrived in &ran.arrived {
             match receiver.accept(&arrived.frame) {

@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use ed25519_dalek::{Signer, SigningKey};
+use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_futures::block_on;
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +19,7 @@ use slipsense::update::{
     Run, UpdateSink, UpdateState,
 };
 
-use super::flash::{Cells, Part, SECTOR};
+use super::flash::{Cells, Part, SECTOR, WORD};
 
 const fn sectors(first: u32, count: u32) -> Span {
     Span { start: first * SECTOR as u32, end: (first + count) * SECTOR as u32 }
@@ -44,7 +45,9 @@ pub const OLD: ImageVersion = ImageVersion { major: 1, minor: 0, patch: 3 };
 pub const NEW: ImageVersion = ImageVersion { major: 1, minor: 1, patch: 0 };
 pub const NEWEST: ImageVersion = ImageVersion { major: 1, minor: 1, patch: 1 };
 
-pub type Sink<'a> = UpdateSink<'a, Part, Part, Part>;
+/// A partition as the firmware sees it.
+pub type AsyncPart = BlockingAsync<Part>;
+pub type Sink<'a> = UpdateSink<'a, AsyncPart, AsyncPart, AsyncPart>;
 
 /// Any bytes.
 pub fn payload(seed: u64, length: usize) -> Vec<u8> {
@@ -83,7 +86,7 @@ pub fn model_image(version: ImageVersion, seed: u64) -> Vec<u8> {
 }
 
 pub struct Device {
-    pub cells: Rc<RefCell<Cells>>,
+    pub cells: Rc<RefCell<Cells<SECTOR>>>,
     /// As the settings' store has it.
     pub floor: ImageVersion,
 }
@@ -91,7 +94,7 @@ pub struct Device {
 impl Device {
     /// With [`OLD`] in its active slot, nothing else.
     pub fn new() -> Self {
-        let mut cells = Cells::new(BOARD.flash.end as usize);
+        let mut cells = Cells::new(BOARD.flash.end as usize / SECTOR, WORD);
         let active = &mut cells.bytes[BOARD.active.start as usize..BOARD.active.end as usize];
         let image = image(OLD);
         let (header, firmware) = image.split_at(HEADER_BYTES);
@@ -101,16 +104,30 @@ impl Device {
         Self { cells: Rc::new(RefCell::new(cells)), floor: ImageVersion::default() }
     }
 
+    /// With [`NEW`] received, which the bootloader has not swapped in yet.
+    pub fn updating() -> Self {
+        let device = Self::new();
+        assert_eq!(device.install(OLD, UpdateTarget::Firmware, &image(NEW)), Ok(()));
+        device
+    }
+
+    /// With [`NEW`] on trial.
+    pub fn on_trial() -> Self {
+        let device = Self::updating();
+        assert_eq!(device.boots(), NEW);
+        device
+    }
+
     /// A device with the same flash.
     pub fn twin(&self) -> Self {
         Self { cells: Rc::new(RefCell::new(self.cells.borrow().clone())), floor: self.floor }
     }
 
-    pub fn part(&self, span: Span) -> Part {
-        Part { cells: self.cells.clone(), span }
+    pub fn part(&self, span: Span) -> AsyncPart {
+        BlockingAsync::new(Part { cells: self.cells.clone(), span })
     }
 
-    pub fn state(&self) -> UpdateState<Part> {
+    fn state(&self) -> UpdateState<AsyncPart> {
         UpdateState::new(self.part(BOARD.state))
     }
 
@@ -118,7 +135,7 @@ impl Device {
         block_on(self.state().run()).unwrap()
     }
 
-    pub fn model_slot(&self) -> ModelSlot<Part> {
+    pub fn model_slot(&self) -> ModelSlot<AsyncPart> {
         ModelSlot::new(self.part(BOARD.model), &BOARD, &[DEVELOPMENT_KEY], self.floor)
     }
 
@@ -136,18 +153,17 @@ impl Device {
         ))
     }
 
-    pub fn install(
-        &self,
-        running: ImageVersion,
-        target: UpdateTarget,
-        file: &[u8],
-    ) -> Result<(), &'static str> {
+    pub fn install(&self, running: ImageVersion, target: UpdateTarget, file: &[u8]) -> Taken {
         self.sink(running, |sink| feed(sink, target, file))
     }
 
+    fn slots(&self) -> Slots<Part, Part, Part> {
+        let part = |span| Part { cells: self.cells.clone(), span };
+        Slots { active: part(BOARD.active), dfu: part(BOARD.dfu), state: part(BOARD.state) }
+    }
+
     pub fn boot(&self) -> Result<Firmware, BootFailure> {
-        let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
-        let mut slots = Slots { active, dfu, state };
+        let mut slots = self.slots();
         let firmware = slots.prepare(&BOARD, &[DEVELOPMENT_KEY], &mut [0; 64])?;
         slots.check_again(&firmware, &BOARD, &[DEVELOPMENT_KEY])?;
         Ok(firmware)
@@ -155,8 +171,7 @@ impl Device {
 
     /// What the bootloader's second look says, if the first had found this.
     pub fn check_again(&self, found: &Firmware) -> Result<(), BootFailure> {
-        let [active, dfu, state] = [BOARD.active, BOARD.dfu, BOARD.state].map(|span| self.part(span));
-        Slots { active, dfu, state }.check_again(found, &BOARD, &[DEVELOPMENT_KEY])
+        self.slots().check_again(found, &BOARD, &[DEVELOPMENT_KEY])
     }
 
     /// Start, and see that every byte of the firmware is there.
@@ -169,7 +184,12 @@ impl Device {
     }
 
     pub fn confirm(&self) {
-        block_on(self.state().confirm()).unwrap();
+        assert!(self.try_confirm());
+    }
+
+    /// Did the flash take it?
+    pub fn try_confirm(&self) -> bool {
+        block_on(self.state().confirm()).is_ok()
     }
 
     /// The model that runs, if it is not the one in the firmware.
@@ -189,12 +209,26 @@ impl Device {
         std::mem::replace(&mut self.cells.borrow_mut().power, u64::MAX) == 0
     }
 
+    /// Damage one bit of the flash.
+    pub fn flip(&self, at: usize) {
+        self.cells.borrow_mut().bytes[at] ^= 1;
+    }
+
+    /// Words at the begin of a partition, as a probe writes them: a stack's end, and where to begin.
+    pub fn write_vectors(&self, span: Span, words: [u32; 2]) {
+        let bytes = words.map(u32::to_le_bytes);
+        self.cells.borrow_mut().bytes[span.start as usize..][..8].copy_from_slice(bytes.as_flattened());
+    }
+
     pub fn steps(&self) -> u64 {
         self.cells.borrow().steps
     }
 }
 
-pub fn feed(sink: &mut Sink<'_>, target: UpdateTarget, file: &[u8]) -> Result<(), &'static str> {
+/// Whether a file was taken, or why not.
+pub type Taken = Result<(), &'static str>;
+
+pub fn feed(sink: &mut Sink<'_>, target: UpdateTarget, file: &[u8]) -> Taken {
     let room = block_on(sink.begin(target)).map_err(Refusal::reason)?;
     assert!(room > HEADER_BYTES as u32);
     for (index, piece) in file.chunks(CHUNK_BYTES).enumerate() {

@@ -6,7 +6,7 @@
 //! be written again with the same bytes, which leaves the same bits and check bits behind.
 
 use std::cell::RefCell;
-use std::ops::{Deref, DerefMut, Range};
+use std::ops::Range;
 use std::rc::Rc;
 
 use embedded_storage::nor_flash as blocking;
@@ -50,14 +50,14 @@ impl NorFlashError for Failure {
     }
 }
 
+/// A whole flash; of sectors of so many bytes.
 #[derive(Clone)]
-pub struct Cells {
+pub struct Cells<const SECTOR: usize> {
     pub bytes: Vec<u8>,
     /// What each word was meant to hold, since the last erase; `true`: the write ended.
-    words: Vec<Option<([u8; WORD], bool)>>,
-    sector: usize,
+    pub words: Vec<Option<([u8; WORD], bool)>>,
     /// Bytes that a step writes: 1 or [`WORD`].
-    grain: usize,
+    pub grain: usize,
     /// Steps until the power fails.
     pub power: u64,
     pub steps: u64,
@@ -69,13 +69,13 @@ pub struct Cells {
     pub stuck: Option<usize>,
 }
 
-impl Cells {
-    pub fn new(bytes: usize) -> Self {
+impl<const SECTOR: usize> Cells<SECTOR> {
+    /// Written `grain` bytes a step.
+    pub fn new(sectors: usize, grain: usize) -> Self {
         Self {
-            bytes: vec![0xFF; bytes],
-            words: vec![None; bytes / WORD],
-            sector: SECTOR,
-            grain: WORD,
+            bytes: vec![0xFF; SECTOR * sectors],
+            words: vec![None; SECTOR * sectors / WORD],
+            grain,
             power: u64::MAX,
             steps: 0,
             erases: 0,
@@ -83,6 +83,10 @@ impl Cells {
             backwards: false,
             stuck: None,
         }
+    }
+
+    pub fn range(&self) -> Range<u32> {
+        0..self.bytes.len() as u32
     }
 
     /// One step: `part` of what becomes `new` at `at`. Without power, all of it is torn.
@@ -111,14 +115,11 @@ impl Cells {
         Err(Failure::NoPower)
     }
 
-    fn erase(&mut self, from: usize, to: usize) -> Result<(), Failure> {
-        let size = self.sector / PARTS;
-        assert!(
-            from.is_multiple_of(self.sector) && to.is_multiple_of(self.sector),
-            "erase of parts of sectors"
-        );
+    fn erase_bytes(&mut self, from: usize, to: usize) -> Result<(), Failure> {
+        let size = SECTOR / PARTS;
+        assert!(from.is_multiple_of(SECTOR) && to.is_multiple_of(SECTOR), "erase of parts of sectors");
         self.erases += 1;
-        for sector in (from..to).step_by(self.sector) {
+        for sector in (from..to).step_by(SECTOR) {
             for part in 0..PARTS {
                 let part = if self.backwards { PARTS - 1 - part } else { part };
                 let at = sector + part * size;
@@ -129,7 +130,7 @@ impl Cells {
         Ok(())
     }
 
-    fn write(&mut self, offset: usize, bytes: &[u8]) -> Result<(), Failure> {
+    fn write_bytes(&mut self, offset: usize, bytes: &[u8]) -> Result<(), Failure> {
         let whole = offset.is_multiple_of(WORD) && bytes.len().is_multiple_of(WORD);
         assert!(whole, "write of parts of words");
         for (index, word) in bytes.chunks(WORD).enumerate() {
@@ -155,39 +156,11 @@ impl Cells {
     }
 }
 
-/// A whole flash of such sectors, written byte by byte.
-#[derive(Clone)]
-pub struct Flash<const SECTOR: usize>(Cells);
-
-impl<const SECTOR: usize> Flash<SECTOR> {
-    pub fn new(sectors: usize) -> Self {
-        Self(Cells { sector: SECTOR, grain: 1, ..Cells::new(SECTOR * sectors) })
-    }
-
-    pub fn range(&self) -> Range<u32> {
-        0..self.bytes.len() as u32
-    }
-}
-
-impl<const SECTOR: usize> Deref for Flash<SECTOR> {
-    type Target = Cells;
-
-    fn deref(&self) -> &Cells {
-        &self.0
-    }
-}
-
-impl<const SECTOR: usize> DerefMut for Flash<SECTOR> {
-    fn deref_mut(&mut self) -> &mut Cells {
-        &mut self.0
-    }
-}
-
-impl<const SECTOR: usize> ErrorType for Flash<SECTOR> {
+impl<const SECTOR: usize> ErrorType for Cells<SECTOR> {
     type Error = Failure;
 }
 
-impl<const SECTOR: usize> ReadNorFlash for Flash<SECTOR> {
+impl<const SECTOR: usize> ReadNorFlash for Cells<SECTOR> {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, out: &mut [u8]) -> Result<(), Failure> {
@@ -200,23 +173,23 @@ impl<const SECTOR: usize> ReadNorFlash for Flash<SECTOR> {
     }
 }
 
-impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
+impl<const SECTOR: usize> NorFlash for Cells<SECTOR> {
     const WRITE_SIZE: usize = WORD;
     const ERASE_SIZE: usize = SECTOR;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failure> {
-        self.0.erase(from as usize, to as usize)
+        self.erase_bytes(from as usize, to as usize)
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failure> {
-        self.0.write(offset as usize, bytes)
+        self.write_bytes(offset as usize, bytes)
     }
 }
 
-/// A partition of a flash, with the blocking and the async traits. Addresses count from its begin.
+/// A partition of a flash. Addresses count from its begin.
 #[derive(Clone)]
 pub struct Part {
-    pub cells: Rc<RefCell<Cells>>,
+    pub cells: Rc<RefCell<Cells<SECTOR>>>,
     pub span: Span,
 }
 
@@ -251,36 +224,11 @@ impl blocking::NorFlash for Part {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Failure> {
         let at = self.at(from, (to - from) as usize);
-        self.cells.borrow_mut().erase(at, at + (to - from) as usize)
+        self.cells.borrow_mut().erase_bytes(at, at + (to - from) as usize)
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failure> {
         let at = self.at(offset, bytes.len());
-        self.cells.borrow_mut().write(at, bytes)
-    }
-}
-
-impl ReadNorFlash for Part {
-    const READ_SIZE: usize = 1;
-
-    async fn read(&mut self, offset: u32, out: &mut [u8]) -> Result<(), Failure> {
-        blocking::ReadNorFlash::read(self, offset, out)
-    }
-
-    fn capacity(&self) -> usize {
-        self.span.bytes() as usize
-    }
-}
-
-impl NorFlash for Part {
-    const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = SECTOR;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failure> {
-        blocking::NorFlash::erase(self, from, to)
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failure> {
-        blocking::NorFlash::write(self, offset, bytes)
+        self.cells.borrow_mut().write_bytes(at, bytes)
     }
 }

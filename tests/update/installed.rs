@@ -15,12 +15,7 @@ fn a_bootloader_begins_in_its_own_partition() {
     let device = Device::new();
     let boot = BOARD.boot;
     let find = || block_on(find_bootloader(&mut device.part(boot), &BOARD));
-    let write = |words: [u32; 2]| {
-        for (index, word) in words.iter().enumerate() {
-            let at = boot.start as usize + 4 * index;
-            device.cells.borrow_mut().bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
-        }
-    };
+    let write = |words| device.write_vectors(boot, words);
     // Blank, and the two words that lead to the firmware (`board.x`).
     assert_eq!(find(), Err(Refusal::NoBootloader));
     write([0x2000_6000, FLASH_BASE + BOARD.active.start + 0x299]);
@@ -37,8 +32,7 @@ fn a_firmware_knows_its_version_by_the_signed_header_only() {
     let device = Device::new();
     let running = || block_on(running_header(&mut device.part(BOARD.active), &BOARD, &[DEVELOPMENT_KEY]));
     assert_eq!(running().unwrap().version, OLD);
-    let last = BOARD.active.end as usize - 1;
-    device.cells.borrow_mut().bytes[last] ^= 1;
+    device.flip(BOARD.active.end as usize - 1);
     assert_eq!(running(), None, "forged");
     let header = BOARD.active.end as usize - 128..BOARD.active.end as usize;
     device.cells.borrow_mut().bytes[header].fill(0xFF);

@@ -31,8 +31,8 @@ fn is_well(device: &Device, what: &str) {
     assert_eq!((device.boots(), device.run()), (version, Run::RolledBack), "{what}");
 }
 
-/// Cut `act` at each of its steps, and again at steps of what puts it right. Says how often.
-fn cut_everywhere(begin: &Device, act: impl Fn(&Device)) -> (u64, u64) {
+/// Cut `act` at each of its steps, and again at steps of what puts it right. Prints how often; its steps.
+fn cut_everywhere(name: &str, begin: &Device, act: impl Fn(&Device)) -> u64 {
     let whole = begin.twin();
     act(&whole);
     let steps = whole.steps() - begin.steps();
@@ -60,40 +60,34 @@ fn cut_everywhere(begin: &Device, act: impl Fn(&Device)) -> (u64, u64) {
             is_well(&device, &what);
         }
     }
-    (steps, twice)
+    println!("{name}: {steps} steps, each cut in 5 ways, {twice} of them cut again");
+    steps
 }
 
 #[test]
 fn an_update_is_cut_anywhere() {
-    let (steps, twice) = cut_everywhere(&Device::new(), |device| {
+    let steps = cut_everywhere("writing an update", &Device::new(), |device| {
         let _ = device.install(OLD, Firmware, &image(NEW));
     });
-    println!("writing an update: {steps} steps, each cut in 5 ways, {twice} of them cut again");
     assert!(steps > 100);
 }
 
 #[test]
 fn a_swap_and_its_confirmation_are_cut_anywhere() {
-    let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
-    let (steps, twice) = cut_everywhere(&device, |device| {
+    let steps = cut_everywhere("swap and confirmation", &Device::updating(), |device| {
         if device.boot().is_ok() {
-            let _ = embassy_futures::block_on(device.state().confirm());
+            device.try_confirm();
         }
     });
-    println!("swap and confirmation: {steps} steps, each cut in 5 ways, {twice} of them cut again");
     assert!(steps > 300);
 }
 
 #[test]
 fn a_rollback_is_cut_anywhere() {
-    let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
-    assert_eq!(device.boots(), NEW);
-    let (steps, twice) = cut_everywhere(&device, |device| {
+    let device = Device::on_trial();
+    let steps = cut_everywhere("rollback", &device, |device| {
         let _ = device.boot();
     });
-    println!("rollback: {steps} steps, each cut in 5 ways, {twice} of them cut again");
     assert!(steps > 300);
     // Whenever it was cut, it ends with the old one.
     for step in 0..steps {

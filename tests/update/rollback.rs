@@ -26,9 +26,7 @@ fn a_firmware_that_confirms_stays() {
 
 #[test]
 fn a_firmware_that_does_not_confirm_is_swapped_out() {
-    let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
-    assert_eq!(device.boots(), NEW);
+    let device = Device::on_trial();
     // On trial it takes no other: the one to roll back to lies where that would go.
     let before = device.steps();
     assert_eq!(device.install(NEW, Firmware, &image(NEWEST)), Err(Refusal::OnTrial.reason()));
@@ -46,8 +44,7 @@ fn a_firmware_that_does_not_confirm_is_swapped_out() {
 
 #[test]
 fn a_pending_firmware_is_withdrawn_while_another_comes() {
-    let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
+    let device = Device::updating();
     let cut = &image(NEWEST)[..900];
     assert_eq!(device.install(OLD, Firmware, cut), Err(Refusal::Truncated.reason()));
     assert_eq!((device.run(), device.boots()), (Run::Confirmed, OLD));
@@ -58,21 +55,17 @@ fn the_bootloader_swaps_only_what_is_signed_and_whole() {
     let dfu = BOARD.dfu.start as usize;
     let trailer = dfu + BOARD.active.bytes() as usize - HEADER_BYTES;
     for at in [dfu, dfu + 1400, trailer + 20, trailer + 100] {
-        let device = Device::new();
-        assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
-        device.cells.borrow_mut().bytes[at] ^= 1;
+        let device = Device::updating();
+        device.flip(at);
         assert_eq!((device.boots(), device.run()), (OLD, Run::Confirmed), "{at:#x}");
     }
 }
 
 #[test]
 fn what_goes_wrong_in_the_swap_is_swapped_back() {
-    let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
     // A cell of the active slot that does not keep what the swap writes, found by reading it back.
-    let swapped = device.twin();
-    assert_eq!(swapped.boots(), NEW);
-    swapped.cells.borrow_mut().bytes[BOARD.active.start as usize] ^= 1;
+    let swapped = Device::on_trial();
+    swapped.flip(BOARD.active.start as usize);
     // Such a firmware is not jumped to; on trial, the next start rolls back.
     assert_eq!((swapped.boots(), swapped.run()), (OLD, Run::RolledBack));
 }
@@ -82,12 +75,8 @@ fn a_firmware_from_a_probe_has_vectors_or_is_not_jumped_to() {
     let device = Device::new();
     let active = BOARD.active;
     let write = |words: [u32; 2]| {
-        let cells = &mut device.cells.borrow_mut().bytes;
-        cells[active.start as usize..active.end as usize].fill(0xFF);
-        for (index, word) in words.iter().enumerate() {
-            let at = active.start as usize + 4 * index;
-            cells[at..at + 4].copy_from_slice(&word.to_le_bytes());
-        }
+        device.cells.borrow_mut().bytes[active.start as usize..active.end as usize].fill(0xFF);
+        device.write_vectors(active, words);
     };
     let begin = 0x0800_0000 + active.start;
     write([0x2000_6000, begin + 0x299]);
@@ -105,7 +94,7 @@ fn a_firmware_from_a_probe_has_vectors_or_is_not_jumped_to() {
     }
     // An old header under a firmware that is another.
     let device = Device::new();
-    device.cells.borrow_mut().bytes[active.start as usize + 9] ^= 1;
+    device.flip(active.start as usize + 9);
     assert_eq!(device.boot(), Err(BootFailure::NoFirmware(Refusal::WrongHash)));
 }
 
@@ -150,11 +139,9 @@ fn a_trial_ends_once_and_only_with_all_evidence() {
 
 #[test]
 fn a_damaged_firmware_gives_way_to_the_whole_one_in_the_other_slot() {
-    let device = Device::new();
-    assert_eq!(device.install(OLD, Firmware, &image(NEW)), Ok(()));
-    assert_eq!(device.boots(), NEW);
+    let device = Device::on_trial();
     device.confirm();
-    device.cells.borrow_mut().bytes[BOARD.active.start as usize + 40] ^= 1;
+    device.flip(BOARD.active.start as usize + 40);
     let other = device.twin();
     // The copy is cut off at every step, and made again.
     let mut cuts = 0;
@@ -171,12 +158,11 @@ fn a_damaged_firmware_gives_way_to_the_whole_one_in_the_other_slot() {
     }
     assert!(cuts > 50, "{cuts}");
     // Neither is whole.
-    other.cells.borrow_mut().bytes[BOARD.dfu.start as usize + 40 + SECTOR] ^= 1;
+    other.flip(BOARD.dfu.start as usize + 40 + SECTOR);
     assert_eq!(other.boot(), Err(BootFailure::NoFirmware(Refusal::WrongHash)));
     // A new one has come whole, and was not marked when the power failed.
-    let pending = Device::new();
-    assert_eq!(pending.install(OLD, Firmware, &image(NEW)), Ok(()));
+    let pending = Device::updating();
     pending.confirm();
-    pending.cells.borrow_mut().bytes[BOARD.active.start as usize + 40] ^= 1;
+    pending.flip(BOARD.active.start as usize + 40);
     assert_eq!((pending.boots(), pending.run()), (NEW, Run::Confirmed));
 }

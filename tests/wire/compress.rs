@@ -15,6 +15,7 @@ use slipsense::wire::{
 };
 
 use super::{NODE, RawParts, expected, frame, raw};
+use crate::tasks::world::assert_taxels;
 
 /// The check in a message, and the data behind it and their length: `6202.RawCompressed.1.0.dsdl`.
 const CHECK_AT: usize = 20;
@@ -65,16 +66,9 @@ fn contact(seed: u64, noise: i32, vibration: i32) -> RawParts {
         at = at.map(|at| at.wrapping_add(rng.random_range(-vibration..=vibration) as i16));
         xl.push(at);
     }
-    let scan = PiezoFrame::from_scan(counts);
-    (
-        rng.random_range(0..1 << 56),
-        rng.random(),
-        rng.random_range(0..3),
-        0,
-        Some(scan),
-        Some(xl),
-        rng.random(),
-    )
+    let (timestamp_us, sequence, sensor) =
+        (rng.random_range(0..1 << 56), rng.random(), rng.random_range(0..3));
+    (timestamp_us, sequence, sensor, 0, Some(PiezoFrame::from_scan(counts)), Some(xl), rng.random())
 }
 
 fn all_of(count: u16, sample: XlSample, samples: usize) -> RawParts {
@@ -115,11 +109,9 @@ proptest! {
         let parts = contact(seed, noise, 50);
         let message = RawMessage::decompress(&compressed(&frame(&parts), Detail::Contact)).unwrap();
         let scan = parts.4.as_ref().unwrap();
-        for (index, (&got, &count)) in message.piezo.counts().iter().zip(scan.counts()).enumerate() {
-            let sent = message.region.cols(index / TAXEL_COLS).contains(&(index % TAXEL_COLS));
-            prop_assert_eq!(got, if sent { count } else { 0 });
-            prop_assert!(sent || count < TAXEL_TOUCH_MIN);
-        }
+        assert_taxels(&message, scan);
+        let mut counts = scan.counts().iter().zip(message.piezo.counts());
+        prop_assert!(counts.all(|(&count, &got)| got == count || count < TAXEL_TOUCH_MIN));
         prop_assert_eq!(message.xl, expected(&parts).xl);
     }
 
@@ -204,15 +196,8 @@ fn the_extremes_are_within_the_bound() {
     for _ in 0..200 {
         let scan = PiezoFrame::from_scan(std::array::from_fn(|_| rng.random_range(0..4_096)));
         let xl = (0..RAW_XL_MAX).map(|_| rng.random()).collect();
-        longest = longest.max(assert_round_trip(&(
-            u64::MAX >> 8,
-            u32::MAX,
-            2,
-            255,
-            Some(scan),
-            Some(xl),
-            u32::MAX,
-        )));
+        let parts = (u64::MAX >> 8, u32::MAX, 2, 255, Some(scan), Some(xl), u32::MAX);
+        longest = longest.max(assert_round_trip(&parts));
     }
     assert_eq!(longest, COMPRESSED_BYTES_MAX, "random bits are packed, not coded");
 }
@@ -221,14 +206,14 @@ fn the_extremes_are_within_the_bound() {
 fn a_part_that_is_missing_is_told() {
     let parts = contact(3, 1, 50);
     let whole = frame(&parts);
-    let deaf = RawFrame { input: SensorInput { xl: None, ..whole.input }, ..whole };
-    let message = RawMessage::decompress(&compressed(&deaf, Detail::All)).unwrap();
+    let sent =
+        |input, detail| RawMessage::decompress(&compressed(&RawFrame { input, ..whole }, detail)).unwrap();
+    let message = sent(SensorInput { xl: None, ..whole.input }, Detail::All);
     assert_eq!((message.health, message.xl.len()), (health::XL_MISSING, 0));
-    let numb = RawFrame { input: SensorInput { piezo: None, ..whole.input }, ..whole };
-    let message = RawMessage::decompress(&compressed(&numb, Detail::All)).unwrap();
+    let message = sent(SensorInput { piezo: None, ..whole.input }, Detail::All);
     assert_eq!((message.health, message.region), (health::PIEZO_MISSING, Region::NONE));
     // Left out because the bus is full is not missing.
-    let message = RawMessage::decompress(&compressed(&whole, Detail::Accelerometer)).unwrap();
+    let message = sent(whole.input, Detail::Accelerometer);
     assert_eq!((message.health, message.region), (0, Region::NONE));
     assert_eq!(message.xl, expected(&parts).xl);
 }
@@ -292,12 +277,13 @@ fn a_lost_frame_costs_its_message_and_no_other() {
     assert!(!errors.is_empty());
 }
 
+const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/wire/corpus");
+
 /// The committed messages of `tests/wire/corpus`, which also pin the format: each decodes.
 fn corpus() -> Vec<Vec<u8>> {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/corpus");
-    let mut paths: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<_> = std::fs::read_dir(CORPUS).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
-    assert!(paths.len() >= 8, "{}: the corpus is not there", folder.display());
+    assert!(paths.len() >= 8, "{CORPUS}: the corpus is not there");
     paths.iter().map(|path| std::fs::read(path).unwrap()).collect()
 }
 
@@ -326,9 +312,8 @@ fn corpus_frames() -> Vec<RawParts> {
 #[test]
 #[ignore = "writes files"]
 fn write_corpus() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/corpus");
-    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::create_dir_all(CORPUS).unwrap();
     for (index, parts) in corpus_frames().iter().enumerate() {
-        std::fs::write(folder.join(format!("{index}.bin")), compressed(&frame(parts), Detail::All)).unwrap();
+        std::fs::write(format!("{CORPUS}/{index}.bin"), compressed(&frame(parts), Detail::All)).unwrap();
     }
 }

@@ -29,13 +29,10 @@ fn slip() -> impl Strategy<Value = SlipMessage> {
     let decision = (0u8..3, any::<[bool; 3]>(), any::<[i16; 4]>(), any::<[u8; 4]>(), 0u8..4, any::<u16>());
     let contacts = proptest::array::uniform3(contact());
     (0u64..1 << 56, any::<u32>(), decision, contacts).prop_map(
-        |(
-            timestamp_us,
-            sequence,
-            (class, flags, [a, b, c, odds], bytes, sensors, configuration),
-            contact,
-        )| {
-            let ([slip, may_begin, locked], [invalid, degraded, starts, late_frames]) = (flags, bytes);
+        |(timestamp_us, sequence, decision, contact)| {
+            let (class, [slip, may_begin, locked], logits, bytes, sensors, configuration) = decision;
+            let [a, b, c, log_odds] = logits.map(Q::from_bits);
+            let [invalid, degraded, starts, late_frames] = bytes;
             SlipMessage {
                 timestamp_us,
                 sequence,
@@ -49,8 +46,8 @@ fn slip() -> impl Strategy<Value = SlipMessage> {
                 starts,
                 configuration,
                 late_frames,
-                logits: [a, b, c].map(Q::from_bits),
-                log_odds: Q::from_bits(odds),
+                logits: [a, b, c],
+                log_odds,
                 contact,
             }
         },
@@ -191,8 +188,8 @@ fn layouts_are_those_of_the_definitions() {
     let recorded = CanFrame::new(0x0478_382A, &[&bytes[..], &[0, 0xE0]].concat()).unwrap();
     let received = Receiver::new(NODE).accept(&recorded);
     assert_eq!(received, Ok(Some(Received::Slip(old))));
-    let no_model =
-        SlipMessage::decode_1(&[&bytes[..11], &[32 | 8], &[0; 14], &[64], &[0; 35]].concat()).unwrap();
+    let no_model = [&bytes[..11], &[32 | 8], &[0; 14], &[64], &[0; 35]].concat();
+    let no_model = SlipMessage::decode_1(&no_model).unwrap();
     assert_eq!((no_model.slip, no_model.invalid), (true, INVALID_NO_MODEL));
 
     let mut scan = [0; TAXELS];
@@ -216,7 +213,7 @@ fn short_messages_are_refused() {
     assert_eq!(SlipMessage::decode(NodeId::new(43).unwrap(), &bytes), Err(damaged));
     for length in 0..SLIP_BYTES {
         match SlipMessage::decode(NODE, &bytes[..length]) {
-            Err(DecodeError::Truncated { message: "slipsense.Slip", found, .. }) => assert_eq!(found, length),
+            Err(DecodeError::Truncated { message: "slipsense.Slip", found, .. }) if found == length => {}
             other => panic!("{length} bytes: {other:?}"),
         }
     }
@@ -225,20 +222,16 @@ fn short_messages_are_refused() {
     let bytes = frame(&parts).encode(&mut buffer);
     for length in 0..bytes.len() {
         match RawMessage::decode(&bytes[..length]) {
-            Err(DecodeError::Truncated { message: "slipsense.Raw", expected, .. }) => {
-                assert!(expected > length)
-            }
+            Err(DecodeError::Truncated { message: "slipsense.Raw", expected, .. }) if expected > length => {}
             other => panic!("{length} bytes: {other:?}"),
         }
     }
-    let mut changed = bytes.to_vec();
-    changed[11] = 3;
-    let error = RawMessage::decode(&changed).unwrap_err();
-    assert_eq!(error.to_string(), "slipsense.Raw: sensor is 3, at most 2 allowed");
-    changed[11] = 0;
-    changed[1_431] = 65;
-    let error = RawMessage::decode(&changed).unwrap_err();
-    assert_eq!(error.to_string(), "slipsense.Raw: xl is 65, at most 64 allowed");
+    for (at, value, field) in [(11, 3, "sensor is 3, at most 2"), (1_431, 65, "xl is 65, at most 64")] {
+        let mut changed = bytes.to_vec();
+        changed[at] = value;
+        let error = RawMessage::decode(&changed).unwrap_err();
+        assert_eq!(error.to_string(), format!("slipsense.Raw: {field} allowed"));
+    }
 }
 
 #[test]

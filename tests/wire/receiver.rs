@@ -66,15 +66,14 @@ proptest! {
 fn transfers(count: u32) -> Vec<Vec<CanFrame>> {
     let mut transmitter = Transmitter::new(NODE);
     let mut buffer = RawBuffer::new();
-    (0..count)
-        .map(|sequence| {
-            let scan = PiezoFrame::from_scan(std::array::from_fn(|i| (i as u32 * 7 + sequence) as u16));
-            // Samples that differ, so that no two frames carry the same bytes.
-            let samples = (0..33).map(|i| [i, sequence as i16, 3 * i]).collect();
-            let parts = (1, sequence, 0, 0, Some(scan), Some(samples), 0);
-            transmitter.raw(&frame(&parts), &mut buffer).collect()
-        })
-        .collect()
+    let transfer = |sequence: u32| {
+        let scan = PiezoFrame::from_scan(std::array::from_fn(|i| (i as u32 * 7 + sequence) as u16));
+        // Samples that differ, so that no two frames carry the same bytes.
+        let samples = (0..33).map(|i| [i, sequence as i16, 3 * i]).collect();
+        let parts = (1, sequence, 0, 0, Some(scan), Some(samples), 0);
+        transmitter.raw(&frame(&parts), &mut buffer).collect()
+    };
+    (0..count).map(transfer).collect()
 }
 
 /// The sequence numbers that arrive and the transfer errors, each in order.
@@ -245,15 +244,12 @@ fn the_reassembler_names_what_is_wrong() {
 /// Silence begins behind the timeout: up to it a message of the same number is one that was there already.
 #[test]
 fn a_slip_message_at_the_timeout_is_not_yet_after_silence() {
-    let data = SlipMessage { sequence: 7, ..SlipMessage::default() };
-    let frame = Transmitter::new(NODE).slip(&data);
+    let frame = Transmitter::new(NODE).slip(&SlipMessage { sequence: 7, ..SlipMessage::default() });
     for (after_us, check) in [(0, Check::Repeated), (1, Check::Ok)] {
         let mut receiver = SlipReceiver::new(NODE);
         assert_eq!(receiver.receive(frame.data(), 1_000), Check::Ok);
         let now_us = 1_000 + SlipReceiver::TIMEOUT_US + after_us;
-        assert_eq!(
-            (receiver.state(now_us) == FlagState::NoData, receiver.receive(frame.data(), now_us)),
-            (after_us > 0, check)
-        );
+        assert_eq!(receiver.state(now_us) == FlagState::NoData, after_us > 0);
+        assert_eq!(receiver.receive(frame.data(), now_us), check);
     }
 }

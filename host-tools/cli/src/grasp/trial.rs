@@ -35,7 +35,7 @@ pub struct LoopConfig {
 
 /// The outcome of a trial. Frames are numbered from 0, times are seconds from the start; the tick of frame `f` is at
 /// `(f + 1) / 240`.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Outcome {
     /// Frame at which the object would have begun to slip as a whole, as it was when slip was first flagged of it;
     /// none where it never would have.
@@ -148,9 +148,6 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
             }
         }
     }
-    if onset.is_none() {
-        onset = plant.slips().first().map(|slip| slip.start);
-    }
     series.slid_mm = sample(&plant, Plant::slid_mm);
     series.grip_n = sample(&plant, |plant, frame| plant.grip_n(tick_s(frame)));
     let last = pulled.end - 1;
@@ -158,7 +155,7 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
     let since_detected =
         |at_s: Option<f64>| detected.zip(at_s).map(|(frame, at_s): (usize, f64)| at_s - tick_s(frame));
     let outcome = Outcome {
-        onset,
+        onset: onset.or_else(|| plant.slips().first().map(|slip| slip.start)),
         detected,
         lost: plant.lost_at(),
         lost_without,

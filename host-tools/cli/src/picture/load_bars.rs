@@ -1,6 +1,6 @@
 //! How full a bus is, as bars: one pair for each pair of bit rates.
 
-use slipsense_can_sim::busload::{BusLoad, Load};
+use slipsense_can_sim::busload::BusLoad;
 
 use super::draw::{Anchor, CLASS, Canvas, GREY, INK, RULE, SENSOR, rect, rule};
 
@@ -45,7 +45,8 @@ pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> Strin
             let y = y + (BAR + 4.0) * row as f64;
             page.text(LEFT - 8.0, y + 14.0, Anchor::End, 12.0, GREY, what);
             let mut from = 0.0;
-            for (percent, (_, colour)) in parts(load).into_iter().zip(COLOURS) {
+            let parts = [load.slip_percent, load.raw_percent, load.foreign_percent];
+            for (percent, (_, colour)) in parts.into_iter().zip(COLOURS) {
                 page.add(rect(x(from), y, x(from + percent) - x(from), BAR, colour));
                 from += percent;
             }
@@ -56,8 +57,4 @@ pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> Strin
     let limit = x(f64::from(limit_percent));
     page.add(rule(limit, TOP - 6.0, limit, bottom, "#b00020"));
     page.page(WIDTH, bottom + 40.0, headline)
-}
-
-const fn parts(load: Load) -> [f64; 3] {
-    [load.slip_percent, load.raw_percent, load.foreign_percent]
 }

@@ -87,11 +87,7 @@ struct Rates {
 impl Rates {
     fn parse(text: &str) -> Result<Self, String> {
         let (nominal, data) = text.split_once('/').ok_or("need two rates in Mbit/s, such as 1/8")?;
-        let (nominal_bps, data_bps) = (
-            bps(nominal, NOMINAL_BPS_MAX).ok_or_else(|| range(nominal, NOMINAL_BPS_MAX))?,
-            bps(data, DATA_BPS_MAX),
-        );
-        let data_bps = data_bps.ok_or_else(|| range(data, DATA_BPS_MAX))?;
+        let (nominal_bps, data_bps) = (bps(nominal, NOMINAL_BPS_MAX)?, bps(data, DATA_BPS_MAX)?);
         if data_bps < nominal_bps {
             return Err("the data phase cannot be slower than arbitration".to_owned());
         }
@@ -115,14 +111,12 @@ impl Rates {
     }
 }
 
-fn range(text: &str, max: u32) -> String {
-    format!("\"{text}\" must be a rate above 0, at most {} Mbit/s", max / 1_000_000)
-}
-
 /// Mbit/s to whole bit/s.
-fn bps(text: &str, max: u32) -> Option<u32> {
-    let bps = text.parse::<f64>().ok()? * 1e6;
-    (bps.is_finite() && bps >= 1.0 && bps <= f64::from(max)).then_some(bps.round() as u32)
+fn bps(text: &str, max: u32) -> Result<u32, String> {
+    let bps = text.parse().map_or(f64::NAN, |mega: f64| mega * 1e6);
+    let is_rate = (1.0..=f64::from(max)).contains(&bps);
+    let refused = || format!("\"{text}\" must be a rate above 0, at most {} Mbit/s", max / 1_000_000);
+    is_rate.then_some(bps.round() as u32).ok_or_else(refused)
 }
 
 impl Args {
@@ -134,18 +128,14 @@ impl Args {
             None => (bundled::episode()?, bundled::NAME.to_owned()),
         };
         let mut sample = Sample::default();
-        let progress = self.print.progress(episode.frames(), "frames");
-        simulate(
-            &episode,
-            bundled::model(None)?.parse()?,
-            self.raw.form(),
-            |_, frame| {
-                sample.push(frame);
+        let (frames, model) = (episode.frames(), bundled::model(None)?);
+        self.print.progress(frames, "frames", |bar| {
+            simulate(&episode, frames, model.parse()?, self.raw.form(), |_, can| {
+                bar.inc(1);
+                can.iter().for_each(|frame| sample.push(frame));
                 Ok(())
-            },
-            || progress.inc(1),
-        )?;
-        progress.finish_and_clear();
+            })
+        })?;
         ensure!(sample.is_complete(), "{name}: no raw message in it");
         let asked = Plan {
             nodes: self.nodes.into(),
@@ -169,7 +159,7 @@ impl Args {
         let result = json!({
             "nodes": asked.nodes, "sensors": asked.sensors, "raw_every": asked.raw_every, "raw": self.raw,
             "samples": asked.samples, "foreign_percent": asked.foreign_percent,
-            "episode": {"name": name, "frames": episode.frames()},
+            "episode": {"name": name, "frames": frames},
             "simulated_periods": SIMULATED_PERIODS, "buses": buses, "warnings": warnings,
         });
         self.print.show(&result, || table(&asked, &name, &buses, &warnings))

@@ -18,6 +18,7 @@ use super::convert::node_id;
 use super::print;
 use crate::bundled::{self, NamedModel};
 use crate::page_server::{PageServer, Shared};
+use crate::summary::file_name;
 
 const STANDARD_INPUT: &str = "-";
 /// Columns of the page.
@@ -157,7 +158,7 @@ impl Args {
         };
         let file = EpisodeReader::new(input, path)?;
         let model = named_model(model)?;
-        let session = Session::of_episode(file_name(path), model.name.clone(), file.episode());
+        let session = Session::of_episode(file_name(path).into_owned(), model.name.clone(), file.episode());
         Ok((session, Source::Episode(Box::new(file), model)))
     }
 
@@ -168,14 +169,10 @@ impl Args {
         } else {
             let file =
                 File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
-            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path))
+            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path).into_owned())
         };
         Ok((Session::of_log(name, is_live), Source::Log(log, self.node)))
     }
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into())
 }
 
 /// A model that can be used.

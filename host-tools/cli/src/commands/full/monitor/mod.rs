@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use slipsense_recording::link::Place;
 
-use super::live::{Event, Live};
+use super::live::{DataRate, Event, Live};
 use super::print;
 use modules::Modules;
 
@@ -37,9 +37,8 @@ pub struct Args {
     /// With --plain: the lines as JSON
     #[arg(long, requires = "plain")]
     json: bool,
-    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
-    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
-    data_mbit: u8,
+    #[command(flatten)]
+    data: DataRate,
 }
 
 const PICTURE: Duration = Duration::from_millis(33);
@@ -50,7 +49,7 @@ impl Args {
         if !self.plain && !std::io::stdout().is_terminal() {
             bail!("standard output is not a terminal: --plain prints a line every second");
         }
-        let live = Live::start(&self.source, self.data_mbit)?;
+        let live = Live::start(&self.source, self.data.data_mbit)?;
         if self.plain { self.lines(&live) } else { self.screen(&live) }
     }
 

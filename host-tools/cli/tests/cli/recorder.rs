@@ -136,10 +136,7 @@ fn a_recording_of_hours_is_whole_in_bounded_memory() {
     let peak: u64 = peak.unwrap_or(0);
     assert!(peak < MEMORY_KB, "{peak} kB");
     let parts = result["out"].as_array().unwrap();
-    let mut found = 0;
-    for part in parts.iter().filter_map(Value::as_str) {
-        found += slips(&place, part);
-    }
+    let found: u64 = parts.iter().filter_map(Value::as_str).map(|part| slips(&place, part)).sum();
     println!(
         "{hours} h, {sent} frames in {} files, {peak} kB at most, {found} slip messages read back",
         parts.len()
@@ -159,9 +156,7 @@ fn slips(place: &Place, part: &str) -> u64 {
 #[test]
 fn a_recorder_splits_and_ends_by_sigterm() {
     let place = Place::new();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
-    command.args(place.words("record - @r.mcap @r.log --split-mb 1 --json"));
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut child = start(&place, "record - @r.mcap @r.log --split-mb 1 --json");
     let log = log(480, &[]);
     let mut input = child.stdin.take().unwrap();
     input.write_all(&log).unwrap();

@@ -167,6 +167,28 @@ impl Arrays {
     }
 }
 
+/// That a text has all these words.
+pub fn assert_says(text: &str, words: &[&str]) {
+    for words in words {
+        assert!(text.contains(words), "{words} is missing in\n{text}");
+    }
+}
+
+/// The header of an ELF of 32 bits for ARM: where its segments and its sections are described, and how many they are.
+/// The names of sections are in the last.
+pub fn elf_header(segments: (u32, u16), sections: (u32, u16)) -> Vec<u8> {
+    let half = |value: u16| value.to_le_bytes().to_vec();
+    let word = |value: u32| value.to_le_bytes().to_vec();
+    [
+        b"\x7fELF\x01\x01\x01".to_vec(),
+        vec![0; 9],
+        [2, 40].map(half).concat(),
+        [1, 0, segments.0, sections.0, 0].map(word).concat(),
+        [52, 32, segments.1, 40, sections.1, sections.1.saturating_sub(1)].map(half).concat(),
+    ]
+    .concat()
+}
+
 /// A model that decides nothing, small so that an unoptimised build is fast.
 pub fn model() -> ModelFile {
     let dims = Dims { conv_channels: [2, 2, 2], embed: 4, xl_kernel: 2, xl_channels: 4, heads: 2, window: 8 };

@@ -209,7 +209,7 @@ fn all_splits_in_folders() {
 fn options_that_make_no_sense() {
     let place = Place::new();
     let file = place.file("file", "mine");
-    for (set, rule) in [
+    let cases = [
         ("--split umi", "invalid value 'umi' for '--split"),
         ("--split val --frames 0", "invalid value '0' for '--frames"),
         ("--split val --frames many", "invalid value 'many' for '--frames"),
@@ -224,12 +224,10 @@ fn options_that_make_no_sense() {
         ("--verify --frames 5", "required"),
         ("", "--split"),
         ("--split train", "--frames: "),
-    ] {
-        place.errors([(format!("synth {set} --out @out"), rule)]);
-    }
-    for set in ["--split val --frames 1", "--all --frames 1", "--verify"] {
-        place.errors([(format!("synth {set} --out @file"), "@file: ")]);
-    }
+    ];
+    place.errors(cases.map(|(set, rule)| (format!("synth {set} --out @out"), rule)));
+    let sets = ["--split val --frames 1", "--all --frames 1", "--verify"];
+    place.errors(sets.map(|set| (format!("synth {set} --out @file"), "@file: ")));
     assert_eq!(fs::read(&file).unwrap(), b"mine");
 }
 

@@ -7,12 +7,12 @@ use std::path::Path;
 use slipsense::params::TAXEL_COLS;
 use slipsense_recording::Episode;
 
-use crate::support::{Arrays, Place, model, model_bytes, names};
+use crate::support::{Arrays, Place, assert_says, model, model_bytes, names};
 
 /// Run an episode that must be refused, by its name.
 fn refused(place: &Place, episode: &str) -> String {
     let before = place.names();
-    let error = place.error(&format!("run @{episode} --out @out --model @m.slipnet"));
+    let error = place.error(&format!("run @{episode} --out @deep/out --model @m.slipnet"));
     assert_eq!(place.names(), before, "no output");
     assert!(error.contains(&place.path(episode).display().to_string()), "names the file: {error}");
     error
@@ -52,8 +52,7 @@ fn every_rule_of_the_episode_format() {
         let mut arrays = Arrays::valid();
         break_it(&mut arrays);
         arrays.write(&place.path("e.npz"));
-        let error = refused(&place, "e.npz");
-        assert!(error.contains(rule), "{error:?} says {rule:?}");
+        assert_says(&refused(&place, "e.npz"), &[rule]);
     }
 }
 

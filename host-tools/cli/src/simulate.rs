@@ -65,10 +65,3 @@ pub fn simulate(
     }
     Ok(simulation)
 }
-
-impl Simulation {
-    /// Frames through the pipeline per second of its own time.
-    pub fn frames_per_s(&self) -> f64 {
-        self.predictions.frames() as f64 / self.step_time.as_secs_f64().max(1e-9)
-    }
-}

@@ -167,7 +167,7 @@ impl Summary {
         model_name: &str,
         simulation: &Simulation,
     ) -> Self {
-        let frames_per_s = simulation.frames_per_s();
+        let frames_per_s = episode.frames() as f64 / simulation.step_time.as_secs_f64().max(1e-9);
         let times_real_time = frames_per_s / f64::from(FRAME_RATE_HZ);
         Self {
             format: FORMAT,

@@ -100,7 +100,6 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
     let pulled = plant.pulled();
 
     let mut series = TrialSeries::default();
-    let mut received = Vec::new();
     let (mut onset, mut detected, mut message_s) = (None, None, None);
     let (mut false_motions, mut motions) = (0, 0);
     let (mut first_at_s, mut peak_at_s) = (None, None);
@@ -109,15 +108,16 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
         let output = pipeline.step(read.inputs());
         let stamp = FrameStamp::of_recording(u32::try_from(frame).context("frame number")?);
         // Time passes while the network runs; older messages may arrive meanwhile.
-        link.advance(tick_ns(frame) + 1000 * config.inference_us, &mut received)?;
+        let mut received = link.advance(tick_ns(frame) + 1000 * config.inference_us)?;
         let raw = read.inputs().iter().enumerate();
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
-        link.send(&output.slip_message(stamp, &Origin::default()), raw)?;
+        let slip = output.slip_message(stamp, &Origin::default());
+        link.send(&slip, raw)?;
         series.lead.push(output.log_odds.map_or(0.0, Logit::to_f64));
-        series.flag.push(config.reaction.flag.is_up(&output.slip_message(stamp, &Origin::default())));
-        link.advance(tick_ns(frame + 1), &mut received)?;
+        series.flag.push(config.reaction.flag.is_up(&slip));
+        received.extend(link.advance(tick_ns(frame + 1))?);
 
-        for ReceivedSlip { at_ns, message } in received.drain(..) {
+        for ReceivedSlip { at_ns, message } in received {
             let now_s = at_ns as f64 * 1e-9;
             let flagged = message.sequence as usize;
             let (start_s, end_s) = (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);

@@ -136,8 +136,7 @@ impl Target for GdbServer {
     }
 
     fn read(&mut self, address: u32, words: &mut [u32]) -> Result<()> {
-        let mut address = address;
-        for words in words.chunks_mut(PACKET_WORDS) {
+        for (words, address) in words.chunks_mut(PACKET_WORDS).zip((address..).step_by(4 * PACKET_WORDS)) {
             let bytes = 4 * words.len() as u32;
             let answer = self.ask(&format!("m{address:x},{bytes:x}"))?;
             let values = (answer.len() == 2 * bytes as usize).then(|| from_hex(&answer)).flatten();
@@ -145,20 +144,17 @@ impl Target for GdbServer {
                 bail!("{}: {bytes} bytes at {address:#010x} cannot be read: `{answer}`", self.name);
             };
             words.copy_from_slice(&values);
-            address += bytes;
         }
         Ok(())
     }
 
     fn write(&mut self, address: u32, words: &[u32]) -> Result<()> {
-        let mut address = address;
-        for words in words.chunks(PACKET_WORDS) {
+        for (words, address) in words.chunks(PACKET_WORDS).zip((address..).step_by(4 * PACKET_WORDS)) {
             let bytes = 4 * words.len() as u32;
             let data: String = words.iter().map(|word| format!("{:08x}", word.swap_bytes())).collect();
             let answer = self.ask(&format!("M{address:x},{bytes:x}:{data}"))?;
             let is_written = answer == "OK";
             ensure!(is_written, "{}: {address:#010x} cannot be written: `{answer}`", self.name);
-            address += bytes;
         }
         Ok(())
     }

@@ -141,35 +141,15 @@ impl Target for UsbProbe {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fmt;
 
     use probe_rs::integration::FakeProbe;
     use probe_rs::probe::list::ProbeLister;
-    use probe_rs::probe::{DebugProbe, DebugProbeError, Probe, ProbeCreationError, ProbeFactory};
+    use probe_rs::probe::stlink::StLinkFactory;
+    use probe_rs::probe::{DebugProbeError, Probe, ProbeCreationError};
 
     /// A NUCLEO's ST-LINK, and its serial numbers.
     const VENDOR: u16 = 0x0483;
     const PRODUCT: u16 = 0x374E;
-
-    /// What makes no probe: the list opens them.
-    #[derive(Debug)]
-    struct NoFactory;
-
-    impl fmt::Display for NoFactory {
-        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            f.write_str("fake")
-        }
-    }
-
-    impl ProbeFactory for NoFactory {
-        fn open(&self, _: &DebugProbeSelector) -> Result<Box<dyn DebugProbe>, DebugProbeError> {
-            Err(ProbeCreationError::NotFound.into())
-        }
-
-        fn list_probes(&self) -> Vec<ProbeListItem> {
-            Vec::new()
-        }
-    }
 
     /// Probes by their serial numbers, all with a core without a chip's identity.
     #[derive(Debug)]
@@ -193,7 +173,7 @@ mod tests {
         fn list_with_access(&self, selector: Option<&DebugProbeSelector>) -> Vec<ProbeListItem> {
             let info = |serial: &&str| {
                 let serial = Some((*serial).to_owned());
-                DebugProbeInfo::new("STLink V3", VENDOR, PRODUCT, serial, &NoFactory, None, false)
+                DebugProbeInfo::new("STLink V3", VENDOR, PRODUCT, serial, &StLinkFactory, None, false)
             };
             let infos = self.serials.iter().map(info);
             let wanted = infos.filter(|info| selector.is_none_or(|selector| selector.matches_probe(info)));

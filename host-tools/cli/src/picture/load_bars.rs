@@ -15,6 +15,11 @@ const PAIR: f64 = 2.0 * BAR + 26.0;
 const COLOURS: [(&str, &str); 3] =
     [("slip messages", CLASS[2]), ("raw messages", CLASS[1]), ("other nodes", SENSOR[0])];
 
+/// Bit rates as the command line has them, Mbit/s.
+pub fn rates(nominal_bps: u32, data_bps: u32) -> String {
+    format!("{}/{}", f64::from(nominal_bps) / 1e6, f64::from(data_bps) / 1e6)
+}
+
 /// Typical and worst load on each bus, with a line at `limit_percent`.
 pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> String {
     let bottom = TOP + PAIR * buses.len() as f64;
@@ -38,7 +43,7 @@ pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> Strin
     }
     for (index, bus) in buses.iter().enumerate() {
         let y = TOP + PAIR * index as f64;
-        let rates = format!("{}/{} Mbit/s", f64::from(bus.nominal_bps) / 1e6, f64::from(bus.data_bps) / 1e6);
+        let rates = format!("{} Mbit/s", rates(bus.nominal_bps, bus.data_bps));
         page.text(16.0, y + 14.0, Anchor::Start, 13.0, INK, &rates);
         for (row, (what, load)) in [("typical", bus.exact), ("worst case", bus.worst)].into_iter().enumerate()
         {

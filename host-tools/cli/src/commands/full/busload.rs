@@ -17,7 +17,7 @@ use slipsense_recording::Episode;
 use super::{Print, Raw};
 use crate::bundled;
 use crate::output::{check_file, write_file};
-use crate::picture::load_bars;
+use crate::picture::{load_bars, rates};
 use crate::simulate::simulate;
 use crate::summary::plural;
 
@@ -94,17 +94,12 @@ impl Rates {
         Ok(Self { nominal_bps, data_bps })
     }
 
-    fn words(self) -> String {
-        let mega = |bps: u32| f64::from(bps) / 1e6;
-        format!("{}/{}", mega(self.nominal_bps), mega(self.data_bps))
-    }
-
     fn timing(self) -> Result<Timing> {
         Timing::new(CLOCK_HZ, self.nominal_bps, self.data_bps).map_err(|error| {
             let slipsense_can_sim::TimingError::BitRate(bps) = error;
             anyhow!(
                 "--bitrate {}: a clock of {} MHz is no multiple of {bps} bit/s",
-                self.words(),
+                rates(self.nominal_bps, self.data_bps),
                 CLOCK_HZ / 1_000_000
             )
         })
@@ -171,18 +166,14 @@ impl Args {
             .iter()
             .filter_map(|bus| {
                 let (exact, worst) = (bus.exact.total_percent, bus.worst.total_percent);
-                let rates = Rates { nominal_bps: bus.nominal_bps, data_bps: bus.data_bps }.words();
-                let over = |what: &str, percent: f64| {
-                    format!("{rates} Mbit/s: {what} {percent:.1} % of the bus, limit {limit} %")
+                let (what, percent) = match () {
+                    () if exact > 100.0 => ("raw messages will be lost: this traffic asks for", exact),
+                    () if exact > limit => ("this traffic asks for", exact),
+                    () if worst > limit => ("the worst case asks for", worst),
+                    () => return None,
                 };
-                match () {
-                    () if exact > 100.0 => {
-                        Some(over("raw messages will be lost: this traffic asks for", exact))
-                    }
-                    () if exact > limit => Some(over("this traffic asks for", exact)),
-                    () if worst > limit => Some(over("the worst case asks for", worst)),
-                    () => None,
-                }
+                let rates = rates(bus.nominal_bps, bus.data_bps);
+                Some(format!("{rates} Mbit/s: {what} {percent:.1} % of the bus, limit {limit} %"))
             })
             .collect()
     }
@@ -210,7 +201,7 @@ fn table(asked: &Plan, name: &str, buses: &[BusLoad], warnings: &[String]) -> St
     text += "  Mbit/s    load: typical   worst    flag latency, full bus: typical      any data\n";
     text += "                                                  computed    bus   computed    bus\n";
     for bus in buses {
-        let rates = Rates { nominal_bps: bus.nominal_bps, data_bps: bus.data_bps }.words();
+        let rates = rates(bus.nominal_bps, bus.data_bps);
         let (typical, any) = (bus.latency_exact, bus.latency_worst);
         let _ = writeln!(
             text,

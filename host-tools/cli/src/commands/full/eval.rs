@@ -136,13 +136,8 @@ impl Args {
         let part = self.print.progress(episodes_of(&inputs, has), "episodes", |bar| {
             run_part(&inputs, &candidates, has, &|| bar.inc(1))
         })?;
-        let parts = match self.shard {
-            None => vec![part],
-            Some(_) => match files.add(&part)? {
-                Some(parts) => parts,
-                None => return Ok(None),
-            },
-        };
+        let parts = if self.shard.is_some() { files.add(&part)? } else { Some(vec![part]) };
+        let Some(parts) = parts else { return Ok(None) };
         let predicted = join(&inputs, candidates.len(), parts);
         let results = Results::new(&inputs, &candidates, &predicted, &pairs(&candidates, &seeds));
         let out = OutputDir::prepare(&self.out)?;

@@ -131,19 +131,16 @@ impl Args {
         let files = if self.files.is_empty() { &bundled[..] } else { &self.files };
         let mut sources = Vec::new();
         for path in files {
-            let is_episode =
-                self.files.is_empty() || path.extension().is_some_and(|extension| extension == "npz");
-            if !is_episode {
-                let own_model = self.model.iter().find(|model| *model != Path::new(bundled::NAME));
+            if self.files.is_empty() || path.extension().is_some_and(|extension| extension == "npz") {
+                for model in &self.model {
+                    sources.push(self.episode(path, model)?);
+                }
+            } else {
                 ensure!(
-                    own_model.is_none(),
+                    self.model.iter().all(|model| model == Path::new(bundled::NAME)),
                     "--model: a log holds the module's own decisions; a model is for episodes"
                 );
                 sources.push(self.log(path)?);
-                continue;
-            }
-            for model in &self.model {
-                sources.push(self.episode(path, model)?);
             }
         }
         Ok(sources)

@@ -86,10 +86,9 @@ fn serve(end: State) -> (String, JoinHandle<Vec<Request>>) {
 fn exchange(stream: &mut TcpStream, text: &mut String) -> bool {
     let mut buffer = [0; 4096];
     match stream.read(&mut buffer) {
-        Ok(0) => false,
         Ok(length) => {
             text.push_str(std::str::from_utf8(&buffer[..length]).unwrap());
-            true
+            length > 0
         }
         Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
     }

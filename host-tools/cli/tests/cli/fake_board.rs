@@ -48,12 +48,14 @@ pub fn serve(model: Vec<u8>, fault: Fault) -> u16 {
     let port = listener.local_addr().expect("it is bound").port();
     thread::spawn(move || {
         let (stream, _) = listener.accept().expect("the command connects");
-        Server { stream, board: Board::new(&model), fault }.run();
+        Board::new(stream, &model, fault).serve();
     });
     port
 }
 
 struct Board {
+    stream: TcpStream,
+    fault: Fault,
     mailbox: &'static Mailbox,
     frame: &'static [AtomicU32; FRAME_WORDS],
     answer: &'static [AtomicU32; ANSWER_WORDS],
@@ -64,7 +66,7 @@ struct Board {
 }
 
 impl Board {
-    fn new(model: &[u8]) -> Self {
+    fn new(stream: TcpStream, model: &[u8], fault: Fault) -> Self {
         let mailbox: &'static Mailbox = Box::leak(Box::default());
         let frame = &*Box::leak(Box::new([const { AtomicU32::new(0) }; FRAME_WORDS]));
         let answer = &*Box::leak(Box::new([const { AtomicU32::new(0) }; ANSWER_WORDS]));
@@ -72,7 +74,7 @@ impl Board {
         mailbox.words().iter().for_each(|word| word.store(1, Ordering::Relaxed));
         let model = Model::parse(Box::leak(model.to_vec().into_boxed_slice())).expect("a model");
         let (host, transmitter) = (BoardEnd::new(mailbox, frame, answer), Transmitter::new(NodeId::DEFAULT));
-        Self { mailbox, frame, answer, host, model, pipeline: None, transmitter }
+        Self { stream, fault, mailbox, frame, answer, host, model, pipeline: None, transmitter }
     }
 
     fn words(&self, address: u32) -> &'static [AtomicU32] {
@@ -89,7 +91,9 @@ impl Board {
         &self.mailbox.words()[word as usize]
     }
 
-    fn run(&mut self, fault: Fault) {
+    /// What its program does while it may run.
+    fn run(&mut self) {
+        let fault = self.fault;
         if fault == Fault::OtherProgram {
             return;
         }
@@ -138,17 +142,9 @@ impl Board {
         self.host.took(number + CYCLES);
         self.host.answered();
     }
-}
 
-struct Server {
-    stream: TcpStream,
-    board: Board,
-    fault: Fault,
-}
-
-impl Server {
-    /// Until the debugger goes.
-    fn run(&mut self) {
+    /// Be its debugger's server, until the debugger goes.
+    fn serve(&mut self) {
         while let Some(packet) = self.packet() {
             let answer = self.answer(&packet);
             self.send(&answer);
@@ -194,13 +190,13 @@ impl Server {
                 "OK".to_owned()
             }
             ("c", _) => {
-                self.board.run(self.fault);
+                self.run();
                 while self.byte().is_some_and(|byte| byte != 0x03) {}
                 "T02thread:1;".to_owned()
             }
             ("m", rest) => {
                 let (address, bytes) = rest.split_once(',').expect("address and length");
-                let words = self.board.words(number(address)).iter().take(number(bytes) as usize / 4);
+                let words = self.words(number(address)).iter().take(number(bytes) as usize / 4);
                 let hex = words.map(|word| format!("{:08x}", word.load(Ordering::Relaxed).swap_bytes()));
                 let hex: String = hex.collect();
                 if hex.is_empty() { "E14".to_owned() } else { hex }
@@ -208,7 +204,7 @@ impl Server {
             ("M", rest) => {
                 let (place, data) = rest.split_once(':').expect("data");
                 let (address, _) = place.split_once(',').expect("address and length");
-                let words = self.board.words(number(address));
+                let words = self.words(number(address));
                 for (at, word) in words.iter().zip(data.as_bytes().chunks(8)) {
                     let word = number(std::str::from_utf8(word).expect("digits")).swap_bytes();
                     at.store(word, Ordering::Relaxed);

@@ -8,7 +8,7 @@
 use std::fmt::Display;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
@@ -70,7 +70,7 @@ impl Shared {
 }
 
 pub struct PageServer {
-    server: Arc<Server>,
+    server: Server,
     address: SocketAddr,
 }
 
@@ -81,28 +81,21 @@ impl PageServer {
         let server = Server::http(address).map_err(|error| anyhow!("{error}"));
         let server = server.with_context(|| format!("port {port}: cannot listen on it"))?;
         let address = server.server_addr().to_ip().context("the server has no address")?;
-        Ok(Self { server: Arc::new(server), address })
+        Ok(Self { server, address })
     }
 
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
     }
 
-    pub fn serve(self, sessions: &Arc<Vec<Shared>>) {
+    pub fn serve(&self, sessions: &[Shared]) {
         let serve = || {
-            let (server, sessions, port) =
-                (Arc::clone(&self.server), Arc::clone(sessions), self.address.port());
-            thread::spawn(move || {
-                while let Ok(request) = server.recv() {
-                    // A page that was closed does not take its answer.
-                    let _ = answer(request, &sessions, port);
-                }
-            })
+            while let Ok(request) = self.server.recv() {
+                // A page that was closed does not take its answer.
+                let _ = answer(request, sessions, self.address.port());
+            }
         };
-        for thread in (0..THREADS).map(|_| serve()).collect::<Vec<_>>() {
-            // A thread that panicked has said so; the others go on.
-            let _ = thread.join();
-        }
+        thread::scope(|scope| (0..THREADS).for_each(|_| drop(scope.spawn(serve))));
     }
 }
 
@@ -149,14 +142,13 @@ fn typed(body: Vec<u8>, content_type: &str, first: Option<u64>) -> Response<io::
 mod tests {
     use std::io::{Read, Write};
     use std::net::TcpStream;
-    use std::sync::Arc;
 
     #[test]
     fn only_its_own_host_name_is_answered() {
         let server = super::PageServer::bind(0).unwrap();
         let address = server.url().trim_start_matches("http://").trim_end_matches('/').to_owned();
         let port = address.rsplit_once(':').unwrap().1.to_owned();
-        std::thread::spawn(move || server.serve(&Arc::default()));
+        std::thread::spawn(move || server.serve(&[]));
         let status = |host: &str| {
             let mut stream = TcpStream::connect(&address).unwrap();
             write!(stream, "GET /sessions HTTP/1.1\r\n{host}Connection: close\r\n\r\n").unwrap();

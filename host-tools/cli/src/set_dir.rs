@@ -22,6 +22,10 @@ const HASHES: &str = "hashes.json";
 pub struct SetDir {
     pub path: PathBuf,
     pub set: EpisodeSet,
+    /// Hash of each episode that was made just now.
+    pub made: Vec<Option<String>>,
+    /// All episodes are there, or none was to be made.
+    pub is_complete: bool,
     hashes: Option<SetHashes>,
     frozen: Option<FrozenSet>,
 }
@@ -31,7 +35,7 @@ impl SetDir {
     /// describes it is not damaged.
     pub fn check(path: &Path, set: EpisodeSet) -> Result<Self> {
         refuse_file(path)?;
-        if let Some(there) = read_set(path)? {
+        if let Some(there) = read(&path.join(SET), EpisodeSet::parse)? {
             if let Some(difference) = there.difference(&set) {
                 let file = path.join(SET);
                 bail!("{}: {difference}; another set needs another folder", file.display());
@@ -43,19 +47,18 @@ impl SetDir {
     }
 
     pub fn open(path: &Path) -> Result<Option<Self>> {
-        read_set(path)?.map(|set| Self::with_hashes(path, set)).transpose()
+        let set = read(&path.join(SET), EpisodeSet::parse)?;
+        set.map(|set| Self::with_hashes(path, set)).transpose()
     }
 
     fn with_hashes(path: &Path, set: EpisodeSet) -> Result<Self> {
-        let file = path.join(HASHES);
-        let hashes = read(&file)?
-            .map(|text| SetHashes::parse(&text, &set).with_context(|| file.display().to_string()))
-            .transpose()?;
+        let hashes = read(&path.join(HASHES), |text| SetHashes::parse(text, &set))?;
         let frozen = match set.split.frozen_episodes() {
             0 => None,
             _ => Some(set.split.frozen()?).filter(|frozen| frozen.set() == set),
         };
-        Ok(Self { path: path.to_owned(), set, hashes, frozen })
+        let made = vec![None; set.episodes.len()];
+        Ok(Self { path: path.to_owned(), set, made, is_complete: true, hashes, frozen })
     }
 
     pub fn begin(&self) -> Result<()> {
@@ -90,11 +93,13 @@ impl SetDir {
     }
 
     /// If all episodes are there, write down their hashes, where that is not done, and check those that
-    /// are known. `known` holds the hash of each episode that was just made.
-    pub fn finish(&mut self, mut known: Vec<Option<String>>, each: impl Fn(usize) + Sync) -> Result<bool> {
-        if !self.missing(Shard::WHOLE).is_empty() {
-            return Ok(false);
+    /// are known.
+    pub fn finish(&mut self, each: impl Fn(usize) + Sync) -> Result<()> {
+        self.is_complete = self.missing(Shard::WHOLE).is_empty();
+        if !self.is_complete {
+            return Ok(());
         }
+        let mut known = self.made.clone();
         if let Some(hashes) = &self.hashes {
             let stored = hashes.episodes.iter().map(|episode| &episode.hash);
             let differs = |(new, old): (&Option<String>, _)| new.as_ref().is_some_and(|new| new != old);
@@ -122,8 +127,7 @@ impl SetDir {
                 }
             }
         }
-        self.compare_with_frozen()?;
-        Ok(true)
+        self.compare_with_frozen()
     }
 
     /// Read every episode again and compare it with `hashes.json` and, where this is one, with the frozen
@@ -132,12 +136,12 @@ impl SetDir {
         if let Some(&index) = self.missing(Shard::WHOLE).first() {
             bail!("{}: is missing or not whole", self.file(index).display());
         }
-        let Some(hashes) = &self.hashes else {
-            bail!(
+        let hashes = self.hashes.as_ref().with_context(|| {
+            format!(
                 "{}: is missing; the command that made the set writes it",
                 self.path.join(HASHES).display()
-            );
-        };
+            )
+        })?;
         for file in episode_files(&self.path)? {
             let name = file.file_stem().unwrap_or_default();
             ensure!(
@@ -171,7 +175,7 @@ impl SetDir {
     }
 
     pub fn is_frozen(&self) -> bool {
-        self.frozen.is_some()
+        self.is_complete && self.frozen.is_some()
     }
 
     fn compare_with_frozen(&self) -> Result<()> {
@@ -186,18 +190,17 @@ impl SetDir {
 
     /// One number that stands for the content of a complete set.
     pub fn hash(&self) -> Option<&str> {
-        self.hashes.as_ref().map(|hashes| hashes.set.as_str())
+        self.hashes.as_ref().filter(|_| self.is_complete).map(|hashes| hashes.set.as_str())
     }
 }
 
-fn read_set(folder: &Path) -> Result<Option<EpisodeSet>> {
-    let file = folder.join(SET);
-    read(&file)?.map(|text| EpisodeSet::parse(&text).with_context(|| file.display().to_string())).transpose()
-}
-
-fn read(file: &Path) -> Result<Option<String>> {
+/// What a file says; none where it is not there.
+fn read<T, E>(file: &Path, parse: impl FnOnce(&str) -> Result<T, E>) -> Result<Option<T>>
+where
+    E: std::error::Error + Send + Sync + 'static,
+{
     match fs::read_to_string(file) {
-        Ok(text) => Ok(Some(text)),
+        Ok(text) => parse(&text).map(Some).with_context(|| file.display().to_string()),
         Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
             Ok(None)
         }
@@ -233,6 +236,8 @@ mod tests {
         let hashes = |digits: [&str; 2]| digits.map(|digit| digit.repeat(64)).to_vec();
         let dir = |made: [&str; 2]| SetDir {
             path: "out".into(),
+            made: Vec::new(),
+            is_complete: true,
             hashes: Some(SetHashes::new(&set, hashes(made))),
             frozen: Some(FrozenSet::new(set.clone(), hashes(["a", "b"]), 2)),
             set: set.clone(),

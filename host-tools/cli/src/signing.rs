@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::ValueEnum;
-use ed25519_dalek::{Signer, SigningKey};
+use ed25519_dalek::SigningKey;
 use object::elf::PT_LOAD;
 use object::read::elf::{FileHeader, ProgramHeader};
 use object::{LittleEndian, elf};
@@ -42,11 +42,6 @@ pub fn read_key(path: &Path) -> Result<SigningKey> {
 
 pub fn public_key(text: &str) -> Result<[u8; 32], String> {
     from_hex(text).ok_or_else(|| "a public key has 64 hexadecimal digits".to_owned())
-}
-
-pub fn sign(key: &SigningKey, header: &Header, payload: &[u8]) -> Vec<u8> {
-    let signature = key.sign(&header.signed_bytes()).to_bytes();
-    [&header.encode(&signature)[..], payload].concat()
 }
 
 /// The header of a payload, checked as far as a computer can; `name` is the file it came from.

@@ -30,16 +30,16 @@ pub fn stamp(frame: usize) -> FrameStamp {
     FrameStamp::of_recording(sequence)
 }
 
-/// Run an episode. `send` gets every CAN frame in the order of the bus with the time of its tick in microseconds, the
-/// slip message first in each period, then the raw frames in the form `raw`; `progress` is called once per frame.
+/// Run the first `frames` frames of an episode. `each` gets the stamp of a frame and its CAN frames in the order of the
+/// bus: the slip message first, then the raw frames in the form `raw`.
 pub fn simulate(
     episode: &Episode,
+    frames: usize,
     model: Model<'_>,
     raw: RawForm,
-    mut send: impl FnMut(u64, &CanFrame) -> Result<()>,
-    mut progress: impl FnMut(),
+    mut each: impl FnMut(FrameStamp, &[CanFrame]) -> Result<()>,
 ) -> Result<Simulation> {
-    let (frames, sensors) = (episode.frames(), episode.sensors);
+    let sensors = episode.sensors;
     let mut pipeline = Pipeline::new(model, sensors)?;
     let (mut transmitter, mut buffer) = (Transmitter::new(NodeId::DEFAULT), RawBuffer::new());
     let mut simulation = Simulation { predictions: Predictions::new(sensors), ..Simulation::default() };
@@ -54,24 +54,14 @@ pub fn simulate(
         simulation.health.extend(output.health[..sensors].iter().map(|health| health.0));
 
         let stamp = stamp(frame);
-        let mut send = |frame: &CanFrame| {
-            simulation.can_frames += 1;
-            send(stamp.timestamp_us, frame)
-        };
         // A replay waits for every decision, so none is late.
-        send(&transmitter.slip(&output.slip_message(stamp, &Origin::default())))?;
+        let mut can = vec![transmitter.slip(&output.slip_message(stamp, &Origin::default()))];
         for (sensor, &input) in inputs.iter().enumerate() {
             let message = output.raw_frame(stamp, sensor, input);
-            transmitter.raw_as(raw, &message, &mut buffer).try_for_each(|frame| send(&frame))?;
+            can.extend(transmitter.raw_as(raw, &message, &mut buffer));
         }
-        progress();
+        simulation.can_frames += can.len() as u64;
+        each(stamp, &can)?;
     }
     Ok(simulation)
-}
-
-impl Simulation {
-    /// Frames through the pipeline per second of its own time.
-    pub fn frames_per_s(&self) -> f64 {
-        self.predictions.frames() as f64 / self.step_time.as_secs_f64().max(1e-9)
-    }
 }

@@ -9,7 +9,7 @@ use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::Episode;
-use slipsense_recording::score::{ClassScores, Detection, score_events};
+use slipsense_recording::score::{ClassScores, Detection, Interval, runs, score_events};
 pub use slipsense_recording::{HEALTH, hex};
 
 use crate::simulate::Simulation;
@@ -167,7 +167,7 @@ impl Summary {
         model_name: &str,
         simulation: &Simulation,
     ) -> Self {
-        let frames_per_s = simulation.frames_per_s();
+        let frames_per_s = episode.frames() as f64 / simulation.step_time.as_secs_f64().max(1e-9);
         let times_real_time = frames_per_s / f64::from(FRAME_RATE_HZ);
         Self {
             format: FORMAT,
@@ -289,32 +289,24 @@ impl FlagScores {
                 delay_ms: delay_frames.map(milliseconds),
             }
         };
-        let alarms = scores.false_alarms.iter().map(|alarm| FrameRun::new(alarm.start, alarm.end));
+        let alarms = scores.false_alarms.iter().map(|alarm| FrameRun::new((alarm.start, alarm.end)));
         Self { events: scores.events.iter().map(event).collect(), false_alarms: alarms.collect() }
     }
 }
 
 impl FrameRun {
-    fn new(start_frame: usize, end_frame: usize) -> Self {
+    fn new((start_frame, end_frame): Interval) -> Self {
         let duration_ms = milliseconds((end_frame - start_frame) as i64);
         Self { start_frame, end_frame, start_s: seconds(start_frame), duration_ms }
     }
 }
 
-fn count_classes(classes: &[u8]) -> [u64; 3] {
+pub fn count_classes(classes: &[u8]) -> [u64; 3] {
     std::array::from_fn(|c| classes.iter().filter(|&&class| usize::from(class) == c).count() as u64)
 }
 
 fn flag_runs(flag: &[u8]) -> Vec<FrameRun> {
-    let mut start = 0;
-    let mut runs = Vec::new();
-    for same in flag.chunk_by(|a, b| a == b) {
-        if same[0] != 0 {
-            runs.push(FrameRun::new(start, start + same.len()));
-        }
-        start += same.len();
-    }
-    runs
+    runs(flag.len(), |frame| flag[frame] != 0).into_iter().map(FrameRun::new).collect()
 }
 
 impl EventInfo {
@@ -329,8 +321,9 @@ impl EventInfo {
     }
 }
 
-pub fn file_name(path: &str) -> Cow<'_, str> {
-    Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy())
+pub fn file_name<P: AsRef<Path> + ?Sized>(path: &P) -> Cow<'_, str> {
+    let path = path.as_ref();
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
 }
 
 pub fn plural(count: usize) -> &'static str {

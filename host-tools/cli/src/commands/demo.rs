@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::Print;
-use super::run::{Job, Raw};
+use super::run::{Raw, run};
 use crate::bundled;
 use crate::output::OutputDir;
 
@@ -33,7 +33,7 @@ pub struct Args {
 impl Args {
     pub fn run(self) -> Result<()> {
         let out = OutputDir::prepare(&self.out)?;
-        let (name, model) = (bundled::NAME.to_owned(), bundled::model(None)?);
-        Job { episode: bundled::episode()?, name, model, raw: Raw::Plain }.run(out, &self.out, &self.print)
+        let (episode, model) = (bundled::episode()?, bundled::model(None)?);
+        run((&episode, bundled::NAME), &model, Raw::Plain, &self.out, out, &self.print)
     }
 }

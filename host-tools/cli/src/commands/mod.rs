@@ -35,14 +35,18 @@ impl Print {
         print(&if self.json { serde_json::to_string_pretty(value)? + "\n" } else { text() })
     }
 
-    /// A progress bar on standard error; hidden with `--json` and where standard error is no terminal.
-    fn progress(&self, length: usize, what: &'static str) -> ProgressBar {
-        if self.json || !std::io::stderr().is_terminal() {
-            return ProgressBar::hidden();
-        }
-        let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {eta}");
-        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        ProgressBar::new(length as u64).with_style(style).with_message(what)
+    /// Work with a progress bar on standard error; hidden with `--json` and where standard error is no terminal.
+    fn progress<R>(&self, length: usize, what: &'static str, work: impl FnOnce(&ProgressBar) -> R) -> R {
+        let bar = if self.json || !std::io::stderr().is_terminal() {
+            ProgressBar::hidden()
+        } else {
+            let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} {eta}");
+            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(length as u64).with_style(style).with_message(what)
+        };
+        let result = work(&bar);
+        bar.finish_and_clear();
+        result
     }
 }
 

@@ -77,47 +77,43 @@ impl Args {
         model.parse()?;
         let out = OutputDir::prepare(&self.out)?;
         let (episode, name) = (Episode::read(&self.episode)?, self.episode.display().to_string());
-        Job { episode, name, model, raw: self.raw }.run(out, &self.out, &self.print)
+        run((&episode, &name), &model, self.raw, &self.out, out, &self.print)
     }
 }
 
-pub struct Job {
-    pub episode: Episode,
-    pub name: String,
-    pub model: NamedModel,
-    pub raw: Raw,
-}
-
-impl Job {
-    pub fn run(&self, out: OutputDir, folder: &Path, printer: &Print) -> Result<()> {
-        let Self { episode, name, model: file, raw } = self;
-        let model = file.parse()?;
-        let cannot = "can.log: cannot write";
-        let mut log = CandumpWriter::new(File::create(out.path("can.log")).context(cannot)?, "can0")?;
-        let progress = printer.progress(episode.frames(), "frames");
-        let simulation = simulate(
-            episode,
-            model,
-            raw.form(),
-            |timestamp_us, frame| log.write(timestamp_us, frame).context(cannot),
-            || progress.inc(1),
-        )?;
-        log.finish().context(cannot)?;
-        progress.finish_and_clear();
-        let summary = Summary::new(episode, name, &model, &file.name, &simulation);
-        simulation.predictions.write(out.path("predictions.npz"))?;
-        let timeline = picture::timeline(episode, &simulation, &summary)?;
-        out.write("timeline.svg", &timeline)?;
-        out.write("report.html", report::html(&summary, &timeline))?;
-        out.write("summary.json", serde_json::to_string_pretty(&summary)? + "\n")?;
-        out.commit()?;
-        let files = [
-            ("report", "report.html"),
-            ("picture", "timeline.svg"),
-            ("CAN log", "can.log"),
-            ("predictions", "predictions.npz"),
-            ("numbers", "summary.json"),
-        ];
-        printer.show(&summary, || format!("{summary}\n{}", written(folder, &files)))
-    }
+/// Run an episode and write the results of it, which `name` stands for.
+pub fn run(
+    (episode, name): (&Episode, &str),
+    file: &NamedModel,
+    raw: Raw,
+    folder: &Path,
+    out: OutputDir,
+    printer: &Print,
+) -> Result<()> {
+    let model = file.parse()?;
+    let cannot = "can.log: cannot write";
+    let mut log = CandumpWriter::new(File::create(out.path("can.log")).context(cannot)?, "can0")?;
+    let frames = episode.frames();
+    let simulation = printer.progress(frames, "frames", |bar| {
+        simulate(episode, frames, model, raw.form(), |stamp, can| {
+            bar.inc(1);
+            can.iter().try_for_each(|frame| log.write(stamp.timestamp_us, frame)).context(cannot)
+        })
+    })?;
+    log.finish().context(cannot)?;
+    let summary = Summary::new(episode, name, &model, &file.name, &simulation);
+    simulation.predictions.write(out.path("predictions.npz"))?;
+    let timeline = picture::timeline(episode, &simulation, &summary)?;
+    out.write("timeline.svg", &timeline)?;
+    out.write("report.html", report::html(&summary, &timeline))?;
+    out.write("summary.json", serde_json::to_string_pretty(&summary)? + "\n")?;
+    out.commit()?;
+    let files = [
+        ("report", "report.html"),
+        ("picture", "timeline.svg"),
+        ("CAN log", "can.log"),
+        ("predictions", "predictions.npz"),
+        ("numbers", "summary.json"),
+    ];
+    printer.show(&summary, || format!("{summary}\n{}", written(folder, &files)))
 }

@@ -66,8 +66,8 @@ impl Link {
         Ok(())
     }
 
-    /// Let time pass; what arrives meanwhile is added to `received`.
-    pub fn advance(&mut self, until_ns: u64, received: &mut Vec<ReceivedSlip>) -> Result<()> {
+    /// Let time pass; what arrives meanwhile.
+    pub fn advance(&mut self, until_ns: u64) -> Result<Vec<ReceivedSlip>> {
         let mut arrived: Vec<Arrived> = Vec::new();
         loop {
             self.bus.advance(self.now_ns, |frame| arrived.push(frame));
@@ -83,6 +83,7 @@ impl Link {
             let next_ns = self.bus.next_event_ns().unwrap_or(until_ns);
             self.now_ns = next_ns.clamp(self.now_ns + 1, until_ns);
         }
+        let mut received = Vec::new();
         for Arrived { at_ns, frame, .. } in arrived {
             match self.receiver.accept(&frame) {
                 Ok(Some(Received::Slip(message))) => received.push(ReceivedSlip { at_ns, message }),
@@ -90,7 +91,7 @@ impl Link {
                 Err(error) => return Err(anyhow!("a frame of the module's: {error}")),
             }
         }
-        Ok(())
+        Ok(received)
     }
 }
 
@@ -106,13 +107,13 @@ mod tests {
             let mut sent_ns = Vec::new();
             for sequence in 0..200u32 {
                 let tick_ns = u64::from(sequence) * 4_166_667 + 1_000_000;
-                link.advance(tick_ns, &mut received).unwrap();
+                received.extend(link.advance(tick_ns).unwrap());
                 let message =
                     SlipMessage { sequence, class: 2, may_begin: true, sensors: 2, ..SlipMessage::default() };
                 link.send(&message, std::iter::empty()).unwrap();
                 sent_ns.push(tick_ns);
             }
-            link.advance(2_000_000_000, &mut received).unwrap();
+            received.extend(link.advance(2_000_000_000).unwrap());
             assert_eq!(received.len(), 200);
             for (received, (sequence, sent)) in received.iter().zip((0..).zip(sent_ns)) {
                 assert_eq!(received.message.sequence, sequence);

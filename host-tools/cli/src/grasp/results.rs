@@ -148,16 +148,8 @@ mod tests {
             detected,
             lost,
             lost_without: Some(300),
-            false_motions: 0,
-            motions: 1,
-            message_s: detected.map(|_| 0.002),
-            first_s: detected.map(|_| 0.03),
-            peak_s: detected.map(|_| 0.04),
-            grip_n: (2.0, 4.0),
             at_limit,
-            slid_mm: 1.0,
-            slid_without_mm: 14.0,
-            actuator_ms: 30.0,
+            ..Outcome::default()
         };
         TrialResult::new(0, &trials(Objects::Val, Hand::Umi, 1, 1)[0], outcome)
     }

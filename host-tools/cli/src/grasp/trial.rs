@@ -35,7 +35,7 @@ pub struct LoopConfig {
 
 /// The outcome of a trial. Frames are numbered from 0, times are seconds from the start; the tick of frame `f` is at
 /// `(f + 1) / 240`.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Outcome {
     /// Frame at which the object would have begun to slip as a whole, as it was when slip was first flagged of it;
     /// none where it never would have.
@@ -100,7 +100,6 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
     let pulled = plant.pulled();
 
     let mut series = TrialSeries::default();
-    let mut received = Vec::new();
     let (mut onset, mut detected, mut message_s) = (None, None, None);
     let (mut false_motions, mut motions) = (0, 0);
     let (mut first_at_s, mut peak_at_s) = (None, None);
@@ -109,15 +108,16 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
         let output = pipeline.step(read.inputs());
         let stamp = FrameStamp::of_recording(u32::try_from(frame).context("frame number")?);
         // Time passes while the network runs; older messages may arrive meanwhile.
-        link.advance(tick_ns(frame) + 1000 * config.inference_us, &mut received)?;
+        let mut received = link.advance(tick_ns(frame) + 1000 * config.inference_us)?;
         let raw = read.inputs().iter().enumerate();
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
-        link.send(&output.slip_message(stamp, &Origin::default()), raw)?;
+        let slip = output.slip_message(stamp, &Origin::default());
+        link.send(&slip, raw)?;
         series.lead.push(output.log_odds.map_or(0.0, Logit::to_f64));
-        series.flag.push(config.reaction.flag.is_up(&output.slip_message(stamp, &Origin::default())));
-        link.advance(tick_ns(frame + 1), &mut received)?;
+        series.flag.push(config.reaction.flag.is_up(&slip));
+        received.extend(link.advance(tick_ns(frame + 1))?);
 
-        for ReceivedSlip { at_ns, message } in received.drain(..) {
+        for ReceivedSlip { at_ns, message } in received {
             let now_s = at_ns as f64 * 1e-9;
             let flagged = message.sequence as usize;
             let (start_s, end_s) = (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);
@@ -148,9 +148,6 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
             }
         }
     }
-    if onset.is_none() {
-        onset = plant.slips().first().map(|slip| slip.start);
-    }
     series.slid_mm = sample(&plant, Plant::slid_mm);
     series.grip_n = sample(&plant, |plant, frame| plant.grip_n(tick_s(frame)));
     let last = pulled.end - 1;
@@ -158,7 +155,7 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
     let since_detected =
         |at_s: Option<f64>| detected.zip(at_s).map(|(frame, at_s): (usize, f64)| at_s - tick_s(frame));
     let outcome = Outcome {
-        onset,
+        onset: onset.or_else(|| plant.slips().first().map(|slip| slip.start)),
         detected,
         lost: plant.lost_at(),
         lost_without,

@@ -32,17 +32,9 @@ impl GdbServer {
     pub fn connect(address: &str, timeout: Duration) -> Result<Self> {
         let addresses =
             address.to_socket_addrs().with_context(|| format!("--gdb {address}: not HOST:PORT"))?;
-        let mut last = None;
-        for address in addresses {
-            match TcpStream::connect_timeout(&address, CONNECT) {
-                Ok(stream) => last = Some(Ok(stream)),
-                Err(error) => last = last.or(Some(Err(error))),
-            }
-            if matches!(last, Some(Ok(_))) {
-                break;
-            }
-        }
-        let stream = last.with_context(|| format!("--gdb {address}: no such host"))?;
+        let mut tries = addresses.map(|address| TcpStream::connect_timeout(&address, CONNECT));
+        let first = tries.next().with_context(|| format!("--gdb {address}: no such host"))?;
+        let stream = first.or_else(|error| tries.find_map(Result::ok).ok_or(error));
         let stream = stream.with_context(|| format!("--gdb {address}: nothing serves a debugger there"))?;
         stream.set_nodelay(true)?;
         let mut server = Self { name: format!("--gdb {address}"), stream, timeout, received: Vec::new() };
@@ -109,14 +101,10 @@ impl GdbServer {
         self.answer(packet.get(..20).unwrap_or(packet))
     }
 
-    /// What a server says of a core that stopped; `None`: that is not what the packet says.
-    fn stopped(&self, packet: &str) -> Result<Option<()>> {
-        match packet.as_bytes().first() {
-            Some(b'S' | b'T') => Ok(Some(())),
-            Some(b'W' | b'X') => bail!("{}: what it debugs has ended", self.name),
-            // Output of the program, and whatever else comes unasked.
-            _ => Ok(None),
-        }
+    /// Does the packet say that the core has stopped? Others are output of the program, and what else comes unasked.
+    fn stopped(&self, packet: &str) -> Result<bool> {
+        ensure!(!packet.starts_with(['W', 'X']), "{}: what it debugs has ended", self.name);
+        Ok(packet.starts_with(['S', 'T']))
     }
 }
 
@@ -136,22 +124,19 @@ impl Target for GdbServer {
     fn run_for(&mut self, time: Duration) -> Result<()> {
         self.send("c")?;
         while let Some(packet) = self.packet(time)? {
-            if self.stopped(&packet)?.is_some() {
-                bail!("{}: the core has stopped by itself: `{packet}`", self.name);
-            }
+            ensure!(!self.stopped(&packet)?, "{}: the core has stopped by itself: `{packet}`", self.name);
         }
         self.stream.write_all(&[INTERRUPT]).with_context(|| format!("{}: the server is gone", self.name))?;
         loop {
             let packet = self.answer("the interrupt")?;
-            if self.stopped(&packet)?.is_some() {
+            if self.stopped(&packet)? {
                 return Ok(());
             }
         }
     }
 
     fn read(&mut self, address: u32, words: &mut [u32]) -> Result<()> {
-        let mut address = address;
-        for words in words.chunks_mut(PACKET_WORDS) {
+        for (words, address) in words.chunks_mut(PACKET_WORDS).zip((address..).step_by(4 * PACKET_WORDS)) {
             let bytes = 4 * words.len() as u32;
             let answer = self.ask(&format!("m{address:x},{bytes:x}"))?;
             let values = (answer.len() == 2 * bytes as usize).then(|| from_hex(&answer)).flatten();
@@ -159,20 +144,17 @@ impl Target for GdbServer {
                 bail!("{}: {bytes} bytes at {address:#010x} cannot be read: `{answer}`", self.name);
             };
             words.copy_from_slice(&values);
-            address += bytes;
         }
         Ok(())
     }
 
     fn write(&mut self, address: u32, words: &[u32]) -> Result<()> {
-        let mut address = address;
-        for words in words.chunks(PACKET_WORDS) {
+        for (words, address) in words.chunks(PACKET_WORDS).zip((address..).step_by(4 * PACKET_WORDS)) {
             let bytes = 4 * words.len() as u32;
             let data: String = words.iter().map(|word| format!("{:08x}", word.swap_bytes())).collect();
             let answer = self.ask(&format!("M{address:x},{bytes:x}:{data}"))?;
             let is_written = answer == "OK";
             ensure!(is_written, "{}: {address:#010x} cannot be written: `{answer}`", self.name);
-            address += bytes;
         }
         Ok(())
     }

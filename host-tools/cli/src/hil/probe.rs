@@ -141,35 +141,15 @@ impl Target for UsbProbe {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fmt;
 
     use probe_rs::integration::FakeProbe;
     use probe_rs::probe::list::ProbeLister;
-    use probe_rs::probe::{DebugProbe, DebugProbeError, Probe, ProbeCreationError, ProbeFactory};
+    use probe_rs::probe::stlink::StLinkFactory;
+    use probe_rs::probe::{DebugProbeError, Probe, ProbeCreationError};
 
     /// A NUCLEO's ST-LINK, and its serial numbers.
     const VENDOR: u16 = 0x0483;
     const PRODUCT: u16 = 0x374E;
-
-    /// What makes no probe: the list opens them.
-    #[derive(Debug)]
-    struct NoFactory;
-
-    impl fmt::Display for NoFactory {
-        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            f.write_str("fake")
-        }
-    }
-
-    impl ProbeFactory for NoFactory {
-        fn open(&self, _: &DebugProbeSelector) -> Result<Box<dyn DebugProbe>, DebugProbeError> {
-            Err(ProbeCreationError::NotFound.into())
-        }
-
-        fn list_probes(&self) -> Vec<ProbeListItem> {
-            Vec::new()
-        }
-    }
 
     /// Probes by their serial numbers, all with a core without a chip's identity.
     #[derive(Debug)]
@@ -193,7 +173,7 @@ mod tests {
         fn list_with_access(&self, selector: Option<&DebugProbeSelector>) -> Vec<ProbeListItem> {
             let info = |serial: &&str| {
                 let serial = Some((*serial).to_owned());
-                DebugProbeInfo::new("STLink V3", VENDOR, PRODUCT, serial, &NoFactory, None, false)
+                DebugProbeInfo::new("STLink V3", VENDOR, PRODUCT, serial, &StLinkFactory, None, false)
             };
             let infos = self.serials.iter().map(info);
             let wanted = infos.filter(|info| selector.is_none_or(|selector| selector.matches_probe(info)));
@@ -205,65 +185,42 @@ mod tests {
         Probes { serials: serials.to_vec(), accessibility: Accessibility::Accessible, is_busy: false }
     }
 
-    fn refused(probes: Probes, name: Option<&str>) -> String {
+    /// The error, on one line, begins and ends with these words and has those between.
+    #[track_caller]
+    fn refused(probes: Probes, name: Option<&str>, begin: &str, between: &[&str], end: &str) {
         let attached = UsbProbe::attach(&Lister::with_lister(Box::new(probes)), name);
         let error = format!("{:#}", attached.err().expect("no chip of ours is there"));
-        assert!(!error.contains('\n'), "one line: {error}");
-        error
+        assert!(!error.contains('\n') && error.starts_with(begin) && error.ends_with(end), "{error}");
+        assert!(between.iter().all(|words| error.contains(words)), "{error}");
     }
 
     #[test]
-    fn no_probe() {
-        let error = refused(probes(&[]), None);
-        assert!(
-            error.starts_with("--probe: no such debug probe is there: is the board's ST-LINK"),
-            "{error}"
-        );
-        let error = refused(probes(&["0034"]), Some("0483:374e:0035"));
-        assert!(error.starts_with("--probe=0483:374e:0035: no such debug probe is there"), "{error}");
-    }
-
-    #[test]
-    fn several_probes() {
-        let error = refused(probes(&["0034", "0035"]), None);
-        assert!(
-            error.starts_with("--probe: 2 debug probes, choose one by VID:PID:SERIAL: STLink V3"),
-            "{error}"
-        );
-        assert!(error.contains("0483:374e:0034") && error.contains("0483:374e:0035"), "{error}");
+    fn a_probe_that_is_not_there_or_not_the_only_one() {
+        refused(probes(&[]), None, "--probe: no such debug probe is there: is the board's ST-LINK", &[], "");
+        let (no_such, other) = ("--probe=0483:374e:0035: no such debug probe is there", "0483:374e:0035");
+        refused(probes(&["0034"]), Some(other), no_such, &[], "");
+        let choose = "--probe: 2 debug probes, choose one by VID:PID:SERIAL: STLink V3";
+        refused(probes(&["0034", "0035"]), None, choose, &["0483:374e:0034", other], "");
         // One of them, by its name: that it is attached to is seen by what its chip says.
-        let error = refused(probes(&["0034", "0035"]), Some("0483:374e:0035"));
-        assert!(error.contains("0483:374e:0035") && error.contains("the chip's identity"), "{error}");
-    }
-
-    #[test]
-    fn names_that_are_none() {
+        refused(probes(&["0034", "0035"]), Some(other), "", &[other, "the chip's identity"], "");
         for name in ["stlink", "0483", "0483:xyz", ""] {
-            let error = refused(probes(&["0034"]), Some(name));
             let says = format!("--probe={name}: must be VID:PID or VID:PID:SERIAL");
-            assert!(error.starts_with(&says), "{error}");
+            refused(probes(&["0034"]), Some(name), &says, &[], "");
         }
     }
 
     #[test]
-    fn no_permission_and_no_room() {
-        let mut forbidden = probes(&["0034"]);
-        forbidden.accessibility = Accessibility::PermissionDenied;
-        let error = refused(forbidden, None);
-        assert!(
-            error.contains("this user may not open it: install probe-rs' udev rule (https://"),
-            "{error}"
-        );
-        let mut busy = probes(&["0034"]);
-        busy.is_busy = true;
-        let error = refused(busy, None);
-        assert!(error.contains("0483:374e:0034") && error.contains("does another program"), "{error}");
+    fn a_probe_that_cannot_be_opened() {
+        let forbidden = Probes { accessibility: Accessibility::PermissionDenied, ..probes(&["0034"]) };
+        let rule = "this user may not open it: install probe-rs' udev rule (https://";
+        refused(forbidden, None, "", &[rule], "");
+        let busy = Probes { is_busy: true, ..probes(&["0034"]) };
+        refused(busy, None, "", &["0483:374e:0034", "does another program"], "");
     }
 
     #[test]
     fn another_chip_is_left_alone() {
-        let error = refused(probes(&["0034"]), None);
-        assert!(error.contains("the chip's identity is 0x000, that of an STM32H743ZITx is 0x450"), "{error}");
-        assert!(error.ends_with("nothing was written to it"), "{error}");
+        let other_chip = "the chip's identity is 0x000, that of an STM32H743ZITx is 0x450";
+        refused(probes(&["0034"]), None, "", &[other_chip], "nothing was written to it");
     }
 }

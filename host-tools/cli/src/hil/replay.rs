@@ -1,7 +1,5 @@
 //! An episode into a board's mailbox, and its answers beside this computer's.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -12,18 +10,17 @@ use slipsense::board::mailbox::{
 };
 use slipsense::board::replay::encode_frame;
 use slipsense::net::Model;
+use slipsense::pipeline::FrameStamp;
 use slipsense::wire::{CanFrame, RawForm};
 use slipsense_recording::Episode;
 
 use super::Target;
-use crate::simulate::{simulate, stamp};
+use crate::simulate::simulate;
 use crate::summary::hex;
 
 /// Pause between two polls of the board, first and longest.
 const POLL: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
 const DESCRIBED_MAX: usize = 20;
-/// Frames that the pipeline here may be ahead of the board.
-const AHEAD_MAX: usize = 64;
 
 /// A CAN frame that is not the one expected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -55,87 +52,50 @@ pub struct Report {
 pub struct Run<'a> {
     pub mailbox: u32,
     pub episode: &'a Episode,
-    pub frames: Option<usize>,
+    pub frames: usize,
     pub model: Model<'a>,
     /// How long the board may take for any step.
     pub timeout: Duration,
 }
 
 /// Replay it, from reset. `progress` is called once per frame.
-pub fn replay(target: &mut dyn Target, run: &Run<'_>, progress: impl FnMut()) -> Result<Report> {
+pub fn replay(target: &mut dyn Target, run: &Run<'_>, mut progress: impl FnMut()) -> Result<Report> {
     let begun = Instant::now();
-    let mut board = Board { target, mailbox: run.mailbox, timeout: run.timeout, areas: (0, 0) };
-    let core_hz = board.open(run)?;
-    let frames = run.frames.unwrap_or(usize::MAX).min(run.episode.frames());
-    let (send, expected) = sync_channel(AHEAD_MAX);
-    let mut report = std::thread::scope(|scope| {
-        let here = scope.spawn(|| send_expected(run, frames, send));
-        let report = board.answer_all(run, frames, expected, progress);
-        // An error of the board ends the pipeline here early, which is then no error of its own.
-        let here = here.join().expect("it does not panic");
-        report.and_then(|report| here.map(|()| report))
+    let mut board = Board { target, run, areas: (0, 0) };
+    let core_hz = board.open()?;
+    let mut report = Report { frames: run.frames, core_hz, ..Report::default() };
+    simulate(run.episode, run.frames, run.model, RawForm::Plain, |stamp, expected| {
+        let answer = board.answer(stamp)?;
+        report.compare(stamp.sequence as usize, expected, &answer);
+        progress();
+        Ok(())
     })?;
-    report.core_hz = core_hz;
     report.worst_step_us = f64::from(report.worst_step_cycles) * 1e6 / f64::from(core_hz.max(1));
     report.seconds = begun.elapsed().as_secs_f64();
     Ok(report)
 }
 
-/// The CAN frames of each frame, until all are sent or the receiver is gone.
-fn send_expected(run: &Run<'_>, frames: usize, send: SyncSender<Vec<CanFrame>>) -> Result<()> {
-    let ended = AtomicBool::new(false);
-    let (mut sent, can) = (0, std::cell::RefCell::new(Vec::new()));
-    let done = simulate(
-        run.episode,
-        run.model,
-        RawForm::Plain,
-        |_, frame| {
-            ensure!(!ended.load(Ordering::Relaxed), "the receiver is gone");
-            can.borrow_mut().push(*frame);
-            Ok(())
-        },
-        || {
-            sent += 1;
-            if send.send(can.take()).is_err() || sent == frames {
-                ended.store(true, Ordering::Relaxed);
-            }
-        },
-    );
-    match done {
-        Err(_) if ended.load(Ordering::Relaxed) => Ok(()),
-        done => done.map(|_| ()),
-    }
-}
-
 struct Board<'t> {
     target: &'t mut dyn Target,
-    mailbox: u32,
-    timeout: Duration,
+    run: &'t Run<'t>,
     /// Addresses of frame and answer.
     areas: (u32, u32),
 }
 
 impl Board<'_> {
     fn word(&self, word: Word) -> u32 {
-        self.mailbox + 4 * word as u32
+        self.run.mailbox + 4 * word as u32
     }
 
     /// From reset to the first frame; the core's clock.
-    fn open(&mut self, run: &Run<'_>) -> Result<u32> {
+    fn open(&mut self) -> Result<u32> {
+        let run = self.run;
         self.target.reset()?;
-        self.target.write(self.mailbox, &[0; MAILBOX_WORDS])?;
-        let mut words = [0; MAILBOX_WORDS];
-        let (address, timeout) = (self.mailbox, self.timeout);
-        let up = self.wait(|target| {
-            target.read(address, &mut words)?;
-            let failed = words[Word::Failed as usize] == 1;
-            Ok(words[Word::Magic as usize] == MAGIC || failed)
+        self.target.write(run.mailbox, &[0; MAILBOX_WORDS])?;
+        let words = self.wait(Word::Magic, MAGIC)?.with_context(|| {
+            let seconds = run.timeout.as_secs_f32();
+            format!("the board's program does not come up for {seconds} s: is it the program of --elf?")
         })?;
-        ensure!(
-            up,
-            "the board's program does not come up for {} s: is it the program of --elf?",
-            timeout.as_secs_f32()
-        );
         self.areas = (words[Word::FrameAt as usize], words[Word::AnswerAt as usize]);
         self.refuse_failed(&words)?;
         let version = words[Word::Version as usize];
@@ -152,18 +112,20 @@ impl Board<'_> {
         Ok(words[Word::CoreHz as usize])
     }
 
-    /// Let the board run until a condition holds; `false`: timeout.
-    fn wait(&mut self, mut condition: impl FnMut(&mut dyn Target) -> Result<bool>) -> Result<bool> {
+    /// Let the board run until a word of its mailbox has this value or it fails; the mailbox, `None` after the timeout.
+    fn wait(&mut self, word: Word, value: u32) -> Result<Option<[u32; MAILBOX_WORDS]>> {
         let begun = Instant::now();
         let [mut pause, longest] = POLL;
-        while begun.elapsed() < self.timeout {
+        let mut words = [0; MAILBOX_WORDS];
+        while begun.elapsed() < self.run.timeout {
             self.target.run_for(pause)?;
-            if condition(self.target)? {
-                return Ok(true);
+            self.target.read(self.run.mailbox, &mut words)?;
+            if words[word as usize] == value || words[Word::Failed as usize] == 1 {
+                return Ok(Some(words));
             }
             pause = (2 * pause).min(longest);
         }
-        Ok(false)
+        Ok(None)
     }
 
     fn refuse_failed(&mut self, words: &[u32; MAILBOX_WORDS]) -> Result<()> {
@@ -178,42 +140,21 @@ impl Board<'_> {
         bail!("the board's program gives up: {}", reason(&text).unwrap_or_default())
     }
 
-    fn answer_all(
-        &mut self,
-        run: &Run<'_>,
-        frames: usize,
-        expected: Receiver<Vec<CanFrame>>,
-        mut progress: impl FnMut(),
-    ) -> Result<Report> {
-        let mut report = Report { frames, ..Report::default() };
-        for frame in 0..frames {
-            let answer = self.answer(run, frame)?;
-            let expected = expected.recv().context("this computer's pipeline has ended early")?;
-            report.compare(frame, &expected, &answer);
-            progress();
-        }
-        Ok(report)
-    }
-
-    fn answer(&mut self, run: &Run<'_>, frame: usize) -> Result<Answer> {
-        let mut parts = Vec::with_capacity(run.episode.sensors);
-        for sensor in 0..run.episode.sensors {
-            parts.push(run.episode.sensed(frame, sensor)?);
-        }
+    fn answer(&mut self, stamp: FrameStamp) -> Result<Answer> {
+        let (episode, frame) = (self.run.episode, stamp.sequence as usize);
+        let parts = (0..episode.sensors)
+            .map(|sensor| episode.sensed(frame, sensor))
+            .collect::<Result<Vec<_>, _>>()?;
         let mut bytes = Vec::new();
-        encode_frame(stamp(frame), &parts, |more| bytes.extend_from_slice(more));
+        encode_frame(stamp, &parts, |more| bytes.extend_from_slice(more));
         let words: Vec<u32> = bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
-        let number = stamp(frame).sequence + 1;
+        let number = stamp.sequence + 1;
         self.target.write(self.areas.0, &words)?;
         self.target.write(self.word(Word::Asked), &[number])?;
-        let mut words = [0; MAILBOX_WORDS];
-        let (address, timeout) = (self.mailbox, self.timeout);
-        let answered = self.wait(|target| {
-            target.read(address, &mut words)?;
-            Ok(words[Word::Answered as usize] == number || words[Word::Failed as usize] == 1)
+        let words = self.wait(Word::Answered, number)?.with_context(|| {
+            format!("frame {frame}: the board does not answer for {} s", self.run.timeout.as_secs_f32())
         })?;
         self.refuse_failed(&words).with_context(|| format!("frame {frame}"))?;
-        ensure!(answered, "frame {frame}: the board does not answer for {} s", timeout.as_secs_f32());
         let mut header = [0; ANSWER_HEADER_WORDS];
         self.target.read(self.areas.1, &mut header)?;
         let length = answer_words(&header).with_context(|| {

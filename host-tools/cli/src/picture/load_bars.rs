@@ -1,6 +1,6 @@
 //! How full a bus is, as bars: one pair for each pair of bit rates.
 
-use slipsense_can_sim::busload::{BusLoad, Load};
+use slipsense_can_sim::busload::BusLoad;
 
 use super::draw::{Anchor, CLASS, Canvas, GREY, INK, RULE, SENSOR, rect, rule};
 
@@ -14,6 +14,11 @@ const BAR: f64 = 20.0;
 const PAIR: f64 = 2.0 * BAR + 26.0;
 const COLOURS: [(&str, &str); 3] =
     [("slip messages", CLASS[2]), ("raw messages", CLASS[1]), ("other nodes", SENSOR[0])];
+
+/// Bit rates as the command line has them, Mbit/s.
+pub fn rates(nominal_bps: u32, data_bps: u32) -> String {
+    format!("{}/{}", f64::from(nominal_bps) / 1e6, f64::from(data_bps) / 1e6)
+}
 
 /// Typical and worst load on each bus, with a line at `limit_percent`.
 pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> String {
@@ -38,14 +43,15 @@ pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> Strin
     }
     for (index, bus) in buses.iter().enumerate() {
         let y = TOP + PAIR * index as f64;
-        let rates = format!("{}/{} Mbit/s", f64::from(bus.nominal_bps) / 1e6, f64::from(bus.data_bps) / 1e6);
+        let rates = format!("{} Mbit/s", rates(bus.nominal_bps, bus.data_bps));
         page.text(16.0, y + 14.0, Anchor::Start, 13.0, INK, &rates);
         for (row, (what, load)) in [("typical", bus.exact), ("worst case", bus.worst)].into_iter().enumerate()
         {
             let y = y + (BAR + 4.0) * row as f64;
             page.text(LEFT - 8.0, y + 14.0, Anchor::End, 12.0, GREY, what);
             let mut from = 0.0;
-            for (percent, (_, colour)) in parts(load).into_iter().zip(COLOURS) {
+            let parts = [load.slip_percent, load.raw_percent, load.foreign_percent];
+            for (percent, (_, colour)) in parts.into_iter().zip(COLOURS) {
                 page.add(rect(x(from), y, x(from + percent) - x(from), BAR, colour));
                 from += percent;
             }
@@ -56,8 +62,4 @@ pub fn load_bars(buses: &[BusLoad], limit_percent: u32, headline: &str) -> Strin
     let limit = x(f64::from(limit_percent));
     page.add(rule(limit, TOP - 6.0, limit, bottom, "#b00020"));
     page.page(WIDTH, bottom + 40.0, headline)
-}
-
-const fn parts(load: Load) -> [f64; 3] {
-    [load.slip_percent, load.raw_percent, load.foreign_percent]
 }

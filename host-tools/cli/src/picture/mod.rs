@@ -29,7 +29,7 @@ pub use families::families;
 #[cfg(feature = "full")]
 pub use grasp::{latencies as grasp_latencies, trial as grasp_trial};
 #[cfg(feature = "full")]
-pub use load_bars::load_bars;
+pub use load_bars::{load_bars, rates};
 use scale::{LEFT, RIGHT, Scale, columns, line};
 
 const WIDTH: f64 = 1200.0;
@@ -47,7 +47,6 @@ struct Panels<'a> {
     episode: &'a Episode,
     simulation: &'a Simulation,
     summary: &'a Summary,
-    frames: usize,
     /// Frames to pixels.
     x: Scale,
     /// Top and bottom of each panel so far.
@@ -56,13 +55,11 @@ struct Panels<'a> {
 }
 
 pub fn timeline(episode: &Episode, simulation: &Simulation, summary: &Summary) -> Result<String> {
-    let frames = episode.frames();
     let mut panels = Panels {
         episode,
         simulation,
         summary,
-        frames,
-        x: Scale::new(0.0..frames as f64, LEFT..RIGHT),
+        x: Scale::new(0.0..episode.frames() as f64, LEFT..RIGHT),
         spans: Vec::new(),
         canvas: Canvas::new(),
     };
@@ -73,9 +70,10 @@ pub fn timeline(episode: &Episode, simulation: &Simulation, summary: &Summary) -
     y = panels.decisions(y) + if episode.slip_true_mm_s.is_some() { GAP } else { 8.0 };
     y = panels.slip_speed(y, 64.0);
     panels.events();
-    y = panels.time_axis(y) + 26.0;
     let mut canvas = panels.canvas;
-    let height = close_up::add(&mut canvas, episode, simulation, summary, y);
+    canvas.axis(&Scale::new(0.0..seconds(episode.frames()), LEFT..RIGHT), y);
+    canvas.text(RIGHT + 10.0, y + 19.0, Anchor::Start, 12.0, GREY, "seconds");
+    let height = close_up::add(&mut canvas, episode, simulation, summary, y + 50.0);
     Ok(canvas.page(WIDTH, height, &format!("Timeline of {}", summary.episode.words())))
 }
 
@@ -116,7 +114,7 @@ impl Panels<'_> {
     }
 
     fn trace(&mut self, y: &Scale, colour: &'static str, width: f64, value: impl Fn(usize) -> f64) {
-        let points = line(0..self.frames, COLUMNS, value);
+        let points = line(0..self.episode.frames(), COLUMNS, value);
         let path = curve(points.iter().map(|&(f, v)| (self.x.at(f), y.clamp(v))), colour);
         self.add(path.set("stroke-width", width));
     }
@@ -132,7 +130,7 @@ impl Panels<'_> {
             let value = |f: usize| f64::from(simulation.pressure[f * sensors + sensor]) / 1000.0;
             // Pads that carry the same force lie on one line: the first shows beneath the others.
             self.trace(&scale, colour, if sensor == 0 { 3.2 } else { 1.4 }, value);
-            let last = scale.at(value(self.frames - 1));
+            let last = scale.at(value(self.episode.frames() - 1));
             names.push((last, format!("sensor {sensor}"), colour));
         }
         self.names(names, y + height);
@@ -150,7 +148,7 @@ impl Panels<'_> {
         for sensor in 0..sensors {
             let title = format!("Vibration, sensor {sensor}");
             self.panel(y, height, &title, "log-mel power of the three axes, 20 Hz to 4 kHz", None);
-            let image = heatmap::image(0..self.frames, &range, |f, bin| decibel(f, sensor, bin))?;
+            let image = heatmap::image(0..self.episode.frames(), &range, |f, bin| decibel(f, sensor, bin))?;
             self.add(
                 Image::new()
                     .set("x", LEFT)
@@ -187,7 +185,7 @@ impl Panels<'_> {
     fn logits(&mut self, y: f64, height: f64) -> f64 {
         let simulation = self.simulation;
         let value = |f: usize, class: usize| f64::from(simulation.predictions.logits[f][class]) / 1024.0;
-        let all = || (0..self.frames).flat_map(|f| (0..CLASSES).map(move |class| value(f, class)));
+        let all = || (0..self.episode.frames()).flat_map(|f| (0..CLASSES).map(move |class| value(f, class)));
         let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
         let margin = 0.05 * (high - low).max(0.1);
         let scale = Scale::new(low - margin..high + margin, y + height..y);
@@ -195,7 +193,7 @@ impl Panels<'_> {
         let mut names = Vec::new();
         for class in 0..CLASSES {
             self.trace(&scale, CLASS[class], 1.4, |f| value(f, class));
-            let last = scale.at(value(self.frames - 1, class));
+            let last = scale.at(value(self.episode.frames() - 1, class));
             names.push((last, CLASS_NAME[class].to_owned(), CLASS[class]));
         }
         self.names(names, y + height);
@@ -229,7 +227,7 @@ impl Panels<'_> {
         self.add(rect(LEFT, y, RIGHT - LEFT, height, "#f2f4f7"));
         self.canvas.text(LEFT - 8.0, y + 13.0, Anchor::End, 12.0, INK, name);
         // A column shows its highest class: a slip of one frame must not vanish.
-        let shown = columns(0..self.frames, COLUMNS * 2);
+        let shown = columns(0..self.episode.frames(), COLUMNS * 2);
         let known = |f: usize| Some(class[f]).filter(|c| usize::from(*c) < CLASSES);
         let highest: Vec<_> = shown.iter().map(|column| column.clone().filter_map(known).max()).collect();
         let mut at = 0;
@@ -249,7 +247,7 @@ impl Panels<'_> {
         let most = speed.iter().copied().fold(1.0, f32::max);
         let scale = Scale::new(0.0..f64::from(most) * 1.1, y + height..y);
         self.panel(y, height, "True slip speed", "mm/s at the pads, known to the simulator", Some(&scale));
-        let points = line(0..self.frames, COLUMNS, |f| f64::from(speed[f]));
+        let points = line(0..self.episode.frames(), COLUMNS, |f| f64::from(speed[f]));
         let points: Vec<_> = points.iter().map(|&(f, v)| (self.x.at(f), scale.clamp(v))).collect();
         self.add(area(&points, y + height, "#f3c9a9"));
         self.add(curve(points.into_iter(), CLASS[2]));
@@ -285,13 +283,6 @@ impl Panels<'_> {
                 self.add(rule(middle, MARKS - 12.0, middle, MARKS + 6.0, INK));
             }
         }
-    }
-
-    fn time_axis(&mut self, y: f64) -> f64 {
-        let time = Scale::new(0.0..seconds(self.frames), LEFT..RIGHT);
-        self.canvas.axis(&time, y);
-        self.canvas.text(RIGHT + 10.0, y + 19.0, Anchor::Start, 12.0, GREY, "seconds");
-        y + 24.0
     }
 }
 

@@ -10,28 +10,10 @@ use slipsense::node::{Action, Identity, Node, Version};
 use slipsense::params::TAXELS;
 use slipsense::sensor::{PiezoFrame, SensorInput, is_active};
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
-use slipsense::wire::{CanFrame, FD_LENGTHS, NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense_recording::slcan;
 
 use super::support::Place;
-
-#[derive(Clone, Copy, PartialEq)]
-enum Goes {
-    Well,
-    Touched,
-}
-
-fn frame_of(line: &str) -> Option<CanFrame> {
-    let rest = line.strip_prefix('B')?;
-    let bytes: Vec<u8> =
-        (9..rest.len()).step_by(2).map(|at| u8::from_str_radix(&rest[at..at + 2], 16).unwrap()).collect();
-    CanFrame::new(u32::from_str_radix(&rest[..8], 16).unwrap(), &bytes).ok()
-}
-
-fn line_of(frame: &CanFrame) -> String {
-    let dlc = FD_LENGTHS.iter().position(|&length| usize::from(length) == frame.data().len()).unwrap();
-    let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
-    format!("B{:08X}{dlc:X}{data}\r", frame.id())
-}
 
 /// Raw frames of a pad that is pressed everywhere: 20 counts, some 2.3 kPa.
 fn press(sensor: u8, number: u32, transmitter: &mut Transmitter) -> Vec<CanFrame> {
@@ -43,8 +25,8 @@ fn press(sensor: u8, number: u32, transmitter: &mut Transmitter) -> Vec<CanFrame
     transmitter.raw(&raw, &mut buffer).collect()
 }
 
-/// A node with one sensor; what it was asked for.
-fn serve(goes: Goes) -> (String, JoinHandle<Vec<Request>>) {
+/// A node with one sensor, whose measurements end so; what it was asked for.
+fn serve(end: State) -> (String, JoinHandle<Vec<Request>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("slcan:{}", listener.local_addr().unwrap());
     let run = move || {
@@ -66,7 +48,9 @@ fn serve(goes: Goes) -> (String, JoinHandle<Vec<Request>>) {
         while exchange(&mut stream, &mut text) {
             let now_us = began.elapsed().as_micros() as u64;
             while let Some((line, rest)) = text.clone().split_once('\r') {
-                frame_of(line).iter().for_each(|frame| node.accept(frame, now_us));
+                if let Some(Ok(frame)) = slcan::parse(line.as_bytes()) {
+                    node.accept(&frame, now_us);
+                }
                 text = rest.to_owned();
             }
             while let Some(action) = node.take_action() {
@@ -80,18 +64,15 @@ fn serve(goes: Goes) -> (String, JoinHandle<Vec<Request>>) {
                 }
             }
             if measured.is_some_and(|at| at.elapsed() > Duration::from_millis(700)) {
-                let (state, at) = match goes {
-                    Goes::Well => (State::Done, (0, 0)),
-                    Goes::Touched => (State::Touched, (12, 3)),
-                };
-                node.status.measurement = Progress { state, at, ..Progress::default() };
+                let at = if end == State::Touched { (12, 3) } else { (0, 0) };
+                node.status.measurement = Progress { state: end, at, ..Progress::default() };
                 node.status.calibrations[0] = Summary { version: 3, id: 0x1a2b_3c4d, faulty: 2, noise: 28 };
             }
             node.poll(now_us);
             let mut lines: Vec<CanFrame> = press(0, number, &mut transmitter);
             number += 1;
             lines.extend(std::iter::from_fn(|| node.next_frame()));
-            let lines: String = lines.iter().map(line_of).collect();
+            let lines: String = lines.iter().map(slcan::command).collect();
             if stream.write_all(lines.as_bytes()).is_err() {
                 break;
             }
@@ -105,10 +86,9 @@ fn serve(goes: Goes) -> (String, JoinHandle<Vec<Request>>) {
 fn exchange(stream: &mut TcpStream, text: &mut String) -> bool {
     let mut buffer = [0; 4096];
     match stream.read(&mut buffer) {
-        Ok(0) => false,
         Ok(length) => {
             text.push_str(std::str::from_utf8(&buffer[..length]).unwrap());
-            true
+            length > 0
         }
         Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
     }
@@ -117,14 +97,14 @@ fn exchange(stream: &mut TcpStream, text: &mut String) -> bool {
 #[test]
 fn a_module_measures_and_says_what_it_found() {
     let place = Place::new();
-    let (address, node) = serve(Goes::Well);
+    let (address, node) = serve(State::Done);
     let result = place.json(&format!("calibrate {address} --seconds 1"));
     assert_eq!(node.join().unwrap(), [Request { sensor: 0, what: What::Measure(1) }]);
     let found = &result["calibration"];
     assert_eq!((&found["version"], &found["id"]), (&3.into(), &"1a2b3c4d".into()), "{result}");
     assert_eq!((&found["faulty"], &found["noise_codes"]), (&2.into(), &3.5.into()), "{result}");
 
-    let (address, node) = serve(Goes::Well);
+    let (address, node) = serve(State::Done);
     assert!(place.run(&format!("calibrate {address} --forget")).contains("calibration 3 1a2b3c4d"));
     assert_eq!(node.join().unwrap(), [Request { sensor: 0, what: What::Forget }]);
 }
@@ -132,7 +112,7 @@ fn a_module_measures_and_says_what_it_found() {
 #[test]
 fn a_known_weight_gives_a_factor() {
     let place = Place::new();
-    let (address, node) = serve(Goes::Well);
+    let (address, node) = serve(State::Done);
     let result = place.json(&format!("calibrate {address} --newton 1.5 --seconds 1"));
     // By hand: 20 of 4940.5 counts are 900 kPa · (20/4920.5)^(1/0.92) = 2.267 kPa on 942 · 0.644 mm².
     let (force, factor) = (2.2666 * 942.0 * 0.644 / 1e3, (1.5_f64 / 1.3750).powf(0.92));
@@ -146,15 +126,11 @@ fn a_known_weight_gives_a_factor() {
 #[test]
 fn what_cannot_be_is_refused() {
     let place = Place::with_files();
-    let (address, node) = serve(Goes::Touched);
-    let error = place.error(&format!("calibrate {address} --seconds 1"));
-    assert!(error.contains("sensor 0, row 12, column 3 of the scan: touched"), "{error}");
-    drop(node);
-    let (address, _) = serve(Goes::Well);
-    let error = place.error(&format!("calibrate {address} --sensor 1"));
-    assert!(error.contains("node 42 refuses: no such sensor"), "{error}");
-    let error = place.error("calibrate @a.log");
-    assert!(error.contains("offset and noise need ADC codes, a recording holds counts"), "{error}");
-    let error = place.error("calibrate @a.log --newton=-1");
-    assert!(error.contains("must be positive"), "{error}");
+    let ((touched, _), (well, _)) = (serve(State::Touched), serve(State::Done));
+    place.errors([
+        (format!("calibrate {touched} --seconds 1"), "sensor 0, row 12, column 3 of the scan: touched"),
+        (format!("calibrate {well} --sensor 1"), "node 42 refuses: no such sensor"),
+        ("calibrate @a.log".to_owned(), "offset and noise need ADC codes, a recording holds counts"),
+        ("calibrate @a.log --newton=-1".to_owned(), "must be positive"),
+    ]);
 }

@@ -5,7 +5,7 @@ use std::fs;
 use serde_json::Value;
 use slipsense_eval::detectors::DETECTORS;
 
-use crate::support::{Arrays, Place, names};
+use crate::support::{Arrays, Place, assert_says, names};
 
 /// A folder `episodes` of three labelled episodes of 40 frames; the last 10 slip.
 fn place() -> Place {
@@ -86,9 +86,8 @@ fn half_a_sensor_beside_the_whole() {
 #[test]
 fn the_help_names_every_detector() {
     let help = Place::new().run("eval --help");
-    let words: Vec<&str> = help.split_whitespace().collect();
     for (name, _) in DETECTORS {
-        assert!(words.contains(&name), "{name}");
+        assert!(help.split_whitespace().any(|word| word == name), "{name}");
     }
 }
 
@@ -96,16 +95,14 @@ fn the_help_names_every_detector() {
 fn what_a_user_can_get_wrong() {
     let place = place();
     place.file("file", "mine");
-    let mut unlabelled = Arrays::valid();
-    unlabelled.label.clear();
     for folder in ["empty", "noslip", "unlabelled", "bad"] {
         fs::create_dir(place.path(folder)).unwrap();
     }
     Arrays::valid().write(&place.path("noslip/e.npz"));
-    unlabelled.write(&place.path("unlabelled/e1.npz"));
+    Arrays { label: Vec::new(), ..Arrays::valid() }.write(&place.path("unlabelled/e1.npz"));
     place.file("bad/e1.npz", "no");
     let majority = "--out @out --detector majority";
-    for (line, rule) in [
+    let cases = [
         ("eval @none", "@none: no such folder"),
         ("eval umi_id --data /nowhere", "/nowhere: no such folder, looked for umi_id"),
         ("eval train", "train: no set of this split is frozen"),
@@ -122,9 +119,8 @@ fn what_a_user_can_get_wrong() {
         ("eval @unlabelled", "unlabelled/e1"),
         ("eval @unlabelled", "array `label` is missing"),
         ("eval @bad", "e1.npz"),
-    ] {
-        place.errors([(format!("{line} {majority}"), rule)]);
-    }
+    ];
+    place.errors(cases.map(|(line, rule)| (format!("{line} {majority}"), rule)));
     place.errors([
         ("eval @episodes --out @file --detector majority", "@file: "),
         ("eval-rotation nowhere", "nowhere: no such folder, and no split"),
@@ -141,9 +137,10 @@ fn a_split_of_any_length_and_what_caused_its_alarms() {
     let text = place.run(
         "eval @episodes noslip --out @out --frames noslip=20000 --detector majority --detector always-slip",
     );
-    for words in ["false alarms without slip (noslip, synthetic data)", "cause", "tap", "other inputs"] {
-        assert!(text.contains(words), "{words}: {text}");
-    }
+    assert_says(
+        &text,
+        &["false alarms without slip (noslip, synthetic data)", "cause", "tap", "other inputs"],
+    );
     let metrics = metrics(&place);
     let noslip = &metrics["inputs"][1];
     assert_eq!((&noslip["episodes"], &noslip["frames"]), (&2.into(), &28_800.into()), "two minutes");

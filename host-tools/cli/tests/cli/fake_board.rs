@@ -14,6 +14,8 @@ use slipsense::pipeline::Pipeline;
 use slipsense::sensor::SensorReadings;
 use slipsense::wire::{NodeId, Origin, RawBuffer, Transmitter};
 
+use crate::support::elf_header;
+
 /// Where its memory is.
 pub const MAILBOX_AT: u32 = 0x2000_6000;
 const FRAME_AT: u32 = 0x3000_0000;
@@ -46,12 +48,14 @@ pub fn serve(model: Vec<u8>, fault: Fault) -> u16 {
     let port = listener.local_addr().expect("it is bound").port();
     thread::spawn(move || {
         let (stream, _) = listener.accept().expect("the command connects");
-        Server { stream, board: Board::new(&model), fault }.run();
+        Board::new(stream, &model, fault).serve();
     });
     port
 }
 
 struct Board {
+    stream: TcpStream,
+    fault: Fault,
     mailbox: &'static Mailbox,
     frame: &'static [AtomicU32; FRAME_WORDS],
     answer: &'static [AtomicU32; ANSWER_WORDS],
@@ -62,25 +66,15 @@ struct Board {
 }
 
 impl Board {
-    fn new(model: &[u8]) -> Self {
+    fn new(stream: TcpStream, model: &[u8], fault: Fault) -> Self {
         let mailbox: &'static Mailbox = Box::leak(Box::default());
-        let frame: &'static [AtomicU32; FRAME_WORDS] =
-            Box::leak(Box::new([const { AtomicU32::new(0) }; FRAME_WORDS]));
-        let answer: &'static [AtomicU32; ANSWER_WORDS] =
-            Box::leak(Box::new([const { AtomicU32::new(0) }; ANSWER_WORDS]));
+        let frame = &*Box::leak(Box::new([const { AtomicU32::new(0) }; FRAME_WORDS]));
+        let answer = &*Box::leak(Box::new([const { AtomicU32::new(0) }; ANSWER_WORDS]));
         // What an earlier run left: nobody may believe it.
         mailbox.words().iter().for_each(|word| word.store(1, Ordering::Relaxed));
         let model = Model::parse(Box::leak(model.to_vec().into_boxed_slice())).expect("a model");
-        let transmitter = Transmitter::new(NodeId::DEFAULT);
-        Self {
-            mailbox,
-            frame,
-            answer,
-            host: BoardEnd::new(mailbox, frame, answer),
-            model,
-            pipeline: None,
-            transmitter,
-        }
+        let (host, transmitter) = (BoardEnd::new(mailbox, frame, answer), Transmitter::new(NodeId::DEFAULT));
+        Self { stream, fault, mailbox, frame, answer, host, model, pipeline: None, transmitter }
     }
 
     fn words(&self, address: u32) -> &'static [AtomicU32] {
@@ -97,7 +91,9 @@ impl Board {
         &self.mailbox.words()[word as usize]
     }
 
-    fn run(&mut self, fault: Fault) {
+    /// What its program does while it may run.
+    fn run(&mut self) {
+        let fault = self.fault;
         if fault == Fault::OtherProgram {
             return;
         }
@@ -146,17 +142,9 @@ impl Board {
         self.host.took(number + CYCLES);
         self.host.answered();
     }
-}
 
-struct Server {
-    stream: TcpStream,
-    board: Board,
-    fault: Fault,
-}
-
-impl Server {
-    /// Until the debugger goes.
-    fn run(&mut self) {
+    /// Be its debugger's server, until the debugger goes.
+    fn serve(&mut self) {
         while let Some(packet) = self.packet() {
             let answer = self.answer(&packet);
             self.send(&answer);
@@ -171,13 +159,11 @@ impl Server {
 
     fn packet(&mut self) -> Option<String> {
         while self.byte()? != b'$' {}
-        let mut packet = Vec::new();
-        loop {
-            match self.byte()? {
-                b'#' => break,
-                byte => packet.push(byte),
-            }
+        let mut packet = vec![self.byte()?];
+        while packet.last() != Some(&b'#') {
+            packet.push(self.byte()?);
         }
+        packet.pop();
         let sum = format!("{:02x}", packet.iter().copied().fold(0u8, u8::wrapping_add));
         assert_eq!([self.byte()?, self.byte()?], sum.as_bytes(), "the checksum");
         self.stream.write_all(b"+").ok()?;
@@ -204,13 +190,13 @@ impl Server {
                 "OK".to_owned()
             }
             ("c", _) => {
-                self.board.run(self.fault);
+                self.run();
                 while self.byte().is_some_and(|byte| byte != 0x03) {}
                 "T02thread:1;".to_owned()
             }
             ("m", rest) => {
                 let (address, bytes) = rest.split_once(',').expect("address and length");
-                let words = self.board.words(number(address)).iter().take(number(bytes) as usize / 4);
+                let words = self.words(number(address)).iter().take(number(bytes) as usize / 4);
                 let hex = words.map(|word| format!("{:08x}", word.load(Ordering::Relaxed).swap_bytes()));
                 let hex: String = hex.collect();
                 if hex.is_empty() { "E14".to_owned() } else { hex }
@@ -218,7 +204,7 @@ impl Server {
             ("M", rest) => {
                 let (place, data) = rest.split_once(':').expect("data");
                 let (address, _) = place.split_once(',').expect("address and length");
-                let words = self.board.words(number(address));
+                let words = self.words(number(address));
                 for (at, word) in words.iter().zip(data.as_bytes().chunks(8)) {
                     let word = number(std::str::from_utf8(word).expect("digits")).swap_bytes();
                     at.store(word, Ordering::Relaxed);
@@ -233,21 +219,13 @@ impl Server {
 /// An ELF of 32 bits for ARM with nothing in it but a symbol.
 pub fn elf(symbol: &str, address: u32) -> Vec<u8> {
     let word = |value: u32| value.to_le_bytes().to_vec();
-    let half = |value: u16| value.to_le_bytes().to_vec();
     let strings = [&b"\0"[..], symbol.as_bytes(), &[0; 4]].concat();
     let (symbols, names) = (52u32, 52 + 32);
     let sections = (names + strings.len() as u32).next_multiple_of(4);
-    let header = [
-        b"\x7fELF\x01\x01\x01".to_vec(),
-        vec![0; 9],
-        [2, 40].map(half).concat(),
-        [1, 0, 0, sections, 0].map(word).concat(),
-        [52, 32, 0, 40, 3, 2].map(half).concat(),
-    ]
-    .concat();
     // A global object at an absolute address.
-    let symbols_table = [vec![0; 16], word(1), word(address), word(4), vec![0x11, 0], half(0xFFF1)].concat();
-    let mut elf = [header, symbols_table, strings.clone()].concat();
+    let symbols_table =
+        [vec![0; 16], word(1), word(address), word(4), vec![0x11, 0], 0xFFF1_u16.to_le_bytes().to_vec()];
+    let mut elf = [elf_header((0, 0), (sections, 3)), symbols_table.concat(), strings.clone()].concat();
     elf.resize(sections as usize, 0);
     elf.extend([0; 40]);
     elf.extend([0, 2, 0, 0, symbols, 32, 2, 1, 4, 16].map(word).concat());

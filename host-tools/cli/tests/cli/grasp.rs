@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::support::{Place, names, number};
+use crate::support::{Place, assert_says, names, number};
 
 #[test]
 fn the_gripper_reacts_after_inference_bus_and_actuator() {
@@ -42,11 +42,10 @@ fn the_gripper_reacts_after_inference_bus_and_actuator() {
 fn pictures_numbers_and_table() {
     let place = Place::new();
     let table = place.run("grasp --trials 2 --hand tesollo2 --flag slip --out @out");
-    for words in
-        ["synthetic", "flag slip", "slips detected", "objects kept without any reaction", "by object"]
-    {
-        assert!(table.contains(words), "{words}: {table}");
-    }
+    assert_says(
+        &table,
+        &["synthetic", "flag slip", "slips detected", "objects kept without any reaction", "by object"],
+    );
     assert_eq!(names(&place.path("out")), ["grasp.json", "latency.svg", "trial.svg"]);
     let read = |name: &str| std::fs::read_to_string(place.path("out").join(name)).unwrap();
     for name in ["latency.svg", "trial.svg"] {

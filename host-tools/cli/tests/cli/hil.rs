@@ -8,7 +8,7 @@ use slipsense::fixed::Logit;
 use slipsense_recording::model_file::ModelFile;
 
 use crate::fake_board::{CORE_HZ, CYCLES, Fault, MAILBOX_AT, elf, serve};
-use crate::support::{Place, model, slipsense};
+use crate::support::{Place, assert_says, model, slipsense};
 
 /// Frames of the episode that each run replays.
 const FRAMES: u32 = 12;
@@ -74,25 +74,23 @@ fn in_words() {
     assert_eq!(output.status.code(), Some(1));
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.starts_with("frame 0, CAN frame 1: board "), "{text}");
-    assert!(text.contains("11 of 12 frames equal, 1 differ"), "{text}");
-    assert!(text.contains("1012 cycles at most, in frame 11: 2.1 us at 480000000 Hz"), "{text}");
+    let cycles = "1012 cycles at most, in frame 11: 2.1 us at 480000000 Hz";
+    assert_says(&text, &["11 of 12 frames equal, 1 differ", cycles]);
 }
 
 #[test]
 fn boards_with_something_wrong() {
     let place = place();
     let version = format!("speaks version 99 of the mailbox, this is {VERSION}");
-    place.errors(
-        [
-            (Fault::OtherProgram, "does not come up for 1 s"),
-            (Fault::Version, &version),
-            (Fault::Stops(3), "frame 2: the board does not answer for 1 s"),
-            (Fault::GivesUp(2), "frame 1: the board's program gives up: no bananas left"),
-            (Fault::TooLong, "frame 0: the board's answer is longer"),
-            (Fault::NoReset, "the server refuses `monitor reset halt`"),
-        ]
-        .map(|(fault, rule)| (command(&model(), fault, "--timeout-s 1"), rule)),
-    );
+    let cases = [
+        (Fault::OtherProgram, "does not come up for 1 s"),
+        (Fault::Version, &version),
+        (Fault::Stops(3), "frame 2: the board does not answer for 1 s"),
+        (Fault::GivesUp(2), "frame 1: the board's program gives up: no bananas left"),
+        (Fault::TooLong, "frame 0: the board's answer is longer"),
+        (Fault::NoReset, "the server refuses `monitor reset halt`"),
+    ];
+    place.errors(cases.map(|(fault, rule)| (command(&model(), fault, "--timeout-s 1"), rule)));
     let mut other = model();
     other.point.threshold = Logit::from_bits(other.point.threshold.to_bits() + 1);
     place.errors([(command(&other, Fault::None, ""), "the board has the model")]);
@@ -109,7 +107,7 @@ fn what_a_user_can_get_wrong() {
     } else {
         "--probe=0483:ffff: this build has no drivers of debug probes: `cargo run --release --features hil -- hil"
     };
-    for (options, rule) in [
+    let cases = [
         ("--elf @other --gdb 127.0.0.1:1", "other: has no SLIPSENSE_MAILBOX"),
         ("--elf @text --gdb 127.0.0.1:1", "text: not an ELF file"),
         ("--elf @absent --gdb 127.0.0.1:1", "absent: cannot read the program"),
@@ -120,7 +118,6 @@ fn what_a_user_can_get_wrong() {
         ("--elf @hil", "--probe"),
         ("--elf @hil --gdb nonsense --probe", "cannot be used with"),
         ("--elf @hil --probe=0483:ffff", probe),
-    ] {
-        place.errors([(format!("hil @e.npz {options}"), rule)]);
-    }
+    ];
+    place.errors(cases.map(|(options, rule)| (format!("hil @e.npz {options}"), rule)));
 }

@@ -15,17 +15,19 @@ fn synthetic(seed: u64) -> Episode {
     generate(&serde_json::from_str::<Recipe>(&recipe).unwrap()).unwrap()
 }
 
-/// Write the episode as the recording `r.npz` would be: without what only the generator knows.
-fn record(place: &Place, episode: &Episode) {
+/// The episode as the recording `r.npz` would be, without what only the generator knows, and the stand's log of it.
+fn recorded(episode: &Episode, stand: &Stand<'_>) -> Place {
+    let place = Place::new();
     let mut bare = episode.clone();
     (bare.label, bare.displacement_mm, bare.slip_true_mm_s, bare.slip_fraction) = (None, None, None, None);
     bare.meta.other.clear();
     bare.write(place.path("r.npz")).unwrap();
+    stand.write(&place, episode);
+    place
 }
 
 /// The crosshead's log as a stand with another clock, other rate and unsteady last digits writes it.
 struct Stand<'a> {
-    episode: &'a Episode,
     rate_hz: f64,
     /// What its clock showed when the recording began.
     offset_s: f64,
@@ -34,8 +36,8 @@ struct Stand<'a> {
 }
 
 impl Stand<'_> {
-    fn write(&self, place: &Place) {
-        let mm = self.episode.displacement_mm.as_ref().unwrap();
+    fn write(&self, place: &Place, episode: &Episode) {
+        let mm = episode.displacement_mm.as_ref().unwrap();
         let seconds = mm.len() as f64 / FRAME_HZ + self.offset_s + 1.0;
         let mut text =
             "Mark-10 test stand\nOperator,me\n\nReading,Load [N],Travel [mm],Time [sec]\n".to_owned();
@@ -76,11 +78,10 @@ fn differences(truth: &[u8], label: &[u8]) -> Vec<usize> {
 /// A log that has the encoder's position at every tick gives every label back: it is the same rule.
 #[test]
 fn a_perfect_log_gives_the_generators_labels_back() {
+    let stand = Stand { rate_hz: FRAME_HZ, offset_s: 2.0, noise_mm: 0.0, knocks_s: &[] };
     for seed in 1..4 {
-        let (place, episode) = (Place::new(), synthetic(seed));
-        let log = Stand { episode: &episode, rate_hz: FRAME_HZ, offset_s: 2.0, noise_mm: 0.0, knocks_s: &[] };
-        record(&place, &episode);
-        log.write(&place);
+        let episode = synthetic(seed);
+        let place = recorded(&episode, &stand);
         place.run(&label("--offset-s 2"));
         let truth = episode.label.unwrap();
         assert!(truth.contains(&SLIP), "seed {seed}");
@@ -93,12 +94,10 @@ fn a_perfect_log_gives_the_generators_labels_back() {
 #[test]
 fn a_real_log_gives_99_percent_of_the_labels_back() {
     let (mut frames, mut wrong) = (0, 0);
+    let stand = Stand { rate_hz: 100.0, offset_s: 3.217, noise_mm: 0.004, knocks_s: &[] };
     for seed in 1..5 {
-        let (place, episode) = (Place::new(), synthetic(seed));
-        let log =
-            Stand { episode: &episode, rate_hz: 100.0, offset_s: 3.217, noise_mm: 0.004, knocks_s: &[] };
-        record(&place, &episode);
-        log.write(&place);
+        let episode = synthetic(seed);
+        let place = recorded(&episode, &stand);
         let text = place.run(&label("--offset-s 3.217 --unit a --unit b --platform umi"));
         assert!(text.contains("100 readings/s") && text.contains("my-mug"), "{text}");
 
@@ -141,11 +140,9 @@ fn knocked(at_s: &[f64]) -> Episode {
 #[test]
 fn two_knocks_align_the_clocks() {
     let knocks_s = [0.613, 1.442];
-    let (place, episode) = (Place::new(), knocked(&knocks_s));
-    let log =
-        Stand { episode: &episode, rate_hz: 100.0, offset_s: 1.386, noise_mm: 0.004, knocks_s: &knocks_s };
-    record(&place, &episode);
-    log.write(&place);
+    let episode = knocked(&knocks_s);
+    let stand = Stand { rate_hz: 100.0, offset_s: 1.386, noise_mm: 0.004, knocks_s: &knocks_s };
+    let place = recorded(&episode, &stand);
     let json = place.json(&label("--knocks"));
     println!("{json}");
     let found_s = number(&json["label"]["offset_s"]);
@@ -160,24 +157,21 @@ fn two_knocks_align_the_clocks() {
 #[test]
 fn knocks_that_are_missing_or_ambiguous_are_refused() {
     // Twice the same pair: the log's one pair fits to either.
-    let (place, episode) = (Place::new(), knocked(&[0.3, 0.7, 1.5, 1.9]));
-    record(&place, &episode);
+    let episode = knocked(&[0.3, 0.7, 1.5, 1.9]);
     for (knocks_s, rule) in [
         (&[0.3, 0.7][..], "ambiguous; give --offset-s instead"),
         (&[0.3], "no two knocks fall together"),
         (&[], "no two knocks fall together"),
     ] {
-        Stand { episode: &episode, rate_hz: 100.0, offset_s: 1.0, noise_mm: 0.0, knocks_s }.write(&place);
+        let place = recorded(&episode, &Stand { rate_hz: 100.0, offset_s: 1.0, noise_mm: 0.0, knocks_s });
         place.errors([(label("--knocks"), rule), (label("--knocks"), "@r.csv")]);
     }
 }
 
 #[test]
 fn pulls_are_listed_and_chosen() {
-    let (place, episode) = (Place::new(), synthetic(1));
-    let log = Stand { episode: &episode, rate_hz: 200.0, offset_s: 0.5, noise_mm: 0.0, knocks_s: &[] };
-    record(&place, &episode);
-    log.write(&place);
+    let stand = Stand { rate_hz: 200.0, offset_s: 0.5, noise_mm: 0.0, knocks_s: &[] };
+    let place = recorded(&synthetic(1), &stand);
     let text = place.run(&label("--offset-s 0.5 --pulls"));
     assert!(text.contains("Nothing was written"), "{text}");
     assert_eq!(place.names(), ["r.csv", "r.npz"]);
@@ -196,9 +190,7 @@ fn pulls_are_listed_and_chosen() {
 #[test]
 fn intervals_by_hand_and_recordings_without_slip() {
     let place = Place::new();
-    let mut arrays = Arrays::valid();
-    arrays.label.clear();
-    arrays.write(&place.path("r.npz"));
+    Arrays { label: Vec::new(), ..Arrays::valid() }.write(&place.path("r.npz"));
     let text = place.run("label @r.npz --manual 0.05:0.125 --object tape --out @out.npz");
     assert!(text.contains("no contact"), "{text}");
     // Pressed from frame 20 on; by hand from 12 to 30.
@@ -219,7 +211,7 @@ fn what_cannot_be_labelled_is_refused_and_leaves_nothing() {
     let place = Place::with_files();
     place.file("bad.csv", "Time [s],Travel [mm]\n0,0\n0.1,oops\n");
     place.file("short.csv", "Time [s],Travel [mm]\n0,0\n0.1,0\n");
-    for (options, rule) in [
+    let cases = [
         ("--object x --unit a --no-slip", "--unit is given 1 times, must be once for"),
         ("--object x --manual 0:9", "--manual: interval 1 (\"0:9\") must end within"),
         (
@@ -233,9 +225,8 @@ fn what_cannot_be_labelled_is_refused_and_leaves_nothing() {
         ("--object x --displacement @short.csv --knocks", "short.csv: has no load column"),
         ("--object x --displacement @none.csv --offset-s 0", "none.csv: cannot read"),
         ("--no-slip", "has no \"object\" in its meta: say --object NAME"),
-    ] {
-        place.errors([(format!("label @e.npz {options} --out @o.npz"), rule)]);
-    }
+    ];
+    place.errors(cases.map(|(options, rule)| (format!("label @e.npz {options} --out @o.npz"), rule)));
     place.errors([
         ("label @none.npz --no-slip --object x --out @o.npz", "none.npz: cannot read"),
         ("label @e.npz --no-slip --object x --out @no/o.npz", "cannot write into this folder"),

@@ -1,6 +1,6 @@
 //! `slipsense model`.
 
-use crate::support::{Place, number};
+use crate::support::{Place, assert_says, number};
 
 #[test]
 fn info_counts_layers_and_totals() {
@@ -28,10 +28,8 @@ fn info_counts_layers_and_totals() {
     let [first, second] = [0, 1].map(|at| info["model_expected"][at].as_u64().unwrap());
     assert_eq!(format!("{first:08x}{second:08x}"), hash[..16]);
     let expected = format!("slipsense.model.expected: {first}, {second}");
-    for part in [hash, &expected, "piezo.conv1", "2 × 18", "36,864", "head-room", "fits", "\"random\": true"]
-    {
-        assert!(text.contains(part), "{part} is missing in\n{text}");
-    }
+    let parts = [hash, &expected, "piezo.conv1", "2 × 18", "36,864", "head-room", "fits", "\"random\": true"];
+    assert_says(&text, &parts);
     assert!(!text.contains("TOO MUCH"), "{text}");
 }
 
@@ -45,7 +43,7 @@ mod with_float_network {
     use slipsense_model::{export, output};
     use slipsense_recording::model_file::{SCALES_KEY, random_model};
 
-    use crate::support::{Place, model_bytes, number};
+    use crate::support::{Place, assert_says, model_bytes, number};
 
     /// Untrained weights `w.safetensors`, the model `q.slipnet` made from them, and an episode.
     fn place() -> Place {
@@ -79,9 +77,7 @@ mod with_float_network {
         assert_eq!((&report["frames"], &report["weights_are_the_models"]), (&json!(40), &json!(true)));
 
         let table = place.run(command);
-        for part in ["temporal.residual", "exact", "same class in", "logits"] {
-            assert!(table.contains(part), "{part} is missing in\n{table}");
-        }
+        assert_says(&table, &["temporal.residual", "exact", "same class in", "logits"]);
         assert!(!table.contains("not the weights"), "{table}");
 
         // Units are known now.

@@ -4,7 +4,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -29,12 +29,6 @@ fn from_environment(name: &str, otherwise: f64) -> f64 {
         .map_or(otherwise, |text| text.parse().unwrap_or_else(|_| panic!("{name}: need a number")))
 }
 
-fn start(place: &Place, line: &str) -> Child {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
-    command.args(place.words(line));
-    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
 /// Until `done`, at most a minute.
 fn wait(what: &str, mut done: impl FnMut() -> bool) {
     let began = Instant::now();
@@ -49,7 +43,7 @@ fn wait(what: &str, mut done: impl FnMut() -> bool) {
 fn killed(after: Duration) -> Duration {
     use std::os::unix::process::ExitStatusExt;
     let place = Place::new();
-    let mut child = start(&place, "record - @r.mcap @r.log");
+    let mut child = place.start("record - @r.mcap @r.log");
     let mut input = child.stdin.take().unwrap();
     let (mut source, mut sent, began) = (Log::new(), Vec::new(), Instant::now());
     let mut ticks = 0;
@@ -114,7 +108,7 @@ fn a_recording_of_hours_is_whole_in_bounded_memory() {
     let hours = from_environment(HOURS, 0.02);
     let frames = (hours * 3600.0 * 240.0) as u64;
     let place = Place::new();
-    let mut child = start(&place, "record - @r.mcap --split-mb 200 --json");
+    let mut child = place.start("record - @r.mcap --split-mb 200 --json");
     let mut input = child.stdin.take().unwrap();
     let (mut source, mut sent) = (Log::new(), 0);
     for frame in 0..frames {
@@ -136,10 +130,7 @@ fn a_recording_of_hours_is_whole_in_bounded_memory() {
     let peak: u64 = peak.unwrap_or(0);
     assert!(peak < MEMORY_KB, "{peak} kB");
     let parts = result["out"].as_array().unwrap();
-    let mut found = 0;
-    for part in parts.iter().filter_map(Value::as_str) {
-        found += slips(&place, part);
-    }
+    let found: u64 = parts.iter().filter_map(Value::as_str).map(|part| slips(&place, part)).sum();
     println!(
         "{hours} h, {sent} frames in {} files, {peak} kB at most, {found} slip messages read back",
         parts.len()
@@ -159,9 +150,7 @@ fn slips(place: &Place, part: &str) -> u64 {
 #[test]
 fn a_recorder_splits_and_ends_by_sigterm() {
     let place = Place::new();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
-    command.args(place.words("record - @r.mcap @r.log --split-mb 1 --json"));
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut child = place.start("record - @r.mcap @r.log --split-mb 1 --json");
     let log = log(480, &[]);
     let mut input = child.stdin.take().unwrap();
     input.write_all(&log).unwrap();

@@ -2,9 +2,10 @@
 
 use std::fs;
 
-use crate::support::{Place, model_bytes};
+use crate::support::{Place, elf_header, model_bytes};
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
 use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, PUBLIC_KEYS};
+use slipsense_recording::from_hex;
 
 /// The least that passes for a firmware: a stack, where it begins, and something.
 fn binary() -> Vec<u8> {
@@ -17,24 +18,15 @@ fn binary() -> Vec<u8> {
 
 /// An ELF of 32 bits for ARM with these segments: address in flash and content.
 fn elf(segments: &[(u32, &[u8])]) -> Vec<u8> {
-    let half = |value: u16| value.to_le_bytes().to_vec();
-    let word = |value: u32| value.to_le_bytes().to_vec();
-    let mut header =
-        [b"\x7fELF\x01\x01\x01".to_vec(), vec![0; 9], half(2), half(40), word(1), word(0), word(52)].concat();
-    header.extend(
-        [word(0), word(0), half(52), half(32), half(segments.len() as u16), half(40), half(0), half(0)]
-            .concat(),
-    );
+    let mut elf = elf_header((52, segments.len() as u16), (0, 0));
     let mut offset = 52 + 32 * segments.len() as u32;
     for (address, data) in segments {
         let length = data.len() as u32;
-        for value in [1, offset, 0x2000_0000, *address, length, length, 4, 4] {
-            header.extend(word(value));
-        }
+        elf.extend([1, offset, 0x2000_0000, *address, length, length, 4, 4].map(u32::to_le_bytes).concat());
         offset += length;
     }
-    segments.iter().for_each(|(_, data)| header.extend(*data));
-    header
+    segments.iter().for_each(|(_, data)| elf.extend(*data));
+    elf
 }
 
 #[test]
@@ -47,7 +39,7 @@ fn a_firmware_is_signed_and_looked_into() {
     assert!(place.run(sign).contains("signature  valid"));
 
     let image = fs::read(place.path("fw.slip")).unwrap();
-    let key: [u8; 32] = std::array::from_fn(|i| u8::from_str_radix(&public[2 * i..2 * i + 2], 16).unwrap());
+    let key = from_hex(public).unwrap();
     let header = Header::verify(image.first_chunk::<HEADER_BYTES>().unwrap(), &[key]).unwrap();
     assert_eq!((header.board, header.version.to_string().as_str()), (1, "1.2.3"));
     assert_eq!(image[HEADER_BYTES..], binary());
@@ -70,8 +62,7 @@ fn a_firmware_is_signed_and_looked_into() {
 #[test]
 fn an_elf_becomes_the_bytes_of_its_slot() {
     let place = Place::new();
-    let begin = FLASH_BASE + NUCLEO_H743ZI2.active.start;
-    let end = FLASH_BASE + NUCLEO_H743ZI2.active.end;
+    let [begin, end] = [NUCLEO_H743ZI2.active.start, NUCLEO_H743ZI2.active.end].map(|at| FLASH_BASE + at);
     let binary = binary();
     // As the linker makes it: out of order, with a gap, the stub for reset and the blank trailer beside it.
     let segments = [
@@ -90,14 +81,12 @@ fn an_elf_becomes_the_bytes_of_its_slot() {
     place.file("far.elf", elf(&[(begin, &binary), (end - 1030, &[0; 10])]));
     place.file("host.elf", [&b"\x7fELF\x02\x01\x01"[..], &[0; 60]].concat());
     place.file("no.elf", elf(&[(FLASH_BASE, &[1; 8])]));
-    for (file, rule) in [
-        ("@far.elf", "far.elf: the program leaves its slot"),
-        ("@host.elf", "host.elf: is not a program of the microcontroller"),
-        ("@no.elf", "nothing of the program lies in the slot of the NUCLEO-H743ZI2"),
-    ] {
-        let line = format!("sign {file} --board h743 --version 0.1.0 --development-key --out @x");
-        place.errors([(line, rule)]);
-    }
+    let sign = |file| format!("sign {file} --board h743 --version 0.1.0 --development-key --out @x");
+    place.errors([
+        (sign("@far.elf"), "far.elf: the program leaves its slot"),
+        (sign("@host.elf"), "host.elf: is not a program of the microcontroller"),
+        (sign("@no.elf"), "nothing of the program lies in the slot of the NUCLEO-H743ZI2"),
+    ]);
 }
 
 #[test]

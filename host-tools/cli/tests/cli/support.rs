@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 use slipsense::net::format::Dims;
@@ -54,6 +54,13 @@ impl Place {
         line.split_whitespace().map(word).collect()
     }
 
+    /// A command that goes on by itself.
+    pub fn start(&self, line: &str) -> Child {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
+        command.args(self.words(line)).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().expect("the binary starts")
+    }
+
     /// Standard output of a command that must succeed.
     pub fn run(&self, line: &str) -> String {
         let output = slipsense(self.words(line));
@@ -101,14 +108,11 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The arrays of a small valid episode, to be broken one rule at a time.
-#[derive(Clone)]
+/// The arrays of a small valid episode, some to be changed.
 pub struct Arrays {
     pub frames: usize,
     pub sensors: usize,
     pub piezo: Vec<u16>,
-    /// Whether `piezo` is written at all.
-    pub has_piezo: bool,
     pub xl: Vec<i16>,
     pub xl_end: Vec<u32>,
     pub label: Vec<u8>,
@@ -139,7 +143,6 @@ impl Arrays {
             frames,
             sensors,
             piezo,
-            has_piezo: true,
             xl: (0..sensors * samples * 3).map(|_| noise()).collect(),
             xl_end: (0..frames * sensors).map(|i| ((i / sensors + 1) * 100 / 3) as u32).collect(),
             slip_true: label.iter().map(|&l| if l == 2 { 5.0 } else { 0.0 }).collect(),
@@ -151,10 +154,8 @@ impl Arrays {
     pub fn write(&self, path: &Path) {
         let samples = self.xl.len() / 3 / self.sensors;
         write_file(path, |npz| {
-            if self.has_piezo {
-                let shape = [self.frames, self.sensors, TAXEL_ROWS, TAXEL_COLS];
-                npz.array("piezo", &shape, self.piezo.iter().copied())?;
-            }
+            let shape = [self.frames, self.sensors, TAXEL_ROWS, TAXEL_COLS];
+            npz.array("piezo", &shape, self.piezo.iter().copied())?;
             npz.array("xl", &[self.sensors, samples, 3], self.xl.iter().copied())?;
             npz.array("xl_end", &[self.frames, self.sensors], self.xl_end.iter().copied())?;
             if !self.label.is_empty() {
@@ -165,6 +166,28 @@ impl Arrays {
         })
         .expect("an archive");
     }
+}
+
+/// That a text has all these words.
+pub fn assert_says(text: &str, words: &[&str]) {
+    for words in words {
+        assert!(text.contains(words), "{words} is missing in\n{text}");
+    }
+}
+
+/// The header of an ELF of 32 bits for ARM: where its segments and its sections are described, and how many they are.
+/// The names of sections are in the last.
+pub fn elf_header(segments: (u32, u16), sections: (u32, u16)) -> Vec<u8> {
+    let half = |value: u16| value.to_le_bytes().to_vec();
+    let word = |value: u32| value.to_le_bytes().to_vec();
+    [
+        b"\x7fELF\x01\x01\x01".to_vec(),
+        vec![0; 9],
+        [2, 40].map(half).concat(),
+        [1, 0, segments.0, sections.0, 0].map(word).concat(),
+        [52, 32, segments.1, 40, sections.1, sections.1.saturating_sub(1)].map(half).concat(),
+    ]
+    .concat()
 }
 
 /// A model that decides nothing, small so that an unoptimised build is fast.

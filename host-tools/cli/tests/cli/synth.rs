@@ -4,7 +4,6 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -69,11 +68,7 @@ fn shards_and_interrupted_runs_make_the_same_bytes() {
     // Killed as soon as the first episode is there; then the power fails while a file is copied.
     let cut = place.path("cut");
     let make_cut = format!("synth {SET} --out @cut");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_slipsense"))
-        .args(place.words(&make_cut))
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut run = place.start(&make_cut);
     let episodes = || match cut.exists() {
         true => names(&cut).into_iter().filter(|name| name.ends_with(".npz")).collect(),
         false => Vec::new(),
@@ -209,7 +204,7 @@ fn all_splits_in_folders() {
 fn options_that_make_no_sense() {
     let place = Place::new();
     let file = place.file("file", "mine");
-    for (set, rule) in [
+    let cases = [
         ("--split umi", "invalid value 'umi' for '--split"),
         ("--split val --frames 0", "invalid value '0' for '--frames"),
         ("--split val --frames many", "invalid value 'many' for '--frames"),
@@ -224,12 +219,10 @@ fn options_that_make_no_sense() {
         ("--verify --frames 5", "required"),
         ("", "--split"),
         ("--split train", "--frames: "),
-    ] {
-        place.errors([(format!("synth {set} --out @out"), rule)]);
-    }
-    for set in ["--split val --frames 1", "--all --frames 1", "--verify"] {
-        place.errors([(format!("synth {set} --out @file"), "@file: ")]);
-    }
+    ];
+    place.errors(cases.map(|(set, rule)| (format!("synth {set} --out @out"), rule)));
+    let sets = ["--split val --frames 1", "--all --frames 1", "--verify"];
+    place.errors(sets.map(|set| (format!("synth {set} --out @file"), "@file: ")));
     assert_eq!(fs::read(&file).unwrap(), b"mine");
 }
 
@@ -240,7 +233,7 @@ fn a_full_disk_leaves_no_half_episode() {
     let place = Place::new();
     let out = place.path("out");
     let script = "trap '' XFSZ; ulimit -f 64; exec \"$@\"";
-    let mut run = Command::new("sh");
+    let mut run = std::process::Command::new("sh");
     run.args(["-c", script, "sh", env!("CARGO_BIN_EXE_slipsense")])
         .args(place.words("synth --split val --frames 1 --out @out"));
     let output = run.output().unwrap();

@@ -6,16 +6,14 @@ use slipsense::net::Model;
 use slipsense::net::format::OperatingPoint;
 use slipsense_recording::model_file::ModelFile;
 
-use crate::support::{Place, model, number};
+use crate::support::{Place, assert_says, model, number};
 
 #[test]
 fn the_same_network_with_another_point() {
     let place = Place::with_files();
     let options = "--out @t.slipnet --curve @c.svg --hours 0.03 --episodes 4 --per-hour 60";
     let text = place.run(&format!("tune @m.slipnet {options}"));
-    for words in ["k of n", "chosen", "8 of 12", "curve", "synthetic", "h without slip"] {
-        assert!(text.contains(words), "{words}: {text}");
-    }
+    assert_says(&text, &["k of n", "chosen", "8 of 12", "curve", "synthetic", "h without slip"]);
     let curve = fs::read_to_string(place.path("c.svg")).unwrap();
     assert!(curve.starts_with("<svg") && curve.contains("false alarms per hour"));
     let tuned = fs::read(place.path("t.slipnet")).unwrap();

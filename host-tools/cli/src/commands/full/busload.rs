@@ -17,7 +17,7 @@ use slipsense_recording::Episode;
 use super::{Print, Raw};
 use crate::bundled;
 use crate::output::{check_file, write_file};
-use crate::picture::load_bars;
+use crate::picture::{load_bars, rates};
 use crate::simulate::simulate;
 use crate::summary::plural;
 
@@ -87,20 +87,11 @@ struct Rates {
 impl Rates {
     fn parse(text: &str) -> Result<Self, String> {
         let (nominal, data) = text.split_once('/').ok_or("need two rates in Mbit/s, such as 1/8")?;
-        let (nominal_bps, data_bps) = (
-            bps(nominal, NOMINAL_BPS_MAX).ok_or_else(|| range(nominal, NOMINAL_BPS_MAX))?,
-            bps(data, DATA_BPS_MAX),
-        );
-        let data_bps = data_bps.ok_or_else(|| range(data, DATA_BPS_MAX))?;
+        let (nominal_bps, data_bps) = (bps(nominal, NOMINAL_BPS_MAX)?, bps(data, DATA_BPS_MAX)?);
         if data_bps < nominal_bps {
             return Err("the data phase cannot be slower than arbitration".to_owned());
         }
         Ok(Self { nominal_bps, data_bps })
-    }
-
-    fn words(self) -> String {
-        let mega = |bps: u32| f64::from(bps) / 1e6;
-        format!("{}/{}", mega(self.nominal_bps), mega(self.data_bps))
     }
 
     fn timing(self) -> Result<Timing> {
@@ -108,21 +99,19 @@ impl Rates {
             let slipsense_can_sim::TimingError::BitRate(bps) = error;
             anyhow!(
                 "--bitrate {}: a clock of {} MHz is no multiple of {bps} bit/s",
-                self.words(),
+                rates(self.nominal_bps, self.data_bps),
                 CLOCK_HZ / 1_000_000
             )
         })
     }
 }
 
-fn range(text: &str, max: u32) -> String {
-    format!("\"{text}\" must be a rate above 0, at most {} Mbit/s", max / 1_000_000)
-}
-
 /// Mbit/s to whole bit/s.
-fn bps(text: &str, max: u32) -> Option<u32> {
-    let bps = text.parse::<f64>().ok()? * 1e6;
-    (bps.is_finite() && bps >= 1.0 && bps <= f64::from(max)).then_some(bps.round() as u32)
+fn bps(text: &str, max: u32) -> Result<u32, String> {
+    let bps = text.parse().map_or(f64::NAN, |mega: f64| mega * 1e6);
+    let is_rate = (1.0..=f64::from(max)).contains(&bps);
+    let refused = || format!("\"{text}\" must be a rate above 0, at most {} Mbit/s", max / 1_000_000);
+    is_rate.then_some(bps.round() as u32).ok_or_else(refused)
 }
 
 impl Args {
@@ -134,18 +123,14 @@ impl Args {
             None => (bundled::episode()?, bundled::NAME.to_owned()),
         };
         let mut sample = Sample::default();
-        let progress = self.print.progress(episode.frames(), "frames");
-        simulate(
-            &episode,
-            bundled::model(None)?.parse()?,
-            self.raw.form(),
-            |_, frame| {
-                sample.push(frame);
+        let (frames, model) = (episode.frames(), bundled::model(None)?);
+        self.print.progress(frames, "frames", |bar| {
+            simulate(&episode, frames, model.parse()?, self.raw.form(), |_, can| {
+                bar.inc(1);
+                can.iter().for_each(|frame| sample.push(frame));
                 Ok(())
-            },
-            || progress.inc(1),
-        )?;
-        progress.finish_and_clear();
+            })
+        })?;
         ensure!(sample.is_complete(), "{name}: no raw message in it");
         let asked = Plan {
             nodes: self.nodes.into(),
@@ -169,7 +154,7 @@ impl Args {
         let result = json!({
             "nodes": asked.nodes, "sensors": asked.sensors, "raw_every": asked.raw_every, "raw": self.raw,
             "samples": asked.samples, "foreign_percent": asked.foreign_percent,
-            "episode": {"name": name, "frames": episode.frames()},
+            "episode": {"name": name, "frames": frames},
             "simulated_periods": SIMULATED_PERIODS, "buses": buses, "warnings": warnings,
         });
         self.print.show(&result, || table(&asked, &name, &buses, &warnings))
@@ -181,18 +166,14 @@ impl Args {
             .iter()
             .filter_map(|bus| {
                 let (exact, worst) = (bus.exact.total_percent, bus.worst.total_percent);
-                let rates = Rates { nominal_bps: bus.nominal_bps, data_bps: bus.data_bps }.words();
-                let over = |what: &str, percent: f64| {
-                    format!("{rates} Mbit/s: {what} {percent:.1} % of the bus, limit {limit} %")
+                let (what, percent) = match () {
+                    () if exact > 100.0 => ("raw messages will be lost: this traffic asks for", exact),
+                    () if exact > limit => ("this traffic asks for", exact),
+                    () if worst > limit => ("the worst case asks for", worst),
+                    () => return None,
                 };
-                match () {
-                    () if exact > 100.0 => {
-                        Some(over("raw messages will be lost: this traffic asks for", exact))
-                    }
-                    () if exact > limit => Some(over("this traffic asks for", exact)),
-                    () if worst > limit => Some(over("the worst case asks for", worst)),
-                    () => None,
-                }
+                let rates = rates(bus.nominal_bps, bus.data_bps);
+                Some(format!("{rates} Mbit/s: {what} {percent:.1} % of the bus, limit {limit} %"))
             })
             .collect()
     }
@@ -220,7 +201,7 @@ fn table(asked: &Plan, name: &str, buses: &[BusLoad], warnings: &[String]) -> St
     text += "  Mbit/s    load: typical   worst    flag latency, full bus: typical      any data\n";
     text += "                                                  computed    bus   computed    bus\n";
     for bus in buses {
-        let rates = Rates { nominal_bps: bus.nominal_bps, data_bps: bus.data_bps }.words();
+        let rates = rates(bus.nominal_bps, bus.data_bps);
         let (typical, any) = (bus.latency_exact, bus.latency_worst);
         let _ = writeln!(
             text,

@@ -16,6 +16,7 @@ use slipsense_synth::{EXPONENT, pressure_kpa};
 
 use super::Print;
 use super::convert::node_id;
+use super::live::DataRate;
 
 const TOOL: NodeId = NodeId::new(126).unwrap();
 /// Frames of a press, at least: a second.
@@ -61,9 +62,8 @@ pub struct Args {
     /// Forget the array's calibration instead
     #[arg(long)]
     forget: bool,
-    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
-    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
-    data_mbit: u8,
+    #[command(flatten)]
+    data: DataRate,
     #[command(flatten)]
     print: Print,
 }
@@ -74,44 +74,24 @@ impl Args {
             ensure!(newton.is_finite() && newton > 0.0, "--newton {newton}: must be positive");
         }
         if !self.source.is_live() && self.newton.is_none() {
+            let name = match &self.source {
+                Place::File(path, _) => path.display().to_string(),
+                _ => "standard input".to_owned(),
+            };
             bail!(
-                "{}: offset and noise need ADC codes, a recording holds counts; give a bus, or --newton",
-                place_name(&self.source)
+                "{name}: offset and noise need ADC codes, a recording holds counts; give a bus, or --newton"
             );
         }
-        let (mut source, mut client) = (open(&self.source, self.data_mbit)?, Client::new(TOOL, self.node_id));
-        let press = match self.newton {
-            Some(_) => self.press(&mut source, usize::from(self.seconds.unwrap_or(2)) * PRESS_FRAMES)?,
-            None => Vec::new(),
+        let mut source = open(&self.source, self.data.data_mbit)?;
+        let gain = match self.newton {
+            Some(newton) => Some(gain(&self.press(&mut source)?, newton)?),
+            None => None,
         };
-        let mut bus = Bus { source: &mut source, others: &mut |_| Ok(()) };
-        let factor = match self.newton {
-            Some(newton) => {
-                let (found, factor) = gain(&press, newton)?;
-                if self.source.is_live() {
-                    self.change(&mut client, &mut bus, SCALE_GAIN, factor)?;
-                }
-                Some((found, factor))
-            }
-            None if self.forget => {
-                self.change(&mut client, &mut bus, CALIBRATE, 0)?;
-                None
-            }
-            None => {
-                self.change(&mut client, &mut bus, CALIBRATE, self.seconds.unwrap_or(10).into())?;
-                None
-            }
-        };
-        let numbers = match self.source.is_live() {
-            true => client.register(&mut bus, &format!("slipsense.sensor.{}.calibration", self.sensor))?,
-            false => Vec::new(),
-        };
-        let gain = factor.map(|(found, factor)| {
-            json!({"newton_before": found, "factor": f64::from(factor) / f64::from(GAIN_ONE)})
-        });
-        let (mut result, mut text) = (json!({"sensor": self.sensor, "gain": gain}), String::new());
-        if let Some((found, factor)) = factor {
-            let factor = f64::from(factor) / f64::from(GAIN_ONE);
+        let numbers = if self.source.is_live() { self.change(&mut source, gain)? } else { Vec::new() };
+        let gain = gain.map(|(found, factor)| (found, f64::from(factor) / f64::from(GAIN_ONE)));
+        let gain_json = gain.map(|(found, factor)| json!({"newton_before": found, "factor": factor}));
+        let (mut result, mut text) = (json!({"sensor": self.sensor, "gain": gain_json}), String::new());
+        if let Some((found, factor)) = gain {
             text += &format!("sensor {}: {found:.3} N before, gain times {factor:.4}\n", self.sensor);
         }
         if let &[version, id, faulty, noise] = &numbers[..] {
@@ -130,17 +110,24 @@ impl Args {
         self.print.show(&result, || text)
     }
 
-    /// Let the module measure, or change its calibration, and wait.
-    fn change(&self, client: &mut Client, bus: &mut Bus<'_>, command: u16, number: u16) -> Result<()> {
-        let seconds = if command == CALIBRATE { number } else { 0 };
-        let bar = self.print.progress(usize::from(seconds) * 240, "hands off");
-        client.calibrate(bus, self.sensor, (command, number), &mut |frames| bar.set_position(frames))?;
-        bar.finish_and_clear();
-        Ok(())
+    /// Let the module measure, or change its calibration, and wait; the numbers of the calibration that it then has.
+    fn change(&self, source: &mut Source, gain: Option<(f64, u16)>) -> Result<Vec<u64>> {
+        let (seconds, command) = match gain {
+            Some((_, factor)) => (0, (SCALE_GAIN, factor)),
+            None if self.forget => (0, (CALIBRATE, 0)),
+            None => (self.seconds.unwrap_or(10), (CALIBRATE, self.seconds.unwrap_or(10).into())),
+        };
+        let (mut client, mut bus) =
+            (Client::new(TOOL, self.node_id), Bus { source, others: &mut |_| Ok(()) });
+        self.print.progress(usize::from(seconds) * 240, "hands off", |bar| {
+            client.calibrate(&mut bus, self.sensor, command, &mut |frames| bar.set_position(frames))
+        })?;
+        client.register(&mut bus, &format!("slipsense.sensor.{}.calibration", self.sensor))
     }
 
     /// Raw frames of the sensor.
-    fn press(&self, source: &mut Source, frames: usize) -> Result<Vec<PiezoFrame>> {
+    fn press(&self, source: &mut Source) -> Result<Vec<PiezoFrame>> {
+        let frames = usize::from(self.seconds.unwrap_or(2)) * PRESS_FRAMES;
         let (mut decoder, mut press, mut heard) = (Decoder::new(), Vec::new(), Instant::now());
         while press.len() < frames {
             match source.receive()? {
@@ -161,13 +148,6 @@ impl Args {
             }
         }
         Ok(press)
-    }
-}
-
-fn place_name(place: &Place) -> String {
-    match place {
-        Place::File(path, _) => path.display().to_string(),
-        _ => "standard input".to_owned(),
     }
 }
 

@@ -162,17 +162,17 @@ impl Args {
 
     fn episode(&self, mut put: impl FnMut(Record) -> Result<()>) -> Result<Vec<String>> {
         let episode = Episode::read(&self.input)?;
-        let progress = self.print.progress(episode.frames(), "frames");
-        simulate(
-            &episode,
-            bundled::model(None)?.parse()?,
-            RawForm::Plain,
-            |timestamp_us, &frame| {
-                put(Record::Frame(LogEntry { timestamp_us, interface: "can0".to_owned(), frame }))
-            },
-            || progress.inc(1),
-        )?;
-        progress.finish_and_clear();
+        let (frames, model) = (episode.frames(), bundled::model(None)?);
+        self.print.progress(frames, "frames", |bar| {
+            simulate(&episode, frames, model.parse()?, RawForm::Plain, |stamp, can| {
+                bar.inc(1);
+                let entry = |&frame: &_| {
+                    let (timestamp_us, interface) = (stamp.timestamp_us, "can0".to_owned());
+                    Record::Frame(LogEntry { timestamp_us, interface, frame })
+                };
+                can.iter().map(entry).try_for_each(&mut put)
+            })
+        })?;
         for (frame, &mm) in episode.displacement_mm.iter().flatten().enumerate() {
             put(Record::Displacement { timestamp_us: stamp(frame).timestamp_us, mm: f64::from(mm) })?;
         }

@@ -133,16 +133,11 @@ impl Args {
             Some(_) => files.begin()?,
         }
         let has = |stream| shard.has(stream);
-        let progress = self.print.progress(episodes_of(&inputs, has), "episodes");
-        let part = run_part(&inputs, &candidates, has, &|| progress.inc(1))?;
-        progress.finish_and_clear();
-        let parts = match self.shard {
-            None => vec![part],
-            Some(_) => match files.add(&part)? {
-                Some(parts) => parts,
-                None => return Ok(None),
-            },
-        };
+        let part = self.print.progress(episodes_of(&inputs, has), "episodes", |bar| {
+            run_part(&inputs, &candidates, has, &|| bar.inc(1))
+        })?;
+        let parts = if self.shard.is_some() { files.add(&part)? } else { Some(vec![part]) };
+        let Some(parts) = parts else { return Ok(None) };
         let predicted = join(&inputs, candidates.len(), parts);
         let results = Results::new(&inputs, &candidates, &predicted, &pairs(&candidates, &seeds));
         let out = OutputDir::prepare(&self.out)?;
@@ -183,32 +178,27 @@ impl Args {
     }
 
     fn seeds(&self) -> Result<Vec<Seed>> {
-        if self.model.is_empty() {
-            let count = self.weights.len();
-            ensure!(count <= 1, "--weights: {count} files, but one model, the bundled one");
-            let weights = self.weights.first().cloned();
-            return Ok(vec![Seed { suffix: String::new(), model: bundled::MODEL.to_vec(), weights }]);
-        }
-        if !self.weights.is_empty() && self.weights.len() != self.model.len() {
-            bail!("--weights: {} files, but {} models", self.weights.len(), self.model.len());
-        }
-        let seed = |(i, path): (usize, &PathBuf)| {
-            let model = bundled::model(Some(path))?.bytes;
-            let suffix = if self.model.len() > 1 { format!("#{}", i + 1) } else { String::new() };
+        let (models, weights) = (self.model.len(), self.weights.len());
+        ensure!(models > 0 || weights <= 1, "--weights: {weights} files, but one model, the bundled one");
+        ensure!(
+            models == 0 || weights == 0 || weights == models,
+            "--weights: {weights} files, but {models} models"
+        );
+        let seed = |i: usize| {
+            let suffix = if models > 1 { format!("#{}", i + 1) } else { String::new() };
+            let model = bundled::model(self.model.get(i).map(PathBuf::as_path))?.bytes;
             Ok(Seed { suffix, model, weights: self.weights.get(i).cloned() })
         };
-        self.model.iter().enumerate().map(seed).collect()
+        (0..models.max(1)).map(seed).collect()
     }
 
     /// All detectors asked for, each made once here so that what is wrong shows before any work is done.
     fn candidates<'a>(&'a self, fitted: &'a Fitted, seeds: &'a [Seed]) -> Result<Vec<Candidate<'a>>> {
-        if !self.drop.is_empty()
-            && !self.detector.iter().any(|d| [NETWORK, NETWORK_ALARM].contains(&d.as_str()))
-        {
-            bail!(
-                "--drop: only {NETWORK} and {NETWORK_ALARM} run on half a sensor, and neither is a --detector"
-            );
-        }
+        let may_drop = |family: &String| [NETWORK, NETWORK_ALARM].contains(&family.as_str());
+        ensure!(
+            self.drop.is_empty() || self.detector.iter().any(may_drop),
+            "--drop: only {NETWORK} and {NETWORK_ALARM} run on half a sensor, and neither is a --detector"
+        );
         for (i, dropped) in self.drop.iter().enumerate() {
             if self.drop[..i].contains(dropped) {
                 bail!("--drop: {} given twice", dropped.name());
@@ -219,10 +209,8 @@ impl Args {
             if self.detector[..i].contains(family) {
                 continue;
             }
-            let of_seed = [NETWORK, NETWORK_ALARM, FLOAT].contains(&family.as_str());
-            let seeds = if of_seed { seeds } else { &seeds[..1] };
-            let may_drop = [NETWORK, NETWORK_ALARM].contains(&family.as_str());
-            let dropped = self.drop.iter().copied().map(Some).filter(|_| may_drop);
+            let seeds = if may_drop(family) || family == FLOAT { seeds } else { &seeds[..1] };
+            let dropped = self.drop.iter().copied().map(Some).filter(|_| may_drop(family));
             for dead in std::iter::once(None).chain(dropped) {
                 let without = dead.map_or_else(String::new, |dead| format!("-without-{}", dead.name()));
                 for seed in seeds {

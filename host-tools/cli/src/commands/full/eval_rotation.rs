@@ -60,9 +60,9 @@ impl Args {
             input.thin_out(self.episodes as usize);
         }
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
-        let progress = self.print.progress(episodes, "episodes");
-        let results = rotation::run(&inputs, &make, self.rotations.into(), self.seed, &|| progress.inc(1))?;
-        progress.finish_and_clear();
+        let results = self.print.progress(episodes, "episodes", |bar| {
+            rotation::run(&inputs, &make, self.rotations.into(), self.seed, &|| bar.inc(1))
+        })?;
         self.print.show(&results, || results.to_string())
     }
 }

@@ -49,9 +49,9 @@ impl Args {
         let out = OutputDir::prepare(&self.out)?;
         let read = |path: &PathBuf| Episode::read(path).with_context(|| path.display().to_string());
         let recordings = self.real.iter().map(read).collect::<Result<Vec<_>>>()?;
-        let progress = self.print.progress(Stage::ALL.len() * FAMILIES, "families");
-        let gallery = gallery(self.episodes.into(), self.seed, &recordings, &|| progress.inc(1))?;
-        progress.finish_and_clear();
+        let gallery = self.print.progress(Stage::ALL.len() * FAMILIES, "families", |bar| {
+            gallery(self.episodes.into(), self.seed, &recordings, &|| bar.inc(1))
+        })?;
         let headline = format!(
             "{} episodes of each family; all stages but the named one are the laboratory's. First sensor.",
             self.episodes
@@ -59,11 +59,7 @@ impl Args {
         out.write("families.svg", families(&gallery, &headline))?;
         out.write("families.json", serde_json::to_vec_pretty(&gallery)?)?;
         out.commit()?;
-        self.print.show(&gallery, || {
-            format!(
-                "{gallery}\n{}",
-                written(&self.out, &[("picture", "families.svg"), ("numbers", "families.json")])
-            )
-        })
+        let files = [("picture", "families.svg"), ("numbers", "families.json")];
+        self.print.show(&gallery, || format!("{gallery}\n{}", written(&self.out, &files)))
     }
 }

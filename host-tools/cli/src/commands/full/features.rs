@@ -42,23 +42,23 @@ impl Args {
         let episode = Episode::read(&self.episode)?;
         let (frames, sensors) = (episode.frames(), episode.sensors);
         let mut front_ends = vec![XlFrontEnd::new(); sensors];
-        let progress = self.print.progress(frames, "frames");
         let (mut logmel, mut standardised) = (Vec::new(), Vec::new());
-        for frame in 0..frames {
-            for (sensor, front_end) in front_ends.iter_mut().enumerate() {
-                front_end.push(episode.xl_batch(frame, sensor));
-                let features = front_end.log_mel();
-                logmel.extend(logmel_g2(&features, episode.meta.xl_lsb_g));
-                standardised.extend(logmel_std(&features));
+        self.print.progress(frames, "frames", |bar| {
+            for frame in 0..frames {
+                for (sensor, front_end) in front_ends.iter_mut().enumerate() {
+                    front_end.push(episode.xl_batch(frame, sensor));
+                    let features = front_end.log_mel();
+                    logmel.extend(logmel_g2(&features, episode.meta.xl_lsb_g));
+                    standardised.extend(logmel_std(&features));
+                }
+                bar.inc(1);
             }
-            progress.inc(1);
-        }
+        });
         let shape = [frames, sensors, MEL_BINS];
         write_file(&self.out, |npz| {
             npz.array("logmel", &shape, logmel)?;
             npz.array("logmel_std", &shape, standardised)
         })?;
-        progress.finish_and_clear();
         let out = self.out.display().to_string();
         self.print.show(&json!({"file": out, "shape": shape}), || {
             format!("{frames} frames of {sensors} sensors, {MEL_BINS} bins each: {out}\n")

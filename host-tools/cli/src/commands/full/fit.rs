@@ -70,9 +70,9 @@ impl Args {
             Order::ContactFirst => ClassOrder::ContactFirst,
         };
         let plan = Plan { stride: self.stride.into(), class_order };
-        let bar = self.print.progress(input.episodes.len(), "episodes");
-        let fitted = fit(&input.episodes, &source, plan, || bar.inc(1))?;
-        bar.finish_and_clear();
+        let fitted = self.print.progress(input.episodes.len(), "episodes", |bar| {
+            fit(&input.episodes, &source, plan, || bar.inc(1))
+        })?;
         write_file(&self.out, fitted.to_json()?)?;
 
         let (data, out) = (&fitted.data, self.out.display().to_string());

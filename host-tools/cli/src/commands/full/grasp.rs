@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use slipsense_synth::plant::{Hand, LOST_MM, LOST_TURN_RAD, Objects, trials};
+use slipsense_synth::plant::{Hand, LOST_MM, LOST_TURN_RAD, Objects, Trial, trials};
 
 use super::{ModelArg, Print, written};
 use crate::grasp::{
@@ -118,15 +118,15 @@ impl Args {
             foreign_percent: self.foreign,
         };
         let trials = trials(self.objects, self.hand, self.seed, count);
-        let progress = self.print.progress(count, "trials");
-        let done = trials.par_iter().enumerate().map(|(index, trial)| {
-            let (outcome, series) =
-                run(trial, model, &config).with_context(|| format!("trial {index}, {}", trial.object))?;
-            progress.inc(1);
-            Ok((TrialResult::new(index, trial, outcome), series))
-        });
-        let done = done.collect::<Result<Vec<_>>>()?;
-        progress.finish_and_clear();
+        let done = self.print.progress(count, "trials", |bar| {
+            let one = |(index, trial): (usize, &Trial)| {
+                let (outcome, series) =
+                    run(trial, model, &config).with_context(|| format!("trial {index}, {}", trial.object))?;
+                bar.inc(1);
+                Ok((TrialResult::new(index, trial, outcome), series))
+            };
+            trials.par_iter().enumerate().map(one).collect::<Result<Vec<_>>>()
+        })?;
         let (results, series): (Vec<TrialResult>, Vec<TrialSeries>) = done.into_iter().unzip();
         let totals = Totals::new(&results);
         let json = json!({

@@ -84,14 +84,11 @@ impl Args {
         let model = self.model.read()?;
         let model = model.parse()?;
         let episode = Episode::read(&self.episode)?;
-        let frames = self.frames.map(|frames| frames as usize);
+        let frames = self.frames.map_or(usize::MAX, |frames| frames as usize).min(episode.frames());
         let timeout = Duration::from_secs(self.timeout_s);
         let mut target = self.target(timeout)?;
         let run = Run { mailbox, episode: &episode, frames, model, timeout };
-        let length = frames.unwrap_or(usize::MAX).min(episode.frames());
-        let progress = self.print.progress(length, "frames");
-        let report = replay(&mut *target, &run, || progress.inc(1));
-        progress.finish_and_clear();
+        let report = self.print.progress(frames, "frames", |bar| replay(&mut *target, &run, || bar.inc(1)));
         let report = report.with_context(|| self.episode.display().to_string())?;
         drop(target);
         let name = self.episode.display().to_string();
@@ -113,13 +110,12 @@ impl Args {
     #[cfg(feature = "hil")]
     fn probe(&self, name: Option<&str>) -> Result<Box<dyn Target>> {
         let mut probe = crate::hil::probe::UsbProbe::attach(&Default::default(), name)?;
-        let progress = self.print.progress(0, "bytes to flash");
-        let flashed = probe.flash(&self.elf, |bytes, of| {
-            of.into_iter().for_each(|of| progress.inc_length(of));
-            progress.inc(bytes);
-        });
-        progress.finish_and_clear();
-        flashed?;
+        self.print.progress(0, "bytes to flash", |bar| {
+            probe.flash(&self.elf, |bytes, of| {
+                of.into_iter().for_each(|of| bar.inc_length(of));
+                bar.inc(bytes);
+            })
+        })?;
         Ok(Box::new(probe))
     }
 

@@ -8,6 +8,8 @@ use slipsense_eval::source::Input;
 use slipsense_synth::Split;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 
+use crate::summary::file_name;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Frames {
     /// Of which split; of all that have none of their own if `None`.
@@ -86,21 +88,15 @@ fn input(input: &str, data: Option<&Path>, frames: &[Frames]) -> Result<Input> {
     let folder = Path::new(input);
     if !folder.exists() {
         if let Ok(split) = input.parse::<Split>() {
-            if let Some(frames) = frames_of(split, frames) {
-                let set = EpisodeSet::new(split, FROZEN_SEED, frames);
-                let named = set.episodes.into_iter().map(|e| (e.name, e.recipe));
-                return Ok(Input::recipes(input, named.collect()));
-            }
-            let frozen = split.frozen()?;
-            return Ok(Input::recipes(
-                input,
-                frozen.episodes.into_iter().map(|e| (e.name, e.recipe)).collect(),
-            ));
+            let set = match frames_of(split, frames) {
+                Some(frames) => EpisodeSet::new(split, FROZEN_SEED, frames),
+                None => split.frozen()?.set(),
+            };
+            return Ok(Input::recipes(input, set.episodes.into_iter().map(|e| (e.name, e.recipe)).collect()));
         }
         let names = Split::ALL.map(Split::name).join(", ");
         bail!("{input}: no such folder, and no split ({names})");
     }
     refuse_frames(input, frames)?;
-    let name = folder.file_name().map_or_else(|| input.into(), |name| name.to_string_lossy());
-    Input::folder(&name, folder)
+    Input::folder(&file_name(input), folder)
 }

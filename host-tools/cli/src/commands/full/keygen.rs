@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use ed25519_dalek::SigningKey;
-use serde::Serialize;
+use serde_json::json;
 
 use super::Print;
 use crate::summary::hex;
@@ -29,12 +29,6 @@ pub struct Args {
     print: Print,
 }
 
-#[derive(Serialize)]
-struct Made {
-    private_key_file: PathBuf,
-    public_key: String,
-}
-
 impl Args {
     pub fn run(self) -> Result<()> {
         let mut seed = [0; 32];
@@ -42,13 +36,11 @@ impl Args {
         let public_key = hex(SigningKey::from_bytes(&seed).verifying_key().as_bytes());
         let mut file = new_private_file(&self.out)?;
         writeln!(file, "{}", hex(&seed)).with_context(|| format!("{}: cannot write", self.out.display()))?;
-        let made = Made { private_key_file: self.out, public_key };
-        self.print.show(&made, || {
-            let Made { private_key_file, public_key } = &made;
+        let out = self.out.display().to_string();
+        self.print.show(&json!({"private_key_file": out, "public_key": public_key}), || {
             format!(
-                "private key  {}\npublic key   {public_key}\n\n\
-                 Build firmware and bootloader with SLIPSENSE_UPDATE_KEY={public_key}\n",
-                private_key_file.display()
+                "private key  {out}\npublic key   {public_key}\n\n\
+                 Build firmware and bootloader with SLIPSENSE_UPDATE_KEY={public_key}\n"
             )
         })
     }

@@ -12,12 +12,12 @@ use slipsense_recording::label::{
     Intervals, NO_CONTACT, Pull, SLIP, StandLog, align, label, logged_knocks, pulls, recorded_knocks,
     slip_without_contact,
 };
-use slipsense_recording::score::{CLASSES, score_events};
+use slipsense_recording::score::{CLASSES, Interval, runs};
 
 use super::Print;
 use crate::output::check_file;
 use crate::picture::CLASS_NAME;
-use crate::summary::{file_name, plural, seconds};
+use crate::summary::{count_classes, file_name, plural, seconds};
 
 /// Label a recording: which frames are slip, from a test stand's log or by hand
 ///
@@ -105,17 +105,20 @@ impl Args {
             check_file(out)?;
         }
         let mut episode = Episode::read(&self.episode)?;
-        let recording = self.episode.display().to_string();
         let stand = self.displacement.as_ref().map(|path| self.stand(path, &episode)).transpose()?;
         if let Some(stand) = stand.as_ref().filter(|_| self.pulls) {
             return self.report_pulls(&episode, stand);
         }
         let slips = self.slips(&episode, stand.as_ref())?;
-        self.describe(&mut episode, stand.as_ref()).with_context(|| recording.clone())?;
+        self.describe(&mut episode, stand.as_ref()).with_context(|| self.episode.display().to_string())?;
         let labels = label(&episode.piezo, episode.sensors, &slips);
         let without_contact = slip_without_contact(&labels, &slips);
         episode.meta.other.insert("slip_frames_without_contact".to_owned(), without_contact.into());
-        let facts = facts(&labels, without_contact);
+        let facts = Facts {
+            class_frames: count_classes(&labels),
+            slips: runs(labels.len(), |frame| labels[frame] == SLIP),
+            slip_frames_without_contact: without_contact,
+        };
         episode.label = Some(labels);
         if let Some(stand) = &stand {
             episode.displacement_mm = Some(stand.displacement_mm.clone());
@@ -149,7 +152,7 @@ impl Args {
         let at =
             log.at_frames(episode.frames(), offset_s).map_err(anyhow::Error::from).with_context(in_file)?;
         let pulls = pulls(&at.displacement_mm);
-        let file = file_name(&in_file()).into_owned();
+        let file = file_name(path).into_owned();
         let (displacement_mm, held_frames) = (at.displacement_mm, at.held_frames);
         Ok(Stand { log, file, offset_s, knocks, displacement_mm, held_frames, pulls })
     }
@@ -242,10 +245,9 @@ impl Args {
         let (frames, sensors) = (episode.frames(), episode.sensors);
         let object = meta["object"].as_str().unwrap_or_default();
         let kind = if meta.get("synthetic") == Some(&Value::Bool(true)) { ", synthetic" } else { "" };
-        let recording = self.episode.display().to_string();
         let mut text = format!(
             "{}, {object}{kind}, {sensors} sensor{}, {:.2} s\n",
-            file_name(&recording),
+            file_name(&self.episode),
             plural(sensors),
             seconds(frames)
         );
@@ -325,18 +327,8 @@ impl Stand {
 #[derive(serde::Serialize)]
 struct Facts {
     /// No contact, no slip, slip.
-    class_frames: [usize; CLASSES],
+    class_frames: [u64; CLASSES],
     /// First frame of each slip, and the frame after its last.
-    slips: Vec<(usize, usize)>,
+    slips: Vec<Interval>,
     slip_frames_without_contact: usize,
-}
-
-fn facts(labels: &[u8], slip_frames_without_contact: usize) -> Facts {
-    let is_slip: Vec<u8> = labels.iter().map(|&l| u8::from(l == SLIP)).collect();
-    let events = score_events(labels, &is_slip).events;
-    Facts {
-        class_frames: std::array::from_fn(|c| labels.iter().filter(|&&l| usize::from(l) == c).count()),
-        slips: events.iter().map(|event| (event.onset, event.end)).collect(),
-        slip_frames_without_contact,
-    }
 }

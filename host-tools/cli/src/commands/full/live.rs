@@ -1,8 +1,8 @@
 //! What record and monitor share: frames from a source, on a thread of their own, until the end or a signal.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -43,13 +43,19 @@ pub(super) struct PassedOver {
     pub kernel_drops: u32,
 }
 
-#[derive(Default)]
-struct Counters([AtomicU32; 5]);
+type Counters = Mutex<PassedOver>;
 
-impl Counters {
-    fn count(&self, index: usize) {
-        self.0[index].fetch_add(1, Ordering::Relaxed);
-    }
+fn locked(counters: &Counters) -> MutexGuard<'_, PassedOver> {
+    // Every change is complete before the lock is released.
+    counters.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// `--data-mbit`.
+#[derive(clap::Args)]
+pub(super) struct DataRate {
+    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
+    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub data_mbit: u8,
 }
 
 /// A source that is being read.
@@ -91,9 +97,7 @@ impl Live {
 
     /// What was passed over or lost so far.
     pub fn passed_over(&self) -> PassedOver {
-        let [kernel_drops, classic_frames, standard_id_frames, error_frames, unreadable_lines] =
-            self.counters.0.each_ref().map(|count| count.load(Ordering::Relaxed));
-        PassedOver { classic_frames, standard_id_frames, error_frames, unreadable_lines, kernel_drops }
+        *locked(&self.counters)
     }
 
     /// Take no more than what has come by now.
@@ -111,7 +115,7 @@ fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Coun
             stopped = Some((Instant::now(), now_us()));
         }
         let received = source.receive();
-        counters.0[0].store(source.kernel_drops(), Ordering::Relaxed);
+        locked(counters).kernel_drops = source.kernel_drops();
         let sent = match received {
             // The kernel's time: it came afterwards.
             Ok(Input::Frame(entry)) if dated && stopped.is_some_and(|(_, us)| entry.timestamp_us > us) => {
@@ -119,12 +123,14 @@ fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Coun
             }
             Ok(Input::Frame(entry)) => send.send(Ok(entry)),
             Ok(Input::Other(kind)) => {
-                counters.count(match kind {
-                    Foreign::Classic => 1,
-                    Foreign::Standard => 2,
-                    Foreign::Error => 3,
-                    Foreign::Unreadable => 4,
-                });
+                let mut counters = locked(counters);
+                let count = match kind {
+                    Foreign::Classic => &mut counters.classic_frames,
+                    Foreign::Standard => &mut counters.standard_id_frames,
+                    Foreign::Error => &mut counters.error_frames,
+                    Foreign::Unreadable => &mut counters.unreadable_lines,
+                };
+                *count += 1;
                 Ok(())
             }
             Ok(Input::Idle) if stopped.is_some() => return,

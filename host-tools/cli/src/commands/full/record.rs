@@ -11,7 +11,7 @@ use slipsense_recording::link::Place;
 use slipsense_recording::recorder::Recorder;
 
 use super::Print;
-use super::live::{Event, Live, PassedOver};
+use super::live::{DataRate, Event, Live, PassedOver};
 
 /// Time between flushes. A kill costs this and the time that writing takes, about a second.
 const FLUSH: Duration = Duration::from_millis(800);
@@ -57,27 +57,24 @@ pub struct Args {
     /// Begin new files when one of them has this size, MB (a million bytes)
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
     split_mb: Option<u64>,
-    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
-    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
-    data_mbit: u8,
+    #[command(flatten)]
+    data: DataRate,
     #[command(flatten)]
     print: Print,
 }
 
 impl Args {
     pub fn run(self) -> Result<()> {
-        let live = Live::start(&self.source, self.data_mbit)?;
+        let live = Live::start(&self.source, self.data.data_mbit)?;
         let mut parts = vec![self.names(1)];
         let mut files = create(&parts[0])?;
-        let (began, mut flushed, mut part_began) = (Instant::now(), Instant::now(), Instant::now());
-        let limit = self.seconds.map(Duration::from_secs);
-        let (mut decoder, mut frames) = (Decoder::new(), 0u64);
-        let (mut failure, mut full, mut stopped, mut kept) = (None, false, false, 0);
-        let (mut before_us, mut clock_back) = (0, 0u32);
-        loop {
-            let taken = match live.next() {
-                Ok(Event::Frame(entry)) => {
-                    let mut take = || {
+        let (mut decoder, mut frames, mut kept, mut clock_back) = (Decoder::new(), 0u64, 0, 0u32);
+        let mut record = || -> Result<()> {
+            let (began, mut flushed, mut part_began) = (Instant::now(), Instant::now(), Instant::now());
+            let (mut full, mut before_us) = (false, 0);
+            loop {
+                match live.next()? {
+                    Event::Frame(entry) => {
                         if std::mem::take(&mut full) {
                             let names = self.names(parts.len() + 1);
                             let next = create(&names)?;
@@ -89,36 +86,26 @@ impl Args {
                         clock_back += u32::from(entry.timestamp_us < before_us);
                         before_us = entry.timestamp_us;
                         decoder.accept(&entry.frame);
-                        files.iter_mut().try_for_each(|file| file.write(&entry))
-                    };
-                    take()
+                        files.iter_mut().try_for_each(|file| file.write(&entry))?;
+                    }
+                    Event::Quiet => {}
+                    Event::End => return Ok(()),
                 }
-                Ok(Event::Quiet) => Ok(()),
-                Ok(Event::End) => break,
-                Err(error) => Err(error),
-            };
-            let flushed_now = taken.and_then(|()| {
-                if flushed.elapsed() < FLUSH {
-                    return Ok(());
+                if flushed.elapsed() >= FLUSH {
+                    // From the start of the flush: frames wait while it writes.
+                    flushed = Instant::now();
+                    files.iter_mut().try_for_each(Recorder::flush)?;
+                    kept = frames;
+                    // New files come with the next frame, so that none is empty.
+                    full = self.is_full(&parts[parts.len() - 1], part_began)?;
                 }
-                // From the start of the flush: frames wait while it writes.
-                flushed = Instant::now();
-                files.iter_mut().try_for_each(Recorder::flush)?;
-                kept = frames;
-                // New files come with the next frame, so that none is empty.
-                full = self.is_full(&parts[parts.len() - 1], part_began)?;
-                Ok(())
-            });
-            // Frames so far are kept.
-            if let Err(error) = flushed_now {
-                failure = Some(error);
-                break;
+                if self.seconds.is_some_and(|seconds| began.elapsed() >= Duration::from_secs(seconds)) {
+                    live.stop();
+                }
             }
-            if !stopped && limit.is_some_and(|limit| began.elapsed() >= limit) {
-                stopped = true;
-                live.stop();
-            }
-        }
+        };
+        // Frames so far are kept.
+        let mut failure = record().err();
         match finish(files) {
             Ok(()) => kept = frames,
             Err(error) => failure = failure.or(Some(error)),

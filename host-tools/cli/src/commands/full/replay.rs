@@ -11,6 +11,7 @@ use slipsense_recording::link::{Place, open_sink};
 use slipsense_recording::log_file::{self, Format, Record};
 
 use super::Print;
+use super::live::DataRate;
 
 /// Send a recording again: to a bus, a candump log or standard output
 ///
@@ -32,9 +33,8 @@ pub struct Args {
     /// How fast: 1 is real time, `max` without waiting
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = speed)]
     speed: f64,
-    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
-    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
-    data_mbit: u8,
+    #[command(flatten)]
+    data: DataRate,
     #[command(flatten)]
     print: Print,
 }
@@ -67,7 +67,7 @@ impl Args {
         });
         let mut ahead = entries.by_ref().take(READ_AHEAD).collect::<Result<VecDeque<_>>>()?;
         let first = ahead.front().with_context(|| format!("{}: no CAN frame in it", self.input.display()))?;
-        let mut sink = open_sink(&self.to, &first.interface, self.data_mbit)?;
+        let mut sink = open_sink(&self.to, &first.interface, self.data.data_mbit)?;
         let began = Instant::now();
         let (mut late, mut frames, first_us) = (Duration::ZERO, 0, first.timestamp_us);
         while let Some(entry) = ahead.pop_front() {

@@ -11,7 +11,7 @@ use slipsense_recording::from_hex;
 use super::Print;
 use super::image::ImageInfo;
 use crate::output::{check_file, write_file};
-use crate::signing::{Board, header_for, read_key, sign};
+use crate::signing::{Board, header_for, read_key};
 use crate::summary::hex;
 
 /// Sign a firmware or a model, so that boards take it over the bus
@@ -68,7 +68,8 @@ impl Args {
         let name = file.display().to_string();
         let bytes = std::fs::read(file).with_context(|| format!("{name}: cannot read"))?;
         let (header, payload) = header_for(&bytes, &name, self.board, version)?;
-        let image = sign(&key, &header, &payload);
+        let signature = key.sign(&header.signed_bytes()).to_bytes();
+        let image = [&header.encode(&signature)[..], &payload].concat();
         let info = ImageInfo::new(&image, &out.display().to_string(), Some(key.verifying_key().to_bytes()))?;
         check_file(out)?;
         write_file(out, &image)?;

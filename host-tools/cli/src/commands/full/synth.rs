@@ -3,7 +3,6 @@
 use std::cmp::Reverse;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -111,16 +110,14 @@ impl Args {
         let start = Instant::now();
         let mut dirs = self.sets()?;
         let makes = self.split.is_some() || self.all;
-        let made = if makes { self.make(&mut dirs)? } else { Made::none(&dirs) };
+        let made = if makes { self.make(&mut dirs)? } else { 0 };
         if self.verify {
             let frames = dirs.iter().map(|dir| dir.set.total_frames()).sum();
-            let progress = self.print.progress(frames, "frames checked");
-            for dir in &dirs {
-                dir.verify(|frames| progress.inc(frames as u64))?;
-            }
-            progress.finish_and_clear();
+            self.print.progress(frames, "frames checked", |bar| {
+                dirs.iter().try_for_each(|dir| dir.verify(|frames| bar.inc(frames as u64)))
+            })?;
         }
-        self.report(&dirs, &made, start)
+        self.report(&dirs, made, start)
     }
 
     fn one(&self, path: &Path) -> Result<()> {
@@ -142,12 +139,9 @@ impl Args {
         let seed = self.seed.unwrap_or(FROZEN_SEED);
         let frames = self.frames.map(|frames| frames as usize);
         if self.all {
-            let sets = paper_set(seed, frames.unwrap_or(PAPER_FRAMES));
             refuse_file(&self.out)?;
-            return sets
-                .into_iter()
-                .map(|set| SetDir::check(&self.out.join(set.split.name()), set))
-                .collect();
+            let sets = paper_set(seed, frames.unwrap_or(PAPER_FRAMES)).into_iter();
+            return sets.map(|set| SetDir::check(&self.out.join(set.split.name()), set)).collect();
         }
         if let Some(split) = self.split {
             let frames = match frames {
@@ -168,8 +162,8 @@ impl Args {
         Ok(found)
     }
 
-    /// Make what is missing, the longest episodes first, so that all cores are busy to the end.
-    fn make(&self, dirs: &mut [SetDir]) -> Result<Made> {
+    /// Make what is missing, the longest episodes first, so that all cores are busy to the end. Returns the frames made.
+    fn make(&self, dirs: &mut [SetDir]) -> Result<usize> {
         let shard = self.shard.unwrap_or(Shard::WHOLE);
         dirs.iter().try_for_each(SetDir::begin)?;
         let mut jobs: Vec<(usize, usize)> = dirs
@@ -179,47 +173,42 @@ impl Args {
             .collect();
         let frames = |&(at, index): &(usize, usize)| dirs[at].set.episodes[index].frames;
         jobs.sort_by_key(|job| (Reverse(frames(job)), *job));
-        let mut made = Made::none(dirs);
-        made.frames = jobs.iter().map(frames).sum();
-        let progress = self.print.progress(made.frames, "frames");
-        let hashes = Mutex::new(&mut made.hashes);
-        jobs.into_iter().par_bridge().try_for_each(|(at, index)| {
-            let dir = &dirs[at];
-            let planned = &dir.set.episodes[index];
-            let episode = generate(&planned.recipe).with_context(|| planned.name.clone())?;
-            dir.write(index, &episode)?;
-            let hash = content_hash(&episode);
-            // A poisoned lock means that another worker panicked, which ends this run anyway.
-            hashes.lock().unwrap_or_else(|poisoned| poisoned.into_inner())[at][index] = Some(hash);
-            progress.inc(planned.frames as u64);
-            anyhow::Ok(())
+        let total = jobs.iter().map(frames).sum();
+        let made = self.print.progress(total, "frames", |bar| {
+            let make = |(at, index): (usize, usize)| {
+                let planned = &dirs[at].set.episodes[index];
+                let episode = generate(&planned.recipe).with_context(|| planned.name.clone())?;
+                dirs[at].write(index, &episode)?;
+                bar.inc(planned.frames as u64);
+                Ok((at, index, content_hash(&episode)))
+            };
+            jobs.into_iter().par_bridge().map(make).collect::<Result<Vec<_>>>()
         })?;
-        progress.finish_and_clear();
-        for (dir, hashes) in dirs.iter_mut().zip(&made.hashes) {
-            let frames = dir.set.total_frames();
-            let progress = self.print.progress(frames, "frames of earlier runs");
-            made.complete.push(dir.finish(hashes.clone(), |frames| progress.inc(frames as u64))?);
-            progress.finish_and_clear();
+        made.into_iter().for_each(|(at, index, hash)| dirs[at].made[index] = Some(hash));
+        for dir in dirs {
+            self.print.progress(dir.set.total_frames(), "frames of earlier runs", |bar| {
+                dir.finish(|frames| bar.inc(frames as u64))
+            })?;
         }
-        Ok(made)
+        Ok(total)
     }
 
-    fn report(&self, dirs: &[SetDir], made: &Made, start: Instant) -> Result<()> {
+    fn report(&self, dirs: &[SetDir], made: usize, start: Instant) -> Result<()> {
         let elapsed_s = start.elapsed().as_secs_f64();
-        let signal_s = made.frames as f64 / FRAME_RATE_HZ as f64;
+        let signal_s = made as f64 / FRAME_RATE_HZ as f64;
         let times = signal_s / elapsed_s;
-        let sets: Vec<Value> = dirs.iter().enumerate().map(|(at, dir)| made.json(at, dir)).collect();
+        let sets: Vec<Value> = dirs.iter().map(json_of).collect();
         let result = json!({
-            "sets": sets, "frames_made": made.frames, "signal_s": signal_s, "elapsed_s": elapsed_s,
+            "sets": sets, "frames_made": made, "signal_s": signal_s, "elapsed_s": elapsed_s,
             "x_real_time": times, "verified": self.verify,
         });
         self.print.show(&result, || {
             let mut text = String::new();
-            for (at, dir) in dirs.iter().enumerate() {
+            for dir in dirs {
                 let (episodes, frames, out) =
                     (dir.set.episodes.len(), dir.set.total_frames(), dir.path.display());
                 let (split, plural) = (dir.set.split, plural(episodes));
-                let state = match dir.hash().filter(|_| made.is_complete(at)) {
+                let state = match dir.hash() {
                     Some(hash) if dir.is_frozen() => format!("the frozen test set, hash {}", &hash[..16]),
                     Some(hash) => format!("hash {}", &hash[..16]),
                     None => format!("part {} made, others missing", self.shard.unwrap_or(Shard::WHOLE)),
@@ -228,7 +217,7 @@ impl Args {
                     "{split:<9} {episodes} synthetic episode{plural}, {frames} frames, {state}: {out}\n"
                 );
             }
-            text + &match (made.frames, self.verify) {
+            text + &match (made, self.verify) {
                 (0, true) => format!("every episode is as hashes.json says; {elapsed_s:.1} s\n"),
                 (0, false) => "nothing was missing\n".to_owned(),
                 _ => format!("{signal_s:.0} s of signal in {elapsed_s:.1} s: {times:.1} x real time\n"),
@@ -237,36 +226,16 @@ impl Args {
     }
 }
 
-struct Made {
-    frames: usize,
-    /// `[set][episode]`, of those that were made.
-    hashes: Vec<Vec<Option<String>>>,
-    /// `[set]`: all episodes are there; nothing where no set was to be made.
-    complete: Vec<bool>,
-}
-
-impl Made {
-    fn none(dirs: &[SetDir]) -> Self {
-        let hashes = dirs.iter().map(|dir| vec![None; dir.set.episodes.len()]).collect();
-        Self { frames: 0, hashes, complete: Vec::new() }
-    }
-
-    fn is_complete(&self, at: usize) -> bool {
-        self.complete.get(at).copied().unwrap_or(true)
-    }
-
-    fn json(&self, at: usize, dir: &SetDir) -> Value {
-        let complete = self.is_complete(at);
-        json!({
-            "split": dir.set.split,
-            "seed": dir.set.seed,
-            "out": dir.path.display().to_string(),
-            "episodes": dir.set.episodes.len(),
-            "frames": dir.set.total_frames(),
-            "episodes_made": self.hashes[at].iter().flatten().count(),
-            "complete": complete,
-            "hash": dir.hash().filter(|_| complete),
-            "frozen": complete && dir.is_frozen(),
-        })
-    }
+fn json_of(dir: &SetDir) -> Value {
+    json!({
+        "split": dir.set.split,
+        "seed": dir.set.seed,
+        "out": dir.path.display().to_string(),
+        "episodes": dir.set.episodes.len(),
+        "frames": dir.set.total_frames(),
+        "episodes_made": dir.made.iter().flatten().count(),
+        "complete": dir.is_complete,
+        "hash": dir.hash(),
+        "frozen": dir.is_frozen(),
+    })
 }

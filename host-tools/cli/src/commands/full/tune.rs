@@ -67,9 +67,9 @@ impl Args {
 
         let inputs = [disturbances(self.hours), slips(self.episodes as usize)];
         let episodes = inputs.iter().map(|input| input.episodes.len()).sum();
-        let bar = self.print.progress(episodes, "episodes");
-        let [quiet, slipping] = inputs.map(|input| margins(&input, model, &|| bar.inc(1)));
-        bar.finish_and_clear();
+        let [quiet, slipping] = self
+            .print
+            .progress(episodes, "episodes", |bar| inputs.map(|input| margins(&input, model, &|| bar.inc(1))));
         let tuning = tune(&quiet?, &slipping?, rate)?;
 
         file.point = tuning.best().point();

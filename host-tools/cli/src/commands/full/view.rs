@@ -18,6 +18,7 @@ use super::convert::node_id;
 use super::print;
 use crate::bundled::{self, NamedModel};
 use crate::page_server::{PageServer, Shared};
+use crate::summary::file_name;
 
 const STANDARD_INPUT: &str = "-";
 /// Columns of the page.
@@ -130,19 +131,16 @@ impl Args {
         let files = if self.files.is_empty() { &bundled[..] } else { &self.files };
         let mut sources = Vec::new();
         for path in files {
-            let is_episode =
-                self.files.is_empty() || path.extension().is_some_and(|extension| extension == "npz");
-            if !is_episode {
-                let own_model = self.model.iter().find(|model| *model != Path::new(bundled::NAME));
+            if self.files.is_empty() || path.extension().is_some_and(|extension| extension == "npz") {
+                for model in &self.model {
+                    sources.push(self.episode(path, model)?);
+                }
+            } else {
                 ensure!(
-                    own_model.is_none(),
+                    self.model.iter().all(|model| model == Path::new(bundled::NAME)),
                     "--model: a log holds the module's own decisions; a model is for episodes"
                 );
                 sources.push(self.log(path)?);
-                continue;
-            }
-            for model in &self.model {
-                sources.push(self.episode(path, model)?);
             }
         }
         Ok(sources)
@@ -157,7 +155,7 @@ impl Args {
         };
         let file = EpisodeReader::new(input, path)?;
         let model = named_model(model)?;
-        let session = Session::of_episode(file_name(path), model.name.clone(), file.episode());
+        let session = Session::of_episode(file_name(path).into_owned(), model.name.clone(), file.episode());
         Ok((session, Source::Episode(Box::new(file), model)))
     }
 
@@ -168,14 +166,10 @@ impl Args {
         } else {
             let file =
                 File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
-            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path))
+            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path).into_owned())
         };
         Ok((Session::of_log(name, is_live), Source::Log(log, self.node)))
     }
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into())
 }
 
 /// A model that can be used.

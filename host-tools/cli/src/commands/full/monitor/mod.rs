@@ -6,10 +6,10 @@ mod screen;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 use slipsense_recording::link::Place;
 
-use super::live::{Event, Live};
+use super::live::{DataRate, Event, Live};
 use super::print;
 use modules::Modules;
 
@@ -37,9 +37,8 @@ pub struct Args {
     /// With --plain: the lines as JSON
     #[arg(long, requires = "plain")]
     json: bool,
-    /// Bit rate of the data phase to set at an slcan adapter, Mbit/s
-    #[arg(long, value_name = "MBIT", default_value = "8", value_parser = clap::value_parser!(u8).range(1..=8))]
-    data_mbit: u8,
+    #[command(flatten)]
+    data: DataRate,
 }
 
 const PICTURE: Duration = Duration::from_millis(33);
@@ -47,10 +46,11 @@ const SECOND_US: u64 = 1_000_000;
 
 impl Args {
     pub fn run(self) -> Result<()> {
-        if !self.plain && !std::io::stdout().is_terminal() {
-            bail!("standard output is not a terminal: --plain prints a line every second");
-        }
-        let live = Live::start(&self.source, self.data_mbit)?;
+        ensure!(
+            self.plain || std::io::stdout().is_terminal(),
+            "standard output is not a terminal: --plain prints a line every second"
+        );
+        let live = Live::start(&self.source, self.data.data_mbit)?;
         if self.plain { self.lines(&live) } else { self.screen(&live) }
     }
 
@@ -62,19 +62,16 @@ impl Args {
                 Event::Frame(entry) => {
                     // By the recording's clock, which on a live bus is the wall clock.
                     let now = entry.timestamp_us / SECOND_US;
-                    if second.is_some_and(|second| now != second) {
+                    if second.replace(now).is_some_and(|second| now != second) {
                         self.print(&mut modules)?;
                     }
-                    second = Some(now);
                     modules.accept(&entry);
                 }
                 Event::Quiet => {}
                 Event::End => break,
             }
         }
-        if second.is_none() {
-            bail!("no CAN FD frame with a 29-bit identifier arrived");
-        }
+        ensure!(second.is_some(), "no CAN FD frame with a 29-bit identifier arrived");
         self.print(&mut modules)
     }
 

@@ -11,10 +11,6 @@ use slipsense_recording::candump::LogEntry;
 use slipsense_recording::decode::{Count, Decoder};
 use slipsense_recording::{HEALTH, words};
 
-pub fn health_words(bits: u8) -> String {
-    words(&HEALTH, bits)
-}
-
 #[derive(Default)]
 pub struct Module {
     pub slip: Option<SlipMessage>,
@@ -110,7 +106,7 @@ impl Modules {
                 slip_frames: second.slip_frames,
                 may_begin_frames: second.may_begin_frames,
                 count_sum: contact[..sensors].iter().map(|contact| contact.sum).collect(),
-                health: second.health[..sensors].iter().map(|&bits| health_words(bits)).collect(),
+                health: second.health[..sensors].iter().map(|&bits| words(&HEALTH, bits)).collect(),
                 lost: (count.slip_lost + count.raw_lost).saturating_sub(before.slip_lost + before.raw_lost),
                 errors: count.errors - before.errors,
             }

@@ -10,8 +10,9 @@ use crossterm::terminal::{self, Clear, ClearType};
 use crossterm::{cursor, execute, queue};
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
 use slipsense::sensor::PiezoFrame;
+use slipsense_recording::{HEALTH, words};
 
-use super::modules::{Module, Modules, health_words};
+use super::modules::{Module, Modules};
 use crate::picture::CLASS_NAME;
 
 /// Columns of a pressure map with the space beside it: one for each taxel.
@@ -104,7 +105,7 @@ fn add_module(module: &Module, lines: &mut Vec<String>) {
     }
     let sensors = usize::from(slip.sensors).min(slip.contact.len());
     let titles = slip.contact[..sensors].iter().enumerate().map(|(sensor, contact)| {
-        let title = format!("{sensor}: {}, {}", contact.sum, health_words(contact.health));
+        let title = format!("{sensor}: {}, {}", contact.sum, words(&HEALTH, contact.health));
         format!("{title:<width$.width$} ", width = MAP_WIDTH - 1)
     });
     lines.push(titles.collect());

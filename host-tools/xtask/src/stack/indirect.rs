@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 
 use super::program::{PANIC, Program};
 
@@ -140,28 +140,20 @@ const RULES: &[Rule] = &[
     Rule { callers: TEXTS[1], targets: &WHOLE_SINKS },
     Rule { callers: TEXTS[2], targets: &WHOLE_SINKS },
     Rule { callers: TEXTS[3], targets: &WHOLE_SINKS },
-    // Numbers and words of a text.
+    // Numbers and words of a text, by themselves and behind references.
     Rule {
         callers: &[FORMATTER],
         targets: &[
-            "<&str as core::fmt::Display>",
-            "<u8 as core::fmt::Display>",
-            "<&u8 as core::fmt::Display>",
-            "<&u16 as core::fmt::Display>",
-            "<&u32 as core::fmt::Display>",
-            "<&u32 as core::fmt::LowerHex>",
-            "<u32 as core::fmt::LowerHex>",
-            "<&i64 as core::fmt::Display>",
-            "<usize as core::fmt::Display>",
-            "<&usize as core::fmt::Display>",
+            "&str as core::fmt::Display>",
+            "u8 as core::fmt::Display>",
+            "u16 as core::fmt::Display>",
+            "u32 as core::fmt::Display>",
+            "u32 as core::fmt::LowerHex>",
+            "usize as core::fmt::Display>",
+            "i32 as core::fmt::Display>",
+            "i64 as core::fmt::Display>",
             "<u64 as core::fmt::Debug>",
             "BorrowError as core::fmt::Display>",
-            "<&&str as core::fmt::Display>",
-            "<u16 as core::fmt::Display>",
-            "<u32 as core::fmt::Display>",
-            "<i32 as core::fmt::Display>",
-            "<&i32 as core::fmt::Display>",
-            "<i64 as core::fmt::Display>",
             "BorrowMutError as core::fmt::Display>",
         ],
     },
@@ -254,9 +246,7 @@ fn check(program: &Program) -> Result<()> {
     let addresses: BTreeSet<usize> = pointed_to.chain(&program.in_tables).copied().collect();
     let unled = addresses.difference(&led_to).map(|&index| &program.graph.nodes[index].name);
     lost.extend(unled.map(|name| format!("the address of {name} is taken")));
-    if !lost.is_empty() {
-        bail!("no rule of stack/indirect.rs says where this leads: {}", lost.join("; "));
-    }
+    ensure!(lost.is_empty(), "no rule of stack/indirect.rs says where this leads: {}", lost.join("; "));
     Ok(())
 }
 

@@ -15,11 +15,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use slipsense_qemu::measured::{GO_FILE, READY_FILE, TRACE_FILE, WARM_UP_FRAMES};
 
-use super::emulated::{Measured, PROGRAM, folder};
+use super::emulated::{Measured, PROGRAM};
 use super::inputs::Input;
 use crate::elf::{Code, Image, Instruction};
 use crate::process::Running;
-use crate::qemu::machine::Machine;
+use crate::qemu::machine::{Machine, folder};
 
 /// Where the frame path begins.
 const STEP: &str = "pipeline::Pipeline>::step";

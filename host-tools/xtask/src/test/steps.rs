@@ -3,14 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use clap::ValueEnum;
 
 use crate::bench::inputs::real_episodes;
 use crate::firmware::{self, Program};
-use crate::process::{
-    DEMO_EPISODE, apt_install, cargo, command, empty_dir, find, python, root, run, script, target_dir,
-};
+use crate::process::{DEMO_EPISODE, cargo, command, empty_dir, need, python, root, run, script, target_dir};
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
 use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin, web};
@@ -89,7 +87,7 @@ pub const STEPS: &[Step] = &[
         "qemu-demo",
         "the demo episode on the emulated Cortex-M7, raw frames plain and compressed",
         |_| {
-            let demo = qemu::Options::episodes(vec![root().join(DEMO_EPISODE)]);
+            let demo = demo_on_qemu();
             equal(&demo)?;
             equal(&qemu::Options { compress_raw: true, ..demo })
         },
@@ -103,14 +101,14 @@ pub const STEPS: &[Step] = &[
     FIRMWARE.step(
         "qemu-real-time",
         "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
-        |_| equal(&qemu::Options::in_real_time(root().join(DEMO_EPISODE), REAL_TIME_S)),
+        |_| equal(&qemu::Options { real_time: true, seconds: REAL_TIME_S, ..demo_on_qemu() }),
     ),
     FIRMWARE.step("qemu-extreme", "extreme input on the emulated Cortex-M7, 1 to 3 sensors", |_| {
-        equal(&qemu::Options::extreme(EXTREME_FRAMES, None))
+        equal(&extreme(EXTREME_FRAMES, None))
     }),
     FIRMWARE.step("qemu-random", "extreme input on networks of random shape and weights", |_| {
         let mut models = RANDOM_MODELS;
-        models.try_for_each(|seed| equal(&qemu::Options::extreme(RANDOM_MODEL_FRAMES, Some(seed))))
+        models.try_for_each(|seed| equal(&extreme(RANDOM_MODEL_FRAMES, Some(seed))))
     }),
     FIRMWARE.step("qemu-real", "episodes of real recordings on the emulated Cortex-M7, where present", real),
     TWIN.step(
@@ -157,7 +155,7 @@ pub const STEPS: &[Step] = &[
     PLAIN.step(
         "front-end",
         "schematic and simulation of the analog front end hold, its model and tables are those committed",
-        |_| front_end::step(),
+        |_| front_end::check(&front_end::Options::default()),
     ),
     PLAIN.step(
         "baselines",
@@ -199,14 +197,16 @@ pub const STEPS: &[Step] = &[
     ),
 ];
 
+/// The tensor library of the trainer takes minutes to build; the Python package has the trainer.
+const WITHOUT_TRAINER: [&str; 5] =
+    ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
+
 /// What the host builds select, one build after the other. Cargo gives shared dependencies the features of all that is
 /// selected: with another selection it would build them anew.
 fn selections(size: Size) -> Vec<Vec<&'static str>> {
     let of = |words: &[&'static str]| [&["--release"], words].concat();
-    // The tensor library of the trainer takes minutes to build; the Python package has the trainer.
-    let small = ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
     if size == Size::Daily {
-        return vec![of(&small)];
+        return vec![of(&WITHOUT_TRAINER)];
     }
     // What has to do with the trainer: with the features that the wheel of the Python package is built with.
     const TRAINER: [&str; 6] = [
@@ -253,7 +253,7 @@ fn clippy(context: Context) -> Result<()> {
         run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
     };
     if context.size == Size::Daily {
-        return clippy(&["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"]);
+        return clippy(&WITHOUT_TRAINER);
     }
     clippy(&["--workspace", "--features", "slipsense-cli/gpu,slipsense-cli/hil"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
@@ -334,19 +334,24 @@ fn documents(context: Context) -> Result<()> {
     run(check.arg(this))
 }
 
+fn demo_on_qemu() -> qemu::Options {
+    qemu::Options { episodes: vec![root().join(DEMO_EPISODE)], ..Default::default() }
+}
+
+fn extreme(frames: u32, random_model: Option<u64>) -> qemu::Options {
+    qemu::Options { extreme: true, frames: Some(frames), random_model, ..Default::default() }
+}
+
 fn equal(options: &qemu::Options) -> Result<()> {
-    match qemu::run(options)? {
-        true => Ok(()),
-        false => bail!("the emulated Cortex-M7 and this computer disagree"),
-    }
+    ensure!(qemu::run(options)?, "the emulated Cortex-M7 and this computer disagree");
+    Ok(())
 }
 
 fn real(_: Context) -> Result<()> {
-    match real_episodes()? {
-        episodes if episodes.is_empty() => Ok(()),
-        episodes => equal(&qemu::Options::episodes(episodes)),
-    }
+    let episodes = real_episodes()?;
+    if episodes.is_empty() { Ok(()) } else { equal(&qemu::Options { episodes, ..Default::default() }) }
 }
+
 fn can_bits(context: Context) -> Result<()> {
     let frames = target_dir().join("can_frames.txt");
     run(command(program("examples/random_frames", context)?).arg(CAN_FRAMES).arg(&frames))?;
@@ -381,9 +386,7 @@ fn demo(context: Context) -> Result<()> {
 }
 
 fn view(context: Context) -> Result<()> {
-    if find(BROWSER).is_none() {
-        apt_install(&[BROWSER], "looking at the page of `slipsense view`")?;
-    }
+    need(BROWSER, &[BROWSER], "looking at the page of `slipsense view`")?;
     let out = demo_files(context, "view")?;
     let page = web::Options { out: out.join("page.html") };
     web::make(&page)?;

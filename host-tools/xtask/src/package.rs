@@ -48,9 +48,8 @@ pub fn step(demo: &Path) -> Result<()> {
 }
 
 /// lerobot writes our episodes and reads them.
-pub fn lerobot() -> Result<bool> {
+pub fn lerobot() -> Result<()> {
     let wheel = wheel()?;
     let check = python_beside("lerobot-venv", "tests/python/lerobot-requirements.txt", &wheel)?;
-    run(check("check_lerobot.py").arg(DEMO_EPISODE).arg(empty_dir("lerobot")?))?;
-    Ok(true)
+    run(check("check_lerobot.py").arg(DEMO_EPISODE).arg(empty_dir("lerobot")?))
 }

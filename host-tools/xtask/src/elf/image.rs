@@ -11,6 +11,7 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 /// Where LLVM lists what each function takes of the stack (`-Z emit-stack-sizes`).
 const STACK_SIZES: &str = ".stack_sizes";
 
+#[derive(Default)]
 pub struct Function {
     /// Demangled, without the hash; the first in the alphabet of those that lie here.
     pub name: String,
@@ -145,13 +146,7 @@ fn functions(file: &object::File<'_>) -> Vec<Function> {
         }
         let name = format!("{:#}", rustc_demangle::demangle(name));
         let address = symbol.address() & !1;
-        let function = at.entry(address).or_insert_with(|| Function {
-            name: String::new(),
-            aliases: Vec::new(),
-            address,
-            bytes: 0,
-            frame: None,
-        });
+        let function = at.entry(address).or_insert_with(|| Function { address, ..Function::default() });
         function.bytes = function.bytes.max(symbol.size());
         function.aliases.push(name);
     }
@@ -207,13 +202,9 @@ fn uleb128(bytes: &[u8]) -> Option<(u64, &[u8])> {
 mod tests {
     use super::*;
 
-    fn function(address: u64) -> Function {
-        Function { name: format!("f{address:x}"), aliases: Vec::new(), address, bytes: 8, frame: None }
-    }
-
     #[test]
     fn frames_of_the_compiler_find_their_function() {
-        let mut functions = [function(0x100), function(0x200)];
+        let mut functions = [0x100, 0x200].map(|address| Function { address, ..Function::default() });
         // 0x101 with the Thumb bit: 624485 bytes; 0x300 is no function.
         let list = [&[1, 1, 0, 0, 0xe5, 0x8e, 0x26][..], &[0, 3, 0, 0, 8]].concat();
         add_frames(&mut functions, &list).unwrap();

@@ -19,6 +19,7 @@ struct Rule {
 const WAKERS: &str = "embassy_executor::raw::waker::";
 /// The waker of who polls once, or has nothing else to do.
 const NO_WAKER: &str = "embassy_futures::block_on::VTABLE";
+const PEND: &str = "typelevel::Interrupt>::pend";
 /// The entry point, and what it does on every board.
 const START: [&str; 3] = ["__cortex_m_rt_main", "slipsense_firmware::run", "slipsense_firmware::make"];
 /// A text behind a reference that does not say of what: the log's, and what a record on the bus quotes.
@@ -82,11 +83,6 @@ const RULES: &[Rule] = &[
     // Whoever waits or ends a wait: tasks, drivers, queues, the timer.
     Rule {
         callers: &[
-            "TaskStorage<",
-            START[0],
-            START[1],
-            START[2],
-            "CanTransmit>::transmit",
             "FDCAN1_IT0",
             "can::_version::RxMode>::on_interrupt",
             "TIM2",
@@ -112,16 +108,11 @@ const RULES: &[Rule] = &[
         targets: &[WAKERS, NO_WAKER],
     },
     // The CAN driver raises its own interrupt.
+    Rule { callers: &["can::_version::Info>::adjust_reference_counter"], targets: &[PEND] },
+    // Who does both.
     Rule {
-        callers: &[
-            "can::_version::Info>::adjust_reference_counter",
-            "CanTransmit>::transmit",
-            "TaskStorage<",
-            START[0],
-            START[1],
-            START[2],
-        ],
-        targets: &["typelevel::Interrupt>::pend"],
+        callers: &["TaskStorage<", START[0], START[1], START[2], "CanTransmit>::transmit"],
+        targets: &[WAKERS, NO_WAKER, PEND],
     },
     // The log's buffer waits for the probe or does not.
     Rule { callers: &["_defmt_"], targets: &["<defmt_rtt::channel::Channel>::"] },

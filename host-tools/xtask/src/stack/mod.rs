@@ -84,8 +84,8 @@ pub fn run(options: &Options) -> Result<bool> {
     handlers_are_known(&program)?;
     let (step_functions, step_bytes, may_panic) = frame_path(&program)?;
     let tasks = FRAME_TASKS.iter().map(|task| program.function(task)).collect::<Result<Vec<_>>>()?;
-    let panicking::Tasks { functions: task_functions, known, unknown } =
-        panicking::Tasks::new(&program, &tasks);
+    let task_functions = panicking::reach(&program, &tasks).len();
+    let (known, unknown) = panicking::reasons(&program, &tasks);
     let (fits, bounds, ways) = bounds(&program)?;
     print!("{}{bounds}", regions.table());
     println!(

@@ -18,10 +18,10 @@ use crate::process::{answer, apt_install, cargo, command, find, lock, of_our_too
 /// The Cortex-M7 with double-precision FPU.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 pub const WEB_TARGET: &str = "wasm32-unknown-unknown";
+pub const WEB_PROFILE: &str = "web";
 const VARIABLE: &str = "SLIPSENSE_TOOLCHAIN";
 const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld"];
 
-/// A compiler for a target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Toolchain {
     /// The one that built this program.
@@ -63,17 +63,11 @@ impl Toolchain {
         self.cargo_for(subcommand, TARGET, "firmware", target_dir, &flags, ("core", "ld.lld"))
     }
 
-    /// `cargo` for WebAssembly, with the vector instructions that every browser of today has.
-    pub fn web_cargo_in(
-        self,
-        subcommand: &str,
-        profile: &str,
-        target_dir: &Path,
-        flags: &[String],
-    ) -> Command {
+    /// `cargo rustc` for WebAssembly, with the vector instructions that every browser of today has.
+    pub fn web_cargo_in(self, target_dir: &Path, flags: &[String]) -> Command {
         let ours = ["-Dwarnings", "-Ctarget-feature=+simd128"].map(str::to_owned);
-        let libraries = ("std,panic_abort", "wasm-ld");
-        self.cargo_for(subcommand, WEB_TARGET, profile, target_dir, &[&ours, flags].concat(), libraries)
+        let flags = [&ours, flags].concat();
+        self.cargo_for("rustc", WEB_TARGET, WEB_PROFILE, target_dir, &flags, ("std,panic_abort", "wasm-ld"))
     }
 
     fn cargo_for(
@@ -170,7 +164,6 @@ fn debian(target: &str, why: &str) -> Result<Toolchain> {
 }
 
 fn debian_is_complete() -> bool {
-    let sources = Path::new("/usr/lib/rustlib/src/rust/library/core/src/lib.rs");
-    let programs = ["/usr/bin/rustc", "/usr/bin/cargo"].map(Path::new);
-    programs.iter().all(|program| program.exists()) && sources.exists() && find("ld.lld").is_some()
+    let files = ["/usr/bin/rustc", "/usr/bin/cargo", "/usr/lib/rustlib/src/rust/library/core/src/lib.rs"];
+    files.iter().all(|file| Path::new(file).exists()) && find("ld.lld").is_some()
 }

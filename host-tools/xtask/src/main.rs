@@ -50,7 +50,8 @@ enum Command {
     /// How deep the stack of the firmware can get, and what it takes of each memory
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
-    Cmsis(cmsis::Options),
+    #[command(after_help = cmsis::HELP)]
+    Cmsis,
     /// Check the analog front end: schematic, simulation, the generator's model of it
     FrontEnd(front_end::Options),
     /// Mutated input for every parser, chosen by libFuzzer
@@ -74,7 +75,7 @@ fn main() -> ExitCode {
         Command::Twin(options) => twin::run(&options),
         Command::Linux(options) => linux::run(&options),
         Command::Stack(options) => stack::run(&options),
-        Command::Cmsis(_) => cmsis::print().map(|()| true),
+        Command::Cmsis => cmsis::print().map(|()| true),
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Fuzz(options) => fuzz::run(&options),
         Command::Ros2 => ros2::whole().map(|()| true),

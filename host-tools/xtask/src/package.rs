@@ -12,7 +12,6 @@ use crate::process::{DEMO_EPISODE, command, empty_dir, python, python_with, run,
 const INSTALL: [&str; 5] = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
 const NOTEBOOK: &str = "docs/src/tools/episode.ipynb";
 
-/// Build the wheel.
 fn wheel() -> Result<PathBuf> {
     let wheels = empty_dir("wheels")?;
     let mut build = python()?;

@@ -133,10 +133,8 @@ fn check_tree(status: &str) -> Result<()> {
 
 /// Write `SHA256SUMS` over the folder's files; how many there are.
 fn sums(folder: &Path) -> Result<usize> {
-    let mut names = Vec::new();
-    for entry in fs::read_dir(folder)? {
-        names.push(entry?.file_name());
-    }
+    let entries = fs::read_dir(folder)?;
+    let mut names = entries.map(|entry| Ok(entry?.file_name())).collect::<Result<Vec<_>>>()?;
     names.sort();
     let mut sums = command("sha256sum");
     let said =

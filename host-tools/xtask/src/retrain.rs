@@ -57,9 +57,7 @@ pub struct Options {
     install: bool,
 }
 
-/// Seed of the shipped model.
 const SHIPPED_SEED: u64 = 1;
-/// The first training.
 const FIRST_SIZE: [&str; 4] = ["--episodes", "760", "--epochs", "9"];
 /// The second training, and a round after it.
 const SECOND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "12"];

@@ -40,7 +40,6 @@ pub struct Options {
 /// Replayed over all cores of this computer.
 const REPLAYED_FRAMES: usize = 1_400_000;
 
-/// A part of the benchmark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// Instructions of every kernel

@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use clap::Args;
 
 use crate::process::{answer, cargo, command, need, root, run, target_dir};
 use crate::qemu::machine::Machine;
@@ -51,15 +50,13 @@ const FILES: [&str; 8] = [
     "CommonTables/arm_const_structs",
 ];
 
-#[derive(Args, Clone, Debug)]
-#[command(after_help = "\
+pub const HELP: &str = "\
 Fetches the C source of CMSIS-DSP from Arm's Python package `cmsisdsp`, checks its SHA-256, compiles the real q31 \
 FFT with arm-none-eabi-gcc and prints the arguments that hand it to cargo:
 
   cargo build-h743 --features cmsis-dsp $(cargo xtask cmsis)
 
-Without these arguments the build script of the crate `cmsis_dsp` downloads a compiled library.")]
-pub struct Options {}
+Without these arguments the build script of the crate `cmsis_dsp` downloads a compiled library.";
 
 /// Make the library and print how cargo takes it.
 pub fn print() -> Result<()> {

@@ -89,11 +89,8 @@ impl Checks<'_> {
         let (slip, raw, lost) = (count("slip"), count("raw"), count("slip_lost") + count("raw_lost"));
         let errors = count("errors") + count("restarts");
         let found = format!("{slip} slip and {raw} raw messages, {lost} lost, {errors} errors");
-        self.row(
-            format!("{name} recording, by the numbers in the messages"),
-            found,
-            slip > 0 && lost + errors == 0,
-        );
+        let is_good = slip > 0 && lost + errors == 0;
+        self.row(format!("{name} recording, by the numbers in the messages"), found, is_good);
         let log = Frames::read(&self.share.join(format!("{name}.log")))?;
         let (is_equal, found) = log.beside(sent);
         self.row(
@@ -171,11 +168,8 @@ impl Checks<'_> {
         }
         let gone = Frames::read(&self.share.join("gone.log"))?;
         let (sent, kept) = (Frames::read(&self.share.join(SENT))?, gone.data.len());
-        self.row(
-            "recording of the interface that went",
-            format!("{kept} frames kept"),
-            sent.data[..2000] == gone.data,
-        );
+        let is_good = sent.data[..2000] == gone.data;
+        self.row("recording of the interface that went", format!("{kept} frames kept"), is_good);
         Ok(())
     }
 }

@@ -31,8 +31,11 @@ pub fn debian(dir: &Path) -> Result<Debian> {
         "the kernel and busybox come from Debian's packages: this needs a Debian, or a container of one"
     );
     // Of another system's packages there may be lists that do not know this one.
-    let current =
-        || answer(command("apt-cache").args(["depends", KERNEL])).and_then(|text| dependency(&text));
+    let current = || {
+        // `Depends: linux-image-6.1.0-56-amd64`.
+        let text = answer(command("apt-cache").args(["depends", KERNEL]))?;
+        text.lines().find_map(|line| line.trim().strip_prefix("Depends: ")).map(str::to_owned)
+    };
     let name = match current() {
         Some(name) => name,
         None => {
@@ -53,11 +56,6 @@ pub fn debian(dir: &Path) -> Result<Debian> {
         kernel: kernel.join(format!("boot/vmlinuz-{version}")),
         name,
     })
-}
-
-/// `Depends: linux-image-6.1.0-56-amd64`.
-fn dependency(text: &str) -> Option<String> {
-    text.lines().find_map(|line| line.trim().strip_prefix("Depends: ")).map(str::to_owned)
 }
 
 fn update() -> Result<()> {

@@ -7,7 +7,6 @@ use slipsense_qemu::record::Record;
 /// Mismatches described one by one, at most.
 const DESCRIBED: usize = 20;
 
-/// What differs.
 #[derive(Debug, Default)]
 pub struct Comparison {
     /// Frames in which a part differs, in the order of [`parts`].

@@ -128,10 +128,8 @@ impl Expected {
             let mut left = raw;
             for sensor in 0..frames.sensors {
                 // Each message's last frame alone is marked as such.
-                let last = left
-                    .iter()
-                    .position(|frame| is_marked(frame, ENDS_TRANSFER))
-                    .context("a raw message without an end")?;
+                let last = left.iter().position(|frame| is_marked(frame, ENDS_TRANSFER));
+                let last = last.context("a raw message without an end")?;
                 let (message, rest) = left.split_at(last + 1);
                 expected.raw.insert((stamp.sequence, sensor as u8), digest(message));
                 left = rest;

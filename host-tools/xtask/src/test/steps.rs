@@ -13,7 +13,6 @@ use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
 use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin, web};
 
-/// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Size {
     /// What a newcomer waits for.
@@ -204,9 +203,8 @@ const WITHOUT_TRAINER: [&str; 5] =
 /// What the host builds select, one build after the other. Cargo gives shared dependencies the features of all that is
 /// selected: with another selection it would build them anew.
 fn selections(size: Size) -> Vec<Vec<&'static str>> {
-    let of = |words: &[&'static str]| [&["--release"], words].concat();
     if size == Size::Daily {
-        return vec![of(&WITHOUT_TRAINER)];
+        return vec![WITHOUT_TRAINER.to_vec()];
     }
     // What has to do with the trainer: with the features that the wheel of the Python package is built with.
     const TRAINER: [&str; 6] = [
@@ -218,9 +216,8 @@ fn selections(size: Size) -> Vec<Vec<&'static str>> {
         "slipsense-view",
     ];
     let with = |word: &'static str| TRAINER.into_iter().flat_map(move |package| [word, package]);
-    let trainer: Vec<_> = with("--package").chain(["--features", "slipsense-cli/train"]).collect();
-    let others: Vec<_> = ["--workspace"].into_iter().chain(with("--exclude")).collect();
-    vec![of(&trainer), of(&others)]
+    let trainer = with("--package").chain(["--features", "slipsense-cli/train"]).collect();
+    vec![trainer, ["--workspace"].into_iter().chain(with("--exclude")).collect()]
 }
 
 const PROGRAMS: [&str; 4] =
@@ -229,7 +226,7 @@ const PROGRAMS: [&str; 4] =
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
     for selection in selections(size) {
-        run(cargo().args(["build", "--quiet", "--bins", "--examples"]).args(selection))?;
+        run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(selection))?;
     }
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
@@ -262,14 +259,15 @@ fn clippy(context: Context) -> Result<()> {
 
 fn host_build(context: Context) -> Result<()> {
     for selection in selections(context.size) {
-        run(cargo().args(["test", "--quiet", "--no-run"]).args(selection))?;
+        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(selection))?;
     }
     build_programs(context.size)
 }
 
 fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    let test = |selection| run(cargo().args(["test", "--quiet", "--no-fail-fast"]).args(selection));
+    let test =
+        |selection| run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(selection));
     let results: Vec<_> = selections(context.size).into_iter().map(test).collect();
     results.into_iter().collect()
 }

@@ -12,7 +12,7 @@ const REQUIREMENTS: &str = "host-tools/front-end/requirements.txt";
 /// Of Debian's package `kicad-symbols`.
 const SYMBOLS: &str = "/usr/share/kicad/symbols";
 
-#[derive(Args, Clone, Debug)]
+#[derive(Args, Default)]
 #[command(after_help = "\
 Prints the electrical rules, every net at the board against the firmware's pins and the wiring page, settling, static \
 crosstalk, phase margins, swing and noise of the simulation, the model against the simulation, and how the former \
@@ -34,8 +34,4 @@ pub fn check(options: &Options) -> Result<()> {
         check.arg("--write");
     }
     run(&mut check)
-}
-
-pub fn step() -> Result<()> {
-    check(&Options { write: false })
 }

@@ -1,10 +1,9 @@
 //! `cargo xtask fuzz`: mutated input for whatever reads bytes that others wrote, chosen by the branches that it reaches.
 
-use std::collections::VecDeque;
 use std::fs;
-use std::path::PathBuf;
-use std::process::{Command, Stdio};
-use std::sync::Mutex;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
@@ -36,50 +35,36 @@ pub struct Options {
     only: Vec<String>,
 }
 
-struct Outcome {
-    name: String,
-    passed: bool,
-    inputs: u64,
-    per_second: f64,
-    branches: String,
-    kept: String,
-}
+/// Whether it passed, and its row of the table.
+type Outcome = (bool, [String; 5]);
 
 /// Fuzz them, as many at a time as there are cores; `false` if an input failed.
 pub fn run(options: &Options) -> Result<bool> {
     let program = build()?;
     let list = answer(command(&program).args([MODULE, "--list"])).context("the tests cannot be listed")?;
     let names = list.lines().filter_map(|line| line.strip_prefix(MODULE)?.strip_suffix(": test"));
-    let wanted = names.filter(|name| options.only.is_empty() || options.only.iter().any(|only| only == name));
-    let waiting: Mutex<VecDeque<String>> = Mutex::new(wanted.map(str::to_owned).collect());
-    ensure!(
-        !waiting.lock().expect("no worker panics").is_empty(),
-        "no parser is called so; there are:\n{list}"
-    );
-    let outcomes = Mutex::new(Vec::new());
-    let work = || -> Result<()> {
-        loop {
-            let Some(name) = waiting.lock().expect("no worker panics").pop_front() else { return Ok(()) };
-            if let Some(outcome) = one(&program, &name, options.runs)? {
-                outcomes.lock().expect("no worker panics").push(outcome);
-            }
+    let is_wanted = |name: &&str| options.only.is_empty() || options.only.iter().any(|only| only == name);
+    let wanted: Vec<&str> = names.filter(is_wanted).collect();
+    ensure!(!wanted.is_empty(), "no parser is called so; there are:\n{list}");
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut outcomes = Vec::new();
+        while let Some(name) = wanted.get(next.fetch_add(1, Ordering::Relaxed)) {
+            outcomes.extend(one(&program, name, options.runs)?);
         }
+        anyhow::Ok(outcomes)
     };
-    let results: Vec<Result<()>> = std::thread::scope(|scope| {
+    let results: Result<Vec<Vec<Outcome>>> = std::thread::scope(|scope| {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
         workers.into_iter().map(|worker| worker.join().expect("no worker panics")).collect()
     });
-    results.into_iter().collect::<Result<()>>()?;
-    let mut outcomes = outcomes.into_inner().expect("no worker panics");
-    outcomes.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut outcomes = results?.concat();
+    outcomes.sort_by(|(_, a), (_, b)| a[0].cmp(&b[0]));
     let mut table =
         Table::new("inputs by libFuzzer", &["parser", "inputs", "per second", "branches reached", "kept"]);
-    let passed = outcomes.iter().all(|outcome| outcome.passed);
-    for Outcome { name, passed, inputs, per_second, branches, kept } in outcomes {
-        let name = if passed { name } else { name + " FAILED" };
-        table.row([name, inputs.to_string(), format!("{per_second:.0}"), branches, kept]);
-    }
+    let passed = outcomes.iter().all(|(passed, _)| *passed);
+    outcomes.into_iter().for_each(|(_, row)| table.row(row));
     print!("{table}");
     Ok(passed)
 }
@@ -90,17 +75,10 @@ fn build() -> Result<PathBuf> {
     let host = host.lines().find_map(|line| line.strip_prefix("host: ")).context("rustc names no host")?;
     let mut build = cargo();
     // With a target named, build scripts and procedural macros are built without.
-    build.args([
-        "test",
-        "--release",
-        "--quiet",
-        "--no-run",
-        "--message-format",
-        "json-render-diagnostics",
-        "--target",
-        host,
-    ]);
-    build.arg("--target-dir").arg(target_dir().join("fuzz"));
+    build.args(["test", "--release", "--quiet", "--no-run", "--target", host]);
+    build
+        .args(["--message-format", "json-render-diagnostics", "--target-dir"])
+        .arg(target_dir().join("fuzz"));
     build.args(["--package", "slipsense-recording", "--test", "suite", "--features", "fuzz"]);
     let built =
         build.env("RUSTFLAGS", COVERAGE).stderr(Stdio::inherit()).output().context("cannot start cargo")?;
@@ -111,14 +89,14 @@ fn build() -> Result<PathBuf> {
 }
 
 /// `None`: a test without inputs.
-fn one(program: &PathBuf, name: &str, runs: u64) -> Result<Option<Outcome>> {
+fn one(program: &Path, name: &str, runs: u64) -> Result<Option<Outcome>> {
     let inputs = target_dir().join("fuzz/inputs").join(name);
     fs::create_dir_all(&inputs).with_context(|| inputs.display().to_string())?;
     let place = inputs.display();
     // Five changes take fewer random bytes.
     let arguments =
         format!("-runs={runs} -max_len=512 -rss_limit_mb=0 -artifact_prefix={place}/failed- {place}");
-    let mut test: Command = command(program);
+    let mut test = command(program);
     test.args(["--exact", &format!("{MODULE}{name}"), "--nocapture"]).env("SLIPSENSE_LIBFUZZER", arguments);
     let began = Instant::now();
     let output = test.output().context("cannot start the tests")?;
@@ -139,5 +117,6 @@ fn one(program: &PathBuf, name: &str, runs: u64) -> Result<Option<Outcome>> {
     }
     eprintln!("{name}: {inputs} inputs, {branches} branches");
     let per_second = inputs as f64 / began.elapsed().as_secs_f64();
-    Ok(Some(Outcome { name: name.to_owned(), passed, inputs, per_second, branches, kept }))
+    let name = if passed { name.to_owned() } else { format!("{name} FAILED") };
+    Ok(Some((passed, [name, inputs.to_string(), format!("{per_second:.0}"), branches, kept])))
 }

@@ -62,21 +62,14 @@ struct Crate(BTreeMap<Module, Source>);
 impl Crate {
     /// All files below the folder of this root file.
     fn read(root: &Path) -> Self {
-        let read = |path: &Path| Source::new(&fs::read_to_string(path).unwrap());
-        let mut files = BTreeMap::from([(Module::new(), read(root))]);
-        let mut open = vec![(root.parent().unwrap().to_owned(), Module::new())];
-        while let Some((folder, parent)) = open.pop() {
-            for path in fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()) {
-                let name = path.file_stem().unwrap().to_str().unwrap();
-                let module = if name == "mod" { parent.clone() } else { join(&parent, name) };
-                if path.is_dir() {
-                    open.push((path, module));
-                } else if path.extension().is_some_and(|extension| extension == "rs") && path != root {
-                    files.insert(module, read(&path));
-                }
-            }
-        }
-        Self(files)
+        let folder = root.parent().unwrap();
+        let module = |path: &Path| {
+            let name = path.strip_prefix(folder).unwrap().with_extension("");
+            let names = name.iter().map(|name| name.to_str().unwrap()).filter(|&name| name != "mod");
+            if path == root { Module::new() } else { names.collect::<Vec<_>>().join("::") }
+        };
+        let source = |path: PathBuf| (module(&path), Source::new(&fs::read_to_string(path).unwrap()));
+        Self(files(folder).into_iter().map(source).collect())
     }
 
     /// The module of the file that `path` leads to, seen from `from`.
@@ -138,19 +131,16 @@ fn join(parent: &str, name: &str) -> Module {
     if parent.is_empty() { name.to_owned() } else { format!("{parent}::{name}") }
 }
 
-/// Root files of the crates of the repository.
-fn roots(folder: &Path) -> Vec<PathBuf> {
+/// All Rust files below a folder.
+fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
         let name = path.file_name().unwrap().to_str().unwrap();
         if path.is_dir() && !name.starts_with('.') && name != "target" {
-            found.extend(roots(&path));
+            found.extend(files(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
         }
-    }
-    if folder.join("Cargo.toml").exists() {
-        found.extend(
-            ["src/lib.rs", "src/main.rs"].map(|root| folder.join(root)).into_iter().find(|r| r.exists()),
-        );
     }
     found
 }
@@ -159,8 +149,13 @@ fn roots(folder: &Path) -> Vec<PathBuf> {
 fn no_crate_holds_a_circle() {
     let circle =
         |root: PathBuf| Some(format!("{}: {}", root.display(), Crate::read(&root).circle()?.join(" -> ")));
-    let top = crate::process::root();
-    let circles: Vec<_> = roots(top).into_iter().filter_map(circle).collect();
+    let is_root = |path: &PathBuf| {
+        let is_crate = path.ancestors().nth(2).is_some_and(|folder| folder.join("Cargo.toml").exists());
+        let is_main = path.ends_with("src/main.rs") && !path.with_file_name("lib.rs").exists();
+        is_crate && (path.ends_with("src/lib.rs") || is_main)
+    };
+    let roots = files(crate::process::root()).into_iter().filter(is_root);
+    let circles: Vec<_> = roots.filter_map(circle).collect();
     assert!(circles.is_empty(), "files import each other:\n{}", circles.join("\n"));
 }
 

@@ -50,7 +50,8 @@ enum Command {
     /// How deep the stack of the firmware can get, and what it takes of each memory
     Stack(stack::Options),
     /// Make the library that the feature `cmsis-dsp` needs; prints the arguments that hand it to cargo
-    Cmsis(cmsis::Options),
+    #[command(after_help = cmsis::HELP)]
+    Cmsis,
     /// Check the analog front end: schematic, simulation, the generator's model of it
     FrontEnd(front_end::Options),
     /// Mutated input for every parser, chosen by libFuzzer
@@ -70,18 +71,18 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Test(options) => test::run(&options),
         Command::Qemu(options) => qemu::run(&options),
-        Command::Bench(options) => bench::run(&options),
+        Command::Bench(options) => bench::run(&options).map(|()| true),
         Command::Twin(options) => twin::run(&options),
         Command::Linux(options) => linux::run(&options),
         Command::Stack(options) => stack::run(&options),
-        Command::Cmsis(options) => cmsis::print(&options),
+        Command::Cmsis => cmsis::print().map(|()| true),
         Command::FrontEnd(options) => front_end::check(&options).map(|()| true),
         Command::Fuzz(options) => fuzz::run(&options),
-        Command::Ros2 => ros2::whole(),
-        Command::Lerobot => package::lerobot(),
-        Command::Release(options) => release::make(&options),
+        Command::Ros2 => ros2::whole().map(|()| true),
+        Command::Lerobot => package::lerobot().map(|()| true),
+        Command::Release(options) => release::make(&options).map(|()| true),
         Command::Web(options) => web::make(&options).map(|()| true),
-        Command::Retrain(options) => retrain::retrain(&options),
+        Command::Retrain(options) => retrain::retrain(&options).map(|()| true),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

@@ -12,7 +12,6 @@ use crate::process::{DEMO_EPISODE, command, empty_dir, python, python_with, run,
 const INSTALL: [&str; 5] = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
 const NOTEBOOK: &str = "docs/src/tools/episode.ipynb";
 
-/// Build the wheel.
 fn wheel() -> Result<PathBuf> {
     let wheels = empty_dir("wheels")?;
     let mut build = python()?;
@@ -48,9 +47,8 @@ pub fn step(demo: &Path) -> Result<()> {
 }
 
 /// lerobot writes our episodes and reads them.
-pub fn lerobot() -> Result<bool> {
+pub fn lerobot() -> Result<()> {
     let wheel = wheel()?;
     let check = python_beside("lerobot-venv", "tests/python/lerobot-requirements.txt", &wheel)?;
-    run(check("check_lerobot.py").arg(DEMO_EPISODE).arg(empty_dir("lerobot")?))?;
-    Ok(true)
+    run(check("check_lerobot.py").arg(DEMO_EPISODE).arg(empty_dir("lerobot")?))
 }

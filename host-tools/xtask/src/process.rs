@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 
 /// What `cargo run` adds to the environment. A cargo started from here must not see it: build scripts
 /// would run again, and Debian's cargo would be handed rustup's compiler and libraries.
@@ -37,13 +37,16 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
 
 /// The cargo that started us, with its toolchain.
 pub fn cargo() -> Command {
-    let mut cargo = command(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    of_our_toolchain(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+}
+
+/// A program that takes the toolchain of the cargo that started us.
+pub fn of_our_toolchain(program: impl AsRef<OsStr>) -> Command {
+    let mut command = command(program);
     for name in ["RUSTUP_TOOLCHAIN", "LD_LIBRARY_PATH"] {
-        if let Some(value) = env::var_os(name) {
-            cargo.env(name, value);
-        }
+        command.envs(env::var_os(name).map(|value| (name, value)));
     }
-    cargo
+    command
 }
 
 /// The program `slipsense`, built as by a user's first command: without the trainer.
@@ -57,8 +60,9 @@ pub fn target_dir() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), |dir| root().join(dir))
 }
 
-pub fn empty_dir(name: &str) -> Result<PathBuf> {
-    let dir = target_dir().join(name);
+/// An empty folder at this path, seen from [`target_dir`].
+pub fn empty_dir(path: impl AsRef<Path>) -> Result<PathBuf> {
+    let dir = target_dir().join(path);
     if dir.exists() {
         fs::remove_dir_all(&dir).with_context(|| dir.display().to_string())?;
     }
@@ -84,9 +88,7 @@ pub fn run(command: &mut Command) -> Result<()> {
     let stderr = std::io::stderr();
     let status =
         command.stdout(Stdio::from(stderr)).status().with_context(|| format!("cannot start `{line}`"))?;
-    if !status.success() {
-        bail!("`{line}` failed: {status}");
-    }
+    ensure!(status.success(), "`{line}` failed: {status}");
     Ok(())
 }
 
@@ -136,12 +138,18 @@ pub fn is_root() -> bool {
     answer(command("id").arg("-u")).is_some_and(|id| id == "0")
 }
 
+/// Install the Debian packages that a program is in, unless it is here.
+pub fn need(program: &str, packages: &[&str], why: &str) -> Result<()> {
+    if find(program).is_some() { Ok(()) } else { apt_install(packages, why) }
+}
+
 /// Install Debian packages, where we may.
 pub fn apt_install(packages: &[&str], why: &str) -> Result<()> {
     let list = packages.join(" ");
-    if find("apt-get").is_none() || !is_root() {
-        bail!("{why} needs the packages `{list}`: install them (on Debian: sudo apt-get install {list})");
-    }
+    ensure!(
+        find("apt-get").is_some() && is_root(),
+        "{why} needs the packages `{list}`: install them (on Debian: sudo apt-get install {list})"
+    );
     eprintln!("installing {list}: {why} needs them");
     let _lock = lock("apt")?;
     let apt = |arguments: &[&str]| {

@@ -4,7 +4,7 @@ use std::fs;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::elf::{Image, Kind};
+use crate::elf::Image;
 use crate::firmware::{BOARD, MEMORY_MAP};
 use crate::process::root;
 use crate::table::{Table, thousands};
@@ -50,7 +50,7 @@ impl Regions {
             let region = region.with_context(|| format!("section {} lies in no region", section.name))?;
             region.used_bytes += section.bytes;
         }
-        let flash = image.sections.iter().filter(|section| section.kind != Kind::Zeroed);
+        let flash = image.sections.iter().filter(|section| section.is_in_flash);
         let longer = match Toolchain::get()? {
             Toolchain::Debian => LONGER_BY_RUSTUP_BYTES,
             Toolchain::Host => 0,

@@ -54,7 +54,7 @@ pub struct Options {
     out: PathBuf,
 }
 
-pub fn make(options: &Options) -> Result<bool> {
+pub fn make(options: &Options) -> Result<()> {
     let (key, out, begun) = (read_key(&options.key)?, std::path::absolute(&options.out)?, Instant::now());
     check_folder(&out)?;
     check_changelog(&fs::read_to_string(root().join(CHANGELOG)).context(CHANGELOG)?)?;
@@ -91,7 +91,7 @@ pub fn make(options: &Options) -> Result<bool> {
     fs::rename(made.path(), &out).with_context(|| format!("{}: cannot write", out.display()))?;
     println!("{}: {files} files in {:.0} s", out.display(), begun.elapsed().as_secs_f64());
     println!("public key {}", build.public_key);
-    Ok(true)
+    Ok(())
 }
 
 /// The part of the test command: what needs no build, and no repository of git.
@@ -133,10 +133,8 @@ fn check_tree(status: &str) -> Result<()> {
 
 /// Write `SHA256SUMS` over the folder's files; how many there are.
 fn sums(folder: &Path) -> Result<usize> {
-    let mut names = Vec::new();
-    for entry in fs::read_dir(folder)? {
-        names.push(entry?.file_name());
-    }
+    let entries = fs::read_dir(folder)?;
+    let mut names = entries.map(|entry| Ok(entry?.file_name())).collect::<Result<Vec<_>>>()?;
     names.sort();
     let mut sums = command("sha256sum");
     let said =
@@ -184,22 +182,14 @@ impl<'r> Build<'r> {
     /// `slipsense` for this computer's kind, and the archive with it.
     fn command(&self) -> Result<PathBuf> {
         let mut build = cargo();
-        build.args([
-            "rustc",
-            "--quiet",
-            "--locked",
-            "--release",
-            "--package",
-            "slipsense-cli",
-            "--bin",
-            "slipsense",
-        ]);
+        build.args(["rustc", "--quiet", "--locked", "--release"]);
+        build.args(["--package", "slipsense-cli", "--bin", "slipsense"]);
         // Names of symbols differ between two builds. The profile cannot strip them: cargo drops that setting where a
         // package has a profile of its own, as this one has.
         build.args(["--features", "train", "--", "-Cstrip=symbols"]);
         run(self.environment(&mut build))?;
         let folder = self.target_dir.join("release");
-        self.check(&folder.join("slipsense"))?;
+        check_paths(&folder.join("slipsense"), &self.paths)?;
         let name = format!("slipsense-{VERSION}-{}-linux.tar.gz", env::consts::ARCH);
         let mut tar = command("tar");
         tar.args(["--create", "--gzip", "--format=ustar", "--owner=0", "--group=0", "--numeric-owner"]);
@@ -216,14 +206,14 @@ impl<'r> Build<'r> {
             .arg(bill);
         maturin.args(["--manifest-path", "host-tools/python/Cargo.toml", "--out"]).arg(self.release);
         run(self.environment(&mut maturin))?;
-        self.check(&self.target_dir.join("release/lib_slipsense.so"))
+        check_paths(&self.target_dir.join("release/lib_slipsense.so"), &self.paths)
     }
 
     /// The live page that needs no server.
     fn page(&self) -> Result<()> {
         let page = self.release.join(format!("slipsense-{VERSION}.html"));
         web::make_in(&page, &self.target_dir.join("web"), &self.flags)?;
-        self.check(&page)
+        check_paths(&page, &self.paths)
     }
 
     /// A program of the board, which believes the release's key.
@@ -238,23 +228,19 @@ impl<'r> Build<'r> {
     }
 
     fn keep(&self, file: &Path, name: &str) -> Result<()> {
-        self.check(file)?;
+        check_paths(file, &self.paths)?;
         fs::copy(file, self.release.join(name)).map(|_| ()).with_context(|| file.display().to_string())
     }
+}
 
-    /// A path of this computer in a file makes it differ in another folder.
-    fn check(&self, file: &Path) -> Result<()> {
-        let bytes = fs::read(file).with_context(|| file.display().to_string())?;
-        for path in &self.paths {
-            let is_in = bytes.windows(path.len()).any(|window| window == path.as_bytes());
-            ensure!(
-                !is_in,
-                "{}: holds the path {path}, so another folder would give other bytes",
-                file.display()
-            );
-        }
-        Ok(())
+/// A path of this computer in a file makes it differ in another folder.
+fn check_paths(file: &Path, paths: &[String]) -> Result<()> {
+    let (name, bytes) = (file.display(), fs::read(file).with_context(|| file.display().to_string())?);
+    for path in paths {
+        let is_in = bytes.windows(path.len()).any(|window| window == path.as_bytes());
+        ensure!(!is_in, "{name}: holds the path {path}, so another folder would give other bytes");
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -290,21 +276,12 @@ mod tests {
     #[test]
     fn a_path_of_this_computer_is_found() {
         let dir = tempfile::tempdir().unwrap();
-        let paths = vec!["/home/me/slipsense".to_owned()];
-        let (flags, target_dir) = (Vec::new(), PathBuf::new());
-        let build = Build {
-            public_key: String::new(),
-            epoch_s: String::new(),
-            flags,
-            paths,
-            target_dir,
-            release: dir.path(),
-        };
+        let paths = ["/home/me/slipsense".to_owned()];
         let file = dir.path().join("program");
         fs::write(&file, b"\x7fELF\0/slipsense/src/lib.rs\0").unwrap();
-        assert!(build.check(&file).is_ok());
+        assert!(check_paths(&file, &paths).is_ok());
         fs::write(&file, b"\x7fELF\0/home/me/slipsense/src/lib.rs\0").unwrap();
-        assert!(refusal(build.check(&file)).contains("program: holds the path /home/me/slipsense"));
+        assert!(refusal(check_paths(&file, &paths)).contains("program: holds the path /home/me/slipsense"));
     }
 
     #[test]

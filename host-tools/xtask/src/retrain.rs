@@ -57,56 +57,54 @@ pub struct Options {
     install: bool,
 }
 
-/// Seed of the shipped model.
 const SHIPPED_SEED: u64 = 1;
-/// From the seed of a network's first training to that of its second, so that it meets other episodes.
-const SECOND_SEED: u64 = 10;
-/// The first training.
 const FIRST_SIZE: [&str; 4] = ["--episodes", "760", "--epochs", "9"];
-/// The second training: half of the learning rate.
+/// The second training, and a round after it.
 const SECOND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "12"];
-const SECOND_RATE: &str = "1.5e-3";
+const ROUND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "3"];
+/// The trainings after the first, each from the network of the one before: its folder, from the seed of the first to
+/// its seed, so that it meets other episodes, its size, learning rate (the second: half of the first's), and the hours
+/// of disturbances that it picks from.
+const FURTHER: [(&str, u64, [&str; 4], &str, &str); 7] = [
+    ("second", 10, SECOND_SIZE, "1.5e-3", "3"),
+    ("round1", 50, ROUND_SIZE, "1.5e-3", "2"),
+    ("round2", 51, ROUND_SIZE, "1.5e-3", "2"),
+    ("round3", 52, ROUND_SIZE, "1.2e-3", "2"),
+    ("round4", 60, ROUND_SIZE, "1.2e-3", "2"),
+    ("round5", 61, ROUND_SIZE, "1e-3", "2"),
+    ("round6", 62, ROUND_SIZE, "8e-4", "2"),
+];
 /// After the first training, what decides alarms counts more.
 const EXTREME_WEIGHT: &str = "4";
-/// Hours of disturbances that the second training picks from, and each round.
-const MINE_HOURS: [&str; 2] = ["3", "2"];
-/// The rounds: from the seed of the first training to theirs, and their learning rate.
-const ROUND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "3"];
-const ROUNDS: [(u64, &str); 6] =
-    [(50, "1.5e-3"), (51, "1.5e-3"), (52, "1.2e-3"), (60, "1.2e-3"), (61, "1e-3"), (62, "8e-4")];
-/// Rounds in the mean, the last ones.
+/// Trainings in the mean, the last ones.
 const MEAN_OF: usize = 4;
 /// A training of a rehearsal.
 const REHEARSAL_SIZE: [&str; 4] = ["--episodes", "8", "--epochs", "1"];
 
 /// Train, train on, quantize, tune; what is not said here are the commands' own defaults.
-pub fn retrain(options: &Options) -> Result<bool> {
+pub fn retrain(options: &Options) -> Result<()> {
     let out = std::path::absolute(&options.out)?;
     let started = Instant::now();
-    let (seed, first) = (options.seed, out.join("first"));
-    timed("train", &mut train(options, &first, seed, &FIRST_SIZE)?)?;
-    let mut last = out.join("second");
-    train_on(options, &first, &last, seed + SECOND_SEED, &SECOND_SIZE, SECOND_RATE, MINE_HOURS[0])?;
-    let mut rounds = Vec::new();
-    for (round, (from_seed, rate)) in ROUNDS.into_iter().enumerate() {
-        let next = out.join(format!("round{}", round + 1));
-        train_on(options, &last, &next, seed + from_seed, &ROUND_SIZE, rate, MINE_HOURS[1])?;
-        rounds.push(next.clone());
-        last = next;
+    let at = |name: &str| out.join(name);
+    let mut last = at("first");
+    timed("train", &mut train(options, &last, options.seed, &FIRST_SIZE)?)?;
+    for (name, from_seed, size, rate, hours) in FURTHER {
+        let mut train = train(options, &at(name), options.seed + from_seed, &size)?;
+        train.arg("--start").arg(last.join("weights.safetensors")).args(["--learning-rate", rate]);
+        train.args(["--extreme-weight", EXTREME_WEIGHT]);
+        train.args(["--mine-hours", if options.rehearse { "0.05" } else { hours }]);
+        timed("train", &mut train)?;
+        last = at(name);
     }
-    let mut mean = slipsense("model", None::<u64>);
-    mean.arg("mean").args(&rounds[ROUNDS.len() - MEAN_OF..]).arg("--out").arg(out.join("mean"));
+    let averaged = FURTHER[FURTHER.len() - MEAN_OF..].iter().map(|(name, ..)| at(name));
+    let mut mean = slipsense("model");
+    mean.arg("mean").args(averaged).arg("--out").arg(at("mean"));
     timed("mean", &mut mean)?;
 
-    let at = |name: &str| out.join(name);
-    let mut quantize = slipsense("quantize", None::<u64>);
-    quantize
-        .arg("--weights")
-        .arg(at("mean").join("weights.safetensors"))
-        .arg("--out")
-        .arg(at("untuned.slipnet"));
-    quantize.arg("--report").arg(at("manifest.json"));
-    let mut tune = slipsense("tune", None::<u64>);
+    let mut quantize = slipsense("quantize");
+    quantize.arg("--weights").arg(at("mean/weights.safetensors"));
+    quantize.arg("--out").arg(at("untuned.slipnet")).arg("--report").arg(at("manifest.json"));
+    let mut tune = slipsense("tune");
     tune.arg(at("untuned.slipnet")).arg("--out").arg(at("slipsense.slipnet")).arg("--curve").arg(at(CURVE));
     if options.rehearse {
         quantize.args(["--calibration-episodes", "1", "--val-episodes", "1"]);
@@ -118,21 +116,19 @@ pub fn retrain(options: &Options) -> Result<bool> {
     eprintln!("{} made in {minutes:.0} minutes", out.join("slipsense.slipnet").display());
     if options.install {
         let kept = root().join(WEIGHTS);
-        for (made, name) in FILES {
-            copy(&out.join(made), &kept.join(name))?;
-        }
+        FILES.into_iter().try_for_each(|(made, name)| copy(&at(made), &kept.join(name)))?;
         let demo = target_dir().join("demo");
         run(command(small_cli()?).args(["demo", "--out"]).arg(&demo))?;
         copy(&demo.join("timeline.svg"), &root().join(PICTURE))?;
     }
-    Ok(true)
+    Ok(())
 }
 
 /// One training of a size.
 fn train(options: &Options, folder: &Path, seed: u64, size: &[&str]) -> Result<Command> {
-    let mut train = slipsense("train", seed);
+    let mut train = slipsense("train");
     let size = if options.rehearse { &REHEARSAL_SIZE[..] } else { size };
-    train.arg("--out").arg(folder).args(size);
+    train.args(["--seed", &seed.to_string(), "--out"]).arg(folder).args(size);
     if let Some(parts) = &options.real_parts {
         train.arg("--real-parts").arg(std::path::absolute(parts)?);
     }
@@ -142,28 +138,10 @@ fn train(options: &Options, folder: &Path, seed: u64, size: &[&str]) -> Result<C
     Ok(train)
 }
 
-/// A training that continues the one in the folder `start`, with hard stretches of disturbances.
-fn train_on(
-    options: &Options,
-    start: &Path,
-    folder: &Path,
-    seed: u64,
-    size: &[&str],
-    rate: &str,
-    hours: &str,
-) -> Result<()> {
-    let mut train = train(options, folder, seed, size)?;
-    train.arg("--start").arg(start.join("weights.safetensors")).args(["--learning-rate", rate]);
-    train.args(["--extreme-weight", EXTREME_WEIGHT]);
-    train.args(["--mine-hours", if options.rehearse { "0.05" } else { hours }]);
-    timed("train", &mut train)
-}
-
 /// A command of `slipsense`, built with the trainer.
-fn slipsense(name: &str, seed: impl Into<Option<u64>>) -> Command {
+fn slipsense(name: &str) -> Command {
     let mut slipsense = cargo();
     slipsense.args(["run", "--release", "--quiet", "--features", "train", "--", name]);
-    slipsense.args(seed.into().into_iter().flat_map(|seed| ["--seed".to_owned(), seed.to_string()]));
     slipsense
 }
 
@@ -176,7 +154,6 @@ fn timed(name: &str, command: &mut Command) -> Result<()> {
 }
 
 fn copy(from: &Path, to: &Path) -> Result<()> {
-    fs::copy(from, to)
-        .map(|_| ())
-        .with_context(|| format!("cannot copy {} to {}", from.display(), to.display()))
+    fs::copy(from, to).with_context(|| format!("cannot copy {} to {}", from.display(), to.display()))?;
+    Ok(())
 }

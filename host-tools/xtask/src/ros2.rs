@@ -25,7 +25,7 @@ for path in sorted(pathlib.Path(sys.argv[1]).glob('*.msg')):
 ";
 
 /// Bag, messages and node.
-pub fn whole() -> Result<bool> {
+pub fn whole() -> Result<()> {
     run(cargo().args(["build", "--release", "--quiet", "--package", PROGRAM]))?;
     let (program, demo) = (target_dir().join("release").join(PROGRAM), target_dir().join("demo-ros2"));
     run(command(small_cli()?).args(["demo", "--out"]).arg(&demo))?;
@@ -37,8 +37,7 @@ pub fn whole() -> Result<bool> {
     let mut check = script("check_ros2.py")?;
     check.arg("node").arg(&program).arg(demo.join("can.log"));
     run(check.arg(demo.join("predictions.npz")).arg(DEMO_EPISODE))?;
-    run(script("check_ros2.py")?.arg("tare").arg(program).arg(demo.join("can.log")))?;
-    Ok(true)
+    run(script("check_ros2.py")?.arg("tare").arg(program).arg(demo.join("can.log")))
 }
 
 pub fn bag(program: &Path, demo: &Path) -> Result<()> {

@@ -47,9 +47,21 @@ pub fn thousands(number: impl TryInto<i64>) -> String {
     format!("{}{}", if number < 0 { "-" } else { "" }, groups.join(","))
 }
 
+/// The median, or the larger of two in the middle, and the largest; 0 of no values.
+pub fn median_and_worst<T: Ord + Copy + Default>(mut values: Vec<T>) -> [T; 2] {
+    values.sort_unstable();
+    [values.len() / 2, values.len().saturating_sub(1)].map(|at| values.get(at).copied().unwrap_or_default())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn median_and_worst_of_any_number() {
+        assert_eq!(median_and_worst(vec![9, 1, 5]), [5, 9]);
+        assert_eq!(median_and_worst(Vec::<u32>::new()), [0, 0]);
+    }
 
     #[test]
     fn numbers_are_grouped() {

@@ -11,17 +11,17 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 
-use crate::process::{answer, apt_install, cargo, command, find, lock, run, target_dir};
+use crate::process::{answer, apt_install, cargo, command, find, lock, of_our_toolchain, run, target_dir};
 
 /// The Cortex-M7 with double-precision FPU.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 pub const WEB_TARGET: &str = "wasm32-unknown-unknown";
+pub const WEB_PROFILE: &str = "web";
 const VARIABLE: &str = "SLIPSENSE_TOOLCHAIN";
 const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld"];
 
-/// A compiler for a target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Toolchain {
     /// The one that built this program.
@@ -63,17 +63,11 @@ impl Toolchain {
         self.cargo_for(subcommand, TARGET, "firmware", target_dir, &flags, ("core", "ld.lld"))
     }
 
-    /// `cargo` for WebAssembly, with the vector instructions that every browser of today has.
-    pub fn web_cargo_in(
-        self,
-        subcommand: &str,
-        profile: &str,
-        target_dir: &Path,
-        flags: &[String],
-    ) -> Command {
+    /// `cargo rustc` for WebAssembly, with the vector instructions that every browser of today has.
+    pub fn web_cargo_in(self, target_dir: &Path, flags: &[String]) -> Command {
         let ours = ["-Dwarnings", "-Ctarget-feature=+simd128"].map(str::to_owned);
-        let libraries = ("std,panic_abort", "wasm-ld");
-        self.cargo_for(subcommand, WEB_TARGET, profile, target_dir, &[&ours, flags].concat(), libraries)
+        let flags = [&ours, flags].concat();
+        self.cargo_for("rustc", WEB_TARGET, WEB_PROFILE, target_dir, &flags, ("std,panic_abort", "wasm-ld"))
     }
 
     fn cargo_for(
@@ -105,7 +99,10 @@ impl Toolchain {
 
     /// What its compiler calls itself.
     pub fn version(self) -> Option<String> {
-        let mut rustc = if self == Self::Host { host_rustc() } else { command("/usr/bin/rustc") };
+        let mut rustc = match self {
+            Self::Host => of_our_toolchain("rustc"),
+            Self::Debian => command("/usr/bin/rustc"),
+        };
         answer(rustc.arg("--version"))
     }
 
@@ -135,12 +132,7 @@ fn decide(target: &str) -> Result<Toolchain> {
     }
     if find("rustup").is_some() {
         eprintln!("rustup adds the target {target}");
-        let mut rustup = command("rustup");
-        rustup.args(["target", "add", target]);
-        if let Some(toolchain) = std::env::var_os("RUSTUP_TOOLCHAIN") {
-            rustup.env("RUSTUP_TOOLCHAIN", toolchain);
-        }
-        match run(&mut rustup) {
+        match run(of_our_toolchain("rustup").args(["target", "add", target])) {
             Ok(()) => return Ok(Toolchain::Host),
             Err(error) => eprintln!("rustup cannot: {error}"),
         }
@@ -148,16 +140,8 @@ fn decide(target: &str) -> Result<Toolchain> {
     debian(target, "the target is not installed and rustup cannot add it")
 }
 
-fn host_rustc() -> Command {
-    let mut rustc = command("rustc");
-    if let Some(toolchain) = std::env::var_os("RUSTUP_TOOLCHAIN") {
-        rustc.env("RUSTUP_TOOLCHAIN", toolchain);
-    }
-    rustc
-}
-
 fn is_installed(target: &str) -> bool {
-    let libdir = answer(host_rustc().args(["--print", "target-libdir", "--target", target]));
+    let libdir = answer(of_our_toolchain("rustc").args(["--print", "target-libdir", "--target", target]));
     let holds_core = |dir: &Path| {
         let names = dir.read_dir().into_iter().flatten().flatten();
         names.map(|entry| entry.file_name()).any(|name| name.to_string_lossy().starts_with("libcore-"))
@@ -169,19 +153,17 @@ fn debian(target: &str, why: &str) -> Result<Toolchain> {
     if !debian_is_complete() {
         apt_install(&DEBIAN_PACKAGES, &format!("building for {target} with Debian's compiler"))?;
     }
-    if !debian_is_complete() {
-        bail!(
-            "Debian's compiler is incomplete: {} are installed, yet core is missing",
-            DEBIAN_PACKAGES.join(" ")
-        );
-    }
+    let packages = DEBIAN_PACKAGES.join(" ");
+    ensure!(
+        debian_is_complete(),
+        "Debian's compiler is incomplete: {packages} are installed, yet core is missing"
+    );
     let version = Toolchain::Debian.version().unwrap_or_default();
     eprintln!("compiler for {target}: Debian's {version}, {why}");
     Ok(Toolchain::Debian)
 }
 
 fn debian_is_complete() -> bool {
-    let sources = Path::new("/usr/lib/rustlib/src/rust/library/core/src/lib.rs");
-    let programs = ["/usr/bin/rustc", "/usr/bin/cargo"].map(Path::new);
-    programs.iter().all(|program| program.exists()) && sources.exists() && find("ld.lld").is_some()
+    let files = ["/usr/bin/rustc", "/usr/bin/cargo", "/usr/lib/rustlib/src/rust/library/core/src/lib.rs"];
+    files.iter().all(|file| Path::new(file).exists()) && find("ld.lld").is_some()
 }

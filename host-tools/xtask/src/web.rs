@@ -10,10 +10,9 @@ use clap::Args;
 use slipsense_view::page;
 
 use crate::process::{lock, run};
-use crate::toolchain::{Toolchain, WEB_TARGET};
+use crate::toolchain::{Toolchain, WEB_PROFILE, WEB_TARGET};
 
 const PACKAGE: &str = "slipsense-view";
-const PROFILE: &str = "web";
 
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
@@ -31,12 +30,8 @@ pub struct Options {
 pub fn make(Options { out }: &Options) -> Result<()> {
     let target_dir = Toolchain::of(WEB_TARGET)?.target_dir(WEB_TARGET);
     let (page, module) = make_in(out, &target_dir, &[])?;
-    eprintln!(
-        "{}: {:.2} MB, {:.2} MB of them the module",
-        out.display(),
-        page as f64 / 1e6,
-        module as f64 / 1e6
-    );
+    let [page, module] = [page, module].map(|bytes| bytes as f64 / 1e6);
+    eprintln!("{}: {page:.2} MB, {module:.2} MB of them the module", out.display());
     Ok(())
 }
 
@@ -44,11 +39,11 @@ pub fn make(Options { out }: &Options) -> Result<()> {
 pub fn make_in(out: &Path, target_dir: &Path, flags: &[String]) -> Result<(usize, usize)> {
     let name = || out.display().to_string();
     {
-        let _lock = lock(PROFILE)?;
-        let mut build = Toolchain::of(WEB_TARGET)?.web_cargo_in("rustc", PROFILE, target_dir, flags);
+        let _lock = lock(WEB_PROFILE)?;
+        let mut build = Toolchain::of(WEB_TARGET)?.web_cargo_in(target_dir, flags);
         run(build.args(["--quiet", "--locked", "--package", PACKAGE, "--crate-type", "cdylib"]))?;
     }
-    let module = target_dir.join(WEB_TARGET).join(PROFILE).join("slipsense_view.wasm");
+    let module = target_dir.join(WEB_TARGET).join(WEB_PROFILE).join("slipsense_view.wasm");
     let module = STANDARD.encode(fs::read(module).context("the module of WebAssembly")?);
     let page = page(Some(&module));
     if let Some(folder) = out.parent() {

@@ -64,152 +64,120 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    pub const fn new() -> Self {
-        Self {
-            x: [0; MAP],
-            weights: [0; WEIGHTS],
-            bias: [0; OUTPUTS],
-            multiplier: [0; OUTPUTS],
-            out: [0; MAP],
-            expected: [0; MAP],
-            strip: [0; STRIP],
-        }
-    }
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self::new()
-    }
+    pub const ZEROED: Self = Self {
+        x: [0; MAP],
+        weights: [0; WEIGHTS],
+        bias: [0; OUTPUTS],
+        multiplier: [0; OUTPUTS],
+        out: [0; MAP],
+        expected: [0; MAP],
+        strip: [0; STRIP],
+    };
 }
 
 /// Maps that a convolution can take, as side and words per cell. The last is one that there is no assembly for.
 const MAPS: [(usize, usize); 8] = [(32, 1), (16, 2), (16, 4), (8, 2), (8, 4), (8, 6), (8, 8), (4, 3)];
+/// Words of a row of weights: whole rounds of the assembly, its longest, and what it leaves to the portable form.
+const ROW_WORDS: [usize; 11] = [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260];
+/// Words of a row, and from one row to the next.
+const DOTS: [(usize, usize); 6] = [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)];
+const STRIDES: [usize; 4] = [5, 16, 32, 64];
 
 /// Compare each of `kernels` and every shape so often.
 pub fn compare(kernels: Kernels, rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
-    let mut dice = Dice(1);
-    let report = &mut report;
-    count(report, "conv_relu_pool", rounds, |round| {
-        MAPS.map(|map| conv_is_equal(kernels, scratch, &mut dice, round, map))
-    });
-    count(report, "dense", rounds, |round| {
-        // Whole rounds of the assembly, its longest, and what it leaves to the portable form.
-        [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260]
-            .map(|words| dense_is_equal(kernels, scratch, &mut dice, round, words))
-    });
-    count(report, "dots", rounds, |round| {
-        [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)]
-            .map(|shape| dots_are_equal(kernels, scratch, &mut dice, round, shape))
-    });
-    count(report, "weighted_sums", rounds, |round| {
-        [5, 16, 32, 64].map(|stride| sums_are_equal(kernels, scratch, &mut dice, round, stride))
-    });
+    let mut calls = Calls { kernels, scratch, dice: Dice(1), round: 0 };
+    report(calls.count("conv_relu_pool", rounds, &MAPS, Calls::conv_is_equal));
+    report(calls.count("dense", rounds, &ROW_WORDS, Calls::dense_is_equal));
+    report(calls.count("dots", rounds, &DOTS, Calls::dots_are_equal));
+    report(calls.count("weighted_sums", rounds, &STRIDES, Calls::sums_are_equal));
 }
 
-/// Report a kernel whose calls were equal, or were not, in each of the rounds.
-fn count<const N: usize>(
-    report: &mut dyn FnMut(Compared),
-    kernel: &'static str,
-    rounds: u32,
-    are_equal: impl FnMut(u32) -> [bool; N],
-) {
-    let differing = (0..rounds).flat_map(are_equal).filter(|is_equal| !is_equal).count() as u32;
-    report(Compared { kernel, calls: rounds * N as u32, differing });
-}
-
-fn conv_is_equal(
+/// What every call needs.
+struct Calls<'s> {
     kernels: Kernels,
-    scratch: &mut Scratch,
-    dice: &mut Dice,
+    scratch: &'s mut Scratch,
+    dice: Dice,
     round: u32,
-    (side, pairs): (usize, usize),
-) -> bool {
-    let outputs = [4, 8, 32][dice.below(if side == 32 { 2 } else { 3 })];
-    let from = MapShape { side, pairs, border: 1 };
-    // As the network's: what comes out of the smallest goes to a dense layer. Assembly leaves others to the portable
-    // form.
-    let border = usize::from(side > 8) ^ usize::from(dice.below(8) == 0);
-    let to = MapShape { side: side / 2, pairs: outputs / 2, border };
-    let Scratch { x, weights, bias, multiplier, out, expected, strip } = scratch;
-    dice.fill(round, x);
-    dice.fill(round / 2, weights);
-    scales(dice, bias, multiplier);
-    // The border of the output must be left as it is.
-    dice.fill(1, out);
-    *expected = *out;
-    let weights = &weights[..outputs / LANES * 12 * pairs * LANES];
-    let layer = LayerParams { weights, bias: &bias[..outputs], multiplier: &multiplier[..outputs] };
-    let x = Map { words: &x[..from.len()], shape: from };
-    (kernels.conv_relu_pool)(layer, x, MapMut { words: &mut out[..to.len()], shape: to }, strip);
-    portable::conv_relu_pool(layer, x, MapMut { words: &mut expected[..to.len()], shape: to }, strip);
-    out == expected
 }
 
-fn dense_is_equal(
-    kernels: Kernels,
-    scratch: &mut Scratch,
-    dice: &mut Dice,
-    round: u32,
-    words: usize,
-) -> bool {
-    let Scratch { x, weights, bias, multiplier, .. } = scratch;
-    dice.fill(round, &mut x[..words]);
-    let outputs = LANES * (1 + dice.below(2)) + dice.below(LANES);
-    dice.fill(round / 2, weights);
-    scales(dice, bias, multiplier);
-    let weights = &weights[..(2 * LANES * words).min(WEIGHTS)];
-    let layer = LayerParams { weights, bias, multiplier };
-    let mut found = [0; 3 * LANES];
-    let mut expected = found;
-    (kernels.dense)(&x[..words], layer, &mut found[..outputs]);
-    portable::dense(&x[..words], layer, &mut expected[..outputs]);
-    found == expected
-}
-
-/// Small enough that results are not all cut off, and any.
-fn scales(dice: &mut Dice, bias: &mut [i32], multiplier: &mut [i32]) {
-    for (bias, multiplier) in bias.iter_mut().zip(multiplier) {
-        let shift = dice.below(32);
-        (*bias, *multiplier) = (dice.next() as i32 >> dice.below(20), (dice.next() >> 1) as i32 >> shift);
+impl Calls<'_> {
+    /// A kernel with each shape in each of the rounds.
+    fn count<S: Copy>(
+        &mut self,
+        kernel: &'static str,
+        rounds: u32,
+        shapes: &[S],
+        is_equal: fn(&mut Self, S) -> bool,
+    ) -> Compared {
+        let mut differing = 0;
+        for round in 0..rounds {
+            self.round = round;
+            differing += shapes.iter().filter(|&&shape| !is_equal(self, shape)).count() as u32;
+        }
+        Compared { kernel, calls: rounds * shapes.len() as u32, differing }
     }
-}
 
-fn dots_are_equal(
-    kernels: Kernels,
-    scratch: &mut Scratch,
-    dice: &mut Dice,
-    round: u32,
-    (words, stride): (usize, usize),
-) -> bool {
-    let Scratch { x, weights, .. } = scratch;
-    let rows = dice.below(ROWS + 1);
-    dice.fill(round, &mut x[..ROWS * stride]);
-    dice.fill(round / 2, &mut weights[..words]);
-    let mut found = [0; ROWS];
-    let mut expected = [0; ROWS];
-    (kernels.dots)(&weights[..words], &x[..ROWS * stride], stride, &mut found[..rows]);
-    portable::dots(&weights[..words], &x[..ROWS * stride], stride, &mut expected[..rows]);
-    found == expected
-}
-
-fn sums_are_equal(
-    kernels: Kernels,
-    scratch: &mut Scratch,
-    dice: &mut Dice,
-    round: u32,
-    stride: usize,
-) -> bool {
-    let Scratch { x, weights, .. } = scratch;
-    let rows = dice.below(MAP / stride).min(ROWS);
-    let mut factors = [0; ROWS];
-    dice.fill(round, x);
-    dice.fill(round / 2, weights);
-    for (factor, &word) in factors.iter_mut().zip(weights.iter()) {
-        *factor = word as i32;
+    fn conv_is_equal(&mut self, (side, pairs): (usize, usize)) -> bool {
+        let Self { kernels, scratch, dice, round } = self;
+        let outputs = [4, 8, 32][dice.below(if side == 32 { 2 } else { 3 })];
+        let from = MapShape { side, pairs, border: 1 };
+        // As the network's: what comes out of the smallest goes to a dense layer. Assembly leaves others to the
+        // portable form.
+        let border = usize::from(side > 8) ^ usize::from(dice.below(8) == 0);
+        let to = MapShape { side: side / 2, pairs: outputs / 2, border };
+        let Scratch { x, weights, bias, multiplier, out, expected, strip } = scratch;
+        dice.fill(*round, x);
+        dice.fill(*round / 2, weights);
+        dice.scales(bias, multiplier);
+        // The border of the output must be left as it is.
+        dice.fill(1, out);
+        *expected = *out;
+        let weights = &weights[..outputs / LANES * 12 * pairs * LANES];
+        let layer = LayerParams { weights, bias: &bias[..outputs], multiplier: &multiplier[..outputs] };
+        let x = Map { words: &x[..from.len()], shape: from };
+        (kernels.conv_relu_pool)(layer, x, MapMut { words: &mut out[..to.len()], shape: to }, strip);
+        portable::conv_relu_pool(layer, x, MapMut { words: &mut expected[..to.len()], shape: to }, strip);
+        out == expected
     }
-    (kernels.weighted_sums)(&factors[..rows], x, stride)
-        == portable::weighted_sums(&factors[..rows], x, stride)
+
+    fn dense_is_equal(&mut self, words: usize) -> bool {
+        let Self { kernels, scratch: Scratch { x, weights, bias, multiplier, .. }, dice, round } = self;
+        dice.fill(*round, &mut x[..words]);
+        let outputs = LANES * (1 + dice.below(2)) + dice.below(LANES);
+        dice.fill(*round / 2, weights);
+        dice.scales(bias, multiplier);
+        let weights = &weights[..(2 * LANES * words).min(WEIGHTS)];
+        let layer = LayerParams { weights, bias, multiplier };
+        let mut found = [0; 3 * LANES];
+        let mut expected = found;
+        (kernels.dense)(&x[..words], layer, &mut found[..outputs]);
+        portable::dense(&x[..words], layer, &mut expected[..outputs]);
+        found == expected
+    }
+
+    fn dots_are_equal(&mut self, (words, stride): (usize, usize)) -> bool {
+        let Self { kernels, scratch: Scratch { x, weights, .. }, dice, round } = self;
+        let rows = dice.below(ROWS + 1);
+        let (x, weights) = (&mut x[..ROWS * stride], &mut weights[..words]);
+        dice.fill(*round, x);
+        dice.fill(*round / 2, weights);
+        let mut found = [0; ROWS];
+        let mut expected = [0; ROWS];
+        (kernels.dots)(weights, x, stride, &mut found[..rows]);
+        portable::dots(weights, x, stride, &mut expected[..rows]);
+        found == expected
+    }
+
+    fn sums_are_equal(&mut self, stride: usize) -> bool {
+        let Self { kernels, scratch: Scratch { x, weights, .. }, dice, round } = self;
+        let rows = dice.below(MAP / stride).min(ROWS);
+        dice.fill(*round, x);
+        dice.fill(*round / 2, weights);
+        let mut factors = [0; ROWS];
+        factors.iter_mut().zip(weights.iter()).for_each(|(factor, &word)| *factor = word as i32);
+        let factors = &factors[..rows];
+        (kernels.weighted_sums)(factors, x, stride) == portable::weighted_sums(factors, x, stride)
+    }
 }
 
 /// Numbers of any size, the same in every run: Marsaglia's xorshift.
@@ -238,6 +206,14 @@ impl Dice {
                 2 => everywhere,
                 _ => simd::pair((self.next() as i16) >> 9, (self.next() as i16) >> 9),
             };
+        }
+    }
+
+    /// Small enough that results are not all cut off, and any.
+    fn scales(&mut self, bias: &mut [i32], multiplier: &mut [i32]) {
+        for (bias, multiplier) in bias.iter_mut().zip(multiplier) {
+            let shift = self.below(32);
+            (*bias, *multiplier) = (self.next() as i32 >> self.below(20), (self.next() >> 1) as i32 >> shift);
         }
     }
 }

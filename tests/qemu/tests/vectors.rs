@@ -4,8 +4,8 @@
 use slipsense_qemu::equality::{Kernels, ROUNDS, Scratch, compare};
 
 fn equal_the_portable_ones(kernels: Kernels) {
-    let mut count = 0;
-    compare(kernels, ROUNDS, &mut Scratch::new(), |compared| {
+    let (mut count, mut scratch) = (0, Scratch::ZEROED);
+    compare(kernels, ROUNDS, &mut scratch, |compared| {
         println!("{compared:?}");
         assert_eq!(compared.differing, 0, "{}", compared.kernel);
         assert!(compared.calls >= ROUNDS);

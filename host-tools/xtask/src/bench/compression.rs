@@ -2,6 +2,8 @@
 
 use anyhow::{Context, Result, anyhow, ensure};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use slipsense::pipeline::FrameStamp;
+use slipsense::sensor::SensorInput;
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, SlipMessage, Transmitter,
 };
@@ -10,10 +12,10 @@ use slipsense_recording::Episode;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Split, generate};
 
-use super::emulated::{self, median_and_worst};
+use super::emulated;
 use super::inputs::{Input, demo, real_episodes};
 use crate::qemu::frames::Frames;
-use crate::table::{Table, thousands};
+use crate::table::{Table, median_and_worst, thousands};
 
 /// Clock that both bit rates divide.
 const CLOCK_HZ: u32 = 80_000_000;
@@ -75,16 +77,11 @@ pub fn print(model: &[u8], frames: usize) -> Result<()> {
 /// lengths.
 fn most_over_plain(frames: &Frames, compressed: &[[u32; 2]]) -> Result<i64> {
     let mut buffer = RawBuffer::new();
-    let raws = frames.iter().flat_map(|(stamp, parts)| {
-        parts.iter().enumerate().map(move |(sensor, part)| RawFrame {
-            timestamp_us: stamp.timestamp_us,
-            sequence: stamp.sequence,
-            sensor: sensor as u8,
-            health: 0,
-            input: part.input(),
-        })
+    let raws = frames.list.iter().flat_map(|(stamp, parts)| {
+        parts.iter().enumerate().map(|(sensor, part)| raw_frame(*stamp, sensor, part.input()))
     });
-    ensure!(compressed.len() == frames.len() * frames.sensors(), "{} messages", compressed.len());
+    let count = compressed.len();
+    ensure!(count == frames.list.len() * frames.sensors, "{count} messages");
     let mut most = i64::MIN;
     for (raw, &[bytes, _]) in raws.zip(compressed) {
         let here = raw.compress(Detail::All, &mut buffer).len();
@@ -98,7 +95,12 @@ fn most_over_plain(frames: &Frames, compressed: &[[u32; 2]]) -> Result<i64> {
 fn raw_frames(episodes: &[Episode]) -> impl Iterator<Item = (&Episode, [RawFrame<'_>; MAX_SENSORS])> {
     episodes.iter().flat_map(|episode| {
         (0..episode.frames()).step_by(STRIDE).map(move |frame| {
-            (episode, std::array::from_fn(|sensor| raw_frame(episode, frame, sensor % episode.sensors)))
+            let (stamp, inputs) = (FrameStamp::of_recording(frame as u32), episode.inputs(frame));
+            let raw = |sensor| {
+                let sensor = sensor % episode.sensors;
+                raw_frame(stamp, sensor, inputs[sensor])
+            };
+            (episode, std::array::from_fn(raw))
         })
     })
 }
@@ -140,10 +142,9 @@ fn measure_loads(name: &str, episodes: &[Episode], table: &mut Table) -> Result<
     Ok(())
 }
 
-fn raw_frame(episode: &Episode, frame: usize, sensor: usize) -> RawFrame<'_> {
-    let input = episode.inputs(frame)[sensor];
-    let timestamp_us = frame as u64 * 1_000_000 / u64::from(FRAME_RATE_HZ);
-    RawFrame { timestamp_us, sequence: frame as u32, sensor: sensor as u8, health: 0, input }
+fn raw_frame(stamp: FrameStamp, sensor: usize, input: SensorInput<'_>) -> RawFrame<'_> {
+    let FrameStamp { sequence, timestamp_us } = stamp;
+    RawFrame { timestamp_us, sequence, sensor: sensor as u8, health: 0, input }
 }
 
 /// Share of a frame period that the slip message and these raw messages keep the bus, by the bits of each frame.

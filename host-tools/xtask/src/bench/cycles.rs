@@ -12,7 +12,7 @@ use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
 use super::inputs::Input;
 use super::trace;
 use crate::elf::Instruction;
-use crate::process::{answer, apt_install, command, find};
+use crate::process::{answer, command, need};
 use crate::table::{Table, thousands};
 
 const PROGRAM: &str = "llvm-mca";
@@ -22,9 +22,7 @@ const CLOCK_HZ: u32 = 480_000_000;
 
 /// Trace a step with full windows for each number of sensors, and print the estimates.
 pub fn print(model: &[u8]) -> Result<()> {
-    if find(PROGRAM).is_none() {
-        apt_install(&[PACKAGE], "estimating cycles with llvm-mca")?;
-    }
+    need(PROGRAM, &[PACKAGE], "estimating cycles with llvm-mca")?;
     let version = answer(command(PROGRAM).arg("--version")).context("llvm-mca does not say its version")?;
     let version = version.lines().find(|line| line.contains("version")).unwrap_or_default().trim();
     let mut table = Table::new(
@@ -139,10 +137,9 @@ mod tests {
             ("vcmp.f32", "s4, #0", "nop"),
         ];
         let code = lines.map(|(mnemonic, operands, _)| Instruction {
-            address: 0,
-            bytes: 4,
             mnemonic: mnemonic.to_owned(),
             operands: operands.to_owned(),
+            ..Instruction::default()
         });
         let text = assembly(&code, &unknown);
         let expected: Vec<_> = lines.iter().map(|(.., line)| *line).collect();

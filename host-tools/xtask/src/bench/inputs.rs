@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::{CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXELS, XL_AXES, XL_RATE_HZ};
@@ -49,52 +49,37 @@ impl Input {
 
     /// `count` frames of it.
     pub fn frames(self, sensors: usize, count: usize) -> Result<Frames> {
-        match self {
-            Self::Idle => Ok(generate(sensors, count, 40, |rng| {
-                // One taxel in four reads one count, which stays below the threshold of a touch.
-                std::array::from_fn(|_| u16::from(rng.random_ratio(1, 4)))
-            })),
-            Self::Full => Ok(generate(sensors, count, 30_000, |rng| {
-                std::array::from_fn(|_| rng.random_range(1_000..=4_095))
-            })),
-            Self::Typical => typical(sensors, count),
-            Self::Zero => Ok(generate(sensors, count, 0, |_| [0; TAXELS])),
-            Self::Random => Ok(generate(sensors, count, i16::MAX, |rng| {
-                std::array::from_fn(|_| rng.random_range(0..=4_095))
-            })),
-        }
-    }
-}
-
-fn generate(
-    sensors: usize,
-    count: usize,
-    xl_swing: i16,
-    mut counts: impl FnMut(&mut ChaCha8Rng) -> [u16; TAXELS],
-) -> Frames {
-    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let mut frames = Frames::new(sensors);
-    for frame in 0..count as u32 {
-        let xl_end = |frame: u32| frame * XL_RATE_HZ / FRAME_RATE_HZ;
-        let batch = xl_end(frame + 1) - xl_end(frame);
-        let part = |_| {
+        // How far the accelerometer swings, and a taxel's count. Idle: one taxel in four reads one count, which stays
+        // below the threshold of a touch.
+        let (xl_swing, count_of): (i16, fn(&mut ChaCha8Rng) -> u16) = match self {
+            Self::Typical => return typical(sensors, count),
+            Self::Idle => (40, |rng| u16::from(rng.random_ratio(1, 4))),
+            Self::Full => (30_000, |rng| rng.random_range(1_000..=4_095)),
+            Self::Zero => (0, |_| 0),
+            Self::Random => (i16::MAX, |rng| rng.random_range(0..=4_095)),
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+        let mut part = |xl_end: u32, batch: u32| {
             let mut sample =
                 || std::array::from_fn::<i16, XL_AXES, _>(|_| rng.random_range(-xl_swing..=xl_swing));
             let xl =
                 (0..batch).map(|_| sample()).map(|[x, y, z]| [x, y, z.saturating_add(GRAVITY_LSB)]).collect();
             SensorReadings {
-                piezo: PiezoFrame::from_scan(counts(&mut rng)),
+                piezo: PiezoFrame::from_scan(std::array::from_fn::<_, TAXELS, _>(|_| count_of(&mut rng))),
                 piezo_arrived: true,
                 xl,
                 stuck: TaxelMask::NONE,
                 xl_arrived: true,
-                xl_end: xl_end(frame + 1),
+                xl_end,
             }
         };
-        let parts = (0..sensors).map(part).collect();
-        frames.push(FrameStamp::of_recording(frame), parts);
+        let xl_end = |frame: u32| frame * XL_RATE_HZ / FRAME_RATE_HZ;
+        let frame = |frame| {
+            let (begin, end) = (xl_end(frame), xl_end(frame + 1));
+            (FrameStamp::of_recording(frame), (0..sensors).map(|_| part(end, end - begin)).collect())
+        };
+        Ok(Frames::new(sensors, (0..count as u32).map(frame).collect()))
     }
-    frames
 }
 
 pub fn demo() -> Result<Episode> {
@@ -109,15 +94,11 @@ fn typical(sensors: usize, count: usize) -> Result<Frames> {
     };
     let first = (0..episode.frames()).find(touched).context("the demo episode holds no contact")?;
     let held = (first..episode.frames()).take_while(touched).count();
-    if held < count {
-        bail!("the demo episode holds {held} frames of contact, {count} are asked for");
-    }
-    let all = Frames::from_episode(&episode, None)?;
-    let mut frames = Frames::new(sensors);
-    for (stamp, parts) in all.iter().skip(first).take(count) {
-        frames.push(stamp, parts.iter().cycle().take(sensors).cloned().collect());
-    }
-    Ok(frames)
+    ensure!(held >= count, "the demo episode holds {held} frames of contact, {count} are asked for");
+    let mut list = Frames::from_episode(&episode, None)?.list;
+    list = list.drain(first..first + count).collect();
+    list.iter_mut().for_each(|(_, parts)| *parts = parts.iter().cycle().take(sensors).cloned().collect());
+    Ok(Frames::new(sensors, list))
 }
 
 /// The files of episodes composed from real recordings, where someone has them: they cannot be part of the repository.

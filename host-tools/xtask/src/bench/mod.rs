@@ -40,7 +40,6 @@ pub struct Options {
 /// Replayed over all cores of this computer.
 const REPLAYED_FRAMES: usize = 1_400_000;
 
-/// A part of the benchmark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// Instructions of every kernel
@@ -57,24 +56,21 @@ enum Part {
     Compression,
 }
 
-pub fn run(options: &Options) -> Result<bool> {
+pub fn run(options: &Options) -> Result<()> {
     let wanted = |part| options.only.is_empty() || options.only.contains(&part);
     let model = shipped_model()?;
     let frames = options.frames as usize;
-    if wanted(Part::Kernels) || wanted(Part::Path) {
-        emulated::print(&model, if wanted(Part::Path) { frames } else { 0 })?;
+    for part in Part::value_variants().iter().filter(|&&part| wanted(part)) {
+        match part {
+            // The path measures them too.
+            Part::Kernels if wanted(Part::Path) => {}
+            Part::Kernels => emulated::print(&model, 0)?,
+            Part::Path => emulated::print(&model, frames)?,
+            Part::Layouts => layouts::print(&model, frames)?,
+            Part::Cycles => cycles::print(&model)?,
+            Part::Host => host::print(&model, REPLAYED_FRAMES)?,
+            Part::Compression => compression::print(&model, frames)?,
+        }
     }
-    if wanted(Part::Layouts) {
-        layouts::print(&model, frames)?;
-    }
-    if wanted(Part::Cycles) {
-        cycles::print(&model)?;
-    }
-    if wanted(Part::Host) {
-        host::print(&model, REPLAYED_FRAMES)?;
-    }
-    if wanted(Part::Compression) {
-        compression::print(&model, frames)?;
-    }
-    Ok(true)
+    Ok(())
 }

@@ -15,11 +15,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use slipsense_qemu::measured::{GO_FILE, READY_FILE, TRACE_FILE, WARM_UP_FRAMES};
 
-use super::emulated::{Measured, PROGRAM, folder};
+use super::emulated::{Measured, PROGRAM};
 use super::inputs::Input;
 use crate::elf::{Code, Image, Instruction};
 use crate::process::Running;
-use crate::qemu::machine::Machine;
+use crate::qemu::machine::{Machine, folder};
 
 /// Where the frame path begins.
 const STEP: &str = "pipeline::Pipeline>::step";
@@ -39,36 +39,35 @@ pub fn step(model: &[u8], input: Input, sensors: usize) -> Result<(Trace, u32)> 
     let machine = Machine::build(PROGRAM)?;
     let dir = folder(&input.frames(sensors, WARM_UP_FRAMES + 1)?, model)?;
     fs::write(dir.path().join(TRACE_FILE), "").context(TRACE_FILE)?;
-    let mut recorder = Recorder::new(Image::read(&machine.program)?)?;
-    trace(&machine, dir.path(), |pc| recorder.push(pc))?;
+    let addresses = addresses(&machine, dir.path())?;
     let measured = Measured::read(dir.path())?;
     let [step, _] = *measured.frames.last().context("the emulated program measured no frame")?;
-    Ok((recorder.trace()?, step))
+    Ok((first_step(&Image::read(&machine.program)?, &addresses)?, step))
 }
 
-/// Run to the end and pass on the address of each instruction.
-fn trace(machine: &Machine, dir: &Path, mut push: impl FnMut(u32)) -> Result<()> {
+/// Run to the end; the address of each instruction that is done.
+fn addresses(machine: &Machine, dir: &Path) -> Result<Vec<u32>> {
     let mut emulator = machine.command(dir, "stdio");
     emulator.args(ONE_BY_ONE).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut emulator = Running(emulator.spawn().context("cannot start the emulator")?);
     switch_on(&mut emulator, dir)?;
     let log = emulator.0.stderr.take().context("the emulator has no standard error")?;
-    let (mut held, mut rest) = (None, String::new());
+    let (mut done, mut held, mut rest) = (Vec::new(), None, String::new());
     for line in BufReader::with_capacity(1 << 20, log).lines() {
         let line = line?;
         if let Some(pc) = address(&line) {
-            // Passed on one late, because the next line may take it back.
-            held.replace(pc).into_iter().for_each(&mut push);
+            // Held until the next line, which may take it back.
+            done.extend(held.replace(pc));
         } else if line.starts_with("Stopped execution") {
             held = None;
         } else {
             rest = rest + &line + "\n";
         }
     }
-    held.into_iter().for_each(push);
+    done.extend(held);
     let status = emulator.0.wait()?;
     ensure!(status.success(), "the emulated program failed, {status}\n{rest}");
-    Ok(())
+    Ok(done)
 }
 
 /// Wait until the program is ready, switch the log on, let it go on.
@@ -101,68 +100,32 @@ fn address(line: &str) -> Option<u32> {
     u32::from_str_radix(fields.split('/').nth(1)?, 16).ok()
 }
 
-/// Gathers the instructions of the first step in a trace.
-struct Recorder {
-    image: Image,
-    /// The function that an instruction lies in, by its address.
-    lies_in: HashMap<u32, Option<usize>>,
-    step: usize,
-    state: State,
-    addresses: Vec<u32>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// Before the step, in this function.
-    Before(Option<usize>),
-    /// In the step that this function called.
-    Inside(Option<usize>),
-    After,
-}
-
-impl Recorder {
-    fn new(image: Image) -> Result<Self> {
-        let step = image.functions.iter().position(|function| function.name.ends_with(STEP));
-        let step = step.with_context(|| format!("the program has no function `{STEP}`"))?;
-        let (state, addresses) = (State::Before(None), Vec::new());
-        Ok(Self { image, lies_in: HashMap::new(), step, state, addresses })
-    }
-
-    /// The instruction at this address is done.
-    fn push(&mut self, pc: u32) {
-        let image = &self.image;
-        let function = *self.lies_in.entry(pc).or_insert_with(|| image.function_at(pc.into()));
-        let begins = function == Some(self.step) && u64::from(pc) == image.functions[self.step].address;
-        self.state = match self.state {
-            State::Before(caller) if begins => State::Inside(caller),
-            State::Before(_) => State::Before(function),
-            State::Inside(caller) if function == caller => State::After,
-            state => state,
+/// The instructions of the first step among those at these addresses: until its caller goes on.
+fn first_step(image: &Image, addresses: &[u32]) -> Result<Trace> {
+    let step = image.functions.iter().find(|function| function.name.ends_with(STEP));
+    let step = step.with_context(|| format!("the program has no function `{STEP}`"))?.address;
+    let begin = addresses.iter().position(|&pc| u64::from(pc) == step).unwrap_or(addresses.len());
+    let (before, rest) = addresses.split_at(begin);
+    let caller = before.last().and_then(|&pc| image.function_at(pc.into()));
+    let code = Code::new()?;
+    // The function that an instruction lies in, by its address, and the instructions of each function.
+    let (mut lies_in, mut known) = (HashMap::new(), HashMap::new());
+    let mut functions = Trace::new();
+    for &pc in rest {
+        let index = *lies_in.entry(pc).or_insert_with(|| image.function_at(pc.into()));
+        if index == caller {
+            return Ok(functions);
+        }
+        let function = &image.functions[index.with_context(|| format!("no function at {pc:#x}"))?];
+        let instructions = match known.entry(function.address) {
+            Entry::Occupied(found) => found.into_mut(),
+            Entry::Vacant(new) => new.insert(code.disassemble(image, function)?),
         };
-        if let State::Inside(_) = self.state {
-            self.addresses.push(pc);
-        }
+        let done = instructions.binary_search_by_key(&u64::from(pc), |instruction| instruction.address);
+        let done = done.ok().with_context(|| format!("no instruction at {pc:#x} in {}", function.name))?;
+        functions.entry(function.name.clone()).or_default().push(instructions[done].clone());
     }
-
-    fn trace(self) -> Result<Trace> {
-        ensure!(self.state == State::After, "the emulated program did not come back from `{STEP}`");
-        let code = Code::new()?;
-        let mut known: HashMap<u64, Vec<Instruction>> = HashMap::new();
-        let mut functions = Trace::new();
-        for pc in self.addresses {
-            let index = self.lies_in.get(&pc).copied().flatten();
-            let function = &self.image.functions[index.with_context(|| format!("no function at {pc:#x}"))?];
-            let instructions = match known.entry(function.address) {
-                Entry::Occupied(found) => found.into_mut(),
-                Entry::Vacant(new) => new.insert(code.disassemble(&self.image, function)?),
-            };
-            let done = instructions.binary_search_by_key(&u64::from(pc), |instruction| instruction.address);
-            let done =
-                done.ok().with_context(|| format!("no instruction at {pc:#x} in {}", function.name))?;
-            functions.entry(function.name.clone()).or_default().push(instructions[done].clone());
-        }
-        Ok(functions)
-    }
+    bail!("the emulated program did not come back from `{STEP}`")
 }
 
 #[cfg(test)]

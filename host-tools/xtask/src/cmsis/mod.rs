@@ -4,10 +4,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
-use clap::Args;
+use anyhow::{Context, Result, ensure};
 
-use crate::process::{answer, apt_install, cargo, command, find, root, run, target_dir};
+use crate::process::{answer, cargo, command, need, root, run, target_dir};
 use crate::qemu::machine::Machine;
 use crate::toolchain::TARGET;
 
@@ -22,7 +21,6 @@ const FETCH: &str = "host-tools/xtask/src/cmsis/fetch.py";
 const GCC: &str = "arm-none-eabi-gcc";
 const AR: &str = "arm-none-eabi-ar";
 const PACKAGES: [&str; 2] = ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"];
-const WHY: &str = "compiling CMSIS-DSP for the Cortex-M7";
 const FLAGS: [&str; 11] = [
     "-mcpu=cortex-m7",
     "-mthumb",
@@ -52,20 +50,18 @@ const FILES: [&str; 8] = [
     "CommonTables/arm_const_structs",
 ];
 
-#[derive(Args, Clone, Debug)]
-#[command(after_help = "\
+pub const HELP: &str = "\
 Fetches the C source of CMSIS-DSP from Arm's Python package `cmsisdsp`, checks its SHA-256, compiles the real q31 \
 FFT with arm-none-eabi-gcc and prints the arguments that hand it to cargo:
 
   cargo build-h743 --features cmsis-dsp $(cargo xtask cmsis)
 
-Without these arguments the build script of the crate `cmsis_dsp` downloads a compiled library.")]
-pub struct Options {}
+Without these arguments the build script of the crate `cmsis_dsp` downloads a compiled library.";
 
 /// Make the library and print how cargo takes it.
-pub fn print(_: &Options) -> Result<bool> {
+pub fn print() -> Result<()> {
     println!("{}", arguments()?.join(" "));
-    Ok(true)
+    Ok(())
 }
 
 /// The FFT's C code on the emulated Cortex-M7 against the port there and here, the features made with it, and the
@@ -80,9 +76,10 @@ pub fn step() -> Result<()> {
     let mut feature = vec!["--features".to_owned(), FEATURE.to_owned()];
     feature.extend(arguments()?);
     let text = Machine::build_with(PROGRAM, &feature)?.print()?;
-    if text.trim() != expected || !text.contains("hash of the features") {
-        bail!("the emulated Cortex-M7 prints\n{text}\nand this computer\n{expected}");
-    }
+    ensure!(
+        text.trim() == expected && text.contains("hash of the features"),
+        "the emulated Cortex-M7 prints\n{text}\nand this computer\n{expected}"
+    );
     println!("the emulated Cortex-M7 and this computer print the same:\n{text}");
     Ok(())
 }
@@ -101,9 +98,7 @@ fn library() -> Result<PathBuf> {
     let folder = target_dir().join("cmsis-dsp");
     let file = format!("lib{LIBRARY}.a");
     if !folder.join(&file).exists() {
-        if find(GCC).is_none() {
-            apt_install(&PACKAGES, WHY)?;
-        }
+        need(GCC, &PACKAGES, "compiling CMSIS-DSP for the Cortex-M7")?;
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         // Whole or not at all: the library is moved when it is complete.
         let scratch = tempfile::tempdir_in(&folder).with_context(|| folder.display().to_string())?;

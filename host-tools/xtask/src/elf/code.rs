@@ -9,7 +9,7 @@ use capstone::prelude::Capstone;
 use super::image::{Function, Image};
 
 /// One instruction, as the disassembler writes it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct Instruction {
     pub address: u64,
     pub bytes: u64,
@@ -88,25 +88,24 @@ impl Instruction {
 
     /// Bytes by which the instruction lowers the stack pointer, as prologues do.
     pub fn pushed_bytes(&self) -> u64 {
-        let number = |text: &str| {
-            let digits = text.rsplit_once('#').map_or("", |(_, number)| number.trim_end_matches(['!', ']']));
-            let negative = digits.trim_start_matches('-');
-            match negative.strip_prefix("0x") {
-                Some(hex) => u64::from_str_radix(hex, 16).unwrap_or(0),
-                None => negative.parse().unwrap_or(0),
-            }
+        let lowered = || {
+            let (_, operand) = self.operands.rsplit_once('#').unwrap_or_default();
+            number(operand.trim_start_matches('-').trim_end_matches(['!', ']'])).unwrap_or(0)
         };
         match self.plain() {
             "push" => 4 * registers(&self.operands),
             "vpush" => (if self.operands.contains('d') { 8 } else { 4 }) * registers(&self.operands),
             "stmdb" if self.operands.starts_with("sp!") => 4 * registers(&self.operands),
-            "sub" | "subw" if self.operands.starts_with("sp, ") => number(&self.operands),
-            "str" | "strd" if self.operands.contains("[sp, #-") && self.operands.ends_with('!') => {
-                number(&self.operands)
-            }
+            "sub" | "subw" if self.operands.starts_with("sp, ") => lowered(),
+            "str" | "strd" if self.operands.contains("[sp, #-") && self.operands.ends_with('!') => lowered(),
             _ => 0,
         }
     }
+}
+
+/// Without its sign: `0x18` or `24`.
+pub fn number(text: &str) -> Option<u64> {
+    text.strip_prefix("0x").map_or_else(|| text.parse().ok(), |hex| u64::from_str_radix(hex, 16).ok())
 }
 
 fn is_condition(suffix: &str) -> bool {
@@ -137,30 +136,26 @@ mod tests {
     use super::*;
 
     fn instruction(mnemonic: &str, operands: &str) -> Instruction {
-        Instruction { address: 0, bytes: 2, mnemonic: mnemonic.to_owned(), operands: operands.to_owned() }
+        Instruction { mnemonic: mnemonic.to_owned(), operands: operands.to_owned(), ..Default::default() }
     }
 
     #[test]
-    fn calls_and_branches_name_their_target() {
-        for (mnemonic, operands, target) in [
-            ("bl", "#0x8001234", Some(0x800_1234)),
-            ("b.w", "#0x80", Some(0x80)),
-            ("bne.w", "#0x80", Some(0x80)),
-            ("cbz", "r0, #0x90", Some(0x90)),
-            ("blx", "r3", None),
-            ("bic", "r0, r0, #0x3", None),
-            ("bfi", "r0, r1, #4, #8", None),
+    fn calls_and_branches_name_their_target_or_are_indirect_but_for_returns() {
+        for (mnemonic, operands, target, is_indirect) in [
+            ("bl", "#0x8001234", Some(0x800_1234), false),
+            ("b.w", "#0x80", Some(0x80), false),
+            ("bne.w", "#0x80", Some(0x80), false),
+            ("cbz", "r0, #0x90", Some(0x90), false),
+            ("blx", "#0x8000", Some(0x8000), false),
+            ("blx", "r3", None, true),
+            ("bx", "r1", None, true),
+            ("bx", "lr", None, false),
+            ("bic", "r0, r0, #0x3", None, false),
+            ("bfi", "r0, r1, #4, #8", None, false),
         ] {
-            assert_eq!(instruction(mnemonic, operands).direct_target(), target, "{mnemonic} {operands}");
+            let code = instruction(mnemonic, operands);
+            assert_eq!((code.direct_target(), code.is_indirect()), (target, is_indirect), "{code:?}");
         }
-    }
-
-    #[test]
-    fn indirect_calls_are_no_returns() {
-        assert!(instruction("blx", "r3").is_indirect());
-        assert!(instruction("bx", "r1").is_indirect());
-        assert!(!instruction("bx", "lr").is_indirect());
-        assert!(!instruction("blx", "#0x8000").is_indirect());
     }
 
     #[test]

@@ -11,7 +11,7 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 /// Where LLVM lists what each function takes of the stack (`-Z emit-stack-sizes`).
 const STACK_SIZES: &str = ".stack_sizes";
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Default)]
 pub struct Function {
     /// Demangled, without the hash; the first in the alphabet of those that lie here.
     pub name: String,
@@ -24,25 +24,22 @@ pub struct Function {
     pub frame: Option<u64>,
 }
 
-/// What a section is to the memory of the board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Runs from flash.
-    Code,
-    /// Constants in flash.
-    Constants,
-    /// In RAM, its first content in flash.
-    Data,
-    /// In RAM only.
-    Zeroed,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Section {
     pub name: String,
     pub address: u64,
     pub bytes: u64,
-    pub kind: Kind,
+    pub is_code: bool,
+    /// Constants among them, and the first content of what is in RAM.
+    pub is_in_flash: bool,
+    /// What flash holds of it; nothing of what the start fills with zeros.
+    content: Vec<u8>,
+}
+
+impl Section {
+    /// The aligned words of its content.
+    pub fn words(&self) -> impl Iterator<Item = u32> {
+        self.content.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word))
+    }
 }
 
 pub struct Image {
@@ -51,8 +48,6 @@ pub struct Image {
     pub sections: Vec<Section>,
     /// Symbols that are no functions: the linker script's among them.
     values: BTreeMap<String, u64>,
-    /// Bytes of flash: address and content.
-    contents: Vec<(u64, Vec<u8>)>,
     /// Stretches of `$d`: data between instructions, by their first address, and where they end.
     data_in_code: BTreeMap<u64, u64>,
 }
@@ -69,7 +64,6 @@ impl Image {
             functions: functions(&file),
             sections: Vec::new(),
             values: BTreeMap::new(),
-            contents: Vec::new(),
             data_in_code: data_in_code(&file),
         };
         ensure!(!image.functions.is_empty(), "the file has no symbols of functions");
@@ -86,17 +80,16 @@ impl Image {
             if !is(elf::SHF_ALLOC) || section.size() == 0 {
                 continue;
             }
-            let content = section.data()?;
-            let kind = match () {
-                () if is(elf::SHF_EXECINSTR) => Kind::Code,
-                () if !is(elf::SHF_WRITE) => Kind::Constants,
-                () if content.is_empty() => Kind::Zeroed,
-                () => Kind::Data,
-            };
-            image.sections.push(Section { name, address: section.address(), bytes: section.size(), kind });
-            if !content.is_empty() {
-                image.contents.push((section.address(), content.to_vec()));
-            }
+            let content = section.data()?.to_vec();
+            let is_code = is(elf::SHF_EXECINSTR);
+            image.sections.push(Section {
+                name,
+                address: section.address(),
+                bytes: section.size(),
+                is_code,
+                is_in_flash: is_code || !is(elf::SHF_WRITE) || !content.is_empty(),
+                content,
+            });
         }
         Ok(image)
     }
@@ -120,13 +113,6 @@ impl Image {
         self.values.get(name).copied().with_context(|| format!("the program has no symbol `{name}`"))
     }
 
-    /// The aligned words of a section.
-    pub fn words(&self, section: &Section) -> impl Iterator<Item = u32> {
-        let content = self.contents.iter().find(|(address, _)| *address == section.address);
-        let bytes = content.map(|(_, bytes)| &bytes[..]).unwrap_or_default();
-        bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word))
-    }
-
     /// The stretches of instructions of a function, each with its first address.
     pub fn code(&self, function: &Function) -> Vec<(u64, &[u8])> {
         let end = function.address + function.bytes;
@@ -142,9 +128,9 @@ impl Image {
     }
 
     fn bytes(&self, from: u64, to: u64) -> Option<&[u8]> {
-        self.contents.iter().find_map(|(address, bytes)| {
+        self.sections.iter().find_map(|Section { address, content, .. }| {
             let from = usize::try_from(from.checked_sub(*address)?).ok()?;
-            bytes.get(from..usize::try_from(to - address).ok()?)
+            content.get(from..usize::try_from(to - address).ok()?)
         })
     }
 }
@@ -160,13 +146,7 @@ fn functions(file: &object::File<'_>) -> Vec<Function> {
         }
         let name = format!("{:#}", rustc_demangle::demangle(name));
         let address = symbol.address() & !1;
-        let function = at.entry(address).or_insert_with(|| Function {
-            name: String::new(),
-            aliases: Vec::new(),
-            address,
-            bytes: 0,
-            frame: None,
-        });
+        let function = at.entry(address).or_insert_with(|| Function { address, ..Function::default() });
         function.bytes = function.bytes.max(symbol.size());
         function.aliases.push(name);
     }
@@ -222,13 +202,9 @@ fn uleb128(bytes: &[u8]) -> Option<(u64, &[u8])> {
 mod tests {
     use super::*;
 
-    fn function(address: u64) -> Function {
-        Function { name: format!("f{address:x}"), aliases: Vec::new(), address, bytes: 8, frame: None }
-    }
-
     #[test]
     fn frames_of_the_compiler_find_their_function() {
-        let mut functions = [function(0x100), function(0x200)];
+        let mut functions = [0x100, 0x200].map(|address| Function { address, ..Function::default() });
         // 0x101 with the Thumb bit: 624485 bytes; 0x300 is no function.
         let list = [&[1, 1, 0, 0, 0xe5, 0x8e, 0x26][..], &[0, 3, 0, 0, 8]].concat();
         add_frames(&mut functions, &list).unwrap();

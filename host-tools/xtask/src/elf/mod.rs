@@ -3,5 +3,5 @@
 mod code;
 mod image;
 
-pub use code::{Code, Instruction};
-pub use image::{Image, Kind};
+pub use code::{Code, Instruction, number};
+pub use image::{Image, Section};

@@ -1,7 +1,6 @@
 //! What came back from the emulated computer, held against what was sent.
 
-use std::fs::{self, File};
-use std::io::{BufRead, BufReader};
+use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
@@ -90,14 +89,15 @@ impl Checks<'_> {
         let (slip, raw, lost) = (count("slip"), count("raw"), count("slip_lost") + count("raw_lost"));
         let errors = count("errors") + count("restarts");
         let found = format!("{slip} slip and {raw} raw messages, {lost} lost, {errors} errors");
-        self.row(
-            format!("{name} recording, by the numbers in the messages"),
-            found,
-            slip > 0 && lost + errors == 0,
-        );
+        let is_good = slip > 0 && lost + errors == 0;
+        self.row(format!("{name} recording, by the numbers in the messages"), found, is_good);
         let log = Frames::read(&self.share.join(format!("{name}.log")))?;
         let (is_equal, found) = log.beside(sent);
-        self.row(format!("{name} recording, candump, byte by byte"), found, is_equal && log.is_monotonic());
+        self.row(
+            format!("{name} recording, candump, byte by byte"),
+            found,
+            is_equal && log.times_us.is_sorted(),
+        );
         let mcap = self.share.join(format!("{name}.mcap"));
         if mcap.exists() {
             let converted = self.share.join(format!("{name}-converted.log"));
@@ -117,7 +117,7 @@ impl Checks<'_> {
         let floor = at_kill as f64 - (FLUSH_S + SLACK_S) * a_second;
         ensure!(floor > 0.0, "killed after {at_kill} frames, before there was anything in the file");
         let opens = |checks: &mut Self, name: &str, what: &str| -> Result<()> {
-            let log = Frames::read_whole_lines(&checks.share.join(name))?;
+            let log = Frames::parse(&checks.text(name)?, &checks.share.join(name))?;
             let count = log.data.len();
             let is_prefix = sent.data.starts_with(&log.data);
             let is_good = is_prefix && count as f64 >= floor && count <= at_kill + a_second as usize;
@@ -168,11 +168,8 @@ impl Checks<'_> {
         }
         let gone = Frames::read(&self.share.join("gone.log"))?;
         let (sent, kept) = (Frames::read(&self.share.join(SENT))?, gone.data.len());
-        self.row(
-            "recording of the interface that went",
-            format!("{kept} frames kept"),
-            sent.data[..2000] == gone.data,
-        );
+        let is_good = sent.data[..2000] == gone.data;
+        self.row("recording of the interface that went", format!("{kept} frames kept"), is_good);
         Ok(())
     }
 }
@@ -192,22 +189,14 @@ impl Frames {
     fn read(path: &Path) -> Result<Self> {
         let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
         ensure!(text.ends_with('\n'), "{}: the last line is not whole", path.display());
-        Self::parse(text.lines(), path)
+        Self::parse(&text, path)
     }
 
-    /// Of a file that may end anywhere.
-    fn read_whole_lines(path: &Path) -> Result<Self> {
-        let mut reader = BufReader::new(File::open(path).with_context(|| path.display().to_string())?);
-        let (mut lines, mut line) = (Vec::new(), String::new());
-        while reader.read_line(&mut line)? > 0 && line.ends_with('\n') {
-            lines.push(std::mem::take(&mut line));
-        }
-        Self::parse(lines.iter().map(|line| line.trim_end()), path)
-    }
-
-    fn parse<'l>(lines: impl Iterator<Item = &'l str>, path: &Path) -> Result<Self> {
+    /// Of the text of a file, without a last line that is not whole.
+    fn parse(text: &str, path: &Path) -> Result<Self> {
+        let (whole, _) = text.rsplit_once('\n').unwrap_or_default();
         let mut frames = Self { times_us: Vec::new(), data: Vec::new() };
-        for line in lines {
+        for line in whole.lines() {
             let mut columns = line.split(' ');
             let time = columns.next().and_then(|time| time.strip_prefix('(')?.strip_suffix(')'));
             let time = time.and_then(|time| time.replace('.', "").parse().ok());
@@ -225,9 +214,5 @@ impl Frames {
         let differing = self.data.iter().zip(&sent.data).filter(|(here, there)| here != there).count();
         let found = format!("{} of {} frames, {differing} differ", self.data.len(), sent.data.len());
         (differing == 0 && self.data.len() == sent.data.len(), found)
-    }
-
-    fn is_monotonic(&self) -> bool {
-        self.times_us.is_sorted()
     }
 }

@@ -1,10 +1,11 @@
 //! The root of the emulated computer: busybox, the command with its libraries, the modules that it loads.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{BufWriter, Cursor, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use cpio::NewcBuilder;
 use object::{Object, ObjectSection};
 
@@ -18,35 +19,32 @@ const MODULES: [&str; 5] = ["can-raw", "vcan", "virtio_pci", "9pnet_virtio", "9p
 const FOLDERS: [&str; 8] = ["bin", "dev", "modules", "proc", "share", "sys", "tmp", "lib"];
 const S_IFDIR: u32 = 0o040_000;
 const S_IFREG: u32 = 0o100_000;
+/// Mode and content.
+const FOLDER: (u32, Vec<u8>) = (S_IFDIR | 0o755, Vec::new());
 
 /// Write it to `path`, with the program `slipsense`.
 pub fn write(path: &Path, debian: &Debian, slipsense: &Path) -> Result<()> {
-    let mut entries: Vec<(String, u32, Vec<u8>)> = Vec::new();
-    entries.extend(FOLDERS.map(|name| (name.to_owned(), S_IFDIR | 0o755, Vec::new())));
-    let program =
-        |name: &str, file: &Path| Ok::<_, anyhow::Error>((name.to_owned(), S_IFREG | 0o755, read(file)?));
-    entries.push(("init".to_owned(), S_IFREG | 0o755, INIT.as_bytes().to_vec()));
-    entries.push(program("bin/busybox", &debian.busybox)?);
-    entries.push(program("bin/slipsense", slipsense)?);
+    let mut entries = BTreeMap::from(FOLDERS.map(|name| (PathBuf::from(name), FOLDER)));
+    let program = |file: &Path| Ok::<_, anyhow::Error>((S_IFREG | 0o755, read(file)?));
+    entries.insert("init".into(), (S_IFREG | 0o755, INIT.as_bytes().to_vec()));
+    entries.insert("bin/busybox".into(), program(&debian.busybox)?);
+    entries.insert("bin/slipsense".into(), program(slipsense)?);
     for library in libraries(slipsense)? {
-        let name = library.strip_prefix("/").unwrap_or(&library).display().to_string();
-        for folder in Path::new(&name).ancestors().skip(1).collect::<Vec<_>>().into_iter().rev() {
-            let folder = folder.display().to_string();
-            if !folder.is_empty() && !entries.iter().any(|(known, ..)| *known == folder) {
-                entries.push((folder, S_IFDIR | 0o755, Vec::new()));
-            }
-        }
-        entries.push(program(&name, &library)?);
+        let name = library.strip_prefix("/").unwrap_or(&library);
+        let folders = name.ancestors().skip(1).filter(|folder| !folder.as_os_str().is_empty());
+        entries.extend(folders.map(|folder| (folder.to_owned(), FOLDER)));
+        entries.insert(name.to_owned(), program(&library)?);
     }
     let mut order = String::new();
     for (name, module) in modules(&debian.modules)? {
         order += &format!("{name}.ko\n");
-        entries.push((format!("modules/{name}.ko"), S_IFREG | 0o644, module));
+        entries.insert(format!("modules/{name}.ko").into(), (S_IFREG | 0o644, module));
     }
-    entries.push(("modules/order".to_owned(), S_IFREG | 0o644, order.into_bytes()));
-    let inputs = entries
-        .into_iter()
-        .map(|(name, mode, content)| (NewcBuilder::new(&name).mode(mode), Cursor::new(content)));
+    entries.insert("modules/order".into(), (S_IFREG | 0o644, order.into_bytes()));
+    // By name: a folder comes before what is in it.
+    let inputs = entries.into_iter().map(|(name, (mode, content))| {
+        (NewcBuilder::new(&name.to_string_lossy()).mode(mode), Cursor::new(content))
+    });
     let file = File::create(path).with_context(|| path.display().to_string())?;
     let written = cpio::write_cpio(inputs, BufWriter::new(file)).and_then(|mut file| file.flush());
     written.with_context(|| path.display().to_string())
@@ -77,9 +75,8 @@ fn modules(folder: &Path) -> Result<Vec<(String, Vec<u8>)>> {
         if loaded.iter().any(|(known, _)| *known == name) || path_of(&builtin, &name).is_some() {
             continue;
         }
-        let Some(path) = path_of(&modular, &name) else {
-            bail!("{}: the kernel has no module {name}", folder.display());
-        };
+        let path = path_of(&modular, &name);
+        let path = path.with_context(|| format!("{}: the kernel has no module {name}", folder.display()))?;
         let module = unpack(&folder.join(path))?;
         let missing: Vec<_> = depends(&module).with_context(|| format!("module {name}"))?;
         let is_ready = |needed: &String| {

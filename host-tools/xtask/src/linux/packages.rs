@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 
-use crate::process::{answer, apt_install, command, find, is_root, run};
+use crate::process::{answer, command, empty_dir, find, is_root, need, run};
 
 /// Always depends on the current kernel with all its modules; the flavour for clouds has no CAN.
 const KERNEL: &str = "linux-image-amd64";
@@ -25,17 +25,17 @@ pub struct Debian {
 
 /// Get what is not in `dir` yet.
 pub fn debian(dir: &Path) -> Result<Debian> {
-    if find(EMULATOR).is_none() {
-        apt_install(&[EMULATOR_PACKAGE], "Linux with SocketCAN in an emulator")?;
-    }
-    if find("apt-get").is_none() || find("dpkg").is_none() {
-        bail!(
-            "the kernel and busybox come from Debian's packages: this needs a Debian, or a container of one"
-        );
-    }
+    need(EMULATOR, &[EMULATOR_PACKAGE], "Linux with SocketCAN in an emulator")?;
+    ensure!(
+        find("apt-get").is_some() && find("dpkg").is_some(),
+        "the kernel and busybox come from Debian's packages: this needs a Debian, or a container of one"
+    );
     // Of another system's packages there may be lists that do not know this one.
-    let current =
-        || answer(command("apt-cache").args(["depends", KERNEL])).and_then(|text| dependency(&text));
+    let current = || {
+        // `Depends: linux-image-6.1.0-56-amd64`.
+        let text = answer(command("apt-cache").args(["depends", KERNEL]))?;
+        text.lines().find_map(|line| line.trim().strip_prefix("Depends: ")).map(str::to_owned)
+    };
     let name = match current() {
         Some(name) => name,
         None => {
@@ -58,15 +58,8 @@ pub fn debian(dir: &Path) -> Result<Debian> {
     })
 }
 
-/// `Depends: linux-image-6.1.0-56-amd64`.
-fn dependency(text: &str) -> Option<String> {
-    text.lines().find_map(|line| line.trim().strip_prefix("Depends: ")).map(str::to_owned)
-}
-
 fn update() -> Result<()> {
-    if !is_root() {
-        bail!("apt knows no package {KERNEL}: sudo apt-get update");
-    }
+    ensure!(is_root(), "apt knows no package {KERNEL}: sudo apt-get update");
     run(command("apt-get").args(["update", "--quiet"]))
 }
 
@@ -76,11 +69,7 @@ fn unpacked(dir: &Path, package: &str) -> Result<PathBuf> {
     if files.exists() {
         return Ok(files);
     }
-    let partial = dir.join(format!("{package}.partial"));
-    if partial.exists() {
-        fs::remove_dir_all(&partial).with_context(|| partial.display().to_string())?;
-    }
-    fs::create_dir_all(&partial).with_context(|| partial.display().to_string())?;
+    let partial = empty_dir(dir.join(format!("{package}.partial")))?;
     let download = || run(command("apt-get").args(["download", "--quiet", package]).current_dir(&partial));
     if download().is_err() {
         // Lists of packages age: the version that they name is gone.

@@ -2,6 +2,8 @@
 //! bits, batches of any size, parts that are missing, counters that wrap. The same seed gives the same
 //! input everywhere: only integers are drawn.
 
+use std::array;
+
 use anyhow::{Result, anyhow};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -9,8 +11,7 @@ use slipsense::fixed::Logit;
 use slipsense::net::format::{DECISION_FRAMES_MAX, Dims, HEAD_WIDTH_MAX, OperatingPoint};
 use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXELS, XL_BATCH_MAX, limits};
 use slipsense::pipeline::FrameStamp;
-use slipsense::sensor::SensorReadings;
-use slipsense::sensor::{PiezoFrame, TaxelMask, XlSample};
+use slipsense::sensor::{PiezoFrame, SensorReadings, TaxelMask, XlSample};
 use slipsense_recording::model_file::random_model;
 
 use super::frames::Frames;
@@ -22,17 +23,20 @@ const STRETCH_MAX: u32 = 40;
 
 pub fn frames(count: u32, sensors: usize, seed: u64) -> Frames {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (sensors as u64) << 32);
-    let mut generators: Vec<Sensor> = (0..sensors).map(|_| Sensor::new(&mut rng)).collect();
-    let mut frames = Frames::new(sensors);
+    // Just before the sample counter wraps.
+    let mut sensor =
+        || Sensor { piezo: (None, 0), xl: (None, 0), sample: 0u32.wrapping_sub(rng.random_range(0..20_000)) };
+    let mut generators: Vec<Sensor> = (0..sensors).map(|_| sensor()).collect();
+    let mut list = Vec::new();
     let mut stamp =
         FrameStamp { sequence: 0u32.wrapping_sub(BEFORE_WRAP), timestamp_us: rng.random_range(0..1 << 55) };
     for _ in 0..count {
         let parts = generators.iter_mut().map(|sensor| sensor.part(&mut rng)).collect();
-        frames.push(stamp, parts);
+        list.push((stamp, parts));
         stamp.sequence = stamp.sequence.wrapping_add(1);
         stamp.timestamp_us += rng.random_range(1..10_000);
     }
-    frames
+    Frames::new(sensors, list)
 }
 
 /// A network of random shape, weights and operating point.
@@ -55,43 +59,18 @@ pub fn model(seed: u64) -> Result<Vec<u8>> {
     file.to_bytes().map_err(|error| anyhow!("random model {seed}: {error}"))
 }
 
-#[derive(Clone, Copy)]
-enum Piezo {
-    Zeros,
-    FullScale,
-    OneTaxel { index: usize, count: u16 },
-    Checkerboard { phase: usize },
-    Noise { most: u16 },
-    Missing,
-}
+type Scan = Box<dyn FnMut(&mut ChaCha8Rng) -> [u16; TAXELS]>;
+/// By the number of the sample.
+type Samples = Box<dyn Fn(u32, &mut ChaCha8Rng) -> XlSample>;
 
-#[derive(Clone, Copy)]
-enum Xl {
-    Zeros,
-    Constant(XlSample),
-    Alternating { period: u32 },
-    RandomBits { axes: usize },
-    Impulse,
-    Missing,
-}
-
-/// One sensor's generator: the kinds of input now, and for how long.
+/// One sensor's generator: the kinds of input now, and for how many frames. `None` is a part that is missing.
 struct Sensor {
-    piezo: (Piezo, u32),
-    xl: (Xl, u32),
+    piezo: (Option<Scan>, u32),
+    xl: (Option<Samples>, u32),
     sample: u32,
 }
 
 impl Sensor {
-    fn new(rng: &mut ChaCha8Rng) -> Self {
-        // Just before the sample counter wraps.
-        Self {
-            piezo: (Piezo::Zeros, 0),
-            xl: (Xl::Zeros, 0),
-            sample: 0u32.wrapping_sub(rng.random_range(0..20_000)),
-        }
-    }
-
     fn part(&mut self, rng: &mut ChaCha8Rng) -> SensorReadings {
         if self.piezo.1 == 0 {
             self.piezo = (draw_piezo(rng), rng.random_range(1..=STRETCH_MAX));
@@ -101,14 +80,17 @@ impl Sensor {
         }
         self.piezo.1 -= 1;
         self.xl.1 -= 1;
-        let piezo = self.piezo.0.scan(rng);
-        if let Piezo::Checkerboard { phase } = &mut self.piezo.0 {
-            *phase ^= 1;
-        }
-        let xl = match self.xl.0 {
-            Xl::Missing => None,
-            kind => Some((0..batch_size(rng)).map(|_| self.next_sample(kind, rng)).collect()),
-        };
+        // Cells off the pad are cut here, as on a board.
+        let piezo = self.piezo.0.as_mut().map(|scan| PiezoFrame::from_scan(scan(rng)));
+        let sample = &mut self.sample;
+        let xl = self.xl.0.as_ref().map(|samples| {
+            let batch = 0..batch_size(rng);
+            let next = |_| {
+                *sample = sample.wrapping_add(1);
+                samples(*sample, rng)
+            };
+            batch.map(next).collect()
+        });
         SensorReadings {
             piezo_arrived: piezo.is_some(),
             piezo: piezo.unwrap_or(PiezoFrame::zeroed()),
@@ -116,21 +98,6 @@ impl Sensor {
             xl_arrived: xl.is_some(),
             xl: xl.unwrap_or_default(),
             xl_end: self.sample,
-        }
-    }
-
-    fn next_sample(&mut self, kind: Xl, rng: &mut ChaCha8Rng) -> XlSample {
-        self.sample = self.sample.wrapping_add(1);
-        match kind {
-            Xl::Zeros | Xl::Missing => [0; 3],
-            Xl::Constant(sample) => sample,
-            Xl::Alternating { period } => {
-                [if (self.sample / period).is_multiple_of(2) { i16::MAX } else { i16::MIN }; 3]
-            }
-            Xl::RandomBits { axes } => {
-                core::array::from_fn(|axis| if axis < axes { rng.random() } else { 0 })
-            }
-            Xl::Impulse => [if self.sample.is_multiple_of(100) { i16::MIN } else { 0 }; 3],
         }
     }
 }
@@ -145,53 +112,52 @@ fn batch_size(rng: &mut ChaCha8Rng) -> usize {
     }
 }
 
-fn draw_piezo(rng: &mut ChaCha8Rng) -> Piezo {
-    match rng.random_range(0..8) {
-        0 => Piezo::Zeros,
-        1 => Piezo::FullScale,
-        2 | 3 => Piezo::OneTaxel {
-            index: rng.random_range(0..TAXELS),
-            count: [1, 941, 942, COUNT_MAX][rng.random_range(0..4)],
-        },
-        4 => Piezo::Checkerboard { phase: 0 },
-        5 => Piezo::Noise { most: [1, 2, 16][rng.random_range(0..3)] },
-        6 => Piezo::Noise { most: COUNT_MAX },
-        _ => Piezo::Missing,
-    }
-}
-
-fn draw_xl(rng: &mut ChaCha8Rng) -> Xl {
-    match rng.random_range(0..8) {
-        0 => Xl::Zeros,
-        1 => Xl::Constant([i16::MAX, i16::MIN, i16::MAX]),
-        2 => Xl::Constant([rng.random(), rng.random(), rng.random()]),
-        3 => Xl::Alternating { period: 1 },
-        4 => Xl::Alternating { period: rng.random_range(2..=400) },
-        5 => Xl::RandomBits { axes: rng.random_range(1..=3) },
-        6 => Xl::Impulse,
-        _ => Xl::Missing,
-    }
-}
-
-impl Piezo {
-    fn scan(self, rng: &mut ChaCha8Rng) -> Option<PiezoFrame> {
-        let mut counts = [0; TAXELS];
-        match self {
-            Self::Missing => return None,
-            Self::Zeros => {}
-            Self::FullScale => counts = [COUNT_MAX; TAXELS],
-            Self::OneTaxel { index, count } => counts[index] = count,
-            Self::Checkerboard { phase } => {
-                for (index, count) in counts.iter_mut().enumerate() {
-                    let odd = (index / TAXEL_COLS + index % TAXEL_COLS + phase) % 2 == 1;
-                    *count = if odd { COUNT_MAX } else { 0 };
-                }
-            }
-            Self::Noise { most } => counts.fill_with(|| rng.random_range(0..=most)),
+fn draw_piezo(rng: &mut ChaCha8Rng) -> Option<Scan> {
+    let noise = |most: u16| -> Scan { Box::new(move |rng| array::from_fn(|_| rng.random_range(0..=most))) };
+    let scan: Scan = match rng.random_range(0..8) {
+        0 => Box::new(|_| [0; TAXELS]),
+        1 => Box::new(|_| [COUNT_MAX; TAXELS]),
+        2 | 3 => {
+            let mut one_taxel = [0; TAXELS];
+            let index = rng.random_range(0..TAXELS);
+            one_taxel[index] = [1, 941, 942, COUNT_MAX][rng.random_range(0..4)];
+            Box::new(move |_| one_taxel)
         }
-        // Cells off the pad are cut here, as on a board.
-        Some(PiezoFrame::from_scan(counts))
-    }
+        4 => {
+            let mut phase = 1;
+            let checkerboard = move |_: &mut ChaCha8Rng| {
+                phase ^= 1;
+                let is_full = |index: usize| (index / TAXEL_COLS + index % TAXEL_COLS + phase) % 2 == 1;
+                array::from_fn(|index| if is_full(index) { COUNT_MAX } else { 0 })
+            };
+            Box::new(checkerboard)
+        }
+        5 => noise([1, 2, 16][rng.random_range(0..3)]),
+        6 => noise(COUNT_MAX),
+        _ => return None,
+    };
+    Some(scan)
+}
+
+fn draw_xl(rng: &mut ChaCha8Rng) -> Option<Samples> {
+    let constant = |sample: XlSample| -> Samples { Box::new(move |_, _| sample) };
+    let alternating = |period: u32| -> Samples {
+        Box::new(move |n, _| [if (n / period).is_multiple_of(2) { i16::MAX } else { i16::MIN }; 3])
+    };
+    let samples: Samples = match rng.random_range(0..8) {
+        0 => constant([0; 3]),
+        1 => constant([i16::MAX, i16::MIN, i16::MAX]),
+        2 => constant([rng.random(), rng.random(), rng.random()]),
+        3 => alternating(1),
+        4 => alternating(rng.random_range(2..=400)),
+        5 => {
+            let axes: usize = rng.random_range(1..=3);
+            Box::new(move |_, rng| array::from_fn(|axis| if axis < axes { rng.random() } else { 0 }))
+        }
+        6 => Box::new(|n, _| [if n.is_multiple_of(100) { i16::MIN } else { 0 }; 3]),
+        _ => return None,
+    };
+    Some(samples)
 }
 
 #[cfg(test)]
@@ -201,19 +167,15 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_input() {
-        let parts = |seed| {
-            let frames = frames(50, 2, seed);
-            frames.iter().map(|(stamp, parts)| format!("{stamp:?} {parts:?}")).collect::<Vec<_>>()
-        };
+        let parts = |seed| format!("{:?}", frames(50, 2, seed).list);
         assert_eq!(parts(3), parts(3));
         assert_ne!(parts(3), parts(4));
     }
 
     #[test]
     fn the_input_holds_every_extreme() {
-        let frames = frames(2000, 1, 1);
-        let parts: Vec<_> = frames.iter().map(|(_, parts)| &parts[0]).collect();
-        let any = |test: &dyn Fn(&SensorReadings) -> bool| parts.iter().any(|part| test(part));
+        let frames = frames(2000, 1, 1).list;
+        let any = |test: &dyn Fn(&SensorReadings) -> bool| frames.iter().any(|(_, parts)| test(&parts[0]));
         assert!(any(&|p| p.piezo.sum() == 942 * u32::from(COUNT_MAX)), "full scale");
         assert!(any(&|p| p.piezo_arrived && p.piezo.sum() == 0), "zeros");
         assert!(any(&|p| p.piezo.active().filter(|&c| c > 0).count() == 1), "single taxel");

@@ -11,47 +11,22 @@ pub const NODE: NodeId = NodeId::DEFAULT;
 
 pub struct Frames {
     pub compress_raw: bool,
-    sensors: usize,
-    stamps: Vec<FrameStamp>,
-    parts: Vec<SensorReadings>,
+    pub sensors: usize,
+    /// Each with a part for every sensor.
+    pub list: Vec<(FrameStamp, Vec<SensorReadings>)>,
 }
 
 impl Frames {
-    /// None yet.
-    pub fn new(sensors: usize) -> Self {
-        Self { compress_raw: false, sensors, stamps: Vec::new(), parts: Vec::new() }
+    pub fn new(sensors: usize, list: Vec<(FrameStamp, Vec<SensorReadings>)>) -> Self {
+        Self { compress_raw: false, sensors, list }
     }
 
     pub fn from_episode(episode: &Episode, limit: Option<u32>) -> Result<Self> {
-        let mut frames = Self::new(episode.sensors);
-        let limit = limit.map_or(usize::MAX, |limit| limit as usize);
-        for frame in 0..episode.frames().min(limit) {
-            let stamp = FrameStamp::of_recording(u32::try_from(frame)?);
+        let count = limit.map_or(usize::MAX, |limit| limit as usize).min(episode.frames());
+        let frame = |frame| {
             let parts = (0..episode.sensors).map(|sensor| episode.sensed(frame, sensor));
-            frames.push(stamp, parts.collect::<Result<Vec<_>, _>>()?);
-        }
-        Ok(frames)
-    }
-
-    pub fn push(&mut self, stamp: FrameStamp, parts: Vec<SensorReadings>) {
-        assert_eq!(parts.len(), self.sensors, "one part per sensor");
-        self.stamps.push(stamp);
-        self.parts.extend(parts);
-    }
-
-    pub fn sensors(&self) -> usize {
-        self.sensors
-    }
-
-    pub fn len(&self) -> usize {
-        self.stamps.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.stamps.is_empty()
-    }
-
-    pub fn iter(&self) -> impl Iterator<Item = (FrameStamp, &[SensorReadings])> {
-        self.stamps.iter().copied().zip(self.parts.chunks_exact(self.sensors))
+            Ok((FrameStamp::of_recording(u32::try_from(frame)?), parts.collect::<Result<_, _>>()?))
+        };
+        Ok(Self::new(episode.sensors, (0..count).map(frame).collect::<Result<_>>()?))
     }
 }

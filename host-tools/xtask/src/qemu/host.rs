@@ -13,11 +13,11 @@ pub fn records<'a>(
     frames: &'a Frames,
     model: &'a [u8],
 ) -> Result<impl Iterator<Item = (FrameStamp, Record)> + 'a> {
-    let mut pipeline = Pipeline::new(Model::parse(model)?, frames.sensors())?;
+    let mut pipeline = Pipeline::new(Model::parse(model)?, frames.sensors)?;
     let mut transmitter = Transmitter::new(NODE);
     let mut buffer = RawBuffer::new();
     let form = if frames.compress_raw { RawForm::Compressed(Detail::All) } else { RawForm::Plain };
-    Ok(frames.iter().map(move |(stamp, parts)| {
+    Ok(frames.list.iter().map(move |&(stamp, ref parts)| {
         let inputs: Vec<SensorInput<'_>> = parts.iter().map(|part| part.input()).collect();
         let output = pipeline.step(&inputs);
         let mut record = Record::new(stamp.sequence, &output);

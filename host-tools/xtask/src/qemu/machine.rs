@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use slipsense::board::replay::encode_frame;
+use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::input::Header;
+use tempfile::TempDir;
 
 use super::frames::{Frames, NODE};
-use crate::process::{Running, apt_install, command, find, run};
+use crate::process::{Running, command, find, need, run};
 use crate::toolchain::Toolchain;
 
 const EMULATOR: &str = "qemu-system-arm";
@@ -38,9 +40,7 @@ impl Machine {
     }
 
     pub fn build_with(program: &str, arguments: &[String]) -> Result<Self> {
-        if find(EMULATOR).is_none() {
-            apt_install(&[EMULATOR], "emulating the microcontroller")?;
-        }
+        need(EMULATOR, &[EMULATOR], "emulating the microcontroller")?;
         let emulator = find(EMULATOR).with_context(|| format!("`{EMULATOR}` is not on the PATH"))?;
         let toolchain = Toolchain::get()?;
         run(toolchain.cargo("build").args(["--package", PACKAGE, "--bin", program]).args(arguments))?;
@@ -65,9 +65,7 @@ impl Machine {
         let Some(status) = status else {
             bail!("the emulated program did not end within {} s\n{log}", LIMIT.as_secs());
         };
-        if !status.success() {
-            bail!("the emulated program failed, {status}\n{log}");
-        }
+        ensure!(status.success(), "the emulated program failed, {status}\n{log}");
         Ok(log)
     }
 
@@ -93,22 +91,27 @@ impl Machine {
     }
 }
 
-/// Write model and frames in the form that the emulated programs read.
-pub fn write_input(path: &Path, frames: &Frames, model: &[u8]) -> Result<()> {
+/// A folder to run in, with model and frames in the form that the emulated programs read.
+pub fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
+    let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
+    write_input(&dir.path().join(INPUT_FILE), frames, model).context("cannot write the input file")?;
+    Ok(dir)
+}
+
+fn write_input(path: &Path, frames: &Frames, model: &[u8]) -> Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
     let header = Header {
         model_bytes: u32::try_from(model.len())?,
-        sensors: u32::try_from(frames.sensors())?,
-        frames: u32::try_from(frames.len())?,
+        sensors: u32::try_from(frames.sensors)?,
+        frames: u32::try_from(frames.list.len())?,
         node: NODE,
         compress_raw: frames.compress_raw,
     };
     file.write_all(&header.encode())?;
     file.write_all(model)?;
-    let mut record = Vec::new();
-    for (stamp, parts) in frames.iter() {
-        record.clear();
-        encode_frame(stamp, parts, |bytes| record.extend_from_slice(bytes));
+    for (stamp, parts) in &frames.list {
+        let mut record = Vec::new();
+        encode_frame(*stamp, parts, |bytes| record.extend_from_slice(bytes));
         file.write_all(&record)?;
     }
     Ok(file.into_inner().map_err(|error| error.into_error())?.sync_data()?)

@@ -1,20 +1,20 @@
 //! `cargo xtask qemu`: the same frames on the emulated microcontroller and here, compared bit for bit.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
+use slipsense_qemu::OUTPUT_FILE;
 use slipsense_qemu::input::MODEL_BYTES_MAX;
 use slipsense_qemu::record::Record;
-use slipsense_qemu::{INPUT_FILE, OUTPUT_FILE};
 use slipsense_recording::Episode;
 
 use crate::process::root;
-use crate::table::{Table, thousands};
+use crate::table::{Table, median_and_worst, thousands};
 use crate::twin::machine::MODEL;
 
 mod compare;
@@ -26,7 +26,7 @@ mod real_time;
 
 use compare::{PARTS, compare};
 use frames::Frames;
-use machine::{Machine, NS_PER_INSTRUCTION_LOG2, write_input};
+use machine::{Machine, NS_PER_INSTRUCTION_LOG2, folder};
 
 /// What to run, on which model.
 #[derive(Args, Clone, Debug, Default)]
@@ -78,26 +78,16 @@ pub fn shipped_model() -> Result<Vec<u8>> {
 }
 
 impl Options {
-    pub fn episodes(episodes: Vec<PathBuf>) -> Self {
-        Self { episodes, ..Self::default() }
-    }
-
-    pub fn in_real_time(episode: PathBuf, seconds: u32) -> Self {
-        Self { real_time: true, seconds, ..Self::episodes(vec![episode]) }
-    }
-
-    pub fn extreme(frames: u32, random_model: Option<u64>) -> Self {
-        Self { extreme: true, frames: Some(frames), random_model, ..Self::default() }
-    }
-
     fn model(&self) -> Result<(String, Vec<u8>)> {
         let (name, bytes) = match self.random_model {
             Some(seed) => (format!("random {seed}"), extreme::model(seed)?),
             None => (MODEL.to_owned(), shipped_model()?),
         };
-        if bytes.len() > MODEL_BYTES_MAX {
-            bail!("{name}: {} bytes, the emulated board takes {MODEL_BYTES_MAX}", bytes.len());
-        }
+        let length = bytes.len();
+        ensure!(
+            length <= MODEL_BYTES_MAX,
+            "{name}: {length} bytes, the emulated board takes {MODEL_BYTES_MAX}"
+        );
         Model::parse(&bytes).with_context(|| format!("{name}: not a usable model"))?;
         Ok((name, bytes))
     }
@@ -117,7 +107,7 @@ impl Options {
             let frames = extreme::frames(count as u32, sensors, SEED);
             inputs.push((format!("extreme input, {sensors} sensors"), frames));
         }
-        inputs.retain(|(_, frames)| !frames.is_empty());
+        inputs.retain(|(_, frames)| !frames.list.is_empty());
         Ok(inputs)
     }
 }
@@ -125,9 +115,10 @@ impl Options {
 /// Compare the kernels of the Cortex-M7 with the portable ones; fails where a call differs.
 pub fn kernels() -> Result<()> {
     let text = Machine::build("slipsense-qemu-kernels")?.print()?;
-    if !text.contains("conv_relu_pool: 0 of") {
-        bail!("the emulated program did not compare the kernels:\n{text}");
-    }
+    ensure!(
+        text.contains("conv_relu_pool: 0 of"),
+        "the emulated program did not compare the kernels:\n{text}"
+    );
     print!("{text}");
     Ok(())
 }
@@ -153,21 +144,18 @@ pub fn run(options: &Options) -> Result<bool> {
     let (mut differing, mut compared) = (0, 0);
     for (name, mut frames) in options.inputs()? {
         frames.compress_raw = options.compress_raw;
-        eprintln!("{name}: {} frames on the emulated Cortex-M7", frames.len());
+        eprintln!("{name}: {} frames on the emulated Cortex-M7", frames.list.len());
         let expected: Vec<Record> = host::records(&frames, &model)?.map(|(_, record)| record).collect();
         let records = emulate(&machine, &frames, &model)?;
         let comparison = compare(&expected, &records);
         comparison.first.iter().for_each(|mismatch| eprintln!("  {mismatch}"));
         let instructions = |record: &Record| (u64::from(record.step_us) * 1000) >> NS_PER_INSTRUCTION_LOG2;
-        let mut counts: Vec<u64> = records.iter().map(instructions).collect();
-        counts.sort_unstable();
-        let mut row = vec![name, frames.sensors().to_string()];
+        let mut row = vec![name, frames.sensors.to_string()];
         let sizes = [records.len(), comparison.can_frames, comparison.slip_frames];
         row.extend(
             sizes.iter().chain(&comparison.by_part).chain([&comparison.frames]).map(ToString::to_string),
         );
-        let places = [counts.len() / 2, counts.len().saturating_sub(1)];
-        row.extend(places.map(|place| counts.get(place).map_or(String::new(), |count| thousands(*count))));
+        row.extend(median_and_worst(records.iter().map(instructions).collect()).map(thousands));
         table.row(row);
         differing += comparison.frames;
         compared += records.len();
@@ -178,20 +166,11 @@ pub fn run(options: &Options) -> Result<bool> {
 }
 
 fn emulate(machine: &Machine, frames: &Frames, model: &[u8]) -> Result<Vec<Record>> {
-    let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
-    write_input(&dir.path().join(INPUT_FILE), frames, model).context("cannot write the input file")?;
+    let dir = folder(frames, model)?;
     let start = Instant::now();
     machine.run(dir.path())?;
     eprintln!("  {:.1} s", start.elapsed().as_secs_f64());
-    let records = read_output(&dir.path().join(OUTPUT_FILE))?;
-    if records.len() != frames.len() {
-        bail!("the emulated program wrote {} records of {} frames", records.len(), frames.len());
-    }
-    Ok(records)
-}
-
-fn read_output(path: &Path) -> Result<Vec<Record>> {
-    let bytes = fs::read(path).context("the emulated program wrote no output")?;
+    let bytes = fs::read(dir.path().join(OUTPUT_FILE)).context("the emulated program wrote no output")?;
     let mut rest = &bytes[..];
     let mut records = Vec::new();
     while !rest.is_empty() {
@@ -199,5 +178,7 @@ fn read_output(path: &Path) -> Result<Vec<Record>> {
         let record = Record::decode(&mut rest);
         records.push(record.with_context(|| format!("no record at byte {at} of the output"))?);
     }
+    let (written, all) = (records.len(), frames.list.len());
+    ensure!(written == all, "the emulated program wrote {written} records of {all} frames");
     Ok(records)
 }

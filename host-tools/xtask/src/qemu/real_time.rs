@@ -14,10 +14,8 @@ use anyhow::{Context, Result, ensure};
 use slipsense::board::TxSlot;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense::pipeline::FrameStamp;
-use slipsense::sensor::SensorReadings;
 use slipsense::wire::{CanFrame, Received, Receiver, SlipMessage};
 use slipsense_can_sim::controller::{Arrived, Disturbance};
-use slipsense_qemu::INPUT_FILE;
 use slipsense_qemu::events::{
     ARRIVED_FILE, BUS_FILE, Counters, DECIDED_FILE, Decided, START_US, STATUS_FILE, decode_arrived,
     decode_decided, encode_disturbance,
@@ -26,8 +24,8 @@ use slipsense_recording::Episode;
 
 use super::frames::{Frames, NODE};
 use super::host;
-use super::machine::{Machine, write_input};
-use crate::table::{Table, thousands};
+use super::machine::{Machine, folder};
+use crate::table::{Table, median_and_worst, thousands};
 
 const PROGRAM: &str = "slipsense-qemu-realtime";
 /// Tick to slip message in the queue, µs, with one and with three sensors: what is to be kept.
@@ -63,8 +61,8 @@ struct Outcome {
     busy_max_us: u32,
     arrivals: Arrivals,
     wall_s: f64,
-    /// What is not as it should be.
-    failures: Vec<String>,
+    /// Was the node kept off the bus?
+    off: bool,
 }
 
 /// Run all scenarios; `false` if one of them is not as it should be.
@@ -77,41 +75,37 @@ pub fn run(episode: &Path, model: &[u8], seconds: u32) -> Result<bool> {
         for compress_raw in [false, true] {
             frames.compress_raw = compress_raw;
             let expected = Expected::new(&frames, model)?;
-            let dir = tempfile::tempdir().context("cannot make a folder for the emulator")?;
-            write_input(&dir.path().join(INPUT_FILE), &frames, model)
-                .context("cannot write the input file")?;
+            let dir = folder(&frames, model)?;
             let (quiet, others): (_, &[_]) =
                 if compress_raw { (&COMPRESSED, &[]) } else { (&QUIET, &SCENARIOS) };
             for scenario in std::iter::once(quiet).chain(others.iter().filter(|_| sensors == 3)) {
-                eprintln!("{sensors} sensors, {}: {} frames in real time", scenario.0, frames.len());
+                eprintln!("{sensors} sensors, {}: {} frames in real time", scenario.0, frames.list.len());
                 outcomes.push(one(&machine, dir.path(), scenario, seconds, &expected)?);
             }
         }
     }
     print(&outcomes);
-    Ok(outcomes.iter().all(|outcome| outcome.failures.is_empty()))
+    Ok(outcomes.iter().all(|outcome| outcome.failures().is_empty()))
 }
 
 /// The episode again and again; sensor `n` is the episode's sensor `n` modulo what it has, a third of it later each.
 fn looped(episode: &Episode, sensors: usize, count: u32) -> Result<Frames> {
-    let once = Frames::from_episode(episode, None)?;
-    let parts: Vec<&[SensorReadings]> = once.iter().map(|(_, parts)| parts).collect();
-    ensure!(!parts.is_empty(), "the episode has no frame");
-    let mut frames = Frames::new(sensors);
+    let Frames { list: once, sensors: recorded, .. } = Frames::from_episode(episode, None)?;
+    ensure!(!once.is_empty(), "the episode has no frame");
     let mut xl_end = vec![0u32; sensors];
-    for sequence in 0..count {
+    let frame = |sequence| {
         let part = |sensor: usize| {
-            let later = sensor * parts.len() / 3;
-            let mut part = parts[(sequence as usize + later) % parts.len()][sensor % once.sensors()].clone();
+            let later = sensor * once.len() / 3;
+            let mut part = once[(sequence as usize + later) % once.len()].1[sensor % recorded].clone();
             xl_end[sensor] = xl_end[sensor].wrapping_add(part.xl.len() as u32);
             part.xl_end = xl_end[sensor];
             part
         };
         let since_start_us = (u64::from(sequence) + 1) * 1_000_000 / u64::from(FRAME_RATE_HZ);
         let stamp = FrameStamp { sequence, timestamp_us: START_US + since_start_us };
-        frames.push(stamp, (0..sensors).map(part).collect());
-    }
-    Ok(frames)
+        (stamp, (0..sensors).map(part).collect())
+    };
+    Ok(Frames::new(sensors, (0..count).map(frame).collect()))
 }
 
 /// What this computer makes of the frames.
@@ -126,15 +120,16 @@ struct Expected {
 impl Expected {
     fn new(frames: &Frames, model: &[u8]) -> Result<Self> {
         let mut expected =
-            Self { sensors: frames.sensors(), stamps: Vec::new(), slips: Vec::new(), raw: HashMap::new() };
+            Self { sensors: frames.sensors, stamps: Vec::new(), slips: Vec::new(), raw: HashMap::new() };
         for (stamp, record) in host::records(frames, model)? {
             let (slip, raw) = record.can.split_first().context("a frame without a slip message")?;
             expected.stamps.push(stamp);
             expected.slips.push(*slip);
             let mut left = raw;
-            for sensor in 0..frames.sensors() {
+            for sensor in 0..frames.sensors {
                 // Each message's last frame alone is marked as such.
-                let last = left.iter().position(ends_transfer).context("a raw message without an end")?;
+                let last = left.iter().position(|frame| is_marked(frame, ENDS_TRANSFER));
+                let last = last.context("a raw message without an end")?;
                 let (message, rest) = left.split_at(last + 1);
                 expected.raw.insert((stamp.sequence, sensor as u8), digest(message));
                 left = rest;
@@ -145,14 +140,12 @@ impl Expected {
     }
 }
 
-/// The tail byte's second bit (OpenCyphal specification, section 4.2).
-fn ends_transfer(frame: &CanFrame) -> bool {
-    frame.data().last().is_some_and(|tail| tail & 0x40 != 0)
-}
+/// Bits of the tail byte (OpenCyphal specification, section 4.2).
+const STARTS_TRANSFER: u8 = 0x80;
+const ENDS_TRANSFER: u8 = 0x40;
 
-/// Its first.
-fn starts_transfer(frame: &CanFrame) -> bool {
-    frame.data().last().is_some_and(|tail| tail & 0x80 != 0)
+fn is_marked(frame: &CanFrame, bit: u8) -> bool {
+    frame.data().last().is_some_and(|tail| tail & bit != 0)
 }
 
 fn digest(frames: &[CanFrame]) -> u64 {
@@ -179,28 +172,18 @@ fn one(
         |name| fs::read(dir.join(name)).with_context(|| format!("the emulated program wrote no {name}"));
     let counters = Counters::decode(&read(STATUS_FILE)?).context("no status")?;
     let decided: Vec<Decided> = decode_decided(&read(DECIDED_FILE)?).collect();
-    let bytes = read(ARRIVED_FILE)?;
-    let (mut rest, mut arrived) = (&bytes[..], Vec::new());
-    while !rest.is_empty() {
-        arrived.push(decode_arrived(&mut rest).context("the log of the bus ends inside a frame")?);
-    }
-    let mut queued: Vec<u32> = decided.iter().map(|decided| decided.queued_us).collect();
-    queued.sort_unstable();
-    let [median, most] = [queued.len() / 2, queued.len().saturating_sub(1)];
-    let mut outcome = Outcome {
+    Ok(Outcome {
         bus: scenario.0,
         sensors: expected.sensors,
         frames: expected.slips.len(),
         counters,
         decided: decided.len(),
-        queued_us: [median, most].map(|place| queued.get(place).copied().unwrap_or_default()),
+        queued_us: median_and_worst(decided.iter().map(|decided| decided.queued_us).collect()),
         busy_max_us: decided.iter().map(|decided| decided.done_us).max().unwrap_or_default(),
-        arrivals: Arrivals::check(&arrived, expected, &disturbance),
+        arrivals: Arrivals::check(&read(ARRIVED_FILE)?, expected, &disturbance)?,
         wall_s,
-        failures: Vec::new(),
-    };
-    outcome.failures = outcome.failures(!disturbance.dominant_ns.is_empty());
-    Ok(outcome)
+        off: !disturbance.dominant_ns.is_empty(),
+    })
 }
 
 /// What arrived, compared with what should have.
@@ -217,36 +200,36 @@ struct Arrivals {
 }
 
 impl Arrivals {
-    fn check(arrived: &[Arrived], expected: &Expected, disturbance: &Disturbance) -> Self {
+    fn check(mut log: &[u8], expected: &Expected, disturbance: &Disturbance) -> Result<Self> {
         let mut bus = Self::default();
         let mut receiver = Receiver::new(NODE);
         let mut message = Vec::new();
-        for arrived in arrived {
+        while !log.is_empty() {
+            let arrived = decode_arrived(&mut log).context("the log of the bus ends inside a frame")?;
             match arrived.slot {
-                TxSlot::Slip => bus.slip(arrived, expected, disturbance),
+                TxSlot::Slip => bus.slip(&arrived, expected, disturbance),
                 TxSlot::Raw => {
-                    if starts_transfer(&arrived.frame) {
+                    if is_marked(&arrived.frame, STARTS_TRANSFER) {
                         message.clear();
                         // Transfer identifiers come again after 32, and a receiver that knows no time takes a transfer
                         // after a long silence for a repeated one.
                         receiver = Receiver::new(NODE);
                     }
                     message.push(arrived.frame);
-                    match receiver.accept(&arrived.frame) {
-                        Ok(None) => {}
+                    let is_right = match receiver.accept(&arrived.frame) {
+                        Ok(None) => continue,
                         Ok(Some(Received::Raw(raw))) => {
-                            let same =
-                                expected.raw.get(&(raw.sequence, raw.sensor)) == Some(&digest(&message));
-                            bus.raw += usize::from(same);
-                            bus.wrong += usize::from(!same);
+                            expected.raw.get(&(raw.sequence, raw.sensor)) == Some(&digest(&message))
                         }
-                        Ok(Some(Received::Slip(_))) | Err(_) => bus.wrong += 1,
-                    }
+                        Ok(Some(Received::Slip(_))) | Err(_) => false,
+                    };
+                    bus.raw += usize::from(is_right);
+                    bus.wrong += usize::from(!is_right);
                 }
                 TxSlot::Service => bus.wrong += 1,
             }
         }
-        bus
+        Ok(bus)
     }
 
     fn slip(&mut self, arrived: &Arrived, expected: &Expected, disturbance: &Disturbance) {
@@ -268,9 +251,9 @@ impl Arrivals {
 }
 
 impl Outcome {
-    /// `off`: was the node kept off the bus?
-    fn failures(&self, off: bool) -> Vec<String> {
-        let Self { frames, counters, arrivals, .. } = self;
+    /// What is not as it should be.
+    fn failures(&self) -> Vec<String> {
+        let Self { frames, counters, arrivals, off, .. } = self;
         let bar = BARS_US.iter().find(|(sensors, _)| *sensors == self.sensors).map_or(0, |bar| bar.1);
         let slips = arrivals.slips + counters.replaced_slips as usize;
         let raw = arrivals.raw + (counters.dropped_raw + counters.broken_raw + counters.waiting_raw) as usize;
@@ -287,12 +270,12 @@ impl Outcome {
             ),
             (slips == *frames, format!("{slips} of {frames} slip messages accounted for")),
             (
-                off || counters.replaced_slips == 0,
+                *off || counters.replaced_slips == 0,
                 format!("{} slip messages not sent", counters.replaced_slips),
             ),
-            (counters.bus_offs == u32::from(off), format!("{} times off the bus", counters.bus_offs)),
-            (off == arrivals.recovery_us.is_some(), "no slip message after bus-off".to_owned()),
-            (counters.broken_raw <= u32::from(off), format!("{} raw messages cut off", counters.broken_raw)),
+            (counters.bus_offs == u32::from(*off), format!("{} times off the bus", counters.bus_offs)),
+            (*off == arrivals.recovery_us.is_some(), "no slip message after bus-off".to_owned()),
+            (counters.broken_raw <= u32::from(*off), format!("{} raw messages cut off", counters.broken_raw)),
             (raw == made, format!("{raw} of {made} raw messages accounted for")),
             (fits, format!("{} compressed raw messages dropped", counters.dropped_raw)),
         ];
@@ -340,7 +323,7 @@ fn print(outcomes: &[Outcome]) {
                 outcome.counters.broken_raw
             );
         }
-        for failure in &outcome.failures {
+        for failure in outcome.failures() {
             println!("FAILED: {}, {} sensors: {failure}", outcome.bus, outcome.sensors);
         }
     }

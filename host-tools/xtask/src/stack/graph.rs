@@ -45,14 +45,7 @@ impl Graph {
     /// The most that `root` and all below take of the stack; a call at the end of a function counts like any
     /// other. Functions of which `ends` is true count as nothing. Recursion is an error.
     pub fn bound(&self, root: usize, ends: &dyn Fn(&Node) -> bool) -> Result<Bound> {
-        let mut known = vec![None; self.nodes.len()];
-        self.deepest(root, ends, &mut Vec::new(), &mut known)?;
-        let mut way = vec![root];
-        let next = |from: usize| known[from].as_ref().and_then(|&(_, next): &(u64, Option<usize>)| next);
-        while let Some(below) = way.last().and_then(|&last| next(last)) {
-            way.push(below);
-        }
-        Ok(Bound { bytes: known[root].map_or(0, |(bytes, _)| bytes), way })
+        self.deepest(root, ends, &mut Vec::new(), &mut vec![None; self.nodes.len()])
     }
 
     /// From now on take `node` and all below it for one function. Should something below it call it again, that
@@ -77,34 +70,35 @@ impl Graph {
         }
     }
 
-    /// Bytes below `node` and the call that leads there.
+    /// `above`: who leads to `node`; `known`: bounds that were found before.
     fn deepest(
         &self,
         node: usize,
         ends: &dyn Fn(&Node) -> bool,
         above: &mut Vec<usize>,
-        known: &mut [Option<(u64, Option<usize>)>],
-    ) -> Result<u64> {
-        if let Some((bytes, _)) = known[node] {
-            return Ok(bytes);
+        known: &mut [Option<Bound>],
+    ) -> Result<Bound> {
+        if let Some(bound) = &known[node] {
+            return Ok(bound.clone());
         }
         if let Some(start) = above.iter().position(|&caller| caller == node) {
             let ring: Vec<_> = above[start..].iter().map(|&node| self.nodes[node].name.as_str()).collect();
             bail!("recursion, so the stack has no bound: {} -> itself", ring.join(" -> "));
         }
         let this = &self.nodes[node];
-        let mut deepest = (0, None);
+        let mut deepest = Bound { bytes: 0, way: Vec::new() };
         above.push(node);
         for &call in this.calls.iter().filter(|&&call| !ends(&self.nodes[call])) {
-            let bytes = self.deepest(call, ends, above, known)?;
-            if deepest.1.is_none() || bytes > deepest.0 {
-                deepest = (bytes, Some(call));
+            let below = self.deepest(call, ends, above, known)?;
+            if deepest.way.is_empty() || below.bytes > deepest.bytes {
+                deepest = below;
             }
         }
         above.pop();
-        let bytes = this.frame_bytes + deepest.0;
-        known[node] = Some((bytes, deepest.1));
-        Ok(bytes)
+        let way = [&[node], &deepest.way[..]].concat();
+        let bound = Bound { bytes: this.frame_bytes + deepest.bytes, way };
+        known[node] = Some(bound.clone());
+        Ok(bound)
     }
 }
 

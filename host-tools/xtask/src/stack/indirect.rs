@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 
 use super::program::{PANIC, Program};
 
@@ -19,6 +19,7 @@ struct Rule {
 const WAKERS: &str = "embassy_executor::raw::waker::";
 /// The waker of who polls once, or has nothing else to do.
 const NO_WAKER: &str = "embassy_futures::block_on::VTABLE";
+const PEND: &str = "typelevel::Interrupt>::pend";
 /// The entry point, and what it does on every board.
 const START: [&str; 3] = ["__cortex_m_rt_main", "slipsense_firmware::run", "slipsense_firmware::make"];
 /// A text behind a reference that does not say of what: the log's, and what a record on the bus quotes.
@@ -82,11 +83,6 @@ const RULES: &[Rule] = &[
     // Whoever waits or ends a wait: tasks, drivers, queues, the timer.
     Rule {
         callers: &[
-            "TaskStorage<",
-            START[0],
-            START[1],
-            START[2],
-            "CanTransmit>::transmit",
             "FDCAN1_IT0",
             "can::_version::RxMode>::on_interrupt",
             "TIM2",
@@ -112,16 +108,11 @@ const RULES: &[Rule] = &[
         targets: &[WAKERS, NO_WAKER],
     },
     // The CAN driver raises its own interrupt.
+    Rule { callers: &["can::_version::Info>::adjust_reference_counter"], targets: &[PEND] },
+    // Who does both.
     Rule {
-        callers: &[
-            "can::_version::Info>::adjust_reference_counter",
-            "CanTransmit>::transmit",
-            "TaskStorage<",
-            START[0],
-            START[1],
-            START[2],
-        ],
-        targets: &["typelevel::Interrupt>::pend"],
+        callers: &["TaskStorage<", START[0], START[1], START[2], "CanTransmit>::transmit"],
+        targets: &[WAKERS, NO_WAKER, PEND],
     },
     // The log's buffer waits for the probe or does not.
     Rule { callers: &["_defmt_"], targets: &["<defmt_rtt::channel::Channel>::"] },
@@ -140,28 +131,20 @@ const RULES: &[Rule] = &[
     Rule { callers: TEXTS[1], targets: &WHOLE_SINKS },
     Rule { callers: TEXTS[2], targets: &WHOLE_SINKS },
     Rule { callers: TEXTS[3], targets: &WHOLE_SINKS },
-    // Numbers and words of a text.
+    // Numbers and words of a text, by themselves and behind references.
     Rule {
         callers: &[FORMATTER],
         targets: &[
-            "<&str as core::fmt::Display>",
-            "<u8 as core::fmt::Display>",
-            "<&u8 as core::fmt::Display>",
-            "<&u16 as core::fmt::Display>",
-            "<&u32 as core::fmt::Display>",
-            "<&u32 as core::fmt::LowerHex>",
-            "<u32 as core::fmt::LowerHex>",
-            "<&i64 as core::fmt::Display>",
-            "<usize as core::fmt::Display>",
-            "<&usize as core::fmt::Display>",
+            "&str as core::fmt::Display>",
+            "u8 as core::fmt::Display>",
+            "u16 as core::fmt::Display>",
+            "u32 as core::fmt::Display>",
+            "u32 as core::fmt::LowerHex>",
+            "usize as core::fmt::Display>",
+            "i32 as core::fmt::Display>",
+            "i64 as core::fmt::Display>",
             "<u64 as core::fmt::Debug>",
             "BorrowError as core::fmt::Display>",
-            "<&&str as core::fmt::Display>",
-            "<u16 as core::fmt::Display>",
-            "<u32 as core::fmt::Display>",
-            "<i32 as core::fmt::Display>",
-            "<&i32 as core::fmt::Display>",
-            "<i64 as core::fmt::Display>",
             "BorrowMutError as core::fmt::Display>",
         ],
     },
@@ -254,9 +237,7 @@ fn check(program: &Program) -> Result<()> {
     let addresses: BTreeSet<usize> = pointed_to.chain(&program.in_tables).copied().collect();
     let unled = addresses.difference(&led_to).map(|&index| &program.graph.nodes[index].name);
     lost.extend(unled.map(|name| format!("the address of {name} is taken")));
-    if !lost.is_empty() {
-        bail!("no rule of stack/indirect.rs says where this leads: {}", lost.join("; "));
-    }
+    ensure!(lost.is_empty(), "no rule of stack/indirect.rs says where this leads: {}", lost.join("; "));
     Ok(())
 }
 

@@ -33,32 +33,26 @@ const FRAME_TASKS: [&str; 4] = [
     "__receive_task_inner_function::{closure#0}>>::poll",
     "__infer_task_inner_function::{closure#0}>>::poll",
 ];
-/// Who preempts whom, lowest first, each by name and function: of each level at most one is on the stack at a
-/// time. Inference is called by the executor that the start ends in; its bound is part of the start's.
-const LEVELS: [(&str, &[(&str, &str)]); 5] = [
-    (
-        "thread mode",
-        &[
-            ("start and all that follows", "Reset"),
-            ("inference task", "__infer_task_inner_function::{closure#0}>>::poll"),
-            ("services task", "__serve_task_inner_function::{closure#0}>>::poll"),
-        ],
-    ),
-    ("acquisition, priority 6", &[("CEC", "CEC")]),
-    ("scan, priority 5", &[("DMA1_STREAM0", "DMA1_STREAM0")]),
+const INFERENCE: &str = FRAME_TASKS[3];
+const SERVICES: &str = "__serve_task_inner_function::{closure#0}>>::poll";
+/// Who preempts whom, lowest first, by function: of each level at most one is on the stack at a time. Inference is
+/// called by the executor that the start ends in; its bound is part of the start's.
+const LEVELS: [(&str, &[&str]); 5] = [
+    ("thread mode", &["Reset", INFERENCE, SERVICES]),
+    ("acquisition, priority 6", &["CEC"]),
+    ("scan, priority 5", &["DMA1_STREAM0"]),
     (
         "drivers, priority 0",
-        &[
-            ("FDCAN1_IT0", "FDCAN1_IT0"),
-            ("FDCAN1_IT1", "FDCAN1_IT1"),
-            ("FLASH", "FLASH"),
-            ("SysTick", "SysTick"),
-            ("TIM2", "TIM2"),
-            ("DMA2_STREAM0", "DMA2_STREAM0"),
-            ("DMA2_STREAM1", "DMA2_STREAM1"),
-        ],
+        &["FDCAN1_IT0", "FDCAN1_IT1", "FLASH", "SysTick", "TIM2", "DMA2_STREAM0", "DMA2_STREAM1"],
     ),
-    ("faults", &[("HardFault", "HardFault"), ("unexpected interrupt", "DefaultHandler")]),
+    ("faults", &["HardFault", "DefaultHandler"]),
+];
+/// What those of them are called whose function says too little.
+const NAMES: [(&str, &str); 4] = [
+    ("Reset", "start and all that follows"),
+    (INFERENCE, "inference task"),
+    (SERVICES, "services task"),
+    ("DefaultHandler", "unexpected interrupt"),
 ];
 
 #[derive(Args, Clone, Debug)]
@@ -90,8 +84,8 @@ pub fn run(options: &Options) -> Result<bool> {
     handlers_are_known(&program)?;
     let (step_functions, step_bytes, may_panic) = frame_path(&program)?;
     let tasks = FRAME_TASKS.iter().map(|task| program.function(task)).collect::<Result<Vec<_>>>()?;
-    let panicking::Tasks { functions: task_functions, known, unknown } =
-        panicking::Tasks::new(&program, &tasks);
+    let task_functions = panicking::reach(&program, &tasks).len();
+    let (known, unknown) = panicking::reasons(&program, &tasks);
     let (fits, bounds, ways) = bounds(&program)?;
     print!("{}{bounds}", regions.table());
     println!(
@@ -142,7 +136,8 @@ fn bounds(program: &Program) -> Result<(bool, Table, String)> {
     let (mut together, mut ways) = (saved, String::new());
     for (level, handlers) in LEVELS {
         let mut deepest = 0;
-        for (index, &(name, function)) in handlers.iter().enumerate() {
+        for (index, &function) in handlers.iter().enumerate() {
+            let name = NAMES.iter().find(|(named, _)| *named == function).map_or(function, |(_, name)| name);
             let root = program.function(function)?;
             let bound = program.graph.bound(root, &|_| false).with_context(|| format!("below {function}"))?;
             table.row([if index == 0 { level } else { "" }, name, &thousands(bound.bytes)]);
@@ -163,10 +158,8 @@ fn bounds(program: &Program) -> Result<(bool, Table, String)> {
 
 /// Every handler in the vector table must have its place in [`LEVELS`].
 fn handlers_are_known(program: &Program) -> Result<()> {
-    let mut known = Vec::new();
-    for (_, function) in LEVELS.iter().flat_map(|(_, handlers)| *handlers) {
-        known.push(program.function(function)?);
-    }
+    let handlers = LEVELS.iter().flat_map(|(_, handlers)| *handlers);
+    let known = handlers.map(|function| program.function(function)).collect::<Result<Vec<_>>>()?;
     for (number, handler) in program.handlers() {
         let name = &program.graph.nodes[handler].name;
         ensure!(

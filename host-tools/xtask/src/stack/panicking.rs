@@ -69,31 +69,21 @@ const NEVER_TAKEN: &[(&str, &str, &str)] = &[
     ("_defmt_", "core::", "the log is entered with interrupts off, and never from within"),
 ];
 
-/// What there is to say of the tasks that a frame wakes.
-pub struct Tasks {
-    pub functions: usize,
-    /// Branches, each with the reason why it is not taken.
-    pub known: Vec<(String, &'static str)>,
-    /// Branches without one.
-    pub unknown: Vec<String>,
-}
-
-impl Tasks {
-    pub fn new(program: &Program, roots: &[usize]) -> Self {
-        let (mut known, mut unknown) = (Vec::new(), Vec::new());
-        for branch in branches(program, roots) {
-            let reason = NEVER_TAKEN.iter().find(|(function, callee, _)| {
-                branch.split_once(ARROW).is_some_and(|(from, to)| {
-                    from.trim_start_matches('<').starts_with(function) && to.contains(callee)
-                })
-            });
-            match reason {
-                Some((_, _, reason)) => known.push((branch, *reason)),
-                None => unknown.push(branch),
-            }
+/// The branches below `roots`: those that are never taken, each with the reason, and those without one.
+pub fn reasons(program: &Program, roots: &[usize]) -> (Vec<(String, &'static str)>, Vec<String>) {
+    let (mut known, mut unknown) = (Vec::new(), Vec::new());
+    for branch in branches(program, roots) {
+        let reason = NEVER_TAKEN.iter().find(|(function, callee, _)| {
+            branch.split_once(ARROW).is_some_and(|(from, to)| {
+                from.trim_start_matches('<').starts_with(function) && to.contains(callee)
+            })
+        });
+        match reason {
+            Some((_, _, reason)) => known.push((branch, *reason)),
+            None => unknown.push(branch),
         }
-        Self { functions: reach(program, roots).len(), known, unknown }
     }
+    (known, unknown)
 }
 
 /// Between a function and what it calls.
@@ -103,7 +93,7 @@ fn ends(node: &Node) -> bool {
     node.name.contains(PANIC)
 }
 
-fn reach(program: &Program, roots: &[usize]) -> BTreeSet<usize> {
+pub fn reach(program: &Program, roots: &[usize]) -> BTreeSet<usize> {
     roots.iter().flat_map(|&root| program.graph.reach(root, &ends)).collect()
 }
 

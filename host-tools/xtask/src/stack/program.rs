@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::{Context, Result, ensure};
 
 use super::graph::{Graph, Node};
-use crate::elf::{Code, Image, Instruction, Kind};
+use crate::elf::{Code, Image, Instruction, Section, number};
 
 /// Where a panic ends; what it prints is no part of the frame path.
 pub const PANIC: &str = "rust_begin_unwind";
@@ -46,11 +46,9 @@ impl Program {
             }
             graph.nodes.push(node);
         }
-        let tables =
-            image.sections.iter().filter(|section| matches!(section.kind, Kind::Constants | Kind::Data));
-        let tables = tables.filter(|section| section.name != VECTOR_TABLE);
-        let in_tables = tables.flat_map(|section| image.words(section));
-        let in_tables = in_tables.filter_map(|word| image.function_of_pointer(word)).collect();
+        let tables = image.sections.iter().filter(|section| !section.is_code && section.name != VECTOR_TABLE);
+        let in_tables =
+            tables.flat_map(Section::words).filter_map(|word| image.function_of_pointer(word)).collect();
         Ok(Self { image, graph, in_tables, read_off })
     }
 
@@ -73,7 +71,7 @@ impl Program {
     /// Handlers by number of the exception: 1 is reset, 16 the first interrupt.
     pub fn handlers(&self) -> BTreeMap<usize, usize> {
         let table = self.image.sections.iter().find(|section| section.name == VECTOR_TABLE);
-        let words = table.into_iter().flat_map(|table| self.image.words(table)).enumerate().skip(1);
+        let words = table.into_iter().flat_map(Section::words).enumerate().skip(1);
         words.filter_map(|(number, word)| Some((number, self.image.function_of_pointer(word)?))).collect()
     }
 }
@@ -86,12 +84,8 @@ fn pointers(instructions: &[Instruction]) -> impl Iterator<Item = u32> {
     let mut low = BTreeMap::new();
     let mut made = BTreeSet::new();
     for instruction in instructions {
-        let Some((register, number)) = instruction.operands.split_once(", #") else { continue };
-        let Some(number) =
-            number.strip_prefix("0x").map_or(number.parse().ok(), |hex| u32::from_str_radix(hex, 16).ok())
-        else {
-            continue;
-        };
+        let Some((register, operand)) = instruction.operands.split_once(", #") else { continue };
+        let Some(number) = number(operand).and_then(|number| u32::try_from(number).ok()) else { continue };
         match instruction.mnemonic.as_str() {
             "movw" | "mov.w" | "movs" => _ = low.insert(register, number),
             "movt" => made.extend(low.get(register).map(|low| number << 16 | low)),

@@ -7,7 +7,7 @@ use std::process::Command;
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 
 use crate::process::{empty_dir, root};
@@ -108,9 +108,7 @@ fn one(program: &Path, logs: &Path, step: &Step, size: Size) -> Result<()> {
     let text = fs::read(&path).with_context(|| path.display().to_string())?;
     eprint!("\n---- {}: {}\n{}", step.name, step.what, String::from_utf8_lossy(&text));
     let status = status.context("cannot start the step")?;
-    if !status.success() {
-        bail!("{status}");
-    }
+    ensure!(status.success(), "{status}");
     Ok(())
 }
 

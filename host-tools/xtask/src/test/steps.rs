@@ -3,19 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use clap::ValueEnum;
 
 use crate::bench::inputs::real_episodes;
 use crate::firmware::{self, Program};
-use crate::process::{
-    DEMO_EPISODE, apt_install, cargo, command, empty_dir, find, python, root, run, script, target_dir,
-};
+use crate::process::{DEMO_EPISODE, cargo, command, empty_dir, need, python, root, run, script, target_dir};
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
 use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin, web};
 
-/// How much to test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Size {
     /// What a newcomer waits for.
@@ -89,7 +86,7 @@ pub const STEPS: &[Step] = &[
         "qemu-demo",
         "the demo episode on the emulated Cortex-M7, raw frames plain and compressed",
         |_| {
-            let demo = qemu::Options::episodes(vec![root().join(DEMO_EPISODE)]);
+            let demo = demo_on_qemu();
             equal(&demo)?;
             equal(&qemu::Options { compress_raw: true, ..demo })
         },
@@ -103,14 +100,14 @@ pub const STEPS: &[Step] = &[
     FIRMWARE.step(
         "qemu-real-time",
         "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
-        |_| equal(&qemu::Options::in_real_time(root().join(DEMO_EPISODE), REAL_TIME_S)),
+        |_| equal(&qemu::Options { real_time: true, seconds: REAL_TIME_S, ..demo_on_qemu() }),
     ),
     FIRMWARE.step("qemu-extreme", "extreme input on the emulated Cortex-M7, 1 to 3 sensors", |_| {
-        equal(&qemu::Options::extreme(EXTREME_FRAMES, None))
+        equal(&extreme(EXTREME_FRAMES, None))
     }),
     FIRMWARE.step("qemu-random", "extreme input on networks of random shape and weights", |_| {
         let mut models = RANDOM_MODELS;
-        models.try_for_each(|seed| equal(&qemu::Options::extreme(RANDOM_MODEL_FRAMES, Some(seed))))
+        models.try_for_each(|seed| equal(&extreme(RANDOM_MODEL_FRAMES, Some(seed))))
     }),
     FIRMWARE.step("qemu-real", "episodes of real recordings on the emulated Cortex-M7, where present", real),
     TWIN.step(
@@ -157,7 +154,7 @@ pub const STEPS: &[Step] = &[
     PLAIN.step(
         "front-end",
         "schematic and simulation of the analog front end hold, its model and tables are those committed",
-        |_| front_end::step(),
+        |_| front_end::check(&front_end::Options::default()),
     ),
     PLAIN.step(
         "baselines",
@@ -199,14 +196,15 @@ pub const STEPS: &[Step] = &[
     ),
 ];
 
+/// The tensor library of the trainer takes minutes to build; the Python package has the trainer.
+const WITHOUT_TRAINER: [&str; 5] =
+    ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
+
 /// What the host builds select, one build after the other. Cargo gives shared dependencies the features of all that is
 /// selected: with another selection it would build them anew.
 fn selections(size: Size) -> Vec<Vec<&'static str>> {
-    let of = |words: &[&'static str]| [&["--release"], words].concat();
-    // The tensor library of the trainer takes minutes to build; the Python package has the trainer.
-    let small = ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
     if size == Size::Daily {
-        return vec![of(&small)];
+        return vec![WITHOUT_TRAINER.to_vec()];
     }
     // What has to do with the trainer: with the features that the wheel of the Python package is built with.
     const TRAINER: [&str; 6] = [
@@ -218,9 +216,8 @@ fn selections(size: Size) -> Vec<Vec<&'static str>> {
         "slipsense-view",
     ];
     let with = |word: &'static str| TRAINER.into_iter().flat_map(move |package| [word, package]);
-    let trainer: Vec<_> = with("--package").chain(["--features", "slipsense-cli/train"]).collect();
-    let others: Vec<_> = ["--workspace"].into_iter().chain(with("--exclude")).collect();
-    vec![of(&trainer), of(&others)]
+    let trainer = with("--package").chain(["--features", "slipsense-cli/train"]).collect();
+    vec![trainer, ["--workspace"].into_iter().chain(with("--exclude")).collect()]
 }
 
 const PROGRAMS: [&str; 4] =
@@ -229,7 +226,7 @@ const PROGRAMS: [&str; 4] =
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
     for selection in selections(size) {
-        run(cargo().args(["build", "--quiet", "--bins", "--examples"]).args(selection))?;
+        run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(selection))?;
     }
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
@@ -253,7 +250,7 @@ fn clippy(context: Context) -> Result<()> {
         run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
     };
     if context.size == Size::Daily {
-        return clippy(&["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"]);
+        return clippy(&WITHOUT_TRAINER);
     }
     clippy(&["--workspace", "--features", "slipsense-cli/gpu,slipsense-cli/hil"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
@@ -262,14 +259,15 @@ fn clippy(context: Context) -> Result<()> {
 
 fn host_build(context: Context) -> Result<()> {
     for selection in selections(context.size) {
-        run(cargo().args(["test", "--quiet", "--no-run"]).args(selection))?;
+        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(selection))?;
     }
     build_programs(context.size)
 }
 
 fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    let test = |selection| run(cargo().args(["test", "--quiet", "--no-fail-fast"]).args(selection));
+    let test =
+        |selection| run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(selection));
     let results: Vec<_> = selections(context.size).into_iter().map(test).collect();
     results.into_iter().collect()
 }
@@ -334,19 +332,24 @@ fn documents(context: Context) -> Result<()> {
     run(check.arg(this))
 }
 
+fn demo_on_qemu() -> qemu::Options {
+    qemu::Options { episodes: vec![root().join(DEMO_EPISODE)], ..Default::default() }
+}
+
+fn extreme(frames: u32, random_model: Option<u64>) -> qemu::Options {
+    qemu::Options { extreme: true, frames: Some(frames), random_model, ..Default::default() }
+}
+
 fn equal(options: &qemu::Options) -> Result<()> {
-    match qemu::run(options)? {
-        true => Ok(()),
-        false => bail!("the emulated Cortex-M7 and this computer disagree"),
-    }
+    ensure!(qemu::run(options)?, "the emulated Cortex-M7 and this computer disagree");
+    Ok(())
 }
 
 fn real(_: Context) -> Result<()> {
-    match real_episodes()? {
-        episodes if episodes.is_empty() => Ok(()),
-        episodes => equal(&qemu::Options::episodes(episodes)),
-    }
+    let episodes = real_episodes()?;
+    if episodes.is_empty() { Ok(()) } else { equal(&qemu::Options { episodes, ..Default::default() }) }
 }
+
 fn can_bits(context: Context) -> Result<()> {
     let frames = target_dir().join("can_frames.txt");
     run(command(program("examples/random_frames", context)?).arg(CAN_FRAMES).arg(&frames))?;
@@ -381,9 +384,7 @@ fn demo(context: Context) -> Result<()> {
 }
 
 fn view(context: Context) -> Result<()> {
-    if find(BROWSER).is_none() {
-        apt_install(&[BROWSER], "looking at the page of `slipsense view`")?;
-    }
+    need(BROWSER, &[BROWSER], "looking at the page of `slipsense view`")?;
     let out = demo_files(context, "view")?;
     let page = web::Options { out: out.join("page.html") };
     web::make(&page)?;

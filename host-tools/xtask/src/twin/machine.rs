@@ -7,9 +7,9 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 
-use crate::process::{Running, answer, apt_install, cargo, command, find, run as start, target_dir};
+use crate::process::{Running, answer, apt_install, cargo, command, run as start, target_dir};
 
 /// The oldest compiler that builds the emulator, minor version of Rust 1.
 const OLDEST_MINOR: u32 = 96;
@@ -70,29 +70,33 @@ fn cargo_for(subcommand: &str) -> Result<Command> {
 }
 
 fn compiler() -> Result<Command> {
-    if is_new_enough(command("rustc").arg("--version")) {
+    const RUSTC: &str = "/usr/bin/rustc";
+    if is_new_enough(command("rustc")) {
         return Ok(cargo());
     }
-    if find("rustup").is_some()
-        && is_new_enough(command("rustup").args(["run", "nightly", "rustc", "--version"]))
-    {
-        let mut nightly = command("rustup");
-        nightly.args(["run", "nightly", "cargo"]);
-        return Ok(nightly);
+    let rustup = |program| {
+        let mut rustup = command("rustup");
+        rustup.args(["run", "nightly", program]);
+        rustup
+    };
+    if is_new_enough(rustup("rustc")) {
+        return Ok(rustup("cargo"));
     }
-    if !is_new_enough(command("/usr/bin/rustc").arg("--version")) {
+    if !is_new_enough(command(RUSTC)) {
         apt_install(&DEBIAN_PACKAGES, "building the emulator of the board twin")?;
     }
-    if !is_new_enough(command("/usr/bin/rustc").arg("--version")) {
-        bail!("the board twin needs Rust 1.{OLDEST_MINOR} or newer, and none is here");
-    }
+    ensure!(
+        is_new_enough(command(RUSTC)),
+        "the board twin needs Rust 1.{OLDEST_MINOR} or newer, and none is here"
+    );
     let mut debian = command("/usr/bin/cargo");
-    debian.env("RUSTC", "/usr/bin/rustc");
+    debian.env("RUSTC", RUSTC);
     Ok(debian)
 }
 
-fn is_new_enough(version: &mut Command) -> bool {
+fn is_new_enough(mut rustc: Command) -> bool {
     // rustc 1.96.0 (ac68faa20 2026-05-25)
-    let minor = answer(version).and_then(|text| text.split(['.', ' ']).nth(2)?.parse::<u32>().ok());
+    let minor =
+        answer(rustc.arg("--version")).and_then(|text| text.split(['.', ' ']).nth(2)?.parse::<u32>().ok());
     minor.is_some_and(|minor| minor >= OLDEST_MINOR)
 }

@@ -61,21 +61,16 @@ pub struct Options {
 }
 
 pub fn run(options: &Options) -> Result<bool> {
-    if options.long {
-        return long();
+    match options {
+        Options { long: true, .. } => return long(),
+        Options { updates: true, .. } => update::step(&small_cli()?, true)?,
+        Options { flash_flags: true, .. } => update::faults(&small_cli()?, "500")?,
+        Options { boot_skips: Some(count), .. } => update::boot_skips(&small_cli()?, *count)?,
+        Options { arguments, .. } => {
+            return Ok(twin(accelerometer(arguments))?.args(arguments).status()?.success());
+        }
     }
-    if options.updates {
-        return update::step(&small_cli()?, true).map(|()| true);
-    }
-    if options.flash_flags {
-        return update::faults(&small_cli()?, "500").map(|()| true);
-    }
-    if let Some(count) = options.boot_skips {
-        return update::boot_skips(&small_cli()?, count).map(|()| true);
-    }
-    let arguments = &options.arguments;
-    let status = twin(accelerometer(arguments))?.args(arguments).status()?;
-    Ok(status.success())
+    Ok(true)
 }
 
 fn accelerometer(arguments: &[String]) -> &str {

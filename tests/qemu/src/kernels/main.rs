@@ -7,7 +7,8 @@
 fn main() -> ! {
     use slipsense_qemu::equality::{Compared, Kernels, ROUNDS, Scratch, compare};
 
-    static SCRATCH: static_cell::ConstStaticCell<Scratch> = static_cell::ConstStaticCell::new(Scratch::new());
+    static SCRATCH: static_cell::ConstStaticCell<Scratch> =
+        static_cell::ConstStaticCell::new(Scratch::ZEROED);
     let mut differing = 0;
     compare(Kernels::HERE, ROUNDS, SCRATCH.take(), |compared| {
         let Compared { kernel, calls, differing: here } = compared;

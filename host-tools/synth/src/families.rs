@@ -188,7 +188,6 @@ impl Stage {
 }
 
 impl Families {
-    /// The laboratory's.
     pub fn is_laboratory(&self) -> bool {
         *self == Self::default()
     }

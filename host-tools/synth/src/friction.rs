@@ -50,7 +50,7 @@ const MU_CORRELATION_MM: (f64, f64) = (1.0, 3.0);
 const WEAKENING_MM: (f64, f64) = (0.01, 0.04);
 /// Time constant of regaining static friction at rest, lowest and highest.
 const HEALING_S: (f64, f64) = (0.1, 1.0);
-/// A cell slides when it moves faster than this; slower is numerical creep.
+/// What moves faster than this slides; slower is numerical creep.
 const SLIDING_MM_S: f64 = 0.05;
 /// Newtons per kPa on one cell.
 const CELL_N: f64 = CELL_MM2 * 1e-3;
@@ -59,10 +59,6 @@ const CELL_N: f64 = CELL_MM2 * 1e-3;
 pub(crate) trait Friction {
     /// Advance by `dt` seconds under pressures `map` times `scale`.
     fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState;
-    /// Position of the object relative to the finger at this moment.
-    fn position_mm(&self) -> [f64; 2];
-    /// Turn of the object relative to the finger at this moment.
-    fn turn_rad(&self) -> f64;
     /// Forget the stress of cells that carry no load any more.
     fn release_unloaded(&mut self, _map: &PressureMap) {}
     fn drawn(&self) -> serde_json::Value;
@@ -218,7 +214,7 @@ impl Interface {
             load += p;
             path += p * slid_mm;
             self.stress_kpa[cell] = held.map(|n| n * (1.0 / CELL_N));
-            let arm = brush.arm_mm();
+            let arm = brush.arm_mm;
             torque += arm[0] * held[1] - arm[1] * held[0];
             for axis in 0..2 {
                 shear[axis] += held[axis];
@@ -273,14 +269,6 @@ impl Friction for Interface {
         self.position_mm[1] += self.moved[1];
         self.turn_rad += self.moved[2];
         self.slide(map, scale, dt)
-    }
-
-    fn position_mm(&self) -> [f64; 2] {
-        self.position_mm
-    }
-
-    fn turn_rad(&self) -> f64 {
-        self.turn_rad
     }
 
     fn release_unloaded(&mut self, map: &PressureMap) {

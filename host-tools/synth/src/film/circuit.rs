@@ -26,7 +26,6 @@ pub(super) struct Circuit {
     front_end: FrontEnd,
     drift_codes: f64,
     noise: f64,
-    /// By column.
     #[serde(skip)]
     trims: [Trim; TAXEL_COLS],
     /// Deviation of the noise in each column of the scan that is read, codes.

@@ -4,6 +4,7 @@
 use libm::exp;
 use serde::Serialize;
 
+use super::SLIDING_MM_S;
 use super::patch::{Law, Moved, Spring, frictions, size};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
@@ -14,8 +15,6 @@ const STRETCH_MM_PER_N: (f64, f64) = (0.01, 0.15);
 const STRIBECK_MM_S: (f64, f64) = (0.3, 8.0);
 /// Viscous part of the friction at 1 N, N s/mm.
 const VISCOUS: (f64, f64) = (2e-3, 2e-2);
-/// Slower is creep, mm/s.
-const SLIDING_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Bristle {

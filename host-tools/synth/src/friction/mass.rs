@@ -3,6 +3,7 @@
 
 use serde::Serialize;
 
+use super::SLIDING_MM_S;
 use super::patch::{Law, Moved, Spring, frictions, size};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
@@ -15,8 +16,6 @@ const DAMPING: (f64, f64) = (1e-4, 5e-3);
 const SUBSTEPS: usize = 8;
 /// At rest below this speed, mm/s.
 const STILL_MM_S: f64 = 1e-3;
-/// Slower is creep, mm/s.
-const SLIDING_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Mass {

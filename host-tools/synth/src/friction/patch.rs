@@ -3,8 +3,8 @@
 
 use serde::Serialize;
 
-use super::{Friction, Pull, SlipState};
-use crate::contact::{CELL_MM2, PressureMap, cell_mm};
+use super::{CELL_N, Friction, Pull, SlipState};
+use crate::contact::{PressureMap, cell_mm};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -71,7 +71,7 @@ impl<L: Law> Friction for Patch<L> {
             moment += map.kpa[cell] * (x * x + y * y).sqrt();
         }
         let arm_mm = if load_n > 0.0 { (moment / load_n).max(0.5) } else { 1.0 };
-        load_n *= CELL_MM2 * 1e-3 * scale;
+        load_n *= CELL_N * scale;
         let stiffness =
             [pull.stiffness_n_per_mm, pull.stiffness_n_per_mm, pull.twist_n_mm_per_rad / (arm_mm * arm_mm)];
         let stretch = [
@@ -107,14 +107,6 @@ impl<L: Law> Friction for Patch<L> {
             path_mm: self.path_mm,
             direction: self.direction,
         }
-    }
-
-    fn position_mm(&self) -> [f64; 2] {
-        self.position_mm
-    }
-
-    fn turn_rad(&self) -> f64 {
-        self.turn_rad
     }
 
     fn drawn(&self) -> serde_json::Value {

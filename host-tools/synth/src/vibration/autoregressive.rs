@@ -11,6 +11,7 @@ use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
 use super::scene::{Motion, SlipSeries};
+use super::slip::SILENT_MM_S;
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -38,8 +39,6 @@ const FIXED_BANDWIDTH_HZ: (f64, f64) = (150.0, 700.0);
 /// Real poles: one that tilts the spectrum down, one that lifts its upper end.
 const TILT: (f64, f64) = (0.1, 0.6);
 const LIFT: (f64, f64) = (-0.5, -0.1);
-/// Slower than this nothing vibrates, mm/s.
-const SILENT_BELOW_MM_S: f64 = 0.05;
 
 type Reflection = [f64; ORDER];
 
@@ -120,7 +119,7 @@ impl AutoregressiveNoise {
                 let share = slip.fraction[now];
                 let speed = slip.speed_mm_s[now] / share.max(0.05);
                 gain = 0.0;
-                if share > 1e-3 && speed > SILENT_BELOW_MM_S {
+                if share > 1e-3 && speed > SILENT_MM_S {
                     let force = slip.grip_n[now];
                     coefficients = self.at(speed, force);
                     // The lattice's output has a variance of σ² / Π(1 − k²).

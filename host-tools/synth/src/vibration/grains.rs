@@ -4,7 +4,7 @@ use libm::{exp, log, pow};
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing};
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing, SILENT_MM_S};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -20,8 +20,6 @@ const LEVEL_SPREAD: f64 = 0.5;
 const SPEED_EXPONENT: (f64, f64) = (0.0, 0.8);
 const FORCE_EXPONENT: (f64, f64) = (0.2, 0.8);
 const ROUGHNESS_EXPONENT: f64 = 0.4;
-/// Slower than this nothing vibrates, mm/s.
-const SILENT_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Grains {

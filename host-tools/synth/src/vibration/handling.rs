@@ -140,6 +140,7 @@ impl HandlingNoise {
         }
     }
 
+    /// A motion of jaws or joints that starts at `from_s` has impacts, as every start of theirs has.
     pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
         let (peak, width) = match platform {
             Platform::Umi => (CLICK_G, CLICK_S),

@@ -32,7 +32,7 @@ use serde::Serialize;
 use crate::draw::Rng;
 use crate::families::{DisturbanceFamily, Families, PathFamily, SourceFamily};
 use crate::friction::STEP_HZ;
-use crate::recipe::{Platform, VibrationContent};
+use crate::recipe::VibrationContent;
 use autoregressive::AutoregressiveNoise;
 use echoes::Echoes;
 use elsewhere::Elsewhere;
@@ -53,7 +53,7 @@ pub(crate) struct Vibration {
     texture: AutoregressiveNoise,
     ring: Option<ObjectMode>,
     #[serde(rename = "disturbances")]
-    handling: HandlingNoise,
+    pub handling: HandlingNoise,
     rig: Rig,
     #[serde(rename = "carriage")]
     hand_motion: HandMotion,
@@ -136,11 +136,6 @@ impl Vibration {
         }
         self.hand_motion.add_gravity(&mut motion);
         motion
-    }
-
-    /// A motion of jaws or joints that starts at `from_s` has impacts, as every start of theirs has.
-    pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
-        self.handling.moves_again(rng, platform, from_s);
     }
 
     fn slip(&self, scene: &Scene<'_>, slip: &SlipSeries, streams: &mut NoiseStreams, force: &mut Motion) {

@@ -6,9 +6,8 @@ use std::f64::consts::TAU;
 
 use super::scene::Motion;
 use super::signal::add_scaled;
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing};
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing, SILENT_MM_S};
 use crate::draw::{Draw, Rng};
-use crate::friction::STEP_HZ;
 use crate::objects::Object;
 
 /// Points of the profile, which repeats after them, and their distance.
@@ -24,8 +23,6 @@ const ROUGHNESS_EXPONENT: f64 = 0.5;
 const LEVEL_SPREAD: f64 = 0.6;
 /// Distance of the second track.
 const TRACKS_MM: (f64, f64) = (0.3, 6.0);
-/// Slower than this nothing vibrates, mm/s.
-const SILENT_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Profile {
@@ -96,27 +93,11 @@ impl Profile {
             let gain = self.speed_exponent * log(speed / REFERENCE_MM_S) + self.force_exponent * log(load);
             share * self.level_g * exp(gain)
         };
-        let (mut step, mut from, mut to) = (usize::MAX, 0.0, 0.0);
-        for (t, out) in force.samples() {
-            let x = t * STEP_HZ;
-            let now = x as usize;
-            if now + 1 >= rubbing.speed_mm_s.len() {
-                break;
-            }
-            if now != step {
-                from = if now == step.wrapping_add(1) { to } else { level(now) };
-                (to, step) = (level(now + 1), now);
-            }
-            if from <= 0.0 && to <= 0.0 {
-                continue;
-            }
-            let within = x - now as f64;
-            let level = from + (to - from) * within;
-            let path_mm = rubbing.path_mm[now] + (rubbing.path_mm[now + 1] - rubbing.path_mm[now]) * within;
+        rubbing.each_sample(level, force, |now, _, level, path_mm, out| {
             for (track, axes) in self.axes.iter().enumerate() {
                 let slope = self.at(path_mm + track as f64 * self.track_mm);
                 add_scaled(out, level * slope * std::f64::consts::FRAC_1_SQRT_2, rubbing.turned(now, *axes));
             }
-        }
+        });
     }
 }

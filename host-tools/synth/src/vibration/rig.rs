@@ -55,12 +55,6 @@ impl Rig {
         }
     }
 
-    /// Every level 0, all else as drawn.
-    #[cfg(test)]
-    pub(super) fn silence(&mut self) {
-        (self.object_g, self.table_g, self.hum.0) = (0.0, 0.0, 0.0);
-    }
-
     /// Add to the acceleration at the part. The levels are those at the accelerometer, so the comb does
     /// not pass the finger's modes once more.
     pub(crate) fn add(&self, scene: &Scene<'_>, motion: &mut Motion) {

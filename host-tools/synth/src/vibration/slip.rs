@@ -36,7 +36,8 @@ const LINES: usize = 6;
 /// Lines fade out between these frequencies, Hz: the part's own filter stops them.
 const LINE_FADE_HZ: (f64, f64) = (3_200.0, 3_800.0);
 /// Slower than this nothing vibrates; faster than the other nothing changes, mm/s.
-const SPEED_MM_S: (f64, f64) = (0.05, 60.0);
+pub(super) const SILENT_MM_S: f64 = 0.05;
+const FASTEST_MM_S: f64 = 60.0;
 /// Share of the load that must slide for slip to count as gross.
 const GROSS: f64 = 0.5;
 
@@ -74,12 +75,12 @@ struct Line {
 }
 
 #[derive(Clone, Debug, Serialize)]
-struct Stick {
+pub(super) struct Stick {
     /// Mean peak of gross slip's pulses at the reference, g.
     peak_g: f64,
     speed_exponent: f64,
     /// Slid length between two pulses per newton of grip, mm/N.
-    spacing_mm_per_n: f64,
+    pub(super) spacing_mm_per_n: f64,
     /// `None`: the pulses come at random.
     jitter: Option<f64>,
 }
@@ -95,7 +96,7 @@ pub(crate) struct Surface {
     /// Share of the power at the reference that is texture lines.
     line_share: f64,
     lines: Vec<Line>,
-    stick: Stick,
+    pub(super) stick: Stick,
 }
 
 /// One patch rubbing on a surface: [`STEP_HZ`] values per second.
@@ -110,7 +111,7 @@ pub(crate) struct Rubbing {
 
 impl Rubbing {
     pub(crate) fn from_slip(slip: &SlipSeries) -> Self {
-        let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(SPEED_MM_S.1);
+        let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(FASTEST_MM_S);
         Self {
             speed_mm_s: slip.speed_mm_s.iter().zip(&slip.fraction).map(speed).collect(),
             share: slip.fraction.clone(),
@@ -124,6 +125,35 @@ impl Rubbing {
     pub(super) fn turned(&self, step: usize, v: [f64; 3]) -> [f64; 3] {
         let [x, y] = self.direction[step];
         [x * v[0] - y * v[1], y * v[0] + x * v[1], v[2]]
+    }
+
+    /// Go through the samples at which something vibrates. `level` is how much at a step; `each` gets the step, whether
+    /// it is another than before, level and slid length in between, and the sample.
+    pub(super) fn each_sample(
+        &self,
+        level: impl Fn(usize) -> f64,
+        force: &mut Motion,
+        mut each: impl FnMut(usize, bool, f64, f64, &mut [f64; 3]),
+    ) {
+        let (mut step, mut from, mut to) = (usize::MAX, 0.0, 0.0);
+        for (t, out) in force.samples() {
+            let x = t * STEP_HZ;
+            let now = x as usize;
+            if now + 1 >= self.speed_mm_s.len() {
+                break;
+            }
+            let new = now != step;
+            if new {
+                from = if now == step.wrapping_add(1) { to } else { level(now) };
+                (to, step) = (level(now + 1), now);
+            }
+            if from <= 0.0 && to <= 0.0 {
+                continue;
+            }
+            let within = x - now as f64;
+            let path_mm = self.path_mm[now] + (self.path_mm[now + 1] - self.path_mm[now]) * within;
+            each(now, new, from + (to - from) * within, path_mm, out);
+        }
     }
 }
 
@@ -193,17 +223,11 @@ impl Surface {
             * pow((force_n / REFERENCE_N).max(1e-6), self.force_exponent)
     }
 
-    #[cfg(test)]
-    pub(super) fn stick_spacing_mm_per_n(&self) -> f64 {
-        self.stick.spacing_mm_per_n
-    }
-
     /// Asperity noise and texture lines, weighted by the share of the load that slides, into `force`
     /// times `gain`.
     pub(crate) fn add_rubbing(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng, force: &mut Motion) {
         let rate_hz = force.clock.rate_hz;
-        let steps = rubbing.speed_mm_s.len();
-        let audible = |i: usize| rubbing.share[i] > 1e-3 && rubbing.speed_mm_s[i] > SPEED_MM_S.0;
+        let audible = |i: usize| rubbing.share[i] > 1e-3 && rubbing.speed_mm_s[i] > SILENT_MM_S;
         let level = |i: usize| {
             if audible(i) {
                 gain * rubbing.share[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.force_n[i])
@@ -214,47 +238,30 @@ impl Surface {
         let reference = blend_rms(blend(REFERENCE_MM_S / self.asperity_mm, XL_RATE_HZ as f64));
         let (noise_gain, line_gain) =
             ((1.0 - self.line_share).max(0.0).sqrt() / reference, self.line_share.max(0.0).sqrt());
-        let mut noise = Noise::default();
+        let (mut noise, mut weight) = (Noise::default(), 0.0);
         let mut fades = vec![[0.0; LINES]; self.lines.len()];
-        let (mut step, mut from, mut to, mut weight) = (usize::MAX, 0.0, 0.0, 0.0);
-        for (t, out) in force.samples() {
-            let x = t * STEP_HZ;
-            let now = x as usize;
-            if now + 1 >= steps {
-                break;
-            }
-            if now != step {
-                from = if now == step.wrapping_add(1) { to } else { level(now) };
-                to = level(now + 1);
-                step = now;
-                if from > 0.0 || to > 0.0 {
-                    let speed = rubbing.speed_mm_s[now].max(rubbing.speed_mm_s[now + 1]);
-                    weight = blend(speed / self.asperity_mm, rate_hz);
-                    for (fades, line) in fades.iter_mut().zip(&self.lines) {
-                        for (k, fade) in fades.iter_mut().enumerate() {
-                            let hz = (k + 1) as f64 * speed / line.wavelength_mm;
-                            let below = (LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0);
-                            *fade = below.clamp(0.0, 1.0);
-                        }
+        rubbing.each_sample(level, force, |now, new, level, path_mm, out| {
+            if new {
+                let speed = rubbing.speed_mm_s[now].max(rubbing.speed_mm_s[now + 1]);
+                weight = blend(speed / self.asperity_mm, rate_hz);
+                for (fades, line) in fades.iter_mut().zip(&self.lines) {
+                    for (k, fade) in fades.iter_mut().enumerate() {
+                        let hz = (k + 1) as f64 * speed / line.wavelength_mm;
+                        let below = (LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0);
+                        *fade = below.clamp(0.0, 1.0);
                     }
                 }
             }
-            if from <= 0.0 && to <= 0.0 {
-                continue;
-            }
-            let within = x - now as f64;
-            let level = from + (to - from) * within;
             let white = noise.next(rng, weight);
-            let travel = rubbing.path_mm[now] + (rubbing.path_mm[now + 1] - rubbing.path_mm[now]) * within;
             let mut tone = 0.0;
             for (line, fade) in self.lines.iter().zip(&fades) {
-                tone += line.rms * line.shape.at(travel / line.wavelength_mm, fade);
+                tone += line.rms * line.shape.at(path_mm / line.wavelength_mm, fade);
             }
             let v: [f64; 3] = std::array::from_fn(|a| {
                 noise_gain * NOISE_AXES[a] * white[a] + line_gain * LINE_AXES[a] * tone
             });
             add_scaled(out, level, rubbing.turned(now, v));
-        }
+        });
     }
 
     /// Stick-slip pulses at slid distances, and weak ones where slip spreads over the patch.
@@ -286,7 +293,7 @@ impl Surface {
                     share: [1.0; MAX_SENSORS],
                 });
             };
-            if share > GROSS && speed > SPEED_MM_S.0 {
+            if share > GROSS && speed > SILENT_MM_S {
                 let moved = speed / STEP_HZ;
                 let spacing = (stick.spacing_mm_per_n * force).max(speed / STICK_MAX_HZ);
                 let gap = |rng: &mut Rng| match stick.jitter {

@@ -167,7 +167,7 @@ fn stick_slip_comes_at_the_period_of_its_formula() {
     for seed in 0..6 {
         let surface = Surface::draw(&mut rng(seed), &object);
         let pulses = surface.pulses(&Rubbing::from_slip(&sliding(2.0, 2.0, 20.0)), 1.0, &mut rng(seed));
-        let stiffness = 2.0 * slack / surface.stick_spacing_mm_per_n();
+        let stiffness = 2.0 * slack / surface.stick.spacing_mm_per_n;
         let expected = (stiffness * 2.0 / (2.0 * slack * 2.0)).min(2200.0);
         let rate = pulses.len() as f64 / 20.0;
         near(format!("K {stiffness:.1} N/mm: pulses per second, K v / (2 Δμ N)"), rate, expected, 0.12);

@@ -42,14 +42,6 @@ pub(crate) const STEP_HZ: f64 = 2_400.0;
 const BRUSH_KPA_PER_MM: (f64, f64) = (500.0, 3000.0);
 /// Deviation of the logarithm of the friction coefficient between grasps.
 const MU_LEVEL: f64 = 0.08;
-/// The same between places on one pad, lowest and highest.
-const MU_SPREAD: (f64, f64) = (0.10, 0.15);
-/// Correlation length of friction on the pad, lowest and highest.
-const MU_CORRELATION_MM: (f64, f64) = (1.0, 3.0);
-/// Slip over which static friction falls to kinetic, lowest and highest.
-const WEAKENING_MM: (f64, f64) = (0.01, 0.04);
-/// Time constant of regaining static friction at rest, lowest and highest.
-const HEALING_S: (f64, f64) = (0.1, 1.0);
 /// What moves faster than this slides; slower is numerical creep.
 const SLIDING_MM_S: f64 = 0.05;
 /// Newtons per kPa on one cell.
@@ -87,9 +79,12 @@ pub(crate) struct Interface {
     mu_static: f64,
     /// Deviation of its logarithm over the pad.
     mu_spread: f64,
+    /// Correlation length of friction on the pad.
     mu_correlation_mm: f64,
     kinetic_share: f64,
+    /// Slip over which static friction falls to kinetic.
     weakening_mm: f64,
+    /// Time constant of regaining static friction at rest.
     healing_s: f64,
     #[serde(skip)]
     stress_kpa: Box<[[f64; 2]; TAXELS]>,
@@ -145,7 +140,7 @@ pub(crate) struct SlipState {
 }
 
 impl Interface {
-    /// A finger's skin against this object, drawn from the ranges above.
+    /// A finger's skin against this object.
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
         let level = exp(MU_LEVEL * rng.normal());
         let skin = rng.log_uniform(BRUSH_KPA_PER_MM);
@@ -154,10 +149,10 @@ impl Interface {
             object.mu_static * level,
             object.mu_kinetic / object.mu_static,
         );
-        interface.mu_spread = rng.uniform(MU_SPREAD);
-        interface.mu_correlation_mm = rng.log_uniform(MU_CORRELATION_MM);
-        interface.weakening_mm = rng.log_uniform(WEAKENING_MM);
-        interface.healing_s = rng.log_uniform(HEALING_S);
+        interface.mu_spread = rng.between(0.10, 0.15);
+        interface.mu_correlation_mm = rng.log_between(1.0, 3.0);
+        interface.weakening_mm = rng.log_between(0.01, 0.04);
+        interface.healing_s = rng.log_between(0.1, 1.0);
         let field = Field::draw(rng, [interface.mu_correlation_mm; 2]);
         for (cell, mu) in interface.mu.iter_mut().enumerate() {
             let (x, y) = cell_mm(cell);

@@ -12,8 +12,6 @@ use crate::timeline::Event;
 
 pub(crate) const FAULT_EVENT: &str = "electrical";
 
-/// Temperature against the unit's reference, °C.
-const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
 /// Shift of the idle level with temperature and supply, counts. Like the noise below a modelling range that
@@ -84,7 +82,7 @@ impl FilmSession {
     /// A recording. `noise_factor` scales noise, mains pick-up and how often faults happen.
     pub(crate) fn draw(rng: &mut Rng, noise_factor: f64) -> Self {
         Self {
-            temperature_c: rng.uniform(TEMPERATURE_C),
+            temperature_c: rng.between(-8.0, 8.0),
             age_months: rng.uniform(AGE_MONTHS),
             noise_factor: noise_factor
                 * exp(NOISE_SPREAD * rng.normal()).clamp(NOISE_BOUNDS.0, NOISE_BOUNDS.1),

@@ -10,22 +10,19 @@ use crate::friction::STEP_HZ;
 use crate::objects::Object;
 use crate::timeline::Pulse;
 
-/// Mean slid length between two grains, and the most of them in a second.
-const SPACING_MM: (f64, f64) = (0.01, 0.25);
+/// The most grains in a second.
 const MOST_HZ: f64 = 1_500.0;
-const WIDTH_S: (f64, f64) = (0.15e-3, 1.2e-3);
-/// Logarithmic spread of their peaks within a recording, and of the level between recordings.
-const PEAK_SPREAD: (f64, f64) = (0.4, 1.2);
+/// Logarithmic spread of the level between recordings.
 const LEVEL_SPREAD: f64 = 0.5;
-const SPEED_EXPONENT: (f64, f64) = (0.0, 0.8);
-const FORCE_EXPONENT: (f64, f64) = (0.2, 0.8);
 const ROUGHNESS_EXPONENT: f64 = 0.4;
 
 #[derive(Serialize)]
 pub(super) struct Grains {
+    /// Mean slid length between two grains.
     spacing_mm: f64,
     width_s: f64,
     peak_g: f64,
+    /// Logarithmic, within a recording.
     peak_spread: f64,
     speed_exponent: f64,
     force_exponent: f64,
@@ -34,8 +31,8 @@ pub(super) struct Grains {
 
 impl Grains {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let (spacing_mm, width_s) = (rng.log_uniform(SPACING_MM), rng.log_uniform(WIDTH_S));
-        let peak_spread = rng.uniform(PEAK_SPREAD);
+        let (spacing_mm, width_s) = (rng.log_between(0.01, 0.25), rng.log_between(0.15e-3, 1.2e-3));
+        let peak_spread = rng.between(0.4, 1.2);
         let level = pow(object.roughness_um, ROUGHNESS_EXPONENT) * exp(LEVEL_SPREAD * rng.normal());
         // Mean square of half-sines at the reference: rate · peak² · width / 2, the peak's with its spread.
         let rate = (REFERENCE_MM_S / spacing_mm).min(MOST_HZ);
@@ -45,8 +42,8 @@ impl Grains {
             width_s,
             peak_g: LEVEL_G * level / square.sqrt(),
             peak_spread,
-            speed_exponent: rng.uniform(SPEED_EXPONENT),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
+            speed_exponent: rng.between(0.0, 0.8),
+            force_exponent: rng.between(0.2, 0.8),
             direction: rng.direction(),
         }
     }

@@ -36,10 +36,6 @@ const CLOSING_ELSEWHERE: f64 = 0.15;
 /// Share of a closing impact that excites the modes besides moving the finger as a whole.
 const CLOSING_MODES: f64 = 0.5;
 
-/// Aftershock of a release: time until a tenth is left in seconds, peak at 2 N of grip in g.
-const AFTERSHOCK_S: (f64, f64) = (0.05, 0.3);
-const AFTERSHOCK_G: (f64, f64) = (0.03, 0.4);
-
 /// Creak while the grip changes: level in g at [`CREAK_FULL_PER_S`], corner in Hz. Relative force rates
 /// up to the first are silent: a tremor of 3 % at 12 Hz has 2.3 per second and moves nothing.
 const CREAK_G: (f64, f64) = (0.003, 0.03);
@@ -51,10 +47,6 @@ const MICRO_PULSES: f64 = 12.0;
 const MICRO_G: (f64, f64) = (0.005, 0.06);
 const MICRO_S: (f64, f64) = (0.2e-3, 1.5e-3);
 
-/// Rail friction of a hand-driven jaw: level in g, corner in Hz, pace of its bursts in Hz.
-const RAIL_G: (f64, f64) = (0.01, 0.05);
-const RAIL_HZ: (f64, f64) = (100.0, 600.0);
-const RAIL_BURST_HZ: (f64, f64) = (5.0, 40.0);
 /// Backlash clicks where a jaw starts or stops: at most this many, g and seconds.
 const CLICKS: usize = 2;
 const CLICK_G: (f64, f64) = (0.05, 0.5);
@@ -63,9 +55,6 @@ const CLICK_S: (f64, f64) = (1e-3, 5e-3);
 /// Steps of the joints when a motor starts or meets a load, g and seconds.
 const JOINT_G: (f64, f64) = (0.01, 0.15);
 const JOINT_S: (f64, f64) = (1e-3, 6e-3);
-
-/// Share of the rubbing at the object's far side that arrives at the finger.
-const DRAG_ARRIVES: (f64, f64) = (0.1, 0.5);
 
 /// Duration of a Hertz contact of two elastic bodies, seconds: `2.87 (m² / (R E*² v))^(1/5)`.
 pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, speed_m_s: f64) -> f64 {
@@ -76,14 +65,17 @@ pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, spee
 pub(crate) struct HandlingNoise {
     creak_g: f64,
     creak_hz: f64,
+    /// Rail friction of a hand-driven jaw: level, corner, pace of its bursts.
     rail_g: f64,
     rail_hz: f64,
     rail_burst_hz: f64,
+    /// Aftershock of a release: peak at 2 N of grip, time until a tenth is left.
     aftershock_g: f64,
     aftershock_s: f64,
     actuation: Option<Actuation>,
     nearby: Nearby,
     dragged: Surface,
+    /// Share of the rubbing at the object's far side that arrives at the finger.
     drag_arrives: f64,
     /// Impacts that excite the modes.
     #[serde(skip)]
@@ -98,15 +90,15 @@ impl HandlingNoise {
         let mut drawn = Self {
             creak_g: rng.log_uniform(CREAK_G),
             creak_hz: rng.log_uniform(CREAK_HZ),
-            rail_g: rng.log_uniform(RAIL_G),
-            rail_hz: rng.log_uniform(RAIL_HZ),
-            rail_burst_hz: rng.log_uniform(RAIL_BURST_HZ),
-            aftershock_g: rng.log_uniform(AFTERSHOCK_G),
-            aftershock_s: rng.log_uniform(AFTERSHOCK_S),
+            rail_g: rng.log_between(0.01, 0.05),
+            rail_hz: rng.log_between(100.0, 600.0),
+            rail_burst_hz: rng.log_between(5.0, 40.0),
+            aftershock_g: rng.log_between(0.03, 0.4),
+            aftershock_s: rng.log_between(0.05, 0.3),
             actuation: (scene.platform == Platform::Tesollo).then(|| Actuation::draw(rng)),
             nearby: Nearby::draw(rng),
             dragged: Surface::table(rng),
-            drag_arrives: rng.log_uniform(DRAG_ARRIVES),
+            drag_arrives: rng.log_between(0.1, 0.5),
             impacts: scene.timeline.pulses.clone(),
             closings: Vec::new(),
         };

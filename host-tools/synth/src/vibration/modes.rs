@@ -34,11 +34,8 @@ const GRIP_EXPONENT: (f64, f64) = (1.0 / 6.0, 1.0 / 3.0);
 /// Largest shift by grip, both ways from the frequency at [`REFERENCE_N`].
 const GRIP_SHIFT: f64 = 0.1;
 const REFERENCE_N: f64 = 2.0;
-/// Number, frequency, damping and participation of the modes of any finger.
+/// Number of the modes of any finger.
 const FREE_MODES: (usize, usize) = (3, 9);
-const FREE_HZ: (f64, f64) = (30.0, 3_700.0);
-const FREE_RATIO: (f64, f64) = (0.01, 0.35);
-const FREE_WEIGHT: (f64, f64) = (0.15, 2.0);
 /// Change of frequency, damping and participation from grasp to grasp, logarithmic rms.
 const GRASP_SPREAD: (f64, f64, f64) = (0.015, 0.08, 0.08);
 /// Towards the palm the first mode moves the pad less and the others more, and all are a little stiffer.
@@ -94,10 +91,10 @@ impl Modes {
     pub(crate) fn draw_free(rng: &mut Rng) -> Self {
         let count = rng.count(FREE_MODES.0, FREE_MODES.1);
         let mode = |_| Mode {
-            hz: rng.log_uniform(FREE_HZ),
-            damping: rng.log_uniform(FREE_RATIO),
+            hz: rng.log_between(30.0, 3_700.0),
+            damping: rng.log_between(0.01, 0.35),
             direction: rng.direction(),
-            weight: rng.log_uniform(FREE_WEIGHT),
+            weight: rng.log_between(0.15, 2.0),
         };
         let modes = (0..count).map(mode).collect();
         Self { modes, grip_exponent: rng.uniform(GRIP_EXPONENT) }

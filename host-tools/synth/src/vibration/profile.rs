@@ -13,23 +13,20 @@ use crate::objects::Object;
 /// Points of the profile, which repeats after them, and their distance.
 const POINTS: usize = 1 << 15;
 const PITCH_MM: f64 = 1e-3;
-/// Waves that make it up, the shortest in points, and the exponent of their slope over the wave number.
+/// Waves that make it up, and the shortest in points.
 const WAVES: usize = 96;
 const SHORTEST: f64 = 4.0;
-const EXPONENT: (f64, f64) = (-0.6, 0.6);
-const SPEED_EXPONENT: (f64, f64) = (0.4, 1.2);
-const FORCE_EXPONENT: (f64, f64) = (0.0, 0.6);
 const ROUGHNESS_EXPONENT: f64 = 0.5;
 const LEVEL_SPREAD: f64 = 0.6;
-/// Distance of the second track.
-const TRACKS_MM: (f64, f64) = (0.3, 6.0);
 
 #[derive(Serialize)]
 pub(super) struct Profile {
     level_g: f64,
+    /// Of the waves' slope over their number.
     exponent: f64,
     speed_exponent: f64,
     force_exponent: f64,
+    /// Distance of the second track.
     track_mm: f64,
     /// Along the slip, across it and normal to the pad; of each track.
     axes: [[f64; 3]; 2],
@@ -40,7 +37,7 @@ pub(super) struct Profile {
 
 impl Profile {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let exponent = rng.uniform(EXPONENT);
+        let exponent = rng.between(-0.6, 0.6);
         let mut slope = vec![0.0; POINTS];
         let drawn: Vec<(f64, f64)> = (0..WAVES)
             .map(|_| {
@@ -68,9 +65,9 @@ impl Profile {
         Self {
             level_g: LEVEL_G * level,
             exponent,
-            speed_exponent: rng.uniform(SPEED_EXPONENT),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
-            track_mm: rng.log_uniform(TRACKS_MM),
+            speed_exponent: rng.between(0.4, 1.2),
+            force_exponent: rng.between(0.0, 0.6),
+            track_mm: rng.log_between(0.3, 6.0),
             axes: std::array::from_fn(|_| rng.direction()),
             slope: slope.iter().map(|x| (x / rms) as f32).collect(),
         }

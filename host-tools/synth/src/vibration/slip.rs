@@ -22,14 +22,8 @@ pub(super) const REFERENCE_N: f64 = 2.0;
 /// 3/4, for levels; this is the lower part of the range, because the rms here rises faster than the
 /// amplitude: the roll-off moves up with speed, lets more noise through and moves it towards the modes.
 const SPEED_EXPONENT: (f64, f64) = (0.6, 0.75);
-/// Exponent p_F over grip force.
-const FORCE_EXPONENT: (f64, f64) = (0.2, 0.5);
-/// Exponent over Ra.
-const ROUGHNESS_EXPONENT: (f64, f64) = (0.6, 0.8);
 /// Logarithmic spread of the level from surface to surface of the same roughness.
 const LEVEL_SPREAD: f64 = 0.2;
-/// Wavelength λ_c of the asperity roll-off `f_c = v/λ_c`, mm.
-const ASPERITY_MM: (f64, f64) = (0.005, 0.05);
 /// Exponent β of texture lines, amplitude ∝ k^−β, and lines per wavelength.
 const LINE_EXPONENT: (f64, f64) = (1.0, 2.0);
 const LINES: usize = 6;
@@ -43,15 +37,10 @@ const GROSS: f64 = 0.5;
 
 /// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
 const STICK_LEVEL: f64 = 0.5;
-/// Exponent of the pulses' amplitude over speed; their rate is proportional to speed besides.
-const STICK_SPEED_EXPONENT: (f64, f64) = (0.5, 0.9);
 /// Stiffness K in the period `T ≈ 2Δμ N / (K v)`, N/mm.
 const STICK_N_PER_MM: (f64, f64) = (2.0, 50.0);
 /// Highest pulse rate, Hz.
 const STICK_MAX_HZ: f64 = 2_200.0;
-/// Relative jitter of a quasi-periodic train, and the chance of a Poisson train instead.
-const STICK_JITTER: (f64, f64) = (0.2, 0.4);
-const STICK_POISSON: f64 = 0.3;
 const STICK_WIDTH_S: (f64, f64) = (0.2e-3, 2e-3);
 /// Micro-slip while slip spreads: pulses as the whole patch lets go once, amplitude over gross, and the
 /// growth of the sliding share in one step at which that amplitude is reached.
@@ -62,9 +51,6 @@ const INCIPIENT_GROWTH: f64 = 0.02;
 /// How strongly noise and lines move along the slip, across it and normal to the pad; unit vectors.
 const NOISE_AXES: [f64; 3] = [0.788, 0.394, 0.473];
 const LINE_AXES: [f64; 3] = [0.693, 0.198, 0.693];
-/// Texture of tables and floors, mm, and their roughness Ra, µm.
-const TABLE_MM: (f64, f64) = (0.05, 2.0);
-const TABLE_UM: (f64, f64) = (0.5, 10.0);
 
 #[derive(Clone, Debug, Serialize)]
 struct Line {
@@ -78,10 +64,11 @@ struct Line {
 pub(super) struct Stick {
     /// Mean peak of gross slip's pulses at the reference, g.
     peak_g: f64,
+    /// Of the amplitude; the rate is proportional to speed besides.
     speed_exponent: f64,
     /// Slid length between two pulses per newton of grip, mm/N.
     pub(super) spacing_mm_per_n: f64,
-    /// `None`: the pulses come at random.
+    /// Relative jitter of a quasi-periodic train; `None`: the pulses come at random.
     jitter: Option<f64>,
 }
 
@@ -91,7 +78,7 @@ pub(crate) struct Surface {
     pub level_g: f64,
     pub speed_exponent: f64,
     pub force_exponent: f64,
-    /// Wavelength of the roll-off, mm.
+    /// Wavelength λ_c of the asperity roll-off `f_c = v/λ_c`.
     pub asperity_mm: f64,
     /// Share of the power at the reference that is texture lines.
     line_share: f64,
@@ -172,9 +159,9 @@ impl Surface {
 
     /// A table, a floor, a box: what a gripped object is dragged over.
     pub(crate) fn table(rng: &mut Rng) -> Self {
-        let (ra, wavelength) = (rng.log_uniform(TABLE_UM), rng.log_uniform(TABLE_MM));
+        let (roughness_um, wavelength_mm) = (rng.log_between(0.5, 10.0), rng.log_between(0.05, 2.0));
         let (share, stick) = (rng.between(0.0, 0.6), rng.between(0.0, 0.8));
-        Self::new(rng, ra, &[wavelength], share, (stick, 0.1))
+        Self::new(rng, roughness_um, &[wavelength_mm], share, (stick, 0.1))
     }
 
     fn new(
@@ -184,7 +171,7 @@ impl Surface {
         line_share: f64,
         (stick_slip, slack): (f64, f64),
     ) -> Self {
-        let roughness = pow(roughness_um, rng.uniform(ROUGHNESS_EXPONENT));
+        let roughness = pow(roughness_um, rng.between(0.6, 0.8));
         let level_g = LEVEL_G * roughness * exp(LEVEL_SPREAD * rng.normal());
         let exponent = rng.uniform(LINE_EXPONENT);
         let rms = 1.0 / (texture_mm.len() as f64).sqrt();
@@ -198,19 +185,19 @@ impl Surface {
         // rate · m² · width: that fixes m.
         let rate = (REFERENCE_MM_S / (spacing_mm_per_n * REFERENCE_N)).min(STICK_MAX_HZ);
         let width = (STICK_WIDTH_S.1 - STICK_WIDTH_S.0) / log(STICK_WIDTH_S.1 / STICK_WIDTH_S.0);
-        let jitter = rng.uniform(STICK_JITTER);
+        let jitter = rng.between(0.2, 0.4);
         Self {
             level_g,
             speed_exponent: rng.uniform(SPEED_EXPONENT),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
-            asperity_mm: rng.log_uniform(ASPERITY_MM),
+            force_exponent: rng.between(0.2, 0.5),
+            asperity_mm: rng.log_between(0.005, 0.05),
             line_share: if lines.is_empty() { 0.0 } else { line_share },
             lines,
             stick: Stick {
                 peak_g: STICK_LEVEL * stick_slip * level_g / (rate * width).sqrt(),
-                speed_exponent: rng.uniform(STICK_SPEED_EXPONENT),
+                speed_exponent: rng.between(0.5, 0.9),
                 spacing_mm_per_n,
-                jitter: (!rng.chance(STICK_POISSON)).then_some(jitter),
+                jitter: (!rng.chance(0.3)).then_some(jitter),
             },
         }
     }

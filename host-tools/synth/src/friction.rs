@@ -94,13 +94,7 @@ pub(crate) struct Interface {
     #[serde(skip)]
     rested: Box<[f64; TAXELS]>,
     #[serde(skip)]
-    position_mm: [f64; 2],
-    #[serde(skip)]
-    turn_rad: f64,
-    #[serde(skip)]
-    path_mm: f64,
-    #[serde(skip)]
-    direction: [f64; 2],
+    now: SlipState,
     /// Last step's move: where the next search starts.
     #[serde(skip)]
     moved: [f64; 3],
@@ -174,10 +168,7 @@ impl Interface {
             stress_kpa: Box::new([[0.0; 2]; TAXELS]),
             mu: Box::new([mu; TAXELS]),
             rested: Box::new([1.0; TAXELS]),
-            position_mm: [0.0; 2],
-            turn_rad: 0.0,
-            path_mm: 0.0,
-            direction: [0.0, 1.0],
+            now: SlipState { direction: [0.0, 1.0], ..SlipState::default() },
             moved: [0.0; 3],
             brushes: Vec::new(),
         }
@@ -227,19 +218,17 @@ impl Interface {
         let drifted = (drift[0] * drift[0] + drift[1] * drift[1]).sqrt();
         // What only turns slides all ways at once.
         if drifted > 0.02 * path && path > load * creep_mm * 1e-3 {
-            self.direction = drift.map(|d| d / drifted);
+            self.now.direction = drift.map(|d| d / drifted);
         }
-        self.path_mm += path / load;
-        SlipState {
+        self.now.path_mm += path / load;
+        self.now = SlipState {
             speed_mm_s: path / load / dt,
             fraction: sliding / load,
             shear_n: shear,
             torque_n_mm: torque,
-            travel_mm: self.position_mm,
-            turn_rad: self.turn_rad,
-            path_mm: self.path_mm,
-            direction: self.direction,
-        }
+            ..self.now
+        };
+        self.now
     }
 }
 
@@ -252,17 +241,17 @@ impl Friction for Interface {
         self.gather(map, scale);
         let springs = Springs {
             stretch: [
-                pull.position_mm[0] - self.position_mm[0],
-                pull.position_mm[1] - self.position_mm[1],
-                pull.turn_rad - self.turn_rad,
+                pull.position_mm[0] - self.now.travel_mm[0],
+                pull.position_mm[1] - self.now.travel_mm[1],
+                pull.turn_rad - self.now.turn_rad,
             ],
             position_n_per_mm: pull.stiffness_n_per_mm,
             turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
         };
         self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
-        self.position_mm[0] += self.moved[0];
-        self.position_mm[1] += self.moved[1];
-        self.turn_rad += self.moved[2];
+        self.now.travel_mm[0] += self.moved[0];
+        self.now.travel_mm[1] += self.moved[1];
+        self.now.turn_rad += self.moved[2];
         self.slide(map, scale, dt)
     }
 

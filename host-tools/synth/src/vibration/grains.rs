@@ -4,7 +4,8 @@ use libm::{exp, log, pow};
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing, SILENT_MM_S};
+use super::scene::SlipSeries;
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, SILENT_MM_S};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -48,16 +49,16 @@ impl Grains {
         }
     }
 
-    pub fn pulses(&self, rubbing: &Rubbing, rng: &mut Rng) -> Vec<Pulse> {
+    pub fn pulses(&self, rubbing: &SlipSeries, rng: &mut Rng) -> Vec<Pulse> {
         let mut pulses = Vec::new();
         let mut left_mm = 0.0;
-        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.share).enumerate() {
+        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.fraction).enumerate() {
             if speed < SILENT_MM_S || share < 1e-3 {
                 continue;
             }
             let (moved_mm, mut at_mm) = (speed / STEP_HZ, left_mm);
             let spacing_mm = self.spacing_mm.max(speed / MOST_HZ);
-            let load = (rubbing.force_n[i] / REFERENCE_N).max(1e-6);
+            let load = (rubbing.grip_n[i] / REFERENCE_N).max(1e-6);
             let level = share
                 * self.peak_g
                 * pow(speed / REFERENCE_MM_S, self.speed_exponent)

@@ -43,7 +43,7 @@ use modes::ObjectMode;
 use profile::Profile;
 use rig::Rig;
 use sections::Sections;
-use slip::{Rubbing, Surface};
+use slip::Surface;
 use streams::NoiseSource;
 
 /// All that is drawn once per recording and is the same for all its fingers.
@@ -139,7 +139,7 @@ impl Vibration {
     }
 
     fn slip(&self, scene: &Scene<'_>, slip: &SlipSeries, streams: &mut NoiseStreams, force: &mut Motion) {
-        let rubbing = Rubbing::from_slip(slip);
+        let rubbing = slip.rubbing();
         let pulses = match (scene.source, &self.other.profile, &self.other.grains) {
             (SourceFamily::Autoregressive, ..) => return,
             (_, Some(profile), _) => return profile.add(&rubbing, force),

@@ -4,9 +4,9 @@ use libm::{cos, exp, log, pow, sin};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-use super::scene::Motion;
+use super::scene::{Motion, SlipSeries};
 use super::signal::add_scaled;
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing, SILENT_MM_S};
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, SILENT_MM_S};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -80,13 +80,13 @@ impl Profile {
         f64::from(near) + f64::from(far - near) * (x - whole as f64)
     }
 
-    pub fn add(&self, rubbing: &Rubbing, force: &mut Motion) {
+    pub fn add(&self, rubbing: &SlipSeries, force: &mut Motion) {
         let level = |i: usize| {
-            let (speed, share) = (rubbing.speed_mm_s[i], rubbing.share[i]);
+            let (speed, share) = (rubbing.speed_mm_s[i], rubbing.fraction[i]);
             if share < 1e-3 || speed < SILENT_MM_S {
                 return 0.0;
             }
-            let load = (rubbing.force_n[i] / REFERENCE_N).max(1e-6);
+            let load = (rubbing.grip_n[i] / REFERENCE_N).max(1e-6);
             let gain = self.speed_exponent * log(speed / REFERENCE_MM_S) + self.force_exponent * log(load);
             share * self.level_g * exp(gain)
         };

@@ -11,7 +11,7 @@ pub(super) const TOUCHED_N: f64 = 0.05;
 
 /// What the interface of one finger does, as [`SlipState`](crate::friction::SlipState) says: [`STEP_HZ`] values per
 /// second.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct SlipSeries {
     pub speed_mm_s: Vec<f64>,
     pub fraction: Vec<f64>,

@@ -86,26 +86,11 @@ pub(crate) struct Surface {
     pub(super) stick: Stick,
 }
 
-/// One patch rubbing on a surface: [`STEP_HZ`] values per second.
-pub(crate) struct Rubbing {
-    pub speed_mm_s: Vec<f64>,
-    /// How much of the patch slides, 0–1.
-    pub share: Vec<f64>,
-    pub force_n: Vec<f64>,
-    pub path_mm: Vec<f64>,
-    pub direction: Vec<[f64; 2]>,
-}
-
-impl Rubbing {
-    pub(crate) fn from_slip(slip: &SlipSeries) -> Self {
+impl SlipSeries {
+    /// The same with the speed of what slides, not of the whole patch.
+    pub(super) fn rubbing(&self) -> Self {
         let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(FASTEST_MM_S);
-        Self {
-            speed_mm_s: slip.speed_mm_s.iter().zip(&slip.fraction).map(speed).collect(),
-            share: slip.fraction.clone(),
-            force_n: slip.grip_n.clone(),
-            path_mm: slip.path_mm.clone(),
-            direction: slip.direction.clone(),
-        }
+        Self { speed_mm_s: self.speed_mm_s.iter().zip(&self.fraction).map(speed).collect(), ..self.clone() }
     }
 
     /// From finger axes "along, across, normal" to x, y, z at a step.
@@ -212,12 +197,12 @@ impl Surface {
 
     /// Asperity noise and texture lines, weighted by the share of the load that slides, into `force`
     /// times `gain`.
-    pub(crate) fn add_rubbing(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng, force: &mut Motion) {
+    pub(crate) fn add_rubbing(&self, rubbing: &SlipSeries, gain: f64, rng: &mut Rng, force: &mut Motion) {
         let rate_hz = force.clock.rate_hz;
-        let audible = |i: usize| rubbing.share[i] > 1e-3 && rubbing.speed_mm_s[i] > SILENT_MM_S;
+        let audible = |i: usize| rubbing.fraction[i] > 1e-3 && rubbing.speed_mm_s[i] > SILENT_MM_S;
         let level = |i: usize| {
             if audible(i) {
-                gain * rubbing.share[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.force_n[i])
+                gain * rubbing.fraction[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.grip_n[i])
             } else {
                 0.0
             }
@@ -252,15 +237,15 @@ impl Surface {
     }
 
     /// Stick-slip pulses at slid distances, and weak ones where slip spreads over the patch.
-    pub(crate) fn pulses(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
+    pub(crate) fn pulses(&self, rubbing: &SlipSeries, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
         let mut pulses = Vec::new();
         let stick = &self.stick;
         if stick.peak_g <= 0.0 {
             return pulses;
         }
         let (mut slid, mut next, mut before) = (0.0, 0.0, 0.0);
-        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.share).enumerate() {
-            let force = rubbing.force_n[i];
+        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.fraction).enumerate() {
+            let force = rubbing.grip_n[i];
             let growth = (share - before).max(0.0);
             before = share;
             let mean_g = |share: f64| {

@@ -19,9 +19,6 @@ use crate::vibration::{Biquad, Clock, Noise, add_scaled, blend, blend_rms, sin_t
 /// Noise density, g/√Hz: the modelling range of a low-noise part, set so that the paper's baselines land
 /// where they do in the paper.
 const NOISE_G: (f64, f64) = (22e-6, 45e-6);
-/// Size of an axis's gain error and of each cross-axis term.
-const GAIN_ERROR: (f64, f64) = (0.01, 0.03);
-const CROSS_AXIS: (f64, f64) = (0.01, 0.02);
 const OFFSET_G: f64 = 0.05;
 /// Package resonance, Hz, and the frequency at which its rise is matched.
 const RESONANCE_HZ: (f64, f64) = (5_000.0, 10_000.0);
@@ -57,7 +54,7 @@ impl XlUnit {
         // Gain errors on the diagonal, cross-axis terms beside it, after the rotation.
         let errors: [[f64; 3]; 3] = std::array::from_fn(|axis| {
             std::array::from_fn(|from| {
-                let range = if axis == from { GAIN_ERROR } else { CROSS_AXIS };
+                let range = if axis == from { (0.01, 0.03) } else { (0.01, 0.02) };
                 rng.either_sign(range) + if axis == from { 1.0 } else { 0.0 }
             })
         });

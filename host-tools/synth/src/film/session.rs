@@ -30,9 +30,6 @@ const FAULTS_PER_S: f64 = 0.03;
 const FLICKER_FRAMES: (usize, usize) = (2, 60);
 const FLICKER_TAXELS: (usize, usize) = (1, 4);
 const FLICKER_COUNTS: (f64, f64) = (30.0, 600.0);
-const ROW_FRAMES: (usize, usize) = (1, 10);
-/// Frames in a row that do not arrive.
-const MISSING_FRAMES: (usize, usize) = (1, 2);
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fault {
@@ -127,8 +124,8 @@ fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
         }
         let (kind, (shortest, longest)) = match rng.count(0, 2) {
             0 => (flicker(rng), FLICKER_FRAMES),
-            1 => (FaultKind::RowDropout { row: rng.count(0, TAXEL_ROWS - 1) }, ROW_FRAMES),
-            _ => (FaultKind::MissingFrame, MISSING_FRAMES),
+            1 => (FaultKind::RowDropout { row: rng.count(0, TAXEL_ROWS - 1) }, (1, 10)),
+            _ => (FaultKind::MissingFrame, (1, 2)),
         };
         let end_frame = start_frame + rng.count(shortest, longest);
         faults.push(Fault { kind, start_frame, end_frame });

@@ -29,10 +29,6 @@ const GAIN_SMOOTH: f64 = 0.075;
 const GAIN_LENGTH_MM: (f64, f64) = (5.0, 10.0);
 /// Variation of each taxel by itself, standard deviation.
 const GAIN_OWN: f64 = 0.05;
-/// Share of taxels that are dead or stuck, and how many of those are stuck at a level instead of dead.
-const FAULTY: (f64, f64) = (0.0, 0.01);
-const STUCK_OF_FAULTY: f64 = 0.1;
-const STUCK_COUNTS: (f64, f64) = (3.0, 25.0);
 /// Deviation of the exponent from the nominal film's.
 const EXPONENT_SPREAD: f64 = 0.05;
 
@@ -130,16 +126,17 @@ fn gain_map(rng: &mut Rng, length_mm: f64) -> Box<[f64; TAXELS]> {
     gain
 }
 
+/// Taxels that are dead, and those, one in ten, that are stuck at a level instead.
 fn faulty(rng: &mut Rng) -> (Vec<[usize; 2]>, Vec<[usize; 3]>) {
     let (mut dead, mut stuck) = (Vec::new(), Vec::new());
-    let share = rng.uniform(FAULTY);
+    let share = rng.between(0.0, 0.01);
     for cell in 0..TAXELS {
         let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
         if !rng.chance(share) || !is_active(row, col) {
             continue;
         }
-        if rng.chance(STUCK_OF_FAULTY) {
-            stuck.push([row, col, rng.log_uniform(STUCK_COUNTS).round() as usize]);
+        if rng.chance(0.1) {
+            stuck.push([row, col, rng.log_between(3.0, 25.0).round() as usize]);
         } else {
             dead.push([row, col]);
         }

@@ -10,10 +10,8 @@ use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::timeline::Pulse;
 
-/// Sway of a hand: components, which share its peak, and their frequency, Hz.
+/// Sway of a hand: components, which share its peak.
 const SWAYS: usize = 3;
-const SWAY_HZ: (f64, f64) = (0.2, 3.0);
-const TREMOR_HZ: (f64, f64) = (8.0, 12.0);
 /// Chance that the person walks for a part of the recording.
 const WALKS: f64 = 0.3;
 
@@ -46,10 +44,10 @@ impl HandMotion {
         }
         let peak = rng.log_between(0.03, 0.5) / SWAYS as f64;
         for _ in 0..SWAYS {
-            motion.sway(rng, SWAY_HZ, peak);
+            motion.sway(rng, (0.2, 3.0), peak);
         }
         let peak = rng.log_between(0.005, 0.03);
-        motion.sway(rng, TREMOR_HZ, peak);
+        motion.sway(rng, (8.0, 12.0), peak);
         if rng.chance(WALKS) {
             let seconds = scene.timeline.grip_n.len() as f64 / STEP_HZ;
             let from = rng.between(0.0, 0.7 * seconds);

@@ -10,10 +10,7 @@ use crate::draw::{Draw, Rng};
 
 /// Harmonics of the motor comb.
 const MOTOR_ORDERS: usize = 4;
-const SERVO_HZ: (f64, f64) = (800.0, 1300.0);
-const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
-/// Machines nearby: chance, lines in Hz, harmonics of the mains and of fans and pumps; g rms.
-const AMBIENT_CHANCE: f64 = 0.5;
+/// Machines nearby: lines in Hz, harmonics of the mains and of fans and pumps; g rms.
 const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
 const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
 
@@ -61,7 +58,7 @@ pub(crate) struct Nearby {
 
 impl Nearby {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let lines = if rng.chance(AMBIENT_CHANCE) { rng.count(1, 3) } else { 0 };
+        let lines = if rng.chance(0.5) { rng.count(1, 3) } else { 0 };
         Self {
             lines: (0..lines)
                 .map(|_| {
@@ -116,7 +113,7 @@ impl Tone {
 
 impl Actuation {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let servo_hz = rng.log_uniform(SERVO_HZ);
+        let servo_hz = rng.log_between(800.0, 1300.0);
         Self {
             motor_hz: rng.log_between(15.0, 80.0),
             comb: Harmonics::draw(rng, (1..=MOTOR_ORDERS).map(|k| 1.0 / k as f64)),
@@ -124,7 +121,7 @@ impl Actuation {
             gear_shift: rng.between(0.05, 0.1),
             gear_share: rng.between(0.3, 0.8),
             running_g: rng.log_between(0.002, 0.02),
-            servo: Tone::draw(rng, servo_hz, SERVO_G),
+            servo: Tone::draw(rng, servo_hz, (0.5e-3, 3e-3)),
             direction: rng.direction(),
         }
     }

@@ -13,9 +13,6 @@ use crate::friction::STEP_HZ;
 const PER_MM: (f64, f64) = (2.0, 40.0);
 /// Lines of the comb; the k-th is 1/k as strong.
 const ORDERS: usize = 5;
-/// Holding hum of the drive at standstill, through the table: chance, and level in g rms.
-const HUM_CHANCE: f64 = 0.5;
-const HUM_G: (f64, f64) = (0.02e-3, 0.2e-3);
 /// Below this speed the comb fades, mm/s.
 const FADES_BELOW_MM_S: f64 = 0.5;
 /// Grip from which the object transmits as well as it ever does, N.
@@ -32,7 +29,8 @@ pub(crate) struct Rig {
     pub object_g: f64,
     pub table_g: f64,
     pub comb: Harmonics,
-    /// Level of the holding hum, g rms, its frequency, Hz, and phase, turns.
+    /// Hum of the drive that holds at standstill, through the table: level, g rms, 0 of half of them, frequency, Hz, and
+    /// phase, turns.
     pub hum: (f64, f64, f64),
 }
 
@@ -44,7 +42,7 @@ impl Rig {
             table_g: rng.log_between(0.05e-3, 0.5e-3),
             comb: Harmonics::draw(rng, (1..=ORDERS).map(|k| 1.0 / k as f64)),
             hum: (
-                if rng.chance(HUM_CHANCE) { 1.0 } else { 0.0 } * rng.log_uniform(HUM_G),
+                if rng.chance(0.5) { 1.0 } else { 0.0 } * rng.log_between(0.02e-3, 0.2e-3),
                 rng.log_between(400.0, 2000.0),
                 rng.between(0.0, 1.0),
             ),

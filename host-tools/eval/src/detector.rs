@@ -79,18 +79,17 @@ pub(crate) fn touched(episode: &Episode, frame: usize) -> bool {
     (0..episode.sensors).any(|sensor| episode.piezo(frame, sensor).sum() >= CONTACT_SUM_MIN)
 }
 
-/// A score computed frame by frame, in order, from this frame and earlier ones.
-pub(crate) trait Score: Send {
-    /// The next frame's score; finite.
-    fn step(&mut self, episode: &Episode, frame: usize) -> f32;
-}
-
-/// Slip where the score is above a threshold, the contact rule elsewhere.
-pub(crate) fn thresholded<'a>(mut score: impl Score + 'a, threshold: f32, order: ClassOrder) -> Detector<'a> {
+/// Slip where the score is above a threshold, the contact rule elsewhere. `score` gives the next frame's, finite,
+/// from this frame and earlier ones.
+pub(crate) fn thresholded<'a>(
+    mut score: impl FnMut(&Episode, usize) -> f32 + Send + 'a,
+    threshold: f32,
+    order: ClassOrder,
+) -> Detector<'a> {
     Box::new(move |episode| {
         let (score, fallback) = (0..episode.frames())
             .map(|frame| {
-                let (score, touched) = (score.step(episode, frame), touched(episode, frame));
+                let (score, touched) = (score(episode, frame), touched(episode, frame));
                 let ruled_out = order == ClassOrder::ContactFirst && !touched;
                 (if ruled_out { NEVER } else { score }, u8::from(touched))
             })
@@ -124,8 +123,9 @@ pub(crate) trait SensorScore: Clone + Send {
     fn step(&mut self, episode: &Episode, frame: usize, sensor: usize) -> f64;
 }
 
-impl<S: SensorScore> Score for PerSensor<S> {
-    fn step(&mut self, episode: &Episode, frame: usize) -> f32 {
+impl<S: SensorScore> PerSensor<S> {
+    /// The next frame's largest score of all sensors; finite.
+    pub(crate) fn step(&mut self, episode: &Episode, frame: usize) -> f32 {
         let sensors = self.get(episode.sensors).iter_mut().enumerate();
         let scores = sensors.map(|(sensor, state)| state.step(episode, frame, sensor));
         scores.fold(f64::from(f32::MIN), f64::max).min(f32::MAX.into()) as f32

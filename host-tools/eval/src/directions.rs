@@ -99,24 +99,3 @@ pub(crate) fn by_direction(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Directi
     }
     found
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn info(scenario: &str, slip_direction: Option<SlipDirection>) -> EpisodeInfo {
-        EpisodeInfo { scenario: Some(scenario.to_owned()), slip_direction, ..EpisodeInfo::default() }
-    }
-
-    #[test]
-    fn classes_follow_the_metadata() {
-        use DirectionClass::*;
-        let class = |scenario, direction| DirectionClass::from_info(&info(scenario, direction));
-        assert_eq!(class("six_step", None), Some(VerticalRig));
-        assert_eq!(class("free_pull", Some(SlipDirection::Vertical)), Some(VerticalHand));
-        assert_eq!(class("free_pull", Some(SlipDirection::OtherInPlane)), Some(OtherInPlane));
-        assert_eq!(class("rotation", Some(SlipDirection::Rotational)), Some(Rotational));
-        assert_eq!(class("free_grasp", None), None);
-        assert_eq!(DirectionClass::from_info(&EpisodeInfo::default()), None);
-    }
-}

@@ -62,7 +62,6 @@ pub struct Gallery {
     pub recorded: Option<Panel>,
 }
 
-/// What one episode shows.
 #[derive(Default)]
 struct Seen {
     hold: Vec<Frame>,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
-use serde_json::ser::{Formatter, Serializer};
+use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use slipsense::params::CLASSES;
 
 use crate::detector::ClassOrder;
@@ -187,37 +187,28 @@ impl Fitted {
     }
 }
 
+/// [`PrettyFormatter`] for objects alone: arrays stay on one line.
 #[derive(Default)]
-struct OneLinePerMember {
-    depth: usize,
-}
-
-impl OneLinePerMember {
-    fn new_line<W: ?Sized + Write>(&self, writer: &mut W) -> io::Result<()> {
-        write!(writer, "\n{:indent$}", "", indent = 2 * self.depth)
-    }
-}
+struct OneLinePerMember(PrettyFormatter<'static>);
 
 impl Formatter for OneLinePerMember {
     fn begin_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.depth += 1;
-        writer.write_all(b"{")
+        self.0.begin_object(writer)
     }
 
     fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        if !first {
-            writer.write_all(b",")?;
-        }
-        self.new_line(writer)
+        self.0.begin_object_key(writer, first)
     }
 
     fn begin_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        writer.write_all(b": ")
+        self.0.begin_object_value(writer)
+    }
+
+    fn end_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.end_object_value(writer)
     }
 
     fn end_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.depth -= 1;
-        self.new_line(writer)?;
-        writer.write_all(b"}")
+        self.0.end_object(writer)
     }
 }

@@ -5,6 +5,7 @@
 //! and [`NULL_REASONS`] says why.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -224,6 +225,14 @@ impl Results {
             detectors,
         }
     }
+
+    pub(crate) fn kind_of_data(&self) -> &'static str {
+        match (self.synthetic, self.partly_synthetic) {
+            (true, _) => "synthetic data",
+            (false, true) => "partly synthetic data",
+            (false, false) => "data",
+        }
+    }
 }
 
 impl InputInfo {
@@ -271,20 +280,28 @@ fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) ->
         episodes.map(|i| (&run.truths[i], &predictions[i])).collect()
     };
     let own = predictions.first().map_or(0.0, |prediction| prediction.threshold);
-    let validation = inputs.iter().zip(&run.of_input).find(|(input, _)| input.name == VALIDATION);
+    let of_inputs = || inputs.iter().map(|input| &input.name).zip(run.of_input.iter().cloned());
+    let validation = of_inputs().find(|(name, _)| *name == VALIDATION);
     let fixed = validation
-        .and_then(|(_, range)| threshold_for(&non_slip_scores(&predicted(&mut range.clone())), TARGET_FPR));
-    let point = |threshold: f32| OperatingPoint {
-        threshold_score: threshold.into(),
-        target_fpr_of_non_slip_share: TARGET_FPR,
-        inputs: inputs
-            .iter()
-            .zip(&run.of_input)
-            .map(|(input, range)| PointFigures {
-                input: input.name.clone(),
-                figures: figures_at(&predicted(&mut range.clone()), threshold),
-            })
-            .collect(),
+        .and_then(|(_, mut range)| threshold_for(&non_slip_scores(&predicted(&mut range)), TARGET_FPR));
+    let point = |threshold: f32| {
+        let figures = |(name, mut range): (&String, Range<usize>)| PointFigures {
+            input: name.clone(),
+            figures: figures_at(&predicted(&mut range), threshold),
+        };
+        OperatingPoint {
+            threshold_score: threshold.into(),
+            target_fpr_of_non_slip_share: TARGET_FPR,
+            inputs: of_inputs().map(figures).collect(),
+        }
+    };
+    let input_figures = |(name, range): (&String, Range<usize>)| {
+        let records: Vec<&EpisodeRecord> = records[range].iter().collect();
+        InputFigures {
+            input: name.clone(),
+            figures: Figures::new(records.iter().copied()),
+            intervals: Intervals::new(&records),
+        }
     };
     let tested_records: Vec<(&Truth, &EpisodeRecord)> =
         tested.iter().map(|&i| (&run.truths[i], &records[i])).collect();
@@ -296,18 +313,7 @@ fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) ->
         compute_us_per_frame: run.us_per_frame(e),
         all: Figures::new(of_tested.iter().copied()),
         all_intervals: Intervals::new(&of_tested),
-        inputs: inputs
-            .iter()
-            .zip(&run.of_input)
-            .map(|(input, range)| {
-                let records: Vec<&EpisodeRecord> = records[range.clone()].iter().collect();
-                InputFigures {
-                    input: input.name.clone(),
-                    figures: Figures::new(records.iter().copied()),
-                    intervals: Intervals::new(&records),
-                }
-            })
-            .collect(),
+        inputs: of_inputs().map(input_figures).collect(),
         groupings: groupings(&tested_records),
         directions: by_direction(&tested_records),
         encoder_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.encoder)),
@@ -372,14 +378,4 @@ fn spreads(candidates: &[Candidate<'_>], detectors: &[DetectorResults]) -> Vec<S
         }
     }
     spreads
-}
-
-impl Results {
-    pub(crate) fn kind_of_data(&self) -> &'static str {
-        match (self.synthetic, self.partly_synthetic) {
-            (true, _) => "synthetic data",
-            (false, true) => "partly synthetic data",
-            (false, false) => "data",
-        }
-    }
 }

@@ -19,43 +19,18 @@ use crate::vibration::{Biquad, Clock, Noise, add_scaled, blend, blend_rms, sin_t
 /// Noise density, g/√Hz: the modelling range of a low-noise part, set so that the paper's baselines land
 /// where they do in the paper.
 const NOISE_G: (f64, f64) = (22e-6, 45e-6);
-/// Size of an axis's gain error and of each cross-axis term.
-const GAIN_ERROR: (f64, f64) = (0.01, 0.03);
-const CROSS_AXIS: (f64, f64) = (0.01, 0.02);
 const OFFSET_G: f64 = 0.05;
-/// Corner of the part's low-pass, Hz, and the chance that it has two poles.
-const BANDWIDTH_HZ: (f64, f64) = (2_000.0, 4_000.0);
-const TWO_POLES: f64 = 0.5;
 /// Package resonance, Hz, and the frequency at which its rise is matched.
 const RESONANCE_HZ: (f64, f64) = (5_000.0, 10_000.0);
 const RESONANCE_MATCH_HZ: f64 = 3_000.0;
-/// Share of the upper spectrum that comes back mirrored.
-const ALIAS: (f64, f64) = (0.003, 0.03);
-/// Error of the part's own rate; with the session's it stays within the 3 % of data sheets.
-const RATE_ERROR: (f64, f64) = (0.01, 0.027);
 /// Change of the rate from session to session, and its drift within one, per second.
 const SESSION_RATE: f64 = 0.002;
 const RATE_DRIFT_PER_S: f64 = 5e-6;
-/// Offset's change from session to session and its slow wander: g, and Hz.
+/// Offset's change from session to session.
 const SESSION_OFFSET_G: f64 = 0.005;
-const WANDER_G: (f64, f64) = (0.1e-3, 2e-3);
-const WANDER_HZ: (f64, f64) = (0.005, 0.05);
 
-/// Cross-axis terms, corner, noise in each of four decades and the highest decade's corner of a part that flickers.
+/// Cross-axis terms of a part that flickers.
 const FLICKER_CROSS_AXIS: f64 = 0.15;
-const FLICKER_BANDWIDTH_HZ: (f64, f64) = (400.0, 2_500.0);
-const FLICKER_G: (f64, f64) = (0.3e-3, 4e-3);
-const FLICKER_TOP_HZ: (f64, f64) = (300.0, 2_500.0);
-/// A resonance inside the band, and a small range.
-const INSIDE_HZ: (f64, f64) = (1_200.0, 3_800.0);
-const INSIDE_DAMPING: (f64, f64) = (0.02, 0.2);
-const INSIDE_GAIN: (f64, f64) = (1.0, 8.0);
-const SMALL_RANGE_G: (f64, f64) = (2.0, 4.0);
-/// Gain that fades, ticks, and steps of a part at its end.
-const WORN_GAIN: (f64, f64) = (0.6, 1.2);
-const TICKS_PER_S: (f64, f64) = (0.05, 1.0);
-const TICK_G: (f64, f64) = (0.02, 0.5);
-const STEP_G: (f64, f64) = (1e-3, 6e-3);
 
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct XlUnit {
@@ -63,11 +38,13 @@ pub(crate) struct XlUnit {
     pub matrix: [[f64; 3]; 3],
     pub offset_g: [f64; 3],
     pub noise_g: f64,
+    /// Corner of the part's low-pass.
     pub bandwidth_hz: f64,
     pub poles: usize,
     pub resonance_hz: f64,
     /// Share of the upper spectrum that folds back.
     pub alias: f64,
+    /// Of the part's own rate; with the session's it stays within the 3 % of data sheets.
     pub rate_error: f64,
 }
 
@@ -77,7 +54,7 @@ impl XlUnit {
         // Gain errors on the diagonal, cross-axis terms beside it, after the rotation.
         let errors: [[f64; 3]; 3] = std::array::from_fn(|axis| {
             std::array::from_fn(|from| {
-                let range = if axis == from { GAIN_ERROR } else { CROSS_AXIS };
+                let range = if axis == from { (0.01, 0.03) } else { (0.01, 0.02) };
                 rng.either_sign(range) + if axis == from { 1.0 } else { 0.0 }
             })
         });
@@ -87,11 +64,11 @@ impl XlUnit {
             matrix,
             offset_g: std::array::from_fn(|_| rng.between(-OFFSET_G, OFFSET_G)),
             noise_g: rng.log_uniform(NOISE_G),
-            bandwidth_hz: rng.uniform(BANDWIDTH_HZ),
-            poles: if rng.chance(TWO_POLES) { 2 } else { 1 },
+            bandwidth_hz: rng.between(2_000.0, 4_000.0),
+            poles: if rng.chance(0.5) { 2 } else { 1 },
             resonance_hz: rng.uniform(RESONANCE_HZ),
-            alias: rng.log_uniform(ALIAS),
-            rate_error: rng.either_sign(RATE_ERROR),
+            alias: rng.log_between(0.003, 0.03),
+            rate_error: rng.either_sign((0.01, 0.027)),
         }
     }
 }
@@ -114,24 +91,24 @@ impl Quirk {
             SensorFamily::Part => return None,
             SensorFamily::Flicker => {
                 unit.matrix.iter_mut().flatten().for_each(|m| *m += FLICKER_CROSS_AXIS * rng.normal());
-                unit.bandwidth_hz = rng.log_uniform(FLICKER_BANDWIDTH_HZ);
-                let top_hz = rng.log_uniform(FLICKER_TOP_HZ);
+                unit.bandwidth_hz = rng.log_between(400.0, 2_500.0);
+                let top_hz = rng.log_between(300.0, 2_500.0);
                 Self::Flicker {
-                    g: rng.log_uniform(FLICKER_G),
+                    g: rng.log_between(0.3e-3, 4e-3),
                     corners_hz: [1.0, 0.3, 0.1, 0.03].map(|share| share * top_hz),
                 }
             }
             SensorFamily::Resonant => Self::Resonant {
-                hz: rng.log_uniform(INSIDE_HZ),
-                damping: rng.log_uniform(INSIDE_DAMPING),
-                gain: rng.log_uniform(INSIDE_GAIN),
-                range_g: rng.log_uniform(SMALL_RANGE_G),
+                hz: rng.log_between(1_200.0, 3_800.0),
+                damping: rng.log_between(0.02, 0.2),
+                gain: rng.log_between(1.0, 8.0),
+                range_g: rng.log_between(2.0, 4.0),
             },
             SensorFamily::Worn => Self::Worn {
-                end_gain: rng.uniform(WORN_GAIN),
-                ticks_per_s: rng.log_uniform(TICKS_PER_S),
-                tick_g: rng.log_uniform(TICK_G),
-                step_g: rng.log_uniform(STEP_G),
+                end_gain: rng.between(0.6, 1.2),
+                ticks_per_s: rng.log_between(0.05, 1.0),
+                tick_g: rng.log_between(0.02, 0.5),
+                step_g: rng.log_between(1e-3, 6e-3),
             },
         })
     }
@@ -195,8 +172,8 @@ impl XlSession {
             rate_drift_per_s: rng.between(-RATE_DRIFT_PER_S, RATE_DRIFT_PER_S),
             start: rng.between(0.0, 1.0),
             wander: (
-                rng.log_uniform(WANDER_G),
-                rng.log_uniform(WANDER_HZ),
+                rng.log_between(0.1e-3, 2e-3),
+                rng.log_between(0.005, 0.05),
                 std::array::from_fn(|_| rng.between(0.0, 1.0)),
             ),
         }

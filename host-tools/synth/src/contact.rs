@@ -41,10 +41,6 @@ use crate::objects::{Kind, Object};
 use crate::recipe::Region;
 use spread::Spread;
 
-/// Relative rms of the pressure's unevenness under a rough face, lowest and highest.
-const UNEVEN_RMS: (f64, f64) = (0.02, 0.08);
-/// Its correlation length, lowest and highest.
-const UNEVEN_MM: (f64, f64) = (0.3, 2.0);
 /// How much longer that is along the axis of a cable, whose surface hardly changes as it is drawn
 /// through the fingers.
 const CABLE_STRETCH: f64 = 12.0;
@@ -79,6 +75,7 @@ pub struct Contact {
     layer: Option<Layer>,
     /// Layer and object's surface in series.
     stiffness_kpa_per_mm: f64,
+    /// Relative rms of the pressure's unevenness under a rough face.
     uneven_rms: f64,
     /// Its correlation length across and along the object's axis.
     uneven_mm: [f64; 2],
@@ -130,8 +127,8 @@ impl Contact {
     /// A finger's layer drawn from its range, and the face of this grasp.
     pub(crate) fn draw(rng: &mut Rng, object: &'static Object, pose: Pose, region: Region) -> Self {
         let layer = Layer::draw(rng, region);
-        let rms = rng.uniform(UNEVEN_RMS);
-        let length = rng.log_uniform(UNEVEN_MM);
+        let rms = rng.between(0.02, 0.08);
+        let length = rng.log_between(0.3, 2.0);
         let stretch = if object.kind == Kind::Cable { CABLE_STRETCH } else { 1.0 };
         let lengths = [length, length * stretch];
         let uneven = Field::draw(rng, lengths);

@@ -2,7 +2,7 @@
 //! one part leaves the draws of the others alone.
 
 use libm::{exp, log};
-use rand::{Rng as _, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -37,9 +37,11 @@ pub(crate) fn stream(seed: u64, part: Stream, sensor: usize) -> Rng {
 
 pub(crate) type Span = (f64, f64);
 
-pub(crate) trait Draw {
+pub(crate) trait Draw: rand::Rng {
     /// Uniform in `lo..hi`.
-    fn between(&mut self, lo: f64, hi: f64) -> f64;
+    fn between(&mut self, lo: f64, hi: f64) -> f64 {
+        lo + (hi - lo) * self.random::<f64>()
+    }
     fn log_between(&mut self, lo: f64, hi: f64) -> f64 {
         exp(self.between(log(lo), log(hi)))
     }
@@ -55,12 +57,16 @@ pub(crate) trait Draw {
         if self.chance(0.5) { size } else { -size }
     }
     /// Gaussian of zero mean and unit variance.
-    fn normal(&mut self) -> f64;
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(self)
+    }
     fn chance(&mut self, p: f64) -> bool {
         self.between(0.0, 1.0) < p
     }
     /// Integer in `lo..=hi`.
-    fn count(&mut self, lo: usize, hi: usize) -> usize;
+    fn count(&mut self, lo: usize, hi: usize) -> usize {
+        self.random_range(lo..=hi)
+    }
     /// Direction, uniform on the sphere.
     fn direction(&mut self) -> [f64; 3] {
         unit_vector([self.normal(), self.normal(), self.normal()])
@@ -75,14 +81,4 @@ pub(crate) fn unit_vector(v: [f64; 3]) -> [f64; 3] {
     v.map(|x| x / norm)
 }
 
-impl Draw for Rng {
-    fn between(&mut self, lo: f64, hi: f64) -> f64 {
-        lo + (hi - lo) * self.random::<f64>()
-    }
-    fn normal(&mut self) -> f64 {
-        StandardNormal.sample(self)
-    }
-    fn count(&mut self, lo: usize, hi: usize) -> usize {
-        self.random_range(lo..=hi)
-    }
-}
+impl Draw for Rng {}

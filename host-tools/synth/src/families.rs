@@ -12,10 +12,8 @@ use crate::draw::{Draw, Rng};
 pub const FAMILIES: usize = 4;
 
 pub trait Family: Copy + PartialEq + 'static {
-    /// All of them, the laboratory's first.
+    /// All of them: the laboratory's first, the one that training never sees last.
     const ALL: [Self; FAMILIES];
-    /// The one that training never sees, the last.
-    const HELD_OUT: Self = Self::ALL[FAMILIES - 1];
 }
 
 fn any<F: Family>(rng: &mut Rng) -> F {
@@ -188,7 +186,6 @@ impl Stage {
 }
 
 impl Families {
-    /// The laboratory's.
     pub fn is_laboratory(&self) -> bool {
         *self == Self::default()
     }

@@ -34,7 +34,6 @@ pub(crate) struct Finger {
     pub xl: Vec<XlSample>,
     pub xl_end: Vec<u32>,
     pub slip_mm_s: Vec<f64>,
-    /// Share of the load that slides.
     pub fraction: Vec<f64>,
     pub path_mm: Vec<f64>,
     /// Turn of the object since it was gripped.
@@ -82,11 +81,6 @@ struct SensorBuild {
     quirk: Option<Quirk>,
     /// Goes on to draw the vibration.
     rng: Rng,
-}
-
-/// Draws of what one sensor has of other families than the laboratory's.
-fn of_families(seed: u64, sensor: usize) -> Rng {
-    stream(seed, Stream::Families, 2 + sensor)
 }
 
 impl SensorBuild {
@@ -193,14 +187,10 @@ impl<'a> EpisodeSetup<'a> {
             &json!({
                 "lean": self.lean,
                 "shares": self.shares[..self.resolved.recipe.sensors],
-                "xl_range_g": self.range_g(),
+                "xl_range_g": 32768.0 * self.lsb_g,
             }),
         );
         log.add("sound", &self.vibration);
-    }
-
-    fn range_g(&self) -> f64 {
-        32768.0 * self.lsb_g
     }
 
     /// The fingers face each other: the second sees the first's left as its right. Jaws are parallel; the
@@ -229,7 +219,7 @@ impl<'a> EpisodeSetup<'a> {
         let mut rng = stream(seed, Stream::Friction, sensor);
         let pose = self.pose_of(sensor);
         let families = self.resolved.recipe.families;
-        let own = &mut of_families(seed, sensor);
+        let own = &mut stream(seed, Stream::Families, 2 + sensor);
         let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.recipe.region)
             .with_face(families.contact, own);
         let mut interface = friction::draw(families.friction, object, &mut rng, own);
@@ -293,7 +283,7 @@ impl<'a> EpisodeSetup<'a> {
             let steps = frame * STEPS..(frame + 1) * STEPS;
             for (step, &force) in steps.clone().zip(&grip[steps]) {
                 if map_n <= 0.0 && force > 0.0 {
-                    gripped_at = (interface.position_mm(), interface.turn_rad());
+                    gripped_at = (sliding.travel_mm, sliding.turn_rad);
                     contact.place([0.0; 2], 0.0, [0.0; 2]);
                     contact.pressures(force, [0.0; 2], &mut map);
                     map_n = force;
@@ -301,8 +291,7 @@ impl<'a> EpisodeSetup<'a> {
                 let scale = if map_n > 0.0 { force / map_n } else { 0.0 };
                 let mut pull = self.pull(step, sensor);
                 if let Some(strength) = self.plan.pull_limit {
-                    let object = (interface.position_mm(), interface.turn_rad());
-                    pull = hand.pull(pull, strength.shared(share), object);
+                    pull = hand.pull(pull, strength.shared(share), (sliding.travel_mm, sliding.turn_rad));
                 }
                 sliding = interface.step(&map, scale, pull, 1.0 / STEP_HZ);
                 slip.speed_mm_s.push(sliding.speed_mm_s);

@@ -42,15 +42,7 @@ pub(crate) const STEP_HZ: f64 = 2_400.0;
 const BRUSH_KPA_PER_MM: (f64, f64) = (500.0, 3000.0);
 /// Deviation of the logarithm of the friction coefficient between grasps.
 const MU_LEVEL: f64 = 0.08;
-/// The same between places on one pad, lowest and highest.
-const MU_SPREAD: (f64, f64) = (0.10, 0.15);
-/// Correlation length of friction on the pad, lowest and highest.
-const MU_CORRELATION_MM: (f64, f64) = (1.0, 3.0);
-/// Slip over which static friction falls to kinetic, lowest and highest.
-const WEAKENING_MM: (f64, f64) = (0.01, 0.04);
-/// Time constant of regaining static friction at rest, lowest and highest.
-const HEALING_S: (f64, f64) = (0.1, 1.0);
-/// A cell slides when it moves faster than this; slower is numerical creep.
+/// What moves faster than this slides; slower is numerical creep.
 const SLIDING_MM_S: f64 = 0.05;
 /// Newtons per kPa on one cell.
 const CELL_N: f64 = CELL_MM2 * 1e-3;
@@ -59,10 +51,6 @@ const CELL_N: f64 = CELL_MM2 * 1e-3;
 pub(crate) trait Friction {
     /// Advance by `dt` seconds under pressures `map` times `scale`.
     fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState;
-    /// Position of the object relative to the finger at this moment.
-    fn position_mm(&self) -> [f64; 2];
-    /// Turn of the object relative to the finger at this moment.
-    fn turn_rad(&self) -> f64;
     /// Forget the stress of cells that carry no load any more.
     fn release_unloaded(&mut self, _map: &PressureMap) {}
     fn drawn(&self) -> serde_json::Value;
@@ -91,9 +79,12 @@ pub(crate) struct Interface {
     mu_static: f64,
     /// Deviation of its logarithm over the pad.
     mu_spread: f64,
+    /// Correlation length of friction on the pad.
     mu_correlation_mm: f64,
     kinetic_share: f64,
+    /// Slip over which static friction falls to kinetic.
     weakening_mm: f64,
+    /// Time constant of regaining static friction at rest.
     healing_s: f64,
     #[serde(skip)]
     stress_kpa: Box<[[f64; 2]; TAXELS]>,
@@ -103,13 +94,7 @@ pub(crate) struct Interface {
     #[serde(skip)]
     rested: Box<[f64; TAXELS]>,
     #[serde(skip)]
-    position_mm: [f64; 2],
-    #[serde(skip)]
-    turn_rad: f64,
-    #[serde(skip)]
-    path_mm: f64,
-    #[serde(skip)]
-    direction: [f64; 2],
+    now: SlipState,
     /// Last step's move: where the next search starts.
     #[serde(skip)]
     moved: [f64; 3],
@@ -149,7 +134,7 @@ pub(crate) struct SlipState {
 }
 
 impl Interface {
-    /// A finger's skin against this object, drawn from the ranges above.
+    /// A finger's skin against this object.
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
         let level = exp(MU_LEVEL * rng.normal());
         let skin = rng.log_uniform(BRUSH_KPA_PER_MM);
@@ -158,10 +143,10 @@ impl Interface {
             object.mu_static * level,
             object.mu_kinetic / object.mu_static,
         );
-        interface.mu_spread = rng.uniform(MU_SPREAD);
-        interface.mu_correlation_mm = rng.log_uniform(MU_CORRELATION_MM);
-        interface.weakening_mm = rng.log_uniform(WEAKENING_MM);
-        interface.healing_s = rng.log_uniform(HEALING_S);
+        interface.mu_spread = rng.between(0.10, 0.15);
+        interface.mu_correlation_mm = rng.log_between(1.0, 3.0);
+        interface.weakening_mm = rng.log_between(0.01, 0.04);
+        interface.healing_s = rng.log_between(0.1, 1.0);
         let field = Field::draw(rng, [interface.mu_correlation_mm; 2]);
         for (cell, mu) in interface.mu.iter_mut().enumerate() {
             let (x, y) = cell_mm(cell);
@@ -183,10 +168,7 @@ impl Interface {
             stress_kpa: Box::new([[0.0; 2]; TAXELS]),
             mu: Box::new([mu; TAXELS]),
             rested: Box::new([1.0; TAXELS]),
-            position_mm: [0.0; 2],
-            turn_rad: 0.0,
-            path_mm: 0.0,
-            direction: [0.0, 1.0],
+            now: SlipState { direction: [0.0, 1.0], ..SlipState::default() },
             moved: [0.0; 3],
             brushes: Vec::new(),
         }
@@ -218,7 +200,7 @@ impl Interface {
             load += p;
             path += p * slid_mm;
             self.stress_kpa[cell] = held.map(|n| n * (1.0 / CELL_N));
-            let arm = brush.arm_mm();
+            let arm = brush.arm_mm;
             torque += arm[0] * held[1] - arm[1] * held[0];
             for axis in 0..2 {
                 shear[axis] += held[axis];
@@ -236,19 +218,17 @@ impl Interface {
         let drifted = (drift[0] * drift[0] + drift[1] * drift[1]).sqrt();
         // What only turns slides all ways at once.
         if drifted > 0.02 * path && path > load * creep_mm * 1e-3 {
-            self.direction = drift.map(|d| d / drifted);
+            self.now.direction = drift.map(|d| d / drifted);
         }
-        self.path_mm += path / load;
-        SlipState {
+        self.now.path_mm += path / load;
+        self.now = SlipState {
             speed_mm_s: path / load / dt,
             fraction: sliding / load,
             shear_n: shear,
             torque_n_mm: torque,
-            travel_mm: self.position_mm,
-            turn_rad: self.turn_rad,
-            path_mm: self.path_mm,
-            direction: self.direction,
-        }
+            ..self.now
+        };
+        self.now
     }
 }
 
@@ -261,26 +241,18 @@ impl Friction for Interface {
         self.gather(map, scale);
         let springs = Springs {
             stretch: [
-                pull.position_mm[0] - self.position_mm[0],
-                pull.position_mm[1] - self.position_mm[1],
-                pull.turn_rad - self.turn_rad,
+                pull.position_mm[0] - self.now.travel_mm[0],
+                pull.position_mm[1] - self.now.travel_mm[1],
+                pull.turn_rad - self.now.turn_rad,
             ],
             position_n_per_mm: pull.stiffness_n_per_mm,
             turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
         };
         self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
-        self.position_mm[0] += self.moved[0];
-        self.position_mm[1] += self.moved[1];
-        self.turn_rad += self.moved[2];
+        self.now.travel_mm[0] += self.moved[0];
+        self.now.travel_mm[1] += self.moved[1];
+        self.now.turn_rad += self.moved[2];
         self.slide(map, scale, dt)
-    }
-
-    fn position_mm(&self) -> [f64; 2] {
-        self.position_mm
-    }
-
-    fn turn_rad(&self) -> f64 {
-        self.turn_rad
     }
 
     fn release_unloaded(&mut self, map: &PressureMap) {

@@ -29,17 +29,23 @@ pub(crate) enum UnitId {
 }
 
 impl UnitId {
+    const ALL: [Self; 5] = [Self::UmiA, Self::UmiB, Self::TesolloA, Self::TesolloB, Self::TesolloC];
+
     /// The units of a recording, in the order of its sensors: those of the platform in any order.
     pub(crate) fn mounted(rng: &mut Rng, platform: Platform, sensors: usize) -> Vec<Self> {
-        let mut units = match platform {
-            Platform::Umi => vec![Self::UmiA, Self::UmiB],
-            Platform::Tesollo => vec![Self::TesolloA, Self::TesolloB, Self::TesolloC],
-        };
+        let mut units: Vec<_> = Self::ALL.into_iter().filter(|id| id.platform() == platform).collect();
         for last in (1..units.len()).rev() {
             units.swap(last, rng.count(0, last));
         }
         units.truncate(sensors);
         units
+    }
+
+    fn platform(self) -> Platform {
+        match self {
+            Self::UmiA | Self::UmiB => Platform::Umi,
+            Self::TesolloA | Self::TesolloB | Self::TesolloC => Platform::Tesollo,
+        }
     }
 }
 
@@ -47,15 +53,6 @@ pub(crate) struct Unit {
     pub film: FilmUnit,
     pub modes: Modes,
     pub xl: XlUnit,
-}
-
-impl UnitId {
-    fn platform(self) -> Platform {
-        match self {
-            Self::UmiA | Self::UmiB => Platform::Umi,
-            Self::TesolloA | Self::TesolloB | Self::TesolloC => Platform::Tesollo,
-        }
-    }
 }
 
 impl Unit {
@@ -86,7 +83,7 @@ mod tests {
 
     #[test]
     fn idle_pads_of_all_units_read_less_than_half_the_contact_threshold() {
-        for id in [UnitId::UmiA, UnitId::UmiB, UnitId::TesolloA, UnitId::TesolloB, UnitId::TesolloC] {
+        for id in UnitId::ALL {
             let unit = Unit::new(id);
             for recording in 0..40 {
                 let mut rng = stream(recording, Stream::Film, 0);

@@ -11,11 +11,11 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 
-use crate::detector::{Detector, PerSensor, Score, thresholded};
-use crate::fitted::{Cutoff, Fitted};
+use crate::detector::{Detector, PerSensor, thresholded};
+use crate::fitted::Fitted;
 
 pub use network::Modality;
-use paper::{AndScore, EntropyScore, MfccQdaScore};
+use paper::{EntropyScore, MfccQdaScore, both};
 
 /// The integer network, the one that ships.
 pub const NETWORK: &str = "network";
@@ -51,10 +51,10 @@ pub const DETECTORS: [(&str, &str); 12] = [
 ];
 
 pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
-    fn analytic<'a>(score: impl Score + 'a, cut: Cutoff, fitted: &Fitted) -> Detector<'a> {
-        thresholded(score, cut.threshold, fitted.class_order)
-    }
     let fitted = setup.fitted;
+    let (cutoffs, order) = ([fitted.entropy, fitted.mfcc.cut], fitted.class_order);
+    let mut entropy = PerSensor::<EntropyScore>::default();
+    let mfcc = || MfccQdaScore::new(&fitted.mfcc).map(PerSensor::new);
     Ok(match name {
         NETWORK => network::network(setup.model, setup.dead)?,
         NETWORK_ALARM => network::network_alarm(setup.model, setup.dead)?,
@@ -62,9 +62,20 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
         FLOAT => float::float(setup.float_weights)?,
         #[cfg(not(feature = "float"))]
         FLOAT => bail!("{FLOAT} is not in this build; build with `--features train`"),
-        "entropy" => analytic(PerSensor::<EntropyScore>::default(), fitted.entropy, fitted),
-        "mfcc-qda" => analytic(PerSensor::new(MfccQdaScore::new(&fitted.mfcc)?), fitted.mfcc.cut, fitted),
-        "entropy-and-mfcc" => thresholded(AndScore::new(fitted)?, 0.0, fitted.class_order),
+        "entropy" => {
+            thresholded(move |episode, frame| entropy.step(episode, frame), cutoffs[0].threshold, order)
+        }
+        "mfcc-qda" => {
+            let mut mfcc = mfcc()?;
+            thresholded(move |episode, frame| mfcc.step(episode, frame), cutoffs[1].threshold, order)
+        }
+        "entropy-and-mfcc" => {
+            let mut mfcc = mfcc()?;
+            let scores = move |episode: &_, frame| {
+                both([entropy.step(episode, frame), mfcc.step(episode, frame)], cutoffs)
+            };
+            thresholded(scores, 0.0, order)
+        }
         "majority" => Box::new(|episode| Ok(limits::majority(episode, fitted.class_frames))),
         "always-slip" => Box::new(|episode| Ok(limits::always_slip(episode))),
         "clock" => {

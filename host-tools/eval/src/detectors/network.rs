@@ -21,7 +21,6 @@ pub enum Modality {
 }
 
 impl Modality {
-    /// As on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Piezo => "piezo",
@@ -186,16 +185,5 @@ mod tests {
         assert!(score_of(i32::MIN).is_finite() && score_of(i32::MIN) > NEVER);
         assert!(score_of(i32::MAX) > 0.0);
         assert_eq!(score(None), NEVER);
-    }
-
-    #[test]
-    fn the_kth_largest_by_hand() {
-        let mut second_of_three = KthLargest::new(2, 3);
-        let margins = [Some(5), Some(-1), None, Some(7), Some(7), Some(9), Some(0), None];
-        let expected = [None, Some(-1), Some(-1), Some(-1), Some(7), Some(7), Some(7), Some(0)];
-        let logit = |bits: Option<i32>| bits.map(Logit::from_bits);
-        assert_eq!(margins.map(|margin| second_of_three.push(logit(margin))), expected.map(logit));
-        second_of_three.clear();
-        assert_eq!(second_of_three.push(logit(Some(9))), None, "one frame is not two");
     }
 }

@@ -4,8 +4,8 @@ use anyhow::Result;
 use slipsense::sensor::PiezoFrame;
 use slipsense_recording::Episode;
 
-use crate::detector::{PerSensor, Score, SensorScore};
-use crate::fitted::{Cutoff, Fitted, LikelihoodRatio, MfccFit};
+use crate::detector::SensorScore;
+use crate::fitted::{Cutoff, LikelihoodRatio, MfccFit};
 use crate::spectrum::XlSpectrum;
 
 const BINS: usize = 32;
@@ -81,33 +81,11 @@ impl SensorScore for MfccQdaScore {
     }
 }
 
-/// Slip where both single-sensor baselines are above their thresholds: above 0 exactly there.
-pub(super) struct AndScore {
-    entropy: PerSensor<EntropyScore>,
-    mfcc: PerSensor<MfccQdaScore>,
-    cutoffs: [Cutoff; 2],
-}
-
-impl AndScore {
-    pub(super) fn new(fitted: &Fitted) -> Result<Self> {
-        Ok(Self {
-            entropy: PerSensor::default(),
-            mfcc: PerSensor::new(MfccQdaScore::new(&fitted.mfcc)?),
-            cutoffs: [fitted.entropy, fitted.mfcc.cut],
-        })
-    }
-}
-
-/// The smaller of two scores, each less its threshold and over its standard deviation on train.
-fn both(scores: [f32; 2], cutoffs: [Cutoff; 2]) -> f32 {
+/// The smaller of two scores, each less its threshold and over its standard deviation on train: above 0 exactly where
+/// both are above their thresholds.
+pub(super) fn both(scores: [f32; 2], cutoffs: [Cutoff; 2]) -> f32 {
     let scaled = |i: usize| (scores[i] - cutoffs[i].threshold) / cutoffs[i].std;
     scaled(0).min(scaled(1))
-}
-
-impl Score for AndScore {
-    fn step(&mut self, episode: &Episode, frame: usize) -> f32 {
-        both([self.entropy.step(episode, frame), self.mfcc.step(episode, frame)], self.cutoffs)
-    }
 }
 
 #[cfg(test)]

@@ -47,25 +47,3 @@ pub(crate) fn logistic_regression<const N: usize>(
     }
     bail!("logistic regression has not converged after {STEPS_MAX} steps")
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn log_odds_without_features_are_the_counts() {
-        // A constant feature of 0 leaves the intercept alone: ln(3 / 1).
-        let (weights, intercept) = logistic_regression(&[[0.0]; 4], &[true, true, true, false]).unwrap();
-        assert_eq!(weights, [0.0]);
-        assert!((intercept - 3f64.ln()).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_gradient_is_zero_where_it_stops() {
-        // Symmetric and separable: intercept 0, and w = Σ x (y − p) = 2 · 2 / (1 + e^2w).
-        let (weights, intercept) = logistic_regression(&[[-2.0], [2.0]], &[false, true]).unwrap();
-        let w = weights[0];
-        assert!(intercept.abs() < 1e-9);
-        assert!((w - 4.0 / (1.0 + (2.0 * w).exp())).abs() < 1e-9);
-    }
-}

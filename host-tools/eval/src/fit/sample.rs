@@ -5,7 +5,7 @@ use serde_json::Value;
 use slipsense::params::CLASSES;
 use slipsense_recording::{Episode, Meta};
 
-use crate::detector::{PerSensor, Score, touched};
+use crate::detector::{PerSensor, touched};
 use crate::detectors::limits::CLOCK_BIN_FRAMES;
 use crate::detectors::paper::EntropyScore;
 use crate::detectors::rig_only::{RigFeatures, rig_only_episode};

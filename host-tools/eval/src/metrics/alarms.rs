@@ -21,8 +21,8 @@ pub(crate) struct AlarmCounts {
     pub(crate) exposure_frames: [u64; DISTURBANCES.len()],
     /// Alarms in which the contact truly slid, though not by the label; part of `alarms`.
     pub(crate) sliding: u64,
-    /// Whether the interface truth was known everywhere.
-    pub(crate) sliding_known: bool,
+    /// Whether the interface truth was unknown somewhere.
+    pub(crate) sliding_unknown: bool,
     pub(crate) interface_alarms: u64,
     /// Exposure outside the widened sliding, frames.
     pub(crate) interface_exposure_frames: u64,
@@ -32,7 +32,7 @@ impl AlarmCounts {
     /// Count the alarms of an episode; `flag` is non-zero where slip is predicted.
     pub(crate) fn new(truth: &Truth, flag: &[u8]) -> Self {
         let alarms = score_intervals(&truth.slip, flag).false_alarms;
-        let mut counts = Self { sliding_known: truth.interface.is_some(), ..Self::default() };
+        let mut counts = Self { sliding_unknown: truth.interface.is_none(), ..Self::default() };
         for (f, _) in near(&truth.slip, truth.frames()).iter().enumerate().filter(|(_, near)| !**near) {
             counts.exposure_frames[truth.disturbance[f] as usize] += 1;
         }
@@ -57,13 +57,9 @@ impl AlarmCounts {
             self.exposure_frames[class] += other.exposure_frames[class];
         }
         self.sliding += other.sliding;
-        self.sliding_known &= other.sliding_known;
+        self.sliding_unknown |= other.sliding_unknown;
         self.interface_alarms += other.interface_alarms;
         self.interface_exposure_frames += other.interface_exposure_frames;
-    }
-
-    pub(crate) fn zero() -> Self {
-        Self { sliding_known: true, ..Self::default() }
     }
 
     pub(crate) fn total(&self) -> u64 {
@@ -125,7 +121,7 @@ impl AlarmFigures {
             disturbance: DISTURBANCES[class],
             rate: Rate::new(counts.alarms[class], counts.exposure_frames[class]),
         };
-        let known = counts.sliding_known;
+        let known = !counts.sliding_unknown;
         Self {
             all: Rate::new(counts.total(), counts.exposure_frames.iter().sum()),
             of_these_truly_sliding: known.then_some(counts.sliding),

@@ -4,10 +4,10 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
-use slipsense_recording::score::{ClassScores, Detection};
+use slipsense_recording::score::ClassScores;
 
 use super::alarms::hours;
-use super::events::WITHIN_FRAMES;
+use super::events::{WITHIN_FRAMES, latencies};
 use super::figures::{EpisodeRecord, Figures};
 use super::statistics::{CONFIDENCE, share};
 
@@ -39,26 +39,19 @@ pub(crate) struct InputFigures {
 
 struct Counts {
     classes: ClassScores,
-    /// Latency of hits, [`MISSED`] for misses.
-    latencies: Vec<u32>,
+    /// Of hits and misses, frames; infinite for misses.
+    latencies: Vec<f64>,
     events: usize,
     alarms: u64,
     exposure_frames: u64,
 }
 
-const MISSED: u32 = u32::MAX;
-
 impl Counts {
     fn new(record: &EpisodeRecord) -> Self {
         let outcomes = &record.events.encoder;
-        let latency = |detection| match detection {
-            Detection::Hit { delay } => Some(delay as u32),
-            Detection::Missed => Some(MISSED),
-            Detection::Early { .. } => None,
-        };
         Self {
             classes: record.frames.all,
-            latencies: outcomes.iter().filter_map(|o| latency(o.event.detection)).collect(),
+            latencies: latencies(outcomes),
             events: outcomes.len(),
             alarms: record.alarms.total(),
             exposure_frames: record.alarms.exposure_frames.iter().sum(),
@@ -75,26 +68,26 @@ impl Intervals {
         let counts: Vec<Counts> = records.iter().copied().map(Counts::new).collect();
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let mut draws: [Vec<f64>; 7] = Default::default();
-        let mut latencies = Vec::new();
+        let mut drawn = Vec::new();
         for _ in 0..RESAMPLES {
             let (mut classes, mut alarms, mut exposure, mut events) = (ClassScores::default(), 0, 0, 0);
-            latencies.clear();
+            drawn.clear();
             for _ in 0..counts.len() {
                 let episode = &counts[rng.random_range(0..counts.len())];
                 classes.add(&episode.classes);
-                latencies.extend_from_slice(&episode.latencies);
+                drawn.extend_from_slice(&episode.latencies);
                 events += episode.events;
                 alarms += episode.alarms;
                 exposure += episode.exposure_frames;
             }
-            let within = latencies.iter().filter(|&&frames| frames <= WITHIN_FRAMES as u32).count();
-            let missed = latencies.iter().filter(|&&frames| frames == MISSED).count();
+            let within = drawn.iter().filter(|&&frames| frames <= WITHIN_FRAMES as f64).count();
+            let missed = drawn.iter().filter(|frames| frames.is_infinite()).count();
             let values = [
                 classes.accuracy(),
                 classes.macro_f1(),
                 classes.fpr_of_non_slip(),
-                median(&mut latencies),
-                share(within, latencies.len()),
+                median(&mut drawn),
+                share(within, drawn.len()),
                 share(missed, events),
                 (exposure > 0).then(|| alarms as f64 / hours(exposure)),
             ];
@@ -117,18 +110,17 @@ impl Intervals {
     }
 }
 
-fn median(latencies: &mut [u32]) -> Option<f64> {
-    let frames = |latency: u32| if latency == MISSED { f64::INFINITY } else { f64::from(latency) };
+fn median(latencies: &mut [f64]) -> Option<f64> {
     let length = latencies.len();
     if length == 0 {
         return None;
     }
-    let (below, &mut middle, _) = latencies.select_nth_unstable(length / 2);
+    let (below, &mut middle, _) = latencies.select_nth_unstable_by(length / 2, f64::total_cmp);
     if length % 2 == 1 {
-        return Some(frames(middle));
+        return Some(middle);
     }
-    let other = below.iter().copied().max().unwrap_or(middle);
-    Some((frames(other) + frames(middle)) / 2.0)
+    let other = below.iter().copied().max_by(f64::total_cmp).unwrap_or(middle);
+    Some((other + middle) / 2.0)
 }
 
 fn bounds(mut values: Vec<f64>) -> Option<[f64; 2]> {

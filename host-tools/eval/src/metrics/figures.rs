@@ -43,7 +43,6 @@ pub(crate) struct Figures {
     pub(crate) episodes: usize,
     pub(crate) frames: u64,
     pub(crate) frame: FrameFigures,
-    /// The false positive rate by where the frames lie.
     pub(crate) false_slip: FalseSlipFigures,
     pub(crate) encoder_events: EventFigures,
     pub(crate) interface_events: EventFigures,
@@ -56,7 +55,7 @@ pub(crate) struct Figures {
 
 impl Figures {
     pub(crate) fn new<'a>(records: impl IntoIterator<Item = &'a EpisodeRecord>) -> Self {
-        let (mut frames, mut alarms) = (FrameCounts::default(), AlarmCounts::zero());
+        let (mut frames, mut alarms) = (FrameCounts::default(), AlarmCounts::default());
         let (mut encoder, mut interface, mut without, mut episodes) = (Vec::new(), Vec::new(), 0, 0);
         for record in records {
             frames.add(&record.frames);

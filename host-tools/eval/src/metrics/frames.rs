@@ -55,12 +55,10 @@ impl FrameCounts {
                 counts.guarded.confusion[label as usize][class as usize] -= 1;
             }
             if class == SLIP && label != SLIP {
-                let place = if before[f] {
-                    0
-                } else if after[f] {
-                    1
-                } else {
-                    2
+                let place = match (before[f], after[f]) {
+                    (true, _) => 0,
+                    (_, true) => 1,
+                    _ => 2,
                 };
                 counts.false_slip[place] += 1;
             }
@@ -91,7 +89,6 @@ pub struct FrameFigures {
     pub(crate) guard_band: GuardFigures,
 }
 
-/// Precision, recall and F1 of one class.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct ClassFigures {
     pub(crate) name: &'static str,

@@ -152,7 +152,7 @@ pub struct Tuning {
 
 /// Try every rule. `disturbances` must hold exposure, `slips` a labelled slip.
 pub fn tune(disturbances: &[Margins], slips: &[Margins], target_alarms_per_hour: f64) -> Result<Tuning> {
-    let mut exposure = AlarmCounts::zero();
+    let mut exposure = AlarmCounts::default();
     for episode in disturbances.iter().chain(slips) {
         exposure.add(&AlarmCounts::new(&episode.sliding, &vec![0; episode.truth.frames()]));
     }
@@ -179,7 +179,7 @@ fn at_most(disturbances: &[Margins], slips: &[Margins], (k, n): (u8, u8), allowe
     let of_slip: Vec<_> =
         scored.iter().map(|(episode, scores)| (&episode.sliding.slip[..], scores.clone())).collect();
     let threshold = lowest_threshold(&of_slip, allowed);
-    let mut counts = AlarmCounts::zero();
+    let mut counts = AlarmCounts::default();
     for (episode, scores) in &scored {
         counts.add(&AlarmCounts::new(&episode.sliding, &flags(scores, threshold)));
     }
@@ -239,9 +239,7 @@ impl Tuning {
             "latency_median_frames": best.slips.latency_median_frames,
         })
     }
-}
 
-impl Tuning {
     /// The operating curve as a picture, SVG: what is missed and how late the rest is found, by false alarms per hour.
     pub fn curve_svg(&self) -> Result<String> {
         let line = |name: &str, value: &dyn Fn(&EventFigures) -> Option<f64>| {

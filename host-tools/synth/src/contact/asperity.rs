@@ -13,13 +13,11 @@ use crate::draw::{Draw, Rng};
 /// asperities of 10–40 µm that fit under the 0.45 × 0.45 mm of an element, as the layer between spreads their
 /// loads. A modelling range, set so that the paper's baselines land where they do in the paper.
 const RMS: (f64, f64) = (0.006, 0.025);
-/// Slid length after which other asperities carry the load, mm.
-const LENGTH_MM: (f64, f64) = (0.01, 0.04);
 
 #[derive(Serialize)]
 pub(crate) struct AsperityNoise {
     rms: f64,
-    /// Slid length over which it changes, mm.
+    /// Slid length after which other asperities carry the load, mm.
     length_mm: f64,
     #[serde(skip)]
     state: Box<[f64; TAXELS]>,
@@ -31,7 +29,7 @@ impl AsperityNoise {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
         Self {
             rms: rng.uniform(RMS),
-            length_mm: rng.log_uniform(LENGTH_MM),
+            length_mm: rng.log_between(0.01, 0.04),
             state: Box::new([0.0; TAXELS]),
             path_mm: 0.0,
         }

@@ -20,24 +20,13 @@ const REFERENCE_N: f64 = 2.0;
 /// Slope of the face at which one edge bears twice the mean.
 const TILT_FULL: f64 = 0.03;
 
-/// Half width of a round thing's plateau at the reference, mm, its growth with force, and the plateau's flatness.
-const PLATEAU_MM: (f64, f64) = (1.2, 5.0);
-const PLATEAU_EXPONENT: (f64, f64) = (0.1, 0.3);
-const FLATNESS: (f64, f64) = (1.5, 6.0);
-
-/// Distance of the summits, their width over it, and the depth of their heights, mm.
-const SUMMITS_MM: (f64, f64) = (1.0, 3.0);
-const SUMMIT_WIDTH: (f64, f64) = (0.25, 0.6);
-const SUMMIT_DEPTH_MM: (f64, f64) = (0.02, 0.15);
-
-/// Half width of a ball's patch and of a rod's at the reference, mm; what rounds the edges of a flat punch.
-const HERTZ_MM: (f64, f64) = (0.8, 3.0);
-const EDGE: (f64, f64) = (0.03, 0.3);
-
 #[derive(Serialize)]
 pub(super) enum Face {
+    /// Half width of a round thing's plateau at the reference, its growth with force, and the plateau's flatness.
     Conforming { half_mm: f64, exponent: f64, flatness: f64 },
+    /// Width of the summits and the depth of their heights.
     Summits { width_mm: f64, depth_mm: f64, summits: Vec<Summit> },
+    /// Half width of a ball's patch and of a rod's at the reference; what rounds the edges of a flat punch.
     HalfSpace { half_mm: f64, edge: f64 },
 }
 
@@ -54,12 +43,12 @@ impl Face {
         Some(match family {
             ContactFamily::Foundation => return None,
             ContactFamily::Conforming => Self::Conforming {
-                half_mm: rng.log_uniform(PLATEAU_MM),
-                exponent: rng.uniform(PLATEAU_EXPONENT),
-                flatness: rng.log_uniform(FLATNESS),
+                half_mm: rng.log_between(1.2, 5.0),
+                exponent: rng.between(0.1, 0.3),
+                flatness: rng.log_between(1.5, 6.0),
             },
             ContactFamily::Summits => {
-                let (pitch_mm, depth_mm) = (rng.log_uniform(SUMMITS_MM), rng.log_uniform(SUMMIT_DEPTH_MM));
+                let (pitch_mm, depth_mm) = (rng.log_between(1.0, 3.0), rng.log_between(0.02, 0.15));
                 let half = half_mm(object);
                 let summits = (0..(4.0 * half[0] * half[1] / (pitch_mm * pitch_mm)).ceil() as usize + 1)
                     .map(|_| {
@@ -70,10 +59,10 @@ impl Face {
                     })
                     .filter(|summit| summit.below_mm.is_finite())
                     .collect();
-                Self::Summits { width_mm: pitch_mm * rng.uniform(SUMMIT_WIDTH), depth_mm, summits }
+                Self::Summits { width_mm: pitch_mm * rng.between(0.25, 0.6), depth_mm, summits }
             }
             ContactFamily::HalfSpace => {
-                Self::HalfSpace { half_mm: rng.log_uniform(HERTZ_MM), edge: rng.log_uniform(EDGE) }
+                Self::HalfSpace { half_mm: rng.log_between(0.8, 3.0), edge: rng.log_between(0.03, 0.3) }
             }
         })
     }

@@ -7,10 +7,6 @@ use crate::recipe::Region;
 
 /// Softest and stiffest foundation, kPa/mm (1–10 · 10⁹ N/m³).
 const STIFFNESS: (f64, f64) = (1e3, 1e4);
-const MODULUS_MPA: (f64, f64) = (1.0, 5.0);
-const THICKNESS_MM: (f64, f64) = (0.5, 1.5);
-/// Poisson's ratio of a filled elastomer.
-const POISSON: (f64, f64) = (0.45, 0.48);
 /// How much stiffer than the middle the pad is towards the palm, where the skin runs out over the edge of
 /// the backing and is held from the side: a modelling choice, no finger has been measured.
 const PALM_STIFFENING: (f64, f64) = (1.4, 2.0);
@@ -25,7 +21,7 @@ pub struct Layer {
     pub modulus_mpa: f64,
     /// Thickness h, 0.5–1.5 mm.
     pub thickness_mm: f64,
-    /// Poisson's ratio, 0.45–0.48.
+    /// Poisson's ratio of a filled elastomer, 0.45–0.48.
     pub poisson: f64,
     /// Sigma of the Gaussian that spreads the pressure, over h: 0.4–0.8.
     pub spread_over_thickness: f64,
@@ -38,9 +34,9 @@ impl Layer {
     pub(crate) fn draw(rng: &mut Rng, region: Region) -> Self {
         let mut layer = loop {
             let layer = Self {
-                modulus_mpa: rng.log_uniform(MODULUS_MPA),
-                thickness_mm: rng.uniform(THICKNESS_MM),
-                poisson: rng.uniform(POISSON),
+                modulus_mpa: rng.log_between(1.0, 5.0),
+                thickness_mm: rng.between(0.5, 1.5),
+                poisson: rng.between(0.45, 0.48),
                 spread_over_thickness: rng.between(0.4, 0.8),
                 local_stiffening: 1.0,
             };

@@ -5,23 +5,13 @@ use slipsense::params::{COL_PITCH_MM, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXE
 /// Area of one cell, mm²: pressure in kPa times this is force in mN.
 pub const CELL_MM2: f64 = COL_PITCH_MM as f64 * ROW_PITCH_MM as f64;
 
-static CENTRES_MM: [(f64, f64); TAXELS] = {
-    let mut centres = [(0.0, 0.0); TAXELS];
-    let mut cell = 0;
-    while cell < TAXELS {
-        let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
-        centres[cell] = (
-            (col as f64 - (TAXEL_COLS as f64 - 1.0) / 2.0) * COL_PITCH_MM as f64,
-            (row as f64 - (TAXEL_ROWS as f64 - 1.0) / 2.0) * ROW_PITCH_MM as f64,
-        );
-        cell += 1;
-    }
-    centres
-};
-
 /// Centre of a cell in the pad's frame: x along columns, y along rows, origin in the middle.
 pub(crate) fn cell_mm(cell: usize) -> (f64, f64) {
-    CENTRES_MM[cell]
+    let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
+    (
+        (col as f64 - (TAXEL_COLS as f64 - 1.0) / 2.0) * COL_PITCH_MM as f64,
+        (row as f64 - (TAXEL_ROWS as f64 - 1.0) / 2.0) * ROW_PITCH_MM as f64,
+    )
 }
 
 /// Pressures of one sensor, with the cells that carry any.

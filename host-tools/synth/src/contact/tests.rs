@@ -172,14 +172,3 @@ fn a_relief_travels_over_the_pad() {
     println!("ridges 5 mm apart: pattern differs by {far:.3} after 2.5 mm and by {near:.3} after 5 mm");
     assert!(far > 0.1 && near < 0.3 * far);
 }
-
-/// Everything that [`Contact::draw`] draws can be written down; what follows from it is left out.
-#[test]
-fn the_draws_of_a_grasp_can_be_logged() {
-    let mut rng = stream(1, Stream::Contact, 1);
-    let contact = Contact::draw(&mut rng, named("hex-key").unwrap(), CENTRED, Region::Palm);
-    let log = serde_json::to_value(&contact).unwrap();
-    let keys: Vec<_> = log.as_object().unwrap().keys().map(String::as_str).collect();
-    assert_eq!(keys, ["layer", "pose", "stiffness_kpa_per_mm", "uneven_mm", "uneven_rms"]);
-    assert!(log["layer"]["local_stiffening"].as_f64().unwrap() >= 1.4);
-}

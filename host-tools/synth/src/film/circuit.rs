@@ -16,17 +16,15 @@ const CODES_PER_COUNT: f64 = HALF_CODE as f64 / ASYMPTOTE as f64;
 const LINE: (f64, f64) = (0.4, 1.0);
 /// Offset of a column's amplifier, µV: the data sheet's limit is three standard deviations.
 const AMPLIFIER_UV: f64 = 125.0;
-/// Drift of the idle level since the calibration, codes.
-const DRIFT_CODES: (f64, f64) = (-10.0, 10.0);
 /// Noise against that of the simulation.
 const NOISE: (f64, f64) = (0.8, 2.0);
 
 #[derive(Serialize)]
 pub(super) struct Circuit {
     front_end: FrontEnd,
+    /// Drift of the idle level since the calibration.
     drift_codes: f64,
     noise: f64,
-    /// By column.
     #[serde(skip)]
     trims: [Trim; TAXEL_COLS],
     /// Deviation of the noise in each column of the scan that is read, codes.
@@ -51,7 +49,7 @@ impl Circuit {
             gate,
             ..Trim::NOMINAL
         });
-        Self { front_end, drift_codes: rng.uniform(DRIFT_CODES), noise, trims, sigma: [0.0; TAXEL_COLS] }
+        Self { front_end, drift_codes: rng.between(-10.0, 10.0), noise, trims, sigma: [0.0; TAXEL_COLS] }
     }
 
     /// Codes of conductances at [`conductance`]'s scale, in place.

@@ -25,6 +25,7 @@ pub(crate) use session::FilmSession;
 pub(crate) use unit::FilmUnit;
 
 use libm::{exp, sincos};
+use serde::Serialize;
 use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, active_cols};
 
@@ -55,6 +56,8 @@ struct Taxel {
 }
 
 /// What stands between pressure and counts in place of the laboratory's film or divider.
+#[derive(Serialize)]
+#[serde(untagged)]
 enum Other {
     Circuit(Box<Circuit>),
     Relaxing(Relaxing),
@@ -108,13 +111,8 @@ impl<'a> Film<'a> {
             FilmFamily::Relaxing => Some(Other::Relaxing(Relaxing::draw(rng))),
             FilmFamily::Percolating => Some(Other::Percolating(Percolating::draw(rng))),
         };
-        let drawn = match &self.other {
-            None => Ok(serde_json::Value::Null),
-            Some(Other::Circuit(film)) => serde_json::to_value(film),
-            Some(Other::Relaxing(film)) => serde_json::to_value(film),
-            Some(Other::Percolating(film)) => serde_json::to_value(film),
-        };
-        (self, drawn.unwrap_or_default())
+        let drawn = serde_json::to_value(&self.other).unwrap_or_default();
+        (self, drawn)
     }
 
     /// Scan number `frame` of the pressures in `map`. `pickup_counts` is the noise that motors running

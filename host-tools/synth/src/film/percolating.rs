@@ -8,19 +8,15 @@ use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
 use super::transfer::FULL_SCALE_KPA;
 use crate::draw::{Draw, Rng};
 
-const THRESHOLD_KPA: (f64, f64) = (0.5, 8.0);
-/// Pressure above the threshold at which the logarithm bends.
-const BEND_KPA: (f64, f64) = (80.0, 500.0);
-/// Share of the threshold that a firm load takes away, the load that takes half of it, and how long that lasts.
-const LOWERED: (f64, f64) = (0.2, 0.7);
+/// Load that lowers the threshold half as far as it goes.
 const HALF_LOWERED_KPA: f64 = 30.0;
-const LASTS_S: (f64, f64) = (0.5, 20.0);
-const FULL_SCALE_COUNTS: (f64, f64) = (2_000.0, 4_500.0);
 
 #[derive(Serialize)]
 pub(super) struct Percolating {
     threshold_kpa: f64,
+    /// Pressure above the threshold at which the logarithm bends.
     bend_kpa: f64,
+    /// Share of the threshold that a firm load takes away.
     lowered: f64,
     forgets: f64,
     full_scale_counts: f64,
@@ -29,11 +25,11 @@ pub(super) struct Percolating {
 impl Percolating {
     pub fn draw(rng: &mut Rng) -> Self {
         Self {
-            threshold_kpa: rng.log_uniform(THRESHOLD_KPA),
-            bend_kpa: rng.log_uniform(BEND_KPA),
-            lowered: rng.uniform(LOWERED),
-            forgets: exp(-1.0 / (rng.log_uniform(LASTS_S) * FRAME_RATE_HZ as f64)),
-            full_scale_counts: rng.log_uniform(FULL_SCALE_COUNTS),
+            threshold_kpa: rng.log_between(0.5, 8.0),
+            bend_kpa: rng.log_between(80.0, 500.0),
+            lowered: rng.between(0.2, 0.7),
+            forgets: exp(-1.0 / (rng.log_between(0.5, 20.0) * FRAME_RATE_HZ as f64)),
+            full_scale_counts: rng.log_between(2_000.0, 4_500.0),
         }
     }
 

@@ -8,24 +8,19 @@ use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
 use super::transfer::FULL_SCALE_KPA;
 use crate::draw::{Draw, Rng};
 
-/// Shares of the slower elements, their time constants under load, and how much slower they fall.
+/// Shares of the slower elements, and their time constants under load.
 const SHARES: [(f64, f64); 2] = [(0.05, 0.3), (0.01, 0.1)];
 const TAU_S: [(f64, f64); 2] = [(0.02, 0.15), (0.2, 1.0)];
-const SLOWDOWN: (f64, f64) = (1.0, 2.0);
-/// Exponent of the counts over pressure, and counts at full scale.
-const EXPONENT: (f64, f64) = (0.65, 0.9);
-const FULL_SCALE_COUNTS: (f64, f64) = (2_500.0, 5_000.0);
-/// Fluctuation of the gain: relative rms and its pace.
-const FLUCTUATION: (f64, f64) = (0.0, 0.01);
-const PACE_S: (f64, f64) = (0.3, 5.0);
 
 #[derive(Serialize)]
 pub(super) struct Relaxing {
     shares: [f64; 2],
     rise: [f64; 2],
     fall: [f64; 2],
+    /// Of the counts over pressure.
     exponent: f64,
     full_scale_counts: f64,
+    /// Of the gain: relative rms and its pace.
     fluctuation: f64,
     pace: f64,
     #[serde(skip)]
@@ -35,16 +30,16 @@ pub(super) struct Relaxing {
 impl Relaxing {
     pub fn draw(rng: &mut Rng) -> Self {
         let blend = |tau_s: f64| 1.0 - exp(-1.0 / (tau_s * FRAME_RATE_HZ as f64));
-        let slowdown = rng.uniform(SLOWDOWN);
+        let slowdown = rng.between(1.0, 2.0);
         let tau_s = TAU_S.map(|span| rng.log_uniform(span));
         Self {
             shares: SHARES.map(|span| rng.uniform(span)),
             rise: tau_s.map(blend),
             fall: tau_s.map(|tau| blend(tau * slowdown)),
-            exponent: rng.uniform(EXPONENT),
-            full_scale_counts: rng.log_uniform(FULL_SCALE_COUNTS),
-            fluctuation: rng.uniform(FLUCTUATION),
-            pace: blend(rng.log_uniform(PACE_S)),
+            exponent: rng.between(0.65, 0.9),
+            full_scale_counts: rng.log_between(2_500.0, 5_000.0),
+            fluctuation: rng.between(0.0, 0.01),
+            pace: blend(rng.log_between(0.3, 5.0)),
             gain: 0.0,
         }
     }

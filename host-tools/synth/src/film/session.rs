@@ -12,8 +12,6 @@ use crate::timeline::Event;
 
 pub(crate) const FAULT_EVENT: &str = "electrical";
 
-/// Temperature against the unit's reference, °C.
-const TEMPERATURE_C: (f64, f64) = (-8.0, 8.0);
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
 /// Shift of the idle level with temperature and supply, counts. Like the noise below a modelling range that
@@ -32,9 +30,6 @@ const FAULTS_PER_S: f64 = 0.03;
 const FLICKER_FRAMES: (usize, usize) = (2, 60);
 const FLICKER_TAXELS: (usize, usize) = (1, 4);
 const FLICKER_COUNTS: (f64, f64) = (30.0, 600.0);
-const ROW_FRAMES: (usize, usize) = (1, 10);
-/// Frames in a row that do not arrive.
-const MISSING_FRAMES: (usize, usize) = (1, 2);
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fault {
@@ -84,7 +79,7 @@ impl FilmSession {
     /// A recording. `noise_factor` scales noise, mains pick-up and how often faults happen.
     pub(crate) fn draw(rng: &mut Rng, noise_factor: f64) -> Self {
         Self {
-            temperature_c: rng.uniform(TEMPERATURE_C),
+            temperature_c: rng.between(-8.0, 8.0),
             age_months: rng.uniform(AGE_MONTHS),
             noise_factor: noise_factor
                 * exp(NOISE_SPREAD * rng.normal()).clamp(NOISE_BOUNDS.0, NOISE_BOUNDS.1),
@@ -129,8 +124,8 @@ fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
         }
         let (kind, (shortest, longest)) = match rng.count(0, 2) {
             0 => (flicker(rng), FLICKER_FRAMES),
-            1 => (FaultKind::RowDropout { row: rng.count(0, TAXEL_ROWS - 1) }, ROW_FRAMES),
-            _ => (FaultKind::MissingFrame, MISSING_FRAMES),
+            1 => (FaultKind::RowDropout { row: rng.count(0, TAXEL_ROWS - 1) }, (1, 10)),
+            _ => (FaultKind::MissingFrame, (1, 2)),
         };
         let end_frame = start_frame + rng.count(shortest, longest);
         faults.push(Fault { kind, start_frame, end_frame });

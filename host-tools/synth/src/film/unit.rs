@@ -22,7 +22,6 @@ const NOISE_COUNTS: (f64, f64) = (0.4, 0.7);
 const OFFSET_COUNTS: (f64, f64) = (-0.9, -0.1);
 /// Spread of the idle level over the taxels of a unit, counts.
 const OFFSET_SPREAD_COUNTS: f64 = 0.1;
-const MAINS_COUNTS: (f64, f64) = (0.0, 0.5);
 
 /// Smooth variation of gain over the pad: standard deviation (two of them are ±15 %) and correlation
 /// length, mm.
@@ -30,33 +29,11 @@ const GAIN_SMOOTH: f64 = 0.075;
 const GAIN_LENGTH_MM: (f64, f64) = (5.0, 10.0);
 /// Variation of each taxel by itself, standard deviation.
 const GAIN_OWN: f64 = 0.05;
-/// Share of taxels that are dead or stuck, and how many of those are stuck at a level instead of dead.
-const FAULTY: (f64, f64) = (0.0, 0.01);
-const STUCK_OF_FAULTY: f64 = 0.1;
-const STUCK_COUNTS: (f64, f64) = (3.0, 25.0);
 /// Deviation of the exponent from the nominal film's.
 const EXPONENT_SPREAD: f64 = 0.05;
 
-/// Time constant of a taxel, s.
-const LAG_S: (f64, f64) = (0.5e-3, 5e-3);
-/// Duration of one scan, s; a frame is 4.17 ms.
-const SCAN_S: (f64, f64) = (2e-3, 4.1e-3);
-/// Rise of a loaded film per decade of time.
-const CREEP_PER_DECADE: (f64, f64) = (0.01, 0.05);
-/// How much slower creep recovers than it builds up.
-const CREEP_SLOWDOWN: (f64, f64) = (1.5, 4.0);
-/// Share of the creep that still conducts once the load is gone.
-const CREEP_RESIDUAL: (f64, f64) = (0.03, 0.15);
-/// Loop width, share of the excursion.
-const HYSTERESIS: (f64, f64) = (0.02, 0.08);
-/// Resistance of a closed switch and its line, relative to the divider's resistor.
-const LINE: (f64, f64) = (0.001, 0.01);
 /// Leak of the means of row and column into a taxel.
 const LEAK: (f64, f64) = (0.002, 0.02);
-/// Change of gain with temperature, per °C; either sign.
-const PER_DEGREE: (f64, f64) = (0.002, 0.005);
-/// Loss of gain in four months of use.
-const AGEING: (f64, f64) = (0.0, 0.15);
 
 #[derive(Clone, Serialize)]
 pub(crate) struct FilmUnit {
@@ -74,7 +51,9 @@ pub(crate) struct FilmUnit {
     pub offset_counts: f64,
     pub noise_counts: f64,
     pub mains_counts: f64,
+    /// Time constant of a taxel.
     pub lag_s: f64,
+    /// Duration of one scan; a frame is 4.17 ms.
     pub scan_s: f64,
     pub creep: Creep,
     /// Loop width, share of the excursion.
@@ -96,7 +75,7 @@ impl FilmUnit {
             gain[row * TAXEL_COLS + col] = 0.0;
         }
         let offset_counts = rng.uniform(OFFSET_COUNTS);
-        let mains_counts = rng.uniform(MAINS_COUNTS);
+        let mains_counts = rng.between(0.0, 0.5);
         let mut offset = Box::new([0.0; TAXELS]);
         for level in offset.iter_mut() {
             let own = offset_counts + OFFSET_SPREAD_COUNTS * rng.normal();
@@ -112,21 +91,21 @@ impl FilmUnit {
             offset_counts,
             noise_counts,
             mains_counts,
-            lag_s: rng.log_uniform(LAG_S),
-            scan_s: rng.uniform(SCAN_S),
+            lag_s: rng.log_between(0.5e-3, 5e-3),
+            scan_s: rng.between(2e-3, 4.1e-3),
             creep: Creep {
-                per_decade: rng.uniform(CREEP_PER_DECADE),
-                slowdown: rng.uniform(CREEP_SLOWDOWN),
-                residual: rng.uniform(CREEP_RESIDUAL),
+                per_decade: rng.between(0.01, 0.05),
+                slowdown: rng.between(1.5, 4.0),
+                residual: rng.between(0.03, 0.15),
             },
-            hysteresis: rng.uniform(HYSTERESIS),
+            hysteresis: rng.between(0.02, 0.08),
             crosstalk: Crosstalk {
-                line: rng.log_uniform(LINE),
+                line: rng.log_between(0.001, 0.01),
                 row_leak: rng.log_uniform(LEAK),
                 col_leak: rng.log_uniform(LEAK),
             },
-            per_degree: if rng.chance(0.5) { 1.0 } else { -1.0 } * rng.uniform(PER_DEGREE),
-            ageing: rng.uniform(AGEING),
+            per_degree: if rng.chance(0.5) { 1.0 } else { -1.0 } * rng.between(0.002, 0.005),
+            ageing: rng.between(0.0, 0.15),
         }
     }
 }
@@ -147,16 +126,17 @@ fn gain_map(rng: &mut Rng, length_mm: f64) -> Box<[f64; TAXELS]> {
     gain
 }
 
+/// Taxels that are dead, and those, one in ten, that are stuck at a level instead.
 fn faulty(rng: &mut Rng) -> (Vec<[usize; 2]>, Vec<[usize; 3]>) {
     let (mut dead, mut stuck) = (Vec::new(), Vec::new());
-    let share = rng.uniform(FAULTY);
+    let share = rng.between(0.0, 0.01);
     for cell in 0..TAXELS {
         let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
         if !rng.chance(share) || !is_active(row, col) {
             continue;
         }
-        if rng.chance(STUCK_OF_FAULTY) {
-            stuck.push([row, col, rng.log_uniform(STUCK_COUNTS).round() as usize]);
+        if rng.chance(0.1) {
+            stuck.push([row, col, rng.log_between(3.0, 25.0).round() as usize]);
         } else {
             dead.push([row, col]);
         }

@@ -12,7 +12,7 @@ pub(super) struct Brush {
     /// Force it can hold.
     cap_n: f64,
     /// Place, from the point the object turns about.
-    arm_mm: [f64; 2],
+    pub arm_mm: [f64; 2],
     /// Force it would hold after the move that was looked at last, if it could hold any.
     trial_n: [f64; 2],
     /// Size of that force if the brush slides, else 0.
@@ -22,10 +22,6 @@ pub(super) struct Brush {
 impl Brush {
     pub fn new(held_n: [f64; 2], cap_n: f64, arm_mm: [f64; 2]) -> Self {
         Self { held_n, cap_n, arm_mm, trial_n: held_n, sliding_n: 0.0 }
-    }
-
-    pub fn arm_mm(&self) -> [f64; 2] {
-        self.arm_mm
     }
 
     /// After the move: the force held, the part of the trial force that slid off, and its size.

@@ -4,25 +4,20 @@
 use libm::exp;
 use serde::Serialize;
 
+use super::SLIDING_MM_S;
 use super::patch::{Law, Moved, Spring, frictions, size};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
-
-/// Stretch of the bristle at which kinetic friction is reached under 1 N, mm.
-const STRETCH_MM_PER_N: (f64, f64) = (0.01, 0.15);
-/// Speed over which friction falls, mm/s.
-const STRIBECK_MM_S: (f64, f64) = (0.3, 8.0);
-/// Viscous part of the friction at 1 N, N s/mm.
-const VISCOUS: (f64, f64) = (2e-3, 2e-2);
-/// Slower is creep, mm/s.
-const SLIDING_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Bristle {
     mu_static: f64,
     mu_kinetic: f64,
+    /// Kinetic friction over the stretch at which it is reached under 1 N.
     stiffness_n_per_mm: f64,
+    /// Speed over which friction falls.
     stribeck_mm_s: f64,
+    /// Viscous part of the friction at 1 N, N s/mm.
     viscous: f64,
     #[serde(skip)]
     stretch_mm: [f64; 3],
@@ -36,9 +31,9 @@ impl Bristle {
         Self {
             mu_static,
             mu_kinetic,
-            stiffness_n_per_mm: mu_kinetic / rng.log_uniform(STRETCH_MM_PER_N),
-            stribeck_mm_s: rng.log_uniform(STRIBECK_MM_S),
-            viscous: rng.log_uniform(VISCOUS),
+            stiffness_n_per_mm: mu_kinetic / rng.log_between(0.01, 0.15),
+            stribeck_mm_s: rng.log_between(0.3, 8.0),
+            viscous: rng.log_between(2e-3, 2e-2),
             stretch_mm: [0.0; 3],
             speed_mm_s: 0.0,
         }

@@ -3,26 +3,23 @@
 
 use serde::Serialize;
 
+use super::SLIDING_MM_S;
 use super::patch::{Law, Moved, Spring, frictions, size};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
-/// Mass that moves with the object, kg, beside the object's own.
-const MASS_KG: (f64, f64) = (0.02, 0.3);
-/// Damping of the pull, N s/mm.
-const DAMPING: (f64, f64) = (1e-4, 5e-3);
 /// Steps of the motion within one of the physics: the stiffest pull's period has more than fifty.
 const SUBSTEPS: usize = 8;
 /// At rest below this speed, mm/s.
 const STILL_MM_S: f64 = 1e-3;
-/// Slower is creep, mm/s.
-const SLIDING_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Mass {
     mu_static: f64,
     mu_kinetic: f64,
+    /// What moves with the object, and the object's own.
     kg: f64,
+    /// Of the pull, N s/mm.
     damping: f64,
     #[serde(skip)]
     v_mm_s: [f64; 3],
@@ -31,8 +28,8 @@ pub(super) struct Mass {
 impl Mass {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
         let (mu_static, mu_kinetic) = frictions(rng, object);
-        let kg = rng.log_uniform(MASS_KG) + 1e-3 * object.mass_g;
-        Self { mu_static, mu_kinetic, kg, damping: rng.log_uniform(DAMPING), v_mm_s: [0.0; 3] }
+        let kg = rng.log_between(0.02, 0.3) + 1e-3 * object.mass_g;
+        Self { mu_static, mu_kinetic, kg, damping: rng.log_between(1e-4, 5e-3), v_mm_s: [0.0; 3] }
     }
 }
 

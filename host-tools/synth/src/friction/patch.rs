@@ -3,8 +3,8 @@
 
 use serde::Serialize;
 
-use super::{Friction, Pull, SlipState};
-use crate::contact::{CELL_MM2, PressureMap, cell_mm};
+use super::{CELL_N, Friction, Pull, SlipState};
+use crate::contact::{PressureMap, cell_mm};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -35,13 +35,7 @@ pub(super) trait Law: Serialize {
 pub(super) struct Patch<L> {
     law: L,
     #[serde(skip)]
-    position_mm: [f64; 2],
-    #[serde(skip)]
-    turn_rad: f64,
-    #[serde(skip)]
-    path_mm: f64,
-    #[serde(skip)]
-    direction: [f64; 2],
+    now: SlipState,
 }
 
 pub(super) fn size(v: [f64; 3]) -> f64 {
@@ -57,7 +51,7 @@ pub(super) fn frictions(rng: &mut Rng, object: &Object) -> (f64, f64) {
 
 impl<L: Law> Patch<L> {
     pub fn new(law: L) -> Self {
-        Self { law, position_mm: [0.0; 2], turn_rad: 0.0, path_mm: 0.0, direction: [0.0, 1.0] }
+        Self { law, now: SlipState { direction: [0.0, 1.0], ..SlipState::default() } }
     }
 }
 
@@ -71,13 +65,13 @@ impl<L: Law> Friction for Patch<L> {
             moment += map.kpa[cell] * (x * x + y * y).sqrt();
         }
         let arm_mm = if load_n > 0.0 { (moment / load_n).max(0.5) } else { 1.0 };
-        load_n *= CELL_MM2 * 1e-3 * scale;
+        load_n *= CELL_N * scale;
         let stiffness =
             [pull.stiffness_n_per_mm, pull.stiffness_n_per_mm, pull.twist_n_mm_per_rad / (arm_mm * arm_mm)];
         let stretch = [
-            pull.position_mm[0] - self.position_mm[0],
-            pull.position_mm[1] - self.position_mm[1],
-            arm_mm * (pull.turn_rad - self.turn_rad),
+            pull.position_mm[0] - self.now.travel_mm[0],
+            pull.position_mm[1] - self.now.travel_mm[1],
+            arm_mm * (pull.turn_rad - self.now.turn_rad),
         ];
         let moved = if load_n > 0.0 {
             self.law.step(&Spring { stiffness, stretch }, load_n, dt)
@@ -88,33 +82,22 @@ impl<L: Law> Friction for Patch<L> {
             Moved { by_mm, ..Moved::default() }
         };
         let [x, y, turn] = moved.by_mm;
-        self.position_mm[0] += x;
-        self.position_mm[1] += y;
-        self.turn_rad += turn / arm_mm;
         let way_mm = if load_n > 0.0 { size(moved.by_mm) } else { 0.0 };
-        self.path_mm += way_mm;
         let drift = (x * x + y * y).sqrt();
         if load_n > 0.0 && drift > 0.02 * way_mm && drift > 1e-7 {
-            self.direction = [x / drift, y / drift];
+            self.now.direction = [x / drift, y / drift];
         }
-        SlipState {
+        self.now = SlipState {
             speed_mm_s: way_mm / dt,
             fraction: moved.sliding,
             shear_n: [moved.force_n[0], moved.force_n[1]],
             torque_n_mm: moved.force_n[2] * arm_mm,
-            travel_mm: self.position_mm,
-            turn_rad: self.turn_rad,
-            path_mm: self.path_mm,
-            direction: self.direction,
-        }
-    }
-
-    fn position_mm(&self) -> [f64; 2] {
-        self.position_mm
-    }
-
-    fn turn_rad(&self) -> f64 {
-        self.turn_rad
+            travel_mm: [self.now.travel_mm[0] + x, self.now.travel_mm[1] + y],
+            turn_rad: self.now.turn_rad + turn / arm_mm,
+            path_mm: self.now.path_mm + way_mm,
+            direction: self.now.direction,
+        };
+        self.now
     }
 
     fn drawn(&self) -> serde_json::Value {

@@ -10,22 +10,18 @@ use crate::objects::Object;
 
 /// Speed at which μ₀ holds, mm/s.
 const REFERENCE_MM_S: f64 = 0.1;
-/// Direct effect a, and by how much the ageing effect b is larger.
-const DIRECT: (f64, f64) = (0.01, 0.03);
-const WEAKENING: (f64, f64) = (-0.005, 0.02);
-/// Slip over which the contacts are renewed, mm.
-const RENEWAL_MM: (f64, f64) = (0.005, 0.08);
-/// Damping at 1 N, N s/mm.
-const VISCOUS: (f64, f64) = (5e-4, 5e-3);
 /// Speed at which half of the load counts as sliding, mm/s.
 const HALF_SLIDING_MM_S: f64 = 0.03;
 
 #[derive(Serialize)]
 pub(super) struct RateState {
     mu: f64,
+    /// Direct effect a; below it b, the ageing effect.
     direct: f64,
     ageing: f64,
+    /// Slip over which the contacts are renewed.
     renewal_mm: f64,
+    /// Damping at 1 N, N s/mm.
     viscous: f64,
     /// θ, seconds.
     #[serde(skip)]
@@ -34,13 +30,13 @@ pub(super) struct RateState {
 
 impl RateState {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let direct = rng.uniform(DIRECT);
+        let direct = rng.between(0.01, 0.03);
         Self {
             mu: frictions(rng, object).1,
             direct,
-            ageing: direct + rng.uniform(WEAKENING),
-            renewal_mm: rng.log_uniform(RENEWAL_MM),
-            viscous: rng.log_uniform(VISCOUS),
+            ageing: direct + rng.between(-0.005, 0.02),
+            renewal_mm: rng.log_between(0.005, 0.08),
+            viscous: rng.log_between(5e-4, 5e-3),
             age_s: 1.0,
         }
     }

@@ -87,12 +87,9 @@ pub struct Plant {
     plan: Plan,
     /// Starts of the commanded motions, seconds.
     motions_s: Vec<f64>,
-    /// Force that the last command ends at, newtons.
     target_n: f64,
     frames: usize,
-    /// Times between which the object is held as firmly as commanded, seconds.
     held_s: (f64, f64),
-    /// Frames of the pull and of the standstill after it.
     pulled: Range<usize>,
     prediction: Prediction,
     delivered: usize,
@@ -290,7 +287,7 @@ impl Plant {
         for (motion, &start_s) in self.motions_s.iter().enumerate() {
             let mut rng = stream(self.resolved.recipe.seed, Stream::Motion, motion);
             rng.set_word_pos(CLICKS_WORD);
-            setup.vibration.moves_again(&mut rng, self.resolved.recipe.platform, start_s);
+            setup.vibration.handling.moves_again(&mut rng, self.resolved.recipe.platform, start_s);
         }
         let sensors = self.resolved.recipe.sensors;
         let mut piezo = vec![PiezoFrame::zeroed(); self.frames * sensors];

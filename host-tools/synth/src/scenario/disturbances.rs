@@ -18,7 +18,7 @@ pub(crate) struct Disturbances {
 }
 
 /// Times of a Poisson process between two times.
-fn moments(rng: &mut Rng, (from, to): (f64, f64), per_s: f64) -> Vec<f64> {
+pub(super) fn moments(rng: &mut Rng, (from, to): (f64, f64), per_s: f64) -> Vec<f64> {
     let mut times = Vec::new();
     if per_s > 0.0 {
         let mut next = |t: f64| t - log(rng.between(1e-12, 1.0)) / per_s;
@@ -104,20 +104,6 @@ impl Disturbances {
                     }
                 }
             }
-        }
-    }
-
-    /// Deliberate changes of the grip between two times of a grasp that lasts until `end`.
-    pub(crate) fn of_grip(
-        &self,
-        rng: &mut Rng,
-        timeline: &mut Timeline,
-        held: (f64, f64),
-        per_s: f64,
-        end: f64,
-    ) {
-        for at in moments(rng, held, per_s) {
-            timeline.grip_change(rng, at, held, end);
         }
     }
 }

@@ -52,6 +52,7 @@ pub(crate) struct Plan {
     pub linked: bool,
     /// The gripper stands on the rig's table: the crosshead's vibration is as loud without the object.
     pub shared_table: bool,
+    /// A hand holds the gripper: it sways, and there is no rig.
     pub hand_held: bool,
     /// Way of the object over the pad in a slip, mm.
     pub stroke_mm: [f64; 2],
@@ -184,7 +185,9 @@ impl Plan {
                     let pulled = s.kind == PhaseKind::Pull;
                     let per_s =
                         if s.kind == PhaseKind::Hold { GRIP_CHANGES_PER_S.0 } else { GRIP_CHANGES_PER_S.1 };
-                    disturbances.of_grip(rng, timeline, inside, per_s, g.let_go);
+                    for at in disturbances::moments(rng, inside, per_s) {
+                        timeline.grip_change(rng, at, inside, g.let_go);
+                    }
                     if !(pulled && resolved.slips()) {
                         disturbances.while_held(rng, timeline, inside, g.open);
                     }

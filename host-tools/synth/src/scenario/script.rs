@@ -30,12 +30,6 @@ pub(crate) enum PhaseKind {
     Open,
 }
 
-impl PhaseKind {
-    fn is_idle(self) -> bool {
-        matches!(self, Self::Idle | Self::Jog)
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Phase {
     pub kind: PhaseKind,
@@ -119,7 +113,7 @@ impl Script {
         if rng.chance(REPEAT_CHANCE) && duration_s(&phases) + duration_s(&again) < REPEAT_LONGEST_S {
             phases.extend(again);
         }
-        let idle = |s: &&Phase| s.kind.is_idle();
+        let idle = |s: &&Phase| matches!(s.kind, PhaseKind::Idle | PhaseKind::Jog);
         let lead: f64 = phases.iter().take_while(idle).map(|s| s.seconds).sum();
         let tail: f64 = phases.iter().rev().take_while(idle).map(|s| s.seconds).sum();
         let from = rng.between(0.0, lead - IDLE_S.0);

@@ -143,17 +143,13 @@ pub(crate) struct Schedule {
 impl Schedule {
     pub(crate) fn new(split: Split, seed: u64) -> Self {
         let groups: &[&[Group]] = match split {
-            Split::Train | Split::UmiId => &[&[Group::Train]],
-            Split::Val => &[&[Group::Val]],
-            Split::UmiOod | Split::Palm => &[&[Group::HeldOut]],
-            Split::TransferNoslip => &[&[Group::Val, Group::HeldOut]],
-            Split::TrainAnywhere => &[&[Group::Train]],
-            Split::ValAnywhere => &[&[Group::Val]],
-            _ if split.held_out_stages().is_some() => &[&[Group::HeldOut]],
+            Split::Train | Split::UmiId | Split::TrainAnywhere => &[&[Group::Train]],
+            Split::Val | Split::ValAnywhere => &[&[Group::Val]],
+            Split::Noslip | Split::TransferNoslip => &[&[Group::Val, Group::HeldOut]],
             Split::Tesollo2 | Split::Tesollo3 | Split::Free => &[&[Group::HeldOut], &[Group::Train]],
-            Split::Noslip => &[&[Group::Val, Group::HeldOut]],
             Split::UmiQuiet => &[],
-            _ => unreachable!("the transfer splits are above"),
+            // Tests of unknown objects.
+            _ => &[&[Group::HeldOut]],
         };
         let objects = |kind: usize, turn: usize, groups: &[Group]| {
             ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
@@ -181,8 +177,9 @@ impl Schedule {
                 let schedule = &self.pair[index % 2];
                 return Recipe { rig_leak: false, ..schedule.recipe(index / 2) };
             }
-            Split::Noslip => return self.noslip(recipe, index),
-            Split::TransferNoslip => return in_families(self.split, self.noslip(recipe, index)),
+            Split::Noslip | Split::TransferNoslip => {
+                return in_families(self.split, self.noslip(recipe, index));
+            }
             _ => {}
         }
         let (kind, before) = self.round[index % self.round.len()];

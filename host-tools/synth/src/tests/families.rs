@@ -1,34 +1,21 @@
 //! Every family of every stage, in an episode that slips.
 
 use super::*;
-use crate::families::*;
 
-fn with(set: impl FnOnce(&mut Recipe)) -> Recipe {
-    let mut recipe = Recipe {
+/// One recipe for each family of each stage, named.
+fn recipes() -> impl Iterator<Item = (String, Recipe)> {
+    let laboratory = Recipe {
         scenario: ScenarioChoice::SixStep,
         object: ObjectChoice::Named("usb-cable".to_owned()),
         seconds: Some(6.0),
         speed_mm_s: Some(10.0),
         ..Recipe::new(11)
     };
-    set(&mut recipe);
-    recipe
-}
-
-/// One recipe for each family of each stage, named.
-fn recipes() -> Vec<(String, Recipe)> {
-    let mut all = Vec::new();
-    fn each<F: Family + std::fmt::Debug>(all: &mut Vec<(String, Recipe)>, set: fn(&mut Recipe, F)) {
-        all.extend(F::ALL.iter().map(|&family| (format!("{family:?}"), with(|recipe| set(recipe, family)))));
-    }
-    each(&mut all, |recipe, family| recipe.families.contact = family);
-    each(&mut all, |recipe, family| recipe.families.friction = family);
-    each(&mut all, |recipe, family| recipe.families.film = family);
-    each(&mut all, |recipe, family| recipe.vibration = family);
-    each(&mut all, |recipe, family| recipe.families.path = family);
-    each(&mut all, |recipe, family| recipe.families.disturbance = family);
-    each(&mut all, |recipe, family| recipe.families.sensor = family);
-    all
+    let places = Stage::ALL.into_iter().flat_map(|stage| (0..FAMILIES).map(move |place| (stage, place)));
+    places.map(move |(stage, place)| {
+        let recipe = laboratory.clone().with_family(stage, place);
+        (recipe.family(stage), recipe)
+    })
 }
 
 #[test]

@@ -242,16 +242,6 @@ fn generated_labels_have_the_shares_of_their_scripts() {
 }
 
 #[test]
-fn random_recipes_follow_the_protocol_mix() {
-    let (scenario, weight) = mix::PROTOCOL.weights()[0];
-    assert_eq!(scenario, SixStep);
-    let recipes = Recipe::new(12).series(400);
-    let six = recipes.iter().filter(|recipe| recipe.resolve().unwrap().scenario == SixStep).count();
-    println!("six steps in {six} of 400 recordings, meant {weight} %");
-    assert!((six as f64 / 400.0 - weight as f64 / 100.0).abs() < 0.06);
-}
-
-#[test]
 fn groups_are_drawn_from_their_own_objects() {
     use objects::Group;
     for (object, group) in [

@@ -11,6 +11,7 @@ use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
 use super::scene::{Motion, SlipSeries};
+use super::slip::SILENT_MM_S;
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -22,24 +23,13 @@ const SPEEDS_MM_S: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 40.0];
 const FORCES_N: [f64; 3] = [0.5, 2.0, 8.0];
 /// Speed in mm/s and median level in mg rms of the vector, at 2 N and Ra 1 µm.
 const LEVEL_MG: [(f64, f64); 5] = [(2.0, 4.0), (5.0, 13.0), (10.0, 30.0), (15.0, 49.0), (18.0, 60.0)];
-/// Ranges of the level's exponents over force and roughness, and its logarithmic spread.
-const FORCE_EXPONENT: (f64, f64) = (0.2, 0.5);
-const ROUGHNESS_EXPONENT: (f64, f64) = (0.6, 0.8);
+/// Logarithmic spread of the level.
 const LEVEL_SPREAD: f64 = 0.25;
 /// Wavelength of the resonance that moves with speed, mm, and the frequencies it stays within, Hz.
 const MOVING_MM: (f64, f64) = (0.008, 0.04);
 const MOVING_HZ: (f64, f64) = (60.0, 3_200.0);
 /// The two that stay where they are, Hz, but for the force that stiffens them.
 const FIXED_HZ: [(f64, f64); 2] = [(250.0, 900.0), (1_200.0, 3_000.0)];
-const STIFFENS: (f64, f64) = (0.05, 0.2);
-/// Bandwidths: of the moving one over its frequency, of the fixed ones in Hz.
-const MOVING_BANDWIDTH: (f64, f64) = (0.4, 1.0);
-const FIXED_BANDWIDTH_HZ: (f64, f64) = (150.0, 700.0);
-/// Real poles: one that tilts the spectrum down, one that lifts its upper end.
-const TILT: (f64, f64) = (0.1, 0.6);
-const LIFT: (f64, f64) = (-0.5, -0.1);
-/// Slower than this nothing vibrates, mm/s.
-const SILENT_BELOW_MM_S: f64 = 0.05;
 
 type Reflection = [f64; ORDER];
 
@@ -54,11 +44,13 @@ pub(crate) struct AutoregressiveNoise {
 impl AutoregressiveNoise {
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
         let moving_mm = rng.log_uniform(MOVING_MM);
-        let moving_width = rng.uniform(MOVING_BANDWIDTH);
+        // Bandwidths: of the moving one over its frequency, of the fixed ones in Hz.
+        let moving_width = rng.between(0.4, 1.0);
         let fixed = FIXED_HZ.map(|(lo, hi)| rng.log_between(lo, hi));
-        let widths = FIXED_HZ.map(|_| rng.log_uniform(FIXED_BANDWIDTH_HZ));
-        let stiffens = rng.uniform(STIFFENS);
-        let real = [rng.uniform(TILT), rng.uniform(LIFT)];
+        let widths = FIXED_HZ.map(|_| rng.log_between(150.0, 700.0));
+        let stiffens = rng.between(0.05, 0.2);
+        // One tilts the spectrum down, one lifts its upper end.
+        let real = [rng.between(0.1, 0.6), rng.between(-0.5, -0.1)];
         let nodes = SPEEDS_MM_S.map(|v| {
             FORCES_N.map(|f| {
                 let moving = (v / moving_mm).clamp(MOVING_HZ.0, MOVING_HZ.1);
@@ -75,10 +67,10 @@ impl AutoregressiveNoise {
         });
         let axes: [f64; 3] = std::array::from_fn(|_| rng.between(0.3, 1.0));
         let norm = axes.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let roughness = rng.uniform(ROUGHNESS_EXPONENT);
+        let roughness_exponent = rng.between(0.6, 0.8);
         Self {
-            level: pow(object.roughness_um, roughness) * exp(LEVEL_SPREAD * rng.normal()),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
+            level: pow(object.roughness_um, roughness_exponent) * exp(LEVEL_SPREAD * rng.normal()),
+            force_exponent: rng.between(0.2, 0.5),
             axes: axes.map(|x| x / norm),
             nodes,
         }
@@ -120,7 +112,7 @@ impl AutoregressiveNoise {
                 let share = slip.fraction[now];
                 let speed = slip.speed_mm_s[now] / share.max(0.05);
                 gain = 0.0;
-                if share > 1e-3 && speed > SILENT_BELOW_MM_S {
+                if share > 1e-3 && speed > SILENT_MM_S {
                     let force = slip.grip_n[now];
                     coefficients = self.at(speed, force);
                     // The lattice's output has a variance of σ² / Π(1 − k²).

@@ -10,13 +10,11 @@ use crate::draw::{Draw, Rng};
 const DECAY_S: (f64, f64) = (1e-3, 10e-3);
 const KEPT: f64 = 2.0;
 const RATE_HZ: f64 = 8_000.0;
-/// Weight of the echo before in the next: below 0 it is bright, above 0 dull.
-const COLOUR: (f64, f64) = (-0.6, 0.8);
-const LEVEL: (f64, f64) = (0.4, 1.5);
 
 #[derive(Serialize)]
 pub(super) struct Echoes {
     decay_s: f64,
+    /// Weight of the echo before in the next: below 0 it is bright, above 0 dull.
     colour: f64,
     level: f64,
     #[serde(skip)]
@@ -25,8 +23,8 @@ pub(super) struct Echoes {
 
 impl Echoes {
     pub fn draw(rng: &mut Rng) -> Self {
-        let (decay_s, colour) = (rng.log_uniform(DECAY_S), rng.uniform(COLOUR));
-        let level = rng.log_uniform(LEVEL);
+        let (decay_s, colour) = (rng.log_uniform(DECAY_S), rng.between(-0.6, 0.8));
+        let level = rng.log_between(0.4, 1.5);
         let fall = exp(-std::f64::consts::LN_10 / (decay_s * RATE_HZ));
         let taps = std::array::from_fn(|_| {
             let (mut envelope, mut echo) = (1.0, 0.0);

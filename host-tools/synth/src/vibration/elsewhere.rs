@@ -10,32 +10,13 @@ use super::signal::{Noise, add_scaled, blend, blend_rms, sin_turns};
 use crate::draw::{Draw, Rng};
 use crate::families::DisturbanceFamily;
 
-/// Knocks a second; peak of each, its ring and how long until that has fallen by e; share of those that are a shake.
-const KNOCKS_PER_S: (f64, f64) = (0.1, 2.0);
-const KNOCK_G: (f64, f64) = (0.02, 3.0);
-const KNOCK_HZ: (f64, f64) = (20.0, 2_500.0);
-const KNOCK_DECAY_S: (f64, f64) = (2e-3, 60e-3);
+/// Share of the knocks that are a shake.
 const SHAKES: f64 = 0.25;
-const SHAKE_G: (f64, f64) = (0.05, 0.8);
-const SHAKE_HZ: (f64, f64) = (2.0, 18.0);
-const SHAKE_S: (f64, f64) = (0.1, 0.8);
 
-/// Base frequency of a machine, its harmonics and level, how far and how fast it wanders, and its share of noise.
-const BASE_HZ: (f64, f64) = (15.0, 400.0);
+/// Of a machine.
 const HARMONICS: (usize, usize) = (3, 16);
-const MACHINE_G: (f64, f64) = (1e-3, 60e-3);
-const WANDER: (f64, f64) = (0.0, 0.15);
-const WANDER_HZ: (f64, f64) = (0.05, 3.0);
-const NOISE_SHARE: (f64, f64) = (0.0, 0.8);
 /// A machine runs so long, and pauses so long.
 const RUNS_S: (f64, f64) = (0.3, 20.0);
-
-/// Strokes of rubbing a second, their length and level, corner of their noise and its bursts.
-const STROKES_PER_S: (f64, f64) = (0.1, 0.8);
-const STROKE_S: (f64, f64) = (0.05, 2.0);
-const STROKE_G: (f64, f64) = (2e-3, 60e-3);
-const STROKE_HZ: (f64, f64) = (40.0, 2_500.0);
-const BURST_HZ: (f64, f64) = (3.0, 60.0);
 
 /// Something that lasts from one time to another, with so much of it at each sensor.
 #[derive(Serialize)]
@@ -56,6 +37,7 @@ struct Knock {
     at: Stretch,
     peak_g: f64,
     hz: f64,
+    /// Until the ring has fallen by e.
     decay_s: f64,
     direction: [f64; 3],
 }
@@ -66,6 +48,7 @@ struct Machine {
     hz: f64,
     /// Peak of each harmonic, g, with its phase in turns.
     harmonics: Vec<(f64, f64)>,
+    /// How far its frequency wanders, and how fast.
     wander: f64,
     wander_hz: f64,
     noise_g: f64,
@@ -75,6 +58,7 @@ struct Machine {
 #[derive(Serialize)]
 struct Stroke {
     at: Stretch,
+    /// Level, corner and bursts of its noise.
     rms_g: f64,
     hz: f64,
     burst_hz: f64,
@@ -107,14 +91,14 @@ impl Elsewhere {
         match family {
             DisturbanceFamily::Handling => {}
             DisturbanceFamily::Knocks => {
-                let per_s = rng.log_uniform(KNOCKS_PER_S);
+                let per_s = rng.log_between(0.1, 2.0);
                 for at_s in times(rng, per_s, seconds) {
                     let knock = if rng.chance(SHAKES) {
-                        let decay_s = rng.log_uniform(SHAKE_S);
-                        (rng.log_uniform(SHAKE_G), rng.log_uniform(SHAKE_HZ), decay_s)
+                        let decay_s = rng.log_between(0.1, 0.8);
+                        (rng.log_between(0.05, 0.8), rng.log_between(2.0, 18.0), decay_s)
                     } else {
-                        let decay_s = rng.log_uniform(KNOCK_DECAY_S);
-                        (rng.log_uniform(KNOCK_G), rng.log_uniform(KNOCK_HZ), decay_s)
+                        let decay_s = rng.log_between(2e-3, 60e-3);
+                        (rng.log_between(0.02, 3.0), rng.log_between(20.0, 2_500.0), decay_s)
                     };
                     let (peak_g, hz, decay_s) = knock;
                     let at = Stretch::draw(rng, at_s, 6.0 * decay_s);
@@ -122,8 +106,8 @@ impl Elsewhere {
                 }
             }
             DisturbanceFamily::Tools => {
-                let rms_g = rng.log_uniform(MACHINE_G);
-                let noise_share = rng.uniform(NOISE_SHARE);
+                let rms_g = rng.log_between(1e-3, 60e-3);
+                let noise_share = rng.between(0.0, 0.8);
                 let slope = rng.between(-1.0, 1.5);
                 let count = rng.count(HARMONICS.0, HARMONICS.1);
                 let peaks: Vec<f64> =
@@ -140,23 +124,23 @@ impl Elsewhere {
                 }
                 all.machine = Some(Machine {
                     at,
-                    hz: rng.log_uniform(BASE_HZ),
+                    hz: rng.log_between(15.0, 400.0),
                     harmonics,
-                    wander: rng.uniform(WANDER),
-                    wander_hz: rng.log_uniform(WANDER_HZ),
+                    wander: rng.between(0.0, 0.15),
+                    wander_hz: rng.log_between(0.05, 3.0),
                     noise_g: rms_g * noise_share.sqrt(),
                     direction: rng.direction(),
                 });
             }
             DisturbanceFamily::Rubbing => {
-                let per_s = rng.log_uniform(STROKES_PER_S);
+                let per_s = rng.log_between(0.1, 0.8);
                 for at_s in times(rng, per_s, seconds) {
-                    let length_s = rng.log_uniform(STROKE_S);
+                    let length_s = rng.log_between(0.05, 2.0);
                     all.strokes.push(Stroke {
                         at: Stretch::draw(rng, at_s, length_s),
-                        rms_g: rng.log_uniform(STROKE_G),
-                        hz: rng.log_uniform(STROKE_HZ),
-                        burst_hz: rng.log_uniform(BURST_HZ),
+                        rms_g: rng.log_between(2e-3, 60e-3),
+                        hz: rng.log_between(40.0, 2_500.0),
+                        burst_hz: rng.log_between(3.0, 60.0),
                         phase: rng.between(0.0, 1.0),
                         direction: rng.direction(),
                     });

@@ -4,30 +4,26 @@ use libm::{exp, log, pow};
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing};
+use super::scene::SlipSeries;
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, SILENT_MM_S};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
 use crate::timeline::Pulse;
 
-/// Mean slid length between two grains, and the most of them in a second.
-const SPACING_MM: (f64, f64) = (0.01, 0.25);
+/// The most grains in a second.
 const MOST_HZ: f64 = 1_500.0;
-const WIDTH_S: (f64, f64) = (0.15e-3, 1.2e-3);
-/// Logarithmic spread of their peaks within a recording, and of the level between recordings.
-const PEAK_SPREAD: (f64, f64) = (0.4, 1.2);
+/// Logarithmic spread of the level between recordings.
 const LEVEL_SPREAD: f64 = 0.5;
-const SPEED_EXPONENT: (f64, f64) = (0.0, 0.8);
-const FORCE_EXPONENT: (f64, f64) = (0.2, 0.8);
 const ROUGHNESS_EXPONENT: f64 = 0.4;
-/// Slower than this nothing vibrates, mm/s.
-const SILENT_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Grains {
+    /// Mean slid length between two grains.
     spacing_mm: f64,
     width_s: f64,
     peak_g: f64,
+    /// Logarithmic, within a recording.
     peak_spread: f64,
     speed_exponent: f64,
     force_exponent: f64,
@@ -36,8 +32,8 @@ pub(super) struct Grains {
 
 impl Grains {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let (spacing_mm, width_s) = (rng.log_uniform(SPACING_MM), rng.log_uniform(WIDTH_S));
-        let peak_spread = rng.uniform(PEAK_SPREAD);
+        let (spacing_mm, width_s) = (rng.log_between(0.01, 0.25), rng.log_between(0.15e-3, 1.2e-3));
+        let peak_spread = rng.between(0.4, 1.2);
         let level = pow(object.roughness_um, ROUGHNESS_EXPONENT) * exp(LEVEL_SPREAD * rng.normal());
         // Mean square of half-sines at the reference: rate · peak² · width / 2, the peak's with its spread.
         let rate = (REFERENCE_MM_S / spacing_mm).min(MOST_HZ);
@@ -47,22 +43,22 @@ impl Grains {
             width_s,
             peak_g: LEVEL_G * level / square.sqrt(),
             peak_spread,
-            speed_exponent: rng.uniform(SPEED_EXPONENT),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
+            speed_exponent: rng.between(0.0, 0.8),
+            force_exponent: rng.between(0.2, 0.8),
             direction: rng.direction(),
         }
     }
 
-    pub fn pulses(&self, rubbing: &Rubbing, rng: &mut Rng) -> Vec<Pulse> {
+    pub fn pulses(&self, rubbing: &SlipSeries, rng: &mut Rng) -> Vec<Pulse> {
         let mut pulses = Vec::new();
         let mut left_mm = 0.0;
-        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.share).enumerate() {
+        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.fraction).enumerate() {
             if speed < SILENT_MM_S || share < 1e-3 {
                 continue;
             }
             let (moved_mm, mut at_mm) = (speed / STEP_HZ, left_mm);
             let spacing_mm = self.spacing_mm.max(speed / MOST_HZ);
-            let load = (rubbing.force_n[i] / REFERENCE_N).max(1e-6);
+            let load = (rubbing.grip_n[i] / REFERENCE_N).max(1e-6);
             let level = share
                 * self.peak_g
                 * pow(speed / REFERENCE_MM_S, self.speed_exponent)

@@ -10,18 +10,10 @@ use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::timeline::Pulse;
 
-/// Sway of a hand: components, frequency in Hz, and the peak they share, g.
+/// Sway of a hand: components, which share its peak.
 const SWAYS: usize = 3;
-const SWAY_HZ: (f64, f64) = (0.2, 3.0);
-const SWAY_G: (f64, f64) = (0.03, 0.5);
-const TREMOR_HZ: (f64, f64) = (8.0, 12.0);
-const TREMOR_G: (f64, f64) = (0.005, 0.03);
-/// Chance that the person walks for a part of the recording; cadence in Hz, length of a footfall in
-/// seconds and its peak, g.
+/// Chance that the person walks for a part of the recording.
 const WALKS: f64 = 0.3;
-const CADENCE_HZ: (f64, f64) = (1.5, 2.1);
-const FOOTFALL_S: (f64, f64) = (0.015, 0.04);
-const FOOTFALL_G: (f64, f64) = (0.03, 0.3);
 
 #[derive(Clone, Debug, Serialize)]
 struct Sway {
@@ -50,30 +42,30 @@ impl HandMotion {
         if !scene.hand_held {
             return motion;
         }
-        let peak = rng.log_uniform(SWAY_G) / SWAYS as f64;
+        let peak = rng.log_between(0.03, 0.5) / SWAYS as f64;
         for _ in 0..SWAYS {
-            motion.sway(rng, SWAY_HZ, peak);
+            motion.sway(rng, (0.2, 3.0), peak);
         }
-        let peak = rng.log_uniform(TREMOR_G);
-        motion.sway(rng, TREMOR_HZ, peak);
+        let peak = rng.log_between(0.005, 0.03);
+        motion.sway(rng, (8.0, 12.0), peak);
         if rng.chance(WALKS) {
             let seconds = scene.timeline.grip_n.len() as f64 / STEP_HZ;
             let from = rng.between(0.0, 0.7 * seconds);
             let to = rng.between(from, seconds);
-            let cadence = rng.uniform(CADENCE_HZ);
-            motion.walk = Some((from, to, cadence));
-            let peak = rng.log_uniform(FOOTFALL_G);
+            let cadence_hz = rng.between(1.5, 2.1);
+            motion.walk = Some((from, to, cadence_hz));
+            let peak_g = rng.log_between(0.03, 0.3);
             let mut at_s = from;
             while at_s < to {
                 let off = rng.direction();
                 motion.footfalls.push(Pulse {
                     at_s,
-                    width_s: rng.log_uniform(FOOTFALL_S),
-                    peak_g: peak * rng.between(0.6, 1.4),
+                    width_s: rng.log_between(0.015, 0.04),
+                    peak_g: peak_g * rng.between(0.6, 1.4),
                     direction: std::array::from_fn(|a| motion.gravity[a] + 0.3 * off[a]),
                     share: [1.0; MAX_SENSORS],
                 });
-                at_s += rng.between(0.93, 1.07) / cadence;
+                at_s += rng.between(0.93, 1.07) / cadence_hz;
             }
         }
         motion

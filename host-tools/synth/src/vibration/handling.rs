@@ -8,9 +8,9 @@ use std::f64::consts::PI;
 
 use super::machine::{Actuation, Nearby};
 use super::modes::Modes;
-use super::scene::{Motion, Scene, TOUCHED_N, at};
+use super::scene::{Motion, Scene, SlipSeries, TOUCHED_N, at};
 use super::signal::{Noise, add_scaled, blend, blend_rms, sin_turns};
-use super::slip::{Rubbing, Surface};
+use super::slip::Surface;
 use super::streams::{NoiseSource, NoiseStreams};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
@@ -18,16 +18,6 @@ use crate::recipe::Platform;
 use crate::scenario::levels::DRAG_MM_S;
 use crate::timeline::Pulse;
 
-/// A finger that meets the object: moving mass in kg, radius of the contact in metres, reduced modulus of
-/// the soft pad in Pa and its square-root spread, approach speed in m/s, coefficient of restitution.
-const FINGER_KG: (f64, f64) = (0.03, 0.1);
-const CONTACT_RADIUS_M: (f64, f64) = (2e-3, 15e-3);
-const PAD_PA: (f64, f64) = (1e6, 4e6);
-/// Chance that hard parts meet first (a shell's edge, a fixture), and their modulus.
-const HARD_CHANCE: f64 = 0.12;
-const HARD_PA: (f64, f64) = (0.5e9, 3e9);
-const APPROACH_M_S: (f64, f64) = (0.01, 0.12);
-const RESTITUTION: (f64, f64) = (0.1, 0.6);
 const CLOSING_G: (f64, f64) = (0.1, 3.0);
 /// The fingers touch within this of each other, seconds.
 const CLOSING_SPREAD_S: (f64, f64) = (-0.01, 0.02);
@@ -36,36 +26,13 @@ const CLOSING_ELSEWHERE: f64 = 0.15;
 /// Share of a closing impact that excites the modes besides moving the finger as a whole.
 const CLOSING_MODES: f64 = 0.5;
 
-/// Aftershock of a release: time until a tenth is left in seconds, peak at 2 N of grip in g.
-const AFTERSHOCK_S: (f64, f64) = (0.05, 0.3);
-const AFTERSHOCK_G: (f64, f64) = (0.03, 0.4);
-
-/// Creak while the grip changes: level in g at [`CREAK_FULL_PER_S`], corner in Hz. Relative force rates
+/// Creak while the grip changes: level in g at [`CREAK_FULL_PER_S`]. Relative force rates
 /// up to the first are silent: a tremor of 3 % at 12 Hz has 2.3 per second and moves nothing.
 const CREAK_G: (f64, f64) = (0.003, 0.03);
-const CREAK_HZ: (f64, f64) = (150.0, 800.0);
 const CREAK_FROM_PER_S: f64 = 2.4;
 const CREAK_FULL_PER_S: f64 = 6.0;
-/// Micro-slip during grip changes: pulses per unit of relative change, peak and width.
+/// Micro-slip during grip changes: pulses per unit of relative change.
 const MICRO_PULSES: f64 = 12.0;
-const MICRO_G: (f64, f64) = (0.005, 0.06);
-const MICRO_S: (f64, f64) = (0.2e-3, 1.5e-3);
-
-/// Rail friction of a hand-driven jaw: level in g, corner in Hz, pace of its bursts in Hz.
-const RAIL_G: (f64, f64) = (0.01, 0.05);
-const RAIL_HZ: (f64, f64) = (100.0, 600.0);
-const RAIL_BURST_HZ: (f64, f64) = (5.0, 40.0);
-/// Backlash clicks where a jaw starts or stops: at most this many, g and seconds.
-const CLICKS: usize = 2;
-const CLICK_G: (f64, f64) = (0.05, 0.5);
-const CLICK_S: (f64, f64) = (1e-3, 5e-3);
-
-/// Steps of the joints when a motor starts or meets a load, g and seconds.
-const JOINT_G: (f64, f64) = (0.01, 0.15);
-const JOINT_S: (f64, f64) = (1e-3, 6e-3);
-
-/// Share of the rubbing at the object's far side that arrives at the finger.
-const DRAG_ARRIVES: (f64, f64) = (0.1, 0.5);
 
 /// Duration of a Hertz contact of two elastic bodies, seconds: `2.87 (m² / (R E*² v))^(1/5)`.
 pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, speed_m_s: f64) -> f64 {
@@ -76,14 +43,17 @@ pub(crate) fn hertz_contact_s(mass_kg: f64, radius_m: f64, modulus_pa: f64, spee
 pub(crate) struct HandlingNoise {
     creak_g: f64,
     creak_hz: f64,
+    /// Rail friction of a hand-driven jaw: level, corner, pace of its bursts.
     rail_g: f64,
     rail_hz: f64,
     rail_burst_hz: f64,
+    /// Aftershock of a release: peak at 2 N of grip, time until a tenth is left.
     aftershock_g: f64,
     aftershock_s: f64,
     actuation: Option<Actuation>,
     nearby: Nearby,
     dragged: Surface,
+    /// Share of the rubbing at the object's far side that arrives at the finger.
     drag_arrives: f64,
     /// Impacts that excite the modes.
     #[serde(skip)]
@@ -97,16 +67,16 @@ impl HandlingNoise {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
         let mut drawn = Self {
             creak_g: rng.log_uniform(CREAK_G),
-            creak_hz: rng.log_uniform(CREAK_HZ),
-            rail_g: rng.log_uniform(RAIL_G),
-            rail_hz: rng.log_uniform(RAIL_HZ),
-            rail_burst_hz: rng.log_uniform(RAIL_BURST_HZ),
-            aftershock_g: rng.log_uniform(AFTERSHOCK_G),
-            aftershock_s: rng.log_uniform(AFTERSHOCK_S),
+            creak_hz: rng.log_between(150.0, 800.0),
+            rail_g: rng.log_between(0.01, 0.05),
+            rail_hz: rng.log_between(100.0, 600.0),
+            rail_burst_hz: rng.log_between(5.0, 40.0),
+            aftershock_g: rng.log_between(0.03, 0.4),
+            aftershock_s: rng.log_between(0.05, 0.3),
             actuation: (scene.platform == Platform::Tesollo).then(|| Actuation::draw(rng)),
             nearby: Nearby::draw(rng),
             dragged: Surface::table(rng),
-            drag_arrives: rng.log_uniform(DRAG_ARRIVES),
+            drag_arrives: rng.log_between(0.1, 0.5),
             impacts: scene.timeline.pulses.clone(),
             closings: Vec::new(),
         };
@@ -140,16 +110,19 @@ impl HandlingNoise {
         }
     }
 
+    /// A motion of jaws or joints that starts at `from_s` has impacts, as every start of theirs has.
     pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
-        let (peak, width) = match platform {
-            Platform::Umi => (CLICK_G, CLICK_S),
-            Platform::Tesollo => (JOINT_G, JOINT_S),
+        let (peak_g, width_s) = match platform {
+            // Backlash clicks.
+            Platform::Umi => ((0.05, 0.5), (1e-3, 5e-3)),
+            // Steps of the joints.
+            Platform::Tesollo => ((0.01, 0.15), (1e-3, 6e-3)),
         };
-        for _ in 0..rng.count(0, CLICKS) {
+        for _ in 0..rng.count(0, 2) {
             self.impacts.push(Pulse {
                 at_s: from_s + rng.between(0.0, 0.05),
-                width_s: rng.log_uniform(width),
-                peak_g: rng.log_uniform(peak),
+                width_s: rng.log_uniform(width_s),
+                peak_g: rng.log_uniform(peak_g),
                 direction: rng.direction(),
                 share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
             });
@@ -198,9 +171,9 @@ impl HandlingNoise {
             if rng.chance((MICRO_PULSES * rate(i) / STEP_HZ).min(1.0)) {
                 micro.push(Pulse {
                     at_s: i as f64 / STEP_HZ,
-                    width_s: rng.log_uniform(MICRO_S),
+                    width_s: rng.log_between(0.2e-3, 1.5e-3),
                     peak_g: (level / self.creak_g).min(1.0)
-                        * rng.log_uniform(MICRO_G)
+                        * rng.log_between(0.005, 0.06)
                         * -log(rng.between(1e-3, 1.0)),
                     direction: rng.direction(),
                     share: [1.0; MAX_SENSORS],
@@ -242,11 +215,11 @@ impl HandlingNoise {
             path += v / STEP_HZ;
             path
         });
-        let rubbing = Rubbing {
+        let rubbing = SlipSeries {
             path_mm: path_mm.collect(),
             speed_mm_s,
-            share: (0..steps).map(held).collect(),
-            force_n: vec![super::slip::REFERENCE_N; steps],
+            fraction: (0..steps).map(held).collect(),
+            grip_n: vec![super::slip::REFERENCE_N; steps],
             direction: vec![[0.0, 1.0]; steps],
         };
         self.dragged.add_rubbing(&rubbing, self.drag_arrives, streams.of(NoiseSource::Drag), force);
@@ -285,20 +258,22 @@ impl HandlingNoise {
 pub(super) fn closing(rng: &mut Rng, scene: &Scene<'_>, at_s: f64) -> [Pulse; MAX_SENSORS] {
     // A surface layer of the object, about 1 mm thick, in series with the pad.
     let object_pa = scene.object.surface.normal_kpa_per_mm() * 1e3;
-    let speed = rng.log_uniform(APPROACH_M_S);
+    let speed_m_s = rng.log_between(0.01, 0.12);
     std::array::from_fn(|sensor| {
-        let (pad_pa, hard_pa) = (rng.log_uniform(PAD_PA), rng.log_uniform(HARD_PA));
-        let modulus = if rng.chance(HARD_CHANCE) { hard_pa } else { 1.0 / (1.0 / pad_pa + 1.0 / object_pa) };
+        let (pad_pa, hard_pa) = (rng.log_between(1e6, 4e6), rng.log_between(0.5e9, 3e9));
+        // Hard parts may meet first: a shell's edge, a fixture.
+        let modulus_pa = if rng.chance(0.12) { hard_pa } else { 1.0 / (1.0 / pad_pa + 1.0 / object_pa) };
+        // Of the moving mass in kg and the radius of the contact in metres.
         let width_s =
-            hertz_contact_s(rng.log_uniform(FINGER_KG), rng.log_uniform(CONTACT_RADIUS_M), modulus, speed);
-        let bounce = 1.0 + rng.uniform(RESTITUTION);
+            hertz_contact_s(rng.log_between(0.03, 0.1), rng.log_between(2e-3, 15e-3), modulus_pa, speed_m_s);
+        let bounce = 1.0 + rng.between(0.1, 0.6);
         let scatter = rng.direction();
         let mut share = [CLOSING_ELSEWHERE; MAX_SENSORS];
         share[sensor] = 1.0;
         Pulse {
             at_s: at_s + rng.uniform(CLOSING_SPREAD_S),
             width_s,
-            peak_g: (PI * speed * bounce / (2.0 * width_s) / 9.81).clamp(CLOSING_G.0, CLOSING_G.1),
+            peak_g: (PI * speed_m_s * bounce / (2.0 * width_s) / 9.81).clamp(CLOSING_G.0, CLOSING_G.1),
             direction: [0.3 * scatter[0], 0.3 * scatter[1], 0.95],
             share,
         }

@@ -8,23 +8,11 @@ use super::scene::{Motion, Scene, at};
 use super::signal::{Biquad, Harmonics, add_scaled, sin_turns};
 use crate::draw::{Draw, Rng};
 
-/// Motor comb at full activity: Hz, harmonics, and the level that comb and gears share, g rms.
-const MOTOR_HZ: (f64, f64) = (15.0, 80.0);
+/// Harmonics of the motor comb.
 const MOTOR_ORDERS: usize = 4;
-const MOTOR_G: (f64, f64) = (0.002, 0.02);
-/// Gear mesh: Hz, and how far it moves with the motor's speed.
-const GEAR_HZ: (f64, f64) = (200.0, 1200.0);
-const GEAR_SHIFT: (f64, f64) = (0.05, 0.1);
-const SERVO_HZ: (f64, f64) = (800.0, 1300.0);
-const SERVO_G: (f64, f64) = (0.5e-3, 3e-3);
-/// Machines nearby: chance, lines in Hz, harmonics of the mains and of fans and pumps; g rms.
-const AMBIENT_CHANCE: f64 = 0.5;
+/// Machines nearby: lines in Hz, harmonics of the mains and of fans and pumps; g rms.
 const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
 const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
-/// Narrow-band noise of a tool, while the scene says that it works: centre in Hz, half-width over centre, pace of its swell in Hz.
-const TOOL_HZ: (f64, f64) = (200.0, 2000.0);
-const TOOL_WIDTH: (f64, f64) = (0.02, 0.15);
-const TOOL_SWELL_HZ: (f64, f64) = (0.2, 2.0);
 
 #[derive(Clone, Debug, Serialize)]
 struct Tone {
@@ -35,6 +23,8 @@ struct Tone {
     direction: [f64; 3],
 }
 
+/// Narrow-band noise of a tool, while the scene says that it works: centre, half-width over centre, level, and pace of
+/// its swell.
 #[derive(Clone, Debug, Serialize)]
 struct Tool {
     hz: f64,
@@ -47,11 +37,14 @@ struct Tool {
 
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Actuation {
+    /// At full activity.
     motor_hz: f64,
     comb: Harmonics,
+    /// Gear mesh, and how far it moves with the motor's speed.
     gear_hz: f64,
     gear_shift: f64,
     gear_share: f64,
+    /// What comb and gears share, rms.
     running_g: f64,
     servo: Tone,
     direction: [f64; 3],
@@ -65,7 +58,7 @@ pub(crate) struct Nearby {
 
 impl Nearby {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let lines = if rng.chance(AMBIENT_CHANCE) { rng.count(1, 3) } else { 0 };
+        let lines = if rng.chance(0.5) { rng.count(1, 3) } else { 0 };
         Self {
             lines: (0..lines)
                 .map(|_| {
@@ -74,10 +67,10 @@ impl Nearby {
                 })
                 .collect(),
             tool: Some(Tool {
-                hz: rng.log_uniform(TOOL_HZ),
-                width: rng.log_uniform(TOOL_WIDTH),
+                hz: rng.log_between(200.0, 2000.0),
+                width: rng.log_between(0.02, 0.15),
                 rms_g: rng.log_uniform(AMBIENT_G),
-                swell_hz: rng.log_uniform(TOOL_SWELL_HZ),
+                swell_hz: rng.log_between(0.2, 2.0),
                 phase: rng.between(0.0, 1.0),
                 direction: rng.direction(),
             }),
@@ -120,15 +113,15 @@ impl Tone {
 
 impl Actuation {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let servo_hz = rng.log_uniform(SERVO_HZ);
+        let servo_hz = rng.log_between(800.0, 1300.0);
         Self {
-            motor_hz: rng.log_uniform(MOTOR_HZ),
+            motor_hz: rng.log_between(15.0, 80.0),
             comb: Harmonics::draw(rng, (1..=MOTOR_ORDERS).map(|k| 1.0 / k as f64)),
-            gear_hz: rng.log_uniform(GEAR_HZ),
-            gear_shift: rng.uniform(GEAR_SHIFT),
+            gear_hz: rng.log_between(200.0, 1200.0),
+            gear_shift: rng.between(0.05, 0.1),
             gear_share: rng.between(0.3, 0.8),
-            running_g: rng.log_uniform(MOTOR_G),
-            servo: Tone::draw(rng, servo_hz, SERVO_G),
+            running_g: rng.log_between(0.002, 0.02),
+            servo: Tone::draw(rng, servo_hz, (0.5e-3, 3e-3)),
             direction: rng.direction(),
         }
     }

@@ -32,7 +32,7 @@ use serde::Serialize;
 use crate::draw::Rng;
 use crate::families::{DisturbanceFamily, Families, PathFamily, SourceFamily};
 use crate::friction::STEP_HZ;
-use crate::recipe::{Platform, VibrationContent};
+use crate::recipe::VibrationContent;
 use autoregressive::AutoregressiveNoise;
 use echoes::Echoes;
 use elsewhere::Elsewhere;
@@ -43,7 +43,7 @@ use modes::ObjectMode;
 use profile::Profile;
 use rig::Rig;
 use sections::Sections;
-use slip::{Rubbing, Surface};
+use slip::Surface;
 use streams::NoiseSource;
 
 /// All that is drawn once per recording and is the same for all its fingers.
@@ -53,7 +53,7 @@ pub(crate) struct Vibration {
     texture: AutoregressiveNoise,
     ring: Option<ObjectMode>,
     #[serde(rename = "disturbances")]
-    handling: HandlingNoise,
+    pub handling: HandlingNoise,
     rig: Rig,
     #[serde(rename = "carriage")]
     hand_motion: HandMotion,
@@ -138,13 +138,8 @@ impl Vibration {
         motion
     }
 
-    /// A motion of jaws or joints that starts at `from_s` has impacts, as every start of theirs has.
-    pub(crate) fn moves_again(&mut self, rng: &mut Rng, platform: Platform, from_s: f64) {
-        self.handling.moves_again(rng, platform, from_s);
-    }
-
     fn slip(&self, scene: &Scene<'_>, slip: &SlipSeries, streams: &mut NoiseStreams, force: &mut Motion) {
-        let rubbing = Rubbing::from_slip(slip);
+        let rubbing = slip.rubbing();
         let pulses = match (scene.source, &self.other.profile, &self.other.grains) {
             (SourceFamily::Autoregressive, ..) => return,
             (_, Some(profile), _) => return profile.add(&rubbing, force),

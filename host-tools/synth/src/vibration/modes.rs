@@ -34,18 +34,10 @@ const GRIP_EXPONENT: (f64, f64) = (1.0 / 6.0, 1.0 / 3.0);
 /// Largest shift by grip, both ways from the frequency at [`REFERENCE_N`].
 const GRIP_SHIFT: f64 = 0.1;
 const REFERENCE_N: f64 = 2.0;
-/// Number, frequency, damping and participation of the modes of any finger.
+/// Number of the modes of any finger.
 const FREE_MODES: (usize, usize) = (3, 9);
-const FREE_HZ: (f64, f64) = (30.0, 3_700.0);
-const FREE_RATIO: (f64, f64) = (0.01, 0.35);
-const FREE_WEIGHT: (f64, f64) = (0.15, 2.0);
 /// Change of frequency, damping and participation from grasp to grasp, logarithmic rms.
 const GRASP_SPREAD: (f64, f64, f64) = (0.015, 0.08, 0.08);
-/// Towards the palm the first mode moves the pad less and the others more, and all are a little stiffer.
-const PALM_FIRST_WEIGHT: (f64, f64) = (0.4, 0.7);
-const PALM_OTHER_WEIGHT: (f64, f64) = (1.0, 1.6);
-const PALM_STIFFER: (f64, f64) = (1.02, 1.12);
-const PALM_SCATTER: f64 = 0.3;
 /// Share of the damping that is left when nothing is held, and the grip at which all of it is there.
 const FREE_DAMPING: f64 = 0.5;
 const DAMPED_FROM_N: f64 = 1.0;
@@ -94,10 +86,10 @@ impl Modes {
     pub(crate) fn draw_free(rng: &mut Rng) -> Self {
         let count = rng.count(FREE_MODES.0, FREE_MODES.1);
         let mode = |_| Mode {
-            hz: rng.log_uniform(FREE_HZ),
-            damping: rng.log_uniform(FREE_RATIO),
+            hz: rng.log_between(30.0, 3_700.0),
+            damping: rng.log_between(0.01, 0.35),
             direction: rng.direction(),
-            weight: rng.log_uniform(FREE_WEIGHT),
+            weight: rng.log_between(0.15, 2.0),
         };
         let modes = (0..count).map(mode).collect();
         Self { modes, grip_exponent: rng.uniform(GRIP_EXPONENT) }
@@ -111,10 +103,11 @@ impl Modes {
             mode.damping *= exp(GRASP_SPREAD.1 * rng.normal());
             mode.weight *= exp(GRASP_SPREAD.2 * rng.normal());
             if region == Region::Palm {
-                let weight = if m == 0 { PALM_FIRST_WEIGHT } else { PALM_OTHER_WEIGHT };
+                // The first mode moves the pad less and the others more, and all are a little stiffer.
+                let weight = if m == 0 { (0.4, 0.7) } else { (1.0, 1.6) };
                 mode.weight *= rng.uniform(weight);
-                mode.hz *= rng.uniform(PALM_STIFFER);
-                mode.direction = scattered(rng, mode.direction, PALM_SCATTER);
+                mode.hz *= rng.between(1.02, 1.12);
+                mode.direction = scattered(rng, mode.direction, 0.3);
             }
         }
         grasp

@@ -4,35 +4,29 @@ use libm::{cos, exp, log, pow, sin};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-use super::scene::Motion;
+use super::scene::{Motion, SlipSeries};
 use super::signal::add_scaled;
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, Rubbing};
+use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, SILENT_MM_S};
 use crate::draw::{Draw, Rng};
-use crate::friction::STEP_HZ;
 use crate::objects::Object;
 
 /// Points of the profile, which repeats after them, and their distance.
 const POINTS: usize = 1 << 15;
 const PITCH_MM: f64 = 1e-3;
-/// Waves that make it up, the shortest in points, and the exponent of their slope over the wave number.
+/// Waves that make it up, and the shortest in points.
 const WAVES: usize = 96;
 const SHORTEST: f64 = 4.0;
-const EXPONENT: (f64, f64) = (-0.6, 0.6);
-const SPEED_EXPONENT: (f64, f64) = (0.4, 1.2);
-const FORCE_EXPONENT: (f64, f64) = (0.0, 0.6);
 const ROUGHNESS_EXPONENT: f64 = 0.5;
 const LEVEL_SPREAD: f64 = 0.6;
-/// Distance of the second track.
-const TRACKS_MM: (f64, f64) = (0.3, 6.0);
-/// Slower than this nothing vibrates, mm/s.
-const SILENT_MM_S: f64 = 0.05;
 
 #[derive(Serialize)]
 pub(super) struct Profile {
     level_g: f64,
+    /// Of the waves' slope over their number.
     exponent: f64,
     speed_exponent: f64,
     force_exponent: f64,
+    /// Distance of the second track.
     track_mm: f64,
     /// Along the slip, across it and normal to the pad; of each track.
     axes: [[f64; 3]; 2],
@@ -43,7 +37,7 @@ pub(super) struct Profile {
 
 impl Profile {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let exponent = rng.uniform(EXPONENT);
+        let exponent = rng.between(-0.6, 0.6);
         let mut slope = vec![0.0; POINTS];
         let drawn: Vec<(f64, f64)> = (0..WAVES)
             .map(|_| {
@@ -71,9 +65,9 @@ impl Profile {
         Self {
             level_g: LEVEL_G * level,
             exponent,
-            speed_exponent: rng.uniform(SPEED_EXPONENT),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
-            track_mm: rng.log_uniform(TRACKS_MM),
+            speed_exponent: rng.between(0.4, 1.2),
+            force_exponent: rng.between(0.0, 0.6),
+            track_mm: rng.log_between(0.3, 6.0),
             axes: std::array::from_fn(|_| rng.direction()),
             slope: slope.iter().map(|x| (x / rms) as f32).collect(),
         }
@@ -86,37 +80,21 @@ impl Profile {
         f64::from(near) + f64::from(far - near) * (x - whole as f64)
     }
 
-    pub fn add(&self, rubbing: &Rubbing, force: &mut Motion) {
+    pub fn add(&self, rubbing: &SlipSeries, force: &mut Motion) {
         let level = |i: usize| {
-            let (speed, share) = (rubbing.speed_mm_s[i], rubbing.share[i]);
+            let (speed, share) = (rubbing.speed_mm_s[i], rubbing.fraction[i]);
             if share < 1e-3 || speed < SILENT_MM_S {
                 return 0.0;
             }
-            let load = (rubbing.force_n[i] / REFERENCE_N).max(1e-6);
+            let load = (rubbing.grip_n[i] / REFERENCE_N).max(1e-6);
             let gain = self.speed_exponent * log(speed / REFERENCE_MM_S) + self.force_exponent * log(load);
             share * self.level_g * exp(gain)
         };
-        let (mut step, mut from, mut to) = (usize::MAX, 0.0, 0.0);
-        for (t, out) in force.samples() {
-            let x = t * STEP_HZ;
-            let now = x as usize;
-            if now + 1 >= rubbing.speed_mm_s.len() {
-                break;
-            }
-            if now != step {
-                from = if now == step.wrapping_add(1) { to } else { level(now) };
-                (to, step) = (level(now + 1), now);
-            }
-            if from <= 0.0 && to <= 0.0 {
-                continue;
-            }
-            let within = x - now as f64;
-            let level = from + (to - from) * within;
-            let path_mm = rubbing.path_mm[now] + (rubbing.path_mm[now + 1] - rubbing.path_mm[now]) * within;
+        rubbing.each_sample(level, force, |now, _, level, path_mm, out| {
             for (track, axes) in self.axes.iter().enumerate() {
                 let slope = self.at(path_mm + track as f64 * self.track_mm);
                 add_scaled(out, level * slope * std::f64::consts::FRAC_1_SQRT_2, rubbing.turned(now, *axes));
             }
-        }
+        });
     }
 }

@@ -13,13 +13,6 @@ use crate::friction::STEP_HZ;
 const PER_MM: (f64, f64) = (2.0, 40.0);
 /// Lines of the comb; the k-th is 1/k as strong.
 const ORDERS: usize = 5;
-/// Level at the accelerometer through the clamped object, g rms of the vector.
-const THROUGH_OBJECT_G: (f64, f64) = (0.2e-3, 4e-3);
-const THROUGH_TABLE_G: (f64, f64) = (0.05e-3, 0.5e-3);
-/// Holding hum of the drive at standstill, through the table: chance, level in g rms, frequency in Hz.
-const HUM_CHANCE: f64 = 0.5;
-const HUM_G: (f64, f64) = (0.02e-3, 0.2e-3);
-const HUM_HZ: (f64, f64) = (400.0, 2000.0);
 /// Below this speed the comb fades, mm/s.
 const FADES_BELOW_MM_S: f64 = 0.5;
 /// Grip from which the object transmits as well as it ever does, N.
@@ -32,11 +25,12 @@ const DIRECTION: [f64; 3] = [0.188, 0.941, 0.282];
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Rig {
     pub per_mm: f64,
-    /// Level through the clamped object, g rms.
+    /// Level at the accelerometer through the clamped object and through the table, g rms of the vector.
     pub object_g: f64,
     pub table_g: f64,
     pub comb: Harmonics,
-    /// Level of the holding hum, g rms, its frequency, Hz, and phase, turns.
+    /// Hum of the drive that holds at standstill, through the table: level, g rms, 0 of half of them, frequency, Hz, and
+    /// phase, turns.
     pub hum: (f64, f64, f64),
 }
 
@@ -44,21 +38,15 @@ impl Rig {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
         Self {
             per_mm: rng.log_uniform(PER_MM),
-            object_g: rng.log_uniform(THROUGH_OBJECT_G),
-            table_g: rng.log_uniform(THROUGH_TABLE_G),
+            object_g: rng.log_between(0.2e-3, 4e-3),
+            table_g: rng.log_between(0.05e-3, 0.5e-3),
             comb: Harmonics::draw(rng, (1..=ORDERS).map(|k| 1.0 / k as f64)),
             hum: (
-                if rng.chance(HUM_CHANCE) { 1.0 } else { 0.0 } * rng.log_uniform(HUM_G),
-                rng.log_uniform(HUM_HZ),
+                if rng.chance(0.5) { 1.0 } else { 0.0 } * rng.log_between(0.02e-3, 0.2e-3),
+                rng.log_between(400.0, 2000.0),
                 rng.between(0.0, 1.0),
             ),
         }
-    }
-
-    /// Every level 0, all else as drawn.
-    #[cfg(test)]
-    pub(super) fn silence(&mut self) {
-        (self.object_g, self.table_g, self.hum.0) = (0.0, 0.0, 0.0);
     }
 
     /// Add to the acceleration at the part. The levels are those at the accelerometer, so the comb does

@@ -9,33 +9,27 @@ use crate::timeline::{Pulse, Timeline};
 
 pub(super) const TOUCHED_N: f64 = 0.05;
 
-/// What the interface of one finger does, [`STEP_HZ`] values per second.
-#[derive(Default)]
+/// What the interface of one finger does, as [`SlipState`](crate::friction::SlipState) says: [`STEP_HZ`] values per
+/// second.
+#[derive(Clone, Default)]
 pub(crate) struct SlipSeries {
-    /// Load-weighted mean of the interface speed.
     pub speed_mm_s: Vec<f64>,
-    /// Share of the load that slides.
     pub fraction: Vec<f64>,
-    /// Load-weighted slid length; never falls.
     pub path_mm: Vec<f64>,
-    /// Unit vector of the mean slip in pad x, y.
     pub direction: Vec<[f64; 2]>,
     pub grip_n: Vec<f64>,
 }
 
-/// What the vibration needs to know of a recording.
+/// What the vibration needs to know of a recording: what [`Recipe`](crate::Recipe) and
+/// [`Plan`](crate::scenario::Plan) have by these names.
 pub(crate) struct Scene<'a> {
     pub platform: Platform,
     pub source: SourceFamily,
     pub families: Families,
     pub content: VibrationContent,
-    /// The crosshead's drive reaches the accelerometers.
     pub rig_leak: bool,
-    /// A hand holds the gripper: it sways, and there is no rig.
     pub hand_held: bool,
-    /// The crosshead is linked to the object, so its drive comes through it while it is gripped.
     pub linked: bool,
-    /// The gripper stands on the rig's own table: the drive is as loud without the object as through it.
     pub shared_table: bool,
     pub object: &'static Object,
     /// Closing impacts, aftershocks of a release and clicks of the jaws are no pulses of it: they are made

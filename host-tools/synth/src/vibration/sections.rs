@@ -7,19 +7,13 @@ use super::signal::Biquad;
 use crate::draw::{Draw, Rng};
 
 const SECTIONS: (usize, usize) = (2, 5);
-const HZ: (f64, f64) = (50.0, 3_600.0);
-const DAMPING: (f64, f64) = (0.02, 0.5);
-/// What a section adds at its resonance; either sign.
-const GAIN: (f64, f64) = (0.3, 4.0);
 const CROSS_TALK: f64 = 0.5;
-/// Share of the difference to the sample before that is added (lifts) or taken away.
-const TILT: (f64, f64) = (-0.6, 1.5);
-const LEVEL: (f64, f64) = (0.3, 2.0);
 
 #[derive(Clone, Serialize)]
 struct Section {
     hz: f64,
     damping: f64,
+    /// What it adds at its resonance; either sign.
     gain: f64,
 }
 
@@ -27,25 +21,26 @@ struct Section {
 pub(super) struct Sections {
     matrix: [[f64; 3]; 3],
     axes: [Vec<Section>; 3],
+    /// Share of the difference to the sample before that is added (lifts) or taken away.
     tilt: f64,
 }
 
 impl Sections {
     pub fn draw(rng: &mut Rng) -> Self {
-        let level = rng.log_uniform(LEVEL);
+        let level = rng.log_between(0.3, 2.0);
         let matrix = std::array::from_fn(|to| {
             std::array::from_fn(|from| {
                 level * if to == from { 1.0 } else { CROSS_TALK * rng.between(-1.0, 1.0) }
             })
         });
         let section = |rng: &mut Rng| Section {
-            hz: rng.log_uniform(HZ),
-            damping: rng.log_uniform(DAMPING),
-            gain: rng.either_sign(GAIN),
+            hz: rng.log_between(50.0, 3_600.0),
+            damping: rng.log_between(0.02, 0.5),
+            gain: rng.either_sign((0.3, 4.0)),
         };
         let count = rng.count(SECTIONS.0, SECTIONS.1);
         let axes = std::array::from_fn(|_| (0..count).map(|_| section(rng)).collect());
-        Self { matrix, axes, tilt: rng.uniform(TILT) }
+        Self { matrix, axes, tilt: rng.between(-0.6, 1.5) }
     }
 
     pub fn respond(&self, motion: &mut Motion) {

@@ -22,35 +22,25 @@ pub(super) const REFERENCE_N: f64 = 2.0;
 /// 3/4, for levels; this is the lower part of the range, because the rms here rises faster than the
 /// amplitude: the roll-off moves up with speed, lets more noise through and moves it towards the modes.
 const SPEED_EXPONENT: (f64, f64) = (0.6, 0.75);
-/// Exponent p_F over grip force.
-const FORCE_EXPONENT: (f64, f64) = (0.2, 0.5);
-/// Exponent over Ra.
-const ROUGHNESS_EXPONENT: (f64, f64) = (0.6, 0.8);
 /// Logarithmic spread of the level from surface to surface of the same roughness.
 const LEVEL_SPREAD: f64 = 0.2;
-/// Wavelength λ_c of the asperity roll-off `f_c = v/λ_c`, mm.
-const ASPERITY_MM: (f64, f64) = (0.005, 0.05);
 /// Exponent β of texture lines, amplitude ∝ k^−β, and lines per wavelength.
 const LINE_EXPONENT: (f64, f64) = (1.0, 2.0);
 const LINES: usize = 6;
 /// Lines fade out between these frequencies, Hz: the part's own filter stops them.
 const LINE_FADE_HZ: (f64, f64) = (3_200.0, 3_800.0);
 /// Slower than this nothing vibrates; faster than the other nothing changes, mm/s.
-const SPEED_MM_S: (f64, f64) = (0.05, 60.0);
+pub(super) const SILENT_MM_S: f64 = 0.05;
+const FASTEST_MM_S: f64 = 60.0;
 /// Share of the load that must slide for slip to count as gross.
 const GROSS: f64 = 0.5;
 
 /// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
 const STICK_LEVEL: f64 = 0.5;
-/// Exponent of the pulses' amplitude over speed; their rate is proportional to speed besides.
-const STICK_SPEED_EXPONENT: (f64, f64) = (0.5, 0.9);
 /// Stiffness K in the period `T ≈ 2Δμ N / (K v)`, N/mm.
 const STICK_N_PER_MM: (f64, f64) = (2.0, 50.0);
 /// Highest pulse rate, Hz.
 const STICK_MAX_HZ: f64 = 2_200.0;
-/// Relative jitter of a quasi-periodic train, and the chance of a Poisson train instead.
-const STICK_JITTER: (f64, f64) = (0.2, 0.4);
-const STICK_POISSON: f64 = 0.3;
 const STICK_WIDTH_S: (f64, f64) = (0.2e-3, 2e-3);
 /// Micro-slip while slip spreads: pulses as the whole patch lets go once, amplitude over gross, and the
 /// growth of the sliding share in one step at which that amplitude is reached.
@@ -61,9 +51,6 @@ const INCIPIENT_GROWTH: f64 = 0.02;
 /// How strongly noise and lines move along the slip, across it and normal to the pad; unit vectors.
 const NOISE_AXES: [f64; 3] = [0.788, 0.394, 0.473];
 const LINE_AXES: [f64; 3] = [0.693, 0.198, 0.693];
-/// Texture of tables and floors, mm, and their roughness Ra, µm.
-const TABLE_MM: (f64, f64) = (0.05, 2.0);
-const TABLE_UM: (f64, f64) = (0.5, 10.0);
 
 #[derive(Clone, Debug, Serialize)]
 struct Line {
@@ -74,13 +61,14 @@ struct Line {
 }
 
 #[derive(Clone, Debug, Serialize)]
-struct Stick {
+pub(super) struct Stick {
     /// Mean peak of gross slip's pulses at the reference, g.
     peak_g: f64,
+    /// Of the amplitude; the rate is proportional to speed besides.
     speed_exponent: f64,
     /// Slid length between two pulses per newton of grip, mm/N.
-    spacing_mm_per_n: f64,
-    /// `None`: the pulses come at random.
+    pub(super) spacing_mm_per_n: f64,
+    /// Relative jitter of a quasi-periodic train; `None`: the pulses come at random.
     jitter: Option<f64>,
 }
 
@@ -90,40 +78,54 @@ pub(crate) struct Surface {
     pub level_g: f64,
     pub speed_exponent: f64,
     pub force_exponent: f64,
-    /// Wavelength of the roll-off, mm.
+    /// Wavelength λ_c of the asperity roll-off `f_c = v/λ_c`.
     pub asperity_mm: f64,
     /// Share of the power at the reference that is texture lines.
     line_share: f64,
     lines: Vec<Line>,
-    stick: Stick,
+    pub(super) stick: Stick,
 }
 
-/// One patch rubbing on a surface: [`STEP_HZ`] values per second.
-pub(crate) struct Rubbing {
-    pub speed_mm_s: Vec<f64>,
-    /// How much of the patch slides, 0–1.
-    pub share: Vec<f64>,
-    pub force_n: Vec<f64>,
-    pub path_mm: Vec<f64>,
-    pub direction: Vec<[f64; 2]>,
-}
-
-impl Rubbing {
-    pub(crate) fn from_slip(slip: &SlipSeries) -> Self {
-        let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(SPEED_MM_S.1);
-        Self {
-            speed_mm_s: slip.speed_mm_s.iter().zip(&slip.fraction).map(speed).collect(),
-            share: slip.fraction.clone(),
-            force_n: slip.grip_n.clone(),
-            path_mm: slip.path_mm.clone(),
-            direction: slip.direction.clone(),
-        }
+impl SlipSeries {
+    /// The same with the speed of what slides, not of the whole patch.
+    pub(super) fn rubbing(&self) -> Self {
+        let speed = |(v, share): (&f64, &f64)| (v / share.max(0.05)).min(FASTEST_MM_S);
+        Self { speed_mm_s: self.speed_mm_s.iter().zip(&self.fraction).map(speed).collect(), ..self.clone() }
     }
 
     /// From finger axes "along, across, normal" to x, y, z at a step.
     pub(super) fn turned(&self, step: usize, v: [f64; 3]) -> [f64; 3] {
         let [x, y] = self.direction[step];
         [x * v[0] - y * v[1], y * v[0] + x * v[1], v[2]]
+    }
+
+    /// Go through the samples at which something vibrates. `level` is how much at a step; `each` gets the step, whether
+    /// it is another than before, level and slid length in between, and the sample.
+    pub(super) fn each_sample(
+        &self,
+        level: impl Fn(usize) -> f64,
+        force: &mut Motion,
+        mut each: impl FnMut(usize, bool, f64, f64, &mut [f64; 3]),
+    ) {
+        let (mut step, mut from, mut to) = (usize::MAX, 0.0, 0.0);
+        for (t, out) in force.samples() {
+            let x = t * STEP_HZ;
+            let now = x as usize;
+            if now + 1 >= self.speed_mm_s.len() {
+                break;
+            }
+            let new = now != step;
+            if new {
+                from = if now == step.wrapping_add(1) { to } else { level(now) };
+                (to, step) = (level(now + 1), now);
+            }
+            if from <= 0.0 && to <= 0.0 {
+                continue;
+            }
+            let within = x - now as f64;
+            let path_mm = self.path_mm[now] + (self.path_mm[now + 1] - self.path_mm[now]) * within;
+            each(now, new, from + (to - from) * within, path_mm, out);
+        }
     }
 }
 
@@ -142,9 +144,9 @@ impl Surface {
 
     /// A table, a floor, a box: what a gripped object is dragged over.
     pub(crate) fn table(rng: &mut Rng) -> Self {
-        let (ra, wavelength) = (rng.log_uniform(TABLE_UM), rng.log_uniform(TABLE_MM));
+        let (roughness_um, wavelength_mm) = (rng.log_between(0.5, 10.0), rng.log_between(0.05, 2.0));
         let (share, stick) = (rng.between(0.0, 0.6), rng.between(0.0, 0.8));
-        Self::new(rng, ra, &[wavelength], share, (stick, 0.1))
+        Self::new(rng, roughness_um, &[wavelength_mm], share, (stick, 0.1))
     }
 
     fn new(
@@ -154,7 +156,7 @@ impl Surface {
         line_share: f64,
         (stick_slip, slack): (f64, f64),
     ) -> Self {
-        let roughness = pow(roughness_um, rng.uniform(ROUGHNESS_EXPONENT));
+        let roughness = pow(roughness_um, rng.between(0.6, 0.8));
         let level_g = LEVEL_G * roughness * exp(LEVEL_SPREAD * rng.normal());
         let exponent = rng.uniform(LINE_EXPONENT);
         let rms = 1.0 / (texture_mm.len() as f64).sqrt();
@@ -168,19 +170,19 @@ impl Surface {
         // rate · m² · width: that fixes m.
         let rate = (REFERENCE_MM_S / (spacing_mm_per_n * REFERENCE_N)).min(STICK_MAX_HZ);
         let width = (STICK_WIDTH_S.1 - STICK_WIDTH_S.0) / log(STICK_WIDTH_S.1 / STICK_WIDTH_S.0);
-        let jitter = rng.uniform(STICK_JITTER);
+        let jitter = rng.between(0.2, 0.4);
         Self {
             level_g,
             speed_exponent: rng.uniform(SPEED_EXPONENT),
-            force_exponent: rng.uniform(FORCE_EXPONENT),
-            asperity_mm: rng.log_uniform(ASPERITY_MM),
+            force_exponent: rng.between(0.2, 0.5),
+            asperity_mm: rng.log_between(0.005, 0.05),
             line_share: if lines.is_empty() { 0.0 } else { line_share },
             lines,
             stick: Stick {
                 peak_g: STICK_LEVEL * stick_slip * level_g / (rate * width).sqrt(),
-                speed_exponent: rng.uniform(STICK_SPEED_EXPONENT),
+                speed_exponent: rng.between(0.5, 0.9),
                 spacing_mm_per_n,
-                jitter: (!rng.chance(STICK_POISSON)).then_some(jitter),
+                jitter: (!rng.chance(0.3)).then_some(jitter),
             },
         }
     }
@@ -193,20 +195,14 @@ impl Surface {
             * pow((force_n / REFERENCE_N).max(1e-6), self.force_exponent)
     }
 
-    #[cfg(test)]
-    pub(super) fn stick_spacing_mm_per_n(&self) -> f64 {
-        self.stick.spacing_mm_per_n
-    }
-
     /// Asperity noise and texture lines, weighted by the share of the load that slides, into `force`
     /// times `gain`.
-    pub(crate) fn add_rubbing(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng, force: &mut Motion) {
+    pub(crate) fn add_rubbing(&self, rubbing: &SlipSeries, gain: f64, rng: &mut Rng, force: &mut Motion) {
         let rate_hz = force.clock.rate_hz;
-        let steps = rubbing.speed_mm_s.len();
-        let audible = |i: usize| rubbing.share[i] > 1e-3 && rubbing.speed_mm_s[i] > SPEED_MM_S.0;
+        let audible = |i: usize| rubbing.fraction[i] > 1e-3 && rubbing.speed_mm_s[i] > SILENT_MM_S;
         let level = |i: usize| {
             if audible(i) {
-                gain * rubbing.share[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.force_n[i])
+                gain * rubbing.fraction[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.grip_n[i])
             } else {
                 0.0
             }
@@ -214,59 +210,42 @@ impl Surface {
         let reference = blend_rms(blend(REFERENCE_MM_S / self.asperity_mm, XL_RATE_HZ as f64));
         let (noise_gain, line_gain) =
             ((1.0 - self.line_share).max(0.0).sqrt() / reference, self.line_share.max(0.0).sqrt());
-        let mut noise = Noise::default();
+        let (mut noise, mut weight) = (Noise::default(), 0.0);
         let mut fades = vec![[0.0; LINES]; self.lines.len()];
-        let (mut step, mut from, mut to, mut weight) = (usize::MAX, 0.0, 0.0, 0.0);
-        for (t, out) in force.samples() {
-            let x = t * STEP_HZ;
-            let now = x as usize;
-            if now + 1 >= steps {
-                break;
-            }
-            if now != step {
-                from = if now == step.wrapping_add(1) { to } else { level(now) };
-                to = level(now + 1);
-                step = now;
-                if from > 0.0 || to > 0.0 {
-                    let speed = rubbing.speed_mm_s[now].max(rubbing.speed_mm_s[now + 1]);
-                    weight = blend(speed / self.asperity_mm, rate_hz);
-                    for (fades, line) in fades.iter_mut().zip(&self.lines) {
-                        for (k, fade) in fades.iter_mut().enumerate() {
-                            let hz = (k + 1) as f64 * speed / line.wavelength_mm;
-                            let below = (LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0);
-                            *fade = below.clamp(0.0, 1.0);
-                        }
+        rubbing.each_sample(level, force, |now, new, level, path_mm, out| {
+            if new {
+                let speed = rubbing.speed_mm_s[now].max(rubbing.speed_mm_s[now + 1]);
+                weight = blend(speed / self.asperity_mm, rate_hz);
+                for (fades, line) in fades.iter_mut().zip(&self.lines) {
+                    for (k, fade) in fades.iter_mut().enumerate() {
+                        let hz = (k + 1) as f64 * speed / line.wavelength_mm;
+                        let below = (LINE_FADE_HZ.1 - hz) / (LINE_FADE_HZ.1 - LINE_FADE_HZ.0);
+                        *fade = below.clamp(0.0, 1.0);
                     }
                 }
             }
-            if from <= 0.0 && to <= 0.0 {
-                continue;
-            }
-            let within = x - now as f64;
-            let level = from + (to - from) * within;
             let white = noise.next(rng, weight);
-            let travel = rubbing.path_mm[now] + (rubbing.path_mm[now + 1] - rubbing.path_mm[now]) * within;
             let mut tone = 0.0;
             for (line, fade) in self.lines.iter().zip(&fades) {
-                tone += line.rms * line.shape.at(travel / line.wavelength_mm, fade);
+                tone += line.rms * line.shape.at(path_mm / line.wavelength_mm, fade);
             }
             let v: [f64; 3] = std::array::from_fn(|a| {
                 noise_gain * NOISE_AXES[a] * white[a] + line_gain * LINE_AXES[a] * tone
             });
             add_scaled(out, level, rubbing.turned(now, v));
-        }
+        });
     }
 
     /// Stick-slip pulses at slid distances, and weak ones where slip spreads over the patch.
-    pub(crate) fn pulses(&self, rubbing: &Rubbing, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
+    pub(crate) fn pulses(&self, rubbing: &SlipSeries, gain: f64, rng: &mut Rng) -> Vec<Pulse> {
         let mut pulses = Vec::new();
         let stick = &self.stick;
         if stick.peak_g <= 0.0 {
             return pulses;
         }
         let (mut slid, mut next, mut before) = (0.0, 0.0, 0.0);
-        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.share).enumerate() {
-            let force = rubbing.force_n[i];
+        for (i, (&speed, &share)) in rubbing.speed_mm_s.iter().zip(&rubbing.fraction).enumerate() {
+            let force = rubbing.grip_n[i];
             let growth = (share - before).max(0.0);
             before = share;
             let mean_g = |share: f64| {
@@ -286,7 +265,7 @@ impl Surface {
                     share: [1.0; MAX_SENSORS],
                 });
             };
-            if share > GROSS && speed > SPEED_MM_S.0 {
+            if share > GROSS && speed > SILENT_MM_S {
                 let moved = speed / STEP_HZ;
                 let spacing = (stick.spacing_mm_per_n * force).max(speed / STICK_MAX_HZ);
                 let gap = |rng: &mut Rng| match stick.jitter {

@@ -9,6 +9,7 @@ use crate::check::{largest, median, near, quantile, within};
 use crate::draw::{Stream, stream};
 use crate::friction::STEP_HZ;
 use crate::objects::{Kind, Object, named};
+use crate::recipe::Platform;
 use crate::timeline::{Pulse, Timeline};
 use libm::{cos, exp, log, sin, sincos};
 use std::f64::consts::TAU;

@@ -30,7 +30,7 @@ fn spectrum(g: &[[f64; 3]]) -> Vec<f64> {
 
 fn rubbing_of(surface: &Surface, slip: &SlipSeries, seconds: f64, seed: u64) -> Vec<[f64; 3]> {
     let mut force = still(seconds);
-    surface.add_rubbing(&Rubbing::from_slip(slip), 1.0, &mut rng(seed), &mut force);
+    surface.add_rubbing(&slip.rubbing(), 1.0, &mut rng(seed), &mut force);
     force.g
 }
 
@@ -166,8 +166,8 @@ fn stick_slip_comes_at_the_period_of_its_formula() {
     let slack = object.mu_static - object.mu_kinetic;
     for seed in 0..6 {
         let surface = Surface::draw(&mut rng(seed), &object);
-        let pulses = surface.pulses(&Rubbing::from_slip(&sliding(2.0, 2.0, 20.0)), 1.0, &mut rng(seed));
-        let stiffness = 2.0 * slack / surface.stick_spacing_mm_per_n();
+        let pulses = surface.pulses(&sliding(2.0, 2.0, 20.0).rubbing(), 1.0, &mut rng(seed));
+        let stiffness = 2.0 * slack / surface.stick.spacing_mm_per_n;
         let expected = (stiffness * 2.0 / (2.0 * slack * 2.0)).min(2200.0);
         let rate = pulses.len() as f64 / 20.0;
         near(format!("K {stiffness:.1} N/mm: pulses per second, K v / (2 Δμ N)"), rate, expected, 0.12);
@@ -188,8 +188,8 @@ fn spreading_slip_ticks_weakly() {
     let (mut ratios, mut counts) = (Vec::new(), Vec::new());
     for seed in 0..40 {
         let surface = Surface::draw(&mut rng(seed), &object);
-        let weak = surface.pulses(&Rubbing::from_slip(&spreading), 1.0, &mut rng(seed));
-        let gross = surface.pulses(&Rubbing::from_slip(&sliding(10.0, 2.0, 5.0)), 1.0, &mut rng(seed));
+        let weak = surface.pulses(&spreading.rubbing(), 1.0, &mut rng(seed));
+        let gross = surface.pulses(&sliding(10.0, 2.0, 5.0).rubbing(), 1.0, &mut rng(seed));
         counts.push(weak.len() as f64);
         ratios.push(mean(&weak) / mean(&gross));
     }

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use burn::optim::ModuleOptimizer;
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::output;
 use crate::weights::Weights;
 
 const FOLDER: &str = "checkpoint";
@@ -105,7 +106,7 @@ impl Checkpoint {
         self.average.write(&new.join(AVERAGE))?;
         optimizer.save(new.join(OPTIMIZER)).map_err(|e| anyhow!("{e}")).with_context(failed)?;
         let state = State { rows: self.rows.clone(), recipe: self.recipe.clone() };
-        crate::output::write(&new.join(STATE), serde_json::to_string_pretty(&state)?.as_bytes())?;
+        output::write(&new.join(STATE), serde_json::to_string_pretty(&state)?.as_bytes())?;
         remove(&place).with_context(failed)?;
         fs::rename(&new, &place).with_context(failed)
     }
@@ -118,8 +119,7 @@ impl Checkpoint {
     ) -> Result<(Self, ModuleOptimizer)> {
         let place = out.join(FOLDER);
         let path = place.join(STATE);
-        let text =
-            fs::read(&path).with_context(|| format!("no run to resume: cannot read {}", path.display()))?;
+        let text = output::read(&path).context("no run to resume")?;
         let state: State =
             serde_json::from_slice(&text).with_context(|| format!("cannot use {}", path.display()))?;
         ensure!(

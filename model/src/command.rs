@@ -100,7 +100,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     let mut total = Comparison::default();
     results.into_iter().for_each(|one| total.add(one));
 
-    export::write(&args.out, &bytes)?;
+    output::write(&args.out, &bytes).context("the model was not written")?;
     if let Some(path) = &args.report {
         let validation = match args.data {
             None => "synthetic, split val".to_owned(),
@@ -126,7 +126,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
                 "logit_snr_db": total.logit_snr_db(),
             },
         });
-        output::write(path, (serde_json::to_string_pretty(&report)? + "\n").as_bytes())?;
+        output::write_json(path, &report)?;
     }
     let kind = if args.data.is_none() { "synthetic" } else { "the folder's" };
     println!("{} episodes ({kind}) for validation:\n", episodes);

@@ -1,60 +1,38 @@
 //! The training curves as a picture.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result};
 use plotters::prelude::*;
 
 use crate::checkpoint::Row;
+use crate::picture::{self, Area, COLOURS};
 
 const SIZE: (u32, u32) = (900, 360);
-/// Okabe and Ito's colours, which colour-blind readers can tell apart.
-pub(crate) const COLOURS: [RGBColor; 6] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-];
-const BLUE: RGBColor = COLOURS[0];
-const VERMILION: RGBColor = COLOURS[1];
-const GREEN: RGBColor = COLOURS[2];
 
 /// Named values per epoch, with their colour.
 type Line<'a> = (&'a str, RGBColor, Vec<f64>);
 
 /// SVG text: losses on the left, what the validation objects say on the right.
 pub fn svg(rows: &[Row]) -> Result<String> {
+    let [blue, vermilion, green, ..] = COLOURS;
     let of = |value: fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<_>>();
     let losses = [
-        ("train, weighted and augmented", VERMILION, of(|row| row.train_loss)),
-        ("validation objects", BLUE, of(|row| row.validation_loss)),
+        ("train, weighted and augmented", vermilion, of(|row| row.train_loss)),
+        ("validation objects", blue, of(|row| row.validation_loss)),
     ];
     let errors = [
-        ("1 − macro F1", BLUE, of(|row| 100.0 * (1.0 - row.validation_macro_f1))),
-        ("false slip frames", VERMILION, of(|row| 100.0 * row.validation_fpr)),
-        ("slips missed by the detector", GREEN, of(|row| 100.0 * row.validation_missed)),
+        ("1 − macro F1", blue, of(|row| 100.0 * (1.0 - row.validation_macro_f1))),
+        ("false slip frames", vermilion, of(|row| 100.0 * row.validation_fpr)),
+        ("slips missed by the detector", green, of(|row| 100.0 * row.validation_missed)),
     ];
-    let mut text = String::new();
-    {
-        let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        root.fill(&WHITE).map_err(failed)?;
+    let draw = |root: &Area<'_>| {
         let (left, right) = root.split_horizontally(SIZE.0 / 2);
         panel(&left, "cross entropy, nat", &losses)?;
-        panel(&right, "validation, synthetic, %", &errors)?;
-        root.present().map_err(failed)?;
-    }
-    Ok(text)
+        panel(&right, "validation, synthetic, %", &errors)
+    };
+    picture::svg(SIZE, draw).context("cannot draw the curves")
 }
 
-fn failed(error: impl std::fmt::Display) -> anyhow::Error {
-    anyhow!("cannot draw the curves: {error}")
-}
-
-fn panel(
-    area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
-    title: &str,
-    lines: &[Line<'_>],
-) -> Result<()> {
+fn panel(area: &Area<'_>, title: &str, lines: &[Line<'_>]) -> Result<()> {
     let values = || lines.iter().flat_map(|(_, _, values)| values.iter().copied()).filter(|x| x.is_finite());
     let most = values().fold(0.0, f64::max).max(1e-3) * 1.05;
     let epochs = lines.iter().map(|(_, _, values)| values.len()).max().unwrap_or(1).max(2);
@@ -63,24 +41,23 @@ fn panel(
         .margin(10)
         .x_label_area_size(36)
         .y_label_area_size(48)
-        .build_cartesian_2d(1.0..epochs as f64, 0.0..most)
-        .map_err(failed)?;
-    chart.configure_mesh().x_desc("epoch").x_labels(epochs.min(12)).draw().map_err(failed)?;
+        .build_cartesian_2d(1.0..epochs as f64, 0.0..most)?;
+    chart.configure_mesh().x_desc("epoch").x_labels(epochs.min(12)).draw()?;
     for (name, colour, values) in lines {
         let points: Vec<(f64, f64)> = (1u32..).map(f64::from).zip(values.iter().copied()).collect();
         let style = colour.stroke_width(2);
-        let drawn = chart.draw_series(LineSeries::new(points.clone(), style)).map_err(failed)?;
+        let drawn = chart.draw_series(LineSeries::new(points.clone(), style))?;
         drawn.label(*name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
         let dots = points.into_iter().map(|point| Circle::new(point, 3, colour.filled()));
-        chart.draw_series(dots).map_err(failed)?;
+        chart.draw_series(dots)?;
     }
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::UpperRight)
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.2))
-        .draw()
-        .map_err(failed)
+        .draw()?;
+    Ok(())
 }
 
 #[cfg(test)]

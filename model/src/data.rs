@@ -199,6 +199,16 @@ impl Features {
         Ok(features)
     }
 
+    /// Of all episodes that a generator makes of these recipes; `bar` moves once an episode.
+    pub(crate) fn of_recipes(recipes: &[Recipe], bar: &ProgressBar) -> Result<Vec<Self>> {
+        let features = generate_set(recipes, |_, episode| {
+            bar.inc(1);
+            Self::from_episode(&episode)
+        })?;
+        bar.finish_and_clear();
+        features.into_iter().collect()
+    }
+
     /// Some of the frames.
     pub fn cut(&self, frames: std::ops::Range<usize>) -> Self {
         let rows = frames.start * self.sensors..frames.end * self.sensors;
@@ -231,6 +241,11 @@ impl Features {
 
     pub fn frames(&self) -> usize {
         self.label.len()
+    }
+
+    /// Is any pad touched, of every frame.
+    pub(crate) fn contacts(&self) -> impl Iterator<Item = bool> {
+        self.touched.chunks_exact(self.sensors).map(|pads| pads.contains(&true))
     }
 
     /// Counts of one scan; zeros of an untouched pad.

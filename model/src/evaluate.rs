@@ -1,11 +1,9 @@
 //! What the integer pipeline and the float network reach on labelled episodes, and how often they agree.
 
 use anyhow::{Context, Result};
-use burn::tensor::Device;
 use serde::Serialize;
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
-use slipsense::net::format::Dims;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, OUTPUTS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense_recording::Episode;
@@ -15,7 +13,6 @@ use slipsense_recording::score::{
 use slipsense_recording::threshold::lowest_threshold;
 
 use crate::data::Features;
-use crate::float::FloatNetwork;
 use crate::target::Target;
 use crate::tract::{Graphs, SensorFrame, TractNetwork};
 
@@ -185,17 +182,6 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
     Ok(result)
 }
 
-/// The float network alone over one episode's features, all frames at once. `device` is a plain one.
-pub fn score_float(
-    network: &FloatNetwork,
-    dims: &Dims,
-    features: &Features,
-    device: &Device,
-) -> (Scores, Vec<[f32; OUTPUTS]>) {
-    let logits = network.outputs(dims, &features.sequences(), device);
-    (score_logits(features, &logits), logits)
-}
-
 /// An episode's outputs under the pipeline's decision.
 pub fn score_logits(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
     Scores::new(&features.label, &classes(features, outputs))
@@ -203,8 +189,7 @@ pub fn score_logits(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
 
 /// The pipeline's class of every frame by the network's outputs, all pads being there.
 pub(crate) fn classes(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Vec<u8> {
-    let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
-    touched.zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect()
+    features.contacts().zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect()
 }
 
 /// The pipeline's class of a frame by the network's outputs, all pads being there.
@@ -242,11 +227,12 @@ pub fn detector_figures(
         // Nothing near sliding is a false alarm.
         slips.push((of(&|target| target == Target::Slides), of(&|target| target != Target::Still)));
         still += features.target.iter().filter(|&&target| target == Target::Still).count();
-        let touched = features.touched.chunks_exact(features.sensors).map(|pads| pads.contains(&true));
         let log_odds = |outputs: &[f32; OUTPUTS]| {
             Logit::from_bits((outputs[OUTPUTS - 1] * (1 << Logit::FRAC_BITS) as f32) as i32)
         };
-        scores.push(touched.zip(outputs).map(|(touched, o)| touched.then(|| log_odds(o))).collect());
+        scores.push(
+            features.contacts().zip(outputs).map(|(touched, o)| touched.then(|| log_odds(o))).collect(),
+        );
     }
     let hours = still as f64 / (3600.0 * f64::from(FRAME_RATE_HZ));
     let all: Vec<_> = slips.iter().map(|(_, near)| &near[..]).zip(scores.iter().cloned()).collect();

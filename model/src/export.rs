@@ -1,8 +1,6 @@
 //! The model file: written, read back by the microcontroller's own parser, and only then kept.
 
-use std::path::Path;
-
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Result, anyhow, ensure};
 use slipsense::net::Model;
 use slipsense_recording::model_file::ModelFile;
 
@@ -13,8 +11,4 @@ pub fn to_bytes(file: &ModelFile) -> Result<Vec<u8>> {
     let read = ModelFile::from_bytes(&bytes).map_err(|e| anyhow!("the new model cannot be read: {e}"))?;
     ensure!(read == *file, "the new model was read back differently");
     Ok(bytes)
-}
-
-pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    crate::output::write(path, bytes).context("the model was not written")
 }

@@ -16,7 +16,7 @@ use slipsense::params::{CLASSES, OUTPUTS, XL_FEATURES};
 use crate::detector_loss;
 use crate::piezo::{self, Filters};
 use crate::target::Target;
-use crate::weights::{Weights, specs};
+use crate::weights::Weights;
 
 /// Added to the variance in LayerNorm.
 pub const NORM_EPSILON: f64 = 1e-5;
@@ -33,7 +33,8 @@ const SCORE_EXCESS_WEIGHT: f32 = 2e-3;
 /// What a teacher's probabilities count in the loss where there is one; the labels count the rest.
 const TAUGHT_SHARE: f32 = 0.5;
 
-/// How parameters make logits: [`Dims`] is the network that is shipped, others are compared with it.
+/// How parameters make logits: [`Dims`] is the network that is shipped, in any size; a
+/// [`Variant`](crate::variants::Variant) is compared with it.
 pub trait Architecture {
     /// Names and shapes of the parameters. Without the convolution blocks of [`piezo::LAYERS`] the network
     /// does not see the pads.
@@ -218,39 +219,6 @@ impl Sequences {
     }
 }
 
-impl Architecture for Dims {
-    fn specs(&self) -> Vec<TensorSpec> {
-        specs(self)
-    }
-
-    fn heads(&self) -> usize {
-        self.heads
-    }
-
-    fn forward(
-        &self,
-        graph: &Graph<'_>,
-        input: &Sequences,
-        features: Option<Tensor<2>>,
-        device: &Device,
-    ) -> Tensor<3> {
-        let (b, l) = (input.batch, input.frames);
-        let widest = |embedding: Tensor<2>| {
-            embedding.reshape([b, input.sensors, l, self.embed]).max_dim(1).reshape([b, l, self.embed])
-        };
-        let features = features.expect("the layout has the convolution blocks");
-        let piezo = widest(graph.dense("piezo.dense", features));
-        let xl = widest(graph.xl(&input.xl, XL_FEATURES, l, device));
-
-        let band = Band::new(l, self.window, device);
-        let asks_xl = graph.attention("cross_piezo", piezo.clone(), xl.clone(), &band);
-        let asks_piezo = graph.attention("cross_xl", xl, piezo, &band);
-        let fused = Tensor::cat(vec![asks_xl, asks_piezo], 2);
-        let hidden = graph.attention("temporal", fused.clone(), fused, &band);
-        graph.head("head", hidden)
-    }
-}
-
 /// The logits of the classes, without the detector's output.
 fn classes(outputs: Tensor<3>) -> Tensor<3> {
     outputs.narrow(2, 0, CLASSES)
@@ -350,8 +318,9 @@ impl Graph<'_> {
     }
 
     /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`, of `values`
-    /// `[batch, sensor, frame, inputs]`.
-    pub(crate) fn xl(&self, values: &[f32], inputs: usize, frames: usize, device: &Device) -> Tensor<2> {
+    /// `[batch, sensor, frame, 32]`.
+    pub(crate) fn xl(&self, values: &[f32], frames: usize, device: &Device) -> Tensor<2> {
+        let inputs = XL_FEATURES;
         let seen = self.specs[self.index("xl.conv", "weight")].cols;
         let taps = seen / inputs;
         // Each row: the frames up to this one, oldest first, zeros before the start.

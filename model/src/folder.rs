@@ -3,7 +3,6 @@
 //! Everything is checked before anything is unpacked: an hour of recordings takes a while to read.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -11,6 +10,8 @@ use sha2::{Digest, Sha256};
 use slipsense_recording::Meta;
 use slipsense_recording::npz::Reader;
 use slipsense_synth::objects::{self, Group};
+
+use crate::output;
 
 /// What an episode may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +55,7 @@ impl ObjectUses {
             Use::Validation
         } else if named(&self.test) {
             Use::Test
-        } else if self.is_empty() || slipsense_synth::objects::named(object).is_some() {
+        } else if self.is_empty() || objects::named(object).is_some() {
             use_of(object)
         } else {
             Use::Train
@@ -87,15 +88,14 @@ impl LabelledFolder {
         let of = |entry: &&Entry| self.uses.use_of(&entry.object) == what;
         let files: Vec<PathBuf> = entries.iter().filter(of).map(|entry| entry.path.clone()).collect();
         if files.is_empty() {
-            let need = match what {
-                Use::Train => "training",
-                Use::Validation => "validation",
-                Use::Test => "test",
-            };
-            let fix = match what {
-                Use::Validation => "name one with --validation OBJECT, which training will then not see",
-                Use::Train => "record other objects too, or name fewer with --validation and --test",
-                Use::Test => "name one with --test OBJECT",
+            let (need, fix) = match what {
+                Use::Train => {
+                    ("training", "record other objects too, or name fewer with --validation and --test")
+                }
+                Use::Validation => {
+                    ("validation", "name one with --validation OBJECT, which training will then not see")
+                }
+                Use::Test => ("test", "name one with --test OBJECT"),
             };
             bail!("{}: no object is for {need} ({}); {fix}", self.path.display(), self.words(&entries));
         }
@@ -110,12 +110,8 @@ impl LabelledFolder {
     }
 
     pub fn objects(&self, what: Use) -> Result<Vec<String>> {
-        let entries = self.entries()?;
-        let names: BTreeSet<String> = entries
-            .into_iter()
-            .map(|entry| entry.object)
-            .filter(|name| self.uses.use_of(name) == what)
-            .collect();
+        let names = self.entries()?.into_iter().map(|entry| entry.object);
+        let names: BTreeSet<String> = names.filter(|name| self.uses.use_of(name) == what).collect();
         Ok(names.into_iter().collect())
     }
 
@@ -124,29 +120,21 @@ impl LabelledFolder {
         for entry in entries {
             *episodes.entry(&entry.object).or_default() += 1;
         }
-        let mut text = String::new();
-        for (what, name) in [(Use::Train, "train"), (Use::Validation, "validation"), (Use::Test, "test")] {
+        let uses = [(Use::Train, "train"), (Use::Validation, "validation"), (Use::Test, "test")];
+        let words = uses.map(|(what, name)| {
             let objects = episodes.iter().filter(|(object, _)| self.uses.use_of(object) == what);
             let objects: Vec<String> = objects.map(|(object, count)| format!("{object} × {count}")).collect();
-            let separator = if text.is_empty() { "" } else { "; " };
             let list = if objects.is_empty() { "none".to_owned() } else { objects.join(", ") };
-            let _ = write!(text, "{separator}{name}: {list}");
-        }
-        text
+            format!("{name}: {list}")
+        });
+        words.join("; ")
     }
 
     fn entries(&self) -> Result<Vec<Entry>> {
-        let cannot = || format!("cannot read {}", self.path.display());
-        let mut paths = Vec::new();
-        for entry in std::fs::read_dir(&self.path).with_context(cannot)? {
-            let path = entry.with_context(cannot)?.path();
-            if path.extension().is_some_and(|e| e == "npz") {
-                paths.push(path);
-            }
-        }
+        let paths = output::files(&self.path, "npz")?;
         ensure!(!paths.is_empty(), "{}: no .npz file", self.path.display());
-        paths.sort();
-        let entries: Vec<Entry> = paths.into_iter().map(entry).collect::<Result<_>>()?;
+        let entry = |path: &PathBuf| read_entry(path).with_context(|| path.display().to_string());
+        let entries: Vec<Entry> = paths.iter().map(entry).collect::<Result<_>>()?;
         for entry in &entries[1..] {
             let first = &entries[0];
             ensure!(
@@ -170,15 +158,7 @@ impl LabelledFolder {
     }
 }
 
-fn entry(path: PathBuf) -> Result<Entry> {
-    read_entry(&path).with_context(|| path.display().to_string()).map(|(sensors, object)| Entry {
-        path,
-        sensors,
-        object,
-    })
-}
-
-fn read_entry(path: &Path) -> Result<(usize, String)> {
+fn read_entry(path: &Path) -> Result<Entry> {
     let mut npz = Reader::open(path)?;
     let meta = Meta::from_json(&npz.array::<u8>("meta")?.read()?)?;
     ensure!(npz.has("label"), "array `label` is missing, needed for training: see `slipsense label --help`");
@@ -186,5 +166,5 @@ fn read_entry(path: &Path) -> Result<(usize, String)> {
         bail!("`meta` has no \"object\", needed to split by object: see `slipsense label --object`");
     };
     let sensors = npz.array::<u16>("piezo")?.shape().get(1).copied().unwrap_or_default();
-    Ok((sensors, object.to_owned()))
+    Ok(Entry { path: path.to_owned(), sensors, object: object.to_owned() })
 }

@@ -55,7 +55,7 @@ pub fn mean_of(folders: &[PathBuf], out: &Path) -> Result<PathBuf> {
     let path = out.join(WEIGHTS);
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     mean.write(&path)?;
-    output::write(&out.join(RECORD), (serde_json::to_string_pretty(&record)? + "\n").as_bytes())?;
+    output::write_json(&out.join(RECORD), &record)?;
     Ok(path)
 }
 

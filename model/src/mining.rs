@@ -14,7 +14,6 @@ use slipsense_synth::splits::EpisodeSet;
 use slipsense_synth::{Recipe, Shard, Split, generate_set};
 
 use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, stretches_file};
-use crate::evaluate::score_float;
 use crate::float::FloatNetwork;
 use crate::output;
 use crate::progress::progress;
@@ -98,10 +97,7 @@ pub fn settings(folder: &Path) -> Result<Value> {
 
 /// The stretches of a folder that [`run_mine`] filled, in the order of the episodes.
 pub fn read(folder: &Path) -> Result<Vec<Features>> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
-    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "safetensors"));
-    paths.sort();
+    let paths = output::files(folder, "safetensors")?;
     let name =
         |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let all = paths.last().and_then(|path| Some(name(path).get(9..14)?.parse::<usize>().ok())).flatten();
@@ -113,8 +109,7 @@ pub fn read(folder: &Path) -> Result<Vec<Features>> {
     }
     ensure!(paths.len() == all, "{}: {} of {all} files are missing", folder.display(), all - paths.len());
     let read = |path: &PathBuf| {
-        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        stretches_file::from_bytes(&bytes).with_context(|| path.display().to_string())
+        stretches_file::from_bytes(&output::read(path)?).with_context(|| path.display().to_string())
     };
     Ok(paths.iter().map(read).collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
 }
@@ -156,7 +151,7 @@ fn search<T: Send>(
             motion.add(&mut episode);
         }
         let features = Features::from_episode(&episode)?;
-        let (_, outputs) = score_float(&network, &weights.dims, &features, &device);
+        let outputs = network.outputs(&weights.dims, &features.sequences(), &device);
         bar.inc(1);
         each(index, hard(&features, &outputs))
     })?;

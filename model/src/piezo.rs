@@ -23,13 +23,13 @@ const BLOCKS: usize = 3;
 /// Sums of gradients that are kept apart.
 const JOBS: usize = 16;
 
-/// Filters `[output][ky][kx][input]` and biases of the blocks.
+/// Filters `[output][ky][kx][input]` and biases of the blocks, or their gradients.
 #[derive(Clone, Debug, Default)]
-pub struct Filters {
+pub struct Filters<T = f32> {
     /// One run of numbers per block.
-    pub weight: [Vec<f32>; BLOCKS],
+    pub weight: [Vec<T>; BLOCKS],
     /// One number per output.
-    pub bias: [Vec<f32>; BLOCKS],
+    pub bias: [Vec<T>; BLOCKS],
 }
 
 impl Filters {
@@ -199,10 +199,7 @@ impl pulp::NullaryFnOnce for BackwardGroup<'_> {
 }
 
 /// Sums of gradients, the eight images still apart.
-struct Sums {
-    weight: [Vec<Lanes>; BLOCKS],
-    bias: [Vec<Lanes>; BLOCKS],
-}
+type Sums = Filters<Lanes>;
 
 impl Sums {
     fn zeros(shapes: &[Shape; BLOCKS]) -> Self {

@@ -51,40 +51,30 @@ const TWO_32: f64 = 4_294_967_296.0;
 /// Integers of a score per nat; scores are to the base 2.
 const SCORE_UNITS_PER_NAT: f64 = std::f64::consts::LOG2_E * (1 << SCORE_FRAC_BITS) as f64;
 
-/// How many real units an activation's range needs per integer.
-#[derive(Clone, Debug)]
-struct Scales<'a> {
-    ranges: &'a Ranges,
-}
-
-impl Scales<'_> {
-    fn of(&self, activation: &str, margin: f64, largest_int: f64) -> Result<f64> {
-        let largest = f64::from(self.ranges.largest(activation)) * margin;
+/// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
+/// `ranges`. Refuses an activation that was never seen away from zero, by name.
+pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
+    let needs = |activation: &str, margin: f64, largest_int: f64| {
+        let largest = f64::from(ranges.largest(activation)) * margin;
         ensure!(
             largest.is_finite() && largest > 0.0,
             "activation {activation}: largest magnitude in calibration is {largest}, must be positive"
         );
         Ok(largest / largest_int)
-    }
-}
-
-/// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
-/// `ranges`. Refuses an activation that was never seen away from zero, by name.
-pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
-    let needs = Scales { ranges };
+    };
     let scale = |activation: &str| match activation {
         "taxels" => Ok(f64::from(PIEZO_INPUT_SCALE)),
         "log_mel" => Ok(f64::from(xl_real(1))),
         "logits" => Ok(1.0 / f64::from(1 << Logit::FRAC_BITS)),
-        other if other.ends_with(".residual") => needs.of(other, RESIDUAL_MARGIN, RESIDUAL_MAX),
+        other if other.ends_with(".residual") => needs(other, RESIDUAL_MARGIN, RESIDUAL_MAX),
         other if other.ends_with(".query") || other.ends_with(".key") => {
-            needs.of(other, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))
+            needs(other, QUERY_KEY_MARGIN, f64::from(QUERY_KEY_MAX))
         }
         // The third one's map goes to a dense layer.
-        map if piezo::LAYERS[..2].contains(&map) => needs.of(map, PRESSURE_MARGIN, f64::from(CONV_INPUT_MAX)),
+        map if piezo::LAYERS[..2].contains(&map) => needs(map, PRESSURE_MARGIN, f64::from(CONV_INPUT_MAX)),
         // What the accelerometers ask for are the pads' embeddings.
-        "piezo.conv3" | "piezo" | "cross_xl.value" => needs.of(activation, PRESSURE_MARGIN, I16_MAX),
-        other => needs.of(other, BOUNDED_MARGIN, I16_MAX),
+        "piezo.conv3" | "piezo" | "cross_xl.value" => needs(activation, PRESSURE_MARGIN, I16_MAX),
+        other => needs(other, BOUNDED_MARGIN, I16_MAX),
     };
     let scales = ACTIVATIONS.iter().map(|&activation| Ok((activation.to_owned(), scale(activation)?)));
     let mut scales = scales.collect::<Result<BTreeMap<_, _>>>()?;
@@ -149,10 +139,6 @@ struct Quantizer<'w> {
 }
 
 impl Quantizer<'_> {
-    fn dims(&self) -> &Dims {
-        &self.weights.dims
-    }
-
     /// A dense layer or a convolution. `from`, `to`: the activations that it takes and gives.
     fn layer(&mut self, name: &str, from: &str, to: &str) -> Result<()> {
         let (from, to) = (self.scales[from], self.scales[to]);
@@ -202,7 +188,7 @@ impl Quantizer<'_> {
 
         let score = name("score");
         let width = self.weights.get(&name("query"), "bias").len();
-        let ratio = score_ratio([query, key], width / self.dims().heads);
+        let ratio = score_ratio([query, key], width / self.weights.dims.heads);
         *self.file.tensor_mut(&score, "multiplier") =
             vec![multiplier(ratio, &format!("{score} multiplier"), 0)?];
         let bias =

@@ -17,7 +17,7 @@ use crate::batch::{Options, Sampler};
 use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source};
 use crate::device::DeviceName;
-use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_float};
+use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_logits};
 use crate::float::FloatNetwork;
 use crate::folder::{ObjectUses, Use};
 use crate::mining::{self, mine};
@@ -182,10 +182,9 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         bar.finish();
         loaded
     };
-    let train = load("train", Use::Train, args.episodes)?;
+    let mut train = load("train", Use::Train, args.episodes)?;
     let validation = load("validation", Use::Validation, args.episodes.div_ceil(12).max(2))?;
     let total: usize = train.iter().map(Features::frames).sum();
-    let mut train = train;
     if args.mine_hours > 0.0 {
         let bar = progress("mine", 0);
         train.extend(mine(&first, args.seed, args.mine_hours, motion.as_ref(), &bar)?);
@@ -284,8 +283,7 @@ fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) ->
     manifest["parameters"] = json!(state.average.count());
     manifest["last_epoch"] = json!(state.rows.last());
     manifest["weights_sha256"] = json!(output::sha256_hex(&state.average.to_bytes()?));
-    let text = serde_json::to_string_pretty(&manifest)? + "\n";
-    output::write(&args.out.join(RECORD), text.as_bytes())?;
+    output::write_json(&args.out.join(RECORD), &manifest)?;
     println!("{}", path.display());
     Ok(())
 }
@@ -384,13 +382,11 @@ impl Run<'_> {
 fn validate(weights: &Weights, episodes: &[Features]) -> (Scores, DetectorFigures, f64) {
     let device = Device::flex();
     let network = FloatNetwork::fixed(weights, &device);
-    let score = |features: &Features| score_float(&network, &weights.dims, features, &device);
-    let (each, outputs): (Vec<_>, Vec<_>) = episodes.iter().map(score).unzip();
-    let mut scores = Scores::default();
-    each.into_iter().for_each(|score| scores.add(score));
-    let outputs: Vec<_> = episodes.iter().zip(outputs).collect();
-    let (mut loss, mut frames) = (0.0, 0.0);
+    let outputs = |features: &Features| network.outputs(&weights.dims, &features.sequences(), &device);
+    let outputs: Vec<_> = episodes.iter().map(|features| (features, outputs(features))).collect();
+    let (mut scores, mut loss, mut frames) = (Scores::default(), 0.0, 0.0);
     for (features, logits) in &outputs {
+        scores.add(score_logits(features, logits));
         for (logits, &class) in logits.iter().zip(&features.label) {
             loss += cross_entropy(logits, class);
             frames += 1.0;

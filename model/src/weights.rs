@@ -9,9 +9,10 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use slipsense::net::format::{Dims, TensorSpec, layout};
+
+use crate::{output, tensors_file};
 
 /// Sizes of the shipped model: three convolution blocks of 4, 8 and 16 channels, embeddings of 32, a
 /// memory of 60 frames (250 ms) in every attention.
@@ -76,6 +77,13 @@ pub fn first_values(specs: &[TensorSpec], seed: u64) -> Vec<Vec<f32>> {
     specs.iter().map(tensor).collect()
 }
 
+/// Move numbers towards `newer`, as [`Weights::average`].
+pub(crate) fn approach(mine: &mut [f32], newer: &[f32], decay: f32) {
+    for (mine, newer) in mine.iter_mut().zip(newer) {
+        *mine += (1.0 - decay) * (newer - *mine);
+    }
+}
+
 /// All parameters of one network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
@@ -107,9 +115,7 @@ impl Weights {
     /// Move towards `newer`: `self = decay · self + (1 − decay) · newer`.
     pub fn average(&mut self, newer: &Self, decay: f32) {
         for (mine, newer) in self.tensors.iter_mut().zip(&newer.tensors) {
-            for (mine, newer) in mine.iter_mut().zip(newer) {
-                *mine += (1.0 - decay) * (newer - *mine);
-            }
+            approach(mine, newer, decay);
         }
     }
 
@@ -130,16 +136,11 @@ impl Weights {
 
     /// The bytes of a safetensors file: f32, shape `[rows, cols]`, sizes in the metadata.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        let specs = specs(&self.dims);
-        let bytes: Vec<Vec<u8>> =
-            self.tensors.iter().map(|tensor| tensor.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
-        let mut views = Vec::with_capacity(specs.len());
-        for (spec, bytes) in specs.iter().zip(&bytes) {
-            views.push((name(spec), TensorView::new(Dtype::F32, vec![spec.rows, spec.cols], bytes)?));
-        }
         let fields = serde_json::to_string(&self.dims.to_fields())?;
-        let metadata = HashMap::from([(DIMS_KEY.to_owned(), fields)]);
-        Ok(safetensors::serialize(views, Some(metadata))?)
+        let tensors = specs(&self.dims).into_iter().zip(&self.tensors).map(|(spec, values)| {
+            (name(&spec), Dtype::F32, vec![spec.rows, spec.cols], tensors_file::bytes_of(values))
+        });
+        tensors_file::to_bytes(tensors, Some(HashMap::from([(DIMS_KEY.to_owned(), fields)])))
     }
 
     /// Read a weights file's bytes; refuses a missing, misshapen or non-finite tensor by name.
@@ -158,25 +159,19 @@ impl Weights {
         for spec in specs(&dims) {
             let name = name(&spec);
             let view = file.tensor(&name).with_context(|| format!("tensor {name} is missing"))?;
-            ensure!(view.dtype() == Dtype::F32, "tensor {name} is {:?}, must be F32", view.dtype());
+            let values = tensors_file::finite(&name, &view)?;
             let shape = [spec.rows, spec.cols];
             ensure!(view.shape() == shape, "tensor {name} has shape {:?}, must be {shape:?}", view.shape());
-            let (values, _) = view.data().as_chunks::<4>();
-            let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
-            if let Some(index) = values.iter().position(|x| !x.is_finite()) {
-                bail!("tensor {name} index {index} is {}: must be finite", values[index]);
-            }
             tensors.push(values);
         }
         Ok(Self { dims, tensors })
     }
 
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::from_bytes(&bytes).with_context(|| format!("cannot use {}", path.display()))
+        Self::from_bytes(&output::read(path)?).with_context(|| format!("cannot use {}", path.display()))
     }
 
     pub fn write(&self, path: &Path) -> Result<()> {
-        crate::output::write(path, &self.to_bytes()?)
+        output::write(path, &self.to_bytes()?)
     }
 }

@@ -1,11 +1,28 @@
-//! What the tests feed to networks.
+//! What the tests feed to networks and commands.
+
+use std::path::Path;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::features::XlFeatures;
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::params::TAXELS;
 use slipsense::sensor::PiezoFrame;
-use slipsense_model::weights::{FIRST_DIMS, Weights};
+use slipsense_model::float::Sequences;
+use slipsense_model::output;
+use slipsense_model::tract::xl_real;
+use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
+
+/// A command's arguments, as on its line after the name.
+pub fn args<T: clap::Args>(line: &str) -> T {
+    let command = T::augment_args(clap::Command::new("test").no_binary_name(true));
+    T::from_arg_matches(&command.try_get_matches_from(line.split_whitespace()).unwrap()).unwrap()
+}
+
+/// A file of JSON.
+pub fn json(path: &Path) -> serde_json::Value {
+    output::read_json(path).unwrap().unwrap()
+}
 
 /// Random weights with every kind of parameter away from its first value.
 pub fn random_weights(seed: u64) -> Weights {
@@ -15,6 +32,24 @@ pub fn random_weights(seed: u64) -> Weights {
         *x += rng.random_range(-0.1..0.1f32);
     }
     weights
+}
+
+/// The numbers of one tensor.
+pub fn tensor_mut<'w>(weights: &'w mut Weights, layer: &str, part: &str) -> &'w mut [f32] {
+    let index = specs(&weights.dims).iter().position(|spec| spec.layer == layer && spec.part == part);
+    &mut weights.tensors[index.unwrap()]
+}
+
+/// Put what a network sees of one more sequence into a batch; scans and frames of accelerometers are `[frame][sensor]`.
+pub fn add_sequence(input: &mut Sequences, scans: &[PiezoFrame], xl_frames: &[XlFeatures]) {
+    for sensor in 0..input.sensors {
+        let mut pad = PiezoFrontEnd::new();
+        for frame in 0..input.frames {
+            let at = frame * input.sensors + sensor;
+            pad.push(scans[at].counts(), |_, cell| input.piezo.extend(cell));
+            input.xl.extend(xl_frames[at].map(xl_real));
+        }
+    }
 }
 
 /// Scans with a patch of pressure that wanders, `[frame][sensor]`.

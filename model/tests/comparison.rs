@@ -5,14 +5,14 @@ use slipsense::params::OUTPUTS;
 use slipsense_model::compare::{compare_activations, scales};
 use slipsense_model::export;
 use slipsense_model::quantize::{activation_scales, quantize};
-use slipsense_model::trace::{ACTIVATIONS, Ranges};
-use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
+use slipsense_model::trace::ACTIVATIONS;
 use slipsense_model::weights::{FIRST_DIMS, Weights};
 use slipsense_recording::Episode;
 use slipsense_recording::model_file::SCALES_KEY;
 use slipsense_synth::{Recipe, ScenarioChoice, generate};
 
 use crate::common;
+use crate::quantization::run_float;
 
 /// The beginning of an episode of two sensors, until they touch: an untouched pad has nothing to compare.
 fn episode() -> Episode {
@@ -24,19 +24,8 @@ fn episode() -> Episode {
     episode
 }
 
-/// Ranges of the weights' activations on random input.
-fn measured(weights: &Weights) -> Ranges {
-    const FRAMES: usize = 100;
-    let (scans, xl_frames) = (common::scans(FRAMES, 1, 3), common::xl_frames(FRAMES, 1, 4));
-    let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), 1).unwrap();
-    for (scan, log_mel) in scans.iter().zip(&xl_frames) {
-        network.step(&[SensorFrame { piezo: Some(scan.counts()), xl: Some(log_mel) }]).unwrap();
-    }
-    network.ranges
-}
-
 fn quantized(weights: &Weights) -> Vec<u8> {
-    let ranges = measured(weights);
+    let (_, ranges) = run_float(weights, 1, false);
     let provenance = serde_json::json!({ SCALES_KEY: activation_scales(&FIRST_DIMS, &ranges).unwrap() });
     export::to_bytes(&quantize(weights, &ranges, &provenance.to_string()).unwrap()).unwrap()
 }
@@ -62,13 +51,8 @@ fn every_activation_is_compared_at_its_own_scale() {
             "piezo" | "xl" => sensors * 32,
             "fused" | "hidden" => 64,
             "logits" => OUTPUTS as u64,
-            other => {
-                if other.starts_with("temporal") {
-                    64
-                } else {
-                    32
-                }
-            }
+            other if other.starts_with("temporal") => 64,
+            _ => 32,
         };
         assert_eq!(activation.values, frames * per_frame, "{name}");
         match name {
@@ -89,9 +73,7 @@ fn a_damaged_layer_shows_there_and_not_before() {
     let weights = common::random_weights(12);
     let bytes = quantized(&weights);
     let mut damaged = weights.clone();
-    let specs = slipsense_model::weights::specs(&weights.dims);
-    let at = specs.iter().position(|s| s.layer == "piezo.conv2" && s.part == "weight").unwrap();
-    damaged.tensors[at].iter_mut().for_each(|w| *w = -*w);
+    common::tensor_mut(&mut damaged, "piezo.conv2", "weight").iter_mut().for_each(|w| *w = -*w);
     let model = Model::parse(&bytes).unwrap();
     let whole = compare_activations(model, &weights, &episode()).unwrap();
     let broken = compare_activations(model, &damaged, &episode()).unwrap();
@@ -105,7 +87,7 @@ fn a_damaged_layer_shows_there_and_not_before() {
 #[test]
 fn scales_that_are_not_there_are_named() {
     let weights = common::random_weights(13);
-    let ranges = measured(&weights);
+    let (_, ranges) = run_float(&weights, 1, false);
     let refusal = |provenance: &str| {
         let bytes = export::to_bytes(&quantize(&weights, &ranges, provenance).unwrap()).unwrap();
         format!("{:#}", scales(&Model::parse(&bytes).unwrap()).unwrap_err())

@@ -163,25 +163,21 @@ fn authors() -> Named {
     }
     put("pos_embed", &[1, 514, 192]);
     put("patch_embed.proj.weight", &[192, 1, 128, 2]);
-    for norm in ["norm.weight", "norm.bias"] {
-        put(norm, &[192]);
-    }
-    for layer in 0..12 {
+    let mut layer = |name: &str, shape: &[usize]| {
+        put(&format!("{name}.weight"), shape);
+        put(&format!("{name}.bias"), &shape[..1]);
+    };
+    layer("norm", &[192]);
+    for block in 0..12 {
         for (part, shape) in [
-            ("norm1.weight", &[192][..]),
-            ("norm1.bias", &[192]),
-            ("norm2.weight", &[192]),
-            ("norm2.bias", &[192]),
-            ("attn.qkv.weight", &[576, 192]),
-            ("attn.qkv.bias", &[576]),
-            ("attn.proj.weight", &[192, 192]),
-            ("attn.proj.bias", &[192]),
-            ("mlp.fc1.weight", &[768, 192]),
-            ("mlp.fc1.bias", &[768]),
-            ("mlp.fc2.weight", &[192, 768]),
-            ("mlp.fc2.bias", &[192]),
+            ("norm1", &[192][..]),
+            ("norm2", &[192]),
+            ("attn.qkv", &[576, 192]),
+            ("attn.proj", &[192, 192]),
+            ("mlp.fc1", &[768, 192]),
+            ("mlp.fc2", &[192, 768]),
         ] {
-            put(&format!("blocks.{layer}.{part}"), shape);
+            layer(&format!("blocks.{block}.{part}"), shape);
         }
     }
     file
@@ -208,18 +204,15 @@ fn the_authors_file_is_taken_over_and_another_is_refused() {
     assert_eq!(same, ["out.bias", "out.weight", "patch.bias", "patch.weight"]);
 
     let error = || format!("{:#}", load().unwrap_err());
+    let refused = |end: &str| assert!(error().ends_with(end), "{}", error());
     let mut base = authors();
     base.get_mut("module.v.cls_token").unwrap().shape = vec![1, 192];
     write(&base);
-    assert!(
-        error().ends_with("tensor v.cls_token has shape [1, 192], must be [1, 1, 192] for SSAST-Tiny"),
-        "{}",
-        error()
-    );
+    refused("tensor v.cls_token has shape [1, 192], must be [1, 1, 192] for SSAST-Tiny");
     let mut base = authors();
     base.remove("module.v.blocks.11.mlp.fc2.bias");
     write(&base);
-    assert!(error().ends_with("tensor v.blocks.11.mlp.fc2.bias is missing: not SSAST-Tiny"), "{}", error());
+    refused("tensor v.blocks.11.mlp.fc2.bias is missing: not SSAST-Tiny");
     std::fs::write(&path, b"PK\x03\x04 a state dict").unwrap();
     assert!(error().contains("not a safetensors file") && !error().contains('\n'), "{}", error());
     std::fs::remove_file(&path).unwrap();

@@ -3,33 +3,17 @@
 use std::fs;
 use std::path::Path;
 
-use clap::Parser;
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::data::recipes;
 use slipsense_model::folder::{ObjectUses, Use, use_of};
 use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
 use slipsense_recording::{Episode, Meta};
 
-#[derive(Parser)]
-struct Train {
-    #[command(flatten)]
-    args: TrainArgs,
-}
+use crate::common;
 
-#[derive(Parser)]
-struct Quantize {
-    #[command(flatten)]
-    args: QuantizeArgs,
-}
-
-/// Arguments as on the command line.
 fn train_args(out: &Path, data: &Path, more: &str) -> TrainArgs {
-    let line = format!(
-        "train --out {} --data {} --epochs 1 --batch 30 --frames 48 {more}",
-        out.display(),
-        data.display()
-    );
-    Train::parse_from(line.split_whitespace()).args
+    let (out, data) = (out.display(), data.display());
+    common::args(&format!("--out {out} --data {data} --epochs 1 --batch 30 --frames 48 {more}"))
 }
 
 /// A short episode of an object with these labels, one value per frame.
@@ -58,42 +42,25 @@ fn what_a_folder_of_recordings_lacks_is_said_by_name() {
     let out = folder.path().join("out");
     let args = train_args(&out, &data, "");
     let error = |args: &TrainArgs| format!("{:#}", run_train(args).unwrap_err());
-    let shown = data.display().to_string();
+    let refused = |args: &TrainArgs, place: &Path, said: &str| {
+        let error = error(args);
+        assert!(error.starts_with(&format!("{}: {said}", place.display())), "{error}");
+    };
     let (a, b) = (data.join("a.npz"), data.join("b.npz"));
     let all = Some(&[0, 1, 2][..]);
 
     write_episode(&a, None, all, 1, 90);
-    assert!(
-        error(&args).starts_with(&format!("{}: `meta` has no \"object\"", a.display())),
-        "{}",
-        error(&args)
-    );
+    refused(&args, &a, "`meta` has no \"object\"");
     write_episode(&a, Some("mug"), None, 1, 90);
-    assert!(
-        error(&args).starts_with(&format!("{}: array `label` is missing", a.display())),
-        "{}",
-        error(&args)
-    );
+    refused(&args, &a, "array `label` is missing");
     write_episode(&a, Some("mug"), all, 1, 90);
     assert_eq!((use_of("mug"), use_of("rod")), (Use::Train, Use::Train), "the names of this test");
-    let message = error(&args);
-    assert!(
-        message.starts_with(&format!(
-            "{shown}: no object is for validation (train: mug × 1; validation: none; test: none)"
-        )) && message.contains("--validation OBJECT"),
-        "{message}"
-    );
+    let said = "no object is for validation (train: mug × 1; validation: none; test: none)";
+    refused(&args, &data, said);
+    assert!(error(&args).contains("--validation OBJECT"));
     let with = |validation: &str| TrainArgs { validation: vec![validation.to_owned()], ..args.clone() };
-    assert!(
-        error(&with("cup")).starts_with(&format!("{shown}: no episode of the object \"cup\"")),
-        "{}",
-        error(&with("cup"))
-    );
-    assert!(
-        error(&with("mug")).starts_with(&format!("{shown}: no object is for training")),
-        "{}",
-        error(&with("mug"))
-    );
+    refused(&with("cup"), &data, "no episode of the object \"cup\"");
+    refused(&with("mug"), &data, "no object is for training");
     write_episode(&b, Some("rod"), all, 2, 90);
     let message = error(&with("rod"));
     assert!(message.contains("has 2 sensors") && message.contains("a.npz has 1"), "{message}");
@@ -135,24 +102,21 @@ fn a_folder_of_labelled_episodes_trains_and_quantizes() {
     let out = folder.path().join("run");
     let args = train_args(&out, &data, "--validation mine-1 --test mine-2");
     run_train(&args).unwrap();
-    let manifest = fs::read_to_string(out.join("train.json")).unwrap();
-    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    let manifest = common::json(&out.join("train.json"));
     assert_eq!(manifest["validation_objects"], serde_json::json!(["mine-1"]));
     assert_eq!((&manifest["train_episodes"], &manifest["validation_episodes"]), (&1.into(), &1.into()));
 
     // The quantizer keeps to the same objects.
     let (weights, model, report) =
         (out.join("weights.safetensors"), folder.path().join("m.slipnet"), folder.path().join("r.json"));
-    let line = format!(
-        "quantize --weights {} --out {} --data {} --report {}",
+    let quantize: QuantizeArgs = common::args(&format!(
+        "--weights {} --out {} --data {} --report {}",
         weights.display(),
         model.display(),
         data.display(),
         report.display()
-    );
-    let quantize = Quantize::parse_from(line.split_whitespace()).args;
+    ));
     run_quantize(&quantize).unwrap();
-    let report = fs::read_to_string(report).unwrap();
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = common::json(&report);
     assert_eq!((&report["calibration_episodes"], &report["validation"]["episodes"]), (&1.into(), &1.into()));
 }

@@ -1,12 +1,10 @@
 //! The trainer on a graphics processor computes what it computes on the CPU, but for roundings. A driver of Vulkan in
 //! software will do, such as Mesa's.
 
-use std::fs;
-
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams, SgdConfig};
 use burn::tensor::Device;
-use serde_json::{Value, json};
+use serde_json::json;
 use slipsense_model::checkpoint::Checkpoint;
 use slipsense_model::device::DeviceName;
 use slipsense_model::encoders::PadEncoder;
@@ -16,6 +14,7 @@ use slipsense_model::variants::paper::PaperNetwork;
 use slipsense_model::variants::{BASE, Making, ROWS, Row};
 use slipsense_model::{ReproduceArgs, run_reproduce};
 
+use crate::common;
 use crate::variants::{reproduce_args, sequence};
 
 /// Of the loss, and of a parameter's gradient as a share of the largest in its tensor.
@@ -95,6 +94,6 @@ fn a_comparison_says_what_made_each_row() {
     run_reproduce(&reproduce_args(&out, &["base"])).unwrap();
     run_reproduce(&ReproduceArgs { device: DeviceName::Gpu, ..reproduce_args(&out, &["base", "paper-cnn"]) })
         .unwrap();
-    let results: Value = serde_json::from_slice(&fs::read(out.join("comparisons.json")).unwrap()).unwrap();
+    let results = common::json(&out.join("comparisons.json"));
     assert_eq!([0, 1].map(|row| &results["rows"][row]["devices"]), [&json!(["cpu"]), &json!(["gpu"])]);
 }

@@ -5,11 +5,9 @@ use burn::module::ParamId;
 use burn::tensor::Device;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
 use slipsense_model::piezo::{self, Filters};
 use slipsense_model::target::Target;
-use slipsense_model::tract::xl_real;
 use slipsense_model::weights::{Weights, name, specs};
 
 use crate::common;
@@ -25,14 +23,7 @@ fn sequences() -> Sequences {
     for sequence in 0..input.batch as u64 {
         let scans = common::scans(FRAMES, SENSORS, 20 + sequence);
         let xl_frames = common::xl_frames(FRAMES, SENSORS, 30 + sequence);
-        for sensor in 0..SENSORS {
-            let mut pad = PiezoFrontEnd::new();
-            for frame in 0..FRAMES {
-                let counts = scans[frame * SENSORS + sensor].counts();
-                pad.push(counts, |_, cell| input.piezo.extend(cell));
-                input.xl.extend(xl_frames[frame * SENSORS + sensor].map(xl_real));
-            }
-        }
+        common::add_sequence(&mut input, &scans, &xl_frames);
     }
     let frames = input.batch * FRAMES;
     input.label = (0..frames).map(|t| (t / 7 % 3) as u8).collect();

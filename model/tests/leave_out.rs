@@ -2,28 +2,20 @@
 
 use std::fs;
 
-use serde_json::Value;
 use slipsense_model::{LeaveOutArgs, run_leave_out};
-use slipsense_synth::Stage;
+
+use crate::common;
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation; run with --release")]
 fn every_family_of_a_stage_is_left_out_once() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let args = LeaveOutArgs {
-        out: out.clone(),
-        stages: vec![Stage::Friction],
-        seeds: vec![1],
-        episodes: 12,
-        steps: 2,
-        test_episodes: 1,
-        jobs: Some(2),
-        json: false,
-    };
+    let few = "--stages friction --seeds 1 --episodes 12 --steps 2 --test-episodes 1 --jobs 2";
+    let args: LeaveOutArgs = common::args(&format!("--out {} {few}", out.display()));
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     run_leave_out(&args).unwrap();
-    let results: Value = serde_json::from_str(&read("leave-out.json")).unwrap();
+    let results = common::json(&out.join("leave-out.json"));
     let tested = results["tested"].as_array().unwrap();
     let families: Vec<_> = tested.iter().map(|tested| tested["family"].as_str().unwrap()).collect();
     assert_eq!(families, ["brush", "bristle", "mass", "rate_state"]);
@@ -43,7 +35,7 @@ fn every_family_of_a_stage_is_left_out_once() {
     let kept = read("without-friction-mass-1.json");
     fs::remove_file(out.join("all-1.json")).unwrap();
     run_leave_out(&args).unwrap();
-    assert_eq!(serde_json::from_str::<Value>(&read("leave-out.json")).unwrap(), results);
+    assert_eq!(common::json(&out.join("leave-out.json")), results);
     assert_eq!(read("without-friction-mass-1.json"), kept);
     let error = run_leave_out(&LeaveOutArgs { steps: 3, ..args }).unwrap_err();
     assert!(format!("{error:#}").contains("budget.json: budget is"), "{error:#}");

@@ -21,15 +21,15 @@ fn is_there(missing: bool, frame: usize, sensor: usize, period: usize) -> bool {
 }
 
 /// Float logits of random input, and the ranges seen on the way.
-fn run_float(weights: &Weights, missing: bool) -> (Vec<[f32; OUTPUTS]>, Ranges) {
-    let (scans, xl_frames) = (common::scans(FRAMES, SENSORS, 3), common::xl_frames(FRAMES, SENSORS, 4));
-    let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), SENSORS).unwrap();
+pub fn run_float(weights: &Weights, sensors: usize, missing: bool) -> (Vec<[f32; OUTPUTS]>, Ranges) {
+    let (scans, xl_frames) = (common::scans(FRAMES, sensors, 3), common::xl_frames(FRAMES, sensors, 4));
+    let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), sensors).unwrap();
     let step = |frame: usize| {
         let sensor = |s: usize| SensorFrame {
-            piezo: is_there(missing, frame, s, 3).then(|| scans[frame * SENSORS + s].counts()),
-            xl: is_there(missing, frame, s, 4).then(|| &xl_frames[frame * SENSORS + s]),
+            piezo: is_there(missing, frame, s, 3).then(|| scans[frame * sensors + s].counts()),
+            xl: is_there(missing, frame, s, 4).then(|| &xl_frames[frame * sensors + s]),
         };
-        network.step(&[sensor(0), sensor(1)]).unwrap()
+        network.step(&(0..sensors).map(sensor).collect::<Vec<_>>()).unwrap()
     };
     let logits = (0..FRAMES).map(step).collect();
     (logits, network.ranges)
@@ -63,7 +63,7 @@ fn the_integer_network_follows_the_float_one() {
     let mut of_whole_db = Vec::new();
     for (seed, missing) in [(1, false), (2, false), (3, false), (3, true)] {
         let weights = common::random_weights(seed);
-        let (float, ranges) = run_float(&weights, missing);
+        let (float, ranges) = run_float(&weights, SENSORS, missing);
         let file = quantize(&weights, &ranges, "{}").unwrap();
         let integer = run_integer(&export::to_bytes(&file).unwrap(), missing);
         let snr_db = snr_db(&float, &integer);
@@ -79,7 +79,7 @@ fn the_integer_network_follows_the_float_one() {
 #[test]
 fn a_file_says_what_the_quantizer_meant() {
     let weights = common::random_weights(5);
-    let (_, ranges) = run_float(&weights, false);
+    let (_, ranges) = run_float(&weights, SENSORS, false);
     let file = quantize(&weights, &ranges, "{\"who\":\"test\"}").unwrap();
     let bytes = export::to_bytes(&file).unwrap();
     let model = Model::parse(&bytes).unwrap();
@@ -119,10 +119,9 @@ fn a_file_says_what_the_quantizer_meant() {
 fn a_channel_of_large_weights_and_offset_gets_steps_with_which_it_cannot_overflow() {
     let dims = Dims { conv_channels: [4, 8, 32], ..FIRST_DIMS };
     let mut weights = Weights::init(dims, 1);
-    let (_, ranges) = run_float(&weights, false);
-    let at = specs(&dims).iter().position(|s| s.layer == "piezo.dense" && s.part == "weight").unwrap();
-    weights.tensors[at][3 * 512..4 * 512].fill(1.0);
-    weights.tensors[at + 1][3] = 1e4;
+    let (_, ranges) = run_float(&weights, SENSORS, false);
+    common::tensor_mut(&mut weights, "piezo.dense", "weight")[3 * 512..4 * 512].fill(1.0);
+    common::tensor_mut(&mut weights, "piezo.dense", "bias")[3] = 1e4;
     let bytes = export::to_bytes(&quantize(&weights, &ranges, "{}").unwrap()).unwrap();
     let dense = Model::parse(&bytes).unwrap().piezo_dense;
     let bound = dense.accumulator_bounds().nth(3).unwrap();
@@ -132,32 +131,36 @@ fn a_channel_of_large_weights_and_offset_gets_steps_with_which_it_cannot_overflo
 }
 
 #[test]
-fn a_ratio_of_a_half_or_more_is_refused_by_name() {
-    let mut weights = common::random_weights(6);
-    let (_, ranges) = run_float(&weights, false);
-    let at = specs(&FIRST_DIMS).iter().position(|s| s.layer == "xl.mix1" && s.part == "weight").unwrap();
-    // Much larger than when the ranges were measured.
+fn what_does_not_fit_the_integers_is_refused_by_name() {
+    let (_, ranges) = run_float(&common::random_weights(6), SENSORS, false);
     let width = FIRST_DIMS.xl_channels;
-    weights.tensors[at][2 * width..3 * width].fill(1e4);
-    let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();
-    assert!(error.starts_with("xl.mix1 multiplier channel 2: ratio"), "{error}");
+    for (layer, part, numbers, value, said) in [
+        // Much larger than when the ranges were measured: a ratio of a half or more.
+        ("xl.mix1", "weight", 2 * width..3 * width, 1e4, "xl.mix1 multiplier channel 2: ratio"),
+        // Beyond 16 bits.
+        ("cross_xl.score", "bias", 61..62, -40.0, "cross_xl.score bias 61 is -"),
+    ] {
+        let mut weights = common::random_weights(6);
+        common::tensor_mut(&mut weights, layer, part)[numbers].fill(value);
+        let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();
+        assert!(error.starts_with(said), "{error}");
+    }
 }
 
 #[test]
 fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
     // Queries larger than those of a file with a known multiplier, by this factor.
     let random = common::random_weights(6);
-    let (_, ranges) = run_float(&random, false);
+    let (_, ranges) = run_float(&random, SENSORS, false);
     let file = quantize(&random, &ranges, "{}").unwrap();
     let of_half = f64::from(file.tensor("cross_piezo.score", "multiplier")[0]) / f64::from(i32::MAX);
     let larger = |times: f64| {
         let mut weights = random.clone();
-        for (spec, tensor) in specs(&FIRST_DIMS).iter().zip(&mut weights.tensors) {
-            if spec.layer == "cross_piezo.query" {
-                tensor.iter_mut().for_each(|x| *x *= times as f32);
-            }
+        for part in ["weight", "bias"] {
+            let query = common::tensor_mut(&mut weights, "cross_piezo.query", part);
+            query.iter_mut().for_each(|x| *x *= times as f32);
         }
-        let (float, ranges) = run_float(&weights, false);
+        let (float, ranges) = run_float(&weights, SENSORS, false);
         quantize(&weights, &ranges, "{}").map(|file| (file, float))
     };
     // Twice what the multiplier takes: a factor 1.4 each of the 2 that they have.
@@ -170,16 +173,6 @@ fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
     // Twenty times: even half of what was seen does not fit.
     let error = larger(20.0 / of_half).unwrap_err().to_string();
     assert!(error.starts_with("cross_piezo.score multiplier channel 0: ratio"), "{error}");
-}
-
-#[test]
-fn a_score_bias_beyond_16_bits_is_refused_by_name() {
-    let mut weights = common::random_weights(6);
-    let (_, ranges) = run_float(&weights, false);
-    let at = specs(&FIRST_DIMS).iter().position(|s| s.layer == "cross_xl.score").unwrap();
-    weights.tensors[at][61] = -40.0;
-    let error = quantize(&weights, &ranges, "{}").unwrap_err().to_string();
-    assert!(error.starts_with("cross_xl.score bias 61 is -"), "{error}");
 }
 
 #[test]

@@ -1,9 +1,8 @@
 //! The network frame by frame on tract against the training network, which takes all frames at once.
 
 use burn::tensor::Device;
-use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense_model::float::{FloatNetwork, Sequences};
-use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork, xl_real};
+use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
 
 use crate::common;
 
@@ -16,15 +15,7 @@ fn worst_difference(sensors: usize) -> f32 {
     let scans = common::scans(FRAMES, sensors, 8);
     let xl_frames = common::xl_frames(FRAMES, sensors, 9);
     let mut input = Sequences { batch: 1, sensors, frames: FRAMES, ..Default::default() };
-    for sensor in 0..sensors {
-        let mut pad = PiezoFrontEnd::new();
-        for frame in 0..FRAMES {
-            let at = frame * sensors + sensor;
-            let counts = scans[at].counts();
-            pad.push(counts, |_, cell| input.piezo.extend(cell));
-            input.xl.extend(xl_frames[at].iter().map(|&q| xl_real(q)));
-        }
-    }
+    common::add_sequence(&mut input, &scans, &xl_frames);
 
     let device = Device::flex();
     let batched = FloatNetwork::fixed(&weights, &device).outputs(&weights.dims, &input, &device);

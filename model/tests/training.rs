@@ -7,34 +7,16 @@ use std::path::Path;
 
 use slipsense::net::Model;
 use slipsense_model::data::recipes;
-use slipsense_model::device::DeviceName;
 use slipsense_model::folder::{Use, use_of};
 use slipsense_model::weights::{Weights, dims_of_size};
 use slipsense_model::{MineArgs, QuantizeArgs, TrainArgs, mining, run_mine, run_quantize, run_train};
 use slipsense_synth::{ObjectChoice, Shard};
 
+use crate::common;
+
 fn train_args(out: &Path) -> TrainArgs {
-    TrainArgs {
-        out: out.to_owned(),
-        data: None,
-        validation: Vec::new(),
-        test: Vec::new(),
-        episodes: 4,
-        epochs: 1,
-        seed: 1,
-        batch: 30,
-        frames: 48,
-        learning_rate: 1e-3,
-        size: 1,
-        start: None,
-        teacher: Vec::new(),
-        mine_hours: 0.0,
-        mined: None,
-        extreme_weight: 2.0,
-        real_parts: None,
-        device: DeviceName::Cpu,
-        resume: false,
-    }
+    let few = "--episodes 4 --epochs 1 --batch 30 --frames 48 --learning-rate 1e-3";
+    common::args(&format!("--out {} {few}", out.display()))
 }
 
 #[test]
@@ -55,21 +37,17 @@ fn train_resume_and_quantize() {
     let other = run_train(&TrainArgs { resume: true, batch: 29, ..args }).unwrap_err();
     assert!(format!("{other:#}").contains("the run was started with"), "{other:#}");
 
-    let quantize = QuantizeArgs {
-        weights,
-        out: folder.path().join("m.slipnet"),
-        data: None,
-        seed: 1,
-        calibration_episodes: 1,
-        val_episodes: 1,
-        report: Some(folder.path().join("r.json")),
-    };
+    let (model, report) = (folder.path().join("m.slipnet"), folder.path().join("r.json"));
+    let quantize: QuantizeArgs = common::args(&format!(
+        "--weights {} --out {} --report {} --calibration-episodes 1 --val-episodes 1",
+        weights.display(),
+        model.display(),
+        report.display()
+    ));
     run_quantize(&quantize).unwrap();
     let bytes = fs::read(&quantize.out).unwrap();
     assert!(Model::parse(&bytes).unwrap().provenance.contains("\"synthetic\":true"));
-    let report = fs::read_to_string(folder.path().join("r.json")).unwrap();
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-    assert!(report["validation"]["same_class_share"].as_f64().unwrap() > 0.9);
+    assert!(common::json(&report)["validation"]["same_class_share"].as_f64().unwrap() > 0.9);
 
     let missing = QuantizeArgs { weights: folder.path().join("none"), ..quantize };
     let error = format!("{:#}", run_quantize(&missing).unwrap_err());
@@ -90,10 +68,7 @@ fn a_larger_network_teaches() {
     assert_eq!(weights("large").dims, dims_of_size(2));
     assert_eq!(weights("taught").dims, weights("alone").dims);
     assert_ne!(weights("taught"), weights("alone"), "what the teacher says counts");
-    let recipe = |name: &str| -> serde_json::Value {
-        let text = fs::read_to_string(at(name).join("train.json")).unwrap();
-        serde_json::from_str::<serde_json::Value>(&text).unwrap()["recipe"].clone()
-    };
+    let recipe = |name: &str| common::json(&at(name).join("train.json"))["recipe"].take();
     assert!(recipe("taught")["teacher_sha256"].is_array() && recipe("alone").get("teacher_sha256").is_none());
 
     // Another teacher, or none, is another run.
@@ -175,14 +150,7 @@ fn parts_mine_what_one_run_mines() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("mined");
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights/slipsense.safetensors");
-    let args = MineArgs {
-        weights: shipped.clone(),
-        out: out.clone(),
-        hours: 0.02,
-        seed: 1,
-        real_parts: None,
-        shard: None,
-    };
+    let args: MineArgs = common::args(&format!("{} --out {} --hours 0.02", shipped.display(), out.display()));
     let part = |text| run_mine(&MineArgs { shard: Some(Shard::parse(text).unwrap()), ..args.clone() });
     let error = |error: anyhow::Error| format!("{error:#}");
 

@@ -132,23 +132,22 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
+    fn changed(change: PadChange, counts: &[u16; TAXELS]) -> [u16; TAXELS] {
+        let mut out = [1; TAXELS];
+        change.apply([counts; 2], 0.0, &mut out, &mut ChaCha8Rng::seed_from_u64(1));
+        out
+    }
+
     #[test]
     fn a_flip_and_a_roll_move_a_taxel_and_keep_the_corners_empty() {
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut counts = [0u16; TAXELS];
         counts[10 * TAXEL_COLS + 12] = 512;
-        let mut out = [0; TAXELS];
-        PadChange::new(0.0, [true, false], [2, -3], 1.0, 0.0).apply([&counts; 2], 0.0, &mut out, &mut rng);
+        let out = changed(PadChange::new(0.0, [true, false], [2, -3], 1.0, 0.0), &counts);
         // Row 10 flips to 21 and rolls to 23; column 12 rolls to 9.
         let loaded: Vec<usize> = (0..TAXELS).filter(|&i| out[i] != 0).collect();
         assert_eq!((loaded, out[23 * TAXEL_COLS + 9]), (vec![23 * TAXEL_COLS + 9], 512));
 
-        PadChange::new(0.0, [false, false], [9, 9], 1.2, 4.0).apply(
-            [&[4095; TAXELS]; 2],
-            0.0,
-            &mut out,
-            &mut rng,
-        );
+        let out = changed(PadChange::new(0.0, [false, false], [9, 9], 1.2, 4.0), &[4095; TAXELS]);
         for (index, &value) in out.iter().enumerate() {
             let active = is_active(index / TAXEL_COLS, index % TAXEL_COLS);
             assert_eq!(value > 0, active, "taxel {index}");
@@ -165,14 +164,8 @@ mod tests {
                 counts[row * TAXEL_COLS + col] = 100;
             }
         }
-        let mut out = [0; TAXELS];
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        PadChange::new(std::f32::consts::FRAC_PI_2, [false; 2], [0; 2], 1.0, 0.0).apply(
-            [&counts; 2],
-            0.0,
-            &mut out,
-            &mut rng,
-        );
+        let quarter = std::f32::consts::FRAC_PI_2;
+        let out = changed(PadChange::new(quarter, [false; 2], [0; 2], 1.0, 0.0), &counts);
         let at: Vec<(usize, usize)> =
             (0..TAXELS).filter(|&i| out[i] != 0).map(|i| (i / TAXEL_COLS, i % TAXEL_COLS)).collect();
         let mean = |f: fn(&(usize, usize)) -> usize| {
@@ -187,9 +180,7 @@ mod tests {
 
     #[test]
     fn noise_leaves_an_empty_pad_empty() {
-        let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let mut out = [1; TAXELS];
-        PadChange::new(0.3, [false; 2], [0; 2], 1.0, 4.0).apply([&[0; TAXELS]; 2], 0.0, &mut out, &mut rng);
+        let out = changed(PadChange::new(0.3, [false; 2], [0; 2], 1.0, 4.0), &[0; TAXELS]);
         assert!(out.iter().all(|&x| x == 0));
     }
 }

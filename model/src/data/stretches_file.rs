@@ -1,12 +1,12 @@
 //! Features of stretches as a safetensors file, one group of tensors a stretch.
 
 use anyhow::{Context, Result, ensure};
-use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use slipsense::params::{CLASSES, MEL_BINS, TAXELS, XL_FEATURES};
 
 use super::Features;
 use crate::target::Target;
+use crate::tensors_file::{self, Entry, bytes_of};
 
 /// Tensors of a stretch: name, type, numbers in a row.
 const TENSORS: [(&str, Dtype, usize); 7] = [
@@ -22,26 +22,23 @@ const TARGETS: [Target; 4] = [Target::Still, Target::Slides, Target::Begins, Tar
 
 /// The bytes of a file of these stretches. Counts are of the touched scans only.
 pub fn to_bytes(stretches: &[Features]) -> Result<Vec<u8>> {
-    let real = |rows: &[[f32; MEL_BINS]]| rows.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
-    let mut all: Vec<(String, Dtype, usize, Vec<u8>)> = Vec::new();
+    let mut all: Vec<Entry> = Vec::new();
     for (index, stretch) in stretches.iter().enumerate() {
         let bytes: [Vec<u8>; TENSORS.len()] = [
             stretch.piezo.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect(),
             stretch.touched.iter().map(|&touched| touched.into()).collect(),
-            real(&stretch.ln_power),
-            real(&stretch.floor),
+            bytes_of(stretch.ln_power.as_flattened()),
+            bytes_of(stretch.floor.as_flattened()),
             stretch.xl.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect(),
             stretch.label.clone(),
             stretch.target.iter().map(|&target| target as u8).collect(),
         ];
-        let tensors = TENSORS.into_iter().zip(bytes);
-        all.extend(tensors.map(|((name, dtype, row), bytes)| (format!("{index}.{name}"), dtype, row, bytes)));
+        all.extend(TENSORS.into_iter().zip(bytes).map(|((name, dtype, row), bytes)| {
+            let shape = vec![bytes.len() * 8 / dtype.bitsize() / row, row];
+            (format!("{index}.{name}"), dtype, shape, bytes)
+        }));
     }
-    let views = all.iter().map(|(name, dtype, row, bytes)| {
-        let shape = vec![bytes.len() * 8 / dtype.bitsize() / row, *row];
-        Ok((name, TensorView::new(*dtype, shape, bytes)?))
-    });
-    Ok(safetensors::serialize(views.collect::<Result<Vec<_>>>()?, None)?)
+    tensors_file::to_bytes(all, None)
 }
 
 /// The stretches of a file, as mined; refuses what does not fit together by name.

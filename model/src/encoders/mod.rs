@@ -11,7 +11,7 @@ mod vit;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use slipsense::params::{MEL_BINS, TAXELS};
+use slipsense::params::{MEL_BINS, TAXEL_COLS, TAXEL_ROWS};
 
 use crate::device::is_cpu;
 
@@ -52,95 +52,61 @@ impl PadEncoder {
     }
 }
 
-#[expect(clippy::large_enum_variant, reason = "there is one of it in a network")]
+/// What makes embeddings of rows: of scans one by one, or of a sensor's whole sequence of log-mel frames.
+#[allow(clippy::large_enum_variant, reason = "there are two of it in a network")]
 #[derive(Module, Debug)]
-pub enum PadModule {
-    Cnn(CustomCnn),
+pub enum Encoder {
+    CustomCnn(CustomCnn),
     ResNet18(ResNet18),
     Vit(Vit),
-}
-
-#[expect(clippy::large_enum_variant, reason = "there is one of it in a network")]
-#[derive(Module, Debug)]
-pub enum XlModule {
     Mlp(Mlp),
-    Cnn(CausalCnn),
+    CausalCnn(CausalCnn),
     Ssast(Ssast),
 }
 
-/// What makes embeddings of rows: of scans one by one, or of a sensor's whole sequence of log-mel frames.
-pub trait Encode: Module {
-    /// Rows that are embedded at once: the size of their activations, which is to fit a CPU's caches, and what batch
-    /// normalization takes its statistics from.
-    fn rows_at_once(&self, device: &Device) -> usize;
-
-    /// `[row, number]` to `[row, embedding]`. `seed`: of what is dropped in training.
-    fn embed(&self, rows: Tensor<2>, seed: u64) -> Tensor<2>;
-}
-
-impl PadModule {
-    pub fn new(encoder: PadEncoder, device: &Device) -> Self {
+impl Encoder {
+    pub fn of_pads(encoder: PadEncoder, device: &Device) -> Self {
         match encoder {
-            PadEncoder::Cnn => Self::Cnn(CustomCnn::new(device)),
+            PadEncoder::Cnn => Self::CustomCnn(CustomCnn::new(device)),
             PadEncoder::ResNet18 => Self::ResNet18(ResNet18::new(device)),
             PadEncoder::Vit | PadEncoder::VitFrozen | PadEncoder::VitFinetuned => Self::Vit(Vit::new(device)),
         }
     }
-}
 
-impl Encode for PadModule {
-    fn rows_at_once(&self, device: &Device) -> usize {
-        match self {
-            Self::Vit(_) if is_cpu(device) => 8,
-            Self::Vit(_) => 512,
-            Self::Cnn(_) | Self::ResNet18(_) => 64,
-        }
-    }
-
-    /// Of pads, [`TAXELS`] numbers each.
-    fn embed(&self, rows: Tensor<2>, _seed: u64) -> Tensor<2> {
-        let [scans, taxels] = rows.dims();
-        debug_assert_eq!(taxels, TAXELS);
-        match self {
-            Self::Cnn(cnn) => cnn.forward(image(rows)),
-            Self::ResNet18(resnet) => resnet.forward(image(rows)),
-            Self::Vit(vit) => vit.forward(rows.reshape([scans, TAXELS])),
-        }
-    }
-}
-
-impl XlModule {
-    pub fn new(encoder: XlEncoder, device: &Device) -> Self {
+    pub fn of_xl(encoder: XlEncoder, device: &Device) -> Self {
         match encoder {
             XlEncoder::Mlp => Self::Mlp(Mlp::new(device)),
-            XlEncoder::Cnn => Self::Cnn(CausalCnn::new(device)),
+            XlEncoder::Cnn => Self::CausalCnn(CausalCnn::new(device)),
             XlEncoder::Ssast => Self::Ssast(Ssast::new(device)),
         }
     }
-}
 
-impl Encode for XlModule {
-    fn rows_at_once(&self, device: &Device) -> usize {
-        if matches!(self, Self::Ssast(_)) && is_cpu(device) { 2 } else { 8 }
+    /// Rows that are embedded at once: the size of their activations, which is to fit a CPU's caches, and what batch
+    /// normalization takes its statistics from.
+    pub(crate) fn rows_at_once(&self, device: &Device) -> usize {
+        match self {
+            Self::Vit(_) if is_cpu(device) => 8,
+            Self::Vit(_) => 512,
+            Self::CustomCnn(_) | Self::ResNet18(_) => 64,
+            Self::Ssast(_) if is_cpu(device) => 2,
+            Self::Mlp(_) | Self::CausalCnn(_) | Self::Ssast(_) => 8,
+        }
     }
 
-    /// Of sequences, [`MEL_BINS`] numbers for each frame, to [`EMBED`] for each frame.
-    fn embed(&self, rows: Tensor<2>, seed: u64) -> Tensor<2> {
-        let [sequences, numbers] = rows.dims();
-        let frames = numbers / MEL_BINS;
-        let rows = rows.reshape([sequences, frames, MEL_BINS]);
-        let embedded = match self {
-            Self::Mlp(mlp) => mlp.forward(rows, seed),
-            Self::Cnn(cnn) => cnn.forward(rows),
-            Self::Ssast(ssast) => ssast.stream(rows),
-        };
-        embedded.reshape([sequences, frames * EMBED])
+    /// `[row, number]` to `[row, embedding]`: a scan's taxels to [`EMBED`] numbers, a sequence's [`MEL_BINS`] of each
+    /// frame to as many of each. `seed`: of what is dropped in training.
+    pub(crate) fn embed(&self, rows: Tensor<2>, seed: u64) -> Tensor<2> {
+        let [count, numbers] = rows.dims();
+        let image = |rows: Tensor<2>| rows.reshape([count, 1, TAXEL_ROWS, TAXEL_COLS]);
+        let frames = |rows: Tensor<2>| rows.reshape([count, numbers / MEL_BINS, MEL_BINS]);
+        let flat = |embedded: Tensor<3>| embedded.reshape([count, numbers / MEL_BINS * EMBED]);
+        match self {
+            Self::CustomCnn(cnn) => cnn.forward(image(rows)),
+            Self::ResNet18(resnet) => resnet.forward(image(rows)),
+            Self::Vit(vit) => vit.forward(rows),
+            Self::Mlp(mlp) => flat(mlp.forward(frames(rows), seed)),
+            Self::CausalCnn(cnn) => flat(cnn.forward(frames(rows))),
+            Self::Ssast(ssast) => flat(ssast.stream(frames(rows))),
+        }
     }
-}
-
-/// A scan as an image of one channel.
-fn image(rows: Tensor<2>) -> Tensor<4> {
-    use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
-    let [scans, _] = rows.dims();
-    rows.reshape([scans, 1, TAXEL_ROWS, TAXEL_COLS])
 }

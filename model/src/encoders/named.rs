@@ -4,13 +4,15 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
+
+use crate::weights::approach;
+use crate::{output, tensors_file};
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Numbers {
@@ -97,42 +99,31 @@ pub fn first<M: Module>(module: M, seed: u64) -> M {
 /// Move towards `newer`, as [`Weights::average`](crate::weights::Weights::average).
 pub fn average(named: &mut Named, newer: &Named, decay: f32) {
     for (mine, newer) in named.values_mut().zip(newer.values()) {
-        for (mine, newer) in mine.values.iter_mut().zip(&newer.values) {
-            *mine += (1.0 - decay) * (newer - *mine);
-        }
+        approach(&mut mine.values, &newer.values, decay);
     }
 }
 
 /// The bytes of a safetensors file.
 pub fn to_bytes(named: &Named) -> Result<Vec<u8>> {
-    let bytes = |numbers: &Numbers| numbers.values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
-    let all: Vec<Vec<u8>> = named.values().map(bytes).collect();
-    let mut views = Vec::with_capacity(named.len());
-    for ((name, numbers), bytes) in named.iter().zip(&all) {
-        views.push((name, TensorView::new(Dtype::F32, numbers.shape.clone(), bytes)?));
-    }
-    Ok(safetensors::serialize(views, None)?)
+    let tensors = named.iter().map(|(name, Numbers { shape, values })| {
+        (name.clone(), Dtype::F32, shape.clone(), tensors_file::bytes_of(values))
+    });
+    tensors_file::to_bytes(tensors, None)
 }
 
 /// All tensors of such a file; refuses one that is not of finite f32 numbers.
 pub fn from_bytes(bytes: &[u8]) -> Result<Named> {
     let file = SafeTensors::deserialize(bytes).context("not a safetensors file")?;
-    let tensor = |(name, view): (String, TensorView<'_>)| {
-        ensure!(view.dtype() == Dtype::F32, "tensor {name} is {:?}, must be F32", view.dtype());
-        let values: Vec<f32> =
-            view.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect();
-        if let Some(index) = values.iter().position(|x| !x.is_finite()) {
-            bail!("tensor {name} index {index} is {}: must be finite", values[index]);
-        }
+    let tensors = file.tensors().into_iter().map(|(name, view)| {
+        let values = tensors_file::finite(&name, &view)?;
         Ok((name, Numbers { shape: view.shape().to_vec(), values }))
-    };
-    file.tensors().into_iter().map(tensor).collect()
+    });
+    tensors.collect()
 }
 
 /// A file's numbers; refuses a file that is not of exactly such a module.
 pub fn read(path: &Path, module: &impl Module) -> Result<Named> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let named = from_bytes(&bytes).with_context(|| format!("cannot use {}", path.display()))?;
+    let named = from_bytes(&output::read(path)?).with_context(|| format!("cannot use {}", path.display()))?;
     for (name, Numbers { shape, .. }) in get(module) {
         let place = || format!("{}: tensor {name}", path.display());
         let theirs = &named.get(&name).with_context(|| format!("{} is missing", place()))?.shape;

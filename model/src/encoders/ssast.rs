@@ -19,6 +19,7 @@ use super::named::{self, Named, Numbers};
 use super::vit::{layers, norm};
 use super::{EMBED, NORM_EPSILON};
 use crate::float::tensor;
+use crate::output;
 use crate::weights::FIRST_DIMS;
 
 const WIDTH: usize = 192;
@@ -102,8 +103,7 @@ impl Ssast {
     /// are this one's.
     pub fn with_authors(self, path: &Path) -> Result<Self> {
         let place = || format!("cannot use {}", path.display());
-        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let theirs = named::from_bytes(&bytes)
+        let theirs = named::from_bytes(&output::read(path)?)
             .with_context(|| "a state dict must be converted first, as the book says")
             .with_context(place)?;
         let ours = converted(&theirs).with_context(place)?;
@@ -137,20 +137,12 @@ fn converted(theirs: &Named) -> Result<Named> {
         &[1, EXTRA + WINDOW, WIDTH],
         positions(find("pos_embed", &[])?, find("patch_embed.proj.weight", &[])?)?,
     );
-    let both = |theirs: &str, ours: &str| {
-        (
-            format!("{theirs}.weight"),
-            format!("{ours}.gamma"),
-            format!("{theirs}.bias"),
-            format!("{ours}.beta"),
-        )
-    };
-    let mut norms = vec![both("norm", "norm")];
+    let mut norms = vec![("norm".to_owned(), "norm".to_owned())];
     for layer in 0..LAYERS {
         let (block, here) = (format!("blocks.{layer}"), format!("encoder.layers.{layer}"));
         // The tensor library's second norm is the one before the attention.
-        norms.push(both(&format!("{block}.norm1"), &format!("{here}.norm_2")));
-        norms.push(both(&format!("{block}.norm2"), &format!("{here}.norm_1")));
+        norms.push((format!("{block}.norm1"), format!("{here}.norm_2")));
+        norms.push((format!("{block}.norm2"), format!("{here}.norm_1")));
         let weight = find(&format!("{block}.attn.qkv.weight"), &[3 * WIDTH, WIDTH])?;
         let bias = find(&format!("{block}.attn.qkv.bias"), &[3 * WIDTH])?;
         for (part, name) in ["query", "key", "value"].into_iter().enumerate() {
@@ -169,9 +161,11 @@ fn converted(theirs: &Named) -> Result<Named> {
             put(format!("{here}.{name}.bias"), &[to], bias.values.clone());
         }
     }
-    for (weight, gamma, bias, beta) in norms {
-        put(gamma, &[WIDTH], find(&weight, &[WIDTH])?.values.clone());
-        put(beta, &[WIDTH], find(&bias, &[WIDTH])?.values.clone());
+    for (norm, here) in norms {
+        for (theirs, name) in [("weight", "gamma"), ("bias", "beta")] {
+            let numbers = find(&format!("{norm}.{theirs}"), &[WIDTH])?;
+            put(format!("{here}.{name}"), &[WIDTH], numbers.values.clone());
+        }
     }
     Ok(ours)
 }

@@ -78,6 +78,11 @@ impl Graphs {
     }
 }
 
+fn reshape(from: &[usize], to: &[usize]) -> AxisOp {
+    let [from, to] = [from, to].map(|shape| shape.iter().map(|&size| TDim::from(size)).collect());
+    AxisOp::Reshape(0, from, to)
+}
+
 /// A graph in the making.
 struct Graph<'w> {
     model: TypedModel,
@@ -99,9 +104,8 @@ impl Graph<'_> {
         }
         // The dense layer takes its inputs in row, column, channel order.
         let map = self.wire("rows_first", AxisOp::Move(1, 3), &[map])?;
-        let from = [1, side, side, channels].map(TDim::from);
-        let flat = tvec![TDim::from(1), TDim::from(side * side * channels)];
-        let map = self.wire("flat", AxisOp::Reshape(0, from.into_iter().collect(), flat), &[map])?;
+        let flat = reshape(&[1, side, side, channels], &[1, side * side * channels]);
+        let map = self.wire("flat", flat, &[map])?;
         let embedding = self.dense("piezo.dense", map)?;
         self.trace("piezo", embedding);
         self.compile(&[embedding])
@@ -252,20 +256,14 @@ impl Graph<'_> {
     ) -> Result<(OutletId, [OutletId; 2])> {
         let dims = self.weights.dims;
         let name = |part: &str| format!("{}.{part}", block.name);
-        let head_width = block.width(&dims) / dims.heads;
+        let width = block.width(&dims);
+        let head_width = width / dims.heads;
         let query = self.dense(&name("query"), x)?;
         self.trace(&name("query"), query);
         let keys = self.remember(&name("key"), seen, old_keys)?;
         let values = self.remember(&name("value"), seen, old_values)?;
 
-        let by_head = |rows: usize| {
-            let width = TDim::from(dims.heads * head_width);
-            AxisOp::Reshape(
-                0,
-                tvec![rows.into(), width],
-                tvec![rows.into(), dims.heads.into(), head_width.into()],
-            )
-        };
+        let by_head = |rows: usize| reshape(&[rows, width], &[rows, dims.heads, head_width]);
         let query = self.wire(&name("query_by_head"), by_head(1), &[query])?;
         let keys_by_head = self.wire(&name("keys_by_head"), by_head(dims.window), &[keys])?;
         let values_by_head = self.wire(&name("values_by_head"), by_head(dims.window), &[values])?;
@@ -279,11 +277,7 @@ impl Graph<'_> {
         let softmax = Softmax { axes: tvec![1], quant_output_dt: None, kind: SoftmaxKind::Softmax };
         let weights = self.wire(&name("softmax"), softmax, &[scores])?;
         let context = self.einsum(&name("context_by_head"), "hl,lhd->hd", [weights, values_by_head])?;
-        let flat = AxisOp::Reshape(
-            0,
-            tvec![dims.heads.into(), head_width.into()],
-            tvec![1.into(), (dims.heads * head_width).into()],
-        );
+        let flat = reshape(&[dims.heads, head_width], &[1, width]);
         let context = self.wire(&name("context"), flat, &[context])?;
         let projected = self.dense(&name("out"), context)?;
         let sum = self.wire(&name("residual"), add(), &[x, projected])?;

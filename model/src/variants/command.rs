@@ -1,11 +1,13 @@
 //! `slipsense reproduce`: train what is missing, score it, and put all rows side by side.
 
-use std::path::PathBuf;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use indicatif::MultiProgress;
+use serde::Serialize;
 
 use super::orderings::Comparisons;
 use super::results::{Budget, Finished};
@@ -186,17 +188,28 @@ pub fn run_reproduce(args: &ReproduceArgs) -> Result<()> {
         total.finish_and_clear();
     }
     let results = Comparisons::new(args.command_line(&budget), budget, &finished);
-    let json = serde_json::to_string_pretty(&results)? + "\n";
-    output::write(&args.out.join("comparisons.svg"), picture::svg(&results)?.as_bytes())?;
     if let Some(svg) = example::svg(&results.rows)? {
         output::write(&args.out.join("example.svg"), svg.as_bytes())?;
     }
-    output::write(&args.out.join("comparisons.json"), json.as_bytes())?;
-    output::write(&args.out.join(REPORT_FILE), results.to_string().as_bytes())?;
-    if args.json {
-        print!("{json}");
+    report(&args.out, "comparisons", &results, &picture::svg(&results)?, args.json)
+}
+
+/// Write results to `NAME.json`, `NAME.svg` and [`REPORT_FILE`], and print the tables or the JSON.
+pub(super) fn report(
+    out: &Path,
+    name: &str,
+    results: &(impl Serialize + Display),
+    svg: &str,
+    as_json: bool,
+) -> Result<()> {
+    let picture = out.join(name).with_extension("svg");
+    output::write(&picture, svg.as_bytes())?;
+    output::write_json(&out.join(name).with_extension("json"), results)?;
+    output::write(&out.join(REPORT_FILE), results.to_string().as_bytes())?;
+    if as_json {
+        println!("{}", serde_json::to_string_pretty(results)?);
     } else {
-        println!("{results}\n{}", args.out.join("comparisons.svg").display());
+        println!("{results}\n{}", picture.display());
     }
     Ok(())
 }

@@ -1,19 +1,17 @@
 //! One episode as pads alone, accelerometers alone and both see it: the paper's qualitative picture.
 
-use anyhow::Result;
-use plotters::coord::Shift;
+use anyhow::{Context, Result};
 use plotters::prelude::*;
 use slipsense::params::{CLASSES, FRAME_RATE_HZ, OUTPUTS};
 use slipsense_recording::score::{SLIP, runs};
 use slipsense_synth::Split;
 
 use super::BASE_ROW;
-use super::picture::failed;
 use super::results::{Example, RowResults};
 use super::sets::Sets;
-use crate::curves::COLOURS;
 use crate::data::Features;
 use crate::evaluate::classes;
+use crate::picture::{self, Area, COLOURS};
 
 /// The rows that the picture has, from the top.
 const SHOWN: [(&str, &str); 3] = [("piezo", "pads"), ("xl", "accelerometers"), (BASE_ROW, "both")];
@@ -49,49 +47,41 @@ pub(super) fn svg(rows: &[RowResults]) -> Result<Option<String>> {
     if shown.is_empty() {
         return Ok(None);
     }
-    let mut text = String::new();
-    {
-        let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        root.fill(&WHITE).map_err(failed)?;
-        let root = root
-            .titled(
-                "Probability of slip, one synthetic episode; shaded: slip by the label",
-                ("sans-serif", 16),
-            )
-            .map_err(failed)?;
-        for (area, (title, example)) in root.split_evenly((shown.len(), 1)).iter().zip(&shown) {
+    let draw = |root: &Area<'_>| {
+        let title = "Probability of slip, one synthetic episode; shaded: slip by the label";
+        let below = root.titled(title, ("sans-serif", 16))?;
+        for (area, (title, example)) in below.split_evenly((shown.len(), 1)).iter().zip(&shown) {
             panel(area, title, example)?;
         }
-        root.present().map_err(failed)?;
-    }
-    Ok(Some(text))
+        anyhow::Ok(())
+    };
+    picture::svg(SIZE, draw).context("cannot draw").map(Some)
 }
 
-fn panel(area: &DrawingArea<SVGBackend<'_>, Shift>, title: &str, example: &Example) -> Result<()> {
+fn panel(area: &Area<'_>, title: &str, example: &Example) -> Result<()> {
     let time_s = |frame: usize| frame as f64 / f64::from(FRAME_RATE_HZ);
     let mut chart = ChartBuilder::on(area)
         .margin(6)
         .margin_right(20)
         .x_label_area_size(28)
         .y_label_area_size(60)
-        .build_cartesian_2d(0.0..time_s(example.label.len()), 0.0..1.1)
-        .map_err(failed)?;
+        .build_cartesian_2d(0.0..time_s(example.label.len()), 0.0..1.1)?;
     let slips = |class: &[u8], from: f64, to: f64, style: ShapeStyle| {
         let slips = runs(class.len(), |frame| class[frame] == SLIP).into_iter();
         slips.map(move |(first, end)| Rectangle::new([(time_s(first), from), (time_s(end), to)], style))
     };
     let [line, flagged] = [COLOURS[0], COLOURS[1]];
-    chart.draw_series(slips(&example.label, 0.0, 1.1, BLACK.mix(0.15).filled())).map_err(failed)?;
-    chart.draw_series(slips(&example.class, 1.03, 1.1, flagged.filled())).map_err(failed)?;
+    chart.draw_series(slips(&example.label, 0.0, 1.1, BLACK.mix(0.15).filled()))?;
+    chart.draw_series(slips(&example.class, 1.03, 1.1, flagged.filled()))?;
     let points = example.slip_probability.iter().enumerate();
     let points = points.map(|(frame, &p)| (time_s(frame), f64::from(p)));
-    chart.draw_series(LineSeries::new(points, line.stroke_width(1))).map_err(failed)?;
+    chart.draw_series(LineSeries::new(points, line.stroke_width(1)))?;
     chart
         .configure_mesh()
         .disable_mesh()
         .x_desc("s; bar on top: class is slip")
         .y_desc(title)
         .y_labels(3)
-        .draw()
-        .map_err(failed)
+        .draw()?;
+    Ok(())
 }

@@ -160,10 +160,6 @@ const fn side(side: usize) -> Variant {
     Variant { pads: PadView { side, change: true }, ..BASE }
 }
 
-const fn window(window: usize) -> Variant {
-    Variant { window, ..BASE }
-}
-
 const fn fusion(fusion: Fusion) -> Variant {
     Variant { fusion, ..BASE }
 }
@@ -172,9 +168,10 @@ const fn modality(modality: Modality) -> Variant {
     Variant { modality, ..BASE }
 }
 
+const NO_CHANGE: Variant = Variant { pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE };
+
 /// The paper's network but for its encoders: embeddings of 128, of counts and standardised bins alone.
-const PAPER: Variant =
-    Variant { size: 4, over_floor: false, pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE };
+const PAPER: Variant = Variant { size: 4, over_floor: false, ..NO_CHANGE };
 
 const fn encoders(name: &'static str, about: &'static str, pads: PadEncoder, xl: XlEncoder) -> Row {
     Row { encoders: Some(Encoders { pads, xl }), ..row(name, "paper's network", about, PAPER) }
@@ -188,10 +185,10 @@ pub const ROWS: [Row; 27] = [
     row("concatenation", "fusion", "no first attention", fusion(Fusion::Concatenation)),
     row("own-attention", "fusion", "each modality attends to itself first", fusion(Fusion::OwnAttention)),
     row("xl-mlp", "XL encoder", "MLP of one frame instead of a 1-D CNN", Variant { xl_kernel: 1, ..BASE }),
-    row("t6", "memory", "T = 6 frames", window(6)),
-    row("t15", "memory", "T = 15 frames", window(15)),
-    row("t30", "memory", "T = 30 frames", window(30)),
-    row("t120", "memory", "T = 120 frames", window(120)),
+    row("t6", "memory", "T = 6 frames", Variant { window: 6, ..BASE }),
+    row("t15", "memory", "T = 15 frames", Variant { window: 15, ..BASE }),
+    row("t30", "memory", "T = 30 frames", Variant { window: 30, ..BASE }),
+    row("t120", "memory", "T = 120 frames", Variant { window: 120, ..BASE }),
     row("side16", "resolution", "every second taxel of rows and columns", side(16)),
     row("side8", "resolution", "every fourth", side(8)),
     row(
@@ -216,12 +213,7 @@ pub const ROWS: [Row; 27] = [
             BASE,
         )
     },
-    row(
-        "no-change",
-        "pad input",
-        "counts only, no change channel",
-        Variant { pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE },
-    ),
+    row("no-change", "pad input", "counts only, no change channel", NO_CHANGE),
     row(TEACHER_ROW, "size", "twice the channels, filters and embeddings", Variant { size: 2, ..BASE }),
     Row {
         making: Making::TaughtBy(TEACHER_ROW),

@@ -1,10 +1,12 @@
 //! What each variant computes, of the shipped network's layers.
 
+use std::borrow::Cow;
+
 use burn::tensor::{Device, Tensor};
 use slipsense::net::format::{Dims, TensorSpec};
 use slipsense::params::{MEL_BINS, XL_FEATURES};
 
-use super::{Fusion, Modality, Pool, Variant};
+use super::{BASE, Fusion, Modality, Pool, Variant};
 use crate::float::{Architecture, Band, Graph, Sequences};
 use crate::weights::{Weights, dims_of_size, first_values, specs};
 
@@ -33,14 +35,6 @@ fn late_name(layer: &str) -> &'static str {
     }
 }
 
-/// Sequences, sensors of each, frames of each.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Extent {
-    pub(super) batch: usize,
-    pub(super) sensors: usize,
-    pub(super) frames: usize,
-}
-
 impl Variant {
     /// Sizes, those of the shipped network but for the variant's own.
     pub const fn dims(&self) -> Dims {
@@ -52,40 +46,28 @@ impl Variant {
         Weights { dims: self.dims(), tensors: first_values(&self.specs(), seed) }
     }
 
-    /// Do the modalities, or the one there is, reach the head in stacks of their own.
-    fn in_stacks(&self) -> bool {
-        self.modality != Modality::Both || self.fusion == Fusion::Late
-    }
-
     /// Embeddings `[batch · sensor · frame, embed]` of the accelerometers; none if there are none.
-    pub(super) fn embed_xl(
-        &self,
-        graph: &Graph<'_>,
-        input: &Sequences,
-        device: &Device,
-    ) -> Option<Tensor<2>> {
+    fn embed_xl(&self, graph: &Graph<'_>, input: &Sequences, device: &Device) -> Option<Tensor<2>> {
         if self.modality == Modality::Piezo {
             return None;
         }
-        let embed = |values: &[f32]| graph.xl(values, XL_FEATURES, input.frames, device);
-        if self.over_floor {
-            return Some(embed(&input.xl));
+        let mut values = Cow::Borrowed(&input.xl[..]);
+        if !self.over_floor {
+            values.to_mut().chunks_exact_mut(XL_FEATURES).for_each(|frame| frame[MEL_BINS..].fill(0.0));
         }
-        let mut values = input.xl.clone();
-        values.chunks_exact_mut(XL_FEATURES).for_each(|frame| frame[MEL_BINS..].fill(0.0));
-        Some(embed(&values))
+        Some(graph.xl(&values, input.frames, device))
     }
 
     /// Logits `[batch, frame, class]` of the embeddings `[batch · sensor · frame, embed]` that there are.
     pub(super) fn decide(
         &self,
         graph: &Graph<'_>,
-        extent: Extent,
+        input: &Sequences,
         piezo: Option<Tensor<2>>,
         xl: Option<Tensor<2>>,
         device: &Device,
     ) -> Tensor<3> {
-        let Extent { batch, sensors, frames } = extent;
+        let &Sequences { batch, sensors, frames, .. } = input;
         let band = Band::new(frames, self.window, device);
         let of_sensors = |x: Tensor<2>| {
             let [_, width] = x.dims();
@@ -131,6 +113,27 @@ impl Variant {
     }
 }
 
+/// The layers of [`BASE`] in these sizes.
+impl Architecture for Dims {
+    fn specs(&self) -> Vec<TensorSpec> {
+        specs(self)
+    }
+
+    fn heads(&self) -> usize {
+        self.heads
+    }
+
+    fn forward(
+        &self,
+        graph: &Graph<'_>,
+        input: &Sequences,
+        features: Option<Tensor<2>>,
+        device: &Device,
+    ) -> Tensor<3> {
+        Variant { window: self.window, ..BASE }.forward(graph, input, features, device)
+    }
+}
+
 impl Architecture for Variant {
     fn specs(&self) -> Vec<TensorSpec> {
         let dims = self.dims();
@@ -148,7 +151,8 @@ impl Architecture for Variant {
             !missing && !skipped
         };
         let mut all: Vec<TensorSpec> = specs(&dims).into_iter().filter(has).collect();
-        if self.in_stacks() {
+        if self.modality != Modality::Both || self.fusion == Fusion::Late {
+            // The modalities, or the one there is, reach the head in stacks of their own.
             // As wide as one modality: those of a network whose two embeddings are half as wide.
             all.retain(|spec| !deciding(spec));
             let half = specs(&Dims { embed: dims.embed / 2, ..dims });
@@ -172,8 +176,7 @@ impl Architecture for Variant {
         features: Option<Tensor<2>>,
         device: &Device,
     ) -> Tensor<3> {
-        let extent = Extent { batch: input.batch, sensors: input.sensors, frames: input.frames };
         let piezo = features.map(|features| graph.dense("piezo.dense", features));
-        self.decide(graph, extent, piezo, self.embed_xl(graph, input, device), device)
+        self.decide(graph, input, piezo, self.embed_xl(graph, input, device), device)
     }
 }

@@ -3,7 +3,7 @@
 //! What is not stated there is as in ours: the bias by lag, the four heads, the loss of every frame instead of the
 //! last one's, the detector's output beside the logits. A network sees counts and standardised bins, nothing else.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Int, Tensor, TensorData};
@@ -11,20 +11,17 @@ use indicatif::ProgressBar;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::TensorSpec;
-use slipsense::params::{MEL_BINS, OUTPUTS, PIEZO_CHANNELS, XL_FEATURES};
+use slipsense::params::{MEL_BINS, OUTPUTS, PIEZO_CHANNELS, TAXELS, XL_FEATURES};
 use std::path::Path;
 
-use super::network::Extent;
 use super::results::Budget;
+use super::train::run_steps;
 use super::{Encoders, Variant};
 use crate::batch::Sampler;
 use crate::encoders::named::{self, Named};
-use crate::encoders::{
-    EMBED, Encode, MaskedPatches, PadEncoder, PadModule, SsastPretraining, VitMae, XlModule,
-};
+use crate::encoders::{EMBED, Encoder, MaskedPatches, PadEncoder, SsastPretraining, VitMae};
 use crate::float::{Architecture, FloatNetwork, Graph, Sequences, plain, tensor};
 use crate::piezo::{IMAGE, PIEZO_INPUT_SCALE};
-use crate::train::{average_decay, optimizer, schedule};
 use crate::weights::{Weights, first_values};
 
 /// Scans of a step of the masked autoencoder's pretraining, and windows of a step of SSAST's.
@@ -56,9 +53,8 @@ impl Architecture for Fusion {
         features: Option<Tensor<2>>,
         device: &Device,
     ) -> Tensor<3> {
-        let extent = Extent { batch: input.batch, sensors: input.sensors, frames: input.frames };
         let part = |at: usize| features.clone().map(|both| both.narrow(1, at * EMBED, EMBED));
-        self.0.decide(graph, extent, part(0), part(1), device)
+        self.0.decide(graph, input, part(0), part(1), device)
     }
 }
 
@@ -72,15 +68,14 @@ struct Scans {
 
 impl Scans {
     fn new(input: &Sequences) -> Self {
-        let taxels = IMAGE / PIEZO_CHANNELS;
-        let mut scans = Self { rows: vec![0.0; taxels], row: Vec::new() };
+        let mut scans = Self { rows: vec![0.0; TAXELS], row: Vec::new() };
         for image in input.piezo.chunks_exact(IMAGE) {
             let counts = || image.iter().step_by(PIEZO_CHANNELS);
             if counts().all(|&count| count == 0) {
                 scans.row.push(0);
                 continue;
             }
-            scans.row.push((scans.rows.len() / taxels) as i32);
+            scans.row.push((scans.rows.len() / TAXELS) as i32);
             scans.rows.extend(counts().map(|&count| f32::from(count) * PIEZO_INPUT_SCALE));
         }
         scans
@@ -93,7 +88,7 @@ fn bins(input: &Sequences) -> Vec<f32> {
 }
 
 /// Embeddings of all rows, a few at a time, without a tape. `seed`: of what is dropped.
-fn embed<E: Encode>(encoder: &E, rows: &[f32], width: usize, seed: u64, device: &Device) -> Vec<f32> {
+fn embed(encoder: &Encoder, rows: &[f32], width: usize, seed: u64, device: &Device) -> Vec<f32> {
     let some = |(part, rows): (usize, &[f32])| {
         let rows = tensor::<2>(rows.to_vec(), [rows.len() / width, width], device);
         encoder.embed(rows, seed + part as u64).into_data().iter::<f32>().collect::<Vec<_>>()
@@ -103,8 +98,8 @@ fn embed<E: Encode>(encoder: &E, rows: &[f32], width: usize, seed: u64, device: 
 
 #[derive(Module, Debug)]
 pub struct PaperNetwork {
-    pads: PadModule,
-    xl: XlModule,
+    pads: Encoder,
+    xl: Encoder,
     fusion: FloatNetwork,
 }
 
@@ -113,8 +108,8 @@ impl PaperNetwork {
     pub fn new(variant: &Variant, encoders: Encoders, seed: u64, device: &Device) -> Self {
         let fusion = Weights { dims: variant.dims(), tensors: first_values(&Fusion(*variant).specs(), seed) };
         Self {
-            pads: named::first(PadModule::new(encoders.pads, device), seed),
-            xl: named::first(XlModule::new(encoders.xl, device), seed + 1),
+            pads: named::first(Encoder::of_pads(encoders.pads, device), seed),
+            xl: named::first(Encoder::of_xl(encoders.xl, device), seed + 1),
             fusion: FloatNetwork::new(&fusion, device),
         }
     }
@@ -123,8 +118,8 @@ impl PaperNetwork {
     pub fn fixed(variant: &Variant, encoders: Encoders, numbers: &Named, device: &Device) -> Self {
         let fusion = Weights { dims: variant.dims(), tensors: first_values(&Fusion(*variant).specs(), 0) };
         let network = Self {
-            pads: PadModule::new(encoders.pads, device),
-            xl: XlModule::new(encoders.xl, device),
+            pads: Encoder::of_pads(encoders.pads, device),
+            xl: Encoder::of_xl(encoders.xl, device),
             fusion: FloatNetwork::fixed(&fusion, device),
         };
         named::put(network, numbers)
@@ -132,11 +127,11 @@ impl PaperNetwork {
 
     /// With pretrained encoders where they are there; a frozen one is not trained on.
     fn with_pretrained(mut self, pretrained: &Pretrained, is_frozen: bool) -> Self {
-        if let (PadModule::Vit(vit), Some(numbers)) = (&self.pads, &pretrained.vit) {
-            self.pads = PadModule::Vit(named::put(vit.clone(), numbers));
+        if let (Encoder::Vit(vit), Some(numbers)) = (&self.pads, &pretrained.vit) {
+            self.pads = Encoder::Vit(named::put(vit.clone(), numbers));
         }
-        if let (XlModule::Ssast(ssast), Some(numbers)) = (&self.xl, &pretrained.ssast) {
-            self.xl = XlModule::Ssast(named::put(ssast.clone(), numbers));
+        if let (Encoder::Ssast(ssast), Some(numbers)) = (&self.xl, &pretrained.ssast) {
+            self.xl = Encoder::Ssast(named::put(ssast.clone(), numbers));
         }
         if is_frozen {
             self.pads = self.pads.freeze();
@@ -147,7 +142,7 @@ impl PaperNetwork {
     /// Outputs of every frame, `[batch, frame]`, without gradients. `device` is a plain one.
     pub fn outputs(&self, variant: &Variant, input: &Sequences, device: &Device) -> Vec<[f32; OUTPUTS]> {
         let scans = Scans::new(input);
-        let pads = embed(&self.pads, &scans.rows, IMAGE / PIEZO_CHANNELS, 0, device);
+        let pads = embed(&self.pads, &scans.rows, TAXELS, 0, device);
         let xl = embed(&self.xl, &bins(input), input.frames * MEL_BINS, 0, device);
         let features = features(tensor_of(pads, device), tensor_of(xl, device), scans.row, device);
         let fusion = Fusion(*variant);
@@ -164,10 +159,10 @@ impl PaperNetwork {
         seed: u64,
         device: &Device,
     ) -> (f64, GradientsParams) {
-        let (scans, bins, taxels) = (Scans::new(input), bins(input), IMAGE / PIEZO_CHANNELS);
+        let (scans, bins) = (Scans::new(input), bins(input));
         let frames = input.frames * MEL_BINS;
         let leaf = |values| tensor_of(values, device).require_grad();
-        let pads = leaf(embed(&self.pads, &scans.rows, taxels, seed, device));
+        let pads = leaf(embed(&self.pads, &scans.rows, TAXELS, seed, device));
         let xl = leaf(embed(&self.xl, &bins, frames, seed, device));
         let fusion = Fusion(*variant);
         let seen = features(pads.clone(), xl.clone(), scans.row, device);
@@ -183,16 +178,16 @@ impl PaperNetwork {
         let mut sum = GradientsAccumulator::new();
         sum.accumulate(self, GradientsParams::from_grads(gradients, self));
         if !is_frozen {
-            self.backward(&self.pads, (&scans.rows, taxels), &of_pads, seed, device, &mut sum);
+            self.backward(&self.pads, (&scans.rows, TAXELS), &of_pads, seed, device, &mut sum);
         }
         self.backward(&self.xl, (&bins, frames), &of_xl, seed, device, &mut sum);
         (value, sum.grads())
     }
 
     /// Add an encoder's gradients, from those of its embeddings.
-    fn backward<E: Encode>(
+    fn backward(
         &self,
-        encoder: &E,
+        encoder: &Encoder,
         (rows, width): (&[f32], usize),
         gradient: &[f32],
         seed: u64,
@@ -252,30 +247,17 @@ impl Training<'_> {
         self.seed.wrapping_add((step as u64) << 32)
     }
 
-    fn rate(&self, step: usize) -> f64 {
-        RATE_SHARE * self.budget.learning_rate * schedule(step, self.budget.encoder_steps)
-    }
-
-    /// Steps that all networks take alike: the running average of the numbers and the last tenth's mean loss.
+    /// The running average of a module's numbers over all steps, and the last tenth's mean loss.
     fn run<M: Module>(
         &self,
-        mut module: M,
-        mut gradients: impl FnMut(&M, usize) -> (f64, GradientsParams),
+        module: M,
+        gradients: impl FnMut(&M, usize) -> (f64, GradientsParams),
     ) -> Result<(Named, f64)> {
-        let (mut optimizer, mut average) = (optimizer(), named::get(&module));
-        let steps = self.budget.encoder_steps;
-        let mut losses = Vec::with_capacity(steps);
-        for step in 0..steps {
-            let (loss, gradients) = gradients(&module, step);
-            ensure!(loss.is_finite(), "the loss is {loss} at step {step}: try a lower --learning-rate");
-            module = optimizer.step(self.rate(step), module, gradients);
-            named::average(&mut average, &named::get(&module), average_decay(step));
-            losses.push(loss);
-            self.bar.set_message(format!("loss {loss:.3}"));
-            self.bar.inc(1);
-        }
-        let last = &losses[steps - steps.div_ceil(10)..];
-        Ok((average, last.iter().sum::<f64>() / last.len() as f64))
+        let (steps, rate) = (self.budget.encoder_steps, RATE_SHARE * self.budget.learning_rate);
+        let mut numbers = named::get(&module);
+        let average = |module: &M, decay| named::average(&mut numbers, &named::get(module), decay);
+        let loss = run_steps(module, steps, rate, self.bar, gradients, average)?;
+        Ok((numbers, loss))
     }
 
     /// Train a network on the labels.
@@ -302,23 +284,20 @@ impl Training<'_> {
     pub fn pretrain_vit(&self) -> Result<Named> {
         let device = self.device.clone().autodiff();
         let mae = named::first(VitMae::new(&device), self.seed);
-        let taxels = IMAGE / PIEZO_CHANNELS;
         let (numbers, _) = self.run(mae, |mae, step| {
             let mut rng = ChaCha8Rng::seed_from_u64(self.step_seed(step));
             let scans = Scans::new(&self.batch(step)).rows;
             // Spread over the batch; the untouched pad is the first.
-            let apart = (scans.len() / taxels).div_ceil(PRETRAINING_SCANS).max(1);
-            let some = scans.chunks_exact(taxels).skip(1).step_by(apart);
+            let apart = (scans.len() / TAXELS).div_ceil(PRETRAINING_SCANS).max(1);
+            let some = scans.chunks_exact(TAXELS).skip(1).step_by(apart);
             let some: Vec<f32> =
                 some.filter(|_| MaskedPatches::has_any(&mut rng)).flatten().copied().collect();
-            let count = some.len() / taxels;
+            let count = some.len() / TAXELS;
             if count == 0 {
                 return (0.0, GradientsParams::new());
             }
             let masked = MaskedPatches::draw(count, &mut rng);
-            let loss = mae.loss(tensor(some, [count, taxels], &device), &masked);
-            let value = f64::from(loss.clone().into_scalar::<f32>());
-            (value, GradientsParams::from_grads(loss.backward(), mae))
+            of_loss(mae, mae.loss(tensor(some, [count, TAXELS], &device), &masked))
         })?;
         Ok(part(numbers, "vit."))
     }
@@ -334,12 +313,16 @@ impl Training<'_> {
             let windows: Vec<f32> =
                 bins.chunks_exact(window * MEL_BINS).take(PRETRAINING_WINDOWS).flatten().copied().collect();
             let count = windows.len() / (window * MEL_BINS);
-            let loss = ssast.loss(tensor(windows, [count, window, MEL_BINS], &device), &mut rng);
-            let value = f64::from(loss.clone().into_scalar::<f32>());
-            (value, GradientsParams::from_grads(loss.backward(), ssast))
+            of_loss(ssast, ssast.loss(tensor(windows, [count, window, MEL_BINS], &device), &mut rng))
         })?;
         Ok(part(numbers, "ssast."))
     }
+}
+
+/// A loss as a number, and its gradients.
+fn of_loss(module: &impl Module, loss: Tensor<1>) -> (f64, GradientsParams) {
+    let value = f64::from(loss.clone().into_scalar::<f32>());
+    (value, GradientsParams::from_grads(loss.backward(), module))
 }
 
 /// The numbers of one part of a module.

@@ -1,11 +1,11 @@
 //! Macro F1 of every row on every split as one picture.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result};
 use plotters::prelude::*;
 use slipsense_synth::Split;
 
 use super::orderings::Comparisons;
-use crate::curves::COLOURS;
+use crate::picture::{self, Area, COLOURS};
 
 const WIDTH: u32 = 900;
 /// Height of a row, and of all that is around the rows.
@@ -16,10 +16,6 @@ const RIGHT: u32 = 110;
 /// Distance of two splits within a row, rows.
 const APART: f64 = 0.12;
 
-pub(super) fn failed(error: impl std::fmt::Display) -> anyhow::Error {
-    anyhow!("cannot draw: {error}")
-}
-
 /// SVG: a dot per row and split at the mean of the seeds, a line from the lowest to the highest.
 pub(super) fn svg(results: &Comparisons) -> Result<String> {
     let rows = &results.rows;
@@ -29,19 +25,14 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
     let lowest = all.map(|spread| 100.0 * spread.lowest).fold(100.0, f64::min);
     let from = (lowest / 10.0).floor() * 10.0;
     let count = rows.len() as f64;
-    let mut svg = String::new();
-    {
-        let size = (WIDTH, AROUND_HEIGHT + ROW_HEIGHT * rows.len() as u32);
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(failed)?;
-        let mut chart = ChartBuilder::on(&root)
+    let draw = |root: &Area<'_>| {
+        let mut chart = ChartBuilder::on(root)
             .caption("Macro F1 on frozen splits, synthetic data", ("sans-serif", 18))
             .margin(12)
             .margin_right(RIGHT)
             .x_label_area_size(44)
             .y_label_area_size(150)
-            .build_cartesian_2d(from..100.0, -0.5..count - 0.5)
-            .map_err(failed)?;
+            .build_cartesian_2d(from..100.0, -0.5..count - 0.5)?;
         // From the top down; the axis counts upwards.
         let name = |at: &f64| {
             let row = (at - at.round()).abs().lt(&1e-6).then(|| count - 1.0 - at.round());
@@ -56,8 +47,7 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
             .bold_line_style(RGBAColor(128, 128, 128, 0.25))
             .light_line_style(TRANSPARENT)
             .label_style(("sans-serif", 13))
-            .draw()
-            .map_err(failed)?;
+            .draw()?;
         for (n, split) in splits.iter().enumerate() {
             let colour = COLOURS[n % COLOURS.len()];
             let below = (n as f64 - (splits.len() as f64 - 1.0) / 2.0) * APART;
@@ -70,17 +60,18 @@ pub(super) fn svg(results: &Comparisons) -> Result<String> {
                 let points = vec![(100.0 * spread.lowest, y), (100.0 * spread.highest, y)];
                 PathElement::new(points, colour.stroke_width(2))
             });
-            chart.draw_series(lines).map_err(failed)?;
+            chart.draw_series(lines)?;
             let dots =
                 figures.iter().map(|&(y, spread)| Circle::new((100.0 * spread.mean, y), 4, colour.filled()));
-            chart.draw_series(dots).map_err(failed)?;
+            chart.draw_series(dots)?;
             // Beside the chart, where no dot can be.
             let (x, y) = ((WIDTH - RIGHT) as i32, 56 + 20 * n as i32);
-            root.draw(&Circle::new((x + 14, y), 4, colour.filled())).map_err(failed)?;
+            root.draw(&Circle::new((x + 14, y), 4, colour.filled()))?;
             let name = Text::new(split.name(), (x + 24, y - 7), ("sans-serif", 13));
-            root.draw(&name).map_err(failed)?;
+            root.draw(&name)?;
         }
-        root.present().map_err(failed)?;
-    }
-    Ok(svg)
+        anyhow::Ok(())
+    };
+    let size = (WIDTH, AROUND_HEIGHT + ROW_HEIGHT * rows.len() as u32);
+    picture::svg(size, draw).context("cannot draw")
 }

@@ -61,22 +61,12 @@ impl Default for Budget {
 }
 
 impl Budget {
-    /// Frames that a row with our encoders is trained on in all.
-    pub(super) fn all_frames(&self) -> usize {
-        self.steps * self.batch * self.frames
-    }
-
-    /// The same for a row with the paper's encoders.
-    pub(super) fn all_encoder_frames(&self) -> usize {
-        self.encoder_steps * self.encoder_batch * self.encoder_frames
-    }
-
     /// Refuses a folder of another budget; a new one is marked with this.
     pub(super) fn mark(&self, out: &Path) -> Result<()> {
         let path = out.join("budget.json");
         match output::read_json::<Self>(&path)? {
             Some(other) => other.must_be(self, &path),
-            None => output::write(&path, (serde_json::to_string_pretty(self)? + "\n").as_bytes()),
+            None => output::write_json(&path, self),
         }
     }
 
@@ -185,8 +175,7 @@ impl Finished {
     }
 
     pub fn write(&self, out: &Path) -> Result<()> {
-        let text = serde_json::to_string_pretty(self)? + "\n";
-        output::write(&Self::path(out, &self.row, self.seed), text.as_bytes())
+        output::write_json(&Self::path(out, &self.row, self.seed), self)
     }
 }
 

@@ -10,13 +10,12 @@ use burn::tensor::Device;
 use indicatif::{MultiProgress, ProgressBar};
 use slipsense::net::Model;
 use slipsense::params::OUTPUTS;
-use slipsense_synth::Split;
 
 use super::orderings::UMI;
 use super::paper::{PaperNetwork, Pretrained, Training, kept};
 use super::results::{Budget, Finished};
 use super::sets::{SPLITS, Sets};
-use super::train::{TrainedNetwork, train};
+use super::train::train;
 use super::{Making, Row, Variant, example, integers, row_named};
 use crate::batch::{Options, Sampler};
 use crate::data::Features;
@@ -51,14 +50,15 @@ impl Run<'_> {
         let started = Instant::now();
         let needed =
             row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
-        if let (Making::Quantized, Some(base)) = (row.making, &needed) {
-            return self.integers(row, seed, &base.weights, started);
+        let needed = needed.as_ref().map(|(variant, weights)| (*variant, weights));
+        if let (Making::Quantized, Some((_, weights))) = (row.making, needed) {
+            return self.integers(row, seed, weights, started);
         }
         let Variant { pads, xl_augmentation, .. } = row.variant;
         let options = Options { pads, xl_augmentation, ..Options::default() };
         let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
         let bar = self.bar(row, seed, budget.steps);
-        let trained = train(&row.variant, &sampler, needed.as_ref(), budget, seed, &self.device, &bar)
+        let trained = train(&row.variant, &sampler, needed, budget, seed, &self.device, &bar)
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
         if row.is_needed() {
@@ -69,18 +69,8 @@ impl Run<'_> {
         let outputs = |features: &Features| {
             network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
         };
-        Ok(Finished {
-            loss: Some(trained.loss),
-            example: example::of(row.name, sets, outputs),
-            ..self.finished(
-                row,
-                seed,
-                started,
-                (&SPLITS, budget.test_episodes),
-                trained.weights.count(),
-                outputs,
-            )
-        })
+        let parameters = trained.weights.count();
+        Ok(Finished { loss: Some(trained.loss), ..self.finished(row, seed, started, parameters, outputs) })
     }
 
     /// A row's trained weights on the microcontroller's kernels.
@@ -89,29 +79,23 @@ impl Run<'_> {
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
         let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
         let outputs = |features: &Features| integers::outputs(model, features);
-        Ok(Finished {
-            device: DeviceName::Cpu,
-            ..self.finished(
-                row,
-                seed,
-                started,
-                (&SPLITS, self.budget.test_episodes),
-                weights.count(),
-                outputs,
-            )
-        })
+        let finished = self.finished(row, seed, started, weights.count(), outputs);
+        Ok(Finished { device: DeviceName::Cpu, ..finished })
     }
 
-    /// What a network reaches by its outputs on the first episodes of some splits, without loss and example.
+    /// What a network reaches by its outputs on the first episodes of the row's splits, without loss.
     fn finished(
         &self,
         row: &Row,
         seed: u64,
         started: Instant,
-        (splits, episodes): (&[Split], usize),
         parameters: usize,
         outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
     ) -> Finished {
+        let (splits, episodes) = match row.encoders {
+            Some(_) => (&UMI[..], self.budget.encoder_test_episodes),
+            None => (&SPLITS[..], self.budget.test_episodes),
+        };
         let bar = self.bar(row, seed, 0);
         bar.set_message("score");
         let splits = self.sets.score(splits, episodes, &bar, &outputs);
@@ -124,10 +108,10 @@ impl Run<'_> {
             device: self.device_name,
             parameters,
             loss: None,
+            example: example::of(row.name, self.sets, &outputs),
             window_ms: window_ms(self.sets, outputs),
             wall_s: started.elapsed().as_secs_f64(),
             splits,
-            example: None,
         }
     }
 
@@ -150,10 +134,9 @@ impl Run<'_> {
         }
         if encoders.xl == XlEncoder::Ssast {
             bar.set_message("SSAST");
-            let authors = || self.ssast.map(authors_ssast).transpose();
             let path = out.join(format!("ssast-{seed}.safetensors"));
-            pretrained.ssast = Some(match authors()? {
-                Some(numbers) => numbers,
+            pretrained.ssast = Some(match self.ssast {
+                Some(authors) => authors_ssast(authors)?,
                 None => kept(&path, &Ssast::new(device), || training.pretrain_ssast())?,
             });
             bar.reset();
@@ -169,10 +152,7 @@ impl Run<'_> {
         };
         let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
         let parameters = trained.map(|(_, numbers)| numbers.values.len()).sum();
-        Ok(Finished {
-            loss: Some(loss),
-            ..self.finished(row, seed, started, (&UMI, budget.encoder_test_episodes), parameters, outputs)
-        })
+        Ok(Finished { loss: Some(loss), ..self.finished(row, seed, started, parameters, outputs) })
     }
 
     fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {
@@ -204,9 +184,9 @@ pub(super) fn kept_weights(out: &Path, row: &str, seed: u64) -> PathBuf {
     out.join(format!("{row}-{seed}.safetensors"))
 }
 
-fn read_kept(out: &Path, row: &Row, seed: u64) -> Result<TrainedNetwork> {
+fn read_kept(out: &Path, row: &Row, seed: u64) -> Result<(Variant, Weights)> {
     let path = kept_weights(out, row.name, seed);
     let weights = Weights::read(&path)?;
     ensure!(weights.dims == row.variant.dims(), "{}: not the dimensions of row {}", path.display(), row.name);
-    Ok(TrainedNetwork { variant: row.variant, weights })
+    Ok((row.variant, weights))
 }

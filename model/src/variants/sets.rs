@@ -4,7 +4,7 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use slipsense::params::OUTPUTS;
 use slipsense_recording::score::SLIP;
-use slipsense_synth::{Recipe, Split, generate_set};
+use slipsense_synth::{Recipe, Split};
 
 use super::BASE;
 use super::results::{Budget, SplitFigures};
@@ -37,12 +37,7 @@ impl Sets {
             episodes.truncate(budget.test_episodes.max(budget.encoder_test_episodes));
             let recipes: Vec<Recipe> = episodes.into_iter().map(|episode| episode.recipe).collect();
             let bar = progress(split.name(), recipes.len() as u64);
-            let features = generate_set(&recipes, |_, episode| {
-                bar.inc(1);
-                Features::from_episode(&episode)
-            })?;
-            bar.finish_and_clear();
-            Ok((split, features.into_iter().collect::<Result<_>>()?))
+            Ok((split, Features::of_recipes(&recipes, &bar)?))
         };
         Ok(Self { train, splits: SPLITS.into_iter().map(split).collect::<Result<_>>()? })
     }

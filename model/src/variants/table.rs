@@ -37,18 +37,21 @@ impl fmt::Display for Comparisons {
         let Some(most) = self.rows.iter().max_by_key(|row| row.splits.len()) else {
             return writeln!(f, "no row is finished");
         };
+        let budget = &self.budget;
+        let (step, encoder_step) =
+            (budget.batch * budget.frames, budget.encoder_batch * budget.encoder_frames);
         let seeds = self.rows.iter().map(|row| row.seeds.len()).max().unwrap_or(0);
         writeln!(
             f,
             "Synthetic data, float networks but for integers; {} training episodes, {} steps of {} frames ({} of {} with the paper's \
              encoders), first {} ({}) episodes of each frozen split; mean (lowest–highest) of up to {seeds} seeds",
-            self.budget.episodes,
-            self.budget.steps,
-            self.budget.batch * self.budget.frames,
-            self.budget.encoder_steps,
-            self.budget.encoder_batch * self.budget.encoder_frames,
-            self.budget.test_episodes,
-            self.budget.encoder_test_episodes
+            budget.episodes,
+            budget.steps,
+            step,
+            budget.encoder_steps,
+            encoder_step,
+            budget.test_episodes,
+            budget.encoder_test_episodes
         )?;
         for (figure, show) in FIGURES {
             write!(f, "\n{figure}\n{:NAME$}", "row")?;
@@ -98,7 +101,7 @@ impl fmt::Display for Comparisons {
             writeln!(f, "{verdict:15} {:36} {:24} {}", order.rule, d.to_string(), splits.join(", "))?;
         }
         if !self.costs.is_empty() {
-            let (ours, paper) = (self.budget.all_frames(), self.budget.all_encoder_frames());
+            let (ours, paper) = (budget.steps * step, budget.encoder_steps * encoder_step);
             writeln!(
                 f,
                 "\nwhat the microcontroller's network costs: points of macro F1 lost on both UMI splits, negative ones \

@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use clap::Args;
 use indicatif::MultiProgress;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
-use slipsense_synth::{FAMILIES, Recipe, Split, Stage, generate_set};
+use slipsense_synth::{FAMILIES, Recipe, Split, Stage};
 
 use super::picture;
 use super::results::{FamilyAt, Finished, KNOWN, Results, family, lower};
@@ -17,7 +17,7 @@ use crate::evaluate::score_logits;
 use crate::float::FloatNetwork;
 use crate::output;
 use crate::progress::progress;
-use crate::variants::command::check_seeds;
+use crate::variants::command::{check_seeds, report};
 use crate::variants::results::Budget;
 use crate::variants::train::train;
 use crate::variants::{BASE, jobs};
@@ -129,16 +129,7 @@ pub fn run_leave_out(args: &LeaveOutArgs) -> Result<()> {
         total.finish_and_clear();
     }
     let results = Results::new(budget, stages, &args.seeds, &finished);
-    let json = serde_json::to_string_pretty(&results)? + "\n";
-    output::write(&args.out.join("leave-out.json"), json.as_bytes())?;
-    output::write(&args.out.join("leave-out.svg"), picture::svg(&results)?.as_bytes())?;
-    output::write(&args.out.join("report.txt"), results.to_string().as_bytes())?;
-    if args.json {
-        print!("{json}");
-    } else {
-        println!("{results}\n{}", args.out.join("leave-out.svg").display());
-    }
-    Ok(())
+    report(&args.out, "leave-out", &results, &picture::svg(&results)?, args.json)
 }
 
 /// Episodes of all networks, their features computed once.
@@ -156,15 +147,8 @@ impl Sets {
         let recipes = |split, seed, count| -> Vec<Recipe> {
             EpisodeSet::first(split, seed, count).episodes.into_iter().map(|episode| episode.recipe).collect()
         };
-        let features = |name, recipes: &[Recipe]| -> Result<Vec<Features>> {
-            let bar = progress(name, recipes.len() as u64);
-            let features = generate_set(recipes, |_, episode| {
-                bar.inc(1);
-                Features::from_episode(&episode)
-            })?;
-            bar.finish_and_clear();
-            features.into_iter().collect()
-        };
+        let features =
+            |name, recipes: &[Recipe]| Features::of_recipes(recipes, &progress(name, recipes.len() as u64));
         let known = recipes(Split::TrainAnywhere, budget.data_seed, budget.episodes);
         let test = recipes(Split::ValAnywhere, FROZEN_SEED, budget.test_episodes);
         let of_stage = |&stage: &Stage| {

@@ -1,12 +1,12 @@
 //! The costs as a matrix of colours.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use slipsense_synth::FAMILIES;
 
 use super::results::{KNOWN, Results, lower};
-use crate::variants::picture::failed;
-use slipsense_synth::FAMILIES;
+use crate::picture::{self, Area};
 
 const TOP: i32 = 74;
 const LEFT: i32 = 210;
@@ -28,13 +28,10 @@ pub(super) fn svg(results: &Results) -> Result<String> {
     let stages = results.tested.len() as i32 / FAMILIES as i32;
     let block = HEAD + ROW * FAMILIES as i32;
     let size = ((LEFT + COLUMN * (KNOWN as i32 + 1) + 20) as u32, (TOP + stages * block + 20) as u32);
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(failed)?;
+    let draw = |root: &Area<'_>| {
         let write = |text: &str, x: i32, y: i32, side: HPos| {
-            let style = ("sans-serif", 13).into_text_style(&root).pos(Pos::new(side, VPos::Center));
-            root.draw(&Text::new(text.to_owned(), (x, y), style)).map_err(failed)
+            let style = ("sans-serif", 13).into_text_style(root).pos(Pos::new(side, VPos::Center));
+            root.draw(&Text::new(text.to_owned(), (x, y), style))
         };
         write(
             "Macro F1 on each family, %, and what it costs to train without one, points",
@@ -63,7 +60,7 @@ pub(super) fn svg(results: &Results) -> Result<String> {
                     let Some(cost) = cost else { continue };
                     let (x, points) = (middle(column + 1), cost.difference.points);
                     let corners = [(x - COLUMN / 2, y - ROW / 2), (x + COLUMN / 2, y + ROW / 2)];
-                    root.draw(&Rectangle::new(corners, colour(points).filled())).map_err(failed)?;
+                    root.draw(&Rectangle::new(corners, colour(points).filled()))?;
                     let is_significant =
                         cost.difference.low_points > 0.0 || cost.difference.high_points < 0.0;
                     let mark = if is_significant { " !" } else { "" };
@@ -71,7 +68,7 @@ pub(super) fn svg(results: &Results) -> Result<String> {
                 }
             }
         }
-        root.present().map_err(failed)?;
-    }
-    Ok(svg)
+        anyhow::Ok(())
+    };
+    picture::svg(size, draw).context("cannot draw")
 }

@@ -119,9 +119,7 @@ impl Results {
             tested: tested.collect(),
         }
     }
-}
 
-impl Results {
     /// Mean difference on the family that was left out, and on the others of its stage, points.
     fn mean_points(&self) -> [f64; 2] {
         let costs = self.tested.iter().enumerate().flat_map(|(at, tested)| {
@@ -160,9 +158,7 @@ impl fmt::Display for Results {
                 let all = tested.all_macro_f1.map_or(f64::NAN, |spread| 100.0 * spread.mean);
                 write!(f, "{:14}{all:>8.1}", tested.family)?;
                 for cost in &tested.without {
-                    let text = cost.map_or("–".to_owned(), |Cost { difference: d, .. }| {
-                        format!("{:+.1} ({:+.1} to {:+.1})", d.points, d.low_points, d.high_points)
-                    });
+                    let text = cost.map_or("–".to_owned(), |cost| cost.difference.to_string());
                     write!(f, "{text:>26}")?;
                 }
                 writeln!(f, "{}", if tested.is_held_out { "  held out" } else { "" })?;

@@ -28,22 +28,18 @@ EXPONENT, FULL_SCALE_KPA = 0.92, 5000.0
 CODES_PER_V = 65536 / 3.3
 
 # Corners of what is not under our control: film and layout, amplifier, capacitors.
+BASE = parameters()
+SLOW_FILM = {"film__taxel_pf": 0.0, "film__line_pf": BASE["film"]["line_max_pf"]}
 CORNERS = {
     "nominal": {},
-    "500 pF on each line": {"film__taxel_pf": 0.0, "film__line_pf": "max"},
-    "500 pF, amplifier 30 % slower": {"film__taxel_pf": 0.0, "film__line_pf": "max", "amplifier__gbw_mhz": 0.7},
-    "10 pF, capacitors 5 % high": {"film__taxel_pf": 0.1, "film__line_pf": 10.0, "column__feedback_pf": 1.05,
-                                   "output__feedback_pf": 1.05},
+    "500 pF on each line": SLOW_FILM,
+    "500 pF, amplifier 30 % slower": {**SLOW_FILM, "amplifier__gbw_mhz": 0.7 * BASE["amplifier"]["gbw_mhz"]},
+    "10 pF, capacitors 5 % high": {"film__taxel_pf": 0.1, "film__line_pf": 10.0,
+                                   "column__feedback_pf": 1.05 * BASE["column"]["feedback_pf"],
+                                   "output__feedback_pf": 1.05 * BASE["output"]["feedback_pf"]},
 }
+
 failures = []
-
-
-def corner(name):
-    base = parameters()
-    relative = ("amplifier__gbw_mhz", "column__feedback_pf", "output__feedback_pf")
-    value = lambda key, v: (base["film"]["line_max_pf"] if v == "max"
-                            else v * base[key.split("__")[0]][key.split("__")[1]] if key in relative else v)
-    return parameters(**{key: value(key, v) for key, v in CORNERS[name].items()})
 
 
 def require(holds, text):
@@ -119,7 +115,7 @@ def settling(span_v):
             step = spice.transition(pattern, slot)
             jobs.setdefault(json.dumps(step), (step, pattern_name, slot))
     for name in CORNERS:
-        p = corner(name)
+        p = parameters(**CORNERS[name])
         results = spice.together(lambda job: spice.scan_step(p, *job[0]), jobs.values())
         rows = []
         for (_, pattern_name, slot), data in zip(jobs.values(), results):
@@ -151,7 +147,7 @@ def settling(span_v):
 def margins():
     least = 180.0
     for name in CORNERS:
-        p = corner(name)
+        p = parameters(**CORNERS[name])
         found = {f"column, {load} taxels at full scale": spice.phase_margin(p, "column", load) for load in (0, 1, 8, 32)}
         found |= {stage: spice.phase_margin(p, stage) for stage in ("common", "output")}
         stage = min(found, key=found.get)

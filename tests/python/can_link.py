@@ -28,7 +28,7 @@ class CanLink:
         self.bus = can.Bus(interface="virtual", channel=channel)
         self.open = True
         self.frames = {"to the node": 0, "from the node": 0}
-        self.threads = [threading.Thread(target=run, daemon=True) for run in (self._from_node, self._to_node)]
+        self.threads = [threading.Thread(target=self._carry, args=[step], daemon=True) for step in (self._from_node, self._to_node)]
         for thread in self.threads:
             thread.start()
 
@@ -41,29 +41,27 @@ class CanLink:
             data += part
         return data
 
-    def _from_node(self):
+    def _carry(self, step):
         try:
             while self.open:
-                identifier, length = struct.unpack("<IB", self._exactly(5))
-                message = can.Message(
-                    arbitration_id=identifier, data=self._exactly(length), is_extended_id=True, is_fd=True, bitrate_switch=True
-                )
-                self.frames["from the node"] += 1
-                self.bus.send(message)
+                step()
         except OSError:
             if self.open:
                 raise
 
+    def _from_node(self):
+        identifier, length = struct.unpack("<IB", self._exactly(5))
+        message = can.Message(
+            arbitration_id=identifier, data=self._exactly(length), is_extended_id=True, is_fd=True, bitrate_switch=True
+        )
+        self.frames["from the node"] += 1
+        self.bus.send(message)
+
     def _to_node(self):
-        try:
-            while self.open:
-                message = self.bus.recv(timeout=0.1)
-                if message is not None:
-                    self.frames["to the node"] += 1
-                    self.socket.sendall(struct.pack("<IB", message.arbitration_id, len(message.data)) + bytes(message.data))
-        except OSError:
-            if self.open:
-                raise
+        message = self.bus.recv(timeout=0.1)
+        if message is not None:
+            self.frames["to the node"] += 1
+            self.socket.sendall(struct.pack("<IB", message.arbitration_id, len(message.data)) + bytes(message.data))
 
     def close(self):
         self.open = False

@@ -89,9 +89,7 @@ def written(made):
         "script": "tests/python/check_baselines.py",
         "synthetic": True,
         "seed": SEED,
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "librosa": librosa.__version__,
+        **{module.__name__: module.__version__ for module in (np, scipy, librosa)},
         "scikit-learn": sklearn.__version__,
         "lsb_g": LSB_G,
     }

@@ -50,25 +50,20 @@ def encode(extended, kind, identifier, dlc, data):
     else:
         head += number_bits(identifier, 11) + [remote, 0]
     if fd:
-        head += [1, 0]
-        brs = len(head)
-        head += [int(switch), passive]
+        brs = len(head) + 2
+        head += [1, 0, int(switch), passive]
     else:
         head += [0, 0] if extended else [0]
-        brs = None
     head += number_bits(dlc, 4)
-    payload = [bit for byte in data for bit in number_bits(byte, 8)]
+    body = head + [bit for byte in data for bit in number_bits(byte, 8)]
+    end = [1, 0, 1] + [1] * 7
 
     if not fd:
-        body = head + payload
-        checksum = number_bits(remainder(body, CRC15, 15, 0), 15)
-        levels, _ = stuff(body + checksum)
-        levels += [1, 0, 1] + [1] * 7
+        levels = stuff(body + number_bits(remainder(body, CRC15, 15, 0), 15))[0] + end
         return levels, ["n"] * len(levels)
 
-    body = head + payload
     levels, owner = stuff(body)
-    if owner[-1] == len(body) - 1 and len(owner) > 1 and owner[-2] == len(body) - 1:
+    if owner[-2:] == [len(body) - 1] * 2:
         # Five equal bits end the data field: the fixed stuff bit takes the place of this one.
         levels.pop()
         owner.pop()
@@ -78,23 +73,16 @@ def encode(extended, kind, identifier, dlc, data):
     polynomial, width = (CRC21, 21) if len(data) > 16 else (CRC17, 17)
     checksum = number_bits(remainder(levels + counted, polynomial, width, 1 << (width - 1)), width)
     # Stuff bits that follow BRS itself are already in the data phase.
-    rates, seen_brs = [], False
-    for place in owner:
-        if place < brs or not switch:
-            rates.append("n")
-        elif place == brs and not seen_brs:
-            seen_brs = True
-            rates.append(">")
-        else:
-            rates.append("d")
+    rates = ["d" if switch and place >= brs else "n" for place in owner]
+    if switch:
+        rates[owner.index(brs)] = ">"
     tail = counted + checksum
     for start in range(0, len(tail), 4):
         four = tail[start : start + 4]
         levels += [1 - levels[-1]] + four
         rates += ["d" if switch else "n"] * (1 + len(four))
-    levels += [1, 0, 1] + [1] * 7
     rates += ["<" if switch else "n"] + ["n"] * 9
-    return levels, rates
+    return levels + end, rates
 
 
 def main():

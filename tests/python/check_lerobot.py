@@ -15,16 +15,7 @@ import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from slipsense import lerobot
 
-from checks import require
-
-
-def refused(call, *words):
-    try:
-        call()
-    except ValueError as error:
-        require(all(word in str(error) for word in words), f"refused: {error}")
-    else:
-        require(False, f"refused: {words}")
+from checks import refused, require
 
 
 def main():

@@ -22,14 +22,6 @@ INTERVALS_WITHIN = 1e-6
 SLIP = 2
 
 
-def of_class(label, decided, which):
-    """Precision, recall and F1 of a class; None where there is nothing to divide by."""
-    precision, recall, f1, _ = metrics.precision_recall_fscore_support(
-        label, decided, labels=[which], average=None, zero_division=np.nan
-    )
-    return [None if np.isnan(value[0]) else value[0] for value in (precision, recall, f1)]
-
-
 def check(case, differences):
     """Add the differences of one case."""
     label, decided, figures = np.array(case["label"]), np.array(case["class"]), case["figures"]
@@ -41,19 +33,21 @@ def check(case, differences):
             difference = abs(found - expected)
         differences[what] = max(differences.get(what, 0.0), difference)
 
+    def compare_class(name, found, label, decided, which):
+        """Precision, recall and F1 of a class; None where there is nothing to divide by."""
+        expected = metrics.precision_recall_fscore_support(label, decided, labels=[which], zero_division=np.nan)
+        for key, [value] in zip(["precision_share", "recall_share", "f1"], expected):
+            compare(f"{key} of {name}", found[key], None if np.isnan(value) else value)
+
     confusion = metrics.confusion_matrix(label, decided, labels=[0, 1, 2])
     compare("confusion", float(np.abs(confusion - figures["confusion_frames"]).max()), 0.0)
     compare("accuracy", figures["accuracy_share"], metrics.accuracy_score(label, decided))
     compare("macro F1", figures["macro_f1"], metrics.f1_score(label, decided, average="macro"))
     for which, found in enumerate(figures["classes"]):
-        values = of_class(label, decided, which)
-        for key, expected in zip(["precision_share", "recall_share", "f1"], values):
-            compare(f"{key} of {found['name']}", found[key], expected)
+        compare_class(found["name"], found, label, decided, which)
     touched = label != 0
     if touched.any():
-        values = of_class(label[touched], decided[touched], SLIP)
-        for key, expected in zip(["precision_share", "recall_share", "f1"], values):
-            compare(f"{key} of slip in contact", figures["contact_only_slip"][key], expected)
+        compare_class("slip in contact", figures["contact_only_slip"], label[touched], decided[touched], SLIP)
     quiet = label != SLIP
     share = float((decided[quiet] == SLIP).mean()) if quiet.any() else None
     compare("FPR of non-slip", figures["fpr_of_non_slip_share"], share)

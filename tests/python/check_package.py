@@ -17,20 +17,10 @@ import numpy
 import slipsense
 from slipsense import lerobot
 
-from checks import require
+from checks import refused, require
 
 FRAME_RATE_HZ = 240
 EPISODE_ARRAYS = ["piezo", "xl", "xl_end", "label", "slip_true", "slip_fraction", "displacement_mm"]
-
-
-def refused(call, *words):
-    try:
-        call()
-    except ValueError as error:
-        missing = [word for word in words if word not in str(error)]
-        require(not missing, f"refused: {error}")
-    else:
-        sys.exit(f"error: nothing said about {words}")
 
 
 def parts(episode, arrays, frame):

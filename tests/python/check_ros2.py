@@ -148,28 +148,16 @@ def check_bag(checks, bag, predictions, episode):
     )
 
 
-def readers():
-    """Cyclone DDS on the topics of slip and of the first sensor's counts."""
-    import ros2_types
-    from cyclonedds.core import Policy, Qos
-    from cyclonedds.domain import DomainParticipant
-    from cyclonedds.sub import DataReader
-    from cyclonedds.topic import Topic
-    from cyclonedds.util import duration
-
-    participant = DomainParticipant(DOMAIN)
-    keep = Policy.History.KeepLast(4096)
-    reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)), keep)
-    slip = DataReader(participant, Topic(participant, f"rt{NODE}/slip", ros2_types.Slip), qos=reliable)
-    effort = Qos(Policy.Reliability.BestEffort, keep)
-    topic = Topic(participant, f"rt{NODE}/sensor0/counts", ros2_types.Image)
-    return slip, DataReader(participant, topic, qos=effort)
-
-
 def check_node(checks, program, log, predictions, episode):
     """The node's messages, as another DDS hears them."""
     predictions, piezo = np.load(predictions), np.load(episode)["piezo"]
-    slip, counts = readers()
+    import ros2_types as ros
+    from cyclonedds.core import Policy
+    from cyclonedds.domain import DomainParticipant
+
+    participant, keep = DomainParticipant(DOMAIN), Policy.History.KeepLast(4096)
+    slip = ros.reader(participant, f"rt{NODE}/slip", ros.Slip, ros.RELIABLE, keep)
+    counts = ros.reader(participant, f"rt{NODE}/sensor0/counts", ros.Image, Policy.Reliability.BestEffort, keep)
     command = [program, "node", log, "--wait", str(JOIN_S), "--domain-id", str(DOMAIN)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
         decisions, images, quiet = [], [], time.monotonic()
@@ -204,13 +192,11 @@ def check_node(checks, program, log, predictions, episode):
 
 def check_tare(checks, program, log):
     """A live module: a subscriber that comes late gets `info`; the service tares, by the command of Cyphal."""
-    import ros2_types
+    import ros2_types as ros
     from cyclonedds.core import Policy, Qos
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.pub import DataWriter
-    from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
-    from cyclonedds.util import duration
 
     module = fake_module.Module(log)
     module.start()
@@ -218,15 +204,14 @@ def check_tare(checks, program, log):
     with subprocess.Popen(command, env=os.environ | {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}) as node:
         time.sleep(LATE_S)
         participant = DomainParticipant(DOMAIN)
-        reliable = Policy.Reliability.Reliable(duration(seconds=1))
-        qos, latched = Qos(reliable), Qos(reliable, Policy.Durability.TransientLocal)
-        info = DataReader(participant, Topic(participant, f"rt{NODE}/info", ros2_types.Info), qos=latched)
+        info = ros.reader(participant, f"rt{NODE}/info", ros.Info, ros.RELIABLE, Policy.Durability.TransientLocal)
         service = f"{NODE}/sensor0/tare"
-        calls = DataWriter(participant, Topic(participant, f"rq{service}Request", ros2_types.TriggerRequest), qos=qos)
-        answers = DataReader(participant, Topic(participant, f"rr{service}Reply", ros2_types.TriggerResponse), qos=qos)
+        topic = Topic(participant, f"rq{service}Request", ros.TriggerRequest)
+        calls = DataWriter(participant, topic, qos=Qos(ros.RELIABLE))
+        answers = ros.reader(participant, f"rr{service}Reply", ros.TriggerResponse, ros.RELIABLE)
         time.sleep(LATE_S)
         said = [sample for sample in info.take(N=16) if hasattr(sample, "header")]
-        calls.write(ros2_types.TriggerRequest(guid=5, sequence=7, structure_needs_at_least_one_member=0))
+        calls.write(ros.TriggerRequest(guid=5, sequence=7, structure_needs_at_least_one_member=0))
         deadline, answered = time.monotonic() + JOIN_S, []
         while not answered and time.monotonic() < deadline:
             answered = [sample for sample in answers.take(N=16) if hasattr(sample, "success")]

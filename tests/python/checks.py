@@ -35,3 +35,13 @@ def require(is_so, what):
     if not is_so:
         sys.exit(f"error: {what}")
     print(f"  {what}")
+
+
+def refused(call, *words):
+    """Print the ValueError of `call`; end with an error where there is none, or one without these words."""
+    try:
+        call()
+    except ValueError as error:
+        require(all(word in str(error) for word in words), f"refused: {error}")
+    else:
+        sys.exit(f"error: nothing said about {words}")

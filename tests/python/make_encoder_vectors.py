@@ -172,9 +172,7 @@ def main():
         sys.exit(0 if worst <= TOLERANCE else 1)
     origin = {
         "script": "tests/python/make_encoder_vectors.py",
-        "torch": torch.__version__,
-        "torchvision": torchvision.__version__,
-        "transformers": transformers.__version__,
+        **{module.__name__: module.__version__ for module in (torch, torchvision, transformers)},
     }
     rounded = lambda tree: (
         {key: rounded(part) for key, part in tree.items()} if isinstance(tree, dict)

@@ -171,9 +171,7 @@ def written(made, results):
         "script": "tests/python/make_logmel_vectors.py",
         "synthetic": True,
         "seed": SEED,
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "librosa": librosa.__version__,
+        **{module.__name__: module.__version__ for module in (np, scipy, librosa)},
         "floor_lsb2": FLOOR_LSB2,
         "epsilon_nat2": EPSILON_NAT2,
     }

@@ -7,12 +7,11 @@ with the crate canadensis_data_types, which is generated from the original.
 
 import pathlib
 
-SCALARS = ["bool Bit 2048"] + [
-    f"{kind}{bits} {name}{bits} {2048 // bits}"
-    for kind, name, widths in (("int", "Integer", (8, 16, 32, 64)), ("uint", "Natural", (8, 16, 32, 64)), ("float", "Real", (16, 32, 64)))
-    for bits in widths
-]
-
+KINDS = (("int", "Integer", (64, 32, 16, 8)), ("uint", "Natural", (64, 32, 16, 8)), ("float", "Real", (64, 32, 16)))
+# Type of an element and most elements, by name.
+ARRAYS = {"Bit": ("bool", 2048)} | {
+    f"{name}{bits}": (f"{kind}{bits}", 2048 // bits) for kind, name, widths in KINDS for bits in widths
+}
 TYPES = {
     "primitive/Empty.1.0": "@sealed",
     "primitive/String.1.0": "uint8[<=256] value\n@sealed",
@@ -44,12 +43,8 @@ TYPES = {
     "uint8[<=255] text\n@extent 300 * 8",
     "register/Name.1.0": "uint8[<=255] name\n@sealed",
     "register/Value.1.0": "@union\nuavcan.primitive.Empty.1.0 empty\nuavcan.primitive.String.1.0 string\n"
-    "uavcan.primitive.Unstructured.1.0 unstructured\nuavcan.primitive.array.Bit.1.0 bit\n"
-    + "".join(
-        f"uavcan.primitive.array.{name}{bits}.1.0 {name.lower()}{bits}\n"
-        for name, widths in (("Integer", (64, 32, 16, 8)), ("Natural", (64, 32, 16, 8)), ("Real", (64, 32, 16)))
-        for bits in widths
-    )
+    "uavcan.primitive.Unstructured.1.0 unstructured\n"
+    + "".join(f"uavcan.primitive.array.{name}.1.0 {name.lower()}\n" for name in ARRAYS)
     + "@sealed",
     "register/384.Access.1.0": "Name.1.0 name\nValue.1.0 value\n@sealed\n---\n"
     "uavcan.time.SynchronizedTimestamp.1.0 timestamp\nbool mutable\nbool persistent\nvoid6\nValue.1.0 value\n@sealed",
@@ -78,8 +73,7 @@ def write(folder):
     """Write the namespace `uavcan` into `folder`; returns its path."""
     root = pathlib.Path(folder) / "uavcan"
     types = dict(TYPES)
-    for entry in SCALARS:
-        dsdl, name, most = entry.split()
+    for name, (dsdl, most) in ARRAYS.items():
         types[f"primitive/array/{name}.1.0"] = f"{dsdl}[<={most}] value\n@sealed"
         types[f"primitive/scalar/{name}.1.0"] = f"{dsdl} value\n@sealed"
     for name, text in types.items():

@@ -1,31 +1,35 @@
-"""The messages of ROS 2 as Cyclone DDS has them: written a second time, from slipsense_msgs and ROS' own packages."""
+"""ROS 2 as Cyclone DDS has it: readers, and the messages written a second time, from slipsense_msgs and ROS' own packages."""
 
 from dataclasses import dataclass
 
+from cyclonedds.core import Policy, Qos
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import array, float32, int8, int16, int32, int64, sequence, uint8, uint16, uint32, uint64
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+
+
+def reader(participant, topic, kind, *policies):
+    return DataReader(participant, Topic(participant, topic, kind), qos=Qos(*policies))
 
 
 @dataclass
 class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    """builtin_interfaces/Time."""
-
     sec: int32
     nanosec: uint32
 
 
 @dataclass
 class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    """std_msgs/Header."""
-
     stamp: Time
     frame_id: str
 
 
 @dataclass
 class SensorContact(IdlStruct, typename="slipsense_msgs::msg::dds_::SensorContact_"):
-    """slipsense_msgs/SensorContact."""
-
     health: uint8
     count_sum: uint32
     area: uint16
@@ -37,8 +41,6 @@ class SensorContact(IdlStruct, typename="slipsense_msgs::msg::dds_::SensorContac
 
 @dataclass
 class Slip(IdlStruct, typename="slipsense_msgs::msg::dds_::Slip_"):
-    """slipsense_msgs/Slip."""
-
     header: Header
     timestamp_us: uint64
     sequence: uint32
@@ -58,8 +60,6 @@ class Slip(IdlStruct, typename="slipsense_msgs::msg::dds_::Slip_"):
 
 @dataclass
 class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
-    """sensor_msgs/Image."""
-
     header: Header
     height: uint32
     width: uint32
@@ -71,8 +71,6 @@ class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
 
 @dataclass
 class Info(IdlStruct, typename="slipsense_msgs::msg::dds_::Info_"):
-    """slipsense_msgs/Info."""
-
     header: Header
     frame_rate_hz: float32
     rows: uint16
@@ -95,8 +93,6 @@ class TriggerRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"
 
 @dataclass
 class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
-    """And answers."""
-
     guid: uint64
     sequence: int64
     success: bool

@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
-use slipsense_can_sim::{Format, Frame, Id, Rate, WireBits};
+use slipsense_can_sim::{Format, Frame, Id, Rate, wire_bits};
 
 /// The generator of Numerical Recipes: any will do, it only has to be the same every time.
 struct Random(u64);
@@ -58,15 +58,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Format::Fd { bit_rate_switch: true, error_passive: true } => "fd-brs-esi",
         };
         let data: String = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
-        let levels: String = WireBits::new(&frame).map(|bit| if bit.level { '1' } else { '0' }).collect();
-        let rates: String = WireBits::new(&frame)
-            .map(|bit| match bit.rate {
+        let (mut levels, mut rates) = (String::new(), String::new());
+        wire_bits(&frame, |bit| {
+            levels.push(if bit.level { '1' } else { '0' });
+            rates.push(match bit.rate {
                 Rate::Nominal => 'n',
                 Rate::ToData => '>',
                 Rate::Data => 'd',
                 Rate::ToNominal => '<',
-            })
-            .collect();
+            });
+        });
         writeln!(
             out,
             "{} {name} {number:x} {} {} {levels} {rates}",

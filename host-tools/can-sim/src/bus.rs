@@ -3,7 +3,7 @@
 use crate::confinement::{ErrorState, FaultConfinement, RECOVERY_BITS};
 use crate::frame::Frame;
 use crate::timing::Timing;
-use crate::wire_bits::{Field, Rate, WireBits};
+use crate::wire_bits::{Field, Rate, wire_bits};
 
 const ERROR_FLAG: u32 = 6;
 /// The others' flags start at the sixth bit of the first at the latest.
@@ -80,8 +80,7 @@ impl<const N: usize> Bus<N> {
     /// Other bit timings, as when a node's are set after reset. Counters stay; the bus is free from `now` on.
     pub fn set_timing(&mut self, timing: Timing, now: u64) {
         self.timing = timing;
-        self.ready = [now; N];
-        self.returns = [u64::MAX; N];
+        (self.ready, self.returns) = ([now; N], [u64::MAX; N]);
     }
 
     /// A node that joins has to see 11 recessive bits first: it starts no frame before this cycle.
@@ -161,22 +160,24 @@ impl<const N: usize> Bus<N> {
         let acknowledged = !disturbance.no_acknowledge && (0..N).any(hears);
         let mut end = start;
         let mut outcome = Outcome::Sent;
-        for (index, bit) in WireBits::new(frame).enumerate() {
+        let mut index = 0;
+        wire_bits(frame, |bit| {
+            if outcome != Outcome::Sent {
+                return;
+            }
             end += u64::from(self.timing.bit(bit.rate));
-            if disturbance.wrong_bit == u32::try_from(index).ok() {
+            if disturbance.wrong_bit == Some(index) {
                 outcome = Outcome::Error(bit.field);
                 // The error flag starts with the next bit, at the nominal rate from this bit's sample point on.
                 if matches!(bit.rate, Rate::Data | Rate::ToData) {
                     let (nominal, data) = (self.timing.nominal, self.timing.data);
                     end = end - u64::from(data.after_sample()) + u64::from(nominal.after_sample());
                 }
-                break;
-            }
-            if bit.field == Field::AckSlot && !acknowledged {
+            } else if bit.field == Field::AckSlot && !acknowledged {
                 outcome = Outcome::NotAcknowledged;
-                break;
             }
-        }
+            index += 1;
+        });
         let passive = self.nodes[node].state() == ErrorState::Passive;
         if outcome != Outcome::Sent {
             // Six equal bits break the others' stuffing rule, and they answer with a flag of their own. Nobody answers
@@ -192,20 +193,19 @@ impl<const N: usize> Bus<N> {
     }
 
     fn count(&mut self, sender: usize, outcome: Outcome) {
-        match outcome {
-            Outcome::Sent => self.nodes[sender].transmitted(),
-            Outcome::NotAcknowledged => self.nodes[sender].not_acknowledged(),
-            Outcome::Error(_) => self.nodes[sender].transmit_error(),
-        }
-        for node in (0..N).filter(|&node| node != sender) {
-            if self.ready(node).is_none() {
+        for node in 0..N {
+            if node != sender && self.ready(node).is_none() {
                 continue;
             }
-            match outcome {
-                Outcome::Sent => self.nodes[node].received(),
+            let counters = &mut self.nodes[node];
+            match (outcome, node == sender) {
+                (Outcome::Sent, true) => counters.transmitted(),
+                (Outcome::Sent, false) => counters.received(),
+                (Outcome::NotAcknowledged, true) => counters.not_acknowledged(),
+                (Outcome::NotAcknowledged, false) => {}
+                (Outcome::Error(_), true) => counters.transmit_error(),
                 // All see the error in the same bit, so nobody's flag is the first.
-                Outcome::Error(_) => self.nodes[node].receive_error(false),
-                Outcome::NotAcknowledged => {}
+                (Outcome::Error(_), false) => counters.receive_error(false),
             }
         }
     }

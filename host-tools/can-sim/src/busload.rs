@@ -118,47 +118,30 @@ pub fn plan(
     let cycles = |frames: &[Frame]| -> u64 {
         frames.iter().map(|frame| timing.frame(frame) + timing.intermission()).sum()
     };
-    let mean = |cycles: u64, messages: f64| cycles as f64 / messages;
     let exact = load(
         plan,
         timing,
-        mean(cycles(&sample.slip), sample.slip.len() as f64),
-        mean(cycles(&sample.raw), f64::from(sample.raw_messages)),
+        cycles(&sample.slip) as f64 / sample.slip.len() as f64,
+        cycles(&sample.raw) as f64 / f64::from(sample.raw_messages),
     );
     let worst = load(plan, timing, longest.slip as f64, longest.raw_message as f64);
-
-    let frame_max = |frames: &[Frame]| frames.iter().map(|frame| timing.frame(frame)).max().unwrap_or(0);
     let foreign = if plan.foreign_percent > 0 { longest.foreign } else { 0 };
-    let raw_exact = if plan.raw_every > 0 { frame_max(&sample.raw) } else { 0 };
-    let raw_worst = if plan.raw_every > 0 { longest.raw_frame } else { 0 };
-    let slip_exact = frame_max(&sample.slip);
-    let calculated = |blocking: u64, slip: u64| us(timing, wait(plan, timing, blocking, slip));
-    Ok(BusLoad {
-        nominal_bps,
-        data_bps,
-        exact,
-        worst,
-        latency_exact: Latency {
-            calculated_us: calculated(raw_exact.max(foreign), slip_exact),
-            simulated_us: us(timing, simulate(plan, timing, &sample.slip, &sample.raw)?),
-        },
-        latency_worst: Latency {
-            calculated_us: calculated(raw_worst.max(foreign), longest.slip - timing.intermission()),
-            simulated_us: us(
-                timing,
-                simulate(
-                    plan,
-                    timing,
-                    &[longest_frame(slip_id(0), 64, timing)],
-                    &[longest_frame(raw_id(plan, 0), longest.raw_bytes, timing)],
-                )?,
-            ),
-        },
-    })
-}
-
-fn us(timing: &Timing, cycles: u64) -> f64 {
-    timing.ns(cycles) as f64 / 1000.0
+    let latency =
+        |slip_cycles: u64, raw_cycles: u64, slip: &[Frame], raw: &[Frame]| -> Result<_, Collision> {
+            let blocking = foreign.max(if plan.raw_every > 0 { raw_cycles } else { 0 });
+            let us = |cycles: u64| timing.ns(cycles) as f64 / 1000.0;
+            Ok(Latency {
+                calculated_us: us(wait(plan, timing, blocking, slip_cycles)),
+                simulated_us: us(simulate(plan, timing, slip, raw)?),
+            })
+        };
+    let frame_max = |frames: &[Frame]| frames.iter().map(|frame| timing.frame(frame)).max().unwrap_or(0);
+    let latency_exact = latency(frame_max(&sample.slip), frame_max(&sample.raw), &sample.slip, &sample.raw)?;
+    let longest_slip = longest_frame(slip_id(0), 64, timing);
+    let longest_raw = longest_frame(raw_id(plan, 0), longest.raw_bytes, timing);
+    let slip_cycles = longest.slip - timing.intermission();
+    let latency_worst = latency(slip_cycles, longest.raw_frame, &[longest_slip], &[longest_raw])?;
+    Ok(BusLoad { nominal_bps, data_bps, exact, worst, latency_exact, latency_worst })
 }
 
 fn load(plan: &Plan, timing: &Timing, slip_cycles: f64, raw_cycles: f64) -> Load {
@@ -315,43 +298,36 @@ fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> Resu
             }
         }
         let offered = core::array::from_fn(|node| frames[node].as_ref());
-        let Some(attempt) = bus.attempt(now, &offered, Disturbance::default())? else {
+        let handed_over = match bus.attempt(now, &offered, Disturbance::default())? {
             // Nothing fills this bus: the slip messages go when they come.
-            now = next_tick;
-            periods += 1;
-            hand_over(plan, slip, &mut queued, now, periods);
-            next_tick += period;
-            continue;
-        };
-        let is_slip = attempt.node < NODES_MAX && queued[attempt.node].is_some_and(|(at, _)| at <= now);
-        if is_slip {
-            if let Some((at, _)) = queued[attempt.node].take().filter(|_| attempt.node + 1 == plan.nodes) {
-                longest = longest.max(attempt.end - at);
+            None => {
+                now = next_tick;
+                Some(now)
             }
-        } else {
-            sent_raw += 1;
-            if attempt.start >= next_tick && periods < SIMULATED_PERIODS {
-                periods += 1;
-                hand_over(plan, slip, &mut queued, attempt.start + bit, periods);
-                next_tick += period;
+            Some(attempt) => {
+                let sent =
+                    queued.get_mut(attempt.node).and_then(|queued| queued.take_if(|(at, _)| *at <= now));
+                now = attempt.end + timing.intermission();
+                if let Some((at, _)) = sent {
+                    if attempt.node + 1 == plan.nodes {
+                        longest = longest.max(attempt.end - at);
+                    }
+                    continue;
+                }
+                sent_raw += 1;
+                (attempt.start >= next_tick && periods < SIMULATED_PERIODS).then_some(attempt.start + bit)
+            }
+        };
+        if let Some(at) = handed_over {
+            periods += 1;
+            next_tick += period;
+            for (node, queued) in queued.iter_mut().take(plan.nodes).enumerate() {
+                let frame = &slip[(periods as usize + node) % slip.len()];
+                *queued = Some((at, readdressed(frame, slip_id(node))));
             }
         }
-        now = attempt.end + timing.intermission();
     }
     Ok(longest)
-}
-
-fn hand_over(
-    plan: &Plan,
-    slip: &[Frame],
-    queued: &mut [Option<(u64, Frame)>; NODES_MAX],
-    at: u64,
-    period: u32,
-) {
-    for (node, queued) in queued.iter_mut().take(plan.nodes).enumerate() {
-        let frame = &slip[(period as usize + node) % slip.len()];
-        *queued = Some((at, readdressed(frame, slip_id(node))));
-    }
 }
 
 const _: () = assert!(MAX_SENSORS == 3 && FD_LENGTHS[15] == 64);
@@ -374,6 +350,10 @@ mod tests {
         foreign_percent: 0,
     };
     const COMPRESSED: Plan = Plan { raw_form: RawForm::Compressed(Detail::All), ..ONE };
+
+    fn planned(asked: Plan, data_bps: u32) -> BusLoad {
+        plan(&asked, &sample(33), 1_000_000, data_bps, &timing(data_bps)).unwrap()
+    }
 
     fn sample(samples: usize) -> Sample {
         let mut sample = Sample::default();
@@ -405,8 +385,7 @@ mod tests {
             for raw_form in [ONE.raw_form, COMPRESSED.raw_form] {
                 let asked = Plan { nodes, foreign_percent, raw_every, raw_form, ..ONE };
                 for data_bps in [2_000_000, 5_000_000, 8_000_000] {
-                    let of = plan(&asked, &sample(33), 1_000_000, data_bps, &timing(data_bps)).unwrap();
-                    let found = of.latency_worst;
+                    let found = planned(asked, data_bps).latency_worst;
                     assert!(found.simulated_us <= found.calculated_us, "{asked:?}: {found:?}");
                     assert!(found.simulated_us > 0.95 * found.calculated_us, "{asked:?}: {found:?}");
                 }
@@ -416,9 +395,8 @@ mod tests {
 
     #[test]
     fn a_bus_without_other_traffic_makes_nobody_wait() {
-        let found =
-            plan(&Plan { raw_every: 0, ..ONE }, &sample(33), 1_000_000, 8_000_000, &timing(8_000_000));
-        let Latency { calculated_us, simulated_us } = found.unwrap().latency_worst;
+        let Latency { calculated_us, simulated_us } =
+            planned(Plan { raw_every: 0, ..ONE }, 8_000_000).latency_worst;
         assert_eq!(calculated_us, simulated_us);
         assert!((125.0..135.0).contains(&calculated_us), "{calculated_us}");
     }
@@ -433,7 +411,7 @@ mod tests {
 
     #[test]
     fn load_is_proportional_to_what_is_sent() {
-        let of = |asked: Plan| plan(&asked, &sample(33), 1_000_000, 8_000_000, &timing(8_000_000)).unwrap();
+        let of = |asked| planned(asked, 8_000_000);
         let one = of(ONE);
         let (two, half) = (of(Plan { sensors: 2, ..ONE }), of(Plan { raw_every: 2, ..ONE }));
         assert!((two.exact.raw_percent - 2.0 * one.exact.raw_percent).abs() < 1e-9);

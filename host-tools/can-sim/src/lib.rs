@@ -3,8 +3,8 @@
 //! comes back.
 //!
 //! ```text
-//! Frame ──> WireBits ──> FrameBits ──> Timing::frame ──> Bus: arbitration, acknowledge, errors, bus-off
-//!           every bit    how many      clock cycles
+//! Frame ──> wire_bits ──> FrameBits ──> Timing::frame ──> Bus: arbitration, acknowledge, errors, bus-off
+//!           every bit     how many     clock cycles
 //! ```
 //!
 //! No allocation, no floating point: emulated peripheral, scheduler tests and bus planner use the same arithmetic.
@@ -34,5 +34,5 @@ pub use confinement::{ErrorState, FaultConfinement, RECOVERY_BITS};
 pub use crc::{CRC_15, CRC_17, CRC_21, Crc};
 pub use frame::{Format, Frame, FrameError, Id, MAX_DATA, dlc_of, len_of};
 pub use timing::{BitTiming, INTERMISSION, Timing, TimingError};
-pub use wire_bits::{Field, FrameBits, Rate, WireBit, WireBits};
+pub use wire_bits::{Field, FrameBits, Rate, Stuff, WireBit, wire_bits};
 pub use worst_case::worst_case;

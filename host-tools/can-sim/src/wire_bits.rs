@@ -1,5 +1,7 @@
 //! A frame as the levels on the bus, in order, stuff bits included.
 
+use core::cmp::Ordering;
+
 use crate::crc::{CRC_15, CRC_17, CRC_21, Crc};
 use crate::frame::{Format, Frame, Id};
 
@@ -38,8 +40,16 @@ pub struct WireBit {
     pub level: bool,
     pub field: Field,
     pub rate: Rate,
-    /// Is it a stuff bit, dynamic or fixed?
-    pub stuff: bool,
+    pub stuff: Stuff,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stuff {
+    No,
+    /// After a run of equal bits.
+    Dynamic,
+    /// Of CAN FD's checksum field.
+    Fixed,
 }
 
 /// How many bits of each kind. The intermission after the frame is not among them.
@@ -59,26 +69,23 @@ impl FrameBits {
         self.nominal + self.data + 2 * self.switched as u32
     }
 
-    pub(crate) const fn count(&mut self, rate: Rate) {
-        match rate {
+    pub(crate) const fn count(&mut self, bit: WireBit) {
+        match bit.rate {
             Rate::Nominal => self.nominal += 1,
             Rate::Data => self.data += 1,
             Rate::ToData => self.switched = true,
             Rate::ToNominal => {}
         }
+        match bit.stuff {
+            Stuff::No => {}
+            Stuff::Dynamic => self.dynamic_stuff += 1,
+            Stuff::Fixed => self.fixed_stuff += 1,
+        }
     }
 
     pub fn of(frame: &Frame) -> Self {
         let mut bits = Self::default();
-        for bit in WireBits::new(frame) {
-            bits.count(bit.rate);
-            bits.dynamic_stuff += (bit.stuff && bit.field != Field::Crc) as u32;
-            bits.fixed_stuff += (bit.stuff && bit.field == Field::Crc) as u32;
-        }
-        if !frame.format().is_fd() {
-            // A classic frame's checksum is stuffed like the rest.
-            bits.dynamic_stuff += core::mem::take(&mut bits.fixed_stuff);
-        }
+        wire_bits(frame, |bit| bits.count(bit));
         bits
     }
 }
@@ -146,11 +153,13 @@ impl Header {
         self.bits >> (self.len - 1 - index) & 1 != 0
     }
 
+    /// Of a bit of header or data field.
     pub fn field(&self, index: u32) -> Field {
         match index {
             0 => Field::Start,
             _ if index < self.arbitration => Field::Arbitration,
-            _ => Field::Control,
+            _ if index < self.len => Field::Control,
+            _ => Field::Data,
         }
     }
 
@@ -176,172 +185,65 @@ const fn stuff_count_field(dynamic_stuff: u32) -> u32 {
     (gray << 1) | (gray.count_ones() % 2)
 }
 
-#[derive(Clone, Copy, Debug)]
-enum Stage {
-    /// Header and data; next of them.
-    Stuffed(u32),
-    /// Checksum field without its stuff bits; next of them.
-    Checksum(u32),
-    Tail(usize),
-}
+/// Hands every bit of a frame to `emit`, from start of frame to the last bit of end of frame.
+pub fn wire_bits(frame: &Frame, mut emit: impl FnMut(WireBit)) {
+    let (fd, switches, data) = (frame.format().is_fd(), frame.format().switches(), frame.data());
+    let (header, crc) = (Header::of(frame), crc_of(frame.format(), data.len()));
+    let (mut last, mut run) = (true, 0);
+    // Is it the last of a full run of equal bits?
+    let mut send = |level, field, rate, stuff| {
+        run = if level == last { run + 1 } else { 1 };
+        last = level;
+        emit(WireBit { level, field, rate, stuff });
+        run == RUN
+    };
 
-/// Iterator over the bits of a frame, from start of frame to the last bit of end of frame.
-#[derive(Clone, Debug)]
-pub struct WireBits<'a> {
-    frame: &'a Frame,
-    header: Header,
-    crc: Crc,
-    register: u32,
-    stage: Stage,
-    /// Level of the last bit and how many like it came in a row.
-    last: bool,
-    run: u8,
-    dynamic_stuff: u32,
-    /// The checksum field, once known.
-    checksum: u32,
-    checksum_len: u32,
-    /// Was the fixed stuff bit before the next checksum bit sent?
-    fixed_sent: bool,
-}
-
-impl<'a> WireBits<'a> {
-    pub fn new(frame: &'a Frame) -> Self {
-        let crc = crc_of(frame.format(), frame.data().len());
-        Self {
-            frame,
-            header: Header::of(frame),
-            crc,
-            register: crc.start,
-            stage: Stage::Stuffed(0),
-            last: true,
-            run: 0,
-            dynamic_stuff: 0,
-            checksum: 0,
-            checksum_len: 0,
-            fixed_sent: false,
-        }
-    }
-
-    fn is_fd(&self) -> bool {
-        self.frame.format().is_fd()
-    }
-
-    fn stuffed_len(&self) -> u32 {
-        self.header.len + 8 * self.frame.data().len() as u32
-    }
-
-    fn rate_after_brs(&self) -> Rate {
-        if self.frame.format().switches() { Rate::Data } else { Rate::Nominal }
-    }
-
-    /// Rate of header and data bit `index`; `stuff`: of the stuff bit after it.
-    fn rate(&self, index: u32, stuff: bool) -> Rate {
-        if !self.is_fd() || index < self.header.brs() {
-            Rate::Nominal
-        } else if index == self.header.brs() && !stuff && self.frame.format().switches() {
-            Rate::ToData
-        } else {
-            self.rate_after_brs()
-        }
-    }
-
-    fn send(&mut self, level: bool) -> bool {
-        self.run = if level == self.last { self.run + 1 } else { 1 };
-        self.last = level;
-        level
-    }
-
-    fn stuffed_field(&self, index: u32) -> Field {
-        if index < self.header.len { self.header.field(index) } else { Field::Data }
-    }
-
-    fn stuffed(&mut self, index: u32) -> WireBit {
+    let (mut register, mut dynamic_stuff, mut level) = (crc.start, 0, true);
+    let stuffed_len = header.len + 8 * data.len() as u32;
+    for index in 0..stuffed_len {
+        let field = header.field(index);
+        level = match index.checked_sub(header.len) {
+            None => header.level(index),
+            Some(bit) => data[bit as usize / 8] >> (7 - bit % 8) & 1 != 0,
+        };
+        register = crc.next(register, level);
+        let (rate, rate_behind) = match index.cmp(&header.brs()) {
+            Ordering::Equal if switches => (Rate::ToData, Rate::Data),
+            Ordering::Greater if switches => (Rate::Data, Rate::Data),
+            _ => (Rate::Nominal, Rate::Nominal),
+        };
+        let is_run = send(level, field, rate, Stuff::No);
         // Not after the last bit of a CAN FD data field: the fixed stuff bit stands there.
-        if self.run == RUN && index > 0 {
-            let level = self.send(!self.last);
-            self.dynamic_stuff += 1;
-            if self.is_fd() {
-                self.register = self.crc.next(self.register, level);
+        if is_run && !(fd && index + 1 == stuffed_len) {
+            dynamic_stuff += 1;
+            send(!level, field, rate_behind, Stuff::Dynamic);
+            if fd {
+                register = crc.next(register, !level);
             }
-            let before = index - 1;
-            let (field, rate) = (self.stuffed_field(before), self.rate(before, true));
-            return WireBit { level, field, rate, stuff: true };
-        }
-        let level = if index < self.header.len {
-            self.header.level(index)
-        } else {
-            let bit = (index - self.header.len) as usize;
-            self.frame.data()[bit / 8] >> (7 - bit % 8) & 1 != 0
-        };
-        self.register = self.crc.next(self.register, level);
-        self.stage = Stage::Stuffed(index + 1);
-        WireBit {
-            level: self.send(level),
-            field: self.stuffed_field(index),
-            rate: self.rate(index, false),
-            stuff: false,
         }
     }
 
-    fn seal(&mut self) {
-        self.checksum_len = self.crc.width;
-        if self.is_fd() {
-            let count = stuff_count_field(self.dynamic_stuff);
-            for bit in (0..4).rev() {
-                self.register = self.crc.next(self.register, count >> bit & 1 != 0);
-            }
-            self.checksum = count << self.crc.width | self.register;
-            self.checksum_len += 4;
-        } else {
-            self.checksum = self.register;
+    let (mut checksum, mut checksum_len) = (register, crc.width);
+    if fd {
+        let count = stuff_count_field(dynamic_stuff);
+        let add = |register, bit: u32| crc.next(register, count >> bit & 1 != 0);
+        checksum = count << crc.width | (0..4).rev().fold(register, add);
+        checksum_len += 4;
+    }
+    let rate = if switches { Rate::Data } else { Rate::Nominal };
+    for index in 0..checksum_len {
+        if fd && index.is_multiple_of(FIXED_DISTANCE) {
+            send(!level, Field::Crc, rate, Stuff::Fixed);
         }
-        self.stage = Stage::Checksum(0);
+        level = checksum >> (checksum_len - 1 - index) & 1 != 0;
+        if send(level, Field::Crc, rate, Stuff::No) && !fd {
+            send(!level, Field::Crc, rate, Stuff::Dynamic);
+        }
     }
 
-    fn checksum(&mut self, index: u32) -> WireBit {
-        let rate = if self.is_fd() { self.rate_after_brs() } else { Rate::Nominal };
-        let stuff = if self.is_fd() {
-            index.is_multiple_of(FIXED_DISTANCE) && !core::mem::replace(&mut self.fixed_sent, true)
-        } else {
-            self.run == RUN
-        };
-        if stuff {
-            let level = self.send(!self.last);
-            let field = if index == 0 && !self.is_fd() {
-                self.stuffed_field(self.stuffed_len() - 1)
-            } else {
-                Field::Crc
-            };
-            return WireBit { level, field, rate, stuff };
-        }
-        self.fixed_sent = false;
-        let level = self.send(self.checksum >> (self.checksum_len - 1 - index) & 1 != 0);
-        self.stage = Stage::Checksum(index + 1);
-        WireBit { level, field: Field::Crc, rate, stuff: false }
-    }
-}
-
-impl Iterator for WireBits<'_> {
-    type Item = WireBit;
-
-    fn next(&mut self) -> Option<WireBit> {
-        if let Stage::Stuffed(index) = self.stage {
-            if index < self.stuffed_len() {
-                return Some(self.stuffed(index));
-            }
-            self.seal();
-        }
-        if let Stage::Checksum(index) = self.stage {
-            if index < self.checksum_len || !self.is_fd() && self.run == RUN {
-                return Some(self.checksum(index));
-            }
-            self.stage = Stage::Tail(0);
-        }
-        let Stage::Tail(index) = self.stage else { return None };
-        let field = *TAIL.get(index)?;
-        self.stage = Stage::Tail(index + 1);
-        let back = field == Field::CrcDelimiter && self.frame.format().switches();
+    for field in TAIL {
+        let back = field == Field::CrcDelimiter && switches;
         let rate = if back { Rate::ToNominal } else { Rate::Nominal };
-        Some(WireBit { level: field != Field::AckSlot, field, rate, stuff: false })
+        send(field != Field::AckSlot, field, rate, Stuff::No);
     }
 }

@@ -3,8 +3,8 @@
 
 use proptest::prelude::*;
 use slipsense_can_sim::{
-    CRC_15, CRC_17, CRC_21, Crc, Field, Format, Frame, FrameBits, Id, Rate, Timing, WireBit, WireBits,
-    dlc_of, len_of, worst_case,
+    CRC_15, CRC_17, CRC_21, Crc, Field, Format, Frame, FrameBits, Id, Rate, Stuff, Timing, WireBit, dlc_of,
+    len_of, wire_bits, worst_case,
 };
 
 const CLASSIC: Format = Format::Classic;
@@ -12,6 +12,12 @@ const FD_NO_SWITCH: Format = Format::Fd { bit_rate_switch: false, error_passive:
 
 fn frame(id: Id, format: Format, data: &[u8]) -> Frame {
     Frame::new(id, format, data).unwrap()
+}
+
+fn bits_of(frame: &Frame) -> Vec<WireBit> {
+    let mut bits = Vec::new();
+    wire_bits(frame, |bit| bits.push(bit));
+    bits
 }
 
 fn at(data_bps: u32) -> Timing {
@@ -159,23 +165,22 @@ proptest! {
     /// Up to the CRC delimiter no six equal bits, the data comes back out, and counts and times agree with the bits.
     #[test]
     fn stuffing_can_be_undone(frame in any_frame()) {
-        let bits: Vec<WireBit> = WireBits::new(&frame).collect();
-        let stuffed = bits.iter().take_while(|bit| bit.field < Field::CrcDelimiter);
+        let bits = bits_of(&frame);
         let (mut run, mut last) = (0, None);
-        for bit in stuffed {
+        for bit in bits.iter().take_while(|bit| bit.field < Field::CrcDelimiter) {
             run = if last == Some(bit.level) { run + 1 } else { 1 };
             last = Some(bit.level);
             prop_assert!(run <= 5);
         }
         let payload: Vec<bool> =
-            bits.iter().filter(|bit| bit.field == Field::Data && !bit.stuff).map(|bit| bit.level).collect();
+            bits.iter().filter(|bit| bit.field == Field::Data && bit.stuff == Stuff::No).map(|bit| bit.level).collect();
         let sent: Vec<u8> =
             payload.chunks(8).map(|byte| byte.iter().fold(0, |value, &bit| value << 1 | u8::from(bit))).collect();
         prop_assert_eq!(sent, frame.data());
 
         let counted = FrameBits::of(&frame);
         prop_assert_eq!(counted.total() as usize, bits.len());
-        prop_assert_eq!((counted.dynamic_stuff + counted.fixed_stuff) as usize, bits.iter().filter(|bit| bit.stuff).count());
+        prop_assert_eq!((counted.dynamic_stuff + counted.fixed_stuff) as usize, bits.iter().filter(|bit| bit.stuff != Stuff::No).count());
         let timing = at(8_000_000);
         prop_assert_eq!(timing.frame(&frame), bits.iter().map(|bit| u64::from(timing.bit(bit.rate))).sum::<u64>());
     }
@@ -194,7 +199,8 @@ proptest! {
     #[test]
     fn the_arbitration_field_orders_frames_as_the_bus_does(a in any_frame(), b in any_frame()) {
         let levels = |frame: &Frame| -> Vec<bool> {
-            WireBits::new(frame).filter(|bit| bit.field <= Field::Arbitration && !bit.stuff).map(|bit| bit.level).collect()
+            let compared = |bit: &WireBit| bit.field <= Field::Arbitration && bit.stuff == Stuff::No;
+            bits_of(frame).into_iter().filter(compared).map(|bit| bit.level).collect()
         };
         let (x, y) = (levels(&a), levels(&b));
         let first = x.iter().zip(&y).find(|(x, y)| x != y).map(|(x, _)| !x);

@@ -75,14 +75,14 @@ pub fn text() -> Result<String> {
 }
 
 fn members(out: &mut String, definition: &Definition) -> Result<()> {
-    for Field { name, count, array, kind, comment, .. } in &definition.fields {
+    for Field { name, count, kind, comment, .. } in &definition.fields {
         let kind = match kind {
             Kind::Bool => "bool".to_owned(),
             Kind::Unsigned(bits) => format!("uint{}_t", width(*bits)),
             Kind::Signed(bits) => format!("int{}_t", width(*bits)),
             Kind::Contact(_) => "slipsense_contact_t".to_owned(),
         };
-        let array = if *array { format!("[{count}]") } else { String::new() };
+        let array = count.map_or(String::new(), |count| format!("[{count}]"));
         writeln!(out, "    {kind} {name}{array}; /* {comment} */")?;
     }
     Ok(())

@@ -81,41 +81,27 @@ impl<R: BufRead> CandumpReader<R> {
     pub fn new(input: R) -> Self {
         Self { input, line: 0, buffer: Vec::new(), broken: false }
     }
-
-    /// The next line that is not empty; `None` at the end.
-    fn advance(&mut self) -> io::Result<Option<&[u8]>> {
-        loop {
-            self.buffer.clear();
-            self.line += 1;
-            if self.input.read_until(b'\n', &mut self.buffer)? == 0 {
-                return Ok(None);
-            }
-            if !self.buffer.trim_ascii().is_empty() {
-                // Borrowed again: returning the slice from inside the loop is refused by today's
-                // borrow checker.
-                break;
-            }
-        }
-        Ok(Some(self.buffer.trim_ascii()))
-    }
 }
 
 impl<R: BufRead> Iterator for CandumpReader<R> {
     type Item = Result<LogEntry, CandumpError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.broken {
-            return None;
+        while !self.broken {
+            self.buffer.clear();
+            self.line += 1;
+            let parsed = match self.input.read_until(b'\n', &mut self.buffer) {
+                Ok(0) => return None,
+                Ok(_) if self.buffer.trim_ascii().is_empty() => continue,
+                Ok(_) => parse(self.buffer.trim_ascii()),
+                Err(error) => {
+                    self.broken = true;
+                    Err(error.into())
+                }
+            };
+            return Some(parsed.map_err(|rule| CandumpError { line: self.line, rule }));
         }
-        let parsed = match self.advance() {
-            Ok(None) => return None,
-            Ok(Some(line)) => parse(line),
-            Err(error) => {
-                self.broken = true;
-                Err(error.into())
-            }
-        };
-        Some(parsed.map_err(|rule| CandumpError { line: self.line, rule }))
+        None
     }
 }
 

@@ -45,8 +45,9 @@ pub fn text(node: NodeId) -> Result<String> {
     for signal in &signals {
         let Signal { name, offset, bits, signed, factor, unit, .. } = signal;
         let sign = if *signed { '-' } else { '+' };
-        let (low, high) = range(*bits, *signed);
-        let (low, high) = (low * factor, high * factor);
+        let steps = 2f64.powi(*bits as i32);
+        let low = if *signed { -steps / 2.0 } else { 0.0 };
+        let (low, high) = (low * factor, (low + steps - 1.0) * factor);
         writeln!(
             out,
             " SG_ {name} : {offset}|{bits}@1{sign} ({factor},0) [{low}|{high}] \"{unit}\" Vector__XXX"
@@ -70,11 +71,6 @@ pub fn text(node: NodeId) -> Result<String> {
     }
     writeln!(out, " ;")?;
     Ok(out)
-}
-
-fn range(bits: u32, signed: bool) -> (f64, f64) {
-    let steps = 2f64.powi(bits as i32);
-    if signed { (-steps / 2.0, steps / 2.0 - 1.0) } else { (0.0, steps - 1.0) }
 }
 
 fn signal(leaf: &Leaf) -> Signal {

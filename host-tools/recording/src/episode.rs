@@ -129,35 +129,28 @@ impl Episode {
 
     fn validate_lengths(&self, scans: usize) -> Result<(), Problem> {
         let sensors = self.sensors;
+        let refuse = |array, rule: String| Err(Problem::array(array, rule));
         if !(1..=MAX_SENSORS).contains(&sensors) {
-            return Err(Problem::array(
-                "piezo",
-                format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}"),
-            ));
+            return refuse("piezo", format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}"));
         }
         if scans == 0 {
-            return Err(Problem::array("piezo", "holds no frame, must hold at least one"));
+            return refuse("piezo", "holds no frame, must hold at least one".to_owned());
         }
         if !scans.is_multiple_of(sensors) {
-            return Err(Problem::array(
-                "piezo",
-                format!("{scans} scans are not a multiple of {sensors} sensors"),
-            ));
+            return refuse("piezo", format!("{scans} scans are not a multiple of {sensors} sensors"));
         }
         if self.xl.len() != sensors {
-            return Err(Problem::array("xl", format!("holds {} sensors, must be {sensors}", self.xl.len())));
+            return refuse("xl", format!("holds {} sensors, must be {sensors}", self.xl.len()));
         }
         let samples = self.xl[0].len();
         if let Some(s) = self.xl.iter().position(|xl| xl.len() != samples) {
             let rule = format!("sensor {s} has {} samples, must be {samples} as sensor 0", self.xl[s].len());
-            return Err(Problem::array("xl", rule));
+            return refuse("xl", rule);
         }
         let frames = scans / sensors;
         let of_frames = |array, len, must| match len == must {
             true => Ok(()),
-            false => {
-                Err(Problem::array(array, format!("holds {len} values, must be {must} for {frames} frames")))
-            }
+            false => refuse(array, format!("holds {len} values, must be {must} for {frames} frames")),
         };
         of_frames("xl_end", self.xl_end.len(), frames * sensors)?;
         of_frames("label", self.label.as_ref().map_or(frames, Vec::len), frames)?;

@@ -20,9 +20,8 @@ pub struct Field {
     pub name: String,
     /// Bits from the start of the definition.
     pub offset: u32,
-    /// How many, 1 for a single one.
-    pub count: u32,
-    pub array: bool,
+    /// Of an array: how many elements.
+    pub count: Option<u32>,
     pub kind: Kind,
     pub comment: String,
 }
@@ -66,8 +65,8 @@ impl Definition {
     pub fn leaves(&self) -> Vec<Leaf<'_>> {
         let mut leaves = Vec::new();
         for field in &self.fields {
-            for index in 0..field.count {
-                let step = (field, field.array.then_some(index));
+            for index in 0..field.count.unwrap_or(1) {
+                let step = (field, field.count.map(|_| index));
                 let start = field.offset + index * field.kind.bits();
                 match &field.kind {
                     Kind::Contact(contact) => leaves.extend(contact.leaves().into_iter().map(|leaf| Leaf {
@@ -134,8 +133,7 @@ impl Definition {
         };
         let (offset, name) = (self.bits, rest.trim().to_owned());
         self.bits += kind.bits() * count.unwrap_or(1);
-        let (array, count, comment) = (count.is_some(), count.unwrap_or(1), comment.to_owned());
-        self.fields.push(Field { name, offset, count, array, kind, comment });
+        self.fields.push(Field { name, offset, count, kind, comment: comment.to_owned() });
         Ok(())
     }
 }

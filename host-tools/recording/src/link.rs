@@ -41,27 +41,23 @@ impl FromStr for Place {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        if text == "-" {
-            return Ok(Self::Standard);
-        }
-        if let Some(device) = text.strip_prefix("slcan:") {
-            return match device {
-                "" => Err("need a device or HOST:PORT after slcan:".to_owned()),
-                device if !device.starts_with('/') && device.contains(':') => {
-                    Ok(Self::Tcp(device.to_owned()))
-                }
-                device => Ok(Self::Serial(device.to_owned())),
-            };
-        }
-        if let Some(interface) = text.strip_prefix("socketcan:") {
-            return match interface {
-                "" => Err("need an interface after socketcan:, such as can0".to_owned()),
-                interface => Ok(Self::SocketCan(interface.to_owned())),
-            };
-        }
-        let path = Path::new(text);
-        // A pipe has no ending that says what comes through it.
-        Ok(Self::File(path.to_owned(), Format::from_path(path).unwrap_or(Format::Candump)))
+        Ok(match text.split_once(':') {
+            _ if text == "-" => Self::Standard,
+            Some(("slcan", "")) => return Err("need a device or HOST:PORT after slcan:".to_owned()),
+            Some(("slcan", device)) if !device.starts_with('/') && device.contains(':') => {
+                Self::Tcp(device.to_owned())
+            }
+            Some(("slcan", device)) => Self::Serial(device.to_owned()),
+            Some(("socketcan", "")) => {
+                return Err("need an interface after socketcan:, such as can0".to_owned());
+            }
+            Some(("socketcan", interface)) => Self::SocketCan(interface.to_owned()),
+            _ => {
+                let path = Path::new(text);
+                // A pipe has no ending that says what comes through it.
+                Self::File(path.to_owned(), Format::from_path(path).unwrap_or(Format::Candump))
+            }
+        })
     }
 }
 
@@ -95,7 +91,6 @@ pub enum Source {
 /// An slcan adapter and the line that it is in the middle of.
 pub struct SlcanSource {
     wire: Box<dyn Wire>,
-    name: String,
     line: Vec<u8>,
     ready: std::collections::VecDeque<Input>,
 }
@@ -113,8 +108,8 @@ pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
         }
         Place::File(path, format) => Source::File(Box::new(log_file::open(path, *format)?)),
         Place::Serial(_) | Place::Tcp(_) => {
-            let (wire, name) = (slcan_wire(place, data_mbit)?, "slcan0".to_owned());
-            Source::Slcan(SlcanSource { wire, name, line: Vec::new(), ready: Default::default() })
+            let wire = slcan_wire(place, data_mbit)?;
+            Source::Slcan(SlcanSource { wire, line: Vec::new(), ready: Default::default() })
         }
         Place::SocketCan(interface) => Source::SocketCan(socket_can::Socket::open(interface)?),
     })
@@ -202,7 +197,7 @@ impl SlcanSource {
             match byte {
                 // BEL: the adapter refused something.
                 b'\r' | b'\n' | 7 => {
-                    let interface = self.name.clone();
+                    let interface = "slcan0".to_owned();
                     self.ready.extend(slcan::parse(&self.line).map(|line| match line {
                         Ok(frame) => Input::Frame(LogEntry { timestamp_us, interface, frame }),
                         Err(foreign) => Input::Other(foreign),

@@ -43,12 +43,7 @@ pub fn open(path: &Path, format: Format) -> Result<Reader> {
 
 /// Read a recording into memory.
 pub fn read(path: &Path, format: Format) -> Result<Recording> {
-    let (mut recording, mut reader) = (Recording::default(), open(path, format)?);
-    for record in &mut reader {
-        recording.push(record?);
-    }
-    recording.notes = reader.notes();
-    Ok(recording)
+    Recording::of(open(path, format)?, Reader::notes)
 }
 
 impl Reader {

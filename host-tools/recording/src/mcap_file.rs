@@ -14,7 +14,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Read, Seek, Write};
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use mcap::io::MessageReader;
@@ -224,28 +224,11 @@ impl<R: Read> McapSource<R> {
         cut.into_iter().chain(skipped).collect()
     }
 
-    /// The next message, or what is wrong with it.
-    fn message(&mut self) -> Result<Option<Message<'static>>> {
-        let index = self.index;
-        let next = self.messages.next();
-        self.index += 1;
-        match next {
-            None => Ok(None),
-            Some(Ok(message)) => Ok(Some(message)),
-            Some(Err(McapError::UnexpectedEof)) if index > 0 => {
-                self.cut_short = true;
-                Ok(None)
-            }
-            Some(Err(error @ McapError::BadMagic)) => Err(anyhow!("not an MCAP file: {}", one_line(&error))),
-            Some(Err(error)) => bail!("after message {index}: {}", one_line(&error)),
-        }
-    }
-
     /// The entry that a message is; `None` if it says again what CAN frames say, or is of another topic.
-    fn entry(&mut self, message: &Message<'_>) -> Result<Option<Record>> {
+    fn entry(&mut self, index: u64, message: &Message<'_>) -> Result<Option<Record>> {
         // Whatever stands in a topic, an error stays one line.
         let topic = message.channel.topic.escape_debug().to_string();
-        let at = || format!("message {} of {topic}", self.index - 1);
+        let at = || format!("message {index} of {topic}");
         let value =
             || serde_json::from_slice::<Value>(&message.data).with_context(|| format!("{}: not JSON", at()));
         let schema = message.channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
@@ -283,13 +266,20 @@ impl<R: Read> Iterator for McapSource<R> {
 
     fn next(&mut self) -> Option<Self::Item> {
         while !self.done {
-            let next = self.message().and_then(|message| match message {
-                Some(message) => self.entry(&message),
-                None => {
-                    self.done = true;
+            let (index, message) = (self.index, self.messages.next());
+            self.index += 1;
+            let next = match message {
+                Some(Ok(message)) => self.entry(index, &message),
+                None => return None,
+                Some(Err(McapError::UnexpectedEof)) if index > 0 => {
+                    (self.cut_short, self.done) = (true, true);
                     Ok(None)
                 }
-            });
+                Some(Err(error @ McapError::BadMagic)) => {
+                    Err(anyhow!("not an MCAP file: {}", one_line(&error)))
+                }
+                Some(Err(error)) => Err(anyhow!("after message {index}: {}", one_line(&error))),
+            };
             self.done |= next.is_err();
             if let Some(record) = next.transpose() {
                 return Some(record);
@@ -301,12 +291,7 @@ impl<R: Read> Iterator for McapSource<R> {
 
 /// Read a recording held in memory.
 pub fn parse(bytes: &[u8]) -> Result<Recording> {
-    let (mut recording, mut source) = (Recording::default(), McapSource::new(bytes, bytes.len() as u64));
-    for record in &mut source {
-        recording.push(record?);
-    }
-    recording.notes = source.notes();
-    Ok(recording)
+    Recording::of(McapSource::new(bytes, bytes.len() as u64), McapSource::notes)
 }
 
 fn can_frame(value: &Value) -> Result<CanFrame> {

@@ -12,38 +12,25 @@ pub use read::{Array, Reader};
 pub use write::{Writer, write_file};
 
 /// A scalar type of an array.
-pub trait Scalar: bytemuck::Pod + private::Sealed {
+pub trait Scalar: bytemuck::Pod {
     /// NumPy's name, for messages.
     const NAME: &'static str;
     /// NumPy's type string, little-endian.
     const DESCR: &'static str;
-    /// Bytes of one element.
-    const BYTES: usize = size_of::<Self>();
-    /// Read one element; `bytes` holds exactly [`Scalar::BYTES`].
-    #[doc(hidden)]
-    fn from_le(bytes: &[u8]) -> Self;
-    /// Append one element.
-    #[doc(hidden)]
-    fn put_le(self, to: &mut Vec<u8>);
-}
 
-mod private {
-    pub trait Sealed {}
+    /// From this machine's order of bytes to little-endian, or back.
+    #[doc(hidden)]
+    fn swap_le(self) -> Self;
 }
 
 macro_rules! scalar {
     ($($type:ident $name:literal $descr:literal),*) => {$(
-        impl private::Sealed for $type {}
         impl Scalar for $type {
             const NAME: &'static str = $name;
             const DESCR: &'static str = $descr;
-            fn from_le(bytes: &[u8]) -> Self {
-                let mut own = [0; size_of::<Self>()];
-                own.copy_from_slice(bytes);
-                Self::from_le_bytes(own)
-            }
-            fn put_le(self, to: &mut Vec<u8>) {
-                to.extend_from_slice(&self.to_le_bytes());
+
+            fn swap_le(self) -> Self {
+                Self::from_le_bytes(self.to_ne_bytes())
             }
         }
     )*};

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use anyhow::Result;
+
 use crate::candump::LogEntry;
 
 /// A format that carries CAN frames with their times.
@@ -46,10 +48,19 @@ pub struct Recording {
 }
 
 impl Recording {
-    pub fn push(&mut self, record: Record) {
-        match record {
-            Record::Frame(entry) => self.entries.push(entry),
-            Record::Displacement { timestamp_us, mm } => self.displacement.push((timestamp_us, mm)),
+    /// All of a source, which says its notes at the end.
+    pub(crate) fn of<S>(mut source: S, notes: impl FnOnce(&S) -> Vec<String>) -> Result<Self>
+    where
+        S: Iterator<Item = Result<Record>>,
+    {
+        let mut recording = Self::default();
+        for record in &mut source {
+            match record? {
+                Record::Frame(entry) => recording.entries.push(entry),
+                Record::Displacement { timestamp_us, mm } => recording.displacement.push((timestamp_us, mm)),
+            }
         }
+        recording.notes = notes(&source);
+        Ok(recording)
     }
 }

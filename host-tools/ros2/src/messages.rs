@@ -23,12 +23,22 @@ pub struct Qos {
     pub depth: u32,
 }
 
+/// Name and text.
+type Definition = (&'static str, &'static str);
+
 pub trait RosMessage: Serialize + Clone + 'static {
     const PACKAGE: &'static str;
     const NAME: &'static str;
     const QOS: Qos;
-    /// Its definition and, marked as ROS' bags do, those of all that it is made of.
-    fn definition() -> String;
+    const DEFINITION: &'static str;
+    /// Of all that it is made of.
+    const PARTS: &'static [Definition];
+
+    /// Its definition and, marked as ROS' bags do, those of its parts.
+    fn definition() -> String {
+        let part = |(name, part): &(_, _)| format!("{}\nMSG: {name}\n{part}", "=".repeat(80));
+        Self::DEFINITION.to_owned() + &Self::PARTS.iter().map(part).collect::<String>()
+    }
 }
 
 /// `builtin_interfaces/Time`.
@@ -260,13 +270,13 @@ pub fn sensor_frame_of(node: NodeId, sensor: u8) -> String {
     format!("node{}_sensor{sensor}", node.get())
 }
 
-const HEADER: (&str, &str) = (
+const HEADER: Definition = (
     "std_msgs/Header",
     "builtin_interfaces/Time stamp
 string frame_id
 ",
 );
-const TIME: (&str, &str) = (
+const TIME: Definition = (
     "builtin_interfaces/Time",
     "int32 sec
 uint32 nanosec
@@ -283,7 +293,7 @@ uint8[] data
 const DIAGNOSTICS: &str = "std_msgs/Header header
 diagnostic_msgs/DiagnosticStatus[] status
 ";
-const STATUS: (&str, &str) = (
+const STATUS: Definition = (
     "diagnostic_msgs/DiagnosticStatus",
     "byte OK=0
 byte WARN=1
@@ -296,7 +306,7 @@ string hardware_id
 diagnostic_msgs/KeyValue[] values
 ",
 );
-const KEY_VALUE: (&str, &str) = (
+const KEY_VALUE: Definition = (
     "diagnostic_msgs/KeyValue",
     "string key
 string value
@@ -306,63 +316,47 @@ string value
 const SENSOR_DATA: Qos = Qos { reliable: false, latched: false, depth: 5 };
 const RELIABLE: Qos = Qos { reliable: true, latched: false, depth: 10 };
 
-fn with_parts(definition: &str, parts: &[(&str, &str)]) -> String {
-    let mut all = definition.to_owned();
-    for (name, definition) in parts {
-        all.push_str(&format!("{}\nMSG: {name}\n{definition}", "=".repeat(80)));
-    }
-    all
-}
-
 impl RosMessage for Slip {
     const PACKAGE: &'static str = "slipsense_msgs";
     const NAME: &'static str = "Slip";
     const QOS: Qos = RELIABLE;
-
-    fn definition() -> String {
-        let contact =
-            ("slipsense_msgs/SensorContact", include_str!("../slipsense_msgs/msg/SensorContact.msg"));
-        with_parts(include_str!("../slipsense_msgs/msg/Slip.msg"), &[contact, HEADER, TIME])
-    }
+    const DEFINITION: &'static str = include_str!("../slipsense_msgs/msg/Slip.msg");
+    const PARTS: &'static [Definition] = &[
+        ("slipsense_msgs/SensorContact", include_str!("../slipsense_msgs/msg/SensorContact.msg")),
+        HEADER,
+        TIME,
+    ];
 }
 
 impl RosMessage for Raw {
     const PACKAGE: &'static str = "slipsense_msgs";
     const NAME: &'static str = "Raw";
     const QOS: Qos = SENSOR_DATA;
-
-    fn definition() -> String {
-        let sample = ("slipsense_msgs/XlSample", include_str!("../slipsense_msgs/msg/XlSample.msg"));
-        with_parts(include_str!("../slipsense_msgs/msg/Raw.msg"), &[sample, HEADER, TIME])
-    }
+    const DEFINITION: &'static str = include_str!("../slipsense_msgs/msg/Raw.msg");
+    const PARTS: &'static [Definition] =
+        &[("slipsense_msgs/XlSample", include_str!("../slipsense_msgs/msg/XlSample.msg")), HEADER, TIME];
 }
 
 impl RosMessage for Image {
     const PACKAGE: &'static str = "sensor_msgs";
     const NAME: &'static str = "Image";
     const QOS: Qos = SENSOR_DATA;
-
-    fn definition() -> String {
-        with_parts(IMAGE, &[HEADER, TIME])
-    }
+    const DEFINITION: &'static str = IMAGE;
+    const PARTS: &'static [Definition] = &[HEADER, TIME];
 }
 
 impl RosMessage for Info {
     const PACKAGE: &'static str = "slipsense_msgs";
     const NAME: &'static str = "Info";
     const QOS: Qos = Qos { reliable: true, latched: true, depth: 1 };
-
-    fn definition() -> String {
-        with_parts(include_str!("../slipsense_msgs/msg/Info.msg"), &[HEADER, TIME])
-    }
+    const DEFINITION: &'static str = include_str!("../slipsense_msgs/msg/Info.msg");
+    const PARTS: &'static [Definition] = &[HEADER, TIME];
 }
 
 impl RosMessage for DiagnosticArray {
     const PACKAGE: &'static str = "diagnostic_msgs";
     const NAME: &'static str = "DiagnosticArray";
     const QOS: Qos = RELIABLE;
-
-    fn definition() -> String {
-        with_parts(DIAGNOSTICS, &[STATUS, KEY_VALUE, HEADER, TIME])
-    }
+    const DEFINITION: &'static str = DIAGNOSTICS;
+    const PARTS: &'static [Definition] = &[STATUS, KEY_VALUE, HEADER, TIME];
 }

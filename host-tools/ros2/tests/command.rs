@@ -22,21 +22,20 @@ fn assert_refused(output: &Output, words: &[&str]) {
     }
 }
 
-#[test]
-fn a_bag_is_a_new_folder() {
+fn folder_with_a_log() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
-    std::fs::create_dir(dir.path().join("bag")).unwrap();
-    assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bag: is there already"]);
+    dir
 }
 
 #[test]
-fn a_recording_without_messages_leaves_nothing() {
-    let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
+fn a_bag_is_a_new_folder_and_has_messages() {
+    let dir = folder_with_a_log();
     let output = slipsense_ros2(&["bag", "bus.log", "bag"], dir.path());
     assert_refused(&output, &["bus.log", "no slip or raw message"]);
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    std::fs::create_dir(dir.path().join("bag")).unwrap();
+    assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bag: is there already"]);
 }
 
 #[test]
@@ -58,8 +57,7 @@ fn a_namespace_is_a_name_of_ros() {
 
 #[test]
 fn a_domain_is_0_to_232() {
-    let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
+    let dir = folder_with_a_log();
     assert_refused(&slipsense_ros2(&["node", "bus.log", "--domain-id", "233"], dir.path()), &["232"]);
     let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense-ros2"));
     let output = command.args(["node", "bus.log"]).current_dir(dir.path()).env("ROS_DOMAIN_ID", "x").output();

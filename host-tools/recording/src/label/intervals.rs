@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use slipsense::params::FRAME_RATE_HZ;
 
-use super::error::LabelError;
+use super::LabelError;
 
 /// Slip intervals (start, end) in seconds, in order, not overlapping, none empty.
 #[derive(Clone, Debug, PartialEq)]

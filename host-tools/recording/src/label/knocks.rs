@@ -5,7 +5,7 @@
 
 use slipsense::params::FRAME_RATE_HZ;
 
-use super::error::LabelError;
+use super::LabelError;
 use super::rule::ONSET_MM;
 use super::stand_log::StandLog;
 use crate::Episode;

@@ -5,6 +5,7 @@ use std::ops::Range;
 use slipsense::params::FRAME_RATE_HZ;
 
 use super::rule::{ENCODER_STEP_MM, ONSET_MM, encoder_steps, slip_interval};
+use crate::score::runs;
 
 /// The crosshead stands where it stays within one encoder step for this many frames (200 ms): what is
 /// slower than 0.1 mm/s is standing still.
@@ -57,14 +58,7 @@ fn moving(steps: &[i64]) -> Vec<Range<usize>> {
             stands[start..start + STAND_FRAMES].fill(true);
         }
     }
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    for frame in (0..steps.len()).filter(|&frame| !stands[frame]) {
-        match runs.last_mut() {
-            Some(last) if last.end == frame => last.end = frame + 1,
-            _ => runs.push(frame..frame + 1),
-        }
-    }
-    runs
+    runs(steps.len(), |frame| !stands[frame]).into_iter().map(|(start, end)| start..end).collect()
 }
 
 /// A stretch cut at its turning points.

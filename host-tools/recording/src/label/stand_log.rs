@@ -9,7 +9,7 @@ use std::path::Path;
 use csv::{ReaderBuilder, StringRecord};
 use slipsense::params::FRAME_RATE_HZ;
 
-use super::error::LabelError;
+use super::LabelError;
 use super::header::{Column, LOAD, Quantity, TIME, TRAVEL};
 use super::rule::ENCODER_STEP_MM;
 
@@ -227,12 +227,8 @@ impl<'t> Table<'t> {
     }
 
     fn check_width(&self, row: &StringRecord, line: u64) -> Result<(), LabelError> {
-        let filled = row
-            .iter()
-            .enumerate()
-            .filter(|(_, cell)| !cell.trim().is_empty())
-            .last()
-            .map_or(0, |(at, _)| at + 1);
+        let last = row.iter().rev().position(|cell| !cell.trim().is_empty());
+        let filled = last.map_or(0, |empty| row.len() - empty);
         if filled <= self.width {
             return Ok(());
         }

@@ -3,7 +3,6 @@
 use slipsense::fixed::QUERY_KEY_MAX;
 use slipsense::net::Model;
 use slipsense::net::format::{Dims, TensorSpec, layout};
-use slipsense::net::model::{Attention, Layer};
 use slipsense::net::softmax::WEIGHTED_SUM_MAX;
 use slipsense::params::TAXEL_ROWS;
 
@@ -114,39 +113,35 @@ fn width(dims: &Dims, block: &str) -> usize {
     if block == "temporal" { dims.fused() } else { dims.embed }
 }
 
+/// Largest magnitude of an accumulator of this layer, norm or score.
 fn bound(model: &Model<'_>, block: &str, part: &str) -> i64 {
     let [conv1, conv2, conv3] = &model.conv;
     let [xl_conv, mix1, mix2] = &model.xl;
-    match (block, part) {
-        ("piezo", "conv1") => of_layer(conv1),
-        ("piezo", "conv2") => of_layer(conv2),
-        ("piezo", "conv3") => of_layer(conv3),
-        ("piezo", _) => of_layer(&model.piezo_dense),
-        ("xl", "conv") => of_layer(xl_conv),
-        ("xl", "mix1") => of_layer(mix1),
-        ("xl", _) => of_layer(mix2),
-        ("cross_piezo", part) => of_attention(&model.cross_piezo, part),
-        ("cross_xl", part) => of_attention(&model.cross_xl, part),
-        ("temporal", part) => of_attention(&model.temporal, part),
-        _ => of_layer(&model.head),
-    }
-}
-
-fn of_attention(block: &Attention<'_>, part: &str) -> i64 {
-    match part {
-        "query" => of_layer(&block.query),
-        "key" => of_layer(&block.key),
-        "value" => of_layer(&block.value),
-        "out" => of_layer(&block.out),
-        "norm" => block.norm.accumulator_bounds().max().unwrap_or(0),
-        _ => {
+    let attention = match block {
+        "cross_piezo" => Some(&model.cross_piezo),
+        "cross_xl" => Some(&model.cross_xl),
+        "temporal" => Some(&model.temporal),
+        _ => None,
+    };
+    let layer = match (attention, block, part) {
+        (Some(block), _, "query") => &block.query,
+        (Some(block), _, "key") => &block.key,
+        (Some(block), _, "value") => &block.value,
+        (Some(block), _, "out") => &block.out,
+        (Some(block), _, "norm") => return block.norm.accumulator_bounds().max().unwrap_or(0),
+        (Some(block), ..) => {
             let head_width = (block.query.outputs / block.heads) as i64;
             let scores = head_width * i64::from(QUERY_KEY_MAX) * i64::from(QUERY_KEY_MAX);
-            scores.max(WEIGHTED_SUM_MAX)
+            return scores.max(WEIGHTED_SUM_MAX);
         }
-    }
-}
-
-fn of_layer(layer: &Layer<'_>) -> i64 {
+        (None, "piezo", "conv1") => conv1,
+        (None, "piezo", "conv2") => conv2,
+        (None, "piezo", "conv3") => conv3,
+        (None, "piezo", _) => &model.piezo_dense,
+        (None, "xl", "conv") => xl_conv,
+        (None, "xl", "mix1") => mix1,
+        (None, "xl", _) => mix2,
+        _ => &model.head,
+    };
     layer.accumulator_bounds().max().unwrap_or(0)
 }

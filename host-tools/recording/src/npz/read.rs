@@ -91,7 +91,7 @@ fn entry_name(array: &str) -> String {
 /// The number of elements of a shape, if it is exactly what `bytes` hold.
 fn elements_if_held<T: Scalar>(shape: &[u64], bytes: u64) -> Option<usize> {
     let elements = shape.iter().try_fold(1u64, |product, &n| product.checked_mul(n))?;
-    let held = elements.checked_mul(T::BYTES as u64)? == bytes;
+    let held = elements.checked_mul(size_of::<T>() as u64)? == bytes;
     // An axis may be huge only where another is 0; both must fit the machine.
     let fits = shape.iter().all(|&n| usize::try_from(n).is_ok());
     if held && fits { usize::try_from(elements).ok() } else { None }
@@ -168,7 +168,7 @@ impl<T: Scalar, R: Read + Seek> Array<'_, T, R> {
             let new = &mut values[start..];
             self.entry.read_exact(bytemuck::cast_slice_mut(new)).map_err(|e| self.damaged(&e))?;
             for value in bytemuck::cast_slice_mut::<V, T>(new) {
-                *value = T::from_le(bytemuck::bytes_of(value));
+                *value = value.swap_le();
             }
         }
         Ok(values)

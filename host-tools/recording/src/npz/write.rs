@@ -41,13 +41,13 @@ impl<W: Write + Seek> Writer<W> {
             .last_modified_time(DateTime::default())
             .system(System::Unix)
             .unix_permissions(0o644)
-            .large_file((elements * T::BYTES) as u64 > LARGE_BYTES);
+            .large_file((elements * size_of::<T>()) as u64 > LARGE_BYTES);
         self.zip.start_file(format!("{name}.npy"), options).map_err(|e| write(e.into()))?;
         self.zip.write_all(&header::write(T::DESCR, shape)).map_err(write)?;
         let mut chunk = Vec::with_capacity(CHUNK_BYTES);
         let mut written = 0;
         for value in values {
-            value.put_le(&mut chunk);
+            chunk.extend_from_slice(bytemuck::bytes_of(&value.swap_le()));
             written += 1;
             if chunk.len() >= CHUNK_BYTES {
                 self.zip.write_all(&chunk).map_err(write)?;

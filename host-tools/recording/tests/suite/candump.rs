@@ -1,43 +1,30 @@
 //! candump logs: what is written is read back, and damage is named with its line.
 
 use slipsense::wire::{CanFrame, FD_LENGTHS};
-use slipsense_recording::candump::{CandumpReader, CandumpWriter};
+use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
 
 /// Frames of every length with every byte value.
-fn frames() -> Vec<CanFrame> {
+#[test]
+fn written_logs_read_back() {
     let mut byte = 0u8;
-    let mut data = move || {
+    let mut data = move |_| {
         byte = byte.wrapping_mul(5).wrapping_add(17);
         byte
     };
-    (0..64)
+    let entries: Vec<_> = (0..64u32)
         .map(|index| {
-            let length = FD_LENGTHS[index % 16].into();
-            let bytes: Vec<u8> = (0..length).map(|_| data()).collect();
-            CanFrame::new(0x1FFF_FFFF - index as u32 * 7_919_311, &bytes).unwrap()
+            let length = FD_LENGTHS[index as usize % 16];
+            let bytes: Vec<u8> = (0..length).map(&mut data).collect();
+            let frame = CanFrame::new(0x1FFF_FFFF - index * 7_919_311, &bytes).unwrap();
+            let timestamp_us = 1_700_000_000_000_000 + u64::from(index) * 104;
+            LogEntry { timestamp_us, interface: "can0".to_owned(), frame }
         })
-        .collect()
-}
-
-fn log(frames: &[CanFrame]) -> Vec<u8> {
+        .collect();
     let mut writer = CandumpWriter::new(Vec::new(), "can0").unwrap();
-    for (index, frame) in frames.iter().enumerate() {
-        writer.write(1_700_000_000_000_000 + index as u64 * 104, frame).unwrap();
-    }
-    writer.finish().unwrap()
-}
-
-#[test]
-fn written_logs_read_back() {
-    let frames = frames();
-    let text = log(&frames);
+    entries.iter().for_each(|entry| writer.write(entry.timestamp_us, &entry.frame).unwrap());
+    let text = writer.finish().unwrap();
     let read: Vec<_> = CandumpReader::new(text.as_slice()).map(Result::unwrap).collect();
-    assert_eq!(read.len(), frames.len());
-    for (index, (entry, frame)) in read.iter().zip(&frames).enumerate() {
-        assert_eq!(entry.frame, *frame);
-        assert_eq!(entry.timestamp_us, 1_700_000_000_000_000 + index as u64 * 104);
-        assert_eq!(entry.interface, "can0");
-    }
+    assert_eq!(read, entries);
 }
 
 /// Time and data of a line in the documentation of pycyphal's `CandumpMedia`, as CAN FD.

@@ -1,47 +1,27 @@
 //! Damaged archives, the file system's refusals, and what must not be left behind.
 
-use crate::support::right;
+use crate::support::{refusal_of, right};
 use slipsense_recording::{Episode, Problem};
 use std::fs;
 use std::path::Path;
 use zip::CompressionMethod;
 
-fn message(result: Result<Episode, slipsense_recording::EpisodeError>) -> String {
-    let message = result.expect_err("must be refused").to_string();
-    assert!(!message.contains('\n'), "one line: {message}");
-    message
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).unwrap();
-    entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
-}
-
-#[test]
-fn stored_and_deflated_are_the_same() {
-    let stored = Episode::from_bytes(&right().npz_as(CompressionMethod::Stored), "x").unwrap();
-    let deflated = Episode::from_bytes(&right().npz(), "x").unwrap();
-    assert_eq!(stored, deflated);
-}
-
 #[test]
 fn missing_file_folder_and_what_is_no_archive() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("none.npz");
-    let shown = path.display();
-    assert_eq!(
-        message(Episode::read(&path)),
-        format!("{shown}: cannot read: No such file or directory (os error 2)")
-    );
-    let shown = folder.path().display();
-    assert_eq!(message(Episode::read(folder.path())), format!("{shown}: is a folder, must be an .npz file"));
+    let refused = |path: &Path, rule: &str| {
+        assert_eq!(refusal_of(Episode::read(path)), format!("{}: {rule}", path.display()));
+    };
+    refused(&path, "cannot read: No such file or directory (os error 2)");
+    refused(folder.path(), "is a folder, must be an .npz file");
     for (bytes, rule) in [
         (&b""[..], "is empty, must be an .npz archive"),
         (b"P", "is not an .npz (zip) archive"),
         (b"frame,count\n0,1\n", "is not an .npz (zip) archive"),
     ] {
         fs::write(&path, bytes).unwrap();
-        assert_eq!(message(Episode::read(&path)), format!("{}: {rule}", path.display()));
+        refused(&path, rule);
     }
 }
 
@@ -49,11 +29,9 @@ fn missing_file_folder_and_what_is_no_archive() {
 fn truncated_anywhere() {
     let whole = right().npz();
     for length in (2..whole.len()).step_by(7).chain([whole.len() - 1]) {
-        let message = message(Episode::from_bytes(&whole[..length], "cut.npz"));
-        assert!(
-            message.starts_with("cut.npz: is a zip archive cut short or damaged: "),
-            "{length}: {message}"
-        );
+        let message = refusal_of(Episode::from_bytes(&whole[..length], "cut.npz"));
+        let rule = "cut.npz: is a zip archive cut short or damaged: ";
+        assert!(message.starts_with(rule), "{length}: {message}");
     }
 }
 
@@ -87,14 +65,16 @@ fn damaged_anywhere() {
 
 #[test]
 fn a_damaged_array_is_named() {
-    let npz = right().npz_as(CompressionMethod::Stored);
+    let mut npz = right().npz_as(CompressionMethod::Stored);
     let count = npz.windows(5).position(|bytes| bytes == [0, 5, 0, 0, 0]).unwrap() + 1;
-    let mut damaged = npz;
-    damaged[count] = 6;
-    assert_eq!(
-        message(Episode::from_bytes(&damaged, "x.npz")),
-        "x.npz: array `piezo`: data is cut short or damaged: Invalid checksum"
-    );
+    npz[count] = 6;
+    let damaged = "array `piezo`: data is cut short or damaged: Invalid checksum";
+    let mut arrays = right();
+    arrays.at("xl").fortran_order = "maybe";
+    let wrong = "array `xl`: has a .npy header that is not the dictionary NumPy writes";
+    for (bytes, rule) in [(npz, damaged), (arrays.npz(), wrong)] {
+        assert_eq!(refusal_of(Episode::from_bytes(&bytes, "x.npz")), format!("x.npz: {rule}"));
+    }
 }
 
 #[test]
@@ -116,18 +96,8 @@ fn sizes_that_the_archive_itself_lies_about_allocate_nothing() {
         }
     }
     assert_eq!(changed, 2, "local and central directory");
-    let message = message(Episode::from_bytes(&npz, "x"));
+    let message = refusal_of(Episode::from_bytes(&npz, "x"));
     assert!(message.ends_with("more than the file can hold; cut short or damaged"), "{message}");
-}
-
-#[test]
-fn an_entry_that_is_not_npy_is_named() {
-    let mut arrays = right();
-    arrays.at("xl").fortran_order = "maybe";
-    assert_eq!(
-        message(Episode::from_bytes(&arrays.npz(), "x")),
-        "x: array `xl`: has a .npy header that is not the dictionary NumPy writes"
-    );
 }
 
 #[test]
@@ -139,20 +109,18 @@ fn a_write_that_fails_leaves_nothing_behind() {
     let error = episode.write(&absent).unwrap_err();
     assert!(matches!(error.problem, Problem::Write(_)));
     let shown = absent.display();
-    assert!(
-        error.to_string().starts_with(&format!("{shown}: cannot write: No such file or directory")),
-        "{error}"
-    );
+    let rule = format!("{shown}: cannot write: No such file or directory");
+    assert!(error.to_string().starts_with(&rule), "{error}");
 
-    let file = folder.path().join("file");
-    fs::write(&file, b"").unwrap();
-    let error = episode.write(file.join("out.npz")).unwrap_err().to_string();
-    assert!(error.contains("file/out.npz: cannot write: Not a directory"), "{error}");
-
-    let taken = folder.path().join("taken");
-    fs::create_dir(&taken).unwrap();
-    let error = episode.write(&taken).unwrap_err().to_string();
-    assert!(error.contains("taken: cannot write: Is a directory"), "{error}");
+    fs::write(folder.path().join("file"), b"").unwrap();
+    fs::create_dir(folder.path().join("taken")).unwrap();
+    for (name, rule) in [
+        ("file/out.npz", "file/out.npz: cannot write: Not a directory"),
+        ("taken", "taken: cannot write: Is a directory"),
+    ] {
+        let error = episode.write(folder.path().join(name)).unwrap_err().to_string();
+        assert!(error.contains(rule), "{error}");
+    }
 
     let mut wrong = episode.clone();
     wrong.xl_end[3] = 1;
@@ -163,7 +131,8 @@ fn a_write_that_fails_leaves_nothing_behind() {
     assert!(error.ends_with("`xl_end`[1, 1] is 1: must not decrease, the frame before has 34"), "{error}");
     assert_eq!(fs::read(&old).unwrap(), before, "the old file is as it was");
 
-    let mut left = names(folder.path());
+    let entries = fs::read_dir(folder.path()).unwrap();
+    let mut left: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     left.sort();
     assert_eq!(left, ["file", "old.npz", "taken"]);
 }

@@ -90,19 +90,18 @@ fn access(node: &mut Node, transfer: u8, name: &str, value: Value) -> AccessResp
 }
 
 #[test]
-fn ports_are_the_standards() {
-    assert_eq!(u16::from(node::get_info_1_0::SERVICE), GET_INFO_PORT);
-    assert_eq!(u16::from(node::execute_command_1_3::SERVICE), COMMAND_PORT);
-    assert_eq!(u16::from(access_1_0::SERVICE), ACCESS_PORT);
-    assert_eq!(u16::from(list_1_0::SERVICE), LIST_PORT);
-    assert_eq!(u16::from(file::read_1_1::SERVICE), FILE_READ_PORT);
-    assert_eq!(u16::from(heartbeat_1_0::SUBJECT), HEARTBEAT_PORT);
-    assert_eq!(u16::from(synchronization_1_0::SUBJECT), TIME_PORT);
-    assert_eq!(u16::from(node_id_allocation_data_2_0::SUBJECT), ALLOCATION_PORT);
-    assert_eq!(u16::from(diagnostic::record_1_1::SUBJECT), RECORD_PORT);
-    let request = ExecuteCommandRequest::COMMAND_BEGIN_SOFTWARE_UPDATE;
-    assert_eq!(request, BEGIN_SOFTWARE_UPDATE);
+fn ports_and_commands_are_the_standards() {
     for (theirs, ours) in [
+        (node::get_info_1_0::SERVICE.into(), GET_INFO_PORT),
+        (node::execute_command_1_3::SERVICE.into(), COMMAND_PORT),
+        (access_1_0::SERVICE.into(), ACCESS_PORT),
+        (list_1_0::SERVICE.into(), LIST_PORT),
+        (file::read_1_1::SERVICE.into(), FILE_READ_PORT),
+        (heartbeat_1_0::SUBJECT.into(), HEARTBEAT_PORT),
+        (synchronization_1_0::SUBJECT.into(), TIME_PORT),
+        (node_id_allocation_data_2_0::SUBJECT.into(), ALLOCATION_PORT),
+        (diagnostic::record_1_1::SUBJECT.into(), RECORD_PORT),
+        (ExecuteCommandRequest::COMMAND_BEGIN_SOFTWARE_UPDATE, BEGIN_SOFTWARE_UPDATE),
         (ExecuteCommandRequest::COMMAND_RESTART, slipsense::node::RESTART),
         (ExecuteCommandRequest::COMMAND_FACTORY_RESET, slipsense::node::FACTORY_RESET),
         (ExecuteCommandRequest::COMMAND_STORE_PERSISTENT_STATES, slipsense::node::STORE),
@@ -116,13 +115,10 @@ fn ports_are_the_standards() {
 fn what_the_node_says_of_itself_decodes() {
     let mut node = Node::new(identity(), Settings::new());
     let info: GetInfoResponse = call(&mut node, GET_INFO_PORT, 0, &GetInfoRequest {});
-    assert_eq!((info.protocol_version.major, info.protocol_version.minor), (1, 0));
-    assert_eq!((info.hardware_version.major, info.hardware_version.minor), (3, 4));
-    assert_eq!((info.software_version.major, info.software_version.minor), (5, 6));
-    assert_eq!(
-        (info.software_vcs_revision_id, info.unique_id),
-        (0x1122_3344_5566_7788, identity().unique_id)
-    );
+    let versions = [info.protocol_version, info.hardware_version, info.software_version];
+    assert_eq!(versions.map(|version| (version.major, version.minor)), [(1, 0), (3, 4), (5, 6)]);
+    assert_eq!(info.software_vcs_revision_id, 0x1122_3344_5566_7788);
+    assert_eq!(info.unique_id, identity().unique_id);
     assert_eq!(info.name, b"slipsense.fingertip");
     assert_eq!(info.software_image_crc, [0xC8C9_CACB_CCCD_CECF]);
     assert!(info.certificate_of_authenticity.is_empty());

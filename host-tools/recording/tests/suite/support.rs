@@ -1,5 +1,6 @@
 //! Archives made byte by byte, without the crate's own writer, so that every rule can be broken.
 
+use slipsense_recording::{Episode, EpisodeError};
 use std::io::{Cursor, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
@@ -8,6 +9,13 @@ pub const FRAMES: usize = 3;
 pub const SENSORS: usize = 2;
 pub const SAMPLES: usize = 100;
 pub const META: &str = r#"{"xl_lsb_g": 0.00049, "xl_rate_hz": 8120, "frame_rate_hz": 240, "object": "mug"}"#;
+
+/// Why an episode is refused, in one line.
+pub fn refusal_of(read: Result<Episode, EpisodeError>) -> String {
+    let message = read.expect_err("must be refused").to_string();
+    assert!(!message.contains('\n'), "one line: {message}");
+    message
+}
 
 #[derive(Clone)]
 pub struct Npy {

@@ -60,7 +60,7 @@ fn run(foreign_load_percent: u64) -> Ran {
         World { disturbance, script: &noise, before_tick: &compress, ..World::new(FRAMES, MAX_SENSORS) };
     let ran = world.run();
     assert_eq!((ran.slips.len() as u32, ran.status.replaced_slips, ran.errors), (world.frames, 0, 0));
-    ran.raw.iter().for_each(|message| assert_true(message));
+    ran.raw.iter().for_each(assert_true);
     assert_eq!(details(&ran).iter().sum::<usize>(), ran.raw.len());
     let made = world.frames * world.sensors as u32;
     let accounted = ran.raw.len() as u32 + ran.status.dropped_raw;

@@ -86,13 +86,18 @@ impl Record {
     pub fn mark(&self) -> u8 {
         let contacts = self.slip.contact.iter().take(self.slip.sensors.into());
         let fault = self.lost > 0 || contacts.fold(0, |all, contact| all | contact.health) & !NO_FAULT != 0;
-        let invalid = self.slip.invalid != 0;
-        self.flags() | self.slip.class << 4 | u8::from(fault) * FAULT | u8::from(invalid) * INVALID
+        let bit = |is_set, bit| if is_set { bit } else { 0 };
+        self.flags() | self.slip.class << 4 | bit(fault, FAULT) | bit(self.slip.invalid != 0, INVALID)
     }
 
     fn flags(&self) -> u8 {
-        let truth = self.truth.map_or(0, |slips| TRUTH_KNOWN | u8::from(slips) * TRUE_SLIP);
-        u8::from(self.slip.slip) * SLIP | u8::from(self.slip.may_begin) * MAY_BEGIN | truth
+        let truth = match self.truth {
+            None => 0,
+            Some(false) => TRUTH_KNOWN,
+            Some(true) => TRUTH_KNOWN | TRUE_SLIP,
+        };
+        let flag = |set, bit| if set { bit } else { 0 };
+        flag(self.slip.slip, SLIP) | flag(self.slip.may_begin, MAY_BEGIN) | truth
     }
 
     /// Appends the bytes, [`bytes`] of the session's `sensors`; a frame of fewer has the others empty.
@@ -115,8 +120,9 @@ impl Record {
 }
 
 fn encode_sensor(sensor: &SensorRecord, contact: &SensorContact, out: &mut Vec<u8>) {
-    let taxels = u8::from(sensor.piezo.is_some()) * TAXELS_PRESENT;
-    out.extend([contact.health, taxels | u8::from(sensor.log_mel.is_some()) * LOG_MEL_PRESENT]);
+    let taxels = if sensor.piezo.is_some() { TAXELS_PRESENT } else { 0 };
+    let log_mel = if sensor.log_mel.is_some() { LOG_MEL_PRESENT } else { 0 };
+    out.extend([contact.health, taxels | log_mel]);
     out.extend(contact.area.to_le_bytes());
     out.extend(contact.sum.to_le_bytes());
     out.extend(contact.centroid_row.to_bits().to_le_bytes());

@@ -13,19 +13,26 @@ use slipsense_recording::mcap_file::{McapSink, parse};
 const FRAMES: usize = 7;
 const FLUSHES: usize = 4;
 
-/// A file, and what it held in the middle of each write and after it, with how many frames were flushed by then.
+/// What a file held, and how many frames were flushed by then.
+struct State {
+    flushed: usize,
+    bytes: Vec<u8>,
+}
+
+/// A file, and its state in the middle of each write and after it.
 #[derive(Clone, Default)]
 struct Disk {
     file: Rc<RefCell<Cursor<Vec<u8>>>>,
     flushed: Rc<RefCell<usize>>,
-    states: Rc<RefCell<Vec<(usize, Vec<u8>)>>>,
+    states: Rc<RefCell<Vec<State>>>,
 }
 
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
         for part in [&bytes[..bytes.len() / 2], &bytes[bytes.len() / 2..]] {
             self.file.borrow_mut().write_all(part)?;
-            self.states.borrow_mut().push((*self.flushed.borrow(), self.file.borrow().get_ref().clone()));
+            let (flushed, bytes) = (*self.flushed.borrow(), self.file.borrow().get_ref().clone());
+            self.states.borrow_mut().push(State { flushed, bytes });
         }
         Ok(bytes.len())
     }
@@ -58,9 +65,9 @@ fn at_every_write_and_within_it() {
     }
     sink.finish().unwrap();
     let states = disk.states.take();
-    let after_a_flush: Vec<_> = states.iter().filter(|(flushed, _)| *flushed > 0).collect();
+    let after_a_flush: Vec<_> = states.iter().filter(|state| state.flushed > 0).collect();
     assert!(after_a_flush.len() > FLUSHES * 4, "{} writes", after_a_flush.len());
-    for (flushed, bytes) in after_a_flush {
+    for State { flushed, bytes } in after_a_flush {
         let recording = parse(bytes).unwrap_or_else(|error| panic!("{flushed} flushed: {error:#}"));
         let found = recording.entries.len();
         assert!(found >= *flushed, "{found} of {flushed} flushed");

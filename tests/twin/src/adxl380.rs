@@ -14,6 +14,7 @@ use slipsense_recording::Episode;
 
 use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
+use crate::machine::Fitted;
 use crate::xl::{self, Readouts, Xl};
 
 const DEVID_AD: u8 = 0x00;
@@ -70,22 +71,17 @@ pub struct Adxl380 {
 }
 
 impl Adxl380 {
-    /// Behind the array of index `sensor`; its oscillator faster than nominal by the fraction `error`.
-    pub fn new(
-        episode: Option<Arc<Episode>>,
-        desk: Option<Desk>,
-        sensor: usize,
-        error: f64,
-        faults: Vec<Fault>,
-        readouts: Readouts,
-    ) -> Self {
+    /// Behind the array of index `sensor`.
+    pub fn new(fitted: &Fitted, sensor: usize, readouts: Readouts) -> Self {
+        let desk = fitted.desk.map(|desk| desk.at(sensor));
+        let error = if bench::has(desk, DeskFault::XlSlow) { -0.1 } else { xl::OSCILLATOR_ERROR };
         let mut part = Self {
             readouts,
             batch: Vec::new(),
-            episode,
+            episode: fitted.episode.clone(),
             desk,
             sensor,
-            faults,
+            faults: fitted.faults.clone(),
             period_ns: 1e9 / Xl::Adxl380.rate_hz(error),
             registers: [0; 128],
             fifo: VecDeque::with_capacity(ENTRIES + 3),

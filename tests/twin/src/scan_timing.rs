@@ -37,7 +37,7 @@ const CODES_STREAM: u64 = 1 << 8 | 1 << 10 | 0b01 << 11 | 0b01 << 13;
 const ADDRESS_STREAM: u64 = 0b01 << 6 | 1 << 8 | 1 << 10 | 0b10 << 11 | 0b10 << 13;
 
 /// How TIM8, ADC1, the two streams, their requests and the port are set up.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Settings {
     pub(crate) slot: u64,
     pub(crate) trigger: u64,
@@ -121,7 +121,7 @@ impl Settings {
 }
 
 /// A scan that runs, or that ran and whose streams still stand as it left them.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Scan {
     pub(crate) settings: Settings,
     /// Timer cycles since its clock last changed, at the start.
@@ -136,6 +136,14 @@ pub struct Scan {
     /// Updates and conversions at the last look at DMA2, or when the timer was stopped.
     pub(crate) looked: u64,
     pub(crate) stopped: Option<(u64, u64)>,
+}
+
+impl Scan {
+    /// The address lines, from the second slot on.
+    pub(crate) fn lines(&self, updates: u64) -> Option<u64> {
+        let last = updates.checked_sub(1)? as usize % TAXELS;
+        self.words.get(last).map(|word| u64::from(*word) & LINES)
+    }
 }
 
 #[derive(Debug, Default)]
@@ -200,11 +208,5 @@ impl FastScan {
         let last = (scan.frames + 1) * TAXELS as u64 - 1;
         let at = self.instant(scan.start_cycle + last * settings.slot + settings.trigger);
         at + self.converted_ns(settings, settings.sequence.len() as u64)
-    }
-
-    /// The address lines, from the second slot on.
-    pub(crate) fn lines(scan: &Scan, updates: u64) -> Option<u64> {
-        let last = updates.checked_sub(1)? as usize % TAXELS;
-        scan.words.get(last).map(|word| u64::from(*word) & LINES)
     }
 }

@@ -15,7 +15,7 @@ use slipsense::params::TAXELS;
 use crate::arrays::Shared;
 use crate::bus_tap::{TRIGGER_TOKEN, Tap};
 use crate::lock;
-use crate::scan_timing::{CHANNELS, CONVERSION_HALF_CYCLES, FIRST_PIN, LINES, LINES_MODER, OUTPUTS};
+use crate::scan_timing::{CHANNELS, FIRST_PIN, LINES, LINES_MODER, OUTPUTS};
 
 /// ADC1_ISR, a write of 0 to which does nothing: the trigger line's way over the emulator's bus.
 const ADC1_ISR: u64 = 0x4002_2000;
@@ -147,7 +147,6 @@ impl Tap<Tim<Advanced>> for Trigger {
 #[derive(Debug)]
 pub struct TriggeredInputs {
     pub shared: Shared,
-    clock_hz: u64,
     external: u64,
     armed: bool,
     /// A trigger came with this write.
@@ -158,7 +157,7 @@ pub struct TriggeredInputs {
 
 impl TriggeredInputs {
     pub const fn new(shared: Shared) -> Self {
-        Self { shared, clock_hz: 0, external: 0, armed: false, starts: false, converting: false }
+        Self { shared, external: 0, armed: false, starts: false, converting: false }
     }
 
     fn start(&mut self, adc: &mut Adc, registers: &mut RegisterFile, context: &mut Context<'_>) {
@@ -174,8 +173,8 @@ impl TriggeredInputs {
 
 impl Tap<Adc> for TriggeredInputs {
     fn before(&mut self, adc: &mut Adc, now: VirtualNanos) {
-        let conversion_ns = (CONVERSION_HALF_CYCLES * 500_000_000).checked_div(self.clock_hz).unwrap_or(0);
         let arrays = lock(&self.shared);
+        let conversion_ns = arrays.fast_scan.conversion_ns();
         for (sensor, channel) in CHANNELS.into_iter().enumerate() {
             let code = arrays.code(sensor, now.0.saturating_sub(conversion_ns));
             if let Some(channel) = Channel::new(channel) {
@@ -241,7 +240,6 @@ impl Tap<Adc> for TriggeredInputs {
     }
 
     fn on_clock(&mut self, hz: u64, _now: VirtualNanos) {
-        self.clock_hz = hz;
         lock(&self.shared).fast_scan.adc_hz = hz;
     }
 

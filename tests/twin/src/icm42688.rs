@@ -56,7 +56,7 @@ enum Transaction {
     Written,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Icm42688 {
     part: Icm42688p,
     readouts: Readouts,
@@ -81,21 +81,7 @@ pub struct Icm42688 {
 impl Icm42688 {
     /// Behind the array of index `sensor`.
     pub fn new(episode: Option<Arc<Episode>>, sensor: usize, readouts: Readouts) -> Self {
-        Self {
-            part: Icm42688p::new(),
-            readouts,
-            episode,
-            sensor,
-            made: 0,
-            next: None,
-            event: None,
-            transaction: None,
-            bytes: Vec::new(),
-            late: false,
-            bank: 0,
-            power: 0,
-            accel_config: ACCEL_CONFIG0_RESET,
-        }
+        Self { readouts, episode, sensor, accel_config: ACCEL_CONFIG0_RESET, ..Self::default() }
     }
 
     /// Gives the model the acceleration in the sample that is due by now.

@@ -19,7 +19,7 @@ use slipsense::params::TAXELS;
 
 use crate::arrays::Arrays;
 use crate::bus_tap::{FRAME_TOKEN, TABLE_TOKEN};
-use crate::scan_timing::{CONVERSION_HALF_CYCLES, FIRST_PIN, FastScan, LINES, Scan};
+use crate::scan_timing::{FIRST_PIN, FastScan, LINES, Scan};
 
 const DMA1_LIFCR: u64 = 0x4002_0008;
 const HTIF: [u64; 2] = [1 << 4, 1 << 20];
@@ -171,8 +171,7 @@ impl Arrays {
             let trigger = self.fast_scan.instant(begin + settings.trigger);
             for (rank, sensor) in settings.sequence.iter().enumerate() {
                 let end = trigger + self.fast_scan.converted_ns(settings, rank as u64 + 1);
-                let conversion = CONVERSION_HALF_CYCLES * 500_000_000 / self.fast_scan.adc_hz;
-                codes.push(self.code(*sensor, end - conversion) as u16);
+                codes.push(self.code(*sensor, end - self.fast_scan.conversion_ns()) as u16);
             }
         }
         codes

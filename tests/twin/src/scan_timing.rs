@@ -23,7 +23,7 @@ pub const DEAD_NS: u64 = 45;
 /// From then on a full-scale step is within half a count of 4096: 9.02 time constants.
 pub const SETTLED_NS: u64 = 1705;
 /// RM0433, ADC timing: conversion of 16 bits after the end of sampling, ADC clock cycles, halves.
-pub const CONVERSION_HALF_CYCLES: u64 = 17;
+const CONVERSION_HALF_CYCLES: u64 = 17;
 const PORT_BSRR: u64 = 0x5802_1018;
 const ADC1_DR: u64 = 0x4002_2040;
 /// RM0433, DMAMUX1: ADC1 and TIM8_UP.
@@ -176,6 +176,11 @@ impl FastScan {
     pub(crate) fn instant(&self, cycle: u64) -> u64 {
         let (since, hz) = self.timer;
         since + (u128::from(cycle) * 1_000_000_000).div_ceil(u128::from(hz)) as u64
+    }
+
+    /// From the end of sampling to the end of a conversion; 0 while the ADC has no clock.
+    pub(crate) fn conversion_ns(&self) -> u64 {
+        (CONVERSION_HALF_CYCLES * 500_000_000).checked_div(self.adc_hz).unwrap_or(0)
     }
 
     /// From a trigger to the end of its `nth` conversion, from 1 on.

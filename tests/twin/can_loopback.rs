@@ -46,13 +46,9 @@ static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 async fn classic(can: &mut Can<'_>, number: u8) -> bool {
     let sent = unwrap!(Frame::new_extended(ID, &[number; 8]).ok());
     can.write(&sent).await;
-    match with_timeout(TIMEOUT, can.read()).await {
-        Ok(Ok(envelope)) => {
-            let (frame, _) = envelope.parts();
-            frame.id() == sent.id() && frame.data() == sent.data()
-        }
-        _ => false,
-    }
+    let Ok(Ok(envelope)) = with_timeout(TIMEOUT, can.read()).await else { return false };
+    let (frame, _) = envelope.parts();
+    frame.id() == sent.id() && frame.data() == sent.data()
 }
 
 async fn fd(can: &mut Can<'_>, number: u8) -> bool {
@@ -61,13 +57,9 @@ async fn fd(can: &mut Can<'_>, number: u8) -> bool {
     let id = unwrap!(ExtendedId::new(ID));
     let sent = unwrap!(FdFrame::new(Header::new_fd(id.into(), 64, false, true), &data).ok());
     can.write_fd(&sent).await;
-    match with_timeout(TIMEOUT, can.read_fd()).await {
-        Ok(Ok(envelope)) => {
-            let (frame, _) = envelope.parts();
-            frame.id() == sent.id() && frame.data() == sent.data()
-        }
-        _ => false,
-    }
+    let Ok(Ok(envelope)) = with_timeout(TIMEOUT, can.read_fd()).await else { return false };
+    let (frame, _) = envelope.parts();
+    frame.id() == sent.id() && frame.data() == sent.data()
 }
 
 /// Frames that came back, and the driver, which stops the peripheral's clock when it is dropped: classic ones whole, then with the driver split in its halves, then CAN FD ones.

@@ -14,6 +14,7 @@ use slipsense_recording::Episode;
 
 use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
+use crate::machine::Fitted;
 use crate::xl::{self, Readouts, Xl};
 
 const DEVID_AD: u8 = 0x00;
@@ -43,7 +44,7 @@ const ENTRIES: usize = 315;
 /// Samples that it makes in the time of one while its oscillator is in fault: 133 in a frame, and the FIFO holds 105.
 const TOO_FAST: usize = 4;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Adxl380 {
     /// For the comparison, where the bus did not carry the samples.
     readouts: Readouts,
@@ -54,7 +55,8 @@ pub struct Adxl380 {
     sensor: usize,
     faults: Vec<Fault>,
     period_ns: f64,
-    registers: [u8; 128],
+    /// All 128.
+    registers: Vec<u8>,
     fifo: VecDeque<(u8, i16)>,
     /// When measuring began, and samples since then.
     measuring: Option<u64>,
@@ -70,40 +72,25 @@ pub struct Adxl380 {
 }
 
 impl Adxl380 {
-    /// Behind the array of index `sensor`; its oscillator faster than nominal by the fraction `error`.
-    pub fn new(
-        episode: Option<Arc<Episode>>,
-        desk: Option<Desk>,
-        sensor: usize,
-        error: f64,
-        faults: Vec<Fault>,
-        readouts: Readouts,
-    ) -> Self {
+    /// Behind the array of index `sensor`.
+    pub fn new(fitted: &Fitted, sensor: usize, readouts: Readouts) -> Self {
+        let desk = fitted.desk.map(|desk| desk.at(sensor));
+        let error = if bench::has(desk, DeskFault::XlSlow) { -0.1 } else { xl::OSCILLATOR_ERROR };
         let mut part = Self {
             readouts,
-            batch: Vec::new(),
-            episode,
+            episode: fitted.episode.clone(),
             desk,
             sensor,
-            faults,
+            faults: fitted.faults.clone(),
             period_ns: 1e9 / Xl::Adxl380.rate_hz(error),
-            registers: [0; 128],
-            fifo: VecDeque::with_capacity(ENTRIES + 3),
-            measuring: None,
-            made: 0,
-            played: 0,
-            silent_until: 0,
-            command: None,
-            address: 0,
-            entry: None,
-            entry_byte: 0,
+            ..Self::default()
         };
         part.power_up();
         part
     }
 
     fn power_up(&mut self) {
-        self.registers = [0; 128];
+        self.registers = vec![0; 128];
         for (register, value) in [(DEVID_AD, 0xAD), (DEVID_MST, 0x1D), (PART_ID, 0x17), (PART_ID + 1, 0xC0)] {
             self.registers[usize::from(register)] = value;
         }

@@ -12,10 +12,10 @@ use rigless::soc::{Layout, Width};
 use rigless::time::{EventId, VirtualNanos};
 use slipsense::params::TAXELS;
 
-use crate::arrays::{Shared, lock};
+use crate::arrays::Shared;
 use crate::bus_tap::{TRIGGER_TOKEN, Tap};
-use crate::scan_fast_path;
-use crate::scan_timing::{CHANNELS, CONVERSION_HALF_CYCLES, FIRST_PIN, LINES, LINES_MODER, OUTPUTS};
+use crate::lock;
+use crate::scan_timing::{CHANNELS, FIRST_PIN, LINES, LINES_MODER, OUTPUTS};
 
 /// ADC1_ISR, a write of 0 to which does nothing: the trigger line's way over the emulator's bus.
 const ADC1_ISR: u64 = 0x4002_2000;
@@ -37,7 +37,7 @@ pub struct AddressLines(pub Shared);
 
 impl Tap<Gpio> for AddressLines {
     fn show(&mut self, registers: &mut RegisterFile, now: VirtualNanos) {
-        scan_fast_path::show_port(&self.0, registers, now.0);
+        lock(&self.0).fast_scan.show_port(registers, now.0);
     }
 
     /// A short between lines, or to ground, as the pins see it.
@@ -86,7 +86,7 @@ pub struct Trigger {
 
 impl Tap<Tim<Advanced>> for Trigger {
     fn read_instead(&mut self, row: usize, registers: &RegisterFile, now: VirtualNanos) -> Option<u64> {
-        let count = scan_fast_path::count(&self.shared, now.0)?;
+        let count = lock(&self.shared).fast_scan.count(now.0)?;
         let file = || Register::from_index(row).map_or(0, |register| registers.get(register));
         Some(if row == Register::Cnt.index() { count } else { file() })
     }
@@ -98,29 +98,28 @@ impl Tap<Tim<Advanced>> for Trigger {
         registers: &mut RegisterFile,
         context: &mut Context<'_>,
     ) -> Option<u64> {
-        let runs = lock(&self.shared).fast_scan.runs();
+        let arrays = &mut lock(&self.shared);
         let starts = row == Register::Cr1.index() && value & CEN != 0;
-        if !runs && starts && scan_fast_path::start(&self.shared, context) {
+        if arrays.fast_scan.runs() {
+            if starts || row != Register::Cr1.index() {
+                context.tell("CR1", "a write to the timer of a scan that runs: needs --slow");
+            }
+            arrays.stop_scan(context.now().0);
+        } else if starts && arrays.fast_scan.start(context) {
             return None;
         }
-        if runs && (starts || row != Register::Cr1.index()) {
-            context.tell("CR1", "a write to the timer of a scan that runs: needs --slow");
-        }
-        if runs {
-            scan_fast_path::stop(&self.shared, context.now().0);
-        }
         if row == Register::Egr.index() {
-            lock(&self.shared).fast_scan.fresh = value & UG != 0 && registers.get(Register::Cr1) & CEN == 0;
+            arrays.fast_scan.fresh = value & UG != 0 && registers.get(Register::Cr1) & CEN == 0;
         }
         Some(value)
     }
 
     fn event_instead(&mut self, event: EventId, context: &mut Context<'_>) -> bool {
-        scan_fast_path::frame_ended(&self.shared, event, context)
+        lock(&self.shared).frame_ended(event, context)
     }
 
     fn answered(&mut self, token: u64, value: u64, context: &mut Context<'_>) {
-        scan_fast_path::answered(&self.shared, token, value, context);
+        lock(&self.shared).fast_scan.answered(token, value, context);
     }
 
     fn on_clock(&mut self, hz: u64, now: VirtualNanos) {
@@ -128,7 +127,7 @@ impl Tap<Tim<Advanced>> for Trigger {
     }
 
     fn reset(&mut self) {
-        scan_fast_path::reset(&self.shared);
+        lock(&self.shared).fast_scan.reset();
     }
 
     fn after(&mut self, timer: &mut Tim<Advanced>, _: &mut RegisterFile, context: &mut Context<'_>) {
@@ -148,7 +147,6 @@ impl Tap<Tim<Advanced>> for Trigger {
 #[derive(Debug)]
 pub struct TriggeredInputs {
     pub shared: Shared,
-    clock_hz: u64,
     external: u64,
     armed: bool,
     /// A trigger came with this write.
@@ -159,12 +157,11 @@ pub struct TriggeredInputs {
 
 impl TriggeredInputs {
     pub const fn new(shared: Shared) -> Self {
-        Self { shared, clock_hz: 0, external: 0, armed: false, starts: false, converting: false }
+        Self { shared, external: 0, armed: false, starts: false, converting: false }
     }
 
     fn start(&mut self, adc: &mut Adc, registers: &mut RegisterFile, context: &mut Context<'_>) {
         if registers.get(AdcRegister::Cr) & ADSTART != 0 {
-            lock(&self.shared).lost_triggers += 1;
             context.tell("ADC_CR", "a trigger while the sequence before still runs is lost");
             return;
         }
@@ -176,8 +173,8 @@ impl TriggeredInputs {
 
 impl Tap<Adc> for TriggeredInputs {
     fn before(&mut self, adc: &mut Adc, now: VirtualNanos) {
-        let conversion_ns = (CONVERSION_HALF_CYCLES * 500_000_000).checked_div(self.clock_hz).unwrap_or(0);
-        let mut arrays = lock(&self.shared);
+        let arrays = lock(&self.shared);
+        let conversion_ns = arrays.fast_scan.conversion_ns();
         for (sensor, channel) in CHANNELS.into_iter().enumerate() {
             let code = arrays.code(sensor, now.0.saturating_sub(conversion_ns));
             if let Some(channel) = Channel::new(channel) {
@@ -243,7 +240,6 @@ impl Tap<Adc> for TriggeredInputs {
     }
 
     fn on_clock(&mut self, hz: u64, _now: VirtualNanos) {
-        self.clock_hz = hz;
         lock(&self.shared).fast_scan.adc_hz = hz;
     }
 
@@ -262,7 +258,7 @@ pub struct Streams {
 
 impl Tap<Dma> for Streams {
     fn show(&mut self, registers: &mut RegisterFile, now: VirtualNanos) {
-        scan_fast_path::show_stream(&self.shared, self.codes, registers, now.0);
+        lock(&self.shared).fast_scan.show_stream(self.codes, registers, now.0);
     }
 
     fn write(
@@ -272,13 +268,13 @@ impl Tap<Dma> for Streams {
         _: &mut RegisterFile,
         context: &mut Context<'_>,
     ) -> Option<u64> {
-        if scan_fast_path::is_in_use(&self.shared, self.codes, row) {
+        if lock(&self.shared).fast_scan.is_in_use(self.codes, row) {
             context.tell("CR", "a write to a stream of a scan that runs: needs --slow");
         }
         Some(value)
     }
 
     fn after(&mut self, _: &mut Dma, registers: &mut RegisterFile, _: &mut Context<'_>) {
-        scan_fast_path::stream_written(&self.shared, self.codes, registers);
+        lock(&self.shared).fast_scan.stream_written(self.codes, registers);
     }
 }

@@ -6,7 +6,7 @@
 //! GPIOE ODR ──> address ──> settling ──> input at the end of sampling
 //! ```
 
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 
 use slipsense::params::TAXELS;
 use slipsense::transfer::adc_code;
@@ -14,16 +14,15 @@ use slipsense_recording::Episode;
 
 use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
+use crate::machine::Fitted;
 use crate::scan_timing::{DEAD_NS, FastScan, SETTLED_NS};
 
 /// The emulator's ADC takes whole millivolts, coarser than a code: its reference is 65,535 V here, a code a volt, and
 /// half a volt more so that rounding cannot lose one.
 pub const REFERENCE_MV: u32 = 65_535_000;
 const TAU_NS: f64 = 154.0;
-/// Half a count of 4096 of the linear range, codes.
-const SETTLED_CODES: f64 = 8.0;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Arrays {
     episode: Option<Arc<Episode>>,
     desk: Option<Desk>,
@@ -38,30 +37,19 @@ pub struct Arrays {
     pub triggered: bool,
     /// The scan that needs no event per slot.
     pub fast_scan: FastScan,
-    /// Triggers that came while a sequence was running.
-    pub lost_triggers: u64,
-    /// Conversions whose input had not settled to within [`SETTLED_CODES`].
-    pub unsettled: u64,
 }
 
 pub type Shared = Arc<Mutex<Arrays>>;
 
 impl Arrays {
     /// Arrays under the pressure of the episode; none without an episode.
-    pub fn new(episode: Option<Arc<Episode>>, desk: Option<Desk>, faults: Vec<Fault>) -> Shared {
+    pub fn new(fitted: &Fitted) -> Shared {
         Arc::new(Mutex::new(Self {
-            episode,
-            desk,
-            faults,
-            address: 0,
-            before: 0,
-            since_ns: 0,
-            frame: 0,
-            frame_before: 0,
-            triggered: false,
-            fast_scan: FastScan::default(),
-            lost_triggers: 0,
-            unsettled: 0,
+            episode: fitted.episode.clone(),
+            desk: fitted.desk,
+            faults: fitted.faults.clone(),
+            fast_scan: FastScan { enabled: !fitted.slow, ..FastScan::default() },
+            ..Self::default()
         }))
     }
 
@@ -96,7 +84,7 @@ impl Arrays {
         (self.address, self.since_ns) = (address, now_ns);
     }
 
-    pub fn code(&mut self, sensor: usize, at_ns: u64) -> u32 {
+    pub fn code(&self, sensor: usize, at_ns: u64) -> u32 {
         if fault_injection::active(&self.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;
         }
@@ -111,14 +99,6 @@ impl Arrays {
         }
         let tau_ns = if slow { bench::SLOW_TAU_NS } else { TAU_NS };
         let left = (-((at_ns - self.since_ns - DEAD_NS) as f64) / tau_ns).exp();
-        let value = new + (old - new) * left;
-        if (value - new).abs() > SETTLED_CODES {
-            self.unsettled += 1;
-        }
-        value.round() as u32
+        (new + (old - new) * left).round() as u32
     }
-}
-
-pub fn lock(shared: &Shared) -> MutexGuard<'_, Arrays> {
-    shared.lock().expect("no holder of the arrays panics")
 }

@@ -84,22 +84,20 @@ pub fn has(desk: Option<Desk>, fault: DeskFault) -> bool {
     desk.is_some_and(|desk| desk.fault == Some(fault))
 }
 
-impl Desk {
-    /// As the part of this sensor sees it.
-    pub fn at(self, sensor: usize) -> Self {
-        let mine = |fault: &DeskFault| sensor == 0 || *fault == DeskFault::MisoOpen;
-        Self { fault: self.fault.filter(mine), ..self }
-    }
-}
-
 /// Splitmix64's end: any mixture will do.
-fn mix(number: u64) -> u64 {
+pub fn mix(number: u64) -> u64 {
     let word = (number ^ number >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let word = (word ^ word >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     word ^ word >> 31
 }
 
 impl Desk {
+    /// As the part of this sensor sees it.
+    pub fn at(self, sensor: usize) -> Self {
+        let mine = |fault: &DeskFault| sensor == 0 || *fault == DeskFault::MisoOpen;
+        Self { fault: self.fault.filter(mine), ..self }
+    }
+
     fn selected(self, address: usize) -> usize {
         match self.fault {
             Some(DeskFault::LineOpen) => address & !(1 << (COLUMN_LINES + 2)),

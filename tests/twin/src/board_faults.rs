@@ -13,9 +13,9 @@ use rigless::soc::stm32h743::generated::flash::{Register, sr1, sr2};
 use rigless::soc::stm32h743::generated::ramecc1::{self, m1sr};
 use rigless::symbols::Symbols;
 use slipsense::net::format::MAGIC;
-use slipsense::update::partitions::FLASH_BASE;
 
 use crate::machine::Twin;
+use crate::power_faults::{CONTROL, FLASH};
 
 /// The executor of acquisition and transmission.
 const HANDLER: &str = "CEC";
@@ -26,25 +26,14 @@ const UNDEFINED: u16 = 0xDE00;
 const BRANCH_TO_ITSELF: u16 = 0xE7FE;
 const NOP: u16 = 0xBF00;
 const JUMP: [u16; 2] = [0xF8DF, 0xF000];
-/// FLASH_CR1 and FLASH_CR2, and the flash itself.
-const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
-const ARRAY: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + (2 << 20);
 /// Where the model that runs is searched, and the byte of it whose bits flip: a weight's.
 const AXI_SRAM: std::ops::Range<u64> = 0x2400_0000..0x2408_0000;
 const FLIPPED_AT: u64 = 90_000;
 /// Flags that a read raises, of whomever (RM0433 4.7.7 to 4.7.9), by speculation too. They stand until CCR clears them,
 /// and stop no operation.
-const READ_FLAGS: [[(Register, u64); 3]; 2] = [
-    [
-        (Register::Sr1, sr1::RDPERR1.mask()),
-        (Register::Sr1, sr1::RDSERR1.mask()),
-        (Register::Sr1, sr1::SNECCERR.mask()),
-    ],
-    [
-        (Register::Sr2, sr2::RDPERR2.mask()),
-        (Register::Sr2, sr2::RDSERR2.mask()),
-        (Register::Sr2, sr2::SNECCERR2.mask()),
-    ],
+const READ_FLAGS: [(Register, [u64; 3]); 2] = [
+    (Register::Sr1, [sr1::RDPERR1.mask(), sr1::RDSERR1.mask(), sr1::SNECCERR.mask()]),
+    (Register::Sr2, [sr2::RDPERR2.mask(), sr2::RDSERR2.mask(), sr2::SNECCERR2.mask()]),
 ];
 
 /// The firmware's handler and start; and what has been changed.
@@ -126,7 +115,7 @@ impl BoardFaults {
 
     /// After each access of the core.
     pub fn look(&mut self, session: &mut Session<Twin>, access: Access) {
-        let of_flash = ARRAY.contains(&access.address) || CONTROL.contains(&access.address);
+        let of_flash = FLASH.contains(&access.address) || CONTROL.contains(&access.address);
         if access.kind != AccessKind::Write || !of_flash {
             return;
         }
@@ -138,12 +127,12 @@ impl BoardFaults {
             return;
         }
         let [bank, kind] = [self.random >> 32 & 1, (self.random >> 40) % 3].map(|number| number as usize);
-        let (register, flag) = READ_FLAGS[bank][kind];
+        let (register, flags) = READ_FLAGS[bank];
         let bus = session.board_mut().mcu.bus_mut();
         let slot = bus.slot("Flash").expect("the part has a flash");
         let registers = bus.slot_mut(slot).registers_mut();
         let held = registers.get(register);
-        registers.set(register, held | flag);
+        registers.set(register, held | flags[kind]);
         self.flags += 1;
     }
 }

@@ -34,6 +34,9 @@ const XL_CLOCK_SPREAD_MAX: f64 = 1.5;
 /// Scans that may go by before the first that is sent.
 const SHIFT_MAX: usize = 16;
 
+/// Raw messages by frame number and sensor.
+type Raws = BTreeMap<(u32, u8), RawMessage>;
+
 /// A slip message and when it was on the bus.
 #[derive(Clone, Debug)]
 pub struct Slip {
@@ -93,7 +96,7 @@ pub fn compare(done: &Done, episode: Option<&Episode>) -> Result<Comparison> {
     let frames = &done.frames;
     let mut comparison = Comparison::default();
     let mut receiver = Receiver::new(NodeId::DEFAULT);
-    let mut raws: BTreeMap<(u32, u8), RawMessage> = BTreeMap::new();
+    let mut raws = Raws::new();
     for logged in frames.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent) {
         let Some(frame) = can_frame(&logged.frame) else {
             comparison.undecoded.push(format!("{:?}", logged.frame));
@@ -136,12 +139,7 @@ impl Comparison {
 
     /// The host's pipeline decides on the very readings that the raw messages carry; where the bus did not carry one,
     /// on what the sensor models gave: the scan that follows, and what was read of the FIFO after the tick.
-    fn decisions(
-        &mut self,
-        raws: &BTreeMap<(u32, u8), RawMessage>,
-        done: &Done,
-        episode: Option<&Episode>,
-    ) -> Result<()> {
+    fn decisions(&mut self, raws: &Raws, done: &Done, episode: Option<&Episode>) -> Result<()> {
         let model = Model::parse(MODEL).map_err(|error| anyhow!("the bundled model: {error}"))?;
         let sensors = self.slips.first().map_or(1, |slip| slip.message.sensors.into());
         let mut pipeline = Pipeline::new(model, sensors).map_err(|error| anyhow!("pipeline: {error}"))?;
@@ -149,20 +147,20 @@ impl Comparison {
         let mut xl_end = [0u32; MAX_SENSORS];
         let mut next = None;
         for slip in &self.slips {
-            let message = &slip.message;
+            let (message, number) = (&slip.message, slip.message.sequence);
             // The network remembers the frames that the bus did not carry.
-            if next.is_some_and(|next| next != message.sequence) {
-                self.ended = Some(format!("frame {}: those before it were not on the bus", message.sequence));
+            if next.is_some_and(|next| next != number) {
+                self.ended = Some(format!("frame {number}: those before it were not on the bus"));
                 return Ok(());
             }
-            next = Some(message.sequence.wrapping_add(1));
+            next = Some(number.wrapping_add(1));
             let tick_ns = (message.timestamp_us as i64 * 1000 - ahead_ns).max(0) as u64;
             let mut inputs = [SensorInput::default(); MAX_SENSORS];
             for (sensor, input) in inputs.iter_mut().enumerate().take(sensors) {
                 let flags = message.contact[sensor].health;
-                let raw = raws.get(&(message.sequence, sensor as u8));
+                let raw = raws.get(&(number, sensor as u8));
                 let piezo = raw.map(|raw| &raw.piezo).or_else(|| {
-                    let frame = (message.sequence as usize).checked_sub(self.shift[sensor])?;
+                    let frame = (number as usize).checked_sub(self.shift[sensor])?;
                     episode.map(|episode| episode.piezo(frame % episode.frames(), sensor))
                 });
                 let read = readout(&done.readouts[sensor], tick_ns);
@@ -170,16 +168,14 @@ impl Comparison {
                     && flags & health::XL_MISSING == 0
                     && !(read.ends_with(&raw.xl) && read.len() == raw.xl.len() + usize::from(raw.xl_dropped))
                 {
-                    let sequence = message.sequence;
-                    self.samples_different.push(format!("frame {sequence}: not the samples that were read"));
+                    self.samples_different.push(format!("frame {number}: not the samples that were read"));
                 }
                 // A message holds the newest samples of a FIFO that was full.
                 let carried = raw.filter(|raw| raw.xl_dropped == 0);
                 let none = (flags & health::XL_MISSING != 0).then_some(&[][..]);
                 let xl = carried.map(|raw| raw.xl.as_slice()).or(read).or(none);
                 let (Some(piezo), Some(xl)) = (piezo, xl) else {
-                    self.ended =
-                        Some(format!("frame {}: no reading of sensor {sensor} is known", message.sequence));
+                    self.ended = Some(format!("frame {number}: no reading of sensor {sensor} is known"));
                     return Ok(());
                 };
                 self.from_models += usize::from(carried.is_none());
@@ -191,7 +187,7 @@ impl Comparison {
                 xl_end[sensor] = input.xl_end;
             }
             let output = pipeline.step(&inputs[..sensors]);
-            let stamp = FrameStamp { sequence: message.sequence, timestamp_us: message.timestamp_us };
+            let stamp = FrameStamp { sequence: number, timestamp_us: message.timestamp_us };
             let origin = Origin {
                 starts: message.starts,
                 late_frames: message.late_frames,
@@ -208,34 +204,26 @@ impl Comparison {
             }
             self.compared += 1;
             if expected != *message {
-                self.different
-                    .push(format!("frame {}: {message:?}, the host says {expected:?}", message.sequence));
+                self.different.push(format!("frame {number}: {message:?}, the host says {expected:?}"));
             }
         }
         Ok(())
     }
 
-    fn sensors(&mut self, raws: &BTreeMap<(u32, u8), RawMessage>, done: &Done, episode: &Episode) {
+    fn sensors(&mut self, raws: &Raws, done: &Done, episode: &Episode) {
         for sensor in 0..episode.sensors {
-            let of_sensor = || raws.iter().filter(|((_, number), _)| usize::from(*number) == sensor);
-            self.taxels(of_sensor().map(|((sequence, _), raw)| (*sequence, raw)), episode, sensor);
-            let raws = of_sensor().map(|((sequence, _), raw)| (*sequence, raw));
-            self.samples(raws, &episode.xl[sensor], done.xl_rate_hz);
+            let of_sensor = raws.values().filter(|raw| usize::from(raw.sensor) == sensor);
+            let of_sensor: Vec<&RawMessage> = of_sensor.collect();
+            self.taxels(&of_sensor, episode, sensor);
+            self.samples(&of_sensor, &episode.xl[sensor], done.xl_rate_hz);
         }
     }
 
     /// The arrays play one frame of the episode per scan, so frame number and frame of the episode differ by a
     /// constant: the one that most frames agree with, for an untouched pad reads the same in many.
-    fn taxels<'a>(
-        &mut self,
-        raws: impl Iterator<Item = (u32, &'a RawMessage)>,
-        episode: &Episode,
-        sensor: usize,
-    ) {
-        let scans: Vec<(usize, &PiezoFrame)> = raws
-            .filter(|(_, raw)| raw.health & health::PIEZO_MISSING == 0)
-            .map(|(sequence, raw)| (sequence as usize, &raw.piezo))
-            .collect();
+    fn taxels(&mut self, raws: &[&RawMessage], episode: &Episode, sensor: usize) {
+        let scans = raws.iter().filter(|raw| raw.health & health::PIEZO_MISSING == 0);
+        let scans: Vec<(usize, &PiezoFrame)> = scans.map(|raw| (raw.sequence as usize, &raw.piezo)).collect();
         let played = |sequence: usize, shift: usize| {
             let frame = sequence.checked_sub(shift)?;
             Some(episode.piezo(frame % episode.frames(), sensor))
@@ -259,22 +247,15 @@ impl Comparison {
 
     /// Samples follow one another as the part made them, the episode's over and over, and `xl_end` counts them; the
     /// first ones are thrown away while the part settles.
-    fn samples<'a>(
-        &mut self,
-        raws: impl Iterator<Item = (u32, &'a RawMessage)>,
-        played: &[XlSample],
-        rate_hz: f64,
-    ) {
+    fn samples(&mut self, raws: &[&RawMessage], played: &[XlSample], rate_hz: f64) {
         let follow = |from: usize, batch: &[XlSample]| {
             (from..).zip(batch).all(|(index, sample)| played[index % played.len()] == *sample)
         };
         let mut last: Option<(u32, usize)> = None;
         let mut ahead: Option<f64> = None;
-        let mut clock: Option<(f64, f64)> = None;
-        for (sequence, raw) in
-            raws.filter(|(_, raw)| raw.health & health::XL_MISSING == 0 && !raw.xl.is_empty())
-        {
-            let batch = raw.xl.as_slice();
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        for raw in raws.iter().filter(|raw| raw.health & health::XL_MISSING == 0 && !raw.xl.is_empty()) {
+            let (sequence, batch) = (raw.sequence, raw.xl.as_slice());
             let next = last.map_or(0, |(_, next)| next);
             // After messages that the bus did not carry, or a gap: the first such samples from there on.
             let follows = last.is_some_and(|(last, _)| sequence == last + 1) && raw.health & GAP != GAP;
@@ -303,9 +284,9 @@ impl Comparison {
                 ahead = Some(before);
             }
             let off = f64::from(raw.xl_end) - raw.timestamp_us as f64 * 1e-6 * rate_hz;
-            clock = Some(clock.map_or((off, off), |(least, most)| (least.min(off), most.max(off))));
+            (least, most) = (least.min(off), most.max(off));
         }
-        let Some((least, most)) = clock else { return };
+        // Less than nothing where no sample came.
         self.xl_clock_spread = self.xl_clock_spread.max(most - least);
         if most - least > XL_CLOCK_SPREAD_MAX {
             self.xl_end_different
@@ -313,19 +294,21 @@ impl Comparison {
         }
     }
 
-    /// Nothing differs, and there was something to compare.
-    pub fn is_equal(&self, played: bool) -> bool {
-        if played && (self.taxels_equal == 0 || self.samples_equal == 0) {
-            return false;
-        }
-        let differences = [
+    /// What differs, kind by kind.
+    pub fn differences(&self) -> [&Vec<String>; 5] {
+        [
             &self.undecoded,
             &self.different,
             &self.taxels_different,
             &self.samples_different,
             &self.xl_end_different,
-        ];
-        differences.iter().all(|list| list.is_empty()) && self.compared > 0
+        ]
+    }
+
+    /// Nothing differs, and there was something to compare.
+    pub fn is_equal(&self, played: bool) -> bool {
+        let sensors = !played || self.taxels_equal > 0 && self.samples_equal > 0;
+        sensors && self.differences().iter().all(|list| list.is_empty()) && self.compared > 0
     }
 }
 

@@ -3,6 +3,7 @@
 
 use rigless::session::Session;
 
+use crate::arguments::Arguments;
 use crate::machine::Twin;
 
 /// One line, and why it is no mistake of the firmware's, if it is not.
@@ -13,7 +14,7 @@ pub struct Diagnostic {
 }
 
 /// Beginnings of lines and reasons.
-const EXPECTED: [(&str, &str); 5] = [
+const EXPECTED: &[(&str, &str)] = &[
     (
         "RCC CFGR: DS12110 rev 11 table 112",
         "the emulator does not know voltage scale 0; the run checks that SYSCFG_PWRCR.ODEN is set before",
@@ -31,7 +32,7 @@ const EXPECTED: [(&str, &str); 5] = [
 ];
 
 /// The same where the far end may restart the board.
-const EXPECTED_OF_FAR_END: [(&str, &str); 2] = [
+const EXPECTED_OF_FAR_END: &[(&str, &str)] = &[
     ("reset at ", "asked for by the far end, or by the supply that it lets fail; the watchdog's are counted"),
     (
         "FDCAN1 FDCAN_CCCR: INIT was set while a frame was on the bus",
@@ -39,13 +40,13 @@ const EXPECTED_OF_FAR_END: [(&str, &str); 2] = [
     ),
 ];
 
-const EXPECTED_OF_BOOTLOADER: [(&str, &str); 1] = [(
+const EXPECTED_OF_BOOTLOADER: &[(&str, &str)] = &[(
     "refused at 0x40000024: TIM2.CNT is gated",
     "the bootloader's log asks embassy's clock for the time, which only the firmware starts: it reads 0",
 )];
 
 /// The same on the desk, where the clock on PH0 may be wrong.
-const EXPECTED_ON_DESK: [(&str, &str); 2] = [
+const EXPECTED_ON_DESK: &[(&str, &str)] = &[
     (
         "FDCAN1 FDCAN_CCCR: INIT was cleared while the kernel clock stands still",
         "the bring-up program finds so that there is no clock",
@@ -53,7 +54,7 @@ const EXPECTED_ON_DESK: [(&str, &str); 2] = [
     ("RCC PLLCFGR: RM0433 rev 9 8.7.13 and DS12110 rev 11 tables 137, 138", "a clock that is 1 % fast"),
 ];
 
-pub fn collect(session: &Session<Twin>, far_end: bool, boot: bool, desk: bool) -> Vec<Diagnostic> {
+pub fn collect(session: &Session<Twin>, arguments: &Arguments) -> Vec<Diagnostic> {
     let mut lines: Vec<String> =
         session.told().map(|told| format!("{} {}: {}", told.instance, told.register, told.reason)).collect();
     lines.extend(session.unmapped().iter().map(|unmapped| format!("unmapped access: {unmapped}")));
@@ -82,10 +83,13 @@ pub fn collect(session: &Session<Twin>, far_end: bool, boot: bool, desk: bool) -
     lines.extend(
         session.resets().iter().map(|reset| format!("reset at {} ns: {:?}", reset.at.0, reset.cause)),
     );
-    let of_far_end = if far_end { &EXPECTED_OF_FAR_END[..] } else { &[] };
-    let of_bootloader = if boot { &EXPECTED_OF_BOOTLOADER[..] } else { &[] };
-    let on_desk = if desk { &EXPECTED_ON_DESK[..] } else { &[] };
-    let expected = || EXPECTED.iter().chain(of_far_end).chain(of_bootloader).chain(on_desk);
+    let sets = [
+        (true, EXPECTED),
+        (arguments.far_end, EXPECTED_OF_FAR_END),
+        (arguments.boot.is_some(), EXPECTED_OF_BOOTLOADER),
+        (arguments.desk.is_some(), EXPECTED_ON_DESK),
+    ];
+    let expected = || sets.iter().filter(|(is_so, _)| *is_so).flat_map(|(_, lines)| *lines);
     let reason =
         |line: &str| expected().find(|(start, _)| line.starts_with(start)).map(|(_, reason)| *reason);
     lines.into_iter().map(|line| Diagnostic { reason: reason(&line), line }).collect()

@@ -7,10 +7,9 @@ use rigless::mcu::Operate;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
-use slipsense::update::partitions::FLASH_BASE;
 
 use crate::machine::Twin;
-use crate::programs::BOARD;
+use crate::programs::{BOARD, addresses};
 
 /// FLASH_SR1 and FLASH_SR2 (RM0433, FLASH registers): BSY in bit 0, QW in bit 2.
 const STATUS: [u64; 2] = [0x5200_2010, 0x5200_2110];
@@ -25,7 +24,7 @@ pub struct FlashWait {
 impl FlashWait {
     /// After each access of the core, and what was read.
     pub fn look(&mut self, host: &mut dyn Host, access: Access, value: u64) {
-        let boots = access.program_counter.is_some_and(is_bootloader);
+        let boots = access.program_counter.is_some_and(|at| addresses(BOARD.boot).contains(&at));
         let asks = access.kind == AccessKind::Read && STATUS.contains(&access.address);
         if boots && asks && value & BUSY != 0 {
             self.status = Some(access.address);
@@ -43,8 +42,4 @@ impl FlashWait {
         self.status = None;
         host.hold(false);
     }
-}
-
-fn is_bootloader(address: u64) -> bool {
-    (u64::from(FLASH_BASE + BOARD.boot.start)..u64::from(FLASH_BASE + BOARD.boot.end)).contains(&address)
 }

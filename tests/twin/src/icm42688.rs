@@ -17,7 +17,6 @@ use rigless::chip::icm42688p::Icm42688p;
 use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
 use rigless::time::{EventId, VirtualNanos};
-use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
 use crate::xl::{self, Readouts};
@@ -57,7 +56,7 @@ enum Transaction {
     Written,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Icm42688 {
     part: Icm42688p,
     readouts: Readouts,
@@ -82,21 +81,7 @@ pub struct Icm42688 {
 impl Icm42688 {
     /// Behind the array of index `sensor`.
     pub fn new(episode: Option<Arc<Episode>>, sensor: usize, readouts: Readouts) -> Self {
-        Self {
-            part: Icm42688p::new(),
-            readouts,
-            episode,
-            sensor,
-            made: 0,
-            next: None,
-            event: None,
-            transaction: None,
-            bytes: Vec::new(),
-            late: false,
-            bank: 0,
-            power: 0,
-            accel_config: ACCEL_CONFIG0_RESET,
-        }
+        Self { readouts, episode, sensor, accel_config: ACCEL_CONFIG0_RESET, ..Self::default() }
     }
 
     /// Gives the model the acceleration in the sample that is due by now.
@@ -143,12 +128,6 @@ impl Icm42688 {
     }
 }
 
-/// The samples of the packets in what was read.
-fn samples(bytes: &[u8]) -> Vec<XlSample> {
-    let packets = bytes.chunks_exact(PACKET);
-    packets.map(|packet| [1, 3, 5].map(|at| i16::from_be_bytes([packet[at], packet[at + 1]]))).collect()
-}
-
 impl Store for Icm42688 {}
 
 impl Peer for Icm42688 {
@@ -187,7 +166,10 @@ impl Peer for Icm42688 {
     fn deselect(&mut self, context: &mut Timeline<'_, '_>) {
         self.transaction = None;
         self.part.deselect(context);
-        xl::note(&self.readouts, context.now().0, samples(&self.bytes));
+        let axis = |packet: &[u8], at: usize| i16::from_be_bytes([packet[at], packet[at + 1]]);
+        let packets = self.bytes.chunks_exact(PACKET);
+        let samples = packets.map(|packet| [1, 3, 5].map(|at| axis(packet, at))).collect();
+        xl::note(&self.readouts, context.now().0, samples);
         self.bytes.clear();
     }
 

@@ -33,9 +33,13 @@ const CROSSING: [(Register, u64); 3] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Values([u64; CROSSING.len()]);
 
-impl Values {
-    const RESET: Self = Self([0, FULL, FULL]);
+impl Default for Values {
+    fn default() -> Self {
+        Self([0, FULL, FULL])
+    }
+}
 
+impl Values {
     /// Cycles of the LSI for a count: 4 to 256.
     fn divider(self) -> u64 {
         4 << self.0[0].min(6)
@@ -50,7 +54,7 @@ impl Values {
     }
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Iwdg {
     open: bool,
     started: bool,
@@ -61,24 +65,9 @@ pub struct Iwdg {
     /// When the next of them arrives, by register.
     arrivals: [Option<EventId>; CROSSING.len()],
     clock_hz: u64,
-    /// The counter, and cycles of the LSI into the present count, at this time.
-    counter: (VirtualNanos, u64, u64),
+    /// The counter, which the start loads, and cycles of the LSI into the present count, at this time.
+    counter: (u64, u64, u64),
     end: Option<EventId>,
-}
-
-impl Default for Iwdg {
-    fn default() -> Self {
-        Self {
-            open: false,
-            started: false,
-            written: Values::RESET,
-            values: Values::RESET,
-            arrivals: [None; CROSSING.len()],
-            clock_hz: 0,
-            counter: (VirtualNanos(0), FULL, 0),
-            end: None,
-        }
-    }
 }
 
 impl Iwdg {
@@ -89,17 +78,16 @@ impl Iwdg {
     /// Carry the counter on to `now`, with clock and prescaler as they were until then.
     fn count(&mut self, now: VirtualNanos) {
         let (since, counter, cycles) = self.counter;
-        let passed = u128::from(now.0 - since.0) * u128::from(self.clock_hz) / u128::from(NANOS_PER_SECOND);
+        let passed = u128::from(now.0 - since) * u128::from(self.clock_hz) / u128::from(NANOS_PER_SECOND);
         let cycles = cycles + passed as u64;
         let counts = cycles / self.values.divider();
         // What is left of a cycle stays in the time.
-        let whole = if self.clock_hz == 0 { now.0 } else { since.0 + self.cycles_ns(passed as u64) };
-        self.counter =
-            (VirtualNanos(whole.min(now.0)), counter.saturating_sub(counts), cycles % self.values.divider());
+        let whole = if self.clock_hz == 0 { now.0 } else { since + self.cycles_ns(passed as u64) };
+        self.counter = (whole.min(now.0), counter.saturating_sub(counts), cycles % self.values.divider());
     }
 
     fn load(&mut self, now: VirtualNanos, value: u64) {
-        self.counter = (now, value, 0);
+        self.counter = (now.0, value, 0);
     }
 
     /// The reset, at the end of the count.
@@ -107,7 +95,7 @@ impl Iwdg {
         self.end = (self.started && self.clock_hz != 0).then(|| {
             let (since, counter, cycles) = self.counter;
             let left = (counter + 1) * self.values.divider() - cycles;
-            context.schedule(VirtualNanos(since.0 + self.cycles_ns(left)))
+            context.schedule(VirtualNanos(since + self.cycles_ns(left)))
         });
     }
 
@@ -236,9 +224,20 @@ mod tests {
     struct Part(Single<Iwdg>);
 
     impl Part {
-        fn new() -> Self {
+        /// As the drivers do it: configured, started, loaded. 800 counts of four cycles are the firmware's 100 ms. The
+        /// clock comes with the start.
+        fn started() -> Self {
             let single = Single::new(stm32h743::builder(), "IWDG", Iwdg::default());
-            Self(single.expect("the part has the instance"))
+            let mut part = Self(single.expect("the part has the instance"));
+            for (register, value) in
+                [(Register::Kr, KEY_OPEN), (Register::Pr, 0), (Register::Rlr, 799), (Register::Kr, KEY_START)]
+            {
+                part.write(0, register, value);
+            }
+            part.0.drive(VirtualNanos(0), |iwdg, registers, context| {
+                rigless::device::Device::on_clock(iwdg, LSI_HZ, registers, context);
+            });
+            part
         }
 
         fn address(register: Register) -> u64 {
@@ -258,56 +257,30 @@ mod tests {
                 .expect("the instance answers")
         }
 
-        /// As the drivers do it: configure, start, load. The clock comes with the start.
-        fn start(&mut self, prescaler: u64, reload: u64) {
-            self.write(0, Register::Kr, KEY_OPEN);
-            self.write(0, Register::Pr, prescaler);
-            self.write(0, Register::Rlr, reload);
-            self.write(0, Register::Kr, KEY_START);
-            self.0.drive(VirtualNanos(0), |iwdg, registers, context| {
-                rigless::device::Device::on_clock(iwdg, LSI_HZ, registers, context);
-            });
-        }
-
         fn has_bitten(&mut self, at_ns: u64) -> bool {
             self.0.advance_to(VirtualNanos(at_ns));
             self.0.take_reset_request() == Some(ResetCause::Model("IWDG"))
         }
     }
 
+    /// After a reload, the reload value and one count later; without any, at the end of the full count.
     #[test]
-    fn unfed_it_resets_the_part_after_the_reload_and_one_count() {
-        let mut part = Part::new();
-        // 800 counts of four cycles of 32 kHz, the firmware's 100 ms, and one.
-        part.start(0, 799);
-        part.write(MS, Register::Kr, KEY_RELOAD);
-        assert!(!part.has_bitten(MS + 100 * MS - 1));
-        assert!(part.has_bitten(MS + 100 * MS));
-    }
-
-    #[test]
-    fn without_a_reload_it_starts_at_the_full_count() {
-        let mut part = Part::new();
-        part.start(0, 799);
-        assert!(!part.has_bitten(512 * MS - 1));
-        assert!(part.has_bitten(512 * MS));
-    }
-
-    #[test]
-    fn fed_it_does_not() {
-        let mut part = Part::new();
-        part.start(0, 799);
-        for nth in 1..100 {
-            part.write(nth * 99 * MS, Register::Kr, KEY_RELOAD);
-            assert!(!part.has_bitten(nth * 99 * MS));
+    fn unfed_it_resets_the_part() {
+        let fed: Vec<u64> = (1..100).map(|nth| nth * 99 * MS).collect();
+        for (reloads, end) in [(vec![], 512 * MS), (vec![MS], 101 * MS), (fed, 99 * 99 * MS + 100 * MS)] {
+            let mut part = Part::started();
+            for at in reloads {
+                part.write(at, Register::Kr, KEY_RELOAD);
+                assert!(!part.has_bitten(at));
+            }
+            assert!(!part.has_bitten(end - 1));
+            assert!(part.has_bitten(end));
         }
-        assert!(part.has_bitten(99 * 99 * MS + 100 * MS));
     }
 
     #[test]
     fn another_prescaler_counts_five_cycles_after_it_was_written() {
-        let mut part = Part::new();
-        part.start(0, 799);
+        let mut part = Part::started();
         let crossed = 5 * 1_000_000_000 / LSI_HZ;
         assert_eq!(part.read(crossed - 1, Register::Sr), 0b011);
         assert_eq!(part.read(crossed - 1, Register::Rlr), 0xFFF);
@@ -323,16 +296,14 @@ mod tests {
 
     #[test]
     fn what_is_closed_is_not_written() {
-        let mut part = Part::new();
-        part.start(0, 799);
+        let mut part = Part::started();
         part.write(10 * MS, Register::Rlr, 5);
         assert_eq!(part.read(20 * MS, Register::Rlr), 799);
     }
 
     #[test]
     fn a_reload_before_the_window_resets_the_part() {
-        let mut part = Part::new();
-        part.start(0, 799);
+        let mut part = Part::started();
         part.write(10 * MS, Register::Kr, KEY_OPEN);
         part.write(10 * MS, Register::Winr, 400);
         assert_eq!(part.read(20 * MS, Register::Winr), 400);

@@ -21,18 +21,18 @@ use slipsense_recording::Episode;
 
 use crate::adxl380::Adxl380;
 use crate::array_taps::{AddressLines, Streams, Trigger, TriggeredInputs};
-use crate::arrays::{Arrays, REFERENCE_MV, Shared, lock};
+use crate::arrays::{Arrays, REFERENCE_MV, Shared};
 use crate::bench::{self, Desk, DeskFault};
 use crate::bus_tap::Tapped;
 use crate::campaign::processor::{Handle, injected};
 use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
-use crate::fdcan::message_ram::{self, MessageRam};
+use crate::fdcan::message_ram::{self, MessageRam, RamWindow};
 use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
+use crate::lock;
 use crate::scan_timing::{PERIPHERALS, Settings};
-use crate::window::Windowed;
-use crate::xl::{self, Readouts, Xl};
+use crate::xl::{Readouts, Xl};
 
 /// The core's clock that `clocks.rs` sets, and with one instruction per cycle its rate. A choice, not a
 /// measurement: the silicon issues up to two, and waits for flash and buses.
@@ -47,6 +47,7 @@ const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 1
 const XL_SPI: usize = 0;
 
 /// What is fitted to the board, and what happens to it.
+#[derive(Default)]
 pub struct Fitted {
     /// What the sensors play; none: no accelerometer, and arrays that nothing touches.
     pub episode: Option<Arc<Episode>>,
@@ -69,7 +70,7 @@ pub struct Mcu743 {
     fdcan_slots: [usize; 2],
     iwdg: Iwdg,
     iwdg_slot: usize,
-    ram: Windowed<MessageRam>,
+    ram: RamWindow,
     ram_slot: usize,
     /// Models of the emulator with the arrays or the scan at them; what the part has in their place is never reached.
     port: Tapped<Gpio, AddressLines>,
@@ -91,27 +92,19 @@ impl Mcu743 {
         let size = NonZeroU64::new(4 * message_ram::WORDS as u64).expect("not zero");
         let window = Window::new("FDCANRAM", message_ram::BASE, size);
         let ram_slot = part.bus_mut().add_window(window)?;
-        let mut fdcan_slots = [0; 2];
-        for (slot, name) in fdcan_slots.iter_mut().zip(FDCANS) {
-            *slot = part.bus().slot(name)?;
-        }
-        let iwdg_slot = part.bus().slot(IWDG_INSTANCE)?;
-        let rcc_slot = part.bus().slot("RCC")?;
+        let slot = |name| part.bus().slot(name).expect("the part has these peripherals");
+        let (fdcan_slots, scan_slots) = (FDCANS.map(slot), PERIPHERALS.map(slot));
+        let (iwdg_slot, rcc_slot) = (slot(IWDG_INSTANCE), slot("RCC"));
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
-        let arrays = Arrays::new(fitted.episode.clone(), fitted.desk, fitted.faults.clone());
-        lock(&arrays).fast_scan.enabled = !fitted.slow;
+        let arrays = Arrays::new(fitted);
         // A second part, for its models of these: the emulator's own are fields that cannot be built from outside.
         let spare = Stm32h743::new()?;
         let [_, _, _, _, port, ..] = spare.gpio;
         let [_, timer] = spare.advanced;
         let [adc, ..] = spare.adc;
         let [codes, addresses] = spare.dma;
-        let mut scan_slots = [0; PERIPHERALS.len()];
-        for (slot, name) in scan_slots.iter_mut().zip(PERIPHERALS) {
-            *slot = part.bus().slot(name)?;
-        }
         let stream = |device, codes| Tapped { device, tap: Streams { shared: arrays.clone(), codes } };
         let mut mcu = Self {
             part,
@@ -119,7 +112,7 @@ impl Mcu743 {
             fdcan_slots,
             iwdg: Iwdg::default(),
             iwdg_slot,
-            ram: Windowed { chip: ram, table },
+            ram: RamWindow { ram, table },
             ram_slot,
             port: Tapped { device: port, tap: AddressLines(arrays.clone()) },
             timer: Tapped { device: timer, tap: Trigger { shared: arrays.clone(), high: false, pulses: 0 } },
@@ -187,15 +180,6 @@ impl Mcu for Mcu743 {
             let held = registers.get(Register::Cr);
             registers.set(Register::Cr, held & !cr::HSERDY.mask());
         }
-        if slot == self.ram_slot {
-            return (self.part.bus_mut(), Some(&mut self.ram));
-        }
-        if let Some(nth) = self.fdcan_slots.iter().position(|&fdcan| fdcan == slot) {
-            return (self.part.bus_mut(), Some(&mut self.fdcan[nth]));
-        }
-        if slot == self.iwdg_slot {
-            return (self.part.bus_mut(), Some(&mut self.iwdg));
-        }
         let [port, timer, adc, codes, addresses, _] = self.scan_slots;
         if slot == timer {
             let fast_scan = &mut lock(&self.arrays).fast_scan;
@@ -203,14 +187,19 @@ impl Mcu for Mcu743 {
                 fast_scan.settings = Settings::read(self.part.bus(), &self.scan_slots);
             }
         }
-        match slot {
-            _ if slot == port => (self.part.bus_mut(), Some(&mut self.port)),
-            _ if slot == timer => (self.part.bus_mut(), Some(&mut self.timer)),
-            _ if slot == adc => (self.part.bus_mut(), Some(&mut self.adc)),
-            _ if slot == codes => (self.part.bus_mut(), Some(&mut self.streams[0])),
-            _ if slot == addresses => (self.part.bus_mut(), Some(&mut self.streams[1])),
-            _ => self.part.split(slot),
-        }
+        let device: &mut dyn ErasedDevice = match slot {
+            _ if slot == self.ram_slot => &mut self.ram,
+            _ if slot == self.fdcan_slots[0] => &mut self.fdcan[0],
+            _ if slot == self.fdcan_slots[1] => &mut self.fdcan[1],
+            _ if slot == self.iwdg_slot => &mut self.iwdg,
+            _ if slot == port => &mut self.port,
+            _ if slot == timer => &mut self.timer,
+            _ if slot == adc => &mut self.adc,
+            _ if slot == codes => &mut self.streams[0],
+            _ if slot == addresses => &mut self.streams[1],
+            _ => return self.part.split(slot),
+        };
+        (self.part.bus_mut(), Some(device))
     }
 }
 
@@ -248,18 +237,13 @@ impl Twin {
         for (sensor, (port, pin)) in CHIP_SELECTS.into_iter().enumerate().take(sensors) {
             let pin = Pin::new(pin).expect("a port has sixteen pins");
             let select = Select { port, pin, active: Level::Low };
-            let (episode, readouts) = (fitted.episode.clone(), readouts[sensor].clone());
-            let spi = &mut mcu.part.spi[XL_SPI];
+            let (spi, readouts) = (&mut mcu.part.spi[XL_SPI], readouts[sensor].clone());
             match fitted.xl {
-                Xl::Adxl380 => {
-                    let desk = fitted.desk.map(|desk| desk.at(sensor));
-                    let slow = bench::has(desk, DeskFault::XlSlow);
-                    let error = if slow { -0.1 } else { xl::OSCILLATOR_ERROR };
-                    let faults = fitted.faults.clone();
-                    let part = Adxl380::new(episode, desk, sensor, error, faults, readouts);
+                Xl::Adxl380 => spi.attach_selected(Adxl380::new(fitted, sensor, readouts), select),
+                Xl::Icm42688 => {
+                    let part = Icm42688::new(fitted.episode.clone(), sensor, readouts);
                     spi.attach_selected(part, select);
                 }
-                Xl::Icm42688 => spi.attach_selected(Icm42688::new(episode, sensor, readouts), select),
             }
         }
         Ok(Self { mcu, readouts, slow: fitted.slow, injection: None })

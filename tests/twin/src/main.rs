@@ -31,12 +31,11 @@ mod power_faults;
 mod bus_tap;
 mod diagnostics;
 mod fault_injection;
-mod window;
 mod xl;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use anyhow::{Context, Result, bail};
 use arguments::Arguments;
@@ -58,18 +57,9 @@ fn main() -> ExitCode {
     }
 }
 
-/// What the emulator's model of the ICM-42688-P cannot do.
-fn check_xl(arguments: &Arguments, faults: &[Fault]) -> Result<()> {
-    if arguments.xl != Xl::Icm42688 {
-        return Ok(());
-    }
-    let ours = |fault: &&Fault| matches!(fault.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
-    match faults.iter().find(ours) {
-        Some(fault) => {
-            bail!("{}: a fault of the ADXL380's; the emulator's ICM-42688-P has none", fault.name)
-        }
-        None => Ok(()),
-    }
+/// What the models share with one another and with the bus. A panic ends the run, so none has left it locked.
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().expect("no holder panics")
 }
 
 /// What the sensors play: the file's, but for samples that the part cannot give.
@@ -83,7 +73,10 @@ fn read(path: &Path, xl: Xl) -> Result<Arc<Episode>> {
 
 fn real_main(arguments: &Arguments) -> Result<bool> {
     let faults = if arguments.faults { fault_schedule::schedule() } else { arguments.fault.clone() };
-    check_xl(arguments, &faults)?;
+    let of_adxl380 = |fault: &&Fault| matches!(fault.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
+    if let (Xl::Icm42688, Some(fault)) = (arguments.xl, faults.iter().find(of_adxl380)) {
+        bail!("{}: a fault of the ADXL380's; the emulator's ICM-42688-P has none", fault.name);
+    }
     let episode = arguments.episode.as_deref().map(|path| read(path, arguments.xl)).transpose()?;
     if let (Some(sensors), Some(episode)) = (arguments.sensors, &episode)
         && usize::from(sensors) > episode.sensors

@@ -15,11 +15,12 @@ use slipsense::update::partitions::{FLASH_BASE, SECTOR_BYTES};
 use crate::machine::Twin;
 
 /// FLASH_CR1 and FLASH_CR2 (RM0433, FLASH registers): SNB in bits 8 to 10, START bit 7, SER bit 2.
-const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
+pub const CONTROL: [u64; 2] = [0x5200_200C, 0x5200_210C];
 const START_AND_SECTOR: u64 = 1 << 7 | 1 << 2;
 const BANK_BYTES: u64 = 1 << 20;
-const FLASH: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + 2 * BANK_BYTES;
+pub const FLASH: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + 2 * BANK_BYTES;
 const WORD: u64 = 32;
+const PROGRAMS: &str = "the flash is a region that the part programs";
 
 /// When it failed, at what.
 #[derive(Clone, Debug)]
@@ -51,49 +52,42 @@ impl PowerFaults {
         if access.kind != AccessKind::Write {
             return;
         }
-        let step = if FLASH.contains(&access.address) {
+        let bank = CONTROL.iter().position(|&control| control == access.address);
+        let sector = bank.filter(|_| access.value & START_AND_SECTOR == START_AND_SECTOR).map(|bank| {
+            FLASH.start + bank as u64 * BANK_BYTES + (access.value >> 8 & 7) * u64::from(SECTOR_BYTES)
+        });
+        if FLASH.contains(&access.address) {
             if access.address.is_multiple_of(WORD) {
                 self.word.clear();
             }
             self.word.push((access.address, access.width, access.value));
-            let is_whole = (access.address + u64::from(access.width.bytes())).is_multiple_of(WORD);
-            is_whole.then(|| format!("a word at {:#010x}", access.address / WORD * WORD))
-        } else if let Some(bank) = CONTROL.iter().position(|&control| control == access.address)
-            && access.value & START_AND_SECTOR == START_AND_SECTOR
-        {
-            Some(format!("the erase of {:#010x}", sector(bank, access.value)))
-        } else {
-            None
-        };
-        let Some(step) = step else { return };
+            if !(access.address + u64::from(access.width.bytes())).is_multiple_of(WORD) {
+                return;
+            }
+        } else if sector.is_none() {
+            return;
+        }
         self.done += 1;
         if self.plan.front() != Some(&self.done) {
             return;
         }
         self.plan.pop_front();
         self.done = 0;
-        if FLASH.contains(&access.address) {
-            let half = self.word.len() / 2;
-            for &(address, width, value) in &self.word[..half] {
+        let step = if let Some(start) = sector {
+            let half = start..start + u64::from(SECTOR_BYTES) / 2;
+            half.step_by(8)
+                .try_for_each(|address| host.program(address, Width::W64, u64::MAX))
+                .expect(PROGRAMS);
+            format!("the erase of {start:#010x}")
+        } else {
+            for &(address, width, value) in &self.word[..self.word.len() / 2] {
                 let held = host.read(address, width).unwrap_or(0);
-                half_done(host.program(address, width, held & value));
+                host.program(address, width, held & value).expect(PROGRAMS);
             }
-        } else if let Some(bank) = CONTROL.iter().position(|&control| control == access.address) {
-            let start = sector(bank, access.value);
-            for address in (start..start + u64::from(SECTOR_BYTES) / 2).step_by(8) {
-                half_done(host.program(address, Width::W64, u64::MAX));
-            }
-        }
+            format!("a word at {:#010x}", access.address / WORD * WORD)
+        };
         self.failures.push(Failure { at_ns: access.virtual_time.0, step });
         session.board_mut().mcu.is_brown_out = true;
         session.reset_by_pin(access.virtual_time, access.instruction_count, host);
     }
-}
-
-fn sector(bank: usize, control: u64) -> u64 {
-    FLASH.start + bank as u64 * BANK_BYTES + (control >> 8 & 7) * u64::from(SECTOR_BYTES)
-}
-
-fn half_done(programmed: Result<(), rigless::emulator::Error>) {
-    programmed.expect("the flash is a region that the part programs");
 }

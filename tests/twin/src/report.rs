@@ -14,9 +14,10 @@ use crate::compare::{Comparison, Slip, clock_ahead_ns, compare};
 use crate::fault_injection::Fault;
 use crate::fault_schedule;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
+use crate::machine::CORE_HZ;
 use crate::recovery::{self, Recovery};
 use crate::restarts;
-use crate::run::{Done, RATE_HZ};
+use crate::run::Done;
 
 /// Lines of one kind of difference that are shown.
 const SHOWN: usize = 5;
@@ -96,7 +97,7 @@ fn print_time(done: &Done) {
         done.wall.as_secs_f64(),
         seconds / done.wall.as_secs_f64(),
         done.instructions,
-        RATE_HZ / 1_000_000
+        CORE_HZ.get() / 1_000_000
     );
 }
 
@@ -164,20 +165,16 @@ fn print_bus(done: &Done, comparison: &Comparison) {
     };
     println!("boot: first slip message {:.3} ms after reset", first.end_ns as f64 / 1e6);
     let ahead_ns = clock_ahead_ns(done, &comparison.slips);
-    let age =
-        |slip: &Slip, at: u64| (at as i64 + ahead_ns - slip.message.timestamp_us as i64 * 1000).max(0) as u64;
-    let (worst, slip) = comparison
-        .slips
-        .iter()
-        .map(|slip| (age(slip, slip.end_ns), slip))
-        .max_by_key(|(age, _)| *age)
-        .unwrap_or((0, first));
-    let typical: u64 = comparison.slips.iter().map(|slip| age(slip, slip.end_ns)).sum();
+    let age = |slip: &&Slip| {
+        (slip.end_ns as i64 + ahead_ns - slip.message.timestamp_us as i64 * 1000).max(0) as u64
+    };
+    let worst = comparison.slips.iter().max_by_key(age).unwrap_or(first);
+    let sum: u64 = comparison.slips.iter().map(|slip| age(&slip)).sum();
     println!(
         "slip message on the bus after its tick: worst {:.1} us (frame {}), mean {:.1} us",
-        worst as f64 / 1000.0,
-        slip.message.sequence,
-        typical as f64 / 1000.0 / comparison.slips.len() as f64
+        age(&worst) as f64 / 1000.0,
+        worst.message.sequence,
+        sum as f64 / 1000.0 / comparison.slips.len() as f64
     );
     let worst = done.requests.iter().map(|(from, to)| to - from).max().unwrap_or(0);
     println!(
@@ -221,15 +218,8 @@ fn print_comparison(done: &Done, comparison: &Comparison, played: bool) {
             comparison.xl_clock_spread
         );
     }
-    let lists = [
-        &comparison.undecoded,
-        &comparison.different,
-        &comparison.taxels_different,
-        &comparison.samples_different,
-        &comparison.xl_end_different,
-        &comparison.uneven,
-    ];
-    for line in lists.into_iter().flat_map(|list| list.iter().take(SHOWN)) {
+    let lists = comparison.differences().into_iter().chain([&comparison.uneven]);
+    for line in lists.flat_map(|list| list.iter().take(SHOWN)) {
         println!("  {line}");
     }
 }

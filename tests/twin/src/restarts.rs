@@ -11,23 +11,12 @@ use crate::run::Done;
 /// A pause in its requests that ends a file: longer than the erase of a slot.
 const PAUSE_NS: u64 = 6_000_000_000;
 
-/// What a frame of the board is, as far as it matters here.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Slip,
-    Heartbeat,
-    FileRequest,
-}
-
-fn kind(logged: &Logged) -> Option<Kind> {
-    let frame = can_frame(&logged.frame)?;
-    match TransferId::from_can(frame.id()).ok()? {
-        TransferId::Message(id) if id.port == SLIP_PORT => Some(Kind::Slip),
-        TransferId::Message(id) if id.port == HEARTBEAT_PORT => Some(Kind::Heartbeat),
-        TransferId::Service(id) if id.port == FILE_READ_PORT && id.role == ServiceRole::Request => {
-            Some(Kind::FileRequest)
-        }
-        TransferId::Message(_) | TransferId::Service(_) | TransferId::Anonymous(_) => None,
+/// The port of a message or of a request. None that matters here is of both.
+fn port(logged: &Logged) -> Option<u16> {
+    match TransferId::from_can(can_frame(&logged.frame)?.id()).ok()? {
+        TransferId::Message(id) => Some(id.port),
+        TransferId::Service(id) => (id.role == ServiceRole::Request).then_some(id.port),
+        TransferId::Anonymous(_) => None,
     }
 }
 
@@ -38,7 +27,8 @@ pub fn bites(done: &Done) -> usize {
 
 pub fn print(done: &Done) {
     let sent = done.frames.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent);
-    let sent: Vec<(Kind, &Logged)> = sent.filter_map(|logged| Some((kind(logged)?, logged))).collect();
+    let sent: Vec<(u16, &Logged)> = sent.filter_map(|logged| Some((port(logged)?, logged))).collect();
+    let of = |wanted: u16| sent.iter().filter(move |(port, _)| *port == wanted).map(|(_, logged)| *logged);
     for (index, (at, cause)) in done.resets.iter().enumerate() {
         let until = done.resets.get(index + 1).map_or(u64::MAX, |(next, _)| *next);
         let failure = done.failures.iter().find(|failure| failure.at_ns == *at);
@@ -48,27 +38,18 @@ pub fn print(done: &Done) {
             (None, ResetCause::Model(name)) => format!("by the {name}"),
             (None, other) => format!("{other:?}"),
         };
-        let first = |wanted: Kind| {
-            let found = sent
-                .iter()
-                .find(|(kind, logged)| *kind == wanted && logged.start_ns > *at && logged.start_ns < until);
-            found.map_or_else(
-                || "none before the next".to_owned(),
-                |(_, logged)| format!("after {:.1} ms", (logged.end_ns - at) as f64 / 1e6),
-            )
+        let first = |port: u16| match of(port).find(|sent| sent.start_ns > *at && sent.start_ns < until) {
+            Some(logged) => format!("after {:.1} ms", (logged.end_ns - at) as f64 / 1e6),
+            None => "none before the next".to_owned(),
         };
         println!(
             "restart at {:.3} s, {why}: first slip message {}, first heartbeat {}",
             *at as f64 / 1e9,
-            first(Kind::Slip),
-            first(Kind::Heartbeat)
+            first(SLIP_PORT),
+            first(HEARTBEAT_PORT)
         );
     }
-    let requests: Vec<u64> = sent
-        .iter()
-        .filter(|(kind, _)| *kind == Kind::FileRequest)
-        .map(|(_, logged)| logged.start_ns)
-        .collect();
+    let requests: Vec<u64> = of(FILE_READ_PORT).map(|logged| logged.start_ns).collect();
     let goes_on = |before: &u64, after: &u64| {
         after - before < PAUSE_NS && !done.resets.iter().any(|(at, _)| (before..after).contains(&at))
     };

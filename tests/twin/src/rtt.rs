@@ -15,16 +15,12 @@ const READ: u64 = CHANNEL + 16;
 /// Takes bytes out of the firmware's buffer.
 #[derive(Debug)]
 pub struct Probe {
-    block: u64,
+    /// Address of the control block.
+    pub block: u64,
     pub bytes: Vec<u8>,
 }
 
 impl Probe {
-    /// The control block is at this address.
-    pub const fn new(block: u64) -> Self {
-        Self { block, bytes: Vec::new() }
-    }
-
     /// Empties the buffer. Nothing happens before the firmware has set it up.
     pub fn drain(&mut self, memory: &mut dyn Memory) {
         let word =

@@ -22,7 +22,8 @@ use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
 use crate::fdcan::wire::Logged;
 use crate::flash_wait::FlashWait;
-use crate::machine::{self, Fitted, Twin};
+use crate::lock;
+use crate::machine::{Fitted, Twin};
 use crate::power_faults::{Failure, PowerFaults};
 use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
@@ -65,6 +66,7 @@ pub struct Done {
     pub wall: Duration,
 }
 
+#[derive(Default)]
 struct Recorder {
     end: u64,
     probe: Option<Probe>,
@@ -80,6 +82,21 @@ struct Recorder {
     restarts: usize,
     wait: FlashWait,
     broken: Option<anyhow::Error>,
+}
+
+impl Recorder {
+    /// Frames and orders of the far end, if there is one. `false`: it is gone.
+    fn exchange(&mut self, session: &mut Session<Twin>, stop: Stop, host: &mut dyn Host) -> Result<bool> {
+        let Some(far_end) = &mut self.far_end else { return Ok(true) };
+        let is_there = far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire)?;
+        if let Some(steps) = far_end.power_fails_at.take() {
+            self.supply.fail_at(steps);
+        }
+        for order in far_end.orders.drain(..) {
+            self.faults.order(&order, session, host, stop)?;
+        }
+        Ok(is_there)
+    }
 }
 
 impl Driver<Twin> for Recorder {
@@ -112,28 +129,11 @@ impl Driver<Twin> for Recorder {
             probe.drain(host);
         }
         self.last = Some(stop);
-        let mut over = stop.at.0 >= self.end;
-        if let Some(far_end) = &mut self.far_end {
-            match far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire) {
-                Ok(is_there) => {
-                    over |= !is_there;
-                    if let Some(steps) = far_end.power_fails_at.take() {
-                        self.supply.fail_at(steps);
-                    }
-                    for order in std::mem::take(&mut far_end.orders) {
-                        if let Err(error) = self.faults.order(&order, session, host, stop) {
-                            self.broken = Some(error);
-                            over = true;
-                        }
-                    }
-                }
-                Err(error) => {
-                    self.broken = Some(error);
-                    over = true;
-                }
-            }
-        }
-        if over {
+        let goes_on = self.exchange(session, stop, host).unwrap_or_else(|error| {
+            self.broken = Some(error);
+            false
+        });
+        if !goes_on || stop.at.0 >= self.end {
             let mcu = session.mcu();
             let count = mcu.peek(stop.at, TIM2_CNT, Width::W32).unwrap_or(0);
             self.clock_us = count & 0xFFFF;
@@ -144,23 +144,13 @@ impl Driver<Twin> for Recorder {
     }
 }
 
-/// Names of the part's interrupts, by number.
-fn interrupt_names(board: &Twin) -> BTreeMap<usize, String> {
-    let mut names: BTreeMap<usize, String> = BTreeMap::new();
+fn handlers(images: &[Image], board: &Twin) -> BTreeMap<u64, String> {
+    let mut names: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
     for peripheral in rigless::mcu::Mcu::bus(&board.mcu).peripherals() {
         for &line in peripheral.interrupts {
-            let name = names.entry(line.into()).or_default();
-            *name = if name.is_empty() {
-                peripheral.name.to_owned()
-            } else {
-                format!("{name}/{}", peripheral.name)
-            };
+            names.entry(line.into()).or_default().push(peripheral.name);
         }
     }
-    names
-}
-
-fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, String> {
     let mut found: BTreeMap<u64, Vec<String>> = BTreeMap::new();
     let Some((_, table)) = images.iter().flat_map(Image::segments).find(|(address, _)| *address == VECTORS)
     else {
@@ -168,7 +158,7 @@ fn handlers(images: &[Image], names: &BTreeMap<usize, String>) -> BTreeMap<u64, 
     };
     for (line, entry) in table.chunks_exact(4).skip(SYSTEM_EXCEPTIONS).take(INTERRUPTS).enumerate() {
         let address = u32::from_le_bytes([entry[0], entry[1], entry[2], entry[3]]) & !1;
-        let name = names.get(&line).cloned().unwrap_or_else(|| format!("interrupt {line}"));
+        let name = names.get(&line).map_or_else(|| format!("interrupt {line}"), |names| names.join("/"));
         found.entry(address.into()).or_default().push(name);
     }
     // The default handler serves nearly all.
@@ -185,9 +175,9 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
     let mut images = programs::images(elf, bytes.clone(), arguments.boot.as_deref())?;
     let symbols = Symbols::read(&bytes, |value| value & !1)?;
-    let probe = symbols.get("_SEGGER_RTT").ok().map(Probe::new);
+    let probe = symbols.get("_SEGGER_RTT").ok().map(|block| Probe { block, bytes: Vec::new() });
     let board = Box::new(Twin::new(fitted)?);
-    let handlers = handlers(&images, &interrupt_names(&board));
+    let handlers = handlers(&images, &board);
     let mut session = Session::new(board, 0, VirtualNanos(STEP_NS))?;
     for &address in handlers.keys() {
         session.watch(Watch::Instruction(address));
@@ -196,16 +186,9 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
         end: (seconds * 1e9) as u64,
         probe,
         handlers,
-        hits: BTreeMap::new(),
-        clock_us: 0,
-        overdrive: false,
-        last: None,
-        far_end: if arguments.far_end { Some(FarEnd::wait()?) } else { None },
-        supply: PowerFaults::default(),
+        far_end: arguments.far_end.then(FarEnd::wait).transpose()?,
         faults: BoardFaults::new(&symbols),
-        restarts: 0,
-        wait: FlashWait::default(),
-        broken: None,
+        ..Recorder::default()
     };
     let listener = arguments.gdb.map(|port| TcpListener::bind(("127.0.0.1", port))).transpose()?;
     if let Some(listener) = &listener {
@@ -235,10 +218,9 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
     let resets = finished.session.resets().iter().map(|reset| (reset.at.0, reset.cause)).collect();
-    let (boots, desk) = (arguments.boot.is_some(), arguments.desk.is_some());
-    let diagnostics = diagnostics::collect(&finished.session, arguments.far_end, boots, desk);
+    let diagnostics = diagnostics::collect(&finished.session, arguments);
     let board = finished.session.board_mut();
-    let take = |readouts: &Readouts| std::mem::take(&mut *readouts.lock().expect("the run is over"));
+    let take = |readouts: &Readouts| std::mem::take(&mut *lock(readouts));
     let readouts = board.readouts.iter().map(take).collect();
     let fdcan = &mut board.mcu.fdcan[0];
     Ok(Done {
@@ -259,6 +241,3 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
         wall,
     })
 }
-
-/// The core's rate, for the report.
-pub const RATE_HZ: u64 = machine::CORE_HZ.get();

@@ -23,7 +23,7 @@ pub const DEAD_NS: u64 = 45;
 /// From then on a full-scale step is within half a count of 4096: 9.02 time constants.
 pub const SETTLED_NS: u64 = 1705;
 /// RM0433, ADC timing: conversion of 16 bits after the end of sampling, ADC clock cycles, halves.
-pub const CONVERSION_HALF_CYCLES: u64 = 17;
+const CONVERSION_HALF_CYCLES: u64 = 17;
 const PORT_BSRR: u64 = 0x5802_1018;
 const ADC1_DR: u64 = 0x4002_2040;
 /// RM0433, DMAMUX1: ADC1 and TIM8_UP.
@@ -37,7 +37,7 @@ const CODES_STREAM: u64 = 1 << 8 | 1 << 10 | 0b01 << 11 | 0b01 << 13;
 const ADDRESS_STREAM: u64 = 0b01 << 6 | 1 << 8 | 1 << 10 | 0b10 << 11 | 0b10 << 13;
 
 /// How TIM8, ADC1, the two streams, their requests and the port are set up.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Settings {
     pub(crate) slot: u64,
     pub(crate) trigger: u64,
@@ -121,7 +121,7 @@ impl Settings {
 }
 
 /// A scan that runs, or that ran and whose streams still stand as it left them.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Scan {
     pub(crate) settings: Settings,
     /// Timer cycles since its clock last changed, at the start.
@@ -136,6 +136,14 @@ pub struct Scan {
     /// Updates and conversions at the last look at DMA2, or when the timer was stopped.
     pub(crate) looked: u64,
     pub(crate) stopped: Option<(u64, u64)>,
+}
+
+impl Scan {
+    /// The address lines, from the second slot on.
+    pub(crate) fn lines(&self, updates: u64) -> Option<u64> {
+        let last = updates.checked_sub(1)? as usize % TAXELS;
+        self.words.get(last).map(|word| u64::from(*word) & LINES)
+    }
 }
 
 #[derive(Debug, Default)]
@@ -170,6 +178,11 @@ impl FastScan {
         since + (u128::from(cycle) * 1_000_000_000).div_ceil(u128::from(hz)) as u64
     }
 
+    /// From the end of sampling to the end of a conversion; 0 while the ADC has no clock.
+    pub(crate) fn conversion_ns(&self) -> u64 {
+        (CONVERSION_HALF_CYCLES * 500_000_000).checked_div(self.adc_hz).unwrap_or(0)
+    }
+
     /// From a trigger to the end of its `nth` conversion, from 1 on.
     pub(crate) fn converted_ns(&self, settings: &Settings, nth: u64) -> u64 {
         nth * settings.half_cycles * 1_000_000_000 / (2 * self.adc_hz)
@@ -200,11 +213,5 @@ impl FastScan {
         let last = (scan.frames + 1) * TAXELS as u64 - 1;
         let at = self.instant(scan.start_cycle + last * settings.slot + settings.trigger);
         at + self.converted_ns(settings, settings.sequence.len() as u64)
-    }
-
-    /// The address lines, from the second slot on.
-    pub(crate) fn lines(scan: &Scan, updates: u64) -> Option<u64> {
-        let last = updates.checked_sub(1)? as usize % TAXELS;
-        scan.words.get(last).map(|word| u64::from(*word) & LINES)
     }
 }

@@ -6,6 +6,8 @@ use clap::ValueEnum;
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
+use crate::lock;
+
 /// By which fraction an ADXL380's oscillator is faster than nominal; the emulator's ICM-42688-P has none of its own.
 pub const OSCILLATOR_ERROR: f64 = 0.7 / 100.0;
 /// Both parts' rate, as the firmware sets it.
@@ -46,7 +48,7 @@ pub type Readouts = Arc<Mutex<Vec<(u64, Vec<XlSample>)>>>;
 /// Adds a batch, if there is one.
 pub fn note(readouts: &Readouts, at_ns: u64, batch: Vec<XlSample>) {
     if !batch.is_empty() {
-        readouts.lock().expect("no holder of the readouts panics").push((at_ns, batch));
+        lock(readouts).push((at_ns, batch));
     }
 }
 

@@ -68,19 +68,6 @@ fn used(symbols: &Symbols) -> Result<Vec<std::ops::Range<u64>>> {
 fn plan(count: usize, used: &[std::ops::Range<u64>]) -> Vec<Planned> {
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let bytes: u64 = used.iter().map(|span| span.end - span.start).sum();
-    let memory = |random: &mut ChaCha8Rng| {
-        let mut nth = random.random_range(0..bytes);
-        let span = used.iter().find(|span| {
-            let length = span.end - span.start;
-            let found = nth < length;
-            nth -= if found { 0 } else { length };
-            found
-        });
-        InjectedFault::Memory {
-            address: span.map_or(0, |span| span.start) + nth,
-            bit: random.random_range(0..8),
-        }
-    };
     let one = |_| {
         let at_ns = random.random_range(FROM_NS..UNTIL_NS);
         let fault = if random.random() {
@@ -88,7 +75,9 @@ fn plan(count: usize, used: &[std::ops::Range<u64>]) -> Vec<Planned> {
             let bits = if number > 16 { 64 } else { 32 };
             InjectedFault::Register { number, bit: random.random_range(0..bits) }
         } else {
-            memory(&mut random)
+            let nth = random.random_range(0..bytes) as usize;
+            let address = used.iter().cloned().flatten().nth(nth).expect("one of them");
+            InjectedFault::Memory { address, bit: random.random_range(0..8) }
         };
         Planned { at_ns, fault }
     };
@@ -180,24 +169,19 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool>
 }
 
 fn report(verdicts: &[(Planned, u8)]) -> bool {
-    let kinds: [(&str, fn(&InjectedFault) -> bool); 2] = [
-        ("registers", |change| matches!(change, InjectedFault::Register { .. })),
-        ("RAM", |change| matches!(change, InjectedFault::Memory { .. })),
-    ];
-    let number = |verdict: u8, kind: fn(&InjectedFault) -> bool| {
-        verdicts.iter().filter(|(planned, found)| *found == verdict && kind(&planned.fault)).count()
-    };
-    println!("{:62} {:>9} {:>9}", "one flipped bit of", kinds[0].0, kinds[1].0);
+    let of = |verdict: u8| verdicts.iter().filter(move |(_, found)| *found == verdict);
+    println!("{:62} {:>9} {:>9}", "one flipped bit of", "registers", "RAM");
     for (verdict, text) in VERDICTS {
-        let [registers, ram] = kinds.map(|(_, kind)| number(verdict, kind));
-        println!("{text:62} {registers:>9} {ram:>9}");
+        let in_ram = |planned: &Planned| matches!(planned.fault, InjectedFault::Memory { .. });
+        let ram = of(verdict).filter(|(planned, _)| in_ram(planned)).count();
+        println!("{text:62} {:>9} {ram:>9}", of(verdict).count() - ram);
     }
-    for (planned, verdict) in
-        verdicts.iter().filter(|(_, verdict)| [WRONG, LONG_WRONG, NO_VERDICT].contains(verdict))
-    {
-        println!("{verdict}: {planned:x?}");
+    for (planned, verdict) in verdicts {
+        if [WRONG, LONG_WRONG, NO_VERDICT].contains(verdict) {
+            println!("{verdict}: {planned:x?}");
+        }
     }
-    let all = |verdict| number(verdict, |_| true);
+    let all = |verdict| of(verdict).count();
     let (lasting, noticed) = (all(LONG_WRONG), all(REFUSED) + all(RESTART) + all(WRONG));
     println!("{lasting} of the {} flips that reach the flag make it wrong for longer", lasting + noticed);
     all(NO_VERDICT) == 0 && lasting * 100 <= lasting + noticed

@@ -12,13 +12,13 @@ use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 use slipsense::update::HEADER_BYTES;
-use slipsense::update::partitions::FLASH_BASE;
 
-use super::processor::{Handle, lock};
+use super::processor::Handle;
 use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
 use crate::arguments::Arguments;
+use crate::lock;
 use crate::machine::{CORE_HZ, Fitted, Twin};
-use crate::programs::BOARD;
+use crate::programs::{BOARD, addresses};
 
 /// How often a child is judged, and for how long: three times what the bootloader needs. The watchdog ends what takes 8 s.
 const STEP_NS: u64 = 1_000_000;
@@ -50,8 +50,7 @@ fn is_refused(session: &mut Session<Twin>, at: VirtualNanos) -> bool {
 }
 
 fn is_started(injection: &Handle) -> bool {
-    let slot = u64::from(FLASH_BASE + BOARD.active.start)..u64::from(FLASH_BASE + BOARD.active.end);
-    slot.contains(&lock(injection).pc)
+    addresses(BOARD.active).contains(&lock(injection).pc)
 }
 
 /// Only the watchdog ends it: the bootloader has no interrupts.
@@ -74,10 +73,10 @@ impl Driver<Twin> for UntilRefused {
 fn slot(path: &Path) -> Result<Vec<Image>> {
     let image = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
     let (header, payload) = image.split_at_checked(HEADER_BYTES).context("an image has a header")?;
-    let (start, end) = (u64::from(FLASH_BASE + BOARD.active.start), u64::from(FLASH_BASE + BOARD.active.end));
-    let header_at = end - HEADER_BYTES as u64;
+    let slot = addresses(BOARD.active);
+    let header_at = slot.end - HEADER_BYTES as u64;
     Ok(vec![
-        Image::new(path, payload.to_vec(), Some(start))?,
+        Image::new(path, payload.to_vec(), Some(slot.start))?,
         Image::new(path, header.to_vec(), Some(header_at))?,
     ])
 }

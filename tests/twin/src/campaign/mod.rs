@@ -17,8 +17,9 @@ use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
 use crate::flash_wait::FlashWait;
+use crate::lock;
 use crate::machine::{Fitted, Twin};
-use processor::{Handle, lock};
+use processor::Handle;
 
 /// A child that takes longer, seconds of this computer, is ended.
 const LIMIT_S: u32 = 300;

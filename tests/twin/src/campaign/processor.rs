@@ -4,16 +4,19 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
-use rigless::emulator::{
-    BitAlias, CoreBus, CoreSpec, DataModel, Error, Exit, HaltReason, HostCall, Processor, Queued,
-};
+use rigless::emulator::{CoreBus, CoreSpec, DataModel, Error, Exit, Processor, Queued};
 use rigless::soc::{Endian, Width};
 use rigless::time::VirtualNanos;
+
+use crate::lock;
 
 /// What GDB numbers `pc`.
 pub const PC: usize = 15;
 /// r0 to r12, sp, lr, pc, xPSR, and then d0 to d15.
 pub const REGISTERS: usize = 33;
+
+/// By address, how many instructions were executed before it was for the first and for the last time.
+type Trace = BTreeMap<u64, [u64; 2]>;
 
 /// Faults for the processor, and what it reports.
 #[derive(Debug, Default)]
@@ -24,17 +27,12 @@ pub struct Injection {
     pub jump_to: Option<u64>,
     /// Address of the next instruction.
     pub pc: u64,
-    /// By address, how many instructions were executed before it was for the first and for the last time. `None`: no trace,
-    /// which is many times faster.
-    pub trace: Option<BTreeMap<u64, [u64; 2]>>,
+    /// `None`: no trace, which is many times faster.
+    pub trace: Option<Trace>,
 }
 
 /// Shared with the processor.
 pub type Handle = Arc<Mutex<Injection>>;
-
-pub fn lock(handle: &Handle) -> std::sync::MutexGuard<'_, Injection> {
-    handle.lock().expect("nobody panics meanwhile")
-}
 
 #[derive(Debug)]
 struct FaultyProcessor {
@@ -54,7 +52,7 @@ pub fn injected(mut spec: CoreSpec, injection: &Handle) -> CoreSpec {
 
 impl FaultyProcessor {
     /// Inject what is due; take the trace out.
-    fn inject(&mut self) -> Option<BTreeMap<u64, [u64; 2]>> {
+    fn inject(&mut self) -> Option<Trace> {
         let mut injection = lock(&self.injection);
         if let Some((register, bits)) = injection.flip.take() {
             let mut held = self.core.gdb_register(register).expect("a register of the core");
@@ -67,12 +65,7 @@ impl FaultyProcessor {
         injection.trace.take()
     }
 
-    fn step(
-        &mut self,
-        budget: u32,
-        bus: &mut dyn CoreBus,
-        trace: &mut BTreeMap<u64, [u64; 2]>,
-    ) -> (Exit, u64) {
+    fn step(&mut self, budget: u32, bus: &mut dyn CoreBus, trace: &mut Trace) -> (Exit, u64) {
         let mut all = 0;
         loop {
             let (pc, before) = (self.core.pc(), self.core.retired());
@@ -102,7 +95,7 @@ impl Processor for FaultyProcessor {
         ran
     }
 
-    // The rest is the core's own.
+    // The rest is the core's own. What only a debugger, a watch or semihosting asks for is left out: no campaign has one.
     fn retired(&self) -> u64 {
         self.core.retired()
     }
@@ -140,30 +133,6 @@ impl Processor for FaultyProcessor {
     fn pc(&self) -> u64 {
         self.core.pc()
     }
-    fn add_breakpoint(&mut self, address: u64) -> bool {
-        self.core.add_breakpoint(address)
-    }
-    fn remove_breakpoint(&mut self, address: u64) {
-        self.core.remove_breakpoint(address);
-    }
-    fn pass_breakpoint(&mut self, address: u64) {
-        self.core.pass_breakpoint(address);
-    }
-    fn hold_interrupts(&mut self, held: bool) {
-        self.core.hold_interrupts(held);
-    }
-    fn gdb_register(&self, number: usize) -> Option<Vec<u8>> {
-        self.core.gdb_register(number)
-    }
-    fn debugger_access(
-        &mut self,
-        write: Option<u64>,
-        address: u64,
-        width: Width,
-        now: VirtualNanos,
-    ) -> Option<u64> {
-        self.core.debugger_access(write, address, width, now)
-    }
     fn data_model(&self) -> DataModel {
         self.core.data_model()
     }
@@ -176,23 +145,8 @@ impl Processor for FaultyProcessor {
     fn load(&mut self, bytes: &[u8]) -> Result<(), Error> {
         self.core.load(bytes)
     }
-    fn debugger_halted(&mut self, why: HaltReason) -> bool {
-        self.core.debugger_halted(why)
-    }
-    fn bit_alias(&self, address: u64, width: Width) -> Option<BitAlias> {
-        self.core.bit_alias(address, width)
-    }
     fn own_ranges(&self) -> Vec<Range<u64>> {
         self.core.own_ranges()
-    }
-    fn check_reads(&mut self, every: bool) {
-        self.core.check_reads(every);
-    }
-    fn check_words(&mut self, words: &[u64]) {
-        self.core.check_words(words);
-    }
-    fn host_call(&self, read: &mut dyn FnMut(u64, Width) -> Option<u64>) -> Option<HostCall> {
-        self.core.host_call(read)
     }
     fn answer_host_call(&mut self, answer: Option<u64>) {
         self.core.answer_host_call(answer);

@@ -68,7 +68,7 @@ impl Fdcan {
         ] {
             self.set(register, 0);
         }
-        (self.requested, self.cancelled) = ([None; 32], 0);
+        (self.requested, self.cancelled) = ([(None, 0); 32], 0);
         (self.rx_get, self.rx_put) = ([0; 2], [0; 2]);
     }
 
@@ -86,13 +86,13 @@ impl Fdcan {
             seg1: field(data, 8, 5) as u32 + 1,
             seg2: field(data, 4, 4) as u32 + 1,
         };
-        self.check_timing(&nominal, &data, delay_compensation, context);
         let Ok(clock_hz) = u32::try_from(self.clock_hz) else { return };
+        let timing = Timing { clock_hz, nominal, data };
+        self.check_timing(&timing, delay_compensation, context);
         if clock_hz == 0 {
             context.tell("FDCAN_CCCR", "INIT was cleared while the kernel clock stands still");
             return;
         }
-        let timing = Timing { clock_hz, nominal, data };
         self.timing = Some(timing);
         self.timestamp_from = context.now().0;
         if let Some(at) = self.wire_at_rx_mut().join(context.now().0, timing) {
@@ -104,13 +104,8 @@ impl Fdcan {
 
     /// Nominal and data bit time: at least 4 quanta, jump width within segment 2, and above 1 Mbit/s compensation
     /// of the transceiver's delay with a prescaler of 1 or 2 (transceiver delay compensation).
-    fn check_timing(
-        &self,
-        nominal: &BitTiming,
-        data: &BitTiming,
-        compensated: bool,
-        context: &mut Context<'_>,
-    ) {
+    fn check_timing(&self, timing: &Timing, compensated: bool, context: &mut Context<'_>) {
+        let Timing { nominal, data, .. } = timing;
         let nsjw = field(self.get(Register::FdcanNbtp), 25, 7) as u32 + 1;
         let dsjw = field(self.get(Register::FdcanDbtp), 0, 4) as u32 + 1;
         if nsjw > nominal.seg2 {

@@ -31,12 +31,11 @@ impl Fdcan {
         };
         let buffer = mine.map(|(buffer, _)| buffer).filter(|_| attempt.node == MCU);
         if let Some(buffer) = buffer
-            && self.requested[buffer as usize].as_ref().map(Frame::data) != Some(frame.data())
+            && self.requested[buffer as usize].0.as_ref().map(Frame::data) != Some(frame.data())
         {
             context.tell("FDCAN_TXBRP", "a Tx buffer was changed after its transmission was requested");
         }
-        let end_ns = self.wire_at_rx().end_ns(&attempt);
-        let event = context.schedule(VirtualNanos(end_ns));
+        let event = context.schedule(VirtualNanos(self.wire_at_rx().ns(attempt.end)));
         self.in_flight = Some(InFlight { attempt, frame, buffer, timestamp, event });
     }
 
@@ -85,31 +84,31 @@ impl Fdcan {
 
     /// ECR, and the flags of PSR and IR that follow the counters.
     fn update_counters(&mut self) {
-        let node = *self.wire_at_rx().bus().node(MCU);
+        let node = *self.wire_at_rx().bus.node(MCU);
         let state = node.state();
         let passive_receiver = node.receive_errors() > 127;
         let counters = u64::from(node.transmit_errors().min(255))
             | u64::from(node.receive_errors().min(127)) << 8
             | u64::from(passive_receiver) << 15;
         self.set(Register::FdcanEcr, counters);
-        let before = self.get(Register::FdcanPsr);
-        let bit = |set: bool, bit: u64| if set { bit } else { 0 };
-        let flags = bit(state != ErrorState::Active, psr::EP)
-            | bit(node.warns(), psr::EW)
-            | bit(state == ErrorState::BusOff, psr::BO);
-        let after = before & !(psr::EP | psr::EW | psr::BO) | flags;
-        self.set(Register::FdcanPsr, after);
-        let changed = before ^ after;
-        let raised = bit(changed & psr::EP != 0, interrupt::EP)
-            | bit(changed & psr::EW != 0, interrupt::EW)
-            | bit(changed & psr::BO != 0, interrupt::BO);
-        self.raise(raised);
-        if state == ErrorState::BusOff && self.was != ErrorState::BusOff {
+        let is_off = state == ErrorState::BusOff;
+        for (stands, flag, interrupt) in [
+            (state != ErrorState::Active, psr::EP, interrupt::EP),
+            (node.warns(), psr::EW, interrupt::EW),
+            (is_off, psr::BO, interrupt::BO),
+        ] {
+            let status = self.get(Register::FdcanPsr);
+            if stands != (status & flag != 0) {
+                self.set(Register::FdcanPsr, status ^ flag);
+                self.raise(interrupt);
+            }
+        }
+        if is_off && !self.was_off {
             // Bus-off: INIT is set by hardware, and the node stays silent until software clears it.
             self.set_bits(Register::FdcanCccr, cccr::INIT);
             self.start = None;
         }
-        self.was = state;
+        self.was_off = is_off;
     }
 
     pub(super) fn recovery_due(&mut self, context: &mut Context<'_>) {

@@ -34,14 +34,11 @@ use rigless::device::{Device, DeviceContext as Context, Level, RegisterFile};
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::EventId;
-use slipsense_can_sim::{Attempt, ErrorState, Frame, Timing};
+use slipsense_can_sim::{Attempt, Frame, Timing};
 
 use message_ram::MessageRam;
-use registers::{LOOPBACK, RX, Rule, TX_DOMINANT, after_reset, cccr, field, psr, rule};
+use registers::{LOOPBACK, RX, Registers, Rule, TX_DOMINANT, cccr, field, psr, rule};
 use wire::Wire;
-
-/// Places of the two interrupt lines in the instance's list.
-const LINES: [usize; 2] = [0, 1];
 
 #[derive(Debug)]
 struct InFlight {
@@ -53,7 +50,7 @@ struct InFlight {
     event: EventId,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Fdcan {
     ram: MessageRam,
     pub wire: Wire,
@@ -65,20 +62,17 @@ pub struct Fdcan {
     start: Option<(EventId, u64)>,
     recovery: Option<EventId>,
     /// What each buffer held when its transmission was requested, and when that was.
-    requested: [Option<Frame>; 32],
-    requested_at: [u64; 32],
+    requested: [(Option<Frame>, u64); 32],
     rx_get: [u32; 2],
     rx_put: [u32; 2],
     /// Cancellations asked for while the frame was on the wires.
     cancelled: u64,
-    was: ErrorState,
+    was_off: bool,
     /// When TSCV was last 0.
     timestamp_from: u64,
     lines: [bool; 2],
     /// Every register. The bus reads copies, and lets a write land in them before it comes here.
-    registers: Vec<u64>,
-    /// Interrupts raised: rising edges of either line.
-    pub interrupts: u64,
+    registers: Registers,
     /// For every frame sent: virtual time of its request.
     pub requests: Vec<(u64, u64)>,
 }
@@ -86,35 +80,15 @@ pub struct Fdcan {
 impl Fdcan {
     /// An instance on wires of its own.
     pub fn new(ram: MessageRam) -> Self {
-        Self {
-            ram,
-            wire: Wire::default(),
-            inside: Wire::default(),
-            clock_hz: 0,
-            timing: None,
-            in_flight: None,
-            start: None,
-            recovery: None,
-            requested: [None; 32],
-            requested_at: [0; 32],
-            rx_get: [0; 2],
-            rx_put: [0; 2],
-            cancelled: 0,
-            was: ErrorState::Active,
-            timestamp_from: 0,
-            lines: [false; 2],
-            registers: after_reset(),
-            interrupts: 0,
-            requests: Vec::new(),
-        }
+        Self { ram, ..Self::default() }
     }
 
     fn get(&self, register: Register) -> u64 {
-        self.registers[register.index()]
+        self.registers.0[register.index()]
     }
 
     fn set(&mut self, register: Register, value: u64) {
-        self.registers[register.index()] = value;
+        self.registers.0[register.index()] = value;
     }
 
     fn set_bits(&mut self, register: Register, bits: u64) {
@@ -165,13 +139,12 @@ impl Fdcan {
     fn drive_lines(&mut self, context: &mut Context<'_>) {
         let pending = self.get(Register::FdcanIr) & self.get(Register::FdcanIe);
         let (select, enable) = (self.get(Register::FdcanIls), self.get(Register::FdcanIle));
-        for (line, place) in LINES.into_iter().enumerate() {
+        for line in 0..self.lines.len() {
             let mine = if line == 0 { pending & !select } else { pending & select };
             let high = mine != 0 && enable >> line & 1 != 0;
             if high != self.lines[line] {
                 self.lines[line] = high;
-                self.interrupts += u64::from(high);
-                context.interrupt(place, Level::from(high));
+                context.interrupt(line, Level::from(high));
             }
         }
     }
@@ -219,7 +192,7 @@ impl Device for Fdcan {
             None => {
                 context.tell("FDCAN_TT", "a time-triggered register is written, and there is no model of it");
             }
-            Some(Rule::Special | Rule::ReadOnly) => {}
+            Some(Rule::Special) => {}
             Some(Rule::Bits(mask)) => self.set(register, value & mask),
             Some(Rule::Protected(mask)) => {
                 if self.has(cccr::INIT | cccr::CCE) {
@@ -269,9 +242,8 @@ impl Device for Fdcan {
     }
 
     fn reset(&mut self) {
-        let (ram, wire, clock_hz) = (self.ram.clone(), std::mem::take(&mut self.wire), self.clock_hz);
-        let (interrupts, requests) = (self.interrupts, std::mem::take(&mut self.requests));
-        *self = Self { wire, clock_hz, interrupts, requests, ..Self::new(ram) };
+        let (wire, requests) = (std::mem::take(&mut self.wire), std::mem::take(&mut self.requests));
+        *self = Self { wire, clock_hz: self.clock_hz, requests, ..Self::new(self.ram.clone()) };
     }
 
     fn reset_line(&mut self, file: &mut RegisterFile, context: &mut Context<'_>) {

@@ -19,41 +19,33 @@ const RESET: &[(Register, u64)] = &[
     (Register::FdcanXidam, 0x1FFF_FFFF),
 ];
 
-pub fn after_reset() -> Vec<u64> {
-    let value = |register: Register| {
-        RESET.iter().find(|(other, _)| other.index() == register.index()).map_or(0, |(_, value)| *value)
-    };
-    Register::ALL.into_iter().map(value).collect()
+/// The value of each register, by its index.
+#[derive(Debug)]
+pub struct Registers(pub Vec<u64>);
+
+/// As after a reset.
+impl Default for Registers {
+    fn default() -> Self {
+        let mut values = vec![0; Register::ALL.len()];
+        RESET.iter().for_each(|&(register, value)| values[register.index()] = value);
+        Self(values)
+    }
 }
 
 /// What becomes of a value that software writes.
 pub enum Rule {
-    /// Nothing lands.
-    ReadOnly,
     /// The bits of this mask land.
     Bits(u64),
     /// The bits of this mask land while CCCR.CCE and CCCR.INIT are set (the "P" of the register tables).
     Protected(u64),
-    /// The model does it all.
+    /// The model does it all; nothing lands in what software may only read.
     Special,
 }
 
-/// The rule of a register. Not listed: what there is no model of, time-triggered operation above all, whose access is
-/// reported.
+/// The rule of a register. `None`: there is no model of it, and an access is reported.
 pub fn rule(register: Register) -> Option<Rule> {
     use Register as R;
     Some(match register {
-        R::FdcanCrel
-        | R::FdcanEndn
-        | R::FdcanHpms
-        | R::FdcanTxfqs
-        | R::FdcanTxbrp
-        | R::FdcanTxbto
-        | R::FdcanTxbcf
-        | R::FdcanRxf0s
-        | R::FdcanRxf1s
-        | R::FdcanEcr
-        | R::FdcanPsr => Rule::ReadOnly,
         R::FdcanDbtp => Rule::Protected(0x009F_1FFF),
         R::FdcanNbtp => Rule::Protected(0xFFFF_FF7F),
         R::FdcanRwd => Rule::Protected(0x0000_00FF),
@@ -73,16 +65,10 @@ pub fn rule(register: Register) -> Option<Rule> {
         R::FdcanIe | R::FdcanIls => Rule::Bits(0x3FFF_FFFF),
         R::FdcanIle => Rule::Bits(0b11),
         R::FdcanTxbtie | R::FdcanTxbcie => Rule::Bits(0xFFFF_FFFF),
-        R::FdcanCccr
-        | R::FdcanTest
-        | R::FdcanIr
-        | R::FdcanTscv
-        | R::FdcanTocv
-        | R::FdcanRxf0a
-        | R::FdcanRxf1a
-        | R::FdcanTxbar
-        | R::FdcanTxbcr => Rule::Special,
-        _ => return None,
+        R::FdcanNdat1 | R::FdcanNdat2 => return None,
+        // The table ends with these: Tx events, and time-triggered operation.
+        _ if register.index() >= R::FdcanTxefs.index() => return None,
+        _ => Rule::Special,
     })
 }
 

@@ -6,7 +6,7 @@ use slipsense_can_sim::Frame;
 
 use super::Fdcan;
 use super::filters::Accepted;
-use super::message_ram::{element_bytes, element_words, write_rx};
+use super::message_ram::Element;
 use super::registers::{field, interrupt};
 
 /// RXFxS: a message was lost.
@@ -45,9 +45,9 @@ impl Fdcan {
             self.rx_get[fifo] = (self.rx_get[fifo] + 1) % size;
             level -= 1;
         }
-        let bytes = element_bytes(self.get(Register::FdcanRxesc) >> shift);
-        let word = start + self.rx_put[fifo] as usize * element_words(bytes);
-        write_rx(&self.ram, word, bytes, frame, index, timestamp);
+        let put = self.rx_put[fifo] as usize;
+        let element = Element::nth(put, start, self.get(Register::FdcanRxesc) >> shift);
+        element.write_rx(&self.ram, frame, index, timestamp);
         self.rx_put[fifo] = (self.rx_put[fifo] + 1) % size;
         level += 1;
         self.show_fifo(fifo, level, size);

@@ -5,7 +5,7 @@ use rigless::soc::stm32h743::generated::fdcan1::Register as R;
 use slipsense_can_sim::{ErrorState, Frame};
 
 use super::Fdcan;
-use super::message_ram::{TX_EVENT, element_bytes, element_words, read_tx};
+use super::message_ram::{Element, TX_EVENT};
 use super::registers::{cccr, field, interrupt};
 use super::wire::MCU;
 
@@ -15,16 +15,15 @@ impl Fdcan {
         field(self.get(R::FdcanTxbc), 24, 6) as u32
     }
 
-    /// Where an element of the queue lies, and the bytes of data that it holds.
-    fn place(&self, buffer: u32) -> (usize, usize) {
-        let bytes = element_bytes(self.get(R::FdcanTxesc));
-        (field(self.get(R::FdcanTxbc), 2, 14) as usize + buffer as usize * element_words(bytes), bytes)
+    fn element(&self, buffer: u32) -> Element {
+        let start = field(self.get(R::FdcanTxbc), 2, 14) as usize;
+        Element::nth(buffer as usize, start, self.get(R::FdcanTxesc))
     }
 
-    fn element(&self, buffer: u32) -> Option<Frame> {
-        let passive = self.wire_at_rx().bus().node(MCU).state() == ErrorState::Passive;
-        let (word, bytes) = self.place(buffer);
-        read_tx(&self.ram, word, bytes, self.has(cccr::FDOE), self.has(cccr::BRSE), passive)
+    /// The frame in a buffer of the queue.
+    fn frame(&self, buffer: u32) -> Option<Frame> {
+        let passive = self.wire_at_rx().bus.node(MCU).state() == ErrorState::Passive;
+        self.element(buffer).read_tx(&self.ram, self.has(cccr::FDOE), self.has(cccr::BRSE), passive)
     }
 
     pub(super) fn request(&mut self, value: u64, context: &mut Context<'_>) {
@@ -47,11 +46,10 @@ impl Fdcan {
             if self.get(R::FdcanTxbrp) >> buffer & 1 != 0 {
                 continue;
             }
-            if self.ram.read(self.place(buffer).0 + 1).is_some_and(|word| word & TX_EVENT != 0) {
+            if self.ram.read(self.element(buffer).word + 1).is_some_and(|word| word & TX_EVENT != 0) {
                 context.tell("FDCAN_TXBAR", "a request for a Tx event, and there is no model of them");
             }
-            self.requested[buffer as usize] = self.element(buffer);
-            self.requested_at[buffer as usize] = context.now().0;
+            self.requested[buffer as usize] = (self.frame(buffer), context.now().0);
             self.clear_bits(R::FdcanTxbto, 1 << buffer);
             self.clear_bits(R::FdcanTxbcf, 1 << buffer);
             self.set_bits(R::FdcanTxbrp, 1 << buffer);
@@ -104,7 +102,7 @@ impl Fdcan {
         let pending = self.get(R::FdcanTxbrp);
         (0..self.queue())
             .filter(|buffer| pending >> buffer & 1 != 0)
-            .filter_map(|buffer| Some((buffer, self.element(buffer)?)))
+            .filter_map(|buffer| Some((buffer, self.frame(buffer)?)))
             .min_by_key(|(buffer, frame)| (frame.arbitration_field(), *buffer))
     }
 
@@ -115,9 +113,9 @@ impl Fdcan {
         }
         self.cancelled &= !(1 << buffer);
         if sent {
-            self.requests.push((self.requested_at[buffer as usize], context.now().0));
+            self.requests.push((self.requested[buffer as usize].1, context.now().0));
         }
         self.close(buffer, sent, cancelled);
-        self.requested[buffer as usize] = None;
+        self.requested[buffer as usize].0 = None;
     }
 }

@@ -7,6 +7,7 @@ use slipsense_can_sim::{
     Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
 };
 
+use crate::bench::mix;
 use crate::fault_injection::{self, Fault, Kind};
 
 /// The FDCAN among the two nodes.
@@ -36,7 +37,7 @@ pub fn can_frame(frame: &Frame) -> Option<CanFrame> {
 
 #[derive(Debug)]
 pub struct Wire {
-    bus: Bus<2>,
+    pub bus: Bus<2>,
     pub faults: Vec<Fault>,
     /// RX follows TX.
     pub has_transceiver: bool,
@@ -67,16 +68,12 @@ impl Default for Wire {
 }
 
 impl Wire {
-    /// Error counters and the like.
-    pub fn bus(&self) -> &Bus<2> {
-        &self.bus
-    }
-
     fn cycles(&self, now_ns: u64) -> u64 {
         (u128::from(now_ns) * u128::from(self.bus.timing().clock_hz) / 1_000_000_000) as u64
     }
 
-    fn ns(&self, cycles: u64) -> u64 {
+    /// Virtual nanoseconds of an instant of the bus.
+    pub fn ns(&self, cycles: u64) -> u64 {
         self.bus.timing().ns(cycles)
     }
 
@@ -110,11 +107,6 @@ impl Wire {
         })
     }
 
-    fn peer_frame(&self, now_ns: u64) -> Option<Frame> {
-        let due = self.peer_queue.front().filter(|(at, _)| *at <= now_ns).map(|(_, frame)| *frame);
-        due.or_else(|| self.flooded(now_ns))
-    }
-
     /// When a frame may start that the FDCAN offers or not from `now_ns` on: the earliest instant at which the bus
     /// is free for somebody who has something to send.
     pub fn next_start(&self, now_ns: u64, offered: bool) -> Option<u64> {
@@ -131,7 +123,8 @@ impl Wire {
     }
 
     pub fn start(&mut self, now_ns: u64, mine: Option<&Frame>) -> Option<(Attempt, Frame)> {
-        let theirs = self.peer_frame(now_ns);
+        let due = self.peer_queue.front().filter(|(at, _)| *at <= now_ns).map(|(_, frame)| *frame);
+        let theirs = due.or_else(|| self.flooded(now_ns));
         let now = self.cycles(now_ns);
         // Who is not ready now does not compete; the bus would otherwise make the frame wait for them.
         let ready =
@@ -142,11 +135,8 @@ impl Wire {
         let disturbance = self.disturbance(now_ns, longest);
         let attempt = self.bus.attempt(now, &[mine.as_ref(), theirs.as_ref()], disturbance).ok()??;
         let frame = if attempt.node == MCU { mine? } else { theirs? };
-        if attempt.node == PEER
-            && attempt.outcome == Outcome::Sent
-            && self.peer_queue.front().is_some_and(|q| q.0 <= now_ns)
-        {
-            self.peer_queue.pop_front();
+        if attempt.node == PEER && attempt.outcome == Outcome::Sent {
+            self.peer_queue.pop_front_if(|(at, _)| *at <= now_ns);
         }
         self.log.push(Logged {
             node: attempt.node,
@@ -156,11 +146,6 @@ impl Wire {
             frame,
         });
         Some((attempt, frame))
-    }
-
-    /// Virtual nanoseconds of an attempt's end.
-    pub fn end_ns(&self, attempt: &Attempt) -> u64 {
-        self.ns(attempt.end)
     }
 
     fn disturbance(&mut self, now_ns: u64, bits: u32) -> Disturbance {
@@ -181,9 +166,6 @@ impl Wire {
     /// Splitmix64: any generator will do, every run draws the same.
     fn below(&mut self, bound: u32) -> u32 {
         self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut word = self.random;
-        word = (word ^ word >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        word = (word ^ word >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((word ^ word >> 31) % u64::from(bound)) as u32
+        (mix(self.random) % u64::from(bound)) as u32
     }
 }

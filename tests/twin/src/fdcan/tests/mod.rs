@@ -16,7 +16,6 @@ use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
 use crate::fault_injection::{Fault, Kind};
 use crate::machine::{Fitted, Twin};
-use crate::xl::Xl;
 
 const FDCAN1: u64 = 0x4000_A000;
 const RAM: u64 = 0x4000_AC00;
@@ -96,14 +95,7 @@ impl Memory for Nothing {
 
 impl Bench {
     fn new(faults: Vec<Fault>) -> Self {
-        let fitted = Fitted {
-            episode: None,
-            desk: None,
-            xl: Xl::default(),
-            faults,
-            hse_hz: crate::machine::HSE_HZ,
-            slow: false,
-        };
+        let fitted = Fitted { faults, hse_hz: crate::machine::HSE_HZ, ..Fitted::default() };
         let twin = Twin::new(&fitted).expect("the part is described");
         let mut bench = Self { twin, now: 1000 };
         bench.store(RCC_APB1HENR, 1 << 8);

@@ -58,35 +58,3 @@ fn an_fd_frame_takes_the_time_of_its_bits() {
     assert_eq!(frame.frame.format(), Format::FD);
     assert!((frame.end_ns - frame.start_ns).abs_diff(cycles * 1_000_000_000 / CLOCK_HZ) <= 1);
 }
-
-/// A classic frame against its bits, CRC-15 and stuffing counted here.
-#[test]
-fn a_classic_frame_takes_the_time_of_its_bits() {
-    let mut bench = Bench::started(Vec::new());
-    bench.send(0, 0x555);
-    bench.wait(1_000_000);
-    let mut bits = vec![0];
-    let mut push = |value: u64, width: u32| bits.extend((0..width).rev().map(|bit| value >> bit & 1));
-    push(0x555, 11);
-    push(0b000, 3);
-    push(8, 4);
-    push(0x5555_5555_5555_5555, 64);
-    let crc = bits.iter().fold(0u64, |crc, bit| {
-        let next = crc << 1 & 0x7FFF;
-        if crc >> 14 ^ bit == 1 { next ^ 0x4599 } else { next }
-    });
-    bits.extend((0..15).rev().map(|bit| crc >> bit & 1));
-    let (mut stuffed, mut run, mut last) = (0, 0, 2);
-    for &bit in &bits {
-        run = if bit == last { run + 1 } else { 1 };
-        last = bit;
-        if run == 5 {
-            stuffed += 1;
-            (run, last) = (1, 1 - bit);
-        }
-    }
-    // Delimiter, acknowledge and its delimiter, end of frame.
-    let total = bits.len() as u64 + stuffed + 3 + 7;
-    let frame = &bench.twin.mcu.fdcan[0].wire.log[0];
-    assert_eq!(frame.end_ns - frame.start_ns, total * BIT_NS);
-}

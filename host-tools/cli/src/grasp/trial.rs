@@ -70,7 +70,7 @@ pub struct TrialSeries {
     pub slid_mm: Vec<f64>,
     pub slid_without_mm: Vec<f64>,
     pub grip_n: Vec<f64>,
-    pub lead: Vec<f64>,
+    pub log_odds_nat: Vec<f64>,
     pub flag: Vec<bool>,
     pub commands_s: Vec<f64>,
 }
@@ -113,7 +113,7 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
         let raw = raw.map(|(sensor, &input)| output.raw_frame(stamp, sensor, input));
         let slip = output.slip_message(stamp, &Origin::default());
         link.send(&slip, raw)?;
-        series.lead.push(output.log_odds.map_or(0.0, Logit::to_f64));
+        series.log_odds_nat.push(output.log_odds.map_or(0.0, Logit::to_f64));
         series.flag.push(config.reaction.flag.is_up(&slip));
         received.extend(link.advance(tick_ns(frame + 1))?);
 

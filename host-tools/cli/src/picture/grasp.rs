@@ -63,12 +63,12 @@ pub fn trial(result: &TrialResult, series: &TrialSeries, headline: &str) -> Stri
     canvas.add(trace(&slid, GREY, &without).set("stroke-dasharray", "5 4"));
     canvas.add(trace(&slid, CLASS[2], &with).set("stroke-width", 2.0));
 
-    let lead = most(&series.lead.iter().map(|v| v.abs()).collect::<Vec<f64>>()).max(1.0) * 1.1;
-    let unit = "slip's logit before the next, nat; one dot per frame, orange where the flag is up";
+    let lead = most(&series.log_odds_nat.iter().map(|v| v.abs()).collect::<Vec<f64>>()).max(1.0) * 1.1;
+    let unit = "log-odds of slip, nat; one dot per frame, orange where the flag is up";
     let scale = panel(&mut canvas, "Network", unit, -lead..lead);
     for frame in shown.clone() {
         let (colour, radius) = if series.flag[frame] { (CLASS[2], 2.6) } else { (NEUTRAL, 1.6) };
-        let (cx, cy) = (x.at(ms(frame as f64 + 1.0)), scale.clamp(series.lead[frame]));
+        let (cx, cy) = (x.at(ms(frame as f64 + 1.0)), scale.clamp(series.log_odds_nat[frame]));
         canvas.add(Circle::new().set("cx", cx).set("cy", cy).set("r", radius).set("fill", colour));
     }
 

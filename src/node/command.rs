@@ -97,13 +97,20 @@ pub(super) fn decode(request: &[u8], client: NodeId) -> Result<Action, CommandSt
 
 /// Two decimal numbers: an array's, and what to do with it.
 fn calibration(parameter: &[u8], what: fn(u16) -> Option<What>) -> Result<Request, CommandStatus> {
-    let read = || {
-        // Without a sign, which `parse` would take.
-        let text = str::from_utf8(parameter).ok().filter(|text| !text.contains('+'))?;
-        let (sensor, number) = text.split_once(' ')?;
-        Some(Request { sensor: sensor.parse().ok()?, what: what(number.parse().ok()?)? })
-    };
-    read().ok_or(CommandStatus::BadParameter)
+    let (mut sensor, mut number, mut digits) = (None, 0u16, 0);
+    for &byte in parameter {
+        if byte == b' ' && sensor.is_none() && digits > 0 {
+            (sensor, number, digits) = (u8::try_from(number).ok(), 0, 0);
+            continue;
+        }
+        let digit = byte.wrapping_sub(b'0');
+        let next = number.checked_mul(10).and_then(|tens| tens.checked_add(digit.into()));
+        (number, digits) = (next.filter(|_| digit < 10).ok_or(CommandStatus::BadParameter)?, digits + 1);
+    }
+    match (sensor, what(number)) {
+        (Some(sensor), Some(what)) if digits > 0 => Ok(Request { sensor, what }),
+        _ => Err(CommandStatus::BadParameter),
+    }
 }
 
 /// The response; its length. Text beyond [`OUTPUT_MAX`] is cut.

@@ -163,7 +163,11 @@ impl Settings {
     pub fn taxel_mask(&self, sensor: usize) -> TaxelMask {
         let settings = [Setting::TaxelMask0, Setting::TaxelMask1, Setting::TaxelMask2];
         let rows = settings.get(sensor).map_or(&[][..], |&setting| self.get(setting));
-        TaxelMask(core::array::from_fn(|row| rows.get(row).map_or(0, |&element| element as u32)))
+        let mut mask = TaxelMask::NONE;
+        for (row, &element) in mask.0.iter_mut().zip(rows) {
+            *row = element as u32;
+        }
+        mask
     }
 
     /// Does the node follow the bus time?

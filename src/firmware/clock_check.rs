@@ -79,7 +79,8 @@ const TRIES: u32 = 30;
 /// What a measurement may be off: the HSI's 2 % in the cold, and as much again. No wrong crystal is as near.
 const TOLERANCE_PERCENT: u32 = 4;
 
-/// Wait for the external clock, not for ever, and measure it. `Err`: the frequency found, Hz; 0 where none came.
+/// Wait for the external clock, not for ever, and measure it. `Err`: the frequency found, Hz; 0 where none came. The
+/// core counts its cycles from then on.
 ///
 /// For a chip that runs on its HSI, as after reset: a wrong frequency would keep the PLLs from locking, for which
 /// embassy-stm32 0.6 waits for ever, as it does for a clock that does not come.

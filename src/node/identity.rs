@@ -11,10 +11,11 @@ pub const PROTOCOL_VERSION: Version = Version { major: 1, minor: 0 };
 /// The first 64 bits of the git commit that the firmware is built from; 0 where the build does not know it: on a
 /// computer, or from sources without repository.
 pub const COMMIT: u64 = match option_env!("SLIPSENSE_COMMIT") {
-    Some(hex) => match u64::from_str_radix(hex.split_at(16).0, 16) {
+    Some(hex) if hex.len() >= 16 => match u64::from_str_radix(hex.split_at(16).0, 16) {
         Ok(leading) => leading,
-        Err(_) => panic!("a commit is hexadecimal"),
+        Err(_) => panic!("SLIPSENSE_COMMIT is not hexadecimal"),
     },
+    Some(_) => panic!("SLIPSENSE_COMMIT has fewer than 16 digits"),
     None => 0,
 };
 

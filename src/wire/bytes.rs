@@ -6,7 +6,7 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum DecodeError {
-    /// The message ends too early, bytes. DSDL would read the missing bytes as zeros, and zeros in these
+    /// The message ends too early: bytes needed and found. DSDL would read the missing bytes as zeros, and zeros in these
     /// messages mean "no slip", so that is refused.
     Truncated { message: &'static str, expected: usize, found: usize },
     /// A field, named as in the DSDL definition, holds a value that has no meaning.

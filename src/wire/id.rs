@@ -73,11 +73,15 @@ pub struct MessageId {
 
 /// Why an identifier is not that of a message with a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the texts below say it")]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub enum IdError {
+    /// More than 29 bits.
     TooLarge { id: u32 },
+    /// A service call, not a message.
     Service,
+    /// A message of a node without an address.
     Anonymous,
+    /// A reserved bit that must be 0 is set.
     Reserved,
 }
 

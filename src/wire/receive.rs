@@ -39,7 +39,7 @@ pub enum TransferError {
     Toggle { transfer: u8 },
     /// A frame before the last that is not full; its data, bytes.
     ShortFrame { transfer: u8, length: usize },
-    /// More bytes than any message of this port has, for which there is room.
+    /// More bytes than there is room for, `capacity`: more than any message of this port has.
     TooLong { transfer: u8, capacity: usize },
     /// Frames are missing, out of order or damaged.
     Crc { transfer: u8 },

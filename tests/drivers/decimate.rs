@@ -13,8 +13,12 @@ const RATE_HZ: f64 = 16_000.0;
 fn impulses(height: i16) -> Vec<i16> {
     let impulse = |back: usize| {
         let mut filter = Decimator::primed([0; 3]);
-        let samples = (0..TAPS).map(|n| if n + back + 1 == TAPS { [height, 0, 0] } else { [0; 3] });
-        samples.map(|sample| filter.push(sample, true).expect("kept")[0]).last().expect("taps")
+        let mut output = 0;
+        for n in 0..TAPS {
+            let sample = if n + back + 1 == TAPS { [height, 0, 0] } else { [0; 3] };
+            output = filter.push(sample, true).expect("kept")[0];
+        }
+        output
     };
     (0..TAPS).map(impulse).collect()
 }

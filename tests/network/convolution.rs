@@ -6,12 +6,26 @@ use slipsense::net::packing::{self, Inputs};
 use slipsense::params::CONV_INPUT_MAX;
 use slipsense::simd::{LayerParams, Map, MapMut, MapShape, conv_relu_pool, halves, portable};
 
-/// A number of this range: of kind 0 anywhere in it, of kind 1 one end or the other, of kind 2 the upper end.
-fn draw(kind: usize, rng: &mut ChaCha8Rng, (least, most): (i64, i64)) -> i64 {
-    match kind {
-        0 => rng.random_range(least..=most),
-        1 => [least, most][rng.random_range(0..2)],
-        _ => most,
+/// How the numbers of a case are drawn.
+#[derive(Clone, Copy, Debug)]
+enum Draw {
+    /// Anywhere in their range.
+    Any,
+    /// One end of it or the other.
+    Ends,
+    /// The upper end everywhere.
+    Top,
+}
+
+impl Draw {
+    const ALL: [Self; 3] = [Self::Any, Self::Ends, Self::Top];
+
+    fn from(self, rng: &mut ChaCha8Rng, (least, most): (i64, i64)) -> i64 {
+        match self {
+            Self::Any => rng.random_range(least..=most),
+            Self::Ends => [least, most][rng.random_range(0..2)],
+            Self::Top => most,
+        }
     }
 }
 
@@ -47,11 +61,11 @@ impl Case {
     /// As large as a model may have them: `2 · Σ|w| · 2^14 + |bias|` is at most `2^31 − 1`, and what the file has of
     /// every weight fits 16 bits.
     fn new(rng: &mut ChaCha8Rng, side: usize, channels: usize, outputs: usize) -> Self {
-        let [of_weights, of_map] = [0, 1].map(|_| rng.random_range(0..3));
+        let [of_weights, of_map] = [0, 1].map(|_| Draw::ALL[rng.random_range(0..3)]);
         let count = 9 * channels;
         let most = (65_535 / count as i64).min(i64::from(i16::MAX) / 3);
         let mut weights = vec![vec![0; count]; outputs];
-        weights.iter_mut().flatten().for_each(|w| *w = draw(of_weights, rng, (-most, most)));
+        weights.iter_mut().flatten().for_each(|w| *w = of_weights.from(rng, (-most, most)));
         let room = |row: &Vec<i64>| i64::from(i32::MAX) - (row.iter().map(|w| w.abs()).sum::<i64>() << 15);
         let rooms: Vec<i64> = weights.iter().map(room).collect();
         let bias = rooms.iter().map(|&room| rng.random_range(-room..=room) as i32 >> rng.random_range(0..20));
@@ -60,7 +74,7 @@ impl Case {
             (0..outputs).map(|_| rng.random_range(0..i32::MAX) >> rng.random_range(0..18)).collect();
         let most = i64::from(CONV_INPUT_MAX);
         let range = if channels <= 2 { (-most - 1, most) } else { (0, most) };
-        let map = (0..side * side * channels).map(|_| draw(of_map, rng, range)).collect();
+        let map = (0..side * side * channels).map(|_| of_map.from(rng, range)).collect();
         let border = rng.random_range(0..2);
         Self { channels, side, weights, bias, multiplier, map, border }
     }
@@ -136,8 +150,11 @@ fn a_convolution_is_the_sum_it_stands_for() {
                 let cells = window.map(|(dy, dx)| case.at(output, 2 * row + dy, 2 * col + dx));
                 let expected = cells.into_iter().max().unwrap();
                 let found = halves(found[case.to().at(row, output / 2, col)])[output % 2];
-                let place = (round, row, col, output);
-                assert_eq!(i64::from(found), expected, "round, row, column, output: {place:?}");
+                assert_eq!(
+                    i64::from(found),
+                    expected,
+                    "round {round}: row {row} column {col} output {output}"
+                );
                 outputs_seen += 1;
                 between += usize::from((1..case.most()).contains(&expected));
             }

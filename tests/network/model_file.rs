@@ -58,7 +58,9 @@ fn every_truncation_is_refused() {
 
 #[test]
 fn other_files_and_damage() {
-    assert_eq!(refusal(b"PK\x03\x04 not a model at all"), ModelError::BadMagic);
+    for other in [&b""[..], b"PK\x03\x04 not a model at all"] {
+        assert_eq!(refusal(other).to_string(), "not a SlipSense model file (wrong first bytes)");
+    }
     let mut bytes = good().to_bytes().unwrap();
     assert_eq!(refusal(&[&bytes[..], &[0]].concat()), ModelError::TrailingBytes { count: 1 });
     bytes[200] ^= 1;

@@ -36,6 +36,7 @@ fn with_fault(fault: impl Fn(u32, &mut SensorReadings)) -> Ran {
 }
 
 /// Run with this fault in sensor 1 for [`FAULT`]: these flags are up during it, those behind it.
+#[track_caller]
 fn during(fault: fn(&mut SensorReadings), flags: u8, behind: (u32, u8)) -> Ran {
     let ran = with_fault(|sequence, part| {
         if FAULT.contains(&sequence) {
@@ -64,6 +65,7 @@ fn flags(ran: &Ran) -> Vec<u8> {
 }
 
 /// The flags that are up during the fault and behind it.
+#[track_caller]
 fn expect(ran: &Ran, fault: Range<u32>, during: u8, behind: (u32, u8)) {
     for (sequence, found) in (0..).zip(flags(ran)) {
         let expected = match sequence {

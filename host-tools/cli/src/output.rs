@@ -90,3 +90,33 @@ pub fn is_partial(path: &Path) -> bool {
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_changed_before_the_commit() {
+        let home = tempfile::tempdir().unwrap();
+        let (folder, file) = (home.path().join("a/out"), home.path().join("a/out/x.txt"));
+        for before in [None, Some("old")] {
+            if let Some(text) = before {
+                fs::write(&file, text).unwrap();
+            }
+            let now = || fs::read_to_string(&file).ok();
+            for commit in [false, true] {
+                let out = OutputDir::prepare(&folder).unwrap();
+                out.write("x.txt", "new").unwrap();
+                assert_eq!(now().as_deref(), before);
+                if commit {
+                    out.commit().unwrap();
+                } else {
+                    drop(out);
+                    assert_eq!(folder.exists(), before.is_some());
+                }
+            }
+            assert_eq!(now().as_deref(), Some("new"));
+            assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1, "nothing is left beside it");
+        }
+    }
+}

@@ -95,7 +95,11 @@ impl PageServer {
                 let _ = answer(request, sessions, self.address.port());
             }
         };
-        thread::scope(|scope| (0..THREADS).for_each(|_| drop(scope.spawn(serve))));
+        thread::scope(|scope| {
+            let threads: Vec<_> = (0..THREADS).map(|_| scope.spawn(serve)).collect();
+            // A thread that panicked has said so; the others go on.
+            threads.into_iter().for_each(|thread| drop(thread.join()));
+        });
     }
 }
 

@@ -41,8 +41,10 @@ impl FromStr for Place {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        if text == "-" {
+            return Ok(Self::Standard);
+        }
         Ok(match text.split_once(':') {
-            _ if text == "-" => Self::Standard,
             Some(("slcan", "")) => return Err("need a device or HOST:PORT after slcan:".to_owned()),
             Some(("slcan", device)) if !device.starts_with('/') && device.contains(':') => {
                 Self::Tcp(device.to_owned())

@@ -60,6 +60,9 @@ mod tests {
             let merged = format!("{line}{line}");
             assert_eq!(parse(merged.as_bytes()), Some(Err(Foreign::Unreadable)), "an end was lost");
         }
+        let frame = |data: &[u8]| CanFrame::new(0x0478_382A, data).unwrap();
+        assert_eq!(command(&frame(&[1, 0xFE])), "B0478382A201FE\r");
+        assert_eq!(command(&frame(&[0; 12])), format!("B0478382A9{}\r", "00".repeat(12)));
         assert_eq!((parse(b""), parse(b"z")), (None, None));
         for (line, foreign) in [
             ("T0478382A80011223344556677", Foreign::Classic),

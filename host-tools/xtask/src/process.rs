@@ -37,15 +37,15 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
 
 /// The cargo that started us, with its toolchain.
 pub fn cargo() -> Command {
-    of_our_toolchain(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+    let mut cargo = of_our_toolchain(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.envs(env::var_os("LD_LIBRARY_PATH").map(|value| ("LD_LIBRARY_PATH", value)));
+    cargo
 }
 
 /// A program that takes the toolchain of the cargo that started us.
 pub fn of_our_toolchain(program: impl AsRef<OsStr>) -> Command {
     let mut command = command(program);
-    for name in ["RUSTUP_TOOLCHAIN", "LD_LIBRARY_PATH"] {
-        command.envs(env::var_os(name).map(|value| (name, value)));
-    }
+    command.envs(env::var_os("RUSTUP_TOOLCHAIN").map(|value| ("RUSTUP_TOOLCHAIN", value)));
     command
 }
 

@@ -89,7 +89,7 @@ pub struct Variant {
     pub xl_augmentation: bool,
 }
 
-/// The network as shipped.
+/// The network as shipped: what `slipsense train` trains and what is quantized has its parts, at its own size.
 pub const BASE: Variant = Variant {
     modality: Modality::Both,
     fusion: Fusion::CrossAttention,

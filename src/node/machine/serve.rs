@@ -81,32 +81,35 @@ impl Node {
 
     /// `true`: it is answered later.
     fn begin(&mut self, action: Action, id: ServiceId, transfer: u8) -> Result<bool, &'static str> {
-        let later = !matches!(action, Action::Restart | Action::Identify | Action::BeginUpdate { .. });
+        use Action::{Calibrate, FactoryReset, SelfTest, Store, Unlock};
+        let later = matches!(action, Store | FactoryReset | SelfTest | Unlock(_) | Calibrate(_));
         if self.lock.is_closed() && !matches!(action, Action::Identify | Action::Unlock(_)) {
             return Err(LOCKED);
         }
         if later && self.pending.is_some() {
             return Err("another command is not done yet");
         }
-        let mut none = 0;
-        let [store, calibration] = &mut self.store_pauses_until_us;
+        let [store, calibration] = self.store_pauses_until_us;
         let (pause_until_us, why) = match action {
             Action::BeginUpdate { .. } | Action::Unlock(_) => {
-                (&mut self.signature_pause_until_us, "wait a second after one that failed")
+                (self.signature_pause_until_us, "wait a second after one that failed")
             }
             Action::Store | Action::FactoryReset => (store, "wait ten seconds after a store"),
             Action::Calibrate(_) => (calibration, "wait ten seconds after a calibration"),
-            _ => (&mut none, ""),
+            _ => (0, ""),
         };
-        if self.now_us < *pause_until_us {
+        if self.now_us < pause_until_us {
             return Err(why);
         }
         // The last place is for the end of an update.
         if self.actions.len() + 1 >= self.actions.capacity() {
             return Err("too many commands at once");
         }
-        if matches!(action, Action::Store | Action::FactoryReset | Action::Calibrate(_)) {
-            *pause_until_us = self.now_us.saturating_add(STORE_PAUSE_US);
+        let [store, calibration] = &mut self.store_pauses_until_us;
+        match action {
+            Action::Store | Action::FactoryReset => *store = self.now_us.saturating_add(STORE_PAUSE_US),
+            Action::Calibrate(_) => *calibration = self.now_us.saturating_add(STORE_PAUSE_US),
+            _ => {}
         }
         match action {
             Action::FactoryReset => {

@@ -271,10 +271,10 @@ mod tests {
             let mut part = Part::started();
             for at in reloads {
                 part.write(at, Register::Kr, KEY_RELOAD);
-                assert!(!part.has_bitten(at));
+                assert!(!part.has_bitten(at), "fed at {at} ns");
             }
-            assert!(!part.has_bitten(end - 1));
-            assert!(part.has_bitten(end));
+            assert!(!part.has_bitten(end - 1), "{end} ns");
+            assert!(part.has_bitten(end), "{end} ns");
         }
     }
 

@@ -58,7 +58,8 @@ pub struct Run<'a> {
     pub timeout: Duration,
 }
 
-/// Replay it, from reset. `progress` is called once per frame.
+/// Replay it, from reset. `progress` is called once per frame. The report's seconds have the steps of this computer's
+/// pipeline in them.
 pub fn replay(target: &mut dyn Target, run: &Run<'_>, mut progress: impl FnMut()) -> Result<Report> {
     let begun = Instant::now();
     let mut board = Board { target, run, areas: (0, 0) };

@@ -84,6 +84,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_image_has_a_column_per_frame_and_the_highest_bin_on_top() {
+        let uri = image(0..5, &(0.0..1.0), |f, bin| f64::from(u8::from((f, bin) == (2, 15)))).unwrap();
+        let bytes = STANDARD.decode(uri.strip_prefix("data:image/png;base64,").unwrap()).unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut pixels).unwrap();
+        assert_eq!((info.width, info.height), (5, 96));
+        let bright: Vec<usize> = (0..pixels.len()).filter(|&i| pixels[i] == 255).collect();
+        assert_eq!(bright, (0..BIN_ROWS).map(|row| row * 5 + 2).collect::<Vec<_>>());
+    }
+
+    #[test]
     fn values_outside_the_range_take_its_end_colours() {
         assert_eq!((index(-9.0, &(0.0..1.0)), index(9.0, &(0.0..1.0))), (0, 255));
         assert_eq!((colour(0.0), colour(1.0)), ("#000004".to_owned(), "#fcffa4".to_owned()));

@@ -30,8 +30,9 @@ fn check(folder: &Path, episode: &Episode) -> (Predictions, Value) {
     assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
     assert!(svg.len() < 1_500_000, "{} bytes", svg.len());
     assert!(report.contains(svg.trim_end()) && !report.contains("{{"));
-    let outside = ["src=\"http", "href=\"http", "url(", "@import"];
-    assert!(!outside.iter().any(|outside| report.contains(outside)), "loads nothing");
+    for outside in ["src=\"http", "href=\"http", "url(", "@import"] {
+        assert!(!report.contains(outside), "loads nothing: {outside}");
+    }
     (predictions, summary)
 }
 
@@ -171,6 +172,14 @@ fn the_bundled_model_is_a_trained_one() {
     let info = Place::new().json("model info");
     let provenance = &info["model"]["provenance"];
     assert!(provenance.is_object() && provenance.get("random").is_none(), "{provenance}");
+}
+
+#[test]
+fn help_has_examples() {
+    for command in ["", "demo", "run", "features", "synth", "label"] {
+        let help = Place::new().run(&format!("{command} --help"));
+        assert!(help.contains("Example"), "{command}");
+    }
 }
 
 /// The book's page of commands is what the commands say. To write it anew: `slipsense help-markdown`.

@@ -18,6 +18,7 @@ pub(super) struct Percolating {
     bend_kpa: f64,
     /// Share of the threshold that a firm load takes away.
     lowered: f64,
+    /// Share of the lowering that is left after a frame; it lasts for 0.5 to 20 s.
     forgets: f64,
     full_scale_counts: f64,
 }

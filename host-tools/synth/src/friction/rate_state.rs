@@ -16,7 +16,7 @@ const HALF_SLIDING_MM_S: f64 = 0.03;
 #[derive(Serialize)]
 pub(super) struct RateState {
     mu: f64,
-    /// Direct effect a; below it b, the ageing effect.
+    /// Direct effect a; below it b, the ageing effect, drawn as its difference from a.
     direct: f64,
     ageing: f64,
     /// Slip over which the contacts are renewed.

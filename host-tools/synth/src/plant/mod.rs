@@ -87,9 +87,12 @@ pub struct Plant {
     plan: Plan,
     /// Starts of the commanded motions, seconds.
     motions_s: Vec<f64>,
+    /// Force that the last command ends at.
     target_n: f64,
     frames: usize,
+    /// Times between which the object is held as firmly as commanded.
     held_s: (f64, f64),
+    /// Frames of the pull and of the standstill after it.
     pulled: Range<usize>,
     prediction: Prediction,
     delivered: usize,

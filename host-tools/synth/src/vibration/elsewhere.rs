@@ -93,6 +93,7 @@ impl Elsewhere {
             DisturbanceFamily::Knocks => {
                 let per_s = rng.log_between(0.1, 2.0);
                 for at_s in times(rng, per_s, seconds) {
+                    // A shake is slow and lasts, a knock rings.
                     let knock = if rng.chance(SHAKES) {
                         let decay_s = rng.log_between(0.1, 0.8);
                         (rng.log_between(0.05, 0.8), rng.log_between(2.0, 18.0), decay_s)

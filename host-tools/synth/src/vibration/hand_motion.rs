@@ -42,12 +42,12 @@ impl HandMotion {
         if !scene.hand_held {
             return motion;
         }
-        let peak = rng.log_between(0.03, 0.5) / SWAYS as f64;
+        let sway_g = rng.log_between(0.03, 0.5) / SWAYS as f64;
         for _ in 0..SWAYS {
-            motion.sway(rng, (0.2, 3.0), peak);
+            motion.sway(rng, (0.2, 3.0), sway_g);
         }
-        let peak = rng.log_between(0.005, 0.03);
-        motion.sway(rng, (8.0, 12.0), peak);
+        let tremor_g = rng.log_between(0.005, 0.03);
+        motion.sway(rng, (8.0, 12.0), tremor_g);
         if rng.chance(WALKS) {
             let seconds = scene.timeline.grip_n.len() as f64 / STEP_HZ;
             let from = rng.between(0.0, 0.7 * seconds);

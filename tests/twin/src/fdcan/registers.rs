@@ -42,7 +42,8 @@ pub enum Rule {
     Special,
 }
 
-/// The rule of a register. `None`: there is no model of it, and an access is reported.
+/// The rule of a register. `None`: there is no model of it, time-triggered operation above all, and an access is
+/// reported.
 pub fn rule(register: Register) -> Option<Rule> {
     use Register as R;
     Some(match register {
@@ -65,10 +66,28 @@ pub fn rule(register: Register) -> Option<Rule> {
         R::FdcanIe | R::FdcanIls => Rule::Bits(0x3FFF_FFFF),
         R::FdcanIle => Rule::Bits(0b11),
         R::FdcanTxbtie | R::FdcanTxbcie => Rule::Bits(0xFFFF_FFFF),
-        R::FdcanNdat1 | R::FdcanNdat2 => return None,
-        // The table ends with these: Tx events, and time-triggered operation.
-        _ if register.index() >= R::FdcanTxefs.index() => return None,
-        _ => Rule::Special,
+        // What software may only read.
+        R::FdcanCrel
+        | R::FdcanEndn
+        | R::FdcanHpms
+        | R::FdcanTxfqs
+        | R::FdcanTxbrp
+        | R::FdcanTxbto
+        | R::FdcanTxbcf
+        | R::FdcanRxf0s
+        | R::FdcanRxf1s
+        | R::FdcanEcr
+        | R::FdcanPsr => Rule::Special,
+        R::FdcanCccr
+        | R::FdcanTest
+        | R::FdcanIr
+        | R::FdcanTscv
+        | R::FdcanTocv
+        | R::FdcanRxf0a
+        | R::FdcanRxf1a
+        | R::FdcanTxbar
+        | R::FdcanTxbcr => Rule::Special,
+        _ => return None,
     })
 }
 

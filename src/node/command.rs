@@ -5,9 +5,9 @@
 
 use heapless::Vec;
 
+use super::action::Action;
 use super::fields::Fields;
 use super::file_read::{FilePath, FileRef, PATH_MAX, UpdateTarget};
-use super::machine::Action;
 use crate::calibration::{Request, What};
 use crate::wire::NodeId;
 use crate::wire::bytes::Writer;

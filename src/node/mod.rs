@@ -14,8 +14,10 @@
 //! in fixed memory: what does not fit is dropped whole and counted.
 #![allow(clippy::large_enum_variant, reason = "a box would need an allocator")]
 
+mod action;
 mod allocation;
 mod command;
+mod counters;
 mod diagnostic;
 mod fields;
 mod file_read;
@@ -28,11 +30,13 @@ mod outbox;
 mod registers;
 mod time_sync;
 
+pub use action::Action;
 pub use allocation::{ALLOCATION_PORT, REQUEST_PERIOD_MAX_US};
 pub use command::{
     BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CALIBRATE, COMMAND_PORT, CommandStatus, FACTORY_RESET,
     IDENTIFY, RESTART, SCALE_GAIN, SELF_TEST, STORE, UNLOCK,
 };
+pub use counters::Counters;
 pub use diagnostic::{
     CALIBRATION_LINE, RECORD_BYTES, RECORD_PORT, RECORD_TEXT_MAX, Severity, encode as encode_record,
 };
@@ -44,7 +48,7 @@ pub use get_info::GET_INFO_PORT;
 pub use heartbeat::{HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 pub use identity::{COMMIT, Identity, NODE_NAME, PROTOCOL_VERSION, Version};
 pub use lock::{CHALLENGE_BYTES, SIGNATURE_BYTES, UNLOCK_PREFIX};
-pub use machine::{Action, COMMAND_TIMEOUT_US, Counters, Node, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
+pub use machine::{COMMAND_TIMEOUT_US, Node, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
 pub use outbox::OUTBOX_FRAMES;
 pub use registers::{ACCESS_PORT, LIST_PORT, REGISTERS};
 pub use time_sync::{JUMP_OFFSETS, TIME_PORT};

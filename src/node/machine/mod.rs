@@ -5,18 +5,19 @@ mod update;
 
 use core::fmt;
 
+use super::action::Action;
 use super::allocation::{ALLOCATION_PORT, Allocation};
 use super::command::{COMMAND_PORT, CommandStatus};
+use super::counters::Counters;
 use super::diagnostic::{self, RECORD_BYTES, RECORD_PORT, Severity};
-use super::file_read::{FILE_READ_PORT, FileRead, FileRef, UpdateTarget};
+use super::file_read::{FILE_READ_PORT, FileRead};
 use super::get_info::GET_INFO_PORT;
 use super::heartbeat::{self, HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 use super::identity::Identity;
-use super::lock::{CHALLENGE_BYTES, Lock, SIGNATURE_BYTES};
+use super::lock::{CHALLENGE_BYTES, Lock};
 use super::outbox::Outbox;
 use super::registers::{ACCESS_PORT, LIST_PORT};
 use super::time_sync::{TIME_PORT, TimeSync};
-use crate::calibration::Request;
 use crate::health::{Condition, Status, bits_if};
 use crate::settings::{Setting, Settings};
 use crate::wire::{
@@ -39,46 +40,6 @@ pub const SIGNATURE_PAUSE_US: u64 = 1_000_000;
 /// Time after a store in which there is no other, µs, and so with calibrations: whoever floods the bus with them must not
 /// wear the flash out. A restart, which takes longer than a store, ends it.
 pub const STORE_PAUSE_US: u64 = 10_000_000;
-
-/// What the board must do. Nothing here does it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
-pub enum Action {
-    /// Start anew, after [`Node::next_frame`] has given its last frame and that has gone out.
-    Restart,
-    /// Show which board this is.
-    Identify,
-    /// Store [`Node::settings`] in flash, then [`Node::command_done`].
-    Store,
-    /// As [`Action::Store`]; the settings are at their defaults already.
-    FactoryReset,
-    /// Test the sensors, then [`Node::command_done`].
-    SelfTest,
-    /// Check this signature of [`Node::challenge`], then [`Node::unlock_done`].
-    Unlock([u8; SIGNATURE_BYTES]),
-    /// Measure an array, or change its calibration; then [`Node::command_done`]: with a measurement when it has begun.
-    Calibrate(Request),
-    /// Make room for an update, then [`Node::begin_download`] or [`Node::report`] why not.
-    BeginUpdate { target: UpdateTarget, file: FileRef },
-    /// The file is complete, so many bytes, and the sink has accepted it. A firmware wants a restart; a model too,
-    /// unless the board changes models while it runs.
-    UpdateReceived { target: UpdateTarget, length: u32 },
-    /// The file was given up; a diagnostic record has said why.
-    UpdateFailed { target: UpdateTarget },
-}
-
-/// What the node's own traffic met with, since start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Frames that are none of Cyphal's.
-    pub foreign_frames: u32,
-    /// Frames that broke a transfer, or transfers given up for another sender.
-    pub transfer_errors: u32,
-    /// Messages of another node with this node's address, frames.
-    pub address_conflicts: u32,
-    /// Transfers of this node dropped because [`Node::next_frame`] was not called often enough.
-    pub dropped_transfers: u32,
-}
 
 /// A command that is answered when the board says how it went.
 #[derive(Clone, Copy, Debug)]

@@ -1,11 +1,12 @@
 //! Requests of other nodes and their answers.
 
+use super::super::action::Action;
 use super::super::command::{self, CommandStatus};
 use super::super::diagnostic::Severity;
 use super::super::file_read::FileFailure;
 use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
 use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, NodeState};
-use super::{Action, COMMAND_TIMEOUT_US, Node, Pending, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
+use super::{COMMAND_TIMEOUT_US, Node, Pending, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
 use crate::settings::Settings;
 use crate::wire::{Frames, ServiceId};
 

@@ -1,10 +1,11 @@
 //! A file on its way from another node to the board.
 
+use super::super::action::Action;
 use super::super::diagnostic::Severity;
 use super::super::file_read::{
     self, Chunk, FILE_READ_PORT, FileFailure, FileRead, FileRef, Next, UpdateTarget,
 };
-use super::{Action, Node, SIGNATURE_PAUSE_US};
+use super::{Node, SIGNATURE_PAUSE_US};
 use crate::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, next_transfer};
 
 impl Node {

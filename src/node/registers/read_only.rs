@@ -2,9 +2,9 @@
 
 use heapless::Vec;
 
+use super::super::counters::Counters;
 use super::super::identity::Identity;
 use super::super::lock::CHALLENGE_BYTES;
-use super::super::machine::Counters;
 use crate::calibration::{Progress, Summary};
 use crate::health::{SelfChecks, Status};
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};

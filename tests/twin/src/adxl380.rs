@@ -14,7 +14,7 @@ use slipsense_recording::Episode;
 
 use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
-use crate::machine::Fitted;
+use crate::fitted::Fitted;
 use crate::xl::{self, Readouts, Xl};
 
 const DEVID_AD: u8 = 0x00;

@@ -14,8 +14,8 @@ use slipsense::params::TAXELS;
 
 use crate::arrays::Shared;
 use crate::bus_tap::{TRIGGER_TOKEN, Tap};
-use crate::lock;
 use crate::scan_timing::{CHANNELS, FIRST_PIN, LINES, LINES_MODER, OUTPUTS};
+use crate::shared::lock;
 
 /// ADC1_ISR, a write of 0 to which does nothing: the trigger line's way over the emulator's bus.
 const ADC1_ISR: u64 = 0x4002_2000;

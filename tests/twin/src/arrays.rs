@@ -14,7 +14,7 @@ use slipsense_recording::Episode;
 
 use crate::bench::{self, Desk, DeskFault};
 use crate::fault_injection::{self, Fault, Kind};
-use crate::machine::Fitted;
+use crate::fitted::Fitted;
 use crate::scan_timing::{DEAD_NS, FastScan, SETTLED_NS};
 
 /// The emulator's ADC takes whole millivolts, coarser than a code: its reference is 65,535 V here, a code a volt, and

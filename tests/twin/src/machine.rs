@@ -1,7 +1,6 @@
 //! The board: an STM32H743 whose FDCANs and watchdog are ours, an 8 MHz clock from the ST-LINK, 3.3 V.
 
 use std::num::{NonZeroU32, NonZeroU64};
-use std::sync::Arc;
 
 use rigless::device::{Device, ErasedDevice, Level, ResetCause};
 use rigless::machine::{Board, Target, armv7m};
@@ -17,21 +16,20 @@ use rigless::soc::stm32h743::peripherals::spi::Select;
 use rigless::soc::stm32h743::peripherals::tim::{Advanced, Tim};
 use rigless::soc::{Bus, Error, Window};
 use rigless::time::VirtualNanos;
-use slipsense_recording::Episode;
 
 use crate::adxl380::Adxl380;
 use crate::array_taps::{AddressLines, Streams, Trigger, TriggeredInputs};
 use crate::arrays::{Arrays, REFERENCE_MV, Shared};
-use crate::bench::{self, Desk, DeskFault};
+use crate::bench::{self, DeskFault};
 use crate::bus_tap::Tapped;
 use crate::campaign::processor::{Handle, injected};
-use crate::fault_injection::Fault;
 use crate::fdcan::Fdcan;
 use crate::fdcan::message_ram::{self, MessageRam, RamWindow};
+use crate::fitted::Fitted;
 use crate::icm42688::Icm42688;
 use crate::iwdg::Iwdg;
-use crate::lock;
 use crate::scan_timing::{PERIPHERALS, Settings};
+use crate::shared::lock;
 use crate::xl::{Readouts, Xl};
 
 /// The core's clock that `clocks.rs` sets, and with one instruction per cycle its rate. A choice, not a
@@ -45,21 +43,6 @@ const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
 /// Chip selects of the accelerometers on SPI1 (`src/firmware/bin/app/pins.rs`).
 const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 12)];
 const XL_SPI: usize = 0;
-
-/// What is fitted to the board, and what happens to it.
-#[derive(Default)]
-pub struct Fitted {
-    /// What the sensors play; none: no accelerometer, and arrays that nothing touches.
-    pub episode: Option<Arc<Episode>>,
-    /// Sensors at rest, in place of an episode.
-    pub desk: Option<Desk>,
-    pub xl: Xl,
-    pub faults: Vec<Fault>,
-    /// Every event of the scan one by one, and every access through the MPU.
-    pub slow: bool,
-    /// What comes in at HSE, Hz; 0: nothing.
-    pub hse_hz: u64,
-}
 
 /// The part with its FDCANs and its watchdog.
 #[derive(Debug)]

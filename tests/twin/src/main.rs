@@ -3,6 +3,7 @@
 //! The emulator is the crate rigless; ours are the FDCANs, the watchdog, the bus
 //! and its far end, the ADXL380s and the taxel arrays. `cargo xtask twin` builds and runs it.
 
+mod shared;
 mod adxl380;
 mod arguments;
 mod array_taps;
@@ -14,6 +15,7 @@ mod compare;
 mod far_end;
 mod fault_schedule;
 mod fdcan;
+mod fitted;
 mod flash_wait;
 mod icm42688;
 mod iwdg;
@@ -35,14 +37,14 @@ mod xl;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use arguments::Arguments;
 use bench::Desk;
 use clap::Parser;
 use fault_injection::{Fault, Kind};
-use machine::Fitted;
+use fitted::Fitted;
 use slipsense_recording::Episode;
 use xl::Xl;
 
@@ -55,11 +57,6 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
-}
-
-/// What the models share with one another and with the bus. A panic ends the run, so none has left it locked.
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().expect("no holder panics")
 }
 
 /// What the sensors play: the file's, but for samples that the part cannot give.

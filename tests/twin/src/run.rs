@@ -21,13 +21,14 @@ use crate::board_faults::BoardFaults;
 use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
 use crate::fdcan::wire::Logged;
+use crate::fitted::Fitted;
 use crate::flash_wait::FlashWait;
-use crate::lock;
-use crate::machine::{Fitted, Twin};
+use crate::machine::Twin;
 use crate::power_faults::{Failure, PowerFaults};
 use crate::programs::{self, VECTORS};
 use crate::rtt::{self, Probe};
 use crate::settings;
+use crate::shared::lock;
 use crate::xl::{self, Readouts};
 
 /// How often the log is read: what a probe does.

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use slipsense::sensor::XlSample;
 use slipsense_recording::Episode;
 
-use crate::lock;
+use crate::shared::lock;
 
 /// By which fraction an ADXL380's oscillator is faster than nominal; the emulator's ICM-42688-P has none of its own.
 pub const OSCILLATOR_ERROR: f64 = 0.7 / 100.0;

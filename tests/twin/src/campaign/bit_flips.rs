@@ -19,7 +19,7 @@ use super::processor::{Handle, REGISTERS};
 use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
 use crate::arguments::Arguments;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
-use crate::machine::Fitted;
+use crate::fitted::Fitted;
 use crate::{programs, settings};
 
 /// Of the random choice of bits and instants.

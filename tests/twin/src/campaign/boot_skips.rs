@@ -16,9 +16,10 @@ use slipsense::update::HEADER_BYTES;
 use super::processor::Handle;
 use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
 use crate::arguments::Arguments;
-use crate::lock;
-use crate::machine::{CORE_HZ, Fitted, Twin};
+use crate::fitted::Fitted;
+use crate::machine::{CORE_HZ, Twin};
 use crate::programs::{BOARD, addresses};
+use crate::shared::lock;
 
 /// How often a child is judged, and for how long: three times what the bootloader needs. The watchdog ends what takes 8 s.
 const STEP_NS: u64 = 1_000_000;

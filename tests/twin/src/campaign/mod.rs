@@ -16,9 +16,10 @@ use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
+use crate::fitted::Fitted;
 use crate::flash_wait::FlashWait;
-use crate::lock;
-use crate::machine::{Fitted, Twin};
+use crate::machine::Twin;
+use crate::shared::lock;
 use processor::Handle;
 
 /// A child that takes longer, seconds of this computer, is ended.

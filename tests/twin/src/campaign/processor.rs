@@ -8,7 +8,7 @@ use rigless::emulator::{CoreBus, CoreSpec, DataModel, Error, Exit, Processor, Qu
 use rigless::soc::{Endian, Width};
 use rigless::time::VirtualNanos;
 
-use crate::lock;
+use crate::shared::lock;
 
 /// What GDB numbers `pc`.
 pub const PC: usize = 15;

@@ -10,7 +10,7 @@ use rigless::soc::{RegisterSpec, Width};
 use rigless::time::{EventId, VirtualNanos};
 use slipsense_can_sim::{Format, Frame, Id, len_of};
 
-use crate::lock;
+use crate::shared::lock;
 
 pub const BASE: u64 = 0x4000_AC00;
 /// Words of 32 bits.

@@ -15,7 +15,8 @@ use rigless::time::VirtualNanos;
 use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
 use crate::fault_injection::{Fault, Kind};
-use crate::machine::{Fitted, Twin};
+use crate::fitted::Fitted;
+use crate::machine::Twin;
 
 const FDCAN1: u64 = 0x4000_A000;
 const RAM: u64 = 0x4000_AC00;

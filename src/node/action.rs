@@ -24,7 +24,7 @@ pub enum Action {
     Calibrate(Request),
     /// Make room for an update, then [`Node::begin_download`](super::Node::begin_download) or [`Node::report`](super::Node::report) why not.
     BeginUpdate { target: UpdateTarget, file: FileRef },
-    /// The file is complete, so many bytes, and the sink has accepted it. A firmware wants a restart; a model too,
+    /// The file is complete, `length` bytes, and the sink has accepted it. A firmware wants a restart; a model too,
     /// unless the board changes models while it runs.
     UpdateReceived { target: UpdateTarget, length: u32 },
     /// The file was given up; a diagnostic record has said why.

@@ -334,6 +334,24 @@ mod tests {
         assert_eq!(best.point().check(), Ok(()));
     }
 
+    /// Disturbances of 15 frames: 16 of 24 ignores them and finds the weak slips, late; the others find the strong ones.
+    #[test]
+    fn what_is_found_in_time_counts_before_what_is_found_at_all() {
+        let drags: Vec<Margins> =
+            (0..60).map(|_| margins(Vec::new(), |f| if f % 500 < 15 { 4_000 } else { -3_000 })).collect();
+        let starts = [1_000, 2_000, 3_000, 4_000, 5_000];
+        let margin = |f: usize| match (f / 1_000, f % 1_000) {
+            (1 | 2, 0..8) => 5_000,
+            (3..=5, 0..100) => 1_000,
+            _ => -3_000,
+        };
+        let slips = [margins(starts.map(|start| (start, start + 100)).to_vec(), margin)];
+        let tuning = tune(&drags, &slips, 1.0).unwrap();
+        let figures = |row: &Rule| (row.k, row.n, row.in_time, row.slips.missed);
+        assert_eq!(figures(&tuning.rows[RULES.len() - 1]), (16, 24, 0, 2), "{tuning}");
+        assert_eq!(figures(tuning.best()), (1, 1, 2, 3));
+    }
+
     #[test]
     fn an_alarm_while_most_of_the_contact_slides_is_not_false() {
         let quiet: Vec<Margins> = (0..60).map(|_| margins(Vec::new(), |_| -3_000)).collect();

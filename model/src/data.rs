@@ -14,7 +14,7 @@ use slipsense::features::{LN_FRAC_BITS, XlFeatures, XlFrontEnd};
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS, XL_FEATURES};
 use slipsense_recording::Episode;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
-use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set};
+use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set, vary_two_of_three};
 
 use crate::float::Sequences;
 use crate::folder::{LabelledFolder, ObjectUses, Use};
@@ -122,7 +122,7 @@ pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
                 let recipes = if split == Split::Train { &mut train } else { &mut anywhere };
                 recipes.next().map(|recipe| if disturbed { disturbances(recipe) } else { recipe })
             };
-            Ok(turns.filter_map(recipe).collect())
+            Ok(vary_two_of_three(turns.filter_map(recipe))?)
         }
         Use::Validation => {
             let pairs = first(Split::Val, FROZEN_SEED).zip(first(Split::ValAnywhere, FROZEN_SEED));

@@ -11,7 +11,7 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 use slipsense::params::OUTPUTS;
 use slipsense_synth::splits::EpisodeSet;
-use slipsense_synth::{Recipe, Shard, Split, generate_set};
+use slipsense_synth::{Recipe, Shard, Split, generate_set, vary_two_of_three};
 
 use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, stretches_file};
 use crate::float::FloatNetwork;
@@ -74,7 +74,7 @@ pub fn run_mine(args: &MineArgs) -> Result<()> {
     let same = !file.exists() || std::fs::read_to_string(&file).is_ok_and(|found| found == settings);
     ensure!(same, "{}: other weights, --hours, --seed or --real-parts; give another --out", file.display());
     output::write(&file, settings.as_bytes())?;
-    let recipes = recipes(args.seed, args.hours);
+    let recipes = recipes(args.seed, args.hours)?;
     let shard = args.shard.unwrap_or(Shard::WHOLE);
     let path = |index: usize| args.out.join(format!("{:05}-of-{:05}.safetensors", index + 1, recipes.len()));
     let wanted = (0..recipes.len()).filter(|&index| shard.has(index) && !path(index).exists());
@@ -122,16 +122,17 @@ pub fn mine(
     motion: Option<&Motion>,
     bar: &ProgressBar,
 ) -> Result<Vec<Features>> {
-    let found = search(weights, &recipes(seed, hours), motion, bar, |_, stretches| Ok(stretches))?;
+    let found = search(weights, &recipes(seed, hours)?, motion, bar, |_, stretches| Ok(stretches))?;
     Ok(found.into_iter().flatten().collect())
 }
 
 /// Disturbances of the laboratory's physics and of other families in turn.
-fn recipes(seed: u64, hours: f64) -> Vec<Recipe> {
+fn recipes(seed: u64, hours: f64) -> Result<Vec<Recipe>> {
     let count = (hours * 3600.0 / DISTURBANCES_SECONDS).ceil() as usize;
     let first = |split: Split| EpisodeSet::first(split, seed + SEED_OFFSET, count.div_ceil(2)).episodes;
     let pairs = first(Split::TrainAnywhere).into_iter().zip(first(Split::Train));
-    pairs.flat_map(|(a, b)| [a, b]).map(|episode| disturbances(episode.recipe)).take(count).collect()
+    let recipes = pairs.flat_map(|(a, b)| [a, b]).map(|episode| disturbances(episode.recipe));
+    Ok(vary_two_of_three(recipes.take(count))?)
 }
 
 /// Search the episodes of some recipes, some with recorded motion; `each` gets the stretches of one and its position.

@@ -23,10 +23,10 @@ use crate::trace::{ACTIVATIONS, Ranges};
 use crate::tract::xl_real;
 use crate::weights::Weights;
 
-/// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads: with
-/// pads pressed to the end of their range all over they are three to five times as large, and what is above is cut.
-/// Every factor 2 costs a bit.
-const PRESSURE_MARGIN: f64 = 4.0;
+/// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads. The
+/// largest come from contacts that begin at once: a pad pressed to the end of its range gives 0.2 to 0.7 of them, one that
+/// is pressed so from one frame to the next 0.7 to 2. What is above is cut. Every factor 2 costs a bit.
+const PRESSURE_MARGIN: f64 = 1.5;
 /// The same for activations behind LayerNorm or standardised log-mel bins, whose size has an end.
 const BOUNDED_MARGIN: f64 = 2.0;
 /// The same for sums before LayerNorm, which have bits to spare.

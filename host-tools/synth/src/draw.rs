@@ -26,6 +26,7 @@ pub(crate) enum Stream {
     Motion = 128,
     Trial = 144,
     Families = 160,
+    Object = 176,
 }
 
 /// The draws of one part; `sensor` keeps the sensors apart and is 0 for what they share.

@@ -48,6 +48,7 @@ pub use generate::{generate, generate_set, plan_frames};
 pub use mix::ScenarioChoice;
 pub use recipe::{
     ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, SynthError, VibrationContent,
+    vary_two_of_three,
 };
 pub use scenario::direction::{SlipDirection, VERTICAL_WITHIN_DEG};
 pub use shard::Shard;

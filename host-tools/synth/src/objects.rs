@@ -5,6 +5,7 @@ mod check;
 mod shape;
 #[cfg(test)]
 mod tests;
+mod varied;
 
 use std::sync::{LazyLock, Mutex, PoisonError};
 

@@ -27,6 +27,18 @@ impl SynthError {
     }
 }
 
+/// Every third recipe as it is, the others [with a varied object](Recipe::with_varied_object).
+///
+/// # Errors
+/// What [`generate`](crate::generate) refuses.
+pub fn vary_two_of_three(recipes: impl Iterator<Item = Recipe>) -> Result<Vec<Recipe>, SynthError> {
+    let vary = |(index, recipe): (usize, Recipe)| match index % 3 {
+        0 => Ok(recipe),
+        _ => recipe.with_varied_object(),
+    };
+    recipes.enumerate().map(vary).collect()
+}
+
 /// One episode to generate. What is left open is drawn from the seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -249,6 +261,15 @@ impl Recipe {
             }
             ObjectChoice::Train | ObjectChoice::Val | ObjectChoice::HeldOut => Ok(()),
         }
+    }
+
+    /// The same with an object like its own, but of another size, surface, friction, mode and mass.
+    ///
+    /// # Errors
+    /// What [`generate`](crate::generate) refuses.
+    fn with_varied_object(self) -> Result<Self, SynthError> {
+        let object = ObjectChoice::Own(Box::new(self.resolve()?.object.varied(self.seed)));
+        Ok(Self { object, ..self })
     }
 
     /// Refuse what cannot be generated, and draw what was left open.

@@ -27,7 +27,7 @@ const PICTURE: &str = "host-tools/cli/demo/timeline.svg";
 #[derive(Args)]
 #[command(after_help = "\
 The network is trained on generated episodes, then again on others and on what it takes
-for slip in hours of disturbances: once for 12 passes, then in nine rounds of 3. The result
+for slip in hours of disturbances: once for 12 passes, then in thirteen rounds of 3. The result
 is the mean of the last three rounds.
 
 Examples:
@@ -65,7 +65,7 @@ const ROUND_SIZE: [&str; 4] = ["--episodes", "480", "--epochs", "3"];
 /// The trainings after the first, each from the network of the one before: its folder, from the seed of the first to
 /// its seed, so that it meets other episodes, its size, learning rate (the second: half of the first's), and the hours
 /// of disturbances that it picks from.
-const FURTHER: [(&str, u64, [&str; 4], &str, &str); 10] = [
+const FURTHER: [(&str, u64, [&str; 4], &str, &str); 14] = [
     ("second", 10, SECOND_SIZE, "1.5e-3", "3"),
     ("round1", 50, ROUND_SIZE, "1.5e-3", "2"),
     ("round2", 51, ROUND_SIZE, "1.5e-3", "2"),
@@ -76,6 +76,10 @@ const FURTHER: [(&str, u64, [&str; 4], &str, &str); 10] = [
     ("round7", 83, ROUND_SIZE, "1.2e-3", "2"),
     ("round8", 84, ROUND_SIZE, "1.2e-3", "2"),
     ("round9", 85, ROUND_SIZE, "1e-3", "2"),
+    ("round10", 90, ROUND_SIZE, "1.5e-3", "3"),
+    ("round11", 91, ROUND_SIZE, "1.2e-3", "3"),
+    ("round12", 92, ROUND_SIZE, "1e-3", "3"),
+    ("round13", 93, ROUND_SIZE, "1e-3", "2"),
 ];
 /// After the first training, what decides alarms counts more.
 const EXTREME_WEIGHT: &str = "4";

@@ -8,7 +8,7 @@ use super::split::Split;
 use crate::draw::{Stream, stream};
 use crate::mix::{ANYWHERE, FREE, Mix, PROTOCOL, ScenarioChoice};
 use crate::objects::{CATALOGUE, Group, Object};
-use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
+use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, vary_two_of_three};
 
 const NOSLIP_SECONDS: f64 = 60.0;
 
@@ -236,7 +236,8 @@ impl Schedule {
 /// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of validation
 /// objects only, with seeds that no split has: what is chosen on them has seen nothing of a test. By turns of the
 /// laboratory on the hand-held gripper, and of families of physics that training may see on both hands; each has every
-/// object as often. A longer list begins with the shorter one.
+/// object as often, two of three made otherwise, so that no single object decides. A longer list begins with the shorter
+/// one.
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
     let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
     let recipe = |index: usize| {
@@ -253,5 +254,6 @@ pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
         let (platform, sensors) = HANDS[second_turn(turn, objects.objects.len(), HANDS.len())];
         in_families(Split::ValAnywhere, Recipe { platform, sensors, ..recipe })
     };
-    (0..episodes).map(|index| (format!("tuning-{index:05}"), recipe(index))).collect()
+    let recipes = vary_two_of_three((0..episodes).map(recipe)).expect("valid recipes");
+    (0..).map(|index| format!("tuning-{index:05}")).zip(recipes).collect()
 }

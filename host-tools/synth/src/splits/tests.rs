@@ -16,6 +16,10 @@ use crate::{generate, generate_set, plan_frames};
 fn object(recipe: &Recipe) -> &str {
     match &recipe.object {
         ObjectChoice::Named(name) => name,
+        // As it was before it was varied.
+        ObjectChoice::Own(object) => {
+            object.name.split_once("-varied-").map_or(&object.name, |(name, _)| name)
+        }
         other => panic!("{other:?} is drawn, not named"),
     }
 }
@@ -72,6 +76,8 @@ fn tuning_sees_nothing_of_a_test() {
         assert!(tested.iter().all(|recipe| !seeds.contains(&recipe.seed)), "{split}");
     }
     assert_eq!(tuning_disturbances(3), tuning_disturbances(80)[..3]);
+    let varied = tuning.iter().filter(|recipe| matches!(recipe.object, ObjectChoice::Own(_))).count();
+    assert!((40..=53).contains(&varied), "{varied} of 80 have an object made otherwise");
     for physics in 0..2 {
         let recipes: Vec<Recipe> = tuning.iter().skip(physics).step_by(2).cloned().collect();
         let objects = objects_of(&recipes);

@@ -27,7 +27,8 @@ impl SynthError {
     }
 }
 
-/// Every third recipe as it is, the others [with a varied object](Recipe::with_varied_object).
+/// Every third recipe as it is, the others with an object like their own, but of another size, surface, friction, mode
+/// and mass.
 ///
 /// # Errors
 /// What [`generate`](crate::generate) refuses.
@@ -263,10 +264,7 @@ impl Recipe {
         }
     }
 
-    /// The same with an object like its own, but of another size, surface, friction, mode and mass.
-    ///
-    /// # Errors
-    /// What [`generate`](crate::generate) refuses.
+    /// The same with an object [like its own](Object::varied).
     fn with_varied_object(self) -> Result<Self, SynthError> {
         let object = ObjectChoice::Own(Box::new(self.resolve()?.object.varied(self.seed)));
         Ok(Self { object, ..self })

@@ -87,7 +87,9 @@ impl Source {
     /// For the manifest.
     pub fn describe(&self) -> String {
         match self {
-            Self::Generated { seed } => format!("synthetic, splits train and train_anywhere, seed {seed}"),
+            Self::Generated { seed } => format!(
+                "synthetic, splits train and train_anywhere, two of three objects varied, seed {seed}"
+            ),
             Self::Folder(folder) => format!("episodes in {}", folder.path.display()),
         }
     }

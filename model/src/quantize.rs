@@ -24,7 +24,7 @@ use crate::tract::xl_real;
 use crate::weights::Weights;
 
 /// Room above the largest magnitude seen in calibration, for activations that grow with the pressure on the pads. The
-/// largest come from contacts that begin at once: a pad pressed to the end of its range gives 0.2 to 0.7 of them, one that
+/// largest come from contacts that begin at once; with the shipped weights a pad pressed to the end of its range gives 0.2 to 0.7 of them, one that
 /// is pressed so from one frame to the next 0.7 to 2. What is above is cut. Every factor 2 costs a bit.
 const PRESSURE_MARGIN: f64 = 1.5;
 /// The same for activations behind LayerNorm or standardised log-mel bins, whose size has an end.

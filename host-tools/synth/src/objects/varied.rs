@@ -1,24 +1,27 @@
-//! Objects of the catalogue made otherwise: two dozen objects are too few for a network to learn what all have in common.
+//! Variations of the catalogue's objects: two dozen objects are too few for a network to learn what all have in common.
 
 use libm::{exp, log};
 
 use super::{Object, Shape, Surface};
 use crate::draw::{Draw, Stream, stream};
 
-/// Standard deviations of the logarithm: of sizes, of friction, modulus and mode, of everything else.
+/// Standard deviation of the logarithm of lengths, widths and radii.
 const SIZES: f64 = 0.15;
+/// The same of static friction, modulus, depth, relief and mode.
 const MATERIAL: f64 = 0.2;
+/// The same of roughness, wavelengths, damping and mass.
 const WIDE: f64 = 0.5;
-/// Standard deviation of shares.
+/// Standard deviation of the shares of texture and stick-slip.
 const SHARES: f64 = 0.2;
 /// Standard deviation of a rubber's hardness, Shore A.
 const SHORE_A: f64 = 3.0;
 
 impl Object {
-    /// An object like this one with size, surface, friction, mode and mass of its own, from a seed; its relief's form
+    /// An object like this one, `NAME-varied-SEED`, with size, surface, friction, mode and mass of its own, from a seed; its relief's form
     /// and its kind stay. Itself where [`Object::check`] refuses what was drawn.
     pub(crate) fn varied(&self, seed: u64) -> Self {
         let mut rng = stream(seed, Stream::Object, 0);
+        // Deviations end at 2.5 times the standard deviation.
         let mut times = |spread: f64| exp(spread * rng.normal().clamp(-2.5, 2.5));
         let mut object = Self { name: format!("{}-varied-{seed}", self.name), ..self.clone() };
         match &mut object.shape {
@@ -87,7 +90,7 @@ mod tests {
         }
     }
 
-    /// Training meets rougher and smoother surfaces than the catalogue's, but no rubber of the held-out group.
+    /// Training meets rougher surfaces than the catalogue's, but no rubber of the held-out group.
     #[test]
     fn variation_reaches_beyond_the_training_objects() {
         let varied: Vec<_> =

@@ -236,7 +236,7 @@ impl Schedule {
 /// Names and recipes of minutes without slip like those of [`Split::Noslip`](super::Split::Noslip), but of validation
 /// objects only, with seeds that no split has: what is chosen on them has seen nothing of a test. By turns of the
 /// laboratory on the hand-held gripper, and of families of physics that training may see on both hands; each has every
-/// object as often, two of three made otherwise, so that no single object decides. A longer list begins with the shorter
+/// object as often, two of three varied, so that no single object decides. A longer list begins with the shorter
 /// one.
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
     let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));

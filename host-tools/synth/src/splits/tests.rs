@@ -77,7 +77,7 @@ fn tuning_sees_nothing_of_a_test() {
     }
     assert_eq!(tuning_disturbances(3), tuning_disturbances(80)[..3]);
     let varied = tuning.iter().filter(|recipe| matches!(recipe.object, ObjectChoice::Own(_))).count();
-    assert!((40..=53).contains(&varied), "{varied} of 80 have an object made otherwise");
+    assert!((40..=53).contains(&varied), "{varied} of 80 have a varied object");
     for physics in 0..2 {
         let recipes: Vec<Recipe> = tuning.iter().skip(physics).step_by(2).cloned().collect();
         let objects = objects_of(&recipes);

@@ -57,6 +57,7 @@ fn transfers_of_several_senders_are_put_together() {
     let sent: Vec<_> = (1..5u8).map(|source| frames(source, 7, &[source; 300])).collect();
     for index in 0..5 {
         for (source, frames) in (1..5u8).zip(&sent) {
+            assert_eq!(frames[index].ends_transfer(), index == 4);
             let arrived = accept(&mut sessions, &frames[index], 10).unwrap();
             let whole = arrived.map(|bytes| bytes[..300] == [source; 300]);
             assert_eq!(whole, (index == 4).then_some(true));

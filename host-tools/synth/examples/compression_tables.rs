@@ -26,6 +26,9 @@ const TOTAL: u64 = 4096;
 const PRIOR: u64 = 8;
 const SIXTEENTHS: u64 = 16;
 
+/// What begins a table.
+const TABLE: &str = "\n#[rustfmt::skip]\n";
+
 type Counts = [u64; SYMBOLS];
 
 /// Counts symbols by context, codes nothing.
@@ -77,60 +80,27 @@ fn main() -> Result<(), Box<dyn Error>> {
             sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
         }
     }
-    let text = source(&sum);
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../src/wire/compress/tables.rs");
+    let old = fs::read_to_string(&path)?;
+    // The code above the tables is written by hand.
+    let (code, _) = old.split_once(TABLE).ok_or("no tables")?;
+    let text = code.to_owned() + &tables(&sum);
     if !check {
         fs::write(&path, text)?;
-    } else if fs::read_to_string(&path)? != text {
+    } else if old != text {
         return Err(format!("{}: not what the training episodes give", path.display()).into());
     }
     Ok(())
 }
 
-fn source(sum: &Counter) -> String {
-    let mut text = format!(
-        "//! Frequencies of the symbols in each context.
-//!
-//! Learnt from {FRAMES} frames of synthetic training episodes by `host-tools/synth/examples/compression_tables.rs`;
-//! its `--check` compares. Not to be edited by hand.
-
-use super::value::{{SYMBOLS, Table}};
-
-/// Contexts of a taxel.
-pub const TAXEL_CONTEXTS: usize = {TAXEL_CONTEXTS};
-/// Contexts of an accelerometer sample.
-pub const XL_CONTEXTS: usize = {XL_CONTEXTS};
-
-/// Tables of the taxels, by context.
-pub static TAXEL_TABLES: [Table; TAXEL_CONTEXTS] = tables(&TAXELS);
-/// Tables of the accelerometer samples, by context.
-pub static XL_TABLES: [Table; XL_CONTEXTS] = tables(&XL);
-
-const fn tables<const N: usize>(frequencies: &[[u16; SYMBOLS]; N]) -> [Table; N] {{
-    let mut tables = [[[0; 2]; SYMBOLS]; N];
-    let mut context = 0;
-    while context < N {{
-        let (mut start, mut symbol) = (0, 0);
-        while symbol < SYMBOLS {{
-            let frequency = frequencies[context][symbol];
-            assert!(frequency > 0, \"every symbol can be coded\");
-            tables[context][symbol] = [start, frequency];
-            start += frequency;
-            symbol += 1;
-        }}
-        assert!(start == {TOTAL});
-        context += 1;
-    }}
-    tables
-}}
-"
-    );
+fn tables(sum: &Counter) -> String {
+    let mut text = String::new();
     for (name, contexts, counts) in
         [("TAXELS", "TAXEL_CONTEXTS", &sum.taxels), ("XL", "XL_CONTEXTS", &sum.xl)]
     {
         let mut mean = [0; SYMBOLS];
         counts.iter().for_each(|row| mean.iter_mut().zip(row).for_each(|(mean, count)| *mean += count));
-        write!(text, "\n#[rustfmt::skip]\nconst {name}: [[u16; SYMBOLS]; {contexts}] = [\n").unwrap();
+        writeln!(text, "{TABLE}const {name}: [[u16; SYMBOLS]; {contexts}] = [").unwrap();
         for counts in counts {
             let row = frequencies(counts, &mean);
             let rows: Vec<String> = row

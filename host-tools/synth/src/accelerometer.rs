@@ -5,14 +5,13 @@
 //! filter with the resonance's gain at 3 kHz, and the residual that folds back from above by a small
 //! mirrored copy of the upper spectrum (each second sample's sign changed, which maps f to 4 kHz − f).
 
-use libm::exp;
 use serde::Serialize;
 use slipsense::params::XL_RATE_HZ;
 use slipsense::sensor::XlSample;
 use slipsense_recording::XL_RATE_TOLERANCE;
 use std::f64::consts::TAU;
 
-use crate::draw::{Draw, Rng, unit_vector};
+use crate::draw::{Draw, Rng, dot, unit_vector};
 use crate::families::SensorFamily;
 use crate::vibration::{Biquad, Clock, Noise, add_scaled, blend, blend_rms, sin_turns};
 
@@ -203,23 +202,7 @@ pub(crate) fn sample(
     rng: &mut Rng,
     quirk: Option<(&Quirk, &mut Rng)>,
 ) -> Vec<XlSample> {
-    let mut output_g = output(unit, session, clock, motion_g, rng);
-    if let Some((quirk, rng)) = quirk {
-        quirk.apply(&mut output_g, clock.rate_hz, rng);
-    }
-    let to_lsb = |g: f64| (g / lsb_g).round().clamp(-32768.0, 32767.0) as i16;
-    output_g.into_iter().map(|g| g.map(to_lsb)).collect()
-}
-
-/// What the part delivers before rounding, g.
-fn output(
-    unit: &XlUnit,
-    session: &XlSession,
-    clock: Clock,
-    motion_g: &[[f64; 3]],
-    rng: &mut Rng,
-) -> Vec<[f64; 3]> {
-    let blend = 1.0 - exp(-TAU * unit.bandwidth_hz / clock.rate_hz);
+    let weight = blend(unit.bandwidth_hz, clock.rate_hz);
     let noise = unit.noise_g * session.noise * (clock.rate_hz / 2.0).sqrt();
     // An undamped resonance at f₀ lifts f by 1/(1 − (f/f₀)²); the taps −a, 1 + 2a, −a lift it by
     // 1 + 2a (1 − cos ωT), here with 3 kHz at 8 kHz.
@@ -228,13 +211,13 @@ fn output(
         (1.0 / (1.0 - ratio * ratio) - 1.0) / (2.0 * (1.0 - libm::cos(TAU * RESONANCE_MATCH_HZ / 8e3)));
     let (wander_g, wander_hz, wander_phase) = session.wander;
     let Some(&first) = motion_g.first() else { return Vec::new() };
-    let turn = |g: &[f64; 3]| unit.matrix.map(|row| row[0] * g[0] + row[1] * g[1] + row[2] * g[2]);
-    let first = turn(&first);
+    let turn = |g: [f64; 3]| unit.matrix.map(|row| dot(row, g));
+    let first = turn(first);
     let (mut state, mut seen, mut last) = ([first; 2], first, first);
     let mut wander = [0.0; 3];
-    (0..motion_g.len())
+    let mut output_g: Vec<[f64; 3]> = (0..motion_g.len())
         .map(|n| {
-            let next = turn(&motion_g[(n + 1).min(motion_g.len() - 1)]);
+            let next = turn(motion_g[(n + 1).min(motion_g.len() - 1)]);
             if n % 256 == 0 {
                 let turns = wander_hz * clock.time(n);
                 wander = wander_phase.map(|phase| wander_g * sin_turns(turns + phase));
@@ -243,8 +226,8 @@ fn output(
             let sample = std::array::from_fn(|axis| {
                 let (before, now, after) = (last[axis], seen[axis], next[axis]);
                 let lifted = now + lift * (2.0 * now - before - after);
-                state[0][axis] += blend * (lifted - state[0][axis]);
-                state[1][axis] += blend * (state[0][axis] - state[1][axis]);
+                state[0][axis] += weight * (lifted - state[0][axis]);
+                state[1][axis] += weight * (state[0][axis] - state[1][axis]);
                 state[unit.poles - 1][axis]
                     + mirror * (now - before)
                     + unit.offset_g[axis]
@@ -255,15 +238,20 @@ fn output(
             (last, seen) = (seen, next);
             sample
         })
-        .collect()
+        .collect();
+    if let Some((quirk, rng)) = quirk {
+        quirk.apply(&mut output_g, clock.rate_hz, rng);
+    }
+    let to_lsb = |g: f64| (g / lsb_g).round().clamp(-32768.0, 32767.0) as i16;
+    output_g.into_iter().map(|g| g.map(to_lsb)).collect()
 }
 
 /// A rotation drawn uniformly: two random directions made orthogonal, and their cross product.
 fn rotation(rng: &mut Rng) -> [[f64; 3]; 3] {
     let a = rng.direction();
     let b = rng.direction();
-    let dot: f64 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
-    let c = unit_vector([b[0] - dot * a[0], b[1] - dot * a[1], b[2] - dot * a[2]]);
+    let along = dot(a, b);
+    let c = unit_vector(std::array::from_fn(|axis| b[axis] - along * a[axis]));
     let d = [a[1] * c[2] - a[2] * c[1], a[2] * c[0] - a[0] * c[2], a[0] * c[1] - a[1] * c[0]];
     [a, c, d]
 }
@@ -365,7 +353,7 @@ mod tests {
             let mut rng = rng(seed);
             let unit = XlUnit::draw(&mut rng);
             let clock = XlSession::draw(&mut rng, 1.0).clock(&unit, 120.0);
-            let last = clock.ends(28_800, 240.0)[28_799];
+            let last = clock.ends(28_800)[28_799];
             assert!(last as usize <= clock.samples);
             (f64::from(last) / 120.0 / 8_000.0 - 1.0).abs()
         };

@@ -3,6 +3,8 @@
 use std::fmt::{Debug, Display};
 use std::ops::RangeBounds;
 
+use slipsense::params::XL_RATE_HZ;
+
 #[track_caller]
 pub(crate) fn near(what: impl Display, measured: f64, expected: f64, share: f64) {
     let off = measured / expected - 1.0;
@@ -32,6 +34,18 @@ pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
 
 pub(crate) fn median(values: Vec<f64>) -> f64 {
     quantile(values, 0.5)
+}
+
+/// Samples of an accelerometer above 10 Hz, first-order.
+pub(crate) fn above_10_hz(samples: impl Iterator<Item = [f64; 3]>) -> Vec<[f64; 3]> {
+    let pole = libm::exp(-std::f64::consts::TAU * 10.0 / XL_RATE_HZ as f64);
+    let (mut last, mut y) = (None, [0.0; 3]);
+    let filtered = samples.map(|x| {
+        let before = last.replace(x).unwrap_or(x);
+        y = std::array::from_fn(|axis| pole * (y[axis] + x[axis] - before[axis]));
+        y
+    });
+    filtered.collect()
 }
 
 pub(crate) fn largest(values: impl IntoIterator<Item = f64>) -> f64 {

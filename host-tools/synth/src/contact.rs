@@ -25,13 +25,12 @@ use std::cell::Cell;
 use libm::sincos;
 use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
-use slipsense::sensor::active_cols;
 
 pub(crate) use asperity::AsperityNoise;
 use face::Face;
 use layer::Layer;
-pub(crate) use map::cell_mm;
 pub use map::{CELL_MM2, PressureMap};
+pub(crate) use map::{active_cells, cell_mm};
 pub(crate) use rocking::Rocking;
 
 use crate::draw::{Draw, Rng};
@@ -136,7 +135,6 @@ impl Contact {
         contact.layer = Some(layer);
         (contact.uneven_rms, contact.uneven_mm, contact.uneven) = (rms, lengths, uneven);
         contact.sample();
-        contact.place([0.0; 2], 0.0, [0.0; 2]);
         contact
     }
 
@@ -191,43 +189,48 @@ impl Contact {
         [self.pose.x_mm + self.moved[0], self.pose.y_mm + self.moved[1]]
     }
 
+    /// From cells to places across and along the object's axis, mm from its centre where it lies now.
+    fn places(&self) -> impl Fn(usize) -> (f64, f64) + use<> {
+        let (sin, cos) = sincos(self.pose.yaw_rad + self.moved[2]);
+        let centre = self.centre_mm();
+        move |cell| {
+            let (x, y) = cell_mm(cell);
+            let (dx, dy) = (x - centre[0], y - centre[1]);
+            (dx * cos + dy * sin, dy * cos - dx * sin)
+        }
+    }
+
     /// Gaps of the cells under the object where it lies now.
     fn sample(&mut self) {
         // Two Gauss points each way.
         const OFF_MM: f64 = ELEMENT_MM / 2.0 * 0.577_350_269_189_625_8;
-        let (sin, cos) = sincos(self.pose.yaw_rad + self.moved[2]);
-        let centre = self.centre_mm();
+        let place = self.places();
         let half = self.object.shape.extent_mm().map(|mm| mm / 2.0 + ELEMENT_MM);
         self.spots.clear();
         self.points.clear();
         if self.face.is_some() {
             return;
         }
-        for row in 0..TAXEL_ROWS {
-            for col in active_cols(row) {
-                let cell = row * TAXEL_COLS + col;
-                let (x, y) = cell_mm(cell);
-                let (dx, dy) = (x - centre[0], y - centre[1]);
-                let (u, v) = (dx * cos + dy * sin, dy * cos - dx * sin);
-                if u.abs() > half[0] || v.abs() > half[1] {
-                    continue;
-                }
-                let first = self.points.len();
-                if self.object.relief.is_none() && self.object.shape.even_around(u, v, ELEMENT_MM) {
-                    self.points.push(Point { gap_mm: 0.0, u_mm: u, v_mm: v, share: 1.0 });
-                } else {
-                    for (du, dv) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-                        let (u_mm, v_mm) = (u + du * OFF_MM, v + dv * OFF_MM);
-                        let gap_mm = self.object.gap_mm(u_mm, v_mm);
-                        if gap_mm < REACH_MM {
-                            self.points.push(Point { gap_mm, u_mm, v_mm, share: 0.25 });
-                        }
+        for cell in active_cells() {
+            let (u, v) = place(cell);
+            if u.abs() > half[0] || v.abs() > half[1] {
+                continue;
+            }
+            let first = self.points.len();
+            if self.object.relief.is_none() && self.object.shape.even_around(u, v, ELEMENT_MM) {
+                self.points.push(Point { gap_mm: 0.0, u_mm: u, v_mm: v, share: 1.0 });
+            } else {
+                for (du, dv) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+                    let (u_mm, v_mm) = (u + du * OFF_MM, v + dv * OFF_MM);
+                    let gap_mm = self.object.gap_mm(u_mm, v_mm);
+                    if gap_mm < REACH_MM {
+                        self.points.push(Point { gap_mm, u_mm, v_mm, share: 0.25 });
                     }
                 }
-                if self.points.len() > first {
-                    let uneven = self.uneven_rms * self.uneven.at(u, v);
-                    self.spots.push(Spot { cell, points: first..self.points.len(), uneven });
-                }
+            }
+            if self.points.len() > first {
+                let uneven = self.uneven_rms * self.uneven.at(u, v);
+                self.spots.push(Spot { cell, points: first..self.points.len(), uneven });
             }
         }
     }
@@ -272,10 +275,7 @@ impl Contact {
             return;
         }
         match &self.face {
-            Some(face) => {
-                let turned = sincos(self.pose.yaw_rad + self.moved[2]);
-                face.press(self.object, force_n, (self.centre_mm(), turned, self.tilt), out);
-            }
+            Some(face) => face.press(self.object, force_n, self.places(), self.tilt, out),
             None if self.points.is_empty() => {}
             None => self.press(force_n, out),
         }
@@ -283,10 +283,7 @@ impl Contact {
             return;
         }
         lean(shear, out);
-        let scale = force_n / out.force_n();
-        for &cell in &out.loaded {
-            out.kpa[cell] *= scale;
-        }
+        out.carry(force_n);
     }
 
     fn press(&self, force_n: f64, out: &mut PressureMap) {

@@ -52,10 +52,29 @@ pub(crate) trait Draw: rand::Rng {
     fn log_uniform(&mut self, (lo, hi): Span) -> f64 {
         self.log_between(lo, hi)
     }
+    /// 1 or −1.
+    fn sign(&mut self) -> f64 {
+        if self.chance(0.5) { 1.0 } else { -1.0 }
+    }
     /// Size uniform in the range, then the sign.
     fn either_sign(&mut self, size: Span) -> f64 {
-        let size = self.uniform(size);
-        if self.chance(0.5) { size } else { -size }
+        self.uniform(size) * self.sign()
+    }
+    /// Exponential of mean 1, cut off at `−ln(least)`.
+    fn exponential(&mut self, least: f64) -> f64 {
+        -log(self.between(least, 1.0))
+    }
+    /// Times of a Poisson process between two times; gaps are [`exponential`](Self::exponential).
+    fn moments(&mut self, (from, to): Span, per_s: f64, least: f64) -> Vec<f64> {
+        let mut times = Vec::new();
+        if per_s > 0.0 {
+            let mut t = from + self.exponential(least) / per_s;
+            while t < to {
+                times.push(t);
+                t += self.exponential(least) / per_s;
+            }
+        }
+        times
     }
     /// Gaussian of zero mean and unit variance.
     fn normal(&mut self) -> f64 {
@@ -75,6 +94,10 @@ pub(crate) trait Draw: rand::Rng {
     fn phase(&mut self) -> f64 {
         self.between(0.0, std::f64::consts::TAU)
     }
+}
+
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 pub(crate) fn unit_vector(v: [f64; 3]) -> [f64; 3] {

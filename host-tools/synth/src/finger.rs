@@ -60,8 +60,6 @@ pub(crate) struct EpisodeSetup<'a> {
     shares: [f64; MAX_SENSORS],
     pub vibration: Vibration,
     pub lsb_g: f64,
-    /// Samples that every accelerometer delivers, enough for the fastest clock.
-    samples: usize,
 }
 
 #[derive(Default)]
@@ -164,7 +162,6 @@ impl<'a> EpisodeSetup<'a> {
             plan,
             sources_apart: false,
             frames,
-            samples: builds.iter().map(|b| b.clock.samples).max().unwrap_or(0),
             units,
             builds,
             pose: Pose {
@@ -222,7 +219,7 @@ impl<'a> EpisodeSetup<'a> {
         let own = &mut stream(seed, Stream::Families, 2 + sensor);
         let mut contact = Contact::draw(&mut rng, object, pose, self.resolved.recipe.region)
             .with_face(families.contact, own);
-        let mut interface = friction::draw(families.friction, object, &mut rng, own);
+        let (mut interface, drawn_interface) = friction::draw(families.friction, object, &mut rng, own);
         let mut grain = (AsperityNoise::draw(&mut rng), rng);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.resolved.recipe.noise);
@@ -232,7 +229,7 @@ impl<'a> EpisodeSetup<'a> {
             &json!({
                 "unit": self.units[sensor], "film_unit": build.unit.film, "xl_unit": build.unit.xl,
                 "x_mm": pose.x_mm, "y_mm": pose.y_mm, "yaw_rad": pose.yaw_rad, "tilt": pose.tilt,
-                "contact": contact, "interface": interface.drawn(), "grain": grain.0,
+                "contact": contact, "interface": drawn_interface, "grain": grain.0,
                 "film": film_session, "modes": build.modes, "xl": build.xl,
             }),
         );
@@ -342,15 +339,15 @@ impl<'a> EpisodeSetup<'a> {
     /// What the accelerometer delivers, and how many of its samples are there at each tick.
     fn accelerometer(&self, sensor: usize, slip: &SlipSeries) -> (Vec<XlSample>, Vec<u32>) {
         let build = &self.builds[sensor];
-        let clock = Clock { samples: self.samples, ..build.clock };
         let scene = scene(self.resolved, self.plan);
         let streams = if self.sources_apart { NoiseStreams::apart } else { NoiseStreams::in_turn };
         let streams = &mut streams(build.rng.clone());
-        let motion = self.vibration.motion(&scene, slip, &build.modes, (sensor, clock), streams);
+        let motion = self.vibration.motion(&scene, slip, &build.modes, (sensor, build.clock), streams);
         let noise = &mut stream(self.resolved.recipe.seed, Stream::Accelerometer, sensor);
         let own = &mut stream(self.resolved.recipe.seed, Stream::Families, 16 + sensor);
         let quirk = build.quirk.as_ref().map(|quirk| (quirk, own));
-        let xl = accelerometer::sample(&build.unit.xl, &build.xl, clock, self.lsb_g, &motion.g, noise, quirk);
-        (xl, clock.ends(self.frames, FRAME_RATE_HZ as f64))
+        let (unit, clock) = (&build.unit.xl, build.clock);
+        let xl = accelerometer::sample(unit, &build.xl, clock, self.lsb_g, &motion.g, noise, quirk);
+        (xl, build.clock.ends(self.frames))
     }
 }

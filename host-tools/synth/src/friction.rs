@@ -29,7 +29,7 @@ use crate::draw::{Draw, Rng};
 use crate::families::FrictionFamily;
 use crate::field::Field;
 use crate::objects::Object;
-use balance::{Brush, Springs};
+use balance::Brush;
 use bristle::Bristle;
 use mass::Mass;
 use patch::Patch;
@@ -53,22 +53,23 @@ pub(crate) trait Friction {
     fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState;
     /// Forget the stress of cells that carry no load any more.
     fn release_unloaded(&mut self, _map: &PressureMap) {}
-    fn drawn(&self) -> serde_json::Value;
 }
 
-/// Friction of this family: the laboratory's drawn from `rng`, the others from `own`.
-pub(crate) fn draw(
-    family: FrictionFamily,
-    object: &Object,
-    rng: &mut Rng,
-    own: &mut Rng,
-) -> Box<dyn Friction> {
+type Drawn = (Box<dyn Friction>, serde_json::Value);
+
+fn logged(friction: impl Friction + Serialize + 'static) -> Drawn {
+    let drawn = serde_json::to_value(&friction).unwrap_or_default();
+    (Box::new(friction), drawn)
+}
+
+/// Friction of this family with the log of its draws: the laboratory's drawn from `rng`, the others from `own`.
+pub(crate) fn draw(family: FrictionFamily, object: &Object, rng: &mut Rng, own: &mut Rng) -> Drawn {
     let brush = Interface::draw(rng, object);
     match family {
-        FrictionFamily::Brush => Box::new(brush),
-        FrictionFamily::Bristle => Box::new(Patch::new(Bristle::draw(own, object))),
-        FrictionFamily::Mass => Box::new(Patch::new(Mass::draw(own, object))),
-        FrictionFamily::RateState => Box::new(Patch::new(RateState::draw(own, object))),
+        FrictionFamily::Brush => logged(brush),
+        FrictionFamily::Bristle => logged(Patch::new(Bristle::draw(own, object))),
+        FrictionFamily::Mass => logged(Patch::new(Mass::draw(own, object))),
+        FrictionFamily::RateState => logged(Patch::new(RateState::draw(own, object))),
     }
 }
 
@@ -111,6 +112,29 @@ pub(crate) struct Pull {
     pub turn_rad: f64,
     pub stiffness_n_per_mm: f64,
     pub twist_n_mm_per_rad: f64,
+}
+
+/// What pulls in a step, in x, in y and along the turn.
+struct Springs {
+    /// 0 where nothing pulls.
+    stiffness: [f64; 3],
+    /// Far ends, from where the object is.
+    stretch: [f64; 3],
+}
+
+impl Pull {
+    /// Springs in N/mm and mm, those of the turn as lengths at `arm_mm` from where the object turns.
+    fn springs(&self, now: &SlipState, arm_mm: f64) -> Springs {
+        let n_per_mm = self.stiffness_n_per_mm;
+        Springs {
+            stiffness: [n_per_mm, n_per_mm, self.twist_n_mm_per_rad / (arm_mm * arm_mm)],
+            stretch: [
+                self.position_mm[0] - now.travel_mm[0],
+                self.position_mm[1] - now.travel_mm[1],
+                arm_mm * (self.turn_rad - now.turn_rad),
+            ],
+        }
+    }
 }
 
 /// Result of one step. Forces are those on the finger: along the pull.
@@ -239,16 +263,8 @@ impl Friction for Interface {
             self.moved = [0.0; 3];
         }
         self.gather(map, scale);
-        let springs = Springs {
-            stretch: [
-                pull.position_mm[0] - self.now.travel_mm[0],
-                pull.position_mm[1] - self.now.travel_mm[1],
-                pull.turn_rad - self.now.turn_rad,
-            ],
-            position_n_per_mm: pull.stiffness_n_per_mm,
-            turn_n_mm_per_rad: pull.twist_n_mm_per_rad,
-        };
-        self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, springs, self.moved);
+        let springs = pull.springs(&self.now, 1.0);
+        self.moved = balance::solve(&mut self.brushes, self.brush_kpa_per_mm * CELL_N, &springs, self.moved);
         self.now.travel_mm[0] += self.moved[0];
         self.now.travel_mm[1] += self.moved[1];
         self.now.turn_rad += self.moved[2];
@@ -262,9 +278,5 @@ impl Friction for Interface {
                 self.rested[cell] = 1.0;
             }
         }
-    }
-
-    fn drawn(&self) -> serde_json::Value {
-        serde_json::to_value(self).unwrap_or_default()
     }
 }

@@ -60,11 +60,11 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
     };
     let (slip_true_mm_s, slip_fraction) = (mean(|f| &f.slip_mm_s), mean(|f| &f.fraction));
     let displacement_mm = match plan.rule {
-        Rule::Encoder => encoder.read(|t| vibration::at(&plan.timeline.crosshead_mm, t), frames, FRAME_HZ),
+        Rule::Encoder => encoder.read(|t| vibration::at(&plan.timeline.crosshead_mm, t), frames),
         Rule::Interface => {
             let slid_mm = mean(|f| &f.path_mm);
             let at = |t: f64| slid_mm.get((t * FRAME_HZ) as usize).or(slid_mm.last()).copied();
-            encoder.read(|t| f64::from(at(t).unwrap_or(0.0)), frames, FRAME_HZ)
+            encoder.read(|t| f64::from(at(t).unwrap_or(0.0)), frames)
         }
     };
     let slips = slips(&plan, &displacement_mm, &slip_true_mm_s, &slip_fraction);

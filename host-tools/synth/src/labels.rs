@@ -5,6 +5,7 @@
 use std::ops::Range;
 
 use serde::Serialize;
+use slipsense::params::FRAME_RATE_HZ;
 pub use slipsense_recording::label::{
     ENCODER_STEP_MM, NO_CONTACT, NO_SLIP, ONSET_MM, SLIP, label, slip_interval, slip_without_contact,
 };
@@ -53,11 +54,11 @@ impl Encoder {
     }
 
     /// Position at each frame's tick, mm: interpolated between readings and in whole steps again.
-    pub(crate) fn read(&self, true_mm: impl Fn(f64) -> f64, frames: usize, frame_rate_hz: f64) -> Vec<f32> {
+    pub(crate) fn read(&self, true_mm: impl Fn(f64) -> f64, frames: usize) -> Vec<f32> {
         let reading = |n: f64| steps(true_mm(((n + self.phase) / self.rate_hz).max(0.0)));
         (0..frames)
             .map(|f| {
-                let t = (f as f64 + 1.0 + self.lag_frames) / frame_rate_hz;
+                let t = (f as f64 + 1.0 + self.lag_frames) / FRAME_RATE_HZ as f64;
                 let x = t * self.rate_hz - self.phase;
                 let (before, after) = (reading(x.floor()), reading(x.floor() + 1.0));
                 let between = before + (after - before) * (x - x.floor());
@@ -74,11 +75,16 @@ fn steps(mm: f64) -> f64 {
 
 /// Runs of frames within `within` in which the interface slips as a whole, short interruptions closed.
 pub fn interface_intervals(speed_mm_s: &[f32], fraction: &[f32], within: Range<usize>) -> Vec<Range<usize>> {
+    slipping(speed_mm_s, fraction, within, GAP_FRAMES)
+}
+
+/// The same with interruptions of up to `gap` frames closed.
+fn slipping(speed_mm_s: &[f32], fraction: &[f32], within: Range<usize>, gap: usize) -> Vec<Range<usize>> {
     let mut found: Vec<Range<usize>> = Vec::new();
     for f in within {
         if f64::from(speed_mm_s[f]) > SLIPPING_MM_S && f64::from(fraction[f]) > SLIPPING_SHARE {
             match found.last_mut() {
-                Some(last) if f - last.end <= GAP_FRAMES => last.end = f + 1,
+                Some(last) if f - last.end <= gap => last.end = f + 1,
                 _ => found.push(f..f + 1),
             }
         }
@@ -92,16 +98,8 @@ pub type Intervals = Vec<(usize, usize)>;
 /// Where the interface slips as a whole: sustained, 50 ms or longer with stick phases shorter than that closed, and
 /// shorter jerks.
 pub fn sustained_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> (Intervals, Intervals) {
-    let sliding =
-        |f: usize| f64::from(speed_mm_s[f]) > SLIPPING_MM_S && f64::from(fraction[f]) > SLIPPING_SHARE;
-    let mut found: Intervals = Vec::new();
-    for (start, end) in runs(speed_mm_s.len(), sliding) {
-        match found.last_mut() {
-            Some(last) if start - last.1 < GAP_FRAMES => last.1 = end,
-            _ => found.push((start, end)),
-        }
-    }
-    found.into_iter().partition(|(start, end)| end - start >= GAP_FRAMES)
+    let found = slipping(speed_mm_s, fraction, 0..speed_mm_s.len(), GAP_FRAMES - 1);
+    found.iter().map(|slip| (slip.start, slip.end)).partition(|(start, end)| end - start >= GAP_FRAMES)
 }
 
 /// Where most of the contact slides, for however short: the interface slips as a whole there, is about to or comes to
@@ -129,7 +127,7 @@ mod tests {
         let mut rng = crate::draw::stream(1, crate::draw::Stream::Encoder, 0);
         for _ in 0..20 {
             let encoder = Encoder::draw(&mut rng);
-            let read = encoder.read(|t| 2.0 * t, 240, 240.0);
+            let read = encoder.read(|t| 2.0 * t, 240);
             // Two roundings down, one frame of lag, and the first reading is held.
             let most = 2.0 * ENCODER_STEP_MM + 2.0 / 240.0 + 2.0 / encoder.rate_hz;
             for (f, mm) in read.into_iter().map(f64::from).enumerate() {

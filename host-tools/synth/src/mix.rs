@@ -41,7 +41,7 @@ impl ScenarioChoice {
 
 /// Scenarios with their weights: how many recordings in a round are of each (not how much of the time).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Mix(&'static [(ScenarioChoice, usize)]);
+pub(crate) struct Mix(pub &'static [(ScenarioChoice, usize)]);
 
 /// The paper's protocol on the rig: six steps, its three controls, and two more that it lacks (pulls on a
 /// firm grip and a rig that moves for nothing), without which the rig's vibration alone would predict slip. The
@@ -67,10 +67,6 @@ pub(crate) const ANYWHERE: Mix = Mix(&[
 ]);
 
 impl Mix {
-    pub(crate) const fn weights(&self) -> &'static [(ScenarioChoice, usize)] {
-        self.0
-    }
-
     /// The scenario at position `x` of the cumulated weights, 0 to 1.
     pub(crate) fn at(&self, x: f64) -> ScenarioChoice {
         let total: usize = self.0.iter().map(|s| s.1).sum();
@@ -92,8 +88,8 @@ mod tests {
     #[test]
     fn every_scenario_is_drawn_as_often_as_it_weighs() {
         for mix in [PROTOCOL, FREE, ANYWHERE] {
-            let total: usize = mix.weights().iter().map(|s| s.1).sum();
-            for &(scenario, weight) in mix.weights() {
+            let total: usize = mix.0.iter().map(|s| s.1).sum();
+            for &(scenario, weight) in mix.0 {
                 let drawn = (0..10_000).filter(|&i| mix.at(i as f64 / 1e4) == scenario).count();
                 let share = weight as f64 / total as f64;
                 assert!((drawn as f64 / 1e4 - share).abs() < 1e-3, "{scenario:?}: {drawn} of 10000");

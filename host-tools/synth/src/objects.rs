@@ -56,24 +56,18 @@ pub enum Surface {
     Rubber {
         /// Shore A durometer hardness, 10–98.
         shore_a: f64,
-        /// As in [`Surface::Elastic`].
         depth_mm: f64,
     },
 }
 
 impl Surface {
-    /// Young's modulus and depth; `None` for hard things.
-    pub fn elastic(&self) -> Option<(f64, f64)> {
-        match *self {
-            Self::Hard => None,
-            Self::Elastic { modulus_mpa, depth_mm } => Some((modulus_mpa, depth_mm)),
-            Self::Rubber { shore_a, depth_mm } => Some((gent_mpa(shore_a), depth_mm)),
-        }
-    }
-
     /// Normal stiffness per area, kPa/mm: E / depth, free to bulge at the sides. Infinite for hard things.
     pub fn normal_kpa_per_mm(&self) -> f64 {
-        self.elastic().map_or(f64::INFINITY, |(mpa, depth)| 1e3 * mpa / depth)
+        match *self {
+            Self::Hard => f64::INFINITY,
+            Self::Elastic { modulus_mpa, depth_mm } => 1e3 * modulus_mpa / depth_mm,
+            Self::Rubber { shore_a, depth_mm } => 1e3 * gent_mpa(shore_a) / depth_mm,
+        }
     }
 
     /// Tangential stiffness per area, kPa/mm: G / depth with G = E / 3 (rubber-like, Poisson's ratio near
@@ -97,9 +91,7 @@ pub struct Object {
     pub name: String,
     pub kind: Kind,
     pub group: Group,
-    /// Face that meets the finger.
     pub shape: Shape,
-    /// How the face gives way.
     pub surface: Surface,
     /// Ribs, thread, braid or lanes on the face.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,6 +1,7 @@
 //! What to generate: a recipe is small, is stored in the episode it made, and makes it again.
 
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Span, Stream, stream};
@@ -33,9 +34,12 @@ impl SynthError {
 /// # Errors
 /// What [`generate`](crate::generate) refuses.
 pub fn vary_two_of_three(recipes: impl Iterator<Item = Recipe>) -> Result<Vec<Recipe>, SynthError> {
-    let vary = |(index, recipe): (usize, Recipe)| match index % 3 {
-        0 => Ok(recipe),
-        _ => recipe.with_varied_object(),
+    let vary = |(index, recipe): (usize, Recipe)| {
+        if index % 3 == 0 {
+            return Ok(recipe);
+        }
+        let object = recipe.resolve()?.object.varied(recipe.seed);
+        Ok(Recipe { object: ObjectChoice::Own(Box::new(object)), ..recipe })
     };
     recipes.enumerate().map(vary).collect()
 }
@@ -154,23 +158,7 @@ pub enum ObjectChoice {
 impl Recipe {
     /// An episode with two sensors in which everything but the seed is drawn, of a training object.
     pub fn new(seed: u64) -> Self {
-        Self {
-            seed,
-            object: ObjectChoice::Train,
-            scenario: ScenarioChoice::Random,
-            platform: Platform::Umi,
-            region: Region::Centre,
-            sensors: 2,
-            seconds: None,
-            speed_mm_s: None,
-            grip_n: None,
-            pull_angle_deg: None,
-            noise: 1.0,
-            rig_leak: true,
-            vibration_content: VibrationContent::All,
-            vibration: SourceFamily::Asperities,
-            families: Families::default(),
-        }
+        serde_json::from_value(json!({ "seed": seed })).expect("everything but the seed has a default")
     }
 
     /// `count` recipes like this one, whose seeds follow from this one's and differ from each other.
@@ -262,12 +250,6 @@ impl Recipe {
             }
             ObjectChoice::Train | ObjectChoice::Val | ObjectChoice::HeldOut => Ok(()),
         }
-    }
-
-    /// The same with an object [like its own](Object::varied).
-    fn with_varied_object(self) -> Result<Self, SynthError> {
-        let object = ObjectChoice::Own(Box::new(self.resolve()?.object.varied(self.seed)));
-        Ok(Self { object, ..self })
     }
 
     /// Refuse what cannot be generated, and draw what was left open.

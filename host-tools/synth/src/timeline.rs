@@ -2,6 +2,7 @@
 //!
 //! Times may lie before the start or after the end of the recording: what lies outside is left out.
 
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 use libm::sin;
@@ -44,6 +45,18 @@ pub(crate) struct Pulse {
     pub share: [f64; MAX_SENSORS],
 }
 
+impl Pulse {
+    pub(crate) fn draw(rng: &mut Rng, at_s: f64, width: Span, peak: Span) -> Self {
+        Self {
+            at_s,
+            width_s: rng.log_uniform(width),
+            peak_g: rng.log_uniform(peak),
+            direction: rng.direction(),
+            share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
+        }
+    }
+}
+
 /// Series at [`STEP_HZ`] and a list of impacts.
 #[derive(Clone)]
 pub(crate) struct Timeline {
@@ -70,6 +83,11 @@ pub(crate) struct Timeline {
 pub(crate) fn ramp(t: f64, from: f64, to: f64) -> f64 {
     let x = ((t - from) / (to - from).max(1e-6)).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
+}
+
+/// Sum of sines of these frequencies, Hz, phases, rad, and peaks at a time.
+pub(crate) fn swing(sines: &[(f64, f64, f64)], t: f64) -> f64 {
+    sines.iter().map(|(hz, phase, peak)| peak * sin(TAU * hz * t + phase)).sum()
 }
 
 /// 1 between two times with smooth edges inside, 0 outside.
@@ -119,15 +137,26 @@ impl Timeline {
     }
 
     pub(crate) fn pulse(&mut self, rng: &mut Rng, at_s: f64, width: Span, peak: Span) {
-        let pulse = Pulse {
-            at_s,
-            width_s: rng.log_uniform(width),
-            peak_g: rng.log_uniform(peak),
-            direction: rng.direction(),
-            share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
-        };
-        if pulse.at_s >= 0.0 && pulse.at_s < self.seconds {
+        let pulse = Pulse::draw(rng, at_s, width, peak);
+        if (0.0..self.seconds).contains(&at_s) {
             self.pulses.push(pulse);
+        }
+    }
+
+    /// An event between two times during which a series of levels from 0 to 1 is higher by `level`, with smooth edges.
+    pub(crate) fn swell(
+        &mut self,
+        name: &'static str,
+        series: fn(&mut Self) -> &mut Vec<f64>,
+        (from, to): Span,
+        level: f64,
+        edge: f64,
+    ) {
+        self.event(name, from, to);
+        let times = self.times(from, to);
+        let series = series(self);
+        for (i, t) in times {
+            series[i] = (series[i] + level * plateau(t, (from, to), edge)).min(1.0);
         }
     }
 
@@ -138,7 +167,7 @@ impl Timeline {
         let wobble = (rng.between(3.0, 12.0), rng.phase());
         for (i, t) in self.times(from, to) {
             let shape = vigour * ramp(t, from, rise) * (1.0 - ramp(t, fall, to));
-            let pace = 0.75 + 0.25 * sin(std::f64::consts::TAU * wobble.0 * t + wobble.1);
+            let pace = 0.75 + 0.25 * sin(TAU * wobble.0 * t + wobble.1);
             self.jaw[i] = (self.jaw[i] + shape * pace).min(1.0);
             if motors {
                 self.motor[i] = (self.motor[i] + shape).min(1.0);
@@ -174,11 +203,7 @@ impl Timeline {
         swings.push((rng.uniform(TREMOR_HZ), rng.phase(), rng.uniform(TREMOR_DEPTH)));
         for (i, t) in self.times(rise.0, fall.1) {
             let envelope = ramp(t, rise.0, rise.1) * (1.0 - ramp(t, fall.0, fall.1));
-            let vary: f64 = swings
-                .iter()
-                .map(|(hz, phase, depth)| depth * sin(std::f64::consts::TAU * hz * t + phase))
-                .sum();
-            self.grip_n[i] = envelope * (base * (1.0 + vary)).clamp(GRIP_N.0, GRIP_N.1);
+            self.grip_n[i] = envelope * (base * (1.0 + swing(&swings, t))).clamp(GRIP_N.0, GRIP_N.1);
         }
     }
 

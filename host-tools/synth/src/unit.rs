@@ -15,16 +15,12 @@ use crate::vibration::Modes;
 const UNITS_SEED: u64 = 0x51f5_002b;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub(crate) enum UnitId {
-    #[serde(rename = "umi-a")]
     UmiA,
-    #[serde(rename = "umi-b")]
     UmiB,
-    #[serde(rename = "tesollo-a")]
     TesolloA,
-    #[serde(rename = "tesollo-b")]
     TesolloB,
-    #[serde(rename = "tesollo-c")]
     TesolloC,
 }
 
@@ -42,10 +38,7 @@ impl UnitId {
     }
 
     fn platform(self) -> Platform {
-        match self {
-            Self::UmiA | Self::UmiB => Platform::Umi,
-            Self::TesolloA | Self::TesolloB | Self::TesolloC => Platform::Tesollo,
-        }
+        if matches!(self, Self::UmiA | Self::UmiB) { Platform::Umi } else { Platform::Tesollo }
     }
 }
 

@@ -53,10 +53,7 @@ impl AsperityNoise {
         for &cell in &map.loaded {
             map.kpa[cell] *= (1.0 + self.rms * self.state[cell]).max(0.0);
         }
-        let scale = force_n / map.force_n();
-        for &cell in &map.loaded {
-            map.kpa[cell] *= scale;
-        }
+        map.carry(force_n);
     }
 }
 

@@ -5,10 +5,9 @@
 
 use libm::{exp, log, pow};
 use serde::Serialize;
-use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
-use slipsense::sensor::active_cols;
+use slipsense::params::TAXELS;
 
-use super::map::{PressureMap, cell_mm};
+use super::map::{PressureMap, active_cells};
 use crate::draw::{Draw, Rng};
 use crate::families::ContactFamily;
 use crate::objects::{Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
@@ -54,7 +53,7 @@ impl Face {
                     .map(|_| {
                         let (u_mm, v_mm) = (rng.between(-half[0], half[0]), rng.between(-half[1], half[1]));
                         let shape_mm = object.shape.bare_gap_mm(0.98 * u_mm, 0.98 * v_mm);
-                        let below_mm = -depth_mm * log(rng.between(1e-4, 1.0)) + shape_mm;
+                        let below_mm = depth_mm * rng.exponential(1e-4) + shape_mm;
                         Summit { u_mm, v_mm, below_mm }
                     })
                     .filter(|summit| summit.below_mm.is_finite())
@@ -67,23 +66,18 @@ impl Face {
         })
     }
 
-    /// Relative pressures of an object whose centre lies at `centre_mm`, turned by the angle of this sine and cosine.
+    /// Relative pressures of an object at whose [`place`](super::Contact::places) each cell lies.
     pub fn press(
         &self,
         object: &Object,
         force_n: f64,
-        (centre_mm, (sin, cos), tilt): ([f64; 2], (f64, f64), [f64; 2]),
+        place: impl Fn(usize) -> (f64, f64),
+        tilt: [f64; 2],
         out: &mut PressureMap,
     ) {
         let half = half_mm(object);
         let mut pressures = [0.0; TAXELS];
-        let place = |cell: usize| {
-            let (x, y) = cell_mm(cell);
-            let (dx, dy) = (x - centre_mm[0], y - centre_mm[1]);
-            (dx * cos + dy * sin, dy * cos - dx * sin)
-        };
-        let cells = (0..TAXEL_ROWS).flat_map(|row| active_cols(row).map(move |col| row * TAXEL_COLS + col));
-        for cell in cells.clone() {
+        for cell in active_cells() {
             let (u, v) = place(cell);
             if u.abs() < half[0] && v.abs() < half[1] {
                 let lean = 1.0 + (tilt[0] * u / half[0] + tilt[1] * v / half[1]) / TILT_FULL;
@@ -91,7 +85,7 @@ impl Face {
             }
         }
         let highest = pressures.iter().fold(0.0, |a: f64, &p| a.max(p));
-        for cell in cells.filter(|&cell| pressures[cell] > NEGLIGIBLE * highest) {
+        for cell in active_cells().filter(|&cell| pressures[cell] > NEGLIGIBLE * highest) {
             out.kpa[cell] = pressures[cell];
             out.loaded.push(cell);
         }

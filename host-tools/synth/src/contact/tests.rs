@@ -1,6 +1,7 @@
 //! Force balance, the closed forms of a Winkler layer, and what a grasp's draw adds to the layer.
 
 use super::*;
+use crate::check::{largest, near, within};
 use crate::draw::{Stream, stream};
 use crate::objects::{CATALOGUE, PAD_WIDTH_MM, Shape, Surface, gent_mpa, named};
 
@@ -13,7 +14,7 @@ pub(crate) fn hard(shape: Shape) -> &'static Object {
 }
 
 pub(crate) fn peak(map: &PressureMap) -> f64 {
-    map.kpa.iter().fold(0.0, |a, &p| a.max(p))
+    largest(map.kpa.iter().copied())
 }
 
 /// Every object of the catalogue in random poses, some hanging over an edge of the pad.
@@ -41,8 +42,8 @@ fn pressures_carry_the_grip_force() {
             overhanging += usize::from((pose.x_mm + shift[0]).abs() + half > PAD_WIDTH_MM / 2.0);
         }
     }
-    println!("444 random grips, {overhanging} over an edge: force balance off by {worst:.1e} at most (0.01)");
-    assert!(worst < 0.01 && overhanging > 50);
+    within(format!("444 random grips, {overhanging} over an edge: force balance off"), worst, ..0.01);
+    assert!(overhanging > 50);
 }
 
 #[test]
@@ -83,17 +84,17 @@ fn sphere_and_cylinder_follow_the_closed_forms_of_the_layer() {
         let depth = (load / (PI * k * r)).sqrt();
         let (p0, a) = (peak(&map), (map.loaded.len() as f64 * CELL_MM2 / PI).sqrt());
         let (p0_form, a_form) = (k * depth, (2.0 * r * depth).sqrt());
-        println!("ball {force_n} N: p0 {p0:.1} kPa ({p0_form:.1}), a {a:.2} mm ({a_form:.2})");
-        assert!((p0 / p0_form - 1.0).abs() < 0.05 && (a / a_form - 1.0).abs() < 0.05);
+        near(format!("ball {force_n} N: p0, kPa"), p0, p0_form, 0.05);
+        near("a, mm", a, a_form, 0.05);
 
         rod.pressures(force_n, [0.0; 2], &mut map);
         let depth = libm::pow(load / length_mm / k * 0.75 / (2.0 * r).sqrt(), 2.0 / 3.0);
         let touched = map.loaded.iter().filter(|&&c| c / 32 == 16).count();
         let (p0, b) = (peak(&map), touched as f64 * 0.7 / 2.0);
         let (p0_form, b_form) = (k * depth, (2.0 * r * depth).sqrt());
-        println!("rod {force_n} N: p0 {p0:.1} kPa ({p0_form:.1}), b {b:.2} mm ({b_form:.2})");
+        near(format!("rod {force_n} N: p0, kPa"), p0, p0_form, 0.05);
         // Columns come in pairs.
-        assert!((p0 / p0_form - 1.0).abs() < 0.05 && (b - b_form).abs() < 0.7);
+        within(format!("b off {b_form:.2} mm"), b - b_form, -0.7..0.7);
     }
     assert!((CELL_MM2 - 0.644).abs() < 1e-6);
 }
@@ -103,8 +104,7 @@ fn a_soft_object_gives_way_in_series_with_the_layer() {
     let stiffness = |name| Contact::new(named(name).unwrap(), CENTRED, 2500.0, 0.5).stiffness_kpa_per_mm;
     let own = 1e3 * gent_mpa(60.0) / 1.4;
     let both = stiffness("shore-60-block");
-    println!("layer 2500 kPa/mm, block {own:.0} kPa/mm, in series {both:.0}");
-    assert!((both - 1.0 / (1.0 / 2500.0 + 1.0 / own)).abs() < 1e-9);
+    near("layer and block in series, kPa/mm", both, 1.0 / (1.0 / 2500.0 + 1.0 / own), 1e-12);
     assert_eq!(stiffness("ptfe-strip"), 2500.0);
 }
 

@@ -50,9 +50,9 @@ impl Relaxing {
     }
 
     /// Counts of a taxel of this gain after a frame of `kpa`.
-    pub fn counts(&self, state: &mut [f64], kpa: f64, gain: f64) -> f64 {
+    pub fn counts(&self, state: &mut [f64; 2], kpa: f64, gain: f64) -> f64 {
         let mut shown = kpa;
-        for (i, state) in state.iter_mut().take(2).enumerate() {
+        for (i, state) in state.iter_mut().enumerate() {
             let blend = if kpa > *state { self.rise[i] } else { self.fall[i] };
             *state += blend * (kpa - *state);
             shown += self.shares[i] * (*state - kpa);

@@ -1,7 +1,7 @@
 //! What differs from recording to recording of the same array: temperature, age, mains, and the
 //! electrical faults that happen in it.
 
-use libm::{exp, log};
+use libm::exp;
 use serde::Serialize;
 use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
@@ -9,8 +9,6 @@ use super::unit::FilmUnit;
 use crate::draw::{Draw, Rng};
 use crate::recipe::SECONDS;
 use crate::timeline::Event;
-
-pub(crate) const FAULT_EVENT: &str = "electrical";
 
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
@@ -103,7 +101,7 @@ impl FilmSession {
     pub(crate) fn events(&self, frames: usize) -> Vec<Event> {
         let seconds = |frame: usize| frame as f64 / FRAME_RATE_HZ as f64;
         let event = |fault: &Fault| Event {
-            name: FAULT_EVENT,
+            name: "electrical",
             start_s: seconds(fault.start_frame),
             end_s: seconds(fault.end_frame.min(frames)),
         };
@@ -117,7 +115,7 @@ fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
     let mut frame = 0;
     loop {
         // No fault in the first frame: a missing frame needs one before it.
-        let gap_s = -log(rng.between(1e-12, 1.0)) / per_s;
+        let gap_s = rng.exponential(1e-12) / per_s;
         let start_frame = frame + 1 + (gap_s * FRAME_RATE_HZ as f64).min(end as f64) as usize;
         if start_frame >= end {
             return faults;

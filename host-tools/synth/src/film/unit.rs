@@ -104,7 +104,7 @@ impl FilmUnit {
                 row_leak: rng.log_uniform(LEAK),
                 col_leak: rng.log_uniform(LEAK),
             },
-            per_degree: if rng.chance(0.5) { 1.0 } else { -1.0 } * rng.between(0.002, 0.005),
+            per_degree: rng.sign() * rng.between(0.002, 0.005),
             ageing: rng.between(0.0, 0.15),
         }
     }

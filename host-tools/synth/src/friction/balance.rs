@@ -5,6 +5,8 @@
 //! function). With the springs' energy the sum is convex and smooth, so the balance is its one minimum.
 //! Newton's method finds it; a step that does not lower the energy enough is halved.
 
+use super::Springs;
+
 #[derive(Clone, Copy)]
 pub(super) struct Brush {
     /// Force it holds before the move.
@@ -36,16 +38,6 @@ impl Brush {
     }
 }
 
-#[derive(Clone, Copy)]
-pub(super) struct Springs {
-    /// Far ends, from where the object is: x and y in mm, turn in rad.
-    pub stretch: [f64; 3],
-    /// Stiffness in x and y; 0 keeps x and y.
-    pub position_n_per_mm: f64,
-    /// Stiffness of the turn; 0 keeps it.
-    pub turn_n_mm_per_rad: f64,
-}
-
 /// Energy at a move, with its gradient and second derivatives (upper triangle: xx, xy, yy, xt, yt, tt).
 #[derive(Clone, Copy)]
 struct Slope {
@@ -59,11 +51,10 @@ const ARM_MM: f64 = 3.0;
 /// Balance is reached within this share of the largest force that could act.
 const EXACT: f64 = 1e-5;
 
-/// Move `[x, y, turn]` at which everything balances, and leave the brushes as they are after it; `guess`
-/// is where the search starts. `k` is the stiffness of one brush, N/mm.
-pub(super) fn solve(brushes: &mut [Brush], k: f64, springs: Springs, guess: [f64; 3]) -> [f64; 3] {
-    let pulls = springs.position_n_per_mm > 0.0;
-    let turns = springs.turn_n_mm_per_rad > 0.0;
+/// Move `[x, y, turn]` in mm and rad at which everything balances, and leave the brushes as they are after it;
+/// `guess` is where the search starts. `k` is the stiffness of one brush, N/mm.
+pub(super) fn solve(brushes: &mut [Brush], k: f64, springs: &Springs, guess: [f64; 3]) -> [f64; 3] {
+    let [pulls, _, turns] = springs.stiffness.map(|stiffness| stiffness > 0.0);
     let free = |v: [f64; 3]| {
         let (shift, turn) = (f64::from(u8::from(pulls)), f64::from(u8::from(turns)));
         [v[0] * shift, v[1] * shift, v[2] * turn]
@@ -105,8 +96,8 @@ pub(super) fn solve(brushes: &mut [Brush], k: f64, springs: Springs, guess: [f64
 }
 
 /// Energy and derivatives; `TURN` is whether the object may turn.
-fn slope<const TURN: bool>(brushes: &mut [Brush], k: f64, springs: Springs, at: [f64; 3]) -> Slope {
-    let (kp, kt) = (springs.position_n_per_mm, springs.turn_n_mm_per_rad);
+fn slope<const TURN: bool>(brushes: &mut [Brush], k: f64, springs: &Springs, at: [f64; 3]) -> Slope {
+    let [kp, _, kt] = springs.stiffness;
     let left: [f64; 3] = std::array::from_fn(|i| at[i] - springs.stretch[i]);
     let mut energy = 0.5 * kp * (left[0] * left[0] + left[1] * left[1]) + 0.5 * kt * left[2] * left[2];
     let mut force = [kp * left[0], kp * left[1], kt * left[2]];

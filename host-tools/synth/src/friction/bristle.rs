@@ -4,8 +4,8 @@
 use libm::exp;
 use serde::Serialize;
 
-use super::SLIDING_MM_S;
-use super::patch::{Law, Moved, Spring, frictions, size};
+use super::patch::{Law, Moved, frictions, size};
+use super::{SLIDING_MM_S, Springs};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -41,7 +41,7 @@ impl Bristle {
 }
 
 impl Law for Bristle {
-    fn step(&mut self, spring: &Spring, load_n: f64, dt: f64) -> Moved {
+    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved {
         let (k, viscous) = (self.stiffness_n_per_mm, self.viscous * load_n);
         let mut v = [0.0; 3];
         let (mut speed, mut most_n, mut relax) = (self.speed_mm_s, 0.0, 1.0);
@@ -51,10 +51,10 @@ impl Law for Bristle {
             let mu = self.mu_kinetic + (self.mu_static - self.mu_kinetic) * exp(-over * over);
             most_n = mu * load_n;
             relax = 1.0 / (1.0 + dt * k * speed / most_n);
-            v = std::array::from_fn(|axis| match spring.stiffness[axis] {
+            v = std::array::from_fn(|axis| match springs.stiffness[axis] {
                 0.0 => 0.0,
                 pull => {
-                    let pulled = pull * spring.stretch[axis] - k * relax * self.stretch_mm[axis];
+                    let pulled = pull * springs.stretch[axis] - k * relax * self.stretch_mm[axis];
                     pulled / (pull * dt + k * relax * dt + viscous)
                 }
             });

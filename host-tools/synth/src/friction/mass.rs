@@ -3,8 +3,8 @@
 
 use serde::Serialize;
 
-use super::SLIDING_MM_S;
-use super::patch::{Law, Moved, Spring, frictions, size};
+use super::patch::{Law, Moved, frictions, size};
+use super::{SLIDING_MM_S, Springs};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -34,7 +34,7 @@ impl Mass {
 }
 
 impl Law for Mass {
-    fn step(&mut self, spring: &Spring, load_n: f64, dt: f64) -> Moved {
+    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved {
         let dt = dt / SUBSTEPS as f64;
         // mm/s per newton.
         let impulse = 1e3 * dt / self.kg;
@@ -42,9 +42,9 @@ impl Law for Mass {
         let mut slid = 0;
         for _ in 0..SUBSTEPS {
             let pull_n: [f64; 3] = std::array::from_fn(|axis| {
-                spring.stiffness[axis] * (spring.stretch[axis] - moved.by_mm[axis])
+                springs.stiffness[axis] * (springs.stretch[axis] - moved.by_mm[axis])
             });
-            let free: [f64; 3] = std::array::from_fn(|axis| match spring.stiffness[axis] {
+            let free: [f64; 3] = std::array::from_fn(|axis| match springs.stiffness[axis] {
                 0.0 => 0.0,
                 _ => (self.v_mm_s[axis] + impulse * pull_n[axis]) / (1.0 + impulse * self.damping),
             });

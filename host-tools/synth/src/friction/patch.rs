@@ -3,18 +3,10 @@
 
 use serde::Serialize;
 
-use super::{CELL_N, Friction, Pull, SlipState};
+use super::{CELL_N, Friction, Pull, SlipState, Springs};
 use crate::contact::{PressureMap, cell_mm};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
-
-/// What pulls a patch: in x, y and along the turn.
-pub(super) struct Spring {
-    /// N/mm; 0 where nothing pulls and the object keeps its place.
-    pub stiffness: [f64; 3],
-    /// Far ends from the object, mm.
-    pub stretch: [f64; 3],
-}
 
 #[derive(Default)]
 pub(super) struct Moved {
@@ -27,7 +19,7 @@ pub(super) struct Moved {
 
 pub(super) trait Law: Serialize {
     /// One step of `dt` seconds under a load above 0.
-    fn step(&mut self, spring: &Spring, load_n: f64, dt: f64) -> Moved;
+    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved;
     fn rest(&mut self);
 }
 
@@ -66,18 +58,13 @@ impl<L: Law> Friction for Patch<L> {
         }
         let arm_mm = if load_n > 0.0 { (moment / load_n).max(0.5) } else { 1.0 };
         load_n *= CELL_N * scale;
-        let stiffness =
-            [pull.stiffness_n_per_mm, pull.stiffness_n_per_mm, pull.twist_n_mm_per_rad / (arm_mm * arm_mm)];
-        let stretch = [
-            pull.position_mm[0] - self.now.travel_mm[0],
-            pull.position_mm[1] - self.now.travel_mm[1],
-            arm_mm * (pull.turn_rad - self.now.turn_rad),
-        ];
+        let springs = pull.springs(&self.now, arm_mm);
         let moved = if load_n > 0.0 {
-            self.law.step(&Spring { stiffness, stretch }, load_n, dt)
+            self.law.step(&springs, load_n, dt)
         } else {
             // A free object goes where its springs are slack.
             self.law.rest();
+            let Springs { stiffness, stretch } = springs;
             let by_mm = std::array::from_fn(|axis| if stiffness[axis] > 0.0 { stretch[axis] } else { 0.0 });
             Moved { by_mm, ..Moved::default() }
         };
@@ -98,9 +85,5 @@ impl<L: Law> Friction for Patch<L> {
             direction: self.now.direction,
         };
         self.now
-    }
-
-    fn drawn(&self) -> serde_json::Value {
-        serde_json::to_value(self).unwrap_or_default()
     }
 }

@@ -4,7 +4,8 @@
 use libm::{asinh, exp, log};
 use serde::Serialize;
 
-use super::patch::{Law, Moved, Spring, frictions, size};
+use super::Springs;
+use super::patch::{Law, Moved, frictions, size};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -43,15 +44,15 @@ impl RateState {
 }
 
 impl Law for RateState {
-    fn step(&mut self, spring: &Spring, load_n: f64, dt: f64) -> Moved {
-        let pull_n: [f64; 3] = std::array::from_fn(|axis| spring.stiffness[axis] * spring.stretch[axis]);
+    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved {
+        let pull_n: [f64; 3] = std::array::from_fn(|axis| springs.stiffness[axis] * springs.stretch[axis]);
         let most_n = size(pull_n);
         if most_n < 1e-9 {
             self.age_s += dt;
             return Moved::default();
         }
         let towards = pull_n.map(|n| n / most_n);
-        let stiffness: f64 = (0..3).map(|axis| towards[axis] * towards[axis] * spring.stiffness[axis]).sum();
+        let stiffness: f64 = (0..3).map(|axis| towards[axis] * towards[axis] * springs.stiffness[axis]).sum();
         let state = self.mu + self.ageing * log(REFERENCE_MM_S * self.age_s / self.renewal_mm);
         let scale = exp(state / self.direct) / (2.0 * REFERENCE_MM_S);
         let friction = |v: f64| load_n * (self.direct * asinh(v * scale) + self.viscous * v);

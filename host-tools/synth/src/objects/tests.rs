@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::check::near;
+use crate::check::{largest, near, within};
 
 fn forms(held_out: bool) -> BTreeSet<String> {
     group(held_out).filter_map(|o| o.relief).map(|r| format!("{:?}", r.form)).collect()
@@ -60,16 +60,14 @@ fn held_out_objects_are_shifted_and_built_otherwise() {
         Surface::Rubber { shore_a, .. } => Some(shore_a),
         _ => None,
     };
-    let hardest_known = group(false).filter_map(shore).fold(0.0, f64::max);
+    let hardest_known = largest(group(false).filter_map(shore));
     let softest_new = group(true).filter_map(shore).fold(100.0, f64::min);
-    println!("training rubbers up to {hardest_known} HA, held-out ones from {softest_new} HA");
-    assert!(softest_new > hardest_known + 10.0);
+    within("softest held-out rubber over the hardest of training, HA", softest_new - hardest_known, 10.0..);
     let mean = |held_out, of: fn(&Object) -> f64| {
         group(held_out).map(of).sum::<f64>() / group(held_out).count() as f64
     };
     let (known, new) = (mean(false, |o| o.texture_share), mean(true, |o| o.texture_share));
-    println!("mean texture share: training {known:.2}, held out {new:.2}");
-    assert!(new > 1.5 * known);
+    within("mean texture share, held out over training", new / known, 1.5..);
 }
 
 #[test]

@@ -135,13 +135,10 @@ impl Plant {
         };
         // A motor holds the force commanded: nobody varies the grip.
         let base_n = plan.base_n;
-        let steps = plan.timeline.steps();
-        plan.timeline.grip_n = (0..steps)
-            .map(|i| {
-                let t = i as f64 / STEP_HZ;
-                base_n * ramp(t, grasp.touch, grasp.held) * (1.0 - ramp(t, grasp.release, grasp.let_go))
-            })
-            .collect();
+        for (i, t) in plan.timeline.times(0.0, f64::INFINITY) {
+            plan.timeline.grip_n[i] =
+                base_n * ramp(t, grasp.touch, grasp.held) * (1.0 - ramp(t, grasp.release, grasp.let_go));
+        }
         // The object lies in the middle when the pull begins, not when half of it is over.
         plan.stroke_mm = [0.0; 2];
         let slips_at_n = resolved.object.mu_static * base_n;
@@ -169,7 +166,6 @@ impl Plant {
         self.frames
     }
 
-    /// Instrumented fingers.
     pub fn sensors(&self) -> usize {
         self.resolved.recipe.sensors
     }
@@ -223,8 +219,7 @@ impl Plant {
         }
         let timeline = &mut self.plan.timeline;
         let before_n = vibration::at(&timeline.grip_n, start_s);
-        let after = timeline.times(start_s, f64::INFINITY);
-        for (i, t) in after {
+        for (i, t) in timeline.times(start_s, f64::INFINITY) {
             let let_go = self.planned.timeline.grip_n[i] / self.planned.base_n;
             timeline.grip_n[i] = let_go * (before_n + (grip_n - before_n) * ramp(t, start_s, end_s));
         }

@@ -19,7 +19,7 @@ use crate::labels::Rule;
 use crate::mix::ScenarioChoice;
 use crate::pulling_hand::PullLimit;
 use crate::recipe::{Platform, ResolvedRecipe};
-use crate::timeline::{Timeline, ramp};
+use crate::timeline::{Timeline, ramp, swing};
 use direction::{SlipDirection, VERTICAL_WITHIN_DEG, unit_vector};
 use disturbances::Disturbances;
 use levels::*;
@@ -185,7 +185,7 @@ impl Plan {
                     let pulled = s.kind == PhaseKind::Pull;
                     let per_s =
                         if s.kind == PhaseKind::Hold { GRIP_CHANGES_PER_S.0 } else { GRIP_CHANGES_PER_S.1 };
-                    for at in disturbances::moments(rng, inside, per_s) {
+                    for at in rng.moments(inside, per_s, disturbances::LEAST) {
                         timeline.grip_change(rng, at, inside, g.let_go);
                     }
                     if !(pulled && resolved.slips()) {
@@ -202,8 +202,7 @@ impl Plan {
         if !resolved.slips() {
             return GRIP_N.1;
         }
-        let way = self.script.phases_of(PhaseKind::Pull).map(|s| self.script.travel_mm(s).abs());
-        let shortest = way.fold(f64::INFINITY, f64::min);
+        let shortest = self.script.pulls_mm().map(f64::abs).fold(f64::INFINITY, f64::min);
         let force = if resolved.scenario == ScenarioChoice::Rotation {
             // The spring's torque over the patch's lever.
             self.twist_n_mm_per_rad * shortest / resolved.twist_radius_mm() / resolved.twist_radius_mm()
@@ -237,11 +236,7 @@ impl Plan {
             S::SixStep => way.copy_from_slice(&timeline.crosshead_mm),
             S::FirmGrip => {
                 way.copy_from_slice(&timeline.crosshead_mm);
-                let reach = self
-                    .script
-                    .phases_of(PhaseKind::Pull)
-                    .map(|s| self.script.travel_mm(s).abs())
-                    .fold(1e-3, f64::max);
+                let reach = self.script.pulls_mm().map(f64::abs).fold(1e-3, f64::max);
                 let hold = grasps.iter().map(|g| self.sure_hold_n(resolved, g.held, g.release));
                 self.pull_n_per_mm = rng.uniform(FIRM_PULL) * hold.fold(f64::INFINITY, f64::min) / reach;
             }
@@ -264,8 +259,7 @@ impl Plan {
             self.twist_n_mm_per_rad = 0.0;
         }
         if resolved.slips() && resolved.scenario != S::Rotation {
-            let stroke =
-                self.script.phases_of(PhaseKind::Pull).map(|s| self.script.travel_mm(s)).fold(0.0, f64::max);
+            let stroke = self.script.pulls_mm().fold(0.0, f64::max);
             self.stroke_mm = towards.map(|t| t * stroke);
         }
         self.pull_mm = way.iter().map(|&mm| towards.map(|t| t * mm)).collect();
@@ -280,13 +274,9 @@ impl Plan {
             let mut speeds: Vec<f64> = times
                 .iter()
                 .map(|&(_, t)| {
-                    let swing: f64 = waver
-                        .iter()
-                        .map(|(hz, phase, depth)| depth * sin(std::f64::consts::TAU * hz * t + phase))
-                        .sum();
                     let (motion, since) = (&self.script.motion, t - s.start_s);
                     (motion.at(since + 1.0 / STEP_HZ, s.seconds) - motion.at(since, s.seconds))
-                        * (1.0 + swing)
+                        * (1.0 + swing(&waver, t))
                 })
                 .collect();
             let scale = self.script.travel_mm(s) / speeds.iter().sum::<f64>().max(1e-9);

@@ -1,7 +1,6 @@
 //! A recording as a sequence of phases: what follows what and how long it takes. Cheap to
 //! draw, and all that is needed to know how long an episode is.
 
-use libm::log;
 use serde::Serialize;
 
 use crate::draw::{Draw, Rng};
@@ -92,10 +91,8 @@ impl Script {
     /// Of the length that the recipe names, or cut out of a longer sequence at points where nothing touches.
     pub(crate) fn draw(rng: &mut Rng, resolved: &ResolvedRecipe) -> Self {
         let motion = Trapezoid { speed_mm_s: resolved.speed_mm_s, accel_mm_s2: rng.log_uniform(ACCEL_MM_S2) };
-        let open = match resolved.scenario {
-            ScenarioChoice::Disturbances => Some(rng.log_uniform(DISTURBANCES_S)),
-            _ => None,
-        };
+        let disturbances = resolved.scenario == ScenarioChoice::Disturbances;
+        let open = disturbances.then(|| rng.log_uniform(DISTURBANCES_S));
         let length = resolved.recipe.seconds.or(open);
         let mut phases = run(rng, resolved, &motion);
         if let Some(seconds) = length {
@@ -159,6 +156,10 @@ impl Script {
     pub(crate) fn travel_mm(&self, phase: &Phase) -> f64 {
         phase.towards * self.motion.mm(phase.seconds)
     }
+
+    pub(crate) fn pulls_mm(&self) -> impl Iterator<Item = f64> {
+        self.phases_of(PhaseKind::Pull).map(|pull| self.travel_mm(pull))
+    }
 }
 
 fn duration_s(phases: &[Phase]) -> f64 {
@@ -193,8 +194,7 @@ fn idle(rng: &mut Rng) -> f64 {
     if rng.chance(0.5) {
         rng.between(IDLE_S.0, IDLE_UNIFORM_S)
     } else {
-        let wait = -log(rng.between(1e-9, 1.0)) * IDLE_MEAN_S;
-        (IDLE_S.0 + wait).min(IDLE_S.1)
+        (IDLE_S.0 + rng.exponential(1e-9) * IDLE_MEAN_S).min(IDLE_S.1)
     }
 }
 
@@ -227,7 +227,7 @@ fn run(rng: &mut Rng, resolved: &ResolvedRecipe, motion: &Trapezoid) -> Vec<Phas
         }
         S::RigMotion => {
             for _ in 0..rng.count(1, 3) {
-                let towards = if rng.chance(0.5) { 1.0 } else { -1.0 };
+                let towards = rng.sign();
                 add(Hold, rng.log_uniform(SETTLE_S), 0.0);
                 add(Pull, motion.seconds(rng.uniform(FIRM_TRAVEL_MM)), towards);
             }
@@ -239,7 +239,7 @@ fn run(rng: &mut Rng, resolved: &ResolvedRecipe, motion: &Trapezoid) -> Vec<Phas
         S::Rotation => {
             let way = rng.uniform(TWIST_RAD) * resolved.twist_radius_mm();
             add(Hold, vary, 0.0);
-            add(Pull, motion.seconds(way), if rng.chance(0.5) { 1.0 } else { -1.0 });
+            add(Pull, motion.seconds(way), rng.sign());
         }
         S::FreeGrasp => add(Hold, rng.log_uniform(CARRY_S), 0.0),
         S::HandHeld => {

@@ -11,7 +11,6 @@ pub const FROZEN_SEED: u64 = 0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrozenEpisode {
-    /// As in [`PlannedEpisode`].
     pub name: String,
     pub frames: usize,
     pub hash: String,
@@ -45,12 +44,7 @@ impl FrozenSet {
         let episodes = episodes
             .into_iter()
             .zip(hashes)
-            .map(|(PlannedEpisode { name, frames, recipe }, hash)| FrozenEpisode {
-                name,
-                frames,
-                hash,
-                recipe,
-            })
+            .map(|(e, hash)| FrozenEpisode { name: e.name, frames: e.frames, hash, recipe: e.recipe })
             .collect();
         Self { format, generator, split, seed, frames, slip_events, episodes }
     }
@@ -77,17 +71,14 @@ impl FrozenSet {
 
     /// The set without its hashes.
     pub fn set(&self) -> EpisodeSet {
-        let planned = |episode: &FrozenEpisode| {
-            let FrozenEpisode { name, frames, recipe, .. } = episode.clone();
-            PlannedEpisode { name, frames, recipe }
-        };
+        let planned = |e: FrozenEpisode| PlannedEpisode { name: e.name, frames: e.frames, recipe: e.recipe };
         EpisodeSet {
             format: self.format,
             generator: self.generator,
             split: self.split,
             seed: self.seed,
             frames: self.frames,
-            episodes: self.episodes.iter().map(planned).collect(),
+            episodes: self.episodes.iter().cloned().map(planned).collect(),
         }
     }
 }

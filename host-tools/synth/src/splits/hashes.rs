@@ -17,36 +17,27 @@ use crate::recipe::Recipe;
 /// fields). What is absent is hashed as empty.
 pub fn content_hash(episode: &Episode) -> String {
     let mut hash = Sha256::new();
-    let mut bytes = Vec::new();
-    let mut array = |name: &str, bytes: &mut Vec<u8>| {
+    let mut array = |name: &str, bytes: Vec<u8>| {
         hash.update(name);
         hash.update((bytes.len() as u64).to_le_bytes());
         hash.update(&bytes);
-        bytes.clear();
     };
-    bytes.extend(episode.piezo.iter().flat_map(|scan| scan.counts()).flat_map(|c| c.to_le_bytes()));
-    array("piezo", &mut bytes);
-    bytes.extend(episode.xl.iter().flatten().flatten().flat_map(|s| s.to_le_bytes()));
-    array("xl", &mut bytes);
-    bytes.extend(episode.xl_end.iter().flat_map(|end| end.to_le_bytes()));
-    array("xl_end", &mut bytes);
-    bytes.extend(episode.label.iter().flatten());
-    array("label", &mut bytes);
+    let counts = episode.piezo.iter().flat_map(|scan| scan.counts());
+    array("piezo", counts.flat_map(|count| count.to_le_bytes()).collect());
+    array("xl", episode.xl.iter().flatten().flatten().flat_map(|s| s.to_le_bytes()).collect());
+    array("xl_end", episode.xl_end.iter().flat_map(|end| end.to_le_bytes()).collect());
+    array("label", episode.label.iter().flatten().copied().collect());
     for (name, values) in [
         ("slip_true", &episode.slip_true_mm_s),
         ("slip_fraction", &episode.slip_fraction),
         ("displacement_mm", &episode.displacement_mm),
     ] {
-        bytes.extend(values.iter().flatten().flat_map(|v| v.to_le_bytes()));
-        array(name, &mut bytes);
+        array(name, values.iter().flatten().flat_map(|v| v.to_le_bytes()).collect());
     }
-    bytes.extend((episode.meta.xl_lsb_g as f32).to_le_bytes());
-    array("xl_lsb_g", &mut bytes);
+    array("xl_lsb_g", (episode.meta.xl_lsb_g as f32).to_le_bytes().to_vec());
     // Through the type, because the order of keys in a JSON map is not the file's business.
-    if let Some(recipe) = recipe_of(episode) {
-        bytes.extend(serde_json::to_string(&recipe).unwrap_or_default().bytes());
-    }
-    array("recipe", &mut bytes);
+    let recipe = recipe_of(episode).and_then(|recipe| serde_json::to_vec(&recipe).ok());
+    array("recipe", recipe.unwrap_or_default());
     hex(&hash.finalize())
 }
 
@@ -68,7 +59,6 @@ pub fn recipe_of(episode: &Episode) -> Option<Recipe> {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeHash {
-    /// As in [`PlannedEpisode`](super::PlannedEpisode).
     pub name: String,
     pub hash: String,
 }

@@ -15,6 +15,6 @@ mod tests;
 pub use frozen::{FROZEN_SEED, FrozenEpisode, FrozenSet};
 pub use hashes::{EpisodeHash, SetHashes, content_hash, recipe_of, set_hash};
 pub(crate) use schedule::hashed;
-pub use schedule::{episode_seed, tuning_disturbances};
+pub use schedule::tuning_disturbances;
 pub use set::{EpisodeSet, FORMAT, PlannedEpisode, paper_set};
 pub use split::{GENERATOR_VERSION, PAPER_FRAMES, SetError, Split};

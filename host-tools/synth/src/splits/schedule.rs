@@ -26,14 +26,8 @@ const DIRECTION_STEP_DEG: f64 = 30.0;
 /// Seed of one episode: the first 53 bits of the SHA-256 of `slipsense/SPLIT/SEED/INDEX`, all in
 /// decimal. Sets of other splits or seeds share no draws, and JSON carries 53 bits everywhere. Episodes of
 /// `umi_quiet` have the seeds of those that they repeat.
-pub fn episode_seed(split: Split, seed: u64, index: usize) -> u64 {
-    match split {
-        Split::UmiQuiet => {
-            let (pair, at) = quiet(index);
-            episode_seed(pair, seed, at)
-        }
-        _ => hashed(&format!("slipsense/{split}/{seed}/{index}")),
-    }
+pub(crate) fn episode_seed(split: Split, seed: u64, index: usize) -> u64 {
+    hashed(&format!("slipsense/{split}/{seed}/{index}"))
 }
 
 /// The first 53 bits of a text's SHA-256.
@@ -47,11 +41,6 @@ fn in_families(split: Split, recipe: Recipe) -> Recipe {
         None => recipe,
         Some(stages) => stages.iter().fold(recipe.in_families(), |recipe, &stage| recipe.holding_out(stage)),
     }
-}
-
-/// Which episode this one of `umi_quiet` repeats.
-fn quiet(index: usize) -> (Split, usize) {
-    (if index.is_multiple_of(2) { Split::UmiId } else { Split::UmiOod }, index / 2)
 }
 
 /// Turn of the second of two things that take turns, so that all `n · m` pairs come before one repeats
@@ -116,7 +105,7 @@ fn mix(split: Split) -> Mix {
 
 /// What happens, and how many times it happened before, for each place in one round of a mix.
 fn round(mix: Mix) -> Vec<(usize, usize)> {
-    let mix = mix.weights();
+    let mix = mix.0;
     let length: usize = mix.iter().map(|(_, weight)| weight).sum();
     let mut made = vec![0; mix.len()];
     (1..=length)
@@ -148,17 +137,7 @@ impl Schedule {
             Split::Noslip | Split::TransferNoslip => &[&[Group::Val, Group::HeldOut]],
             Split::Tesollo2 | Split::Tesollo3 | Split::Free => &[&[Group::HeldOut], &[Group::Train]],
             Split::UmiQuiet => &[],
-            Split::UmiOod
-            | Split::Palm
-            | Split::TransferKnown
-            | Split::TransferContact
-            | Split::TransferFriction
-            | Split::TransferFilm
-            | Split::TransferSource
-            | Split::TransferPath
-            | Split::TransferDisturbance
-            | Split::TransferSensor
-            | Split::TransferAll => &[&[Group::HeldOut]],
+            _ => &[&[Group::HeldOut]],
         };
         let objects = |kind: usize, turn: usize, groups: &[Group]| {
             ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
@@ -174,25 +153,21 @@ impl Schedule {
             split,
             seed,
             round: round(mix),
-            object_schedules: (0..mix.weights().len()).map(object_schedules).collect(),
+            object_schedules: (0..mix.0.len()).map(object_schedules).collect(),
             pair,
         }
     }
 
     pub(crate) fn recipe(&self, index: usize) -> Recipe {
+        if self.split == Split::UmiQuiet {
+            return Recipe { rig_leak: false, ..self.pair[index % 2].recipe(index / 2) };
+        }
         let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
-        match self.split {
-            Split::UmiQuiet => {
-                let schedule = &self.pair[index % 2];
-                return Recipe { rig_leak: false, ..schedule.recipe(index / 2) };
-            }
-            Split::Noslip | Split::TransferNoslip => {
-                return in_families(self.split, self.noslip(recipe, index));
-            }
-            _ => {}
+        if matches!(self.split, Split::Noslip | Split::TransferNoslip) {
+            return in_families(self.split, self.noslip(recipe, index));
         }
         let (kind, before) = self.round[index % self.round.len()];
-        let (scenario, weight) = mix(self.split).weights()[kind];
+        let (scenario, weight) = mix(self.split).0[kind];
         let j = index / self.round.len() * weight + before;
         let object_schedules = &self.object_schedules[kind];
         let (turn, j) = (j % object_schedules.len(), j / object_schedules.len());

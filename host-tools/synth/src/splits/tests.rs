@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::schedule::episode_seed;
 use super::*;
 use crate::check::within;
 use crate::draw::{Stream, stream};
@@ -52,10 +53,10 @@ fn slips(recipes: &[Recipe]) -> Vec<&Recipe> {
 
 #[test]
 fn small_sets_have_the_mix_too() {
-    let weights: usize = PROTOCOL.weights().iter().map(|(_, weight)| weight).sum();
+    let weights: usize = PROTOCOL.0.iter().map(|(_, weight)| weight).sum();
     let all = first(Split::Train, 5, 60);
     for length in [10, 20, 33, 60] {
-        for &(scenario, weight) in PROTOCOL.weights() {
+        for &(scenario, weight) in PROTOCOL.0 {
             let count = all[..length].iter().filter(|recipe| recipe.scenario == scenario).count() as f64;
             let must = (length * weight) as f64 / weights as f64;
             within(format!("{scenario:?} of {length} episodes, proportion {must}"), count - must, -1.0..1.0);
@@ -80,15 +81,9 @@ fn tuning_sees_nothing_of_a_test() {
     assert!((40..=53).contains(&varied), "{varied} of 80 have a varied object");
     for physics in 0..2 {
         let recipes: Vec<Recipe> = tuning.iter().skip(physics).step_by(2).cloned().collect();
-        let objects = objects_of(&recipes);
-        assert_eq!(
-            objects.len(),
-            objects::of_group(Group::Val).count(),
-            "the laboratory and the families have all"
-        );
-        for name in objects {
-            assert_eq!(recipes.iter().filter(|recipe| object(recipe) == name).count(), recipes.len() / 4);
-        }
+        let times = counts(recipes.iter().map(object));
+        assert_eq!(times.len(), 4, "the laboratory and the families have all");
+        assert!(times.values().all(|&count| count == recipes.len() / 4), "{times:?}");
     }
     assert_eq!(plan_frames(&tuning[0]).unwrap(), 60 * 240);
 }
@@ -137,10 +132,8 @@ fn groups_of_objects_do_not_mix() {
         let stages = split.held_out_stages().unwrap();
         for recipe in &all[&split] {
             let held_out = |stage| recipe.family(stage) == recipe.clone().holding_out(stage).family(stage);
-            assert!(
-                Stage::ALL.into_iter().all(|stage| stages.contains(&stage) == held_out(stage)),
-                "{split}"
-            );
+            let held_out: Vec<_> = Stage::ALL.into_iter().filter(|&stage| held_out(stage)).collect();
+            assert_eq!(held_out, stages, "{split}");
         }
     }
     for split in [Split::Tesollo2, Split::Tesollo3] {
@@ -168,11 +161,8 @@ fn hands_regions_and_sensors() {
         let palm = recipes.iter().all(|recipe| recipe.region == Region::Palm);
         assert_eq!(palm, split == Split::Palm);
         assert!(recipes.iter().all(|recipe| recipe.rig_leak == (split != Split::UmiQuiet)));
-        assert_eq!(
-            matches!(split, Split::Noslip | Split::Free | Split::TransferNoslip),
-            slips(&recipes).is_empty(),
-            "{split} is off the rig"
-        );
+        let off_the_rig = matches!(split, Split::Noslip | Split::Free | Split::TransferNoslip);
+        assert_eq!(slips(&recipes).is_empty(), off_the_rig, "{split}");
     }
 }
 
@@ -237,19 +227,11 @@ fn frames_decide_where_a_set_ends_and_a_larger_set_begins_with_the_smaller() {
     let (last, before) = frames.split_last().unwrap();
     let before: usize = before.iter().sum();
     assert!(before < 30_000 && before + last >= 30_000);
-    let recipes = |seed, frames| -> Vec<Recipe> {
-        EpisodeSet::new(Split::Train, seed, frames).episodes.into_iter().map(|e| e.recipe).collect()
-    };
-    let small = recipes(2, 5_000);
-    assert!(
-        set.episodes.iter().map(|episode| &episode.recipe).zip(&small).all(|(large, small)| large == small)
-    );
-    assert_eq!(
-        EpisodeSet::first(Split::Train, 2, 7),
-        EpisodeSet::new(Split::Train, 2, frames[..7].iter().sum())
-    );
-    assert_ne!(recipes(3, 5_000)[0], small[0]);
-    assert!(recipes(0, 0).is_empty());
+    let train = |seed, frames| EpisodeSet::new(Split::Train, seed, frames);
+    assert!(set.episodes.starts_with(&train(2, 5_000).episodes));
+    assert_eq!(EpisodeSet::first(Split::Train, 2, 7), train(2, frames[..7].iter().sum()));
+    assert_ne!(train(3, 5_000).episodes[0].recipe, set.episodes[0].recipe);
+    assert!(train(0, 0).episodes.is_empty());
 }
 
 #[test]

@@ -4,23 +4,15 @@
 use std::sync::LazyLock;
 
 use super::*;
+use crate::check::above_10_hz;
+use crate::draw::dot;
 use crate::labels::{NO_CONTACT, NO_SLIP, SLIP};
 
-/// Vector rms in mg over the `window` samples before each frame tick of the first sensor, above 10 Hz
-/// (first-order, float).
+/// Vector rms in mg over the `window` samples before each frame tick of the first sensor, above 10 Hz.
 pub(super) fn rms_mg(e: &Episode, window: usize) -> Vec<f64> {
-    let pole = 1.0 - std::f64::consts::TAU * 10.0 / 8000.0;
-    let (mut last, mut y) = (e.xl[0][0].map(f64::from), [0.0; 3]);
     let mut running = vec![0.0];
-    for sample in &e.xl[0] {
-        let x = sample.map(f64::from);
-        let mut power = running[running.len() - 1];
-        for axis in 0..3 {
-            y[axis] = pole * (y[axis] + x[axis] - last[axis]);
-            power += y[axis] * y[axis];
-        }
-        last = x;
-        running.push(power);
+    for g in above_10_hz(e.xl[0].iter().map(|sample| sample.map(f64::from))) {
+        running.push(running[running.len() - 1] + dot(g, g));
     }
     (0..e.frames())
         .map(|f| {
@@ -64,12 +56,11 @@ static SLIP_MG: LazyLock<[f64; 5]> = LazyLock::new(|| SPEEDS_MM_S.map(|v| slip_m
 fn slip_of_a_surface_of_one_micrometre_meets_the_anchor() {
     // The block has an Ra of 1.1 µm.
     let anchor = [4.0, 13.0, 30.0, 49.0, 60.0].map(|mg| mg * libm::pow(1.1, 0.7));
-    let levels = *SLIP_MG;
-    println!("slip at {SPEEDS_MM_S:?} mm/s: {levels:.1?} mg, expected about {anchor:.1?} (synthetic)");
-    assert!(levels.is_sorted());
-    for (level, anchor) in levels.iter().zip(anchor) {
+    assert!(SLIP_MG.is_sorted());
+    for ((level, anchor), speed) in SLIP_MG.iter().zip(anchor).zip(SPEEDS_MM_S) {
         // Thirty episodes of scattered grips, units and surfaces: wider than the ±25 % of the median.
-        assert!((level / anchor).max(anchor / level) < 1.35, "{level} mg against {anchor} mg");
+        let what = format!("slip at {speed} mm/s: {level:.1} mg over {anchor:.1} mg (synthetic)");
+        within(what, level / anchor, 1.0 / 1.35..1.35);
     }
 }
 
@@ -79,12 +70,9 @@ fn the_second_model_is_as_loud_and_so_is_the_other_hand() {
     let second = slip_mg(&Recipe { vibration: SourceFamily::Autoregressive, ..recipe.clone() });
     let hand = slip_mg(&Recipe { platform: Platform::Tesollo, ..recipe.clone() });
     let palm = slip_mg(&Recipe { region: Region::Palm, ..recipe });
-    println!(
-        "slip at 10 mm/s: modal {modal:.1} mg, autoregressive {second:.1}, jointed hand {hand:.1}, near the \
-         palm {palm:.1} (synthetic)"
-    );
-    assert!((second / modal).max(modal / second) < 1.5);
-    assert!((hand / modal).max(modal / hand) < 2.0 && (palm / modal).max(modal / palm) < 2.0);
+    within(format!("autoregressive over modal, {modal:.1} mg at 10 mm/s"), second / modal, 1.0 / 1.5..1.5);
+    within("jointed hand over jaw", hand / modal, 0.5..2.0);
+    within("near the palm over centre", palm / modal, 0.5..2.0);
 }
 
 #[test]
@@ -98,12 +86,11 @@ fn with_only_the_rigs_vibration_there_is_no_slip_in_it() {
             of().max().unwrap() - of().min().unwrap()
         };
         let spread_mg = f64::from((0..3).map(span).max().unwrap()) * e.meta.xl_lsb_g * 1e3;
-        println!("rig off, nothing but the rig's vibration: {spread_mg:.2} mg from lowest to highest sample");
-        assert!(spread_mg < 4.5);
+        within("rig off, nothing but the rig's vibration: lowest to highest sample, mg", spread_mg, ..4.5);
     }
     let (rig, all) = (slip_mg(&Recipe { rig_leak: true, ..quiet }), SLIP_MG[4]);
-    println!("in slip at 18 mm/s: {rig:.2} mg of the rig alone (0.2 to 4), {all:.1} mg of all (synthetic)");
-    assert!((0.2..4.5).contains(&rig) && all > 5.0 * rig);
+    within("in slip at 18 mm/s: rig alone (0.2 to 4), mg", rig, 0.2..4.5);
+    within("all, mg", all, 5.0 * rig..);
 }
 
 #[test]
@@ -153,13 +140,10 @@ fn level_and_centroid(speed_mm_s: f64) -> (f64, f64) {
 #[test]
 fn slip_levels_and_centroids_rise_with_speed_around_the_anchor() {
     let found = [2.0, 5.0, 10.0, 18.0].map(level_and_centroid);
-    let levels = found.map(|f| f.0);
-    println!("slip rms at 2, 5, 10, 18 mm/s: {levels:.1?} mg (synthetic)");
-    assert!(levels.is_sorted());
-    assert!((2.0..12.0).contains(&levels[0]) && (15.0..90.0).contains(&levels[2]), "{levels:?}");
-    let (slow, fast) = (found[0].1, found[3].1);
-    println!("centroid at 2 mm/s {slow:.0} Hz, at 18 mm/s {fast:.0} Hz (synthetic)");
-    assert!(fast > 1.1 * slow);
+    assert!(found.is_sorted_by_key(|(level, _)| *level), "{found:?}");
+    within("slip at 2 mm/s, mg rms", found[0].0, 2.0..12.0);
+    within("at 10 mm/s", found[2].0, 15.0..90.0);
+    within("centroid at 18 mm/s over that at 2 mm/s", found[3].1 / found[0].1, 1.1..);
 }
 
 #[test]

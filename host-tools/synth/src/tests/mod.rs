@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use slipsense_recording::Episode;
 
-use crate::check::{median, quantile};
+use crate::check::{median, quantile, within};
 use crate::*;
 
 fn labels(e: &Episode) -> &[u8] {
@@ -59,10 +59,8 @@ fn the_same_recipe_gives_the_same_episode_and_another_seed_another() {
             let (a, b) = (generate(&recipe).unwrap(), generate(&recipe).unwrap());
             a.validate().unwrap();
             assert!(a == b, "{platform:?}, {vibration:?}");
-            let held = levels::of_label(&a, &levels::rms_mg(&a, 34), labels::NO_SLIP);
-            let held = median(held);
-            println!("{platform:?}, {vibration:?}: held at {held:.1} mg with sensor noise (synthetic)");
-            assert!(held > 1.0 && held < 200.0);
+            let held = median(levels::of_label(&a, &levels::rms_mg(&a, 34), labels::NO_SLIP));
+            within(format!("{platform:?}, {vibration:?}: held with sensor noise, mg"), held, 1.0..200.0);
             assert_ne!(generate(&Recipe { seed: 6, ..recipe }).unwrap().xl, a.xl);
         }
     }

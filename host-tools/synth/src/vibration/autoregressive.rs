@@ -12,7 +12,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::scene::{Motion, SlipSeries};
 use super::slip::SILENT_MM_S;
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, unit_vector};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
 use slipsense::params::XL_RATE_HZ;
@@ -46,7 +46,7 @@ impl AutoregressiveNoise {
         let moving_mm = rng.log_uniform(MOVING_MM);
         // Bandwidths: of the moving one over its frequency, of the fixed ones in Hz.
         let moving_width = rng.between(0.4, 1.0);
-        let fixed = FIXED_HZ.map(|(lo, hi)| rng.log_between(lo, hi));
+        let fixed = FIXED_HZ.map(|span| rng.log_uniform(span));
         let widths = FIXED_HZ.map(|_| rng.log_between(150.0, 700.0));
         let stiffens = rng.between(0.05, 0.2);
         // One tilts the spectrum down, one lifts its upper end.
@@ -65,13 +65,12 @@ impl AutoregressiveNoise {
                 )
             })
         });
-        let axes: [f64; 3] = std::array::from_fn(|_| rng.between(0.3, 1.0));
-        let norm = axes.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let axes = unit_vector(std::array::from_fn(|_| rng.between(0.3, 1.0)));
         let roughness_exponent = rng.between(0.6, 0.8);
         Self {
             level: pow(object.roughness_um, roughness_exponent) * exp(LEVEL_SPREAD * rng.normal()),
             force_exponent: rng.between(0.2, 0.5),
-            axes: axes.map(|x| x / norm),
+            axes,
             nodes,
         }
     }

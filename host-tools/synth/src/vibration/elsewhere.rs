@@ -1,18 +1,22 @@
 //! Disturbances beside the scenario's own handling: knocks, machines, and what rubs where no pad is. Their levels are
 //! those at the accelerometer.
 
-use libm::{exp, log, pow};
+use libm::{exp, pow};
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
 use super::scene::Motion;
 use super::signal::{Noise, add_scaled, blend, blend_rms, sin_turns};
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, Span};
 use crate::families::DisturbanceFamily;
 
+/// Cuts off the longest gaps: see [`Draw::exponential`].
+const LEAST: f64 = 1e-9;
 /// Share of the knocks that are a shake.
 const SHAKES: f64 = 0.25;
-
+/// Decay in seconds, peak in g and frequency in Hz. A shake is slow and lasts, a knock rings.
+const SHAKE: (Span, Span, Span) = ((0.1, 0.8), (0.05, 0.8), (2.0, 18.0));
+const KNOCK: (Span, Span, Span) = ((2e-3, 60e-3), (0.02, 3.0), (20.0, 2_500.0));
 /// Of a machine.
 const HARMONICS: (usize, usize) = (3, 16);
 /// A machine runs so long, and pauses so long.
@@ -73,18 +77,6 @@ pub(super) struct Elsewhere {
     strokes: Vec<Stroke>,
 }
 
-/// Times of a Poisson process of this rate.
-fn times(rng: &mut Rng, per_s: f64, seconds: f64) -> Vec<f64> {
-    let (mut times, mut t) = (Vec::new(), 0.0);
-    loop {
-        t -= log(rng.between(1e-9, 1.0)) / per_s;
-        if t >= seconds {
-            return times;
-        }
-        times.push(t);
-    }
-}
-
 impl Elsewhere {
     pub fn draw(family: DisturbanceFamily, rng: &mut Rng, seconds: f64) -> Self {
         let mut all = Self::default();
@@ -92,16 +84,10 @@ impl Elsewhere {
             DisturbanceFamily::Handling => {}
             DisturbanceFamily::Knocks => {
                 let per_s = rng.log_between(0.1, 2.0);
-                for at_s in times(rng, per_s, seconds) {
-                    // A shake is slow and lasts, a knock rings.
-                    let knock = if rng.chance(SHAKES) {
-                        let decay_s = rng.log_between(0.1, 0.8);
-                        (rng.log_between(0.05, 0.8), rng.log_between(2.0, 18.0), decay_s)
-                    } else {
-                        let decay_s = rng.log_between(2e-3, 60e-3);
-                        (rng.log_between(0.02, 3.0), rng.log_between(20.0, 2_500.0), decay_s)
-                    };
-                    let (peak_g, hz, decay_s) = knock;
+                for at_s in rng.moments((0.0, seconds), per_s, LEAST) {
+                    let (decay_s, peak_g, hz) = if rng.chance(SHAKES) { SHAKE } else { KNOCK };
+                    let (decay_s, peak_g) = (rng.log_uniform(decay_s), rng.log_uniform(peak_g));
+                    let hz = rng.log_uniform(hz);
                     let at = Stretch::draw(rng, at_s, 6.0 * decay_s);
                     all.knocks.push(Knock { at, peak_g, hz, decay_s, direction: rng.direction() });
                 }
@@ -135,7 +121,7 @@ impl Elsewhere {
             }
             DisturbanceFamily::Rubbing => {
                 let per_s = rng.log_between(0.1, 0.8);
-                for at_s in times(rng, per_s, seconds) {
+                for at_s in rng.moments((0.0, seconds), per_s, LEAST) {
                     let length_s = rng.log_between(0.05, 2.0);
                     all.strokes.push(Stroke {
                         at: Stretch::draw(rng, at_s, length_s),
@@ -195,8 +181,7 @@ impl Elsewhere {
                 let t = clock.time(n);
                 let rise = ((t - stroke.at.from_s) / 0.02).min((stroke.at.to_s - t) / 0.02).clamp(0.0, 1.0);
                 let burst = 0.6 + 0.4 * sin_turns(stroke.burst_hz * t + stroke.phase);
-                let white = noise.next(rng, weight);
-                let along: f64 = white[0];
+                let along = noise.next(rng, weight)[0];
                 add_scaled(&mut motion.g[n], gain * rise * burst * along, stroke.direction);
             }
         }

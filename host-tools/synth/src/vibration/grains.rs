@@ -1,11 +1,11 @@
 //! Vibration of single grains that let go at random slid lengths: an impulse each.
 
-use libm::{exp, log, pow};
+use libm::{exp, pow};
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 
 use super::scene::SlipSeries;
-use super::slip::{LEVEL_G, REFERENCE_MM_S, REFERENCE_N, SILENT_MM_S};
+use super::slip::{LEVEL_G, REFERENCE_MM_S, SILENT_MM_S, from_reference};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 use crate::objects::Object;
@@ -58,11 +58,8 @@ impl Grains {
             }
             let (moved_mm, mut at_mm) = (speed / STEP_HZ, left_mm);
             let spacing_mm = self.spacing_mm.max(speed / MOST_HZ);
-            let load = (rubbing.grip_n[i] / REFERENCE_N).max(1e-6);
-            let level = share
-                * self.peak_g
-                * pow(speed / REFERENCE_MM_S, self.speed_exponent)
-                * pow(load, self.force_exponent);
+            let exponents = (self.speed_exponent, self.force_exponent);
+            let level = from_reference(share * self.peak_g, (speed, rubbing.grip_n[i]), exponents);
             while at_mm < moved_mm {
                 let scatter = rng.direction();
                 let direction = std::array::from_fn(|axis| self.direction[axis] + 0.6 * scatter[axis]);
@@ -73,7 +70,7 @@ impl Grains {
                     direction: rubbing.turned(i, direction),
                     share: [1.0; MAX_SENSORS],
                 });
-                at_mm += -spacing_mm * log(rng.between(1e-6, 1.0));
+                at_mm += spacing_mm * rng.exponential(1e-6);
             }
             left_mm = at_mm - moved_mm;
         }

@@ -119,13 +119,8 @@ impl HandlingNoise {
             Platform::Tesollo => ((0.01, 0.15), (1e-3, 6e-3)),
         };
         for _ in 0..rng.count(0, 2) {
-            self.impacts.push(Pulse {
-                at_s: from_s + rng.between(0.0, 0.05),
-                width_s: rng.log_uniform(width_s),
-                peak_g: rng.log_uniform(peak_g),
-                direction: rng.direction(),
-                share: std::array::from_fn(|_| rng.between(0.4, 1.0)),
-            });
+            let at_s = from_s + rng.between(0.0, 0.05);
+            self.impacts.push(Pulse::draw(rng, at_s, width_s, peak_g));
         }
     }
 
@@ -174,7 +169,7 @@ impl HandlingNoise {
                     width_s: rng.log_between(0.2e-3, 1.5e-3),
                     peak_g: (level / self.creak_g).min(1.0)
                         * rng.log_between(0.005, 0.06)
-                        * -log(rng.between(1e-3, 1.0)),
+                        * rng.exponential(1e-3),
                     direction: rng.direction(),
                     share: [1.0; MAX_SENSORS],
                 });

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::scene::{Motion, Scene};
 use super::signal::{Biquad, add_scaled};
-use crate::draw::{Draw, Rng, unit_vector};
+use crate::draw::{Draw, Rng, dot, unit_vector};
 use crate::friction::STEP_HZ;
 use crate::objects::Kind;
 use crate::recipe::{Platform, Region};
@@ -151,9 +151,8 @@ impl Modes {
             }
             let mut out = [0.0; 3];
             for (mode, filter) in self.modes.iter().zip(&mut filters) {
-                let d = mode.direction;
-                let y = mode.weight * filter.next(d[0] * input[0] + d[1] * input[1] + d[2] * input[2]);
-                add_scaled(&mut out, y, d);
+                let y = mode.weight * filter.next(dot(mode.direction, *input));
+                add_scaled(&mut out, y, mode.direction);
             }
             *input = out;
         }

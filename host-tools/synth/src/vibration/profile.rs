@@ -50,10 +50,8 @@ impl Profile {
             ((POINTS as f64 * PITCH_MM / mm).round(), (share * WAVES as f64).sqrt())
         });
         for (turns, peak) in drawn.iter().copied().chain(lines) {
-            let (mut re, mut im) = {
-                let phase = rng.phase();
-                (peak * cos(phase), peak * sin(phase))
-            };
+            let phase = rng.phase();
+            let (mut re, mut im) = (peak * cos(phase), peak * sin(phase));
             let (c, s) = (cos(TAU * turns / POINTS as f64), sin(TAU * turns / POINTS as f64));
             for value in &mut slope {
                 *value += re;

@@ -1,5 +1,7 @@
 //! What the sources of vibration are given: what happens, what slips, and the clock to write at.
 
+use slipsense::params::FRAME_RATE_HZ;
+
 use super::signal::{add_scaled, cos_turns};
 use crate::families::{Families, SourceFamily};
 use crate::friction::STEP_HZ;
@@ -65,8 +67,9 @@ impl Clock {
     }
 
     /// Samples available at the end of each frame.
-    pub(crate) fn ends(&self, frames: usize, frame_rate_hz: f64) -> Vec<u32> {
-        (1..=frames).map(|f| (self.periods(f as f64 / frame_rate_hz).floor() + 1.0).max(0.0) as u32).collect()
+    pub(crate) fn ends(&self, frames: usize) -> Vec<u32> {
+        let end = |frame: usize| self.periods(frame as f64 / FRAME_RATE_HZ as f64).floor() + 1.0;
+        (1..=frames).map(|frame| end(frame).max(0.0) as u32).collect()
     }
 }
 

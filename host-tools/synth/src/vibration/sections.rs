@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::scene::Motion;
 use super::signal::Biquad;
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, dot};
 
 const SECTIONS: (usize, usize) = (2, 5);
 const CROSS_TALK: f64 = 0.5;
@@ -51,7 +51,7 @@ impl Sections {
         });
         let mut before = [0.0; 3];
         for (_, g) in motion.samples() {
-            let mixed = self.matrix.map(|row| row[0] * g[0] + row[1] * g[1] + row[2] * g[2]);
+            let mixed = self.matrix.map(|row| dot(row, *g));
             for axis in 0..3 {
                 let mut y = mixed[axis] + self.tilt * (mixed[axis] - before[axis]);
                 for (gain, filter) in &mut filters[axis] {

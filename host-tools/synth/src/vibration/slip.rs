@@ -129,17 +129,18 @@ impl SlipSeries {
     }
 }
 
+/// A level at the reference, at another speed, mm/s, and force, N: proportional to powers of both.
+pub(super) fn from_reference(level: f64, (speed_mm_s, force_n): (f64, f64), exponents: (f64, f64)) -> f64 {
+    level
+        * pow(speed_mm_s / REFERENCE_MM_S, exponents.0)
+        * pow((force_n / REFERENCE_N).max(1e-6), exponents.1)
+}
+
 impl Surface {
     /// The surface of an object of the catalogue against a finger.
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let slack = (object.mu_static - object.mu_kinetic).max(0.02);
-        Self::new(
-            rng,
-            object.roughness_um,
-            &object.texture_mm,
-            object.texture_share,
-            (object.stick_slip, slack),
-        )
+        let stick = (object.stick_slip, (object.mu_static - object.mu_kinetic).max(0.02));
+        Self::new(rng, object.roughness_um, &object.texture_mm, object.texture_share, stick)
     }
 
     /// A table, a floor, a box: what a gripped object is dragged over.
@@ -190,9 +191,7 @@ impl Surface {
     /// `A = A₀ (v/10 mm/s)^p_v (F/2 N)^p_F`, g: the rms that noise and lines would have if the roll-off
     /// stayed where it is at the reference.
     pub(super) fn amplitude_g(&self, speed_mm_s: f64, force_n: f64) -> f64 {
-        self.level_g
-            * pow(speed_mm_s / REFERENCE_MM_S, self.speed_exponent)
-            * pow((force_n / REFERENCE_N).max(1e-6), self.force_exponent)
+        from_reference(self.level_g, (speed_mm_s, force_n), (self.speed_exponent, self.force_exponent))
     }
 
     /// Asperity noise and texture lines, weighted by the share of the load that slides, into `force`
@@ -248,18 +247,14 @@ impl Surface {
             let force = rubbing.grip_n[i];
             let growth = (share - before).max(0.0);
             before = share;
-            let mean_g = |share: f64| {
-                gain * share
-                    * stick.peak_g
-                    * pow(speed / REFERENCE_MM_S, stick.speed_exponent)
-                    * pow((force / REFERENCE_N).max(1e-6), self.force_exponent + 0.5)
-            };
+            let exponents = (stick.speed_exponent, self.force_exponent + 0.5);
+            let mean_g = |share: f64| from_reference(gain * share * stick.peak_g, (speed, force), exponents);
             let mut emit = |rng: &mut Rng, mean_g: f64, within: f64| {
                 let scatter = rng.direction();
                 pulses.push(Pulse {
                     at_s: (i as f64 + within) / STEP_HZ,
                     width_s: rng.log_uniform(STICK_WIDTH_S),
-                    peak_g: mean_g * -log(rng.between(1e-4, 1.0)),
+                    peak_g: mean_g * rng.exponential(1e-4),
                     direction: rubbing
                         .turned(i, unit_vector([1.0 + 0.5 * scatter[0], 0.5 * scatter[1], scatter[2]])),
                     share: [1.0; MAX_SENSORS],
@@ -270,7 +265,7 @@ impl Surface {
                 let spacing = (stick.spacing_mm_per_n * force).max(speed / STICK_MAX_HZ);
                 let gap = |rng: &mut Rng| match stick.jitter {
                     Some(jitter) => spacing * (1.0 + jitter * rng.normal()).max(0.1),
-                    None => spacing * -log(rng.between(1e-4, 1.0)),
+                    None => spacing * rng.exponential(1e-4),
                 };
                 if next <= slid {
                     next = slid + gap(rng);

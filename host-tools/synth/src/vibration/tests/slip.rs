@@ -3,7 +3,7 @@
 use super::super::slip::{REFERENCE_MM_S, REFERENCE_N};
 use super::*;
 use crate::check::mean as mean_of;
-use crate::recipe::Region;
+use crate::recipe::{Region, SPEEDS_MM_S};
 
 /// Mean power spectrum of Hann-windowed segments of 256 samples, bins of 31.25 Hz.
 fn spectrum(g: &[[f64; 3]]) -> Vec<f64> {
@@ -93,35 +93,38 @@ fn levels_are_stated_at_the_reference() {
     near("rms at the reference, g", rms(&g), surface.level_g, 0.03);
 }
 
-/// Level and spectrum of slip through the modes of units drawn anew, mg rms above 10 Hz.
-fn through_modes(platform: Platform, speed: f64, streams: u64) -> (f64, Vec<f64>) {
+/// Median level, mg rms above 10 Hz, and sum of the spectra of 120 motions of 0.6 s.
+fn level_and_spectrum(first_seed: u64, add: impl Fn(Rng, &mut Motion)) -> (f64, Vec<f64>) {
+    let mut sum = vec![0.0; 128];
+    let level = |seed| {
+        let mut motion = still(0.6);
+        add(rng(first_seed + seed), &mut motion);
+        sum.iter_mut().zip(spectrum(&motion.g[..1024])).for_each(|(sum, power)| *sum += power);
+        rms_above_10_hz(&motion.g) * 1e3
+    };
+    let level = median((0..120).map(level).collect());
+    (level, sum)
+}
+
+/// Of slip through the modes of units drawn anew.
+fn through_modes(platform: Platform, speed: f64) -> (f64, Vec<f64>) {
     let timeline = held(2.0, 0.0, 0.6);
     let scene = Scene { platform, ..scene(&timeline) };
     let slip = sliding(speed, 2.0, 0.6);
-    let mut mean = vec![0.0; 128];
-    let levels = (0..streams)
-        .map(|seed| {
-            let mut rng = rng(1000 + seed);
-            let vibration = Vibration::draw(&mut rng, &mut rng_of_families(), &scene);
-            let modes = Modes::draw(&mut rng, platform).in_grasp(&mut rng, Region::Centre);
-            let mut motion = still(0.6);
-            vibration.slip(&scene, &slip, &mut NoiseStreams::in_turn(rng), &mut motion);
-            modes.respond(&scene, None, &mut motion);
-            let g = motion.g;
-            mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
-            rms_above_10_hz(&g) * 1e3
-        })
-        .collect();
-    (median(levels), mean)
+    level_and_spectrum(1000, |mut rng, motion| {
+        let vibration = Vibration::draw(&mut rng, &mut rng_of_families(), &scene);
+        let modes = Modes::draw(&mut rng, platform).in_grasp(&mut rng, Region::Centre);
+        vibration.slip(&scene, &slip, &mut NoiseStreams::in_turn(rng), motion);
+        modes.respond(&scene, None, motion);
+    })
 }
 
-const SPEEDS_MM_S: [f64; 5] = [2.0, 5.0, 10.0, 15.0, 18.0];
 const ANCHOR_MG: [f64; 5] = [4.0, 13.0, 30.0, 49.0, 60.0];
 
 #[test]
 fn levels_meet_the_anchor() {
-    let umi = SPEEDS_MM_S.map(|v| through_modes(Platform::Umi, v, 120).0);
-    let tesollo = SPEEDS_MM_S.map(|v| through_modes(Platform::Tesollo, v, 120).0);
+    let umi = SPEEDS_MM_S.map(|v| through_modes(Platform::Umi, v).0);
+    let tesollo = SPEEDS_MM_S.map(|v| through_modes(Platform::Tesollo, v).0);
     println!("on a jointed hand: {tesollo:.1?} mg (synthetic)");
     for (level, anchor) in umi.into_iter().zip(ANCHOR_MG) {
         near("median level, mg", level, anchor, 0.25);
@@ -137,20 +140,11 @@ fn the_autoregressive_model_is_stable_as_loud_and_otherwise_coloured() {
     });
     within("largest reflection coefficient, stable below 1", largest(reflections.map(f64::abs)), ..1.0);
     for (speed, anchor) in SPEEDS_MM_S.into_iter().zip(ANCHOR_MG) {
-        let mut mean = vec![0.0; 128];
-        let levels = (0..120)
-            .map(|seed| {
-                let mut rng = rng(2000 + seed);
-                let texture = AutoregressiveNoise::draw(&mut rng, plain());
-                let mut motion = still(0.6);
-                texture.add(&sliding(speed, 2.0, 0.6), &mut rng, &mut motion);
-                let g = motion.g;
-                mean.iter_mut().zip(spectrum(&g[..1024])).for_each(|(m, p)| *m += p);
-                rms_above_10_hz(&g) * 1e3
-            })
-            .collect();
-        let level = median(levels);
-        let (modal, modal_mean) = through_modes(Platform::Umi, speed, 120);
+        let (level, mean) = level_and_spectrum(2000, |mut rng, motion| {
+            let texture = AutoregressiveNoise::draw(&mut rng, plain());
+            texture.add(&sliding(speed, 2.0, 0.6), &mut rng, motion);
+        });
+        let (modal, modal_mean) = through_modes(Platform::Umi, speed);
         // Half the sum of differences between spectra of unit power: 0 the same, 1 nothing in common.
         let (a, b) = (mean.iter().sum::<f64>(), modal_mean.iter().sum::<f64>());
         let apart: f64 = mean.iter().zip(&modal_mean).map(|(x, y)| (x / a - y / b).abs()).sum::<f64>() / 2.0;

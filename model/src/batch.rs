@@ -67,8 +67,8 @@ pub struct Sampler<'e> {
 impl<'e> Sampler<'e> {
     /// Stretches of `frames` frames. All episodes must have the same number of sensors and be at least
     /// that long, and every class must occur.
-    pub fn new(episodes: &'e [Features], frames: usize) -> Result<Self> {
-        Self::of_some(episodes, frames, |_| true)
+    pub fn new(episodes: &'e [Features], frames: usize, options: Options) -> Result<Self> {
+        Ok(Self { options, ..Self::of_some(episodes, frames, |_| true)? })
     }
 
     /// Of those episodes whose number `keep` takes.
@@ -76,18 +76,14 @@ impl<'e> Sampler<'e> {
         let sensors = episodes.first().map_or(0, |e| e.sensors);
         let mut groups: [Vec<(u32, u32)>; GROUPS] = Default::default();
         for (index, episode) in episodes.iter().enumerate().filter(|(index, _)| keep(*index)) {
+            let (own, length) = (episode.sensors, episode.frames());
+            ensure!(own == sensors, "training episode {index} has {own} sensors, the first has {sensors}");
             ensure!(
-                episode.sensors == sensors,
-                "training episode {index} has {} sensors, the first has {sensors}",
-                episode.sensors
-            );
-            ensure!(
-                episode.frames() >= frames,
-                "training episode {index} has {} frames, fewer than a sequence of {frames}",
-                episode.frames()
+                length >= frames,
+                "training episode {index} has {length} frames, fewer than a sequence of {frames}"
             );
             if episode.mined {
-                groups[CLASSES + 1].extend((0..episode.frames()).map(|frame| (index as u32, frame as u32)));
+                groups[CLASSES + 1].extend((0..length).map(|frame| (index as u32, frame as u32)));
                 continue;
             }
             for (frame, &class) in episode.label.iter().enumerate() {
@@ -107,11 +103,6 @@ impl<'e> Sampler<'e> {
         }
         ensure!(!groups[CLASSES].is_empty(), "no training episode holds the onset of a slip");
         Ok(Self { episodes, sensors, frames, options: Options::default(), groups })
-    }
-
-    /// The same stretches of the same episodes with something else in them.
-    pub fn with_options(self, options: Options) -> Self {
-        Self { options, ..self }
     }
 
     pub fn class_frames(&self) -> [usize; CLASSES] {
@@ -164,18 +155,10 @@ impl<'e> Sampler<'e> {
         (label, target): (&mut [u8], &mut [Target]),
     ) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let shares = std::array::from_fn::<u32, GROUPS, _>(|group| {
-            SHARES[group] * u32::from(!self.groups[group].is_empty())
-        });
-        let mut dice = rng.random_range(0..shares.iter().sum());
-        let group = shares.iter().position(|&share| match dice.checked_sub(share) {
-            Some(rest) => {
-                dice = rest;
-                false
-            }
-            None => true,
-        });
-        let frames = &self.groups[group.unwrap_or_default()];
+        let there = || self.groups.iter().zip(SHARES).filter(|(frames, _)| !frames.is_empty());
+        let dice = rng.random_range(0..there().map(|(_, share)| share).sum::<u32>());
+        let mut shares = there().flat_map(|(frames, share)| std::iter::repeat_n(frames, share as usize));
+        let frames = shares.nth(dice as usize).expect("there are as many shares");
         let (episode, frame) = frames[rng.random_range(0..frames.len())];
         let episode = &self.episodes[episode as usize];
         let before = rng.random_range(0..self.frames);
@@ -184,10 +167,8 @@ impl<'e> Sampler<'e> {
         let mut order: Vec<usize> = (0..self.sensors).collect();
         order.shuffle(&mut rng);
         // Drawn in any case: with and without them the same stretches, sensors and pads are drawn.
-        let (mut sound, changes_xl) = (Sound::draw(self.frames, &mut rng), self.options.xl_augmentation);
-        if !changes_xl {
-            sound = Sound::default();
-        }
+        let (sound, changes_xl) = (Sound::draw(self.frames, &mut rng), self.options.xl_augmentation);
+        let sound = if changes_xl { sound } else { Sound::default() };
         let sensors = piezo.chunks_exact_mut(self.frames * IMAGE);
         let mut present = vec![false; self.sensors];
         let parts = xl.chunks_exact_mut(self.frames * XL_FEATURES);
@@ -198,19 +179,18 @@ impl<'e> Sampler<'e> {
             let mel = if changes_xl { mel } else { MelChange::NONE };
             let mut view = self.options.pads.start();
             let mut counts = [0; TAXELS];
-            let bins = (start..start + self.frames).flat_map(|t| episode.ln_power(t, sensor));
+            let bins = (start..start + self.frames).flat_map(|t| &episode.reading(t, sensor).ln_power);
             let mean = bins.sum::<f32>() / (self.frames * MEL_BINS) as f32;
             let passed = if episode.mined { usize::MAX } else { start };
-            let mut floor = mel.floor(episode.floor(start, sensor), passed, (&sound, mean));
+            let mut floor = mel.floor(&episode.reading(start, sensor).floor, passed, (&sound, mean));
             let frames = piezo.chunks_exact_mut(IMAGE).zip(xl.chunks_exact_mut(XL_FEATURES));
             for (t, (piezo, xl)) in frames.enumerate() {
-                let scans =
-                    slow.scans(t).map(|t| episode.scan((start + t).min(episode.frames() - 1), sensor));
+                let reading = |t: usize| episode.reading((start + t).min(episode.frames() - 1), sensor);
+                let scans = slow.scans(t).map(|t| reading(t).scan());
                 pad.apply(scans, slow.between(t), &mut counts, &mut rng);
                 let cells = piezo.as_chunks_mut::<PIEZO_CHANNELS>().0;
                 view.push(&counts, |index, cell| cells[index] = cell);
-                let ln_power = episode.ln_power(start + t, sensor);
-                mel.apply(ln_power, &mut floor, (&sound, mean, t), xl, &mut rng);
+                mel.apply(&reading(t).ln_power, &mut floor, (&sound, mean, t), xl, &mut rng);
             }
         }
         for (t, (label, target)) in label.iter_mut().zip(target).enumerate() {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use burn::optim::ModuleOptimizer;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
 use crate::output;
 use crate::weights::Weights;
@@ -26,30 +26,19 @@ pub struct Row {
     /// Mean over the epoch's batches (augmented, balanced), nat.
     pub train_loss: f64,
     /// Validation objects, whole episodes, averaged weights, nat.
-    #[serde(deserialize_with = "number_or_nan")]
-    pub validation_loss: f64,
+    pub validation_loss: Option<f64>,
     /// Share of frames.
-    #[serde(deserialize_with = "number_or_nan")]
-    pub validation_accuracy: f64,
+    pub validation_accuracy: Option<f64>,
     /// Unweighted mean of the classes' F1.
-    #[serde(deserialize_with = "number_or_nan")]
-    pub validation_macro_f1: f64,
+    pub validation_macro_f1: Option<f64>,
     /// False slip frames as a share of non-slip frames.
-    #[serde(deserialize_with = "number_or_nan")]
-    pub validation_fpr: f64,
+    pub validation_fpr: Option<f64>,
     /// Sliding events that the detector misses at a bound of false alarms.
-    #[serde(deserialize_with = "number_or_nan")]
-    pub validation_missed: f64,
+    pub validation_missed: Option<f64>,
     /// Its median delay there, frames.
-    #[serde(deserialize_with = "number_or_nan")]
-    pub validation_latency: f64,
+    pub validation_latency: Option<f64>,
     /// Wall time since the start, all sessions together, seconds.
     pub seconds: f64,
-}
-
-/// JSON has no NaN: a figure that is not there is written as null.
-fn number_or_nan<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    Ok(Option::deserialize(from)?.unwrap_or(f64::NAN))
 }
 
 pub fn csv(rows: &[Row]) -> String {
@@ -57,20 +46,19 @@ pub fn csv(rows: &[Row]) -> String {
         "epoch,step,learning_rate,train_loss,validation_loss,validation_accuracy,\
          validation_macro_f1,validation_fpr,validation_missed,validation_latency,seconds\n",
     );
-    for r in rows {
+    for row in rows {
+        let Row { epoch, step, learning_rate, train_loss, seconds, .. } = row;
+        let figures = [
+            row.validation_loss,
+            row.validation_accuracy,
+            row.validation_macro_f1,
+            row.validation_fpr,
+            row.validation_missed,
+        ];
+        let figures = figures.map(|figure| format!("{:.4}", figure.unwrap_or(f64::NAN))).join(",");
+        let latency = row.validation_latency.unwrap_or(f64::NAN);
         text += &format!(
-            "{},{},{:.3e},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.1},{:.1}\n",
-            r.epoch,
-            r.step,
-            r.learning_rate,
-            r.train_loss,
-            r.validation_loss,
-            r.validation_accuracy,
-            r.validation_macro_f1,
-            r.validation_fpr,
-            r.validation_missed,
-            r.validation_latency,
-            r.seconds
+            "{epoch},{step},{learning_rate:.3e},{train_loss:.4},{figures},{latency:.1},{seconds:.1}\n"
         );
     }
     text
@@ -120,13 +108,12 @@ impl Checkpoint {
         let place = out.join(FOLDER);
         let path = place.join(STATE);
         let text = output::read(&path).context("no run to resume")?;
-        let state: State =
+        let State { rows, recipe: started } =
             serde_json::from_slice(&text).with_context(|| format!("cannot use {}", path.display()))?;
         ensure!(
-            state.recipe == *recipe,
-            "{}: the run was started with {}, now asked for {recipe}",
-            path.display(),
-            state.recipe
+            started == *recipe,
+            "{}: the run was started with {started}, now asked for {recipe}",
+            path.display()
         );
         let weights = Weights::read(&place.join(WEIGHTS))?;
         let average = Weights::read(&place.join(AVERAGE))?;
@@ -135,6 +122,6 @@ impl Checkpoint {
             .load(&path)
             .map_err(|e| anyhow!("{e}"))
             .with_context(|| format!("cannot use {}", path.display()))?;
-        Ok((Self { weights, average, rows: state.rows, recipe: state.recipe }, optimizer))
+        Ok((Self { weights, average, rows, recipe: started }, optimizer))
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use slipsense::net::Model;
 use slipsense_recording::hex;
 use slipsense_recording::model_file::SCALES_KEY;
 
-use crate::data::{Features, Source};
+use crate::data::{Features, Reading, Source};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::folder::{ObjectUses, Use};
 use crate::progress::progress;
@@ -57,7 +57,6 @@ pub struct QuantizeArgs {
     pub report: Option<PathBuf>,
 }
 
-/// Do what `args` say.
 pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     ensure!(args.calibration_episodes > 0, "--calibration-episodes must be at least 1");
     ensure!(args.val_episodes > 0, "--val-episodes must be at least 1");
@@ -68,7 +67,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
         Some(objects) => ObjectUses::deserialize(objects).context("train.json: recipe.objects")?,
         None => ObjectUses::default(),
     };
-    let source = Source::new(args.data.as_deref(), args.seed).with_uses(uses);
+    let source = Source::new(args.data.as_deref(), uses, args.seed);
 
     let bar = progress("calibrate", args.calibration_episodes as u64);
     let graphs = Graphs::traced(&weights)?;
@@ -89,7 +88,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     });
     let file = quantize(&weights, &ranges, &provenance.to_string())?;
     let bytes = export::to_bytes(&file)?;
-    let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
+    let model = Model::parse(&bytes)?;
 
     let float = Graphs::new(&weights)?;
     let bar = progress("validate", args.val_episodes as u64);
@@ -142,16 +141,12 @@ pub(crate) fn measure(graphs: &Graphs, features: &Features) -> Result<Ranges> {
     for only in std::iter::once(None).chain(alone) {
         let mut network = TractNetwork::new(graphs, features.sensors)?;
         for frame in 0..features.frames() {
-            let seen: Vec<SensorFrame<'_>> = (0..features.sensors)
-                .map(|sensor| {
-                    let there = only.is_none_or(|only| only == sensor);
-                    SensorFrame {
-                        piezo: there.then(|| features.scan(frame, sensor)),
-                        xl: there.then(|| features.xl(frame, sensor)),
-                    }
-                })
-                .collect();
-            network.step(&seen)?;
+            let seen = (0..features.sensors).map(|sensor| {
+                let there = only.is_none_or(|only| only == sensor);
+                let reading = there.then(|| features.reading(frame, sensor));
+                SensorFrame { piezo: reading.map(Reading::scan), xl: reading.map(|reading| &reading.xl) }
+            });
+            network.step(&seen.collect::<Vec<_>>())?;
         }
         ranges.merge(&network.ranges);
     }
@@ -171,16 +166,15 @@ fn command_line(args: &QuantizeArgs) -> String {
     )
 }
 
-/// Name of a row, and how its cell is made.
-type Row = (&'static str, fn(&Figures) -> String);
+/// How a figure is written.
+type Show = fn(&Figures) -> String;
 
-/// The figures side by side.
 fn table(total: &Comparison) -> String {
     let columns = [total.integer.figures(), total.float.figures(), total.always_slip.figures()];
     fn percent(x: Option<f64>) -> String {
         x.map_or("–".to_owned(), |x| format!("{:.2} %", 100.0 * x))
     }
-    let rows: [Row; 9] = [
+    let rows: [(&str, Show); 9] = [
         ("accuracy, 3 classes", |f| percent(f.accuracy)),
         ("macro F1", |f| percent(f.macro_f1)),
         ("slip F1", |f| percent(f.slip_f1)),

@@ -112,11 +112,10 @@ pub fn compare_activations(
     weights: &Weights,
     episode: &Episode,
 ) -> Result<LayerComparison> {
+    let [of_model, of_weights] = [model.dims, weights.dims].map(|dims| dims.to_fields());
     ensure!(
-        model.dims == weights.dims,
-        "the model's sizes are {:?}, the weights' {:?}: not the same network",
-        model.dims.to_fields(),
-        weights.dims.to_fields()
+        of_model == of_weights,
+        "the model's sizes are {of_model:?}, the weights' {of_weights:?}: not the same network"
     );
     let scales = scales(&model)?;
     let sensors = episode.sensors;

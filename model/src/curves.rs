@@ -8,21 +8,20 @@ use crate::picture::{self, Area, COLOURS};
 
 const SIZE: (u32, u32) = (900, 360);
 
-/// Named values per epoch, with their colour.
-type Line<'a> = (&'a str, RGBColor, Vec<f64>);
-
 /// SVG text: losses on the left, what the validation objects say on the right.
 pub fn svg(rows: &[Row]) -> Result<String> {
     let [blue, vermilion, green, ..] = COLOURS;
-    let of = |value: fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<_>>();
+    let of = |value: fn(&Row) -> Option<f64>| {
+        rows.iter().map(|row| value(row).unwrap_or(f64::NAN)).collect::<Vec<_>>()
+    };
     let losses = [
-        ("train, weighted and augmented", vermilion, of(|row| row.train_loss)),
+        ("train, weighted and augmented", vermilion, of(|row| Some(row.train_loss))),
         ("validation objects", blue, of(|row| row.validation_loss)),
     ];
     let errors = [
-        ("1 − macro F1", blue, of(|row| 100.0 * (1.0 - row.validation_macro_f1))),
-        ("false slip frames", vermilion, of(|row| 100.0 * row.validation_fpr)),
-        ("slips missed by the detector", green, of(|row| 100.0 * row.validation_missed)),
+        ("1 − macro F1", blue, of(|row| Some(100.0 * (1.0 - row.validation_macro_f1?)))),
+        ("false slip frames", vermilion, of(|row| Some(100.0 * row.validation_fpr?))),
+        ("slips missed by the detector", green, of(|row| Some(100.0 * row.validation_missed?))),
     ];
     let draw = |root: &Area<'_>| {
         let (left, right) = root.split_horizontally(SIZE.0 / 2);
@@ -32,7 +31,8 @@ pub fn svg(rows: &[Row]) -> Result<String> {
     picture::svg(SIZE, draw).context("cannot draw the curves")
 }
 
-fn panel(area: &Area<'_>, title: &str, lines: &[Line<'_>]) -> Result<()> {
+/// `lines`: named values per epoch, with their colour.
+fn panel(area: &Area<'_>, title: &str, lines: &[(&str, RGBColor, Vec<f64>)]) -> Result<()> {
     let values = || lines.iter().flat_map(|(_, _, values)| values.iter().copied()).filter(|x| x.is_finite());
     let most = values().fold(0.0, f64::max).max(1e-3) * 1.05;
     let epochs = lines.iter().map(|(_, _, values)| values.len()).max().unwrap_or(1).max(2);
@@ -71,12 +71,12 @@ mod tests {
             step: epoch * 10,
             learning_rate: 1e-3,
             train_loss: 1.0 / epoch as f64,
-            validation_loss: f64::NAN,
-            validation_accuracy: 0.9,
-            validation_macro_f1: 0.8,
-            validation_fpr: 0.01,
-            validation_missed: 0.1,
-            validation_latency: 4.0,
+            validation_loss: None,
+            validation_accuracy: Some(0.9),
+            validation_macro_f1: Some(0.8),
+            validation_fpr: Some(0.01),
+            validation_missed: Some(0.1),
+            validation_latency: Some(4.0),
             seconds: 1.0,
         };
         // One epoch must draw as well, and a figure that is not there must not spoil the axis.

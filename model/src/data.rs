@@ -20,6 +20,7 @@ use crate::float::Sequences;
 use crate::folder::{LabelledFolder, ObjectUses, Use};
 use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
+use crate::progress::progress;
 use crate::target::{Target, targets};
 use crate::tract::xl_real;
 
@@ -36,18 +37,13 @@ pub enum Source {
 }
 
 impl Source {
-    /// A folder where one is named, else the generator.
-    pub fn new(folder: Option<&Path>, seed: u64) -> Self {
-        let of = |path: &Path| LabelledFolder { path: path.to_owned(), uses: ObjectUses::default() };
-        folder.map_or(Self::Generated { seed }, |path| Self::Folder(of(path)))
-    }
-
-    /// The same with what a person says of a folder's objects; the generator's have their groups.
-    pub fn with_uses(mut self, uses: ObjectUses) -> Self {
-        if let Self::Folder(folder) = &mut self {
-            folder.uses = uses;
+    /// A folder where one is named, with what a person says of its objects; else the generator, whose objects have their
+    /// groups.
+    pub fn new(folder: Option<&Path>, uses: ObjectUses, seed: u64) -> Self {
+        match folder {
+            Some(path) => Self::Folder(LabelledFolder { path: path.to_owned(), uses }),
+            None => Self::Generated { seed },
         }
-        self
     }
 
     /// Hand every episode for a use to `each`, on all cores; results in a fixed order. `count` is how
@@ -110,15 +106,17 @@ const TURNS: [(Split, bool); 8] = [
 /// Length of an episode of disturbances, seconds: room for a few grasps.
 pub(crate) const DISTURBANCES_SECONDS: f64 = 20.0;
 
+/// Recipes of a split's first episodes.
+pub(crate) fn first(split: Split, seed: u64, count: usize) -> impl Iterator<Item = Recipe> {
+    EpisodeSet::first(split, seed, count).episodes.into_iter().map(|episode| episode.recipe)
+}
+
 /// Recipes of the first generated episodes for this use.
 pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
-    let first = |split: Split, seed: u64| {
-        let set = EpisodeSet::first(split, seed, count);
-        set.episodes.into_iter().map(|episode| episode.recipe)
-    };
     match what {
         Use::Train => {
-            let (mut train, mut anywhere) = (first(Split::Train, seed), first(Split::TrainAnywhere, seed));
+            let [mut train, mut anywhere] =
+                [Split::Train, Split::TrainAnywhere].map(|split| first(split, seed, count));
             let turns = TURNS.iter().cycle().take(count);
             let recipe = |&(split, disturbed): &(Split, bool)| {
                 let recipes = if split == Split::Train { &mut train } else { &mut anywhere };
@@ -127,11 +125,12 @@ pub fn recipes(what: Use, seed: u64, count: usize) -> Result<Vec<Recipe>> {
             Ok(vary_two_of_three(turns.filter_map(recipe))?)
         }
         Use::Validation => {
-            let pairs = first(Split::Val, FROZEN_SEED).zip(first(Split::ValAnywhere, FROZEN_SEED));
+            let [laboratory, anywhere] =
+                [Split::Val, Split::ValAnywhere].map(|split| first(split, FROZEN_SEED, count));
             let three = |(laboratory, anywhere): (Recipe, Recipe)| {
                 [laboratory, anywhere.clone(), disturbances(anywhere)]
             };
-            Ok(pairs.flat_map(three).take(count).collect())
+            Ok(laboratory.zip(anywhere).flat_map(three).take(count).collect())
         }
         Use::Test => bail!("test splits are for `slipsense eval`"),
     }
@@ -148,22 +147,32 @@ pub(crate) fn disturbances(recipe: Recipe) -> Recipe {
     }
 }
 
+/// What the front end makes of one sensor in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// Counts of a touched pad; none of an untouched one, which the network sees as zeros.
+    scan: Option<Box<[u16; TAXELS]>>,
+    /// Natural log of the mel power before standardisation, LSB².
+    pub ln_power: [f32; MEL_BINS],
+    /// The noise floors it is compared with, ln of LSB².
+    pub floor: [f32; MEL_BINS],
+    /// What the network sees of the accelerometer.
+    pub xl: XlFeatures,
+}
+
+impl Reading {
+    /// Counts; zeros of an untouched pad.
+    pub fn scan(&self) -> &[u16; TAXELS] {
+        self.scan.as_deref().unwrap_or(&[0; TAXELS])
+    }
+}
+
 /// One episode as the network sees it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Features {
     pub sensors: usize,
-    /// Counts of the touched pads, in the order of frames and sensors.
-    piezo: Vec<[u16; TAXELS]>,
-    /// Place of each scan in `piezo`, `[frame][sensor]`; none of an untouched pad, which the network sees as zeros.
-    scan: Vec<Option<u32>>,
-    /// Natural log of the mel power before standardisation, LSB², `[frame][sensor]`.
-    pub ln_power: Vec<[f32; MEL_BINS]>,
-    /// The noise floors it is compared with, ln of LSB², `[frame][sensor]`.
-    pub floor: Vec<[f32; MEL_BINS]>,
-    /// What the network sees of the accelerometers, `[frame][sensor]`.
-    pub xl: Vec<XlFeatures>,
-    /// Is the pad touched, `[frame][sensor]`.
-    pub touched: Vec<bool>,
+    /// `[frame][sensor]`.
+    pub readings: Vec<Reading>,
     /// Classes, `[frame]`.
     pub label: Vec<u8>,
     /// What the detector is to say, `[frame]`.
@@ -187,22 +196,20 @@ impl Features {
                 let floor = *front_end.noise_floor().floor();
                 let log_mel = front_end.log_mel();
                 let real = |q16: i32| q16 as f32 / (1 << LN_FRAC_BITS) as f32;
-                features.ln_power.push(log_mel.ln_power.map(real));
-                features.floor.push(floor.map(real));
-                features.xl.push(log_mel.features());
-                let touched = scan.sum() >= CONTACT_SUM_MIN;
-                features.touched.push(touched);
-                features.scan.push(touched.then_some(features.piezo.len() as u32));
-                if touched {
-                    features.piezo.push(*scan.counts());
-                }
+                features.readings.push(Reading {
+                    scan: (scan.sum() >= CONTACT_SUM_MIN).then(|| Box::new(*scan.counts())),
+                    ln_power: log_mel.ln_power.map(real),
+                    floor: floor.map(real),
+                    xl: log_mel.features(),
+                });
             }
         }
         Ok(features)
     }
 
-    /// Of all episodes that a generator makes of these recipes; `bar` moves once an episode.
-    pub(crate) fn of_recipes(recipes: &[Recipe], bar: &ProgressBar) -> Result<Vec<Self>> {
+    /// Of all episodes that a generator makes of these recipes, with a progress bar of this name.
+    pub(crate) fn of_recipes(name: &'static str, recipes: &[Recipe]) -> Result<Vec<Self>> {
+        let bar = progress(name, recipes.len() as u64);
         let features = generate_set(recipes, |_, episode| {
             bar.inc(1);
             Self::from_episode(&episode)
@@ -211,34 +218,14 @@ impl Features {
         features.into_iter().collect()
     }
 
-    /// Some of the frames.
     pub fn cut(&self, frames: std::ops::Range<usize>) -> Self {
-        let rows = frames.start * self.sensors..frames.end * self.sensors;
-        let mut piezo = Vec::new();
-        let mut kept = |place: &Option<u32>| {
-            place.map(|place| {
-                piezo.push(self.piezo[place as usize]);
-                piezo.len() as u32 - 1
-            })
-        };
-        let scan = self.scan[rows.clone()].iter().map(&mut kept).collect();
         Self {
             sensors: self.sensors,
-            scan,
-            piezo,
-            ln_power: self.ln_power[rows.clone()].to_vec(),
-            floor: self.floor[rows.clone()].to_vec(),
-            xl: self.xl[rows.clone()].to_vec(),
-            touched: self.touched[rows].to_vec(),
+            readings: self.readings[frames.start * self.sensors..frames.end * self.sensors].to_vec(),
             label: self.label[frames.clone()].to_vec(),
             target: self.target[frames].to_vec(),
             mined: self.mined,
         }
-    }
-
-    /// The same, kept as hard.
-    pub(crate) fn into_mined(self) -> Self {
-        Self { mined: true, ..self }
     }
 
     pub fn frames(&self) -> usize {
@@ -247,25 +234,11 @@ impl Features {
 
     /// Is any pad touched, of every frame.
     pub(crate) fn contacts(&self) -> impl Iterator<Item = bool> {
-        self.touched.chunks_exact(self.sensors).map(|pads| pads.contains(&true))
+        self.readings.chunks_exact(self.sensors).map(|frame| frame.iter().any(|one| one.scan.is_some()))
     }
 
-    /// Counts of one scan; zeros of an untouched pad.
-    pub fn scan(&self, frame: usize, sensor: usize) -> &[u16; TAXELS] {
-        self.scan[frame * self.sensors + sensor].map_or(&[0; TAXELS], |place| &self.piezo[place as usize])
-    }
-
-    pub fn ln_power(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
-        &self.ln_power[frame * self.sensors + sensor]
-    }
-
-    pub fn floor(&self, frame: usize, sensor: usize) -> &[f32; MEL_BINS] {
-        &self.floor[frame * self.sensors + sensor]
-    }
-
-    /// What the network sees of one accelerometer at one frame.
-    pub fn xl(&self, frame: usize, sensor: usize) -> &XlFeatures {
-        &self.xl[frame * self.sensors + sensor]
+    pub fn reading(&self, frame: usize, sensor: usize) -> &Reading {
+        &self.readings[frame * self.sensors + sensor]
     }
 
     /// The whole episode as it is, for the network in float.
@@ -290,8 +263,9 @@ impl Features {
         for sensor in 0..self.sensors {
             let mut view = pads.start();
             for frame in 0..frames {
-                view.push(self.scan(frame, sensor), |_, cell| all.piezo.extend(cell));
-                all.xl.extend(self.xl(frame, sensor).map(xl_real));
+                let reading = self.reading(frame, sensor);
+                view.push(reading.scan(), |_, cell| all.piezo.extend(cell));
+                all.xl.extend(reading.xl.map(xl_real));
             }
         }
         all
@@ -299,8 +273,8 @@ impl Features {
 
     /// The class when only these sensors are there: no contact if none of them is touched.
     pub fn label_for(&self, frame: usize, present: &[bool]) -> u8 {
-        let touched = &self.touched[frame * self.sensors..][..self.sensors];
-        let held = touched.iter().zip(present).any(|(&touched, &present)| touched && present);
+        let readings = &self.readings[frame * self.sensors..][..self.sensors];
+        let held = readings.iter().zip(present).any(|(one, &present)| present && one.scan.is_some());
         if held { self.label[frame] } else { 0 }
     }
 

@@ -4,9 +4,10 @@
 //! 200 ms without slip the frame that comes nearest to an alarm. So the network learns from the hardest it meets, as
 //! always-on detectors do (maximum pooling: Sun et al., arXiv 1705.02411).
 
+use burn::tensor::Tensor;
 use burn::tensor::activation::relu;
-use burn::tensor::{Device, Tensor, TensorData};
 
+use crate::device::{numbers, tensor};
 use crate::target::Target;
 
 /// Frames without slip of which the worst counts more: alarms closer than this are one.
@@ -19,25 +20,21 @@ const BEGINS_WEIGHT: f32 = 0.3;
 
 /// Binary cross entropy of log-odds `[batch, frame, 1]` against the targets, nat; the mean over all frames of weights
 /// as above. The surest of an onset and the worst of a stretch count `extreme_weight` in addition.
-pub(crate) fn loss(
-    log_odds: Tensor<3>,
-    targets: &[Target],
-    extreme_weight: f32,
-    device: &Device,
-) -> Tensor<1> {
+pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: f32) -> Tensor<1> {
     let [batch, frames, _] = log_odds.dims();
-    let values: Vec<f32> = log_odds.clone().into_data().iter::<f32>().collect();
+    let values = numbers(log_odds.clone());
     let sequences = targets.chunks_exact(frames).zip(values.chunks_exact(frames));
     let weights: Vec<f32> =
         sequences.flat_map(|(targets, values)| weights(targets, values, extreme_weight)).collect();
     let truth: Vec<f32> =
         targets.iter().map(|t| f32::from(matches!(t, Target::Slides | Target::Begins) as u8)).collect();
-    let tensor = |values| Tensor::<3>::from_data(TensorData::new(values, [batch, frames, 1]), device);
+    let tensor = |values| tensor::<3>(values, [batch, frames, 1], &log_odds.device());
     let scale = 1.0 / (batch * frames) as f32;
-    let weights = tensor(weights.into_iter().map(|w| w * scale).collect::<Vec<f32>>());
+    let weights = tensor(weights.into_iter().map(|w| w * scale).collect());
+    let truth = tensor(truth);
     // ln(1 + e^z) - z y, written so that no exponential overflows.
     let softplus = relu(log_odds.clone()) + log_odds.clone().abs().neg().exp().log1p();
-    ((softplus - log_odds * tensor(truth)) * weights).sum()
+    ((softplus - log_odds * truth) * weights).sum()
 }
 
 /// What the frames of one sequence count, by their targets and what the network says of them.
@@ -84,6 +81,8 @@ fn largest(values: &[f32], range: std::ops::Range<usize>) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+
     use super::*;
 
     #[test]
@@ -103,11 +102,9 @@ mod tests {
 
     #[test]
     fn the_loss_by_hand() {
-        let device = Device::flex();
         let targets = [Target::Still, Target::Slides, Target::Either, Target::Begins];
-        let log_odds = TensorData::new(vec![200.0f32, -200.0, 7.0, 0.0], [1, 4, 1]);
-        let log_odds = Tensor::from_data(log_odds, &device);
-        let loss = f64::from(loss(log_odds, &targets, 12.0, &device).into_scalar::<f32>());
+        let log_odds = tensor(vec![200.0, -200.0, 7.0, 0.0], [1, 4, 1], &Device::flex());
+        let loss = f64::from(loss(log_odds, &targets, 12.0).into_scalar::<f32>());
         // A stretch of one frame; the sliding does not begin at the start of the sequence.
         let expected = (200.0 * (1.0 + 12.0 / 48.0) + 200.0 * 16.0 + 0.3 * 2f64.ln()) / 4.0;
         assert!((loss - expected).abs() < 1e-3, "{loss} {expected}");

@@ -4,12 +4,10 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
-use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, OUTPUTS};
+use slipsense::params::{FRAME_RATE_HZ, OUTPUTS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense_recording::Episode;
-use slipsense_recording::score::{
-    ClassScores, Detection, Interval, SLIP, runs, score_events, score_intervals,
-};
+use slipsense_recording::score::{ClassScores, Detection, SLIP, runs, score_events, score_intervals};
 use slipsense_recording::threshold::lowest_threshold;
 
 use crate::data::Features;
@@ -27,7 +25,6 @@ pub struct Scores {
 }
 
 impl Scores {
-    /// Score one episode's classes.
     pub fn new(label: &[u8], class: &[u8]) -> Self {
         let flag: Vec<u8> = class.iter().map(|&class| u8::from(class == SLIP)).collect();
         let events = score_events(label, &flag);
@@ -147,22 +144,21 @@ impl Comparison {
     }
 }
 
-/// Run both networks over one labelled episode.
 pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Result<Comparison> {
     let label = episode.label.as_deref().context("array label is missing, needed for evaluation")?;
-    let mut pipeline = Pipeline::new(model, episode.sensors).map_err(|e| anyhow::anyhow!("{e}"))?;
+    let mut pipeline = Pipeline::new(model, episode.sensors)?;
     let mut float_network = TractNetwork::new(float_graphs, episode.sensors)?;
     let (mut integer, mut float, mut touched) = (Vec::new(), Vec::new(), Vec::new());
     let mut result = Comparison::default();
     for frame in 0..episode.frames() {
         let inputs = episode.inputs(frame);
         let output = pipeline.step(&inputs[..episode.sensors]);
-        let mut seen = [SensorFrame::default(); MAX_SENSORS];
         let features = output.log_mel.map(|log_mel| log_mel.features());
-        for ((seen, input), log_mel) in seen.iter_mut().zip(&inputs).zip(&features) {
-            *seen = SensorFrame { piezo: input.piezo.map(|piezo| piezo.counts()), xl: Some(log_mel) };
-        }
-        let logits = float_network.step(&seen[..episode.sensors])?;
+        let seen = inputs[..episode.sensors].iter().zip(&features).map(|(input, log_mel)| SensorFrame {
+            piezo: input.piezo.map(|piezo| piezo.counts()),
+            xl: Some(log_mel),
+        });
+        let logits = float_network.step(&seen.collect::<Vec<_>>())?;
         let log_odds = output.log_odds.unwrap_or(Logit::from_bits((logits[OUTPUTS - 1] * 1024.0) as i32));
         for (float, integer) in logits.into_iter().zip(output.logits.into_iter().chain([log_odds])) {
             let error = f64::from(float) - integer.to_f64();
@@ -202,13 +198,9 @@ pub(crate) fn decide<T: PartialOrd>(touched: bool, [_, no_slip, slip, _]: &[T; O
 }
 
 /// What the detector reaches at the threshold that just keeps to a rate of false alarms, frame by frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct DetectorFigures {
-    /// Log-odds, nat.
-    pub threshold_nat: f64,
-    /// Sliding events.
-    pub events: usize,
-    /// Share of them that is missed, 0 to 1.
+    /// Share of the sliding events that is missed, 0 to 1.
     pub missed: Option<f64>,
     /// See [`median_latency`], from the frame on in which the contact slides.
     pub median_latency_frames: Option<f64>,
@@ -219,9 +211,7 @@ pub fn detector_figures(
     episodes: &[(&Features, Vec<[f32; OUTPUTS]>)],
     alarms_per_hour: f64,
 ) -> DetectorFigures {
-    let mut slips: Vec<(Vec<Interval>, Vec<Interval>)> = Vec::new();
-    let mut scores: Vec<Vec<Option<Logit>>> = Vec::new();
-    let mut still = 0;
+    let (mut slips, mut scores, mut still) = (Vec::new(), Vec::new(), 0);
     for (features, outputs) in episodes {
         let of = |is: &dyn Fn(Target) -> bool| runs(features.frames(), |f| is(features.target[f]));
         // Nothing near sliding is a false alarm.
@@ -230,9 +220,8 @@ pub fn detector_figures(
         let log_odds = |outputs: &[f32; OUTPUTS]| {
             Logit::from_bits((outputs[OUTPUTS - 1] * (1 << Logit::FRAC_BITS) as f32) as i32)
         };
-        scores.push(
-            features.contacts().zip(outputs).map(|(touched, o)| touched.then(|| log_odds(o))).collect(),
-        );
+        let of_frames = features.contacts().zip(outputs).map(|(touched, o)| touched.then(|| log_odds(o)));
+        scores.push(of_frames.collect::<Vec<_>>());
     }
     let hours = still as f64 / (3600.0 * f64::from(FRAME_RATE_HZ));
     let all: Vec<_> = slips.iter().map(|(_, near)| &near[..]).zip(scores.iter().cloned()).collect();
@@ -244,8 +233,6 @@ pub fn detector_figures(
     }
     let missed = detections.iter().filter(|&&d| d == Detection::Missed).count();
     DetectorFigures {
-        threshold_nat: threshold.to_f64(),
-        events: detections.len(),
         missed: (!detections.is_empty()).then(|| missed as f64 / detections.len() as f64),
         median_latency_frames: median_latency(&detections),
     }

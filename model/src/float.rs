@@ -3,7 +3,7 @@
 //! A frame's keys and values depend on that frame alone and every attention sees the last `window`
 //! frames, so this computes what the streaming network computes frame by frame (`tests/streaming.rs`).
 
-use std::sync::Mutex;
+use std::cell::RefCell;
 
 use burn::module::{Module, Param, ParamId};
 use burn::optim::GradientsParams;
@@ -14,6 +14,7 @@ use slipsense::net::format::{Dims, TensorSpec};
 use slipsense::params::{CLASSES, OUTPUTS, XL_FEATURES};
 
 use crate::detector_loss;
+use crate::device::{numbers, tensor};
 use crate::piezo::{self, Filters};
 use crate::target::Target;
 use crate::weights::Weights;
@@ -40,18 +41,13 @@ pub trait Architecture {
     /// does not see the pads.
     fn specs(&self) -> Vec<TensorSpec>;
 
-    fn heads(&self) -> usize;
-
     /// Outputs of every frame, `[batch, frame, output]`. `features`: of every scan's taxels, `[image, feature]`;
     /// none where the network does not see the pads.
-    fn forward(
-        &self,
-        graph: &Graph<'_>,
-        input: &Sequences,
-        features: Option<Tensor<2>>,
-        device: &Device,
-    ) -> Tensor<3>;
+    fn forward(&self, graph: &Graph<'_>, input: &Sequences, features: Option<Tensor<2>>) -> Tensor<3>;
 }
+
+/// Loss, nat, and the gradients of all parameters.
+pub type Step = (f64, GradientsParams);
 
 #[derive(Module, Debug)]
 pub struct FloatNetwork {
@@ -83,30 +79,23 @@ pub struct Sequences {
 }
 
 impl FloatNetwork {
-    /// To be trained. `device` is one with automatic gradients.
+    /// To be trained on a device with automatic gradients, to be run on a plain one.
     pub fn new(weights: &Weights, device: &Device) -> Self {
-        Self::with(weights, device, Tensor::require_grad)
-    }
-
-    /// To be run. `device` is a plain one.
-    pub fn fixed(weights: &Weights, device: &Device) -> Self {
-        Self::with(weights, device, |tensor| tensor)
-    }
-
-    fn with(weights: &Weights, device: &Device, prepare: impl Fn(Tensor<1>) -> Tensor<1>) -> Self {
-        let parameter = |(index, tensor): (usize, &Vec<f32>)| {
-            let data = TensorData::new(tensor.clone(), [tensor.len()]);
-            let tensor = prepare(Tensor::<1>::from_data(data, device));
+        let parameter = |(index, values): (usize, &Vec<f32>)| {
+            let values = tensor::<1>(values.clone(), [values.len()], device);
+            let values = if device.is_autodiff() { values.require_grad() } else { values };
             // A fixed identity per tensor lets a resumed run find its optimizer state.
-            Param::initialized(ParamId::from(index as u64 + 1), tensor)
+            Param::initialized(ParamId::from(index as u64 + 1), values)
         };
         Self { parameters: weights.tensors.iter().enumerate().map(parameter).collect() }
     }
 
-    /// To plain numbers.
     pub fn weights(&self, dims: Dims) -> Weights {
-        let tensors = self.parameters.iter().map(|p| p.val().into_data().iter::<f32>().collect());
-        Weights { dims, tensors: tensors.collect() }
+        Weights { dims, tensors: self.parameters.iter().map(|parameter| numbers(parameter.val())).collect() }
+    }
+
+    pub(crate) fn device(&self) -> Device {
+        self.parameters[0].val().device()
     }
 
     /// The parameters with their names.
@@ -114,86 +103,68 @@ impl FloatNetwork {
         Graph {
             parameters: &self.parameters,
             specs: architecture.specs(),
-            heads: architecture.heads(),
-            score_excess: Mutex::default(),
+            device: self.device(),
+            score_excess: RefCell::default(),
         }
     }
 
-    /// Outputs of every frame, `[batch, frame]`, without gradients. `device` is a plain one.
-    pub fn outputs(
-        &self,
-        architecture: &impl Architecture,
-        input: &Sequences,
-        device: &Device,
-    ) -> Vec<[f32; OUTPUTS]> {
-        plain(self.run(architecture, input, device))
+    /// Outputs of every frame, `[batch, frame]`, of a network that is to be run.
+    pub fn outputs(&self, architecture: &impl Architecture, input: &Sequences) -> Vec<[f32; OUTPUTS]> {
+        plain(self.run(architecture, input))
     }
 
-    /// Probabilities of the classes of every frame, `[batch, frame, class]`, without gradients. `device` is a plain one.
-    pub fn probabilities(
-        &self,
-        architecture: &impl Architecture,
-        input: &Sequences,
-        device: &Device,
-    ) -> Vec<f32> {
-        softmax(classes(self.run(architecture, input, device)), 2).into_data().iter::<f32>().collect()
+    /// Probabilities of the classes of every frame, `[batch, frame, class]`, of a network that is to be run.
+    pub fn probabilities(&self, architecture: &impl Architecture, input: &Sequences) -> Vec<f32> {
+        numbers(softmax(classes(self.run(architecture, input)), 2))
     }
 
-    fn run(&self, architecture: &impl Architecture, input: &Sequences, device: &Device) -> Tensor<3> {
+    fn run(&self, architecture: &impl Architecture, input: &Sequences) -> Tensor<3> {
         let graph = self.graph(architecture);
-        let features = graph.features(&input.piezo, device);
-        architecture.forward(&graph, input, features, device)
+        let features = graph.filters().map(|filters| {
+            let (features, _) = piezo::forward(&filters, &input.piezo);
+            tensor(features, [input.images(), filters.features()], &graph.device)
+        });
+        architecture.forward(&graph, input, features)
     }
 
-    /// Loss of a batch and the gradients of all parameters. `device` is one with automatic gradients.
-    pub fn gradients(
-        &self,
-        architecture: &impl Architecture,
-        input: &Sequences,
-        device: &Device,
-    ) -> (f64, GradientsParams) {
+    /// Of a batch, by a network that is to be trained.
+    pub fn gradients(&self, architecture: &impl Architecture, input: &Sequences) -> Step {
         let graph = self.graph(architecture);
         let seen = graph.filters().map(|filters| {
             let (features, tape) = piezo::forward(&filters, &input.piezo);
-            let features = tensor::<2>(features, [input.images(), filters.features()], device);
+            let features = tensor::<2>(features, [input.images(), filters.features()], &graph.device);
             (filters, tape, features.require_grad())
         });
         let features = seen.as_ref().map(|(_, _, features)| features.clone());
-        let outputs = architecture.forward(&graph, input, features, device);
-        let excess = std::mem::take(&mut *graph.score_excess.lock().expect("no attention panics"));
-        let loss = excess.into_iter().fold(Self::loss(outputs, input, device), |loss, excess| {
-            loss + excess.mul_scalar(SCORE_EXCESS_WEIGHT)
-        });
+        let outputs = architecture.forward(&graph, input, features);
+        let mut loss = Self::loss(outputs, input);
+        for excess in graph.score_excess.take() {
+            loss = loss + excess.mul_scalar(SCORE_EXCESS_WEIGHT);
+        }
         let value = f64::from(loss.clone().into_scalar::<f32>());
         let mut gradients = loss.backward();
         let Some((filters, tape, features)) = seen else {
             return (value, GradientsParams::from_grads(gradients, self));
         };
         let of_features = features.grad_remove(&mut gradients).expect("the loss depends on the features");
-        let of_features: Vec<f32> = of_features.into_data().iter::<f32>().collect();
-        let of_filters = piezo::backward(&filters, &input.piezo, &tape, &of_features);
+        let of_filters = piezo::backward(&filters, &input.piezo, &tape, &numbers(of_features));
         let mut all = GradientsParams::from_grads(gradients, self);
-        let parts = of_filters.weight.into_iter().map(|g| ("weight", g));
-        let parts = parts
-            .zip(piezo::LAYERS)
-            .chain(of_filters.bias.into_iter().map(|g| ("bias", g)).zip(piezo::LAYERS));
-        for ((part, gradient), layer) in parts {
-            let id = self.parameters[graph.index(layer, part)].id;
-            let length = gradient.len();
-            all.register(id, tensor::<1>(gradient, [length], &device.clone().inner()));
+        let plain_device = graph.device.clone().inner();
+        for (part, gradients) in [("weight", of_filters.weight), ("bias", of_filters.bias)] {
+            for (layer, gradient) in piezo::LAYERS.into_iter().zip(gradients) {
+                let id = self.parameters[graph.index(layer, part)].id;
+                let length = gradient.len();
+                all.register(id, tensor::<1>(gradient, [length], &plain_device));
+            }
         }
         (value, all)
     }
 
     /// Cross entropy of the classes against the labels and the teacher, the weighted mean over all frames, and the
     /// detector's [loss](detector_loss), nat.
-    pub(crate) fn loss(outputs: Tensor<3>, input: &Sequences, device: &Device) -> Tensor<1> {
-        let of_detector = detector_loss::loss(
-            outputs.clone().narrow(2, CLASSES, 1),
-            &input.target,
-            input.extreme_weight,
-            device,
-        );
+    pub(crate) fn loss(outputs: Tensor<3>, input: &Sequences) -> Tensor<1> {
+        let log_odds = outputs.clone().narrow(2, CLASSES, 1);
+        let of_detector = detector_loss::loss(log_odds, &input.target, input.extreme_weight);
         let logits = classes(outputs);
         let [b, l, classes] = logits.dims();
         let mut truth = vec![0f32; b * l * classes];
@@ -207,13 +178,12 @@ impl FloatNetwork {
                 *truth += TAUGHT_SHARE * (probability * weight / total - *truth);
             }
         }
-        let truth = tensor::<3>(truth, [b, l, classes], device);
+        let truth = tensor::<3>(truth, [b, l, classes], &logits.device());
         (log_softmax(logits, 2) * truth).sum().neg() + of_detector
     }
 }
 
 impl Sequences {
-    /// Scans in all.
     fn images(&self) -> usize {
         self.batch * self.sensors * self.frames
     }
@@ -226,12 +196,7 @@ fn classes(outputs: Tensor<3>) -> Tensor<3> {
 
 /// Outputs as plain numbers, `[batch, frame]`.
 pub(crate) fn plain(outputs: Tensor<3>) -> Vec<[f32; OUTPUTS]> {
-    let outputs: Vec<f32> = outputs.into_data().iter::<f32>().collect();
-    outputs.as_chunks().0.to_vec()
-}
-
-pub(crate) fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
-    Tensor::from_data(TensorData::new(values, shape), device)
+    numbers(outputs).as_chunks().0.to_vec()
 }
 
 /// Which frames an attention sees, and at what lag. Sequences are cut into chunks as long as the window: a
@@ -243,7 +208,6 @@ pub(crate) struct Band {
     /// 0 where seen, [`UNSEEN`] elsewhere, `[1, 1, chunk, window, 2 window]`.
     mask: Tensor<5>,
     chunks: usize,
-    window: usize,
 }
 
 impl Band {
@@ -260,7 +224,7 @@ impl Band {
         };
         let mask = (0..chunks).flat_map(|chunk| pairs().map(move |pair| seen(chunk, pair)));
         let mask = tensor(mask.collect(), [1, 1, chunks, window, 2 * window], device);
-        Self { lag, mask, chunks, window }
+        Self { lag, mask, chunks }
     }
 }
 
@@ -268,9 +232,9 @@ impl Band {
 pub struct Graph<'a> {
     parameters: &'a [Param<Tensor<1>>],
     specs: Vec<TensorSpec>,
-    heads: usize,
+    pub(crate) device: Device,
     /// Mean excess of each attention's scores over [`SCORE_NAT`].
-    score_excess: Mutex<Vec<Tensor<1>>>,
+    score_excess: RefCell<Vec<Tensor<1>>>,
 }
 
 impl Graph<'_> {
@@ -279,36 +243,22 @@ impl Graph<'_> {
         index.expect("names come from the architecture")
     }
 
-    fn get<const D: usize>(&self, layer: &str, part: &str, shape: [usize; D]) -> Tensor<D> {
-        self.parameters[self.index(layer, part)].val().reshape(shape)
+    /// A parameter, `[row, column]`; a vector is one row.
+    fn get(&self, layer: &str, part: &str) -> Tensor<2> {
+        let index = self.index(layer, part);
+        self.parameters[index].val().reshape([self.specs[index].rows, self.specs[index].cols])
     }
 
     /// The convolution blocks' parameters, which [`piezo`] runs; none where the network does not see the pads.
     fn filters(&self) -> Option<Filters> {
         self.specs.iter().find(|spec| spec.layer == piezo::LAYERS[0])?;
-        let values = |layer: &str, part: &str| {
-            self.parameters[self.index(layer, part)].val().into_data().iter::<f32>().collect()
-        };
-        Some(Filters {
-            weight: piezo::LAYERS.map(|layer| values(layer, "weight")),
-            bias: piezo::LAYERS.map(|layer| values(layer, "bias")),
-        })
-    }
-
-    /// Taxel features `[image, feature]` of images as in [`Sequences::piezo`], without gradients; none where
-    /// the network does not see the pads.
-    pub(crate) fn features(&self, images: &[i16], device: &Device) -> Option<Tensor<2>> {
-        let filters = self.filters()?;
-        let (features, _) = piezo::forward(&filters, images);
-        Some(tensor(features, [images.len() / piezo::IMAGE, filters.features()], device))
+        let values = |part| piezo::LAYERS.map(|layer| numbers(self.get(layer, part)));
+        Some(Filters { weight: values("weight"), bias: values("bias") })
     }
 
     /// `[n, inputs]` to `[n, outputs]`.
     pub(crate) fn dense(&self, layer: &str, x: Tensor<2>) -> Tensor<2> {
-        let [_, inputs] = x.dims();
-        let outputs = self.specs[self.index(layer, "weight")].rows;
-        let weight = self.get(layer, "weight", [outputs, inputs]);
-        x.matmul(weight.transpose()) + self.get(layer, "bias", [1, outputs])
+        x.matmul(self.get(layer, "weight").transpose()) + self.get(layer, "bias")
     }
 
     /// Outputs `[batch, frame, output]` of hidden vectors `[batch, frame, width]`.
@@ -319,7 +269,7 @@ impl Graph<'_> {
 
     /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`, of `values`
     /// `[batch, sensor, frame, 32]`.
-    pub(crate) fn xl(&self, values: &[f32], frames: usize, device: &Device) -> Tensor<2> {
+    pub(crate) fn xl(&self, values: &[f32], frames: usize) -> Tensor<2> {
         let inputs = XL_FEATURES;
         let seen = self.specs[self.index("xl.conv", "weight")].cols;
         let taps = seen / inputs;
@@ -332,7 +282,7 @@ impl Graph<'_> {
                 row[seen - frames * inputs..].copy_from_slice(&sequence[from..(t + 1) * inputs]);
             }
         }
-        let x = relu(self.dense("xl.conv", tensor::<2>(x, [values.len() / inputs, seen], device)));
+        let x = relu(self.dense("xl.conv", tensor::<2>(x, [values.len() / inputs, seen], &self.device)));
         let x = relu(self.dense("xl.mix1", x));
         self.dense("xl.mix2", x)
     }
@@ -340,9 +290,9 @@ impl Graph<'_> {
     /// `LayerNorm(x + Wo · context)`; `x` asks, `seen` answers, both `[batch, frame, width]`.
     pub(crate) fn attention(&self, block: &str, x: Tensor<3>, seen: Tensor<3>, band: &Band) -> Tensor<3> {
         let [b, l, width] = x.dims();
-        let heads = self.heads;
-        let head_width = width / heads;
-        let (chunks, window) = (band.chunks, band.window);
+        let by_lag = self.get(&format!("{block}.score"), "bias");
+        let [heads, window] = by_lag.dims();
+        let (head_width, chunks) = (width / heads, band.chunks);
         let missing = chunks * window - l;
         // [batch, head, chunk, frame of the chunk, column]
         let project = |part: &str, x: Tensor<3>| {
@@ -367,20 +317,16 @@ impl Graph<'_> {
         let query = project("query", x.clone());
         let key = with_before(project("key", seen.clone()));
         let value = with_before(project("value", seen));
-        let by_lag = self.get(&format!("{block}.score"), "bias", [heads, window]);
         let bias = by_lag.select(1, band.lag.clone()).reshape([1, heads, 1, window, 2 * window]);
         let scale = 1.0 / (head_width as f32).sqrt();
         let product = query.matmul(key.swap_dims(3, 4)).mul_scalar(scale);
-        self.score_excess
-            .lock()
-            .expect("no attention panics")
-            .push(relu(product.clone().abs() - SCORE_NAT).mean());
+        self.score_excess.borrow_mut().push(relu(product.clone().abs() - SCORE_NAT).mean());
         let scores = product + bias + band.mask.clone();
         let context = softmax(scores, 4).matmul(value).reshape([b, heads, chunks * window, head_width]);
         let context = context.narrow(2, 0, l).swap_dims(1, 2).reshape([b * l, width]);
         let sum = x.reshape([b * l, width]) + self.dense(&format!("{block}.out"), context);
         let norm = format!("{block}.norm");
-        let (gamma, beta) = (self.get(&norm, "gamma", [width]), self.get(&norm, "beta", [width]));
+        let [gamma, beta] = ["gamma", "beta"].map(|part| self.get(&norm, part).reshape([width]));
         layer_norm(sum, gamma, Some(beta), NORM_EPSILON).reshape([b, l, width])
     }
 }

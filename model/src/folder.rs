@@ -67,7 +67,6 @@ impl ObjectUses {
     }
 }
 
-/// A folder of labelled episodes.
 #[derive(Clone, Debug)]
 pub struct LabelledFolder {
     pub path: PathBuf,

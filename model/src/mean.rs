@@ -26,14 +26,8 @@ pub fn mean_of(folders: &[PathBuf], out: &Path) -> Result<PathBuf> {
     };
     let objects = record["recipe"].get("objects").cloned();
     for ((folder, weights), record) in folders.iter().zip(&all).zip(&trainings) {
-        let sizes = [weights.dims.to_fields(), first.dims.to_fields()];
-        ensure!(
-            sizes[0] == sizes[1],
-            "{}: sizes are {:?}, of the first {:?}",
-            folder.display(),
-            sizes[0],
-            sizes[1]
-        );
+        let [sizes, wanted] = [weights, first].map(|weights| weights.dims.to_fields());
+        ensure!(sizes == wanted, "{}: sizes are {sizes:?}, of the first {wanted:?}", folder.display());
         ensure!(
             record["recipe"].get("objects") == objects.as_ref(),
             "{}: its objects for training, validation and test are not those of the first",

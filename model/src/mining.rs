@@ -10,10 +10,9 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 use slipsense::params::OUTPUTS;
-use slipsense_synth::splits::EpisodeSet;
 use slipsense_synth::{Recipe, Shard, Split, generate_set, vary_two_of_three};
 
-use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, stretches_file};
+use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, first, stretches_file};
 use crate::float::FloatNetwork;
 use crate::output;
 use crate::progress::progress;
@@ -58,7 +57,6 @@ pub struct MineArgs {
     pub shard: Option<Shard>,
 }
 
-/// Do what `args` say.
 pub fn run_mine(args: &MineArgs) -> Result<()> {
     ensure!(args.hours > 0.0 && args.hours <= 1000.0, "--hours must be above 0 and at most 1000");
     let weights = Weights::read(&args.weights)?;
@@ -76,7 +74,7 @@ pub fn run_mine(args: &MineArgs) -> Result<()> {
     output::write(&file, settings.as_bytes())?;
     let recipes = recipes(args.seed, args.hours)?;
     let shard = args.shard.unwrap_or(Shard::WHOLE);
-    let path = |index: usize| args.out.join(format!("{:05}-of-{:05}.safetensors", index + 1, recipes.len()));
+    let path = |index: usize| args.out.join(stretches_name(index, recipes.len()));
     let wanted = (0..recipes.len()).filter(|&index| shard.has(index) && !path(index).exists());
     let (paths, wanted): (Vec<_>, Vec<_>) = wanted.map(|index| (path(index), recipes[index].clone())).unzip();
     let bar = progress("mine", 0);
@@ -86,6 +84,11 @@ pub fn run_mine(args: &MineArgs) -> Result<()> {
     bar.finish();
     println!("{}: {} of {} episodes searched", args.out.display(), wanted.len(), recipes.len());
     Ok(())
+}
+
+/// File of the stretches of an episode, of all that are searched.
+fn stretches_name(index: usize, all: usize) -> String {
+    format!("{:05}-of-{all:05}.safetensors", index + 1)
 }
 
 /// What a folder was mined with, for the record of a training.
@@ -100,11 +103,11 @@ pub fn read(folder: &Path) -> Result<Vec<Features>> {
     let paths = output::files(folder, "safetensors")?;
     let name =
         |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let all = paths.last().and_then(|path| Some(name(path).get(9..14)?.parse::<usize>().ok())).flatten();
+    let all = paths.last().and_then(|path| name(path).get(9..14)?.parse::<usize>().ok());
     let all =
         all.with_context(|| format!("{} holds nothing that `slipsense mine` wrote", folder.display()))?;
     for (index, path) in paths.iter().enumerate() {
-        let wanted = format!("{:05}-of-{all:05}.safetensors", index + 1);
+        let wanted = stretches_name(index, all);
         ensure!(name(path) == wanted, "{}: {wanted} is missing", folder.display());
     }
     ensure!(paths.len() == all, "{}: {} of {all} files are missing", folder.display(), all - paths.len());
@@ -129,9 +132,9 @@ pub fn mine(
 /// Disturbances of the laboratory's physics and of other families in turn.
 fn recipes(seed: u64, hours: f64) -> Result<Vec<Recipe>> {
     let count = (hours * 3600.0 / DISTURBANCES_SECONDS).ceil() as usize;
-    let first = |split: Split| EpisodeSet::first(split, seed + SEED_OFFSET, count.div_ceil(2)).episodes;
-    let pairs = first(Split::TrainAnywhere).into_iter().zip(first(Split::Train));
-    let recipes = pairs.flat_map(|(a, b)| [a, b]).map(|episode| disturbances(episode.recipe));
+    let [anywhere, laboratory] = [Split::TrainAnywhere, Split::Train]
+        .map(|split| first(split, seed + SEED_OFFSET, count.div_ceil(2)).map(disturbances));
+    let recipes = anywhere.zip(laboratory).flat_map(|(a, b)| [a, b]);
     Ok(vary_two_of_three(recipes.take(count))?)
 }
 
@@ -145,30 +148,28 @@ fn search<T: Send>(
     each: impl Fn(usize, Vec<Features>) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     bar.set_length(recipes.len() as u64);
-    let device = Device::flex();
-    let network = FloatNetwork::fixed(weights, &device);
+    let network = FloatNetwork::new(weights, &Device::flex());
     let found = generate_set(recipes, |index, mut episode| {
         if let Some(motion) = motion {
             motion.add(&mut episode);
         }
         let features = Features::from_episode(&episode)?;
-        let outputs = network.outputs(&weights.dims, &features.sequences(), &device);
+        let outputs = network.outputs(&weights.dims, &features.sequences());
         bar.inc(1);
         each(index, hard(&features, &outputs))
     })?;
     found.into_iter().collect()
 }
 
-/// The hard stretches of an episode.
 fn hard(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Vec<Features> {
+    let contacts: Vec<bool> = features.contacts().collect();
     let is_hard = |frame: usize| {
-        let touched = &features.touched[frame * features.sensors..][..features.sensors];
         let still = features.target[frame] == Target::Still;
-        still && touched.contains(&true) && outputs[frame][OUTPUTS - 1] > HARD_NAT
+        still && contacts[frame] && outputs[frame][OUTPUTS - 1] > HARD_NAT
     };
     let starts = (0..features.frames() / STRETCH_FRAMES).map(|index| index * STRETCH_FRAMES);
     starts
         .filter(|&start| (start..start + STRETCH_FRAMES).any(is_hard))
-        .map(|start| features.cut(start..start + STRETCH_FRAMES).into_mined())
+        .map(|start| Features { mined: true, ..features.cut(start..start + STRETCH_FRAMES) })
         .collect()
 }

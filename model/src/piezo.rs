@@ -60,7 +60,7 @@ pub struct Tape {
 #[derive(Debug)]
 struct Group {
     /// Input of every block but the first.
-    maps: [Vec<Lanes>; BLOCKS - 1],
+    maps: Vec<Vec<Lanes>>,
     winners: [Vec<Winner>; BLOCKS],
 }
 
@@ -109,16 +109,13 @@ impl pulp::NullaryFnOnce for ForwardGroup<'_> {
     #[inline(always)]
     fn call(self) -> Group {
         let Self { filters, shapes, images, features } = self;
-        let winners: [Vec<Winner>; BLOCKS] = std::array::from_fn(|b| vec![[0; LANES]; shapes[b].winners()]);
-        let outputs: [Vec<Lanes>; BLOCKS] =
-            std::array::from_fn(|b| vec![[0.0; LANES]; shapes[b].output_len()]);
-        let (mut winners, mut outputs) = (winners, outputs);
+        let mut winners = shapes.map(|shape| vec![[0; LANES]; shape.winners()]);
         let mut x = input_map(shapes[0], images);
         let mut maps = Vec::with_capacity(BLOCKS);
-        for block in 0..BLOCKS {
+        for (block, &shape) in shapes.iter().enumerate() {
             let (weight, bias) = (&filters.weight[block], &filters.bias[block]);
-            let mut out = std::mem::take(&mut outputs[block]);
-            block::forward(shapes[block], &x, weight, bias, &mut out, &mut winners[block]);
+            let mut out = vec![[0.0; LANES]; shape.output_len()];
+            block::forward(shape, &x, weight, bias, &mut out, &mut winners[block]);
             maps.push(std::mem::replace(&mut x, out));
         }
         for (lane, features) in features.chunks_exact_mut(x.len()).enumerate() {
@@ -126,8 +123,7 @@ impl pulp::NullaryFnOnce for ForwardGroup<'_> {
                 *feature = value[lane];
             }
         }
-        let mut kept = maps.into_iter().skip(1);
-        Group { maps: std::array::from_fn(|_| kept.next().unwrap_or_default()), winners }
+        Group { maps: maps.split_off(1), winners }
     }
 }
 

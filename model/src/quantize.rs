@@ -147,6 +147,8 @@ impl Quantizer<'_> {
         let inputs = self.file.inputs(name);
         // The accumulator holds a convolution's sums twice.
         let (gain, magnitude) = (f64::from(inputs.gain()), f64::from(inputs.magnitude()));
+        // What rounding every weight to a whole step can add to a coefficient, steps.
+        let rounded = if matches!(inputs, Inputs::Patch { .. }) { 1.5 } else { 0.0 };
         let (mut weights, mut biases, mut multipliers) = (Vec::new(), Vec::new(), Vec::new());
         for (channel, (row, &bias)) in weight.chunks_exact(inputs.count()).zip(bias).enumerate() {
             let (row, bias): (Vec<f64>, f64) = (row.iter().map(|&w| f64::from(w)).collect(), f64::from(bias));
@@ -157,15 +159,13 @@ impl Quantizer<'_> {
             let rounding = gain * 0.5 * inputs.count() as f64 * magnitude + 1.0;
             let coefficients = (0..inputs.coefficients()).map(|index| inputs.coefficient(index, |i| row[i]));
             let largest = coefficients.fold(0.0, |m: f64, x| m.max(x.abs()));
-            let step = (largest / (WEIGHT_MAX - coefficient_rounding(inputs)))
+            let step = (largest / (WEIGHT_MAX - rounded))
                 .max(gain * bias.abs() / (from * BIAS_MAX))
                 .max(weighted / (ACCUMULATOR_MAX - rounding));
             // A channel of zeros: any step will do.
             let step = if step > 0.0 { step } else { to / from / 256.0 };
-            let ints: Vec<i32> = row.iter().map(|w| round(w / step) as i32).collect();
-            let bias = round(gain * bias / (from * step)) as i64;
-            weights.extend(ints);
-            biases.push(bias as i32);
+            weights.extend(row.iter().map(|w| round(w / step) as i32));
+            biases.push(round(gain * bias / (from * step)) as i32);
             multipliers.push(multiplier(from * step / (gain * to), &format!("{name} multiplier"), channel)?);
         }
         *self.file.tensor_mut(name, "weight") = weights;
@@ -196,7 +196,7 @@ impl Quantizer<'_> {
         *self.file.tensor_mut(&score, "bias") = integers(bias, I16_MAX, &format!("{score} bias"))?;
         let factor = self.scales[asks] / residual * f64::from(1 << RESIDUAL_FACTOR_BITS);
         *self.file.tensor_mut(&name("norm"), "residual") =
-            integers(std::iter::once(round(factor)), f64::from(i32::MAX), &format!("{block}.norm residual"))?;
+            integers([round(factor)], f64::from(i32::MAX), &format!("{block}.norm residual"))?;
         self.norm(&name("norm"), residual, to)
     }
 
@@ -224,21 +224,16 @@ impl Quantizer<'_> {
         *self.file.tensor_mut(name, "multiplier") =
             vec![multiplier(unit / to, &format!("{name} multiplier"), 0)?];
         *self.file.tensor_mut(name, "epsilon") =
-            integers(std::iter::once(epsilon), f64::from(i32::MAX), &format!("{name} epsilon"))?;
+            integers([epsilon], f64::from(i32::MAX), &format!("{name} epsilon"))?;
         Ok(())
     }
 }
 
-/// What rounding every weight to a whole step can add to a coefficient, steps.
-fn coefficient_rounding(inputs: Inputs) -> f64 {
-    if matches!(inputs, Inputs::Patch { .. }) { 1.5 } else { 0.0 }
-}
-
 /// Whole numbers of magnitude up to `most`; refuses others by tensor and position.
-fn integers(values: impl Iterator<Item = f64>, most: f64, tensor: &str) -> Result<Vec<i32>> {
+fn integers(values: impl IntoIterator<Item = f64>, most: f64, tensor: &str) -> Result<Vec<i32>> {
     let one = |(index, value): (usize, f64)| {
         ensure!(value.abs() <= most, "{tensor} {index} is {value}, must be within ±{most}");
         Ok(value as i32)
     };
-    values.enumerate().map(one).collect()
+    values.into_iter().enumerate().map(one).collect()
 }

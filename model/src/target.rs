@@ -28,7 +28,8 @@ const BEFORE_FRAMES: usize = 4;
 /// The targets of an episode's frames. Where the episode does not know the interface, its label is all there is.
 pub fn targets(episode: &Episode, label: &[u8]) -> Vec<Target> {
     let frames = label.len();
-    let mut targets = vec![Target::Still; frames];
+    let by_label = |&label: &u8| if label == SLIP { Target::Begins } else { Target::Still };
+    let mut targets: Vec<Target> = label.iter().map(by_label).collect();
     let known = episode.slip_true_mm_s.as_ref().zip(episode.slip_fraction.as_ref());
     let (sliding, partial) = match known {
         Some((speed, fraction)) => {
@@ -40,11 +41,6 @@ pub fn targets(episode: &Episode, label: &[u8]) -> Vec<Target> {
         }
         None => (runs(frames, |f| label[f] == SLIP), Vec::new()),
     };
-    for (target, &label) in targets.iter_mut().zip(label) {
-        if label == SLIP {
-            *target = Target::Begins;
-        }
-    }
     let around =
         |(start, end): (usize, usize)| start.saturating_sub(BEFORE_FRAMES)..(end + MARGIN_FRAMES).min(frames);
     for interval in partial.into_iter().chain(sliding.iter().copied()) {

@@ -10,14 +10,13 @@ use crate::weights::Weights;
 #[derive(Debug)]
 pub struct Teacher<A> {
     networks: Vec<(A, FloatNetwork)>,
-    device: Device,
 }
 
 impl<A: Architecture> Teacher<A> {
     /// Of trained weights, each those of its architecture. `device` is a plain one.
-    pub fn new<'w>(networks: impl IntoIterator<Item = (A, &'w Weights)>, device: Device) -> Self {
-        let ready = |(architecture, weights)| (architecture, FloatNetwork::fixed(weights, &device));
-        Self { networks: networks.into_iter().map(ready).collect(), device }
+    pub fn new<'w>(networks: impl IntoIterator<Item = (A, &'w Weights)>, device: &Device) -> Self {
+        let ready = |(architecture, weights)| (architecture, FloatNetwork::new(weights, device));
+        Self { networks: networks.into_iter().map(ready).collect() }
     }
 
     /// Put what they say of the batch, as it was drawn, into the batch: the mean of their probabilities.
@@ -26,7 +25,7 @@ impl<A: Architecture> Teacher<A> {
         let mut taught: Vec<f32> = Vec::new();
         let share = 1.0 / self.networks.len() as f32;
         for (architecture, network) in &self.networks {
-            let said = network.probabilities(architecture, batch, &self.device);
+            let said = network.probabilities(architecture, batch);
             taught.resize(said.len(), 0.0);
             for (mean, said) in taught.iter_mut().zip(said) {
                 *mean += share * said;

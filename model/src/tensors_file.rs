@@ -9,12 +9,10 @@ use safetensors::tensor::TensorView;
 /// A tensor of a file: name, type, shape, little-endian bytes.
 pub(crate) type Entry = (String, Dtype, Vec<usize>, Vec<u8>);
 
-/// The bytes of `f32` numbers.
 pub(crate) fn bytes_of(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-/// The bytes of a file of these tensors.
 pub(crate) fn to_bytes(
     tensors: impl IntoIterator<Item = Entry>,
     metadata: Option<HashMap<String, String>>,

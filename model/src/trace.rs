@@ -81,7 +81,6 @@ impl Trace {
         self.values[index_of(activation)].extend(values);
     }
 
-    /// The values of each activation.
     pub fn values(&self) -> impl Iterator<Item = &[f32]> {
         self.values.iter().map(Vec::as_slice)
     }

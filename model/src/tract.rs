@@ -70,6 +70,18 @@ impl Running {
     fn new(graph: &Compiled) -> Result<Self> {
         Ok(Self { state: graph.model.spawn()?, traced: graph.traced.clone() })
     }
+
+    /// Record the traced activations, and return the other outputs.
+    fn run(&mut self, inputs: TVec<TValue>, ranges: &mut Ranges, trace: &mut Trace) -> Result<TVec<TValue>> {
+        let mut outputs = self.state.run(inputs)?;
+        let traced = outputs.drain(outputs.len() - self.traced.len()..);
+        for (activation, values) in self.traced.iter().zip(traced) {
+            let values = numbers(&values)?;
+            ranges.record(activation, &values);
+            trace.record(activation, values);
+        }
+        Ok(outputs)
+    }
 }
 
 impl TractNetwork {
@@ -78,8 +90,8 @@ impl TractNetwork {
     pub fn new(graphs: &Graphs, sensors: usize) -> Result<Self> {
         let dims = graphs.dims;
         let silence = VecDeque::from(vec![[0.0; XL_FEATURES]; dims.xl_kernel]);
-        let caches = Graphs::BLOCKS.iter().flat_map(|block| [block.width(&dims); 2]);
-        let caches = caches.map(|width| zeros(&[dims.window, width])).collect::<Result<_>>()?;
+        let widths = [dims.embed, dims.embed, dims.fused()].into_iter().flat_map(|width| [width; 2]);
+        let caches = widths.map(|width| zeros(&[dims.window, width])).collect::<Result<_>>()?;
         Ok(Self {
             dims,
             piezo: Running::new(&graphs.piezo)?,
@@ -123,15 +135,13 @@ impl TractNetwork {
             change_plane[index] = f32::from(change) * PIEZO_INPUT_SCALE;
         });
         let image = tensor(&[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS], &planes)?;
-        let outputs = run(&mut self.piezo, &mut self.ranges, &mut self.trace, tvec![image])?;
-        numbers(outputs.first())
+        numbers(&self.piezo.run(tvec![image], &mut self.ranges, &mut self.trace)?[0])
     }
 
     fn embed_xl(&mut self, sensor: usize) -> Result<Vec<f32>> {
         let seen: Vec<f32> = self.xl_frames[sensor].iter().flatten().copied().collect();
-        let inputs = tvec![tensor(&[1, seen.len()], &seen)?];
-        let outputs = run(&mut self.xl, &mut self.ranges, &mut self.trace, inputs)?;
-        numbers(outputs.first())
+        let frames = tensor(&[1, seen.len()], &seen)?;
+        numbers(&self.xl.run(tvec![frames], &mut self.ranges, &mut self.trace)?[0])
     }
 
     /// The embeddings of a frame, zeros where no sensor delivered, to its outputs.
@@ -149,31 +159,14 @@ impl TractNetwork {
         }
         inputs.push(self.mask.clone());
         inputs.extend(self.caches.drain(..));
-        let mut outputs = run(&mut self.fuse, &mut self.ranges, &mut self.trace, inputs)?;
+        let mut outputs = self.fuse.run(inputs, &mut self.ranges, &mut self.trace)?;
         self.caches.extend(outputs.drain(1..));
-        let logits = numbers(outputs.first())?;
+        let logits = numbers(&outputs[0])?;
         logits.try_into().ok().context("the graph does not end in as many outputs as the network has")
     }
 }
 
-/// Run a graph, record its traced activations, and return the other outputs.
-fn run(
-    graph: &mut Running,
-    ranges: &mut Ranges,
-    trace: &mut Trace,
-    inputs: TVec<TValue>,
-) -> Result<TVec<TValue>> {
-    let mut outputs = graph.state.run(inputs)?;
-    let traced = outputs.drain(outputs.len() - graph.traced.len()..);
-    for (activation, values) in graph.traced.iter().zip(traced) {
-        let values = numbers(Some(&values))?;
-        ranges.record(activation, &values);
-        trace.record(activation, values);
-    }
-    Ok(outputs)
-}
-
-/// Elementwise maximum over the sensors.
+/// Element by element.
 fn keep_max(best: &mut Option<Vec<f32>>, new: Vec<f32>) {
     match best {
         None => *best = Some(new),
@@ -189,7 +182,6 @@ fn zeros(shape: &[usize]) -> Result<TValue> {
     Ok(Tensor::zero::<f32>(shape)?.into_tvalue())
 }
 
-fn numbers(output: Option<&TValue>) -> Result<Vec<f32>> {
-    let output = output.context("the graph has no output")?;
+fn numbers(output: &TValue) -> Result<Vec<f32>> {
     Ok(output.try_as_plain_ram()?.as_slice::<f32>()?.to_vec())
 }

@@ -159,7 +159,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let device = args.device.open()?.autodiff();
     let teachers = args.teacher.iter().map(|path| Weights::read(path)).collect::<Result<Vec<_>>>()?;
     let first = first_weights(args)?;
-    let source = Source::new(args.data.as_deref(), args.seed).with_uses(args.object_uses());
+    let source = Source::new(args.data.as_deref(), args.object_uses(), args.seed);
     if let Source::Folder(folder) = &source {
         println!("{}", folder.describe()?);
     }
@@ -195,7 +195,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     }
     let mined = train.iter().filter(|features| features.mined).count();
     let options = Options { extreme_weight: args.extreme_weight, ..Options::default() };
-    let sampler = Sampler::new(&train, args.frames)?.with_options(options);
+    let sampler = Sampler::new(&train, args.frames, options)?;
     let steps = total.div_ceil(args.batch * args.frames);
     let run = Run { args, teachers, first, steps };
     let recipe = run.recipe(&source)?;
@@ -213,20 +213,19 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let mut network = FloatNetwork::new(&state.weights, &device);
     for epoch in state.rows.len()..args.epochs {
         let started = Instant::now();
-        let train_loss = run.epoch(epoch, &sampler, &mut network, &mut optimizer, &mut state, &device)?;
+        let train_loss = run.epoch(epoch, &sampler, &mut network, &mut optimizer, &mut state)?;
         let (scores, detector, validation_loss) = validate(&state.average, &validation);
-        let figure = |x: Option<f64>| x.unwrap_or(f64::NAN);
         state.rows.push(Row {
             epoch: epoch + 1,
             step: (epoch + 1) * steps,
             learning_rate: run.learning_rate((epoch + 1) * steps - 1),
             train_loss,
-            validation_loss,
-            validation_accuracy: figure(scores.classes.accuracy()),
-            validation_macro_f1: figure(scores.classes.macro_f1()),
-            validation_fpr: figure(scores.classes.fpr_of_non_slip()),
-            validation_missed: figure(detector.missed),
-            validation_latency: figure(detector.median_latency_frames),
+            validation_loss: Some(validation_loss),
+            validation_accuracy: scores.classes.accuracy(),
+            validation_macro_f1: scores.classes.macro_f1(),
+            validation_fpr: scores.classes.fpr_of_non_slip(),
+            validation_missed: detector.missed,
+            validation_latency: detector.median_latency_frames,
             seconds: state.rows.last().map_or(0.0, |r| r.seconds) + started.elapsed().as_secs_f64(),
         });
         state.write(&args.out, &optimizer)?;
@@ -247,7 +246,6 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     finish(args, &state, made_from)
 }
 
-/// The weights that the first step finds.
 fn first_weights(args: &TrainArgs) -> Result<Weights> {
     let Some(path) = &args.start else {
         return Ok(Weights::init(args.dims(), args.seed));
@@ -264,7 +262,6 @@ fn first_weights(args: &TrainArgs) -> Result<Weights> {
     Ok(weights)
 }
 
-/// The curves so far, as numbers and as a picture.
 fn write_curves(out: &Path, rows: &[Row]) -> Result<()> {
     output::write(&out.join("curves.csv"), csv(rows).as_bytes())?;
     output::write(&out.join("curves.svg"), curves::svg(rows)?.as_bytes())
@@ -353,24 +350,23 @@ impl Run<'_> {
         network: &mut FloatNetwork,
         optimizer: &mut ModuleOptimizer,
         state: &mut Checkpoint,
-        device: &Device,
     ) -> Result<f64> {
-        let bar = progress("epoch", self.steps as u64);
-        bar.set_prefix(format!("epoch {}/{}", epoch + 1, self.args.epochs));
+        let bar = progress(format!("epoch {}/{}", epoch + 1, self.args.epochs), self.steps as u64);
         let (mut sum, mut recent) = (0.0, None);
         let teachers = self.teachers.iter().map(|weights| (weights.dims, weights));
-        let teacher = Teacher::new(teachers, device.clone().inner());
+        let teacher = Teacher::new(teachers, &network.device().inner());
         for step in epoch * self.steps..(epoch + 1) * self.steps {
             let mut batch = sampler.batch(self.args.batch, self.args.seed.wrapping_add((step as u64) << 32));
             teacher.teach(&mut batch);
-            let (value, gradients) = network.gradients(&state.weights.dims, &batch, device);
+            let (value, gradients) = network.gradients(&state.weights.dims, &batch);
             ensure!(value.is_finite(), "the loss is {value} at step {step}: try a lower --learning-rate");
             *network = optimizer.step(self.learning_rate(step), network.clone(), gradients);
             state.weights = network.weights(state.weights.dims);
             state.average.average(&state.weights, average_decay(step));
             sum += value;
-            recent = Some(recent.map_or(value, |r: f64| 0.95 * r + 0.05 * value));
-            bar.set_message(format!("loss {:.3}", recent.unwrap_or(value)));
+            let loss = recent.map_or(value, |recent| 0.95 * recent + 0.05 * value);
+            recent = Some(loss);
+            bar.set_message(format!("loss {loss:.3}"));
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -380,9 +376,8 @@ impl Run<'_> {
 
 /// Classes, detector and mean cross entropy (nat) over whole episodes.
 fn validate(weights: &Weights, episodes: &[Features]) -> (Scores, DetectorFigures, f64) {
-    let device = Device::flex();
-    let network = FloatNetwork::fixed(weights, &device);
-    let outputs = |features: &Features| network.outputs(&weights.dims, &features.sequences(), &device);
+    let network = FloatNetwork::new(weights, &Device::flex());
+    let outputs = |features: &Features| network.outputs(&weights.dims, &features.sequences());
     let outputs: Vec<_> = episodes.iter().map(|features| (features, outputs(features))).collect();
     let (mut scores, mut loss, mut frames) = (Scores::default(), 0.0, 0.0);
     for (features, logits) in &outputs {

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use safetensors::{Dtype, SafeTensors};
@@ -84,7 +84,6 @@ pub(crate) fn approach(mine: &mut [f32], newer: &[f32], decay: f32) {
     }
 }
 
-/// All parameters of one network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
     pub dims: Dims,
@@ -98,7 +97,6 @@ impl Weights {
         Self { dims, tensors: first_values(&specs(&dims), seed) }
     }
 
-    /// Numbers in all tensors.
     pub fn count(&self) -> usize {
         self.tensors.iter().map(Vec::len).sum()
     }
@@ -150,10 +148,7 @@ impl Weights {
         let fields = fields.with_context(|| format!("metadata has no {DIMS_KEY}: not SlipSense weights"))?;
         let fields: [usize; 8] = serde_json::from_str(fields)
             .with_context(|| format!("metadata {DIMS_KEY} must be 8 integers"))?;
-        let dims = match Dims::from_fields(fields) {
-            Ok(dims) => dims,
-            Err(e) => bail!("{} is {}, allowed are {} to {}", e.field, e.value, e.range.0, e.range.1),
-        };
+        let dims = Dims::from_fields(fields)?;
         let file = SafeTensors::deserialize(bytes)?;
         let mut tensors = Vec::new();
         for spec in specs(&dims) {

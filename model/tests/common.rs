@@ -19,7 +19,6 @@ pub fn args<T: clap::Args>(line: &str) -> T {
     T::from_arg_matches(&command.try_get_matches_from(line.split_whitespace()).unwrap()).unwrap()
 }
 
-/// A file of JSON.
 pub fn json(path: &Path) -> serde_json::Value {
     output::read_json(path).unwrap().unwrap()
 }
@@ -34,7 +33,6 @@ pub fn random_weights(seed: u64) -> Weights {
     weights
 }
 
-/// The numbers of one tensor.
 pub fn tensor_mut<'w>(weights: &'w mut Weights, layer: &str, part: &str) -> &'w mut [f32] {
     let index = specs(&weights.dims).iter().position(|spec| spec.layer == layer && spec.part == part);
     &mut weights.tensors[index.unwrap()]

@@ -6,7 +6,7 @@ use std::path::Path;
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::data::recipes;
 use slipsense_model::folder::{ObjectUses, Use, use_of};
-use slipsense_model::{QuantizeArgs, TrainArgs, run_quantize, run_train};
+use slipsense_model::{TrainArgs, run_quantize, run_train};
 use slipsense_recording::{Episode, Meta};
 
 use crate::common;
@@ -107,16 +107,9 @@ fn a_folder_of_labelled_episodes_trains_and_quantizes() {
     assert_eq!((&manifest["train_episodes"], &manifest["validation_episodes"]), (&1.into(), &1.into()));
 
     // The quantizer keeps to the same objects.
-    let (weights, model, report) =
-        (out.join("weights.safetensors"), folder.path().join("m.slipnet"), folder.path().join("r.json"));
-    let quantize: QuantizeArgs = common::args(&format!(
-        "--weights {} --out {} --data {} --report {}",
-        weights.display(),
-        model.display(),
-        data.display(),
-        report.display()
-    ));
-    run_quantize(&quantize).unwrap();
-    let report = common::json(&report);
+    let at = folder.path().display();
+    let files = format!("--weights {at}/run/weights.safetensors --out {at}/m.slipnet --report {at}/r.json");
+    run_quantize(&common::args(&format!("{files} --data {at}/data"))).unwrap();
+    let report = common::json(&folder.path().join("r.json"));
     assert_eq!((&report["calibration_episodes"], &report["validation"]["episodes"]), (&1.into(), &1.into()));
 }

@@ -33,11 +33,11 @@ fn step(row: &Row, device: &Device) -> (f64, Named, Named) {
         let is_frozen = encoders.pads == PadEncoder::VitFrozen;
         // Before the step, in which batch norms take their statistics.
         let first = named::get(&network);
-        let (loss, gradients) = network.gradients(variant, is_frozen, &input, 1, device);
+        let (loss, gradients) = network.gradients(variant, is_frozen, &input, 1);
         return (loss, first, stepped(network, gradients));
     }
     let network = FloatNetwork::new(&variant.first_weights(1), device);
-    let (loss, gradients) = network.gradients(variant, &input, device);
+    let (loss, gradients) = network.gradients(variant, &input);
     (loss, named::get(&network), stepped(network, gradients))
 }
 
@@ -72,7 +72,7 @@ fn an_optimizer_that_was_stored_goes_on() {
     let (first, input) = (BASE.first_weights(1), sequence(24, 2));
     let mut optimizer = AdamWConfig::new().init();
     let network = FloatNetwork::new(&first, &gpu);
-    let (_, gradients) = network.gradients(&BASE, &input, &gpu);
+    let (_, gradients) = network.gradients(&BASE, &input);
     let network = optimizer.step(1e-3, network, gradients);
     let folder = tempfile::tempdir().unwrap();
     let stored = Checkpoint { weights: first.clone(), average: first, rows: Vec::new(), recipe: json!({}) };
@@ -80,7 +80,7 @@ fn an_optimizer_that_was_stored_goes_on() {
     let (_, mut restored) =
         Checkpoint::read(folder.path(), &stored.recipe, AdamWConfig::new().init()).unwrap();
     let [kept, restored] = [&mut optimizer, &mut restored].map(|optimizer| {
-        let (_, gradients) = network.gradients(&BASE, &input, &gpu);
+        let (_, gradients) = network.gradients(&BASE, &input);
         optimizer.step(1e-3, network.clone(), gradients).weights(BASE.dims()).tensors
     });
     assert!(kept == restored);

@@ -36,7 +36,7 @@ fn sequences() -> Sequences {
 
 fn loss(weights: &Weights, input: &Sequences) -> f64 {
     let device = Device::flex().autodiff();
-    FloatNetwork::new(weights, &device).gradients(&weights.dims, input, &device).0
+    FloatNetwork::new(weights, &device).gradients(&weights.dims, input).0
 }
 
 #[test]
@@ -44,7 +44,7 @@ fn gradients_are_the_slopes_of_the_loss() {
     let weights = common::random_weights(3);
     let input = sequences();
     let device = Device::flex().autodiff();
-    let (_, gradients) = FloatNetwork::new(&weights, &device).gradients(&weights.dims, &input, &device);
+    let (_, gradients) = FloatNetwork::new(&weights, &device).gradients(&weights.dims, &input);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for (index, spec) in specs(&weights.dims).iter().enumerate() {
         let gradient = gradients.get::<1>(ParamId::from(index as u64 + 1)).expect("every parameter has one");

@@ -17,8 +17,7 @@ fn worst_difference(sensors: usize) -> f32 {
     let mut input = Sequences { batch: 1, sensors, frames: FRAMES, ..Default::default() };
     common::add_sequence(&mut input, &scans, &xl_frames);
 
-    let device = Device::flex();
-    let batched = FloatNetwork::fixed(&weights, &device).outputs(&weights.dims, &input, &device);
+    let batched = FloatNetwork::new(&weights, &Device::flex()).outputs(&weights.dims, &input);
     assert_eq!(batched.len(), FRAMES);
 
     let mut stream = TractNetwork::new(&Graphs::new(&weights).unwrap(), sensors).unwrap();

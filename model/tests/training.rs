@@ -37,17 +37,15 @@ fn train_resume_and_quantize() {
     let other = run_train(&TrainArgs { resume: true, batch: 29, ..args }).unwrap_err();
     assert!(format!("{other:#}").contains("the run was started with"), "{other:#}");
 
-    let (model, report) = (folder.path().join("m.slipnet"), folder.path().join("r.json"));
-    let quantize: QuantizeArgs = common::args(&format!(
-        "--weights {} --out {} --report {} --calibration-episodes 1 --val-episodes 1",
-        weights.display(),
-        model.display(),
-        report.display()
-    ));
+    let at = folder.path().display();
+    let files = format!("--weights {at}/run/weights.safetensors --out {at}/m.slipnet --report {at}/r.json");
+    let quantize: QuantizeArgs = common::args(&format!("{files} --calibration-episodes 1 --val-episodes 1"));
     run_quantize(&quantize).unwrap();
     let bytes = fs::read(&quantize.out).unwrap();
     assert!(Model::parse(&bytes).unwrap().provenance.contains("\"synthetic\":true"));
-    assert!(common::json(&report)["validation"]["same_class_share"].as_f64().unwrap() > 0.9);
+    assert!(
+        common::json(&folder.path().join("r.json"))["validation"]["same_class_share"].as_f64().unwrap() > 0.9
+    );
 
     let missing = QuantizeArgs { weights: folder.path().join("none"), ..quantize };
     let error = format!("{:#}", run_quantize(&missing).unwrap_err());

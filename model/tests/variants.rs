@@ -56,23 +56,19 @@ pub fn sequence(frames: usize, seed: u64) -> Sequences {
     input
 }
 
-/// The frames of a sequence from `from` up to `to`, features as they are.
-fn cut(input: &Sequences, from: usize, to: usize) -> Sequences {
-    fn rows<T: Copy>(values: &[T], width: usize, input: &Sequences, (from, to): (usize, usize)) -> Vec<T> {
-        let sensors = values.chunks_exact(input.frames * width);
-        sensors.flat_map(|sensor| &sensor[from * width..to * width]).copied().collect()
+/// The frames of a sequence from `from` on, features as they are.
+fn last_frames(input: &Sequences, from: usize) -> Sequences {
+    fn rows<T: Copy>(values: &[T], frames: usize, width: usize, from: usize) -> Vec<T> {
+        values.chunks_exact(frames * width).flat_map(|sensor| &sensor[from * width..]).copied().collect()
     }
     Sequences {
-        batch: 1,
-        sensors: input.sensors,
-        frames: to - from,
-        piezo: rows(&input.piezo, IMAGE, input, (from, to)),
-        xl: rows(&input.xl, XL_FEATURES, input, (from, to)),
-        label: input.label[from..to].to_vec(),
-        weight: input.weight[from..to].to_vec(),
-        target: input.target[from..to].to_vec(),
-        extreme_weight: 0.0,
-        taught: Vec::new(),
+        frames: input.frames - from,
+        piezo: rows(&input.piezo, input.frames, IMAGE, from),
+        xl: rows(&input.xl, input.frames, XL_FEATURES, from),
+        label: input.label[from..].to_vec(),
+        weight: input.weight[from..].to_vec(),
+        target: input.target[from..].to_vec(),
+        ..input.clone()
     }
 }
 
@@ -97,7 +93,7 @@ fn every_network_learns_and_all_its_parameters_do() {
         let mut optimizer = AdamWConfig::new().init();
         let mut losses = Vec::new();
         for _ in 0..12 {
-            let (loss, gradients) = network.gradients(variant, &input, &device);
+            let (loss, gradients) = network.gradients(variant, &input);
             for (index, spec) in variant.specs().iter().enumerate() {
                 let gradient = gradients.get::<1>(ParamId::from(index as u64 + 1));
                 assert!(gradient.is_some(), "{name}: {}.{}", spec.layer, spec.part);
@@ -122,23 +118,18 @@ fn the_papers_networks_learn_and_all_their_parameters_do() {
         let mut optimizer = AdamWConfig::new().init();
         let mut losses = Vec::new();
         for step in 0..3 {
-            let (loss, gradients) = network.gradients(variant, is_frozen, &input, step, &device);
+            let (loss, gradients) = network.gradients(variant, is_frozen, &input, step);
             // Running statistics and what is frozen have none.
-            let statistics = named::get(&network).keys().filter(|name| name.contains("running_")).count();
-            let frozen = if is_frozen {
-                named::get(&network).keys().filter(|name| name.starts_with("pads.")).count()
-            } else {
-                0
-            };
-            assert_eq!(gradients.len() + statistics + frozen, named::get(&network).len(), "{name}");
+            let is_fixed = |part: &str| part.contains("running_") || is_frozen && part.starts_with("pads.");
+            let has_gradient = |part: &&String| !is_fixed(part);
+            assert_eq!(gradients.len(), named::get(&network).keys().filter(has_gradient).count(), "{name}");
             losses.push(loss);
             network = optimizer.step(1e-3, network, gradients);
         }
         println!("{name:20} {count} parameters, loss {losses:.3?}");
         assert!(losses[2] < 0.95 * losses[0], "{name}: {losses:?}");
-        let plain = Device::flex();
-        let fixed = PaperNetwork::fixed(variant, encoders, &named::get(&network), &plain);
-        let outputs = fixed.outputs(variant, &input, &plain);
+        let plain = PaperNetwork::new(variant, encoders, 1, &Device::flex());
+        let outputs = named::put(plain, &named::get(&network)).outputs(variant, &input);
         assert!(outputs.len() == 24 && outputs.as_flattened().iter().all(|x| x.is_finite()), "{name}");
     }
 }
@@ -148,7 +139,7 @@ fn several_teachers_say_their_mean() {
     let networks = [1, 2].map(|seed| BASE.first_weights(seed));
     let said = |networks: &[&Weights]| {
         let mut batch = sequence(70, 6);
-        Teacher::new(networks.iter().map(|weights| (BASE, *weights)), Device::flex()).teach(&mut batch);
+        Teacher::new(networks.iter().map(|weights| (BASE, *weights)), &Device::flex()).teach(&mut batch);
         batch.taught
     };
     let [one, two] = [&networks[0], &networks[1]].map(|network| said(&[network]));
@@ -161,16 +152,15 @@ fn several_teachers_say_their_mean() {
 
 #[test]
 fn a_teacher_counts_half() {
-    let device = Device::flex().autodiff();
-    let plain = Device::flex();
+    let device = Device::flex();
     let [pupil, teacher] =
         [BASE, row_named("wide").unwrap().variant].map(|variant| (variant, variant.first_weights(4)));
     assert!(teacher.1.count() > 3 * pupil.1.count());
-    let network = FloatNetwork::new(&pupil.1, &device);
+    let network = FloatNetwork::new(&pupil.1, &device.clone().autodiff());
     let mut input = sequence(70, 5);
     let mut loss = |taught: Vec<f32>| {
         input.taught = taught;
-        network.gradients(&pupil.0, &input, &device).0
+        network.gradients(&pupil.0, &input).0
     };
     let alone = loss(Vec::new());
     let labels: Vec<f32> = (0..70 * CLASSES)
@@ -179,7 +169,7 @@ fn a_teacher_counts_half() {
     assert!((loss(labels.clone()) - alone).abs() < 1e-6, "a teacher that says what the labels say");
     let sure = loss([0.0, 0.0, 1.0].repeat(70));
     let other: Vec<f32> = [0.0, 1.0, 0.0].repeat(70);
-    let said = FloatNetwork::fixed(&teacher.1, &plain).probabilities(&teacher.0, &sequence(70, 5), &plain);
+    let said = FloatNetwork::new(&teacher.1, &device).probabilities(&teacher.0, &sequence(70, 5));
     for frame in said.as_chunks::<CLASSES>().0 {
         assert!((frame.iter().sum::<f32>() - 1.0).abs() < 1e-5);
     }
@@ -191,19 +181,17 @@ fn a_teacher_counts_half() {
 
 #[test]
 fn what_is_taken_away_is_not_seen() {
-    let device = Device::flex();
     let logits = |name: &str, input: &Sequences| {
         let variant = row_named(name).unwrap().variant;
-        FloatNetwork::fixed(&variant.first_weights(3), &device).outputs(&variant, input, &device)
+        FloatNetwork::new(&variant.first_weights(3), &Device::flex()).outputs(&variant, input)
     };
     let input = sequence(70, 3);
     let deaf = Sequences { xl: vec![0.0; input.xl.len()], ..input.clone() };
     let numb = Sequences { piezo: vec![0; input.piezo.len()], ..input.clone() };
     let mut louder = input.clone();
-    louder
-        .xl
-        .chunks_exact_mut(XL_FEATURES)
-        .for_each(|frame| frame[MEL_BINS..].iter_mut().for_each(|x| *x += 0.5));
+    for frame in louder.xl.chunks_exact_mut(XL_FEATURES) {
+        frame[MEL_BINS..].iter_mut().for_each(|x| *x += 0.5);
+    }
     for (name, other, same) in [
         ("piezo", &deaf, true),
         ("piezo", &numb, false),
@@ -218,18 +206,18 @@ fn what_is_taken_away_is_not_seen() {
     }
     // What lies outside two windows of 6 and the kernel behind them has no effect on the last frame, one
     // frame of it within has.
-    let short =
-        |from: usize| worst(&logits("t6", &input)[69..], &logits("t6", &cut(&input, from, 70))[69 - from..]);
+    let whole = logits("t6", &input);
+    let short = |from: usize| worst(&whole[69..], &logits("t6", &last_frames(&input, from))[69 - from..]);
     assert!(short(50) < 1e-5 && short(66) > 1e-4, "{} {}", short(50), short(66));
 }
 
 #[test]
 fn integers_are_near_the_floats_that_they_were_made_of() {
-    let (weights, device) = (common::random_weights(6), Device::flex());
+    let weights = common::random_weights(6);
     let episodes = [features(200)];
     let model = integers::model(&weights, &episodes).unwrap();
     let integers = integers::outputs(Model::parse(&model).unwrap(), &episodes[0]);
-    let float = FloatNetwork::fixed(&weights, &device).outputs(&BASE, &episodes[0].sequences(), &device);
+    let float = FloatNetwork::new(&weights, &Device::flex()).outputs(&BASE, &episodes[0].sequences());
     let power = |of: &dyn Fn(usize, usize) -> f32| -> f32 {
         (0..float.len()).flat_map(|t| (0..OUTPUTS).map(move |o| of(t, o).powi(2))).sum()
     };
@@ -260,7 +248,7 @@ fn features(frames: usize) -> Features {
 #[test]
 fn a_batch_holds_what_its_options_say() {
     let episodes = [features(200)];
-    let batch = |options: Options| Sampler::new(&episodes, 60).unwrap().with_options(options).batch(8, 5);
+    let batch = |options: Options| Sampler::new(&episodes, 60, options).unwrap().batch(8, 5);
     let usual = batch(Options::default());
     let plain = batch(Options { xl_augmentation: false, ..Options::default() });
     assert_eq!(usual.label, plain.label);
@@ -268,7 +256,7 @@ fn a_batch_holds_what_its_options_say() {
     let near = |seen: &[f32], known: &XlFeatures| {
         seen.iter().zip(known).all(|(seen, &known)| (seen - xl_real(known)).abs() < 2e-3)
     };
-    let known = |seen: &[f32]| episodes[0].xl.iter().any(|known| near(seen, known));
+    let known = |seen: &[f32]| episodes[0].readings.iter().any(|known| near(seen, &known.xl));
     assert!(plain.xl.chunks_exact(XL_FEATURES).all(known));
     assert!(!usual.xl.chunks_exact(XL_FEATURES).all(known));
 

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 use safetensors::{Dtype, SafeTensors};
 use slipsense::params::{CLASSES, MEL_BINS, TAXELS, XL_FEATURES};
 
-use super::Features;
+use super::{Features, Reading};
 use crate::target::Target;
 use crate::tensors_file::{self, Entry, bytes_of};
 
@@ -24,12 +24,14 @@ const TARGETS: [Target; 4] = [Target::Still, Target::Slides, Target::Begins, Tar
 pub fn to_bytes(stretches: &[Features]) -> Result<Vec<u8>> {
     let mut all: Vec<Entry> = Vec::new();
     for (index, stretch) in stretches.iter().enumerate() {
+        let readings = || stretch.readings.iter();
+        let scans = readings().filter_map(|reading| reading.scan.as_deref());
         let bytes: [Vec<u8>; TENSORS.len()] = [
-            stretch.piezo.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect(),
-            stretch.touched.iter().map(|&touched| touched.into()).collect(),
-            bytes_of(stretch.ln_power.as_flattened()),
-            bytes_of(stretch.floor.as_flattened()),
-            stretch.xl.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect(),
+            scans.flatten().flat_map(|x| x.to_le_bytes()).collect(),
+            readings().map(|reading| reading.scan.is_some().into()).collect(),
+            readings().flat_map(|reading| bytes_of(&reading.ln_power)).collect(),
+            readings().flat_map(|reading| bytes_of(&reading.floor)).collect(),
+            readings().flat_map(|reading| reading.xl).flat_map(i16::to_le_bytes).collect(),
             stretch.label.clone(),
             stretch.target.iter().map(|&target| target as u8).collect(),
         ];
@@ -53,12 +55,9 @@ fn stretch(file: &SafeTensors<'_>, index: usize) -> Result<Features> {
         let name = format!("{index}.{name}");
         let view = file.tensor(&name).with_context(|| format!("tensor {name} is missing"))?;
         ensure!(view.dtype() == dtype, "tensor {name} is {:?}, must be {dtype:?}", view.dtype());
-        ensure!(
-            view.shape().get(1..) == Some(&[row]),
-            "tensor {name}: shape {:?} is not [N, {row}]",
-            view.shape()
-        );
-        tensors.push((view.shape()[0], view.data().to_vec()));
+        let shape = view.shape();
+        ensure!(shape.get(1..) == Some(&[row]), "tensor {name}: shape {shape:?} is not [N, {row}]");
+        tensors.push((shape[0], view.data().to_vec()));
     }
     let real = |(_, bytes): &(usize, Vec<u8>)| -> Vec<[f32; MEL_BINS]> {
         let all: Vec<f32> = bytes.as_chunks().0.iter().map(|&x| f32::from_le_bytes(x)).collect();
@@ -68,27 +67,22 @@ fn stretch(file: &SafeTensors<'_>, index: usize) -> Result<Features> {
         tensors.try_into().ok().context("tensors")?;
     let piezo: Vec<u16> = piezo.as_chunks().0.iter().map(|&x| u16::from_le_bytes(x)).collect();
     let xl: Vec<i16> = xl.as_chunks().0.iter().map(|&x| i16::from_le_bytes(x)).collect();
-    let mut next = 0..;
-    let found = Features {
-        sensors: rows / frames.max(1),
-        piezo: piezo.as_chunks().0.to_vec(),
-        scan: touched.iter().map(|&touched| (touched != 0).then(|| next.next()).flatten()).collect(),
-        ln_power: real(&ln_power),
-        floor: real(&floor),
-        xl: xl.as_chunks().0.to_vec(),
-        touched: touched.iter().map(|&touched| touched != 0).collect(),
-        label,
-        target: target.iter().filter_map(|&target| TARGETS.get(usize::from(target)).copied()).collect(),
-        mined: true,
-    };
-    let rows_fit = [found.ln_power.len(), found.floor.len(), found.xl.len(), found.sensors * frames];
+    let (ln_power, floor, xl) = (real(&ln_power), real(&floor), xl.as_chunks().0);
+    let target: Vec<Target> =
+        target.iter().filter_map(|&target| TARGETS.get(usize::from(target)).copied()).collect();
+    let sensors = rows / frames.max(1);
+    let rows_fit = [ln_power.len(), floor.len(), xl.len(), sensors * frames];
     ensure!(frames > 0 && rows_fit == [rows; 4], "stretch {index}: its tensors are of different lengths");
-    ensure!(found.target.len() == frames, "stretch {index}: tensor target must be 0 to 3, a frame each");
-    ensure!(
-        found.label.iter().all(|&x| usize::from(x) < CLASSES),
-        "stretch {index}: tensor label must be 0 to 2"
-    );
-    let touches = found.touched.iter().filter(|&&touched| touched).count();
+    ensure!(target.len() == frames, "stretch {index}: tensor target must be 0 to 3, a frame each");
+    ensure!(label.iter().all(|&x| usize::from(x) < CLASSES), "stretch {index}: tensor label must be 0 to 2");
+    let touches = touched.iter().filter(|&&touched| touched != 0).count();
     ensure!(touches == scans, "stretch {index}: {scans} scans of {touches} touches");
-    Ok(found)
+    let mut scans = piezo.as_chunks().0.iter().map(|&counts| Box::new(counts));
+    let reading = |row: usize| Reading {
+        scan: if touched[row] != 0 { scans.next() } else { None },
+        ln_power: ln_power[row],
+        floor: floor[row],
+        xl: xl[row],
+    };
+    Ok(Features { sensors, readings: (0..rows).map(reading).collect(), label, target, mined: true })
 }

@@ -103,7 +103,6 @@ pub fn average(named: &mut Named, newer: &Named, decay: f32) {
     }
 }
 
-/// The bytes of a safetensors file.
 pub fn to_bytes(named: &Named) -> Result<Vec<u8>> {
     let tensors = named.iter().map(|(name, Numbers { shape, values })| {
         (name.clone(), Dtype::F32, shape.clone(), tensors_file::bytes_of(values))

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::params::{MEL_BINS, TAXELS};
 
 use super::EMBED;
-use crate::float::tensor;
+use crate::device::tensor;
 use crate::weights::FIRST_DIMS;
 
 /// Channels of the three blocks. The paper names none; these make as many features as ours has taxels.

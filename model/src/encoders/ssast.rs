@@ -18,7 +18,7 @@ use slipsense::params::MEL_BINS;
 use super::named::{self, Named, Numbers};
 use super::vit::{layers, norm};
 use super::{EMBED, NORM_EPSILON};
-use crate::float::tensor;
+use crate::device::tensor;
 use crate::output;
 use crate::weights::FIRST_DIMS;
 
@@ -114,14 +114,13 @@ impl Ssast {
 /// The authors' tensors by our names: one layer of query, key and value becomes three, matrices are turned.
 fn converted(theirs: &Named) -> Result<Named> {
     let find = |name: &str, shape: &[usize]| {
-        let names = [format!("module.v.{name}"), format!("v.{name}")];
-        let numbers = names.iter().find_map(|name| theirs.get(name));
-        let numbers = numbers.with_context(|| format!("tensor {} is missing: not SSAST-Tiny", names[1]))?;
+        let name = format!("v.{name}");
+        let numbers = theirs.get(&format!("module.{name}")).or_else(|| theirs.get(&name));
+        let numbers = numbers.with_context(|| format!("tensor {name} is missing: not SSAST-Tiny"))?;
+        let found = &numbers.shape;
         ensure!(
-            shape.is_empty() || numbers.shape == shape,
-            "tensor {} has shape {:?}, must be {shape:?} for SSAST-Tiny",
-            names[1],
-            numbers.shape
+            shape.is_empty() || found == shape,
+            "tensor {name} has shape {found:?}, must be {shape:?} for SSAST-Tiny"
         );
         anyhow::Ok(numbers)
     };
@@ -129,8 +128,7 @@ fn converted(theirs: &Named) -> Result<Named> {
     let mut put = |name: String, shape: &[usize], values: Vec<f32>| {
         ours.insert(name, Numbers { shape: shape.to_vec(), values });
     };
-    let tokens = ["cls_token", "dist_token"].map(|name| find(name, &[1, 1, WIDTH]));
-    let [class, distillation] = tokens;
+    let [class, distillation] = ["cls_token", "dist_token"].map(|name| find(name, &[1, 1, WIDTH]));
     put("tokens".into(), &[1, EXTRA, WIDTH], [&class?.values[..], &distillation?.values].concat());
     put(
         "positions".into(),

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::params::{TAXEL_ROWS, TAXELS};
 
 use super::{EMBED, NORM_EPSILON};
-use crate::float::tensor;
+use crate::device::tensor;
 
 /// Taxels along a side of a patch, patches along a side of a scan, numbers of each.
 const SIDE: usize = 4;

@@ -19,19 +19,6 @@ use crate::piezo;
 use crate::trace::ACTIVATIONS;
 use crate::weights::Weights;
 
-/// One attention block: its layers' prefix, and whether it works on the fused vector.
-pub(super) struct Block {
-    name: &'static str,
-    fused: bool,
-}
-
-impl Block {
-    /// Width of queries, keys and values.
-    pub(super) fn width(&self, dims: &Dims) -> usize {
-        if self.fused { dims.fused() } else { dims.embed }
-    }
-}
-
 /// The compiled graphs of one set of weights.
 pub struct Graphs {
     pub(super) dims: Dims,
@@ -51,13 +38,6 @@ pub(super) struct Compiled {
 }
 
 impl Graphs {
-    /// In the order of their caches, a key and a value each.
-    pub(super) const BLOCKS: [Block; 3] = [
-        Block { name: "cross_piezo", fused: false },
-        Block { name: "cross_xl", fused: false },
-        Block { name: "temporal", fused: true },
-    ];
-
     pub fn new(weights: &Weights) -> Result<Self> {
         Self::compile(weights, false)
     }
@@ -68,7 +48,8 @@ impl Graphs {
     }
 
     fn compile(weights: &Weights, trace: bool) -> Result<Self> {
-        let graph = || Graph { model: TypedModel::default(), weights, trace, traced: Vec::new() };
+        let model = TypedModel::default;
+        let graph = || Graph { model: model(), weights, trace, traced: Vec::new(), caches: Vec::new() };
         Ok(Self {
             dims: weights.dims,
             piezo: graph().piezo().context("tract graph of the array")?,
@@ -89,19 +70,20 @@ struct Graph<'w> {
     weights: &'w Weights,
     trace: bool,
     traced: Vec<(&'static str, OutletId)>,
+    /// Keys and values of the attention blocks so far, for the next frame.
+    caches: Vec<OutletId>,
 }
 
 impl Graph<'_> {
     fn piezo(mut self) -> Result<Compiled> {
         let mut map = self.input("image", &[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS])?;
         self.trace_map("taxels", map)?;
-        let (mut side, mut channels) = (TAXEL_ROWS, PIEZO_CHANNELS);
         for layer in piezo::LAYERS {
-            let outputs = self.weights.get(layer, "bias").len();
-            map = self.conv_relu_pool(layer, map, channels, outputs)?;
+            map = self.conv_relu_pool(layer, map)?;
             self.trace_map(layer, map)?;
-            (side, channels) = (side / 2, outputs);
         }
+        let [.., channels] = self.weights.dims.conv_channels;
+        let side = TAXEL_ROWS >> piezo::LAYERS.len();
         // The dense layer takes its inputs in row, column, channel order.
         let map = self.wire("rows_first", AxisOp::Move(1, 3), &[map])?;
         let flat = reshape(&[1, side, side, channels], &[1, side * side * channels]);
@@ -130,24 +112,15 @@ impl Graph<'_> {
         let piezo = self.input("piezo", &[1, embed])?;
         let xl = self.input("xl", &[1, embed])?;
         let mask = self.input("mask", &[1, window])?;
-        let mut old = Vec::new();
-        for block in &Graphs::BLOCKS {
-            let shape = [window, block.width(&self.weights.dims)];
-            let key = self.input(&format!("{}.keys", block.name), &shape)?;
-            let value = self.input(&format!("{}.values", block.name), &shape)?;
-            old.push([key, value]);
-        }
-        let [cross_piezo, cross_xl, temporal] = &Graphs::BLOCKS;
-        let (first, cache1) = self.attend(cross_piezo, piezo, xl, mask, old[0])?;
-        let (second, cache2) = self.attend(cross_xl, xl, piezo, mask, old[1])?;
+        let first = self.attend("cross_piezo", piezo, xl, mask)?;
+        let second = self.attend("cross_xl", xl, piezo, mask)?;
         let fused = self.wire("fused", TypedConcat { axis: 1 }, &[first, second])?;
         self.trace("fused", fused);
-        let (hidden, cache3) = self.attend(temporal, fused, fused, mask, old[2])?;
+        let hidden = self.attend("temporal", fused, fused, mask)?;
         self.trace("hidden", hidden);
         let logits = self.dense("head", hidden)?;
         self.trace("logits", logits);
-        let outputs: Vec<OutletId> =
-            std::iter::once(logits).chain([cache1, cache2, cache3].into_iter().flatten()).collect();
+        let outputs = [&[logits][..], &self.caches].concat();
         self.compile(&outputs)
     }
 
@@ -211,16 +184,11 @@ impl Graph<'_> {
     }
 
     /// `[1, inputs, side, side]` to `[1, outputs, side / 2, side / 2]`.
-    fn conv_relu_pool(
-        &mut self,
-        layer: &str,
-        x: OutletId,
-        inputs: usize,
-        outputs: usize,
-    ) -> Result<OutletId> {
-        let weight = self.weights.get(layer, "weight");
+    fn conv_relu_pool(&mut self, layer: &str, x: OutletId) -> Result<OutletId> {
+        let [weight, bias] = ["weight", "bias"].map(|part| self.weights.get(layer, part));
+        let (inputs, outputs) = (weight.len() / bias.len() / 9, bias.len());
         let weight = self.constant(&format!("{layer}.weight"), &[outputs, 3, 3, inputs], weight)?;
-        let bias = self.constant(&format!("{layer}.bias"), &[outputs], self.weights.get(layer, "bias"))?;
+        let bias = self.constant(&format!("{layer}.bias"), &[outputs], bias)?;
         let window = PoolSpec {
             data_format: DataFormat::NCHW,
             kernel_shape: tvec![3, 3],
@@ -245,23 +213,16 @@ impl Graph<'_> {
         self.wire(&format!("{layer}.pool"), pool, &[map])
     }
 
-    /// The block's output `[1, width]`, and its new caches of keys and values.
-    fn attend(
-        &mut self,
-        block: &Block,
-        x: OutletId,
-        seen: OutletId,
-        mask: OutletId,
-        [old_keys, old_values]: [OutletId; 2],
-    ) -> Result<(OutletId, [OutletId; 2])> {
+    /// The block's output `[1, width]`.
+    fn attend(&mut self, block: &str, x: OutletId, seen: OutletId, mask: OutletId) -> Result<OutletId> {
         let dims = self.weights.dims;
-        let name = |part: &str| format!("{}.{part}", block.name);
-        let width = block.width(&dims);
+        let name = |part: &str| format!("{block}.{part}");
+        let width = self.weights.get(&name("query"), "bias").len();
         let head_width = width / dims.heads;
         let query = self.dense(&name("query"), x)?;
         self.trace(&name("query"), query);
-        let keys = self.remember(&name("key"), seen, old_keys)?;
-        let values = self.remember(&name("value"), seen, old_values)?;
+        let keys = self.remember(&name("key"), seen, width)?;
+        let values = self.remember(&name("value"), seen, width)?;
 
         let by_head = |rows: usize| reshape(&[rows, width], &[rows, dims.heads, head_width]);
         let query = self.wire(&name("query_by_head"), by_head(1), &[query])?;
@@ -282,19 +243,22 @@ impl Graph<'_> {
         let projected = self.dense(&name("out"), context)?;
         let sum = self.wire(&name("residual"), add(), &[x, projected])?;
         self.trace(&name("residual"), sum);
-        Ok((self.layer_norm(&name("norm"), sum)?, [keys, values]))
+        self.layer_norm(&name("norm"), sum)
     }
 
-    /// Put the newest frame's projection in front of the cache; its oldest frame drops out.
-    fn remember(&mut self, layer: &str, seen: OutletId, old: OutletId) -> Result<OutletId> {
+    /// Put the newest frame's projection in front of a cache `[window, width]`; its oldest frame drops out.
+    fn remember(&mut self, layer: &str, seen: OutletId, width: usize) -> Result<OutletId> {
+        let window = self.weights.dims.window;
+        let old = self.input(&format!("{layer}.old"), &[window, width])?;
         let newest = self.dense(layer, seen)?;
         self.trace(layer, newest);
-        let window = self.weights.dims.window;
-        if window == 1 {
-            return Ok(newest);
+        let mut cache = newest;
+        if window > 1 {
+            let kept = self.wire(&format!("{layer}.kept"), Slice::new(0, 0, window - 1), &[old])?;
+            cache = self.wire(&format!("{layer}.cache"), TypedConcat { axis: 0 }, &[newest, kept])?;
         }
-        let kept = self.wire(&format!("{layer}.kept"), Slice::new(0, 0, window - 1), &[old])?;
-        self.wire(&format!("{layer}.cache"), TypedConcat { axis: 0 }, &[newest, kept])
+        self.caches.push(cache);
+        Ok(cache)
     }
 
     fn layer_norm(&mut self, norm: &str, x: OutletId) -> Result<OutletId> {

@@ -275,17 +275,14 @@ impl ReproduceArgs {
         let ssast = self.ssast.as_ref().map_or(String::new(), |path| format!(" --ssast {}", path.display()));
         let full = if self.budget == BudgetName::Full { " --budget full" } else { "" };
         let gpu = if self.device == DeviceName::Gpu { " --device gpu" } else { "" };
+        let &Budget { episodes, steps, encoder_steps, learning_rate, .. } = budget;
+        let &Budget { test_episodes, encoder_test_episodes, .. } = budget;
         format!(
-            "slipsense reproduce --out {}{rows}{ssast} --seeds {} --episodes {} --steps {} --encoder-steps {} \
-             --test-episodes {} --encoder-test-episodes {} --learning-rate {}{full}{gpu}",
+            "slipsense reproduce --out {}{rows}{ssast} --seeds {} --episodes {episodes} --steps {steps} \
+             --encoder-steps {encoder_steps} --test-episodes {test_episodes} \
+             --encoder-test-episodes {encoder_test_episodes} --learning-rate {learning_rate}{full}{gpu}",
             self.out.display(),
-            seeds.join(","),
-            budget.episodes,
-            budget.steps,
-            budget.encoder_steps,
-            budget.test_episodes,
-            budget.encoder_test_episodes,
-            budget.learning_rate
+            seeds.join(",")
         )
     }
 }

@@ -7,7 +7,7 @@ use slipsense::params::OUTPUTS;
 use slipsense::sensor::PiezoFrame;
 
 use crate::command::{CALIBRATION_EPISODES, measure};
-use crate::data::Features;
+use crate::data::{Features, Reading};
 use crate::export;
 use crate::quantize::quantize;
 use crate::trace::Ranges;
@@ -28,12 +28,11 @@ pub fn model(weights: &Weights, training: &[Features]) -> Result<Vec<u8>> {
 pub fn outputs(model: Model<'_>, features: &Features) -> Vec<[f32; OUTPUTS]> {
     let mut network = Network::new(model);
     let frame = |frame: usize| {
-        let scan = |sensor| PiezoFrame::from_counts(*features.scan(frame, sensor)).expect("counts of a scan");
-        let scans: Vec<_> = (0..features.sensors).map(scan).collect();
-        let seen = scans.iter().enumerate().map(|(sensor, scan)| SensorFeatures {
-            piezo: Some(scan),
-            xl: Some(*features.xl(frame, sensor)),
-        });
+        let readings = (0..features.sensors).map(|sensor| features.reading(frame, sensor));
+        let scan = |reading: &Reading| PiezoFrame::from_counts(*reading.scan()).expect("counts of a scan");
+        let scans: Vec<_> = readings.clone().map(scan).collect();
+        let seen = scans.iter().zip(readings);
+        let seen = seen.map(|(scan, reading)| SensorFeatures { piezo: Some(scan), xl: Some(reading.xl) });
         network.step(&seen.collect::<Vec<_>>()).map(|logit| logit.to_f64() as f32)
     };
     (0..features.frames()).map(frame).collect()

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use slipsense::net::format::{Dims, TensorSpec};
 use slipsense::params::{MEL_BINS, XL_FEATURES};
 
@@ -47,7 +47,7 @@ impl Variant {
     }
 
     /// Embeddings `[batch · sensor · frame, embed]` of the accelerometers; none if there are none.
-    fn embed_xl(&self, graph: &Graph<'_>, input: &Sequences, device: &Device) -> Option<Tensor<2>> {
+    fn embed_xl(&self, graph: &Graph<'_>, input: &Sequences) -> Option<Tensor<2>> {
         if self.modality == Modality::Piezo {
             return None;
         }
@@ -55,7 +55,7 @@ impl Variant {
         if !self.over_floor {
             values.to_mut().chunks_exact_mut(XL_FEATURES).for_each(|frame| frame[MEL_BINS..].fill(0.0));
         }
-        Some(graph.xl(&values, input.frames, device))
+        Some(graph.xl(&values, input.frames))
     }
 
     /// Logits `[batch, frame, class]` of the embeddings `[batch · sensor · frame, embed]` that there are.
@@ -65,10 +65,9 @@ impl Variant {
         input: &Sequences,
         piezo: Option<Tensor<2>>,
         xl: Option<Tensor<2>>,
-        device: &Device,
     ) -> Tensor<3> {
         let &Sequences { batch, sensors, frames, .. } = input;
-        let band = Band::new(frames, self.window, device);
+        let band = Band::new(frames, self.window, &graph.device);
         let of_sensors = |x: Tensor<2>| {
             let [_, width] = x.dims();
             x.reshape([batch * sensors, frames, width])
@@ -119,18 +118,8 @@ impl Architecture for Dims {
         specs(self)
     }
 
-    fn heads(&self) -> usize {
-        self.heads
-    }
-
-    fn forward(
-        &self,
-        graph: &Graph<'_>,
-        input: &Sequences,
-        features: Option<Tensor<2>>,
-        device: &Device,
-    ) -> Tensor<3> {
-        Variant { window: self.window, ..BASE }.forward(graph, input, features, device)
+    fn forward(&self, graph: &Graph<'_>, input: &Sequences, features: Option<Tensor<2>>) -> Tensor<3> {
+        Variant { window: self.window, ..BASE }.forward(graph, input, features)
     }
 }
 
@@ -165,18 +154,8 @@ impl Architecture for Variant {
         all
     }
 
-    fn heads(&self) -> usize {
-        self.dims().heads
-    }
-
-    fn forward(
-        &self,
-        graph: &Graph<'_>,
-        input: &Sequences,
-        features: Option<Tensor<2>>,
-        device: &Device,
-    ) -> Tensor<3> {
+    fn forward(&self, graph: &Graph<'_>, input: &Sequences, features: Option<Tensor<2>>) -> Tensor<3> {
         let piezo = features.map(|features| graph.dense("piezo.dense", features));
-        self.decide(graph, input, piezo, self.embed_xl(graph, input, device), device)
+        self.decide(graph, input, piezo, self.embed_xl(graph, input))
     }
 }

@@ -7,28 +7,24 @@ use anyhow::Result;
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use indicatif::ProgressBar;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::TensorSpec;
 use slipsense::params::{MEL_BINS, OUTPUTS, PIEZO_CHANNELS, TAXELS, XL_FEATURES};
 use std::path::Path;
 
-use super::results::Budget;
-use super::train::run_steps;
-use super::{Encoders, Variant};
-use crate::batch::Sampler;
+use super::train::Training;
+use super::{BASE, Encoders, Variant};
+use crate::device::{numbers, tensor};
 use crate::encoders::named::{self, Named};
 use crate::encoders::{EMBED, Encoder, MaskedPatches, PadEncoder, SsastPretraining, VitMae};
-use crate::float::{Architecture, FloatNetwork, Graph, Sequences, plain, tensor};
+use crate::float::{Architecture, FloatNetwork, Graph, Sequences, Step, plain};
 use crate::piezo::{IMAGE, PIEZO_INPUT_SCALE};
 use crate::weights::{Weights, first_values};
 
 /// Scans of a step of the masked autoencoder's pretraining, and windows of a step of SSAST's.
 const PRETRAINING_SCANS: usize = 64;
 const PRETRAINING_WINDOWS: usize = 16;
-/// Frames of those windows.
-const WINDOW: usize = super::BASE.window;
 /// Highest learning rate of an encoder, as a share of the fusion's: transformers do not bear more.
 const RATE_SHARE: f64 = 0.1;
 
@@ -42,19 +38,9 @@ impl Architecture for Fusion {
         self.0.specs().into_iter().filter(|spec| !is_encoder(spec)).collect()
     }
 
-    fn heads(&self) -> usize {
-        self.0.heads()
-    }
-
-    fn forward(
-        &self,
-        graph: &Graph<'_>,
-        input: &Sequences,
-        features: Option<Tensor<2>>,
-        device: &Device,
-    ) -> Tensor<3> {
+    fn forward(&self, graph: &Graph<'_>, input: &Sequences, features: Option<Tensor<2>>) -> Tensor<3> {
         let part = |at: usize| features.clone().map(|both| both.narrow(1, at * EMBED, EMBED));
-        self.0.decide(graph, input, part(0), part(1), device)
+        self.0.decide(graph, input, part(0), part(1))
     }
 }
 
@@ -87,13 +73,16 @@ fn bins(input: &Sequences) -> Vec<f32> {
     input.xl.chunks_exact(XL_FEATURES).flat_map(|frame| &frame[..MEL_BINS]).copied().collect()
 }
 
-/// Embeddings of all rows, a few at a time, without a tape. `seed`: of what is dropped.
-fn embed(encoder: &Encoder, rows: &[f32], width: usize, seed: u64, device: &Device) -> Vec<f32> {
+/// Embeddings `[scan, embedding]` of all rows, a few at a time, without a tape. `seed`: of what is dropped.
+fn embed(encoder: &Encoder, rows: &[f32], width: usize, seed: u64, device: &Device) -> Tensor<2> {
     let some = |(part, rows): (usize, &[f32])| {
         let rows = tensor::<2>(rows.to_vec(), [rows.len() / width, width], device);
-        encoder.embed(rows, seed + part as u64).into_data().iter::<f32>().collect::<Vec<_>>()
+        numbers(encoder.embed(rows, seed + part as u64))
     };
-    rows.chunks(encoder.rows_at_once(device) * width).enumerate().flat_map(some).collect()
+    let parts = rows.chunks(encoder.rows_at_once(device) * width).enumerate();
+    let embedded: Vec<f32> = parts.flat_map(some).collect();
+    let scans = embedded.len() / EMBED;
+    tensor(embedded, [scans, EMBED], device)
 }
 
 #[derive(Module, Debug)]
@@ -104,7 +93,7 @@ pub struct PaperNetwork {
 }
 
 impl PaperNetwork {
-    /// Before training. `device` is one with automatic gradients.
+    /// Before training. To be trained on a device with automatic gradients, to be run on a plain one.
     pub fn new(variant: &Variant, encoders: Encoders, seed: u64, device: &Device) -> Self {
         let fusion = Weights { dims: variant.dims(), tensors: first_values(&Fusion(*variant).specs(), seed) };
         Self {
@@ -112,17 +101,6 @@ impl PaperNetwork {
             xl: named::first(Encoder::of_xl(encoders.xl, device), seed + 1),
             fusion: FloatNetwork::new(&fusion, device),
         }
-    }
-
-    /// To be run, with these numbers. `device` is a plain one.
-    pub fn fixed(variant: &Variant, encoders: Encoders, numbers: &Named, device: &Device) -> Self {
-        let fusion = Weights { dims: variant.dims(), tensors: first_values(&Fusion(*variant).specs(), 0) };
-        let network = Self {
-            pads: Encoder::of_pads(encoders.pads, device),
-            xl: Encoder::of_xl(encoders.xl, device),
-            fusion: FloatNetwork::fixed(&fusion, device),
-        };
-        named::put(network, numbers)
     }
 
     /// With pretrained encoders where they are there; a frozen one is not trained on.
@@ -139,48 +117,40 @@ impl PaperNetwork {
         self
     }
 
-    /// Outputs of every frame, `[batch, frame]`, without gradients. `device` is a plain one.
-    pub fn outputs(&self, variant: &Variant, input: &Sequences, device: &Device) -> Vec<[f32; OUTPUTS]> {
+    /// Outputs of every frame, `[batch, frame]`, of a network that is to be run.
+    pub fn outputs(&self, variant: &Variant, input: &Sequences) -> Vec<[f32; OUTPUTS]> {
+        let device = &self.fusion.device();
         let scans = Scans::new(input);
         let pads = embed(&self.pads, &scans.rows, TAXELS, 0, device);
         let xl = embed(&self.xl, &bins(input), input.frames * MEL_BINS, 0, device);
-        let features = features(tensor_of(pads, device), tensor_of(xl, device), scans.row, device);
         let fusion = Fusion(*variant);
-        plain(fusion.forward(&self.fusion.graph(&fusion), input, Some(features), device))
+        plain(fusion.forward(&self.fusion.graph(&fusion), input, Some(features(pads, xl, scans.row))))
     }
 
-    /// Loss of a batch and the gradients of all parameters. The encoders run twice, a few rows at a time: their
-    /// activations would fill the memory.
-    pub fn gradients(
-        &self,
-        variant: &Variant,
-        is_frozen: bool,
-        input: &Sequences,
-        seed: u64,
-        device: &Device,
-    ) -> (f64, GradientsParams) {
+    /// Of a batch, by a network that is to be trained. The encoders run twice, a few rows at a time: their activations
+    /// would fill the memory.
+    pub fn gradients(&self, variant: &Variant, is_frozen: bool, input: &Sequences, seed: u64) -> Step {
+        let device = &self.fusion.device();
         let (scans, bins) = (Scans::new(input), bins(input));
         let frames = input.frames * MEL_BINS;
-        let leaf = |values| tensor_of(values, device).require_grad();
-        let pads = leaf(embed(&self.pads, &scans.rows, TAXELS, seed, device));
-        let xl = leaf(embed(&self.xl, &bins, frames, seed, device));
+        let pads = embed(&self.pads, &scans.rows, TAXELS, seed, device).require_grad();
+        let xl = embed(&self.xl, &bins, frames, seed, device).require_grad();
         let fusion = Fusion(*variant);
-        let seen = features(pads.clone(), xl.clone(), scans.row, device);
-        let outputs = fusion.forward(&self.fusion.graph(&fusion), input, Some(seen), device);
-        let loss = FloatNetwork::loss(outputs, input, device);
+        let seen = features(pads.clone(), xl.clone(), scans.row);
+        let outputs = fusion.forward(&self.fusion.graph(&fusion), input, Some(seen));
+        let loss = FloatNetwork::loss(outputs, input);
         let value = f64::from(loss.clone().into_scalar::<f32>());
         let mut gradients = loss.backward();
         let mut of = |leaf: &Tensor<2>| {
-            let gradient = leaf.grad_remove(&mut gradients).expect("the loss depends on every embedding");
-            gradient.into_data().iter::<f32>().collect::<Vec<_>>()
+            numbers(leaf.grad_remove(&mut gradients).expect("the loss depends on every embedding"))
         };
         let (of_pads, of_xl) = (of(&pads), of(&xl));
         let mut sum = GradientsAccumulator::new();
         sum.accumulate(self, GradientsParams::from_grads(gradients, self));
         if !is_frozen {
-            self.backward(&self.pads, (&scans.rows, TAXELS), &of_pads, seed, device, &mut sum);
+            self.backward(&self.pads, (&scans.rows, TAXELS), &of_pads, seed, &mut sum);
         }
-        self.backward(&self.xl, (&bins, frames), &of_xl, seed, device, &mut sum);
+        self.backward(&self.xl, (&bins, frames), &of_xl, seed, &mut sum);
         (value, sum.grads())
     }
 
@@ -191,9 +161,9 @@ impl PaperNetwork {
         (rows, width): (&[f32], usize),
         gradient: &[f32],
         seed: u64,
-        device: &Device,
         sum: &mut GradientsAccumulator<Self>,
     ) {
+        let device = &self.fusion.device();
         let out = gradient.len() / (rows.len() / width);
         let at_once = encoder.rows_at_once(device);
         let parts = rows.chunks(at_once * width).zip(gradient.chunks(at_once * out));
@@ -207,16 +177,10 @@ impl PaperNetwork {
     }
 }
 
-/// Embeddings, one a row.
-fn tensor_of(values: Vec<f32>, device: &Device) -> Tensor<2> {
-    let rows = values.len() / EMBED;
-    tensor(values, [rows, EMBED], device)
-}
-
 /// Both embeddings of every scan side by side.
-fn features(pads: Tensor<2>, xl: Tensor<2>, row: Vec<i32>, device: &Device) -> Tensor<2> {
+fn features(pads: Tensor<2>, xl: Tensor<2>, row: Vec<i32>) -> Tensor<2> {
     let count = row.len();
-    let row = Tensor::<1, Int>::from_data(TensorData::new(row, [count]), device);
+    let row = Tensor::<1, Int>::from_data(TensorData::new(row, [count]), &pads.device());
     Tensor::cat(vec![pads.select(0, row), xl], 1)
 }
 
@@ -227,56 +191,32 @@ pub struct Pretrained {
     pub ssast: Option<Named>,
 }
 
-/// What does not change while a network is trained.
-#[derive(Clone, Copy, Debug)]
-pub struct Training<'a> {
-    pub sampler: &'a Sampler<'a>,
-    pub budget: &'a Budget,
-    pub seed: u64,
-    /// A plain one.
-    pub device: &'a Device,
-    pub bar: &'a ProgressBar,
-}
-
 impl Training<'_> {
-    fn batch(&self, step: usize) -> Sequences {
-        self.sampler.batch(self.budget.encoder_batch, self.step_seed(step))
-    }
-
-    fn step_seed(&self, step: usize) -> u64 {
-        self.seed.wrapping_add((step as u64) << 32)
+    fn encoder_batch(&self, step: usize) -> Sequences {
+        self.batch(self.budget.encoder_batch, step)
     }
 
     /// The running average of a module's numbers over all steps, and the last tenth's mean loss.
-    fn run<M: Module>(
-        &self,
-        module: M,
-        gradients: impl FnMut(&M, usize) -> (f64, GradientsParams),
-    ) -> Result<(Named, f64)> {
-        let (steps, rate) = (self.budget.encoder_steps, RATE_SHARE * self.budget.learning_rate);
+    fn run<M: Module>(&self, module: M, gradients: impl FnMut(&M, usize) -> Step) -> Result<(Named, f64)> {
+        let rate = RATE_SHARE * self.budget.learning_rate;
         let mut numbers = named::get(&module);
         let average = |module: &M, decay| named::average(&mut numbers, &named::get(module), decay);
-        let loss = run_steps(module, steps, rate, self.bar, gradients, average)?;
+        let loss = self.steps(module, self.budget.encoder_steps, rate, gradients, average)?;
         Ok((numbers, loss))
     }
 
-    /// Train a network on the labels.
-    pub fn train(
+    /// Train a network of the paper's on the labels.
+    pub fn paper(
         &self,
         variant: &Variant,
         encoders: Encoders,
         pretrained: &Pretrained,
     ) -> Result<(Named, f64)> {
-        let device = self.device.clone().autodiff();
         let is_frozen = encoders.pads == PadEncoder::VitFrozen;
-        let mut pretrained = pretrained.clone();
-        if !encoders.pads.is_pretrained() {
-            pretrained.vit = None;
-        }
-        let network = PaperNetwork::new(variant, encoders, self.seed, &device);
-        let network = network.with_pretrained(&pretrained, is_frozen);
+        let network = PaperNetwork::new(variant, encoders, self.seed, &self.device.clone().autodiff());
+        let network = network.with_pretrained(pretrained, is_frozen);
         self.run(network, |network, step| {
-            network.gradients(variant, is_frozen, &self.batch(step), self.step_seed(step), &device)
+            network.gradients(variant, is_frozen, &self.encoder_batch(step), self.step_seed(step))
         })
     }
 
@@ -286,7 +226,7 @@ impl Training<'_> {
         let mae = named::first(VitMae::new(&device), self.seed);
         let (numbers, _) = self.run(mae, |mae, step| {
             let mut rng = ChaCha8Rng::seed_from_u64(self.step_seed(step));
-            let scans = Scans::new(&self.batch(step)).rows;
+            let scans = Scans::new(&self.encoder_batch(step)).rows;
             // Spread over the batch; the untouched pad is the first.
             let apart = (scans.len() / TAXELS).div_ceil(PRETRAINING_SCANS).max(1);
             let some = scans.chunks_exact(TAXELS).skip(1).step_by(apart);
@@ -308,8 +248,8 @@ impl Training<'_> {
         let ssast = named::first(SsastPretraining::new(&device), self.seed);
         let (numbers, _) = self.run(ssast, |ssast, step| {
             let mut rng = ChaCha8Rng::seed_from_u64(self.step_seed(step));
-            let bins = bins(&self.batch(step));
-            let window = WINDOW.min(self.budget.encoder_frames);
+            let bins = bins(&self.encoder_batch(step));
+            let window = BASE.window.min(self.budget.encoder_frames);
             let windows: Vec<f32> =
                 bins.chunks_exact(window * MEL_BINS).take(PRETRAINING_WINDOWS).flatten().copied().collect();
             let count = windows.len() / (window * MEL_BINS);
@@ -320,7 +260,7 @@ impl Training<'_> {
 }
 
 /// A loss as a number, and its gradients.
-fn of_loss(module: &impl Module, loss: Tensor<1>) -> (f64, GradientsParams) {
+fn of_loss(module: &impl Module, loss: Tensor<1>) -> Step {
     let value = f64::from(loss.clone().into_scalar::<f32>());
     (value, GradientsParams::from_grads(loss.backward(), module))
 }

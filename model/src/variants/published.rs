@@ -38,17 +38,9 @@ impl PaperComparison {
 pub(super) const HEADING: &str = "the paper's tables, of real grippers | ours: mean of the seeds, synthetic; each time on its own computer";
 
 pub(super) fn header() -> String {
-    format!(
-        "{:13}{:20}{:10}{:>16}{:>16}{:>16}{:>16}{:>16}",
-        "table",
-        "row",
-        "split",
-        "latency, frames",
-        "false slip, %",
-        "accuracy, %",
-        "macro F1, %",
-        "window, ms"
-    )
+    let figures = ["latency, frames", "false slip, %", "accuracy, %", "macro F1, %", "window, ms"];
+    let figures = figures.map(|figure| format!("{figure:>16}")).concat();
+    format!("{:13}{:20}{:10}{figures}", "table", "row", "split")
 }
 
 impl fmt::Display for PaperComparison {

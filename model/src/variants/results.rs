@@ -161,7 +161,6 @@ pub struct Finished {
 }
 
 impl Finished {
-    /// Where it is kept.
     pub fn path(out: &Path, row: &str, seed: u64) -> PathBuf {
         out.join(format!("{row}-{seed}.json"))
     }
@@ -182,7 +181,6 @@ impl Finished {
 /// A figure over the seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Mean of the seeds.
     pub mean: f64,
     pub lowest: f64,
     pub highest: f64,

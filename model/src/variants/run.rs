@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use burn::tensor::Device;
 use indicatif::{MultiProgress, ProgressBar};
 use slipsense::net::Model;
 use slipsense::params::OUTPUTS;
 
 use super::orderings::UMI;
-use super::paper::{PaperNetwork, Pretrained, Training, kept};
+use super::paper::{PaperNetwork, Pretrained, kept};
 use super::results::{Budget, Finished};
 use super::sets::{SPLITS, Sets};
-use super::train::train;
+use super::train::Training;
 use super::{Making, Row, Variant, example, integers, row_named};
 use crate::batch::{Options, Sampler};
 use crate::data::Features;
@@ -46,7 +46,7 @@ pub(super) struct Run<'a> {
 impl Run<'_> {
     /// Train, where the row is trained, and score.
     pub fn ours(&self, row: &Row, seed: u64) -> Result<Finished> {
-        let Self { out, budget, sets, .. } = self;
+        let Self { out, budget, device, .. } = self;
         let started = Instant::now();
         let needed =
             row.needs().and_then(row_named).map(|needed| read_kept(out, needed, seed)).transpose()?;
@@ -54,30 +54,27 @@ impl Run<'_> {
         if let (Making::Quantized, Some((_, weights))) = (row.making, needed) {
             return self.integers(row, seed, weights, started);
         }
-        let Variant { pads, xl_augmentation, .. } = row.variant;
-        let options = Options { pads, xl_augmentation, ..Options::default() };
-        let sampler = Sampler::new(&sets.train, budget.frames)?.with_options(options);
+        let sampler = self.sampler(row, budget.frames)?;
         let bar = self.bar(row, seed, budget.steps);
-        let trained = train(&row.variant, &sampler, needed, budget, seed, &self.device, &bar)
-            .with_context(|| format!("row {}, seed {seed}", row.name))?;
+        let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
+        let (weights, loss) =
+            training.ours(&row.variant, needed).with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
         if row.is_needed() {
-            trained.weights.write(&kept_weights(out, row.name, seed))?;
+            weights.write(&kept_weights(out, row.name, seed))?;
         }
-        let device = &self.device;
-        let network = FloatNetwork::fixed(&trained.weights, device);
-        let outputs = |features: &Features| {
-            network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
-        };
-        let parameters = trained.weights.count();
-        Ok(Finished { loss: Some(trained.loss), ..self.finished(row, seed, started, parameters, outputs) })
+        let network = FloatNetwork::new(&weights, device);
+        let outputs =
+            |features: &Features| network.outputs(&row.variant, &features.sequences_of(row.variant.pads));
+        let finished = self.finished(row, seed, started, weights.count(), outputs);
+        Ok(Finished { loss: Some(loss), ..finished })
     }
 
     /// A row's trained weights on the microcontroller's kernels.
     fn integers(&self, row: &Row, seed: u64, weights: &Weights, started: Instant) -> Result<Finished> {
         let bytes = integers::model(weights, &self.sets.train)
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
-        let model = Model::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
+        let model = Model::parse(&bytes)?;
         let outputs = |features: &Features| integers::outputs(model, features);
         let finished = self.finished(row, seed, started, weights.count(), outputs);
         Ok(Finished { device: DeviceName::Cpu, ..finished })
@@ -117,11 +114,10 @@ impl Run<'_> {
 
     /// The same for a row with the paper's encoders; pretrains those it needs that no earlier row has needed.
     pub fn paper(&self, row: &Row, seed: u64) -> Result<Finished> {
-        let Self { out, budget, sets, device, .. } = self;
+        let Self { out, budget, device, .. } = self;
         let started = Instant::now();
         let encoders = row.encoders.context("the row has encoders")?;
-        let options = Options { pads: row.variant.pads, ..Options::default() };
-        let sampler = Sampler::new(&sets.train, budget.encoder_frames)?.with_options(options);
+        let sampler = self.sampler(row, budget.encoder_frames)?;
         let bar = self.bar(row, seed, budget.encoder_steps);
         let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
         let mut pretrained = Pretrained::default();
@@ -143,20 +139,25 @@ impl Run<'_> {
         }
         drop(pretraining);
         let (numbers, loss) = training
-            .train(&row.variant, encoders, &pretrained)
+            .paper(&row.variant, encoders, &pretrained)
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
-        let network = PaperNetwork::fixed(&row.variant, encoders, &numbers, device);
-        let outputs = |features: &Features| {
-            network.outputs(&row.variant, &features.sequences_of(row.variant.pads), device)
-        };
+        let network = named::put(PaperNetwork::new(&row.variant, encoders, seed, device), &numbers);
+        let outputs =
+            |features: &Features| network.outputs(&row.variant, &features.sequences_of(row.variant.pads));
         let trained = numbers.iter().filter(|(name, _)| !name.contains("running_"));
         let parameters = trained.map(|(_, numbers)| numbers.values.len()).sum();
         Ok(Finished { loss: Some(loss), ..self.finished(row, seed, started, parameters, outputs) })
     }
 
+    fn sampler(&self, row: &Row, frames: usize) -> Result<Sampler<'_>> {
+        let Variant { pads, xl_augmentation, .. } = row.variant;
+        let options = Options { pads, xl_augmentation, ..Options::default() };
+        Sampler::new(&self.sets.train, frames, options)
+    }
+
     fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {
-        self.bars.add(progress("", steps as u64).with_prefix(format!("{} {seed}", row.name)))
+        self.bars.add(progress(format!("{} {seed}", row.name), steps as u64))
     }
 }
 

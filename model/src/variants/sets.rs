@@ -8,10 +8,9 @@ use slipsense_synth::{Recipe, Split};
 
 use super::BASE;
 use super::results::{Budget, SplitFigures};
-use crate::data::{Features, Source};
+use crate::data::{Features, recipes};
 use crate::evaluate::score_logits;
 use crate::folder::Use;
-use crate::progress::progress;
 
 /// Splits that every row is scored on.
 pub const SPLITS: [Split; 6] =
@@ -27,18 +26,14 @@ pub struct Sets {
 impl Sets {
     /// Make them all; a bar for each.
     pub fn generate(budget: &Budget) -> Result<Self> {
-        let bar = progress("train", budget.episodes as u64);
-        let source = Source::new(None, budget.data_seed);
-        let train =
-            source.map(Use::Train, budget.episodes, &bar, |episode| Features::from_episode(&episode))?;
-        bar.finish_and_clear();
+        let train = recipes(Use::Train, budget.data_seed, budget.episodes)?;
         let split = |split: Split| {
             let mut episodes = split.frozen()?.episodes;
             episodes.truncate(budget.test_episodes.max(budget.encoder_test_episodes));
             let recipes: Vec<Recipe> = episodes.into_iter().map(|episode| episode.recipe).collect();
-            let bar = progress(split.name(), recipes.len() as u64);
-            Ok((split, Features::of_recipes(&recipes, &bar)?))
+            Ok((split, Features::of_recipes(split.name(), &recipes)?))
         };
+        let train = Features::of_recipes("train", &train)?;
         Ok(Self { train, splits: SPLITS.into_iter().map(split).collect::<Result<_>>()? })
     }
 

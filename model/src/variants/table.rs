@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::orderings::{Comparisons, Cost, Verdict};
 use super::published;
-use super::results::{RowSplit, Spread};
+use super::results::{Budget, RowSplit, Spread};
 use crate::device::DeviceName;
 
 /// Width of the first column.
@@ -37,21 +37,15 @@ impl fmt::Display for Comparisons {
         let Some(most) = self.rows.iter().max_by_key(|row| row.splits.len()) else {
             return writeln!(f, "no row is finished");
         };
-        let budget = &self.budget;
-        let (step, encoder_step) =
-            (budget.batch * budget.frames, budget.encoder_batch * budget.encoder_frames);
+        let Budget { episodes, steps, encoder_steps, test_episodes, encoder_test_episodes, .. } = self.budget;
+        let step = self.budget.batch * self.budget.frames;
+        let encoder_step = self.budget.encoder_batch * self.budget.encoder_frames;
         let seeds = self.rows.iter().map(|row| row.seeds.len()).max().unwrap_or(0);
         writeln!(
             f,
-            "Synthetic data, float networks but for integers; {} training episodes, {} steps of {} frames ({} of {} with the paper's \
-             encoders), first {} ({}) episodes of each frozen split; mean (lowest–highest) of up to {seeds} seeds",
-            budget.episodes,
-            budget.steps,
-            step,
-            budget.encoder_steps,
-            encoder_step,
-            budget.test_episodes,
-            budget.encoder_test_episodes
+            "Synthetic data, float networks but for integers; {episodes} training episodes, {steps} steps of {step} frames \
+             ({encoder_steps} of {encoder_step} with the paper's encoders), first {test_episodes} \
+             ({encoder_test_episodes}) episodes of each frozen split; mean (lowest–highest) of up to {seeds} seeds"
         )?;
         for (figure, show) in FIGURES {
             write!(f, "\n{figure}\n{:NAME$}", "row")?;
@@ -71,8 +65,7 @@ impl fmt::Display for Comparisons {
         writeln!(f, "\n{:NAME$}{:>12}{:>24}  {:10}what", "row", "parameters", "one window, ms", "by")?;
         for row in &self.rows {
             let time = cell(row.window_ms, 1.0, 1, "–");
-            let by: Vec<String> = row.devices.iter().map(DeviceName::to_string).collect();
-            let by = by.join(", ");
+            let by = row.devices.iter().map(DeviceName::to_string).collect::<Vec<_>>().join(", ");
             writeln!(f, "{:NAME$}{:>12}{time:>24}  {by:10}{}", row.row, row.parameters, row.about)?;
         }
         writeln!(
@@ -101,7 +94,7 @@ impl fmt::Display for Comparisons {
             writeln!(f, "{verdict:15} {:36} {:24} {}", order.rule, d.to_string(), splits.join(", "))?;
         }
         if !self.costs.is_empty() {
-            let (ours, paper) = (budget.steps * step, budget.encoder_steps * encoder_step);
+            let (ours, paper) = (steps * step, encoder_steps * encoder_step);
             writeln!(
                 f,
                 "\nwhat the microcontroller's network costs: points of macro F1 lost on both UMI splits, negative ones \

@@ -3,10 +3,9 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-use slipsense_recording::score::ClassScores;
 use slipsense_synth::{FAMILIES, Recipe, Stage};
 
-use crate::variants::orderings::{Confusion, Difference};
+use crate::variants::orderings::{Confusion, Difference, macro_f1};
 use crate::variants::results::{Budget, Spread};
 
 /// Families of a stage that training may see.
@@ -79,13 +78,6 @@ pub fn family((stage, place): FamilyAt) -> String {
     Recipe::new(0).with_family(stage, place).family(stage)
 }
 
-/// Macro F1 of these episodes together.
-fn macro_f1(episodes: &[Confusion]) -> Option<f64> {
-    let mut sum = ClassScores::default();
-    episodes.iter().for_each(|&confusion| sum.add(&ClassScores { confusion }));
-    sum.macro_f1()
-}
-
 impl Results {
     pub fn new(budget: Budget, stages: &[Stage], seeds: &[u64], finished: &[Finished]) -> Self {
         // Of one network and seed on one family.
@@ -94,7 +86,9 @@ impl Results {
             done.scores.iter().find(|(tested, _)| *tested == stage).map(|(_, families)| &families[place])
         };
         let spread = |without, at| {
-            Spread::new(seeds.iter().map(|&seed| of(without, seed, at).and_then(|all| macro_f1(all))))
+            Spread::new(
+                seeds.iter().map(|&seed| of(without, seed, at).and_then(|all| macro_f1(all.iter().copied()))),
+            )
         };
         let cost = |left_out: FamilyAt, at: FamilyAt| {
             let pair = |&seed: &u64| {
@@ -137,16 +131,14 @@ impl Results {
 
 impl fmt::Display for Results {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (episodes, seeds) = (self.episodes, self.seeds.len());
+        let Budget { steps, batch, frames, test_episodes, .. } = self.budget;
         writeln!(
             f,
-            "Synthetic data, float networks; {} training episodes and {} steps of {} frames each, {} episodes of \
-             each family, {} seeds. Macro F1 in %; behind it by how many points the network without a family differs \
-             (95 % interval over episodes and seeds)",
-            self.episodes,
-            self.budget.steps,
-            self.budget.batch * self.budget.frames,
-            self.budget.test_episodes,
-            self.seeds.len()
+            "Synthetic data, float networks; {episodes} training episodes and {steps} steps of {} frames each, \
+             {test_episodes} episodes of each family, {seeds} seeds. Macro F1 in %; behind it by how many points the \
+             network without a family differs (95 % interval over episodes and seeds)",
+            batch * frames
         )?;
         for families in self.tested.chunks(FAMILIES) {
             write!(f, "\n{:14}{:>8}", lower(families[0].stage), "all")?;

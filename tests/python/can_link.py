@@ -12,9 +12,13 @@ import time
 import can
 
 
+CHANNEL = "slipsense"
+CONNECT_S = 30.0
+
+
 class CanLink:
-    def __init__(self, port, channel, timeout_s=30.0):
-        deadline = time.monotonic() + timeout_s
+    def __init__(self, port):
+        deadline = time.monotonic() + CONNECT_S
         while True:
             try:
                 self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
@@ -25,7 +29,7 @@ class CanLink:
                 time.sleep(0.1)
         self.socket.settimeout(None)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.bus = can.Bus(interface="virtual", channel=channel)
+        self.bus = can.Bus(interface="virtual", channel=CHANNEL)
         self.open = True
         self.frames = {"to the node": 0, "from the node": 0}
         self.threads = [threading.Thread(target=self._carry, args=[step], daemon=True) for step in (self._from_node, self._to_node)]

@@ -18,17 +18,16 @@ import librosa
 import numpy as np
 import scipy
 import sklearn
-from scipy.signal import butter, lfilter, lfilter_zi
+from scipy.signal import butter, lfilter
 from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 from sklearn.linear_model import LogisticRegression
 
+from make_logmel_vectors import LSB_G, RATE_HZ, WINDOW, power
+
 PATH = pathlib.Path(__file__).resolve().parents[2] / "host-tools/eval/tests/vectors/baselines.json"
 SEED = 20261
-RATE_HZ = 8000
-WINDOW = 128
 FILTERS = 26
 COEFFICIENTS = 13
-LSB_G = 0.000488
 FLOOR_G2 = 1e-7
 RIDGE = 1e-6
 ENDS = [40, 128, 300, 333, 366, 400, 600]
@@ -47,16 +46,10 @@ def signal(rng):
 
 
 def mfccs(samples):
-    """13 MFCC of the last 128 samples at each of ENDS; zeros before the first sample."""
-    b, a = butter(2, 10.0, btype="highpass", fs=RATE_HZ)
-    g = samples * LSB_G
-    filtered, _ = lfilter(b, a, g, axis=0, zi=lfilter_zi(b, a)[:, None] * g[0])
-    padded = np.vstack([np.zeros((WINDOW, 3)), filtered])
-    hann = scipy.signal.get_window("hann", WINDOW, fftbins=True)[:, None]
+    """13 MFCC of the last 128 samples at each of ENDS."""
     mel = librosa.filters.mel(sr=RATE_HZ, n_fft=WINDOW, n_mels=FILTERS, fmin=20.0, fmax=4000.0, htk=True,
                               norm=None, dtype=np.float64)
-    power = [(np.abs(np.fft.rfft(padded[end:end + WINDOW] * hann, axis=0)) ** 2).sum(axis=1) for end in ENDS]
-    log_mel = np.log(mel @ np.array(power).T + FLOOR_G2)
+    log_mel = np.log(mel @ power(samples * LSB_G, ENDS).T + FLOOR_G2)
     return librosa.feature.mfcc(S=log_mel, n_mfcc=COEFFICIENTS, dct_type=2, norm="ortho").T
 
 

@@ -94,14 +94,7 @@ def check_slip(messages, predictions, episode, checks):
         checks.equal(f"{at}, transfer id", transfer.transfer_id, index % 32)
         checks.equal(f"{at}, sequence", message.sequence, index)
         checks.equal(f"{at}, sensors", message.sensors, sensors)
-        checks.equal(f"{at}, class", message.class_index, predictions["class"][index])
-        logits = np.clip((predictions["logits"][index] + 2) >> 2, -32768, 32767)
-        checks.equal(f"{at}, logits", message.logits_q8, logits)
-        for flag in ("slip", "may_begin"):
-            checks.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
-        for sensor in range(sensors):
-            want = episode["piezo"][index, sensor].sum(dtype=np.uint32)
-            checks.equal(f"{at}, sum of sensor {sensor}", message.contact[sensor].count_sum, want)
+        checks.decision(index, message, message.logits_q8, predictions, episode["piezo"])
 
 
 def decode(message):

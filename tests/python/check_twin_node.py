@@ -14,10 +14,9 @@ import pathlib
 import random
 import subprocess
 
-from node_client import NODE, TOOL, Client, frame_counts, link_to, natural, numbers, run_checks
+from can_link import CanLink
+from node_client import NODE, TOOL, Client, natural, numbers, run_checks
 
-# Of this computer, seconds; the twin may run at a twentieth of real time.
-TIMEOUT_S = 120.0
 CAUTION, OPERATIONAL, SENSOR_MISSING = 2, 0, 1
 MASTER_EPOCH_US = 1_700_000_000_000_000
 
@@ -181,8 +180,8 @@ async def check_allocation(client):
 
 
 async def run(checks, port, model):
-    link = link_to(port)
-    client = Client(checks, TIMEOUT_S)
+    link = CanLink(port)
+    client = Client(checks)
     await client.until("a first heartbeat", client.beats)
     await check_identity(client, pathlib.Path(model))
     await check_heartbeat(client)
@@ -192,7 +191,8 @@ async def run(checks, port, model):
     address = await check_allocation(client)
     client.node.close()
     link.close()
-    return f"{registers} registers, address {address} allocated; {frame_counts(link)}"
+    frames = ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
+    return f"{registers} registers, address {address} allocated; {frames}"
 
 
 if __name__ == "__main__":

@@ -16,8 +16,8 @@ import hashlib
 import pathlib
 import struct
 
-from check_twin_node import TIMEOUT_S
-from node_client import NODE, Client, link_to, natural, run_checks
+from can_link import CanLink
+from node_client import NODE, Client, natural, run_checks
 
 # Of this computer, seconds: erases and a swap take several virtual ones each, which the twin runs at a fraction of
 # real time.
@@ -46,7 +46,7 @@ MODEL_STEPS = (1_000,)
 
 class UpdateClient(Client):
     def __init__(self, checks, folder):
-        super().__init__(checks, TIMEOUT_S)
+        super().__init__(checks)
         self.folder = folder
         self.link = None
 
@@ -56,7 +56,7 @@ class UpdateClient(Client):
 
         # Lives as long as the node.
         pycyphal.application.file.FileServer(self.node, [self.folder])
-        self.link = link_to(port)
+        self.link = CanLink(port)
         await self.started("power-on")
 
     def close(self):

@@ -29,6 +29,16 @@ class Checks:
         # The text of an array takes long to make.
         self.true(what if right else f"{what}: got {got!r}, want {want!r}", right)
 
+    def decision(self, index, message, logits_q8, predictions, piezo):
+        """Slip message `index` against its row of `predictions.npz`, and its sums against the scans."""
+        at, sensors = f"slip message {index}", piezo.shape[1]
+        self.equal(f"{at}, class", message.class_index, predictions["class"][index])
+        self.equal(f"{at}, logits", logits_q8, ((predictions["logits"][index] + 2) >> 2).clip(-32768, 32767))
+        for flag in ("slip", "may_begin"):
+            self.equal(f"{at}, {flag}", int(getattr(message, flag)), predictions[flag][index])
+        sums = [contact.count_sum for contact in message.contact][:sensors]
+        self.equal(f"{at}, sums", sums, piezo[index].sum(axis=(1, 2), dtype=np.uint32))
+
 
 def require(is_so, what):
     """Print what holds; end with an error where it does not."""

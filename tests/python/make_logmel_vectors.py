@@ -37,21 +37,18 @@ MEL = librosa.filters.mel(sr=RATE_HZ, n_fft=WINDOW, n_mels=16, fmin=20.0, fmax=4
 B, A = butter(2, 10.0, btype="highpass", fs=RATE_HZ)
 
 
-def mel_power(samples, hops):
-    """Axis-summed mel power in LSB² at the end of each hop. samples: (n, 3)."""
+def power(samples, ends):
+    """Axis-summed power spectrum of the window before each end; zeros before the first sample. samples: (n, 3)."""
     # The filter starts as if the first sample had been there forever.
     filtered, _ = lfilter(B, A, samples, axis=0, zi=lfilter_zi(B, A)[:, None] * samples[0])
     padded = np.vstack([np.zeros((WINDOW, 3)), filtered])
-    frames = []
-    for end in np.cumsum(hops):
-        window = padded[end : end + WINDOW]
-        spectrum = np.fft.rfft(window * HANN[:, None], axis=0)
-        frames.append(MEL @ (np.abs(spectrum) ** 2).sum(axis=1))
-    return np.array(frames)
+    spectra = (np.fft.rfft(padded[end : end + WINDOW] * HANN[:, None], axis=0) for end in ends)
+    return np.array([(np.abs(spectrum) ** 2).sum(axis=1) for spectrum in spectra])
 
 
 def log_mel(samples, hops):
-    return np.log(np.maximum(mel_power(samples, hops), FLOOR_LSB2))
+    """At the end of each hop, of power in LSB²."""
+    return np.log(np.maximum(power(samples, np.cumsum(hops)) @ MEL.T, FLOOR_LSB2))
 
 
 def standardised(ln_power):

@@ -14,25 +14,26 @@ import warnings
 # One of pycyphal's dependencies warns about another on Python 3.11.
 warnings.filterwarnings("ignore", category=DeprecationWarning)
 
-import can_link
 import regulated_types
+from can_link import CHANNEL
 from checks import Checks
 
-NODE, TOOL, MASTER = 42, 120, 100
-CHANNEL = "slipsense"
+NODE, TOOL = 42, 120
+# Of this computer, seconds; the twin may run at a twentieth of real time.
+TIMEOUT_S = 120.0
 
 
 class Client:
     """A tool's node on the bus and what it receives from ours."""
 
-    def __init__(self, checks, timeout_s=10.0):
+    def __init__(self, checks):
         import pycyphal.application
         import uavcan.diagnostic
         import uavcan.node
         from pycyphal.transport.can import CANTransport
         from pycyphal.transport.can.media.pythoncan import PythonCANMedia
 
-        self.checks, self.timeout_s = checks, timeout_s
+        self.checks = checks
         media = PythonCANMedia(f"virtual:{CHANNEL}", (1_000_000, 8_000_000), 64)
         transport = CANTransport(media, local_node_id=TOOL)
         info = pycyphal.application.NodeInfo(name="org.slipsense.check")
@@ -54,7 +55,7 @@ class Client:
         if (kind, server) not in self.clients:
             self.clients[kind, server] = self.node.make_client(kind, server)
         client = self.clients[kind, server]
-        client.response_timeout = self.timeout_s
+        client.response_timeout = TIMEOUT_S
         answer = await client(request)
         self.checks.true(f"{kind.__module__} of node {server} answered", answer is not None)
         return answer
@@ -66,13 +67,13 @@ class Client:
         answer = await self.call(uavcan.node.ExecuteCommand_1, request, server)
         return None if answer is None else answer.status
 
-    async def access(self, name, value=None, server=NODE):
+    async def access(self, name, value=None):
         import uavcan.register
 
         request = uavcan.register.Access_1.Request(name=uavcan.register.Name_1(list(name.encode())))
         if value is not None:
             request.value = value
-        return await self.call(uavcan.register.Access_1, request, server)
+        return await self.call(uavcan.register.Access_1, request)
 
     async def numbers(self, name, value=None):
         """The numbers in a register, after a write if there is a value."""
@@ -91,15 +92,11 @@ class Client:
         self.checks.equal("restart", await self.command(65535, server=server), 0)
         await self.until("a young heartbeat after a restart", lambda: any(beat.uptime <= 1 for beat, _ in self.beats()))
 
-    async def until(self, what, condition, timeout_s=None):
-        deadline = time.monotonic() + (timeout_s or self.timeout_s)
-        while not condition():
-            if time.monotonic() > deadline:
-                self.checks.true(what, False)
-                return False
+    async def until(self, what, condition, timeout_s=TIMEOUT_S):
+        deadline = time.monotonic() + timeout_s
+        while not condition() and time.monotonic() <= deadline:
             await asyncio.sleep(0.02)
-        self.checks.true(what, True)
-        return True
+        self.checks.true(what, condition())
 
 
 def numbers(value):
@@ -118,15 +115,6 @@ def natural(bits, *values):
 
     array = getattr(uavcan.primitive.array, f"Natural{bits}_1")
     return uavcan.register.Value_1(**{f"natural{bits}": array(list(values))})
-
-
-def link_to(port):
-    """The bus's other end, behind a TCP port."""
-    return can_link.CanLink(port, CHANNEL)
-
-
-def frame_counts(link):
-    return ", ".join(f"{count} frames {which}" for which, count in link.frames.items())
 
 
 def run_checks(what, run):

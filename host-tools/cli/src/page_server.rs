@@ -36,15 +36,13 @@ impl Shared {
     }
 
     /// Take all frames, as fast as they come; an error ends them.
-    pub fn fill<E: Display>(&self, records: impl Iterator<Item = Result<Record, E>>) -> Option<String> {
+    pub fn fill<E: Display>(&self, records: impl Iterator<Item = Result<Record, E>>) -> Result<(), String> {
         for record in records {
-            match record {
-                Ok(record) => self.lock().push(&record),
-                Err(error) => return Some(error.to_string()),
-            }
+            let record = record.map_err(|error| error.to_string())?;
+            self.lock().push(&record);
             self.changed.notify_all();
         }
-        None
+        Ok(())
     }
 
     /// There will be no more frames; `problem`: what went wrong.

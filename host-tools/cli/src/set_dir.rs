@@ -213,14 +213,10 @@ fn episode_files(folder: &Path) -> Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let cannot = || format!("{}: cannot read this folder", folder.display());
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).with_context(cannot)? {
-        let file = entry.with_context(cannot)?.path();
-        if file.extension().is_some_and(|extension| extension == "npz") {
-            files.push(file);
-        }
-    }
+    let paths = fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
+    let mut files: Vec<PathBuf> =
+        paths.with_context(|| format!("{}: cannot read this folder", folder.display()))?;
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "npz"));
     files.sort();
     Ok(files)
 }

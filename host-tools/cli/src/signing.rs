@@ -66,15 +66,11 @@ pub fn header_for(
         check_vectors(&payload, name, partitions)?;
         (UpdateTarget::Firmware, payload, partitions.active.bytes() - TRAILER_BYTES)
     };
-    ensure!(
-        payload.len() <= room as usize,
-        "{name}: {} bytes, the slot of a {} has room for {room}",
-        payload.len(),
-        target.name()
-    );
+    let (bytes, kind) = (payload.len(), target.name());
+    ensure!(bytes <= room as usize, "{name}: {bytes} bytes, the slot of a {kind} has room for {room}");
     let sha256 = Sha256::digest(&payload).into();
     let board = board.map_or(0, |board| board.partitions().id);
-    let header = Header { target, board, version, length: payload.len() as u32, sha256 };
+    let header = Header { target, board, version, length: bytes as u32, sha256 };
     Ok((header, payload))
 }
 

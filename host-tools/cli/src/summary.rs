@@ -1,6 +1,5 @@
 //! The result of one episode in numbers: what `summary.json` holds and the terminal shows.
 
-use std::borrow::Cow;
 use std::fmt::{self, Write};
 use std::path::Path;
 
@@ -182,15 +181,13 @@ impl Summary {
     /// One line: the operating point, and the result.
     pub fn slip_words(&self) -> String {
         let OperatingPointInfo { threshold_nat, k, n } = self.model.operating_point;
-        let point = format!("{k} of {n} frame{} over {threshold_nat:.3} nat", plural(n.into()));
+        let point = format!("{k} of {} over {threshold_nat:.3} nat", counted(n.into(), "frame"));
         let Some(TruthInfo { slip, .. }) = &self.truth else {
-            let raised = self.output.slip_runs.len();
-            return format!("{point}: raised {raised} time{}", plural(raised));
+            return format!("{point}: raised {}", counted(self.output.slip_runs.len(), "time"));
         };
         let found = slip.events.iter().filter(|event| event.outcome != Outcome::Missed).count();
-        let (slips, alarms) = (slip.events.len(), slip.false_alarms.len());
-        let s = [slips, alarms].map(plural);
-        format!("{point}: {found} of {slips} slip{} found, {alarms} false alarm{}", s[0], s[1])
+        let slips = counted(slip.events.len(), "slip");
+        format!("{point}: {found} of {slips} found, {}", counted(slip.false_alarms.len(), "false alarm"))
     }
 }
 
@@ -218,8 +215,7 @@ impl EpisodeInfo {
         if let Some(speed) = self.speed_mm_s {
             let _ = write!(words, ", {speed} mm/s");
         }
-        let sensors = self.sensors;
-        let _ = write!(words, ", {sensors} sensor{}, {:.2} s", plural(sensors), self.duration_s);
+        let _ = write!(words, ", {}, {:.2} s", counted(self.sensors, "sensor"), self.duration_s);
         words
     }
 }
@@ -312,7 +308,7 @@ fn flag_runs(flag: &[u8]) -> Vec<FrameRun> {
 impl EventInfo {
     /// The outcome in words, such as `detected after 3 frames, 12.5 ms`.
     pub fn words(&self) -> String {
-        let frames = |count: i64| format!("{count} frame{}", plural(count as usize));
+        let frames = |count: i64| counted(count as usize, "frame");
         match (self.outcome, self.delay_frames, self.delay_ms) {
             (Outcome::Hit, Some(delay), Some(ms)) => format!("detected after {}, {ms:.1} ms", frames(delay)),
             (Outcome::Early, Some(delay), Some(ms)) => format!("early by {}, {:.1} ms", frames(-delay), -ms),
@@ -321,13 +317,14 @@ impl EventInfo {
     }
 }
 
-pub fn file_name<P: AsRef<Path> + ?Sized>(path: &P) -> Cow<'_, str> {
+pub fn file_name(path: impl AsRef<Path>) -> String {
     let path = path.as_ref();
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-pub fn plural(count: usize) -> &'static str {
-    if count == 1 { "" } else { "s" }
+/// Such as `1 frame`, `2 frames`.
+pub fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 impl fmt::Display for Summary {
@@ -361,8 +358,7 @@ impl fmt::Display for Summary {
             }
             None => {
                 let runs = &self.output.may_begin_runs;
-                let (count, s) = (runs.len(), plural(runs.len()));
-                writeln!(f, "  no labels, so no delays; slip may begin {count} time{s}")?;
+                writeln!(f, "  no labels, so no delays; slip may begin {}", counted(runs.len(), "time"))?;
                 for run in runs {
                     writeln!(f, "    at {:>7.3} s for {:>6.1} ms", run.start_s, run.duration_ms)?;
                 }

@@ -82,7 +82,6 @@ pub struct State {
     pub no_fault: u8,
 }
 
-/// An answer to the page.
 pub struct Answer {
     /// Number of the first frame in the body, if it holds frames.
     pub first: Option<u64>,

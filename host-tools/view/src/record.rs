@@ -64,7 +64,6 @@ pub struct Record {
     pub sensors: Vec<SensorRecord>,
 }
 
-/// One sensor's taxels and log-mel.
 #[derive(Clone, Debug, Default)]
 pub struct SensorRecord {
     /// `None`: the raw message did not arrive.
@@ -86,18 +85,12 @@ impl Record {
     pub fn mark(&self) -> u8 {
         let contacts = self.slip.contact.iter().take(self.slip.sensors.into());
         let fault = self.lost > 0 || contacts.fold(0, |all, contact| all | contact.health) & !NO_FAULT != 0;
-        let bit = |is_set, bit| if is_set { bit } else { 0 };
         self.flags() | self.slip.class << 4 | bit(fault, FAULT) | bit(self.slip.invalid != 0, INVALID)
     }
 
     fn flags(&self) -> u8 {
-        let truth = match self.truth {
-            None => 0,
-            Some(false) => TRUTH_KNOWN,
-            Some(true) => TRUTH_KNOWN | TRUE_SLIP,
-        };
-        let flag = |set, bit| if set { bit } else { 0 };
-        flag(self.slip.slip, SLIP) | flag(self.slip.may_begin, MAY_BEGIN) | truth
+        let truth = bit(self.truth.is_some(), TRUTH_KNOWN) | bit(self.truth == Some(true), TRUE_SLIP);
+        bit(self.slip.slip, SLIP) | bit(self.slip.may_begin, MAY_BEGIN) | truth
     }
 
     /// Appends the bytes, [`bytes`] of the session's `sensors`; a frame of fewer has the others empty.
@@ -119,10 +112,14 @@ impl Record {
     }
 }
 
+const fn bit(is_set: bool, bit: u8) -> u8 {
+    if is_set { bit } else { 0 }
+}
+
 fn encode_sensor(sensor: &SensorRecord, contact: &SensorContact, out: &mut Vec<u8>) {
-    let taxels = if sensor.piezo.is_some() { TAXELS_PRESENT } else { 0 };
-    let log_mel = if sensor.log_mel.is_some() { LOG_MEL_PRESENT } else { 0 };
-    out.extend([contact.health, taxels | log_mel]);
+    let present =
+        bit(sensor.piezo.is_some(), TAXELS_PRESENT) | bit(sensor.log_mel.is_some(), LOG_MEL_PRESENT);
+    out.extend([contact.health, present]);
     out.extend(contact.area.to_le_bytes());
     out.extend(contact.sum.to_le_bytes());
     out.extend(contact.centroid_row.to_bits().to_le_bytes());

@@ -27,8 +27,7 @@ pub fn episode<'a, R: Read + Seek>(
     let mut pipeline = Box::new(Pipeline::new(model, episode.sensors).map_err(count)?);
     let frames = episode.xl_end.len() / episode.sensors;
     Ok((0..frames).map_while(move |frame| {
-        let pads = scans.by_ref().take(episode.sensors).collect::<Result<Vec<_>, _>>();
-        let pads = match pads {
+        let pads = match scans.by_ref().take(episode.sensors).collect::<Result<Vec<_>, _>>() {
             Ok(pads) => pads,
             Err(problem) => return Some(Err(problem)),
         };

@@ -14,4 +14,4 @@ mod trial;
 
 pub use controller::{Flag, Reaction};
 pub use results::{Failure, Spread, Totals, TrialResult};
-pub use trial::{ACTUATOR_MS, LoopConfig, TrialSeries, inference_us, run};
+pub use trial::{ACTUATOR_MS, LoopConfig, Outcome, TrialSeries, inference_us, run};

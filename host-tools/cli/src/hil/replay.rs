@@ -172,20 +172,18 @@ impl Board<'_> {
 impl Report {
     fn compare(&mut self, frame: usize, expected: &[CanFrame], answer: &Answer) {
         let places = expected.len().max(answer.can.len());
-        let mut differs = false;
         for place in 0..places {
             let (expected, found) = (expected.get(place), answer.can.get(place));
             if expected == found {
                 continue;
             }
-            differs = true;
             if self.first.len() < DESCRIBED_MAX {
                 let text = |can: Option<&CanFrame>| can.map(|can| format!("{can:?}"));
                 let (expected, found) = (text(expected), text(found));
                 self.first.push(Difference { frame, can_frame: place, expected, found });
             }
         }
-        self.differing_frames += usize::from(differs);
+        self.differing_frames += usize::from(expected != answer.can);
         self.can_frames += places;
         if answer.step_cycles > self.worst_step_cycles {
             (self.worst_step_cycles, self.worst_step_frame) = (answer.step_cycles, frame);

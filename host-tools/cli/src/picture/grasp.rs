@@ -9,7 +9,7 @@ use svg::node::element::Circle;
 use super::draw::{Anchor, CLASS, Canvas, GREY, INK, NEUTRAL, bold, curve, heading, rect, rule, text};
 use super::scale::{Scale, line};
 use crate::grasp::{Totals, TrialResult, TrialSeries};
-use crate::summary::plural;
+use crate::summary::counted;
 
 const WIDTH: f64 = 880.0;
 const LEFT: f64 = 64.0;
@@ -164,7 +164,7 @@ fn histogram(canvas: &mut Canvas, y: f64, values: &[f64], bin_ms: f64, colour: &
     }
     let beyond = values.iter().filter(|ms| !SHOWN_MS.contains(ms)).count();
     if beyond > 0 {
-        let note = format!("{beyond} trial{} beyond, counted at the ends", plural(beyond));
+        let note = format!("{} beyond, counted at the ends", counted(beyond, "trial"));
         canvas.text(RIGHT, y + 8.0, Anchor::End, 11.0, GREY, &note);
     }
     canvas.axis(&x, y + HEIGHT);

@@ -21,7 +21,7 @@ use slipsense_recording::score::SLIP;
 use svg::node::element::Image;
 
 use crate::simulate::Simulation;
-use crate::summary::{EventInfo, Outcome, Summary, TruthInfo, file_name, plural, seconds};
+use crate::summary::{EventInfo, Outcome, Summary, TruthInfo, counted, file_name, seconds};
 pub use draw::CLASS_NAME;
 use draw::{Anchor, CLASS, Canvas, GREY, INK, SENSOR, area, bold, curve, heading, rect, rule, text};
 #[cfg(feature = "full")]
@@ -70,11 +70,10 @@ pub fn timeline(episode: &Episode, simulation: &Simulation, summary: &Summary) -
     y = panels.decisions(y) + if episode.slip_true_mm_s.is_some() { GAP } else { 8.0 };
     y = panels.slip_speed(y, 64.0);
     panels.events();
-    let mut canvas = panels.canvas;
-    canvas.axis(&Scale::new(0.0..seconds(episode.frames()), LEFT..RIGHT), y);
-    canvas.text(RIGHT + 10.0, y + 19.0, Anchor::Start, 12.0, GREY, "seconds");
-    let height = close_up::add(&mut canvas, episode, simulation, summary, y + 50.0);
-    Ok(canvas.page(WIDTH, height, &format!("Timeline of {}", summary.episode.words())))
+    panels.canvas.axis(&Scale::new(0.0..seconds(episode.frames()), LEFT..RIGHT), y);
+    panels.canvas.text(RIGHT + 10.0, y + 19.0, Anchor::Start, 12.0, GREY, "seconds");
+    let height = panels.close_ups(y + 50.0);
+    Ok(panels.canvas.page(WIDTH, height, &format!("Timeline of {}", summary.episode.words())))
 }
 
 impl Panels<'_> {
@@ -85,12 +84,8 @@ impl Panels<'_> {
     fn header(&mut self) {
         self.add(bold(text(20.0, 32.0, Anchor::Start, 19.0, INK, &headline(self.summary))));
         let model = &self.summary.model;
-        let line = format!(
-            "{}  ·  model {} {}…",
-            self.summary.episode.words(),
-            file_name(&model.name),
-            &model.hash[..8]
-        );
+        let (episode, name) = (self.summary.episode.words(), file_name(&model.name));
+        let line = format!("{episode}  ·  model {name} {}…", &model.hash[..8]);
         self.canvas.text(20.0, 54.0, Anchor::Start, 13.0, GREY, &line);
     }
 
@@ -314,14 +309,12 @@ fn headline(summary: &Summary) -> String {
         return format!("SlipSense: slip may begin {times} (no labels to compare with)");
     };
     let count = |outcome| flag.events.iter().filter(|event| event.outcome == outcome).count();
-    let (events, alarms, early) = (flag.events.len(), flag.false_alarms.len(), count(Outcome::Early));
+    let early = count(Outcome::Early);
     let found = count(Outcome::Hit) + early;
     let early = if early > 0 { format!(", {early} of them early") } else { String::new() };
-    format!(
-        "SlipSense: {found} of {events} slip{} flagged{early}, {alarms} false alarm{}",
-        plural(events),
-        plural(alarms)
-    )
+    let (slips, alarms) =
+        (counted(flag.events.len(), "slip"), counted(flag.false_alarms.len(), "false alarm"));
+    format!("SlipSense: {found} of {slips} flagged{early}, {alarms}")
 }
 
 /// The range of log-mel levels worth colours, dB re 1 g².

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::recordings::{Log, log};
 use crate::support::Place;
+use rayon::prelude::*;
 use serde_json::Value;
 use slipsense_recording::log_file::{Format, read};
 
@@ -88,14 +89,8 @@ fn killed(after: Duration) -> Duration {
 fn a_kill_costs_about_a_second() {
     let kills = from_environment(KILLS, 4.0) as usize;
     let one = |number: usize| killed(Duration::from_millis(100 + (number as u64 * 7919) % 3400));
-    let lost: Vec<Duration> = thread::scope(|scope| {
-        let part = |first: usize| {
-            let one = &one;
-            scope.spawn(move || (first..kills).step_by(PARALLEL).map(one).collect::<Vec<_>>())
-        };
-        let parts: Vec<_> = (0..PARALLEL).map(part).collect();
-        parts.into_iter().flat_map(|part| part.join().unwrap()).collect()
-    });
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(PARALLEL).build().unwrap();
+    let lost: Vec<Duration> = pool.install(|| (0..kills).into_par_iter().map(one).collect());
     let most = lost.iter().max().copied().unwrap_or_default();
     let more = lost.iter().filter(|lost| **lost > LOST).count();
     println!("{kills} kills: at most {most:?} lost, {more} times more than {LOST:?}");

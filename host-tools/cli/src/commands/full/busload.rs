@@ -19,7 +19,7 @@ use crate::bundled;
 use crate::output::{check_file, write_file};
 use crate::picture::{load_bars, rates};
 use crate::simulate::simulate;
-use crate::summary::plural;
+use crate::summary::counted;
 
 /// Tell how full a CAN FD bus gets and how long the slip flag waits on it
 ///
@@ -97,11 +97,8 @@ impl Rates {
     fn timing(self) -> Result<Timing> {
         Timing::new(CLOCK_HZ, self.nominal_bps, self.data_bps).map_err(|error| {
             let slipsense_can_sim::TimingError::BitRate(bps) = error;
-            anyhow!(
-                "--bitrate {}: a clock of {} MHz is no multiple of {bps} bit/s",
-                rates(self.nominal_bps, self.data_bps),
-                CLOCK_HZ / 1_000_000
-            )
+            let (rates, mhz) = (rates(self.nominal_bps, self.data_bps), CLOCK_HZ / 1_000_000);
+            anyhow!("--bitrate {rates}: a clock of {mhz} MHz is no multiple of {bps} bit/s")
         })
     }
 }
@@ -189,11 +186,8 @@ fn headline(asked: &Plan, name: &str) -> String {
     };
     let foreign =
         if foreign_percent > 0 { format!(", {foreign_percent} % by others") } else { String::new() };
-    format!(
-        "{nodes} module{}, {sensors} sensor{} each; {raw}{foreign}; typical: {name}",
-        plural(nodes),
-        plural(sensors)
-    )
+    let (nodes, sensors) = (counted(nodes, "module"), counted(sensors, "sensor"));
+    format!("{nodes}, {sensors} each; {raw}{foreign}; typical: {name}")
 }
 
 fn table(asked: &Plan, name: &str, buses: &[BusLoad], warnings: &[String]) -> String {

@@ -13,9 +13,10 @@ use slipsense_recording::log_file::{self, Format, Record};
 use slipsense_recording::rebuild::Rebuilder;
 
 use super::Print;
+use crate::bundled;
 use crate::output::{check_file, write_file};
 use crate::simulate::{simulate, stamp};
-use crate::{bundled, summary};
+use crate::summary::counted;
 
 /// Convert a recording: episode, candump, MCAP, and CSV for a test stand's crosshead
 ///
@@ -156,8 +157,8 @@ impl Args {
             notes.push("the crosshead's displacement is left out: `slipsense label` adds it".to_owned());
         }
         notes.extend(rebuilt.notes);
-        let (frames, sensors) = (rebuilt.episode.frames(), rebuilt.episode.sensors);
-        Ok((format!("{frames} frames of {sensors} sensor{}", summary::plural(sensors)), notes))
+        let (frames, sensors) = (rebuilt.episode.frames(), counted(rebuilt.episode.sensors, "sensor"));
+        Ok((format!("{frames} frames of {sensors}"), notes))
     }
 
     fn episode(&self, mut put: impl FnMut(Record) -> Result<()>) -> Result<Vec<String>> {

@@ -11,12 +11,12 @@ use slipsense_synth::plant::{Hand, LOST_MM, LOST_TURN_RAD, Objects, Trial, trial
 
 use super::{ModelArg, Print, written};
 use crate::grasp::{
-    ACTUATOR_MS, Failure, Flag, LoopConfig, Reaction, Spread, Totals, TrialResult, TrialSeries, inference_us,
-    run,
+    ACTUATOR_MS, Failure, Flag, LoopConfig, Outcome, Reaction, Spread, Totals, TrialResult, TrialSeries,
+    inference_us, run,
 };
 use crate::output::OutputDir;
 use crate::picture::{grasp_latencies, grasp_trial};
-use crate::summary::plural;
+use crate::summary::counted;
 
 /// Close the loop: a synthetic gripper grips harder when its sensors detect slip
 ///
@@ -199,19 +199,13 @@ impl Args {
 }
 
 fn lost(result: &TrialResult, failure: Failure) -> String {
-    let outcome = &result.outcome;
+    let TrialResult { trial, object, direction, .. } = result;
+    let Outcome { motions, grip_n: (first_n, last_n), slid_mm, .. } = &result.outcome;
+    let (speed, why) = (result.speed_mm_s.unwrap_or_default(), failure.words());
+    let motions = counted(*motions, "motion");
     format!(
-        "trial {}, {}, {:?} at {} mm/s: {}; {} motion{}, grip {:.1} to {:.1} N, slid {:.1} mm",
-        result.trial,
-        result.object,
-        result.direction,
-        result.speed_mm_s.unwrap_or_default(),
-        failure.words(),
-        outcome.motions,
-        plural(outcome.motions),
-        outcome.grip_n.0,
-        outcome.grip_n.1,
-        outcome.slid_mm,
+        "trial {trial}, {object}, {direction:?} at {speed} mm/s: {why}; {motions}, grip {first_n:.1} to {last_n:.1} N, \
+         slid {slid_mm:.1} mm"
     )
 }
 

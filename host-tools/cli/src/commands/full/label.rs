@@ -9,15 +9,15 @@ use clap::ArgGroup;
 use serde_json::{Value, json};
 use slipsense_recording::Episode;
 use slipsense_recording::label::{
-    Intervals, NO_CONTACT, Pull, SLIP, StandLog, align, label, logged_knocks, pulls, recorded_knocks,
-    slip_without_contact,
+    AtFrames, Intervals, NO_CONTACT, Pull, SLIP, StandLog, align, label, logged_knocks, pulls,
+    recorded_knocks, slip_without_contact,
 };
 use slipsense_recording::score::{CLASSES, Interval, runs};
 
 use super::Print;
 use crate::output::check_file;
 use crate::picture::CLASS_NAME;
-use crate::summary::{count_classes, file_name, plural, seconds};
+use crate::summary::{count_classes, counted, file_name, seconds};
 
 /// Label a recording: which frames are slip, from a test stand's log or by hand
 ///
@@ -94,8 +94,7 @@ struct Stand {
     offset_s: f64,
     /// Knocks that agree, and the confidence in them; nothing where the offset was given.
     knocks: Option<(usize, f64)>,
-    displacement_mm: Vec<f32>,
-    held_frames: usize,
+    at: AtFrames,
     pulls: Vec<Pull>,
 }
 
@@ -121,7 +120,7 @@ impl Args {
         };
         episode.label = Some(labels);
         if let Some(stand) = &stand {
-            episode.displacement_mm = Some(stand.displacement_mm.clone());
+            episode.displacement_mm = Some(stand.at.displacement_mm.clone());
         }
         let out = self.out.as_ref().context("--out is missing")?;
         episode.write(out)?;
@@ -149,12 +148,9 @@ impl Args {
             }
             (None, None) => bail!("--displacement needs --offset-s or --knocks"),
         };
-        let at =
-            log.at_frames(episode.frames(), offset_s).map_err(anyhow::Error::from).with_context(in_file)?;
-        let pulls = pulls(&at.displacement_mm);
-        let file = file_name(path).into_owned();
-        let (displacement_mm, held_frames) = (at.displacement_mm, at.held_frames);
-        Ok(Stand { log, file, offset_s, knocks, displacement_mm, held_frames, pulls })
+        let at = log.at_frames(episode.frames(), offset_s).with_context(in_file)?;
+        let (pulls, file) = (pulls(&at.displacement_mm), file_name(path));
+        Ok(Stand { log, file, offset_s, knocks, at, pulls })
     }
 
     /// Frames in which something slips, wherever there is contact.
@@ -242,15 +238,11 @@ impl Args {
 
     fn table(&self, episode: &Episode, stand: Option<&Stand>, facts: &Facts, out: &str) -> String {
         let meta = &episode.meta.other;
-        let (frames, sensors) = (episode.frames(), episode.sensors);
+        let (frames, sensors) = (episode.frames(), counted(episode.sensors, "sensor"));
         let object = meta["object"].as_str().unwrap_or_default();
         let kind = if meta.get("synthetic") == Some(&Value::Bool(true)) { ", synthetic" } else { "" };
-        let mut text = format!(
-            "{}, {object}{kind}, {sensors} sensor{}, {:.2} s\n",
-            file_name(&self.episode),
-            plural(sensors),
-            seconds(frames)
-        );
+        let name = file_name(&self.episode);
+        let mut text = format!("{name}, {object}{kind}, {sensors}, {:.2} s\n", seconds(frames));
         text += &stand.map_or_else(
             || format!("labels: {}", meta["label"]["source"].as_str().unwrap_or("")),
             Stand::words,
@@ -266,12 +258,10 @@ impl Args {
         if facts.slips.is_empty() {
             text += "   none\n";
         }
-        if facts.slip_frames_without_contact > 0 {
-            let _ = writeln!(
-                text,
-                "\n  {} frames of pulls or intervals have no contact and are no slip",
-                facts.slip_frames_without_contact
-            );
+        let outside = facts.slip_frames_without_contact;
+        if outside > 0 {
+            let _ =
+                writeln!(text, "\n  {outside} frames of pulls or intervals have no contact and are no slip");
         }
         text + &format!("\n  written  {out}\n")
     }
@@ -287,38 +277,33 @@ impl Stand {
             "offset_from": if self.knocks.is_some() { "knocks" } else { "given" },
             "knocks": self.knocks.map(|(matched, _)| matched),
             "confidence": self.knocks.map(|(_, confidence)| confidence),
-            "held_frames": self.held_frames,
+            "held_frames": self.at.held_frames,
             "pulls": self.pulls.len(),
             "only": only,
         })
     }
 
     fn words(&self) -> String {
-        let columns = self.log.columns.join(", ");
-        let rate_hz = self.log.rate_hz();
+        let Self { file, offset_s, .. } = self;
+        let (columns, rate_hz) = (self.log.columns.join(", "), self.log.rate_hz());
+        let known_ms = 500.0 / rate_hz;
         let mut text = format!(
-            "labels: {} ({columns}; {rate_hz:.0} readings/s: an onset is known to ±{:.0} ms)",
-            self.file,
-            500.0 / rate_hz
+            "labels: {file} ({columns}; {rate_hz:.0} readings/s: an onset is known to ±{known_ms:.0} ms)\n\
+             clock:  offset {offset_s:.3} s"
         );
-        let _ = match self.knocks {
-            None => write!(text, "\nclock:  offset {:.3} s, given", self.offset_s),
-            Some((matched, confidence)) => write!(
-                text,
-                "\nclock:  offset {:.3} s from {matched} knocks, confidence {confidence:.2} (0: ambiguous, two clear knocks: 0.50)",
-                self.offset_s
+        text += &match self.knocks {
+            None => ", given".to_owned(),
+            Some((matched, confidence)) => format!(
+                " from {matched} knocks, confidence {confidence:.2} (0: ambiguous, two clear knocks: 0.50)"
             ),
         };
-        if !self.log.without_unit.is_empty() {
-            let _ =
-                write!(text, "\nunits:  none for {}: taken as s, mm, N", self.log.without_unit.join(", "));
+        let unitless = self.log.without_unit.join(", ");
+        if !unitless.is_empty() {
+            let _ = write!(text, "\nunits:  none for {unitless}: taken as s, mm, N");
         }
-        if self.held_frames > 0 {
-            let _ = write!(
-                text,
-                "\nedges:  {} frames lie outside the log, its nearest position is held",
-                self.held_frames
-            );
+        let held = self.at.held_frames;
+        if held > 0 {
+            let _ = write!(text, "\nedges:  {held} frames lie outside the log, its nearest position is held");
         }
         text
     }

@@ -19,17 +19,22 @@ mod live;
 mod monitor;
 mod record;
 mod replay;
-#[cfg(feature = "train")]
-mod shipped;
 mod sign;
 mod synth;
+#[cfg(feature = "train")]
 mod train;
 mod tune;
 mod view;
 
 use anyhow::Result;
 use clap::Subcommand;
+#[cfg(feature = "train")]
+use slipsense_model::{
+    LeaveOutArgs, MineArgs, QuantizeArgs, ReproduceArgs, TrainArgs, run_leave_out, run_mine, run_train,
+};
 
+#[cfg(not(feature = "train"))]
+use super::NotInBuild;
 use super::{ModelArg, Print, print, run::Raw, written};
 
 #[derive(Subcommand)]
@@ -42,21 +47,21 @@ pub enum Command {
     Families(families::Args),
     Fit(fit::Args),
     Label(label::Args),
-    #[cfg_attr(
-        not(feature = "train"),
-        doc = "Train the network on synthetic episodes (needs the feature `train`)"
-    )]
-    Train(train::TrainArgs),
-    #[cfg_attr(
-        not(feature = "train"),
-        doc = "Turn a trained network into a model file (needs the feature `train`)"
-    )]
-    Quantize(train::QuantizeArgs),
-    #[cfg_attr(
-        not(feature = "train"),
-        doc = "Find hard examples that a trained network takes for slip (needs the feature `train`)"
-    )]
-    Mine(train::MineArgs),
+    #[cfg(feature = "train")]
+    Train(TrainArgs),
+    /// Train the network on synthetic episodes (needs the feature `train`)
+    #[cfg(not(feature = "train"))]
+    Train(NotInBuild),
+    #[cfg(feature = "train")]
+    Quantize(QuantizeArgs),
+    /// Turn a trained network into a model file (needs the feature `train`)
+    #[cfg(not(feature = "train"))]
+    Quantize(NotInBuild),
+    #[cfg(feature = "train")]
+    Mine(MineArgs),
+    /// Find hard examples that a trained network takes for slip (needs the feature `train`)
+    #[cfg(not(feature = "train"))]
+    Mine(NotInBuild),
     Tune(tune::Args),
     Grasp(grasp::Args),
     Busload(busload::Args),
@@ -71,16 +76,16 @@ pub enum Command {
     Convert(convert::Args),
     Dbc(descriptions::DbcArgs),
     CHeader(descriptions::CHeaderArgs),
-    #[cfg_attr(
-        not(feature = "train"),
-        doc = "Run the paper's comparisons: networks beside the shipped one, and the paper's own (needs the feature `train`)"
-    )]
-    Reproduce(train::ReproduceArgs),
-    #[cfg_attr(
-        not(feature = "train"),
-        doc = "Train without one family of physics after the other (needs the feature `train`)"
-    )]
-    LeaveOut(train::LeaveOutArgs),
+    #[cfg(feature = "train")]
+    Reproduce(ReproduceArgs),
+    /// Run the paper's comparisons: networks beside the shipped one, and the paper's own (needs the feature `train`)
+    #[cfg(not(feature = "train"))]
+    Reproduce(NotInBuild),
+    #[cfg(feature = "train")]
+    LeaveOut(LeaveOutArgs),
+    /// Train without one family of physics after the other (needs the feature `train`)
+    #[cfg(not(feature = "train"))]
+    LeaveOut(NotInBuild),
 }
 
 impl Command {
@@ -94,9 +99,18 @@ impl Command {
             Self::Families(args) => args.run(),
             Self::Fit(args) => args.run(),
             Self::Label(args) => args.run(),
-            Self::Train(args) => train::train(&args),
+            #[cfg(feature = "train")]
+            Self::Train(args) => run_train(&args),
+            #[cfg(not(feature = "train"))]
+            Self::Train(args) => args.refuse("train"),
+            #[cfg(feature = "train")]
             Self::Quantize(args) => train::quantize(&args),
-            Self::Mine(args) => train::mine(&args),
+            #[cfg(not(feature = "train"))]
+            Self::Quantize(args) => args.refuse("quantize"),
+            #[cfg(feature = "train")]
+            Self::Mine(args) => run_mine(&args),
+            #[cfg(not(feature = "train"))]
+            Self::Mine(args) => args.refuse("mine"),
             Self::Tune(args) => args.run(),
             Self::Grasp(args) => args.run(),
             Self::Busload(args) => args.run(),
@@ -111,8 +125,14 @@ impl Command {
             Self::Convert(args) => args.run(),
             Self::Dbc(args) => args.run(),
             Self::CHeader(args) => args.run(),
+            #[cfg(feature = "train")]
             Self::Reproduce(args) => train::reproduce(&args),
-            Self::LeaveOut(args) => train::leave_out(&args),
+            #[cfg(not(feature = "train"))]
+            Self::Reproduce(args) => args.refuse("reproduce"),
+            #[cfg(feature = "train")]
+            Self::LeaveOut(args) => run_leave_out(&args),
+            #[cfg(not(feature = "train"))]
+            Self::LeaveOut(args) => args.refuse("leave-out"),
         }
     }
 }

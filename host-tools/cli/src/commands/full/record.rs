@@ -110,9 +110,6 @@ impl Args {
             Ok(()) => kept = frames,
             Err(error) => failure = failure.or(Some(error)),
         }
-        if frames == 0 {
-            remove(&parts.concat())?;
-        }
         let failure = failure.map(|error| {
             error.context(match kept == frames {
                 true => format!("stopped after {frames} frames, which are kept"),
@@ -120,6 +117,7 @@ impl Args {
             })
         });
         if frames == 0 {
+            remove(&parts.concat())?;
             return Err(failure.unwrap_or_else(|| anyhow!("no CAN FD frame with a 29-bit identifier came")));
         }
         let counts = decoder.counts();

@@ -17,7 +17,7 @@ use slipsense_synth::{Recipe, Shard, Split, content_hash, generate};
 use super::Print;
 use crate::output::{check_file, refuse_file};
 use crate::set_dir::SetDir;
-use crate::summary::plural;
+use crate::summary::counted;
 
 /// Generate labelled synthetic episodes
 ///
@@ -205,17 +205,14 @@ impl Args {
         self.print.show(&result, || {
             let mut text = String::new();
             for dir in dirs {
-                let (episodes, frames, out) =
-                    (dir.set.episodes.len(), dir.set.total_frames(), dir.path.display());
-                let (split, plural) = (dir.set.split, plural(episodes));
+                let episodes = counted(dir.set.episodes.len(), "synthetic episode");
+                let (split, frames, out) = (dir.set.split, dir.set.total_frames(), dir.path.display());
                 let state = match dir.hash() {
                     Some(hash) if dir.is_frozen() => format!("the frozen test set, hash {}", &hash[..16]),
                     Some(hash) => format!("hash {}", &hash[..16]),
                     None => format!("part {} made, others missing", self.shard.unwrap_or(Shard::WHOLE)),
                 };
-                text += &format!(
-                    "{split:<9} {episodes} synthetic episode{plural}, {frames} frames, {state}: {out}\n"
-                );
+                text += &format!("{split:<9} {episodes}, {frames} frames, {state}: {out}\n");
             }
             text + &match (made, self.verify) {
                 (0, true) => format!("every episode is as hashes.json says; {elapsed_s:.1} s\n"),

@@ -69,26 +69,8 @@ pub struct Args {
 trait Input: Read + Seek + Send {}
 impl<T: Read + Seek + Send> Input for T {}
 
-enum Source {
-    Episode(Box<EpisodeReader<Box<dyn Input>>>, NamedModel),
-    Log(Box<dyn BufRead + Send>, NodeId),
-}
-
-impl Source {
-    /// Take all frames; why there are no more, where that is a fault.
-    fn run(self, to: &Shared) -> Option<String> {
-        match self {
-            Self::Episode(mut file, model) => match model.parse() {
-                Ok(model) => match source::episode(&mut file, model) {
-                    Ok(records) => to.fill(records),
-                    Err(problem) => Some(problem.to_string()),
-                },
-                Err(error) => Some(format!("{error:#}")),
-            },
-            Self::Log(log, node) => to.fill(source::log(log, node)),
-        }
-    }
-}
+/// Takes all frames of a recording; an error where they end by a fault.
+type Source = Box<dyn FnOnce(&Shared) -> Result<(), String> + Send>;
 
 impl Args {
     pub fn run(self) -> Result<()> {
@@ -110,7 +92,7 @@ impl Args {
         for (index, source) in sources.into_iter().enumerate() {
             let sessions = Arc::clone(&sessions);
             thread::spawn(move || {
-                let problem = source.run(&sessions[index]);
+                let problem = source(&sessions[index]).err();
                 problem.iter().for_each(|problem| eprintln!("error: {problem}"));
                 sessions[index].end(problem);
             });
@@ -153,10 +135,14 @@ impl Args {
             let file = File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
             (Box::new(BufReader::with_capacity(1 << 16, file)), path)
         };
-        let file = EpisodeReader::new(input, path)?;
+        let mut file = EpisodeReader::new(input, path)?;
         let model = named_model(model)?;
-        let session = Session::of_episode(file_name(path).into_owned(), model.name.clone(), file.episode());
-        Ok((session, Source::Episode(Box::new(file), model)))
+        let session = Session::of_episode(file_name(path), model.name.clone(), file.episode());
+        let run = move |to: &Shared| {
+            let model = model.parse().map_err(|error| format!("{error:#}"))?;
+            to.fill(source::episode(&mut file, model).map_err(|problem| problem.to_string())?)
+        };
+        Ok((session, Box::new(run)))
     }
 
     fn log(&self, path: &Path) -> Result<(Session, Source)> {
@@ -166,9 +152,10 @@ impl Args {
         } else {
             let file =
                 File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
-            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path).into_owned())
+            (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path))
         };
-        Ok((Session::of_log(name, is_live), Source::Log(log, self.node)))
+        let node = self.node;
+        Ok((Session::of_log(name, is_live), Box::new(move |to| to.fill(source::log(log, node)))))
     }
 }
 

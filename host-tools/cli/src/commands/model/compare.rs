@@ -88,13 +88,9 @@ impl Args {
 
 impl Report {
     fn table(&self) -> String {
-        let mut text = format!(
-            "{}\nmodel:   {}, hash {}…\nweights: {}\n",
-            self.episode.words(),
-            self.model.name,
-            &self.model.hash[..12],
-            self.weights
-        );
+        let Self { weights, .. } = self;
+        let (episode, model, hash) = (self.episode.words(), &self.model.name, &self.model.hash[..12]);
+        let mut text = format!("{episode}\nmodel:   {model}, hash {hash}…\nweights: {weights}\n");
         if self.weights_are_the_models == Some(false) {
             text += "         not the weights that the model was made from\n";
         }

@@ -129,8 +129,8 @@ def settling(span_v):
             error = max(abs(pin[before][-1] - final), abs(held[sampled] - final))
             rows.append((settled, error * CODES_PER_V, pattern_name, slot))
             low, high = min(low, data[:, 3].min()), max(high, data[:, 4].max())
-        settled, error = max(rows)[0], max(row[1] for row in rows)
-        _, _, pattern_name, slot = max(rows)
+        settled, _, pattern_name, slot = max(rows)
+        error = max(row[1] for row in rows)
         require(
             error <= half_count * CODES_PER_V,
             f"{name}: {len(jobs)} kinds of transition stand for {LINES**2 * len(patterns())}; settled {settled:.0f} ns after "
@@ -156,10 +156,9 @@ def margins():
     return least
 
 
-def crosstalk(p, codes, names=None):
-    """What the rest of the pattern adds to a taxel, share of full scale, with all tolerances at their worst."""
+def crosstalk(p, codes, chosen):
+    """What the rest of each pattern adds to a taxel, share of full scale, with all tolerances at their worst."""
     vos, worst = p["amplifier"]["offset_uv"] * 1e-6, {}
-    chosen = {name: pattern for name, pattern in patterns().items() if names is None or name in names}
     jobs = [(name, pattern, own, sign) for name, pattern in chosen.items() for own in (0.0, 0.1, 1.0) for sign in (-1, 1)]
 
     def job(item):
@@ -263,18 +262,16 @@ def reduction(p):
 
 def rejected(full_scale):
     """The front end of the former wiring page fails, by these mechanisms."""
-    p, _ = former.page()
-    half = 3.3 / 8192
+    count = 3.3 / 4096
     row = patterns()["a row"]
     g, rows, cols = spice.classes(row, [9], [4, 5])
     held = [(1, 1)] + [(0, 0)] * (len(rows) - 1)
     none = np.zeros_like(g).tolist()
-    one_rail, idle = (former.step(x, rows, cols, held, (0, 1), negative_rail=False)[-1, 1] for x in (g, none))
+    one_rail, idle = (former.step(x, rows, cols, held, negative_rail=False)[-1, 1] for x in (g, none))
     print(f"  one rail: a taxel at full scale reads {one_rail:.3f} V, an untouched one {idle:.3f} V: the sign")
-    data = former.step(g, rows, cols, held, (0, 1), negative_rail=True)
-    time, out = data[:, 0] * 1e9, data[:, 1]
-    late = time < p["scan"]["trigger_ns"]
-    off = abs(out[late][-1] - out[-1]) / (2 * half)
+    data = former.step(g, rows, cols, held, negative_rail=True)
+    out = data[:, 1]
+    off = abs(out[data[:, 0] * 1e9 < parameters()["scan"]["trigger_ns"]][-1] - out[-1]) / count
     print(f"  with a negative rail: {off:.0f} counts of 4096 off at the trigger after a column that was open; "
           f"its charge drives the virtual ground to {data[:, 2].max():.2f} V")
     others = patterns()["everything"]
@@ -283,7 +280,7 @@ def rejected(full_scale):
     for pattern in (1 - others, others):
         g, rows, cols = spice.classes(pattern, [9], [4, 5])
         held = [(1, 1)] + [(0, 0)] * (len(rows) - 1)
-        readings.append(former.step(g, rows, cols, held, (0, 1), negative_rail=True)[-1, 1])
+        readings.append(former.step(g, rows, cols, held, negative_rail=True)[-1, 1])
     lost = readings[1] / readings[0]
     print(f"  static crosstalk: an untouched taxel reads {100 * lost:.0f} % of full scale where all others are pressed")
     slow_margins = {name: spice.phase_margin(parameters(amplifier__gbw_mhz=gbw, film__taxel_pf=0.0, film__line_pf=650.0,
@@ -293,10 +290,10 @@ def rejected(full_scale):
     require(one_rail - idle < 0.1 and off > 0.5 and lost > 0.005, "the former front end fails settling and crosstalk")
     print("variants of the new one")
     gates = parameters(row__on_ohm=16.0)
-    of_row = crosstalk(gates, transfer(gates)[0], ["a row"])["a row"] / full_scale
+    of_row = crosstalk(gates, transfer(gates)[0], {"a row": row})["a row"] / full_scale
     print(f"  rows driven by gates of 16 Ω: {100 * of_row:.1f} % static crosstalk in a pressed row")
     slow = parameters(amplifier__gbw_mhz=10.0, amplifier__slew_v_us=5.0, film__taxel_pf=0.0, film__line_pf=500.0)
-    data = spice.scan_step(slow, *spice.transition(patterns()["a row"], 9 * LINES - 1))
+    data = spice.scan_step(slow, *spice.transition(row, 9 * LINES - 1))
     late = data[:, 0] * 1e9 < slow["scan"]["trigger_ns"]
     unsettled = abs(data[late][-1, 1] - data[-1, 1]) * CODES_PER_V / full_scale * 4096
     print(f"  columns' amplifiers of 10 MHz and 5 V/µs, 500 pF: {unsettled:.0f} counts of 4096 off at the trigger")
@@ -367,7 +364,7 @@ def main(out, write):
     require(max(curve) < 0.01, f"one taxel from 1 to {FULL_SCALE_KPA:.0f} kPa: {100 * max(curve):.3f} % of reading")
     require(idle + full_scale < clip, f"idle {idle:.0f}, 5 MPa {idle + full_scale:.0f}, clipped from {clip:.0f} of 65536 codes")
     print("static crosstalk, worst tolerances, no correction")
-    leaks = crosstalk(p, codes)
+    leaks = crosstalk(p, codes, patterns())
     for name, error in leaks.items():
         require(error < 0.005 * full_scale, f"{name}: {100 * error / full_scale:.3f} % of full scale")
     print("stability")

@@ -108,6 +108,12 @@ def join(part, name, net):
     pin += net
 
 
+def wire(part, nets, pins=range(1, 41)):
+    """Pins of these numbers to nets, in order."""
+    for pin, net in zip(pins, nets):
+        part[pin] += net
+
+
 class Sheet:
     """One board: its parts with order codes."""
 
@@ -129,8 +135,7 @@ class Sheet:
         part = self.part("Device", kind, maker, code)
         part.value = value
         part.footprint = FOOTPRINT.get(value, part.footprint)
-        part[1] += a
-        part[2] += b
+        wire(part, (a, b))
 
     def r(self, ohm, a, b):
         self.passive("R", f"{ohm / 1e3:g}k" if ohm >= 1e3 else f"{ohm:g}", a, b)
@@ -176,17 +181,12 @@ def fingertip(p):
     cable = {name: Net(name) for name in dict.fromkeys(CABLE) if name != "GND"} | {"GND": gnd}
     va.drive = POWER
     connector = s.part("Connector_Generic", "Conn_02x13_Odd_Even", "Samtec", "FTSH-113-01-L-DV-K")
-    for i, name in enumerate(CABLE):
-        connector[i + 1] += cable[name]
+    wire(connector, [cable[name] for name in CABLE])
     protected = [n for n in cable if n not in ("GND", "3V3")]
     for i in range(0, len(protected), 4):
         esd = s.part("Power_Protection", "TPD4E02B04DQA", "Texas Instruments", "TPD4E02B04DQAR")
-        esd[3] += gnd
-        esd[8] += gnd
-        for pin, name in zip((1, 2, 4, 5), protected[i : i + 4]):
-            esd[pin] += cable[name]
-        for pin in (1, 2, 4, 5)[len(protected[i : i + 4]) :]:
-            esd[pin] += builtins.NC
+        nets = [cable[name] for name in protected[i : i + 4]]
+        wire(esd, [gnd, gnd, *nets, *[builtins.NC] * 4], (3, 8, 1, 2, 4, 5))
     s.passive("FerriteBead", "120R@100M", cable["3V3"], va)
     s.c(p["supply"]["bulk_uf"] * 1e6, va, gnd)
 
@@ -195,8 +195,7 @@ def fingertip(p):
     a3, a4, not_a3 = cable["ROW_A3"], cable["ROW_A4"], Net("NOT_ROW_A3")
     inverter = s.part("74xGxx", "74LVC1G04", "Nexperia", "74LVC1G04GW,125")
     s.power(inverter, va, "VCC", "GND")
-    inverter[2] += a3
-    inverter[4] += not_a3
+    wire(inverter, (a3, not_a3), (2, 4))
     template = pair()
     for block, (low1, low2, high) in enumerate([(a3, a4, va), (not_a3, a4, va), (a3, gnd, a4), (not_a3, gnd, a4)]):
         decoder = s.part("74xx", "74LS138", "Nexperia", "74LVC138APW,118")
@@ -207,8 +206,7 @@ def fingertip(p):
             gate = Net(f"GATE{8 * block + i}")
             join(decoder, f"O{i}", gate)
             fets = s.part(None, None, "Diodes", "DMC2400UV-7", template)
-            for pin, net in zip((1, 2, 3, 4, 5, 6), (vcm, gate, rows[8 * block + i], va, gate, rows[8 * block + i])):
-                fets[pin] += net
+            wire(fets, (vcm, gate, rows[8 * block + i], va, gate, rows[8 * block + i]))
 
     # Columns.
     columns = [Net(f"COL{i}") for i in range(LINES)]
@@ -232,8 +230,7 @@ def fingertip(p):
 
     for name, lines in (("row", rows), ("column", columns)):
         array = s.part("Connector_Generic", "Conn_01x40", "Hirose", "FH12-40S-0.5SH(55)")
-        for i in range(40):
-            array[i + 1] += lines[i - 4] if 4 <= i < 36 else gnd
+        wire(array, [gnd] * 4 + lines + [gnd] * 4)
 
     # Common voltage and cable driver: one dual amplifier.
     (cp, cm, co), (op, om, oo) = s.amplifiers(1, va, "ADA4807-2ARM", "ADA4807-2ARMZ")
@@ -265,8 +262,7 @@ def fingertip(p):
 
     # The accelerometer sits on a board of its own, as its maker sells it.
     breakout = s.part("Connector_Generic", "Conn_01x06", "Harwin", "M50-3130645")
-    for i, name in enumerate(("3V3", "GND", "SCK", "MOSI", "MISO", "CS")):
-        breakout[i + 1] += cable[name]
+    wire(breakout, [cable[name] for name in ("3V3", "GND", "SCK", "MOSI", "MISO", "CS")])
     return s
 
 
@@ -308,14 +304,12 @@ def adapter(p):
         s.c(p["supply"]["bulk_uf"] * 1e6, v33, s.gnd)
     can = s.part("Interface_CAN_LIN", "TJA1042T-3", "Texas Instruments", "TCAN1462VDRQ1")
     high, low = Net("CANH"), Net("CANL")
-    for pin, net in zip((1, 4, 5, 8, 7, 6), (signals["CAN_TX"], signals["CAN_RX"], v33, s.gnd, high, low)):
-        can[pin] += net
+    wire(can, (signals["CAN_TX"], signals["CAN_RX"], v33, s.gnd, high, low), (1, 4, 5, 8, 7, 6))
     s.power(can, v5, "VCC", "GND")
     s.c(100e3, v33, s.gnd)
     s.r(120, high, low)
     bus = s.part("Connector_Generic", "Conn_01x03", "Phoenix Contact", "1935174")
-    for i, net in enumerate((high, low, s.gnd)):
-        bus[i + 1] += net
+    wire(bus, (high, low, s.gnd))
     return s, board
 
 
@@ -326,7 +320,6 @@ def write(folder):
     rules = {"fingertip": fingertip(p).finish(folder, "fingertip")}
     sheet, board = adapter(p)
     reaches = defaultdict(set)
-    connectors = [part for part in sheet.bom[("Samtec", "FTSH-113-01-L-DV-K")]]
     series = sheet.bom[ORDER[("R", "47")]]
     for pin in board.pins:
         if not pin.net or pin.net.name in ("GND", "3V3", "5V") or pin.is_connected() is False:
@@ -334,7 +327,7 @@ def write(folder):
         nets = {pin.net.name}
         nets |= {part[2].net.name for part in series if part[1].net.name in nets}
         name = next((n for n in pin.name.split("/") if re.fullmatch(r"P[A-H]\d+", n)), None)
-        for finger, connector in enumerate(connectors):
+        for finger, connector in enumerate(sheet.bom[("Samtec", "FTSH-113-01-L-DV-K")]):
             for i, signal in enumerate(CABLE):
                 if connector[i + 1].net.name in nets:
                     reaches[name].add(f"{signal} of finger {finger}")

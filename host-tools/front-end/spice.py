@@ -124,14 +124,14 @@ def array(p, g, rows, cols, drive, vos=None):
     return "\n".join(lines)
 
 
-def output(p, column="mux"):
+def output(p):
     """From the multiplexer's drain to the ADC's sampling capacitor."""
     o, a = p["output"], p["adc"]
     return f"""
 Rot va odiv {o['top_kohm']}k
 Rob odiv 0 {o['bottom_kohm']}k
 Cod odiv 0 1u
-Ro1 {column} oin {o['in_kohm']}k
+Ro1 mux oin {o['in_kohm']}k
 Ro2 oin oout {o['feedback_kohm']}k
 Co2 oin oout {o['feedback_pf']}p
 Xo odiv oin oout opamp
@@ -160,16 +160,12 @@ def scan_step(p, g, rows, cols, drive, take, stop_us=9.0):
         lines.append(
             f"Ist va vcm PULSE(0 {r['shoot_through_a']} {at + r['delay_ns']}n 0.1n 0.1n {r['shoot_through_ns']}n 1)"
         )
-    old, new = take
     for k, (column, before, after, delay) in enumerate(
-        [(old, 1, 0, mx["delay_ns"] - mx["open_ns"]), (new, 0, 1, mx["delay_ns"])]
+        [(take[0], 1, 0, mx["delay_ns"] - mx["open_ns"]), (take[1], 0, 1, mx["delay_ns"])]
     ):
-        if old == new and k == 0:
-            continue
-        n = cols[column]
-        assert n == 1
+        assert cols[column] == 1
         lines += [
-            f"Vm{k} m{k} 0 {pwl(before if old != new else 1, after, delay, 2)}",
+            f"Vm{k} m{k} 0 {pwl(before, after, delay, 2)}",
             f"Ri{k} o{column} q{k} {p['column']['isolation_ohm']}",
             f"Cq{k} q{k} 0 {mx['source_pf']}p",
             f"Bm{k} q{k} mux I=V(m{k})/{mx['on_ohm']}*(V(q{k})-V(mux))",
@@ -214,9 +210,10 @@ def transition(pattern, slot):
     return g, rows, cols, drive, (0, 1)
 
 
-def loop_gain(p, stage, load=0.0):
-    """Frequencies, Hz, and loop gain of the amplifier of a `stage`: "column" whose taxels together conduct `load` of full
-    scale, "common" or "output". The loop is opened inside the amplifier, for alternating voltages only."""
+def phase_margin(p, stage, load=0.0):
+    """Least distance of the loop gain's phase from −180° at its crossings of 1, degrees, of the amplifier of a `stage`:
+    "column" whose taxels together conduct `load` of full scale, "common" or "output". The loop is opened inside the
+    amplifier, for alternating voltages only."""
     model = op_amp(p)
     opened = model.replace("subckt opamp", "subckt opened").replace(
         "Ev d 0 vol='V(plus)-V(minus)+vos+V(n1)/sqrt(m)'",
@@ -232,12 +229,7 @@ def loop_gain(p, stage, load=0.0):
     netlist.append(".ac dec 100 1 1g")
     test = f"v({name.lower()}.e)"
     data = ngspice("\n".join(netlist), [f"real({test})", f"imag({test})"])
-    return data[:, 0], -(data[:, 1] + 1j * data[:, 2])
-
-
-def phase_margin(p, stage, load=0.0):
-    """Least distance of the loop gain's phase from −180° at its crossings of 1, degrees."""
-    _, gain = loop_gain(p, stage, load)
+    gain = -(data[:, 1] + 1j * data[:, 2])
     phase = np.unwrap(np.angle(gain))
     crossings = np.flatnonzero((abs(gain[:-1]) >= 1) & (abs(gain[1:]) < 1))
     return 180 + np.degrees(phase[crossings].min())

@@ -153,12 +153,8 @@ fn load(plan: &Plan, timing: &Timing, slip_cycles: f64, raw_cycles: f64) -> Load
     };
     let (slip_percent, raw_percent) = (percent(per_second * slip_cycles), percent(raw_rate * raw_cycles));
     let foreign_percent = f64::from(plan.foreign_percent);
-    Load {
-        slip_percent,
-        raw_percent,
-        foreign_percent,
-        total_percent: slip_percent + raw_percent + foreign_percent,
-    }
+    let total_percent = slip_percent + raw_percent + foreign_percent;
+    Load { slip_percent, raw_percent, foreign_percent, total_percent }
 }
 
 /// Longest frames whatever their data, cycles; messages with their intermissions, frames without.
@@ -175,7 +171,7 @@ impl Longest {
     fn new(plan: &Plan, timing: &Timing) -> Self {
         let of = |id: u32, bytes: usize| {
             let dlc = dlc_of(bytes, true).unwrap_or(15);
-            timing.bits(&worst_case(Some(Id::Extended(id)), true, Format::FD, dlc, timing))
+            worst_case(Some(Id::Extended(id)), true, Format::FD, dlc, timing)
         };
         let nodes = 0..plan.nodes;
         let slip = nodes.clone().map(|node| of(slip_id(node), 64)).max().unwrap_or(0) + timing.intermission();
@@ -189,7 +185,7 @@ impl Longest {
             raw_message: nodes.clone().map(raw_message).max().unwrap_or(0),
             raw_frame: nodes.map(|node| of(raw_id(plan, node), raw_bytes)).max().unwrap_or(0),
             raw_bytes,
-            foreign: timing.bits(&worst_case(None, true, Format::FD, 15, timing)),
+            foreign: worst_case(None, true, Format::FD, 15, timing),
         }
     }
 }
@@ -373,7 +369,7 @@ mod tests {
         let ids = [(slip_id(0), 64), (raw_id(&ONE, 0), 64), (slip_id(3), 64), (raw_id(&COMPRESSED, 7), 48)];
         for (id, bytes) in ids {
             let (timing, dlc) = (timing(8_000_000), dlc_of(bytes, true).unwrap());
-            let bound = timing.bits(&worst_case(Some(Id::Extended(id)), true, Format::FD, dlc, &timing));
+            let bound = worst_case(Some(Id::Extended(id)), true, Format::FD, dlc, &timing);
             assert_eq!(timing.frame(&longest_frame(id, bytes, &timing)), bound, "{id:X}");
         }
     }

@@ -78,8 +78,7 @@ fn lengths_and_codes_belong_together() {
 fn a_full_frame_takes_the_times_that_the_design_counts_on() {
     for (data_bps, typical_us, worst_us) in [(5_000_000, 142, 169), (8_000_000, 100, 118)] {
         let timing = at(data_bps);
-        let worst = worst_case(None, false, Format::FD, 15, &timing);
-        let worst = timing.ns(timing.bits(&worst) + timing.intermission());
+        let worst = timing.ns(worst_case(None, false, Format::FD, 15, &timing) + timing.intermission());
         let mut seed = 1_u32;
         let mut random = || {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -113,13 +112,13 @@ fn the_worst_case_of_a_short_fd_frame_is_reached_and_never_passed() {
     let timing = at(8_000_000);
     for id in (0..2048).step_by(37).map(Id::Standard).chain([Id::Extended(0), Id::Extended(0x1F0F_0F0F)]) {
         let longest = (0..=255).map(|byte| timing.frame(&frame(id, Format::FD, &[byte]))).max();
-        let claimed = timing.bits(&worst_case(Some(id), false, Format::FD, 1, &timing));
+        let claimed = worst_case(Some(id), false, Format::FD, 1, &timing);
         assert_eq!(Some(claimed), longest, "{id:?}");
     }
     let all =
         (0..2048).flat_map(|id| [0x00, 0x0F, 0x3C, 0x78, 0xF0, 0xFF, 0x1F, 0xE0].map(|byte| (id, byte)));
     let longest = all.map(|(id, byte)| timing.frame(&frame(Id::Standard(id), Format::FD, &[byte]))).max();
-    let claimed = timing.bits(&worst_case(None, false, Format::FD, 1, &timing));
+    let claimed = worst_case(None, false, Format::FD, 1, &timing);
     assert!(longest <= Some(claimed));
 }
 
@@ -190,8 +189,8 @@ proptest! {
     fn no_frame_passes_the_worst_case(frame in any_frame()) {
         let timing = at(5_000_000);
         let extended = matches!(frame.id(), Id::Extended(_));
-        let of_id = timing.bits(&worst_case(Some(frame.id()), extended, frame.format(), frame.dlc(), &timing));
-        let of_all = timing.bits(&worst_case(None, extended, frame.format(), frame.dlc(), &timing));
+        let of_id = worst_case(Some(frame.id()), extended, frame.format(), frame.dlc(), &timing);
+        let of_all = worst_case(None, extended, frame.format(), frame.dlc(), &timing);
         prop_assert!(timing.frame(&frame) <= of_id && of_id <= of_all);
     }
 

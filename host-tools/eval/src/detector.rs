@@ -37,7 +37,6 @@ impl Prediction {
         prediction
     }
 
-    /// Classes of the frames at another threshold.
     pub fn classes_at(&self, threshold: f32) -> Vec<u8> {
         let class = |(&score, &fallback)| if score > threshold { SLIP } else { fallback };
         self.score.iter().zip(&self.fallback).map(class).collect()
@@ -74,7 +73,6 @@ pub enum ClassOrder {
     ContactFirst,
 }
 
-/// Whether any pad sums to at least [`CONTACT_SUM_MIN`].
 pub(crate) fn touched(episode: &Episode, frame: usize) -> bool {
     (0..episode.sensors).any(|sensor| episode.piezo(frame, sensor).sum() >= CONTACT_SUM_MIN)
 }

@@ -64,9 +64,8 @@ pub(crate) struct DirectionFigures {
 
 /// The figures of each direction in each input, directions first; empty where all slips are the rig's.
 pub(crate) fn by_direction(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<DirectionFigures> {
-    let classes: Vec<Option<DirectionClass>> =
-        episodes.iter().map(|(truth, _)| DirectionClass::from_info(&truth.info)).collect();
-    if classes.iter().flatten().all(|class| *class == DirectionClass::VerticalRig) {
+    let class = |truth: &Truth| DirectionClass::from_info(&truth.info);
+    if episodes.iter().filter_map(|(truth, _)| class(truth)).all(|of| of == DirectionClass::VerticalRig) {
         return Vec::new();
     }
     let mut inputs: Vec<&str> = episodes.iter().map(|(truth, _)| truth.info.input.as_str()).collect();
@@ -74,18 +73,15 @@ pub(crate) fn by_direction(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Directi
     let mut found = Vec::new();
     for direction in DirectionClass::ALL {
         for &input in &inputs {
-            let chosen = |((truth, _), class): &(&(&Truth, &EpisodeRecord), &Option<DirectionClass>)| {
-                **class == Some(direction) && truth.info.input == input
-            };
-            let records: Vec<&EpisodeRecord> =
-                episodes.iter().zip(&classes).filter(chosen).map(|((_, record), _)| *record).collect();
-            let encoder: Vec<&Outcome> = records.iter().flat_map(|record| &record.events.encoder).collect();
-            let interface: Vec<&Outcome> =
-                records.iter().flat_map(|record| &record.events.interface).collect();
+            let here = |truth: &Truth| class(truth) == Some(direction) && truth.info.input == input;
+            let chosen =
+                || episodes.iter().filter(|(truth, _)| here(truth)).map(|(_, record)| &record.events);
+            let encoder: Vec<&Outcome> = chosen().flat_map(|events| &events.encoder).collect();
+            let interface: Vec<&Outcome> = chosen().flat_map(|events| &events.interface).collect();
             if encoder.is_empty() {
                 continue;
             }
-            let [encoder_events, interface_events] = [&encoder, &interface].map(|o| EventFigures::new(o));
+            let [encoder_events, interface_events] = [encoder, interface].map(|of| EventFigures::new(&of));
             let detected = |events: &EventFigures| events.miss_share.map(|missed| 1.0 - missed);
             found.push(DirectionFigures {
                 direction,

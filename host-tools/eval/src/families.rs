@@ -86,17 +86,17 @@ pub fn gallery(
     recordings: &[Episode],
     done: &(dyn Fn() + Sync),
 ) -> Result<Gallery> {
-    let recorded = match recordings {
-        [] => None,
-        _ => {
-            let seen = recordings.iter().map(seen).collect::<Result<Vec<_>>>()?;
-            Some(Panel::new(None, "recordings".to_owned(), &seen))
-        }
-    };
+    let seen_in = recordings.iter().map(seen).collect::<Result<Vec<_>>>()?;
+    let recorded = (!recordings.is_empty()).then(|| Panel::new(None, "recordings".to_owned(), &seen_in));
     let all: Vec<(Stage, usize)> =
         Stage::ALL.iter().flat_map(|&stage| (0..FAMILIES).map(move |place| (stage, place))).collect();
     let families = all.into_par_iter().map(|(stage, place)| {
-        let recipe = |seed| of_family(seed, stage, place);
+        // Disturbances are seen best where nothing slips.
+        let scenario = match stage {
+            Stage::Disturbance => ScenarioChoice::Disturbances,
+            _ => ScenarioChoice::SixStep,
+        };
+        let recipe = |seed| Recipe { scenario, ..Recipe::new(seed) }.with_family(stage, place);
         let seen = (seed..).take(episodes).map(|seed| seen(&generate(&recipe(seed))?));
         let mut panel =
             Panel::new(Some(stage), recipe(seed).family(stage), &seen.collect::<Result<Vec<_>>>()?);
@@ -106,15 +106,6 @@ pub fn gallery(
     });
     let synthetic = families.collect::<Result<Vec<_>>>()?;
     Ok(Gallery { synthetic, recorded })
-}
-
-fn of_family(seed: u64, stage: Stage, place: usize) -> Recipe {
-    // Disturbances are seen best where nothing slips.
-    let scenario = match stage {
-        Stage::Disturbance => ScenarioChoice::Disturbances,
-        _ => ScenarioChoice::SixStep,
-    };
-    Recipe { scenario, ..Recipe::new(seed) }.with_family(stage, place)
 }
 
 fn seen(episode: &Episode) -> Result<Seen> {

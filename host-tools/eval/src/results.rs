@@ -267,27 +267,22 @@ fn tested(inputs: &[Input], run: &Run) -> Vec<usize> {
 }
 
 fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) -> DetectorResults {
-    let predictions = &run.predictions[e];
-    let records: Vec<EpisodeRecord> = run
-        .truths
-        .iter()
-        .zip(predictions)
-        .map(|(truth, prediction)| EpisodeRecord::new(truth, &prediction.class))
-        .collect();
+    let predicted: Vec<(&Truth, &Prediction)> = run.truths.iter().zip(&run.predictions[e]).collect();
+    let record = |(truth, prediction): &(&Truth, &Prediction)| EpisodeRecord::new(truth, &prediction.class);
+    let records: Vec<EpisodeRecord> = predicted.iter().map(record).collect();
     let tested = tested(inputs, run);
-    let of_tested: Vec<&EpisodeRecord> = tested.iter().map(|&i| &records[i]).collect();
-    let predicted = |episodes: &mut dyn Iterator<Item = usize>| -> Vec<(&Truth, &Prediction)> {
-        episodes.map(|i| (&run.truths[i], &predictions[i])).collect()
-    };
-    let own = predictions.first().map_or(0.0, |prediction| prediction.threshold);
+    let of_tested: Vec<_> = tested.iter().map(|&i| (&run.truths[i], &records[i])).collect();
+    let tested_records: Vec<&EpisodeRecord> = tested.iter().map(|&i| &records[i]).collect();
+    let tested_predicted: Vec<_> = tested.iter().map(|&i| predicted[i]).collect();
+    let own = predicted.first().map_or(0.0, |(_, prediction)| prediction.threshold);
     let of_inputs = || inputs.iter().map(|input| &input.name).zip(run.of_input.iter().cloned());
     let validation = of_inputs().find(|(name, _)| *name == VALIDATION);
-    let fixed = validation
-        .and_then(|(_, mut range)| threshold_for(&non_slip_scores(&predicted(&mut range)), TARGET_FPR));
+    let fixed =
+        validation.and_then(|(_, range)| threshold_for(&non_slip_scores(&predicted[range]), TARGET_FPR));
     let point = |threshold: f32| {
-        let figures = |(name, mut range): (&String, Range<usize>)| PointFigures {
+        let figures = |(name, range): (&String, Range<usize>)| PointFigures {
             input: name.clone(),
-            figures: figures_at(&predicted(&mut range), threshold),
+            figures: figures_at(&predicted[range], threshold),
         };
         OperatingPoint {
             threshold_score: threshold.into(),
@@ -303,23 +298,21 @@ fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) ->
             intervals: Intervals::new(&records),
         }
     };
-    let tested_records: Vec<(&Truth, &EpisodeRecord)> =
-        tested.iter().map(|&i| (&run.truths[i], &records[i])).collect();
     let worst = tested.iter().copied().max_by_key(|&i| (records[i].failures(), std::cmp::Reverse(i)));
     let worst = worst.filter(|&i| records[i].failures() > 0);
     DetectorResults {
         name: candidate.name.clone(),
         threshold_score: own.into(),
         compute_us_per_frame: run.us_per_frame(e),
-        all: Figures::new(of_tested.iter().copied()),
-        all_intervals: Intervals::new(&of_tested),
+        all: Figures::new(tested_records.iter().copied()),
+        all_intervals: Intervals::new(&tested_records),
         inputs: of_inputs().map(input_figures).collect(),
-        groupings: groupings(&tested_records),
-        directions: by_direction(&tested_records),
-        encoder_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.encoder)),
-        interface_cdf: Cdf::new(of_tested.iter().flat_map(|record| &record.events.interface)),
-        speed_cdfs: speed_cdfs(&tested, &run.truths, &records),
-        curve: curve(&predicted(&mut tested.iter().copied()), own, fixed),
+        groupings: groupings(&of_tested),
+        directions: by_direction(&of_tested),
+        encoder_cdf: Cdf::new(tested_records.iter().flat_map(|record| &record.events.encoder)),
+        interface_cdf: Cdf::new(tested_records.iter().flat_map(|record| &record.events.interface)),
+        speed_cdfs: speed_cdfs(&of_tested),
+        curve: curve(&tested_predicted, own, fixed),
         operating_point: fixed.map(point),
         operating_point_missing_because: fixed
             .is_none()
@@ -338,15 +331,17 @@ fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) ->
     }
 }
 
-fn speed_cdfs(tested: &[usize], truths: &[Truth], records: &[EpisodeRecord]) -> Vec<SpeedCdf> {
-    let slips = |&&i: &&usize| !truths[i].slip.is_empty();
-    let speed = |&i: &usize| truths[i].info.speed_mm_s;
-    let mut speeds: Vec<f64> = tested.iter().filter(slips).filter_map(speed).collect();
+fn speed_cdfs(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<SpeedCdf> {
+    let slipping = episodes.iter().filter(|(truth, _)| !truth.slip.is_empty());
+    let mut speeds: Vec<f64> = slipping.filter_map(|(truth, _)| truth.info.speed_mm_s).collect();
     speeds.sort_by(f64::total_cmp);
     speeds.dedup();
     let cdf = |speed_mm_s: f64| {
-        let at_speed = tested.iter().filter(|&&i| truths[i].info.speed_mm_s == Some(speed_mm_s));
-        SpeedCdf { speed_mm_s, encoder_cdf: Cdf::new(at_speed.flat_map(|&i| &records[i].events.encoder)) }
+        let at_speed = episodes.iter().filter(|(truth, _)| truth.info.speed_mm_s == Some(speed_mm_s));
+        SpeedCdf {
+            speed_mm_s,
+            encoder_cdf: Cdf::new(at_speed.flat_map(|(_, record)| &record.events.encoder)),
+        }
     };
     speeds.into_iter().map(cdf).collect()
 }

@@ -58,8 +58,7 @@ fn uniform(rng: &mut ChaCha8Rng) -> Matrix3<f64> {
 }
 
 /// Permutations of the axes but the one that leaves them: which axis comes where.
-const PERMUTATIONS: [(&str, [usize; 3]); 5] =
-    [("xzy", [0, 2, 1]), ("yxz", [1, 0, 2]), ("yzx", [1, 2, 0]), ("zxy", [2, 0, 1]), ("zyx", [2, 1, 0])];
+const PERMUTATIONS: [&str; 5] = ["xzy", "yxz", "yzx", "zxy", "zyx"];
 
 impl Turn {
     fn same_for_all(kind: TurnKind, name: String, matrix: Matrix3<f64>) -> Self {
@@ -75,8 +74,9 @@ impl Turn {
             per_sensor: std::array::from_fn(|_| uniform(&mut rng)),
         };
         let mut turns: Vec<Self> = (1..=rotations).map(random).collect();
-        turns.extend(PERMUTATIONS.map(|(name, from)| {
-            let matrix = Matrix3::from_fn(|row, col| f64::from(u8::from(from[row] == col)));
+        turns.extend(PERMUTATIONS.map(|name| {
+            let matrix =
+                Matrix3::from_fn(|row, col| f64::from(u8::from(name.as_bytes()[row] == b"xyz"[col])));
             Self::same_for_all(TurnKind::Permutation, name.to_owned(), matrix)
         }));
         turns.extend((1..8).map(|bits: u8| {

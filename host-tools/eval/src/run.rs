@@ -38,7 +38,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// Mean processor time of an candidate per frame, µs.
+    /// Mean processor time of a candidate per frame, µs.
     pub(crate) fn us_per_frame(&self, candidate: usize) -> Option<f64> {
         let frames: usize = self.truths.iter().map(Truth::frames).sum();
         (frames > 0).then(|| self.compute[candidate].as_secs_f64() * 1e6 / frames as f64)
@@ -152,20 +152,13 @@ fn predict_stream(
             let start = ThreadTime::now();
             let prediction = detector(&episode);
             *time += start.elapsed();
-            let what = || format!("detector {} on {}/{name}", candidate.name, input.name);
-            let prediction = prediction.with_context(what)?;
-            let frames = [prediction.class.len(), prediction.fallback.len(), prediction.score.len()];
-            ensure!(
-                frames == [truth.frames(); 3],
-                "{}: {frames:?} values for {} frames",
-                what(),
-                truth.frames()
-            );
-            ensure!(
-                prediction.score.iter().all(|score| score.is_finite()),
-                "{}: score is not finite",
-                what()
-            );
+            let what = format!("detector {} on {}/{name}", candidate.name, input.name);
+            let prediction = prediction.with_context(|| what.clone())?;
+            let (values, frames) =
+                ([prediction.class.len(), prediction.fallback.len(), prediction.score.len()], truth.frames());
+            ensure!(values == [frames; 3], "{what}: {values:?} values for {frames} frames");
+            let finite = prediction.score.iter().all(|score| score.is_finite());
+            ensure!(finite, "{what}: score is not finite");
             predictions.push(prediction);
         }
         stream.episodes.push((truth, predictions));

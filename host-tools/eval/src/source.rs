@@ -1,5 +1,6 @@
 //! Where the evaluated episodes come from, and how they are cut into streams.
 
+use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -49,11 +50,8 @@ impl Input {
     /// All `.npz` files of a folder, by name.
     pub fn folder(name: &str, folder: &Path) -> Result<Self> {
         let shown = folder.display();
-        let entries = folder.read_dir().with_context(|| format!("{shown}: cannot read this folder"))?;
-        let mut files = entries
-            .map(|entry| entry.map(|entry| entry.path()))
-            .collect::<Result<Vec<_>, _>>()
-            .with_context(|| format!("{shown}: cannot read this folder"))?;
+        let files = || folder.read_dir()?.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>();
+        let mut files = files().with_context(|| format!("{shown}: cannot read this folder"))?;
         files.retain(|path| path.extension().is_some_and(|extension| extension == "npz"));
         files.sort();
         if files.is_empty() {

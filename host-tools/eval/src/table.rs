@@ -45,7 +45,6 @@ impl Table {
         Self { title: title.into(), header, word_columns, rows, note: String::new() }
     }
 
-    /// A table with one line for each of `rows`.
     pub(crate) fn rows<R>(
         title: impl Into<String>,
         word_columns: usize,
@@ -59,7 +58,6 @@ impl Table {
         Self { note: note.into(), ..self }
     }
 
-    /// Append a row as long as the header.
     pub(crate) fn push(&mut self, row: Vec<String>) {
         self.rows.push(row);
     }

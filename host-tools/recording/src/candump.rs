@@ -13,6 +13,8 @@ use std::io::{self, BufRead, BufWriter, Write};
 use slipsense::wire::{CanFrame, LengthError};
 use thiserror::Error;
 
+use crate::unhex;
+
 /// Most digits of a fraction that count: microseconds.
 const FRACTION_DIGITS: usize = 6;
 
@@ -120,29 +122,22 @@ fn parse(line: &[u8]) -> Result<LogEntry, Rule> {
     let (Some(id), Some(first)) = (parts.next(), parts.next()) else {
         return Err(malformed(COLUMNS));
     };
-    let rest = match parts.next() {
-        Some(rest) if first.is_empty() && id.len() != 3 => rest,
-        _ => return Err(Rule::NotOurs),
-    };
-    let number = if id.len() == 8 { parse_hex(id) } else { None };
+    let ours = parts.next().filter(|_| first.is_empty() && id.len() != 3);
+    let rest = ours.ok_or(Rule::NotOurs)?;
     let bad_id =
         || malformed(format!("identifier {:?}: need 8 hexadecimal digits, at most 1FFFFFFF", text(id)));
-    let number = number.ok_or_else(bad_id)?;
-    let (&flags, digits) = rest.split_first().ok_or_else(|| malformed(FLAGS))?;
-    nibble(flags).ok_or_else(|| malformed(FLAGS))?;
+    let mut number = [0; 4];
+    unhex(id, &mut number).ok_or_else(bad_id)?;
+    let (_, digits) =
+        rest.split_first().filter(|(flags, _)| flags.is_ascii_hexdigit()).ok_or_else(|| malformed(FLAGS))?;
     if !digits.len().is_multiple_of(2) {
         return Err(malformed(DATA));
     }
     let mut data = [0; 64];
     let length = digits.len() / 2;
     let bytes = data.get_mut(..length).ok_or_else(|| malformed(LengthError::Length { length }))?;
-    for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
-        *byte = nibble(pair[0])
-            .zip(nibble(pair[1]))
-            .map(|(high, low)| high << 4 | low)
-            .ok_or_else(|| malformed(DATA))?;
-    }
-    let frame = CanFrame::new(number, bytes).map_err(|error| match error {
+    unhex(digits, bytes).ok_or_else(|| malformed(DATA))?;
+    let frame = CanFrame::new(u32::from_be_bytes(number), bytes).map_err(|error| match error {
         LengthError::Id { .. } => bad_id(),
         other => malformed(other),
     })?;
@@ -162,15 +157,6 @@ fn parse_time(column: &[u8]) -> Option<u64> {
         let digit = digit.is_ascii_digit().then(|| u64::from(digit - b'0'))?;
         value.checked_mul(10)?.checked_add(digit)
     })
-}
-
-/// At most 8 digits.
-fn parse_hex(digits: &[u8]) -> Option<u32> {
-    digits.iter().try_fold(0, |value, &digit| Some(value << 4 | u32::from(nibble(digit)?)))
-}
-
-fn nibble(digit: u8) -> Option<u8> {
-    (digit as char).to_digit(16).map(|value| value as u8)
 }
 
 fn text(bytes: &[u8]) -> String {

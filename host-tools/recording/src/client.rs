@@ -131,12 +131,9 @@ impl Client {
             if is(State::Done) {
                 return Ok(());
             }
-            let at = format!("sensor {sensor}, row {row}, column {col}");
-            ensure!(
-                !is(State::Touched),
-                "{at} of the scan: touched while it was measured; lift everything off"
-            );
-            ensure!(!is(State::Faulty), "{at} of the scan is the first of too many taxels out of order");
+            let at = format!("sensor {sensor}, row {row}, column {col} of the scan");
+            ensure!(!is(State::Touched), "{at}: touched while it was measured; lift everything off");
+            ensure!(!is(State::Faulty), "{at} is the first of too many taxels out of order");
             ensure!(!is(State::TooShort), "sensor {sensor}: no whole second of scans came");
             ensure!(!is(State::NotStored), "sensor {sensor}: the flash refused the calibration");
             ensure!(!is(State::Gain), "sensor {sensor}: a gain would be 0, or 2 and more");

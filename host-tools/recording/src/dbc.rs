@@ -75,20 +75,19 @@ pub fn text(node: NodeId) -> Result<String> {
 
 fn signal(leaf: &Leaf) -> Signal {
     let Field { name, kind, comment, .. } = leaf.field();
-    let factor = match name.rsplit_once('_') {
-        Some((_, "q10")) => 1.0 / 1024.0,
-        Some((_, "q8")) => 1.0 / 256.0,
-        _ => 1.0,
-    };
-    let unit = match name.rsplit_once('_') {
-        Some((_, "us")) => "us",
-        Some((_, "deg")) => "deg",
-        _ => "",
+    let (factor, unit) = match name.rsplit_once('_') {
+        Some((_, "q10")) => (1.0 / 1024.0, ""),
+        Some((_, "q8")) => (1.0 / 256.0, ""),
+        Some((_, "us")) => (1.0, "us"),
+        Some((_, "deg")) => (1.0, "deg"),
+        _ => (1.0, ""),
     };
     let words = leaf.path.iter().map(|(field, index)| {
         let name = field.name.trim_end_matches("_q10").trim_end_matches("_q8");
         index.map_or_else(|| name.to_owned(), |index| format!("{name}_{index}"))
     });
+    // Once is enough where there are several.
+    let commented = leaf.path.last().is_some_and(|(_, index)| index.unwrap_or(0) == 0);
     Signal {
         name: words.collect::<Vec<_>>().join("_"),
         offset: leaf.offset,
@@ -96,11 +95,6 @@ fn signal(leaf: &Leaf) -> Signal {
         signed: matches!(kind, Kind::Signed(_)),
         factor,
         unit,
-        // Once is enough where there are several.
-        comment: if leaf.path.last().is_some_and(|(_, index)| index.unwrap_or(0) == 0) {
-            comment.clone()
-        } else {
-            String::new()
-        },
+        comment: if commented { comment.clone() } else { String::new() },
     }
 }

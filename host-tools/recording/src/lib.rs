@@ -73,12 +73,18 @@ pub fn hex(bytes: &[u8]) -> String {
 
 /// 32 bytes of 64 hexadecimal digits.
 pub fn from_hex(text: &str) -> Option<[u8; 32]> {
-    if text.len() != 64 || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
-        return None;
-    }
     let mut bytes = [0; 32];
-    for (byte, at) in bytes.iter_mut().zip((0..).step_by(2)) {
-        *byte = u8::from_str_radix(text.get(at..at + 2)?, 16).ok()?;
-    }
+    unhex(text.as_bytes(), &mut bytes)?;
     Some(bytes)
+}
+
+/// Fill `bytes` from hexadecimal digits, two each. `None`: they are others, or not as many.
+pub(crate) fn unhex(digits: &[u8], bytes: &mut [u8]) -> Option<()> {
+    let nibble = |digit: u8| char::from(digit).to_digit(16);
+    let (pairs, []) = digits.as_chunks() else { return None };
+    (pairs.len() == bytes.len()).then_some(())?;
+    for (byte, &[high, low]) in bytes.iter_mut().zip(pairs) {
+        *byte = (nibble(high)? << 4 | nibble(low)?) as u8;
+    }
+    Some(())
 }

@@ -235,19 +235,13 @@ impl<R: Read> McapSource<R> {
         let timestamp_us = message.log_time / 1000;
         let interface = message.channel.topic.strip_prefix(CAN_TOPIC);
         if let Some(interface) = interface.filter(|_| schema == CAN_FRAME) {
-            let is_name = |c: char| !c.is_whitespace() && !c.is_control();
-            ensure!(
-                !interface.is_empty() && interface.chars().all(is_name),
-                "{}: an interface needs a name without white space",
-                at()
-            );
+            let in_name = |c: char| !c.is_whitespace() && !c.is_control();
+            let is_name = !interface.is_empty() && interface.chars().all(in_name);
+            ensure!(is_name, "{}: an interface needs a name without white space", at());
             let frame = can_frame(&value()?).with_context(at)?;
             ensure!(message.log_time.is_multiple_of(1000), "{}: time is no whole microsecond", at());
-            return Ok(Some(Record::Frame(LogEntry {
-                timestamp_us,
-                interface: interface.to_owned(),
-                frame,
-            })));
+            let interface = interface.to_owned();
+            return Ok(Some(Record::Frame(LogEntry { timestamp_us, interface, frame })));
         }
         if schema == DISPLACEMENT {
             let mm = value()?["displacement_mm"].as_f64();

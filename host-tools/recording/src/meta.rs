@@ -86,10 +86,8 @@ impl Meta {
             return Err(problem("xl_rate_hz", &rule));
         }
         if self.frame_rate_hz != f64::from(FRAME_RATE_HZ) {
-            return Err(problem(
-                "frame_rate_hz",
-                &format!("is {}: must be {FRAME_RATE_HZ}", self.frame_rate_hz),
-            ));
+            let rule = format!("is {}: must be {FRAME_RATE_HZ}", self.frame_rate_hz);
+            return Err(problem("frame_rate_hz", &rule));
         }
         Ok(())
     }

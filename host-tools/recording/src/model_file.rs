@@ -123,12 +123,8 @@ fn write_tensor(spec: &TensorSpec, tensor: &[i32], out: &mut Vec<u8>) -> Result<
     }
     let mut stored = vec![0; spec.padded_bytes()];
     let mut put = |place: usize, what: &str, index: usize, value: i32| {
-        let (fits, storage) = match spec.kind {
-            Kind::Weights(_) | Kind::I16 => (i16::try_from(value).is_ok(), "16 bits"),
-            Kind::I32 => (true, "32 bits"),
-        };
-        if !fits {
-            return Err(format!("{}{what} {index} is {value}, does not fit {storage}", name()));
+        if !matches!(spec.kind, Kind::I32) && i16::try_from(value).is_err() {
+            return Err(format!("{}{what} {index} is {value}, does not fit 16 bits", name()));
         }
         let width = spec.kind.bytes();
         stored[place * width..][..width].copy_from_slice(&value.to_le_bytes()[..width]);

@@ -101,10 +101,8 @@ impl Predictions {
     pub fn validate(&self) -> Result<(), Problem> {
         let (frames, sensors) = (self.frames(), self.sensors);
         if !(1..=MAX_SENSORS).contains(&sensors) {
-            return Err(Problem::array(
-                "logmel",
-                format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}"),
-            ));
+            let rule = format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}");
+            return Err(Problem::array("logmel", rule));
         }
         for (array, len, must) in [
             ("logits", self.logits.len(), frames),

@@ -16,10 +16,8 @@ pub struct Times {
 impl Times {
     /// Of frames with 29-bit identifiers and bit rate switching.
     pub fn new(timing: &Timing) -> Self {
-        let frame = |dlc: u8| {
-            let bits = worst_case(None, true, Format::FD, dlc, timing);
-            timing.ns(timing.bits(&bits) + timing.intermission())
-        };
+        let frame =
+            |dlc: u8| timing.ns(worst_case(None, true, Format::FD, dlc, timing) + timing.intermission());
         Self {
             frames: core::array::from_fn(|dlc| frame(dlc as u8)),
             bit: timing.ns(timing.nominal.cycles().into()),

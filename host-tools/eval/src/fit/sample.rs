@@ -34,10 +34,8 @@ impl Sample {
     pub(super) fn new(episode: &Episode, stride: usize) -> Result<Self> {
         refuse_other_splits(&episode.meta)?;
         let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
-        let rig = match episode.meta.other.contains_key("recipe") {
-            true => Some(rig_only_episode(episode)?),
-            false => None,
-        };
+        let has_recipe = episode.meta.other.contains_key("recipe");
+        let rig = has_recipe.then(|| rig_only_episode(episode)).transpose()?;
         let mut entropy = PerSensor::<EntropyScore>::default();
         let mut spectra = vec![XlSpectrum::default(); episode.sensors];
         let mut rig_features = RigFeatures::default();

@@ -46,40 +46,29 @@ mod tests {
 
     #[test]
     fn thresholds_by_hand() {
-        let (slip, other) = (true, false);
+        let (yes, no) = (true, false);
         type Case<'a> = (&'a [(f32, bool)], Option<(f32, f64)>);
         let cases: [Case<'_>; 6] = [
             // Above 4: 2 of 3 slips, 0 of 4 others, J = 2/3. Above 2: 3 of 3 and 2 of 4, J = 1/2.
             (
-                &[
-                    (1.0, other),
-                    (6.0, slip),
-                    (2.0, other),
-                    (5.0, slip),
-                    (3.0, slip),
-                    (4.0, other),
-                    (3.5, other),
-                ],
+                &[(1.0, no), (6.0, yes), (2.0, no), (5.0, yes), (3.0, yes), (4.0, no), (3.5, no)],
                 Some((4.5, 2.0 / 3.0)),
             ),
             // The two scores of 2 cannot be separated. J is 1/2 above 3, and 3/4 above 1.
-            (
-                &[(3.0, slip), (2.0, other), (2.0, slip), (1.0, other), (1.0, other), (0.0, other)],
-                Some((1.5, 0.75)),
-            ),
+            (&[(3.0, yes), (2.0, no), (2.0, yes), (1.0, no), (1.0, no), (0.0, no)], Some((1.5, 0.75))),
             // Of equals the highest threshold.
-            (&[(4.0, slip), (3.0, other), (2.0, slip), (1.0, other)], Some((3.5, 0.5))),
+            (&[(4.0, yes), (3.0, no), (2.0, yes), (1.0, no)], Some((3.5, 0.5))),
             // A useless score and a reversed one never fire.
-            (&[(1.0, slip), (1.0, other)], Some((1.0, 0.0))),
-            (&[(1.0, slip), (2.0, other)], Some((2.0, 0.0))),
-            (&[(1.0, slip)], None),
+            (&[(1.0, yes), (1.0, no)], Some((1.0, 0.0))),
+            (&[(1.0, yes), (2.0, no)], Some((2.0, 0.0))),
+            (&[(1.0, yes)], None),
         ];
         for (frames, expected) in cases {
             let found = youden(&mut frames.to_vec()).map(|best| (best.threshold, best.index));
             assert_eq!(found, expected, "{frames:?}");
         }
         // Neighbouring floats are separated.
-        let found = youden(&mut [(1.0f32.next_up(), slip), (1.0, other)]).unwrap();
+        let found = youden(&mut [(1.0f32.next_up(), yes), (1.0, no)]).unwrap();
         assert!(1.0f32.next_up() > found.threshold && 1.0 <= found.threshold);
     }
 }

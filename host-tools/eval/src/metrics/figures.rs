@@ -9,7 +9,6 @@ use super::frames::{FalseSlipFigures, FrameCounts, FrameFigures};
 use super::statistics::share;
 use crate::truth::Truth;
 
-/// Counts and outcomes of one episode.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct EpisodeRecord {
     pub(crate) frames: FrameCounts,
@@ -31,7 +30,6 @@ impl EpisodeRecord {
         }
     }
 
-    /// Missed events and false alarms.
     pub(crate) fn failures(&self) -> usize {
         let missed = |o: &&Outcome| o.event.detection == Detection::Missed;
         self.events.encoder.iter().filter(missed).count() + self.alarms.total() as usize

@@ -40,8 +40,7 @@ impl FrameCounts {
         let mut counts = Self { all: ClassScores::new(&truth.label, class), ..Self::default() };
         counts.guarded = counts.all;
         let mark = |marked: &mut [bool], from: usize, to: usize| marked[from..to.min(frames)].fill(true);
-        let (mut before, mut after, mut guard) =
-            (vec![false; frames], vec![false; frames], vec![false; frames]);
+        let [mut before, mut after, mut guard] = std::array::from_fn(|_| vec![false; frames]);
         for &(onset, end) in &truth.slip {
             mark(&mut before, onset.saturating_sub(MARGIN_FRAMES), onset);
             mark(&mut after, end, end + MARGIN_FRAMES);

@@ -5,7 +5,6 @@ use serde::Serialize;
 use super::figures::{EpisodeRecord, Figures};
 use crate::truth::{EpisodeInfo, Truth};
 
-/// Figures of the episodes that have something in common.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Group {
     /// What they have in common, `unknown` where the metadata does not say.
@@ -13,7 +12,6 @@ pub(crate) struct Group {
     pub(crate) figures: Figures,
 }
 
-/// The episodes grouped by one of their properties.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Grouping {
     pub(crate) by: &'static str,

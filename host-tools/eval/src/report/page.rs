@@ -21,10 +21,8 @@ const CDF_FRAMES: f64 = 60.0;
 pub fn html(results: &Results, run: &Run) -> Result<String> {
     let kind = results.kind_of_data();
     let (latency_plots, threshold_plots) = (latency_plots(results)?, threshold_plots(results)?);
-    let mut details = Vec::new();
-    for (i, detector) in results.detectors.iter().enumerate() {
-        details.push(detail(results, run, i, detector)?);
-    }
+    let details = results.detectors.iter().enumerate().map(|(i, of)| detail(results, run, i, of));
+    let details = details.collect::<Result<Vec<_>>>()?;
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -215,12 +213,11 @@ fn latencies(results: &Results) -> Markup {
 }
 
 fn operating_point(detector: &DetectorResults, kind: &str) -> Markup {
-    html! {
-        @match &detector.operating_point {
-            None => p { (detector.name) " has no operating point: " (detector.operating_point_missing_because.unwrap_or("not known")) "." },
-            Some(point) => (tables::operating_point(&detector.name, point, kind).html()),
-        }
-    }
+    let Some(point) = &detector.operating_point else {
+        let why = detector.operating_point_missing_because.unwrap_or("not known");
+        return html! { p { (detector.name) " has no operating point: " (why) "." } };
+    };
+    tables::operating_point(&detector.name, point, kind).html()
 }
 
 fn confusion(detector: &DetectorResults, kind: &str) -> Markup {

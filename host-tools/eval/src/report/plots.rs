@@ -1,12 +1,13 @@
 //! Line plots as inline SVG, for light and dark pages alike.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result};
+use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
 
 /// Stands for the page's text colour while plotting.
 const TEXT: RGBColor = RGBColor(1, 2, 3);
-const GRID: RGBAColor = RGBAColor(128, 128, 128, 0.25);
+pub(super) const GRID: RGBAColor = RGBAColor(128, 128, 128, 0.25);
 /// Okabe and Ito's colours, which colour-blind readers can tell apart, without black and yellow,
 /// then three of Tol's.
 const COLOURS: [RGBColor; 9] = [
@@ -40,16 +41,18 @@ pub(crate) struct Axes<'a> {
     pub(crate) legend: SeriesLabelPosition,
 }
 
-pub(super) fn failed(error: impl std::fmt::Display) -> anyhow::Error {
-    anyhow!("cannot draw: {error}")
+/// What `draw` draws as SVG text with the page's colour for text.
+pub(super) fn drawn(
+    size: (u32, u32),
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Result<()>,
+) -> Result<String> {
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+    draw(&area).and_then(|()| Ok(area.present()?)).context("cannot draw")?;
+    drop(area);
+    Ok(svg.replace("#010203", "currentColor"))
 }
 
-/// SVG text with the page's colour for text and no fixed size.
-pub(super) fn finish(svg: &str) -> String {
-    svg.replace("#010203", "currentColor")
-}
-
-/// Text of this size in the page's colour.
 pub(super) fn text(size: u32) -> TextStyle<'static> {
     ("sans-serif", size).into_font().color(&TEXT)
 }
@@ -60,16 +63,13 @@ where
     X: AsRangedCoord<Value = f64>,
     X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
 {
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        let mut chart = ChartBuilder::on(&root)
+    drawn(SIZE, |area| {
+        let mut chart = ChartBuilder::on(area)
             .caption(axes.title, text(17))
             .margin(10)
             .x_label_area_size(42)
             .y_label_area_size(56)
-            .build_cartesian_2d(x, y)
-            .map_err(failed)?;
+            .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
             .x_desc(axes.x)
@@ -79,29 +79,25 @@ where
             .light_line_style(TRANSPARENT)
             .label_style(text(13))
             .axis_desc_style(text(14))
-            .draw()
-            .map_err(failed)?;
+            .draw()?;
         for (n, line) in lines.iter().enumerate() {
             let style = colour(n).stroke_width(2);
             chart
-                .draw_series(LineSeries::new(line.points.iter().copied(), style))
-                .map_err(failed)?
+                .draw_series(LineSeries::new(line.points.iter().copied(), style))?
                 .label(line.name.clone())
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
             let mark = |&(at, filled): &((f64, f64), bool)| {
                 let style = if filled { colour(n).filled() } else { colour(n).stroke_width(2) };
                 Circle::new(at, 5, style)
             };
-            chart.draw_series(line.marks.iter().map(mark)).map_err(failed)?;
+            chart.draw_series(line.marks.iter().map(mark))?;
         }
         chart
             .configure_series_labels()
             .position(axes.legend.clone())
             .label_font(text(13))
             .border_style(TRANSPARENT)
-            .draw()
-            .map_err(failed)?;
-        root.present().map_err(failed)?;
-    }
-    Ok(finish(&svg))
+            .draw()?;
+        Ok(())
+    })
 }

@@ -299,10 +299,8 @@ pub(super) fn shared(results: &Results) -> Vec<Table> {
 }
 
 pub(super) fn latencies(results: &Results) -> Table {
-    let title = format!(
-        "Latency in frames of 4.17 ms and travel in mm, all inputs but validation: {}",
-        results.kind_of_data()
-    );
+    let kind = results.kind_of_data();
+    let title = format!("Latency in frames of 4.17 ms and travel in mm, all inputs but validation: {kind}");
     let rows = results.detectors.iter().flat_map(|detector| {
         let (name, all) = (detector.name.as_str(), &detector.all);
         [(name, "encoder", &all.encoder_events), (name, "interface", &all.interface_events)]

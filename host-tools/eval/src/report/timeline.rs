@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_recording::score::{Interval, SLIP, runs};
 
-use super::plots::{colour, failed, finish, text};
+use super::plots::{GRID, colour, drawn, text};
 use crate::detector::{NEVER, Prediction};
 use crate::truth::Truth;
 
@@ -16,28 +16,23 @@ const SIZE: (u32, u32) = (900, 330);
 pub(super) fn timeline(truth: &Truth, prediction: &Prediction) -> Result<String> {
     let seconds = |frame: usize| frame as f64 / f64::from(FRAME_RATE_HZ);
     let frames = truth.frames();
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    drawn(SIZE, |area| {
         let rows = ROWS.len() as f64 + 1.0;
-        let mut chart = ChartBuilder::on(&root)
+        let mut chart = ChartBuilder::on(area)
             .margin(8)
             .x_label_area_size(38)
             .y_label_area_size(12)
-            .build_cartesian_2d(0.0..seconds(frames), 0.0..rows)
-            .map_err(failed)?;
-        let grid = RGBAColor(128, 128, 128, 0.25);
+            .build_cartesian_2d(0.0..seconds(frames), 0.0..rows)?;
         chart
             .configure_mesh()
             .disable_y_mesh()
             .disable_y_axis()
             .x_desc("time, s")
-            .bold_line_style(grid)
+            .bold_line_style(GRID)
             .light_line_style(TRANSPARENT)
-            .axis_style(grid)
+            .axis_style(GRID)
             .label_style(text(13))
-            .draw()
-            .map_err(failed)?;
+            .draw()?;
         // The score's row is two high and shows the scores around the threshold.
         let top = |row: usize| rows - row as f64 - if row > 0 { 1.0 } else { 0.0 };
         let flags = runs(frames, |f| prediction.class[f] == SLIP);
@@ -48,28 +43,27 @@ pub(super) fn timeline(truth: &Truth, prediction: &Prediction) -> Result<String>
                 let corners = [(seconds(start), top(row) - 0.8), (seconds(end), top(row) - 0.3)];
                 Rectangle::new(corners, colour(row - 1).filled())
             };
-            chart.draw_series(intervals.iter().map(bar)).map_err(failed)?;
+            chart.draw_series(intervals.iter().map(bar))?;
         }
         let others = truth.events.iter().map(|event| {
             let corners =
                 [(event.start_s, top(4) - 0.8), (event.end_s.max(event.start_s + 0.01), top(4) - 0.5)];
             Rectangle::new(corners, RGBAColor(128, 128, 128, 0.4).filled())
         });
-        chart.draw_series(others).map_err(failed)?;
+        chart.draw_series(others)?;
         let names =
             truth.events.iter().map(|e| Text::new(e.name.clone(), (e.start_s, top(4) - 0.45), text(10)));
-        chart.draw_series(names).map_err(failed)?;
+        chart.draw_series(names)?;
         let place = scale(&prediction.score, prediction.threshold);
         let score = (0..frames).map(|f| (seconds(f), rows - 1.9 + 1.5 * place(prediction.score[f])));
-        chart.draw_series(LineSeries::new(score, colour(3).stroke_width(1))).map_err(failed)?;
+        chart.draw_series(LineSeries::new(score, colour(3).stroke_width(1)))?;
         let threshold = rows - 1.9 + 1.5 * place(prediction.threshold);
         let ends = [(0.0, threshold), (seconds(frames), threshold)];
-        chart.draw_series(LineSeries::new(ends, RGBColor(128, 128, 128))).map_err(failed)?;
+        chart.draw_series(LineSeries::new(ends, RGBColor(128, 128, 128)))?;
         let name = |(row, name): (usize, &&str)| Text::new((*name).to_owned(), (0.0, top(row)), text(12));
-        chart.draw_series(ROWS.iter().enumerate().map(name)).map_err(failed)?;
-        root.present().map_err(failed)?;
-    }
-    Ok(finish(&svg))
+        chart.draw_series(ROWS.iter().enumerate().map(name))?;
+        Ok(())
+    })
 }
 
 /// Places scores between 0 and 1: their 1st to 99th percentile, and the threshold, fit; others are cut.

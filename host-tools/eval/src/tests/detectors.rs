@@ -54,7 +54,6 @@ fn truths(episode: &mut Episode) -> [&mut Vec<f32>; 3] {
         .map(|truth| truth.as_mut().unwrap())
 }
 
-/// The first `frames` frames.
 fn cut(episode: &Episode, frames: usize) -> Episode {
     let mut cut = episode.clone();
     cut.piezo.truncate(frames * cut.sensors);

@@ -1,6 +1,6 @@
 //! Slips found, early, late and missed, by hand.
 
-use slipsense_recording::score::Detection;
+use slipsense_recording::score::Detection::{Early, Hit, Missed};
 
 use super::*;
 use crate::metrics::events::Cdf;
@@ -11,16 +11,7 @@ fn hits_early_ones_late_ones_and_misses_by_hand() {
     let slips: Vec<_> = (0..5).map(|i| 300 * i + 100..300 * i + 200).collect();
     let record = record(&episode(1600, &slips), &[100..110, 404..410, 697..720, 1100..1105]);
     let detections: Vec<_> = record.events.encoder.iter().map(|o| o.event.detection).collect();
-    assert_eq!(
-        detections,
-        [
-            Detection::Hit { delay: 0 },
-            Detection::Hit { delay: 4 },
-            Detection::Early { lead: 3 },
-            Detection::Missed,
-            Detection::Missed
-        ]
-    );
+    assert_eq!(detections, [Hit { delay: 0 }, Hit { delay: 4 }, Early { lead: 3 }, Missed, Missed]);
     let figures = Figures::new([&record]);
     let events = &figures.encoder_events;
     assert_eq!((events.events, events.hits, events.early, events.missed), (5, 2, 1, 2));
@@ -79,8 +70,8 @@ fn both_truths_by_hand() {
 #[test]
 fn a_flag_before_the_sliding_is_early_against_the_interface() {
     let record = record(&sliding(episode(400, &[100..200]), &[110..200], 5.0), &[101..200]);
-    assert_eq!(record.events.encoder[0].event.detection, Detection::Hit { delay: 1 });
-    assert_eq!(record.events.interface[0].event.detection, Detection::Early { lead: 9 });
+    assert_eq!(record.events.encoder[0].event.detection, Hit { delay: 1 });
+    assert_eq!(record.events.interface[0].event.detection, Early { lead: 9 });
 }
 
 #[test]

@@ -42,23 +42,19 @@ fn slips_are_grouped_by_direction_and_input() {
     let episodes: Vec<(&Truth, &EpisodeRecord)> =
         records.iter().map(|(truth, record)| (truth, record)).collect();
     let found = by_direction(&episodes);
-    let rows: Vec<_> = found
-        .iter()
-        .map(|of| {
-            let events = &of.encoder_events;
-            (of.direction, of.input.as_str(), events.events, of.detected_share, events.latency_median_frames)
-        })
-        .collect();
     use DirectionClass::{OtherInPlane, Rotational, VerticalHand, VerticalRig};
-    assert_eq!(
-        rows,
-        [
-            (VerticalRig, "umi_ood", 2, Some(1.0), Some(6.0)),
-            (VerticalHand, "free", 1, Some(1.0), None),
-            (OtherInPlane, "free", 2, Some(0.5), None),
-            (Rotational, "free", 1, Some(1.0), Some(20.0)),
-        ]
-    );
+    let expected = [
+        (VerticalRig, "umi_ood", 2, Some(1.0), Some(6.0)),
+        (VerticalHand, "free", 1, Some(1.0), None),
+        (OtherInPlane, "free", 2, Some(0.5), None),
+        (Rotational, "free", 1, Some(1.0), Some(20.0)),
+    ];
+    assert_eq!(found.len(), expected.len());
+    for (of, (direction, input, slips, detected, latency)) in found.iter().zip(expected) {
+        let events = &of.encoder_events;
+        assert_eq!((of.direction, of.input.as_str(), events.events), (direction, input, slips));
+        assert_eq!((of.detected_share, events.latency_median_frames), (detected, latency));
+    }
     assert_eq!(found[1].encoder_events.early, 1);
     assert_eq!((found[2].interface_events.missed, found[2].interface_detected_share), (1, Some(0.5)));
     // The rig's alone are no comparison.
@@ -101,11 +97,8 @@ fn seeds_stand_beside_their_targets_and_integers_beside_float() {
     assert_eq!((target("early or at onset %").mean, target("early or at onset %").met), (Some(0.0), false));
 
     // Two inputs, two seeds and their mean.
-    let rows: Vec<_> = results
-        .integer_against_float
-        .iter()
-        .map(|row| (row.input.as_str(), row.seed.as_str(), row.met))
-        .collect();
+    let rows = results.integer_against_float.iter();
+    let rows: Vec<_> = rows.map(|row| (row.input.as_str(), row.seed.as_str(), row.met)).collect();
     let of = |input| [(input, "network#1", true), (input, "network#2", false), (input, "mean of 2", false)];
     assert_eq!(rows, [of("umi_id"), of("mine")].concat());
     let second = &results.integer_against_float[1];

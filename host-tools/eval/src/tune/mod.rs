@@ -317,8 +317,7 @@ mod tests {
     /// distinguishes them, and of those the quickest is chosen.
     #[test]
     fn short_and_strong_is_distinguished_from_long_and_weak() {
-        let taps: Vec<Margins> =
-            (0..60).map(|_| margins(Vec::new(), |f| if f % 500 < 2 { 5_000 } else { -3_000 })).collect();
+        let taps = vec![margins(Vec::new(), |f| if f % 500 < 2 { 5_000 } else { -3_000 }); 60];
         let slip = |f: usize| if (3_000..3_100).contains(&f) { 2_000 } else { -3_000 };
         let slips = [margins(vec![(3_000, 3_100)], slip)];
         let tuning = tune(&taps, &slips, 1.0).unwrap();
@@ -337,8 +336,7 @@ mod tests {
     /// Disturbances of 15 frames: 16 of 24 ignores them and finds the weak slips, late; the others find the strong ones.
     #[test]
     fn what_is_found_in_time_counts_before_what_is_found_at_all() {
-        let drags: Vec<Margins> =
-            (0..60).map(|_| margins(Vec::new(), |f| if f % 500 < 15 { 4_000 } else { -3_000 })).collect();
+        let drags = vec![margins(Vec::new(), |f| if f % 500 < 15 { 4_000 } else { -3_000 }); 60];
         let starts = [1_000, 2_000, 3_000, 4_000, 5_000];
         let margin = |f: usize| match (f / 1_000, f % 1_000) {
             (1 | 2, 0..8) => 5_000,
@@ -354,7 +352,7 @@ mod tests {
 
     #[test]
     fn an_alarm_while_most_of_the_contact_slides_is_not_false() {
-        let quiet: Vec<Margins> = (0..60).map(|_| margins(Vec::new(), |_| -3_000)).collect();
+        let quiet = vec![margins(Vec::new(), |_| -3_000); 60];
         let margin = |f: usize| match f {
             2_000..2_100 => 5_000,
             3_000..3_100 => 2_000,

@@ -26,19 +26,14 @@ pub(super) fn read(from: &mut impl Read) -> Result<Header, String> {
     if start[..6] != *MAGIC {
         return Err("is not in .npy format".into());
     }
-    let (prefix, text_bytes) = match start[6] {
-        1 => {
-            let mut len = [0; 2];
-            from.read_exact(&mut len).map_err(cut)?;
-            (10, usize::from(u16::from_le_bytes(len)))
-        }
-        2 | 3 => {
-            let mut len = [0; 4];
-            from.read_exact(&mut len).map_err(cut)?;
-            (12, u32::from_le_bytes(len) as usize)
-        }
+    let len_bytes = match start[6] {
+        1 => 2,
+        2 | 3 => 4,
         version => return Err(format!("is of .npy version {version}, must be 1, 2 or 3")),
     };
+    let mut len = [0; 4];
+    from.read_exact(&mut len[..len_bytes]).map_err(cut)?;
+    let text_bytes = u32::from_le_bytes(len) as usize;
     if text_bytes > TEXT_BYTES_MAX {
         return Err(format!(".npy header of {text_bytes} bytes, must be at most {TEXT_BYTES_MAX}"));
     }
@@ -47,7 +42,7 @@ pub(super) fn read(from: &mut impl Read) -> Result<Header, String> {
     let text = String::from_utf8(text).map_err(|_| "has a .npy header that is not text")?;
     let (descr, fortran_order, shape) =
         Literal(&text).dictionary().ok_or("has a .npy header that is not the dictionary NumPy writes")?;
-    Ok(Header { descr, fortran_order, shape, bytes: (prefix + text_bytes) as u64 })
+    Ok(Header { descr, fortran_order, shape, bytes: (start.len() + len_bytes + text_bytes) as u64 })
 }
 
 /// A version 1 header as NumPy writes it.
@@ -120,10 +115,7 @@ impl<'a> Literal<'a> {
     }
 
     fn boolean(&mut self) -> Option<bool> {
-        if self.eat("True").is_some() {
-            return Some(true);
-        }
-        self.eat("False").map(|()| false)
+        self.eat("True").map(|()| true).or_else(|| self.eat("False").map(|()| false))
     }
 
     fn tuple(&mut self) -> Option<Vec<u64>> {

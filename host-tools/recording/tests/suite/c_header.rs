@@ -64,14 +64,8 @@ fn words(message: &SlipMessage, id: u32) -> String {
     words.push(m.log_odds.to_bits().to_string());
     for c in m.contact {
         let [row, col] = [c.centroid_row, c.centroid_col].map(|centre| centre.to_bits());
-        words.push(format!(
-            "{} {} {} {row} {col} {} {}",
-            c.health,
-            c.sum,
-            c.area,
-            c.axis_deg,
-            c.elongation.to_bits()
-        ));
+        let elongation = c.elongation.to_bits();
+        words.push(format!("{} {} {} {row} {col} {} {elongation}", c.health, c.sum, c.area, c.axis_deg));
     }
     words.join(" ")
 }

@@ -63,10 +63,8 @@ fn dtypes() {
     let long =
         right().edit("piezo", |npy| npy.descr = "<V99\\\x1b[31m-and-so-on-and-so-on-and-so-on-and-so-on");
     let message = refusal(&long);
-    assert!(
-        message.contains("dtype is '<V99") && !message.contains('\x1b') && message.len() < 130,
-        "{message}"
-    );
+    assert!(message.contains("dtype is '<V99") && !message.contains('\x1b'), "{message}");
+    assert!(message.len() < 130, "{message}");
 }
 
 #[test]

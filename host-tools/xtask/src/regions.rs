@@ -20,7 +20,6 @@ const FLASH_SPARE_BYTES: u64 = 4 * 1024;
 const LONGER_BY_RUSTUP_BYTES: u64 = 12 * 1024;
 const CODE: &str = "FLASH";
 
-/// A region of `board.x`.
 struct Region {
     name: String,
     address: u64,

@@ -220,7 +220,7 @@ impl<'r> Build<'r> {
     fn program(&self, name: &str, features: &str) -> Result<PathBuf> {
         // Its compiler may be another one.
         let target_dir = self.target_dir.join("board");
-        let mut build = Toolchain::get()?.cargo_in("build", &target_dir, &self.flags);
+        let mut build = Toolchain::get()?.cargo_in(TARGET, "build", &target_dir, &self.flags);
         build.args(["--locked", "--package", "slipsense", "--bin", name, "--features", features]);
         build.env("SLIPSENSE_RELEASE", "1").env("SLIPSENSE_UPDATE_KEY", &self.public_key);
         run(build.env_remove("SLIPSENSE_UPDATE_KEY_NEXT"))?;

@@ -24,7 +24,6 @@ for path in sorted(pathlib.Path(sys.argv[1]).glob('*.msg')):
     print(f'{message.base_type}: {len(message.fields)} fields, {len(message.constants)} constants')
 ";
 
-/// Bag, messages and node.
 pub fn whole() -> Result<()> {
     run(cargo().args(["build", "--release", "--quiet", "--package", PROGRAM]))?;
     let (program, demo) = (target_dir().join("release").join(PROGRAM), target_dir().join("demo-ros2"));

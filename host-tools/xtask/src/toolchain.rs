@@ -24,14 +24,11 @@ const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "l
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Toolchain {
-    /// The one that built this program.
     Host,
-    /// Debian's packages.
     Debian,
 }
 
 impl Toolchain {
-    /// Find or install one for the Cortex-M7.
     pub fn get() -> Result<Self> {
         Self::of(TARGET)
     }
@@ -53,32 +50,18 @@ impl Toolchain {
     /// flags, so that they share their dependencies. Names of functions are looked up in the program, so every compiler
     /// has to write them the same way.
     pub fn cargo(self, subcommand: &str) -> Command {
-        self.cargo_in(subcommand, &self.target_dir(TARGET), &[])
+        self.cargo_in(TARGET, subcommand, &self.target_dir(TARGET), &[])
     }
 
-    /// The same into another folder, with more flags of the compiler.
-    pub fn cargo_in(self, subcommand: &str, target_dir: &Path, flags: &[String]) -> Command {
-        let ours = ["-Dwarnings", "-Csymbol-mangling-version=v0", "-Zemit-stack-sizes"].map(str::to_owned);
-        let flags = [&ours, flags].concat();
-        self.cargo_for(subcommand, TARGET, "firmware", target_dir, &flags, ("core", "ld.lld"))
-    }
-
-    /// `cargo rustc` for WebAssembly, with the vector instructions that every browser of today has.
-    pub fn web_cargo_in(self, target_dir: &Path, flags: &[String]) -> Command {
-        let ours = ["-Dwarnings", "-Ctarget-feature=+simd128"].map(str::to_owned);
-        let flags = [&ours, flags].concat();
-        self.cargo_for("rustc", WEB_TARGET, WEB_PROFILE, target_dir, &flags, ("std,panic_abort", "wasm-ld"))
-    }
-
-    fn cargo_for(
-        self,
-        subcommand: &str,
-        target: &str,
-        profile: &str,
-        target_dir: &Path,
-        flags: &[String],
-        (libraries, linker): (&str, &str),
-    ) -> Command {
+    /// The same for any target and into another folder, with more flags of the compiler. WebAssembly gets the vector
+    /// instructions that every browser of today has.
+    pub fn cargo_in(self, target: &str, subcommand: &str, target_dir: &Path, more: &[String]) -> Command {
+        let (profile, libraries, linker, ours) = match target {
+            WEB_TARGET => (WEB_PROFILE, "std,panic_abort", "wasm-ld", &["-Ctarget-feature=+simd128"][..]),
+            _ => ("firmware", "core", "ld.lld", &["-Csymbol-mangling-version=v0", "-Zemit-stack-sizes"][..]),
+        };
+        let mut flags = vec!["-Dwarnings"];
+        flags.extend(ours.iter().copied().chain(more.iter().map(String::as_str)));
         let mut build = match self {
             Self::Host => cargo(),
             Self::Debian => command("/usr/bin/cargo"),
@@ -97,7 +80,6 @@ impl Toolchain {
         build
     }
 
-    /// What its compiler calls itself.
     pub fn version(self) -> Option<String> {
         let mut rustc = match self {
             Self::Host => of_our_toolchain("rustc"),
@@ -106,7 +88,6 @@ impl Toolchain {
         answer(rustc.arg("--version"))
     }
 
-    /// The program of this name that `cargo build` made.
     pub fn program(self, name: &str) -> PathBuf {
         self.target_dir(TARGET).join(TARGET).join("firmware").join(name)
     }

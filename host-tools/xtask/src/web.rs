@@ -40,7 +40,7 @@ pub fn make_in(out: &Path, target_dir: &Path, flags: &[String]) -> Result<(usize
     let name = || out.display().to_string();
     {
         let _lock = lock(WEB_PROFILE)?;
-        let mut build = Toolchain::of(WEB_TARGET)?.web_cargo_in(target_dir, flags);
+        let mut build = Toolchain::of(WEB_TARGET)?.cargo_in(WEB_TARGET, "rustc", target_dir, flags);
         run(build.args(["--quiet", "--locked", "--package", PACKAGE, "--crate-type", "cdylib"]))?;
     }
     let module = target_dir.join(WEB_TARGET).join(WEB_PROFILE).join("slipsense_view.wasm");

@@ -19,7 +19,6 @@ use slipsense_qemu::record::Record;
 /// timer, so that acquisition interrupts inference as on a board.
 const TICK_US: u64 = 200;
 
-/// Frames from the input file.
 pub struct Recording {
     pub file: File,
     pub header: Header,

@@ -16,15 +16,12 @@ const ROWS: usize = 60;
 
 pub const ROUNDS: u32 = 400;
 
+/// Each is called as the one of its name in [`portable`].
 #[derive(Clone, Copy, Debug)]
 pub struct Kernels {
-    /// As [`portable::conv_relu_pool`].
     pub conv_relu_pool: fn(LayerParams<'_>, Map<'_>, MapMut<'_>, &mut [u32]),
-    /// As [`portable::dense`].
     pub dense: fn(&[u32], LayerParams<'_>, &mut [i32]),
-    /// As [`portable::dots`].
     pub dots: fn(&[u32], &[u32], usize, &mut [i32]),
-    /// As [`portable::weighted_sums`].
     pub weighted_sums: fn(&[i32], &[u32], usize) -> [i32; 8],
 }
 
@@ -43,9 +40,8 @@ impl Kernels {
 }
 
 /// What a kernel was asked, and how often it answered otherwise than the portable one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Compared {
-    /// Of `simd`.
     pub kernel: &'static str,
     pub calls: u32,
     /// Calls with a result that differs in any bit.

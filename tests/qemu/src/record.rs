@@ -14,29 +14,23 @@ use crate::bytes::Reader;
 /// Everything that one frame led to. Entries of sensors that are not in use are zero.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
-    /// Number of the frame.
     pub sequence: u32,
     /// How long the pipeline took, microseconds of the emulated clock; differs from run to run unless
     /// the emulator counts instructions.
     pub step_us: u32,
-    /// Features per sensor.
     pub log_mel: [LogMel; MAX_SENSORS],
-    /// The network's outputs.
     pub logits: [Logit; CLASSES],
-    /// The decision.
     pub class: u8,
     /// The flag of the class.
     pub may_begin: bool,
     /// The flag to act on.
     pub slip: bool,
-    /// Health bits per sensor.
     pub health: [u8; MAX_SENSORS],
     /// What went onto the bus, in order.
     pub can: Vec<CanFrame, CAN_FRAMES_MAX>,
 }
 
 impl Record {
-    /// A record without CAN frames yet.
     pub fn new(sequence: u32, output: &Output) -> Self {
         Self {
             sequence,

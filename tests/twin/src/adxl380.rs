@@ -10,10 +10,9 @@ use std::sync::Arc;
 use rigless::chip::Timeline;
 use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
-use slipsense_recording::Episode;
 
 use crate::bench::{self, Desk, DeskFault};
-use crate::fault_injection::{self, Fault, Kind};
+use crate::fault_injection::{self, Kind};
 use crate::fitted::Fitted;
 use crate::xl::{self, Readouts, Xl};
 
@@ -49,11 +48,10 @@ pub struct Adxl380 {
     /// For the comparison, where the bus did not carry the samples.
     readouts: Readouts,
     batch: Vec<i16>,
-    episode: Option<Arc<Episode>>,
+    fitted: Arc<Fitted>,
     /// At rest, in place of the episode.
     desk: Option<Desk>,
     sensor: usize,
-    faults: Vec<Fault>,
     period_ns: f64,
     /// All 128.
     registers: Vec<u8>,
@@ -73,15 +71,14 @@ pub struct Adxl380 {
 
 impl Adxl380 {
     /// Behind the array of index `sensor`.
-    pub fn new(fitted: &Fitted, sensor: usize, readouts: Readouts) -> Self {
+    pub fn new(fitted: &Arc<Fitted>, sensor: usize, readouts: Readouts) -> Self {
         let desk = fitted.desk.map(|desk| desk.at(sensor));
         let error = if bench::has(desk, DeskFault::XlSlow) { -0.1 } else { xl::OSCILLATOR_ERROR };
         let mut part = Self {
             readouts,
-            episode: fitted.episode.clone(),
+            fitted: fitted.clone(),
             desk,
             sensor,
-            faults: fitted.faults.clone(),
             period_ns: 1e9 / Xl::Adxl380.rate_hz(error),
             ..Self::default()
         };
@@ -109,7 +106,7 @@ impl Adxl380 {
         while self.made < due {
             self.made += 1;
             let at = since + (self.made as f64 * self.period_ns) as u64;
-            let faulted = |what| fault_injection::active(&self.faults, at).any(|kind| kind == what);
+            let faulted = |what| fault_injection::active(&self.fitted.faults, at).any(|kind| kind == what);
             if faulted(Kind::AccelerometerStops) || bench::has(self.desk, DeskFault::XlStops) {
                 continue;
             }
@@ -119,7 +116,7 @@ impl Adxl380 {
     }
 
     fn make_sample(&mut self) {
-        let played = || xl::true_sample(self.episode.as_deref(), self.sensor, self.played);
+        let played = || xl::true_sample(self.fitted.episode.as_deref(), self.sensor, self.played);
         let sample = self.desk.map_or_else(played, |desk| desk.sample(self.played));
         self.played += 1;
         if self.register(DIG_EN) & FIFO_ENABLE == 0 {

@@ -10,10 +10,9 @@ use std::sync::{Arc, Mutex};
 
 use slipsense::params::TAXELS;
 use slipsense::transfer::adc_code;
-use slipsense_recording::Episode;
 
-use crate::bench::{self, Desk, DeskFault};
-use crate::fault_injection::{self, Fault, Kind};
+use crate::bench::{self, DeskFault};
+use crate::fault_injection::{self, Kind};
 use crate::fitted::Fitted;
 use crate::scan_timing::{DEAD_NS, FastScan, SETTLED_NS};
 
@@ -24,9 +23,7 @@ const TAU_NS: f64 = 154.0;
 
 #[derive(Debug, Default)]
 pub struct Arrays {
-    episode: Option<Arc<Episode>>,
-    desk: Option<Desk>,
-    faults: Vec<Fault>,
+    fitted: Arc<Fitted>,
     /// Address now and before, and since when.
     address: usize,
     before: usize,
@@ -43,22 +40,17 @@ pub type Shared = Arc<Mutex<Arrays>>;
 
 impl Arrays {
     /// Arrays under the pressure of the episode; none without an episode.
-    pub fn new(fitted: &Fitted) -> Shared {
-        Arc::new(Mutex::new(Self {
-            episode: fitted.episode.clone(),
-            desk: fitted.desk,
-            faults: fitted.faults.clone(),
-            fast_scan: FastScan { enabled: !fitted.slow, ..FastScan::default() },
-            ..Self::default()
-        }))
+    pub fn new(fitted: &Arc<Fitted>) -> Shared {
+        let fast_scan = FastScan { enabled: !fitted.slow, ..FastScan::default() };
+        Arc::new(Mutex::new(Self { fitted: fitted.clone(), fast_scan, ..Self::default() }))
     }
 
     /// What the driver makes the episode's count of.
     fn settled(&self, frame: usize, address: usize, sensor: usize) -> f64 {
-        if let Some(desk) = self.desk {
+        if let Some(desk) = self.fitted.desk {
             return desk.code(frame, address, sensor).into();
         }
-        let episode = self.episode.as_ref().filter(|episode| sensor < episode.sensors);
+        let episode = self.fitted.episode.as_ref().filter(|episode| sensor < episode.sensors);
         // Over and over.
         let count =
             episode.map_or(0, |episode| episode.piezo(frame % episode.frames(), sensor).counts()[address]);
@@ -69,7 +61,7 @@ impl Arrays {
 
     /// Levels of the port's pins, as its register is read.
     pub fn pins(&self, levels: u64, moder: u64) -> u64 {
-        self.desk.map_or(levels, |desk| desk.pins(levels, moder))
+        self.fitted.desk.map_or(levels, |desk| desk.pins(levels, moder))
     }
 
     /// The last taxel's address gives way to the first's: the next frame of the episode.
@@ -85,7 +77,7 @@ impl Arrays {
     }
 
     pub fn code(&self, sensor: usize, at_ns: u64) -> u32 {
-        if fault_injection::active(&self.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
+        if fault_injection::active(&self.fitted.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;
         }
         let old = self.settled(self.frame_before, self.before, sensor);
@@ -93,7 +85,7 @@ impl Arrays {
             return old as u32;
         }
         let new = self.settled(self.frame, self.address, sensor);
-        let slow = sensor == 0 && bench::has(self.desk, DeskFault::Slow);
+        let slow = sensor == 0 && bench::has(self.fitted.desk, DeskFault::Slow);
         if at_ns > self.since_ns + DEAD_NS + SETTLED_NS && !slow {
             return new as u32;
         }

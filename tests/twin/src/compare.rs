@@ -37,7 +37,6 @@ const SHIFT_MAX: usize = 16;
 /// Raw messages by frame number and sensor.
 type Raws = BTreeMap<(u32, u8), RawMessage>;
 
-/// A slip message and when it was on the bus.
 #[derive(Clone, Debug)]
 pub struct Slip {
     pub message: SlipMessage,
@@ -296,13 +295,8 @@ impl Comparison {
 
     /// What differs, kind by kind.
     pub fn differences(&self) -> [&Vec<String>; 5] {
-        [
-            &self.undecoded,
-            &self.different,
-            &self.taxels_different,
-            &self.samples_different,
-            &self.xl_end_different,
-        ]
+        let Self { undecoded, different, taxels_different, samples_different, xl_end_different, .. } = self;
+        [undecoded, different, taxels_different, samples_different, xl_end_different]
     }
 
     /// Nothing differs, and there was something to compare.

@@ -58,9 +58,8 @@ pub fn collect(session: &Session<Twin>, arguments: &Arguments) -> Vec<Diagnostic
     let mut lines: Vec<String> =
         session.told().map(|told| format!("{} {}: {}", told.instance, told.register, told.reason)).collect();
     lines.extend(session.unmapped().iter().map(|unmapped| format!("unmapped access: {unmapped}")));
-    lines.extend(
-        session.refused().iter().map(|(address, fault)| format!("refused at {address:#010x}: {fault}")),
-    );
+    let refused = session.refused().iter();
+    lines.extend(refused.map(|(address, fault)| format!("refused at {address:#010x}: {fault}")));
     lines.extend(session.unimplemented().values().map(|gap| {
         let (instance, register) = (gap.instance, gap.register);
         format!(
@@ -74,15 +73,10 @@ pub fn collect(session: &Session<Twin>, arguments: &Arguments) -> Vec<Diagnostic
             undefined.instance, undefined.program_counter
         )
     }));
-    lines.extend(
-        session
-            .unrouted()
-            .iter()
-            .map(|(instance, line)| format!("{instance}: interrupt {line} reaches no line")),
-    );
-    lines.extend(
-        session.resets().iter().map(|reset| format!("reset at {} ns: {:?}", reset.at.0, reset.cause)),
-    );
+    let unrouted = session.unrouted().iter();
+    lines.extend(unrouted.map(|(instance, line)| format!("{instance}: interrupt {line} reaches no line")));
+    let resets = session.resets().iter();
+    lines.extend(resets.map(|reset| format!("reset at {} ns: {:?}", reset.at.0, reset.cause)));
     let sets = [
         (true, EXPECTED),
         (arguments.far_end, EXPECTED_OF_FAR_END),

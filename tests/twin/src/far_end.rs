@@ -21,7 +21,6 @@ const SUPPLY: u32 = 1 << 31;
 /// Before a text.
 const ORDER: u32 = SUPPLY | 1;
 
-/// The program's end of the link.
 pub struct FarEnd {
     stream: TcpStream,
     pending: Vec<u8>,

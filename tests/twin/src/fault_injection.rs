@@ -19,10 +19,7 @@ pub enum Kind {
     /// Nobody acknowledges: cable off, or no other node.
     NoAcknowledge,
     /// One bit of this many frames in a million arrives wrong.
-    ErrorFrames {
-        /// Of a million.
-        per_million: u32,
-    },
+    ErrorFrames { per_million: u32 },
     /// Another node sends full frames, one after the other, of a priority above the raw frames'.
     Flood,
     /// Every accelerometer's oscillator stands.
@@ -38,11 +35,9 @@ pub enum Kind {
 pub struct Fault {
     pub name: &'static str,
     pub kind: Kind,
-    /// From and to.
     pub when: Range<u64>,
 }
 
-/// NAME:FROM-TO.
 pub fn parse(text: &str) -> Result<Fault, String> {
     let names = || NAMES.map(|(name, _)| name).join(", ");
     let (name, span) = text.split_once(':').ok_or("need NAME:FROM-TO, for example off:0.5-1.5")?;

@@ -55,7 +55,6 @@ pub fn seconds(schedule: &[Fault]) -> f64 {
     schedule.last().map_or(0, |last| last.when.end + REST_NS) as f64 / 1e9
 }
 
-/// What was not as it must be.
 pub fn complaints(recoveries: &[Recovery]) -> Vec<String> {
     let mut complaints = Vec::new();
     for recovery in recoveries {

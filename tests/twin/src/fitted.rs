@@ -9,7 +9,7 @@ use crate::fault_injection::Fault;
 use crate::xl::Xl;
 
 /// What is fitted to the board, and what happens to it.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Fitted {
     /// What the sensors play; none: no accelerometer, and arrays that nothing touches.
     pub episode: Option<Arc<Episode>>,

@@ -32,7 +32,6 @@ impl FlashWait {
         }
     }
 
-    /// After whatever else happened.
     pub fn settle(&mut self, session: &mut Session<Twin>, host: &mut dyn Host, now: VirtualNanos) {
         let Some(status) = self.status else { return };
         // A status that nothing answers for is none to wait for.

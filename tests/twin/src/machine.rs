@@ -1,6 +1,7 @@
 //! The board: an STM32H743 whose FDCANs and watchdog are ours, an 8 MHz clock from the ST-LINK, 3.3 V.
 
 use std::num::{NonZeroU32, NonZeroU64};
+use std::sync::Arc;
 
 use rigless::device::{Device, ErasedDevice, Level, ResetCause};
 use rigless::machine::{Board, Target, armv7m};
@@ -44,7 +45,6 @@ const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
 const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 12)];
 const XL_SPI: usize = 0;
 
-/// The part with its FDCANs and its watchdog.
 #[derive(Debug)]
 pub struct Mcu743 {
     /// All but these.
@@ -70,7 +70,7 @@ pub struct Mcu743 {
 }
 
 impl Mcu743 {
-    fn new(fitted: &Fitted) -> Result<Self, Error> {
+    fn new(fitted: &Arc<Fitted>) -> Result<Self, Error> {
         let mut part = Stm32h743::new()?;
         let size = NonZeroU64::new(4 * message_ram::WORDS as u64).expect("not zero");
         let window = Window::new("FDCANRAM", message_ram::BASE, size);
@@ -191,7 +191,6 @@ pub struct Twin {
     pub mcu: Mcu743,
     pub readouts: [Readouts; CHIP_SELECTS.len()],
     slow: bool,
-    /// Faults of the processor.
     pub injection: Option<Handle>,
 }
 
@@ -199,7 +198,7 @@ pub struct Twin {
 pub const NAME: &str = "slipsense-h743";
 
 impl Twin {
-    pub fn new(fitted: &Fitted) -> Result<Self, Error> {
+    pub fn new(fitted: &Arc<Fitted>) -> Result<Self, Error> {
         let mut mcu = Mcu743::new(fitted)?;
         let hse_hz = match () {
             () if bench::has(fitted.desk, DeskFault::HseAbsent) => 0,

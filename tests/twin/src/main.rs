@@ -81,14 +81,9 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
         bail!("--sensors {sensors}: the episode has {}", episode.sensors);
     }
     let seconds = if arguments.faults { fault_schedule::seconds(&faults) } else { arguments.seconds };
-    let fitted = Fitted {
-        episode: episode.clone(),
-        desk: arguments.desk.map(|sensors| Desk { sensors: sensors.into(), fault: arguments.desk_fault }),
-        xl: arguments.xl,
-        faults: faults.clone(),
-        slow: arguments.slow,
-        hse_hz: arguments.hse_hz,
-    };
+    let desk = arguments.desk.map(|sensors| Desk { sensors: sensors.into(), fault: arguments.desk_fault });
+    let Arguments { xl, slow, hse_hz, .. } = *arguments;
+    let fitted = Arc::new(Fitted { episode, desk, xl, faults, slow, hse_hz });
     if let Some(count) = arguments.bit_flips {
         return campaign::bit_flips::run(arguments, &fitted, count);
     }
@@ -109,5 +104,5 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     if !arguments.says.is_empty() {
         return Ok(report::print_other(&done, &arguments.says));
     }
-    report::print(&done, episode.as_deref(), &faults, arguments)
+    report::print(&done, &fitted, arguments)
 }

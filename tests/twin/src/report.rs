@@ -6,14 +6,13 @@ use std::path::Path;
 
 use anyhow::Result;
 use slipsense_can_sim::Outcome;
-use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 
 use crate::arguments::Arguments;
 use crate::compare::{Comparison, Slip, clock_ahead_ns, compare};
-use crate::fault_injection::Fault;
 use crate::fault_schedule;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
+use crate::fitted::Fitted;
 use crate::machine::CORE_HZ;
 use crate::recovery::{self, Recovery};
 use crate::restarts;
@@ -37,27 +36,20 @@ pub fn write_candump(path: &Path, frames: &[Logged]) -> Result<()> {
 /// Everything that two equal runs have in common, one thing a line.
 pub fn write_trace(path: &Path, done: &Done) -> Result<()> {
     let mut trace = std::io::BufWriter::new(File::create(path)?);
-    for logged in &done.frames {
+    let Done { frames, interrupts, instructions, virtual_ns, clock_us, .. } = done;
+    for logged in frames {
         writeln!(trace, "{logged:?}")?;
     }
-    for (name, count) in &done.interrupts {
+    for (name, count) in interrupts {
         writeln!(trace, "{count} interrupts of {name}")?;
     }
-    writeln!(
-        trace,
-        "{} instructions in {} ns, clock {} us",
-        done.instructions, done.virtual_ns, done.clock_us
-    )?;
+    writeln!(trace, "{instructions} instructions in {virtual_ns} ns, clock {clock_us} us")?;
     Ok(trace.flush()?)
 }
 
 /// Prints everything. `false`: something differs, or the emulator reported something without a known reason.
-pub fn print(
-    done: &Done,
-    episode: Option<&Episode>,
-    faults: &[Fault],
-    arguments: &Arguments,
-) -> Result<bool> {
+pub fn print(done: &Done, fitted: &Fitted, arguments: &Arguments) -> Result<bool> {
+    let (episode, faults) = (fitted.episode.as_deref(), &fitted.faults);
     if arguments.rtt {
         done.log.iter().for_each(|line| println!("log  {line}"));
     }
@@ -177,10 +169,8 @@ fn print_bus(done: &Done, comparison: &Comparison) {
         sum as f64 / 1000.0 / comparison.slips.len() as f64
     );
     let worst = done.requests.iter().map(|(from, to)| to - from).max().unwrap_or(0);
-    println!(
-        "a frame in the FDCAN's queue: at most {:.1} us from its request to its end",
-        worst as f64 / 1000.0
-    );
+    let worst_us = worst as f64 / 1000.0;
+    println!("a frame in the FDCAN's queue: at most {worst_us:.1} us from its request to its end");
 }
 
 fn print_comparison(done: &Done, comparison: &Comparison, played: bool) {

@@ -12,7 +12,6 @@ const SIZE: u64 = CHANNEL + 8;
 const WRITE: u64 = CHANNEL + 12;
 const READ: u64 = CHANNEL + 16;
 
-/// Takes bytes out of the firmware's buffer.
 #[derive(Debug)]
 pub struct Probe {
     /// Address of the control block.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::TcpListener;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -163,15 +164,11 @@ fn handlers(images: &[Image], board: &Twin) -> BTreeMap<u64, String> {
         found.entry(address.into()).or_default().push(name);
     }
     // The default handler serves nearly all.
-    found
-        .into_iter()
-        .filter(|(_, lines)| lines.len() < 20)
-        .map(|(address, lines)| (address, lines.join("+")))
-        .collect()
+    found.retain(|_, lines| lines.len() < 20);
+    found.into_iter().map(|(address, lines)| (address, lines.join("+"))).collect()
 }
 
-/// Run for so many virtual seconds.
-pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done> {
+pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, seconds: f64) -> Result<Done> {
     let elf = &arguments.elf;
     let bytes = std::fs::read(elf).with_context(|| format!("{}: cannot read the firmware", elf.display()))?;
     let mut images = programs::images(elf, bytes.clone(), arguments.boot.as_deref())?;
@@ -212,10 +209,7 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
     }
     let Some(stop) = finished.driver.last else { bail!("the run ended before it began") };
     let driver = finished.driver;
-    let log = match &driver.probe {
-        Some(probe) => rtt::lines(&bytes, &probe.bytes)?,
-        None => Vec::new(),
-    };
+    let log = driver.probe.as_ref().map(|probe| rtt::lines(&bytes, &probe.bytes)).transpose()?;
     let interrupts =
         driver.hits.iter().map(|(address, count)| (driver.handlers[address].clone(), *count)).collect();
     let resets = finished.session.resets().iter().map(|reset| (reset.at.0, reset.cause)).collect();
@@ -232,7 +226,7 @@ pub fn run(arguments: &Arguments, fitted: &Fitted, seconds: f64) -> Result<Done>
         failures: driver.supply.failures,
         read_flags: driver.faults.flags,
         resets,
-        log,
+        log: log.unwrap_or_default(),
         diagnostics,
         overdrive: driver.overdrive,
         interrupts,

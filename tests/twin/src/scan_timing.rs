@@ -48,7 +48,6 @@ pub struct Settings {
     pub(crate) table: u64,
 }
 
-/// The peripherals of a scan.
 pub const PERIPHERALS: [&str; 6] = ["GPIOE", "TIM8", "ADC1", "DMA1", "DMA2", "DMAMUX1"];
 
 impl Settings {

@@ -111,9 +111,9 @@ fn assembly(instructions: &[Instruction], unknown: &BTreeSet<String>) -> String 
 
 /// `movlo.w` to `mov.w`.
 fn always(mnemonic: &str) -> String {
-    let (plain, width) = mnemonic.split_once('.').map_or((mnemonic, ""), |(plain, width)| (plain, width));
-    let plain = plain.get(..plain.len().saturating_sub(2)).unwrap_or_default();
-    if width.is_empty() { plain.to_owned() } else { format!("{plain}.{width}") }
+    let end = mnemonic.find('.').unwrap_or(mnemonic.len());
+    let (plain, width) = mnemonic.split_at(end);
+    format!("{}{width}", &plain[..plain.len().saturating_sub(2)])
 }
 
 #[cfg(test)]

@@ -108,19 +108,18 @@ fn first_step(image: &Image, addresses: &[u32]) -> Result<Trace> {
     let (before, rest) = addresses.split_at(begin);
     let caller = before.last().and_then(|&pc| image.function_at(pc.into()));
     let code = Code::new()?;
-    // The function that an instruction lies in, by its address, and the instructions of each function.
-    let (mut lies_in, mut known) = (HashMap::new(), HashMap::new());
+    let mut known: HashMap<u64, Vec<Instruction>> = HashMap::new();
     let mut functions = Trace::new();
     for &pc in rest {
-        let index = *lies_in.entry(pc).or_insert_with(|| image.function_at(pc.into()));
+        let index = image.function_at(pc.into());
         if index == caller {
             return Ok(functions);
         }
         let function = &image.functions[index.with_context(|| format!("no function at {pc:#x}"))?];
-        let instructions = match known.entry(function.address) {
-            Entry::Occupied(found) => found.into_mut(),
-            Entry::Vacant(new) => new.insert(code.disassemble(image, function)?),
-        };
+        if let Entry::Vacant(new) = known.entry(function.address) {
+            new.insert(code.disassemble(image, function)?);
+        }
+        let instructions = &known[&function.address];
         let done = instructions.binary_search_by_key(&u64::from(pc), |instruction| instruction.address);
         let done = done.ok().with_context(|| format!("no instruction at {pc:#x} in {}", function.name))?;
         functions.entry(function.name.clone()).or_default().push(instructions[done].clone());

@@ -58,7 +58,6 @@ FFT with arm-none-eabi-gcc and prints the arguments that hand it to cargo:
 
 Without these arguments the build script of the crate `cmsis_dsp` downloads a compiled library.";
 
-/// Make the library and print how cargo takes it.
 pub fn print() -> Result<()> {
     println!("{}", arguments()?.join(" "));
     Ok(())

@@ -13,10 +13,9 @@ const STACK_SIZES: &str = ".stack_sizes";
 
 #[derive(Default)]
 pub struct Function {
-    /// Demangled, without the hash; the first in the alphabet of those that lie here.
+    /// All that lie here, demangled, without the hash, in the order of the alphabet; and the first of them.
+    pub names: Vec<String>,
     pub name: String,
-    /// The others.
-    pub aliases: Vec<String>,
     /// Bytes, the Thumb bit not set.
     pub address: u64,
     pub bytes: u64,
@@ -148,11 +147,11 @@ fn functions(file: &object::File<'_>) -> Vec<Function> {
         let address = symbol.address() & !1;
         let function = at.entry(address).or_insert_with(|| Function { address, ..Function::default() });
         function.bytes = function.bytes.max(symbol.size());
-        function.aliases.push(name);
+        function.names.push(name);
     }
     for function in at.values_mut() {
-        function.aliases.sort_unstable();
-        function.name = function.aliases.remove(0);
+        function.names.sort_unstable();
+        function.name = function.names[0].clone();
     }
     // Assembly without a size reaches to the next function.
     let starts: Vec<u64> = at.keys().copied().collect();

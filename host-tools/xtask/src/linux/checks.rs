@@ -25,7 +25,6 @@ const ERRORS: [(&str, &str); 5] = [
     ("gone", "stopped after 2000 frames, which are kept"),
 ];
 
-/// The table, and whether all of it is good.
 struct Checks<'d> {
     share: &'d Path,
     table: Table,
@@ -93,11 +92,8 @@ impl Checks<'_> {
         self.row(format!("{name} recording, by the numbers in the messages"), found, is_good);
         let log = Frames::read(&self.share.join(format!("{name}.log")))?;
         let (is_equal, found) = log.beside(sent);
-        self.row(
-            format!("{name} recording, candump, byte by byte"),
-            found,
-            is_equal && log.times_us.is_sorted(),
-        );
+        let is_good = is_equal && log.times_us.is_sorted();
+        self.row(format!("{name} recording, candump, byte by byte"), found, is_good);
         let mcap = self.share.join(format!("{name}.mcap"));
         if mcap.exists() {
             let converted = self.share.join(format!("{name}-converted.log"));

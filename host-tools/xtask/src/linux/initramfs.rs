@@ -12,7 +12,6 @@ use object::{Object, ObjectSection};
 use super::packages::Debian;
 use crate::process::{answer, command};
 
-/// What the emulated computer does.
 const INIT: &str = include_str!("init.sh");
 /// SocketCAN with an interface of its own, and the folder that it shares with this computer.
 const MODULES: [&str; 5] = ["can-raw", "vcan", "virtio_pci", "9pnet_virtio", "9p"];

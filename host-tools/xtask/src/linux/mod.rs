@@ -46,7 +46,6 @@ pub struct Options {
     seconds: u32,
 }
 
-/// Short, in the test command.
 pub fn step(slipsense: &Path) -> Result<()> {
     ensure!(check(slipsense, STEP_SECONDS)?, "SocketCAN on Linux: see the table");
     Ok(())

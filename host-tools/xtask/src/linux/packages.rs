@@ -13,7 +13,6 @@ const BUSYBOX: &str = "busybox-static";
 const EMULATOR_PACKAGE: &str = "qemu-system-x86";
 pub const EMULATOR: &str = "qemu-system-x86_64";
 
-/// What was unpacked.
 pub struct Debian {
     pub kernel: PathBuf,
     /// `/lib/modules/VERSION`.
@@ -63,7 +62,6 @@ fn update() -> Result<()> {
     run(command("apt-get").args(["update", "--quiet"]))
 }
 
-/// The folder of the package's files.
 fn unpacked(dir: &Path, package: &str) -> Result<PathBuf> {
     let files = dir.join(package);
     if files.exists() {

@@ -47,7 +47,6 @@ fn parts(record: &Record) -> [Vec<String>; PARTS.len()] {
     ]
 }
 
-/// Compare what this computer computed with what the emulated one did.
 pub fn compare(host: &[Record], emulated: &[Record]) -> Comparison {
     let mut comparison = Comparison { frames: host.len().abs_diff(emulated.len()), ..Comparison::default() };
     for (frame, (host, emulated)) in host.iter().zip(emulated).enumerate() {

@@ -18,8 +18,6 @@ use crate::toolchain::Toolchain;
 
 const EMULATOR: &str = "qemu-system-arm";
 pub const PACKAGE: &str = "slipsense-qemu";
-/// Its programs without features.
-pub const PROGRAMS: &[&str] = &["slipsense-qemu", "slipsense-qemu-kernels", "slipsense-qemu-realtime"];
 /// One instruction takes 2^7 ns of the emulated clock: with this, runs repeat exactly and times count
 /// instructions.
 pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;

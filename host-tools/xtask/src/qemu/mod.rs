@@ -92,7 +92,6 @@ impl Options {
         Ok((name, bytes))
     }
 
-    /// What is run, each with its name.
     fn inputs(&self) -> Result<Vec<(String, Frames)>> {
         let mut inputs = Vec::new();
         for path in &self.episodes {

@@ -6,7 +6,6 @@
 
 use std::collections::HashMap;
 use std::fs;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 use std::time::Instant;
 
@@ -113,8 +112,8 @@ struct Expected {
     sensors: usize,
     stamps: Vec<FrameStamp>,
     slips: Vec<CanFrame>,
-    /// Of the CAN frames of each raw message, by frame and sensor.
-    raw: HashMap<(u32, u8), u64>,
+    /// The CAN frames of each raw message, by frame and sensor.
+    raw: HashMap<(u32, u8), Vec<CanFrame>>,
 }
 
 impl Expected {
@@ -131,7 +130,7 @@ impl Expected {
                 let last = left.iter().position(|frame| is_marked(frame, ENDS_TRANSFER));
                 let last = last.context("a raw message without an end")?;
                 let (message, rest) = left.split_at(last + 1);
-                expected.raw.insert((stamp.sequence, sensor as u8), digest(message));
+                expected.raw.insert((stamp.sequence, sensor as u8), message.to_vec());
                 left = rest;
             }
             ensure!(left.is_empty(), "more CAN frames than messages");
@@ -146,14 +145,6 @@ const ENDS_TRANSFER: u8 = 0x40;
 
 fn is_marked(frame: &CanFrame, bit: u8) -> bool {
     frame.data().last().is_some_and(|tail| tail & bit != 0)
-}
-
-fn digest(frames: &[CanFrame]) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    for frame in frames {
-        (frame.id(), frame.data()).hash(&mut hasher);
-    }
-    hasher.finish()
 }
 
 fn one(
@@ -219,7 +210,7 @@ impl Arrivals {
                     let is_right = match receiver.accept(&arrived.frame) {
                         Ok(None) => continue,
                         Ok(Some(Received::Raw(raw))) => {
-                            expected.raw.get(&(raw.sequence, raw.sensor)) == Some(&digest(&message))
+                            expected.raw.get(&(raw.sequence, raw.sensor)) == Some(&message)
                         }
                         Ok(Some(Received::Slip(_))) | Err(_) => false,
                     };
@@ -251,7 +242,6 @@ impl Arrivals {
 }
 
 impl Outcome {
-    /// What is not as it should be.
     fn failures(&self) -> Vec<String> {
         let Self { frames, counters, arrivals, off, .. } = self;
         let bar = BARS_US.iter().find(|(sensors, _)| *sensors == self.sensors).map_or(0, |bar| bar.1);

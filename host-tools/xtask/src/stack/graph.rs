@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 
 use anyhow::{Result, bail};
 
-/// A function: what its frame takes, whom it calls.
 #[derive(Clone, Debug, Default)]
 pub struct Node {
     pub name: String,
@@ -16,7 +15,7 @@ pub struct Node {
     pub points_to: BTreeSet<usize>,
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Graph {
     pub nodes: Vec<Node>,
 }

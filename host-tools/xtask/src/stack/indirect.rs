@@ -186,17 +186,12 @@ pub fn resolve(program: &mut Program) -> Result<()> {
     }
     for texts in TEXTS.into_iter().chain([&[TEXT_IN_TEXT, FINDING][..]]) {
         let texts = named(program, texts);
-        for &text in &texts {
-            program.graph.seal(text)?;
-        }
+        texts.iter().try_for_each(|&text| program.graph.seal(text))?;
         for formatter in named(program, &[FORMATTER]) {
             program.graph.nodes[formatter].calls.extend(&texts);
         }
     }
-    for panic in named(program, &[PANIC]) {
-        program.graph.seal(panic)?;
-    }
-    Ok(())
+    named(program, &[PANIC]).into_iter().try_for_each(|panic| program.graph.seal(panic))
 }
 
 /// What the linker puts in where a call is too far for one instruction, such as from flash to ITCM: a jump through a
@@ -229,10 +224,9 @@ fn check(program: &Program) -> Result<()> {
     // Two words where reset looks first lead there (`board.x`); nobody calls it.
     led_to.extend(program.function("Reset"));
     let nodes = program.graph.nodes.iter().enumerate();
-    let mut lost: Vec<_> = nodes
-        .filter(|(index, node)| node.indirect_calls > 0 && !ruled.contains(index))
-        .map(|(_, node)| format!("{} calls through a register", node.name))
-        .collect();
+    let unruled = nodes.filter(|(index, node)| node.indirect_calls > 0 && !ruled.contains(index));
+    let mut lost: Vec<_> =
+        unruled.map(|(_, node)| format!("{} calls through a register", node.name)).collect();
     let pointed_to = program.graph.nodes.iter().flat_map(|node| &node.points_to);
     let addresses: BTreeSet<usize> = pointed_to.chain(&program.in_tables).copied().collect();
     let unled = addresses.difference(&led_to).map(|&index| &program.graph.nodes[index].name);
@@ -244,7 +238,6 @@ fn check(program: &Program) -> Result<()> {
 fn named(program: &Program, parts: &[&str]) -> Vec<usize> {
     let holds = |name: &str| parts.iter().any(|part| name.contains(part));
     let functions = program.image.functions.iter().enumerate();
-    let found = functions
-        .filter(|(_, function)| holds(&function.name) || function.aliases.iter().any(|alias| holds(alias)));
+    let found = functions.filter(|(_, function)| function.names.iter().any(|name| holds(name)));
     found.map(|(index, _)| index).collect()
 }

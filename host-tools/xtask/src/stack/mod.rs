@@ -20,7 +20,8 @@ mod indirect;
 mod panicking;
 mod program;
 
-use program::{PANIC, Program};
+use panicking::ends;
+use program::Program;
 
 /// What an exception puts on the stack: 26 words with the registers of the FPU, and one for the alignment.
 const EXCEPTION_BYTES: u64 = 27 * 4;
@@ -175,11 +176,10 @@ fn handlers_are_known(program: &Program) -> Result<()> {
 /// here too.
 fn frame_path(program: &Program) -> Result<(usize, u64, Vec<String>)> {
     let root = program.function(FRAME_PATH)?;
-    let panics = |node: &graph::Node| node.name.contains(PANIC);
-    let reach = program.graph.reach(root, &panics);
-    for node in reach.iter().map(|&index| &program.graph.nodes[index]).filter(|node| !panics(node)) {
+    let reach = panicking::reach(program, &[root]);
+    for node in reach.iter().map(|&index| &program.graph.nodes[index]).filter(|node| !ends(node)) {
         ensure!(node.indirect_calls == 0, "{} is on the frame path and calls through a register", node.name);
     }
-    let bytes = program.graph.bound(root, &panics).context("on the frame path")?.bytes;
+    let bytes = program.graph.bound(root, &ends).context("on the frame path")?.bytes;
     Ok((reach.len(), bytes, panicking::branches(program, &[root])))
 }

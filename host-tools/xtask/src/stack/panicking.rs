@@ -89,7 +89,7 @@ pub fn reasons(program: &Program, roots: &[usize]) -> (Vec<(String, &'static str
 /// Between a function and what it calls.
 const ARROW: &str = " -> ";
 
-fn ends(node: &Node) -> bool {
+pub fn ends(node: &Node) -> bool {
     node.name.contains(PANIC)
 }
 

@@ -57,12 +57,9 @@ impl Program {
         let is = |full: &str| {
             full == name || full.strip_suffix(name).is_some_and(|path| path.ends_with([':', '<']))
         };
-        let mut found = self
-            .image
-            .functions
-            .iter()
-            .enumerate()
-            .filter(|(_, function)| is(&function.name) || function.aliases.iter().any(|alias| is(alias)));
+        let functions = self.image.functions.iter();
+        let mut found =
+            functions.enumerate().filter(|(_, function)| function.names.iter().any(|name| is(name)));
         let (index, _) = found.next().with_context(|| format!("the program has no function `{name}`"))?;
         ensure!(found.next().is_none(), "the program has several functions `{name}`");
         Ok(index)

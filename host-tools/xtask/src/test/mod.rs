@@ -53,16 +53,15 @@ const WORKERS: usize = 2;
 /// Run the steps; `false` if one failed.
 pub fn run(options: &Options) -> Result<bool> {
     let size = options.size.unwrap_or(Size::Daily);
-    let mut steps: Vec<&Step> =
-        STEPS.iter().filter(|step| size == Size::All || DAILY.contains(&step.name)).collect();
-    if !options.only.is_empty() {
-        let named = |name: &String| {
-            STEPS.iter().find(|step| step.name == *name).with_context(|| {
-                let names: Vec<_> = STEPS.iter().map(|step| step.name).collect();
-                format!("no step is called `{name}`; there are: {}", names.join(", "))
-            })
-        };
-        steps = options.only.iter().map(named).collect::<Result<_>>()?;
+    let named = |name: &String| {
+        STEPS.iter().find(|step| step.name == *name).with_context(|| {
+            let names: Vec<_> = STEPS.iter().map(|step| step.name).collect();
+            format!("no step is called `{name}`; there are: {}", names.join(", "))
+        })
+    };
+    let mut steps: Vec<&Step> = options.only.iter().map(named).collect::<Result<_>>()?;
+    if options.only.is_empty() {
+        steps.extend(STEPS.iter().filter(|step| size == Size::All || DAILY.contains(&step.name)));
     }
     if options.list {
         steps.iter().for_each(|step| println!("{:<15} {}", step.name, step.what));

@@ -66,7 +66,6 @@ const TWIN: Step = Step { after: &["firmware", "twin-build"], ..PLAIN };
 const TWIN_HOST: Step = Step { after: &["firmware", "twin-build", "host-build"], ..PLAIN };
 const HOST: Step = Step { after: &["host-build"], ..PLAIN };
 
-/// The steps of the daily loop.
 pub const DAILY: [&str; 8] =
     ["fmt", "firmware", "clippy", "host-build", "host", "documents", "qemu-demo", "qemu-kernels"];
 
@@ -316,11 +315,9 @@ fn build_firmware(Context { size, .. }: Context) -> Result<()> {
         let features = "h743,adxl382,crystal";
         run(check.args(["--package", "slipsense", "--bin", firmware::NAME, "--features", features]))?;
     }
-    let emulated: &[&str] = match size {
-        Size::Daily => &["slipsense-qemu", "slipsense-qemu-kernels"],
-        Size::All => machine::PROGRAMS,
-    };
-    let bins = emulated.iter().flat_map(|program| ["--bin", program]);
+    let mut emulated = vec!["slipsense-qemu", "slipsense-qemu-kernels"];
+    emulated.extend((size == Size::All).then_some("slipsense-qemu-realtime"));
+    let bins = emulated.into_iter().flat_map(|program| ["--bin", program]);
     run(Toolchain::get()?.cargo("build").args(["--package", machine::PACKAGE]).args(bins))
 }
 

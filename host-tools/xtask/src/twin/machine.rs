@@ -61,7 +61,6 @@ pub fn with_far_end(mut twin: Command, check: impl FnOnce(&str) -> Result<()>) -
     Ok(())
 }
 
-/// `cargo build` or `cargo test` of the package.
 fn cargo_for(subcommand: &str) -> Result<Command> {
     let mut build = compiler()?;
     build.args([subcommand, "--release", "--locked", "--ignore-rust-version", "--manifest-path", MANIFEST]);

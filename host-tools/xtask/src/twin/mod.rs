@@ -79,7 +79,6 @@ fn accelerometer(arguments: &[String]) -> &str {
     within.or(after.map(String::as_str)).unwrap_or(DEFAULT_XL)
 }
 
-/// The twin with the firmware for this accelerometer.
 fn twin(xl: &str) -> Result<Command> {
     twin_with(&if xl == OTHER_XL { Program::ICM42688 } else { Program::FIRMWARE }.build()?)
 }

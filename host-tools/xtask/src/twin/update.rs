@@ -30,18 +30,13 @@ pub fn step(slipsense: &Path, thorough: bool) -> Result<()> {
     let boot = Program::BOOTLOADER.build()?;
     let images = Images::new(slipsense)?;
     let (hanging, key, model) = (images.hanging()?, images.foreign_key()?, Path::new(MODEL));
-    let signed: [(&str, &Path, &str, Option<&Path>); 7] = [
-        ("model.slip", model, "1.0.0", None),
-        ("older-model.slip", model, "0.9.0", None),
-        ("newer-model.slip", model, "1.1.0", None),
-        ("new.slip", &new, NEW, None),
-        ("older.slip", &firmware, OLDER, None),
-        ("hanging.slip", &hanging, HANGING, None),
-        ("foreign.slip", &new, NEW, Some(&key)),
-    ];
-    for (name, file, version, key) in signed {
-        images.sign(name, file, version, key)?;
-    }
+    images.sign("model.slip", model, "1.0.0", None)?;
+    images.sign("older-model.slip", model, "0.9.0", None)?;
+    images.sign("newer-model.slip", model, "1.1.0", None)?;
+    images.sign("new.slip", &new, NEW, None)?;
+    images.sign("older.slip", &firmware, OLDER, None)?;
+    images.sign("hanging.slip", &hanging, HANGING, None)?;
+    images.sign("foreign.slip", &new, NEW, Some(&key))?;
     let mut twin = twin_with(&firmware)?;
     twin.arg("--boot").arg(boot).args(["--bites", BITES]);
     with_far_end(twin, |port| {

@@ -124,7 +124,6 @@ fn reference(bench: &mut Bench, memory: &mut Memory) {
     });
 }
 
-/// A layer of any numbers.
 fn of_noise(numbers: &'static [u32], inputs: Inputs, outputs: usize) -> Layer<'static> {
     let scales: &'static [i32] = bytemuck::must_cast_slice(numbers);
     let scales = &scales[..packing::padded_outputs(outputs)];

@@ -39,7 +39,6 @@ impl Bench {
     }
 }
 
-/// Read each frame of the file.
 pub fn each_frame(
     file: &mut File,
     header: &Header,

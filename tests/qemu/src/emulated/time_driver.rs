@@ -36,38 +36,35 @@ const COUNTER: Timer = Timer(0x4000_0000);
 const ALARM: Timer = Timer(0x4000_1000);
 
 /// Registers of a timer, offsets in bytes.
-#[derive(Clone, Copy)]
-enum Register {
-    Control = 0x0,
-    Value = 0x4,
-    Reload = 0x8,
-    Interrupt = 0xC,
-}
+const CONTROL: usize = 0x0;
+const VALUE: usize = 0x4;
+const RELOAD: usize = 0x8;
+const INTERRUPT: usize = 0xC;
 
 impl Timer {
-    fn write(self, register: Register, value: u32) {
+    fn write(self, register: usize, value: u32) {
         // SAFETY: a register of a timer that the board has at this address; nothing else uses it.
-        unsafe { write_volatile((self.0 + register as usize) as *mut u32, value) }
+        unsafe { write_volatile((self.0 + register) as *mut u32, value) }
     }
 
-    fn read(self, register: Register) -> u32 {
+    fn read(self, register: usize) -> u32 {
         // SAFETY: as in `write`; reading has no side effect.
-        unsafe { read_volatile((self.0 + register as usize) as *const u32) }
+        unsafe { read_volatile((self.0 + register) as *const u32) }
     }
 
     fn start(self, ticks: u32) {
-        self.write(Register::Reload, ticks);
-        self.write(Register::Value, ticks);
-        self.write(Register::Control, ENABLE_WITH_INTERRUPT);
+        self.write(RELOAD, ticks);
+        self.write(VALUE, ticks);
+        self.write(CONTROL, ENABLE_WITH_INTERRUPT);
     }
 
     fn stop(self) {
-        self.write(Register::Control, 0);
+        self.write(CONTROL, 0);
         self.clear_interrupt();
     }
 
     fn clear_interrupt(self) {
-        self.write(Register::Interrupt, 1);
+        self.write(INTERRUPT, 1);
     }
 }
 
@@ -121,11 +118,11 @@ impl Mps2Time {
     fn ticks(&self) -> u64 {
         critical_section::with(|_| {
             let mut wraps = self.wraps.load(Ordering::Relaxed);
-            let mut low = u32::MAX - COUNTER.read(Register::Value);
-            if COUNTER.read(Register::Interrupt) & 1 != 0 {
+            let mut low = u32::MAX - COUNTER.read(VALUE);
+            if COUNTER.read(INTERRUPT) & 1 != 0 {
                 // Wrapped, and the handler has not run yet.
                 wraps += 1;
-                low = u32::MAX - COUNTER.read(Register::Value);
+                low = u32::MAX - COUNTER.read(VALUE);
             }
             (u64::from(wraps) << 32) | u64::from(low)
         })

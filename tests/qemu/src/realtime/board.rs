@@ -15,7 +15,6 @@ use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::events::{Decided, EVENT_BYTES_MAX, START_US, encode_arrived};
 use slipsense_qemu::input::Header;
 
-/// The board's clock.
 #[derive(Clone, Copy)]
 pub struct Uptime;
 
@@ -29,7 +28,6 @@ impl Clock for Uptime {
 #[repr(C, align(4))]
 pub struct FrameBuffer(pub [u8; FRAME_BYTES_MAX]);
 
-/// Frames from the input file, at the frame rate.
 pub struct Sensors {
     pub file: File,
     pub header: Header,

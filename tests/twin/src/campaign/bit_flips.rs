@@ -4,6 +4,7 @@
 //! for one that it does not see: in a register, on a bus, in logic.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
 use rand::{Rng, SeedableRng};
@@ -131,7 +132,7 @@ fn judge(log: &[Logged], restart_ns: Option<u64>, fault_ns: u64, expected: &Mess
 }
 
 /// `count` children. `false`: more than 1 % of the wrong flags lasted, or a child has no verdict.
-pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool> {
+pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<bool> {
     let bytes = std::fs::read(&arguments.elf)?;
     let mut images = programs::images(&arguments.elf, bytes.clone(), None)?;
     // Without raw messages the emulator has less to do.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
 use rigless::emulator::{self, Driver, Host, Start, Stop};
@@ -60,7 +61,6 @@ fn is_endless(injection: &Handle, host: &mut dyn Host) -> bool {
     pc == LOCKUP || host.read(pc, Width::W16).is_ok_and(|instruction| instruction == BRANCH_TO_ITSELF)
 }
 
-/// Runs until the bootloader has refused.
 struct UntilRefused;
 
 impl Driver<Twin> for UntilRefused {
@@ -83,7 +83,7 @@ fn slot(path: &Path) -> Result<Vec<Image>> {
 }
 
 /// About `count` skips for each image. `false`: one was started, or a child has no verdict.
-pub fn run(arguments: &Arguments, fitted: &Fitted, count: usize) -> Result<bool> {
+pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<bool> {
     let boot = arguments.boot.as_deref().context("no bootloader")?;
     let mut good = true;
     for path in &arguments.slot {

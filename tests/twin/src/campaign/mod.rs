@@ -6,6 +6,7 @@ pub mod boot_skips;
 pub mod processor;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use nix::libc;
@@ -45,7 +46,7 @@ pub struct Planned {
 pub type Judge = Box<dyn FnMut(&mut Session<Twin>, &mut dyn Host, Stop, &Planned) -> Option<u8> + Send>;
 
 /// A board whose processor takes its faults from `injection`; the first stop is at once.
-fn session(fitted: &Fitted, injection: &Handle) -> Result<Session<Twin>> {
+fn session(fitted: &Arc<Fitted>, injection: &Handle) -> Result<Session<Twin>> {
     let mut board = Box::new(Twin::new(fitted)?);
     board.injection = Some(injection.clone());
     Ok(Session::new(board, 0, VirtualNanos(1))?)

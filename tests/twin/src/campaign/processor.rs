@@ -31,7 +31,6 @@ pub struct Injection {
     pub trace: Option<Trace>,
 }
 
-/// Shared with the processor.
 pub type Handle = Arc<Mutex<Injection>>;
 
 #[derive(Debug)]

@@ -75,17 +75,14 @@ impl Fdcan {
     /// INIT was cleared: bit timings are taken, and the node joins after 11 recessive bits, or after its recovery.
     fn join(&mut self, context: &mut Context<'_>) {
         let (nominal, data) = (self.get(Register::FdcanNbtp), self.get(Register::FdcanDbtp));
-        let nominal = BitTiming {
-            prescaler: field(nominal, 16, 9) as u32 + 1,
-            seg1: field(nominal, 8, 8) as u32 + 1,
-            seg2: field(nominal, 0, 7) as u32 + 1,
-        };
         let delay_compensation = data >> 23 & 1 != 0;
-        let data = BitTiming {
-            prescaler: field(data, 16, 5) as u32 + 1,
-            seg1: field(data, 8, 5) as u32 + 1,
-            seg2: field(data, 4, 4) as u32 + 1,
+        // Lowest bit and width of prescaler and segments.
+        let bit_timing = |value: u64, fields: [(u32, u32); 3]| {
+            let [prescaler, seg1, seg2] = fields.map(|(low, width)| field(value, low, width) as u32 + 1);
+            BitTiming { prescaler, seg1, seg2 }
         };
+        let nominal = bit_timing(nominal, [(16, 9), (8, 8), (0, 7)]);
+        let data = bit_timing(data, [(16, 5), (8, 5), (4, 4)]);
         let Ok(clock_hz) = u32::try_from(self.clock_hz) else { return };
         let timing = Timing { clock_hz, nominal, data };
         self.check_timing(&timing, delay_compensation, context);

@@ -6,7 +6,6 @@ use slipsense_can_sim::{Format, Frame, Id};
 use super::Fdcan;
 use super::registers::field;
 
-/// Where a frame goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Accepted {
     Rejected,

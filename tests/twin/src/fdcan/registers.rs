@@ -66,7 +66,6 @@ pub fn rule(register: Register) -> Option<Rule> {
         R::FdcanIe | R::FdcanIls => Rule::Bits(0x3FFF_FFFF),
         R::FdcanIle => Rule::Bits(0b11),
         R::FdcanTxbtie | R::FdcanTxbcie => Rule::Bits(0xFFFF_FFFF),
-        // What software may only read.
         R::FdcanCrel
         | R::FdcanEndn
         | R::FdcanHpms
@@ -77,8 +76,8 @@ pub fn rule(register: Register) -> Option<Rule> {
         | R::FdcanRxf0s
         | R::FdcanRxf1s
         | R::FdcanEcr
-        | R::FdcanPsr => Rule::Special,
-        R::FdcanCccr
+        | R::FdcanPsr
+        | R::FdcanCccr
         | R::FdcanTest
         | R::FdcanIr
         | R::FdcanTscv

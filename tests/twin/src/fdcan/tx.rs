@@ -20,7 +20,6 @@ impl Fdcan {
         Element::nth(buffer as usize, start, self.get(R::FdcanTxesc))
     }
 
-    /// The frame in a buffer of the queue.
     fn frame(&self, buffer: u32) -> Option<Frame> {
         let passive = self.wire_at_rx().bus.node(MCU).state() == ErrorState::Passive;
         self.element(buffer).read_tx(&self.ram, self.has(cccr::FDOE), self.has(cccr::BRSE), passive)

@@ -114,11 +114,9 @@ impl Wire {
         let mine = mine.map(|ready| self.ns(ready).max(now_ns));
         let free = self.bus.ready(PEER).map_or(0, |ready| self.ns(ready)).max(now_ns);
         let due = self.peer_queue.front().map(|(at, _)| (*at).max(free));
-        let flood = self.faults.iter().filter(|scheduled| scheduled.kind == Kind::Flood);
-        let flood = flood
-            .map(|scheduled| scheduled.when.start.max(free))
-            .filter(|at| self.flooded(*at).is_some())
-            .min();
+        let floods = self.faults.iter().filter(|fault| fault.kind == Kind::Flood);
+        let starts = floods.map(|fault| fault.when.start.max(free));
+        let flood = starts.filter(|at| self.flooded(*at).is_some()).min();
         [mine, due, flood].into_iter().flatten().min()
     }
 

@@ -97,7 +97,7 @@ impl Memory for Nothing {
 impl Bench {
     fn new(faults: Vec<Fault>) -> Self {
         let fitted = Fitted { faults, hse_hz: crate::machine::HSE_HZ, ..Fitted::default() };
-        let twin = Twin::new(&fitted).expect("the part is described");
+        let twin = Twin::new(&fitted.into()).expect("the part is described");
         let mut bench = Self { twin, now: 1000 };
         bench.store(RCC_APB1HENR, 1 << 8);
         bench.twin.mcu.fdcan[0].clock_hz = CLOCK_HZ;

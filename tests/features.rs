@@ -3,6 +3,8 @@
 //! `cargo test -p slipsense --test host features:: -- --nocapture` prints the figures.
 
 use proptest::prelude::*;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use slipsense::features::fft::Complex;
 use slipsense::features::highpass::{FILTERED_FRAC_BITS, FILTERED_MAX, HighPassState};
@@ -39,17 +41,6 @@ fn nat(ln_power: i32) -> f64 {
 
 fn standard(value: i16) -> f64 {
     value as f64 / (1u32 << STANDARDISED_FRAC_BITS) as f64
-}
-
-/// A small generator, so that a failure comes back.
-struct Noise(u64);
-
-impl Noise {
-    /// Uniform in −1 to 1.
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
 }
 
 /// The textbook high-pass of one axis, primed with the first sample.
@@ -235,8 +226,8 @@ fn high_pass_follows_float64_and_stays_within_its_bound() {
     let gain: f64 = response.iter().map(|h| h.abs()).sum();
     let worst_case: Vec<f64> =
         response.iter().rev().map(|&h| if h >= 0.0 { 32767.0 } else { -32768.0 }).collect();
-    let mut noise = Noise(1);
-    let uniform: Vec<f64> = (0..8000).map(|_| (noise.next() * 32767.0).round()).collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let uniform: Vec<f64> = (0..8000).map(|_| rng.random_range(-32767.0f64..32767.0).round()).collect();
     let motion: Vec<f64> =
         (0..8000).map(|n| (30000.0 * (2.0 * PI * n as f64 / 4000.0).sin()).round()).collect();
     let gravity_step: Vec<f64> = (0..8000).map(|n| if n < 50 { 2049.0 } else { -2049.0 }).collect();
@@ -285,9 +276,9 @@ fn logarithm_error_is_as_documented() {
 }
 
 /// A rotation matrix from a unit quaternion, uniform over SO(3).
-fn rotation(noise: &mut Noise) -> [[f64; 3]; 3] {
+fn rotation(rng: &mut ChaCha8Rng) -> [[f64; 3]; 3] {
     let [w, x, y, z] = loop {
-        let q: [f64; 4] = core::array::from_fn(|_| noise.next());
+        let q: [f64; 4] = core::array::from_fn(|_| rng.random_range(-1.0..1.0));
         let square: f64 = q.iter().map(|v| v * v).sum();
         if (0.01..1.0).contains(&square) {
             break q.map(|v| v / square.sqrt());
@@ -313,13 +304,14 @@ fn log_sum_exp_f64(samples: &[[f64; 3]]) -> [f64; MEL_BINS] {
 
 #[test]
 fn rotation_changes_no_more_than_rounding() {
-    let mut noise = Noise(7);
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
     let (mut reference_change, mut our_change, mut beyond_rounding) = (0f64, 0f64, 0f64);
     let (mut identity, mut our_identity) = (0f64, 0f64);
-    for (trial, amplitude) in [15.0, 300.0, 15_000.0].into_iter().cycle().take(45).enumerate() {
-        let signal: Vec<[f64; 3]> =
-            (0..300).map(|_| core::array::from_fn(|_| (noise.next() * amplitude).round())).collect();
-        let matrix = rotation(&mut noise);
+    for (trial, amplitude) in [15.0f64, 300.0, 15_000.0].into_iter().cycle().take(45).enumerate() {
+        let signal: Vec<[f64; 3]> = (0..300)
+            .map(|_| core::array::from_fn(|_| rng.random_range(-amplitude..amplitude).round()))
+            .collect();
+        let matrix = rotation(&mut rng);
         let rotated: Vec<[f64; 3]> =
             signal.iter().map(|s| matrix.map(|row| row[0] * s[0] + row[1] * s[1] + row[2] * s[2])).collect();
         let rounded: Vec<[f64; 3]> = rotated.iter().map(|s| s.map(f64::round)).collect();

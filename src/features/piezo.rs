@@ -17,8 +17,6 @@ use crate::params::{
 const AVERAGE_FRAC_BITS: u32 = 4;
 /// The average moves by `2^-AVERAGE_SHIFT` of the difference each frame.
 pub const AVERAGE_SHIFT: u32 = 3;
-/// Units of the delta in one count.
-pub const DELTA_GAIN: i32 = 1 << (AVERAGE_FRAC_BITS - 1);
 
 const ROUND: i32 = 1 << (AVERAGE_SHIFT - 1);
 

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
 use slipsense::calibration::{BLOCK_FRAMES, Calibration, Measurement, Refusal, Request, State, What};
 use slipsense::drivers::array::{Array, Mounting};
-use slipsense::drivers::{Commissioning, Failure, SensorLink, Sensors};
+use slipsense::drivers::{Bench, Commissioning, Failure, SensorLink, Sensors};
 use slipsense::params::{ACTIVE_TAXELS, CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXEL_COLS, TAXELS};
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::PiezoFrame;
@@ -292,7 +292,8 @@ fn the_board_measures_stores_and_applies_while_it_senses() {
     let scan = Scan { pads, load: load.clone(), frames: 0, codes: Vec::new() };
     let mut sensors = Sensors::new(scan, (0..2).map(|_| sensor(&Part::new(Kind::Adxl380))).collect(), link);
     let connectors = heapless::Vec::from_slice(&[2, 0]).expect("room");
-    let mut board = Commissioning::new(link, Box::leak(Box::default()), connectors, Default::default());
+    let mut board =
+        Commissioning::new(link, Box::leak(Box::new(Bench::new())), connectors, Default::default());
     let flash = Cells::<{ 64 * 1024 }>::new(2, 1);
     let range = flash.range();
     let mut store = SettingsStore::new(flash, range, Box::new(SCRATCH)).expect("whole sectors");

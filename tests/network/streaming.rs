@@ -13,29 +13,20 @@ fn stream(network: &mut Network<'_>, frame: &[Sensor]) -> [i32; OUTPUTS] {
     network.step(&seen).map(Logit::to_bits)
 }
 
-fn compare(shape: usize, frames: usize, sensors: usize) {
-    let file = random_model(SHAPES[shape], shape as u64);
-    let bytes = file.to_bytes().unwrap();
-    let mut network = Network::new(Model::parse(&bytes).unwrap());
-    let frames = random_frames(frames, sensors, 100 + shape as u64);
-    let batch = batch::outputs(&file, &frames);
-    let mut distinct = std::collections::HashSet::new();
-    for (t, frame) in frames.iter().enumerate() {
-        let streamed = stream(&mut network, frame);
-        assert_eq!(streamed, batch[t], "shape {shape}, frame {t}");
-        distinct.insert(streamed);
-    }
-    assert!(distinct.len() > frames.len() / 2 || SHAPES[shape].embed == 1, "the oracle saw no signal");
-}
-
 #[test]
-fn streaming_equals_batch_over_1000_frames() {
-    compare(0, 1000, 2);
-}
-
-#[test]
-fn streaming_equals_batch_in_the_smallest_an_odd_and_the_largest_shape() {
-    for (shape, frames, sensors) in [(1, 50, 1), (2, 150, 3), (3, 100, 3)] {
-        compare(shape, frames, sensors);
+fn streaming_equals_batch_in_the_shipped_the_smallest_an_odd_and_the_largest_shape() {
+    for (shape, frames, sensors) in [(0, 1000, 2), (1, 50, 1), (2, 150, 3), (3, 100, 3)] {
+        let file = random_model(SHAPES[shape], shape as u64);
+        let bytes = file.to_bytes().unwrap();
+        let mut network = Network::new(Model::parse(&bytes).unwrap());
+        let frames = random_frames(frames, sensors, 100 + shape as u64);
+        let batch = batch::outputs(&file, &frames);
+        let mut distinct = std::collections::HashSet::new();
+        for (t, frame) in frames.iter().enumerate() {
+            let streamed = stream(&mut network, frame);
+            assert_eq!(streamed, batch[t], "shape {shape}, frame {t}");
+            distinct.insert(streamed);
+        }
+        assert!(distinct.len() > frames.len() / 2 || SHAPES[shape].embed == 1, "the oracle saw no signal");
     }
 }

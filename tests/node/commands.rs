@@ -137,7 +137,7 @@ fn the_heartbeat_says_how_the_board_is() {
         (|status| &mut status.last_panic, vendor_status::PANICKED),
     ];
     for (index, (count, flag)) in counters.into_iter().enumerate() {
-        node.status = Status { sensors: 1, ..Status::default() };
+        node.status = Status::new();
         *count(&mut node.status) = 1;
         assert_eq!(beat(&mut node, 20_000_000 + 1_000_000 * index as u64)[6], flag, "{index}");
     }

@@ -112,7 +112,7 @@ fn every_slip_message_says_what_has_failed() {
 fn another_model_than_the_expected_one_makes_every_message_invalid() {
     let model = model_bytes();
     let mut hash = Model::parse(&model).unwrap().hash;
-    let mut settings = Settings::default();
+    let mut settings = Settings::new();
     let mut invalid = |expected: [u32; 2]| {
         settings.set(Setting::ExpectedModel, &expected.map(i64::from)).unwrap();
         let config = RuntimeConfig::new(&settings, Some(NODE), false);

@@ -116,15 +116,22 @@ fn a_missing_frame_loses_its_transfer_only() {
     }
 }
 
+/// What arrives of two transfers, the first of which is damaged.
+fn receive_damaged(
+    sent: &[Vec<CanFrame>],
+    damage: impl FnOnce(&mut Vec<CanFrame>),
+) -> (Vec<u32>, Vec<TransferError>) {
+    let mut damaged = sent[0].clone();
+    damage(&mut damaged);
+    receive(&mut Receiver::new(NODE), damaged.iter().chain(&sent[1]))
+}
+
 #[test]
 fn two_missing_frames_show_in_the_crc() {
     let sent = transfers(2);
     for missing in 1..24 {
-        let mut receiver = Receiver::new(NODE);
-        let mut damaged = sent[0].clone();
-        damaged.drain(missing..missing + 2);
-        let (arrived, errors) = receive(&mut receiver, damaged.iter().chain(&sent[1]));
-        assert_eq!((arrived, errors), (vec![1], vec![TransferError::Crc { transfer: 0 }]));
+        let received = receive_damaged(&sent, |frames| _ = frames.drain(missing..missing + 2));
+        assert_eq!(received, (vec![1], vec![TransferError::Crc { transfer: 0 }]));
     }
 }
 
@@ -158,9 +165,7 @@ fn reordered_frames_are_never_a_message() {
     let sent = transfers(2);
     for first in 0..25 {
         for second in first + 1..26 {
-            let mut swapped = sent[0].clone();
-            swapped.swap(first, second);
-            let (arrived, errors) = receive(&mut Receiver::new(NODE), swapped.iter().chain(&sent[1]));
+            let (arrived, errors) = receive_damaged(&sent, |frames| frames.swap(first, second));
             assert_eq!(arrived, [1], "frames {first} and {second} swapped");
             assert!(!errors.is_empty());
         }
@@ -173,12 +178,12 @@ fn a_flipped_bit_is_never_a_message() {
     // A stride coprime to 8 and to 63 visits every bit position and every frame.
     for bit in (0..26 * 63 * 8).step_by(37) {
         let (index, byte, bit) = (bit / 8 / 63, bit / 8 % 63, bit % 8);
-        let mut damaged = sent[0].clone();
-        let mut data = damaged[index].data().to_vec();
-        data[byte] ^= 1 << bit;
-        damaged[index] = CanFrame::new(damaged[index].id(), &data).unwrap();
-        let (arrived, errors) = receive(&mut Receiver::new(NODE), damaged.iter().chain(&sent[1]));
-        assert_eq!((arrived, errors), (vec![1], vec![TransferError::Crc { transfer: 0 }]));
+        let received = receive_damaged(&sent, |frames| {
+            let mut data = frames[index].data().to_vec();
+            data[byte] ^= 1 << bit;
+            frames[index] = CanFrame::new(frames[index].id(), &data).unwrap();
+        });
+        assert_eq!(received, (vec![1], vec![TransferError::Crc { transfer: 0 }]));
     }
 }
 

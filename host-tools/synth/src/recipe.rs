@@ -1,7 +1,6 @@
 //! What to generate: a recipe is small, is stored in the episode it made, and makes it again.
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Span, Stream, stream};
@@ -158,7 +157,23 @@ pub enum ObjectChoice {
 impl Recipe {
     /// An episode with two sensors in which everything but the seed is drawn, of a training object.
     pub fn new(seed: u64) -> Self {
-        serde_json::from_value(json!({ "seed": seed })).expect("everything but the seed has a default")
+        Self {
+            seed,
+            object: ObjectChoice::Train,
+            scenario: ScenarioChoice::Random,
+            platform: Platform::Umi,
+            region: Region::Centre,
+            sensors: 2,
+            seconds: None,
+            speed_mm_s: None,
+            grip_n: None,
+            pull_angle_deg: None,
+            noise: 1.0,
+            rig_leak: true,
+            vibration_content: VibrationContent::All,
+            vibration: SourceFamily::Asperities,
+            families: Families::default(),
+        }
     }
 
     /// `count` recipes like this one, whose seeds follow from this one's and differ from each other.

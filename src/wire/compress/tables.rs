@@ -1,7 +1,7 @@
 //! Frequencies of the symbols in each context.
 //!
-//! Learnt from 40000 frames of synthetic training episodes by `host-tools/synth/examples/compression_tables.rs`;
-//! its `--check` compares. Not to be edited by hand.
+//! The numbers are learnt from synthetic training episodes by `host-tools/synth/examples/compression_tables.rs`, which
+//! writes all below the first `#[rustfmt::skip]`; its `--check` compares. Do not edit them by hand.
 
 use super::value::{SYMBOLS, Table};
 

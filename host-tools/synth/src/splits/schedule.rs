@@ -137,7 +137,17 @@ impl Schedule {
             Split::Noslip | Split::TransferNoslip => &[&[Group::Val, Group::HeldOut]],
             Split::Tesollo2 | Split::Tesollo3 | Split::Free => &[&[Group::HeldOut], &[Group::Train]],
             Split::UmiQuiet => &[],
-            _ => &[&[Group::HeldOut]],
+            Split::UmiOod
+            | Split::Palm
+            | Split::TransferKnown
+            | Split::TransferContact
+            | Split::TransferFriction
+            | Split::TransferFilm
+            | Split::TransferSource
+            | Split::TransferPath
+            | Split::TransferDisturbance
+            | Split::TransferSensor
+            | Split::TransferAll => &[&[Group::HeldOut]],
         };
         let objects = |kind: usize, turn: usize, groups: &[Group]| {
             ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))

@@ -218,6 +218,7 @@ impl Features {
         features.into_iter().collect()
     }
 
+    /// Some of the frames.
     pub fn cut(&self, frames: std::ops::Range<usize>) -> Self {
         Self {
             sensors: self.sensors,

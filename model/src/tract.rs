@@ -166,7 +166,7 @@ impl TractNetwork {
     }
 }
 
-/// Element by element.
+/// Elementwise maximum over the sensors.
 fn keep_max(best: &mut Option<Vec<f32>>, new: Vec<f32>) {
     match best {
         None => *best = Some(new),

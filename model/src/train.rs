@@ -246,6 +246,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     finish(args, &state, made_from)
 }
 
+/// The weights that the first step finds.
 fn first_weights(args: &TrainArgs) -> Result<Weights> {
     let Some(path) = &args.start else {
         return Ok(Weights::init(args.dims(), args.seed));

@@ -97,6 +97,7 @@ impl Weights {
         Self { dims, tensors: first_values(&specs(&dims), seed) }
     }
 
+    /// Numbers in all tensors.
     pub fn count(&self) -> usize {
         self.tensors.iter().map(Vec::len).sum()
     }

@@ -73,6 +73,7 @@ pub enum ClassOrder {
     ContactFirst,
 }
 
+/// Whether any pad sums to at least [`CONTACT_SUM_MIN`].
 pub(crate) fn touched(episode: &Episode, frame: usize) -> bool {
     (0..episode.sensors).any(|sensor| episode.piezo(frame, sensor).sum() >= CONTACT_SUM_MIN)
 }

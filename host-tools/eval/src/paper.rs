@@ -42,6 +42,7 @@ pub(crate) struct Comparison {
     pub(crate) fpr_difference_points: Option<f64>,
     pub(crate) accuracy_difference_points: Option<f64>,
     pub(crate) macro_f1_difference_points: Option<f64>,
+    /// Whether accuracy, macro F1 and FPR all lie within 6 points of the paper's.
     pub(crate) within_6_points: bool,
 }
 

@@ -58,6 +58,7 @@ impl Table {
         Self { note: note.into(), ..self }
     }
 
+    /// Append a row as long as the header.
     pub(crate) fn push(&mut self, row: Vec<String>) {
         self.rows.push(row);
     }

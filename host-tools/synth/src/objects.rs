@@ -91,7 +91,9 @@ pub struct Object {
     pub name: String,
     pub kind: Kind,
     pub group: Group,
+    /// Face that meets the finger.
     pub shape: Shape,
+    /// How the face gives way.
     pub surface: Surface,
     /// Ribs, thread, braid or lanes on the face.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -24,11 +24,14 @@ const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "l
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Toolchain {
+    /// The one that built this program.
     Host,
+    /// Debian's packages.
     Debian,
 }
 
 impl Toolchain {
+    /// Find or install one for the Cortex-M7.
     pub fn get() -> Result<Self> {
         Self::of(TARGET)
     }
@@ -80,6 +83,7 @@ impl Toolchain {
         build
     }
 
+    /// What its compiler calls itself.
     pub fn version(self) -> Option<String> {
         let mut rustc = match self {
             Self::Host => of_our_toolchain("rustc"),

@@ -18,6 +18,7 @@ pub struct Record {
     /// How long the pipeline took, microseconds of the emulated clock; differs from run to run unless
     /// the emulator counts instructions.
     pub step_us: u32,
+    /// Features per sensor.
     pub log_mel: [LogMel; MAX_SENSORS],
     pub logits: [Logit; CLASSES],
     pub class: u8,
@@ -25,6 +26,7 @@ pub struct Record {
     pub may_begin: bool,
     /// The flag to act on.
     pub slip: bool,
+    /// Health bits per sensor.
     pub health: [u8; MAX_SENSORS],
     /// What went onto the bus, in order.
     pub can: Vec<CanFrame, CAN_FRAMES_MAX>,

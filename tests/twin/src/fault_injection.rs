@@ -35,9 +35,11 @@ pub enum Kind {
 pub struct Fault {
     pub name: &'static str,
     pub kind: Kind,
+    /// From and to.
     pub when: Range<u64>,
 }
 
+/// NAME:FROM-TO.
 pub fn parse(text: &str) -> Result<Fault, String> {
     let names = || NAMES.map(|(name, _)| name).join(", ");
     let (name, span) = text.split_once(':').ok_or("need NAME:FROM-TO, for example off:0.5-1.5")?;

@@ -62,6 +62,7 @@ pub struct Icm42688 {
     readouts: Readouts,
     episode: Option<Arc<Episode>>,
     sensor: usize,
+    /// Samples that it has made.
     made: usize,
     /// When the next one is due, if it measures.
     next: Option<u64>,

@@ -22,6 +22,7 @@ pub const FLASH: std::ops::Range<u64> = FLASH_BASE as u64..FLASH_BASE as u64 + 2
 const WORD: u64 = 32;
 const PROGRAMS: &str = "the flash is a region that the part programs";
 
+/// When it failed, at what.
 #[derive(Clone, Debug)]
 pub struct Failure {
     pub at_ns: u64,

@@ -73,6 +73,7 @@ pub struct Spread {
 }
 
 impl Spread {
+    /// Of the values; `None` of none.
     pub fn new(values: impl Iterator<Item = f64>) -> Option<Self> {
         let [min_ms, median_ms, p90_ms, max_ms] = quantiles(values, [0.0, 0.5, 0.9, 1.0])?;
         Some(Self { min_ms, median_ms, p90_ms, max_ms })

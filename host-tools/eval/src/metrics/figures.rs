@@ -30,6 +30,7 @@ impl EpisodeRecord {
         }
     }
 
+    /// Missed events and false alarms.
     pub(crate) fn failures(&self) -> usize {
         let missed = |o: &&Outcome| o.event.detection == Detection::Missed;
         self.events.encoder.iter().filter(missed).count() + self.alarms.total() as usize

@@ -19,6 +19,7 @@ use crate::truth::Truth;
 pub(crate) const TARGET_FPR: f64 = 0.015;
 /// Thresholds of a curve, at most.
 pub(crate) const POINTS: usize = 40;
+/// Highest and lowest false-positive rate of a curve.
 const FPR_RANGE: [f64; 2] = [0.5, 1e-5];
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

@@ -166,6 +166,7 @@ impl Plant {
         self.frames
     }
 
+    /// Instrumented fingers.
     pub fn sensors(&self) -> usize {
         self.resolved.recipe.sensors
     }

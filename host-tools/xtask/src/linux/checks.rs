@@ -25,6 +25,7 @@ const ERRORS: [(&str, &str); 5] = [
     ("gone", "stopped after 2000 frames, which are kept"),
 ];
 
+/// The table, and whether all of it is good.
 struct Checks<'d> {
     share: &'d Path,
     table: Table,

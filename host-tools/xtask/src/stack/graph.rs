@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use anyhow::{Result, bail};
 
+/// A function: what its frame takes, whom it calls.
 #[derive(Clone, Debug, Default)]
 pub struct Node {
     pub name: String,

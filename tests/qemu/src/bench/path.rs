@@ -25,6 +25,7 @@ pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model
     });
 }
 
+/// Until the emulator writes down what is done.
 fn wait_for_trace() {
     File::create(READY_FILE);
     while File::open(GO_FILE).is_none() {}

@@ -4,6 +4,16 @@
 //! M_CAN's could be had here) and from what embassy-stm32 0.6 programs; frame times, arbitration and error counters
 //! are `slipsense-can-sim`'s.
 //!
+//! | covered | section |
+//! |---|---|
+//! | INIT, CCE, protected registers; what CCE resets | software initialization |
+//! | bit timings, FDOE, BRSE, MON, ASM, both loop-back modes | operating modes, test modes |
+//! | Tx queue, cancellation | Tx handling |
+//! | filters, Rx FIFOs | Rx handling |
+//! | IR, IE, ILS, ILE, TXBTIE, TXBCIE | interrupt registers |
+//! | ECR, PSR, bus-off and recovery | error management |
+//! | TSCV from nominal bit times | timestamp generation |
+//!
 //! Not covered, because no program of ours and not embassy's driver uses them: Tx FIFO, dedicated buffers, Tx events,
 //! DAR, timeout counter, high-priority status, message RAM watchdog, clock stop's handshake time, restricted mode's
 //! receive path, time-triggered operation, the clock calibration unit, transceiver delay (the wires have none). An

@@ -66,6 +66,7 @@ pub fn rule(register: Register) -> Option<Rule> {
         R::FdcanIe | R::FdcanIls => Rule::Bits(0x3FFF_FFFF),
         R::FdcanIle => Rule::Bits(0b11),
         R::FdcanTxbtie | R::FdcanTxbcie => Rule::Bits(0xFFFF_FFFF),
+        // What software may only read.
         R::FdcanCrel
         | R::FdcanEndn
         | R::FdcanHpms

@@ -167,7 +167,6 @@ pub const STEPS: &[Step] = &[
         "a release build refuses the development key, and takes another; changelog, bill of materials, workflows",
         |_| release_keys().and_then(|()| release::step()),
     ),
-    COMPILES.step("small", "what the command says where it is built without the trainer", |_| small()),
     COMPILES.step("qemu-cmsis", "the FFT of CMSIS-DSP on the emulated Cortex-M7 and its port, bit for bit", |_| {
         cmsis::step()
     }),
@@ -198,25 +197,25 @@ pub const STEPS: &[Step] = &[
 /// The tensor library of the trainer takes minutes to build; the Python package has the trainer.
 const WITHOUT_TRAINER: [&str; 5] =
     ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
+/// The trainer, and the command and the Python package with it.
+const WITH_TRAINER: [&str; 8] = [
+    "--package",
+    "slipsense-model",
+    "--package",
+    "slipsense-python",
+    "--package",
+    "slipsense-cli",
+    "--features",
+    "slipsense-cli/train",
+];
 
 /// What the host builds select, one build after the other. Cargo gives shared dependencies the features of all that is
 /// selected: with another selection it would build them anew.
-fn selections(size: Size) -> Vec<Vec<&'static str>> {
-    if size == Size::Daily {
-        return vec![WITHOUT_TRAINER.to_vec()];
+fn selections(size: Size) -> Vec<&'static [&'static str]> {
+    match size {
+        Size::Daily => vec![&WITHOUT_TRAINER],
+        Size::All => vec![&WITHOUT_TRAINER, &WITH_TRAINER],
     }
-    // What has to do with the trainer: with the features that the wheel of the Python package is built with.
-    const TRAINER: [&str; 6] = [
-        "slipsense-cli",
-        "slipsense-model",
-        "slipsense-python",
-        "slipsense-eval",
-        "slipsense-synth",
-        "slipsense-view",
-    ];
-    let with = |word: &'static str| TRAINER.into_iter().flat_map(move |package| [word, package]);
-    let trainer = with("--package").chain(["--features", "slipsense-cli/train"]).collect();
-    vec![trainer, ["--workspace"].into_iter().chain(with("--exclude")).collect()]
 }
 
 const PROGRAMS: [&str; 4] =
@@ -242,6 +241,7 @@ fn program(name: &str, context: Context) -> Result<PathBuf> {
     Ok(target_dir().join("test-programs").join(name))
 }
 
+/// Without the features `gpu` and `hil`, whose libraries take longer than all others: see the campaigns in the book.
 fn clippy(context: Context) -> Result<()> {
     let clippy = |what: &[&str]| {
         // With the profile of the tests: both need the same build scripts and procedural macros.
@@ -251,31 +251,36 @@ fn clippy(context: Context) -> Result<()> {
     if context.size == Size::Daily {
         return clippy(&WITHOUT_TRAINER);
     }
-    clippy(&["--workspace", "--features", "slipsense-cli/gpu,slipsense-cli/hil"])?;
+    clippy(&["--workspace", "--features", "slipsense-cli/train"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
 }
 
+/// What the tests of the trainer are: its own, and the command's with a network in floating point. All other tests are
+/// in the selection without it.
+const TESTS_WITH_TRAINER: [&[&str]; 2] = [&["--lib", "--test", "model"], &["--test", "cli", "--", "model::"]];
+
+/// `cargo test`, one command after the other.
+fn tests(size: Size) -> Vec<Vec<&'static str>> {
+    let mut tests = vec![WITHOUT_TRAINER.to_vec()];
+    if size == Size::All {
+        tests.extend(TESTS_WITH_TRAINER.map(|tests| [&WITH_TRAINER, tests].concat()));
+    }
+    tests
+}
+
 fn host_build(context: Context) -> Result<()> {
-    for selection in selections(context.size) {
-        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(selection))?;
+    for test in tests(context.size) {
+        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(test))?;
     }
     build_programs(context.size)
 }
 
 fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    let test =
-        |selection| run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(selection));
-    let results: Vec<_> = selections(context.size).into_iter().map(test).collect();
+    let test = |test| run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(test));
+    let results: Vec<_> = tests(context.size).into_iter().map(test).collect();
     results.into_iter().collect()
-}
-
-fn small() -> Result<()> {
-    let mut small = cargo();
-    small.args(["test", "--quiet", "--release", "--package", "slipsense-cli", "--test", "cli", "--"]);
-    // The page of the book is of a build without the trainer, and not tested in one with it.
-    run(small.args(["errors::", "model::", "outputs::the_books_page_of_commands_is_the_help"]))
 }
 
 fn release_keys() -> Result<()> {

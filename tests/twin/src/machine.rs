@@ -44,8 +44,8 @@ const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
 /// Chip selects of the accelerometers on SPI1 (`src/firmware/bin/app/pins.rs`).
 const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 12)];
 const XL_SPI: usize = 0;
-/// What the firmware leaves alone and the emulator would tell of every request: a third of the time of a run. They have
-/// no model here, so that a run in which the firmware does reach one says so and fails.
+/// What the firmware leaves alone, though the emulator would tell it of every request, which takes time. These have no
+/// model here: a run in which the firmware does reach one says so and fails.
 const LEFT_ALONE: &str = "ADC3 ADC3_Common BDMA DMAMUX2 SPI2 SPI3 SPI4 SPI5 SPI6 TIM1 TIM3 TIM4 TIM5 TIM6 TIM7 TIM12 \
                           TIM13 TIM14 TIM15 TIM16 TIM17";
 

@@ -44,10 +44,10 @@ const FDCANS: [&str; 2] = ["FDCAN1", "FDCAN2"];
 /// Chip selects of the accelerometers on SPI1 (`src/firmware/bin/app/pins.rs`).
 const CHIP_SELECTS: [(&str, u8); 3] = [("GPIOD", 14), ("GPIOD", 15), ("GPIOG", 12)];
 const XL_SPI: usize = 0;
-/// What the firmware leaves alone, though the emulator would tell it of every request, which takes time. These have no
-/// model here: a run in which the firmware does reach one says so and fails.
-const LEFT_ALONE: &str = "ADC3 ADC3_Common BDMA DMAMUX2 SPI2 SPI3 SPI4 SPI5 SPI6 TIM1 TIM3 TIM4 TIM5 TIM6 TIM7 TIM12 \
-                          TIM13 TIM14 TIM15 TIM16 TIM17";
+/// Peripherals that the firmware does not use. They have no model here, because the emulator would pass each DMA request
+/// to all of them, which takes time. A run in which the firmware does use one names it and fails.
+const UNUSED_PERIPHERALS: &str = "ADC3 ADC3_Common BDMA DMAMUX2 SPI2 SPI3 SPI4 SPI5 SPI6 TIM1 TIM3 TIM4 TIM5 TIM6 TIM7 \
+                                  TIM12 TIM13 TIM14 TIM15 TIM16 TIM17";
 
 #[derive(Debug)]
 pub struct Mcu743 {
@@ -68,8 +68,8 @@ pub struct Mcu743 {
     scan_slots: [usize; PERIPHERALS.len()],
     arrays: Shared,
     rcc_slot: usize,
-    /// By slot, whether [`LEFT_ALONE`] names it.
-    is_left_alone: Vec<bool>,
+    /// By slot, whether [`UNUSED_PERIPHERALS`] names it.
+    is_unused: Vec<bool>,
     has_hse: bool,
     /// The next reset is a brown-out's.
     pub is_brown_out: bool,
@@ -85,7 +85,8 @@ impl Mcu743 {
         let (fdcan_slots, scan_slots) = (FDCANS.map(slot), PERIPHERALS.map(slot));
         let (iwdg_slot, rcc_slot) = (slot(IWDG_INSTANCE), slot("RCC"));
         let names = part.bus().slots().iter().map(|slot| slot.peripheral().name);
-        let is_left_alone = names.map(|name| LEFT_ALONE.split(' ').any(|left| left == name)).collect();
+        let is_unused =
+            names.map(|name| UNUSED_PERIPHERALS.split(' ').any(|unused| unused == name)).collect();
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
@@ -112,7 +113,7 @@ impl Mcu743 {
             scan_slots,
             arrays,
             rcc_slot,
-            is_left_alone,
+            is_unused,
             has_hse: fitted.hse_hz != 0,
             is_brown_out: false,
         };
@@ -165,7 +166,7 @@ impl Mcu for Mcu743 {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
-        if self.is_left_alone.get(slot) == Some(&true) {
+        if self.is_unused.get(slot) == Some(&true) {
             return (self.part.bus_mut(), None);
         }
         if slot == self.rcc_slot && !self.has_hse {

@@ -90,7 +90,10 @@ fn exchange(stream: &mut TcpStream, text: &mut String) -> bool {
             text.push_str(std::str::from_utf8(&buffer[..length]).unwrap());
             length > 0
         }
-        Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
+        // Interrupted: where the machine stops and goes on, Linux ends a read with a time limit so.
+        Err(error) => {
+            matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+        }
     }
 }
 

@@ -135,7 +135,7 @@ pub const STEPS: &[Step] = &[
         |context| {
             let slipsense = program("slipsense", context)?;
             twin::update::step(&slipsense, false)?;
-            twin::update::boot_skips(&slipsense, 20)
+            twin::update::boot_skips(&slipsense, 10)
         },
     ),
     TWIN_HOST.step(
@@ -194,27 +194,13 @@ pub const STEPS: &[Step] = &[
     ),
 ];
 
-/// The tensor library of the trainer takes minutes to build; the Python package has the trainer.
-const WITHOUT_TRAINER: [&str; 5] =
-    ["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"];
-/// The trainer, and the command and the Python package with it.
-const WITH_TRAINER: [&str; 8] = [
-    "--package",
-    "slipsense-model",
-    "--package",
-    "slipsense-python",
-    "--package",
-    "slipsense-cli",
-    "--features",
-    "slipsense-cli/train",
-];
-
-/// What the host builds select, one build after the other. Cargo gives shared dependencies the features of all that is
-/// selected: with another selection it would build them anew.
-fn selections(size: Size) -> Vec<&'static [&'static str]> {
+/// What a build for the host selects. The tensor library of the trainer takes minutes to build, and the Python package
+/// has the trainer. Cargo gives shared dependencies the features of all that is selected: with another selection it
+/// would build them anew, so one run has one.
+fn selection(size: Size) -> &'static [&'static str] {
     match size {
-        Size::Daily => vec![&WITHOUT_TRAINER],
-        Size::All => vec![&WITHOUT_TRAINER, &WITH_TRAINER],
+        Size::Daily => &["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"],
+        Size::All => &["--workspace", "--features", "slipsense-cli/train"],
     }
 }
 
@@ -223,9 +209,7 @@ const PROGRAMS: [&str; 4] =
 
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
-    for selection in selections(size) {
-        run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(selection))?;
-    }
+    run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(selection(size)))?;
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
     for name in PROGRAMS {
@@ -248,39 +232,24 @@ fn clippy(context: Context) -> Result<()> {
         let targets = ["--all-targets", "--", "-D", "warnings"];
         run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
     };
+    clippy(selection(context.size))?;
     if context.size == Size::Daily {
-        return clippy(&WITHOUT_TRAINER);
+        return Ok(());
     }
-    clippy(&["--workspace", "--features", "slipsense-cli/train"])?;
+    // The command as the demo and as the daily steps build it.
+    clippy(&["--package", "slipsense-cli"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
 }
 
-/// What the tests of the trainer are: its own, and the command's with a network in floating point. All other tests are
-/// in the selection without it.
-const TESTS_WITH_TRAINER: [&[&str]; 2] = [&["--lib", "--test", "model"], &["--test", "cli", "--", "model::"]];
-
-/// `cargo test`, one command after the other.
-fn tests(size: Size) -> Vec<Vec<&'static str>> {
-    let mut tests = vec![WITHOUT_TRAINER.to_vec()];
-    if size == Size::All {
-        tests.extend(TESTS_WITH_TRAINER.map(|tests| [&WITH_TRAINER, tests].concat()));
-    }
-    tests
-}
-
 fn host_build(context: Context) -> Result<()> {
-    for test in tests(context.size) {
-        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(test))?;
-    }
+    run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(selection(context.size)))?;
     build_programs(context.size)
 }
 
 fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    let test = |test| run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(test));
-    let results: Vec<_> = tests(context.size).into_iter().map(test).collect();
-    results.into_iter().collect()
+    run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(selection(context.size)))
 }
 
 fn release_keys() -> Result<()> {

@@ -114,7 +114,7 @@ pub fn faults(slipsense: &Path, operations: &str) -> Result<()> {
     let boot = Program::BOOTLOADER.build()?;
     for (hse_hz, says) in [("0", "external clock: 0 Hz found"), ("25000000", "external clock: 25")] {
         let mut twin = twin_with(&firmware)?;
-        start(twin.args(["--seconds", "1", "--hse-hz", hse_hz, "--says", says]))?;
+        start(twin.args(["--seconds", "0.5", "--hse-hz", hse_hz, "--says", says]))?;
     }
     let images = Images::new(slipsense)?;
     images.sign("model.slip", Path::new(MODEL), "1.0.0", None)?;

@@ -236,8 +236,6 @@ fn clippy(context: Context) -> Result<()> {
     if context.size == Size::Daily {
         return Ok(());
     }
-    // The command as the demo and as the daily steps build it.
-    clippy(&["--package", "slipsense-cli"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
 }

@@ -4,7 +4,7 @@ hung, panicked, its supply dipped, or a bit of its model flipped: asked by pycyp
 
   check_twin_faults.py PORT IMAGES N
 
-IMAGES holds model.slip, a model that is taken. N stores of the settings, the third of each 25 a transfer of that model.
+IMAGES holds model.slip, a model that is taken. N stores of the settings, each 25th a transfer of that model instead.
 The twin changes the first instructions of the firmware's handler CEC for each fault. Any mismatch is printed; the exit
 status is then 1.
 """
@@ -19,7 +19,7 @@ from node_client import natural, run_checks
 ORDER = (1 << 31) | 1
 # Of a million writes to the flash and its registers: every 50th meets a flag.
 FLAGS_PER_MILLION = 20_000
-UPDATE_EACH, UPDATE_AT = 25, 2
+UPDATE_EACH = 25
 # slipsense.status.restart: cause and kind; of a fault PC, LR, CFSR, address; of a stall PC, LR, stalled tasks.
 BROWN_OUT, SOFTWARE, WATCHDOG = 2, 4, 5
 NONE, PANIC, HARD_FAULT, STALL = 0, 1, 2, 3
@@ -41,7 +41,7 @@ async def check_flags(client, operations):
     size = (client.folder / "model.slip").stat().st_size
     updates = 0
     for number in range(operations):
-        if number % UPDATE_EACH == UPDATE_AT:
+        if number % UPDATE_EACH == UPDATE_EACH // 2:
             await client.update(MODEL, "model.slip", f"model received and accepted, {size} bytes")
             updates += 1
         else:

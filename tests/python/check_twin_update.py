@@ -30,15 +30,15 @@ HEADER_BYTES = 128
 WORD_BYTES = 32
 # A step is an erase or a word of 32 bytes, counted from where the check says so.
 STEPS_MAX = 60
-# Of a store of the settings, which has sixteen: one in the middle, the last.
-STORE_STEPS = (8, 16)
-# Of an update with an image of one word: what marks it.
-SHORT_STEPS = (10,)
+# Of a store of the settings, which has sixteen: the first, one in the middle, the last.
+STORE_STEPS = (1, 8, 16)
+# Of an update with an image of one word: an erase of the slot; what marks it.
+SHORT_STEPS = (3, 10)
 # Of one of full length: words.
 TRANSFER_STEPS = (2_000,)
 TRANSFER_STEPS_MORE = (5, 2_000, 7_000, 11_900)
-# Of the swap, each counted from the failure before: words of copies; with --thorough also erases and the state.
-SWAP_STEPS = (700, 9_000)
+# Of the swap, each counted from the failure before: an erase, words of copies, the state.
+SWAP_STEPS = (1, 700, 4_400, 9_000)
 SWAP_STEPS_MORE = (1, 2, 3, 700, 4_096, 4_097, 4_098, 4_099, 4_100, 4_400, 8_194, 8_196, 9_000, 12_292)
 # Of the model: in the middle of its words; with --thorough also around its last word and its header.
 MODEL_STEPS = (1_000,)

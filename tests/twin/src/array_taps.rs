@@ -107,6 +107,8 @@ impl Tap<Tim<Advanced>> for Trigger {
             arrays.stop_scan(context.now().0);
         } else if starts && arrays.fast_scan.start(context) {
             return None;
+        } else if starts && arrays.fast_scan.enabled {
+            arrays.fast_scan.by_events += 1;
         }
         if row == Register::Egr.index() {
             arrays.fast_scan.fresh = value & UG != 0 && registers.get(Register::Cr1) & CEN == 0;

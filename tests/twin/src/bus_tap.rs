@@ -4,7 +4,7 @@ use rigless::device::{Device, DeviceContext as Context, ErasedDevice, RegisterFi
 use rigless::soc::RegisterSpec;
 use rigless::time::{EventId, VirtualNanos};
 
-/// Tokens of our own accesses: the trigger line's write to ADC1, reads of the address table (the index of two words
+/// Tokens of our own accesses: the trigger line's write to ADC1, reads of the address table (the index of the word
 /// added), and a frame's writes.
 pub const TRIGGER_TOKEN: u64 = u64::MAX;
 pub const TABLE_TOKEN: u64 = 1 << 32;

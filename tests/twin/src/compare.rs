@@ -84,6 +84,11 @@ fn difference(expected: &PiezoFrame, found: &PiezoFrame) -> String {
     format!("{} taxels differ, the first: {}", pairs().count(), first.unwrap_or_default())
 }
 
+/// Of the frame of this message, in virtual time.
+fn tick_ns(message: &SlipMessage, ahead_ns: i64) -> u64 {
+    (message.timestamp_us as i64 * 1000 - ahead_ns).max(0) as u64
+}
+
 /// What was read of a FIFO in the frame after a tick.
 fn readout(readouts: &[(u64, Vec<XlSample>)], tick_ns: u64) -> Option<&[XlSample]> {
     let first = readouts.partition_point(|(at, _)| *at <= tick_ns);
@@ -143,9 +148,10 @@ impl Comparison {
         let sensors = self.slips.first().map_or(1, |slip| slip.message.sensors.into());
         let mut pipeline = Pipeline::new(model, sensors).map_err(|error| anyhow!("pipeline: {error}"))?;
         let ahead_ns = clock_ahead_ns(done, &self.slips);
+        let ends: Vec<_> = (0..sensors).map(|sensor| self.xl_ends(raws, done, ahead_ns, sensor)).collect();
         let mut xl_end = [0u32; MAX_SENSORS];
         let mut next = None;
-        for slip in &self.slips {
+        for (index, slip) in self.slips.iter().enumerate() {
             let (message, number) = (&slip.message, slip.message.sequence);
             // The network remembers the frames that the bus did not carry.
             if next.is_some_and(|next| next != number) {
@@ -153,7 +159,7 @@ impl Comparison {
                 return Ok(());
             }
             next = Some(number.wrapping_add(1));
-            let tick_ns = (message.timestamp_us as i64 * 1000 - ahead_ns).max(0) as u64;
+            let tick_ns = tick_ns(message, ahead_ns);
             let mut inputs = [SensorInput::default(); MAX_SENSORS];
             for (sensor, input) in inputs.iter_mut().enumerate().take(sensors) {
                 let flags = message.contact[sensor].health;
@@ -180,9 +186,9 @@ impl Comparison {
                 self.from_models += usize::from(carried.is_none());
                 input.piezo = (flags & health::PIEZO_MISSING == 0).then_some(piezo);
                 input.xl = (flags & health::XL_MISSING == 0).then_some(xl);
-                // Without its raw message, the flags say whether samples are missing before those of this frame.
+                // Without a raw message of it or after it, the flags say whether samples are missing before this frame's.
                 let counted = xl_end[sensor].wrapping_add(xl.len() as u32 + u32::from(flags & GAP == GAP));
-                input.xl_end = raw.map_or(counted, |raw| raw.xl_end);
+                input.xl_end = ends[sensor][index].unwrap_or(counted);
                 xl_end[sensor] = input.xl_end;
             }
             let output = pipeline.step(&inputs[..sensors]);
@@ -207,6 +213,28 @@ impl Comparison {
             }
         }
         Ok(())
+    }
+
+    /// `xl_end` of each slip message's frame: its raw message's, or that of a later one, less the samples read since
+    /// then, if none are missing in between.
+    fn xl_ends(&self, raws: &Raws, done: &Done, ahead_ns: i64, sensor: usize) -> Vec<Option<u32>> {
+        let mut later: Option<(u32, u32)> = None;
+        let mut ends = Vec::with_capacity(self.slips.len());
+        for slip in self.slips.iter().rev() {
+            let (number, flags) = (slip.message.sequence, slip.message.contact[sensor].health);
+            let raw = raws.get(&(number, sensor as u8));
+            let of_later = later.filter(|(later, _)| number.wrapping_add(1) == *later).map(|(_, end)| end);
+            let end = raw.map(|raw| raw.xl_end).or(of_later);
+            let read = readout(&done.readouts[sensor], tick_ns(&slip.message, ahead_ns));
+            let whole = flags & health::XL_MISSING == 0 && flags & GAP != GAP;
+            later = end
+                .zip(read)
+                .filter(|_| whole)
+                .map(|(end, read)| (number, end.wrapping_sub(read.len() as u32)));
+            ends.push(end);
+        }
+        ends.reverse();
+        ends
     }
 
     fn sensors(&mut self, raws: &Raws, done: &Done, episode: &Episode) {

@@ -122,6 +122,11 @@ impl Mcu743 {
         Ok(mcu)
     }
 
+    /// Scans that began event by event, though nothing asked for it.
+    pub fn scans_by_events(&self) -> usize {
+        lock(&self.arrays).fast_scan.by_events
+    }
+
     fn show_fdcans(&mut self) {
         for (fdcan, slot) in self.fdcan.iter().zip(self.fdcan_slots) {
             fdcan.show(self.part.bus_mut().slot_mut(slot).registers_mut());

@@ -59,6 +59,8 @@ pub struct Done {
     pub diagnostics: Vec<Diagnostic>,
     /// Voltage scale 0 was asked for, as 480 MHz needs.
     pub overdrive: bool,
+    /// Scans that began event by event, without `--slow`.
+    pub scans_by_events: usize,
     /// Interrupts taken: name and how often.
     pub interrupts: BTreeMap<String, u64>,
     /// The lowest 16 bits of embassy's clock at the end, microseconds.
@@ -217,6 +219,7 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, seconds: f64) -> Result<
     let board = finished.session.board_mut();
     let take = |readouts: &Readouts| std::mem::take(&mut *lock(readouts));
     let readouts = board.readouts.iter().map(take).collect();
+    let scans_by_events = board.mcu.scans_by_events();
     let fdcan = &mut board.mcu.fdcan[0];
     Ok(Done {
         frames: std::mem::take(&mut fdcan.wire.log),
@@ -229,6 +232,7 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, seconds: f64) -> Result<
         log: log.unwrap_or_default(),
         diagnostics,
         overdrive: driver.overdrive,
+        scans_by_events,
         interrupts,
         clock_us: driver.clock_us,
         virtual_ns: stop.at.0,

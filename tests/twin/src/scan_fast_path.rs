@@ -25,10 +25,25 @@ const DMA1_LIFCR: u64 = 0x4002_0008;
 const HTIF: [u64; 2] = [1 << 4, 1 << 20];
 const TCIF: [u64; 2] = [1 << 5, 1 << 21];
 
-/// The words of the address table, two at a time.
+/// The fewest aligned accesses to so many bytes: where each begins, and its width. Ring and table lie at multiples of two
+/// and four bytes, wherever the linker puts them.
+fn accesses(base: u64, bytes: u64) -> impl Iterator<Item = (u64, Width)> {
+    let mut offset = 0;
+    std::iter::from_fn(move || {
+        let fits = |width: &Width| {
+            let width = u64::from(width.bytes());
+            (base + offset).is_multiple_of(width) && offset + width <= bytes
+        };
+        let width = [Width::W64, Width::W32, Width::W16].into_iter().find(fits)?;
+        let from = offset;
+        offset += u64::from(width.bytes());
+        Some((from, width))
+    })
+}
+
 fn ask_for_table(table: u64, context: &mut Context<'_>) {
-    for pair in 0..TAXELS as u64 / 2 {
-        context.read_from(table + 8 * pair, Width::W64, TABLE_TOKEN + pair);
+    for (offset, width) in accesses(table, 4 * TAXELS as u64) {
+        context.read_from(table + offset, width, TABLE_TOKEN + offset / 4);
     }
 }
 
@@ -101,10 +116,15 @@ impl FastScan {
         (first..first + 6).contains(&row) && self.runs()
     }
 
-    /// Two words of the table.
+    /// A word of the table, or two.
     pub fn answered(&mut self, token: u64, value: u64, context: &mut Context<'_>) {
-        let (Some(scan), Some(pair)) = (self.scan.as_mut(), token.checked_sub(TABLE_TOKEN)) else { return };
-        for (half, word) in [value as u32, (value >> 32) as u32].into_iter().enumerate() {
+        let (Some(scan), Some(first)) = (self.scan.as_mut(), token.checked_sub(TABLE_TOKEN)) else { return };
+        let words = if (scan.settings.table + 4 * first).is_multiple_of(8) && first + 2 <= TAXELS as u64 {
+            2
+        } else {
+            1
+        };
+        for (index, word) in [value as u32, (value >> 32) as u32].into_iter().take(words).enumerate() {
             let (set, clear) = (u64::from(word) & LINES, u64::from(word >> 16) & LINES);
             if set ^ clear != LINES || u64::from(word) & !(LINES | LINES << 16) != 0 {
                 context.tell(
@@ -112,7 +132,7 @@ impl FastScan {
                     "a word of the address table that does not set all lines and no other: --slow",
                 );
             }
-            if let Some(slot) = scan.words.get_mut(2 * pair as usize + half) {
+            if let Some(slot) = scan.words.get_mut(first as usize + index) {
                 *slot = word;
             }
         }
@@ -139,9 +159,11 @@ impl Arrays {
         let codes = self.frame_of_codes(&scan);
         let half = scan.frames % 2;
         let base = scan.settings.ring + half * 2 * codes.len() as u64;
-        for (index, four) in codes.chunks_exact(4).enumerate() {
-            let value = four.iter().rev().fold(0, |value, code| value << 16 | u64::from(*code));
-            context.write_to(base + 8 * index as u64, Width::W64, value, FRAME_TOKEN);
+        for (offset, width) in accesses(base, 2 * codes.len() as u64) {
+            let from = offset as usize / 2;
+            let some = &codes[from..from + width.bytes() as usize / 2];
+            let value = some.iter().rev().fold(0, |value, code| value << 16 | u64::from(*code));
+            context.write_to(base + offset, width, value, FRAME_TOKEN);
         }
         // The table as it is for the next frame.
         ask_for_table(scan.settings.table, context);
@@ -175,5 +197,24 @@ impl Arrays {
             }
         }
         codes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::accesses;
+
+    #[test]
+    fn accesses_are_aligned_and_leave_no_gap() {
+        for base in [0, 2, 4, 6] {
+            let mut end = 0;
+            for (offset, width) in accesses(base, 2048) {
+                let bytes = u64::from(width.bytes());
+                assert_eq!(offset, end, "base {base}");
+                assert!((base + offset).is_multiple_of(bytes), "base {base}, offset {offset}, {bytes} bytes");
+                end += bytes;
+            }
+            assert_eq!(end, 2048, "base {base}");
+        }
     }
 }

@@ -94,11 +94,7 @@ impl Settings {
         };
         let codes = settings.codes();
         let same = channels.iter().all(|channel| code(channel) == sampling);
-        (same
-            && one.get(Dma::S0ndtr) == codes
-            && settings.ring.is_multiple_of(8)
-            && settings.table.is_multiple_of(8))
-        .then_some(settings)
+        (same && one.get(Dma::S0ndtr) == codes).then_some(settings)
     }
 
     /// Codes of the ring.
@@ -158,6 +154,8 @@ pub struct FastScan {
     pub armed: bool,
     /// The timer was set to zero and has not run since.
     pub fresh: bool,
+    /// Scans that began event by event, though `enabled`.
+    pub by_events: usize,
     pub(crate) scan: Option<Scan>,
 }
 

@@ -135,7 +135,7 @@ pub const STEPS: &[Step] = &[
         |context| {
             let slipsense = program("slipsense", context)?;
             twin::update::step(&slipsense, false)?;
-            twin::update::boot_skips(&slipsense, 10)
+            twin::update::boot_skips(&slipsense, 20)
         },
     ),
     TWIN_HOST.step(

@@ -48,11 +48,11 @@ pub struct Options {
     /// The step `twin-update` with more failures of the supply: at every step of a store, and at more of the others
     #[arg(long, exclusive = true)]
     updates: bool,
-    /// 500 stores and updates while the flash raises flags of reads; in the step `twin-faults` there are 5
+    /// 500 stores and updates while the flash raises flags of reads; in the step `twin-faults` there are 13
     #[arg(long, exclusive = true)]
     flash_flags: bool,
     /// The bootloader must refuse two images; so many times for each it skips one of its instructions. In the step
-    /// `twin-update` 10 times; 20000 is every instruction
+    /// `twin-update` 20 times; 20000 is every instruction
     #[arg(long, value_name = "RUNS", exclusive = true)]
     boot_skips: Option<u32>,
     /// What the twin is given: episode and options
@@ -168,7 +168,7 @@ pub fn bringup_step() -> Result<()> {
 /// Every fault of bus and sensors in turn, then those of the board itself.
 pub fn faults_step(slipsense: &Path) -> Result<()> {
     start(twin(DEFAULT_XL)?.arg(root().join(DEMO_EPISODE)).arg("--faults"))?;
-    update::faults(slipsense, "5")
+    update::faults(slipsense, "13")
 }
 
 /// pycyphal talks to the node of the firmware, through the modelled bus.

@@ -31,7 +31,7 @@ pub const NODE: NodeId = NodeId::new(42).unwrap();
 pub const FRAME_NS: u64 = 1_000_000_000 / 240;
 /// Samples that a frame brings.
 pub const BATCH: u32 = 33;
-/// After the last tick, before everything is looked at.
+/// From the last tick until everything is looked at.
 const AFTERWARDS_NS: u64 = 200_000_000;
 
 /// Time that stands still until all tasks wait, then moves on to the next alarm.
@@ -162,6 +162,8 @@ pub struct World<'a> {
     pub on_bus: &'a dyn Fn(u32, &mut Bus),
     /// Gets every frame at the tick after its arrival, and none is kept in [`Ran`].
     pub sink: Option<&'a dyn Fn(Arrived)>,
+    /// From the last tick to the end; what has not arrived by then never does.
+    pub afterwards_ns: u64,
 }
 
 /// All sensors deliver all of a frame.
@@ -269,6 +271,7 @@ impl World<'_> {
             read_ns: &|_| 0,
             on_bus: &|_, _| {},
             sink: None,
+            afterwards_ns: AFTERWARDS_NS,
         }
     }
 
@@ -293,7 +296,7 @@ impl World<'_> {
         let mut transmission = Transmission::new(hardware, &time, &shared, raw_receiver);
         let source = async {
             acquire(&mut source, sender, &shared).await;
-            time.until(Some(tick_ns(self.frames) + AFTERWARDS_NS)).await;
+            time.until(Some(tick_ns(self.frames) - FRAME_NS + self.afterwards_ns)).await;
         };
         time.run(select3(source, inference.run(receiver), transmission.run()));
         if let Some(sink) = self.sink {

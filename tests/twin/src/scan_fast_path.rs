@@ -7,8 +7,8 @@
 //! up from cycles since its clock last changed; ADC: rounded down from half cycles since the trigger), so a run with
 //! `--slow`, event by event, is the same to the nanosecond and the instruction, and the test command compares the two.
 //!
-//! What the firmware's set-up does not need is not here: such a set-up runs event by event, and a write to what runs
-//! here is reported.
+//! What the firmware's set-up does not need is not here: such a set-up runs event by event, which fails a run of the
+//! firmware, and a write to what runs here is reported.
 
 use rigless::device::{DeviceContext as Context, RegisterFile};
 use rigless::soc::stm32h743::generated::dma1::Register as Dma;
@@ -25,17 +25,20 @@ const DMA1_LIFCR: u64 = 0x4002_0008;
 const HTIF: [u64; 2] = [1 << 4, 1 << 20];
 const TCIF: [u64; 2] = [1 << 5, 1 << 21];
 
-/// The fewest aligned accesses to so many bytes: where each begins, and its width. Ring and table lie at multiples of two
-/// and four bytes, wherever the linker puts them.
+/// The widest aligned access at this offset, of so many bytes in all. Ring and table lie at multiples of two and four
+/// bytes, wherever the linker puts them.
+fn widest(base: u64, offset: u64, bytes: u64) -> Option<Width> {
+    [Width::W64, Width::W32, Width::W16].into_iter().find(|width| {
+        let width = u64::from(width.bytes());
+        (base + offset).is_multiple_of(width) && offset + width <= bytes
+    })
+}
+
+/// Those accesses one after the other, with their offsets.
 fn accesses(base: u64, bytes: u64) -> impl Iterator<Item = (u64, Width)> {
     let mut offset = 0;
     std::iter::from_fn(move || {
-        let fits = |width: &Width| {
-            let width = u64::from(width.bytes());
-            (base + offset).is_multiple_of(width) && offset + width <= bytes
-        };
-        let width = [Width::W64, Width::W32, Width::W16].into_iter().find(fits)?;
-        let from = offset;
+        let (from, width) = (offset, widest(base, offset, bytes)?);
         offset += u64::from(width.bytes());
         Some((from, width))
     })
@@ -119,11 +122,8 @@ impl FastScan {
     /// A word of the table, or two.
     pub fn answered(&mut self, token: u64, value: u64, context: &mut Context<'_>) {
         let (Some(scan), Some(first)) = (self.scan.as_mut(), token.checked_sub(TABLE_TOKEN)) else { return };
-        let words = if (scan.settings.table + 4 * first).is_multiple_of(8) && first + 2 <= TAXELS as u64 {
-            2
-        } else {
-            1
-        };
+        let width = widest(scan.settings.table, 4 * first, 4 * TAXELS as u64);
+        let words = width.map_or(0, Width::bytes) as usize / 4;
         for (index, word) in [value as u32, (value >> 32) as u32].into_iter().take(words).enumerate() {
             let (set, clear) = (u64::from(word) & LINES, u64::from(word >> 16) & LINES);
             if set ^ clear != LINES || u64::from(word) & !(LINES | LINES << 16) != 0 {

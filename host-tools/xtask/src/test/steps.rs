@@ -194,13 +194,16 @@ pub const STEPS: &[Step] = &[
     ),
 ];
 
-/// What a build for the host selects. The tensor library of the trainer takes minutes to build, and the Python package
-/// has the trainer. Cargo gives shared dependencies the features of all that is selected: with another selection it
-/// would build them anew, so one run has one.
-fn selection(size: Size) -> &'static [&'static str] {
+/// What builds for the host select, one after the other. Cargo gives shared dependencies the features of all that one
+/// build selects. The trainer's tensor library takes minutes to compile: everything that has it is in one selection,
+/// which gives it the features that the build of the wheel gives it. ROS 2's would give it others.
+fn selections(size: Size) -> &'static [&'static [&'static str]] {
     match size {
-        Size::Daily => &["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"],
-        Size::All => &["--workspace", "--features", "slipsense-cli/train"],
+        Size::Daily => &[&["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"]],
+        Size::All => &[
+            &["--workspace", "--exclude", "slipsense-ros2", "--features", "slipsense-cli/train"],
+            &["--package", "slipsense-ros2"],
+        ],
     }
 }
 
@@ -209,7 +212,9 @@ const PROGRAMS: [&str; 4] =
 
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
-    run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(selection(size)))?;
+    for selection in selections(size) {
+        run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(*selection))?;
+    }
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
     for name in PROGRAMS {
@@ -232,7 +237,7 @@ fn clippy(context: Context) -> Result<()> {
         let targets = ["--all-targets", "--", "-D", "warnings"];
         run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
     };
-    clippy(selection(context.size))?;
+    selections(context.size).iter().try_for_each(|selection| clippy(selection))?;
     if context.size == Size::Daily {
         return Ok(());
     }
@@ -241,13 +246,19 @@ fn clippy(context: Context) -> Result<()> {
 }
 
 fn host_build(context: Context) -> Result<()> {
-    run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(selection(context.size)))?;
+    for selection in selections(context.size) {
+        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(*selection))?;
+    }
     build_programs(context.size)
 }
 
 fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
-    run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(selection(context.size)))
+    let test = |selection: &&[&str]| {
+        run(cargo().args(["test", "--quiet", "--no-fail-fast", "--release"]).args(*selection))
+    };
+    let results: Vec<_> = selections(context.size).iter().map(test).collect();
+    results.into_iter().collect()
 }
 
 fn release_keys() -> Result<()> {

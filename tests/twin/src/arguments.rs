@@ -79,6 +79,9 @@ pub struct Arguments {
     /// Number of runs with one flipped bit in a register or in the RAM in use, and what a receiver then believes.
     #[arg(long, value_name = "RUNS", requires = "episode", conflicts_with_all = ["faults", "far_end", "desk"])]
     pub bit_flips: Option<usize>,
+    /// File for their verdicts. Those that it has are not run again, so that a campaign can be stopped, or made longer.
+    #[arg(long, value_name = "FILE", requires = "bit_flips")]
+    pub results: Option<PathBuf>,
     /// Number of runs of the bootloader for each --slot, each with another one of its instructions skipped: it must never
     /// start the image. A large number skips each instruction, at its first and at its last time.
     #[arg(long, value_name = "RUNS", requires_all = ["boot", "slot"], conflicts_with_all = ["episode", "faults", "desk"])]

@@ -282,7 +282,8 @@ fn release_keys() -> Result<()> {
 
 fn docs() -> Result<()> {
     let mut doc = cargo();
-    doc.args(["doc", "--no-deps", "--package", "slipsense", "--lib"]).env("RUSTDOCFLAGS", "-D warnings");
+    doc.args(["doc", "--release", "--no-deps", "--package", "slipsense", "--lib"])
+        .env("RUSTDOCFLAGS", "-D warnings");
     run(&mut doc)
 }
 

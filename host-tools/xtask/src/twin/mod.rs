@@ -38,6 +38,7 @@ const LOOPBACK_PASSED: &str = "loop back passed";
   cargo xtask twin --updates                               updates over the bus, the supply fails again and again
   cargo xtask twin --flash-flags                           500 stores and updates, flags of reads at random
   cargo xtask twin EPISODE.npz --bit-flips 1000            a bit of a register or of RAM flips: what the receiver finds
+  cargo xtask twin EPISODE.npz --bit-flips 1000 --results FILE   the same, and it can be stopped and go on
   cargo xtask twin --boot-skips 5000                       the bootloader, with one instruction skipped
   cargo xtask twin --gdb 3333                              wait for a debugger on this port
 All options: cargo xtask twin --help, then what `slipsense-twin --help` says")]

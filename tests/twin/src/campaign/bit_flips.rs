@@ -12,11 +12,13 @@ use rand_chacha::ChaCha8Rng;
 use rigless::emulator::{self, Start, Stop};
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
+use sha2::{Digest, Sha256};
 use slipsense::settings::Setting;
 use slipsense::wire::{FlagState, NodeId, SLIP_PORT, SlipMessage, SlipReceiver, TransferId};
 use slipsense_can_sim::Outcome;
 
 use super::processor::{Handle, REGISTERS};
+use super::results::Results;
 use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
 use crate::arguments::Arguments;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
@@ -65,11 +67,11 @@ fn used(symbols: &Symbols) -> Result<Vec<std::ops::Range<u64>>> {
     spans.into_iter().map(|(start, end)| Ok(at(start)?..at(end)?)).collect()
 }
 
-/// Half of them in registers.
+/// Half of them in registers; a longer plan begins with a shorter one.
 fn plan(count: usize, used: &[std::ops::Range<u64>]) -> Vec<Planned> {
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let bytes: u64 = used.iter().map(|span| span.end - span.start).sum();
-    let one = |_| {
+    let one = |number| {
         let at_ns = random.random_range(FROM_NS..UNTIL_NS);
         let fault = if random.random() {
             let number = random.random_range(0..REGISTERS);
@@ -80,7 +82,7 @@ fn plan(count: usize, used: &[std::ops::Range<u64>]) -> Vec<Planned> {
             let address = used.iter().cloned().flatten().nth(nth).expect("one of them");
             InjectedFault::Memory { address, bit: random.random_range(0..8) }
         };
-        Planned { at_ns, fault }
+        Planned { number, at_ns, fault }
     };
     (0..count).map(one).collect()
 }
@@ -140,10 +142,20 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     images.push(settings::stored(&[(Setting::Sensors, sensors), (Setting::RawDivider, 0)])?);
     let symbols = Symbols::read(&bytes, |value| value & !1)?;
     let start = Start::new(&images);
+    let episode = arguments.episode.as_deref().map(std::fs::read).transpose()?.unwrap_or_default();
+    // The first eight bytes.
+    let sha256 = |bytes: &[u8]| -> String {
+        Sha256::digest(bytes)[..8].iter().map(|byte| format!("{byte:02x}")).collect()
+    };
+    let (firmware, episode) = (sha256(&bytes), sha256(&episode));
+    let what =
+        format!("bit flips: seed {SEED}, {sensors} sensors, SHA-256 firmware {firmware}, episode {episode}");
+    let results = Results::open(arguments.results.as_deref(), &what)?;
 
     // Once without a fault.
     let injection = Handle::default();
-    let campaign = Campaign::new(Vec::new(), injection.clone(), WATCHED_NS, Box::new(|_, _, _, _| None));
+    let none = Results::default();
+    let campaign = Campaign::new(&[], none, injection.clone(), WATCHED_NS, Box::new(|_, _, _, _| None));
     let mut first = session(fitted, &injection)?;
     first.run_until(VirtualNanos(UNTIL_NS + 2 * WATCHED_NS));
     let mut finished = emulator::run(first, &start, campaign)?;
@@ -163,10 +175,12 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
         })
     });
     let injection = Handle::default();
-    let campaign = Campaign::new(plan(count, &used(&symbols)?), injection.clone(), WATCHED_NS, judge);
+    let plan = plan(count, &used(&symbols)?);
+    let campaign = Campaign::new(&plan, results, injection.clone(), WATCHED_NS, judge);
     let session = session(fitted, &injection)?;
     let verdicts = emulator::run(session, &start, campaign)?.driver.finish()?;
-    Ok(report(&verdicts))
+    let judged = plan.iter().filter_map(|planned| Some((*planned, *verdicts.get(&planned.number)?)));
+    Ok(report(&judged.collect::<Vec<_>>()))
 }
 
 fn report(verdicts: &[(Planned, u8)]) -> bool {

@@ -15,6 +15,7 @@ use rigless::time::VirtualNanos;
 use slipsense::update::HEADER_BYTES;
 
 use super::processor::Handle;
+use super::results::Results;
 use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
 use crate::arguments::Arguments;
 use crate::fitted::Fitted;
@@ -105,13 +106,16 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
         for (&pc, &[first, last]) in &trace {
             let times = if first == last { &[first][..] } else { &[first, last] };
             planned.extend(times.iter().map(|count| Planned {
+                number: 0,
                 at_ns: (u128::from(*count) * 1_000_000_000 / u128::from(CORE_HZ.get())) as u64,
                 fault: InjectedFault::Skip { pc },
             }));
         }
         planned.sort_by_key(|planned| planned.at_ns);
         let all = planned.len();
-        let planned: Vec<Planned> = planned.into_iter().step_by((all / count.max(1)).max(1)).collect();
+        let every = (all / count.max(1)).max(1);
+        let numbered = |(number, planned)| Planned { number, ..planned };
+        let planned: Vec<Planned> = planned.into_iter().step_by(every).enumerate().map(numbered).collect();
         println!(
             "{}: the bootloader runs {} instructions, that is {all} skips; {} of them:",
             path.display(),
@@ -136,14 +140,15 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
                 () => Some(BUSY),
             }
         });
-        let campaign = Campaign::new(planned, injection.clone(), STEP_NS, judge);
+        let campaign = Campaign::new(&planned, Results::default(), injection.clone(), STEP_NS, judge);
         let verdicts = emulator::run(session(fitted, &injection)?, &start, campaign)?.driver.finish()?;
         for (verdict, text) in VERDICTS {
-            let count = verdicts.iter().filter(|(_, found)| *found == verdict).count();
+            let count = verdicts.values().filter(|found| **found == verdict).count();
             println!("{text:38} {count:>7}");
         }
-        let wrong = verdicts.iter().filter(|(_, verdict)| !matches!(*verdict, REFUSED | LOOPS | BUSY));
-        for (planned, verdict) in wrong {
+        let wrong = verdicts.iter().filter(|(_, verdict)| !matches!(**verdict, REFUSED | LOOPS | BUSY));
+        for (number, verdict) in wrong {
+            let planned = planned[*number];
             println!("{verdict}: {:x?} at {} ns", planned.fault, planned.at_ns);
             good = false;
         }

@@ -4,6 +4,7 @@
 pub mod bit_flips;
 pub mod boot_skips;
 pub mod processor;
+pub mod results;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -22,6 +23,7 @@ use crate::flash_wait::FlashWait;
 use crate::machine::Twin;
 use crate::shared::lock;
 use processor::Handle;
+use results::Results;
 
 /// A child that takes longer, seconds of this computer, is ended.
 const LIMIT_S: u32 = 300;
@@ -38,6 +40,8 @@ pub enum InjectedFault {
 
 #[derive(Clone, Copy, Debug)]
 pub struct Planned {
+    /// In the campaign.
+    pub number: usize,
     pub at_ns: u64,
     pub fault: InjectedFault,
 }
@@ -62,24 +66,26 @@ pub struct Campaign {
     injected: Option<Planned>,
     running: BTreeMap<Pid, Planned>,
     parallel: usize,
-    verdicts: Vec<(Planned, u8)>,
+    results: Results,
     wait: FlashWait,
     broken: Option<anyhow::Error>,
 }
 
 impl Campaign {
-    /// Each child is judged every `step_ns`.
-    pub fn new(mut planned: Vec<Planned>, core: Handle, step_ns: u64, judge: Judge) -> Self {
+    /// Each child is judged every `step_ns`. What has its verdict in `results` is left out.
+    pub fn new(planned: &[Planned], results: Results, core: Handle, step_ns: u64, judge: Judge) -> Self {
+        let has_verdict = |planned: &&Planned| results.verdicts.contains_key(&planned.number);
+        let mut planned: Vec<_> = planned.iter().filter(|planned| !has_verdict(planned)).copied().collect();
         planned.sort_by_key(|planned| planned.at_ns);
         let parallel = std::thread::available_parallelism().map_or(1, usize::from);
-        let (running, verdicts) = (BTreeMap::new(), Vec::new());
-        let (planned, injected, wait, broken) = (planned.into(), None, FlashWait::default(), None);
-        Self { planned, core, judge, step_ns, injected, running, parallel, verdicts, wait, broken }
+        let (planned, running, injected) = (planned.into(), BTreeMap::new(), None);
+        let (wait, broken) = (FlashWait::default(), None);
+        Self { planned, core, judge, step_ns, injected, running, parallel, results, wait, broken }
     }
 
-    /// The verdict of each child, after the run.
-    pub fn finish(self) -> Result<Vec<(Planned, u8)>> {
-        self.broken.map_or(Ok(self.verdicts), Err)
+    /// The verdict of each fault, by its number.
+    pub fn finish(self) -> Result<BTreeMap<usize, u8>> {
+        self.broken.map_or(Ok(self.results.verdicts), Err)
     }
 
     fn collect(&mut self) -> Result<()> {
@@ -89,9 +95,10 @@ impl Campaign {
             _ => return Ok(()),
         };
         if let Some(planned) = self.running.remove(&pid) {
-            self.verdicts.push((planned, verdict));
-            if self.verdicts.len().is_multiple_of(100) {
-                eprintln!("{} done, {} to do", self.verdicts.len(), self.planned.len() + self.running.len());
+            self.results.add(planned.number, verdict)?;
+            let done = self.results.verdicts.len();
+            if done.is_multiple_of(100) {
+                eprintln!("{done} done, {} to do", self.planned.len() + self.running.len());
             }
         }
         Ok(())

@@ -36,6 +36,8 @@ pub type Handle = Arc<Mutex<Injection>>;
 #[derive(Debug)]
 struct FaultyProcessor {
     core: Box<dyn Processor>,
+    /// Never runs.
+    spare: Box<dyn Processor>,
     injection: Handle,
 }
 
@@ -43,8 +45,8 @@ struct FaultyProcessor {
 pub fn injected(mut spec: CoreSpec, injection: &Handle) -> CoreSpec {
     let (make, injection) = (spec.processor.clone(), injection.clone());
     spec.processor = Arc::new(move |endian| {
-        Ok(Box::new(FaultyProcessor { core: make(endian)?, injection: injection.clone() })
-            as Box<dyn Processor>)
+        let (core, spare) = (make(endian)?, make(endian)?);
+        Ok(Box::new(FaultyProcessor { core, spare, injection: injection.clone() }) as Box<dyn Processor>)
     });
     spec
 }
@@ -52,16 +54,29 @@ pub fn injected(mut spec: CoreSpec, injection: &Handle) -> CoreSpec {
 impl FaultyProcessor {
     /// Inject what is due; take the trace out.
     fn inject(&mut self) -> Option<Trace> {
-        let mut injection = lock(&self.injection);
-        if let Some((register, bits)) = injection.flip.take() {
+        let (flip, jump_to, trace) = {
+            let mut injection = lock(&self.injection);
+            (injection.flip.take(), injection.jump_to.take(), injection.trace.take())
+        };
+        if let Some((register, bits)) = flip {
             let mut held = self.core.gdb_register(register).expect("a register of the core");
             held.iter_mut().zip(bits.to_le_bytes()).for_each(|(held, bits)| *held ^= bits);
-            assert!(self.core.set_gdb_register(register, &held), "register {register} can be set");
+            self.set(register, &held);
         }
-        if let Some(at) = injection.jump_to.take() {
-            assert!(self.core.set_gdb_register(PC, &(at as u32).to_le_bytes()), "pc can be set");
+        if let Some(at) = jump_to {
+            self.set(PC, &(at as u32).to_le_bytes());
         }
-        injection.trace.take()
+        trace
+    }
+
+    /// By way of the spare core: after a write to one of its registers a core translates all its code again, which takes
+    /// seconds. A state with the written register that no core can load is written.
+    fn set(&mut self, register: usize, bytes: &[u8]) {
+        let (core, spare) = (&mut self.core, &mut self.spare);
+        let loaded = spare.load(&core.save()).is_ok()
+            && spare.set_gdb_register(register, bytes)
+            && core.load(&spare.save()).is_ok();
+        assert!(loaded || core.set_gdb_register(register, bytes), "register {register} can be set");
     }
 
     fn step(&mut self, budget: u32, bus: &mut dyn CoreBus, trace: &mut Trace) -> (Exit, u64) {

@@ -12,7 +12,7 @@ use rigless::chip::spi::Peer;
 use rigless::snapshot::Store;
 
 use crate::bench::{self, Desk, DeskFault};
-use crate::fault_injection::{self, Kind};
+use crate::fault_injection::Kind;
 use crate::fitted::Fitted;
 use crate::xl::{self, Readouts, Xl};
 
@@ -106,7 +106,7 @@ impl Adxl380 {
         while self.made < due {
             self.made += 1;
             let at = since + (self.made as f64 * self.period_ns) as u64;
-            let faulted = |what| fault_injection::active(&self.fitted.faults, at).any(|kind| kind == what);
+            let faulted = |what| self.fitted.faults.active(at).any(|kind| kind == what);
             if faulted(Kind::AccelerometerStops) || bench::has(self.desk, DeskFault::XlStops) {
                 continue;
             }

@@ -12,7 +12,7 @@ use slipsense::params::TAXELS;
 use slipsense::transfer::adc_code;
 
 use crate::bench::{self, DeskFault};
-use crate::fault_injection::{self, Kind};
+use crate::fault_injection::Kind;
 use crate::fitted::Fitted;
 use crate::scan_timing::{DEAD_NS, FastScan, SETTLED_NS};
 
@@ -77,7 +77,7 @@ impl Arrays {
     }
 
     pub fn code(&self, sensor: usize, at_ns: u64) -> u32 {
-        if fault_injection::active(&self.fitted.faults, at_ns).any(|kind| kind == Kind::AdcStuck) {
+        if self.fitted.faults.active(at_ns).any(|kind| kind == Kind::AdcStuck) {
             return 1234;
         }
         let old = self.settled(self.frame_before, self.before, sensor);

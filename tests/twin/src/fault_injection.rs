@@ -57,6 +57,52 @@ pub fn parse(text: &str) -> Result<Fault, String> {
     Ok(Fault { name, kind, when })
 }
 
-pub fn active(faults: &[Fault], now_ns: u64) -> impl Iterator<Item = Kind> + '_ {
-    faults.iter().filter(move |fault| fault.when.contains(&now_ns)).map(|fault| fault.kind)
+/// The faults of a run. Each taxel that is converted asks which are active, so an hour of them must not take longer.
+#[derive(Clone, Debug, Default)]
+pub struct Faults {
+    by_start: Vec<Fault>,
+    longest_ns: u64,
+}
+
+impl Faults {
+    pub fn new(mut faults: Vec<Fault>) -> Self {
+        faults.sort_by_key(|fault| fault.when.start);
+        let longest_ns = faults.iter().map(|fault| fault.when.end - fault.when.start).max().unwrap_or(0);
+        Self { by_start: faults, longest_ns }
+    }
+
+    /// By their start.
+    pub fn all(&self) -> &[Fault] {
+        &self.by_start
+    }
+
+    /// Those that start later.
+    pub fn after(&self, now_ns: u64) -> &[Fault] {
+        &self.by_start[self.by_start.partition_point(|fault| fault.when.start <= now_ns)..]
+    }
+
+    pub fn active(&self, now_ns: u64) -> impl Iterator<Item = Kind> + '_ {
+        let started = &self.by_start[..self.by_start.len() - self.after(now_ns).len()];
+        let lasts = move |fault: &&Fault| fault.when.start + self.longest_ns > now_ns;
+        let recent = started.iter().rev().take_while(lasts);
+        recent.filter(move |fault| fault.when.contains(&now_ns)).map(|fault| fault.kind)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn active_is_what_has_begun_and_not_ended() {
+        let spans = [(40, 50), (0, 100), (10, 20), (45, 46)];
+        let fault = |(start, end)| Fault { name: "flood", kind: Kind::Flood, when: start..end };
+        let faults = Faults::new(spans.map(fault).into());
+        for now_ns in 0..120 {
+            let expected = spans.iter().filter(|(start, end)| (*start..*end).contains(&now_ns)).count();
+            assert_eq!(faults.active(now_ns).count(), expected, "at {now_ns}");
+            let expected = spans.iter().filter(|(start, _)| *start > now_ns).count();
+            assert_eq!(faults.after(now_ns).len(), expected, "after {now_ns}");
+        }
+    }
 }

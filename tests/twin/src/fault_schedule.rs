@@ -34,13 +34,20 @@ const fn expectation(kind: Kind) -> Expectation {
     Expectation { lasts_ns: lasts_ms * 1_000_000, shows, may_show, every_message }
 }
 
-/// All of them; last those that keep slip messages from the bus, after which nothing can be compared.
-pub fn schedule() -> Vec<Fault> {
-    let mut kinds = NAMES;
-    kinds.sort_by_key(|(_, kind)| !expectation(*kind).every_message);
+/// All of them, and those that leave every slip message on the bus again and again, about so many seconds long. Last
+/// those that do not: after them nothing can be compared.
+pub fn schedule(seconds: f64) -> Vec<Fault> {
+    let mut last = NAMES.to_vec();
+    let repeated: Vec<_> = last.extract_if(.., |(_, kind)| expectation(*kind).every_message).collect();
+    let lasts_ns = |kinds: &[(_, Kind)]| -> u64 {
+        kinds.iter().map(|(_, kind)| expectation(*kind).lasts_ns + REST_NS).sum()
+    };
+    let until_ns = ((seconds * 1e9) as u64).saturating_sub(REST_NS + lasts_ns(&last));
+    let rounds = (until_ns / lasts_ns(&repeated)).max(1) as usize;
     let mut start = REST_NS;
-    kinds
-        .into_iter()
+    std::iter::repeat_n(repeated, rounds)
+        .flatten()
+        .chain(last)
         .map(|(name, kind)| {
             let end = start + expectation(kind).lasts_ns;
             let fault = Fault { name, kind, when: start..end };
@@ -97,15 +104,18 @@ mod tests {
                 fault,
             }
         };
-        schedule().into_iter().map(recovery).collect()
+        schedule(0.0).into_iter().map(recovery).collect()
     }
 
     #[test]
     fn every_fault_has_its_turn_and_time_to_recover() {
-        let schedule = schedule();
+        let schedule = schedule(0.0);
         assert_eq!(schedule.len(), NAMES.len());
         assert!(schedule.windows(2).all(|pair| pair[1].when.start == pair[0].when.end + REST_NS));
         assert_eq!(complaints(&sound()), Vec::<String>::new());
+        let hour = super::schedule(3600.0);
+        assert!((3590.0..=3600.0).contains(&seconds(&hour)), "{}", seconds(&hour));
+        assert!(NAMES.iter().all(|(name, _)| hour.iter().any(|fault| fault.name == *name)));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use slipsense_recording::Episode;
 
 use crate::bench::Desk;
-use crate::fault_injection::Fault;
+use crate::fault_injection::Faults;
 use crate::xl::Xl;
 
 /// What is fitted to the board, and what happens to it.
@@ -16,7 +16,7 @@ pub struct Fitted {
     /// Sensors at rest, in place of an episode.
     pub desk: Option<Desk>,
     pub xl: Xl,
-    pub faults: Vec<Fault>,
+    pub faults: Faults,
     /// Every event of the scan one by one, and every access through the MPU.
     pub slow: bool,
     /// What comes in at HSE, Hz; 0: nothing.

@@ -49,6 +49,23 @@ const XL_SPI: usize = 0;
 const UNUSED_PERIPHERALS: &str = "ADC3 ADC3_Common BDMA DMAMUX2 SPI2 SPI3 SPI4 SPI5 SPI6 TIM1 TIM3 TIM4 TIM5 TIM6 TIM7 \
                                   TIM12 TIM13 TIM14 TIM15 TIM16 TIM17";
 
+/// What answers at a slot of the bus.
+#[derive(Clone, Copy, Debug)]
+enum Model {
+    /// The emulator's own.
+    Part,
+    /// Nothing: one of [`UNUSED_PERIPHERALS`].
+    None,
+    Rcc,
+    Fdcan(usize),
+    MessageRam,
+    Watchdog,
+    Port,
+    Timer,
+    Adc,
+    Stream(usize),
+}
+
 #[derive(Debug)]
 pub struct Mcu743 {
     /// All but these.
@@ -56,9 +73,7 @@ pub struct Mcu743 {
     pub fdcan: [Fdcan; 2],
     fdcan_slots: [usize; 2],
     iwdg: Iwdg,
-    iwdg_slot: usize,
     ram: RamWindow,
-    ram_slot: usize,
     /// Models of the emulator with the arrays or the scan at them; what the part has in their place is never reached.
     port: Tapped<Gpio, AddressLines>,
     timer: Tapped<Tim<Advanced>, Trigger>,
@@ -68,8 +83,8 @@ pub struct Mcu743 {
     scan_slots: [usize; PERIPHERALS.len()],
     arrays: Shared,
     rcc_slot: usize,
-    /// By slot, whether [`UNUSED_PERIPHERALS`] names it.
-    is_unused: Vec<bool>,
+    /// By slot.
+    models: Vec<Model>,
     has_hse: bool,
     /// The next reset is a brown-out's.
     pub is_brown_out: bool,
@@ -83,10 +98,24 @@ impl Mcu743 {
         let ram_slot = part.bus_mut().add_window(window)?;
         let slot = |name| part.bus().slot(name).expect("the part has these peripherals");
         let (fdcan_slots, scan_slots) = (FDCANS.map(slot), PERIPHERALS.map(slot));
-        let (iwdg_slot, rcc_slot) = (slot(IWDG_INSTANCE), slot("RCC"));
-        let names = part.bus().slots().iter().map(|slot| slot.peripheral().name);
-        let is_unused =
-            names.map(|name| UNUSED_PERIPHERALS.split(' ').any(|unused| unused == name)).collect();
+        let rcc_slot = slot("RCC");
+        let mut models = vec![Model::Part; part.bus().slots().len()];
+        UNUSED_PERIPHERALS.split(' ').for_each(|name| models[slot(name)] = Model::None);
+        let [port, timer, adc, codes, addresses, _] = scan_slots;
+        for (slot, model) in [
+            (rcc_slot, Model::Rcc),
+            (fdcan_slots[0], Model::Fdcan(0)),
+            (fdcan_slots[1], Model::Fdcan(1)),
+            (ram_slot, Model::MessageRam),
+            (slot(IWDG_INSTANCE), Model::Watchdog),
+            (port, Model::Port),
+            (timer, Model::Timer),
+            (adc, Model::Adc),
+            (codes, Model::Stream(0)),
+            (addresses, Model::Stream(1)),
+        ] {
+            models[slot] = model;
+        }
         let table = part.bus().slots()[ram_slot].peripheral().registers;
         let ram = MessageRam::default();
         let fdcan = [Fdcan::new(ram.clone()), Fdcan::new(ram.clone())];
@@ -103,9 +132,7 @@ impl Mcu743 {
             fdcan,
             fdcan_slots,
             iwdg: Iwdg::default(),
-            iwdg_slot,
             ram: RamWindow { ram, table },
-            ram_slot,
             port: Tapped { device: port, tap: AddressLines(arrays.clone()) },
             timer: Tapped { device: timer, tap: Trigger { shared: arrays.clone(), high: false, pulses: 0 } },
             adc: Tapped { device: adc, tap: TriggeredInputs::new(arrays.clone()) },
@@ -113,7 +140,7 @@ impl Mcu743 {
             scan_slots,
             arrays,
             rcc_slot,
-            is_unused,
+            models,
             has_hse: fitted.hse_hz != 0,
             is_brown_out: false,
         };
@@ -171,34 +198,32 @@ impl Mcu for Mcu743 {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
-        if self.is_unused.get(slot) == Some(&true) {
-            return (self.part.bus_mut(), None);
-        }
-        if slot == self.rcc_slot && !self.has_hse {
-            // In the emulator an oscillator without a crystal is ready at 0 Hz. On the part HSERDY says that the clock
-            // is there and steady (RM0433, RCC_CR), and without one never comes.
-            let registers = self.part.bus_mut().slot_mut(slot).registers_mut();
-            let held = registers.get(Register::Cr);
-            registers.set(Register::Cr, held & !cr::HSERDY.mask());
-        }
-        let [port, timer, adc, codes, addresses, _] = self.scan_slots;
-        if slot == timer {
-            let fast_scan = &mut lock(&self.arrays).fast_scan;
-            if fast_scan.enabled && !fast_scan.runs() {
-                fast_scan.settings = Settings::read(self.part.bus(), &self.scan_slots);
+        let device: &mut dyn ErasedDevice = match self.models[slot] {
+            Model::Part => return self.part.split(slot),
+            Model::None => return (self.part.bus_mut(), None),
+            Model::Rcc => {
+                if !self.has_hse {
+                    // In the emulator an oscillator without a crystal is ready at 0 Hz. On the part HSERDY says that the
+                    // clock is there and steady (RM0433, RCC_CR), and without one never comes.
+                    let registers = self.part.bus_mut().slot_mut(slot).registers_mut();
+                    let held = registers.get(Register::Cr);
+                    registers.set(Register::Cr, held & !cr::HSERDY.mask());
+                }
+                return self.part.split(slot);
             }
-        }
-        let device: &mut dyn ErasedDevice = match slot {
-            _ if slot == self.ram_slot => &mut self.ram,
-            _ if slot == self.fdcan_slots[0] => &mut self.fdcan[0],
-            _ if slot == self.fdcan_slots[1] => &mut self.fdcan[1],
-            _ if slot == self.iwdg_slot => &mut self.iwdg,
-            _ if slot == port => &mut self.port,
-            _ if slot == timer => &mut self.timer,
-            _ if slot == adc => &mut self.adc,
-            _ if slot == codes => &mut self.streams[0],
-            _ if slot == addresses => &mut self.streams[1],
-            _ => return self.part.split(slot),
+            Model::Fdcan(nth) => &mut self.fdcan[nth],
+            Model::MessageRam => &mut self.ram,
+            Model::Watchdog => &mut self.iwdg,
+            Model::Port => &mut self.port,
+            Model::Timer => {
+                let fast_scan = &mut lock(&self.arrays).fast_scan;
+                if fast_scan.enabled && !fast_scan.runs() {
+                    fast_scan.settings = Settings::read(self.part.bus(), &self.scan_slots);
+                }
+                &mut self.timer
+            }
+            Model::Adc => &mut self.adc,
+            Model::Stream(nth) => &mut self.streams[nth],
         };
         (self.part.bus_mut(), Some(device))
     }

@@ -43,7 +43,7 @@ use anyhow::{Context, Result, bail};
 use arguments::Arguments;
 use bench::Desk;
 use clap::Parser;
-use fault_injection::{Fault, Kind};
+use fault_injection::{Fault, Faults, Kind};
 use fitted::Fitted;
 use slipsense_recording::Episode;
 use xl::Xl;
@@ -69,7 +69,8 @@ fn read(path: &Path, xl: Xl) -> Result<Arc<Episode>> {
 }
 
 fn real_main(arguments: &Arguments) -> Result<bool> {
-    let faults = if arguments.faults { fault_schedule::schedule() } else { arguments.fault.clone() };
+    let faults =
+        if arguments.faults { fault_schedule::schedule(arguments.seconds) } else { arguments.fault.clone() };
     let of_adxl380 = |fault: &&Fault| matches!(fault.kind, Kind::AccelerometerStops | Kind::FifoOverrun);
     if let (Xl::Icm42688, Some(fault)) = (arguments.xl, faults.iter().find(of_adxl380)) {
         bail!("{}: a fault of the ADXL380's; the emulator's ICM-42688-P has none", fault.name);
@@ -83,7 +84,7 @@ fn real_main(arguments: &Arguments) -> Result<bool> {
     let seconds = if arguments.faults { fault_schedule::seconds(&faults) } else { arguments.seconds };
     let desk = arguments.desk.map(|sensors| Desk { sensors: sensors.into(), fault: arguments.desk_fault });
     let Arguments { xl, slow, hse_hz, .. } = *arguments;
-    let fitted = Arc::new(Fitted { episode, desk, xl, faults, slow, hse_hz });
+    let fitted = Arc::new(Fitted { episode, desk, xl, faults: Faults::new(faults), slow, hse_hz });
     if let Some(count) = arguments.bit_flips {
         return campaign::bit_flips::run(arguments, &fitted, count);
     }

@@ -4,7 +4,7 @@ use slipsense::health;
 use slipsense_can_sim::Outcome;
 
 use crate::compare::Slip;
-use crate::fault_injection::Fault;
+use crate::fault_injection::{Fault, Faults};
 use crate::run::Done;
 
 #[derive(Clone, Debug)]
@@ -28,10 +28,9 @@ fn flags(slip: &Slip) -> u8 {
 
 impl Recovery {
     /// Of each fault, up to the beginning of the next.
-    pub fn of_run(done: &Done, faults: &[Fault], slips: &[Slip]) -> Vec<Self> {
+    pub fn of_run(done: &Done, faults: &Faults, slips: &[Slip]) -> Vec<Self> {
         let of = |fault: &Fault| {
-            let later = faults.iter().map(|other| other.when.start).filter(|at| *at > fault.when.start);
-            let until = later.min().unwrap_or(u64::MAX);
+            let until = faults.after(fault.when.start).first().map_or(u64::MAX, |next| next.when.start);
             let from = slips.partition_point(|slip| slip.end_ns < fault.when.start);
             let end = slips.partition_point(|slip| slip.end_ns < fault.when.end);
             let next = slips.partition_point(|slip| slip.end_ns < until).max(end);
@@ -41,27 +40,39 @@ impl Recovery {
             let numbers = before.zip(after).map(|(one, two)| two.message.sequence - one.message.sequence - 1);
             let ill = slips[end..next].iter().rposition(|slip| new(slip) != 0).map_or(0, |last| last + 1);
             let since = |slip: &Slip| slip.end_ns - fault.when.end;
-            let failed = |logged: &&crate::fdcan::wire::Logged| {
-                fault.when.contains(&logged.start_ns) && logged.outcome != Outcome::Sent
-            };
+            let started = |at: u64| done.frames.partition_point(|logged| logged.start_ns < at);
+            let meanwhile = &done.frames[started(fault.when.start)..started(fault.when.end)];
             Self {
                 fault: fault.clone(),
                 messages: end - from,
                 left_out: numbers.map_or(0, |numbers| (numbers as usize).saturating_sub(end - from)),
                 flags: slips[from..next].iter().fold(0, |flags, slip| flags | new(slip)),
-                failed: done.frames.iter().filter(failed).count(),
+                failed: meanwhile.iter().filter(|logged| logged.outcome != Outcome::Sent).count(),
                 first_ns: after.map(since),
                 healthy_ns: slips[end..next].get(ill).map(since),
             }
         };
-        faults.iter().map(of).collect()
+        faults.all().iter().map(of).collect()
     }
 
-    fn row(&self) -> String {
+    /// Both as one: sums of messages and frames, the longest times.
+    fn with(mut self, other: &Self) -> Self {
+        self.messages += other.messages;
+        self.left_out += other.left_out;
+        self.failed += other.failed;
+        self.flags |= other.flags;
+        // `None`, never, is the longest.
+        let longer = |one: Option<u64>, two: Option<u64>| one.zip(two).map(|(one, two)| one.max(two));
+        self.first_ns = longer(self.first_ns, other.first_ns);
+        self.healthy_ns = longer(self.healthy_ns, other.healthy_ns);
+        self
+    }
+
+    fn row(&self, times: usize) -> String {
         let ms = |ns: Option<u64>| ns.map_or("never".to_owned(), |ns| format!("{:.3}", ns as f64 / 1e6));
         let when = &self.fault.when;
         format!(
-            "{:<11} {:>8.3} {:>8.3} {:>8} {:>8} {:>8} {:>10} {:>10}  {}",
+            "{:<11} {times:>6} {:>8.3} {:>8.3} {:>8} {:>8} {:>8} {:>10} {:>10}  {}",
             self.fault.name,
             when.start as f64 / 1e9,
             (when.end - when.start) as f64 / 1e9,
@@ -75,20 +86,27 @@ impl Recovery {
     }
 }
 
-/// A line for each, if there are any.
+/// A line for each kind, if there are any, at the time of the first.
 pub fn print(recoveries: &[Recovery]) {
     if recoveries.is_empty() {
         return;
     }
     println!(
-        "{:<11} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}  flags",
-        "fault", "at s", "lasts s", "flags on", "frames", "attempts", "first flag", "healthy"
+        "{:<11} {:>6} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}  flags",
+        "fault", "times", "at s", "lasts s", "flags on", "frames", "attempts", "first flag", "healthy"
     );
     println!(
-        "{:<11} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}",
-        "", "", "", "the bus", "without", "failed", "ms after", "ms after"
+        "{:<11} {:>6} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10}",
+        "", "", "first", "each", "the bus", "without", "failed", "ms after", "ms after"
     );
-    recoveries.iter().for_each(|recovery| println!("{}", recovery.row()));
+    let mut kinds: Vec<(usize, Recovery)> = Vec::new();
+    for recovery in recoveries {
+        match kinds.iter_mut().find(|(_, of)| of.fault.kind == recovery.fault.kind) {
+            Some((times, of)) => (*times, *of) = (*times + 1, of.clone().with(recovery)),
+            None => kinds.push((1, recovery.clone())),
+        }
+    }
+    kinds.iter().for_each(|(times, recovery)| println!("{}", recovery.row(*times)));
 }
 
 /// Of health bits.

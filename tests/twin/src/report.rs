@@ -75,7 +75,7 @@ pub fn print(done: &Done, fitted: &Fitted, arguments: &Arguments) -> Result<bool
         let complaints = fault_schedule::complaints(&recoveries);
         complaints.iter().for_each(|line| println!("FAILED: {line}"));
         whole = complaints.is_empty() && comparison.different.is_empty() && comparison.compared > 0;
-    } else if faults.is_empty() {
+    } else if faults.all().is_empty() {
         whole =
             comparison.is_equal(episode.is_some()) && comparison.skipped == 0 && comparison.uneven.is_empty();
     }

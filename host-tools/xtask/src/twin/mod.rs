@@ -34,6 +34,7 @@ const LOOPBACK_PASSED: &str = "loop back passed";
   cargo xtask twin EPISODE.npz --xl icm42688               with that accelerometer and the firmware for it
   cargo xtask twin --seconds 3 --fault off:0.5-1.5       nobody acknowledges for a second
   cargo xtask twin EPISODE.npz --faults                    every fault in turn, and a table of flags and recovery
+  cargo xtask twin EPISODE.npz --faults --seconds 3600     the same, over and over
   cargo xtask twin --long                                  20 s each: two sensors, three, two ICM-42688-P
   cargo xtask twin --updates                               updates over the bus, the supply fails again and again
   cargo xtask twin --flash-flags                           500 stores and updates, flags of reads at random

@@ -8,7 +8,7 @@ use slipsense_can_sim::{
 };
 
 use crate::bench::mix;
-use crate::fault_injection::{self, Fault, Kind};
+use crate::fault_injection::{Faults, Kind};
 
 /// The FDCAN among the two nodes.
 pub const MCU: usize = 0;
@@ -38,7 +38,7 @@ pub fn can_frame(frame: &Frame) -> Option<CanFrame> {
 #[derive(Debug)]
 pub struct Wire {
     pub bus: Bus<2>,
-    pub faults: Vec<Fault>,
+    pub faults: Faults,
     /// RX follows TX.
     pub has_transceiver: bool,
     /// Frames that the peer sends, each not before its time, in order.
@@ -58,7 +58,7 @@ impl Default for Wire {
     fn default() -> Self {
         Self {
             bus: Bus::new(UNSET),
-            faults: Vec::new(),
+            faults: Faults::default(),
             has_transceiver: true,
             peer_queue: VecDeque::new(),
             log: Vec::new(),
@@ -101,10 +101,8 @@ impl Wire {
     }
 
     fn flooded(&self, now_ns: u64) -> Option<Frame> {
-        fault_injection::active(&self.faults, now_ns).find_map(|kind| match kind {
-            Kind::Flood => Frame::new(Id::Extended(FLOOD_ID), Format::FD, &[0x55; 64]).ok(),
-            _ => None,
-        })
+        let is_flood = self.faults.active(now_ns).any(|kind| kind == Kind::Flood);
+        is_flood.then(|| Frame::new(Id::Extended(FLOOD_ID), Format::FD, &[0x55; 64]).ok()).flatten()
     }
 
     /// When a frame may start that the FDCAN offers or not from `now_ns` on: the earliest instant at which the bus
@@ -114,9 +112,9 @@ impl Wire {
         let mine = mine.map(|ready| self.ns(ready).max(now_ns));
         let free = self.bus.ready(PEER).map_or(0, |ready| self.ns(ready)).max(now_ns);
         let due = self.peer_queue.front().map(|(at, _)| (*at).max(free));
-        let floods = self.faults.iter().filter(|fault| fault.kind == Kind::Flood);
-        let starts = floods.map(|fault| fault.when.start.max(free));
-        let flood = starts.filter(|at| self.flooded(*at).is_some()).min();
+        let next = || self.faults.after(free).iter().find(|fault| fault.kind == Kind::Flood);
+        let flood =
+            if self.flooded(free).is_some() { Some(free) } else { next().map(|fault| fault.when.start) };
         [mine, due, flood].into_iter().flatten().min()
     }
 
@@ -147,7 +145,7 @@ impl Wire {
     }
 
     fn disturbance(&mut self, now_ns: u64, bits: u32) -> Disturbance {
-        let faults: Vec<Kind> = fault_injection::active(&self.faults, now_ns).collect();
+        let faults: Vec<Kind> = self.faults.active(now_ns).collect();
         let mut disturbance = Disturbance::default();
         for fault in faults {
             match fault {

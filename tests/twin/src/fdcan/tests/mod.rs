@@ -14,7 +14,7 @@ use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
-use crate::fault_injection::{Fault, Kind};
+use crate::fault_injection::{Fault, Faults, Kind};
 use crate::fitted::Fitted;
 use crate::machine::Twin;
 
@@ -96,7 +96,8 @@ impl Memory for Nothing {
 
 impl Bench {
     fn new(faults: Vec<Fault>) -> Self {
-        let fitted = Fitted { faults, hse_hz: crate::machine::HSE_HZ, ..Fitted::default() };
+        let fitted =
+            Fitted { faults: Faults::new(faults), hse_hz: crate::machine::HSE_HZ, ..Fitted::default() };
         let twin = Twin::new(&fitted.into()).expect("the part is described");
         let mut bench = Self { twin, now: 1000 };
         bench.store(RCC_APB1HENR, 1 << 8);

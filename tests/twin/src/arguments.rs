@@ -48,8 +48,8 @@ pub struct Arguments {
     /// frames); sensors: xl-stops, xl-overrun (its FIFO; both the ADXL380's), adc-stuck.
     #[arg(long, value_parser = fault_injection::parse)]
     pub fault: Vec<Fault>,
-    /// Every one of these faults in turn, over and over for --seconds, with `off` and `jam` at the end alone; fails where one
-    /// does not show what it must, or does not end.
+    /// Every one of these faults in turn, at least once and repeated for --seconds; `off` and `jam` once, at the end. Fails
+    /// where one does not show what it must, or does not end.
     #[arg(long, requires = "episode", conflicts_with_all = ["fault", "far_end"])]
     pub faults: bool,
     /// What comes in at HSE, Hz; 0: nothing.

@@ -39,6 +39,14 @@ pub struct Fault {
     pub when: Range<u64>,
 }
 
+impl Fault {
+    /// Of the same kind and duration.
+    pub fn is_like(&self, other: &Self) -> bool {
+        let lasts = |fault: &Self| fault.when.end - fault.when.start;
+        self.kind == other.kind && lasts(self) == lasts(other)
+    }
+}
+
 /// NAME:FROM-TO.
 pub fn parse(text: &str) -> Result<Fault, String> {
     let names = || NAMES.map(|(name, _)| name).join(", ");

@@ -34,8 +34,8 @@ const fn expectation(kind: Kind) -> Expectation {
     Expectation { lasts_ns: lasts_ms * 1_000_000, shows, may_show, every_message }
 }
 
-/// All of them, and those that leave every slip message on the bus again and again, about so many seconds long. Last
-/// those that do not: after them nothing can be compared.
+/// All of them at least once. Those that leave every slip message on the bus are repeated, so that the run takes about
+/// `seconds`; those that do not come last, because after them nothing can be compared.
 pub fn schedule(seconds: f64) -> Vec<Fault> {
     let mut last = NAMES.to_vec();
     let repeated: Vec<_> = last.extract_if(.., |(_, kind)| expectation(*kind).every_message).collect();

@@ -55,7 +55,7 @@ enum Model {
     /// The emulator's own.
     Part,
     /// Nothing: one of [`UNUSED_PERIPHERALS`].
-    None,
+    Unused,
     Rcc,
     Fdcan(usize),
     MessageRam,
@@ -100,7 +100,7 @@ impl Mcu743 {
         let (fdcan_slots, scan_slots) = (FDCANS.map(slot), PERIPHERALS.map(slot));
         let rcc_slot = slot("RCC");
         let mut models = vec![Model::Part; part.bus().slots().len()];
-        UNUSED_PERIPHERALS.split(' ').for_each(|name| models[slot(name)] = Model::None);
+        UNUSED_PERIPHERALS.split(' ').for_each(|name| models[slot(name)] = Model::Unused);
         let [port, timer, adc, codes, addresses, _] = scan_slots;
         for (slot, model) in [
             (rcc_slot, Model::Rcc),
@@ -200,7 +200,7 @@ impl Mcu for Mcu743 {
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let device: &mut dyn ErasedDevice = match self.models[slot] {
             Model::Part => return self.part.split(slot),
-            Model::None => return (self.part.bus_mut(), None),
+            Model::Unused => return (self.part.bus_mut(), None),
             Model::Rcc => {
                 if !self.has_hse {
                     // In the emulator an oscillator without a crystal is ready at 0 Hz. On the part HSERDY says that the

@@ -86,7 +86,7 @@ impl Recovery {
     }
 }
 
-/// A line for each kind, if there are any, at the time of the first.
+/// A line for each kind and duration, if there are any, at the time of the first.
 pub fn print(recoveries: &[Recovery]) {
     if recoveries.is_empty() {
         return;
@@ -101,7 +101,7 @@ pub fn print(recoveries: &[Recovery]) {
     );
     let mut kinds: Vec<(usize, Recovery)> = Vec::new();
     for recovery in recoveries {
-        match kinds.iter_mut().find(|(_, of)| of.fault.kind == recovery.fault.kind) {
+        match kinds.iter_mut().find(|(_, of)| of.fault.is_like(&recovery.fault)) {
             Some((times, of)) => (*times, *of) = (*times + 1, of.clone().with(recovery)),
             None => kinds.push((1, recovery.clone())),
         }

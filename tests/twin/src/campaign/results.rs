@@ -7,6 +7,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
+use super::NO_VERDICT;
+
 #[derive(Default)]
 pub struct Results {
     file: Option<File>,
@@ -30,9 +32,9 @@ impl Results {
         let mut lines = text[..whole].lines();
         let first = lines.next();
         ensure!(
-            first.is_none_or(|first| first == campaign),
-            "has verdicts of another campaign\n  in the file: {}\n  this one:    {campaign}",
-            first.unwrap_or_default()
+            first.map_or(campaign.starts_with(&text), |first| first == campaign),
+            "is not of this campaign\n  in the file: {}\n  this one:    {campaign}",
+            first.unwrap_or(&text)
         );
         let mut verdicts = BTreeMap::new();
         for (line, number) in lines.zip(2..) {
@@ -42,7 +44,10 @@ impl Results {
                 .with_context(|| {
                     format!("line {number}: `{line}`, expected the number of a fault, verdict")
                 })?;
-            verdicts.insert(fault, verdict);
+            // A child that was ended runs again.
+            if verdict != NO_VERDICT {
+                verdicts.insert(fault, verdict);
+            }
         }
         file.set_len(whole as u64)?;
         file.seek(SeekFrom::End(0))?;
@@ -70,14 +75,18 @@ mod tests {
         let path = std::env::temp_dir().join(format!("verdicts-{}", std::process::id()));
         let open = |campaign| Results::open(Some(&path), campaign);
         open("a").unwrap().add(7, 2).unwrap();
+        open("a").unwrap().add(9, NO_VERDICT).unwrap();
         std::fs::write(&path, std::fs::read_to_string(&path).unwrap() + "8,").unwrap();
         let mut again = open("a").unwrap();
         assert_eq!(again.verdicts, [(7, 2)].into());
         again.add(8, 3).unwrap();
         assert_eq!(open("a").unwrap().verdicts, [(7, 2), (8, 3)].into());
-        assert!(format!("{:#}", open("b").err().unwrap()).contains("another campaign"));
+        assert!(format!("{:#}", open("b").err().unwrap()).contains("not of this campaign"));
         std::fs::write(&path, "a\n8;3\n").unwrap();
         assert!(format!("{:#}", open("a").err().unwrap()).contains("line 2: `8;3`"));
+        std::fs::write(&path, "another file, without a line's end").unwrap();
+        assert!(format!("{:#}", open("a").err().unwrap()).contains("another file"));
+        assert_eq!(std::fs::read(&path).unwrap(), b"another file, without a line's end");
         std::fs::remove_file(&path).unwrap();
     }
 }

@@ -18,8 +18,8 @@ use slipsense::wire::{FlagState, NodeId, SLIP_PORT, SlipMessage, SlipReceiver, T
 use slipsense_can_sim::Outcome;
 
 use super::processor::{Handle, REGISTERS};
-use super::results::Results;
-use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
+use super::results::{NO_VERDICT, Results};
+use super::{Campaign, InjectedFault, Judge, Planned, session};
 use crate::arguments::Arguments;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::fitted::Fitted;

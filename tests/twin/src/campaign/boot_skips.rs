@@ -15,8 +15,8 @@ use rigless::time::VirtualNanos;
 use slipsense::update::HEADER_BYTES;
 
 use super::processor::Handle;
-use super::results::Results;
-use super::{Campaign, InjectedFault, Judge, NO_VERDICT, Planned, session};
+use super::results::{NO_VERDICT, Results};
+use super::{Campaign, InjectedFault, Judge, Planned, session};
 use crate::arguments::Arguments;
 use crate::fitted::Fitted;
 use crate::machine::{CORE_HZ, Twin};

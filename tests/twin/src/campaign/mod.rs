@@ -23,12 +23,10 @@ use crate::flash_wait::FlashWait;
 use crate::machine::Twin;
 use crate::shared::lock;
 use processor::Handle;
-use results::Results;
+use results::{NO_VERDICT, Results};
 
 /// A child that takes longer, seconds of this computer, is ended.
 const LIMIT_S: u32 = 300;
-/// Exit status of a child without a verdict: it took too long, or the emulator failed.
-pub const NO_VERDICT: u8 = 0;
 
 /// One flipped bit, or one skipped instruction.
 #[derive(Clone, Copy, Debug)]

@@ -7,7 +7,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
-use super::NO_VERDICT;
+/// Exit status of a child without a verdict: it took too long, or the emulator failed.
+pub const NO_VERDICT: u8 = 0;
 
 #[derive(Default)]
 pub struct Results {

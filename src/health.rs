@@ -130,7 +130,7 @@ pub const MEMORY_CHECKS: u8 = 7;
 /// What the node has found out about itself since start: [`crate::tasks::SelfCheck`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SelfChecks {
-    /// Times that code and model were hashed, wraps.
+    /// Times that the firmware in flash was hashed, wraps.
     pub passes: u32,
     /// Golden inferences, wraps.
     pub inferences: u32,

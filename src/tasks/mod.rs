@@ -39,7 +39,8 @@ mod transmit;
 pub use acquire::{QUEUED_FRAMES, acquire};
 pub use infer::Inference;
 pub use self_check::{
-    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, Reference, SLICE_BYTES, SelfCheck, known_golden,
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, RAM_SLICE_BYTES, RamPart, Reference, SLICE_BYTES,
+    SelfCheck, digest, known_golden,
 };
 pub use services::{ServiceBoard, Services};
 pub use shared::{RAW_MESSAGES, RawQueue, RuntimeConfig, SERVICE_FRAMES, Shared};

@@ -2,14 +2,13 @@
 
 use std::cell::RefCell;
 
-use sha2::{Digest, Sha256};
 use slipsense::health::{SelfChecks, Status};
 use slipsense::net::{Aligned, Model};
 use slipsense::pipeline::{FrameStamp, Pipeline, State};
 use slipsense::settings::{Setting, Settings, model_numbers};
 use slipsense::tasks::{
-    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, Part, RuntimeConfig, SLICE_BYTES, SelfCheck,
-    known_golden,
+    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, RAM_SLICE_BYTES, RamPart, RuntimeConfig, SLICE_BYTES,
+    SelfCheck, digest, known_golden,
 };
 use slipsense::wire::{
     INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_SENSOR, INVALID_OTHER_MODEL, INVALID_STARTING, Origin,
@@ -20,12 +19,16 @@ use super::world::{NODE, World, model_bytes};
 
 static MODEL: &Aligned<[u8]> = &Aligned(*include_bytes!("../../model/weights/slipsense.slipnet"));
 
-/// By part; and whether the state of a golden inference keeps what it holds.
+/// Model, loops, firmware; and whether the state of a golden inference keeps what it holds.
 struct Memory<'a>(&'a RefCell<[Vec<u8>; 3]>, &'a RefCell<bool>);
 
 impl CheckedMemory for Memory<'_> {
-    fn read(&mut self, part: Part, at: u32, out: &mut [u8]) {
-        out.copy_from_slice(&self.0.borrow()[part as usize][at as usize..][..out.len()]);
+    fn read(&mut self, at: u32, out: &mut [u8]) {
+        out.copy_from_slice(&self.0.borrow()[2][at as usize..][..out.len()]);
+    }
+
+    fn digest(&mut self, part: RamPart, at: u32, bytes: u32, before: u32) -> u32 {
+        digest_of(&self.0.borrow()[part as usize][at as usize..][..bytes as usize], before)
     }
 
     fn clear(&mut self, state: &mut State) {
@@ -35,24 +38,26 @@ impl CheckedMemory for Memory<'_> {
     }
 }
 
-/// 700 and 256 bytes of which the hash is known, and 10 of which it is not.
+fn digest_of(bytes: &[u8], before: u32) -> u32 {
+    bytes.as_chunks().0.iter().fold(before, |before, word| digest(before, u32::from_le_bytes(*word)))
+}
+
+/// The longest model, 13 KB of loops, and three slices of firmware whose hash is not known.
 fn check<'a>(
     parts: &'a RefCell<[Vec<u8>; 3]>,
     stuck: &'a RefCell<bool>,
     golden: Option<u32>,
 ) -> SelfCheck<'static, Memory<'a>> {
-    *parts.borrow_mut() = [vec![1; 700], vec![2; 256], vec![3; 10]];
-    let [model, loops, firmware] = parts.borrow().each_ref().map(|bytes| {
-        let hash: [u8; 32] = Sha256::digest(bytes).into();
-        (bytes.len() as u32, Some(hash))
-    });
+    *parts.borrow_mut() = [vec![1; 120 << 10], vec![2; 13 << 10], vec![3; 700]];
+    let [model, loops, firmware] =
+        parts.borrow().each_ref().map(|bytes| (bytes.len() as u32, digest_of(bytes, 0)));
     let pipeline = Pipeline::new(Model::parse(&MODEL.0).unwrap(), 1).unwrap();
-    SelfCheck::new(Memory(parts, stuck), [model, loops, (firmware.0, None)], pipeline, golden)
+    SelfCheck::new(Memory(parts, stuck), [model, loops], (firmware.0, None), pipeline, golden)
 }
 
-/// Pieces of a pass: 3, 1 and 1 slices, and the end.
-const PASS: u32 = 6;
-const _: () = assert!(SLICE_BYTES == 256);
+/// Frames in which each part has been looked at from beginning to end: RAM in 8 and 1, flash in 3.
+const PASS: u32 = 9;
+const _: () = assert!(SLICE_BYTES == 256 && RAM_SLICE_BYTES == 16_384);
 
 #[test]
 fn a_changed_byte_of_code_or_model_is_found_within_a_pass() {
@@ -61,16 +66,30 @@ fn a_changed_byte_of_code_or_model_is_found_within_a_pass() {
         let mut check = check(&parts, &stuck, None);
         let last = parts.borrow()[part].len() - 1;
         // Changed in the second pass and right again in the third: for good, as it may have decided in between.
-        for (passes, failed) in [(1, 0), (2, 1 << part), (3, 1 << part)] {
+        for (passes, failed) in [(3, 0), (6, 1 << part), (9, 1 << part)] {
             let found = (0..PASS).map(|_| check.step()).last().unwrap();
             assert_eq!((found.passes, found.failed), (passes, failed));
             parts.borrow_mut()[part][last] ^= 0x40;
         }
     }
-    // Wrong from the start on, where the hash is known.
+    // Wrong from the start on, where the digest is known.
     let mut check = check(&parts, &stuck, None);
     parts.borrow_mut()[1][0] = 0;
     assert_eq!((0..PASS).map(|_| check.step()).last().unwrap().failed, 2);
+}
+
+/// A flag may be wrong for 150 ms, 36 frames.
+#[test]
+fn a_flipped_bit_of_the_ram_that_decides_is_found_before_flags_are_wrong_for_long() {
+    let (parts, stuck) = Default::default();
+    for frame in 0..PASS {
+        for (part, at) in [(0, 0), (0, 50_001), (0, (120 << 10) - 1), (1, 0), (1, (13 << 10) - 1)] {
+            let mut check = check(&parts, &stuck, None);
+            (0..frame).for_each(|_| _ = check.step());
+            parts.borrow_mut()[part][at] ^= 1 << (frame % 8);
+            assert!((0..2 * PASS).any(|_| check.step().failed == 1 << part), "byte {at} of part {part}");
+        }
+    }
 }
 
 #[test]
@@ -135,7 +154,7 @@ fn the_shipped_model_gives_its_golden_number() {
     let failed = |golden| {
         let mut check = check(&parts, &stuck, golden);
         let found = (0..=GOLDEN_FRAMES).map(|_| check.step()).last().unwrap();
-        (check.digest(), found.failed)
+        (check.outputs(), found.failed)
     };
     let hash = Model::parse(&MODEL.0).unwrap().hash;
     println!("shipped model: hash {:02x?}, golden inference {:#010x}", &hash[..8], failed(None).0);

@@ -34,6 +34,8 @@ use crate::xl::{self, Readouts};
 
 /// How often the log is read: what a probe does.
 const STEP_NS: u64 = 1_000_000;
+/// From one line about how far a long run is to the next.
+const MINUTE_NS: u64 = 60_000_000_000;
 /// Exceptions before the first interrupt in the table.
 const SYSTEM_EXCEPTIONS: usize = 16;
 const INTERRUPTS: usize = 150;
@@ -133,6 +135,13 @@ impl Driver<Twin> for Recorder {
             probe.drain(host);
         }
         self.last = Some(stop);
+        if stop.at.0 % MINUTE_NS == 0 {
+            eprintln!(
+                "{} of {:.1} virtual minutes",
+                stop.at.0 / MINUTE_NS,
+                self.end as f64 / MINUTE_NS as f64
+            );
+        }
         let goes_on = self.exchange(session, stop, host).unwrap_or_else(|error| {
             self.broken = Some(error);
             false

@@ -3,7 +3,8 @@
 //! Silicon corrects a flipped bit of a RAM, by its error correction; the emulator has none. So a flip here stands
 //! for one that it does not see: in a register, on a bus, in logic.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
@@ -17,12 +18,15 @@ use slipsense::settings::Setting;
 use slipsense::wire::{FlagState, NodeId, SLIP_PORT, SlipMessage, SlipReceiver, TransferId};
 use slipsense_can_sim::Outcome;
 
+use super::fault_free::{self, FaultFree};
+use super::first_access::FirstAccess;
 use super::processor::{Handle, REGISTERS};
 use super::results::{NO_VERDICT, Results};
 use super::{Campaign, InjectedFault, Judge, Planned, session};
 use crate::arguments::Arguments;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::fitted::Fitted;
+use crate::shared::lock;
 use crate::{programs, settings};
 
 /// Of the random choice of bits and instants.
@@ -51,11 +55,14 @@ const VERDICTS: [(u8, &str); 7] = [
     (NO_VERDICT, "no verdict"),
 ];
 
+/// Of [`used`], what the DMAs reach.
+const D2: usize = 3;
+
 /// Slip messages, by their sequence number.
 type Messages = BTreeMap<u32, SlipMessage>;
 
 /// Bytes of RAM that the firmware uses, by its linker's symbols: statics of each memory, and the stack.
-fn used(symbols: &Symbols) -> Result<Vec<std::ops::Range<u64>>> {
+fn used(symbols: &Symbols) -> Result<Vec<Range<u64>>> {
     let at = |name| symbols.get(name).with_context(|| format!("the firmware has no symbol {name}"));
     let spans = [
         ("_stack_end", "_stack_start"),
@@ -67,8 +74,13 @@ fn used(symbols: &Symbols) -> Result<Vec<std::ops::Range<u64>>> {
     spans.into_iter().map(|(start, end)| Ok(at(start)?..at(end)?)).collect()
 }
 
+/// Do only instructions reach it? Of `.sram_d2` the DMAs read, too.
+fn is_for_the_core(address: u64, used: &[Range<u64>]) -> bool {
+    !used[D2].contains(&address)
+}
+
 /// Half of them in registers; a longer plan begins with a shorter one.
-fn plan(count: usize, used: &[std::ops::Range<u64>]) -> Vec<Planned> {
+fn plan(count: usize, used: &[Range<u64>]) -> Vec<Planned> {
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let bytes: u64 = used.iter().map(|span| span.end - span.start).sum();
     let one = |number| {
@@ -150,15 +162,37 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     let (firmware, episode) = (sha256(&bytes), sha256(&episode));
     let what =
         format!("bit flips: seed {SEED}, {sensors} sensors, SHA-256 firmware {firmware}, episode {episode}");
-    let results = Results::open(arguments.results.as_deref(), &what)?;
+    let mut results = Results::open(arguments.results.as_deref(), &what)?;
 
-    // Once without a fault.
+    // Once without a fault. What the core does not read needs no run.
+    let used = used(&symbols)?;
+    let plan = plan(count, &used);
+    let mut first_access = FirstAccess::default();
+    let mut unread = BTreeSet::new();
+    for &Planned { number, at_ns, fault } in &plan {
+        if let InjectedFault::Memory { address, .. } = fault
+            && is_for_the_core(address, &used)
+            && !results.verdicts.contains_key(&number)
+        {
+            first_access.wait(address, at_ns, number);
+            unread.insert(number);
+        }
+    }
     let injection = Handle::default();
-    let none = Results::default();
-    let campaign = Campaign::new(&[], none, injection.clone(), WATCHED_NS, Box::new(|_, _, _, _| None));
+    lock(&injection).first_access = Some(first_access);
+    let until_ns = UNTIL_NS + 2 * WATCHED_NS;
     let mut first = session(fitted, &injection)?;
-    first.run_until(VirtualNanos(UNTIL_NS + 2 * WATCHED_NS));
-    let mut finished = emulator::run(first, &start, campaign)?;
+    first.run_until(VirtualNanos(fault_free::STEP_NS));
+    let mut finished = emulator::run(first, &start, FaultFree::new(used, until_ns))?;
+    let read = lock(&injection).first_access.take().unwrap_or_default().read;
+    for number in unread.difference(&read) {
+        results.add(*number, EQUAL)?;
+    }
+    println!(
+        "{} of {} flips in bytes that the core overwrites or does not read: not run",
+        unread.difference(&read).count(),
+        plan.len()
+    );
     let log = std::mem::take(&mut finished.session.board_mut().mcu.fdcan[0].wire.log);
     let decoded = slips(&log).map(|(_, data)| {
         let fields = data.split_last().map(|(_, fields)| fields).unwrap_or(&[]);
@@ -169,14 +203,14 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     ensure!(messages.values().any(|message| message.slip), "the flag is never up in this episode");
 
     let judge: Judge = Box::new(move |session, _, stop: Stop, planned| {
-        (stop.at.0 >= planned.at_ns + WATCHED_NS).then(|| {
-            let restart_ns = session.resets().first().map(|reset| reset.at.0);
-            judge(&session.board().mcu.fdcan[0].wire.log, restart_ns, planned.at_ns, &messages)
-        })
+        let restart_ns = session.resets().first().map(|reset| reset.at.0);
+        (stop.at.0 >= planned.at_ns + WATCHED_NS || restart_ns.is_some())
+            .then(|| judge(&session.board().mcu.fdcan[0].wire.log, restart_ns, planned.at_ns, &messages))
     });
     let injection = Handle::default();
-    let plan = plan(count, &used(&symbols)?);
-    let campaign = Campaign::new(&plan, results, injection.clone(), WATCHED_NS, judge);
+    let fault_free = finished.driver.finish()?;
+    let campaign = Campaign::new(&plan, results, injection.clone(), fault_free::STEP_NS, judge)
+        .with_fault_free(fault_free, EQUAL);
     let session = session(fitted, &injection)?;
     let verdicts = emulator::run(session, &start, campaign)?.driver.finish()?;
     let judged = plan.iter().filter_map(|planned| Some((*planned, *verdicts.get(&planned.number)?)));

@@ -3,6 +3,8 @@
 
 pub mod bit_flips;
 pub mod boot_skips;
+pub mod fault_free;
+pub mod first_access;
 pub mod processor;
 pub mod results;
 
@@ -22,11 +24,15 @@ use crate::fitted::Fitted;
 use crate::flash_wait::FlashWait;
 use crate::machine::Twin;
 use crate::shared::lock;
+use fault_free::FaultFree;
 use processor::Handle;
 use results::{NO_VERDICT, Results};
 
 /// A child that takes longer, seconds of this computer, is ended.
 const LIMIT_S: u32 = 300;
+
+/// After this a child is no longer compared with the run without a fault, which takes time.
+const RECOVERS_NS: u64 = 24_000_000;
 
 /// One flipped bit, or one skipped instruction.
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +66,8 @@ pub struct Campaign {
     core: Handle,
     judge: Judge,
     step_ns: u64,
+    /// A child that goes on as this run does has its verdict.
+    fault_free: Option<(FaultFree, u8)>,
     /// In a child, its fault.
     injected: Option<Planned>,
     running: BTreeMap<Pid, Planned>,
@@ -77,8 +85,13 @@ impl Campaign {
         planned.sort_by_key(|planned| planned.at_ns);
         let parallel = std::thread::available_parallelism().map_or(1, usize::from);
         let (planned, running, injected) = (planned.into(), BTreeMap::new(), None);
-        let (wait, broken) = (FlashWait::default(), None);
-        Self { planned, core, judge, step_ns, injected, running, parallel, results, wait, broken }
+        let (wait, broken, fault_free) = (FlashWait::default(), None, None);
+        Self { planned, core, judge, step_ns, fault_free, injected, running, parallel, results, wait, broken }
+    }
+
+    /// End a child that goes on as this run does with this verdict.
+    pub fn with_fault_free(self, run: FaultFree, verdict: u8) -> Self {
+        Self { fault_free: Some((run, verdict)), ..self }
     }
 
     /// The verdict of each fault, by its number.
@@ -144,7 +157,12 @@ fn inject(fault: InjectedFault, core: &Handle, host: &mut dyn Host) -> Result<()
 impl Driver<Twin> for Campaign {
     fn on_settled(&mut self, session: &mut Session<Twin>, host: &mut dyn Host, settled: Settled) {
         match settled {
-            Settled::Access { access, value } => self.wait.look(host, access, value),
+            Settled::Access { access, value } => {
+                self.wait.look(host, access, value);
+                if let Some((fault_free, _)) = &mut self.fault_free {
+                    fault_free.note(access, value);
+                }
+            }
             Settled::Stop(stop) => self.wait.settle(session, host, stop.at),
             _ => {}
         }
@@ -165,12 +183,18 @@ impl Driver<Twin> for Campaign {
                 }
             };
         if is_child {
-            let verdict = self.injected.and_then(|injected| (self.judge)(session, host, stop, &injected));
-            if let Some(verdict) = verdict {
+            let injected = self.injected.as_ref();
+            let reached = self.fault_free.as_ref().filter(|(run, _)| {
+                let is_recent = |planned: &Planned| stop.at.0 <= planned.at_ns + RECOVERS_NS;
+                injected.is_some_and(is_recent) && run.is_reached(stop.at.0, host)
+            });
+            let reached = reached.map(|(_, verdict)| *verdict);
+            let judged = || injected.and_then(|injected| (self.judge)(session, host, stop, injected));
+            if let Some(verdict) = reached.or_else(judged) {
                 // SAFETY: a child has nothing to clean up.
                 unsafe { libc::_exit(verdict.into()) }
             }
-            return Some(VirtualNanos(stop.at.0 + self.step_ns));
+            return Some(VirtualNanos((stop.at.0 / self.step_ns + 1) * self.step_ns));
         }
         if let Some(next) = self.planned.front() {
             return Some(VirtualNanos(next.at_ns));

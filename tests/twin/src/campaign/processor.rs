@@ -8,12 +8,16 @@ use rigless::emulator::{CoreBus, CoreSpec, DataModel, Error, Exit, Processor, Qu
 use rigless::soc::{Endian, Width};
 use rigless::time::VirtualNanos;
 
+use super::first_access::{FirstAccess, Noting};
 use crate::shared::lock;
 
 /// What GDB numbers `pc`.
 pub const PC: usize = 15;
 /// r0 to r12, sp, lr, pc, xPSR, and then d0 to d15.
 pub const REGISTERS: usize = 33;
+
+/// Where ITCM begins.
+const ITCM: u64 = 0;
 
 /// By address, how many instructions were executed before it was for the first and for the last time.
 type Trace = BTreeMap<u64, [u64; 2]>;
@@ -29,6 +33,8 @@ pub struct Injection {
     pub pc: u64,
     /// `None`: no trace, which is many times faster.
     pub trace: Option<Trace>,
+    /// `None`: the core's accesses to RAM are not noted, which is many times faster. Not to be changed during a run.
+    pub first_access: Option<FirstAccess>,
 }
 
 pub type Handle = Arc<Mutex<Injection>>;
@@ -97,13 +103,20 @@ impl FaultyProcessor {
 
 impl Processor for FaultyProcessor {
     fn run(&mut self, budget: u32, bus: &mut dyn CoreBus) -> (Exit, u64) {
-        let ran = match self.inject() {
-            Some(mut trace) => {
+        let trace = self.inject();
+        let first_access = lock(&self.injection).first_access.take();
+        let ran = match (trace, first_access) {
+            (Some(mut trace), _) => {
                 let ran = self.step(budget, bus, &mut trace);
                 lock(&self.injection).trace = Some(trace);
                 ran
             }
-            None => self.core.run(budget, bus),
+            (None, Some(mut first_access)) => {
+                let ran = self.core.run(budget, &mut Noting { bus, first_access: &mut first_access });
+                lock(&self.injection).first_access = Some(first_access);
+                ran
+            }
+            (None, None) => self.core.run(budget, bus),
         };
         lock(&self.injection).pc = self.core.pc();
         ran
@@ -123,8 +136,11 @@ impl Processor for FaultyProcessor {
         self.core.page_size()
     }
     unsafe fn map(&mut self, start: u64, length: u64, host: *mut u8, writable: bool) {
-        // SAFETY: the caller promises the same to us.
-        unsafe { self.core.map(start, length, host, writable) }
+        // What the core does not have mapped it asks the bus for, RAM too. It runs code from ITCM, which the bus cannot give it.
+        if !writable || start == ITCM || lock(&self.injection).first_access.is_none() {
+            // SAFETY: the caller promises the same to us.
+            unsafe { self.core.map(start, length, host, writable) }
+        }
     }
     fn boot(&mut self, table: u64, read: &dyn Fn(u64, Width) -> Option<u64>) {
         self.core.boot(table, read);

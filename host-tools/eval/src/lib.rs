@@ -20,7 +20,6 @@ mod directions;
 pub mod results;
 mod table;
 pub mod report;
-pub mod rotation;
 pub mod families;
 pub mod tune;
 #[cfg(test)]

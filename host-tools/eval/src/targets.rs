@@ -8,9 +8,6 @@ use crate::metrics::bootstrap::InputFigures;
 use crate::metrics::figures::Figures;
 use crate::metrics::statistics::{mean, standard_deviation};
 
-/// Least share of the frames on which predictions with turned and unturned accelerometer axes agree.
-pub(crate) const ROTATION_AGREE_SHARE: f64 = 0.995;
-
 /// A figure with a target. Percentages are of 100; latencies are medians in frames of 4.17 ms.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Measure {

@@ -101,7 +101,7 @@ impl EpisodeInfo {
 }
 
 /// Whether an episode's metadata says that a generator made it.
-pub(crate) fn is_synthetic(meta: &Meta) -> bool {
+fn is_synthetic(meta: &Meta) -> bool {
     let flag = meta.other.get("synthetic").and_then(Value::as_bool).unwrap_or(false);
     let source = meta.other.get("source").and_then(Value::as_str).unwrap_or_default();
     flag || source.contains("synthetic")

@@ -73,7 +73,6 @@ fn models_that_cannot_be_used() {
         let commands = [
             "run @e.npz --out @out --model @b.slipnet",
             "model info @b.slipnet",
-            "eval-rotation --model @b.slipnet",
             "tune @b.slipnet --out @t.slipnet",
         ];
         place.errors(commands.map(|line| (line, rule)));
@@ -84,7 +83,6 @@ fn models_that_cannot_be_used() {
         ("run @e.npz --out @out --model @none.slipnet", missing),
         ("model info @none.slipnet", missing),
         ("grasp --model @none.slipnet", missing),
-        ("eval-rotation --model @none.slipnet", missing),
         ("tune @none.slipnet --out @t.slipnet", missing),
         ("view - --model @none.slipnet", missing),
         ("tune @m.slipnet --out @t.slipnet --hours 0", "--hours is 0, must be 1/60 to 100"),

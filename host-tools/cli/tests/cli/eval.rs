@@ -1,4 +1,4 @@
-//! `slipsense eval` and `eval-rotation`: what they write, and what a user can get wrong.
+//! `slipsense eval`: what they write, and what a user can get wrong.
 
 use std::fs;
 
@@ -123,8 +123,7 @@ fn what_a_user_can_get_wrong() {
     place.errors(cases.map(|(line, rule)| (format!("{line} {majority}"), rule)));
     place.errors([
         ("eval @episodes --out @file --detector majority", "@file: "),
-        ("eval-rotation nowhere", "nowhere: no such folder, and no split"),
-        ("eval-rotation --rotations 0", "--rotations"),
+        ("eval nowhere --out @out", "nowhere: no such folder, and no split"),
     ]);
     let error = place.error("eval @episodes --out @out --detector crystal-ball");
     let named = DETECTORS.iter().all(|(name, _)| error.contains(name));
@@ -158,23 +157,4 @@ fn a_split_of_any_length_and_what_caused_its_alarms() {
         let row = text.lines().find(of).unwrap();
         assert_eq!(row.split_whitespace().last(), Some(missed), "{row}");
     }
-}
-
-#[test]
-fn rotated_accelerometers() {
-    let place = place();
-    place.file("m.slipnet", crate::support::model_bytes());
-    let command = "eval-rotation @episodes --model @m.slipnet --rotations 3 --episodes 2";
-    let text = place.run(command);
-    assert!(text.contains("random rotations") && text.contains("target: at least 99.50 %"), "{text}");
-    let json = place.json(command);
-    assert_eq!(json["schema"], "slipsense-rotation/1");
-    assert_eq!((&json["episodes"], &json["frames"]), (&2.into(), &80.into()));
-    assert_eq!((&json["touched_frames"], &json["synthetic"]), (&40.into(), &false.into()));
-    let kinds = json["kinds"].as_array().unwrap();
-    let turns: Vec<usize> = kinds.iter().map(|kind| kind["turns"].as_array().unwrap().len()).collect();
-    assert_eq!(turns, [3, 5, 7]);
-    // Axes are summed as powers, whatever the model: exchanged ones change no bit.
-    assert_eq!((&kinds[1]["kind"], &kinds[1]["agree_share_min"]), (&"permutation".into(), &1.0.into()));
-    assert_eq!(place.json(command), json, "the same seed, the same result");
 }

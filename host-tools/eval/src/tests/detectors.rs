@@ -182,6 +182,30 @@ fn contact_first_excludes_the_untouched_pad() {
     assert!(excluded > 0, "frames without contact that are slip if slip is decided first");
 }
 
+/// Power summed over the axes does not depend on the mounting: exchanged axes change no bit. Any other turn rounds its
+/// samples to whole LSB again.
+#[test]
+fn the_mounting_of_the_accelerometers_does_not_matter() {
+    // The rotation of the quaternion 1, 2, 3, 4, times 15.
+    let turns = [[[0, 0, 15], [15, 0, 0], [0, 15, 0]], [[-10, 2, 11], [10, -5, 10], [5, 14, 2]]];
+    let [exchanged, turned] = turns.map(|turn| {
+        let mut episode = WHOLE.0.clone();
+        for sample in episode.xl.iter_mut().flatten() {
+            let before = sample.map(i32::from);
+            *sample = turn.map(|row: [i32; 3]| {
+                let lsb: i32 = row.iter().zip(before).map(|(a, b)| a * b).sum();
+                (2 * lsb + 15).div_euclid(30).clamp(i16::MIN.into(), i16::MAX.into()) as i16
+            });
+        }
+        predict("network", &[&episode]).remove(0)
+    });
+    let expected = &WHOLE.1["network"];
+    assert!((&exchanged.class, &exchanged.score) == (&expected.class, &expected.score));
+    let same = turned.class.iter().zip(&expected.class).filter(|(a, b)| a == b).count();
+    println!("turned: the same class in {same} of {} frames", expected.class.len());
+    assert!(same as f64 > 0.995 * expected.class.len() as f64);
+}
+
 /// `network-alarm` against the rule counted by hand from its scores of single frames.
 #[test]
 fn k_of_n_over_the_threshold_across_episodes() {

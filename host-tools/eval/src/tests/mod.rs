@@ -11,7 +11,6 @@ mod results;
 mod goals;
 mod baselines;
 mod detectors;
-mod rotation;
 mod hardness;
 
 use std::ops::Range;

@@ -5,7 +5,6 @@ mod calibrate;
 mod convert;
 mod descriptions;
 mod eval;
-mod eval_rotation;
 mod families;
 mod features;
 mod fit;
@@ -43,7 +42,6 @@ pub enum Command {
     Features(features::Args),
     Synth(synth::Args),
     Eval(eval::Args),
-    EvalRotation(eval_rotation::Args),
     Families(families::Args),
     Fit(fit::Args),
     Label(label::Args),
@@ -95,7 +93,6 @@ impl Command {
             Self::Features(args) => args.run(),
             Self::Synth(args) => args.run(),
             Self::Eval(args) => args.run(),
-            Self::EvalRotation(args) => args.run(),
             Self::Families(args) => args.run(),
             Self::Fit(args) => args.run(),
             Self::Label(args) => args.run(),

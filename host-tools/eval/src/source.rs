@@ -66,13 +66,6 @@ impl Input {
         Self { name: name.to_owned(), episodes: recipes.into_iter().map(handle).collect() }
     }
 
-    /// Keep `most` episodes at most, evenly spread from the first on.
-    pub fn thin_out(&mut self, most: usize) {
-        let there = self.episodes.len();
-        let kept = most.min(there);
-        self.episodes = (0..kept).map(|i| self.episodes[i * there / kept].clone()).collect();
-    }
-
     /// The streams, as ranges of `episodes`: contiguous, none empty, their lengths differ by at most one.
     pub fn streams(&self) -> Vec<Range<usize>> {
         let (episodes, streams) = (self.episodes.len(), STREAMS.min(self.episodes.len()));
@@ -83,19 +76,6 @@ impl Input {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn thinned_out_episodes_are_spread_evenly() {
-        let recipes = (0..10).map(|i| (i.to_string(), Recipe::new(i))).collect();
-        let all = Input::recipes("x", recipes);
-        let names = |most: usize| {
-            let mut input = all.clone();
-            input.thin_out(most);
-            input.episodes.iter().map(Handle::name).collect::<Vec<_>>().join(" ")
-        };
-        assert_eq!(names(4), "0 2 5 7");
-        assert_eq!((names(1), names(99)), ("0".to_owned(), "0 1 2 3 4 5 6 7 8 9".to_owned()));
-    }
 
     #[test]
     fn streams_cover_the_episodes_once_and_in_order() {

@@ -55,7 +55,7 @@ const VERDICTS: [(u8, &str); 7] = [
     (NO_VERDICT, "no verdict"),
 ];
 
-/// Of [`used`], what the DMAs reach.
+/// Of [`used`], `.sram_d2`, which the DMAs read too.
 const D2: usize = 3;
 
 /// Slip messages, by their sequence number.
@@ -72,11 +72,6 @@ fn used(symbols: &Symbols) -> Result<Vec<Range<u64>>> {
         ("__sram2_start", "__sram2_end"),
     ];
     spans.into_iter().map(|(start, end)| Ok(at(start)?..at(end)?)).collect()
-}
-
-/// Do only instructions reach it? Of `.sram_d2` the DMAs read, too.
-fn is_for_the_core(address: u64, used: &[Range<u64>]) -> bool {
-    !used[D2].contains(&address)
 }
 
 /// Half of them in registers; a longer plan begins with a shorter one.
@@ -171,7 +166,7 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     let mut unread = BTreeSet::new();
     for &Planned { number, at_ns, fault } in &plan {
         if let InjectedFault::Memory { address, .. } = fault
-            && is_for_the_core(address, &used)
+            && !used[D2].contains(&address)
             && !results.verdicts.contains_key(&number)
         {
             first_access.wait(address, at_ns, number);

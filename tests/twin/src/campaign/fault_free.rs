@@ -85,3 +85,50 @@ impl Driver<Twin> for FaultFree {
         (next_ns <= self.until_ns).then_some(VirtualNanos(next_ns))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rigless::device::Level;
+    use rigless::emulator::{InterruptLine, Memory};
+
+    use super::*;
+
+    #[derive(Clone)]
+    struct Machine {
+        ram: [u64; 4],
+        core: Vec<u8>,
+    }
+
+    impl Memory for Machine {
+        fn read(&mut self, address: u64, _: Width) -> Result<u64, Error> {
+            Ok(self.ram[address as usize / 4])
+        }
+        fn write(&mut self, address: u64, _: Width, value: u64) -> Result<(), Error> {
+            self.ram[address as usize / 4] = value;
+            Ok(())
+        }
+    }
+
+    impl Host for Machine {
+        fn set_interrupt(&mut self, _: InterruptLine, _: Level) {}
+        fn request_reset(&mut self) {}
+        fn save_state(&mut self) -> Result<Vec<u8>, Error> {
+            Ok(self.core.clone())
+        }
+    }
+
+    #[test]
+    fn reached_only_with_the_same_core_ram_and_accesses() {
+        let whole = Machine { ram: [1, 2, 3, 4], core: vec![5] };
+        let mut run = FaultFree::new(vec![0..16], 0);
+        let write = Access::new(AccessKind::Write, 100, Width::W32, 7);
+        run.note(write, 7);
+        run.digests.insert(STEP_NS, run.digest(&mut whole.clone()).unwrap());
+        let reached = |run: &FaultFree, host: &Machine| run.is_reached(STEP_NS, &mut host.clone());
+        assert!(reached(&run, &whole) && !run.is_reached(STEP_NS + 1, &mut whole.clone()));
+        assert!(!reached(&run, &Machine { ram: [1, 2, 3, 5], ..whole.clone() }));
+        assert!(!reached(&run, &Machine { core: vec![6], ..whole.clone() }));
+        run.note(write, 7);
+        assert!(!reached(&run, &whole));
+    }
+}

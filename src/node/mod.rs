@@ -49,6 +49,5 @@ pub use heartbeat::{HEARTBEAT_PERIOD_US, HEARTBEAT_PORT, Mode, vendor_status};
 pub use identity::{COMMIT, Identity, NODE_NAME, PROTOCOL_VERSION, Version};
 pub use lock::{CHALLENGE_BYTES, SIGNATURE_BYTES, UNLOCK_PREFIX};
 pub use machine::{COMMAND_TIMEOUT_US, Node, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
-pub use outbox::OUTBOX_FRAMES;
 pub use registers::{ACCESS_PORT, LIST_PORT, REGISTERS};
 pub use time_sync::{JUMP_OFFSETS, TIME_PORT};

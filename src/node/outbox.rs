@@ -5,7 +5,7 @@ use heapless::Deque;
 use crate::wire::{CanFrame, Frames};
 
 /// Frames that wait at most: four of the longest answers and then some.
-pub const OUTBOX_FRAMES: usize = 32;
+const OUTBOX_FRAMES: usize = 32;
 
 /// A bounded queue of transfers. One that does not fit is dropped whole and counted: half a transfer is
 /// noise.
@@ -17,19 +17,10 @@ pub(super) struct Outbox {
 }
 
 impl Outbox {
-    /// Queue a transfer. The last place is the heartbeat's.
-    pub fn push(&mut self, transfer: Frames<'_>) {
-        self.push_up_to(OUTBOX_FRAMES - 1, transfer);
-    }
-
-    /// Queue a heartbeat, for which there is a place while answers fill the rest.
-    pub fn push_heartbeat(&mut self, transfer: Frames<'_>) {
-        self.push_up_to(OUTBOX_FRAMES, transfer);
-    }
-
+    /// Queue a transfer.
     #[inline(never)]
-    fn push_up_to(&mut self, room: usize, transfer: Frames<'_>) {
-        if transfer.len() > room.saturating_sub(self.frames.len()) {
+    pub fn push(&mut self, transfer: Frames<'_>) {
+        if transfer.len() > OUTBOX_FRAMES - self.frames.len() {
             self.dropped = self.dropped.saturating_add(1);
             return;
         }
@@ -43,9 +34,9 @@ impl Outbox {
         self.frames.pop_front()
     }
 
-    /// Drop everything.
-    pub fn discard(&mut self) {
-        let transfers = self.frames.iter().filter(|frame| frame.ends_transfer()).count();
+    /// Drop everything; `more`: and something beside it.
+    pub fn discard(&mut self, more: bool) {
+        let transfers = usize::from(more) + self.frames.iter().filter(|frame| frame.ends_transfer()).count();
         self.dropped = self.dropped.saturating_add(transfers as u32);
         self.frames.clear();
     }

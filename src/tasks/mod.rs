@@ -17,7 +17,7 @@
 //! | a slip message | a newer one is there and the bus has not taken it | `replaced_slips` |
 //! | a raw message, whole | no room in the queue, or off the bus | `dropped_raw` |
 //! | a raw message, cut off | the node drops off the bus while it is sent | `broken_raw` |
-//! | a service frame | no room in the queue | `refused_services` |
+//! | a service frame | no room in the queue; a heartbeat: the one before still waits | `refused_services` |
 //! | a service frame | the node drops off the bus while the hardware holds it | `lost_services` |
 //!
 //! Compressed raw messages get shorter before they get lost (`rate_control.rs`): the slip message goes first, then every

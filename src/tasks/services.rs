@@ -25,13 +25,12 @@ use crate::calibration::{Request, Summary};
 use crate::drivers::Failure;
 use crate::health::{self, CanState, Condition, SELF_CHECKS, Status};
 use crate::node::{
-    Action, CALIBRATION_LINE, CHALLENGE_BYTES, FileSink, HEARTBEAT_PORT, Node, SIGNATURE_BYTES, Severity,
-    UpdateTarget,
+    Action, CALIBRATION_LINE, CHALLENGE_BYTES, FileSink, Node, SIGNATURE_BYTES, Severity, UpdateTarget,
 };
 use crate::params::FRAME_RATE_HZ;
 use crate::settings::Settings;
 use crate::update::{Evidence, Notice};
-use crate::wire::{MessageId, NodeId};
+use crate::wire::NodeId;
 
 /// The task moves on at least this often, µs: five times within the watchdog's period.
 const POLL_US: u64 = 20_000;
@@ -144,7 +143,7 @@ struct NodeLoop<'a, M: RawMutex, R, C> {
     next_us: u64,
     /// When the calibrations are told next.
     calibrations_us: u64,
-    /// Heartbeats handed over to transmission.
+    /// Heartbeats handed over to transmission, without those that another one replaced.
     heartbeats: u32,
     /// Failed checks that have been reported.
     reported: u8,
@@ -328,12 +327,14 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         if self.node.node_id().is_some() {
             self.report();
         }
+        if let Some(frame) = self.node.take_heartbeat()
+            && self.shared.send_heartbeat(frame)
+        {
+            self.heartbeats = self.heartbeats.saturating_add(1);
+        }
         while self.shared.service_room() > 0 {
             let Some(frame) = self.node.next_frame() else { break };
-            let is_heartbeat = MessageId::from_can(frame.id()).is_ok_and(|id| id.port == HEARTBEAT_PORT);
-            if self.shared.send_service(frame) && is_heartbeat {
-                self.heartbeats = self.heartbeats.saturating_add(1);
-            }
+            self.shared.send_service(frame);
         }
     }
 
@@ -361,11 +362,10 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
 
     fn evidence(&self) -> Evidence {
         let status = self.shared.status();
-        // Any frame that waits for the bus may be a heartbeat, and so may the one that the hardware holds.
-        let waiting = SERVICE_FRAMES.saturating_sub(self.shared.service_room()) + 1;
         Evidence {
             frames: status.decided_frames,
-            heartbeats: self.heartbeats.saturating_sub(waiting as u32),
+            // One may wait, and one be in the hardware.
+            heartbeats: self.heartbeats.saturating_sub(2),
             requests: self.node.served_requests(),
             senses: !status.no_sensor_left() && status.self_checks.failed == 0,
         }

@@ -82,6 +82,7 @@ pub struct Shared<M: RawMutex> {
     /// What each task has done, for the supervisor.
     pub progress: Progress,
     slip: Mutex<M, Cell<Option<CanFrame>>>,
+    heartbeat: Mutex<M, Cell<Option<CanFrame>>>,
     services: Channel<M, CanFrame, SERVICE_FRAMES>,
     /// Signalled when there is something to send.
     tx_ready: Signal<M, ()>,
@@ -97,6 +98,7 @@ impl<M: RawMutex> Shared<M> {
         Self {
             progress: Progress::new(),
             slip: Mutex::new(Cell::new(None)),
+            heartbeat: Mutex::new(Cell::new(None)),
             services: Channel::new(),
             tx_ready: Signal::new(),
             config: Mutex::new(Cell::new(RuntimeConfig::DEFAULT)),
@@ -142,11 +144,12 @@ impl<M: RawMutex> Shared<M> {
         if self.slip.lock(|cell| cell.replace(Some(frame))).is_some() {
             self.update_status(|status| status.replaced_slips = status.replaced_slips.saturating_add(1));
         }
-        self.tx_ready.signal(());
+        self.wake_transmission();
     }
 
     /// Wake transmission: a raw message has been put into the [`RawQueue`]; or there is no slip message for a frame, as
     /// the node has no address, and what stands still starves the watchdog.
+    #[inline(never)]
     pub fn wake_transmission(&self) {
         self.tx_ready.signal(());
     }
@@ -155,12 +158,25 @@ impl<M: RawMutex> Shared<M> {
     /// counted. A transfer of several frames is refused whole by asking [`service_room`](Self::service_room) first.
     pub fn send_service(&self, frame: CanFrame) -> bool {
         let sent = self.services.try_send(frame).is_ok();
-        if sent {
-            self.tx_ready.signal(());
-        } else {
-            self.update_status(|status| status.refused_services = status.refused_services.saturating_add(1));
-        }
+        self.count_service(sent);
         sent
+    }
+
+    #[inline(never)]
+    fn count_service(&self, sent: bool) {
+        let refused = u32::from(!sent);
+        self.update_status(|status| {
+            status.refused_services = status.refused_services.saturating_add(refused)
+        });
+        self.wake_transmission();
+    }
+
+    /// Send this heartbeat before every other service frame, and instead of an older one that still waits. `false`: one
+    /// did.
+    pub fn send_heartbeat(&self, frame: CanFrame) -> bool {
+        let first = self.heartbeat.lock(|cell| cell.replace(Some(frame))).is_none();
+        self.count_service(first);
+        first
     }
 
     /// Service frames for which there is room.
@@ -174,6 +190,14 @@ impl<M: RawMutex> Shared<M> {
 
     pub(super) fn slip_waits(&self) -> bool {
         self.slip.lock(Cell::get).is_some()
+    }
+
+    pub(super) fn take_heartbeat(&self) -> Option<CanFrame> {
+        self.heartbeat.lock(Cell::take)
+    }
+
+    pub(super) fn heartbeat_waits(&self) -> bool {
+        self.heartbeat.lock(Cell::get).is_some()
     }
 
     pub(super) fn take_service(&self) -> Option<CanFrame> {

@@ -5,6 +5,9 @@
 //! the time that CAN leaves between frames, about 3 µs at 1 Mbit/s, so one raw frame at a time does not leave the
 //! bus idle.
 //!
+//! A heartbeat overtakes all other service frames, the one that the hardware holds included: whoever fills the bus with
+//! frames of higher priority than an answer must not silence it.
+//!
 //! Off the bus, only the newest slip message is kept; service frames wait, raw messages are dropped. A slip message
 //! that the hardware could not send before the next one came is taken back: nobody gets an old one later.
 
@@ -29,6 +32,10 @@ pub struct Transmission<'a, M: RawMutex, T, C> {
     begun: bool,
     /// Was the slip message that the hardware holds, or held, taken back?
     slip_given_up: bool,
+    /// The service frame, but for heartbeats, that has not gone yet; does the hardware hold it, and was it taken back?
+    service: Option<CanFrame>,
+    service_held: bool,
+    service_given_up: bool,
     /// When the node was seen to be off the bus; `None` once a slip message has been handed over since.
     off_since_us: Option<u64>,
     status: CanStatus,
@@ -38,7 +45,19 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
     /// Before the first message. `raw` is the other end of inference's queue.
     pub const fn new(bus: T, clock: C, shared: &'a Shared<M>, raw: Receiver<'a, M, RawTransfer>) -> Self {
         let status = CanStatus { state: CanState::ErrorActive, transmit_errors: 0, receive_errors: 0 };
-        Self { bus, clock, shared, raw, begun: false, slip_given_up: false, off_since_us: None, status }
+        Self {
+            bus,
+            clock,
+            shared,
+            raw,
+            begun: false,
+            slip_given_up: false,
+            service: None,
+            service_held: false,
+            service_given_up: false,
+            off_since_us: None,
+            status,
+        }
     }
 
     /// Raw messages that wait or are under way.
@@ -88,15 +107,18 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
     /// Take back what the hardware holds.
     fn give_up_all(&mut self) {
         self.slip_given_up |= !self.bus.is_free(TxSlot::Slip);
-        if !self.bus.is_free(TxSlot::Service) {
-            self.shared.update_status(|status| status.lost_services = status.lost_services.saturating_add(1));
-        }
+        // With the one that made way for a heartbeat.
+        let waits = self.service.take().is_some() && !core::mem::take(&mut self.service_held);
+        let lost = u32::from(waits) + u32::from(!self.bus.is_free(TxSlot::Service));
+        self.shared.update_status(|status| status.lost_services = status.lost_services.saturating_add(lost));
+        self.service_given_up = false;
         TxSlot::ALL.iter().for_each(|&slot| self.bus.withdraw(slot));
     }
 
     /// Give each free slot its next frame; `false`: there was none to give.
     fn fill_slots(&mut self) -> bool {
         let mut filled = false;
+        let service_is_free = self.service_is_free();
         if !self.bus.is_free(TxSlot::Slip) && self.shared.slip_waits() {
             // A frame period has gone by since that one was handed over.
             self.bus.withdraw(TxSlot::Slip);
@@ -112,17 +134,45 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
                 self.back_on_bus();
             }
         }
-        if self.bus.is_free(TxSlot::Service)
-            && let Some(frame) = self.shared.take_service()
-        {
-            filled = self.hand_over(TxSlot::Service, &frame);
-        }
+        filled |= service_is_free && self.fill_service();
         if self.bus.is_free(TxSlot::Raw)
             && let Some(frame) = self.next_raw()
         {
             filled = self.hand_over(TxSlot::Raw, &frame);
         }
         filled
+    }
+
+    /// Is the slot of the services free? A frame in it that others keep from the bus makes way for a heartbeat. To be
+    /// asked before any slot is filled: the hardware then forgets what it has sent.
+    fn service_is_free(&mut self) -> bool {
+        if self.service_held && self.shared.heartbeat_waits() && !self.bus.is_free(TxSlot::Service) {
+            self.bus.withdraw(TxSlot::Service);
+            self.service_given_up = true;
+        }
+        let is_free = self.bus.is_free(TxSlot::Service);
+        if is_free && core::mem::take(&mut self.service_held) {
+            let given_up = core::mem::take(&mut self.service_given_up);
+            if !given_up || self.bus.has_sent(TxSlot::Service) {
+                self.service = None;
+            }
+        }
+        is_free
+    }
+
+    /// A heartbeat, the frame that made way for it, or the next.
+    fn fill_service(&mut self) -> bool {
+        if let Some(heartbeat) = self.shared.take_heartbeat() {
+            return self.hand_over(TxSlot::Service, &heartbeat);
+        }
+        if self.service.is_none() {
+            self.service = self.shared.take_service();
+        }
+        self.service_held = self.service.is_some();
+        if let Some(frame) = &self.service {
+            self.bus.transmit(TxSlot::Service, frame);
+        }
+        self.service_held
     }
 
     fn hand_over(&mut self, slot: TxSlot, frame: &CanFrame) -> bool {

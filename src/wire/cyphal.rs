@@ -113,7 +113,7 @@ impl CanFrame {
     }
 
     /// A whole transfer in one frame, padded with zeros. It carries no CRC: CAN's own covers it.
-    pub(super) fn single<const N: usize>(id: MessageId, transfer: u8, payload: &[u8; N]) -> Self {
+    pub(crate) fn single<const N: usize>(id: MessageId, transfer: u8, payload: &[u8; N]) -> Self {
         let length = const {
             assert!(N <= FRAME_PAYLOAD, "the message must fit one frame");
             let mut dlc = 0;

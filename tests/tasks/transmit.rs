@@ -9,7 +9,7 @@ use slipsense::pipeline::Output;
 use slipsense::sensor::SensorReadings;
 use slipsense::tasks::{RAW_MESSAGES, RuntimeConfig, SERVICE_FRAMES, Shared, Supervisor, Task};
 use slipsense::wire::{CanFrame, Detail, MessageId, Origin, Priority, RawForm, Region, SlipMessage};
-use slipsense_can_sim::controller::{Arrived, Disturbance};
+use slipsense_can_sim::controller::{Arrived, Bus, Disturbance};
 
 use super::full_bus::compress;
 use super::world::{BATCH, FRAME_NS, Fed, NODE, Ran, World, stamp, tick_ns};
@@ -198,6 +198,35 @@ fn service_frames_go_in_order_and_one_too_many_is_refused() {
     assert!((4..=5).contains(&refused), "{refused}");
     assert_eq!(numbers.len() as u32 + refused, 239 + SERVICE_FRAMES as u32 + 5);
     assert!(slip_times_ns(&ran).into_iter().max().unwrap() <= 2 * FULL_FRAME_NS);
+}
+
+/// The frame that the hardware holds makes way, and comes after the heartbeat, once.
+#[test]
+fn a_heartbeat_overtakes_what_others_keep_from_the_bus() {
+    let frame = |priority, n: u32| {
+        let id = MessageId { priority, port: 7509, node: NODE };
+        CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
+    };
+    let push = |shared: &Shared<_>, tick: u32| match tick {
+        10..20 => assert!(shared.send_service(frame(Priority::Optional, tick))),
+        30 | 60 | 90 => assert!(shared.send_heartbeat(frame(Priority::Fast, tick))),
+        _ => {}
+    };
+    let free = |tick: u32, bus: &mut Bus| {
+        if tick == 120 {
+            bus.disturb(Disturbance::default());
+        }
+    };
+    let disturbance = Disturbance { foreign_load_percent: 100, ..Disturbance::default() };
+    let ran = World { before_tick: &push, on_bus: &free, disturbance, ..World::new(240, 1) }.run();
+    let arrived = ran.arrived.iter().filter(is_of(TxSlot::Service));
+    let arrived = arrived
+        .map(|arrived| (u32::from_le_bytes(arrived.frame.data().try_into().unwrap()), arrived.at_ns))
+        .collect::<Vec<_>>();
+    let numbers: Vec<u32> = arrived.iter().map(|(number, _)| *number).collect();
+    assert_eq!(numbers, [&[30, 60, 90][..], &Vec::from_iter(10..20)].concat());
+    assert!(arrived[..3].iter().all(|(number, at_ns)| *at_ns < tick_ns(*number)));
+    assert_eq!((ran.status.refused_services, ran.status.lost_services), (0, 0));
 }
 
 #[test]

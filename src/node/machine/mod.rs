@@ -68,6 +68,8 @@ pub struct Node {
     id: Option<NodeId>,
     sessions: Sessions<SESSIONS, TRANSFER_MAX>,
     outbox: Outbox,
+    /// Until somebody takes it, or the next one comes.
+    heartbeat: Option<CanFrame>,
     counters: Counters,
     transfers: TransferIds,
     allocation: Allocation,
@@ -104,6 +106,7 @@ impl Node {
             status: Status::new(),
             sessions: Sessions::new(),
             outbox: Outbox::default(),
+            heartbeat: None,
             counters: Counters::default(),
             transfers: TransferIds::default(),
             time: TimeSync::default(),
@@ -190,20 +193,25 @@ impl Node {
             | bits_if(self.identity.model_hash.is_none(), vendor_status::NO_DECISION)
     }
 
-    /// The next frame for the bus. Frames of equal identifier must stay in order.
+    /// The heartbeat, if one is due: it overtakes all other frames, so that whoever fills the bus does not silence it.
+    pub fn take_heartbeat(&mut self) -> Option<CanFrame> {
+        self.heartbeat.take()
+    }
+
+    /// The next frame for the bus, a heartbeat first. Frames of equal identifier must stay in order.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
-        self.outbox.pop()
+        self.take_heartbeat().or_else(|| self.outbox.pop())
     }
 
     /// Forget the frames that nobody has taken, and count their transfers as dropped: after a time without a
     /// bus they are old news.
     pub fn discard_frames(&mut self) {
-        self.outbox.discard();
+        self.outbox.discard(self.heartbeat.take().is_some());
     }
 
     /// Has every frame been taken?
     pub fn is_drained(&self) -> bool {
-        self.outbox.is_empty()
+        self.outbox.is_empty() && self.heartbeat.is_none()
     }
 
     /// The next thing that the board must do.
@@ -238,7 +246,7 @@ impl Node {
             let payload = heartbeat::encode(uptime_s, self.health(), self.mode(), self.flags());
             let message = MessageId { priority: Priority::Nominal, port: HEARTBEAT_PORT, node: id };
             let transfer = next_transfer(&mut self.transfers.heartbeat);
-            self.outbox.push_heartbeat(Frames::new(message, transfer, &payload));
+            self.heartbeat = Some(CanFrame::single(message, transfer, &payload));
         }
         let mut next_us = self.heartbeat_us;
         if let Some(pending) = self.pending {

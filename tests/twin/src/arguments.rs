@@ -45,7 +45,7 @@ pub struct Arguments {
     pub xl: Xl,
     /// What happens to bus and sensors, as NAME:FROM-TO in virtual seconds; more than once for more. Bus: off (no
     /// acknowledge), jam (every frame), errors1, errors10 (per cent of the frames), flood (another node's full
-    /// frames); sensors: xl-stops, xl-overrun (its FIFO; both the ADXL380's), adc-stuck.
+    /// frames), hostile (its requests to the board, which is locked then); sensors: xl-stops, xl-overrun (its FIFO; both the ADXL380's), adc-stuck.
     #[arg(long, value_parser = fault_injection::parse)]
     pub fault: Vec<Fault>,
     /// Every one of these faults in turn, at least once and repeated for --seconds; `off` and `jam` once, at the end. Fails

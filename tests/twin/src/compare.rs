@@ -10,8 +10,8 @@ use slipsense::params::{MAX_SENSORS, TAXEL_COLS};
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
-    DEGRADED_LATE, DEGRADED_NOT_CALIBRATED, DEGRADED_SELF_TEST, NodeId, Origin, RawMessage, Received,
-    Receiver, SlipMessage,
+    DEGRADED_LATE, DEGRADED_NOT_CALIBRATED, DEGRADED_SELF_TEST, IdError, NodeId, Origin, RawMessage,
+    ReceiveError, Received, Receiver, SlipMessage,
 };
 use slipsense_can_sim::Outcome;
 use slipsense_recording::Episode;
@@ -113,7 +113,8 @@ pub fn compare(done: &Done, episode: Option<&Episode>) -> Result<Comparison> {
             Ok(Some(Received::Raw(raw))) => {
                 raws.insert((raw.sequence, raw.sensor), raw);
             }
-            Ok(None) => {}
+            // Of the services.
+            Ok(None) | Err(ReceiveError::Id(IdError::Service)) => {}
             Err(error) => comparison.undecoded.push(format!("{error:?}")),
         }
     }

@@ -3,12 +3,13 @@
 use std::ops::Range;
 
 /// Name on the command line and what it is.
-pub const NAMES: [(&str, Kind); 8] = [
+pub const NAMES: [(&str, Kind); 9] = [
     ("off", Kind::NoAcknowledge),
     ("jam", Kind::ErrorFrames { per_million: 1_000_000 }),
     ("errors1", Kind::ErrorFrames { per_million: 10_000 }),
     ("errors10", Kind::ErrorFrames { per_million: 100_000 }),
     ("flood", Kind::Flood),
+    ("hostile", Kind::Hostile),
     ("xl-stops", Kind::AccelerometerStops),
     ("xl-overrun", Kind::FifoOverrun),
     ("adc-stuck", Kind::AdcStuck),
@@ -22,6 +23,8 @@ pub enum Kind {
     ErrorFrames { per_million: u32 },
     /// Another node sends full frames, one after the other, of a priority above the raw frames'.
     Flood,
+    /// Another node wants of the board, frame after frame, what a locked one must refuse: see [`crate::fdcan::hostile`].
+    Hostile,
     /// Every accelerometer's oscillator stands.
     AccelerometerStops,
     /// Every accelerometer makes samples four times as fast: its FIFO is full before it is read.

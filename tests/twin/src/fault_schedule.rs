@@ -23,6 +23,8 @@ const fn expectation(kind: Kind) -> Expectation {
     let (lasts_ms, shows, may_show, every_message) = match kind {
         Kind::ErrorFrames { per_million } if per_million < 1_000_000 => (400, 0, 0, true),
         Kind::Flood => (200, 0, 0, true),
+        // It tries two signatures, a second apart.
+        Kind::Hostile => (1100, 0, 0, true),
         Kind::AccelerometerStops => (100, health::XL_MISSING, with_xl, true),
         // What is left of the samples is delivered; the gap before them is flagged.
         Kind::FifoOverrun => (100, health::XL_SAMPLES_DROPPED, with_xl, true),
@@ -80,6 +82,9 @@ pub fn complaints(recoveries: &[Recovery]) -> Vec<String> {
         if !expected.every_message && recovery.failed == 0 {
             say("no frame failed".to_owned());
         }
+        if recovery.fault.kind == Kind::Hostile && recovery.heartbeats == 0 {
+            say("no heartbeat".to_owned());
+        }
         if recovery.healthy_ns.is_none() {
             say("did not recover before the next".to_owned());
         }
@@ -99,6 +104,7 @@ mod tests {
                 messages: 24,
                 left_out: 0,
                 failed: usize::from(!expectation.every_message),
+                heartbeats: 1,
                 first_ns: Some(1),
                 healthy_ns: Some(1),
                 fault,

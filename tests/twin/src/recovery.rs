@@ -1,10 +1,13 @@
 //! What each fault of a run did to the slip messages, and how long until all was as before.
 
 use slipsense::health;
+use slipsense::node::HEARTBEAT_PORT;
+use slipsense::wire::MessageId;
 use slipsense_can_sim::Outcome;
 
 use crate::compare::Slip;
 use crate::fault_injection::{Fault, Faults};
+use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::run::Done;
 
 #[derive(Clone, Debug)]
@@ -17,6 +20,7 @@ pub struct Recovery {
     pub flags: u8,
     /// Frames that were cut off by an error or not acknowledged.
     pub failed: usize,
+    pub heartbeats: usize,
     /// From its end to the first slip message, and to the first of those that show no new flag any more, ns.
     pub first_ns: Option<u64>,
     pub healthy_ns: Option<u64>,
@@ -41,6 +45,10 @@ impl Recovery {
             let ill = slips[end..next].iter().rposition(|slip| new(slip) != 0).map_or(0, |last| last + 1);
             let since = |slip: &Slip| slip.end_ns - fault.when.end;
             let started = |at: u64| done.frames.partition_point(|logged| logged.start_ns < at);
+            let is_heartbeat = |logged: &&Logged| {
+                let id = can_frame(&logged.frame).map(|frame| MessageId::from_can(frame.id()));
+                logged.node == MCU && matches!(id, Some(Ok(MessageId { port: HEARTBEAT_PORT, .. })))
+            };
             let meanwhile = &done.frames[started(fault.when.start)..started(fault.when.end)];
             Self {
                 fault: fault.clone(),
@@ -48,6 +56,7 @@ impl Recovery {
                 left_out: numbers.map_or(0, |numbers| (numbers as usize).saturating_sub(end - from)),
                 flags: slips[from..next].iter().fold(0, |flags, slip| flags | new(slip)),
                 failed: meanwhile.iter().filter(|logged| logged.outcome != Outcome::Sent).count(),
+                heartbeats: meanwhile.iter().filter(is_heartbeat).count(),
                 first_ns: after.map(since),
                 healthy_ns: slips[end..next].get(ill).map(since),
             }
@@ -60,6 +69,7 @@ impl Recovery {
         self.messages += other.messages;
         self.left_out += other.left_out;
         self.failed += other.failed;
+        self.heartbeats += other.heartbeats;
         self.flags |= other.flags;
         // `None`, never, is the longest.
         let longer = |one: Option<u64>, two: Option<u64>| one.zip(two).map(|(one, two)| one.max(two));

@@ -21,6 +21,7 @@ use crate::arguments::Arguments;
 use crate::board_faults::BoardFaults;
 use crate::diagnostics::{self, Diagnostic};
 use crate::far_end::FarEnd;
+use crate::fault_injection::Kind;
 use crate::fdcan::wire::Logged;
 use crate::fitted::Fitted;
 use crate::flash_wait::FlashWait;
@@ -203,8 +204,14 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, seconds: f64) -> Result<
     if let Some(listener) = &listener {
         eprintln!("waiting for a debugger: target extended-remote {}", listener.local_addr()?);
     }
-    let sensors = arguments.sensors.map(|sensors| settings::stored(&[(Setting::Sensors, sensors.into())]));
-    images.extend(sensors.transpose()?);
+    let mut stored: Vec<_> =
+        arguments.sensors.map(|sensors| (Setting::Sensors, sensors.into())).into_iter().collect();
+    if fitted.faults.all().iter().any(|fault| fault.kind == Kind::Hostile) {
+        stored.push((Setting::Lock, 1));
+    }
+    if !stored.is_empty() {
+        images.push(settings::stored(&stored)?);
+    }
     let mut start = Start::new(&images);
     start.debugger = listener.as_ref();
     start.wait_for_debugger = listener.is_some();

@@ -116,7 +116,7 @@ pub const STEPS: &[Step] = &[
     ),
     TWIN_HOST.step(
         "twin-faults",
-        "bus and sensors of the emulated STM32H743 fail in eight ways, then core, supply, flash and clock: what it reports",
+        "bus and sensors of the emulated STM32H743 fail in eight ways, a hostile node floods it, then core, supply, flash and clock: what it reports",
         |context| twin::faults_step(&program("slipsense", context)?),
     ),
     TWIN.step(

@@ -22,6 +22,7 @@
 mod configuration;
 mod filters;
 mod flight;
+pub mod hostile;
 pub mod message_ram;
 mod registers;
 mod rx;

@@ -7,6 +7,7 @@ use slipsense_can_sim::{
     Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
 };
 
+use super::hostile::Hostile;
 use crate::bench::mix;
 use crate::fault_injection::{Faults, Kind};
 
@@ -44,7 +45,13 @@ pub struct Wire {
     /// Frames that the peer sends, each not before its time, in order.
     pub peer_queue: VecDeque<(u64, Frame)>,
     pub log: Vec<Logged>,
+    hostile: Hostile,
     random: u64,
+}
+
+/// Does another node have something to send whenever the bus is free?
+fn never_rests(kind: Kind) -> bool {
+    matches!(kind, Kind::Flood | Kind::Hostile)
 }
 
 /// Until software sets another; never used for a frame.
@@ -62,6 +69,7 @@ impl Default for Wire {
             has_transceiver: true,
             peer_queue: VecDeque::new(),
             log: Vec::new(),
+            hostile: Hostile::default(),
             random: 0x9E37_79B9_7F4A_7C15,
         }
     }
@@ -100,9 +108,9 @@ impl Wire {
         self.bus.advance(now);
     }
 
-    fn flooded(&self, now_ns: u64) -> Option<Frame> {
-        let is_flood = self.faults.active(now_ns).any(|kind| kind == Kind::Flood);
-        is_flood.then(|| Frame::new(Id::Extended(FLOOD_ID), Format::FD, &[0x55; 64]).ok()).flatten()
+    /// The node that sends without a pause, if there is one.
+    fn busy_peer(&self, now_ns: u64) -> Option<Kind> {
+        self.faults.active(now_ns).find(|kind| never_rests(*kind))
     }
 
     /// When a frame may start that the FDCAN offers or not from `now_ns` on: the earliest instant at which the bus
@@ -112,15 +120,20 @@ impl Wire {
         let mine = mine.map(|ready| self.ns(ready).max(now_ns));
         let free = self.bus.ready(PEER).map_or(0, |ready| self.ns(ready)).max(now_ns);
         let due = self.peer_queue.front().map(|(at, _)| (*at).max(free));
-        let next = || self.faults.after(free).iter().find(|fault| fault.kind == Kind::Flood);
-        let flood =
-            if self.flooded(free).is_some() { Some(free) } else { next().map(|fault| fault.when.start) };
-        [mine, due, flood].into_iter().flatten().min()
+        let next = || self.faults.after(free).iter().find(|fault| never_rests(fault.kind));
+        let busy =
+            if self.busy_peer(free).is_some() { Some(free) } else { next().map(|fault| fault.when.start) };
+        [mine, due, busy].into_iter().flatten().min()
     }
 
     pub fn start(&mut self, now_ns: u64, mine: Option<&Frame>) -> Option<(Attempt, Frame)> {
         let due = self.peer_queue.front().filter(|(at, _)| *at <= now_ns).map(|(_, frame)| *frame);
-        let theirs = due.or_else(|| self.flooded(now_ns));
+        let busy = self.busy_peer(now_ns).filter(|_| due.is_none());
+        let theirs = match busy {
+            Some(Kind::Hostile) => self.hostile.front(),
+            Some(_) => Frame::new(Id::Extended(FLOOD_ID), Format::FD, &[0x55; 64]).ok(),
+            None => due,
+        };
         let now = self.cycles(now_ns);
         // Who is not ready now does not compete; the bus would otherwise make the frame wait for them.
         let ready =
@@ -132,7 +145,11 @@ impl Wire {
         let attempt = self.bus.attempt(now, &[mine.as_ref(), theirs.as_ref()], disturbance).ok()??;
         let frame = if attempt.node == MCU { mine? } else { theirs? };
         if attempt.node == PEER && attempt.outcome == Outcome::Sent {
-            self.peer_queue.pop_front_if(|(at, _)| *at <= now_ns);
+            match busy {
+                Some(Kind::Hostile) => self.hostile.sent(),
+                Some(_) => {}
+                None => _ = self.peer_queue.pop_front(),
+            }
         }
         self.log.push(Logged {
             node: attempt.node,

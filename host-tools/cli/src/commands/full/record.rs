@@ -13,12 +13,13 @@ use slipsense_recording::recorder::Recorder;
 use super::Print;
 use super::live::{DataRate, Event, Live, PassedOver};
 
-/// Time between flushes. A kill costs this and the time that writing takes, about a second.
-const FLUSH: Duration = Duration::from_millis(800);
+/// Time between flushes. A kill costs this and the time that writing takes: together no more than a second, on a busy
+/// computer too.
+const FLUSH: Duration = Duration::from_millis(400);
 
 /// Record a bus to MCAP and candump, and count what was lost
 ///
-/// Everything is written to the disk every second: a recorder that is killed leaves files that can be read, without
+/// Everything is written to the disk twice a second: a recorder that is killed leaves files that can be read, without
 /// the last second. Ended by Ctrl-C or SIGTERM it writes what has come, and the MCAP file has its index. Times are the
 /// kernel's (SocketCAN), this computer's at the adapter (slcan), or the log's. With --split the files are grasp-0001,
 /// grasp-0002 and so on.

@@ -1,10 +1,11 @@
 //! ExecuteCommand, GetInfo, heartbeat, records.
 
+use slipsense::calibration::{Request, What};
 use slipsense::health::{self, Condition, SensorHealth, Status};
 use slipsense::node::{
     Action, CALIBRATE, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT,
     IDENTIFY, Mode, NODE_NAME, Node, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US, Severity,
-    vendor_status,
+    Version, vendor_status,
 };
 use slipsense::settings::{Setting, Settings};
 use slipsense::wire::{Frames, Priority, ServiceId, ServiceRole, TransferId};
@@ -28,6 +29,8 @@ fn get_info_says_what_the_node_is() {
     assert_eq!(answer[14..30], *b"0123456789abcdef");
     assert_eq!(answer[30], NODE_NAME.len() as u8);
     assert_eq!(&answer[31..50], NODE_NAME.as_bytes());
+    let version = format!("{}.{}", Version::SOFTWARE.major, Version::SOFTWARE.minor);
+    assert_eq!(Some((version.as_str(), "0")), env!("CARGO_PKG_VERSION").rsplit_once('.'));
     // One hash, that of the model, then no certificate.
     assert_eq!(answer[50..60], [1, 7, 6, 5, 4, 3, 2, 1, 0, 0]);
 }
@@ -89,6 +92,25 @@ fn stores_and_calibrations_come_ten_seconds_apart() {
 }
 
 #[test]
+fn a_calibration_names_an_array_and_a_number() {
+    let action = |number, parameter: &str| {
+        let mut node = node();
+        let answer = ask(&mut node, COMMAND_PORT, 0, &command(number, parameter.as_bytes()), 0);
+        node.take_action().ok_or_else(|| answer.unwrap()[0])
+    };
+    let request = |sensor, what| Ok(Action::Calibrate(Request { sensor, what }));
+    assert_eq!(action(CALIBRATE, "0 10"), request(0, What::Measure(10)));
+    assert_eq!(action(CALIBRATE, "2 0"), request(2, What::Forget));
+    assert_eq!(action(SCALE_GAIN, "255 65535"), request(255, What::Scale(65_535)));
+    for bad in [
+        "", "0", "0 ", " 10", "0  10", "0 1 2", "0 10 ", "0 x", "0 -1", "256 1", "0 256", "0 65536", ": 1",
+        "0 :",
+    ] {
+        assert_eq!(action(CALIBRATE, bad), Err(4), "{bad}");
+    }
+}
+
+#[test]
 fn a_factory_reset_gives_the_defaults_and_tells_the_tasks() {
     let mut node = Node::new(identity(), crate::settings(&[(Setting::Sensors, &[3])]));
     hear(&mut node, request(COMMAND_PORT, 0, &command(FACTORY_RESET, b"")), 0);
@@ -113,8 +135,14 @@ fn the_heartbeat_says_how_the_board_is() {
     assert_eq!(node.poll(999_999), 1_000_000);
     assert!(node.is_drained());
     assert_eq!(beat(&mut node, 1_000_000), [1, 0, 0, 0, 0, 0, 0]);
-    // Five seconds without a turn: one heartbeat.
+    // A late one does not move those that follow.
+    assert_eq!(beat(&mut node, 2_000_300)[0], 2);
+    assert_eq!(node.poll(2_000_300), 3_000_000);
+    // Seconds without a turn: one heartbeat.
+    assert_eq!(beat(&mut node, 4_000_000)[0], 4);
+    assert_eq!(node.poll(4_000_000), 5_000_000);
     assert_eq!(beat(&mut node, 6_500_000)[0], 6);
+    assert_eq!(node.poll(6_500_000), 7_500_000);
     node.status.late_frames = 1;
     assert_eq!(beat(&mut node, 7_600_000)[4..], [Condition::Advisory as u8, 0, vendor_status::LATE_FRAMES]);
     node.status.sensors = 2;

@@ -13,6 +13,7 @@ use super::{NODE, TOOL, ask, hear, node, records, said};
 #[derive(Default)]
 struct Memory {
     bytes: Vec<u8>,
+    writes: usize,
     finished: Option<u32>,
     refuse_at: Option<u32>,
 }
@@ -24,6 +25,7 @@ impl FileSink for Memory {
         }
         assert_eq!(offset as usize, self.bytes.len());
         self.bytes.extend(bytes);
+        self.writes += 1;
         Ok(())
     }
 
@@ -100,6 +102,11 @@ fn a_file_arrives_whole_also_when_requests_are_lost() {
             let target = UpdateTarget::Firmware;
             assert_eq!(actions, [Action::UpdateReceived { target, length: length as u32 }]);
             assert_eq!((sink.finished, sink.bytes == file), (Some(length as u32), true));
+            assert_eq!(
+                sink.writes,
+                length.div_ceil(CHUNK_BYTES).max(1),
+                "an empty piece only of an empty file"
+            );
             assert_eq!(node.mode(), Mode::Operational);
         }
     }
@@ -147,6 +154,16 @@ fn a_server_that_refuses_or_falls_silent_ends_it() {
         asked += requests(&mut node).len();
     }
     assert_eq!(asked, usize::from(TRIES));
+}
+
+#[test]
+fn an_answer_that_is_cut_short_ends_it() {
+    let mut node = node();
+    begin(&mut node, 0, BEGIN_SOFTWARE_UPDATE, b"x", 1_000);
+    node.poll(0);
+    let (id, transfer, ..) = requests(&mut node)[0];
+    hear(&mut node, Frames::new(id.response(), transfer, &[0, 0, 100, 0, 1, 2, 3]), 0);
+    assert_eq!(records(&mut node), ["firmware not taken: the server's answer is cut short"]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use slipsense::settings::{NODE_ID_UNSET, Setting, Settings};
 use slipsense::wire::{CanFrame, NodeId, RAW_PORT, SLIP_PORT, TransferId, TransferId::Anonymous};
 
 use super::{NODE, hear, identity, message, node, records, request, said};
-use crate::{nameless, settings};
+use crate::{crc, nameless, settings};
 
 /// A master whose clock is `ahead_us` of the node's sends its n-th message at `at_us`.
 fn sync(node: &mut Node, master: u8, n: u8, at_us: u64, previous: Option<u64>, ahead_us: u64) {
@@ -61,15 +61,16 @@ fn the_master_with_the_lowest_address_counts() {
     }
     assert_eq!(node.bus_time_us(0), Some(20));
     // A lower one displaces it at once, counts from its second message on.
-    sync(&mut node, 5, 0, 3_000_000, Some(2_500_000), 5);
+    sync(&mut node, 5, 4, 3_000_000, Some(2_500_000), 5);
     sync(&mut node, 20, 4, 3_000_001, Some(2_500_000), 20);
     assert_eq!(node.bus_time_us(0), Some(20));
-    sync(&mut node, 5, 1, 3_500_000, Some(3_000_000), 5);
+    sync(&mut node, 5, 5, 3_500_000, Some(3_000_000), 5);
     assert_eq!(node.bus_time_us(0), Some(5));
     // It falls silent for three of its periods.
     sync(&mut node, 20, 5, 4_999_999, Some(4_500_000), 20);
     assert_eq!(node.bus_time_us(0), Some(5));
-    sync(&mut node, 20, 6, 5_100_000, Some(4_600_000), 20);
+    sync(&mut node, 20, 6, 5_100_000, Some(4_999_999), 20);
+    assert_eq!(node.bus_time_us(0), Some(5));
     sync(&mut node, 20, 7, 5_600_000, Some(5_100_000), 20);
     assert_eq!(node.bus_time_us(0), Some(20));
 }
@@ -87,12 +88,20 @@ fn a_node_without_address_asks_until_it_has_one() {
     let mut node = Node::new(identity(), settings(&[(Setting::NodeId, &[NODE_ID_UNSET])]));
     let mut asked = Vec::new();
     let mut now = 0;
+    // xorshift64 from the unique identifier, stirred with the time.
+    let unique_id = identity().unique_id;
+    let mut chance = u64::from(crc(&unique_id)) << 32 | u64::from(crc(&unique_id[1..])) << 8 | 1;
     while asked.len() < 50 {
         let next = node.poll(now);
-        assert!(next >= now && next <= now + REQUEST_PERIOD_MAX_US);
+        chance ^= now << 1;
+        chance ^= chance << 13;
+        chance ^= chance >> 7;
+        chance ^= chance << 17;
+        assert_eq!(next, now + chance % REQUEST_PERIOD_MAX_US);
         for (id, transfer, payload) in said(&mut node) {
             let Anonymous(id) = id else { panic!("{id:?}") };
             assert_eq!((id.port, usize::from(transfer)), (ALLOCATION_PORT, asked.len() % 32));
+            assert_eq!(u16::from(id.pseudo_source), crc(&payload[..18]) & 127);
             assert_eq!(payload[..2], 125u16.to_le_bytes());
             assert_eq!(&payload[2..18], b"0123456789abcdef");
             asked.push(now);
@@ -115,7 +124,8 @@ fn a_node_without_address_asks_until_it_has_one() {
 
     let mut silent = Node::new(identity(), nameless());
     (0..100).for_each(|now| _ = silent.poll(now * 100_000));
-    assert!(silent.is_drained());
+    hear(&mut silent, message(allocator, ALLOCATION_PORT, 2, b"\x63\x000123456789abcdef"), now);
+    assert_eq!((silent.is_drained(), silent.node_id()), (true, None));
 }
 
 #[test]
@@ -135,6 +145,10 @@ fn the_filters_let_through_what_the_node_looks_at_and_little_else() {
         |node: &Node, frame: &CanFrame| node.filters().iter().any(|(id, mask)| frame.id() & mask == *id);
     let node = node();
     let other = NodeId::new(43).unwrap();
+    // By the identifier's layout: a service bit, an anonymous bit, then subject or destination, then the sender.
+    let exact = [(7_168 << 8, 0x031F_FF00), (0x0200_0000 | 42 << 7, 0x0200_3F80), (42, 0x0300_007F)];
+    assert_eq!(node.filters(), exact);
+    assert_eq!(nameless.filters(), [exact[0], (8_165 << 8, 0x031F_FF00)]);
     let time = &message(other, TIME_PORT, 0, b"1234567")[0];
     let allocation = &message(other, ALLOCATION_PORT, 0, b"1")[0];
     let call = &request(GET_INFO_PORT, 0, &[])[0];

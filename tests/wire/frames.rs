@@ -1,8 +1,9 @@
 //! What a frame is: checksum, lengths, identifiers.
 
+use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{
-    CanFrame, FD_LENGTHS, IdError, LengthError, MessageId, NodeId, Priority, RAW_PORT, RawBuffer, SLIP_PORT,
-    SlipMessage, Transmitter, crc16, fd_length,
+    CAN_ID_MAX, CanFrame, Detail, FD_LENGTHS, IdError, LengthError, MessageId, NodeId, Priority, RAW_PORT,
+    RawBuffer, RawForm, SLIP_PORT, SlipMessage, Transmitter, crc16, fd_length,
 };
 
 use super::{NODE, frame};
@@ -41,6 +42,20 @@ fn lengths_are_those_of_can_fd() {
     assert_eq!(CanFrame::new(1 << 29, &[]), Err(LengthError::Id { id: 1 << 29 }));
 }
 
+/// Also where the transfer goes on behind a frame's end, as in the shorter ones of compressed messages.
+#[test]
+fn a_frame_holds_nothing_behind_its_length() {
+    let scan = PiezoFrame::from_scan(std::array::from_fn(|i| (i as u16).wrapping_mul(40_503)));
+    let parts = (0, 1, 0, 0, Some(scan), Some(vec![[1, -2, 3]; 33]), 33);
+    let (mut transmitter, mut buffer) = (Transmitter::new(NODE), RawBuffer::new());
+    for form in [RawForm::Plain, RawForm::Compressed(Detail::All)] {
+        for sent in transmitter.raw_as(form, &frame(&parts), &mut buffer) {
+            assert_eq!(Ok(sent), CanFrame::new(sent.id(), sent.data()));
+        }
+    }
+    assert_eq!(format!("{:?}", CanFrame::new(0x123, &[0xAB, 1]).unwrap()), "00000123##1AB01");
+}
+
 #[test]
 fn identifiers_round_trip_and_foreign_ones_are_named() {
     // A heartbeat as canadensis sends it: subject 7509, node 42, nominal.
@@ -59,7 +74,10 @@ fn identifiers_round_trip_and_foreign_ones_are_named() {
         }
     }
     let id = heartbeat.to_can();
-    assert_eq!(MessageId::from_can(1 << 29), Err(IdError::TooLarge { id: 1 << 29 }));
+    let too_large = IdError::TooLarge { id: 1 << 29 };
+    assert_eq!(MessageId::from_can(1 << 29), Err(too_large));
+    assert_eq!(too_large.to_string(), "identifier 20000000 has more than 29 bits");
+    assert_eq!(MessageId::from_can(CAN_ID_MAX), Err(IdError::Service));
     assert_eq!(MessageId::from_can(id | 1 << 25), Err(IdError::Service));
     assert_eq!(MessageId::from_can(id | 1 << 24), Err(IdError::Anonymous));
     assert_eq!(MessageId::from_can(id | 1 << 23), Err(IdError::Reserved));
@@ -75,4 +93,6 @@ fn the_slip_message_wins_the_bus() {
     let mut transmitter = Transmitter::new(NodeId::new(0).unwrap());
     let raw = transmitter.raw(&frame(&(0, 0, 0, 0, None, Some(vec![]), 0)), &mut buffer).next().unwrap();
     assert!(slip.id() < raw.id());
+    transmitter.set_node_id(NODE);
+    assert_eq!(transmitter.slip(&SlipMessage::default()).id(), 0x0478_3B2A);
 }

@@ -5,8 +5,8 @@ use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, TAXELS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
-    CanFrame, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, NodeId, RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer,
-    RawFrame, RawMessage, Received, Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
+    CanFrame, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, NodeId, Origin, RAW_BYTES_MAX, RAW_XL_MAX,
+    RawBuffer, RawFrame, RawMessage, Received, Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
     wire_logit,
 };
 
@@ -188,6 +188,13 @@ fn layouts_are_those_of_the_definitions() {
     let recorded = CanFrame::new(0x0478_382A, &[&bytes[..], &[0, 0xE0]].concat()).unwrap();
     let received = Receiver::new(NODE).accept(&recorded);
     assert_eq!(received, Ok(Some(Received::Slip(old))));
+    let with_flags = |flags: u8| SlipMessage::decode_1(&[&bytes[..11], &[flags], &bytes[12..]].concat());
+    let quiet = with_flags(0b0001_1010).unwrap();
+    assert_eq!((quiet.class, quiet.slip, quiet.may_begin), (2, false, false));
+    assert_eq!(
+        with_flags(0b0001_1011).unwrap_err().to_string(),
+        "slipsense.Slip: class_index is 3, at most 2 allowed"
+    );
     let no_model = [&bytes[..11], &[32 | 8], &[0; 14], &[64], &[0; 35]].concat();
     let no_model = SlipMessage::decode_1(&no_model).unwrap();
     assert_eq!((no_model.slip, no_model.invalid), (true, INVALID_NO_MODEL));
@@ -203,6 +210,27 @@ fn layouts_are_those_of_the_definitions() {
     assert_eq!(bytes[13..16], [0xBC, 0x3A, 0x12]);
     assert!(bytes[16..1_424].iter().all(|&byte| byte == 0));
     assert_eq!(bytes[1_424..], [0xD0, 0xFE, 5, 6, 7, 8, 0, 1, 1, 0, 0xFE, 0xFF, 3, 4]);
+}
+
+#[test]
+fn what_does_not_fit_its_field_is_sent_as_the_largest_that_does() {
+    let contact = SensorContact { sum: u32::MAX, area: u16::MAX, ..SensorContact::default() };
+    let sent = SlipMessage { timestamp_us: u64::MAX, contact: [contact; 3], ..SlipMessage::default() };
+    let received = SlipMessage::decode(NODE, &sent.encode(NODE)).unwrap();
+    let of_first = (received.contact[0].sum, received.contact[0].area);
+    assert_eq!((received.timestamp_us, of_first), ((1 << 56) - 1, ((1 << 22) - 1, (1 << 10) - 1)));
+}
+
+/// A hash of the network and of the calibrations' names, in sensor order: each bit of a name changes it.
+#[test]
+fn the_configuration_names_the_calibrations() {
+    let configuration = |calibrations, sensors, network| {
+        Origin { calibrations, ..Origin::default() }.message(sensors, network).configuration
+    };
+    assert_eq!(configuration([0x0001_0000, 0, 0], 1, 0xFFFF), 0xFFFE);
+    assert_eq!(configuration([0x0001_0001, 0, 0], 1, 0), 0);
+    assert_eq!(configuration([1, 1 << 9, 0], 2, 0), 0);
+    assert_eq!(configuration([1, 1 << 9, 0], 1, 0), 1);
 }
 
 #[test]

@@ -202,6 +202,9 @@ fn lost_transfers_are_counted() {
     // Also where a transfer between was cut off.
     let cut_off = sent[0].iter().chain(&sent[1][..2]).chain(&sent[32]);
     assert_eq!(receive(&mut Receiver::new(NODE), cut_off), (vec![0, 32], vec![]));
+    // Also where its first frame comes twice.
+    let twice = sent[0].iter().chain(&sent[32][..1]).chain(&sent[32]);
+    assert_eq!(receive(&mut Receiver::new(NODE), twice), (vec![0, 32], vec![]));
     let (arrived, errors) = receive(&mut Receiver::new(NODE), sent[0].iter().chain(&sent[0]));
     assert_eq!((arrived, errors[0]), (vec![0], TransferError::Repeated { transfer: 0 }));
 }
@@ -257,4 +260,36 @@ fn a_slip_message_at_the_timeout_is_not_yet_after_silence() {
         assert_eq!(receiver.state(now_us) == FlagState::NoData, after_us > 0);
         assert_eq!(receiver.receive(frame.data(), now_us), check);
     }
+}
+
+/// What is said of messages a period apart, each later than its timestamp by a second and so much, and what the flag is
+/// after them.
+fn delayed(delays_us: [i64; 3]) -> ([Check; 3], FlagState) {
+    let (mut receiver, mut transmitter) = (SlipReceiver::new(NODE), Transmitter::new(NODE));
+    assert_eq!(receiver.message(), None);
+    let mut now_us = 0;
+    let checks = std::array::from_fn(|n| {
+        let timestamp_us = 4_167 * n as u64;
+        now_us = (1_000_000 + timestamp_us).wrapping_add_signed(delays_us[n]);
+        let message = SlipMessage { sequence: n as u32, timestamp_us, ..SlipMessage::default() };
+        let check = receiver.receive(transmitter.slip(&message).data(), now_us);
+        assert_eq!(receiver.message() == Some(&message), check != Check::Delayed);
+        check
+    });
+    (checks, receiver.state(now_us))
+}
+
+#[test]
+fn delays_and_bursts_are_noticed_to_the_microsecond() {
+    use Check::{Delayed, Ok, SomeLost};
+    assert_eq!(delayed([0; 3]), ([Ok; 3], FlagState::Valid));
+    // 65 µs of the delay may be the clocks'.
+    assert_eq!(delayed([0, 12_565, 12_565]).0, [Ok; 3]);
+    assert_eq!(delayed([0, 12_566, 0]).0, [Ok, Delayed, SomeLost]);
+    // Sooner after the one before than half a period: those before were delayed.
+    assert_eq!(delayed([0, 3_000, 3_000 - 2_083]), ([Ok; 3], FlagState::Valid));
+    assert_eq!(delayed([0, 3_000, 3_000 - 2_084]), ([Ok; 3], FlagState::Starting));
+    // Sooner than the quickest, 8 µs of it the clocks'.
+    assert_eq!(delayed([0, -2_075, -2_075]), ([Ok; 3], FlagState::Valid));
+    assert_eq!(delayed([0, -2_076, -2_076]), ([Ok; 3], FlagState::Starting));
 }

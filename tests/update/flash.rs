@@ -67,6 +67,8 @@ pub struct Cells<const SECTOR: usize> {
     pub backwards: bool,
     /// Writes to this address change nothing.
     pub stuck: Option<usize>,
+    /// The next write to this address leaves a bit wrong, and says nothing.
+    pub weak: Option<usize>,
 }
 
 impl<const SECTOR: usize> Cells<SECTOR> {
@@ -82,6 +84,7 @@ impl<const SECTOR: usize> Cells<SECTOR> {
             tear: Tear::Nothing,
             backwards: false,
             stuck: None,
+            weak: None,
         }
     }
 
@@ -151,6 +154,9 @@ impl<const SECTOR: usize> Cells<SECTOR> {
                 self.step(at, &word, from..from + self.grain)?;
             }
             self.words[at / WORD] = Some((word, true));
+            if self.weak.take_if(|weak| *weak == at).is_some() {
+                self.bytes[at] ^= 1;
+            }
         }
         Ok(())
     }

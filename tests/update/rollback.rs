@@ -64,6 +64,9 @@ fn the_bootloader_swaps_only_what_is_signed_and_whole() {
 #[test]
 fn what_goes_wrong_in_the_swap_is_swapped_back() {
     // A cell of the active slot that does not keep what the swap writes, found by reading it back.
+    let weak = Device::updating();
+    weak.cells.borrow_mut().weak = Some(BOARD.active.start as usize);
+    assert_eq!((weak.boots(), weak.run()), (OLD, Run::RolledBack));
     let swapped = Device::on_trial();
     swapped.flip(BOARD.active.start as usize);
     // Such a firmware is not jumped to; on trial, the next start rolls back.
@@ -92,6 +95,7 @@ fn a_firmware_from_a_probe_has_vectors_or_is_not_jumped_to() {
         write(words);
         assert_eq!(device.boot(), none, "{words:x?}");
     }
+    assert_eq!(none.unwrap_err().to_string(), format!("no firmware: {}", Refusal::Blank));
     // An old header under a firmware that is another.
     let device = Device::new();
     device.flip(active.start as usize + 9);

@@ -6,8 +6,9 @@ use std::rc::Rc;
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
+use slipsense::drivers::array::Mounting;
 use slipsense::drivers::{Adxl380, SensorLink, Sensors};
-use slipsense::params::TAXELS;
+use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, TAXEL_COLS, TAXELS};
 use slipsense::pipeline::FrameStamp;
 use slipsense::transfer::adc_code;
 
@@ -55,11 +56,14 @@ type Fingertips = Sensors<'static, NoopRawMutex, Scan, Adxl380<'static, Wire>>;
 type Bench = (Fingertips, Vec<Rc<RefCell<Part>>>, Rc<Faults>);
 
 fn bench() -> Bench {
+    bench_with(Box::leak(Box::new(SensorLink::new())))
+}
+
+fn bench_with(link: &'static SensorLink<'static, NoopRawMutex>) -> Bench {
     let parts: Vec<_> = (0..SENSORS).map(|_| Part::new(Kind::Adxl380)).collect();
     let faults = Rc::new(Faults::default());
     let (stamp, codes) = (FrameStamp::default(), Vec::new());
     let scan = Scan { faults: faults.clone(), parts: parts.clone(), stamp, codes };
-    let link = Box::leak(Box::new(SensorLink::new()));
     (Sensors::new(scan, parts.iter().map(sensor).collect(), link), parts, faults)
 }
 
@@ -98,6 +102,30 @@ fn a_fault_is_the_faulty_parts_only() {
     for (sensor, part) in buffer.parts.iter().enumerate() {
         let counts: Vec<u16> = part.piezo.active().collect();
         assert!(counts.iter().all(|&count| count / 100 == sensor as u16), "array {sensor}");
+    }
+}
+
+#[test]
+fn a_report_comes_each_second_and_a_mounting_counts_from_the_next_frame_on() {
+    let link = Box::leak(Box::new(SensorLink::new()));
+    let (mut sensors, _, faults) = bench_with(link);
+    let mut buffer = SensorFrame::new();
+    let mut next = || {
+        frame(&mut sensors, &mut buffer);
+        let counts = buffer.parts[1].piezo.counts();
+        i32::from(counts[16 * TAXEL_COLS + 17]) - i32::from(counts[16 * TAXEL_COLS + 16])
+    };
+    // Even slots read a count more.
+    assert_eq!((next(), next()), (-1, -1));
+    link.mount([Mounting { cols_flipped: true, rows_flipped: false }; MAX_SENSORS]);
+    assert_eq!((next(), next()), (1, 1));
+    faults.lost.set(true);
+    (4..FRAME_RATE_HZ - 1).for_each(|_| _ = next());
+    assert!(link.report().is_none());
+    // What was lost before the frame that it comes with.
+    for (frames, lost_scans) in [(1, 235), (FRAME_RATE_HZ - 1, 235), (1, 475)] {
+        (0..frames).for_each(|_| _ = next());
+        assert_eq!(link.report().map(|report| report.lost_scans), Some(lost_scans));
     }
 }
 

@@ -218,6 +218,9 @@ fn models_are_refused_with_a_reason() {
     // Written by a probe perhaps: an older one does not run.
     let raised = Device { floor: ImageVersion { patch: NEWEST.patch + 1, ..NEWEST }, ..device.twin() };
     assert_eq!(raised.model(), Err(Refusal::Older));
+    let mut slot = device.model_slot();
+    slot.raise_floor(raised.floor);
+    assert_eq!(block_on(slot.header()), Err(Refusal::Older));
     // Damage in flash: found at every start.
     device.cells.borrow_mut().bytes[BOARD.model.start as usize + 500] ^= 4;
     assert_eq!(device.model(), Err(Refusal::WrongHash));

@@ -178,21 +178,16 @@ fn two_seconds_of_bus_off_cost_the_slip_messages_of_two_seconds() {
 
 #[test]
 fn service_frames_go_in_order_and_one_too_many_is_refused() {
-    let frame = |n: u32| {
-        let id = MessageId { priority: Priority::Nominal, port: 7509, node: NODE };
-        CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
-    };
     let push = |shared: &Shared<_>, tick: u32| {
         // At tick 100 more than there is room for.
         let count = if tick == 100 { SERVICE_FRAMES as u32 + 5 } else { 1 };
         for n in 0..count {
             let room = shared.service_room();
-            assert_eq!(shared.send_service(frame(tick * 100 + n)), room > 0);
+            assert_eq!(shared.send_service(numbered(Priority::Nominal, tick * 100 + n)), room > 0);
         }
     };
     let ran = World { before_tick: &push, ..World::new(240, 3) }.run();
-    let number = |arrived: &Arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap());
-    let numbers: Vec<u32> = ran.arrived.iter().filter(is_of(TxSlot::Service)).map(number).collect();
+    let numbers: Vec<u32> = arrived_services(&ran).iter().map(|(number, _)| *number).collect();
     assert!(numbers.is_sorted());
     let refused = ran.status.refused_services;
     assert!((4..=5).contains(&refused), "{refused}");
@@ -200,16 +195,50 @@ fn service_frames_go_in_order_and_one_too_many_is_refused() {
     assert!(slip_times_ns(&ran).into_iter().max().unwrap() <= 2 * FULL_FRAME_NS);
 }
 
+fn numbered(priority: Priority, n: u32) -> CanFrame {
+    let id = MessageId { priority, port: 7509, node: NODE };
+    CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
+}
+
+/// Numbers of the service frames that arrived, and when.
+fn arrived_services(ran: &Ran) -> Vec<(u32, u64)> {
+    let number = |arrived: &Arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap());
+    let arrived = ran.arrived.iter().filter(is_of(TxSlot::Service));
+    arrived.map(|arrived| (number(arrived), arrived.at_ns)).collect()
+}
+
+/// What the hardware holds is lost with the bus, and so is what made way for the heartbeat in it: counted, not sent later.
+#[test]
+fn service_frames_are_lost_with_the_bus_and_counted() {
+    for (service, heartbeat, lost) in [(false, false, 0), (true, false, 1), (false, true, 1), (true, true, 2)]
+    {
+        let push = |shared: &Shared<_>, tick: u32| match tick {
+            10 => assert!(!service || shared.send_service(numbered(Priority::Optional, 10))),
+            20 => assert!(!heartbeat || shared.send_heartbeat(numbered(Priority::Optional, 20))),
+            150 => assert!(shared.send_service(numbered(Priority::Optional, 150))),
+            _ => {}
+        };
+        let free = |tick: u32, bus: &mut Bus| {
+            if tick == 120 {
+                bus.disturb(Disturbance::default());
+            }
+        };
+        // From the middle of a slip message on.
+        let dominant_ns = tick_ns(50) + 50_000..tick_ns(60);
+        let disturbance = Disturbance { foreign_load_percent: 100, dominant_ns, ..Disturbance::default() };
+        let ran = World { before_tick: &push, on_bus: &free, disturbance, ..World::new(240, 1) }.run();
+        assert_eq!(arrived_services(&ran).iter().map(|(number, _)| *number).collect::<Vec<_>>(), [150]);
+        assert_eq!((ran.status.lost_services, ran.status.refused_services), (lost, 0));
+        assert_eq!(ran.slips.len() as u32 + ran.status.replaced_slips, 240);
+    }
+}
+
 /// The frame that the hardware holds makes way, and comes after the heartbeat, once.
 #[test]
 fn a_heartbeat_overtakes_what_others_keep_from_the_bus() {
-    let frame = |priority, n: u32| {
-        let id = MessageId { priority, port: 7509, node: NODE };
-        CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
-    };
     let push = |shared: &Shared<_>, tick: u32| match tick {
-        10..20 => assert!(shared.send_service(frame(Priority::Optional, tick))),
-        30 | 60 | 90 => assert!(shared.send_heartbeat(frame(Priority::Fast, tick))),
+        10..20 => assert!(shared.send_service(numbered(Priority::Optional, tick))),
+        30 | 60 | 90 => assert!(shared.send_heartbeat(numbered(Priority::Fast, tick))),
         _ => {}
     };
     let free = |tick: u32, bus: &mut Bus| {
@@ -219,10 +248,7 @@ fn a_heartbeat_overtakes_what_others_keep_from_the_bus() {
     };
     let disturbance = Disturbance { foreign_load_percent: 100, ..Disturbance::default() };
     let ran = World { before_tick: &push, on_bus: &free, disturbance, ..World::new(240, 1) }.run();
-    let arrived = ran.arrived.iter().filter(is_of(TxSlot::Service));
-    let arrived = arrived
-        .map(|arrived| (u32::from_le_bytes(arrived.frame.data().try_into().unwrap()), arrived.at_ns))
-        .collect::<Vec<_>>();
+    let arrived = arrived_services(&ran);
     let numbers: Vec<u32> = arrived.iter().map(|(number, _)| *number).collect();
     assert_eq!(numbers, [&[30, 60, 90][..], &Vec::from_iter(10..20)].concat());
     assert!(arrived[..3].iter().all(|(number, at_ns)| *at_ns < tick_ns(*number)));

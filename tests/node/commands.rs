@@ -141,6 +141,7 @@ fn the_heartbeat_says_how_the_board_is() {
     // Seconds without a turn: one heartbeat.
     assert_eq!(beat(&mut node, 4_000_000)[0], 4);
     assert_eq!(node.poll(4_000_000), 5_000_000);
+    assert!(node.is_drained());
     assert_eq!(beat(&mut node, 6_500_000)[0], 6);
     assert_eq!(node.poll(6_500_000), 7_500_000);
     node.status.late_frames = 1;

@@ -34,9 +34,10 @@ impl Outbox {
         self.frames.pop_front()
     }
 
-    /// Drop everything; `more`: and something beside it.
-    pub fn discard(&mut self, more: bool) {
-        let transfers = usize::from(more) + self.frames.iter().filter(|frame| frame.ends_transfer()).count();
+    /// Drop everything, and count it; with the heartbeat, which waits beside the queue.
+    pub fn discard(&mut self, heartbeat: bool) {
+        let transfers =
+            usize::from(heartbeat) + self.frames.iter().filter(|frame| frame.ends_transfer()).count();
         self.dropped = self.dropped.saturating_add(transfers as u32);
         self.frames.clear();
     }

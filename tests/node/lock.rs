@@ -105,7 +105,7 @@ struct Met {
     changed: u32,
 }
 
-/// The bus takes a frame of the node in so many milliseconds: its answers fill the outbox, and heartbeats overtake them.
+/// Milliseconds in which the bus takes one frame of the node: its answers fill the outbox, and heartbeats overtake them.
 const BUSY_MS: u32 = 3;
 
 fn meet_hostile(node: &mut Node, transfers: u32) -> Met {

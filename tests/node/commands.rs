@@ -4,11 +4,11 @@ use slipsense::calibration::{Request, What};
 use slipsense::health::{self, Condition, SensorHealth, Status};
 use slipsense::node::{
     Action, CALIBRATE, COMMAND_PORT, COMMAND_TIMEOUT_US, FACTORY_RESET, GET_INFO_PORT, HEARTBEAT_PORT,
-    IDENTIFY, Mode, NODE_NAME, Node, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US, Severity,
-    Version, vendor_status,
+    IDENTIFY, Mode, NODE_NAME, Node, RECORD_TEXT_MAX, RESTART, SCALE_GAIN, SELF_TEST, STORE, STORE_PAUSE_US,
+    Severity, Version, vendor_status,
 };
 use slipsense::settings::{Setting, Settings};
-use slipsense::wire::{Frames, Priority, ServiceId, ServiceRole, TransferId};
+use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, TransferId};
 
 use super::{NODE, TOOL, ask, hear, identity, node, records, request, said};
 
@@ -60,8 +60,9 @@ fn a_store_is_answered_when_it_is_done() {
     assert_eq!((answers.len(), answers[0].1, &answers[0].2[..2]), (1, 0, &[0, 0][..]));
 
     assert_eq!(ask(&mut node, COMMAND_PORT, 2, &command(SELF_TEST, b""), 0), None);
-    node.command_done(Err("sensor 1: no accelerometer"));
-    assert_eq!(reply(&said(&mut node)[0].2), (1, "sensor 1: no accelerometer"));
+    let why = "sensors 0 to 2: accelerometers answer; no array";
+    node.command_done(Err(why));
+    assert_eq!(reply(&said(&mut node)[0].2), (1, &why[..46]), "cut where the standard cuts");
 
     // A board that never says.
     assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(STORE, b""), STORE_PAUSE_US), None);
@@ -178,6 +179,9 @@ fn records_are_cut_at_a_character_and_give_way() {
     let long = "ä".repeat(100);
     node.report(Severity::Info, format_args!("x{long}"));
     assert_eq!(records(&mut node), [format!("x{}", "ä".repeat(55))]);
+    let full = "r".repeat(RECORD_TEXT_MAX);
+    node.report(Severity::Info, format_args!("{full}s"));
+    assert_eq!(records(&mut node), [full]);
     for _ in 0..40 {
         node.report(Severity::Info, format_args!("short"));
     }
@@ -195,6 +199,21 @@ fn records_are_cut_at_a_character_and_give_way() {
     hear(&mut node, request(GET_INFO_PORT, 5, &[]), 300_000_000);
     node.discard_frames();
     assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 10));
+}
+
+#[test]
+fn a_transfer_that_gives_way_to_another_sender_is_counted() {
+    let mut node = node();
+    let call = |source| {
+        let (priority, role, source) =
+            (Priority::Nominal, ServiceRole::Request, NodeId::new(source).unwrap());
+        let id = ServiceId { priority, role, port: GET_INFO_PORT, destination: NODE, source };
+        Frames::new(id, 0, &[0; 300]).next()
+    };
+    hear(&mut node, (20..26).filter_map(call), 0);
+    assert_eq!(node.counters().transfer_errors, 0);
+    hear(&mut node, call(26), 1);
+    assert_eq!(node.counters().transfer_errors, 1);
 }
 
 #[test]

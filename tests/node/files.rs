@@ -3,7 +3,7 @@
 use embassy_futures::block_on;
 use slipsense::node::{
     ANSWER_TIMEOUT_US, Action, BEGIN_MODEL_UPDATE, BEGIN_SOFTWARE_UPDATE, CHUNK_BYTES, COMMAND_PORT,
-    FILE_READ_PORT, FileSink, Mode, Node, SIGNATURE_PAUSE_US, TRIES, UpdateTarget,
+    FILE_READ_PORT, FileSink, Mode, Node, PATH_MAX, SIGNATURE_PAUSE_US, TRIES, UpdateTarget,
 };
 use slipsense::wire::{Frames, NodeId, Priority, ServiceId, ServiceRole, TransferId};
 
@@ -110,6 +110,14 @@ fn a_file_arrives_whole_also_when_requests_are_lost() {
             assert_eq!(node.mode(), Mode::Operational);
         }
     }
+}
+
+#[test]
+fn the_longest_path_is_asked_for() {
+    let mut node = node();
+    begin(&mut node, 0, BEGIN_SOFTWARE_UPDATE, &[b'p'; PATH_MAX], 1_000);
+    node.poll(1_000);
+    assert_eq!(requests(&mut node)[0].3, [b'p'; PATH_MAX]);
 }
 
 #[test]

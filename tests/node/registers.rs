@@ -80,6 +80,9 @@ fn writing_changes_the_setting_and_says_so() {
         let answer = ask(&mut node, ACCESS_PORT, 3 + transfer as u8, &access(&name, &[0]), 0).unwrap();
         assert_eq!(answer[7..12], [2, 11, 1, 0, value], "{name}");
     }
+    // Where the least is not the default.
+    let least = ask(&mut node, ACCESS_PORT, 6, &access("uavcan.node.id>", &[0]), 0).unwrap();
+    assert_eq!(least[7..13], [2, 10, 1, 0, 0, 0]);
 }
 
 #[test]

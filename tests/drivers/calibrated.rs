@@ -310,7 +310,8 @@ fn the_board_measures_stores_and_applies_while_it_senses() {
     run(&mut sensors, 100);
     assert!(!board.is_ready());
     let progress = board.progress();
-    assert_eq!((progress.state, progress.frames, progress.wanted), (State::Measuring, 100, 480));
+    let expected = (1, State::Measuring, 100, 480);
+    assert_eq!((progress.sensor, progress.state, progress.frames, progress.wanted), expected);
     let why = refused(board.begin(of(0, What::Measure(1))));
     assert_eq!(why, "a calibration is not done yet");
     run(&mut sensors, 380);

@@ -31,7 +31,8 @@ pub struct Part {
     /// Samples per second of its own oscillator.
     pub rate_hz: f64,
     pub wires: Wires,
-    registers: [u8; 256],
+    /// Both banks of the ICM-42688-P that are used, the second at 128.
+    pub registers: [u8; 256],
     bank: usize,
     pub fifo: VecDeque<u8>,
     /// Samples made since it was switched on first, whether anyone saw them or not.

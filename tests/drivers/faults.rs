@@ -243,6 +243,17 @@ fn another_part_is_refused_by_name() {
 }
 
 #[test]
+fn an_icm42688_gets_the_widest_filter() {
+    let part = Part::new(Kind::Icm42688);
+    let _bench = Bench::new(part.clone(), icm42688(&part)).started();
+    let registers = part.borrow().registers;
+    let written = [0x16, 0x4c, 0x4e, 0x50, 0x52, 0x5f].map(|address: usize| registers[address]);
+    assert_eq!(written, [0x40, 0x33, 0x03, 0x43, 0x01, 0x01], "bank 0");
+    // Data sheet, 5.3: DELT 63, DELTSQR 3968, BITSHIFT 3, which is 3979 Hz.
+    assert_eq!(registers[128 + 3..128 + 6], [63 << 1, 0x80, 0x3f], "bank 2");
+}
+
+#[test]
 fn an_adxl382_comes_at_half_its_rate() {
     let part = Part::new(Kind::Adxl382);
     part.borrow_mut().rate_hz = 15_600.0;

@@ -154,9 +154,11 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     let sha256 = |bytes: &[u8]| -> String {
         Sha256::digest(bytes)[..8].iter().map(|byte| format!("{byte:02x}")).collect()
     };
+    let emulator = sha256(&std::fs::read(std::env::current_exe()?)?);
     let (firmware, episode) = (sha256(&bytes), sha256(&episode));
-    let what =
-        format!("bit flips: seed {SEED}, {sensors} sensors, SHA-256 firmware {firmware}, episode {episode}");
+    let what = format!(
+        "bit flips: seed {SEED}, {sensors} sensors, SHA-256 emulator {emulator}, firmware {firmware}, episode {episode}"
+    );
     let mut results = Results::open(arguments.results.as_deref(), &what)?;
 
     // Once without a fault. What the core does not read needs no run.

@@ -345,7 +345,8 @@ fn the_board_measures_stores_and_applies_while_it_senses() {
     run(&mut sensors, 1);
     board.begin(of(1, What::Scale(0))).expect("begun");
     let result = block_on(board.finish(&mut store)).expect("tried").1;
-    assert_eq!((result, board.progress().state), (Err(Failure::Gain), State::Gain));
+    assert_eq!((&result, board.progress().state), (&Err(Failure::Gain), State::Gain));
+    assert_eq!(result.expect_err("refused").to_string(), "a gain would be 0, or 2 and more");
 
     board.begin(of(1, What::Forget)).expect("begun");
     assert!(block_on(board.finish(&mut store)).is_some_and(|(_, result)| result.is_ok()));

@@ -36,6 +36,17 @@ proptest! {
     }
 }
 
+/// 8,130 samples in 1,000,003 µs: 8129.976 Hz. Then 33 were made in 4.05 ms of a gap, and 20 of them read.
+#[test]
+fn the_rate_is_rounded_and_what_is_not_read_is_lost() {
+    let mut count = SampleCount::new(8_000);
+    count.missed(0);
+    count.read(1_000_003, 8_130);
+    assert_eq!(count.rate_mhz(), 8_129_976);
+    count.resume(1_004_053, 20, 0);
+    assert_eq!((count.total(), count.lost()), (8_163, 13));
+}
+
 #[test]
 fn an_impossible_rate_is_not_believed() {
     let mut count = SampleCount::new(8_000);

@@ -22,6 +22,10 @@ fn a_bootloader_begins_in_its_own_partition() {
     assert_eq!(find(), Err(Refusal::NoBootloader));
     write([0x2400_8000, FLASH_BASE + boot.start + 0x299]);
     assert_eq!(find(), Ok(()));
+    for (reset, is_there) in [(boot.start + 1, true), (boot.end - 1, true), (boot.end + 1, false)] {
+        write([0x2400_8000, FLASH_BASE + reset]);
+        assert_eq!(find().is_ok(), is_there, "{reset:#x}");
+    }
     // No address of an instruction.
     write([0x2400_8000, FLASH_BASE + boot.start + 0x298]);
     assert_eq!(find(), Err(Refusal::NoBootloader));

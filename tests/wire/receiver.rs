@@ -243,6 +243,7 @@ fn the_reassembler_names_what_is_wrong() {
     // A transfer of 64 bytes is the shortest of two frames.
     let id = MessageId { priority: Priority::Low, port: 1, node: NODE };
     let payload: Vec<u8> = (0..64).collect();
+    assert_eq!(Frames::new(id, 12, &payload).size_hint(), (2, Some(2)));
     let frames: Vec<_> = Frames::new(id, 12, &payload).collect();
     assert_eq!(session.accept(frames[0].data()), Ok(None));
     let whole = Transfer { transfer: 12, missed: 2, payload: &payload };

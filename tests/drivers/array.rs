@@ -68,6 +68,7 @@ fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let mut array = Array::new(Box::leak(nominal()));
         let uniform = vec![code; TAXELS];
+        assert_eq!(DEAD_FRAMES, 24, "100 ms");
         for n in 1..=3 * DEAD_FRAMES {
             assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "code {code}, frame {n}");
         }

@@ -4,11 +4,12 @@ use std::cell::RefCell;
 
 use slipsense::health::{SelfChecks, Status};
 use slipsense::net::{Aligned, Model};
+use slipsense::params::FRAME_RATE_HZ;
 use slipsense::pipeline::{FrameStamp, Pipeline, State};
 use slipsense::settings::{Setting, Settings, model_numbers};
 use slipsense::tasks::{
-    CheckedMemory, GOLDEN_FRAMES, GOLDEN_PERIOD_FRAMES, RAM_SLICE_BYTES, RamPart, RuntimeConfig, SLICE_BYTES,
-    SelfCheck, digest, known_golden,
+    CheckedMemory, GOLDEN_FRAMES, RAM_SLICE_BYTES, RamPart, RuntimeConfig, SLICE_BYTES, SelfCheck, digest,
+    known_golden,
 };
 use slipsense::wire::{
     INVALID_MEMORY, INVALID_NETWORK, INVALID_NO_SENSOR, INVALID_OTHER_MODEL, INVALID_STARTING, Origin,
@@ -102,10 +103,10 @@ fn a_golden_inference_each_minute_finds_a_state_that_does_not_forget() {
     };
     assert_eq!(run(GOLDEN_FRAMES), (0, 0));
     assert_eq!(run(1), (1, 0));
-    assert_eq!(run(GOLDEN_PERIOD_FRAMES - 1), (1, 0));
+    assert_eq!(run(60 * FRAME_RATE_HZ - 1), (1, 0));
     assert_eq!(run(1), (2, 0));
     *stuck.borrow_mut() = true;
-    assert_eq!(run(GOLDEN_PERIOD_FRAMES), (3, 8));
+    assert_eq!(run(60 * FRAME_RATE_HZ), (3, 8));
 }
 
 #[test]

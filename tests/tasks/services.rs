@@ -428,6 +428,22 @@ fn a_failed_self_check_is_recorded_once_and_is_in_every_heartbeat() {
     assert_eq!(ran.log.shown.last(), Some(&Condition::Warning));
 }
 
+/// Each second, and at once where it changes.
+#[test]
+fn the_light_shows_the_condition() {
+    let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        shared.update_status(|status| {
+            status.decided_frames = decided(ms);
+            status.self_checks.failed = u8::from(ms >= 1_500);
+        });
+    };
+    let ran = Run { meanwhile: &found, ..Run::new(&[], 3_000) }.run();
+    assert_eq!(
+        ran.log.shown[..],
+        [Condition::Advisory; 2].into_iter().chain([Condition::Warning; 2]).collect::<Vec<_>>()
+    );
+}
+
 #[test]
 fn a_panic_is_told_once_and_stays_in_its_register() {
     let panic = CrashRecord::new(None, "index out of bounds", "src/tasks/infer.rs", 77);

@@ -268,6 +268,9 @@ fn a_slip_message_at_the_timeout_is_not_yet_after_silence() {
 fn delayed(delays_us: [i64; 3]) -> ([Check; 3], FlagState) {
     let (mut receiver, mut transmitter) = (SlipReceiver::new(NODE), Transmitter::new(NODE));
     assert_eq!(receiver.message(), None);
+    let mut untied = transmitter.clone().slip(&SlipMessage::default()).data().to_vec();
+    *untied.last_mut().unwrap() &= !0x20;
+    assert_eq!(receiver.receive(&untied, 0), Check::Error, "toggle 0");
     let mut now_us = 0;
     let checks = std::array::from_fn(|n| {
         let timestamp_us = 4_167 * n as u64;
